@@ -1,0 +1,115 @@
+//! Axis letters and the fixed-size arrays that hold one value per axis.
+
+use core::fmt;
+
+/// The most axes a machine may have on the link and in a model.
+pub const MAX_AXES: usize = 8;
+
+/// One value per axis; entries beyond the number of axes are zero.
+pub type AxisArray = [f64; MAX_AXES];
+
+/// Letters of ISO 841: linear X Y Z and their parallels U V W, rotary A B C, spindle S (turns about z).
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+#[expect(missing_docs, reason = "the letters are their own description")]
+pub enum AxisName {
+    X,
+    Y,
+    Z,
+    U,
+    V,
+    W,
+    A,
+    B,
+    C,
+    S,
+}
+
+/// How an axis moves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum AxisKind {
+    /// Along a line; coordinates in mm.
+    Linear,
+    /// About a line; coordinates in rad inside, in degrees at every boundary.
+    Rotary,
+}
+
+impl AxisName {
+    /// Every axis letter, in the order of the enum.
+    pub const ALL: [Self; 10] =
+        [Self::X, Self::Y, Self::Z, Self::U, Self::V, Self::W, Self::A, Self::B, Self::C, Self::S];
+
+    /// The axis of a letter, upper or lower case.
+    #[must_use]
+    pub fn from_letter(letter: char) -> Option<Self> {
+        Self::ALL.into_iter().find(|a| a.letter() == letter.to_ascii_uppercase())
+    }
+
+    /// The upper-case letter.
+    #[must_use]
+    pub const fn letter(self) -> char {
+        match self {
+            Self::X => 'X',
+            Self::Y => 'Y',
+            Self::Z => 'Z',
+            Self::U => 'U',
+            Self::V => 'V',
+            Self::W => 'W',
+            Self::A => 'A',
+            Self::B => 'B',
+            Self::C => 'C',
+            Self::S => 'S',
+        }
+    }
+
+    /// The lower-case letter, as used in keys and columns.
+    #[must_use]
+    pub const fn lower(self) -> char {
+        self.letter().to_ascii_lowercase()
+    }
+
+    /// Linear or rotary.
+    #[must_use]
+    pub const fn kind(self) -> AxisKind {
+        match self {
+            Self::X | Self::Y | Self::Z | Self::U | Self::V | Self::W => AxisKind::Linear,
+            Self::A | Self::B | Self::C | Self::S => AxisKind::Rotary,
+        }
+    }
+
+    /// Index of the direction in M along or about which the axis moves: 0 = x, 1 = y, 2 = z.
+    #[must_use]
+    pub const fn direction(self) -> usize {
+        match self {
+            Self::X | Self::U | Self::A => 0,
+            Self::Y | Self::V | Self::B => 1,
+            Self::Z | Self::W | Self::C | Self::S => 2,
+        }
+    }
+}
+
+impl fmt::Display for AxisName {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.letter())
+    }
+}
+
+/// Direction of travel of an axis; decides between the forward and the reverse curve of a table.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, Default)]
+pub enum Travel {
+    /// Towards plus, or not known.
+    #[default]
+    Forward,
+    /// Towards minus.
+    Reverse,
+}
+
+impl Travel {
+    /// The opposite direction.
+    #[must_use]
+    pub const fn reversed(self) -> Self {
+        match self {
+            Self::Forward => Self::Reverse,
+            Self::Reverse => Self::Forward,
+        }
+    }
+}

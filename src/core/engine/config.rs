@@ -1,0 +1,116 @@
+//! What the engine must be told before it may move anything.
+
+use crate::core::axes::{AxisName, MAX_AXES};
+
+/// Limits of the offset of one axis: mm, mm/s, mm/s^2 (rotary: rad, rad/s, rad/s^2).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AxisLimits {
+    /// Offset at which a warning is reported.
+    pub warning: f64,
+    /// Offset that is never exceeded.
+    pub size: f64,
+    /// Rate of change that is never exceeded.
+    pub rate: f64,
+    /// Change of the rate that is never exceeded.
+    pub acceleration: f64,
+}
+
+/// Which position the errors are looked up at.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum PositionSource {
+    /// The commanded position, free of any offset (the default; no feedback of the correction).
+    #[default]
+    Commanded,
+    /// The actual position minus the applied offset.
+    Actual,
+}
+
+/// What happens where an axis leaves the travel that the model was made for.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum OutOfTravel {
+    /// The errors at the end of the travel are held.
+    #[default]
+    Hold,
+    /// The correction is ramped out until all axes are back.
+    RampOut,
+}
+
+/// Which offset is left when the daemon stops.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum RestOffset {
+    /// The offset is ramped to zero.
+    #[default]
+    Zero,
+    /// The last offset stays.
+    Hold,
+}
+
+/// Everything the engine is configured with. Axes are in the control's wire order.
+#[derive(Debug, Clone, PartialEq)]
+pub struct EngineConfig {
+    /// Axis letters in the order of the link.
+    pub axes: Vec<AxisName>,
+    /// Limits, one per axis.
+    pub limits: Vec<AxisLimits>,
+    /// Interval between position frames, s.
+    pub cycle_s: f64,
+    /// Duration of every ramp, s of control time.
+    pub ramp_s: f64,
+    /// Age of the newest position at which it is stale, s.
+    pub stale_s: f64,
+    /// How long the last offset is held when data are stale or implausible before it is ramped out, s.
+    pub hold_s: f64,
+    /// Largest plausible change of a position from one frame to the next, mm or rad per axis.
+    pub jump_limit: Vec<f64>,
+    /// Share of the correction to apply, 0 to 1.
+    pub gain: f64,
+    /// Which position the errors are looked up at.
+    pub position_source: PositionSource,
+    /// Beyond the travel.
+    pub out_of_travel: OutOfTravel,
+    /// On stop.
+    pub rest: RestOffset,
+    /// Travel after which a reversal counts as one, mm or rad per axis (keeps noise from switching curves).
+    pub reversal_deadband: Vec<f64>,
+    /// Difference between the offset asked for and the one read back that is tolerated, mm or rad.
+    pub read_back_tolerance: f64,
+    /// Cycles after which the read-back must show an offset.
+    pub read_back_cycles: u32,
+}
+
+/// Why an engine cannot be built.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum EngineError {
+    /// A list does not have one entry per axis.
+    #[error("{what}: {found} entries for {expected} axes")]
+    Length {
+        /// The list.
+        what: &'static str,
+        /// Number of axes.
+        expected: usize,
+        /// Number of entries.
+        found: usize,
+    },
+    /// More axes than the link carries.
+    #[error("{found} axes exceed the limit of {limit}", limit = MAX_AXES)]
+    TooManyAxes {
+        /// Number of axes.
+        found: usize,
+    },
+    /// A quantity that must be positive (or within its range) is not.
+    #[error("{what} must be {must}, found {value}")]
+    Range {
+        /// The quantity.
+        what: &'static str,
+        /// Its range in words.
+        must: &'static str,
+        /// The value found.
+        value: f64,
+    },
+    /// The model corrects an axis that the control does not have.
+    #[error("the model has axis {axis}, the control has not")]
+    AxisMissing {
+        /// The axis.
+        axis: AxisName,
+    },
+}

@@ -1,0 +1,90 @@
+//! What the engine says after each cycle.
+
+use crate::core::axes::AxisArray;
+use crate::core::protocol::CorrectionState;
+
+/// State of the engine; the same values go to the control with every correction.
+pub type State = CorrectionState;
+
+/// What the operator or the service asks for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Command {
+    /// Compensate as soon as the machine is ready.
+    Enable,
+    /// Ramp out and stay off.
+    Disable,
+    /// Change the share of the correction, 0 to 1; ramped.
+    SetGain(f64),
+    /// Ramp to the rest offset and then be done: the process is about to stop.
+    Stop,
+    /// Leave the faulted state (the cause must be gone); stays off until enabled.
+    ClearFault,
+}
+
+/// Why a state was entered.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reason {
+    /// A command.
+    Command,
+    /// The machine became ready (homed, enabled, no emergency stop).
+    MachineReady,
+    /// The machine is not homed.
+    NotHomed,
+    /// The drives are off.
+    NotEnabled,
+    /// Emergency stop.
+    EmergencyStop,
+    /// A ramp has ended.
+    RampDone,
+    /// No fresh position.
+    Stale,
+    /// A position was NaN or infinite.
+    NotFinite,
+    /// A position jumped further than is plausible.
+    Jump,
+    /// Frames out of order or repeated.
+    Sequence,
+    /// The control's clock went backwards or jumped.
+    ControlClock,
+    /// An axis is outside the travel of the model.
+    OutOfTravel,
+    /// Fresh, plausible data again.
+    DataGood,
+    /// The offset read back is not the one that was sent.
+    ReadBack,
+}
+
+/// Something that happened in this cycle and belongs into the log.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Event {
+    /// The state changed.
+    StateChanged {
+        /// The state left.
+        from: State,
+        /// The state entered.
+        to: State,
+        /// Why.
+        reason: Reason,
+    },
+}
+
+/// The result of one cycle.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CycleOutput {
+    /// The frame that is answered.
+    pub sequence: u32,
+    /// State after this cycle.
+    pub state: State,
+    /// Offset per axis in wire order, mm or rad.
+    pub offset: AxisArray,
+    /// Bit k: axis k is limited in size, rate or acceleration.
+    pub limited: u8,
+    /// Bit k: axis k is above its warning limit.
+    pub warning: u8,
+    /// Bit k: axis k is outside the travel or a curve's range of the model.
+    pub out_of_range: u8,
+    /// What happened, at most one thing a cycle.
+    pub event: Option<Event>,
+    /// True once a [`Command::Stop`] has been carried out: nothing more will change.
+    pub stopped: bool,
+}

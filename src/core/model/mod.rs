@@ -1,0 +1,19 @@
+//! The error model: symbols, curves, kinematic chain, volumetric deviation and the corrections that oppose it.
+//!
+//! Conventions, signs and formulas: `docs/conventions.md`. Reading order: [`symbol`], [`curve`], [`chain`],
+//! [`spec`] (what a model is made of), [`volumetric`] (first order), [`exact`] (full rotations), [`correction`].
+
+pub mod chain;
+pub mod correction;
+pub mod curve;
+pub mod exact;
+pub mod spec;
+pub mod symbol;
+pub mod volumetric;
+
+pub use chain::{Chain, ChainAxis, Side};
+pub use correction::AxisCorrection;
+pub use curve::{Curve, ErrorFunction};
+pub use spec::{AxisSpec, ModelError, ModelSpec, ReferencePoint, Sense};
+pub use symbol::{Component, ErrorSymbol};
+pub use volumetric::{Deviation, Model, PointFlags, Pose};

@@ -1,0 +1,314 @@
+//! First-order deviation of the tool tip and tool direction for any serial chain.
+//!
+//! The product of all joint transforms in string order, linearised in the errors; rotations by the axis
+//! coordinates themselves stay exact.
+//!
+//! `e     = SUM G_k [E_k + eps_k x (v_k - r_k)] + SUM_lin q_k G_k (s_k x u_k) + SUM_rot (+-) G_k [l_k + Lam_k x (v_k - P_k)]`
+//! `theta = SUM G_k eps_k + SUM_rot (+-) G_k Lam_k`                      (+ tool side, - workpiece side)
+//!
+//! Source: equations section 2 (general chain), 1.4 to 1.9 for the terms.
+
+use super::chain::{ChainAxis, Side};
+use super::curve::ErrorFunction;
+use super::spec::{ModelError, ModelSpec, ReferenceBody, ReferencePoint, Sense};
+use super::symbol::{Component, ErrorSymbol};
+use crate::core::axes::{AxisArray, AxisKind, MAX_AXES, Travel};
+use crate::core::geometry::{Mat3, Vec3, rotation_about, unit};
+
+/// Where the machine stands: one entry per axis in chain order, mm and rad.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Pose {
+    /// Programmed coordinates.
+    pub position: AxisArray,
+    /// Direction of travel of each axis.
+    pub travel: [Travel; MAX_AXES],
+    /// Tool tip in M at home, mm, where it replaces that of the model.
+    pub tool_tip: Option<Vec3>,
+}
+
+impl Pose {
+    /// A pose at the given coordinates, travelling forward, with the tool of the model.
+    #[must_use]
+    pub fn at(position: AxisArray) -> Self {
+        Self { position, travel: [Travel::Forward; MAX_AXES], tool_tip: None }
+    }
+}
+
+/// What is to be said about a point beside its numbers.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct PointFlags {
+    /// Bit k: axis k of the chain is outside its travel; the errors at its end are held.
+    pub out_of_travel: u16,
+    /// Bit k: axis k is outside the range of one of its curves; the end value is held.
+    pub out_of_range: u16,
+}
+
+impl PointFlags {
+    /// True where nothing is flagged.
+    #[must_use]
+    pub const fn is_clear(self) -> bool {
+        self.out_of_travel == 0 && self.out_of_range == 0
+    }
+}
+
+/// Actual minus nominal position and orientation of the tool relative to the workpiece, in W.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Deviation {
+    /// Position error of the tool tip, mm.
+    pub position: Vec3,
+    /// Rotation vector of `R_act R_nom^T`, rad.
+    pub rotation: Vec3,
+    /// What held where.
+    pub flags: PointFlags,
+}
+
+/// A model compiled for the cycle: no look-up by name, nothing allocated when evaluated.
+#[derive(Debug, Clone)]
+pub struct Model {
+    pub(super) joints: Vec<Joint>,
+    machine: String,
+    workpiece_origin: Vec3,
+    tool_tip: Vec3,
+    gauge_point: Option<Vec3>,
+}
+
+/// One axis with everything that belongs to it.
+#[derive(Debug, Clone)]
+pub(super) struct Joint {
+    pub(super) axis: ChainAxis,
+    pub(super) travel: Option<[f64; 2]>,
+    /// A point on the axis (rotary).
+    pub(super) point: Vec3,
+    /// True where the stored curves are carriage motions of a primed axis and change sign.
+    pub(super) inverted: bool,
+    /// EX EY EZ EA EB EC.
+    pub(super) motions: [ErrorFunction; 6],
+    pub(super) reference_points: [ReferencePoint; 3],
+    /// Rotation of the line of motion (linear).
+    pub(super) squareness: Vec3,
+    /// XO. YO. ZO. (rotary), mm.
+    pub(super) location_shift: Vec3,
+    /// AO. BO. CO. (rotary), rad.
+    pub(super) location_turn: Vec3,
+}
+
+/// Nominal geometry of a chain at a pose; index k stands left of joint k, index n behind the last.
+pub(super) struct Nominal {
+    /// Tool tip in the home-frame coordinates left of joint k.
+    pub(super) tip: [Vec3; MAX_AXES + 1],
+    /// Own rotation of joint k; identity for linear axes.
+    pub(super) turn: [Mat3; MAX_AXES],
+    /// Rotation from the home frame left of joint k to W.
+    pub(super) left: [Mat3; MAX_AXES + 1],
+}
+
+/// The six error motions of a joint at a pose, in the sense in which they were stored.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct MotionValues {
+    pub(super) shift: Vec3,
+    pub(super) turn: Vec3,
+}
+
+impl Model {
+    /// Compiles a model.
+    ///
+    /// # Errors
+    /// A rule of [`ModelSpec::validate`] is broken.
+    pub fn new(spec: &ModelSpec) -> Result<Self, ModelError> {
+        spec.validate()?;
+        let joints = spec.chain.axes().iter().map(|axis| Joint::new(*axis, spec)).collect();
+        Ok(Self {
+            joints,
+            machine: spec.machine.clone(),
+            workpiece_origin: spec.workpiece_origin,
+            tool_tip: spec.tool_tip,
+            gauge_point: spec.gauge_point,
+        })
+    }
+
+    /// The machine to which the model belongs.
+    #[must_use]
+    pub fn machine(&self) -> &str {
+        &self.machine
+    }
+
+    /// The axes in chain order; positions and corrections are indexed alike.
+    pub fn axes(&self) -> impl ExactSizeIterator<Item = ChainAxis> + '_ {
+        self.joints.iter().map(|j| j.axis)
+    }
+
+    /// Travel of axis `index`, mm or rad, where given.
+    #[must_use]
+    pub fn travel(&self, index: usize) -> Option<[f64; 2]> {
+        self.joints.get(index).and_then(|j| j.travel)
+    }
+
+    /// Tool tip of the model in M at home, mm.
+    #[must_use]
+    pub const fn tool_tip(&self) -> Vec3 {
+        self.tool_tip
+    }
+
+    /// Origin of the workpiece frame in M at home, mm.
+    #[must_use]
+    pub const fn workpiece_origin(&self) -> Vec3 {
+        self.workpiece_origin
+    }
+
+    /// The tool tip for a tool of `length_mm` along z, where the model has a gauge point.
+    #[must_use]
+    pub fn tool_tip_for_length(&self, length_mm: f64) -> Option<Vec3> {
+        self.gauge_point.map(|g| g - Vec3::new(0.0, 0.0, length_mm))
+    }
+
+    /// Deviation of the tool at `pose`, first order in the errors.
+    ///
+    /// # Source  equations section 2
+    /// # Cycle   no allocation
+    #[must_use]
+    pub fn deviation(&self, pose: &Pose) -> Deviation {
+        self.deviation_at(&self.nominal(pose), pose)
+    }
+
+    /// The nominal geometry of the chain at `pose`.
+    pub(super) fn nominal(&self, pose: &Pose) -> Nominal {
+        let n = self.joints.len();
+        let mut nominal = Nominal {
+            tip: [Vec3::zeros(); MAX_AXES + 1],
+            turn: [Mat3::identity(); MAX_AXES],
+            left: [Mat3::identity(); MAX_AXES + 1],
+        };
+        nominal.tip[n] = pose.tool_tip.unwrap_or(self.tool_tip);
+        for (k, joint) in self.joints.iter().enumerate().rev() {
+            let q = pose.position[k];
+            let direction = joint.axis.name.direction();
+            nominal.tip[k] = nominal.tip[k + 1];
+            match joint.axis.kind() {
+                AxisKind::Linear => nominal.tip[k][direction] += q,
+                AxisKind::Rotary => {
+                    nominal.turn[k] = rotation_about(direction, q);
+                    nominal.tip[k] = joint.point + nominal.turn[k] * (nominal.tip[k + 1] - joint.point);
+                }
+            }
+        }
+        for (k, joint) in self.joints.iter().enumerate() {
+            nominal.left[k + 1] = match joint.axis.kind() {
+                AxisKind::Linear => nominal.left[k],
+                AxisKind::Rotary => nominal.left[k] * nominal.turn[k],
+            };
+        }
+        nominal
+    }
+
+    /// The sum of section 2 over the joints.
+    pub(super) fn deviation_at(&self, nominal: &Nominal, pose: &Pose) -> Deviation {
+        let mut position = Vec3::zeros();
+        let mut rotation = Vec3::zeros();
+        let mut flags = PointFlags::default();
+        for (k, joint) in self.joints.iter().enumerate() {
+            let q = pose.position[k];
+            let values = joint.motions_at(k, q, pose.travel[k], &mut flags);
+            let sign = if joint.inverted { -1.0 } else { 1.0 };
+            // linear: the error sits with the carriage; rotary: with the stator
+            let (g, v, location_sign) = match (joint.axis.kind(), joint.axis.side) {
+                (AxisKind::Linear, Side::Tool) => (&nominal.left[k], nominal.tip[k + 1], 0.0),
+                (AxisKind::Linear, Side::Workpiece) => (&nominal.left[k], nominal.tip[k], 0.0),
+                (AxisKind::Rotary, Side::Tool) => (&nominal.left[k], nominal.tip[k], 1.0),
+                (AxisKind::Rotary, Side::Workpiece) => (&nominal.left[k + 1], nominal.tip[k + 1], -1.0),
+            };
+            let mut shift = values.displacement(&v, &joint.reference_points_at(q)) * sign;
+            let mut turn = values.turn * sign;
+            match joint.axis.kind() {
+                AxisKind::Linear => shift += joint.squareness.cross(&unit(joint.axis.name.direction())) * q,
+                AxisKind::Rotary => {
+                    shift += (joint.location_shift + joint.location_turn.cross(&(v - joint.point)))
+                        * location_sign;
+                    turn += joint.location_turn * location_sign;
+                }
+            }
+            position += g * shift;
+            rotation += g * turn;
+        }
+        Deviation { position, rotation, flags }
+    }
+}
+
+impl Joint {
+    fn new(axis: ChainAxis, spec: &ModelSpec) -> Self {
+        let entry = spec.axis(axis.name);
+        let function = |wanted: ErrorSymbol| {
+            spec.errors.iter().find(|(s, _)| *s == wanted).map(|(_, f)| f.clone()).unwrap_or_default()
+        };
+        let constant = |wanted: ErrorSymbol| function(wanted).value(0.0, Travel::Forward);
+        let name = axis.name;
+        let motions = Component::ALL.map(|component| function(ErrorSymbol::Motion { component, axis: name }));
+        let [sx, sy, sz] = [Component::X, Component::Y, Component::Z]
+            .map(|component| constant(ErrorSymbol::Location { component, axis: name }));
+        let turn = [Component::A, Component::B, Component::C];
+        let [ta, tb, tc] = turn.map(|component| constant(ErrorSymbol::Location { component, axis: name }));
+        let [qa, qb, qc] = turn.map(|component| constant(ErrorSymbol::Squareness { component, axis: name }));
+        Self {
+            axis,
+            travel: entry.travel,
+            point: entry.point,
+            inverted: entry.sense == Sense::Carriage && axis.side == Side::Workpiece,
+            motions,
+            reference_points: match axis.kind() {
+                AxisKind::Linear => entry.reference_points,
+                // ISO 230-7: the errors of a rotary axis act at the point on its axis
+                AxisKind::Rotary => [ReferencePoint { point: entry.point, body: ReferenceBody::Carriage }; 3],
+            },
+            squareness: Vec3::new(qa, qb, qc),
+            location_shift: Vec3::new(sx, sy, sz),
+            location_turn: Vec3::new(ta, tb, tc),
+        }
+    }
+
+    /// The stored error motions at coordinate `q`; outside travel or range the end value is held and flagged.
+    pub(super) fn motions_at(
+        &self,
+        index: usize,
+        q: f64,
+        travel: Travel,
+        flags: &mut PointFlags,
+    ) -> MotionValues {
+        let mut at = q;
+        if let Some([low, high]) = self.travel
+            && !(low..=high).contains(&q)
+        {
+            flags.out_of_travel |= 1 << index;
+            at = q.clamp(low, high);
+        }
+        // the carriage of a primed axis moves by -q, and the other way round
+        let (x, travel) = if self.inverted { (-at, travel.reversed()) } else { (at, travel) };
+        let mut v = [0.0; 6];
+        for (value, function) in v.iter_mut().zip(&self.motions) {
+            if let Some([low, high]) = function.range()
+                && !(low..=high).contains(&x)
+            {
+                flags.out_of_range |= 1 << index;
+            }
+            *value = function.value(x, travel);
+        }
+        MotionValues { shift: Vec3::new(v[0], v[1], v[2]), turn: Vec3::new(v[3], v[4], v[5]) }
+    }
+
+    /// Reference points of the three linear components at coordinate `q`, in home-frame coordinates (equations 1.5).
+    pub(super) fn reference_points_at(&self, q: f64) -> [Vec3; 3] {
+        let sigma = match self.axis.side {
+            Side::Workpiece => 1.0,
+            Side::Tool => -1.0,
+        };
+        self.reference_points.map(|r| match r.body {
+            ReferenceBody::Carriage => r.point,
+            ReferenceBody::Bed => r.point + unit(self.axis.name.direction()) * (sigma * q),
+        })
+    }
+}
+
+impl MotionValues {
+    /// `E_i + [eps x (v - r_i)]_i`, component by component.
+    fn displacement(&self, v: &Vec3, reference: &[Vec3; 3]) -> Vec3 {
+        Vec3::from_fn(|i, _| self.shift[i] + self.turn.cross(&(v - reference[i]))[i])
+    }
+}

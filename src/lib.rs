@@ -1,0 +1,22 @@
+//! volcomp takes the geometric errors of a machine tool out while it runs.
+//!
+//! The rooms, from the inside out (arrows point down this list only):
+//!
+//! - [`core`]: pure mathematics and rules: units, model, engine, protocol. No I/O, no clock, no threads.
+//! - [`config`]: text to validated types, with errors that point at the line. Takes `&str`, reads no file.
+//! - [`identify`]: instrument data to error models (offline, pure).
+//! - [`evaluate`]: the figures of ISO 230 from measured deviations (offline, pure).
+//! - `runtime`: sockets, the real-time thread, the service around it (feature `daemon`).
+//! - `cli`: arguments, human and JSON output, exit codes (feature `daemon`).
+//!
+//! The dependency rule is checked by `tests/architecture.rs`; the reasons stand in `docs/architecture.md`.
+
+pub mod config;
+pub mod core;
+pub mod evaluate;
+pub mod identify;
+
+#[cfg(feature = "daemon")]
+pub mod cli;
+#[cfg(feature = "daemon")]
+pub mod runtime;
