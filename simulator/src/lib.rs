@@ -1,1 +1,13 @@
-//! placeholder
+//! A simulated control, machine tool and instruments, written independently of volcomp's own model.
+//!
+//! - [`truth`]: the machine as it really is: exact rotations, own error shapes, servo, sensors. No model code of volcomp.
+//! - [`instruments`]: what a ballbar, an interferometer or a diagonal measurement sees of it.
+//! - [`motion`]: part programmes and recorded motion to positions per cycle.
+//! - [`control`]: the control's end of the link.
+//!
+//! From volcomp only `core::{axes, units, protocol}` may be used here; `tests/architecture.rs` checks it.
+
+pub mod control;
+pub mod instruments;
+pub mod motion;
+pub mod truth;

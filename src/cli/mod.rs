@@ -1,1 +1,59 @@
-//! placeholder
+//! Arguments, human and JSON output, exit codes. Data goes to stdout, all else to stderr.
+
+#![expect(clippy::disallowed_methods, reason = "the command line is the shell: it reads and writes files")]
+#![expect(clippy::print_stdout, reason = "data goes to stdout")]
+#![expect(clippy::print_stderr, reason = "messages go to stderr")]
+
+mod check;
+mod daemon;
+mod evaluate;
+mod exit;
+mod fit;
+mod predict;
+mod service;
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+pub use exit::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure};
+
+/// Geometric-error compensation for machine tools: check, predict, fit, evaluate, and talk to the daemon.
+#[derive(Debug, Parser)]
+#[command(name = "volcomp", version, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    Check(check::Args),
+    Predict(predict::Args),
+    Fit(fit::Args),
+    Evaluate(evaluate::Args),
+    Status(service::StatusArgs),
+    Enable(service::CommandArgs),
+    Disable(service::CommandArgs),
+}
+
+/// The program `volcomp`: runs it on `args` (the first is the program's name).
+#[must_use]
+pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    exit::run(args, |cli: Cli| match cli.verb {
+        Verb::Check(a) => check::run(&a),
+        Verb::Predict(a) => predict::run(&a),
+        Verb::Fit(a) => fit::run(&a),
+        Verb::Evaluate(a) => evaluate::run(&a),
+        Verb::Status(a) => service::status(&a),
+        Verb::Enable(a) => service::enable(&a),
+        Verb::Disable(a) => service::disable(&a),
+    })
+}
+
+/// The program `volcompd`: runs it on `args` (the first is the program's name).
+#[must_use]
+pub fn volcompd(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    exit::run(args, |args: daemon::Args| daemon::run(&args))
+}

@@ -3,7 +3,7 @@
 use super::chain::{Chain, Side};
 use super::curve::{Curve, ErrorFunction};
 use super::symbol::{Component, ErrorSymbol};
-use crate::core::axes::{AxisKind, AxisName};
+use crate::core::axes::AxisName;
 use crate::core::geometry::Vec3;
 
 /// In which sense the error motions of an axis are stored (equations 1.4).

@@ -1,0 +1,62 @@
+//! Exit codes, and how a failure becomes one.
+
+use core::fmt;
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::Parser;
+
+/// Wrong usage.
+pub const EX_USAGE: u8 = 64;
+/// Bad data.
+pub const EX_DATAERR: u8 = 65;
+/// An error of this program.
+pub const EX_SOFTWARE: u8 = 70;
+/// A file or socket could not be used.
+pub const EX_IOERR: u8 = 74;
+/// Bad configuration or model.
+pub const EX_CONFIG: u8 = 78;
+
+/// Why a program ends without having done its work.
+#[derive(Debug)]
+pub struct Failure {
+    /// Exit code.
+    pub code: u8,
+    /// What to tell the user; may have several lines.
+    pub message: String,
+}
+
+impl Failure {
+    /// A failure with its exit code.
+    pub fn new(code: u8, message: impl fmt::Display) -> Self {
+        Self { code, message: message.to_string() }
+    }
+
+    /// A file that could not be read or written.
+    pub fn io(path: &std::path::Path, error: &std::io::Error) -> Self {
+        Self::new(EX_IOERR, format_args!("error: {}: {error}", path.display()))
+    }
+}
+
+/// Parses arguments, runs, prints what went wrong, and turns it into an exit code.
+pub(super) fn run<A: Parser>(
+    args: impl IntoIterator<Item = OsString>,
+    body: impl FnOnce(A) -> Result<(), Failure>,
+) -> ExitCode {
+    let parsed = match A::try_parse_from(args) {
+        Ok(parsed) => parsed,
+        Err(e) => {
+            let code = if e.use_stderr() { EX_USAGE } else { 0 };
+            // nothing can be done where even the message cannot be written
+            let _ = e.print();
+            return ExitCode::from(code);
+        }
+    };
+    match body(parsed) {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("{}", failure.message.trim_end());
+            ExitCode::from(failure.code)
+        }
+    }
+}
