@@ -1,6 +1,6 @@
 //! `check`: reads machine and model files as the daemon would, and says what is in them or what is wrong.
 
-use std::io::IsTerminal as _;
+use std::io::{IsTerminal as _, Write as _};
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
@@ -28,23 +28,28 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let outcomes: Vec<Outcome> = args.files.iter().map(|f| Outcome::of(f)).collect();
-    if args.json {
+    let report = if args.json {
         let ok = outcomes.iter().all(|o| o.problem.is_none());
         let report = json!({"ok": ok, "files": outcomes.iter().map(Outcome::as_json).collect::<Vec<_>>()});
-        let text = serde_json::to_string_pretty(&report).map_err(|e| Failure::new(EX_SOFTWARE, e))?;
-        println!("{text}");
+        serde_json::to_string_pretty(&report).map_err(|e| Failure::new(EX_SOFTWARE, e))? + "\n"
     } else {
-        for outcome in &outcomes {
-            if let Some(found) = outcome.found.as_ref().filter(|_| outcome.problem.is_none()) {
-                println!("{}", found.as_text(&outcome.file));
-            }
-        }
-    }
+        let right = outcomes.iter().filter(|o| o.problem.is_none());
+        right.filter_map(|o| Some(o.found.as_ref()?.as_text(&o.file) + "\n")).collect()
+    };
+    print(&report)?;
     let problems: Vec<&Problem> = outcomes.iter().filter_map(|o| o.problem.as_ref()).collect();
     let Some(code) = problems.iter().map(|p| p.code()).max() else { return Ok(()) };
     let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
     let message: Vec<String> = problems.iter().map(|p| p.as_text(color)).collect();
     Err(Failure::new(code, message.join("\n\n")))
+}
+
+/// Writes to stdout; a reader that has seen enough (`| head`) is no failure.
+fn print(text: &str) -> Result<(), Failure> {
+    match std::io::stdout().lock().write_all(text.as_bytes()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::io(Path::new("stdout"), &e)),
+        _ => Ok(()),
+    }
 }
 
 /// What came out of one file.
@@ -319,7 +324,11 @@ fn describe_model(lines: &mut Vec<String>, model: &ModelSpec) {
         }
         lines.push(line);
     }
-    lines.push(format!("  {} errors:", model.errors.len()));
+    lines.push(match model.errors.len() {
+        0 => "  no errors: nothing will be corrected".to_owned(),
+        1 => "  1 error:".to_owned(),
+        n => format!("  {n} errors:"),
+    });
     for (symbol, function) in &model.errors {
         let size = Size::of(*symbol, function, model);
         let kinds: Vec<&str> = function.curves.iter().map(kind_of).collect();

@@ -307,6 +307,7 @@ impl MachineConfig {
             limits: listed.iter().map(|axis| axis.map_or(NEVER_OFFSET, |a| a.limits)).collect(),
             jump_limit: each(|a| a.jump_limit, f64::INFINITY),
             reversal_deadband: each(|a| a.reversal_deadband, 0.0),
+            // one number for all axes: the widest, so that no axis faults below its own tolerance
             read_back_tolerance: self.axes.iter().map(|a| a.read_back_tolerance).fold(0.0, f64::max),
             axes,
             cycle_s: self.link.cycle_s,

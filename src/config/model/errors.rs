@@ -5,7 +5,8 @@ use core::ops::Range;
 use super::keys::{PositionKeys, ValueKeys};
 use super::{Provenance, provenance, remedy};
 use crate::config::diagnostic::Diagnostic;
-use crate::config::reader::{Allowed, Placed, Section, suggestion};
+use crate::config::reader::{Allowed, Placed, Section};
+use crate::config::words::suggestion;
 use crate::core::model::curve::{Chebyshev, CurveError, Fourier, HalfRange, Interpolation, Table};
 use crate::core::model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelError, ModelSpec};
 
@@ -14,6 +15,18 @@ const STD: Allowed = Allowed::Within { low: 0.0, high: 5000.0 };
 const SPAN: Allowed = Allowed::Positive { high: 1e6 };
 const INTERPOLATIONS: [(&str, Interpolation); 2] =
     [("linear", Interpolation::Linear), ("cubic", Interpolation::MonotoneCubic)];
+
+/// Reads one table of a kind.
+type ReadKind = fn(&mut Kind<'_, '_>) -> Option<Curve>;
+
+/// The kinds of curves by their keys.
+const KINDS: [(&str, ReadKind); 5] = [
+    ("constant", read_constant),
+    ("table", read_table),
+    ("fourier", read_fourier),
+    ("half-range", read_half_range),
+    ("chebyshev", read_chebyshev),
+];
 
 /// Standard uncertainty for every error that states none of its own.
 pub(super) struct DefaultStd {
@@ -137,16 +150,9 @@ fn read_error(
     let section = section
         .because(PositionKeys::of(symbol.axis()).unit, PositionKeys::reason(symbol.axis()))
         .because(ValueKeys::of(symbol).unit, ValueKeys::reason(symbol));
-    let kinds: [(&'static str, fn(&mut Kind<'_, '_>) -> Option<Curve>); 5] = [
-        ("constant", read_constant),
-        ("table", read_table),
-        ("fourier", read_fourier),
-        ("half-range", read_half_range),
-        ("chebyshev", read_chebyshev),
-    ];
     let mut curves = Vec::new();
     let mut largest: Option<Placed<f64>> = None;
-    for (key, read) in kinds {
+    for (key, read) in KINDS {
         for part in section.sections(key) {
             let start = part.place().map_or(0, |p| p.start);
             let mut kind = Kind {

@@ -130,11 +130,11 @@ fn an_error_without_curves_is_zero_and_not_written() {
 #[test]
 fn no_text_makes_the_parser_panic() {
     for cut in 0..CONTRACT.len() {
-        if let Some(head) = CONTRACT.get(..cut) {
-            if let Err(e) = parse("m.toml", head) {
-                assert!(!e.diagnostics.is_empty(), "{head}");
-                let _ = e.to_string();
-            }
+        if let Some(head) = CONTRACT.get(..cut)
+            && let Err(e) = parse("m.toml", head)
+        {
+            assert!(!e.diagnostics.is_empty(), "{head}");
+            let _ = e.to_string();
         }
     }
 }
