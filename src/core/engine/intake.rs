@@ -121,18 +121,15 @@ impl Intake {
             return Err(Reason::ControlClock);
         }
         let reach = cycles.max(f64::from(ahead)).max(1.0);
-        for k in 0..self.axes {
-            if (position[k] - last.position[k]).abs() > self.jump_limit[k] * reach {
-                return Err(Reason::Jump);
-            }
-        }
-        Ok(dt)
+        let moves = position.iter().zip(&last.position).zip(&self.jump_limit).take(self.axes);
+        let jumped = moves.into_iter().any(|((now, before), limit)| (now - before).abs() > limit * reach);
+        if jumped { Err(Reason::Jump) } else { Ok(dt) }
     }
 
     /// Turns the direction of travel where an axis has come back by more than the dead band.
     fn follow(&mut self, position: &AxisArray) {
-        for k in 0..self.axes {
-            let beyond = position[k] - self.turning_point[k];
+        for (k, &position) in position.iter().enumerate().take(self.axes) {
+            let beyond = position - self.turning_point[k];
             let (onward, back) = match self.travel[k] {
                 Travel::Forward => (beyond > 0.0, beyond < -self.deadband[k]),
                 Travel::Reverse => (beyond < 0.0, beyond > self.deadband[k]),
@@ -141,7 +138,7 @@ impl Intake {
                 self.travel[k] = self.travel[k].reversed();
             }
             if onward || back {
-                self.turning_point[k] = position[k];
+                self.turning_point[k] = position;
             }
         }
     }

@@ -80,7 +80,8 @@ impl Model {
         } else {
             1
         };
-        if angles.iter().any(|a| !(a.abs() <= ROTARY_CORRECTION_LIMIT)) {
+        // not finite counts as too large
+        if !angles.iter().all(|a| a.abs() <= ROTARY_CORRECTION_LIMIT) {
             out.singular |= 1 << levers[weak].index;
             let strong = 1 - weak;
             angles = [0.0; 2];

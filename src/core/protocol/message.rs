@@ -187,7 +187,6 @@ pub struct ErrorReport {
 /// Every message.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[expect(missing_docs, reason = "each variant carries its documented struct")]
-#[expect(clippy::large_enum_variant, reason = "lives on the stack of the cycle; boxing would allocate")]
 pub enum Message {
     DaemonHello(DaemonHello),
     ControlHello(ControlHello),
