@@ -1,6 +1,7 @@
 //! Bytes to one frame: never a panic, and what is accepted packs to the same bytes again.
 
 #![no_main]
+#![expect(clippy::disallowed_methods, reason = "the macro of libFuzzer reads its input file")]
 
 use libfuzzer_sys::fuzz_target;
 use volcomp::core::protocol::{Frame, MAX_FRAME, decode, encode};

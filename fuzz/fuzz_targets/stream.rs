@@ -4,6 +4,7 @@
 //! Input: one byte with the number of chunk sizes (0 to 15), the sizes (0 = as much as fits), the stream.
 
 #![no_main]
+#![expect(clippy::disallowed_methods, reason = "the macro of libFuzzer reads its input file")]
 
 use libfuzzer_sys::fuzz_target;
 use volcomp::core::protocol::{FrameError, FrameReader, MAX_FRAME, encode};
