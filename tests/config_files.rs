@@ -341,6 +341,42 @@ fn series() {
 }
 
 #[test]
+fn grids() {
+    let shows =
+        |text: &str, expected: &[&str]| model_shows(&format!("{MODEL}[errors.ezy.grid]\n{text}\n"), expected);
+    let rest = "y-mm = [0, 1]\nz-mm = [0, 1]";
+    shows("value-um = [1]", &["errors.ezy.grid.axes is missing", "model.toml:4:13", "slowest first"]);
+    shows(&format!("axes = [\"y\", \"z\"]\n{rest}"), &["value-um is missing", "last axis fastest"]);
+    shows(
+        &format!("axes = [\"y\", \"z\"]\n{rest}\nvalue-um = [1, 2, 3]"),
+        &["value-um has 3 values for 2 x 2 = 4 points", "model.toml:8:12"],
+    );
+    shows("axes = [\"y\", \"z\"]\ny-mm = [0, 1]\nvalue-um = [1]", &["errors.ezy.grid.z-mm is missing"]);
+    shows(
+        "axes = [\"y\", \"z\"]\ny-mm = [0, 1]\nz-deg = [0, 1]\nvalue-um = [1]",
+        &["z-deg has the wrong unit deg: linear axes are in mm", "write z-mm"],
+    );
+    shows(
+        "axes = [\"y\", \"z\"]\ny-mm = [1, 0]\nz-mm = [0, 1]\nvalue-um = [1, 2, 3, 4]",
+        &["0 mm (row 2) is not above 1 mm (row 1)", "model.toml:6:12"],
+    );
+    shows(
+        &format!("axes = [\"y\", \"q\"]\n{rest}\nvalue-um = [1]"),
+        &["axes does not know \"q\"", "model.toml:5:14"],
+    );
+    shows(
+        &format!("axes = [\"y\"]\n{rest}\nvalue-um = [1, 2]"),
+        &["a grid has two or three axes, found 1", "model.toml:5:8"],
+    );
+    shows(&format!("axes = [\"y\", \"y\"]\n{rest}\nvalue-um = [1, 2, 3, 4]"), &["a grid names axis Y twice"]);
+    shows("axes = \"yz\"\nvalue-um = [1]", &["axes must be a list of texts in quotes, found a text"]);
+    shows(
+        "axes = [\"y\", \"u\"]\ny-mm = [0, 1]\nu-mm = [0, 1]\nvalue-um = [1, 2, 3, 4]",
+        &["EZY: its grid runs over axis U, which is not in the chain", "model.toml:4:9"],
+    );
+}
+
+#[test]
 fn sizes_that_are_unit_mistakes() {
     model_shows(
         &format!("{MODEL}[errors.exx.table]\nposition-mm = [0, 1, 2]\nvalue-um = [0, 7000, 3]\n"),

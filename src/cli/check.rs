@@ -331,7 +331,7 @@ fn describe_model(lines: &mut Vec<String>, model: &ModelSpec) {
     });
     for (symbol, function) in &model.errors {
         let size = Size::of(*symbol, function, model);
-        let kinds: Vec<&str> = function.curves.iter().map(kind_of).collect();
+        let kinds = kinds_of(function);
         let range = size.range.map_or(String::new(), |[low, high]| {
             format!(", {low} to {high} {}", position_unit(symbol.axis()))
         });
@@ -355,7 +355,7 @@ fn model_as_json(model: &ModelSpec) -> Value {
             let size = Size::of(*symbol, function, model);
             json!({
                 "symbol": symbol.to_string().to_lowercase(),
-                "kinds": function.curves.iter().map(kind_of).collect::<Vec<_>>(),
+                "kinds": kinds_of(function),
                 format!("range_{}", position_unit(symbol.axis())): size.range,
                 format!("lowest_{}", size.unit): size.low,
                 format!("highest_{}", size.unit): size.high,
@@ -379,7 +379,7 @@ fn model_as_json(model: &ModelSpec) -> Value {
     json!({"machine": model.machine, "chain": model.chain.to_string(), "axes": axes, "errors": errors})
 }
 
-/// Smallest and largest value of an error over its range, for people: sampled, in the unit of the file.
+/// Bounds of an error over its range, for people: curves sampled, extremes of grids added, in the unit of the file.
 struct Size {
     range: Option<[f64; 2]>,
     low: f64,
@@ -401,11 +401,22 @@ impl Size {
                 (low, high) = (low.min(v), high.max(v));
             }
         }
+        // the extremes of a grid stand at its points
+        for grid in &function.grids {
+            low += grid.values().iter().copied().fold(f64::INFINITY, f64::min);
+            high += grid.values().iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        }
         let (unit, out): (_, fn(f64) -> f64) =
             if symbol.is_angle() { ("arcsec", arcsec_from_rad) } else { ("um", um_from_mm) };
         let range = range.map(|r| r.map(|v| position_out(symbol.axis(), v)));
         Self { range, low: rounded(out(low)), high: rounded(out(high)), unit }
     }
+}
+
+/// The kinds of the terms of an error.
+fn kinds_of(function: &ErrorFunction) -> Vec<&'static str> {
+    let grids = function.grids.iter().map(|_| "grid");
+    function.curves.iter().map(kind_of).chain(grids).collect()
 }
 
 /// The range that any curve covers.

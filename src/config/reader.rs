@@ -439,6 +439,18 @@ impl<'r> Section<'r> {
         }
     }
 
+    /// A list of texts.
+    pub(super) fn texts(&self, key: &'static str) -> Option<Placed<Vec<Placed<&'r str>>>> {
+        let value = self.value(key)?;
+        let texts: Option<Vec<_>> = value.value.as_array().and_then(|list| {
+            list.iter().map(|item| Some(Placed::new(item.get_ref().as_str()?, item.span()))).collect()
+        });
+        if texts.is_none() {
+            self.wrong_shape(key, &value, "a list of texts in quotes");
+        }
+        Some(Placed::new(texts?, value.place))
+    }
+
     /// True or false.
     pub(super) fn flag(&self, key: &'static str) -> Option<bool> {
         let value = self.value(key)?;
