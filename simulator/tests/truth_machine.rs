@@ -1,4 +1,5 @@
 //! The truth machine as a whole: figures of the shipped machines, determinism, drives, replay, instruments, files.
+#![expect(clippy::unwrap_used, clippy::expect_used, reason = "a failure here is a failed test")]
 
 use simulator::instruments::ballbar::{Ballbar, CirclePoint, Circularity};
 use simulator::instruments::diagonal::Diagonal;

@@ -1,5 +1,6 @@
 //! A survey of a machine is a complete model of it: its rows, put into the first-order formulas of equations 2.1 as
 //! they are printed there, give the deviations that the exact machine has.
+#![expect(clippy::unwrap_used, reason = "a failure here is a failed test")]
 
 use proptest::prelude::*;
 use simulator::instruments::survey::{AxisSurvey, Survey, SurveyPlan};
