@@ -2,7 +2,7 @@
 
 use volcomp::core::axes::AxisArray;
 
-use crate::truth::Sample;
+use crate::truth::{Sample, TruthMachine};
 
 /// A machine: takes set points, tells where it really went.
 pub trait Machine {
@@ -10,6 +10,16 @@ pub trait Machine {
     fn step(&mut self, dt_s: f64, drive: &AxisArray) -> Sample;
     /// One cycle in which the axes are known to stand at `axis` (replay of recorded encoder positions).
     fn step_measured(&mut self, dt_s: f64, axis: &AxisArray) -> Sample;
+}
+
+impl Machine for TruthMachine {
+    fn step(&mut self, dt_s: f64, drive: &AxisArray) -> Sample {
+        TruthMachine::step(self, dt_s, drive)
+    }
+
+    fn step_measured(&mut self, dt_s: f64, axis: &AxisArray) -> Sample {
+        TruthMachine::step_measured(self, dt_s, axis)
+    }
 }
 
 /// A machine without any error: every axis stands where it should, the tip is X, Y, Z (the first three axes).

@@ -2,6 +2,8 @@
 
 use volcomp::core::axes::{AxisKind, AxisName, MAX_AXES};
 
+use crate::truth::TruthMachine;
+
 /// One axis of the control. Linear: mm; rotary: deg.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisSetup {
@@ -108,6 +110,15 @@ impl MachineAxes {
         Ok(Self { axes })
     }
 
+    /// The axes of a machine with the usual dynamics.
+    ///
+    /// # Errors
+    /// None or too many, a travel without length.
+    pub fn of(machine: &TruthMachine) -> Result<Self, AxesError> {
+        let axes = machine.axes().into_iter().enumerate();
+        Self::new(axes.map(|(k, name)| AxisSetup::new(name, machine.travel(k))).collect())
+    }
+
     /// X, Y and Z with these travels, mm.
     ///
     /// # Errors
@@ -118,6 +129,19 @@ impl MachineAxes {
             AxisSetup::new(AxisName::Y, y),
             AxisSetup::new(AxisName::Z, z),
         ])
+    }
+
+    /// The middle of the travel of linear axes, and zero (or the end next to it) of rotary axes.
+    #[must_use]
+    pub fn middle(&self) -> [f64; MAX_AXES] {
+        let mut q = [0.0; MAX_AXES];
+        for (value, axis) in q.iter_mut().zip(&self.axes) {
+            *value = match axis.name.kind() {
+                AxisKind::Linear => 0.5 * (axis.travel[0] + axis.travel[1]),
+                AxisKind::Rotary => 0.0_f64.clamp(axis.travel[0], axis.travel[1]),
+            };
+        }
+        q
     }
 
     /// How many there are.

@@ -12,7 +12,7 @@ mod scurve;
 use volcomp::core::axes::AxisArray;
 
 use super::axes::MachineAxes;
-use super::segment::Segment;
+use super::segment::{Segment, Shape};
 use super::{MotionCycle, MotionSource};
 use plan::{Planned, Span};
 
@@ -116,6 +116,30 @@ impl Trajectory {
             segment: 0,
             done: false,
         })
+    }
+
+    /// A rapid from one position to another; it does not count for results.
+    ///
+    /// # Errors
+    /// A cycle time or limit that makes no sense.
+    pub fn rapid(
+        from: AxisArray,
+        to: AxisArray,
+        axes: &MachineAxes,
+        dynamics: &Dynamics,
+        cycle_s: f64,
+    ) -> Result<Self, ProfileError> {
+        let segment = Segment {
+            start: from,
+            end: to,
+            shape: Shape::Line,
+            rapid: true,
+            feed_per_min: 0.0,
+            exact_stop: true,
+            scored: false,
+            line: 0,
+        };
+        Self::new(from, &[segment], axes, dynamics, cycle_s)
     }
 
     /// How long it takes, s.

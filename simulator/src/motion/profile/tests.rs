@@ -7,7 +7,6 @@ use super::*;
 use crate::motion::axes::AxisSetup;
 use crate::motion::gcode::interpret;
 use crate::motion::paths;
-use crate::motion::segment::Shape;
 
 fn axes() -> MachineAxes {
     MachineAxes::three_axis([0.0, 850.0], [0.0, 500.0], [0.0, 500.0]).unwrap()

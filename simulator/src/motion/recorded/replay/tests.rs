@@ -1,7 +1,7 @@
 use super::*;
 
 fn axes() -> MachineAxes {
-    MachineAxes::three_axis([0.0, 850.0], [0.0, 500.0], [0.0, 500.0]).unwrap()
+    MachineAxes::three_axis([0.0, 850.0], [0.0, 500.0], [-500.0, 0.0]).unwrap()
 }
 
 fn all(cycle_s: f64) -> Vec<MotionCycle> {
