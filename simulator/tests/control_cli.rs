@@ -1,5 +1,7 @@
 //! The program `cncsim` as a user meets it: output, messages, exit codes.
 
+#![expect(clippy::unwrap_used, reason = "helpers of tests")]
+
 use std::path::Path;
 use std::process::{Command, Output};
 

@@ -1,6 +1,7 @@
 //! The control over real TCP on loopback, against a tiny daemon.
 
 #![expect(clippy::disallowed_methods, reason = "a test of sockets and threads")]
+#![expect(clippy::unwrap_used, reason = "helpers of tests")]
 
 mod control_support;
 

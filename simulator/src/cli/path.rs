@@ -236,7 +236,6 @@ struct SPathArgs {
     feed: f64,
 }
 
-#[expect(clippy::unnecessary_wraps, reason = "every verb has this form")]
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let text = match &args.kind {
         Kind::Circle(c) => paths::circle(&Circle {

@@ -287,7 +287,6 @@ fn observe(trace: &mut Trace, record: &CycleRecord) -> io::Result<Flow> {
     Ok(Flow::GoOn)
 }
 
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to be 0 to 1000000 s")]
 fn script(common: &Common, cycle_s: f64) -> Result<Vec<ScriptedEvent>, Failure> {
     let Some(at_s) = common.estop_at_s else { return Ok(Vec::new()) };
     let at = seconds("--estop-at-s", at_s)?;

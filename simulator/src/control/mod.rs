@@ -15,6 +15,7 @@ mod machine;
 mod offset;
 mod record;
 mod server;
+mod summary;
 
 use core::net::SocketAddr;
 use core::time::Duration;
@@ -38,50 +39,12 @@ pub use config::{
 pub use error::{ControlError, LinkEnd, LinkEvent};
 pub use machine::{IdealMachine, Machine};
 pub use record::{CycleRecord, TraceWriter};
+pub use summary::{Flow, Observer, RunSummary};
 
 /// Positions further apart than this are no continuation, mm or deg.
 const START_TOLERANCE: f64 = 1e-6;
 /// So far behind its deadlines a real-time control starts counting anew.
 const RESYNCHRONISE: Duration = Duration::from_secs(1);
-
-/// What an observer wants.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Flow {
-    /// Another cycle.
-    GoOn,
-    /// No more.
-    Stop,
-}
-
-/// Sees every cycle and says whether to go on; an error ends the run.
-pub type Observer<'a> = &'a mut dyn FnMut(&CycleRecord) -> std::io::Result<Flow>;
-
-/// What a run was like.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct RunSummary {
-    /// Cycles run.
-    pub cycles: u64,
-    /// Simulated time, s.
-    pub duration_s: f64,
-    /// Good corrections received.
-    pub corrections: u64,
-    /// Corrections that were not used: not finite, too old, out of order.
-    pub rejected: u64,
-    /// Lock step: positions without an answer in time while a daemon was connected.
-    pub unanswered: u64,
-    /// Cycles in which the control held part of an offset back.
-    pub limited: u64,
-    /// Cycles in which the control took the offset back by itself.
-    pub ramping_out: u64,
-    /// Real time: cycles that began more than one cycle late.
-    pub late: u64,
-    /// Position frames left out because the send buffer was full.
-    pub left_out: u64,
-    /// Links that ended.
-    pub links_ended: u64,
-    /// Largest offset in force per axis, mm or deg.
-    pub largest_offset: AxisArray,
-}
 
 type Listener = Box<dyn FnMut(&LinkEvent)>;
 
@@ -109,7 +72,6 @@ impl Control {
     ///
     /// # Errors
     /// A configuration that makes no sense; an address that cannot be listened on.
-    #[expect(clippy::cast_possible_truncation, reason = "a checked cycle time of at most 10 ms")]
     pub fn bind(mut config: ControlConfig) -> Result<Self, ControlError> {
         config.check()?;
         config.script.sort_by_key(|e| e.cycle);
@@ -583,7 +545,6 @@ impl Control {
 }
 
 /// The number of a cycle on the wire.
-#[expect(clippy::cast_possible_truncation, reason = "sequence numbers wrap at 2^32 by the protocol")]
 fn sequence(cycle: u64) -> u32 {
     cycle as u32
 }

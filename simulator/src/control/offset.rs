@@ -73,7 +73,6 @@ pub(super) struct OffsetStage {
 impl OffsetStage {
     /// Offsets of a machine at rest: zero.
     #[must_use]
-    #[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "a checked configuration")]
     pub(super) fn new(config: &OffsetConfig, axes: &MachineAxes, cycle_s: f64) -> Self {
         let stage = |axis: &crate::motion::AxisSetup| {
             let (follow, ramp, room) = config.of(axis.name.kind());

@@ -103,8 +103,8 @@ impl Segment {
             return self.start;
         }
         let mut q = self.start;
-        for k in 0..MAX_AXES {
-            q[k] += (self.end[k] - self.start[k]) * fraction;
+        for (value, (start, end)) in q.iter_mut().zip(self.start.iter().zip(&self.end)) {
+            *value += (end - start) * fraction;
         }
         if let Shape::Arc(arc) = self.shape {
             let (sin, cos) = (arc.from + arc.sweep * fraction).sin_cos();
@@ -122,8 +122,8 @@ impl Segment {
         if length <= SHORTEST {
             return u;
         }
-        for k in 0..MAX_AXES {
-            u[k] = (self.end[k] - self.start[k]) / length;
+        for (value, (start, end)) in u.iter_mut().zip(self.start.iter().zip(&self.end)) {
+            *value = (end - start) / length;
         }
         if let Shape::Arc(arc) = self.shape {
             let (sin, cos) = (arc.from + arc.sweep * fraction).sin_cos();

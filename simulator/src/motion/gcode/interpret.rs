@@ -344,7 +344,6 @@ fn is_axis(word: &Word) -> bool {
 }
 
 /// A whole code number.
-#[expect(clippy::cast_possible_truncation, clippy::cast_sign_loss, reason = "checked to be whole and small")]
 fn code(value: f64) -> Option<u32> {
     (value.fract() == 0.0 && (0.0..1000.0).contains(&value)).then_some(value as u32)
 }

@@ -25,7 +25,14 @@ const STANDSTILL_MM_PER_S: f64 = 0.05;
 #[derive(Debug, Clone)]
 enum Stretch {
     Recorded(Part),
-    Connecting { commanded: Connection, actual: Connection },
+    Connecting(Box<Connecting>),
+}
+
+/// A move that the control inserts.
+#[derive(Debug, Clone)]
+struct Connecting {
+    commanded: Connection,
+    actual: Connection,
 }
 
 /// A recording being replayed.
@@ -78,7 +85,7 @@ impl Replay {
                     core::cmp::Ordering::Equal => (commanded, actual),
                     _ => replay.same_duration(before, &part, commanded.duration_s.max(actual.duration_s)),
                 };
-                replay.stretches.push(Stretch::Connecting { commanded, actual });
+                replay.stretches.push(Stretch::Connecting(Box::new(Connecting { commanded, actual })));
             }
             replay.stretches.push(Stretch::Recorded(part.clone()));
             before = Some(part);
@@ -116,27 +123,25 @@ impl Replay {
         (both(|r| &r.commanded), both(|r| &r.actual))
     }
 
+    /// The last cycle that begins within a part: not after its last row.
+    fn last_cycle(&self, part: &Part) -> u64 {
+        (duration(part) / self.cycle_s + 1e-6).floor() as u64
+    }
+
     /// Cycles that begin within a stretch.
-    #[expect(
-        clippy::cast_possible_truncation,
-        clippy::cast_sign_loss,
-        reason = "durations are small and positive"
-    )]
     fn cycles_of(&self, stretch: &Stretch) -> u64 {
         match stretch {
-            // the last sample belongs to the part, the rest of its last cycle does not
-            Stretch::Recorded(part) => (duration(part) / self.cycle_s + 1e-6).floor() as u64 + 1,
+            Stretch::Recorded(part) => self.last_cycle(part) + 1,
             // its first state is the last of the part before
-            Stretch::Connecting { commanded, .. } => {
-                ((commanded.duration_s / self.cycle_s).round() as u64).saturating_sub(1)
+            Stretch::Connecting(inserted) => {
+                ((inserted.commanded.duration_s / self.cycle_s).round() as u64).saturating_sub(1)
             }
         }
     }
 
     /// The motion at the last cycle of a part: from its rows alone.
     fn exit(&self, part: &Part, pick: fn(&Row) -> &AxisArray) -> Motion {
-        let last = self.cycles_of(&Stretch::Recorded(part.clone())) - 1;
-        let end = self.position(part, last as f64 * self.cycle_s, pick);
+        let end = self.position(part, self.last_cycle(part) as f64 * self.cycle_s, pick);
         Motion { position: end, velocity: slope(&part.rows, pick, true), acceleration: [0.0; MAX_AXES] }
     }
 
@@ -203,11 +208,11 @@ impl Replay {
                 let actual = self.position(part, t, |r| &r.actual);
                 (self.position(part, t, pick), actual, speed, true, part.rows[row].line)
             }
-            Stretch::Connecting { commanded, actual } => {
+            Stretch::Connecting(inserted) => {
                 let t = (cycle + 1) as f64 * self.cycle_s;
-                let m = commanded.at(t);
+                let m = inserted.commanded.at(t);
                 let speed = self.speed(&[0.0; MAX_AXES], &m.velocity, 1.0);
-                (m.position, actual.at(t).position, speed, false, 0)
+                (m.position, inserted.actual.at(t).position, speed, false, 0)
             }
         };
         MotionCycle {

@@ -146,3 +146,26 @@ fn a_machine_without_the_plane_says_so() {
     let e = interpret("F1 G2 X1 R5", &axes, [0.0; 8]).unwrap_err();
     assert!(e.to_string().contains("plane XY needs axes"));
 }
+
+proptest::proptest! {
+    /// Whatever the text, there is an answer; what is accepted stays within travel and can be planned.
+    #[test]
+    fn any_text_has_an_answer(
+        text in "(F[1-9]00 )?(([GM][0-9]{1,2}|[XYZACIJKRPFSN#(/]-?[0-9]{0,3}[.]?[0-9]{0,2}|[;%\n ]|G[0-3] X[0-9]{1,2} Y[0-9] [IJR][0-9]{1,2}\n) ?){0,24}",
+    ) {
+        use crate::motion::{Dynamics, MotionSource, Trajectory};
+        match run(&text) {
+            Err(e) => proptest::prop_assert!(e.line >= 1 && e.column >= 1),
+            Ok(p) => {
+                let axes = axes();
+                let mut t = Trajectory::new([0.0; 8], &p.segments, &axes, &Dynamics::default(), 0.01).unwrap();
+                proptest::prop_assert!(t.duration_s().is_finite());
+                for _ in 0..2000 {
+                    let Some(c) = t.next_cycle() else { break };
+                    proptest::prop_assert!(c.commanded.iter().all(|v| v.is_finite()));
+                    proptest::prop_assert_eq!(axes.outside(&c.commanded), None);
+                }
+            }
+        }
+    }
+}
