@@ -155,9 +155,9 @@ fn bidirectional(forward: &[Spread], backward: &[Spread]) -> Bidirectional {
     Bidirectional {
         b: largest(pairs().map(|p| reversal(p).abs())),
         b_mean: pairs().map(reversal).sum::<f64>() / forward.len() as f64,
-        r: largest(pairs().map(|(f, b)| {
-            (2.0 * (f.s + b.s) + reversal((f, b)).abs()).max(4.0 * f.s).max(4.0 * b.s)
-        })),
+        r: largest(
+            pairs().map(|(f, b)| (2.0 * (f.s + b.s) + reversal((f, b)).abs()).max(4.0 * f.s).max(4.0 * b.s)),
+        ),
         e: range(forward.iter().chain(backward).map(|p| p.mean)),
         m: range(pairs().map(|(f, b)| 0.5 * (f.mean + b.mean))),
         a: accuracy(forward.iter().chain(backward)),
@@ -219,9 +219,8 @@ mod tests {
 
     #[test]
     fn one_direction_has_no_bidirectional_figures() {
-        let all: Vec<Reading> = (0..6)
-            .map(|i| reading(i / 3, Travel::Reverse, f64::from(i % 3), f64::from(i)))
-            .collect();
+        let all: Vec<Reading> =
+            (0..6).map(|i| reading(i / 3, Travel::Reverse, f64::from(i % 3), f64::from(i))).collect();
         let p = Positioning::evaluate(&all).unwrap();
         assert!(p.forward.is_none() && p.both.is_none() && p.backward.is_some());
     }
@@ -238,10 +237,7 @@ mod tests {
             PositioningError::TooFewReadings { target: 5.0, travel: Travel::Forward, found: 1 }
         );
         all.truncate(2);
-        assert_eq!(
-            Positioning::evaluate(&all).unwrap_err(),
-            PositioningError::TooFewTargets { found: 1 }
-        );
+        assert_eq!(Positioning::evaluate(&all).unwrap_err(), PositioningError::TooFewTargets { found: 1 });
         all[1].value = f64::NAN;
         assert_eq!(Positioning::evaluate(&all).unwrap_err(), PositioningError::NotFinite { row: 2 });
     }

@@ -39,6 +39,30 @@ pub fn group_by_position(readings: &[Reading]) -> (Vec<f64>, Vec<usize>) {
     (positions, group)
 }
 
+/// Standard deviation of the readings about the mean of their own target and direction, pooled: what no static
+/// map can remove. `None` where no target was repeated.
+#[must_use]
+pub fn repeatability(readings: &[Reading]) -> Option<f64> {
+    let (positions, group) = group_by_position(readings);
+    let mut sums = vec![(0.0, 0usize); 2 * positions.len()];
+    let slot = |r: &Reading, g: usize| 2 * g + usize::from(r.travel == Travel::Reverse);
+    for (r, &g) in readings.iter().zip(&group) {
+        let sum = &mut sums[slot(r, g)];
+        sum.0 += r.value;
+        sum.1 += 1;
+    }
+    let free: usize = sums.iter().map(|(_, n)| n.saturating_sub(1)).sum();
+    let squares: f64 = readings
+        .iter()
+        .zip(&group)
+        .map(|(r, &g)| {
+            let (sum, n) = sums[slot(r, g)];
+            (r.value - sum / n as f64).powi(2)
+        })
+        .sum();
+    (free > 0).then(|| (squares / free as f64).sqrt())
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -50,5 +74,19 @@ mod tests {
         assert_eq!(positions.len(), 3);
         assert_eq!(group, [2, 1, 1, 0]);
         assert_eq!(group_by_position(&[]), (Vec::new(), Vec::new()));
+    }
+
+    #[test]
+    fn repeatability_ignores_what_a_map_with_reversal_can_hold() {
+        let mut all = Vec::new();
+        for (cycle, noise) in [(1, 1.0), (2, -1.0)] {
+            for position in [0.0, 10.0, 20.0] {
+                for (travel, reversal) in [(Travel::Forward, 5.0), (Travel::Reverse, -7.0)] {
+                    all.push(Reading { cycle, travel, position, value: position + reversal + noise });
+                }
+            }
+        }
+        assert!((repeatability(&all).unwrap() - 2f64.sqrt()).abs() < 1e-15);
+        assert_eq!(repeatability(&all[..6]), None);
     }
 }

@@ -168,7 +168,9 @@ pub enum FitError {
         value: f64,
     },
     /// No period can be seen in these data.
-    #[error("period search from {low} to {high} is empty: {order} harmonics need two positions per wave; take a lower order or measure closer")]
+    #[error(
+        "period search from {low} to {high} is empty: {order} harmonics need two positions per wave; take a lower order or measure closer"
+    )]
     PeriodSearchEmpty {
         /// Shortest period.
         low: f64,

@@ -111,15 +111,12 @@ pub(super) fn best_of_basis(data: &Data<'_>, basis: Basis, request: &Request) ->
 
 /// The fit of lowest AICc, unless a lower order predicts left-out positions better.
 fn choose(data: &Data<'_>, tried: Vec<CurveFit>) -> Option<CurveFit> {
-    let proposed = (0..tried.len()).reduce(|best, i| {
-        if improvement(data, &tried[best], &tried[i]) > 0.0 { i } else { best }
-    })?;
+    let proposed = (0..tried.len())
+        .reduce(|best, i| if improvement(data, &tried[best], &tried[i]) > 0.0 { i } else { best })?;
     let error = |i: usize| tried[i].figures.position_rmse.unwrap_or(f64::INFINITY);
-    let checked = (0..proposed).filter(|&i| error(i) < (1.0 - CHECK_MARGIN) * error(proposed)).reduce(
-        |best, i| {
-            if error(i) < error(best) { i } else { best }
-        },
-    );
+    let checked = (0..proposed)
+        .filter(|&i| error(i) < (1.0 - CHECK_MARGIN) * error(proposed))
+        .reduce(|best, i| if error(i) < error(best) { i } else { best });
     let taken = match checked {
         Some(lower) if !tried[proposed].figures.is_exact(data.values()) => lower,
         _ => proposed,
@@ -136,7 +133,7 @@ fn choose(data: &Data<'_>, tried: Vec<CurveFit>) -> Option<CurveFit> {
 fn improvement(data: &Data<'_>, a: &CurveFit, b: &CurveFit) -> f64 {
     let exact = |f: &CurveFit| f.figures.is_exact(data.values());
     match (exact(a), exact(b), a.figures.aicc, b.figures.aicc) {
-        (true, _, ..) => f64::NEG_INFINITY,
+        (true, ..) => f64::NEG_INFINITY,
         (false, true, ..) => f64::INFINITY,
         (false, false, Some(a), Some(b)) => a - b,
         // too few readings for the criterion: never the richer one
@@ -255,9 +252,7 @@ fn search_period(data: &Data<'_>, shape: Shape, [low, high]: [f64; 2]) -> Result
     minima
         .into_iter()
         .take(3)
-        .map(|i| {
-            golden(&full, frequency(i.saturating_sub(1)).min(1.0 / low), frequency((i + 1).min(steps)))
-        })
+        .map(|i| golden(&full, frequency(i.saturating_sub(1)).min(1.0 / low), frequency((i + 1).min(steps))))
         .min_by(|a, b| a.1.total_cmp(&b.1))
         .map(|(f, _)| 1.0 / f)
         .ok_or(FitError::PeriodSearchEmpty { low, high, order: shape.order })

@@ -25,7 +25,7 @@ pub(super) fn solve(design: &DMatrix<f64>, y: &[f64], penalty: &[f64]) -> Result
     let (q, r) = factor(design, penalty, ridge);
     let values = r.clone().svd(false, false).singular_values;
     let condition = values.max() / values.min();
-    if !(condition <= CONDITION_LIMIT) {
+    if condition.is_nan() || condition > CONDITION_LIMIT {
         return Err(condition);
     }
     let observed = q.rows(0, n);
@@ -71,7 +71,8 @@ pub(super) fn sum_of_squares(design: DMatrix<f64>, y: &DVector<f64>) -> f64 {
     let mut rotated = y.clone();
     qr.q_tr_mul(&mut rotated);
     let diagonal = qr.unpack_r().diagonal().abs();
-    if !(diagonal.max() <= CONDITION_LIMIT * diagonal.min()) {
+    let (largest, smallest) = (diagonal.max(), diagonal.min());
+    if largest.is_nan() || largest > CONDITION_LIMIT * smallest {
         return f64::INFINITY;
     }
     rotated.rows_range(columns..).norm_squared()

@@ -32,10 +32,7 @@ pub(super) fn fit(data: &Data<'_>, interpolation: Interpolation) -> Result<Curve
         }
     };
     let branches: Vec<(Travel, Vec<f64>)> = if data.both_directions() {
-        vec![
-            (Travel::Forward, complete(Travel::Forward)?),
-            (Travel::Reverse, complete(Travel::Reverse)?),
-        ]
+        vec![(Travel::Forward, complete(Travel::Forward)?), (Travel::Reverse, complete(Travel::Reverse)?)]
     } else {
         // measured in one direction only: one curve, which then serves both
         let travel = data.readings[0].travel;

@@ -257,7 +257,8 @@ fn what_cannot_be_fitted_is_refused() {
     // a 10 mm screw pitch cannot be seen with targets every 10 mm
     let aliased = Request { order: Some(1), period: Period::Given(10.0), ..with_basis(Basis::Fourier) };
     assert!(matches!(fit(&few, &aliased).unwrap_err(), FitError::Degenerate { .. }));
-    let reversed = Request { order: Some(1), period: Period::Within([50.0, 20.0]), ..with_basis(Basis::Fourier) };
+    let reversed =
+        Request { order: Some(1), period: Period::Within([50.0, 20.0]), ..with_basis(Basis::Fourier) };
     assert!(matches!(fit(&few, &reversed).unwrap_err(), FitError::PeriodSearchEmpty { .. }));
     let negative = Request { order: Some(1), period: Period::Given(-5.0), ..with_basis(Basis::Fourier) };
     assert_eq!(fit(&few, &negative).unwrap_err(), FitError::PeriodNotPositive { value: -5.0 });

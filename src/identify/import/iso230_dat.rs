@@ -94,6 +94,9 @@ struct Entry {
     value: f64,
 }
 
+/// A number of the file to mm or rad.
+type ToInner = fn(f64) -> f64;
+
 #[derive(Default)]
 struct Raw {
     targets: BTreeMap<usize, Entry>,
@@ -194,7 +197,7 @@ impl Raw {
         Ok(PositioningTest { kind, readings })
     }
 
-    fn scale(&self) -> Result<(AxisKind, fn(f64) -> f64), DatError> {
+    fn scale(&self) -> Result<(AxisKind, ToInner), DatError> {
         let Some((line, column, unit)) = &self.unit else { return Ok((AxisKind::Linear, |v| v)) };
         match unit.as_str() {
             "mm" => Ok((AxisKind::Linear, |v| v)),
