@@ -1,7 +1,6 @@
 //! `volcomp fit` from the outside: data to model file to prediction, reports, and bad input one by one.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-#![expect(clippy::print_stderr, reason = "a skipped test says so")]
 #![expect(clippy::disallowed_methods, reason = "the test writes and reads files")]
 
 use std::path::Path;

@@ -1,7 +1,6 @@
 //! `volcomp predict` from the outside: reference vectors through files, and bad input one by one.
 
-#![expect(clippy::unwrap_used, clippy::expect_used, reason = "a test fails by panicking")]
-#![expect(clippy::print_stderr, reason = "a skipped test says so")]
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 #![expect(clippy::disallowed_methods, reason = "the test writes and reads files")]
 
 use std::collections::HashMap;

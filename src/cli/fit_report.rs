@@ -107,6 +107,11 @@ pub(super) fn note_text(symbol: ErrorSymbol, note: Note) -> String {
             (units.of_value)(mean),
             units.value
         ),
+        Note::SparseTargets { error, lower } => format!(
+            "the targets are too far apart for this error: left-out targets are predicted to {:.2} {} only, and better by order {lower}; measure closer, or use --basis table",
+            (units.of_value)(error),
+            units.value
+        ),
         Note::OrderLowered { from, to } => {
             format!("order {to} instead of {from}: it predicts left-out positions better")
         }

@@ -344,9 +344,8 @@ mod tests {
 
     #[test]
     fn bom_crlf_blanks_comments_and_quotes() {
-        let mut t =
-            table("\u{feff}# made by hand\r\n\r\n a , \"b\"\r\n1, 2 \r\n  # note\r\n\r\n\"3\",\" 4\"")
-                .unwrap();
+        let mut t = table("\u{feff}# made by hand\r\n\r\n a ,\"b\"\r\n1, 2 \r\n  # note\r\n\r\n\"3\",\" 4\"")
+            .unwrap();
         assert_eq!(t.columns(), ["a", "b"]);
         let mut rows = Vec::new();
         while t.advance().unwrap() {

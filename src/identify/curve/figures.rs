@@ -23,7 +23,8 @@ pub struct Figures {
     pub aicc: Option<f64>,
     /// RMS error of each reading predicted from all others (a fitted period is kept); `None` where undefined.
     pub loo_rmse: Option<f64>,
-    /// The same with all readings of a position left out together; decides between orders.
+    /// The same with all readings of a position left out together, first and last position kept: no curve is
+    /// used beyond its range. Decides between orders; `None` where undefined.
     pub position_rmse: Option<f64>,
 }
 

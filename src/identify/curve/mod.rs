@@ -93,6 +93,13 @@ pub enum Note {
         /// Mean difference forward minus reverse.
         mean: f64,
     },
+    /// The positions are too far apart for what the error does between them.
+    SparseTargets {
+        /// RMS error with which left-out positions are predicted.
+        error: f64,
+        /// The order that predicts them better, but loses what the measured positions show.
+        lower: usize,
+    },
     /// AICc preferred a higher order that predicts left-out positions worse.
     OrderLowered {
         /// The order of lowest AICc.
@@ -245,6 +252,11 @@ impl<'a> Data<'a> {
 
     fn values(&self) -> impl Iterator<Item = f64> + '_ {
         self.readings.iter().map(|r| r.value)
+    }
+
+    /// True for every position but the first and the last.
+    fn is_inner(&self, group: usize) -> bool {
+        group > 0 && group + 1 < self.positions.len()
     }
 
     fn both_directions(&self) -> bool {

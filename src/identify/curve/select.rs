@@ -12,12 +12,19 @@ use crate::core::model::curve::MAX_TERMS;
 const AICC_STEP: f64 = 4.0;
 /// A lower order is taken where it predicts left-out positions better by more than this share.
 const CHECK_MARGIN: f64 = 0.05;
+/// How much worse, at the measured positions, a lower order may be for that.
+const TARGET_MARGIN: f64 = 0.25;
 /// Highest order that is tried unasked.
 const AUTO_ORDER_LIMIT: usize = 24;
 /// Highest number of harmonics that is tried unasked together with a fitted period.
 const AUTO_HARMONICS_LIMIT: usize = 8;
 /// Positions are averaged down to about this number while the grid of periods is searched.
 const SEARCH_POSITIONS: usize = 256;
+/// Positions per wave of the highest harmonic; at 2 its sine vanishes at every position.
+const POSITIONS_PER_WAVE: f64 = 2.2;
+/// Periods with more spread than this between the pivots of the least-squares problem are passed over: their terms
+/// cancel at the positions and swing between them.
+const PIVOT_LIMIT: f64 = 100.0;
 /// Longest period searched, in ranges; beyond it sine, cosine and mean become alike.
 const LONGEST_PERIOD: f64 = 1.2;
 
@@ -36,13 +43,13 @@ pub fn highest_order(basis: Basis, positions: usize) -> usize {
     free.min((2.0 * (positions as f64).sqrt()) as usize).min(stored)
 }
 
-/// The periods that `order` harmonics can have on these distinct, increasing positions: at least two positions
+/// The periods that `order` harmonics can have on these distinct, increasing positions: more than two positions
 /// per wave of the highest harmonic, at most 1.2 times the range.
 #[must_use]
 pub fn period_range(positions: &[f64], order: usize) -> [f64; 2] {
     let span = positions[positions.len() - 1] - positions[0];
     let spacing = span / (positions.len() - 1) as f64;
-    [2.0 * order.max(1) as f64 * spacing, LONGEST_PERIOD * span]
+    [POSITIONS_PER_WAVE * order.max(1) as f64 * spacing, LONGEST_PERIOD * span]
 }
 
 /// The best curve of any family.
@@ -109,23 +116,33 @@ pub(super) fn best_of_basis(data: &Data<'_>, basis: Basis, request: &Request) ->
     choose(data, tried).ok_or(problem.unwrap_or(too_few))
 }
 
-/// The fit of lowest AICc, unless a lower order predicts left-out positions better.
+/// The fit of lowest AICc. A lower order is taken where it predicts left-out positions better and describes the
+/// measured ones nearly as well; where it would lose what the positions show again and again, it is only noted.
 fn choose(data: &Data<'_>, tried: Vec<CurveFit>) -> Option<CurveFit> {
     let proposed = (0..tried.len())
         .reduce(|best, i| if improvement(data, &tried[best], &tried[i]) > 0.0 { i } else { best })?;
-    let error = |i: usize| tried[i].figures.position_rmse.unwrap_or(f64::INFINITY);
-    let checked = (0..proposed)
-        .filter(|&i| error(i) < (1.0 - CHECK_MARGIN) * error(proposed))
-        .reduce(|best, i| if error(i) < error(best) { i } else { best });
-    let taken = match checked {
-        Some(lower) if !tried[proposed].figures.is_exact(data.values()) => lower,
-        _ => proposed,
+    let or_worst = |v: Option<f64>| v.unwrap_or(f64::INFINITY);
+    let between = |i: usize| or_worst(tried[i].figures.position_rmse);
+    let at_targets = |i: usize| or_worst(tried[i].figures.loo_rmse);
+    let exact = tried[proposed].figures.is_exact(data.values());
+    let better: Vec<usize> =
+        (0..proposed).filter(|&i| !exact && between(i) < (1.0 - CHECK_MARGIN) * between(proposed)).collect();
+    let best = |candidates: &mut dyn Iterator<Item = usize>| {
+        candidates.reduce(|best, i| if between(i) < between(best) { i } else { best })
     };
-    let from = tried[proposed].order;
+    let affordable = |i: &usize| at_targets(*i) <= (1.0 + TARGET_MARGIN) * at_targets(proposed);
+    let taken = best(&mut better.iter().copied().filter(affordable)).unwrap_or(proposed);
+    let note = match (best(&mut better.iter().copied()), tried[proposed].order) {
+        (Some(_), Some(from)) if taken != proposed => {
+            tried[taken].order.map(|to| Note::OrderLowered { from, to })
+        }
+        (Some(lower), _) => {
+            tried[lower].order.map(|lower| Note::SparseTargets { error: between(proposed), lower })
+        }
+        _ => None,
+    };
     let mut fit = tried.into_iter().nth(taken)?;
-    if let (true, Some(from), Some(to)) = (taken != proposed, from, fit.order) {
-        fit.notes.push(Note::OrderLowered { from, to });
-    }
+    fit.notes.extend(note);
     Some(fit)
 }
 
@@ -211,14 +228,15 @@ fn fit_shape(
     })
 }
 
-/// Every position predicted from all others: `(I - H_gg)^-1 e_g` with equal rows in the group, in closed form.
+/// Every inner position predicted from all others: `(I - H_gg)^-1 e_g` with equal rows in the group, in closed form.
 fn leave_position_out(data: &Data<'_>, solution: &Solution) -> Option<f64> {
     let mut groups = vec![(0.0, 0usize); data.positions.len()];
     for (e, &g) in solution.residuals.iter().zip(&data.group) {
         groups[g].0 += e;
         groups[g].1 += 1;
     }
-    rms(solution.residuals.iter().zip(&solution.leverage).zip(&data.group).map(|((e, h), &g)| {
+    let rows = solution.residuals.iter().zip(&solution.leverage).zip(&data.group);
+    rms(rows.filter(|(_, g)| data.is_inner(**g)).map(|((e, h), &g)| {
         let (sum, count) = groups[g];
         e + h * sum / (1.0 - count as f64 * h).max(0.0)
     }))
@@ -247,7 +265,7 @@ fn search_period(data: &Data<'_>, shape: Shape, [low, high]: [f64; 2]) -> Result
     let y = DVector::from_iterator(data.readings.len(), data.values());
     let full = |f: f64| {
         let shape = Shape { period: 1.0 / f, ..shape };
-        sum_of_squares(shape.design(data.readings.iter().map(|r| r.position)), &y)
+        sum_of_squares(shape.design(data.readings.iter().map(|r| r.position)), &y, PIVOT_LIMIT)
     };
     minima
         .into_iter()
@@ -288,7 +306,7 @@ impl Coarse {
         for (mut row, weight) in design.row_iter_mut().zip(&self.weights) {
             row *= *weight;
         }
-        sum_of_squares(design, &self.values)
+        sum_of_squares(design, &self.values, PIVOT_LIMIT)
     }
 }
 

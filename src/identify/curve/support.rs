@@ -45,11 +45,9 @@ pub(super) fn fit(data: &Data<'_>, interpolation: Interpolation) -> Result<Curve
     let coefficients: Vec<f64> = branches.iter().flat_map(|(_, v)| v.iter().copied()).collect();
     let mut figures = Figures::new(&values, &fitted, coefficients.len());
     figures.loo_rmse = leave_one_out(data, &fitted, &of);
-    figures.position_rmse = rms(data
-        .readings
-        .iter()
-        .zip(&data.group)
-        .map(|(r, &g)| r.value - from_neighbours(&data.positions, of(r.travel), g)));
+    let inner = data.readings.iter().zip(&data.group).filter(|(_, g)| data.is_inner(**g));
+    figures.position_rmse =
+        rms(inner.map(|(r, &g)| r.value - from_neighbours(&data.positions, of(r.travel), g)));
     let mut values = branches.into_iter().map(|(_, v)| v);
     let forward = values.next().unwrap_or_default();
     Ok(CurveFit {

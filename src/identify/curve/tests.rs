@@ -137,7 +137,7 @@ fn leave_one_out_is_what_leaving_one_out_gives() {
             Request { order: Some(2), period: Period::Given(150.0), linear: Some(true), ..with_basis(basis) };
         let whole = fit(&all, &request).unwrap();
         // the shape must keep its range, so only inner readings are left out
-        let mut sum = 0.0;
+        let (mut sum, mut inner) = (0.0, 0.0);
         let shape = basis::Shape { basis, order: 2, range: [0.0, 280.0], period: 150.0, linear: true };
         for skip in 0..all.len() {
             let rest: Vec<Reading> =
@@ -146,10 +146,15 @@ fn leave_one_out_is_what_leaving_one_out_gives() {
             let y: Vec<f64> = rest.iter().map(|r| r.value).collect();
             let solution = solve::solve(&design, &y, &[]).unwrap();
             let curve = shape.curve(&solution.coefficients).unwrap();
-            sum += (all[skip].value - curve.value(all[skip].position, Travel::Forward)).powi(2);
+            let error = (all[skip].value - curve.value(all[skip].position, Travel::Forward)).powi(2);
+            sum += error;
+            if (1..all.len() - 1).contains(&skip) {
+                inner += error;
+            }
         }
         let direct = (sum / all.len() as f64).sqrt();
         assert!((whole.figures.loo_rmse.unwrap() - direct).abs() < 1e-15, "{basis:?}");
+        let direct = (inner / (all.len() - 2) as f64).sqrt();
         assert!((whole.figures.position_rmse.unwrap() - direct).abs() < 1e-15, "{basis:?}");
     }
 }
@@ -163,14 +168,14 @@ fn repeated_positions_are_left_out_together() {
     let shape =
         basis::Shape { basis: Basis::Chebyshev, order: 3, range: [0.0, 275.0], period: 1.0, linear: false };
     let mut sum = 0.0;
-    for skip in grid(12, 25.0) {
+    for skip in grid(12, 25.0).into_iter().skip(1).take(10) {
         let (out, rest): (Vec<Reading>, Vec<Reading>) = all.iter().partition(|r| r.position == skip);
         let design = shape.design(rest.iter().map(|r| r.position));
         let y: Vec<f64> = rest.iter().map(|r| r.value).collect();
         let curve = shape.curve(&solve::solve(&design, &y, &[]).unwrap().coefficients).unwrap();
         sum += out.iter().map(|r| (r.value - curve.value(skip, Travel::Forward)).powi(2)).sum::<f64>();
     }
-    let direct = (sum / all.len() as f64).sqrt();
+    let direct = (sum / (all.len() - 6) as f64).sqrt();
     assert!((whole.figures.position_rmse.unwrap() - direct).abs() < 1e-14);
 }
 
