@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 use super::positioning_data::{Cycles, TestColumns, TestFormat, no_rows, read_test};
 use super::{EX_DATAERR, Failure, table};
 use crate::core::axes::AxisKind;
-use crate::core::units::{arcsec_from_rad, mm_from_um, rad_from_deg, um_from_mm};
+use crate::core::units::{arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_deg, um_from_mm};
 use crate::evaluate::{Centring, CircularReading, Circularity, Diagonal, DiagonalTest, Positioning};
 
 /// Evaluate a test by ISO 230.
@@ -96,14 +96,17 @@ fn positioning(args: &PositioningArgs) -> Result<(), Failure> {
     if let Some(cycles) = &args.cycles {
         cycles.select(&file, &mut test.readings)?;
     }
-    let (unit, scale): (&str, fn(f64) -> f64) = match test.kind {
-        AxisKind::Linear => ("um", um_from_mm),
-        AxisKind::Rotary => ("arcsec", arcsec_from_rad),
+    // evaluated in the units of the report, so that messages name the targets in them too
+    type Convert = fn(f64) -> f64;
+    let (unit, to_target, to_value): (&str, Convert, Convert) = match test.kind {
+        AxisKind::Linear => ("um", |v| v, um_from_mm),
+        AxisKind::Rotary => ("arcsec", deg_from_rad, arcsec_from_rad),
     };
-    let mut result = Positioning::evaluate(&test.readings).map_err(|e| bad_data(&args.data, e))?;
-    if test.kind == AxisKind::Rotary {
-        result.targets.iter_mut().for_each(|t| *t = t.to_degrees());
+    for r in &mut test.readings {
+        (r.position, r.value) = (to_target(r.position), to_value(r.value));
     }
+    let scale: Convert = |v| v;
+    let result = Positioning::evaluate(&test.readings).map_err(|e| bad_data(&args.data, e))?;
     if result.cycles < 5 {
         eprintln!("note: {} cycles; ISO 230-2 asks for 5", result.cycles);
     }

@@ -175,7 +175,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut fitted = Vec::with_capacity(by_symbol.len());
     for (symbol, readings) in by_symbol {
         let request = args.request(symbol.axis().kind())?;
+        let rotary = symbol.axis().kind() == AxisKind::Rotary;
         let fit = curve::fit(&readings, &request)
+            .map_err(|e| if rotary { e.in_degrees() } else { e })
             .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {symbol}: {e}", args.files())))?;
         fitted.push(Fitted { symbol, readings, fit });
     }

@@ -121,7 +121,7 @@ pub(super) fn note_text(symbol: ErrorSymbol, note: Note) -> String {
 /// One line per error motion on stdout.
 pub(super) fn print_table(fitted: &[Fitted]) {
     println!(
-        "{:<7}{:<11}{:>6}{:>10}{:>6}{:>4}{:>11}{:>11}{:>11}{:>11}{:>13}  unit",
+        "{:<7}{:<11}{:>6}{:>10}{:>6}{:>4}{:>11}{:>11}{:>11}{:>11}{:>15}  unit",
         "error",
         "basis",
         "order",
@@ -143,7 +143,7 @@ pub(super) fn print_table(fitted: &[Fitted]) {
         let order = f.fit.order.map_or_else(|| "-".to_owned(), |o| o.to_string());
         let figures = &f.fit.figures;
         println!(
-            "{:<7}{:<11}{order:>6}{period:>10}{:>6}{:>4}{:>11}{:>11}{:>11}{:>11}{:>13}  {}",
+            "{:<7}{:<11}{order:>6}{period:>10}{:>6}{:>4}{:>11}{:>11}{:>11}{:>11}{:>15}  {}",
             f.symbol.to_string(),
             f.fit.basis.name(),
             figures.n,

@@ -349,25 +349,34 @@ fn push_number(block: &mut Vec<u8>, value: f64) {
         block.extend_from_slice(value.to_string().as_bytes());
         return;
     }
-    let fixed = (value * 1e9).round() as i64;
-    if fixed < 0 {
+    // rounds half away from zero; a call of round() costs more than the whole conversion
+    let fixed = (value.abs() * 1e9 + 0.5) as u64;
+    if value < 0.0 && fixed > 0 {
         block.push(b'-');
     }
-    let mut rest = fixed.unsigned_abs();
-    let mut digits = [b'0'; 24];
+    let (mut whole, mut fraction) = (fixed / 1_000_000_000, (fixed % 1_000_000_000) as u32);
+    let mut digits = [b'0'; 12];
     let mut start = digits.len();
-    while rest > 0 || start > digits.len() - DECIMALS - 1 {
+    loop {
         start -= 1;
-        digits[start] = b'0' + (rest % 10) as u8;
-        rest /= 10;
+        digits[start] = b'0' + (whole % 10) as u8;
+        whole /= 10;
+        if whole == 0 {
+            break;
+        }
     }
-    let point = digits.len() - DECIMALS;
-    let decimals = digits[point..].iter().rposition(|d| *d != b'0').map_or(0, |i| i + 1);
-    block.extend_from_slice(&digits[start..point]);
-    if decimals > 0 {
-        block.push(b'.');
-        block.extend_from_slice(&digits[point..point + decimals]);
+    block.extend_from_slice(&digits[start..]);
+    if fraction == 0 {
+        return;
     }
+    let mut decimals = [b'0'; DECIMALS];
+    for d in decimals.iter_mut().rev() {
+        *d = b'0' + (fraction % 10) as u8;
+        fraction /= 10;
+    }
+    let used = decimals.iter().rposition(|d| *d != b'0').map_or(0, |i| i + 1);
+    block.push(b'.');
+    block.extend_from_slice(&decimals[..used]);
 }
 
 /// A bar on stderr, only where that is a terminal and the work takes long.

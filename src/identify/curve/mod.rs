@@ -38,6 +38,23 @@ pub enum Basis {
     Table,
 }
 
+impl FitError {
+    /// The same with positions and periods in degrees, for the message about a rotary axis.
+    #[must_use]
+    pub fn in_degrees(self) -> Self {
+        match self {
+            Self::DirectionMissing { position, travel } => {
+                Self::DirectionMissing { position: position.to_degrees(), travel }
+            }
+            Self::PeriodNotPositive { value } => Self::PeriodNotPositive { value: value.to_degrees() },
+            Self::PeriodSearchEmpty { low, high, order } => {
+                Self::PeriodSearchEmpty { low: low.to_degrees(), high: high.to_degrees(), order }
+            }
+            other => other,
+        }
+    }
+}
+
 impl Basis {
     /// The name used in arguments and reports.
     #[must_use]
@@ -225,6 +242,9 @@ const fn direction_name(travel: Travel) -> &'static str {
 /// Condition number above which coefficients are reported as ill-determined.
 const CONDITION_NOTE: f64 = 1e4;
 
+/// Share of the RMS residual above which a reversal that is left out is reported.
+const REVERSAL_NOTE: f64 = 0.5;
+
 /// Readings made ready for fitting.
 struct Data<'a> {
     readings: &'a [Reading],
@@ -299,6 +319,7 @@ pub fn fit(readings: &[Reading], request: &Request) -> Result<CurveFit, FitError
     }
     if fit.basis != Basis::Table
         && let Some(mean) = data.mean_reversal()
+        && mean.abs() > REVERSAL_NOTE * fit.figures.rmse_n
     {
         fit.notes.push(Note::ReversalLeftOut { mean });
     }
