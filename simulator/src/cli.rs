@@ -4,6 +4,7 @@
 #![expect(clippy::print_stdout, reason = "data goes to stdout")]
 #![expect(clippy::print_stderr, reason = "messages go to stderr")]
 
+mod demo;
 mod path;
 mod serve;
 
@@ -54,9 +55,15 @@ struct Cli {
     verb: Verb,
 }
 
-// Further verbs: a module beside `serve` and `path`, a variant here, an arm in `cncsim`.
 #[derive(Debug, Subcommand)]
 enum Verb {
+    /// Watch a machine tool become more accurate: survey, fit, compensate, compare.
+    ///
+    /// Runs control, machine and daemon over real TCP on loopback, a circle, body diagonals and recorded motion
+    /// without and with compensation, and leaves a picture and a page of both. Takes well under a minute.
+    Demo(demo::DemoArgs),
+    /// Measure all error motions of a simulated machine with noisy instruments, as tables for volcomp fit.
+    Survey(demo::SurveyArgs),
     /// Run a part programme on the simulated machine and serve its control on the link.
     ///
     /// Without a daemon the machine runs uncompensated. Without a programme it stands still and serves.
@@ -65,6 +72,26 @@ enum Verb {
     Replay(serve::ReplayArgs),
     /// Print a standard test path as a part programme.
     Path(path::Args),
+    /// The product's daemon, for the demo and its tests.
+    #[command(hide = true, disable_help_flag = true)]
+    Volcompd(Program),
+    /// The product's tool, for the demo and its tests.
+    #[command(hide = true, disable_help_flag = true)]
+    Volcomp(Program),
+}
+
+/// Arguments that belong to one of the product's programs.
+#[derive(Debug, clap::Args)]
+struct Program {
+    #[arg(trailing_var_arg = true, allow_hyphen_values = true)]
+    args: Vec<OsString>,
+}
+
+impl Program {
+    /// With the name of the program in front.
+    fn named(self, name: &str) -> impl Iterator<Item = OsString> {
+        std::iter::once(OsString::from(name)).chain(self.args)
+    }
 }
 
 /// Runs the program on `args` (the first is the program's name).
@@ -80,6 +107,10 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         }
     };
     let result = match parsed.verb {
+        Verb::Demo(args) => demo::demo(&args),
+        Verb::Survey(args) => demo::survey(&args),
+        Verb::Volcompd(program) => return volcomp::cli::volcompd(program.named("volcompd")),
+        Verb::Volcomp(program) => return volcomp::cli::volcomp(program.named("volcomp")),
         Verb::Serve(args) => serve::serve(&args),
         Verb::Replay(args) => serve::replay(&args),
         Verb::Path(args) => path::run(&args),

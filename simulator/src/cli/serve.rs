@@ -181,14 +181,19 @@ fn cycle(common: &Common) -> Result<f64, Failure> {
 }
 
 /// The machine of a file or a built-in one, and its axes.
-fn machine(path: &Path) -> Result<(TruthMachine, MachineAxes), Failure> {
+/// A machine by name or by its truth file.
+pub(super) fn built_in_or_file(path: &Path) -> Result<TruthMachine, Failure> {
     let text = match path.to_str() {
         Some("vmc-850") => VMC_850.to_owned(),
         Some("gantry-5ax") => GANTRY_5AX.to_owned(),
         Some("grinder-ab") => GRINDER_AB.to_owned(),
         _ => read(path)?,
     };
-    let machine = TruthMachine::from_toml(&text).map_err(|e| Failure::in_file(EX_CONFIG, path, e))?;
+    TruthMachine::from_toml(&text).map_err(|e| Failure::in_file(EX_CONFIG, path, e))
+}
+
+fn machine(path: &Path) -> Result<(TruthMachine, MachineAxes), Failure> {
+    let machine = built_in_or_file(path)?;
     let axes = MachineAxes::of(&machine).map_err(|e| Failure::in_file(EX_CONFIG, path, e))?;
     Ok((machine, axes))
 }

@@ -1,0 +1,161 @@
+//! The workshop of the demo: one machine, its control, and the daemon beside it.
+
+use std::path::Path;
+use std::time::Duration;
+
+use anyhow::{Context, bail};
+use volcomp::core::axes::{AxisArray, MAX_AXES};
+use volcomp::core::protocol::CorrectionState;
+
+use super::programs::Daemon;
+use crate::control::{Control, ControlConfig, CycleRecord, Flow, Pacing};
+use crate::motion::gcode::interpret;
+use crate::motion::{Dynamics, MachineAxes, MotionSource, Trajectory};
+use crate::truth::TruthMachine;
+
+/// How long the daemon may take to connect.
+const CONNECT_LIMIT: Duration = Duration::from_secs(10);
+/// How long ramping in may take, s of control time.
+const RAMP_LIMIT_S: f64 = 10.0;
+
+/// A machine with its control.
+pub struct Shop {
+    machine: TruthMachine,
+    axes: MachineAxes,
+    control: Control,
+    cycle_s: f64,
+}
+
+impl Shop {
+    /// A machine that stands in the middle of its travel, its control listening on a free port of loopback.
+    ///
+    /// # Errors
+    /// The control cannot listen.
+    pub fn open(mut machine: TruthMachine, seed: u64, cycle_s: f64) -> anyhow::Result<Self> {
+        let axes = MachineAxes::of(&machine)?;
+        let middle = axes.middle();
+        machine.reset(seed, &middle);
+        let config = ControlConfig {
+            cycle_s,
+            listen: ([127, 0, 0, 1], 0).into(),
+            pacing: Pacing::lock_step(),
+            ..ControlConfig::new(machine.machine(), axes.clone())
+        };
+        let mut control = Control::bind(config)?;
+        control.set_position(middle);
+        Ok(Self { machine, axes, control, cycle_s })
+    }
+
+    /// Address of the control.
+    #[must_use]
+    pub fn address(&self) -> String {
+        self.control.address().to_string()
+    }
+
+    /// The machine.
+    #[must_use]
+    pub const fn machine(&self) -> &TruthMachine {
+        &self.machine
+    }
+
+    /// The axes in wire order.
+    #[must_use]
+    pub const fn axes(&self) -> &MachineAxes {
+        &self.axes
+    }
+
+    /// Control cycle, s.
+    #[must_use]
+    pub const fn cycle_s(&self) -> f64 {
+        self.cycle_s
+    }
+
+    /// The control.
+    pub const fn control(&mut self) -> &mut Control {
+        &mut self.control
+    }
+
+    /// Starts a daemon and waits until it compensates.
+    ///
+    /// # Errors
+    /// It does not start, does not connect, or does not become active; the message says where its log is.
+    pub fn start_daemon(&mut self, config: &Path, log: &Path) -> anyhow::Result<Daemon> {
+        let daemon = Daemon::start(config, log)?;
+        let see = || format!("see {}", log.display());
+        self.control.wait_for_daemon(CONNECT_LIMIT).with_context(see)?;
+        let mut active = false;
+        self.control.run_until(&mut self.machine, RAMP_LIMIT_S, &mut |r| {
+            active = r.correction.is_some_and(|c| c.state == CorrectionState::Active);
+            Ok(if active { Flow::Stop } else { Flow::GoOn })
+        })?;
+        if !active {
+            bail!("the daemon is connected but does not compensate; {}", see());
+        }
+        Ok(daemon)
+    }
+
+    /// Stands still for so long.
+    ///
+    /// # Errors
+    /// The control's.
+    pub fn dwell(&mut self, seconds: f64) -> anyhow::Result<()> {
+        self.control.dwell(&mut self.machine, seconds)?;
+        Ok(())
+    }
+
+    /// Runs a part programme and returns the cycles that count.
+    ///
+    /// # Errors
+    /// The programme is wrong, or the control's.
+    pub fn programme(&mut self, text: &str) -> anyhow::Result<Vec<CycleRecord>> {
+        let start = self.control.position();
+        let programme = interpret(text, &self.axes, start)?;
+        let motion =
+            Trajectory::new(start, &programme.segments, &self.axes, &Dynamics::default(), self.cycle_s)?;
+        self.motion(motion)
+    }
+
+    /// Goes to a position in rapid.
+    ///
+    /// # Errors
+    /// The control's.
+    pub fn go_to(&mut self, position: &AxisArray) -> anyhow::Result<()> {
+        let from = self.control.position();
+        let motion = Trajectory::rapid(from, *position, &self.axes, &Dynamics::default(), self.cycle_s)?;
+        self.motion(motion)?;
+        Ok(())
+    }
+
+    /// Runs any motion and returns the cycles that count.
+    ///
+    /// # Errors
+    /// The control's.
+    pub fn motion(&mut self, mut motion: impl MotionSource) -> anyhow::Result<Vec<CycleRecord>> {
+        let mut cycles = Vec::new();
+        self.control.run(&mut motion, &mut self.machine, &mut |r| {
+            if r.scored {
+                cycles.push(*r);
+            }
+            Ok(Flow::GoOn)
+        })?;
+        Ok(cycles)
+    }
+
+    /// The middle of every travel.
+    #[must_use]
+    pub fn middle(&self) -> AxisArray {
+        self.axes.middle()
+    }
+
+    /// Lower and upper corner of the working volume.
+    #[must_use]
+    pub fn corners(&self) -> [[f64; 3]; 2] {
+        let mut corners = [[0.0; 3]; 2];
+        for k in 0..3.min(MAX_AXES) {
+            let [low, high] = self.machine.travel(k);
+            corners[0][k] = low;
+            corners[1][k] = high;
+        }
+        corners
+    }
+}
