@@ -278,7 +278,10 @@ impl Args {
             None => spec.errors.push((symbol, function)),
         };
         for f in fitted {
-            put(f.symbol, ErrorFunction { curves: vec![f.fit.curve.clone()], std: f.fit.figures.rmse_dof });
+            put(
+                f.symbol,
+                ErrorFunction { std: f.fit.figures.rmse_dof, ..ErrorFunction::single(f.fit.curve.clone()) },
+            );
         }
         for (symbol, value) in &self.squareness {
             put(*symbol, ErrorFunction::single(Curve::Constant(*value)));

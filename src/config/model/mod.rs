@@ -69,8 +69,8 @@ pub fn parse_file(file: &str, text: &str) -> Result<ModelFile, ConfigErrors> {
 #[must_use]
 pub fn known_keys() -> Vec<String> {
     let text = "axes = {x = {}, c = {}}\n[errors]\n\
-        exx = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}}\n\
-        eac = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}}\n";
+        exx = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}}\n\
+        eac = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}}\n";
     let reader = Reader::default();
     if let Ok(document) = reader::document("", text) {
         read(&Section::top(&reader, &document), text);
@@ -176,7 +176,9 @@ fn inside(text: &str, written: &Placed<&str>, error: &ChainError) -> core::ops::
 /// What to do about a broken rule of the model.
 fn remedy(error: &ModelError, chain: &str) -> String {
     match error {
-        ModelError::AxisNotInChain { axis } | ModelError::ErrorOfMissingAxis { axis, .. } => {
+        ModelError::AxisNotInChain { axis }
+        | ModelError::ErrorOfMissingAxis { axis, .. }
+        | ModelError::GridOverMissingAxis { axis, .. } => {
             format!("the chain is {chain}: add {axis} to it or take this entry out")
         }
         ModelError::SquarenessWithoutPartner { partner, .. } => {
