@@ -47,13 +47,6 @@ impl Model {
         (deviation, self.oppose(&nominal, &deviation))
     }
 
-    /// The same with the deviation of full rotations; the corrections oppose it to first order. Not for the cycle.
-    #[must_use]
-    pub fn correct_exact(&self, pose: &Pose) -> (Deviation, AxisCorrection) {
-        let deviation = self.deviation_exact(pose);
-        (deviation, self.oppose(&self.nominal(pose), &deviation))
-    }
-
     /// Where no axis turns, X Y Z act along x y z: the correction is the deviation with its sign changed.
     fn oppose_without_rotation(&self, deviation: &Deviation) -> AxisCorrection {
         let mut out = AxisCorrection {
@@ -70,6 +63,13 @@ impl Model {
             }
         }
         out
+    }
+
+    /// The same with the deviation of full rotations; the corrections oppose it to first order. Not for the cycle.
+    #[must_use]
+    pub fn correct_exact(&self, pose: &Pose) -> (Deviation, AxisCorrection) {
+        let deviation = self.deviation_exact(pose);
+        (deviation, self.oppose(&self.nominal(pose), &deviation))
     }
 
     fn oppose(&self, nominal: &Nominal, deviation: &Deviation) -> AxisCorrection {
