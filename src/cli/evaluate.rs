@@ -9,7 +9,9 @@ use super::positioning_data::{Cycles, TestColumns, TestFormat, no_rows, read_tes
 use super::{EX_DATAERR, Failure, table};
 use crate::core::axes::AxisKind;
 use crate::core::units::{arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_deg, um_from_mm};
-use crate::evaluate::{Centring, CircularReading, Circularity, Diagonal, DiagonalTest, Positioning};
+use crate::evaluate::{
+    Centring, CircularReading, Circularity, Diagonal, DiagonalTest, Positioning, PositioningReading,
+};
 
 /// Evaluate a test by ISO 230.
 #[derive(Debug, Parser)]
@@ -102,11 +104,17 @@ fn positioning(args: &PositioningArgs) -> Result<(), Failure> {
         AxisKind::Linear => ("um", |v| v, um_from_mm),
         AxisKind::Rotary => ("arcsec", deg_from_rad, arcsec_from_rad),
     };
-    for r in &mut test.readings {
-        (r.position, r.value) = (to_target(r.position), to_value(r.value));
-    }
+    let readings: Vec<PositioningReading> = test
+        .readings
+        .iter()
+        .map(|r| PositioningReading {
+            travel: r.travel,
+            target: to_target(r.position),
+            deviation: to_value(r.value),
+        })
+        .collect();
     let scale: Convert = |v| v;
-    let result = Positioning::evaluate(&test.readings).map_err(|e| bad_data(&args.data, e))?;
+    let result = Positioning::evaluate(&readings).map_err(|e| bad_data(&args.data, e))?;
     if result.cycles < 5 {
         eprintln!("note: {} cycles; ISO 230-2 asks for 5", result.cycles);
     }
@@ -223,7 +231,9 @@ fn diagonals(args: &DiagonalArgs) -> Result<(), Failure> {
             let what = format_args!("'{word}' is no diagonal; write ppp, npp, pnp or ppn (signs of X Y Z)");
             return Err(table.fail(name, what));
         };
-        readings.push((diagonal, columns.reading(&table)?));
+        let r = columns.reading(&table)?;
+        let (target, deviation) = (r.position, r.value);
+        readings.push((diagonal, PositioningReading { travel: r.travel, target, deviation }));
     }
     if readings.is_empty() {
         return Err(no_rows(table.file()));

@@ -4,8 +4,7 @@
 //!
 //! Source: ISO 230-6:2002, clause 3; names of the diagonals as in equations 5.3.
 
-use super::positioning::{Positioning, PositioningError};
-use crate::identify::Reading;
+use super::positioning::{Positioning, PositioningError, PositioningReading};
 
 /// A body diagonal by the signs with which X, Y and Z move along it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -79,10 +78,10 @@ impl DiagonalTest {
     ///
     /// # Errors
     /// A diagonal is missing or cannot be evaluated.
-    pub fn evaluate(readings: &[(Diagonal, Reading)]) -> Result<Self, DiagonalError> {
+    pub fn evaluate(readings: &[(Diagonal, PositioningReading)]) -> Result<Self, DiagonalError> {
         let mut diagonals = Vec::with_capacity(4);
         for diagonal in Diagonal::ALL {
-            let own: Vec<Reading> =
+            let own: Vec<PositioningReading> =
                 readings.iter().filter(|(d, _)| *d == diagonal).map(|(_, r)| *r).collect();
             if own.is_empty() {
                 return Err(DiagonalError::Missing { missing: diagonal });
@@ -113,11 +112,11 @@ mod tests {
     fn the_worst_diagonal_is_named() {
         let mut all = Vec::new();
         for (k, diagonal) in Diagonal::ALL.into_iter().enumerate() {
-            for cycle in 0..2 {
+            for _ in 0..2 {
                 for i in 0..3 {
-                    let value = f64::from(i) * [1.0, -4.0, 2.0, 0.5][k];
-                    let position = f64::from(i) * 100.0;
-                    all.push((diagonal, Reading { cycle, travel: Travel::Forward, position, value }));
+                    let deviation = f64::from(i) * [1.0, -4.0, 2.0, 0.5][k];
+                    let target = f64::from(i) * 100.0;
+                    all.push((diagonal, PositioningReading { travel: Travel::Forward, target, deviation }));
                 }
             }
         }

@@ -9,4 +9,4 @@ pub mod positioning;
 
 pub use circular::{Centring, CircularReading, Circularity};
 pub use diagonal::{Diagonal, DiagonalTest};
-pub use positioning::Positioning;
+pub use positioning::{Positioning, PositioningReading};

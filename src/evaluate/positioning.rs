@@ -8,8 +8,17 @@
 //! Source: ISO 230-2:2014, clauses 3 and 7; contract section 6.
 
 use crate::core::axes::Travel;
-use crate::identify::Reading;
-use crate::identify::reading::group_by_position;
+
+/// One reading at a target.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct PositioningReading {
+    /// Direction in which the target was approached.
+    pub travel: Travel,
+    /// Target position.
+    pub target: f64,
+    /// Actual minus target.
+    pub deviation: f64,
+}
 
 /// One direction of approach.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -93,11 +102,11 @@ impl Positioning {
     ///
     /// # Errors
     /// Fewer than two targets, fewer than two readings at a target in a direction that was measured.
-    pub fn evaluate(readings: &[Reading]) -> Result<Self, PositioningError> {
-        if let Some(i) = readings.iter().position(|r| !(r.position.is_finite() && r.value.is_finite())) {
+    pub fn evaluate(readings: &[PositioningReading]) -> Result<Self, PositioningError> {
+        if let Some(i) = readings.iter().position(|r| !(r.target.is_finite() && r.deviation.is_finite())) {
             return Err(PositioningError::NotFinite { row: i + 1 });
         }
-        let (targets, group) = group_by_position(readings);
+        let (targets, group) = group_by_target(readings);
         if targets.len() < 2 {
             return Err(PositioningError::TooFewTargets { found: targets.len() });
         }
@@ -108,7 +117,7 @@ impl Positioning {
             }
             let mut values = vec![Vec::new(); targets.len()];
             for (r, &g) in readings.iter().zip(&group).filter(|(r, _)| r.travel == travel) {
-                values[g].push(r.value);
+                values[g].push(r.deviation);
             }
             for (target, v) in targets.iter().zip(&values) {
                 if v.len() < 2 {
@@ -130,6 +139,21 @@ impl Positioning {
             both,
         })
     }
+}
+
+/// The distinct targets, increasing, and for each reading the index of its target. Targets closer than 1e-9 of the
+/// range are the same.
+fn group_by_target(readings: &[PositioningReading]) -> (Vec<f64>, Vec<usize>) {
+    let mut sorted: Vec<f64> = readings.iter().map(|r| r.target).collect();
+    sorted.sort_by(f64::total_cmp);
+    let same = match (sorted.first(), sorted.last()) {
+        (Some(first), Some(last)) => 1e-9 * (last - first),
+        _ => 0.0,
+    };
+    sorted.dedup_by(|later, earlier| *later - *earlier <= same);
+    let group = |r: &PositioningReading| sorted.partition_point(|t| *t <= r.target).saturating_sub(1);
+    let groups = readings.iter().map(group).collect();
+    (sorted, groups)
 }
 
 impl Spread {
@@ -180,8 +204,8 @@ fn largest(values: impl Iterator<Item = f64>) -> f64 {
 mod tests {
     use super::*;
 
-    fn reading(cycle: u32, travel: Travel, position: f64, value: f64) -> Reading {
-        Reading { cycle, travel, position, value }
+    fn reading(travel: Travel, target: f64, deviation: f64) -> PositioningReading {
+        PositioningReading { travel, target, deviation }
     }
 
     #[test]
@@ -189,14 +213,14 @@ mod tests {
         use Travel::{Forward, Reverse};
         // mean 1, s sqrt(2); mean 5, s 0; mean -2, s sqrt(2)/2; mean 4, s 0
         let all = [
-            reading(1, Forward, 0.0, 0.0),
-            reading(2, Forward, 0.0, 2.0),
-            reading(1, Forward, 10.0, 5.0),
-            reading(2, Forward, 10.0, 5.0),
-            reading(1, Reverse, 0.0, -2.5),
-            reading(2, Reverse, 0.0, -1.5),
-            reading(1, Reverse, 10.0, 4.0),
-            reading(2, Reverse, 10.0, 4.0),
+            reading(Forward, 0.0, 0.0),
+            reading(Forward, 0.0, 2.0),
+            reading(Forward, 10.0, 5.0),
+            reading(Forward, 10.0, 5.0),
+            reading(Reverse, 0.0, -2.5),
+            reading(Reverse, 0.0, -1.5),
+            reading(Reverse, 10.0, 4.0),
+            reading(Reverse, 10.0, 4.0),
         ];
         let p = Positioning::evaluate(&all).unwrap();
         let root = 2f64.sqrt();
@@ -219,8 +243,8 @@ mod tests {
 
     #[test]
     fn one_direction_has_no_bidirectional_figures() {
-        let all: Vec<Reading> =
-            (0..6).map(|i| reading(i / 3, Travel::Reverse, f64::from(i % 3), f64::from(i))).collect();
+        let all: Vec<PositioningReading> =
+            (0..6).map(|i| reading(Travel::Reverse, f64::from(i % 3), f64::from(i))).collect();
         let p = Positioning::evaluate(&all).unwrap();
         assert!(p.forward.is_none() && p.both.is_none() && p.backward.is_some());
     }
@@ -228,9 +252,9 @@ mod tests {
     #[test]
     fn an_incomplete_test_is_refused() {
         let mut all = vec![
-            reading(1, Travel::Forward, 0.0, 0.0),
-            reading(2, Travel::Forward, 0.0, 0.0),
-            reading(1, Travel::Forward, 5.0, 0.0),
+            reading(Travel::Forward, 0.0, 0.0),
+            reading(Travel::Forward, 0.0, 0.0),
+            reading(Travel::Forward, 5.0, 0.0),
         ];
         assert_eq!(
             Positioning::evaluate(&all).unwrap_err(),
@@ -238,7 +262,7 @@ mod tests {
         );
         all.truncate(2);
         assert_eq!(Positioning::evaluate(&all).unwrap_err(), PositioningError::TooFewTargets { found: 1 });
-        all[1].value = f64::NAN;
+        all[1].deviation = f64::NAN;
         assert_eq!(Positioning::evaluate(&all).unwrap_err(), PositioningError::NotFinite { row: 2 });
     }
 }
