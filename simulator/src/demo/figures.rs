@@ -2,9 +2,9 @@
 
 use super::picture::Curves;
 use crate::control::CycleRecord;
+use crate::instruments::InstrumentError;
 use crate::instruments::ballbar::{Ballbar, CirclePoint, Trace};
 use crate::instruments::diagonal::{Diagonal, DiagonalPoint};
-use crate::instruments::InstrumentError;
 use crate::truth::TruthMachine;
 
 /// A figure without and with compensation.

@@ -67,7 +67,8 @@ impl Picture {
 
     /// Polar: the nominal circle is a ring, deviations are drawn outwards and inwards, magnified.
     fn draw_circle(&self, panel: &Panel<'_>) -> Drawn {
-        let largest = self.circle.before.iter().chain(&self.circle.after).fold(1.0f64, |m, p| m.max(p.1.abs()));
+        let largest =
+            self.circle.before.iter().chain(&self.circle.after).fold(1.0f64, |m, p| m.max(p.1.abs()));
         let ring_step = nice_step(largest);
         let rings = (largest / ring_step).ceil().max(1.0);
         // the ring of deviation zero lies at 1, the largest deviation reaches 0.55 inwards or outwards

@@ -72,7 +72,7 @@ fn geometry(machine: &TruthMachine, survey: &Survey) -> String {
     };
     line("format = \"volcomp-model/1\"".into());
     line(format!("machine = \"{}\"", machine.machine()));
-    line(format!("chain = \"{}\"", machine.chain()));
+    line(format!("chain = \"{}\"", machine.chain().text()));
     line("\n[frame]".into());
     line(format!("workpiece-origin-mm = {}", list(machine.workpiece_origin_mm())));
     line(format!("tool-tip-mm = {}", list(machine.tool_tip_mm())));
