@@ -1,67 +1,489 @@
-//! The state machine.
+//! The state machine between positions and corrections.
+//!
+//! The output is always `limiter(blend(from, to, s))`: `from` is the offset at the last change of plan, `to` the
+//! correction (or zero), `s` a smooth share that grows from 0 to 1 over the ramp. So nothing ever steps, from
+//! whatever offset and in whatever state a change of plan comes; the limiter bounds what is left.
 
-use super::config::{EngineConfig, EngineError};
-use super::output::{Command, CycleOutput, State};
-use crate::core::axes::AxisArray;
+use super::config::{EngineConfig, EngineError, OutOfTravel, PositionSource, RestOffset};
+use super::intake::Intake;
+use super::limiter::Limiter;
+use super::output::{Command, CycleOutput, Event, Reason, State};
+use super::ramp::Ramp;
+use super::read_back::ReadBack;
+use crate::core::axes::{AxisArray, AxisKind, MAX_AXES};
 use crate::core::geometry::Vec3;
-use crate::core::model::Model;
-use crate::core::protocol::Position;
-use crate::core::units::MonoTime;
+use crate::core::model::{Model, Pose};
+use crate::core::protocol::{Correction, MachineState, Position};
+use crate::core::units::{MonoTime, RAD_PER_DEG};
+
+/// The most control time that one output may use, in cycles: a late frame must not become a long step.
+const STEP_CYCLES_MAX: f64 = 2.0;
 
 /// Turns positions into bounded corrections.
 #[derive(Debug, Clone)]
-pub struct Compensator;
+pub struct Compensator {
+    config: EngineConfig,
+    axes: usize,
+    /// mm or rad per wire unit.
+    scale: AxisArray,
+    /// Wire index of each axis of the model.
+    wire_index: [usize; MAX_AXES],
+    intake: Intake,
+    read_back: ReadBack,
+    limiters: [Limiter; MAX_AXES],
+    state: State,
+    /// The wish of the operator.
+    enabled: bool,
+    stopping: bool,
+    stopped: bool,
+    gain: f64,
+    gain_wanted: f64,
+    from: AxisArray,
+    ramp: Ramp,
+    tool_tip: Option<Vec3>,
+    /// False until the first believable frame of a link has told which offset the control holds.
+    synchronised: bool,
+    /// The machine is not ready: no offset is moved, and the control may change its own meanwhile.
+    frozen: bool,
+    /// How long the present hold has lasted, s.
+    held_s: f64,
+    last_sequence: u32,
+    next_deadline: Option<MonoTime>,
+    event: Option<Event>,
+}
+
+/// What one cycle found out before it moves anything.
+struct Plan {
+    target: AxisArray,
+    dt: f64,
+    out_of_range: u8,
+}
 
 impl Compensator {
     /// An engine that is off.
     ///
     /// # Errors
     /// The configuration is incomplete or does not fit the model.
-    pub fn new(_config: &EngineConfig, _model: &Model) -> Result<Self, EngineError> {
-        Ok(Self)
+    pub fn new(config: &EngineConfig, model: &Model) -> Result<Self, EngineError> {
+        config.validate()?;
+        let axes = config.axes.len();
+        let mut wire_index = [0; MAX_AXES];
+        for (k, axis) in model.axes().enumerate() {
+            match config.axes.iter().position(|name| *name == axis.name) {
+                Some(index) => wire_index[k] = index,
+                // the spindle turns, but nothing depends on where it stands
+                None if axis.spindle => wire_index[k] = MAX_AXES,
+                None => return Err(EngineError::AxisMissing { axis: axis.name }),
+            }
+        }
+        let mut scale = [1.0; MAX_AXES];
+        let mut tolerance = [0.0; MAX_AXES];
+        let mut limiters = [Limiter::new(NO_LIMITS); MAX_AXES];
+        for (k, name) in config.axes.iter().enumerate() {
+            scale[k] = if name.kind() == AxisKind::Rotary { RAD_PER_DEG } else { 1.0 };
+            tolerance[k] = config.read_back_tolerance[k];
+            limiters[k] = Limiter::new(config.limits[k]);
+        }
+        Ok(Self {
+            intake: Intake::new(config, &scale),
+            read_back: ReadBack::new(config.read_back_cycles as usize, tolerance),
+            ramp: Ramp::start(config.ramp_s),
+            gain: config.gain,
+            gain_wanted: config.gain,
+            config: config.clone(),
+            axes,
+            scale,
+            wire_index,
+            limiters,
+            state: State::Off,
+            enabled: false,
+            stopping: false,
+            stopped: false,
+            from: [0.0; MAX_AXES],
+            tool_tip: None,
+            synchronised: false,
+            frozen: false,
+            held_s: 0.0,
+            last_sequence: 0,
+            next_deadline: None,
+            event: None,
+        })
     }
 
     /// A new link: the control may hold any offset; the first position frame tells which, and the engine starts there.
-    pub fn on_link_up(&mut self, _now: MonoTime) {}
+    pub fn on_link_up(&mut self, _now: MonoTime) {
+        self.intake.restart();
+        self.read_back.restart();
+        self.synchronised = false;
+        self.next_deadline = None;
+        if self.state != State::Faulted {
+            self.state = if self.enabled { State::Armed } else { State::Off };
+        }
+    }
 
     /// The link is gone: nothing can be sent until [`Compensator::on_link_up`].
-    pub fn on_link_down(&mut self, _now: MonoTime) {}
+    pub fn on_link_down(&mut self, now: MonoTime) {
+        self.on_link_up(now);
+        if self.stopping {
+            // nobody listens any more; the control's own watchdog takes the offset out
+            self.stopped = true;
+        }
+    }
 
     /// The tool changed: its tip in M at home, mm.
-    pub fn on_tool(&mut self, _tip: Vec3) {}
+    pub fn on_tool(&mut self, tip: Vec3) {
+        if tip.iter().all(|v| v.is_finite()) {
+            self.tool_tip = Some(tip);
+            // another lever means another correction: go there smoothly
+            if matches!(self.state, State::Active | State::RampingIn) {
+                self.plan(State::RampingIn, Reason::Command);
+            }
+        }
+    }
 
     /// One position frame (wire units) received at `now`; returns the correction that answers it.
     ///
     /// # Cycle   no allocation, no panic, bounded time
     #[must_use]
-    pub fn on_position(&mut self, _now: MonoTime, _frame: &Position, _model: &Model) -> CycleOutput {
-        unreachable!("placeholder")
+    pub fn on_position(&mut self, now: MonoTime, frame: &Position, model: &Model) -> CycleOutput {
+        let position = match self.config.position_source {
+            PositionSource::Commanded => frame.commanded,
+            PositionSource::Actual => core::array::from_fn(|k| frame.actual[k] - frame.applied[k]),
+        };
+        self.event = None;
+        let verdict = self.intake.accept(frame, &position);
+        if verdict == Err(Reason::Sequence) {
+            // old or repeated: says nothing new, and does not count as a sign of life
+            return self.move_on(&Plan { target: self.offset(), dt: 0.0, out_of_range: 0 });
+        }
+        self.last_sequence = frame.sequence;
+        self.next_deadline = Some(now.plus_seconds(self.config.stale_s));
+        // the clock of a bad frame is not to be trusted
+        let dt = verdict.map_or(self.config.cycle_s, |dt| dt.min(STEP_CYCLES_MAX * self.config.cycle_s));
+        if verdict.is_ok() {
+            self.synchronise(frame);
+        }
+        self.check_read_back(frame);
+        let (target, out_of_range, out_of_travel) = self.correction_at(&position, model, verdict.is_ok());
+        self.decide(frame.state, verdict.err(), out_of_travel, dt);
+        self.move_on(&Plan { target, dt, out_of_range })
     }
 
     /// When [`Compensator::on_deadline`] wants to be called if no position arrives; `None` while nothing is due.
     #[must_use]
-    pub fn next_deadline(&self) -> Option<MonoTime> {
-        None
+    pub const fn next_deadline(&self) -> Option<MonoTime> {
+        self.next_deadline
     }
 
     /// No position has arrived by the deadline: holds, then ramps out. Calling early is harmless and gives `None`.
     #[must_use]
-    pub fn on_deadline(&mut self, _now: MonoTime) -> Option<CycleOutput> {
-        None
+    pub fn on_deadline(&mut self, now: MonoTime) -> Option<CycleOutput> {
+        let due = self.next_deadline?;
+        if now < due {
+            return None;
+        }
+        self.event = None;
+        self.intake.unsettle();
+        let dt = self.config.cycle_s;
+        self.hold_or_give_up(Reason::Stale, dt);
+        let output = self.move_on(&Plan { target: self.offset(), dt, out_of_range: 0 });
+        let resting = self.limiters[..self.axes].iter().all(Limiter::is_at_rest);
+        let faulted = self.state == State::Faulted && !self.is_zero();
+        let waiting = matches!(self.state, State::Holding | State::RampingOut) || faulted || !resting;
+        self.next_deadline = waiting.then(|| now.plus_seconds(dt));
+        Some(output)
     }
 
     /// A command of the operator or the service.
-    pub fn on_command(&mut self, _now: MonoTime, _command: Command) {}
+    pub fn on_command(&mut self, _now: MonoTime, command: Command) {
+        match command {
+            Command::Enable => {
+                if !self.stopping {
+                    self.enabled = true;
+                    if self.state == State::Off {
+                        self.state = State::Armed;
+                    }
+                }
+            }
+            Command::Disable => self.enabled = false,
+            Command::SetGain(gain) => {
+                if (0.0..=1.0).contains(&gain) {
+                    self.gain_wanted = gain;
+                }
+            }
+            Command::Stop => {
+                self.enabled = false;
+                self.stopping = true;
+                self.stopped |= !self.synchronised;
+            }
+            Command::ClearFault => {
+                if self.state == State::Faulted && self.is_zero() {
+                    self.state = State::Off;
+                    self.enabled = false;
+                }
+            }
+        }
+    }
 
     /// The present state.
     #[must_use]
     pub const fn state(&self) -> State {
-        State::Off
+        self.state
+    }
+
+    /// True where the operator wants compensation.
+    #[must_use]
+    pub const fn is_enabled(&self) -> bool {
+        self.enabled
+    }
+
+    /// True once a [`Command::Stop`] has been carried out.
+    #[must_use]
+    pub const fn is_stopped(&self) -> bool {
+        self.stopped
     }
 
     /// The present offsets in wire order, mm or rad.
     #[must_use]
-    pub const fn offset(&self) -> AxisArray {
-        [0.0; crate::core::axes::MAX_AXES]
+    pub fn offset(&self) -> AxisArray {
+        core::array::from_fn(|k| self.limiters[k].position())
+    }
+
+    /// The wire message for an output: mm and deg.
+    #[must_use]
+    pub fn message(&self, output: &CycleOutput) -> Correction {
+        Correction {
+            sequence: output.sequence,
+            state: output.state,
+            limited: output.limited,
+            offset: core::array::from_fn(|k| output.offset[k] / self.scale[k]),
+        }
+    }
+
+    /// Takes over the offset that the control holds: at the first frame of a link, after it has acted on its own,
+    /// and where it has changed its offset while the machine was not ready.
+    fn synchronise(&mut self, frame: &Position) {
+        let applied: AxisArray = core::array::from_fn(|k| frame.applied[k] * self.scale[k]);
+        let took_over = frame.state.has(MachineState::OFFSET_RAMPING_OUT);
+        let thawed = self.frozen && frame.state.is_ready() && !self.read_back.knows(&applied, self.axes);
+        if self.synchronised && !took_over && !thawed {
+            return;
+        }
+        for (limiter, applied) in self.limiters.iter_mut().zip(applied).take(self.axes) {
+            limiter.start_at(applied);
+        }
+        self.read_back.restart();
+        if took_over && matches!(self.state, State::Active | State::RampingIn | State::RampingOut) {
+            self.intake.unsettle();
+            self.plan(State::Holding, Reason::ControlTookOver);
+        }
+        self.synchronised = true;
+    }
+
+    fn check_read_back(&mut self, frame: &Position) {
+        let applied: AxisArray = core::array::from_fn(|k| frame.applied[k] * self.scale[k]);
+        let watched =
+            self.synchronised && self.state != State::Faulted && frame.state.is_ready() && !self.frozen;
+        if watched && self.read_back.is_foreign(&applied, self.axes) {
+            self.enabled = false;
+            self.plan(State::Faulted, Reason::ReadBack);
+        }
+    }
+
+    /// The correction at a position in wire order, mm and rad, times the gain; zero where it is not finite.
+    fn correction_at(&self, position: &AxisArray, model: &Model, usable: bool) -> (AxisArray, u8, bool) {
+        let mut target = [0.0; MAX_AXES];
+        if !usable {
+            return (target, 0, false);
+        }
+        let mut pose = Pose { tool_tip: self.tool_tip, ..Pose::at([0.0; MAX_AXES]) };
+        let travel = self.intake.travel();
+        let joints = model.axes().len();
+        for (k, &wire) in self.wire_index.iter().enumerate().take(joints) {
+            if wire < MAX_AXES {
+                pose.position[k] = position[wire] * self.scale[wire];
+                pose.travel[k] = travel[wire];
+            }
+        }
+        let (deviation, correction) = model.correct(&pose);
+        let outside = deviation.flags.out_of_travel | deviation.flags.out_of_range;
+        let mut out_of_range = 0;
+        for (k, &wire) in self.wire_index.iter().enumerate().take(joints) {
+            if wire < MAX_AXES {
+                target[wire] = self.gain * correction.offset[k];
+                out_of_range |= u8::from(outside >> k & 1 == 1) << wire;
+            }
+        }
+        (target, out_of_range, deviation.flags.out_of_travel != 0)
+    }
+
+    /// Which state this cycle belongs to.
+    fn decide(&mut self, machine: MachineState, bad: Option<Reason>, out_of_travel: bool, dt: f64) {
+        if let Some(reason) = bad {
+            self.hold_or_give_up(reason, dt);
+            return;
+        }
+        self.frozen = !machine.is_ready();
+        if self.frozen {
+            self.wait_for_machine(machine);
+            return;
+        }
+        let outside = out_of_travel && self.config.out_of_travel == OutOfTravel::RampOut;
+        let wanted = self.enabled && !outside;
+        let reason = if outside { Reason::OutOfTravel } else { Reason::Command };
+        match self.state {
+            State::Faulted => {}
+            State::Off | State::Armed if wanted && self.intake.is_settled() => {
+                self.plan(State::RampingIn, Reason::MachineReady);
+            }
+            State::Off | State::Armed
+                if !self.is_zero() && self.intake.is_settled() && !self.keeps_offset() =>
+            {
+                self.plan(State::RampingOut, Reason::FoundOffset);
+            }
+            State::Off | State::Armed => self.rest(Reason::Command),
+            State::RampingIn if !wanted => self.leave(reason),
+            State::RampingIn if self.ramp.is_done() => self.enter(State::Active, Reason::RampDone),
+            State::RampingIn => {}
+            State::Active if !wanted => self.leave(reason),
+            State::Active => {}
+            State::Holding if self.stopping && self.keeps_offset() => self.rest(Reason::Command),
+            State::Holding if self.intake.is_settled() => {
+                if wanted {
+                    self.plan(State::RampingIn, Reason::DataGood);
+                } else {
+                    self.leave(reason);
+                }
+            }
+            State::Holding => {}
+            State::RampingOut if wanted && self.intake.is_settled() => {
+                self.plan(State::RampingIn, Reason::Command);
+            }
+            State::RampingOut => {
+                if self.ramp.is_done() && self.is_zero() {
+                    self.rest(Reason::RampDone);
+                }
+            }
+        }
+    }
+
+    /// Ramps out, or keeps the offset where the stop is configured so.
+    fn leave(&mut self, reason: Reason) {
+        if self.keeps_offset() {
+            self.plan(State::Holding, reason);
+        } else {
+            self.plan(State::RampingOut, reason);
+        }
+    }
+
+    /// Nothing to do: off or armed.
+    fn rest(&mut self, reason: Reason) {
+        self.enter(if self.enabled { State::Armed } else { State::Off }, reason);
+        let at_rest = self.limiters[..self.axes].iter().all(Limiter::is_at_rest);
+        self.stopped |= self.stopping && at_rest;
+    }
+
+    /// Drives off or emergency stop: the offset stays where it is, for moving it would move nothing, or jump later.
+    fn wait_for_machine(&mut self, machine: MachineState) {
+        let reason = if machine.has(MachineState::ESTOP) {
+            Reason::EmergencyStop
+        } else if !machine.has(MachineState::ENABLED) {
+            Reason::NotEnabled
+        } else {
+            Reason::NotHomed
+        };
+        self.intake.unsettle();
+        self.held_s = 0.0;
+        self.stopped |= self.stopping;
+        if matches!(self.state, State::RampingIn | State::Active | State::RampingOut) {
+            self.plan(State::Holding, reason);
+        }
+    }
+
+    /// Stale or implausible data: hold, and when that lasts, ramp out.
+    fn hold_or_give_up(&mut self, reason: Reason, dt: f64) {
+        match self.state {
+            State::RampingIn | State::Active => self.plan(State::Holding, reason),
+            State::Holding => {
+                self.held_s += dt;
+                if (self.held_s >= self.config.hold_s || self.stopping) && !self.frozen {
+                    self.leave(reason);
+                }
+            }
+            State::RampingOut if self.ramp.is_done() && self.is_zero() => self.rest(Reason::RampDone),
+            State::Off | State::Armed | State::RampingOut | State::Faulted => {}
+        }
+    }
+
+    /// True where a stop leaves the last offset in place.
+    fn keeps_offset(&self) -> bool {
+        self.stopping && self.config.rest == RestOffset::Hold
+    }
+
+    /// A change of plan: everything starts again from the present offset.
+    fn plan(&mut self, state: State, reason: Reason) {
+        self.from = self.offset();
+        self.ramp = Ramp::start(self.config.ramp_s);
+        self.held_s = 0.0;
+        self.enter(state, reason);
+    }
+
+    fn enter(&mut self, state: State, reason: Reason) {
+        if state != self.state {
+            self.event = Some(Event::StateChanged { from: self.state, to: state, reason });
+            self.state = state;
+        }
+    }
+
+    /// Moves the offset for one cycle and reports.
+    fn move_on(&mut self, plan: &Plan) -> CycleOutput {
+        let dt = plan.dt;
+        let gain_step = dt / self.config.ramp_s;
+        self.gain += (self.gain_wanted - self.gain).clamp(-gain_step, gain_step);
+        self.ramp.advance(dt);
+        let share = self.ramp.share();
+        let mut limited = 0;
+        let mut warning = 0;
+        for (k, limiter) in self.limiters.iter_mut().enumerate().take(self.axes) {
+            let blend = |to: f64| self.from[k] + (to - self.from[k]) * share;
+            let held_back = match self.state {
+                _ if self.frozen => {
+                    limiter.brake(dt);
+                    false
+                }
+                State::RampingIn => limiter.step(blend(plan.target[k]), dt),
+                State::Active => limiter.step(plan.target[k], dt),
+                State::RampingOut | State::Faulted => limiter.step(blend(0.0), dt),
+                State::Off | State::Armed | State::Holding => {
+                    limiter.brake(dt);
+                    false
+                }
+            };
+            limited |= u8::from(held_back && dt > 0.0) << k;
+            warning |= u8::from(limiter.is_warning()) << k;
+        }
+        let offset = self.offset();
+        if dt > 0.0 {
+            self.read_back.sent(&offset);
+        }
+        CycleOutput {
+            sequence: self.last_sequence,
+            state: self.state,
+            offset,
+            limited,
+            warning,
+            out_of_range: plan.out_of_range,
+            event: self.event,
+            stopped: self.stopped,
+        }
+    }
+
+    /// True where every axis that may be moved is at zero.
+    fn is_zero(&self) -> bool {
+        (0..self.axes).all(|k| self.config.limits[k].size <= 0.0 || self.limiters[k].position() == 0.0)
     }
 }
+
+/// Limits of a slot without an axis.
+const NO_LIMITS: super::config::AxisLimits =
+    super::config::AxisLimits { warning: 0.0, size: 0.0, rate: 0.0, acceleration: 0.0 };

@@ -50,7 +50,7 @@ pub enum RestOffset {
 pub struct EngineConfig {
     /// Axis letters in the order of the link.
     pub axes: Vec<AxisName>,
-    /// Limits, one per axis.
+    /// Limits, one per axis; an axis with size limit 0 is never offset.
     pub limits: Vec<AxisLimits>,
     /// Interval between position frames, s.
     pub cycle_s: f64,
@@ -72,10 +72,74 @@ pub struct EngineConfig {
     pub rest: RestOffset,
     /// Travel after which a reversal counts as one, mm or rad per axis (keeps noise from switching curves).
     pub reversal_deadband: Vec<f64>,
-    /// Difference between the offset asked for and the one read back that is tolerated, mm or rad.
-    pub read_back_tolerance: f64,
+    /// Difference between the offset asked for and the one read back that is tolerated, mm or rad per axis.
+    pub read_back_tolerance: Vec<f64>,
     /// Cycles after which the read-back must show an offset.
     pub read_back_cycles: u32,
+}
+
+impl EngineConfig {
+    /// Checks everything that does not depend on a model.
+    ///
+    /// # Errors
+    /// The first rule broken.
+    pub fn validate(&self) -> Result<(), EngineError> {
+        let expected = self.axes.len();
+        if expected > MAX_AXES {
+            return Err(EngineError::TooManyAxes { found: expected });
+        }
+        for (what, found) in [
+            ("limits", self.limits.len()),
+            ("jump limits", self.jump_limit.len()),
+            ("reversal dead bands", self.reversal_deadband.len()),
+            ("read-back tolerances", self.read_back_tolerance.len()),
+        ] {
+            if found != expected {
+                return Err(EngineError::Length { what, expected, found });
+            }
+        }
+        for (what, value) in [("cycle", self.cycle_s), ("ramp", self.ramp_s), ("stale age", self.stale_s)] {
+            positive(what, value)?;
+        }
+        not_negative("hold time", self.hold_s)?;
+        if !(0.0..=1.0).contains(&self.gain) {
+            return Err(EngineError::Range { what: "gain", must: "from 0 to 1", value: self.gain });
+        }
+        for limits in &self.limits {
+            not_negative("size limit", limits.size)?;
+            if limits.size > 0.0 {
+                positive("warning limit", limits.warning)?;
+                positive("rate limit", limits.rate)?;
+                positive("acceleration limit", limits.acceleration)?;
+            }
+        }
+        for value in &self.jump_limit {
+            positive("jump limit", *value)?;
+        }
+        for value in &self.reversal_deadband {
+            not_negative("reversal dead band", *value)?;
+        }
+        for value in &self.read_back_tolerance {
+            positive("read-back tolerance", *value)?;
+        }
+        Ok(())
+    }
+}
+
+fn positive(what: &'static str, value: f64) -> Result<(), EngineError> {
+    if value.is_finite() && value > 0.0 {
+        Ok(())
+    } else {
+        Err(EngineError::Range { what, must: "above 0", value })
+    }
+}
+
+fn not_negative(what: &'static str, value: f64) -> Result<(), EngineError> {
+    if value.is_finite() && value >= 0.0 {
+        Ok(())
+    } else {
+        Err(EngineError::Range { what, must: "0 or above", value })
+    }
 }
 
 /// Why an engine cannot be built.

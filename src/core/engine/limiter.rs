@@ -1,5 +1,206 @@
 //! Bounds the offset of one axis in size, rate and acceleration, whatever is asked of it.
+//!
+//! The offset follows its target exactly while the target keeps the limits; otherwise it goes after it and
+//! brakes in time, relative to the moving target. Invariants, for any sequence of targets and intervals:
+//! `|v'| <= rate`, `|v' - v| <= acceleration dt`, and `|p'| <= size` once inside.
+//!
+//! Braking rule: after a step the distance left must allow a stop, `v'^2 / (2a) <= left`, so
+//! `v' <= a (-dt + sqrt(dt^2 + 2 d / a))` with `d` the distance before the step. Braking sums end velocities
+//! of intervals, so the rule holds for intervals of any later length.
 
-/// placeholder
-#[derive(Debug, Clone, Copy)]
-pub struct Limiter;
+use super::config::AxisLimits;
+
+/// The offset of one axis and how fast it changes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Limiter {
+    limits: AxisLimits,
+    position: f64,
+    velocity: f64,
+    last_target: f64,
+}
+
+impl Limiter {
+    /// At rest at zero. A size limit of zero means: this axis is never moved.
+    #[must_use]
+    pub const fn new(limits: AxisLimits) -> Self {
+        Self { limits, position: 0.0, velocity: 0.0, last_target: 0.0 }
+    }
+
+    /// The offset.
+    #[must_use]
+    pub const fn position(&self) -> f64 {
+        self.position
+    }
+
+    /// Its rate of change over the last step.
+    #[must_use]
+    pub const fn velocity(&self) -> f64 {
+        self.velocity
+    }
+
+    /// True above the warning limit.
+    #[must_use]
+    pub fn is_warning(&self) -> bool {
+        self.position.abs() > self.limits.warning
+    }
+
+    /// Starts at rest at an offset that somebody else has left; beyond the size limit it can only come back.
+    pub const fn start_at(&mut self, position: f64) {
+        self.position = position;
+        self.velocity = 0.0;
+        self.last_target = position;
+    }
+
+    /// One step of `dt` seconds towards `target`; true where the limits kept it from getting there.
+    ///
+    /// # Cycle   no allocation, no panic; a target that is not finite brakes instead
+    pub fn step(&mut self, target: f64, dt: f64) -> bool {
+        let AxisLimits { size, rate, acceleration, .. } = self.limits;
+        if size <= 0.0 {
+            return target != self.position;
+        }
+        if !target.is_finite() {
+            self.brake(dt);
+            return true;
+        }
+        if dt <= 0.0 {
+            return target != self.position;
+        }
+        let inside = target.clamp(-size, size);
+        let along = ((inside - self.last_target) / dt).clamp(-rate, rate);
+        self.last_target = inside;
+        let error = inside - self.position - along * dt;
+        let closing = if error.abs() <= acceleration * dt * dt {
+            error / dt
+        } else {
+            braking_speed(error.abs(), dt, acceleration).copysign(error)
+        };
+        let lowest = (self.velocity - acceleration * dt).max(-rate);
+        let highest = (self.velocity + acceleration * dt).min(rate);
+        // the walls at +-size: never faster than still allows a stop before them
+        let up = wall_speed(size - self.position, dt, acceleration).max(lowest);
+        let down = (-wall_speed(size + self.position, dt, acceleration)).min(highest);
+        let velocity = (along + closing).clamp(lowest, highest).min(up).max(down);
+        let next = self.position + velocity * dt;
+        self.velocity = velocity;
+        // rounding must not keep the offset a fraction of a femtometre away from its target
+        self.position = if (next - inside).abs() <= 1e-15 * size { inside } else { next };
+        self.position != target
+    }
+
+    /// One step of `dt` seconds of slowing down to rest.
+    pub fn brake(&mut self, dt: f64) {
+        if dt > 0.0 {
+            let change = self.limits.acceleration * dt;
+            self.velocity -= self.velocity.clamp(-change, change);
+            self.position += self.velocity * dt;
+            self.last_target = self.position;
+        }
+    }
+
+    /// True where nothing moves.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        self.velocity == 0.0
+    }
+}
+
+/// The speed at which `distance` can still be stopped in, after a step of `dt` at that speed.
+fn braking_speed(distance: f64, dt: f64, acceleration: f64) -> f64 {
+    acceleration * ((dt * dt + 2.0 * distance / acceleration).sqrt() - dt)
+}
+
+/// Like [`braking_speed`]; zero beyond the wall.
+fn wall_speed(distance: f64, dt: f64, acceleration: f64) -> f64 {
+    if distance > 0.0 { braking_speed(distance, dt, acceleration) } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    const LIMITS: AxisLimits = AxisLimits { warning: 0.08, size: 0.1, rate: 1.0, acceleration: 20.0 };
+
+    #[test]
+    fn follows_a_target_within_the_limits_exactly() {
+        let mut l = Limiter::new(LIMITS);
+        let mut limited = 0;
+        for i in 0..5000 {
+            let t = f64::from(i) * 1e-3;
+            // 0.05 mm at 1 Hz: 0.31 mm/s, 1.97 mm/s^2
+            let target = 0.05 * (1.0 - (core::f64::consts::TAU * t).cos()) / 2.0;
+            if l.step(target, 1e-3) {
+                limited += 1;
+            } else {
+                assert_eq!(l.position(), target);
+            }
+        }
+        assert_eq!(limited, 0);
+    }
+
+    #[test]
+    fn a_step_is_reached_without_overshoot_and_in_about_the_least_time() {
+        let mut l = Limiter::new(LIMITS);
+        let mut steps = 0;
+        while l.step(0.09, 1e-3) {
+            assert!(l.position() <= 0.09 + 1e-12);
+            steps += 1;
+            assert!(steps < 1000, "never arrives");
+        }
+        // 0.09 mm, 1 mm/s, 20 mm/s^2: bang-bang with cruising takes 0.14 s
+        assert!((135..=160).contains(&steps), "{steps}");
+        assert!(!l.step(0.09, 1e-3));
+        assert!(l.is_at_rest());
+    }
+
+    #[test]
+    fn an_offset_left_beyond_the_size_limit_comes_back_and_never_goes_further_out() {
+        let mut l = Limiter::new(LIMITS);
+        l.start_at(0.3);
+        let mut last = 0.3;
+        for _ in 0..2000 {
+            l.step(1.0, 1e-3);
+            assert!(l.position() <= last + 1e-15);
+            last = l.position();
+        }
+        assert!((l.position() - 0.1).abs() < 1e-9, "{}", l.position());
+    }
+
+    #[test]
+    fn an_axis_with_size_limit_zero_is_never_moved() {
+        let mut l = Limiter::new(AxisLimits { warning: 0.0, size: 0.0, rate: 0.0, acceleration: 0.0 });
+        l.start_at(0.02);
+        assert!(l.step(0.05, 1e-3));
+        assert_eq!(l.position(), 0.02);
+    }
+
+    proptest! {
+        #[test]
+        fn the_limits_hold_whatever_is_asked(
+            steps in prop::collection::vec((prop_oneof![
+                4 => -0.3..0.3f64, 1 => Just(f64::NAN), 1 => Just(f64::INFINITY), 1 => Just(1e300), 1 => Just(0.0)
+            ], prop_oneof![8 => Just(1e-3), 1 => 1e-5..5e-3f64, 1 => Just(0.0)], 0..40u8), 1..60),
+        ) {
+            let mut l = Limiter::new(LIMITS);
+            for (target, dt, repeat) in steps {
+                for i in 0..=repeat {
+                    let (p, v) = (l.position(), l.velocity());
+                    if i == 39 { l.brake(dt) } else { l.step(target, dt); }
+                    prop_assert!(l.position().abs() <= LIMITS.size + 1e-12, "size {}", l.position());
+                    prop_assert!(l.velocity().abs() <= LIMITS.rate * (1.0 + 1e-12), "rate {}", l.velocity());
+                    prop_assert!((l.velocity() - v).abs() <= LIMITS.acceleration * dt * (1.0 + 1e-9) + 1e-12);
+                    prop_assert!((l.position() - p - l.velocity() * dt).abs() <= 1e-12);
+                }
+            }
+        }
+
+        #[test]
+        fn every_constant_target_inside_is_reached(start in -0.1..0.1f64, target in -0.1..0.1f64, dt in 1e-4..1e-2f64) {
+            let mut l = Limiter::new(LIMITS);
+            l.start_at(start);
+            for _ in 0..(2.0 / dt) as usize { l.step(target, dt); }
+            prop_assert!((l.position() - target).abs() < 1e-12, "{} {}", l.position(), target);
+        }
+    }
+}

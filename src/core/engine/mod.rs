@@ -4,10 +4,16 @@
 
 mod compensator;
 mod config;
+mod intake;
 mod limiter;
 mod output;
+mod ramp;
+mod read_back;
+#[cfg(test)]
+mod tests;
 
 pub use compensator::Compensator;
 pub use config::{AxisLimits, EngineConfig, EngineError, OutOfTravel, PositionSource, RestOffset};
 pub use limiter::Limiter;
 pub use output::{Command, CycleOutput, Event, Reason, State};
+pub use read_back::READ_BACK_CYCLES_MAX;

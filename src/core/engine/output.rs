@@ -52,6 +52,10 @@ pub enum Reason {
     DataGood,
     /// The offset read back is not the one that was sent.
     ReadBack,
+    /// The control holds an offset that was left by somebody else.
+    FoundOffset,
+    /// The control has been taking the offset back by itself.
+    ControlTookOver,
 }
 
 /// Something that happened in this cycle and belongs into the log.

@@ -38,9 +38,31 @@ impl Model {
     /// # Cycle   no allocation
     #[must_use]
     pub fn correct(&self, pose: &Pose) -> (Deviation, AxisCorrection) {
+        if !self.rotary {
+            let deviation = self.deviation_without_rotation(pose);
+            return (deviation, self.oppose_without_rotation(&deviation));
+        }
         let nominal = self.nominal(pose);
         let deviation = self.deviation_at(&nominal, pose);
         (deviation, self.oppose(&nominal, &deviation))
+    }
+
+    /// Where no axis turns, X Y Z act along x y z: the correction is the deviation with its sign changed.
+    fn oppose_without_rotation(&self, deviation: &Deviation) -> AxisCorrection {
+        let mut out = AxisCorrection {
+            offset: [0.0; MAX_AXES],
+            residual: deviation.position,
+            residual_tilt: deviation.rotation.cross(&unit(2)),
+            singular: 0,
+        };
+        for (k, joint) in self.joints.iter().enumerate() {
+            if matches!(joint.axis.name, AxisName::X | AxisName::Y | AxisName::Z) {
+                let direction = joint.axis.name.direction();
+                out.offset[k] = -deviation.position[direction];
+                out.residual[direction] = 0.0;
+            }
+        }
+        out
     }
 
     fn oppose(&self, nominal: &Nominal, deviation: &Deviation) -> AxisCorrection {
@@ -80,7 +102,8 @@ impl Model {
         } else {
             1
         };
-        if angles.iter().any(|a| !(a.abs() <= ROTARY_CORRECTION_LIMIT)) {
+        // not finite counts as too large
+        if !angles.iter().all(|a| a.abs() <= ROTARY_CORRECTION_LIMIT) {
             out.singular |= 1 << levers[weak].index;
             let strong = 1 - weak;
             angles = [0.0; 2];

@@ -3,6 +3,7 @@
 //! Conventions, signs and formulas: `docs/conventions.md`. Reading order: [`symbol`], [`curve`], [`chain`],
 //! [`spec`] (what a model is made of), [`volumetric`] (first order), [`exact`] (full rotations), [`correction`].
 
+mod bank;
 pub mod chain;
 pub mod correction;
 pub mod curve;

@@ -8,8 +8,8 @@
 //!
 //! Source: equations section 2 (general chain), 1.4 to 1.9 for the terms.
 
+use super::bank::MotionBank;
 use super::chain::{ChainAxis, Side};
-use super::curve::ErrorFunction;
 use super::spec::{ModelError, ModelSpec, ReferenceBody, ReferencePoint, Sense};
 use super::symbol::{Component, ErrorSymbol};
 use crate::core::axes::{AxisArray, AxisKind, MAX_AXES, Travel};
@@ -66,6 +66,8 @@ pub struct Deviation {
 #[derive(Debug, Clone)]
 pub struct Model {
     pub(super) joints: Vec<Joint>,
+    /// True where an axis turns.
+    pub(super) rotary: bool,
     machine: String,
     workpiece_origin: Vec3,
     tool_tip: Vec3,
@@ -81,11 +83,15 @@ pub(super) struct Joint {
     pub(super) point: Vec3,
     /// True where the stored curves are carriage motions of a primed axis and change sign.
     pub(super) inverted: bool,
-    /// EX EY EZ EA EB EC.
-    pub(super) motions: [ErrorFunction; 6],
+    /// EX EY EZ EA EB EC over the stored coordinate.
+    pub(super) motions: MotionBank,
     pub(super) reference_points: [ReferencePoint; 3],
     /// Rotation of the line of motion (linear).
     pub(super) squareness: Vec3,
+    /// Sideways motion per unit of travel that follows from it, `s x u`.
+    line_tilt: Vec3,
+    /// True where a reference point stays with the bed, so that it moves in carriage coordinates.
+    bed_reference: bool,
     /// XO. YO. ZO. (rotary), mm.
     pub(super) location_shift: Vec3,
     /// AO. BO. CO. (rotary), rad.
@@ -116,8 +122,9 @@ impl Model {
     /// A rule of [`ModelSpec::validate`] is broken.
     pub fn new(spec: &ModelSpec) -> Result<Self, ModelError> {
         spec.validate()?;
-        let joints = spec.chain.axes().iter().map(|axis| Joint::new(*axis, spec)).collect();
+        let joints: Vec<Joint> = spec.chain.axes().iter().map(|axis| Joint::new(*axis, spec)).collect();
         Ok(Self {
+            rotary: joints.iter().any(|j| j.axis.kind() == AxisKind::Rotary),
             joints,
             machine: spec.machine.clone(),
             workpiece_origin: spec.workpiece_origin,
@@ -167,7 +174,29 @@ impl Model {
     /// # Cycle   no allocation
     #[must_use]
     pub fn deviation(&self, pose: &Pose) -> Deviation {
-        self.deviation_at(&self.nominal(pose), pose)
+        if self.rotary {
+            self.deviation_at(&self.nominal(pose), pose)
+        } else {
+            self.deviation_without_rotation(pose)
+        }
+    }
+
+    /// The same sum where no axis turns: every `G` is the identity.
+    pub(super) fn deviation_without_rotation(&self, pose: &Pose) -> Deviation {
+        let mut tip = pose.tool_tip.unwrap_or(self.tool_tip);
+        let mut position = Vec3::zeros();
+        let mut rotation = Vec3::zeros();
+        let mut flags = PointFlags::default();
+        for (k, joint) in self.joints.iter().enumerate().rev() {
+            let q = pose.position[k];
+            let right = tip;
+            tip[joint.axis.name.direction()] += q;
+            let v = if joint.axis.side == Side::Tool { &right } else { &tip };
+            let (shift, turn) = joint.linear_error(k, q, pose.travel[k], v, &mut flags);
+            position += shift;
+            rotation += turn;
+        }
+        Deviation { position, rotation, flags }
     }
 
     /// The nominal geometry of the chain at `pose`.
@@ -207,25 +236,23 @@ impl Model {
         let mut flags = PointFlags::default();
         for (k, joint) in self.joints.iter().enumerate() {
             let q = pose.position[k];
-            let values = joint.motions_at(k, q, pose.travel[k], &mut flags);
-            let sign = if joint.inverted { -1.0 } else { 1.0 };
+            let travel = pose.travel[k];
+            let (left, right) = (&nominal.left[k], &nominal.left[k + 1]);
             // linear: the error sits with the carriage; rotary: with the stator
-            let (g, v, location_sign) = match (joint.axis.kind(), joint.axis.side) {
-                (AxisKind::Linear, Side::Tool) => (&nominal.left[k], nominal.tip[k + 1], 0.0),
-                (AxisKind::Linear, Side::Workpiece) => (&nominal.left[k], nominal.tip[k], 0.0),
-                (AxisKind::Rotary, Side::Tool) => (&nominal.left[k], nominal.tip[k], 1.0),
-                (AxisKind::Rotary, Side::Workpiece) => (&nominal.left[k + 1], nominal.tip[k + 1], -1.0),
-            };
-            let mut shift = values.displacement(&v, &joint.reference_points_at(q)) * sign;
-            let mut turn = values.turn * sign;
-            match joint.axis.kind() {
-                AxisKind::Linear => shift += joint.squareness.cross(&unit(joint.axis.name.direction())) * q,
-                AxisKind::Rotary => {
-                    shift += (joint.location_shift + joint.location_turn.cross(&(v - joint.point)))
-                        * location_sign;
-                    turn += joint.location_turn * location_sign;
+            let (g, (shift, turn)) = match (joint.axis.kind(), joint.axis.side) {
+                (AxisKind::Linear, Side::Tool) => {
+                    (left, joint.linear_error(k, q, travel, &nominal.tip[k + 1], &mut flags))
                 }
-            }
+                (AxisKind::Linear, Side::Workpiece) => {
+                    (left, joint.linear_error(k, q, travel, &nominal.tip[k], &mut flags))
+                }
+                (AxisKind::Rotary, Side::Tool) => {
+                    (left, joint.rotary_error(k, q, travel, &nominal.tip[k], &mut flags))
+                }
+                (AxisKind::Rotary, Side::Workpiece) => {
+                    (right, joint.rotary_error(k, q, travel, &nominal.tip[k + 1], &mut flags))
+                }
+            };
             position += g * shift;
             rotation += g * turn;
         }
@@ -252,16 +279,50 @@ impl Joint {
             travel: entry.travel,
             point: entry.point,
             inverted: entry.sense == Sense::Carriage && axis.side == Side::Workpiece,
-            motions,
+            motions: MotionBank::new(&motions),
             reference_points: match axis.kind() {
                 AxisKind::Linear => entry.reference_points,
                 // ISO 230-7: the errors of a rotary axis act at the point on its axis
                 AxisKind::Rotary => [ReferencePoint { point: entry.point, body: ReferenceBody::Carriage }; 3],
             },
             squareness: Vec3::new(qa, qb, qc),
+            line_tilt: Vec3::new(qa, qb, qc).cross(&unit(axis.name.direction())),
+            bed_reference: entry.reference_points.iter().any(|r| r.body == ReferenceBody::Bed),
             location_shift: Vec3::new(sx, sy, sz),
             location_turn: Vec3::new(ta, tb, tc),
         }
+    }
+
+    /// Displacement of home-frame point `v` and turn by the errors of a linear axis at `q`.
+    fn linear_error(
+        &self,
+        index: usize,
+        q: f64,
+        travel: Travel,
+        v: &Vec3,
+        flags: &mut PointFlags,
+    ) -> (Vec3, Vec3) {
+        let values = self.motions_at(index, q, travel, flags);
+        let sign = if self.inverted { -1.0 } else { 1.0 };
+        let shift = values.displacement(v, &self.reference_points_at(q)) * sign + self.line_tilt * q;
+        (shift, values.turn * sign)
+    }
+
+    /// Displacement of home-frame point `v` and turn by the errors of a rotary axis at `q`.
+    fn rotary_error(
+        &self,
+        index: usize,
+        q: f64,
+        travel: Travel,
+        v: &Vec3,
+        flags: &mut PointFlags,
+    ) -> (Vec3, Vec3) {
+        let values = self.motions_at(index, q, travel, flags);
+        let sign = if self.inverted { -1.0 } else { 1.0 };
+        let location_sign = if self.axis.side == Side::Tool { 1.0 } else { -1.0 };
+        let location = self.location_shift + self.location_turn.cross(&(v - self.point));
+        let shift = values.displacement(v, &self.reference_points_at(q)) * sign + location * location_sign;
+        (shift, values.turn * sign + self.location_turn * location_sign)
     }
 
     /// The stored error motions at coordinate `q`; outside travel or range the end value is held and flagged.
@@ -281,20 +342,18 @@ impl Joint {
         }
         // the carriage of a primed axis moves by -q, and the other way round
         let (x, travel) = if self.inverted { (-at, travel.reversed()) } else { (at, travel) };
-        let mut v = [0.0; 6];
-        for (value, function) in v.iter_mut().zip(&self.motions) {
-            if let Some([low, high]) = function.range()
-                && !(low..=high).contains(&x)
-            {
-                flags.out_of_range |= 1 << index;
-            }
-            *value = function.value(x, travel);
+        if self.motions.is_outside(x) {
+            flags.out_of_range |= 1 << index;
         }
+        let v = self.motions.values(x, travel);
         MotionValues { shift: Vec3::new(v[0], v[1], v[2]), turn: Vec3::new(v[3], v[4], v[5]) }
     }
 
     /// Reference points of the three linear components at coordinate `q`, in home-frame coordinates (equations 1.5).
     pub(super) fn reference_points_at(&self, q: f64) -> [Vec3; 3] {
+        if !self.bed_reference {
+            return self.reference_points.map(|r| r.point);
+        }
         let sigma = match self.axis.side {
             Side::Workpiece => 1.0,
             Side::Tool => -1.0,
@@ -308,7 +367,12 @@ impl Joint {
 
 impl MotionValues {
     /// `E_i + [eps x (v - r_i)]_i`, component by component.
-    fn displacement(&self, v: &Vec3, reference: &[Vec3; 3]) -> Vec3 {
-        Vec3::from_fn(|i, _| self.shift[i] + self.turn.cross(&(v - reference[i]))[i])
+    fn displacement(&self, v: &Vec3, [rx, ry, rz]: &[Vec3; 3]) -> Vec3 {
+        let (e, t) = (&self.shift, &self.turn);
+        Vec3::new(
+            e.x + t.y * (v.z - rx.z) - t.z * (v.y - rx.y),
+            e.y + t.z * (v.x - ry.x) - t.x * (v.z - ry.z),
+            e.z + t.x * (v.y - rz.y) - t.y * (v.x - rz.x),
+        )
     }
 }

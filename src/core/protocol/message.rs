@@ -2,6 +2,7 @@
 
 use core::fmt;
 
+use super::error::NameFault;
 use crate::core::axes::{AxisArray, AxisName, MAX_AXES};
 
 /// A short name on the wire: up to 32 bytes of UTF-8, padded with zeros.
@@ -69,7 +70,7 @@ pub struct MachineState {
 /// One control cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Position {
-    /// Counts position frames, wraps at 2^32.
+    /// Counts control cycles, wraps at 2^32; a cycle that was not sent leaves a gap.
     pub sequence: u32,
     /// The control's own monotonic time of the sample, ns.
     pub control_ns: i64,
@@ -146,6 +147,8 @@ pub enum CloseReason {
     Operator,
     /// The sender found an error, reported in an error frame before.
     Error,
+    /// A reason of a later version.
+    Other(u8),
 }
 
 /// Orderly end of the link.
@@ -173,6 +176,8 @@ pub enum ErrorCode {
     Unexpected,
     /// Another daemon is already connected.
     Busy,
+    /// An error of a later version.
+    Other(u8),
 }
 
 /// An error, sent before closing.
@@ -187,7 +192,6 @@ pub struct ErrorReport {
 /// Every message.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[expect(missing_docs, reason = "each variant carries its documented struct")]
-#[expect(clippy::large_enum_variant, reason = "lives on the stack of the cycle; boxing would allocate")]
 pub enum Message {
     DaemonHello(DaemonHello),
     ControlHello(ControlHello),
@@ -227,6 +231,23 @@ impl Name {
         }
     }
 
+    /// A name from its padded bytes.
+    ///
+    /// # Errors
+    /// Where it breaks the rules, and how.
+    pub fn from_bytes(bytes: [u8; Self::MAX]) -> Result<Self, (usize, NameFault)> {
+        let end = bytes.iter().position(|&b| b == 0).unwrap_or(Self::MAX);
+        let (text, padding) = bytes.split_at(end);
+        if let Some(k) = padding.iter().position(|&b| b != 0) {
+            return Err((end + k, NameFault::AfterEnd));
+        }
+        let text = core::str::from_utf8(text).map_err(|e| (e.valid_up_to(), NameFault::NotUtf8))?;
+        match text.char_indices().find(|(_, c)| c.is_control()) {
+            Some((at, _)) => Err((at, NameFault::Control)),
+            None => Ok(Self { bytes }),
+        }
+    }
+
     /// The padded bytes.
     #[must_use]
     pub const fn bytes(&self) -> &[u8; Self::MAX] {
@@ -244,6 +265,153 @@ impl fmt::Display for Name {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         f.write_str(self.as_str())
     }
+}
+
+impl AxisUnit {
+    /// The code on the wire.
+    #[must_use]
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Millimetre => 1,
+            Self::Degree => 2,
+        }
+    }
+
+    /// The unit of a code.
+    #[must_use]
+    pub const fn from_code(code: u8) -> Option<Self> {
+        match code {
+            1 => Some(Self::Millimetre),
+            2 => Some(Self::Degree),
+            _ => None,
+        }
+    }
+}
+
+impl CorrectionState {
+    /// The code on the wire.
+    #[must_use]
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Off => 0,
+            Self::Armed => 1,
+            Self::RampingIn => 2,
+            Self::Active => 3,
+            Self::Holding => 4,
+            Self::RampingOut => 5,
+            Self::Faulted => 6,
+        }
+    }
+
+    /// The state of a code.
+    #[must_use]
+    pub const fn from_code(code: u8) -> Option<Self> {
+        match code {
+            0 => Some(Self::Off),
+            1 => Some(Self::Armed),
+            2 => Some(Self::RampingIn),
+            3 => Some(Self::Active),
+            4 => Some(Self::Holding),
+            5 => Some(Self::RampingOut),
+            6 => Some(Self::Faulted),
+            _ => None,
+        }
+    }
+}
+
+impl CloseReason {
+    /// The code on the wire.
+    #[must_use]
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Shutdown => 0,
+            Self::Operator => 1,
+            Self::Error => 2,
+            Self::Other(code) => code,
+        }
+    }
+
+    /// The reason of a code; every code has one, because a close is read by every version.
+    #[must_use]
+    pub const fn from_code(code: u8) -> Self {
+        match code {
+            0 => Self::Shutdown,
+            1 => Self::Operator,
+            2 => Self::Error,
+            _ => Self::Other(code),
+        }
+    }
+}
+
+impl ErrorCode {
+    /// The code on the wire.
+    #[must_use]
+    pub const fn code(self) -> u8 {
+        match self {
+            Self::Version => 1,
+            Self::BadFrame => 2,
+            Self::WrongMachine => 3,
+            Self::WrongAxes => 4,
+            Self::WrongCycle => 5,
+            Self::Unexpected => 6,
+            Self::Busy => 7,
+            Self::Other(code) => code,
+        }
+    }
+
+    /// The error of a code; every code has one, because an error is read by every version.
+    #[must_use]
+    pub const fn from_code(code: u8) -> Self {
+        match code {
+            1 => Self::Version,
+            2 => Self::BadFrame,
+            3 => Self::WrongMachine,
+            4 => Self::WrongAxes,
+            5 => Self::WrongCycle,
+            6 => Self::Unexpected,
+            7 => Self::Busy,
+            _ => Self::Other(code),
+        }
+    }
+}
+
+impl DaemonHello {
+    /// The highest version that both the daemon and a control with versions `min` to `max` understand.
+    #[must_use]
+    pub fn common_version(&self, min: u8, max: u8) -> Option<u8> {
+        let version = self.version_max.min(max);
+        (version >= self.version_min && version >= min).then_some(version)
+    }
+}
+
+impl ControlHello {
+    /// The axes that the control has, in wire order.
+    #[must_use]
+    pub fn used_axes(&self) -> &[Axis] {
+        &self.axes[..usize::from(self.axis_count).min(MAX_AXES)]
+    }
+}
+
+impl Correction {
+    /// True where every offset is a number; anything else must not reach a drive.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.offset.iter().all(|v| v.is_finite())
+    }
+}
+
+impl Tool {
+    /// True where the tip is a point; any other tool must not reach the model.
+    #[must_use]
+    pub fn is_finite(&self) -> bool {
+        self.tip.iter().all(|v| v.is_finite())
+    }
+}
+
+/// How many cycles `later` comes after `earlier`, through the wrap at 2^32: 0 = repeated, negative = older.
+#[must_use]
+pub const fn sequence_step(earlier: u32, later: u32) -> i32 {
+    later.wrapping_sub(earlier).cast_signed()
 }
 
 impl MachineState {

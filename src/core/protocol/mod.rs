@@ -1,17 +1,26 @@
 //! The link between a control and the daemon: messages, frames, and the stream reader.
 //!
 //! Byte by byte in `docs/protocol.md`. The control listens, the daemon connects. Little-endian, fixed layouts,
-//! at most [`MAX_FRAME`] bytes a frame. Reading order: [`message`] (what is said), [`frame`] (how it is
-//! packed: zero-copy view and plain struct), [`stream`] (frames out of a byte stream).
+//! at most [`MAX_FRAME`] bytes a frame. Reading order: [`message`] (what is said), [`field`] (where it
+//! stands), [`layout`] (struct to bytes and back), [`frame`] (header and check sum around it), [`stream`]
+//! (frames out of a byte stream), [`error`] (why bytes are no frame).
 
+pub mod error;
+pub mod field;
 pub mod frame;
+pub mod layout;
 pub mod message;
 pub mod stream;
 
-pub use frame::{FrameError, MAX_FRAME, decode, encode};
+#[cfg(test)]
+mod tests;
+
+pub use error::{FrameError, NameFault};
+pub use frame::{Frame, Kind, MAX_FRAME, decode, encode};
+pub use layout::Payload;
 pub use message::{
     Axis, AxisUnit, Close, CloseReason, ControlHello, Correction, CorrectionState, DaemonHello, ErrorCode,
-    ErrorReport, Heartbeat, MachineState, Message, Name, Position, Tool,
+    ErrorReport, Heartbeat, MachineState, Message, Name, Position, Tool, sequence_step,
 };
 pub use stream::FrameReader;
 

@@ -26,6 +26,14 @@ pub struct Table {
     per_spacing: Option<f64>,
 }
 
+/// A position among the support points of a table.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Place {
+    interval: usize,
+    width: f64,
+    share: f64,
+}
+
 #[derive(Debug, Clone, PartialEq)]
 struct Branch {
     values: Vec<f64>,
@@ -63,20 +71,38 @@ impl Table {
     /// The value at `position`; beyond the ends the end value is held.
     #[must_use]
     pub fn value(&self, position: f64, travel: Travel) -> f64 {
+        self.value_at(&self.place(position), travel)
+    }
+
+    /// Where `position` (held at the ends) lies among the support points.
+    #[must_use]
+    pub fn place(&self, position: f64) -> Place {
+        let [low, high] = self.range();
+        let x = position.clamp(low, high);
+        let interval = self.interval(x);
+        let width = self.positions[interval + 1] - self.positions[interval];
+        Place { interval, width, share: (x - self.positions[interval]) / width }
+    }
+
+    /// True where a place found in `other` is right in this table, too.
+    #[must_use]
+    pub fn shares_look_up(&self, other: &Self) -> bool {
+        self.positions == other.positions
+    }
+
+    /// The value at a place found by [`Table::place`] in a table over the same positions.
+    #[must_use]
+    pub fn value_at(&self, place: &Place, travel: Travel) -> f64 {
         let branch = match (&self.reverse, travel) {
             (Some(reverse), Travel::Reverse) => reverse,
             _ => &self.forward,
         };
-        let [low, high] = self.range();
-        let x = position.clamp(low, high);
-        let i = self.interval(x);
-        let h = self.positions[i + 1] - self.positions[i];
-        let u = (x - self.positions[i]) / h;
+        let Place { interval: i, width, share: u } = *place;
         let (v0, v1) = (branch.values[i], branch.values[i + 1]);
         if branch.slopes.is_empty() {
             return v0 + u * (v1 - v0);
         }
-        let (m0, m1) = (branch.slopes[i] * h, branch.slopes[i + 1] * h);
+        let (m0, m1) = (branch.slopes[i] * width, branch.slopes[i + 1] * width);
         let w = 1.0 - u;
         // cubic Hermite basis
         v0 * (1.0 + 2.0 * u) * w * w + m0 * u * w * w + v1 * u * u * (3.0 - 2.0 * u) - m1 * u * u * w

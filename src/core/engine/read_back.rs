@@ -1,0 +1,60 @@
+//! Does the control apply what it was sent? The read-back must be one of the last offsets sent.
+
+use crate::core::axes::{AxisArray, MAX_AXES};
+
+/// The longest delay between an offset and its read-back that can be watched, in cycles.
+pub const READ_BACK_CYCLES_MAX: usize = 64;
+
+/// Remembers the last offsets and compares. mm and rad.
+#[derive(Debug, Clone)]
+pub(super) struct ReadBack {
+    sent: [AxisArray; READ_BACK_CYCLES_MAX],
+    next: usize,
+    filled: usize,
+    window: usize,
+    tolerance: AxisArray,
+    misses: usize,
+}
+
+impl ReadBack {
+    pub(super) fn new(window: usize, tolerance: AxisArray) -> Self {
+        Self {
+            sent: [[0.0; MAX_AXES]; READ_BACK_CYCLES_MAX],
+            next: 0,
+            filled: 0,
+            window: window.clamp(1, READ_BACK_CYCLES_MAX),
+            tolerance,
+            misses: 0,
+        }
+    }
+
+    /// Forgets everything.
+    pub(super) const fn restart(&mut self) {
+        self.filled = 0;
+        self.misses = 0;
+    }
+
+    /// Remembers an offset that was sent.
+    pub(super) fn sent(&mut self, offset: &AxisArray) {
+        self.sent[self.next] = *offset;
+        self.next = (self.next + 1) % self.window;
+        self.filled = (self.filled + 1).min(self.window);
+    }
+
+    /// True where `applied` is one of the last offsets sent, or too few were sent to tell.
+    pub(super) fn knows(&self, applied: &AxisArray, axes: usize) -> bool {
+        self.filled < self.window
+            || (0..axes).all(|k| {
+                let (low, high) = self.sent[..self.window]
+                    .iter()
+                    .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), o| (l.min(o[k]), h.max(o[k])));
+                (low - self.tolerance[k]..=high + self.tolerance[k]).contains(&applied[k])
+            })
+    }
+
+    /// True once the read-back has lain outside everything sent for a whole window of cycles.
+    pub(super) fn is_foreign(&mut self, applied: &AxisArray, axes: usize) -> bool {
+        self.misses = if self.knows(applied, axes) { 0 } else { self.misses + 1 };
+        self.misses >= self.window
+    }
+}

@@ -1,0 +1,247 @@
+//! The six error motions of one axis, compiled so that what they share is computed once.
+//!
+//! Curves with the same basis (same origin, span and period; same range; same positions) form a group. A group
+//! evaluates its basis once and weights it into six lanes, EX EY EZ EA EB EC. The cost is one sine/cosine pair,
+//! one polynomial recurrence or one look-up per group, whatever the number of motions in it.
+
+use core::f64::consts::PI;
+
+use super::curve::{Curve, ErrorFunction, Table};
+use crate::core::axes::Travel;
+
+/// EX EY EZ EA EB EC, mm and rad.
+pub(super) type Lanes = [f64; 6];
+
+/// The compiled motions of an axis.
+#[derive(Debug, Clone, Default)]
+pub(super) struct MotionBank {
+    constant: Lanes,
+    series: Vec<SeriesGroup>,
+    polynomials: Vec<PolynomialGroup>,
+    tables: Vec<TableGroup>,
+    /// Range that all curves cover.
+    range: Option<[f64; 2]>,
+}
+
+/// `mean + linear s + SUM cos_n cos(n w d) + sin_n sin(n w d)` in every lane.
+#[derive(Debug, Clone)]
+struct SeriesGroup {
+    origin: f64,
+    span: f64,
+    omega: f64,
+    mean: Lanes,
+    linear: Lanes,
+    /// cos and sin weights of harmonic 1, 2, ..
+    harmonics: Vec<[Lanes; 2]>,
+}
+
+/// `SUM c_k T_k(s)` in every lane.
+#[derive(Debug, Clone)]
+struct PolynomialGroup {
+    low: f64,
+    high: f64,
+    coefficients: Vec<Lanes>,
+}
+
+/// Tables over the same positions with the same rule; one look-up gives the weights of at most four values.
+#[derive(Debug, Clone)]
+struct TableGroup {
+    lanes: Vec<(usize, Table)>,
+}
+
+impl MotionBank {
+    /// Compiles the six functions of an axis.
+    pub(super) fn new(functions: &[ErrorFunction; 6]) -> Self {
+        let mut bank = Self::default();
+        for (lane, function) in functions.iter().enumerate() {
+            for curve in &function.curves {
+                bank.add(lane, curve);
+            }
+            if let Some([low, high]) = function.range() {
+                let [a, b] = bank.range.unwrap_or([low, high]);
+                bank.range = Some([a.max(low), b.min(high)]);
+            }
+        }
+        bank
+    }
+
+    fn add(&mut self, lane: usize, curve: &Curve) {
+        match curve {
+            Curve::Constant(value) => self.constant[lane] += value,
+            Curve::Fourier(f) => {
+                let [low, high] = f.range();
+                let (mean, linear) = f.mean_and_linear();
+                let group = self.series_group(low, high - low, 2.0 * PI / f.period());
+                group.add(lane, mean, linear, f.harmonics().iter().copied());
+            }
+            Curve::HalfRange(h) => {
+                let [low, high] = h.range();
+                let (mean, linear, sines) = h.coefficients();
+                let group = self.series_group(low, high - low, PI / (high - low));
+                group.add(lane, mean, linear, sines.map(|sin| [0.0, sin]));
+            }
+            Curve::Chebyshev(c) => {
+                let [low, high] = c.range();
+                let at = self.polynomials.iter().position(|g| (g.low, g.high) == (low, high));
+                let at = at.unwrap_or_else(|| {
+                    self.polynomials.push(PolynomialGroup { low, high, coefficients: Vec::new() });
+                    self.polynomials.len() - 1
+                });
+                let group = &mut self.polynomials[at];
+                for (k, c) in c.coefficients().iter().enumerate() {
+                    if group.coefficients.len() <= k {
+                        group.coefficients.push([0.0; 6]);
+                    }
+                    group.coefficients[k][lane] += c;
+                }
+            }
+            Curve::Table(t) => {
+                let same = |g: &TableGroup| g.lanes[0].1.shares_look_up(t);
+                match self.tables.iter_mut().find(|g| same(g)) {
+                    Some(group) => group.lanes.push((lane, t.clone())),
+                    None => self.tables.push(TableGroup { lanes: vec![(lane, t.clone())] }),
+                }
+            }
+        }
+    }
+
+    fn series_group(&mut self, origin: f64, span: f64, omega: f64) -> &mut SeriesGroup {
+        let same = |g: &SeriesGroup| (g.origin, g.span, g.omega) == (origin, span, omega);
+        let at = self.series.iter().position(same).unwrap_or_else(|| {
+            let empty = [0.0; 6];
+            self.series.push(SeriesGroup {
+                origin,
+                span,
+                omega,
+                mean: empty,
+                linear: empty,
+                harmonics: Vec::new(),
+            });
+            self.series.len() - 1
+        });
+        &mut self.series[at]
+    }
+
+    /// True where `x` lies outside the range of a curve (its end value is held).
+    pub(super) fn is_outside(&self, x: f64) -> bool {
+        self.range.is_some_and(|[low, high]| !(low..=high).contains(&x))
+    }
+
+    /// The six values at `x`.
+    ///
+    /// # Cycle   no allocation
+    pub(super) fn values(&self, x: f64, travel: Travel) -> Lanes {
+        let mut out = self.constant;
+        for group in &self.series {
+            group.add_to(&mut out, x);
+        }
+        for group in &self.polynomials {
+            group.add_to(&mut out, x);
+        }
+        for group in &self.tables {
+            let place = group.lanes[0].1.place(x);
+            for (lane, table) in &group.lanes {
+                out[*lane] += table.value_at(&place, travel);
+            }
+        }
+        out
+    }
+}
+
+impl SeriesGroup {
+    fn add(&mut self, lane: usize, mean: f64, linear: f64, harmonics: impl Iterator<Item = [f64; 2]>) {
+        self.mean[lane] += mean;
+        self.linear[lane] += linear;
+        for (n, [cos, sin]) in harmonics.enumerate() {
+            if self.harmonics.len() <= n {
+                self.harmonics.push([[0.0; 6]; 2]);
+            }
+            self.harmonics[n][0][lane] += cos;
+            self.harmonics[n][1][lane] += sin;
+        }
+    }
+
+    fn add_to(&self, out: &mut Lanes, x: f64) {
+        let d = (x - self.origin).clamp(0.0, self.span);
+        let s = (2.0 * d - self.span) / self.span;
+        for (lane, value) in out.iter_mut().enumerate() {
+            *value += self.mean[lane] + self.linear[lane] * s;
+        }
+        if self.harmonics.is_empty() {
+            return;
+        }
+        let (s1, c1) = (self.omega * d).sin_cos();
+        let (mut sin, mut cos) = (s1, c1);
+        for [a, b] in &self.harmonics {
+            for (lane, value) in out.iter_mut().enumerate() {
+                *value += a[lane] * cos + b[lane] * sin;
+            }
+            (sin, cos) = (sin * c1 + cos * s1, cos * c1 - sin * s1);
+        }
+    }
+}
+
+impl PolynomialGroup {
+    fn add_to(&self, out: &mut Lanes, x: f64) {
+        let s = (2.0 * x.clamp(self.low, self.high) - self.low - self.high) / (self.high - self.low);
+        let (mut t, mut next) = (1.0, s);
+        for c in &self.coefficients {
+            for (lane, value) in out.iter_mut().enumerate() {
+                *value += c[lane] * t;
+            }
+            (t, next) = (next, 2.0 * s * next - t);
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use proptest::prelude::*;
+
+    use super::*;
+    use crate::core::model::curve::{Chebyshev, Fourier, HalfRange, Interpolation};
+
+    fn curve() -> impl Strategy<Value = Curve> {
+        let list = || prop::collection::vec(-0.01..0.01f64, 0..7);
+        let rule = prop_oneof![Just(Interpolation::Linear), Just(Interpolation::MonotoneCubic)];
+        let table = (prop::collection::vec(-0.01..0.01f64, 5), any::<bool>(), any::<bool>(), rule);
+        prop_oneof![
+            (-0.01..0.01f64).prop_map(Curve::Constant),
+            (list(), list(), prop_oneof![Just(500.0), Just(700.0)]).prop_map(|(a, b, p)| Curve::Fourier(
+                Fourier::new(0.0, 500.0, p, 0.001, 0.002, &a, &b).unwrap()
+            )),
+            list().prop_map(|b| Curve::HalfRange(HalfRange::new(0.0, 500.0, 0.001, -0.002, &b).unwrap())),
+            (list(), prop_oneof![Just(0.0), Just(-50.0)])
+                .prop_map(|(c, low)| Curve::Chebyshev(Chebyshev::new(low, 500.0, c).unwrap())),
+            table.prop_map(|(v, equal, reverse, rule)| {
+                let positions = if equal {
+                    vec![0.0, 100.0, 200.0, 300.0, 400.0]
+                } else {
+                    vec![0.0, 10.0, 200.0, 300.0, 450.0]
+                };
+                let back = reverse.then(|| v.iter().map(|v| v + 0.001).collect());
+                Curve::Table(Table::new(positions, v, back, rule).unwrap())
+            }),
+        ]
+    }
+
+    proptest! {
+        #[test]
+        fn the_bank_equals_the_sum_of_its_curves(
+            curves in prop::collection::vec((0..6usize, curve()), 0..12), x in -100.0..600.0f64, back in any::<bool>(),
+        ) {
+            let mut functions: [ErrorFunction; 6] = Default::default();
+            for (lane, curve) in curves {
+                functions[lane].curves.push(curve);
+            }
+            let travel = if back { Travel::Reverse } else { Travel::Forward };
+            let bank = MotionBank::new(&functions);
+            let values = bank.values(x, travel);
+            for (value, function) in values.iter().zip(&functions) {
+                prop_assert!((value - function.value(x, travel)).abs() < 1e-14);
+            }
+            let outside = functions.iter().filter_map(ErrorFunction::range).any(|[l, h]| x < l || x > h);
+            prop_assert_eq!(bank.is_outside(x), outside);
+        }
+    }
+}

@@ -1,0 +1,227 @@
+//! Identities that every model keeps, on random machines of every type.
+
+use proptest::prelude::*;
+use volcomp::core::axes::{AxisKind, AxisName, MAX_AXES};
+use volcomp::core::geometry::Vec3;
+use volcomp::core::model::curve::{Curve, ErrorFunction, Interpolation, Table};
+use volcomp::core::model::{AxisSpec, Chain, Component, ErrorSymbol, Model, ModelSpec, Pose, Sense, Side};
+
+const CHAINS: &[&str] = &[
+    "[w b X Y Z t]",
+    "[w X' b Y Z t]",
+    "[w X' Y' b Z t]",
+    "[w X' Y' Z' b t]",
+    "[w b X Y Z C A (S) t]",
+    "[w C' A' b X Y Z t]",
+    "[w C' B' Y' b X Z (S) t]",
+    "[w A' b X Y B t]",
+    "[w B' X' b Z t]",
+];
+
+/// One random number in [-1, 1] for anything that has a name.
+fn noise(seed: u64, what: &str) -> f64 {
+    let mut h = seed ^ 0x9e37_79b9_7f4a_7c15;
+    for b in what.bytes() {
+        h = (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3);
+        h ^= h >> 29;
+    }
+    (h.wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
+}
+
+fn point(seed: u64, what: &str, size: f64) -> Vec3 {
+    Vec3::from_fn(|i, _| size * noise(seed, &format!("{what}{i}")))
+}
+
+/// A random machine; lengths to 20 um, angles to 60 urad times `scale`.
+fn machine(chain: &str, seed: u64, scale: f64) -> ModelSpec {
+    let mut spec = ModelSpec::new("random", Chain::parse(chain).unwrap());
+    spec.workpiece_origin = point(seed, "w", 300.0);
+    spec.tool_tip = point(seed, "t", 300.0);
+    let axes: Vec<_> = spec.chain.axes().to_vec();
+    for axis in &axes {
+        let name = axis.name;
+        let mut entry = AxisSpec::new(name);
+        entry.point = point(seed, &format!("p{name}"), 300.0);
+        for (i, r) in entry.reference_points.iter_mut().enumerate() {
+            r.point = point(seed, &format!("r{name}{i}"), 200.0);
+        }
+        spec.axes.push(entry);
+        for component in Component::ALL {
+            let size = if component.is_angle() { 6e-5 } else { 0.02 } * scale;
+            let reach = if axis.kind() == AxisKind::Linear { 600.0 } else { 4.0 };
+            let at = |i: i32| size * noise(seed, &format!("e{name}{component:?}{i}"));
+            let x = (-2..=2).map(|i| reach * f64::from(i) / 2.0).collect();
+            let table = Table::new(x, (-2..=2).map(at).collect(), None, Interpolation::Linear).unwrap();
+            let motion = ErrorSymbol::Motion { component, axis: name };
+            spec.errors.push((motion, ErrorFunction::single(Curve::Table(table))));
+            let location = ErrorSymbol::parse(&format!("e{}0{name}", component.letter()));
+            if let Some(symbol) = location.filter(|s| spec.chain.index_of(s.axis()).is_some()) {
+                let partner_missing = matches!(symbol, ErrorSymbol::Squareness { .. })
+                    && [AxisName::X, AxisName::Y].iter().any(|p| spec.chain.index_of(*p).is_none());
+                if !partner_missing {
+                    let value = size * noise(seed, &format!("l{symbol}"));
+                    spec.errors.push((symbol, ErrorFunction::single(Curve::Constant(value))));
+                }
+            }
+        }
+    }
+    spec
+}
+
+fn pose(spec: &ModelSpec, seed: u64) -> Pose {
+    let mut position = [0.0; MAX_AXES];
+    for (k, axis) in spec.chain.axes().iter().enumerate() {
+        let reach = if axis.kind() == AxisKind::Linear { 500.0 } else { 3.0 };
+        position[k] = reach * noise(seed, &format!("q{k}"));
+    }
+    Pose::at(position)
+}
+
+fn compile(spec: &ModelSpec) -> Model {
+    Model::new(spec).unwrap()
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
+
+    #[test]
+    fn a_model_without_errors_deviates_nowhere(c in 0..CHAINS.len(), seed in any::<u64>()) {
+        let mut spec = machine(CHAINS[c], seed, 1.0);
+        spec.errors.clear();
+        let model = compile(&spec);
+        let (deviation, correction) = model.correct(&pose(&spec, seed));
+        prop_assert_eq!(deviation.position, Vec3::zeros());
+        prop_assert_eq!(deviation.rotation, Vec3::zeros());
+        prop_assert_eq!(correction.offset, [0.0; MAX_AXES]);
+        let exact = model.deviation_exact(&pose(&spec, seed));
+        prop_assert!(exact.position.amax() < 1e-12 && exact.rotation.amax() < 1e-15);
+    }
+
+    /// Halving all errors quarters what the first order leaves out.
+    #[test]
+    fn first_order_and_exact_differ_in_second_order(c in 0..CHAINS.len(), seed in any::<u64>()) {
+        let rest = |scale: f64| {
+            let spec = machine(CHAINS[c], seed, scale);
+            let model = compile(&spec);
+            let p = pose(&spec, seed);
+            let (first, exact) = (model.deviation(&p), model.deviation_exact(&p));
+            ((first.position - exact.position).norm(), (first.rotation - exact.rotation).norm())
+        };
+        let ((p1, r1), (p2, r2)) = (rest(8.0), rest(4.0));
+        prop_assert!(p1 < 1e-2 && r1 < 1e-4);
+        prop_assert!(p2 <= 0.3 * p1 + 1e-11, "{p1} {p2}");
+        prop_assert!(r2 <= 0.3 * r1 + 1e-14, "{r1} {r2}");
+    }
+
+    /// The deviation of all errors together is the sum of the deviations of each.
+    #[test]
+    fn first_order_errors_add_up(c in 0..CHAINS.len(), seed in any::<u64>()) {
+        let spec = machine(CHAINS[c], seed, 1.0);
+        let p = pose(&spec, seed);
+        let whole = compile(&spec).deviation(&p);
+        let (mut position, mut rotation) = (Vec3::zeros(), Vec3::zeros());
+        for error in &spec.errors {
+            let one = compile(&ModelSpec { errors: vec![error.clone()], ..spec.clone() }).deviation(&p);
+            position += one.position;
+            rotation += one.rotation;
+        }
+        prop_assert!((position - whole.position).amax() < 1e-12);
+        prop_assert!((rotation - whole.rotation).amax() < 1e-15);
+    }
+
+    /// A curve in the carriage sense, mirrored and with its sign changed, is the same machine in the relative sense.
+    #[test]
+    fn relative_and_carriage_sense_agree(c in 0..CHAINS.len(), seed in any::<u64>()) {
+        let relative = machine(CHAINS[c], seed, 1.0);
+        let mut carriage = relative.clone();
+        for axis in &mut carriage.axes {
+            axis.sense = Sense::Carriage;
+        }
+        for (symbol, function) in &mut carriage.errors {
+            if symbol.is_constant() || !carriage.chain.axes().iter().any(|a| a.name == symbol.axis() && a.side == Side::Workpiece) {
+                continue;
+            }
+            let Curve::Table(t) = &function.curves[0] else { unreachable!("machines are made of tables") };
+            let (x, v, _) = t.columns();
+            let mirrored = Table::new(
+                x.iter().rev().map(|x| -x).collect(), v.iter().rev().map(|v| -v).collect(), None, Interpolation::Linear,
+            ).unwrap();
+            *function = ErrorFunction::single(Curve::Table(mirrored));
+        }
+        let p = pose(&relative, seed);
+        let (a, b) = (compile(&relative), compile(&carriage));
+        prop_assert!((a.deviation(&p).position - b.deviation(&p).position).amax() < 1e-12);
+        prop_assert!((a.deviation(&p).rotation - b.deviation(&p).rotation).amax() < 1e-15);
+        // exact: inverse motion, so the two differ in second order only
+        prop_assert!((a.deviation_exact(&p).position - b.deviation_exact(&p).position).amax() < 1e-4);
+    }
+
+    /// After the correction only second order is left of what the chain can control.
+    #[test]
+    fn the_corrected_pose_is_right_to_second_order(c in 0..CHAINS.len(), seed in any::<u64>()) {
+        let mut spec = machine(CHAINS[c], seed, 1.0);
+        // errors constant over the small correction, as on the cycle: looked up at the programmed coordinate
+        for (_, f) in &mut spec.errors {
+            let v = f.value(0.0, Default::default());
+            *f = ErrorFunction::single(Curve::Constant(v));
+        }
+        let model = compile(&spec);
+        let p = pose(&spec, seed);
+        let (deviation, correction) = model.correct(&p);
+        prop_assume!(correction.singular == 0);
+        let mut corrected = p;
+        for (q, offset) in corrected.position.iter_mut().zip(correction.offset) {
+            *q += offset;
+        }
+        // actual at the corrected pose minus nominal at the programmed one
+        let moved = nominal_tip(&spec, &corrected) - nominal_tip(&spec, &p);
+        let left = model.deviation_exact(&corrected).position + moved - correction.residual;
+        prop_assert!(left.norm() < 1e-3 * deviation.position.norm() + 3e-4, "{} of {}", left.norm(), deviation.position.norm());
+    }
+
+    /// Renaming the directions x -> y -> z -> x gives the renamed deviation.
+    #[test]
+    fn directions_are_interchangeable(seed in any::<u64>()) {
+        let spec = machine("[w X' b Y Z t]", seed, 1.0);
+        let turn = |v: Vec3| Vec3::new(v.z, v.x, v.y);
+        let next = |name: AxisName| match name { AxisName::X => AxisName::Y, AxisName::Y => AxisName::Z, _ => AxisName::X };
+        let mut turned = ModelSpec::new("turned", Chain::parse("[w Y' b Z X t]").unwrap());
+        turned.workpiece_origin = turn(spec.workpiece_origin);
+        turned.tool_tip = turn(spec.tool_tip);
+        for axis in &spec.axes {
+            let mut entry = AxisSpec { name: next(axis.name), ..axis.clone() };
+            for i in 0..3 {
+                entry.reference_points[(i + 1) % 3].point = turn(axis.reference_points[i].point);
+            }
+            turned.axes.push(entry);
+        }
+        let mut plain = spec.clone();
+        plain.errors.retain(|(s, _)| !s.is_constant());
+        for (symbol, f) in &plain.errors {
+            let i = symbol.component().index();
+            let component = Component::ALL[if i < 3 { (i + 1) % 3 } else { 3 + (i - 2) % 3 }];
+            turned.errors.push((ErrorSymbol::Motion { component, axis: next(symbol.axis()) }, f.clone()));
+        }
+        let p = pose(&spec, seed);
+        let (a, b) = (compile(&plain).deviation(&p), compile(&turned).deviation(&p));
+        prop_assert!((turn(a.position) - b.position).amax() < 1e-12);
+        prop_assert!((turn(a.rotation) - b.rotation).amax() < 1e-15);
+    }
+}
+
+/// Nominal tip in W from the definition, by a machine without errors whose tip is shifted: exact transforms only.
+fn nominal_tip(spec: &ModelSpec, pose: &Pose) -> Vec3 {
+    use volcomp::core::geometry::{rotation_about, unit};
+    let mut tip = spec.tool_tip;
+    for (k, axis) in spec.chain.axes().iter().enumerate().rev() {
+        let q = pose.position[k];
+        match axis.kind() {
+            AxisKind::Linear => tip += unit(axis.name.direction()) * q,
+            AxisKind::Rotary => {
+                let p = spec.axis(axis.name).point;
+                tip = p + rotation_about(axis.name.direction(), q) * (tip - p);
+            }
+        }
+    }
+    tip - spec.workpiece_origin
+}
