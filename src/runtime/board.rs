@@ -289,6 +289,8 @@ pub(super) const fn reason_name(reason: Reason) -> &'static str {
         Reason::OutOfTravel => "out-of-travel",
         Reason::DataGood => "data-good",
         Reason::ReadBack => "read-back",
+        Reason::FoundOffset => "found-offset",
+        Reason::ControlTookOver => "control-took-over",
     }
 }
 
@@ -309,5 +311,7 @@ pub(super) const fn reason_text(reason: Reason) -> &'static str {
         Reason::OutOfTravel => "an axis is outside the travel of the model",
         Reason::DataGood => "fresh and plausible positions again",
         Reason::ReadBack => "the control has applied another offset than the one sent",
+        Reason::FoundOffset => "the control holds an offset that was left from before",
+        Reason::ControlTookOver => "the control has been taking the offset back by itself",
     }
 }

@@ -5,20 +5,17 @@
 
 use std::sync::Arc;
 
-use crate::core::axes::{AxisArray, AxisKind, MAX_AXES};
 use crate::core::engine::{Command, Compensator, CycleOutput, EngineConfig, EngineError, State};
 use crate::core::geometry::Vec3;
 use crate::core::model::Model;
-use crate::core::protocol::{CloseReason, ControlHello, Correction, ErrorReport, Message};
-use crate::core::units::{MonoTime, deg_from_rad};
+use crate::core::protocol::{CloseReason, Correction, ErrorReport, Message};
+use crate::core::units::MonoTime;
 
-/// The engine, its model, and the units of the link.
+/// The engine and its model.
 #[derive(Debug, Clone)]
 pub struct CycleBody {
     model: Arc<Model>,
     engine: Compensator,
-    /// Wire units per internal unit: 1 for mm, 180/pi for rad to deg.
-    to_wire: AxisArray,
     output: Option<CycleOutput>,
 }
 
@@ -38,20 +35,13 @@ pub enum Reaction {
 }
 
 impl CycleBody {
-    /// An engine for a control that announced itself with `hello`.
+    /// An engine for the control that `config` was made for.
     ///
     /// # Errors
     /// The configuration does not fit the model.
-    pub fn new(config: &EngineConfig, model: Arc<Model>, hello: &ControlHello) -> Result<Self, EngineError> {
+    pub fn new(config: &EngineConfig, model: Arc<Model>) -> Result<Self, EngineError> {
         let engine = Compensator::new(config, &model)?;
-        let mut to_wire = [1.0; MAX_AXES];
-        let count = usize::from(hello.axis_count).min(MAX_AXES);
-        for (factor, axis) in to_wire.iter_mut().zip(&hello.axes[..count]) {
-            if axis.name.kind() == AxisKind::Rotary {
-                *factor = deg_from_rad(1.0);
-            }
-        }
-        Ok(Self { model, engine, to_wire, output: None })
+        Ok(Self { model, engine, output: None })
     }
 
     /// A new link has come up.
@@ -118,12 +108,14 @@ impl CycleBody {
         self.engine.state()
     }
 
+    /// True once a [`Command::Stop`] has been carried out.
+    #[must_use]
+    pub const fn is_stopped(&self) -> bool {
+        self.engine.is_stopped()
+    }
+
     fn answer(&mut self, output: CycleOutput) -> Correction {
         self.output = Some(output);
-        let mut offset = output.offset;
-        for (value, factor) in offset.iter_mut().zip(self.to_wire) {
-            *value *= factor;
-        }
-        Correction { sequence: output.sequence, state: output.state, limited: output.limited, offset }
+        self.engine.message(&output)
     }
 }

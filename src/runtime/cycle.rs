@@ -1,8 +1,9 @@
 //! Cycling over a link that is up.
 //!
-//! **Latest wins.** Every position frame goes through the engine, in order, so that its control time is contiguous
-//! (ramps, rates, directions of travel). Where several frames were waiting, only the newest is answered: the
-//! correction for an older one would be overwritten before it could act. The others count as skipped and late. A
+//! **Latest wins.** Where several position frames have come together, only the newest goes through the engine and
+//! is answered: a correction for an older one would be overwritten before it could act, and the steps of several
+//! cycles would reach the machine as one. The engine sees the gap in the sequence and bounds the control time of
+//! its step. Frames that show the machine not ready are never passed over. The others count as skipped and late. A
 //! control in lock step has only one frame on the way and always gets its answer; one that keeps several on the
 //! way takes an answer to `n` as the answer to everything up to `n`.
 //!
@@ -19,7 +20,7 @@ use super::link::{Link, Received};
 use super::ports::{CycleRecord, Progress, Report};
 use super::worker::{Control, Stop};
 use crate::config::LinkConfig;
-use crate::core::protocol::{CloseReason, Correction, ErrorCode, ErrorReport, FrameError, Message, Position};
+use crate::core::protocol::{CloseReason, ErrorCode, ErrorReport, FrameError, Message, Position};
 use crate::core::units::{MonoTime, NS_PER_S};
 
 /// Longest wait for bytes: requests and the watchdog are looked after this often.
@@ -46,14 +47,13 @@ pub(super) enum LinkEnd {
     Stopped { at_rest: bool },
 }
 
-/// A position frame that awaits its answer.
-#[derive(Debug, Clone, Copy)]
-struct Pending {
-    frame: Position,
-    correction: Correction,
-    received: MonoTime,
-    computed: MonoTime,
-    age_ns: i64,
+/// What one reading of the socket has brought.
+#[derive(Debug, Clone, Copy, Default)]
+struct Batch {
+    /// The newest position frame, not yet handled, and when its bytes were in hand.
+    newest: Option<(Position, MonoTime)>,
+    /// Older frames passed over.
+    skipped: u64,
 }
 
 /// One link from up to down.
@@ -101,17 +101,11 @@ impl Cycle<'_> {
 
     /// Whether a stop has come to its end.
     fn stopped(&self, now: MonoTime) -> Option<LinkEnd> {
-        let at_rest = match self.body.output() {
-            Some(output) => output.stopped,
-            // nothing was ever sent over this link, so there is nothing to take back
-            None => self.cycles == 0,
-        };
+        let at_rest = self.body.is_stopped();
         match self.control.stop {
-            Stop::No => None,
-            Stop::By(_) if at_rest => Some(LinkEnd::Stopped { at_rest }),
-            Stop::By(limit) if now >= limit => Some(LinkEnd::Stopped { at_rest }),
-            Stop::By(_) => None,
+            Stop::By(limit) if at_rest || now >= limit => Some(LinkEnd::Stopped { at_rest }),
             Stop::Now => Some(LinkEnd::Stopped { at_rest }),
+            Stop::No | Stop::By(_) => None,
         }
     }
 
@@ -141,17 +135,18 @@ impl Cycle<'_> {
         Duration::from_nanos(wait).min(SLICE)
     }
 
-    /// Handles every frame that has arrived, then answers the newest position.
+    /// Takes in every frame that has arrived, then answers the newest position.
     fn frames(&mut self, link: &mut Link, mut at: MonoTime, mut more: bool) -> io::Result<Option<LinkEnd>> {
-        let mut pending = None;
-        let mut skipped = 0;
+        let mut batch = Batch::default();
         loop {
-            while let Some(message) = match link.reader.next() {
-                Ok(message) => message,
-                Err(e) => return Ok(Some(LinkEnd::BadFrame(e))),
-            } {
+            loop {
+                let message = match link.reader.next() {
+                    Ok(Some(message)) => message,
+                    Ok(None) => break,
+                    Err(e) => return Ok(Some(LinkEnd::BadFrame(e))),
+                };
                 link.received = at;
-                if let Some(end) = self.message(at, &message, &mut pending, &mut skipped) {
+                if let Some(end) = self.message(at, &message, &mut batch) {
                     return Ok(Some(end));
                 }
             }
@@ -165,67 +160,72 @@ impl Cycle<'_> {
                 Received::Closed => return Ok(Some(LinkEnd::Closed)),
             }
         }
-        if let Some(pending) = pending {
-            link.send(&Message::Correction(pending.correction))?;
-            self.account(&pending, skipped, link.sent);
+        if let Some((frame, received)) = batch.newest {
+            self.answer(link, frame, received, batch.skipped)?;
         }
         Ok(None)
     }
 
-    fn message(
-        &mut self,
-        at: MonoTime,
-        message: &Message,
-        pending: &mut Option<Pending>,
-        skipped: &mut u64,
-    ) -> Option<LinkEnd> {
-        let correction = match self.body.handle(at, message) {
-            Reaction::Answer(correction) => correction,
-            Reaction::Nothing => return None,
-            Reaction::Closed(reason) => return Some(LinkEnd::ClosedByControl(reason)),
-            Reaction::Refused(report) => return Some(LinkEnd::Refused(report)),
-            Reaction::Unexpected(found) => return Some(LinkEnd::Unexpected(found)),
-        };
-        let Message::Position(frame) = message else { return None };
-        self.cycles += 1;
-        self.tell_event();
-        let age_ns = self.ages.age_ns(at, frame.control_ns);
-        let computed = self.clock.now();
-        let newest = Pending { frame: *frame, correction, received: at, computed, age_ns };
-        if pending.replace(newest).is_some() {
-            *skipped += 1;
+    fn message(&mut self, at: MonoTime, message: &Message, batch: &mut Batch) -> Option<LinkEnd> {
+        if let Message::Position(frame) = message {
+            self.cycles += 1;
+            if let Some((older, received)) = batch.newest.replace((*frame, at)) {
+                batch.skipped += 1;
+                if !older.state.is_ready() {
+                    let _ = self.body.handle(received, &Message::Position(older));
+                    self.tell_event();
+                }
+            }
+            return None;
         }
-        None
+        match self.body.handle(at, message) {
+            Reaction::Answer(_) | Reaction::Nothing => None,
+            Reaction::Closed(reason) => Some(LinkEnd::ClosedByControl(reason)),
+            Reaction::Refused(report) => Some(LinkEnd::Refused(report)),
+            Reaction::Unexpected(found) => Some(LinkEnd::Unexpected(found)),
+        }
+    }
+
+    fn answer(
+        &mut self,
+        link: &mut Link,
+        frame: Position,
+        received: MonoTime,
+        skipped: u64,
+    ) -> io::Result<()> {
+        let message = Message::Position(frame);
+        let Reaction::Answer(correction) = self.body.handle(received, &message) else { return Ok(()) };
+        let computed = self.clock.now();
+        link.send(&Message::Correction(correction))?;
+        self.tell_event();
+        let turnaround_ns = link.sent.ns - received.ns;
+        let age_ns = self.ages.age_ns(received, frame.control_ns).saturating_add(turnaround_ns);
+        let late = u64::from(age_ns as f64 > self.limits.cycle_s * NS_PER_S);
+        let progress = &self.control.ports.progress;
+        Progress::add(&progress.cycles, 1 + skipped);
+        Progress::add(&progress.late, late + skipped);
+        Progress::add(&progress.skipped, skipped);
+        let Some(output) = self.body.output() else { return Ok(()) };
+        progress.set_state(Some(output.state));
+        self.control.ports.record(CycleRecord {
+            state: output.state,
+            machine_state: frame.state,
+            limited: output.limited,
+            warning: output.warning,
+            out_of_range: output.out_of_range,
+            offset: output.offset,
+            applied: frame.applied,
+            age_ns,
+            turnaround_ns,
+            compute_ns: computed.ns - received.ns,
+        });
+        Ok(())
     }
 
     fn tell_event(&self) {
         if let Some(event) = self.body.output().and_then(|output| output.event) {
             self.control.ports.report(Report::Engine(event));
         }
-    }
-
-    fn account(&self, pending: &Pending, skipped: u64, sent: MonoTime) {
-        let progress = &self.control.ports.progress;
-        let turnaround_ns = sent.ns - pending.received.ns;
-        let age_ns = pending.age_ns.saturating_add(turnaround_ns);
-        let late = u64::from(age_ns as f64 > self.limits.cycle_s * NS_PER_S);
-        Progress::add(&progress.cycles, 1 + skipped);
-        Progress::add(&progress.late, late + skipped);
-        Progress::add(&progress.skipped, skipped);
-        let Some(output) = self.body.output() else { return };
-        progress.set_state(Some(output.state));
-        self.control.ports.record(CycleRecord {
-            state: output.state,
-            machine_state: pending.frame.state,
-            limited: output.limited,
-            warning: output.warning,
-            out_of_range: output.out_of_range,
-            offset: output.offset,
-            applied: pending.frame.applied,
-            age_ns,
-            turnaround_ns,
-            compute_ns: pending.computed.ns - pending.received.ns,
-        });
     }
 }
 

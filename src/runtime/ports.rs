@@ -55,8 +55,19 @@ pub(super) enum Report {
     LinkDown { end: LinkEnd, cycles: u64 },
     /// The engine says what happened.
     Engine(Event),
-    /// The thread ends; true where the offset had reached its rest value.
-    Stopped { at_rest: bool },
+    /// The thread ends as it was asked to.
+    Stopped { offset: LastOffset },
+}
+
+/// Where the offset was when the thread ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum LastOffset {
+    /// At its rest value.
+    AtRest,
+    /// Not yet at its rest value.
+    OnItsWay,
+    /// There was no link.
+    NoLink,
 }
 
 /// One cycle, for statistics and status.
@@ -224,7 +235,7 @@ mod tests {
     fn a_full_queue_drops_and_counts() {
         let (cycle, service) = ports();
         for _ in 0..REPORTS + 3 {
-            cycle.report(Report::Stopped { at_rest: true });
+            cycle.report(Report::Stopped { offset: LastOffset::AtRest });
         }
         assert_eq!(service.progress.reports_dropped.load(Relaxed), 3);
         assert_eq!(service.reports.len(), REPORTS);

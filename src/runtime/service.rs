@@ -12,7 +12,7 @@ use super::cycle::LinkEnd;
 use super::handshake;
 use super::load::Loaded;
 use super::logging::LogLimiter;
-use super::ports::{Progress, Report, Request, ServicePorts, Ticket};
+use super::ports::{LastOffset, Progress, Report, Request, ServicePorts, Ticket};
 use super::realtime::RealtimeReport;
 use super::status::Status;
 use crate::core::engine::{Event, Reason, State};
@@ -131,9 +131,12 @@ impl Service {
                 }
                 self.board.event(&event);
             }
-            Report::Stopped { at_rest: true } => info!("the offset is at its rest value"),
-            Report::Stopped { at_rest: false } => {
-                warn!("stopped before the offset was at its rest value; the control's watchdog takes it out");
+            Report::Stopped { offset: LastOffset::AtRest } => info!("the offset is at its rest value"),
+            Report::Stopped { offset: LastOffset::NoLink } => {
+                info!("there is no link; a control that still holds an offset takes it out by itself");
+            }
+            Report::Stopped { offset: LastOffset::OnItsWay } => {
+                warn!("stopped before the offset was at its rest value; the control takes it out by itself");
             }
         }
     }

@@ -12,7 +12,7 @@ use super::cycle::{Cycle, LinkEnd, SLICE};
 use super::handshake::{self, LinkError};
 use super::link::{Connecting, Link, Received, seconds};
 use super::load::Loaded;
-use super::ports::{CyclePorts, Report, Request};
+use super::ports::{CyclePorts, LastOffset, Report, Request};
 use super::realtime;
 use crate::config::{MachineConfig, StartMode};
 use crate::core::engine::Command;
@@ -128,22 +128,21 @@ impl Worker {
     pub(super) fn run(mut self) {
         let report = realtime::apply(&self.loaded.config.realtime);
         self.control.ports.report(Report::Realtime(report));
-        let at_rest = loop {
+        let offset = loop {
             match self.open() {
                 Ok(Some((link, hello))) => {
                     if let Some(at_rest) = self.serve(link, &hello) {
-                        break at_rest;
+                        break if at_rest { LastOffset::AtRest } else { LastOffset::OnItsWay };
                     }
                 }
-                // a stop without a link has nothing to take back
-                Ok(None) => break true,
+                Ok(None) => break LastOffset::NoLink,
                 Err(error) => self.failed(error),
             }
             if self.control.stopping() {
-                break self.control.stop != Stop::Now;
+                break LastOffset::NoLink;
             }
         };
-        self.control.ports.report(Report::Stopped { at_rest });
+        self.control.ports.report(Report::Stopped { offset });
     }
 
     /// Connects and shakes hands; `None` where a stop came in between.
@@ -233,7 +232,7 @@ impl Worker {
         let address = self.loaded.config.link.address;
         let engine = |source| LinkError::Engine { address, source };
         let config = self.loaded.config.engine_config(hello).map_err(engine)?;
-        let mut body = CycleBody::new(&config, Arc::clone(&self.loaded.model), hello).map_err(engine)?;
+        let mut body = CycleBody::new(&config, Arc::clone(&self.loaded.model)).map_err(engine)?;
         self.control.brief(self.clock.now(), &mut body);
         self.body = Some((*hello, body));
         Ok(())
