@@ -3,8 +3,10 @@
 use proptest::prelude::*;
 use volcomp::core::axes::{AxisKind, AxisName, MAX_AXES};
 use volcomp::core::geometry::Vec3;
-use volcomp::core::model::curve::{Curve, ErrorFunction, Interpolation, Table};
-use volcomp::core::model::{AxisSpec, Chain, Component, ErrorSymbol, Model, ModelSpec, Pose, Sense, Side};
+use volcomp::core::model::curve::{Curve, ErrorFunction, Grid, Interpolation, Table};
+use volcomp::core::model::{
+    AxisSpec, Chain, Component, ErrorSymbol, Model, ModelError, ModelSpec, Pose, Sense, Side,
+};
 
 const CHAINS: &[&str] = &[
     "[w b X Y Z t]",
@@ -207,6 +209,30 @@ proptest! {
         prop_assert!((turn(a.position) - b.position).amax() < 1e-12);
         prop_assert!((turn(a.rotation) - b.rotation).amax() < 1e-15);
     }
+}
+
+/// Sag that grows with the reach of Z as the cross slide moves out: e = (0, 0, k y z) everywhere on the grid.
+#[test]
+fn a_grid_over_two_axes_acts_at_the_pose() {
+    let mut spec = ModelSpec::new("sag", Chain::parse("[w b X Y Z t]").unwrap());
+    let axes = vec![(AxisName::Y, vec![0.0, 400.0]), (AxisName::Z, vec![-300.0, 0.0])];
+    let grid = Grid::new(axes, vec![0.0, 0.0, 400.0 * -300.0 * 1e-7, 0.0]).unwrap();
+    let sag = ErrorFunction { grids: vec![grid], ..ErrorFunction::default() };
+    spec.errors.push((ErrorSymbol::parse("ezy").unwrap(), sag.clone()));
+    let model = compile(&spec);
+    let mut position = [0.0; MAX_AXES];
+    position[..3].copy_from_slice(&[50.0, 120.0, -80.0]);
+    let d = model.deviation(&Pose::at(position));
+    assert!((d.position - Vec3::new(0.0, 0.0, 120.0 * -80.0 * 1e-7)).amax() < 1e-15);
+    assert!((model.deviation_exact(&Pose::at(position)).position - d.position).amax() < 1e-12);
+    position[2] = -900.0;
+    let d = model.deviation(&Pose::at(position));
+    assert!((d.position.z - 120.0 * -300.0 * 1e-7).abs() < 1e-15);
+    assert_eq!(d.flags.out_of_range, 1 << 1);
+
+    spec.chain = Chain::parse("[w b X Y t]").unwrap();
+    spec.errors = vec![(ErrorSymbol::parse("ezy").unwrap(), sag)];
+    assert!(matches!(Model::new(&spec), Err(ModelError::GridOverMissingAxis { axis: AxisName::Z, .. })));
 }
 
 /// Nominal tip in W from the definition, by a machine without errors whose tip is shifted: exact transforms only.

@@ -1,11 +1,566 @@
-//! `check`: placeholder.
+//! `check`: reads machine and model files as the daemon would, and says what is in them or what is wrong.
 
-use super::Failure;
+use std::io::IsTerminal as _;
+use std::path::{Path, PathBuf};
 
-/// Placeholder.
+use serde_json::{Value, json};
+
+use super::{EX_CONFIG, EX_SOFTWARE, Failure};
+use crate::config::model::kind_of;
+use crate::config::{self, ConfigErrors, Diagnostic, FileKind, MachineConfig};
+use crate::core::axes::{AxisKind, AxisName, Travel};
+use crate::core::model::spec::{ModelSpec, Sense};
+use crate::core::model::{ErrorFunction, ErrorSymbol, Side};
+use crate::core::units::{arcsec_from_rad, deg_from_rad, um_from_mm};
+
+/// Check machine and model files: every mistake with file, line and remedy, or a summary of what is in them
+///
+/// A machine file is checked together with the model it names.
 #[derive(Debug, clap::Parser)]
-pub(super) struct Args {}
+pub(super) struct Args {
+    /// Machine files (volcomp-machine/1) and model files (volcomp-model/1)
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// Print one JSON object instead of text
+    #[arg(long)]
+    json: bool,
+}
 
-pub(super) fn run(_args: &Args) -> Result<(), Failure> {
-    Err(Failure::new(super::EX_SOFTWARE, "not written yet"))
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let outcomes: Vec<Outcome> = args.files.iter().map(|f| Outcome::of(f)).collect();
+    if args.json {
+        let ok = outcomes.iter().all(|o| o.problem.is_none());
+        let report = json!({"ok": ok, "files": outcomes.iter().map(Outcome::as_json).collect::<Vec<_>>()});
+        let text = serde_json::to_string_pretty(&report).map_err(|e| Failure::new(EX_SOFTWARE, e))?;
+        println!("{text}");
+    } else {
+        for outcome in &outcomes {
+            if let Some(found) = outcome.found.as_ref().filter(|_| outcome.problem.is_none()) {
+                println!("{}", found.as_text(&outcome.file));
+            }
+        }
+    }
+    let problems: Vec<&Problem> = outcomes.iter().filter_map(|o| o.problem.as_ref()).collect();
+    let Some(code) = problems.iter().map(|p| p.code()).max() else { return Ok(()) };
+    let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
+    let message: Vec<String> = problems.iter().map(|p| p.as_text(color)).collect();
+    Err(Failure::new(code, message.join("\n\n")))
+}
+
+/// What came out of one file.
+struct Outcome {
+    file: String,
+    found: Option<Found>,
+    problem: Option<Problem>,
+}
+
+/// Why a file is not usable.
+enum Problem {
+    /// It (or the model it names) could not be read.
+    Io { code: u8, message: String },
+    /// It is wrong.
+    Config(ConfigErrors),
+}
+
+/// What is in a file.
+enum Found {
+    Machine { machine: Box<MachineConfig>, model: Option<Box<ModelSpec>> },
+    Model(Box<ModelSpec>),
+}
+
+impl Problem {
+    const fn code(&self) -> u8 {
+        match self {
+            Self::Io { code, .. } => *code,
+            Self::Config(_) => EX_CONFIG,
+        }
+    }
+
+    fn as_text(&self, color: bool) -> String {
+        match self {
+            Self::Io { message, .. } => message.clone(),
+            Self::Config(errors) => errors.render(color),
+        }
+    }
+
+    fn as_json(&self) -> Vec<Value> {
+        match self {
+            Self::Io { message, .. } => vec![json!({"message": message})],
+            Self::Config(errors) => errors
+                .diagnostics
+                .iter()
+                .map(|d| {
+                    let place = errors.place(d);
+                    json!({
+                        "file": errors.file,
+                        "line": place.map(|p| p.line),
+                        "column": place.map(|p| p.column),
+                        "message": d.message,
+                        "remedy": d.remedy,
+                    })
+                })
+                .collect(),
+        }
+    }
+}
+
+impl From<ConfigErrors> for Problem {
+    fn from(errors: ConfigErrors) -> Self {
+        Self::Config(errors)
+    }
+}
+
+/// Reads a text file; what is not UTF-8 is a mistake in the file, not of the system.
+fn read(path: &Path) -> Result<String, Problem> {
+    let bytes = std::fs::read(path).map_err(|e| {
+        let failure = Failure::io(path, &e);
+        Problem::Io { code: failure.code, message: failure.message }
+    })?;
+    String::from_utf8(bytes).map_err(|e| {
+        let at = e.utf8_error().valid_up_to();
+        let line = e.as_bytes()[..at].iter().filter(|b| **b == b'\n').count() + 1;
+        let message = format!("byte {at} (line {line}) is not UTF-8");
+        let remedy = "save the file as UTF-8";
+        Problem::Config(ConfigErrors::new(
+            &path.display().to_string(),
+            "",
+            vec![Diagnostic::of_file(message, remedy)],
+        ))
+    })
+}
+
+impl Outcome {
+    fn of(path: &Path) -> Self {
+        let file = path.display().to_string();
+        match look(path, &file) {
+            Ok((found, problem)) => Self { file, found: Some(found), problem },
+            Err(problem) => Self { file, found: None, problem: Some(problem) },
+        }
+    }
+
+    fn as_json(&self) -> Value {
+        let mut out = match &self.found {
+            Some(found) => found.as_json(),
+            None => json!({}),
+        };
+        out["file"] = json!(self.file);
+        out["ok"] = json!(self.problem.is_none());
+        out["mistakes"] = json!(self.problem.as_ref().map(Problem::as_json).unwrap_or_default());
+        out
+    }
+}
+
+/// Reads a file; a machine file that is right by itself may still have a problem with its model.
+fn look(path: &Path, file: &str) -> Result<(Found, Option<Problem>), Problem> {
+    let text = read(path)?;
+    if config::kind_of_file(file, &text)? == FileKind::Model {
+        return Ok((Found::Model(Box::new(config::model::parse(file, &text)?)), None));
+    }
+    let machine = Box::new(MachineConfig::parse(file, &text)?);
+    let (model, problem) = match look_at_model(path, file, &text, &machine) {
+        Ok(model) => (Some(Box::new(model)), None),
+        Err(problem) => (None, Some(problem)),
+    };
+    Ok((Found::Machine { machine, model }, problem))
+}
+
+/// The model that a machine file names, checked against it.
+fn look_at_model(path: &Path, file: &str, text: &str, machine: &MachineConfig) -> Result<ModelSpec, Problem> {
+    let named = path.parent().unwrap_or(Path::new("")).join(&machine.model);
+    let model_text = read(&named).map_err(|problem| match problem {
+        Problem::Io { code, message } => {
+            let (message, remedy) =
+                (message.trim_start_matches("error: "), "the path is seen from the machine file");
+            let errors = mistakes_at(
+                file,
+                text,
+                vec![(vec!["model".to_owned()], message.to_owned(), remedy.to_owned())],
+            );
+            Problem::Io { code, message: errors.to_string() }
+        }
+        wrong @ Problem::Config(_) => wrong,
+    })?;
+    let model = config::model::parse(&named.display().to_string(), &model_text)?;
+    let mismatches = machine.check_model(&model);
+    if mismatches.is_empty() {
+        return Ok(model);
+    }
+    let found = mismatches.iter().map(|m| (m.key(), m.to_string(), m.remedy())).collect();
+    Err(mistakes_at(file, text, found).into())
+}
+
+/// Mistakes at keys of a file: key, message, remedy.
+fn mistakes_at(file: &str, text: &str, found: Vec<(Vec<String>, String, String)>) -> ConfigErrors {
+    let text = text.trim_start_matches('\u{feff}');
+    let diagnostics = found
+        .into_iter()
+        .map(|(key, message, remedy)| {
+            let path: Vec<&str> = key.iter().map(String::as_str).collect();
+            Diagnostic { span: config::place_of(text, &path), message, remedy: Some(remedy) }
+        })
+        .collect();
+    ConfigErrors::new(file, text, diagnostics)
+}
+
+impl Found {
+    fn as_text(&self, file: &str) -> String {
+        let mut lines = vec![format!("{file}: ok")];
+        match self {
+            Self::Model(model) => describe_model(&mut lines, model),
+            Self::Machine { machine, model } => {
+                describe_machine(&mut lines, machine);
+                if let Some(model) = model {
+                    lines.push(format!("  model {}", machine.model.display()));
+                    describe_model(&mut lines, model);
+                    lines.extend(notes(machine, model).into_iter().map(|n| format!("  note: {n}")));
+                }
+            }
+        }
+        lines.join("\n")
+    }
+
+    fn as_json(&self) -> Value {
+        match self {
+            Self::Model(model) => {
+                let mut out = model_as_json(model);
+                out["format"] = json!(config::model::FORMAT);
+                out["notes"] = json!(model_notes(model));
+                out
+            }
+            Self::Machine { machine, model } => json!({
+                "format": config::machine::FORMAT,
+                "machine": machine.machine,
+                "address": machine.link.address.to_string(),
+                "cycle_ms": machine.link.cycle_s * 1e3,
+                "axes": machine.axes.iter().map(|a| json!({
+                    "axis": a.name.lower().to_string(),
+                    format!("limit_{}", offset_unit(a.name)): offset_out(a.name, a.limits.size),
+                    format!("warning_{}", offset_unit(a.name)): offset_out(a.name, a.limits.warning),
+                })).collect::<Vec<_>>(),
+                "model_file": machine.model.display().to_string(),
+                "model": model.as_ref().map(|m| model_as_json(m)),
+                "notes": model.as_ref().map(|m| notes(machine, m)).unwrap_or_default(),
+            }),
+        }
+    }
+}
+
+const fn offset_unit(axis: AxisName) -> &'static str {
+    match axis.kind() {
+        AxisKind::Linear => "um",
+        AxisKind::Rotary => "arcsec",
+    }
+}
+
+fn offset_out(axis: AxisName, v: f64) -> f64 {
+    match axis.kind() {
+        AxisKind::Linear => rounded(um_from_mm(v)),
+        AxisKind::Rotary => rounded(arcsec_from_rad(v)),
+    }
+}
+
+const fn position_unit(axis: AxisName) -> &'static str {
+    match axis.kind() {
+        AxisKind::Linear => "mm",
+        AxisKind::Rotary => "deg",
+    }
+}
+
+fn position_out(axis: AxisName, v: f64) -> f64 {
+    match axis.kind() {
+        AxisKind::Linear => rounded(v),
+        AxisKind::Rotary => rounded(deg_from_rad(v)),
+    }
+}
+
+/// Without the last digits that a conversion leaves behind.
+fn rounded(v: f64) -> f64 {
+    // adding zero turns -0 into 0
+    (v * 1e6).round() / 1e6 + 0.0
+}
+
+fn describe_machine(lines: &mut Vec<String>, machine: &MachineConfig) {
+    lines.push(format!(
+        "  machine {}, control at {}, cycle {} ms",
+        machine.machine,
+        machine.link.address,
+        rounded(machine.link.cycle_s * 1e3)
+    ));
+    for axis in &machine.axes {
+        let (name, unit) = (axis.name, offset_unit(axis.name));
+        lines.push(format!(
+            "  axis {name}: offset up to {} {unit}, warning at {} {unit}, {} {unit}/s, {} {unit}/s^2",
+            offset_out(name, axis.limits.size),
+            offset_out(name, axis.limits.warning),
+            offset_out(name, axis.limits.rate),
+            offset_out(name, axis.limits.acceleration),
+        ));
+    }
+}
+
+fn describe_model(lines: &mut Vec<String>, model: &ModelSpec) {
+    lines.push(format!("  model of {}, chain {}", model.machine, model.chain));
+    for axis in model.chain.axes() {
+        let spec = model.axis(axis.name);
+        let unit = position_unit(axis.name);
+        let travel = spec.travel.map(|t| t.map(|v| position_out(axis.name, v)));
+        let mut line = match travel {
+            Some([low, high]) => format!("  axis {}: travel {low} to {high} {unit}", axis.name),
+            None => format!("  axis {}: travel not stated", axis.name),
+        };
+        if axis.side == Side::Workpiece {
+            line.push_str(", workpiece side");
+        }
+        if axis.spindle {
+            line.push_str(", spindle");
+        }
+        if spec.sense == Sense::Carriage {
+            line.push_str(", errors in the carriage's own sense");
+        }
+        lines.push(line);
+    }
+    lines.push(format!("  {} errors:", model.errors.len()));
+    for (symbol, function) in &model.errors {
+        let size = Size::of(*symbol, function, model);
+        let kinds: Vec<&str> = function.curves.iter().map(kind_of).collect();
+        let range = size.range.map_or(String::new(), |[low, high]| {
+            format!(", {low} to {high} {}", position_unit(symbol.axis()))
+        });
+        lines.push(format!(
+            "    {:<5} {:<18} {:>9.2} to {:>8.2} {}{range}",
+            symbol.to_string().to_lowercase(),
+            kinds.join(" + "),
+            size.low,
+            size.high,
+            size.unit
+        ));
+    }
+    lines.extend(model_notes(model).into_iter().map(|n| format!("  note: {n}")));
+}
+
+fn model_as_json(model: &ModelSpec) -> Value {
+    let errors: Vec<Value> = model
+        .errors
+        .iter()
+        .map(|(symbol, function)| {
+            let size = Size::of(*symbol, function, model);
+            json!({
+                "symbol": symbol.to_string().to_lowercase(),
+                "kinds": function.curves.iter().map(kind_of).collect::<Vec<_>>(),
+                format!("range_{}", position_unit(symbol.axis())): size.range,
+                format!("lowest_{}", size.unit): size.low,
+                format!("highest_{}", size.unit): size.high,
+            })
+        })
+        .collect();
+    let axes: Vec<Value> = model
+        .chain
+        .axes()
+        .iter()
+        .map(|axis| {
+            let travel = model.axis(axis.name).travel.map(|t| t.map(|v| position_out(axis.name, v)));
+            json!({
+                "axis": axis.name.lower().to_string(),
+                "workpiece_side": axis.side == Side::Workpiece,
+                "spindle": axis.spindle,
+                format!("travel_{}", position_unit(axis.name)): travel,
+            })
+        })
+        .collect();
+    json!({"machine": model.machine, "chain": model.chain.to_string(), "axes": axes, "errors": errors})
+}
+
+/// Smallest and largest value of an error over its range, for people: sampled, in the unit of the file.
+struct Size {
+    range: Option<[f64; 2]>,
+    low: f64,
+    high: f64,
+    unit: &'static str,
+}
+
+impl Size {
+    const SAMPLES: u32 = 2000;
+
+    fn of(symbol: ErrorSymbol, function: &ErrorFunction, model: &ModelSpec) -> Self {
+        let range = widest(function);
+        let [start, end] = range.or(model.axis(symbol.axis()).travel).unwrap_or([0.0, 0.0]);
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for i in 0..=Self::SAMPLES {
+            let x = start + (end - start) * f64::from(i) / f64::from(Self::SAMPLES);
+            for travel in [Travel::Forward, Travel::Reverse] {
+                let v = function.value(x, travel);
+                (low, high) = (low.min(v), high.max(v));
+            }
+        }
+        let (unit, out): (_, fn(f64) -> f64) =
+            if symbol.is_angle() { ("arcsec", arcsec_from_rad) } else { ("um", um_from_mm) };
+        let range = range.map(|r| r.map(|v| position_out(symbol.axis(), v)));
+        Self { range, low: rounded(out(low)), high: rounded(out(high)), unit }
+    }
+}
+
+/// The range that any curve covers.
+fn widest(function: &ErrorFunction) -> Option<[f64; 2]> {
+    let ranges = function.curves.iter().filter_map(|c| c.range());
+    ranges.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
+}
+
+/// What is allowed but worth knowing about a machine file and its model.
+fn notes(machine: &MachineConfig, model: &ModelSpec) -> Vec<String> {
+    let mut out: Vec<String> = machine
+        .uncorrected_axes(model)
+        .into_iter()
+        .map(|axis| {
+            format!("axis {axis} is in the chain but has no [axes.{}]: it is never offset", axis.lower())
+        })
+        .collect();
+    for axis in &machine.axes {
+        // the largest offset that positioning alone asks for must fit below the limit
+        let positioning = model.errors.iter().find(|(s, _)| {
+            matches!(s, ErrorSymbol::Motion { .. })
+                && s.axis() == axis.name
+                && s.component().index()
+                    == axis.name.direction() + 3 * usize::from(axis.name.kind() == AxisKind::Rotary)
+        });
+        if let Some((symbol, function)) = positioning {
+            let size = Size::of(*symbol, function, model);
+            let largest = size.low.abs().max(size.high.abs());
+            let limit = offset_out(axis.name, axis.limits.size);
+            if largest > limit {
+                out.push(format!(
+                    "{symbol} alone reaches {largest} {unit}, above the limit of {limit} {unit} of axis {}: it will be cut off",
+                    axis.name,
+                    unit = size.unit
+                ));
+            }
+        }
+    }
+    out
+}
+
+/// What is allowed but worth knowing about a model.
+fn model_notes(model: &ModelSpec) -> Vec<String> {
+    let mut out = Vec::new();
+    for (symbol, function) in &model.errors {
+        let spec = model.axis(symbol.axis());
+        let (Some(travel), Some(mut covered)) = (spec.travel, function.range()) else { continue };
+        if spec.sense == Sense::Carriage && model.is_workpiece_side(symbol.axis()) {
+            covered = [-covered[1], -covered[0]];
+        }
+        let slack = 1e-9 * (travel[1] - travel[0]);
+        if covered[0] > travel[0] + slack || covered[1] < travel[1] - slack {
+            let unit = position_unit(symbol.axis());
+            let [from, to] = covered.map(|v| position_out(symbol.axis(), v));
+            let [low, high] = travel.map(|v| position_out(symbol.axis(), v));
+            out.push(format!(
+                "{symbol} covers {from} to {to} {unit} of the travel {low} to {high} {unit}; beyond, its end value is held"
+            ));
+        }
+    }
+    for axis in model.chain.axes().iter().filter(|a| !a.spindle && model.axis(a.name).travel.is_none()) {
+        out.push(format!("axis {} has no travel, so leaving it cannot be noticed", axis.name));
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::EX_IOERR;
+    use super::*;
+
+    fn write(dir: &Path, name: &str, text: &str) -> PathBuf {
+        let path = dir.join(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    }
+
+    const AXIS_X: &str = "[axes.x]\nlimit-um = 50\nrate-um-per-s = 100\nacceleration-um-per-s2 = 1000\n";
+    const MODEL: &str = "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w b X Y t]\"\n\
+        [axes.x]\ntravel-mm = [0, 500]\n[errors.exx.table]\nposition-mm = [0, 400]\nvalue-um = [0, 80]\n";
+
+    fn machine(id: &str, model: &str) -> String {
+        format!("format = \"volcomp-machine/1\"\nmachine = \"{id}\"\nmodel = \"{model}\"\n{AXIS_X}")
+    }
+
+    fn code_of(path: &Path) -> Option<u8> {
+        Outcome::of(path).problem.map(|p| p.code())
+    }
+
+    #[test]
+    fn a_machine_file_is_read_with_its_model() {
+        let dir = tempfile::tempdir().unwrap();
+        write(dir.path(), "model.toml", MODEL);
+        let outcome = Outcome::of(&write(dir.path(), "machine.toml", &machine("m", "model.toml")));
+        assert!(outcome.problem.is_none());
+        let text = outcome.found.unwrap().as_text("machine.toml");
+        for part in [
+            "machine.toml: ok",
+            "axis X: offset up to 50 um, warning at 40 um",
+            "chain [w b X Y t]",
+            "exx   table",
+            "0.00 to    80.00 um, 0 to 400 mm",
+            "note: axis Y is in the chain but has no [axes.y]: it is never offset",
+            "note: EXX covers 0 to 400 mm of the travel 0 to 500 mm",
+            "note: EXX alone reaches 80 um, above the limit of 50 um of axis X",
+            "note: axis Y has no travel",
+        ] {
+            assert!(text.contains(part), "{part} not in\n{text}");
+        }
+    }
+
+    #[test]
+    fn a_model_of_another_machine_is_shown_at_the_id() {
+        let dir = tempfile::tempdir().unwrap();
+        write(dir.path(), "model.toml", MODEL);
+        let outcome = Outcome::of(&write(dir.path(), "machine.toml", &machine("other", "model.toml")));
+        let problem = outcome.problem.unwrap();
+        assert_eq!(problem.code(), EX_CONFIG);
+        let text = problem.as_text(false);
+        assert!(text.contains("the model is of machine \"m\", the machine file is for \"other\""), "{text}");
+        assert!(text.contains("machine.toml:2:11"), "{text}");
+    }
+
+    #[test]
+    fn an_axis_that_the_chain_lacks_is_shown_at_its_heading() {
+        let dir = tempfile::tempdir().unwrap();
+        write(dir.path(), "model.toml", &MODEL.replace("X Y t", "X t"));
+        let text = machine("m", "model.toml") + &AXIS_X.replace("axes.x", "axes.z");
+        let problem = Outcome::of(&write(dir.path(), "machine.toml", &text)).problem.unwrap().as_text(false);
+        assert!(problem.contains("axis Z has limits but is not in the model's chain [w b X t]"), "{problem}");
+        assert!(problem.contains("machine.toml:8:7"), "{problem}");
+    }
+
+    #[test]
+    fn exit_codes_tell_files_from_their_content() {
+        let dir = tempfile::tempdir().unwrap();
+        assert_eq!(code_of(&dir.path().join("absent.toml")), Some(EX_IOERR));
+        assert_eq!(code_of(&write(dir.path(), "a.toml", &machine("m", "absent.toml"))), Some(EX_IOERR));
+        assert_eq!(code_of(&write(dir.path(), "b.toml", "format = 1")), Some(EX_CONFIG));
+        assert_eq!(code_of(&write(dir.path(), "c.toml", "")), Some(EX_CONFIG));
+        std::fs::write(dir.path().join("d.toml"), b"# a\n\xff\n").unwrap();
+        assert_eq!(code_of(&dir.path().join("d.toml")), Some(EX_CONFIG));
+        assert_eq!(code_of(&write(dir.path(), "e.toml", MODEL)), None);
+    }
+
+    #[test]
+    fn a_model_file_that_is_missing_is_shown_where_it_is_named() {
+        let dir = tempfile::tempdir().unwrap();
+        let problem =
+            Outcome::of(&write(dir.path(), "a.toml", &machine("m", "absent.toml"))).problem.unwrap();
+        let text = problem.as_text(false);
+        assert!(text.contains("a.toml:3:9") && text.contains("absent.toml"), "{text}");
+    }
+
+    #[test]
+    fn json_carries_lines_and_sizes() {
+        let dir = tempfile::tempdir().unwrap();
+        let good = Outcome::of(&write(dir.path(), "model.toml", MODEL)).as_json();
+        assert_eq!(good["ok"], true);
+        assert_eq!(good["errors"][0]["highest_um"], 80.0);
+        assert_eq!(good["errors"][0]["range_mm"], json!([0.0, 400.0]));
+        let bad = Outcome::of(&write(dir.path(), "bad.toml", &MODEL.replace("[0, 400]", "[0, 0]"))).as_json();
+        assert_eq!(bad["ok"], false);
+        assert_eq!(bad["mistakes"][0]["line"], 7);
+        assert_eq!(bad["mistakes"][0]["column"], 19);
+    }
 }

@@ -20,7 +20,7 @@ impl Model {
         let mut nominal = actual;
         for (k, joint) in self.joints.iter().enumerate() {
             let q = pose.position[k];
-            let values = joint.motions_at(k, q, pose.travel[k], &mut flags);
+            let values = joint.motions_at(k, pose, &mut flags);
             actual = actual.then_inner(&joint.transform(q, Some(&values)));
             nominal = nominal.then_inner(&joint.transform(q, None));
         }

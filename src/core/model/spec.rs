@@ -1,7 +1,7 @@
 //! What a model is made of, and the rules that a whole model must keep.
 
 use super::chain::{Chain, Side};
-use super::curve::{Curve, ErrorFunction};
+use super::curve::{Curve, ErrorFunction, Grid};
 use super::symbol::{Component, ErrorSymbol};
 use crate::core::axes::AxisName;
 use crate::core::geometry::Vec3;
@@ -129,8 +129,15 @@ impl ModelSpec {
             if self.errors[..i].iter().any(|(s, _)| s == symbol) {
                 return Err(ModelError::ErrorTwice { symbol: *symbol });
             }
-            if symbol.is_constant() && function.curves.iter().any(|c| !matches!(c, Curve::Constant(_))) {
+            let varies = !function.grids.is_empty()
+                || function.curves.iter().any(|c| !matches!(c, Curve::Constant(_)));
+            if symbol.is_constant() && varies {
                 return Err(ModelError::NotConstant { symbol: *symbol });
+            }
+            for axis in function.grids.iter().flat_map(Grid::axes) {
+                if self.chain.index_of(axis).is_none() {
+                    return Err(ModelError::GridOverMissingAxis { symbol: *symbol, axis });
+                }
             }
             self.squareness_has_partner(*symbol)?;
             check_size(*symbol, function)?;
@@ -180,7 +187,8 @@ fn bound(curve: &Curve) -> f64 {
 }
 
 fn check_size(symbol: ErrorSymbol, function: &ErrorFunction) -> Result<(), ModelError> {
-    let size: f64 = function.curves.iter().map(bound).sum();
+    let grid = |g: &Grid| g.values().iter().fold(0.0f64, |m, v| m.max(v.abs()));
+    let size = function.curves.iter().map(bound).sum::<f64>() + function.grids.iter().map(grid).sum::<f64>();
     let limit = if symbol.is_angle() { ANGLE_LIMIT } else { LENGTH_LIMIT };
     if !size.is_finite() {
         return Err(ModelError::NotFinite { symbol });
@@ -223,6 +231,14 @@ pub enum ModelError {
     /// An error of an axis that the chain does not have.
     #[error("{symbol}: axis {axis} is not in the chain")]
     ErrorOfMissingAxis {
+        /// The error.
+        symbol: ErrorSymbol,
+        /// The axis.
+        axis: AxisName,
+    },
+    /// A grid over an axis that the chain does not have.
+    #[error("{symbol}: its grid runs over axis {axis}, which is not in the chain")]
+    GridOverMissingAxis {
         /// The error.
         symbol: ErrorSymbol,
         /// The axis.

@@ -10,6 +10,7 @@
 
 use super::bank::MotionBank;
 use super::chain::{ChainAxis, Side};
+use super::curve::{ErrorFunction, Grid};
 use super::spec::{ModelError, ModelSpec, ReferenceBody, ReferencePoint, Sense};
 use super::symbol::{Component, ErrorSymbol};
 use crate::core::axes::{AxisArray, AxisKind, MAX_AXES, Travel};
@@ -85,6 +86,8 @@ pub(super) struct Joint {
     pub(super) inverted: bool,
     /// EX EY EZ EA EB EC over the stored coordinate.
     pub(super) motions: MotionBank,
+    /// Parts of them that depend on other axes, too.
+    grids: Vec<JointGrid>,
     pub(super) reference_points: [ReferencePoint; 3],
     /// Rotation of the line of motion (linear).
     pub(super) squareness: Vec3,
@@ -96,6 +99,16 @@ pub(super) struct Joint {
     pub(super) location_shift: Vec3,
     /// AO. BO. CO. (rotary), rad.
     pub(super) location_turn: Vec3,
+}
+
+/// A grid that adds to one motion of a joint.
+#[derive(Debug, Clone)]
+struct JointGrid {
+    /// Position in EX EY EZ EA EB EC.
+    lane: usize,
+    grid: Grid,
+    /// Chain index of each axis of the grid.
+    axes: [usize; 3],
 }
 
 /// Nominal geometry of a chain at a pose; index k stands left of joint k, index n behind the last.
@@ -192,7 +205,7 @@ impl Model {
             let right = tip;
             tip[joint.axis.name.direction()] += q;
             let v = if joint.axis.side == Side::Tool { &right } else { &tip };
-            let (shift, turn) = joint.linear_error(k, q, pose.travel[k], v, &mut flags);
+            let (shift, turn) = joint.linear_error(k, pose, v, &mut flags);
             position += shift;
             rotation += turn;
         }
@@ -235,22 +248,20 @@ impl Model {
         let mut rotation = Vec3::zeros();
         let mut flags = PointFlags::default();
         for (k, joint) in self.joints.iter().enumerate() {
-            let q = pose.position[k];
-            let travel = pose.travel[k];
             let (left, right) = (&nominal.left[k], &nominal.left[k + 1]);
             // linear: the error sits with the carriage; rotary: with the stator
             let (g, (shift, turn)) = match (joint.axis.kind(), joint.axis.side) {
                 (AxisKind::Linear, Side::Tool) => {
-                    (left, joint.linear_error(k, q, travel, &nominal.tip[k + 1], &mut flags))
+                    (left, joint.linear_error(k, pose, &nominal.tip[k + 1], &mut flags))
                 }
                 (AxisKind::Linear, Side::Workpiece) => {
-                    (left, joint.linear_error(k, q, travel, &nominal.tip[k], &mut flags))
+                    (left, joint.linear_error(k, pose, &nominal.tip[k], &mut flags))
                 }
                 (AxisKind::Rotary, Side::Tool) => {
-                    (left, joint.rotary_error(k, q, travel, &nominal.tip[k], &mut flags))
+                    (left, joint.rotary_error(k, pose, &nominal.tip[k], &mut flags))
                 }
                 (AxisKind::Rotary, Side::Workpiece) => {
-                    (right, joint.rotary_error(k, q, travel, &nominal.tip[k + 1], &mut flags))
+                    (right, joint.rotary_error(k, pose, &nominal.tip[k + 1], &mut flags))
                 }
             };
             position += g * shift;
@@ -279,6 +290,7 @@ impl Joint {
             travel: entry.travel,
             point: entry.point,
             inverted: entry.sense == Sense::Carriage && axis.side == Side::Workpiece,
+            grids: joint_grids(&motions, spec),
             motions: MotionBank::new(&motions),
             reference_points: match axis.kind() {
                 AxisKind::Linear => entry.reference_points,
@@ -294,45 +306,28 @@ impl Joint {
     }
 
     /// Displacement of home-frame point `v` and turn by the errors of a linear axis at `q`.
-    fn linear_error(
-        &self,
-        index: usize,
-        q: f64,
-        travel: Travel,
-        v: &Vec3,
-        flags: &mut PointFlags,
-    ) -> (Vec3, Vec3) {
-        let values = self.motions_at(index, q, travel, flags);
+    fn linear_error(&self, index: usize, pose: &Pose, v: &Vec3, flags: &mut PointFlags) -> (Vec3, Vec3) {
+        let values = self.motions_at(index, pose, flags);
         let sign = if self.inverted { -1.0 } else { 1.0 };
+        let q = pose.position[index];
         let shift = values.displacement(v, &self.reference_points_at(q)) * sign + self.line_tilt * q;
         (shift, values.turn * sign)
     }
 
     /// Displacement of home-frame point `v` and turn by the errors of a rotary axis at `q`.
-    fn rotary_error(
-        &self,
-        index: usize,
-        q: f64,
-        travel: Travel,
-        v: &Vec3,
-        flags: &mut PointFlags,
-    ) -> (Vec3, Vec3) {
-        let values = self.motions_at(index, q, travel, flags);
+    fn rotary_error(&self, index: usize, pose: &Pose, v: &Vec3, flags: &mut PointFlags) -> (Vec3, Vec3) {
+        let values = self.motions_at(index, pose, flags);
         let sign = if self.inverted { -1.0 } else { 1.0 };
         let location_sign = if self.axis.side == Side::Tool { 1.0 } else { -1.0 };
         let location = self.location_shift + self.location_turn.cross(&(v - self.point));
-        let shift = values.displacement(v, &self.reference_points_at(q)) * sign + location * location_sign;
+        let reference = self.reference_points_at(pose.position[index]);
+        let shift = values.displacement(v, &reference) * sign + location * location_sign;
         (shift, values.turn * sign + self.location_turn * location_sign)
     }
 
     /// The stored error motions at coordinate `q`; outside travel or range the end value is held and flagged.
-    pub(super) fn motions_at(
-        &self,
-        index: usize,
-        q: f64,
-        travel: Travel,
-        flags: &mut PointFlags,
-    ) -> MotionValues {
+    pub(super) fn motions_at(&self, index: usize, pose: &Pose, flags: &mut PointFlags) -> MotionValues {
+        let (q, travel) = (pose.position[index], pose.travel[index]);
         let mut at = q;
         if let Some([low, high]) = self.travel
             && !(low..=high).contains(&q)
@@ -345,7 +340,13 @@ impl Joint {
         if self.motions.is_outside(x) {
             flags.out_of_range |= 1 << index;
         }
-        let v = self.motions.values(x, travel);
+        let mut v = self.motions.values(x, travel);
+        for g in &self.grids {
+            let coordinates = g.axes.map(|k| if k == index { x } else { pose.position[k] });
+            let (value, outside) = g.grid.value(&coordinates);
+            v[g.lane] += value;
+            flags.out_of_range |= u16::from(outside) << index;
+        }
         MotionValues { shift: Vec3::new(v[0], v[1], v[2]), turn: Vec3::new(v[3], v[4], v[5]) }
     }
 
@@ -363,6 +364,21 @@ impl Joint {
             ReferenceBody::Bed => r.point + unit(self.axis.name.direction()) * (sigma * q),
         })
     }
+}
+
+fn joint_grids(motions: &[ErrorFunction; 6], spec: &ModelSpec) -> Vec<JointGrid> {
+    let mut out = Vec::new();
+    for (lane, function) in motions.iter().enumerate() {
+        for grid in &function.grids {
+            let mut axes = [0; 3];
+            for (slot, name) in axes.iter_mut().zip(grid.axes()) {
+                // every axis of a grid is in the chain: the specification was validated
+                *slot = spec.chain.index_of(name).unwrap_or_default();
+            }
+            out.push(JointGrid { lane, grid: grid.clone(), axes });
+        }
+    }
+    out
 }
 
 impl MotionValues {

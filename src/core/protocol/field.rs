@@ -144,7 +144,7 @@ pub mod header {
     }
 }
 
-/// [`DaemonHello`](super::super::DaemonHello).
+/// [`DaemonHello`](super::DaemonHello).
 pub mod daemon_hello {
     use super::Field;
 
@@ -162,7 +162,7 @@ pub mod daemon_hello {
     }
 }
 
-/// [`ControlHello`](super::super::ControlHello).
+/// [`ControlHello`](super::ControlHello).
 pub mod control_hello {
     use super::Field;
 
@@ -184,7 +184,7 @@ pub mod control_hello {
     }
 }
 
-/// [`ErrorReport`](super::super::ErrorReport).
+/// [`ErrorReport`](super::ErrorReport).
 pub mod error {
     use super::Field;
 
@@ -198,7 +198,7 @@ pub mod error {
     }
 }
 
-/// [`Close`](super::super::Close).
+/// [`Close`](super::Close).
 pub mod close {
     use super::Field;
 
@@ -210,7 +210,7 @@ pub mod close {
     }
 }
 
-/// [`Position`](super::super::Position).
+/// [`Position`](super::Position).
 pub mod position {
     use super::Field;
     use crate::core::axes::AxisArray;
@@ -235,7 +235,7 @@ pub mod position {
     }
 }
 
-/// [`Correction`](super::super::Correction).
+/// [`Correction`](super::Correction).
 pub mod correction {
     use super::Field;
     use crate::core::axes::AxisArray;
@@ -254,7 +254,7 @@ pub mod correction {
     }
 }
 
-/// [`Heartbeat`](super::super::Heartbeat).
+/// [`Heartbeat`](super::Heartbeat).
 pub mod heartbeat {
     use super::Field;
 
@@ -268,7 +268,7 @@ pub mod heartbeat {
     }
 }
 
-/// [`Tool`](super::super::Tool).
+/// [`Tool`](super::Tool).
 pub mod tool {
     use super::Field;
 

@@ -61,6 +61,12 @@ impl Fourier {
         [self.origin, self.origin + self.span]
     }
 
+    /// The span, exactly as given.
+    #[must_use]
+    pub const fn span(&self) -> f64 {
+        self.span
+    }
+
     /// The period.
     #[must_use]
     pub const fn period(&self) -> f64 {

@@ -3,15 +3,17 @@
 //! Positions are mm or rad (the axis decides), values mm or rad (the symbol decides). Every curve is
 //! evaluated inside its own range only: outside, the end value is held (equations 5.9, "never extrapolate").
 
+mod grid;
 mod harmonic;
 mod polynomial;
 mod table;
 
+pub use grid::{GRID_POINTS_MAX, Grid};
 pub use harmonic::{Fourier, HalfRange};
 pub use polynomial::Chebyshev;
 pub use table::{Interpolation, Table};
 
-use crate::core::axes::Travel;
+use crate::core::axes::{AxisName, Travel};
 
 /// Why a curve cannot be built.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -55,6 +57,18 @@ pub enum CurveError {
         what: &'static str,
         /// The value found.
         value: f64,
+    },
+    /// A grid needs two or three axes.
+    #[error("a grid has two or three axes, found {found}")]
+    GridAxes {
+        /// Axes found.
+        found: usize,
+    },
+    /// A grid names an axis twice.
+    #[error("a grid names axis {axis} twice")]
+    GridAxisTwice {
+        /// The axis.
+        axis: AxisName,
     },
     /// More terms than the cycle is built for.
     #[error("{found} terms exceed the limit of {limit}")]
@@ -110,11 +124,13 @@ impl Curve {
     }
 }
 
-/// An error motion: the sum of its curves, with the uncertainty that was stated for it.
+/// An error motion: the sum of its curves and grids, with the uncertainty that was stated for it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ErrorFunction {
-    /// Terms to add up; empty means zero.
+    /// Terms over the coordinate of the axis itself, to add up; empty means zero.
     pub curves: Vec<Curve>,
+    /// Terms over the coordinates of several axes, to add up.
+    pub grids: Vec<Grid>,
     /// Standard uncertainty (k = 1), mm or rad, where stated.
     pub std: Option<f64>,
 }
@@ -123,10 +139,10 @@ impl ErrorFunction {
     /// A function of one curve.
     #[must_use]
     pub fn single(curve: Curve) -> Self {
-        Self { curves: vec![curve], std: None }
+        Self { curves: vec![curve], ..Self::default() }
     }
 
-    /// The value at `position`, each curve held at the ends of its own range.
+    /// The part that depends on the axis itself, at `position`, each curve held at the ends of its own range.
     #[must_use]
     pub fn value(&self, position: f64, travel: Travel) -> f64 {
         self.curves.iter().map(|c| c.value(position, travel)).sum()

@@ -1,0 +1,339 @@
+//! Reading the machine file: keys, ranges, defaults.
+
+use core::net::SocketAddr;
+use std::path::PathBuf;
+
+use super::{
+    AxisConfig, EngineSettings, FORMAT, LinkConfig, LogConfig, LogTarget, MachineConfig, RealtimeConfig,
+    StartMode, StatusConfig,
+};
+use crate::config::diagnostic::{ConfigErrors, Diagnostic};
+use crate::config::reader::{self, Allowed, Placed, Reader, Section};
+use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
+use crate::core::engine::{AxisLimits, OutOfTravel, PositionSource, RestOffset};
+use crate::core::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
+
+pub(super) fn parse(file: &str, text: &str) -> Result<MachineConfig, ConfigErrors> {
+    let text = reader::without_mark(text);
+    let document = reader::document(file, text)?;
+    let reader = Reader::default();
+    let config = read(&Section::top(&reader, &document));
+    match config {
+        Some(config) if reader.is_clean() => Ok(config),
+        _ => Err(reader.into_errors(file, text)),
+    }
+}
+
+/// Every key that a machine file may have, as `section.key`; `axes.x` stands for any linear, `axes.c` for any
+/// rotary axis.
+#[must_use]
+pub fn known_keys() -> Vec<String> {
+    let reader = Reader::default();
+    if let Ok(document) = reader::document("", "axes = {x = {}, c = {}}") {
+        read(&Section::top(&reader, &document));
+    }
+    reader.keys()
+}
+
+fn read(top: &Section<'_>) -> Option<MachineConfig> {
+    if !crate::config::read_format(top, FORMAT) {
+        return None;
+    }
+    let machine = crate::config::read_machine_id(top).map(|m| m.value.to_owned());
+    let model = read_model_path(top);
+    let link = read_link(&top.section("link"));
+    let engine =
+        read_engine(&top.section("engine"), link.as_ref().map_or(DEFAULT_CYCLE_MS, |l| l.cycle_s * 1e3));
+    let axes = read_axes(top);
+    let realtime = read_realtime(&top.section("realtime"));
+    let status = read_status(&top.section("status"));
+    let log = read_log(&top.section("log"));
+    top.finish();
+    Some(MachineConfig { machine: machine?, model: model?, link: link?, engine, axes, realtime, status, log })
+}
+
+fn read_model_path(top: &Section<'_>) -> Option<PathBuf> {
+    if top.value("model").is_none() {
+        top.missing("model", "add model = \"model.toml\", a path seen from this file");
+        return None;
+    }
+    let path = top.text("model")?;
+    if path.value.trim().is_empty() {
+        top.report(Diagnostic::at(
+            path.place,
+            "model is empty",
+            "write the path of the model file, seen from this file",
+        ));
+        return None;
+    }
+    Some(PathBuf::from(path.value))
+}
+
+const DEFAULT_ADDRESS: &str = "127.0.0.1:7878";
+const DEFAULT_CYCLE_MS: f64 = 1.0;
+
+/// A number with its default.
+fn or(section: &Section<'_>, key: &'static str, allowed: Allowed, default: f64) -> f64 {
+    section.number(key, allowed).map_or(default, |n| n.value)
+}
+
+const fn within(low: f64, high: f64) -> Allowed {
+    Allowed::Within { low, high }
+}
+
+fn read_link(link: &Section<'_>) -> Option<LinkConfig> {
+    let address = match link.text("address") {
+        None => DEFAULT_ADDRESS.parse().ok(),
+        Some(text) => read_address(link, &text),
+    };
+    let reconnect = [
+        or(link, "reconnect-min-s", within(0.01, 3600.0), 0.2),
+        or(link, "reconnect-max-s", within(0.01, 3600.0), 10.0),
+    ];
+    at_least(link, "reconnect-max-s", reconnect[1], "reconnect-min-s", reconnect[0]);
+    let heartbeat_s = or(link, "heartbeat-s", within(0.02, 60.0), 0.5);
+    let silence_s = or(link, "silence-s", within(0.05, 600.0), 2.0);
+    // one lost heartbeat is no silence
+    at_least(link, "silence-s", silence_s, "twice heartbeat-s", 2.0 * heartbeat_s);
+    let config = LinkConfig {
+        address: address?,
+        cycle_s: or(link, "cycle-ms", within(0.25, 10.0), DEFAULT_CYCLE_MS) / 1e3,
+        connect_timeout_s: or(link, "connect-timeout-s", within(0.1, 300.0), 5.0),
+        reconnect_s: reconnect,
+        heartbeat_s,
+        silence_s,
+    };
+    link.finish();
+    Some(config)
+}
+
+fn read_address(link: &Section<'_>, text: &Placed<&str>) -> Option<SocketAddr> {
+    let address = text.value.parse::<SocketAddr>().ok().filter(|a| a.port() != 0);
+    if address.is_none() {
+        link.report(Diagnostic::at(
+            text.place.clone(),
+            format!("link.address \"{}\" is no address with port", text.value),
+            "write the number of the control and its port, for example \"192.168.0.10:7878\" or \"[::1]:7878\"",
+        ));
+    }
+    address
+}
+
+/// Reports `key` where it is below what it must reach; both may be defaults.
+fn at_least(section: &Section<'_>, key: &'static str, value: f64, floor: &str, least: f64) {
+    if value < least {
+        let place = section.value(key).map(|v| v.place).or(section.place());
+        let message = format!("{} is {value}, below {floor} ({least})", section.named_key(key));
+        let remedy = Some(format!("write at least {least}, or lower the other"));
+        section.report(Diagnostic { span: place, message, remedy });
+    }
+}
+
+fn read_engine(engine: &Section<'_>, cycle_ms: f64) -> EngineSettings {
+    let stale_ms = or(engine, "stale-ms", within(0.5, 10_000.0), 20.0);
+    at_least(engine, "stale-ms", stale_ms, "two cycles", 2.0 * cycle_ms);
+    let settings = EngineSettings {
+        start: engine
+            .choice("start", &[("on-command", StartMode::OnCommand), ("on-connect", StartMode::OnConnect)])
+            .unwrap_or_default(),
+        ramp_s: or(engine, "ramp-s", within(0.01, 120.0), 2.0),
+        stale_s: stale_ms / 1e3,
+        hold_s: or(engine, "hold-s", within(0.0, 60.0), 0.2),
+        gain: or(engine, "gain", within(0.0, 1.0), 1.0),
+        position_source: engine
+            .choice(
+                "position-source",
+                &[("commanded", PositionSource::Commanded), ("actual", PositionSource::Actual)],
+            )
+            .unwrap_or_default(),
+        out_of_travel: engine
+            .choice("out-of-travel", &[("hold", OutOfTravel::Hold), ("ramp-out", OutOfTravel::RampOut)])
+            .unwrap_or_default(),
+        rest: engine
+            .choice("rest", &[("zero", RestOffset::Zero), ("hold", RestOffset::Hold)])
+            .unwrap_or_default(),
+        read_back_cycles: engine.whole("read-back-cycles", 1, 10_000).map_or(10, |n| n.value),
+    };
+    engine.finish();
+    settings
+}
+
+/// Keys of an axis, in its unit, with the way inside.
+struct AxisKeys {
+    warning: &'static str,
+    limit: &'static str,
+    rate: &'static str,
+    acceleration: &'static str,
+    jump: &'static str,
+    deadband: &'static str,
+    tolerance: &'static str,
+    /// Units of offset and position.
+    units: [&'static str; 2],
+    offset: fn(f64) -> f64,
+    position: fn(f64) -> f64,
+    /// Largest offset that is no unit mistake.
+    highest: f64,
+}
+
+static LINEAR: AxisKeys = AxisKeys {
+    warning: "warning-um",
+    limit: "limit-um",
+    rate: "rate-um-per-s",
+    acceleration: "acceleration-um-per-s2",
+    jump: "jump-mm",
+    deadband: "reversal-deadband-um",
+    tolerance: "read-back-tolerance-um",
+    units: ["um", "mm"],
+    offset: mm_from_um,
+    position: core::convert::identity,
+    highest: 5000.0,
+};
+
+static ROTARY: AxisKeys = AxisKeys {
+    warning: "warning-arcsec",
+    limit: "limit-arcsec",
+    rate: "rate-arcsec-per-s",
+    acceleration: "acceleration-arcsec-per-s2",
+    jump: "jump-deg",
+    deadband: "reversal-deadband-arcsec",
+    tolerance: "read-back-tolerance-arcsec",
+    units: ["arcsec", "deg"],
+    offset: rad_from_arcsec,
+    position: rad_from_deg,
+    highest: 2000.0,
+};
+
+/// Share of the limit at which a warning is given where none is configured.
+const DEFAULT_WARNING: f64 = 0.8;
+/// Default of the largest plausible change of position per cycle, mm or deg.
+const DEFAULT_JUMP: f64 = 10.0;
+/// Default of the travel after which a reversal counts, um or arcsec.
+const DEFAULT_DEADBAND: f64 = 1.0;
+/// Default of the tolerated difference between offset sent and read back, um or arcsec.
+const DEFAULT_TOLERANCE: f64 = 0.5;
+
+fn read_axes(top: &Section<'_>) -> Vec<AxisConfig> {
+    let axes = top.section("axes");
+    let names = axes.names();
+    if names.is_empty() && (axes.place().is_some() || top.value("axes").is_none()) {
+        let message = "no axis has limits, so nothing could be corrected";
+        axes.report_here(
+            message,
+            "add [axes.x] with limit-um, rate-um-per-s and acceleration-um-per-s2, and so on",
+        );
+    }
+    if let Some(extra) = names.get(MAX_AXES) {
+        let message = format!("{} axes, but the link carries {MAX_AXES}", names.len());
+        axes.report(Diagnostic::at(extra.place.clone(), message, "take some out"));
+    }
+    names
+        .iter()
+        .filter_map(|name| {
+            let axis = crate::config::axis_of_key(&axes, name)?;
+            if axis == AxisName::S {
+                let why = "axes.s: the spindle is never offset";
+                axes.report(Diagnostic::at(name.place.clone(), why, "take [axes.s] out"));
+                return None;
+            }
+            read_axis(axes.named(name)?, axis)
+        })
+        .collect()
+}
+
+fn read_axis(section: Section<'_>, name: AxisName) -> Option<AxisConfig> {
+    let (keys, why) = match name.kind() {
+        AxisKind::Linear => (&LINEAR, format!("axis {name} is linear")),
+        AxisKind::Rotary => (&ROTARY, format!("axis {name} is rotary")),
+    };
+    let [offset_unit, position_unit] = keys.units;
+    let section = &section.because(offset_unit, why.clone()).because(position_unit, why);
+    let [limit, rate, acceleration] =
+        [(keys.limit, keys.highest), (keys.rate, 1e6), (keys.acceleration, 1e9)].map(|(key, high)| {
+            if section.value(key).is_none() {
+                section.missing(key, &format!("add {key}: an axis without all its limits is never offset"));
+            }
+            section.number(key, Allowed::Positive { high }).map(|n| n.value)
+        });
+    let warning = section.number(keys.warning, Allowed::Positive { high: keys.highest });
+    if let (Some(warning), Some(limit)) = (&warning, limit)
+        && warning.value > limit
+    {
+        let message = format!(
+            "{} is {} {offset_unit}, above {} ({limit} {offset_unit})",
+            section.named_key(keys.warning),
+            warning.value,
+            keys.limit
+        );
+        section.report(Diagnostic::at(warning.place.clone(), message, "warn at or below the limit"));
+    }
+    let jump = or(section, keys.jump, Allowed::Positive { high: 1000.0 }, DEFAULT_JUMP);
+    let deadband = or(section, keys.deadband, within(0.0, 1000.0), DEFAULT_DEADBAND);
+    let tolerance = or(section, keys.tolerance, Allowed::Positive { high: 1000.0 }, DEFAULT_TOLERANCE);
+    section.finish();
+    let limit = limit?;
+    Some(AxisConfig {
+        name,
+        limits: AxisLimits {
+            warning: (keys.offset)(warning.map_or(DEFAULT_WARNING * limit, |w| w.value)),
+            size: (keys.offset)(limit),
+            rate: (keys.offset)(rate?),
+            acceleration: (keys.offset)(acceleration?),
+        },
+        jump_limit: (keys.position)(jump),
+        reversal_deadband: (keys.offset)(deadband),
+        read_back_tolerance: (keys.offset)(tolerance),
+    })
+}
+
+fn read_realtime(realtime: &Section<'_>) -> RealtimeConfig {
+    let priority = realtime.whole("priority", 0, 99).map_or(DEFAULT_PRIORITY, |n| n.value);
+    let config = RealtimeConfig {
+        priority: u8::try_from(priority).ok().filter(|p| *p > 0),
+        cpu: realtime.whole("cpu", 0, 1023).and_then(|n| u16::try_from(n.value).ok()),
+        lock_memory: realtime.flag("lock-memory").unwrap_or(true),
+        busy_poll_s: or(realtime, "busy-poll-us", within(0.0, 10_000.0), 0.0) / 1e6,
+    };
+    realtime.finish();
+    config
+}
+
+/// In the middle of the range: above ordinary real-time services, below the kernel's own threads.
+const DEFAULT_PRIORITY: u32 = 40;
+
+const DEFAULT_SOCKET: &str = "/run/volcomp/volcompd.sock";
+
+fn read_status(status: &Section<'_>) -> StatusConfig {
+    let path = status.text("socket").map_or(DEFAULT_SOCKET, |t| t.value);
+    status.finish();
+    StatusConfig { socket: (!path.is_empty()).then(|| PathBuf::from(path)) }
+}
+
+const LEVELS: [&str; 5] = ["error", "warn", "info", "debug", "trace"];
+
+fn read_log(log: &Section<'_>) -> LogConfig {
+    let targets =
+        [("auto", LogTarget::Auto), ("journald", LogTarget::Journald), ("stderr", LogTarget::Stderr)];
+    let target = log.choice("target", &targets).unwrap_or_default();
+    let level = log.text("level");
+    if let Some(level) = &level
+        && !level.value.split(',').all(is_directive)
+    {
+        log.report(Diagnostic::at(
+            level.place.clone(),
+            format!("log.level \"{}\" is no filter", level.value),
+            format!(
+                "write one of {}, or room=level pairs such as \"info,volcomp::runtime=debug\"",
+                LEVELS.join(", ")
+            ),
+        ));
+    }
+    log.finish();
+    LogConfig { target, level: level.map_or("info", |l| l.value).to_owned() }
+}
+
+/// `level` or `room=level`.
+fn is_directive(text: &str) -> bool {
+    let (room, level) = text.trim().rsplit_once('=').unwrap_or(("", text.trim()));
+    let named = room.chars().all(|c| c.is_ascii_alphanumeric() || "_:-".contains(c));
+    named && (LEVELS.contains(&level.to_ascii_lowercase().as_str()) || level == "off")
+}

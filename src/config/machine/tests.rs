@@ -1,0 +1,111 @@
+use super::*;
+use crate::core::protocol::{Axis, Name};
+
+const TEXT: &str = "format = \"volcomp-machine/1\"\nmachine = \"m\"\nmodel = \"model.toml\"\n\
+    [axes.x]\nlimit-um = 50\nrate-um-per-s = 100\nacceleration-um-per-s2 = 1000\nread-back-tolerance-um = 2\n\
+    [axes.c]\nlimit-arcsec = 20\nwarning-arcsec = 5\nrate-arcsec-per-s = 10\nacceleration-arcsec-per-s2 = 100\njump-deg = 2\n";
+
+fn config() -> MachineConfig {
+    MachineConfig::parse("m.toml", TEXT).unwrap()
+}
+
+fn hello(names: &[AxisName]) -> ControlHello {
+    let axis = |name: AxisName| Axis {
+        name,
+        unit: if name.kind() == AxisKind::Linear { AxisUnit::Millimetre } else { AxisUnit::Degree },
+    };
+    let mut axes = [axis(names[0]); MAX_AXES];
+    for (slot, name) in axes.iter_mut().zip(names) {
+        *slot = axis(*name);
+    }
+    ControlHello {
+        version: 1,
+        machine: Name::new("m"),
+        software: Name::new("test"),
+        cycle_ns: 1_000_000,
+        axis_count: u8::try_from(names.len()).unwrap(),
+        axes,
+    }
+}
+
+fn close(a: f64, b: f64) -> bool {
+    (a - b).abs() <= 1e-12 * b.abs()
+}
+
+#[test]
+fn values_arrive_in_mm_rad_and_s() {
+    let c = config();
+    let arcsec = core::f64::consts::PI / 648_000.0;
+    let x = c.axes.iter().find(|a| a.name == AxisName::X).unwrap();
+    assert!(close(x.limits.size, 0.05) && close(x.limits.warning, 0.04) && close(x.limits.rate, 0.1));
+    assert!(
+        close(x.jump_limit, 10.0) && close(x.reversal_deadband, 1e-3) && close(x.read_back_tolerance, 2e-3)
+    );
+    let c_axis = c.axes.iter().find(|a| a.name == AxisName::C).unwrap();
+    assert!(close(c_axis.limits.size, 20.0 * arcsec) && close(c_axis.limits.warning, 5.0 * arcsec));
+    assert!(close(c_axis.limits.acceleration, 100.0 * arcsec) && close(c_axis.jump_limit, 2f64.to_radians()));
+    assert!(close(c.link.cycle_s, 1e-3) && close(c.engine.stale_s, 0.02));
+}
+
+#[test]
+fn settings_follow_the_order_of_the_control() {
+    use AxisName::{C, X, Y};
+    let engine = config().engine_config(&hello(&[C, Y, X])).unwrap();
+    assert_eq!(engine.axes, [C, Y, X]);
+    assert!(close(engine.limits[2].size, 0.05));
+    assert!(engine.limits[0].size < 1e-3 && engine.limits[0].size > 0.0);
+    assert!(close(engine.jump_limit[2], 10.0));
+}
+
+#[test]
+fn an_axis_that_is_not_listed_is_never_offset() {
+    use AxisName::{C, X, Y};
+    let engine = config().engine_config(&hello(&[X, Y, C])).unwrap();
+    assert_eq!(engine.limits[1].size, 0.0);
+}
+
+#[test]
+fn a_control_that_does_not_fit_is_refused_with_the_reason() {
+    use AxisName::{C, X, Y};
+    let good = hello(&[X, Y, C]);
+    let refuse = |h: ControlHello| config().engine_config(&h).unwrap_err().to_string();
+
+    let other = refuse(ControlHello { machine: Name::new("n"), ..good });
+    assert!(other.contains("machine \"n\", the machine file is for \"m\""), "{other}");
+
+    let lacks = refuse(hello(&[X, Y]));
+    assert!(lacks.contains("no axis C; it has X Y: take [axes.c] out"), "{lacks}");
+
+    let mut unit = good;
+    unit.axes[2].unit = AxisUnit::Millimetre;
+    assert_eq!(
+        config().engine_config(&unit).unwrap_err(),
+        HelloMismatch::AxisUnit { axis: C, found: AxisUnit::Millimetre }
+    );
+    assert!(refuse(unit).contains("axis C in mm, but it is rotary and needs deg"));
+
+    let cycle = refuse(ControlHello { cycle_ns: 2_000_000, ..good });
+    assert!(cycle.contains("cycle is 2 ms, the machine file says cycle-ms = 1"), "{cycle}");
+
+    assert!(refuse(hello(&[X, C, X])).contains("axis X twice"));
+    assert!(refuse(ControlHello { axis_count: 0, ..good }).contains("announces 0 axes"));
+    assert!(refuse(ControlHello { axis_count: 200, ..good }).contains("announces 200 axes"));
+}
+
+#[test]
+fn a_rounded_cycle_time_still_matches() {
+    let third = MachineConfig::parse("m.toml", &format!("{TEXT}[link]\ncycle-ms = 0.333\n")).unwrap();
+    let hello = ControlHello { cycle_ns: 333_333, ..hello(&[AxisName::X, AxisName::C]) };
+    assert!(third.engine_config(&hello).is_ok());
+}
+
+#[test]
+fn a_model_that_does_not_fit_is_refused_with_every_reason() {
+    let model = ModelSpec::new("n", Chain::parse("[w b Y (S) t]").unwrap());
+    let found: Vec<String> = config().check_model(&model).iter().map(ToString::to_string).collect();
+    assert_eq!(found.len(), 3, "{found:?}");
+    assert_eq!(config().uncorrected_axes(&model), [AxisName::Y]);
+    let model = ModelSpec::new("m", Chain::parse("[w C' b X Z t]").unwrap());
+    assert_eq!(config().check_model(&model), []);
+    assert_eq!(config().uncorrected_axes(&model), [AxisName::Z]);
+}

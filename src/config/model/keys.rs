@@ -1,0 +1,121 @@
+//! Keys of the model file that carry a unit: which one applies, and the way to and from mm and rad.
+
+use crate::core::axes::{AxisKind, AxisName};
+use crate::core::model::ErrorSymbol;
+use crate::core::units::{
+    arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm,
+};
+
+/// Keys of positions along an axis.
+#[derive(Debug)]
+pub(super) struct PositionKeys {
+    pub(super) unit: &'static str,
+    pub(super) position: &'static str,
+    pub(super) origin: &'static str,
+    pub(super) span: &'static str,
+    pub(super) period: &'static str,
+    pub(super) range: &'static str,
+    pub(super) travel: &'static str,
+    /// File to inside.
+    pub(super) read: fn(f64) -> f64,
+    /// Inside to file.
+    pub(super) write: fn(f64) -> f64,
+}
+
+/// Keys of error values.
+#[derive(Debug)]
+pub(super) struct ValueKeys {
+    pub(super) unit: &'static str,
+    pub(super) value: &'static str,
+    pub(super) reverse: &'static str,
+    pub(super) mean: &'static str,
+    pub(super) linear: &'static str,
+    pub(super) cos: &'static str,
+    pub(super) sin: &'static str,
+    pub(super) coefficients: &'static str,
+    pub(super) std: &'static str,
+    /// File to inside.
+    pub(super) read: fn(f64) -> f64,
+    /// Inside to file.
+    pub(super) write: fn(f64) -> f64,
+}
+
+static LINEAR: PositionKeys = PositionKeys {
+    unit: "mm",
+    position: "position-mm",
+    origin: "origin-mm",
+    span: "span-mm",
+    period: "period-mm",
+    range: "range-mm",
+    travel: "travel-mm",
+    read: core::convert::identity,
+    write: core::convert::identity,
+};
+
+static ROTARY: PositionKeys = PositionKeys {
+    unit: "deg",
+    position: "position-deg",
+    origin: "origin-deg",
+    span: "span-deg",
+    period: "period-deg",
+    range: "range-deg",
+    travel: "travel-deg",
+    read: rad_from_deg,
+    write: deg_from_rad,
+};
+
+static LENGTH: ValueKeys = ValueKeys {
+    unit: "um",
+    value: "value-um",
+    reverse: "reverse-um",
+    mean: "mean-um",
+    linear: "linear-um",
+    cos: "cos-um",
+    sin: "sin-um",
+    coefficients: "coefficients-um",
+    std: "std-um",
+    read: mm_from_um,
+    write: um_from_mm,
+};
+
+static ANGLE: ValueKeys = ValueKeys {
+    unit: "arcsec",
+    value: "value-arcsec",
+    reverse: "reverse-arcsec",
+    mean: "mean-arcsec",
+    linear: "linear-arcsec",
+    cos: "cos-arcsec",
+    sin: "sin-arcsec",
+    coefficients: "coefficients-arcsec",
+    std: "std-arcsec",
+    read: rad_from_arcsec,
+    write: arcsec_from_rad,
+};
+
+impl PositionKeys {
+    pub(super) fn of(axis: AxisName) -> &'static Self {
+        match axis.kind() {
+            AxisKind::Linear => &LINEAR,
+            AxisKind::Rotary => &ROTARY,
+        }
+    }
+
+    /// Why the unit is what it is.
+    pub(super) fn reason(axis: AxisName) -> String {
+        match axis.kind() {
+            AxisKind::Linear => format!("axis {axis} is linear"),
+            AxisKind::Rotary => format!("axis {axis} is rotary"),
+        }
+    }
+}
+
+impl ValueKeys {
+    pub(super) fn of(symbol: ErrorSymbol) -> &'static Self {
+        if symbol.is_angle() { &ANGLE } else { &LENGTH }
+    }
+
+    /// Why the unit is what it is.
+    pub(super) fn reason(symbol: ErrorSymbol) -> String {
+        format!("{symbol} is {}", if symbol.is_angle() { "an angle" } else { "a length" })
+    }
+}

@@ -1,0 +1,195 @@
+//! The model file, `volcomp-model/1`: reading and writing.
+//!
+//! Lengths are mm and angles rad inside; in the file every key ends in its unit. What the file says about the
+//! origin of its numbers is kept in a [`Provenance`]; the rest is a [`ModelSpec`].
+
+mod axes;
+mod errors;
+mod keys;
+mod number;
+mod provenance;
+mod write;
+
+pub use provenance::Provenance;
+pub use write::{kind_of, write, write_file};
+
+use super::diagnostic::{ConfigErrors, Diagnostic};
+use super::reader::{self, Placed, Reader, Section};
+use crate::core::geometry::Vec3;
+use crate::core::model::chain::ChainError;
+use crate::core::model::{Chain, ErrorSymbol, ModelError, ModelSpec};
+use crate::core::protocol::Name;
+
+/// The `format` of a model file.
+pub const FORMAT: &str = "volcomp-model/1";
+
+/// A model with what its file says about where the numbers come from.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ModelFile {
+    /// The model.
+    pub spec: ModelSpec,
+    /// Origin of the file as a whole, `[provenance]`.
+    pub provenance: Provenance,
+    /// Origin of single errors, where stated.
+    pub of_errors: Vec<(ErrorSymbol, Provenance)>,
+}
+
+impl ModelFile {
+    /// A model whose origin is not stated.
+    #[must_use]
+    pub fn new(spec: ModelSpec) -> Self {
+        Self { spec, provenance: Provenance::default(), of_errors: Vec::new() }
+    }
+}
+
+/// Reads a model file.
+///
+/// # Errors
+/// Every mistake found, each with its place.
+pub fn parse(file: &str, text: &str) -> Result<ModelSpec, ConfigErrors> {
+    parse_file(file, text).map(|f| f.spec)
+}
+
+/// Reads a model file with its provenance.
+///
+/// # Errors
+/// Every mistake found, each with its place.
+pub fn parse_file(file: &str, text: &str) -> Result<ModelFile, ConfigErrors> {
+    let text = reader::without_mark(text);
+    let document = reader::document(file, text)?;
+    let reader = Reader::default();
+    let model = read(&Section::top(&reader, &document), text);
+    match model {
+        Some(model) if reader.is_clean() => Ok(model),
+        _ => Err(reader.into_errors(file, text)),
+    }
+}
+
+/// Every key that a model file may have, as `section.key`; `x`, `c`, `exx`, `exc` stand for any axis and error.
+#[must_use]
+pub fn known_keys() -> Vec<String> {
+    let text = "axes = {x = {}, c = {}}\n[errors]\n\
+        exx = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}}\n\
+        eac = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}}\n";
+    let reader = Reader::default();
+    if let Ok(document) = reader::document("", text) {
+        read(&Section::top(&reader, &document), text);
+    }
+    reader.keys()
+}
+
+fn read(top: &Section<'_>, text: &str) -> Option<ModelFile> {
+    if !super::read_format(top, FORMAT) {
+        return None;
+    }
+    let machine = super::read_machine_id(top);
+    let chain = read_chain(top, text);
+    let mut spec = ModelSpec::new(
+        machine.as_ref().map_or("", |m| m.value),
+        // without a chain nothing below can be checked against it
+        chain.as_ref().map(|c| c.value.clone()).or_else(|| Chain::parse("[w b X t]").ok())?,
+    );
+    let known_chain = chain.as_ref().map(|c| &c.value);
+    read_frame(&top.section("frame"), &mut spec);
+    axes::read(&top.section("axes"), chain.as_ref(), &mut spec);
+    let provenance = top.section("provenance");
+    let origin = provenance::read(&provenance);
+    let std = errors::DefaultStd::read(&provenance);
+    provenance.finish();
+    let of_errors = errors::read(&top.section("errors"), known_chain, &std, &mut spec);
+    top.finish();
+    whole_model(top, &spec, chain.is_some());
+    Some(ModelFile { spec, provenance: origin, of_errors })
+}
+
+/// A last look with the rules of the model itself; everything it can find has been reported at its place before.
+fn whole_model(top: &Section<'_>, spec: &ModelSpec, has_chain: bool) {
+    if has_chain
+        && top.is_clean()
+        && let Err(e) = spec.validate()
+    {
+        top.report(Diagnostic::of_file(e.to_string(), remedy(&e, spec.chain.to_string().as_str())));
+    }
+}
+
+fn read_frame(frame: &Section<'_>, spec: &mut ModelSpec) {
+    if let Some(p) = point(frame, "workpiece-origin-mm") {
+        spec.workpiece_origin = p.value;
+    }
+    if let Some(p) = point(frame, "tool-tip-mm") {
+        spec.tool_tip = p.value;
+    }
+    spec.gauge_point = point(frame, "gauge-point-mm").map(|p| p.value);
+    frame.finish();
+}
+
+/// A point in M at home, mm.
+fn point(section: &Section<'_>, key: &'static str) -> Option<Placed<Vec3>> {
+    let list = section.fixed::<3>(key, "[x, y, z]")?;
+    Some(Placed::new(Vec3::from(list.value), list.place))
+}
+
+fn read_chain(top: &Section<'_>, text: &str) -> Option<Placed<Chain>> {
+    let Some(written) = top.text("chain") else {
+        if top.value("chain").is_none() {
+            top.missing(
+                "chain",
+                "add the axes from workpiece through bed to tool, for example chain = \"[w X' b Y Z t]\"",
+            );
+        }
+        return None;
+    };
+    if written.value.len() > Name::MAX * 8 {
+        top.report(Diagnostic::at(written.place, "chain is too long", "a chain has at most 8 axes"));
+        return None;
+    }
+    match Chain::parse(written.value) {
+        Ok(chain) => Some(Placed::new(chain, written.place)),
+        Err(e) => {
+            top.report(Diagnostic::at(
+                inside(text, &written, &e),
+                format!("chain, {e}"),
+                "write the axes from the workpiece w through the bed b to the tool t, primes on the workpiece side: \
+                 [w X' b Y Z t]",
+            ));
+            None
+        }
+    }
+}
+
+/// The word of a chain that is wrong, inside its quotes.
+fn inside(text: &str, written: &Placed<&str>, error: &ChainError) -> core::ops::Range<usize> {
+    let raw = text.get(written.place.clone()).unwrap_or("");
+    // escapes and long strings shift the columns: the whole value is marked then
+    if raw.get(1..raw.len().saturating_sub(1)) != Some(written.value) {
+        return written.place.clone();
+    }
+    let mut rest = written.value.char_indices().skip(error.column.saturating_sub(1)).peekable();
+    let Some(&(start, _)) = rest.peek() else { return written.place.clone() };
+    let end = rest
+        .find(|&(i, c)| i > start && (c.is_whitespace() || c == ']'))
+        .map_or(written.value.len(), |(i, _)| i);
+    let open = written.place.start + 1;
+    open + start..open + end
+}
+
+/// What to do about a broken rule of the model.
+fn remedy(error: &ModelError, chain: &str) -> String {
+    match error {
+        ModelError::AxisNotInChain { axis } | ModelError::ErrorOfMissingAxis { axis, .. } => {
+            format!("the chain is {chain}: add {axis} to it or take this entry out")
+        }
+        ModelError::SquarenessWithoutPartner { partner, .. } => {
+            format!("the chain is {chain}: add {partner} to it or take this entry out")
+        }
+        ModelError::AxisTwice { .. } | ModelError::ErrorTwice { .. } => "keep one of the two".to_owned(),
+        ModelError::Travel { .. } => "write the lower end first".to_owned(),
+        ModelError::NotConstant { .. } => "keep one constant, or give an error motion of the axis".to_owned(),
+        ModelError::NotFinite { .. } => "write finite numbers".to_owned(),
+        ModelError::AngleTooLarge { .. } => "give the values in arcsec (1 arcsec is 4.848 urad)".to_owned(),
+        ModelError::LengthTooLarge { .. } => "give the values in um".to_owned(),
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,77 @@
+//! Where the numbers of a model come from.
+
+use toml::de::DeValue;
+use toml::value::Datetime;
+
+use crate::config::diagnostic::Diagnostic;
+use crate::config::reader::{Allowed, Section};
+
+/// Where numbers come from; everything is optional.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Provenance {
+    /// Measuring instrument.
+    pub instrument: Option<String>,
+    /// Day (or instant) of the measurement, as in RFC 3339.
+    pub date: Option<String>,
+    /// Who measured.
+    pub operator: Option<String>,
+    /// Temperature of the machine, degrees Celsius.
+    pub temperature_degc: Option<f64>,
+    /// Day after which the numbers should not be used any more, as in RFC 3339.
+    pub expiry: Option<String>,
+    /// The data they were made from, for example a file name.
+    pub source: Option<String>,
+    /// Hash of these data.
+    pub source_hash: Option<String>,
+    /// Anything else.
+    pub note: Option<String>,
+}
+
+impl Provenance {
+    /// True where nothing is stated.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        *self == Self::default()
+    }
+}
+
+/// Temperatures at which a machine tool is measured, degrees Celsius.
+const TEMPERATURE: Allowed = Allowed::Within { low: -40.0, high: 100.0 };
+
+/// Reads the keys of provenance; other keys of the section are left to its owner.
+pub(super) fn read(section: &Section<'_>) -> Provenance {
+    let text = |key| section.text(key).map(|t| t.value.to_owned());
+    Provenance {
+        instrument: text("instrument"),
+        date: date(section, "date"),
+        operator: text("operator"),
+        temperature_degc: section.number("temperature-degc", TEMPERATURE).map(|n| n.value),
+        expiry: date(section, "expiry"),
+        source: text("source"),
+        source_hash: text("source-hash"),
+        note: text("note"),
+    }
+}
+
+/// A date, with or without quotes.
+fn date(section: &Section<'_>, key: &'static str) -> Option<String> {
+    let value = section.value(key)?;
+    match value.value {
+        DeValue::Datetime(date) => Some(date.to_string()),
+        DeValue::String(text) if text.parse::<Datetime>().is_ok_and(|d| d.date.is_some()) => {
+            Some(text.to_string())
+        }
+        DeValue::String(text) => {
+            section.report(Diagnostic::at(
+                value.place,
+                format!("{} is no date: \"{text}\"", section.named_key(key)),
+                "write year-month-day, for example 2026-01-31",
+            ));
+            None
+        }
+        _ => {
+            section.wrong_shape(key, &value, "a date");
+            None
+        }
+    }
+}

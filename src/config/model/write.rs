@@ -1,0 +1,245 @@
+//! Writing a model so that reading it gives the same model.
+
+use std::fmt::Write as _;
+
+use super::keys::{PositionKeys, ValueKeys};
+use super::number::{plain, shortest};
+use super::{FORMAT, ModelFile, Provenance};
+use crate::core::axes::AxisKind;
+use crate::core::geometry::Vec3;
+use crate::core::model::curve::Interpolation;
+use crate::core::model::spec::ReferenceBody;
+use crate::core::model::{AxisSpec, Curve, ErrorFunction, ErrorSymbol, ModelSpec, Sense};
+
+/// Numbers of a list per line.
+const PER_LINE: usize = 10;
+
+/// Writes a model so that [`parse`](super::parse) gives the same model back; `comment` lines go on top, each
+/// behind `#`. An error without curves is zero and is not written.
+#[must_use]
+pub fn write(spec: &ModelSpec, comment: &[String]) -> String {
+    write_model(spec, None, comment)
+}
+
+/// Writes a model with its provenance.
+#[must_use]
+pub fn write_file(model: &ModelFile, comment: &[String]) -> String {
+    write_model(&model.spec, Some(model), comment)
+}
+
+fn write_model(spec: &ModelSpec, origin: Option<&ModelFile>, comment: &[String]) -> String {
+    let mut out = String::new();
+    for line in comment.iter().flat_map(|c| c.lines()) {
+        // control characters are not allowed in comments
+        let clean: String = line.chars().filter(|c| !c.is_control()).collect();
+        line_of(&mut out, format_args!("# {clean}"));
+    }
+    line_of(&mut out, format_args!("format = {}", quoted(FORMAT)));
+    line_of(&mut out, format_args!("machine = {}", quoted(&spec.machine)));
+    line_of(&mut out, format_args!("chain = {}", quoted(&spec.chain.to_string())));
+    if let Some(p) = origin.map(|o| &o.provenance).filter(|p| !p.is_empty()) {
+        heading(&mut out, "provenance");
+        write_provenance(&mut out, p);
+    }
+    heading(&mut out, "frame");
+    line_of(&mut out, format_args!("workpiece-origin-mm = {}", point(&spec.workpiece_origin)));
+    line_of(&mut out, format_args!("tool-tip-mm = {}", point(&spec.tool_tip)));
+    if let Some(p) = &spec.gauge_point {
+        line_of(&mut out, format_args!("gauge-point-mm = {}", point(p)));
+    }
+    for axis in &spec.axes {
+        write_axis(&mut out, axis);
+    }
+    // a rotary axis must say where it turns, even where the model leaves that to the default
+    for axis in spec.chain.axes().iter().filter(|a| a.kind() == AxisKind::Rotary && !a.spindle) {
+        if !spec.axes.iter().any(|a| a.name == axis.name) {
+            write_axis(&mut out, &AxisSpec::new(axis.name));
+        }
+    }
+    for (symbol, function) in &spec.errors {
+        let origin = origin.and_then(|o| o.of_errors.iter().find(|(s, _)| s == symbol)).map(|(_, p)| p);
+        write_error(&mut out, *symbol, function, origin);
+    }
+    out
+}
+
+fn line_of(out: &mut String, line: core::fmt::Arguments<'_>) {
+    // writing to a string cannot fail
+    let _ = writeln!(out, "{line}");
+}
+
+fn heading(out: &mut String, name: &str) {
+    line_of(out, format_args!("\n[{name}]"));
+}
+
+fn write_axis(out: &mut String, axis: &AxisSpec) {
+    let keys = PositionKeys::of(axis.name);
+    heading(out, &format!("axes.{}", axis.name.lower()));
+    if let Some(travel) = axis.travel {
+        line_of(out, format_args!("{} = {}", keys.travel, position_list(&travel, keys)));
+    }
+    if axis.name.kind() == AxisKind::Rotary {
+        line_of(out, format_args!("point-mm = {}", point(&axis.point)));
+    }
+    if axis.sense == Sense::Carriage {
+        line_of(out, format_args!("sense = \"carriage\""));
+    }
+    if axis.name.kind() == AxisKind::Linear {
+        write_reference_points(out, axis);
+    }
+}
+
+fn write_reference_points(out: &mut String, axis: &AxisSpec) {
+    let [x, y, z] = &axis.reference_points;
+    if [x, y, z].iter().any(|r| r.point != Vec3::zeros()) {
+        let (x, y, z) = (point(&x.point), point(&y.point), point(&z.point));
+        line_of(out, format_args!("reference-points-mm = {{ x = {x}, y = {y}, z = {z} }}"));
+    }
+    let [x, y, z] = [x, y, z].map(|r| match r.body {
+        ReferenceBody::Carriage => "\"carriage\"",
+        ReferenceBody::Bed => "\"bed\"",
+    });
+    if x != y || y != z {
+        line_of(out, format_args!("reference-body = {{ x = {x}, y = {y}, z = {z} }}"));
+    } else if x == "\"bed\"" {
+        line_of(out, format_args!("reference-body = {x}"));
+    }
+}
+
+fn write_error(out: &mut String, symbol: ErrorSymbol, function: &ErrorFunction, origin: Option<&Provenance>) {
+    if function.curves.is_empty() {
+        return;
+    }
+    let (at, of) = (PositionKeys::of(symbol.axis()), ValueKeys::of(symbol));
+    let name = format!("errors.{}", symbol.to_string().to_lowercase());
+    let origin = origin.filter(|p| !p.is_empty());
+    if function.std.is_some() || origin.is_some() {
+        heading(out, &name);
+        if let Some(std) = function.std {
+            line_of(out, format_args!("{} = {}", of.std, value(std, of)));
+        }
+        if let Some(origin) = origin {
+            write_provenance(out, origin);
+        }
+    }
+    let several = |kind: &str| function.curves.iter().filter(|c| kind_of(c) == kind).count() > 1;
+    for curve in &function.curves {
+        let kind = kind_of(curve);
+        if several(kind) {
+            line_of(out, format_args!("\n[[{name}.{kind}]]"));
+        } else {
+            heading(out, &format!("{name}.{kind}"));
+        }
+        write_curve(out, curve, at, of);
+    }
+}
+
+/// The key of a curve: `constant`, `table`, `fourier`, `half-range`, `chebyshev`.
+#[must_use]
+pub fn kind_of(curve: &Curve) -> &'static str {
+    match curve {
+        Curve::Constant(_) => "constant",
+        Curve::Table(_) => "table",
+        Curve::Fourier(_) => "fourier",
+        Curve::HalfRange(_) => "half-range",
+        Curve::Chebyshev(_) => "chebyshev",
+    }
+}
+
+fn write_curve(out: &mut String, curve: &Curve, at: &PositionKeys, of: &ValueKeys) {
+    match curve {
+        Curve::Constant(v) => line_of(out, format_args!("{} = {}", of.value, value(*v, of))),
+        Curve::Table(t) => {
+            let (positions, forward, reverse) = t.columns();
+            line_of(out, format_args!("{} = {}", at.position, position_list(positions, at)));
+            line_of(out, format_args!("{} = {}", of.value, value_list(forward, of)));
+            if let Some(reverse) = reverse {
+                line_of(out, format_args!("{} = {}", of.reverse, value_list(reverse, of)));
+            }
+            if t.interpolation() == Interpolation::MonotoneCubic {
+                line_of(out, format_args!("interpolation = \"cubic\""));
+            }
+        }
+        Curve::Fourier(f) => {
+            let (mean, linear) = f.mean_and_linear();
+            line_of(out, format_args!("{} = {}", at.origin, position(f.range()[0], at)));
+            line_of(out, format_args!("{} = {}", at.span, position(f.span(), at)));
+            line_of(out, format_args!("{} = {}", at.period, position(f.period(), at)));
+            line_of(out, format_args!("{} = {}", of.mean, value(mean, of)));
+            line_of(out, format_args!("{} = {}", of.linear, value(linear, of)));
+            let cos: Vec<f64> = f.harmonics().iter().map(|h| h[0]).collect();
+            let sin: Vec<f64> = f.harmonics().iter().map(|h| h[1]).collect();
+            // the sines carry the number of harmonics, so cosines that are all zero need no list
+            let cos = if cos.iter().all(|&c| c == 0.0) { Vec::new() } else { cos };
+            line_of(out, format_args!("{} = {}", of.cos, value_list(&cos, of)));
+            line_of(out, format_args!("{} = {}", of.sin, value_list(&sin, of)));
+        }
+        Curve::HalfRange(h) => {
+            let (mean, linear, sin) = h.coefficients();
+            let sin: Vec<f64> = sin.collect();
+            line_of(out, format_args!("{} = {}", at.range, position_list(&h.range(), at)));
+            line_of(out, format_args!("{} = {}", of.mean, value(mean, of)));
+            line_of(out, format_args!("{} = {}", of.linear, value(linear, of)));
+            line_of(out, format_args!("{} = {}", of.sin, value_list(&sin, of)));
+        }
+        Curve::Chebyshev(c) => {
+            line_of(out, format_args!("{} = {}", at.range, position_list(&c.range(), at)));
+            line_of(out, format_args!("{} = {}", of.coefficients, value_list(c.coefficients(), of)));
+        }
+    }
+}
+
+fn write_provenance(out: &mut String, p: &Provenance) {
+    let Provenance { instrument, date, operator, temperature_degc, expiry, source, source_hash, note } = p;
+    for (key, text) in [
+        ("instrument", instrument),
+        ("date", date),
+        ("operator", operator),
+        ("expiry", expiry),
+        ("source", source),
+        ("source-hash", source_hash),
+        ("note", note),
+    ] {
+        if let Some(text) = text {
+            line_of(out, format_args!("{key} = {}", quoted(text)));
+        }
+    }
+    if let Some(t) = temperature_degc {
+        line_of(out, format_args!("temperature-degc = {}", plain(*t)));
+    }
+}
+
+/// A basic string of TOML.
+fn quoted(text: &str) -> String {
+    toml::Value::String(text.to_owned()).to_string()
+}
+
+fn point(p: &Vec3) -> String {
+    format!("[{}, {}, {}]", plain(p.x), plain(p.y), plain(p.z))
+}
+
+fn position(v: f64, at: &PositionKeys) -> String {
+    shortest(v, (at.write)(v), at.read)
+}
+
+fn value(v: f64, of: &ValueKeys) -> String {
+    shortest(v, (of.write)(v), of.read)
+}
+
+fn position_list(list: &[f64], at: &PositionKeys) -> String {
+    folded(list.iter().map(|&v| position(v, at)).collect())
+}
+
+fn value_list(list: &[f64], of: &ValueKeys) -> String {
+    folded(list.iter().map(|&v| value(v, of)).collect())
+}
+
+/// A list on one line, or on several where it is long.
+fn folded(items: Vec<String>) -> String {
+    if items.len() <= PER_LINE {
+        return format!("[{}]", items.join(", "));
+    }
+    let lines: Vec<String> =
+        items.chunks(PER_LINE).map(|line| format!("    {},\n", line.join(", "))).collect();
+    format!("[\n{}]", lines.concat())
+}

@@ -1,0 +1,662 @@
+//! A TOML document with the place of everything, read section by section.
+//!
+//! What a derived deserialiser cannot do is why this exists: it stops at the first mistake, while a person
+//! wants all of them at once, each under its caret. A [`Section`] is asked for the keys it may have; what nobody
+//! asked for is an unknown key, so the keys in the code, in the messages and in `known_keys` are the same by
+//! construction. A value that is wrong is reported and then counts as absent.
+
+use std::cell::RefCell;
+use std::collections::BTreeSet;
+use std::ops::Range;
+
+use toml::de::{DeTable, DeValue};
+
+use super::diagnostic::{ConfigErrors, Diagnostic};
+
+/// A value and where it stands.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Placed<T> {
+    pub(super) value: T,
+    pub(super) place: Range<usize>,
+}
+
+impl<T> Placed<T> {
+    pub(super) fn new(value: T, place: Range<usize>) -> Self {
+        Self { value, place }
+    }
+}
+
+/// The numbers that a key may have.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Allowed {
+    /// Any finite number.
+    Finite,
+    /// `0 < v <= high`.
+    Positive { high: f64 },
+    /// `low <= v <= high`.
+    Within { low: f64, high: f64 },
+}
+
+impl Allowed {
+    fn admits(self, v: f64) -> bool {
+        match self {
+            Self::Finite => true,
+            Self::Positive { high } => v > 0.0 && v <= high,
+            Self::Within { low, high } => (low..=high).contains(&v),
+        }
+    }
+
+    fn in_words(self, unit: &str) -> String {
+        match self {
+            Self::Finite => "any finite number".to_owned(),
+            Self::Positive { high } => format!("above 0 up to {high}{unit}"),
+            Self::Within { low, high } => format!("{low} to {high}{unit}"),
+        }
+    }
+}
+
+/// Collects what is wrong and which keys were asked for.
+#[derive(Debug, Default)]
+pub(super) struct Reader {
+    found: RefCell<Vec<Diagnostic>>,
+    keys: RefCell<BTreeSet<String>>,
+}
+
+impl Reader {
+    pub(super) fn report(&self, diagnostic: Diagnostic) {
+        self.found.borrow_mut().push(diagnostic);
+    }
+
+    pub(super) fn is_clean(&self) -> bool {
+        self.found.borrow().is_empty()
+    }
+
+    pub(super) fn into_errors(self, file: &str, text: &str) -> ConfigErrors {
+        ConfigErrors::new(file, text, self.found.into_inner())
+    }
+
+    /// Every key asked for so far, as `section.key`.
+    pub(super) fn keys(&self) -> Vec<String> {
+        self.keys.borrow().iter().cloned().collect()
+    }
+}
+
+/// The text without the byte order mark that some editors put first.
+pub(super) fn without_mark(text: &str) -> &str {
+    text.strip_prefix('\u{feff}').unwrap_or(text)
+}
+
+/// The document, or every mistake in its syntax.
+pub(super) fn document<'t>(file: &str, text: &'t str) -> Result<DeTable<'t>, ConfigErrors> {
+    let (table, errors) = DeTable::parse_recoverable(text);
+    if errors.is_empty() {
+        return Ok(table.into_inner());
+    }
+    let diagnostics = errors
+        .iter()
+        .map(|e| Diagnostic {
+            span: e.span(),
+            message: format!("not TOML: {}", e.message()),
+            remedy: Some(
+                "write key = value; text in \"quotes\", lists in [brackets], # before a comment".to_owned(),
+            ),
+        })
+        .collect();
+    Err(ConfigErrors::new(file, text, diagnostics))
+}
+
+/// The place of the value of `path`, for mistakes that only show when files are compared; a key that has no value
+/// of its own (a table) gives the place of the key.
+pub(super) fn place_of(text: &str, path: &[&str]) -> Option<Range<usize>> {
+    let (document, _) = DeTable::parse_recoverable(text);
+    let mut table = document.get_ref();
+    let (last, parents) = path.split_last()?;
+    for key in parents {
+        table = table.get(*key)?.get_ref().as_table()?;
+    }
+    let (key, value) = table.get_key_value(*last)?;
+    Some(if value.get_ref().is_table() { key.span() } else { value.span() })
+}
+
+/// One table of the document, or its absence.
+#[derive(Debug)]
+pub(super) struct Section<'r> {
+    reader: &'r Reader,
+    /// Dotted, for messages; empty at the top.
+    path: String,
+    table: Option<&'r DeTable<'r>>,
+    place: Option<Range<usize>>,
+    asked: RefCell<Vec<&'static str>>,
+    /// Why keys that end in a unit have this unit and no other.
+    reasons: Vec<(&'static str, String)>,
+}
+
+impl<'r> Section<'r> {
+    pub(super) fn top(reader: &'r Reader, table: &'r DeTable<'r>) -> Self {
+        Self {
+            reader,
+            path: String::new(),
+            table: Some(table),
+            place: None,
+            asked: RefCell::default(),
+            reasons: Vec::new(),
+        }
+    }
+
+    /// States why keys of this section that end in `-unit` do so.
+    pub(super) fn because(mut self, unit: &'static str, reason: String) -> Self {
+        self.reasons.push((unit, reason));
+        self
+    }
+
+    pub(super) fn report(&self, diagnostic: Diagnostic) {
+        self.reader.report(diagnostic);
+    }
+
+    /// Where the section's name stands.
+    pub(super) fn place(&self) -> Option<Range<usize>> {
+        self.place.clone()
+    }
+
+    /// Reports at the section's name.
+    pub(super) fn report_here(&self, message: impl Into<String>, remedy: impl Into<String>) {
+        self.report(Diagnostic { span: self.place(), message: message.into(), remedy: Some(remedy.into()) });
+    }
+
+    /// The section in words.
+    pub(super) fn title(&self) -> String {
+        if self.path.is_empty() { "the top of the file".to_owned() } else { format!("[{}]", self.path) }
+    }
+
+    /// A table below this one; absent where not written.
+    pub(super) fn section(&self, key: &'static str) -> Section<'r> {
+        self.ask(key);
+        let found = self.table.and_then(|t| t.get_key_value(key));
+        let table = found.and_then(|(k, v)| self.as_table(key, k.span(), v.get_ref()));
+        self.below(key, table, found.map(|(k, _)| k.span()))
+    }
+
+    /// The names written in this section, in the order of the text: for tables whose keys are data (axes, errors).
+    pub(super) fn names(&self) -> Vec<Placed<&'r str>> {
+        let mut names: Vec<_> = self
+            .table
+            .into_iter()
+            .flat_map(|t| t.keys())
+            .map(|k| Placed::new(k.get_ref().as_ref(), k.span()))
+            .collect();
+        names.sort_by_key(|n| n.place.start);
+        names
+    }
+
+    /// The table of a name from [`Section::names`].
+    pub(super) fn named(&self, name: &Placed<&'r str>) -> Option<Section<'r>> {
+        let value = self.table?.get(name.value)?;
+        let table = self.as_table(name.value, name.place.clone(), value.get_ref())?;
+        Some(self.below(name.value, Some(table), Some(name.place.clone())))
+    }
+
+    /// The tables written as `[key]` or `[[key]]`.
+    pub(super) fn sections(&self, key: &'static str) -> Vec<Section<'r>> {
+        self.ask(key);
+        let Some((name, value)) = self.table.and_then(|t| t.get_key_value(key)) else { return Vec::new() };
+        match value.get_ref() {
+            DeValue::Array(list) => list
+                .iter()
+                .filter_map(|item| {
+                    let table = self.as_table(key, item.span(), item.get_ref())?;
+                    Some(self.below(key, Some(table), Some(item.span())))
+                })
+                .collect(),
+            other => self
+                .as_table(key, name.span(), other)
+                .map(|table| self.below(key, Some(table), Some(name.span())))
+                .into_iter()
+                .collect(),
+        }
+    }
+
+    fn below(&self, key: &str, table: Option<&'r DeTable<'r>>, place: Option<Range<usize>>) -> Section<'r> {
+        let path = if self.path.is_empty() { key.to_owned() } else { format!("{}.{key}", self.path) };
+        let reader = self.reader;
+        Section { reader, path, table, place, asked: RefCell::default(), reasons: self.reasons.clone() }
+    }
+
+    fn as_table(&self, key: &str, place: Range<usize>, value: &'r DeValue<'r>) -> Option<&'r DeTable<'r>> {
+        let table = value.as_table();
+        if table.is_none() {
+            let found = kind_of(value);
+            self.report(Diagnostic::at(
+                place,
+                format!("{} must be a table, found {found}", self.named_key(key)),
+                format!("write a heading [{}{key}] and its keys below it", self.prefix()),
+            ));
+        }
+        table
+    }
+
+    fn prefix(&self) -> String {
+        if self.path.is_empty() { String::new() } else { format!("{}.", self.path) }
+    }
+
+    /// A key with its section.
+    pub(super) fn named_key(&self, key: &str) -> String {
+        format!("{}{key}", self.prefix())
+    }
+
+    fn ask(&self, key: &'static str) {
+        let mut asked = self.asked.borrow_mut();
+        if !asked.contains(&key) {
+            asked.push(key);
+            self.reader.keys.borrow_mut().insert(self.named_key(key));
+        }
+    }
+
+    /// The raw value of a key.
+    pub(super) fn value(&self, key: &'static str) -> Option<Placed<&'r DeValue<'r>>> {
+        self.ask(key);
+        self.table?.get(key).map(|v| Placed::new(v.get_ref(), v.span()))
+    }
+
+    /// Reports that a key is missing, unless it is there under another unit (which is reported by itself).
+    pub(super) fn missing(&self, key: &'static str, remedy: &str) {
+        self.ask(key);
+        let disguised = self
+            .names()
+            .iter()
+            .any(|n| n.value != key && stem(n.value) == stem(key) && !self.is_asked(n.value));
+        if !disguised {
+            let message = format!("{} is missing", self.named_key(key));
+            self.report(Diagnostic { span: self.place(), message, remedy: Some(remedy.to_owned()) });
+        }
+    }
+
+    fn is_asked(&self, key: &str) -> bool {
+        self.asked.borrow().contains(&key)
+    }
+
+    /// Reports a value of the wrong shape.
+    pub(super) fn wrong_shape(&self, key: &str, value: &Placed<&DeValue<'_>>, expected: &str) {
+        let found = kind_of(value.value);
+        self.report(Diagnostic::at(
+            value.place.clone(),
+            format!("{} must be {expected}, found {found}", self.named_key(key)),
+            match value.value {
+                DeValue::String(text)
+                    if expected.contains("number") && text.trim().parse::<f64>().is_ok() =>
+                {
+                    format!("write {} without quotes", text.trim())
+                }
+                _ => format!("write {expected} behind {key} ="),
+            },
+        ));
+    }
+
+    /// A finite number.
+    pub(super) fn number(&self, key: &'static str, allowed: Allowed) -> Option<Placed<f64>> {
+        let value = self.value(key)?;
+        let number = self.finite(key, &value, None)?;
+        if !allowed.admits(number) {
+            let unit = unit_of(key).map_or(String::new(), |u| format!(" {}", in_words(u)));
+            self.report(Diagnostic::at(
+                value.place,
+                format!("{} is {number}{unit}", self.named_key(key)),
+                format!("allowed is {}", allowed.in_words(&unit)),
+            ));
+            return None;
+        }
+        Some(Placed::new(number, value.place))
+    }
+
+    /// A whole number.
+    pub(super) fn whole(&self, key: &'static str, low: u32, high: u32) -> Option<Placed<u32>> {
+        let value = self.value(key)?;
+        let Some(integer) = value.value.as_integer() else {
+            self.wrong_shape(key, &value, "a whole number");
+            return None;
+        };
+        match u32::from_str_radix(integer.as_str(), integer.radix()).ok().filter(|v| (low..=high).contains(v))
+        {
+            Some(v) => Some(Placed::new(v, value.place)),
+            None => {
+                let unit = unit_of(key).map_or(String::new(), |u| format!(" {}", in_words(u)));
+                let message = format!("{} is {integer}{unit}", self.named_key(key));
+                self.report(Diagnostic::at(
+                    value.place,
+                    message,
+                    format!("allowed is {low} to {high}{unit}"),
+                ));
+                None
+            }
+        }
+    }
+
+    /// A list of finite numbers.
+    pub(super) fn numbers(&self, key: &'static str) -> Option<Placed<Vec<Placed<f64>>>> {
+        let value = self.value(key)?;
+        self.list(key, &value)
+    }
+
+    /// The numbers of a list.
+    pub(super) fn list(
+        &self,
+        key: &str,
+        value: &Placed<&'r DeValue<'r>>,
+    ) -> Option<Placed<Vec<Placed<f64>>>> {
+        let Some(items) = value.value.as_array() else {
+            self.wrong_shape(key, value, "a list of numbers");
+            return None;
+        };
+        let mut numbers = Vec::with_capacity(items.len());
+        for (i, item) in items.iter().enumerate() {
+            let item = Placed::new(item.get_ref(), item.span());
+            // every bad number of the list is reported
+            if let Some(number) = self.finite(key, &item, Some(i + 1)) {
+                numbers.push(Placed::new(number, item.place));
+            }
+        }
+        (numbers.len() == items.len()).then(|| Placed::new(numbers, value.place.clone()))
+    }
+
+    /// A list of exactly `N` finite numbers.
+    pub(super) fn fixed<const N: usize>(&self, key: &'static str, shape: &str) -> Option<Placed<[f64; N]>> {
+        let value = self.value(key)?;
+        self.fixed_list(key, &value, shape)
+    }
+
+    /// Exactly `N` numbers of a list.
+    pub(super) fn fixed_list<const N: usize>(
+        &self,
+        key: &str,
+        value: &Placed<&'r DeValue<'r>>,
+        shape: &str,
+    ) -> Option<Placed<[f64; N]>> {
+        let list = self.list(key, value)?;
+        let found = list.value.len();
+        let plain: Vec<f64> = list.value.iter().map(|n| n.value).collect();
+        let Ok(array) = <[f64; N]>::try_from(plain) else {
+            self.report(Diagnostic::at(
+                list.place,
+                format!("{} has {found} numbers", self.named_key(key)),
+                format!("write {N} numbers: {shape}"),
+            ));
+            return None;
+        };
+        Some(Placed::new(array, list.place))
+    }
+
+    /// Two numbers of which the second is larger.
+    pub(super) fn interval(&self, key: &'static str) -> Option<Placed<[f64; 2]>> {
+        let pair = self.fixed::<2>(key, "[lower end, upper end]")?;
+        let [low, high] = pair.value;
+        if low < high {
+            return Some(pair);
+        }
+        let message = format!("{} from {low} to {high} is empty", self.named_key(key));
+        self.report(Diagnostic::at(
+            pair.place,
+            message,
+            "write the lower end first and a larger upper end behind it",
+        ));
+        None
+    }
+
+    fn finite(&self, key: &str, value: &Placed<&DeValue<'_>>, row: Option<usize>) -> Option<f64> {
+        let number = match value.value {
+            DeValue::Float(v) => v.as_str().parse::<f64>().ok(),
+            DeValue::Integer(v) if v.radix() == 10 => v.as_str().parse::<f64>().ok(),
+            DeValue::Integer(v) => i64::from_str_radix(v.as_str(), v.radix()).ok().map(|i| i as f64),
+            _ => {
+                self.wrong_shape(
+                    key,
+                    value,
+                    if row.is_some() { "a list of numbers only" } else { "a number" },
+                );
+                return None;
+            }
+        };
+        let number = number.filter(|v| v.is_finite());
+        if number.is_none() {
+            let row = row.map_or(String::new(), |r| format!(", row {r},"));
+            self.report(Diagnostic::at(
+                value.place.clone(),
+                format!("{}{row} is not a finite number", self.named_key(key)),
+                "write the measured value, or leave the row out",
+            ));
+        }
+        number
+    }
+
+    /// A text.
+    pub(super) fn text(&self, key: &'static str) -> Option<Placed<&'r str>> {
+        let value = self.value(key)?;
+        match value.value {
+            DeValue::String(text) => Some(Placed::new(text.as_ref(), value.place)),
+            _ => {
+                self.wrong_shape(key, &value, "a text in quotes");
+                None
+            }
+        }
+    }
+
+    /// True or false.
+    pub(super) fn flag(&self, key: &'static str) -> Option<bool> {
+        let value = self.value(key)?;
+        let flag = value.value.as_bool();
+        if flag.is_none() {
+            self.wrong_shape(key, &value, "true or false");
+        }
+        flag
+    }
+
+    /// One of several words.
+    pub(super) fn choice<T: Copy>(&self, key: &'static str, words: &[(&str, T)]) -> Option<T> {
+        let text = self.text(key)?;
+        self.word(key, &text, words)
+    }
+
+    /// The meaning of a word.
+    pub(super) fn word<T: Copy>(&self, key: &str, text: &Placed<&str>, words: &[(&str, T)]) -> Option<T> {
+        if let Some((_, meaning)) = words.iter().find(|(word, _)| *word == text.value) {
+            return Some(*meaning);
+        }
+        let known: Vec<&str> = words.iter().map(|(word, _)| *word).collect();
+        self.report(Diagnostic::at(
+            text.place.clone(),
+            format!("{} does not know \"{}\"", self.named_key(key), text.value),
+            suggestion(text.value, &known, "write one of: "),
+        ));
+        None
+    }
+
+    /// True while nothing has been reported anywhere in the document.
+    pub(super) fn is_clean(&self) -> bool {
+        self.reader.is_clean()
+    }
+
+    /// Reports every key that nobody asked for.
+    pub(super) fn finish(&self) {
+        let asked = self.asked.borrow();
+        for name in self.names() {
+            if asked.contains(&name.value) {
+                continue;
+            }
+            let other_unit = asked.iter().find(|k| unit_of(k).is_some() && stem(k) == stem(name.value));
+            let place = name.place.clone();
+            self.report(match other_unit {
+                Some(right) => self.wrong_unit(place, name.value, right),
+                None => Diagnostic::at(
+                    place,
+                    format!("{} is no key of {}", name.value, self.title()),
+                    suggestion(name.value, &asked, "keys here are: "),
+                ),
+            });
+        }
+    }
+
+    fn wrong_unit(&self, place: Range<usize>, written: &str, right: &str) -> Diagnostic {
+        let unit = unit_of(right).unwrap_or_default();
+        let reason = self
+            .reasons
+            .iter()
+            .rev()
+            .find(|(u, _)| unit == *u || unit.starts_with(&format!("{u}-")))
+            .map_or(String::new(), |(_, reason)| format!(": {reason}"));
+        let what = match unit_of(written) {
+            Some(wrong) => {
+                format!("{} has the wrong unit {}{reason}", self.named_key(written), in_words(wrong))
+            }
+            None => format!("{} lacks its unit{reason}", self.named_key(written)),
+        };
+        Diagnostic::at(place, what, format!("write {right} and give the values in {}", in_words(unit)))
+    }
+}
+
+/// The units that keys end in, longest first where one is the end of another.
+const UNITS: &[(&str, &str)] = &[
+    ("um-per-s2", "um/s^2"),
+    ("mm-per-s2", "mm/s^2"),
+    ("arcsec-per-s2", "arcsec/s^2"),
+    ("deg-per-s2", "deg/s^2"),
+    ("um-per-s", "um/s"),
+    ("mm-per-s", "mm/s"),
+    ("arcsec-per-s", "arcsec/s"),
+    ("deg-per-s", "deg/s"),
+    ("arcsec", "arcsec"),
+    ("urad", "urad"),
+    ("mrad", "mrad"),
+    ("rad", "rad"),
+    ("deg", "deg"),
+    ("degc", "degC"),
+    ("mm", "mm"),
+    ("um", "um"),
+    ("nm", "nm"),
+    ("min", "min"),
+    ("ms", "ms"),
+    ("us", "us"),
+    ("ns", "ns"),
+    ("s", "s"),
+];
+
+/// The unit that a key ends in.
+pub(super) fn unit_of(key: &str) -> Option<&'static str> {
+    UNITS
+        .iter()
+        .map(|(unit, _)| *unit)
+        .find(|unit| key.strip_suffix(unit).is_some_and(|stem| stem.ends_with('-') && stem.len() > 1))
+}
+
+/// A key without its unit.
+fn stem(key: &str) -> &str {
+    match unit_of(key) {
+        Some(unit) => &key[..key.len() - unit.len() - 1],
+        None => key,
+    }
+}
+
+fn in_words(unit: &str) -> &str {
+    UNITS.iter().find(|(u, _)| *u == unit).map_or(unit, |(_, words)| words)
+}
+
+fn kind_of(value: &DeValue<'_>) -> &'static str {
+    match value {
+        DeValue::String(_) => "a text",
+        DeValue::Integer(_) | DeValue::Float(_) => "a number",
+        DeValue::Boolean(_) => "true or false",
+        DeValue::Datetime(_) => "a date",
+        DeValue::Array(_) => "a list",
+        DeValue::Table(_) => "a table",
+    }
+}
+
+/// The nearest known word, or all of them behind `introduction`.
+pub(super) fn suggestion(written: &str, known: &[&str], introduction: &str) -> String {
+    let nearest = known.iter().map(|k| (distance(written, k), *k)).min();
+    match nearest {
+        // a third of the letters may differ
+        Some((d, word)) if d <= written.chars().count().max(word.chars().count()).div_ceil(3) => {
+            format!("did you mean {word}?")
+        }
+        _ => format!("{introduction}{}", known.join(", ")),
+    }
+}
+
+/// Edit distance: letters to insert, delete, replace or swap with their neighbour.
+fn distance(a: &str, b: &str) -> usize {
+    let (a, b): (Vec<char>, Vec<char>) =
+        (a.to_lowercase().chars().take(64).collect(), b.to_lowercase().chars().take(64).collect());
+    let mut rows = vec![vec![0usize; b.len() + 1]; a.len() + 1];
+    for (i, row) in rows.iter_mut().enumerate() {
+        row[0] = i;
+    }
+    for j in 0..=b.len() {
+        rows[0][j] = j;
+    }
+    for i in 1..=a.len() {
+        for j in 1..=b.len() {
+            let replace = rows[i - 1][j - 1] + usize::from(a[i - 1] != b[j - 1]);
+            let mut best = replace.min(rows[i - 1][j] + 1).min(rows[i][j - 1] + 1);
+            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
+                best = best.min(rows[i - 2][j - 2] + 1);
+            }
+            rows[i][j] = best;
+        }
+    }
+    rows[a.len()][b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distance_counts_edits_and_swaps() {
+        for (a, b, d) in [
+            ("", "", 0),
+            ("ramp-s", "ramp-s", 0),
+            ("rmap-s", "ramp-s", 1),
+            ("cycle", "cycel", 1),
+            ("abc", "", 3),
+            ("fourier", "furier", 1),
+        ] {
+            assert_eq!((distance(a, b), distance(b, a)), (d, d), "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn suggestions_are_near_or_complete() {
+        assert_eq!(
+            suggestion("adress", &["address", "cycle-ms"], "keys here are: "),
+            "did you mean address?"
+        );
+        assert_eq!(
+            suggestion("zzz", &["address", "cycle-ms"], "keys here are: "),
+            "keys here are: address, cycle-ms"
+        );
+    }
+
+    #[test]
+    fn units_are_the_end_of_a_key() {
+        for (key, unit, bare) in [
+            ("position-mm", Some("mm"), "position"),
+            ("rate-um-per-s", Some("um-per-s"), "rate"),
+            ("acceleration-um-per-s2", Some("um-per-s2"), "acceleration"),
+            ("hold-s", Some("s"), "hold"),
+            ("stale-ms", Some("ms"), "stale"),
+            ("sense", None, "sense"),
+            ("temperature-degc", Some("degc"), "temperature"),
+            ("sin-um", Some("um"), "sin"),
+            ("mm", None, "mm"),
+        ] {
+            assert_eq!((unit_of(key), stem(key)), (unit, bare), "{key}");
+        }
+    }
+
+    #[test]
+    fn places_of_values_and_tables() {
+        let text = "machine = \"m\"\n[axes.x]\nlimit-um = 30\n";
+        assert_eq!(&text[place_of(text, &["machine"]).unwrap()], "\"m\"");
+        assert_eq!(&text[place_of(text, &["axes", "x"]).unwrap()], "x");
+        assert_eq!(&text[place_of(text, &["axes", "x", "limit-um"]).unwrap()], "30");
+        assert_eq!(place_of(text, &["axes", "y"]), None);
+    }
+}
