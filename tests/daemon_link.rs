@@ -94,20 +94,24 @@ fn a_control_of_another_version_is_refused() {
 #[test]
 fn another_machine_is_refused() {
     let other = ControlHello { machine: Name::new("lathe"), ..hello() };
-    refused(&other, ErrorCode::WrongMachine, "is machine `lathe`, this daemon is configured for `test-mill`");
+    refused(
+        &other,
+        ErrorCode::WrongMachine,
+        "the control is machine \"lathe\", the machine file is for \"test-mill\"",
+    );
 }
 
 #[test]
 fn a_missing_axis_is_refused() {
     let mut other = hello();
     other.axes[2].name = AxisName::W;
-    refused(&other, ErrorCode::WrongAxes, "does not have axis Z");
+    refused(&other, ErrorCode::WrongAxes, "the control has no axis Z");
 }
 
 #[test]
 fn another_cycle_time_is_refused() {
     let other = ControlHello { cycle_ns: 2_000_000, ..hello() };
-    refused(&other, ErrorCode::WrongCycle, "2000000 ns");
+    refused(&other, ErrorCode::WrongCycle, "the control's cycle is 2 ms");
 }
 
 #[test]
@@ -128,6 +132,23 @@ fn bytes_that_are_no_frame_end_the_link_and_nothing_else() {
     drop(session);
     let mut session = port.link();
     let _ = session.cycle();
+}
+
+#[test]
+fn a_position_in_one_piece_with_the_hello_is_answered() {
+    let port = Port::open();
+    let _daemon = Daemon::start(&port.address(), Setup::default());
+    let mut session = port.accept();
+    let _ = session.read_hello();
+    let position = session.position();
+    let mut bytes = Vec::new();
+    for message in [Message::ControlHello(hello()), Message::Position(position)] {
+        let mut buffer = [0; MAX_FRAME];
+        let length = encode(&message, &mut buffer);
+        bytes.extend_from_slice(&buffer[..length]);
+    }
+    session.stream.write_all(&bytes).expect("sent");
+    assert!(matches!(session.next_word(), Some(Message::Correction(c)) if c.sequence == position.sequence));
 }
 
 #[test]

@@ -73,9 +73,11 @@ impl Cycle<'_> {
     ///
     /// # Cycle   between the first frame and the return: no allocation, no lock, no log, no disk
     pub(super) fn run(&mut self, link: &mut Link) -> LinkEnd {
+        // frames that came in one piece with the hello are already here
+        let mut turn = self.frames(link, self.clock.now(), false);
         loop {
-            match self.turn(link) {
-                Ok(None) => {}
+            match turn {
+                Ok(None) => turn = self.turn(link),
                 Ok(Some(end)) => return end,
                 Err(e) => return LinkEnd::Io(e.kind()),
             }

@@ -22,6 +22,8 @@ use super::ports::{CyclePorts, Request, ports};
 use super::server::{Server, SocketError, lock};
 use super::service::Service;
 use super::worker::Worker;
+use crate::core::axes::AxisKind;
+use crate::core::units::{UM_PER_MM, arcsec_from_rad, deg_from_rad};
 
 /// Interval at which the service looks after the cycle thread's reports.
 const TICK: Duration = Duration::from_millis(20);
@@ -233,21 +235,24 @@ fn log_start(config: &Path, loaded: &Loaded) {
         start = ?machine.engine.start,
         "volcompd starts"
     );
+    for axis in &loaded.uncorrected {
+        warn!(%axis, "an axis of the model without limits in the machine file: it is never offset");
+    }
     for axis in &machine.axes {
         let limits = &axis.limits;
         match axis.name.kind() {
-            crate::core::axes::AxisKind::Linear => info!(
+            AxisKind::Linear => info!(
                 axis = %axis.name,
-                size_um = limits.size * crate::core::units::UM_PER_MM,
+                size_um = limits.size * UM_PER_MM,
                 rate_mm_per_s = limits.rate,
                 acceleration_mm_per_s2 = limits.acceleration,
                 "limits of the offset"
             ),
-            crate::core::axes::AxisKind::Rotary => info!(
+            AxisKind::Rotary => info!(
                 axis = %axis.name,
-                size_arcsec = crate::core::units::arcsec_from_rad(limits.size),
-                rate_deg_per_s = crate::core::units::deg_from_rad(limits.rate),
-                acceleration_deg_per_s2 = crate::core::units::deg_from_rad(limits.acceleration),
+                size_arcsec = arcsec_from_rad(limits.size),
+                rate_deg_per_s = deg_from_rad(limits.rate),
+                acceleration_deg_per_s2 = deg_from_rad(limits.acceleration),
                 "limits of the offset"
             ),
         }

@@ -4,6 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use crate::config::machine::ModelMismatch;
 use crate::config::{ConfigErrors, MachineConfig, model};
 use crate::core::axes::AxisName;
 use crate::core::model::{Model, ModelError};
@@ -19,6 +20,8 @@ pub struct Loaded {
     pub model_path: PathBuf,
     /// BLAKE3 of the model file's bytes, in hex.
     pub model_hash: String,
+    /// Axes of the model that the machine file does not list: they are never offset.
+    pub uncorrected: Vec<AxisName>,
 }
 
 /// Why the daemon cannot start from these files.
@@ -64,35 +67,17 @@ pub enum LoadError {
         /// The rule.
         source: ModelError,
     },
-    /// The model belongs to another machine.
+    /// The model does not belong to the machine file.
     #[error(
-        "error: {}: the model is of machine `{found}`, {} is for machine `{expected}`\n  \
-         hint: name the model of this machine under `model`, or correct `machine`",
-        path.display(), config.display()
+        "error: {}: {source} ({})\n  hint: {}", config.display(), path.display(), source.remedy()
     )]
-    OtherMachine {
+    Mismatch {
         /// The machine file.
         config: PathBuf,
         /// The model file.
         path: PathBuf,
-        /// Machine of the machine file.
-        expected: String,
-        /// Machine of the model.
-        found: String,
-    },
-    /// An axis is to be corrected that the model does not have.
-    #[error(
-        "error: {}: axis {axis} is not in the chain of the model {}\n  \
-         hint: remove its section, or name a model whose chain has it",
-        config.display(), path.display()
-    )]
-    AxisNotInModel {
-        /// The machine file.
-        config: PathBuf,
-        /// The model file.
-        path: PathBuf,
-        /// The axis.
-        axis: AxisName,
+        /// What does not fit.
+        source: ModelMismatch,
     },
 }
 
@@ -129,20 +114,12 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
     let spec = model::parse(&model_path.display().to_string(), text(&model_path, &bytes)?)
         .map_err(|e| LoadError::Config(Box::new(e)))?;
     let model = Model::new(&spec).map_err(|source| LoadError::Model { path: model_path.clone(), source })?;
-    if model.machine() != config.machine {
-        return Err(LoadError::OtherMachine {
-            config: path.to_owned(),
-            path: model_path,
-            expected: config.machine,
-            found: spec.machine,
-        });
+    if let Some(source) = config.check_model(&spec).into_iter().next() {
+        return Err(LoadError::Mismatch { config: path.to_owned(), path: model_path, source });
     }
-    if let Some(axis) = config.axes.iter().find(|a| spec.chain.index_of(a.name).is_none()) {
-        let axis = axis.name;
-        return Err(LoadError::AxisNotInModel { config: path.to_owned(), path: model_path, axis });
-    }
+    let uncorrected = config.uncorrected_axes(&spec);
     let model_hash = blake3::hash(&bytes).to_hex().to_string();
-    Ok(Loaded { config, model: Arc::new(model), model_path, model_hash })
+    Ok(Loaded { config, model: Arc::new(model), model_path, model_hash, uncorrected })
 }
 
 fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, LoadError> {

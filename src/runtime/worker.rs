@@ -16,7 +16,7 @@ use super::ports::{CyclePorts, LastOffset, Report, Request};
 use super::realtime;
 use crate::config::{MachineConfig, StartMode};
 use crate::core::engine::Command;
-use crate::core::protocol::{CloseReason, ControlHello, Message};
+use crate::core::protocol::{CloseReason, ControlHello, Message, PROTOCOL_VERSION};
 use crate::core::units::MonoTime;
 
 /// Pause between two looks at a connection that is being made.
@@ -218,7 +218,9 @@ impl Worker {
                 return Err(LinkError::Unexpected { address, found: "correction" });
             }
         };
-        handshake::check(&hello, config)?;
+        if hello.version != PROTOCOL_VERSION {
+            return Err(LinkError::Version { address, found: hello.version });
+        }
         self.prepare(&hello)?;
         link.received = self.clock.now();
         Ok(Some(hello))
@@ -226,12 +228,16 @@ impl Worker {
 
     /// An engine for this control: the present one where nothing about the control has changed.
     fn prepare(&mut self, hello: &ControlHello) -> Result<(), LinkError> {
+        let address = self.loaded.config.link.address;
+        let config = self
+            .loaded
+            .config
+            .engine_config(hello)
+            .map_err(|source| LinkError::Mismatch { address, source })?;
         if self.body.as_ref().is_some_and(|(known, _)| same_machine(known, hello)) {
             return Ok(());
         }
-        let address = self.loaded.config.link.address;
         let engine = |source| LinkError::Engine { address, source };
-        let config = self.loaded.config.engine_config(hello).map_err(engine)?;
         let mut body = CycleBody::new(&config, Arc::clone(&self.loaded.model)).map_err(engine)?;
         self.control.brief(self.clock.now(), &mut body);
         self.body = Some((*hello, body));

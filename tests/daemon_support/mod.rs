@@ -1,6 +1,7 @@
 //! A small control and a daemon to test against each other: the real `volcompd`, real TCP on loopback, lock step.
 
 #![allow(dead_code, reason = "each test program uses its part of this")]
+#![allow(clippy::print_stdout, reason = "the log of a daemon that failed a test")]
 
 use std::fs;
 use std::io::{ErrorKind, Read, Write};
@@ -18,13 +19,13 @@ use volcomp::core::protocol::{
 };
 
 /// Patience with anything that must happen.
-pub const PATIENCE: Duration = Duration::from_secs(5);
+pub(crate) const PATIENCE: Duration = Duration::from_secs(5);
 /// Cycle of the control, ns.
-pub const CYCLE_NS: u64 = 1_000_000;
+pub(crate) const CYCLE_NS: u64 = 1_000_000;
 /// The model's positioning error of X, mm: constant, so that the correction is known.
-pub const EXX_MM: f64 = 0.010;
+pub(crate) const EXX_MM: f64 = 0.010;
 /// Largest step per cycle that the machine file below allows, mm: 2 mm/s for 1 ms.
-pub const STEP_MM_MAX: f64 = 0.002;
+pub(crate) const STEP_MM_MAX: f64 = 0.002;
 
 const MODEL: &str = r#"
 format = "volcomp-model/1"
@@ -35,14 +36,14 @@ value-um = 10.0
 "#;
 
 /// Everything a test may want to change about the machine file.
-pub struct Setup {
-    pub start: &'static str,
-    pub heartbeat_s: f64,
-    pub silence_s: f64,
-    pub connect_timeout_s: f64,
-    pub reconnect_max_s: f64,
-    pub model: String,
-    pub environment: Vec<(&'static str, String)>,
+pub(crate) struct Setup {
+    pub(crate) start: &'static str,
+    pub(crate) heartbeat_s: f64,
+    pub(crate) silence_s: f64,
+    pub(crate) connect_timeout_s: f64,
+    pub(crate) reconnect_max_s: f64,
+    pub(crate) model: String,
+    pub(crate) environment: Vec<(&'static str, String)>,
 }
 
 impl Default for Setup {
@@ -83,14 +84,14 @@ impl Setup {
 }
 
 /// A running `volcompd` with its files; killed when dropped.
-pub struct Daemon {
-    pub dir: TempDir,
-    pub child: Child,
+pub(crate) struct Daemon {
+    pub(crate) dir: TempDir,
+    pub(crate) child: Child,
     setup: Setup,
 }
 
 impl Daemon {
-    pub fn start(address: &str, setup: Setup) -> Self {
+    pub(crate) fn start(address: &str, setup: Setup) -> Self {
         let dir = tempfile::tempdir().expect("directory");
         let socket = dir.path().join("sock").display().to_string();
         fs::write(dir.path().join("machine.toml"), setup.machine_file(address, &socket)).expect("written");
@@ -100,24 +101,24 @@ impl Daemon {
     }
 
     /// The same files once more, in a new process.
-    pub fn restart(&mut self) {
+    pub(crate) fn restart(&mut self) {
         self.child = spawn(&self.dir, &self.setup);
     }
 
-    pub fn socket(&self) -> PathBuf {
+    pub(crate) fn socket(&self) -> PathBuf {
         self.dir.path().join("sock")
     }
 
-    pub fn log(&self) -> String {
+    pub(crate) fn log(&self) -> String {
         fs::read_to_string(self.dir.path().join("log")).expect("log")
     }
 
-    pub fn signal(&self, signal: Signal) {
+    pub(crate) fn signal(&self, signal: Signal) {
         let pid = Pid::from_child(&self.child);
         kill_process(pid, signal).expect("signal sent");
     }
 
-    pub fn wait(&mut self) -> ExitStatus {
+    pub(crate) fn wait(&mut self) -> ExitStatus {
         let deadline = Instant::now() + PATIENCE;
         loop {
             if let Some(status) = self.child.try_wait().expect("child") {
@@ -128,13 +129,13 @@ impl Daemon {
         }
     }
 
-    pub fn wait_for_log(&self, text: &str) {
+    pub(crate) fn wait_for_log(&self, text: &str) {
         let found = eventually(|| self.log().contains(text));
         assert!(found, "no `{text}` in the log:\n{}", self.log());
     }
 
     /// `volcomp VERB --socket ..`.
-    pub fn volcomp(&self, arguments: &[&str]) -> Output {
+    pub(crate) fn volcomp(&self, arguments: &[&str]) -> Output {
         Command::new(env!("CARGO_BIN_EXE_volcomp"))
             .args(arguments)
             .arg("--socket")
@@ -143,7 +144,7 @@ impl Daemon {
             .expect("volcomp runs")
     }
 
-    pub fn status(&self) -> serde_json::Value {
+    pub(crate) fn status(&self) -> serde_json::Value {
         assert!(eventually(|| self.socket().exists()), "no socket:\n{}", self.log());
         let output = self.volcomp(&["status", "--json"]);
         let text = String::from_utf8_lossy(&output.stdout);
@@ -158,7 +159,7 @@ impl Drop for Daemon {
         let _ = self.child.kill();
         let _ = self.child.wait();
         if std::thread::panicking() {
-            eprintln!("log of volcompd:\n{}", self.log());
+            println!("log of volcompd:\n{}", self.log());
         }
     }
 }
@@ -179,27 +180,27 @@ fn spawn(dir: &TempDir, setup: &Setup) -> Child {
 }
 
 /// The control's port.
-pub struct Port {
+pub(crate) struct Port {
     listener: TcpListener,
 }
 
 impl Port {
-    pub fn open() -> Self {
+    pub(crate) fn open() -> Self {
         Self::open_at("127.0.0.1:0")
     }
 
-    pub fn open_at(address: &str) -> Self {
+    pub(crate) fn open_at(address: &str) -> Self {
         let listener = TcpListener::bind(address).expect("port");
         listener.set_nonblocking(true).expect("option");
         Self { listener }
     }
 
-    pub fn address(&self) -> String {
+    pub(crate) fn address(&self) -> String {
         self.listener.local_addr().expect("address").to_string()
     }
 
     /// A connection, or `None` within `limit`.
-    pub fn accept_within(&self, limit: Duration) -> Option<Session> {
+    pub(crate) fn accept_within(&self, limit: Duration) -> Option<Session> {
         let deadline = Instant::now() + limit;
         loop {
             match self.listener.accept() {
@@ -214,12 +215,12 @@ impl Port {
         }
     }
 
-    pub fn accept(&self) -> Session {
+    pub(crate) fn accept(&self) -> Session {
         self.accept_within(PATIENCE).expect("the daemon connects")
     }
 
     /// A connection with the hellos exchanged.
-    pub fn link(&self) -> Session {
+    pub(crate) fn link(&self) -> Session {
         let mut session = self.accept();
         session.greet(&hello());
         session
@@ -227,7 +228,7 @@ impl Port {
 }
 
 /// What the control of these tests says of itself.
-pub fn hello() -> ControlHello {
+pub(crate) fn hello() -> ControlHello {
     let axis = |name| Axis { name, unit: AxisUnit::Millimetre };
     let mut axes = [axis(AxisName::X); MAX_AXES];
     axes[1] = axis(AxisName::Y);
@@ -243,14 +244,14 @@ pub fn hello() -> ControlHello {
 }
 
 /// One connection, seen from the control.
-pub struct Session {
-    pub stream: TcpStream,
+pub(crate) struct Session {
+    pub(crate) stream: TcpStream,
     reader: FrameReader,
-    pub sequence: u32,
-    pub control_ns: i64,
+    pub(crate) sequence: u32,
+    pub(crate) control_ns: i64,
     /// The offset that the control has applied, mm.
-    pub applied: AxisArray,
-    pub state: u16,
+    pub(crate) applied: AxisArray,
+    pub(crate) state: u16,
 }
 
 impl Session {
@@ -268,14 +269,14 @@ impl Session {
         }
     }
 
-    pub fn send(&mut self, message: &Message) {
+    pub(crate) fn send(&mut self, message: &Message) {
         let mut buffer = [0; MAX_FRAME];
         let length = encode(message, &mut buffer);
         self.stream.write_all(&buffer[..length]).expect("sent");
     }
 
     /// The next message; `None` at the end of the connection.
-    pub fn next(&mut self) -> Option<Message> {
+    pub(crate) fn next(&mut self) -> Option<Message> {
         loop {
             if let Some(message) = self.reader.next().expect("the daemon sends frames") {
                 return Some(message);
@@ -290,7 +291,7 @@ impl Session {
     }
 
     /// The next message that is no life sign.
-    pub fn next_word(&mut self) -> Option<Message> {
+    pub(crate) fn next_word(&mut self) -> Option<Message> {
         loop {
             match self.next() {
                 Some(Message::Heartbeat(_)) => {}
@@ -299,20 +300,20 @@ impl Session {
         }
     }
 
-    pub fn read_hello(&mut self) -> DaemonHello {
+    pub(crate) fn read_hello(&mut self) -> DaemonHello {
         match self.next() {
             Some(Message::DaemonHello(hello)) => hello,
             other => panic!("expected the daemon's hello, found {other:?}"),
         }
     }
 
-    pub fn greet(&mut self, hello: &ControlHello) {
+    pub(crate) fn greet(&mut self, hello: &ControlHello) {
         let _ = self.read_hello();
         self.send(&Message::ControlHello(*hello));
     }
 
     /// The position frame of the next cycle.
-    pub fn position(&mut self) -> Position {
+    pub(crate) fn position(&mut self) -> Position {
         self.sequence = self.sequence.wrapping_add(1);
         self.control_ns += i64::try_from(CYCLE_NS).expect("fits");
         Position {
@@ -327,7 +328,7 @@ impl Session {
     }
 
     /// One cycle in lock step: position out, correction in and applied.
-    pub fn cycle(&mut self) -> Correction {
+    pub(crate) fn cycle(&mut self) -> Correction {
         match self.try_cycle() {
             Message::Correction(correction) => correction,
             other => panic!("expected a correction, found {other:?}"),
@@ -335,7 +336,7 @@ impl Session {
     }
 
     /// One cycle; gives whatever the daemon says to it.
-    pub fn try_cycle(&mut self) -> Message {
+    pub(crate) fn try_cycle(&mut self) -> Message {
         let position = self.position();
         self.send(&Message::Position(position));
         let word = self.next_word().expect("the daemon answers");
@@ -355,7 +356,7 @@ impl Session {
     }
 
     /// Cycles until the offset of X is the full correction.
-    pub fn run_until_corrected(&mut self) {
+    pub(crate) fn run_until_corrected(&mut self) {
         for _ in 0..2000 {
             let _ = self.cycle();
             if (self.applied[0] + EXX_MM).abs() < 1e-9 {
@@ -365,13 +366,13 @@ impl Session {
         panic!("no full correction after 2000 cycles: {} mm", self.applied[0]);
     }
 
-    pub fn close(mut self) {
+    pub(crate) fn close(mut self) {
         self.send(&Message::Close(Close { reason: CloseReason::Shutdown }));
     }
 }
 
 /// Tries until it is true or patience ends.
-pub fn eventually(mut condition: impl FnMut() -> bool) -> bool {
+pub(crate) fn eventually(mut condition: impl FnMut() -> bool) -> bool {
     let deadline = Instant::now() + PATIENCE;
     while Instant::now() < deadline {
         if condition() {

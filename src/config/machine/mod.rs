@@ -305,9 +305,9 @@ impl MachineConfig {
         let engine = &self.engine;
         Ok(EngineConfig {
             limits: listed.iter().map(|axis| axis.map_or(NEVER_OFFSET, |a| a.limits)).collect(),
-            jump_limit: each(|a| a.jump_limit, f64::INFINITY),
+            jump_limit: each(|a| a.jump_limit, f64::MAX),
             reversal_deadband: each(|a| a.reversal_deadband, 0.0),
-            read_back_tolerance: self.axes.iter().map(|a| a.read_back_tolerance).fold(0.0, f64::max),
+            read_back_tolerance: each(|a| a.read_back_tolerance, f64::MAX),
             axes,
             cycle_s: self.link.cycle_s,
             ramp_s: engine.ramp_s,

@@ -171,7 +171,8 @@ fn read_error(
     section.finish();
     curves.sort_by_key(|(start, _)| *start);
     let curves: Option<Vec<Curve>> = curves.into_iter().map(|(_, curve)| curve).collect();
-    let function = curves.map(|curves| ErrorFunction { curves, std: own.or(std.of(symbol)) });
+    let function =
+        curves.map(|curves| ErrorFunction { curves, grids: Vec::new(), std: own.or(std.of(symbol)) });
     (function, origin, largest.map(|l| l.place))
 }
 

@@ -176,7 +176,9 @@ fn inside(text: &str, written: &Placed<&str>, error: &ChainError) -> core::ops::
 /// What to do about a broken rule of the model.
 fn remedy(error: &ModelError, chain: &str) -> String {
     match error {
-        ModelError::AxisNotInChain { axis } | ModelError::ErrorOfMissingAxis { axis, .. } => {
+        ModelError::AxisNotInChain { axis }
+        | ModelError::ErrorOfMissingAxis { axis, .. }
+        | ModelError::GridOverMissingAxis { axis, .. } => {
             format!("the chain is {chain}: add {axis} to it or take this entry out")
         }
         ModelError::SquarenessWithoutPartner { partner, .. } => {
