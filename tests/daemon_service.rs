@@ -10,6 +10,7 @@ use std::os::unix::fs::PermissionsExt;
 use std::os::unix::net::{UnixDatagram, UnixStream};
 use std::path::Path;
 use std::process::{Command, Output};
+use std::time::Instant;
 
 use daemon_support::{Daemon, EXX_MM, PATIENCE, Port, Setup, eventually, hello};
 use rustix::process::Signal;
@@ -219,7 +220,7 @@ fn mistakes_at_the_start_have_their_exit_codes() {
     assert!(words.contains("rampe-s") && words.contains("other.toml"), "{words}");
     let (code, words) = try_with(&machine.replace("\"test-mill\"", "\"lathe\""));
     assert_eq!(code, Some(78), "{words}");
-    assert!(words.contains("the model is of machine `test-mill`"), "{words}");
+    assert!(words.contains("the model is of machine \"test-mill\""), "{words}");
     let usage = Command::new(env!("CARGO_BIN_EXE_volcompd")).output().expect("volcompd runs");
     assert_eq!(usage.status.code(), Some(64));
 }
@@ -240,7 +241,9 @@ fn systemd_hears_ready_status_watchdog_and_stopping() {
     let heard_until = |words: &str| {
         let mut heard = Vec::new();
         let mut buffer = [0; 1024];
+        let deadline = Instant::now() + PATIENCE;
         loop {
+            assert!(Instant::now() < deadline, "no `{words}`: {heard:?}");
             let length = socket.recv(&mut buffer).unwrap_or_else(|e| panic!("no `{words}`: {e}: {heard:?}"));
             heard.push(text(&buffer[..length]));
             if heard.last().is_some_and(|h| h.contains(words)) {
@@ -255,6 +258,9 @@ fn systemd_hears_ready_status_watchdog_and_stopping() {
     let mut session = port.accept();
     session.greet(&hello());
     session.run_until_corrected();
+    for _ in 0..200 {
+        let _ = session.cycle();
+    }
     heard_until("STATUS=active");
     heard_until("WATCHDOG=1");
     // alive on a link without positions, too

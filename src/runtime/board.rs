@@ -199,7 +199,8 @@ impl Board {
             text: reason_text(reason).to_owned(),
             age_s: now.seconds_since(since),
         };
-        self.fault.map(fault).into_iter().collect()
+        // an acknowledged fault leaves without an event
+        self.fault.filter(|_| self.progress.is_faulted()).map(fault).into_iter().collect()
     }
 
     fn axes(&self) -> Vec<AxisName> {

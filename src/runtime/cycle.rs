@@ -119,6 +119,7 @@ impl Cycle<'_> {
         if self.body.next_deadline().is_some_and(|due| now >= due)
             && let Some(correction) = self.body.deadline(now)
         {
+            self.control.ports.progress.set_state(correction.state);
             self.tell_event();
             link.send(&Message::Correction(correction))?;
         }
@@ -208,7 +209,7 @@ impl Cycle<'_> {
         Progress::add(&progress.late, late + skipped);
         Progress::add(&progress.skipped, skipped);
         let Some(output) = self.body.output() else { return Ok(()) };
-        progress.set_state(Some(output.state));
+        progress.set_state(output.state);
         self.control.ports.record(CycleRecord {
             state: output.state,
             machine_state: frame.state,

@@ -107,14 +107,13 @@ pub(super) struct Progress {
     pub(super) reports_dropped: AtomicU64,
     /// Number of the newest request carried out.
     pub(super) requests_done: AtomicU64,
-    /// State of the engine, as [`state_code`]; 255 while there is no link.
+    /// State of the engine, as [`state_code`].
     state: AtomicU8,
+    /// Whether the link is up.
+    link: AtomicBool,
     /// Whether compensation is wanted by the operator or the configuration.
     pub(super) wanted: AtomicBool,
 }
-
-/// Code of "no link" in [`Progress`].
-const NO_LINK: u8 = 255;
 
 impl Progress {
     pub(super) fn beat(&self) {
@@ -126,14 +125,27 @@ impl Progress {
         counter.store(counter.load(Relaxed).wrapping_add(count), Relaxed);
     }
 
-    pub(super) fn set_state(&self, state: Option<State>) {
-        self.state.store(state.map_or(NO_LINK, state_code), Relaxed);
+    pub(super) fn set_state(&self, state: State) {
+        self.state.store(state_code(state), Relaxed);
+    }
+
+    pub(super) fn set_link(&self, up: bool) {
+        self.link.store(up, Relaxed);
     }
 
     /// State of the engine; `None` while there is no link.
     pub(super) fn state(&self) -> Option<State> {
+        self.link.load(Relaxed).then(|| self.engine_state())
+    }
+
+    /// True while a fault is latched, with or without a link.
+    pub(super) fn is_faulted(&self) -> bool {
+        self.engine_state() == State::Faulted
+    }
+
+    fn engine_state(&self) -> State {
         let code = self.state.load(Relaxed);
-        STATES.into_iter().find(|s| state_code(*s) == code)
+        STATES.into_iter().find(|s| state_code(*s) == code).unwrap_or(State::Off)
     }
 }
 
@@ -200,7 +212,6 @@ pub(super) fn ports() -> (CyclePorts, ServicePorts) {
     let (report_sender, report_receiver) = bounded(REPORTS);
     let (record_sender, record_receiver) = bounded(RECORDS);
     let progress = Arc::new(Progress::default());
-    progress.set_state(None);
     let cycle = CyclePorts {
         requests: request_receiver,
         reports: report_sender,
@@ -223,12 +234,15 @@ mod tests {
     #[test]
     fn every_state_survives_its_code() {
         let progress = Progress::default();
+        progress.set_link(true);
         for state in STATES {
-            progress.set_state(Some(state));
+            progress.set_state(state);
             assert_eq!(progress.state(), Some(state));
         }
-        progress.set_state(None);
+        assert!(progress.is_faulted(), "the last one of the list");
+        progress.set_link(false);
         assert_eq!(progress.state(), None);
+        assert!(progress.is_faulted(), "a fault outlives the link");
     }
 
     #[test]

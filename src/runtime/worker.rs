@@ -61,6 +61,7 @@ impl Control {
                     self.remember(command);
                     if let Some(body) = body.as_deref_mut() {
                         body.command(now, command);
+                        self.ports.progress.set_state(body.state());
                     }
                 }
                 Request::Stop => {
@@ -250,7 +251,8 @@ impl Worker {
         let config = &self.loaded.config;
         self.control.ports.report(Report::LinkUp { address: config.link.address, hello: *hello });
         body.link_up(self.clock.now());
-        self.control.ports.progress.set_state(Some(body.state()));
+        self.control.ports.progress.set_state(body.state());
+        self.control.ports.progress.set_link(true);
         let mut cycle = Cycle {
             control: &mut self.control,
             body,
@@ -265,7 +267,8 @@ impl Worker {
             link.close(error, reason);
         }
         body.link_down(self.clock.now());
-        self.control.ports.progress.set_state(None);
+        self.control.ports.progress.set_link(false);
+        self.control.ports.progress.set_state(body.state());
         self.control.ports.report(Report::LinkDown { end, cycles });
         if let LinkEnd::Stopped { at_rest } = end {
             return Some(at_rest);
