@@ -4,9 +4,11 @@
 //! - [`instruments`]: what a ballbar, an interferometer or a diagonal measurement sees of it.
 //! - [`motion`]: part programmes and recorded motion to positions per cycle.
 //! - [`control`]: the control's end of the link.
+//! - [`cli`]: the program `cncsim`.
 //!
 //! From volcomp only `core::{axes, units, protocol}` may be used here; `tests/architecture.rs` checks it.
 
+pub mod cli;
 pub mod control;
 pub mod instruments;
 pub mod motion;

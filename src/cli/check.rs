@@ -1,6 +1,6 @@
 //! `check`: reads machine and model files as the daemon would, and says what is in them or what is wrong.
 
-use std::io::IsTerminal as _;
+use std::io::{IsTerminal as _, Write as _};
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
@@ -28,23 +28,28 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let outcomes: Vec<Outcome> = args.files.iter().map(|f| Outcome::of(f)).collect();
-    if args.json {
+    let report = if args.json {
         let ok = outcomes.iter().all(|o| o.problem.is_none());
         let report = json!({"ok": ok, "files": outcomes.iter().map(Outcome::as_json).collect::<Vec<_>>()});
-        let text = serde_json::to_string_pretty(&report).map_err(|e| Failure::new(EX_SOFTWARE, e))?;
-        println!("{text}");
+        serde_json::to_string_pretty(&report).map_err(|e| Failure::new(EX_SOFTWARE, e))? + "\n"
     } else {
-        for outcome in &outcomes {
-            if let Some(found) = outcome.found.as_ref().filter(|_| outcome.problem.is_none()) {
-                println!("{}", found.as_text(&outcome.file));
-            }
-        }
-    }
+        let right = outcomes.iter().filter(|o| o.problem.is_none());
+        right.filter_map(|o| Some(o.found.as_ref()?.as_text(&o.file) + "\n")).collect()
+    };
+    print(&report)?;
     let problems: Vec<&Problem> = outcomes.iter().filter_map(|o| o.problem.as_ref()).collect();
     let Some(code) = problems.iter().map(|p| p.code()).max() else { return Ok(()) };
     let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
     let message: Vec<String> = problems.iter().map(|p| p.as_text(color)).collect();
     Err(Failure::new(code, message.join("\n\n")))
+}
+
+/// Writes to stdout; a reader that has seen enough (`| head`) is no failure.
+fn print(text: &str) -> Result<(), Failure> {
+    match std::io::stdout().lock().write_all(text.as_bytes()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::io(Path::new("stdout"), &e)),
+        _ => Ok(()),
+    }
 }
 
 /// What came out of one file.
@@ -319,10 +324,14 @@ fn describe_model(lines: &mut Vec<String>, model: &ModelSpec) {
         }
         lines.push(line);
     }
-    lines.push(format!("  {} errors:", model.errors.len()));
+    lines.push(match model.errors.len() {
+        0 => "  no errors: nothing will be corrected".to_owned(),
+        1 => "  1 error:".to_owned(),
+        n => format!("  {n} errors:"),
+    });
     for (symbol, function) in &model.errors {
         let size = Size::of(*symbol, function, model);
-        let kinds: Vec<&str> = function.curves.iter().map(kind_of).collect();
+        let kinds = kinds_of(function);
         let range = size.range.map_or(String::new(), |[low, high]| {
             format!(", {low} to {high} {}", position_unit(symbol.axis()))
         });
@@ -346,7 +355,7 @@ fn model_as_json(model: &ModelSpec) -> Value {
             let size = Size::of(*symbol, function, model);
             json!({
                 "symbol": symbol.to_string().to_lowercase(),
-                "kinds": function.curves.iter().map(kind_of).collect::<Vec<_>>(),
+                "kinds": kinds_of(function),
                 format!("range_{}", position_unit(symbol.axis())): size.range,
                 format!("lowest_{}", size.unit): size.low,
                 format!("highest_{}", size.unit): size.high,
@@ -370,7 +379,7 @@ fn model_as_json(model: &ModelSpec) -> Value {
     json!({"machine": model.machine, "chain": model.chain.to_string(), "axes": axes, "errors": errors})
 }
 
-/// Smallest and largest value of an error over its range, for people: sampled, in the unit of the file.
+/// Bounds of an error over its range, for people: curves sampled, extremes of grids added, in the unit of the file.
 struct Size {
     range: Option<[f64; 2]>,
     low: f64,
@@ -392,11 +401,22 @@ impl Size {
                 (low, high) = (low.min(v), high.max(v));
             }
         }
+        // the extremes of a grid stand at its points
+        for grid in &function.grids {
+            low += grid.values().iter().copied().fold(f64::INFINITY, f64::min);
+            high += grid.values().iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        }
         let (unit, out): (_, fn(f64) -> f64) =
             if symbol.is_angle() { ("arcsec", arcsec_from_rad) } else { ("um", um_from_mm) };
         let range = range.map(|r| r.map(|v| position_out(symbol.axis(), v)));
         Self { range, low: rounded(out(low)), high: rounded(out(high)), unit }
     }
+}
+
+/// The kinds of the terms of an error.
+fn kinds_of(function: &ErrorFunction) -> Vec<&'static str> {
+    let grids = function.grids.iter().map(|_| "grid");
+    function.curves.iter().map(kind_of).chain(grids).collect()
 }
 
 /// The range that any curve covers.

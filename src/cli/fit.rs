@@ -1,11 +1,351 @@
-//! `fit`: placeholder.
+//! `volcomp fit`: measured error motions to the curves of a model file.
 
-use super::Failure;
+use std::path::PathBuf;
 
-/// Placeholder.
-#[derive(Debug, clap::Parser)]
-pub(super) struct Args {}
+use clap::{Parser, ValueEnum};
 
-pub(super) fn run(_args: &Args) -> Result<(), Failure> {
-    Err(Failure::new(super::EX_SOFTWARE, "not written yet"))
+use super::files::{read_model, write_text};
+use super::fit_input::{BySymbol, Direction, Format, read};
+use super::fit_report::{Fitted, json_report, note_text, print_table, provenance};
+use super::positioning_data::Cycles;
+use super::{EX_DATAERR, EX_USAGE, Failure};
+use crate::config;
+use crate::core::axes::{AxisKind, AxisName};
+use crate::core::model::curve::Interpolation;
+use crate::core::model::{AxisSpec, Chain, Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec, Sense};
+use crate::core::units::{rad_from_arcsec, rad_from_deg};
+use crate::identify::curve::{self, Basis, Period, Request};
+
+/// Fit error curves to measured error motions and write them into a model file.
+#[derive(Debug, Parser)]
+pub(super) struct Args {
+    /// Measured errors; once per file. - is stdin.
+    #[arg(long, required = true, value_name = "FILE")]
+    errors: Vec<PathBuf>,
+    /// The axis that moved: one for all files, or one per file in the same order.
+    #[arg(long, required = true, value_name = "LETTER", value_parser = axis_letter)]
+    axis: Vec<AxisName>,
+    /// How the files are written.
+    #[arg(long, value_enum, default_value = "auto")]
+    format: Format,
+    /// Only these cycles, such as 1-4 or 1,3,5.
+    #[arg(long)]
+    cycles: Option<Cycles>,
+    /// Only this direction of travel.
+    #[arg(long, value_enum, default_value = "both")]
+    direction: Direction,
+    /// Family of curves.
+    #[arg(long, value_enum, default_value = "auto")]
+    basis: BasisArg,
+    /// Half waves, polynomial degree or harmonics: a number or auto.
+    #[arg(long, default_value = "auto", value_name = "N|auto")]
+    order: AutoOr<usize>,
+    /// Period of a Fourier series: a number (mm) or auto (fitted).
+    #[arg(long, value_name = "P|auto", conflicts_with = "period_deg")]
+    period_mm: Option<AutoOr<f64>>,
+    /// The same for a rotary axis, in degrees.
+    #[arg(long, value_name = "P|auto")]
+    period_deg: Option<AutoOr<f64>>,
+    /// Limits of the search for the period, in mm (rotary: degrees).
+    #[arg(long, value_name = "LOW,HIGH", value_parser = pair)]
+    period_search: Option<[f64; 2]>,
+    /// Whether a Fourier series gets a linear part.
+    #[arg(long, value_enum, default_value = "auto")]
+    linear: LinearArg,
+    /// Penalty lambda * order^4 on the squares of the coefficients.
+    #[arg(long, value_name = "LAMBDA")]
+    ridge: Option<f64>,
+    /// Interpolation between the support points of a table.
+    #[arg(long, value_enum, default_value = "linear")]
+    interpolation: InterpolationArg,
+    /// The model file to write; without it the file of --into is replaced. - is stdout.
+    #[arg(long, value_name = "FILE", required_unless_present = "into")]
+    out: Option<PathBuf>,
+    /// An existing model file to start from; the errors fitted here replace those in it.
+    #[arg(long, value_name = "FILE")]
+    into: Option<PathBuf>,
+    /// Machine id of the model.
+    #[arg(long, value_name = "ID")]
+    machine: Option<String>,
+    /// Kinematic chain of the model, such as "[w X' b Y Z t]".
+    #[arg(long, conflicts_with = "into")]
+    chain: Option<String>,
+    /// Constant errors in arcsec, such as ec0y=-3.1,eb0z=22.3.
+    #[arg(long, value_name = "SYMBOL=ARCSEC", value_delimiter = ',', value_parser = constant)]
+    squareness: Vec<(ErrorSymbol, f64)>,
+    /// Travel of an axis in mm (rotary: degrees), such as x=0:500; once per axis.
+    #[arg(long, value_name = "AXIS=LOW:HIGH", value_parser = travel)]
+    travel: Vec<(AxisName, [f64; 2])>,
+    /// Write the figures of every fit as JSON.
+    #[arg(long, value_name = "FILE")]
+    json: Option<PathBuf>,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum BasisArg {
+    /// Half-range or Chebyshev, or a fitted period or table where the data call for it.
+    Auto,
+    /// Mean, linear part and sine half waves.
+    HalfRange,
+    /// Harmonics of a period.
+    Fourier,
+    /// Chebyshev polynomials.
+    Chebyshev,
+    /// The mean at every target, with a reverse curve where both directions were measured.
+    Table,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum LinearArg {
+    Auto,
+    Yes,
+    No,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum InterpolationArg {
+    Linear,
+    Cubic,
+}
+
+/// A number, or the word `auto`.
+#[derive(Debug, Clone, Copy)]
+enum AutoOr<T> {
+    Auto,
+    Given(T),
+}
+
+impl<T: core::str::FromStr> core::str::FromStr for AutoOr<T> {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "auto" {
+            return Ok(Self::Auto);
+        }
+        text.parse().map(Self::Given).map_err(|_| format!("'{text}' is neither a number nor auto"))
+    }
+}
+
+fn axis_letter(text: &str) -> Result<AxisName, String> {
+    let mut chars = text.chars();
+    match (chars.next().and_then(AxisName::from_letter), chars.next()) {
+        (Some(axis), None) => Ok(axis),
+        _ => Err(format!("'{text}' is no axis; axes are x y z u v w a b c s")),
+    }
+}
+
+fn finite(text: &str) -> Result<f64, String> {
+    match text.trim().parse::<f64>() {
+        Ok(v) if v.is_finite() => Ok(v),
+        _ => Err(format!("'{text}' is not a finite number")),
+    }
+}
+
+fn pair(text: &str) -> Result<[f64; 2], String> {
+    let (low, high) = text.split_once([',', ':']).ok_or("write two numbers, such as 20,500")?;
+    Ok([finite(low)?, finite(high)?])
+}
+
+fn travel(text: &str) -> Result<(AxisName, [f64; 2]), String> {
+    let (axis, range) = text.split_once('=').ok_or("write for example x=0:500")?;
+    Ok((axis_letter(axis)?, pair(range)?))
+}
+
+fn constant(text: &str) -> Result<(ErrorSymbol, f64), String> {
+    let (name, value) = text.split_once('=').ok_or("write for example ec0y=-3.1")?;
+    match ErrorSymbol::parse(name) {
+        Some(symbol @ ErrorSymbol::Squareness { .. }) => Ok((symbol, rad_from_arcsec(finite(value)?))),
+        _ => Err(format!("'{name}' is no squareness; they are ec0y, eb0z, ea0z")),
+    }
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let mut by_symbol = BySymbol::new();
+    if args.axis.len() != 1 && args.axis.len() != args.errors.len() {
+        return Err(usage(format_args!(
+            "{} files but {} axes; give --axis once, or once per --errors",
+            args.errors.len(),
+            args.axis.len()
+        )));
+    }
+    for (i, path) in args.errors.iter().enumerate() {
+        let axis = args.axis[if args.axis.len() == 1 { 0 } else { i }];
+        read(path, axis, args.format, args.cycles.as_ref(), args.direction, &mut by_symbol)?;
+    }
+    let mut fitted = Vec::with_capacity(by_symbol.len());
+    for (symbol, readings) in by_symbol {
+        let request = args.request(symbol.axis().kind())?;
+        let rotary = symbol.axis().kind() == AxisKind::Rotary;
+        let fit = curve::fit(&readings, &request)
+            .map_err(|e| if rotary { e.in_degrees() } else { e })
+            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {symbol}: {e}", args.files())))?;
+        fitted.push(Fitted { symbol, readings, fit });
+    }
+    let spec = args.model(&fitted)?;
+    Model::new(&spec).map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", args.files())))?;
+    let Some(out) = args.out.as_ref().or(args.into.as_ref()) else {
+        return Err(usage("neither --out nor --into is given"));
+    };
+    write_text(out, &config::model::write(&spec, &provenance(&args.errors, &fitted)))?;
+    if let Some(path) = &args.json {
+        write_text(path, &json_report(&fitted))?;
+    }
+    for f in &fitted {
+        for note in &f.fit.notes {
+            eprintln!("note: {}: {}", f.symbol, note_text(f.symbol, *note));
+        }
+    }
+    let stdout_taken = [Some(out), args.json.as_ref()].into_iter().flatten().any(|p| p.as_os_str() == "-");
+    if !stdout_taken {
+        print_table(&fitted);
+    }
+    eprintln!("model written: {}", out.display());
+    Ok(())
+}
+
+fn usage(what: impl core::fmt::Display) -> Failure {
+    Failure::new(EX_USAGE, format_args!("error: {what}"))
+}
+
+impl Args {
+    fn files(&self) -> String {
+        self.errors.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ")
+    }
+
+    fn request(&self, kind: AxisKind) -> Result<Request, Failure> {
+        let (given, other, wanted, to_inner): (_, _, _, fn(f64) -> f64) = match kind {
+            AxisKind::Linear => (self.period_mm, self.period_deg, "--period-mm", |v| v),
+            AxisKind::Rotary => (self.period_deg, self.period_mm, "--period-deg", rad_from_deg),
+        };
+        if other.is_some() {
+            return Err(usage(format_args!("the unit of the period does not suit the axis; use {wanted}")));
+        }
+        let period = match (given, self.period_search) {
+            (Some(AutoOr::Given(_)), Some(_)) => {
+                return Err(usage(format_args!(
+                    "--period-search is for a period that is fitted; {wanted} gives it"
+                )));
+            }
+            (Some(AutoOr::Given(p)), None) => Period::Given(to_inner(p)),
+            (_, Some(range)) => Period::Within(range.map(to_inner)),
+            _ => Period::Auto,
+        };
+        if (given.is_some() || self.period_search.is_some())
+            && !matches!(self.basis, BasisArg::Auto | BasisArg::Fourier)
+        {
+            return Err(usage(format_args!(
+                "only --basis fourier has a period; remove {wanted} or change the basis"
+            )));
+        }
+        Ok(Request {
+            basis: match self.basis {
+                BasisArg::Auto => None,
+                BasisArg::HalfRange => Some(Basis::HalfRange),
+                BasisArg::Fourier => Some(Basis::Fourier),
+                BasisArg::Chebyshev => Some(Basis::Chebyshev),
+                BasisArg::Table => Some(Basis::Table),
+            },
+            order: match self.order {
+                AutoOr::Auto => None,
+                AutoOr::Given(_) if matches!(self.basis, BasisArg::Table) => {
+                    return Err(usage("a table has no order; remove --order or change the basis"));
+                }
+                AutoOr::Given(order) => Some(order),
+            },
+            period,
+            linear: match self.linear {
+                LinearArg::Auto => None,
+                LinearArg::Yes => Some(true),
+                LinearArg::No => Some(false),
+            },
+            ridge: self.ridge,
+            interpolation: match self.interpolation {
+                InterpolationArg::Linear => Interpolation::Linear,
+                InterpolationArg::Cubic => Interpolation::MonotoneCubic,
+            },
+        })
+    }
+
+    /// The model with the fitted curves in their places.
+    fn model(&self, fitted: &[Fitted]) -> Result<ModelSpec, Failure> {
+        let mut spec = self.base(fitted)?;
+        let mut put = |symbol: ErrorSymbol, function: ErrorFunction| match spec
+            .errors
+            .iter_mut()
+            .find(|(s, _)| *s == symbol)
+        {
+            Some((_, old)) => *old = function,
+            None => spec.errors.push((symbol, function)),
+        };
+        for f in fitted {
+            put(
+                f.symbol,
+                ErrorFunction { std: f.fit.figures.rmse_dof, ..ErrorFunction::single(f.fit.curve.clone()) },
+            );
+        }
+        for (symbol, value) in &self.squareness {
+            put(*symbol, ErrorFunction::single(Curve::Constant(*value)));
+        }
+        spec.errors.sort_by_key(|(symbol, _)| *symbol);
+        for (name, range) in &self.travel {
+            let range = if name.kind() == AxisKind::Rotary { range.map(rad_from_deg) } else { *range };
+            entry(&mut spec, *name).travel = Some(range);
+        }
+        for f in fitted {
+            let axis = spec.axis(f.symbol.axis());
+            if axis.sense == Sense::Carriage {
+                eprintln!(
+                    "note: {}: axis {} of the model is in the carriage sense; the data are taken as the carriage's own motion over its own displacement",
+                    f.symbol, axis.name
+                );
+            }
+            entry(&mut spec, axis.name);
+        }
+        Ok(spec)
+    }
+
+    /// The model before anything was fitted.
+    fn base(&self, fitted: &[Fitted]) -> Result<ModelSpec, Failure> {
+        let mut spec = match &self.into {
+            Some(path) => read_model(path)?.0,
+            None => {
+                let text = self.chain.clone().unwrap_or_else(|| {
+                    let chain = default_chain(fitted);
+                    eprintln!("note: no --chain given, {chain} written; lever arms depend on it");
+                    chain
+                });
+                let chain =
+                    Chain::parse(&text).map_err(|e| usage(format_args!("--chain \"{text}\": {e}")))?;
+                ModelSpec::new("unnamed", chain)
+            }
+        };
+        if let Some(machine) = &self.machine {
+            spec.machine.clone_from(machine);
+        }
+        Ok(spec)
+    }
+}
+
+/// The entry of an axis, made where it is missing.
+fn entry(spec: &mut ModelSpec, name: AxisName) -> &mut AxisSpec {
+    let index = spec.axes.iter().position(|a| a.name == name).unwrap_or_else(|| {
+        spec.axes.push(AxisSpec::new(name));
+        spec.axes.len() - 1
+    });
+    &mut spec.axes[index]
+}
+
+/// Three linear axes on the tool side, and whatever else was measured behind them.
+fn default_chain(fitted: &[Fitted]) -> String {
+    let mut axes = vec![AxisName::X, AxisName::Y, AxisName::Z];
+    for f in fitted {
+        if !axes.contains(&f.symbol.axis()) {
+            axes.push(f.symbol.axis());
+        }
+    }
+    // the spindle is the last axis and stands in parentheses
+    axes.sort_by_key(|a| *a == AxisName::S);
+    let words: Vec<String> =
+        axes.iter().map(|a| if *a == AxisName::S { "(S)".to_owned() } else { a.to_string() }).collect();
+    format!("[w b {} t]", words.join(" "))
 }

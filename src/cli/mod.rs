@@ -8,9 +8,14 @@ mod check;
 mod daemon;
 mod evaluate;
 mod exit;
+mod files;
 mod fit;
+mod fit_input;
+mod fit_report;
+mod positioning_data;
 mod predict;
 mod service;
+mod table;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -31,7 +36,7 @@ struct Cli {
 enum Verb {
     Check(check::Args),
     Predict(predict::Args),
-    Fit(fit::Args),
+    Fit(Box<fit::Args>),
     Evaluate(evaluate::Args),
     Status(service::StatusArgs),
     Enable(service::CommandArgs),

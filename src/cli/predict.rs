@@ -1,11 +1,453 @@
-//! `predict`: placeholder.
+//! `volcomp predict`: the model's deviation and corrections at every point of a table, row by row.
+//!
+//! Bounded memory: one line in, one line out. The input line is copied as it stands, then the new columns follow.
 
-use super::Failure;
+use std::io::{self, BufRead, IsTerminal, Write};
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
 
-/// Placeholder.
-#[derive(Debug, clap::Parser)]
-pub(super) struct Args {}
+use clap::Parser;
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
-pub(super) fn run(_args: &Args) -> Result<(), Failure> {
-    Err(Failure::new(super::EX_SOFTWARE, "not written yet"))
+use super::files::{Output, read_model};
+use super::table::{self, Table, nearest};
+use super::{EX_DATAERR, EX_USAGE, Failure};
+use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
+use crate::core::geometry::Vec3;
+use crate::core::model::{AxisCorrection, Deviation, Model, Pose};
+use crate::core::units::{RAD_PER_DEG, arcsec_from_rad, um_from_mm};
+
+/// Predict the error of the tool, and the corrections of the axes, at every point of a table.
+#[derive(Debug, Parser)]
+pub(super) struct Args {
+    /// The model file.
+    #[arg(long, value_name = "FILE")]
+    model: PathBuf,
+    /// An addition found by `volcomp diagnose`; may be repeated.
+    #[arg(long, value_name = "FILE")]
+    add: Vec<PathBuf>,
+    /// Points: x_mm, c_deg .. per axis; optional tool_x_mm tool_y_mm tool_z_mm or tool_length_mm, dir_x ..; - is stdin.
+    #[arg(long, value_name = "CSV")]
+    points: PathBuf,
+    /// The result; - is stdout.
+    #[arg(long, value_name = "CSV")]
+    out: PathBuf,
+    /// Exact rotations instead of first order.
+    #[arg(long)]
+    exact: bool,
+}
+
+/// Bytes gathered before they are written.
+const BLOCK: usize = 1 << 16;
+/// A progress bar appears after this time.
+const SLOW: Duration = Duration::from_secs(2);
+
+/// Columns that session files have and that are kept without a word (contract section 7).
+const KEPT: [&str; 17] = [
+    "t_s",
+    "instrument",
+    "setup",
+    "run",
+    "repeat",
+    "pair",
+    "u_x",
+    "u_y",
+    "u_z",
+    "deviation_um",
+    "moving",
+    "range_mm",
+    "spindle_rpm",
+    "id",
+    "point",
+    "comment",
+    "cycle",
+];
+/// Beginnings of further such columns.
+const KEPT_STEMS: [&str; 8] =
+    ["since_reversal_", "target_", "station_", "force_", "temp_", "load_", "note_", "label"];
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    if let Some(addition) = args.add.first() {
+        return Err(Failure::new(
+            EX_USAGE,
+            format_args!(
+                "error: --add {}: this version has no additions yet; run without --add for the model alone",
+                addition.display()
+            ),
+        ));
+    }
+    let (_, model) = read_model(&args.model)?;
+    let mut table = table::open(&args.points)?;
+    let columns = Columns::find(&table, &model)?;
+    let mut output = Output::create(&args.out)?;
+    let mut progress = Progress::new(&args.points);
+    let mut block = Vec::with_capacity(BLOCK + 4096);
+    columns.header(&table, &mut block);
+    let mut written = write_block(&mut output, &mut block, 0)?;
+    while written && table.advance()? {
+        let pose = columns.pose(&table, &model)?;
+        let (deviation, correction) =
+            if args.exact { model.correct_exact(&pose) } else { model.correct(&pose) };
+        block.extend_from_slice(table.text());
+        columns.row(&deviation, &correction, &mut block);
+        if block.len() >= BLOCK {
+            written = write_block(&mut output, &mut block, BLOCK)?;
+            progress.update(table.bytes());
+        }
+    }
+    if written {
+        write_block(&mut output, &mut block, 0)?;
+    }
+    progress.finish();
+    output.finish()
+}
+
+/// Writes the block where it has reached `least`; false where the reader of a pipe has gone.
+fn write_block(output: &mut Output, block: &mut Vec<u8>, least: usize) -> Result<bool, Failure> {
+    if block.len() < least {
+        return Ok(true);
+    }
+    let done = output.write_all(block);
+    block.clear();
+    match done {
+        Ok(()) => Ok(true),
+        Err(e) if e.kind() == io::ErrorKind::BrokenPipe => Ok(false),
+        Err(e) => Err(Failure::io(output.path(), &e)),
+    }
+}
+
+/// Which column of the input means what, and which axes are corrected.
+#[derive(Debug, Default)]
+struct Columns {
+    /// Column, index in the chain, unit in mm or rad.
+    axes: Vec<(usize, usize, f64)>,
+    /// Column, index in the chain.
+    directions: Vec<(usize, usize)>,
+    /// Column, component.
+    tool: Vec<(usize, usize)>,
+    tool_length: Option<usize>,
+    /// Axes with a correction column: linear X Y Z U V W, then rotary A B C.
+    corrected: Vec<(AxisName, usize)>,
+    /// The axes in chain order.
+    names: Vec<AxisName>,
+}
+
+impl Columns {
+    fn find<R: BufRead>(table: &Table<R>, model: &Model) -> Result<Self, Failure> {
+        let mut found = Self { names: model.axes().map(|a| a.name).collect(), ..Self::default() };
+        found.corrected =
+            model.axes().enumerate().filter(|(_, a)| !a.spindle).map(|(k, a)| (a.name, k)).collect();
+        found.corrected.sort_by_key(|(name, _)| *name);
+        let known = found.known();
+        let outputs = found.output_names();
+        for (i, column) in table.columns().iter().enumerate() {
+            if outputs.contains(column) {
+                return Err(table.fail(i, "predict writes this column itself; rename or remove it"));
+            }
+            if !found.take(i, column) {
+                found.check_kept(column, &known).map_err(|what| table.fail(i, what))?;
+            }
+        }
+        if let Some(length) = found.tool_length {
+            if !found.tool.is_empty() {
+                return Err(
+                    table.fail(length, "tool_x_mm .. and tool_length_mm both place the tip; keep one")
+                );
+            }
+            if model.tool_tip_for_length(0.0).is_none() {
+                return Err(table.fail(
+                    length,
+                    "the model has no gauge point; add gauge-point-mm to its [frame] or remove the column",
+                ));
+            }
+        }
+        if found.axes.is_empty() {
+            return Err(Failure::new(
+                EX_DATAERR,
+                format_args!(
+                    "error: {}: no column with an axis of the chain; columns are {}",
+                    table.file(),
+                    known.join(", ")
+                ),
+            ));
+        }
+        Ok(found)
+    }
+
+    /// Uses a column; false where it means nothing here.
+    fn take(&mut self, i: usize, column: &str) -> bool {
+        match column {
+            "tool_x_mm" => self.tool.push((i, 0)),
+            "tool_y_mm" => self.tool.push((i, 1)),
+            "tool_z_mm" => self.tool.push((i, 2)),
+            "tool_length_mm" => self.tool_length = Some(i),
+            _ => {
+                let Some(k) = self
+                    .names
+                    .iter()
+                    .position(|n| column == axis_column(*n) || column == format!("dir_{}", n.lower()))
+                else {
+                    return false;
+                };
+                match (column.starts_with("dir_"), self.names[k].kind()) {
+                    (true, _) => self.directions.push((i, k)),
+                    (false, AxisKind::Linear) => self.axes.push((i, k, 1.0)),
+                    (false, AxisKind::Rotary) => self.axes.push((i, k, RAD_PER_DEG)),
+                }
+            }
+        }
+        true
+    }
+
+    /// Columns that are understood.
+    fn known(&self) -> Vec<String> {
+        let axes = self.names.iter().map(|n| axis_column(*n));
+        let directions = self.names.iter().map(|n| format!("dir_{}", n.lower()));
+        let tool = ["tool_x_mm", "tool_y_mm", "tool_z_mm", "tool_length_mm"].map(str::to_owned);
+        axes.chain(directions).chain(tool).collect()
+    }
+
+    /// Lets other columns pass, but not one that looks like a slip or an axis that the chain does not have.
+    fn check_kept(&self, column: &str, known: &[String]) -> Result<(), String> {
+        if KEPT.contains(&column)
+            || KEPT_STEMS.iter().any(|s| column.starts_with(s))
+            || column.ends_with("_mm_per_s")
+            || column.ends_with("_mm_per_s2")
+        {
+            return Ok(());
+        }
+        let plain: String = column.chars().filter(char::is_ascii_alphanumeric).collect();
+        let stem = plain.strip_prefix("dir").unwrap_or(&plain);
+        let rest = stem.get(1..).unwrap_or("");
+        let axis = stem.chars().next().and_then(AxisName::from_letter);
+        if let Some(axis) = axis
+            && ["", "mm", "deg", "rad", "um", "m", "in", "inch"].contains(&rest.to_ascii_lowercase().as_str())
+        {
+            return Err(if self.names.contains(&axis) {
+                format!(
+                    "unknown column; axis {axis} is given as {}, its direction as dir_{}",
+                    axis_column(axis),
+                    axis.lower()
+                )
+            } else {
+                format!("axis {axis} is not in the chain of the model; columns are {}", known.join(", "))
+            });
+        }
+        match nearest(column, known.iter().map(String::as_str)) {
+            Some(near) => Err(format!("unknown column; is {near} meant?")),
+            None if column.starts_with("tool") || column.starts_with("dir_") => {
+                Err(format!("unknown column; columns are {}", known.join(", ")))
+            }
+            None => {
+                eprintln!("note: column {column} is copied, not used");
+                Ok(())
+            }
+        }
+    }
+
+    fn output_names(&self) -> Vec<String> {
+        let mut names: Vec<String> =
+            ["dx_um", "dy_um", "dz_um", "da_arcsec", "db_arcsec", "dc_arcsec"].map(str::to_owned).into();
+        names.extend(self.corrected.iter().map(|(n, _)| match n.kind() {
+            AxisKind::Linear => format!("c{}_um", n.lower()),
+            AxisKind::Rotary => format!("c{}_arcsec", n.lower()),
+        }));
+        names.push("flags".to_owned());
+        names
+    }
+
+    fn header<R: BufRead>(&self, table: &Table<R>, block: &mut Vec<u8>) {
+        block.extend_from_slice(table.text());
+        for name in self.output_names() {
+            block.push(b',');
+            block.extend_from_slice(name.as_bytes());
+        }
+        block.push(b'\n');
+    }
+
+    #[inline]
+    fn pose<R: BufRead>(&self, table: &Table<R>, model: &Model) -> Result<Pose, Failure> {
+        let mut pose = Pose::at([0.0; MAX_AXES]);
+        for &(column, k, unit) in &self.axes {
+            pose.position[k] = table.number(column)? * unit;
+        }
+        for &(column, k) in &self.directions {
+            pose.travel[k] = table.travel(column)?;
+        }
+        if !self.tool.is_empty() {
+            let mut tip: Vec3 = model.tool_tip();
+            for &(column, component) in &self.tool {
+                tip[component] = table.number(column)?;
+            }
+            pose.tool_tip = Some(tip);
+        } else if let Some(column) = self.tool_length {
+            pose.tool_tip = model.tool_tip_for_length(table.number(column)?);
+        }
+        Ok(pose)
+    }
+
+    #[inline]
+    fn row(&self, deviation: &Deviation, correction: &AxisCorrection, block: &mut Vec<u8>) {
+        for v in deviation.position.iter() {
+            push_number(block, um_from_mm(*v));
+        }
+        for v in deviation.rotation.iter() {
+            push_number(block, arcsec_from_rad(*v));
+        }
+        for (name, k) in &self.corrected {
+            let offset = correction.offset[*k];
+            push_number(
+                block,
+                match name.kind() {
+                    AxisKind::Linear => um_from_mm(offset),
+                    AxisKind::Rotary => arcsec_from_rad(offset),
+                },
+            );
+        }
+        block.push(b',');
+        if !deviation.flags.is_clear() || correction.singular != 0 {
+            self.flags(deviation, correction, block);
+        }
+        block.push(b'\n');
+    }
+
+    /// Words such as `x:out-of-travel`, separated by blanks.
+    #[cold]
+    fn flags(&self, deviation: &Deviation, correction: &AxisCorrection, block: &mut Vec<u8>) {
+        let mut separator = "";
+        for (k, name) in self.names.iter().enumerate() {
+            for (bits, word) in [
+                (deviation.flags.out_of_travel, "out-of-travel"),
+                (deviation.flags.out_of_range, "out-of-range"),
+                (correction.singular, "near-pole"),
+            ] {
+                if bits & (1 << k) != 0 {
+                    block.extend_from_slice(format!("{separator}{}:{word}", name.lower()).as_bytes());
+                    separator = " ";
+                }
+            }
+        }
+    }
+}
+
+fn axis_column(name: AxisName) -> String {
+    match name.kind() {
+        AxisKind::Linear => format!("{}_mm", name.lower()),
+        AxisKind::Rotary => format!("{}_deg", name.lower()),
+    }
+}
+
+/// Decimals of the output: 1e-9 um, 1e-9 arcsec.
+const DECIMALS: usize = 9;
+/// Above this a number does not fit the fixed-point form.
+const FIXED_LIMIT: f64 = 9e9;
+
+/// Appends `,` and the number with up to nine decimals, without trailing zeros.
+fn push_number(block: &mut Vec<u8>, value: f64) {
+    block.push(b',');
+    if value.is_nan() || value.abs() >= FIXED_LIMIT {
+        block.extend_from_slice(value.to_string().as_bytes());
+        return;
+    }
+    // rounds half away from zero; a call of round() costs more than the whole conversion
+    let fixed = (value.abs() * 1e9 + 0.5) as u64;
+    if value < 0.0 && fixed > 0 {
+        block.push(b'-');
+    }
+    let (mut whole, mut fraction) = (fixed / 1_000_000_000, (fixed % 1_000_000_000) as u32);
+    let mut digits = [b'0'; 12];
+    let mut start = digits.len();
+    loop {
+        start -= 1;
+        digits[start] = b'0' + (whole % 10) as u8;
+        whole /= 10;
+        if whole == 0 {
+            break;
+        }
+    }
+    block.extend_from_slice(&digits[start..]);
+    if fraction == 0 {
+        return;
+    }
+    let mut decimals = [b'0'; DECIMALS];
+    for d in decimals.iter_mut().rev() {
+        *d = b'0' + (fraction % 10) as u8;
+        fraction /= 10;
+    }
+    let used = decimals.iter().rposition(|d| *d != b'0').map_or(0, |i| i + 1);
+    block.push(b'.');
+    block.extend_from_slice(&decimals[..used]);
+}
+
+/// A bar on stderr, only where that is a terminal and the work takes long.
+struct Progress {
+    started: Instant,
+    total: Option<u64>,
+    shown: bool,
+    bar: Option<ProgressBar>,
+}
+
+impl Progress {
+    fn new(points: &Path) -> Self {
+        let total = std::fs::metadata(points).ok().filter(std::fs::Metadata::is_file).map(|m| m.len());
+        Self { started: Instant::now(), total, shown: io::stderr().is_terminal(), bar: None }
+    }
+
+    fn update(&mut self, bytes: u64) {
+        if !self.shown || self.started.elapsed() < SLOW {
+            return;
+        }
+        let bar = self.bar.get_or_insert_with(|| {
+            let bar = ProgressBar::with_draw_target(self.total, ProgressDrawTarget::stderr());
+            let template = "{bar:40} {bytes}/{total_bytes} {bytes_per_sec} {eta}";
+            if let Ok(style) = ProgressStyle::with_template(template) {
+                bar.set_style(style);
+            }
+            bar
+        });
+        bar.set_position(bytes);
+    }
+
+    fn finish(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use proptest::prelude::*;
+
+    fn text(value: f64) -> String {
+        let mut block = Vec::new();
+        push_number(&mut block, value);
+        String::from_utf8(block).unwrap()
+    }
+
+    #[test]
+    fn numbers_are_short_and_exact_to_a_billionth() {
+        for (value, expected) in [
+            (0.0, ",0"),
+            (-0.0, ",0"),
+            (1e-10, ",0"),
+            (-1e-9, ",-0.000000001"),
+            (12.5, ",12.5"),
+            (-3000.000001, ",-3000.000001"),
+            (100.0, ",100"),
+            (8.9e9, ",8900000000"),
+            (1e12, ",1000000000000"),
+        ] {
+            assert_eq!(text(value), expected);
+        }
+    }
+
+    proptest! {
+        #[test]
+        fn numbers_read_back(value in -1e5..1e5f64) {
+            let back: f64 = text(value)[1..].parse().unwrap();
+            prop_assert!((back - value).abs() <= 0.6e-9);
+        }
+    }
 }

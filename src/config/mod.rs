@@ -9,6 +9,7 @@ pub mod diagnostic;
 pub mod machine;
 pub mod model;
 mod reader;
+mod words;
 
 pub use diagnostic::{ConfigErrors, Diagnostic, Place};
 pub use machine::{

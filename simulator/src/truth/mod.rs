@@ -1,5 +1,23 @@
 //! The machine as it really is. Written without volcomp's model: full homogeneous transforms, own error shapes,
 //! own units (mm and deg at the boundary).
+//!
+//! Reading order: [`chain`] (the string), [`kinematics`] (the exact product), [`shape`] (the errors), [`drive`]
+//! (what moves and measures an axis), [`machine`] (all of it together). The file format is described in
+//! `simulator/machines/vmc-850.toml`, which uses most of its keys.
+
+pub mod chain;
+pub mod drive;
+pub mod error;
+mod file;
+pub mod kinematics;
+pub mod machine;
+mod params;
+pub mod shape;
+pub mod transform;
+
+pub use error::TruthError;
+pub use kinematics::{Deviation, Pose};
+pub use machine::{GANTRY_5AX, GRINDER_AB, TruthMachine, VMC_850};
 
 use volcomp::core::axes::AxisArray;
 

@@ -273,8 +273,7 @@ const fn kind_name(axis: AxisName) -> &'static str {
     }
 }
 
-/// Limits of an axis that the machine file does not list: a size of zero, so it is never offset. Rate and
-/// acceleration stay positive, as the engine asks.
+/// Limits of an axis that the machine file does not list: a size of zero, so it is never offset.
 const NEVER_OFFSET: AxisLimits = AxisLimits { warning: 0.0, size: 0.0, rate: 1.0, acceleration: 1.0 };
 
 /// Share by which the control's cycle time may differ from the configured one (a rounded decimal such as 0.333 ms).
@@ -291,7 +290,8 @@ impl MachineConfig {
 
     /// The engine's configuration for a control that announced itself with `hello`: settings in its wire order.
     ///
-    /// An axis of the control that this file does not list gets limits of size zero: it is never offset.
+    /// An axis of the control that this file does not list gets limits of size zero: it is never offset, and no
+    /// jump or read-back of it is judged.
     ///
     /// # Errors
     /// The control has another machine id, lacks an axis, has one in another unit, or another cycle time.

@@ -321,10 +321,7 @@ fn read_log(log: &Section<'_>) -> LogConfig {
         log.report(Diagnostic::at(
             level.place.clone(),
             format!("log.level \"{}\" is no filter", level.value),
-            format!(
-                "write one of {}, or room=level pairs such as \"info,volcomp::runtime=debug\"",
-                LEVELS.join(", ")
-            ),
+            format!("write one of {}, or room=level pairs such as \"info,volcomp=debug\"", LEVELS.join(", ")),
         ));
     }
     log.finish();

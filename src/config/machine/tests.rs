@@ -62,6 +62,9 @@ fn an_axis_that_is_not_listed_is_never_offset() {
     use AxisName::{C, X, Y};
     let engine = config().engine_config(&hello(&[X, Y, C])).unwrap();
     assert_eq!(engine.limits[1].size, 0.0);
+    assert!(close(engine.read_back_tolerance[0], 2e-3) && engine.read_back_tolerance[2] < 1e-5);
+    // what is made here is what the engine accepts
+    assert_eq!(engine.validate(), Ok(()));
 }
 
 #[test]

@@ -2,11 +2,13 @@
 
 use core::ops::Range;
 
-use super::keys::{PositionKeys, ValueKeys};
+use super::keys::{PositionKeys, ValueKeys, grid_key};
 use super::{Provenance, provenance, remedy};
 use crate::config::diagnostic::Diagnostic;
-use crate::config::reader::{Allowed, Placed, Section, suggestion};
-use crate::core::model::curve::{Chebyshev, CurveError, Fourier, HalfRange, Interpolation, Table};
+use crate::config::reader::{Allowed, Placed, Section};
+use crate::config::words::{suggestion, unit_of};
+use crate::core::axes::AxisName;
+use crate::core::model::curve::{Chebyshev, CurveError, Fourier, Grid, HalfRange, Interpolation, Table};
 use crate::core::model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelError, ModelSpec};
 
 /// Largest standard uncertainty taken for real, um or arcsec.
@@ -14,6 +16,18 @@ const STD: Allowed = Allowed::Within { low: 0.0, high: 5000.0 };
 const SPAN: Allowed = Allowed::Positive { high: 1e6 };
 const INTERPOLATIONS: [(&str, Interpolation); 2] =
     [("linear", Interpolation::Linear), ("cubic", Interpolation::MonotoneCubic)];
+
+/// Reads one table of a kind.
+type ReadKind = fn(&mut Kind<'_, '_>) -> Option<Curve>;
+
+/// The kinds of curves by their keys.
+const KINDS: [(&str, ReadKind); 5] = [
+    ("constant", read_constant),
+    ("table", read_table),
+    ("fourier", read_fourier),
+    ("half-range", read_half_range),
+    ("chebyshev", read_chebyshev),
+];
 
 /// Standard uncertainty for every error that states none of its own.
 pub(super) struct DefaultStd {
@@ -137,16 +151,9 @@ fn read_error(
     let section = section
         .because(PositionKeys::of(symbol.axis()).unit, PositionKeys::reason(symbol.axis()))
         .because(ValueKeys::of(symbol).unit, ValueKeys::reason(symbol));
-    let kinds: [(&'static str, fn(&mut Kind<'_, '_>) -> Option<Curve>); 5] = [
-        ("constant", read_constant),
-        ("table", read_table),
-        ("fourier", read_fourier),
-        ("half-range", read_half_range),
-        ("chebyshev", read_chebyshev),
-    ];
     let mut curves = Vec::new();
     let mut largest: Option<Placed<f64>> = None;
-    for (key, read) in kinds {
+    for (key, read) in KINDS {
         for part in section.sections(key) {
             let start = part.place().map_or(0, |p| p.start);
             let mut kind = Kind {
@@ -159,20 +166,35 @@ fn read_error(
             part.finish();
         }
     }
+    let mut grids = Vec::new();
+    for part in section.sections("grid") {
+        let part = part
+            .because("mm", "linear axes are in mm".to_owned())
+            .because("deg", "rotary axes are in deg".to_owned());
+        let mut kind = Kind {
+            section: &part,
+            at: PositionKeys::of(symbol.axis()),
+            of: ValueKeys::of(symbol),
+            largest: &mut largest,
+        };
+        grids.push(read_grid(&mut kind));
+        part.finish();
+    }
     let own = section.number(ValueKeys::of(symbol).std, STD).map(|n| (ValueKeys::of(symbol).read)(n.value));
     let origin = provenance::read(&section);
-    if curves.is_empty() {
+    if curves.is_empty() && grids.is_empty() {
         let name = symbol.to_string().to_lowercase();
         section.report_here(
             format!("errors.{name} has no curve"),
-            format!("add [errors.{name}.table], .fourier, .half-range, .chebyshev or .constant; a missing error is zero"),
+            format!("add [errors.{name}.table], .fourier, .half-range, .chebyshev, .grid or .constant; a missing error is zero"),
         );
     }
     section.finish();
     curves.sort_by_key(|(start, _)| *start);
     let curves: Option<Vec<Curve>> = curves.into_iter().map(|(_, curve)| curve).collect();
+    let grids: Option<Vec<Grid>> = grids.into_iter().collect();
     let function =
-        curves.map(|curves| ErrorFunction { curves, grids: Vec::new(), std: own.or(std.of(symbol)) });
+        curves.zip(grids).map(|(curves, grids)| ErrorFunction { curves, grids, std: own.or(std.of(symbol)) });
     (function, origin, largest.map(|l| l.place))
 }
 
@@ -269,7 +291,7 @@ fn read_table(kind: &mut Kind<'_, '_>) -> Option<Curve> {
     }
     let positions = positions?;
     let rows = positions.value.len();
-    let sorted = check_positions(kind, &positions);
+    let sorted = check_positions(kind.section, at.position, &positions);
     let mut complete = true;
     for (key, list) in [(of.value, &values), (of.reverse, &reverse)] {
         let Some(list) = list.as_ref().filter(|_| key == of.value || has_reverse) else { continue };
@@ -293,15 +315,11 @@ fn read_table(kind: &mut Kind<'_, '_>) -> Option<Curve> {
 }
 
 /// At least two positions, strictly increasing; said in the unit of the file.
-fn check_positions(kind: &Kind<'_, '_>, positions: &Placed<Vec<Placed<f64>>>) -> bool {
-    let (key, unit) = (kind.section.named_key(kind.at.position), kind.at.unit);
+fn check_positions(section: &Section<'_>, key: &str, positions: &Placed<Vec<Placed<f64>>>) -> bool {
+    let (key, unit) = (section.named_key(key), unit_of(key).unwrap_or_default());
     if positions.value.len() < 2 {
         let message = format!("{key}: a table needs at least 2 positions, found {}", positions.value.len());
-        kind.section.report(Diagnostic::at(
-            positions.place.clone(),
-            message,
-            "add rows, or write a constant",
-        ));
+        section.report(Diagnostic::at(positions.place.clone(), message, "add rows, or write a constant"));
         return false;
     }
     let bad = positions.value.windows(2).enumerate().find(|(_, pair)| pair[1].value <= pair[0].value);
@@ -324,7 +342,7 @@ fn check_positions(kind: &Kind<'_, '_>, positions: &Placed<Vec<Placed<f64>>>) ->
             "sort the rows so that positions increase, and move their values with them",
         )
     };
-    kind.section.report(Diagnostic::at(this.place.clone(), message, remedy));
+    section.report(Diagnostic::at(this.place.clone(), message, remedy));
     false
 }
 
@@ -379,4 +397,60 @@ fn read_chebyshev(kind: &mut Kind<'_, '_>) -> Option<Curve> {
     let [low, high] = range?.value.map(at.read);
     let polynomial = Chebyshev::new(low, high, coefficients.value);
     kind.built(polynomial, Some(coefficients.place)).map(Curve::Chebyshev)
+}
+
+/// A grid over several axes: `axes = ["y", "z"]`, positions behind `y-mm` and `z-mm`, values with the last axis fastest.
+fn read_grid(kind: &mut Kind<'_, '_>) -> Option<Grid> {
+    let of = kind.of;
+    let there = [
+        kind.require("axes", "add axes = [\"y\", \"z\"], the axes that it runs over, slowest first"),
+        kind.require(of.value, &format!("add {} = [...], one value per point, last axis fastest", of.value)),
+    ];
+    let names = kind.section.texts("axes");
+    let values = kind.values(of.value);
+    let names = names?;
+    let mut edges: Option<Vec<(AxisName, Vec<f64>)>> = Some(Vec::new());
+    for name in &names.value {
+        let edge = read_edge(kind, name);
+        edges = edges.zip(edge).map(|(mut edges, edge)| {
+            edges.push(edge);
+            edges
+        });
+    }
+    if there != [true, true] {
+        return None;
+    }
+    let (edges, values) = (edges?, values?);
+    let expected: usize = edges.iter().map(|(_, p)| p.len()).fold(1, usize::saturating_mul);
+    if (2..=3).contains(&edges.len()) && values.value.len() != expected {
+        let sizes: Vec<String> = edges.iter().map(|(_, p)| p.len().to_string()).collect();
+        let message = format!(
+            "{} has {} values for {} = {expected} points",
+            kind.section.named_key(of.value),
+            values.value.len(),
+            sizes.join(" x ")
+        );
+        kind.section.report(Diagnostic::at(
+            values.place,
+            message,
+            "give one value per point, last axis fastest",
+        ));
+        return None;
+    }
+    kind.built(Grid::new(edges, values.value), Some(names.place))
+}
+
+/// The positions of a grid along one of its axes.
+fn read_edge(kind: &Kind<'_, '_>, name: &Placed<&str>) -> Option<(AxisName, Vec<f64>)> {
+    let Some(axis) = crate::config::key_axis(name.value) else {
+        let message = format!("{} does not know \"{}\"", kind.section.named_key("axes"), name.value);
+        kind.section.report(Diagnostic::at(name.place.clone(), message, "axes are x y z u v w a b c"));
+        return None;
+    };
+    let key = grid_key(axis);
+    kind.require(key, &format!("add {key} = [...], the positions of the grid along {axis}"));
+    let positions = kind.section.numbers(key)?;
+    let read = PositionKeys::of(axis).read;
+    check_positions(kind.section, key, &positions)
+        .then(|| (axis, positions.value.iter().map(|p| read(p.value)).collect()))
 }

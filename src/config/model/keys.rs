@@ -92,6 +92,22 @@ static ANGLE: ValueKeys = ValueKeys {
     write: arcsec_from_rad,
 };
 
+/// Positions of a grid along an axis.
+pub(super) const fn grid_key(axis: AxisName) -> &'static str {
+    match axis {
+        AxisName::X => "x-mm",
+        AxisName::Y => "y-mm",
+        AxisName::Z => "z-mm",
+        AxisName::U => "u-mm",
+        AxisName::V => "v-mm",
+        AxisName::W => "w-mm",
+        AxisName::A => "a-deg",
+        AxisName::B => "b-deg",
+        AxisName::C => "c-deg",
+        AxisName::S => "s-deg",
+    }
+}
+
 impl PositionKeys {
     pub(super) fn of(axis: AxisName) -> &'static Self {
         match axis.kind() {

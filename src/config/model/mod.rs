@@ -69,8 +69,8 @@ pub fn parse_file(file: &str, text: &str) -> Result<ModelFile, ConfigErrors> {
 #[must_use]
 pub fn known_keys() -> Vec<String> {
     let text = "axes = {x = {}, c = {}}\n[errors]\n\
-        exx = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}}\n\
-        eac = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}}\n";
+        exx = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}}\n\
+        eac = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}}\n";
     let reader = Reader::default();
     if let Ok(document) = reader::document("", text) {
         read(&Section::top(&reader, &document), text);

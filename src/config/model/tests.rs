@@ -2,7 +2,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::core::axes::{AxisKind, AxisName, Travel};
-use crate::core::model::curve::{Chebyshev, Fourier, HalfRange, Interpolation, Table};
+use crate::core::model::curve::{Chebyshev, Fourier, Grid, HalfRange, Interpolation, Table};
 use crate::core::model::spec::{ANGLE_LIMIT, LENGTH_LIMIT, ReferenceBody, ReferencePoint};
 use crate::core::model::{AxisSpec, Curve, ErrorFunction, Sense};
 
@@ -79,6 +79,17 @@ fn several_curves_of_one_symbol_add_up_in_their_order() {
 }
 
 #[test]
+fn a_grid_runs_over_the_axes_it_names() {
+    let text = "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w b Y C t]\"\naxes.c.point-mm = [0, 0, 0]\n\
+        [errors.eyy.grid]\naxes = [\"y\", \"c\"]\ny-mm = [0, 100]\nc-deg = [0, 90, 180]\nvalue-um = [0, 1, 2, 3, 4, 5]\n";
+    let spec = parse("m.toml", text).unwrap();
+    let grid = &spec.errors[0].1.grids[0];
+    let (v, outside) = grid.value(&[50.0, core::f64::consts::FRAC_PI_2]);
+    assert!((v - 2.5e-3).abs() < 1e-12 && !outside);
+    assert_eq!(parse("m.toml", &write(&spec, &[])).unwrap(), spec);
+}
+
+#[test]
 fn uncertainty_comes_from_the_error_or_from_the_file() {
     let text = "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w b X t]\"\n\
         [provenance]\nstd-um = 0.5\n[errors.exx]\nstd-um = 0.2\n[errors.exx.constant]\nvalue-um = 2\n\
@@ -130,11 +141,11 @@ fn an_error_without_curves_is_zero_and_not_written() {
 #[test]
 fn no_text_makes_the_parser_panic() {
     for cut in 0..CONTRACT.len() {
-        if let Some(head) = CONTRACT.get(..cut) {
-            if let Err(e) = parse("m.toml", head) {
-                assert!(!e.diagnostics.is_empty(), "{head}");
-                let _ = e.to_string();
-            }
+        if let Some(head) = CONTRACT.get(..cut)
+            && let Err(e) = parse("m.toml", head)
+        {
+            assert!(!e.diagnostics.is_empty(), "{head}");
+            let _ = e.to_string();
         }
     }
 }
@@ -156,6 +167,11 @@ fn flat(spec: &ModelSpec) -> (Vec<f64>, Vec<String>) {
     for (symbol, f) in &spec.errors {
         t.push(format!("{symbol} {:?}", f.std.is_some()));
         n.extend(f.std);
+        for g in &f.grids {
+            t.extend(g.axes().map(|a| a.to_string()));
+            t.push(g.values().len().to_string());
+            n.extend((0..g.axes().len()).flat_map(|i| g.positions(i)).chain(g.values()));
+        }
         for c in &f.curves {
             t.push(kind_of(c).to_owned());
             match c {
@@ -217,6 +233,23 @@ fn any_curve(limit: f64) -> impl Strategy<Value = Curve> {
     ]
 }
 
+/// Over the two axes that every chain of these tests has.
+fn any_grid(limit: f64) -> impl Strategy<Value = Grid> {
+    let edge = || prop::collection::vec(0.01..50.0f64, 2..5);
+    (edge(), edge(), prop::collection::vec(-limit..limit, 16)).prop_map(|(x, y, values)| {
+        let risen = |steps: Vec<f64>| -> Vec<f64> {
+            let rise = |sum: &mut f64, h: f64| {
+                *sum += h;
+                Some(*sum)
+            };
+            steps.into_iter().scan(-40.0, rise).collect()
+        };
+        let points = x.len() * y.len();
+        let axes = vec![(AxisName::Y, risen(y)), (AxisName::X, risen(x))];
+        Grid::new(axes, values.into_iter().take(points).collect()).unwrap()
+    })
+}
+
 fn any_axis(name: AxisName) -> impl Strategy<Value = AxisSpec> {
     let point = || prop::array::uniform3(-1e4..1e4f64).prop_map(Vec3::from);
     let reference = (point(), any::<bool>()).prop_map(|(point, bed)| ReferencePoint {
@@ -238,15 +271,17 @@ fn any_axis(name: AxisName) -> impl Strategy<Value = AxisSpec> {
 
 /// Any error that a symbol can have, below the size taken for a unit mistake.
 fn any_error(symbol: ErrorSymbol) -> impl Strategy<Value = (ErrorSymbol, ErrorFunction)> {
-    // three curves of up to nine terms each
+    // three curves of up to nine terms each, and two grids
     let limit = if symbol.is_angle() { ANGLE_LIMIT } else { LENGTH_LIMIT } / 40.0;
     let curves = if symbol.is_constant() {
         prop::collection::vec((-limit..limit).prop_map(Curve::Constant), 1..3).boxed()
     } else {
         prop::collection::vec(any_curve(limit), 1..4).boxed()
     };
-    (curves, prop::option::of(0.0..limit))
-        .prop_map(move |(curves, std)| (symbol, ErrorFunction { curves, std }))
+    let grids = if symbol.is_constant() { 0..1 } else { 0..3usize };
+    let grids = prop::collection::vec(any_grid(limit), grids);
+    (curves, grids, prop::option::of(0.0..limit))
+        .prop_map(move |(curves, grids, std)| (symbol, ErrorFunction { curves, grids, std }))
 }
 
 fn any_model() -> impl Strategy<Value = ModelSpec> {

@@ -2,12 +2,12 @@
 
 use std::fmt::Write as _;
 
-use super::keys::{PositionKeys, ValueKeys};
+use super::keys::{PositionKeys, ValueKeys, grid_key};
 use super::number::{plain, shortest};
 use super::{FORMAT, ModelFile, Provenance};
 use crate::core::axes::AxisKind;
 use crate::core::geometry::Vec3;
-use crate::core::model::curve::Interpolation;
+use crate::core::model::curve::{Grid, Interpolation};
 use crate::core::model::spec::ReferenceBody;
 use crate::core::model::{AxisSpec, Curve, ErrorFunction, ErrorSymbol, ModelSpec, Sense};
 
@@ -107,7 +107,7 @@ fn write_reference_points(out: &mut String, axis: &AxisSpec) {
 }
 
 fn write_error(out: &mut String, symbol: ErrorSymbol, function: &ErrorFunction, origin: Option<&Provenance>) {
-    if function.curves.is_empty() {
+    if function.curves.is_empty() && function.grids.is_empty() {
         return;
     }
     let (at, of) = (PositionKeys::of(symbol.axis()), ValueKeys::of(symbol));
@@ -132,6 +132,24 @@ fn write_error(out: &mut String, symbol: ErrorSymbol, function: &ErrorFunction, 
         }
         write_curve(out, curve, at, of);
     }
+    for grid in &function.grids {
+        if function.grids.len() > 1 {
+            line_of(out, format_args!("\n[[{name}.grid]]"));
+        } else {
+            heading(out, &format!("{name}.grid"));
+        }
+        write_grid(out, grid, of);
+    }
+}
+
+fn write_grid(out: &mut String, grid: &Grid, of: &ValueKeys) {
+    let names: Vec<String> = grid.axes().map(|a| format!("\"{}\"", a.lower())).collect();
+    line_of(out, format_args!("axes = [{}]", names.join(", ")));
+    for (i, axis) in grid.axes().enumerate() {
+        let at = PositionKeys::of(axis);
+        line_of(out, format_args!("{} = {}", grid_key(axis), position_list(grid.positions(i), at)));
+    }
+    line_of(out, format_args!("{} = {}", of.value, value_list(grid.values(), of)));
 }
 
 /// The key of a curve: `constant`, `table`, `fourier`, `half-range`, `chebyshev`.

@@ -65,6 +65,13 @@ impl Model {
         out
     }
 
+    /// The same with the deviation of full rotations; the corrections oppose it to first order. Not for the cycle.
+    #[must_use]
+    pub fn correct_exact(&self, pose: &Pose) -> (Deviation, AxisCorrection) {
+        let deviation = self.deviation_exact(pose);
+        (deviation, self.oppose(&self.nominal(pose), &deviation))
+    }
+
     fn oppose(&self, nominal: &Nominal, deviation: &Deviation) -> AxisCorrection {
         let mut out = AxisCorrection {
             offset: [0.0; MAX_AXES],

@@ -1,0 +1,102 @@
+//! The program `cncsim`: arguments, files, exit codes. Data goes to stdout, all else to stderr.
+
+#![expect(clippy::disallowed_methods, reason = "the command line is the shell: it reads and writes files")]
+#![expect(clippy::print_stdout, reason = "data goes to stdout")]
+#![expect(clippy::print_stderr, reason = "messages go to stderr")]
+
+mod path;
+mod serve;
+
+use core::fmt;
+use std::ffi::OsString;
+use std::path::Path;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+/// Wrong usage.
+pub const EX_USAGE: u8 = 64;
+/// Bad data.
+pub const EX_DATAERR: u8 = 65;
+/// An error of this program.
+pub const EX_SOFTWARE: u8 = 70;
+/// A file or socket could not be used.
+pub const EX_IOERR: u8 = 74;
+/// Bad configuration or machine file.
+pub const EX_CONFIG: u8 = 78;
+
+/// Why the program ends without having done its work.
+#[derive(Debug)]
+pub struct Failure {
+    /// Exit code.
+    pub code: u8,
+    /// What to tell the user.
+    pub message: String,
+}
+
+impl Failure {
+    /// A failure with its exit code.
+    pub fn new(code: u8, message: impl fmt::Display) -> Self {
+        Self { code, message: format!("error: {message}") }
+    }
+
+    /// Something wrong in a file.
+    pub fn in_file(code: u8, path: &Path, message: impl fmt::Display) -> Self {
+        Self::new(code, format_args!("{}: {message}", path.display()))
+    }
+}
+
+/// A simulated CNC control and machine tool to run volcomp against.
+#[derive(Debug, Parser)]
+#[command(name = "cncsim", version, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+// Further verbs: a module beside `serve` and `path`, a variant here, an arm in `cncsim`.
+#[derive(Debug, Subcommand)]
+enum Verb {
+    /// Run a part programme on the simulated machine and serve its control on the link.
+    ///
+    /// Without a daemon the machine runs uncompensated. Without a programme it stands still and serves.
+    Serve(serve::ServeArgs),
+    /// Replay recorded motion of a real machine and serve the control on the link.
+    Replay(serve::ReplayArgs),
+    /// Print a standard test path as a part programme.
+    Path(path::Args),
+}
+
+/// Runs the program on `args` (the first is the program's name).
+#[must_use]
+pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    let parsed = match Cli::try_parse_from(args) {
+        Ok(parsed) => parsed,
+        Err(e) => {
+            let code = if e.use_stderr() { EX_USAGE } else { 0 };
+            // nothing can be done where even the message cannot be written
+            let _ = e.print();
+            return ExitCode::from(code);
+        }
+    };
+    let result = match parsed.verb {
+        Verb::Serve(args) => serve::serve(&args),
+        Verb::Replay(args) => serve::replay(&args),
+        Verb::Path(args) => path::run(&args),
+    };
+    match result {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            eprintln!("{}", failure.message.trim_end());
+            ExitCode::from(failure.code)
+        }
+    }
+}
+
+/// The text of a file.
+fn read(path: &Path) -> Result<String, Failure> {
+    std::fs::read_to_string(path).map_err(|e| {
+        let code = if e.kind() == std::io::ErrorKind::InvalidData { EX_DATAERR } else { EX_IOERR };
+        Failure::in_file(code, path, e)
+    })
+}

@@ -1,0 +1,336 @@
+//! `cncsim serve` and `cncsim replay`: a machine, its control and its motion on the link.
+
+use core::net::SocketAddr;
+use core::time::Duration;
+use std::fs::File;
+use std::io::{self, BufWriter};
+use std::path::{Path, PathBuf};
+
+use volcomp::core::axes::AxisArray;
+use volcomp::core::protocol::Tool;
+
+use super::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_USAGE, Failure, read};
+use crate::control::{
+    Absent, Control, ControlConfig, ControlError, CycleRecord, Flow, Happening, Pacing, RunSummary,
+    ScriptedEvent, TraceWriter,
+};
+use crate::motion::gcode::interpret;
+use crate::motion::profile::checked_cycle_s;
+use crate::motion::recorded::{self, Description, Interpolation, Replay};
+use crate::motion::{Dynamics, MachineAxes, MotionSource, Trajectory};
+use crate::truth::{GANTRY_5AX, GRINDER_AB, TruthMachine, VMC_850};
+
+/// Standstill cycles of a control without a programme, at a time, s.
+const STANDSTILL_S: f64 = 3600.0;
+
+#[derive(Debug, clap::Args)]
+struct Common {
+    /// The machine: a truth file, or one of the built-in vmc-850, gantry-5ax, grinder-ab.
+    #[arg(long, value_name = "FILE|NAME", default_value = "vmc-850")]
+    machine: PathBuf,
+    /// Address to listen on; port 0 takes a free one. Keep it on loopback: the link has no authentication.
+    #[arg(long, value_name = "IP:PORT", default_value = "127.0.0.1:7878")]
+    listen: SocketAddr,
+    /// Control cycle in ms, 0.25 to 10.
+    #[arg(long, value_name = "MS", default_value = "1")]
+    cycle_ms: f64,
+    /// Do not keep real time: each position waits for its answer. The same seed gives the same trace.
+    #[arg(long)]
+    as_fast_as_possible: bool,
+    /// Seed of the machine's noise; default: the one of the machine file.
+    #[arg(long)]
+    seed: Option<u64>,
+    /// Cycles from a position to the use of its correction.
+    #[arg(long, value_name = "N", default_value = "1")]
+    delay_cycles: u32,
+    /// Hold time when corrections are missing, ms; then the control takes the offset back by itself.
+    #[arg(long, value_name = "MS", default_value = "100")]
+    hold_ms: f64,
+    /// Receive and record corrections but do not apply them.
+    #[arg(long)]
+    no_apply: bool,
+    /// Wait at most so many seconds for a daemon before anything moves.
+    #[arg(long, value_name = "S")]
+    wait_s: Option<f64>,
+    /// Standstill before and after each run, s: time for the daemon to ramp in.
+    #[arg(long, value_name = "S", default_value = "2")]
+    settle_s: f64,
+    /// Emergency stop at this time since the start, s.
+    #[arg(long, value_name = "S")]
+    estop_at_s: Option<f64>,
+    /// The emergency stop is released after so many seconds.
+    #[arg(long, value_name = "S", default_value = "1", requires = "estop_at_s")]
+    estop_for_s: f64,
+    /// Run again and again until interrupted.
+    #[arg(long = "loop")]
+    again: bool,
+    /// Write every cycle to this CSV file.
+    #[arg(long, value_name = "FILE")]
+    out: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct ServeArgs {
+    #[command(flatten)]
+    common: Common,
+    /// Part programme (G-code); without one the machine stands still.
+    #[arg(long, value_name = "FILE")]
+    program: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Args)]
+pub(super) struct ReplayArgs {
+    #[command(flatten)]
+    common: Common,
+    /// Description of a recording; default: the shipped recording of a SINUMERIK 840D sl.
+    #[arg(long, value_name = "FILE")]
+    recording: Option<PathBuf>,
+    /// Straight lines instead of cubics between the samples.
+    #[arg(long)]
+    linear: bool,
+}
+
+type Trace = Option<(PathBuf, TraceWriter<BufWriter<File>>)>;
+
+/// Everything that runs.
+struct Shop {
+    control: Control,
+    machine: TruthMachine,
+    axes: MachineAxes,
+    cycle_s: f64,
+    seed: u64,
+    trace: Trace,
+}
+
+pub(super) fn serve(args: &ServeArgs) -> Result<(), Failure> {
+    let common = &args.common;
+    let (machine, axes) = machine(&common.machine)?;
+    let start = axes.middle();
+    let programme = match &args.program {
+        Some(path) => {
+            let text = read(path)?;
+            // mistakes come out before anything listens
+            interpret(&text, &axes, start).map_err(|e| Failure::in_file(EX_DATAERR, path, e))?;
+            Some((path, text))
+        }
+        None => None,
+    };
+    let mut shop = Shop::open(common, machine, axes, start)?;
+    shop.wait(common)?;
+    loop {
+        match &programme {
+            None => {
+                shop.stand(STANDSTILL_S)?;
+                continue;
+            }
+            Some((path, text)) => {
+                let from = shop.control.position();
+                let parsed =
+                    interpret(text, &shop.axes, from).map_err(|e| Failure::in_file(EX_DATAERR, path, e))?;
+                let mut motion =
+                    Trajectory::new(from, &parsed.segments, &shop.axes, &Dynamics::default(), shop.cycle_s)
+                        .map_err(|e| Failure::new(EX_USAGE, e))?;
+                shop.run(common, &mut motion)?;
+            }
+        }
+        if !common.again {
+            return shop.close();
+        }
+    }
+}
+
+pub(super) fn replay(args: &ReplayArgs) -> Result<(), Failure> {
+    let common = &args.common;
+    let (machine, axes) = machine(&common.machine)?;
+    let cycle_s = cycle(common)?;
+    let interpolation = if args.linear { Interpolation::Linear } else { Interpolation::Cubic };
+    let rest = axes.middle();
+    let (name, description, data) = match &args.recording {
+        None => {
+            let description = Description::from_toml(recorded::SHIPPED_DESCRIPTION)
+                .map_err(|e| Failure::new(super::EX_SOFTWARE, e))?;
+            (PathBuf::from("shipped recording"), description, recorded::SHIPPED_DATA.to_owned())
+        }
+        Some(path) => {
+            let description =
+                Description::from_toml(&read(path)?).map_err(|e| Failure::in_file(EX_CONFIG, path, e))?;
+            let file = path.parent().unwrap_or(Path::new("")).join(&description.file);
+            let data = read(&file)?;
+            (file, description, data)
+        }
+    };
+    let mut motion = Replay::new(&data, &description, &axes, rest, cycle_s, interpolation)
+        .map_err(|e| Failure::in_file(EX_DATAERR, &name, e))?;
+    let mut shop = Shop::open(common, machine, axes, motion.start())?;
+    shop.wait(common)?;
+    loop {
+        shop.run(common, &mut motion)?;
+        if !common.again {
+            return shop.close();
+        }
+        let (from, to) = (shop.control.position(), motion.start());
+        let mut back = Trajectory::rapid(from, to, &shop.axes, &Dynamics::default(), cycle_s)
+            .map_err(|e| Failure::new(EX_USAGE, e))?;
+        shop.move_along(&mut back)?;
+        motion.rewind();
+    }
+}
+
+fn cycle(common: &Common) -> Result<f64, Failure> {
+    checked_cycle_s(common.cycle_ms * 1e-3).map_err(|e| Failure::new(EX_USAGE, e))
+}
+
+/// The machine of a file or a built-in one, and its axes.
+fn machine(path: &Path) -> Result<(TruthMachine, MachineAxes), Failure> {
+    let text = match path.to_str() {
+        Some("vmc-850") => VMC_850.to_owned(),
+        Some("gantry-5ax") => GANTRY_5AX.to_owned(),
+        Some("grinder-ab") => GRINDER_AB.to_owned(),
+        _ => read(path)?,
+    };
+    let machine = TruthMachine::from_toml(&text).map_err(|e| Failure::in_file(EX_CONFIG, path, e))?;
+    let axes = MachineAxes::of(&machine).map_err(|e| Failure::in_file(EX_CONFIG, path, e))?;
+    Ok((machine, axes))
+}
+
+fn seconds(what: &str, value: f64) -> Result<f64, Failure> {
+    if (0.0..=1e6).contains(&value) {
+        Ok(value)
+    } else {
+        Err(Failure::new(EX_USAGE, format_args!("{what} {value}; give 0 to 1000000")))
+    }
+}
+
+impl Shop {
+    fn open(
+        common: &Common,
+        mut machine: TruthMachine,
+        axes: MachineAxes,
+        start: AxisArray,
+    ) -> Result<Self, Failure> {
+        let cycle_s = cycle(common)?;
+        let mut config = ControlConfig::new(machine.machine(), axes.clone());
+        config.cycle_s = cycle_s;
+        config.listen = common.listen;
+        config.offset.delay_cycles = common.delay_cycles;
+        config.offset.hold_s = seconds("--hold-ms", common.hold_ms)? * 1e-3;
+        config.apply = !common.no_apply;
+        config.tool = Some(Tool { number: 1, tip: machine.tool_tip_mm() });
+        config.script = script(common, cycle_s)?;
+        if common.as_fast_as_possible {
+            let absent = match common.wait_s {
+                Some(s) => Absent::Wait(Duration::from_secs_f64(seconds("--wait-s", s)?)),
+                None => Absent::GoOn,
+            };
+            config.pacing = Pacing::LockStep { answer_timeout: Duration::from_millis(200), absent };
+        }
+        seconds("--settle-s", common.settle_s)?;
+        let trace = match &common.out {
+            None => None,
+            Some(path) => {
+                let failed = |e: io::Error| Failure::in_file(EX_IOERR, path, e);
+                let file = File::create(path).map_err(failed)?;
+                let writer =
+                    TraceWriter::new(BufWriter::new(file), &axes).map_err(|e| failed(io::Error::other(e)))?;
+                Some((path.clone(), writer))
+            }
+        };
+        let mut control = Control::bind(config).map_err(|e| failure(&e))?;
+        control.set_listener(|event| eprintln!("{event}"));
+        control.set_position(start);
+        let seed = common.seed.unwrap_or_else(|| machine.seed());
+        machine.reset(seed, &start);
+        eprintln!("listening on {}", control.address());
+        Ok(Self { control, machine, axes, cycle_s, seed, trace })
+    }
+
+    fn wait(&mut self, common: &Common) -> Result<(), Failure> {
+        let Some(wait_s) = common.wait_s else { return Ok(()) };
+        let limit = Duration::from_secs_f64(seconds("--wait-s", wait_s)?);
+        self.control.wait_for_daemon(limit).map_err(|e| failure(&e))
+    }
+
+    /// Standstill, the motion, standstill; tells what it was like.
+    fn run(&mut self, common: &Common, motion: &mut dyn MotionSource) -> Result<(), Failure> {
+        self.stand(common.settle_s)?;
+        let summary = self.move_along(motion)?;
+        self.stand(common.settle_s)?;
+        eprintln!("{}", describe(&summary, self.seed, &self.axes));
+        Ok(())
+    }
+
+    fn move_along(&mut self, motion: &mut dyn MotionSource) -> Result<RunSummary, Failure> {
+        let trace = &mut self.trace;
+        let mut observer = |r: &CycleRecord| observe(trace, r);
+        self.control.run(motion, &mut self.machine, &mut observer).map_err(|e| failure(&e))
+    }
+
+    fn stand(&mut self, time_s: f64) -> Result<(), Failure> {
+        let trace = &mut self.trace;
+        let mut observer = |r: &CycleRecord| observe(trace, r);
+        self.control.run_until(&mut self.machine, time_s, &mut observer).map(drop).map_err(|e| failure(&e))
+    }
+
+    fn close(mut self) -> Result<(), Failure> {
+        self.control.close();
+        match self.trace {
+            Some((path, writer)) => writer.finish().map_err(|e| Failure::in_file(EX_IOERR, &path, e)),
+            None => Ok(()),
+        }
+    }
+}
+
+fn observe(trace: &mut Trace, record: &CycleRecord) -> io::Result<Flow> {
+    if let Some((path, writer)) = trace {
+        writer.write(record).map_err(|e| io::Error::other(format!("{}: {e}", path.display())))?;
+    }
+    Ok(Flow::GoOn)
+}
+
+fn script(common: &Common, cycle_s: f64) -> Result<Vec<ScriptedEvent>, Failure> {
+    let Some(at_s) = common.estop_at_s else { return Ok(Vec::new()) };
+    let at = seconds("--estop-at-s", at_s)?;
+    let until = at + seconds("--estop-for-s", common.estop_for_s)?;
+    let cycle = |s: f64| (s / cycle_s).round() as u64;
+    Ok(vec![
+        ScriptedEvent { cycle: cycle(at), what: Happening::ESTOP },
+        ScriptedEvent { cycle: cycle(until), what: Happening::ESTOP_RELEASED },
+    ])
+}
+
+fn failure(error: &ControlError) -> Failure {
+    let code = match error {
+        ControlError::Config(_) => EX_USAGE,
+        ControlError::InUse { .. }
+        | ControlError::Listen { .. }
+        | ControlError::NoDaemon { .. }
+        | ControlError::Observer(_) => EX_IOERR,
+        ControlError::Start { .. } => EX_DATAERR,
+    };
+    Failure::new(code, error)
+}
+
+fn describe(s: &RunSummary, seed: u64, axes: &MachineAxes) -> String {
+    let largest: Vec<String> = axes
+        .as_slice()
+        .iter()
+        .zip(&s.largest_offset)
+        .map(|(axis, offset)| match axis.name.kind() {
+            volcomp::core::axes::AxisKind::Linear => format!("{} {:.2} um", axis.name, offset * 1e3),
+            volcomp::core::axes::AxisKind::Rotary => format!("{} {:.3} arcsec", axis.name, offset * 3600.0),
+        })
+        .collect();
+    format!(
+        "run of {:.3} s, {} cycles, seed {seed}: {} corrections used, {} refused, {} positions unanswered, \
+         {} cycles late, {} limited, {} ramping out; largest offset {}",
+        s.duration_s,
+        s.cycles,
+        s.corrections,
+        s.rejected,
+        s.unanswered,
+        s.late,
+        s.limited,
+        s.ramping_out,
+        largest.join(", ")
+    )
+}

@@ -1,0 +1,191 @@
+//! The picture of the demo: ballbar traces, diagonals and recorded motion, without and with compensation.
+
+use plotters::coord::Shift;
+use plotters::prelude::*;
+
+/// Vermillion and blue: distinguishable for colour-blind readers and in grey.
+const BEFORE: RGBColor = RGBColor(213, 94, 0);
+const AFTER: RGBColor = RGBColor(0, 114, 178);
+const INK: RGBColor = RGBColor(60, 60, 60);
+const FAINT: RGBColor = RGBColor(200, 200, 200);
+const PANEL: u32 = 520;
+const FONT: &str = "sans-serif";
+
+/// One curve without and one with compensation.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Curves {
+    /// Points without compensation.
+    pub before: Vec<(f64, f64)>,
+    /// Points with compensation.
+    pub after: Vec<(f64, f64)>,
+}
+
+/// Everything that is drawn.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Picture {
+    /// Title of the circle panel.
+    pub circle_title: String,
+    /// (angle in rad, radial deviation in um).
+    pub circle: Curves,
+    /// (distance along the diagonal in mm, deviation in um).
+    pub diagonal: Curves,
+    /// (time in s, size of the deviation of the tool tip in um).
+    pub real_motion: Curves,
+}
+
+type Panel<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+type Drawn = Result<(), Box<dyn std::error::Error>>;
+
+impl Picture {
+    /// The picture as SVG text.
+    ///
+    /// # Errors
+    /// The drawing library could not draw it.
+    pub fn svg(&self) -> Result<String, Box<dyn std::error::Error>> {
+        let mut text = String::new();
+        {
+            let root = SVGBackend::with_string(&mut text, (3 * PANEL, PANEL)).into_drawing_area();
+            root.fill(&WHITE)?;
+            let panels = root.split_evenly((1, 3));
+            self.draw_circle(&panels[0])?;
+            draw_lines(
+                &panels[1],
+                "Body diagonal (worst of four)",
+                ["distance along the diagonal / mm", "deviation / um"],
+                &self.diagonal,
+            )?;
+            draw_lines(
+                &panels[2],
+                "Recorded motion of a real part programme",
+                ["time / s", "deviation of the tool tip / um"],
+                &self.real_motion,
+            )?;
+            root.present()?;
+        }
+        Ok(text)
+    }
+
+    /// Polar: the nominal circle is a ring, deviations are drawn outwards and inwards, magnified.
+    fn draw_circle(&self, panel: &Panel<'_>) -> Drawn {
+        let largest = self.circle.before.iter().chain(&self.circle.after).fold(1.0f64, |m, p| m.max(p.1.abs()));
+        let ring_step = nice_step(largest);
+        let rings = (largest / ring_step).ceil().max(1.0);
+        // the ring of deviation zero lies at 1, the largest deviation reaches 0.55 inwards or outwards
+        let per_um = 0.55 / (rings * ring_step);
+        let reach = 1.75;
+        let mut chart = ChartBuilder::on(panel)
+            .caption(&self.circle_title, (FONT, 20).into_font().color(&INK))
+            .margin(12)
+            .margin_bottom(44)
+            .build_cartesian_2d(-reach..reach, -reach..reach)?;
+        let ring = |deviation: f64| {
+            (0..=180).map(move |i| {
+                let angle = f64::from(i) * std::f64::consts::TAU / 180.0;
+                let r = 1.0 + deviation * per_um;
+                (r * angle.cos(), r * angle.sin())
+            })
+        };
+        let count = rings as i32;
+        for k in -count..=count {
+            let deviation = f64::from(k) * ring_step;
+            let style = if k == 0 { INK.stroke_width(1) } else { FAINT.stroke_width(1) };
+            chart.draw_series(LineSeries::new(ring(deviation), style))?;
+            let label = format!("{deviation:+.0} um");
+            let at = (0.02, 1.0 + deviation * per_um + 0.02);
+            chart.draw_series([Text::new(label, at, (FONT, 11).into_font().color(&INK))])?;
+        }
+        for (points, colour) in [(&self.circle.before, BEFORE), (&self.circle.after, AFTER)] {
+            let line = points.iter().map(|(angle, deviation)| {
+                let r = 1.0 + deviation * per_um;
+                (r * angle.cos(), r * angle.sin())
+            });
+            chart.draw_series(LineSeries::new(line, colour.stroke_width(2)))?;
+        }
+        draw_legend(panel)
+    }
+}
+
+fn draw_lines(panel: &Panel<'_>, title: &str, [x_label, y_label]: [&str; 2], curves: &Curves) -> Drawn {
+    let points = || curves.before.iter().chain(&curves.after);
+    let range = |values: &dyn Fn(&(f64, f64)) -> f64| {
+        let (low, high) =
+            points().map(values).fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+        if low < high { (low, high) } else { (low.min(0.0), low.max(0.0) + 1.0) }
+    };
+    let (x_low, x_high) = range(&|p| p.0);
+    let (y_low, y_high) = range(&|p| p.1);
+    let room = 0.08 * (y_high - y_low.min(0.0));
+    let y_bottom = if y_low >= 0.0 { 0.0 } else { y_low - room };
+    let mut chart = ChartBuilder::on(panel)
+        .caption(title, (FONT, 20).into_font().color(&INK))
+        .margin(12)
+        .margin_bottom(44)
+        .x_label_area_size(42)
+        .y_label_area_size(56)
+        .build_cartesian_2d(x_low..x_high, y_bottom..y_high + room)?;
+    chart
+        .configure_mesh()
+        .x_desc(x_label)
+        .y_desc(y_label)
+        .axis_desc_style((FONT, 14))
+        .label_style((FONT, 12))
+        .light_line_style(TRANSPARENT)
+        .bold_line_style(FAINT)
+        .axis_style(INK)
+        .draw()?;
+    for (points, colour) in [(&curves.before, BEFORE), (&curves.after, AFTER)] {
+        chart.draw_series(LineSeries::new(points.iter().copied(), colour.stroke_width(2)))?;
+    }
+    draw_legend(panel)
+}
+
+fn draw_legend(panel: &Panel<'_>) -> Drawn {
+    let y = PANEL as i32 - 22;
+    for (x, colour, label) in [(110, BEFORE, "without compensation"), (300, AFTER, "with volcomp")] {
+        panel.draw(&PathElement::new(vec![(x, y), (x + 26, y)], colour.stroke_width(3)))?;
+        panel.draw(&Text::new(label, (x + 32, y - 7), (FONT, 14).into_font().color(&INK)))?;
+    }
+    Ok(())
+}
+
+/// A step of 1, 2 or 5 times a power of ten that puts two to four rings below `largest`.
+fn nice_step(largest: f64) -> f64 {
+    let rough = largest / 3.0;
+    let power = 10f64.powf(rough.log10().floor());
+    [1.0, 2.0, 5.0, 10.0].into_iter().map(|m| m * power).find(|s| *s >= rough).unwrap_or(10.0 * power)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn steps_are_round_and_few() {
+        for (largest, step) in [(1.0, 0.5), (17.0, 10.0), (5.9, 2.0), (30.0, 10.0), (0.03, 0.01)] {
+            assert!((nice_step(largest) - step).abs() < 1e-12, "{largest}: {}", nice_step(largest));
+        }
+    }
+
+    #[test]
+    fn the_picture_shows_both_traces_of_every_panel() {
+        let curves = Curves {
+            before: (0..90).map(|i| (f64::from(i) * 0.07, 20.0 * (f64::from(i) * 0.14).sin())).collect(),
+            after: (0..90).map(|i| (f64::from(i) * 0.07, 1.0)).collect(),
+        };
+        let picture = Picture {
+            circle_title: "Ballbar".into(),
+            circle: curves.clone(),
+            diagonal: curves.clone(),
+            real_motion: curves,
+        };
+        let svg = picture.svg().unwrap();
+        assert!(svg.starts_with("<svg"));
+        let lines = |colour: &str| svg.matches("<polyline").count().min(svg.matches(colour).count());
+        assert!(lines("#D55E00") >= 3 && lines("#0072B2") >= 3);
+    }
+
+    #[test]
+    fn empty_curves_are_drawn_as_empty_axes() {
+        assert!(Picture::default().svg().is_ok());
+    }
+}

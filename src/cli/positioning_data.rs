@@ -1,0 +1,204 @@
+//! Positioning tests from files: the CSV of contract section 6 and the `.dat` of ecmc loggers.
+
+use std::io::{BufRead, Cursor};
+use std::ops::RangeInclusive;
+use std::path::Path;
+
+use super::files::read_text;
+use super::table::Table;
+use super::{EX_DATAERR, Failure};
+use crate::core::axes::AxisKind;
+use crate::core::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
+use crate::identify::Reading;
+use crate::identify::import::iso230_dat::{self, PositioningTest};
+
+/// How the data file is written.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+pub(super) enum TestFormat {
+    /// Look at the file.
+    Auto,
+    /// `cycle,direction,target_mm,deviation_um`.
+    #[value(alias = "iso230-2")]
+    Csv,
+    /// `TGT_DATA[i]=`, `REF_DATA_FWD[i,j]=`, `REF_DATA_BWD[i,j]=`.
+    Iso230Dat,
+}
+
+/// A selection of cycles such as `1-4,6`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Cycles(Vec<RangeInclusive<u32>>);
+
+impl core::str::FromStr for Cycles {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let bad = || format!("'{text}' is no selection of cycles; write for example 1-4 or 1,3,5");
+        let ranges: Option<Vec<_>> = text
+            .split(',')
+            .map(|part| {
+                let (from, to) = part.split_once('-').unwrap_or((part, part));
+                let range = from.trim().parse().ok()?..=to.trim().parse().ok()?;
+                (!range.is_empty()).then_some(range)
+            })
+            .collect();
+        ranges.map(Self).ok_or_else(bad)
+    }
+}
+
+impl Cycles {
+    /// Keeps the readings of the selected cycles.
+    pub(super) fn select(&self, file: &str, readings: &mut Vec<Reading>) -> Result<(), Failure> {
+        let mut present: Vec<u32> = readings.iter().map(|r| r.cycle).collect();
+        present.sort_unstable();
+        present.dedup();
+        for range in &self.0 {
+            if !present.iter().any(|c| range.contains(c)) {
+                let (a, b) = (range.start(), range.end());
+                let what = if a == b { format!("cycle {a}") } else { format!("cycles {a}-{b}") };
+                return Err(Failure::new(
+                    EX_DATAERR,
+                    format_args!("error: {file}: {what} selected, but the file has cycles {present:?}"),
+                ));
+            }
+        }
+        readings.retain(|r| self.0.iter().any(|range| range.contains(&r.cycle)));
+        Ok(())
+    }
+}
+
+/// Reads a positioning test.
+pub(super) fn read_test(path: &Path, format: TestFormat) -> Result<PositioningTest, Failure> {
+    let text = read_text(path)?;
+    let file = path.display().to_string();
+    let dat = match format {
+        TestFormat::Auto => iso230_dat::recognises(&text),
+        TestFormat::Csv => false,
+        TestFormat::Iso230Dat => true,
+    };
+    if dat { parse_dat(&file, &text) } else { parse_csv(Table::new(Cursor::new(text), file)?) }
+}
+
+/// The `.dat` of ecmc loggers.
+pub(super) fn parse_dat(file: &str, text: &str) -> Result<PositioningTest, Failure> {
+    iso230_dat::parse(text).map_err(|e| {
+        let place = if e.line == 0 { String::new() } else { format!("{}:{}: ", e.line, e.column) };
+        Failure::new(
+            EX_DATAERR,
+            format_args!("error: {file}:{place}{}{}", if e.line == 0 { " " } else { "" }, e.kind),
+        )
+    })
+}
+
+/// Columns of a positioning test in a table, and their units.
+pub(super) struct TestColumns {
+    pub(super) kind: AxisKind,
+    cycle: usize,
+    direction: usize,
+    target: usize,
+    deviation: usize,
+}
+
+impl TestColumns {
+    /// Finds the columns; `extra` are allowed beside them.
+    pub(super) fn find<R: BufRead>(table: &Table<R>, extra: &[&str]) -> Result<Self, Failure> {
+        let rotary = table.find("target_deg").is_some() || table.find("deviation_arcsec").is_some();
+        let (kind, target, deviation) = if rotary {
+            (AxisKind::Rotary, "target_deg", "deviation_arcsec")
+        } else {
+            (AxisKind::Linear, "target_mm", "deviation_um")
+        };
+        let known = ["cycle", "direction", target, deviation];
+        // a missing column is the better message where a slip makes a column both missing and unknown
+        let found = Self {
+            kind,
+            cycle: table.require("cycle")?,
+            direction: table.require("direction")?,
+            target: table.require(target)?,
+            deviation: table.require(deviation)?,
+        };
+        for (i, column) in table.columns().iter().enumerate() {
+            if !known.contains(&column.as_str()) && !extra.contains(&column.as_str()) {
+                let known = known.iter().chain(extra).copied().collect::<Vec<_>>().join(", ");
+                return Err(table.fail(i, format_args!("unknown column; columns are {known}")));
+            }
+        }
+        Ok(found)
+    }
+
+    /// The reading of the current row.
+    pub(super) fn reading<R: BufRead>(&self, table: &Table<R>) -> Result<Reading, Failure> {
+        let (target, deviation) = (table.number(self.target)?, table.number(self.deviation)?);
+        let (position, value) = match self.kind {
+            AxisKind::Linear => (target, mm_from_um(deviation)),
+            AxisKind::Rotary => (rad_from_deg(target), rad_from_arcsec(deviation)),
+        };
+        Ok(Reading {
+            cycle: table.count(self.cycle)?,
+            travel: table.travel(self.direction)?,
+            position,
+            value,
+        })
+    }
+}
+
+/// The CSV of contract section 6.
+pub(super) fn parse_csv<R: BufRead>(mut table: Table<R>) -> Result<PositioningTest, Failure> {
+    let columns = TestColumns::find(&table, &[])?;
+    let mut readings = Vec::new();
+    while table.advance()? {
+        readings.push(columns.reading(&table)?);
+    }
+    if readings.is_empty() {
+        return Err(no_rows(table.file()));
+    }
+    Ok(PositioningTest { kind: columns.kind, readings })
+}
+
+/// The error for a table that has a header only.
+pub(super) fn no_rows(file: &str) -> Failure {
+    Failure::new(EX_DATAERR, format_args!("error: {file}: no rows below the header"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::axes::Travel;
+
+    #[test]
+    fn cycles_are_selected() {
+        let mut readings: Vec<Reading> = (1..=5)
+            .map(|cycle| Reading { cycle, travel: Travel::Forward, position: 0.0, value: 0.0 })
+            .collect();
+        "1-2,5".parse::<Cycles>().unwrap().select("f", &mut readings).unwrap();
+        assert_eq!(readings.iter().map(|r| r.cycle).collect::<Vec<_>>(), [1, 2, 5]);
+        let missing = "7".parse::<Cycles>().unwrap().select("f", &mut readings).unwrap_err();
+        assert!(missing.message.contains("cycle 7 selected, but the file has cycles [1, 2, 5]"));
+        for bad in ["", "a", "4-1", "1-", "1;2"] {
+            assert!(bad.parse::<Cycles>().is_err(), "{bad}");
+        }
+    }
+
+    #[test]
+    fn rotary_tests_are_in_degrees_and_arcsec() {
+        let text = "cycle,direction,target_deg,deviation_arcsec\n1,1,180,-3.6\n";
+        let test = parse_csv(Table::new(text.as_bytes(), "f".into()).unwrap()).unwrap();
+        assert_eq!(test.kind, AxisKind::Rotary);
+        assert!((test.readings[0].position - core::f64::consts::PI).abs() < 1e-15);
+        assert!((test.readings[0].value + 1e-3f64.to_radians()).abs() < 1e-18);
+    }
+
+    #[test]
+    fn columns_are_checked() {
+        let fails = |text: &str| {
+            let table = Table::new(text.as_bytes(), "f.csv".to_owned()).unwrap();
+            parse_csv(table).unwrap_err().message
+        };
+        assert!(fails("cycle,direction,target_mm\n").contains("column deviation_um is missing"));
+        assert!(fails("cycle,direction,target_mm,deviation_mm\n").contains("is column deviation_mm meant"));
+        assert!(
+            fails("cycle,direction,target_mm,deviation_um,operator\n").contains("operator: unknown column")
+        );
+        assert!(fails("cycle,direction,target_mm,deviation_um\n").contains("no rows"));
+        assert!(fails("cycle,direction,target_mm,deviation_um\n1,2,0,0\n").contains("2 is no direction"));
+    }
+}

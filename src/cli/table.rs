@@ -1,0 +1,406 @@
+//! CSV tables, row by row in bounded memory, with errors that name file, line, column, value and remedy.
+//!
+//! A BOM, CRLF, blank lines and `#` comments are accepted (contract section 1). Lines are split here, because every
+//! error must name the physical line and `predict` copies it; lines with quotes go through the csv crate.
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::ops::Range;
+use std::path::Path;
+
+use super::{EX_DATAERR, Failure};
+use crate::core::axes::Travel;
+
+/// Longest line accepted; bounds the memory whatever the input is.
+const LINE_LIMIT: u64 = 1 << 20;
+
+/// A table being read: the current row and its place.
+pub(super) struct Table<R> {
+    source: R,
+    file: String,
+    columns: Vec<String>,
+    /// 1-based line of the current row.
+    line: u64,
+    /// Bytes read so far.
+    bytes: u64,
+    /// The current line without its end.
+    text: Vec<u8>,
+    /// The fields of a line with quotes, joined; unused otherwise.
+    unquoted: Vec<u8>,
+    /// Where each field of the current row stands, in `text` or `unquoted`.
+    fields: Vec<Range<usize>>,
+    has_quotes: bool,
+}
+
+/// Opens a file, or standard input for `-`.
+pub(super) fn open(path: &Path) -> Result<Table<Box<dyn BufRead>>, Failure> {
+    let (source, file): (Box<dyn BufRead>, String) = if path.as_os_str() == "-" {
+        (Box::new(std::io::stdin().lock()), "<stdin>".to_owned())
+    } else {
+        let file = File::open(path).map_err(|e| Failure::io(path, &e))?;
+        (Box::new(BufReader::with_capacity(1 << 16, file)), path.display().to_string())
+    };
+    Table::new(source, file)
+}
+
+impl<R: BufRead> Table<R> {
+    /// Reads the header.
+    pub(super) fn new(source: R, file: String) -> Result<Self, Failure> {
+        let mut table = Self {
+            source,
+            file,
+            columns: Vec::new(),
+            line: 0,
+            bytes: 0,
+            text: Vec::new(),
+            unquoted: Vec::new(),
+            fields: Vec::new(),
+            has_quotes: false,
+        };
+        if !table.next_line()? {
+            return Err(Failure::new(
+                EX_DATAERR,
+                format_args!("error: {}: the file is empty; the first line names the columns", table.file),
+            ));
+        }
+        table.split();
+        for i in 0..table.fields.len() {
+            let Ok(name) = std::str::from_utf8(table.field(i)).map(str::to_owned) else {
+                return Err(table.fail(i, "the column name is not UTF-8 text; is this a CSV file?"));
+            };
+            if name.is_empty() {
+                return Err(table.fail(i, "a column without a name; name it or remove the comma"));
+            }
+            if name.contains([';', '\t']) {
+                return Err(
+                    table.fail(i, format_args!("{name:?} holds ';' or a tab; separate columns by commas"))
+                );
+            }
+            if table.columns.contains(&name) {
+                return Err(table.fail(i, format_args!("column {name} occurs twice; remove one")));
+            }
+            table.columns.push(name);
+        }
+        Ok(table)
+    }
+
+    /// The columns in their order.
+    pub(super) fn columns(&self) -> &[String] {
+        &self.columns
+    }
+
+    /// The header or the current row as written.
+    pub(super) fn text(&self) -> &[u8] {
+        &self.text
+    }
+
+    /// Bytes read so far.
+    pub(super) const fn bytes(&self) -> u64 {
+        self.bytes
+    }
+
+    /// The file as the user named it.
+    pub(super) fn file(&self) -> &str {
+        &self.file
+    }
+
+    /// Index of a column.
+    pub(super) fn find(&self, name: &str) -> Option<usize> {
+        self.columns.iter().position(|c| c == name)
+    }
+
+    /// Index of a column that must be there.
+    pub(super) fn require(&self, name: &str) -> Result<usize, Failure> {
+        self.find(name).ok_or_else(|| {
+            let hint = match nearest(name, self.columns.iter().map(String::as_str)) {
+                Some(near) => format!("is column {near} meant? rename it"),
+                None => format!("found {}", self.columns.join(", ")),
+            };
+            Failure::new(
+                EX_DATAERR,
+                format_args!("error: {}:{}: column {name} is missing; {hint}", self.file, self.line),
+            )
+        })
+    }
+
+    /// Goes to the next row; false at the end.
+    pub(super) fn advance(&mut self) -> Result<bool, Failure> {
+        if !self.next_line()? {
+            return Ok(false);
+        }
+        self.split();
+        let (found, expected) = (self.fields.len(), self.columns.len());
+        if found != expected {
+            let hint = if found > expected { "is there a decimal comma?" } else { "is the line cut?" };
+            return Err(Failure::new(
+                EX_DATAERR,
+                format_args!(
+                    "error: {}:{}: {found} fields, the header has {expected} columns; {hint}",
+                    self.file, self.line
+                ),
+            ));
+        }
+        Ok(true)
+    }
+
+    /// A finite number.
+    #[inline]
+    pub(super) fn number(&self, column: usize) -> Result<f64, Failure> {
+        let parsed = std::str::from_utf8(self.field(column)).ok().and_then(|t| t.parse::<f64>().ok());
+        match parsed {
+            Some(value) if value.is_finite() => Ok(value),
+            _ => Err(self.bad_number(column)),
+        }
+    }
+
+    /// A whole number from 0 up.
+    pub(super) fn count(&self, column: usize) -> Result<u32, Failure> {
+        let value = self.number(column)?;
+        if value.fract() == 0.0 && (0.0..=f64::from(u32::MAX)).contains(&value) {
+            Ok(value as u32)
+        } else {
+            Err(self.fail(column, format_args!("{value} is not a whole number from 0 to {}", u32::MAX)))
+        }
+    }
+
+    /// A direction of travel.
+    #[inline]
+    pub(super) fn travel(&self, column: usize) -> Result<Travel, Failure> {
+        match self.number(column)? {
+            1.0 => Ok(Travel::Forward),
+            -1.0 => Ok(Travel::Reverse),
+            value => Err(self.fail(
+                column,
+                format_args!("{value} is no direction; write 1 (towards plus) or -1 (towards minus)"),
+            )),
+        }
+    }
+
+    /// A word.
+    pub(super) fn word(&self, column: usize) -> String {
+        String::from_utf8_lossy(self.field(column)).into_owned()
+    }
+
+    /// An error about a field of the current row.
+    #[cold]
+    pub(super) fn fail(&self, column: usize, what: impl core::fmt::Display) -> Failure {
+        let at = match self.fields.get(column) {
+            Some(range) if !self.has_quotes => {
+                String::from_utf8_lossy(&self.text[..range.start]).chars().count() + 1
+            }
+            _ => 1,
+        };
+        let name = self.columns.get(column).map_or(String::new(), |c| format!("{c}: "));
+        Failure::new(EX_DATAERR, format_args!("error: {}:{}:{at}: {name}{what}", self.file, self.line))
+    }
+
+    #[cold]
+    fn bad_number(&self, column: usize) -> Failure {
+        let text: String = String::from_utf8_lossy(self.field(column)).chars().take(40).collect();
+        let what = if text.is_empty() {
+            "the field is empty; write a number or leave the row out".to_owned()
+        } else if text.parse::<f64>().is_ok() {
+            format!("{text} is not finite; leave the row out")
+        } else {
+            format!("'{text}' is not a number; write digits with a decimal point, such as 12.5")
+        };
+        self.fail(column, what)
+    }
+
+    fn field(&self, column: usize) -> &[u8] {
+        let source = if self.has_quotes { &self.unquoted } else { &self.text };
+        &source[self.fields[column].clone()]
+    }
+
+    /// Reads lines until one holds data; false at the end of the file.
+    fn next_line(&mut self) -> Result<bool, Failure> {
+        loop {
+            self.text.clear();
+            let read = (&mut self.source)
+                .take(LINE_LIMIT)
+                .read_until(b'\n', &mut self.text)
+                .map_err(|e| Failure::io(Path::new(&self.file), &e))?;
+            if read == 0 {
+                return Ok(false);
+            }
+            self.bytes += read as u64;
+            self.line += 1;
+            if read as u64 == LINE_LIMIT {
+                return Err(Failure::new(
+                    EX_DATAERR,
+                    format_args!(
+                        "error: {}:{}: the line has more than {LINE_LIMIT} bytes; is this a CSV file?",
+                        self.file, self.line
+                    ),
+                ));
+            }
+            if self.line == 1 && self.text.starts_with(b"\xef\xbb\xbf") {
+                self.text.drain(..3);
+            }
+            let end = self.text.iter().rposition(|b| !b.is_ascii_whitespace()).map_or(0, |i| i + 1);
+            self.text.truncate(end);
+            match self.text.iter().find(|b| !b.is_ascii_whitespace()) {
+                None | Some(b'#') => {}
+                Some(_) => return Ok(true),
+            }
+        }
+    }
+
+    fn split(&mut self) {
+        self.fields.clear();
+        self.has_quotes = self.text.contains(&b'"');
+        if self.has_quotes {
+            self.split_quoted();
+            return;
+        }
+        let mut start = 0;
+        for (i, b) in self.text.iter().enumerate() {
+            if *b == b',' {
+                self.fields.push(trimmed(&self.text, start..i));
+                start = i + 1;
+            }
+        }
+        self.fields.push(trimmed(&self.text, start..self.text.len()));
+    }
+
+    fn split_quoted(&mut self) {
+        self.unquoted.clear();
+        let mut reader = csv::ReaderBuilder::new().has_headers(false).from_reader(self.text.as_slice());
+        let mut record = csv::ByteRecord::new();
+        // reading bytes from memory cannot fail, and a row of the wrong length is found by its caller
+        if matches!(reader.read_byte_record(&mut record), Ok(true)) {
+            for field in &record {
+                let start = self.unquoted.len();
+                self.unquoted.extend_from_slice(field);
+                self.fields.push(trimmed(&self.unquoted, start..self.unquoted.len()));
+            }
+        }
+    }
+}
+
+fn trimmed(text: &[u8], range: Range<usize>) -> Range<usize> {
+    let field = &text[range.clone()];
+    let front = field.iter().take_while(|b| b.is_ascii_whitespace()).count();
+    let back = field[front..].iter().rev().take_while(|b| b.is_ascii_whitespace()).count();
+    range.start + front..range.end - back
+}
+
+/// The name that `wanted` may be a slip of: equal but for case and punctuation, or one or two letters off.
+pub(super) fn nearest<'a>(wanted: &str, names: impl Iterator<Item = &'a str>) -> Option<&'a str> {
+    let plain = |s: &str| {
+        s.chars().filter(char::is_ascii_alphanumeric).map(|c| c.to_ascii_lowercase()).collect::<Vec<char>>()
+    };
+    let target = plain(wanted);
+    let limit = if target.len() > 5 { 2 } else { 1 };
+    names
+        .map(|n| (distance(&target, &plain(n)), n))
+        .filter(|(d, _)| *d <= limit)
+        .min_by_key(|(d, _)| *d)
+        .map(|(_, n)| n)
+}
+
+/// Letters to insert, remove or change to get from `a` to `b`.
+fn distance(a: &[char], b: &[char]) -> usize {
+    let mut row: Vec<usize> = (0..=b.len()).collect();
+    for (i, ca) in a.iter().enumerate() {
+        let mut diagonal = row[0];
+        row[0] = i + 1;
+        for (j, cb) in b.iter().enumerate() {
+            let changed = diagonal + usize::from(ca != cb);
+            diagonal = row[j + 1];
+            row[j + 1] = changed.min(diagonal + 1).min(row[j] + 1);
+        }
+    }
+    row[b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn table(text: &str) -> Result<Table<&[u8]>, Failure> {
+        Table::new(text.as_bytes(), "t.csv".to_owned())
+    }
+
+    fn error(text: &str) -> String {
+        let mut t = match table(text) {
+            Ok(t) => t,
+            Err(f) => return f.message,
+        };
+        loop {
+            match t.advance() {
+                Ok(false) => return String::new(),
+                Ok(true) => {}
+                Err(f) => return f.message,
+            }
+            for i in 0..t.columns().len() {
+                if let Err(f) = t.number(i) {
+                    assert_eq!(f.code, EX_DATAERR);
+                    return f.message;
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn bom_crlf_blanks_comments_and_quotes() {
+        let mut t = table("\u{feff}# made by hand\r\n\r\n a ,\"b\"\r\n1, 2 \r\n  # note\r\n\r\n\"3\",\" 4\"")
+            .unwrap();
+        assert_eq!(t.columns(), ["a", "b"]);
+        let mut rows = Vec::new();
+        while t.advance().unwrap() {
+            rows.push((t.line, t.number(0).unwrap(), t.number(1).unwrap()));
+        }
+        assert_eq!(rows, [(4, 1.0, 2.0), (7, 3.0, 4.0)]);
+    }
+
+    #[test]
+    fn errors_name_the_place() {
+        for (text, expected) in [
+            ("", "t.csv: the file is empty"),
+            ("# only a comment\n", "t.csv: the file is empty"),
+            ("a,b\n1,2\n3,x4\n", "t.csv:3:3: b: 'x4' is not a number"),
+            ("a,b\n1,nan\n", "t.csv:2:3: b: nan is not finite"),
+            ("a,b\n1e999,2\n", "t.csv:2:1: a: 1e999 is not finite"),
+            ("a,b\n1,\n", "t.csv:2:3: b: the field is empty"),
+            ("a,b\n1\n", "t.csv:2: 1 fields, the header has 2 columns; is the line cut?"),
+            ("a,b\n\n#\n1,5,2\n", "t.csv:4: 3 fields, the header has 2 columns; is there a decimal comma?"),
+            ("a,b,a\n", "t.csv:1:5: column a occurs twice"),
+            ("a,,b\n", "t.csv:1:3: a column without a name"),
+            ("a;b\n", "separate columns by commas"),
+        ] {
+            let message = error(text);
+            assert!(message.contains(expected), "{text:?} gives {message:?}");
+        }
+    }
+
+    #[test]
+    fn binary_and_endless_lines_are_refused() {
+        let t = Table::new(&b"\xff\xfe\x00,b\n"[..], "t.csv".to_owned());
+        assert!(t.err().unwrap().message.contains("not UTF-8"));
+        let endless = vec![b'7'; 3 << 20];
+        let t = Table::new(endless.as_slice(), "t.csv".to_owned());
+        assert!(t.err().unwrap().message.contains("more than 1048576 bytes"));
+    }
+
+    #[test]
+    fn slips_are_recognised() {
+        let names = ["position_mm", "exx_um", "x_mm"];
+        assert_eq!(nearest("Position-mm", names.into_iter()), Some("position_mm"));
+        assert_eq!(nearest("positon_mm", names.into_iter()), Some("position_mm"));
+        assert_eq!(nearest("X_mm", names.into_iter()), Some("x_mm"));
+        assert_eq!(nearest("operator", names.into_iter()), None);
+    }
+
+    #[test]
+    fn counts_and_directions() {
+        let mut t = table("cycle,direction\n3,-1\n1.5,0\n-1,1\n").unwrap();
+        t.advance().unwrap();
+        assert_eq!((t.count(0).unwrap(), t.travel(1).unwrap()), (3, Travel::Reverse));
+        t.advance().unwrap();
+        assert!(t.count(0).is_err() && t.travel(1).is_err());
+        t.advance().unwrap();
+        assert!(t.count(0).is_err());
+        assert_eq!(t.travel(1).unwrap(), Travel::Forward);
+    }
+}

@@ -1,0 +1,315 @@
+//! Recovery of known curves, the reference vectors, and what must be refused.
+
+use proptest::prelude::*;
+use serde_json::Value;
+
+use super::*;
+
+fn readings(x: &[f64], y: impl Fn(usize, f64) -> f64) -> Vec<Reading> {
+    x.iter()
+        .enumerate()
+        .map(|(i, &position)| Reading { cycle: 1, travel: Travel::Forward, position, value: y(i, position) })
+        .collect()
+}
+
+fn grid(n: usize, step: f64) -> Vec<f64> {
+    (0..n).map(|i| i as f64 * step).collect()
+}
+
+/// Deterministic noise of about unit size.
+fn noise(i: usize) -> f64 {
+    let u = |k: usize| {
+        let h = (k as u64).wrapping_add(1).wrapping_mul(0x9E37_79B9_7F4A_7C15);
+        let h = (h ^ (h >> 31)).wrapping_mul(0xBF58_476D_1CE4_E5B9);
+        ((h ^ (h >> 29)) >> 11) as f64 / (1u64 << 53) as f64
+    };
+    (0..12).map(|k| u(12 * i + k)).sum::<f64>() - 6.0
+}
+
+fn with_basis(basis: Basis) -> Request {
+    Request { basis: Some(basis), ..Request::default() }
+}
+
+/// Ridge case of the vectors and all others: request and expectation.
+fn request_of(case: &Value) -> Request {
+    let number = |key: &str| case[key].as_f64();
+    let order = case["order_fit"].as_u64().or(case["order"].as_u64()).map(|o| o as usize);
+    let period = match (number("period"), &case["period_search"]) {
+        (Some(p), _) => Period::Given(p),
+        (None, Value::Array(r)) => Period::Within([r[0].as_f64().unwrap(), r[1].as_f64().unwrap()]),
+        _ => Period::Auto,
+    };
+    Request {
+        basis: Some(if case["basis"] == "fourier" { Basis::Fourier } else { Basis::Chebyshev }),
+        order,
+        period,
+        linear: case["linear"].as_bool(),
+        ridge: case["ridge"]["lam"].as_f64(),
+        ..Request::default()
+    }
+}
+
+fn assert_figure(id: &str, name: &str, got: Option<f64>, expected: &Value) {
+    let Some(expected) = expected.as_f64() else {
+        assert_eq!(got, None, "{id} {name}");
+        return;
+    };
+    let got = got.unwrap_or_else(|| panic!("{id} {name} is missing"));
+    let tolerance = 1e-15f64.max(1e-8 * expected.abs());
+    assert!((got - expected).abs() <= tolerance, "{id} {name}: {got} instead of {expected}");
+}
+
+#[test]
+fn the_reference_vectors() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/vectors/fits.json");
+    #[expect(clippy::disallowed_methods, reason = "a test reads its reference data")]
+    let Ok(text) = std::fs::read_to_string(path) else {
+        eprintln!("skipped: {path} is not present");
+        return;
+    };
+    let file: Value = serde_json::from_str(&text).unwrap();
+    let tolerance = |key: &str| file["tolerance"][key].as_f64().unwrap();
+    let cases = file["cases"].as_array().unwrap();
+    assert_eq!(cases.len(), 5);
+    for case in cases {
+        let id = case["id"].as_str().unwrap();
+        let list = |v: &Value| v.as_array().unwrap().iter().map(|n| n.as_f64().unwrap()).collect::<Vec<_>>();
+        let (x, y) = (list(&case["x"]), list(&case["y"]));
+        let fit = fit(&readings(&x, |i, _| y[i]), &request_of(case)).unwrap();
+        let expect = &case["expect"];
+        if let Some(best) = expect["best_order"].as_u64() {
+            assert_eq!(fit.order, Some(best as usize), "{id}");
+        }
+        if let Some(period) = expect["period"].as_f64() {
+            let off = (fit.period.unwrap() - period).abs();
+            assert!(off <= tolerance("period"), "{id} period off by {off:e}");
+        }
+        let fitted_period = expect["period"].is_f64();
+        for (i, (got, want)) in fit.coefficients.iter().zip(list(&expect["coefficients"])).enumerate() {
+            // coefficients follow the period within its tolerance
+            let allowed = if fitted_period { 1e-8 } else { tolerance("coefficients") };
+            assert!((got - want).abs() <= allowed, "{id} coefficient {i}: {got} instead of {want}");
+        }
+        assert_eq!(fit.coefficients.len(), list(&expect["coefficients"]).len(), "{id}");
+        for pair in expect["eval"].as_array().unwrap() {
+            let (x, want) = (pair[0].as_f64().unwrap(), pair[1].as_f64().unwrap());
+            let allowed = if fitted_period { 1e-8 } else { tolerance("eval") };
+            let got = fit.curve.value(x, Travel::Forward);
+            assert!((got - want).abs() <= allowed, "{id} at {x}: {got} instead of {want}");
+        }
+        let f = fit.figures;
+        assert_figure(id, "sse", Some(f.sse), &expect["sse"]);
+        assert_figure(id, "rmse_n", Some(f.rmse_n), &expect["rmse_n"]);
+        assert_figure(id, "rmse_dof", f.rmse_dof, &expect["rmse_dof"]);
+        assert_figure(id, "r2", f.r2, &expect["r2"]);
+        assert_figure(id, "e_max", Some(f.e_max), &expect["e_max"]);
+        assert_figure(id, "aicc", f.aicc, &expect["aicc"]);
+    }
+}
+
+#[test]
+fn the_table_of_orders_of_the_vectors() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/vectors/fits.json");
+    #[expect(clippy::disallowed_methods, reason = "a test reads its reference data")]
+    let Ok(text) = std::fs::read_to_string(path) else {
+        eprintln!("skipped: {path} is not present");
+        return;
+    };
+    let file: Value = serde_json::from_str(&text).unwrap();
+    let case = &file["cases"][2];
+    let list = |v: &Value| v.as_array().unwrap().iter().map(|n| n.as_f64().unwrap()).collect::<Vec<_>>();
+    let (x, y) = (list(&case["x"]), list(&case["y"]));
+    for row in case["expect"]["aicc_table"].as_array().unwrap() {
+        let order = row["order"].as_u64().unwrap() as usize;
+        let request = Request { order: Some(order), ..with_basis(Basis::Chebyshev) };
+        let fit = fit(&readings(&x, |i, _| y[i]), &request).unwrap();
+        assert_figure("order", "sse", Some(fit.figures.sse), &row["sse"]);
+        assert_figure("order", "aicc", fit.figures.aicc, &row["aicc"]);
+    }
+}
+
+#[test]
+fn leave_one_out_is_what_leaving_one_out_gives() {
+    let x = grid(15, 20.0);
+    let all = readings(&x, |i, x| 1e-3 * (x / 60.0).sin() + 1e-4 * noise(i));
+    for basis in [Basis::Chebyshev, Basis::Fourier] {
+        let request =
+            Request { order: Some(2), period: Period::Given(150.0), linear: Some(true), ..with_basis(basis) };
+        let whole = fit(&all, &request).unwrap();
+        // the shape must keep its range, so only inner readings are left out
+        let (mut sum, mut inner) = (0.0, 0.0);
+        let shape = basis::Shape { basis, order: 2, range: [0.0, 280.0], period: 150.0, linear: true };
+        for skip in 0..all.len() {
+            let rest: Vec<Reading> =
+                all.iter().enumerate().filter(|(i, _)| *i != skip).map(|(_, r)| *r).collect();
+            let design = shape.design(rest.iter().map(|r| r.position));
+            let y: Vec<f64> = rest.iter().map(|r| r.value).collect();
+            let solution = solve::solve(&design, &y, &[]).unwrap();
+            let curve = shape.curve(&solution.coefficients).unwrap();
+            let error = (all[skip].value - curve.value(all[skip].position, Travel::Forward)).powi(2);
+            sum += error;
+            if (1..all.len() - 1).contains(&skip) {
+                inner += error;
+            }
+        }
+        let direct = (sum / all.len() as f64).sqrt();
+        assert!((whole.figures.loo_rmse.unwrap() - direct).abs() < 1e-15, "{basis:?}");
+        let direct = (inner / (all.len() - 2) as f64).sqrt();
+        assert!((whole.figures.position_rmse.unwrap() - direct).abs() < 1e-15, "{basis:?}");
+    }
+}
+
+#[test]
+fn repeated_positions_are_left_out_together() {
+    let x: Vec<f64> = grid(12, 25.0).into_iter().flat_map(|x| [x, x, x]).collect();
+    let all = readings(&x, |i, x| 1e-3 * (x / 80.0).cos() + 1e-4 * noise(i));
+    let request = Request { order: Some(3), ..with_basis(Basis::Chebyshev) };
+    let whole = fit(&all, &request).unwrap();
+    let shape =
+        basis::Shape { basis: Basis::Chebyshev, order: 3, range: [0.0, 275.0], period: 1.0, linear: false };
+    let mut sum = 0.0;
+    for skip in grid(12, 25.0).into_iter().skip(1).take(10) {
+        let (out, rest): (Vec<Reading>, Vec<Reading>) = all.iter().partition(|r| r.position == skip);
+        let design = shape.design(rest.iter().map(|r| r.position));
+        let y: Vec<f64> = rest.iter().map(|r| r.value).collect();
+        let curve = shape.curve(&solve::solve(&design, &y, &[]).unwrap().coefficients).unwrap();
+        sum += out.iter().map(|r| (r.value - curve.value(skip, Travel::Forward)).powi(2)).sum::<f64>();
+    }
+    let direct = (sum / (all.len() - 6) as f64).sqrt();
+    assert!((whole.figures.position_rmse.unwrap() - direct).abs() < 1e-14);
+}
+
+#[test]
+fn auto_finds_the_screw_wave_and_its_period() {
+    let truth = |x: f64| {
+        2e-3 + 1.5e-3 * (x / 250.0 - 1.0) + 4e-3 * (2.0 * core::f64::consts::PI * x / 97.0 + 0.4).sin()
+    };
+    let all = readings(&grid(51, 10.0), |i, x| truth(x) + 0.4e-3 * noise(i));
+    let found = fit(&all, &Request::default()).unwrap();
+    assert_eq!(found.basis, Basis::Fourier);
+    assert!((found.period.unwrap() - 97.0).abs() < 1.0, "{:?}", found.period);
+    assert!(found.period_fitted && found.figures.m == found.coefficients.len() + 1);
+    for i in 0..500 {
+        let x = f64::from(i);
+        assert!((found.curve.value(x, Travel::Forward) - truth(x)).abs() < 0.6e-3, "{x}");
+    }
+}
+
+#[test]
+fn auto_keeps_a_straight_line_straight() {
+    let all = readings(&grid(21, 25.0), |i, x| 1e-5 * x + 0.3e-3 * noise(i));
+    let found = fit(&all, &Request::default()).unwrap();
+    assert!(found.coefficients.len() <= 3, "{:?} {:?}", found.basis, found.coefficients);
+}
+
+#[test]
+fn auto_takes_a_table_where_the_reversal_is_clear() {
+    let mut all = Vec::new();
+    for cycle in 1..=5u32 {
+        for (i, x) in grid(9, 5.0).into_iter().enumerate() {
+            for (travel, reversal) in [(Travel::Forward, 4e-3), (Travel::Reverse, -4e-3)] {
+                let value = reversal
+                    + 5e-3 * noise(i)
+                    + 0.2e-3 * noise(100 * cycle as usize + i + usize::from(reversal > 0.0) * 50);
+                all.push(Reading { cycle, travel, position: x, value });
+            }
+        }
+    }
+    let found = fit(&all, &Request::default()).unwrap();
+    assert_eq!(found.basis, Basis::Table);
+    assert!(found.figures.rmse_dof.unwrap() < 0.35e-3);
+    let smooth = fit(&all, &with_basis(Basis::HalfRange)).unwrap();
+    let reversal = smooth.notes.iter().find_map(|n| match n {
+        Note::ReversalLeftOut { mean } => Some(*mean),
+        _ => None,
+    });
+    assert!((reversal.unwrap() - 8e-3).abs() < 0.3e-3);
+}
+
+#[test]
+fn a_table_is_the_mean_at_each_target() {
+    let mut all = readings(&[0.0, 10.0, 20.0], |i, _| i as f64);
+    all.extend(readings(&[0.0, 10.0, 20.0], |i, _| i as f64 + 2.0));
+    let one = fit(&all, &with_basis(Basis::Table)).unwrap();
+    assert_eq!(one.coefficients, [1.0, 2.0, 3.0]);
+    assert_eq!((one.figures.n, one.figures.m, one.order), (6, 3, None));
+    // each reading is predicted by the other one at its target
+    assert!((one.figures.loo_rmse.unwrap() - 2.0).abs() < 1e-15);
+    for r in &mut all[3..] {
+        r.travel = Travel::Reverse;
+    }
+    let two = fit(&all, &with_basis(Basis::Table)).unwrap();
+    assert_eq!(two.coefficients, [0.0, 1.0, 2.0, 2.0, 3.0, 4.0]);
+    assert_eq!(two.curve.value(10.0, Travel::Reverse), 3.0);
+    all.pop();
+    assert_eq!(
+        fit(&all, &with_basis(Basis::Table)).unwrap_err(),
+        FitError::DirectionMissing { position: 20.0, travel: Travel::Reverse }
+    );
+}
+
+#[test]
+fn what_cannot_be_fitted_is_refused() {
+    let few = readings(&grid(9, 10.0), |i, _| noise(i) * 1e-3);
+    assert_eq!(
+        fit(&few, &Request { order: Some(7), ..with_basis(Basis::Chebyshev) }).unwrap_err(),
+        FitError::OrderTooHigh { basis: Basis::Chebyshev, order: 7, limit: 6, positions: 9 }
+    );
+    assert_eq!(
+        fit(&few, &Request { order: Some(0), ..with_basis(Basis::Fourier) }).unwrap_err(),
+        FitError::NoHarmonic
+    );
+    // a 10 mm screw pitch cannot be seen with targets every 10 mm
+    let aliased = Request { order: Some(1), period: Period::Given(10.0), ..with_basis(Basis::Fourier) };
+    assert!(matches!(fit(&few, &aliased).unwrap_err(), FitError::Degenerate { .. }));
+    let reversed =
+        Request { order: Some(1), period: Period::Within([50.0, 20.0]), ..with_basis(Basis::Fourier) };
+    assert!(matches!(fit(&few, &reversed).unwrap_err(), FitError::PeriodSearchEmpty { .. }));
+    let negative = Request { order: Some(1), period: Period::Given(-5.0), ..with_basis(Basis::Fourier) };
+    assert_eq!(fit(&few, &negative).unwrap_err(), FitError::PeriodNotPositive { value: -5.0 });
+    assert_eq!(
+        fit(&few, &Request { ridge: Some(-1.0), ..Request::default() }).unwrap_err(),
+        FitError::BadRidge { value: -1.0 }
+    );
+    assert_eq!(
+        fit(&few[..1], &Request::default()).unwrap_err(),
+        FitError::TooFewPositions { found: 1, needed: 2 }
+    );
+    assert_eq!(fit(&[], &Request::default()).unwrap_err(), FitError::TooFewPositions { found: 0, needed: 2 });
+    let mut bad = few;
+    bad[3].value = f64::NAN;
+    assert_eq!(fit(&bad, &Request::default()).unwrap_err(), FitError::NotFinite { row: 4 });
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
+
+    #[test]
+    fn known_curves_are_recovered_exactly(
+        c in prop::collection::vec(-5e-3..5e-3f64, 6),
+        start in -500.0..500.0f64,
+        step in 0.5..40.0f64,
+        which in 0usize..2,
+    ) {
+        let basis = [Basis::HalfRange, Basis::Chebyshev][which];
+        let order = if which == 0 { 4 } else { 5 };
+        let x: Vec<f64> = (0..25).map(|i| start + f64::from(i) * step).collect();
+        let shape = basis::Shape { basis, order, range: [x[0], x[24]], period: 1.0, linear: false };
+        let curve = shape.curve(&c).unwrap();
+        let all = readings(&x, |_, x| curve.value(x, Travel::Forward));
+        let found = fit(&all, &Request { order: Some(order), ..with_basis(basis) }).unwrap();
+        for (a, b) in found.coefficients.iter().zip(&c) {
+            prop_assert!((a - b).abs() < 1e-15);
+        }
+    }
+
+    #[test]
+    fn scaling_the_values_scales_the_fit(scale in 1e-6..1e6f64) {
+        let x = grid(30, 10.0);
+        let base = readings(&x, |i, x| (x / 70.0).sin() + 0.1 * noise(i));
+        let scaled: Vec<Reading> = base.iter().map(|r| Reading { value: r.value * scale, ..*r }).collect();
+        let (a, b) = (fit(&base, &Request::default()).unwrap(), fit(&scaled, &Request::default()).unwrap());
+        prop_assert_eq!(a.order, b.order);
+        prop_assert!((a.figures.aicc_in_unit(scale).unwrap() - b.figures.aicc.unwrap()).abs() < 1e-6);
+    }
+}
