@@ -43,6 +43,35 @@ fn answers_every_position_and_ramps_to_the_correction_without_a_step() {
 }
 
 #[test]
+fn busy_polling_answers_and_sleeps_alike() {
+    let port = Port::open();
+    let realtime = "priority = 0\nlock-memory = false\nbusy-poll-us = 2000.0\n";
+    let daemon = Daemon::start(&port.address(), Setup { realtime, ..Setup::default() });
+    let mut session = port.link();
+    session.run_until_corrected();
+    // longer than it polls: it sleeps in between, and polls again afterwards
+    for _ in 0..5 {
+        std::thread::sleep(Duration::from_millis(10));
+        let _ = session.cycle();
+    }
+    assert_eq!(daemon.status()["skipped_cycles"], 0);
+}
+
+#[test]
+fn what_real_time_is_refused_is_said_once_and_not_needed() {
+    let port = Port::open();
+    // processor 1000 does not exist here; priority and lock are granted or not, as this system permits
+    let realtime = "priority = 5\ncpu = 1000\nlock-memory = true\n";
+    let daemon = Daemon::start(&port.address(), Setup { realtime, ..Setup::default() });
+    let mut session = port.link();
+    session.run_until_corrected();
+    daemon.wait_for_log("real-time settings not fully granted");
+    let status = daemon.status();
+    assert!(status["realtime"]["affinity"].as_str().is_some_and(|t| t.starts_with("refused: ")), "{status}");
+    assert_eq!(daemon.log().matches("real-time settings").count(), 1);
+}
+
+#[test]
 fn reconnects_after_the_control_has_died_and_starts_from_its_offset() {
     let (port, daemon, mut session) = linked();
     session.run_until_corrected();

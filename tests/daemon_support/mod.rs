@@ -42,6 +42,8 @@ pub(crate) struct Setup {
     pub(crate) silence_s: f64,
     pub(crate) connect_timeout_s: f64,
     pub(crate) reconnect_max_s: f64,
+    /// Lines of the table `[realtime]`.
+    pub(crate) realtime: &'static str,
     pub(crate) model: String,
     pub(crate) environment: Vec<(&'static str, String)>,
 }
@@ -54,6 +56,7 @@ impl Default for Setup {
             silence_s: 3.0,
             connect_timeout_s: 2.0,
             reconnect_max_s: 0.4,
+            realtime: "priority = 0\nlock-memory = false\n",
             model: MODEL.to_owned(),
             environment: Vec::new(),
         }
@@ -62,7 +65,7 @@ impl Default for Setup {
 
 impl Setup {
     fn machine_file(&self, address: &str, socket: &str) -> String {
-        let Self { start, heartbeat_s, silence_s, connect_timeout_s, reconnect_max_s, .. } = self;
+        let Self { start, heartbeat_s, silence_s, connect_timeout_s, reconnect_max_s, realtime, .. } = self;
         let axes: String = ["x", "y", "z"]
             .iter()
             .map(|a| {
@@ -77,7 +80,7 @@ impl Setup {
              reconnect-min-s = 0.05\nreconnect-max-s = {reconnect_max_s:?}\n\
              heartbeat-s = {heartbeat_s:?}\nsilence-s = {silence_s:?}\n\
              [engine]\nstart = \"{start}\"\nramp-s = 0.1\nstale-ms = 1000.0\n{axes}\
-             [realtime]\npriority = 0\nlock-memory = false\n\
+             [realtime]\n{realtime}\
              [status]\nsocket = \"{socket}\"\n[log]\ntarget = \"stderr\"\n"
         )
     }
