@@ -1,23 +1,254 @@
 //! `status`, `enable`, `disable`: talk to a running daemon.
 
-use super::Failure;
+use std::fmt::Write;
+use std::io::IsTerminal;
+use std::path::PathBuf;
+use std::time::Duration;
 
-/// Placeholder.
-#[derive(Debug, clap::Parser)]
-pub(super) struct StatusArgs {}
+use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
+use crate::runtime::client::{self, ClientError};
+use crate::runtime::{self, Status};
 
-/// Placeholder.
-#[derive(Debug, clap::Parser)]
-pub(super) struct CommandArgs {}
+/// Where the daemon of the shipped unit listens.
+const DEFAULT_SOCKET: &str = "/run/volcomp/volcompd.sock";
+/// Interval of `--watch`.
+const WATCH_INTERVAL: Duration = Duration::from_secs(1);
 
-pub(super) fn status(_args: &StatusArgs) -> Result<(), Failure> {
-    Err(Failure::new(super::EX_SOFTWARE, "not written yet"))
+/// Which daemon.
+#[derive(Debug, clap::Args)]
+struct Which {
+    /// The daemon's machine file, which names its socket.
+    #[arg(long, value_name = "FILE", conflicts_with = "socket")]
+    config: Option<PathBuf>,
+    /// The daemon's socket [default: /run/volcomp/volcompd.sock].
+    #[arg(long, value_name = "PATH")]
+    socket: Option<PathBuf>,
 }
 
-pub(super) fn enable(_args: &CommandArgs) -> Result<(), Failure> {
-    Err(Failure::new(super::EX_SOFTWARE, "not written yet"))
+/// Shows what the daemon is doing: state, offsets, lateness, faults.
+#[derive(Debug, clap::Parser)]
+pub(super) struct StatusArgs {
+    #[command(flatten)]
+    which: Which,
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    json: bool,
+    /// Print again every second until interrupted.
+    #[arg(long)]
+    watch: bool,
 }
 
-pub(super) fn disable(_args: &CommandArgs) -> Result<(), Failure> {
-    Err(Failure::new(super::EX_SOFTWARE, "not written yet"))
+/// Switches compensation on or off; prints the state that follows.
+#[derive(Debug, clap::Parser)]
+pub(super) struct CommandArgs {
+    #[command(flatten)]
+    which: Which,
+    /// Acknowledge a latched fault first; its cause must be gone.
+    #[arg(long)]
+    clear_fault: bool,
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn status(args: &StatusArgs) -> Result<(), Failure> {
+    let socket = socket(&args.which)?;
+    loop {
+        let status = client::status(&socket).map_err(|e| failure(&e))?;
+        if args.json {
+            let text = serde_json::to_string(&status).map_err(|e| Failure::new(EX_SOFTWARE, e))?;
+            println!("{text}");
+        } else {
+            if args.watch && std::io::stdout().is_terminal() {
+                // clear the screen, cursor to the top
+                print!("\x1b[2J\x1b[H");
+            }
+            print!("{}", render(&status));
+        }
+        if !args.watch {
+            return Ok(());
+        }
+        std::thread::sleep(WATCH_INTERVAL);
+    }
+}
+
+pub(super) fn enable(args: &CommandArgs) -> Result<(), Failure> {
+    command(args, client::enable)
+}
+
+pub(super) fn disable(args: &CommandArgs) -> Result<(), Failure> {
+    command(args, client::disable)
+}
+
+fn command(
+    args: &CommandArgs,
+    send: fn(&std::path::Path) -> Result<String, ClientError>,
+) -> Result<(), Failure> {
+    let socket = socket(&args.which)?;
+    if args.clear_fault {
+        client::clear_fault(&socket).map_err(|e| failure(&e))?;
+    }
+    let state = send(&socket).map_err(|e| failure(&e))?;
+    if args.json {
+        println!("{}", serde_json::json!({ "state": state }));
+    } else {
+        println!("{state}");
+    }
+    if state == "faulted" {
+        eprintln!("hint: `volcomp status` names the fault; --clear-fault acknowledges it");
+    }
+    Ok(())
+}
+
+fn socket(which: &Which) -> Result<PathBuf, Failure> {
+    if let Some(socket) = &which.socket {
+        return Ok(socket.clone());
+    }
+    let Some(config) = &which.config else { return Ok(PathBuf::from(DEFAULT_SOCKET)) };
+    let machine = runtime::load_config(config)
+        .map_err(|e| Failure::new(if e.is_io() { EX_IOERR } else { EX_CONFIG }, &e))?;
+    machine.status.socket.ok_or_else(|| {
+        Failure::new(
+            EX_CONFIG,
+            format_args!(
+                "error: {}: the status socket is switched off\n  hint: set `socket` in its `[status]`",
+                config.display()
+            ),
+        )
+    })
+}
+
+fn failure(error: &ClientError) -> Failure {
+    let code = match error {
+        ClientError::NotRunning { .. }
+        | ClientError::Denied { .. }
+        | ClientError::Io { .. }
+        | ClientError::Refused { .. } => EX_IOERR,
+        ClientError::NotUnderstood { .. } => EX_SOFTWARE,
+    };
+    Failure::new(code, error)
+}
+
+/// The status as a person reads it.
+fn render(status: &Status) -> String {
+    let mut text = String::new();
+    // writing to a string cannot fail
+    let _ = write_head(&mut text, status);
+    let _ = write_figures(&mut text, status);
+    let _ = write_axes(&mut text, status);
+    let _ = write_tail(&mut text, status);
+    text
+}
+
+fn write_head(f: &mut String, status: &Status) -> std::fmt::Result {
+    let wanted = if status.enabled { "compensation enabled" } else { "compensation disabled" };
+    writeln!(f, "{}: {} ({wanted})", status.machine, status.state)?;
+    let hash = status.model_hash.get(..12).unwrap_or(&status.model_hash);
+    writeln!(f, "model       {} (blake3 {hash})", status.model)?;
+    let link = &status.link;
+    let since = duration(link.since_s);
+    let control = link.control.as_deref().unwrap_or("control");
+    match (&link.error, link.up) {
+        (_, true) => writeln!(
+            f,
+            "link        {} up for {since}, {control}, cycle {} ms",
+            link.address,
+            link.cycle_s * 1e3
+        )?,
+        (Some(error), false) => writeln!(f, "link        {} down for {since}: {error}", link.address)?,
+        (None, false) => writeln!(f, "link        {} connecting for {since}", link.address)?,
+    }
+    if link.up {
+        writeln!(f, "machine     {}", list(&status.machine_state))?;
+    }
+    Ok(())
+}
+
+fn write_figures(f: &mut String, status: &Status) -> std::fmt::Result {
+    let share =
+        if status.cycles == 0 { 0.0 } else { 100.0 * status.late_cycles as f64 / status.cycles as f64 };
+    writeln!(
+        f,
+        "cycles      {}, late {} ({share:.4} %), skipped {}",
+        status.cycles, status.late_cycles, status.skipped_cycles
+    )?;
+    let rows = [
+        ("age", status.age_us_p50, status.age_us_p99),
+        ("round trip", status.roundtrip_us_p50, status.roundtrip_us_p99),
+        ("compute", status.compute_us_p50, status.compute_us_p99),
+    ];
+    for (name, p50, p99) in rows {
+        if let (Some(p50), Some(p99)) = (p50, p99) {
+            writeln!(f, "{name:<10}  p50 {p50:.1} us, p99 {p99:.1} us")?;
+        }
+    }
+    Ok(())
+}
+
+fn write_axes(f: &mut String, status: &Status) -> std::fmt::Result {
+    let groups = [
+        ("um", &status.correction_um, &status.applied_um),
+        ("arcsec", &status.correction_arcsec, &status.applied_arcsec),
+    ];
+    for (unit, asked, applied) in groups {
+        for (axis, value) in asked {
+            write!(f, "{axis:>4}        {value:+10.3} {unit}")?;
+            if let Some(applied) = applied.get(axis) {
+                write!(f, "   applied {applied:+10.3} {unit}")?;
+            }
+            for (axes, word) in [
+                (&status.limited, "LIMITED"),
+                (&status.warning, "WARNING"),
+                (&status.out_of_range, "OUT OF RANGE"),
+            ] {
+                if axes.contains(axis) {
+                    write!(f, "   {word}")?;
+                }
+            }
+            writeln!(f)?;
+        }
+    }
+    Ok(())
+}
+
+fn write_tail(f: &mut String, status: &Status) -> std::fmt::Result {
+    for fault in &status.faults {
+        writeln!(f, "FAULT       {}: {} ({} ago)", fault.reason, fault.text, duration(fault.age_s))?;
+    }
+    if status.faults.is_empty() {
+        writeln!(f, "faults      none")?;
+    }
+    let realtime = &status.realtime;
+    writeln!(
+        f,
+        "real time   SCHED_FIFO {}; processor {}; memory lock {}",
+        realtime.fifo, realtime.affinity, realtime.memory_lock
+    )?;
+    if status.records_dropped + status.reports_dropped > 0 {
+        writeln!(
+            f,
+            "dropped     {} records, {} log reports (queues were full)",
+            status.records_dropped, status.reports_dropped
+        )?;
+    }
+    writeln!(
+        f,
+        "daemon      volcompd {}, pid {}, up {}",
+        status.version,
+        status.pid,
+        duration(status.uptime_s)
+    )
+}
+
+fn list(words: &[String]) -> String {
+    if words.is_empty() { "-".to_owned() } else { words.join(", ") }
+}
+
+/// Seconds as `12.3 s` or `h:mm:ss`.
+fn duration(seconds: f64) -> String {
+    if seconds < 60.0 {
+        return format!("{seconds:.1} s");
+    }
+    let whole = seconds as u64;
+    format!("{}:{:02}:{:02}", whole / 3600, whole / 60 % 60, whole % 60)
 }

@@ -1,0 +1,318 @@
+//! Collects what the cycle thread reports into the status. Belongs to the service thread.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+
+use hdrhistogram::Histogram;
+
+use super::clock::Clock;
+use super::handshake;
+use super::load::Loaded;
+use super::ports::{CycleRecord, Progress};
+use super::realtime::RealtimeReport;
+use super::status::{Fault, LinkStatus, RealtimeStatus, Status};
+use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
+use crate::core::engine::{Event, Reason, State};
+use crate::core::protocol::{ControlHello, MachineState};
+use crate::core::units::{MonoTime, arcsec_from_rad, rad_from_deg, um_from_mm};
+
+/// Largest value the histograms hold, ns; longer ones count as this.
+const LONGEST_NS: u64 = 60_000_000_000;
+/// Nanoseconds in a microsecond.
+const NS_PER_US: f64 = 1e3;
+
+/// Everything known about the daemon's work.
+#[derive(Debug)]
+pub(super) struct Board {
+    loaded: Arc<Loaded>,
+    progress: Arc<Progress>,
+    clock: Clock,
+    hello: Option<ControlHello>,
+    up: bool,
+    changed: MonoTime,
+    links: u64,
+    error: Option<String>,
+    last: Option<CycleRecord>,
+    age: Histogram<u64>,
+    turnaround: Histogram<u64>,
+    compute: Histogram<u64>,
+    fault: Option<(Reason, MonoTime)>,
+    realtime: RealtimeStatus,
+}
+
+impl Board {
+    pub(super) fn new(
+        loaded: Arc<Loaded>,
+        progress: Arc<Progress>,
+        clock: Clock,
+    ) -> Result<Self, hdrhistogram::CreationError> {
+        let histogram = || Histogram::new_with_bounds(1, LONGEST_NS, 3);
+        Ok(Self {
+            loaded,
+            progress,
+            clock,
+            hello: None,
+            up: false,
+            changed: clock.now(),
+            links: 0,
+            error: None,
+            last: None,
+            age: histogram()?,
+            turnaround: histogram()?,
+            compute: histogram()?,
+            fault: None,
+            realtime: RealtimeStatus::default(),
+        })
+    }
+
+    pub(super) fn realtime(&mut self, report: &RealtimeReport) {
+        self.realtime = RealtimeStatus {
+            fifo: report.fifo.text(),
+            affinity: report.affinity.text(),
+            memory_lock: report.memory_lock.text(),
+        };
+    }
+
+    pub(super) fn link_up(&mut self, hello: &ControlHello) {
+        self.hello = Some(*hello);
+        self.up = true;
+        self.changed = self.clock.now();
+        self.links += 1;
+        self.error = None;
+        self.last = None;
+        for histogram in [&mut self.age, &mut self.turnaround, &mut self.compute] {
+            histogram.reset();
+        }
+    }
+
+    pub(super) fn link_down(&mut self, why: String) {
+        self.up = false;
+        self.changed = self.clock.now();
+        self.error = Some(why);
+    }
+
+    pub(super) fn connect_failed(&mut self, why: String) {
+        self.error = Some(why);
+    }
+
+    pub(super) fn event(&mut self, event: &Event) {
+        match event {
+            Event::StateChanged { to: State::Faulted, reason, .. } => {
+                self.fault = Some((*reason, self.clock.now()));
+            }
+            Event::StateChanged { .. } => self.fault = None,
+        }
+    }
+
+    pub(super) fn record(&mut self, record: &CycleRecord) {
+        self.last = Some(*record);
+        let samples = [
+            (&mut self.age, record.age_ns),
+            (&mut self.turnaround, record.turnaround_ns),
+            (&mut self.compute, record.compute_ns),
+        ];
+        for (histogram, value) in samples {
+            histogram.saturating_record(u64::try_from(value).unwrap_or(0).max(1));
+        }
+    }
+
+    /// One line for `systemctl status`.
+    pub(super) fn headline(&self) -> String {
+        match (self.up, self.progress.state()) {
+            (true, Some(state)) => format!(
+                "{}, {} cycles, {} late",
+                state_name(state),
+                self.progress.cycles.load(Relaxed),
+                self.progress.late.load(Relaxed)
+            ),
+            _ => format!("disconnected, trying {}", self.loaded.config.link.address),
+        }
+    }
+
+    /// The present state, as in [`Status`].
+    pub(super) fn state(&self) -> &'static str {
+        self.progress.state().map_or("disconnected", state_name)
+    }
+
+    pub(super) fn status(&self) -> Status {
+        let now = self.clock.now();
+        let last = self.last.filter(|_| self.up);
+        let axes = self.axes();
+        let asked = last.map(|r| axis_maps(&axes, |k| internal(axes[k], r.offset[k])));
+        let applied = last.map(|r| axis_maps(&axes, |k| wire(axes[k], r.applied[k])));
+        let (correction_um, correction_arcsec) = asked.unwrap_or_default();
+        let (applied_um, applied_arcsec) = applied.unwrap_or_default();
+        let letters = |bits: u8| -> Vec<String> {
+            axes.iter().enumerate().filter(|(k, _)| bits >> k & 1 == 1).map(|(_, a)| letter(*a)).collect()
+        };
+        Status {
+            state: self.state().to_owned(),
+            enabled: self.progress.wanted.load(Relaxed),
+            machine: self.loaded.config.machine.clone(),
+            model: self.loaded.model_path.display().to_string(),
+            model_hash: self.loaded.model_hash.clone(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            pid: std::process::id(),
+            uptime_s: now.seconds_since(MonoTime::ZERO),
+            link: self.link_status(now),
+            cycles: self.progress.cycles.load(Relaxed),
+            late_cycles: self.progress.late.load(Relaxed),
+            skipped_cycles: self.progress.skipped.load(Relaxed),
+            age_us_p50: percentile_us(&self.age, 50.0),
+            age_us_p99: percentile_us(&self.age, 99.0),
+            roundtrip_us_p50: percentile_us(&self.turnaround, 50.0),
+            roundtrip_us_p99: percentile_us(&self.turnaround, 99.0),
+            compute_us_p50: percentile_us(&self.compute, 50.0),
+            compute_us_p99: percentile_us(&self.compute, 99.0),
+            correction_um,
+            correction_arcsec,
+            applied_um,
+            applied_arcsec,
+            limited: letters(last.map_or(0, |r| r.limited)),
+            warning: letters(last.map_or(0, |r| r.warning)),
+            out_of_range: letters(last.map_or(0, |r| r.out_of_range)),
+            machine_state: last.map_or_else(Vec::new, |r| machine_state(r.machine_state)),
+            faults: self.faults(now),
+            sensors: Vec::new(),
+            records_dropped: self.progress.records_dropped.load(Relaxed),
+            reports_dropped: self.progress.reports_dropped.load(Relaxed),
+            realtime: self.realtime.clone(),
+        }
+    }
+
+    fn link_status(&self, now: MonoTime) -> LinkStatus {
+        LinkStatus {
+            address: self.loaded.config.link.address.to_string(),
+            up: self.up,
+            control: self.hello.map(|h| h.software.as_str().to_owned()),
+            axes: self.axes().into_iter().map(letter).collect(),
+            cycle_s: self.loaded.config.link.cycle_s,
+            since_s: now.seconds_since(self.changed),
+            links: self.links,
+            error: self.error.clone(),
+        }
+    }
+
+    fn faults(&self, now: MonoTime) -> Vec<Fault> {
+        let fault = |(reason, since): (Reason, MonoTime)| Fault {
+            reason: reason_name(reason).to_owned(),
+            text: reason_text(reason).to_owned(),
+            age_s: now.seconds_since(since),
+        };
+        // an acknowledged fault leaves without an event
+        self.fault.filter(|_| self.progress.is_faulted()).map(fault).into_iter().collect()
+    }
+
+    fn axes(&self) -> Vec<AxisName> {
+        self.hello.as_ref().map_or_else(Vec::new, |hello| {
+            handshake::announced(hello).iter().map(|a| a.name).take(MAX_AXES).collect()
+        })
+    }
+}
+
+type AxisMap = std::collections::BTreeMap<String, f64>;
+
+/// Values of the linear axes and of the rotary ones.
+fn axis_maps(axes: &[AxisName], value: impl Fn(usize) -> f64) -> (AxisMap, AxisMap) {
+    let of = |kind: AxisKind| {
+        axes.iter()
+            .enumerate()
+            .filter(|(_, a)| a.kind() == kind)
+            .map(|(k, a)| (letter(*a), value(k)))
+            .collect()
+    };
+    (of(AxisKind::Linear), of(AxisKind::Rotary))
+}
+
+/// From mm or rad to um or arcsec.
+fn internal(axis: AxisName, value: f64) -> f64 {
+    match axis.kind() {
+        AxisKind::Linear => um_from_mm(value),
+        AxisKind::Rotary => arcsec_from_rad(value),
+    }
+}
+
+/// From mm or deg to um or arcsec.
+fn wire(axis: AxisName, value: f64) -> f64 {
+    match axis.kind() {
+        AxisKind::Linear => um_from_mm(value),
+        AxisKind::Rotary => arcsec_from_rad(rad_from_deg(value)),
+    }
+}
+
+fn letter(axis: AxisName) -> String {
+    axis.lower().to_string()
+}
+
+fn percentile_us(histogram: &Histogram<u64>, percentile: f64) -> Option<f64> {
+    (!histogram.is_empty()).then(|| histogram.value_at_percentile(percentile) as f64 / NS_PER_US)
+}
+
+fn machine_state(state: MachineState) -> Vec<String> {
+    let names = [
+        (MachineState::HOMED, "homed"),
+        (MachineState::ENABLED, "enabled"),
+        (MachineState::ESTOP, "estop"),
+        (MachineState::MOVING, "moving"),
+        (MachineState::OFFSET_LIMITED, "offset-limited"),
+        (MachineState::OFFSET_RAMPING_OUT, "offset-ramping-out"),
+    ];
+    names.iter().filter(|(bit, _)| state.has(*bit)).map(|(_, name)| (*name).to_owned()).collect()
+}
+
+/// Name of a state in status and log.
+pub(super) const fn state_name(state: State) -> &'static str {
+    match state {
+        State::Off => "off",
+        State::Armed => "armed",
+        State::RampingIn => "ramping-in",
+        State::Active => "active",
+        State::Holding => "holding",
+        State::RampingOut => "ramping-out",
+        State::Faulted => "faulted",
+    }
+}
+
+/// Name of a reason in status and log.
+pub(super) const fn reason_name(reason: Reason) -> &'static str {
+    match reason {
+        Reason::Command => "command",
+        Reason::MachineReady => "machine-ready",
+        Reason::NotHomed => "not-homed",
+        Reason::NotEnabled => "not-enabled",
+        Reason::EmergencyStop => "emergency-stop",
+        Reason::RampDone => "ramp-done",
+        Reason::Stale => "stale",
+        Reason::NotFinite => "not-finite",
+        Reason::Jump => "jump",
+        Reason::Sequence => "sequence",
+        Reason::ControlClock => "control-clock",
+        Reason::OutOfTravel => "out-of-travel",
+        Reason::DataGood => "data-good",
+        Reason::ReadBack => "read-back",
+        Reason::FoundOffset => "found-offset",
+        Reason::ControlTookOver => "control-took-over",
+    }
+}
+
+/// A reason in words.
+pub(super) const fn reason_text(reason: Reason) -> &'static str {
+    match reason {
+        Reason::Command => "a command of the operator or the service",
+        Reason::MachineReady => "the machine is homed, its drives are on, no emergency stop",
+        Reason::NotHomed => "not all axes are homed",
+        Reason::NotEnabled => "the drives are off",
+        Reason::EmergencyStop => "emergency stop",
+        Reason::RampDone => "the ramp has ended",
+        Reason::Stale => "no fresh position from the control",
+        Reason::NotFinite => "a position was NaN or infinite",
+        Reason::Jump => "a position jumped further than is plausible",
+        Reason::Sequence => "position frames out of order or repeated",
+        Reason::ControlClock => "the control's clock went backwards or jumped",
+        Reason::OutOfTravel => "an axis is outside the travel of the model",
+        Reason::DataGood => "fresh and plausible positions again",
+        Reason::ReadBack => "the control has applied another offset than the one sent",
+        Reason::FoundOffset => "the control holds an offset that was left from before",
+        Reason::ControlTookOver => "the control has been taking the offset back by itself",
+    }
+}

@@ -1,0 +1,121 @@
+//! One cycle without its socket and its clock: a message in, a correction out.
+//!
+//! Everything the cycle does between reading and writing bytes is here, so that a test can run a million cycles
+//! under a counting allocator.
+
+use std::sync::Arc;
+
+use crate::core::engine::{Command, Compensator, CycleOutput, EngineConfig, EngineError, State};
+use crate::core::geometry::Vec3;
+use crate::core::model::Model;
+use crate::core::protocol::{CloseReason, Correction, ErrorReport, Message};
+use crate::core::units::MonoTime;
+
+/// The engine and its model.
+#[derive(Debug, Clone)]
+pub struct CycleBody {
+    model: Arc<Model>,
+    engine: Compensator,
+    output: Option<CycleOutput>,
+}
+
+/// What a message from the control asks for.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reaction {
+    /// Send this correction.
+    Answer(Correction),
+    /// Nothing to send.
+    Nothing,
+    /// The control closes the link.
+    Closed(CloseReason),
+    /// The control reports an error and will close the link.
+    Refused(ErrorReport),
+    /// A message that a control may not send during a link; its name.
+    Unexpected(&'static str),
+}
+
+impl CycleBody {
+    /// An engine for the control that `config` was made for.
+    ///
+    /// # Errors
+    /// The configuration does not fit the model.
+    pub fn new(config: &EngineConfig, model: Arc<Model>) -> Result<Self, EngineError> {
+        let engine = Compensator::new(config, &model)?;
+        Ok(Self { model, engine, output: None })
+    }
+
+    /// A new link has come up.
+    pub fn link_up(&mut self, now: MonoTime) {
+        self.output = None;
+        self.engine.on_link_up(now);
+    }
+
+    /// The link is gone.
+    pub fn link_down(&mut self, now: MonoTime) {
+        self.engine.on_link_down(now);
+    }
+
+    /// A command of the operator or the service.
+    pub fn command(&mut self, now: MonoTime, command: Command) {
+        self.engine.on_command(now, command);
+    }
+
+    /// One message received at `now`.
+    ///
+    /// # Cycle   no allocation, no panic, bounded time
+    pub fn handle(&mut self, now: MonoTime, message: &Message) -> Reaction {
+        match message {
+            Message::Position(frame) => {
+                let output = self.engine.on_position(now, frame, &self.model);
+                Reaction::Answer(self.answer(output))
+            }
+            Message::Tool(tool) => {
+                self.engine.on_tool(Vec3::new(tool.tip[0], tool.tip[1], tool.tip[2]));
+                Reaction::Nothing
+            }
+            Message::Heartbeat(_) => Reaction::Nothing,
+            Message::Close(close) => Reaction::Closed(close.reason),
+            Message::Error(report) => Reaction::Refused(*report),
+            Message::DaemonHello(_) => Reaction::Unexpected("daemon hello"),
+            Message::ControlHello(_) => Reaction::Unexpected("second control hello"),
+            Message::Correction(_) => Reaction::Unexpected("correction"),
+        }
+    }
+
+    /// When [`CycleBody::deadline`] wants to be called if no position arrives.
+    #[must_use]
+    pub fn next_deadline(&self) -> Option<MonoTime> {
+        self.engine.next_deadline()
+    }
+
+    /// No position has arrived in time; early calls are harmless.
+    ///
+    /// # Cycle   no allocation, no panic, bounded time
+    pub fn deadline(&mut self, now: MonoTime) -> Option<Correction> {
+        let output = self.engine.on_deadline(now)?;
+        Some(self.answer(output))
+    }
+
+    /// The result of the newest cycle of this link.
+    #[must_use]
+    pub const fn output(&self) -> Option<&CycleOutput> {
+        self.output.as_ref()
+    }
+
+    /// The present state of the engine.
+    #[must_use]
+    pub const fn state(&self) -> State {
+        self.engine.state()
+    }
+
+    /// True once a [`Command::Stop`] has been carried out.
+    #[must_use]
+    pub const fn is_stopped(&self) -> bool {
+        self.engine.is_stopped()
+    }
+
+    fn answer(&mut self, output: CycleOutput) -> Correction {
+        self.output = Some(output);
+        self.engine.message(&output)
+    }
+}

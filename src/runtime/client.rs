@@ -1,0 +1,123 @@
+//! The other end of the status socket, for the command line.
+
+use std::io::{self, BufRead, BufReader, ErrorKind, Write};
+use std::os::unix::net::UnixStream;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use super::server::{Answer, Ask, Verb};
+use super::status::Status;
+
+/// Patience with the daemon.
+const PATIENCE: Duration = Duration::from_secs(5);
+
+/// Why the daemon did not answer.
+#[derive(Debug, thiserror::Error)]
+pub enum ClientError {
+    /// Nobody listens.
+    #[error(
+        "error: {}: volcompd is not running ({source})\n  \
+         hint: start it (`systemctl start volcompd`), or name its machine file with --config or its socket \
+         with --socket", socket.display()
+    )]
+    NotRunning {
+        /// The socket.
+        socket: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// Not allowed.
+    #[error(
+        "error: {}: permission denied\n  hint: join the group of the socket, or run this as its owner",
+        socket.display()
+    )]
+    Denied {
+        /// The socket.
+        socket: PathBuf,
+    },
+    /// The conversation broke off.
+    #[error("error: {}: {source}", socket.display())]
+    Io {
+        /// The socket.
+        socket: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// What came back is no answer of a volcompd.
+    #[error("error: {}: not an answer of volcompd ({source})\n  hint: are both of the same version?", socket.display())]
+    NotUnderstood {
+        /// The socket.
+        socket: PathBuf,
+        /// What is wrong.
+        source: serde_json::Error,
+    },
+    /// The daemon refuses.
+    #[error("error: {}: {message}", socket.display())]
+    Refused {
+        /// The socket.
+        socket: PathBuf,
+        /// Its words.
+        message: String,
+    },
+}
+
+/// Asks for the status.
+///
+/// # Errors
+/// See [`ClientError`].
+pub fn status(socket: &Path) -> Result<Status, ClientError> {
+    let answer = ask(socket, Verb::Status)?;
+    answer.status.map(|status| *status).ok_or_else(|| refused(socket, answer.error))
+}
+
+/// Enables compensation, and gives the state that follows.
+///
+/// # Errors
+/// See [`ClientError`].
+pub fn enable(socket: &Path) -> Result<String, ClientError> {
+    command(socket, Verb::Enable)
+}
+
+/// Disables compensation, and gives the state that follows.
+///
+/// # Errors
+/// See [`ClientError`].
+pub fn disable(socket: &Path) -> Result<String, ClientError> {
+    command(socket, Verb::Disable)
+}
+
+/// Acknowledges a fault, and gives the state that follows.
+///
+/// # Errors
+/// See [`ClientError`].
+pub fn clear_fault(socket: &Path) -> Result<String, ClientError> {
+    command(socket, Verb::ClearFault)
+}
+
+fn command(socket: &Path, verb: Verb) -> Result<String, ClientError> {
+    let answer = ask(socket, verb)?;
+    answer.state.ok_or_else(|| refused(socket, answer.error))
+}
+
+fn refused(socket: &Path, message: Option<String>) -> ClientError {
+    let message = message.unwrap_or_else(|| "an answer without content".to_owned());
+    ClientError::Refused { socket: socket.to_owned(), message }
+}
+
+fn ask(socket: &Path, verb: Verb) -> Result<Answer, ClientError> {
+    let io_error = |source: io::Error| ClientError::Io { socket: socket.to_owned(), source };
+    let not_understood = |source| ClientError::NotUnderstood { socket: socket.to_owned(), source };
+    let mut stream = UnixStream::connect(socket).map_err(|source| match source.kind() {
+        ErrorKind::PermissionDenied => ClientError::Denied { socket: socket.to_owned() },
+        _ => ClientError::NotRunning { socket: socket.to_owned(), source },
+    })?;
+    stream.set_read_timeout(Some(PATIENCE)).map_err(io_error)?;
+    stream.set_write_timeout(Some(PATIENCE)).map_err(io_error)?;
+    let mut line = serde_json::to_vec(&Ask { command: verb }).map_err(not_understood)?;
+    line.push(b'\n');
+    stream.write_all(&line).map_err(io_error)?;
+    let mut answer = String::new();
+    BufReader::new(stream).read_line(&mut answer).map_err(io_error)?;
+    let answer: Answer = serde_json::from_str(&answer).map_err(not_understood)?;
+    if answer.ok { Ok(answer) } else { Err(refused(socket, answer.error)) }
+}

@@ -1,0 +1,247 @@
+//! Cycling over a link that is up.
+//!
+//! **Latest wins.** Where several position frames have come together, only the newest goes through the engine and
+//! is answered: a correction for an older one would be overwritten before it could act, and the steps of several
+//! cycles would reach the machine as one. The engine sees the gap in the sequence and bounds the control time of
+//! its step. Frames that show the machine not ready are never passed over. The others count as skipped and late. A
+//! control in lock step has only one frame on the way and always gets its answer; one that keeps several on the
+//! way takes an answer to `n` as the answer to everything up to `n`.
+//!
+//! **Late** is a cycle whose correction was handed to the kernel more than one control cycle after the sample
+//! (see [`super::age`]), or a skipped one.
+
+use std::io::{self, ErrorKind};
+use std::time::Duration;
+
+use super::age::AgeEstimator;
+use super::body::{CycleBody, Reaction};
+use super::clock::Clock;
+use super::link::{Link, Received};
+use super::ports::{CycleRecord, Progress, Report};
+use super::worker::{Control, Stop};
+use crate::config::LinkConfig;
+use crate::core::protocol::{CloseReason, ErrorCode, ErrorReport, FrameError, Message, Position};
+use crate::core::units::{MonoTime, NS_PER_S};
+
+/// Longest wait for bytes: requests and the watchdog are looked after this often.
+pub(super) const SLICE: Duration = Duration::from_millis(20);
+
+/// Why a link ended.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub(super) enum LinkEnd {
+    #[error("the control closed the connection without a close frame")]
+    Closed,
+    #[error("the control closed the link: {0:?}")]
+    ClosedByControl(CloseReason),
+    #[error("the control reported an error: {code:?} ({detail})", code = .0.code, detail = .0.detail)]
+    Refused(ErrorReport),
+    #[error("bytes from the control are no frame: {0}")]
+    BadFrame(FrameError),
+    #[error("the control sent a {0}, which is not allowed here")]
+    Unexpected(&'static str),
+    #[error("nothing from the control for {limit_s} s")]
+    Silent { limit_s: f64 },
+    #[error("the connection failed: {0}")]
+    Io(ErrorKind),
+    #[error("this daemon stops")]
+    Stopped { at_rest: bool },
+}
+
+/// What one reading of the socket has brought.
+#[derive(Debug, Clone, Copy, Default)]
+struct Batch {
+    /// The newest position frame, not yet handled, and when its bytes were in hand.
+    newest: Option<(Position, MonoTime)>,
+    /// Older frames passed over.
+    skipped: u64,
+}
+
+/// One link from up to down.
+#[derive(Debug)]
+pub(super) struct Cycle<'a> {
+    pub(super) control: &'a mut Control,
+    pub(super) body: &'a mut CycleBody,
+    pub(super) clock: Clock,
+    pub(super) limits: &'a LinkConfig,
+    pub(super) ages: AgeEstimator,
+    /// Position frames of this link.
+    pub(super) cycles: u64,
+}
+
+impl Cycle<'_> {
+    /// Cycles until the link ends.
+    ///
+    /// # Cycle   between the first frame and the return: no allocation, no lock, no log, no disk
+    pub(super) fn run(&mut self, link: &mut Link) -> LinkEnd {
+        // frames that came in one piece with the hello are already here
+        let mut turn = self.frames(link, self.clock.now(), false);
+        loop {
+            match turn {
+                Ok(None) => turn = self.turn(link),
+                Ok(Some(end)) => return end,
+                Err(e) => return LinkEnd::Io(e.kind()),
+            }
+        }
+    }
+
+    fn turn(&mut self, link: &mut Link) -> io::Result<Option<LinkEnd>> {
+        self.control.ports.progress.beat();
+        let now = self.clock.now();
+        self.control.take_requests(now, Some(self.body));
+        if let Some(end) = self.stopped(now) {
+            return Ok(Some(end));
+        }
+        if let Some(end) = self.timers(now, link)? {
+            return Ok(Some(end));
+        }
+        match link.receive(self.wait(now, link))? {
+            Received::Bytes { at, more } => self.frames(link, at, more),
+            Received::Nothing => Ok(None),
+            Received::Closed => Ok(Some(LinkEnd::Closed)),
+        }
+    }
+
+    /// Whether a stop has come to its end.
+    fn stopped(&self, now: MonoTime) -> Option<LinkEnd> {
+        let at_rest = self.body.is_stopped();
+        match self.control.stop {
+            Stop::By(limit) if at_rest || now >= limit => Some(LinkEnd::Stopped { at_rest }),
+            Stop::Now => Some(LinkEnd::Stopped { at_rest }),
+            Stop::No | Stop::By(_) => None,
+        }
+    }
+
+    /// What is due because time has passed: the engine's deadline, the life sign, the end of patience.
+    fn timers(&mut self, now: MonoTime, link: &mut Link) -> io::Result<Option<LinkEnd>> {
+        if now.seconds_since(link.received) >= self.limits.silence_s {
+            return Ok(Some(LinkEnd::Silent { limit_s: self.limits.silence_s }));
+        }
+        if self.body.next_deadline().is_some_and(|due| now >= due)
+            && let Some(correction) = self.body.deadline(now)
+        {
+            self.control.ports.progress.set_state(correction.state);
+            self.tell_event();
+            link.send(&Message::Correction(correction))?;
+        }
+        if now.seconds_since(link.sent) >= self.limits.heartbeat_s {
+            link.send_heartbeat()?;
+        }
+        Ok(None)
+    }
+
+    fn wait(&self, now: MonoTime, link: &Link) -> Duration {
+        let heartbeat = link.sent.plus_seconds(self.limits.heartbeat_s);
+        let silence = link.received.plus_seconds(self.limits.silence_s);
+        let due = heartbeat.min(silence);
+        let due = self.body.next_deadline().map_or(due, |deadline| due.min(deadline));
+        let wait = u64::try_from(due.ns.saturating_sub(now.ns)).unwrap_or(0);
+        Duration::from_nanos(wait).min(SLICE)
+    }
+
+    /// Takes in every frame that has arrived, then answers the newest position.
+    fn frames(&mut self, link: &mut Link, mut at: MonoTime, mut more: bool) -> io::Result<Option<LinkEnd>> {
+        let mut batch = Batch::default();
+        loop {
+            loop {
+                let message = match link.reader.next() {
+                    Ok(Some(message)) => message,
+                    Ok(None) => break,
+                    Err(e) => return Ok(Some(LinkEnd::BadFrame(e))),
+                };
+                link.received = at;
+                if let Some(end) = self.message(at, &message, &mut batch) {
+                    return Ok(Some(end));
+                }
+            }
+            if !more {
+                break;
+            }
+            // the buffer was full: newer frames may be waiting, and they make these ones old
+            match link.receive(Duration::ZERO)? {
+                Received::Bytes { at: later, more: again } => (at, more) = (later, again),
+                Received::Nothing => break,
+                Received::Closed => return Ok(Some(LinkEnd::Closed)),
+            }
+        }
+        if let Some((frame, received)) = batch.newest {
+            self.answer(link, frame, received, batch.skipped)?;
+        }
+        Ok(None)
+    }
+
+    fn message(&mut self, at: MonoTime, message: &Message, batch: &mut Batch) -> Option<LinkEnd> {
+        if let Message::Position(frame) = message {
+            self.cycles += 1;
+            if let Some((older, received)) = batch.newest.replace((*frame, at)) {
+                batch.skipped += 1;
+                if !older.state.is_ready() {
+                    let _ = self.body.handle(received, &Message::Position(older));
+                    self.tell_event();
+                }
+            }
+            return None;
+        }
+        match self.body.handle(at, message) {
+            Reaction::Answer(_) | Reaction::Nothing => None,
+            Reaction::Closed(reason) => Some(LinkEnd::ClosedByControl(reason)),
+            Reaction::Refused(report) => Some(LinkEnd::Refused(report)),
+            Reaction::Unexpected(found) => Some(LinkEnd::Unexpected(found)),
+        }
+    }
+
+    fn answer(
+        &mut self,
+        link: &mut Link,
+        frame: Position,
+        received: MonoTime,
+        skipped: u64,
+    ) -> io::Result<()> {
+        let message = Message::Position(frame);
+        let Reaction::Answer(correction) = self.body.handle(received, &message) else { return Ok(()) };
+        let computed = self.clock.now();
+        link.send(&Message::Correction(correction))?;
+        self.tell_event();
+        let turnaround_ns = link.sent.ns - received.ns;
+        let age_ns = self.ages.age_ns(received, frame.control_ns).saturating_add(turnaround_ns);
+        let late = u64::from(age_ns as f64 > self.limits.cycle_s * NS_PER_S);
+        let progress = &self.control.ports.progress;
+        Progress::add(&progress.cycles, 1 + skipped);
+        Progress::add(&progress.late, late + skipped);
+        Progress::add(&progress.skipped, skipped);
+        let Some(output) = self.body.output() else { return Ok(()) };
+        progress.set_state(output.state);
+        self.control.ports.record(CycleRecord {
+            state: output.state,
+            machine_state: frame.state,
+            limited: output.limited,
+            warning: output.warning,
+            out_of_range: output.out_of_range,
+            offset: output.offset,
+            applied: frame.applied,
+            age_ns,
+            turnaround_ns,
+            compute_ns: computed.ns - received.ns,
+        });
+        Ok(())
+    }
+
+    fn tell_event(&self) {
+        if let Some(event) = self.body.output().and_then(|output| output.event) {
+            self.control.ports.report(Report::Engine(event));
+        }
+    }
+}
+
+impl LinkEnd {
+    /// How to close the link: an error to name, and the reason; `None` where the other side is gone.
+    pub(super) const fn farewell(&self) -> Option<(Option<(ErrorCode, &'static str)>, CloseReason)> {
+        match self {
+            Self::BadFrame(_) => Some((Some((ErrorCode::BadFrame, "not a frame")), CloseReason::Error)),
+            Self::Unexpected(found) => Some((Some((ErrorCode::Unexpected, found)), CloseReason::Error)),
+            Self::Silent { .. } => Some((None, CloseReason::Error)),
+            Self::Stopped { .. } => Some((None, CloseReason::Shutdown)),
+            Self::ClosedByControl(_) => Some((None, CloseReason::Shutdown)),
+            Self::Closed | Self::Refused(_) | Self::Io(_) => None,
+        }
+    }
+}

@@ -1,0 +1,281 @@
+//! The daemon as a whole: from the machine file to the last frame.
+
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::Path;
+use std::sync::atomic::Ordering::Relaxed;
+use std::sync::{Arc, Mutex};
+use std::thread::JoinHandle;
+use std::time::Duration;
+
+use sd_notify::NotifyState;
+use tokio::signal::unix::{Signal, SignalKind, signal};
+use tokio::sync::oneshot;
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
+use tracing::{error, info, warn};
+
+use super::clock::Clock;
+use super::load::{LoadError, Loaded, load};
+use super::logging::{self, LogError};
+use super::notify::{Fed, Headline, Watchdog, tell};
+use super::ports::{CyclePorts, Request, ports};
+use super::server::{Server, SocketError, lock};
+use super::service::Service;
+use super::worker::Worker;
+use crate::core::axes::AxisKind;
+use crate::core::units::{UM_PER_MM, arcsec_from_rad, deg_from_rad};
+
+/// Interval at which the service looks after the cycle thread's reports.
+const TICK: Duration = Duration::from_millis(20);
+/// Time for the cycle thread to end after its own limit for a clean stop has passed.
+const STOP_LIMIT: Duration = Duration::from_secs(65);
+/// Stack of the cycle thread, bytes; all of it may be locked into memory.
+const STACK_BYTES: usize = 1 << 20;
+
+/// Why the daemon ends without having been asked to.
+#[derive(Debug, thiserror::Error)]
+pub enum DaemonError {
+    /// The files.
+    #[error(transparent)]
+    Load(#[from] LoadError),
+    /// Logging.
+    #[error("error: {0}")]
+    Log(#[from] LogError),
+    /// The status socket.
+    #[error(transparent)]
+    Socket(#[from] SocketError),
+    /// The system refuses a thread, a signal handler or the like.
+    #[error("error: {what}: {source}")]
+    System {
+        /// What was asked for.
+        what: &'static str,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The cycle thread panicked or hangs.
+    #[error("error: the cycle thread {how}; this is a bug in volcompd, please report it with the log")]
+    CycleThread {
+        /// How it ended.
+        how: &'static str,
+    },
+    /// Anything else that must not happen.
+    #[error("error: internal: {what}; this is a bug in volcompd, please report it with the log")]
+    Internal {
+        /// What.
+        what: &'static str,
+    },
+}
+
+/// Runs the daemon until it is asked to stop.
+///
+/// # Errors
+/// See [`DaemonError`]; after a clean stop there is none.
+pub fn run(config: &Path) -> Result<(), DaemonError> {
+    let loaded = Arc::new(load(config)?);
+    logging::init(&loaded.config.log)?;
+    let system = |what| move |source| DaemonError::System { what, source };
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(system("the service's event loop"))?;
+    // a panic of the service must end the process: nobody would watch the cycle any more
+    catch_unwind(AssertUnwindSafe(|| runtime.block_on(serve(config, loaded))))
+        .unwrap_or(Err(DaemonError::Internal { what: "the service panicked" }))
+}
+
+/// Signals that mean something here.
+struct Signals {
+    terminate: Signal,
+    interrupt: Signal,
+    hangup: Signal,
+}
+
+impl Signals {
+    fn install() -> Result<Self, DaemonError> {
+        let install =
+            |kind| signal(kind).map_err(|source| DaemonError::System { what: "a signal handler", source });
+        Ok(Self {
+            terminate: install(SignalKind::terminate())?,
+            interrupt: install(SignalKind::interrupt())?,
+            hangup: install(SignalKind::hangup())?,
+        })
+    }
+}
+
+/// The cycle thread and the news of its end.
+struct CycleThread {
+    handle: JoinHandle<()>,
+    ended: oneshot::Receiver<()>,
+}
+
+impl CycleThread {
+    fn spawn(loaded: Arc<Loaded>, ports: CyclePorts, clock: Clock) -> io::Result<Self> {
+        Self::start(move || Worker::new(loaded, ports, clock).run())
+    }
+
+    fn start(body: impl FnOnce() + Send + 'static) -> io::Result<Self> {
+        let (end, ended) = oneshot::channel();
+        let handle = std::thread::Builder::new()
+            .name("volcomp-cycle".to_owned())
+            .stack_size(STACK_BYTES)
+            .spawn(move || {
+                // dropped on return and on panic alike: the service hears of both
+                let _end: oneshot::Sender<()> = end;
+                body();
+            })?;
+        Ok(Self { handle, ended })
+    }
+
+    /// Tells a clean end from a panic.
+    fn join(self) -> Result<(), DaemonError> {
+        self.handle.join().map_err(|_| DaemonError::CycleThread { how: "panicked" })
+    }
+}
+
+async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
+    let mut signals = Signals::install()?;
+    let server = loaded.config.status.socket.as_deref().map(Server::bind).transpose()?;
+    let clock = Clock::start();
+    let (cycle_ports, service_ports) = ports();
+    let service = Service::new(Arc::clone(&loaded), service_ports, clock)
+        .map_err(|_| DaemonError::Internal { what: "the statistics could not be set up" })?;
+    let service = Arc::new(Mutex::new(service));
+    log_start(config, &loaded);
+    let mut thread = CycleThread::spawn(loaded, cycle_ports, clock)
+        .map_err(|source| DaemonError::System { what: "the cycle thread", source })?;
+    let server = server.map(|server| tokio::spawn(server.run(Arc::clone(&service))));
+    tell(&[NotifyState::Ready]);
+
+    let result = watch(&service, &mut signals, &mut thread, clock).await;
+    tell(&[NotifyState::Stopping]);
+    if let Some(server) = server {
+        server.abort();
+        // wait for the abort, which removes the socket's file
+        let _ = server.await;
+    }
+    result?;
+    let result = thread.join();
+    lock(&service).drain();
+    match &result {
+        Ok(()) => info!("stopped"),
+        Err(problem) => error!("{problem}"),
+    }
+    result
+}
+
+/// Looks after everything until the cycle thread ends.
+async fn watch(
+    service: &Mutex<Service>,
+    signals: &mut Signals,
+    thread: &mut CycleThread,
+    clock: Clock,
+) -> Result<(), DaemonError> {
+    let mut watchdog = Watchdog::from_environment();
+    let mut headline = Headline::default();
+    let mut stuck = false;
+    let mut asked: Option<Instant> = None;
+    let mut tick = interval(TICK);
+    tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        let give_up = asked.map_or_else(|| Instant::now() + STOP_LIMIT, |asked| asked + STOP_LIMIT);
+        tokio::select! {
+            _ = &mut thread.ended => return Ok(()),
+            _ = tick.tick() => {
+                let mut service = lock(service);
+                service.drain();
+                let now = clock.now();
+                headline.show(now, || service.headline());
+                let fed = watchdog.look(now, service.progress().beats.load(Relaxed));
+                if fed == Fed::Yes {
+                    tell(&[NotifyState::Watchdog]);
+                } else if fed == Fed::Stuck && !stuck {
+                    error!("the cycle thread does not move; the watchdog is not fed any more");
+                }
+                stuck = fed == Fed::Stuck || stuck && fed == Fed::NotDue;
+            }
+            _ = signals.terminate.recv() => stop(service, &mut asked, "SIGTERM"),
+            _ = signals.interrupt.recv() => stop(service, &mut asked, "SIGINT"),
+            _ = signals.hangup.recv() => warn!(
+                "SIGHUP: nothing is re-read and nothing changes; configuration and model are read at start only. \
+                 After `volcomp check`, restart the daemon: the offset is ramped out, then the new files apply"
+            ),
+            () = sleep_until(give_up), if asked.is_some() => {
+                return Err(DaemonError::CycleThread { how: "does not stop" });
+            }
+        }
+    }
+}
+
+/// The first signal asks for a clean stop, the next one for an immediate stop.
+fn stop(service: &Mutex<Service>, asked: &mut Option<Instant>, signal: &'static str) {
+    let again = asked.is_some();
+    let request = if again { Request::StopNow } else { Request::Stop };
+    if again {
+        warn!(signal, "stopping at once; the control's watchdog takes the offset out");
+    } else {
+        info!(signal, "stopping: the offset is taken to its rest value, then the link is closed");
+    }
+    if lock(service).request(request).is_none() {
+        error!("the cycle thread does not take requests; send the signal again");
+        return;
+    }
+    asked.get_or_insert_with(Instant::now);
+}
+
+fn log_start(config: &Path, loaded: &Loaded) {
+    let machine = &loaded.config;
+    info!(
+        version = env!("CARGO_PKG_VERSION"),
+        config = %config.display(),
+        machine = machine.machine,
+        model = %loaded.model_path.display(),
+        model_hash = loaded.model_hash,
+        control = %machine.link.address,
+        cycle_s = machine.link.cycle_s,
+        start = ?machine.engine.start,
+        "volcompd starts"
+    );
+    for axis in &loaded.uncorrected {
+        warn!(%axis, "an axis of the model without limits in the machine file: it is never offset");
+    }
+    for axis in &machine.axes {
+        let limits = &axis.limits;
+        match axis.name.kind() {
+            AxisKind::Linear => info!(
+                axis = %axis.name,
+                size_um = limits.size * UM_PER_MM,
+                rate_mm_per_s = limits.rate,
+                acceleration_mm_per_s2 = limits.acceleration,
+                "limits of the offset"
+            ),
+            AxisKind::Rotary => info!(
+                axis = %axis.name,
+                size_arcsec = arcsec_from_rad(limits.size),
+                rate_deg_per_s = deg_from_rad(limits.rate),
+                acceleration_deg_per_s2 = deg_from_rad(limits.acceleration),
+                "limits of the offset"
+            ),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_of_the_cycle_thread_is_told_from_its_end() {
+        let thread = CycleThread::start(|| {}).expect("starts");
+        assert!(thread.join().is_ok());
+        let thread = CycleThread::start(|| panic!("on purpose")).expect("starts");
+        let error = thread.join().expect_err("told");
+        assert!(matches!(error, DaemonError::CycleThread { how: "panicked" }), "{error}");
+    }
+
+    #[test]
+    fn the_service_hears_of_a_panic_without_asking() {
+        let thread = CycleThread::start(|| panic!("on purpose")).expect("starts");
+        let ended = thread.ended;
+        assert!(ended.blocking_recv().is_err(), "the sender is dropped");
+    }
+}

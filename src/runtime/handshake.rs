@@ -1,0 +1,84 @@
+//! Who is at the other end: what can go wrong between connecting and cycling, and what the control is told.
+
+use std::io;
+use std::net::SocketAddr;
+
+use crate::config::MachineConfig;
+use crate::config::machine::HelloMismatch;
+use crate::core::axes::MAX_AXES;
+use crate::core::engine::EngineError;
+use crate::core::protocol::{Axis, ControlHello, DaemonHello, ErrorCode, FrameError, Name, PROTOCOL_VERSION};
+
+/// Why there is no link.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum LinkError {
+    #[error("control {address}: {source}")]
+    Connect { address: SocketAddr, source: io::Error },
+    #[error("control {address}: no {waiting_for} within {limit_s} s")]
+    Timeout { address: SocketAddr, waiting_for: &'static str, limit_s: f64 },
+    #[error("control {address}: closed the connection before its hello")]
+    Closed { address: SocketAddr },
+    #[error("control {address}: {source}; is this the compensation port of a control?")]
+    Frame { address: SocketAddr, source: FrameError },
+    #[error("control {address}: sent a {found} where its hello was due")]
+    Unexpected { address: SocketAddr, found: &'static str },
+    #[error("control {address}: refused this daemon: {code:?} ({detail})")]
+    Refused { address: SocketAddr, code: ErrorCode, detail: Name },
+    #[error(
+        "control {address}: speaks protocol version {found}, this daemon {PROTOCOL_VERSION}; \
+         install matching versions"
+    )]
+    Version { address: SocketAddr, found: u8 },
+    #[error("control {address}: {source}")]
+    Mismatch { address: SocketAddr, source: HelloMismatch },
+    #[error("control {address}: {source}")]
+    Engine { address: SocketAddr, source: EngineError },
+}
+
+impl LinkError {
+    /// True where waiting does not help: somebody has to change something.
+    pub(super) const fn needs_a_person(&self) -> bool {
+        match self {
+            Self::Connect { .. } | Self::Timeout { .. } | Self::Closed { .. } => false,
+            Self::Refused { code, .. } => matches!(
+                code,
+                ErrorCode::Version | ErrorCode::WrongMachine | ErrorCode::WrongAxes | ErrorCode::WrongCycle
+            ),
+            _ => true,
+        }
+    }
+
+    /// What to tell the control before closing, where it is worth telling.
+    pub(super) const fn code(&self) -> Option<ErrorCode> {
+        match self {
+            Self::Frame { .. } => Some(ErrorCode::BadFrame),
+            Self::Unexpected { .. } => Some(ErrorCode::Unexpected),
+            Self::Version { .. } => Some(ErrorCode::Version),
+            Self::Mismatch { source, .. } => Some(match source {
+                HelloMismatch::Machine { .. } => ErrorCode::WrongMachine,
+                HelloMismatch::Cycle { .. } => ErrorCode::WrongCycle,
+                HelloMismatch::AxisMissing { .. }
+                | HelloMismatch::AxisUnit { .. }
+                | HelloMismatch::AxisTwice { .. }
+                | HelloMismatch::AxisCount { .. } => ErrorCode::WrongAxes,
+            }),
+            Self::Engine { .. } => Some(ErrorCode::WrongAxes),
+            Self::Connect { .. } | Self::Timeout { .. } | Self::Closed { .. } | Self::Refused { .. } => None,
+        }
+    }
+}
+
+/// The hello of this daemon.
+pub(super) fn daemon_hello(config: &MachineConfig) -> DaemonHello {
+    DaemonHello {
+        version_min: PROTOCOL_VERSION,
+        version_max: PROTOCOL_VERSION,
+        machine: Name::new(&config.machine),
+        software: Name::new(concat!("volcompd ", env!("CARGO_PKG_VERSION"))),
+    }
+}
+
+/// The axes that a control announced.
+pub(super) fn announced(hello: &ControlHello) -> &[Axis] {
+    &hello.axes[..usize::from(hello.axis_count).min(MAX_AXES)]
+}

@@ -1,0 +1,223 @@
+//! The TCP connection to the control: options, frames in and out, life signs.
+//!
+//! The socket blocks with a read timeout. The timeout is only handed to the kernel when it changes, so that a
+//! steady link costs one `recv` and one `send` a cycle; the kernel rounds it up to its tick (1 to 4 ms).
+
+use std::io::{self, ErrorKind, Read, Write};
+use std::net::{Shutdown, SocketAddr, TcpStream};
+use std::time::Duration;
+
+use socket2::{Domain, Protocol, SockRef, Socket, TcpKeepalive, Type};
+
+use super::clock::Clock;
+use crate::config::{LinkConfig, RealtimeConfig};
+use crate::core::protocol::{
+    Close, CloseReason, ErrorCode, ErrorReport, FrameReader, Heartbeat, MAX_FRAME, Message, Name, encode,
+};
+use crate::core::units::MonoTime;
+
+/// Longest blocking write: a control that has not read for that long is gone.
+const WRITE_LIMIT: Duration = Duration::from_secs(1);
+/// Read timeouts are multiples of this, so that a steady link asks for the same one every cycle.
+const TIMEOUT_STEP: Duration = Duration::from_millis(1);
+/// Time for the control to take the last frames in before the socket is closed.
+const LINGER: Duration = Duration::from_millis(300);
+
+/// A socket that is being connected.
+#[derive(Debug)]
+pub(super) struct Connecting {
+    socket: Socket,
+    address: SocketAddr,
+}
+
+/// What a read has brought.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Received {
+    /// Bytes at this time; `more` where the buffer was filled and more may be waiting.
+    Bytes { at: MonoTime, more: bool },
+    /// Nothing within the time allowed.
+    Nothing,
+    /// The control has closed its side.
+    Closed,
+}
+
+/// A connection.
+#[derive(Debug)]
+pub(super) struct Link {
+    stream: TcpStream,
+    /// Frames that have arrived.
+    pub(super) reader: FrameReader,
+    out: [u8; MAX_FRAME],
+    clock: Clock,
+    read_timeout: Duration,
+    busy_poll: Duration,
+    nonblocking: bool,
+    heartbeats: u32,
+    /// When the last whole frame came in.
+    pub(super) received: MonoTime,
+    /// When the last frame went out.
+    pub(super) sent: MonoTime,
+}
+
+impl Connecting {
+    /// Starts to connect without waiting.
+    pub(super) fn start(address: SocketAddr) -> io::Result<Self> {
+        let socket = Socket::new(Domain::for_address(address), Type::STREAM, Some(Protocol::TCP))?;
+        socket.set_nonblocking(true)?;
+        Ok(Self { socket, address })
+    }
+
+    /// True once connected, false while under way.
+    pub(super) fn poll(&self) -> io::Result<bool> {
+        match self.socket.connect(&self.address.into()) {
+            Ok(()) => Ok(true),
+            // the raw codes are EINPROGRESS, EALREADY and EISCONN of Linux, for which io has no names
+            Err(e) => match (e.kind(), e.raw_os_error()) {
+                (ErrorKind::WouldBlock, _) | (_, Some(115 | 114)) => Ok(false),
+                (_, Some(106)) => Ok(true),
+                _ => Err(e),
+            },
+        }
+    }
+
+    /// Sets the options and hands the connection over.
+    pub(super) fn finish(
+        self,
+        link: &LinkConfig,
+        realtime: &RealtimeConfig,
+        clock: Clock,
+    ) -> io::Result<Link> {
+        let silence = seconds(link.silence_s);
+        self.socket.set_nonblocking(false)?;
+        self.socket.set_tcp_nodelay(true)?;
+        let keepalive = TcpKeepalive::new()
+            .with_time(silence.max(Duration::from_secs(1)))
+            .with_interval(Duration::from_secs(1))
+            .with_retries(3);
+        self.socket.set_tcp_keepalive(&keepalive)?;
+        let stream: TcpStream = self.socket.into();
+        stream.set_write_timeout(Some(silence.clamp(TIMEOUT_STEP, WRITE_LIMIT)))?;
+        let socket = SockRef::from(&stream);
+        // written bytes that nobody acknowledges end the link as silence does
+        socket.set_tcp_user_timeout(Some(silence.max(Duration::from_secs(1))))?;
+        // only for the hello: during cycles every position is acknowledged by its own correction
+        socket.set_tcp_quickack(true)?;
+        let now = clock.now();
+        Ok(Link {
+            stream,
+            reader: FrameReader::default(),
+            out: [0; MAX_FRAME],
+            clock,
+            read_timeout: Duration::ZERO,
+            busy_poll: seconds(realtime.busy_poll_s),
+            nonblocking: false,
+            heartbeats: 0,
+            received: now,
+            sent: now,
+        })
+    }
+}
+
+impl Link {
+    /// Sends one message.
+    ///
+    /// # Cycle   no allocation; blocks at most [`WRITE_LIMIT`] where the control does not read
+    pub(super) fn send(&mut self, message: &Message) -> io::Result<()> {
+        let length = encode(message, &mut self.out);
+        self.stream.write_all(&self.out[..length])?;
+        self.sent = self.clock.now();
+        Ok(())
+    }
+
+    /// Sends a life sign.
+    pub(super) fn send_heartbeat(&mut self) -> io::Result<()> {
+        self.heartbeats = self.heartbeats.wrapping_add(1);
+        let beat = Heartbeat { count: self.heartbeats, time_ns: self.clock.now().ns };
+        self.send(&Message::Heartbeat(beat))
+    }
+
+    /// Waits up to `wait` for bytes.
+    ///
+    /// # Cycle   no allocation
+    pub(super) fn receive(&mut self, wait: Duration) -> io::Result<Received> {
+        if !self.busy_poll.is_zero() && !wait.is_zero() {
+            match self.poll_busily(self.busy_poll.min(wait))? {
+                Received::Nothing => {}
+                received => return Ok(received),
+            }
+        }
+        self.set_nonblocking(false)?;
+        let timeout = TIMEOUT_STEP * u32::try_from(wait.as_millis() + 1).unwrap_or(1000);
+        if timeout != self.read_timeout {
+            self.stream.set_read_timeout(Some(timeout))?;
+            self.read_timeout = timeout;
+        }
+        self.read()
+    }
+
+    /// Says why, says good-bye, and waits shortly until the control has taken it in.
+    pub(super) fn close(mut self, error: Option<(ErrorCode, &str)>, reason: CloseReason) {
+        // the link ends either way: an error here changes nothing
+        if let Some((code, detail)) = error {
+            let _ = self.send(&Message::Error(ErrorReport { code, detail: Name::new(detail) }));
+        }
+        let _ = self.send(&Message::Close(Close { reason }));
+        let _ = self.stream.shutdown(Shutdown::Write);
+        let _ = self.set_nonblocking(false);
+        // closing with unread bytes would make the kernel reset the connection and discard what we just sent
+        let _ = self.stream.set_read_timeout(Some(LINGER / 6));
+        let deadline = self.clock.now().plus_seconds(LINGER.as_secs_f64());
+        let mut scrap = [0; MAX_FRAME];
+        while self.clock.now() < deadline {
+            match self.stream.read(&mut scrap) {
+                Ok(1..) => {}
+                Err(e) if would_block(&e) => {}
+                Ok(0) | Err(_) => break,
+            }
+        }
+    }
+
+    /// Spins on the socket. It stays non-blocking as long as data come within the limit, so that a steady link pays
+    /// no mode switches; a write that would block then ends the link at once.
+    fn poll_busily(&mut self, limit: Duration) -> io::Result<Received> {
+        let until = self.clock.now().plus_seconds(limit.as_secs_f64());
+        self.set_nonblocking(true)?;
+        loop {
+            match self.read() {
+                Ok(Received::Nothing) if self.clock.now() < until => core::hint::spin_loop(),
+                other => return other,
+            }
+        }
+    }
+
+    fn set_nonblocking(&mut self, nonblocking: bool) -> io::Result<()> {
+        if self.nonblocking != nonblocking {
+            self.stream.set_nonblocking(nonblocking)?;
+            self.nonblocking = nonblocking;
+        }
+        Ok(())
+    }
+
+    fn read(&mut self) -> io::Result<Received> {
+        let space = self.reader.space();
+        let room = space.len();
+        match self.stream.read(space) {
+            Ok(0) => Ok(Received::Closed),
+            Ok(count) => {
+                self.reader.advance(count);
+                Ok(Received::Bytes { at: self.clock.now(), more: count == room })
+            }
+            Err(e) if would_block(&e) => Ok(Received::Nothing),
+            Err(e) => Err(e),
+        }
+    }
+}
+
+/// Configured seconds as a duration; what cannot be one becomes zero.
+pub(super) fn seconds(seconds: f64) -> Duration {
+    Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO)
+}
+
+fn would_block(error: &io::Error) -> bool {
+    matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
+}

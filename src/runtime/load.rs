@@ -1,0 +1,127 @@
+//! The machine file and the model it names, read once at start.
+
+use std::io;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use crate::config::machine::ModelMismatch;
+use crate::config::{ConfigErrors, MachineConfig, model};
+use crate::core::axes::AxisName;
+use crate::core::model::{Model, ModelError};
+
+/// Everything that comes from files.
+#[derive(Debug, Clone)]
+pub struct Loaded {
+    /// The machine file.
+    pub config: MachineConfig,
+    /// The model, compiled.
+    pub model: Arc<Model>,
+    /// Where the model was read from.
+    pub model_path: PathBuf,
+    /// BLAKE3 of the model file's bytes, in hex.
+    pub model_hash: String,
+    /// Axes of the model that the machine file does not list: they are never offset.
+    pub uncorrected: Vec<AxisName>,
+}
+
+/// Why the daemon cannot start from these files.
+#[derive(Debug, thiserror::Error)]
+pub enum LoadError {
+    /// A file could not be read.
+    #[error("error: {}: {source}", path.display())]
+    Read {
+        /// The file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The model that the machine file names could not be read.
+    #[error(
+        "error: {}: model {}: {source}\n  hint: `model` is taken relative to the machine file",
+        config.display(), path.display()
+    )]
+    ReadModel {
+        /// The machine file.
+        config: PathBuf,
+        /// The model file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// A file is not text.
+    #[error("error: {}: byte {at} is not UTF-8\n  hint: save the file as UTF-8 text", path.display())]
+    NotText {
+        /// The file.
+        path: PathBuf,
+        /// First byte that is not.
+        at: usize,
+    },
+    /// Mistakes in a file.
+    #[error("{0}")]
+    Config(Box<ConfigErrors>),
+    /// The model breaks a rule.
+    #[error("error: {}: {source}", path.display())]
+    Model {
+        /// The model file.
+        path: PathBuf,
+        /// The rule.
+        source: ModelError,
+    },
+    /// The model does not belong to the machine file.
+    #[error(
+        "error: {}: {source} ({})\n  hint: {}", config.display(), path.display(), source.remedy()
+    )]
+    Mismatch {
+        /// The machine file.
+        config: PathBuf,
+        /// The model file.
+        path: PathBuf,
+        /// What does not fit.
+        source: ModelMismatch,
+    },
+}
+
+impl LoadError {
+    /// True where a file could not be read at all, false where what it says is wrong.
+    #[must_use]
+    pub const fn is_io(&self) -> bool {
+        matches!(self, Self::Read { .. } | Self::ReadModel { .. })
+    }
+}
+
+/// Reads the machine file only.
+///
+/// # Errors
+/// See [`LoadError`].
+pub fn load_config(path: &Path) -> Result<MachineConfig, LoadError> {
+    let bytes = std::fs::read(path).map_err(|source| LoadError::Read { path: path.to_owned(), source })?;
+    let text = text(path, &bytes)?;
+    MachineConfig::parse(&path.display().to_string(), text).map_err(|e| LoadError::Config(Box::new(e)))
+}
+
+/// Reads a machine file and the model it names, relative to it.
+///
+/// # Errors
+/// See [`LoadError`].
+pub fn load(path: &Path) -> Result<Loaded, LoadError> {
+    let config = load_config(path)?;
+    let model_path = path.parent().unwrap_or_else(|| Path::new("")).join(&config.model);
+    let bytes = std::fs::read(&model_path).map_err(|source| LoadError::ReadModel {
+        config: path.to_owned(),
+        path: model_path.clone(),
+        source,
+    })?;
+    let spec = model::parse(&model_path.display().to_string(), text(&model_path, &bytes)?)
+        .map_err(|e| LoadError::Config(Box::new(e)))?;
+    let model = Model::new(&spec).map_err(|source| LoadError::Model { path: model_path.clone(), source })?;
+    if let Some(source) = config.check_model(&spec).into_iter().next() {
+        return Err(LoadError::Mismatch { config: path.to_owned(), path: model_path, source });
+    }
+    let uncorrected = config.uncorrected_axes(&spec);
+    let model_hash = blake3::hash(&bytes).to_hex().to_string();
+    Ok(Loaded { config, model: Arc::new(model), model_path, model_hash, uncorrected })
+}
+
+fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, LoadError> {
+    core::str::from_utf8(bytes).map_err(|e| LoadError::NotText { path: path.to_owned(), at: e.valid_up_to() })
+}

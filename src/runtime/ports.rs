@@ -1,0 +1,257 @@
+//! Everything that passes between the cycle thread and the service.
+//!
+//! The cycle thread only ever uses `try_send`, `try_recv` and relaxed atomics. The service must never block on
+//! these channels: a sleeping receiver would make the sender take the channel's wake-up lock; it polls instead.
+
+use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering::Relaxed};
+use std::net::SocketAddr;
+use std::sync::Arc;
+use std::time::Duration;
+
+use crossbeam_channel::{Receiver, Sender, bounded};
+
+use super::cycle::LinkEnd;
+use super::handshake::LinkError;
+use super::realtime::RealtimeReport;
+use crate::core::axes::AxisArray;
+use crate::core::engine::{Command, Event, State};
+use crate::core::protocol::{ControlHello, MachineState};
+
+/// Records in flight: two seconds at 4 kHz.
+const RECORDS: usize = 8192;
+/// Reports in flight.
+const REPORTS: usize = 1024;
+/// Requests in flight.
+const REQUESTS: usize = 16;
+
+/// What the service asks of the cycle thread.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Request {
+    /// A command for the engine; remembered while there is none.
+    Engine(Command),
+    /// Ramp to the rest offset, close the link, end the thread.
+    Stop,
+    /// Close the link and end the thread at once.
+    StopNow,
+}
+
+/// A request with its number.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Ticket {
+    pub(super) number: u64,
+    pub(super) request: Request,
+}
+
+/// Something rare that belongs into the log.
+#[derive(Debug)]
+pub(super) enum Report {
+    /// Scheduling and memory settings of the cycle thread.
+    Realtime(RealtimeReport),
+    /// No link: why, and the pause before the next attempt.
+    ConnectFailed { error: LinkError, pause: Duration },
+    /// The link is up.
+    LinkUp { address: SocketAddr, hello: ControlHello },
+    /// The link is gone.
+    LinkDown { end: LinkEnd, cycles: u64 },
+    /// The engine says what happened.
+    Engine(Event),
+    /// The thread ends as it was asked to.
+    Stopped { offset: LastOffset },
+}
+
+/// Where the offset was when the thread ended.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum LastOffset {
+    /// At its rest value.
+    AtRest,
+    /// Not yet at its rest value.
+    OnItsWay,
+    /// There was no link.
+    NoLink,
+}
+
+/// One cycle, for statistics and status.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct CycleRecord {
+    pub(super) state: State,
+    pub(super) machine_state: MachineState,
+    pub(super) limited: u8,
+    pub(super) warning: u8,
+    pub(super) out_of_range: u8,
+    /// Offset asked for, mm or rad.
+    pub(super) offset: AxisArray,
+    /// Offset read back, mm or deg.
+    pub(super) applied: AxisArray,
+    /// Age of the position when the correction had been handed to the kernel, ns.
+    pub(super) age_ns: i64,
+    /// From the frame's bytes in hand to the correction handed to the kernel, ns.
+    pub(super) turnaround_ns: i64,
+    /// From the frame's bytes in hand to the correction computed, ns.
+    pub(super) compute_ns: i64,
+}
+
+/// Counters that the cycle thread writes and anybody reads.
+#[derive(Debug, Default)]
+pub(super) struct Progress {
+    /// Counts turns of the cycle thread's loops, link or no link: its sign of life.
+    pub(super) beats: AtomicU64,
+    /// Position frames handled.
+    pub(super) cycles: AtomicU64,
+    /// Of these: answered later than one cycle after the sample, or not answered because a newer one was there.
+    pub(super) late: AtomicU64,
+    /// Of the late: not answered.
+    pub(super) skipped: AtomicU64,
+    /// Records that found the queue full.
+    pub(super) records_dropped: AtomicU64,
+    /// Reports that found the queue full.
+    pub(super) reports_dropped: AtomicU64,
+    /// Number of the newest request carried out.
+    pub(super) requests_done: AtomicU64,
+    /// State of the engine, as [`state_code`].
+    state: AtomicU8,
+    /// Whether the link is up.
+    link: AtomicBool,
+    /// Whether compensation is wanted by the operator or the configuration.
+    pub(super) wanted: AtomicBool,
+}
+
+impl Progress {
+    pub(super) fn beat(&self) {
+        // the cycle thread is the only writer: a plain add needs no locked instruction
+        self.beats.store(self.beats.load(Relaxed).wrapping_add(1), Relaxed);
+    }
+
+    pub(super) fn add(counter: &AtomicU64, count: u64) {
+        counter.store(counter.load(Relaxed).wrapping_add(count), Relaxed);
+    }
+
+    pub(super) fn set_state(&self, state: State) {
+        self.state.store(state_code(state), Relaxed);
+    }
+
+    pub(super) fn set_link(&self, up: bool) {
+        self.link.store(up, Relaxed);
+    }
+
+    /// State of the engine; `None` while there is no link.
+    pub(super) fn state(&self) -> Option<State> {
+        self.link.load(Relaxed).then(|| self.engine_state())
+    }
+
+    /// True while a fault is latched, with or without a link.
+    pub(super) fn is_faulted(&self) -> bool {
+        self.engine_state() == State::Faulted
+    }
+
+    fn engine_state(&self) -> State {
+        let code = self.state.load(Relaxed);
+        STATES.into_iter().find(|s| state_code(*s) == code).unwrap_or(State::Off)
+    }
+}
+
+/// Every state of the engine.
+pub(super) const STATES: [State; 7] = [
+    State::Off,
+    State::Armed,
+    State::RampingIn,
+    State::Active,
+    State::Holding,
+    State::RampingOut,
+    State::Faulted,
+];
+
+const fn state_code(state: State) -> u8 {
+    match state {
+        State::Off => 0,
+        State::Armed => 1,
+        State::RampingIn => 2,
+        State::Active => 3,
+        State::Holding => 4,
+        State::RampingOut => 5,
+        State::Faulted => 6,
+    }
+}
+
+/// The cycle thread's ends.
+#[derive(Debug)]
+pub(super) struct CyclePorts {
+    pub(super) requests: Receiver<Ticket>,
+    reports: Sender<Report>,
+    records: Sender<CycleRecord>,
+    pub(super) progress: Arc<Progress>,
+}
+
+impl CyclePorts {
+    /// Passes a report on, or counts it as dropped.
+    pub(super) fn report(&self, report: Report) {
+        if self.reports.try_send(report).is_err() {
+            Progress::add(&self.progress.reports_dropped, 1);
+        }
+    }
+
+    /// Passes a record on, or counts it as dropped.
+    pub(super) fn record(&self, record: CycleRecord) {
+        if self.records.try_send(record).is_err() {
+            Progress::add(&self.progress.records_dropped, 1);
+        }
+    }
+}
+
+/// The service's ends.
+#[derive(Debug)]
+pub(super) struct ServicePorts {
+    pub(super) requests: Sender<Ticket>,
+    pub(super) reports: Receiver<Report>,
+    pub(super) records: Receiver<CycleRecord>,
+    pub(super) progress: Arc<Progress>,
+}
+
+/// Both ends.
+pub(super) fn ports() -> (CyclePorts, ServicePorts) {
+    let (request_sender, request_receiver) = bounded(REQUESTS);
+    let (report_sender, report_receiver) = bounded(REPORTS);
+    let (record_sender, record_receiver) = bounded(RECORDS);
+    let progress = Arc::new(Progress::default());
+    let cycle = CyclePorts {
+        requests: request_receiver,
+        reports: report_sender,
+        records: record_sender,
+        progress: Arc::clone(&progress),
+    };
+    let service = ServicePorts {
+        requests: request_sender,
+        reports: report_receiver,
+        records: record_receiver,
+        progress,
+    };
+    (cycle, service)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_state_survives_its_code() {
+        let progress = Progress::default();
+        progress.set_link(true);
+        for state in STATES {
+            progress.set_state(state);
+            assert_eq!(progress.state(), Some(state));
+        }
+        assert!(progress.is_faulted(), "the last one of the list");
+        progress.set_link(false);
+        assert_eq!(progress.state(), None);
+        assert!(progress.is_faulted(), "a fault outlives the link");
+    }
+
+    #[test]
+    fn a_full_queue_drops_and_counts() {
+        let (cycle, service) = ports();
+        for _ in 0..REPORTS + 3 {
+            cycle.report(Report::Stopped { offset: LastOffset::AtRest });
+        }
+        assert_eq!(service.progress.reports_dropped.load(Relaxed), 3);
+        assert_eq!(service.reports.len(), REPORTS);
+    }
+}

@@ -1,0 +1,119 @@
+//! What the daemon says about itself: the object that `volcomp status --json` prints.
+//!
+//! Keys that scripts rely on: `state model_hash machine cycles late_cycles age_us_p50 age_us_p99 roundtrip_us_p50
+//! roundtrip_us_p99 correction_um limited faults sensors`. Keys may be added, never taken away. Percentiles are
+//! over the present link (or the last one) and `null` before its first cycle.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+/// State of the daemon.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Status {
+    /// `disconnected`, or the engine's state: `off armed ramping-in active holding ramping-out faulted`.
+    pub state: String,
+    /// Whether compensation is wanted (by the operator or the configuration).
+    pub enabled: bool,
+    /// Machine id.
+    pub machine: String,
+    /// The model file.
+    pub model: String,
+    /// BLAKE3 of the model file.
+    pub model_hash: String,
+    /// Version of the daemon.
+    pub version: String,
+    /// Process id.
+    pub pid: u32,
+    /// Time since the daemon was started, s.
+    pub uptime_s: f64,
+    /// The link to the control.
+    pub link: LinkStatus,
+    /// Position frames handled since the start.
+    pub cycles: u64,
+    /// Of these: answered more than one cycle after the sample, or not answered because a newer one was there.
+    pub late_cycles: u64,
+    /// Of the late ones: not answered.
+    pub skipped_cycles: u64,
+    /// Age of the position when its correction left, relative to the quickest frame of the last 10 to 20 s, us.
+    pub age_us_p50: Option<f64>,
+    /// 99th percentile of the same, us.
+    pub age_us_p99: Option<f64>,
+    /// From a frame's bytes in hand to its correction handed to the kernel, us.
+    pub roundtrip_us_p50: Option<f64>,
+    /// 99th percentile of the same, us.
+    pub roundtrip_us_p99: Option<f64>,
+    /// From a frame's bytes in hand to its correction computed, us.
+    pub compute_us_p50: Option<f64>,
+    /// 99th percentile of the same, us.
+    pub compute_us_p99: Option<f64>,
+    /// Offset asked for per linear axis, um; empty without a link.
+    pub correction_um: BTreeMap<String, f64>,
+    /// Offset asked for per rotary axis, arcsec; empty without a link.
+    pub correction_arcsec: BTreeMap<String, f64>,
+    /// Offset read back per linear axis, um.
+    pub applied_um: BTreeMap<String, f64>,
+    /// Offset read back per rotary axis, arcsec.
+    pub applied_arcsec: BTreeMap<String, f64>,
+    /// Axes whose offset is limited in size, rate or acceleration.
+    pub limited: Vec<String>,
+    /// Axes above their warning limit.
+    pub warning: Vec<String>,
+    /// Axes outside the travel or a curve's range of the model.
+    pub out_of_range: Vec<String>,
+    /// Bits of the machine's state that are set: `homed enabled estop moving offset-limited offset-ramping-out`.
+    pub machine_state: Vec<String>,
+    /// Faults that are latched now.
+    pub faults: Vec<Fault>,
+    /// Sensors and their readings; none yet.
+    pub sensors: Vec<serde_json::Value>,
+    /// Cycle records that found their queue full (statistics are incomplete by as many).
+    pub records_dropped: u64,
+    /// Log reports that found their queue full.
+    pub reports_dropped: u64,
+    /// Real-time settings.
+    pub realtime: RealtimeStatus,
+}
+
+/// A latched fault.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Fault {
+    /// Its name, e.g. `read-back`.
+    pub reason: String,
+    /// In words.
+    pub text: String,
+    /// Time since it came up, s.
+    pub age_s: f64,
+}
+
+/// The link to the control.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct LinkStatus {
+    /// Address of the control.
+    pub address: String,
+    /// Whether the link is up.
+    pub up: bool,
+    /// Program and version of the control, from its hello.
+    pub control: Option<String>,
+    /// Axis letters in wire order.
+    pub axes: Vec<String>,
+    /// Interval between position frames, s.
+    pub cycle_s: f64,
+    /// Time since the link came up or went down, s.
+    pub since_s: f64,
+    /// Links that have come up since the start.
+    pub links: u64,
+    /// Why there is no link, while there is none.
+    pub error: Option<String>,
+}
+
+/// What the system granted; `not asked for`, `yes`, or `refused: ...`.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RealtimeStatus {
+    /// SCHED_FIFO.
+    pub fifo: String,
+    /// Processor affinity.
+    pub affinity: String,
+    /// Memory lock.
+    pub memory_lock: String,
+}

@@ -1,0 +1,316 @@
+//! The cycle thread: connect, shake hands, cycle, and again.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+use std::time::Duration;
+
+use super::age::AgeEstimator;
+use super::backoff::Backoff;
+use super::body::CycleBody;
+use super::clock::Clock;
+use super::cycle::{Cycle, LinkEnd, SLICE};
+use super::handshake::{self, LinkError};
+use super::link::{Connecting, Link, Received, seconds};
+use super::load::Loaded;
+use super::ports::{CyclePorts, LastOffset, Report, Request};
+use super::realtime;
+use crate::config::{MachineConfig, StartMode};
+use crate::core::engine::Command;
+use crate::core::protocol::{CloseReason, ControlHello, Message, PROTOCOL_VERSION};
+use crate::core::units::MonoTime;
+
+/// Pause between two looks at a connection that is being made.
+const CONNECT_POLL: Duration = Duration::from_millis(2);
+/// Time beyond ramp and rate limits that a clean stop may take.
+const STOP_MARGIN_S: f64 = 2.0;
+/// A clean stop never takes longer than this (the service unit's TimeoutStopSec lies above).
+const STOP_LIMIT_S: f64 = 60.0;
+
+/// How far a stop has got.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Stop {
+    /// Nobody asked for one.
+    No,
+    /// Ramping out, at the latest until then.
+    By(MonoTime),
+    /// At once.
+    Now,
+}
+
+/// What the service has asked for, and the ports to answer it.
+#[derive(Debug)]
+pub(super) struct Control {
+    pub(super) ports: CyclePorts,
+    pub(super) stop: Stop,
+    stop_limit_s: f64,
+    /// Gain asked for by the operator, where it is not the configured one.
+    gain: Option<f64>,
+}
+
+impl Control {
+    pub(super) fn new(ports: CyclePorts, config: &MachineConfig) -> Self {
+        ports.progress.wanted.store(config.engine.start == StartMode::OnConnect, Relaxed);
+        Self { ports, stop: Stop::No, stop_limit_s: stop_limit_s(config), gain: None }
+    }
+
+    /// Carries out what the service has asked for. Without an engine, wishes are remembered for the next one.
+    pub(super) fn take_requests(&mut self, now: MonoTime, mut body: Option<&mut CycleBody>) {
+        while let Ok(ticket) = self.ports.requests.try_recv() {
+            match ticket.request {
+                Request::Engine(command) => {
+                    self.remember(command);
+                    if let Some(body) = body.as_deref_mut() {
+                        body.command(now, command);
+                        self.ports.progress.set_state(body.state());
+                    }
+                }
+                Request::Stop => {
+                    self.stop = Stop::By(now.plus_seconds(self.stop_limit_s));
+                    if let Some(body) = body.as_deref_mut() {
+                        body.command(now, Command::Stop);
+                    }
+                }
+                Request::StopNow => self.stop = Stop::Now,
+            }
+            self.ports.progress.requests_done.store(ticket.number, Relaxed);
+        }
+    }
+
+    fn remember(&mut self, command: Command) {
+        match command {
+            Command::Enable => self.ports.progress.wanted.store(true, Relaxed),
+            Command::Disable | Command::Stop => self.ports.progress.wanted.store(false, Relaxed),
+            // a fault that is acknowledged leaves the engine off until it is enabled again
+            Command::ClearFault => self.ports.progress.wanted.store(false, Relaxed),
+            Command::SetGain(gain) => self.gain = Some(gain),
+        }
+    }
+
+    /// Tells a new engine what is wanted of it.
+    fn brief(&self, now: MonoTime, body: &mut CycleBody) {
+        if let Some(gain) = self.gain {
+            body.command(now, Command::SetGain(gain));
+        }
+        if self.ports.progress.wanted.load(Relaxed) {
+            body.command(now, Command::Enable);
+        }
+    }
+
+    fn stopping(&self) -> bool {
+        self.stop != Stop::No
+    }
+}
+
+/// The longest a clean stop may take: the ramp, or the largest offset at the lowest rate, whichever is longer.
+fn stop_limit_s(config: &MachineConfig) -> f64 {
+    let slowest = config.axes.iter().map(|a| a.limits.size / a.limits.rate).fold(0.0, f64::max);
+    (config.engine.ramp_s.max(slowest) + STOP_MARGIN_S).min(STOP_LIMIT_S)
+}
+
+/// The cycle thread's own state.
+#[derive(Debug)]
+pub(super) struct Worker {
+    loaded: Arc<Loaded>,
+    control: Control,
+    clock: Clock,
+    backoff: Backoff,
+    /// The engine lives on over links with the same control, and with it its faults.
+    body: Option<(ControlHello, CycleBody)>,
+}
+
+impl Worker {
+    pub(super) fn new(loaded: Arc<Loaded>, ports: CyclePorts, clock: Clock) -> Self {
+        let control = Control::new(ports, &loaded.config);
+        let backoff = Backoff::new(loaded.config.link.reconnect_s);
+        Self { loaded, control, clock, backoff, body: None }
+    }
+
+    /// The thread's life: returns when the service asked it to stop.
+    pub(super) fn run(mut self) {
+        let report = realtime::apply(&self.loaded.config.realtime);
+        self.control.ports.report(Report::Realtime(report));
+        let offset = loop {
+            match self.open() {
+                Ok(Some((link, hello))) => {
+                    if let Some(at_rest) = self.serve(link, &hello) {
+                        break if at_rest { LastOffset::AtRest } else { LastOffset::OnItsWay };
+                    }
+                }
+                Ok(None) => break LastOffset::NoLink,
+                Err(error) => self.failed(error),
+            }
+            if self.control.stopping() {
+                break LastOffset::NoLink;
+            }
+        };
+        self.control.ports.report(Report::Stopped { offset });
+    }
+
+    /// Connects and shakes hands; `None` where a stop came in between.
+    fn open(&mut self) -> Result<Option<(Link, ControlHello)>, LinkError> {
+        let loaded = Arc::clone(&self.loaded);
+        let config = &loaded.config;
+        let address = config.link.address;
+        let connect = |source| LinkError::Connect { address, source };
+        let limit_s = config.link.connect_timeout_s;
+        let deadline = self.clock.now().plus_seconds(limit_s);
+        let connecting = Connecting::start(address).map_err(connect)?;
+        while !connecting.poll().map_err(connect)? {
+            if self.idle(CONNECT_POLL) {
+                return Ok(None);
+            }
+            if self.clock.now() >= deadline {
+                return Err(LinkError::Timeout { address, waiting_for: "connection", limit_s });
+            }
+        }
+        let mut link = connecting.finish(&config.link, &config.realtime, self.clock).map_err(connect)?;
+        match self.greet(&mut link, deadline) {
+            Ok(Some(hello)) => Ok(Some((link, hello))),
+            Ok(None) => {
+                link.close(None, CloseReason::Shutdown);
+                Ok(None)
+            }
+            Err(error) => {
+                if let Some(code) = error.code() {
+                    link.close(Some((code, "see the log of volcompd")), CloseReason::Error);
+                }
+                Err(error)
+            }
+        }
+    }
+
+    /// Exchanges hellos, checks them, and has an engine ready.
+    fn greet(&mut self, link: &mut Link, deadline: MonoTime) -> Result<Option<ControlHello>, LinkError> {
+        let loaded = Arc::clone(&self.loaded);
+        let config = &loaded.config;
+        let address = config.link.address;
+        let connect = |source| LinkError::Connect { address, source };
+        link.send(&Message::DaemonHello(handshake::daemon_hello(config))).map_err(connect)?;
+        let message = loop {
+            if let Some(message) =
+                link.reader.next().map_err(|source| LinkError::Frame { address, source })?
+            {
+                break message;
+            }
+            if self.clock.now() >= deadline {
+                let limit_s = config.link.connect_timeout_s;
+                return Err(LinkError::Timeout { address, waiting_for: "hello", limit_s });
+            }
+            if self.idle(Duration::ZERO) {
+                return Ok(None);
+            }
+            if link.receive(SLICE).map_err(connect)? == Received::Closed {
+                return Err(LinkError::Closed { address });
+            }
+        };
+        let hello = match message {
+            Message::ControlHello(hello) => hello,
+            Message::Error(report) => {
+                return Err(LinkError::Refused { address, code: report.code, detail: report.detail });
+            }
+            Message::Close(_) => return Err(LinkError::Closed { address }),
+            Message::Position(_) => return Err(LinkError::Unexpected { address, found: "position" }),
+            Message::Tool(_) => return Err(LinkError::Unexpected { address, found: "tool" }),
+            Message::Heartbeat(_) => return Err(LinkError::Unexpected { address, found: "heartbeat" }),
+            Message::DaemonHello(_) => {
+                return Err(LinkError::Unexpected { address, found: "daemon hello" });
+            }
+            Message::Correction(_) => {
+                return Err(LinkError::Unexpected { address, found: "correction" });
+            }
+        };
+        if hello.version != PROTOCOL_VERSION {
+            return Err(LinkError::Version { address, found: hello.version });
+        }
+        self.prepare(&hello)?;
+        link.received = self.clock.now();
+        Ok(Some(hello))
+    }
+
+    /// An engine for this control: the present one where nothing about the control has changed.
+    fn prepare(&mut self, hello: &ControlHello) -> Result<(), LinkError> {
+        let address = self.loaded.config.link.address;
+        let config = self
+            .loaded
+            .config
+            .engine_config(hello)
+            .map_err(|source| LinkError::Mismatch { address, source })?;
+        if self.body.as_ref().is_some_and(|(known, _)| same_machine(known, hello)) {
+            return Ok(());
+        }
+        let engine = |source| LinkError::Engine { address, source };
+        let mut body = CycleBody::new(&config, Arc::clone(&self.loaded.model)).map_err(engine)?;
+        self.control.brief(self.clock.now(), &mut body);
+        self.body = Some((*hello, body));
+        Ok(())
+    }
+
+    /// One link from up to down; says whether the offset was at rest where the link ended by a stop.
+    fn serve(&mut self, mut link: Link, hello: &ControlHello) -> Option<bool> {
+        let (_, body) = self.body.as_mut()?;
+        let config = &self.loaded.config;
+        self.control.ports.report(Report::LinkUp { address: config.link.address, hello: *hello });
+        body.link_up(self.clock.now());
+        self.control.ports.progress.set_state(body.state());
+        self.control.ports.progress.set_link(true);
+        let mut cycle = Cycle {
+            control: &mut self.control,
+            body,
+            clock: self.clock,
+            limits: &config.link,
+            ages: AgeEstimator::new(),
+            cycles: 0,
+        };
+        let end = cycle.run(&mut link);
+        let cycles = cycle.cycles;
+        if let Some((error, reason)) = end.farewell() {
+            link.close(error, reason);
+        }
+        body.link_down(self.clock.now());
+        self.control.ports.progress.set_link(false);
+        self.control.ports.progress.set_state(body.state());
+        self.control.ports.report(Report::LinkDown { end, cycles });
+        if let LinkEnd::Stopped { at_rest } = end {
+            return Some(at_rest);
+        }
+        if cycles > 0 {
+            self.backoff.reset();
+        }
+        let pause = self.backoff.pause();
+        self.pause(pause);
+        None
+    }
+
+    fn failed(&mut self, error: LinkError) {
+        let pause = if error.needs_a_person() { self.backoff.longest() } else { self.backoff.pause() };
+        self.control.ports.report(Report::ConnectFailed { error, pause });
+        self.pause(pause);
+    }
+
+    /// Waits, but shows life and listens to the service all the while.
+    fn pause(&mut self, pause: Duration) {
+        let until = self.clock.now().plus_seconds(pause.as_secs_f64());
+        loop {
+            let left = until.seconds_since(self.clock.now());
+            if left <= 0.0 || self.idle(seconds(left).min(SLICE)) {
+                return;
+            }
+        }
+    }
+
+    /// Sleeps once, shows life, takes requests; true where a stop has been asked for.
+    fn idle(&mut self, sleep: Duration) -> bool {
+        if !sleep.is_zero() {
+            std::thread::sleep(sleep);
+        }
+        self.control.ports.progress.beat();
+        let now = self.clock.now();
+        self.control.take_requests(now, self.body.as_mut().map(|(_, body)| body));
+        self.control.stopping()
+    }
+}
+
+/// Whether the engine of one hello also fits the other: same axes in the same order, same cycle.
+fn same_machine(a: &ControlHello, b: &ControlHello) -> bool {
+    a.machine == b.machine && a.cycle_ns == b.cycle_ns && handshake::announced(a) == handshake::announced(b)
+}

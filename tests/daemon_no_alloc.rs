@@ -1,0 +1,100 @@
+//! A million cycles of the daemon's body, from message to correction, without one allocation.
+
+#![cfg(feature = "daemon")]
+#![allow(clippy::expect_used, reason = "a test program: it fails by panicking")]
+
+use std::path::Path;
+
+use assert_no_alloc::{AllocDisabler, assert_no_alloc};
+use volcomp::core::axes::MAX_AXES;
+use volcomp::core::engine::Command;
+use volcomp::core::protocol::{
+    Axis, AxisUnit, ControlHello, CorrectionState, FrameReader, Heartbeat, MAX_FRAME, MachineState, Message,
+    Name, PROTOCOL_VERSION, Position, Tool, encode,
+};
+use volcomp::core::units::MonoTime;
+use volcomp::runtime::{CycleBody, Loaded, Reaction, load};
+
+#[global_allocator]
+static ALLOCATOR: AllocDisabler = AllocDisabler;
+
+const CYCLES: u32 = 1_000_000;
+const CYCLE_NS: i64 = 1_000_000;
+
+fn hello(loaded: &Loaded) -> ControlHello {
+    let axis = |k: usize| {
+        let name = loaded.config.axes[k.min(loaded.config.axes.len() - 1)].name;
+        Axis { name, unit: AxisUnit::Millimetre }
+    };
+    ControlHello {
+        version: PROTOCOL_VERSION,
+        machine: Name::new(&loaded.config.machine),
+        software: Name::new("test"),
+        cycle_ns: CYCLE_NS.unsigned_abs(),
+        axis_count: u8::try_from(loaded.config.axes.len()).expect("few axes"),
+        axes: std::array::from_fn(axis),
+    }
+}
+
+/// A slow tour through the working volume, with everything that can go wrong now and then.
+fn message(cycle: u32, applied: [f64; MAX_AXES]) -> Message {
+    let phase = f64::from(cycle) * 1e-4;
+    let mut commanded = [0.0; MAX_AXES];
+    commanded[0] = 200.0 + 150.0 * phase.sin();
+    commanded[1] = 200.0 + 150.0 * (0.7 * phase).sin();
+    commanded[2] = 200.0 + 150.0 * (0.3 * phase).sin();
+    let mut bits = MachineState::HOMED | MachineState::ENABLED;
+    match cycle {
+        c if c % 100_003 < 50 => bits |= MachineState::ESTOP,
+        c if c % 70_001 == 0 => commanded[0] = f64::NAN,
+        c if c % 50_021 == 0 => {
+            return Message::Tool(Tool { number: c, tip: [0.0, 0.0, f64::from(c % 7)] });
+        }
+        c if c % 997 == 0 => return Message::Heartbeat(Heartbeat::default()),
+        _ => {}
+    }
+    Message::Position(Position {
+        sequence: cycle,
+        control_ns: i64::from(cycle) * CYCLE_NS,
+        state: MachineState::from_bits(bits),
+        feed_mm_per_min: 1000.0,
+        commanded,
+        actual: commanded,
+        applied,
+    })
+}
+
+#[test]
+fn a_million_cycles_allocate_nothing() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/examples/vmc-850/machine.toml");
+    let loaded = load(&file).expect("the example loads");
+    let config = loaded.config.engine_config(&hello(&loaded)).expect("the hello fits");
+    let mut body = CycleBody::new(&config, loaded.model).expect("an engine");
+    let mut reader = FrameReader::default();
+    let mut buffer = [0; MAX_FRAME];
+    let mut applied = [0.0; MAX_AXES];
+    let (mut answers, mut active) = (0_u32, 0_u32);
+    assert_no_alloc(|| {
+        body.command(MonoTime::ZERO, Command::Enable);
+        body.link_up(MonoTime::ZERO);
+        for cycle in 1..=CYCLES {
+            let now = MonoTime::from_ns(i64::from(cycle) * CYCLE_NS);
+            // over the wire format, as in the daemon
+            let length = encode(&message(cycle, applied), &mut buffer);
+            reader.space()[..length].copy_from_slice(&buffer[..length]);
+            reader.advance(length);
+            let Ok(Some(received)) = reader.next() else { continue };
+            if let Reaction::Answer(correction) = body.handle(now, &received) {
+                applied = correction.offset;
+                answers += 1;
+                active += u32::from(correction.state == CorrectionState::Active);
+            }
+            if let Some(correction) = body.deadline(now) {
+                applied = correction.offset;
+            }
+        }
+    });
+    assert!(answers > CYCLES / 100 * 99, "{answers} answers");
+    assert!(active > CYCLES / 2, "{active} cycles active: the model must have been at work");
+    assert!(applied.iter().any(|offset| *offset != 0.0));
+}
