@@ -1,6 +1,5 @@
 //! Recorded cycles to the figures and curves of the demo.
 
-use super::picture::Curves;
 use crate::control::CycleRecord;
 use crate::instruments::InstrumentError;
 use crate::instruments::ballbar::{Ballbar, CirclePoint, Trace};
@@ -114,9 +113,21 @@ pub fn rms(curve: &[(f64, f64)]) -> f64 {
     (curve.iter().map(|p| p.1 * p.1).sum::<f64>() / curve.len().max(1) as f64).sqrt()
 }
 
-/// Every `n`-th point so that at most about 1500 are drawn.
+/// Every `n`-th point so that at most about 1500 are drawn, with a gap wherever nothing was recorded for `gap`.
 #[must_use]
-pub fn thinned(curves: &Curves) -> Curves {
-    let thin = |points: &[(f64, f64)]| points.iter().copied().step_by((points.len() / 1500).max(1)).collect();
-    Curves { before: thin(&curves.before), after: thin(&curves.after) }
+pub fn thinned(curve: &[(f64, f64)], gap: f64) -> Vec<(f64, f64)> {
+    let step = (curve.len() / 1500).max(1);
+    let mut out = Vec::new();
+    let mut last = None;
+    for (i, &point) in curve.iter().enumerate() {
+        let paused = last.is_some_and(|x| point.0 - x > gap);
+        if paused {
+            out.push((point.0, f64::NAN));
+        }
+        if paused || i % step == 0 {
+            out.push(point);
+        }
+        last = Some(point.0);
+    }
+    out
 }

@@ -36,6 +36,9 @@ const CIRCLE_FEED: f64 = 2000.0;
 /// Feed along the diagonals, mm/min.
 const DIAGONAL_FEED: f64 = 10_000.0;
 
+/// Time without a scored cycle that is shown as a gap, s.
+const PAUSE_S: f64 = 0.1;
+
 /// What to do and where to leave it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
@@ -298,9 +301,9 @@ fn draw(before: &Round, after: &Round) -> Picture {
         circle_title: format!("Ballbar, R {RADIUS_MM} mm, XY, F{CIRCLE_FEED}"),
         circle: Curves { before: ballbar_curve(&before.circle), after: ballbar_curve(&after.circle) },
         diagonal: Curves { before: line(&before.diagonals[worst]), after: line(&after.diagonals[worst]) },
-        real_motion: thinned(&Curves {
-            before: before.real_motion.clone(),
-            after: after.real_motion.clone(),
-        }),
+        real_motion: Curves {
+            before: thinned(&before.real_motion, PAUSE_S),
+            after: thinned(&after.real_motion, PAUSE_S),
+        },
     }
 }

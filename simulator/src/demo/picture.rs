@@ -14,7 +14,7 @@ const FONT: &str = "sans-serif";
 /// One curve without and one with compensation.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Curves {
-    /// Points without compensation.
+    /// Points without compensation; a NaN is a gap.
     pub before: Vec<(f64, f64)>,
     /// Points with compensation.
     pub after: Vec<(f64, f64)>,
@@ -73,12 +73,13 @@ impl Picture {
         let rings = (largest / ring_step).ceil().max(1.0);
         // the ring of deviation zero lies at 1, the largest deviation reaches 0.55 inwards or outwards
         let per_um = 0.55 / (rings * ring_step);
-        let reach = 1.75;
-        let mut chart = ChartBuilder::on(panel)
-            .caption(&self.circle_title, (FONT, 20).into_font().color(&INK))
-            .margin(12)
-            .margin_bottom(44)
-            .build_cartesian_2d(-reach..reach, -reach..reach)?;
+        let reach = 1.72;
+        let below_title = panel.titled(&self.circle_title, (FONT, 20).into_font().color(&INK))?;
+        let below_title = below_title.margin(4, 40, 8, 8);
+        let (width, height) = below_title.dim_in_pixel();
+        // one unit must be as wide as it is high, or a circle would be drawn as an ellipse
+        let wide = reach * f64::from(width) / f64::from(height);
+        let mut chart = ChartBuilder::on(&below_title).build_cartesian_2d(-wide..wide, -reach..reach)?;
         let ring = |deviation: f64| {
             (0..=180).map(move |i| {
                 let angle = f64::from(i) * std::f64::consts::TAU / 180.0;
@@ -107,7 +108,7 @@ impl Picture {
 }
 
 fn draw_lines(panel: &Panel<'_>, title: &str, [x_label, y_label]: [&str; 2], curves: &Curves) -> Drawn {
-    let points = || curves.before.iter().chain(&curves.after);
+    let points = || curves.before.iter().chain(&curves.after).filter(|p| p.1.is_finite());
     let range = |values: &dyn Fn(&(f64, f64)) -> f64| {
         let (low, high) =
             points().map(values).fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
@@ -135,7 +136,10 @@ fn draw_lines(panel: &Panel<'_>, title: &str, [x_label, y_label]: [&str; 2], cur
         .axis_style(INK)
         .draw()?;
     for (points, colour) in [(&curves.before, BEFORE), (&curves.after, AFTER)] {
-        chart.draw_series(LineSeries::new(points.iter().copied(), colour.stroke_width(2)))?;
+        // a pause in the record is a gap in the line
+        for stretch in points.split(|p| p.1.is_nan()) {
+            chart.draw_series(LineSeries::new(stretch.iter().copied(), colour.stroke_width(2)))?;
+        }
     }
     draw_legend(panel)
 }
