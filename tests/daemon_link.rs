@@ -12,7 +12,7 @@ use daemon_support::{Daemon, EXX_MM, PATIENCE, Port, Session, Setup, eventually,
 use rustix::process::Signal;
 use volcomp::core::axes::{AxisName, MAX_AXES};
 use volcomp::core::protocol::{
-    ControlHello, CorrectionState, ErrorCode, MAX_FRAME, MachineState, Message, Name, encode,
+    CloseReason, ControlHello, CorrectionState, ErrorCode, MAX_FRAME, MachineState, Message, Name, encode,
 };
 
 fn linked() -> (Port, Daemon, Session) {
@@ -267,7 +267,10 @@ fn sigterm_takes_the_offset_out_and_then_closes() {
     loop {
         match session.try_cycle() {
             Message::Correction(_) => cycles += 1,
-            Message::Close(_) => break,
+            Message::Close(close) => {
+                assert_eq!(close.reason, CloseReason::Shutdown);
+                break;
+            }
             other => panic!("expected corrections and then a close, found {other:?}"),
         }
         assert!(cycles < 5000, "no close frame");
@@ -282,6 +285,44 @@ fn sigterm_takes_the_offset_out_and_then_closes() {
     assert!(!daemon.socket().exists(), "the socket is removed");
 }
 
+/// The reason of the close frame at the end of what the daemon has sent.
+fn close_reason(session: &mut Session) -> CloseReason {
+    loop {
+        match session.next_word() {
+            Some(Message::Close(close)) => return close.reason,
+            Some(_) => {}
+            None => panic!("the link ended without a close frame"),
+        }
+    }
+}
+
+#[test]
+fn a_stop_in_emergency_stop_leaves_the_offset_to_the_control() {
+    let (_port, mut daemon, mut session) = linked();
+    session.run_until_corrected();
+    session.state = MachineState::HOMED | MachineState::ESTOP;
+    for _ in 0..20 {
+        let _ = session.cycle();
+    }
+    daemon.signal(Signal::TERM);
+    daemon.wait_for_log("stopping: ");
+    let position = session.position();
+    session.send(&Message::Position(position));
+    assert_eq!(close_reason(&mut session), CloseReason::Error);
+    drop(session);
+    assert_eq!(daemon.wait().code(), Some(0));
+}
+
+#[test]
+fn a_stop_before_the_first_position_leaves_the_offset_to_the_control() {
+    let (_port, mut daemon, mut session) = linked();
+    daemon.wait_for_log("link up");
+    daemon.signal(Signal::TERM);
+    assert_eq!(close_reason(&mut session), CloseReason::Error);
+    drop(session);
+    assert_eq!(daemon.wait().code(), Some(0));
+}
+
 #[test]
 fn a_second_signal_stops_at_once() {
     let (_port, mut daemon, mut session) = linked();
@@ -291,6 +332,8 @@ fn a_second_signal_stops_at_once() {
     daemon.signal(Signal::INT);
     assert_eq!(daemon.wait().code(), Some(0));
     assert!(daemon.log().contains("before the offset was at its rest value"), "{}", daemon.log());
+    // told as an error, so that the control does not keep the offset for good
+    assert_eq!(close_reason(&mut session), CloseReason::Error);
 }
 
 #[test]

@@ -5,7 +5,7 @@
 
 use std::sync::Arc;
 
-use crate::core::engine::{Command, Compensator, CycleOutput, EngineConfig, EngineError, State};
+use crate::core::engine::{Command, Compensator, CycleOutput, EngineConfig, EngineError, RestOffset, State};
 use crate::core::geometry::Vec3;
 use crate::core::model::Model;
 use crate::core::protocol::{CloseReason, Correction, ErrorReport, Message};
@@ -17,6 +17,9 @@ pub struct CycleBody {
     model: Arc<Model>,
     engine: Compensator,
     output: Option<CycleOutput>,
+    rest: RestOffset,
+    /// Bit k: axis k may be offset.
+    moved: u8,
 }
 
 /// What a message from the control asks for.
@@ -41,7 +44,12 @@ impl CycleBody {
     /// The configuration does not fit the model.
     pub fn new(config: &EngineConfig, model: Arc<Model>) -> Result<Self, EngineError> {
         let engine = Compensator::new(config, &model)?;
-        Ok(Self { model, engine, output: None })
+        let moved = config
+            .limits
+            .iter()
+            .enumerate()
+            .fold(0, |bits, (k, limits)| bits | u8::from(limits.size > 0.0) << k);
+        Ok(Self { model, engine, output: None, rest: config.rest, moved })
     }
 
     /// A new link has come up.
@@ -108,10 +116,19 @@ impl CycleBody {
         self.engine.state()
     }
 
-    /// True once a [`Command::Stop`] has been carried out.
+    /// True once a [`Command::Stop`] has been carried out, as far as this link and the machine's state allow.
     #[must_use]
     pub const fn is_stopped(&self) -> bool {
         self.engine.is_stopped()
+    }
+
+    /// True where the control has been sent the offset that is to stay when the daemon is gone. Not so before the
+    /// first cycle of a link, and not where drives off or an emergency stop kept the offset from being taken back.
+    #[must_use]
+    pub fn is_at_rest(&self) -> bool {
+        let Some(output) = &self.output else { return false };
+        let zero = |(k, offset): (usize, &f64)| self.moved >> k & 1 == 0 || *offset == 0.0;
+        self.is_stopped() && (self.rest == RestOffset::Hold || output.offset.iter().enumerate().all(zero))
     }
 
     fn answer(&mut self, output: CycleOutput) -> Correction {

@@ -103,12 +103,12 @@ impl Cycle<'_> {
 
     /// Whether a stop has come to its end.
     fn stopped(&self, now: MonoTime) -> Option<LinkEnd> {
-        let at_rest = self.body.is_stopped();
-        match self.control.stop {
-            Stop::By(limit) if at_rest || now >= limit => Some(LinkEnd::Stopped { at_rest }),
-            Stop::Now => Some(LinkEnd::Stopped { at_rest }),
-            Stop::No | Stop::By(_) => None,
-        }
+        let done = match self.control.stop {
+            Stop::No => false,
+            Stop::By(limit) => self.body.is_stopped() || now >= limit,
+            Stop::Now => true,
+        };
+        done.then(|| LinkEnd::Stopped { at_rest: self.body.is_at_rest() })
     }
 
     /// What is due because time has passed: the engine's deadline, the life sign, the end of patience.
@@ -238,9 +238,10 @@ impl LinkEnd {
         match self {
             Self::BadFrame(_) => Some((Some((ErrorCode::BadFrame, "not a frame")), CloseReason::Error)),
             Self::Unexpected(found) => Some((Some((ErrorCode::Unexpected, found)), CloseReason::Error)),
-            Self::Silent { .. } => Some((None, CloseReason::Error)),
-            Self::Stopped { .. } => Some((None, CloseReason::Shutdown)),
-            Self::ClosedByControl(_) => Some((None, CloseReason::Shutdown)),
+            // after `Shutdown` the control keeps the offset, after `Error` it takes it out
+            Self::Stopped { at_rest: true } => Some((None, CloseReason::Shutdown)),
+            Self::Stopped { at_rest: false } => Some((None, CloseReason::Error)),
+            Self::Silent { .. } | Self::ClosedByControl(_) => None,
             Self::Closed | Self::Refused(_) | Self::Io(_) => None,
         }
     }

@@ -21,7 +21,7 @@ const WRITE_LIMIT: Duration = Duration::from_secs(1);
 /// Read timeouts are multiples of this, so that a steady link asks for the same one every cycle.
 const TIMEOUT_STEP: Duration = Duration::from_millis(1);
 /// Time for the control to take the last frames in before the socket is closed.
-const LINGER: Duration = Duration::from_millis(300);
+const LINGER: Duration = Duration::from_secs(1);
 
 /// A socket that is being connected.
 #[derive(Debug)]
@@ -165,7 +165,7 @@ impl Link {
         let _ = self.stream.shutdown(Shutdown::Write);
         let _ = self.set_nonblocking(false);
         // closing with unread bytes would make the kernel reset the connection and discard what we just sent
-        let _ = self.stream.set_read_timeout(Some(LINGER / 6));
+        let _ = self.stream.set_read_timeout(Some(LINGER / 10));
         let deadline = self.clock.now().plus_seconds(LINGER.as_secs_f64());
         let mut scrap = [0; MAX_FRAME];
         while self.clock.now() < deadline {

@@ -21,6 +21,8 @@ use crate::core::units::MonoTime;
 
 /// Pause between two looks at a connection that is being made.
 const CONNECT_POLL: Duration = Duration::from_millis(2);
+/// A link that lasted this long, s, makes the pauses start over (`docs/protocol.md`, section 6.2).
+const PROVEN_S: f64 = 10.0;
 /// Time beyond ramp and rate limits that a clean stop may take.
 const STOP_MARGIN_S: f64 = 2.0;
 /// A clean stop never takes longer than this (the service unit's TimeoutStopSec lies above).
@@ -166,10 +168,8 @@ impl Worker {
         let mut link = connecting.finish(&config.link, &config.realtime, self.clock).map_err(connect)?;
         match self.greet(&mut link, deadline) {
             Ok(Some(hello)) => Ok(Some((link, hello))),
-            Ok(None) => {
-                link.close(None, CloseReason::Shutdown);
-                Ok(None)
-            }
+            // no close frame: the control may hold an offset that it has to take out by itself
+            Ok(None) => Ok(None),
             Err(error) => {
                 if let Some(code) = error.code() {
                     link.close(Some((code, "see the log of volcompd")), CloseReason::Error);
@@ -250,7 +250,8 @@ impl Worker {
         let (_, body) = self.body.as_mut()?;
         let config = &self.loaded.config;
         self.control.ports.report(Report::LinkUp { address: config.link.address, hello: *hello });
-        body.link_up(self.clock.now());
+        let up = self.clock.now();
+        body.link_up(up);
         self.control.ports.progress.set_state(body.state());
         self.control.ports.progress.set_link(true);
         let mut cycle = Cycle {
@@ -273,7 +274,7 @@ impl Worker {
         if let LinkEnd::Stopped { at_rest } = end {
             return Some(at_rest);
         }
-        if cycles > 0 {
+        if self.clock.now().seconds_since(up) >= PROVEN_S {
             self.backoff.reset();
         }
         let pause = self.backoff.pause();
