@@ -173,8 +173,8 @@ fn check(bare: &Bare, model: &Model) {
         position[..3].copy_from_slice(&q);
         let (_, c) = model.correct(&Pose::at(position));
         let b = bare.correction(q);
-        for k in 0..3 {
-            assert!((c.offset[k] - b[k]).abs() < 1e-12, "axis {k} at {q:?}: {} and {}", c.offset[k], b[k]);
+        for (model, bare) in c.offset.iter().zip(b) {
+            assert!((model - bare).abs() < 1e-12, "at {q:?}: {model} and {bare}");
         }
     }
 }

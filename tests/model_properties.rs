@@ -1,5 +1,7 @@
 //! Identities that every model keeps, on random machines of every type.
 
+#![expect(clippy::unwrap_used, reason = "a test stops where its own set-up is wrong")]
+
 use proptest::prelude::*;
 use volcomp::core::axes::{AxisKind, AxisName, MAX_AXES};
 use volcomp::core::geometry::Vec3;

@@ -1,5 +1,11 @@
 //! The kinematic reference vectors, where `../shared` is present: first order and exact.
 
+#![expect(
+    clippy::expect_used,
+    clippy::disallowed_methods,
+    reason = "a test reads files, and stops where its own set-up is wrong"
+)]
+
 use std::path::Path;
 
 use serde_json::Value;

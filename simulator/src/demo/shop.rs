@@ -4,7 +4,7 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Context, bail};
-use volcomp::core::axes::{AxisArray, MAX_AXES};
+use volcomp::core::axes::AxisArray;
 use volcomp::core::protocol::CorrectionState;
 
 use super::programs::Daemon;
@@ -150,12 +150,7 @@ impl Shop {
     /// Lower and upper corner of the working volume.
     #[must_use]
     pub fn corners(&self) -> [[f64; 3]; 2] {
-        let mut corners = [[0.0; 3]; 2];
-        for k in 0..3.min(MAX_AXES) {
-            let [low, high] = self.machine.travel(k);
-            corners[0][k] = low;
-            corners[1][k] = high;
-        }
-        corners
+        let travel = |end: usize| [0, 1, 2].map(|k| self.machine.travel(k)[end]);
+        [travel(0), travel(1)]
     }
 }
