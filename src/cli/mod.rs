@@ -9,6 +9,7 @@ mod daemon;
 mod evaluate;
 mod exit;
 mod fit;
+mod model;
 mod predict;
 mod service;
 
@@ -33,6 +34,7 @@ enum Verb {
     Predict(predict::Args),
     Fit(fit::Args),
     Evaluate(evaluate::Args),
+    Model(model::Args),
     Status(service::StatusArgs),
     Enable(service::CommandArgs),
     Disable(service::CommandArgs),
@@ -46,6 +48,7 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Predict(a) => predict::run(&a),
         Verb::Fit(a) => fit::run(&a),
         Verb::Evaluate(a) => evaluate::run(&a),
+        Verb::Model(a) => model::run(&a),
         Verb::Status(a) => service::status(&a),
         Verb::Enable(a) => service::enable(&a),
         Verb::Disable(a) => service::disable(&a),
