@@ -259,3 +259,24 @@ fn files_that_cannot_be_used_have_their_exit_codes() {
     std::fs::write(dir.path().join("empty.toml"), format!("{HEAD}{THREE}")).unwrap();
     assert!(stdout(&["model", "show", "empty.toml", "--svg", "e.svg"], dir.path()).contains("no errors"));
 }
+
+/// Every example of the guide can be pasted into a file.
+#[test]
+fn the_examples_of_the_guide_are_valid() {
+    let guide = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/model-files.md");
+    let guide = std::fs::read_to_string(guide).unwrap();
+    let blocks: Vec<&str> =
+        guide.split("```toml\n").skip(1).map(|b| b.split("```").next().unwrap()).collect();
+    assert!(blocks.len() >= 8, "{}", blocks.len());
+    for block in blocks {
+        // what is said about an error needs a curve of it
+        let curve = if block.contains("[errors.ezx]") { "[errors.ezx.constant]\nvalue-um = 1\n" } else { "" };
+        let dir = directory(&format!("{HEAD}{THREE}{block}{curve}"));
+        stdout(&["check", "model.toml"], dir.path());
+    }
+    for chain in
+        guide.lines().filter_map(|l| l.strip_prefix('|')?.split('`').nth(1)).filter(|c| c.starts_with("[w"))
+    {
+        assert!(volcomp::core::model::Chain::parse(chain).is_ok(), "{chain}");
+    }
+}

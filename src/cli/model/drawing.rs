@@ -89,7 +89,7 @@ mod tests {
         let x = spec.chain.axes()[1].name;
         spec.axes.push(AxisSpec { travel: Some([0.0, 400.0]), ..AxisSpec::new(x) });
         let lines = chain(&spec);
-        assert_eq!(lines[0], "    w ------[ C' ]---- b -----[ X ]------( S )----- t");
+        assert_eq!(lines[0], "    w ------[ C' ]--- b -----[ X ]------( S )---- t");
         assert_eq!(lines[1], "workpiece   rotary   bed    linear     spindle   tool");
         assert_eq!(lines[2], "                           0..400 mm");
     }

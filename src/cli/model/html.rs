@@ -21,8 +21,8 @@ pub(super) fn page(report: &Report<'_>, model: &Model) -> Result<String, Box<dyn
     let mut out = String::from("<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">");
     let title = format!("{} {}", spec.machine, spec.chain);
     write!(out, "<title>{}</title><style>{STYLE}</style></head>\n<body>", text(&title))?;
-    write!(out, "<h1>{}</h1><p>{}</p>\n", text(&title), text(report.name))?;
-    write!(out, "<pre>{}</pre>\n", text(&drawing::chain(spec).join("\n")))?;
+    writeln!(out, "<h1>{}</h1><p>{}</p>", text(&title), text(report.name))?;
+    writeln!(out, "<pre>{}</pre>", text(&drawing::chain(spec).join("\n")))?;
     for line in report.frame_lines() {
         write!(out, "<p>{}</p>", text(&line))?;
     }
