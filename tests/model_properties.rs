@@ -5,7 +5,7 @@
 use proptest::prelude::*;
 use volcomp::core::axes::{AxisKind, AxisName, MAX_AXES};
 use volcomp::core::geometry::Vec3;
-use volcomp::core::model::curve::{Curve, ErrorFunction, Grid, Interpolation, Table};
+use volcomp::core::model::curve::{Curve, ErrorFunction, Grid, Interpolation, Live, Table};
 use volcomp::core::model::{
     AxisSpec, Chain, Component, ErrorSymbol, Model, ModelError, ModelSpec, Pose, Sense, Side,
 };
@@ -296,6 +296,47 @@ fn a_grid_over_two_axes_acts_at_the_pose() {
     spec.chain = Chain::parse("[w b X Y t]").unwrap();
     spec.errors = vec![(ErrorSymbol::parse("ezy").unwrap(), sag)];
     assert!(matches!(Model::new(&spec), Err(ModelError::GridOverMissingAxis { axis: AxisName::Z, .. })));
+}
+
+#[test]
+fn a_touched_datum_deviates_by_nothing_and_shifts_all_else_alike() {
+    let plain = machine("[w C' b X Y Z t]", 7, 1.0);
+    let mut spec = plain.clone();
+    spec.datum = vec![(AxisName::X, 120.0), (AxisName::Z, -200.0), (AxisName::C, 0.6)];
+    let (model, bare) = (compile(&spec), compile(&plain));
+    let touched = model.pose_of(&spec.datum);
+    assert!(model.deviation(&touched).position.amax() < 1e-15);
+    assert!(model.deviation_exact(&touched).position.amax() < 1e-15);
+    assert!(model.correct(&touched).1.residual.amax() < 1e-12);
+    let p = pose(&spec, 3);
+    let expected = bare.deviation(&p).position - bare.deviation(&touched).position;
+    assert!((model.deviation(&p).position - expected).amax() < 1e-14);
+    assert_eq!(model.deviation(&p).rotation, bare.deviation(&p).rotation);
+    spec.datum = vec![(AxisName::Y, f64::NAN)];
+    assert!(matches!(Model::new(&spec), Err(ModelError::Datum { axis: AxisName::Y })));
+}
+
+#[test]
+fn a_live_value_adds_within_its_limit_and_nonsense_is_nothing() {
+    let mut spec = ModelSpec::new("ram", Chain::parse("[w X' b Y Z t]").unwrap());
+    let live = |sensor: &str| Live { sensor: sensor.to_owned(), limit: 0.02 };
+    let ezz = ErrorFunction { live: vec![live("ram")], ..ErrorFunction::single(Curve::Constant(0.001)) };
+    spec.errors.push((ErrorSymbol::parse("ezz").unwrap(), ezz));
+    let exx = ErrorFunction { live: vec![live("laser"), live("ram")], ..ErrorFunction::default() };
+    spec.errors.push((ErrorSymbol::parse("exx").unwrap(), exx));
+    let model = compile(&spec);
+    assert_eq!(model.sensors(), ["ram", "laser"]);
+    let mut p = Pose::at([0.0; MAX_AXES]);
+    for (ram, laser, x, z) in [
+        (0.0, 0.0, 0.0, 0.001),
+        (0.005, -0.002, 0.003, 0.006),
+        (0.5, 0.0, 0.02, 0.021),
+        (f64::NAN, f64::INFINITY, 0.0, 0.001),
+    ] {
+        p.live[..2].copy_from_slice(&[ram, laser]);
+        let d = model.deviation(&p);
+        assert!((d.position - Vec3::new(x, 0.0, z)).amax() < 1e-15, "{ram} {laser}: {}", d.position);
+    }
 }
 
 /// Nominal tip in W from the definition, by a machine without errors whose tip is shifted: exact transforms only.

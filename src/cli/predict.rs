@@ -253,6 +253,9 @@ impl Columns {
             AxisKind::Rotary => format!("c{}_arcsec", n.lower()),
         }));
         names.push("flags".to_owned());
+        if self.lacks_a_direction() {
+            names.extend(["rx_um", "ry_um", "rz_um"].map(str::to_owned));
+        }
         names
     }
 
@@ -308,7 +311,17 @@ impl Columns {
         if !deviation.flags.is_clear() || correction.singular != 0 {
             self.flags(deviation, correction, block);
         }
+        if self.lacks_a_direction() {
+            for v in correction.residual.iter() {
+                push_number(block, um_from_mm(*v));
+            }
+        }
         block.push(b'\n');
+    }
+
+    /// True where X, Y or Z is missing, so that a part of the deviation cannot be corrected.
+    fn lacks_a_direction(&self) -> bool {
+        [AxisName::X, AxisName::Y, AxisName::Z].iter().any(|a| !self.names.contains(a))
     }
 
     /// Words such as `x:out-of-travel`, separated by blanks.

@@ -8,7 +8,9 @@ use crate::config::diagnostic::Diagnostic;
 use crate::config::reader::{Allowed, Placed, Section};
 use crate::config::words::{suggestion, unit_of};
 use crate::core::axes::AxisName;
-use crate::core::model::curve::{Chebyshev, CurveError, Fourier, Grid, HalfRange, Interpolation, Table};
+use crate::core::model::curve::{
+    Chebyshev, CurveError, Fourier, Grid, HalfRange, Interpolation, Live, Table,
+};
 use crate::core::model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelError, ModelSpec};
 
 /// Largest standard uncertainty taken for real, um or arcsec.
@@ -180,21 +182,31 @@ fn read_error(
         grids.push(read_grid(&mut kind));
         part.finish();
     }
+    let mut live = Vec::new();
+    for part in section.sections("live") {
+        live.push(read_live(&part, symbol));
+        part.finish();
+    }
     let own = section.number(ValueKeys::of(symbol).std, STD).map(|n| (ValueKeys::of(symbol).read)(n.value));
     let origin = provenance::read(&section);
-    if curves.is_empty() && grids.is_empty() {
+    if curves.is_empty() && grids.is_empty() && live.is_empty() {
         let name = symbol.to_string().to_lowercase();
         section.report_here(
             format!("errors.{name} has no curve"),
-            format!("add [errors.{name}.table], .fourier, .half-range, .chebyshev, .grid or .constant; a missing error is zero"),
+            format!("add [errors.{name}.table], .fourier, .half-range, .chebyshev, .grid, .live or .constant; a missing error is zero"),
         );
     }
     section.finish();
     curves.sort_by_key(|(start, _)| *start);
     let curves: Option<Vec<Curve>> = curves.into_iter().map(|(_, curve)| curve).collect();
     let grids: Option<Vec<Grid>> = grids.into_iter().collect();
-    let function =
-        curves.zip(grids).map(|(curves, grids)| ErrorFunction { curves, grids, std: own.or(std.of(symbol)) });
+    let live: Option<Vec<Live>> = live.into_iter().collect();
+    let function = curves.zip(grids).zip(live).map(|((curves, grids), live)| ErrorFunction {
+        curves,
+        grids,
+        live,
+        std: own.or(std.of(symbol)),
+    });
     (function, origin, largest.map(|l| l.place))
 }
 
@@ -397,6 +409,20 @@ fn read_chebyshev(kind: &mut Kind<'_, '_>) -> Option<Curve> {
     let [low, high] = range?.value.map(at.read);
     let polynomial = Chebyshev::new(low, high, coefficients.value);
     kind.built(polynomial, Some(coefficients.place)).map(Curve::Chebyshev)
+}
+
+/// A value that a sensor tells: `sensor = "ram"` and the limit within which it is believed.
+fn read_live(section: &Section<'_>, symbol: ErrorSymbol) -> Option<Live> {
+    let of = ValueKeys::of(symbol);
+    let sensor = section.text("sensor");
+    if section.value("sensor").is_none() {
+        section.missing("sensor", "add sensor = \"name\", the sensor that tells this error");
+    }
+    if section.value(of.limit).is_none() {
+        section.missing(of.limit, &format!("add {} = .., the largest value that is believed", of.limit));
+    }
+    let limit = section.number(of.limit, Allowed::Positive { high: 5000.0 });
+    Some(Live { sensor: sensor?.value.to_owned(), limit: (of.read)(limit?.value) })
 }
 
 /// A grid over several axes: `axes = ["y", "z"]`, positions behind `y-mm` and `z-mm`, values with the last axis fastest.

@@ -34,6 +34,7 @@ pub(super) struct ValueKeys {
     pub(super) sin: &'static str,
     pub(super) coefficients: &'static str,
     pub(super) std: &'static str,
+    pub(super) limit: &'static str,
     /// File to inside.
     pub(super) read: fn(f64) -> f64,
     /// Inside to file.
@@ -74,6 +75,7 @@ static LENGTH: ValueKeys = ValueKeys {
     sin: "sin-um",
     coefficients: "coefficients-um",
     std: "std-um",
+    limit: "limit-um",
     read: mm_from_um,
     write: um_from_mm,
 };
@@ -88,6 +90,7 @@ static ANGLE: ValueKeys = ValueKeys {
     sin: "sin-arcsec",
     coefficients: "coefficients-arcsec",
     std: "std-arcsec",
+    limit: "limit-arcsec",
     read: rad_from_arcsec,
     write: arcsec_from_rad,
 };

@@ -10,11 +10,13 @@ mod number;
 mod provenance;
 mod write;
 
+use self::keys::{PositionKeys, grid_key};
 pub use provenance::Provenance;
 pub use write::{kind_of, write, write_file};
 
 use super::diagnostic::{ConfigErrors, Diagnostic};
-use super::reader::{self, Placed, Reader, Section};
+use super::reader::{self, Allowed, Placed, Reader, Section};
+use crate::core::axes::AxisName;
 use crate::core::geometry::Vec3;
 use crate::core::model::chain::ChainError;
 use crate::core::model::{Chain, ErrorSymbol, ModelError, ModelSpec};
@@ -69,8 +71,8 @@ pub fn parse_file(file: &str, text: &str) -> Result<ModelFile, ConfigErrors> {
 #[must_use]
 pub fn known_keys() -> Vec<String> {
     let text = "axes = {x = {}, c = {}}\n[errors]\n\
-        exx = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}}\n\
-        eac = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}}\n";
+        exx = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}, live = {}}\n\
+        eac = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}, live = {}}\n";
     let reader = Reader::default();
     if let Ok(document) = reader::document("", text) {
         read(&Section::top(&reader, &document), text);
@@ -120,7 +122,19 @@ fn read_frame(frame: &Section<'_>, spec: &mut ModelSpec) {
         spec.tool_tip = p.value;
     }
     spec.gauge_point = point(frame, "gauge-point-mm").map(|p| p.value);
+    read_datum(&frame.section("datum"), spec);
     frame.finish();
+}
+
+/// Where the workpiece datum was touched: one coordinate per axis of the chain, such as `x-mm = 100`.
+fn read_datum(section: &Section<'_>, spec: &mut ModelSpec) {
+    let chain: Vec<AxisName> = spec.chain.axes().iter().map(|a| a.name).collect();
+    for axis in chain {
+        if let Some(at) = section.number(grid_key(axis), Allowed::Finite) {
+            spec.datum.push((axis, (PositionKeys::of(axis).read)(at.value)));
+        }
+    }
+    section.finish();
 }
 
 /// A point in M at home, mm.
@@ -181,6 +195,10 @@ fn remedy(error: &ModelError, chain: &str) -> String {
         | ModelError::GridOverMissingAxis { axis, .. } => {
             format!("the chain is {chain}: add {axis} to it or take this entry out")
         }
+        ModelError::Datum { axis } => {
+            format!("the chain is {chain}: add {axis} to it or take it out of [frame.datum]")
+        }
+        ModelError::TooManySensors { .. } => "let several errors share a sensor, or take some out".to_owned(),
         ModelError::SquarenessWithoutPartner { partner, .. } => {
             format!("the chain is {chain}: add {partner} to it or take this entry out")
         }

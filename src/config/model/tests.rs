@@ -2,7 +2,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::core::axes::{AxisKind, AxisName, Travel};
-use crate::core::model::curve::{Chebyshev, Fourier, Grid, HalfRange, Interpolation, Table};
+use crate::core::model::curve::{Chebyshev, Fourier, Grid, HalfRange, Interpolation, Live, Table};
 use crate::core::model::spec::{ANGLE_LIMIT, LENGTH_LIMIT, ReferenceBody, ReferencePoint};
 use crate::core::model::{AxisSpec, Curve, ErrorFunction, Sense};
 
@@ -280,8 +280,11 @@ fn any_error(symbol: ErrorSymbol) -> impl Strategy<Value = (ErrorSymbol, ErrorFu
     };
     let grids = if symbol.is_constant() { 0..1 } else { 0..3usize };
     let grids = prop::collection::vec(any_grid(limit), grids);
-    (curves, grids, prop::option::of(0.0..limit))
-        .prop_map(move |(curves, grids, std)| (symbol, ErrorFunction { curves, grids, std }))
+    let sensor = prop_oneof![Just("ram".to_owned()), Just("laser \"1\"".to_owned())];
+    let live = (sensor, 1e-9..limit).prop_map(|(sensor, limit)| Live { sensor, limit });
+    let live = prop::collection::vec(live, if symbol.is_constant() { 0..1 } else { 0..3usize });
+    (curves, grids, live, prop::option::of(0.0..limit))
+        .prop_map(move |(curves, grids, live, std)| (symbol, ErrorFunction { curves, grids, live, std }))
 }
 
 fn any_model() -> impl Strategy<Value = ModelSpec> {
@@ -299,6 +302,9 @@ fn any_model() -> impl Strategy<Value = ModelSpec> {
             move |(axes, errors, gauge)| {
                 let mut spec = ModelSpec::new("any-machine", chain.clone());
                 spec.gauge_point = gauge.map(Vec3::from);
+                if gauge.is_some() {
+                    spec.datum = spec.chain.axes().iter().map(|a| (a.name, 0.25)).collect();
+                }
                 spec.axes = axes;
                 spec.errors = errors;
                 spec

@@ -47,6 +47,15 @@ fn write_model(spec: &ModelSpec, origin: Option<&ModelFile>, comment: &[String])
     if let Some(p) = &spec.gauge_point {
         line_of(&mut out, format_args!("gauge-point-mm = {}", point(p)));
     }
+    if !spec.datum.is_empty() {
+        heading(&mut out, "frame.datum");
+        for (axis, at) in &spec.datum {
+            line_of(
+                &mut out,
+                format_args!("{} = {}", grid_key(*axis), position(*at, PositionKeys::of(*axis))),
+            );
+        }
+    }
     for axis in &spec.axes {
         write_axis(&mut out, axis);
     }
@@ -107,7 +116,7 @@ fn write_reference_points(out: &mut String, axis: &AxisSpec) {
 }
 
 fn write_error(out: &mut String, symbol: ErrorSymbol, function: &ErrorFunction, origin: Option<&Provenance>) {
-    if function.curves.is_empty() && function.grids.is_empty() {
+    if function.curves.is_empty() && function.grids.is_empty() && function.live.is_empty() {
         return;
     }
     let (at, of) = (PositionKeys::of(symbol.axis()), ValueKeys::of(symbol));
@@ -139,6 +148,15 @@ fn write_error(out: &mut String, symbol: ErrorSymbol, function: &ErrorFunction, 
             heading(out, &format!("{name}.grid"));
         }
         write_grid(out, grid, of);
+    }
+    for live in &function.live {
+        if function.live.len() > 1 {
+            line_of(out, format_args!("\n[[{name}.live]]"));
+        } else {
+            heading(out, &format!("{name}.live"));
+        }
+        line_of(out, format_args!("sensor = {}", quoted(&live.sensor)));
+        line_of(out, format_args!("{} = {}", of.limit, value(live.limit, of)));
     }
 }
 

@@ -25,7 +25,7 @@ impl Model {
             nominal = nominal.then_inner(&joint.transform(q, None));
         }
         Deviation {
-            position: actual.apply(&tip) - nominal.apply(&tip),
+            position: actual.apply(&tip) - nominal.apply(&tip) - self.datum_exact(),
             rotation: rotation_vector(&(actual.rotation * nominal.rotation.transpose())),
             flags,
         }

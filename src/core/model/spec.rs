@@ -77,6 +77,9 @@ pub struct ModelSpec {
     pub tool_tip: Vec3,
     /// Spindle nose in M at home, mm; the tip is this point minus the tool length along z.
     pub gauge_point: Option<Vec3>,
+    /// Coordinates at which the workpiece datum was touched, mm and rad (equations 1.9): deviations are then relative to
+    /// the one at this pose. An axis that is not named stands at 0; none named: no datum.
+    pub datum: Vec<(AxisName, f64)>,
     /// The axes, any order; an axis of the chain that is missing here has all defaults.
     pub axes: Vec<AxisSpec>,
     /// Errors by symbol; a missing error is zero.
@@ -93,6 +96,7 @@ impl ModelSpec {
             workpiece_origin: Vec3::zeros(),
             tool_tip: Vec3::zeros(),
             gauge_point: None,
+            datum: Vec::new(),
             axes: Vec::new(),
             errors: Vec::new(),
         }
@@ -121,6 +125,20 @@ impl ModelSpec {
             {
                 return Err(ModelError::Travel { axis: axis.name, low, high });
             }
+        }
+        for (axis, at) in &self.datum {
+            if self.chain.index_of(*axis).is_none() || !at.is_finite() {
+                return Err(ModelError::Datum { axis: *axis });
+            }
+        }
+        let mut sensors: Vec<&str> = Vec::new();
+        for live in self.errors.iter().flat_map(|(_, f)| &f.live) {
+            if !sensors.contains(&live.sensor.as_str()) {
+                sensors.push(&live.sensor);
+            }
+        }
+        if sensors.len() > SENSORS_MAX {
+            return Err(ModelError::TooManySensors { found: sensors.len() });
         }
         for (i, (symbol, function)) in self.errors.iter().enumerate() {
             if self.chain.index_of(symbol.axis()).is_none() {
@@ -162,6 +180,8 @@ impl ModelSpec {
     }
 }
 
+/// The most sensors whose live values a model may use.
+pub const SENSORS_MAX: usize = 16;
 /// Largest error angle taken for real, rad; above it the unit is taken to be wrong.
 pub const ANGLE_LIMIT: f64 = 10e-3;
 /// Largest linear error taken for real, mm; above it the unit is taken to be wrong.
@@ -188,7 +208,9 @@ fn bound(curve: &Curve) -> f64 {
 
 fn check_size(symbol: ErrorSymbol, function: &ErrorFunction) -> Result<(), ModelError> {
     let grid = |g: &Grid| g.values().iter().fold(0.0f64, |m, v| m.max(v.abs()));
-    let size = function.curves.iter().map(bound).sum::<f64>() + function.grids.iter().map(grid).sum::<f64>();
+    let live = function.live.iter().map(|l| l.limit.abs());
+    let size =
+        function.curves.iter().map(bound).chain(function.grids.iter().map(grid)).chain(live).sum::<f64>();
     let limit = if symbol.is_angle() { ANGLE_LIMIT } else { LENGTH_LIMIT };
     if !size.is_finite() {
         return Err(ModelError::NotFinite { symbol });
@@ -243,6 +265,18 @@ pub enum ModelError {
         symbol: ErrorSymbol,
         /// The axis.
         axis: AxisName,
+    },
+    /// A datum at an axis that the chain does not have, or at no finite coordinate.
+    #[error("the datum names axis {axis}, which is not in the chain or has no finite coordinate")]
+    Datum {
+        /// The axis.
+        axis: AxisName,
+    },
+    /// More sensors than the cycle is built for.
+    #[error("{found} sensors with live values; the limit is {limit}", limit = SENSORS_MAX)]
+    TooManySensors {
+        /// Sensors named.
+        found: usize,
     },
     /// The same error twice.
     #[error("{symbol} is given twice")]

@@ -11,9 +11,9 @@
 use super::bank::MotionBank;
 use super::chain::{ChainAxis, Side};
 use super::curve::{ErrorFunction, Grid};
-use super::spec::{ModelError, ModelSpec, ReferenceBody, ReferencePoint, Sense};
+use super::spec::{ModelError, ModelSpec, ReferenceBody, ReferencePoint, SENSORS_MAX, Sense};
 use super::symbol::{Component, ErrorSymbol};
-use crate::core::axes::{AxisArray, AxisKind, MAX_AXES, Travel};
+use crate::core::axes::{AxisArray, AxisKind, AxisName, MAX_AXES, Travel};
 use crate::core::geometry::{Mat3, Vec3, rotation_about, unit};
 
 /// Where the machine stands: one entry per axis in chain order, mm and rad.
@@ -25,13 +25,15 @@ pub struct Pose {
     pub travel: [Travel; MAX_AXES],
     /// Tool tip in M at home, mm, where it replaces that of the model.
     pub tool_tip: Option<Vec3>,
+    /// Values of the sensors in the order of [`Model::sensors`], mm or rad; zero where there is none.
+    pub live: [f64; SENSORS_MAX],
 }
 
 impl Pose {
     /// A pose at the given coordinates, travelling forward, with the tool of the model.
     #[must_use]
     pub fn at(position: AxisArray) -> Self {
-        Self { position, travel: [Travel::Forward; MAX_AXES], tool_tip: None }
+        Self { position, travel: [Travel::Forward; MAX_AXES], tool_tip: None, live: [0.0; SENSORS_MAX] }
     }
 }
 
@@ -73,6 +75,9 @@ pub struct Model {
     workpiece_origin: Vec3,
     tool_tip: Vec3,
     gauge_point: Option<Vec3>,
+    sensors: Vec<String>,
+    /// Deviation at the workpiece datum, first order and exact; zero without one.
+    datum: [Vec3; 2],
 }
 
 /// One axis with everything that belongs to it.
@@ -88,6 +93,8 @@ pub(super) struct Joint {
     pub(super) motions: MotionBank,
     /// Parts of them that depend on other axes, too.
     grids: Vec<JointGrid>,
+    /// Parts of them that sensors tell.
+    live: Vec<JointLive>,
     pub(super) reference_points: [ReferencePoint; 3],
     /// Rotation of the line of motion (linear).
     pub(super) squareness: Vec3,
@@ -109,6 +116,14 @@ struct JointGrid {
     grid: Grid,
     /// Chain index of each axis of the grid.
     axes: [usize; 3],
+}
+
+/// A sensor value that adds to one motion of a joint.
+#[derive(Debug, Clone, Copy)]
+struct JointLive {
+    lane: usize,
+    channel: usize,
+    limit: f64,
 }
 
 /// Nominal geometry of a chain at a pose; index k stands left of joint k, index n behind the last.
@@ -135,15 +150,50 @@ impl Model {
     /// A rule of [`ModelSpec::validate`] is broken.
     pub fn new(spec: &ModelSpec) -> Result<Self, ModelError> {
         spec.validate()?;
-        let joints: Vec<Joint> = spec.chain.axes().iter().map(|axis| Joint::new(*axis, spec)).collect();
-        Ok(Self {
+        let mut sensors: Vec<String> = Vec::new();
+        for live in spec.errors.iter().flat_map(|(_, f)| &f.live) {
+            if !sensors.contains(&live.sensor) {
+                sensors.push(live.sensor.clone());
+            }
+        }
+        let joints: Vec<Joint> =
+            spec.chain.axes().iter().map(|axis| Joint::new(*axis, spec, &sensors)).collect();
+        let mut model = Self {
             rotary: joints.iter().any(|j| j.axis.kind() == AxisKind::Rotary),
             joints,
             machine: spec.machine.clone(),
             workpiece_origin: spec.workpiece_origin,
             tool_tip: spec.tool_tip,
             gauge_point: spec.gauge_point,
-        })
+            sensors,
+            datum: [Vec3::zeros(); 2],
+        };
+        if !spec.datum.is_empty() {
+            let at = model.pose_of(&spec.datum);
+            model.datum = [model.deviation(&at).position, model.deviation_exact(&at).position];
+        }
+        Ok(model)
+    }
+
+    /// The pose at named coordinates (mm and rad); axes that are not named stand at 0.
+    #[must_use]
+    pub fn pose_of(&self, coordinates: &[(AxisName, f64)]) -> Pose {
+        let mut position = [0.0; MAX_AXES];
+        for (k, axis) in self.axes().enumerate() {
+            position[k] = coordinates.iter().find(|(name, _)| *name == axis.name).map_or(0.0, |(_, at)| *at);
+        }
+        Pose::at(position)
+    }
+
+    /// The sensors whose live values the model uses; [`Pose::live`] is indexed alike.
+    #[must_use]
+    pub fn sensors(&self) -> &[String] {
+        &self.sensors
+    }
+
+    /// Deviation at the workpiece datum with full rotations.
+    pub(super) const fn datum_exact(&self) -> &Vec3 {
+        &self.datum[1]
     }
 
     /// The machine to which the model belongs.
@@ -209,7 +259,7 @@ impl Model {
             position += shift;
             rotation += turn;
         }
-        Deviation { position, rotation, flags }
+        Deviation { position: position - self.datum[0], rotation, flags }
     }
 
     /// The nominal geometry of the chain at `pose`.
@@ -267,12 +317,12 @@ impl Model {
             position += g * shift;
             rotation += g * turn;
         }
-        Deviation { position, rotation, flags }
+        Deviation { position: position - self.datum[0], rotation, flags }
     }
 }
 
 impl Joint {
-    fn new(axis: ChainAxis, spec: &ModelSpec) -> Self {
+    fn new(axis: ChainAxis, spec: &ModelSpec, sensors: &[String]) -> Self {
         let entry = spec.axis(axis.name);
         let function = |wanted: ErrorSymbol| {
             spec.errors.iter().find(|(s, _)| *s == wanted).map(|(_, f)| f.clone()).unwrap_or_default()
@@ -291,6 +341,7 @@ impl Joint {
             point: entry.point,
             inverted: entry.sense == Sense::Carriage && axis.side == Side::Workpiece,
             grids: joint_grids(&motions, spec),
+            live: joint_live(&motions, sensors),
             motions: MotionBank::new(&motions),
             reference_points: match axis.kind() {
                 AxisKind::Linear => entry.reference_points,
@@ -347,6 +398,11 @@ impl Joint {
             v[g.lane] += value;
             flags.out_of_range |= u16::from(outside) << index;
         }
+        for l in &self.live {
+            let told = pose.live[l.channel];
+            // a sensor that tells nonsense tells nothing
+            v[l.lane] += if told.is_finite() { told.clamp(-l.limit, l.limit) } else { 0.0 };
+        }
         MotionValues { shift: Vec3::new(v[0], v[1], v[2]), turn: Vec3::new(v[3], v[4], v[5]) }
     }
 
@@ -376,6 +432,18 @@ fn joint_grids(motions: &[ErrorFunction; 6], spec: &ModelSpec) -> Vec<JointGrid>
                 *slot = spec.chain.index_of(name).unwrap_or_default();
             }
             out.push(JointGrid { lane, grid: grid.clone(), axes });
+        }
+    }
+    out
+}
+
+fn joint_live(motions: &[ErrorFunction; 6], sensors: &[String]) -> Vec<JointLive> {
+    let mut out = Vec::new();
+    for (lane, function) in motions.iter().enumerate() {
+        for live in &function.live {
+            // every sensor was listed from these very functions
+            let channel = sensors.iter().position(|s| *s == live.sensor).unwrap_or_default();
+            out.push(JointLive { lane, channel, limit: live.limit.abs() });
         }
     }
     out

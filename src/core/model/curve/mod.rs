@@ -124,13 +124,24 @@ impl Curve {
     }
 }
 
-/// An error motion: the sum of its curves and grids, with the uncertainty that was stated for it.
+/// A value that a sensor tells while the machine works; zero until it does.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Live {
+    /// The sensor by name.
+    pub sensor: String,
+    /// The value is kept within plus and minus this, mm or rad.
+    pub limit: f64,
+}
+
+/// An error motion: the sum of its curves, grids and live values, with the uncertainty that was stated for it.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct ErrorFunction {
     /// Terms over the coordinate of the axis itself, to add up; empty means zero.
     pub curves: Vec<Curve>,
     /// Terms over the coordinates of several axes, to add up.
     pub grids: Vec<Grid>,
+    /// Values from sensors, to add up.
+    pub live: Vec<Live>,
     /// Standard uncertainty (k = 1), mm or rad, where stated.
     pub std: Option<f64>,
 }
