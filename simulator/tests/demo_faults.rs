@@ -143,11 +143,11 @@ fn stopped_in_order_it_keeps_the_offset_where_that_is_configured() {
 
 #[test]
 fn hung_for_a_while_it_goes_on() {
-    // 0.3 s: the control takes the offset back; 3 s: it gives the link up, too
-    let mut bench = Bench::new(Setup { pacing: Pacing::RealTime, ..Setup::default() }, 4);
+    // 0.3 s: the control takes the offset back; 3 s: it gives the link up, too. So slow that a late answer is no step
+    let mut bench = Bench::new(Setup { pacing: Pacing::RealTime, feed: FEED / 4, ..Setup::default() }, 2);
     let daemon = bench.connected_daemon();
     bench.run_until_state(CorrectionState::Active);
-    for (cycles, links_lost) in [(300, 0), (3000, 1)] {
+    for cycles in [300, 3000] {
         bench.run_cycles(100);
         assert!(largest(&bench.last().applied) > 0.004);
         signal(daemon.id(), Signal::STOP);
@@ -162,13 +162,14 @@ fn hung_for_a_while_it_goes_on() {
             bench.records[woken..].iter().filter(of).count()
         };
         assert!(states(CorrectionState::RampingIn) > 0, "blended in again");
-        let lost = |e: &&LinkEvent| **e == LinkEvent::Ended(LinkEnd::Silence);
-        assert_eq!(bench.events.borrow().iter().filter(lost).count(), links_lost);
     }
+    let lost = LinkEvent::Ended(LinkEnd::Silence);
+    assert!(bench.events.borrow().contains(&lost), "{:?}", bench.events.borrow());
     bench.run_cycles(1200);
     assert_smooth_in_real_time(&bench.records);
     assert_motion(&bench.records, bench.motion.clone());
-    assert_accurate(&bench, undisturbed_um(2));
+    let [without, _] = undisturbed_um(2);
+    assert!(radial_um(&bench) < 0.2 * without, "{} um, without {without} um", radial_um(&bench));
 }
 
 /// The pauses that a log names, s.
@@ -211,7 +212,7 @@ fn control_killed_in_mid_circle() {
     let mut daemon = None;
     let bench = Bench::new(Setup::default(), 2).with_new_control(|files, port| {
         let programme = files.path().join("circles.nc");
-        std::fs::write(&programme, circles(3)).unwrap();
+        std::fs::write(&programme, circles(3, FEED)).unwrap();
         let mut control = std::process::Command::new(CNCSIM)
             .args(["serve", "--settle-s", "0", "--loop", "--listen", &format!("127.0.0.1:{port}")])
             .arg("--program")

@@ -36,13 +36,16 @@ pub(crate) const SEED: u64 = 3;
 pub(crate) const RADIUS_MM: f64 = 20.0;
 pub(crate) const CENTRE_MM: [f64; 3] = [425.0, 250.0, -250.0];
 
-/// Whole turns of R 20 mm at F2000 about the middle of the machine; one turn is 3.8 s.
-pub(crate) fn circles(turns: usize) -> String {
+/// Feed of the usual circles, mm/min.
+pub(crate) const FEED: u32 = 2000;
+
+/// Whole turns of R 20 mm about the middle of the machine; at F2000 one turn is 3.8 s.
+pub(crate) fn circles(turns: usize, feed: u32) -> String {
     let [x, y, _] = CENTRE_MM;
     let (left, right) = (x - RADIUS_MM, x + RADIUS_MM);
     let turn = format!("G3 X{left} Y{y} I-{RADIUS_MM} J0\nG3 X{right} Y{y} I{RADIUS_MM} J0\n");
     format!(
-        "G21 G90 G64 G17\n(SCORE OFF)\nG0 X{right} Y{y}\nF2000\n(SCORE ON)\n{}(SCORE OFF)\nM30\n",
+        "G21 G90 G64 G17\n(SCORE OFF)\nG0 X{right} Y{y}\nF{feed}\n(SCORE ON)\n{}(SCORE OFF)\nM30\n",
         turn.repeat(turns)
     )
 }
@@ -53,6 +56,7 @@ pub(crate) struct Setup {
     pub(crate) pacing: Pacing,
     pub(crate) ready: bool,
     pub(crate) cycle_s: f64,
+    pub(crate) feed: u32,
     /// Axes of the control; all of the machine's where there is no number.
     pub(crate) axes: Option<usize>,
     pub(crate) start: Option<AxisArray>,
@@ -68,6 +72,7 @@ impl Default for Setup {
             pacing: Pacing::LockStep { answer_timeout: PATIENCE, absent: Absent::GoOn },
             ready: true,
             cycle_s: 0.001,
+            feed: FEED,
             axes: None,
             start: None,
             script: Vec::new(),
@@ -118,7 +123,7 @@ impl Bench {
         let events = Rc::new(RefCell::new(Vec::new()));
         let heard = Rc::clone(&events);
         shop.control().set_listener(move |event| heard.borrow_mut().push(event.clone()));
-        let motion = shop.trajectory(&circles(turns)).unwrap();
+        let motion = shop.trajectory(&circles(turns, setup.feed)).unwrap();
         let files = Files::new(&shop.address(), setup.edit);
         Self { files, shop, records: Vec::new(), events, motion, at: start }
     }
