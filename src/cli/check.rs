@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
+use super::model::gauge;
 use super::{EX_CONFIG, EX_SOFTWARE, Failure};
 use crate::config::model::kind_of;
 use crate::config::{self, ConfigErrors, Diagnostic, FileKind, MachineConfig};
@@ -250,28 +251,28 @@ impl Found {
     }
 }
 
-const fn offset_unit(axis: AxisName) -> &'static str {
+pub(super) const fn offset_unit(axis: AxisName) -> &'static str {
     match axis.kind() {
         AxisKind::Linear => "um",
         AxisKind::Rotary => "arcsec",
     }
 }
 
-fn offset_out(axis: AxisName, v: f64) -> f64 {
+pub(super) fn offset_out(axis: AxisName, v: f64) -> f64 {
     match axis.kind() {
         AxisKind::Linear => rounded(um_from_mm(v)),
         AxisKind::Rotary => rounded(arcsec_from_rad(v)),
     }
 }
 
-const fn position_unit(axis: AxisName) -> &'static str {
+pub(super) const fn position_unit(axis: AxisName) -> &'static str {
     match axis.kind() {
         AxisKind::Linear => "mm",
         AxisKind::Rotary => "deg",
     }
 }
 
-fn position_out(axis: AxisName, v: f64) -> f64 {
+pub(super) fn position_out(axis: AxisName, v: f64) -> f64 {
     match axis.kind() {
         AxisKind::Linear => rounded(v),
         AxisKind::Rotary => rounded(deg_from_rad(v)),
@@ -279,7 +280,7 @@ fn position_out(axis: AxisName, v: f64) -> f64 {
 }
 
 /// Without the last digits that a conversion leaves behind.
-fn rounded(v: f64) -> f64 {
+pub(super) fn rounded(v: f64) -> f64 {
     // adding zero turns -0 into 0
     (v * 1e6).round() / 1e6 + 0.0
 }
@@ -345,6 +346,7 @@ fn describe_model(lines: &mut Vec<String>, model: &ModelSpec) {
         ));
     }
     lines.extend(model_notes(model).into_iter().map(|n| format!("  note: {n}")));
+    lines.extend(gauge::lines(model).into_iter().map(|l| format!("  {l}")));
 }
 
 fn model_as_json(model: &ModelSpec) -> Value {
@@ -376,21 +378,27 @@ fn model_as_json(model: &ModelSpec) -> Value {
             })
         })
         .collect();
-    json!({"machine": model.machine, "chain": model.chain.to_string(), "axes": axes, "errors": errors})
+    json!({
+        "machine": model.machine,
+        "chain": model.chain.to_string(),
+        "axes": axes,
+        "errors": errors,
+        "gauge": gauge::as_json(model),
+    })
 }
 
 /// Bounds of an error over its range, for people: curves sampled, extremes of grids added, in the unit of the file.
-struct Size {
-    range: Option<[f64; 2]>,
-    low: f64,
-    high: f64,
-    unit: &'static str,
+pub(super) struct Size {
+    pub(super) range: Option<[f64; 2]>,
+    pub(super) low: f64,
+    pub(super) high: f64,
+    pub(super) unit: &'static str,
 }
 
 impl Size {
     const SAMPLES: u32 = 2000;
 
-    fn of(symbol: ErrorSymbol, function: &ErrorFunction, model: &ModelSpec) -> Self {
+    pub(super) fn of(symbol: ErrorSymbol, function: &ErrorFunction, model: &ModelSpec) -> Self {
         let range = widest(function);
         let [start, end] = range.or(model.axis(symbol.axis()).travel).unwrap_or([0.0, 0.0]);
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -414,7 +422,7 @@ impl Size {
 }
 
 /// The kinds of the terms of an error.
-fn kinds_of(function: &ErrorFunction) -> Vec<&'static str> {
+pub(super) fn kinds_of(function: &ErrorFunction) -> Vec<&'static str> {
     let grids = function.grids.iter().map(|_| "grid");
     function.curves.iter().map(kind_of).chain(grids).collect()
 }

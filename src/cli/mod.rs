@@ -12,6 +12,7 @@ mod files;
 mod fit;
 mod fit_input;
 mod fit_report;
+mod model;
 mod positioning_data;
 mod predict;
 mod service;
@@ -38,6 +39,7 @@ enum Verb {
     Predict(predict::Args),
     Fit(Box<fit::Args>),
     Evaluate(evaluate::Args),
+    Model(model::Args),
     Status(service::StatusArgs),
     Enable(service::CommandArgs),
     Disable(service::CommandArgs),
@@ -51,6 +53,7 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Predict(a) => predict::run(&a),
         Verb::Fit(a) => fit::run(&a),
         Verb::Evaluate(a) => evaluate::run(&a),
+        Verb::Model(a) => model::run(&a),
         Verb::Status(a) => service::status(&a),
         Verb::Enable(a) => service::enable(&a),
         Verb::Disable(a) => service::disable(&a),

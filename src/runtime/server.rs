@@ -84,8 +84,9 @@ pub enum SocketError {
     },
     /// The system refuses.
     #[error(
-        "error: {}: {source}\n  hint: the directory must exist and belong to the user of the daemon \
-         (RuntimeDirectory= of the unit makes /run/volcomp)", path.display()
+        "error: {}: {source}\n  hint: the folder must be one that the user of the daemon may write \
+         (the unit makes /run/volcomp); to try things out, set `socket` in [status] to a path such as \"volcompd.sock\"",
+        path.display()
     )]
     Bind {
         /// The socket.
@@ -116,6 +117,10 @@ impl Server {
             }
             Ok(_) => std::fs::remove_file(path).map_err(bind_error)?,
             Err(_) => {}
+        }
+        // a folder that is missing is made where the system lets us; otherwise binding says what is wrong
+        if let Some(folder) = path.parent().filter(|p| !p.as_os_str().is_empty()) {
+            let _ = std::fs::create_dir_all(folder);
         }
         let listener = UnixListener::bind(path).map_err(bind_error)?;
         std::fs::set_permissions(path, std::fs::Permissions::from_mode(0o660)).map_err(bind_error)?;

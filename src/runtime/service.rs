@@ -4,7 +4,7 @@ use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
-use tracing::{debug, info, warn};
+use tracing::{info, warn};
 
 use super::board::{Board, reason_name, reason_text, state_name};
 use super::clock::Clock;
@@ -15,7 +15,7 @@ use super::logging::LogLimiter;
 use super::ports::{LastOffset, Progress, Report, Request, ServicePorts, Ticket};
 use super::realtime::RealtimeReport;
 use super::status::Status;
-use crate::core::engine::{Event, Reason, State};
+use crate::core::engine::{Event, State};
 use crate::core::protocol::ControlHello;
 use crate::core::units::NS_PER_S;
 
@@ -177,7 +177,6 @@ fn log_event(event: &Event, held_back: u64) {
         (State::Faulted | State::Holding, _) => {
             warn!(from, to = to_name, reason = name, held_back, "{}", reason_text(*reason));
         }
-        (_, Reason::RampDone) => debug!(from, to = to_name, reason = name, held_back, "state changed"),
         _ => info!(from, to = to_name, reason = name, held_back, "{}", reason_text(*reason)),
     }
 }

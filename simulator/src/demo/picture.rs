@@ -109,6 +109,11 @@ impl Picture {
 
 fn draw_lines(panel: &Panel<'_>, title: &str, [x_label, y_label]: [&str; 2], curves: &Curves) -> Drawn {
     let points = || curves.before.iter().chain(&curves.after).filter(|p| p.1.is_finite());
+    if points().next().is_none() {
+        // the library's mesh does not end on axes without extent
+        panel.titled(title, (FONT, 20).into_font().color(&INK))?;
+        return draw_legend(panel);
+    }
     let range = |values: &dyn Fn(&(f64, f64)) -> f64| {
         let (low, high) =
             points().map(values).fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));

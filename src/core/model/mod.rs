@@ -1,13 +1,15 @@
 //! The error model: symbols, curves, kinematic chain, volumetric deviation and the corrections that oppose it.
 //!
 //! Conventions, signs and formulas: `docs/conventions.md`. Reading order: [`symbol`], [`curve`], [`chain`],
-//! [`spec`] (what a model is made of), [`volumetric`] (first order), [`exact`] (full rotations), [`correction`].
+//! [`spec`] (what a model is made of), [`volumetric`] (first order), [`exact`] (full rotations), [`correction`],
+//! [`gauge`] (the normal form).
 
 mod bank;
 pub mod chain;
 pub mod correction;
 pub mod curve;
 pub mod exact;
+pub mod gauge;
 pub mod spec;
 pub mod symbol;
 pub mod volumetric;
@@ -15,6 +17,7 @@ pub mod volumetric;
 pub use chain::{Chain, ChainAxis, Side};
 pub use correction::AxisCorrection;
 pub use curve::{Curve, ErrorFunction};
+pub use gauge::{Gauged, normalise};
 pub use spec::{AxisSpec, ModelError, ModelSpec, ReferencePoint, Sense};
 pub use symbol::{Component, ErrorSymbol};
 pub use volumetric::{Deviation, Model, PointFlags, Pose};

@@ -1,0 +1,233 @@
+//! The gauge report of `check` and `model`: what the normal form would remove, and where it would go.
+
+use serde_json::{Value, json};
+
+use super::super::check::{position_out, position_unit, rounded};
+use crate::core::geometry::Vec3;
+use crate::core::model::gauge::{Effect, Gauged, Moved, Part, RigidShare, Untouched, normalise};
+use crate::core::model::spec::ModelSpec;
+use crate::core::model::{ErrorFunction, ErrorSymbol};
+use crate::core::units::{arcsec_from_rad, um_from_mm};
+
+/// The report in lines, without indentation of its own heading.
+pub(in crate::cli) fn lines(model: &ModelSpec) -> Vec<String> {
+    let gauged = match normalise(model) {
+        Ok(gauged) => gauged,
+        Err(e) => return vec![format!("gauge: the normal form of this model breaks a rule: {e}")],
+    };
+    let mut out = Vec::new();
+    let (small, shown): (Vec<_>, Vec<_>) = gauged.moved.iter().partition(|m| is_negligible(m));
+    if shown.is_empty() {
+        out.push("gauge: in normal form".to_owned());
+    } else {
+        out.push(
+            "gauge: the normal form would move (used as it is; `volcomp model normalise` writes the normal form)"
+                .to_owned(),
+        );
+        out.extend(shown.into_iter().map(|m| format!("  {}", moved_line(m))));
+        if !small.is_empty() {
+            out.push(format!("  and {} of less than a nanometre or 0.001 arcsec", small.len()));
+        }
+        out.push("  in all:".to_owned());
+        out.extend(total_lines(model, &gauged).into_iter().map(|l| format!("    {l}")));
+    }
+    out.extend(gauged.untouched.iter().map(|u| format!("  left as it is: {}", untouched_line(u))));
+    out
+}
+
+/// The report for programs.
+pub(in crate::cli) fn as_json(model: &ModelSpec) -> Value {
+    let gauged = match normalise(model) {
+        Ok(gauged) => gauged,
+        Err(e) => return json!({"normal": false, "error": e.to_string()}),
+    };
+    let moved: Vec<Value> = gauged.moved.iter().map(moved_json).collect();
+    let changes: Vec<Value> = gauged
+        .total
+        .errors
+        .iter()
+        .map(|(symbol, amount)| {
+            let before = constant(model, *symbol);
+            let (before, unit) = in_unit(*symbol, before);
+            let (after, _) = in_unit(*symbol, constant(model, *symbol) + amount);
+            json!({"symbol": lower(*symbol), format!("before_{unit}"): before, format!("after_{unit}"): after})
+        })
+        .collect();
+    json!({
+        "normal": gauged.moved.iter().all(is_negligible),
+        "moved": moved,
+        "changes": changes,
+        "rigid": rigid_json(&gauged.total.rigid),
+        "left": gauged.untouched.iter().map(untouched_line).collect::<Vec<_>>(),
+    })
+}
+
+/// True for what rounding leaves: below half a nanometre or half a thousandth of a second of arc.
+fn is_negligible(moved: &Moved) -> bool {
+    let amount = match moved.part {
+        Part::Slope { over } => um_from_mm(moved.amount * (over[1] - over[0])),
+        Part::Value { .. } if moved.symbol.is_angle() => arcsec_from_rad(moved.amount),
+        Part::Value { .. } => um_from_mm(moved.amount),
+    };
+    amount.abs() < NEGLIGIBLE
+}
+
+/// um or arcsec.
+const NEGLIGIBLE: f64 = 5e-4;
+
+fn moved_line(moved: &Moved) -> String {
+    let axis = moved.symbol.axis();
+    let (amount, unit) = amount_of(moved);
+    let part = match moved.part {
+        Part::Value { at } => format!("value at {} {}", position_out(axis, at), position_unit(axis)),
+        Part::Slope { over: [low, high] } => format!("slope over {low} to {high} mm"),
+    };
+    let to = effect_parts(&moved.effect);
+    let to = if to.is_empty() { "nothing depends on it".to_owned() } else { to.join(", ") };
+    format!("{} {part}, {} {unit} -> {to}", lower(moved.symbol), short(amount))
+}
+
+fn moved_json(moved: &Moved) -> Value {
+    let axis = moved.symbol.axis();
+    let (amount, unit) = amount_of(moved);
+    let to: Vec<Value> = moved
+        .effect
+        .errors
+        .iter()
+        .map(|(symbol, amount)| {
+            let (amount, unit) = in_unit(*symbol, *amount);
+            json!({"symbol": lower(*symbol), format!("amount_{unit}"): amount})
+        })
+        .chain(moved.effect.slopes.iter().map(|(symbol, slope)| {
+            json!({"symbol": lower(*symbol), "part": "slope", "amount_arcsec": angle(*slope)})
+        }))
+        .collect();
+    let mut out = json!({
+        "symbol": lower(moved.symbol),
+        format!("amount_{unit}"): amount,
+        "to": to,
+        "rigid": rigid_json(&moved.effect.rigid),
+    });
+    match moved.part {
+        Part::Value { at } => {
+            out["part"] = json!("value");
+            out[format!("at_{}", position_unit(axis))] = json!(position_out(axis, at));
+        }
+        Part::Slope { over } => {
+            out["part"] = json!("slope");
+            out["over_mm"] = json!(over);
+        }
+    }
+    out
+}
+
+fn total_lines(model: &ModelSpec, gauged: &Gauged) -> Vec<String> {
+    let mut out = Vec::new();
+    let large = |(symbol, amount): &&(ErrorSymbol, f64)| in_unit(*symbol, *amount).0.abs() >= NEGLIGIBLE;
+    for (symbol, amount) in gauged.total.errors.iter().filter(large) {
+        let before = constant(model, *symbol);
+        let (from, unit) = in_unit(*symbol, before);
+        let (to, _) = in_unit(*symbol, before + amount);
+        out.push(format!("{} {} {unit} becomes {} {unit}", lower(*symbol), short(from), short(to)));
+    }
+    for (symbol, slope) in &gauged.total.slopes {
+        out.push(format!("{} gets the slope {} arcsec", lower(*symbol), short(angle(*slope))));
+    }
+    let rigid = rigid_parts(&gauged.total.rigid);
+    out.push(if rigid.is_empty() {
+        "no rigid motion is left out".to_owned()
+    } else {
+        format!("left out, because it cannot be told from the set-up: {}", rigid.join(", "))
+    });
+    out
+}
+
+fn effect_parts(effect: &Effect) -> Vec<String> {
+    let large = |(symbol, amount): &&(ErrorSymbol, f64)| in_unit(*symbol, *amount).0.abs() >= NEGLIGIBLE;
+    let errors = effect.errors.iter().filter(large).map(|(symbol, amount)| {
+        let (amount, unit) = in_unit(*symbol, *amount);
+        format!("{} {amount:+.3} {unit}", lower(*symbol))
+    });
+    let slopes = effect
+        .slopes
+        .iter()
+        .map(|(symbol, slope)| format!("{} slope {:+.3} arcsec", lower(*symbol), angle(*slope)));
+    errors.chain(slopes).chain(rigid_parts(&effect.rigid)).collect()
+}
+
+fn rigid_parts(rigid: &RigidShare) -> Vec<String> {
+    let mut out = Vec::new();
+    let shift = rigid.shift.map(um_from_mm);
+    if shift.amax() >= 5e-4 {
+        out.push(format!("shift of the workpiece {} um", vector(&shift)));
+    }
+    for (what, turn) in [("turn of the workpiece", rigid.turn), ("turn of the tool", rigid.tool_turn)] {
+        let turn = turn.map(arcsec_from_rad);
+        if turn.amax() >= 5e-4 {
+            out.push(format!("{what} {} arcsec", vector(&turn)));
+        }
+    }
+    out
+}
+
+fn rigid_json(rigid: &RigidShare) -> Value {
+    let list = |v: Vec3| json!([rounded(v.x), rounded(v.y), rounded(v.z)]);
+    json!({
+        "shift_um": list(rigid.shift.map(um_from_mm)),
+        "turn_arcsec": list(rigid.turn.map(arcsec_from_rad)),
+        "tool_turn_arcsec": list(rigid.tool_turn.map(arcsec_from_rad)),
+    })
+}
+
+fn untouched_line(untouched: &Untouched) -> String {
+    match untouched {
+        Untouched::BehindRotary { axis } => {
+            format!("{axis} stands behind a rotary axis; its constants are its place on that axis")
+        }
+        Untouched::AlongItself { symbol } => {
+            format!("the constant of {}, a shift of axis {} along itself", lower(*symbol), symbol.axis())
+        }
+        Untouched::Parallelism { axis } => {
+            format!("slopes of {axis}, which are its parallelism; there is no squareness for them")
+        }
+        Untouched::NoRange { axis } => {
+            format!(
+                "all linear axes, because {axis} has neither travel nor curves that say how far its line goes"
+            )
+        }
+    }
+}
+
+/// The amount in the unit of the file; slopes are angles.
+fn amount_of(moved: &Moved) -> (f64, &'static str) {
+    match moved.part {
+        Part::Value { .. } => in_unit(moved.symbol, moved.amount),
+        Part::Slope { .. } => (angle(moved.amount), "arcsec"),
+    }
+}
+
+fn in_unit(symbol: ErrorSymbol, value: f64) -> (f64, &'static str) {
+    if symbol.is_angle() { (angle(value), "arcsec") } else { (rounded(um_from_mm(value)), "um") }
+}
+
+fn angle(rad: f64) -> f64 {
+    rounded(arcsec_from_rad(rad))
+}
+
+fn constant(model: &ModelSpec, symbol: ErrorSymbol) -> f64 {
+    let found = model.errors.iter().find(|(s, _)| *s == symbol);
+    found.map_or(0.0, |(_, f): &(_, ErrorFunction)| f.value(0.0, Default::default()))
+}
+
+fn lower(symbol: ErrorSymbol) -> String {
+    symbol.to_string().to_lowercase()
+}
+
+/// Three decimals: a nanometre, or a thousandth of a second of arc.
+fn short(v: f64) -> f64 {
+    (v * 1e3).round() / 1e3 + 0.0
+}
+
+fn vector(v: &Vec3) -> String {
+    format!("({}, {}, {})", short(v.x), short(v.y), short(v.z))
+}

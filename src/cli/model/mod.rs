@@ -1,0 +1,61 @@
+//! `model`: what is in a model file, in words, numbers and pictures; and its normal form.
+
+mod drawing;
+pub(super) mod gauge;
+mod html;
+mod normalise;
+mod picture;
+mod report;
+mod show;
+mod worst;
+
+use std::io::Write as _;
+use std::path::Path;
+
+use super::{EX_CONFIG, Failure};
+use crate::config::{self, ModelFile};
+
+/// Show what is in a model file, or write its normal form
+#[derive(Debug, clap::Parser)]
+pub(super) struct Args {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Verb {
+    Show(show::Args),
+    #[command(alias = "normalize")]
+    Normalise(normalise::Args),
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    match &args.verb {
+        Verb::Show(a) => show::run(a),
+        Verb::Normalise(a) => normalise::run(a),
+    }
+}
+
+/// Reads a model file with its provenance.
+fn load(path: &Path) -> Result<ModelFile, Failure> {
+    let bytes = std::fs::read(path).map_err(|e| Failure::io(path, &e))?;
+    let file = path.display().to_string();
+    let text = String::from_utf8(bytes).map_err(|e| {
+        let at = e.utf8_error().valid_up_to();
+        Failure::new(EX_CONFIG, format_args!("error: {file}: byte {at} is not UTF-8; save the file as UTF-8"))
+    })?;
+    config::model::parse_file(&file, &text).map_err(|e| Failure::new(EX_CONFIG, e))
+}
+
+/// Writes a file.
+fn save(path: &Path, text: &str) -> Result<(), Failure> {
+    std::fs::write(path, text).map_err(|e| Failure::io(path, &e))
+}
+
+/// Writes to stdout; a reader that has seen enough (`| head`) is no failure.
+fn print(text: &str) -> Result<(), Failure> {
+    match std::io::stdout().lock().write_all(text.as_bytes()) {
+        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::io(Path::new("stdout"), &e)),
+        _ => Ok(()),
+    }
+}

@@ -1,0 +1,143 @@
+//! The pictures of a model: the six error motions of every axis, and the distorted volume. Lines are told apart by
+//! blue and vermillion, which colour-blind readers and grey prints keep apart.
+
+mod panel;
+mod volume;
+
+use plotters::coord::Shift;
+use plotters::prelude::*;
+
+use crate::core::axes::AxisName;
+use crate::core::model::{Model, ModelSpec};
+
+const BLUE: RGBColor = RGBColor(0, 114, 178);
+const VERMILLION: RGBColor = RGBColor(213, 94, 0);
+const INK: RGBColor = RGBColor(60, 60, 60);
+const FAINT: RGBColor = RGBColor(205, 205, 205);
+const FONT: &str = "sans-serif";
+
+const WIDTH: u32 = 1200;
+const TITLE: u32 = 34;
+const AXIS_HEIGHT: u32 = TITLE + 2 * 230;
+const VOLUME_HEIGHT: u32 = 640;
+
+type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+type Drawn = Result<(), Box<dyn std::error::Error>>;
+type Svg = Result<String, Box<dyn std::error::Error>>;
+
+/// The axes that have error motions in the model.
+pub(super) fn axes_with_errors(spec: &ModelSpec) -> Vec<AxisName> {
+    let has = |name: AxisName| spec.errors.iter().any(|(s, _)| !s.is_constant() && s.axis() == name);
+    spec.chain.axes().iter().map(|a| a.name).filter(|name| has(*name)).collect()
+}
+
+/// The six panels of one axis.
+///
+/// # Errors
+/// The drawing library could not draw it.
+pub(super) fn axis(spec: &ModelSpec, name: AxisName) -> Svg {
+    svg(AXIS_HEIGHT, |area| panel::draw_axis(area, spec, name))
+}
+
+/// The distorted volume; `None` where no linear axis X, Y, Z has a travel.
+///
+/// # Errors
+/// The drawing library could not draw it.
+pub(super) fn distorted(
+    spec: &ModelSpec,
+    model: &Model,
+) -> Result<Option<String>, Box<dyn std::error::Error>> {
+    if !volume::exists(spec) {
+        return Ok(None);
+    }
+    svg(VOLUME_HEIGHT, |area| volume::draw(area, spec, model)).map(Some)
+}
+
+/// Everything in one picture.
+///
+/// # Errors
+/// The drawing library could not draw it.
+pub(super) fn whole(spec: &ModelSpec, model: &Model) -> Svg {
+    let names = axes_with_errors(spec);
+    let volume = volume::exists(spec);
+    let height = TITLE + names.len() as u32 * AXIS_HEIGHT + if volume { VOLUME_HEIGHT } else { 0 };
+    svg(height, |area| {
+        let title = format!("{}  {}", spec.machine, spec.chain);
+        area.draw(&Text::new(title, (14, 10), (FONT, 20).into_font().color(&INK)))?;
+        let (_, mut rest) = area.split_vertically(TITLE);
+        for name in names {
+            let (here, below) = rest.split_vertically(AXIS_HEIGHT);
+            panel::draw_axis(&here, spec, name)?;
+            rest = below;
+        }
+        if volume { volume::draw(&rest, spec, model) } else { Ok(()) }
+    })
+}
+
+fn svg(height: u32, draw: impl FnOnce(&Area<'_>) -> Drawn) -> Svg {
+    let mut text = String::new();
+    {
+        let area = SVGBackend::with_string(&mut text, (WIDTH, height)).into_drawing_area();
+        area.fill(&WHITE)?;
+        draw(&area)?;
+        area.present()?;
+    }
+    Ok(text)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::model::curve::{Curve, ErrorFunction, Grid, Interpolation, Table};
+    use crate::core::model::{AxisSpec, Chain, ErrorSymbol};
+
+    fn spec(chain: &str) -> ModelSpec {
+        let mut spec = ModelSpec::new("m", Chain::parse(chain).unwrap());
+        for axis in spec.chain.clone().axes() {
+            spec.axes.push(AxisSpec { travel: Some([0.0, 2.0]), ..AxisSpec::new(axis.name) });
+        }
+        spec
+    }
+
+    fn add(spec: &mut ModelSpec, symbol: &str, function: ErrorFunction) {
+        spec.errors.push((ErrorSymbol::parse(symbol).unwrap(), function));
+    }
+
+    #[test]
+    fn both_directions_of_a_table_are_drawn() {
+        let mut spec = spec("[w b X Y Z t]");
+        let table = Table::new(vec![0.0, 2.0], vec![0.0, 0.01], Some(vec![0.0, 0.02]), Interpolation::Linear);
+        add(&mut spec, "exx", ErrorFunction::single(Curve::Table(table.unwrap())));
+        let text = axis(&spec, AxisName::X).unwrap();
+        assert!(text.starts_with("<svg") && text.contains("#0072B2") && text.contains("#D55E00"));
+        for symbol in ["EXX", "EYX", "EZX", "EAX", "EBX", "ECX"] {
+            assert!(text.contains(symbol), "{symbol}");
+        }
+        let whole = whole(&spec, &Model::new(&spec).unwrap()).unwrap();
+        assert!(whole.contains("magnified") && whole.contains("EXX"));
+    }
+
+    #[test]
+    fn models_of_every_shape_can_be_drawn() {
+        for chain in ["[w b X t]", "[w X' b Z t]", "[w C' b (S) t]", "[w A' b X Y B t]", "[w b U V W t]"] {
+            let spec = spec(chain);
+            let model = Model::new(&spec).unwrap();
+            assert!(whole(&spec, &model).unwrap().starts_with("<svg"), "{chain}");
+        }
+        assert!(
+            distorted(&spec("[w C' b (S) t]"), &Model::new(&spec("[w C' b (S) t]")).unwrap())
+                .unwrap()
+                .is_none()
+        );
+    }
+
+    #[test]
+    fn a_grid_is_drawn_for_several_places_of_the_other_axis() {
+        let mut spec = spec("[w b X Y Z t]");
+        let axes = vec![(AxisName::X, vec![0.0, 2.0]), (AxisName::Y, vec![0.0, 2.0])];
+        let grid = Grid::new(axes, vec![0.0, 0.001, 0.0, 0.004]).unwrap();
+        add(&mut spec, "ezx", ErrorFunction { grids: vec![grid], ..Default::default() });
+        let text = axis(&spec, AxisName::X).unwrap();
+        assert!(text.contains("other axes at their lower end, middle, upper end"), "{text}");
+    }
+}

@@ -1,0 +1,219 @@
+//! Error curves: six panels per axis, lengths above, angles below.
+
+use plotters::prelude::*;
+
+use super::{Area, BLUE, Drawn, FAINT, FONT, INK, TITLE, VERMILLION};
+use crate::cli::check::{position_out, position_unit};
+use crate::cli::model::report::{error_out, kinds_words};
+use crate::cli::model::worst::reference_pose;
+use crate::core::axes::{AxisName, Travel};
+use crate::core::model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec, Sense};
+
+const SAMPLES: u32 = 600;
+
+/// What one panel shows, in the units of the file.
+struct Panel {
+    title: String,
+    unit: &'static str,
+    x: [f64; 2],
+    x_label: String,
+    forward: Vec<Vec<(f64, f64)>>,
+    reverse: Vec<(f64, f64)>,
+    /// Standard uncertainty.
+    std: Option<f64>,
+    note: Option<&'static str>,
+}
+
+/// The six panels of an axis with a heading.
+pub(super) fn draw_axis(area: &Area<'_>, spec: &ModelSpec, name: AxisName) -> Drawn {
+    let (head, body) = area.split_vertically(TITLE);
+    let own = spec.axis(name).sense == Sense::Carriage && spec.is_workpiece_side(name);
+    let sense = if own { ", carriage sense over its own displacement" } else { "" };
+    let title = format!("Error motions of {name}{sense}");
+    head.draw(&Text::new(title, (14, 12), (FONT, 18).into_font().color(&INK)))?;
+    for (place, component) in body.split_evenly((2, 3)).iter().zip(Component::ALL) {
+        draw(place, &Panel::of(spec, ErrorSymbol::Motion { component, axis: name }))?;
+    }
+    Ok(())
+}
+
+impl Panel {
+    fn of(spec: &ModelSpec, symbol: ErrorSymbol) -> Self {
+        let name = symbol.axis();
+        let empty = ErrorFunction::default();
+        let function = spec.errors.iter().find(|(s, _)| *s == symbol).map_or(&empty, |(_, f)| f);
+        let [low, high] = range(spec, name);
+        let directed =
+            function.curves.iter().any(|c| matches!(c, Curve::Table(t) if t.columns().2.is_some()));
+        let line = |share: f64, travel: Travel| -> Vec<(f64, f64)> {
+            (0..=SAMPLES)
+                .map(|i| {
+                    let x = low + (high - low) * f64::from(i) / f64::from(SAMPLES);
+                    let value = function.value(x, travel) + grids(spec, symbol, function, x, share);
+                    (position_out(name, x), error_out(symbol, value))
+                })
+                .collect()
+        };
+        let shares: &[f64] = if function.grids.is_empty() { &[0.5] } else { &[0.0, 0.5, 1.0] };
+        let given = !(function.curves.is_empty() && function.grids.is_empty());
+        let what = if given { kinds_words(function) } else { "not given: zero".to_owned() };
+        Self {
+            title: format!("{symbol}  {}  ({what})", meaning(symbol)),
+            unit: if symbol.is_angle() { "arcsec" } else { "um" },
+            x: [position_out(name, low), position_out(name, high)],
+            x_label: format!("{name} / {}", position_unit(name)),
+            forward: shares.iter().map(|s| line(*s, Travel::Forward)).collect(),
+            reverse: if directed { line(0.5, Travel::Reverse) } else { Vec::new() },
+            std: function.std.map(|s| error_out(symbol, s)).filter(|s| *s > 0.0),
+            note: if !function.grids.is_empty() {
+                Some("other axes at their lower end, middle, upper end")
+            } else if directed {
+                Some("blue: towards plus, vermillion: towards minus")
+            } else {
+                None
+            },
+        }
+    }
+
+    /// Lowest and highest value with some room; around zero where all is zero.
+    fn y(&self) -> [f64; 2] {
+        let band = self.std.unwrap_or(0.0) * 2.0;
+        let values = self.forward.iter().flatten().chain(&self.reverse).map(|p| p.1);
+        let (low, high) = values.fold((0.0f64, 0.0f64), |(l, h), v| (l.min(v - band), h.max(v + band)));
+        if low == high {
+            return [-1.0, 1.0];
+        }
+        let room = 0.08 * (high - low);
+        [low - room, high + room]
+    }
+}
+
+/// The stored coordinates over which an axis is drawn.
+fn range(spec: &ModelSpec, name: AxisName) -> [f64; 2] {
+    let axis = spec.axis(name);
+    let inverted = axis.sense == Sense::Carriage && spec.is_workpiece_side(name);
+    let travel = axis.travel.map(|[low, high]| if inverted { [-high, -low] } else { [low, high] });
+    let functions = spec.errors.iter().filter(|(s, _)| s.axis() == name);
+    let curves = functions.flat_map(|(_, f)| f.curves.iter().filter_map(Curve::range));
+    let covered = curves.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
+    travel.or(covered).unwrap_or([0.0, 1.0])
+}
+
+/// The grids of a function at stored coordinate `x`, the other axes at a share of their travel.
+fn grids(spec: &ModelSpec, symbol: ErrorSymbol, function: &ErrorFunction, x: f64, share: f64) -> f64 {
+    let home = reference_pose(spec);
+    let other = |axis: AxisName| match spec.axis(axis).travel {
+        Some([low, high]) => low + share * (high - low),
+        None => spec.chain.index_of(axis).map_or(0.0, |k| home.position[k]),
+    };
+    let value = |grid: &crate::core::model::curve::Grid| {
+        let at: Vec<f64> = grid.axes().map(|a| if a == symbol.axis() { x } else { other(a) }).collect();
+        grid.value(&at).0
+    };
+    function.grids.iter().map(value).sum()
+}
+
+/// What an error motion is called.
+fn meaning(symbol: ErrorSymbol) -> &'static str {
+    use crate::core::axes::AxisKind::{Linear, Rotary};
+    let own = symbol.component().index() % 3 == symbol.axis().direction();
+    match (symbol.axis().kind(), symbol.is_angle(), own) {
+        (Linear, false, true) => "positioning",
+        (Linear, false, false) => "straightness",
+        (Linear, true, true) => "roll",
+        (Linear, true, false) => match symbol.component() {
+            Component::C if symbol.axis().direction() != 2 => "yaw",
+            _ => "pitch",
+        },
+        (Rotary, false, true) => "axial motion",
+        (Rotary, false, false) => "radial motion",
+        (Rotary, true, true) => "angular positioning",
+        (Rotary, true, false) => "tilt",
+    }
+}
+
+fn draw(area: &Area<'_>, panel: &Panel) -> Drawn {
+    let ([x_low, x_high], [y_low, y_high]) = (panel.x, panel.y());
+    let mut chart = ChartBuilder::on(area)
+        .caption(&panel.title, (FONT, 14).into_font().color(&INK))
+        .margin(8)
+        .margin_right(16)
+        .x_label_area_size(36)
+        .y_label_area_size(58)
+        .build_cartesian_2d(x_low..x_high, y_low..y_high)?;
+    chart
+        .configure_mesh()
+        .x_desc(&panel.x_label)
+        .y_desc(panel.unit)
+        .x_labels(6)
+        .y_labels(5)
+        .y_label_formatter(&|v| tick(*v, y_high - y_low))
+        .x_label_formatter(&|v| tick(*v, x_high - x_low))
+        .axis_desc_style((FONT, 13))
+        .label_style((FONT, 12))
+        .light_line_style(TRANSPARENT)
+        .bold_line_style(FAINT)
+        .axis_style(INK)
+        .draw()?;
+    chart.draw_series(LineSeries::new([(x_low, 0.0), (x_high, 0.0)], INK.stroke_width(1)))?;
+    if let (Some(std), Some(line)) = (panel.std, panel.forward.first()) {
+        let upper = line.iter().map(|(x, y)| (*x, y + 2.0 * std));
+        let lower = line.iter().rev().map(|(x, y)| (*x, y - 2.0 * std));
+        chart.draw_series([Polygon::new(upper.chain(lower).collect::<Vec<_>>(), BLUE.mix(0.15))])?;
+    }
+    for (i, line) in panel.forward.iter().enumerate() {
+        let width = if panel.forward.len() > 1 { i as u32 + 1 } else { 2 };
+        chart.draw_series(LineSeries::new(line.iter().copied(), BLUE.stroke_width(width)))?;
+    }
+    if !panel.reverse.is_empty() {
+        chart.draw_series(LineSeries::new(panel.reverse.iter().copied(), VERMILLION.stroke_width(2)))?;
+    }
+    if let Some(note) = panel.note {
+        area.draw(&Text::new(note, (72, 28), (FONT, 11).into_font().color(&INK)))?;
+    }
+    Ok(())
+}
+
+/// A tick label with as many decimals as the length of the scale needs.
+fn tick(v: f64, length: f64) -> String {
+    let decimals = (1.0 - length.log10()).ceil().clamp(0.0, 6.0) as usize;
+    let text = format!("{v:.decimals$}");
+    if text.trim_start_matches('-').chars().all(|c| c == '0' || c == '.') { "0".to_owned() } else { text }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_have_the_decimals_that_they_need() {
+        for (v, length, text) in [
+            (5.0, 20.0, "5"),
+            (0.25, 1.0, "0.2"),
+            (-0.0, 20.0, "0"),
+            (0.005, 0.02, "0.005"),
+            (-300.0, 500.0, "-300"),
+        ] {
+            assert_eq!(tick(v, length), text);
+        }
+    }
+
+    #[test]
+    fn motions_have_their_names() {
+        for (symbol, name) in [
+            ("exx", "positioning"),
+            ("ezx", "straightness"),
+            ("eax", "roll"),
+            ("ebx", "pitch"),
+            ("ecx", "yaw"),
+            ("eay", "pitch"),
+            ("eaz", "pitch"),
+            ("ecz", "roll"),
+            ("ecc", "angular positioning"),
+            ("ezc", "axial motion"),
+            ("eba", "tilt"),
+        ] {
+            assert_eq!(meaning(ErrorSymbol::parse(symbol).unwrap()), name, "{symbol}");
+        }
+    }
+}

@@ -1,0 +1,285 @@
+//! The distorted volume: the box of X, Y, Z as a wire grid, nominal and with its deviations magnified, seen along a
+//! space diagonal (isometric).
+
+use plotters::prelude::*;
+
+use super::{Area, BLUE, Drawn, FONT, INK, TITLE, VERMILLION, VOLUME_HEIGHT, WIDTH};
+use crate::cli::model::worst::reference_pose;
+use crate::core::axes::AxisName;
+use crate::core::geometry::{Vec3, unit};
+use crate::core::model::{Model, ModelSpec};
+use crate::core::units::um_from_mm;
+
+/// Wires per direction.
+const WIRES: usize = 5;
+/// Points of a wire.
+const POINTS: usize = 48;
+/// Share of the diagonal of the box that the largest deviation fills at most.
+const SHOWN: f64 = 0.09;
+/// Share of the shortest edge of the box that it fills at most.
+const SHOWN_OF_SHORTEST: f64 = 0.6;
+/// Length of the arrows of the axes beyond the box, pixels.
+const ARROW: f64 = 36.0;
+const NOMINAL: RGBColor = RGBColor(165, 165, 165);
+
+/// One direction of the box: chain index and travel.
+#[derive(Clone, Copy)]
+struct Edge {
+    axis: AxisName,
+    index: usize,
+    range: [f64; 2],
+}
+
+/// A wire of the box.
+struct Wire {
+    /// Nominal places and deviations, mm.
+    points: Vec<(Vec3, Vec3)>,
+    /// True where it lies on a face that the reader sees.
+    front: bool,
+}
+
+fn edges(spec: &ModelSpec) -> Vec<Edge> {
+    let main = [AxisName::X, AxisName::Y, AxisName::Z].into_iter();
+    main.filter_map(|axis| {
+        Some(Edge { axis, index: spec.chain.index_of(axis)?, range: spec.axis(axis).travel? })
+    })
+    .collect()
+}
+
+/// True where there is a volume, an area or a line to draw.
+pub(super) fn exists(spec: &ModelSpec) -> bool {
+    !edges(spec).is_empty()
+}
+
+pub(super) fn draw(area: &Area<'_>, spec: &ModelSpec, model: &Model) -> Drawn {
+    let edges = edges(spec);
+    let wires = wires(spec, model, &edges);
+    let all = || wires.iter().flat_map(|w| &w.points);
+    let largest = all().map(|(_, e)| e.norm()).fold(0.0, f64::max);
+    let magnification = magnification(&edges.iter().map(Edge::length).collect::<Vec<_>>(), largest);
+    let view = View::around(all().flat_map(|(p, e)| [*p, p + e * magnification]));
+
+    let turned = spec.chain.axes().iter().any(|a| a.kind() == crate::core::axes::AxisKind::Rotary);
+    let home = if turned { ", rotary axes at home" } else { "" };
+    let title = format!(
+        "Distorted volume: deviation of the tool tip magnified {magnification:.0} times, largest on the grid {:.1} um{home}",
+        um_from_mm(largest)
+    );
+    area.draw(&Text::new(title, (14, 12), (FONT, 18).into_font().color(&INK)))?;
+    for wire in wires.iter().filter(|w| w.front) {
+        area.draw(&PathElement::new(view.path(wire, 0.0), NOMINAL.stroke_width(1)))?;
+    }
+    for wire in wires.iter().filter(|w| !w.front) {
+        area.draw(&PathElement::new(view.path(wire, magnification), BLUE.mix(0.35).stroke_width(1)))?;
+    }
+    for wire in wires.iter().filter(|w| w.front) {
+        area.draw(&PathElement::new(view.path(wire, magnification), BLUE.stroke_width(2)))?;
+    }
+    draw_largest(area, &view, all().copied(), magnification)?;
+    draw_axes(area, &view, spec, &edges)?;
+    draw_legend(area)
+}
+
+/// Where the deviation is largest: an arrow from the nominal to the magnified actual place.
+fn draw_largest(
+    area: &Area<'_>,
+    view: &View,
+    points: impl Iterator<Item = (Vec3, Vec3)>,
+    magnification: f64,
+) -> Drawn {
+    let Some((p, e)) = points.reduce(|a, b| if b.1.norm() > a.1.norm() { b } else { a }) else {
+        return Ok(());
+    };
+    let (from, to) = (view.at(&p), view.at(&(p + e * magnification)));
+    area.draw(&PathElement::new(vec![from, to], VERMILLION.stroke_width(3)))?;
+    area.draw(&Circle::new(to, 5, VERMILLION.filled()))?;
+    Ok(())
+}
+
+/// The letters and ends of travel along three edges of the box.
+fn draw_axes(area: &Area<'_>, view: &View, spec: &ModelSpec, edges: &[Edge]) -> Drawn {
+    let home = reference_pose(spec);
+    let mut low = Vec3::zeros();
+    for edge in edges {
+        low[edge.axis.direction()] = edge.range[0];
+    }
+    for edge in edges {
+        let direction = edge.axis.direction();
+        let mut start = low;
+        // the edges towards the reader stay free of the wires
+        if direction == 1
+            && let Some(x) = edges.iter().find(|e| e.axis == AxisName::X)
+        {
+            start.x = x.range[1];
+        }
+        let mut end = start;
+        end[direction] = edge.range[1];
+        let beyond = end + unit(direction) * (ARROW / view.scale);
+        area.draw(&PathElement::new(vec![view.at(&start), view.at(&beyond)], INK.stroke_width(2)))?;
+        let (x, y) = view.at(&(end + unit(direction) * (1.25 * ARROW / view.scale)));
+        let letter = Text::new(edge.axis.to_string(), (x - 6, y - 9), (FONT, 18).into_font().color(&INK));
+        area.draw(&letter)?;
+    }
+    let travels = edges.iter().map(|e| format!("{} {} to {} mm", e.axis, e.range[0], e.range[1]));
+    let travels = travels.collect::<Vec<_>>().join(", ");
+    area.draw(&Text::new(travels, (14, TITLE as i32 + 4), (FONT, 13).into_font().color(&INK)))?;
+    let elsewhere: Vec<String> = spec
+        .chain
+        .axes()
+        .iter()
+        .zip(home.position)
+        .filter(|(a, q)| *q != 0.0 && !edges.iter().any(|e| e.axis == a.name))
+        .map(|(a, _)| a.name.to_string())
+        .collect();
+    if !elsewhere.is_empty() {
+        let text = format!("{} at the end of travel nearest to home", elsewhere.join(", "));
+        area.draw(&Text::new(text, (14, TITLE as i32 + 24), (FONT, 13).into_font().color(&INK)))?;
+    }
+    Ok(())
+}
+
+fn draw_legend(area: &Area<'_>) -> Drawn {
+    let y = VOLUME_HEIGHT as i32 - 20;
+    let entries = [
+        (20, NOMINAL, "nominal"),
+        (130, BLUE, "actual, deviations magnified"),
+        (370, VERMILLION, "largest deviation"),
+    ];
+    for (x, colour, label) in entries {
+        area.draw(&PathElement::new(vec![(x, y), (x + 26, y)], colour.stroke_width(3)))?;
+        area.draw(&Text::new(label, (x + 32, y - 7), (FONT, 14).into_font().color(&INK)))?;
+    }
+    Ok(())
+}
+
+/// The wires on the surface of the box; in an area or a line all of them.
+fn wires(spec: &ModelSpec, model: &Model, edges: &[Edge]) -> Vec<Wire> {
+    let mut out = Vec::new();
+    for (d, along) in edges.iter().enumerate() {
+        let others: Vec<&Edge> = edges.iter().enumerate().filter(|(i, _)| *i != d).map(|(_, e)| e).collect();
+        for index in 0..WIRES.pow(others.len() as u32) {
+            let places = [index % WIRES, index / WIRES];
+            let inside = |i: usize| (1..WIRES - 1).contains(&places[i]);
+            if others.len() == 2 && inside(0) && inside(1) {
+                continue;
+            }
+            let mut pose = reference_pose(spec);
+            for (edge, place) in others.iter().zip(places) {
+                pose.position[edge.index] = edge.at(place as f64 / (WIRES - 1) as f64);
+            }
+            let wire = (0..=POINTS).map(|i| {
+                pose.position[along.index] = along.at(i as f64 / POINTS as f64);
+                let mut place = Vec3::zeros();
+                for edge in edges {
+                    place[edge.axis.direction()] = pose.position[edge.index];
+                }
+                (place, model.deviation(&pose).position)
+            });
+            let points = wire.collect();
+            out.push(Wire { points, front: others.iter().zip(places).any(|(e, place)| e.is_front(place)) });
+        }
+    }
+    out
+}
+
+impl Edge {
+    fn length(&self) -> f64 {
+        self.range[1] - self.range[0]
+    }
+
+    /// The reader stands at large X, small Y, large Z.
+    fn is_front(&self, place: usize) -> bool {
+        place == if self.axis == AxisName::Y { 0 } else { WIRES - 1 }
+    }
+
+    fn at(&self, share: f64) -> f64 {
+        self.range[0] + share * (self.range[1] - self.range[0])
+    }
+}
+
+/// A round number that makes the largest deviation a visible part of the box.
+fn magnification(edges: &[f64], largest: f64) -> f64 {
+    if largest <= 0.0 {
+        return 1.0;
+    }
+    let diagonal = edges.iter().map(|e| e * e).sum::<f64>().sqrt();
+    let shortest = edges.iter().copied().fold(f64::INFINITY, f64::min);
+    let wanted = (SHOWN * diagonal).min(SHOWN_OF_SHORTEST * shortest) / largest;
+    let power = 10f64.powf(wanted.log10().floor());
+    let round = [5.0, 2.0, 1.0].into_iter().map(|m| m * power).find(|m| *m <= wanted);
+    round.unwrap_or(power).max(1.0)
+}
+
+/// From mm in M to pixels, the same scale in all directions.
+struct View {
+    scale: f64,
+    origin: (f64, f64),
+}
+
+impl View {
+    /// X to the lower right, Y to the upper right, Z upwards.
+    fn flat(p: &Vec3) -> (f64, f64) {
+        let (cos, sin) = (30f64.to_radians().cos(), 30f64.to_radians().sin());
+        ((p.x + p.y) * cos, p.z + (p.y - p.x) * sin)
+    }
+
+    fn around(points: impl Iterator<Item = Vec3>) -> Self {
+        let (mut low, mut high) = ((f64::INFINITY, f64::INFINITY), (f64::NEG_INFINITY, f64::NEG_INFINITY));
+        for p in points {
+            let (u, v) = Self::flat(&p);
+            low = (low.0.min(u), low.1.min(v));
+            high = (high.0.max(u), high.1.max(v));
+        }
+        let (margin, top) = (170.0, f64::from(TITLE) + 30.0);
+        let room = (f64::from(WIDTH) - 2.0 * margin, f64::from(VOLUME_HEIGHT) - top - 60.0);
+        let size = ((high.0 - low.0).max(1e-9), (high.1 - low.1).max(1e-9));
+        let scale = (room.0 / size.0).min(room.1 / size.1);
+        let left = margin + 0.5 * (room.0 - scale * size.0);
+        let bottom = top + 0.5 * (room.1 + scale * size.1);
+        Self { scale, origin: (left - scale * low.0, bottom + scale * low.1) }
+    }
+
+    fn at(&self, p: &Vec3) -> (i32, i32) {
+        let (u, v) = Self::flat(p);
+        ((self.origin.0 + self.scale * u).round() as i32, (self.origin.1 - self.scale * v).round() as i32)
+    }
+
+    fn path(&self, wire: &Wire, magnification: f64) -> Vec<(i32, i32)> {
+        wire.points.iter().map(|(p, e)| self.at(&(p + e * magnification))).collect()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn magnifications_are_round() {
+        for (edges, largest, expected) in [
+            (&[1000.0][..], 0.05, 1000.0),
+            (&[1000.0], 0.02, 2000.0),
+            (&[20000.0, 3000.0, 1200.0], 0.3, 2000.0),
+            (&[500.0], 0.0, 1.0),
+            (&[1.0], 1.0, 1.0),
+        ] {
+            assert!((magnification(edges, largest) - expected).abs() < 1e-9, "{edges:?} {largest}");
+        }
+    }
+
+    #[test]
+    fn the_view_is_right_handed_and_fits() {
+        let corner = [Vec3::zeros(), Vec3::new(850.0, 500.0, -500.0)];
+        let view = View::around(corner.into_iter());
+        let (o, x, y, z) = (
+            view.at(&Vec3::zeros()),
+            view.at(&Vec3::new(100.0, 0.0, 0.0)),
+            view.at(&Vec3::new(0.0, 100.0, 0.0)),
+            view.at(&Vec3::new(0.0, 0.0, 100.0)),
+        );
+        assert!(x.0 > o.0 && x.1 > o.1 && y.0 > o.0 && y.1 < o.1 && z.0 == o.0 && z.1 < o.1);
+        for p in &corner {
+            let (u, v) = view.at(p);
+            assert!((0..WIDTH as i32).contains(&u) && (0..VOLUME_HEIGHT as i32).contains(&v));
+        }
+    }
+}

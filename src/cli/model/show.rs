@@ -1,0 +1,90 @@
+//! `model show`: what is in a model, where it is worst, and a picture of it.
+
+#![expect(clippy::disallowed_methods, reason = "progress is shown only when the search takes long")]
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use super::super::{EX_CONFIG, EX_SOFTWARE, Failure};
+use super::report::Report;
+use super::worst::search;
+use super::{html, picture};
+use crate::core::model::Model;
+
+/// Show a model: chain, errors, worst error in the working volume, corrections; with --html or --svg as a picture
+#[derive(Debug, clap::Parser)]
+pub(super) struct Args {
+    /// Model file (volcomp-model/1)
+    #[arg(value_name = "MODEL")]
+    file: PathBuf,
+    /// Write a page with everything and the pictures; it needs no other file
+    #[arg(long, value_name = "OUT.html")]
+    html: Option<PathBuf>,
+    /// Write the pictures alone: error curves per axis and the distorted volume
+    #[arg(long, value_name = "OUT.svg")]
+    svg: Option<PathBuf>,
+    /// Print one JSON object instead of text
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let file = super::load(&args.file)?;
+    let model = Model::new(&file.spec).map_err(|e| Failure::new(EX_CONFIG, e))?;
+    let bar = Progress::new();
+    let found = search(&file.spec, &model, |done, of| bar.show(done, of));
+    bar.clear();
+    let name = args.file.display().to_string();
+    let report = Report { file: &file, name: &name, found: &found };
+    let drawn =
+        |e: Box<dyn std::error::Error>| Failure::new(EX_SOFTWARE, format_args!("error: picture: {e}"));
+    if let Some(out) = &args.svg {
+        super::save(out, &picture::whole(&file.spec, &model).map_err(drawn)?)?;
+    }
+    if let Some(out) = &args.html {
+        super::save(out, &html::page(&report, &model).map_err(drawn)?)?;
+    }
+    if args.json {
+        let mut json = report.as_json();
+        let path = |p: &Option<PathBuf>| p.as_ref().map(|p| p.display().to_string());
+        json["html"] = path(&args.html).into();
+        json["svg"] = path(&args.svg).into();
+        return super::print(&format!("{json:#}\n"));
+    }
+    let mut lines = report.lines();
+    for out in [&args.html, &args.svg].into_iter().flatten() {
+        lines.push(format!("written: {}", out.display()));
+    }
+    if args.html.is_none() && args.svg.is_none() {
+        let hint = Path::new(args.file.file_stem().unwrap_or_default()).with_extension("html");
+        lines.push(format!(
+            "with curves and the distorted volume as a picture: add --html {}",
+            hint.display()
+        ));
+    }
+    super::print(&(lines.join("\n") + "\n"))
+}
+
+/// A progress bar on the terminal that appears only where the search takes longer than a second.
+struct Progress {
+    start: Instant,
+    bar: std::cell::OnceCell<indicatif::ProgressBar>,
+}
+
+impl Progress {
+    fn new() -> Self {
+        Self { start: Instant::now(), bar: std::cell::OnceCell::new() }
+    }
+
+    fn show(&self, done: u64, of: u64) {
+        if self.start.elapsed() > Duration::from_secs(1) {
+            self.bar.get_or_init(|| indicatif::ProgressBar::new(of)).set_position(done);
+        }
+    }
+
+    fn clear(&self) {
+        if let Some(bar) = self.bar.get() {
+            bar.finish_and_clear();
+        }
+    }
+}
