@@ -206,7 +206,13 @@ impl Worker {
         let hello = match message {
             Message::ControlHello(hello) => hello,
             Message::Error(report) => {
-                return Err(LinkError::Refused { address, code: report.code, detail: report.detail });
+                let machine = config.machine.clone();
+                return Err(LinkError::Refused {
+                    address,
+                    machine,
+                    code: report.code,
+                    detail: report.detail,
+                });
             }
             Message::Close(_) => return Err(LinkError::Closed { address }),
             Message::Position(_) => return Err(LinkError::Unexpected { address, found: "position" }),

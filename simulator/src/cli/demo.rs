@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use super::serve::built_in_or_file;
 use super::{EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure};
+use crate::demo::programs::Programs;
 use crate::demo::survey::survey_to;
 use crate::demo::{Options, Outcome, run};
 use crate::instruments::survey::SurveyPlan;
@@ -49,7 +50,8 @@ pub(super) struct SurveyArgs {
 
 pub(super) fn demo(args: &DemoArgs) -> Result<(), Failure> {
     let cycle_s = checked_cycle_s(args.cycle_ms * 1e-3).map_err(|e| Failure::new(EX_USAGE, e))?;
-    let options = Options { folder: args.out.clone(), seed: args.seed, cycle_s };
+    let programs = Programs::this().map_err(|e| Failure::new(EX_SOFTWARE, format_args!("{e:#}")))?;
+    let options = Options { folder: args.out.clone(), seed: args.seed, cycle_s, programs };
     let mut step = 0;
     let mut say = |what: &str| {
         step += 1;

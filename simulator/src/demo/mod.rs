@@ -19,6 +19,7 @@ use anyhow::Context;
 
 use self::figures::{Pair, ballbar, ballbar_curve, deviation_along, diagonal, rms, thinned};
 use self::picture::{Curves, Picture};
+use self::programs::Programs;
 use self::shop::Shop;
 use crate::control::CycleRecord;
 use crate::instruments::ballbar::Trace;
@@ -48,6 +49,8 @@ pub struct Options {
     pub seed: u64,
     /// Control cycle, s.
     pub cycle_s: f64,
+    /// Daemon and tool.
+    pub programs: Programs,
 }
 
 /// The demo's figures.
@@ -100,7 +103,7 @@ pub fn run(options: &Options, say: &mut dyn FnMut(&str)) -> anyhow::Result<Outco
     say("fitting a model to the survey");
     let model = folder.join("model.toml");
     let args = files.fit_arguments(&model);
-    programs::volcomp(&args.iter().map(String::as_str).collect::<Vec<_>>())?;
+    options.programs.volcomp(&args.iter().map(String::as_str).collect::<Vec<_>>())?;
 
     let mut shop = Shop::open(truth, options.seed, options.cycle_s)?;
     say(&format!("control of {} listens on {}", shop.machine().machine(), shop.address()));
@@ -108,10 +111,10 @@ pub fn run(options: &Options, say: &mut dyn FnMut(&str)) -> anyhow::Result<Outco
 
     let config = folder.join("machine.toml");
     survey::write(&config, &machine_file(&shop, options))?;
-    programs::volcomp(&["check", &config.display().to_string()])?;
+    options.programs.volcomp(&["check", &config.display().to_string()])?;
     let log = folder.join("volcompd.log");
     survey::write(&log, "")?;
-    let daemon = shop.start_daemon(&config, &log)?;
+    let daemon = shop.start_daemon(&options.programs, &config, &log)?;
     say(&format!("volcompd (process {}) is connected and active", daemon.id()));
     let after = measure(&mut shop, "with compensation", say)?;
     shop.control().close();
@@ -251,7 +254,7 @@ fn ideal_drives(options: &Options, folder: &Path, log: &Path) -> anyhow::Result<
     let mut shop = Shop::open(truth, options.seed, options.cycle_s)?;
     let config = folder.join("machine-ideal-drives.toml");
     survey::write(&config, &machine_file(&shop, options))?;
-    let daemon = shop.start_daemon(&config, log)?;
+    let daemon = shop.start_daemon(&options.programs, &config, log)?;
     let trace = measure_circle(&mut shop)?;
     shop.control().close();
     drop(daemon);

@@ -3,21 +3,65 @@
 //! So the demo needs nothing but its own file, and daemon and tool run as separate processes, as they do in a shop.
 
 use std::fs::File;
-use std::path::Path;
-use std::process::{Child, Command, Stdio};
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, ExitStatus, Stdio};
 
 use anyhow::{Context, bail};
 
-/// Runs `volcomp ARGS..` to its end and returns what it printed.
-///
-/// # Errors
-/// It could not be started, or failed; the message holds what it said.
-pub fn volcomp(args: &[&str]) -> anyhow::Result<String> {
-    let output = this_program()?.arg("volcomp").args(args).stdin(Stdio::null()).output()?;
-    if !output.status.success() {
-        bail!("volcomp {}: {}", args.join(" "), String::from_utf8_lossy(&output.stderr).trim_end());
+/// Where the programs are: the file of `cncsim`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Programs {
+    cncsim: PathBuf,
+}
+
+impl Programs {
+    /// This process' own file, which must be `cncsim`.
+    ///
+    /// # Errors
+    /// The system does not tell which file it is.
+    pub fn this() -> anyhow::Result<Self> {
+        Ok(Self::at(std::env::current_exe().context("cannot find this program's own file")?))
     }
-    Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+
+    /// Another file of `cncsim`, as tests have it.
+    #[must_use]
+    pub fn at(cncsim: impl Into<PathBuf>) -> Self {
+        Self { cncsim: cncsim.into() }
+    }
+
+    /// Runs `volcomp ARGS..` to its end and returns what it printed.
+    ///
+    /// # Errors
+    /// It could not be started, or failed; the message holds what it said.
+    pub fn volcomp(&self, args: &[&str]) -> anyhow::Result<String> {
+        let output = Command::new(&self.cncsim).arg("volcomp").args(args).stdin(Stdio::null()).output()?;
+        if !output.status.success() {
+            bail!("volcomp {}: {}", args.join(" "), String::from_utf8_lossy(&output.stderr).trim_end());
+        }
+        Ok(String::from_utf8_lossy(&output.stdout).into_owned())
+    }
+
+    /// Starts `volcompd --config FILE`, its log going to a file.
+    ///
+    /// # Errors
+    /// It could not be started.
+    pub fn volcompd(&self, config: &Path, log: &Path) -> anyhow::Result<Daemon> {
+        let log = File::options()
+            .create(true)
+            .append(true)
+            .open(log)
+            .with_context(|| format!("cannot write {}", log.display()))?;
+        let child = Command::new(&self.cncsim)
+            .arg("volcompd")
+            .arg("--config")
+            .arg(config)
+            .stdin(Stdio::null())
+            .stdout(Stdio::null())
+            .stderr(log)
+            .spawn()
+            .context("cannot start the daemon")?;
+        Ok(Daemon { child })
+    }
 }
 
 /// A running daemon; it is ended when this is dropped.
@@ -27,28 +71,6 @@ pub struct Daemon {
 }
 
 impl Daemon {
-    /// Starts `volcompd --config FILE`, its log going to a file.
-    ///
-    /// # Errors
-    /// It could not be started.
-    pub fn start(config: &Path, log: &Path) -> anyhow::Result<Self> {
-        let log = File::options()
-            .create(true)
-            .append(true)
-            .open(log)
-            .with_context(|| format!("cannot write {}", log.display()))?;
-        let child = this_program()?
-            .arg("volcompd")
-            .arg("--config")
-            .arg(config)
-            .stdin(Stdio::null())
-            .stdout(Stdio::null())
-            .stderr(log)
-            .spawn()
-            .context("cannot start the daemon")?;
-        Ok(Self { child })
-    }
-
     /// The process id.
     #[must_use]
     pub fn id(&self) -> u32 {
@@ -65,6 +87,14 @@ impl Daemon {
         Ok(())
     }
 
+    /// Waits until it has ended by itself.
+    ///
+    /// # Errors
+    /// The system does not tell.
+    pub fn wait(&mut self) -> anyhow::Result<ExitStatus> {
+        Ok(self.child.wait()?)
+    }
+
     /// True while it runs.
     pub fn is_running(&mut self) -> bool {
         matches!(self.child.try_wait(), Ok(None))
@@ -76,13 +106,5 @@ impl Drop for Daemon {
         // nothing is left to be done where the process is already gone
         let _ = self.child.kill();
         let _ = self.child.wait();
-    }
-}
-
-fn this_program() -> anyhow::Result<Command> {
-    // tests name the program; otherwise this is it
-    match std::env::var_os("VOLCOMP_CNCSIM") {
-        Some(path) => Ok(Command::new(path)),
-        None => Ok(Command::new(std::env::current_exe().context("cannot find this program's own file")?)),
     }
 }

@@ -7,8 +7,8 @@ use anyhow::{Context, bail};
 use volcomp::core::axes::AxisArray;
 use volcomp::core::protocol::CorrectionState;
 
-use super::programs::Daemon;
-use crate::control::{Control, ControlConfig, CycleRecord, Flow, Pacing};
+use super::programs::{Daemon, Programs};
+use crate::control::{Control, ControlConfig, CycleRecord, Flow, Observer, Pacing, RunSummary};
 use crate::motion::gcode::interpret;
 use crate::motion::{Dynamics, MachineAxes, MotionSource, Trajectory};
 use crate::truth::TruthMachine;
@@ -31,18 +31,31 @@ impl Shop {
     ///
     /// # Errors
     /// The control cannot listen.
-    pub fn open(mut machine: TruthMachine, seed: u64, cycle_s: f64) -> anyhow::Result<Self> {
-        let axes = MachineAxes::of(&machine)?;
-        let middle = axes.middle();
-        machine.reset(seed, &middle);
+    pub fn open(machine: TruthMachine, seed: u64, cycle_s: f64) -> anyhow::Result<Self> {
         let config = ControlConfig {
             cycle_s,
             listen: ([127, 0, 0, 1], 0).into(),
             pacing: Pacing::lock_step(),
-            ..ControlConfig::new(machine.machine(), axes.clone())
+            ..ControlConfig::new(machine.machine(), MachineAxes::of(&machine)?)
         };
+        let middle = config.axes.middle();
+        Self::with_control(machine, seed, config, &middle)
+    }
+
+    /// A machine that stands at `start` under a control of one's own choice; its axes are the machine's first ones.
+    ///
+    /// # Errors
+    /// The control cannot be set up.
+    pub fn with_control(
+        mut machine: TruthMachine,
+        seed: u64,
+        config: ControlConfig,
+        start: &AxisArray,
+    ) -> anyhow::Result<Self> {
+        machine.reset(seed, start);
+        let (axes, cycle_s) = (config.axes.clone(), config.cycle_s);
         let mut control = Control::bind(config)?;
-        control.set_position(middle);
+        control.set_position(*start);
         Ok(Self { machine, axes, control, cycle_s })
     }
 
@@ -79,8 +92,8 @@ impl Shop {
     ///
     /// # Errors
     /// It does not start, does not connect, or does not become active; the message says where its log is.
-    pub fn start_daemon(&mut self, config: &Path, log: &Path) -> anyhow::Result<Daemon> {
-        let daemon = Daemon::start(config, log)?;
+    pub fn start_daemon(&mut self, programs: &Programs, config: &Path, log: &Path) -> anyhow::Result<Daemon> {
+        let daemon = programs.volcompd(config, log)?;
         let see = || format!("see {}", log.display());
         self.control.wait_for_daemon(CONNECT_LIMIT).with_context(see)?;
         let mut active = false;
@@ -108,11 +121,18 @@ impl Shop {
     /// # Errors
     /// The programme is wrong, or the control's.
     pub fn programme(&mut self, text: &str) -> anyhow::Result<Vec<CycleRecord>> {
+        let motion = self.trajectory(text)?;
+        self.motion(motion)
+    }
+
+    /// A part programme from where the machine stands as positions in time, without running it.
+    ///
+    /// # Errors
+    /// The programme is wrong.
+    pub fn trajectory(&self, text: &str) -> anyhow::Result<Trajectory> {
         let start = self.control.position();
         let programme = interpret(text, &self.axes, start)?;
-        let motion =
-            Trajectory::new(start, &programme.segments, &self.axes, &Dynamics::default(), self.cycle_s)?;
-        self.motion(motion)
+        Ok(Trajectory::new(start, &programme.segments, &self.axes, &Dynamics::default(), self.cycle_s)?)
     }
 
     /// Goes to a position in rapid.
@@ -139,6 +159,26 @@ impl Shop {
             Ok(Flow::GoOn)
         })?;
         Ok(cycles)
+    }
+
+    /// Runs a motion until it ends or the observer, who sees every cycle, has seen enough.
+    ///
+    /// # Errors
+    /// The control's.
+    pub fn watch(
+        &mut self,
+        motion: &mut dyn MotionSource,
+        observer: Observer<'_>,
+    ) -> anyhow::Result<RunSummary> {
+        Ok(self.control.run(motion, &mut self.machine, observer)?)
+    }
+
+    /// Stands still until the observer has seen enough, at most so long.
+    ///
+    /// # Errors
+    /// The control's.
+    pub fn watch_standing(&mut self, limit_s: f64, observer: Observer<'_>) -> anyhow::Result<RunSummary> {
+        Ok(self.control.run_until(&mut self.machine, limit_s, observer)?)
     }
 
     /// The middle of every travel.

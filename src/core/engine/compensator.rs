@@ -45,6 +45,8 @@ pub struct Compensator {
     synchronised: bool,
     /// The machine is not ready: no offset is moved, and the control may change its own meanwhile.
     frozen: bool,
+    /// Drives off or emergency stop: the control cannot move any offset.
+    immobile: bool,
     /// How long the present hold has lasted, s.
     held_s: f64,
     last_sequence: u32,
@@ -103,6 +105,7 @@ impl Compensator {
             tool_tip: None,
             synchronised: false,
             frozen: false,
+            immobile: false,
             held_s: 0.0,
             last_sequence: 0,
             next_deadline: None,
@@ -261,12 +264,15 @@ impl Compensator {
     }
 
     /// Takes over the offset that the control holds: at the first frame of a link, after it has acted on its own,
-    /// and where it has changed its offset while the machine was not ready.
+    /// while it cannot move any offset, and where it has changed its offset while the machine was not ready.
     fn synchronise(&mut self, frame: &Position) {
         let applied: AxisArray = core::array::from_fn(|k| frame.applied[k] * self.scale[k]);
+        // braking past the offset that an immobile machine holds would be a step when it moves again
+        let immobile = frame.state.has(MachineState::ESTOP) || !frame.state.has(MachineState::ENABLED);
+        let was_immobile = core::mem::replace(&mut self.immobile, immobile);
         let took_over = frame.state.has(MachineState::OFFSET_RAMPING_OUT);
         let thawed = self.frozen && frame.state.is_ready() && !self.read_back.knows(&applied, self.axes);
-        if self.synchronised && !took_over && !thawed {
+        if self.synchronised && !took_over && !thawed && !immobile && !was_immobile {
             return;
         }
         for (limiter, applied) in self.limiters.iter_mut().zip(applied).take(self.axes) {
@@ -276,6 +282,10 @@ impl Compensator {
         if took_over && matches!(self.state, State::Active | State::RampingIn | State::RampingOut) {
             self.intake.unsettle();
             self.plan(State::Holding, Reason::ControlTookOver);
+        }
+        if self.state == State::Faulted {
+            // the way back to zero starts from here, not from an offset that the control no longer holds
+            self.plan(State::Faulted, Reason::ReadBack);
         }
         self.synchronised = true;
     }

@@ -100,6 +100,19 @@ impl World {
         self.last
     }
 
+    /// The control claims an offset that it was never sent, until that is a fault.
+    fn foreign_writer(&mut self) {
+        for _ in 0..30 {
+            self.now = self.now.plus_seconds(CYCLE_S);
+            self.frame.sequence += 1;
+            self.frame.control_ns += 1_000_000;
+            self.frame.applied = [0.002; MAX_AXES];
+            self.send();
+        }
+        assert_eq!(self.last.state, State::Faulted);
+        assert!(self.last.offset[0] < -0.005, "on its way back to zero");
+    }
+
     fn active(config: &EngineConfig) -> Self {
         let mut world = Self::new(config);
         world.engine.on_command(MonoTime::ZERO, Command::Enable);
@@ -249,6 +262,37 @@ fn emergency_stop_in_mid_ramp_freezes_the_offset_and_goes_on_from_there() {
 }
 
 #[test]
+fn after_an_emergency_stop_in_motion_the_first_answer_is_what_the_control_held() {
+    let mut w = World::new(&config());
+    w.engine.on_command(MonoTime::ZERO, Command::Enable);
+    w.run(110);
+    // the control cannot move: the answer to the last frame before the stop never acts
+    let held = w.frame.applied;
+    assert!((w.last.offset[0] - held[0]).abs() > 1e-5, "the ramp is moving");
+    w.frame.state = MachineState::from_bits(READY.bits | MachineState::ESTOP);
+    for _ in 0..50 {
+        w.last.offset = held;
+        assert_eq!(w.cycle().offset, held);
+    }
+    w.frame.state = READY;
+    assert_eq!(w.cycle().offset, held);
+    assert_eq!(w.run(400).state, State::Active);
+}
+
+#[test]
+fn a_fault_does_not_bring_an_offset_back_that_the_control_has_taken_out() {
+    let mut w = World::active(&config());
+    w.foreign_writer();
+    w.engine.on_link_down(w.now);
+    w.engine.on_link_up(w.now);
+    w.last.offset = [0.0; MAX_AXES];
+    for _ in 0..300 {
+        let out = w.cycle();
+        assert_eq!((out.state, out.offset), (State::Faulted, [0.0; MAX_AXES]));
+    }
+}
+
+#[test]
 fn an_offset_changed_by_the_control_while_off_is_taken_over() {
     let mut w = World::active(&config());
     w.frame.state = MachineState::from_bits(MachineState::HOMED);
@@ -283,14 +327,7 @@ fn an_offset_found_while_off_is_ramped_out() {
 #[test]
 fn a_foreign_writer_is_a_fault_that_stays_until_cleared() {
     let mut w = World::active(&config());
-    for _ in 0..30 {
-        w.now = w.now.plus_seconds(CYCLE_S);
-        w.frame.sequence += 1;
-        w.frame.control_ns += 1_000_000;
-        w.frame.applied = [0.002; MAX_AXES];
-        w.send();
-    }
-    assert_eq!(w.last.state, State::Faulted);
+    w.foreign_writer();
     let out = w.run(500);
     assert_eq!((out.state, out.offset[0]), (State::Faulted, 0.0));
     w.engine.on_command(w.now, Command::Enable);
