@@ -1,7 +1,6 @@
 //! The loop closed over TCP: real control side, real daemon process, and machines whose truth is known.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-#![expect(clippy::print_stderr, reason = "a skipped test says so; the figures are the result")]
 #![expect(clippy::disallowed_methods, reason = "the test reads and writes files")]
 
 use std::fmt::Write as _;
