@@ -15,16 +15,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-/// Wrong usage.
-pub const EX_USAGE: u8 = 64;
-/// Bad data.
-pub const EX_DATAERR: u8 = 65;
-/// An error of this program.
-pub const EX_SOFTWARE: u8 = 70;
-/// A file or socket could not be used.
-pub const EX_IOERR: u8 = 74;
-/// Bad configuration or machine file.
-pub const EX_CONFIG: u8 = 78;
+pub use volcomp::cli::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE};
 
 /// Why the program ends without having done its work.
 #[derive(Debug)]
