@@ -74,8 +74,11 @@ impl CycleBody {
     pub fn handle(&mut self, now: MonoTime, message: &Message) -> Reaction {
         match message {
             Message::Position(frame) => {
-                let output = self.engine.on_position(now, frame, &self.model);
-                Reaction::Answer(self.answer(output))
+                match self.engine.on_position(now, frame, &self.model) {
+                    Some(output) => Reaction::Answer(self.answer(output)),
+                    // the control has not told yet which offset it holds
+                    None => Reaction::Nothing,
+                }
             }
             Message::Tool(tool) => {
                 self.engine.on_tool(Vec3::new(tool.tip[0], tool.tip[1], tool.tip[2]));
@@ -114,6 +117,12 @@ impl CycleBody {
     #[must_use]
     pub const fn state(&self) -> State {
         self.engine.state()
+    }
+
+    /// True where compensation is wanted; a fault ends that.
+    #[must_use]
+    pub const fn is_enabled(&self) -> bool {
+        self.engine.is_enabled()
     }
 
     /// True once a [`Command::Stop`] has been carried out, as far as this link and the machine's state allow.

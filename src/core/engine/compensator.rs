@@ -119,6 +119,8 @@ impl Compensator {
         self.read_back.restart();
         self.synchronised = false;
         self.next_deadline = None;
+        // the control tells its tool anew on every link
+        self.tool_tip = None;
         if self.state != State::Faulted {
             self.state = if self.enabled { State::Armed } else { State::Off };
         }
@@ -135,7 +137,7 @@ impl Compensator {
 
     /// The tool changed: its tip in M at home, mm.
     pub fn on_tool(&mut self, tip: Vec3) {
-        if tip.iter().all(|v| v.is_finite()) {
+        if tip.iter().all(|v| v.is_finite()) && self.tool_tip != Some(tip) {
             self.tool_tip = Some(tip);
             // another lever means another correction: go there smoothly
             if matches!(self.state, State::Active | State::RampingIn) {
@@ -146,9 +148,12 @@ impl Compensator {
 
     /// One position frame (wire units) received at `now`; returns the correction that answers it.
     ///
+    /// `None` until the control has told, in finite numbers, which offset it holds: whatever was sent before that
+    /// could be a step.
+    ///
     /// # Cycle   no allocation, no panic, bounded time
     #[must_use]
-    pub fn on_position(&mut self, now: MonoTime, frame: &Position, model: &Model) -> CycleOutput {
+    pub fn on_position(&mut self, now: MonoTime, frame: &Position, model: &Model) -> Option<CycleOutput> {
         let position = match self.config.position_source {
             PositionSource::Commanded => frame.commanded,
             PositionSource::Actual => core::array::from_fn(|k| frame.actual[k] - frame.applied[k]),
@@ -157,19 +162,25 @@ impl Compensator {
         let verdict = self.intake.accept(frame, &position);
         if verdict == Err(Reason::Sequence) {
             // old or repeated: says nothing new, and does not count as a sign of life
-            return self.move_on(&Plan { target: self.offset(), dt: 0.0, out_of_range: 0 });
+            return Some(self.move_on(&Plan { target: self.offset(), dt: 0.0, out_of_range: 0 }));
         }
         self.last_sequence = frame.sequence;
         self.next_deadline = Some(now.plus_seconds(self.config.stale_s));
         // the clock of a bad frame is not to be trusted
         let dt = verdict.map_or(self.config.cycle_s, |dt| dt.min(STEP_CYCLES_MAX * self.config.cycle_s));
-        if verdict.is_ok() {
+        let told = frame.applied[..self.axes].iter().all(|v| v.is_finite());
+        if told && (verdict.is_ok() || !self.synchronised) {
             self.synchronise(frame);
         }
-        self.check_read_back(frame);
+        if !self.synchronised {
+            return None;
+        }
+        if told {
+            self.check_read_back(frame);
+        }
         let (target, out_of_range, out_of_travel) = self.correction_at(&position, model, verdict.is_ok());
         self.decide(frame.state, verdict.err(), out_of_travel, dt);
-        self.move_on(&Plan { target, dt, out_of_range })
+        Some(self.move_on(&Plan { target, dt, out_of_range }))
     }
 
     /// When [`Compensator::on_deadline`] wants to be called if no position arrives; `None` while nothing is due.
@@ -218,6 +229,7 @@ impl Compensator {
                 self.enabled = false;
                 self.stopping = true;
                 self.stopped |= !self.synchronised;
+                self.note_stop();
             }
             Command::ClearFault => {
                 if self.state == State::Faulted && self.is_zero() {
@@ -296,6 +308,10 @@ impl Compensator {
             self.synchronised && self.state != State::Faulted && frame.state.is_ready() && !self.frozen;
         if watched && self.read_back.is_foreign(&applied, self.axes) {
             self.enabled = false;
+            // the way back to zero starts from what the control really holds
+            for (limiter, applied) in self.limiters.iter_mut().zip(applied).take(self.axes) {
+                limiter.start_at(applied);
+            }
             self.plan(State::Faulted, Reason::ReadBack);
         }
     }
@@ -329,14 +345,17 @@ impl Compensator {
 
     /// Which state this cycle belongs to.
     fn decide(&mut self, machine: MachineState, bad: Option<Reason>, out_of_travel: bool, dt: f64) {
-        if let Some(reason) = bad {
-            self.hold_or_give_up(reason, dt);
-            return;
-        }
         self.frozen = !machine.is_ready();
         if self.frozen {
             self.wait_for_machine(machine);
             return;
+        }
+        if let Some(reason) = bad {
+            self.hold_or_give_up(reason, dt);
+            return;
+        }
+        if matches!(self.state, State::Off | State::Armed) {
+            self.held_s = 0.0;
         }
         let outside = out_of_travel && self.config.out_of_travel == OutOfTravel::RampOut;
         let wanted = self.enabled && !outside;
@@ -389,8 +408,12 @@ impl Compensator {
     /// Nothing to do: off or armed.
     fn rest(&mut self, reason: Reason) {
         self.enter(if self.enabled { State::Armed } else { State::Off }, reason);
+    }
+
+    /// A stop has been carried out where nothing moves any more and the offset is the one that is to stay.
+    fn note_stop(&mut self) {
         let at_rest = self.limiters[..self.axes].iter().all(Limiter::is_at_rest);
-        self.stopped |= self.stopping && at_rest;
+        self.stopped |= self.stopping && at_rest && (self.is_zero() || self.keeps_offset());
     }
 
     /// Drives off or emergency stop: the offset stays where it is, for moving it would move nothing, or jump later.
@@ -421,6 +444,13 @@ impl Compensator {
                 }
             }
             State::RampingOut if self.ramp.is_done() && self.is_zero() => self.rest(Reason::RampDone),
+            // an offset that somebody else has left
+            State::Off | State::Armed if !self.is_zero() && !self.keeps_offset() => {
+                self.held_s += dt;
+                if self.held_s >= self.config.hold_s || self.stopping {
+                    self.plan(State::RampingOut, reason);
+                }
+            }
             State::Off | State::Armed | State::RampingOut | State::Faulted => {}
         }
     }
@@ -476,6 +506,7 @@ impl Compensator {
         if dt > 0.0 {
             self.read_back.sent(&offset);
         }
+        self.note_stop();
         CycleOutput {
             sequence: self.last_sequence,
             state: self.state,
