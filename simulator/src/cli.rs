@@ -1,8 +1,13 @@
 //! The program `cncsim`: arguments, files, exit codes. Data goes to stdout, all else to stderr.
 
 #![expect(clippy::disallowed_methods, reason = "the command line is the shell: it reads and writes files")]
-#![expect(clippy::print_stdout, reason = "data goes to stdout")]
 #![expect(clippy::print_stderr, reason = "messages go to stderr")]
+
+/// Like `println!`, but never panics: a reader that has seen enough is no failure, a full disk is one at the end.
+macro_rules! say {
+    () => { volcomp::cli::line(format_args!("")) };
+    ($($text:tt)*) => { volcomp::cli::line(format_args!($($text)*)) };
+}
 
 mod demo;
 mod path;
@@ -106,7 +111,9 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Replay(args) => serve::replay(&args),
         Verb::Path(args) => path::run(&args),
     };
-    match result {
+    let complete =
+        || volcomp::cli::output_complete().map_err(|f| Failure { code: f.code, message: f.message });
+    match result.and_then(|()| complete()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             eprintln!("{}", failure.message.trim_end());

@@ -119,10 +119,10 @@ fn positioning(args: &PositioningArgs) -> Result<(), Failure> {
         eprintln!("note: {} cycles; ISO 230-2 asks for 5", result.cycles);
     }
     if args.json {
-        println!("{:#}", Value::Object(figures(&result, unit, scale)));
+        say!("{:#}", Value::Object(figures(&result, unit, scale)));
         return Ok(());
     }
-    println!("ISO 230-2 of {file}: {} targets, {} cycles", result.targets.len(), result.cycles);
+    say!("ISO 230-2 of {file}: {} targets, {} cycles", result.targets.len(), result.cycles);
     print_positioning(&result, unit, scale);
     Ok(())
 }
@@ -154,10 +154,10 @@ fn print_positioning(p: &Positioning, unit: &str, scale: fn(f64) -> f64) {
     let show = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{:.2}", scale(v)));
     let row = |name: &str, values: [Option<f64>; 3]| {
         let [f, b, both] = values.map(show);
-        println!("{name:<28}{f:>12}{b:>12}{both:>16}");
+        say!("{name:<28}{f:>12}{b:>12}{both:>16}");
     };
     let (f, b, both) = (p.forward, p.backward, p.both);
-    println!("{:<28}{:>12}{:>12}{:>16}", unit, "forward", "backward", "bidirectional");
+    say!("{:<28}{:>12}{:>12}{:>16}", unit, "forward", "backward", "bidirectional");
     row("reversal B", [None, None, both.map(|x| x.b)]);
     row("mean reversal", [None, None, both.map(|x| x.b_mean)]);
     row("repeatability R", [f.map(|x| x.r), b.map(|x| x.r), both.map(|x| x.r)]);
@@ -194,18 +194,18 @@ fn circular(args: &CircularArgs) -> Result<(), Failure> {
             "fmax_um": um_from_mm(c.f_max), "fmin_um": um_from_mm(c.f_min),
             "centre_um": [um_from_mm(c.centre[0]), um_from_mm(c.centre[1])], "readings": readings.len(),
         });
-        println!("{report:#}");
+        say!("{report:#}");
         return Ok(());
     }
-    println!("ISO 230-4 of {}: {} readings", args.data.display(), readings.len());
+    say!("ISO 230-4 of {}: {} readings", args.data.display(), readings.len());
     let show = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.2} um"));
-    println!("{:<40}{:>14}", "circular deviation G, counter-clockwise", show(um(c.g_forward)));
-    println!("{:<40}{:>14}", "circular deviation G, clockwise", show(um(c.g_backward)));
-    println!("{:<40}{:>14}", "circular deviation G(b), both", show(um(c.g_both)));
-    println!("{:<40}{:>14}", "radial deviation Fmax", show(Some(um_from_mm(c.f_max))));
-    println!("{:<40}{:>14}", "radial deviation Fmin", show(Some(um_from_mm(c.f_min))));
+    say!("{:<40}{:>14}", "circular deviation G, counter-clockwise", show(um(c.g_forward)));
+    say!("{:<40}{:>14}", "circular deviation G, clockwise", show(um(c.g_backward)));
+    say!("{:<40}{:>14}", "circular deviation G(b), both", show(um(c.g_both)));
+    say!("{:<40}{:>14}", "radial deviation Fmax", show(Some(um_from_mm(c.f_max))));
+    say!("{:<40}{:>14}", "radial deviation Fmin", show(Some(um_from_mm(c.f_min))));
     let [x, y] = c.centre.map(um_from_mm);
-    println!("{:<40}{:>14}", "centre taken out", format!("{x:.1}, {y:.1} um"));
+    say!("{:<40}{:>14}", "centre taken out", format!("{x:.1}, {y:.1} um"));
     Ok(())
 }
 
@@ -262,17 +262,17 @@ fn diagonals(args: &DiagonalArgs) -> Result<(), Failure> {
             names.insert(key.to_owned(), json!(found.map(|(d, _)| d.name())));
         }
         report.insert("worst".to_owned(), Value::Object(names));
-        println!("{:#}", Value::Object(report));
+        say!("{:#}", Value::Object(report));
         return Ok(());
     }
     for (d, p) in &test.diagonals {
-        println!("ISO 230-6, diagonal {}: {} targets, {} cycles", d.name(), p.targets.len(), p.cycles);
+        say!("ISO 230-6, diagonal {}: {} targets, {} cycles", d.name(), p.targets.len(), p.cycles);
         print_positioning(p, "um", um_from_mm);
-        println!();
+        say!();
     }
     for (key, figure) in worst {
         if let Some((d, v)) = test.worst(figure) {
-            println!("worst {key:<10}{:>12.2}  on {}", um_from_mm(v), d.name());
+            say!("worst {key:<10}{:>12.2}  on {}", um_from_mm(v), d.name());
         }
     }
     Ok(())

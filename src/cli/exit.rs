@@ -1,7 +1,9 @@
 //! Exit codes, and how a failure becomes one.
 
 use core::fmt;
+use core::sync::atomic::{AtomicBool, Ordering};
 use std::ffi::OsString;
+use std::io::{ErrorKind, Write};
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -38,6 +40,31 @@ impl Failure {
     }
 }
 
+/// Something could not be written to stdout.
+static OUTPUT_LOST: AtomicBool = AtomicBool::new(false);
+
+/// Writes a line to stdout. A reader that has seen enough (`| head`) is no failure; a full disk is, and is reported at
+/// the end of the program.
+pub fn line(text: fmt::Arguments<'_>) {
+    match writeln!(std::io::stdout().lock(), "{text}") {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => OUTPUT_LOST.store(true, Ordering::Relaxed),
+        _ => {}
+    }
+}
+
+/// The failure of a program that could not write all it had to say.
+///
+/// # Errors
+/// Something was lost.
+pub fn output_complete() -> Result<(), Failure> {
+    let flushed = std::io::stdout().lock().flush();
+    let lost = flushed.is_err_and(|e| e.kind() != ErrorKind::BrokenPipe);
+    if lost || OUTPUT_LOST.load(Ordering::Relaxed) {
+        return Err(Failure::new(EX_IOERR, "error: stdout could not be written; the output is incomplete"));
+    }
+    Ok(())
+}
+
 /// Parses arguments, runs, prints what went wrong, and turns it into an exit code.
 pub(super) fn run<A: Parser>(
     args: impl IntoIterator<Item = OsString>,
@@ -52,7 +79,7 @@ pub(super) fn run<A: Parser>(
             return ExitCode::from(code);
         }
     };
-    match body(parsed) {
+    match body(parsed).and_then(|()| output_complete()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             eprintln!("{}", failure.message.trim_end());

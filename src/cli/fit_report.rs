@@ -120,7 +120,7 @@ pub(super) fn note_text(symbol: ErrorSymbol, note: Note) -> String {
 
 /// One line per error motion on stdout.
 pub(super) fn print_table(fitted: &[Fitted]) {
-    println!(
+    say!(
         "{:<7}{:<11}{:>6}{:>10}{:>6}{:>4}{:>11}{:>11}{:>11}{:>11}{:>15}  unit",
         "error",
         "basis",
@@ -142,7 +142,7 @@ pub(super) fn print_table(fitted: &[Fitted]) {
             f.fit.period.map_or_else(|| "-".to_owned(), |p| format!("{:.2}", (units.of_position)(p)));
         let order = f.fit.order.map_or_else(|| "-".to_owned(), |o| o.to_string());
         let figures = &f.fit.figures;
-        println!(
+        say!(
             "{:<7}{:<11}{order:>6}{period:>10}{:>6}{:>4}{:>11}{:>11}{:>11}{:>11}{:>15}  {}",
             f.symbol.to_string(),
             f.fit.basis.name(),

@@ -1,8 +1,13 @@
 //! Arguments, human and JSON output, exit codes. Data goes to stdout, all else to stderr.
 
 #![expect(clippy::disallowed_methods, reason = "the command line is the shell: it reads and writes files")]
-#![expect(clippy::print_stdout, reason = "data goes to stdout")]
 #![expect(clippy::print_stderr, reason = "messages go to stderr")]
+
+/// Like `println!`, but never panics: see [`exit::line`].
+macro_rules! say {
+    () => { $crate::cli::line(format_args!("")) };
+    ($($text:tt)*) => { $crate::cli::line(format_args!($($text)*)) };
+}
 
 mod check;
 mod daemon;
@@ -23,7 +28,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-pub use exit::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure};
+pub use exit::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, line, output_complete};
 
 /// Geometric-error compensation for machine tools: check, predict, fit, evaluate, and talk to the daemon.
 #[derive(Debug, Parser)]

@@ -57,13 +57,13 @@ pub(super) fn status(args: &StatusArgs) -> Result<(), Failure> {
         let status = client::status(&socket).map_err(|e| failure(&e))?;
         if args.json {
             let text = serde_json::to_string(&status).map_err(|e| Failure::new(EX_SOFTWARE, e))?;
-            println!("{text}");
+            say!("{text}");
         } else {
             if args.watch && std::io::stdout().is_terminal() {
                 // clear the screen, cursor to the top
-                print!("\x1b[2J\x1b[H");
+                say!("\x1b[2J\x1b[H");
             }
-            print!("{}", render(&status));
+            say!("{}", render(&status).trim_end());
         }
         if !args.watch {
             return Ok(());
@@ -90,9 +90,9 @@ fn command(
     }
     let state = send(&socket).map_err(|e| failure(&e))?;
     if args.json {
-        println!("{}", serde_json::json!({ "state": state }));
+        say!("{}", serde_json::json!({ "state": state }));
     } else {
-        println!("{state}");
+        say!("{state}");
     }
     if state == "faulted" {
         eprintln!("hint: `volcomp status` names the fault; --clear-fault acknowledges it");

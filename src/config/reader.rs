@@ -421,7 +421,7 @@ impl<'r> Section<'r> {
             self.report(Diagnostic::at(
                 value.place.clone(),
                 format!("{}{row} is not a finite number", self.named_key(key)),
-                "write the measured value, or leave the row out",
+                "write a finite number; a value that was not measured is left out with its row",
             ));
         }
         number

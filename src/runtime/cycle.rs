@@ -11,6 +11,7 @@
 //! (see [`super::age`]), or a skipped one.
 
 use std::io::{self, ErrorKind};
+use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
 use super::age::AgeEstimator;
@@ -20,11 +21,14 @@ use super::link::{Link, Received};
 use super::ports::{CycleRecord, Progress, Report};
 use super::worker::{Control, Stop};
 use crate::config::LinkConfig;
+use crate::core::engine::State;
 use crate::core::protocol::{CloseReason, ErrorCode, ErrorReport, FrameError, Message, Position};
 use crate::core::units::{MonoTime, NS_PER_S};
 
 /// Longest wait for bytes: requests and the watchdog are looked after this often.
 pub(super) const SLICE: Duration = Duration::from_millis(20);
+/// Fullest buffers taken in before anything else gets its turn.
+const READS_MAX: usize = 64;
 
 /// Why a link ended.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -141,7 +145,8 @@ impl Cycle<'_> {
     /// Takes in every frame that has arrived, then answers the newest position.
     fn frames(&mut self, link: &mut Link, mut at: MonoTime, mut more: bool) -> io::Result<Option<LinkEnd>> {
         let mut batch = Batch::default();
-        loop {
+        // a peer that never stops sending must not keep timers and requests from their turn
+        for _ in 0..READS_MAX {
             loop {
                 let message = match link.reader.next() {
                     Ok(Some(message)) => message,
@@ -228,6 +233,10 @@ impl Cycle<'_> {
     fn tell_event(&self) {
         if let Some(event) = self.body.output().and_then(|output| output.event) {
             self.control.ports.report(Report::Engine(event));
+            // a fault ends the wish to compensate, until it is cleared and enabled again
+            if self.body.state() == State::Faulted {
+                self.control.ports.progress.wanted.store(false, Relaxed);
+            }
         }
     }
 }

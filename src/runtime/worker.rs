@@ -64,6 +64,8 @@ impl Control {
                     if let Some(body) = body.as_deref_mut() {
                         body.command(now, command);
                         self.ports.progress.set_state(body.state());
+                        // the engine has the last word: a fault is not enabled, and only a fault can be cleared
+                        self.ports.progress.wanted.store(body.is_enabled(), Relaxed);
                     }
                 }
                 Request::Stop => {

@@ -59,7 +59,7 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), Failure> {
     };
     let outcome = run(&options, &mut say).map_err(|e| Failure::new(EX_SOFTWARE, format_args!("{e:#}")))?;
     if args.json {
-        println!("{}", json(&outcome));
+        say!("{}", json(&outcome));
     } else {
         print_table(&outcome);
     }
@@ -78,20 +78,20 @@ fn json(outcome: &Outcome) -> serde_json::Value {
 }
 
 fn print_table(outcome: &Outcome) {
-    println!();
-    println!("{:<15} {:>12} {:>12} {:>8}", "measured", "without / um", "with / um", "gone");
+    say!();
+    say!("{:<15} {:>12} {:>12} {:>8}", "measured", "without / um", "with / um", "gone");
     for (name, how, pair) in outcome.table() {
         let gone = 100.0 * pair.reduction();
-        println!("{name:<15} {:>12.1} {:>12.1} {gone:>6.0} %   {how}", pair.before_um, pair.after_um);
+        say!("{name:<15} {:>12.1} {:>12.1} {gone:>6.0} %   {how}", pair.before_um, pair.after_um);
     }
-    println!();
-    println!("What is left, and why:");
+    say!();
+    say!("What is left, and why:");
     for line in outcome.what_is_left() {
-        println!("- {line}");
+        say!("- {line}");
     }
-    println!();
-    println!("picture: {}", outcome.picture.display());
-    println!("page:    {}", outcome.page.display());
+    say!();
+    say!("picture: {}", outcome.picture.display());
+    say!("page:    {}", outcome.page.display());
 }
 
 pub(super) fn survey(args: &SurveyArgs) -> Result<(), Failure> {
@@ -108,6 +108,6 @@ pub(super) fn survey(args: &SurveyArgs) -> Result<(), Failure> {
         survey_to(&machine, &plan, &args.out).map_err(|e| Failure::new(EX_DATAERR, format_args!("{e:#}")))?;
     let fit = files.fit_arguments(&args.out.join("model.toml"));
     eprintln!("surveyed {}; now fit a model with", machine.machine());
-    println!("volcomp {}", fit.join(" "));
+    say!("volcomp {}", fit.join(" "));
     Ok(())
 }

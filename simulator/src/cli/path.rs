@@ -273,6 +273,6 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             rotary: s.rotary.into(),
         }),
     };
-    print!("{text}");
+    say!("{}", text.trim_end());
     Ok(())
 }

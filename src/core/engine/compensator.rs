@@ -212,7 +212,7 @@ impl Compensator {
     pub fn on_command(&mut self, _now: MonoTime, command: Command) {
         match command {
             Command::Enable => {
-                if !self.stopping {
+                if !self.stopping && self.state != State::Faulted {
                     self.enabled = true;
                     if self.state == State::Off {
                         self.state = State::Armed;

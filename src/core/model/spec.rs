@@ -322,18 +322,19 @@ pub enum ModelError {
     },
 }
 
+/// Names a unit in which the number would be a possible error.
 fn angle_unit_hint(arcsec: f64) -> &'static str {
-    if arcsec > 1e7 {
-        "were these values in nrad, not in arcsec?"
-    } else {
-        "were these values in urad, not in arcsec?"
+    match arcsec {
+        v if v <= 1e4 => "were these values in urad, not in arcsec?",
+        v if v <= 1e7 => "were these values in nrad, or angles instead of their errors?",
+        _ => "are these angles instead of their errors?",
     }
 }
 
+/// Names a unit in which the number would be a possible error.
 fn length_unit_hint(um: f64) -> &'static str {
-    if um > 1e6 {
-        "were these values in pm or absolute positions?"
-    } else {
-        "were these values in nm, not in um?"
+    match um {
+        v if v <= 5e6 => "were these values in nm, not in um, or positions instead of deviations?",
+        _ => "are these positions instead of deviations?",
     }
 }
