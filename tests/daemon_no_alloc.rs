@@ -42,7 +42,7 @@ fn message(cycle: u32, applied: [f64; MAX_AXES]) -> Message {
     let mut commanded = [0.0; MAX_AXES];
     commanded[0] = 200.0 + 150.0 * phase.sin();
     commanded[1] = 200.0 + 150.0 * (0.7 * phase).sin();
-    commanded[2] = 200.0 + 150.0 * (0.3 * phase).sin();
+    commanded[2] = -250.0 + 150.0 * (0.3 * phase).sin();
     let mut bits = MachineState::HOMED | MachineState::ENABLED;
     match cycle {
         c if c % 100_003 < 50 => bits |= MachineState::ESTOP,
@@ -73,12 +73,23 @@ fn a_million_cycles_allocate_nothing() {
     let mut reader = FrameReader::default();
     let mut buffer = [0; MAX_FRAME];
     let mut applied = [0.0; MAX_AXES];
-    let (mut answers, mut active) = (0_u32, 0_u32);
+    let (mut answers, mut active, mut stale) = (0_u32, 0_u32, 0_u32);
     assert_no_alloc(|| {
         body.command(MonoTime::ZERO, Command::Enable);
         body.link_up(MonoTime::ZERO);
         for cycle in 1..=CYCLES {
             let now = MonoTime::from_ns(i64::from(cycle) * CYCLE_NS);
+            if cycle % 30_011 == 0 {
+                // a silence: hold and ramp out on the daemon's own clock
+                let mut silent = now;
+                for _ in 0..50 {
+                    silent = body.next_deadline().map_or(silent, |due| due.max(silent));
+                    if let Some(correction) = body.deadline(silent) {
+                        applied = correction.offset;
+                        stale += 1;
+                    }
+                }
+            }
             // over the wire format, as in the daemon
             let length = encode(&message(cycle, applied), &mut buffer);
             reader.space()[..length].copy_from_slice(&buffer[..length]);
@@ -96,5 +107,6 @@ fn a_million_cycles_allocate_nothing() {
     });
     assert!(answers > CYCLES / 100 * 99, "{answers} answers");
     assert!(active > CYCLES / 2, "{active} cycles active: the model must have been at work");
+    assert!(stale > 500, "{stale} answers to silence");
     assert!(applied.iter().any(|offset| *offset != 0.0));
 }

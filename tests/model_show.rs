@@ -224,7 +224,7 @@ fn unit_mistakes_are_named_with_the_likely_unit() {
         ),
         (
             "[errors.eby.constant]\nvalue-arcsec = 2e7\n",
-            ["EBY reaches 20000000 arcsec", "in nrad, not in arcsec?", "model.toml:5:16"],
+            ["EBY reaches 20000000 arcsec", "angles instead of their errors?", "model.toml:5:16"],
         ),
         (
             "[errors.eyx.fourier]\nspan-mm = 500\nperiod-mm = 500\nsin-um = [6000]\n",

@@ -76,6 +76,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             ),
         ));
     }
+    let same = args.points == args.out && args.out.as_os_str() != "-";
+    let resolved = || Some(args.points.canonicalize().ok()? == args.out.canonicalize().ok()?);
+    if same || resolved().unwrap_or(false) {
+        return Err(Failure::new(
+            EX_USAGE,
+            format_args!("error: --out {}: is the file of points; name another", args.out.display()),
+        ));
+    }
     let (_, model) = read_model(&args.model)?;
     let mut table = table::open(&args.points)?;
     let columns = Columns::find(&table, &model)?;

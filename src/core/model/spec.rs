@@ -326,7 +326,7 @@ pub enum ModelError {
 fn angle_unit_hint(arcsec: f64) -> &'static str {
     match arcsec {
         v if v <= 1e4 => "were these values in urad, not in arcsec?",
-        v if v <= 1e7 => "were these values in nrad, or angles instead of their errors?",
+        v if v <= 1e7 => "were these values in nrad, not in arcsec?",
         _ => "are these angles instead of their errors?",
     }
 }
@@ -334,7 +334,7 @@ fn angle_unit_hint(arcsec: f64) -> &'static str {
 /// Names a unit in which the number would be a possible error.
 fn length_unit_hint(um: f64) -> &'static str {
     match um {
-        v if v <= 5e6 => "were these values in nm, not in um, or positions instead of deviations?",
+        v if v <= 5e6 => "were these values in nm, not in um?",
         _ => "are these positions instead of deviations?",
     }
 }
