@@ -212,7 +212,7 @@ fn unit_mistakes_are_named_with_the_likely_unit() {
         ),
         (
             "[errors.exx.table]\nposition-mm = [0, 9]\nvalue-um = [0, 1e7]\n",
-            ["the limit is 5000 um (5 mm)", "in pm or absolute positions?", "model.toml:6:16"],
+            ["the limit is 5000 um (5 mm)", "are these positions instead of deviations?", "model.toml:6:16"],
         ),
         (
             "[errors.eax.constant]\nvalue-arcsec = 2500\n",
