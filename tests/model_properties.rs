@@ -217,6 +217,81 @@ proptest! {
     }
 }
 
+/// The part of a machine that belongs to the axes of a shorter chain: motions and locations, no squareness.
+fn part(whole: &ModelSpec, chain: &str) -> ModelSpec {
+    let mut spec = ModelSpec { chain: Chain::parse(chain).unwrap(), ..whole.clone() };
+    spec.axes.retain(|a| spec.chain.index_of(a.name).is_some());
+    spec.errors.retain(|(s, _)| spec.chain.index_of(s.axis()).is_some());
+    spec
+}
+
+proptest! {
+    #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
+
+    /// A chain is its workpiece side and its tool side in series: e = e_left(tip at the right's) + R_left e_right.
+    #[test]
+    fn chains_compose(seed in any::<u64>()) {
+        use volcomp::core::geometry::rotation_about;
+        let mut whole = machine("[w C' X' b Y Z A t]", seed, 1.0);
+        whole.errors.retain(|(s, _)| !matches!(s, ErrorSymbol::Squareness { .. }));
+        let (left, right) = (part(&whole, "[w C' X' b t]"), part(&whole, "[w b Y Z A t]"));
+        let p = pose(&whole, seed);
+        let mut at_left = Pose::at([0.0; MAX_AXES]);
+        at_left.position[..2].copy_from_slice(&p.position[..2]);
+        let mut at_right = Pose::at([0.0; MAX_AXES]);
+        at_right.position[..3].copy_from_slice(&p.position[2..5]);
+        at_left.tool_tip = Some(nominal_tip(&right, &at_right) + right.workpiece_origin);
+        let turn = rotation_about(2, p.position[0]);
+        let (l, r) = (compile(&left).deviation(&at_left), compile(&right).deviation(&at_right));
+        let d = compile(&whole).deviation(&p);
+        prop_assert!((d.position - (l.position + turn * r.position)).amax() < 1e-12);
+        prop_assert!((d.rotation - (l.rotation + turn * r.rotation)).amax() < 1e-15);
+    }
+
+    /// A machine seen in a mirror (x to -x): lengths along x and angles about y and z change their sign.
+    #[test]
+    fn a_mirrored_machine_deviates_as_the_mirror_image(c in 0..4usize, seed in any::<u64>()) {
+        let spec = machine(CHAINS[c], seed, 1.0);
+        let flip = |v: Vec3| Vec3::new(-v.x, v.y, v.z);
+        let mut image = spec.clone();
+        image.workpiece_origin = flip(spec.workpiece_origin);
+        image.tool_tip = flip(spec.tool_tip);
+        for axis in &mut image.axes {
+            for r in &mut axis.reference_points {
+                r.point = flip(r.point);
+            }
+        }
+        for (symbol, function) in &mut image.errors {
+            let sign = match symbol.component() { Component::X | Component::B | Component::C => -1.0, _ => 1.0 };
+            let curve = match &function.curves[0] {
+                Curve::Table(t) => {
+                    let (x, v, _) = t.columns();
+                    let v = v.iter().map(|v| sign * v);
+                    let (x, v) = if symbol.axis() == AxisName::X {
+                        (x.iter().rev().map(|x| -x).collect(), v.rev().collect())
+                    } else {
+                        (x.to_vec(), v.collect())
+                    };
+                    Curve::Table(Table::new(x, v, None, Interpolation::Linear).unwrap())
+                }
+                Curve::Constant(v) => Curve::Constant(sign * v),
+                _ => unreachable!("machines are made of tables and constants"),
+            };
+            *function = ErrorFunction::single(curve);
+        }
+        let p = pose(&spec, seed);
+        let mut q = p;
+        let x = spec.chain.index_of(AxisName::X).unwrap();
+        q.position[x] = -p.position[x];
+        let (a, b) = (compile(&spec), compile(&image));
+        for (a, b) in [(a.deviation(&p), b.deviation(&q)), (a.deviation_exact(&p), b.deviation_exact(&q))] {
+            prop_assert!((flip(a.position) - b.position).amax() < 1e-10, "{} {}", a.position, b.position);
+            let mirrored = Vec3::new(a.rotation.x, -a.rotation.y, -a.rotation.z);
+            prop_assert!((mirrored - b.rotation).amax() < 1e-13);
+        }
+    }
+}
+
 /// The simulator's machine, written independently, at the same pose with the same values of the error motions.
 fn truth_deviation(spec: &ModelSpec, pose: &Pose) -> ([f64; 3], [f64; 3]) {
     use simulator::truth::chain::Side as TruthSide;
