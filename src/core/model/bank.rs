@@ -23,14 +23,15 @@ pub(super) struct MotionBank {
     range: Option<[f64; 2]>,
 }
 
-/// `mean + linear s + SUM cos_n cos(n w d) + sin_n sin(n w d)` in every lane.
+/// `linear s + SUM cos_n cos(n w d) + sin_n sin(n w d)` in every lane; the mean is part of the constant.
 #[derive(Debug, Clone)]
 struct SeriesGroup {
     origin: f64,
     span: f64,
     omega: f64,
-    mean: Lanes,
     linear: Lanes,
+    /// False where every linear part is zero.
+    is_linear: bool,
     /// cos and sin weights of harmonic 1, 2, ..
     harmonics: Vec<[Lanes; 2]>,
 }
@@ -71,14 +72,16 @@ impl MotionBank {
             Curve::Fourier(f) => {
                 let [low, high] = f.range();
                 let (mean, linear) = f.mean_and_linear();
+                self.constant[lane] += mean;
                 let group = self.series_group(low, high - low, 2.0 * PI / f.period());
-                group.add(lane, mean, linear, f.harmonics().iter().copied());
+                group.add(lane, linear, f.harmonics().iter().copied());
             }
             Curve::HalfRange(h) => {
                 let [low, high] = h.range();
                 let (mean, linear, sines) = h.coefficients();
+                self.constant[lane] += mean;
                 let group = self.series_group(low, high - low, PI / (high - low));
-                group.add(lane, mean, linear, sines.map(|sin| [0.0, sin]));
+                group.add(lane, linear, sines.map(|sin| [0.0, sin]));
             }
             Curve::Chebyshev(c) => {
                 let [low, high] = c.range();
@@ -113,8 +116,8 @@ impl MotionBank {
                 origin,
                 span,
                 omega,
-                mean: empty,
                 linear: empty,
+                is_linear: false,
                 harmonics: Vec::new(),
             });
             self.series.len() - 1
@@ -149,9 +152,9 @@ impl MotionBank {
 }
 
 impl SeriesGroup {
-    fn add(&mut self, lane: usize, mean: f64, linear: f64, harmonics: impl Iterator<Item = [f64; 2]>) {
-        self.mean[lane] += mean;
+    fn add(&mut self, lane: usize, linear: f64, harmonics: impl Iterator<Item = [f64; 2]>) {
         self.linear[lane] += linear;
+        self.is_linear |= linear != 0.0;
         for (n, [cos, sin]) in harmonics.enumerate() {
             if self.harmonics.len() <= n {
                 self.harmonics.push([[0.0; 6]; 2]);
@@ -163,9 +166,11 @@ impl SeriesGroup {
 
     fn add_to(&self, out: &mut Lanes, x: f64) {
         let d = (x - self.origin).clamp(0.0, self.span);
-        let s = (2.0 * d - self.span) / self.span;
-        for (lane, value) in out.iter_mut().enumerate() {
-            *value += self.mean[lane] + self.linear[lane] * s;
+        if self.is_linear {
+            let s = (2.0 * d - self.span) / self.span;
+            for (lane, value) in out.iter_mut().enumerate() {
+                *value += self.linear[lane] * s;
+            }
         }
         if self.harmonics.is_empty() {
             return;
