@@ -201,7 +201,7 @@ impl Compensator {
         let dt = self.config.cycle_s;
         self.hold_or_give_up(Reason::Stale, dt);
         let output = self.move_on(&Plan { target: self.offset(), dt, out_of_range: 0 });
-        let resting = self.limiters[..self.axes].iter().all(Limiter::is_at_rest);
+        let resting = self.is_at_rest();
         let faulted = self.state == State::Faulted && !self.is_zero();
         let waiting = matches!(self.state, State::Holding | State::RampingOut) || faulted || !resting;
         self.next_deadline = waiting.then(|| now.plus_seconds(dt));
@@ -278,7 +278,7 @@ impl Compensator {
     /// Takes over the offset that the control holds: at the first frame of a link, after it has acted on its own,
     /// while it cannot move any offset, and where it has changed its offset while the machine was not ready.
     fn synchronise(&mut self, frame: &Position) {
-        let applied: AxisArray = core::array::from_fn(|k| frame.applied[k] * self.scale[k]);
+        let applied = self.held_by_control(frame);
         // braking past the offset that an immobile machine holds would be a step when it moves again
         let immobile = frame.state.has(MachineState::ESTOP) || !frame.state.has(MachineState::ENABLED);
         let was_immobile = core::mem::replace(&mut self.immobile, immobile);
@@ -287,9 +287,7 @@ impl Compensator {
         if self.synchronised && !took_over && !thawed && !immobile && !was_immobile {
             return;
         }
-        for (limiter, applied) in self.limiters.iter_mut().zip(applied).take(self.axes) {
-            limiter.start_at(applied);
-        }
+        self.start_at(&applied);
         self.read_back.restart();
         if took_over && matches!(self.state, State::Active | State::RampingIn | State::RampingOut) {
             self.intake.unsettle();
@@ -302,16 +300,26 @@ impl Compensator {
         self.synchronised = true;
     }
 
+    /// The offset that the control reports, mm and rad.
+    fn held_by_control(&self, frame: &Position) -> AxisArray {
+        core::array::from_fn(|k| frame.applied[k] * self.scale[k])
+    }
+
+    /// At rest at an offset that the control holds.
+    fn start_at(&mut self, held: &AxisArray) {
+        for (limiter, held) in self.limiters.iter_mut().zip(held).take(self.axes) {
+            limiter.start_at(*held);
+        }
+    }
+
     fn check_read_back(&mut self, frame: &Position) {
-        let applied: AxisArray = core::array::from_fn(|k| frame.applied[k] * self.scale[k]);
+        let applied = self.held_by_control(frame);
         let watched =
             self.synchronised && self.state != State::Faulted && frame.state.is_ready() && !self.frozen;
         if watched && self.read_back.is_foreign(&applied, self.axes) {
             self.enabled = false;
             // the way back to zero starts from what the control really holds
-            for (limiter, applied) in self.limiters.iter_mut().zip(applied).take(self.axes) {
-                limiter.start_at(applied);
-            }
+            self.start_at(&applied);
             self.plan(State::Faulted, Reason::ReadBack);
         }
     }
@@ -412,8 +420,7 @@ impl Compensator {
 
     /// A stop has been carried out where nothing moves any more and the offset is the one that is to stay.
     fn note_stop(&mut self) {
-        let at_rest = self.limiters[..self.axes].iter().all(Limiter::is_at_rest);
-        self.stopped |= self.stopping && at_rest && (self.is_zero() || self.keeps_offset());
+        self.stopped |= self.stopping && self.is_at_rest() && (self.is_zero() || self.keeps_offset());
     }
 
     /// Drives off or emergency stop: the offset stays where it is, for moving it would move nothing, or jump later.
@@ -517,6 +524,11 @@ impl Compensator {
             event: self.event,
             stopped: self.stopped,
         }
+    }
+
+    /// True where no offset is changing.
+    fn is_at_rest(&self) -> bool {
+        self.limiters[..self.axes].iter().all(Limiter::is_at_rest)
     }
 
     /// True where every axis that may be moved is at zero.
