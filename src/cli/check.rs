@@ -1,6 +1,6 @@
 //! `check`: reads machine and model files as the daemon would, and says what is in them or what is wrong.
 
-use std::io::{IsTerminal as _, Write as _};
+use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
@@ -37,20 +37,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         let right = outcomes.iter().filter(|o| o.problem.is_none());
         right.filter_map(|o| Some(o.found.as_ref()?.as_text(&o.file) + "\n")).collect()
     };
-    print(&report)?;
+    super::exit::print(&report)?;
     let problems: Vec<&Problem> = outcomes.iter().filter_map(|o| o.problem.as_ref()).collect();
     let Some(code) = problems.iter().map(|p| p.code()).max() else { return Ok(()) };
     let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
     let message: Vec<String> = problems.iter().map(|p| p.as_text(color)).collect();
     Err(Failure::new(code, message.join("\n\n")))
-}
-
-/// Writes to stdout; a reader that has seen enough (`| head`) is no failure.
-fn print(text: &str) -> Result<(), Failure> {
-    match std::io::stdout().lock().write_all(text.as_bytes()) {
-        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::io(Path::new("stdout"), &e)),
-        _ => Ok(()),
-    }
 }
 
 /// What came out of one file.

@@ -43,6 +43,14 @@ impl Failure {
 /// Something could not be written to stdout.
 static OUTPUT_LOST: AtomicBool = AtomicBool::new(false);
 
+/// Writes text to stdout; a reader that has seen enough (`| head`) is no failure.
+pub(super) fn print(text: &str) -> Result<(), Failure> {
+    match std::io::stdout().lock().write_all(text.as_bytes()) {
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(Failure::io(std::path::Path::new("stdout"), &e)),
+        _ => Ok(()),
+    }
+}
+
 /// Writes a line to stdout. A reader that has seen enough (`| head`) is no failure; a full disk is, and is reported at
 /// the end of the program.
 pub fn line(text: fmt::Arguments<'_>) {

@@ -9,7 +9,6 @@ mod report;
 mod show;
 mod worst;
 
-use std::io::Write as _;
 use std::path::Path;
 
 use super::{EX_CONFIG, Failure};
@@ -50,12 +49,4 @@ fn load(path: &Path) -> Result<ModelFile, Failure> {
 /// Writes a file.
 fn save(path: &Path, text: &str) -> Result<(), Failure> {
     std::fs::write(path, text).map_err(|e| Failure::io(path, &e))
-}
-
-/// Writes to stdout; a reader that has seen enough (`| head`) is no failure.
-fn print(text: &str) -> Result<(), Failure> {
-    match std::io::stdout().lock().write_all(text.as_bytes()) {
-        Err(e) if e.kind() != std::io::ErrorKind::BrokenPipe => Err(Failure::io(Path::new("stdout"), &e)),
-        _ => Ok(()),
-    }
 }

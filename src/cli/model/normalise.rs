@@ -42,5 +42,5 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let name = args.file.file_name().unwrap_or_default().to_string_lossy();
     let comment = format!("Normal form of {name}, written by volcomp model normalise.");
     super::save(&args.out, &config::model::write_file(&model, &[comment]))?;
-    super::print(&report)
+    crate::cli::exit::print(&report)
 }

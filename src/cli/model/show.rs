@@ -49,7 +49,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         let path = |p: &Option<PathBuf>| p.as_ref().map(|p| p.display().to_string());
         json["html"] = path(&args.html).into();
         json["svg"] = path(&args.svg).into();
-        return super::print(&format!("{json:#}\n"));
+        return crate::cli::exit::print(&format!("{json:#}\n"));
     }
     let mut lines = report.lines();
     for out in [&args.html, &args.svg].into_iter().flatten() {
@@ -62,7 +62,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             hint.display()
         ));
     }
-    super::print(&(lines.join("\n") + "\n"))
+    crate::cli::exit::print(&(lines.join("\n") + "\n"))
 }
 
 /// A progress bar on the terminal that appears only where the search takes longer than a second.
