@@ -6,11 +6,55 @@
 
 use core::f64::consts::PI;
 
+use wide::f64x2;
+
 use super::curve::{Curve, ErrorFunction, Table};
 use crate::core::axes::Travel;
 
-/// EX EY EZ EA EB EC, mm and rad.
-pub(super) type Lanes = [f64; 6];
+/// EX EY EZ EA EB EC, mm and rad, two to a register: between joints they never pass through memory in parts.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Lanes([f64x2; 3]);
+
+impl Lanes {
+    /// `self += weights a`
+    #[inline(always)]
+    fn add_weighted(&mut self, weights: &Self, a: f64) {
+        let a = f64x2::splat(a);
+        for (sum, w) in self.0.iter_mut().zip(weights.0) {
+            *sum += w * a;
+        }
+    }
+
+    /// `self += cosines c + sines s`
+    #[inline(always)]
+    fn add_harmonic(&mut self, [cosines, sines]: &[Self; 2], c: f64, s: f64) {
+        let (c, s) = (f64x2::splat(c), f64x2::splat(s));
+        for (sum, (a, b)) in self.0.iter_mut().zip(cosines.0.into_iter().zip(sines.0)) {
+            *sum += a * c + b * s;
+        }
+    }
+
+    /// Adds to one lane. Not for an inner loop.
+    pub(super) fn add_to_lane(&mut self, lane: usize, value: f64) {
+        let mut pair = self.0[lane / 2].to_array();
+        pair[lane % 2] += value;
+        self.0[lane / 2] = f64x2::new(pair);
+    }
+
+    /// The six values.
+    #[inline(always)]
+    pub(super) fn to_array(self) -> [f64; 6] {
+        let [[a, b], [c, d], [e, f]] = self.0.map(f64x2::to_array);
+        [a, b, c, d, e, f]
+    }
+}
+
+impl From<[f64; 6]> for Lanes {
+    #[inline(always)]
+    fn from([a, b, c, d, e, f]: [f64; 6]) -> Self {
+        Self([f64x2::new([a, b]), f64x2::new([c, d]), f64x2::new([e, f])])
+    }
+}
 
 /// The compiled motions of an axis.
 #[derive(Debug, Clone, Default)]
@@ -68,18 +112,18 @@ impl MotionBank {
 
     fn add(&mut self, lane: usize, curve: &Curve) {
         match curve {
-            Curve::Constant(value) => self.constant[lane] += value,
+            Curve::Constant(value) => self.constant.add_to_lane(lane, *value),
             Curve::Fourier(f) => {
                 let [low, high] = f.range();
                 let (mean, linear) = f.mean_and_linear();
-                self.constant[lane] += mean;
+                self.constant.add_to_lane(lane, mean);
                 let group = self.series_group(low, high - low, 2.0 * PI / f.period());
                 group.add(lane, linear, f.harmonics().iter().copied());
             }
             Curve::HalfRange(h) => {
                 let [low, high] = h.range();
                 let (mean, linear, sines) = h.coefficients();
-                self.constant[lane] += mean;
+                self.constant.add_to_lane(lane, mean);
                 let group = self.series_group(low, high - low, PI / (high - low));
                 group.add(lane, linear, sines.map(|sin| [0.0, sin]));
             }
@@ -93,9 +137,9 @@ impl MotionBank {
                 let group = &mut self.polynomials[at];
                 for (k, c) in c.coefficients().iter().enumerate() {
                     if group.coefficients.len() <= k {
-                        group.coefficients.push([0.0; 6]);
+                        group.coefficients.push(Lanes::default());
                     }
-                    group.coefficients[k][lane] += c;
+                    group.coefficients[k].add_to_lane(lane, *c);
                 }
             }
             Curve::Table(t) => {
@@ -111,12 +155,11 @@ impl MotionBank {
     fn series_group(&mut self, origin: f64, span: f64, omega: f64) -> &mut SeriesGroup {
         let same = |g: &SeriesGroup| (g.origin, g.span, g.omega) == (origin, span, omega);
         let at = self.series.iter().position(same).unwrap_or_else(|| {
-            let empty = [0.0; 6];
             self.series.push(SeriesGroup {
                 origin,
                 span,
                 omega,
-                linear: empty,
+                linear: Lanes::default(),
                 is_linear: false,
                 harmonics: Vec::new(),
             });
@@ -133,69 +176,73 @@ impl MotionBank {
     /// The six values at `x`.
     ///
     /// # Cycle   no allocation
+    #[inline(always)]
     pub(super) fn values(&self, x: f64, travel: Travel) -> Lanes {
         let mut out = self.constant;
         for group in &self.series {
-            group.add_to(&mut out, x);
+            out = group.added_to(out, x);
         }
         for group in &self.polynomials {
-            group.add_to(&mut out, x);
+            out = group.added_to(out, x);
         }
+        if self.tables.is_empty() { out } else { self.with_tables(out, x, travel) }
+    }
+
+    #[inline(never)]
+    fn with_tables(&self, sum: Lanes, x: f64, travel: Travel) -> Lanes {
+        let mut out = sum.to_array();
         for group in &self.tables {
             let place = group.lanes[0].1.place(x);
             for (lane, table) in &group.lanes {
                 out[*lane] += table.value_at(&place, travel);
             }
         }
-        out
+        out.into()
     }
 }
 
 impl SeriesGroup {
     fn add(&mut self, lane: usize, linear: f64, harmonics: impl Iterator<Item = [f64; 2]>) {
-        self.linear[lane] += linear;
+        self.linear.add_to_lane(lane, linear);
         self.is_linear |= linear != 0.0;
         for (n, [cos, sin]) in harmonics.enumerate() {
             if self.harmonics.len() <= n {
-                self.harmonics.push([[0.0; 6]; 2]);
+                self.harmonics.push([Lanes::default(); 2]);
             }
-            self.harmonics[n][0][lane] += cos;
-            self.harmonics[n][1][lane] += sin;
+            self.harmonics[n][0].add_to_lane(lane, cos);
+            self.harmonics[n][1].add_to_lane(lane, sin);
         }
     }
 
-    fn add_to(&self, out: &mut Lanes, x: f64) {
-        let d = (x - self.origin).clamp(0.0, self.span);
+    #[inline(always)]
+    fn added_to(&self, mut sum: Lanes, x: f64) -> Lanes {
+        let d = (x - self.origin).max(0.0).min(self.span);
         if self.is_linear {
-            let s = (2.0 * d - self.span) / self.span;
-            for (lane, value) in out.iter_mut().enumerate() {
-                *value += self.linear[lane] * s;
-            }
+            sum.add_weighted(&self.linear, (2.0 * d - self.span) / self.span);
         }
         if self.harmonics.is_empty() {
-            return;
+            return sum;
         }
         let (s1, c1) = (self.omega * d).sin_cos();
         let (mut sin, mut cos) = (s1, c1);
-        for [a, b] in &self.harmonics {
-            for (lane, value) in out.iter_mut().enumerate() {
-                *value += a[lane] * cos + b[lane] * sin;
-            }
+        for harmonic in &self.harmonics {
+            sum.add_harmonic(harmonic, cos, sin);
             (sin, cos) = (sin * c1 + cos * s1, cos * c1 - sin * s1);
         }
+        sum
     }
 }
 
 impl PolynomialGroup {
-    fn add_to(&self, out: &mut Lanes, x: f64) {
+    #[inline(always)]
+    fn added_to(&self, mut sum: Lanes, x: f64) -> Lanes {
         let s = (2.0 * x.clamp(self.low, self.high) - self.low - self.high) / (self.high - self.low);
         let (mut t, mut next) = (1.0, s);
         for c in &self.coefficients {
-            for (lane, value) in out.iter_mut().enumerate() {
-                *value += c[lane] * t;
-            }
+            sum.add_weighted(c, t);
             (t, next) = (next, 2.0 * s * next - t);
         }
+        sum
     }
 }
 
@@ -241,7 +288,7 @@ mod tests {
             }
             let travel = if back { Travel::Reverse } else { Travel::Forward };
             let bank = MotionBank::new(&functions);
-            let values = bank.values(x, travel);
+            let values = bank.values(x, travel).to_array();
             for (value, function) in values.iter().zip(&functions) {
                 prop_assert!((value - function.value(x, travel)).abs() < 1e-14);
             }

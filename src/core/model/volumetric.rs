@@ -8,7 +8,7 @@
 //!
 //! Source: equations section 2 (general chain), 1.4 to 1.9 for the terms.
 
-use super::bank::MotionBank;
+use super::bank::{Lanes, MotionBank};
 use super::chain::{ChainAxis, Side};
 use super::curve::{ErrorFunction, Grid};
 use super::spec::{ModelError, ModelSpec, ReferenceBody, ReferencePoint, SENSORS_MAX, Sense};
@@ -84,6 +84,8 @@ pub struct Model {
 #[derive(Debug, Clone)]
 pub(super) struct Joint {
     pub(super) axis: ChainAxis,
+    /// Direction of a linear axis, rotation axis of a rotary one.
+    pub(super) direction: Vec3,
     pub(super) travel: Option<[f64; 2]>,
     /// A point on the axis (rotary).
     pub(super) point: Vec3,
@@ -253,7 +255,7 @@ impl Model {
         for (k, joint) in self.joints.iter().enumerate().rev() {
             let q = pose.position[k];
             let right = tip;
-            tip[joint.axis.name.direction()] += q;
+            tip += joint.direction * q;
             let v = if joint.axis.side == Side::Tool { &right } else { &tip };
             let (shift, turn) = joint.linear_error(k, pose, v, &mut flags);
             position += shift;
@@ -337,6 +339,7 @@ impl Joint {
         let [qa, qb, qc] = turn.map(|component| constant(ErrorSymbol::Squareness { component, axis: name }));
         Self {
             axis,
+            direction: unit(axis.name.direction()),
             travel: entry.travel,
             point: entry.point,
             inverted: entry.sense == Sense::Carriage && axis.side == Side::Workpiece,
@@ -357,6 +360,7 @@ impl Joint {
     }
 
     /// Displacement of home-frame point `v` and turn by the errors of a linear axis at `q`.
+    #[inline(always)]
     fn linear_error(&self, index: usize, pose: &Pose, v: &Vec3, flags: &mut PointFlags) -> (Vec3, Vec3) {
         let values = self.motions_at(index, pose, flags);
         let sign = if self.inverted { -1.0 } else { 1.0 };
@@ -377,6 +381,7 @@ impl Joint {
     }
 
     /// The stored error motions at coordinate `q`; outside travel or range the end value is held and flagged.
+    #[inline(always)]
     pub(super) fn motions_at(&self, index: usize, pose: &Pose, flags: &mut PointFlags) -> MotionValues {
         let (q, travel) = (pose.position[index], pose.travel[index]);
         let mut at = q;
@@ -392,18 +397,27 @@ impl Joint {
             flags.out_of_range |= 1 << index;
         }
         let mut v = self.motions.values(x, travel);
+        if !(self.grids.is_empty() && self.live.is_empty()) {
+            self.add_grids_and_live(&mut v, index, x, pose, flags);
+        }
+        let [ex, ey, ez, ea, eb, ec] = v.to_array();
+        MotionValues { shift: Vec3::new(ex, ey, ez), turn: Vec3::new(ea, eb, ec) }
+    }
+
+    /// What depends on other axes or on sensors; apart, so that the usual case stays in registers.
+    #[inline(never)]
+    fn add_grids_and_live(&self, v: &mut Lanes, index: usize, x: f64, pose: &Pose, flags: &mut PointFlags) {
         for g in &self.grids {
             let coordinates = g.axes.map(|k| if k == index { x } else { pose.position[k] });
             let (value, outside) = g.grid.value(&coordinates);
-            v[g.lane] += value;
+            v.add_to_lane(g.lane, value);
             flags.out_of_range |= u16::from(outside) << index;
         }
         for l in &self.live {
             let told = pose.live[l.channel];
             // a sensor that tells nonsense tells nothing
-            v[l.lane] += if told.is_finite() { told.clamp(-l.limit, l.limit) } else { 0.0 };
+            v.add_to_lane(l.lane, if told.is_finite() { told.clamp(-l.limit, l.limit) } else { 0.0 });
         }
-        MotionValues { shift: Vec3::new(v[0], v[1], v[2]), turn: Vec3::new(v[3], v[4], v[5]) }
     }
 
     /// Reference points of the three linear components at coordinate `q`, in home-frame coordinates (equations 1.5).
@@ -451,6 +465,7 @@ fn joint_live(motions: &[ErrorFunction; 6], sensors: &[String]) -> Vec<JointLive
 
 impl MotionValues {
     /// `E_i + [eps x (v - r_i)]_i`, component by component.
+    #[inline(always)]
     fn displacement(&self, v: &Vec3, [rx, ry, rz]: &[Vec3; 3]) -> Vec3 {
         let (e, t) = (&self.shift, &self.turn);
         Vec3::new(
