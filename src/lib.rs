@@ -5,6 +5,7 @@
 //! - [`core`]: pure mathematics and rules: units, model, engine, protocol. No I/O, no clock, no threads.
 //! - [`config`]: text to validated types, with errors that point at the line. Takes `&str`, reads no file.
 //! - [`identify`]: instrument data to error models (offline, pure).
+//! - [`formats`]: files of instruments and controls, text to readings and back (offline, pure).
 //! - [`evaluate`]: the figures of ISO 230 from measured deviations (offline, pure).
 //! - `runtime`: sockets, the real-time thread, the service around it (feature `daemon`).
 //! - `cli`: arguments, human and JSON output, exit codes (feature `daemon`).
@@ -14,6 +15,7 @@
 pub mod config;
 pub mod core;
 pub mod evaluate;
+pub mod formats;
 pub mod identify;
 
 #[cfg(feature = "daemon")]

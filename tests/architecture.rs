@@ -23,8 +23,9 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("config", &["config", "core"]),
     ("identify", &["identify", "core"]),
     ("evaluate", &["evaluate", "core"]),
+    ("formats", &["formats", "identify", "evaluate", "core"]),
     ("runtime", &["runtime", "config", "core"]),
-    ("cli", &["cli", "runtime", "config", "identify", "evaluate", "core"]),
+    ("cli", &["cli", "runtime", "config", "formats", "identify", "evaluate", "core"]),
     ("bin", &["cli"]),
 ];
 

@@ -6,8 +6,8 @@
 
 use std::path::Path;
 
+use volcomp::formats::iso230_dat;
 use volcomp::identify::curve::{Basis, Request, fit};
-use volcomp::identify::import::iso230_dat;
 use volcomp::identify::reading::{Reading, repeatability};
 
 fn b02_y() -> Option<Vec<Reading>> {

@@ -10,6 +10,7 @@ macro_rules! say {
 }
 
 mod demo;
+mod measure;
 mod path;
 mod serve;
 
@@ -60,6 +61,8 @@ enum Verb {
     Demo(demo::DemoArgs),
     /// Measure all error motions of a simulated machine with noisy instruments, as tables for volcomp fit.
     Survey(demo::SurveyArgs),
+    /// Measure the simulated machine with an instrument, as files for volcomp identify.
+    Measure(measure::Args),
     /// Run a part programme on the simulated machine and serve its control on the link.
     ///
     /// Without a daemon the machine runs uncompensated. Without a programme it stands still and serves.
@@ -107,6 +110,7 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Survey(args) => demo::survey(&args),
         Verb::Volcompd(program) => return volcomp::cli::volcompd(program.named("volcompd")),
         Verb::Volcomp(program) => return volcomp::cli::volcomp(program.named("volcomp")),
+        Verb::Measure(args) => measure::run(&args),
         Verb::Serve(args) => serve::serve(&args),
         Verb::Replay(args) => serve::replay(&args),
         Verb::Path(args) => path::run(&args),

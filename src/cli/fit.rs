@@ -4,15 +4,16 @@ use std::path::PathBuf;
 
 use clap::{Parser, ValueEnum};
 
-use super::files::{read_model, write_text};
+use super::files::write_text;
 use super::fit_input::{BySymbol, Direction, Format, read};
 use super::fit_report::{Fitted, json_report, note_text, print_table, provenance};
+use super::model_out::{ModelOut, axis_entry, default_chain, put};
 use super::positioning_data::Cycles;
 use super::{EX_DATAERR, EX_USAGE, Failure};
-use crate::config;
+use crate::config::ModelFile;
 use crate::core::axes::{AxisKind, AxisName};
 use crate::core::model::curve::Interpolation;
-use crate::core::model::{AxisSpec, Chain, Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec, Sense};
+use crate::core::model::{Curve, ErrorFunction, ErrorSymbol, Sense};
 use crate::core::units::{rad_from_arcsec, rad_from_deg};
 use crate::identify::curve::{self, Basis, Period, Request};
 
@@ -58,18 +59,8 @@ pub(super) struct Args {
     /// Interpolation between the support points of a table.
     #[arg(long, value_enum, default_value = "linear")]
     interpolation: InterpolationArg,
-    /// The model file to write; without it the file of --into is replaced. - is stdout.
-    #[arg(long, value_name = "FILE", required_unless_present = "into")]
-    out: Option<PathBuf>,
-    /// An existing model file to start from; the errors fitted here replace those in it.
-    #[arg(long, value_name = "FILE")]
-    into: Option<PathBuf>,
-    /// Machine id of the model.
-    #[arg(long, value_name = "ID")]
-    machine: Option<String>,
-    /// Kinematic chain of the model, such as "[w X' b Y Z t]".
-    #[arg(long, conflicts_with = "into")]
-    chain: Option<String>,
+    #[command(flatten)]
+    model: ModelOut,
     /// Constant errors in arcsec, such as ec0y=-3.1,eb0z=22.3.
     #[arg(long, value_name = "SYMBOL=ARCSEC", value_delimiter = ',', value_parser = constant)]
     squareness: Vec<(ErrorSymbol, f64)>,
@@ -160,6 +151,9 @@ fn constant(text: &str) -> Result<(ErrorSymbol, f64), String> {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    if args.model.target().is_none() {
+        return Err(usage("neither --out nor --into is given"));
+    }
     let mut by_symbol = BySymbol::new();
     if args.axis.len() != 1 && args.axis.len() != args.errors.len() {
         return Err(usage(format_args!(
@@ -181,12 +175,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {symbol}: {e}", args.files())))?;
         fitted.push(Fitted { symbol, readings, fit });
     }
-    let spec = args.model(&fitted)?;
-    Model::new(&spec).map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", args.files())))?;
-    let Some(out) = args.out.as_ref().or(args.into.as_ref()) else {
-        return Err(usage("neither --out nor --into is given"));
-    };
-    write_text(out, &config::model::write(&spec, &provenance(&args.errors, &fitted)))?;
+    let model = args.model(&fitted)?;
+    args.model.write(&model, &provenance(&args.errors, &fitted), &args.files())?;
     if let Some(path) = &args.json {
         write_text(path, &json_report(&fitted))?;
     }
@@ -195,11 +185,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             eprintln!("note: {}: {}", f.symbol, note_text(f.symbol, *note));
         }
     }
-    let stdout_taken = [Some(out), args.json.as_ref()].into_iter().flatten().any(|p| p.as_os_str() == "-");
+    let stdout_taken = args.model.takes_stdout() || args.json.as_ref().is_some_and(|p| p.as_os_str() == "-");
     if !stdout_taken {
         print_table(&fitted);
     }
-    eprintln!("model written: {}", out.display());
     Ok(())
 }
 
@@ -267,85 +256,29 @@ impl Args {
     }
 
     /// The model with the fitted curves in their places.
-    fn model(&self, fitted: &[Fitted]) -> Result<ModelSpec, Failure> {
-        let mut spec = self.base(fitted)?;
-        let mut put = |symbol: ErrorSymbol, function: ErrorFunction| match spec
-            .errors
-            .iter_mut()
-            .find(|(s, _)| *s == symbol)
-        {
-            Some((_, old)) => *old = function,
-            None => spec.errors.push((symbol, function)),
-        };
+    fn model(&self, fitted: &[Fitted]) -> Result<ModelFile, Failure> {
+        let mut model = self.model.base(|| default_chain(fitted.iter().map(|f| f.symbol.axis())))?;
         for f in fitted {
-            put(
-                f.symbol,
-                ErrorFunction { std: f.fit.figures.rmse_dof, ..ErrorFunction::single(f.fit.curve.clone()) },
-            );
+            let std = f.fit.figures.rmse_dof;
+            put(&mut model, f.symbol, ErrorFunction { std, ..ErrorFunction::single(f.fit.curve.clone()) });
         }
         for (symbol, value) in &self.squareness {
-            put(*symbol, ErrorFunction::single(Curve::Constant(*value)));
+            put(&mut model, *symbol, ErrorFunction::single(Curve::Constant(*value)));
         }
-        spec.errors.sort_by_key(|(symbol, _)| *symbol);
         for (name, range) in &self.travel {
             let range = if name.kind() == AxisKind::Rotary { range.map(rad_from_deg) } else { *range };
-            entry(&mut spec, *name).travel = Some(range);
+            axis_entry(&mut model.spec, *name).travel = Some(range);
         }
         for f in fitted {
-            let axis = spec.axis(f.symbol.axis());
+            let axis = model.spec.axis(f.symbol.axis());
             if axis.sense == Sense::Carriage {
                 eprintln!(
                     "note: {}: axis {} of the model is in the carriage sense; the data are taken as the carriage's own motion over its own displacement",
                     f.symbol, axis.name
                 );
             }
-            entry(&mut spec, axis.name);
+            axis_entry(&mut model.spec, axis.name);
         }
-        Ok(spec)
+        Ok(model)
     }
-
-    /// The model before anything was fitted.
-    fn base(&self, fitted: &[Fitted]) -> Result<ModelSpec, Failure> {
-        let mut spec = match &self.into {
-            Some(path) => read_model(path)?.0,
-            None => {
-                let text = self.chain.clone().unwrap_or_else(|| {
-                    let chain = default_chain(fitted);
-                    eprintln!("note: no --chain given, {chain} written; lever arms depend on it");
-                    chain
-                });
-                let chain =
-                    Chain::parse(&text).map_err(|e| usage(format_args!("--chain \"{text}\": {e}")))?;
-                ModelSpec::new("unnamed", chain)
-            }
-        };
-        if let Some(machine) = &self.machine {
-            spec.machine.clone_from(machine);
-        }
-        Ok(spec)
-    }
-}
-
-/// The entry of an axis, made where it is missing.
-fn entry(spec: &mut ModelSpec, name: AxisName) -> &mut AxisSpec {
-    let index = spec.axes.iter().position(|a| a.name == name).unwrap_or_else(|| {
-        spec.axes.push(AxisSpec::new(name));
-        spec.axes.len() - 1
-    });
-    &mut spec.axes[index]
-}
-
-/// Three linear axes on the tool side, and whatever else was measured behind them.
-fn default_chain(fitted: &[Fitted]) -> String {
-    let mut axes = vec![AxisName::X, AxisName::Y, AxisName::Z];
-    for f in fitted {
-        if !axes.contains(&f.symbol.axis()) {
-            axes.push(f.symbol.axis());
-        }
-    }
-    // the spindle is the last axis and stands in parentheses
-    axes.sort_by_key(|a| *a == AxisName::S);
-    let words: Vec<String> =
-        axes.iter().map(|a| if *a == AxisName::S { "(S)".to_owned() } else { a.to_string() }).collect();
-    format!("[w b {} t]", words.join(" "))
 }

@@ -11,8 +11,8 @@ use super::{EX_DATAERR, Failure};
 use crate::core::axes::{AxisKind, AxisName, Travel};
 use crate::core::model::{Component, ErrorSymbol};
 use crate::core::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
+use crate::formats::iso230_dat;
 use crate::identify::Reading;
-use crate::identify::import::iso230_dat;
 
 /// How a data file is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]

@@ -4,6 +4,7 @@ use std::path::PathBuf;
 
 use serde_json::{Map, Value, json};
 
+use super::model_out::sources;
 use crate::core::axes::AxisKind;
 use crate::core::model::ErrorSymbol;
 use crate::core::model::curve::Curve;
@@ -161,15 +162,7 @@ pub(super) fn print_table(fitted: &[Fitted]) {
 /// Comment lines that say where the curves came from.
 pub(super) fn provenance(files: &[PathBuf], fitted: &[Fitted]) -> Vec<String> {
     let mut lines = vec![format!("written by volcomp fit {}", env!("CARGO_PKG_VERSION"))];
-    for path in files {
-        let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
-        // stdin cannot be read twice
-        let hash = std::fs::read(path).ok().map(|bytes| blake3::hash(&bytes).to_hex().to_string());
-        lines.push(match hash {
-            Some(hash) => format!("from {name}, blake3 {hash}"),
-            None => format!("from {name}"),
-        });
-    }
+    lines.extend(sources(files));
     for f in fitted {
         let units = Units::of(f.symbol);
         let order = match (f.fit.basis, f.fit.order) {

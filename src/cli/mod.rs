@@ -17,7 +17,9 @@ mod files;
 mod fit;
 mod fit_input;
 mod fit_report;
+mod identify;
 mod model;
+mod model_out;
 mod positioning_data;
 mod predict;
 mod service;
@@ -30,7 +32,7 @@ use clap::{Parser, Subcommand};
 
 pub use exit::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, line, output_complete};
 
-/// Geometric-error compensation for machine tools: check, predict, fit, evaluate, and talk to the daemon.
+/// Geometric-error compensation for machine tools: check, predict, fit, identify, evaluate, and talk to the daemon.
 #[derive(Debug, Parser)]
 #[command(name = "volcomp", version, arg_required_else_help = true)]
 struct Cli {
@@ -43,6 +45,7 @@ enum Verb {
     Check(check::Args),
     Predict(predict::Args),
     Fit(Box<fit::Args>),
+    Identify(identify::Args),
     Evaluate(evaluate::Args),
     Model(model::Args),
     Status(service::StatusArgs),
@@ -57,6 +60,7 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Check(a) => check::run(&a),
         Verb::Predict(a) => predict::run(&a),
         Verb::Fit(a) => fit::run(&a),
+        Verb::Identify(a) => identify::run(&a),
         Verb::Evaluate(a) => evaluate::run(&a),
         Verb::Model(a) => model::run(&a),
         Verb::Status(a) => service::status(&a),

@@ -9,8 +9,8 @@ use super::table::Table;
 use super::{EX_DATAERR, Failure};
 use crate::core::axes::AxisKind;
 use crate::core::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
+use crate::formats::iso230_dat::{self, PositioningTest};
 use crate::identify::Reading;
-use crate::identify::import::iso230_dat::{self, PositioningTest};
 
 /// How the data file is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]

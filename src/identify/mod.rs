@@ -1,10 +1,19 @@
 //! Instrument data to error models: offline, pure, may allocate.
 //!
-//! Reading order: [`reading`] (what every instrument delivers), [`import`] (text of an instrument to readings),
-//! [`curve`] (readings of one error motion to a curve of the model).
+//! Reading order: [`reading`] (what every instrument delivers), [`curve`] (readings of one error
+//! motion to a curve of the model), then one room per measuring method.
 
+pub mod ballbar;
+pub mod circles;
 pub mod curve;
-pub mod import;
+pub mod diagonals;
+pub mod fivedof;
+pub mod grinder;
+pub mod nineline;
+pub mod probe;
+pub mod ram;
 pub mod reading;
+pub mod straightness;
+pub mod threepoint;
 
 pub use reading::Reading;

@@ -1,0 +1,72 @@
+//! `volcomp identify METHOD`: instrument data to error models, one file per method.
+//!
+//! Every method takes `--input case.json` (the reference vectors' form, mm and rad) or the files of its instrument,
+//! and writes JSON for machines, a report for people and curves into a model file.
+
+mod ballbar;
+mod case;
+mod circles;
+mod diagonals;
+mod fits;
+mod fivedof;
+mod grinder;
+mod kalman;
+mod nineline;
+mod probe;
+mod ram;
+mod straightness;
+mod threepoint;
+
+use super::Failure;
+
+/// Turn instrument data into an error model.
+#[derive(Debug, clap::Parser)]
+pub(super) struct Args {
+    #[command(subcommand)]
+    method: Method,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Method {
+    /// Six error motions from three or more points on the carriage, seen by a laser tracker.
+    Threepoint(Box<threepoint::Args>),
+    /// Six error motions from nine lines measured with an interferometer.
+    Nineline(Box<nineline::Args>),
+    /// Straightness, roll, pitch and yaw from the readings of a 5-DOF laser.
+    Fivedof(Box<fivedof::Args>),
+    /// Straightness and angles of a 6D interferometer, about least-squares, end-point and minimum-zone lines.
+    Straightness(Box<straightness::Args>),
+    /// Squareness from four body diagonals.
+    Diagonals(Box<diagonals::Args>),
+    /// Tool axis and tip from two circles in space.
+    Circles(Box<circles::Args>),
+    /// Ram errors from several poses of the tool.
+    Ram(Box<ram::Args>),
+    /// Centre and radius of a probe on a gauge bar.
+    Probe(Box<probe::Args>),
+    /// The chain A, B, X, Y of a grinder, axis by axis.
+    Grinder(Box<grinder::Args>),
+    /// Causes of the deviations on a ballbar circle, ranked.
+    Ballbar(Box<ballbar::Args>),
+    /// Error curves: the same as volcomp fit, on a case of the reference vectors.
+    Fits(Box<fits::Args>),
+    /// Kalman filter on node values of a grid.
+    Kalman(Box<kalman::Args>),
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    match &args.method {
+        Method::Threepoint(a) => threepoint::run(a),
+        Method::Nineline(a) => nineline::run(a),
+        Method::Fivedof(a) => fivedof::run(a),
+        Method::Straightness(a) => straightness::run(a),
+        Method::Diagonals(a) => diagonals::run(a),
+        Method::Circles(a) => circles::run(a),
+        Method::Ram(a) => ram::run(a),
+        Method::Probe(a) => probe::run(a),
+        Method::Grinder(a) => grinder::run(a),
+        Method::Ballbar(a) => ballbar::run(a),
+        Method::Fits(a) => fits::run(a),
+        Method::Kalman(a) => kalman::run(a),
+    }
+}

@@ -1,0 +1,1 @@
+//! Causes of the deviations on a ballbar circle.

@@ -1,0 +1,1 @@
+//! Squareness from four body diagonals (equations 5.3).

@@ -1,0 +1,1 @@
+//! The chain A, B, X, Y of a grinder, identified axis by axis.

@@ -1,0 +1,1 @@
+//! Probe calibration on a gauge bar.

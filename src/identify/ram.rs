@@ -1,0 +1,1 @@
+//! Ram errors from poses of the tool (equations 5.5).

@@ -1,0 +1,1 @@
+//! Reference lines of straightness (equations 5.6).
