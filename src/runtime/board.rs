@@ -270,6 +270,7 @@ pub(super) const fn state_name(state: State) -> &'static str {
         State::Holding => "holding",
         State::RampingOut => "ramping-out",
         State::Faulted => "faulted",
+        State::FadingToStatic => "fading-to-static",
     }
 }
 
@@ -292,6 +293,12 @@ pub(super) const fn reason_name(reason: Reason) -> &'static str {
         Reason::ReadBack => "read-back",
         Reason::FoundOffset => "found-offset",
         Reason::ControlTookOver => "control-took-over",
+        Reason::Frozen => "frozen",
+        Reason::StopLimit => "stop-limit",
+        Reason::ModelNotFinite => "model-not-finite",
+        Reason::ModelChanged => "model-changed",
+        Reason::ToolChanged => "tool-changed",
+        Reason::LiveLost => "live-lost",
     }
 }
 
@@ -314,5 +321,11 @@ pub(super) const fn reason_text(reason: Reason) -> &'static str {
         Reason::ReadBack => "the control has applied another offset than the one sent",
         Reason::FoundOffset => "the control holds an offset that was left from before",
         Reason::ControlTookOver => "the control has been taking the offset back by itself",
+        Reason::Frozen => "the control says that it moves, but its positions do not change",
+        Reason::StopLimit => "the correction asked for is beyond the stop limit of an axis",
+        Reason::ModelNotFinite => "the model gave something that is no number",
+        Reason::ModelChanged => "another model is in use",
+        Reason::ToolChanged => "another tool is in the spindle",
+        Reason::LiveLost => "a sensor in use has fallen silent; its part is being taken back",
     }
 }
