@@ -13,6 +13,7 @@ use super::realtime::RealtimeReport;
 use super::status::{Fault, LinkStatus, RealtimeStatus, Status};
 use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
 use crate::core::engine::{Event, Reason, State};
+use crate::core::fault;
 use crate::core::protocol::{ControlHello, MachineState};
 use crate::core::units::{MonoTime, arcsec_from_rad, rad_from_deg, um_from_mm};
 
@@ -195,8 +196,9 @@ impl Board {
 
     fn faults(&self, now: MonoTime) -> Vec<Fault> {
         let fault = |(reason, since): (Reason, MonoTime)| Fault {
-            reason: reason_name(reason).to_owned(),
-            text: reason_text(reason).to_owned(),
+            code: fault::of_reason(reason).code.to_string(),
+            reason: fault::of_reason(reason).name.to_owned(),
+            text: fault::of_reason(reason).text.to_owned(),
             age_s: now.seconds_since(since),
         };
         // an acknowledged fault leaves without an event
@@ -271,61 +273,5 @@ pub(super) const fn state_name(state: State) -> &'static str {
         State::RampingOut => "ramping-out",
         State::Faulted => "faulted",
         State::FadingToStatic => "fading-to-static",
-    }
-}
-
-/// Name of a reason in status and log.
-pub(super) const fn reason_name(reason: Reason) -> &'static str {
-    match reason {
-        Reason::Command => "command",
-        Reason::MachineReady => "machine-ready",
-        Reason::NotHomed => "not-homed",
-        Reason::NotEnabled => "not-enabled",
-        Reason::EmergencyStop => "emergency-stop",
-        Reason::RampDone => "ramp-done",
-        Reason::Stale => "stale",
-        Reason::NotFinite => "not-finite",
-        Reason::Jump => "jump",
-        Reason::Sequence => "sequence",
-        Reason::ControlClock => "control-clock",
-        Reason::OutOfTravel => "out-of-travel",
-        Reason::DataGood => "data-good",
-        Reason::ReadBack => "read-back",
-        Reason::FoundOffset => "found-offset",
-        Reason::ControlTookOver => "control-took-over",
-        Reason::Frozen => "frozen",
-        Reason::StopLimit => "stop-limit",
-        Reason::ModelNotFinite => "model-not-finite",
-        Reason::ModelChanged => "model-changed",
-        Reason::ToolChanged => "tool-changed",
-        Reason::LiveLost => "live-lost",
-    }
-}
-
-/// A reason in words.
-pub(super) const fn reason_text(reason: Reason) -> &'static str {
-    match reason {
-        Reason::Command => "a command of the operator or the service",
-        Reason::MachineReady => "the machine is homed, its drives are on, no emergency stop",
-        Reason::NotHomed => "not all axes are homed",
-        Reason::NotEnabled => "the drives are off",
-        Reason::EmergencyStop => "emergency stop",
-        Reason::RampDone => "the ramp has ended",
-        Reason::Stale => "no fresh position from the control",
-        Reason::NotFinite => "a position was NaN or infinite",
-        Reason::Jump => "a position jumped further than is plausible",
-        Reason::Sequence => "position frames out of order or repeated",
-        Reason::ControlClock => "the control's clock went backwards or jumped",
-        Reason::OutOfTravel => "an axis is outside the travel of the model",
-        Reason::DataGood => "fresh and plausible positions again",
-        Reason::ReadBack => "the control has applied another offset than the one sent",
-        Reason::FoundOffset => "the control holds an offset that was left from before",
-        Reason::ControlTookOver => "the control has been taking the offset back by itself",
-        Reason::Frozen => "the control says that it moves, but its positions do not change",
-        Reason::StopLimit => "the correction asked for is beyond the stop limit of an axis",
-        Reason::ModelNotFinite => "the model gave something that is no number",
-        Reason::ModelChanged => "another model is in use",
-        Reason::ToolChanged => "another tool is in the spindle",
-        Reason::LiveLost => "a sensor in use has fallen silent; its part is being taken back",
     }
 }

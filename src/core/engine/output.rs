@@ -70,6 +70,34 @@ pub enum Reason {
     LiveLost,
 }
 
+impl Reason {
+    /// Every reason.
+    pub const ALL: [Self; 22] = [
+        Self::Command,
+        Self::MachineReady,
+        Self::NotHomed,
+        Self::NotEnabled,
+        Self::EmergencyStop,
+        Self::RampDone,
+        Self::Stale,
+        Self::NotFinite,
+        Self::Jump,
+        Self::Sequence,
+        Self::ControlClock,
+        Self::OutOfTravel,
+        Self::DataGood,
+        Self::ReadBack,
+        Self::FoundOffset,
+        Self::ControlTookOver,
+        Self::Frozen,
+        Self::StopLimit,
+        Self::ModelNotFinite,
+        Self::ModelChanged,
+        Self::ToolChanged,
+        Self::LiveLost,
+    ];
+}
+
 /// Something that happened in this cycle and belongs into the log.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Event {
