@@ -51,7 +51,7 @@ const IMPURE: &[&str] = &[
 /// What the simulator may take from volcomp.
 const SIMULATOR_MAY_USE: &[&str] = &["core::axes", "core::units", "core::protocol", "core::record"];
 /// The simulator's front room starts the product's programs and reads their figures; it holds no machine model.
-const SIMULATOR_FRONT: &[&str] = &["demo", "cli", "cli.rs", "main.rs"];
+const SIMULATOR_FRONT: &[&str] = &["demo", "scenarios", "cli", "cli.rs", "main.rs"];
 
 fn root() -> PathBuf {
     PathBuf::from(env!("CARGO_MANIFEST_DIR"))
