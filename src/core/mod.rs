@@ -2,6 +2,7 @@
 
 pub mod axes;
 pub mod engine;
+pub mod estimate;
 pub mod geometry;
 pub mod model;
 pub mod protocol;
