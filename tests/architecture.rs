@@ -21,6 +21,7 @@ const ROOMS: &[(&str, &[&str])] = &[
         &["core::engine", "core::model", "core::geometry", "core::protocol", "core::axes", "core::units"],
     ),
     ("core/fault", &["core::fault", "core::engine"]),
+    ("core/estimate", &["core::estimate", "core::geometry", "core::axes", "core::units"]),
     ("config", &["config", "core"]),
     ("identify", &["identify", "core"]),
     ("evaluate", &["evaluate", "core"]),

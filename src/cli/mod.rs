@@ -17,12 +17,14 @@ mod explain;
 mod files;
 mod fit;
 mod fit_input;
+mod fit_picture;
 mod fit_report;
 mod identify;
 mod model;
 mod model_out;
 mod positioning_data;
 mod predict;
+mod progress;
 mod service;
 mod table;
 

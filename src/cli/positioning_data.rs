@@ -46,6 +46,11 @@ impl core::str::FromStr for Cycles {
 }
 
 impl Cycles {
+    /// True for a selected cycle.
+    pub(super) fn contains(&self, cycle: u32) -> bool {
+        self.0.iter().any(|range| range.contains(&cycle))
+    }
+
     /// Keeps the readings of the selected cycles.
     pub(super) fn select(&self, file: &str, readings: &mut Vec<Reading>) -> Result<(), Failure> {
         let mut present: Vec<u32> = readings.iter().map(|r| r.cycle).collect();
@@ -61,7 +66,7 @@ impl Cycles {
                 ));
             }
         }
-        readings.retain(|r| self.0.iter().any(|range| range.contains(&r.cycle)));
+        readings.retain(|r| self.contains(r.cycle));
         Ok(())
     }
 }

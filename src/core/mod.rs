@@ -3,6 +3,7 @@
 pub mod axes;
 pub mod engine;
 pub mod fault;
+pub mod estimate;
 pub mod geometry;
 pub mod model;
 pub mod protocol;
