@@ -15,6 +15,7 @@ pub mod probe;
 pub mod ram;
 pub mod reading;
 pub mod straightness;
+pub mod tails;
 pub mod threepoint;
 pub mod twist;
 

@@ -149,8 +149,7 @@ fn equilibrated(rows: &[Row]) -> (DMatrix<f64>, Vector6<f64>) {
     let norm = Vector6::from_fn(|j, _| rows.iter().map(|r| r.design[j].powi(2)).sum::<f64>().sqrt());
     let scale = norm.map(|v| if v > 0.0 { 1.0 / v } else { 1.0 });
     let height = rows.len().max(6);
-    let matrix =
-        DMatrix::from_fn(height, 6, |i, j| rows.get(i).map_or(0.0, |r| r.design[j] * scale[j]));
+    let matrix = DMatrix::from_fn(height, 6, |i, j| rows.get(i).map_or(0.0, |r| r.design[j] * scale[j]));
     (matrix, scale)
 }
 

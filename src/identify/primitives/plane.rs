@@ -37,7 +37,9 @@ pub enum PlaneError {
         point: usize,
     },
     /// The points lie on a line or in one place.
-    #[error("the points lie on a line (they spread {across:.3e} mm across it and {along:.3e} mm along it); measure beside it")]
+    #[error(
+        "the points lie on a line (they spread {across:.3e} mm across it and {along:.3e} mm along it); measure beside it"
+    )]
     Collinear {
         /// Spread along the line, rms, mm.
         along: f64,

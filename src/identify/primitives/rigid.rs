@@ -168,8 +168,7 @@ pub fn register(from: &[Vec3], to: &[Vec3], covariance: &[Mat3]) -> Result<Rigid
         }
     }
     let Some(step) = fit else { return Err(singular) };
-    let residuals: Vec<Vec3> =
-        from.iter().zip(to).map(|(p, q)| q - (rotation * p + translation)).collect();
+    let residuals: Vec<Vec3> = from.iter().zip(to).map(|(p, q)| q - (rotation * p + translation)).collect();
     Ok(RigidFit {
         rotation,
         translation,
@@ -193,11 +192,7 @@ fn split(v: &Vector6<f64>) -> (Vec3, Vec3) {
 pub fn angles_of(rotation: &Mat3) -> Vec3 {
     let r = rotation;
     let cosine = r[(0, 0)].hypot(r[(1, 0)]);
-    Vec3::new(
-        r[(2, 1)].atan2(r[(2, 2)]),
-        (-r[(2, 0)]).atan2(cosine),
-        r[(1, 0)].atan2(r[(0, 0)]),
-    )
+    Vec3::new(r[(2, 1)].atan2(r[(2, 2)]), (-r[(2, 0)]).atan2(cosine), r[(1, 0)].atan2(r[(0, 0)]))
 }
 
 /// The rotation of the angles A, B, C.
