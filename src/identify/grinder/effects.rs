@@ -5,7 +5,7 @@
 
 use nalgebra::{DMatrix, Matrix3xX, Vector3};
 
-use super::{Found, GrinderError, Row};
+use super::{Found, Row};
 use crate::core::axes::{AxisArray, AxisKind, AxisName};
 use crate::core::geometry::{Vec3, rotation_about, unit};
 use crate::core::model::{
