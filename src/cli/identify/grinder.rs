@@ -26,7 +26,7 @@ use crate::identify::grinder::{Chain, Found, Measured, Request, Row, SetUp, plan
 /// lie on a line. The axis of the step goes through its positions; axes of earlier steps may move, too, corrected by
 /// what was found; axes of later steps stand still. The report shows how the uncertainty grows from step to step.
 ///
-/// Start from the drawing as a model without errors (--into), which also gives travels, points and reference points.
+/// Start from the drawing as a model without errors (--drawing); it gives chain, travels, points and reference points.
 /// --next AXIS=FILE writes the poses to measure next, with the corrections to add to each.
 ///
 /// Columns of a step: one per axis (a_deg, x_mm ..; a missing axis stands at 0), tool_x_mm tool_y_mm tool_z_mm (tip in M
@@ -34,11 +34,14 @@ use crate::identify::grinder::{Chain, Found, Measured, Request, Row, SetUp, plan
 /// measured), and where corrections were added to the axes: ca_arcsec, cx_um ..
 ///
 /// Example, first and second step:
-/// volcomp identify grinder --into drawing.toml --next a=poses-a.csv
-/// volcomp identify grinder --into drawing.toml --step a=a.csv --next b=poses-b.csv --out model.toml
+/// volcomp identify grinder --drawing drawing.toml --next a=poses-a.csv
+/// volcomp identify grinder --drawing drawing.toml --step a=a.csv --next b=poses-b.csv --out model.toml
 #[derive(Debug, clap::Args)]
 #[command(verbatim_doc_comment)]
 pub(super) struct Args {
+    /// The machine as a model file, which stays as it is; its errors of axes that are not measured are taken as known.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["into", "chain"])]
+    drawing: Option<PathBuf>,
     /// A measured step; once per axis, in the order in which they were measured.
     #[arg(long, value_name = "AXIS=CSV", value_parser = assignment)]
     step: Vec<(AxisName, PathBuf)>,
@@ -133,12 +136,11 @@ fn bad(path: &Path, what: impl core::fmt::Display) -> Failure {
     Failure::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()))
 }
 
-/// The drawing: the model of --into, or a bare chain.
+/// The drawing, the model of --into, or a bare chain.
 fn drawing(args: &Args) -> Result<ModelFile, Failure> {
-    let Some(path) = &args.out.into else {
+    let Some(path) = &args.drawing else {
         return args.out.base(|| "[w A' b X Y B t]".to_owned());
     };
-    // read here as well where only --next is wanted
     config::model::parse_file(&path.display().to_string(), &read_text(path)?)
         .map_err(|e| Failure::new(EX_CONFIG, e))
 }
@@ -356,7 +358,7 @@ fn print(chain: &Chain) {
         chain.spec().chain
     );
     say!(
-        "{:<5}{:>10}{:>9}{:>9}{:>9}{:>11}{:>9}{:>12}{:>9}{:>11}",
+        "{:<5}{:>10}{:>9}{:>9}{:>9}{:>11}{:>9}{:>14}{:>9}{:>11}",
         "step",
         "positions",
         "readings",
@@ -371,7 +373,7 @@ fn print(chain: &Chain) {
     for found in chain.steps() {
         let show = |v: f64| found.sigma.map_or_else(|| "-".to_owned(), |_| format!("{:.3}", um_from_mm(v)));
         say!(
-            "{:<5}{:>10}{:>9}{:>9}{:>9}{:>11}{:>9}{:>12}{:>9.3}{:>11}",
+            "{:<5}{:>10}{:>9}{:>9}{:>9}{:>11}{:>9}{:>14}{:>9.3}{:>11}",
             found.axis.to_string(),
             found.positions.len(),
             found.readings,

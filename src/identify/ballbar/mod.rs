@@ -19,7 +19,7 @@
 //! is seen of one end only is taken as equal all along. Beside them: centre offset of the instrument, and a radius per feed.
 //!
 //! Assumptions: first order (the eccentricity's second order is taken out); readings equally noisy. Residuals that are
-//! not white widen the uncertainties by their correlation time. What the data cannot show is left out and named, with
+//! not white widen the uncertainties as they hang together along the circle. What the data cannot show is left out and named, with
 //! what it cannot be told from.
 //!
 //! Source: names and units of instrument-formats.md (.b5r); ISO 230-4; equations 1.7. Reading order: this file, `columns`, `solve`,
@@ -162,7 +162,7 @@ pub struct Estimate {
 pub enum Reason {
     /// These data show it exactly like others that were kept.
     LooksLike(Vec<Effect>),
-    /// It shows at a reversal that the path does not have.
+    /// It shows at a reversal that the path does not have, or between the readings.
     NoReversal,
     /// No pitch stands out; nothing above this amplitude, mm.
     NoPitch {
@@ -180,9 +180,9 @@ pub enum Note {
     OneFeed,
     /// No feed: the servo mismatch has no value in ms.
     NoFeed,
-    /// The residuals are not white; uncertainties are wider by this factor.
+    /// The residuals are not white: the uncertainties follow from how they hang together.
     NotWhite {
-        /// Factor on all standard uncertainties.
+        /// Largest factor on a standard uncertainty against white noise.
         factor: f64,
     },
     /// An arc: what happens on the rest of the circle is unknown.

@@ -25,9 +25,12 @@ const SIGNIFICANT: f64 = 3.3;
 const HARMONICS: usize = 12;
 /// Gap in angle up to which waves on the circle mean something, rad.
 const CLOSED: f64 = TAU / 36.0;
-/// Times to the peak of a spike that are tried, s (without feed: rad, 0.25 to 3 deg).
-const SPIKE_TIMES: [f64; 2] = [0.005, 0.25];
-const SPIKE_ANGLES: [f64; 2] = [0.0044, 0.052];
+/// Times to the peak of a spike that are tried, s (without feed: rad, 0.1 to 1.5 deg); longer ones would be shape.
+const SPIKE_TIMES: [f64; 2] = [0.003, 0.06];
+const SPIKE_ANGLES: [f64; 2] = [0.0017, 0.026];
+/// Angle over which what is left over may hang together, rad; in bins of one degree.
+const TOGETHER: usize = 15;
+const BINS: usize = 360;
 
 /// Columns that the data can tell apart, and those that they cannot.
 struct Selected {
@@ -41,6 +44,8 @@ struct Solution {
     residuals: DVector<f64>,
     /// Inverse of the normal matrix.
     cofactor: DMatrix<f64>,
+    /// Coefficients per reading: their product with the readings.
+    gain: DMatrix<f64>,
     sum: f64,
     condition: f64,
 }
@@ -180,8 +185,9 @@ impl Selected {
             return;
         }
         let What::Of(effect, _) = column.what else { return };
-        let alike = self.alike(&column);
-        let entry = (effect, Reason::LooksLike(alike));
+        let shows = column.values.iter().any(|v| *v != 0.0);
+        let reason = if shows { Reason::LooksLike(self.alike(&column)) } else { Reason::NoReversal };
+        let entry = (effect, reason);
         if !self.missing.contains(&entry) {
             self.missing.push(entry);
         }
@@ -218,14 +224,18 @@ fn solved(columns: &[Column], y: &DVector<f64>) -> Solution {
     let (q, r) = design.clone().qr().unpack();
     let values = r.clone().svd(false, false).singular_values;
     let inverse = r.try_inverse().unwrap_or_else(|| DMatrix::zeros(columns.len(), columns.len()));
-    let scaled = &inverse * q.tr_mul(y);
+    let mut gain = &inverse * q.transpose();
+    let scaled = &gain * y;
     let residuals = y - &design * &scaled;
+    for (mut row, norm) in gain.row_iter_mut().zip(&norms) {
+        row /= *norm;
+    }
     let cofactor = &inverse * inverse.transpose();
     let cofactor =
         DMatrix::from_fn(columns.len(), columns.len(), |i, j| cofactor[(i, j)] / (norms[i] * norms[j]));
     let coefficients = DVector::from_fn(columns.len(), |j, _| scaled[j] / norms[j]);
     let sum = residuals.norm_squared();
-    Solution { coefficients, residuals, cofactor, sum, condition: values.max() / values.min() }
+    Solution { coefficients, residuals, cofactor, gain, sum, condition: values.max() / values.min() }
 }
 
 /// Adds the spikes with the time to their peak at which they explain most.
@@ -235,33 +245,41 @@ fn choose_spike_time(
     selected: &mut Selected,
     y: &DVector<f64>,
 ) -> Option<f64> {
-    let known_feed = circles.samples.first().is_some_and(|s| s.feed.is_some());
-    let [low, high] = if known_feed { SPIKE_TIMES } else { SPIKE_ANGLES };
+    let limits = spike_times(circles);
     let basis = Basis::of(&selected.columns);
-    let try_out = |time: f64| {
-        let (spikes, _) = columns::of_spikes(circles, time);
-        let mut all = Selected { columns: Vec::new(), missing: Vec::new() };
+    let explained = |time: f64| {
         let mut basis = Basis { directions: basis.directions.clone() };
-        for column in spikes {
-            all.take(column, &mut basis);
+        for column in columns::of_spikes(circles, time).0 {
+            basis.add(&column.values);
         }
-        let added = &basis.directions[selected.columns.len()..];
-        let explained: f64 = added.iter().map(|d| d.dot(y).powi(2)).sum();
-        (all, explained)
+        basis.directions[selected.columns.len()..].iter().map(|d| d.dot(y).powi(2)).sum::<f64>()
     };
     let steps = 12;
-    let candidates: Vec<f64> = match request.spike_time {
-        Some(t) => vec![t],
-        None => (0..=steps).map(|i| low * (high / low).powf(f64::from(i) / f64::from(steps))).collect(),
-    };
-    let best = candidates.into_iter().map(|t| (t, try_out(t))).max_by(|a, b| a.1.1.total_cmp(&b.1.1));
-    let (time, (spikes, _)) = best?;
-    let (_, none) = columns::of_spikes(circles, time);
+    let between = |i: i32| limits[0] * (limits[1] / limits[0]).powf(f64::from(i) / f64::from(steps));
+    let candidates: Vec<f64> =
+        request.spike_time.map_or_else(|| (0..=steps).map(between).collect(), |t| vec![t]);
+    let weighed = candidates.into_iter().map(|t| (t, explained(t)));
+    let (time, _) = weighed.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let (spikes, none) = columns::of_spikes(circles, time);
     selected.missing.extend(none);
-    let any = !spikes.columns.is_empty();
-    selected.columns.extend(spikes.columns);
-    selected.missing.extend(spikes.missing);
-    any.then_some(time)
+    let before = selected.columns.len();
+    let mut basis = basis;
+    for column in spikes {
+        selected.take(column, &mut basis);
+    }
+    (selected.columns.len() > before).then_some(time)
+}
+
+/// Shortest and longest time to the peak of a spike that these readings can show, s (without feed: rad).
+fn spike_times(circles: &Circles) -> [f64; 2] {
+    let feed = columns::feeds(&circles.samples).last().copied().flatten();
+    let way = super::travelled(&circles.samples).iter().sum::<f64>() / circles.samples.len() as f64;
+    let ([low, high], spacing) = match feed {
+        Some(feed) => (SPIKE_TIMES, way * circles.radius / feed),
+        None => (SPIKE_ANGLES, way),
+    };
+    let low = low.max(spacing);
+    [low, high.max(low)]
 }
 
 /// Looks for the pitches that were asked for and adds what was found.
@@ -317,6 +335,45 @@ fn widening(residuals: &DVector<f64>) -> f64 {
     (1.0 + 2.0 * time).sqrt()
 }
 
+/// Covariance from how the residuals hang together along the circle, whatever the direction of travel, and the largest
+/// factor on a standard uncertainty. What both directions share leaves effects alone that change sign between them.
+///
+/// # Source  Newey and West 1987, the lag being the angle on the circle; never below that of white noise
+fn hanging_together(
+    circles: &Circles,
+    solution: &Solution,
+    white: &DMatrix<f64>,
+    dof: f64,
+) -> (DMatrix<f64>, f64) {
+    let unknowns = white.nrows();
+    let mut scores = DMatrix::<f64>::zeros(unknowns, BINS);
+    for (i, (s, r)) in circles.samples.iter().zip(solution.residuals.iter()).enumerate() {
+        let bin = (s.angle.rem_euclid(TAU) / TAU * BINS as f64) as usize % BINS;
+        scores.column_mut(bin).axpy(*r, &solution.gain.column(i), 1.0);
+    }
+    let mut near = DMatrix::<f64>::zeros(unknowns, BINS);
+    for bin in 0..BINS {
+        for lag in 0..TOGETHER {
+            let weight = 1.0 - lag as f64 / TOGETHER as f64;
+            near.column_mut(bin).axpy(weight, &scores.column((bin + lag) % BINS), 1.0);
+            if lag > 0 {
+                near.column_mut(bin).axpy(weight, &scores.column((bin + BINS - lag) % BINS), 1.0);
+            }
+        }
+    }
+    let few = circles.samples.len() as f64 / dof;
+    let together = &scores * near.transpose() * few;
+    let together = (&together + together.transpose()) * 0.5;
+    let ratio = |j: usize| (together[(j, j)] / white[(j, j)].max(f64::MIN_POSITIVE)).max(0.0).sqrt();
+    // an uncertainty below that of white noise would be luck
+    let lift: Vec<f64> = (0..unknowns).map(|j| (1.0 / ratio(j).max(1e-12)).max(1.0)).collect();
+    let floor = |i: usize, j: usize| {
+        if lift[i] > 1e6 || lift[j] > 1e6 { white[(i, j)] } else { together[(i, j)] * lift[i] * lift[j] }
+    };
+    let factor = (0..unknowns).map(ratio).fold(1.0, f64::max);
+    (DMatrix::from_fn(unknowns, unknowns, floor), factor)
+}
+
 fn report(
     circles: &Circles,
     selected: Selected,
@@ -328,8 +385,10 @@ fn report(
     let samples = &circles.samples;
     let dof = (y.len() - selected.columns.len()) as f64;
     let sigma = (solution.sum / dof).sqrt();
-    let factor = widening(&solution.residuals);
-    let covariance = &solution.cofactor * (sigma * factor).powi(2);
+    let white = &solution.cofactor * (sigma * sigma);
+    let is_white = widening(&solution.residuals) <= 1.0;
+    let (covariance, factor) =
+        if is_white { (white, 1.0) } else { hanging_together(circles, solution, &white, dof) };
     let std = |j: usize| covariance[(j, j)].max(0.0).sqrt();
     let feeds = columns::feeds(samples);
     let mut offset = [(0.0, 0.0); 2];

@@ -116,7 +116,7 @@ fn note_text(note: &Note) -> String {
         Note::OneDirection => "one direction only: whatever changes sign with the direction (servo mismatch) cannot be told from squareness; run both".into(),
         Note::OneFeed => "one feed: the servo mismatch is all of its shape that changes sign with the direction, lag or not; a second feed tells".into(),
         Note::NoFeed => "no feed: the servo mismatch has no value in ms; give --feed-mm-per-min".into(),
-        Note::NotWhite { factor } => format!("what no effect explains hangs together along the circle: all uncertainties are {factor:.1} times wider than from white noise"),
+        Note::NotWhite { factor } => format!("what no effect explains hangs together along the circle: uncertainties are up to {factor:.1} times wider than from white noise"),
         Note::Arc { covered } => format!("the readings cover {:.0} deg; what happens on the rest of the circle is unknown", deg_from_rad(*covered)),
     }
 }
@@ -130,7 +130,9 @@ fn reason_text(reason: &Reason, plane: Plane) -> String {
             let names: Vec<String> = others.iter().map(|e| e.name(plane)).collect();
             format!("cannot be told from {} in these data", names.join(" and "))
         }
-        Reason::NoReversal => "shows at reversals that the path does not have".into(),
+        Reason::NoReversal => {
+            "shows at reversals that the path does not have, or between the readings".into()
+        }
         Reason::NoPitch { limit } => {
             format!("no pitch stands out; {:.2} um peak to peak would have been seen", um_from_mm(*limit))
         }
