@@ -4,6 +4,8 @@
 //! - [`ballbar`]: a circle, from recorded samples; circularity of ISO 230-4.
 //! - [`interferometer`]: positioning along an axis at rest; rows for ISO 230-2.
 //! - [`diagonal`]: displacement along a space diagonal; ISO 230-6.
+//! - [`grinder`]: tips of several styli relative to an artefact, pose by pose.
+//! - [`probe`]: contacts of a touch probe with a gauge bar.
 //! - [`survey`]: six error motions of every axis with one instrument, squareness and axis locations.
 //!
 //! Angles in deg and arcsec, deviations in um, as the instruments print them. Noise is seeded.
@@ -15,7 +17,9 @@ use volcomp::core::axes::{AxisArray, AxisName};
 
 pub mod ballbar;
 pub mod diagonal;
+pub mod grinder;
 pub mod interferometer;
+pub mod probe;
 pub mod survey;
 
 /// Why a measurement is not possible.
