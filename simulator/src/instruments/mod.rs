@@ -4,6 +4,7 @@
 //! - [`ballbar`]: a circle, from recorded samples; circularity of ISO 230-4.
 //! - [`interferometer`]: positioning along an axis at rest; rows for ISO 230-2.
 //! - [`diagonal`]: displacement along a space diagonal; ISO 230-6.
+//! - [`carriage`]: what optics on the carriage of one axis see; [`fivedof`] and [`sixd`] look at it.
 //! - [`survey`]: six error motions of every axis with one instrument, squareness and axis locations.
 //!
 //! Angles in deg and arcsec, deviations in um, as the instruments print them. Noise is seeded.
@@ -14,8 +15,11 @@ use rand_distr::{Distribution, StandardNormal};
 use volcomp::core::axes::{AxisArray, AxisName};
 
 pub mod ballbar;
+pub mod carriage;
 pub mod diagonal;
+pub mod fivedof;
 pub mod interferometer;
+pub mod sixd;
 pub mod survey;
 
 /// Why a measurement is not possible.

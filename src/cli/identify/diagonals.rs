@@ -128,7 +128,8 @@ struct Holds {
 fn run_case(args: &Args, path: &Path) -> Result<(), Failure> {
     let case: Case = case::read(path)?;
     let chain = Chain::parse(&case.chain).map_err(|e| bad(path, format_args!("chain: {e}")))?;
-    let setup = Setup::new(&chain, [0.0; 3], case.cuboid, Vec3::from(case.tool_tip)).map_err(|e| bad(path, e))?;
+    let setup =
+        Setup::new(&chain, [0.0; 3], case.cuboid, Vec3::from(case.tool_tip)).map_err(|e| bad(path, e))?;
     let d = &case.displacement;
     let measured = [d.ppp, d.npp, d.pnp, d.ppn];
     let mut result = Map::new();
@@ -150,7 +151,10 @@ fn run_case(args: &Args, path: &Path) -> Result<(), Failure> {
             }
         }
         None if args.accept_bias_arcsec.is_none() => {
-            return Err(bad(path, "no axis_errors_at_box_ends: squareness needs the angular errors of all axes, or a bound with --accept-bias-arcsec"));
+            return Err(bad(
+                path,
+                "no axis_errors_at_box_ends: squareness needs the angular errors of all axes, or a bound with --accept-bias-arcsec",
+            ));
         }
         None => {}
     }
@@ -243,7 +247,8 @@ fn run_data(args: &Args, path: &Path) -> Result<(), Failure> {
         }
     };
     let reflector = args.reflector_mm.unwrap_or(spec.tool_tip);
-    let setup = Setup::new(&spec.chain, args.low_mm.into(), size.into(), reflector).map_err(|e| bad(path, e))?;
+    let setup =
+        Setup::new(&spec.chain, args.low_mm.into(), size.into(), reflector).map_err(|e| bad(path, e))?;
     let readings = read_diagonals(path, setup.length())?;
     let ends = end_to_end(&readings, setup.length()).map_err(|e| bad(path, e))?;
     let model = without_squareness(&spec);
@@ -311,8 +316,7 @@ fn evaluate(
     let mut found = setup.squareness(&corrected, &std).map_err(fail)?;
     found.covariance += setup.covariance_of_angles(model).map_err(fail)?;
     let raw = setup.squareness(&ends.displacement, &std).map_err(fail)?;
-    let positioning =
-        [(Component::X, AxisName::X), (Component::Y, AxisName::Y), (Component::Z, AxisName::Z)];
+    let positioning = [(Component::X, AxisName::X), (Component::Y, AxisName::Y), (Component::Z, AxisName::Z)];
     let knows_positioning = positioning.iter().all(|&(component, axis)| {
         model.errors.iter().any(|(s, _)| *s == ErrorSymbol::Motion { component, axis })
     });
@@ -478,14 +482,7 @@ fn json_report(args: &Args, o: &Outcome) -> Value {
 
 fn print_report(args: &Args, o: &Outcome) {
     let show = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.2}"));
-    say!(
-        "{:<10}{:>16}{:>16}{:>12}{:>8}",
-        "diagonal",
-        "displacement",
-        "model says",
-        "closure",
-        "runs"
-    );
+    say!("{:<10}{:>16}{:>16}{:>12}{:>8}", "diagonal", "displacement", "model says", "closure", "runs");
     for (i, name) in NAMES.iter().enumerate() {
         say!(
             "{name:<10}{:>13.2} um{:>13.2} um{:>9} um{:>8}",
@@ -548,8 +545,12 @@ fn notes(args: &Args, o: &Outcome) {
             };
             say!("steps between the ends differ from the model by {:.2} um rms: {verdict}", um_from_mm(rms));
         }
-        (Some(rms), None) => say!("steps between the ends differ from the model by {:.2} um rms", um_from_mm(rms)),
-        (None, _) => say!("steps between the ends are not judged: the model has no positioning of all three axes"),
+        (Some(rms), None) => {
+            say!("steps between the ends differ from the model by {:.2} um rms", um_from_mm(rms))
+        }
+        (None, _) => {
+            say!("steps between the ends are not judged: the model has no positioning of all three axes")
+        }
     }
 }
 

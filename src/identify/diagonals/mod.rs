@@ -126,7 +126,12 @@ impl Setup {
     ///
     /// # Errors
     /// The chain lacks an axis, or the box determines nothing.
-    pub fn new(chain: &Chain, low: [f64; 3], size: [f64; 3], reflector: Vec3) -> Result<Self, DiagonalsError> {
+    pub fn new(
+        chain: &Chain,
+        low: [f64; 3],
+        size: [f64; 3],
+        reflector: Vec3,
+    ) -> Result<Self, DiagonalsError> {
         for (axis, side) in AXES.into_iter().zip(size) {
             if chain.index_of(axis).is_none() {
                 return Err(DiagonalsError::NoAxis { axis });
@@ -327,8 +332,7 @@ impl Setup {
 /// The nine angular error motions of X, Y and Z.
 fn angles() -> impl Iterator<Item = ErrorSymbol> {
     AXES.into_iter().flat_map(|axis| {
-        [Component::A, Component::B, Component::C]
-            .map(|component| ErrorSymbol::Motion { component, axis })
+        [Component::A, Component::B, Component::C].map(|component| ErrorSymbol::Motion { component, axis })
     })
 }
 

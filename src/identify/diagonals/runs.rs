@@ -9,8 +9,8 @@
 
 use super::NAMES;
 use crate::core::axes::Travel;
-use crate::identify::reading::group_by_position;
 use crate::identify::Reading;
+use crate::identify::reading::group_by_position;
 
 /// One reading along a diagonal.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -180,7 +180,7 @@ fn evaluate(run: &[&RunReading], length: f64) -> Result<Run, f64> {
         return Ok(Run { displacement: f64::midpoint(d_out, d_back), closure, both: true, steps });
     }
     let (pass, rest, from, to) =
-        if has_end(&out) { (out, back, 0.0, length) } else { (back, out, length, 0.0) };
+        if has_end(&out) || !has_end(&back) { (out, back, 0.0, length) } else { (back, out, length, 0.0) };
     let displacement = end_to_end(&pass)?;
     // a single reading back at the point where the pass began closes the run
     let begun = at(&pass, from).ok_or(from)?;

@@ -35,7 +35,8 @@ fn the_signatures_are_those_of_the_equations_on_every_chain() {
     for chain in CHAINS.into_iter().chain(["[w C' X' b Y Z (S) t]"]) {
         let s = setup(chain, [a, b, c]);
         for (row, [sx, sy, sz]) in SIGNS.into_iter().enumerate() {
-            let expected = [1.0, -sx * sy * a * b / length, sx * sz * a * c / length, -sy * sz * b * c / length];
+            let expected =
+                [1.0, -sx * sy * a * b / length, sx * sz * a * c / length, -sy * sz * b * c / length];
             for (column, e) in expected.into_iter().enumerate() {
                 assert!((s.design[(row, column)] - e).abs() < 1e-6 * length, "{chain} {row} {column}");
             }
@@ -85,10 +86,8 @@ fn stated_uncertainties_of_angles_arrive_in_the_result() {
     let s = Setup::new(&chain, [0.0; 3], [900.0, 700.0, 500.0], Vec3::zeros()).unwrap();
     let mut spec = ModelSpec::new("m", chain);
     let symbol = ErrorSymbol::parse("ebx").unwrap();
-    spec.errors.push((
-        symbol,
-        ErrorFunction { std: Some(1e-6), ..ErrorFunction::single(Curve::Constant(0.0)) },
-    ));
+    spec.errors
+        .push((symbol, ErrorFunction { std: Some(1e-6), ..ErrorFunction::single(Curve::Constant(0.0)) }));
     // at either end the lever is that of the end alone: half the effect each way
     let covariance = s.covariance_of_angles(&spec).unwrap();
     assert!((covariance[(1, 1)].sqrt() - 0.5e-6 * 2f64.sqrt()).abs() < 1e-9, "{covariance}");
@@ -98,10 +97,7 @@ fn stated_uncertainties_of_angles_arrive_in_the_result() {
 fn what_cannot_be_determined_is_refused() {
     let chain = |t: &str| Chain::parse(t).unwrap();
     let new = |c: &Chain, size| Setup::new(c, [0.0; 3], size, Vec3::zeros()).map(|_| ()).unwrap_err();
-    assert_eq!(
-        new(&chain("[w b X Z t]"), [1.0; 3]),
-        DiagonalsError::NoAxis { axis: AxisName::Y }
-    );
+    assert_eq!(new(&chain("[w b X Z t]"), [1.0; 3]), DiagonalsError::NoAxis { axis: AxisName::Y });
     assert!(matches!(
         new(&chain("[w b X Y Z t]"), [100.0, 0.0, 100.0]),
         DiagonalsError::EmptyBox { axis: AxisName::Y, .. }

@@ -52,7 +52,8 @@ pub fn align(head: &Head, positions: &[f64], run: &[FiveDof], level: Level) -> R
         return Err(AlignError::TooFew { found: positions.len() });
     }
     let mean_at = |x: f64| -> [[f64; 2]; 2] {
-        let there: Vec<&FiveDof> = positions.iter().zip(run).filter(|(p, _)| **p == x).map(|(_, r)| r).collect();
+        let there: Vec<&FiveDof> =
+            positions.iter().zip(run).filter(|(p, _)| **p == x).map(|(_, r)| r).collect();
         let n = there.len() as f64;
         std::array::from_fn(|j| std::array::from_fn(|i| there.iter().map(|r| r.beams[j][i]).sum::<f64>() / n))
     };

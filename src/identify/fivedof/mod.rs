@@ -115,7 +115,9 @@ pub enum HeadError {
         value_mm: f64,
     },
     /// Beams too close for roll.
-    #[error("the beams are {distance_mm:.3} mm apart, at least {limit_mm} mm are needed: roll is their difference over this distance")]
+    #[error(
+        "the beams are {distance_mm:.3} mm apart, at least {limit_mm} mm are needed: roll is their difference over this distance"
+    )]
     Beams {
         /// Distance.
         distance_mm: f64,
@@ -185,7 +187,12 @@ impl Head {
     /// # Errors
     /// A focal length, a sign or the beams make no sense.
     pub fn check(&self) -> Result<(), HeadError> {
-        let numbers = [self.angle_gain].into_iter().chain(self.gain).chain(self.path).chain(self.noise).chain(self.beams);
+        let numbers = [self.angle_gain]
+            .into_iter()
+            .chain(self.gain)
+            .chain(self.path)
+            .chain(self.noise)
+            .chain(self.beams);
         if numbers.flatten().any(|v| !v.is_finite()) {
             return Err(HeadError::NotFinite);
         }

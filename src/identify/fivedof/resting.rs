@@ -6,11 +6,12 @@
 //! straight line. Signs follow relative to those of the quadrant detectors, which say where plus is; these are
 //! taken from the instrument, or from pushes of the carriage by known amounts where the log has some.
 //!
-//! Both readings of a pair are noisy, so slopes are fitted by Deming's regression with the noise of each channel from
-//! second differences; where the scatter about the line is larger than this noise the uncertainties grow with it.
+//! The pointing itself is read with noise, which would flatten every slope; its variance, from second differences (a
+//! drift is slow, noise is not), is taken out. The scatter about the line gives the noise of the other channels and the
+//! uncertainties, so that whatever else moved during the log makes them larger.
 //!
 //! Source: equations 5.2 (factor d theta to be verified by logging a resting carriage); Fuller, Measurement Error
-//! Models, 1987, section 1.3 (variance of the slope).
+//! Models, 1987, section 1.2 (slope and its variance with the error variance of x known).
 
 use super::{Channels, Detector, Head};
 
@@ -196,7 +197,8 @@ fn same(a: f64, b: f64) -> bool {
 
 /// Noise from second differences, which a slow drift hardly enters.
 fn noise_of(blocks: &[Block<'_>], value: impl Fn(&RestingReading) -> f64) -> f64 {
-    let seconds = blocks.iter().flat_map(|b| b.windows(3)).map(|w| value(&w[0]) - 2.0 * value(&w[1]) + value(&w[2]));
+    let seconds =
+        blocks.iter().flat_map(|b| b.windows(3)).map(|w| value(&w[0]) - 2.0 * value(&w[1]) + value(&w[2]));
     let (sum, n) = seconds.fold((0.0, 0usize), |(sum, n), d| (sum + d * d, n + 1));
     (sum / (6.0 * n.max(1) as f64)).sqrt()
 }
@@ -225,17 +227,21 @@ impl Calibration {
     fn find_lever(&mut self, blocks: &[Block<'_>], beam: usize, i: usize) -> Result<(), RestingError> {
         let (psd, qd) = (1 + beam, 4 - beam);
         let (detector, direction) = (Detector::ALL[qd], i as u8 + 1);
-        let noise = &self.head.noise;
         let focal = self.head.focal[psd];
+        let mut scatter = 0.0;
         let slopes: Vec<(f64, Estimate)> = self
             .distances
             .iter()
             .map(|&d| {
-                let here: Vec<Block<'_>> = blocks.iter().copied().filter(|b| same(b[0].distance, d)).collect();
+                let here: Vec<Block<'_>> =
+                    blocks.iter().copied().filter(|b| same(b[0].distance, d)).collect();
                 let moments = Moments::of(&here, |r| r.channels[psd][i], |r| r.channels[qd][i]);
-                (d, moments.slope(noise[psd][i], noise[qd][i]))
+                let (slope, rest) = moments.slope(self.head.noise[psd][i]);
+                scatter += rest / self.distances.len() as f64;
+                (d, slope)
             })
             .collect();
+        self.head.noise[qd][i] = scatter.sqrt();
         let levers: Vec<(f64, Estimate)> = slopes
             .iter()
             .map(|(d, s)| (*d, Estimate { value: s.value * focal / 2.0, std: s.std * focal / 2.0 }))
@@ -265,9 +271,9 @@ impl Calibration {
 
     /// Gain of the pointing in PSD1 and its sign; needs the sign of PSD2.
     fn find_angle_gain(&mut self, blocks: &[Block<'_>], i: usize) -> Result<(), RestingError> {
-        let noise = &self.head.noise;
         let moments = Moments::of(blocks, |r| r.channels[1][i], |r| r.channels[0][i]);
-        let slope = moments.slope(noise[1][i], noise[0][i]);
+        let (slope, rest) = moments.slope(self.head.noise[1][i]);
+        self.head.noise[0][i] = rest.sqrt();
         let scale = self.head.focal[1] / self.head.focal[0];
         let gain = Estimate { value: slope.value * scale, std: slope.std * scale };
         if !(gain.std <= GAIN_STD_MAX && gain.value.abs() > 5.0 * gain.std) {
@@ -316,23 +322,17 @@ impl Moments {
         m
     }
 
-    /// Slope of y over x where both have noise (Deming), and its uncertainty.
-    fn slope(&self, noise_x: f64, noise_y: f64) -> Estimate {
-        let (vx, vy) = (noise_x * noise_x, noise_y * noise_y);
-        let value = if vx > 0.0 && self.xy != 0.0 {
-            let delta = vy / vx;
-            let difference = self.yy - delta * self.xx;
-            (difference + (difference * difference + 4.0 * delta * self.xy * self.xy).sqrt()) / (2.0 * self.xy)
-        } else {
-            self.xy / self.xx
-        };
-        // scatter about the line, at least what the noise explains
-        let expected = vy + value * value * vx;
-        let about = (self.yy - 2.0 * value * self.xy + value * value * self.xx) / (self.dof - 1.0).max(1.0);
-        let spread = expected.max(about);
+    /// Slope of y over x where x has the noise `noise_x`: uncertainty, and variance of y that x does not explain.
+    fn slope(&self, noise_x: f64) -> (Estimate, f64) {
+        let vx = noise_x * noise_x;
         let signal = (self.xx / self.dof - vx).max(f64::MIN_POSITIVE);
-        let variance = ((signal + vx) * spread - (value * vx).powi(2)).max(0.0) / (self.dof * signal * signal);
-        Estimate { value, std: variance.sqrt() }
+        let value = self.xy / self.dof / signal;
+        // scatter about the line: noise of y and, through the slope, of x
+        let scatter = (self.yy - 2.0 * value * self.xy + value * value * self.xx) / (self.dof - 1.0).max(1.0);
+        let scatter = scatter.max(0.0);
+        let of_slope = scatter / signal + (vx * scatter + 2.0 * (value * vx).powi(2)) / (signal * signal);
+        let std = (of_slope / self.dof).sqrt();
+        (Estimate { value, std }, (scatter - value * value * vx).max(0.0))
     }
 }
 

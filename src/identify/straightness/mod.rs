@@ -72,7 +72,9 @@ pub enum LineError {
         row: usize,
     },
     /// All readings at one place.
-    #[error("{found} distinct positions; a straight line needs 2, a straightness that says something 3 or more")]
+    #[error(
+        "{found} distinct positions; a straight line needs 2, a straightness that says something 3 or more"
+    )]
     TooFewPositions {
         /// Distinct positions.
         found: usize,

@@ -115,7 +115,12 @@ mod tests {
                     let noise: f64 = StandardNormal.sample(&mut random);
                     let back = if travel == Travel::Reverse { reversal } else { 0.0 };
                     let position = f64::from(i) * 50.0;
-                    all.push(Reading { cycle, travel, position, value: position * 1e-5 - back + 1e-3 * noise });
+                    all.push(Reading {
+                        cycle,
+                        travel,
+                        position,
+                        value: position * 1e-5 - back + 1e-3 * noise,
+                    });
                 }
             }
         }
@@ -139,7 +144,9 @@ mod tests {
         let mut one = data(1, 0.0, 2);
         one.retain(|r| r.travel == Travel::Forward);
         assert_eq!(reversal(&one), Reversal::OneDirection);
-        let Reversal::Significant { rms, .. } = reversal(&data(1, 5e-3, 5)) else { panic!("5 um of reversal") };
+        let Reversal::Significant { rms, .. } = reversal(&data(1, 5e-3, 5)) else {
+            panic!("5 um of reversal")
+        };
         assert!((rms - 5e-3).abs() < 1e-3);
         assert!(as_one_direction(&data(1, 0.0, 2)).iter().all(|r| r.travel == Travel::Forward));
     }

@@ -253,7 +253,9 @@ pub struct TiltFound {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum TiltError {
     /// Too few states.
-    #[error("{found} states, {components} applied components need at least {needed}; apply each tilt both ways and return to zero")]
+    #[error(
+        "{found} states, {components} applied components need at least {needed}; apply each tilt both ways and return to zero"
+    )]
     TooFew {
         /// States.
         found: usize,
@@ -384,9 +386,7 @@ mod tests {
                     format!("{}{letter}", if flip { '-' } else { '+' })
                 };
                 let angles = [angle(&lengths[0]), angle(&lengths[1]), angle(&lengths[2])];
-                all.push(table([
-                    &lengths[0], &lengths[1], &lengths[2], &angles[0], &angles[1], &angles[2],
-                ]));
+                all.push(table([&lengths[0], &lengths[1], &lengths[2], &angles[0], &angles[1], &angles[2]]));
             }
         }
         all

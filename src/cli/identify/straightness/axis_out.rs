@@ -205,7 +205,8 @@ impl AxisOut {
                 eprintln!("note: {}: {}", f.symbol, note_text(f.symbol, *note));
             }
         }
-        let mut comment = vec![format!("written by volcomp identify {} {}", origin.method, env!("CARGO_PKG_VERSION"))];
+        let mut comment =
+            vec![format!("written by volcomp identify {} {}", origin.method, env!("CARGO_PKG_VERSION"))];
         comment.extend(sources(origin.files));
         comment.push(format!(
             "axis {axis}: measured in the {} sense, straightness about the {} line",
@@ -269,7 +270,8 @@ impl AxisOut {
         stored: Sense,
     ) {
         let points = self.points(axis).map(|p| moved.or(p));
-        let body = if self.on_bed() && moved.is_none() { ReferenceBody::Bed } else { ReferenceBody::Carriage };
+        let body =
+            if self.on_bed() && moved.is_none() { ReferenceBody::Bed } else { ReferenceBody::Carriage };
         let entry = axis_entry(spec, axis);
         entry.sense = stored;
         for f in fitted.iter().filter(|f| !f.symbol.is_angle()) {
@@ -388,12 +390,9 @@ fn stored_readings(readings: Vec<Reading>, measured: Sense, stored: Sense) -> Ve
         .into_iter()
         .map(|r| match stored {
             Sense::Relative => Reading { value: sign * r.value, ..r },
-            Sense::Carriage => Reading {
-                value: sign * r.value,
-                position: -r.position,
-                travel: r.travel.reversed(),
-                ..r
-            },
+            Sense::Carriage => {
+                Reading { value: sign * r.value, position: -r.position, travel: r.travel.reversed(), ..r }
+            }
         })
         .collect()
 }

@@ -257,10 +257,16 @@ fn read_run(
     }
     let is_raw = channels.indices().next().is_some();
     if is_raw && !own.is_empty() {
-        return Err(table.fail(own[0].1, "channels of the instrument and errors of the machine in one file; keep one kind"));
+        return Err(table.fail(
+            own[0].1,
+            "channels of the instrument and errors of the machine in one file; keep one kind",
+        ));
     }
     if !is_raw && own.is_empty() {
-        return Err(Failure::new(EX_DATAERR, format_args!("error: {}: no column with readings", path.display())));
+        return Err(Failure::new(
+            EX_DATAERR,
+            format_args!("error: {}: no column with readings", path.display()),
+        ));
     }
     let sign_table = is_raw.then(|| table_for(args, axis, signs)).transpose()?;
     if let Some(t) = &sign_table {
@@ -269,7 +275,9 @@ fn read_run(
             let (name, section) = (channel.name(), axis.lower());
             return Err(Failure::new(
                 EX_CONFIG,
-                format_args!("error: the data have {name}, section [{section}] of the sign table does not assign it; add {name} = \"..\""),
+                format_args!(
+                    "error: the data have {name}, section [{section}] of the sign table does not assign it; add {name} = \"..\""
+                ),
             ));
         }
     }
@@ -278,7 +286,8 @@ fn read_run(
         let motion = match &sign_table {
             Some(t) => {
                 let has = channels.has();
-                let masked = SignTable { channels: std::array::from_fn(|i| t.channels[i].filter(|_| has[i])) };
+                let masked =
+                    SignTable { channels: std::array::from_fn(|i| t.channels[i].filter(|_| has[i])) };
                 masked.apply(&channels.read(&table)?)
             }
             None => read_errors(&table, &own)?,
@@ -344,7 +353,9 @@ fn move_to_base(
         let mut full = [0.0; 6];
         for (i, (slot, value)) in full.iter_mut().zip(*motion).enumerate() {
             if i < 3 && value.is_some() && points[i].is_none() {
-                return Err(usage("--base-point-mm needs to know where the optics was: give --point-mm, or --abbe-mm and --bryan-mm"));
+                return Err(usage(
+                    "--base-point-mm needs to know where the optics was: give --point-mm, or --abbe-mm and --bryan-mm",
+                ));
             }
             if i >= 3 && value.is_none() {
                 return Err(usage(format_args!(
@@ -386,7 +397,8 @@ fn report(args: &Args, axis: AxisName, run: &[Measured]) -> Result<(), Failure> 
     for m in run {
         let symbol = ErrorSymbol::Motion { component: m.component, axis };
         let (x, y) = means(&m.readings);
-        let (low, high) = y.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+        let (low, high) =
+            y.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
         let key = symbol.to_string().to_lowercase();
         if symbol.is_angle() || m.component.index() == axis.direction() {
             let (range, u) = if symbol.is_angle() {

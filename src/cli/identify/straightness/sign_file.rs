@@ -90,7 +90,12 @@ impl SignFile {
                 let shape = if channel.is_angle() { "\"+a\", \"-b\"" } else { "\"+x\", \"-y\"" };
                 *slot = Some(Assignment::parse(word).ok_or_else(|| {
                     let name = channel.name();
-                    bad(path, format_args!("[{section}] {name} = \"{word}\": write a sign and a direction, such as {shape}"))
+                    bad(
+                        path,
+                        format_args!(
+                            "[{section}] {name} = \"{word}\": write a sign and a direction, such as {shape}"
+                        ),
+                    )
                 })?);
             }
             let table = SignTable { channels };
@@ -254,7 +259,9 @@ mod tests {
         let mut other = file.clone();
         other.put(SetUp { tilt_test: None, ..file.set_ups[0].clone() });
         assert!(!other.is_confirmed() && other.set_ups.len() == 1);
-        assert!(file.set_up(AxisName::Y, Path::new("s.toml")).unwrap_err().message.contains("no section [y]"));
+        assert!(
+            file.set_up(AxisName::Y, Path::new("s.toml")).unwrap_err().message.contains("no section [y]")
+        );
     }
 
     #[test]
