@@ -1,7 +1,6 @@
 //! `volcomp identify diagonals` as a user runs it: the reference vectors, and files.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-#![expect(clippy::print_stderr, reason = "a skipped test says so")]
 #![expect(clippy::disallowed_methods, reason = "the test runs the program on files")]
 
 use std::path::Path;

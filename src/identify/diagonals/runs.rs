@@ -93,19 +93,19 @@ pub fn end_to_end(readings: &[RunReading], length: f64) -> Result<EndToEnd, Runs
         steps: Default::default(),
     };
     let mut squares = 0.0;
-    for d in 0..4 {
+    for (d, name) in NAMES.into_iter().enumerate() {
         let own: Vec<&RunReading> = readings.iter().filter(|r| r.diagonal == d).collect();
         let mut cycles: Vec<u32> = own.iter().map(|r| r.reading.cycle).collect();
         cycles.sort_unstable();
         cycles.dedup();
         if cycles.is_empty() {
-            return Err(RunsError::Missing { name: NAMES[d] });
+            return Err(RunsError::Missing { name });
         }
         let mut runs = Vec::with_capacity(cycles.len());
         for &cycle in &cycles {
             let run: Vec<&RunReading> = own.iter().copied().filter(|r| r.reading.cycle == cycle).collect();
             runs.push(evaluate(&run, length).map_err(|target_mm| RunsError::EndMissing {
-                name: NAMES[d],
+                name,
                 cycle,
                 target_mm,
             })?);
@@ -232,8 +232,8 @@ mod tests {
             .collect()
     }
 
-    fn four(mut each: impl FnMut(usize) -> Vec<RunReading>) -> Vec<RunReading> {
-        (0..4).flat_map(|d| each(d)).collect()
+    fn four(each: impl FnMut(usize) -> Vec<RunReading>) -> Vec<RunReading> {
+        (0..4).flat_map(each).collect()
     }
 
     #[test]

@@ -2,7 +2,8 @@
 //!
 //! The lines through the end points are taken out of the sideways motions of both corner cubes. What two beams that are
 //! not parallel add to roll is a line, too; only a level that reads the true roll at both ends tells it from roll that
-//! grows. Without a level, roll has no slope: it is either left out or stated about its end points.
+//! grows. Without a level, roll has no slope: it is either left out or stated about its end points. The straightnesses are
+//! about the end points in any case.
 //!
 //! Source: equations 5.2 (alignment), errata of 002 (6) and (11).
 
@@ -76,7 +77,9 @@ pub fn align(head: &Head, positions: &[f64], run: &[FiveDof], level: Level) -> R
                 std::array::from_fn(|i| r.beams[j][i] - first[j][i] - slopes[j][i] * (x - low))
             });
             let roll = head.roll(&beams);
-            [beams[1][0] + roll * z2, beams[1][1] - roll * y2, roll, r.motion[3], r.motion[4]]
+            // the straightness of the point itself is stated about its own end points
+            let bow = roll - true_roll * (x - low) / (high - low);
+            [beams[1][0] + bow * z2, beams[1][1] - bow * y2, roll, r.motion[3], r.motion[4]]
         })
         .collect();
     let seen = head.roll(&last) - head.roll(&first);

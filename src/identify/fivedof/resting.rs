@@ -165,7 +165,7 @@ pub fn calibrate(head: &Head, log: &[RestingReading]) -> Result<Calibration, Res
     };
     for i in 0..2 {
         for beam in 0..2 {
-            found.drift[beam][i] = drift(&blocks, head, beam, i, noise[1 + beam][i])?;
+            found.drift[beam][i] = drift(&blocks, &found.head, beam, i)?;
             found.find_lever(&blocks, beam, i)?;
         }
         found.find_angle_gain(&blocks, i)?;
@@ -204,8 +204,9 @@ fn noise_of(blocks: &[Block<'_>], value: impl Fn(&RestingReading) -> f64) -> f64
 }
 
 /// RMS pointing of a beam beyond its noise, rad.
-fn drift(blocks: &[Block<'_>], head: &Head, beam: usize, i: usize, noise: f64) -> Result<f64, RestingError> {
+fn drift(blocks: &[Block<'_>], head: &Head, beam: usize, i: usize) -> Result<f64, RestingError> {
     let psd = 1 + beam;
+    let noise = head.noise[psd][i];
     let pairs = Moments::of(blocks, |r| r.channels[psd][i], |_| 0.0);
     let scatter2 = pairs.xx / pairs.dof;
     let (detector, direction) = (Detector::ALL[psd], i as u8 + 1);

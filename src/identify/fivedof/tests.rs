@@ -165,7 +165,10 @@ fn the_level_restores_the_slope_of_roll_and_the_beams_lose_theirs() {
     let change = truth(1.0) - truth(0.0);
     let aligned = align(&head(), &positions, &rows, Level::Read(change)).unwrap();
     for (x, m) in positions.iter().zip(&aligned.motion) {
-        assert!((m[2] - truth(x / 3000.0)).abs() < 1e-12, "roll at {x}");
+        let s = x / 3000.0;
+        assert!((m[2] - truth(s)).abs() < 1e-12, "roll at {x}");
+        let bow = 0.01 * s * (1.0 - s);
+        assert!((m[0] - bow).abs() < 1e-12, "straightness at {x}");
     }
     assert!((aligned.roll_slope + 4e-6 / 68.0).abs() < 1e-12);
     assert!((aligned.slopes[1][0] - (2e-5 - change * 8.0 / 3000.0)).abs() < 1e-12);
@@ -248,8 +251,8 @@ fn a_calibrated_head_takes_the_drift_out() {
     let motion = [0.004, -0.003, 2e-5, 1e-5, -3e-5];
     let change = WIRED.read(motion, [[8e-6, -5e-6], [4e-6, 6e-6]], 2000.0);
     let found = c.head.reduce(&Readings { distance: 2000.0, change });
-    for i in 0..2 {
-        assert!((found.motion[i] - motion[i]).abs() < 3e-4, "{i} {:?}", found.motion);
+    for (found, truth) in found.motion.iter().zip(motion).take(2) {
+        assert!((found - truth).abs() < 3e-4, "{found} {truth}");
     }
     assert_eq!(c.linearity.1, 4);
     assert!(c.linearity.0 < 20.0, "{:?}", c.linearity);
