@@ -6,6 +6,7 @@
 //! - [`diagonal`]: displacement along a space diagonal; ISO 230-6.
 //! - [`grinder`]: tips of several styli relative to an artefact, pose by pose.
 //! - [`probe`]: contacts of a touch probe with a gauge bar.
+//! - [`carriage`]: what optics on the carriage of one axis see; [`fivedof`] and [`sixd`] look at it.
 //! - [`survey`]: six error motions of every axis with one instrument, squareness and axis locations.
 //!
 //! Angles in deg and arcsec, deviations in um, as the instruments print them. Noise is seeded.
@@ -16,10 +17,14 @@ use rand_distr::{Distribution, StandardNormal};
 use volcomp::core::axes::{AxisArray, AxisName};
 
 pub mod ballbar;
+pub mod carriage;
 pub mod diagonal;
 pub mod grinder;
 pub mod interferometer;
 pub mod probe;
+pub mod fivedof;
+pub mod interferometer;
+pub mod sixd;
 pub mod survey;
 
 /// Why a measurement is not possible.
