@@ -300,10 +300,29 @@ pub fn number(value: f64, decimals: usize) -> String {
     if present < decimals { format!("{value:.decimals$}") } else { short }
 }
 
+/// A number of a control's table: rounded to 1e-12 (far below what matters, mm or rad), with at least `decimals` decimals.
+///
+/// Values of a curve carry the rounding of its evaluation; without it, what was read would not be written alike.
+#[must_use]
+pub fn rounded(value: f64, decimals: usize) -> String {
+    let text = format!("{value:.12}");
+    match text.parse::<f64>() {
+        Ok(value) => number(value, decimals),
+        Err(_) => text,
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
     use proptest::prelude::*;
+
+    #[test]
+    fn tables_are_rounded() {
+        assert_eq!(rounded(0.010000000000000002, 1), "0.01");
+        assert_eq!(rounded(-1e-14, 2), "0.00");
+        assert_eq!(rounded(1e-5, 1), "0.00001");
+    }
 
     #[test]
     fn encodings_are_told_apart() {
