@@ -4,8 +4,8 @@ use std::collections::BTreeMap;
 use std::io::{BufRead, Cursor};
 use std::path::Path;
 
-use super::files::read_text;
-use super::positioning_data::{Cycles, no_rows, parse_csv, parse_dat};
+use super::files::{read_bytes, text_of};
+use super::positioning_data::{Cycles, instrument_test, no_rows, parse_csv, parse_dat};
 use super::table::{Table, nearest};
 use super::{EX_DATAERR, Failure};
 use crate::core::axes::{AxisKind, AxisName, Travel};
@@ -52,11 +52,13 @@ pub(super) fn read(
     into: &mut BySymbol,
 ) -> Result<(), Failure> {
     let file = path.display().to_string();
-    let text = read_text(path)?;
-    let found = match format {
-        Format::Iso230Dat => positioning(&file, axis, parse_dat(&file, &text)?)?,
-        Format::Auto if iso230_dat::recognises(&text) => positioning(&file, axis, parse_dat(&file, &text)?)?,
+    let bytes = read_bytes(path)?;
+    let test = if format == Format::Auto { instrument_test(&file, &bytes)? } else { None };
+    let found = match (format, test) {
+        (_, Some(test)) => positioning(&file, axis, test)?,
+        (Format::Iso230Dat, None) => positioning(&file, axis, parse_dat(&file, &text_of(path, bytes)?)?)?,
         _ => {
+            let text = text_of(path, bytes)?;
             let table = Table::new(Cursor::new(text), file.clone())?;
             let is_test =
                 table.columns().iter().any(|c| c.starts_with("target_") || c.starts_with("deviation_"));

@@ -13,11 +13,13 @@ mod check;
 mod daemon;
 mod evaluate;
 mod exit;
+mod export;
 mod files;
 mod fit;
 mod fit_input;
 mod fit_report;
 mod identify;
+mod import;
 mod model;
 mod model_out;
 mod positioning_data;
@@ -32,7 +34,8 @@ use clap::{Parser, Subcommand};
 
 pub use exit::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, line, output_complete};
 
-/// Geometric-error compensation for machine tools: check, predict, fit, identify, evaluate, and talk to the daemon.
+/// Geometric-error compensation for machine tools: check, predict, fit, identify, evaluate, exchange files with
+/// instruments and controls, and talk to the daemon.
 #[derive(Debug, Parser)]
 #[command(name = "volcomp", version, arg_required_else_help = true)]
 struct Cli {
@@ -46,6 +49,8 @@ enum Verb {
     Predict(predict::Args),
     Fit(Box<fit::Args>),
     Identify(identify::Args),
+    Import(Box<import::Args>),
+    Export(Box<export::Args>),
     Evaluate(evaluate::Args),
     Model(model::Args),
     Status(service::StatusArgs),
@@ -61,6 +66,8 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Predict(a) => predict::run(&a),
         Verb::Fit(a) => fit::run(&a),
         Verb::Identify(a) => identify::run(&a),
+        Verb::Import(a) => import::run(&a),
+        Verb::Export(a) => export::run(&a),
         Verb::Evaluate(a) => evaluate::run(&a),
         Verb::Model(a) => model::run(&a),
         Verb::Status(a) => service::status(&a),

@@ -364,7 +364,7 @@ const DECIMALS: usize = 9;
 const FIXED_LIMIT: f64 = 9e9;
 
 /// Appends `,` and the number with up to nine decimals, without trailing zeros.
-fn push_number(block: &mut Vec<u8>, value: f64) {
+pub(super) fn push_number(block: &mut Vec<u8>, value: f64) {
     block.push(b',');
     if value.is_nan() || value.abs() >= FIXED_LIMIT {
         block.extend_from_slice(value.to_string().as_bytes());
@@ -401,7 +401,7 @@ fn push_number(block: &mut Vec<u8>, value: f64) {
 }
 
 /// A bar on stderr, only where that is a terminal and the work takes long.
-struct Progress {
+pub(super) struct Progress {
     started: Instant,
     total: Option<u64>,
     shown: bool,
@@ -409,12 +409,12 @@ struct Progress {
 }
 
 impl Progress {
-    fn new(points: &Path) -> Self {
+    pub(super) fn new(points: &Path) -> Self {
         let total = std::fs::metadata(points).ok().filter(std::fs::Metadata::is_file).map(|m| m.len());
         Self { started: Instant::now(), total, shown: io::stderr().is_terminal(), bar: None }
     }
 
-    fn update(&mut self, bytes: u64) {
+    pub(super) fn update(&mut self, bytes: u64) {
         if !self.shown || self.started.elapsed() < SLOW {
             return;
         }
@@ -429,7 +429,7 @@ impl Progress {
         bar.set_position(bytes);
     }
 
-    fn finish(&self) {
+    pub(super) fn finish(&self) {
         if let Some(bar) = &self.bar {
             bar.finish_and_clear();
         }

@@ -111,6 +111,15 @@ pub enum ExportError {
         /// The axis.
         axis: AxisName,
     },
+    /// Not exactly one axis.
+    #[error("{format} is for one axis: give --axis once")]
+    OneAxis {
+        /// The format, or what is asked of it.
+        format: &'static str,
+    },
+    /// The kind of a COMP_FILE.
+    #[error("give --comp-type 0 (actual positions) or 1 (trims), as COMP_FILE_TYPE of the INI file")]
+    CompTypeNotStated,
     /// A sign that nobody documents.
     #[error(
         "the sign of the values is not documented for this format: give --sign deviation (actual - nominal) or --sign correction, after a look into the control's manual"
