@@ -126,7 +126,7 @@ fn damaged_files_name_the_place_and_leave_nothing() {
     let good = fs::read_to_string(fixture("laser-x.rtl")).unwrap();
     let edge = fs::read_to_string(fixture("sinumerik-840dsl/capture.json")).unwrap();
     for (name, text, expected) in [
-        ("a.rtl", good.replace("1 3 1.900", "1 3 1.9oo"), "a.rtl:36:5: '1.9oo' is not a finite number"),
+        ("a.rtl", good.replace("1 3 1.900", "1 3 1.9oo"), "a.rtl:35:5: '1.9oo' is not a finite number"),
         ("b.rtl", good[..good.find("4 2 0.6").unwrap()].to_owned(), "readings: 20 announced, 18 found"),
         ("c.json", edge[..edge.len() / 2].to_owned(), "c.json:"),
         (
@@ -362,28 +362,17 @@ fn a_model_of_curves_is_sampled_to_the_tolerance() {
             &s.path("x.com"),
         ],
     );
-    assert!(message.contains("heidenhain holds 256") && !s.path("x.com").is_empty(), "{message}");
+    assert!(message.contains("heidenhain holds 256"), "{message}");
     assert_eq!(s.names().len(), 1);
     // the volumetric table of the whole machine predicts what the model predicts
     let table = s.path("vc.csv");
     ok(&["export", &model, "--format", "isg", "--sense", "carriage", "--out", &table]);
     let imported = s.path("imported.toml");
-    ok(&[
-        "import",
-        &table,
-        "--sense",
-        "carriage",
-        "--chain",
-        "[w X' Y' b Z t]",
-        "--machine",
-        "vmc-850",
-        "--out",
-        &imported,
-    ]);
-    let frame = "\n[frame]\nworkpiece-origin-mm = [0, 0, -620]\ntool-tip-mm = [0, 0, -120]\n";
-    let text = s.read("imported.toml");
-    let text = text.split_once("\n[").map(|(a, b)| format!("{a}\n{frame}\n[{b}")).unwrap();
-    fs::write(&imported, text).unwrap();
+    let base = s.write(
+        "base.toml",
+        "format = \"volcomp-model/1\"\nmachine = \"vmc-850\"\nchain = \"[w X' Y' b Z t]\"\n[frame]\nworkpiece-origin-mm = [0, 0, -620]\ntool-tip-mm = [0, 0, -120]\n",
+    );
+    ok(&["import", &table, "--sense", "carriage", "--into", &base, "--out", &imported]);
     let points =
         s.write("p.csv", "x_mm,y_mm,z_mm\n0,0,0\n100,50,-20\n425,250,-250\n777,333,-444\n850,500,-500\n");
     let predict = |model: &str, name: &str| -> Vec<Vec<f64>> {

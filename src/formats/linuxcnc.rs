@@ -92,7 +92,8 @@ pub fn parse(
         }
         let nominal = nominal.number("a nominal position")?;
         let of = |value: f64| match file {
-            CompType::Actual => to_inner(value - nominal, kind, unit),
+            // a difference of positions carries their rounding: 50.002 - 50 is not 0.002
+            CompType::Actual => to_inner(((value - nominal) * 1e12).round() / 1e12, kind, unit),
             CompType::Trim => -to_inner(value, kind, unit),
         };
         rows.push(Row {
