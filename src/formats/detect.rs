@@ -30,6 +30,9 @@ pub enum Format {
     Camonitor,
 }
 
+/// Says whether a beginning is of a format.
+type Recogniser = fn(&str) -> bool;
+
 /// The format of a file from its first [`HEAD`] bytes (or all of them).
 #[must_use]
 pub fn format(head: &[u8]) -> Option<Format> {
@@ -39,7 +42,7 @@ pub fn format(head: &[u8]) -> Option<Format> {
     }
     let decoded = text::decode(head);
     let text = decoded.text.as_ref();
-    let recognisers: [(fn(&str) -> bool, Format); 9] = [
+    let recognisers: [(Recogniser, Format); 9] = [
         (rtl::recognises, Format::Rtl),
         (b5r::recognises, Format::B5r),
         (edge::recognises, Format::Edge),

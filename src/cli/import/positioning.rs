@@ -202,23 +202,12 @@ fn columns(
     while table.advance().map_err(fail)? {
         let row = table.values();
         let deviation = if is_actual { row[value] - row[target] } else { row[value] };
-        let given = |i: usize, what: &str, ok: bool| {
-            let text = format_args!("error: {file}:{}: {what} is {}", table.line(), row[i]);
-            if ok { Ok(row[i]) } else { Err(Failure::new(EX_DATAERR, text)) }
-        };
-        let travel = direction
-            .map(|i| given(i, "a direction that is neither 1 nor -1", row[i].abs() == 1.0))
-            .transpose()?
-            .map(|d| if d > 0.0 { Travel::Forward } else { Travel::Reverse });
-        let whole = |v: f64| v.fract() == 0.0 && (0.0..=4e9).contains(&v);
-        let cycle = cycle
-            .map(|i| given(i, "a cycle that is no whole number from 0 up", whole(row[i])))
-            .transpose()?;
+        let (cycle, travel) = given(&file, &table, cycle, direction)?;
         if let (Some(cycle), Some(travel)) = (cycle, travel) {
-            put(cycle as u32, travel, row[target], deviation)?;
+            put(cycle, travel, row[target], deviation)?;
         } else {
             // what is not given follows from the order; a given part wins over a derived one
-            if let Some(placed) = runs.push_with(row[target], deviation, cycle.map(|c| c as u32), travel) {
+            if let Some(placed) = runs.push_with(row[target], deviation, cycle, travel) {
                 put(placed.cycle, placed.travel, placed.position, placed.value)?;
             }
         }
@@ -242,6 +231,28 @@ fn columns(
     };
     eprintln!("{file}: {rows} readings{derived}");
     Ok(())
+}
+
+/// Cycle and direction of the current row, where the table has them.
+fn given<R: std::io::BufRead>(
+    file: &str,
+    table: &Columns<R>,
+    cycle: Option<usize>,
+    direction: Option<usize>,
+) -> Result<(Option<u32>, Option<Travel>), Failure> {
+    let wrong = |value: f64, what: &str| {
+        Failure::new(EX_DATAERR, format_args!("error: {file}:{}: {value} is {what}", table.line()))
+    };
+    let travel = direction.map(|i| match table.values()[i] {
+        1.0 => Ok(Travel::Forward),
+        -1.0 => Ok(Travel::Reverse),
+        value => Err(wrong(value, "no direction; it is 1 (towards plus) or -1 (towards minus)")),
+    });
+    let cycle = cycle.map(|i| match table.values()[i] {
+        value if value.fract() == 0.0 && (0.0..=4e9).contains(&value) => Ok(value as u32),
+        value => Err(wrong(value, "no cycle; it is a whole number from 0 up")),
+    });
+    Ok((cycle.transpose()?, travel.transpose()?))
 }
 
 /// A mistake or failure of a source read row by row.

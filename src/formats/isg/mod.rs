@@ -98,10 +98,13 @@ type Key = Vec<AxisName>;
 /// Bits of the coordinates, which sort like the numbers: see [`ordered`].
 type Coordinates = Vec<i64>;
 
+/// Values by coordinates, and the line of each.
+type Values = BTreeMap<Coordinates, (f64, usize)>;
+
 #[derive(Debug, Default)]
 struct Gathered {
-    /// By symbol: its arguments, its values by coordinates, and the line of each.
-    errors: BTreeMap<ErrorSymbol, (Key, BTreeMap<Coordinates, (f64, usize)>)>,
+    /// By symbol: its arguments and its values.
+    errors: BTreeMap<ErrorSymbol, (Key, Values)>,
     kinematics: Vec<String>,
     values: usize,
 }
@@ -299,11 +302,7 @@ impl Gathered {
 }
 
 /// The curve, constant or grid of one error.
-fn function(
-    key: &[AxisName],
-    values: &BTreeMap<Coordinates, (f64, usize)>,
-    sign: f64,
-) -> Result<ErrorFunction, FormatError> {
+fn function(key: &[AxisName], values: &Values, sign: f64) -> Result<ErrorFunction, FormatError> {
     let line = values.values().map(|(_, line)| *line).min().unwrap_or(1);
     let fail = |kind| FormatError::at(line, 1, kind);
     let inner = |axis: AxisName, v: i64| match axis.kind() {
