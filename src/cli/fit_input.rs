@@ -5,7 +5,7 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Read};
 use std::path::Path;
 
-use super::positioning_data::{Cycles, no_rows, parse_csv, parse_dat};
+use super::positioning_data::{Cycles, instrument_test, is_instrument, no_rows, parse_csv, parse_dat};
 use super::progress::Progress;
 use super::table::{Table, nearest};
 use super::{EX_DATAERR, Failure};
@@ -101,14 +101,13 @@ pub(super) fn read(
     };
     let mut head = Vec::new();
     (&mut source).take(HEAD).read_to_end(&mut head).map_err(|e| io(&e))?;
-    let dat = match format {
-        Format::Iso230Dat => true,
-        Format::Auto => iso230_dat::recognises(&String::from_utf8_lossy(&head)),
-        _ => false,
-    };
-    let found = if dat {
+    let whole = format == Format::Iso230Dat || format == Format::Auto && is_instrument(&head);
+    let found = if whole {
+        // files of instruments are small; tables may be long and are read row by row
         source.read_to_end(&mut head).map_err(|e| io(&e))?;
-        positioning(&file, axis, parse_dat(&file, &utf8(&file, head)?)?)?
+        let test = if format == Format::Auto { instrument_test(&file, &head)? } else { None };
+        let test = test.map_or_else(|| parse_dat(&file, &utf8(&file, head)?), Ok)?;
+        positioning(&file, axis, test)?
     } else {
         let table = Table::new(Cursor::new(head).chain(source), file.clone())?;
         let is_test = table.columns().iter().any(|c| c.starts_with("target_") || c.starts_with("deviation_"));

@@ -360,7 +360,7 @@ const DECIMALS: usize = 9;
 const FIXED_LIMIT: f64 = 9e9;
 
 /// Appends `,` and the number with up to nine decimals, without trailing zeros.
-fn push_number(block: &mut Vec<u8>, value: f64) {
+pub(super) fn push_number(block: &mut Vec<u8>, value: f64) {
     block.push(b',');
     if value.is_nan() || value.abs() >= FIXED_LIMIT {
         block.extend_from_slice(value.to_string().as_bytes());
