@@ -5,8 +5,8 @@ use plotters::prelude::*;
 use super::{Area, BLUE, Drawn, FAINT, FONT, INK, TITLE, VERMILLION};
 use crate::cli::check::{position_out, position_unit};
 use crate::cli::model::report::{error_out, kinds_words};
-use crate::cli::model::worst::reference_pose;
 use crate::core::axes::{AxisName, Travel};
+use crate::core::model::search::reference_pose;
 use crate::core::model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec, Sense};
 
 const SAMPLES: u32 = 600;
