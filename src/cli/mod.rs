@@ -22,6 +22,7 @@ mod model;
 mod model_out;
 mod positioning_data;
 mod predict;
+mod report;
 mod service;
 mod table;
 
