@@ -200,8 +200,13 @@ fn report(
             (_, 0) => "Before",
             _ => "After, same scale",
         };
-        page.heading(heading);
-        page.figure(&drawing::single(&Shown { title: "", ..*one }, scale)?, caption);
+        if shown.len() > 1 && i == 0 {
+            page.sheet(heading);
+        } else {
+            page.heading(heading);
+        }
+        let svg = drawing::single(&Shown { title: "", ..*one }, scale)?;
+        if i + 1 == shown.len() { page.figure(&svg, caption) } else { page.picture(&svg) }
     }
     Ok(page.finish())
 }

@@ -10,7 +10,7 @@ use super::positioning::{as_json, print};
 use super::{Figure, Output, bad_data, change, percent, put_before, show};
 use crate::cli::positioning_data::{TestColumns, no_rows};
 use crate::cli::report::page::Cell;
-use crate::cli::report::plot::{Drawn, Svg, svg, words};
+use crate::cli::report::plot::{Drawn, SHEET_WIDTH, Svg, svg_of, words};
 use crate::cli::{Failure, table};
 use crate::core::axes::AxisKind;
 use crate::core::units::um_from_mm;
@@ -145,14 +145,14 @@ fn scale(after: &Evaluated, before: Option<&Evaluated>) -> [f64; 2] {
     )
 }
 
-const HEIGHT: u32 = 430;
+const HEIGHT: u32 = 360;
 const TITLE: u32 = 34;
 
 /// The four diagonals of a test, two in a row.
 fn four(test: &Evaluated, y: [f64; 2], area: &crate::cli::report::plot::Area<'_>) -> Drawn {
     for (place, (diagonal, result)) in area.split_evenly((2, 2)).iter().zip(&test.result.diagonals) {
         let readings = of(test, *diagonal);
-        let both = result.both.map_or(String::new(), |b| format!("   E {:.2}  A {:.2} µm", b.e, b.a));
+        let both = result.both.map_or(String::new(), |b| format!(": E {:.2}, A {:.2} µm", b.e, b.a));
         let title = format!("{} ({}){both}", diagonal.name(), signs(*diagonal));
         let shown = Shown { title: "", result, readings: &readings, unit: "µm", target_unit: "mm" };
         let (head, body) = place.split_vertically(TITLE);
@@ -173,7 +173,7 @@ fn whole(title: &str, after: &Evaluated, before: Option<&Evaluated>, y: [f64; 2]
         Some(before) => vec![("before", before), ("after, same scale", after)],
         None => vec![("", after)],
     };
-    svg(TITLE + (TITLE + 2 * HEIGHT) * parts.len() as u32, |area| {
+    svg_of((SHEET_WIDTH, TITLE + (TITLE + 2 * HEIGHT) * parts.len() as u32), |area| {
         let (head, mut rest) = area.split_vertically(TITLE);
         words(&head, title, (14, 10), 20)?;
         for (name, test) in parts {
@@ -214,7 +214,7 @@ fn report(
     {
         if let Some(test) = test {
             page.sheet(name);
-            page.figure(&svg(2 * HEIGHT, |area| four(test, y, area))?, caption);
+            page.figure(&svg_of((SHEET_WIDTH, 2 * HEIGHT), |area| four(test, y, area))?, caption);
         }
     }
     Ok(page.finish())

@@ -33,8 +33,8 @@ pub(super) fn start(title: &str, standard: &str, origins: &[Origin], facts: &[(&
     let mut rows: Vec<Vec<Cell>> = origins
         .iter()
         .map(|o| {
-            let hash = o.hash.as_ref().map_or(String::new(), |h| format!(" (blake3 {h})"));
-            vec![Cell::head(o.what), Cell::text(format!("{}{hash}", o.name))]
+            let hash = o.hash.as_ref().map_or(String::new(), |h| format!(", blake3 {h}"));
+            vec![Cell::head(o.what), Cell::small(format!("{}{hash}", o.name))]
         })
         .collect();
     rows.extend(facts.iter().map(|(what, text)| vec![Cell::head(what), Cell::text(text)]));

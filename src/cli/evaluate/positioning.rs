@@ -228,6 +228,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
+/// How many of the figures belong to both directions.
+const BOTH: usize = 6;
+/// Share of the common scale below which a test is drawn at its own scale, too.
+const OWN_SCALE: f64 = 0.4;
+
 /// The figures of a test by their keys.
 fn figures(p: &Positioning) -> [Figure; 12] {
     let both = p.both.as_ref();
@@ -350,23 +355,36 @@ fn report(
     let mut page =
         page::start(title, "Accuracy and repeatability of positioning, ISO 230-2:2014", &origins, &facts);
     let old = before.map(|b| figures(&b.result));
-    page::figures(&mut page, unit, &figures(&after.result), old.as_ref().map(|o| &o[..]));
+    let old = |range: core::ops::Range<usize>| old.as_ref().map(|o| &o[range]);
+    page::figures(&mut page, unit, &figures(&after.result)[..BOTH], old(0..BOTH));
     let caption = "Deviation = actual - target. Solid: mean of each direction, band: ± 2 s, dots: readings, dashed: mean of both \
                    directions. B and R are marked where they occur, M, E and A are the ranges at the right.";
-    let scale = picture::positioning::scale(
-        [Some(&after.result), before.map(|b| &b.result)],
-        [&after.readings[..], before.map_or(&[][..], |b| &b.readings[..])],
-    );
+    let own = picture::positioning::scale([Some(&after.result)], [&after.readings[..]]);
+    let mut scale = own;
+    let height = match before {
+        Some(_) => picture::positioning::HALF_HEIGHT,
+        None => picture::positioning::HEIGHT,
+    };
     if let Some(before) = before {
+        let both = [Some(&after.result), Some(&before.result)];
+        scale = picture::positioning::scale(both, [&after.readings[..], &before.readings[..]]);
         page.heading("Before");
-        page.picture(&picture::positioning::single(&before.shown(""), scale)?);
+        page.picture(&picture::positioning::single(&before.shown(""), scale, height)?);
         page.heading("After, same scale");
     } else {
         page.heading("Deviations");
     }
-    page.figure(&picture::positioning::single(&after.shown(""), scale)?, caption);
+    page.figure(&picture::positioning::single(&after.shown(""), scale, height)?, caption);
+    // where the test improved much, its own scale shows what is left
+    if own[1] - own[0] < OWN_SCALE * (scale[1] - scale[0]) {
+        page.sheet("After, own scale");
+        page.picture(&picture::positioning::single(&after.shown(""), own, picture::positioning::HEIGHT)?);
+    }
+    page.heading("Each direction");
+    let each = figures(&after.result);
+    page::figures(&mut page, unit, &each[BOTH..], old(BOTH..each.len()));
     uncertainty_section(&mut page, &after.uncertainties, unit);
-    page.sheet("Targets");
+    page.heading("Targets");
     targets(&mut page, &after.result, unit, target_unit);
     if let Some(before) = before {
         page.heading("Targets before");

@@ -8,10 +8,10 @@ h1{font-size:24px;margin-bottom:2px}h2{font-size:18px;margin:26px 0 6px}h3{font-
 table{border-collapse:collapse;margin:4px 0 10px}td,th{padding:3px 12px 3px 0;text-align:left;border-bottom:1px solid #ddd;vertical-align:top}\
 td.n,th.n{text-align:right;font-variant-numeric:tabular-nums}pre{font:13px/1.35 monospace;overflow-x:auto}\
 figure{margin:8px 0 14px}figcaption{font-size:13px;color:#444}p.note{font-size:13px;color:#444}\
-svg{max-width:100%;height:auto;display:block}\
+th:first-child{white-space:nowrap}td.s{font-size:12px}svg{max-width:100%;height:auto;display:block}\
 @page{size:A4;margin:14mm 14mm 16mm}\
 @media print{body{font-size:10pt;max-width:none;margin:0;padding:0}h1{font-size:16pt}h2{font-size:12.5pt}h3{font-size:10.5pt}\
-pre{font-size:8pt;white-space:pre-wrap}td,th{padding:2px 9px 2px 0}figcaption,p.note{font-size:8.5pt}\
+pre{font-size:8pt;white-space:pre-wrap}td,th{padding:2px 9px 2px 0}td.s{font-size:7.5pt}figcaption,p.note{font-size:8.5pt}\
 h1,h2,h3{break-after:avoid}figure,table.keep,svg{break-inside:avoid}tr{break-inside:avoid}thead{display:table-header-group}\
 .sheet{break-before:page}*{print-color-adjust:exact;-webkit-print-color-adjust:exact}}";
 
@@ -30,12 +30,19 @@ pub(in crate::cli) enum Cell {
     Head(String),
     /// A number, to the right.
     Number(String),
+    /// Words in small print.
+    Small(String),
 }
 
 impl Cell {
     /// Words.
     pub(in crate::cli) fn text(words: impl Display) -> Self {
         Self::Text(words.to_string())
+    }
+
+    /// Words in small print, such as a hash.
+    pub(in crate::cli) fn small(words: impl Display) -> Self {
+        Self::Small(words.to_string())
     }
 
     /// Words that name the row.
@@ -112,7 +119,10 @@ impl Page {
                 Cell::Number(t) if head => self.put(format_args!("<th class=\"n\">{}</th>", escape(t))),
                 Cell::Number(t) => self.put(format_args!("<td class=\"n\">{}</td>", escape(t))),
                 Cell::Text(t) if !head => self.put(format_args!("<td>{}</td>", escape(t))),
-                Cell::Text(t) | Cell::Head(t) => self.put(format_args!("<th>{}</th>", escape(t))),
+                Cell::Small(t) if !head => self.put(format_args!("<td class=\"s\">{}</td>", escape(t))),
+                Cell::Text(t) | Cell::Head(t) | Cell::Small(t) => {
+                    self.put(format_args!("<th>{}</th>", escape(t)))
+                }
             }
         }
         self.text.push_str("</tr>\n");

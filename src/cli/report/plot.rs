@@ -20,6 +20,9 @@ pub(in crate::cli) const FONT: &str = "sans-serif";
 /// Width of a picture that fills a page.
 pub(in crate::cli) const WIDTH: u32 = 1200;
 
+/// Width of a plot that stays legible where a page is printed on A4 (13 pixels are 8 points).
+pub(in crate::cli) const SHEET_WIDTH: u32 = 840;
+
 /// A part of a picture.
 pub(in crate::cli) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 /// The result of drawing.
@@ -88,7 +91,7 @@ impl Axes<'_> {
             .x_desc(self.x_label)
             .y_desc(self.y_label)
             .x_labels(self.x_ticks)
-            .y_labels(7)
+            .y_labels(9)
             .x_label_formatter(&|v| tick(*v, x_high - x_low))
             .y_label_formatter(&|v| tick(*v, y_high - y_low))
             .axis_desc_style((FONT, 14))

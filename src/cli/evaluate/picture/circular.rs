@@ -3,20 +3,21 @@
 use plotters::prelude::*;
 
 use crate::cli::report::plot::{
-    Area, BLUE, Drawn, FAINT, INK, Key, Svg, VERMILLION, WIDTH, legend, round_below, svg, tick, words,
+    Area, BLUE, Drawn, FAINT, INK, Key, SHEET_WIDTH, Svg, VERMILLION, legend, round_below, svg_of, tick,
+    words,
 };
 use crate::core::axes::Travel;
 use crate::core::units::um_from_mm;
 use crate::evaluate::{CircularReading, Circularity};
 
-const HEIGHT: u32 = 700;
+const HEIGHT: u32 = 516;
 const TITLE: u32 = 34;
 /// Radius of the nominal circle, pixels.
-const NOMINAL: f64 = 215.0;
+const NOMINAL: f64 = 145.0;
 /// Radius to which the largest deviation reaches at most beyond the nominal circle, pixels.
-const REACH: f64 = 95.0;
+const REACH: f64 = 72.0;
 /// Centre of the plot, pixels from the left.
-const CENTRE: f64 = 400.0;
+const CENTRE: f64 = 275.0;
 
 /// A test to be drawn, deviations in mm.
 #[derive(Clone, Copy)]
@@ -49,7 +50,7 @@ pub(in crate::cli::evaluate) fn scale(shown: &[Shown<'_>]) -> f64 {
 /// The drawing library could not draw it.
 pub(in crate::cli::evaluate) fn single(shown: &Shown<'_>, division: f64) -> Svg {
     let head = if shown.title.is_empty() { 0 } else { TITLE };
-    svg(HEIGHT + head, |area| draw(area, shown, division))
+    svg_of((SHEET_WIDTH, HEIGHT + head), |area| draw(area, shown, division))
 }
 
 /// All tests below each other at the same scale.
@@ -62,7 +63,7 @@ pub(in crate::cli::evaluate) fn whole(title: &str, shown: &[Shown<'_>]) -> Svg {
         return single(one, division);
     }
     let each = HEIGHT + TITLE;
-    svg(TITLE + each * shown.len() as u32, |area| {
+    svg_of((SHEET_WIDTH, TITLE + each * shown.len() as u32), |area| {
         let (head, mut rest) = area.split_vertically(TITLE);
         words(&head, title, (14, 10), 20)?;
         for one in shown {
@@ -106,6 +107,7 @@ fn draw(area: &Area<'_>, shown: &Shown<'_>, division: f64) -> Drawn {
             body.draw(&PathElement::new(path, colour.stroke_width(2)))?;
         }
     }
+    draw_scale(&body, &view, division)?;
     draw_extremes(&body, &view, shown)?;
     draw_words(&body, shown, division)
 }
@@ -151,7 +153,11 @@ fn draw_grid(area: &Area<'_>, view: &View, shown: &Shown<'_>, division: f64) -> 
     let [a, b] = shown.plane;
     words(area, &format!("+{a}"), (centre.0 + reach + 6, centre.1 - 9), 17)?;
     words(area, &format!("+{b}"), (centre.0 - 9, centre.1 - reach - 22), 17)?;
-    // scale along a direction away from the axes
+    Ok(())
+}
+
+/// The scale along a direction away from the axes.
+fn draw_scale(area: &Area<'_>, view: &View, division: f64) -> Drawn {
     for step in -2..=2i32 {
         let um = f64::from(step) * division;
         let (x, y) = view.at(-22.5f64.to_radians(), um);
@@ -187,7 +193,7 @@ fn draw_extremes(area: &Area<'_>, view: &View, shown: &Shown<'_>) -> Drawn {
 fn draw_words(area: &Area<'_>, shown: &Shown<'_>, division: f64) -> Drawn {
     let c = shown.result;
     let um = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{:.2} µm", um_from_mm(v)));
-    let x = WIDTH as i32 - 400;
+    let x = SHEET_WIDTH as i32 - 250;
     let mut y = 90;
     for (name, value) in [
         ("G counter-clockwise", um(c.g_forward)),
@@ -197,11 +203,11 @@ fn draw_words(area: &Area<'_>, shown: &Shown<'_>, division: f64) -> Drawn {
         ("Fmin", um(Some(c.f_min))),
     ] {
         words(area, name, (x, y), 16)?;
-        words(area, &value, (x + 190, y), 16)?;
+        words(area, &value, (x + 170, y), 16)?;
         y += 26;
     }
     y += 18;
-    words(area, &format!("one division = {} µm", tick(division, division)), (x, y), 15)?;
+    words(area, &format!("one division = {division} µm"), (x, y), 15)?;
     if let Some(radius) = shown.radius_mm {
         words(area, &format!("nominal radius {radius} mm"), (x, y + 22), 15)?;
     }

@@ -3,13 +3,13 @@
 use plotters::prelude::*;
 
 use crate::cli::report::plot::{
-    Area, Axes, BLUE, Drawn, GREY, INK, Svg, VERMILLION, WIDTH, round_below, svg, with_room, words,
+    Area, Axes, BLUE, Drawn, GREY, INK, SHEET_WIDTH, Svg, VERMILLION, round_below, svg_of, with_room, words,
 };
 use crate::core::units::um_from_mm;
 use crate::evaluate::{PlateFit, PlatePoint};
 
 const TITLE: u32 = 34;
-const HEIGHT: u32 = 640;
+const HEIGHT: u32 = 500;
 /// Room for axis labels beside and below a chart, pixels.
 const LABELS: (f64, f64) = (66.0 + 8.0 + 16.0, 40.0 + 8.0 + 8.0);
 /// Share of the plate that the longest arrow has.
@@ -29,12 +29,12 @@ pub(in crate::cli::evaluate) struct Shown<'a> {
 /// The drawing library could not draw it.
 pub(in crate::cli::evaluate) fn whole(shown: &Shown<'_>) -> Svg {
     let head = if shown.title.is_empty() { 0 } else { TITLE };
-    svg(HEIGHT + head, |area| {
+    svg_of((SHEET_WIDTH, HEIGHT + head), |area| {
         let (top, body) = area.split_vertically(head);
         if head > 0 {
             words(&top, shown.title, (14, 10), 20)?;
         }
-        let (left, right) = body.split_horizontally(WIDTH / 2);
+        let (left, right) = body.split_horizontally(SHEET_WIDTH / 2);
         let measured =
             shown.points.iter().map(|p| [p.measured[0] - p.nominal[0], p.measured[1] - p.nominal[1]]);
         draw(&left, shown.points, &measured.collect::<Vec<_>>(), "measured minus nominal")?;

@@ -4,16 +4,19 @@
 use plotters::prelude::*;
 
 use crate::cli::report::plot::{
-    Area, Axes, BLUE, Chart, Drawn, GREY, INK, Key, Svg, VERMILLION, legend, svg, with_room, words,
+    Area, Axes, BLUE, Chart, Drawn, GREY, INK, Key, SHEET_WIDTH, Svg, VERMILLION, legend, svg_of, with_room,
+    words,
 };
 use crate::core::axes::Travel;
 use crate::evaluate::{AtTarget, Positioning, PositioningReading, Spread};
 
-const HEIGHT: u32 = 560;
+pub(in crate::cli::evaluate) const HEIGHT: u32 = 370;
+/// Height of one of two plots that share a sheet.
+pub(in crate::cli::evaluate) const HALF_HEIGHT: u32 = 285;
 const TITLE: u32 = 34;
 const LEGEND: u32 = 30;
 /// Room at the right for the ranges, pixels.
-const RANGES: u32 = 190;
+const RANGES: u32 = 164;
 
 /// What is drawn, in the units of the report.
 pub(in crate::cli::evaluate) struct Shown<'a> {
@@ -36,16 +39,16 @@ pub(in crate::cli::evaluate) fn scale<'a>(
     let single = readings.into_iter().flatten().map(|r| r.deviation);
     // the labels of B and R stand above the data
     let [low, high] = with_room(bands.chain(single).chain([0.0]), 0.05);
-    [low, high + 0.12 * (high - low)]
+    [low, high + 0.16 * (high - low)]
 }
 
 /// One test.
 ///
 /// # Errors
 /// The drawing library could not draw it.
-pub(in crate::cli::evaluate) fn single(shown: &Shown<'_>, y: [f64; 2]) -> Svg {
+pub(in crate::cli::evaluate) fn single(shown: &Shown<'_>, y: [f64; 2], height: u32) -> Svg {
     let head = if shown.title.is_empty() { 0 } else { TITLE };
-    svg(HEIGHT + head, |area| draw(area, shown, y))
+    svg_of((SHEET_WIDTH, height + head), |area| draw(area, shown, y))
 }
 
 /// One test, or the test before above it at the same scale.
@@ -57,9 +60,9 @@ pub(in crate::cli::evaluate) fn whole(after: &Shown<'_>, before: Option<&Shown<'
         [Some(after.result), before.map(|b| b.result)],
         [after.readings, before.map_or(&[][..], |b| b.readings)],
     );
-    let Some(before) = before else { return single(after, y) };
+    let Some(before) = before else { return single(after, y, HEIGHT) };
     let one = HEIGHT + TITLE;
-    svg(TITLE + 2 * one, |area| {
+    svg_of((SHEET_WIDTH, TITLE + 2 * one), |area| {
         let (head, rest) = area.split_vertically(TITLE);
         words(&head, after.title, (14, 10), 20)?;
         let (upper, lower) = rest.split_vertically(one);
@@ -99,7 +102,7 @@ pub(in crate::cli::evaluate) fn draw_deviations<'a, 'b>(
         x: with_room(targets.iter().map(|t| t.target), 0.03),
         y,
         right,
-        x_ticks: 11,
+        x_ticks: 9,
     };
     let mut chart = axes.draw(area)?;
     type Side = fn(&AtTarget) -> Option<Spread>;
@@ -160,10 +163,15 @@ fn draw_places(area: &Area<'_>, chart: &Chart<'_, '_>, shown: &Shown<'_>) -> Dra
         let ((x, y_low), (_, y_high)) = (pixel(chart, t.target, low), pixel(chart, t.target, high));
         let x = x + side;
         bracket(area, x, y_low, y_high)?;
-        let label = format!("{name} {value:.2} {} at {}", shown.unit, (t.target * 1e3).round() / 1e3);
+        let label = format!(
+            "{name} {value:.2} {} at {} {}",
+            shown.unit,
+            (t.target * 1e3).round() / 1e3,
+            shown.target_unit
+        );
         let (_, y_top) = pixel(chart, t.target, top);
         let y = y_top + 5 + 18 * row;
-        let room = 8 * label.chars().count() as i32;
+        let room = 7 * label.chars().count() as i32;
         let left = if x + room > width - RANGES as i32 { x - room } else { x - 4 };
         area.draw(&PathElement::new(vec![(x, y_high), (x, y + 16)], GREY.stroke_width(1)))?;
         // white behind the words keeps the grid away from them
@@ -205,10 +213,11 @@ fn draw_ranges(area: &Area<'_>, chart: &Chart<'_, '_>, shown: &Shown<'_>) -> Dra
     for (i, (name, range)) in ranges.into_iter().enumerate() {
         let Some((low, high)) = range else { continue };
         let y = |v: f64| chart.backend_coord(&(0.0, v)).1 - y0;
-        let x = left + 18 + 58 * i as i32;
+        let x = left + 22 + 51 * i as i32;
         bracket(area, x, y(low), y(high))?;
         words(area, name, (x - 4, y(high) - 36), 15)?;
-        words(area, &format!("{:.2}", high - low), (x - 16, y(high) - 19), 13)?;
+        let text = format!("{:.2}", high - low);
+        words(area, &text, (x - 4 * text.chars().count() as i32 + 2, y(high) - 19), 13)?;
     }
     Ok(())
 }
