@@ -13,6 +13,7 @@ use std::path::{Path, PathBuf};
 const ROOMS: &[(&str, &[&str])] = &[
     ("core/units.rs", &["core::units"]),
     ("core/axes.rs", &["core::axes"]),
+    ("core/statistics.rs", &["core::statistics"]),
     ("core/geometry", &["core::geometry", "core::units"]),
     ("core/model", &["core::model", "core::geometry", "core::axes", "core::units"]),
     ("core/protocol", &["core::protocol", "core::axes", "core::units"]),

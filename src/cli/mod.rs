@@ -27,6 +27,7 @@ mod model_out;
 mod positioning_data;
 mod predict;
 mod progress;
+mod report;
 mod service;
 mod table;
 

@@ -7,4 +7,5 @@ pub mod estimate;
 pub mod geometry;
 pub mod model;
 pub mod protocol;
+pub mod statistics;
 pub mod units;

@@ -14,6 +14,7 @@ pub mod error;
 pub mod heidenhain;
 pub mod isg;
 pub mod isg_lis;
+pub mod hole_plate;
 pub mod iso230_dat;
 pub mod linuxcnc;
 pub mod rtl;
