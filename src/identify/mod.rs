@@ -10,10 +10,12 @@ pub mod diagonals;
 pub mod fivedof;
 pub mod grinder;
 pub mod nineline;
+pub mod primitives;
 pub mod probe;
 pub mod ram;
 pub mod reading;
 pub mod straightness;
 pub mod threepoint;
+pub mod twist;
 
 pub use reading::Reading;
