@@ -9,6 +9,7 @@
 
 use nalgebra::{Matrix6, Vector6};
 
+use super::primitives::jacobi;
 use super::twist::{self, Row};
 use crate::core::geometry::{Vec3, unit};
 
@@ -45,7 +46,7 @@ pub struct NineLine {
 /// Length by which angles become comparable to displacements in the condition number, mm.
 pub const ANGLE_SCALE: f64 = 100.0;
 /// Condition number above which the lines are refused.
-pub const CONDITION_LIMIT: f64 = 1e5;
+pub const CONDITION_LIMIT: f64 = 1e4;
 
 /// Why the readings give no six error motions.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -116,6 +117,5 @@ fn condition(readings: &[LineReading]) -> f64 {
         let row = twist::design(&unit(readings[i].direction), &readings[i].target);
         if j < 3 { row[j] } else { row[j] / ANGLE_SCALE }
     });
-    let values = design.singular_values();
-    values.max() / values.min()
+    jacobi::svd(&design).condition()
 }
