@@ -4,6 +4,7 @@
 //! - [`ballbar`]: a circle, from recorded samples; circularity of ISO 230-4.
 //! - [`interferometer`]: positioning along an axis at rest; rows for ISO 230-2.
 //! - [`diagonal`]: displacement along a space diagonal; ISO 230-6.
+//! - [`tracker`]: range and angles to targets on a carriage or the tool.
 //! - [`survey`]: six error motions of every axis with one instrument, squareness and axis locations.
 //!
 //! Angles in deg and arcsec, deviations in um, as the instruments print them. Noise is seeded.
@@ -17,6 +18,7 @@ pub mod ballbar;
 pub mod diagonal;
 pub mod interferometer;
 pub mod survey;
+pub mod tracker;
 
 /// Why a measurement is not possible.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -8,6 +8,7 @@ use serde_json::{Value, json};
 
 use crate::cli::table::{Table, open};
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
+use crate::core::axes::{AxisKind, AxisName};
 use crate::core::geometry::{Mat3, Vec3};
 use crate::core::units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm};
 use crate::identify::primitives::{RigidFit, register};
@@ -74,6 +75,15 @@ struct Noise {
     stated: bool,
 }
 
+/// The letter of a linear axis.
+pub(super) fn linear_axis(text: &str) -> Result<AxisName, String> {
+    let mut chars = text.chars();
+    match (chars.next().and_then(AxisName::from_letter), chars.next()) {
+        (Some(axis), None) if axis.kind() == AxisKind::Linear => Ok(axis),
+        _ => Err(format!("'{text}' is no linear axis; they are x y z u v w")),
+    }
+}
+
 /// `X,Y,Z`.
 pub(super) fn point(text: &str) -> Result<Vec3, String> {
     let values: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse::<f64>()).collect();
@@ -117,6 +127,25 @@ impl Columns {
         self.indices().iter().all(|c| table.word(*c).is_empty())
     }
 
+    /// Refuses angles where nothing says where the tracker stands.
+    pub(super) fn check_frame(
+        self,
+        tracker: &TrackerArgs,
+        frame: &Frame,
+        path: &Path,
+    ) -> Result<(), Failure> {
+        if matches!(self, Self::Spherical(_)) && frame.registered.is_none() && tracker.tracker_mm.is_none() {
+            return Err(Failure::new(
+                EX_USAGE,
+                format_args!(
+                    "error: {}: ranges and angles are in the tracker's frame; give --registration or --tracker-mm",
+                    path.display()
+                ),
+            ));
+        }
+        Ok(())
+    }
+
     fn read<R: BufRead>(self, table: &Table<R>) -> Result<[f64; 3], Failure> {
         let [a, b, c] = self.indices();
         Ok([table.number(a)?, table.number(b)?, table.number(c)?])
@@ -129,8 +158,18 @@ impl TrackerArgs {
         self.registration.iter()
     }
 
-    /// Reads the registration, if there is one.
+    /// Standard deviation of a Cartesian coordinate as stated, mm.
+    pub(super) fn cartesian_sigma(&self) -> Option<f64> {
+        self.sigma_um.map(mm_from_um)
+    }
+
+    /// The frame of --registration, if there is one.
     pub(super) fn frame(&self) -> Result<Frame, Failure> {
+        self.frame_of(self.registration.as_deref())
+    }
+
+    /// The frame of a registration file.
+    pub(super) fn frame_of(&self, registration: Option<&Path>) -> Result<Frame, Failure> {
         let tracker = match (self.sigma_range_um, self.sigma_angle_arcsec) {
             (Some(range), Some(angle)) => Some(TrackerNoise {
                 range: mm_from_um(range),
@@ -150,15 +189,10 @@ impl TrackerArgs {
             Noise { cartesian: self.sigma_um.map_or(1.0, |s| mm_from_um(s).powi(2)), tracker, stated };
         let mut frame =
             Frame { noise, station: self.tracker_mm.unwrap_or_else(Vec3::zeros), registered: None };
-        if let Some(path) = &self.registration {
+        if let Some(path) = registration {
             frame.registered = Some(self.register(path, &frame)?);
         }
         Ok(frame)
-    }
-
-    /// True where nothing says where the instrument's frame lies.
-    pub(super) const fn is_unregistered(&self) -> bool {
-        self.registration.is_none() && self.tracker_mm.is_none()
     }
 
     fn register(&self, path: &Path, frame: &Frame) -> Result<Registered, Failure> {
@@ -178,9 +212,10 @@ impl TrackerArgs {
         let (mut points, mut from, mut to, mut covariance) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
         let own = Mat3::identity() * mm_from_um(self.machine_sigma_um).powi(2);
         while table.advance()? {
-            let (seen, noise) = frame.observe(&table, columns)?;
+            let seen = Place::read(&table, columns)?;
+            let noise = frame.covariance(&seen, table.file())?;
             points.push(table.word(name));
-            from.push(seen);
+            from.push(seen.point());
             to.push(Vec3::new(
                 table.number(machine[0])?,
                 table.number(machine[1])?,
@@ -212,50 +247,70 @@ impl Frame {
         table: &Table<R>,
         columns: Columns,
     ) -> Result<(Vec3, Mat3), Failure> {
-        let (point, covariance) = self.observe(table, columns)?;
-        Ok(match &self.registered {
-            Some(r) => (r.fit.apply(&point), r.fit.turn(&covariance)),
-            None => match columns {
-                Columns::Cartesian(_) => (point, covariance),
-                Columns::Spherical(_) => (point + self.station, covariance),
-            },
-        })
+        let place = Place::read(table, columns)?;
+        let covariance = self.covariance(&place, table.file())?;
+        let turned = self.registered.as_ref().map_or(covariance, |r| r.fit.turn(&covariance));
+        Ok((self.in_machine(&place), turned))
     }
 
-    /// One point in the frame of the instrument.
-    fn observe<R: BufRead>(&self, table: &Table<R>, columns: Columns) -> Result<(Vec3, Mat3), Failure> {
+    /// One point of the current row in M, whatever its noise.
+    pub(super) fn place<R: BufRead>(&self, table: &Table<R>, columns: Columns) -> Result<Vec3, Failure> {
+        Ok(self.in_machine(&Place::read(table, columns)?))
+    }
+
+    fn in_machine(&self, place: &Place) -> Vec3 {
+        match (&self.registered, place) {
+            (Some(r), place) => r.fit.apply(&place.point()),
+            (None, Place::Cartesian(point)) => *point,
+            (None, Place::Spherical(o)) => o.point() + self.station,
+        }
+    }
+
+    /// In the frame of the instrument.
+    fn covariance(&self, place: &Place, file: &str) -> Result<Mat3, Failure> {
+        match (place, self.noise.tracker) {
+            (Place::Cartesian(_), _) => Ok(Mat3::identity() * self.noise.cartesian),
+            (Place::Spherical(o), Some(noise)) => Ok(o.covariance(&noise)),
+            (Place::Spherical(_), None) => Err(Failure::new(
+                EX_USAGE,
+                format_args!(
+                    "error: {file}: ranges and angles need weights: give --sigma-range-um and --sigma-angle-arcsec"
+                ),
+            )),
+        }
+    }
+}
+
+/// A point as the instrument gave it.
+enum Place {
+    Cartesian(Vec3),
+    Spherical(Observation),
+}
+
+impl Place {
+    fn read<R: BufRead>(table: &Table<R>, columns: Columns) -> Result<Self, Failure> {
         let values = columns.read(table)?;
-        match columns {
-            Columns::Cartesian(_) => Ok((Vec3::from(values), Mat3::identity() * self.noise.cartesian)),
-            Columns::Spherical(c) => {
-                let observation = Observation {
-                    range: values[0],
-                    azimuth: rad_from_deg(values[1]),
-                    elevation: rad_from_deg(values[2]),
-                };
-                if observation.range <= 0.0 {
-                    return Err(table.fail(c[0], format_args!("range {} mm is not above 0", values[0])));
-                }
-                if values[2].abs() > 89.0 {
-                    return Err(table.fail(
-                        c[2],
-                        format_args!(
-                            "elevation {} deg is beyond 89 deg, where the azimuth says nothing",
-                            values[2]
-                        ),
-                    ));
-                }
-                let noise = self.noise.tracker.ok_or_else(|| {
-                    Failure::new(
-                        EX_USAGE,
-                        format_args!(
-                            "error: {}: ranges and angles need weights: give --sigma-range-um and --sigma-angle-arcsec",
-                            table.file()
-                        ),
-                    )
-                })?;
-                Ok((observation.point(), observation.covariance(&noise)))
-            }
+        let Columns::Spherical(c) = columns else { return Ok(Self::Cartesian(Vec3::from(values))) };
+        if values[0] <= 0.0 {
+            return Err(table.fail(c[0], format_args!("range {} mm is not above 0", values[0])));
+        }
+        if values[2].abs() > 89.0 {
+            return Err(table.fail(
+                c[2],
+                format_args!("elevation {} deg is beyond 89 deg, where the azimuth says nothing", values[2]),
+            ));
+        }
+        Ok(Self::Spherical(Observation {
+            range: values[0],
+            azimuth: rad_from_deg(values[1]),
+            elevation: rad_from_deg(values[2]),
+        }))
+    }
+
+    fn point(&self) -> Vec3 {
+        match self {
+            Self::Cartesian(point) => *point,
+            Self::Spherical(o) => o.point(),
         }
     }
 }

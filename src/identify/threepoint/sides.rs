@@ -62,6 +62,9 @@ pub fn sides(poses: &[Vec<Option<Vec3>>]) -> Option<Sides> {
 /// Factor in variance from which on a point is called the suspect.
 const CLEAR_LEAD: f64 = 4.0;
 
+/// Share of a distance that is rounding, not noise.
+const ROUNDING: f64 = 1e-12;
+
 fn side(from: usize, to: usize, distances: &[f64]) -> Option<Side> {
     if distances.len() < 2 {
         return None;
@@ -87,8 +90,12 @@ fn loose(sides: &[Side], points: usize) -> Option<(usize, f64)> {
         })
         .collect();
     without.sort_by(|a, b| a.0.total_cmp(&b.0));
+    // differences of rounding size are no noise
+    let floor = sides.iter().map(|s| (ROUNDING * s.mean).powi(2)).fold(0.0, f64::max);
     match without.as_slice() {
-        [(best, i), (next, _), ..] if *next > CLEAR_LEAD * best => Some((*i, next / best)),
+        [(best, i), (next, _), ..] if *next > CLEAR_LEAD * (best + floor) => {
+            Some((*i, next / (best + floor)))
+        }
         _ => None,
     }
 }

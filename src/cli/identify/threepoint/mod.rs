@@ -7,10 +7,10 @@ mod report;
 use std::path::PathBuf;
 
 use super::motion_curves::{CurveArgs, Origin, names};
-use super::observed::{TrackerArgs, point};
+use super::observed::{TrackerArgs, linear_axis, point};
 use crate::cli::model_out::default_chain;
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
-use crate::core::axes::{AxisKind, AxisName};
+use crate::core::axes::AxisName;
 use crate::core::geometry::Vec3;
 use crate::identify::motion::to_relative;
 use crate::identify::threepoint::{Series, sides, solve_series};
@@ -71,14 +71,6 @@ Example:
 
 Signs: right-handed angles, ex ey ez along M. For a carriage on the workpiece side (X' in the chain) the tracker sees
 its own motion; the model gets the motion of the tool relative to it, which is minus that.";
-
-fn linear_axis(text: &str) -> Result<AxisName, String> {
-    let mut chars = text.chars();
-    match (chars.next().and_then(AxisName::from_letter), chars.next()) {
-        (Some(axis), None) if axis.kind() == AxisKind::Linear => Ok(axis),
-        _ => Err(format!("'{text}' is no linear axis; they are x y z u v w")),
-    }
-}
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(path) = &args.input {

@@ -4,7 +4,7 @@ use std::path::Path;
 
 use crate::cli::identify::observed::{Columns, Frame, TrackerArgs};
 use crate::cli::table::{nearest, open};
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
+use crate::cli::{EX_DATAERR, Failure};
 use crate::core::axes::Travel;
 use crate::core::geometry::Vec3;
 use crate::identify::threepoint::{Seen, Shot};
@@ -52,15 +52,7 @@ pub(super) fn shots(
     let mut known = vec![Some(position), cycle, direction];
     for (i, (name, _)) in points.iter().enumerate() {
         if let Some(found) = Columns::find(&table, &format!("{name}_")) {
-            if matches!(found, Columns::Spherical(_)) && tracker.is_unregistered() {
-                return Err(Failure::new(
-                    EX_USAGE,
-                    format_args!(
-                        "error: {}: ranges and angles are in the tracker's frame; give --registration or --tracker-mm",
-                        path.display()
-                    ),
-                ));
-            }
+            found.check_frame(tracker, frame, path)?;
             known.extend(found.indices().map(Some));
             columns.push((i, found));
         }
@@ -132,7 +124,7 @@ pub(super) fn poses(
     while table.advance()? {
         let mut pose = vec![None; names.len()];
         for (i, c) in columns.iter().filter(|(_, c)| !c.is_empty(&table)) {
-            pose[*i] = Some(frame.read(&table, *c)?.0);
+            pose[*i] = Some(frame.place(&table, *c)?);
         }
         into.push(pose);
     }
