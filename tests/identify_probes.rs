@@ -134,7 +134,7 @@ fn a_vector_file_needs_a_case_that_exists() {
     assert!(code == 65 && message.contains("no case X"), "{message}");
 }
 
-/// A circle with squareness 40 um/m and 6 um of lost motion in X, both directions, with a turn of overshoot.
+/// A circle with squareness 60 um/m and 6 um of lost motion in X, both directions, with a turn of overshoot.
 fn circle_csv() -> String {
     let mut text = String::from("angle_deg,deviation_um,direction,feed_mm_per_min\n");
     for direction in [1i32, -1] {
@@ -143,7 +143,7 @@ fn circle_csv() -> String {
             let (s, c) = angle.to_radians().sin_cos();
             let travel = -f64::from(direction) * s.signum();
             let wobble = 0.05 * (f64::from(i * 37 % 101) / 50.0 - 1.0);
-            let um = -40e-6 * 150e3 * s * c - 3.0 * travel * c + wobble;
+            let um = -60e-6 * 150e3 * s * c - 3.0 * travel * c + wobble;
             text.push_str(&format!("{angle},{um},{direction},1000\n"));
         }
     }
@@ -165,7 +165,7 @@ fn a_ballbar_circle_is_ranked_and_becomes_a_model() {
     assert_eq!(plane["ranking"][0]["effect"], "squareness:xy");
     assert_eq!(plane["ranking"][1]["effect"], "backlash:x");
     let feature = |name: &str| plane["features"][name]["value"].as_f64().unwrap();
-    assert!((feature("AF_SQUARENESS") - 40.0).abs() < 0.2);
+    assert!((feature("AF_SQUARENESS") - 60.0).abs() < 0.2);
     assert_eq!(plane["features"]["AF_SQUARENESS"]["unit"], "um/m");
     assert!((feature("AF_BACKLASH_A_POS") - 6.0).abs() < 0.05);
     assert!((feature("AF_BACKLASH_A_NEG") - 6.0).abs() < 0.05);

@@ -107,7 +107,7 @@ mod tests {
         assert!((relative.rotation() + carriage.rotation()).norm() < 1e-9);
         // the same material point: 600 mm apart at home and under the tool
         let (a, b) = (relative.displacement([0.0, 0.0, -100.0]), carriage.displacement([600.0, 0.0, -100.0]));
-        assert!((0..3).all(|i| (a[i] + b[i]).abs() < 1e-6), "{a:?} {b:?}");
+        assert!((0..3).all(|i| (a[i] + b[i]).abs() < 5e-6), "{a:?} {b:?}");
         assert!((carriage.nominal[(0, 3)] + 600.0).abs() < 1e-12);
         assert!(Carriage::new(&machine, AxisName::C, Mount::Relative).is_err());
     }

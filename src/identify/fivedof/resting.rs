@@ -229,7 +229,7 @@ impl Calibration {
         let (psd, qd) = (1 + beam, 4 - beam);
         let (detector, direction) = (Detector::ALL[qd], i as u8 + 1);
         let focal = self.head.focal[psd];
-        let mut scatter = 0.0;
+        let mut nearest = None;
         let slopes: Vec<(f64, Estimate)> = self
             .distances
             .iter()
@@ -238,11 +238,15 @@ impl Calibration {
                     blocks.iter().copied().filter(|b| same(b[0].distance, d)).collect();
                 let moments = Moments::of(&here, |r| r.channels[psd][i], |r| r.channels[qd][i]);
                 let (slope, rest) = moments.slope(self.head.noise[psd][i]);
-                scatter += rest / self.distances.len() as f64;
+                nearest.get_or_insert_with(|| (rest, noise_of(&here, |r| r.channels[qd][i])));
                 (d, slope)
             })
             .collect();
-        self.head.noise[qd][i] = scatter.sqrt();
+        // near the head the pointing moves the detector least; what it does there from reading to reading is the upper
+        // bound, and the better number where the noise of the pointing hides the scatter
+        if let Some((rest, bound)) = nearest {
+            self.head.noise[qd][i] = if rest > 0.5 * bound * bound { rest.sqrt().min(bound) } else { bound };
+        }
         let levers: Vec<(f64, Estimate)> = slopes
             .iter()
             .map(|(d, s)| (*d, Estimate { value: s.value * focal / 2.0, std: s.std * focal / 2.0 }))

@@ -21,30 +21,28 @@ use crate::identify::fivedof::resting::{Calibration, RestingReading, calibrate};
 use crate::identify::fivedof::{Channels, Detector, FiveDof, Head, Readings, lateral, to_machine};
 use crate::identify::straightness::{Line, Rule};
 
+/// What the help says beside the options.
+const HELP: &str = "A head sends two parallel beams to the carriage. PSD1 sees its pitch and yaw, the quadrant detectors \
+    QD2 (beam 1) and QD1 (beam 2) its sideways motion, PSD2 and PSD3 the drift of the beams' own \
+    pointing. Columns name the machine directions across the beam: y and z for axis X, z and x for Y, x \
+    and y for Z.\n\n\
+    The instrument is a file; signs, gains and noise may be left out, or come from a log of the resting \
+    carriage:\n\n\
+    \x20 format = \"volcomp-fivedof/1\"\n\
+    \x20 focal-mm = { psd1 = 230.1, psd2 = 231.3, psd3 = 206.5 }\n\
+    \x20 beam-1-mm = [-35, 8]        # corner cubes, from the point given with --point-mm\n\
+    \x20 beam-2-mm = [33, 8]\n\n\
+    Columns of --data: position_mm, distance_mm (head to carriage), psd1_y_um psd1_z_um psd2_y_um .. \
+    psd3_z_um qd1_y_um .. qd2_z_um, optional cycle, direction, level_arcsec (roll by a level; only at \
+    both ends, else empty).\n\n\
+    Columns of --resting: distance_mm and the channels, in order of time, at two or more distances; \
+    optional push_y_um push_z_um where the carriage was displaced by known amounts (that gives the signs \
+    of the quadrant detectors, too).\n\n\
+    Example:\n  volcomp identify fivedof --resting rest.csv --calibration head.toml --axis x --write-calibration cal.toml\n  volcomp identify fivedof --data x.csv --calibration cal.toml --axis x --sense carriage --chain \"[w X' b Y Z t]\" --point-mm 0,250,-600 --out model.toml";
+
 /// Straightness, roll, pitch and yaw of one axis from a 5-DOF laser with drift compensation.
-///
-/// A head sends two parallel beams to the carriage. PSD1 sees its pitch and yaw, the quadrant detectors QD2 (beam 1) and
-/// QD1 (beam 2) its sideways motion, PSD2 and PSD3 the drift of the beams' own pointing. Columns name the machine
-/// directions across the beam: y and z for axis X, z and x for Y, x and y for Z.
-///
-/// The instrument is a file; signs, gains and noise may be left out, or come from a log of the resting carriage:
-///
-///   format = "volcomp-fivedof/1"
-///   focal-mm = { psd1 = 230.1, psd2 = 231.3, psd3 = 206.5 }
-///   beam-1-mm = [-35, 8]        # corner cubes, from the point given with --point-mm
-///   beam-2-mm = [33, 8]
-///
-/// Columns of --data: position_mm, distance_mm (head to carriage), psd1_y_um psd1_z_um psd2_y_um .. psd3_z_um qd1_y_um .. qd2_z_um,
-/// optional cycle, direction, level_arcsec (roll by a level; only at both ends, else empty).
-///
-/// Columns of --resting: distance_mm and the channels, in order of time, at two or more distances; optional push_y_um
-/// push_z_um where the carriage was displaced by known amounts (that gives the signs of the quadrant detectors, too).
-///
-/// Example: volcomp identify fivedof --resting rest.csv --calibration head.toml --axis x --write-calibration cal.toml
-///          volcomp identify fivedof --data x.csv --calibration cal.toml --axis x --sense carriage
-///          --chain "[w X' b Y Z t]" --point-mm 0,250,-600 --out model.toml
 #[derive(Debug, clap::Args)]
-#[command(verbatim_doc_comment)]
+#[command(after_long_help = HELP)]
 pub(super) struct Args {
     /// One case of the reference vectors.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["data", "resting"])]

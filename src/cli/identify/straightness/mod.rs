@@ -20,34 +20,31 @@ use crate::identify::Reading;
 use crate::identify::straightness::signs::{Channel, SignTable, TiltFound};
 use crate::identify::straightness::{Line, Rule, levers};
 
+/// What the help says beside the options.
+const HELP: &str = "The instrument reads distance, horizontal and vertical straightness, roll, pitch and yaw in its own \
+    directions and signs. A sign table says what each channel is in the machine:\n\n\
+    \x20 format = \"volcomp-6d/1\"\n\
+    \x20 instrument = \"six-axis laser, no 123\"\n\
+    \x20 [x]                       # set-up along X\n\
+    \x20 distance = \"+x\"\n\
+    \x20 horizontal = \"-y\"\n\
+    \x20 vertical = \"+z\"\n\
+    \x20 roll = \"-a\"\n\
+    \x20 pitch = \"+b\"\n\
+    \x20 yaw = \"-c\"\n\n\
+    Angles of a right-handed instrument follow from its lengths; the table is checked for that. A tilt \
+    test proves the signs: tilt the optics by known angles and give the readings with --tilt-test.\n\n\
+    Columns of --data: position_mm, optional cycle and direction (1 towards plus, -1 towards minus), and \
+    the channels distance_um horizontal_um vertical_um roll_arcsec pitch_arcsec yaw_arcsec (those that \
+    the instrument has); or, already in machine directions and without a sign table, the errors \
+    themselves: eyx_um, ebx_arcsec.\n\n\
+    Columns of --tilt-test: applied_ea_arcsec applied_eb_arcsec applied_ec_arcsec, optional \
+    applied_ex_um .. , and the channels.\n\n\
+    Example:\n  volcomp identify straightness --data x.csv --axis x --signs sixd.toml --tilt-test tilt.csv --chain \"[w X' b Y Z t]\" --sense carriage --point-mm 0,250,-620 --out model.toml";
+
 /// Straightness and angles of one axis from a 6D interferometer, about three reference lines.
-///
-/// The instrument reads distance, horizontal and vertical straightness, roll, pitch and yaw in its own directions and
-/// signs. A sign table says what each channel is in the machine:
-///
-///   format = "volcomp-6d/1"
-///   instrument = "six-axis laser, no 123"
-///   [x]                       # set-up along X
-///   distance = "+x"
-///   horizontal = "-y"
-///   vertical = "+z"
-///   roll = "+a"
-///   pitch = "-b"
-///   yaw = "+c"
-///
-/// Angles of a right-handed instrument follow from its lengths; the table is checked for that. A tilt test proves the
-/// signs: tilt the optics by known angles and give the readings with --tilt-test.
-///
-/// Columns of --data: position_mm, optional cycle and direction (1 towards plus, -1 towards minus), and the channels
-/// distance_um horizontal_um vertical_um roll_arcsec pitch_arcsec yaw_arcsec (those that the instrument has); or, already in
-/// machine directions and without a sign table, the errors themselves: eyx_um, ebx_arcsec.
-///
-/// Columns of --tilt-test: applied_ea_arcsec applied_eb_arcsec applied_ec_arcsec, optional applied_ex_um .. , and the channels.
-///
-/// Example: volcomp identify straightness --data x.csv --axis x --signs sixd.toml --tilt-test tilt.csv
-/// --chain "[w X' b Y Z t]" --sense carriage --point-mm 0,250,-620 --out model.toml
 #[derive(Debug, clap::Args)]
-#[command(verbatim_doc_comment)]
+#[command(after_long_help = HELP)]
 pub(super) struct Args {
     /// One case of the reference vectors (x, y in mm).
     #[arg(long, value_name = "FILE", conflicts_with_all = ["data", "tilt_test"])]
@@ -234,6 +231,87 @@ fn table_for(args: &Args, axis: AxisName, signs: Option<&SignFile>) -> Result<Si
     Ok(set_up.table)
 }
 
+/// Where the readings of a run stand in its table.
+struct RunColumns {
+    position: usize,
+    cycle: Option<usize>,
+    direction: Option<usize>,
+    channels: ChannelColumns,
+    /// Channels in machine directions; `None` where the columns are errors of the machine already.
+    signs: Option<SignTable>,
+    errors: Vec<(Component, usize)>,
+}
+
+impl RunColumns {
+    fn find<R: std::io::BufRead>(
+        table: &table::Table<R>,
+        axis: AxisName,
+        args: &Args,
+        signs: Option<&SignFile>,
+    ) -> Result<Self, Failure> {
+        let position = table.require("position_mm")?;
+        let (cycle, direction) = (table.find("cycle"), table.find("direction"));
+        let channels = ChannelColumns::find(table);
+        let errors = error_columns(table, axis);
+        let mut known: Vec<usize> = [Some(position), cycle, direction].into_iter().flatten().collect();
+        known.extend(channels.indices());
+        known.extend(errors.iter().map(|(_, i)| *i));
+        if let Some(i) = (0..table.columns().len()).find(|i| !known.contains(i)) {
+            return Err(table.fail(
+                i,
+                "unknown column; columns are position_mm, cycle, direction, distance_um, horizontal_um, vertical_um, roll_arcsec, pitch_arcsec, yaw_arcsec, or errors such as eyx_um",
+            ));
+        }
+        let is_raw = channels.indices().next().is_some();
+        match (is_raw, errors.first()) {
+            (true, Some((_, i))) => {
+                let what = "channels of the instrument and errors of the machine in one file; keep one kind";
+                return Err(table.fail(*i, what));
+            }
+            (false, None) => {
+                let file = table.file();
+                return Err(Failure::new(EX_DATAERR, format_args!("error: {file}: no column with readings")));
+            }
+            _ => {}
+        }
+        let signs = is_raw.then(|| table_for(args, axis, signs)).transpose()?;
+        let has = channels.has();
+        if let Some(t) = &signs
+            && let Some(i) = (0..6).find(|i| has[*i] && t.channels[*i].is_none())
+        {
+            let (name, section) = (Channel::ALL[i].name(), axis.lower());
+            return Err(Failure::new(
+                EX_CONFIG,
+                format_args!(
+                    "error: the data have {name}, section [{section}] of the sign table does not assign it; add {name} = \"..\""
+                ),
+            ));
+        }
+        // a channel of the table that the data do not have says nothing
+        let signs =
+            signs.map(|t| SignTable { channels: std::array::from_fn(|i| t.channels[i].filter(|_| has[i])) });
+        Ok(Self { position, cycle, direction, channels, signs, errors })
+    }
+
+    /// The current row: place and direction, and the motion in machine directions.
+    fn read<R: std::io::BufRead>(
+        &self,
+        table: &table::Table<R>,
+    ) -> Result<(Reading, [Option<f64>; 6]), Failure> {
+        let motion = match &self.signs {
+            Some(t) => t.apply(&self.channels.read(table)?),
+            None => read_errors(table, &self.errors)?,
+        };
+        let reading = Reading {
+            cycle: self.cycle.map_or(Ok(0), |c| table.count(c))?,
+            travel: self.direction.map_or(Ok(Travel::Forward), |c| table.travel(c))?,
+            position: table.number(self.position)?,
+            value: 0.0,
+        };
+        Ok((reading, motion))
+    }
+}
+
 /// Reads a run in machine directions, moved to the base point where wanted.
 fn read_run(
     path: &Path,
@@ -242,63 +320,10 @@ fn read_run(
     signs: Option<&SignFile>,
 ) -> Result<Vec<Measured>, Failure> {
     let mut table = table::open(path)?;
-    let position = table.require("position_mm")?;
-    let (cycle, direction) = (table.find("cycle"), table.find("direction"));
-    let channels = ChannelColumns::find(&table);
-    let own = error_columns(&table, axis);
-    let mut known: Vec<usize> = [Some(position), cycle, direction].into_iter().flatten().collect();
-    known.extend(channels.indices());
-    known.extend(own.iter().map(|(_, i)| *i));
-    if let Some(i) = (0..table.columns().len()).find(|i| !known.contains(i)) {
-        return Err(table.fail(
-            i,
-            "unknown column; columns are position_mm, cycle, direction, distance_um, horizontal_um, vertical_um, roll_arcsec, pitch_arcsec, yaw_arcsec, or errors such as eyx_um",
-        ));
-    }
-    let is_raw = channels.indices().next().is_some();
-    if is_raw && !own.is_empty() {
-        return Err(table.fail(
-            own[0].1,
-            "channels of the instrument and errors of the machine in one file; keep one kind",
-        ));
-    }
-    if !is_raw && own.is_empty() {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!("error: {}: no column with readings", path.display()),
-        ));
-    }
-    let sign_table = is_raw.then(|| table_for(args, axis, signs)).transpose()?;
-    if let Some(t) = &sign_table {
-        let mut all = Channel::ALL.into_iter().zip(channels.has()).zip(t.channels);
-        if let Some(((channel, _), _)) = all.find(|((_, has), a)| *has && a.is_none()) {
-            let (name, section) = (channel.name(), axis.lower());
-            return Err(Failure::new(
-                EX_CONFIG,
-                format_args!(
-                    "error: the data have {name}, section [{section}] of the sign table does not assign it; add {name} = \"..\""
-                ),
-            ));
-        }
-    }
+    let columns = RunColumns::find(&table, axis, args, signs)?;
     let mut rows: Vec<(Reading, [Option<f64>; 6])> = Vec::new();
     while table.advance()? {
-        let motion = match &sign_table {
-            Some(t) => {
-                let has = channels.has();
-                let masked =
-                    SignTable { channels: std::array::from_fn(|i| t.channels[i].filter(|_| has[i])) };
-                masked.apply(&channels.read(&table)?)
-            }
-            None => read_errors(&table, &own)?,
-        };
-        let reading = Reading {
-            cycle: cycle.map_or(Ok(0), |c| table.count(c))?,
-            travel: direction.map_or(Ok(Travel::Forward), |c| table.travel(c))?,
-            position: table.number(position)?,
-            value: 0.0,
-        };
-        rows.push((reading, motion));
+        rows.push(columns.read(&table)?);
     }
     if rows.is_empty() {
         return Err(crate::cli::positioning_data::no_rows(table.file()));
@@ -397,50 +422,58 @@ fn report(args: &Args, axis: AxisName, run: &[Measured]) -> Result<(), Failure> 
     for m in run {
         let symbol = ErrorSymbol::Motion { component: m.component, axis };
         let (x, y) = means(&m.readings);
-        let (low, high) =
-            y.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
         let key = symbol.to_string().to_lowercase();
-        if symbol.is_angle() || m.component.index() == axis.direction() {
-            let (range, u) = if symbol.is_angle() {
-                (arcsec_from_rad(high - low), "arcsec")
-            } else {
-                (um_from_mm(high - low), "um")
-            };
-            if speaks {
-                say!("{symbol:<7}{range:>9.2} {u}", symbol = symbol.to_string());
-            }
-            object.insert(key, json!({ format!("range_{u}"): range }));
-            continue;
-        }
-        let lines: Vec<Line> = Rule::ALL
-            .into_iter()
-            .map(|rule| Line::fit(&x, &y, rule))
-            .collect::<Result<_, _>>()
-            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {symbol}: {e}")))?;
-        let chosen = Rule::ALL.into_iter().position(|r| r == args.out.rule()).unwrap_or(1);
-        let um = |line: &Line| um_from_mm(line.straightness);
-        if speaks {
-            say!(
-                "{symbol:<7}{:>9.2} um{:>13.2} um{:>11.2} um{:>11.2} um{:>9.2} arcsec",
-                um_from_mm(high - low),
-                um(&lines[0]),
-                um(&lines[1]),
-                um(&lines[2]),
-                arcsec_from_rad(lines[chosen].slope),
-                symbol = symbol.to_string()
-            );
-        }
-        let mut own = Map::new();
-        for (rule, line) in Rule::ALL.into_iter().zip(&lines) {
-            own.insert(
-                rule.name().to_owned(),
-                json!({ "straightness_um": um(line), "slope_arcsec": arcsec_from_rad(line.slope) }),
-            );
-        }
-        object.insert(key, Value::Object(own));
+        let figures = if symbol.is_angle() || m.component.index() == axis.direction() {
+            range_report(symbol, &y, speaks)
+        } else {
+            lines_report(args, symbol, &x, &y, speaks)?
+        };
+        object.insert(key, figures);
     }
     if args.json && !args.out.takes_stdout() {
         case::print_json(&Value::Object(object));
     }
     Ok(())
+}
+
+fn range(values: &[f64]) -> f64 {
+    let (low, high) =
+        values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    high - low
+}
+
+/// Range of an angle or of the positioning.
+fn range_report(symbol: ErrorSymbol, y: &[f64], speaks: bool) -> Value {
+    let (range, unit) =
+        if symbol.is_angle() { (arcsec_from_rad(range(y)), "arcsec") } else { (um_from_mm(range(y)), "um") };
+    if speaks {
+        say!("{symbol:<7}{range:>9.2} {unit}", symbol = symbol.to_string());
+    }
+    json!({ format!("range_{unit}"): range })
+}
+
+/// A straightness about the three lines.
+fn lines_report(
+    args: &Args,
+    symbol: ErrorSymbol,
+    x: &[f64],
+    y: &[f64],
+    speaks: bool,
+) -> Result<Value, Failure> {
+    let mut own = Map::new();
+    let mut columns = String::new();
+    for rule in Rule::ALL {
+        let line = Line::fit(x, y, rule)
+            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {symbol}: {e}")))?;
+        let (um, slope) = (um_from_mm(line.straightness), arcsec_from_rad(line.slope));
+        let width = if rule == Rule::LeastSquares { 13 } else { 11 };
+        columns.push_str(&format!("{um:>width$.2} um"));
+        own.insert(rule.name().to_owned(), json!({ "straightness_um": um, "slope_arcsec": slope }));
+    }
+    if speaks {
+        let slope = own[args.out.rule().name()]["slope_arcsec"].as_f64().unwrap_or(f64::NAN);
+        let range = um_from_mm(range(y));
+        say!("{symbol:<7}{range:>9.2} um{columns}{slope:>9.2} arcsec", symbol = symbol.to_string());
+    }
+    Ok(Value::Object(own))
 }
