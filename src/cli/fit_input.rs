@@ -50,6 +50,12 @@ pub(super) struct Measured {
     files: Vec<(usize, String)>,
 }
 
+impl From<Vec<Reading>> for Measured {
+    fn from(readings: Vec<Reading>) -> Self {
+        Self { readings, lines: Vec::new(), files: Vec::new() }
+    }
+}
+
 impl Measured {
     fn push(&mut self, reading: Reading, line: u32) {
         self.readings.push(reading);

@@ -136,7 +136,7 @@ impl CurveArgs {
                 let fit = curve::fit(&readings, &request).map_err(|e| {
                     Failure::new(EX_DATAERR, format_args!("error: {}: {symbol}: {e}", names(origin.files)))
                 })?;
-                Ok(Fitted { symbol, readings, fit })
+                Ok(Fitted::new(symbol, readings.into(), fit))
             })
             .collect()
     }

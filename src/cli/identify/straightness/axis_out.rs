@@ -197,7 +197,7 @@ impl AxisOut {
             let std = fit.figures.rmse_dof.into_iter().chain(m.std).reduce(f64::max);
             put(&mut model, symbol, ErrorFunction { std, ..ErrorFunction::single(fit.curve.clone()) });
             model.of_errors.push((symbol, provenance(origin)));
-            fitted.push(Fitted { symbol, readings, fit });
+            fitted.push(Fitted::new(symbol, readings.into(), fit));
         }
         self.place(&mut model.spec, axis, &fitted, moved, stored);
         for f in &fitted {
