@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use clap::{Parser, ValueEnum};
 
 use super::files::write_text;
-use super::fit_input::{BySymbol, Direction, Format, read};
+use super::fit_input::{BySymbol, Direction, Format, Measured, read};
 use super::fit_picture::{self, PicturePath};
 use super::fit_report::{
     Fitted, hidden_text, json_report, note_text, outlier_lines, print_table, provenance,
@@ -264,6 +264,19 @@ fn usage(what: impl core::fmt::Display) -> Failure {
     Failure::new(EX_USAGE, format_args!("error: {what}"))
 }
 
+/// The distinct positions; `None` where there are so many that they hide nothing.
+fn few_positions(measured: &Measured) -> Option<Vec<f64>> {
+    /// Targets of a positioning test are far fewer.
+    const TARGETS_MAX: usize = 1 << 16;
+    let mut seen = std::collections::HashSet::new();
+    for reading in &measured.readings {
+        if seen.insert(reading.position.to_bits()) && seen.len() > TARGETS_MAX {
+            return None;
+        }
+    }
+    Some(seen.into_iter().map(f64::from_bits).collect())
+}
+
 impl Args {
     fn files(&self) -> String {
         self.errors.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ")
@@ -278,7 +291,7 @@ impl Args {
                 continue;
             }
             seen.push(axis);
-            let positions: Vec<f64> = measured.readings.iter().map(|r| r.position).collect();
+            let Some(positions) = few_positions(measured) else { continue };
             if let Some(text) = hidden_text(&curve::hidden(&positions, &self.screw_pitch_mm.0)) {
                 eprintln!("note: {axis}: {text}");
             }

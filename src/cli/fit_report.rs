@@ -11,7 +11,6 @@ use crate::core::model::ErrorSymbol;
 use crate::core::model::curve::Curve;
 use crate::core::units::{arcsec_from_rad, deg_from_rad, um_from_mm};
 use crate::identify::curve::{Basis, CurveFit, Hidden, Note};
-use crate::identify::reading::repeatability;
 
 /// Positions of the band in the report.
 const BAND_POINTS: u32 = 100;
@@ -22,7 +21,6 @@ pub(super) struct Fitted {
     pub(super) measured: Measured,
     pub(super) fit: CurveFit,
     raw_rms: f64,
-    repeatability: Option<f64>,
 }
 
 impl Fitted {
@@ -30,8 +28,7 @@ impl Fitted {
         let readings = &measured.readings;
         let squares: f64 = readings.iter().map(|r| r.value * r.value).sum();
         let raw_rms = (squares / readings.len() as f64).sqrt();
-        let repeatability = repeatability(readings);
-        Self { symbol, measured, fit, raw_rms, repeatability }
+        Self { symbol, measured, fit, raw_rms }
     }
 
     /// True where the curve differs between the directions of travel.
@@ -103,7 +100,7 @@ fn one_report(f: &Fitted) -> Map<String, Value> {
     put("n".into(), json!(figures.n));
     put("m".into(), json!(figures.m));
     put(format!("raw_rms_{unit}"), json!(scaled(f.raw_rms)));
-    put(format!("repeatability_{unit}"), json!(f.repeatability.map(scaled)));
+    put(format!("repeatability_{unit}"), json!(figures.repeatability.map(scaled)));
     put("condition".into(), json!(fit.condition));
     put(format!("range_{position}"), json!(fit.curve.range().map(|r| r.map(units.of_position))));
     match &fit.curve {
@@ -289,7 +286,7 @@ pub(super) fn print_table(fitted: &[Fitted]) {
             show(figures.rmse_dof),
             show(Some(figures.e_max)),
             show(figures.position_rmse),
-            show(f.repeatability),
+            show(figures.repeatability),
             units.value
         );
     }

@@ -40,6 +40,20 @@ impl Cell {
         }
     }
 
+    /// This cell with the readings of another one.
+    fn with(&self, other: &Self) -> Self {
+        let count = self.count + other.count;
+        let step = other.mean - self.mean;
+        Self {
+            count,
+            mean: self.mean + step * other.count / count,
+            within: self.within + other.within + step * step * self.count * other.count / count,
+            low: self.low.min(other.low),
+            high: self.high.max(other.high),
+            ..*self
+        }
+    }
+
     /// Largest distance of a reading from `value`.
     pub(super) fn farthest(&self, value: f64) -> f64 {
         (self.low - value).abs().max((self.high - value).abs())
@@ -51,6 +65,8 @@ impl Cell {
 pub(super) struct Data {
     /// Distinct positions, increasing.
     pub(super) positions: Vec<f64>,
+    /// Lowest and highest position.
+    pub(super) ends: [f64; 2],
     /// By position, forward before reverse.
     pub(super) cells: Vec<Cell>,
     /// Readings.
@@ -71,22 +87,26 @@ impl Data {
         if let Some(i) = readings.iter().position(|r| !(r.position.is_finite() && r.value.is_finite())) {
             return Err(FitError::NotFinite { row: i + 1 });
         }
-        let (mut positions, group) =
-            if readings.len() > MANY { binned(readings) } else { group_by_position(readings) };
+        let (mut positions, groups) = Groups::of(readings);
         if positions.len() < 2 {
             return Err(FitError::TooFewPositions { found: positions.len(), needed: 2 });
         }
         let turn = turn.filter(|t| covers(&positions, *t));
+        // a bin's mean position is not the end of the range
+        let ends = groups.ends(&positions);
         // the last target may be the first one, a turn later
         let last = positions.len() - 1;
         let repeated = turn.is_some_and(|t| positions[last] - positions[0] > t * (1.0 - SAME_PLACE));
         if repeated {
             positions.pop();
         }
-        let cells =
-            gather(readings, positions.len(), |i| if group[i] == positions.len() { 0 } else { group[i] });
+        let count = positions.len();
+        let cells = gather(readings, count, |i| match groups.of_reading(i, &readings[i]) {
+            last if last == count => 0,
+            group => group,
+        });
         let (scale, spread) = size_and_spread(&cells, readings.len());
-        Ok(Self { positions, cells, n: readings.len(), turn, given_range: None, scale, spread })
+        Ok(Self { positions, ends, cells, n: readings.len(), turn, given_range: None, scale, spread })
     }
 
     /// First position and last, or a whole turn, or what was given.
@@ -94,8 +114,7 @@ impl Data {
         if let Some(range) = self.given_range {
             return range;
         }
-        let first = self.positions[0];
-        [first, self.turn.map_or(self.positions[self.positions.len() - 1], |t| first + t)]
+        [self.ends[0], self.turn.map_or(self.ends[1], |t| self.ends[0] + t)]
     }
 
     /// True where leaving the position out leaves neighbours on both sides.
@@ -135,19 +154,40 @@ impl Data {
     /// The same with both directions taken for one.
     pub(super) fn one_direction(&self) -> Self {
         let merged = |cells: &[Cell]| {
-            let count: f64 = cells.iter().map(|c| c.count).sum();
-            let mean = cells.iter().map(|c| c.count * c.mean).sum::<f64>() / count;
-            Cell {
-                travel: Travel::Forward,
-                count,
-                mean,
-                within: cells.iter().map(|c| c.within + c.count * (c.mean - mean).powi(2)).sum(),
-                low: cells.iter().fold(f64::INFINITY, |a, c| a.min(c.low)),
-                high: cells.iter().fold(f64::NEG_INFINITY, |a, c| a.max(c.high)),
-                ..cells[0]
-            }
+            let sum = cells[1..].iter().fold(cells[0], |sum, c| sum.with(c));
+            Cell { travel: Travel::Forward, ..sum }
         };
         Self { cells: self.by_position().map(merged).collect(), ..self.clone() }
+    }
+
+    /// Neighbouring positions averaged until about `wanted` are left: for searches, whatever the length of the record.
+    pub(super) fn coarsened(&self, wanted: usize) -> Self {
+        let width = self.positions.len().div_ceil(wanted.max(1));
+        let count = self.positions.len().div_ceil(width);
+        let mut positions = vec![(0.0, 0.0); count];
+        let mut cells: Vec<Option<Cell>> = vec![None; 2 * count];
+        for cell in &self.cells {
+            let group = cell.group / width;
+            positions[group].0 += cell.count * self.positions[cell.group];
+            positions[group].1 += cell.count;
+            let slot = &mut cells[2 * group + usize::from(cell.travel == Travel::Reverse)];
+            *slot = Some(match slot {
+                None => Cell { group, ..*cell },
+                Some(sum) => sum.with(cell),
+            });
+        }
+        Self {
+            positions: positions.into_iter().map(|(sum, count)| sum / count).collect(),
+            cells: cells.into_iter().flatten().collect(),
+            ..*self
+        }
+    }
+
+    /// Standard deviation of the readings about the mean of their own target and direction, pooled; `None` where no
+    /// target was repeated.
+    pub(super) fn repeatability(&self) -> Option<f64> {
+        let free = self.n - self.cells.len();
+        (free > 0).then(|| (self.cells.iter().map(|c| c.within).sum::<f64>() / free as f64).sqrt())
     }
 
     /// Mean of forward minus reverse over the positions that have both.
@@ -165,32 +205,62 @@ fn covers(positions: &[f64], turn: f64) -> bool {
     n > 3 && span <= turn * (1.0 + SAME_PLACE) && span + GAP_SPACINGS * spacing >= turn
 }
 
-/// Equal bins instead of targets: mean position of each bin that has readings, and the bin of each reading.
-fn binned(readings: &[Reading]) -> (Vec<f64>, Vec<usize>) {
-    let (low, high) = readings
-        .iter()
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), r| (l.min(r.position), h.max(r.position)));
-    let per_width = if high > low { MANY as f64 / (high - low) } else { 0.0 };
-    let bin = |r: &Reading| (((r.position - low) * per_width) as usize).min(MANY - 1);
-    let mut sums = vec![(0.0, 0u32); MANY];
-    for r in readings {
-        let sum = &mut sums[bin(r)];
-        // about the lower end: a target that repeats keeps its position to the last digit or two
-        sum.0 += r.position - low;
-        sum.1 += 1;
+/// Which position each reading belongs to.
+enum Groups {
+    /// By sorting.
+    Sorted(Vec<usize>),
+    /// Equal bins of the range; for each its position.
+    Bins { low: f64, high: f64, per_width: f64, index: Vec<u32> },
+}
+
+impl Groups {
+    /// The distinct positions, increasing, and who belongs where.
+    fn of(readings: &[Reading]) -> (Vec<f64>, Self) {
+        if readings.len() <= MANY {
+            let (positions, group) = group_by_position(readings);
+            return (positions, Self::Sorted(group));
+        }
+        let (low, high) = readings
+            .iter()
+            .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), r| (l.min(r.position), h.max(r.position)));
+        let per_width = if high > low { MANY as f64 / (high - low) } else { 0.0 };
+        let mut sums = vec![(0.0, 0u32); MANY];
+        for r in readings {
+            let sum = &mut sums[bin(r, low, per_width)];
+            // about the lower end: a target that repeats keeps its position to the last digit or two
+            sum.0 += r.position - low;
+            sum.1 += 1;
+        }
+        let mut positions = Vec::new();
+        let index = sums
+            .into_iter()
+            .map(|(sum, count)| {
+                if count > 0 {
+                    positions.push(low + sum / f64::from(count));
+                }
+                positions.len().saturating_sub(1) as u32
+            })
+            .collect();
+        (positions, Self::Bins { low, high, per_width, index })
     }
-    let mut positions = Vec::new();
-    let index: Vec<usize> = sums
-        .into_iter()
-        .map(|(sum, count)| {
-            if count > 0 {
-                positions.push(low + sum / f64::from(count));
-            }
-            positions.len().saturating_sub(1)
-        })
-        .collect();
-    let group = readings.iter().map(|r| index[bin(r)]).collect();
-    (positions, group)
+
+    fn of_reading(&self, i: usize, reading: &Reading) -> usize {
+        match self {
+            Self::Sorted(group) => group[i],
+            Self::Bins { low, per_width, index, .. } => index[bin(reading, *low, *per_width)] as usize,
+        }
+    }
+
+    fn ends(&self, positions: &[f64]) -> [f64; 2] {
+        match self {
+            Self::Sorted(_) => [positions[0], positions[positions.len() - 1]],
+            Self::Bins { low, high, .. } => [*low, *high],
+        }
+    }
+}
+
+fn bin(reading: &Reading, low: f64, per_width: f64) -> usize {
+    (((reading.position - low) * per_width) as usize).min(MANY - 1)
 }
 
 fn gather(readings: &[Reading], positions: usize, group: impl Fn(usize) -> usize) -> Vec<Cell> {

@@ -28,6 +28,9 @@ pub struct Figures {
     /// The same with all readings of a position left out together, first and last position kept: no curve is
     /// used beyond its range. Decides between orders; `None` where undefined.
     pub position_rmse: Option<f64>,
+    /// Scatter of the readings about the mean of their own target and direction: what no static curve can remove.
+    /// `None` where no target was repeated.
+    pub repeatability: Option<f64>,
 }
 
 /// Sums over the readings of one fit.
@@ -76,6 +79,7 @@ impl Figures {
             aicc: if rmse_n > ROUNDING * data.scale { aicc(sums.sse, n, m) } else { None },
             loo_rmse: root_mean(sums.loo, n as f64),
             position_rmse: root_mean(sums.position, sums.inner),
+            repeatability: data.repeatability(),
         }
     }
 

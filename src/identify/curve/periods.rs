@@ -29,7 +29,9 @@ const MINIMA: usize = 3;
 const ROUNDS: usize = 10;
 /// Gauss-Newton steps at most, and the relative step at which they end.
 const STEPS: usize = 60;
-const STEP_END: f64 = 1e-14;
+const STEP_END: f64 = 1e-13;
+/// How far the last steps on all readings may move a period that averaged ones gave, as a factor.
+const REFINED_WITHIN: f64 = 1.05;
 
 /// The periods that `order` harmonics can have on these distinct, increasing positions: more than two positions
 /// per wave of the highest harmonic, at most 1.2 times the range.
@@ -62,9 +64,11 @@ pub(super) fn resolve(
     let ranges: Vec<[f64; 2]> = wanted()
         .filter_map(|period| match (period, data.turn) {
             (Period::Within(range), _) => Some(Ok(*range)),
-            (Period::Auto, None) => Some(Ok(period_range(&Coarse::positions(data), shape.order))),
+            (Period::Auto, None) => {
+                Some(Ok(period_range(&data.coarsened(SEARCH_POSITIONS).positions, shape.order)))
+            }
             (Period::Auto, Some(_)) if !request.further_periods.is_empty() => {
-                Some(Ok(period_range(&Coarse::positions(data), shape.order)))
+                Some(Ok(period_range(&data.coarsened(SEARCH_POSITIONS).positions, shape.order)))
             }
             _ => None,
         })
@@ -77,13 +81,29 @@ pub(super) fn resolve(
             return Err(FitError::PeriodSearchEmpty { low: *low, high: *high, order: shape.order });
         }
     }
-    let best = place(data, shape, placed, &ranges)?
+    let shortest = ranges.iter().fold(f64::INFINITY, |a, r| a.min(r[0]));
+    let coarse = coarse(data, shape, shortest);
+    let best = place(&coarse, shape, placed, &ranges)?
         .into_iter()
-        .map(|periods| polish(data, shape, reversal, periods, given, &ranges))
+        .map(|periods| polish(&coarse, shape, reversal, periods, given, &ranges))
         .min_by(|a, b| a.1.total_cmp(&b.1));
     let Some((mut periods, _)) = best else { return Err(empty(&ranges, shape)) };
     periods[given..].sort_by(|a, b| b.total_cmp(a));
     Ok((periods, given))
+}
+
+/// The periods after `given` brought to the last digit on all readings, where the search was on averaged ones.
+pub(super) fn refine(data: &Data, shape: &Shape, reversal: usize, given: usize) -> Vec<f64> {
+    let ranges: Vec<[f64; 2]> =
+        shape.periods[given..].iter().map(|p| [p / REFINED_WITHIN, p * REFINED_WITHIN]).collect();
+    polish(data, shape, reversal, shape.periods.clone(), given, &ranges).0
+}
+
+/// Neighbouring positions averaged, as far as the shortest wave allows.
+fn coarse(data: &Data, shape: &Shape, shortest: f64) -> Data {
+    let waves = shape.order as f64 * (shape.range[1] - shape.range[0]) / shortest;
+    let wanted = (POSITIONS_PER_SEARCHED_WAVE * waves) as usize;
+    data.coarsened(wanted.clamp(SEARCH_POSITIONS, SEARCH_POSITIONS_MAX))
 }
 
 fn empty(ranges: &[[f64; 2]], shape: &Shape) -> FitError {
@@ -92,16 +112,14 @@ fn empty(ranges: &[[f64; 2]], shape: &Shape) -> FitError {
 
 /// Starting values for the last steps: the best few where one period is searched, else the one that settles.
 fn place(
-    data: &Data,
+    coarse: &Data,
     shape: &Shape,
     mut placed: Vec<f64>,
     ranges: &[[f64; 2]],
 ) -> Result<Vec<Vec<f64>>, FitError> {
     let given = placed.len();
-    let shortest = ranges.iter().fold(f64::INFINITY, |a, r| a.min(r[0]));
-    let coarse = Coarse::new(data, shape, shortest);
     for (i, range) in ranges.iter().enumerate() {
-        let found = search(&coarse, shape, &placed, *range);
+        let found = search(coarse, shape, &placed, *range);
         if ranges.len() == 1 {
             let with = |p: f64| placed.iter().copied().chain([p]).collect::<Vec<f64>>();
             return Ok(found.into_iter().map(|(p, _)| with(p)).collect());
@@ -114,7 +132,7 @@ fn place(
         for (i, range) in ranges.iter().enumerate() {
             let mut others = placed.clone();
             others.remove(given + i);
-            if let Some((period, _)) = search(&coarse, shape, &others, *range).first() {
+            if let Some((period, _)) = search(coarse, shape, &others, *range).first() {
                 placed[given + i] = *period;
             }
         }
@@ -126,14 +144,14 @@ fn place(
 }
 
 /// The best periods beside those already placed, with their sums of squares on the coarse data.
-fn search(coarse: &Coarse, shape: &Shape, placed: &[f64], [low, high]: [f64; 2]) -> Vec<(f64, f64)> {
+fn search(coarse: &Data, shape: &Shape, placed: &[f64], [low, high]: [f64; 2]) -> Vec<(f64, f64)> {
     let span = shape.range[1] - shape.range[0];
     let mut trial = Shape { periods: placed.to_vec(), ..shape.clone() };
     trial.periods.push(high);
     let last = placed.len();
     let mut sse = |frequency: f64| {
         trial.periods[last] = 1.0 / frequency;
-        coarse.sse(&trial)
+        sum_of_squares(coarse, &trial)
     };
     let steps = ((GRID_DENSITY * shape.order as f64 * span * (1.0 / low - 1.0 / high)) as usize).max(20);
     let frequency = |i: usize| 1.0 / high + (1.0 / low - 1.0 / high) * i as f64 / steps as f64;
@@ -213,74 +231,39 @@ fn solved(data: &Data, shape: &Shape, reversal: usize) -> (Vec<f64>, f64) {
     factor.coefficients(k).map_or((vec![0.0; k], f64::INFINITY), |c| (c.as_slice().to_vec(), sse))
 }
 
-/// Neighbouring positions averaged, so that a search costs the same however long the record is.
-struct Coarse {
-    positions: Vec<f64>,
-    means: Vec<f64>,
-    weights: Vec<f64>,
-}
-
-impl Coarse {
-    fn new(data: &Data, shape: &Shape, shortest: f64) -> Self {
-        let waves = shape.order as f64 * (shape.range[1] - shape.range[0]) / shortest;
-        let wanted = (POSITIONS_PER_SEARCHED_WAVE * waves) as usize;
-        Self::of(data, wanted.clamp(SEARCH_POSITIONS, SEARCH_POSITIONS_MAX))
+/// Sum of squares of the best coefficients, up to a constant; infinite where the pivots spread too much.
+fn sum_of_squares(data: &Data, shape: &Shape) -> f64 {
+    let m = shape.len();
+    if data.positions.len() < m {
+        return f64::INFINITY;
     }
-
-    fn of(data: &Data, wanted: usize) -> Self {
-        let width = data.positions.len().div_ceil(wanted);
-        let mut bins = vec![(0.0, 0.0, 0.0); data.positions.len().div_ceil(width)];
-        for cell in &data.cells {
-            let bin = &mut bins[cell.group / width];
-            bin.0 += cell.count * data.positions[cell.group];
-            bin.1 += cell.count * cell.mean;
-            bin.2 += cell.count;
-        }
-        Self {
-            positions: bins.iter().map(|(x, _, c)| x / c).collect(),
-            means: bins.iter().map(|(_, y, c)| y / c).collect(),
-            weights: bins.iter().map(|(_, _, c)| *c).collect(),
-        }
-    }
-
-    /// The positions that a search without limits works on.
-    fn positions(data: &Data) -> Vec<f64> {
-        Self::of(data, SEARCH_POSITIONS).positions
-    }
-
-    /// Sum of squares of the best coefficients; infinite where the pivots spread too much.
-    fn sse(&self, shape: &Shape) -> f64 {
-        let m = shape.len();
-        if self.positions.len() < m {
-            return f64::INFINITY;
-        }
-        let mut matrix = DMatrix::zeros(m, m);
-        let mut right = DVector::zeros(m);
-        let mut row = vec![0.0; m];
-        let mut squares = 0.0;
-        for ((x, y), w) in self.positions.iter().zip(&self.means).zip(&self.weights) {
-            shape.row(*x, &mut row);
-            squares += w * y * y;
-            for (j, a) in row.iter().enumerate() {
-                let weighted = w * a;
-                right[j] += weighted * y;
-                // lower triangle, column by column
-                for (i, b) in row.iter().enumerate().skip(j) {
-                    matrix[(i, j)] += weighted * b;
-                }
+    let mut matrix = DMatrix::zeros(m, m);
+    let mut right = DVector::zeros(m);
+    let mut row = vec![0.0; m];
+    let mut squares = 0.0;
+    for cell in &data.cells {
+        let (w, y) = (cell.count, cell.mean);
+        shape.row(data.positions[cell.group], &mut row);
+        squares += w * y * y;
+        for (j, a) in row.iter().enumerate() {
+            let weighted = w * a;
+            right[j] += weighted * y;
+            // lower triangle, column by column
+            for (i, b) in row.iter().enumerate().skip(j) {
+                matrix[(i, j)] += weighted * b;
             }
         }
-        let Some(factor) = matrix.cholesky() else { return f64::INFINITY };
-        let lower = factor.l_dirty();
-        let pivots = (0..m).map(|i| lower[(i, i)]);
-        let (high, low) = pivots.fold((0.0f64, f64::INFINITY), |(h, l), p| (h.max(p), l.min(p)));
-        if high.is_nan() || high > PIVOT_LIMIT * low {
-            return f64::INFINITY;
-        }
-        match lower.solve_lower_triangular(&right) {
-            Some(z) => squares - z.norm_squared(),
-            None => f64::INFINITY,
-        }
+    }
+    let Some(factor) = matrix.cholesky() else { return f64::INFINITY };
+    let lower = factor.l_dirty();
+    let pivots = (0..m).map(|i| lower[(i, i)]);
+    let (high, low) = pivots.fold((0.0f64, f64::INFINITY), |(h, l), p| (h.max(p), l.min(p)));
+    if high.is_nan() || high > PIVOT_LIMIT * low {
+        return f64::INFINITY;
+    }
+    match lower.solve_lower_triangular(&right) {
+        Some(z) => squares - z.norm_squared(),
+        None => f64::INFINITY,
     }
 }
 

@@ -31,6 +31,9 @@ const ITERATIONS: usize = 30;
 /// Terms of the first curve at most, and readings that each of them needs.
 const TERMS: usize = 14;
 const READINGS_PER_TERM: usize = 5;
+/// Readings that the first curve is made from at most; scattered by the golden ratio, so that no cycle is met in step.
+const FIRST_READINGS: usize = 1 << 15;
+const GOLDEN: f64 = 0.618_033_988_749_894_9;
 
 /// A reading that was left out.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -123,6 +126,9 @@ fn first_verdict(readings: &[Reading], request: &Request) -> Result<Vec<bool>, F
 /// Deviations from the median of the same target and direction; `None` where one has fewer than three readings.
 fn from_medians(readings: &[Reading]) -> Option<Vec<f64>> {
     let (positions, group) = group_by_position(readings);
+    if 3 * positions.len() > readings.len() {
+        return None;
+    }
     let mut cells: Vec<Vec<f64>> = vec![Vec::new(); 2 * positions.len()];
     let slot = |i: usize| 2 * group[i] + usize::from(readings[i].travel == Travel::Reverse);
     for (i, r) in readings.iter().enumerate() {
@@ -168,10 +174,37 @@ fn from_first_curve(readings: &[Reading]) -> Vec<f64> {
             row[terms] = if r.travel == Travel::Reverse { -1.0 } else { 1.0 };
         }
     };
+    // a part of a long record, evenly scattered over it, is enough for a first curve
+    let part: Vec<Reading> = if readings.len() > FIRST_READINGS {
+        let stride = readings.len() as f64 / FIRST_READINGS as f64;
+        let place = |i: usize| (i as f64 * stride + (i as f64 * GOLDEN).fract() * stride) as usize;
+        (0..FIRST_READINGS).map(|i| readings[place(i).min(readings.len() - 1)]).collect()
+    } else {
+        readings.to_vec()
+    };
+    let c = first_coefficients(&part, columns, &row);
+    let mut line = vec![0.0; columns];
+    readings
+        .iter()
+        .map(|r| {
+            row(r, &mut line);
+            r.value - dot(&line, c.as_slice())
+        })
+        .collect()
+}
+
+/// Least absolute deviations, then Tukey's weights, each until the weights have done their work.
+fn first_coefficients(
+    readings: &[Reading],
+    columns: usize,
+    row: &impl Fn(&Reading, &mut [f64]),
+) -> DVector<f64> {
     let mut weights = vec![1.0; readings.len()];
     let mut deviations: Vec<f64> = readings.iter().map(|r| r.value).collect();
+    let mut c = DVector::zeros(columns);
     for round in 0..2 * ITERATIONS {
-        let Some(c) = weighted(readings, &weights, columns, &row) else { break };
+        let Some(next) = weighted(readings, &weights, columns, row) else { break };
+        c = next;
         let mut line = vec![0.0; columns];
         for (r, d) in readings.iter().zip(&mut deviations) {
             row(r, &mut line);
@@ -191,7 +224,7 @@ fn from_first_curve(readings: &[Reading]) -> Vec<f64> {
             };
         }
     }
-    deviations
+    c
 }
 
 fn weighted(

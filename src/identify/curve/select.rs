@@ -107,6 +107,14 @@ pub(super) fn best_of_basis(data: &Data, basis: Basis, request: &Request) -> Res
     let limit = highest_order(basis, data.positions.len());
     let lowest = usize::from(basis == Basis::Fourier);
     let reversal = saturated_reversal(data, request);
+    if let (Some(order), Basis::HalfRange | Basis::Chebyshev, 0) = (request.order, basis, reversal)
+        && order <= limit
+        && request.penalties.is_none()
+    {
+        // nothing to choose
+        let shape = Shape { basis, order, range: data.range(), periods: Vec::new(), linear: false };
+        return finish(data, &shape, 0, None, request);
+    }
     let (tried, problem) = if let Some(order) = request.order {
         if order > limit {
             let positions = data.positions.len();
@@ -137,8 +145,11 @@ pub(super) fn best_of_basis(data: &Data, basis: Basis, request: &Request) -> Res
     };
     let too_few = FitError::TooFewPositions { found: data.positions.len(), needed: 2 + lowest };
     let (taken, note) = choose(data, tried).ok_or(problem.unwrap_or(too_few))?;
-    let taken = with_reversal(data, taken, reversal, request);
-    let mut fit = finish(data, &taken, request)?;
+    let Candidate { mut shape, reversal, fitted, .. } = with_reversal(data, taken, reversal, request);
+    if let Some(given) = fitted {
+        shape.periods = periods::refine(data, &shape, reversal, given);
+    }
+    let mut fit = finish(data, &shape, reversal, fitted, request)?;
     fit.notes.extend(note);
     Ok(fit)
 }
@@ -329,11 +340,16 @@ fn predicts_no_worse(a: &CurveFit, b: &CurveFit) -> bool {
     b.figures.position_rmse.unwrap_or(f64::INFINITY) <= a.figures.position_rmse.unwrap_or(f64::INFINITY)
 }
 
-/// Coefficients, curves and band of a candidate.
-fn finish(data: &Data, taken: &Candidate, request: &Request) -> Result<CurveFit, FitError> {
-    let Candidate { shape, reversal, fitted, .. } = taken;
-    let design = Design { reversal: *reversal, ..Design::of(shape) };
-    let penalty = penalty(shape, *reversal, false, request);
+/// Coefficients, curves and band of what was chosen.
+fn finish(
+    data: &Data,
+    shape: &Shape,
+    reversal: usize,
+    fitted: Option<usize>,
+    request: &Request,
+) -> Result<CurveFit, FitError> {
+    let design = Design { reversal, ..Design::of(shape) };
+    let penalty = penalty(shape, reversal, false, request);
     let factor = Factor::new(data, &design, &penalty);
     let k = design.len();
     let condition = factor.condition(k);
@@ -346,22 +362,23 @@ fn finish(data: &Data, taken: &Candidate, request: &Request) -> Result<CurveFit,
     let solution = if ridge { factor.coefficients(k) } else { factor.refined(data, &design) };
     let c = solution.ok_or_else(degenerate)?;
     let sums = factor.climb(data, &design, &[k])[0].sums;
-    let figures = Figures::new(data, &sums, k + taken.fitted_periods());
+    let fitted_periods = fitted.map_or(0, |first| shape.periods.len() - first);
+    let figures = Figures::new(data, &sums, k + fitted_periods);
     let (own, turned) = c.as_slice().split_at(shape.len());
     let mut curves = shape.curves(own)?;
-    let reversal_fit = (*reversal > 0).then(|| ReversalFit { coefficients: turned.to_vec() });
-    if *reversal > 0 {
+    let reversal_fit = (reversal > 0).then(|| ReversalFit { coefficients: turned.to_vec() });
+    if reversal > 0 {
         curves.push(reversal_table(shape.range, turned)?);
     }
     let band = figures.rmse_dof.map(|sigma| {
         let r = match fitted {
             Some(first) => {
-                let design = Design { slopes: Some((own, *first)), ..design };
+                let design = Design { slopes: Some((own, first)), ..design };
                 Factor::new(data, &design, &[]).r
             }
             None => factor.r.clone(),
         };
-        Band::linear(sigma, figures.n - figures.m, r, (shape, *reversal), own, *fitted)
+        Band::linear(sigma, figures.n - figures.m, r, (shape, reversal), own, fitted)
     });
     Ok(CurveFit {
         order: Some(shape.order),

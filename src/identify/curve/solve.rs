@@ -14,7 +14,7 @@ use super::figures::Sums;
 /// Condition number above which the terms count as indistinguishable.
 pub(super) const CONDITION_LIMIT: f64 = 1e10;
 /// Up to this many cells the orthogonal factor is kept.
-const FEW: usize = 2048;
+const FEW: usize = 128;
 /// Condition (by pivots) up to which `A^T A` is trusted: its square costs four digits.
 const GRAM_CONDITION: f64 = 1e2;
 /// Pivots closer than this need no singular values to be called sound.
@@ -252,12 +252,15 @@ fn gram(data: &Data, design: &Design<'_>) -> Option<Factor> {
             line.iter_mut().zip(&row[from..]).for_each(|(s, v)| *s += weight * v);
         }
     }
-    let matrix = DMatrix::from_fn(m, m, |i, j| sums[i.min(j) * width + i.max(j)]);
-    let r = matrix.cholesky()?.unpack().transpose();
+    // columns of length 1: how they are scaled says nothing about how alike they are
+    let length: Vec<f64> = (0..m).map(|j| sums[j * width + j].sqrt()).collect();
+    let matrix = DMatrix::from_fn(m, m, |i, j| sums[i.min(j) * width + i.max(j)] / (length[i] * length[j]));
+    let mut r = matrix.cholesky()?.unpack().transpose();
     let pivots = r.diagonal();
     if pivots.max() > GRAM_CONDITION * pivots.min() {
         return None;
     }
+    r.column_iter_mut().zip(&length).for_each(|(mut column, length)| column *= *length);
     let z = r.tr_solve_upper_triangular(&DVector::from_vec(right))?;
     Some(Factor { r, z, q: None })
 }
