@@ -1,7 +1,6 @@
 //! `volcomp identify probe`, `grinder` and `ballbar` through the command line.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-#![expect(clippy::print_stderr, reason = "a skipped test says so")]
 #![expect(clippy::disallowed_methods, reason = "the test runs the program and writes its files")]
 
 use std::fs;

@@ -159,8 +159,8 @@ fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<Row>, Failure> {
     let (mut positions, mut corrections, mut known) = (Vec::new(), Vec::new(), Vec::new());
     for (axis, a) in spec.chain.axes().iter().enumerate() {
         let letter = a.name.lower();
-        let (position, correction): ((String, fn(f64) -> f64), (String, fn(f64) -> f64)) = match a.name.kind()
-        {
+        type Named = (String, fn(f64) -> f64);
+        let (position, correction): (Named, Named) = match a.name.kind() {
             AxisKind::Linear => ((format!("{letter}_mm"), keep), (format!("c{letter}_um"), mm_from_um)),
             AxisKind::Rotary => {
                 ((format!("{letter}_deg"), rad_from_deg), (format!("c{letter}_arcsec"), rad_from_arcsec))

@@ -12,6 +12,8 @@ pub(super) enum What {
     Radius(usize),
     /// Centre along the first or second axis.
     Centre(usize),
+    /// A shape of place around a reversal, equal in both directions: no effect, but no spike either.
+    Place,
     /// A number of an effect.
     Of(Effect, Option<End>),
 }
@@ -91,9 +93,8 @@ pub(super) fn of_effects(circles: &Circles) -> (Vec<Column>, Vec<(Effect, Reason
         }),
     ];
     let mut missing = Vec::new();
-    type Make = fn(usize) -> Effect;
-    let kinds: [(Make, fn(usize, &Sample) -> f64); 2] =
-        [(Effect::Backlash, backlash), (Effect::LateralPlay, lateral_play)];
+    type Kind = (fn(usize) -> Effect, fn(usize, &Sample) -> f64);
+    let kinds: [Kind; 2] = [(Effect::Backlash, backlash), (Effect::LateralPlay, lateral_play)];
     for (make, value) in kinds {
         for axis in 0..2 {
             let seen = [End::Positive, End::Negative].map(|end| is_seen(samples, axis, end));
@@ -143,30 +144,48 @@ fn towards(axis: usize, end: End, s: &Sample) -> f64 {
     if end == End::Positive { (1.0 + along) / 2.0 } else { (1.0 - along) / 2.0 }
 }
 
-/// Spikes at all reversals that the path has, `time` s (without feed: rad) from reversal to peak.
-pub(super) fn of_spikes(circles: &Circles, time: f64) -> (Vec<Column>, Vec<(Effect, Reason)>) {
+/// Columns of spikes.
+pub(super) struct Spikes {
+    /// What static errors around the reversals may look like, where both directions tell them from spikes.
+    pub(super) places: Vec<Column>,
+    /// The spikes.
+    pub(super) spikes: Vec<Column>,
+    /// Axes without a reversal.
+    pub(super) missing: Vec<(Effect, Reason)>,
+}
+
+/// Spikes at all reversals that the path has, `time` s (without feed: rad) from reversal to peak. A spike stands behind
+/// its reversal, which is the other side in the other direction; what stands on both sides whatever the direction is
+/// a shape of the machine.
+pub(super) fn of_spikes(circles: &Circles, time: f64) -> Spikes {
     let samples = &circles.samples;
-    let mut columns = Vec::new();
-    let mut missing = Vec::new();
+    let both = samples.iter().any(|s| sign(s.travel) > 0.0) && samples.iter().any(|s| sign(s.travel) < 0.0);
+    let mut all = Spikes { places: Vec::new(), spikes: Vec::new(), missing: Vec::new() };
     for axis in 0..2 {
         let effect = Effect::ReversalSpike(axis);
-        let mut any = false;
-        for end in [End::Positive, End::Negative].into_iter().filter(|e| is_seen(samples, axis, *e)) {
-            any = true;
+        let ends = [End::Positive, End::Negative].into_iter().filter(|e| is_seen(samples, axis, *e));
+        let before = all.spikes.len();
+        for end in ends {
             let at = reversal(axis, end);
-            let spike = |s: &Sample| {
-                let way = since(s, at);
+            let shape = |s: &Sample, way: f64| {
                 let x = s.feed.map_or(way, |f| way * circles.radius / f) / time;
                 if x < FADED { x * (1.0 - x).exp() } else { 0.0 }
             };
-            let values = samples.iter().map(spike).collect();
-            columns.push(Column { what: What::Of(effect, Some(end)), values });
+            let values = samples.iter().map(|s| shape(s, since(s, at))).collect();
+            all.spikes.push(Column { what: What::Of(effect, Some(end)), values });
+            if both {
+                let either = |s: &Sample| {
+                    let way = (s.angle - at).rem_euclid(TAU);
+                    shape(s, way) + shape(s, TAU - way)
+                };
+                all.places.push(Column { what: What::Place, values: samples.iter().map(either).collect() });
+            }
         }
-        if !any {
-            missing.push((effect, Reason::NoReversal));
+        if all.spikes.len() == before {
+            all.missing.push((effect, Reason::NoReversal));
         }
     }
-    (columns, missing)
+    all
 }
 
 /// Sine and cosine of a cyclic error with this pitch.

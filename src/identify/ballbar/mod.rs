@@ -16,7 +16,8 @@
 //! | cyclic of u, v, mm | | `cos t`, `sin t` times sine and cosine of the coordinate over the pitch |
 //!
 //! `w = (1 +- cos t)/2` (v: `sin t`) leads from the value at the positive end of travel to that at the negative end. What
-//! is seen of one end only is taken as equal all along. Beside them: centre offset of the instrument, and a radius per feed.
+//! is seen of one end only is taken as equal all along. Beside them: centre offset of the instrument, a radius per feed, and, where
+//! both directions were run, whatever stands around a reversal alike in both of them (it is no spike).
 //!
 //! Assumptions: first order (the eccentricity's second order is taken out); readings equally noisy. Residuals that are
 //! not white widen the uncertainties as they hang together along the circle. What the data cannot show is left out and named, with

@@ -249,10 +249,15 @@ fn choose_spike_time(
     let basis = Basis::of(&selected.columns);
     let explained = |time: f64| {
         let mut basis = Basis { directions: basis.directions.clone() };
-        for column in columns::of_spikes(circles, time).0 {
+        let all = columns::of_spikes(circles, time);
+        for column in &all.places {
             basis.add(&column.values);
         }
-        basis.directions[selected.columns.len()..].iter().map(|d| d.dot(y).powi(2)).sum::<f64>()
+        let before = basis.directions.len();
+        for column in &all.spikes {
+            basis.add(&column.values);
+        }
+        basis.directions[before..].iter().map(|d| d.dot(y).powi(2)).sum::<f64>()
     };
     let steps = 12;
     let between = |i: i32| limits[0] * (limits[1] / limits[0]).powf(f64::from(i) / f64::from(steps));
@@ -260,11 +265,14 @@ fn choose_spike_time(
         request.spike_time.map_or_else(|| (0..=steps).map(between).collect(), |t| vec![t]);
     let weighed = candidates.into_iter().map(|t| (t, explained(t)));
     let (time, _) = weighed.max_by(|a, b| a.1.total_cmp(&b.1))?;
-    let (spikes, none) = columns::of_spikes(circles, time);
-    selected.missing.extend(none);
-    let before = selected.columns.len();
+    let all = columns::of_spikes(circles, time);
+    selected.missing.extend(all.missing);
     let mut basis = basis;
-    for column in spikes {
+    for column in all.places {
+        selected.take(column, &mut basis);
+    }
+    let before = selected.columns.len();
+    for column in all.spikes {
         selected.take(column, &mut basis);
     }
     (selected.columns.len() > before).then_some(time)
@@ -290,13 +298,13 @@ fn choose_pitches(
     y: &DVector<f64>,
 ) -> [Option<f64>; 2] {
     let mut found = request.pitch.map(columns::given);
-    for axis in 0..2 {
+    for (axis, found) in found.iter_mut().enumerate() {
         let Pitch::Search(limits) = request.pitch[axis] else { continue };
         let now = solved(&selected.columns, y);
         let sigma = (now.sum / (y.len() - selected.columns.len()) as f64).sqrt() * widening(&now.residuals);
         match pitch::search(circles, axis, limits, &now.residuals, sigma) {
             Ok(p) => {
-                found[axis] = Some(p);
+                *found = Some(p);
                 let mut basis = Basis::of(&selected.columns);
                 for column in columns::of_cyclic(circles, axis, p) {
                     selected.take(column, &mut basis);
@@ -397,7 +405,7 @@ fn report(
         match column.what {
             What::Centre(axis) => offset[axis] = (solution.coefficients[j], std(j)),
             What::Radius(feed) => radius_deviation.push((feeds[feed], solution.coefficients[j], std(j))),
-            What::Of(..) => {}
+            What::Of(..) | What::Place => {}
         }
     }
     let mut estimates = estimates(circles, &selected.columns, &solution.coefficients, &covariance);

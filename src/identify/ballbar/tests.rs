@@ -362,6 +362,20 @@ fn the_model_gets_what_it_can_hold() {
 }
 
 #[test]
+fn a_bump_of_the_guideway_at_the_reversal_is_no_spike() {
+    let machine = Machine { noise: 0.1e-3, ..Machine::default() };
+    let mut circles = machine.circles(&BOTH, 2000.0, 3);
+    for s in &mut circles.samples {
+        let from_end =
+            (s.angle + core::f64::consts::PI).rem_euclid(core::f64::consts::TAU) - core::f64::consts::PI;
+        s.deviation += 0.003 * (-(from_end / 0.03).powi(2)).exp();
+    }
+    let found = analyse(&circles, &Request { spike_time: None, ..REQUEST }).unwrap();
+    let spike = found.value(Effect::ReversalSpike(0), Some(End::Positive)).unwrap();
+    assert!(spike.value.abs() < 0.3e-3, "{spike:?}");
+}
+
+#[test]
 fn coarse_readings_show_no_spike_that_is_shorter_than_their_distance() {
     let machine = Machine { noise: 0.1e-3, ..Machine { spike: [[0.0; 2]; 2], ..all() } };
     let coarse = machine.circles(&BOTH, 120.0, 1);

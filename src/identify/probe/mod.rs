@@ -166,7 +166,7 @@ pub enum ProbeError {
 }
 
 /// Standard deviation of the radius over that of a full circle, above which the contacts are called one-sided.
-const ONE_SIDED: f64 = 5.0;
+const ONE_SIDED: f64 = 2.5;
 /// Above this the calibration is refused: an arc of about 20 degrees.
 const AMPLIFICATION_LIMIT: f64 = 300.0;
 /// Distance in standard deviations beyond which a contact is no noise: 7 in a million.

@@ -5,7 +5,7 @@ use serde_json::{Map, Value, json};
 use super::Plan;
 use crate::core::units::{deg_from_rad, mm_from_um, um_from_mm};
 use crate::evaluate::{Centring, CircularReading, Circularity};
-use crate::identify::ballbar::{Analysis, Effect, End, Estimate, Note, Plane, Reason};
+use crate::identify::ballbar::{Analysis, Effect, End, Estimate, Note, Plane, Reason, Sample};
 
 /// A feature in the vocabulary of ballbar result files.
 struct Feature {
@@ -22,27 +22,24 @@ struct Roundness {
 }
 
 fn roundness(plan: &Plan) -> Roundness {
-    let evaluate = |deviation: &dyn Fn(usize) -> f64| {
-        let samples = plan.circles.samples.iter().enumerate();
-        let readings: Vec<CircularReading> = samples
-            .map(|(i, s)| CircularReading { angle: s.angle, deviation: deviation(i), travel: s.travel })
-            .collect();
+    // an arc cannot be centred by ISO 230-4: the centre found with the effects is taken out instead
+    let evaluate = |deviation: &dyn Fn(usize) -> f64, [x, y]: [f64; 2]| {
+        let read = |off: [f64; 2]| -> Vec<CircularReading> {
+            let one = |(i, s): (usize, &Sample)| CircularReading {
+                angle: s.angle,
+                deviation: deviation(i) - off[0] * s.angle.cos() - off[1] * s.angle.sin(),
+                travel: s.travel,
+            };
+            plan.circles.samples.iter().enumerate().map(one).collect()
+        };
         let centred = Centring::LeastSquares { radius: Some(plan.circles.radius) };
-        // an arc cannot be centred by ISO 230-4: the centre found with the effects is taken out instead
-        Circularity::evaluate(&readings, centred).ok().or_else(|| {
-            let [(x, _), (y, _)] = plan.analysis.offset;
-            let moved: Vec<CircularReading> = readings
-                .iter()
-                .map(|r| CircularReading {
-                    deviation: r.deviation - x * r.angle.cos() - y * r.angle.sin(),
-                    ..*r
-                })
-                .collect();
-            Circularity::evaluate(&moved, Centring::None).ok()
-        })
+        Circularity::evaluate(&read([0.0; 2]), centred)
+            .or_else(|_| Circularity::evaluate(&read([x, y]), Centring::None))
+            .ok()
     };
-    let measured = evaluate(&|i| plan.circles.samples[i].deviation);
-    Roundness { measured, residual: evaluate(&|i| plan.analysis.residuals[i]) }
+    let offset = plan.analysis.offset.map(|(v, _)| v);
+    let measured = evaluate(&|i| plan.circles.samples[i].deviation, offset);
+    Roundness { measured, residual: evaluate(&|i| plan.analysis.residuals[i], [0.0; 2]) }
 }
 
 /// The widest of a circular test.
@@ -250,7 +247,7 @@ pub(super) fn print(plan: &Plan) {
     for (i, e) in a.estimates.iter().enumerate() {
         let features = features(a, e);
         let unit = features.first().map_or("", |f| unit_text(f.unit));
-        let values: Vec<String> = features.iter().map(|f| value_text(f)).collect();
+        let values: Vec<String> = features.iter().map(value_text).collect();
         let mark = if e.significant { "" } else { "  not significant" };
         say!(
             "{:>4} {:<20}{:>6.2}+-{:<4.2}{:>7.1}%  {:<34}{unit:<6}{mark}",
