@@ -164,8 +164,8 @@ mod tests {
     #[test]
     fn six_readings_give_the_six_and_more_test_them() {
         let found = solve(&readings(&SIX, 0.001)).unwrap();
-        for i in 0..6 {
-            assert!((found.motion[i] - TRUTH[i]).abs() < if i < 3 { 3e-6 } else { 2e-8 });
+        for (i, truth) in TRUTH.iter().enumerate() {
+            assert!((found.motion[i] - truth).abs() < if i < 3 { 3e-6 } else { 2e-8 });
         }
         assert_eq!(found.dof, 0);
         let nine: Vec<(usize, usize)> = (0..9).map(|i| (i / 3, i % 3)).collect();

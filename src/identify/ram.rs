@@ -243,9 +243,9 @@ mod tests {
     #[test]
     fn several_poses_give_the_ram_back() {
         let fit = solve(&HEAD, &poses(), &NOISE, None).unwrap();
-        for i in 0..6 {
+        for (i, truth) in TRUTH.iter().enumerate() {
             assert!(
-                (fit.motion[i] - TRUTH[i]).abs() < if i < 3 { 3e-6 } else { 5e-9 },
+                (fit.motion[i] - truth).abs() < if i < 3 { 3e-6 } else { 5e-9 },
                 "{i}: {}",
                 fit.motion[i]
             );

@@ -106,7 +106,7 @@ impl CurveArgs {
             "{}: zero at {} mm, reference point of EX EY EZ ({:.3} {:.3} {:.3}) mm in M at home",
             origin.axis, gauged.reference_position, r.x, r.y, r.z
         ));
-        self.model.write(&self.into_model(gauged, origin, base, &fitted), &comment, &names(origin.files))?;
+        self.model.write(&self.model_with(gauged, origin, base, &fitted), &comment, &names(origin.files))?;
         for f in &fitted {
             for note in &f.fit.notes {
                 eprintln!("note: {}: {}", f.symbol, note_text(f.symbol, *note));
@@ -141,7 +141,7 @@ impl CurveArgs {
             .collect()
     }
 
-    fn into_model(
+    fn model_with(
         &self,
         gauged: &Gauged,
         origin: &Origin<'_>,

@@ -52,8 +52,8 @@ pub(in crate::identify) fn svd(a: &DMatrix<f64>) -> Svd {
 fn orthogonalise(w: &mut DMatrix<f64>, v: &mut DMatrix<f64>, p: usize, q: usize) -> bool {
     let (alpha, beta) = (w.column(p).norm_squared(), w.column(q).norm_squared());
     let gamma = w.column(p).dot(&w.column(q));
-    // also false for NaN
-    if !(gamma.abs() > f64::EPSILON * (alpha * beta).sqrt()) {
+    let small = f64::EPSILON * (alpha * beta).sqrt();
+    if gamma.is_nan() || gamma.abs() <= small {
         return false;
     }
     let zeta = (beta - alpha) / (2.0 * gamma);

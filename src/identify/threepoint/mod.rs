@@ -206,19 +206,25 @@ impl PoseErrors {
         twist::moved(&self.motion, &self.covariance, reference)
     }
 
-    /// The point whose freedom would explain most of the misfit: its index, and its relief over that of the next.
+    /// The point whose freedom would explain most of the misfit: its index, and by what factor less misfit is left
+    /// than with the next one set free.
     #[must_use]
     pub fn suspect(&self) -> Option<(usize, f64)> {
-        suspect(&self.relief)
+        suspect(&self.relief, self.chi2)
     }
 }
 
-/// The largest of a list, and by what factor it leads.
-pub(super) fn suspect(relief: &[f64]) -> Option<(usize, f64)> {
+/// The point with the largest relief; its lead is the misfit left with the next one free over that left with it free.
+fn suspect(relief: &[f64], chi2: f64) -> Option<(usize, f64)> {
     let mut order: Vec<usize> = (0..relief.len()).collect();
     order.sort_by(|a, b| relief[*b].total_cmp(&relief[*a]));
     match order.as_slice() {
-        [first, second, ..] => Some((*first, relief[*first] / relief[*second])),
+        [first, second, ..] => {
+            // rounding must not make a lead infinite
+            let left = |i: usize| (chi2 - relief[i]).max(1e-9 * chi2);
+            let lead = if chi2 > 0.0 { left(*second) / left(*first) } else { 1.0 };
+            Some((*first, lead))
+        }
         _ => None,
     }
 }

@@ -51,7 +51,7 @@ pub struct SeriesFit {
     pub p_value: f64,
     /// Root of `chi2/dof`: true noise over stated noise; `None` without redundancy.
     pub noise_factor: Option<f64>,
-    /// The carriage point that explains most of the misfit, and its relief over that of the next.
+    /// The carriage point that explains most of the misfit, and by what factor less is left than with the next one.
     pub suspect: Option<(usize, f64)>,
 }
 
@@ -109,6 +109,6 @@ pub fn solve(shots: &[Shot], series: &Series) -> Result<SeriesFit, SeriesError> 
     }
     fit.p_value = chi2_exceeded(fit.chi2, fit.dof);
     fit.noise_factor = (fit.dof > 0).then(|| (fit.chi2 / fit.dof as f64).sqrt());
-    fit.suspect = suspect(&relief);
+    fit.suspect = suspect(&relief, fit.chi2);
     Ok(fit)
 }

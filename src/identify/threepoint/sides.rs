@@ -17,8 +17,10 @@ pub struct Side {
     pub poses: usize,
     /// Mean distance, mm.
     pub mean: f64,
-    /// Standard deviation over the poses (n - 1), mm.
+    /// Standard deviation over the poses (divisor n), mm.
     pub std: f64,
+    /// The same as an estimate of the noise (divisor n - 1), mm.
+    pub std_sample: f64,
     /// Largest minus smallest, mm.
     pub peak_to_peak: f64,
 }
@@ -55,7 +57,7 @@ pub fn sides(poses: &[Vec<Option<Vec3>>]) -> Option<Sides> {
         return None;
     }
     let free: f64 = sides.iter().map(|s| (s.poses - 1) as f64).sum();
-    let variance = sides.iter().map(|s| (s.poses - 1) as f64 * s.std.powi(2)).sum::<f64>() / free;
+    let variance = sides.iter().map(|s| (s.poses - 1) as f64 * s.std_sample.powi(2)).sum::<f64>() / free;
     Some(Sides { sigma: (variance / 2.0).sqrt(), suspect: loose(&sides, points), sides })
 }
 
@@ -73,8 +75,15 @@ fn side(from: usize, to: usize, distances: &[f64]) -> Option<Side> {
     let mean = distances.iter().sum::<f64>() / n;
     let squares: f64 = distances.iter().map(|d| (d - mean).powi(2)).sum();
     let (low, high) = distances.iter().fold((f64::MAX, f64::MIN), |(l, h), d| (l.min(*d), h.max(*d)));
-    let std = (squares / (n - 1.0)).sqrt();
-    Some(Side { from, to, poses: distances.len(), mean, std, peak_to_peak: high - low })
+    Some(Side {
+        from,
+        to,
+        poses: distances.len(),
+        mean,
+        std: (squares / n).sqrt(),
+        std_sample: (squares / (n - 1.0)).sqrt(),
+        peak_to_peak: high - low,
+    })
 }
 
 /// Compares the pooled variance of the sides without each point in turn.
@@ -84,7 +93,7 @@ fn loose(sides: &[Side], points: usize) -> Option<(usize, f64)> {
             let (sum, free) = sides
                 .iter()
                 .filter(|s| s.from != i && s.to != i)
-                .map(|s| ((s.poses - 1) as f64 * s.std.powi(2), (s.poses - 1) as f64))
+                .map(|s| ((s.poses - 1) as f64 * s.std_sample.powi(2), (s.poses - 1) as f64))
                 .fold((0.0, 0.0), |a, b| (a.0 + b.0, a.1 + b.1));
             (free > 0.0).then_some((sum / free, i))
         })

@@ -42,10 +42,10 @@ const TRUTH: [f64; 6] = [0.021, -0.013, 0.034, 6e-5, -4e-5, 9e-5];
 #[test]
 fn exact_points_give_the_rigid_motion_exactly_and_the_linear_one_to_second_order() {
     let fit = solve(&exact(&TRIANGLE, &TRUTH, Mat3::identity() * 1e-6), &Vec3::from(ORIGIN)).unwrap();
-    for i in 0..6 {
-        assert!((fit.rigid[i] - TRUTH[i]).abs() < 2e-12, "{i}: {}", fit.rigid[i]);
+    for (i, truth) in TRUTH.iter().enumerate() {
+        assert!((fit.rigid[i] - truth).abs() < 2e-12, "{i}: {}", fit.rigid[i]);
         // eps^2 r / 2
-        assert!((fit.motion[i] - TRUTH[i]).abs() < if i < 3 { 3e-6 } else { 2e-8 });
+        assert!((fit.motion[i] - truth).abs() < if i < 3 { 3e-6 } else { 2e-8 });
     }
     assert_eq!((fit.dof, fit.geometry.rank), (3, 6));
 }

@@ -108,18 +108,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     };
     let head = Head { a_axis, tool_length };
     let noise = RamNoise { position: mm_from_um(position), direction: rad_from_arcsec(direction) };
-    let mut stops = Vec::new();
-    for path in &args.poses {
-        read::poses(path, &mut stops)?;
-    }
-    if let Some(path) = &args.head {
-        read::take_off_head(path, &head, &mut stops)?;
-    }
+    let stops = args.stops(&head)?;
     let prior = args.prior()?;
     let mut rows = Vec::with_capacity(stops.len());
     let mut fits = Vec::with_capacity(stops.len());
     for stop in &stops {
-        let prior = prior.as_ref().map(|(model, std)| prior_at(model.as_ref(), std, args.axis, stop));
+        let prior = prior.as_ref().map(|p| p.at(args.axis, stop));
         let fit = solve(&head, &stop.poses, &noise, prior.as_ref()).map_err(|e| {
             Failure::new(
                 EX_DATAERR,
@@ -210,25 +204,47 @@ fn warn(fits: &[RamFit]) {
 }
 
 impl Args {
+    /// The poses by position of the ram, what the head does taken off.
+    fn stops(&self, head: &Head) -> Result<Vec<Stop>, Failure> {
+        let mut stops = Vec::new();
+        for path in &self.poses {
+            read::poses(path, &mut stops)?;
+        }
+        if let Some(path) = &self.head {
+            read::take_off_head(path, head, &mut stops)?;
+        }
+        Ok(stops)
+    }
+
     /// Mean and standard deviations of the prior.
-    fn prior(&self) -> Result<Option<(Option<ModelSpec>, [f64; 6])>, Failure> {
+    fn prior(&self) -> Result<Option<PriorSource>, Failure> {
         let Some(angle) = self.prior_std_arcsec else { return Ok(None) };
         let angle = rad_from_arcsec(angle);
         let length = self.prior_std_um.map_or(f64::INFINITY, mm_from_um);
         let model = self.prior.as_deref().map(read_model).transpose()?.map(|m| m.0);
-        Ok(Some((model, [length, length, length, angle, angle, angle])))
+        Ok(Some(PriorSource { model, std: [length, length, length, angle, angle, angle] }))
     }
 }
 
-/// The prior at a position of the ram.
-fn prior_at(model: Option<&ModelSpec>, std: &[f64; 6], axis: AxisName, stop: &Stop) -> Prior {
-    let mut mean = [0.0; 6];
-    for (symbol, function) in model.iter().flat_map(|m| &m.errors) {
-        if symbol.axis() == axis && !symbol.is_constant() {
-            mean[symbol.component().index()] = function.value(stop.position, stop.travel);
+/// Where the prior comes from.
+struct PriorSource {
+    /// Its means; zero without a model.
+    model: Option<ModelSpec>,
+    /// Standard deviations, mm and rad; infinite where nothing is known.
+    std: [f64; 6],
+}
+
+impl PriorSource {
+    /// The prior at a position of the ram.
+    fn at(&self, axis: AxisName, stop: &Stop) -> Prior {
+        let mut mean = [0.0; 6];
+        for (symbol, function) in self.model.iter().flat_map(|m| &m.errors) {
+            if symbol.axis() == axis && !symbol.is_constant() {
+                mean[symbol.component().index()] = function.value(stop.position, stop.travel);
+            }
         }
+        Prior { mean: mean.into(), std: self.std.into() }
     }
-    Prior { mean: mean.into(), std: (*std).into() }
 }
 
 fn json_of(fit: &RamFit) -> Value {

@@ -115,7 +115,7 @@ impl Report<'_> {
             let rows = self.gauged.rows.len();
             if lead > 1.5 {
                 eprintln!(
-                    "warning: the points do not move as a rigid body ({} of {rows} rows fail): point {name} explains most of it ({lead:.1} times the next one); is it loose, or its line of sight disturbed?",
+                    "warning: the points do not move as a rigid body ({} of {rows} rows fail): point {name} explains most of it (without it {lead:.1} times less is left than without the next one); is it loose, or its line of sight disturbed?",
                     self.failing()
                 );
             } else {
@@ -188,6 +188,7 @@ pub(super) fn sides_json(sides: &Sides, names: &[String], poses: usize) -> Value
             "poses": s.poses,
             "mean": s.mean,
             "std": s.std,
+            "std_sample": s.std_sample,
             "peak_to_peak": s.peak_to_peak,
         })).collect::<Vec<_>>(),
         "sigma": sides.sigma,
