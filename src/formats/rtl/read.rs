@@ -163,10 +163,11 @@ impl<'a> Reader<'a> {
         else {
             return Err(line.unexpected("a row of three: run, target, deviation"));
         };
-        let targets = u32::try_from(self.rtl.targets.len()).unwrap_or(u32::MAX);
+        // where a section comes late, its limit is checked at the end
+        let targets = if self.targets_seen { self.rtl.targets.len() } else { TARGETS_MAX };
         let runs = if self.run_count.is_some() { self.rtl.run_count } else { RUNS_MAX };
         let run_number = run.whole("a run", 1, runs)?;
-        let target_number = target.whole("the index of a target", 1, targets.max(1))?;
+        let target_number = target.whole("the index of a target", 1, targets.max(1) as u32)?;
         let value = value.number("a deviation")?;
         if let Some(first) = self.seen.insert((run_number, target_number), line.line) {
             let what = format!("run {run_number}, target {target_number}");
@@ -177,7 +178,7 @@ impl<'a> Reader<'a> {
     }
 
     fn finish(self) -> Result<(Rtl, Vec<Note>), FormatError> {
-        let Self { mut rtl, section, target_count, targets_seen, run_count, last_line, .. } = self;
+        let Self { mut rtl, section, target_count, targets_seen, run_count, last_line, seen, .. } = self;
         let missing =
             |what, remedy| Err(FormatError::at(last_line, 1, FormatErrorKind::Missing { what, remedy }));
         if !targets_seen || rtl.targets.is_empty() {
@@ -195,15 +196,32 @@ impl<'a> Reader<'a> {
         if rtl.deviations.is_empty() {
             return missing("the rows of DEVIATIONS::", "the file holds targets but no readings");
         }
-        let announced = u64::from(rtl.run_count) * rtl.targets.len() as u64;
+        if run_count.is_none() {
+            rtl.run_count = rtl.runs().last().copied().unwrap_or(0);
+        }
+        let limits = (f64::from(rtl.run_count), rtl.targets.len() as f64);
+        for d in &rtl.deviations {
+            let line = seen.get(&(d.run, d.target)).copied().unwrap_or(last_line);
+            for (what, value, high) in [
+                ("a run", f64::from(d.run), limits.0),
+                ("the index of a target", f64::from(d.target), limits.1),
+            ] {
+                if value > high {
+                    return Err(FormatError::at(
+                        line,
+                        1,
+                        FormatErrorKind::Range { what, value, low: 1.0, high },
+                    ));
+                }
+            }
+        }
+        let announced =
+            if run_count.is_some() { u64::from(rtl.run_count) * rtl.targets.len() as u64 } else { 0 };
         let found = rtl.deviations.len() as u64;
         // nothing behind the rows and rows missing: the file was cut off while it was written or copied
         if section == Some(Section::Deviations) && found < announced {
             let kind = FormatErrorKind::Count { what: "readings", announced, found };
             return Err(FormatError::at(last_line, 1, kind));
-        }
-        if run_count.is_none() {
-            rtl.run_count = rtl.runs().last().copied().unwrap_or(0);
         }
         let mut notes = Vec::new();
         if section != Some(Section::Eof) {

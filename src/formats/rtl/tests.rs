@@ -47,6 +47,26 @@ fn sections_may_be_missing() {
     assert_eq!(parse(&no_runs).unwrap().0.run_count, 4);
 }
 
+/// Found by fuzzing: limits that come behind the rows were not held against them.
+#[test]
+fn sections_in_another_order() {
+    let (head, rest) = GOOD.split_once("RUNS::").unwrap();
+    let (_, rows) = rest.split_once("DEVIATIONS::").unwrap();
+    let (rows, environment) = rows.split_once("ENVIRONMENT::").unwrap();
+    let late = |count: u32| {
+        format!("{head}DEVIATIONS::{rows}RUNS::\r\nRun-count:{count}\r\nENVIRONMENT::{environment}")
+    };
+    assert_eq!(parse(&late(4)).unwrap().0, parse(GOOD).unwrap().0);
+    assert_eq!(parse(&late(3)).unwrap_err().to_string(), "33:1: a run is 4; it must be from 1 to 3");
+    let targets_last = format!(
+        "HEADER::\nDEVIATIONS::\nRun Target Data:\n1 1 0\n1 3 2\nTARGET DATA::\nTargets : {}\nEOF::\n",
+        "0 10 20"
+    );
+    assert_eq!(parse(&targets_last).unwrap().0.deviations.len(), 2);
+    let e = parse(&targets_last.replace(" 20", "")).unwrap_err().to_string();
+    assert_eq!(e, "5:1: the index of a target is 3; it must be from 1 to 2");
+}
+
 #[test]
 fn one_way_files() {
     let zeros = "TARGET DATA::\nTargets : 0 10\nFlags: 0 1 2 0\nRUNS::\nRun-count:4\nDEVIATIONS::\nRun Target Data:\n1 1 0\n1 2 3\n2 2 0\n2 1 0\n3 1 0.5\n3 2 2\n4 2 0\n4 1 0\nEOF::\n";
