@@ -11,6 +11,7 @@ macro_rules! say {
 
 mod check;
 mod daemon;
+mod diff;
 mod evaluate;
 mod exit;
 mod files;
@@ -49,6 +50,7 @@ enum Verb {
     Identify(identify::Args),
     Evaluate(evaluate::Args),
     Model(model::Args),
+    Diff(diff::Args),
     Status(service::StatusArgs),
     Enable(service::CommandArgs),
     Disable(service::CommandArgs),
@@ -64,6 +66,7 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Identify(a) => identify::run(&a),
         Verb::Evaluate(a) => evaluate::run(&a),
         Verb::Model(a) => model::run(&a),
+        Verb::Diff(a) => diff::run(&a),
         Verb::Status(a) => service::status(&a),
         Verb::Enable(a) => service::enable(&a),
         Verb::Disable(a) => service::disable(&a),
