@@ -50,7 +50,11 @@ fn folder() -> tempfile::TempDir {
             let y = 20.0 * f64::from(i);
             let noise = 0.05 * f64::from((7 * i + 3 * cycle) % 5 - 2);
             let line = 1e3 * y * 20.0 * core::f64::consts::PI / 648_000.0;
-            motion.push_str(&format!("{y},{},{},{cycle},1\n", 3.0 * (y / 130.0).sin() + line + noise, 0.01 * y + noise));
+            motion.push_str(&format!(
+                "{y},{},{},{cycle},1\n",
+                3.0 * (y / 130.0).sin() + line + noise,
+                0.01 * y + noise
+            ));
         }
     }
     write("y.csv", &motion);
@@ -61,22 +65,49 @@ fn folder() -> tempfile::TempDir {
 fn sources_are_kept_and_the_straight_edge_counts_for_nothing() {
     let folder = folder();
     let f = folder.path();
-    let text = ok(f, &["model", "assemble", "a.toml", "b.toml", "square.toml", "--motion", "y=y.csv", "--measured-at", "y.csv=0,0,-150", "--out", "m.toml"]);
+    let text = ok(
+        f,
+        &[
+            "model",
+            "assemble",
+            "a.toml",
+            "b.toml",
+            "square.toml",
+            "--motion",
+            "y=y.csv",
+            "--measured-at",
+            "y.csv=0,0,-150",
+            "--out",
+            "m.toml",
+        ],
+    );
     assert!(text.contains("EXX   mean of a.toml 50 %, b.toml 50 %"), "{text}");
-    assert!(text.contains("they agree") && text.contains("EXY slope") && text.contains("in y.csv, which does not state ec0y"), "{text}");
+    assert!(
+        text.contains("they agree")
+            && text.contains("EXY slope")
+            && text.contains("in y.csv, which does not state ec0y"),
+        "{text}"
+    );
     assert!(text.contains("gauge: in normal form"), "{text}");
     let model = std::fs::read_to_string(f.join("m.toml")).unwrap();
     let parsed: toml::Value = model.parse::<toml::Table>().unwrap().into();
-    let square = parsed["errors"]["ec0y"]["constant"]["value-arcsec"].as_float().or(parsed["errors"]["ec0y"]["constant"]["value-arcsec"].as_integer().map(|v| v as f64)).unwrap();
+    let square = parsed["errors"]["ec0y"]["constant"]["value-arcsec"]
+        .as_float()
+        .or(parsed["errors"]["ec0y"]["constant"]["value-arcsec"].as_integer().map(|v| v as f64))
+        .unwrap();
     assert!((square - 4.0).abs() < 1e-6, "{square}");
     // every input with the hash of its content
     let sources = parsed["provenance"]["sources"].as_array().unwrap();
     assert_eq!(sources.len(), 4);
-    let hash = |name: &str| format!("blake3:{}", blake3::hash(&std::fs::read(f.join(name)).unwrap()).to_hex());
+    let hash =
+        |name: &str| format!("blake3:{}", blake3::hash(&std::fs::read(f.join(name)).unwrap()).to_hex());
     assert_eq!(sources[0]["source-hash"].as_str().unwrap(), hash("a.toml"));
     assert_eq!(parsed["provenance"]["expiry"].to_string(), "\"2027-03-01\"");
     let exx = parsed["errors"]["exx"]["sources"].as_array().unwrap();
-    assert_eq!((exx[0]["instrument"].as_str(), exx[1]["instrument"].as_str()), (Some("laser"), Some("encoder")));
+    assert_eq!(
+        (exx[0]["instrument"].as_str(), exx[1]["instrument"].as_str()),
+        (Some("laser"), Some("encoder"))
+    );
     assert_eq!(parsed["errors"]["exy"]["source"].as_str(), Some("y.csv"));
     assert_eq!(parsed["errors"]["exy"]["source-hash"].as_str().unwrap(), hash("y.csv"));
     assert_eq!(parsed["axes"]["y"]["reference-points-mm"]["x"][2].as_integer(), Some(-150));
@@ -94,12 +125,26 @@ fn contradictions_name_numbers_and_remedies() {
     let refused = volcomp(f, &["model", "assemble", "a.toml", "bad.toml", "--out", "m.toml"]);
     let message = String::from_utf8(refused.stderr).unwrap();
     assert_eq!(refused.status.code(), Some(65), "{message}");
-    assert!(message.contains("EXX: a.toml and bad.toml differ by up to 4.50 um") && message.contains("chi2"), "{message}");
+    assert!(
+        message.contains("EXX: a.toml and bad.toml differ by up to 4.50 um") && message.contains("chi2"),
+        "{message}"
+    );
     assert!(!f.join("m.toml").exists(), "nothing is written");
-    let json: Value = serde_json::from_str(&ok(f, &["model", "assemble", "a.toml", "bad.toml", "--prefer", "bad.toml:exx", "--out", "m.toml", "--json"])).unwrap();
+    let json: Value = serde_json::from_str(&ok(
+        f,
+        &["model", "assemble", "a.toml", "bad.toml", "--prefer", "bad.toml:exx", "--out", "m.toml", "--json"],
+    ))
+    .unwrap();
     assert_eq!(json["errors"][0]["how"], "preferred");
-    assert_eq!((json["checks"][0]["agree"].as_bool(), json["checks"][0]["dof"].as_u64()), (Some(false), Some(40)));
-    let json: Value = serde_json::from_str(&ok(f, &["model", "assemble", "a.toml", "bad.toml", "--average", "exx", "--out", "m.toml", "--json"])).unwrap();
+    assert_eq!(
+        (json["checks"][0]["agree"].as_bool(), json["checks"][0]["dof"].as_u64()),
+        (Some(false), Some(40))
+    );
+    let json: Value = serde_json::from_str(&ok(
+        f,
+        &["model", "assemble", "a.toml", "bad.toml", "--average", "exx", "--out", "m.toml", "--json"],
+    ))
+    .unwrap();
     assert_eq!(json["errors"][0]["how"], "mean");
     for (args, code, words) in [
         (&["--prefer", "c.toml"][..], 64, "no such input; inputs are a.toml, bad.toml"),
@@ -132,7 +177,8 @@ fn diff_says_what_changed_and_what_it_does() {
     let json: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!(json["same"], false);
     assert_eq!(json["changes"][0], "travel of Y: not stated -> 0 to 300 mm");
-    let symbols: Vec<&str> = json["errors"].as_array().unwrap().iter().map(|e| e["symbol"].as_str().unwrap()).collect();
+    let symbols: Vec<&str> =
+        json["errors"].as_array().unwrap().iter().map(|e| e["symbol"].as_str().unwrap()).collect();
     assert_eq!(symbols, ["exx", "ecx"]);
     assert!((json["errors"][0]["largest_um"].as_f64().unwrap() - 9.0).abs() < 1e-3);
     assert_eq!(json["errors"][1]["what"], "only in second");
@@ -147,7 +193,10 @@ fn diff_says_what_changed_and_what_it_does() {
     let provenance = json["provenance"].to_string();
     assert!(provenance.contains("file instrument: laser -> -"), "{provenance}");
     let page = std::fs::read_to_string(f.join("d.html")).unwrap();
-    assert!(page.contains("EXX") && page.contains("<svg") && !page.contains(" src=") && !page.contains(" href="), "self-contained");
+    assert!(
+        page.contains("EXX") && page.contains("<svg") && !page.contains(" src=") && !page.contains(" href="),
+        "self-contained"
+    );
     assert!(std::fs::read_to_string(f.join("d.svg")).unwrap().contains("ECX"));
     // tolerances
     for (tolerance, code) in [("100", 0), ("5", 1)] {
