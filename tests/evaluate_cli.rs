@@ -270,7 +270,7 @@ fn a_plate_gives_back_how_it_was_drilled() {
         [("scale_x_ppm", 20.0), ("scale_y_ppm", -10.0), ("scale_x_minus_y_ppm", 30.0), ("ec0y_arcsec", 10.0)]
     {
         let (value, std) = (r[key]["value"].as_f64().unwrap(), r[key]["std"].as_f64().unwrap());
-        assert!((value - want).abs() < 4.0 * std && std < 0.6, "{key}: {value} +- {std}");
+        assert!((value - want).abs() < 4.0 * std && std < 1.0, "{key}: {value} +- {std}");
     }
     assert!((r["offset_x_mm"]["value"].as_f64().unwrap() - 0.005).abs() < 5e-4);
     assert!(r["p_value"].as_f64().unwrap() > 0.01 && r["rms_um"].as_f64().unwrap() < 0.5);

@@ -40,6 +40,9 @@ pub(super) fn curves(diff: &Diff) -> Svg {
     })
 }
 
+/// Which model, which direction of travel, and the points.
+type Line = (usize, Travel, Vec<(f64, f64)>);
+
 fn panel(area: &Area<'_>, diff: &Diff, models: &[Model; 2], error: &ErrorDifference) -> Drawn {
     let (symbol, axis) = (error.symbol, error.symbol.axis());
     let Some([low, high]) = error.over else { return Ok(()) };
@@ -50,7 +53,7 @@ fn panel(area: &Area<'_>, diff: &Diff, models: &[Model; 2], error: &ErrorDiffere
         let values = relative_values(&diff.files[which].spec, &models[which], symbol, &at, travel);
         at.iter().zip(values).map(|(q, v)| (position_out(axis, *q), out(v))).collect()
     };
-    let lines: Vec<(usize, Travel, Vec<(f64, f64)>)> = [0, 1]
+    let lines: Vec<Line> = [0, 1]
         .into_iter()
         .flat_map(|which| [Travel::Forward, Travel::Reverse].map(|t| (which, t, line(which, t))))
         .collect();

@@ -103,14 +103,19 @@ impl Job<'_> {
             self.errors.push(Origin { symbol, how, from: vec![(v.source, 1.0)] });
             return Ok((v.value, v.std));
         }
-        let same = checks.iter().all(Check::is_identical);
-        let birge = if same { 1.0 } else { self.judge(symbol, &checks)? };
+        // the same number is the same measurement: it does not become more certain
+        if checks.iter().all(Check::is_identical) {
+            let from = values.iter().map(|v| (v.source, 1.0 / values.len() as f64)).collect();
+            self.errors.push(Origin { symbol, how: How::Same, from });
+            return Ok((values[0].value, values[0].std));
+        }
+        let birge = self.judge(symbol, &checks)?;
         let known = values.iter().all(|v| v.std.is_some());
         let weight = |v: &Value| if known { v.std.map_or(1.0, |s| 1.0 / (s * s)) } else { 1.0 };
         let total: f64 = values.iter().map(weight).sum();
         let mean = values.iter().map(|v| weight(v) / total * v.value).sum();
         let from = values.iter().map(|v| (v.source, weight(v) / total)).collect();
-        self.errors.push(Origin { symbol, how: if same { How::Same } else { How::Mean }, from });
+        self.errors.push(Origin { symbol, how: How::Mean, from });
         Ok((mean, known.then(|| birge * (1.0 / total).sqrt())))
     }
 }

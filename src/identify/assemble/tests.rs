@@ -1,6 +1,8 @@
 use proptest::prelude::*;
 
 use super::*;
+use crate::core::geometry::Vec3;
+use crate::core::model::Chain;
 use crate::core::model::Curve;
 use crate::core::model::compare::compare;
 use crate::core::model::curve::{Chebyshev, Fourier, Interpolation, Table};
@@ -103,7 +105,11 @@ fn contradictions_are_refused_unless_decided() {
     let refused = assemble(&both, &Options::default()).unwrap_err();
     assert!(matches!(&refused, AssembleError::Inconsistent { checks, .. } if checks.len() == 1));
     let text = refused.to_string();
-    assert!(text.contains("EXX: laser and comb differ by up to 1.60 um") && text.contains("p = "), "{text}");
+    assert!(
+        text.contains("EXX: laser and comb differ by up to 1.60 um")
+            && text.contains("degrees of freedom, p "),
+        "{text}"
+    );
     let prefer = Options { prefer: vec![(1, None)], ..Options::default() };
     let done = assemble(&both, &prefer).unwrap();
     assert_eq!((done.errors[0].how, done.errors[0].from[0].0), (How::Preferred, 1));

@@ -39,6 +39,14 @@ impl Loaded {
         }
     }
 
+    /// Hashes of the data that the file says it was made from.
+    fn made_from(&self) -> impl Iterator<Item = Option<&str>> {
+        let all = core::iter::once(&self.file).chain(self.of_errors.iter().map(|(_, p)| p));
+        let hashes = all
+            .flat_map(|p| core::iter::once(&p.source_hash).chain(p.sources.iter().map(|s| &s.source_hash)));
+        hashes.filter(|h| h.is_some()).map(Option::as_deref)
+    }
+
     pub(super) fn hash(&self) -> &str {
         &self.hash
     }
@@ -76,7 +84,7 @@ pub(super) fn load(args: &Args) -> Result<Vec<Loaded>, Failure> {
     for path in &args.models {
         out.push(model(path, args.absolute.contains(path))?);
     }
-    for wanted in args.absolute.iter().filter(|p| !args.models.contains(p)) {
+    if let Some(wanted) = args.absolute.iter().find(|p| !args.models.contains(p)) {
         return Err(usage(format_args!("--absolute {}: no such input", wanted.display())));
     }
     if let Some((missing, _)) =
@@ -99,6 +107,7 @@ pub(super) fn load(args: &Args) -> Result<Vec<Loaded>, Failure> {
         out.push(table(*axis, path, at, base)?);
     }
     name_apart(&mut out);
+    note_common_data(&out);
     Ok(out)
 }
 
@@ -108,6 +117,25 @@ fn name_apart(list: &mut [Loaded]) {
     for l in list {
         if names.iter().filter(|n| **n == l.source.name).count() > 1 {
             l.source.name = l.path.display().to_string();
+        }
+    }
+}
+
+/// Says which inputs are not independent: one was made from the other, or both from the same data.
+fn note_common_data(list: &[Loaded]) {
+    for (i, a) in list.iter().enumerate() {
+        for b in &list[..i] {
+            for (whole, part) in [(a, b), (b, a)] {
+                if whole.made_from().any(|h| h == part.entry().source_hash.as_deref()) {
+                    let (whole, part) = (&whole.source.name, &part.source.name);
+                    eprintln!("note: {whole} was made from {part}; they are not independent");
+                }
+            }
+            let common = a.made_from().flatten().find(|h| b.made_from().any(|other| other == Some(h)));
+            if let Some(hash) = common {
+                let (a, b) = (&a.source.name, &b.source.name);
+                eprintln!("note: {a} and {b} were both made from the data {hash}; they are not independent");
+            }
         }
     }
 }

@@ -185,7 +185,7 @@ fn model_file(args: &Args, loaded: &[Loaded], done: &Assembled) -> ModelFile {
 }
 
 /// What an input says about an error; what it says about itself where it does not.
-fn stated<'a>(loaded: &'a Loaded, symbol: ErrorSymbol) -> &'a Provenance {
+fn stated(loaded: &Loaded, symbol: ErrorSymbol) -> &Provenance {
     loaded.of_errors.iter().find(|(s, _)| *s == symbol).map_or(&loaded.file, |(_, p)| p)
 }
 
