@@ -11,6 +11,7 @@ macro_rules! say {
 
 mod check;
 mod daemon;
+mod diff;
 mod evaluate;
 mod exit;
 mod explain;
@@ -58,6 +59,7 @@ enum Verb {
     Evaluate(evaluate::Args),
     Model(model::Args),
     Explain(explain::Args),
+    Diff(diff::Args),
     Status(service::StatusArgs),
     Enable(service::CommandArgs),
     Disable(service::CommandArgs),
@@ -76,6 +78,7 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Evaluate(a) => evaluate::run(&a),
         Verb::Explain(a) => explain::run(&a),
         Verb::Model(a) => model::run(&a),
+        Verb::Diff(a) => diff::run(&a),
         Verb::Status(a) => service::status(&a),
         Verb::Enable(a) => service::enable(&a),
         Verb::Disable(a) => service::disable(&a),

@@ -3,6 +3,7 @@
 //! Reading order: [`reading`] (what every instrument delivers), [`curve`] (readings of one error
 //! motion to a curve of the model), then one room per measuring method.
 
+pub mod assemble;
 pub mod ballbar;
 pub mod circles;
 pub mod curve;

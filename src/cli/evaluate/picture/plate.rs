@@ -9,7 +9,9 @@ use crate::core::units::um_from_mm;
 use crate::evaluate::{PlateFit, PlatePoint};
 
 const TITLE: u32 = 34;
-const HEIGHT: u32 = 500;
+const HEIGHT: u32 = 430;
+/// Above this many places arrows are drawn thin.
+const MANY: usize = 150;
 /// Room for axis labels beside and below a chart, pixels.
 const LABELS: (f64, f64) = (66.0 + 8.0 + 16.0, 40.0 + 8.0 + 8.0);
 /// Share of the plate that the longest arrow has.
@@ -64,20 +66,20 @@ fn draw(area: &Area<'_>, points: &[PlatePoint], vectors: &[[f64; 2]], name: &str
     let axes = Axes { title: "", x_label: "X / mm", y_label: "Y / mm", x, y, right: 16, x_ticks: 7 };
     let mut chart = axes.draw(&body)?;
     chart.draw_series(points.iter().map(|p| Circle::new((p.nominal[0], p.nominal[1]), 2, GREY.filled())))?;
+    let (width, barb) = if points.len() > MANY { (1, 3.0 * per_pixel) } else { (2, 6.0 * per_pixel) };
     for (i, (p, v)) in points.iter().zip(vectors).enumerate() {
         let colour = if i == worst { VERMILLION } else { BLUE };
         let from = (p.nominal[0], p.nominal[1]);
         let to = (from.0 + magnification * v[0], from.1 + magnification * v[1]);
-        chart.draw_series(LineSeries::new([from, to], colour.stroke_width(2)))?;
+        chart.draw_series(LineSeries::new([from, to], colour.stroke_width(width)))?;
         let length = magnification * v[0].hypot(v[1]);
-        if length > 6.0 * per_pixel {
+        if length > barb {
             let tip = |angle: f64| {
                 let (sin, cos) = angle.sin_cos();
                 let (ux, uy) = (v[0] * magnification / length, v[1] * magnification / length);
-                let barb = 6.0 * per_pixel;
                 (to.0 - barb * (ux * cos - uy * sin), to.1 - barb * (ux * sin + uy * cos))
             };
-            chart.draw_series(LineSeries::new([tip(0.45), to, tip(-0.45)], colour.stroke_width(2)))?;
+            chart.draw_series(LineSeries::new([tip(0.45), to, tip(-0.45)], colour.stroke_width(width)))?;
         }
     }
     Ok(())

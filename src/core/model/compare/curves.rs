@@ -3,7 +3,9 @@
 use super::Pair;
 use crate::core::axes::{AxisKind, AxisName, MAX_AXES, Travel};
 use crate::core::model::curve::{Curve, ErrorFunction};
+use crate::core::model::spec::ModelSpec;
 use crate::core::model::symbol::ErrorSymbol;
+use crate::core::model::volumetric::Model;
 use crate::core::model::volumetric::{PointFlags, Pose};
 
 /// Places of even sampling along an axis; support points of tables are added to them.
@@ -36,6 +38,22 @@ pub struct ErrorDifference {
     pub over: Option<[f64; 2]>,
     /// Standard uncertainties stated.
     pub std: [Option<f64>; 2],
+}
+
+/// What an error motion of a model says in relative sense at programmed coordinates of its axis, mm or rad, all other
+/// axes at the lower end of their travel.
+#[must_use]
+pub fn relative_values(
+    spec: &ModelSpec,
+    model: &Model,
+    symbol: ErrorSymbol,
+    positions: &[f64],
+    travel: Travel,
+) -> Vec<f64> {
+    let models = [model.clone(), model.clone()];
+    let pair = Pair::new([spec, spec], &models);
+    let value = |q: &f64| motions(&pair, 0, symbol.axis(), *q, travel, 0.0)[symbol.component().index()];
+    positions.iter().map(value).collect()
 }
 
 /// All errors that differ, in the order of their symbols.

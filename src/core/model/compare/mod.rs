@@ -11,7 +11,7 @@ mod bound;
 mod curves;
 mod volume;
 
-pub use curves::ErrorDifference;
+pub use curves::{ErrorDifference, relative_values};
 pub use volume::{Difference, VolumeDifference};
 
 use super::chain::Chain;
