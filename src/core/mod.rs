@@ -2,8 +2,8 @@
 
 pub mod axes;
 pub mod engine;
-pub mod fault;
 pub mod estimate;
+pub mod fault;
 pub mod geometry;
 pub mod model;
 pub mod protocol;

@@ -190,7 +190,7 @@ fn table(axis: AxisName, path: &Path, at: Option<[f64; 3]>, base: &ModelSpec) ->
     }
     let mut spec = ModelSpec { errors: Vec::new(), axes: vec![entry], ..base.clone() };
     for (symbol, readings) in by_symbol {
-        let fit = curve::fit(&readings, &Request::default())
+        let fit = curve::fit(&readings.readings, &Request::default())
             .map_err(|e| if axis.kind() == AxisKind::Rotary { e.in_degrees() } else { e })
             .map_err(|e| {
                 Failure::new(EX_DATAERR, format_args!("error: {}: {symbol}: {e}", path.display()))
