@@ -153,7 +153,6 @@ pub enum Passage {
 /// One direction of a connection: what it has kept back.
 #[derive(Debug, Default)]
 pub struct Lane {
-    met: u64,
     waiting: Vec<u8>,
     waiting_frames: usize,
     held: Option<Vec<u8>>,
@@ -162,13 +161,19 @@ pub struct Lane {
 
 impl Lane {
     /// What becomes of a frame; `random` gives numbers from 0 to 1.
-    pub fn pass(&mut self, fault: &LinkFault, frame: &[u8], random: &mut dyn FnMut() -> f64) -> Vec<Passage> {
+    /// `met` counts the frames that this fault has met, this one included, over all connections.
+    pub fn pass(
+        &mut self,
+        fault: &LinkFault,
+        met: u64,
+        frame: &[u8],
+        random: &mut dyn FnMut() -> f64,
+    ) -> Vec<Passage> {
         if fault.kind == FaultKind::None {
             return self.let_go(frame);
         }
-        self.met += 1;
-        let counted = self.met.is_multiple_of(fault.every.max(1));
-        let spent = fault.frames.is_some_and(|n| self.met > n.saturating_mul(fault.every.max(1)));
+        let counted = met.is_multiple_of(fault.every.max(1));
+        let spent = fault.frames.is_some_and(|n| met > n.saturating_mul(fault.every.max(1)));
         if spent || !counted {
             return self.let_go(frame);
         }
@@ -218,9 +223,8 @@ impl Lane {
         }
     }
 
-    /// Another fault begins: its frames are counted anew.
+    /// Another fault begins.
     pub fn renew(&mut self) {
-        self.met = 0;
         self.frozen = None;
     }
 

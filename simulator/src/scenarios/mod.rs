@@ -5,7 +5,7 @@
 //! faults into the frames (seeded); daemon and control are the unmodified programs.
 //!
 //! Reading order: [`plan`] (what a scenario says), [`fault`] and [`relay`] (the bad link), [`stage`] (machine, control,
-//! daemon), [`run`] (a scenario from its first cycle to its verdict).
+//! daemon), [`mod@run`] (a scenario from its first cycle to its verdict).
 
 pub mod fault;
 pub mod plan;

@@ -20,7 +20,8 @@ const SLICE: Duration = Duration::from_millis(20);
 
 /// What pumps and the scenario share.
 struct Shared {
-    fault: Mutex<(u64, LinkFault)>,
+    /// Number of the fault, the fault, and the frames that it has met.
+    fault: Mutex<(u64, LinkFault, u64)>,
     ended: AtomicBool,
     links: AtomicU64,
     seed: u64,
@@ -44,7 +45,7 @@ impl Relay {
         let address = listener.local_addr()?;
         let none = LinkFault { kind: FaultKind::None, direction: Default::default(), every: 1, frames: None };
         let shared = Arc::new(Shared {
-            fault: Mutex::new((0, none)),
+            fault: Mutex::new((0, none, 0)),
             ended: AtomicBool::new(false),
             links: AtomicU64::new(0),
             seed,
@@ -75,7 +76,7 @@ impl Relay {
     /// From now on this happens to the frames.
     pub fn set(&self, fault: LinkFault) {
         let mut now = self.shared.fault.lock().unwrap_or_else(PoisonError::into_inner);
-        *now = (now.0 + 1, fault);
+        *now = (now.0 + 1, fault, 0);
     }
 
     /// Connections so far.
@@ -149,7 +150,11 @@ fn pump(
             Err(e) => return Err(e),
         }
         while let Some(frame) = next_frame(&mut bytes) {
-            let (number, fault) = *shared.fault.lock().unwrap_or_else(PoisonError::into_inner);
+            let (number, fault, met) = {
+                let mut now = shared.fault.lock().unwrap_or_else(PoisonError::into_inner);
+                now.2 += u64::from(now.1.direction.meets(to_control));
+                *now
+            };
             if number != seen {
                 seen = number;
                 lane.renew();
@@ -159,7 +164,7 @@ fn pump(
             }
             let met = fault.direction.meets(to_control);
             let fault = if met { fault } else { LinkFault { kind: FaultKind::None, ..fault } };
-            for passage in lane.pass(&fault, &frame, &mut random) {
+            for passage in lane.pass(&fault, met, &frame, &mut random) {
                 let now = Instant::now();
                 match passage {
                     // frames keep their order, however late they are

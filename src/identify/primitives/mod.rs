@@ -4,7 +4,7 @@
 //! Points are centred and scaled before anything is solved, so a circle 2 m from the origin costs no digits.
 //! Covariances are given for coordinates of unit variance (`cofactor`); multiply by the variance of a coordinate.
 //!
-//! Source: equations 5.4. Reading order: [`ball`], [`plane`], [`space_circle`], [`rigid`].
+//! Source: equations 5.4. Reading order: [`mod@ball`], [`mod@plane`], [`mod@space_circle`], [`mod@rigid`].
 
 pub mod ball;
 pub(in crate::identify) mod jacobi;
