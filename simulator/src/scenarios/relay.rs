@@ -162,8 +162,8 @@ fn pump(
             if silent {
                 continue;
             }
-            let met = fault.direction.meets(to_control);
-            let fault = if met { fault } else { LinkFault { kind: FaultKind::None, ..fault } };
+            let concerned = fault.direction.meets(to_control);
+            let fault = if concerned { fault } else { LinkFault { kind: FaultKind::None, ..fault } };
             for passage in lane.pass(&fault, met, &frame, &mut random) {
                 let now = Instant::now();
                 match passage {
