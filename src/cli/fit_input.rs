@@ -70,6 +70,13 @@ impl Measured {
 
     fn append(&mut self, mut other: Self, file: &str) {
         self.files.push((self.readings.len(), file.to_owned()));
+        if self.readings.is_empty() {
+            // the usual case: one file, and nothing is copied
+            (self.readings, self.lines) = (other.readings, other.lines);
+            return;
+        }
+        // a file without lines leaves none to the readings before the next one
+        self.lines.resize(self.readings.len(), 0);
         self.readings.append(&mut other.readings);
         self.lines.append(&mut other.lines);
     }

@@ -179,18 +179,16 @@ fn only_first() -> [f64; COMPONENTS_MAX] {
 fn of_case(case: &Case) -> Result<Map<String, Value>, String> {
     let CaseGrid { x, y, z } = &case.grid;
     let grid = NodeGrid::new(x.clone(), y.clone(), z.clone()).map_err(|e| e.to_string())?;
-    if case.x0.len() != grid.nodes() {
-        return Err(format!("x0 has {} values, the grid has {} nodes", case.x0.len(), grid.nodes()));
-    }
     let adaptation = case.adaptive.as_ref().map(|a| Adaptation { share: a.d, low: a.r_min, high: a.r_max });
     let mut noise = MeasurementNoise::new(case.r, adaptation).map_err(|e| e.to_string())?;
-    if !(case.p0.sigma > 0.0 && case.q_diag >= 0.0 && case.p0.correlation_length >= 0.0) {
-        return Err("P0 sigma must be above 0, its correlation length and Q_diag not below".to_owned());
+    if !(case.q_diag.is_finite() && case.q_diag >= 0.0) {
+        return Err(format!("Q_diag {} is not a number from 0 up", case.q_diag));
     }
     let rules = Rules { gate: case.gate.unwrap_or(f64::INFINITY), cap_at_prior: false, ..Rules::default() };
     let process = Process::RandomWalk { variance_per_s: case.q_diag };
     let sigma = [case.p0.sigma];
-    let mut filter = NodeFilter::new(&grid, &case.x0, &sigma, case.p0.correlation_length, process, rules);
+    let mut filter = NodeFilter::new(&grid, &case.x0, &sigma, case.p0.correlation_length, process, rules)
+        .map_err(|e| e.to_string())?;
     let mut sequence = Vec::with_capacity(case.observations.len());
     let (mut ratios, mut rejected) = (0.0, 0);
     for o in &case.observations {
@@ -320,9 +318,6 @@ fn of_table(args: &Args, path: &Path) -> Result<(), Failure> {
     let mut model = args.model.base(|| default_chain(axes))?;
     let before = offline(&model, symbol)?;
     let (sigma, std) = (args.sigma.unwrap_or(0.0), args.noise.unwrap_or(0.0));
-    if !(sigma > 0.0 && sigma.is_finite() && args.correlation_mm >= 0.0) {
-        return Err(Failure::new(EX_USAGE, "error: --sigma must be above 0, --correlation-mm not below"));
-    }
     let variance = (unit.to_inner)(std).powi(2);
     let adaptation =
         args.adaptive.then_some(Adaptation { share: 0.02, low: 0.01 * variance, high: 100.0 * variance });
@@ -338,7 +333,8 @@ fn of_table(args: &Args, path: &Path) -> Result<(), Failure> {
         args.correlation_mm,
         Process::RandomWalk { variance_per_s: walk },
         rules,
-    );
+    )
+    .map_err(|e| Failure::new(EX_USAGE, format_args!("error: {e}")))?;
     let offline_at = |at: [f64; 3]| value_at(&before, symbol, &axes, at);
     let outcome =
         filter_table(&mut table, &columns, &unit, &grid, (&mut filter, &mut noise), offline_at, path)?;

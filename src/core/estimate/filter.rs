@@ -27,6 +27,43 @@ pub enum Process {
     },
 }
 
+/// Why a filter cannot be built.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum FilterError {
+    /// Components are at least one and few.
+    #[error("{found} components; a filter has 1 to {limit}", limit = COMPONENTS_MAX)]
+    Components {
+        /// Components found.
+        found: usize,
+    },
+    /// The prior map must have one value per node and component.
+    #[error("the prior map has {found} values, the grid needs {expected}")]
+    PriorSize {
+        /// Values found.
+        found: usize,
+        /// Values needed.
+        expected: usize,
+    },
+    /// A value of the prior map is no number.
+    #[error("value {} of the prior map is not finite", index + 1)]
+    PriorNotFinite {
+        /// 0-based index.
+        index: usize,
+    },
+    /// A standard deviation must be a positive number.
+    #[error("standard deviation {value:e} of the prior map is not a number above 0")]
+    BadSigma {
+        /// The value.
+        value: f64,
+    },
+    /// A correlation length must not be negative.
+    #[error("correlation length {value} mm is not a number from 0 up")]
+    BadCorrelation {
+        /// The value.
+        value: f64,
+    },
+}
+
 /// Bounds within which measurements may act.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Rules {
@@ -117,10 +154,8 @@ impl NodeFilter {
     /// with standard deviation `sigma[c]` per component; nodes of a component are correlated by
     /// `exp(-|ri - rj|^2 / (2 l^2))`, not at all where `correlation_mm` is 0.
     ///
-    /// # Panics
-    /// Where `prior` is not a whole number (1 to [`COMPONENTS_MAX`]) of maps, or `sigma` has another number of
-    /// entries: a mistake of the caller.
-    #[must_use]
+    /// # Errors
+    /// No component or too many, a prior of another size than the grid's, numbers that are no lengths or deviations.
     pub fn new(
         grid: &NodeGrid,
         prior: &[f64],
@@ -128,14 +163,24 @@ impl NodeFilter {
         correlation_mm: f64,
         process: Process,
         rules: Rules,
-    ) -> Self {
+    ) -> Result<Self, FilterError> {
         let nodes = grid.nodes();
         let components = sigma.len();
-        assert!(
-            (1..=COMPONENTS_MAX).contains(&components) && prior.len() == nodes * components,
-            "a prior of {} values for {components} components of {nodes} nodes",
-            prior.len()
-        );
+        if !(1..=COMPONENTS_MAX).contains(&components) {
+            return Err(FilterError::Components { found: components });
+        }
+        if prior.len() != nodes * components {
+            return Err(FilterError::PriorSize { found: prior.len(), expected: nodes * components });
+        }
+        if let Some(i) = prior.iter().position(|x| !x.is_finite()) {
+            return Err(FilterError::PriorNotFinite { index: i });
+        }
+        if let Some(value) = sigma.iter().find(|s| !(s.is_finite() && **s > 0.0)) {
+            return Err(FilterError::BadSigma { value: *value });
+        }
+        if !(correlation_mm.is_finite() && correlation_mm >= 0.0) {
+            return Err(FilterError::BadCorrelation { value: correlation_mm });
+        }
         let n = prior.len();
         let mut covariance = vec![0.0; n * n];
         for (c, sigma) in sigma.iter().enumerate() {
@@ -154,7 +199,7 @@ impl NodeFilter {
                 }
             }
         }
-        Self {
+        Ok(Self {
             nodes,
             components,
             process,
@@ -167,7 +212,7 @@ impl NodeFilter {
             k: vec![0.0; n],
             work: vec![0.0; n],
             rejections: 0,
-        }
+        })
     }
 
     /// Lets time pass.

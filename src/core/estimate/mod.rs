@@ -10,6 +10,6 @@ pub mod filter;
 pub mod grid;
 pub mod noise;
 
-pub use filter::{NodeFilter, Observation, Process, Rules, Update, Verdict};
+pub use filter::{FilterError, NodeFilter, Observation, Process, Rules, Update, Verdict};
 pub use grid::{GridError, NodeGrid, NodePlace};
 pub use noise::{Adaptation, MeasurementNoise, NoiseError};

@@ -17,6 +17,8 @@ pub(super) const CONDITION_LIMIT: f64 = 1e10;
 const FEW: usize = 128;
 /// Condition (by pivots) up to which `A^T A` is trusted: its square costs four digits.
 const GRAM_CONDITION: f64 = 1e2;
+/// Pivots up to which the solution from `A^T A` has lost nothing that a step of refinement could bring back.
+const WELL_CONDITIONED: f64 = 10.0;
 /// Pivots closer than this need no singular values to be called sound.
 const SOUND_PIVOTS: f64 = 1e3;
 
@@ -70,6 +72,8 @@ pub(super) struct Factor {
     pub(super) z: DVector<f64>,
     /// Rows of the orthogonal factor, where kept.
     q: Option<DMatrix<f64>>,
+    /// Inverse of `r`, row by row, where they are not.
+    inverse: Vec<f64>,
 }
 
 /// Figures of the fit with the first `columns` columns.
@@ -107,9 +111,14 @@ impl Factor {
         if self.r.nrows() < k {
             return false;
         }
-        let pivots = || (0..k).map(|i| self.r[(i, i)].abs());
-        let (high, low) = pivots().fold((0.0f64, f64::INFINITY), |(h, l), p| (h.max(p), l.min(p)));
-        high <= SOUND_PIVOTS * low || self.condition(k) <= CONDITION_LIMIT
+        self.pivots(k) <= SOUND_PIVOTS || self.condition(k) <= CONDITION_LIMIT
+    }
+
+    /// Ratio of the largest to the smallest pivot of the first `k` columns.
+    fn pivots(&self, k: usize) -> f64 {
+        let pivots = (0..k).map(|i| self.r[(i, i)].abs());
+        let (high, low) = pivots.fold((0.0f64, f64::INFINITY), |(h, l), p| (h.max(p), l.min(p)));
+        high / low
     }
 
     /// Coefficients of the first `k` columns.
@@ -121,6 +130,9 @@ impl Factor {
     pub(super) fn refined(&self, data: &Data, design: &Design<'_>) -> Option<DVector<f64>> {
         let k = design.len();
         let mut c = self.coefficients(k)?;
+        if self.q.is_none() && self.pivots(k) < WELL_CONDITIONED {
+            return Some(c);
+        }
         let mut row = vec![0.0; k];
         let mut gradient = DVector::zeros(k);
         for cell in &data.cells {
@@ -166,11 +178,11 @@ impl Factor {
             return;
         }
         design.row(data.positions[cell.group], cell.sign(), row);
-        let r = self.r.as_slice();
         let n = self.r.nrows();
-        for j in 0..q.len() {
-            let column = &r[j * n..j * n + j + 1];
-            q[j] = (row[j] - dot(&column[..j], &q[..j])) / column[j];
+        q.fill(0.0);
+        for (i, value) in row.iter().enumerate().take(q.len()) {
+            let line = &self.inverse[i * n + i..i * n + q.len()];
+            q[i..].iter_mut().zip(line).for_each(|(q, r)| *q += value * r);
         }
     }
 }
@@ -232,24 +244,40 @@ fn reflections(data: &Data, design: &Design<'_>, penalty: &[f64]) -> Factor {
     }
     let (q, r) = matrix.qr().unpack();
     let z = q.rows(0, n).tr_mul(&values);
-    Factor { r, z, q: Some(q) }
+    Factor { r, z, q: Some(q), inverse: Vec::new() }
 }
 
-/// Cholesky factor of `A^T W A`, row by row; `None` where the condition asks for reflections.
+/// Rows that are added to `A^T A` together.
+const ROWS: usize = 4;
+
+/// Cholesky factor of `A^T W A`, a few rows at a time; `None` where the condition asks for reflections.
 fn gram(data: &Data, design: &Design<'_>) -> Option<Factor> {
     let m = design.len();
     let width = m.next_multiple_of(4);
     let mut sums = vec![0.0; width * m];
     let mut right = vec![0.0; m];
-    let mut row = vec![0.0; width];
-    for cell in &data.cells {
-        design.row(data.positions[cell.group], cell.sign(), &mut row[..m]);
+    let mut rows = vec![0.0; ROWS * width];
+    for cells in data.cells.chunks(ROWS) {
+        // what is left of the last block must not count
+        rows[cells.len() * width..].fill(0.0);
+        let mut weights = [0.0; ROWS];
+        let mut values = [0.0; ROWS];
+        for (i, cell) in cells.iter().enumerate() {
+            design.row(data.positions[cell.group], cell.sign(), &mut rows[i * width..i * width + m]);
+            (weights[i], values[i]) = (cell.count, cell.mean);
+        }
+        let (r0, rest) = rows.split_at(width);
+        let (r1, rest) = rest.split_at(width);
+        let (r2, r3) = rest.split_at(width);
         for j in 0..m {
-            let weight = cell.count * row[j];
-            right[j] += weight * cell.mean;
+            let w = [weights[0] * r0[j], weights[1] * r1[j], weights[2] * r2[j], weights[3] * r3[j]];
+            right[j] += w[0] * values[0] + w[1] * values[1] + w[2] * values[2] + w[3] * values[3];
             let from = j & !3;
             let line = &mut sums[j * width + from..(j + 1) * width];
-            line.iter_mut().zip(&row[from..]).for_each(|(s, v)| *s += weight * v);
+            let four = r0[from..].iter().zip(&r1[from..]).zip(r2[from..].iter().zip(&r3[from..]));
+            for (sum, ((a, b), (c, d))) in line.iter_mut().zip(four) {
+                *sum += w[0] * a + w[1] * b + w[2] * c + w[3] * d;
+            }
         }
     }
     // columns of length 1: how they are scaled says nothing about how alike they are
@@ -262,7 +290,9 @@ fn gram(data: &Data, design: &Design<'_>) -> Option<Factor> {
     }
     r.column_iter_mut().zip(&length).for_each(|(mut column, length)| column *= *length);
     let z = r.tr_solve_upper_triangular(&DVector::from_vec(right))?;
-    Some(Factor { r, z, q: None })
+    let inverse = r.solve_upper_triangular(&DMatrix::identity(m, m))?;
+    // row by row: the products below run along rows
+    Some(Factor { r, z, q: None, inverse: inverse.transpose().as_slice().to_vec() })
 }
 
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {

@@ -44,7 +44,7 @@ fn one_reading_after_the_other_is_the_least_squares_of_all() {
     let (n, sigma, r) = (2 * g.nodes(), [2.0, 3.0], 0.25);
     let prior: Vec<f64> = (0..n).map(|i| (i as f64).sin()).collect();
     let process = Process::RandomWalk { variance_per_s: 0.0 };
-    let mut filter = NodeFilter::new(&g, &prior, &sigma, 300.0, process, open());
+    let mut filter = NodeFilter::new(&g, &prior, &sigma, 300.0, process, open()).unwrap();
     let p0 = DMatrix::from_row_slice(n, n, filter.covariance());
     let mut noise = MeasurementNoise::new(r, None).unwrap();
     let mut random = Random(3);
@@ -78,7 +78,7 @@ fn one_reading_after_the_other_is_the_least_squares_of_all() {
 fn the_covariance_stays_symmetric_and_positive_over_many_updates() {
     let g = grid();
     let process = Process::RandomWalk { variance_per_s: 1e-4 };
-    let mut filter = NodeFilter::new(&g, &[0.0; 12], &[1.0], 400.0, process, Rules::default());
+    let mut filter = NodeFilter::new(&g, &[0.0; 12], &[1.0], 400.0, process, Rules::default()).unwrap();
     let mut noise = MeasurementNoise::new(1e-6, None).unwrap();
     let mut random = Random(9);
     for i in 0..3000 {
@@ -98,7 +98,7 @@ fn the_covariance_stays_symmetric_and_positive_over_many_updates() {
 fn outliers_are_rejected_and_five_of_them_raise_the_alarm() {
     let g = grid();
     let process = Process::RandomWalk { variance_per_s: 0.0 };
-    let mut filter = NodeFilter::new(&g, &[0.0; 12], &[1.0], 400.0, process, Rules::default());
+    let mut filter = NodeFilter::new(&g, &[0.0; 12], &[1.0], 400.0, process, Rules::default()).unwrap();
     let mut noise =
         MeasurementNoise::new(0.01, Some(Adaptation { share: 0.05, low: 1e-4, high: 1.0 })).unwrap();
     let middle = [400.0, 150.0, 125.0];
@@ -126,7 +126,7 @@ fn without_readings_a_reverting_map_comes_home() {
     let g = grid();
     let prior: Vec<f64> = (0..12).map(f64::from).collect();
     let process = Process::MeanReverting { tau_s: 100.0 };
-    let mut filter = NodeFilter::new(&g, &prior, &[2.0], 300.0, process, open());
+    let mut filter = NodeFilter::new(&g, &prior, &[2.0], 300.0, process, open()).unwrap();
     let start = filter.clone();
     let mut noise = MeasurementNoise::new(0.01, None).unwrap();
     filter.update(&seen(&g, [100.0, 100.0, 100.0], &[1.0], 9.0), &mut noise);
@@ -147,7 +147,7 @@ fn the_output_stays_near_the_prior_map() {
     let g = grid();
     let rules = Rules { limit: 0.5, ..open() };
     let process = Process::RandomWalk { variance_per_s: 0.0 };
-    let mut filter = NodeFilter::new(&g, &[1.0; 12], &[10.0], 0.0, process, rules);
+    let mut filter = NodeFilter::new(&g, &[1.0; 12], &[10.0], 0.0, process, rules).unwrap();
     let mut noise = MeasurementNoise::new(1e-4, None).unwrap();
     let corner = [0.0, 0.0, 0.0];
     filter.update(&seen(&g, corner, &[1.0], 7.0), &mut noise);
@@ -168,7 +168,7 @@ fn the_variance_of_the_sensor_is_found_from_starts_wrong_by_five() {
         for seed in 0..seeds {
             let mut random = Random(1000 + seed);
             let process = Process::RandomWalk { variance_per_s: 1e-3 };
-            let mut filter = NodeFilter::new(&g, &[0.0; 12], &[2.5], 400.0, process, open());
+            let mut filter = NodeFilter::new(&g, &[0.0; 12], &[2.5], 400.0, process, open()).unwrap();
             let adaptation = Some(Adaptation { share: 0.03, low: 1e-4, high: 1e4 });
             let mut noise = MeasurementNoise::new(start * start, adaptation).unwrap();
             let map: Vec<f64> = (0..12).map(|_| random.normal()).collect();
@@ -202,7 +202,7 @@ fn the_innovation_is_as_large_as_the_filter_says() {
     for _ in 0..200 {
         // the truth is drawn from the very prior
         let process = Process::RandomWalk { variance_per_s: 0.02 };
-        let mut filter = NodeFilter::new(&g, &[0.0; 12], &[2.0], 350.0, process, open());
+        let mut filter = NodeFilter::new(&g, &[0.0; 12], &[2.0], 350.0, process, open()).unwrap();
         let p0 = DMatrix::from_row_slice(12, 12, filter.covariance());
         let z = DVector::from_fn(12, |_, _| random.normal());
         let mut map = p0.cholesky().unwrap().l() * z;
@@ -224,4 +224,21 @@ fn the_innovation_is_as_large_as_the_filter_says() {
     let mean: f64 = sum / count;
     // 8000 ratios of variance 2
     assert!((mean - 1.0).abs() < 4.0 * (2.0 / count).sqrt(), "{mean}");
+}
+
+#[test]
+fn impossible_filters_are_refused() {
+    let build = |prior: &[f64], sigma: &[f64], correlation_mm| {
+        let process = Process::RandomWalk { variance_per_s: 0.0 };
+        let built = NodeFilter::new(&grid(), prior, sigma, correlation_mm, process, open());
+        built.map(|f| f.state().len())
+    };
+    assert_eq!(build(&[0.0; 24], &[1.0, 1.0], 0.0), Ok(24));
+    assert_eq!(build(&[0.0; 12], &[], 0.0), Err(FilterError::Components { found: 0 }));
+    assert_eq!(build(&[0.0; 12], &[1.0, 1.0], 0.0), Err(FilterError::PriorSize { found: 12, expected: 24 }));
+    assert_eq!(build(&[0.0; 12], &[-1.0], 0.0), Err(FilterError::BadSigma { value: -1.0 }));
+    assert_eq!(build(&[0.0; 12], &[1.0], -5.0), Err(FilterError::BadCorrelation { value: -5.0 }));
+    let mut prior = [0.0; 12];
+    prior[3] = f64::INFINITY;
+    assert_eq!(build(&prior, &[1.0], 0.0), Err(FilterError::PriorNotFinite { index: 3 }));
 }
