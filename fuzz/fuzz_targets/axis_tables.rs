@@ -25,9 +25,11 @@ fuzz_target!(|data: &[u8]| {
     let unit = if choice & 8 == 0 { LinearUnit::Mm } else { LinearUnit::Inch };
     let sign = if choice & 4 == 0 { heidenhain::Sign::Deviation } else { heidenhain::Sign::Correction };
     let read = match choice & 3 {
-        0 => linuxcnc::parse(text, AxisKind::Linear, file, unit).map(|f| vec![(axis_table::positioning_symbol(axis), f)]),
+        0 => linuxcnc::parse(text, AxisKind::Linear, file, unit)
+            .map(|f| vec![(axis_table::positioning_symbol(axis), f)]),
         1 => heidenhain::parse(text, axis, Some(sign)).map(|t| t.errors),
-        _ => isg_lis::parse(text, AxisKind::Linear, Some(1e-3)).map(|f| vec![(axis_table::positioning_symbol(axis), f)]),
+        _ => isg_lis::parse(text, AxisKind::Linear, Some(1e-3))
+            .map(|f| vec![(axis_table::positioning_symbol(axis), f)]),
     };
     let errors = match read {
         Ok(errors) => errors,

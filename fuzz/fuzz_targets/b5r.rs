@@ -9,7 +9,9 @@ use volcomp::formats::text::decode;
 
 fuzz_target!(|data: &[u8]| {
     match parse(&decode(data).text) {
-        Ok(ballbar) => assert!(ballbar.features.iter().all(|f| f.value.is_finite()) && !ballbar.features.is_empty()),
+        Ok(ballbar) => {
+            assert!(ballbar.features.iter().all(|f| f.value.is_finite()) && !ballbar.features.is_empty())
+        }
         Err(error) => drop(error.to_string()),
     }
 });

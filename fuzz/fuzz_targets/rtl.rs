@@ -14,7 +14,10 @@ fuzz_target!(|data: &[u8]| {
             assert!(test.readings.len() <= rtl.deviations.len());
             let _ = (notes, rtl.absent_sensors().count(), rtl.environment("Air temp"));
             let (back, _) = parse(&write(&rtl)).expect("what is written reads back");
-            assert_eq!((back.targets, back.deviations, back.run_count), (rtl.targets, rtl.deviations, rtl.run_count));
+            assert_eq!(
+                (back.targets, back.deviations, back.run_count),
+                (rtl.targets, rtl.deviations, rtl.run_count)
+            );
         }
         Err(error) => drop(error.to_string()),
     }
