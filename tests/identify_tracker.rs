@@ -416,3 +416,132 @@ fn the_geometry_references_come_out() {
         assert!((f - w).abs() < 6e-7, "{found:?}");
     }
 }
+
+/// Points of a circle about the z axis through (10, 20), `per` of them, seen from a frame turned by 90 deg and moved.
+fn circle(height: f64, radius: f64, per: u32, turned: bool) -> Vec<[f64; 3]> {
+    (0..per)
+        .map(|i| {
+            let (s, c) = (f64::from(i) * core::f64::consts::TAU / f64::from(per)).sin_cos();
+            let p = [10.0 + radius * c, 20.0 + radius * s, height];
+            if turned { [p[1] - 500.0, 700.0 - p[0], p[2] + 30.0] } else { p }
+        })
+        .collect()
+}
+
+fn rows(circle: u32, points: &[[f64; 3]]) -> String {
+    points.iter().map(|p| format!("{circle},{},{},{}\n", p[0], p[1], p[2])).collect()
+}
+
+#[test]
+fn two_trackers_give_one_axis_and_say_what_their_frames_cost() {
+    let directory = tempfile::tempdir().unwrap();
+    let d = directory.path();
+    let head = "circle,x_mm,y_mm,z_mm\n";
+    std::fs::write(d.join("one.csv"), format!("{head}{}", rows(1, &circle(150.0, 40.0, 36, false)))).unwrap();
+    std::fs::write(d.join("two.csv"), format!("{head}{}", rows(2, &circle(0.0, 50.0, 48, true)))).unwrap();
+    let reference = |turned: bool| {
+        let mut text = String::from("point,machine_x_mm,machine_y_mm,machine_z_mm,x_mm,y_mm,z_mm\n");
+        for (i, p) in
+            [[0.0, 0.0, 0.0], [900.0, 0.0, 0.0], [0.0, 800.0, 0.0], [0.0, 0.0, 700.0]].iter().enumerate()
+        {
+            let s = if turned { [p[1] - 500.0, 700.0 - p[0], p[2] + 30.0] } else { *p };
+            text.push_str(&format!("r{i},{},{},{},{},{},{}\n", p[0], p[1], p[2], s[0], s[1], s[2]));
+        }
+        text
+    };
+    std::fs::write(d.join("ref1.csv"), reference(false)).unwrap();
+    std::fs::write(d.join("ref2.csv"), reference(true)).unwrap();
+    let base = [
+        "identify",
+        "circles",
+        "--data",
+        "one.csv",
+        "--data-2",
+        "two.csv",
+        "--tip-beyond-mm",
+        "80",
+        "--sigma-um",
+        "5",
+        "--json",
+    ];
+    let registered = ["--registration", "ref1.csv", "--registration-2", "ref2.csv"];
+    let found = |more: &[&str]| -> Value {
+        serde_json::from_str(&succeed(d, &[&base[..], &registered, more].concat()).0).unwrap()
+    };
+    let json = found(&[]);
+    for (i, (direction, tip)) in [0.0, 0.0, 1.0].into_iter().zip([10.0, 20.0, -80.0]).enumerate() {
+        assert!((json["axis_direction"][i].as_f64().unwrap() - direction).abs() < 1e-12);
+        assert!((json["tip"][i].as_f64().unwrap() - tip).abs() < 1e-9);
+    }
+    // both registrations are uncertain by about half the noise of a point
+    let share = json["registration_share"].as_f64().unwrap();
+    assert!((1e-5..1e-4).contains(&share), "{share}");
+    let stated = found(&["--between-um", "10"]);
+    assert!((stated["registration_share"].as_f64().unwrap() - 0.01 / 150.0).abs() < 1e-15);
+    // without a registration the second tracker's points are somewhere else
+    let error = refuse(d, &base, 65);
+    assert!(error.contains("from the nominal one"), "{error}");
+}
+
+#[test]
+fn poses_from_circles_go_to_the_ram_and_a_prior_fixes_a_single_one() {
+    let directory = tempfile::tempdir().unwrap();
+    let d = directory.path();
+    let text = format!(
+        "circle,x_mm,y_mm,z_mm\n{}{}",
+        rows(1, &circle(150.0, 40.0, 36, false)),
+        rows(2, &circle(0.0, 50.0, 48, false))
+    );
+    std::fs::write(d.join("c.csv"), text).unwrap();
+    let add = [
+        "identify",
+        "circles",
+        "--data",
+        "c.csv",
+        "--tip-beyond-mm",
+        "80",
+        "--sigma-um",
+        "5",
+        "--nominal-tip-mm",
+        "9.99,20,-80",
+        "--c-deg",
+        "0",
+        "--a-deg",
+        "0",
+        "--add-pose",
+        "poses.csv",
+    ];
+    succeed(d, &add);
+    succeed(d, &add);
+    let poses = std::fs::read_to_string(d.join("poses.csv")).unwrap();
+    assert_eq!(poses.lines().count(), 3, "{poses}");
+    assert!(poses.lines().nth(1).unwrap().starts_with("0,0,0,10.0000,"), "{poses}");
+    let ram = [
+        "identify",
+        "ram",
+        "--poses",
+        "poses.csv",
+        "--a-axis-mm",
+        "0,0,-180",
+        "--tool-length-mm",
+        "320",
+        "--sigma-position-um",
+        "2",
+        "--sigma-direction-arcsec",
+        "2",
+    ];
+    let error = refuse(d, &ram, 65);
+    assert!(
+        error.contains("2 head poses determine 5 of six ram errors: rotation about the tool axis"),
+        "{error}"
+    );
+    let (json, note) = succeed(d, &[&ram[..], &["--prior-std-arcsec", "5", "--json"]].concat());
+    let json: Value = serde_json::from_str(&json).unwrap();
+    assert_eq!(json["rank"], 5);
+    assert!((json["E_lsq"][0].as_f64().unwrap() - 0.01).abs() < 1e-9, "{json}");
+    // nothing but the prior speaks of the free rotation
+    assert!((json["sigma"][5].as_f64().unwrap() - 5.0 * core::f64::consts::PI / 648_000.0).abs() < 1e-9);
+    assert!(note.contains("the rest is the prior's"), "{note}");
+    let error = refuse(d, &[&ram[..], &["--prior-std-arcsec", "5", "--out", "m.toml"]].concat(), 65);
+    assert!(error.contains("all poses are at one position of Z"), "{error}");
+}
