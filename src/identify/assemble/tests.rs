@@ -281,3 +281,58 @@ proptest! {
         prop_assert!(found.without_rigid.without_rigid.norm() < 2e-6 + 1e-6 * size, "{} um", found.without_rigid.without_rigid.norm() * 1e3);
     }
 }
+
+/// Normal numbers from a fixed sequence (Box-Muller on an LCG).
+struct Noise(u64);
+
+impl Noise {
+    fn uniform(&mut self) -> f64 {
+        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        ((self.0 >> 11) as f64 + 0.5) / (1u64 << 53) as f64
+    }
+
+    fn normal(&mut self) -> f64 {
+        (-2.0 * self.uniform().ln()).sqrt() * (core::f64::consts::TAU * self.uniform()).cos()
+    }
+}
+
+#[test]
+fn right_files_are_refused_at_the_stated_rate_and_the_interval_holds_the_truth() {
+    let (truth, runs) = (20e-6, 2000);
+    let mut noise = Noise(11);
+    let (mut refused, mut inside) = ([0u32; 2], 0u32);
+    for _ in 0..runs {
+        let mut file = |name: &str, s_length: f64, s_angle: f64| {
+            let values: Vec<f64> =
+                (0..21).map(|i| wave(20.0 * f64::from(i)) + s_length * noise.normal()).collect();
+            let exx = Table::new(
+                (0..21).map(|i| 20.0 * f64::from(i)).collect(),
+                values,
+                None,
+                Interpolation::Linear,
+            );
+            let square = Curve::Constant(truth + s_angle * noise.normal());
+            source(
+                name,
+                with(CHAIN, &[("exx", Curve::Table(exx.unwrap()), s_length), ("ec0y", square, s_angle)]),
+            )
+        };
+        let both = [file("a", 2e-4, 1e-6), file("b", 5e-4, 2e-6)];
+        let options = Options { average: Some(None), ..Options::default() };
+        let done = assemble(&both, &options).unwrap();
+        for (count, name) in refused.iter_mut().zip(["exx", "ec0y"]) {
+            let check = done.checks.iter().find(|c| c.symbol == symbol(name)).unwrap();
+            *count += u32::from(check.p.unwrap() < 0.01);
+        }
+        // without growth by the scatter, so that the rate is that of the stated uncertainties
+        let (_, square) = done.spec.errors.iter().find(|(s, _)| *s == symbol("ec0y")).unwrap();
+        let std = (1.0f64 / (1e12 + 0.25e12)).sqrt();
+        inside += u32::from((square.value(0.0, Default::default()) - truth).abs() < 1.96 * std);
+    }
+    // binomial limits at 99.9 %
+    for count in refused {
+        assert!((6..=37).contains(&count), "{refused:?} of {runs} refused at 1 %");
+    }
+    let rate = f64::from(inside) / f64::from(runs);
+    assert!((0.935..=0.965).contains(&rate), "{rate}");
+}
