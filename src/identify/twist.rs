@@ -9,6 +9,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix6, Vector6};
 
+use super::primitives::jacobi;
 use crate::core::geometry::{Mat3, Vec3};
 
 /// One equation, whitened: its noise has unit variance.
@@ -105,36 +106,22 @@ fn whitener(covariance: &Mat3) -> Option<Mat3> {
 pub fn solve(rows: &[Row]) -> Result<TwistFit, Deficient> {
     let (design, scale) = equilibrated(rows);
     let n = rows.len();
-    let svd = design.clone().svd(true, true);
-    let (Some(u), Some(v_t)) = (svd.u, svd.v_t) else {
-        return Err(Deficient { rank: 0, unobservable: Vec::new() });
-    };
-    let largest = svd.singular_values.max();
-    let known: Vec<bool> = svd.singular_values.iter().map(|s| *s > RANK_TOLERANCE * largest).collect();
+    let svd = jacobi::svd(&design);
+    let known: Vec<bool> = svd.values.iter().map(|s| *s > RANK_TOLERANCE * svd.values[0]).collect();
     let rank = known.iter().filter(|k| **k).count();
     if rank < 6 {
         let unobservable = (0..6)
-            .filter(|k| !known.get(*k).copied().unwrap_or(false))
-            .map(|k| Vector6::from_fn(|j, _| v_t[(k, j)] * scale[j]))
+            .filter(|k| !known[*k])
+            .map(|k| Vector6::from_fn(|j, _| svd.v[(j, k)] * scale[j]))
             .collect();
         return Err(Deficient { rank, unobservable });
     }
     let value = DVector::from_iterator(n, rows.iter().map(|r| r.value));
-    let apply = |y: &DVector<f64>| {
-        let mut turned = u.tr_mul(y);
-        for (t, s) in turned.iter_mut().zip(svd.singular_values.iter()) {
-            *t /= s;
-        }
-        v_t.tr_mul(&turned)
-    };
-    let mut scaled = apply(&value);
+    let mut scaled = svd.solve(&value, 0.0);
     // one refinement takes out the rounding of the first solution
-    scaled += apply(&(&value - &design * &scaled));
+    scaled += svd.solve(&(&value - &design * &scaled), 0.0);
     let residuals = &value - &design * &scaled;
-    let covariance = Matrix6::from_fn(|i, j| {
-        let sum: f64 = (0..6).map(|k| v_t[(k, i)] * v_t[(k, j)] / svd.singular_values[k].powi(2)).sum();
-        sum * scale[i] * scale[j]
-    });
+    let covariance = Matrix6::from_fn(|i, j| svd.cofactor(i, j) * scale[i] * scale[j]);
     Ok(TwistFit {
         value: Vector6::from_fn(|i, _| scaled[i] * scale[i]),
         covariance,
@@ -144,12 +131,11 @@ pub fn solve(rows: &[Row]) -> Result<TwistFit, Deficient> {
     })
 }
 
-/// The design with columns of unit length, padded to six rows, and the factors that undo it.
+/// The design with columns of unit length, and the factors that undo it.
 fn equilibrated(rows: &[Row]) -> (DMatrix<f64>, Vector6<f64>) {
     let norm = Vector6::from_fn(|j, _| rows.iter().map(|r| r.design[j].powi(2)).sum::<f64>().sqrt());
     let scale = norm.map(|v| if v > 0.0 { 1.0 / v } else { 1.0 });
-    let height = rows.len().max(6);
-    let matrix = DMatrix::from_fn(height, 6, |i, j| rows.get(i).map_or(0.0, |r| r.design[j] * scale[j]));
+    let matrix = DMatrix::from_fn(rows.len(), 6, |i, j| rows[i].design[j] * scale[j]);
     (matrix, scale)
 }
 

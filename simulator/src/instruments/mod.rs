@@ -6,6 +6,7 @@
 //! - [`diagonal`]: displacement along a space diagonal; ISO 230-6.
 //! - [`grinder`]: tips of several styli relative to an artefact, pose by pose.
 //! - [`probe`]: contacts of a touch probe with a gauge bar.
+//! - [`tracker`]: range and angles to targets on a carriage or the tool.
 //! - [`survey`]: six error motions of every axis with one instrument, squareness and axis locations.
 //!
 //! Angles in deg and arcsec, deviations in um, as the instruments print them. Noise is seeded.
@@ -21,6 +22,7 @@ pub mod grinder;
 pub mod interferometer;
 pub mod probe;
 pub mod survey;
+pub mod tracker;
 
 /// Why a measurement is not possible.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

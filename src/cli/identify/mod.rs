@@ -5,13 +5,16 @@
 
 mod ballbar;
 mod case;
+mod cases;
 mod circles;
 mod diagonals;
 mod fits;
 mod fivedof;
 mod grinder;
 mod kalman;
+mod motion_curves;
 mod nineline;
+mod observed;
 mod probe;
 mod ram;
 mod straightness;

@@ -7,6 +7,7 @@
 //! Source: equations 5.4. Reading order: [`ball`], [`plane`], [`space_circle`], [`rigid`].
 
 pub mod ball;
+pub(in crate::identify) mod jacobi;
 pub mod plane;
 pub mod rigid;
 pub mod space_circle;

@@ -2,7 +2,8 @@
 //!
 //! Source: equations 5.4.
 
-use crate::core::geometry::{Mat3, Vec3};
+use super::jacobi;
+use crate::core::geometry::Vec3;
 
 /// A plane `normal . x = distance`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -85,15 +86,13 @@ pub fn plane(points: &[Vec3]) -> Result<Plane, PlaneError> {
 ///
 /// By SVD of the coordinates, not of their squares: half of the digits would be lost.
 pub(in crate::identify) fn spread(points: &[Vec3], centre: &Vec3) -> ([Vec3; 3], [f64; 3]) {
-    // three rows of zeros keep the decomposition square for fewer than three points
-    let rows = points.len().max(3);
-    let matrix = nalgebra::DMatrix::from_fn(rows, 3, |i, j| points.get(i).map_or(0.0, |p| p[j] - centre[j]));
-    let svd = matrix.svd(false, true);
-    let v_t = svd.v_t.map_or_else(Mat3::identity, |v| Mat3::from_fn(|i, j| v[(i, j)]));
-    let mut order = [0, 1, 2];
-    order.sort_by(|a, b| svd.singular_values[*b].total_cmp(&svd.singular_values[*a]));
-    let n = (points.len() as f64).sqrt();
-    (order.map(|k| v_t.row(k).transpose()), order.map(|k| svd.singular_values[k] / n))
+    let matrix = nalgebra::DMatrix::from_fn(points.len(), 3, |i, j| points[i][j] - centre[j]);
+    let svd = jacobi::svd(&matrix);
+    let n = (points.len().max(1) as f64).sqrt();
+    (
+        core::array::from_fn(|k| Vec3::from_fn(|i, _| svd.v[(i, k)])),
+        core::array::from_fn(|k| svd.values[k] / n),
+    )
 }
 
 #[cfg(test)]
@@ -102,14 +101,14 @@ mod tests {
 
     #[test]
     fn a_tilted_plane_far_away() {
-        let normal = Vec3::new(1.0, -2.0, 2.0) / 3.0;
-        let u = Vec3::new(2.0, 2.0, 1.0) / 3.0;
+        let normal = Vec3::new(2.0, -3.0, 6.0) / 7.0;
+        let u = Vec3::new(3.0, 6.0, 2.0) / 7.0;
         let v = normal.cross(&u);
         let points: Vec<Vec3> = (0..12)
             .map(|i| normal * 5000.0 + u * f64::from(i % 4) * 30.0 + v * f64::from(i / 4) * 20.0)
             .collect();
         let p = plane(&points).unwrap();
-        assert!((p.normal + normal).norm() < 1e-12 && (p.distance + 5000.0).abs() < 1e-9, "{p:?}");
+        assert!((p.normal - normal).norm() < 1e-12 && (p.distance - 5000.0).abs() < 1e-9, "{p:?}");
         assert!(p.rms < 1e-11);
         assert!((p.axes[0].cross(&p.axes[1]) - p.normal).norm() < 1e-14);
         assert!((p.axes[0] - u).norm().min((p.axes[0] + u).norm()) < 1e-9);

@@ -7,6 +7,7 @@
 
 use nalgebra::{Matrix6, Vector6};
 
+use super::jacobi;
 use crate::core::geometry::{Mat3, Vec3, small_rotation};
 use crate::identify::twist::{self, Deficient, Sighting};
 
@@ -103,12 +104,17 @@ pub fn procrustes(from: &[Vec3], to: &[Vec3]) -> Option<(Mat3, Vec3)> {
         return None;
     }
     let cross: Mat3 = from.iter().zip(to).map(|(p, q)| (q - b) * (p - a).transpose()).sum();
-    let svd = cross.svd(true, true);
-    let (u, v_t) = (svd.u?, svd.v_t?);
-    let smallest = svd.singular_values.imin();
-    let mut flip = Vec3::repeat(1.0);
-    flip[smallest] = (u * v_t).determinant().signum();
-    let start = u * Mat3::from_diagonal(&flip) * v_t;
+    let svd = jacobi::svd(&nalgebra::DMatrix::from_fn(3, 3, |i, j| cross[(i, j)]));
+    if svd.values[1] <= SINGULAR * SINGULAR * svd.values[0] {
+        return None;
+    }
+    let column = |m: &nalgebra::DMatrix<f64>, k: usize| Vec3::from_fn(|i, _| m[(i, k)]);
+    // the third pair follows from the first two, right-handed: no mirror image, and flat sets need no third value
+    let [u, v] = [&svd.u, &svd.v].map(|m| {
+        let (first, second) = (column(m, 0), column(m, 1));
+        Mat3::from_columns(&[first, second, first.cross(&second)])
+    });
+    let start = u * v.transpose();
     // the SVD of squares is good to 1e-12 or so; one linear step takes out the rest
     let rotation = polish(from, to, &start, &a, &b);
     Some((rotation, b - rotation * a))

@@ -4,6 +4,7 @@
 
 mod ballbar;
 mod circles;
+mod common;
 mod diagonals;
 mod fivedof;
 mod grinder;
