@@ -10,6 +10,7 @@ use super::{
     Analysis, BallbarError, Circles, Effect, Estimate, Harmonic, Note, Pitch, Reason, Request, Value, pitch,
 };
 use crate::core::axes::Travel;
+use crate::identify::primitives::jacobi;
 
 /// Fewest readings.
 const READINGS_NEEDED: usize = 120;
@@ -222,7 +223,7 @@ fn solved(columns: &[Column], y: &DVector<f64>) -> Solution {
         columns.iter().map(|c| c.values.iter().map(|v| v * v).sum::<f64>().sqrt().max(1e-300)).collect();
     let design = DMatrix::from_fn(y.len(), columns.len(), |i, j| columns[j].values[i] / norms[j]);
     let (q, r) = design.clone().qr().unpack();
-    let values = r.clone().svd(false, false).singular_values;
+    let condition = jacobi::svd(&r).condition();
     let inverse = r.try_inverse().unwrap_or_else(|| DMatrix::zeros(columns.len(), columns.len()));
     let mut gain = &inverse * q.transpose();
     let scaled = &gain * y;
@@ -235,7 +236,7 @@ fn solved(columns: &[Column], y: &DVector<f64>) -> Solution {
         DMatrix::from_fn(columns.len(), columns.len(), |i, j| cofactor[(i, j)] / (norms[i] * norms[j]));
     let coefficients = DVector::from_fn(columns.len(), |j, _| scaled[j] / norms[j]);
     let sum = residuals.norm_squared();
-    Solution { coefficients, residuals, cofactor, gain, sum, condition: values.max() / values.min() }
+    Solution { coefficients, residuals, cofactor, gain, sum, condition }
 }
 
 /// Adds the spikes with the time to their peak at which they explain most.

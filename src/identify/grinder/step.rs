@@ -8,6 +8,7 @@ use crate::core::axes::{AxisKind, AxisName};
 use crate::core::geometry::Vec3;
 use crate::core::model::{ErrorSymbol, Model, ModelSpec, Pose};
 use crate::core::units::deg_from_rad;
+use crate::identify::primitives::jacobi;
 use crate::identify::tails;
 
 /// Condition number above which the motions of a position are refused (equations 5.1).
@@ -303,13 +304,12 @@ impl<'a> Problem<'a> {
         let beside = &unit * &free;
         let beside = &beside - &q * (q.transpose() * &beside);
         let wanted = &self.left - &q * (q.transpose() * &self.left);
-        let svd = beside.svd(true, true);
-        let (Some(u), Some(v_t)) = (&svd.u, &svd.v_t) else { return Ok(Vec::new()) };
+        let svd = jacobi::svd(&beside);
         let mut scaled = DVector::zeros(symbols.len());
         let mut variance = DVector::<f64>::zeros(symbols.len());
-        for (k, size) in svd.singular_values.iter().enumerate().filter(|(_, s)| **s > LOCATION_SHARE) {
-            let direction = &free * v_t.row(k).transpose();
-            scaled += &direction * (u.column(k).dot(&wanted) / size);
+        for (k, size) in svd.values.iter().enumerate().filter(|(_, s)| **s > LOCATION_SHARE) {
+            let direction = &free * svd.v.column(k);
+            scaled += &direction * (svd.u.column(k).dot(&wanted) / size);
             variance += direction.map(|v| (v / size).powi(2));
         }
         let values: Vec<f64> = scaled.iter().zip(&norms).map(|(v, n)| v / n).collect();
@@ -329,10 +329,10 @@ impl<'a> Problem<'a> {
         let (q, _) = set_up.qr().unpack();
         let columns = unit.select_rows(&here);
         let seen = &columns - &q * (q.transpose() * &columns);
-        let eigen = (seen.transpose() * &seen).symmetric_eigen();
+        let svd = jacobi::svd(&seen);
         let free: Vec<usize> =
-            (0..unit.ncols()).filter(|k| eigen.eigenvalues[*k] < SEEN_AT_REFERENCE).collect();
-        eigen.eigenvectors.select_columns(&free)
+            (0..unit.ncols()).filter(|k| svd.values[*k].powi(2) < SEEN_AT_REFERENCE).collect();
+        svd.v.select_columns(&free)
     }
 
     /// Motions at every position but the reference, then the set-up.
@@ -369,14 +369,12 @@ impl<'a> Problem<'a> {
                 effects::set_up(&(self.tips[here[i].row] - mean))[(here[i].direction, j)]
             });
             let left = DVector::from_fn(count, |i, _| self.left[start + i]);
-            let svd = columns.svd(true, false);
-            let limit = svd.singular_values.max() / CONDITION_LIMIT;
-            if let Some(u) = svd.u {
-                let kept: Vec<usize> = (0..u.ncols()).filter(|k| svd.singular_values[*k] > limit).collect();
-                let explained: f64 = kept.iter().map(|k| u.column(*k).dot(&left).powi(2)).sum();
-                squares += left.norm_squared() - explained;
-                free += count - kept.len();
-            }
+            let svd = jacobi::svd(&columns);
+            let limit = svd.values[0] / CONDITION_LIMIT;
+            let kept: Vec<usize> = (0..6).filter(|k| svd.values[*k] > limit).collect();
+            let explained: f64 = kept.iter().map(|k| svd.u.column(*k).dot(&left).powi(2)).sum();
+            squares += left.norm_squared() - explained;
+            free += count - kept.len();
             start += count;
         }
         (free > 0).then_some((squares.max(0.0), free))
@@ -435,11 +433,10 @@ fn rank_and_condition(columns: &DMatrix<f64>) -> (usize, f64) {
             column /= norm;
         }
     }
-    let values = scaled.svd(false, false).singular_values;
-    let limit = values.max() / CONDITION_LIMIT;
-    let rank = values.iter().filter(|v| **v > limit).count();
-    let complete = values.len() == columns.ncols();
-    (rank, if complete { values.max() / values.min() } else { f64::INFINITY })
+    let svd = jacobi::svd(&scaled);
+    let limit = svd.values[0] / CONDITION_LIMIT;
+    let rank = svd.values.iter().filter(|v| **v > limit).count();
+    (rank, if columns.nrows() >= columns.ncols() { svd.condition() } else { f64::INFINITY })
 }
 
 /// The values at every position with their uncertainty.

@@ -15,7 +15,7 @@ use core::f64::consts::TAU;
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-use super::primitives::{BallError, Circle2, circle_2d};
+use super::primitives::{BallError, Circle2, circle_2d, jacobi};
 use super::tails;
 
 /// The arm and the bar. Lengths mm, angles rad.
@@ -371,8 +371,7 @@ fn kasa(points: &[[f64; 2]]) -> Option<Circle> {
 /// Square of the condition number of `[Y Z 1]`: that of its normal matrix, without forming it.
 fn condition_raw_normal(contacts: &[Contact]) -> f64 {
     let design = DMatrix::from_fn(contacts.len(), 3, |i, j| [contacts[i].y, contacts[i].z, 1.0][j]);
-    let values = design.qr().unpack_r().svd(false, false).singular_values;
-    (values.max() / values.min()).powi(2)
+    jacobi::svd(&design).condition().powi(2)
 }
 
 /// Largest angle between neighbouring contacts around the centre, rad.
