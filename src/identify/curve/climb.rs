@@ -24,13 +24,9 @@ struct Products {
 
 impl Products {
     fn add(&mut self, q: &Lane, z: f64) {
-        for lane in 0..LANES {
-            self.own[lane] += q[lane] * q[lane];
-            self.fitted[lane] += q[lane] * z;
-        }
-        for lane in 0..LANES - 1 {
-            self.next[lane] += q[lane] * q[lane + 1];
-        }
+        self.own.iter_mut().zip(q).for_each(|(own, q)| *own += q * q);
+        self.fitted.iter_mut().zip(q).for_each(|(fitted, q)| *fitted += q * z);
+        self.next.iter_mut().zip(q).zip(&q[1..]).for_each(|((next, a), b)| *next += a * b);
     }
 }
 
@@ -73,9 +69,7 @@ impl Factor {
         let n = self.inverse.nrows();
         let factors = &self.inverse.as_slice()[j * n..j * n + j + 1];
         for (factor, column) in factors.iter().zip(columns) {
-            for lane in 0..LANES {
-                sum[lane] += factor * column[lane];
-            }
+            sum.iter_mut().zip(column).for_each(|(sum, value)| *sum += factor * value);
         }
         sum
     }
