@@ -9,6 +9,7 @@ macro_rules! say {
     ($($text:tt)*) => { volcomp::cli::line(format_args!($($text)*)) };
 }
 
+mod certificates;
 mod demo;
 mod measure;
 mod path;
@@ -72,6 +73,8 @@ enum Verb {
     Scenarios(scenarios::Args),
     /// Replay recorded motion of a real machine and serve the control on the link.
     Replay(serve::ReplayArgs),
+    /// Make an authority and certificates of control and daemon, to try the link over TLS.
+    Certificates(certificates::Args),
     /// Print a standard test path as a part programme.
     Path(path::Args),
     /// The product's daemon, for the demo and its tests.
@@ -117,6 +120,7 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Serve(args) => serve::serve(&args),
         Verb::Scenarios(args) => scenarios::run_all(&args),
         Verb::Replay(args) => serve::replay(&args),
+        Verb::Certificates(args) => certificates::run(&args),
         Verb::Path(args) => path::run(&args),
     };
     let complete =

@@ -10,6 +10,7 @@ use std::time::Duration;
 use socket2::{Domain, Protocol, SockRef, Socket, TcpKeepalive, Type};
 
 use super::clock::Clock;
+use super::tls::{Identity, TlsStream};
 use crate::config::{LinkConfig, RealtimeConfig};
 use crate::core::protocol::{
     Close, CloseReason, ErrorCode, ErrorReport, FrameReader, Heartbeat, MAX_FRAME, Message, Name, encode,
@@ -45,6 +46,8 @@ pub(super) enum Received {
 #[derive(Debug)]
 pub(super) struct Link {
     stream: TcpStream,
+    /// `None`: the frames lie on the socket as they are.
+    tls: Option<Box<TlsStream>>,
     /// Frames that have arrived.
     pub(super) reader: FrameReader,
     out: [u8; MAX_FRAME],
@@ -105,6 +108,7 @@ impl Connecting {
         let now = clock.now();
         Ok(Link {
             stream,
+            tls: None,
             reader: FrameReader::default(),
             out: [0; MAX_FRAME],
             clock,
@@ -119,12 +123,31 @@ impl Connecting {
 }
 
 impl Link {
+    /// Starts TLS: nothing but [`Self::shake`] may follow until that is done.
+    pub(super) fn secure(&mut self, identity: &Identity) -> io::Result<()> {
+        self.tls = Some(Box::new(TlsStream::start(identity)?));
+        Ok(())
+    }
+
+    /// One step of the handshake, waiting up to `wait`; true once it is done.
+    pub(super) fn shake(&mut self, wait: Duration) -> io::Result<bool> {
+        self.set_read_timeout(wait)?;
+        let Some(tls) = &mut self.tls else { return Ok(true) };
+        match tls.shake(&mut &self.stream) {
+            Err(e) if would_block(&e) => Ok(false),
+            done => done,
+        }
+    }
+
     /// Sends one message.
     ///
-    /// # Cycle   no allocation; blocks at most [`WRITE_LIMIT`] where the control does not read
+    /// # Cycle   no allocation without TLS; blocks at most [`WRITE_LIMIT`] where the control does not read
     pub(super) fn send(&mut self, message: &Message) -> io::Result<()> {
         let length = encode(message, &mut self.out);
-        self.stream.write_all(&self.out[..length])?;
+        match &mut self.tls {
+            None => self.stream.write_all(&self.out[..length])?,
+            Some(tls) => tls.write_all(&mut self.stream, &self.out[..length])?,
+        }
         self.sent = self.clock.now();
         Ok(())
     }
@@ -138,7 +161,7 @@ impl Link {
 
     /// Waits up to `wait` for bytes.
     ///
-    /// # Cycle   no allocation
+    /// # Cycle   no allocation without TLS
     pub(super) fn receive(&mut self, wait: Duration) -> io::Result<Received> {
         if !self.busy_poll.is_zero() && !wait.is_zero() {
             match self.poll_busily(self.busy_poll.min(wait))? {
@@ -147,12 +170,17 @@ impl Link {
             }
         }
         self.set_nonblocking(false)?;
+        self.set_read_timeout(wait)?;
+        self.read()
+    }
+
+    fn set_read_timeout(&mut self, wait: Duration) -> io::Result<()> {
         let timeout = TIMEOUT_STEP * u32::try_from(wait.as_millis() + 1).unwrap_or(1000);
         if timeout != self.read_timeout {
             self.stream.set_read_timeout(Some(timeout))?;
             self.read_timeout = timeout;
         }
-        self.read()
+        Ok(())
     }
 
     /// Says why, says good-bye, and waits shortly until the control has taken it in.
@@ -162,6 +190,9 @@ impl Link {
             let _ = self.send(&Message::Error(ErrorReport { code, detail: Name::new(detail) }));
         }
         let _ = self.send(&Message::Close(Close { reason }));
+        if let Some(tls) = &mut self.tls {
+            tls.close(&mut self.stream);
+        }
         let _ = self.stream.shutdown(Shutdown::Write);
         let _ = self.set_nonblocking(false);
         // closing with unread bytes would make the kernel reset the connection and discard what we just sent
@@ -201,7 +232,11 @@ impl Link {
     fn read(&mut self) -> io::Result<Received> {
         let space = self.reader.space();
         let room = space.len();
-        match self.stream.read(space) {
+        let result = match &mut self.tls {
+            None => self.stream.read(space),
+            Some(tls) => tls.read(&mut &self.stream, space),
+        };
+        match result {
             Ok(0) => Ok(Received::Closed),
             Ok(count) => {
                 self.reader.advance(count);

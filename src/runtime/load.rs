@@ -4,6 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::tls::{self, Identity, TlsFileError};
 use crate::config::machine::ModelMismatch;
 use crate::config::{ConfigErrors, MachineConfig, model};
 use crate::core::axes::AxisName;
@@ -22,6 +23,8 @@ pub struct Loaded {
     pub model_hash: String,
     /// Axes of the model that the machine file does not list: they are never offset.
     pub uncorrected: Vec<AxisName>,
+    /// Who the daemon is on a link over TLS; `None` is plain TCP.
+    pub identity: Option<Identity>,
 }
 
 /// Why the daemon cannot start from these files.
@@ -59,6 +62,14 @@ pub enum LoadError {
     /// Mistakes in a file.
     #[error("{0}")]
     Config(Box<ConfigErrors>),
+    /// The files of `[link.tls]`.
+    #[error("error: {}: {source}", config.display())]
+    Tls {
+        /// The machine file.
+        config: PathBuf,
+        /// What is wrong.
+        source: TlsFileError,
+    },
     /// The model breaks a rule.
     #[error("error: {}: {source}", path.display())]
     Model {
@@ -85,7 +96,11 @@ impl LoadError {
     /// True where a file could not be read at all, false where what it says is wrong.
     #[must_use]
     pub const fn is_io(&self) -> bool {
-        matches!(self, Self::Read { .. } | Self::ReadModel { .. })
+        match self {
+            Self::Read { .. } | Self::ReadModel { .. } => true,
+            Self::Tls { source, .. } => source.is_io(),
+            Self::NotText { .. } | Self::Config(_) | Self::Model { .. } | Self::Mismatch { .. } => false,
+        }
     }
 }
 
@@ -119,7 +134,9 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
     }
     let uncorrected = config.uncorrected_axes(&spec);
     let model_hash = blake3::hash(&bytes).to_hex().to_string();
-    Ok(Loaded { config, model: Arc::new(model), model_path, model_hash, uncorrected })
+    let identity =
+        tls::identity(path, &config).map_err(|source| LoadError::Tls { config: path.to_owned(), source })?;
+    Ok(Loaded { config, model: Arc::new(model), model_path, model_hash, uncorrected, identity })
 }
 
 fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, LoadError> {

@@ -34,6 +34,7 @@ mod realtime;
 mod server;
 mod service;
 mod status;
+mod tls;
 mod worker;
 
 pub use body::{CycleBody, Reaction};
@@ -42,3 +43,4 @@ pub use load::{LoadError, Loaded, load, load_config};
 pub use logging::LogError;
 pub use server::SocketError;
 pub use status::{Fault, LinkStatus, RealtimeStatus, Status};
+pub use tls::{Identity, TlsFileError, identity};
