@@ -211,7 +211,7 @@ fn wire(
 ) -> Option<Wire> {
     let allowed = shared.peer.is_none_or(|allowed| same_host(allowed, peer.ip()));
     if !allowed {
-        let detail = Name::new("not from the one address that may connect");
+        let detail = Name::new("not the address that may connect");
         let _ = events.try_send(LinkEvent::Refused { peer, code: ErrorCode::Unexpected, detail });
     }
     let Some(identity) = &shared.identity else {
