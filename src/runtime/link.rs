@@ -163,6 +163,10 @@ impl Link {
     ///
     /// # Cycle   no allocation without TLS
     pub(super) fn receive(&mut self, wait: Duration) -> io::Result<Received> {
+        if self.tls.as_ref().is_some_and(|tls| tls.has_more()) {
+            // it is not on the socket any more, where a wait would look for it
+            return self.read();
+        }
         if !self.busy_poll.is_zero() && !wait.is_zero() {
             match self.poll_busily(self.busy_poll.min(wait))? {
                 Received::Nothing => {}

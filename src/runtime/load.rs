@@ -68,7 +68,7 @@ pub enum LoadError {
         /// The machine file.
         config: PathBuf,
         /// What is wrong.
-        source: TlsFileError,
+        source: Box<TlsFileError>,
     },
     /// The model breaks a rule.
     #[error("error: {}: {source}", path.display())]
@@ -134,8 +134,8 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
     }
     let uncorrected = config.uncorrected_axes(&spec);
     let model_hash = blake3::hash(&bytes).to_hex().to_string();
-    let identity =
-        tls::identity(path, &config).map_err(|source| LoadError::Tls { config: path.to_owned(), source })?;
+    let identity = tls::identity(path, &config)
+        .map_err(|source| LoadError::Tls { config: path.to_owned(), source: Box::new(source) })?;
     Ok(Loaded { config, model: Arc::new(model), model_path, model_hash, uncorrected, identity })
 }
 
