@@ -66,7 +66,7 @@ impl TlsStream {
 
     /// Sends bytes as one record.
     ///
-    /// # Cycle   some allocations per record; waits for nothing but the socket
+    /// # Cycle   one allocation per record; waits for nothing but the socket
     pub(in crate::runtime) fn write_all(&mut self, socket: &mut impl Write, bytes: &[u8]) -> io::Result<()> {
         self.connection.writer().write_all(bytes)?;
         self.flush(socket)
