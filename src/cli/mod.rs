@@ -9,6 +9,7 @@ macro_rules! say {
     ($($text:tt)*) => { $crate::cli::line(format_args!($($text)*)) };
 }
 
+mod bench;
 mod check;
 mod daemon;
 mod evaluate;
@@ -42,6 +43,7 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Verb {
+    Bench(bench::Args),
     Check(check::Args),
     Predict(predict::Args),
     Fit(Box<fit::Args>),
@@ -57,6 +59,7 @@ enum Verb {
 #[must_use]
 pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     exit::run(args, |cli: Cli| match cli.verb {
+        Verb::Bench(a) => bench::run(&a),
         Verb::Check(a) => check::run(&a),
         Verb::Predict(a) => predict::run(&a),
         Verb::Fit(a) => fit::run(&a),
