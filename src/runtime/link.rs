@@ -147,8 +147,7 @@ impl Link {
             }
         }
         self.set_nonblocking(false)?;
-        let timeout = TIMEOUT_STEP * u32::try_from(wait.as_millis() + 1).unwrap_or(1000);
-        if timeout != self.read_timeout {
+        if let Some(timeout) = new_timeout(self.read_timeout, wait) {
             self.stream.set_read_timeout(Some(timeout))?;
             self.read_timeout = timeout;
         }
@@ -213,6 +212,14 @@ impl Link {
     }
 }
 
+/// The read timeout to set for a wait; `None` where the present one will do. Waking too early is harmless, so a
+/// timeout that is short enough stays until one of twice its length would do: a wait that varies around a whole
+/// number of steps costs no system call.
+fn new_timeout(present: Duration, wait: Duration) -> Option<Duration> {
+    let wanted = TIMEOUT_STEP * u32::try_from(wait.as_millis() + 1).unwrap_or(1000);
+    (present > wanted || present * 2 < wanted).then_some(wanted)
+}
+
 /// Configured seconds as a duration; what cannot be one becomes zero.
 pub(super) fn seconds(seconds: f64) -> Duration {
     Duration::try_from_secs_f64(seconds).unwrap_or(Duration::ZERO)
@@ -220,4 +227,39 @@ pub(super) fn seconds(seconds: f64) -> Duration {
 
 fn would_block(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    #[test]
+    fn a_timeout_changes_only_where_it_has_to() {
+        assert_eq!(new_timeout(Duration::ZERO, ms(20)), Some(ms(21)), "none is set yet");
+        assert_eq!(new_timeout(ms(21), ms(20)), None);
+        assert_eq!(new_timeout(ms(21), ms(19)), Some(ms(20)), "a deadline must not be slept over");
+        for wait in [19, 20, 25, 38] {
+            assert_eq!(new_timeout(ms(20), ms(wait)), None, "short enough, and not much too short");
+        }
+        assert_eq!(new_timeout(ms(2), ms(20)), Some(ms(21)), "or it would wake ten times for nothing");
+        assert_eq!(new_timeout(ms(2), Duration::ZERO), Some(ms(1)));
+    }
+
+    #[test]
+    fn waits_that_vary_settle_after_one_change() {
+        let mut present = Duration::ZERO;
+        let mut changes = 0;
+        for cycle in 0..1000_u64 {
+            // a deadline 20 ms after the last frame, seen a little earlier or later
+            if let Some(timeout) = new_timeout(present, Duration::from_micros(18_500 + cycle * 7919 % 1500)) {
+                present = timeout;
+                changes += 1;
+            }
+        }
+        assert!(changes <= 2, "{changes} changes");
+    }
 }
