@@ -1,14 +1,20 @@
 //! The TCP connection to the control: options, frames in and out, life signs.
 //!
-//! The socket blocks with a read timeout. The timeout is only handed to the kernel when it changes, so that a
-//! steady link costs one `recv` and one `send` a cycle; the kernel rounds it up to its tick (1 to 4 ms).
+//! The socket blocks with a read timeout. The timeout is only handed to the kernel when it has to change, so that a
+//! steady link costs one `recv` and one `send` a cycle; the kernel rounds it up to its tick (1 to 4 ms). With busy
+//! polling the thread sleeps in `poll` until shortly before a frame is expected ([`super::arrivals`]) and then reads
+//! without waiting until it is there.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpStream};
 use std::time::Duration;
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+use rustix::net::{RecvFlags, recv};
 use socket2::{Domain, Protocol, SockRef, Socket, TcpKeepalive, Type};
 
+use super::arrivals::{Arrivals, Wait};
 use super::clock::Clock;
 use crate::config::{LinkConfig, RealtimeConfig};
 use crate::core::protocol::{
@@ -50,8 +56,8 @@ pub(super) struct Link {
     out: [u8; MAX_FRAME],
     clock: Clock,
     read_timeout: Duration,
-    busy_poll: Duration,
-    nonblocking: bool,
+    /// When frames are expected; `None` without busy polling.
+    arrivals: Option<Arrivals>,
     heartbeats: u32,
     /// When the last whole frame came in.
     pub(super) received: MonoTime,
@@ -109,8 +115,8 @@ impl Connecting {
             out: [0; MAX_FRAME],
             clock,
             read_timeout: Duration::ZERO,
-            busy_poll: seconds(realtime.busy_poll_s),
-            nonblocking: false,
+            arrivals: (realtime.busy_poll_s > 0.0)
+                .then(|| Arrivals::new(seconds(link.cycle_s), seconds(realtime.busy_poll_s))),
             heartbeats: 0,
             received: now,
             sent: now,
@@ -129,6 +135,12 @@ impl Link {
         Ok(())
     }
 
+    /// The socket, for a test that lets nothing else be used.
+    #[cfg(test)]
+    pub(super) const fn socket(&self) -> &TcpStream {
+        &self.stream
+    }
+
     /// Sends a life sign.
     pub(super) fn send_heartbeat(&mut self) -> io::Result<()> {
         self.heartbeats = self.heartbeats.wrapping_add(1);
@@ -136,17 +148,16 @@ impl Link {
         self.send(&Message::Heartbeat(beat))
     }
 
-    /// Waits up to `wait` for bytes.
+    /// Waits up to `wait` for bytes; zero takes what is there.
     ///
     /// # Cycle   no allocation
     pub(super) fn receive(&mut self, wait: Duration) -> io::Result<Received> {
-        if !self.busy_poll.is_zero() && !wait.is_zero() {
-            match self.poll_busily(self.busy_poll.min(wait))? {
-                Received::Nothing => {}
-                received => return Ok(received),
-            }
+        if wait.is_zero() {
+            return self.read_at_once();
         }
-        self.set_nonblocking(false)?;
+        if let Some(arrivals) = self.arrivals {
+            return self.poll_busily(arrivals, wait);
+        }
         if let Some(timeout) = new_timeout(self.read_timeout, wait) {
             self.stream.set_read_timeout(Some(timeout))?;
             self.read_timeout = timeout;
@@ -162,7 +173,6 @@ impl Link {
         }
         let _ = self.send(&Message::Close(Close { reason }));
         let _ = self.stream.shutdown(Shutdown::Write);
-        let _ = self.set_nonblocking(false);
         // closing with unread bytes would make the kernel reset the connection and discard what we just sent
         let _ = self.stream.set_read_timeout(Some(LINGER / 10));
         let deadline = self.clock.now().plus_seconds(LINGER.as_secs_f64());
@@ -176,35 +186,60 @@ impl Link {
         }
     }
 
-    /// Spins on the socket. It stays non-blocking as long as data come within the limit, so that a steady link pays
-    /// no mode switches; a write that would block then ends the link at once.
-    fn poll_busily(&mut self, limit: Duration) -> io::Result<Received> {
-        let until = self.clock.now().plus_seconds(limit.as_secs_f64());
-        self.set_nonblocking(true)?;
-        loop {
-            match self.read() {
-                Ok(Received::Nothing) if self.clock.now() < until => core::hint::spin_loop(),
-                other => return other,
+    /// Sleeps until a frame is expected, then reads again and again without sleeping.
+    fn poll_busily(&mut self, arrivals: Arrivals, wait: Duration) -> io::Result<Received> {
+        let mut now = self.clock.now();
+        let end = now.plus_seconds(wait.as_secs_f64());
+        while let Some(wait) = arrivals.wait(now, end) {
+            let received = match wait {
+                Wait::Sleep(limit) if !self.wait_for_data(limit)? => Received::Nothing,
+                Wait::Sleep(_) | Wait::Poll => self.read_at_once()?,
+            };
+            if received != Received::Nothing {
+                return Ok(received);
             }
+            core::hint::spin_loop();
+            now = self.clock.now();
+        }
+        Ok(Received::Nothing)
+    }
+
+    /// True where data, the end of the stream or an error are there within the limit.
+    fn wait_for_data(&self, limit: Duration) -> io::Result<bool> {
+        let limit = Timespec::try_from(limit).unwrap_or(Timespec { tv_sec: 1, tv_nsec: 0 });
+        match poll(&mut [PollFd::new(&self.stream, PollFlags::IN)], Some(&limit)) {
+            Ok(count) => Ok(count > 0),
+            Err(Errno::INTR) => Ok(false),
+            Err(e) => Err(e.into()),
         }
     }
 
-    fn set_nonblocking(&mut self, nonblocking: bool) -> io::Result<()> {
-        if self.nonblocking != nonblocking {
-            self.stream.set_nonblocking(nonblocking)?;
-            self.nonblocking = nonblocking;
-        }
-        Ok(())
+    /// Takes what is there.
+    fn read_at_once(&mut self) -> io::Result<Received> {
+        let space = self.reader.space();
+        let room = space.len();
+        let result = recv(&self.stream, space, RecvFlags::DONTWAIT).map(|(_, count)| count);
+        self.taken(result.map_err(io::Error::from), room)
     }
 
+    /// Waits for at most the read timeout.
     fn read(&mut self) -> io::Result<Received> {
         let space = self.reader.space();
         let room = space.len();
-        match self.stream.read(space) {
+        let result = self.stream.read(space);
+        self.taken(result, room)
+    }
+
+    fn taken(&mut self, result: io::Result<usize>, room: usize) -> io::Result<Received> {
+        match result {
             Ok(0) => Ok(Received::Closed),
             Ok(count) => {
+                let at = self.clock.now();
                 self.reader.advance(count);
-                Ok(Received::Bytes { at: self.clock.now(), more: count == room })
+                if let Some(arrivals) = &mut self.arrivals {
+                    arrivals.arrived(at);
+                }
+                Ok(Received::Bytes { at, more: count == room })
             }
             Err(e) if would_block(&e) => Ok(Received::Nothing),
             Err(e) => Err(e),

@@ -17,6 +17,7 @@
 )]
 
 mod age;
+mod arrivals;
 mod backoff;
 mod board;
 mod body;
@@ -32,6 +33,8 @@ mod notify;
 mod ports;
 mod realtime;
 mod rehearsal;
+#[cfg(test)]
+mod sealed;
 mod server;
 mod service;
 mod status;

@@ -1,8 +1,9 @@
 //! The bare limit: a process that answers every position frame with bytes of a correction's size, and nothing else.
 //!
 //! Socket options, thread, reads and writes are those of volcompd (`src/runtime/link.rs` there): one blocking read
-//! with a time limit that is set once, one write; with busy polling, reads of a non-blocking socket. It does not look
-//! at what it reads, checks no check sum and computes nothing: whatever volcompd takes longer is its own.
+//! with a time limit that is set once, one write; with busy polling, a sleep in `poll` until shortly before the next
+//! frame is expected and reads that do not wait from then on. It does not look at what it reads, checks no check sum
+//! and computes nothing: whatever volcompd takes longer is its own.
 
 use core::net::SocketAddr;
 use core::time::Duration;
@@ -10,6 +11,9 @@ use std::io::{self, ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::time::Instant;
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+use rustix::net::{RecvFlags, recv};
 use socket2::{SockRef, TcpKeepalive};
 use volcomp::core::protocol::{Correction, MAX_FRAME, Message, encode};
 
@@ -29,8 +33,10 @@ pub struct EchoSettings {
     pub address: SocketAddr,
     /// Its thread.
     pub thread: ThreadSettings,
-    /// Time to poll before sleeping.
+    /// Time to poll before and after the moment at which a frame is expected.
     pub busy_poll: Duration,
+    /// Control cycle.
+    pub cycle: Duration,
 }
 
 /// Connects and echoes until the control closes the connection.
@@ -54,11 +60,21 @@ fn serve(settings: &EchoSettings) -> io::Result<()> {
     let answer = &answer[..length];
     let mut buffer = [0; 4 * MAX_FRAME];
     let mut pending = 0;
-    let mut nonblocking = false;
+    let mut last: Option<Instant> = None;
+    let mut interval = settings.cycle;
     loop {
-        let Some(count) = receive(&mut stream, &mut buffer, settings.busy_poll, &mut nonblocking)? else {
-            continue;
+        let received = if settings.busy_poll.is_zero() {
+            taken(stream.read(&mut buffer))?
+        } else {
+            let expected = last.map(|last| last + interval);
+            poll_busily(&stream, &mut buffer, expected, settings.busy_poll)?
         };
+        let Some(count) = received else { continue };
+        if !settings.busy_poll.is_zero() {
+            let now = Instant::now();
+            interval = last.map_or(interval, |last| now.duration_since(last)).min(settings.cycle);
+            last = Some(now);
+        }
         if count == 0 {
             return Ok(());
         }
@@ -83,34 +99,47 @@ fn options(stream: &TcpStream) -> io::Result<()> {
     socket.set_tcp_quickack(true)
 }
 
-/// Bytes read; `None` where nothing came within the time limit.
-fn receive(
-    stream: &mut TcpStream,
+/// Sleeps until `margin` before a frame is expected, then reads without waiting until as long after it.
+fn poll_busily(
+    stream: &TcpStream,
     buffer: &mut [u8],
-    busy_poll: Duration,
-    nonblocking: &mut bool,
+    expected: Option<Instant>,
+    margin: Duration,
 ) -> io::Result<Option<usize>> {
-    if !busy_poll.is_zero() {
-        if !*nonblocking {
-            stream.set_nonblocking(true)?;
-            *nonblocking = true;
+    let end = Instant::now() + READ_LIMIT;
+    loop {
+        let now = Instant::now();
+        if now >= end {
+            return Ok(None);
         }
-        let until = Instant::now() + busy_poll;
-        loop {
-            match read(stream, buffer)? {
-                None if Instant::now() < until => core::hint::spin_loop(),
-                None => break,
-                count => return Ok(count),
-            }
+        let sleep = match expected {
+            Some(expected) if now + margin < expected => (expected - margin).min(end) - now,
+            Some(expected) if now < expected + margin => Duration::ZERO,
+            _ => end - now,
+        };
+        if !sleep.is_zero() && !wait_for_data(stream, sleep)? {
+            continue;
         }
-        stream.set_nonblocking(false)?;
-        *nonblocking = false;
+        let count = recv(stream, &mut *buffer, RecvFlags::DONTWAIT).map(|(_, count)| count);
+        if let Some(count) = taken(count.map_err(io::Error::from))? {
+            return Ok(Some(count));
+        }
+        core::hint::spin_loop();
     }
-    read(stream, buffer)
 }
 
-fn read(stream: &mut TcpStream, buffer: &mut [u8]) -> io::Result<Option<usize>> {
-    match stream.read(buffer) {
+fn wait_for_data(stream: &TcpStream, limit: Duration) -> io::Result<bool> {
+    let limit = Timespec::try_from(limit).unwrap_or(Timespec { tv_sec: 1, tv_nsec: 0 });
+    match poll(&mut [PollFd::new(stream, PollFlags::IN)], Some(&limit)) {
+        Ok(count) => Ok(count > 0),
+        Err(Errno::INTR) => Ok(false),
+        Err(e) => Err(e.into()),
+    }
+}
+
+/// Bytes read; `None` where nothing came within the time limit.
+fn taken(result: io::Result<usize>) -> io::Result<Option<usize>> {
+    match result {
         Ok(count) => Ok(Some(count)),
         Err(e)
             if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted) =>

@@ -37,7 +37,7 @@ pub struct DaemonSettings {
     pub cpu: Option<u16>,
     /// Lock the memory.
     pub lock_memory: bool,
-    /// Time to poll before sleeping, us.
+    /// Time to poll before and after the moment at which a frame is expected, us.
     pub busy_poll_us: f64,
 }
 

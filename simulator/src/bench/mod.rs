@@ -63,7 +63,7 @@ pub struct Options {
     pub cpus: [Option<u16>; 2],
     /// Lock the memory of echo and daemon.
     pub lock_memory: bool,
-    /// Time that echo and daemon poll before they sleep.
+    /// Time that echo and daemon poll before and after the moment at which a frame is expected.
     pub busy_poll: Duration,
     /// Measure the computation alone as well.
     pub compute: bool,
@@ -108,6 +108,7 @@ fn links(options: &Options, say: Say<'_>) -> Result<(Vec<rounds::Round>, serde_j
             lock_memory: options.lock_memory,
         },
         busy_poll: options.busy_poll,
+        cycle: options.cycle,
     };
     let _echo = options.programs.echo(&echo_settings)?;
     let _daemon = options.programs.volcompd(&folder.join("machine.toml"), &log)?;

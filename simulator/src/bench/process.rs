@@ -32,6 +32,7 @@ impl Programs {
         command.arg("bench-echo").arg("--control").arg(settings.address.to_string());
         command.arg("--priority").arg(settings.thread.priority.to_string());
         command.arg("--busy-poll-us").arg(settings.busy_poll.as_micros().to_string());
+        command.arg("--cycle-us").arg(settings.cycle.as_micros().to_string());
         if let Some(cpu) = settings.thread.cpu {
             command.arg("--cpu").arg(cpu.to_string());
         }

@@ -276,6 +276,7 @@ fn times_json(times: &Times) -> Value {
     let h = &times.roundtrip;
     json!({
         "cycles": h.len(),
+        "roundtrip_us_min": h.min() as f64 / NS_PER_US, "roundtrip_us_p10": us(times, 0.10),
         "roundtrip_us_p50": us(times, 0.50), "roundtrip_us_p90": us(times, 0.90),
         "roundtrip_us_p99": us(times, 0.99), "roundtrip_us_p999": us(times, 0.999),
         "roundtrip_us_max": h.max() as f64 / NS_PER_US,

@@ -75,7 +75,7 @@ pub(super) struct Args {
     /// Do not lock the memory of echo and daemon.
     #[arg(long)]
     no_lock_memory: bool,
-    /// Echo and daemon poll their socket this long before they sleep, us.
+    /// Echo and daemon poll their socket from so long before to so long after a frame is expected, us.
     #[arg(long, value_name = "US", default_value = "0")]
     busy_poll_us: f64,
     /// Leave out the computation alone.
@@ -105,12 +105,15 @@ pub(super) struct EchoArgs {
     lock_memory: bool,
     #[arg(long, default_value = "0")]
     busy_poll_us: u64,
+    #[arg(long, default_value = "1000")]
+    cycle_us: u64,
 }
 
 pub(super) fn echo(args: &EchoArgs) -> Result<(), Failure> {
-    let EchoArgs { control, priority, cpu, lock_memory, busy_poll_us } = *args;
+    let EchoArgs { control, priority, cpu, lock_memory, busy_poll_us, cycle_us } = *args;
     let thread = ThreadSettings { priority, cpu, lock_memory };
-    echo::run(EchoSettings { address: control, thread, busy_poll: Duration::from_micros(busy_poll_us) })
+    let [busy_poll, cycle] = [busy_poll_us, cycle_us].map(Duration::from_micros);
+    echo::run(EchoSettings { address: control, thread, busy_poll, cycle })
         .map_err(|e| Failure::new(EX_IOERR, e))
 }
 

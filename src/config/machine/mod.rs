@@ -105,7 +105,7 @@ pub struct RealtimeConfig {
     pub cpu: Option<u16>,
     /// Lock all memory.
     pub lock_memory: bool,
-    /// Poll the socket this long before blocking, s.
+    /// Poll the socket from this long before to this long after a frame is expected, s.
     pub busy_poll_s: f64,
 }
 
