@@ -33,6 +33,9 @@ pub(super) struct StatusArgs {
     /// Print one JSON object instead of text.
     #[arg(long)]
     json: bool,
+    /// Print the latency of the present link as full histograms, one JSON object: age, round trip, compute, lateness.
+    #[arg(long)]
+    histograms: bool,
     /// Print again every second until interrupted.
     #[arg(long)]
     watch: bool,
@@ -54,11 +57,12 @@ pub(super) struct CommandArgs {
 pub(super) fn status(args: &StatusArgs) -> Result<(), Failure> {
     let socket = socket(&args.which)?;
     loop {
-        let status = client::status(&socket).map_err(|e| failure(&e))?;
-        if args.json {
-            let text = serde_json::to_string(&status).map_err(|e| Failure::new(EX_SOFTWARE, e))?;
-            say!("{text}");
+        if args.histograms {
+            say!("{}", json(&client::histograms(&socket).map_err(|e| failure(&e))?)?);
+        } else if args.json {
+            say!("{}", json(&client::status(&socket).map_err(|e| failure(&e))?)?);
         } else {
+            let status = client::status(&socket).map_err(|e| failure(&e))?;
             if args.watch && std::io::stdout().is_terminal() {
                 // clear the screen, cursor to the top
                 say!("\x1b[2J\x1b[H");
@@ -70,6 +74,10 @@ pub(super) fn status(args: &StatusArgs) -> Result<(), Failure> {
         }
         std::thread::sleep(WATCH_INTERVAL);
     }
+}
+
+fn json(object: &impl serde::Serialize) -> Result<String, Failure> {
+    serde_json::to_string(object).map_err(|e| Failure::new(EX_SOFTWARE, e))
 }
 
 pub(super) fn enable(args: &CommandArgs) -> Result<(), Failure> {
@@ -176,6 +184,7 @@ fn write_figures(f: &mut String, status: &Status) -> std::fmt::Result {
         ("age", status.age_us_p50, status.age_us_p99),
         ("round trip", status.roundtrip_us_p50, status.roundtrip_us_p99),
         ("compute", status.compute_us_p50, status.compute_us_p99),
+        ("late by", status.lateness_us_p50, status.lateness_us_p99),
     ];
     for (name, p50, p99) in rows {
         if let (Some(p50), Some(p99)) = (p50, p99) {

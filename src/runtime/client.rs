@@ -5,6 +5,7 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use super::latency::Histograms;
 use super::server::{Answer, Ask, Verb};
 use super::status::Status;
 
@@ -68,6 +69,15 @@ pub enum ClientError {
 pub fn status(socket: &Path) -> Result<Status, ClientError> {
     let answer = ask(socket, Verb::Status)?;
     answer.status.map(|status| *status).ok_or_else(|| refused(socket, answer.error))
+}
+
+/// Asks for the latency histograms of the present link.
+///
+/// # Errors
+/// See [`ClientError`].
+pub fn histograms(socket: &Path) -> Result<Histograms, ClientError> {
+    let answer = ask(socket, Verb::Histograms)?;
+    answer.histograms.map(|histograms| *histograms).ok_or_else(|| refused(socket, answer.error))
 }
 
 /// Enables compensation, and gives the state that follows.

@@ -6,7 +6,7 @@
 //!   on a blocking socket. Between link-up and link-down it allocates nothing, takes no lock, writes no log and
 //!   touches no disk; what it has to say goes by `try_send` into bounded channels, or is dropped and counted.
 //! - the **service thread** ([`daemon`], tokio) drains these channels ([`service`]), logs ([`logging`]), keeps the
-//!   statistics ([`board`]), answers the status socket ([`server`]), handles signals and feeds systemd ([`notify`]).
+//!   statistics ([`board`], [`latency`]), answers the status socket ([`server`]), handles signals and feeds systemd ([`notify`]).
 //!
 //! [`ports`] is everything that passes between the two. [`body`] is the cycle without its socket and clock, for
 //! tests that count allocations. Reading order: `ports`, `body`, `link`, `cycle`, `worker`, `service`, `daemon`.
@@ -26,6 +26,7 @@ mod clock;
 mod cycle;
 mod daemon;
 mod handshake;
+mod latency;
 mod link;
 mod load;
 mod logging;
@@ -42,6 +43,7 @@ mod worker;
 
 pub use body::{CycleBody, Reaction};
 pub use daemon::{DaemonError, run};
+pub use latency::{Bins, Histograms};
 pub use load::{LoadError, Loaded, load, load_config};
 pub use logging::LogError;
 pub use rehearsal::{Rehearsal, RehearsalError, rehearse};

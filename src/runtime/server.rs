@@ -3,8 +3,8 @@
 //! One JSON object per line in, one per line out. Who may open the socket may command: its mode is 0660, its
 //! directory belongs to the service. Few clients, short lines, short patience: nothing here can starve the rest.
 //!
-//! Requests: `{"command": "status" | "enable" | "disable" | "clear-fault"}`. Answers: `{"ok": true, "state": ..}`,
-//! with `"status": {..}` for the first, or `{"ok": false, "error": ".."}`.
+//! Requests: `{"command": "status" | "histograms" | "enable" | "disable" | "clear-fault"}`. Answers: `{"ok": true,
+//! "state": ..}`, with `"status": {..}` or `"histograms": {..}` for the first two, or `{"ok": false, "error": ".."}`.
 
 use std::io;
 use std::os::unix::fs::PermissionsExt;
@@ -19,6 +19,7 @@ use tokio::sync::Semaphore;
 use tokio::time::{sleep, timeout};
 use tracing::{info, warn};
 
+use super::latency::Histograms;
 use super::ports::Request;
 use super::service::Service;
 use super::status::Status;
@@ -40,6 +41,7 @@ const SETTLE: Duration = Duration::from_millis(50);
 #[serde(rename_all = "kebab-case")]
 pub(super) enum Verb {
     Status,
+    Histograms,
     Enable,
     Disable,
     ClearFault,
@@ -53,13 +55,15 @@ pub(super) struct Ask {
 }
 
 /// One answer line.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub(super) struct Answer {
     pub(super) ok: bool,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) state: Option<String>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) status: Option<Box<Status>>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) histograms: Option<Box<Histograms>>,
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub(super) error: Option<String>,
 }
@@ -209,7 +213,17 @@ async fn carry_out(verb: Verb, service: &Mutex<Service>, peer: Option<(u32, Opti
                 ok: true,
                 state: Some(status.state.clone()),
                 status: Some(Box::new(status)),
-                error: None,
+                ..Answer::default()
+            };
+        }
+        Verb::Histograms => {
+            let mut service = lock(service);
+            let histograms = Some(Box::new(service.histograms()));
+            return Answer {
+                ok: true,
+                state: Some(service.state().to_owned()),
+                histograms,
+                ..Answer::default()
             };
         }
         Verb::Enable => Command::Enable,
@@ -232,11 +246,11 @@ async fn carry_out(verb: Verb, service: &Mutex<Service>, peer: Option<(u32, Opti
     sleep(SETTLE).await;
     let mut service = lock(service);
     service.drain();
-    Answer { ok: true, state: Some(service.state().to_owned()), status: None, error: None }
+    Answer { ok: true, state: Some(service.state().to_owned()), ..Answer::default() }
 }
 
 fn failure(error: String) -> Answer {
-    Answer { ok: false, state: None, status: None, error: Some(error) }
+    Answer { ok: false, error: Some(error), ..Answer::default() }
 }
 
 fn line(answer: &Answer) -> Vec<u8> {

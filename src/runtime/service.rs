@@ -10,6 +10,7 @@ use super::board::{Board, reason_name, reason_text, state_name};
 use super::clock::Clock;
 use super::cycle::LinkEnd;
 use super::handshake;
+use super::latency::Histograms;
 use super::load::Loaded;
 use super::logging::LogLimiter;
 use super::ports::{LastOffset, Progress, Report, Request, ServicePorts, Ticket};
@@ -84,6 +85,11 @@ impl Service {
     pub(super) fn status(&mut self) -> Status {
         self.drain();
         self.board.status()
+    }
+
+    pub(super) fn histograms(&mut self) -> Histograms {
+        self.drain();
+        self.board.histograms()
     }
 
     pub(super) fn headline(&self) -> String {

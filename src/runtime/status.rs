@@ -47,6 +47,10 @@ pub struct Status {
     pub compute_us_p50: Option<f64>,
     /// 99th percentile of the same, us.
     pub compute_us_p99: Option<f64>,
+    /// Of the late corrections: how much later than one cycle after the sample they left, us; `null` without any.
+    pub lateness_us_p50: Option<f64>,
+    /// 99th percentile of the same, us.
+    pub lateness_us_p99: Option<f64>,
     /// Offset asked for per linear axis, um; empty without a link.
     pub correction_um: BTreeMap<String, f64>,
     /// Offset asked for per rotary axis, arcsec; empty without a link.
