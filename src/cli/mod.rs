@@ -14,6 +14,7 @@ mod check;
 mod daemon;
 mod evaluate;
 mod exit;
+mod explain;
 mod files;
 mod fit;
 mod fit_input;
@@ -50,6 +51,7 @@ enum Verb {
     Identify(identify::Args),
     Evaluate(evaluate::Args),
     Model(model::Args),
+    Explain(explain::Args),
     Status(service::StatusArgs),
     Enable(service::CommandArgs),
     Disable(service::CommandArgs),
@@ -65,6 +67,7 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Fit(a) => fit::run(&a),
         Verb::Identify(a) => identify::run(&a),
         Verb::Evaluate(a) => evaluate::run(&a),
+        Verb::Explain(a) => explain::run(&a),
         Verb::Model(a) => model::run(&a),
         Verb::Status(a) => service::status(&a),
         Verb::Enable(a) => service::enable(&a),

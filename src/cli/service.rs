@@ -222,7 +222,14 @@ fn write_axes(f: &mut String, status: &Status) -> std::fmt::Result {
 
 fn write_tail(f: &mut String, status: &Status) -> std::fmt::Result {
     for fault in &status.faults {
-        writeln!(f, "FAULT       {}: {} ({} ago)", fault.reason, fault.text, duration(fault.age_s))?;
+        writeln!(
+            f,
+            "FAULT       {} {}: {} ({} ago)",
+            fault.code,
+            fault.reason,
+            fault.text,
+            duration(fault.age_s)
+        )?;
     }
     if status.faults.is_empty() {
         writeln!(f, "faults      none")?;

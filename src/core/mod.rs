@@ -2,6 +2,7 @@
 
 pub mod axes;
 pub mod engine;
+pub mod fault;
 pub mod geometry;
 pub mod model;
 pub mod protocol;

@@ -14,6 +14,7 @@ use super::realtime::RealtimeReport;
 use super::status::{Fault, LinkStatus, RealtimeStatus, Status};
 use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
 use crate::core::engine::{Event, Reason, State};
+use crate::core::fault;
 use crate::core::protocol::{ControlHello, MachineState};
 use crate::core::units::{MonoTime, NS_PER_S, arcsec_from_rad, rad_from_deg, um_from_mm};
 
@@ -189,8 +190,9 @@ impl Board {
 
     fn faults(&self, now: MonoTime) -> Vec<Fault> {
         let fault = |(reason, since): (Reason, MonoTime)| Fault {
-            reason: reason_name(reason).to_owned(),
-            text: reason_text(reason).to_owned(),
+            code: fault::of_reason(reason).code.to_string(),
+            reason: fault::of_reason(reason).name.to_owned(),
+            text: fault::of_reason(reason).text.to_owned(),
             age_s: now.seconds_since(since),
         };
         // an acknowledged fault leaves without an event
@@ -260,49 +262,6 @@ pub(super) const fn state_name(state: State) -> &'static str {
         State::Holding => "holding",
         State::RampingOut => "ramping-out",
         State::Faulted => "faulted",
-    }
-}
-
-/// Name of a reason in status and log.
-pub(super) const fn reason_name(reason: Reason) -> &'static str {
-    match reason {
-        Reason::Command => "command",
-        Reason::MachineReady => "machine-ready",
-        Reason::NotHomed => "not-homed",
-        Reason::NotEnabled => "not-enabled",
-        Reason::EmergencyStop => "emergency-stop",
-        Reason::RampDone => "ramp-done",
-        Reason::Stale => "stale",
-        Reason::NotFinite => "not-finite",
-        Reason::Jump => "jump",
-        Reason::Sequence => "sequence",
-        Reason::ControlClock => "control-clock",
-        Reason::OutOfTravel => "out-of-travel",
-        Reason::DataGood => "data-good",
-        Reason::ReadBack => "read-back",
-        Reason::FoundOffset => "found-offset",
-        Reason::ControlTookOver => "control-took-over",
-    }
-}
-
-/// A reason in words.
-pub(super) const fn reason_text(reason: Reason) -> &'static str {
-    match reason {
-        Reason::Command => "a command of the operator or the service",
-        Reason::MachineReady => "the machine is homed, its drives are on, no emergency stop",
-        Reason::NotHomed => "not all axes are homed",
-        Reason::NotEnabled => "the drives are off",
-        Reason::EmergencyStop => "emergency stop",
-        Reason::RampDone => "the ramp has ended",
-        Reason::Stale => "no fresh position from the control",
-        Reason::NotFinite => "a position was NaN or infinite",
-        Reason::Jump => "a position jumped further than is plausible",
-        Reason::Sequence => "position frames out of order or repeated",
-        Reason::ControlClock => "the control's clock went backwards or jumped",
-        Reason::OutOfTravel => "an axis is outside the travel of the model",
-        Reason::DataGood => "fresh and plausible positions again",
-        Reason::ReadBack => "the control has applied another offset than the one sent",
-        Reason::FoundOffset => "the control holds an offset that was left from before",
-        Reason::ControlTookOver => "the control has been taking the offset back by itself",
+        State::FadingToStatic => "fading-to-static",
     }
 }

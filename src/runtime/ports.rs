@@ -150,7 +150,7 @@ impl Progress {
 }
 
 /// Every state of the engine.
-pub(super) const STATES: [State; 7] = [
+pub(super) const STATES: [State; 8] = [
     State::Off,
     State::Armed,
     State::RampingIn,
@@ -158,6 +158,7 @@ pub(super) const STATES: [State; 7] = [
     State::Holding,
     State::RampingOut,
     State::Faulted,
+    State::FadingToStatic,
 ];
 
 const fn state_code(state: State) -> u8 {
@@ -169,6 +170,7 @@ const fn state_code(state: State) -> u8 {
         State::Holding => 4,
         State::RampingOut => 5,
         State::Faulted => 6,
+        State::FadingToStatic => 7,
     }
 }
 

@@ -6,7 +6,7 @@ use std::time::Duration;
 
 use tracing::{info, warn};
 
-use super::board::{Board, reason_name, reason_text, state_name};
+use super::board::{Board, state_name};
 use super::clock::Clock;
 use super::cycle::LinkEnd;
 use super::handshake;
@@ -17,6 +17,7 @@ use super::ports::{LastOffset, Progress, Report, Request, ServicePorts, Ticket};
 use super::realtime::RealtimeReport;
 use super::status::Status;
 use crate::core::engine::{Event, State};
+use crate::core::fault;
 use crate::core::protocol::ControlHello;
 use crate::core::units::NS_PER_S;
 
@@ -178,11 +179,12 @@ fn log_link_up(address: &std::net::SocketAddr, hello: &ControlHello, held_back: 
 
 fn log_event(event: &Event, held_back: u64) {
     let Event::StateChanged { from, to, reason } = event;
-    let (from, to_name, name) = (state_name(*from), state_name(*to), reason_name(*reason));
+    let (from, to_name, entry) = (state_name(*from), state_name(*to), fault::of_reason(*reason));
+    let code = entry.code.to_string();
     match (to, reason) {
         (State::Faulted | State::Holding, _) => {
-            warn!(from, to = to_name, reason = name, held_back, "{}", reason_text(*reason));
+            warn!(from, to = to_name, reason = entry.name, code, held_back, "{}", entry.text);
         }
-        _ => info!(from, to = to_name, reason = name, held_back, "{}", reason_text(*reason)),
+        _ => info!(from, to = to_name, reason = entry.name, code, held_back, "{}", entry.text),
     }
 }

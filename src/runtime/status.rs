@@ -82,6 +82,9 @@ pub struct Status {
 /// A latched fault.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Fault {
+    /// Its number, e.g. `VC-4001`; `volcomp explain` knows more.
+    #[serde(default)]
+    pub code: String,
     /// Its name, e.g. `read-back`.
     pub reason: String,
     /// In words.

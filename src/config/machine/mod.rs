@@ -10,7 +10,7 @@ use std::path::PathBuf;
 
 use super::diagnostic::ConfigErrors;
 use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
-use crate::core::engine::{AxisLimits, EngineConfig, OutOfTravel, PositionSource, RestOffset};
+use crate::core::engine::{AxisLimits, EngineConfig, Lag, OutOfTravel, PositionSource, RestOffset};
 use crate::core::model::{Chain, ModelSpec};
 use crate::core::protocol::{AxisUnit, ControlHello};
 use crate::core::units::NS_PER_S;
@@ -79,6 +79,9 @@ pub struct EngineSettings {
     pub out_of_travel: OutOfTravel,
     pub rest: RestOffset,
     pub read_back_cycles: u32,
+    pub lag: Lag,
+    pub lag_uncertainty_cycles: f64,
+    pub live_max_age_s: f64,
 }
 
 /// One axis. Linear: mm; rotary: rad.
@@ -94,6 +97,8 @@ pub struct AxisConfig {
     pub reversal_deadband: f64,
     /// Tolerated difference between offset sent and read back.
     pub read_back_tolerance: f64,
+    /// Soft limits of the machine; infinite where none are given.
+    pub soft_limits: [f64; 2],
 }
 
 /// Real-time settings of the cycle thread.
@@ -274,7 +279,17 @@ const fn kind_name(axis: AxisName) -> &'static str {
 }
 
 /// Limits of an axis that the machine file does not list: a size of zero, so it is never offset.
-const NEVER_OFFSET: AxisLimits = AxisLimits { warning: 0.0, size: 0.0, rate: 1.0, acceleration: 1.0 };
+const NEVER_OFFSET: AxisLimits = AxisLimits {
+    warning: 0.0,
+    size: 0.0,
+    stop: f64::INFINITY,
+    rate: 1.0,
+    acceleration: 1.0,
+    step: f64::INFINITY,
+};
+
+/// Soft limits of an axis that has none.
+const NO_SOFT_LIMITS: [f64; 2] = [f64::NEG_INFINITY, f64::INFINITY];
 
 /// Share by which the control's cycle time may differ from the configured one (a rounded decimal such as 0.333 ms).
 const CYCLE_TOLERANCE: f64 = 2e-3;
@@ -308,6 +323,7 @@ impl MachineConfig {
             jump_limit: each(|a| a.jump_limit, f64::MAX),
             reversal_deadband: each(|a| a.reversal_deadband, 0.0),
             read_back_tolerance: each(|a| a.read_back_tolerance, f64::MAX),
+            soft_limits: listed.iter().map(|axis| axis.map_or(NO_SOFT_LIMITS, |a| a.soft_limits)).collect(),
             axes,
             cycle_s: self.link.cycle_s,
             ramp_s: engine.ramp_s,
@@ -318,6 +334,9 @@ impl MachineConfig {
             out_of_travel: engine.out_of_travel,
             rest: engine.rest,
             read_back_cycles: engine.read_back_cycles,
+            lag: engine.lag,
+            lag_uncertainty_cycles: engine.lag_uncertainty_cycles,
+            live_max_age_s: engine.live_max_age_s,
         })
     }
 

@@ -4,13 +4,13 @@ use core::net::SocketAddr;
 use std::path::PathBuf;
 
 use super::{
-    AxisConfig, EngineSettings, FORMAT, LinkConfig, LogConfig, LogTarget, MachineConfig, RealtimeConfig,
-    StartMode, StatusConfig,
+    AxisConfig, EngineSettings, FORMAT, LinkConfig, LogConfig, LogTarget, MachineConfig, NO_SOFT_LIMITS,
+    RealtimeConfig, StartMode, StatusConfig,
 };
 use crate::config::diagnostic::{ConfigErrors, Diagnostic};
 use crate::config::reader::{self, Allowed, Placed, Reader, Section};
 use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
-use crate::core::engine::{AxisLimits, OutOfTravel, PositionSource, RestOffset};
+use crate::core::engine::{AxisLimits, LAG_CYCLES_MAX, Lag, OutOfTravel, PositionSource, RestOffset};
 use crate::core::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
 pub(super) fn parse(file: &str, text: &str) -> Result<MachineConfig, ConfigErrors> {
@@ -153,6 +153,11 @@ fn read_engine(engine: &Section<'_>, cycle_ms: f64) -> EngineSettings {
             .choice("rest", &[("zero", RestOffset::Zero), ("hold", RestOffset::Hold)])
             .unwrap_or_default(),
         read_back_cycles: engine.whole("read-back-cycles", 1, 10_000).map_or(10, |n| n.value),
+        lag: engine
+            .number("lag-cycles", within(0.0, LAG_CYCLES_MAX as f64))
+            .map_or(Lag::Measured, |n| Lag::Cycles(n.value)),
+        lag_uncertainty_cycles: or(engine, "lag-uncertainty-cycles", within(0.0, 100.0), 0.5),
+        live_max_age_s: or(engine, "live-max-age-ms", within(1.0, 600_000.0), 500.0) / 1e3,
     };
     engine.finish();
     settings
@@ -162,6 +167,9 @@ fn read_engine(engine: &Section<'_>, cycle_ms: f64) -> EngineSettings {
 struct AxisKeys {
     warning: &'static str,
     limit: &'static str,
+    stop: &'static str,
+    step: &'static str,
+    soft: &'static str,
     rate: &'static str,
     acceleration: &'static str,
     jump: &'static str,
@@ -178,6 +186,9 @@ struct AxisKeys {
 static LINEAR: AxisKeys = AxisKeys {
     warning: "warning-um",
     limit: "limit-um",
+    stop: "stop-um",
+    step: "step-um",
+    soft: "soft-limit-mm",
     rate: "rate-um-per-s",
     acceleration: "acceleration-um-per-s2",
     jump: "jump-mm",
@@ -192,6 +203,9 @@ static LINEAR: AxisKeys = AxisKeys {
 static ROTARY: AxisKeys = AxisKeys {
     warning: "warning-arcsec",
     limit: "limit-arcsec",
+    stop: "stop-arcsec",
+    step: "step-arcsec",
+    soft: "soft-limit-deg",
     rate: "rate-arcsec-per-s",
     acceleration: "acceleration-arcsec-per-s2",
     jump: "jump-deg",
@@ -205,6 +219,8 @@ static ROTARY: AxisKeys = AxisKeys {
 
 /// Share of the limit at which a warning is given where none is configured.
 const DEFAULT_WARNING: f64 = 0.8;
+/// Correction at which something must be wrong where no stop limit is configured, in limits.
+const DEFAULT_STOP: f64 = 3.0;
 /// Default of the largest plausible change of position per cycle, mm or deg.
 const DEFAULT_JUMP: f64 = 10.0;
 /// Default of the travel after which a reversal counts, um or arcsec.
@@ -255,17 +271,10 @@ fn read_axis(section: Section<'_>, name: AxisName) -> Option<AxisConfig> {
             section.number(key, Allowed::Positive { high }).map(|n| n.value)
         });
     let warning = section.number(keys.warning, Allowed::Positive { high: keys.highest });
-    if let (Some(warning), Some(limit)) = (&warning, limit)
-        && warning.value > limit
-    {
-        let message = format!(
-            "{} is {} {offset_unit}, above {} ({limit} {offset_unit})",
-            section.named_key(keys.warning),
-            warning.value,
-            keys.limit
-        );
-        section.report(Diagnostic::at(warning.place.clone(), message, "warn at or below the limit"));
-    }
+    let stop = section.number(keys.stop, Allowed::Positive { high: 1e6 });
+    against_limit(section, keys, limit, &warning, &stop);
+    let step = or(section, keys.step, Allowed::Positive { high: keys.highest }, f64::INFINITY);
+    let soft = read_soft_limits(section, keys);
     let jump = or(section, keys.jump, Allowed::Positive { high: 1000.0 }, DEFAULT_JUMP);
     let deadband = or(section, keys.deadband, within(0.0, 1000.0), DEFAULT_DEADBAND);
     let tolerance = or(section, keys.tolerance, Allowed::Positive { high: 1000.0 }, DEFAULT_TOLERANCE);
@@ -276,13 +285,57 @@ fn read_axis(section: Section<'_>, name: AxisName) -> Option<AxisConfig> {
         limits: AxisLimits {
             warning: (keys.offset)(warning.map_or(DEFAULT_WARNING * limit, |w| w.value)),
             size: (keys.offset)(limit),
+            stop: (keys.offset)(stop.map_or(DEFAULT_STOP * limit, |s| s.value)),
+            step: (keys.offset)(step),
             rate: (keys.offset)(rate?),
             acceleration: (keys.offset)(acceleration?),
         },
         jump_limit: (keys.position)(jump),
         reversal_deadband: (keys.offset)(deadband),
         read_back_tolerance: (keys.offset)(tolerance),
+        soft_limits: soft,
     })
+}
+
+/// The warning lies below the limit, the stop above it.
+fn against_limit(
+    section: &Section<'_>,
+    keys: &AxisKeys,
+    limit: Option<f64>,
+    warning: &Option<Placed<f64>>,
+    stop: &Option<Placed<f64>>,
+) {
+    let Some(limit) = limit else { return };
+    let unit = keys.units[0];
+    let wrong = |found: &Placed<f64>, key: &'static str, where_: &str, remedy: &str| {
+        let message = format!(
+            "{} is {} {unit}, {where_} {} ({limit} {unit})",
+            section.named_key(key),
+            found.value,
+            keys.limit
+        );
+        section.report(Diagnostic::at(found.place.clone(), message, remedy));
+    };
+    if let Some(warning) = warning.as_ref().filter(|w| w.value > limit) {
+        wrong(warning, keys.warning, "above", "warn at or below the limit");
+    }
+    if let Some(stop) = stop.as_ref().filter(|s| s.value < limit) {
+        wrong(stop, keys.stop, "below", "stop at or above the limit");
+    }
+}
+
+/// Soft limits in mm or rad.
+fn read_soft_limits(section: &Section<'_>, keys: &AxisKeys) -> [f64; 2] {
+    let Some(list) = section.fixed::<2>(keys.soft, "[lower, upper]") else { return NO_SOFT_LIMITS };
+    let [low, high] = list.value;
+    if low >= high {
+        let message = format!(
+            "{} is [{low}, {high}]: the lower end is not below the upper",
+            section.named_key(keys.soft)
+        );
+        section.report(Diagnostic::at(list.place, message, "write the lower end first"));
+    }
+    [(keys.position)(low), (keys.position)(high)]
 }
 
 fn read_realtime(realtime: &Section<'_>) -> RealtimeConfig {

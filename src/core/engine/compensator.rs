@@ -4,7 +4,8 @@
 //! correction (or zero), `s` a smooth share that grows from 0 to 1 over the ramp. So nothing ever steps, from
 //! whatever offset and in whatever state a change of plan comes; the limiter bounds what is left.
 
-use super::config::{EngineConfig, EngineError, OutOfTravel, PositionSource, RestOffset};
+use super::aim::{Aim, Target};
+use super::config::{AxisLimits, EngineConfig, EngineError, OutOfTravel, RestOffset};
 use super::intake::Intake;
 use super::limiter::Limiter;
 use super::output::{Command, CycleOutput, Event, Reason, State};
@@ -12,7 +13,7 @@ use super::ramp::Ramp;
 use super::read_back::ReadBack;
 use crate::core::axes::{AxisArray, AxisKind, MAX_AXES};
 use crate::core::geometry::Vec3;
-use crate::core::model::{Model, Pose};
+use crate::core::model::Model;
 use crate::core::protocol::{Correction, MachineState, Position};
 use crate::core::units::{MonoTime, RAD_PER_DEG};
 
@@ -26,9 +27,8 @@ pub struct Compensator {
     axes: usize,
     /// mm or rad per wire unit.
     scale: AxisArray,
-    /// Wire index of each axis of the model.
-    wire_index: [usize; MAX_AXES],
     intake: Intake,
+    aim: Aim,
     read_back: ReadBack,
     limiters: [Limiter; MAX_AXES],
     state: State,
@@ -40,7 +40,6 @@ pub struct Compensator {
     gain_wanted: f64,
     from: AxisArray,
     ramp: Ramp,
-    tool_tip: Option<Vec3>,
     /// False until the first believable frame of a link has told which offset the control holds.
     synchronised: bool,
     /// The machine is not ready: no offset is moved, and the control may change its own meanwhile.
@@ -56,9 +55,8 @@ pub struct Compensator {
 
 /// What one cycle found out before it moves anything.
 struct Plan {
-    target: AxisArray,
+    target: Target,
     dt: f64,
-    out_of_range: u8,
 }
 
 impl Compensator {
@@ -69,15 +67,6 @@ impl Compensator {
     pub fn new(config: &EngineConfig, model: &Model) -> Result<Self, EngineError> {
         config.validate()?;
         let axes = config.axes.len();
-        let mut wire_index = [0; MAX_AXES];
-        for (k, axis) in model.axes().enumerate() {
-            match config.axes.iter().position(|name| *name == axis.name) {
-                Some(index) => wire_index[k] = index,
-                // the spindle turns, but nothing depends on where it stands
-                None if axis.spindle => wire_index[k] = MAX_AXES,
-                None => return Err(EngineError::AxisMissing { axis: axis.name }),
-            }
-        }
         let mut scale = [1.0; MAX_AXES];
         let mut tolerance = [0.0; MAX_AXES];
         let mut limiters = [Limiter::new(NO_LIMITS); MAX_AXES];
@@ -88,6 +77,7 @@ impl Compensator {
         }
         Ok(Self {
             intake: Intake::new(config, &scale),
+            aim: Aim::new(config, scale, model)?,
             read_back: ReadBack::new(config.read_back_cycles as usize, tolerance),
             ramp: Ramp::start(config.ramp_s),
             gain: config.gain,
@@ -95,14 +85,12 @@ impl Compensator {
             config: config.clone(),
             axes,
             scale,
-            wire_index,
             limiters,
             state: State::Off,
             enabled: false,
             stopping: false,
             stopped: false,
             from: [0.0; MAX_AXES],
-            tool_tip: None,
             synchronised: false,
             frozen: false,
             immobile: false,
@@ -117,10 +105,11 @@ impl Compensator {
     pub fn on_link_up(&mut self, _now: MonoTime) {
         self.intake.restart();
         self.read_back.restart();
+        self.aim.lag.restart();
         self.synchronised = false;
         self.next_deadline = None;
         // the control tells its tool anew on every link
-        self.tool_tip = None;
+        self.aim.tool_tip = None;
         if self.state != State::Faulted {
             self.state = if self.enabled { State::Armed } else { State::Off };
         }
@@ -137,12 +126,31 @@ impl Compensator {
 
     /// The tool changed: its tip in M at home, mm.
     pub fn on_tool(&mut self, tip: Vec3) {
-        if tip.iter().all(|v| v.is_finite()) && self.tool_tip != Some(tip) {
-            self.tool_tip = Some(tip);
+        if tip.iter().all(|v| v.is_finite()) && self.aim.tool_tip != Some(tip) {
+            self.aim.tool_tip = Some(tip);
             // another lever means another correction: go there smoothly
-            if matches!(self.state, State::Active | State::RampingIn) {
-                self.plan(State::RampingIn, Reason::Command);
-            }
+            self.blend_anew(Reason::ToolChanged);
+        }
+    }
+
+    /// Another model is used from now on: the offset goes smoothly from the old correction to the new one.
+    ///
+    /// # Errors
+    /// The model has an axis that the control has not; the old model must go on being used.
+    pub fn on_model(&mut self, model: &Model) -> Result<(), EngineError> {
+        self.aim.take(&self.config, model)?;
+        self.blend_anew(Reason::ModelChanged);
+        Ok(())
+    }
+
+    /// A live value, mm or rad, for channel `channel` of [`Model::sensors`]; counts until it is too old.
+    pub fn on_live(&mut self, now: MonoTime, channel: usize, value: f64) {
+        self.aim.live.tell(now, channel, value);
+    }
+
+    fn blend_anew(&mut self, reason: Reason) {
+        if self.follows_target() {
+            self.plan(State::RampingIn, reason);
         }
     }
 
@@ -154,15 +162,12 @@ impl Compensator {
     /// # Cycle   no allocation, no panic, bounded time
     #[must_use]
     pub fn on_position(&mut self, now: MonoTime, frame: &Position, model: &Model) -> Option<CycleOutput> {
-        let position = match self.config.position_source {
-            PositionSource::Commanded => frame.commanded,
-            PositionSource::Actual => core::array::from_fn(|k| frame.actual[k] - frame.applied[k]),
-        };
+        let position = self.aim.position(&self.config, frame);
         self.event = None;
         let verdict = self.intake.accept(frame, &position);
         if verdict == Err(Reason::Sequence) {
             // old or repeated: says nothing new, and does not count as a sign of life
-            return Some(self.move_on(&Plan { target: self.offset(), dt: 0.0, out_of_range: 0 }));
+            return Some(self.move_on(&Plan { target: self.stay(), dt: 0.0 }));
         }
         self.last_sequence = frame.sequence;
         self.next_deadline = Some(now.plus_seconds(self.config.stale_s));
@@ -178,9 +183,15 @@ impl Compensator {
         if told {
             self.check_read_back(frame);
         }
-        let (target, out_of_range, out_of_travel) = self.correction_at(&position, model, verdict.is_ok());
-        self.decide(frame.state, verdict.err(), out_of_travel, dt);
-        Some(self.move_on(&Plan { target, dt, out_of_range }))
+        let target = match verdict {
+            Ok(_) => self.aim.at(&self.config, &self.intake, model, &position, (now, dt), self.gain),
+            Err(_) => Target::NONE,
+        };
+        let bad = verdict.err().or((!target.finite).then_some(Reason::ModelNotFinite));
+        self.decide(frame.state, bad, &target, dt);
+        let output = self.move_on(&Plan { target, dt });
+        self.aim.lag.sent(frame.sequence, &output.offset);
+        Some(output)
     }
 
     /// When [`Compensator::on_deadline`] wants to be called if no position arrives; `None` while nothing is due.
@@ -200,7 +211,7 @@ impl Compensator {
         self.intake.unsettle();
         let dt = self.config.cycle_s;
         self.hold_or_give_up(Reason::Stale, dt);
-        let output = self.move_on(&Plan { target: self.offset(), dt, out_of_range: 0 });
+        let output = self.move_on(&Plan { target: self.stay(), dt });
         let resting = self.is_at_rest();
         let faulted = self.state == State::Faulted && !self.is_zero();
         let waiting = matches!(self.state, State::Holding | State::RampingOut) || faulted || !resting;
@@ -264,6 +275,11 @@ impl Compensator {
         core::array::from_fn(|k| self.limiters[k].position())
     }
 
+    /// The target that is the present offset.
+    fn stay(&self) -> Target {
+        Target { offset: self.offset(), ..Target::NONE }
+    }
+
     /// The wire message for an output: mm and deg.
     #[must_use]
     pub fn message(&self, output: &CycleOutput) -> Correction {
@@ -289,7 +305,7 @@ impl Compensator {
         }
         self.start_at(&applied);
         self.read_back.restart();
-        if took_over && matches!(self.state, State::Active | State::RampingIn | State::RampingOut) {
+        if took_over && self.is_moving() {
             self.intake.unsettle();
             self.plan(State::Holding, Reason::ControlTookOver);
         }
@@ -314,6 +330,7 @@ impl Compensator {
 
     fn check_read_back(&mut self, frame: &Position) {
         let applied = self.held_by_control(frame);
+        self.aim.lag.read_back(frame.sequence, &applied);
         let watched =
             self.synchronised && self.state != State::Faulted && frame.state.is_ready() && !self.frozen;
         if watched && self.read_back.is_foreign(&applied, self.axes) {
@@ -324,35 +341,13 @@ impl Compensator {
         }
     }
 
-    /// The correction at a position in wire order, mm and rad, times the gain; zero where it is not finite.
-    fn correction_at(&self, position: &AxisArray, model: &Model, usable: bool) -> (AxisArray, u8, bool) {
-        let mut target = [0.0; MAX_AXES];
-        if !usable {
-            return (target, 0, false);
-        }
-        let mut pose = Pose { tool_tip: self.tool_tip, ..Pose::at([0.0; MAX_AXES]) };
-        let travel = self.intake.travel();
-        let joints = model.axes().len();
-        for (k, &wire) in self.wire_index.iter().enumerate().take(joints) {
-            if wire < MAX_AXES {
-                pose.position[k] = position[wire] * self.scale[wire];
-                pose.travel[k] = travel[wire];
-            }
-        }
-        let (deviation, correction) = model.correct(&pose);
-        let outside = deviation.flags.out_of_travel | deviation.flags.out_of_range;
-        let mut out_of_range = 0;
-        for (k, &wire) in self.wire_index.iter().enumerate().take(joints) {
-            if wire < MAX_AXES {
-                target[wire] = self.gain * correction.offset[k];
-                out_of_range |= u8::from(outside >> k & 1 == 1) << wire;
-            }
-        }
-        (target, out_of_range, deviation.flags.out_of_travel != 0)
+    /// True while the offset follows the correction or goes to or from it.
+    const fn is_moving(&self) -> bool {
+        matches!(self.state, State::Active | State::FadingToStatic | State::RampingIn | State::RampingOut)
     }
 
     /// Which state this cycle belongs to.
-    fn decide(&mut self, machine: MachineState, bad: Option<Reason>, out_of_travel: bool, dt: f64) {
+    fn decide(&mut self, machine: MachineState, bad: Option<Reason>, target: &Target, dt: f64) {
         self.frozen = !machine.is_ready();
         if self.frozen {
             self.wait_for_machine(machine);
@@ -365,7 +360,12 @@ impl Compensator {
         if matches!(self.state, State::Off | State::Armed) {
             self.held_s = 0.0;
         }
-        let outside = out_of_travel && self.config.out_of_travel == OutOfTravel::RampOut;
+        if target.beyond_stop != 0 && self.follows_target() {
+            self.enabled = false;
+            self.plan(State::Faulted, Reason::StopLimit);
+            return;
+        }
+        let outside = target.out_of_travel && self.config.out_of_travel == OutOfTravel::RampOut;
         let wanted = self.enabled && !outside;
         let reason = if outside { Reason::OutOfTravel } else { Reason::Command };
         match self.state {
@@ -382,8 +382,14 @@ impl Compensator {
             State::RampingIn if !wanted => self.leave(reason),
             State::RampingIn if self.ramp.is_done() => self.enter(State::Active, Reason::RampDone),
             State::RampingIn => {}
-            State::Active if !wanted => self.leave(reason),
-            State::Active => {}
+            State::Active | State::FadingToStatic if !wanted => self.leave(reason),
+            State::Active if self.aim.live.is_fading() => {
+                self.enter(State::FadingToStatic, Reason::LiveLost);
+            }
+            State::FadingToStatic if !self.aim.live.is_fading() => {
+                self.enter(State::Active, Reason::RampDone)
+            }
+            State::Active | State::FadingToStatic => {}
             State::Holding if self.stopping && self.keeps_offset() => self.rest(Reason::Command),
             State::Holding if self.intake.is_settled() => {
                 if wanted {
@@ -435,7 +441,7 @@ impl Compensator {
         self.intake.unsettle();
         self.held_s = 0.0;
         self.stopped |= self.stopping;
-        if matches!(self.state, State::RampingIn | State::Active | State::RampingOut) {
+        if self.is_moving() {
             self.plan(State::Holding, reason);
         }
     }
@@ -443,7 +449,7 @@ impl Compensator {
     /// Stale or implausible data: hold, and when that lasts, ramp out.
     fn hold_or_give_up(&mut self, reason: Reason, dt: f64) {
         match self.state {
-            State::RampingIn | State::Active => self.plan(State::Holding, reason),
+            State::RampingIn | State::Active | State::FadingToStatic => self.plan(State::Holding, reason),
             State::Holding => {
                 self.held_s += dt;
                 if (self.held_s >= self.config.hold_s || self.stopping) && !self.frozen {
@@ -482,6 +488,11 @@ impl Compensator {
         }
     }
 
+    /// True where the offset is on the correction or on its way there.
+    const fn follows_target(&self) -> bool {
+        matches!(self.state, State::Active | State::FadingToStatic | State::RampingIn)
+    }
+
     /// Moves the offset for one cycle and reports.
     fn move_on(&mut self, plan: &Plan) -> CycleOutput {
         let dt = plan.dt;
@@ -489,7 +500,7 @@ impl Compensator {
         self.gain += (self.gain_wanted - self.gain).clamp(-gain_step, gain_step);
         self.ramp.advance(dt);
         let share = self.ramp.share();
-        let mut limited = 0;
+        let mut limited = if self.follows_target() { plan.target.at_soft_limit } else { 0 };
         let mut warning = 0;
         for (k, limiter) in self.limiters.iter_mut().enumerate().take(self.axes) {
             let blend = |to: f64| self.from[k] + (to - self.from[k]) * share;
@@ -498,8 +509,8 @@ impl Compensator {
                     limiter.brake(dt);
                     false
                 }
-                State::RampingIn => limiter.step(blend(plan.target[k]), dt),
-                State::Active => limiter.step(plan.target[k], dt),
+                State::RampingIn => limiter.step(blend(plan.target.offset[k]), dt),
+                State::Active | State::FadingToStatic => limiter.step(plan.target.offset[k], dt),
                 State::RampingOut | State::Faulted => limiter.step(blend(0.0), dt),
                 State::Off | State::Armed | State::Holding => {
                     limiter.brake(dt);
@@ -520,7 +531,10 @@ impl Compensator {
             offset,
             limited,
             warning,
-            out_of_range: plan.out_of_range,
+            out_of_range: plan.target.out_of_range,
+            faded: plan.target.faded,
+            wanted: plan.target.offset,
+            lag_cycles: self.aim.lag.measured(),
             event: self.event,
             stopped: self.stopped,
         }
@@ -538,5 +552,11 @@ impl Compensator {
 }
 
 /// Limits of a slot without an axis.
-const NO_LIMITS: super::config::AxisLimits =
-    super::config::AxisLimits { warning: 0.0, size: 0.0, rate: 0.0, acceleration: 0.0 };
+const NO_LIMITS: AxisLimits = AxisLimits {
+    warning: 0.0,
+    size: 0.0,
+    stop: f64::INFINITY,
+    rate: 0.0,
+    acceleration: 0.0,
+    step: f64::INFINITY,
+};

@@ -1,5 +1,6 @@
 //! What the engine must be told before it may move anything.
 
+use super::lookahead::{LAG_CYCLES_MAX, Lag};
 use crate::core::axes::{AxisName, MAX_AXES};
 
 /// Limits of the offset of one axis: mm, mm/s, mm/s^2 (rotary: rad, rad/s, rad/s^2).
@@ -9,10 +10,14 @@ pub struct AxisLimits {
     pub warning: f64,
     /// Offset that is never exceeded.
     pub size: f64,
+    /// Correction beyond which something must be wrong: a fault, and the offset is taken back.
+    pub stop: f64,
     /// Rate of change that is never exceeded.
     pub rate: f64,
     /// Change of the rate that is never exceeded.
     pub acceleration: f64,
+    /// Change of the offset from one answer to the next that is never exceeded, whatever time has passed: mm or rad.
+    pub step: f64,
 }
 
 /// Which position the errors are looked up at.
@@ -76,6 +81,14 @@ pub struct EngineConfig {
     pub read_back_tolerance: Vec<f64>,
     /// Cycles after which the read-back must show an offset.
     pub read_back_cycles: u32,
+    /// Soft limits of the machine, mm or rad per axis; infinite where there are none.
+    pub soft_limits: Vec<[f64; 2]>,
+    /// From a position to the effect of its correction.
+    pub lag: Lag,
+    /// By how much the lag may be off, in control cycles (an offset that is held for a cycle: half a cycle).
+    pub lag_uncertainty_cycles: f64,
+    /// Age at which a live value counts as lost, s.
+    pub live_max_age_s: f64,
 }
 
 impl EngineConfig {
@@ -93,12 +106,18 @@ impl EngineConfig {
             ("jump limits", self.jump_limit.len()),
             ("reversal dead bands", self.reversal_deadband.len()),
             ("read-back tolerances", self.read_back_tolerance.len()),
+            ("soft limits", self.soft_limits.len()),
         ] {
             if found != expected {
                 return Err(EngineError::Length { what, expected, found });
             }
         }
-        for (what, value) in [("cycle", self.cycle_s), ("ramp", self.ramp_s), ("stale age", self.stale_s)] {
+        for (what, value) in [
+            ("cycle", self.cycle_s),
+            ("ramp", self.ramp_s),
+            ("stale age", self.stale_s),
+            ("age of live values", self.live_max_age_s),
+        ] {
             positive(what, value)?;
         }
         not_negative("hold time", self.hold_s)?;
@@ -111,6 +130,23 @@ impl EngineConfig {
                 positive("warning limit", limits.warning)?;
                 positive("rate limit", limits.rate)?;
                 positive("acceleration limit", limits.acceleration)?;
+                above_zero("step limit", limits.step)?;
+                above_zero("stop limit", limits.stop)?;
+            }
+        }
+        not_negative("uncertainty of the lag", self.lag_uncertainty_cycles)?;
+        if let Lag::Cycles(cycles) = self.lag
+            && !(0.0..=LAG_CYCLES_MAX as f64).contains(&cycles)
+        {
+            return Err(EngineError::Range { what: "lag", must: "from 0 to 32 cycles", value: cycles });
+        }
+        for [low, high] in &self.soft_limits {
+            if !(low < high) {
+                return Err(EngineError::Range {
+                    what: "lower soft limit",
+                    must: "below the upper one",
+                    value: *low,
+                });
             }
         }
         for value in &self.jump_limit {
@@ -132,6 +168,11 @@ fn positive(what: &'static str, value: f64) -> Result<(), EngineError> {
     } else {
         Err(EngineError::Range { what, must: "above 0", value })
     }
+}
+
+/// Like [`positive`]; infinite means no limit.
+fn above_zero(what: &'static str, value: f64) -> Result<(), EngineError> {
+    if value > 0.0 { Ok(()) } else { Err(EngineError::Range { what, must: "above 0", value }) }
 }
 
 fn not_negative(what: &'static str, value: f64) -> Result<(), EngineError> {

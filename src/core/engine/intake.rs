@@ -3,13 +3,18 @@
 use super::config::EngineConfig;
 use super::output::Reason;
 use crate::core::axes::{AxisArray, MAX_AXES, Travel};
-use crate::core::protocol::Position;
+use crate::core::protocol::{MachineState, Position};
 use crate::core::units::NS_PER_S;
 
 /// Good frames in a row before compensation starts again.
 pub(super) const GOOD_FRAMES: u32 = 10;
 /// The most cycles that one frame may stand for; more than that is a jump of the clock.
 const CYCLES_LOST_MAX: f64 = 1000.0;
+
+/// Path at the feed told, in mm, after which positions that do not change at all are frozen. Coarse enough for
+/// controls that round positions to a micrometre.
+const FROZEN_MM: f64 = 0.05;
+const SECONDS_PER_MINUTE: f64 = 60.0;
 
 /// Judges frames by those before them.
 #[derive(Debug, Clone)]
@@ -23,6 +28,10 @@ pub(super) struct Intake {
     /// Furthest position in the present direction of travel.
     turning_point: AxisArray,
     good: u32,
+    /// Wire units per second between the last two good frames.
+    speed: AxisArray,
+    /// Path that the feed says was travelled while no axis moved, mm.
+    unmoved_mm: f64,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -50,6 +59,8 @@ impl Intake {
             travel: [Travel::Forward; MAX_AXES],
             turning_point: [0.0; MAX_AXES],
             good: 0,
+            speed: [0.0; MAX_AXES],
+            unmoved_mm: 0.0,
         }
     }
 
@@ -57,6 +68,8 @@ impl Intake {
     pub(super) fn restart(&mut self) {
         self.last = None;
         self.good = 0;
+        self.speed = [0.0; MAX_AXES];
+        self.unmoved_mm = 0.0;
     }
 
     /// Good frames in a row, counted up to [`GOOD_FRAMES`].
@@ -67,6 +80,11 @@ impl Intake {
     /// A silence has passed: frames must prove themselves again.
     pub(super) const fn unsettle(&mut self) {
         self.good = 0;
+    }
+
+    /// Speed of each axis between the last two good frames, wire units per second.
+    pub(super) const fn speed(&self) -> &AxisArray {
+        &self.speed
     }
 
     /// Direction of travel of each axis.
@@ -92,9 +110,18 @@ impl Intake {
             return Ok(0.0);
         };
         let verdict = self.compare(&last, frame, position);
+        let verdict = verdict.and_then(|dt| self.watch_motion(&last, frame, position, dt));
         match verdict {
-            Ok(_) => self.good = self.good.saturating_add(1),
-            Err(_) => self.good = 0,
+            Ok(dt) => {
+                self.good = self.good.saturating_add(1);
+                for (k, speed) in self.speed.iter_mut().enumerate().take(self.axes) {
+                    *speed = (position[k] - last.position[k]) / dt;
+                }
+            }
+            Err(_) => {
+                self.good = 0;
+                self.speed = [0.0; MAX_AXES];
+            }
         }
         // an old or repeated frame is no new reference
         if verdict != Err(Reason::Sequence) {
@@ -124,6 +151,24 @@ impl Intake {
         let moves = position.iter().zip(&last.position).zip(&self.jump_limit).take(self.axes);
         let jumped = moves.into_iter().any(|((now, before), limit)| (now - before).abs() > limit * reach);
         if jumped { Err(Reason::Jump) } else { Ok(dt) }
+    }
+
+    /// A machine that says it moves must move.
+    fn watch_motion(
+        &mut self,
+        last: &Last,
+        frame: &Position,
+        position: &AxisArray,
+        dt: f64,
+    ) -> Result<f64, Reason> {
+        let moved = position.iter().zip(&last.position).take(self.axes).any(|(now, before)| now != before);
+        let feed = frame.feed_mm_per_min;
+        if moved || !frame.state.has(MachineState::MOVING) || !(feed.is_finite() && feed > 0.0) {
+            self.unmoved_mm = 0.0;
+            return Ok(dt);
+        }
+        self.unmoved_mm += feed / SECONDS_PER_MINUTE * dt;
+        if self.unmoved_mm > FROZEN_MM { Err(Reason::Frozen) } else { Ok(dt) }
     }
 
     /// Turns the direction of travel where an axis has come back by more than the dead band.

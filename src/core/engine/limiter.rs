@@ -2,7 +2,8 @@
 //!
 //! The offset follows its target exactly while the target keeps the limits; otherwise it goes after it and
 //! brakes in time, relative to the moving target. Invariants, for any sequence of targets and intervals:
-//! `|v'| <= rate`, `|v' - v| <= acceleration dt`, and `|p'| <= size` once inside.
+//! `|v'| <= rate`, `|p' - p| <= step`, `|p'| <= size` once inside, and `|v' - v| <= acceleration dt` unless the step
+//! limit asks for more (a longer interval than before at full speed).
 //!
 //! Braking rule: after a step the distance left must allow a stop, `v'^2 / (2a) <= left`, so
 //! `v' <= a (-dt + sqrt(dt^2 + 2 d / a))` with `d` the distance before the step. Braking sums end velocities
@@ -55,7 +56,7 @@ impl Limiter {
     ///
     /// # Cycle   no allocation, no panic; a target that is not finite brakes instead
     pub fn step(&mut self, target: f64, dt: f64) -> bool {
-        let AxisLimits { size, rate, acceleration, .. } = self.limits;
+        let AxisLimits { size, rate, acceleration, step, .. } = self.limits;
         if size <= 0.0 {
             return target != self.position;
         }
@@ -81,6 +82,8 @@ impl Limiter {
         let up = wall_speed(size - self.position, dt, acceleration).max(lowest);
         let down = (-wall_speed(size + self.position, dt, acceleration)).min(highest);
         let velocity = (along + closing).clamp(lowest, highest).min(up).max(down);
+        // a step is worse than a kink: this bound comes after that of the acceleration
+        let velocity = velocity.clamp(-step / dt, step / dt);
         let next = self.position + velocity * dt;
         self.velocity = velocity;
         // rounding must not keep the offset a fraction of a femtometre away from its target
@@ -120,7 +123,14 @@ mod tests {
     use super::*;
     use proptest::prelude::*;
 
-    const LIMITS: AxisLimits = AxisLimits { warning: 0.08, size: 0.1, rate: 1.0, acceleration: 20.0 };
+    const LIMITS: AxisLimits = AxisLimits {
+        warning: 0.08,
+        size: 0.1,
+        stop: f64::INFINITY,
+        rate: 1.0,
+        acceleration: 20.0,
+        step: f64::INFINITY,
+    };
 
     #[test]
     fn follows_a_target_within_the_limits_exactly() {
@@ -169,7 +179,7 @@ mod tests {
 
     #[test]
     fn an_axis_with_size_limit_zero_is_never_moved() {
-        let mut l = Limiter::new(AxisLimits { warning: 0.0, size: 0.0, rate: 0.0, acceleration: 0.0 });
+        let mut l = Limiter::new(AxisLimits { size: 0.0, ..LIMITS });
         l.start_at(0.02);
         assert!(l.step(0.05, 1e-3));
         assert_eq!(l.position(), 0.02);
@@ -192,6 +202,19 @@ mod tests {
                     prop_assert!((l.velocity() - v).abs() <= LIMITS.acceleration * dt * (1.0 + 1e-9) + 1e-12);
                     prop_assert!((l.position() - p - l.velocity() * dt).abs() <= 1e-12);
                 }
+            }
+        }
+
+        #[test]
+        fn no_step_is_larger_than_allowed(
+            steps in prop::collection::vec((-0.3..0.3f64, 1e-4..1e-2f64), 1..200), step in 1e-5..1e-3f64,
+        ) {
+            let mut l = Limiter::new(AxisLimits { step, ..LIMITS });
+            for (target, dt) in steps {
+                let before = l.position();
+                l.step(target, dt);
+                prop_assert!((l.position() - before).abs() <= step * (1.0 + 1e-9) + 1e-15);
+                prop_assert!(l.position().abs() <= LIMITS.size + 1e-12);
             }
         }
 

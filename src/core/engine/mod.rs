@@ -2,10 +2,13 @@
 //!
 //! Pure: time is an argument, every output is a fixed-size value. States and reactions: `docs/safety.md`.
 
+mod aim;
 mod compensator;
 mod config;
 mod intake;
 mod limiter;
+mod live;
+mod lookahead;
 mod output;
 mod ramp;
 mod read_back;
@@ -15,5 +18,6 @@ mod tests;
 pub use compensator::Compensator;
 pub use config::{AxisLimits, EngineConfig, EngineError, OutOfTravel, PositionSource, RestOffset};
 pub use limiter::Limiter;
+pub use lookahead::{LAG_CYCLES_MAX, Lag};
 pub use output::{Command, CycleOutput, Event, Reason, State};
 pub use read_back::READ_BACK_CYCLES_MAX;

@@ -56,6 +56,46 @@ pub enum Reason {
     FoundOffset,
     /// The control has been taking the offset back by itself.
     ControlTookOver,
+    /// The control says that it moves, but its positions do not change.
+    Frozen,
+    /// The correction asked for is beyond the stop limit of an axis.
+    StopLimit,
+    /// The model gave something that is no number.
+    ModelNotFinite,
+    /// Another model.
+    ModelChanged,
+    /// Another tool.
+    ToolChanged,
+    /// A sensor whose live value is in use has fallen silent.
+    LiveLost,
+}
+
+impl Reason {
+    /// Every reason.
+    pub const ALL: [Self; 22] = [
+        Self::Command,
+        Self::MachineReady,
+        Self::NotHomed,
+        Self::NotEnabled,
+        Self::EmergencyStop,
+        Self::RampDone,
+        Self::Stale,
+        Self::NotFinite,
+        Self::Jump,
+        Self::Sequence,
+        Self::ControlClock,
+        Self::OutOfTravel,
+        Self::DataGood,
+        Self::ReadBack,
+        Self::FoundOffset,
+        Self::ControlTookOver,
+        Self::Frozen,
+        Self::StopLimit,
+        Self::ModelNotFinite,
+        Self::ModelChanged,
+        Self::ToolChanged,
+        Self::LiveLost,
+    ];
 }
 
 /// Something that happened in this cycle and belongs into the log.
@@ -87,6 +127,12 @@ pub struct CycleOutput {
     pub warning: u8,
     /// Bit k: axis k is outside the travel or a curve's range of the model.
     pub out_of_range: u8,
+    /// Bit k: harmonics of axis k have faded, for at this feed they could not be placed right.
+    pub faded: u8,
+    /// Correction asked for by the model, times the gain, before ramps and limits; mm or rad.
+    pub wanted: AxisArray,
+    /// Control cycles from a position to the effect of its correction, where they could be measured.
+    pub lag_cycles: Option<u32>,
     /// What happened, at most one thing a cycle.
     pub event: Option<Event>,
     /// True once a [`Command::Stop`] has been carried out: nothing more will change.

@@ -173,14 +173,23 @@ impl MotionBank {
         self.range.is_some_and(|[low, high]| !(low..=high).contains(&x))
     }
 
-    /// The six values at `x`.
+    /// Wavelength of the shortest harmonic, mm or rad; infinite without any.
+    pub(super) fn shortest_wave(&self) -> f64 {
+        self.series.iter().map(SeriesGroup::shortest_wave).fold(f64::INFINITY, f64::min)
+    }
+
+    /// The six values at `x`, where `x` may be off by `spread` (same unit): each harmonic has the weight that serves
+    /// best at that distance, `cos(2 pi spread / wavelength)`, and none from a quarter wave on.
+    ///
+    /// With a shift `d` a harmonic of amplitude A that is corrected in full leaves `2 A sin(pi d / w)`, more than
+    /// nothing corrected from d = w/6 on; weighted by the cosine it leaves `A sin(2 pi d / w)`, never more than A.
     ///
     /// # Cycle   no allocation
     #[inline(always)]
-    pub(super) fn values(&self, x: f64, travel: Travel) -> Lanes {
+    pub(super) fn values(&self, x: f64, travel: Travel, spread: f64) -> Lanes {
         let mut out = self.constant;
         for group in &self.series {
-            out = group.added_to(out, x);
+            out = group.added_to(out, x, spread);
         }
         for group in &self.polynomials {
             out = group.added_to(out, x);
@@ -214,8 +223,16 @@ impl SeriesGroup {
         }
     }
 
+    fn shortest_wave(&self) -> f64 {
+        if self.harmonics.is_empty() {
+            f64::INFINITY
+        } else {
+            2.0 * PI / self.omega / self.harmonics.len() as f64
+        }
+    }
+
     #[inline(always)]
-    fn added_to(&self, mut sum: Lanes, x: f64) -> Lanes {
+    fn added_to(&self, mut sum: Lanes, x: f64, spread: f64) -> Lanes {
         let d = (x - self.origin).max(0.0).min(self.span);
         if self.is_linear {
             sum.add_weighted(&self.linear, (2.0 * d - self.span) / self.span);
@@ -223,10 +240,31 @@ impl SeriesGroup {
         if self.harmonics.is_empty() {
             return sum;
         }
+        if spread > 0.0 {
+            return self.with_faded_harmonics(sum, d, spread);
+        }
         let (s1, c1) = (self.omega * d).sin_cos();
         let (mut sin, mut cos) = (s1, c1);
         for harmonic in &self.harmonics {
             sum.add_harmonic(harmonic, cos, sin);
+            (sin, cos) = (sin * c1 + cos * s1, cos * c1 - sin * s1);
+        }
+        sum
+    }
+
+    /// The harmonics, each with its weight.
+    #[inline(never)]
+    fn with_faded_harmonics(&self, mut sum: Lanes, d: f64, spread: f64) -> Lanes {
+        let (s1, c1) = (self.omega * d).sin_cos();
+        let (mut sin, mut cos) = (s1, c1);
+        let quarter = PI / 2.0;
+        for (n, harmonic) in self.harmonics.iter().enumerate() {
+            let phase = self.omega * spread * (n + 1) as f64;
+            if phase >= quarter {
+                break;
+            }
+            let weight = phase.cos();
+            sum.add_harmonic(harmonic, weight * cos, weight * sin);
             (sin, cos) = (sin * c1 + cos * s1, cos * c1 - sin * s1);
         }
         sum
@@ -288,12 +326,39 @@ mod tests {
             }
             let travel = if back { Travel::Reverse } else { Travel::Forward };
             let bank = MotionBank::new(&functions);
-            let values = bank.values(x, travel).to_array();
+            let values = bank.values(x, travel, 0.0).to_array();
             for (value, function) in values.iter().zip(&functions) {
                 prop_assert!((value - function.value(x, travel)).abs() < 1e-14);
             }
             let outside = functions.iter().filter_map(ErrorFunction::range).any(|[l, h]| x < l || x > h);
             prop_assert_eq!(bank.is_outside(x), outside);
+        }
+
+        #[test]
+        fn a_look_up_that_is_off_by_the_spread_never_leaves_more_than_no_correction(
+            amplitude in 0.001..0.01f64, n in 1..8usize, x in 100.0..400.0f64, share in 0.0..0.6f64,
+        ) {
+            let wave = 500.0 / n as f64;
+            let mut sines = vec![0.0; n];
+            sines[n - 1] = amplitude;
+            let mut functions: [ErrorFunction; 6] = Default::default();
+            functions[0] = ErrorFunction::single(Curve::Fourier(
+                Fourier::new(0.0, 500.0, 500.0, 0.0, 0.0, &[], &sines).unwrap(),
+            ));
+            let bank = MotionBank::new(&functions);
+            prop_assert!((bank.shortest_wave() - wave).abs() < 1e-9);
+            let shift = share * wave;
+            let phase = core::f64::consts::TAU * share;
+            // the largest residual over a wave; the value is looked up behind by the shift
+            let largest = (0..64).map(|i| {
+                let at = x.min(500.0 - wave) * 0.5 + wave * f64::from(i) / 64.0;
+                let truth = amplitude * (core::f64::consts::TAU * (at + shift) / wave).sin();
+                (truth - bank.values(at, Travel::Forward, shift).to_array()[0]).abs()
+            }).fold(0.0, f64::max);
+            prop_assert!(largest <= amplitude * (1.0 + 1e-9), "{largest} of {amplitude}");
+            if share < 0.25 {
+                prop_assert!(largest <= amplitude * (phase.sin() + 1e-9));
+            }
         }
     }
 }

@@ -18,6 +18,6 @@ pub use chain::{Chain, ChainAxis, Side};
 pub use correction::AxisCorrection;
 pub use curve::{Curve, ErrorFunction};
 pub use gauge::{Gauged, normalise};
-pub use spec::{AxisSpec, ModelError, ModelSpec, ReferencePoint, Sense};
+pub use spec::{AxisSpec, ModelError, ModelSpec, ReferencePoint, SENSORS_MAX, Sense};
 pub use symbol::{Component, ErrorSymbol};
 pub use volumetric::{Deviation, Model, PointFlags, Pose};

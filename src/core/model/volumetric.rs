@@ -16,6 +16,9 @@ use super::symbol::{Component, ErrorSymbol};
 use crate::core::axes::{AxisArray, AxisKind, AxisName, MAX_AXES, Travel};
 use crate::core::geometry::{Mat3, Vec3, rotation_about, unit};
 
+/// Share of the shortest wave by which a position may be off without any fading (the weight would be above 0.995).
+const FREE_SPREAD: f64 = 1.0 / 64.0;
+
 /// Where the machine stands: one entry per axis in chain order, mm and rad.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Pose {
@@ -27,13 +30,21 @@ pub struct Pose {
     pub tool_tip: Option<Vec3>,
     /// Values of the sensors in the order of [`Model::sensors`], mm or rad; zero where there is none.
     pub live: [f64; SENSORS_MAX],
+    /// Distance by which each position may be off, mm or rad: harmonics too short for it fade. Zero: all in full.
+    pub spread: AxisArray,
 }
 
 impl Pose {
     /// A pose at the given coordinates, travelling forward, with the tool of the model.
     #[must_use]
     pub fn at(position: AxisArray) -> Self {
-        Self { position, travel: [Travel::Forward; MAX_AXES], tool_tip: None, live: [0.0; SENSORS_MAX] }
+        Self {
+            position,
+            travel: [Travel::Forward; MAX_AXES],
+            tool_tip: None,
+            live: [0.0; SENSORS_MAX],
+            spread: [0.0; MAX_AXES],
+        }
     }
 }
 
@@ -44,10 +55,12 @@ pub struct PointFlags {
     pub out_of_travel: u16,
     /// Bit k: axis k is outside the range of one of its curves; the end value is held.
     pub out_of_range: u16,
+    /// Bit k: harmonics of axis k have faded because its position may be off by too much ([`Pose::spread`]).
+    pub faded: u16,
 }
 
 impl PointFlags {
-    /// True where nothing is flagged.
+    /// True where the curves were evaluated inside their ranges.
     #[must_use]
     pub const fn is_clear(self) -> bool {
         self.out_of_travel == 0 && self.out_of_range == 0
@@ -93,6 +106,8 @@ pub(super) struct Joint {
     pub(super) inverted: bool,
     /// EX EY EZ EA EB EC over the stored coordinate.
     pub(super) motions: MotionBank,
+    /// Wavelength of the shortest harmonic among them, mm or rad.
+    shortest_wave: f64,
     /// Parts of them that depend on other axes, too.
     grids: Vec<JointGrid>,
     /// Parts of them that sensors tell.
@@ -332,6 +347,7 @@ impl Joint {
         let constant = |wanted: ErrorSymbol| function(wanted).value(0.0, Travel::Forward);
         let name = axis.name;
         let motions = Component::ALL.map(|component| function(ErrorSymbol::Motion { component, axis: name }));
+        let bank = MotionBank::new(&motions);
         let [sx, sy, sz] = [Component::X, Component::Y, Component::Z]
             .map(|component| constant(ErrorSymbol::Location { component, axis: name }));
         let turn = [Component::A, Component::B, Component::C];
@@ -345,7 +361,8 @@ impl Joint {
             inverted: entry.sense == Sense::Carriage && axis.side == Side::Workpiece,
             grids: joint_grids(&motions, spec),
             live: joint_live(&motions, sensors),
-            motions: MotionBank::new(&motions),
+            shortest_wave: bank.shortest_wave(),
+            motions: bank,
             reference_points: match axis.kind() {
                 AxisKind::Linear => entry.reference_points,
                 // ISO 230-7: the errors of a rotary axis act at the point on its axis
@@ -396,7 +413,12 @@ impl Joint {
         if self.motions.is_outside(x) {
             flags.out_of_range |= 1 << index;
         }
-        let mut v = self.motions.values(x, travel);
+        // without a margin every motion would leave the short way through the series
+        let spread = (pose.spread[index] - FREE_SPREAD * self.shortest_wave).max(0.0);
+        if spread > 0.0 {
+            flags.faded |= 1 << index;
+        }
+        let mut v = self.motions.values(x, travel, spread);
         if !(self.grids.is_empty() && self.live.is_empty()) {
             self.add_grids_and_live(&mut v, index, x, pose, flags);
         }

@@ -104,6 +104,8 @@ pub enum CorrectionState {
     RampingOut,
     /// Stopped by a fault; offsets are being taken back or are zero.
     Faulted,
+    /// Compensating, while the part that came from a silent sensor is being taken back.
+    FadingToStatic,
 }
 
 /// The answer to one position frame.
@@ -300,6 +302,7 @@ impl CorrectionState {
             Self::Holding => 4,
             Self::RampingOut => 5,
             Self::Faulted => 6,
+            Self::FadingToStatic => 7,
         }
     }
 
@@ -314,6 +317,7 @@ impl CorrectionState {
             4 => Some(Self::Holding),
             5 => Some(Self::RampingOut),
             6 => Some(Self::Faulted),
+            7 => Some(Self::FadingToStatic),
             _ => None,
         }
     }

@@ -1,5 +1,7 @@
 //! The engine against a small control: frames at 1 ms, offsets applied one cycle later.
 
+mod aiming;
+
 use proptest::prelude::*;
 
 use super::*;
@@ -11,7 +13,8 @@ use crate::core::units::MonoTime;
 
 const CYCLE_S: f64 = 1e-3;
 const READY: MachineState = MachineState::from_bits(MachineState::HOMED | MachineState::ENABLED);
-const LIMITS: AxisLimits = AxisLimits { warning: 0.03, size: 0.05, rate: 1.0, acceleration: 20.0 };
+const LIMITS: AxisLimits =
+    AxisLimits { warning: 0.03, size: 0.05, stop: 0.15, rate: 1.0, acceleration: 20.0, step: 0.002 };
 
 fn config() -> EngineConfig {
     EngineConfig {
@@ -29,16 +32,25 @@ fn config() -> EngineConfig {
         rest: RestOffset::Zero,
         read_back_tolerance: vec![1e-4; 3],
         read_back_cycles: 10,
+        soft_limits: vec![[f64::NEG_INFINITY, f64::INFINITY]; 3],
+        lag: Lag::Measured,
+        lag_uncertainty_cycles: 0.5,
+        live_max_age_s: 0.1,
     }
 }
 
 /// EXX = +10 um everywhere, travel of X 0 to 500 mm.
 fn model() -> Model {
+    constant_model(0.010)
+}
+
+/// EXX = `size` mm everywhere, travel of X 0 to 500 mm.
+fn constant_model(size: f64) -> Model {
     let mut spec = ModelSpec::new("m", Chain::parse("[w b X Y Z t]").unwrap());
     let mut x = AxisSpec::new(AxisName::X);
     x.travel = Some([0.0, 500.0]);
     spec.axes.push(x);
-    spec.errors.push((ErrorSymbol::parse("exx").unwrap(), ErrorFunction::single(Curve::Constant(0.010))));
+    spec.errors.push((ErrorSymbol::parse("exx").unwrap(), ErrorFunction::single(Curve::Constant(size))));
     Model::new(&spec).unwrap()
 }
 
@@ -64,6 +76,9 @@ impl World {
             limited: 0,
             warning: 0,
             out_of_range: 0,
+            faded: 0,
+            wanted: [0.0; MAX_AXES],
+            lag_cycles: None,
             event: None,
             stopped: false,
         };
@@ -466,6 +481,7 @@ fn wire_units_of_rotary_axes_are_degrees() {
         jump_limit: vec![1.0; 5],
         reversal_deadband: vec![0.001; 5],
         read_back_tolerance: vec![1e-4; 5],
+        soft_limits: vec![[f64::NEG_INFINITY, f64::INFINITY]; 5],
         ..config()
     };
     let mut engine = Compensator::new(&config, &model).unwrap();
@@ -510,6 +526,10 @@ enum Op {
     Repeat,
     ClockBack,
     Silence(u8),
+    Model(f64),
+    Tool(f64),
+    Feed(f64),
+    Run(f64, u8),
 }
 
 fn ops() -> impl Strategy<Value = Op> {
@@ -527,6 +547,10 @@ fn ops() -> impl Strategy<Value = Op> {
         1 => Just(Op::Repeat),
         1 => Just(Op::ClockBack),
         1 => any::<u8>().prop_map(Op::Silence),
+        1 => (-0.3..0.3).prop_map(Op::Model),
+        1 => (-200.0..0.0).prop_map(Op::Tool),
+        1 => (0.0..20_000.0).prop_map(Op::Feed),
+        3 => ((-0.9..0.9), any::<u8>()).prop_map(|(v, n)| Op::Run(v, n)),
     ]
 }
 
@@ -534,7 +558,8 @@ proptest! {
     /// Whatever comes in whatever order: no offset beyond its limit, no step beyond the rate.
     #[test]
     fn no_sequence_of_events_makes_a_step(list in prop::collection::vec(ops(), 1..40)) {
-        let mut w = World::new(&config());
+        let soft = EngineConfig { soft_limits: vec![[-200.0, 200.0]; 3], ..config() };
+        let mut w = World::new(&soft);
         for op in list {
             match op {
                 Op::Cycles(n) => { w.run(usize::from(n)); }
@@ -550,6 +575,19 @@ proptest! {
                 Op::LoseFrames(n) => {
                     w.frame.sequence = w.frame.sequence.wrapping_add(u32::from(n));
                     w.frame.control_ns += i64::from(n) * 1_000_000;
+                }
+                Op::Model(size) => {
+                    let other = constant_model(size);
+                    w.engine.on_model(&other).unwrap();
+                    w.model = other;
+                }
+                Op::Tool(z) => w.engine.on_tool(Vec3::new(0.0, 0.0, z)),
+                Op::Feed(feed) => w.frame.feed_mm_per_min = feed,
+                Op::Run(per_cycle, n) => {
+                    for _ in 0..n {
+                        w.frame.commanded[0] += per_cycle;
+                        w.cycle();
+                    }
                 }
                 Op::Repeat => { w.send(); }
                 Op::ClockBack => w.frame.control_ns -= 10_000_000,
