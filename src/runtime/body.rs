@@ -68,6 +68,11 @@ impl CycleBody {
         self.engine.on_command(now, command);
     }
 
+    /// A live value of the model's sensor `channel`, mm or rad.
+    pub fn live(&mut self, now: MonoTime, channel: usize, value: f64) {
+        self.engine.on_live(now, channel, value);
+    }
+
     /// One message received at `now`.
     ///
     /// # Cycle   no allocation, no panic, bounded time

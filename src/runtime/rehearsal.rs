@@ -1,7 +1,7 @@
 //! What a cycle costs on this computer: frame in to frame out, without socket.
 //!
 //! The daemon's own frame reader, [`CycleBody`] and frame writer, fed with frames of an invented tour through the
-//! travel of the model. What the two readings of the clock cost is measured the same way and taken off. Caches are
+//! travel of the model and, where the model names sensors, with a live value of each in every cycle. What the two readings of the clock cost is measured the same way and taken off. Caches are
 //! warm, as in a daemon that cycles back to back; a daemon that sleeps between cycles takes longer (`volcomp status`
 //! shows its compute time).
 
@@ -21,6 +21,8 @@ use crate::core::protocol::{
 };
 use crate::core::units::{MonoTime, NS_PER_S, deg_from_rad};
 
+/// Live values that are fed, mm or rad: a fraction of what models believe.
+const LIVE: f64 = 1e-6;
 /// Longest time that the histograms hold, ns.
 const LONGEST_NS: u64 = 60_000_000_000;
 /// Cycles before the first that counts, in ramps.
@@ -66,8 +68,14 @@ pub fn rehearse(loaded: &Loaded, cycles: u64) -> Result<Rehearsal, RehearsalErro
     let mut body = CycleBody::new(&config, loaded.model.clone())?;
     body.link_up(MonoTime::ZERO);
     body.command(MonoTime::ZERO, Command::Enable);
-    let mut stage =
-        Stage { body, reader: FrameReader::default(), out: [0; MAX_FRAME], applied: [0.0; MAX_AXES] };
+    let sensors = loaded.model.sensors().len();
+    let mut stage = Stage {
+        body,
+        sensors,
+        reader: FrameReader::default(),
+        out: [0; MAX_FRAME],
+        applied: [0.0; MAX_AXES],
+    };
 
     let clock_ns = clock_cost(cycles.clamp(1_000, 100_000))?;
     let settle = (SETTLE_RAMPS * config.ramp_s / config.cycle_s).ceil() as u64 + 100;
@@ -76,7 +84,8 @@ pub fn rehearse(loaded: &Loaded, cycles: u64) -> Result<Rehearsal, RehearsalErro
     for cycle in 1..=settle + cycles {
         let time_s = cycle as f64 * config.cycle_s;
         let frame = position(&loaded.model, &hello, cycle, time_s, &stage.applied);
-        let took = stage.cycle(&frame, MonoTime::ZERO.plus_seconds(time_s));
+        let live = LIVE * (cycle as f64 * 0.01).sin();
+        let took = stage.cycle(&frame, MonoTime::ZERO.plus_seconds(time_s), live);
         if cycle > settle {
             compute_ns.saturating_record(took.ns.saturating_sub(clock_ns).max(1));
         }
@@ -85,17 +94,13 @@ pub fn rehearse(loaded: &Loaded, cycles: u64) -> Result<Rehearsal, RehearsalErro
     if state != CorrectionState::Active {
         return Err(RehearsalError::NotActive(state));
     }
-    Ok(Rehearsal {
-        axes: loaded.model.axes().len(),
-        sensors: loaded.model.sensors().len(),
-        compute_ns,
-        clock_ns,
-    })
+    Ok(Rehearsal { axes: loaded.model.axes().len(), sensors, compute_ns, clock_ns })
 }
 
 /// The daemon's cycle without its socket.
 struct Stage {
     body: CycleBody,
+    sensors: usize,
     reader: FrameReader,
     out: [u8; MAX_FRAME],
     applied: AxisArray,
@@ -107,11 +112,14 @@ struct Took {
 }
 
 impl Stage {
-    fn cycle(&mut self, frame: &Message, now: MonoTime) -> Took {
+    fn cycle(&mut self, frame: &Message, now: MonoTime, live: f64) -> Took {
         let mut bytes = [0; MAX_FRAME];
         let length = encode(frame, &mut bytes);
         self.reader.space()[..length].copy_from_slice(&bytes[..length]);
         let start = Instant::now();
+        for channel in 0..self.sensors {
+            self.body.live(now, channel, live);
+        }
         self.reader.advance(length);
         let mut answer = None;
         if let Ok(Some(message)) = self.reader.next()

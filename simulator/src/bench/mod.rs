@@ -5,6 +5,11 @@
 //! hits both: ratios count, never absolute times. What the computation alone costs is asked of `volcomp bench`.
 //! Assumption: one loopback connection each, one frame on the way, as a control in lock step has it.
 
+#![expect(
+    clippy::disallowed_methods,
+    reason = "a measurement is made of clocks, sockets and processes, and writes their files"
+)]
+
 pub mod echo;
 pub mod error;
 pub mod files;

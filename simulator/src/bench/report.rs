@@ -82,7 +82,7 @@ impl Round {
     #[must_use]
     pub fn is_within_limits(&self) -> bool {
         let [p50, p99] = self.ratios();
-        p50 <= RATIO_P50_MAX && p99 <= RATIO_P99_MAX
+        !exceeds(p50, RATIO_P50_MAX) && !exceeds(p99, RATIO_P99_MAX)
     }
 }
 
@@ -112,8 +112,7 @@ impl Report {
             for (name, ratio, limit) in
                 [("p50", round.ratios()[0], RATIO_P50_MAX), ("p99", round.ratios()[1], RATIO_P99_MAX)]
             {
-                // a ratio that is not a number is no success
-                if !(ratio <= limit) {
+                if exceeds(ratio, limit) {
                     beyond.push(format!(
                         "{}: round trip {name} is {ratio:.3} times the bare echo's, limit {limit}",
                         round.mode.name()
@@ -122,7 +121,7 @@ impl Report {
             }
         }
         for compute in &self.compute {
-            if !(compute.p99_us() <= compute.limit_us()) {
+            if exceeds(compute.p99_us(), compute.limit_us()) {
                 beyond.push(format!(
                     "compute, {} axes: p99 is {:.2} us, limit {} us",
                     compute.axes.name(),
@@ -225,6 +224,11 @@ impl Report {
         }
         lines
     }
+}
+
+/// What is no number is no success.
+const fn exceeds(figure: f64, limit: f64) -> bool {
+    figure.is_nan() || figure > limit
 }
 
 fn head(round: &Round) -> String {
