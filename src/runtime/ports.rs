@@ -241,7 +241,8 @@ mod tests {
             progress.set_state(state);
             assert_eq!(progress.state(), Some(state));
         }
-        assert!(progress.is_faulted(), "the last one of the list");
+        progress.set_state(State::Faulted);
+        assert!(progress.is_faulted());
         progress.set_link(false);
         assert_eq!(progress.state(), None);
         assert!(progress.is_faulted(), "a fault outlives the link");
