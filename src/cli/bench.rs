@@ -13,7 +13,7 @@ const CYCLES_MAX: u64 = 100_000_000;
 /// Measures what a cycle with this machine file and its model costs on this computer, without touching any machine.
 ///
 /// From a position frame's bytes in hand to its correction's bytes in hand: check sum, engine, model, frame. No
-/// socket; `cncsim bench-link` measures with it.
+/// socket; `cncsim bench-link` measures with it. The thread has the real-time settings of the machine file.
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {
     /// The machine file; the model it names is taken relative to it.
@@ -37,7 +37,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let rehearsal = runtime::rehearse(&loaded, args.cycles).map_err(|e| {
         let code = match e {
             RehearsalError::Hello(_) | RehearsalError::Engine(_) => EX_CONFIG,
-            RehearsalError::NotActive(_) | RehearsalError::Histogram(_) => EX_SOFTWARE,
+            RehearsalError::NotActive(_) | RehearsalError::Histogram(_) | RehearsalError::Panicked => {
+                EX_SOFTWARE
+            }
         };
         Failure::new(code, format_args!("error: {}: {e}", args.config.display()))
     })?;
@@ -48,7 +50,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         let object = serde_json::json!({
             "axes": rehearsal.axes, "sensors": rehearsal.sensors, "cycles": rehearsal.compute_ns.len(),
             "compute_us_p50": us(0.5), "compute_us_p90": us(0.9), "compute_us_p99": us(0.99),
-            "compute_us_p999": us(0.999), "compute_us_max": max_us, "clock_us": clock_us,
+            "compute_us_p999": us(0.999), "compute_us_max": max_us, "clock_us": clock_us, "realtime": rehearsal.realtime,
         });
         say!("{object}");
         return Ok(());

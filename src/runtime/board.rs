@@ -58,11 +58,7 @@ impl Board {
     }
 
     pub(super) fn realtime(&mut self, report: &RealtimeReport) {
-        self.realtime = RealtimeStatus {
-            fifo: report.fifo.text(),
-            affinity: report.affinity.text(),
-            memory_lock: report.memory_lock.text(),
-        };
+        self.realtime = report.status();
     }
 
     pub(super) fn link_up(&mut self, hello: &ControlHello) {

@@ -11,6 +11,8 @@ use hdrhistogram::Histogram;
 
 use super::body::{CycleBody, Reaction};
 use super::load::Loaded;
+use super::realtime;
+use super::status::RealtimeStatus;
 use crate::config::machine::HelloMismatch;
 use crate::core::axes::{AxisArray, AxisKind, MAX_AXES};
 use crate::core::engine::{Command, EngineError};
@@ -31,7 +33,7 @@ const SETTLE_RAMPS: f64 = 2.0;
 /// What a cycle costs.
 #[derive(Debug, Clone)]
 pub struct Rehearsal {
-    /// Axes of the model.
+    /// Axes of the model, the spindle not among them.
     pub axes: usize,
     /// Sensors whose live values the model adds.
     pub sensors: usize,
@@ -39,6 +41,8 @@ pub struct Rehearsal {
     pub compute_ns: Histogram<u64>,
     /// Two readings of the clock with nothing in between, median, ns.
     pub clock_ns: u64,
+    /// Real-time settings of the thread that measured.
+    pub realtime: RealtimeStatus,
 }
 
 /// Why no cycle can be rehearsed.
@@ -56,13 +60,23 @@ pub enum RehearsalError {
     /// The histogram cannot be made.
     #[error("internal: histogram: {0}")]
     Histogram(#[from] hdrhistogram::CreationError),
+    /// The measuring thread panicked.
+    #[error("internal: the measuring thread panicked")]
+    Panicked,
 }
 
-/// Measures `cycles` cycles of an active engine.
+/// Measures `cycles` cycles of an active engine, on a thread with the real-time settings of the machine file.
 ///
 /// # Errors
 /// See [`RehearsalError`].
 pub fn rehearse(loaded: &Loaded, cycles: u64) -> Result<Rehearsal, RehearsalError> {
+    std::thread::scope(|scope| {
+        scope.spawn(|| on_this_thread(loaded, cycles)).join().unwrap_or(Err(RehearsalError::Panicked))
+    })
+}
+
+fn on_this_thread(loaded: &Loaded, cycles: u64) -> Result<Rehearsal, RehearsalError> {
+    let realtime = realtime::apply(&loaded.config.realtime).status();
     let hello = hello(loaded);
     let config = loaded.config.engine_config(&hello)?;
     let mut body = CycleBody::new(&config, loaded.model.clone())?;
@@ -94,7 +108,7 @@ pub fn rehearse(loaded: &Loaded, cycles: u64) -> Result<Rehearsal, RehearsalErro
     if state != CorrectionState::Active {
         return Err(RehearsalError::NotActive(state));
     }
-    Ok(Rehearsal { axes: loaded.model.axes().len(), sensors, compute_ns, clock_ns })
+    Ok(Rehearsal { axes: usize::from(hello.axis_count), sensors, compute_ns, clock_ns, realtime })
 }
 
 /// The daemon's cycle without its socket.
