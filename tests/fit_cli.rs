@@ -243,6 +243,106 @@ fn a_real_positioning_test_becomes_a_model() {
     }
 }
 
+/// Both directions, four cycles, every 20 mm, 3 um of reversal, one spike.
+fn both_ways() -> String {
+    let mut csv = String::from("position_mm,exx_um,cycle,direction\n");
+    for cycle in 1..=4 {
+        for i in 0..26 {
+            let x = f64::from(i) * 20.0;
+            for direction in [1, -1] {
+                let wobble = f64::from((i * 7 + cycle * 3 + direction) % 5 - 2) * 0.1;
+                let spike = if (cycle, i, direction) == (2, 6, 1) { 50.0 } else { 0.0 };
+                let exx = 3.0 * (x / 160.0).sin() + 1.5 * f64::from(direction) + wobble + spike;
+                csv.push_str(&format!("{x},{exx},{cycle},{direction}\n"));
+            }
+        }
+    }
+    csv
+}
+
+#[test]
+fn reversal_outliers_bands_and_pictures() {
+    let directory = tempfile::tempdir().unwrap();
+    let d = directory.path();
+    std::fs::write(d.join("m.csv"), both_ways()).unwrap();
+    let base =
+        ["fit", "--errors", "m.csv", "--axis", "x", "--basis", "half-range", "--robust", "--out", "o.toml"];
+    let output = succeed(d, &[&base[..], &["--json", "r.json", "--picture", "p.html"]].concat());
+    let notes = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(notes.contains("outlier: m.csv:66: EXX at 120 mm, cycle 2, towards plus: +5"), "{notes}");
+    assert!(
+        notes.contains("an error of 5, 10, 20 mm pitch looks like an offset, one of 6, 8, 12, 16 mm"),
+        "{notes}"
+    );
+    let report: Value = serde_json::from_str(&std::fs::read_to_string(d.join("r.json")).unwrap()).unwrap();
+    let exx = &report["exx"];
+    assert_eq!(exx["outliers"][0]["line"], 66);
+    assert_eq!(exx["n"], 207);
+    let half = exx["reversal_half_coefficients_um"][0].as_f64().unwrap();
+    assert!((half - 1.5).abs() < 0.05, "{half}");
+    let coefficients = exx["coefficients"].as_array().unwrap().len();
+    assert_eq!(exx["coefficients_std_um"].as_array().unwrap().len(), coefficients);
+    let band = &exx["band"];
+    for key in ["position_mm", "value_um", "std_um", "reverse_um", "reverse_std_um"] {
+        assert_eq!(band[key].as_array().unwrap().len(), 101, "{key}");
+    }
+    assert!((band["factor_95"].as_f64().unwrap() - 1.97).abs() < 0.01);
+    let page = std::fs::read_to_string(d.join("p.html")).unwrap();
+    assert!(page.contains("<svg") && page.contains("EXX") && page.contains("off the curve, left out"));
+    let spec = model(d, "o.toml");
+    let reversal =
+        value_um(&spec, "exx", 250.0, Travel::Forward) - value_um(&spec, "exx", 250.0, Travel::Reverse);
+    assert!((reversal - 3.0).abs() < 0.1, "{reversal}");
+    succeed(
+        d,
+        &[&base[..], &["--picture", "p.svg", "--reversal", "mean", "--screw-pitch-mm", "none"]].concat(),
+    );
+    assert!(std::fs::read_to_string(d.join("p.svg")).unwrap().starts_with("<svg"));
+    let output = succeed(d, &[&base[..], &["--screw-pitch-mm", "50"]].concat());
+    assert!(!String::from_utf8_lossy(&output.stderr).contains("cannot show"));
+    succeed(
+        d,
+        &[
+            "fit",
+            "--errors",
+            "m.csv",
+            "--axis",
+            "x",
+            "--basis",
+            "table",
+            "--smoothing",
+            "auto",
+            "--out",
+            "t.toml",
+        ],
+    );
+}
+
+#[test]
+fn a_rotary_axis_measured_all_round_gets_a_curve_that_closes() {
+    let directory = tempfile::tempdir().unwrap();
+    let d = directory.path();
+    let mut csv = String::from("position_deg,ecc_arcsec\n");
+    for i in 0..36 {
+        let angle = f64::from(i) * 10.0;
+        csv.push_str(&format!("{angle},{}\n", 4.0 * angle.to_radians().sin() + 0.1 * f64::from(i * i % 5)));
+    }
+    std::fs::write(d.join("c.csv"), csv).unwrap();
+    for basis in ["auto", "fourier", "table"] {
+        succeed(d, &["fit", "--errors", "c.csv", "--axis", "c", "--basis", basis, "--out", "c.toml"]);
+        let spec = model(d, "c.toml");
+        let symbol = ErrorSymbol::parse("ecc").unwrap();
+        let (_, function) = spec.errors.iter().find(|(s, _)| *s == symbol).unwrap();
+        let [low, high] = function.range().unwrap();
+        assert!((high - low - core::f64::consts::TAU).abs() < 1e-9, "{basis}");
+        let step = function.value(high, Travel::Forward) - function.value(low, Travel::Forward);
+        assert!(step.abs() < 1e-12, "{basis} {step:e}");
+    }
+    let output =
+        succeed(d, &["fit", "--errors", "c.csv", "--axis", "c", "--basis", "chebyshev", "--out", "c.toml"]);
+    assert!(String::from_utf8_lossy(&output.stderr).contains("this basis does not close"));
+}
+
 #[test]
 fn bad_input_is_refused_with_its_place() {
     let directory = tempfile::tempdir().unwrap();
@@ -294,6 +394,15 @@ fn bad_input_is_refused_with_its_place() {
             "3 files but 2 axes",
         ),
         ("position_mm,exx_um\n0,1\n10,2\n", &["--into", "none.toml"], 74, "none.toml"),
+        ("position_mm,exx_um\n0,1\n10,2\n", &["--picture", "p.png"], 64, "must end in .svg or .html"),
+        ("position_mm,exx_um\n0,1\n10,2\n", &["--smoothing", "much"], 64, "neither none, auto nor a number"),
+        (
+            "position_mm,exx_um\n0,1\n10,2\n",
+            &["--smoothing", "auto", "--basis", "fourier"],
+            64,
+            "only a table is smoothed",
+        ),
+        ("position_mm,exx_um\n0,1\n10,2\n", &["--screw-pitch-mm", "-5"], 64, "is not above 0"),
     ] {
         std::fs::write(d.join("m.csv"), csv).unwrap();
         let output = volcomp(d, &[&base[..], extra].concat());

@@ -29,7 +29,7 @@ fn rms_um(values: impl Iterator<Item = f64>) -> f64 {
 fn left_out(all: &[Reading], cycle: u32, request: &Request) -> (f64, f64) {
     let (test, train): (Vec<Reading>, Vec<Reading>) = all.iter().partition(|r| r.cycle == cycle);
     let found = fit(&train, request).unwrap();
-    let residual = |r: &Reading| r.value - found.curve.value(r.position, r.travel);
+    let residual = |r: &Reading| r.value - found.value(r.position, r.travel);
     (rms_um(test.iter().map(|r| r.value)), rms_um(test.iter().map(residual)))
 }
 

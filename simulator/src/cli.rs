@@ -13,6 +13,7 @@ mod bench_link;
 mod demo;
 mod measure;
 mod path;
+mod scenarios;
 mod serve;
 
 use core::fmt;
@@ -68,6 +69,8 @@ enum Verb {
     ///
     /// Without a daemon the machine runs uncompensated. Without a programme it stands still and serves.
     Serve(serve::ServeArgs),
+    /// Let everything go wrong that can, by number, and check that the real daemon reacts as it must.
+    Scenarios(scenarios::Args),
     /// Replay recorded motion of a real machine and serve the control on the link.
     Replay(serve::ReplayArgs),
     /// Print a standard test path as a part programme.
@@ -123,6 +126,7 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Volcomp(program) => return volcomp::cli::volcomp(program.named("volcomp")),
         Verb::Measure(args) => measure::run(&args),
         Verb::Serve(args) => serve::serve(&args),
+        Verb::Scenarios(args) => scenarios::run_all(&args),
         Verb::Replay(args) => serve::replay(&args),
         Verb::Path(args) => path::run(&args),
     };

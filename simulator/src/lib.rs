@@ -17,4 +17,5 @@ pub mod control;
 pub mod demo;
 pub mod instruments;
 pub mod motion;
+pub mod scenarios;
 pub mod truth;

@@ -90,7 +90,10 @@ pub(super) fn run<A: Parser>(
     match body(parsed).and_then(|()| output_complete()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("{}", failure.message.trim_end());
+            // an exit code alone can be the answer, as of `diff`
+            if !failure.message.is_empty() {
+                eprintln!("{}", failure.message.trim_end());
+            }
             ExitCode::from(failure.code)
         }
     }

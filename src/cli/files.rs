@@ -9,8 +9,8 @@ use super::{EX_CONFIG, EX_DATAERR, Failure};
 use crate::config;
 use crate::core::model::{Model, ModelSpec};
 
-/// A text file, or standard input for `-`.
-pub(super) fn read_text(path: &Path) -> Result<String, Failure> {
+/// A whole file, or standard input for `-`.
+pub(super) fn read_bytes(path: &Path) -> Result<Vec<u8>, Failure> {
     let mut bytes = Vec::new();
     let read = if path.as_os_str() == "-" {
         io::stdin().lock().read_to_end(&mut bytes)
@@ -18,6 +18,16 @@ pub(super) fn read_text(path: &Path) -> Result<String, Failure> {
         File::open(path).and_then(|mut f| f.read_to_end(&mut bytes))
     };
     read.map_err(|e| Failure::io(path, &e))?;
+    Ok(bytes)
+}
+
+/// A text file, or standard input for `-`.
+pub(super) fn read_text(path: &Path) -> Result<String, Failure> {
+    text_of(path, read_bytes(path)?)
+}
+
+/// The text of a file that was read.
+pub(super) fn text_of(path: &Path, bytes: Vec<u8>) -> Result<String, Failure> {
     String::from_utf8(bytes).map_err(|e| {
         let line = e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count() + 1;
         Failure::new(

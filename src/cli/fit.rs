@@ -5,8 +5,11 @@ use std::path::PathBuf;
 use clap::{Parser, ValueEnum};
 
 use super::files::write_text;
-use super::fit_input::{BySymbol, Direction, Format, read};
-use super::fit_report::{Fitted, json_report, note_text, print_table, provenance};
+use super::fit_input::{BySymbol, Direction, Format, Measured, read};
+use super::fit_picture::{self, PicturePath};
+use super::fit_report::{
+    Fitted, hidden_text, json_report, note_text, outlier_lines, print_table, provenance,
+};
 use super::model_out::{ModelOut, axis_entry, default_chain, put};
 use super::positioning_data::Cycles;
 use super::{EX_DATAERR, EX_USAGE, Failure};
@@ -15,7 +18,7 @@ use crate::core::axes::{AxisKind, AxisName};
 use crate::core::model::curve::Interpolation;
 use crate::core::model::{Curve, ErrorFunction, ErrorSymbol, Sense};
 use crate::core::units::{rad_from_arcsec, rad_from_deg};
-use crate::identify::curve::{self, Basis, Period, Request};
+use crate::identify::curve::{self, Basis, Period, Request, Reversal, Smoothing};
 
 /// Fit error curves to measured error motions and write them into a model file.
 #[derive(Debug, Parser)]
@@ -41,12 +44,12 @@ pub(super) struct Args {
     /// Half waves, polynomial degree or harmonics: a number or auto.
     #[arg(long, default_value = "auto", value_name = "N|auto")]
     order: AutoOr<usize>,
-    /// Period of a Fourier series: a number (mm) or auto (fitted).
-    #[arg(long, value_name = "P|auto", conflicts_with = "period_deg")]
-    period_mm: Option<AutoOr<f64>>,
-    /// The same for a rotary axis, in degrees.
-    #[arg(long, value_name = "P|auto")]
-    period_deg: Option<AutoOr<f64>>,
+    /// Period of a Fourier series: a number (mm) or auto (fitted); several such as 10,auto,auto add up.
+    #[arg(long, value_name = "P|auto", value_delimiter = ',', conflicts_with = "period_deg")]
+    period_mm: Vec<AutoOr<f64>>,
+    /// The same for a rotary axis, in degrees. Over a whole turn auto is 360.
+    #[arg(long, value_name = "P|auto", value_delimiter = ',')]
+    period_deg: Vec<AutoOr<f64>>,
     /// Limits of the search for the period, in mm (rotary: degrees).
     #[arg(long, value_name = "LOW,HIGH", value_parser = pair)]
     period_search: Option<[f64; 2]>,
@@ -59,6 +62,18 @@ pub(super) struct Args {
     /// Interpolation between the support points of a table.
     #[arg(long, value_enum, default_value = "linear")]
     interpolation: InterpolationArg,
+    /// Smoothing of a table: none, auto (cross-validation), or the strength alpha of a smoothing spline.
+    #[arg(long, default_value = "none", value_name = "none|auto|ALPHA")]
+    smoothing: SmoothingArg,
+    /// The difference between the directions of travel: kept where the data show it, or averaged out.
+    #[arg(long, value_enum, default_value = "auto")]
+    reversal: ReversalArg,
+    /// Find outliers, name them and leave them out.
+    #[arg(long)]
+    robust: bool,
+    /// Pitch of the screw, to be told where the targets cannot show its error; several, or none.
+    #[arg(long, value_name = "MM|none", default_value = "5,6,8,10,12,16,20", allow_hyphen_values = true)]
+    screw_pitch_mm: Pitches,
     #[command(flatten)]
     model: ModelOut,
     /// Constant errors in arcsec, such as ec0y=-3.1,eb0z=22.3.
@@ -70,6 +85,9 @@ pub(super) struct Args {
     /// Write the figures of every fit as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
+    /// Draw readings, curves, confidence bands and residuals: a file ending in .svg or .html.
+    #[arg(long, value_name = "FILE")]
+    picture: Option<PicturePath>,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -97,6 +115,49 @@ enum LinearArg {
 enum InterpolationArg {
     Linear,
     Cubic,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, ValueEnum)]
+enum ReversalArg {
+    Auto,
+    Mean,
+}
+
+/// `none`, `auto` or a number.
+#[derive(Debug, Clone, Copy)]
+struct SmoothingArg(Smoothing);
+
+impl core::str::FromStr for SmoothingArg {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        Ok(Self(match text {
+            "none" => Smoothing::None,
+            "auto" => Smoothing::Auto,
+            _ => Smoothing::Given(
+                finite(text).map_err(|_| format!("'{text}' is neither none, auto nor a number"))?,
+            ),
+        }))
+    }
+}
+
+/// A list of pitches; `none` is the empty one.
+#[derive(Debug, Clone)]
+struct Pitches(Vec<f64>);
+
+impl core::str::FromStr for Pitches {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        if text == "none" {
+            return Ok(Self(Vec::new()));
+        }
+        let pitch = |part: &str| match finite(part)? {
+            v if v > 0.0 => Ok(v),
+            v => Err(format!("pitch {v} is not above 0")),
+        };
+        text.split(',').map(pitch).collect::<Result<_, _>>().map(Self)
+    }
 }
 
 /// A number, or the word `auto`.
@@ -166,23 +227,30 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         let axis = args.axis[if args.axis.len() == 1 { 0 } else { i }];
         read(path, axis, args.format, args.cycles.as_ref(), args.direction, &mut by_symbol)?;
     }
+    args.warn_of_hidden_pitches(&by_symbol);
     let mut fitted = Vec::with_capacity(by_symbol.len());
-    for (symbol, readings) in by_symbol {
+    for (symbol, measured) in by_symbol {
         let request = args.request(symbol.axis().kind())?;
         let rotary = symbol.axis().kind() == AxisKind::Rotary;
-        let fit = curve::fit(&readings, &request)
+        let fit = curve::fit(&measured.readings, &request)
             .map_err(|e| if rotary { e.in_degrees() } else { e })
             .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {symbol}: {e}", args.files())))?;
-        fitted.push(Fitted { symbol, readings, fit });
+        fitted.push(Fitted::new(symbol, measured, fit));
     }
     let model = args.model(&fitted)?;
     args.model.write(&model, &provenance(&args.errors, &fitted), &args.files())?;
     if let Some(path) = &args.json {
         write_text(path, &json_report(&fitted))?;
     }
+    if let Some(path) = &args.picture {
+        fit_picture::write(path, &fitted)?;
+    }
     for f in &fitted {
         for note in &f.fit.notes {
             eprintln!("note: {}: {}", f.symbol, note_text(f.symbol, *note));
+        }
+        for line in outlier_lines(f) {
+            eprintln!("outlier: {line}");
         }
     }
     let stdout_taken = args.model.takes_stdout() || args.json.as_ref().is_some_and(|p| p.as_os_str() == "-");
@@ -196,35 +264,79 @@ fn usage(what: impl core::fmt::Display) -> Failure {
     Failure::new(EX_USAGE, format_args!("error: {what}"))
 }
 
+/// The distinct positions; `None` where there are so many that they hide nothing.
+fn few_positions(measured: &Measured) -> Option<Vec<f64>> {
+    /// Targets of a positioning test are far fewer.
+    const TARGETS_MAX: usize = 1 << 16;
+    let mut seen = std::collections::HashSet::new();
+    for reading in &measured.readings {
+        if seen.insert(reading.position.to_bits()) && seen.len() > TARGETS_MAX {
+            return None;
+        }
+    }
+    Some(seen.into_iter().map(f64::from_bits).collect())
+}
+
 impl Args {
     fn files(&self) -> String {
         self.errors.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ")
     }
 
-    fn request(&self, kind: AxisKind) -> Result<Request, Failure> {
+    /// Says once per axis what its targets cannot show.
+    fn warn_of_hidden_pitches(&self, by_symbol: &BySymbol) {
+        let mut seen = Vec::new();
+        for (symbol, measured) in by_symbol {
+            let axis = symbol.axis();
+            if axis.kind() == AxisKind::Rotary || seen.contains(&axis) {
+                continue;
+            }
+            seen.push(axis);
+            let Some(positions) = few_positions(measured) else { continue };
+            if let Some(text) = hidden_text(&curve::hidden(&positions, &self.screw_pitch_mm.0)) {
+                eprintln!("note: {axis}: {text}");
+            }
+        }
+    }
+
+    /// The periods in the order given; one that is fitted where none is.
+    fn periods(&self, kind: AxisKind) -> Result<Vec<Period>, Failure> {
         let (given, other, wanted, to_inner): (_, _, _, fn(f64) -> f64) = match kind {
-            AxisKind::Linear => (self.period_mm, self.period_deg, "--period-mm", |v| v),
-            AxisKind::Rotary => (self.period_deg, self.period_mm, "--period-deg", rad_from_deg),
+            AxisKind::Linear => (&self.period_mm, &self.period_deg, "--period-mm", |v| v),
+            AxisKind::Rotary => (&self.period_deg, &self.period_mm, "--period-deg", rad_from_deg),
         };
-        if other.is_some() {
+        if !other.is_empty() {
             return Err(usage(format_args!("the unit of the period does not suit the axis; use {wanted}")));
         }
-        let period = match (given, self.period_search) {
-            (Some(AutoOr::Given(_)), Some(_)) => {
-                return Err(usage(format_args!(
-                    "--period-search is for a period that is fitted; {wanted} gives it"
-                )));
-            }
-            (Some(AutoOr::Given(p)), None) => Period::Given(to_inner(p)),
-            (_, Some(range)) => Period::Within(range.map(to_inner)),
-            _ => Period::Auto,
-        };
-        if (given.is_some() || self.period_search.is_some())
+        let fitted = self.period_search.map_or(Period::Auto, |r| Period::Within(r.map(to_inner)));
+        let all: Vec<Period> = given
+            .iter()
+            .map(|p| match p {
+                AutoOr::Given(p) => Period::Given(to_inner(*p)),
+                AutoOr::Auto => fitted,
+            })
+            .collect();
+        if self.period_search.is_some()
+            && !all.is_empty()
+            && all.iter().all(|p| matches!(p, Period::Given(_)))
+        {
+            return Err(usage(format_args!(
+                "--period-search is for a period that is fitted; {wanted} gives it"
+            )));
+        }
+        if (!given.is_empty() || self.period_search.is_some())
             && !matches!(self.basis, BasisArg::Auto | BasisArg::Fourier)
         {
             return Err(usage(format_args!(
                 "only --basis fourier has a period; remove {wanted} or change the basis"
             )));
+        }
+        Ok(if all.is_empty() { vec![fitted] } else { all })
+    }
+
+    fn request(&self, kind: AxisKind) -> Result<Request, Failure> {
+        let periods = self.periods(kind)?;
+        if self.smoothing.0 != Smoothing::None && !matches!(self.basis, BasisArg::Auto | BasisArg::Table) {
+            return Err(usage("only a table is smoothed; remove --smoothing or change the basis"));
         }
         Ok(Request {
             basis: match self.basis {
@@ -241,7 +353,17 @@ impl Args {
                 }
                 AutoOr::Given(order) => Some(order),
             },
-            period,
+            period: periods[0],
+            further_periods: periods[1..].to_vec(),
+            penalties: None,
+            range: None,
+            smoothing: self.smoothing.0,
+            reversal: match self.reversal {
+                ReversalArg::Auto => Reversal::Auto,
+                ReversalArg::Mean => Reversal::Mean,
+            },
+            robust: self.robust,
+            turn: (kind == AxisKind::Rotary).then_some(core::f64::consts::TAU),
             linear: match self.linear {
                 LinearArg::Auto => None,
                 LinearArg::Yes => Some(true),
@@ -259,8 +381,7 @@ impl Args {
     fn model(&self, fitted: &[Fitted]) -> Result<ModelFile, Failure> {
         let mut model = self.model.base(|| default_chain(fitted.iter().map(|f| f.symbol.axis())))?;
         for f in fitted {
-            let std = f.fit.figures.rmse_dof;
-            put(&mut model, f.symbol, ErrorFunction { std, ..ErrorFunction::single(f.fit.curve.clone()) });
+            put(&mut model, f.symbol, f.fit.function());
         }
         for (symbol, value) in &self.squareness {
             put(&mut model, *symbol, ErrorFunction::single(Curve::Constant(*value)));

@@ -1,11 +1,12 @@
 //! What `volcomp fit` reads: motion tables and positioning tests, turned into readings per error symbol.
 
 use std::collections::BTreeMap;
-use std::io::{BufRead, Cursor};
+use std::fs::File;
+use std::io::{BufRead, BufReader, Cursor, Read};
 use std::path::Path;
 
-use super::files::read_text;
-use super::positioning_data::{Cycles, no_rows, parse_csv, parse_dat};
+use super::positioning_data::{Cycles, instrument_test, is_instrument, no_rows, parse_csv, parse_dat};
+use super::progress::Progress;
 use super::table::{Table, nearest};
 use super::{EX_DATAERR, Failure};
 use crate::core::axes::{AxisKind, AxisName, Travel};
@@ -39,10 +40,63 @@ pub(super) enum Direction {
     Reverse,
 }
 
-/// The readings of each symbol.
-pub(super) type BySymbol = BTreeMap<ErrorSymbol, Vec<Reading>>;
+/// The readings of one symbol, and where they stood.
+#[derive(Debug, Default)]
+pub(super) struct Measured {
+    pub(super) readings: Vec<Reading>,
+    /// 1-based lines of the file, where a row is a reading; else empty or 0.
+    lines: Vec<u32>,
+    /// Index of the first reading of each file.
+    files: Vec<(usize, String)>,
+}
 
-/// Reads one file for one axis and adds its readings.
+impl From<Vec<Reading>> for Measured {
+    fn from(readings: Vec<Reading>) -> Self {
+        Self { readings, lines: Vec::new(), files: Vec::new() }
+    }
+}
+
+impl Measured {
+    fn push(&mut self, reading: Reading, line: u32) {
+        self.readings.push(reading);
+        self.lines.push(line);
+    }
+
+    fn retain(&mut self, keep: impl Fn(&Reading) -> bool) {
+        let mut kept = self.readings.iter().map(&keep);
+        self.lines.retain(|_| kept.next().unwrap_or(true));
+        self.readings.retain(&keep);
+    }
+
+    fn append(&mut self, mut other: Self, file: &str) {
+        self.files.push((self.readings.len(), file.to_owned()));
+        if self.readings.is_empty() {
+            // the usual case: one file, and nothing is copied
+            (self.readings, self.lines) = (other.readings, other.lines);
+            return;
+        }
+        // a file without lines leaves none to the readings before the next one
+        self.lines.resize(self.readings.len(), 0);
+        self.readings.append(&mut other.readings);
+        self.lines.append(&mut other.lines);
+    }
+
+    /// File and line of a reading; line 0 where the file has no row per reading.
+    pub(super) fn place(&self, index: usize) -> (&str, u32) {
+        let file = self.files.iter().rev().find(|(first, _)| *first <= index).map_or("", |(_, f)| f.as_str());
+        (file, self.lines.get(index).copied().unwrap_or(0))
+    }
+}
+
+/// The readings of each symbol.
+pub(super) type BySymbol = BTreeMap<ErrorSymbol, Measured>;
+
+/// Bytes looked at to tell the formats apart.
+const HEAD: u64 = 1 << 16;
+/// Rows between two looks at the clock of the progress bar.
+const ROWS_PER_LOOK: u64 = 4096;
+
+/// Reads one file for one axis and adds its readings; tables row by row.
 pub(super) fn read(
     path: &Path,
     axis: AxisName,
@@ -51,40 +105,57 @@ pub(super) fn read(
     direction: Direction,
     into: &mut BySymbol,
 ) -> Result<(), Failure> {
-    let file = path.display().to_string();
-    let text = read_text(path)?;
-    let found = match format {
-        Format::Iso230Dat => positioning(&file, axis, parse_dat(&file, &text)?)?,
-        Format::Auto if iso230_dat::recognises(&text) => positioning(&file, axis, parse_dat(&file, &text)?)?,
-        _ => {
-            let table = Table::new(Cursor::new(text), file.clone())?;
-            let is_test =
-                table.columns().iter().any(|c| c.starts_with("target_") || c.starts_with("deviation_"));
-            match format {
-                Format::Iso230_2 => positioning(&file, axis, parse_csv(table)?)?,
-                Format::Auto if is_test => positioning(&file, axis, parse_csv(table)?)?,
-                _ => motion(table, axis)?,
-            }
+    let io = |e: &std::io::Error| Failure::io(path, e);
+    let (file, mut source): (String, Box<dyn BufRead>) = if path.as_os_str() == "-" {
+        ("<stdin>".to_owned(), Box::new(std::io::stdin().lock()))
+    } else {
+        let open = File::open(path).map_err(|e| io(&e))?;
+        (path.display().to_string(), Box::new(BufReader::with_capacity(1 << 16, open)))
+    };
+    let mut head = Vec::new();
+    (&mut source).take(HEAD).read_to_end(&mut head).map_err(|e| io(&e))?;
+    let whole = format == Format::Iso230Dat || format == Format::Auto && is_instrument(&head);
+    let found = if whole {
+        // files of instruments are small; tables may be long and are read row by row
+        source.read_to_end(&mut head).map_err(|e| io(&e))?;
+        let test = if format == Format::Auto { instrument_test(&file, &head)? } else { None };
+        let test = test.map_or_else(|| parse_dat(&file, &utf8(&file, head)?), Ok)?;
+        positioning(&file, axis, test)?
+    } else {
+        let table = Table::new(Cursor::new(head).chain(source), file.clone())?;
+        let is_test = table.columns().iter().any(|c| c.starts_with("target_") || c.starts_with("deviation_"));
+        match format {
+            Format::Iso230_2 => positioning(&file, axis, parse_csv(table)?)?,
+            Format::Auto if is_test => positioning(&file, axis, parse_csv(table)?)?,
+            _ => motion(table, axis, &mut Progress::new(path))?,
         }
     };
-    for (symbol, mut readings) in found {
+    for (symbol, mut measured) in found {
         if let Some(cycles) = cycles {
-            cycles.select(&file, &mut readings)?;
+            cycles.select(&file, &mut measured.readings.clone())?;
+            measured.retain(|r| cycles.contains(r.cycle));
         }
-        readings.retain(|r| match direction {
+        measured.retain(|r| match direction {
             Direction::Both => true,
             Direction::Forward => r.travel == Travel::Forward,
             Direction::Reverse => r.travel == Travel::Reverse,
         });
-        if readings.is_empty() {
+        if measured.readings.is_empty() {
             return Err(Failure::new(
                 EX_DATAERR,
                 format_args!("error: {file}: {symbol}: no reading in the selected direction"),
             ));
         }
-        into.entry(symbol).or_default().extend(readings);
+        into.entry(symbol).or_default().append(measured, &file);
     }
     Ok(())
+}
+
+fn utf8(file: &str, bytes: Vec<u8>) -> Result<String, Failure> {
+    String::from_utf8(bytes).map_err(|e| {
+        let line = e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count() + 1;
+        Failure::new(EX_DATAERR, format_args!("error: {file}:{line}: not UTF-8 text; save the file as UTF-8"))
+    })
 }
 
 /// A positioning test is the positioning error of the axis itself.
@@ -101,11 +172,16 @@ fn positioning(file: &str, axis: AxisName, test: iso230_dat::PositioningTest) ->
     }
     let offset = if axis.kind() == AxisKind::Rotary { 3 } else { 0 };
     let component = Component::ALL[axis.direction() + offset];
-    Ok(BTreeMap::from([(ErrorSymbol::Motion { component, axis }, test.readings)]))
+    let measured = Measured { readings: test.readings, ..Measured::default() };
+    Ok(BTreeMap::from([(ErrorSymbol::Motion { component, axis }, measured)]))
 }
 
 /// A motion table.
-fn motion<R: BufRead>(mut table: Table<R>, axis: AxisName) -> Result<BySymbol, Failure> {
+fn motion<R: BufRead>(
+    mut table: Table<R>,
+    axis: AxisName,
+    progress: &mut Progress,
+) -> Result<BySymbol, Failure> {
     let position_name = match axis.kind() {
         AxisKind::Linear => "position_mm",
         AxisKind::Rotary => "position_deg",
@@ -131,8 +207,13 @@ fn motion<R: BufRead>(mut table: Table<R>, axis: AxisName) -> Result<BySymbol, F
             ),
         ));
     }
-    let mut found = BySymbol::new();
+    let mut found: Vec<Measured> = symbols.iter().map(|_| Measured::default()).collect();
+    let mut rows = 0u64;
     while table.advance()? {
+        rows += 1;
+        if rows.is_multiple_of(ROWS_PER_LOOK) {
+            progress.update(table.bytes());
+        }
         let x = table.number(position)?;
         let reading = Reading {
             cycle: cycle.map_or(Ok(0), |c| table.count(c))?,
@@ -140,16 +221,18 @@ fn motion<R: BufRead>(mut table: Table<R>, axis: AxisName) -> Result<BySymbol, F
             position: if axis.kind() == AxisKind::Rotary { rad_from_deg(x) } else { x },
             value: 0.0,
         };
-        for (column, symbol) in &symbols {
+        let line = u32::try_from(table.line()).unwrap_or(0);
+        for ((column, symbol), measured) in symbols.iter().zip(&mut found) {
             let value = table.number(*column)?;
             let value = if symbol.is_angle() { rad_from_arcsec(value) } else { mm_from_um(value) };
-            found.entry(*symbol).or_default().push(Reading { value, ..reading });
+            measured.push(Reading { value, ..reading }, line);
         }
     }
-    if found.is_empty() {
+    progress.finish();
+    if rows == 0 {
         return Err(no_rows(table.file()));
     }
-    Ok(found)
+    Ok(symbols.into_iter().map(|(_, symbol)| symbol).zip(found).collect())
 }
 
 /// The symbol of a column such as `exx_um`, or what is wrong with it.
@@ -191,20 +274,22 @@ mod tests {
     use super::*;
 
     fn read_motion(text: &str, axis: AxisName) -> Result<BySymbol, Failure> {
-        motion(Table::new(text.as_bytes(), "m.csv".to_owned())?, axis)
+        motion(Table::new(text.as_bytes(), "m.csv".to_owned())?, axis, &mut Progress::new(Path::new("m.csv")))
     }
 
     #[test]
     fn symbols_units_and_directions() {
         let text = "position_mm,exx_um,eax_arcsec,cycle,direction\n10,2,3.6,1,1\n10,4,0,1,-1\n";
         let found = read_motion(text, AxisName::X).unwrap();
-        let exx = &found[&ErrorSymbol::parse("exx").unwrap()];
+        let measured = &found[&ErrorSymbol::parse("exx").unwrap()];
+        assert_eq!(measured.place(1), ("", 3));
+        let exx = &measured.readings;
         assert!((exx[1].value - 0.004).abs() < 1e-18);
         assert_eq!((exx[1].travel, exx[1].cycle), (Travel::Reverse, 1));
-        let eax = &found[&ErrorSymbol::parse("eax").unwrap()];
+        let eax = &found[&ErrorSymbol::parse("eax").unwrap()].readings;
         assert!((eax[0].value - 1e-3f64.to_radians()).abs() < 1e-18);
         let rotary = read_motion("position_deg,ecc_arcsec\n180,1\n", AxisName::C).unwrap();
-        let ecc = &rotary[&ErrorSymbol::parse("ecc").unwrap()];
+        let ecc = &rotary[&ErrorSymbol::parse("ecc").unwrap()].readings;
         assert!((ecc[0].position - core::f64::consts::PI).abs() < 1e-15);
     }
 

@@ -4,32 +4,50 @@ use std::path::PathBuf;
 
 use serde_json::{Map, Value, json};
 
+use super::fit_input::Measured;
 use super::model_out::sources;
-use crate::core::axes::AxisKind;
+use crate::core::axes::{AxisKind, Travel};
 use crate::core::model::ErrorSymbol;
 use crate::core::model::curve::Curve;
 use crate::core::units::{arcsec_from_rad, deg_from_rad, um_from_mm};
-use crate::identify::Reading;
-use crate::identify::curve::{Basis, CurveFit, Note};
-use crate::identify::reading::repeatability;
+use crate::identify::curve::{Basis, CurveFit, Hidden, Note};
+
+/// Positions of the band in the report.
+const BAND_POINTS: u32 = 100;
 
 /// One error motion, its readings and its curve.
 pub(super) struct Fitted {
     pub(super) symbol: ErrorSymbol,
-    pub(super) readings: Vec<Reading>,
+    pub(super) measured: Measured,
     pub(super) fit: CurveFit,
+    raw_rms: f64,
+}
+
+impl Fitted {
+    pub(super) fn new(symbol: ErrorSymbol, measured: Measured, fit: CurveFit) -> Self {
+        let readings = &measured.readings;
+        let squares: f64 = readings.iter().map(|r| r.value * r.value).sum();
+        let raw_rms = (squares / readings.len() as f64).sqrt();
+        Self { symbol, measured, fit, raw_rms }
+    }
+
+    /// True where the curve differs between the directions of travel.
+    pub(super) fn is_directed(&self) -> bool {
+        let directed = |c: &Curve| matches!(c, Curve::Table(t) if t.columns().2.is_some());
+        directed(&self.fit.curve) || self.fit.more.iter().any(directed)
+    }
 }
 
 /// Units of a symbol at the boundary.
-struct Units {
-    value: &'static str,
-    position: &'static str,
-    of_value: fn(f64) -> f64,
-    of_position: fn(f64) -> f64,
+pub(super) struct Units {
+    pub(super) value: &'static str,
+    pub(super) position: &'static str,
+    pub(super) of_value: fn(f64) -> f64,
+    pub(super) of_position: fn(f64) -> f64,
 }
 
 impl Units {
-    fn of(symbol: ErrorSymbol) -> Self {
+    pub(super) fn of(symbol: ErrorSymbol) -> Self {
         let (value, of_value): (_, fn(f64) -> f64) =
             if symbol.is_angle() { ("arcsec", arcsec_from_rad) } else { ("um", um_from_mm) };
         let (position, of_position): (_, fn(f64) -> f64) = match symbol.axis().kind() {
@@ -42,6 +60,14 @@ impl Units {
     /// Units per mm or rad.
     fn scale(&self) -> f64 {
         (self.of_value)(1.0)
+    }
+
+    fn values(&self, list: &[f64]) -> Value {
+        json!(list.iter().map(|v| (self.of_value)(*v)).collect::<Vec<_>>())
+    }
+
+    fn positions(&self, list: &[f64]) -> Value {
+        json!(list.iter().map(|v| (self.of_position)(*v)).collect::<Vec<_>>())
     }
 }
 
@@ -62,7 +88,7 @@ fn one_report(f: &Fitted) -> Map<String, Value> {
     put("order".into(), json!(fit.order));
     put(format!("period_{position}"), json!(fit.period.map(units.of_position)));
     put("period_fitted".into(), json!(fit.period_fitted));
-    put("coefficients".into(), json!(fit.coefficients.iter().map(|c| scaled(*c)).collect::<Vec<_>>()));
+    put("coefficients".into(), units.values(&fit.coefficients));
     put(format!("sse_{unit}2"), json!(figures.sse * units.scale().powi(2)));
     put(format!("rmse_n_{unit}"), json!(scaled(figures.rmse_n)));
     put(format!("rmse_dof_{unit}"), json!(figures.rmse_dof.map(scaled)));
@@ -73,27 +99,124 @@ fn one_report(f: &Fitted) -> Map<String, Value> {
     put(format!("left_out_position_rmse_{unit}"), json!(figures.position_rmse.map(scaled)));
     put("n".into(), json!(figures.n));
     put("m".into(), json!(figures.m));
-    put(format!("raw_rms_{unit}"), json!(scaled(raw_rms(f))));
-    put(format!("repeatability_{unit}"), json!(repeatability(&f.readings).map(scaled)));
+    put(format!("raw_rms_{unit}"), json!(scaled(f.raw_rms)));
+    put(format!("repeatability_{unit}"), json!(figures.repeatability.map(scaled)));
     put("condition".into(), json!(fit.condition));
     put(format!("range_{position}"), json!(fit.curve.range().map(|r| r.map(units.of_position))));
     match &fit.curve {
         Curve::Table(t) => {
-            let at: Vec<f64> = t.columns().0.iter().map(|p| (units.of_position)(*p)).collect();
-            put(format!("position_{position}"), json!(at));
+            put(format!("position_{position}"), units.positions(t.columns().0));
+            put("smoothing".into(), json!(fit.smoothing));
         }
         Curve::Fourier(_) => {
             let with_linear = fit.coefficients.len() % 2 == 0;
             put("linear".into(), json!(with_linear));
+            put(format!("periods_{position}"), units.positions(&fit.periods));
         }
         _ => {}
     }
-    put("notes".into(), json!(fit.notes.iter().map(|n| note_text(f.symbol, *n)).collect::<Vec<_>>()));
+    if let Some(reversal) = &fit.reversal {
+        put(format!("reversal_half_coefficients_{unit}"), units.values(&reversal.coefficients));
+    }
+    put("outliers".into(), Value::Array(outliers(f, &units)));
+    uncertainty(f, &units, &mut map);
+    map.insert("notes".into(), json!(fit.notes.iter().map(|n| note_text(f.symbol, *n)).collect::<Vec<_>>()));
     map
 }
 
-fn raw_rms(f: &Fitted) -> f64 {
-    (f.readings.iter().map(|r| r.value * r.value).sum::<f64>() / f.readings.len() as f64).sqrt()
+/// Standard deviations of the numbers and of the curve.
+fn uncertainty(f: &Fitted, units: &Units, map: &mut Map<String, Value>) {
+    let Some(band) = &f.fit.band else { return };
+    let (unit, position) = (units.value, units.position);
+    let mut std = band.parameter_std();
+    let periods = f.fit.periods.len();
+    let given = f.fit.periods.iter().position(|p| f.fit.period_fitted && Some(*p) == f.fit.period);
+    let fitted = given.map_or(0, |first| periods - first);
+    if fitted > 0 && std.len() >= fitted {
+        let of_periods = std.split_off(std.len() - fitted);
+        map.insert(format!("periods_fitted_std_{position}"), units.positions(&of_periods));
+    }
+    if let Some(reversal) = &f.fit.reversal {
+        let of_reversal = std.split_off(std.len() - reversal.coefficients.len());
+        map.insert(format!("reversal_half_coefficients_std_{unit}"), units.values(&of_reversal));
+    }
+    map.insert(format!("coefficients_std_{unit}"), units.values(&std));
+    let [low, high] = f.fit.curve.range().unwrap_or([0.0, 1.0]);
+    let at: Vec<f64> =
+        (0..=BAND_POINTS).map(|i| low + (high - low) * f64::from(i) / f64::from(BAND_POINTS)).collect();
+    let value = |travel| at.iter().map(|x| f.fit.value(*x, travel)).collect::<Vec<_>>();
+    let std = |travel| at.iter().map(|x| band.std_at(*x, travel)).collect::<Vec<_>>();
+    let mut line = Map::new();
+    line.insert(format!("position_{position}"), units.positions(&at));
+    line.insert(format!("value_{unit}"), units.values(&value(Travel::Forward)));
+    line.insert(format!("std_{unit}"), units.values(&std(Travel::Forward)));
+    if f.is_directed() {
+        line.insert(format!("reverse_{unit}"), units.values(&value(Travel::Reverse)));
+        line.insert(format!("reverse_std_{unit}"), units.values(&std(Travel::Reverse)));
+    }
+    line.insert("factor_95".into(), json!(band.factor_95()));
+    map.insert("band".into(), Value::Object(line));
+}
+
+fn outliers(f: &Fitted, units: &Units) -> Vec<Value> {
+    f.fit
+        .outliers
+        .iter()
+        .map(|o| {
+            let (r, (file, line)) = (&f.measured.readings[o.index], f.measured.place(o.index));
+            let mut map = Map::new();
+            map.insert("file".into(), json!(file));
+            map.insert("line".into(), if line > 0 { json!(line) } else { Value::Null });
+            map.insert("reading".into(), json!(o.index + 1));
+            map.insert("cycle".into(), json!(r.cycle));
+            map.insert("direction".into(), json!(if r.travel == Travel::Forward { 1 } else { -1 }));
+            map.insert(format!("position_{}", units.position), json!((units.of_position)(r.position)));
+            map.insert(format!("deviation_{}", units.value), json!((units.of_value)(o.deviation)));
+            Value::Object(map)
+        })
+        .collect()
+}
+
+/// One line per outlier, for people.
+pub(super) fn outlier_lines(f: &Fitted) -> Vec<String> {
+    let units = Units::of(f.symbol);
+    f.fit
+        .outliers
+        .iter()
+        .map(|o| {
+            let (r, (file, line)) = (&f.measured.readings[o.index], f.measured.place(o.index));
+            let place = if line > 0 { format!("{file}:{line}") } else { file.to_owned() };
+            format!(
+                "{place}: {} at {} {}, cycle {}, towards {}: {:+.2} {} off the curve, left out",
+                f.symbol,
+                (units.of_position)(r.position),
+                units.position,
+                r.cycle,
+                if r.travel == Travel::Forward { "plus" } else { "minus" },
+                (units.of_value)(o.deviation),
+                units.value
+            )
+        })
+        .collect()
+}
+
+/// What the targets of an axis cannot show, in words.
+pub(super) fn hidden_text(hidden: &Hidden) -> Option<String> {
+    let list = |pitches: &[f64]| pitches.iter().map(f64::to_string).collect::<Vec<_>>().join(", ");
+    let mut parts = Vec::new();
+    if !hidden.constant.is_empty() {
+        parts.push(format!("of {} mm pitch looks like an offset", list(&hidden.constant)));
+    }
+    if !hidden.slower.is_empty() {
+        parts.push(format!("of {} mm pitch looks like a slower wave", list(&hidden.slower)));
+    }
+    (!parts.is_empty()).then(|| {
+        format!(
+            "targets every {} mm cannot show every screw: an error {}; measure one stretch closer than half the pitch, at uneven distances (--screw-pitch-mm names the pitch, none silences this)",
+            (hidden.spacing * 1e6).round() / 1e6,
+            parts.join(", one ")
+        )
+    })
 }
 
 /// A note in words.
@@ -104,7 +227,12 @@ pub(super) fn note_text(symbol: ErrorSymbol, note: Note) -> String {
             "the terms nearly cancel (condition {condition:.0e}): the curve holds on the data, its coefficients mean little; half-range or chebyshev, or --ridge, avoids it"
         ),
         Note::ReversalLeftOut { mean } => format!(
-            "both directions were measured, this curve holds their mean; mean reversal {:.2} {} stays (--basis table keeps it)",
+            "both directions were measured, this curve holds their mean; mean reversal {:.2} {} stays (--reversal auto or --basis table keeps it)",
+            (units.of_value)(mean),
+            units.value
+        ),
+        Note::ReversalKept { mean } => format!(
+            "both directions were measured; a table beside the curve holds the reversal, {:.2} {} in the mean (--reversal mean leaves it out)",
             (units.of_value)(mean),
             units.value
         ),
@@ -116,6 +244,11 @@ pub(super) fn note_text(symbol: ErrorSymbol, note: Note) -> String {
         Note::OrderLowered { from, to } => {
             format!("order {to} instead of {from}: it predicts left-out positions better")
         }
+        Note::TurnLeftOpen { step } => format!(
+            "a whole turn was measured, but this basis does not close: {:.2} {} between its ends; --basis fourier or table does",
+            (units.of_value)(step),
+            units.value
+        ),
     }
 }
 
@@ -149,11 +282,11 @@ pub(super) fn print_table(fitted: &[Fitted]) {
             f.fit.basis.name(),
             figures.n,
             figures.m,
-            show(Some(raw_rms(f))),
+            show(Some(f.raw_rms)),
             show(figures.rmse_dof),
             show(Some(figures.e_max)),
             show(figures.position_rmse),
-            show(repeatability(&f.readings)),
+            show(figures.repeatability),
             units.value
         );
     }
@@ -169,9 +302,14 @@ pub(super) fn provenance(files: &[PathBuf], fitted: &[Fitted]) -> Vec<String> {
             (Basis::Table, _) | (_, None) => String::new(),
             (_, Some(order)) => format!(" of order {order}"),
         };
+        let reversal = if f.fit.reversal.is_some() { " with reversal" } else { "" };
+        let out = match f.fit.outliers.len() {
+            0 => String::new(),
+            n => format!(", {n} outliers left out"),
+        };
         let figures = &f.fit.figures;
         lines.push(format!(
-            "{}: {}{order}, n {}, m {}, rmse {:.4} {}",
+            "{}: {}{order}{reversal}, n {}, m {}, rmse {:.4} {}{out}",
             f.symbol,
             f.fit.basis.name(),
             figures.n,

@@ -12,18 +12,24 @@ macro_rules! say {
 mod bench;
 mod check;
 mod daemon;
+mod diff;
 mod evaluate;
 mod exit;
 mod explain;
+mod export;
 mod files;
 mod fit;
 mod fit_input;
+mod fit_picture;
 mod fit_report;
 mod identify;
+mod import;
 mod model;
 mod model_out;
 mod positioning_data;
 mod predict;
+mod progress;
+mod report;
 mod service;
 mod table;
 
@@ -34,7 +40,8 @@ use clap::{Parser, Subcommand};
 
 pub use exit::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, line, output_complete};
 
-/// Geometric-error compensation for machine tools: check, predict, fit, identify, evaluate, and talk to the daemon.
+/// Geometric-error compensation for machine tools: check, predict, fit, identify, evaluate, exchange files with
+/// instruments and controls, and talk to the daemon.
 #[derive(Debug, Parser)]
 #[command(name = "volcomp", version, arg_required_else_help = true)]
 struct Cli {
@@ -49,9 +56,12 @@ enum Verb {
     Predict(predict::Args),
     Fit(Box<fit::Args>),
     Identify(identify::Args),
+    Import(Box<import::Args>),
+    Export(Box<export::Args>),
     Evaluate(evaluate::Args),
     Model(model::Args),
     Explain(explain::Args),
+    Diff(diff::Args),
     Status(service::StatusArgs),
     Enable(service::CommandArgs),
     Disable(service::CommandArgs),
@@ -66,9 +76,12 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Predict(a) => predict::run(&a),
         Verb::Fit(a) => fit::run(&a),
         Verb::Identify(a) => identify::run(&a),
+        Verb::Import(a) => import::run(&a),
+        Verb::Export(a) => export::run(&a),
         Verb::Evaluate(a) => evaluate::run(&a),
         Verb::Explain(a) => explain::run(&a),
         Verb::Model(a) => model::run(&a),
+        Verb::Diff(a) => diff::run(&a),
         Verb::Status(a) => service::status(&a),
         Verb::Enable(a) => service::enable(&a),
         Verb::Disable(a) => service::disable(&a),

@@ -1,15 +1,19 @@
-//! Positioning tests from files: the CSV of contract section 6 and the `.dat` of ecmc loggers.
+//! Positioning tests from files: the CSV of contract section 6 and the formats of instruments that their beginning
+//! gives away (`.dat` of ecmc loggers, Renishaw `.rtl`, API `.pos`).
 
 use std::io::{BufRead, Cursor};
 use std::ops::RangeInclusive;
 use std::path::Path;
 
-use super::files::read_text;
+use super::files::{read_bytes, text_of};
 use super::table::Table;
-use super::{EX_DATAERR, Failure};
-use crate::core::axes::AxisKind;
+use super::{EX_DATAERR, EX_USAGE, Failure};
+use crate::core::axes::{AxisKind, AxisName};
 use crate::core::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
+use crate::formats::detect;
 use crate::formats::iso230_dat::{self, PositioningTest};
+use crate::formats::rtl::DeviationUnit;
+use crate::formats::{FormatError, FormatErrorKind, Place, api_pos, rtl, text};
 use crate::identify::Reading;
 
 /// How the data file is written.
@@ -22,6 +26,52 @@ pub(super) enum TestFormat {
     Csv,
     /// `TGT_DATA[i]=`, `REF_DATA_FWD[i,j]=`, `REF_DATA_BWD[i,j]=`.
     Iso230Dat,
+}
+
+/// A mistake in a file of an instrument or a control.
+pub(super) fn format_failure(file: &str, e: &FormatError) -> Failure {
+    // what only the user can state is a matter of arguments
+    let code = if matches!(e.kind, FormatErrorKind::NotStated { .. }) { EX_USAGE } else { EX_DATAERR };
+    let separator = if e.place == Place::File { ": " } else { ":" };
+    Failure::new(code, format_args!("error: {file}{separator}{e}"))
+}
+
+/// True where the beginning of a file gives away the format of an instrument.
+pub(super) fn is_instrument(head: &[u8]) -> bool {
+    use detect::Format::{ApiPos, Iso230Dat, Rtl};
+    matches!(detect::format(head), Some(Iso230Dat | Rtl | ApiPos))
+}
+
+/// The positioning test of an instrument's file; `None` where its beginning gives no such format away.
+pub(super) fn instrument_test(file: &str, bytes: &[u8]) -> Result<Option<PositioningTest>, Failure> {
+    let fail = |e: FormatError| format_failure(file, &e);
+    match detect::format(bytes) {
+        Some(detect::Format::Iso230Dat) => {
+            let decoded = text::decode(bytes);
+            parse_dat(file, &decoded.text).map(Some)
+        }
+        Some(detect::Format::Rtl) => {
+            let decoded = text::decode(bytes);
+            let (rtl, _) = rtl::parse(&decoded.text).map_err(fail)?;
+            let letter = rtl.user("Axis").and_then(|a| a.chars().next()).and_then(AxisName::from_letter);
+            if let Some(axis) = letter.filter(|a| a.kind() == AxisKind::Rotary) {
+                return Err(Failure::new(
+                    EX_USAGE,
+                    format_args!(
+                        "error: {file}: a test of rotary axis {axis}; the format does not say the unit of its deviations: \
+                         convert it first with volcomp import --axis {} --deviation-unit mrad|urad|arcsec",
+                        axis.lower()
+                    ),
+                ));
+            }
+            Ok(Some(rtl.test(DeviationUnit::Um).0))
+        }
+        Some(detect::Format::ApiPos) => {
+            let decoded = text::decode(bytes);
+            Ok(Some(api_pos::parse(&decoded.text).map_err(fail)?.test))
+        }
+        _ => Ok(None),
+    }
 }
 
 /// A selection of cycles such as `1-4,6`.
@@ -46,6 +96,11 @@ impl core::str::FromStr for Cycles {
 }
 
 impl Cycles {
+    /// True for a selected cycle.
+    pub(super) fn contains(&self, cycle: u32) -> bool {
+        self.0.iter().any(|range| range.contains(&cycle))
+    }
+
     /// Keeps the readings of the selected cycles.
     pub(super) fn select(&self, file: &str, readings: &mut Vec<Reading>) -> Result<(), Failure> {
         let mut present: Vec<u32> = readings.iter().map(|r| r.cycle).collect();
@@ -61,21 +116,25 @@ impl Cycles {
                 ));
             }
         }
-        readings.retain(|r| self.0.iter().any(|range| range.contains(&r.cycle)));
+        readings.retain(|r| self.contains(r.cycle));
         Ok(())
     }
 }
 
 /// Reads a positioning test.
 pub(super) fn read_test(path: &Path, format: TestFormat) -> Result<PositioningTest, Failure> {
-    let text = read_text(path)?;
+    let bytes = read_bytes(path)?;
     let file = path.display().to_string();
-    let dat = match format {
-        TestFormat::Auto => iso230_dat::recognises(&text),
-        TestFormat::Csv => false,
-        TestFormat::Iso230Dat => true,
-    };
-    if dat { parse_dat(&file, &text) } else { parse_csv(Table::new(Cursor::new(text), file)?) }
+    if format == TestFormat::Auto
+        && let Some(test) = instrument_test(&file, &bytes)?
+    {
+        return Ok(test);
+    }
+    let text = text_of(path, bytes)?;
+    match format {
+        TestFormat::Iso230Dat => parse_dat(&file, &text),
+        _ => parse_csv(Table::new(Cursor::new(text), file)?),
+    }
 }
 
 /// The `.dat` of ecmc loggers.

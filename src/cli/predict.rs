@@ -2,14 +2,13 @@
 //!
 //! Bounded memory: one line in, one line out. The input line is copied as it stands, then the new columns follow.
 
-use std::io::{self, BufRead, IsTerminal, Write};
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::io::{self, BufRead, Write};
+use std::path::PathBuf;
 
 use clap::Parser;
-use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 use super::files::{Output, read_model};
+use super::progress::Progress;
 use super::table::{self, Table, nearest};
 use super::{EX_DATAERR, EX_USAGE, Failure};
 use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
@@ -39,9 +38,6 @@ pub(super) struct Args {
 
 /// Bytes gathered before they are written.
 const BLOCK: usize = 1 << 16;
-/// A progress bar appears after this time.
-const SLOW: Duration = Duration::from_secs(2);
-
 /// Columns that session files have and that are kept without a word (contract section 7).
 const KEPT: [&str; 17] = [
     "t_s",
@@ -364,7 +360,7 @@ const DECIMALS: usize = 9;
 const FIXED_LIMIT: f64 = 9e9;
 
 /// Appends `,` and the number with up to nine decimals, without trailing zeros.
-fn push_number(block: &mut Vec<u8>, value: f64) {
+pub(super) fn push_number(block: &mut Vec<u8>, value: f64) {
     block.push(b',');
     if value.is_nan() || value.abs() >= FIXED_LIMIT {
         block.extend_from_slice(value.to_string().as_bytes());
@@ -398,42 +394,6 @@ fn push_number(block: &mut Vec<u8>, value: f64) {
     let used = decimals.iter().rposition(|d| *d != b'0').map_or(0, |i| i + 1);
     block.push(b'.');
     block.extend_from_slice(&decimals[..used]);
-}
-
-/// A bar on stderr, only where that is a terminal and the work takes long.
-struct Progress {
-    started: Instant,
-    total: Option<u64>,
-    shown: bool,
-    bar: Option<ProgressBar>,
-}
-
-impl Progress {
-    fn new(points: &Path) -> Self {
-        let total = std::fs::metadata(points).ok().filter(std::fs::Metadata::is_file).map(|m| m.len());
-        Self { started: Instant::now(), total, shown: io::stderr().is_terminal(), bar: None }
-    }
-
-    fn update(&mut self, bytes: u64) {
-        if !self.shown || self.started.elapsed() < SLOW {
-            return;
-        }
-        let bar = self.bar.get_or_insert_with(|| {
-            let bar = ProgressBar::with_draw_target(self.total, ProgressDrawTarget::stderr());
-            let template = "{bar:40} {bytes}/{total_bytes} {bytes_per_sec} {eta}";
-            if let Ok(style) = ProgressStyle::with_template(template) {
-                bar.set_style(style);
-            }
-            bar
-        });
-        bar.set_position(bytes);
-    }
-
-    fn finish(&self) {
-        if let Some(bar) = &self.bar {
-            bar.finish_and_clear();
-        }
-    }
 }
 
 #[cfg(test)]

@@ -99,6 +99,11 @@ impl<R: BufRead> Table<R> {
         self.bytes
     }
 
+    /// 1-based line of the current row.
+    pub(super) const fn line(&self) -> u64 {
+        self.line
+    }
+
     /// The file as the user named it.
     pub(super) fn file(&self) -> &str {
         &self.file

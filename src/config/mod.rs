@@ -16,7 +16,7 @@ pub use machine::{
     AxisConfig, EngineSettings, HelloMismatch, LinkConfig, LogConfig, LogTarget, MachineConfig,
     ModelMismatch, RealtimeConfig, StartMode, StatusConfig,
 };
-pub use model::{ModelFile, Provenance};
+pub use model::{ModelFile, Provenance, SourceEntry};
 
 use crate::core::axes::AxisName;
 use crate::core::protocol::Name;

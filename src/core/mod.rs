@@ -2,8 +2,10 @@
 
 pub mod axes;
 pub mod engine;
+pub mod estimate;
 pub mod fault;
 pub mod geometry;
 pub mod model;
 pub mod protocol;
+pub mod statistics;
 pub mod units;

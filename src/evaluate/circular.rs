@@ -41,7 +41,7 @@ pub enum Centring {
 }
 
 /// The result of a circular test, in the unit of the deviations.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct Circularity {
     /// Circular deviation of the forward path.
     pub g_forward: Option<f64>,
@@ -55,6 +55,8 @@ pub struct Circularity {
     pub f_min: f64,
     /// Common centre taken out.
     pub centre: [f64; 2],
+    /// Radial deviation of every reading about the common centre, in the order of the readings.
+    pub radial: Vec<f64>,
 }
 
 /// Why a test cannot be evaluated.
@@ -128,7 +130,15 @@ impl Circularity {
             f_max: all.largest,
             f_min: all.smallest,
             centre: all.centre,
+            radial: readings.iter().map(|r| residual(r, all.centre, radius_of(centring)).0).collect(),
         })
+    }
+}
+
+const fn radius_of(centring: Centring) -> Option<f64> {
+    match centring {
+        Centring::None => None,
+        Centring::LeastSquares { radius } => radius,
     }
 }
 
@@ -143,10 +153,7 @@ fn centred(path: &[CircularReading], centring: Centring) -> Result<Centred, Circ
     if path.len() < READINGS_NEEDED {
         return Err(CircularError::TooFewReadings { found: path.len(), needed: READINGS_NEEDED });
     }
-    let radius = match centring {
-        Centring::None => None,
-        Centring::LeastSquares { radius } => radius,
-    };
+    let radius = radius_of(centring);
     let largest = path.iter().fold(0.0f64, |m, r| m.max(r.deviation.abs()));
     if let Some(radius) = radius
         && !(radius.is_finite() && radius > largest)

@@ -1,12 +1,17 @@
 //! The figures of ISO 230 from measured deviations: offline, pure.
 //!
-//! [`positioning`] ISO 230-2, [`circular`] ISO 230-4, [`diagonal`] ISO 230-6. Deviations are actual minus nominal;
+//! [`positioning`] ISO 230-2 (its [`uncertainty`]), [`circular`] ISO 230-4, [`diagonal`] ISO 230-6, [`plate`] for hole and
+//! ball plates. Deviations are actual minus nominal;
 //! every figure has the unit of the deviations that went in.
 
 pub mod circular;
 pub mod diagonal;
+pub mod plate;
 pub mod positioning;
+pub mod uncertainty;
 
 pub use circular::{Centring, CircularReading, Circularity};
 pub use diagonal::{Diagonal, DiagonalTest};
-pub use positioning::{Positioning, PositioningReading};
+pub use plate::{PlateFit, PlateModel, PlateNorm, PlatePoint};
+pub use positioning::{AtTarget, Positioning, PositioningReading, Spread};
+pub use uncertainty::{Conditions, Uncertainties};

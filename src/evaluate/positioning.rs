@@ -51,8 +51,8 @@ pub struct Bidirectional {
 /// The result of a positioning test.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Positioning {
-    /// Target positions.
-    pub targets: Vec<f64>,
+    /// Targets in increasing order, with mean and spread of each direction.
+    pub targets: Vec<AtTarget>,
     /// Fewest readings of any target in any direction.
     pub cycles: usize,
     /// Approached forward, where measured.
@@ -91,10 +91,51 @@ pub enum PositioningError {
 }
 
 /// Mean and standard deviation at one target in one direction.
-#[derive(Clone, Copy)]
-struct Spread {
-    mean: f64,
-    s: f64,
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Spread {
+    /// Mean of the deviations.
+    pub mean: f64,
+    /// Their standard deviation.
+    pub s: f64,
+    /// How many there are.
+    pub n: usize,
+}
+
+/// One target with what was measured there.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AtTarget {
+    /// The target.
+    pub target: f64,
+    /// Approached forward.
+    pub forward: Option<Spread>,
+    /// Approached backward.
+    pub backward: Option<Spread>,
+}
+
+impl AtTarget {
+    /// Reversal `B_i` with its sign.
+    #[must_use]
+    pub fn reversal(&self) -> Option<f64> {
+        Some(self.forward?.mean - self.backward?.mean)
+    }
+
+    /// Mean of both directions.
+    #[must_use]
+    pub fn mean(&self) -> Option<f64> {
+        Some(0.5 * (self.forward?.mean + self.backward?.mean))
+    }
+
+    /// Bidirectional repeatability `R_i`: the largest of `2 s+ + 2 s- + |B_i|`, `4 s+`, `4 s-`.
+    #[must_use]
+    pub fn repeatability(&self) -> Option<f64> {
+        let (f, b) = (self.forward?, self.backward?);
+        Some((2.0 * (f.s + b.s) + self.reversal()?.abs()).max(4.0 * f.s).max(4.0 * b.s))
+    }
+
+    /// The spreads of the directions that were measured.
+    pub fn spreads(&self) -> impl Iterator<Item = Spread> + Clone + '_ {
+        self.forward.iter().chain(&self.backward).copied()
+    }
 }
 
 impl Positioning {
@@ -130,6 +171,12 @@ impl Positioning {
         };
         let (forward, backward) = (spreads(Travel::Forward)?, spreads(Travel::Reverse)?);
         let both = forward.as_ref().zip(backward.as_ref()).map(|(f, b)| bidirectional(f, b));
+        let at = |side: &Option<Vec<Spread>>, i: usize| side.as_ref().map(|s| s[i]);
+        let targets = targets
+            .iter()
+            .enumerate()
+            .map(|(i, t)| AtTarget { target: *t, forward: at(&forward, i), backward: at(&backward, i) })
+            .collect();
         let unidirectional = |s: Vec<Spread>| unidirectional(&s);
         Ok(Self {
             targets,
@@ -161,7 +208,7 @@ impl Spread {
         let n = values.len() as f64;
         let mean = values.iter().sum::<f64>() / n;
         let s = (values.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / (n - 1.0)).sqrt();
-        Self { mean, s }
+        Self { mean, s, n: values.len() }
     }
 }
 

@@ -3,4 +3,23 @@
 //! Pure: the shell reads and writes the files. A damaged file gives line, column and what was expected, never a
 //! partial result. One file per format; what is known of each format stands in its head.
 
+pub mod api_pos;
+pub mod axis_table;
+pub mod b5r;
+pub mod camonitor;
+pub mod columns;
+pub mod detect;
+pub mod edge;
+pub mod error;
+pub mod heidenhain;
+pub mod hole_plate;
+pub mod isg;
+pub mod isg_lis;
 pub mod iso230_dat;
+pub mod linuxcnc;
+pub mod rtl;
+pub mod rtx;
+pub mod sample;
+pub mod text;
+
+pub use error::{FormatError, FormatErrorKind, Place, ReadError};

@@ -3,17 +3,23 @@
 //! Reading order: [`reading`] (what every instrument delivers), [`curve`] (readings of one error
 //! motion to a curve of the model), then one room per measuring method.
 
+pub mod assemble;
 pub mod ballbar;
 pub mod circles;
 pub mod curve;
 pub mod diagonals;
 pub mod fivedof;
 pub mod grinder;
+pub mod motion;
 pub mod nineline;
+pub mod primitives;
 pub mod probe;
 pub mod ram;
 pub mod reading;
+pub mod statistics;
 pub mod straightness;
+pub mod tails;
 pub mod threepoint;
+pub mod twist;
 
 pub use reading::Reading;

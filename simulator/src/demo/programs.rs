@@ -41,6 +41,16 @@ impl Programs {
         Ok(String::from_utf8_lossy(&output.stdout).into_owned())
     }
 
+    /// Runs `volcomp ARGS..` to its end and returns its exit code and what it said on stderr.
+    ///
+    /// # Errors
+    /// It could not be started.
+    pub fn exit_of(&self, args: &[&str]) -> anyhow::Result<(i32, String)> {
+        let output = Command::new(&self.cncsim).arg("volcomp").args(args).stdin(Stdio::null()).output()?;
+        let said = String::from_utf8_lossy(&output.stderr).trim_end().to_owned();
+        Ok((output.status.code().unwrap_or(-1), said))
+    }
+
     /// Starts `volcompd --config FILE`, its log going to a file.
     ///
     /// # Errors

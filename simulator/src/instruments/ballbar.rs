@@ -4,8 +4,10 @@
 //! counter-clockwise and clockwise travel and, about one common circle, for both.
 
 use nalgebra::{Matrix3, Vector3};
+use volcomp::core::axes::{AxisArray, AxisName};
 
 use super::{InstrumentError, Noise};
+use crate::truth::TruthMachine;
 
 /// A ballbar set up around a circle in a plane of two machine axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -20,6 +22,30 @@ pub struct Ballbar {
     pub noise_um: f64,
     /// Seed of the noise.
     pub seed: u64,
+}
+
+/// A circle that the machine runs at an even speed, its drives and friction included.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Run {
+    /// Programmed coordinates of X, Y, Z at the centre.
+    pub centre_mm: [f64; 3],
+    /// Radius.
+    pub radius_mm: f64,
+    /// First and second direction of the plane (0 x, 1 y, 2 z).
+    pub plane: [usize; 2],
+    /// Path speed.
+    pub feed_mm_per_min: f64,
+    /// True from the first direction towards the second.
+    pub counter_clockwise: bool,
+    /// Where the measured part begins and ends, from the first direction towards the second; the run goes from the first
+    /// to the second angle, clockwise from the second to the first.
+    pub from_to_deg: [f64; 2],
+    /// Arc before and behind the measured part; the drives settle on it.
+    pub overshoot_deg: f64,
+    /// Control cycle.
+    pub cycle_s: f64,
+    /// One sample is kept out of this many cycles.
+    pub every: usize,
 }
 
 /// Where the tool should have been and where it was, in the workpiece frame.
@@ -112,6 +138,57 @@ impl Ballbar {
             });
         }
         Ok(Trace { radius_mm: self.radius_mm, readings })
+    }
+}
+
+impl Run {
+    /// Runs the circle; what the drives do is part of it.
+    /// # Errors
+    /// [`InstrumentError::NoLinearAxis`] where the machine lacks an axis of the plane, [`InstrumentError::Plan`] for a
+    /// radius, feed or cycle that is none.
+    pub fn on(&self, machine: &mut TruthMachine, seed: u64) -> Result<Vec<CirclePoint>, InstrumentError> {
+        for (what, value) in [
+            ("radius", self.radius_mm),
+            ("feed", self.feed_mm_per_min),
+            ("cycle", self.cycle_s),
+            ("arc", self.from_to_deg[1] - self.from_to_deg[0]),
+        ] {
+            if !(value.is_finite() && value > 0.0) {
+                return Err(InstrumentError::Plan { what, value, limit: "above 0" });
+            }
+        }
+        let mut axes = [0; 3];
+        for (slot, axis) in axes.iter_mut().zip([AxisName::X, AxisName::Y, AxisName::Z]) {
+            *slot = machine.index_of(axis).ok_or(InstrumentError::NoLinearAxis { axis })?;
+        }
+        let [from, to] = self.from_to_deg.map(f64::to_radians);
+        let (over, sense) =
+            (self.overshoot_deg.to_radians(), if self.counter_clockwise { 1.0 } else { -1.0 });
+        let begin = if self.counter_clockwise { from - over } else { to + over };
+        let way = to - from + 2.0 * over;
+        let at = |angle: f64| {
+            let mut place = self.centre_mm;
+            place[self.plane[0]] += self.radius_mm * angle.cos();
+            place[self.plane[1]] += self.radius_mm * angle.sin();
+            let mut q = AxisArray::default();
+            for (k, value) in axes.iter().zip(place) {
+                q[*k] = value;
+            }
+            q
+        };
+        let step = self.feed_mm_per_min / 60.0 / self.radius_mm * self.cycle_s;
+        machine.reset(seed, &at(begin));
+        let cycles = (way / step).floor() as usize;
+        let mut points = Vec::with_capacity(cycles / self.every.max(1) + 1);
+        for i in 0..=cycles {
+            let q = at(begin + sense * step * i as f64);
+            let sample = machine.step(self.cycle_s, &q);
+            if i % self.every.max(1) == 0 {
+                let commanded_mm = machine.nominal(&q).tip_mm;
+                points.push(CirclePoint { commanded_mm, actual_mm: sample.tip_mm });
+            }
+        }
+        Ok(points)
     }
 }
 

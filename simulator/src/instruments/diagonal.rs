@@ -30,6 +30,37 @@ pub struct DiagonalPoint {
     pub actual_mm: [f64; 3],
 }
 
+/// How body diagonals are measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BodyDiagonals {
+    /// Wire index of X, Y, Z.
+    pub xyz: [usize; 3],
+    /// Lower corner, programmed coordinates.
+    pub low_mm: [f64; 3],
+    /// Upper corner.
+    pub high_mm: [f64; 3],
+    /// Steps along each diagonal.
+    pub steps: usize,
+    /// Out and back so many times.
+    pub cycles: usize,
+    /// Drift from reading to reading.
+    pub drift_um: f64,
+    /// Standard deviation of a reading.
+    pub noise_um: f64,
+    /// Seed of the noise.
+    pub seed: u64,
+}
+
+/// How far the tool stands beside itself along the diagonal when it comes to `end` from there instead of from `start`.
+fn lost_motion_um(machine: &TruthMachine, start: &AxisArray, end: &AxisArray) -> f64 {
+    let arriving: [i8; MAX_AXES] =
+        std::array::from_fn(|i| if end[i] > start[i] { 1 } else { i8::from(end[i] >= start[i]) - 1 });
+    let leaving = arriving.map(|d| -d);
+    let (from, to) = (machine.nominal(start).tip_mm, machine.nominal(end).tip_mm);
+    let Some((beam, _)) = line(from, to) else { return 0.0 };
+    along(machine.pose(end, &arriving).tip_mm, machine.pose(end, &leaving).tip_mm, beam) * 1e3
+}
+
 impl Diagonal {
     /// Evaluates recorded points along a diagonal; the beam runs from the first nominal point to the last.
     /// # Errors
@@ -85,6 +116,47 @@ impl Diagonal {
             })
             .collect();
         Self::of_points(&points, 0.0, 0)
+    }
+
+    /// Four body diagonals of a box, out and back in cycles, as `volcomp identify diagonals` reads them:
+    /// `diagonal,cycle,direction,target_mm,deviation_um`. `low` and `high` are opposite corners (mm, wire order of
+    /// `xyz`, other axes at home).
+    /// # Errors
+    /// [`InstrumentError`] without steps or where the box is empty.
+    pub fn body_diagonals(machine: &TruthMachine, plan: &BodyDiagonals) -> Result<String, InstrumentError> {
+        let mut text = String::from("diagonal,cycle,direction,target_mm,deviation_um\n");
+        let mut noise = Noise::new(plan.seed);
+        let mut drift_um = 0.0;
+        for signs in [[1, 1, 1], [-1, 1, 1], [1, -1, 1], [1, 1, -1]] {
+            let corner = |end: bool| {
+                let mut q = AxisArray::default();
+                for i in 0..3 {
+                    let at_high = (signs[i] > 0) == end;
+                    q[plan.xyz[i]] = if at_high { plan.high_mm[i] } else { plan.low_mm[i] };
+                }
+                q
+            };
+            let (start, end) = (corner(false), corner(true));
+            let out = Self::of_machine(machine, [&start, &end], plan.steps, super::no_offset)?;
+            let back = Self::of_machine(machine, [&end, &start], plan.steps, super::no_offset)?;
+            // the laser keeps its zero at the start of the way out; what the way back adds is lost motion at the far end
+            let lost = lost_motion_um(machine, &start, &end);
+            let last = out.rows.last().map_or(0.0, |r| r.deviation_um);
+            let length = out.rows.last().map_or(0.0, |r| r.position_mm);
+            let name: String = signs.iter().map(|s| if *s > 0 { 'p' } else { 'n' }).collect();
+            for cycle in 1..=plan.cycles {
+                let there = out.rows.iter().map(|r| (1, r.position_mm, r.deviation_um));
+                // seen from the far end the same error counts the other way round
+                let returned =
+                    back.rows.iter().map(|r| (-1, length - r.position_mm, last + lost - r.deviation_um));
+                for (direction, target, deviation) in there.chain(returned) {
+                    drift_um += plan.drift_um;
+                    let reading = deviation + drift_um + noise.draw(plan.noise_um);
+                    text.push_str(&format!("{name},{cycle},{direction},{target:.6},{reading:.5}\n"));
+                }
+            }
+        }
+        Ok(text)
     }
 
     /// Largest minus smallest deviation.

@@ -4,6 +4,10 @@
 //! - [`ballbar`]: a circle, from recorded samples; circularity of ISO 230-4.
 //! - [`interferometer`]: positioning along an axis at rest; rows for ISO 230-2.
 //! - [`diagonal`]: displacement along a space diagonal; ISO 230-6.
+//! - [`grinder`]: tips of several styli relative to an artefact, pose by pose.
+//! - [`probe`]: contacts of a touch probe with a gauge bar.
+//! - [`carriage`]: what optics on the carriage of one axis see; [`fivedof`] and [`sixd`] look at it.
+//! - [`tracker`]: range and angles to targets on a carriage or the tool.
 //! - [`survey`]: six error motions of every axis with one instrument, squareness and axis locations.
 //!
 //! Angles in deg and arcsec, deviations in um, as the instruments print them. Noise is seeded.
@@ -14,9 +18,15 @@ use rand_distr::{Distribution, StandardNormal};
 use volcomp::core::axes::{AxisArray, AxisName};
 
 pub mod ballbar;
+pub mod carriage;
 pub mod diagonal;
+pub mod fivedof;
+pub mod grinder;
 pub mod interferometer;
+pub mod probe;
+pub mod sixd;
 pub mod survey;
+pub mod tracker;
 
 /// Why a measurement is not possible.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

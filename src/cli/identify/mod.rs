@@ -5,13 +5,16 @@
 
 mod ballbar;
 mod case;
+mod cases;
 mod circles;
 mod diagonals;
 mod fits;
 mod fivedof;
 mod grinder;
 mod kalman;
+mod motion_curves;
 mod nineline;
+mod observed;
 mod probe;
 mod ram;
 mod straightness;
@@ -42,11 +45,8 @@ enum Method {
     Circles(Box<circles::Args>),
     /// Ram errors from several poses of the tool.
     Ram(Box<ram::Args>),
-    /// Centre and radius of a probe on a gauge bar.
     Probe(Box<probe::Args>),
-    /// The chain A, B, X, Y of a grinder, axis by axis.
     Grinder(Box<grinder::Args>),
-    /// Causes of the deviations on a ballbar circle, ranked.
     Ballbar(Box<ballbar::Args>),
     /// Error curves: the same as volcomp fit, on a case of the reference vectors.
     Fits(Box<fits::Args>),

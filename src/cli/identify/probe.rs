@@ -1,10 +1,281 @@
-//! `volcomp identify probe`.
+//! `volcomp identify probe`: effective radius of a touch probe's ball, from contacts with a gauge bar.
 
-use crate::cli::{EX_SOFTWARE, Failure};
+use std::path::{Path, PathBuf};
 
+use serde_json::{Value, json};
+
+use super::case;
+use crate::cli::model_out::{ModelOut, put, sources};
+use crate::cli::{EX_DATAERR, EX_USAGE, Failure, table};
+use crate::core::axes::AxisName;
+use crate::core::model::{Component, Curve, ErrorFunction, ErrorSymbol};
+use crate::core::units::{arcsec_from_rad, mm_from_um, rad_from_deg, um_from_mm};
+use crate::identify::probe::{Arm, Calibration, Contact, Note, Request, calibrate};
+
+/// Effective radius of a touch probe and the place of a gauge bar, from contacts around the bar.
+///
+/// The probe sits on an arm that swings about B and touches a round bar of known radius. The centre of its ball then
+/// lies on a circle; that circle's radius less the bar's is the effective radius of the ball, its centre is where the
+/// bar's axis really is.
+///
+/// Columns of --data: y_mm and b_deg at contact (with --arm-mm and --arm-zero-deg: the height is arm * sin(B - zero)),
+/// or y_mm and z_mm. Touch the bar from both sides and over as long an arc as the stylus reaches: with one side only,
+/// 1 um of noise becomes 4 um and more in radius and centre, and the report says so.
+///
+/// With --out or --into the place of the bar is written as location errors ey0a and ez0a of the axis that holds it: the
+/// bar must run true in that axis, and --nominal-mm says where Y and the height over B should be.
+///
+/// Example: volcomp identify probe --data contacts.csv --arm-mm 173.7135 --arm-zero-deg=-39.025 --bar-radius-mm 15
 #[derive(Debug, clap::Args)]
-pub(super) struct Args {}
+#[command(verbatim_doc_comment)]
+pub(super) struct Args {
+    /// One case of the reference vectors, or a whole vector file together with --case.
+    #[arg(long, value_name = "FILE", conflicts_with = "data", required_unless_present = "data")]
+    input: Option<PathBuf>,
+    /// Which case of a vector file.
+    #[arg(long, value_name = "ID", requires = "input")]
+    case: Option<String>,
+    /// Contacts; - is stdin.
+    #[arg(long, value_name = "CSV", requires = "bar_radius_mm")]
+    data: Option<PathBuf>,
+    /// Radius of the gauge bar.
+    #[arg(long, value_name = "MM")]
+    bar_radius_mm: Option<f64>,
+    /// Distance of the ball's centre from the B axis.
+    #[arg(long, value_name = "MM", requires = "arm_zero_deg")]
+    arm_mm: Option<f64>,
+    /// B at which the ball stands level with the B axis.
+    #[arg(long, value_name = "DEG", allow_hyphen_values = true, requires = "arm_mm")]
+    arm_zero_deg: Option<f64>,
+    /// Nominal radius of the ball, for comparison.
+    #[arg(long, value_name = "MM")]
+    ball_radius_mm: Option<f64>,
+    /// Noise of a contact (standard deviation), where known: the fit is then tested against it.
+    #[arg(long, value_name = "UM")]
+    noise_um: Option<f64>,
+    /// Take out contacts that lie off the circle by more than 4.5 standard deviations (at most a tenth of them).
+    #[arg(long)]
+    reject_outliers: bool,
+    /// Where the bar's axis should be: Y and height over the B axis.
+    #[arg(long, value_name = "Y,Z", value_parser = pair, allow_hyphen_values = true)]
+    nominal_mm: Option<[f64; 2]>,
+    #[command(flatten)]
+    out: ModelOut,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    json: bool,
+}
 
-pub(super) fn run(_args: &Args) -> Result<(), Failure> {
-    Err(Failure::new(EX_SOFTWARE, "error: not there yet"))
+fn pair(text: &str) -> Result<[f64; 2], String> {
+    let read = |t: &str| t.trim().parse::<f64>().ok().filter(|v| v.is_finite());
+    match text.split_once(',').map(|(a, b)| (read(a), read(b))) {
+        Some((Some(a), Some(b))) => Ok([a, b]),
+        _ => Err(format!("'{text}' is no pair of numbers; write for example 168.8,0")),
+    }
+}
+
+/// A case of the vectors: mm, and degrees where the name says so.
+#[derive(serde::Deserialize)]
+struct Case {
+    #[serde(rename = "R_bar")]
+    bar_radius: f64,
+    #[serde(rename = "L_R")]
+    arm: f64,
+    #[serde(rename = "B_c_deg")]
+    arm_zero_deg: f64,
+    #[serde(rename = "Y")]
+    y: Vec<f64>,
+    #[serde(rename = "B_deg")]
+    b_deg: Vec<f64>,
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    if args.out.target().is_some() != args.nominal_mm.is_some() {
+        return Err(usage("a model needs --out or --into, and --nominal-mm to compare the bar's place with"));
+    }
+    let (path, (contacts, bar_radius)) = match (&args.input, &args.data) {
+        (Some(path), _) => (path, from_case(path, args.case.as_deref())?),
+        (None, Some(path)) => {
+            let bar = args.bar_radius_mm.ok_or_else(|| usage("give --bar-radius-mm"))?;
+            (path, (from_table(path, args)?, bar))
+        }
+        (None, None) => return Err(usage("give --data or --input")),
+    };
+    let request = Request { sigma: args.noise_um.map(mm_from_um), reject_outliers: args.reject_outliers };
+    let found = calibrate(&contacts, bar_radius, &request)
+        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))?;
+    if args.out.target().is_some() {
+        write_model(args, path, &found)?;
+    }
+    if args.out.takes_stdout() {
+        return Ok(());
+    }
+    if args.json {
+        case::print_json(&as_json(&found));
+    } else {
+        print(&found, args, contacts.len());
+    }
+    Ok(())
+}
+
+fn usage(what: &str) -> Failure {
+    Failure::new(EX_USAGE, format_args!("error: {what}"))
+}
+
+fn from_case(path: &Path, id: Option<&str>) -> Result<(Vec<Contact>, f64), Failure> {
+    let bad = |what: &dyn core::fmt::Display| {
+        Failure::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()))
+    };
+    let mut value: Value = case::read(path)?;
+    if let Some(Value::Array(cases)) = value.get_mut("cases").map(Value::take) {
+        let names: Vec<String> =
+            cases.iter().map(|c| c["id"].as_str().unwrap_or_default().to_owned()).collect();
+        let wanted = id.ok_or_else(|| {
+            bad(&format_args!("a file of cases; choose one with --case: {}", names.join(", ")))
+        })?;
+        value = cases
+            .into_iter()
+            .find(|c| c["id"] == wanted)
+            .ok_or_else(|| bad(&format_args!("no case {wanted}; there are {}", names.join(", "))))?;
+    }
+    let case: Case = serde_json::from_value(value).map_err(|e| bad(&e))?;
+    if case.y.len() != case.b_deg.len() {
+        return Err(bad(&format_args!("{} values of Y but {} of B_deg", case.y.len(), case.b_deg.len())));
+    }
+    let arm = Arm { length: case.arm, zero: rad_from_deg(case.arm_zero_deg) };
+    let contacts = case.y.iter().zip(&case.b_deg).map(|(y, b)| arm.contact(*y, rad_from_deg(*b))).collect();
+    Ok((contacts, case.bar_radius))
+}
+
+fn from_table(path: &Path, args: &Args) -> Result<Vec<Contact>, Failure> {
+    let mut table = table::open(path)?;
+    let y = table.require("y_mm")?;
+    let height = table.find("z_mm");
+    let known = ["y_mm", "z_mm", "b_deg"];
+    if let Some(i) = table.columns().iter().position(|c| !known.contains(&c.as_str())) {
+        return Err(table.fail(i, format_args!("unknown column; columns are {}", known.join(", "))));
+    }
+    let arm = match (args.arm_mm, args.arm_zero_deg) {
+        (Some(length), Some(zero)) => Some(Arm { length, zero: rad_from_deg(zero) }),
+        _ => None,
+    };
+    let mut contacts = Vec::new();
+    match (height, arm) {
+        (Some(z), None) => {
+            while table.advance()? {
+                contacts.push(Contact { y: table.number(y)?, z: table.number(z)? });
+            }
+        }
+        (None, Some(arm)) => {
+            let b = table.require("b_deg")?;
+            while table.advance()? {
+                contacts.push(arm.contact(table.number(y)?, rad_from_deg(table.number(b)?)));
+            }
+        }
+        (Some(_), Some(_)) => {
+            return Err(usage("--arm-mm goes with a column b_deg; the file has heights (z_mm)"));
+        }
+        (None, None) => {
+            return Err(usage("give --arm-mm and --arm-zero-deg for the column b_deg, or a column z_mm"));
+        }
+    }
+    Ok(contacts)
+}
+
+/// The keys of the vectors, and more. mm and rad.
+fn as_json(found: &Calibration) -> Value {
+    let circle = |c: &crate::identify::probe::Circle| json!({"Y0": c.y0, "Z0": c.z0, "R_c": c.radius});
+    let covariance = found.covariance().map(|c| {
+        let row = |i: usize| [c[(i, 0)], c[(i, 1)], c[(i, 2)]];
+        [row(0), row(1), row(2)]
+    });
+    let notes: Vec<String> = found.notes.iter().map(|n| note(n, found)).collect();
+    json!({
+        "kasa": circle(&found.kasa),
+        "geometric": circle(&found.geometric),
+        "r_c_geometric": found.probe_radius,
+        "r_c_kasa": found.probe_radius_kasa,
+        "rms_radial": found.rms_radial,
+        "cond_raw_normal_matrix": found.condition_raw_normal,
+        "sigma": found.sigma,
+        "covariance": covariance,
+        "r_c_std": covariance.map(|c| c[2][2].sqrt()),
+        "arc": found.arc,
+        "p_value": found.test.map(|t| t.p_value),
+        "outliers": found.outliers.iter().map(|i| i + 1).collect::<Vec<_>>(),
+        "notes": notes,
+    })
+}
+
+fn note(note: &Note, found: &Calibration) -> String {
+    match note {
+        Note::OneSided { arc, amplification } => {
+            let error = found.covariance().map_or_else(String::new, |c| {
+                format!(" ({:.1} um at 95 %)", found.coverage_95() * um_from_mm(c[(2, 2)].sqrt()))
+            });
+            format!(
+                "the contacts cover {:.0} deg of the bar only: the radius is {amplification:.0} times as uncertain as from contacts all around{error}; touch it from both sides",
+                arc.to_degrees()
+            )
+        }
+        Note::MoreThanNoise { p_value } => format!(
+            "the distances from the circle are larger than the stated noise explains (probability {p_value:.1e}): is the bar round, the arm's length right?"
+        ),
+    }
+}
+
+fn print(found: &Calibration, args: &Args, contacts: usize) {
+    let std = found.covariance().map(|c| [0, 1, 2].map(|i| um_from_mm(c[(i, i)].sqrt())));
+    let width = found.coverage_95();
+    let row = |name: &str, value: f64, kasa: f64, k: usize| {
+        let interval =
+            std.map_or_else(|| "-".to_owned(), |s| format!("{:>8.3} {:>10.3}", s[k], width * s[k]));
+        say!("{name:<28}{value:>14.5}{kasa:>14.5}{interval:>20}");
+    };
+    say!("{contacts} contacts over {:.0} deg of the bar", found.arc.to_degrees());
+    say!("{:<28}{:>14}{:>14}{:>20}", "", "geometric/mm", "algebraic/mm", "std/um     95 %/um");
+    row("effective ball radius r_c", found.probe_radius, found.probe_radius_kasa, 2);
+    row("circle of contact R_c", found.geometric.radius, found.kasa.radius, 2);
+    row("bar's axis Y0", found.geometric.y0, found.kasa.y0, 0);
+    row("bar's axis Z0 (over B axis)", found.geometric.z0, found.kasa.z0, 1);
+    if let Some(nominal) = args.ball_radius_mm {
+        let less = um_from_mm(found.probe_radius - nominal);
+        say!("r_c less the nominal radius of the ball: {less:.2} um");
+    }
+    let sigma = found.sigma.map_or_else(|| "-".to_owned(), |s| format!("{:.3}", um_from_mm(s)));
+    say!("distances from the circle: rms {:.3} um, noise {sigma} um", um_from_mm(found.rms_radial));
+    if let Some(test) = &found.test {
+        say!("fit against the stated noise: chi2 {:.1}, probability {:.3}", test.chi2, test.p_value);
+    }
+    if !found.outliers.is_empty() {
+        let what = if args.reject_outliers { "taken out" } else { "kept; --reject-outliers takes them out" };
+        let list: Vec<String> = found
+            .outliers
+            .iter()
+            .map(|&i| format!("{} ({:+.2} um)", i + 1, um_from_mm(found.residuals[i])))
+            .collect();
+        eprintln!("note: contacts off the circle by more than noise: {} ({what})", list.join(", "));
+    }
+    for n in &found.notes {
+        eprintln!("note: {}", note(n, found));
+    }
+}
+
+/// The bar's place as location errors of the axis that holds it.
+fn write_model(args: &Args, path: &PathBuf, found: &Calibration) -> Result<(), Failure> {
+    let Some([y, z]) = args.nominal_mm else { return Ok(()) };
+    let mut model = args.out.base(|| "[w A' b X Y B t]".to_owned())?;
+    let covariance = found.covariance();
+    for (component, value, k) in
+        [(Component::Y, found.geometric.y0 - y, 0), (Component::Z, found.geometric.z0 - z, 1)]
+    {
+        let std = covariance.map(|c| c[(k, k)].sqrt());
+        let function = ErrorFunction { std, ..ErrorFunction::single(Curve::Constant(value)) };
+        put(&mut model, ErrorSymbol::Location { component, axis: AxisName::A }, function);
+    }
+    if let Some(arm) = args.arm_mm {
+        let arcsec = arcsec_from_rad(mm_from_um(1.0) / arm);
+        eprintln!("note: ez0a holds the zero of B, too: 1 um is {arcsec:.2} arcsec of B on this arm");
+    }
+    args.out.write(&model, &sources(std::slice::from_ref(path)), &path.display().to_string())
 }

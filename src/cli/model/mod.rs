@@ -1,5 +1,6 @@
-//! `model`: what is in a model file, in words, numbers and pictures; and its normal form.
+//! `model`: what is in a model file, in words, numbers and pictures; its normal form; several put together.
 
+mod assemble;
 mod drawing;
 pub(super) mod gauge;
 mod html;
@@ -14,7 +15,7 @@ use std::path::Path;
 use super::{EX_CONFIG, Failure};
 use crate::config::{self, ModelFile};
 
-/// Show what is in a model file, or write its normal form
+/// Show what is in a model file, write its normal form, or put measurements together
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {
     #[command(subcommand)]
@@ -24,6 +25,7 @@ pub(super) struct Args {
 #[derive(Debug, clap::Subcommand)]
 enum Verb {
     Show(show::Args),
+    Assemble(Box<assemble::Args>),
     #[command(alias = "normalize")]
     Normalise(normalise::Args),
 }
@@ -31,6 +33,7 @@ enum Verb {
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     match &args.verb {
         Verb::Show(a) => show::run(a),
+        Verb::Assemble(a) => assemble::run(a),
         Verb::Normalise(a) => normalise::run(a),
     }
 }

@@ -361,6 +361,10 @@ fn origin_words(p: &Provenance) -> String {
     let mut out: Vec<String> = [&p.instrument, &p.date, &p.operator].into_iter().flatten().cloned().collect();
     out.extend(p.temperature_degc.map(|t| format!("{t} degC")));
     out.extend(p.source.as_ref().map(|s| format!("from {s}")));
+    if !p.sources.is_empty() {
+        let files = p.sources.iter().filter_map(|s| s.source.as_deref());
+        out.push(format!("from {}", files.collect::<Vec<_>>().join(" and ")));
+    }
     out.extend(p.expiry.as_ref().map(|e| format!("use until {e}")));
     out.extend(p.note.clone());
     out.join(", ")
@@ -375,6 +379,9 @@ fn provenance_json(p: &Provenance) -> Value {
         "expiry": p.expiry,
         "source": p.source,
         "source_hash": p.source_hash,
+        "sources": p.sources.iter().map(|s| json!({
+            "source": s.source, "source_hash": s.source_hash, "instrument": s.instrument, "date": s.date,
+        })).collect::<Vec<_>>(),
         "note": p.note,
     })
 }

@@ -11,7 +11,7 @@ mod provenance;
 mod write;
 
 use self::keys::{PositionKeys, grid_key};
-pub use provenance::Provenance;
+pub use provenance::{Provenance, SourceEntry};
 pub use write::{kind_of, write, write_file};
 
 use super::diagnostic::{ConfigErrors, Diagnostic};

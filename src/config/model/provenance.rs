@@ -23,8 +23,31 @@ pub struct Provenance {
     pub source: Option<String>,
     /// Hash of these data.
     pub source_hash: Option<String>,
+    /// The measurements that went in, where there were several (assembled models).
+    pub sources: Vec<SourceEntry>,
     /// Anything else.
     pub note: Option<String>,
+}
+
+/// One of several measurements that went into a file or an error.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct SourceEntry {
+    /// The file.
+    pub source: Option<String>,
+    /// Hash of its content.
+    pub source_hash: Option<String>,
+    /// Measuring instrument.
+    pub instrument: Option<String>,
+    /// Day (or instant) of the measurement, as in RFC 3339.
+    pub date: Option<String>,
+}
+
+impl core::fmt::Display for SourceEntry {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        let words = [&self.source, &self.instrument, &self.date, &self.source_hash];
+        let words: Vec<&str> = words.into_iter().flatten().map(String::as_str).collect();
+        write!(f, "{}", words.join(", "))
+    }
 }
 
 impl Provenance {
@@ -49,8 +72,21 @@ pub(super) fn read(section: &Section<'_>) -> Provenance {
         expiry: date(section, "expiry"),
         source: text("source"),
         source_hash: text("source-hash"),
+        sources: section.sections("sources").iter().map(read_source).collect(),
         note: text("note"),
     }
+}
+
+fn read_source(section: &Section<'_>) -> SourceEntry {
+    let text = |key| section.text(key).map(|t| t.value.to_owned());
+    let entry = SourceEntry {
+        source: text("source"),
+        source_hash: text("source-hash"),
+        instrument: text("instrument"),
+        date: date(section, "date"),
+    };
+    section.finish();
+    entry
 }
 
 /// A date, with or without quotes.

@@ -106,6 +106,18 @@ fn provenance_survives_writing() {
         instrument: Some("laser \"A\"\n#2".into()),
         date: Some("2026-01-31".into()),
         temperature_degc: Some(20.25),
+        sources: vec![
+            SourceEntry {
+                source: Some("a.csv".into()),
+                source_hash: Some("blake3:01".into()),
+                ..Default::default()
+            },
+            SourceEntry {
+                instrument: Some("level".into()),
+                date: Some("2026-02-01".into()),
+                ..Default::default()
+            },
+        ],
         ..Provenance::default()
     };
     let symbol = ErrorSymbol::parse("eay").unwrap();

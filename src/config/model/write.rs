@@ -226,7 +226,17 @@ fn write_curve(out: &mut String, curve: &Curve, at: &PositionKeys, of: &ValueKey
 }
 
 fn write_provenance(out: &mut String, p: &Provenance) {
-    let Provenance { instrument, date, operator, temperature_degc, expiry, source, source_hash, note } = p;
+    let Provenance {
+        instrument,
+        date,
+        operator,
+        temperature_degc,
+        expiry,
+        source,
+        source_hash,
+        sources,
+        note,
+    } = p;
     for (key, text) in [
         ("instrument", instrument),
         ("date", date),
@@ -243,6 +253,22 @@ fn write_provenance(out: &mut String, p: &Provenance) {
     if let Some(t) = temperature_degc {
         line_of(out, format_args!("temperature-degc = {}", plain(*t)));
     }
+    if sources.is_empty() {
+        return;
+    }
+    line_of(out, format_args!("sources = ["));
+    for s in sources {
+        let pairs = [
+            ("source", &s.source),
+            ("source-hash", &s.source_hash),
+            ("instrument", &s.instrument),
+            ("date", &s.date),
+        ];
+        let written =
+            pairs.iter().filter_map(|(key, text)| Some(format!("{key} = {}", quoted(text.as_ref()?))));
+        line_of(out, format_args!("    {{ {} }},", written.collect::<Vec<_>>().join(", ")));
+    }
+    line_of(out, format_args!("]"));
 }
 
 /// A basic string of TOML.

@@ -20,6 +20,9 @@ use crate::core::units::{MonoTime, RAD_PER_DEG};
 /// The most control time that one output may use, in cycles: a late frame must not become a long step.
 const STEP_CYCLES_MAX: f64 = 2.0;
 
+/// So many cycles without a frame, and the control may have acted on its own.
+const GAP_CYCLES: u32 = 2;
+
 /// Turns positions into bounded corrections.
 #[derive(Debug, Clone)]
 pub struct Compensator {
@@ -49,6 +52,8 @@ pub struct Compensator {
     /// How long the present hold has lasted, s.
     held_s: f64,
     last_sequence: u32,
+    /// Control cycles from the frame before to this one.
+    gap_cycles: u32,
     next_deadline: Option<MonoTime>,
     event: Option<Event>,
 }
@@ -96,6 +101,7 @@ impl Compensator {
             immobile: false,
             held_s: 0.0,
             last_sequence: 0,
+            gap_cycles: 0,
             next_deadline: None,
             event: None,
         })
@@ -169,6 +175,7 @@ impl Compensator {
             // old or repeated: says nothing new, and does not count as a sign of life
             return Some(self.move_on(&Plan { target: self.stay(), dt: 0.0 }));
         }
+        self.gap_cycles = frame.sequence.wrapping_sub(self.last_sequence);
         self.last_sequence = frame.sequence;
         self.next_deadline = Some(now.plus_seconds(self.config.stale_s));
         // the clock of a bad frame is not to be trusted
@@ -299,13 +306,15 @@ impl Compensator {
         let immobile = frame.state.has(MachineState::ESTOP) || !frame.state.has(MachineState::ENABLED);
         let was_immobile = core::mem::replace(&mut self.immobile, immobile);
         let took_over = frame.state.has(MachineState::OFFSET_RAMPING_OUT);
-        let thawed = self.frozen && frame.state.is_ready() && !self.read_back.knows(&applied, self.axes);
-        if self.synchronised && !took_over && !thawed && !immobile && !was_immobile {
+        // after a gap the control may have acted on its own and be done with it
+        let unseen = self.frozen || self.gap_cycles > GAP_CYCLES || !self.intake.is_settled();
+        let moved = unseen && frame.state.is_ready() && !self.read_back.knows(&applied, self.axes);
+        if self.synchronised && !took_over && !moved && !immobile && !was_immobile {
             return;
         }
         self.start_at(&applied);
         self.read_back.restart();
-        if took_over && self.is_moving() {
+        if (took_over || moved) && self.is_moving() {
             self.intake.unsettle();
             self.plan(State::Holding, Reason::ControlTookOver);
         }

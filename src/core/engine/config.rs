@@ -141,7 +141,7 @@ impl EngineConfig {
             return Err(EngineError::Range { what: "lag", must: "from 0 to 32 cycles", value: cycles });
         }
         for [low, high] in &self.soft_limits {
-            if !(low < high) {
+            if low.is_nan() || high.is_nan() || low >= high {
                 return Err(EngineError::Range {
                     what: "lower soft limit",
                     must: "below the upper one",

@@ -11,6 +11,8 @@ pub(super) const GOOD_FRAMES: u32 = 10;
 /// The most cycles that one frame may stand for; more than that is a jump of the clock.
 const CYCLES_LOST_MAX: f64 = 1000.0;
 
+/// So many frames out of order that follow each other are the right ones.
+const STRAYS: u32 = 5;
 /// Path at the feed told, in mm, after which positions that do not change at all are frozen. Coarse enough for
 /// controls that round positions to a micrometre.
 const FROZEN_MM: f64 = 0.05;
@@ -30,6 +32,8 @@ pub(super) struct Intake {
     good: u32,
     /// Wire units per second between the last two good frames.
     speed: AxisArray,
+    /// The last frame that was out of order: number, time, and how many before it followed each other.
+    stray: Option<(u32, i64, u32)>,
     /// Path that the feed says was travelled while no axis moved, mm.
     unmoved_mm: f64,
 }
@@ -60,6 +64,7 @@ impl Intake {
             turning_point: [0.0; MAX_AXES],
             good: 0,
             speed: [0.0; MAX_AXES],
+            stray: None,
             unmoved_mm: 0.0,
         }
     }
@@ -123,15 +128,26 @@ impl Intake {
                 self.speed = [0.0; MAX_AXES];
             }
         }
-        // an old or repeated frame is no new reference
-        if verdict != Err(Reason::Sequence) {
+        // an old or repeated frame is no new reference, but several in good order among themselves are
+        if verdict != Err(Reason::Sequence) || self.is_new_count(frame) {
             self.remember(frame, position);
             self.follow(position);
         }
         verdict
     }
 
+    /// True for the last of [`STRAYS`] frames out of order that follow each other: the one before them was the stray.
+    fn is_new_count(&mut self, frame: &Position) -> bool {
+        let follows = self.stray.is_some_and(|(sequence, ns, _)| {
+            frame.sequence.wrapping_sub(sequence) == 1 && frame.control_ns > ns
+        });
+        let count = if follows { self.stray.map_or(1, |(_, _, count)| count + 1) } else { 1 };
+        self.stray = (count < STRAYS).then_some((frame.sequence, frame.control_ns, count));
+        count >= STRAYS
+    }
+
     fn remember(&mut self, frame: &Position, position: &AxisArray) {
+        self.stray = None;
         self.last =
             Some(Last { sequence: frame.sequence, control_ns: frame.control_ns, position: *position });
     }

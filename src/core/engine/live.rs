@@ -41,12 +41,12 @@ impl LiveInputs {
         let change = dt / self.fade_s;
         self.fading = false;
         let mut out = [0.0; SENSORS_MAX];
-        for k in 0..self.channels {
+        for (k, out) in out.iter_mut().enumerate().take(self.channels) {
             let fresh = self.told[k].is_some_and(|at| now.seconds_since(at) <= self.max_age_s);
             let wanted = if fresh { 1.0 } else { 0.0 };
             self.shares[k] += (wanted - self.shares[k]).clamp(-change, change);
             self.fading |= !fresh && self.shares[k] > 0.0;
-            out[k] = self.shares[k] * self.values[k];
+            *out = self.shares[k] * self.values[k];
         }
         out
     }

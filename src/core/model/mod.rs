@@ -2,14 +2,16 @@
 //!
 //! Conventions, signs and formulas: `docs/conventions.md`. Reading order: [`symbol`], [`curve`], [`chain`],
 //! [`spec`] (what a model is made of), [`volumetric`] (first order), [`exact`] (full rotations), [`correction`],
-//! [`gauge`] (the normal form).
+//! [`gauge`] (the normal form), [`search`] (the largest values in a volume), [`compare`] (two models).
 
 mod bank;
 pub mod chain;
+pub mod compare;
 pub mod correction;
 pub mod curve;
 pub mod exact;
 pub mod gauge;
+pub mod search;
 pub mod spec;
 pub mod symbol;
 pub mod volumetric;

@@ -2,12 +2,14 @@
 //!
 //! `rmse_n = sqrt(SSE/n)`, `rmse_dof = sqrt(SSE/(n - m))`, `AICc = n ln(SSE/n) + 2k + 2k(k+1)/(n-k-1)`, `k = m + 1`.
 
+use super::data::{Cell, Data};
+
 /// Figures of a fit, in mm or rad and their squares.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Figures {
     /// Readings.
     pub n: usize,
-    /// Fitted numbers, a fitted period among them.
+    /// Fitted numbers, fitted periods and the reversal among them.
     pub m: usize,
     /// Sum of squared residuals.
     pub sse: f64,
@@ -26,37 +28,65 @@ pub struct Figures {
     /// The same with all readings of a position left out together, first and last position kept: no curve is
     /// used beyond its range. Decides between orders; `None` where undefined.
     pub position_rmse: Option<f64>,
+    /// Scatter of the readings about the mean of their own target and direction: what no static curve can remove.
+    /// `None` where no target was repeated.
+    pub repeatability: Option<f64>,
+}
+
+/// Sums over the readings of one fit.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Sums {
+    pub(super) sse: f64,
+    pub(super) e_max: f64,
+    /// Squares of left-out errors, reading by reading.
+    pub(super) loo: f64,
+    /// Squares of left-out errors, position by position, over `inner` readings.
+    pub(super) position: f64,
+    pub(super) inner: f64,
+}
+
+impl Sums {
+    /// A cell with its fitted value and the leverage of each of its readings.
+    pub(super) fn add(&mut self, cell: &Cell, fitted: f64, leverage: f64) {
+        let squares = cell.within + cell.count * (cell.mean - fitted).powi(2);
+        self.sse += squares;
+        self.loo += squares / (1.0 - leverage).max(0.0).powi(2);
+        self.e_max = self.e_max.max(cell.farthest(fitted));
+    }
+
+    /// A cell whose mean is missed by `error` when its position is left out.
+    pub(super) fn left_out(&mut self, cell: &Cell, error: f64) {
+        self.position += cell.within + cell.count * error * error;
+        self.inner += cell.count;
+    }
 }
 
 /// Residuals below this share of the largest value are rounding.
 const ROUNDING: f64 = 64.0 * f64::EPSILON;
 
 impl Figures {
-    pub(super) fn new(values: &[f64], residuals: &[f64], m: usize) -> Self {
-        let n = values.len();
-        let sse: f64 = residuals.iter().map(|r| r * r).sum();
-        let mean = values.iter().sum::<f64>() / n as f64;
-        let spread: f64 = values.iter().map(|v| (v - mean).powi(2)).sum();
-        let scale = values.iter().fold(0.0f64, |a, v| a.max(v.abs()));
-        let rmse_n = (sse / n as f64).sqrt();
+    pub(super) fn new(data: &Data, sums: &Sums, m: usize) -> Self {
+        let n = data.n;
+        let rmse_n = (sums.sse / n as f64).sqrt();
         Self {
             n,
             m,
-            sse,
+            sse: sums.sse,
             rmse_n,
-            rmse_dof: (n > m).then(|| (sse / (n - m) as f64).sqrt()),
-            r2: (spread > 0.0).then(|| 1.0 - sse / spread),
-            e_max: residuals.iter().fold(0.0, |a: f64, r| a.max(r.abs())),
-            aicc: if rmse_n > ROUNDING * scale { aicc(sse, n, m) } else { None },
-            loo_rmse: None,
-            position_rmse: None,
+            rmse_dof: (n > m).then(|| (sums.sse / (n - m) as f64).sqrt()),
+            r2: (data.spread > 0.0).then(|| 1.0 - sums.sse / data.spread),
+            e_max: sums.e_max,
+            aicc: if rmse_n > ROUNDING * data.scale { aicc(sums.sse, n, m) } else { None },
+            loo_rmse: root_mean(sums.loo, n as f64),
+            position_rmse: root_mean(sums.position, sums.inner),
+            repeatability: data.repeatability(),
         }
     }
 
     /// True where nothing but rounding is left.
     #[must_use]
-    pub(super) fn is_exact(&self, values: impl Iterator<Item = f64>) -> bool {
-        self.rmse_n <= ROUNDING * values.fold(0.0f64, |a, v| a.max(v.abs()))
+    pub(super) fn is_exact(&self, data: &Data) -> bool {
+        self.rmse_n <= ROUNDING * data.scale
     }
 
     /// AICc with the squares in another unit: `scale` = units per mm or per rad.
@@ -73,13 +103,7 @@ fn aicc(sse: f64, n: usize, m: usize) -> Option<f64> {
     Some(n * (sse / n).ln() + 2.0 * k + 2.0 * k * (k + 1.0) / rest as f64)
 }
 
-/// RMS of an iterator of residuals; `None` where one is not finite.
-pub(super) fn rms(residuals: impl Iterator<Item = f64>) -> Option<f64> {
-    let (mut sum, mut n) = (0.0, 0usize);
-    for r in residuals {
-        sum += r * r;
-        n += 1;
-    }
-    let rms = (sum / n as f64).sqrt();
+fn root_mean(sum: f64, n: f64) -> Option<f64> {
+    let rms = (sum / n).sqrt();
     rms.is_finite().then_some(rms)
 }

@@ -1,29 +1,46 @@
 //! Readings of one error motion to the curve that describes it: least squares in well-conditioned bases.
 //!
 //! Bases, over `[x0, x0 + T]`, `u = (x - x0)/T`, `s = 2u - 1`:
-//! half-range `1, s, sin(k pi u)`; Chebyshev `T_k(s)`; Fourier `1, [s], cos, sin(2 pi k (x - x0)/P)`;
-//! table: the mean at every target.
+//! half-range `1, s, sin(k pi u)`; Chebyshev `T_k(s)`; Fourier `1, [s], cos, sin(2 pi k (x - x0)/P)` of one or
+//! several periods; table: the mean at every target, smoothed where wanted. Where both directions were measured, half
+//! of the reversal is a Chebyshev polynomial of its own, added towards plus and taken off towards minus.
 //!
 //! Assumptions: errors of the readings are independent and of equal size. Where they are not (drift from
 //! cycle to cycle), AICc finds too much; therefore a simpler curve wins where leaving out whole positions says so.
 //!
-//! Source: equations 5.9; figures as in contract section 5. Reading order: this file, `basis`, `solve`,
-//! `figures`, `select` (orders and periods), `support` (tables).
+//! Source: equations 5.9; figures as in contract section 5. Reading order: this file, `data`, `basis`, `solve`,
+//! `figures`, `select` (orders and reversal), `periods`, `support` and `smooth` (tables), `band`, `robust`;
+//! `sampling` (what targets cannot show) and `monomial` (polynomials as others write them) stand beside.
 
+mod band;
 mod basis;
+mod data;
+mod error;
 mod figures;
+pub mod monomial;
+mod periods;
+mod robust;
+mod sampling;
 mod select;
+mod smooth;
 mod solve;
+mod student;
 mod support;
 
+pub use band::Band;
+pub use error::FitError;
 pub use figures::Figures;
-pub use select::{highest_order, period_range};
+pub use periods::period_range;
+pub use robust::Outlier;
+pub use sampling::{COMMON_PITCHES, Hidden, hidden};
+pub use select::highest_order;
 
 use crate::core::axes::Travel;
 use crate::core::model::Curve;
-use crate::core::model::curve::{CurveError, Interpolation};
+use crate::core::model::curve::{ErrorFunction, Interpolation};
 
-use super::reading::{Reading, group_by_position};
+use super::reading::Reading;
+use data::Data;
 
 /// A family of curves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -36,23 +53,6 @@ pub enum Basis {
     Fourier,
     /// Support points at the targets.
     Table,
-}
-
-impl FitError {
-    /// The same with positions and periods in degrees, for the message about a rotary axis.
-    #[must_use]
-    pub fn in_degrees(self) -> Self {
-        match self {
-            Self::DirectionMissing { position, travel } => {
-                Self::DirectionMissing { position: position.to_degrees(), travel }
-            }
-            Self::PeriodNotPositive { value } => Self::PeriodNotPositive { value: value.to_degrees() },
-            Self::PeriodSearchEmpty { low, high, order } => {
-                Self::PeriodSearchEmpty { low: low.to_degrees(), high: high.to_degrees(), order }
-            }
-            other => other,
-        }
-    }
 }
 
 impl Basis {
@@ -71,7 +71,7 @@ impl Basis {
 /// The period of a Fourier series.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub enum Period {
-    /// Fitted, anywhere the data can show it.
+    /// Fitted, anywhere the data can show it; a whole turn where a rotary axis was measured over one.
     #[default]
     Auto,
     /// Fitted, inside these limits.
@@ -80,8 +80,30 @@ pub enum Period {
     Given(f64),
 }
 
-/// What to fit; `None` leaves the choice to the data.
+/// What happens to the difference between the directions of travel.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Reversal {
+    /// It is kept where the readings show it.
+    #[default]
+    Auto,
+    /// The curve holds the mean of both directions.
+    Mean,
+}
+
+/// Smoothing of a table.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Smoothing {
+    /// The mean of the readings at every target.
+    #[default]
+    None,
+    /// As much as generalised cross-validation asks for.
+    Auto,
+    /// This much: `alpha` of `SUM n_i (mean_i - g_i)^2 + alpha INT g''^2`.
+    Given(f64),
+}
+
+/// What to fit; `None` leaves the choice to the data.
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Request {
     /// Family of curves.
     pub basis: Option<Basis>,
@@ -89,12 +111,26 @@ pub struct Request {
     pub order: Option<usize>,
     /// Period of a Fourier series.
     pub period: Period,
+    /// Further periods of it, each with as many harmonics.
+    pub further_periods: Vec<Period>,
     /// Whether a Fourier series has a linear part.
     pub linear: Option<bool>,
     /// Penalty `lambda SUM k^4 c_k^2` on the terms of order k; `None` fits without.
     pub ridge: Option<f64>,
+    /// Penalties `SUM p_j c_j^2` coefficient by coefficient, instead of a ridge; with an order only.
+    pub penalties: Option<Vec<f64>>,
+    /// Range of the basis instead of first to last position.
+    pub range: Option<[f64; 2]>,
     /// Interpolation of a table.
     pub interpolation: Interpolation,
+    /// Smoothing of a table.
+    pub smoothing: Smoothing,
+    /// The difference between the directions.
+    pub reversal: Reversal,
+    /// Outliers are found, named and left out.
+    pub robust: bool,
+    /// The full turn of a rotary axis, rad: readings over all of it give a curve that closes.
+    pub turn: Option<f64>,
 }
 
 /// Something the user should know about a fit that was made.
@@ -107,6 +143,11 @@ pub enum Note {
     },
     /// Both directions were measured, and this curve holds their mean only.
     ReversalLeftOut {
+        /// Mean difference forward minus reverse.
+        mean: f64,
+    },
+    /// Both directions were measured, and the curve tells them apart.
+    ReversalKept {
         /// Mean difference forward minus reverse.
         mean: f64,
     },
@@ -124,6 +165,18 @@ pub enum Note {
         /// The order taken.
         to: usize,
     },
+    /// A whole turn was measured, and this basis does not come back to where it began.
+    TurnLeftOpen {
+        /// Difference of the curve between its ends.
+        step: f64,
+    },
+}
+
+/// The difference between the directions of travel.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ReversalFit {
+    /// Half of forward minus reverse as Chebyshev polynomials over the range.
+    pub coefficients: Vec<f64>,
 }
 
 /// A fitted curve.
@@ -133,109 +186,69 @@ pub struct CurveFit {
     pub basis: Basis,
     /// Half waves, degree or harmonics; `None` for a table.
     pub order: Option<usize>,
-    /// Period of a Fourier series.
+    /// Period of a Fourier series; of several the first that was fitted.
     pub period: Option<f64>,
-    /// True where the period came from the data.
+    /// All its periods: given ones, then fitted ones, longest first.
+    pub periods: Vec<f64>,
+    /// True where a period came from the data.
     pub period_fitted: bool,
     /// Half-range: mean, linear, sines. Chebyshev: `T_0` and up. Fourier: mean, linear where present, then
-    /// cosine and sine of each harmonic. Table: forward values, then reverse values where present.
+    /// cosine and sine of each harmonic of each period. Table: forward values, then reverse values where present.
     pub coefficients: Vec<f64>,
-    /// The curve.
+    /// The difference between the directions, where a smooth curve holds it.
+    pub reversal: Option<ReversalFit>,
+    /// The curve without [`more`](Self::more).
     pub curve: Curve,
+    /// What adds to it: further periods, the reversal.
+    pub more: Vec<Curve>,
     /// How well it fits.
     pub figures: Figures,
+    /// How well the curve is known; `None` without degrees of freedom.
+    pub band: Option<Band>,
+    /// Strength of smoothing of a table, where smoothed.
+    pub smoothing: Option<f64>,
+    /// Readings left out.
+    pub outliers: Vec<Outlier>,
     /// Condition number of the basis on these positions (1 for a table).
     pub condition: f64,
     /// What the user should know.
     pub notes: Vec<Note>,
 }
 
-/// Why no curve could be fitted.
-#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum FitError {
-    /// Nothing to fit a curve through.
-    #[error("{found} distinct positions; a curve needs at least {needed}")]
-    TooFewPositions {
-        /// Positions found.
-        found: usize,
-        /// Positions needed.
-        needed: usize,
-    },
-    /// A reading that is no number.
-    #[error("reading {row} is not finite")]
-    NotFinite {
-        /// 1-based reading.
-        row: usize,
-    },
-    /// More terms than the positions can carry.
-    #[error(
-        "order {order} of the {} basis exceeds the limit of {limit} for {positions} positions (2 sqrt(n), the model's limit, and as many positions as terms); take a lower order or measure more positions",
-        basis.name()
-    )]
-    OrderTooHigh {
-        /// Family of curves.
-        basis: Basis,
-        /// Order asked for.
-        order: usize,
-        /// Highest order allowed.
-        limit: usize,
-        /// Distinct positions.
-        positions: usize,
-    },
-    /// A Fourier series without harmonics is a straight line.
-    #[error("a fourier series needs order 1 or more, found 0; take --basis chebyshev --order 1 for a line")]
-    NoHarmonic,
-    /// A period that is no period.
-    #[error("period {value} is not above 0")]
-    PeriodNotPositive {
-        /// The value.
-        value: f64,
-    },
-    /// No period can be seen in these data.
-    #[error(
-        "period search from {low} to {high} is empty: {order} harmonics need two positions per wave; take a lower order or measure closer"
-    )]
-    PeriodSearchEmpty {
-        /// Shortest period.
-        low: f64,
-        /// Longest period.
-        high: f64,
-        /// Harmonics.
-        order: usize,
-    },
-    /// The positions do not tell the terms apart.
-    #[error("these positions do not tell the terms of the {} basis of order {order} apart (condition {condition:.1e}, limit {limit:.0e}); take a lower order, another period or basis, or a ridge", basis.name(), limit = solve::CONDITION_LIMIT)]
-    Degenerate {
-        /// Family of curves.
-        basis: Basis,
-        /// Order.
-        order: usize,
-        /// Condition number.
-        condition: f64,
-    },
-    /// A ridge must not be negative.
-    #[error("ridge {value} is not a number from 0 up")]
-    BadRidge {
-        /// The value.
-        value: f64,
-    },
-    /// A table with two directions needs both at every target.
-    #[error("position {position} was not approached in the {} direction; a table with reversal needs every target from both sides (select the cycles or one direction)", direction_name(*travel))]
-    DirectionMissing {
-        /// The position, mm or rad.
-        position: f64,
-        /// The direction without a reading.
-        travel: Travel,
-    },
-    /// The curve cannot be built.
-    #[error(transparent)]
-    Curve(#[from] CurveError),
-}
+impl CurveFit {
+    /// A fit with everything else absent; `curves` is not empty.
+    fn new(basis: Basis, coefficients: Vec<f64>, curves: Vec<Curve>, figures: Figures) -> Self {
+        let mut curves = curves.into_iter();
+        Self {
+            basis,
+            order: None,
+            period: None,
+            periods: Vec::new(),
+            period_fitted: false,
+            coefficients,
+            reversal: None,
+            curve: curves.next().unwrap_or(Curve::Constant(0.0)),
+            more: curves.collect(),
+            figures,
+            band: None,
+            smoothing: None,
+            outliers: Vec::new(),
+            condition: 1.0,
+            notes: Vec::new(),
+        }
+    }
 
-const fn direction_name(travel: Travel) -> &'static str {
-    match travel {
-        Travel::Forward => "positive",
-        Travel::Reverse => "negative",
+    /// The value at `position`, travelling in direction `travel`.
+    #[must_use]
+    pub fn value(&self, position: f64, travel: Travel) -> f64 {
+        self.curve.value(position, travel) + self.more.iter().map(|c| c.value(position, travel)).sum::<f64>()
+    }
+
+    /// The error function of a model, with the residual standard deviation as its uncertainty.
+    #[must_use]
+    pub fn function(&self) -> ErrorFunction {
+        let curves = core::iter::once(&self.curve).chain(&self.more).cloned().collect();
+        ErrorFunction { curves, std: self.figures.rmse_dof, ..ErrorFunction::default() }
     }
 }
 
@@ -245,61 +258,11 @@ const CONDITION_NOTE: f64 = 1e4;
 /// Share of the RMS residual above which a reversal that is left out is reported.
 const REVERSAL_NOTE: f64 = 0.5;
 
-/// Readings made ready for fitting.
-struct Data<'a> {
-    readings: &'a [Reading],
-    /// Distinct positions, increasing.
-    positions: Vec<f64>,
-    /// For each reading the index of its position.
-    group: Vec<usize>,
-}
-
-impl<'a> Data<'a> {
-    fn new(readings: &'a [Reading]) -> Result<Self, FitError> {
-        if let Some(i) = readings.iter().position(|r| !(r.position.is_finite() && r.value.is_finite())) {
-            return Err(FitError::NotFinite { row: i + 1 });
-        }
-        let (positions, group) = group_by_position(readings);
-        if positions.len() < 2 {
-            return Err(FitError::TooFewPositions { found: positions.len(), needed: 2 });
-        }
-        Ok(Self { readings, positions, group })
-    }
-
-    fn range(&self) -> [f64; 2] {
-        [self.positions[0], self.positions[self.positions.len() - 1]]
-    }
-
-    fn values(&self) -> impl Iterator<Item = f64> + '_ {
-        self.readings.iter().map(|r| r.value)
-    }
-
-    /// True for every position but the first and the last.
-    fn is_inner(&self, group: usize) -> bool {
-        group > 0 && group + 1 < self.positions.len()
-    }
-
-    fn both_directions(&self) -> bool {
-        self.readings.iter().any(|r| r.travel == Travel::Forward)
-            && self.readings.iter().any(|r| r.travel == Travel::Reverse)
-    }
-
-    /// Mean of forward minus reverse over the positions that have both.
-    fn mean_reversal(&self) -> Option<f64> {
-        if !self.both_directions() {
-            return None;
-        }
-        let [forward, reverse] = [Travel::Forward, Travel::Reverse].map(|t| support::means(self, t));
-        let pairs: Vec<f64> =
-            forward.iter().zip(&reverse).filter_map(|(f, r)| Some(f.as_ref()? - r.as_ref()?)).collect();
-        (!pairs.is_empty()).then(|| pairs.iter().sum::<f64>() / pairs.len() as f64)
-    }
-}
-
 /// Fits a curve to the readings of one error motion.
 ///
 /// # Errors
-/// Too few positions for what was asked, numbers that are not finite, terms that the positions cannot tell apart.
+/// Too few positions for what was asked, numbers that are not finite, terms that the positions cannot tell apart,
+/// more outliers than a quarter.
 ///
 /// # Source  equations 5.9
 pub fn fit(readings: &[Reading], request: &Request) -> Result<CurveFit, FitError> {
@@ -308,20 +271,50 @@ pub fn fit(readings: &[Reading], request: &Request) -> Result<CurveFit, FitError
     {
         return Err(FitError::BadRidge { value });
     }
-    let data = Data::new(readings)?;
+    if let Some(bad) = request.penalties.iter().flatten().find(|p| !(p.is_finite() && **p >= 0.0)) {
+        return Err(FitError::BadRidge { value: *bad });
+    }
+    if let Some([low, high]) = request.range
+        && !(low.is_finite() && high.is_finite() && low < high)
+    {
+        return Err(FitError::EmptyRange { low, high });
+    }
+    if request.robust {
+        robust::fit(readings, request, all_readings)
+    } else {
+        all_readings(readings, request)
+    }
+}
+
+fn all_readings(readings: &[Reading], request: &Request) -> Result<CurveFit, FitError> {
+    // polynomials and half waves cannot close: they keep the ends that were measured
+    let closes = !matches!(request.basis, Some(Basis::HalfRange | Basis::Chebyshev));
+    let data = Data { given_range: request.range, ..Data::new(readings, request.turn.filter(|_| closes))? };
     let mut fit = match request.basis {
-        Some(Basis::Table) => support::fit(&data, request.interpolation)?,
+        Some(Basis::Table) if request.reversal == Reversal::Mean => {
+            support::fit(&data.one_direction(), request.interpolation, request.smoothing)?
+        }
+        Some(Basis::Table) => support::fit(&data, request.interpolation, request.smoothing)?,
         Some(basis) => select::best_of_basis(&data, basis, request)?,
         None => select::best_of_all(&data, request)?,
     };
     if fit.condition > CONDITION_NOTE {
         fit.notes.push(Note::IllConditioned { condition: fit.condition });
     }
-    if fit.basis != Basis::Table
-        && let Some(mean) = data.mean_reversal()
-        && mean.abs() > REVERSAL_NOTE * fit.figures.rmse_n
+    if let Some(mean) = data.mean_reversal() {
+        if fit.reversal.is_some() {
+            fit.notes.push(Note::ReversalKept { mean });
+        } else if mean.abs() > REVERSAL_NOTE * fit.figures.rmse_n && !select::holds_reversal(&fit) {
+            fit.notes.push(Note::ReversalLeftOut { mean });
+        }
+    }
+    if !closes
+        && let Some(turn) = request.turn
+        && Data::new(readings, Some(turn))?.turn.is_some()
     {
-        fit.notes.push(Note::ReversalLeftOut { mean });
+        let [low, high] = data.range();
+        let step = fit.value(high, Travel::Forward) - fit.value(low, Travel::Forward);
+        fit.notes.push(Note::TurnLeftOpen { step });
     }
     Ok(fit)
 }

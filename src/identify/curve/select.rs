@@ -1,12 +1,15 @@
-//! Which order, which period, which basis: AICc proposes, leaving out whole positions checks.
-
-use nalgebra::DVector;
+//! Which order, which period, which basis, which reversal: AICc proposes, leaving out whole positions checks.
 
 use super::basis::Shape;
-use super::figures::{Figures, rms};
-use super::solve::{Solution, solve, sum_of_squares};
-use super::{Basis, CurveFit, Data, FitError, Note, Period, Request, support};
-use crate::core::model::curve::MAX_TERMS;
+use super::data::Data;
+use super::figures::Figures;
+use super::solve::{CONDITION_LIMIT, Design, Factor};
+use super::{
+    Band, Basis, CurveFit, FitError, Note, Period, Request, Reversal, ReversalFit, periods, support,
+};
+use crate::core::axes::Travel;
+use crate::core::model::Curve;
+use crate::core::model::curve::{Chebyshev, Interpolation, MAX_TERMS, Table};
 
 /// A richer family must lower AICc by more than this.
 const AICC_STEP: f64 = 4.0;
@@ -18,15 +21,14 @@ const TARGET_MARGIN: f64 = 0.25;
 const AUTO_ORDER_LIMIT: usize = 24;
 /// Highest number of harmonics that is tried unasked together with a fitted period.
 const AUTO_HARMONICS_LIMIT: usize = 8;
-/// Positions are averaged down to about this number while the grid of periods is searched.
-const SEARCH_POSITIONS: usize = 256;
-/// Positions per wave of the highest harmonic; at 2 its sine vanishes at every position.
-const POSITIONS_PER_WAVE: f64 = 2.2;
-/// Periods with more spread than this between the pivots of the least-squares problem are passed over: their terms
-/// cancel at the positions and swing between them.
-const PIVOT_LIMIT: f64 = 100.0;
-/// Longest period searched, in ranges; beyond it sine, cosine and mean become alike.
-const LONGEST_PERIOD: f64 = 1.2;
+/// Positions that each number of a series with fitted period needs, where its order is chosen: a period that is free
+/// bends a few harmonics through almost any few points.
+const POSITIONS_PER_NUMBER: usize = 2;
+/// Most numbers that describe a reversal, and positions measured in both directions that each of them needs.
+const REVERSAL_COLUMNS: usize = 6;
+const REVERSAL_POSITIONS: usize = 4;
+/// Support points of a curved reversal in the model.
+const REVERSAL_POINTS: usize = 129;
 
 /// The highest order that `positions` distinct positions may carry: `2 sqrt(n)` keeps equidistant least squares
 /// free of oscillation between the positions, and there must be no more terms than positions.
@@ -43,45 +45,77 @@ pub fn highest_order(basis: Basis, positions: usize) -> usize {
     free.min((2.0 * (positions as f64).sqrt()) as usize).min(stored)
 }
 
-/// The periods that `order` harmonics can have on these distinct, increasing positions: more than two positions
-/// per wave of the highest harmonic, at most 1.2 times the range.
-#[must_use]
-pub fn period_range(positions: &[f64], order: usize) -> [f64; 2] {
-    let span = positions[positions.len() - 1] - positions[0];
-    let spacing = span / (positions.len() - 1) as f64;
-    [POSITIONS_PER_WAVE * order.max(1) as f64 * spacing, LONGEST_PERIOD * span]
+/// A fit known by its figures; its coefficients are worked out once it is taken.
+#[derive(Debug, Clone)]
+struct Candidate {
+    shape: Shape,
+    reversal: usize,
+    /// Number of the first period that was fitted, where one was.
+    fitted: Option<usize>,
+    figures: Figures,
+}
+
+impl Candidate {
+    /// Numbers beside the coefficients: fitted periods.
+    fn fitted_periods(&self) -> usize {
+        self.fitted.map_or(0, |first| self.shape.periods.len() - first)
+    }
 }
 
 /// The best curve of any family.
-pub(super) fn best_of_all(data: &Data<'_>, request: &Request) -> Result<CurveFit, FitError> {
+pub(super) fn best_of_all(data: &Data, request: &Request) -> Result<CurveFit, FitError> {
+    if data.turn.is_some() {
+        // only what repeats after a turn closes
+        let wave = best_of_basis(data, Basis::Fourier, request)?;
+        return Ok(table_where_better(data, wave, request));
+    }
     let mut best = best_of_basis(data, Basis::HalfRange, request)?;
     if let Ok(other) = best_of_basis(data, Basis::Chebyshev, request)
-        && improvement(data, &best, &other) > 0.0
+        && improvement(data, &best.figures, &other.figures) > 0.0
     {
         best = other;
     }
     if let Ok(other) = best_of_basis(data, Basis::Fourier, request)
-        && improvement(data, &best, &other) > AICC_STEP
+        && improvement(data, &best.figures, &other.figures) > AICC_STEP
         && predicts_no_worse(&best, &other)
     {
         best = other;
     }
-    // a table has no residual unless targets were repeated: nothing to compare
-    if data.readings.len() > data.positions.len()
-        && let Ok(other) = support::fit(data, request.interpolation)
+    Ok(table_where_better(data, best, request))
+}
+
+/// The table where it describes the targets better, or where straight lines between them predict a left-out target
+/// better than the curve does. A table has no residual unless targets were repeated: nothing to compare.
+fn table_where_better(data: &Data, best: CurveFit, request: &Request) -> CurveFit {
+    if data.n > data.cells.len()
+        && !best.figures.is_exact(data)
+        && let Ok(other) = support::fit(data, request.interpolation, request.smoothing)
         && other.figures.n > other.figures.m
-        && improvement(data, &best, &other) > AICC_STEP
     {
-        best = other;
+        let between = |f: &CurveFit| f.figures.position_rmse.unwrap_or(f64::INFINITY);
+        if improvement(data, &best.figures, &other.figures) > AICC_STEP
+            || (1.0 - CHECK_MARGIN) * between(&best) > between(&other)
+        {
+            return other;
+        }
     }
-    Ok(best)
+    best
 }
 
 /// The best curve of one family.
-pub(super) fn best_of_basis(data: &Data<'_>, basis: Basis, request: &Request) -> Result<CurveFit, FitError> {
+pub(super) fn best_of_basis(data: &Data, basis: Basis, request: &Request) -> Result<CurveFit, FitError> {
     let limit = highest_order(basis, data.positions.len());
     let lowest = usize::from(basis == Basis::Fourier);
-    if let Some(order) = request.order {
+    let reversal = saturated_reversal(data, request);
+    if let (Some(order), Basis::HalfRange | Basis::Chebyshev, 0) = (request.order, basis, reversal)
+        && order <= limit
+        && request.penalties.is_none()
+    {
+        // nothing to choose
+        let shape = Shape { basis, order, range: data.range(), periods: Vec::new(), linear: false };
+        return finish(data, &shape, 0, None, request);
+    }
+    let (tried, problem) = if let Some(order) = request.order {
         if order > limit {
             let positions = data.positions.len();
             return Err(FitError::OrderTooHigh { basis, order, limit, positions });
@@ -89,42 +123,163 @@ pub(super) fn best_of_basis(data: &Data<'_>, basis: Basis, request: &Request) ->
         if order < lowest {
             return Err(FitError::NoHarmonic);
         }
-        return at_order(data, basis, order, request);
+        (candidates(data, basis, order..=order, reversal, request)?, None)
+    } else {
+        let fitted =
+            basis == Basis::Fourier && !(matches!(request.period, Period::Given(_)) || data.turn.is_some());
+        let auto_limit = if fitted {
+            // mean, linear part and period count, too
+            let numbers = data.positions.len() / POSITIONS_PER_NUMBER;
+            AUTO_HARMONICS_LIMIT.min(numbers.saturating_sub(2) / 2).max(lowest)
+        } else {
+            AUTO_ORDER_LIMIT
+        };
+        let orders = lowest..=limit.min(auto_limit);
+        match candidates(data, basis, orders, reversal, request) {
+            Ok(tried) => (tried, None),
+            Err(e @ (FitError::Degenerate { .. } | FitError::PeriodSearchEmpty { .. })) => {
+                (Vec::new(), Some(e))
+            }
+            Err(e) => return Err(e),
+        }
+    };
+    let too_few = FitError::TooFewPositions { found: data.positions.len(), needed: 2 + lowest };
+    let (taken, note) = choose(data, tried).ok_or(problem.unwrap_or(too_few))?;
+    let Candidate { mut shape, reversal, fitted, .. } = with_reversal(data, taken, reversal, request);
+    if let Some(given) = fitted {
+        shape.periods = periods::refine(data, &shape, reversal, given);
     }
-    let period_is_free = basis == Basis::Fourier && !matches!(request.period, Period::Given(_));
-    let auto_limit = if period_is_free { AUTO_HARMONICS_LIMIT } else { AUTO_ORDER_LIMIT };
-    let mut tried: Vec<CurveFit> = Vec::new();
-    let mut problem = None;
-    for order in lowest..=limit.min(auto_limit) {
-        match at_order(data, basis, order, request) {
-            Ok(fit) => {
-                let exact = fit.figures.is_exact(data.values());
-                tried.push(fit);
+    let mut fit = finish(data, &shape, reversal, fitted, request)?;
+    fit.notes.extend(note);
+    Ok(fit)
+}
+
+/// The columns of a reversal that is left free while the curve is chosen; 0 where there is none to keep.
+fn saturated_reversal(data: &Data, request: &Request) -> usize {
+    if request.reversal == Reversal::Mean || !data.both_directions() {
+        return 0;
+    }
+    match data.reversals().len() {
+        0 => 0,
+        pairs => (pairs / REVERSAL_POSITIONS).clamp(1, REVERSAL_COLUMNS),
+    }
+}
+
+/// Every order of a family that the positions can carry, with its figures.
+fn candidates(
+    data: &Data,
+    basis: Basis,
+    orders: core::ops::RangeInclusive<usize>,
+    reversal: usize,
+    request: &Request,
+) -> Result<Vec<Candidate>, FitError> {
+    let shape = |order| Shape { basis, order, range: data.range(), periods: Vec::new(), linear: false };
+    if basis != Basis::Fourier {
+        return ladder(data, &shape(*orders.end()), orders, reversal, None, request);
+    }
+    let mut found = Vec::new();
+    for order in orders.clone() {
+        let with = |linear: bool| {
+            let mut shape = Shape { linear, ..shape(order) };
+            let periods = 1 + request.further_periods.len();
+            if 1 + usize::from(linear) + 2 * order * periods > data.positions.len() {
+                let (limit, positions) = (order.saturating_sub(1), data.positions.len());
+                return Err(FitError::OrderTooHigh { basis, order, limit, positions });
+            }
+            let (periods, given) = periods::resolve(data, &shape, reversal, request)?;
+            let fitted = (given < periods.len()).then_some(given);
+            shape.periods = periods;
+            let mut one = ladder(data, &shape, order..=order, reversal, fitted, request)?;
+            one.pop().ok_or(FitError::NoHarmonic)
+        };
+        let attempt = match request.linear {
+            Some(linear) => with(linear),
+            // a straight part does not close
+            None if data.turn.is_some() => with(false),
+            None => with(false).map(|plain| match with(true) {
+                Ok(line) if improvement(data, &plain.figures, &line.figures) > AICC_STEP => line,
+                _ => plain,
+            }),
+        };
+        match attempt {
+            Ok(candidate) => {
+                let exact = candidate.figures.is_exact(data);
+                found.push(candidate);
                 // nothing is left to explain
                 if exact {
                     break;
                 }
             }
-            Err(e @ (FitError::Degenerate { .. } | FitError::PeriodSearchEmpty { .. })) => {
-                problem.get_or_insert(e);
-                break;
-            }
-            Err(e) => return Err(e),
+            Err(e) if found.is_empty() => return Err(e),
+            Err(_) => break,
         }
     }
-    let too_few = FitError::TooFewPositions { found: data.positions.len(), needed: 2 + lowest };
-    choose(data, tried).ok_or(problem.unwrap_or(too_few))
+    Ok(found)
+}
+
+/// Several orders of one shape from one factorisation: their columns are the first ones of the highest.
+fn ladder(
+    data: &Data,
+    shape: &Shape,
+    orders: core::ops::RangeInclusive<usize>,
+    reversal: usize,
+    fitted: Option<usize>,
+    request: &Request,
+) -> Result<Vec<Candidate>, FitError> {
+    let design = Design { reversal, reversal_first: true, ..Design::of(shape) };
+    if let Some(given) = &request.penalties
+        && (given.len() != shape.len() || orders.start() != orders.end())
+    {
+        return Err(FitError::PenaltyCount { found: given.len(), terms: shape.len() });
+    }
+    let factor = Factor::new(data, &design, &penalty(shape, reversal, true, request));
+    let first = *orders.start();
+    let shapes: Vec<Shape> = orders
+        .map(|order| Shape { order, ..shape.clone() })
+        .take_while(|s| factor.is_sound(reversal + s.len()))
+        .collect();
+    if shapes.is_empty() {
+        let columns = reversal + Shape { order: first, ..shape.clone() }.len();
+        let condition = factor.condition(columns);
+        return Err(FitError::Degenerate { basis: shape.basis, order: first, condition });
+    }
+    let columns: Vec<usize> = shapes.iter().map(|s| reversal + s.len()).collect();
+    let rungs = factor.climb(data, &design, &columns);
+    let mut found: Vec<Candidate> = Vec::with_capacity(shapes.len());
+    for (shape, rung) in shapes.into_iter().zip(rungs) {
+        let periods = fitted.map_or(0, |first| shape.periods.len() - first);
+        let figures = Figures::new(data, &rung.sums, rung.columns + periods);
+        let exact = figures.is_exact(data);
+        found.push(Candidate { shape, reversal, fitted, figures });
+        if exact {
+            break;
+        }
+    }
+    Ok(found)
+}
+
+/// The penalties `lambda k^4` in the order of the columns.
+fn penalty(shape: &Shape, reversal: usize, reversal_first: bool, request: &Request) -> Vec<f64> {
+    let mut own = match (&request.penalties, request.ridge) {
+        (Some(given), _) => given.clone(),
+        (None, Some(lambda)) => shape.orders().into_iter().map(|k| lambda * (k as f64).powi(4)).collect(),
+        (None, None) => return Vec::new(),
+    };
+    let at = if reversal_first { 0 } else { own.len() };
+    own.splice(at..at, core::iter::repeat_n(0.0, reversal));
+    own
 }
 
 /// The fit of lowest AICc. A lower order is taken where it predicts left-out positions better and describes the
 /// measured ones nearly as well; where it would lose what the positions show again and again, it is only noted.
-fn choose(data: &Data<'_>, tried: Vec<CurveFit>) -> Option<CurveFit> {
+fn choose(data: &Data, tried: Vec<Candidate>) -> Option<(Candidate, Option<Note>)> {
+    let figures = |i: usize| &tried[i].figures;
     let proposed = (0..tried.len())
-        .reduce(|best, i| if improvement(data, &tried[best], &tried[i]) > 0.0 { i } else { best })?;
+        .reduce(|best, i| if improvement(data, figures(best), figures(i)) > 0.0 { i } else { best })?;
     let or_worst = |v: Option<f64>| v.unwrap_or(f64::INFINITY);
-    let between = |i: usize| or_worst(tried[i].figures.position_rmse);
-    let at_targets = |i: usize| or_worst(tried[i].figures.loo_rmse);
-    let exact = tried[proposed].figures.is_exact(data.values());
+    let between = |i: usize| or_worst(figures(i).position_rmse);
+    let at_targets = |i: usize| or_worst(figures(i).loo_rmse);
+    let exact = figures(proposed).is_exact(data);
     let better: Vec<usize> =
         (0..proposed).filter(|&i| !exact && between(i) < (1.0 - CHECK_MARGIN) * between(proposed)).collect();
     let best = |candidates: &mut dyn Iterator<Item = usize>| {
@@ -132,24 +287,46 @@ fn choose(data: &Data<'_>, tried: Vec<CurveFit>) -> Option<CurveFit> {
     };
     let affordable = |i: &usize| at_targets(*i) <= (1.0 + TARGET_MARGIN) * at_targets(proposed);
     let taken = best(&mut better.iter().copied().filter(affordable)).unwrap_or(proposed);
-    let note = match (best(&mut better.iter().copied()), tried[proposed].order) {
-        (Some(_), Some(from)) if taken != proposed => {
-            tried[taken].order.map(|to| Note::OrderLowered { from, to })
-        }
-        (Some(lower), _) => {
-            tried[lower].order.map(|lower| Note::SparseTargets { error: between(proposed), lower })
-        }
-        _ => None,
+    let order = |i: usize| tried[i].shape.order;
+    let note = match best(&mut better.iter().copied()) {
+        Some(_) if taken != proposed => Some(Note::OrderLowered { from: order(proposed), to: order(taken) }),
+        Some(lower) => Some(Note::SparseTargets { error: between(proposed), lower: order(lower) }),
+        None => None,
     };
-    let mut fit = tried.into_iter().nth(taken)?;
-    fit.notes.extend(note);
-    Some(fit)
+    let taken = tried.into_iter().nth(taken)?;
+    Some((taken, note))
+}
+
+/// The reversal that AICc asks for beside the chosen curve: none, constant, linear, ..
+fn with_reversal(data: &Data, taken: Candidate, saturated: usize, request: &Request) -> Candidate {
+    if saturated == 0 {
+        return taken;
+    }
+    let design = Design { reversal: saturated, ..Design::of(&taken.shape) };
+    let factor = Factor::new(data, &design, &penalty(&taken.shape, saturated, false, request));
+    let own = taken.shape.len();
+    let columns: Vec<usize> =
+        (own..=own + saturated).take_while(|columns| factor.is_sound(*columns)).collect();
+    let of = |(columns, figures): (usize, Figures)| Candidate {
+        reversal: columns - own,
+        figures,
+        ..taken.clone()
+    };
+    let mut rungs = factor
+        .climb(data, &design, &columns)
+        .into_iter()
+        .map(|rung| (rung.columns, Figures::new(data, &rung.sums, rung.columns + taken.fitted_periods())));
+    let Some(none) = rungs.next() else { return taken };
+    let best = rungs.reduce(|best, r| if improvement(data, &best.1, &r.1) > 0.0 { r } else { best });
+    match best {
+        Some(best) if improvement(data, &none.1, &best.1) > AICC_STEP => of(best),
+        _ => of(none),
+    }
 }
 
 /// By how much AICc falls from `a` to `b`; an exact fit beats everything that is not.
-fn improvement(data: &Data<'_>, a: &CurveFit, b: &CurveFit) -> f64 {
-    let exact = |f: &CurveFit| f.figures.is_exact(data.values());
-    match (exact(a), exact(b), a.figures.aicc, b.figures.aicc) {
+fn improvement(data: &Data, a: &Figures, b: &Figures) -> f64 {
+    match (a.is_exact(data), b.is_exact(data), a.aicc, b.aicc) {
         (true, ..) => f64::NEG_INFINITY,
         (false, true, ..) => f64::INFINITY,
         (false, false, Some(a), Some(b)) => a - b,
@@ -163,171 +340,76 @@ fn predicts_no_worse(a: &CurveFit, b: &CurveFit) -> bool {
     b.figures.position_rmse.unwrap_or(f64::INFINITY) <= a.figures.position_rmse.unwrap_or(f64::INFINITY)
 }
 
-/// The fit of one order; a Fourier series gets its linear part and its period here.
-fn at_order(data: &Data<'_>, basis: Basis, order: usize, request: &Request) -> Result<CurveFit, FitError> {
-    let shape = Shape { basis, order, range: data.range(), period: 1.0, linear: false };
-    if basis != Basis::Fourier {
-        return fit_shape(data, shape, request, false);
-    }
-    let with = |linear: bool| {
-        let shape = Shape { linear, ..shape };
-        if shape.len() > data.positions.len() {
-            let (limit, positions) = (order.saturating_sub(1), data.positions.len());
-            return Err(FitError::OrderTooHigh { basis, order, limit, positions });
-        }
-        let (period, fitted) = match request.period {
-            Period::Given(value) if value.is_finite() && value > 0.0 => (value, false),
-            Period::Given(value) => return Err(FitError::PeriodNotPositive { value }),
-            Period::Auto => (search_period(data, shape, period_range(&data.positions, order))?, true),
-            Period::Within(range) => (search_period(data, shape, range)?, true),
-        };
-        fit_shape(data, Shape { period, ..shape }, request, fitted)
-    };
-    match request.linear {
-        Some(linear) => with(linear),
-        None => {
-            let plain = with(false)?;
-            match with(true) {
-                Ok(line) if improvement(data, &plain, &line) > AICC_STEP => Ok(line),
-                _ => Ok(plain),
-            }
-        }
-    }
-}
-
-/// Least squares with everything but the coefficients given.
-fn fit_shape(
-    data: &Data<'_>,
-    shape: Shape,
+/// Coefficients, curves and band of what was chosen.
+fn finish(
+    data: &Data,
+    shape: &Shape,
+    reversal: usize,
+    fitted: Option<usize>,
     request: &Request,
-    period_fitted: bool,
 ) -> Result<CurveFit, FitError> {
-    let design = shape.design(data.readings.iter().map(|r| r.position));
-    let values: Vec<f64> = data.values().collect();
-    let lambda = request.ridge.unwrap_or(0.0);
-    let penalty: Vec<f64> = shape.orders().iter().map(|&k| lambda * (k as f64).powi(4)).collect();
-    let solution = solve(&design, &values, &penalty).map_err(|condition| FitError::Degenerate {
-        basis: shape.basis,
-        order: shape.order,
-        condition,
-    })?;
-    let mut figures = Figures::new(&values, &solution.residuals, shape.len() + usize::from(period_fitted));
-    figures.loo_rmse =
-        rms(solution.residuals.iter().zip(&solution.leverage).map(|(e, h)| e / (1.0 - h).max(0.0)));
-    figures.position_rmse = leave_position_out(data, &solution);
+    let design = Design { reversal, ..Design::of(shape) };
+    let penalty = penalty(shape, reversal, false, request);
+    let factor = Factor::new(data, &design, &penalty);
+    let k = design.len();
+    let condition = factor.condition(k);
+    let degenerate = || FitError::Degenerate { basis: shape.basis, order: shape.order, condition };
+    if !factor.is_sound(k) || condition > CONDITION_LIMIT {
+        return Err(degenerate());
+    }
+    // refinement solves the normal equations of the readings alone, which a ridge has not
+    let ridge = penalty.iter().any(|p| *p > 0.0);
+    let solution = if ridge { factor.coefficients(k) } else { factor.refined(data, &design) };
+    let c = solution.ok_or_else(degenerate)?;
+    let sums = factor.climb(data, &design, &[k])[0].sums;
+    let fitted_periods = fitted.map_or(0, |first| shape.periods.len() - first);
+    let figures = Figures::new(data, &sums, k + fitted_periods);
+    let (own, turned) = c.as_slice().split_at(shape.len());
+    let mut curves = shape.curves(own)?;
+    let reversal_fit = (reversal > 0).then(|| ReversalFit { coefficients: turned.to_vec() });
+    if reversal > 0 {
+        curves.push(reversal_table(shape.range, turned)?);
+    }
+    let band = figures.rmse_dof.map(|sigma| {
+        let r = match fitted {
+            Some(first) => {
+                let design = Design { slopes: Some((own, first)), ..design };
+                Factor::new(data, &design, &[]).r
+            }
+            None => factor.r.clone(),
+        };
+        Band::linear(sigma, figures.n - figures.m, r, (shape, reversal), own, fitted)
+    });
     Ok(CurveFit {
-        basis: shape.basis,
         order: Some(shape.order),
-        period: (shape.basis == Basis::Fourier).then_some(shape.period),
-        period_fitted,
-        curve: shape.curve(&solution.coefficients)?,
-        coefficients: solution.coefficients,
-        figures,
-        condition: solution.condition,
-        notes: Vec::new(),
+        period: shape.periods.get(fitted.unwrap_or(0)).copied(),
+        periods: shape.periods.clone(),
+        period_fitted: fitted.is_some(),
+        reversal: reversal_fit,
+        band,
+        condition,
+        ..CurveFit::new(shape.basis, own.to_vec(), curves, figures)
     })
 }
 
-/// Every inner position predicted from all others: `(I - H_gg)^-1 e_g` with equal rows in the group, in closed form.
-fn leave_position_out(data: &Data<'_>, solution: &Solution) -> Option<f64> {
-    let mut groups = vec![(0.0, 0usize); data.positions.len()];
-    for (e, &g) in solution.residuals.iter().zip(&data.group) {
-        groups[g].0 += e;
-        groups[g].1 += 1;
-    }
-    let rows = solution.residuals.iter().zip(&solution.leverage).zip(&data.group);
-    rms(rows.filter(|(_, g)| data.is_inner(**g)).map(|((e, h), &g)| {
-        let (sum, count) = groups[g];
-        e + h * sum / (1.0 - count as f64 * h).max(0.0)
-    }))
+/// Half the reversal as a table: added towards plus, taken off towards minus.
+fn reversal_table(range: [f64; 2], half: &[f64]) -> Result<Curve, FitError> {
+    let [low, high] = range;
+    let curve = Chebyshev::new(low, high, half.to_vec())?;
+    // up to a straight line two points say it all
+    let points = if half.len() <= 2 { 2 } else { REVERSAL_POINTS };
+    let at = |i: usize| low + (high - low) * i as f64 / (points - 1) as f64;
+    let positions: Vec<f64> = (0..points).map(|i| if i + 1 == points { high } else { at(i) }).collect();
+    let forward: Vec<f64> = positions.iter().map(|x| curve.value(*x)).collect();
+    let reverse = forward.iter().map(|v| -v).collect();
+    Ok(Curve::Table(Table::new(positions, forward, Some(reverse), Interpolation::Linear)?))
 }
 
-/// Variable projection: the period of least SSE, by a grid in frequency, then golden sections on all readings.
-fn search_period(data: &Data<'_>, shape: Shape, [low, high]: [f64; 2]) -> Result<f64, FitError> {
-    if !(low.is_finite() && high.is_finite() && low > 0.0 && low < high) {
-        return Err(FitError::PeriodSearchEmpty { low, high, order: shape.order });
-    }
-    let coarse = Coarse::new(data);
-    let span = shape.range[1] - shape.range[0];
-    // SSE changes over about 1/(N T) in frequency
-    let steps = ((10.0 * shape.order as f64 * span * (1.0 / low - 1.0 / high)) as usize).max(20);
-    let frequency = |i: usize| 1.0 / high + (1.0 / low - 1.0 / high) * i as f64 / steps as f64;
-    let grid: Vec<f64> =
-        (0..=steps).map(|i| coarse.sse(&Shape { period: 1.0 / frequency(i), ..shape })).collect();
-    let mut minima: Vec<usize> = (0..=steps)
-        .filter(|&i| {
-            grid[i].is_finite()
-                && (i == 0 || grid[i] <= grid[i - 1])
-                && (i == steps || grid[i] <= grid[i + 1])
-        })
-        .collect();
-    minima.sort_by(|&a, &b| grid[a].total_cmp(&grid[b]));
-    let y = DVector::from_iterator(data.readings.len(), data.values());
-    let full = |f: f64| {
-        let shape = Shape { period: 1.0 / f, ..shape };
-        sum_of_squares(shape.design(data.readings.iter().map(|r| r.position)), &y, PIVOT_LIMIT)
-    };
-    minima
-        .into_iter()
-        .take(3)
-        .map(|i| golden(&full, frequency(i.saturating_sub(1)).min(1.0 / low), frequency((i + 1).min(steps))))
-        .min_by(|a, b| a.1.total_cmp(&b.1))
-        .map(|(f, _)| 1.0 / f)
-        .ok_or(FitError::PeriodSearchEmpty { low, high, order: shape.order })
-}
-
-/// Neighbouring readings averaged, so that a search costs the same however long the record is.
-struct Coarse {
-    positions: Vec<f64>,
-    /// Values times `sqrt(count)`.
-    values: DVector<f64>,
-    weights: Vec<f64>,
-}
-
-impl Coarse {
-    fn new(data: &Data<'_>) -> Self {
-        let width = data.positions.len().div_ceil(SEARCH_POSITIONS);
-        let mut bins = vec![(0.0, 0.0, 0.0); data.positions.len().div_ceil(width)];
-        for (reading, &g) in data.readings.iter().zip(&data.group) {
-            let bin = &mut bins[g / width];
-            bin.0 += reading.position;
-            bin.1 += reading.value;
-            bin.2 += 1.0;
-        }
-        Self {
-            positions: bins.iter().map(|(x, _, c)| x / c).collect(),
-            values: DVector::from_iterator(bins.len(), bins.iter().map(|(_, y, c)| y / c.sqrt())),
-            weights: bins.iter().map(|(_, _, c)| c.sqrt()).collect(),
-        }
-    }
-
-    fn sse(&self, shape: &Shape) -> f64 {
-        let mut design = shape.design(self.positions.iter().copied());
-        for (mut row, weight) in design.row_iter_mut().zip(&self.weights) {
-            row *= *weight;
-        }
-        sum_of_squares(design, &self.values, PIVOT_LIMIT)
-    }
-}
-
-/// Golden-section search for the minimum of `f` on `[a, b]`: place and value.
-fn golden(f: &impl Fn(f64) -> f64, mut a: f64, mut b: f64) -> (f64, f64) {
-    let ratio = (5f64.sqrt() - 1.0) / 2.0;
-    let (mut c, mut d) = (b - ratio * (b - a), a + ratio * (b - a));
-    let (mut fc, mut fd) = (f(c), f(d));
-    for _ in 0..100 {
-        if (b - a).abs() <= 1e-10 * (a.abs() + b.abs()) {
-            break;
-        }
-        if fc <= fd {
-            (b, d, fd) = (d, c, fc);
-            c = b - ratio * (b - a);
-            fc = f(c);
-        } else {
-            (a, c, fc) = (c, d, fd);
-            d = a + ratio * (b - a);
-            fd = f(d);
-        }
-    }
-    if fc <= fd { (c, fc) } else { (d, fd) }
+/// True where a curve differs between the directions of travel.
+pub(super) fn holds_reversal(fit: &CurveFit) -> bool {
+    let [low, high] = fit.curve.range().unwrap_or([0.0, 1.0]);
+    (0..=8).any(|i| {
+        let x = low + (high - low) * f64::from(i) / 8.0;
+        fit.value(x, Travel::Forward) != fit.value(x, Travel::Reverse)
+    })
 }

@@ -1,110 +1,368 @@
-//! Linear least squares by QR, with ridge, leverages and condition number.
+//! Weighted linear least squares over cells: a triangular factor that serves every leading set of columns at once.
+//!
+//! `W A = Q R`, `z = Q^T W y`: the first `k` columns have the coefficients `R_k^-1 z_k`, residuals `y - Q_k z_k` and
+//! leverages `|q_k|^2`. Few cells are factored by Householder reflections. Many are gathered in `A^T A`, which needs
+//! no memory per row: the bases have conditions below 10 where targets are spread sensibly, and where the
+//! pivots show more than [`GRAM_CONDITION`], the reflections do it after all.
 
 use nalgebra::{DMatrix, DVector};
 
+use super::basis::{Shape, chebyshev};
+use super::data::{Cell, Data};
+use super::figures::Sums;
+
 /// Condition number above which the terms count as indistinguishable.
 pub(super) const CONDITION_LIMIT: f64 = 1e10;
+/// Up to this many cells the orthogonal factor is kept.
+const FEW: usize = 128;
+/// Condition (by pivots) up to which `A^T A` is trusted: its square costs four digits.
+const GRAM_CONDITION: f64 = 1e2;
+/// Pivots up to which the solution from `A^T A` has lost nothing that a step of refinement could bring back.
+const WELL_CONDITIONED: f64 = 10.0;
+/// Pivots closer than this need no singular values to be called sound.
+const SOUND_PIVOTS: f64 = 1e3;
 
-/// The solution of `min |y - A c|^2 + SUM p_j c_j^2`.
-pub(super) struct Solution {
-    pub(super) coefficients: Vec<f64>,
-    /// `y - A c`.
-    pub(super) residuals: Vec<f64>,
-    /// Diagonal of the hat matrix.
-    pub(super) leverage: Vec<f64>,
-    pub(super) condition: f64,
+/// The columns of one least-squares problem.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Design<'a> {
+    pub(super) shape: &'a Shape,
+    /// Chebyshev columns times the direction of travel: half of the reversal.
+    pub(super) reversal: usize,
+    /// True where these stand before the columns of the shape.
+    pub(super) reversal_first: bool,
+    /// Coefficients of the shape and number of first period that is fitted: adds derivative columns.
+    pub(super) slopes: Option<(&'a [f64], usize)>,
 }
 
-/// Solves; `Err` holds the condition number where the terms cannot be told apart.
-pub(super) fn solve(design: &DMatrix<f64>, y: &[f64], penalty: &[f64]) -> Result<Solution, f64> {
-    let (n, m) = design.shape();
-    let ridge = penalty.iter().filter(|p| **p > 0.0).count();
-    if n + ridge < m || m == 0 {
-        return Err(f64::INFINITY);
+impl<'a> Design<'a> {
+    /// The shape alone.
+    pub(super) const fn of(shape: &'a Shape) -> Self {
+        Self { shape, reversal: 0, reversal_first: false, slopes: None }
     }
-    let (q, r) = factor(design, penalty, ridge);
-    let values = r.clone().svd(false, false).singular_values;
-    let condition = values.max() / values.min();
-    if condition.is_nan() || condition > CONDITION_LIMIT {
-        return Err(condition);
-    }
-    let observed = q.rows(0, n);
-    let y = DVector::from_column_slice(y);
-    let Some(mut c) = r.solve_upper_triangular(&observed.tr_mul(&y)) else { return Err(condition) };
-    if ridge == 0
-        && let Some(step) = r.solve_upper_triangular(&observed.tr_mul(&(&y - design * &c)))
-    {
-        // one refinement takes out the rounding of the first solution
-        c += step;
-    }
-    let residuals = &y - design * &c;
-    let leverage = (0..n).map(|i| observed.row(i).norm_squared()).collect();
-    Ok(Solution {
-        coefficients: c.iter().copied().collect(),
-        residuals: residuals.iter().copied().collect(),
-        leverage,
-        condition,
-    })
-}
 
-/// Thin QR of the design with one row `sqrt(p_j)` per penalty below it.
-fn factor(design: &DMatrix<f64>, penalty: &[f64], ridge: usize) -> (DMatrix<f64>, DMatrix<f64>) {
-    let (n, m) = design.shape();
-    let mut augmented = design.clone().resize_vertically(n + ridge, 0.0);
-    let mut row = n;
-    for (j, p) in penalty.iter().enumerate().take(m) {
-        if *p > 0.0 {
-            augmented[(row, j)] = p.sqrt();
-            row += 1;
+    /// Number of columns.
+    pub(super) fn len(&self) -> usize {
+        let slopes = self.slopes.map_or(0, |(_, first)| self.shape.periods.len() - first);
+        self.shape.len() + self.reversal + slopes
+    }
+
+    /// The columns at `x`, travelling in the direction of `sign`.
+    #[inline]
+    pub(super) fn row(&self, x: f64, sign: f64, row: &mut [f64]) {
+        let own = self.shape.len();
+        let (at, reversal_at) = if self.reversal_first { (self.reversal, 0) } else { (0, own) };
+        self.shape.row(x, &mut row[at..at + own]);
+        if self.reversal > 0 {
+            let [low, high] = self.shape.range;
+            let columns = &mut row[reversal_at..reversal_at + self.reversal];
+            chebyshev((2.0 * x - low - high) / (high - low), columns);
+            columns.iter_mut().for_each(|v| *v *= sign);
+        }
+        if let Some((c, first)) = self.slopes {
+            for (value, which) in row[own + self.reversal..].iter_mut().zip(first..) {
+                *value = self.shape.by_period(x, c, which);
+            }
         }
     }
-    augmented.qr().unpack()
 }
 
-/// Sum of squared residuals only, for searches; infinite where the pivots spread by more than `limit`.
-pub(super) fn sum_of_squares(design: DMatrix<f64>, y: &DVector<f64>, limit: f64) -> f64 {
-    if design.nrows() < design.ncols() {
-        return f64::INFINITY;
+/// The factors of a design over some data.
+pub(super) struct Factor {
+    pub(super) r: DMatrix<f64>,
+    pub(super) z: DVector<f64>,
+    /// Rows of the orthogonal factor, where kept.
+    q: Option<DMatrix<f64>>,
+    /// Inverse of `r`, row by row, where they are not.
+    inverse: Vec<f64>,
+}
+
+/// Figures of the fit with the first `columns` columns.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Rung {
+    pub(super) columns: usize,
+    pub(super) sums: Sums,
+}
+
+impl Factor {
+    /// Factors the design; `penalty` holds `p_j` of `SUM p_j c_j^2`, or is empty.
+    pub(super) fn new(data: &Data, design: &Design<'_>, penalty: &[f64]) -> Self {
+        let penalised = penalty.iter().any(|p| *p > 0.0);
+        if data.cells.len() > FEW
+            && !penalised
+            && let Some(factor) = gram(data, design)
+        {
+            return factor;
+        }
+        reflections(data, design, penalty)
     }
-    let columns = design.ncols();
-    let qr = design.qr();
-    let mut rotated = y.clone();
-    qr.q_tr_mul(&mut rotated);
-    let diagonal = qr.unpack_r().diagonal().abs();
-    let (largest, smallest) = (diagonal.max(), diagonal.min());
-    if largest.is_nan() || largest > limit * smallest {
-        return f64::INFINITY;
+
+    /// Condition number of the first `k` columns: by pivots where these are sound, else by singular values.
+    pub(super) fn condition(&self, k: usize) -> f64 {
+        if k == 0 || self.r.nrows() < k {
+            return f64::INFINITY;
+        }
+        let values = self.r.view((0, 0), (k, k)).clone_owned().svd(false, false).singular_values;
+        let condition = values.max() / values.min();
+        if condition.is_nan() { f64::INFINITY } else { condition }
     }
-    rotated.rows_range(columns..).norm_squared()
+
+    /// True where the first `k` columns can be told apart.
+    pub(super) fn is_sound(&self, k: usize) -> bool {
+        if self.r.nrows() < k {
+            return false;
+        }
+        self.pivots(k) <= SOUND_PIVOTS || self.condition(k) <= CONDITION_LIMIT
+    }
+
+    /// Ratio of the largest to the smallest pivot of the first `k` columns.
+    fn pivots(&self, k: usize) -> f64 {
+        let pivots = (0..k).map(|i| self.r[(i, i)].abs());
+        let (high, low) = pivots.fold((0.0f64, f64::INFINITY), |(h, l), p| (h.max(p), l.min(p)));
+        high / low
+    }
+
+    /// Coefficients of the first `k` columns.
+    pub(super) fn coefficients(&self, k: usize) -> Option<DVector<f64>> {
+        self.r.view((0, 0), (k, k)).clone_owned().solve_upper_triangular(&self.z.rows(0, k).clone_owned())
+    }
+
+    /// Coefficients with the rounding of the first solution taken out by one step of refinement.
+    pub(super) fn refined(&self, data: &Data, design: &Design<'_>) -> Option<DVector<f64>> {
+        let k = design.len();
+        let mut c = self.coefficients(k)?;
+        if self.q.is_none() && self.pivots(k) < WELL_CONDITIONED {
+            return Some(c);
+        }
+        let mut row = vec![0.0; k];
+        let mut gradient = DVector::zeros(k);
+        for cell in &data.cells {
+            design.row(data.positions[cell.group], cell.sign(), &mut row);
+            let residual = cell.count * (cell.mean - dot(&row, c.as_slice()));
+            gradient.iter_mut().zip(&row).for_each(|(g, a)| *g += a * residual);
+        }
+        c += self.r.solve_upper_triangular(&self.r.tr_solve_upper_triangular(&gradient)?)?;
+        Some(c)
+    }
+
+    /// Goes through the data once; for each rung the sums of its residuals and left-out errors.
+    pub(super) fn climb(&self, data: &Data, design: &Design<'_>, rungs: &[usize]) -> Vec<Rung> {
+        let k = rungs.iter().copied().max().unwrap_or(0);
+        let mut found: Vec<Rung> =
+            rungs.iter().map(|&columns| Rung { columns, sums: Sums::default() }).collect();
+        let mut q = [vec![0.0; k], vec![0.0; k]];
+        let mut row = vec![0.0; design.len()];
+        let mut first = 0;
+        for cells in data.by_position() {
+            for (i, (cell, q)) in cells.iter().zip(&mut q).enumerate() {
+                self.orthogonal_row(data, design, first + i, cell, &mut row, q);
+            }
+            first += cells.len();
+            climb_position(cells, &q, self.z.as_slice(), data.is_inner(cells[0].group), &mut found);
+        }
+        found
+    }
+
+    /// The row of the orthogonal factor that belongs to a cell, per reading.
+    fn orthogonal_row(
+        &self,
+        data: &Data,
+        design: &Design<'_>,
+        index: usize,
+        cell: &Cell,
+        row: &mut [f64],
+        q: &mut [f64],
+    ) {
+        if let Some(all) = &self.q {
+            let scale = 1.0 / cell.count.sqrt();
+            q.iter_mut().enumerate().for_each(|(j, q)| *q = all[(index, j)] * scale);
+            return;
+        }
+        design.row(data.positions[cell.group], cell.sign(), row);
+        let n = self.r.nrows();
+        q.fill(0.0);
+        for (i, value) in row.iter().enumerate().take(q.len()) {
+            let line = &self.inverse[i * n + i..i * n + q.len()];
+            q[i..].iter_mut().zip(line).for_each(|(q, r)| *q += value * r);
+        }
+    }
+}
+
+/// Adds one position to every rung, its readings left out one by one and all together.
+fn climb_position(cells: &[Cell], q: &[Vec<f64>; 2], z: &[f64], inner: bool, rungs: &mut [Rung]) {
+    let two = cells.len() == 2;
+    // products of the rows with each other, growing with the columns
+    let (mut k00, mut k11, mut k01) = (0.0, 0.0, 0.0);
+    let mut fitted = [0.0; 2];
+    let mut done = 0;
+    for rung in rungs {
+        for (j, z) in z.iter().enumerate().take(rung.columns).skip(done) {
+            k00 += q[0][j] * q[0][j];
+            fitted[0] += q[0][j] * z;
+            if two {
+                k11 += q[1][j] * q[1][j];
+                k01 += q[0][j] * q[1][j];
+                fitted[1] += q[1][j] * z;
+            }
+        }
+        done = done.max(rung.columns);
+        let a = &cells[0];
+        let e0 = a.mean - fitted[0];
+        rung.sums.add(a, fitted[0], k00);
+        if two {
+            let b = &cells[1];
+            let e1 = b.mean - fitted[1];
+            rung.sums.add(b, fitted[1], k11);
+            if inner {
+                // d = (I - K W)^-1 e with the two cells of this position
+                let (m00, m01) = (1.0 - k00 * a.count, -k01 * b.count);
+                let (m10, m11) = (-k01 * a.count, 1.0 - k11 * b.count);
+                let det = m00 * m11 - m01 * m10;
+                rung.sums.left_out(a, (m11 * e0 - m01 * e1) / det);
+                rung.sums.left_out(b, (m00 * e1 - m10 * e0) / det);
+            }
+        } else if inner {
+            rung.sums.left_out(a, e0 / (1.0 - k00 * a.count).max(0.0));
+        }
+    }
+}
+
+/// Householder reflections, orthogonal factor kept; penalties are further rows.
+fn reflections(data: &Data, design: &Design<'_>, penalty: &[f64]) -> Factor {
+    let (n, m) = (data.cells.len(), design.len());
+    let ridge = penalty.iter().filter(|p| **p > 0.0).count();
+    let mut matrix = DMatrix::zeros(n + ridge, m);
+    let mut row = vec![0.0; m];
+    let mut values = DVector::zeros(n);
+    for (i, cell) in data.cells.iter().enumerate() {
+        design.row(data.positions[cell.group], cell.sign(), &mut row);
+        let root = cell.count.sqrt();
+        row.iter().enumerate().for_each(|(j, v)| matrix[(i, j)] = v * root);
+        values[i] = cell.mean * root;
+    }
+    for (i, (j, p)) in penalty.iter().enumerate().filter(|(_, p)| **p > 0.0).enumerate() {
+        matrix[(n + i, j)] = p.sqrt();
+    }
+    let (q, r) = matrix.qr().unpack();
+    let z = q.rows(0, n).tr_mul(&values);
+    Factor { r, z, q: Some(q), inverse: Vec::new() }
+}
+
+/// Rows that are added to `A^T A` together.
+const ROWS: usize = 4;
+
+/// Cholesky factor of `A^T W A`, a few rows at a time; `None` where the condition asks for reflections.
+fn gram(data: &Data, design: &Design<'_>) -> Option<Factor> {
+    let m = design.len();
+    let width = m.next_multiple_of(4);
+    let mut sums = vec![0.0; width * m];
+    let mut right = vec![0.0; m];
+    let mut rows = vec![0.0; ROWS * width];
+    for cells in data.cells.chunks(ROWS) {
+        // what is left of the last block must not count
+        rows[cells.len() * width..].fill(0.0);
+        let mut weights = [0.0; ROWS];
+        let mut values = [0.0; ROWS];
+        for (i, cell) in cells.iter().enumerate() {
+            design.row(data.positions[cell.group], cell.sign(), &mut rows[i * width..i * width + m]);
+            (weights[i], values[i]) = (cell.count, cell.mean);
+        }
+        let (r0, rest) = rows.split_at(width);
+        let (r1, rest) = rest.split_at(width);
+        let (r2, r3) = rest.split_at(width);
+        for j in 0..m {
+            let w = [weights[0] * r0[j], weights[1] * r1[j], weights[2] * r2[j], weights[3] * r3[j]];
+            right[j] += w[0] * values[0] + w[1] * values[1] + w[2] * values[2] + w[3] * values[3];
+            let from = j & !3;
+            let line = &mut sums[j * width + from..(j + 1) * width];
+            let four = r0[from..].iter().zip(&r1[from..]).zip(r2[from..].iter().zip(&r3[from..]));
+            for (sum, ((a, b), (c, d))) in line.iter_mut().zip(four) {
+                *sum += w[0] * a + w[1] * b + w[2] * c + w[3] * d;
+            }
+        }
+    }
+    // columns of length 1: how they are scaled says nothing about how alike they are
+    let length: Vec<f64> = (0..m).map(|j| sums[j * width + j].sqrt()).collect();
+    let matrix = DMatrix::from_fn(m, m, |i, j| sums[i.min(j) * width + i.max(j)] / (length[i] * length[j]));
+    let mut r = matrix.cholesky()?.unpack().transpose();
+    let pivots = r.diagonal();
+    if pivots.max() > GRAM_CONDITION * pivots.min() {
+        return None;
+    }
+    r.column_iter_mut().zip(&length).for_each(|(mut column, length)| column *= *length);
+    let z = r.tr_solve_upper_triangular(&DVector::from_vec(right))?;
+    let inverse = r.solve_upper_triangular(&DMatrix::identity(m, m))?;
+    // row by row: the products below run along rows
+    Some(Factor { r, z, q: None, inverse: inverse.transpose().as_slice().to_vec() })
+}
+
+pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
 }
 
 #[cfg(test)]
 mod tests {
+    use super::super::Basis;
     use super::*;
+    use crate::core::axes::Travel;
+    use crate::identify::Reading;
+
+    fn readings(n: usize) -> Vec<Reading> {
+        (0..n)
+            .map(|i| Reading {
+                cycle: 0,
+                travel: if i % 3 == 1 { Travel::Reverse } else { Travel::Forward },
+                position: 400.0 * i as f64 / (n - 1) as f64,
+                value: (i as f64 * 0.37).sin() + 0.1 * (i as f64 * 7.7).cos(),
+            })
+            .collect()
+    }
+
+    fn line() -> Shape {
+        Shape { basis: Basis::Chebyshev, order: 1, range: [0.0, 2.0], periods: Vec::new(), linear: false }
+    }
 
     #[test]
     fn a_line_through_three_points() {
-        let a = DMatrix::from_row_slice(3, 2, &[1.0, 0.0, 1.0, 1.0, 1.0, 2.0]);
-        let s = solve(&a, &[1.0, 2.0, 4.0], &[]).unwrap();
-        assert!((s.coefficients[0] - 5.0 / 6.0).abs() < 1e-15);
-        assert!((s.coefficients[1] - 1.5).abs() < 1e-15);
-        assert!((s.leverage.iter().sum::<f64>() - 2.0).abs() < 1e-14);
-        let sse: f64 = s.residuals.iter().map(|r| r * r).sum();
-        assert!((sum_of_squares(a, &DVector::from_column_slice(&[1.0, 2.0, 4.0]), 1e3) - sse).abs() < 1e-14);
+        let all: Vec<Reading> = [(0.0, 1.0), (1.0, 2.0), (2.0, 4.0)]
+            .map(|(position, value)| Reading { cycle: 0, travel: Travel::Forward, position, value })
+            .to_vec();
+        let data = Data::new(&all, None).unwrap();
+        let shape = line();
+        let design = Design::of(&shape);
+        let factor = Factor::new(&data, &design, &[]);
+        let c = factor.refined(&data, &design).unwrap();
+        // 5/6 + 1.5 x in s = x - 1
+        assert!((c[0] - (5.0 / 6.0 + 1.5)).abs() < 1e-15 && (c[1] - 1.5).abs() < 1e-15);
+        let rungs = factor.climb(&data, &design, &[1, 2]);
+        assert!((rungs[1].sums.sse - 1.0 / 6.0).abs() < 1e-15);
+        assert!((rungs[0].sums.sse - data.spread).abs() < 1e-14);
     }
 
     #[test]
-    fn equal_columns_are_refused_and_a_ridge_splits_them_evenly() {
-        let a = DMatrix::from_row_slice(3, 2, &[1.0, 1.0, 2.0, 2.0, 3.0, 3.0]);
-        assert!(solve(&a, &[1.0, 2.0, 3.0], &[]).is_err());
-        let s = solve(&a, &[1.0, 2.0, 3.0], &[1e-6, 1e-6]).unwrap();
-        assert!((s.coefficients[0] - 0.5).abs() < 1e-6);
-        assert!((s.coefficients[0] - s.coefficients[1]).abs() < 1e-9);
+    fn a_ridge_holds_coefficients_down() {
+        let data = Data::new(&readings(9), None).unwrap();
+        let shape = line();
+        let design = Design::of(&shape);
+        let held = Factor::new(&data, &design, &[0.0, 1e12]);
+        assert!(held.coefficients(2).unwrap()[1].abs() < 1e-9);
     }
 
     #[test]
-    fn a_huge_ridge_gives_zero() {
-        let a = DMatrix::from_row_slice(3, 1, &[1.0, 2.0, 3.0]);
-        assert!(solve(&a, &[1.0, 2.0, 3.0], &[1e12]).unwrap().coefficients[0].abs() < 1e-9);
+    fn the_sums_of_many_rows_and_the_reflections_agree() {
+        let data = Data::new(&readings(3000), None).unwrap();
+        for basis in [Basis::Chebyshev, Basis::HalfRange, Basis::Fourier] {
+            let shape = Shape { basis, order: 7, range: [0.0, 400.0], periods: vec![380.0], linear: false };
+            let design = Design { reversal: 3, ..Design::of(&shape) };
+            let a = gram(&data, &design).unwrap();
+            let b = reflections(&data, &design, &[]);
+            let k = design.len();
+            let (ca, cb) = (a.refined(&data, &design).unwrap(), b.refined(&data, &design).unwrap());
+            assert!((ca - &cb).abs().max() < 1e-13, "{basis:?}");
+            for (x, y) in a.climb(&data, &design, &[3, k]).iter().zip(b.climb(&data, &design, &[3, k])) {
+                assert!((x.sums.sse - y.sums.sse).abs() < 1e-11 * y.sums.sse);
+                assert!((x.sums.loo - y.sums.loo).abs() < 1e-11 * y.sums.loo);
+                assert!((x.sums.position - y.sums.position).abs() < 1e-11 * y.sums.position);
+            }
+        }
     }
 }

@@ -4,6 +4,7 @@
 
 mod ballbar;
 mod circles;
+mod common;
 mod diagonals;
 mod fivedof;
 mod grinder;
@@ -38,11 +39,8 @@ enum Instrument {
     Circles(Box<circles::Args>),
     /// For volcomp identify ram.
     Ram(Box<ram::Args>),
-    /// For volcomp identify probe.
     Probe(Box<probe::Args>),
-    /// For volcomp identify grinder.
     Grinder(Box<grinder::Args>),
-    /// For volcomp identify ballbar.
     Ballbar(Box<ballbar::Args>),
 }
 

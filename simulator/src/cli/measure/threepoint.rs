@@ -1,10 +1,109 @@
-//! `cncsim measure threepoint`.
+//! `cncsim measure threepoint`: a laser tracker looks at points on a carriage.
 
-use crate::cli::{EX_SOFTWARE, Failure};
+use std::fmt::Write as _;
 
+use super::common::{AxisPlan, not_negative};
+use crate::cli::Failure;
+use crate::instruments::tracker::{Observation, Tracker, on_carriage};
+
+/// A laser tracker measures points on the carriage of one axis at every stop, and reference points on the bed.
 #[derive(Debug, clap::Args)]
-pub(super) struct Args {}
+pub(super) struct Args {
+    #[command(flatten)]
+    plan: AxisPlan,
+    /// Side of the triangle of points (a fourth stands above it), mm.
+    #[arg(long, default_value = "300", value_parser = not_negative)]
+    side_mm: f64,
+    /// Standard deviation of a range, um.
+    #[arg(long, default_value = "0.5", value_parser = not_negative)]
+    noise_range_um: f64,
+    /// Standard deviation of azimuth and elevation, arcsec.
+    #[arg(long, default_value = "0.05", value_parser = not_negative)]
+    noise_angle_arcsec: f64,
+    /// Only the three points of the triangle.
+    #[arg(long)]
+    three: bool,
+    /// Where the tracker stands, in M.
+    #[arg(long, value_name = "X,Y,Z", default_value = "2600,-1500,300", value_parser = crate::cli::path::point, allow_hyphen_values = true)]
+    tracker_mm: [f64; 3],
+    /// How the tracker is turned about z, deg.
+    #[arg(long, default_value = "112", allow_hyphen_values = true)]
+    turn_deg: f64,
+}
 
-pub(super) fn run(_args: &Args) -> Result<(), Failure> {
-    Err(Failure::new(EX_SOFTWARE, "not there yet"))
+/// Reference points on the bed, in M.
+const REFERENCES: [[f64; 3]; 6] = [
+    [-600.0, -500.0, -300.0],
+    [1200.0, -450.0, -280.0],
+    [1150.0, 900.0, -310.0],
+    [-550.0, 850.0, 200.0],
+    [1100.0, 950.0, 420.0],
+    [-650.0, -480.0, 350.0],
+];
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let (machine, axis, k) = args.plan.open()?;
+    let mut tracker = Tracker::new(
+        args.tracker_mm,
+        args.turn_deg,
+        args.noise_range_um,
+        args.noise_angle_arcsec,
+        args.plan.seed,
+    );
+    let mut registration =
+        String::from("point,machine_x_mm,machine_y_mm,machine_z_mm,range_mm,azimuth_deg,elevation_deg\n");
+    for (i, p) in REFERENCES.iter().enumerate() {
+        let _ = writeln!(registration, "r{},{},{},{},{}", i + 1, p[0], p[1], p[2], csv(&tracker.observe(*p)));
+    }
+    let points = points(args, machine.tool_tip_mm());
+    let mut table = String::from("point,x_mm,y_mm,z_mm\n");
+    let mut data = String::from("position_mm,cycle,direction");
+    for (i, p) in points.iter().enumerate() {
+        let n = i + 1;
+        let _ = writeln!(table, "p{n},{},{},{}", p[0], p[1], p[2]);
+        let _ = write!(data, ",p{n}_range_mm,p{n}_azimuth_deg,p{n}_elevation_deg");
+    }
+    data.push('\n');
+    for stop in args.plan.stops(machine.travel(k)) {
+        let _ = write!(data, "{},{},{}", stop.position, stop.cycle, stop.direction);
+        for p in on_carriage(&machine, k, stop.position, stop.direction, &points) {
+            let _ = write!(data, ",{}", csv(&tracker.observe(p)));
+        }
+        data.push('\n');
+    }
+    let name = format!("threepoint-{}.csv", axis.lower());
+    args.plan.write("registration.csv", &registration)?;
+    args.plan.write("points.csv", &table)?;
+    args.plan.write(&name, &data)?;
+    say!(
+        "volcomp identify threepoint --axis {} --points {} --data {} --registration {} --sigma-range-um {} --sigma-angle-arcsec {} --chain \"{}\" --machine {}",
+        axis.lower(),
+        args.plan.file("points.csv"),
+        args.plan.file(&name),
+        args.plan.file("registration.csv"),
+        args.noise_range_um,
+        args.noise_angle_arcsec,
+        machine.chain().text(),
+        machine.machine()
+    );
+    Ok(())
+}
+
+/// An equilateral triangle about the tool tip, and a point above it.
+fn points(args: &Args, tip: [f64; 3]) -> Vec<[f64; 3]> {
+    let s = args.side_mm;
+    let mut points = vec![
+        [tip[0], tip[1] + s / 3f64.sqrt(), tip[2]],
+        [tip[0] - s / 2.0, tip[1] - s / 12f64.sqrt(), tip[2]],
+        [tip[0] + s / 2.0, tip[1] - s / 12f64.sqrt(), tip[2]],
+    ];
+    if !args.three {
+        points.push([tip[0], tip[1], tip[2] + s]);
+    }
+    points.iter().map(|p| p.map(|v| (v * 1e3).round() / 1e3)).collect()
+}
+
+fn csv(o: &Observation) -> String {
+    // 1 nm at 10 m are 6e-9 deg
+    format!("{:.6},{:.10},{:.10}", o.range_mm, o.azimuth_deg, o.elevation_deg)
 }

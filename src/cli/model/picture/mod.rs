@@ -4,26 +4,15 @@
 mod panel;
 mod volume;
 
-use plotters::coord::Shift;
 use plotters::prelude::*;
 
+use crate::cli::report::plot::{Area, BLUE, Drawn, FAINT, FONT, INK, Svg, VERMILLION, WIDTH, svg};
 use crate::core::axes::AxisName;
 use crate::core::model::{Model, ModelSpec};
 
-const BLUE: RGBColor = RGBColor(0, 114, 178);
-const VERMILLION: RGBColor = RGBColor(213, 94, 0);
-const INK: RGBColor = RGBColor(60, 60, 60);
-const FAINT: RGBColor = RGBColor(205, 205, 205);
-const FONT: &str = "sans-serif";
-
-const WIDTH: u32 = 1200;
 const TITLE: u32 = 34;
 const AXIS_HEIGHT: u32 = TITLE + 2 * 230;
 const VOLUME_HEIGHT: u32 = 640;
-
-type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
-type Drawn = Result<(), Box<dyn std::error::Error>>;
-type Svg = Result<String, Box<dyn std::error::Error>>;
 
 /// The axes that have error motions in the model.
 pub(super) fn axes_with_errors(spec: &ModelSpec) -> Vec<AxisName> {
@@ -72,17 +61,6 @@ pub(super) fn whole(spec: &ModelSpec, model: &Model) -> Svg {
         }
         if volume { volume::draw(&rest, spec, model) } else { Ok(()) }
     })
-}
-
-fn svg(height: u32, draw: impl FnOnce(&Area<'_>) -> Drawn) -> Svg {
-    let mut text = String::new();
-    {
-        let area = SVGBackend::with_string(&mut text, (WIDTH, height)).into_drawing_area();
-        area.fill(&WHITE)?;
-        draw(&area)?;
-        area.present()?;
-    }
-    Ok(text)
 }
 
 #[cfg(test)]

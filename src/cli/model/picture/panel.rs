@@ -5,8 +5,9 @@ use plotters::prelude::*;
 use super::{Area, BLUE, Drawn, FAINT, FONT, INK, TITLE, VERMILLION};
 use crate::cli::check::{position_out, position_unit};
 use crate::cli::model::report::{error_out, kinds_words};
-use crate::cli::model::worst::reference_pose;
+use crate::cli::report::plot::tick;
 use crate::core::axes::{AxisName, Travel};
+use crate::core::model::search::reference_pose;
 use crate::core::model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec, Sense};
 
 const SAMPLES: u32 = 600;
@@ -174,29 +175,9 @@ fn draw(area: &Area<'_>, panel: &Panel) -> Drawn {
     Ok(())
 }
 
-/// A tick label with as many decimals as the length of the scale needs.
-fn tick(v: f64, length: f64) -> String {
-    let decimals = (1.0 - length.log10()).ceil().clamp(0.0, 6.0) as usize;
-    let text = format!("{v:.decimals$}");
-    if text.trim_start_matches('-').chars().all(|c| c == '0' || c == '.') { "0".to_owned() } else { text }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn ticks_have_the_decimals_that_they_need() {
-        for (v, length, text) in [
-            (5.0, 20.0, "5"),
-            (0.25, 1.0, "0.2"),
-            (-0.0, 20.0, "0"),
-            (0.005, 0.02, "0.005"),
-            (-300.0, 500.0, "-300"),
-        ] {
-            assert_eq!(tick(v, length), text);
-        }
-    }
 
     #[test]
     fn motions_have_their_names() {

@@ -4,9 +4,9 @@
 use plotters::prelude::*;
 
 use super::{Area, BLUE, Drawn, FONT, INK, TITLE, VERMILLION, VOLUME_HEIGHT, WIDTH};
-use crate::cli::model::worst::reference_pose;
 use crate::core::axes::AxisName;
 use crate::core::geometry::{Vec3, unit};
+use crate::core::model::search::reference_pose;
 use crate::core::model::{Model, ModelSpec};
 use crate::core::units::um_from_mm;
 

@@ -1,6 +1,7 @@
 //! The engine against a small control: frames at 1 ms, offsets applied one cycle later.
 
 mod aiming;
+mod gaps;
 
 use proptest::prelude::*;
 
@@ -107,7 +108,9 @@ impl World {
         let follows_control = state.has(MachineState::ESTOP)
             || !state.has(MachineState::ENABLED)
             || state.has(MachineState::OFFSET_RAMPING_OUT)
-            || out.state == State::Faulted;
+            || out.state == State::Faulted
+            // after bad or missing frames the control may have acted on its own: what it reports counts
+            || out.state == State::Holding;
         for k in 0..3 {
             let from_last = (out.offset[k] - self.last.offset[k]).abs();
             let from_held = (out.offset[k] - self.frame.applied[k]).abs();

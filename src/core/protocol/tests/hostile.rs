@@ -211,7 +211,7 @@ fn names_are_clean_text_padded_with_zeros() {
 
 #[test]
 fn codes_without_meaning_are_refused_in_a_correction_and_kept_in_errors() {
-    for found in 7..=u8::MAX {
+    for found in 8..=u8::MAX {
         let result = broken(Kind::Correction, |b| b[12] = found);
         assert_eq!(result, Err(FrameError::Value { field: "state", found }));
     }

@@ -113,7 +113,7 @@ fn codes_of_enums_are_one_to_one() {
         assert_eq!(CorrectionState::from_code(code).map_or(code, CorrectionState::code), code);
         assert_eq!(AxisUnit::from_code(code).map_or(code, AxisUnit::code), code);
     }
-    assert_eq!((0..=u8::MAX).filter(|&c| CorrectionState::from_code(c).is_some()).count(), 7);
+    assert_eq!((0..=u8::MAX).filter(|&c| CorrectionState::from_code(c).is_some()).count(), 8);
 }
 
 #[test]

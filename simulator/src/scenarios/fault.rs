@@ -1,0 +1,299 @@
+//! What a bad link does to the frames that pass.
+//!
+//! A fault acts on whole frames of one direction or both, from the moment it is set until it has met so many frames
+//! (or until it is cleared). Random choices come from a seed.
+
+use std::time::Duration;
+
+use serde::{Deserialize, Serialize};
+use volcomp::core::protocol::{Message, decode, encode};
+
+/// Which frames are met.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Direction {
+    /// Position frames, on their way to the daemon.
+    #[default]
+    ToDaemon,
+    /// Corrections, on their way to the control.
+    ToControl,
+    /// Both.
+    Both,
+}
+
+/// What happens to a frame.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "fault", rename_all = "kebab-case", rename_all_fields = "kebab-case", deny_unknown_fields)]
+pub enum FaultKind {
+    /// Nothing any more.
+    None,
+    /// It comes later, by a fixed and a random part.
+    Delay {
+        /// Fixed part.
+        ms: f64,
+        /// Largest random part.
+        #[serde(default)]
+        jitter_ms: f64,
+    },
+    /// It is written in pieces of so many bytes.
+    Split {
+        /// Size of a piece.
+        bytes: usize,
+    },
+    /// It waits for others and comes with them in one piece.
+    Merge {
+        /// Frames in one piece.
+        together: usize,
+    },
+    /// One byte of it is changed.
+    Corrupt,
+    /// It carries another number.
+    WrongSequence {
+        /// Added to the number.
+        by: i64,
+    },
+    /// It comes twice.
+    Duplicate,
+    /// It comes after the next one.
+    Reorder,
+    /// It does not come.
+    Drop,
+    /// In its place comes a header that announces the longest frame there is, and nothing behind it.
+    Huge,
+    /// So many random bytes come before it.
+    Garbage {
+        /// Bytes.
+        bytes: usize,
+    },
+    /// The connection is reset.
+    Reset,
+    /// The connection is closed in order.
+    Close,
+    /// Nothing passes any more, and the connection stays open.
+    HalfOpen,
+    /// It is written byte by byte, with a pause before each.
+    SlowLoris {
+        /// Pause before a byte.
+        ms: f64,
+    },
+    /// Its first position (or offset) is no number.
+    Nan,
+    /// Its first position (or offset) is elsewhere.
+    Jump {
+        /// By so much.
+        mm: f64,
+    },
+    /// The clock of the control has jumped.
+    ClockStep {
+        /// By so much.
+        ms: f64,
+    },
+    /// Its positions are those of the first frame that was met.
+    Freeze,
+    /// The offset read back is another one.
+    ReadBack {
+        /// By so much.
+        um: f64,
+    },
+    /// The control has another number of axes (in its hello).
+    AxisCount {
+        /// So many.
+        count: u8,
+    },
+}
+
+/// A fault and which frames it meets.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+pub struct LinkFault {
+    /// What happens.
+    #[serde(flatten)]
+    pub kind: FaultKind,
+    /// To frames of which direction.
+    #[serde(default)]
+    pub direction: Direction,
+    /// To every so-manieth frame.
+    #[serde(default = "one")]
+    pub every: u64,
+    /// To so many frames in all; without a number until it is cleared.
+    #[serde(default)]
+    pub frames: Option<u64>,
+}
+
+const fn one() -> u64 {
+    1
+}
+
+impl Direction {
+    /// True where frames to the control (or to the daemon) are met.
+    #[must_use]
+    pub fn meets(self, to_control: bool) -> bool {
+        match self {
+            Self::Both => true,
+            Self::ToControl => to_control,
+            Self::ToDaemon => !to_control,
+        }
+    }
+}
+
+/// What the link does instead of passing a frame on.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Passage {
+    /// Write these bytes so much later than they came.
+    Later(Duration, Vec<u8>),
+    /// Write these bytes after a pause behind those before.
+    Write(Duration, Vec<u8>),
+    /// Reset the connection.
+    Reset,
+    /// Close the connection.
+    Close,
+    /// Pass nothing any more.
+    Silence,
+}
+
+/// One direction of a connection: what it has kept back.
+#[derive(Debug, Default)]
+pub struct Lane {
+    waiting: Vec<u8>,
+    waiting_frames: usize,
+    held: Option<Vec<u8>>,
+    frozen: Option<[f64; volcomp::core::axes::MAX_AXES]>,
+}
+
+impl Lane {
+    /// What becomes of a frame; `random` gives numbers from 0 to 1.
+    /// `met` counts the frames that this fault has met, this one included, over all connections.
+    pub fn pass(
+        &mut self,
+        fault: &LinkFault,
+        met: u64,
+        frame: &[u8],
+        random: &mut dyn FnMut() -> f64,
+    ) -> Vec<Passage> {
+        if fault.kind == FaultKind::None {
+            return self.let_go(frame);
+        }
+        let counted = met.is_multiple_of(fault.every.max(1));
+        let spent = fault.frames.is_some_and(|n| met > n.saturating_mul(fault.every.max(1)));
+        if spent || !counted {
+            return self.let_go(frame);
+        }
+        let now = |bytes: Vec<u8>| vec![Passage::Write(Duration::ZERO, bytes)];
+        match fault.kind {
+            FaultKind::None => self.let_go(frame),
+            FaultKind::Delay { ms, jitter_ms } => {
+                vec![Passage::Later(millis(ms + jitter_ms * random()), frame.to_vec())]
+            }
+            FaultKind::Split { bytes } => frame
+                .chunks(bytes.max(1))
+                .map(|piece| Passage::Write(Duration::from_micros(20), piece.to_vec()))
+                .collect(),
+            FaultKind::Merge { together } => {
+                self.waiting.extend_from_slice(frame);
+                self.waiting_frames += 1;
+                if self.waiting_frames < together { Vec::new() } else { self.let_go(&[]) }
+            }
+            FaultKind::Corrupt => {
+                let mut bytes = frame.to_vec();
+                let at = ((random() * bytes.len() as f64) as usize).min(bytes.len() - 1);
+                bytes[at] ^= 1 << ((random() * 8.0) as u32).min(7);
+                now(bytes)
+            }
+            FaultKind::Duplicate => now([frame, frame].concat()),
+            FaultKind::Reorder => match self.held.take() {
+                None => {
+                    self.held = Some(frame.to_vec());
+                    Vec::new()
+                }
+                Some(older) => now([frame, &older].concat()),
+            },
+            FaultKind::Drop => Vec::new(),
+            FaultKind::Huge => now(frame[..6].iter().copied().chain([0xff, 0xff]).collect()),
+            FaultKind::Garbage { bytes } => {
+                let mut all: Vec<u8> = (0..bytes).map(|_| (random() * 256.0) as u8).collect();
+                all.extend_from_slice(frame);
+                now(all)
+            }
+            FaultKind::Reset => vec![Passage::Reset],
+            FaultKind::Close => vec![Passage::Close],
+            FaultKind::HalfOpen => vec![Passage::Silence],
+            FaultKind::SlowLoris { ms } => {
+                frame.iter().map(|byte| Passage::Write(millis(ms), vec![*byte])).collect()
+            }
+            _ => now(self.falsify(fault.kind, frame)),
+        }
+    }
+
+    /// Another fault begins.
+    pub fn renew(&mut self) {
+        self.frozen = None;
+    }
+
+    /// The frame, behind whatever was kept back.
+    fn let_go(&mut self, frame: &[u8]) -> Vec<Passage> {
+        let mut bytes = core::mem::take(&mut self.waiting);
+        self.waiting_frames = 0;
+        bytes.extend_from_slice(frame);
+        if let Some(held) = self.held.take() {
+            bytes.extend_from_slice(&held);
+        }
+        vec![Passage::Write(Duration::ZERO, bytes)]
+    }
+
+    /// The same frame with something false in it and a right check sum.
+    fn falsify(&mut self, kind: FaultKind, frame: &[u8]) -> Vec<u8> {
+        let Ok(message) = decode(frame) else { return frame.to_vec() };
+        let mut bytes = [0; volcomp::core::protocol::MAX_FRAME];
+        let length = encode(&self.false_message(kind, message), &mut bytes);
+        bytes[..length].to_vec()
+    }
+
+    fn false_message(&mut self, kind: FaultKind, message: Message) -> Message {
+        match (kind, message) {
+            (FaultKind::WrongSequence { by }, Message::Position(mut p)) => {
+                p.sequence = p.sequence.wrapping_add(by as u32);
+                Message::Position(p)
+            }
+            (FaultKind::WrongSequence { by }, Message::Correction(mut c)) => {
+                c.sequence = c.sequence.wrapping_add(by as u32);
+                Message::Correction(c)
+            }
+            (FaultKind::Nan, Message::Position(mut p)) => {
+                p.commanded[0] = f64::NAN;
+                Message::Position(p)
+            }
+            (FaultKind::Nan, Message::Correction(mut c)) => {
+                c.offset[0] = f64::NAN;
+                Message::Correction(c)
+            }
+            (FaultKind::Jump { mm }, Message::Position(mut p)) => {
+                p.commanded[0] += mm;
+                Message::Position(p)
+            }
+            (FaultKind::Jump { mm }, Message::Correction(mut c)) => {
+                c.offset[0] += mm;
+                Message::Correction(c)
+            }
+            (FaultKind::ClockStep { ms }, Message::Position(mut p)) => {
+                p.control_ns += (ms * 1e6) as i64;
+                Message::Position(p)
+            }
+            (FaultKind::Freeze, Message::Position(mut p)) => {
+                p.commanded = *self.frozen.get_or_insert(p.commanded);
+                Message::Position(p)
+            }
+            (FaultKind::ReadBack { um }, Message::Position(mut p)) => {
+                p.applied[0] += um / 1e3;
+                Message::Position(p)
+            }
+            (FaultKind::AxisCount { count }, Message::ControlHello(mut h)) => {
+                h.axis_count = count;
+                Message::ControlHello(h)
+            }
+            (_, other) => other,
+        }
+    }
+}
+
+fn millis(ms: f64) -> Duration {
+    Duration::from_secs_f64((ms / 1e3).max(0.0))
+}

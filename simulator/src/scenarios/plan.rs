@@ -1,0 +1,245 @@
+//! What a scenario says: a few overrides of the defaults, and what happens when.
+
+use anyhow::{Context, bail};
+use serde::{Deserialize, Serialize};
+use toml::{Table, Value};
+
+use super::fault::LinkFault;
+
+/// The scenarios that are shipped.
+pub const CATALOGUE: &str = include_str!("catalogue.toml");
+
+/// All scenarios of a file, defaults filled in.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Plan {
+    /// In the order of their numbers.
+    pub scenarios: Vec<Scenario>,
+}
+
+/// How cycles follow each other.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Pacing {
+    /// Every position waits for its answer: the same run every time.
+    LockStep,
+    /// At the cycle time.
+    RealTime,
+}
+
+/// One scenario.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Scenario {
+    /// Its number; never used for another one.
+    pub number: u32,
+    /// What goes wrong.
+    pub name: String,
+    /// Turns of a circle of 20 mm.
+    pub turns: usize,
+    /// Feed on the circle.
+    pub feed_mm_per_min: u32,
+    /// How cycles follow each other.
+    pub pacing: Pacing,
+    /// Lock step: longest wait for an answer.
+    pub answer_ms: f64,
+    /// Seed of machine and link.
+    pub seed: u64,
+    /// True: frames pass the relay; false: straight to the control.
+    pub relay: bool,
+    /// True: a daemon is started before the first cycle.
+    pub daemon: bool,
+    /// True: homed and drives on at the start.
+    pub ready: bool,
+    /// Cycles from a position to the use of its correction.
+    pub delay_cycles: u32,
+    /// Keys of the machine file that differ, as tables.
+    pub machine: Table,
+    /// What happens, in the order of the cycles.
+    #[serde(rename = "do")]
+    pub actions: Vec<Step>,
+    /// What must hold.
+    pub accept: Accept,
+}
+
+/// Something that happens at a cycle.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Step {
+    /// Cycle, counted from the first.
+    pub at: u64,
+    /// What.
+    #[serde(flatten)]
+    pub action: Action,
+}
+
+/// What can happen.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "what", rename_all = "kebab-case", rename_all_fields = "kebab-case")]
+pub enum Action {
+    /// Another daemon is started and waited for.
+    StartDaemon,
+    /// Another daemon is started; it is not expected to connect.
+    StartSecondDaemon,
+    /// The daemon is killed.
+    KillDaemon,
+    /// The daemon is told to stop.
+    TermDaemon,
+    /// The daemon stands still.
+    SuspendDaemon,
+    /// It goes on.
+    ResumeDaemon,
+    /// The daemon is suspended for so long, in real time.
+    HangDaemon {
+        /// So long.
+        ms: u64,
+    },
+    /// Emergency stop.
+    Estop,
+    /// It is released.
+    EstopRelease,
+    /// Drives off.
+    DrivesOff,
+    /// Drives on.
+    DrivesOn,
+    /// Axes lose their reference.
+    Unhome,
+    /// They are homed.
+    Home,
+    /// Another tool.
+    Tool {
+        /// Its length below the tool tip of the model.
+        longer_mm: f64,
+    },
+    /// A command for the daemon: `volcomp ARGS`.
+    Volcomp {
+        /// Verb and arguments; `--socket` is added.
+        args: Vec<String>,
+        /// Exit code that is expected.
+        #[serde(default)]
+        exit: i32,
+    },
+    /// The model file is written anew: every value times a factor.
+    ScaleModel {
+        /// The file, beside the machine file.
+        file: String,
+        /// The factor.
+        by: f64,
+    },
+    /// A file in the daemon's folder gets this text.
+    WriteFile {
+        /// The file.
+        file: String,
+        /// Its text.
+        text: String,
+    },
+    /// From now on the link does this.
+    Link(LinkFault),
+    /// All processors are busy for so long.
+    BusyProcessors {
+        /// So long.
+        ms: u64,
+    },
+    /// The control restarts: a new one listens in its place, without offset.
+    RestartControl,
+    /// The control stands still for so long.
+    HangControl {
+        /// So long.
+        ms: u64,
+    },
+    /// So many connections come and go.
+    ConnectionStorm {
+        /// Connections.
+        count: u32,
+    },
+    /// Simulated time stands still until a daemon is connected.
+    WaitForDaemon,
+    /// Nothing; moves the moment from which settling is counted.
+    Mark,
+}
+
+/// What must hold at the end.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Accept {
+    /// Largest radial deviation over the last second of motion.
+    pub largest_um: f64,
+    /// RMS of the same.
+    pub rms_um: f64,
+    /// Largest change of an offset from one cycle to the next, over the whole run.
+    pub step_um: f64,
+    /// Control time from the last thing that happened until the daemon is in its final state for good.
+    pub settle_s: f64,
+    /// Cycles without an answer or with a late one.
+    pub unanswered: u64,
+    /// State at the end: a correction state, or `none` without a daemon.
+    pub state: String,
+    /// Words that the daemon's log must hold.
+    pub log: Vec<String>,
+    /// Exit code of a daemon that ends by itself.
+    pub exit: Option<i32>,
+}
+
+impl Plan {
+    /// Reads a file of scenarios.
+    ///
+    /// # Errors
+    /// It is no such file; the message names the scenario.
+    pub fn parse(text: &str) -> anyhow::Result<Self> {
+        let file: Table = text.parse()?;
+        let Some(Value::Table(defaults)) = file.get("defaults") else { bail!("[defaults] is missing") };
+        let Some(Value::Array(list)) = file.get("scenario") else { bail!("there is no [[scenario]]") };
+        let mut scenarios = Vec::with_capacity(list.len());
+        for entry in list {
+            let Value::Table(entry) = entry else { bail!("a scenario is a table") };
+            let mut full = defaults.clone();
+            merge(&mut full, entry);
+            let name = entry.get("number").map_or_else(|| "without number".to_owned(), Value::to_string);
+            let scenario: Scenario = full.try_into().with_context(|| format!("scenario {name}"))?;
+            scenarios.push(scenario);
+        }
+        scenarios.sort_by_key(|s| s.number);
+        if let Some(twice) = scenarios.windows(2).find(|p| p[0].number == p[1].number) {
+            bail!("scenario {} occurs twice", twice[0].number);
+        }
+        Ok(Self { scenarios })
+    }
+
+    /// The shipped ones.
+    ///
+    /// # Errors
+    /// Never in a tested build.
+    pub fn shipped() -> anyhow::Result<Self> {
+        Self::parse(CATALOGUE)
+    }
+}
+
+/// Puts `over` over `base`; tables are merged key by key.
+pub(super) fn merge(base: &mut Table, over: &Table) {
+    for (key, value) in over {
+        match (base.get_mut(key), value) {
+            (Some(Value::Table(below)), Value::Table(above)) => merge(below, above),
+            _ => {
+                base.insert(key.clone(), value.clone());
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_shipped_scenarios_are_sixty_and_more_and_right() {
+        let plan = Plan::shipped().unwrap();
+        assert!(plan.scenarios.len() >= 60, "{}", plan.scenarios.len());
+        for s in &plan.scenarios {
+            assert!(s.actions.windows(2).all(|p| p[0].at <= p[1].at), "{}: actions out of order", s.number);
+        }
+    }
+
+    #[test]
+    fn a_mistake_names_its_scenario() {
+        let text = "[defaults]\n[[scenario]]\nnumber = 7\nname = \"x\"\n";
+        assert!(format!("{:#}", Plan::parse(text).unwrap_err()).contains("scenario 7"));
+    }
+}

@@ -1,0 +1,141 @@
+//! A scenario from its first cycle to its verdict.
+
+#![expect(clippy::disallowed_methods, reason = "a scenario waits for processes")]
+
+use std::net::TcpStream;
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use rustix::process::Signal;
+use volcomp::core::protocol::MachineState;
+
+use super::plan::{Action, Scenario};
+use super::stage::{CENTRE_MM, RADIUS_MM, Stage, scaled_model, write};
+use super::verdict::{Verdict, judge};
+use crate::control::{CycleRecord, Happening};
+use crate::demo::figures;
+use crate::demo::programs::Programs;
+
+const CYCLE_S: f64 = 1e-3;
+/// Cycles at the end of the motion over which accuracy is judged.
+const JUDGED: usize = 1000;
+
+/// Runs a scenario.
+///
+/// # Errors
+/// It could not be run at all; what did not hold is in the verdict.
+pub fn run(scenario: &Scenario, programs: &Programs) -> anyhow::Result<Verdict> {
+    let mut stage = Stage::set(scenario, programs)?;
+    if scenario.daemon {
+        stage.start_daemon()?;
+    }
+    let mut last_action = 0;
+    for step in &scenario.actions {
+        if !stage.run_to(Some(step.at))? {
+            bail!("the motion ends before cycle {}", step.at);
+        }
+        act(&mut stage, &step.action).with_context(|| format!("cycle {}: {:?}", step.at, step.action))?;
+        last_action = stage.records.last().map_or(0, |r| r.cycle);
+    }
+    stage.run_to(None)?;
+    let exit = match (&mut stage.daemon, scenario.accept.exit) {
+        (Some(daemon), Some(_)) => daemon.wait()?.code(),
+        _ => None,
+    };
+    let residual = residual_um(&stage)?;
+    let mut verdict = judge(scenario, &stage.records, &residual, last_action, CYCLE_S, &stage.log());
+    if exit != scenario.accept.exit {
+        verdict.failures.push(format!("exit code {exit:?}, not {:?}", scenario.accept.exit));
+        verdict.ok = false;
+    }
+    Ok(verdict)
+}
+
+/// Radial deviations over the last second of motion.
+fn residual_um(stage: &Stage) -> anyhow::Result<Vec<f64>> {
+    let moving = |r: &&CycleRecord| r.scored && r.state.has(MachineState::MOVING);
+    let scored: Vec<CycleRecord> = stage.records.iter().filter(moving).copied().collect();
+    let Some(last) = scored.len().checked_sub(JUDGED).map(|from| &scored[from..]) else {
+        bail!("only {} cycles on the circle", scored.len())
+    };
+    let trace = figures::ballbar(stage.shop.machine(), CENTRE_MM, RADIUS_MM, last)?;
+    Ok(trace.readings.iter().map(|r| r.deviation_um).collect())
+}
+
+fn act(stage: &mut Stage, action: &Action) -> anyhow::Result<()> {
+    let set = |stage: &mut Stage, bits| stage.shop.control().happen(Happening::Set(bits));
+    let clear = |stage: &mut Stage, bits| stage.shop.control().happen(Happening::Clear(bits));
+    match action {
+        Action::StartDaemon => stage.start_daemon()?,
+        Action::StartSecondDaemon => {
+            let other = stage.spawn()?;
+            stage.others.push(other);
+            idle(stage, 300);
+        }
+        Action::KillDaemon => {
+            if let Some(mut daemon) = stage.daemon.take() {
+                daemon.kill()?;
+            }
+        }
+        Action::TermDaemon => stage.signal(Signal::TERM)?,
+        Action::SuspendDaemon => stage.signal(Signal::STOP)?,
+        Action::ResumeDaemon => stage.signal(Signal::CONT)?,
+        Action::HangDaemon { ms } => {
+            stage.signal(Signal::STOP)?;
+            std::thread::sleep(Duration::from_millis(*ms));
+            stage.signal(Signal::CONT)?;
+        }
+        Action::Estop => set(stage, MachineState::ESTOP),
+        Action::EstopRelease => clear(stage, MachineState::ESTOP),
+        Action::DrivesOff => clear(stage, MachineState::ENABLED),
+        Action::DrivesOn => set(stage, MachineState::ENABLED),
+        Action::Unhome => clear(stage, MachineState::HOMED),
+        Action::Home => set(stage, MachineState::HOMED),
+        Action::Tool { longer_mm } => {
+            let mut tool = stage.shop.control().tool().unwrap_or_default();
+            tool.number += 1;
+            tool.tip[2] -= longer_mm;
+            stage.shop.control().happen(Happening::Tool(tool));
+        }
+        Action::Volcomp { args, exit } => stage.volcomp(args, *exit)?,
+        Action::ScaleModel { file, by } => write(&stage.file(file), &scaled_model(*by)?)?,
+        Action::WriteFile { file, text } => write(&stage.file(file), text)?,
+        Action::Link(fault) => match &stage.relay {
+            Some(relay) => relay.set(*fault),
+            None => bail!("the scenario has no relay: set relay = true"),
+        },
+        Action::BusyProcessors { ms } => busy(Duration::from_millis(*ms))?,
+        Action::RestartControl => stage.restart_control()?,
+        Action::HangControl { ms } => std::thread::sleep(Duration::from_millis(*ms)),
+        Action::ConnectionStorm { count } => {
+            let address = stage.shop.address();
+            for _ in 0..*count {
+                drop(TcpStream::connect(&address)?);
+            }
+            idle(stage, 50);
+        }
+        Action::WaitForDaemon => stage.wait_for_daemon()?,
+        Action::Mark => {}
+    }
+    Ok(())
+}
+
+/// The control keeps the link alive for a while; simulated time stands still.
+fn idle(stage: &mut Stage, ms: u64) {
+    stage.shop.control().idle(Duration::from_millis(ms));
+}
+
+/// Twice as many threads as processors count for a while, beside everything else.
+fn busy(time: Duration) -> anyhow::Result<()> {
+    let threads = 2 * std::thread::available_parallelism()?.get();
+    for _ in 0..threads {
+        std::thread::Builder::new().name("busy".to_owned()).spawn(move || {
+            let begin = Instant::now();
+            let mut count = 0u64;
+            while begin.elapsed() < time {
+                count = std::hint::black_box(count.wrapping_add(1));
+            }
+        })?;
+    }
+    Ok(())
+}

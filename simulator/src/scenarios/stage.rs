@@ -1,0 +1,271 @@
+//! Machine, control, link and daemon of a scenario.
+
+#![expect(clippy::disallowed_methods, reason = "a stage has files, processes and a clock")]
+
+use std::net::SocketAddr;
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use anyhow::{Context, bail};
+use rustix::process::{Pid, Signal, kill_process};
+use toml::{Table, Value};
+
+use super::plan::{Pacing as PlanPacing, Scenario, merge};
+use super::relay::Relay;
+use crate::control::{Absent, ControlConfig, CycleRecord, Flow, OffsetConfig, Pacing};
+use crate::demo::programs::{Daemon, Programs};
+use crate::demo::shop::Shop;
+use crate::motion::{MachineAxes, MotionCycle, MotionSource, Trajectory};
+use crate::truth::{TruthMachine, VMC_850};
+use volcomp::core::axes::AxisArray;
+
+const MACHINE_FILE: &str = include_str!("../../../config/examples/vmc-850/machine.toml");
+const MODEL_FILE: &str = include_str!("../../../config/examples/vmc-850/model.toml");
+/// Far beyond anything that a loaded computer takes.
+const PATIENCE: Duration = Duration::from_secs(60);
+const CYCLE_S: f64 = 1e-3;
+/// The circle.
+pub(super) const RADIUS_MM: f64 = 20.0;
+pub(super) const CENTRE_MM: [f64; 3] = [425.0, 250.0, -250.0];
+
+/// Everything that plays in a scenario.
+pub(super) struct Stage {
+    pub(super) shop: Shop,
+    pub(super) relay: Option<Relay>,
+    pub(super) daemon: Option<Daemon>,
+    pub(super) others: Vec<Daemon>,
+    pub(super) records: Vec<CycleRecord>,
+    folder: tempfile::TempDir,
+    programs: Programs,
+    motion: Trajectory,
+    at: AxisArray,
+    scenario: Scenario,
+}
+
+impl Stage {
+    pub(super) fn set(scenario: &Scenario, programs: &Programs) -> anyhow::Result<Self> {
+        let machine = TruthMachine::from_toml(VMC_850)?;
+        let start = MachineAxes::of(&machine)?.middle();
+        let shop = open(scenario, 0, &start, scenario.ready)?;
+        let control: SocketAddr = shop.address().parse()?;
+        let relay = if scenario.relay { Some(Relay::open(control, scenario.seed)?) } else { None };
+        let motion = shop.trajectory(&circles(scenario.turns, scenario.feed_mm_per_min))?;
+        let stage = Self {
+            shop,
+            relay,
+            daemon: None,
+            others: Vec::new(),
+            records: Vec::new(),
+            folder: tempfile::tempdir()?,
+            programs: programs.clone(),
+            motion,
+            at: start,
+            scenario: scenario.clone(),
+        };
+        let address = stage.relay.as_ref().map_or(control, Relay::address);
+        std::fs::write(stage.config(), stage.machine_file(&address)?)?;
+        std::fs::write(stage.file("model.toml"), MODEL_FILE)?;
+        Ok(stage)
+    }
+
+    fn machine_file(&self, address: &SocketAddr) -> anyhow::Result<String> {
+        let mut file: Table = MACHINE_FILE.parse()?;
+        let text = |path: PathBuf| Value::String(path.display().to_string());
+        let mut over = Table::new();
+        let mut set = |table: &str, key: &str, value: Value| {
+            if let Value::Table(t) = over.entry(table).or_insert_with(|| Table::new().into()) {
+                t.insert(key.to_owned(), value);
+            }
+        };
+        set("link", "address", address.to_string().into());
+        set("link", "reconnect-min-s", 0.02.into());
+        set("link", "reconnect-max-s", 0.1.into());
+        set("engine", "start", "on-connect".into());
+        set("engine", "ramp-s", 0.5.into());
+        set("realtime", "priority", 0.into());
+        set("realtime", "lock-memory", false.into());
+        set("status", "socket", text(self.file("volcompd.sock")));
+        set("log", "target", "stderr".into());
+        set("log", "level", "debug".into());
+        merge(&mut file, &over);
+        merge(&mut file, &self.scenario.machine);
+        Ok(toml::to_string(&file)?)
+    }
+
+    pub(super) fn file(&self, name: &str) -> PathBuf {
+        self.folder.path().join(name)
+    }
+
+    fn config(&self) -> PathBuf {
+        self.file("machine.toml")
+    }
+
+    /// What all daemons have said.
+    pub(super) fn log(&self) -> String {
+        std::fs::read_to_string(self.file("volcompd.log")).unwrap_or_default()
+    }
+
+    /// Starts the daemon and waits until it is connected, while simulated time stands still.
+    pub(super) fn start_daemon(&mut self) -> anyhow::Result<()> {
+        self.daemon = Some(self.spawn()?);
+        self.wait_for_daemon()
+    }
+
+    /// Simulated time stands still until a daemon is connected.
+    pub(super) fn wait_for_daemon(&mut self) -> anyhow::Result<()> {
+        self.shop.control().wait_for_daemon(PATIENCE).with_context(|| self.log())
+    }
+
+    /// Starts a daemon.
+    pub(super) fn spawn(&self) -> anyhow::Result<Daemon> {
+        self.programs.volcompd(&self.config(), &self.file("volcompd.log"))
+    }
+
+    /// Sends the daemon a signal.
+    pub(super) fn signal(&self, signal: Signal) -> anyhow::Result<()> {
+        let Some(daemon) = &self.daemon else { bail!("there is no daemon") };
+        let pid = Pid::from_raw(i32::try_from(daemon.id())?).context("process id 0")?;
+        Ok(kill_process(pid, signal)?)
+    }
+
+    /// Runs `volcomp ARGS` against the daemon of this stage while the control stands still but keeps the link alive.
+    pub(super) fn volcomp(&mut self, args: &[String], exit: i32) -> anyhow::Result<()> {
+        let socket = self.file("volcompd.sock").display().to_string();
+        let folder = self.folder.path().display().to_string();
+        let args: Vec<String> = args.iter().map(|a| a.replace("{folder}", &folder)).collect();
+        let (programs, words) = (self.programs.clone(), args.clone());
+        let thread = std::thread::spawn(move || {
+            let mut all: Vec<&str> = words.iter().map(String::as_str).collect();
+            all.extend(["--socket", &socket]);
+            programs.exit_of(&all)
+        });
+        while !thread.is_finished() {
+            self.shop.control().idle(Duration::from_millis(5));
+        }
+        let Ok(ran) = thread.join() else { bail!("volcomp could not be run") };
+        let (code, said) = ran?;
+        if code != exit {
+            bail!("volcomp {}: exit code {code}, expected {exit}: {said}", args.join(" "));
+        }
+        Ok(())
+    }
+
+    /// A new control listens in the place of the old one, where the motion stands, without any offset.
+    pub(super) fn restart_control(&mut self) -> anyhow::Result<()> {
+        let port = self.shop.address().parse::<SocketAddr>()?.port();
+        // the old one must have let go of its port before the new one takes it
+        let machine = TruthMachine::from_toml(VMC_850)?;
+        let spare = open_on(&self.scenario, machine, 0, &self.at, true)?;
+        drop(core::mem::replace(&mut self.shop, spare));
+        let begin = Instant::now();
+        self.shop = loop {
+            match open(&self.scenario, port, &self.at, true) {
+                Ok(shop) => break shop,
+                Err(e) if begin.elapsed() > PATIENCE => return Err(e),
+                Err(_) => std::thread::sleep(Duration::from_millis(10)),
+            }
+        };
+        self.wait_for_daemon()
+    }
+
+    /// Goes on with the motion until so many cycles have been run in all; `false` at its end.
+    pub(super) fn run_to(&mut self, cycles: Option<u64>) -> anyhow::Result<bool> {
+        let mut done = self.records.len() as u64;
+        if cycles.is_some_and(|n| done >= n) {
+            return Ok(true);
+        }
+        let mut part = Part { motion: &mut self.motion, at: &mut self.at };
+        let records = &mut self.records;
+        self.shop.watch(&mut part, &mut |r| {
+            records.push(*r);
+            done += 1;
+            Ok(if cycles == Some(done) { Flow::Stop } else { Flow::GoOn })
+        })?;
+        Ok(cycles == Some(done))
+    }
+}
+
+/// Whole turns about the middle of the machine.
+fn circles(turns: usize, feed: u32) -> String {
+    let [x, y, _] = CENTRE_MM;
+    let (left, right) = (x - RADIUS_MM, x + RADIUS_MM);
+    let turn = format!("G3 X{left} Y{y} I-{RADIUS_MM} J0\nG3 X{right} Y{y} I{RADIUS_MM} J0\n");
+    format!(
+        "G21 G90 G64 G17\n(SCORE OFF)\nG0 X{right} Y{y}\nF{feed}\n(SCORE ON)\n{}(SCORE OFF)\nM30\n",
+        turn.repeat(turns)
+    )
+}
+
+fn open(scenario: &Scenario, port: u16, start: &AxisArray, ready: bool) -> anyhow::Result<Shop> {
+    open_on(scenario, TruthMachine::from_toml(VMC_850)?, port, start, ready)
+}
+
+fn open_on(
+    scenario: &Scenario,
+    machine: TruthMachine,
+    port: u16,
+    start: &AxisArray,
+    ready: bool,
+) -> anyhow::Result<Shop> {
+    let answer_timeout = Duration::from_secs_f64(scenario.answer_ms / 1e3);
+    let config = ControlConfig {
+        cycle_s: CYCLE_S,
+        listen: ([127, 0, 0, 1], port).into(),
+        pacing: match scenario.pacing {
+            PlanPacing::LockStep => Pacing::LockStep { answer_timeout, absent: Absent::GoOn },
+            PlanPacing::RealTime => Pacing::RealTime,
+        },
+        ready,
+        offset: OffsetConfig { delay_cycles: scenario.delay_cycles, ..OffsetConfig::default() },
+        ..ControlConfig::new(machine.machine(), MachineAxes::of(&machine)?)
+    };
+    Shop::with_control(machine, scenario.seed, config, start)
+}
+
+/// The model file with every value of every error times `by`.
+pub(super) fn scaled_model(by: f64) -> anyhow::Result<String> {
+    let mut model: Table = MODEL_FILE.parse()?;
+    if let Some(errors) = model.get_mut("errors") {
+        scale(errors, by, "");
+    }
+    Ok(toml::to_string(&model)?)
+}
+
+fn scale(value: &mut Value, by: f64, key: &str) {
+    let is_value = ["-um", "-arcsec"].iter().any(|unit| key.ends_with(unit));
+    match value {
+        Value::Table(table) => table.iter_mut().for_each(|(key, v)| scale(v, by, key)),
+        Value::Array(list) if is_value => list.iter_mut().for_each(|v| scale(v, by, key)),
+        Value::Float(v) if is_value => *v *= by,
+        Value::Integer(v) if is_value => *value = Value::Float(*v as f64 * by),
+        _ => {}
+    }
+}
+
+/// Writes a file of the stage.
+pub(super) fn write(path: &Path, text: &str) -> anyhow::Result<()> {
+    std::fs::write(path, text).with_context(|| path.display().to_string())
+}
+
+/// The rest of a motion that was left in the middle.
+struct Part<'a> {
+    motion: &'a mut Trajectory,
+    at: &'a mut AxisArray,
+}
+
+impl MotionSource for Part<'_> {
+    fn start(&self) -> AxisArray {
+        *self.at
+    }
+
+    fn next_cycle(&mut self) -> Option<MotionCycle> {
+        let next = self.motion.next_cycle()?;
+        *self.at = next.commanded;
+        Some(next)
+    }
+
+    fn rewind(&mut self) {
+        self.motion.rewind();
+        *self.at = self.motion.start();
+    }
+}

@@ -1,0 +1,146 @@
+//! What came of a scenario, against what must hold.
+
+use serde::Serialize;
+use volcomp::core::axes::MAX_AXES;
+use volcomp::core::protocol::CorrectionState;
+
+use super::plan::{Accept, Scenario};
+use crate::control::CycleRecord;
+
+/// The outcome of a scenario.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Verdict {
+    /// Its number.
+    pub number: u32,
+    /// Its name.
+    pub name: String,
+    /// True where everything held.
+    pub ok: bool,
+    /// Largest radial deviation over the last second of motion.
+    pub largest_um: Option<f64>,
+    /// RMS of the same.
+    pub rms_um: Option<f64>,
+    /// Largest change of an offset from one cycle to the next.
+    pub step_um: f64,
+    /// Control time from the last thing that happened to the final state.
+    pub settle_s: f64,
+    /// Cycles with a daemon but without an answer.
+    pub unanswered: u64,
+    /// State at the end.
+    pub state: String,
+    /// Cycles run.
+    pub cycles: usize,
+    /// What did not hold.
+    pub failures: Vec<String>,
+}
+
+impl Verdict {
+    /// A scenario that could not be run.
+    #[must_use]
+    pub fn impossible(scenario: &Scenario, error: &anyhow::Error) -> Self {
+        Self {
+            number: scenario.number,
+            name: scenario.name.clone(),
+            ok: false,
+            largest_um: None,
+            rms_um: None,
+            step_um: 0.0,
+            settle_s: 0.0,
+            unanswered: 0,
+            state: "none".to_owned(),
+            cycles: 0,
+            failures: vec![format!("{error:#}")],
+        }
+    }
+}
+
+/// The name of a state, as in `volcomp status`.
+#[must_use]
+pub const fn state_name(state: CorrectionState) -> &'static str {
+    match state {
+        CorrectionState::Off => "off",
+        CorrectionState::Armed => "armed",
+        CorrectionState::RampingIn => "ramping-in",
+        CorrectionState::Active => "active",
+        CorrectionState::Holding => "holding",
+        CorrectionState::RampingOut => "ramping-out",
+        CorrectionState::Faulted => "faulted",
+        CorrectionState::FadingToStatic => "fading-to-static",
+    }
+}
+
+/// What a cycle shows of the daemon.
+fn state_of(r: &CycleRecord) -> Option<&'static str> {
+    if r.connected { r.correction.map(|c| state_name(c.state)) } else { Some("none") }
+}
+
+/// Judges the cycles of a scenario. `residual_um` are the radial deviations of the last second.
+pub(super) fn judge(
+    scenario: &Scenario,
+    records: &[CycleRecord],
+    residual_um: &[f64],
+    last_action: u64,
+    cycle_s: f64,
+    log: &str,
+) -> Verdict {
+    let accept = &scenario.accept;
+    let mut verdict = Verdict {
+        number: scenario.number,
+        name: scenario.name.clone(),
+        ok: true,
+        largest_um: residual_um.iter().map(|v| v.abs()).reduce(f64::max),
+        rms_um: rms(residual_um),
+        step_um: largest_step_um(records),
+        settle_s: 0.0,
+        unanswered: records.iter().filter(|r| r.connected && r.correction.is_none()).count() as u64,
+        state: records.iter().rev().find_map(state_of).unwrap_or("none").to_owned(),
+        cycles: records.len(),
+        failures: Vec::new(),
+    };
+    let settled = records.iter().rposition(|r| state_of(r).is_some_and(|s| s != verdict.state));
+    let settled = settled.and_then(|at| records.get(at + 1)).map_or(0, |r| r.cycle);
+    verdict.settle_s = settled.saturating_sub(last_action) as f64 * cycle_s;
+    verdict.failures = failures(&verdict, accept, records, log);
+    verdict.ok = verdict.failures.is_empty();
+    verdict
+}
+
+fn failures(v: &Verdict, accept: &Accept, records: &[CycleRecord], log: &str) -> Vec<String> {
+    let mut found = Vec::new();
+    let mut at_most = |what: &str, value: Option<f64>, limit: f64| {
+        if let Some(value) = value
+            && (value.is_nan() || value > limit)
+        {
+            found.push(format!("{what} {value:.3}, at most {limit}"));
+        }
+    };
+    at_most("largest residual (um)", v.largest_um, accept.largest_um);
+    at_most("RMS residual (um)", v.rms_um, accept.rms_um);
+    at_most("largest step (um)", Some(v.step_um), accept.step_um);
+    at_most("settling (s)", Some(v.settle_s), accept.settle_s);
+    at_most("cycles without an answer", Some(v.unanswered as f64), accept.unanswered as f64);
+    if v.state != accept.state {
+        found.push(format!("state {} at the end, not {}", v.state, accept.state));
+    }
+    for words in &accept.log {
+        if !log.contains(words) {
+            found.push(format!("the log does not say \"{words}\""));
+        }
+    }
+    if let Some(r) = records.iter().find(|r| r.applied.iter().any(|v| !v.is_finite())) {
+        found.push(format!("an offset that is no number in cycle {}", r.cycle));
+    }
+    found
+}
+
+fn rms(values: &[f64]) -> Option<f64> {
+    (!values.is_empty()).then(|| (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt())
+}
+
+/// Over consecutive cycles of one control.
+fn largest_step_um(records: &[CycleRecord]) -> f64 {
+    let step = |p: &[CycleRecord]| {
+        (0..MAX_AXES).map(|k| (p[1].applied[k] - p[0].applied[k]).abs()).fold(0.0, f64::max)
+    };
+    records.windows(2).filter(|p| p[1].cycle == p[0].cycle + 1).map(step).fold(0.0, f64::max) * 1e3
+}

@@ -1,0 +1,165 @@
+//! `volcomp diff`: what is different between two model files, and what it does in the working volume.
+//!
+//! Exit codes as of `diff`: 0 the same, 1 different, above that trouble.
+
+#![expect(clippy::disallowed_methods, reason = "progress is shown only when the search takes long")]
+
+mod picture;
+mod words;
+
+use std::path::{Path, PathBuf};
+use std::time::{Duration, Instant};
+
+use super::files::{read_text, write_text};
+use super::report::Page;
+use super::report::page::Cell;
+use super::{EX_CONFIG, EX_SOFTWARE, EX_USAGE, Failure};
+use crate::config::{self, ModelFile};
+use crate::core::model::compare::{Comparison, compare};
+use crate::core::units::{mm_from_um, rad_from_arcsec};
+
+/// Exit code where the models differ.
+const DIFFERENT: u8 = 1;
+
+/// Compare two model files: chain, axes, errors, provenance, and the difference in the working volume
+///
+/// Differences are second minus first. Exit code: 0 where both say the same (provenance and comments may differ), 1
+/// where they do not, 64 and above where they could not be compared. With a tolerance, 0 where position and direction
+/// differ nowhere in the working volume by more.
+#[derive(Debug, clap::Parser)]
+pub(super) struct Args {
+    /// The first model file
+    #[arg(value_name = "A.toml")]
+    first: PathBuf,
+    /// The second model file
+    #[arg(value_name = "B.toml")]
+    second: PathBuf,
+    /// Exit with 0 where positions differ by no more than this
+    #[arg(long, value_name = "UM")]
+    tolerance_um: Option<f64>,
+    /// And directions by no more than this
+    #[arg(long, value_name = "ARCSEC")]
+    tolerance_arcsec: Option<f64>,
+    /// Write the curves that differ as a picture
+    #[arg(long, value_name = "OUT.svg")]
+    svg: Option<PathBuf>,
+    /// Write a page with everything; it needs no other file and prints on A4
+    #[arg(long, value_name = "OUT.html")]
+    report: Option<PathBuf>,
+    /// Print one JSON object instead of text
+    #[arg(long)]
+    json: bool,
+}
+
+/// Two files and what is different.
+struct Diff {
+    names: [String; 2],
+    files: [ModelFile; 2],
+    found: Comparison,
+}
+
+fn load(path: &Path) -> Result<ModelFile, Failure> {
+    config::model::parse_file(&path.display().to_string(), &read_text(path)?)
+        .map_err(|e| Failure::new(EX_CONFIG, e))
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    for tolerance in [args.tolerance_um, args.tolerance_arcsec].into_iter().flatten() {
+        if !(tolerance.is_finite() && tolerance >= 0.0) {
+            return Err(Failure::new(
+                EX_USAGE,
+                format_args!("error: tolerance {tolerance} is not a number from 0 up"),
+            ));
+        }
+    }
+    let files = [load(&args.first)?, load(&args.second)?];
+    let start = Instant::now();
+    let mut bar = None;
+    let found = compare(&files[0].spec, &files[1].spec, |done, of| {
+        if start.elapsed() > Duration::from_secs(1) {
+            bar.get_or_insert_with(|| indicatif::ProgressBar::new(of)).set_position(done);
+        }
+    })
+    .map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {e}")))?;
+    if let Some(bar) = bar {
+        bar.finish_and_clear();
+    }
+    let names = [&args.first, &args.second].map(|p| p.display().to_string());
+    let diff = Diff { names, files, found };
+    let drawn =
+        |e: Box<dyn std::error::Error>| Failure::new(EX_SOFTWARE, format_args!("error: picture: {e}"));
+    if let Some(path) = &args.svg {
+        write_text(path, &picture::curves(&diff).map_err(drawn)?)?;
+    }
+    if let Some(path) = &args.report {
+        write_text(path, &page(&diff).map_err(drawn)?)?;
+    }
+    let same = args.is_same(&diff.found);
+    if args.json {
+        let mut json = words::as_json(&diff);
+        json["same"] = same.into();
+        super::exit::print(&format!("{json:#}\n"))?;
+    } else {
+        super::exit::print(&(words::lines(&diff).join("\n") + "\n"))?;
+    }
+    if same { Ok(()) } else { Err(Failure::new(DIFFERENT, "")) }
+}
+
+impl Args {
+    fn is_same(&self, found: &Comparison) -> bool {
+        if self.tolerance_um.is_none() && self.tolerance_arcsec.is_none() {
+            return found.is_same();
+        }
+        let Some(volume) = &found.volume else { return false };
+        let within = |tolerance: Option<f64>, value: f64| tolerance.is_none_or(|t| value <= t);
+        within(self.tolerance_um.map(mm_from_um), volume.position.position.norm())
+            && within(self.tolerance_arcsec.map(rad_from_arcsec), volume.rotation.rotation.norm())
+    }
+}
+
+fn page(diff: &Diff) -> Result<String, Box<dyn std::error::Error>> {
+    let [a, b] = &diff.names;
+    let mut page = Page::new(&format!("{a} and {b}"));
+    page.paragraph("What is different between two models. Differences are second minus first.");
+    let rows = |list: &[String]| list.iter().map(|l| vec![Cell::text(l)]).collect::<Vec<_>>();
+    for (title, lines) in [
+        ("Chain, frame and axes", words::changes(diff)),
+        ("In the working volume", words::volume(diff)),
+        ("Provenance", words::provenance(diff)),
+    ] {
+        page.heading(title);
+        page.table(&[], &rows(&if lines.is_empty() { vec!["the same".to_owned()] } else { lines }));
+    }
+    page.heading("Errors");
+    if diff.found.errors.is_empty() {
+        page.paragraph("the same");
+    } else {
+        let head = [
+            Cell::head(""),
+            Cell::head(""),
+            Cell::number("largest"),
+            Cell::number("rms"),
+            Cell::head(""),
+            Cell::head("where"),
+        ];
+        let rows: Vec<Vec<Cell>> = words::errors(diff)
+            .into_iter()
+            .map(|r| {
+                vec![
+                    Cell::head(r.symbol),
+                    Cell::text(r.what),
+                    Cell::number(r.largest),
+                    Cell::number(r.rms),
+                    Cell::text(r.unit),
+                    Cell::text(r.place),
+                ]
+            })
+            .collect();
+        page.table(&head, &rows);
+        page.figure(
+            &picture::curves(diff)?,
+            "Curves that differ, in relative sense. Grey: first, blue: second; thin: travel towards minus.",
+        );
+    }
+    Ok(page.finish())
+}

@@ -1,0 +1,82 @@
+//! The curves that differ: what the first and what the second model says, in relative sense.
+
+use plotters::prelude::*;
+
+use super::Diff;
+use crate::cli::check::{position_out, position_unit};
+use crate::cli::report::plot::{
+    Area, Axes, BLUE, Drawn, GREY, Key, SHEET_WIDTH, Svg, legend, svg_of, with_room, words,
+};
+use crate::core::axes::Travel;
+use crate::core::model::Model;
+use crate::core::model::compare::{ErrorDifference, relative_values};
+use crate::core::units::{arcsec_from_rad, um_from_mm};
+
+const COLUMNS: usize = 2;
+const ROW: u32 = 250;
+const HEAD: u32 = 34;
+const SAMPLES: u32 = 500;
+
+/// All error motions that differ, and a bar for every constant.
+///
+/// # Errors
+/// The drawing library could not draw it.
+pub(super) fn curves(diff: &Diff) -> Svg {
+    let moving: Vec<&ErrorDifference> = diff.found.errors.iter().filter(|e| e.over.is_some()).collect();
+    let rows = moving.len().div_ceil(COLUMNS).max(1);
+    let models = [Model::new(&diff.files[0].spec)?, Model::new(&diff.files[1].spec)?];
+    svg_of((SHEET_WIDTH, HEAD + ROW * rows as u32), |area| {
+        let (head, body) = area.split_vertically(HEAD);
+        let keys =
+            [Key::line(GREY, 3, "first"), Key::line(BLUE, 2, "second"), Key::line(BLUE, 1, "towards minus")];
+        legend(&head, &keys, 74, 18)?;
+        if moving.is_empty() {
+            return words(&body, "no error motion differs", (74, 40), 15);
+        }
+        for (place, error) in body.split_evenly((rows, COLUMNS)).iter().zip(moving) {
+            panel(place, diff, &models, error)?;
+        }
+        Ok(())
+    })
+}
+
+/// Which model, which direction of travel, and the points.
+type Line = (usize, Travel, Vec<(f64, f64)>);
+
+fn panel(area: &Area<'_>, diff: &Diff, models: &[Model; 2], error: &ErrorDifference) -> Drawn {
+    let (symbol, axis) = (error.symbol, error.symbol.axis());
+    let Some([low, high]) = error.over else { return Ok(()) };
+    let at: Vec<f64> =
+        (0..=SAMPLES).map(|i| low + (high - low) * f64::from(i) / f64::from(SAMPLES)).collect();
+    let out = |v: f64| if symbol.is_angle() { arcsec_from_rad(v) } else { um_from_mm(v) };
+    let line = |which: usize, travel: Travel| -> Vec<(f64, f64)> {
+        let values = relative_values(&diff.files[which].spec, &models[which], symbol, &at, travel);
+        at.iter().zip(values).map(|(q, v)| (position_out(axis, *q), out(v))).collect()
+    };
+    let lines: Vec<Line> = [0, 1]
+        .into_iter()
+        .flat_map(|which| [Travel::Forward, Travel::Reverse].map(|t| (which, t, line(which, t))))
+        .collect();
+    let [from, to] = [low, high].map(|q| position_out(axis, q));
+    let axes = Axes {
+        title: &symbol.to_string(),
+        x_label: &format!("{axis} / {}", position_unit(axis)),
+        y_label: if symbol.is_angle() { "arcsec" } else { "µm" },
+        x: [from, if to > from { to } else { from + 1.0 }],
+        y: with_room(lines.iter().flat_map(|l| l.2.iter().map(|p| p.1)).chain([0.0]), 0.08),
+        right: 18,
+        x_ticks: 6,
+    };
+    let mut chart = axes.draw(area)?;
+    for (which, travel, points) in &lines {
+        let forward = lines.iter().find(|l| l.0 == *which && l.1 == Travel::Forward);
+        // the reverse is drawn where it differs
+        if *travel == Travel::Reverse && forward.is_some_and(|f| f.2 == *points) {
+            continue;
+        }
+        let (colour, width) = if *which == 0 { (GREY, 3) } else { (BLUE, 2) };
+        let width = if *travel == Travel::Reverse { 1 } else { width };
+        chart.draw_series(LineSeries::new(points.iter().copied(), colour.stroke_width(width)))?;
+    }
+    Ok(())
+}

@@ -1,0 +1,212 @@
+//! `evaluate iso230-4`: circular test.
+
+use std::path::{Path, PathBuf};
+
+use clap::ValueEnum;
+use serde_json::{Map, Value, json};
+
+use super::page::{self, Origin};
+use super::picture::circular::{self as drawing, Shown};
+use super::{Figure, Output, bad_data, change, only, percent, put_before};
+use crate::cli::positioning_data::no_rows;
+use crate::cli::{Failure, table};
+use crate::core::units::{mm_from_um, rad_from_deg, um_from_mm};
+use crate::evaluate::{Centring, CircularReading, Circularity};
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum CentringArg {
+    /// Take the eccentricity out with the geometric least-squares circle.
+    LeastSquares,
+    /// Keep the instrument's own centre.
+    None,
+}
+
+/// Circular test by ISO 230-4: circular deviation G and radial deviation F
+///
+/// Angles count from the first axis of the plane towards the second.
+#[derive(Debug, clap::Parser)]
+pub(super) struct Args {
+    /// CSV with angle_deg,deviation_um,direction (1 counter-clockwise, -1 clockwise); - is stdin.
+    #[arg(long, value_name = "FILE")]
+    data: PathBuf,
+    /// The same test at an earlier time, to compare with.
+    #[arg(long, value_name = "FILE")]
+    before: Option<PathBuf>,
+    /// How the centre is found.
+    #[arg(long, value_enum, default_value = "least-squares")]
+    centring: CentringArg,
+    /// Nominal radius; makes the centring exact for large eccentricities.
+    #[arg(long, value_name = "MM")]
+    radius_mm: Option<f64>,
+    /// The plane of the circle, for the plot: first and second axis.
+    #[arg(long, value_name = "AXES", default_value = "xy", value_parser = plane)]
+    plane: [char; 2],
+    #[command(flatten)]
+    output: Output,
+}
+
+fn plane(text: &str) -> Result<[char; 2], String> {
+    let axes: Vec<char> = text.chars().map(|c| c.to_ascii_uppercase()).collect();
+    match axes[..] {
+        [a, b] if a != b && a.is_ascii_alphabetic() && b.is_ascii_alphabetic() => Ok([a, b]),
+        _ => Err(format!("'{text}' is no plane; write two axes such as xy, yz or zx")),
+    }
+}
+
+/// A test with its readings.
+struct Evaluated {
+    readings: Vec<CircularReading>,
+    result: Circularity,
+}
+
+fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
+    let mut table = table::open(path)?;
+    let (angle, deviation, direction) =
+        (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);
+    only(&table, &["angle_deg", "deviation_um", "direction"])?;
+    let mut readings = Vec::new();
+    while table.advance()? {
+        readings.push(CircularReading {
+            angle: rad_from_deg(table.number(angle)?),
+            deviation: mm_from_um(table.number(deviation)?),
+            travel: table.travel(direction)?,
+        });
+    }
+    if readings.is_empty() {
+        return Err(no_rows(table.file()));
+    }
+    let centring = match args.centring {
+        CentringArg::LeastSquares => Centring::LeastSquares { radius: args.radius_mm },
+        CentringArg::None => Centring::None,
+    };
+    let result = Circularity::evaluate(&readings, centring).map_err(|e| bad_data(path, e))?;
+    Ok(Evaluated { readings, result })
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let after = read(args, &args.data)?;
+    let before = args.before.as_deref().map(|path| read(args, path)).transpose()?;
+    let title = args.output.title.as_deref().unwrap_or("Circular test");
+    let pictures = pictures(args, title, &after, before.as_ref());
+    args.output
+        .write(|| drawing::whole(title, &pictures), || report(args, title, &after, before.as_ref()))?;
+    if args.output.json {
+        let mut out = as_json(&after);
+        if let Some(before) = &before {
+            put_before(&mut out, as_json(before));
+        }
+        say!("{:#}", Value::Object(out));
+        return Ok(());
+    }
+    let stdout_taken =
+        [&args.output.svg, &args.output.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
+    if !stdout_taken {
+        print(args, &after, before.as_ref());
+    }
+    Ok(())
+}
+
+/// The tests to draw: before, where there is one, and after.
+fn pictures<'a>(
+    args: &Args,
+    title: &'a str,
+    after: &'a Evaluated,
+    before: Option<&'a Evaluated>,
+) -> Vec<Shown<'a>> {
+    let shown = |title, test: &'a Evaluated| Shown {
+        title,
+        result: &test.result,
+        readings: &test.readings,
+        plane: args.plane,
+        radius_mm: args.radius_mm,
+    };
+    match before {
+        Some(before) => vec![shown("before", before), shown("after, same scale", after)],
+        None => vec![shown(title, after)],
+    }
+}
+
+fn figures(c: &Circularity) -> [Figure; 5] {
+    let figure = |key, name, value: Option<f64>| Figure { key, name, value: value.map(um_from_mm) };
+    [
+        figure("g_fwd_um", "circular deviation G, counter-clockwise", c.g_forward),
+        figure("g_bwd_um", "circular deviation G, clockwise", c.g_backward),
+        figure("g_bi_um", "circular deviation G(b), both", c.g_both),
+        figure("fmax_um", "radial deviation Fmax", Some(c.f_max)),
+        figure("fmin_um", "radial deviation Fmin", Some(c.f_min)),
+    ]
+}
+
+fn as_json(test: &Evaluated) -> Map<String, Value> {
+    let c = &test.result;
+    let mut out: Map<String, Value> =
+        figures(c).into_iter().map(|f| (f.key.to_owned(), json!(f.value))).collect();
+    out.insert("centre_um".to_owned(), json!(c.centre.map(um_from_mm)));
+    out.insert("readings".to_owned(), json!(test.readings.len()));
+    out
+}
+
+fn print(args: &Args, after: &Evaluated, before: Option<&Evaluated>) {
+    say!("ISO 230-4 of {}: {} readings", args.data.display(), after.readings.len());
+    let um = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.2} um"));
+    if before.is_some() {
+        say!("{:<40}{:>14}{:>14}{:>10}", "", "before", "after", "change");
+    }
+    for (i, f) in figures(&after.result).into_iter().enumerate() {
+        match before {
+            Some(before) => {
+                let old = figures(&before.result)[i].value;
+                say!("{:<40}{:>14}{:>14}{:>10}", f.name, um(old), um(f.value), percent(change(old, f.value)));
+            }
+            None => say!("{:<40}{:>14}", f.name, um(f.value)),
+        }
+    }
+    let [x, y] = after.result.centre.map(um_from_mm);
+    say!("{:<40}{:>14}", "centre taken out", format!("{x:.1}, {y:.1} um"));
+}
+
+fn report(
+    args: &Args,
+    title: &str,
+    after: &Evaluated,
+    before: Option<&Evaluated>,
+) -> Result<String, Box<dyn std::error::Error>> {
+    let mut origins = vec![Origin::of("data", &args.data)];
+    origins.extend(args.before.as_deref().map(|p| Origin::of("before", p)));
+    let [a, b] = args.plane;
+    let mut facts = vec![("plane", format!("{a}{b}, angles from {a} towards {b}"))];
+    facts.extend(args.radius_mm.map(|r| ("nominal radius", format!("{r} mm"))));
+    facts.push(("readings", after.readings.len().to_string()));
+    facts.push((
+        "centre",
+        match args.centring {
+            CentringArg::LeastSquares => {
+                let [x, y] = after.result.centre.map(um_from_mm);
+                format!("least-squares circle; taken out {x:.1}, {y:.1} µm")
+            }
+            CentringArg::None => "that of the instrument".to_owned(),
+        },
+    ));
+    let mut page = page::start(title, "Circular test, ISO 230-4:2005", &origins, &facts);
+    let old = before.map(|b| figures(&b.result));
+    page::figures(&mut page, "µm", &figures(&after.result), old.as_ref().map(|o| &o[..]));
+    let caption = "Radial deviations about the common centre, magnified; the heavy circle is the nominal path. F is the radial \
+                   deviation from the nominal radius, G the range of the radii of one path (G(b): of both).";
+    let shown = pictures(args, "", after, before);
+    let scale = drawing::scale(&shown);
+    for (i, one) in shown.iter().enumerate() {
+        let heading = match (shown.len(), i) {
+            (1, _) => "Polar plot",
+            (_, 0) => "Before",
+            _ => "After, same scale",
+        };
+        if shown.len() > 1 && i == 0 {
+            page.sheet(heading);
+        } else {
+            page.heading(heading);
+        }
+        let svg = drawing::single(&Shown { title: "", ..*one }, scale)?;
+        if i + 1 == shown.len() { page.figure(&svg, caption) } else { page.picture(&svg) }
+    }
+    Ok(page.finish())
+}

@@ -1,0 +1,142 @@
+//! `volcomp evaluate`: the figures of ISO 230 from measured deviations, their plots, and reports before and after.
+//!
+//! One file per test; `picture` draws, `page` puts what all reports say in their heads.
+
+mod circular;
+mod diagonals;
+mod page;
+mod picture;
+mod plate;
+mod positioning;
+
+use std::path::{Path, PathBuf};
+
+use clap::{Parser, Subcommand};
+use serde_json::{Map, Value, json};
+
+use super::files::write_text;
+use super::{EX_DATAERR, EX_SOFTWARE, EX_USAGE, Failure, table};
+
+/// Evaluate a test by ISO 230, with the plots of the standards and a report to print
+///
+/// Every test takes --before FILE, an earlier test of the same kind, and compares; --report FILE.html writes a page
+/// that needs no other file and prints on A4; --svg FILE.svg the plot alone.
+#[derive(Debug, Parser)]
+pub(super) struct Args {
+    #[command(subcommand)]
+    test: Test,
+}
+
+#[derive(Debug, Subcommand)]
+enum Test {
+    /// Positioning of one axis: reversal, repeatability, systematic deviation, accuracy.
+    Iso230_2(Box<positioning::Args>),
+    /// Circular test: circular deviation G and radial deviation F.
+    Iso230_4(circular::Args),
+    /// Four body diagonals, each like a positioning test.
+    Iso230_6(diagonals::Args),
+    /// A hole plate or ball plate: offset, rotation, scale and squareness in a plane.
+    Plate(plate::Args),
+}
+
+/// What is written beside the figures.
+#[derive(Debug, clap::Args)]
+struct Output {
+    /// Write a report as one HTML page that needs no other file and prints on A4.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+    /// Write the plot alone.
+    #[arg(long, value_name = "FILE.svg")]
+    svg: Option<PathBuf>,
+    /// Heading of report and plot, for example machine, axis and date.
+    #[arg(long, value_name = "TEXT")]
+    title: Option<String>,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    match &args.test {
+        Test::Iso230_2(a) => positioning::run(a),
+        Test::Iso230_4(a) => circular::run(a),
+        Test::Iso230_6(a) => diagonals::run(a),
+        Test::Plate(a) => plate::run(a),
+    }
+}
+
+impl Output {
+    /// Writes what was asked for.
+    fn write(
+        &self,
+        svg: impl FnOnce() -> super::report::plot::Svg,
+        page: impl FnOnce() -> Result<String, Box<dyn std::error::Error>>,
+    ) -> Result<(), Failure> {
+        if self.json && [&self.svg, &self.report].into_iter().flatten().any(|p| p.as_os_str() == "-") {
+            return Err(Failure::new(
+                EX_USAGE,
+                "error: --json and a picture or report cannot both go to stdout",
+            ));
+        }
+        let drawn =
+            |e: Box<dyn std::error::Error>| Failure::new(EX_SOFTWARE, format_args!("error: picture: {e}"));
+        if let Some(path) = &self.svg {
+            write_text(path, &svg().map_err(drawn)?)?;
+            eprintln!("plot written: {}", path.display());
+        }
+        if let Some(path) = &self.report {
+            write_text(path, &page().map_err(drawn)?)?;
+            eprintln!("report written: {}", path.display());
+        }
+        Ok(())
+    }
+}
+
+fn bad_data(file: &Path, what: impl core::fmt::Display) -> Failure {
+    Failure::new(EX_DATAERR, format_args!("error: {}: {what}", file.display()))
+}
+
+/// Refuses columns that the test does not know.
+fn only<R: std::io::BufRead>(table: &table::Table<R>, known: &[&str]) -> Result<(), Failure> {
+    match table.columns().iter().position(|c| !known.contains(&c.as_str())) {
+        Some(i) => Err(table.fail(i, format_args!("unknown column; columns are {}", known.join(", ")))),
+        None => Ok(()),
+    }
+}
+
+/// One figure of a test: key of the contract, words, and value where the data have it.
+struct Figure {
+    key: &'static str,
+    name: &'static str,
+    value: Option<f64>,
+}
+
+/// How much a figure changed, relative to before.
+fn change(before: Option<f64>, after: Option<f64>) -> Option<f64> {
+    let (before, after) = (before?, after?);
+    (before != 0.0).then(|| (after - before) / before)
+}
+
+/// A share in percent with its sign.
+fn percent(share: Option<f64>) -> String {
+    share.map_or_else(|| "-".to_owned(), |s| format!("{:+.0} %", 100.0 * s))
+}
+
+/// A value with two decimals, or a dash.
+fn show(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2}"))
+}
+
+/// Adds `before` and `change` to a report: `change.KEY` is after/before - 1.
+fn put_before(report: &mut Map<String, Value>, before: Map<String, Value>) {
+    let of = |map: &Map<String, Value>, key: &String| map.get(key).and_then(Value::as_f64);
+    let changes: Map<String, Value> = before
+        .keys()
+        .filter(|k| {
+            report.get(*k).is_some_and(Value::is_number) && !matches!(k.as_str(), "targets" | "cycles")
+        })
+        .filter_map(|k| Some((k.clone(), json!(change(of(&before, k), of(report, k))?))))
+        .collect();
+    report.insert("before".to_owned(), Value::Object(before));
+    report.insert("change".to_owned(), Value::Object(changes));
+}

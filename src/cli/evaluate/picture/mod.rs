@@ -1,0 +1,5 @@
+//! The plots of the standards.
+
+pub(super) mod circular;
+pub(super) mod plate;
+pub(super) mod positioning;

@@ -1,0 +1,248 @@
+//! The plot of ISO 230-2: deviations over the targets, mean and band of two standard deviations of each direction, B and
+//! R where they occur, M, E and A as ranges.
+
+use plotters::prelude::*;
+
+use crate::cli::report::plot::{
+    Area, Axes, BLUE, Chart, Drawn, GREY, INK, Key, SHEET_WIDTH, Svg, VERMILLION, legend, svg_of, with_room,
+    words,
+};
+use crate::core::axes::Travel;
+use crate::evaluate::{AtTarget, Positioning, PositioningReading, Spread};
+
+pub(in crate::cli::evaluate) const HEIGHT: u32 = 370;
+/// Height of one of two plots that share a sheet.
+pub(in crate::cli::evaluate) const HALF_HEIGHT: u32 = 285;
+const TITLE: u32 = 34;
+const LEGEND: u32 = 30;
+/// Room at the right for the ranges, pixels.
+const RANGES: u32 = 164;
+
+/// What is drawn, in the units of the report.
+pub(in crate::cli::evaluate) struct Shown<'a> {
+    /// Above the plot; none where empty.
+    pub(in crate::cli::evaluate) title: &'a str,
+    pub(in crate::cli::evaluate) result: &'a Positioning,
+    pub(in crate::cli::evaluate) readings: &'a [PositioningReading],
+    pub(in crate::cli::evaluate) unit: &'a str,
+    pub(in crate::cli::evaluate) target_unit: &'a str,
+}
+
+/// The range of deviations that holds every test to be compared.
+pub(in crate::cli::evaluate) fn scale<'a>(
+    results: impl IntoIterator<Item = Option<&'a Positioning>>,
+    readings: impl IntoIterator<Item = &'a [PositioningReading]>,
+) -> [f64; 2] {
+    let bands = results.into_iter().flatten().flat_map(|p| {
+        p.targets.iter().flat_map(AtTarget::spreads).flat_map(|s| [s.mean - 2.0 * s.s, s.mean + 2.0 * s.s])
+    });
+    let single = readings.into_iter().flatten().map(|r| r.deviation);
+    // the labels of B and R stand above the data
+    let [low, high] = with_room(bands.chain(single).chain([0.0]), 0.05);
+    [low, high + 0.16 * (high - low)]
+}
+
+/// One test.
+///
+/// # Errors
+/// The drawing library could not draw it.
+pub(in crate::cli::evaluate) fn single(shown: &Shown<'_>, y: [f64; 2], height: u32) -> Svg {
+    let head = if shown.title.is_empty() { 0 } else { TITLE };
+    svg_of((SHEET_WIDTH, height + head), |area| draw(area, shown, y))
+}
+
+/// One test, or the test before above it at the same scale.
+///
+/// # Errors
+/// The drawing library could not draw it.
+pub(in crate::cli::evaluate) fn whole(after: &Shown<'_>, before: Option<&Shown<'_>>) -> Svg {
+    let y = scale(
+        [Some(after.result), before.map(|b| b.result)],
+        [after.readings, before.map_or(&[][..], |b| b.readings)],
+    );
+    let Some(before) = before else { return single(after, y, HEIGHT) };
+    let one = HEIGHT + TITLE;
+    svg_of((SHEET_WIDTH, TITLE + 2 * one), |area| {
+        let (head, rest) = area.split_vertically(TITLE);
+        words(&head, after.title, (14, 10), 20)?;
+        let (upper, lower) = rest.split_vertically(one);
+        draw(&upper, before, y)?;
+        draw(&lower, &Shown { title: "after, same scale", ..*after }, y)
+    })
+}
+
+/// A test in an area; also used small, for the diagonals.
+pub(in crate::cli::evaluate) fn draw(area: &Area<'_>, shown: &Shown<'_>, y: [f64; 2]) -> Drawn {
+    let body = if shown.title.is_empty() {
+        area.clone()
+    } else {
+        let (head, body) = area.split_vertically(TITLE);
+        words(&head, shown.title, (14, 10), 18)?;
+        body
+    };
+    let (plot, below) = body.split_vertically(body.dim_in_pixel().1 - LEGEND);
+    let chart = draw_deviations(&plot, shown, y, RANGES)?;
+    draw_places(&plot, &chart, shown)?;
+    draw_ranges(&plot, &chart, shown)?;
+    draw_legend(&below, shown.result)
+}
+
+/// The axes with readings, bands and means.
+pub(in crate::cli::evaluate) fn draw_deviations<'a, 'b>(
+    area: &'a Area<'b>,
+    shown: &Shown<'_>,
+    y: [f64; 2],
+    right: u32,
+) -> Result<Chart<'a, 'b>, Box<dyn std::error::Error>> {
+    let targets = &shown.result.targets;
+    let axes = Axes {
+        title: "",
+        x_label: &format!("target / {}", shown.target_unit),
+        y_label: &format!("deviation / {}", shown.unit),
+        x: with_room(targets.iter().map(|t| t.target), 0.03),
+        y,
+        right,
+        x_ticks: 9,
+    };
+    let mut chart = axes.draw(area)?;
+    type Side = fn(&AtTarget) -> Option<Spread>;
+    let sides: [(Side, RGBColor, Travel); 2] =
+        [(|t| t.forward, BLUE, Travel::Forward), (|t| t.backward, VERMILLION, Travel::Reverse)];
+    for (side, colour, travel) in sides {
+        let line: Vec<(f64, Spread)> = targets.iter().filter_map(|t| Some((t.target, side(t)?))).collect();
+        let edge = |sign: f64| line.iter().map(move |(x, s)| (*x, s.mean + sign * 2.0 * s.s));
+        let band: Vec<(f64, f64)> = edge(1.0).chain(edge(-1.0).rev()).collect();
+        if !band.is_empty() {
+            chart.draw_series([Polygon::new(band, colour.mix(0.13))])?;
+        }
+        for sign in [1.0, -1.0] {
+            chart.draw_series(LineSeries::new(edge(sign), colour.mix(0.45).stroke_width(1)))?;
+        }
+        let own = shown.readings.iter().filter(|r| r.travel == travel);
+        chart.draw_series(own.map(|r| Circle::new((r.target, r.deviation), 2, colour.mix(0.55).filled())))?;
+        let mean = line.iter().map(|(x, s)| (*x, s.mean));
+        chart.draw_series(LineSeries::new(mean.clone(), colour.stroke_width(2)))?;
+        chart.draw_series(mean.map(|p| Circle::new(p, 4, colour.filled())))?;
+    }
+    let both: Vec<(f64, f64)> = targets.iter().filter_map(|t| Some((t.target, t.mean()?))).collect();
+    if !both.is_empty() {
+        chart.draw_series(DashedLineSeries::new(both, 7, 5, INK.stroke_width(1)))?;
+    }
+    Ok(chart)
+}
+
+/// B and R where they occur.
+fn draw_places(area: &Area<'_>, chart: &Chart<'_, '_>, shown: &Shown<'_>) -> Drawn {
+    let targets = &shown.result.targets;
+    let at = |of: fn(&AtTarget) -> Option<f64>| {
+        let sized = targets.iter().filter_map(|t| Some((t, of(t)?)));
+        sized.reduce(|a, b| if b.1 > a.1 { b } else { a })
+    };
+    let reversal = at(|t| t.reversal().map(f64::abs));
+    let repeatability = at(AtTarget::repeatability).or_else(|| at(|t| t.spreads().next().map(|s| 4.0 * s.s)));
+    let top = chart.y_range().end;
+    let pixel = |chart: &Chart<'_, '_>, x: f64, y: f64| {
+        let (px, py) = chart.backend_coord(&(x, y));
+        let (x0, y0) = area.get_base_pixel();
+        (px - x0, py - y0)
+    };
+    let width = area.dim_in_pixel().0 as i32;
+    for (row, found, name) in [(0, reversal, "B"), (1, repeatability, "R")] {
+        let Some((t, value)) = found else { continue };
+        let (low, high) = match name {
+            "B" => {
+                let means: Vec<f64> = t.spreads().map(|s| s.mean).collect();
+                (
+                    means.iter().copied().fold(f64::INFINITY, f64::min),
+                    means.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+                )
+            }
+            _ => repeatability_ends(t),
+        };
+        let side = if name == "B" { -9 } else { 9 };
+        let ((x, y_low), (_, y_high)) = (pixel(chart, t.target, low), pixel(chart, t.target, high));
+        let x = x + side;
+        bracket(area, x, y_low, y_high)?;
+        let label = format!(
+            "{name} {value:.2} {} at {} {}",
+            shown.unit,
+            (t.target * 1e3).round() / 1e3,
+            shown.target_unit
+        );
+        let (_, y_top) = pixel(chart, t.target, top);
+        let y = y_top + 5 + 18 * row;
+        let room = 7 * label.chars().count() as i32;
+        let left = if x + room > width - RANGES as i32 { x - room } else { x - 4 };
+        area.draw(&PathElement::new(vec![(x, y_high), (x, y + 16)], GREY.stroke_width(1)))?;
+        // white behind the words keeps the grid away from them
+        area.draw(&Rectangle::new([(left - 2, y), (left + room, y + 16)], WHITE.mix(0.85).filled()))?;
+        words(area, &label, (left, y + 1), 14)?;
+    }
+    Ok(())
+}
+
+/// Lowest and highest end of what makes up `R_i`.
+fn repeatability_ends(t: &AtTarget) -> (f64, f64) {
+    let ends = |s: &Spread| [s.mean - 2.0 * s.s, s.mean + 2.0 * s.s];
+    let all: Vec<Spread> = t.spreads().collect();
+    let widest = all.iter().copied().reduce(|a, b| if b.s > a.s { b } else { a });
+    let list: Vec<f64> = match (t.repeatability(), widest) {
+        (Some(r), Some(w)) if r <= 4.0 * w.s => ends(&w).to_vec(),
+        _ => all.iter().flat_map(ends).collect(),
+    };
+    (
+        list.iter().copied().fold(f64::INFINITY, f64::min),
+        list.iter().copied().fold(f64::NEG_INFINITY, f64::max),
+    )
+}
+
+/// M, E and A as ranges beside the plot.
+fn draw_ranges(area: &Area<'_>, chart: &Chart<'_, '_>, shown: &Shown<'_>) -> Drawn {
+    let spreads = || shown.result.targets.iter().flat_map(AtTarget::spreads);
+    let hull = |values: Vec<f64>| {
+        let low = values.iter().copied().fold(f64::INFINITY, f64::min);
+        low.is_finite().then(|| (low, values.iter().copied().fold(f64::NEG_INFINITY, f64::max)))
+    };
+    let ranges = [
+        ("M", hull(shown.result.targets.iter().filter_map(AtTarget::mean).collect())),
+        ("E", hull(spreads().map(|s| s.mean).collect())),
+        ("A", hull(spreads().flat_map(|s| [s.mean - 2.0 * s.s, s.mean + 2.0 * s.s]).collect())),
+    ];
+    let (_, y0) = area.get_base_pixel();
+    let left = area.dim_in_pixel().0 as i32 - RANGES as i32;
+    for (i, (name, range)) in ranges.into_iter().enumerate() {
+        let Some((low, high)) = range else { continue };
+        let y = |v: f64| chart.backend_coord(&(0.0, v)).1 - y0;
+        let x = left + 22 + 51 * i as i32;
+        bracket(area, x, y(low), y(high))?;
+        words(area, name, (x - 4, y(high) - 36), 15)?;
+        let text = format!("{:.2}", high - low);
+        words(area, &text, (x - 4 * text.chars().count() as i32 + 2, y(high) - 19), 13)?;
+    }
+    Ok(())
+}
+
+/// A vertical range with its ends.
+fn bracket(area: &Area<'_>, x: i32, from: i32, to: i32) -> Drawn {
+    area.draw(&PathElement::new(vec![(x, from), (x, to)], INK.stroke_width(2)))?;
+    for y in [from, to] {
+        area.draw(&PathElement::new(vec![(x - 5, y), (x + 5, y)], INK.stroke_width(2)))?;
+    }
+    Ok(())
+}
+
+fn draw_legend(area: &Area<'_>, result: &Positioning) -> Drawn {
+    let mut keys = Vec::new();
+    if result.forward.is_some() {
+        keys.push(Key::line(BLUE, 3, "forward, mean"));
+    }
+    if result.backward.is_some() {
+        keys.push(Key::line(VERMILLION, 3, "backward, mean"));
+    }
+    keys.push(Key::band(GREY.mix(0.35), "± 2 s"));
+    keys.push(Key::dot(GREY, "reading"));
+    if result.both.is_some() {
+        keys.push(Key::line(INK, 1, "mean of both (dashed)"));
+    }
+    legend(area, &keys, 74, 12)
+}

@@ -1,0 +1,465 @@
+//! `evaluate iso230-2`: positioning of one axis.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Map, Value, json};
+
+use super::page::{self, Origin};
+use super::picture::positioning::Shown;
+use super::{Figure, Output, bad_data, change, percent, picture, put_before, show};
+use crate::cli::positioning_data::{Cycles, TestFormat, read_test};
+use crate::cli::report::page::Cell;
+use crate::cli::{EX_USAGE, Failure};
+use crate::core::axes::AxisKind;
+use crate::core::units::{arcsec_from_rad, deg_from_rad, um_from_mm};
+use crate::evaluate::uncertainty::Expanded;
+use crate::evaluate::{Conditions, Positioning, PositioningReading, Spread, Uncertainties};
+
+/// Positioning of one axis by ISO 230-2: reversal, repeatability, systematic deviation, accuracy
+///
+/// Targets and deviations as the instrument gave them: at least two targets, two runs; the standard asks for five
+/// runs in both directions. Example, with the test before compensation beside the one after:
+///
+///   volcomp evaluate iso230-2 --data after.csv --before before.csv --report x-axis.html --title "VMC 850, X axis"
+#[derive(Debug, clap::Parser)]
+pub(super) struct Args {
+    /// CSV with cycle,direction,target_mm,deviation_um (rotary: target_deg,deviation_arcsec), or a .dat file; - is stdin.
+    #[arg(long, value_name = "FILE")]
+    data: PathBuf,
+    /// The same test at an earlier time, to compare with.
+    #[arg(long, value_name = "FILE")]
+    before: Option<PathBuf>,
+    /// How the files are written.
+    #[arg(long, value_enum, default_value = "auto")]
+    format: TestFormat,
+    /// Only these cycles, such as 1-4 or 1,3,5.
+    #[arg(long)]
+    cycles: Option<Cycles>,
+    #[command(flatten)]
+    uncertainty: UncertaintyArgs,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// What is known about the measurement; gives expanded uncertainties (k = 2).
+#[derive(Debug, clap::Args)]
+#[command(next_help_heading = "Uncertainty of the measurement (k = 2)")]
+struct UncertaintyArgs {
+    /// Instrument, from its certificate, um.
+    #[arg(long, value_name = "UM")]
+    u_device_um: Option<f64>,
+    /// Instrument on a rotary axis, arcsec.
+    #[arg(long, value_name = "ARCSEC", conflicts_with = "u_device_um")]
+    u_device_arcsec: Option<f64>,
+    /// The part of the instrument that grows with length, um per metre.
+    #[arg(long, value_name = "UM")]
+    u_device_um_per_m: Option<f64>,
+    /// Largest offset between beam and axis over the travel, mm.
+    #[arg(long, value_name = "MM")]
+    misalignment_mm: Option<f64>,
+    /// Uncertainty of the material temperature, degC; needs --expansion-um-per-m-degc.
+    #[arg(long, value_name = "DEGC", requires = "expansion_um_per_m_degc")]
+    u_temperature_degc: Option<f64>,
+    /// Coefficient of thermal expansion of the scale, um/(m degC).
+    #[arg(long, value_name = "ALPHA")]
+    expansion_um_per_m_degc: Option<f64>,
+    /// Uncertainty of that coefficient, um/(m degC); needs --temperature-degc.
+    #[arg(long, value_name = "ALPHA", requires = "temperature_degc")]
+    u_expansion_um_per_m_degc: Option<f64>,
+    /// Temperature of the material during the test, degC.
+    #[arg(long, value_name = "DEGC")]
+    temperature_degc: Option<f64>,
+    /// Range of the reading of a resting axis over the time of the test, um.
+    #[arg(long, value_name = "UM")]
+    drift_um: Option<f64>,
+    /// The same for a rotary axis, arcsec.
+    #[arg(long, value_name = "ARCSEC", conflicts_with = "drift_um")]
+    drift_arcsec: Option<f64>,
+}
+
+impl UncertaintyArgs {
+    fn conditions(&self, kind: AxisKind) -> Result<Conditions, Failure> {
+        let all = [
+            self.u_device_um,
+            self.u_device_arcsec,
+            self.u_device_um_per_m,
+            self.misalignment_mm,
+            self.u_temperature_degc,
+            self.expansion_um_per_m_degc,
+            self.u_expansion_um_per_m_degc,
+            self.temperature_degc,
+            self.drift_um,
+            self.drift_arcsec,
+        ];
+        if let Some(bad) = all.into_iter().flatten().find(|v| !v.is_finite()) {
+            return Err(Failure::new(
+                EX_USAGE,
+                format_args!("error: uncertainty {bad} is not a finite number"),
+            ));
+        }
+        let of_length = self
+            .u_device_um_per_m
+            .or(self.misalignment_mm)
+            .or(self.u_temperature_degc)
+            .or(self.u_expansion_um_per_m_degc);
+        let (device, drift, foreign, wanted) = match kind {
+            AxisKind::Linear => {
+                (self.u_device_um, self.drift_um, self.u_device_arcsec.or(self.drift_arcsec), "um")
+            }
+            AxisKind::Rotary => {
+                let foreign = self.u_device_um.or(self.drift_um).or(of_length);
+                (self.u_device_arcsec, self.drift_arcsec, foreign, "arcsec, for instrument and drift only")
+            }
+        };
+        if foreign.is_some() {
+            return Err(Failure::new(
+                EX_USAGE,
+                format_args!("error: the unit of an uncertainty does not suit the test; give it in {wanted}"),
+            ));
+        }
+        Ok(Conditions {
+            device,
+            device_per_m: self.u_device_um_per_m,
+            misalignment_mm: self.misalignment_mm,
+            temperature_degc: self.u_temperature_degc,
+            expansion_um_per_m_degc: self.expansion_um_per_m_degc,
+            expansion_uncertainty_um_per_m_degc: self.u_expansion_um_per_m_degc,
+            from_20_degc: self.temperature_degc.map(|t| t - 20.0),
+            drift,
+        })
+    }
+}
+
+/// A test in the units of the report, so that messages name the targets in them too.
+pub(super) struct Evaluated {
+    pub(super) kind: AxisKind,
+    pub(super) readings: Vec<PositioningReading>,
+    pub(super) result: Positioning,
+    pub(super) uncertainties: Uncertainties,
+}
+
+impl Evaluated {
+    /// Unit of deviations in keys, of deviations and of targets in words.
+    const fn units(&self) -> (&'static str, &'static str, &'static str) {
+        match self.kind {
+            AxisKind::Linear => ("um", "µm", "mm"),
+            AxisKind::Rotary => ("arcsec", "arcsec", "deg"),
+        }
+    }
+
+    fn shown<'a>(&'a self, title: &'a str) -> Shown<'a> {
+        let (_, unit, target_unit) = self.units();
+        Shown { title, result: &self.result, readings: &self.readings, unit, target_unit }
+    }
+}
+
+fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
+    let mut test = read_test(path, args.format)?;
+    if let Some(cycles) = &args.cycles {
+        cycles.select(&path.display().to_string(), &mut test.readings)?;
+    }
+    type Convert = fn(f64) -> f64;
+    let (to_target, to_value): (Convert, Convert) = match test.kind {
+        AxisKind::Linear => (|v| v, um_from_mm),
+        AxisKind::Rotary => (deg_from_rad, arcsec_from_rad),
+    };
+    let readings: Vec<PositioningReading> = test
+        .readings
+        .iter()
+        .map(|r| PositioningReading {
+            travel: r.travel,
+            target: to_target(r.position),
+            deviation: to_value(r.value),
+        })
+        .collect();
+    let result = Positioning::evaluate(&readings).map_err(|e| bad_data(path, e))?;
+    if result.cycles < 5 {
+        eprintln!("note: {}: {} cycles; ISO 230-2 asks for 5", path.display(), result.cycles);
+    }
+    let conditions = args.uncertainty.conditions(test.kind)?;
+    let ends = result.targets.first().zip(result.targets.last());
+    let length = ends.map_or(0.0, |(a, b)| b.target - a.target);
+    let uncertainties = Uncertainties::of(&result, &conditions, length);
+    Ok(Evaluated { kind: test.kind, readings, result, uncertainties })
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let after = read(args, &args.data)?;
+    let before = args.before.as_deref().map(|path| read(args, path)).transpose()?;
+    if let (Some(before), Some(path)) = (&before, &args.before)
+        && before.kind != after.kind
+    {
+        return Err(bad_data(
+            path,
+            "one of the two tests is linear, the other rotary; they cannot be compared",
+        ));
+    }
+    let title = args.output.title.as_deref().unwrap_or("Positioning of an axis");
+    args.output.write(
+        || {
+            picture::positioning::whole(
+                &after.shown(title),
+                before.as_ref().map(|b| b.shown("before")).as_ref(),
+            )
+        },
+        || report(args, title, &after, before.as_ref()),
+    )?;
+    let (key, ..) = after.units();
+    if args.output.json {
+        let mut out = as_json(&after.result, key, |v| v);
+        put_uncertainties(&mut out, &after.uncertainties, key);
+        if let Some(before) = &before {
+            put_before(&mut out, as_json(&before.result, key, |v| v));
+        }
+        say!("{:#}", Value::Object(out));
+        return Ok(());
+    }
+    let stdout_taken =
+        [&args.output.svg, &args.output.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
+    if !stdout_taken {
+        let (file, p) = (args.data.display(), &after.result);
+        say!("ISO 230-2 of {file}: {} targets, {} cycles", p.targets.len(), p.cycles);
+        print(p, key, |v| v);
+        print_uncertainties(&after.uncertainties, key);
+        if let Some(before) = &before {
+            print_change(&before.result, p, key);
+        }
+    }
+    Ok(())
+}
+
+/// How many of the figures belong to both directions.
+const BOTH: usize = 6;
+/// Share of the common scale below which a test is drawn at its own scale, too.
+const OWN_SCALE: f64 = 0.4;
+
+/// The figures of a test by their keys.
+fn figures(p: &Positioning) -> [Figure; 12] {
+    let both = p.both.as_ref();
+    let (f, b) = (p.forward, p.backward);
+    let figure = |key, name, value| Figure { key, name, value };
+    [
+        figure("b", "reversal B", both.map(|b| b.b)),
+        figure("b_mean", "mean reversal", both.map(|b| b.b_mean)),
+        figure("r", "repeatability R", both.map(|b| b.r)),
+        figure("e", "systematic deviation E", both.map(|b| b.e)),
+        figure("m", "mean systematic deviation M", both.map(|b| b.m)),
+        figure("a", "accuracy A", both.map(|b| b.a)),
+        figure("e_fwd", "E, forward", f.map(|d| d.e)),
+        figure("a_fwd", "A, forward", f.map(|d| d.a)),
+        figure("r_fwd", "R, forward", f.map(|d| d.r)),
+        figure("e_bwd", "E, backward", b.map(|d| d.e)),
+        figure("a_bwd", "A, backward", b.map(|d| d.a)),
+        figure("r_bwd", "R, backward", b.map(|d| d.r)),
+    ]
+}
+
+/// The keys of contract section 6.
+pub(super) fn as_json(p: &Positioning, unit: &str, scale: fn(f64) -> f64) -> Map<String, Value> {
+    let mut map: Map<String, Value> =
+        figures(p).into_iter().map(|f| (format!("{}_{unit}", f.key), json!(f.value.map(scale)))).collect();
+    map.insert("targets".to_owned(), json!(p.targets.len()));
+    map.insert("cycles".to_owned(), json!(p.cycles));
+    map
+}
+
+/// Figures with an uncertainty, in the order of [`Uncertainties`].
+fn uncertain(u: &Uncertainties) -> Vec<(&'static str, &'static str, Expanded)> {
+    let mut out = Vec::new();
+    let names = [("b", "B"), ("r", "R"), ("e", "E"), ("m", "M"), ("a", "A")];
+    out.extend(u.both.into_iter().flat_map(|b| names.into_iter().zip(b).map(|((k, n), e)| (k, n, e))));
+    for (side, keys) in [
+        (u.forward, [("e_fwd", "E, forward"), ("a_fwd", "A, forward"), ("r_fwd", "R, forward")]),
+        (u.backward, [("e_bwd", "E, backward"), ("a_bwd", "A, backward"), ("r_bwd", "R, backward")]),
+    ] {
+        out.extend(side.into_iter().flat_map(|s| keys.into_iter().zip(s).map(|((k, n), e)| (k, n, e))));
+    }
+    out
+}
+
+fn put_uncertainties(out: &mut Map<String, Value>, u: &Uncertainties, unit: &str) {
+    let stated = !u.contributions.is_empty();
+    let mut map = Map::new();
+    for (key, _, e) in uncertain(u) {
+        let measurement = stated.then_some(e.measurement);
+        let of = json!({format!("measurement_{unit}"): measurement, format!("sampling_{unit}"): e.sampling});
+        map.insert(key.to_owned(), of);
+    }
+    out.insert("expanded_uncertainty_k2".to_owned(), Value::Object(map));
+    let contributions: Vec<Value> =
+        u.contributions.iter().map(|c| json!({"name": c.name, format!("std_{unit}"): c.std})).collect();
+    out.insert("contributions".to_owned(), Value::Array(contributions));
+}
+
+pub(super) fn print(p: &Positioning, unit: &str, scale: fn(f64) -> f64) {
+    let row = |name: &str, values: [Option<f64>; 3]| {
+        let [f, b, both] = values.map(|v| show(v.map(scale)));
+        say!("{name:<28}{f:>12}{b:>12}{both:>16}");
+    };
+    let (f, b, both) = (p.forward, p.backward, p.both);
+    say!("{:<28}{:>12}{:>12}{:>16}", unit, "forward", "backward", "bidirectional");
+    row("reversal B", [None, None, both.map(|x| x.b)]);
+    row("mean reversal", [None, None, both.map(|x| x.b_mean)]);
+    row("repeatability R", [f.map(|x| x.r), b.map(|x| x.r), both.map(|x| x.r)]);
+    row("systematic deviation E", [f.map(|x| x.e), b.map(|x| x.e), both.map(|x| x.e)]);
+    row("mean systematic deviation M", [None, None, both.map(|x| x.m)]);
+    row("accuracy A", [f.map(|x| x.a), b.map(|x| x.a), both.map(|x| x.a)]);
+}
+
+fn print_uncertainties(u: &Uncertainties, unit: &str) {
+    let Some(both) = u.both else { return };
+    let stated = !u.contributions.is_empty();
+    say!();
+    say!("{:<28}{:>12}{:>12}{:>8}{:>8}{:>8}", format!("expanded, k = 2, {unit}"), "B", "R", "E", "M", "A");
+    let row = |name: &str, of: fn(&Expanded) -> f64| {
+        let [b, r, e, m, a] = both.each_ref().map(of);
+        say!("{name:<28}{b:>12.2}{r:>12.2}{e:>8.2}{m:>8.2}{a:>8.2}");
+    };
+    if stated {
+        row("measurement", |e| e.measurement);
+    }
+    row("few runs", |e| e.sampling);
+    if !stated {
+        say!(
+            "measurement: nothing stated about instrument, temperature and drift (--help names the options)"
+        );
+    }
+}
+
+fn print_change(before: &Positioning, after: &Positioning, unit: &str) {
+    say!();
+    say!("{:<28}{:>12}{:>12}{:>10}", format!("change, {unit}"), "before", "after", "");
+    for (b, a) in figures(before).into_iter().zip(figures(after)).filter(|(_, a)| a.value.is_some()) {
+        let share = percent(change(b.value, a.value));
+        say!("{:<28}{:>12}{:>12}{share:>10}", a.name, show(b.value), show(a.value));
+    }
+}
+
+fn report(
+    args: &Args,
+    title: &str,
+    after: &Evaluated,
+    before: Option<&Evaluated>,
+) -> Result<String, Box<dyn std::error::Error>> {
+    let (_, unit, target_unit) = after.units();
+    let mut origins = vec![Origin::of("data", &args.data)];
+    origins.extend(args.before.as_deref().map(|p| Origin::of("before", p)));
+    let size = |p: &Positioning| {
+        let ends = p.targets.first().zip(p.targets.last());
+        let [low, high] = ends.map_or([0.0; 2], |(a, b)| [a.target, b.target]);
+        let short = if p.cycles < 5 { "; ISO 230-2 asks for 5 runs" } else { "" };
+        format!("{} targets from {low} to {high} {target_unit}, {} runs{short}", p.targets.len(), p.cycles)
+    };
+    let mut facts = vec![("test", size(&after.result))];
+    facts.extend(before.map(|b| ("test before", size(&b.result))));
+    let mut page =
+        page::start(title, "Accuracy and repeatability of positioning, ISO 230-2:2014", &origins, &facts);
+    let old = before.map(|b| figures(&b.result));
+    let old = |range: core::ops::Range<usize>| old.as_ref().map(|o| &o[range]);
+    page::figures(&mut page, unit, &figures(&after.result)[..BOTH], old(0..BOTH));
+    let caption = "Deviation = actual - target. Solid: mean of each direction, band: ± 2 s, dots: readings, dashed: mean of both \
+                   directions. B and R are marked where they occur, M, E and A are the ranges at the right.";
+    let own = picture::positioning::scale([Some(&after.result)], [&after.readings[..]]);
+    let mut scale = own;
+    let height = match before {
+        Some(_) => picture::positioning::HALF_HEIGHT,
+        None => picture::positioning::HEIGHT,
+    };
+    if let Some(before) = before {
+        let both = [Some(&after.result), Some(&before.result)];
+        scale = picture::positioning::scale(both, [&after.readings[..], &before.readings[..]]);
+        page.heading("Before");
+        page.picture(&picture::positioning::single(&before.shown(""), scale, height)?);
+        page.heading("After, same scale");
+    } else {
+        page.heading("Deviations");
+    }
+    page.figure(&picture::positioning::single(&after.shown(""), scale, height)?, caption);
+    // where the test improved much, its own scale shows what is left
+    if own[1] - own[0] < OWN_SCALE * (scale[1] - scale[0]) {
+        page.sheet("After, own scale");
+        page.picture(&picture::positioning::single(&after.shown(""), own, picture::positioning::HEIGHT)?);
+    }
+    page.heading("Each direction");
+    let each = figures(&after.result);
+    page::figures(&mut page, unit, &each[BOTH..], old(BOTH..each.len()));
+    uncertainty_section(&mut page, &after.uncertainties, unit);
+    page.heading("Targets");
+    targets(&mut page, &after.result, unit, target_unit);
+    if let Some(before) = before {
+        page.heading("Targets before");
+        targets(&mut page, &before.result, unit, target_unit);
+    }
+    Ok(page.finish())
+}
+
+fn uncertainty_section(page: &mut crate::cli::report::Page, u: &Uncertainties, unit: &str) {
+    page.heading("Uncertainty");
+    let stated = !u.contributions.is_empty();
+    if stated {
+        let rows: Vec<Vec<Cell>> = u
+            .contributions
+            .iter()
+            .map(|c| vec![Cell::head(c.name), Cell::number(format!("{:.2}", c.std))])
+            .collect();
+        page.table(
+            &[Cell::head("contribution"), Cell::number(format!("standard uncertainty / {unit}"))],
+            &rows,
+        );
+    }
+    let head = [
+        Cell::head("expanded uncertainty, k = 2"),
+        Cell::number(format!("of the measurement / {unit}")),
+        Cell::number(format!("from few runs / {unit}")),
+    ];
+    let rows: Vec<Vec<Cell>> = uncertain(u)
+        .into_iter()
+        .map(|(_, name, e)| {
+            let measurement = if stated { format!("{:.2}", e.measurement) } else { "not stated".to_owned() };
+            vec![Cell::head(name), Cell::number(measurement), Cell::number(format!("{:.2}", e.sampling))]
+        })
+        .collect();
+    page.table(&head, &rows);
+    page.note(
+        "Measurement: instrument, alignment, temperature and drift, as far as they were stated. Few runs: what the scatter \
+         of the readings does to means and standard deviations of so few runs (first order).",
+    );
+}
+
+fn targets(page: &mut crate::cli::report::Page, p: &Positioning, unit: &str, target_unit: &str) {
+    let head: Vec<Cell> = [
+        format!("target / {target_unit}"),
+        format!("mean forward / {unit}"),
+        "s".to_owned(),
+        "mean backward".to_owned(),
+        "s".to_owned(),
+        "mean of both".to_owned(),
+        "B".to_owned(),
+        "R".to_owned(),
+    ]
+    .into_iter()
+    .map(Cell::number)
+    .collect();
+    let rows: Vec<Vec<Cell>> = p
+        .targets
+        .iter()
+        .map(|t| {
+            let mean = |s: Option<Spread>| show(s.map(|s| s.mean));
+            let spread = |s: Option<Spread>| show(s.map(|s| s.s));
+            [
+                format!("{}", (t.target * 1e6).round() / 1e6),
+                mean(t.forward),
+                spread(t.forward),
+                mean(t.backward),
+                spread(t.backward),
+                show(t.mean()),
+                show(t.reversal()),
+                show(t.repeatability()),
+            ]
+            .into_iter()
+            .map(Cell::number)
+            .collect()
+        })
+        .collect();
+    page.table(&head, &rows);
+}

@@ -1,0 +1,326 @@
+//! `volcomp export`: a model to the tables that controls load.
+
+use std::path::PathBuf;
+
+use clap::{Parser, ValueEnum};
+
+use super::files::{Output, read_model};
+use super::import::{LinearUnitArg, SenseArg, SignArg, axis_letter, comp_type, usage};
+use super::{EX_DATAERR, EX_USAGE, Failure};
+use crate::core::axes::{AxisKind, AxisName};
+use crate::core::model::{Component, ErrorSymbol, ModelSpec};
+use crate::core::units::{arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_deg, um_from_mm};
+use crate::formats::axis_table::positioning;
+use crate::formats::rtl::{Deviation, Entry, Rtl};
+use crate::formats::sample::{AxisTable, ExportError, Limits, Motions, Sampling, Way, sample_axis};
+use crate::formats::text::rounded;
+use crate::formats::{heidenhain, isg, isg_lis, linuxcnc, rtl};
+
+/// Write a model as a table that a control loads.
+///
+/// Curves are sampled such that straight lines between the points stay within --tolerance-um of the model, as controls
+/// interpolate. What the format cannot hold is named; what would be silently wrong is refused.
+#[derive(Debug, Parser)]
+#[command(after_help = "Examples:\n  \
+    volcomp export model.toml --format isg --sense relative --out vc.csv\n  \
+    volcomp export model.toml --format linuxcnc --axis x --comp-type 1 --out x.comp\n  \
+    volcomp export model.toml --format csv --axis x --step 10 --out x.csv\n\
+    \nThe formats, their signs and what they cannot hold: docs/formats.md")]
+pub(super) struct Args {
+    /// The model file.
+    #[arg(value_name = "MODEL")]
+    model: PathBuf,
+    /// The format.
+    #[arg(long, value_enum)]
+    format: FormatArg,
+    /// The axis; isg takes several, and all where none is given.
+    #[arg(long, value_name = "LETTER", value_parser = axis_letter)]
+    axis: Vec<AxisName>,
+    /// The table; - is stdout.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Straight lines between points stay this close to the model (angles: over one metre).
+    #[arg(long, value_name = "UM", default_value_t = 0.05)]
+    tolerance_um: f64,
+    /// Distance of the points in mm (rotary: deg), instead of a tolerance.
+    #[arg(long, value_name = "MM")]
+    step: Option<f64>,
+    /// First and last position in mm (rotary: deg), such as 0:500; else the travel of the axis.
+    #[arg(long, value_name = "LOW:HIGH", value_parser = range, allow_hyphen_values = true)]
+    range: Option<[f64; 2]>,
+    /// Which direction of travel goes into a format that has only one.
+    #[arg(long, value_enum)]
+    direction: Option<DirectionArg>,
+    /// COMP_FILE_TYPE of LinuxCNC: 0 actual positions, 1 trims.
+    #[arg(long, value_name = "0|1", value_parser = comp_type)]
+    comp_type: Option<linuxcnc::CompType>,
+    /// LINEAR_UNITS of the LinuxCNC machine.
+    #[arg(long, value_enum, default_value = "mm")]
+    linear_units: LinearUnitArg,
+    /// Whose motion an ISG control takes the values of workpiece-side axes for.
+    #[arg(long, value_enum)]
+    sense: Option<SenseArg>,
+    /// What a Heidenhain control takes its values for.
+    #[arg(long, value_enum)]
+    sign: Option<SignArg>,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum FormatArg {
+    /// ISG and Beckhoff volumetric compensation.
+    Isg,
+    /// ISG and Beckhoff leadscrew compensation.
+    IsgLis,
+    /// LinuxCNC screw compensation.
+    #[value(name = "linuxcnc")]
+    LinuxCnc,
+    /// Heidenhain .COM table.
+    Heidenhain,
+    /// Renishaw laser test, as if the model had been measured.
+    Rtl,
+    /// position_mm and error columns, as `volcomp fit` reads them.
+    Csv,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+enum DirectionArg {
+    Forward,
+    Reverse,
+    Mean,
+}
+
+fn range(text: &str) -> Result<[f64; 2], String> {
+    let (low, high) = text.split_once(':').ok_or("write two numbers, such as 0:500")?;
+    let number = |t: &str| {
+        t.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or(format!("'{t}' is not a finite number"))
+    };
+    Ok([number(low)?, number(high)?])
+}
+
+/// A text to write and the errors that are in it.
+struct Written {
+    text: String,
+    symbols: Vec<ErrorSymbol>,
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    if !(args.tolerance_um > 0.0 && args.tolerance_um.is_finite()) {
+        return Err(usage(format_args!("--tolerance-um {}: must be above 0", args.tolerance_um)));
+    }
+    let (spec, _) = read_model(&args.model)?;
+    let written = write(args, &spec).map_err(|e| args.failure(&e))?;
+    let mut output = Output::create(&args.out)?;
+    std::io::Write::write_all(&mut output, written.text.as_bytes())
+        .map_err(|e| Failure::io(output.path(), &e))?;
+    output.finish()?;
+    eprintln!("written: {}", args.out.display());
+    not_held(args, &spec, &written.symbols);
+    Ok(())
+}
+
+impl Args {
+    fn failure(&self, e: &ExportError) -> Failure {
+        let code = match e {
+            ExportError::SenseNotStated { .. }
+            | ExportError::SignNotStated
+            | ExportError::OneAxis { .. }
+            | ExportError::CompTypeNotStated
+            | ExportError::Step { .. }
+            | ExportError::EmptyRange { .. }
+            | ExportError::NoRange { .. }
+            | ExportError::TwoDirections { .. }
+            | ExportError::AxisNotInChain { .. } => EX_USAGE,
+            _ => EX_DATAERR,
+        };
+        Failure::new(code, format_args!("error: {}: {e}", self.model.display()))
+    }
+
+    fn sampling(&self, kind: AxisKind) -> Sampling {
+        let inner = |v: f64| if kind == AxisKind::Rotary { rad_from_deg(v) } else { v };
+        Sampling {
+            tolerance: mm_from_um(self.tolerance_um),
+            step: self.step.map(inner),
+            range: self.range.map(|r| r.map(inner)),
+            way: self.direction.map(|d| match d {
+                DirectionArg::Forward => Way::Forward,
+                DirectionArg::Reverse => Way::Reverse,
+                DirectionArg::Mean => Way::Mean,
+            }),
+        }
+    }
+}
+
+fn write(args: &Args, spec: &ModelSpec) -> Result<Written, ExportError> {
+    if args.format == FormatArg::Isg {
+        return write_isg(args, spec);
+    }
+    let [axis] = args.axis[..] else { return Err(ExportError::OneAxis { format: "the format" }) };
+    let sampling = args.sampling(axis.kind());
+    let (text, table) = match args.format {
+        FormatArg::LinuxCnc => {
+            let file = args.comp_type.ok_or(ExportError::CompTypeNotStated)?;
+            linuxcnc::write(spec, axis, file, args.linear_units.into(), &sampling)?
+        }
+        FormatArg::IsgLis => isg_lis::write(spec, axis, &sampling)?,
+        FormatArg::Heidenhain => {
+            heidenhain::write(spec, axis, args.sign.map(heidenhain::Sign::from), &sampling)?
+        }
+        FormatArg::Rtl => write_rtl(spec, axis, &sampling)?,
+        FormatArg::Csv | FormatArg::Isg => write_csv(spec, axis, &sampling)?,
+    };
+    describe(&table);
+    let symbols =
+        table.columns.iter().map(|c| ErrorSymbol::Motion { component: c.component, axis }).collect();
+    Ok(Written { text, symbols })
+}
+
+fn write_isg(args: &Args, spec: &ModelSpec) -> Result<Written, ExportError> {
+    let kind = args.axis.first().map_or(AxisKind::Linear, |a| a.kind());
+    let several = args.axis.len() != 1;
+    if several && (args.range.is_some() || args.step.is_some()) {
+        return Err(ExportError::OneAxis { format: "--range and --step" });
+    }
+    let (text, report) = isg::write(spec, &args.axis, args.sense.map(isg::Body::from), &args.sampling(kind))?;
+    for (axis, rows, error) in &report.blocks {
+        eprintln!(
+            "axis {axis}: {rows} rows, at most {:.3} um from the model between them",
+            um_from_mm(*error)
+        );
+    }
+    eprintln!("{} constants", report.constants);
+    let written = |s: &ErrorSymbol| {
+        report.blocks.iter().any(|(a, ..)| *a == s.axis()) || (s.is_constant() && report.constants > 0)
+    };
+    let symbols = spec.errors.iter().map(|(s, _)| *s).filter(written).collect();
+    Ok(Written { text, symbols })
+}
+
+fn describe(table: &AxisTable) {
+    let (low, high) = (table.positions[0], table.positions[table.positions.len() - 1]);
+    let (low, high, unit) = match table.axis.kind() {
+        AxisKind::Linear => (low, high, "mm"),
+        AxisKind::Rotary => (deg_from_rad(low), deg_from_rad(high), "deg"),
+    };
+    eprintln!(
+        "axis {}: {} points from {low} to {high} {unit}, at most {:.3} um from the model between them",
+        table.axis,
+        table.positions.len(),
+        um_from_mm(table.largest_error)
+    );
+}
+
+/// Says what of the model is not in the file.
+fn not_held(args: &Args, spec: &ModelSpec, written: &[ErrorSymbol]) {
+    let missing: Vec<String> =
+        spec.errors.iter().filter(|(s, _)| !written.contains(s)).map(|(s, _)| s.to_string()).collect();
+    if !missing.is_empty() {
+        eprintln!("not in this file: {}", missing.join(" "));
+    }
+    if spec.errors.iter().any(|(s, f)| written.contains(s) && f.std.is_some())
+        && args.format != FormatArg::Csv
+    {
+        eprintln!("not in this file: the stated uncertainties");
+    }
+    let angles = |axis: AxisName| {
+        spec.errors.iter().any(|(s, _)| s.axis() == axis && s.is_angle() && !s.is_constant())
+    };
+    if let (false, Some(axis)) =
+        (args.format == FormatArg::Isg || args.format == FormatArg::Csv, args.axis.first())
+        && angles(*axis)
+    {
+        eprintln!(
+            "note: axis {axis} has angular errors, so away from its reference points its linear errors are others; the table holds those at the reference points"
+        );
+    }
+}
+
+/// Any number of points, both directions.
+const FREE: Limits = Limits { format: "csv", equidistant: false, points: 200_000, two_directions: true };
+
+fn write_csv(
+    spec: &ModelSpec,
+    axis: AxisName,
+    sampling: &Sampling,
+) -> Result<(String, AxisTable), ExportError> {
+    let motions = Motions::new(spec, axis, false)?;
+    let components = motions.present();
+    if components.is_empty() {
+        return Err(ExportError::NoError { what: "error motion", axis });
+    }
+    let table = sample_axis(&motions, &components, sampling, &FREE)?;
+    let two_way = table.columns.iter().any(|c| c.reverse.is_some());
+    let rotary = axis.kind() == AxisKind::Rotary;
+    let mut header = vec![if rotary { "position_deg" } else { "position_mm" }.to_owned()];
+    header.extend(components.iter().map(|c| {
+        let unit = if c.is_angle() { "arcsec" } else { "um" };
+        format!("e{}{}_{unit}", c.letter().to_ascii_lowercase(), axis.lower())
+    }));
+    header.extend(two_way.then(|| "direction".to_owned()));
+    let mut out = header.join(",") + "\n";
+    for (reverse, direction) in [(false, "1"), (true, "-1")] {
+        if reverse && !two_way {
+            break;
+        }
+        for (i, q) in table.positions.iter().enumerate() {
+            let mut row = vec![rounded(if rotary { deg_from_rad(*q) } else { *q }, 0)];
+            row.extend(table.columns.iter().map(|c| {
+                let values = c.reverse.as_ref().filter(|_| reverse).unwrap_or(&c.forward);
+                rounded(
+                    if c.component.is_angle() { arcsec_from_rad(values[i]) } else { um_from_mm(values[i]) },
+                    0,
+                )
+            }));
+            row.extend(two_way.then(|| direction.to_owned()));
+            out.push_str(&row.join(","));
+            out.push('\n');
+        }
+    }
+    Ok((out, table))
+}
+
+fn write_rtl(
+    spec: &ModelSpec,
+    axis: AxisName,
+    sampling: &Sampling,
+) -> Result<(String, AxisTable), ExportError> {
+    if axis.kind() == AxisKind::Rotary {
+        let (format, known) = ("rtl", "linear ones: the unit of angles is not documented");
+        return Err(ExportError::NoSuchAxis { axis, format, known });
+    }
+    let motions = Motions::new(spec, axis, false)?;
+    let component: Component = positioning(axis);
+    if !motions.present().contains(&component) {
+        return Err(ExportError::NoError { what: "positioning error", axis });
+    }
+    let table = sample_axis(&motions, &[component], sampling, &Limits { format: "rtl", ..FREE })?;
+    let column = &table.columns[0];
+    let entry = |key: &str, text: String| Entry { key: key.to_owned(), text };
+    // as written: without the rounding of the curve's evaluation
+    let um = |v: f64| rounded(um_from_mm(v), 3).parse::<f64>().unwrap_or(v);
+    let row = |run, i: usize, v: f64| Deviation { run, target: i as u32 + 1, value: um(v) };
+    let mut deviations: Vec<Deviation> =
+        column.forward.iter().enumerate().map(|(i, v)| row(1, i, *v)).collect();
+    let one_way = column.reverse.is_none();
+    if let Some(reverse) = &column.reverse {
+        deviations.extend(reverse.iter().enumerate().rev().map(|(i, v)| row(2, i, *v)));
+    }
+    let file = Rtl {
+        header: vec![
+            entry("File type", "rtl".into()),
+            entry("Owner", "volcomp".into()),
+            entry("Version no", env!("CARGO_PKG_VERSION").into()),
+        ],
+        filetype: "ISO".to_owned(),
+        targets: table.positions.clone(),
+        flags: vec![0, i64::from(one_way), 2, 0],
+        user_text: vec![
+            entry("Machine", spec.machine.clone()),
+            entry("Axis", axis.to_string()),
+            entry("TITLE", "computed from a model, not measured".into()),
+        ],
+        run_count: if one_way { 1 } else { 2 },
+        deviations,
+        ..Rtl::default()
+    };
+    Ok((rtl::write(&file), table))
+}

@@ -1,0 +1,139 @@
+//! A case of the reference vectors: displacements in mm, the axis errors at the ends of the box, squareness in rad.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde_json::{Map, Value, json};
+
+use super::{Args, bad};
+use crate::cli::Failure;
+use crate::cli::identify::case;
+use crate::core::axes::{AxisName, Travel};
+use crate::core::geometry::Vec3;
+use crate::core::model::curve::{Interpolation, Table};
+use crate::core::model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
+use crate::core::units::{arcsec_from_rad, mm_from_um};
+use crate::identify::diagonals::{NAMES, SQUARENESS, Setup};
+
+#[derive(serde::Deserialize)]
+struct Case {
+    chain: String,
+    #[serde(rename = "box")]
+    cuboid: [f64; 3],
+    #[serde(default)]
+    tool_tip: [f64; 3],
+    axis_errors_at_box_ends: Option<BTreeMap<String, Ends>>,
+    displacement: Displacement,
+}
+
+#[derive(serde::Deserialize)]
+struct Ends {
+    at_0: [f64; 6],
+    at_travel: [f64; 6],
+}
+
+#[derive(serde::Deserialize)]
+struct Displacement {
+    ppp: f64,
+    npp: f64,
+    pnp: f64,
+    ppn: f64,
+}
+
+/// What the errors of a case hold.
+#[derive(Clone, Copy, Default)]
+struct Holds {
+    angles: bool,
+    straightness: bool,
+}
+
+pub(super) fn run(args: &Args, path: &Path) -> Result<(), Failure> {
+    let case: Case = case::read(path)?;
+    let chain = Chain::parse(&case.chain).map_err(|e| bad(path, format_args!("chain: {e}")))?;
+    let setup =
+        Setup::new(&chain, [0.0; 3], case.cuboid, Vec3::from(case.tool_tip)).map_err(|e| bad(path, e))?;
+    let d = &case.displacement;
+    let measured = [d.ppp, d.npp, d.pnp, d.ppn];
+    let mut result = Map::new();
+    let mut corrected = measured;
+    let mut holds = Holds::default();
+    match &case.axis_errors_at_box_ends {
+        Some(errors) => {
+            let (spec, found) = case_model(&chain, case.cuboid, errors).map_err(|e| bad(path, e))?;
+            holds = found;
+            if holds.angles {
+                let model = setup.displacements(&spec, Travel::Forward).map_err(|e| bad(path, e))?;
+                corrected = std::array::from_fn(|i| measured[i] - model[i]);
+                let biased = setup.squareness(&measured, &[0.0; 4]).map_err(|e| bad(path, e))?;
+                result.insert(
+                    "model_displacement_without_squareness_first_order".into(),
+                    NAMES.iter().zip(model).map(|(n, v)| ((*n).to_owned(), json!(v))).collect(),
+                );
+                result.insert("squareness_without_subtraction".into(), squareness_object(biased.value));
+            }
+        }
+        None if args.accept_bias_arcsec.is_none() => {
+            return Err(bad(
+                path,
+                "no axis_errors_at_box_ends: squareness needs the angular errors of all axes, or a bound with --accept-bias-arcsec",
+            ));
+        }
+        None => {}
+    }
+    let found = setup.squareness(&corrected, &[0.0; 4]).map_err(|e| bad(path, e))?;
+    result.insert("squareness".into(), squareness_object(found.value));
+    result.insert("common".into(), json!(found.common));
+    let per_um = setup.sensitivity().map(|s| s * mm_from_um(1.0));
+    result.insert("sigma_squareness_per_sigma_1um".into(), squareness_object(per_um));
+    if holds.straightness {
+        // end-to-end values know the end-point lines only
+        result.insert("squareness_of_end_point_lines_first_order".into(), squareness_object(found.value));
+    }
+    if let Some(bound) = args.accept_bias_arcsec {
+        result.insert("bias_bound_arcsec".into(), json!(bound));
+    }
+    if args.json {
+        case::print_json(&Value::Object(result));
+        return Ok(());
+    }
+    for (symbol, value) in SQUARENESS.iter().zip(found.value) {
+        say!("{symbol:<6}{:>12.3} arcsec", arcsec_from_rad(value), symbol = symbol.to_string());
+    }
+    Ok(())
+}
+
+fn squareness_object(values: [f64; 3]) -> Value {
+    json!({ "C0Y": values[0], "B0Z": values[1], "A0Z": values[2] })
+}
+
+/// The errors at the ends of the box as a model, and which kinds of error it has.
+fn case_model(
+    chain: &Chain,
+    cuboid: [f64; 3],
+    errors: &BTreeMap<String, Ends>,
+) -> Result<(ModelSpec, Holds), String> {
+    let mut spec = ModelSpec::new("case", chain.clone());
+    let mut holds = Holds::default();
+    for (name, ends) in errors {
+        let mut letters = name.chars();
+        let axis = match (letters.next().and_then(AxisName::from_letter), letters.next()) {
+            (Some(axis @ (AxisName::X | AxisName::Y | AxisName::Z)), None) => axis,
+            _ => return Err(format!("axis_errors_at_box_ends: '{name}' is none of X Y Z")),
+        };
+        for component in Component::ALL {
+            let i = component.index();
+            let values = vec![ends.at_0[i], ends.at_travel[i]];
+            if values.iter().all(|v| *v == 0.0) {
+                continue;
+            }
+            holds.angles |= component.is_angle();
+            holds.straightness |= !component.is_angle() && i != axis.direction();
+            let table = Table::new(vec![0.0, cuboid[axis.direction()]], values, None, Interpolation::Linear)
+                .map_err(|e| e.to_string())?;
+            let function = ErrorFunction::single(Curve::Table(table));
+            spec.errors.push((ErrorSymbol::Motion { component, axis }, function));
+        }
+    }
+    spec.validate().map_err(|e| e.to_string())?;
+    Ok((spec, holds))
+}

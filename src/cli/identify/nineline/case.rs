@@ -1,0 +1,87 @@
+//! A case of the reference vectors.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use serde::Deserialize;
+use serde_json::{Value, json};
+
+use crate::cli::identify::case::print_json;
+use crate::cli::identify::cases::read_case;
+use crate::cli::identify::motion_curves::in_print_units;
+use crate::cli::{EX_DATAERR, Failure};
+use crate::core::geometry::Vec3;
+use crate::core::model::Component;
+use crate::identify::nineline::{LineReading, NineLine, NineLineError, solve};
+
+#[derive(Debug, Deserialize)]
+struct Case {
+    lines_yz: Vec<[f64; 2]>,
+    x_target: f64,
+    readings: BTreeMap<String, f64>,
+    sigma: Option<f64>,
+}
+
+pub(super) fn run(path: &Path, id: Option<&str>, as_json: bool) -> Result<(), Failure> {
+    let case: Case = read_case(path, id)?;
+    let fail = |what: String| Failure::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()));
+    let readings = case.readings().map_err(fail)?;
+    match solve(&readings) {
+        Ok(found) if as_json => print_json(&json_of(&found, case.sigma.is_some())),
+        Ok(found) => print(&found),
+        Err(NineLineError::Deficient { rank, unobservable, readings }) if as_json => print_json(&json!({
+            "rank": rank,
+            "unobservable": unobservable.as_slice(),
+            "refused": true,
+            "note": NineLineError::Deficient { rank, unobservable, readings }.to_string(),
+        })),
+        Err(e) => return Err(fail(e.to_string())),
+    }
+    Ok(())
+}
+
+impl Case {
+    /// `dy2` is the displacement along y on the second line.
+    fn readings(&self) -> Result<Vec<LineReading>, String> {
+        let sigma = self.sigma.unwrap_or(1.0);
+        self.readings
+            .iter()
+            .map(|(name, value)| {
+                let unknown = || {
+                    format!(
+                        "reading {name}: write dx1, dy1, dz1 for the first of {} lines",
+                        self.lines_yz.len()
+                    )
+                };
+                let rest = name.strip_prefix('d').ok_or_else(unknown)?;
+                let direction =
+                    ["x", "y", "z"].iter().position(|d| rest.starts_with(d)).ok_or_else(unknown)?;
+                let line: usize = rest[1..].parse().map_err(|_| unknown())?;
+                let [y, z] = line.checked_sub(1).and_then(|i| self.lines_yz.get(i)).ok_or_else(unknown)?;
+                Ok(LineReading { target: Vec3::new(self.x_target, *y, *z), direction, value: *value, sigma })
+            })
+            .collect()
+    }
+}
+
+fn json_of(found: &NineLine, stated: bool) -> Value {
+    let rows: Vec<Vec<f64>> = (0..6).map(|i| found.covariance.row(i).iter().copied().collect()).collect();
+    let mut value = json!({
+        "E": found.motion.as_slice(),
+        "condition_scaled": found.condition_scaled,
+        "rank": 6,
+        "dof": found.dof,
+        "chi2": found.chi2,
+    });
+    // without a stated noise this is the covariance for readings of unit variance
+    value[if stated { "cov" } else { "cofactor" }] = json!(rows);
+    value
+}
+
+fn print(found: &NineLine) {
+    for c in Component::ALL {
+        let unit = if c.is_angle() { "arcsec" } else { "um" };
+        say!("E{}{:>14.4}  {unit}", c.letter(), in_print_units(c, found.motion[c.index()]));
+    }
+    say!("condition {:.1}, {} degrees of freedom", found.condition_scaled, found.dof);
+}

@@ -1,0 +1,84 @@
+//! A case of the reference vectors.
+
+use std::path::Path;
+
+use serde::Deserialize;
+use serde_json::json;
+
+use crate::cli::identify::case::print_json;
+use crate::cli::identify::cases::read_case;
+use crate::cli::{EX_DATAERR, Failure};
+use crate::core::geometry::Vec3;
+use crate::identify::ram::{Head, HeadPose, Prior, RamError, RamNoise, solve};
+
+#[derive(Debug, Deserialize)]
+struct Case {
+    head: CaseHead,
+    #[serde(default = "one")]
+    sigma_position: f64,
+    #[serde(default = "one")]
+    sigma_direction: f64,
+    poses: Vec<CasePose>,
+    prior: Option<CasePrior>,
+}
+
+#[derive(Debug, Deserialize)]
+#[expect(non_snake_case, reason = "the names of the reference vectors")]
+struct CaseHead {
+    A_axis_from_Z_reference: [f64; 3],
+    tool_length: f64,
+}
+
+#[derive(Debug, Deserialize)]
+#[expect(non_snake_case, reason = "the names of the reference vectors")]
+struct CasePose {
+    C: f64,
+    A: f64,
+    tip_position_error: [f64; 3],
+    tool_direction_error: [f64; 3],
+}
+
+/// Mean and standard deviations; a missing one (null) is not known.
+#[derive(Debug, Deserialize)]
+#[expect(non_snake_case, reason = "the names of the reference vectors")]
+struct CasePrior {
+    E: [f64; 6],
+    sigma: [Option<f64>; 6],
+}
+
+const fn one() -> f64 {
+    1.0
+}
+
+pub(super) fn run(path: &Path, id: Option<&str>, as_json: bool) -> Result<(), Failure> {
+    let case: Case = read_case(path, id)?;
+    let head =
+        Head { a_axis: Vec3::from(case.head.A_axis_from_Z_reference), tool_length: case.head.tool_length };
+    let poses: Vec<HeadPose> = case
+        .poses
+        .iter()
+        .map(|p| HeadPose {
+            c: p.C,
+            a: p.A,
+            tip_error: Vec3::from(p.tip_position_error),
+            direction_error: Vec3::from(p.tool_direction_error),
+        })
+        .collect();
+    let noise = RamNoise { position: case.sigma_position, direction: case.sigma_direction };
+    let prior = case
+        .prior
+        .map(|p| Prior { mean: p.E.into(), std: p.sigma.map(|s| s.unwrap_or(f64::INFINITY)).into() });
+    match solve(&head, &poses, &noise, prior.as_ref()) {
+        Ok(fit) if as_json => print_json(&super::json_of(&fit)),
+        Ok(fit) => super::print(&fit),
+        // what the poses cannot determine is a result, too
+        Err(ref e @ RamError::Deficient { rank, ref unobservable, .. }) if as_json => print_json(&json!({
+            "rank": rank,
+            "unobservable": unobservable.as_slice(),
+            "refused": true,
+            "note": e.to_string(),
+        })),
+        Err(e) => return Err(Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display()))),
+    }
+    Ok(())
+}

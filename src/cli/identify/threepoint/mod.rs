@@ -1,0 +1,153 @@
+//! `volcomp identify threepoint`: laser-tracker points on a carriage to six error motions.
+
+mod case;
+mod read;
+mod report;
+
+use std::path::PathBuf;
+
+use super::motion_curves::{CurveArgs, Origin, names};
+use super::observed::{TrackerArgs, linear_axis, point};
+use crate::cli::model_out::default_chain;
+use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
+use crate::core::axes::AxisName;
+use crate::core::geometry::Vec3;
+use crate::identify::motion::to_relative;
+use crate::identify::threepoint::{Series, sides, solve_series};
+
+/// Six error motions of a linear axis from three or more points on its carriage, seen by a laser tracker.
+///
+/// The carriage stands still at positions of its axis, all other axes at home; at each the tracker measures every
+/// point. The points move like a rigid body: from three that are not on a line follow displacement and rotation.
+#[derive(Debug, clap::Args)]
+#[command(after_long_help = HELP)]
+pub(super) struct Args {
+    /// One case of the reference vectors (JSON, mm and rad) instead of files.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["data", "points"])]
+    input: Option<PathBuf>,
+    /// The case to take where --input holds several.
+    #[arg(long, value_name = "ID", requires = "input")]
+    case: Option<String>,
+    /// Print JSON (mm and rad) instead of a report.
+    #[arg(long)]
+    json: bool,
+    /// The measured positions; once per file. - is stdin.
+    #[arg(long, value_name = "FILE")]
+    data: Vec<PathBuf>,
+    /// The points on the carriage: CSV with point, x_mm, y_mm, z_mm (platform coordinates, home).
+    #[arg(long, value_name = "FILE")]
+    points: Option<PathBuf>,
+    /// The axis that moved.
+    #[arg(long, value_name = "LETTER", value_parser = linear_axis)]
+    axis: Option<AxisName>,
+    /// Platform origin in M at home; 0,0,0 where --points are in M already.
+    #[arg(long, value_name = "X,Y,Z", default_value = "0,0,0", value_parser = point, allow_hyphen_values = true)]
+    origin_mm: Vec3,
+    /// The carriage point at which ex, ey, ez are stated, in M at home; default: the centroid of the points, where
+    /// they do not depend on the angles.
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    reference_mm: Option<Vec3>,
+    /// Only compare the distances between the points over all rows: is it a rigid body, how noisy is the tracker?
+    /// Needs neither points file nor axis.
+    #[arg(long)]
+    rigidity: bool,
+    #[command(flatten)]
+    tracker: TrackerArgs,
+    #[command(flatten)]
+    curves: CurveArgs,
+}
+
+const HELP: &str = "\
+Files (CSV; BOM, CRLF, blank lines and # comments are fine):
+  --points        point,x_mm,y_mm,z_mm
+  --data          position_mm[,cycle][,direction], then per point of the points file
+                  NAME_x_mm,NAME_y_mm,NAME_z_mm  or  NAME_range_mm,NAME_azimuth_deg,NAME_elevation_deg;
+                  three empty fields: the point was not seen at this position
+  --registration  point,machine_x_mm,machine_y_mm,machine_z_mm and x_mm,y_mm,z_mm (or range, azimuth, elevation)
+
+Example:
+  volcomp identify threepoint --axis x --points points.csv --data x.csv --registration ref.csv \\
+    --sigma-range-um 2 --sigma-angle-arcsec 0.5 --chain \"[w X' b Y Z t]\" --machine vmc-850 --out model.toml
+
+Signs: right-handed angles, ex ey ez along M. For a carriage on the workpiece side (X' in the chain) the tracker sees
+its own motion; the model gets the motion of the tool relative to it, which is minus that.";
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    if let Some(path) = &args.input {
+        return case::run(path, args.case.as_deref(), args.json);
+    }
+    if args.data.is_empty() {
+        return Err(usage("neither --input nor --data is given"));
+    }
+    let frame = args.tracker.frame()?;
+    if args.rigidity {
+        return rigidity(args, &frame);
+    }
+    let (Some(points), Some(axis)) = (&args.points, args.axis) else {
+        return Err(usage("--points and --axis are needed (or --rigidity, which needs neither)"));
+    };
+    let names_of_points = read::points(points)?;
+    let mut shots = Vec::new();
+    for path in &args.data {
+        read::shots(path, &names_of_points, &frame, &args.tracker, &mut shots)?;
+    }
+    let base = args.curves.model.base(|| default_chain([axis]))?;
+    let centroid = names_of_points.iter().map(|p| p.1).sum::<Vec3>() / names_of_points.len() as f64;
+    let reference = args.reference_mm.map_or(centroid, |r| r - args.origin_mm);
+    let series =
+        Series { axis, workpiece_side: base.spec.is_workpiece_side(axis), origin: args.origin_mm, reference };
+    let mut fit = solve_series(&shots, &series)
+        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", names(&args.data))))?;
+    report::scale_by_misfit(&mut fit, frame.noise_is_stated());
+    if series.workpiece_side {
+        to_relative(&mut fit.rows);
+    }
+    let mut files = vec![points.clone()];
+    files.extend(args.data.iter().chain(args.tracker.files()).cloned());
+    let origin = Origin { axis, reference: args.origin_mm + reference, method: "threepoint", files: &files };
+    let gauged = args.curves.gauge(fit.rows.clone(), &origin)?;
+    let report = report::Report {
+        names: names_of_points.iter().map(|p| p.0.clone()).collect(),
+        fit: &fit,
+        gauged: &gauged,
+        origin: &origin,
+        frame: &frame,
+        workpiece_side: series.workpiece_side,
+    };
+    let quiet = args.curves.model.takes_stdout();
+    if args.json && !quiet {
+        super::case::print_json(&report.json());
+    } else if !quiet {
+        report.print();
+    }
+    report.warn();
+    args.curves.write(&gauged, &origin, base, !args.json)
+}
+
+/// Distances between the points over all rows of all files.
+fn rigidity(args: &Args, frame: &super::observed::Frame) -> Result<(), Failure> {
+    let mut poses = Vec::new();
+    let mut found: Vec<String> = Vec::new();
+    for path in &args.data {
+        read::poses(path, frame, &mut found, &mut poses)?;
+    }
+    let Some(sides) = sides(&poses) else {
+        return Err(Failure::new(
+            EX_DATAERR,
+            format_args!(
+                "error: {}: no two points were seen together in two rows; rigidity needs at least two of each",
+                names(&args.data)
+            ),
+        ));
+    };
+    if args.json {
+        super::case::print_json(&report::sides_json(&sides, &found, poses.len()));
+    } else {
+        report::print_sides(&sides, &found, poses.len());
+    }
+    Ok(())
+}
+
+fn usage(what: impl core::fmt::Display) -> Failure {
+    Failure::new(EX_USAGE, format_args!("error: {what}"))
+}

@@ -1,0 +1,197 @@
+//! What the n-point method says about an axis.
+
+use serde_json::{Value, json};
+
+use crate::cli::identify::motion_curves::{Origin, motions_json, print_motions};
+use crate::cli::identify::observed::Frame;
+use crate::core::units::{arcsec_from_rad, um_from_mm};
+use crate::identify::motion::Gauged;
+use crate::identify::statistics::SIGNIFICANT;
+use crate::identify::threepoint::{SeriesFit, Sides};
+
+/// Everything there is to say.
+pub(super) struct Report<'a> {
+    pub(super) names: Vec<String>,
+    pub(super) fit: &'a SeriesFit,
+    pub(super) gauged: &'a Gauged,
+    pub(super) origin: &'a Origin<'a>,
+    pub(super) frame: &'a Frame,
+    pub(super) workpiece_side: bool,
+}
+
+/// Where the residuals are larger than the stated noise, or none was stated, the covariances follow the residuals.
+pub(super) fn scale_by_misfit(fit: &mut SeriesFit, noise_is_stated: bool) {
+    let Some(factor) = fit.noise_factor else { return };
+    let factor = if noise_is_stated { factor.max(1.0) } else { factor };
+    for row in &mut fit.rows {
+        row.covariance *= factor * factor;
+    }
+}
+
+impl Report<'_> {
+    /// Probability of the residuals, where noise was stated to compare them with.
+    fn p_value(&self) -> Option<f64> {
+        (self.frame.noise_is_stated() && self.fit.dof > 0).then_some(self.fit.p_value)
+    }
+
+    fn suspect(&self) -> Option<(&str, f64)> {
+        self.fit.suspect.map(|(i, lead)| (self.names[i].as_str(), lead))
+    }
+
+    /// Share of the positions that fail the test on their own.
+    fn failing(&self) -> usize {
+        self.fit.poses.iter().filter(|p| p.p_value < SIGNIFICANT).count()
+    }
+
+    pub(super) fn print(&self) {
+        let (o, g) = (self.origin, &self.fit.poses[0].geometry);
+        let r = o.reference;
+        say!(
+            "{} of {} points at {} rows; ex ey ez at ({:.3} {:.3} {:.3}) mm in M at home",
+            o.axis,
+            self.names.len(),
+            self.gauged.rows.len(),
+            r.x,
+            r.y,
+            r.z
+        );
+        if self.workpiece_side {
+            say!(
+                "the carriage is on the workpiece side: motions of the tool relative to it (minus what the tracker saw)"
+            );
+        }
+        if let Some(registered) = &self.frame.registered {
+            registered.print();
+            say!("  at the reference point it means up to {:.2} um (k=1)", um_from_mm(registered.std_at(&r)));
+        }
+        say!(
+            "points: rms radius {:.1} mm, {:.1} mm off their line; condition {:.1} at the platform origin, {:.1} at the centroid; rotation about the line {:.1} times less certain than across",
+            g.rms_radius,
+            g.off_line_rms,
+            g.condition_scaled,
+            g.condition_centroid,
+            g.roll_growth
+        );
+        match (self.p_value(), self.fit.noise_factor) {
+            (Some(p), Some(factor)) => say!(
+                "rigidity: chi2 {:.1}, {} degrees of freedom, p {p:.3}, noise {factor:.2} times the stated one: {}",
+                self.fit.chi2,
+                self.fit.dof,
+                if p < SIGNIFICANT { "FAILED" } else { "passed" }
+            ),
+            (_, Some(sigma)) => say!(
+                "rigidity: no noise stated; the residuals say {:.2} um per coordinate ({} degrees of freedom)",
+                um_from_mm(sigma),
+                self.fit.dof
+            ),
+            _ => say!("rigidity: not testable"),
+        }
+        say!(
+            "linear against rigid fit: at most {:.4} um, {:.5} arcsec",
+            um_from_mm(self.linear_against_rigid().0),
+            arcsec_from_rad(self.linear_against_rigid().1)
+        );
+        say!();
+        print_motions(self.gauged, o.axis);
+    }
+
+    /// Largest difference of the linear and the rigid model on unweighted data has no meaning where weights differ;
+    /// here it bounds both causes together.
+    fn linear_against_rigid(&self) -> (f64, f64) {
+        self.fit.poses.iter().fold((0.0, 0.0), |(d, e), p| {
+            let difference = p.motion - p.rigid;
+            (d.max(difference.fixed_rows::<3>(0).amax()), e.max(difference.fixed_rows::<3>(3).amax()))
+        })
+    }
+
+    /// What needs attention.
+    pub(super) fn warn(&self) {
+        if let Some(warning) = self.fit.poses[0].geometry.warning() {
+            eprintln!("warning: {warning}");
+        }
+        if self.p_value().is_some_and(|p| p < SIGNIFICANT)
+            && let (Some((name, lead)), Some(factor)) = (self.suspect(), self.fit.noise_factor)
+        {
+            let rows = self.gauged.rows.len();
+            if lead > 1.5 {
+                eprintln!(
+                    "warning: the points do not move as a rigid body ({} of {rows} rows fail): point {name} explains most of it (without it {lead:.1} times less is left than without the next one); is it loose, or its line of sight disturbed?",
+                    self.failing()
+                );
+            } else {
+                eprintln!(
+                    "warning: the residuals are {factor:.2} times the stated noise ({} of {rows} rows fail), spread over the points (most at {name}): is the noise stated too small?",
+                    self.failing()
+                );
+            }
+            eprintln!("note: the uncertainties given are enlarged by that factor");
+        }
+    }
+
+    pub(super) fn json(&self) -> Value {
+        let g = &self.fit.poses[0].geometry;
+        json!({
+            "motions": motions_json(self.gauged, self.origin),
+            "workpiece_side": self.workpiece_side,
+            "points": self.names,
+            "geometry": {
+                "rank": g.rank,
+                "rms_radius": g.rms_radius,
+                "singular_values_scaled": g.singular_values,
+                "condition_scaled": g.condition_scaled,
+                "condition_centroid": g.condition_centroid,
+                "off_line_rms": g.off_line_rms,
+                "roll_growth": g.roll_growth,
+            },
+            "rigidity": {
+                "chi2": self.fit.chi2,
+                "dof": self.fit.dof,
+                "p_value": self.p_value(),
+                "noise_factor": self.fit.noise_factor,
+                "failing_rows": self.p_value().map(|_| self.failing()),
+                "suspect_point": self.suspect().map(|s| s.0),
+                "suspect_lead": self.suspect().map(|s| s.1),
+            },
+            "registration": self.frame.registered.as_ref().map(super::super::observed::Registered::json),
+        })
+    }
+}
+
+/// Distances for people.
+pub(super) fn print_sides(sides: &Sides, names: &[String], poses: usize) {
+    say!("{:<24}{:>7}{:>14}{:>12}{:>16}", "side", "poses", "mean mm", "std mm", "peak-to-peak mm");
+    for s in &sides.sides {
+        let side = format!("{} - {}", names[s.from], names[s.to]);
+        say!("{side:<24}{:>7}{:>14.3}{:>12.3}{:>16.3}", s.poses, s.mean, s.std, s.peak_to_peak);
+    }
+    say!(
+        "noise of one coordinate over {poses} poses: {:.1} um (k=1), if the body is rigid",
+        um_from_mm(sides.sigma)
+    );
+    match sides.suspect {
+        Some((i, lead)) => say!(
+            "point {} is loose: without it the other sides have {:.0} times less variance",
+            names[i],
+            lead.min(1e9)
+        ),
+        None => say!("no point stands out"),
+    }
+}
+
+/// Distances for machines, mm.
+pub(super) fn sides_json(sides: &Sides, names: &[String], poses: usize) -> Value {
+    json!({
+        "poses": poses,
+        "sides": sides.sides.iter().map(|s| json!({
+            "from": names[s.from],
+            "to": names[s.to],
+            "poses": s.poses,
+            "mean": s.mean,
+            "std": s.std,
+            "std_sample": s.std_sample,
+            "peak_to_peak": s.peak_to_peak,
+        })).collect::<Vec<_>>(),
+        "sigma": sides.sigma,
+        "suspect_point": sides.suspect.map(|(i, _)| names[i].as_str()),
+    })
+}

@@ -1,0 +1,358 @@
+//! `volcomp import`: files of instruments and controls to the product's own tables and models.
+//!
+//! Nothing is written before everything was read: a damaged file leaves no output behind.
+
+mod positioning;
+mod series;
+mod tables;
+
+use std::fs::File;
+use std::io::{BufRead, BufReader, Read};
+use std::path::{Path, PathBuf};
+
+use clap::{Parser, ValueEnum};
+
+use super::files::read_bytes;
+use super::model_out::ModelOut;
+use super::positioning_data::format_failure;
+use super::{EX_USAGE, Failure};
+use crate::core::axes::AxisName;
+use crate::formats::columns::{ColumnMap, Delimiter};
+use crate::formats::text::{self, Decoded, Encoding};
+use crate::formats::{detect, heidenhain, isg, linuxcnc, rtl};
+
+/// Read files of instruments and controls into volcomp's own tables and models.
+///
+/// Laser tests become `cycle,direction,target_mm,deviation_um`; captures `t_s` and columns that end in their units;
+/// ballbar figures `feature,value,unit` (JSON where --out ends in .json); tables of controls a model file.
+#[derive(Debug, Parser)]
+#[command(after_help = "Examples:\n  \
+    volcomp import x.rtl --out x.csv\n  \
+    volcomp import c.rtl --axis c --deviation-unit mrad --out c.csv\n  \
+    volcomp import run.json --axes x=1,y=2,z=6,c=4 --out run.csv\n  \
+    volcomp import soll.csv --columns \"target=Soll:mm,deviation=Abw:um\" --delimiter ';' --decimal-comma --out x.csv\n  \
+    volcomp import vc.csv --format isg --chain \"[w X' b Y Z t]\" --sense carriage --out model.toml\n  \
+    volcomp import x.comp --format linuxcnc --axis x --comp-type 0 --into model.toml\n\
+    \nThe formats, their signs and what they cannot hold: docs/formats.md")]
+pub(super) struct Args {
+    /// Files; several where they make one table or model. - is stdin.
+    #[arg(required = true, value_name = "FILE")]
+    files: Vec<PathBuf>,
+    /// How the files are written; auto looks at their beginning.
+    #[arg(long, value_enum, default_value = "auto")]
+    format: FormatArg,
+    #[command(flatten)]
+    model: ModelOut,
+    /// The axis that moved, or whose table it is.
+    #[arg(long, value_name = "LETTER", value_parser = axis_letter)]
+    axis: Option<AxisName>,
+    /// Unit of the deviations of an .rtl of a rotary axis: the file does not say it.
+    #[arg(long, value_enum)]
+    deviation_unit: Option<UnitArg>,
+    /// Encoding of a text file: utf-8, utf-16, cp1250, cp1252, gbk; guessed where missing.
+    #[arg(long)]
+    encoding: Option<Encoding>,
+    /// An .rtx recorded with an angular optic: mrad instead of mm.
+    #[arg(long)]
+    angular: bool,
+    /// Axes of an Edge capture by number, such as x=1,y=2,c=4; the letter decides between mm and deg.
+    #[arg(long, value_delimiter = ',', value_name = "AXIS=NUMBER", value_parser = numbered_axis)]
+    axes: Vec<(AxisName, u32)>,
+    /// A column map in TOML for any other table.
+    #[arg(long, value_name = "TOML", conflicts_with_all = ["columns", "delimiter", "decimal_comma", "skip_lines", "no_header"])]
+    map: Option<PathBuf>,
+    /// A column map as OUTPUT=COLUMN:UNIT, such as target=Soll:mm,deviation=#3:um.
+    #[arg(long, value_delimiter = ',', value_name = "OUT=COLUMN:UNIT")]
+    columns: Vec<String>,
+    /// What separates columns: ; , | tab or blank; guessed where missing.
+    #[arg(long)]
+    delimiter: Option<Delimiter>,
+    /// Numbers have a decimal comma.
+    #[arg(long)]
+    decimal_comma: bool,
+    /// Lines above the table.
+    #[arg(long, value_name = "N", default_value_t = 0)]
+    skip_lines: usize,
+    /// The table has no line with the names of its columns.
+    #[arg(long)]
+    no_header: bool,
+    /// COMP_FILE_TYPE of LinuxCNC: 0 actual positions, 1 trims.
+    #[arg(long, value_name = "0|1", value_parser = comp_type)]
+    comp_type: Option<linuxcnc::CompType>,
+    /// LINEAR_UNITS of the LinuxCNC machine.
+    #[arg(long, value_enum, default_value = "mm")]
+    linear_units: LinearUnitArg,
+    /// Whose motion the values of workpiece-side axes in an ISG table are.
+    #[arg(long, value_enum)]
+    sense: Option<SenseArg>,
+    /// What the values of a Heidenhain table are: actual - nominal, or its opposite.
+    #[arg(long, value_enum)]
+    sign: Option<SignArg>,
+    /// Size of an encoder increment for ISG leadscrew tables that count in them (rotary: 0.001 deg).
+    #[arg(long, value_name = "UM")]
+    increment_um: Option<f64>,
+}
+
+/// A format by name.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
+enum FormatArg {
+    /// Look at the beginning of the file.
+    Auto,
+    /// Renishaw laser, static.
+    Rtl,
+    /// Renishaw laser, dynamic.
+    Rtx,
+    /// Renishaw ballbar, figures.
+    B5r,
+    /// SINUMERIK Edge capture.
+    Edge,
+    /// ISO 230-2 test of an ecmc logger.
+    Iso230Dat,
+    /// API laser, means.
+    ApiPos,
+    /// EPICS camonitor log.
+    Camonitor,
+    /// Any table, with --columns or --map.
+    Columns,
+    /// ISG and Beckhoff volumetric compensation.
+    Isg,
+    /// ISG and Beckhoff leadscrew compensation.
+    IsgLis,
+    /// LinuxCNC screw compensation.
+    #[value(name = "linuxcnc")]
+    LinuxCnc,
+    /// Heidenhain .COM table.
+    Heidenhain,
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(super) enum UnitArg {
+    Um,
+    Mrad,
+    Urad,
+    Arcsec,
+}
+
+impl From<UnitArg> for rtl::DeviationUnit {
+    fn from(unit: UnitArg) -> Self {
+        match unit {
+            UnitArg::Um => Self::Um,
+            UnitArg::Mrad => Self::Mrad,
+            UnitArg::Urad => Self::Urad,
+            UnitArg::Arcsec => Self::Arcsec,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(super) enum LinearUnitArg {
+    Mm,
+    Inch,
+}
+
+impl From<LinearUnitArg> for linuxcnc::LinearUnit {
+    fn from(unit: LinearUnitArg) -> Self {
+        match unit {
+            LinearUnitArg::Mm => Self::Mm,
+            LinearUnitArg::Inch => Self::Inch,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(super) enum SenseArg {
+    /// The tool relative to the workpiece.
+    Relative,
+    /// The carriage itself.
+    Carriage,
+}
+
+impl From<SenseArg> for isg::Body {
+    fn from(sense: SenseArg) -> Self {
+        match sense {
+            SenseArg::Relative => Self::Relative,
+            SenseArg::Carriage => Self::Carriage,
+        }
+    }
+}
+
+#[derive(Debug, Clone, Copy, ValueEnum)]
+pub(super) enum SignArg {
+    /// Actual - nominal.
+    Deviation,
+    /// Nominal - actual.
+    Correction,
+}
+
+impl From<SignArg> for heidenhain::Sign {
+    fn from(sign: SignArg) -> Self {
+        match sign {
+            SignArg::Deviation => Self::Deviation,
+            SignArg::Correction => Self::Correction,
+        }
+    }
+}
+
+pub(super) fn axis_letter(text: &str) -> Result<AxisName, String> {
+    let mut letters = text.chars();
+    match (letters.next().and_then(AxisName::from_letter), letters.next()) {
+        (Some(axis), None) => Ok(axis),
+        _ => Err(format!("'{text}' is no axis; axes are x y z u v w a b c s")),
+    }
+}
+
+fn numbered_axis(text: &str) -> Result<(AxisName, u32), String> {
+    let (axis, number) = text.split_once('=').ok_or("write for example x=1")?;
+    let number = number.parse().map_err(|_| format!("'{number}' is no number of an axis"))?;
+    Ok((axis_letter(axis)?, number))
+}
+
+pub(super) fn comp_type(text: &str) -> Result<linuxcnc::CompType, String> {
+    match text {
+        "0" => Ok(linuxcnc::CompType::Actual),
+        "1" => Ok(linuxcnc::CompType::Trim),
+        _ => Err(format!("'{text}' is no COMP_FILE_TYPE; it is 0 or 1")),
+    }
+}
+
+pub(super) fn usage(what: impl core::fmt::Display) -> Failure {
+    Failure::new(EX_USAGE, format_args!("error: {what}"))
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let mut format = args.format;
+    if format == FormatArg::Auto && (args.map.is_some() || !args.columns.is_empty()) {
+        format = FormatArg::Columns;
+    }
+    let first = &args.files[0];
+    if format == FormatArg::Auto {
+        format = detected(first)?;
+        for file in &args.files[1..] {
+            let other = detected(file)?;
+            if other != format {
+                return Err(usage(format_args!(
+                    "{} and {} are of different formats; import them one by one",
+                    first.display(),
+                    file.display()
+                )));
+            }
+        }
+    }
+    args.refuse_own_output()?;
+    match format {
+        FormatArg::Rtl | FormatArg::Iso230Dat | FormatArg::ApiPos => positioning::run(args, format),
+        FormatArg::Columns if args.column_map()?.is_test() => positioning::run(args, format),
+        FormatArg::Isg | FormatArg::IsgLis | FormatArg::LinuxCnc | FormatArg::Heidenhain => {
+            tables::run(args, format)
+        }
+        _ if args.files.len() > 1 => Err(usage("files of this kind are imported one by one")),
+        _ if args.model.out.is_none() => Err(usage("--out is not given; - is stdout")),
+        FormatArg::Rtx => series::rtx(args, first),
+        FormatArg::Edge => series::edge(args, first),
+        FormatArg::Camonitor => series::camonitor(args, first),
+        FormatArg::B5r => series::b5r(args, first),
+        FormatArg::Columns | FormatArg::Auto => series::columns(args, first),
+    }
+}
+
+/// The format of a file by its beginning.
+fn detected(path: &Path) -> Result<FormatArg, Failure> {
+    if path.as_os_str() == "-" {
+        return Err(usage("stdin cannot be looked at first; give its --format"));
+    }
+    let mut head = Vec::new();
+    File::open(path)
+        .and_then(|f| f.take(detect::HEAD as u64).read_to_end(&mut head))
+        .map_err(|e| Failure::io(path, &e))?;
+    Ok(match detect::format(&head) {
+        Some(detect::Format::Rtl) => FormatArg::Rtl,
+        Some(detect::Format::Rtx) => FormatArg::Rtx,
+        Some(detect::Format::B5r) => FormatArg::B5r,
+        Some(detect::Format::Edge) => FormatArg::Edge,
+        Some(detect::Format::Iso230Dat) => FormatArg::Iso230Dat,
+        Some(detect::Format::Isg) => FormatArg::Isg,
+        Some(detect::Format::IsgLis) => FormatArg::IsgLis,
+        Some(detect::Format::Heidenhain) => FormatArg::Heidenhain,
+        Some(detect::Format::ApiPos) => FormatArg::ApiPos,
+        Some(detect::Format::Camonitor) => FormatArg::Camonitor,
+        None => {
+            return Err(usage(format_args!(
+                "{}: its beginning does not give its format away; name it with --format, or describe the table with --columns or --map",
+                path.display()
+            )));
+        }
+    })
+}
+
+impl Args {
+    fn column_map(&self) -> Result<ColumnMap, Failure> {
+        let (mut map, name) = match &self.map {
+            Some(path) => {
+                let file = path.display().to_string();
+                let bytes = read_bytes(path)?;
+                let map = ColumnMap::from_toml(&text::decode(&bytes).text);
+                (map.map_err(|e| format_failure(&file, &e))?, file)
+            }
+            None => {
+                let mut map = ColumnMap {
+                    delimiter: self.delimiter,
+                    decimal_comma: self.decimal_comma,
+                    skip_lines: self.skip_lines,
+                    header: !self.no_header,
+                    ..ColumnMap::default()
+                };
+                for column in &self.columns {
+                    let (output, source) = column
+                        .split_once('=')
+                        .ok_or_else(|| usage(format_args!("--columns {column}: write OUTPUT=COLUMN:UNIT")))?;
+                    map.add(output.trim(), source)
+                        .map_err(|e| usage(format_args!("--columns {column}: {e}")))?;
+                }
+                (map, "--columns".to_owned())
+            }
+        };
+        map.encoding = map.encoding.or(self.encoding);
+        map.check().map_err(|e| usage(format_args!("{name}: {e}")))?;
+        Ok(map)
+    }
+
+    /// The text of a file in the stated or guessed encoding.
+    fn decode<'a>(&self, file: &str, bytes: &'a [u8]) -> Result<Decoded<'a>, Failure> {
+        match self.encoding {
+            Some(encoding) => text::decode_as(bytes, encoding).map_err(|e| format_failure(file, &e)),
+            None => Ok(text::decode(bytes)),
+        }
+    }
+
+    /// An output that is one of the inputs would be replaced by what was made of it.
+    fn refuse_own_output(&self) -> Result<(), Failure> {
+        let Some(out) = self.model.out.as_deref().filter(|o| o.as_os_str() != "-") else { return Ok(()) };
+        let target = out.canonicalize().ok();
+        let same = |f: &PathBuf| f.as_path() == out || (target.is_some() && f.canonicalize().ok() == target);
+        if self.files.iter().any(same) {
+            return Err(usage(format_args!(
+                "--out {}: is the file that is read; name another",
+                out.display()
+            )));
+        }
+        Ok(())
+    }
+}
+
+/// A file or stdin, buffered.
+fn open(path: &Path) -> Result<Box<dyn BufRead>, Failure> {
+    if path.as_os_str() == "-" {
+        return Ok(Box::new(std::io::stdin().lock()));
+    }
+    let file = File::open(path).map_err(|e| Failure::io(path, &e))?;
+    Ok(Box::new(BufReader::with_capacity(1 << 16, file)))
+}
+
+/// ` (cp1252 text, guessed)` where a file is not plain UTF-8.
+fn encoding_note(text: &Decoded<'_>) -> String {
+    match (text.encoding, text.guessed) {
+        (Encoding::Utf8, _) => String::new(),
+        (encoding, true) => format!(" ({} text, a guess; --encoding states it)", encoding.name()),
+        (encoding, false) => format!(" ({} text)", encoding.name()),
+    }
+}

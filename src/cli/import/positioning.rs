@@ -1,0 +1,312 @@
+//! Laser tests and other positioning tests to `cycle,direction,target_mm,deviation_um`.
+
+use std::io::Write;
+use std::path::Path;
+
+use super::{Args, FormatArg, encoding_note, open, usage};
+use crate::cli::files::{Output, read_bytes};
+use crate::cli::positioning_data::{format_failure, parse_dat};
+use crate::cli::predict::push_number;
+use crate::cli::progress::Progress;
+use crate::cli::{EX_DATAERR, Failure};
+use crate::core::axes::{AxisKind, AxisName, Travel};
+use crate::core::units::{arcsec_from_rad, deg_from_rad, um_from_mm};
+use crate::formats::columns::{Columns, Runs};
+use crate::formats::iso230_dat::PositioningTest;
+use crate::formats::rtl::{self, DeviationUnit, Rtl};
+use crate::formats::{ReadError, api_pos};
+use crate::identify::Reading;
+
+pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
+    let Some(out) = args.model.out.as_deref() else { return Err(usage("--out is not given; - is stdout")) };
+    if args.model.into.is_some() {
+        return Err(usage(
+            "--into is for tables of controls; fit a test with volcomp fit --errors FILE --into MODEL",
+        ));
+    }
+    let mut output = Output::create(out)?;
+    let mut joined: Option<AxisKind> = None;
+    let mut cycles = 0;
+    let mut writer = Writer::new(&mut output);
+    for path in &args.files {
+        let file = path.display().to_string();
+        let after = cycles;
+        let mut sink = |kind: AxisKind, reading: &Reading| {
+            if *joined.get_or_insert(kind) != kind {
+                let what =
+                    format_args!("error: {file}: in other units than the files before it; import them apart");
+                return Err(Failure::new(EX_DATAERR, what));
+            }
+            // several files are several tests: their cycles follow each other
+            let cycle = reading.cycle + after;
+            cycles = cycles.max(cycle);
+            writer.row(kind, &Reading { cycle, ..*reading })
+        };
+        if format == FormatArg::Columns {
+            columns(args, path, &mut sink)?;
+        } else {
+            let test = read(args, format, path, &file)?;
+            test.readings.iter().try_for_each(|r| sink(test.kind, r))?;
+        }
+    }
+    writer.finish()?;
+    output.finish()
+}
+
+/// Reads a whole test and says what was found.
+fn read(args: &Args, format: FormatArg, path: &Path, file: &str) -> Result<PositioningTest, Failure> {
+    let bytes = read_bytes(path)?;
+    let decoded = args.decode(file, &bytes)?;
+    let encoding = encoding_note(&decoded);
+    let test = match format {
+        FormatArg::Rtl => {
+            let (rtl, mut notes) = rtl::parse(&decoded.text).map_err(|e| format_failure(file, &e))?;
+            let unit = args.deviation_unit(&rtl, file)?;
+            let (test, more) = rtl.test(unit);
+            notes.extend(more);
+            eprintln!("{file}: Renishaw laser test (.rtl){encoding}");
+            describe_rtl(&rtl);
+            for note in &notes {
+                eprintln!("  note: {note}");
+            }
+            test
+        }
+        FormatArg::ApiPos => {
+            let means = api_pos::parse(&decoded.text).map_err(|e| format_failure(file, &e))?;
+            eprintln!("{file}: API laser test (.pos){encoding}");
+            eprintln!("  note: the file holds means, so repeatability cannot be judged from it");
+            if means.bidirectional_only {
+                eprintln!("  note: means of both directions only, written as direction 1");
+            }
+            means.test
+        }
+        _ => {
+            eprintln!("{file}: ISO 230-2 test (.dat){encoding}");
+            parse_dat(file, &decoded.text)?
+        }
+    };
+    if let Some(axis) = args.axis.filter(|a| a.kind() != test.kind) {
+        let kind = if test.kind == AxisKind::Linear { "millimetres" } else { "degrees" };
+        return Err(Failure::new(
+            EX_DATAERR,
+            format_args!("error: {file}: the test is in {kind}; check --axis {}", axis.lower()),
+        ));
+    }
+    if test.readings.is_empty() {
+        return Err(Failure::new(EX_DATAERR, format_args!("error: {file}: no reading")));
+    }
+    describe(&test);
+    Ok(test)
+}
+
+impl Args {
+    /// The unit of an .rtl: um for a linear axis; for a rotary one it has to be stated.
+    fn deviation_unit(&self, rtl: &Rtl, file: &str) -> Result<DeviationUnit, Failure> {
+        let written = rtl.user("Axis").and_then(|a| a.chars().next()).and_then(AxisName::from_letter);
+        let axis = self.axis.or(written);
+        match (self.deviation_unit.map(DeviationUnit::from), axis.map(AxisName::kind)) {
+            (Some(unit), Some(kind)) if unit.kind() != kind => Err(usage(format_args!(
+                "{file}: the unit of --deviation-unit does not suit the axis; say which one moved with --axis"
+            ))),
+            (Some(unit), _) => Ok(unit),
+            (None, Some(AxisKind::Rotary)) => Err(usage(format_args!(
+                "{file}: a rotary axis, and the file does not say the unit of its deviations; give --deviation-unit mrad, urad or arcsec"
+            ))),
+            _ => Ok(DeviationUnit::Um),
+        }
+    }
+}
+
+fn describe_rtl(rtl: &Rtl) {
+    let about: Vec<String> = ["Machine", "Serial No", "Axis", "Date", "By", "Location", "TITLE"]
+        .into_iter()
+        .filter_map(|k| rtl.user(k).map(|v| format!("{} {v}", k.to_lowercase())))
+        .collect();
+    if !about.is_empty() {
+        eprintln!("  {}", about.join(", "));
+    }
+    let way = if rtl.is_one_way() { "one way" } else { "both ways" };
+    eprintln!("  {} targets, {} runs, {way}", rtl.targets.len(), rtl.run_count);
+    let known = [
+        ("Air temp", "air", "degC"),
+        ("Air press", "pressure", "kPa"),
+        ("Air humid", "humidity", "%"),
+        ("Mat temp 1", "material 1", "degC"),
+        ("Mat temp 2", "material 2", "degC"),
+        ("Mat temp 3", "material 3", "degC"),
+        ("Exp coeff", "expansion", "ppm/degC"),
+    ];
+    let environment: Vec<String> = known
+        .into_iter()
+        .filter_map(|(key, name, unit)| {
+            let span = rtl.environment(key)?;
+            Some(format!("{name} {:.2} to {:.2} {unit}", span.start, span.end))
+        })
+        .collect();
+    if !environment.is_empty() {
+        eprintln!("  {}", environment.join(", "));
+    }
+    let absent: Vec<&str> = rtl.absent_sensors().collect();
+    if !absent.is_empty() {
+        eprintln!("  sensors that were not there: {}", absent.join(", "));
+    }
+}
+
+/// Range, cycles and directions of a test.
+fn describe(test: &PositioningTest) {
+    let (positions, _) = crate::identify::reading::group_by_position(&test.readings);
+    let (Some(low), Some(high)) = (positions.first(), positions.last()) else { return };
+    let (low, high, unit) = match test.kind {
+        AxisKind::Linear => (*low, *high, "mm"),
+        AxisKind::Rotary => (deg_from_rad(*low), deg_from_rad(*high), "deg"),
+    };
+    let cycles: std::collections::BTreeSet<u32> = test.readings.iter().map(|r| r.cycle).collect();
+    let reverse = test.readings.iter().filter(|r| r.travel == Travel::Reverse).count();
+    eprintln!(
+        "  {} readings at {} positions from {low} to {high} {unit}, {} cycles, {reverse} of them towards minus",
+        test.readings.len(),
+        positions.len(),
+        cycles.len()
+    );
+}
+
+/// A table with a column map, row by row.
+fn columns(
+    args: &Args,
+    path: &Path,
+    sink: &mut dyn FnMut(AxisKind, &Reading) -> Result<(), Failure>,
+) -> Result<(), Failure> {
+    let file = path.display().to_string();
+    let map = args.column_map()?;
+    let Some(target) = map.output("target") else { return Err(usage("the map has no output target")) };
+    let value = map.output("deviation").or(map.output("actual")).unwrap_or(target);
+    let (cycle, direction) = (map.output("cycle"), map.output("direction"));
+    let is_actual = map.output("actual").is_some();
+    let kind = match (args.axis.map(AxisName::kind), map.is_angle("target")) {
+        (Some(AxisKind::Linear), true) | (Some(AxisKind::Rotary), false) => {
+            return Err(usage(format_args!("{file}: the unit of target does not suit --axis")));
+        }
+        (_, true) => AxisKind::Rotary,
+        _ => AxisKind::Linear,
+    };
+    if map.is_angle(if is_actual { "actual" } else { "deviation" }) != (kind == AxisKind::Rotary) {
+        return Err(usage(format_args!(
+            "{file}: target and deviation are of different kinds; check their units"
+        )));
+    }
+    let fail = |e: ReadError| read_failure(path, &e);
+    let mut table = Columns::new(open(path)?, map).map_err(fail)?;
+    let mut progress = Progress::new(path);
+    let mut runs = Runs::default();
+    let mut rows = 0u64;
+    let mut put = |cycle, travel, position, value| sink(kind, &Reading { cycle, travel, position, value });
+    while table.advance().map_err(fail)? {
+        let row = table.values();
+        let deviation = if is_actual { row[value] - row[target] } else { row[value] };
+        let (cycle, travel) = given(&file, &table, cycle, direction)?;
+        if let (Some(cycle), Some(travel)) = (cycle, travel) {
+            put(cycle, travel, row[target], deviation)?;
+        } else {
+            // what is not given follows from the order; a given part wins over a derived one
+            if let Some(placed) = runs.push_with(row[target], deviation, cycle, travel) {
+                put(placed.cycle, placed.travel, placed.position, placed.value)?;
+            }
+        }
+        rows += 1;
+        if rows.is_multiple_of(4096) {
+            progress.update(table.bytes());
+        }
+    }
+    if let Some(placed) = runs.finish() {
+        put(placed.cycle, placed.travel, placed.position, placed.value)?;
+    }
+    progress.finish();
+    if rows == 0 {
+        return Err(Failure::new(EX_DATAERR, format_args!("error: {file}: no rows below the header")));
+    }
+    let derived = match (cycle, direction) {
+        (None, None) => "; cycles and directions from the order of the positions",
+        (None, Some(_)) => "; cycles from the order of the positions",
+        (Some(_), None) => "; directions from the order of the positions",
+        _ => "",
+    };
+    eprintln!("{file}: {rows} readings{derived}");
+    Ok(())
+}
+
+/// Cycle and direction of the current row, where the table has them.
+fn given<R: std::io::BufRead>(
+    file: &str,
+    table: &Columns<R>,
+    cycle: Option<usize>,
+    direction: Option<usize>,
+) -> Result<(Option<u32>, Option<Travel>), Failure> {
+    let wrong = |value: f64, what: &str| {
+        Failure::new(EX_DATAERR, format_args!("error: {file}:{}: {value} is {what}", table.line()))
+    };
+    let travel = direction.map(|i| match table.values()[i] {
+        1.0 => Ok(Travel::Forward),
+        -1.0 => Ok(Travel::Reverse),
+        value => Err(wrong(value, "no direction; it is 1 (towards plus) or -1 (towards minus)")),
+    });
+    let cycle = cycle.map(|i| match table.values()[i] {
+        value if value.fract() == 0.0 && (0.0..=4e9).contains(&value) => Ok(value as u32),
+        value => Err(wrong(value, "no cycle; it is a whole number from 0 up")),
+    });
+    Ok((cycle.transpose()?, travel.transpose()?))
+}
+
+/// A mistake or failure of a source read row by row.
+pub(super) fn read_failure(path: &Path, e: &ReadError) -> Failure {
+    match e {
+        ReadError::Io(e) => Failure::io(path, e),
+        ReadError::Format(e) => format_failure(&path.display().to_string(), e),
+    }
+}
+
+/// Writes the product's table of a positioning test.
+struct Writer<'a> {
+    output: &'a mut Output,
+    block: Vec<u8>,
+    begun: bool,
+}
+
+const BLOCK: usize = 1 << 16;
+
+impl<'a> Writer<'a> {
+    fn new(output: &'a mut Output) -> Self {
+        Self { output, block: Vec::with_capacity(BLOCK + 256), begun: false }
+    }
+
+    fn row(&mut self, kind: AxisKind, r: &Reading) -> Result<(), Failure> {
+        if !self.begun {
+            self.block.extend_from_slice(match kind {
+                AxisKind::Linear => b"cycle,direction,target_mm,deviation_um\n",
+                AxisKind::Rotary => b"cycle,direction,target_deg,deviation_arcsec\n",
+            });
+            self.begun = true;
+        }
+        let (target, deviation) = match kind {
+            AxisKind::Linear => (r.position, um_from_mm(r.value)),
+            AxisKind::Rotary => (deg_from_rad(r.position), arcsec_from_rad(r.value)),
+        };
+        let direction = if r.travel == Travel::Forward { "1" } else { "-1" };
+        self.block.extend_from_slice(r.cycle.to_string().as_bytes());
+        self.block.push(b',');
+        self.block.extend_from_slice(direction.as_bytes());
+        push_number(&mut self.block, target);
+        push_number(&mut self.block, deviation);
+        self.block.push(b'\n');
+        if self.block.len() >= BLOCK { self.flush() } else { Ok(()) }
+    }
+
+    fn flush(&mut self) -> Result<(), Failure> {
+        let done = self.output.write_all(&self.block);
+        self.block.clear();
+        done.map_err(|e| Failure::io(self.output.path(), &e))
+    }
+
+    fn finish(mut self) -> Result<(), Failure> {
+        self.flush()
+    }
+}

@@ -1,0 +1,381 @@
+//! Captures and logs to tables over time, and figures to a list.
+
+use std::cell::Cell;
+use std::fmt::Write as _;
+use std::io::{self, BufRead, Read, Write};
+use std::path::Path;
+use std::rc::Rc;
+
+use super::positioning::read_failure;
+use super::{Args, encoding_note, open, usage};
+use crate::cli::files::{Output, read_bytes};
+use crate::cli::positioning_data::format_failure;
+use crate::cli::progress::Progress;
+use crate::cli::{EX_DATAERR, Failure};
+use crate::core::axes::AxisKind;
+use crate::formats::columns::Columns;
+use crate::formats::edge::{self, Header, Row, Sink, Summary};
+use crate::formats::{b5r as ballbar, camonitor as epics, rtx as dynamic};
+
+/// Bytes gathered before they are written.
+const BLOCK: usize = 1 << 16;
+
+/// A table being written; it appears under its name only when it is complete.
+struct TableOut {
+    output: Output,
+    block: Vec<u8>,
+}
+
+impl TableOut {
+    fn create(args: &Args) -> Result<Self, Failure> {
+        let Some(out) = args.model.out.as_deref() else {
+            return Err(usage("--out is not given; - is stdout"));
+        };
+        Ok(Self { output: Output::create(out)?, block: Vec::with_capacity(BLOCK + 4096) })
+    }
+
+    fn header<'a>(&mut self, names: impl Iterator<Item = &'a str>) {
+        self.block.extend_from_slice(names.collect::<Vec<_>>().join(",").as_bytes());
+        self.block.push(b'\n');
+    }
+
+    /// Appends a number; NaN is an empty field.
+    fn number(&mut self, value: f64) {
+        if !value.is_nan() {
+            // writing to memory cannot fail
+            let _ = write!(self.block, "{value}");
+        }
+    }
+
+    fn field_end(&mut self) {
+        self.block.push(b',');
+    }
+
+    fn row_end(&mut self) -> io::Result<()> {
+        self.block.push(b'\n');
+        if self.block.len() >= BLOCK { self.flush() } else { Ok(()) }
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        let done = self.output.write_all(&self.block);
+        self.block.clear();
+        done
+    }
+
+    fn fail(&self, e: &io::Error) -> Failure {
+        Failure::io(self.output.path(), e)
+    }
+
+    fn finish(mut self) -> Result<(), Failure> {
+        self.flush().map_err(|e| self.fail(&e))?;
+        self.output.finish()
+    }
+}
+
+pub(super) fn rtx(args: &Args, path: &Path) -> Result<(), Failure> {
+    let mut samples = dynamic::Samples::new(open(path)?).map_err(|e| read_failure(path, &e))?;
+    let mut table = TableOut::create(args)?;
+    let mut progress = Progress::new(path);
+    let name = if args.angular { "angle_mrad" } else { "displacement_mm" };
+    table.header(["t_s", name].into_iter());
+    let rate = samples.header().rate_hz;
+    let (mut block, mut done) = (Vec::new(), 0u64);
+    while samples.read(&mut block).map_err(|e| read_failure(path, &e))? {
+        for value in block.drain(..) {
+            table.number(done as f64 / rate);
+            table.field_end();
+            table.number(value);
+            table.row_end().map_err(|e| table.fail(&e))?;
+            done += 1;
+        }
+        progress.update(samples.position());
+    }
+    progress.finish();
+    table.finish()?;
+    let header = samples.header();
+    eprintln!("{}: Renishaw dynamic laser test (.rtx)", path.display());
+    let about: Vec<String> = ["Machine", "Axis", "Date", "By", "Owner"]
+        .into_iter()
+        .filter_map(|k| header.text(k).map(|v| format!("{} {v}", k.to_lowercase())))
+        .collect();
+    if !about.is_empty() {
+        eprintln!("  {}", about.join(", "));
+    }
+    eprintln!("  {done} samples at {rate} Hz, {:.3} s", done.saturating_sub(1) as f64 / rate);
+    if !args.angular {
+        eprintln!(
+            "  note: taken as mm; the file does not say whether it was an angular optic (--angular: mrad)"
+        );
+    }
+    Ok(())
+}
+
+/// Counts what has been read, for the progress bar.
+struct Counting<R> {
+    source: R,
+    bytes: Rc<Cell<u64>>,
+}
+
+impl<R: Read> Read for Counting<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> io::Result<usize> {
+        let read = self.source.read(buffer)?;
+        self.bytes.set(self.bytes.get() + read as u64);
+        Ok(read)
+    }
+}
+
+/// Rows of a capture to a table.
+struct Capture<'a> {
+    args: &'a Args,
+    table: TableOut,
+    progress: Progress,
+    bytes: Rc<Cell<u64>>,
+    /// Columns that are kept.
+    kept: Vec<usize>,
+    problem: Option<Failure>,
+}
+
+impl Capture<'_> {
+    /// Name of the column of a signal, `None` where it is not wanted.
+    fn name(&self, signal: &edge::Signal) -> Option<String> {
+        let Some((name, number)) = signal.of_axis() else {
+            return Some(signal.name.to_lowercase().replace('|', "_"));
+        };
+        let name = name.to_lowercase();
+        if self.args.axes.is_empty() {
+            let unit = if signal.is_position() { "_mm_or_deg" } else { "" };
+            return Some(format!("{name}_{number}{unit}"));
+        }
+        let (axis, _) = self.args.axes.iter().find(|(_, n)| *n == number)?;
+        let unit = match (signal.is_position(), axis.kind()) {
+            (true, AxisKind::Linear) => "_mm",
+            (true, AxisKind::Rotary) => "_deg",
+            (false, _) => "",
+        };
+        Some(format!("{}_{name}{unit}", axis.lower()))
+    }
+}
+
+impl Sink for Capture<'_> {
+    fn header(&mut self, header: &Header) -> bool {
+        let numbers: Vec<u32> = header.signals.iter().filter_map(|s| s.of_axis().map(|(_, n)| n)).collect();
+        if let Some((axis, number)) = self.args.axes.iter().find(|(_, n)| !numbers.contains(n)) {
+            let mut known = numbers;
+            known.sort_unstable();
+            known.dedup();
+            let what = format_args!("--axes {}={number}: the capture has axes {known:?}", axis.lower());
+            self.problem = Some(usage(what));
+            return false;
+        }
+        let mut names = vec!["t_s".to_owned(), "segment".to_owned()];
+        for (i, signal) in header.signals.iter().enumerate() {
+            if let Some(name) = self.name(signal) {
+                self.kept.push(i);
+                // a name from the file may hold a comma or a quote
+                names.push(name.chars().map(|c| if c.is_alphanumeric() { c } else { '_' }).collect());
+            }
+        }
+        self.table.header(names.iter().map(String::as_str));
+        true
+    }
+
+    fn row(&mut self, row: Row<'_>) -> bool {
+        self.table.number(row.t_s);
+        self.table.field_end();
+        self.table.number(f64::from(row.segment));
+        for &i in &self.kept {
+            self.table.field_end();
+            self.table.number(row.values[i]);
+        }
+        self.progress.update(self.bytes.get());
+        match self.table.row_end() {
+            Ok(()) => true,
+            Err(e) => {
+                self.problem = Some(self.table.fail(&e));
+                false
+            }
+        }
+    }
+}
+
+pub(super) fn edge(args: &Args, path: &Path) -> Result<(), Failure> {
+    let mut source = open(path)?;
+    if source.fill_buf().map_err(|e| Failure::io(path, &e))?.starts_with(b"\xef\xbb\xbf") {
+        source.consume(3);
+    }
+    let bytes = Rc::new(Cell::new(0));
+    let mut capture = Capture {
+        args,
+        table: TableOut::create(args)?,
+        progress: Progress::new(path),
+        bytes: Rc::clone(&bytes),
+        kept: Vec::new(),
+        problem: None,
+    };
+    let counting = io::BufReader::with_capacity(1 << 16, Counting { source, bytes });
+    let read = edge::read(counting, &mut capture);
+    capture.progress.finish();
+    if let Some(problem) = capture.problem {
+        return Err(problem);
+    }
+    let summary = read.map_err(|e| read_failure(path, &e))?;
+    capture.table.finish()?;
+    describe_edge(args, path, &summary);
+    Ok(())
+}
+
+fn describe_edge(args: &Args, path: &Path, summary: &Summary) {
+    let header = &summary.header;
+    eprintln!("{}: SINUMERIK Edge capture", path.display());
+    if let Some(machine) = header.machine() {
+        eprintln!(
+            "  machine {machine}, recorded {}",
+            header.time_stamp.as_deref().unwrap_or("at an unknown time")
+        );
+    }
+    eprintln!(
+        "  {} rows of {} signals every {} ms, {:.3} s from first to last",
+        summary.rows,
+        header.signals.len(),
+        header.cycle_ms,
+        summary.duration_s
+    );
+    let mut axes: Vec<(u32, &str)> =
+        header.signals.iter().filter_map(|s| s.of_axis().map(|(_, n)| (n, s.axis.as_str()))).collect();
+    axes.sort_unstable();
+    axes.dedup();
+    let axes: Vec<String> = axes.iter().map(|(n, name)| format!("{n} ({name})")).collect();
+    eprintln!("  axes {}", axes.join(", "));
+    for gap in &summary.gaps {
+        let lost = gap.missing_cycles as f64 * header.cycle_ms / 1e3;
+        eprintln!(
+            "  gap: {} cycles ({lost:.3} s) missing after row {}; never differentiate across it, segment goes up there",
+            gap.missing_cycles, gap.after_rows
+        );
+    }
+    if header.cycle_column().is_none() {
+        eprintln!("  note: no signal CYCLE, so gaps cannot be seen; time counts rows");
+    }
+    if args.axes.is_empty() {
+        eprintln!(
+            "  note: the letters of the axes need not say how they move; name those you want with --axes, such as --axes x=1,c=4"
+        );
+    }
+    let events: Vec<String> = summary.events.iter().map(|(name, n)| format!("{n} {name}")).collect();
+    if !events.is_empty() {
+        eprintln!("  not kept: {}", events.join(", "));
+    }
+}
+
+pub(super) fn camonitor(args: &Args, path: &Path) -> Result<(), Failure> {
+    let mut log = epics::Log::new(open(path)?);
+    let mut table = TableOut::create(args)?;
+    let mut progress = Progress::new(path);
+    table.header(["t_s", "pv", "value", "alarm"].into_iter());
+    let (mut rows, mut pvs) = (0u64, std::collections::BTreeSet::new());
+    while log.advance().map_err(|e| read_failure(path, &e))? {
+        let change = log.change();
+        if pvs.len() < 10_000 && !pvs.contains(&change.pv) {
+            pvs.insert(change.pv.clone());
+        }
+        table.number(change.t_s);
+        let clean = |t: &str| t.replace(['"', ','], "_");
+        for text in [clean(&change.pv), change.value.to_string(), clean(&change.alarm)] {
+            table.field_end();
+            table.block.extend_from_slice(text.as_bytes());
+        }
+        table.row_end().map_err(|e| table.fail(&e))?;
+        rows += 1;
+        progress.update(log.bytes());
+    }
+    progress.finish();
+    if rows == 0 {
+        return Err(Failure::new(
+            EX_DATAERR,
+            format_args!("error: {}: no change of a value", path.display()),
+        ));
+    }
+    table.finish()?;
+    eprintln!("{}: EPICS camonitor log, {rows} changes of {} values", path.display(), pvs.len());
+    if log.unconnected > 0 {
+        eprintln!("  note: {} lines about connections left out", log.unconnected);
+    }
+    eprintln!(
+        "  note: t_s counts from the first line; the first stamp of each value may be older than the log"
+    );
+    Ok(())
+}
+
+pub(super) fn columns(args: &Args, path: &Path) -> Result<(), Failure> {
+    let map = args.column_map()?;
+    let mut source = Columns::new(open(path)?, map).map_err(|e| read_failure(path, &e))?;
+    let mut table = TableOut::create(args)?;
+    let mut progress = Progress::new(path);
+    table.header(source.names());
+    let mut rows = 0u64;
+    while source.advance().map_err(|e| read_failure(path, &e))? {
+        for (i, value) in source.values().iter().enumerate() {
+            if i > 0 {
+                table.field_end();
+            }
+            table.number(*value);
+        }
+        table.row_end().map_err(|e| table.fail(&e))?;
+        rows += 1;
+        if rows.is_multiple_of(4096) {
+            progress.update(source.bytes());
+        }
+    }
+    progress.finish();
+    if rows == 0 {
+        return Err(Failure::new(
+            EX_DATAERR,
+            format_args!("error: {}: no rows below the header", path.display()),
+        ));
+    }
+    table.finish()?;
+    eprintln!("{}: {rows} rows", path.display());
+    Ok(())
+}
+
+pub(super) fn b5r(args: &Args, path: &Path) -> Result<(), Failure> {
+    let file = path.display().to_string();
+    let bytes = read_bytes(path)?;
+    let decoded = args.decode(&file, &bytes)?;
+    let test = ballbar::parse(&decoded.text).map_err(|e| format_failure(&file, &e))?;
+    let Some(out) = args.model.out.as_deref() else { return Err(usage("--out is not given; - is stdout")) };
+    let json = out.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
+    let text = if json {
+        let about: serde_json::Map<String, serde_json::Value> =
+            test.about.iter().map(|(k, v)| (k.replace(' ', "_"), v.as_str().into())).collect();
+        let features: Vec<serde_json::Value> = test
+            .features
+            .iter()
+            .map(|f| serde_json::json!({"feature": f.name, "value": f.value, "unit": f.unit, "type": f.data_type}))
+            .collect();
+        format!("{:#}\n", serde_json::json!({"plane": test.plane, "about": about, "features": features}))
+    } else {
+        let mut text = String::from("feature,value,unit\n");
+        for f in &test.features {
+            let name = f.name.replace(['"', ',', '\n'], "_");
+            // writing to a String cannot fail
+            let _ = writeln!(text, "{name},{},{}", f.value, f.unit.unwrap_or(""));
+        }
+        text
+    };
+    crate::cli::files::write_text(out, &text)?;
+    eprintln!("{file}: Renishaw ballbar test (.b5r){}", encoding_note(&decoded));
+    if let Some(plane) = &test.plane {
+        eprintln!("  plane {plane}");
+    }
+    let about: Vec<String> = test.about.iter().map(|(k, v)| format!("{k} {v}")).collect();
+    if !about.is_empty() {
+        eprintln!("  {}", about.join(", "));
+    }
+    eprintln!("  {} figures; raw samples are not read", test.features.len());
+    let unknown = test.features.iter().filter(|f| f.unit.is_none()).count();
+    if unknown > 0 {
+        eprintln!("  note: {unknown} figures of a type whose unit is not known");
+    }
+    Ok(())
+}

@@ -1,0 +1,158 @@
+//! Tables of controls to a model.
+
+use super::{Args, FormatArg, encoding_note, usage};
+use crate::cli::files::read_bytes;
+use crate::cli::model_out::{default_chain, put, sources};
+use crate::cli::positioning_data::format_failure;
+use crate::cli::{EX_DATAERR, Failure};
+use crate::config::{ModelFile, Provenance};
+use crate::core::axes::{AxisKind, AxisName};
+use crate::core::geometry::Vec3;
+use crate::core::model::curve::Curve;
+use crate::core::model::{ErrorFunction, ErrorSymbol, Sense};
+use crate::core::units::deg_from_rad;
+use crate::formats::axis_table::positioning_symbol;
+use crate::formats::{heidenhain, isg, isg_lis, linuxcnc};
+
+pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
+    if args.model.target().is_none() {
+        return Err(usage("neither --out nor --into is given; a table of a control becomes a model file"));
+    }
+    let mut model = args.model.base(|| default_chain(args.axis))?;
+    let mut seen: Vec<ErrorSymbol> = Vec::new();
+    for path in &args.files {
+        let file = path.display().to_string();
+        let bytes = read_bytes(path)?;
+        let decoded = args.decode(&file, &bytes)?;
+        let errors = read(args, format, &model, &file, &decoded.text, &encoding_note(&decoded))?;
+        for (symbol, function) in errors {
+            if seen.contains(&symbol) {
+                let what =
+                    format_args!("error: {file}: {symbol} was in a file before it; import one of the two");
+                return Err(Failure::new(EX_DATAERR, what));
+            }
+            seen.push(symbol);
+            refuse_other_reference(&model, symbol, format, &file)?;
+            describe(symbol, &function);
+            put(&mut model, symbol, function);
+            let source = path.file_name().map(|n| n.to_string_lossy().into_owned());
+            let source_hash = Some(format!("blake3:{}", blake3::hash(&bytes).to_hex()));
+            model.of_errors.push((symbol, Provenance { source, source_hash, ..Provenance::default() }));
+        }
+    }
+    let files = args.files.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ");
+    args.model.write(&model, &sources(&args.files), &files)
+}
+
+fn read(
+    args: &Args,
+    format: FormatArg,
+    model: &ModelFile,
+    file: &str,
+    text: &str,
+    encoding: &str,
+) -> Result<Vec<(ErrorSymbol, ErrorFunction)>, Failure> {
+    let axis = || {
+        args.axis.ok_or_else(|| {
+            usage(format_args!("{file}: the file does not say whose table it is; give --axis"))
+        })
+    };
+    let fail = |e| format_failure(file, &e);
+    match format {
+        FormatArg::Isg => {
+            let body = args.sense.map(isg::Body::from);
+            let tables = isg::parse(text, &model.spec.chain, body).map_err(fail)?;
+            eprintln!("{file}: ISG volumetric compensation{encoding}, {} errors", tables.errors.len());
+            if !tables.kinematics.is_empty() {
+                eprintln!(
+                    "  note: {} describe the control's kinematics and are no errors; left out",
+                    tables.kinematics.join(" ")
+                );
+            }
+            Ok(tables.errors)
+        }
+        FormatArg::IsgLis => {
+            let axis = axis()?;
+            // um to mm; for a rotary axis thousandths of a degree
+            let increment = args.increment_um.map(|um| um / 1e3);
+            let found = isg_lis::parse(text, axis.kind(), increment).map_err(fail)?;
+            eprintln!("{file}: ISG leadscrew compensation{encoding}");
+            Ok(vec![(positioning_symbol(axis), found)])
+        }
+        FormatArg::Heidenhain => {
+            let table =
+                heidenhain::parse(text, axis()?, args.sign.map(heidenhain::Sign::from)).map_err(fail)?;
+            eprintln!("{file}: Heidenhain compensation table (.COM){encoding}");
+            if table.backlash_empty {
+                eprintln!("  note: BACKLASH holds zeros only and is taken as not filled in");
+            }
+            Ok(table.errors)
+        }
+        _ => {
+            let axis = axis()?;
+            let kind = args.comp_type.ok_or_else(|| {
+                usage(format_args!("{file}: the file does not say what its columns are; give --comp-type 0 (actual positions) or 1 (trims), as COMP_FILE_TYPE of the INI file"))
+            })?;
+            let found = linuxcnc::parse(text, axis.kind(), kind, args.linear_units.into()).map_err(fail)?;
+            eprintln!("{file}: LinuxCNC screw compensation{encoding}");
+            Ok(vec![(positioning_symbol(axis), found)])
+        }
+    }
+}
+
+/// Tables hold values in the relative sense, those of ISG at the origin: a model that means something else by its numbers
+/// would take them for something else.
+fn refuse_other_reference(
+    model: &ModelFile,
+    symbol: ErrorSymbol,
+    format: FormatArg,
+    file: &str,
+) -> Result<(), Failure> {
+    if symbol.is_constant() {
+        return Ok(());
+    }
+    let axis = model.spec.axis(symbol.axis());
+    if axis.sense == Sense::Carriage && model.spec.is_workpiece_side(axis.name) {
+        let what = format_args!(
+            "error: {file}: axis {} of the model is in the carriage sense, the table in the relative one; import into a model in the relative sense",
+            axis.name
+        );
+        return Err(Failure::new(EX_DATAERR, what));
+    }
+    let elsewhere = axis.reference_points.iter().any(|r| r.point != Vec3::zeros());
+    if format == FormatArg::Isg && axis.name.kind() == AxisKind::Linear && elsewhere {
+        let what = format_args!(
+            "error: {file}: axis {} of the model has reference points, the table is referred to the origin; import into a model without them",
+            axis.name
+        );
+        return Err(Failure::new(EX_DATAERR, what));
+    }
+    Ok(())
+}
+
+fn describe(symbol: ErrorSymbol, function: &ErrorFunction) {
+    let range = |axis: AxisName, low: f64, high: f64| match axis.kind() {
+        AxisKind::Linear => format!("{low} to {high} mm"),
+        AxisKind::Rotary => format!("{:.4} to {:.4} deg", deg_from_rad(low), deg_from_rad(high)),
+    };
+    for curve in &function.curves {
+        match curve {
+            Curve::Table(t) => {
+                let (positions, _, reverse) = t.columns();
+                let ways = if reverse.is_some() { ", both directions" } else { "" };
+                let [low, high] = t.range();
+                eprintln!(
+                    "  {symbol}: {} points, {}{ways}",
+                    positions.len(),
+                    range(symbol.axis(), low, high)
+                );
+            }
+            _ => eprintln!("  {symbol}: constant"),
+        }
+    }
+    for grid in &function.grids {
+        let axes: Vec<String> =
+            grid.axes().enumerate().map(|(i, a)| format!("{} along {a}", grid.positions(i).len())).collect();
+        eprintln!("  {symbol}: grid, {}", axes.join(", "));
+    }
+}

@@ -1,0 +1,209 @@
+//! What is put together: model files and tables of motions, each with its hash.
+
+use std::path::{Path, PathBuf};
+
+use super::{Args, usage};
+use crate::cli::fit_input::{BySymbol, Direction, Format, read};
+use crate::cli::{EX_CONFIG, EX_DATAERR, Failure};
+use crate::config::{self, Provenance, SourceEntry};
+use crate::core::axes::{AxisKind, AxisName};
+use crate::core::geometry::Vec3;
+use crate::core::model::spec::{ReferenceBody, ReferencePoint, Sense};
+use crate::core::model::{AxisSpec, ErrorFunction, ErrorSymbol, ModelSpec};
+use crate::identify::assemble::Source;
+use crate::identify::curve::{self, Request};
+
+/// One input.
+pub(super) struct Loaded {
+    pub(super) source: Source,
+    path: PathBuf,
+    hash: String,
+    pub(super) is_table: bool,
+    /// What the file says about itself.
+    pub(super) file: Provenance,
+    pub(super) of_errors: Vec<(ErrorSymbol, Provenance)>,
+}
+
+impl Loaded {
+    /// True where the user means this input.
+    pub(super) fn is_named(&self, name: &str) -> bool {
+        self.path == Path::new(name) || self.source.name == name
+    }
+
+    /// Its name and hash.
+    pub(super) fn entry(&self) -> SourceEntry {
+        SourceEntry {
+            source: Some(self.source.name.clone()),
+            source_hash: Some(format!("blake3:{}", self.hash)),
+            ..SourceEntry::default()
+        }
+    }
+
+    /// Hashes of the data that the file says it was made from.
+    fn made_from(&self) -> impl Iterator<Item = Option<&str>> {
+        let all = core::iter::once(&self.file).chain(self.of_errors.iter().map(|(_, p)| p));
+        let hashes = all
+            .flat_map(|p| core::iter::once(&p.source_hash).chain(p.sources.iter().map(|s| &s.source_hash)));
+        hashes.filter(|h| h.is_some()).map(Option::as_deref)
+    }
+
+    pub(super) fn hash(&self) -> &str {
+        &self.hash
+    }
+}
+
+/// `z=z-axis.csv`.
+pub(super) fn motion(text: &str) -> Result<(AxisName, PathBuf), String> {
+    let (axis, file) = text.split_once('=').ok_or("write axis and file, such as z=z-axis.csv")?;
+    let mut letters = axis.chars();
+    match (letters.next().and_then(AxisName::from_letter), letters.next()) {
+        (Some(axis), None) if !file.is_empty() => Ok((axis, PathBuf::from(file))),
+        _ => Err(format!("'{text}' is no axis and file; write for example z=z-axis.csv")),
+    }
+}
+
+/// `z-axis.csv=400,250,-100`.
+pub(super) fn place(text: &str) -> Result<(PathBuf, [f64; 3]), String> {
+    let bad = || format!("'{text}' is no file and point; write for example z-axis.csv=400,250,-100");
+    let (file, point) = text.rsplit_once('=').ok_or_else(bad)?;
+    let list: Vec<f64> = point.split(',').filter_map(|v| v.trim().parse().ok()).collect();
+    match list[..] {
+        [x, y, z] if list.iter().all(|v| v.is_finite()) && point.split(',').count() == 3 => {
+            Ok((PathBuf::from(file), [x, y, z]))
+        }
+        _ => Err(bad()),
+    }
+}
+
+/// Reads all inputs.
+pub(super) fn load(args: &Args) -> Result<Vec<Loaded>, Failure> {
+    if args.models.is_empty() && args.motion.is_empty() {
+        return Err(usage("nothing to assemble; give model files, or --motion AXIS=FILE"));
+    }
+    let mut out = Vec::new();
+    for path in &args.models {
+        out.push(model(path, args.absolute.contains(path))?);
+    }
+    if let Some(wanted) = args.absolute.iter().find(|p| !args.models.contains(p)) {
+        return Err(usage(format_args!("--absolute {}: no such input", wanted.display())));
+    }
+    if let Some((missing, _)) =
+        args.measured_at.iter().find(|(p, _)| !args.motion.iter().any(|(_, m)| m == p))
+    {
+        return Err(usage(format_args!("--measured-at {}: no such --motion", missing.display())));
+    }
+    let base = match (&args.base, out.first()) {
+        (Some(path), _) => Some(super::super::load(path)?.spec),
+        (None, Some(first)) => Some(first.source.spec.clone()),
+        (None, None) => None,
+    };
+    for (axis, path) in &args.motion {
+        let Some(base) = &base else {
+            return Err(usage(
+                "tables of motions do not say what machine they belong to; give --base or a model file",
+            ));
+        };
+        let at = args.measured_at.iter().find(|(p, _)| p == path).map(|(_, at)| *at);
+        out.push(table(*axis, path, at, base)?);
+    }
+    name_apart(&mut out);
+    note_common_data(&out);
+    Ok(out)
+}
+
+/// Files of one name in several folders are called by their paths.
+fn name_apart(list: &mut [Loaded]) {
+    let names: Vec<String> = list.iter().map(|l| l.source.name.clone()).collect();
+    for l in list {
+        if names.iter().filter(|n| **n == l.source.name).count() > 1 {
+            l.source.name = l.path.display().to_string();
+        }
+    }
+}
+
+/// Says which inputs are not independent: one was made from the other, or both from the same data.
+fn note_common_data(list: &[Loaded]) {
+    for (i, a) in list.iter().enumerate() {
+        for b in &list[..i] {
+            for (whole, part) in [(a, b), (b, a)] {
+                if whole.made_from().any(|h| h == part.entry().source_hash.as_deref()) {
+                    let (whole, part) = (&whole.source.name, &part.source.name);
+                    eprintln!("note: {whole} was made from {part}; they are not independent");
+                }
+            }
+            let common = a.made_from().flatten().find(|h| b.made_from().any(|other| other == Some(h)));
+            if let Some(hash) = common {
+                let (a, b) = (&a.source.name, &b.source.name);
+                eprintln!("note: {a} and {b} were both made from the data {hash}; they are not independent");
+            }
+        }
+    }
+}
+
+fn short_name(path: &Path) -> String {
+    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
+}
+
+fn hash_of(path: &Path) -> Result<String, Failure> {
+    let bytes = std::fs::read(path).map_err(|e| Failure::io(path, &e))?;
+    Ok(blake3::hash(&bytes).to_hex().to_string())
+}
+
+fn model(path: &Path, absolute: bool) -> Result<Loaded, Failure> {
+    let hash = hash_of(path)?;
+    let text = crate::cli::files::read_text(path)?;
+    let file = config::model::parse_file(&path.display().to_string(), &text)
+        .map_err(|e| Failure::new(EX_CONFIG, e))?;
+    Ok(Loaded {
+        source: Source { name: short_name(path), spec: file.spec, absolute },
+        path: path.to_owned(),
+        hash,
+        is_table: false,
+        file: file.provenance,
+        of_errors: file.of_errors,
+    })
+}
+
+/// A table of motions, fitted as `volcomp fit` does by default, on the axis of the base.
+fn table(axis: AxisName, path: &Path, at: Option<[f64; 3]>, base: &ModelSpec) -> Result<Loaded, Failure> {
+    let hash = hash_of(path)?;
+    if base.chain.index_of(axis).is_none() {
+        return Err(usage(format_args!(
+            "--motion {}={}: the chain {} has no such axis",
+            axis.lower(),
+            path.display(),
+            base.chain
+        )));
+    }
+    let mut by_symbol = BySymbol::new();
+    read(path, axis, Format::Auto, None, Direction::Both, &mut by_symbol)?;
+    let mut entry = AxisSpec { travel: None, ..base.axis(axis) };
+    if let Some([x, y, z]) = at {
+        let point = ReferencePoint { point: Vec3::new(x, y, z), body: ReferenceBody::Carriage };
+        entry.reference_points = [point; 3];
+    }
+    if entry.sense == Sense::Carriage && base.is_workpiece_side(axis) {
+        eprintln!(
+            "note: {}: axis {axis} of the base is in the carriage sense; the table is taken as the carriage's own motion over its own displacement",
+            path.display()
+        );
+    }
+    let mut spec = ModelSpec { errors: Vec::new(), axes: vec![entry], ..base.clone() };
+    for (symbol, readings) in by_symbol {
+        let fit = curve::fit(&readings.readings, &Request::default())
+            .map_err(|e| if axis.kind() == AxisKind::Rotary { e.in_degrees() } else { e })
+            .map_err(|e| {
+                Failure::new(EX_DATAERR, format_args!("error: {}: {symbol}: {e}", path.display()))
+            })?;
+        let std = fit.figures.rmse_dof;
+        spec.errors.push((symbol, ErrorFunction { std, ..ErrorFunction::single(fit.curve) }));
+    }
+    Ok(Loaded {
+        source: Source { name: short_name(path), spec, absolute: false },
+        path: path.to_owned(),
+        hash,
+        is_table: true,
+        file: Provenance::default(),
+        of_errors: Vec::new(),
+    })
+}

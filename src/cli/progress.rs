@@ -1,0 +1,49 @@
+//! A progress bar for work that reads a file.
+
+use std::io::{self, IsTerminal};
+use std::path::Path;
+use std::time::{Duration, Instant};
+
+use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
+
+/// The bar appears after this time.
+const SLOW: Duration = Duration::from_secs(2);
+
+/// A bar on stderr, only where that is a terminal and the work takes long.
+pub(super) struct Progress {
+    started: Instant,
+    total: Option<u64>,
+    shown: bool,
+    bar: Option<ProgressBar>,
+}
+
+impl Progress {
+    /// For work on this file from now on.
+    pub(super) fn new(points: &Path) -> Self {
+        let total = std::fs::metadata(points).ok().filter(std::fs::Metadata::is_file).map(|m| m.len());
+        Self { started: Instant::now(), total, shown: io::stderr().is_terminal(), bar: None }
+    }
+
+    /// So many bytes are done.
+    pub(super) fn update(&mut self, bytes: u64) {
+        if !self.shown || self.started.elapsed() < SLOW {
+            return;
+        }
+        let bar = self.bar.get_or_insert_with(|| {
+            let bar = ProgressBar::with_draw_target(self.total, ProgressDrawTarget::stderr());
+            let template = "{bar:40} {bytes}/{total_bytes} {bytes_per_sec} {eta}";
+            if let Ok(style) = ProgressStyle::with_template(template) {
+                bar.set_style(style);
+            }
+            bar
+        });
+        bar.set_position(bytes);
+    }
+
+    /// Takes the bar away.
+    pub(super) fn finish(&self) {
+        if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}

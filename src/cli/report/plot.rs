@@ -1,0 +1,213 @@
+//! The ground of all plots: colours that colour-blind readers and grey prints keep apart, one font, axes with units,
+//! ticks with as many decimals as they need.
+
+use plotters::coord::Shift;
+use plotters::coord::types::RangedCoordf64;
+use plotters::prelude::*;
+
+/// The first series.
+pub(in crate::cli) const BLUE: RGBColor = RGBColor(0, 114, 178);
+/// The second series.
+pub(in crate::cli) const VERMILLION: RGBColor = RGBColor(213, 94, 0);
+/// Text and axes.
+pub(in crate::cli) const INK: RGBColor = RGBColor(60, 60, 60);
+/// Grid lines.
+pub(in crate::cli) const FAINT: RGBColor = RGBColor(205, 205, 205);
+/// What the rest is compared with.
+pub(in crate::cli) const GREY: RGBColor = RGBColor(150, 150, 150);
+/// The font of everything.
+pub(in crate::cli) const FONT: &str = "sans-serif";
+/// Width of a picture that fills a page.
+pub(in crate::cli) const WIDTH: u32 = 1200;
+
+/// Width of a plot that stays legible where a page is printed on A4 (13 pixels are 8 points).
+pub(in crate::cli) const SHEET_WIDTH: u32 = 840;
+
+/// A part of a picture.
+pub(in crate::cli) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+/// The result of drawing.
+pub(in crate::cli) type Drawn = Result<(), Box<dyn std::error::Error>>;
+/// A finished picture.
+pub(in crate::cli) type Svg = Result<String, Box<dyn std::error::Error>>;
+/// A chart with straight axes.
+pub(in crate::cli) type Chart<'a, 'b> =
+    ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+
+/// A picture of the width of a page.
+pub(in crate::cli) fn svg(height: u32, draw: impl FnOnce(&Area<'_>) -> Drawn) -> Svg {
+    svg_of((WIDTH, height), draw)
+}
+
+/// A picture.
+pub(in crate::cli) fn svg_of(size: (u32, u32), draw: impl FnOnce(&Area<'_>) -> Drawn) -> Svg {
+    let mut text = String::new();
+    {
+        let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
+        area.fill(&WHITE)?;
+        draw(&area)?;
+        area.present()?;
+    }
+    Ok(text)
+}
+
+/// Axes of a chart.
+#[derive(Debug, Clone)]
+pub(in crate::cli) struct Axes<'a> {
+    /// Above the chart; none where empty.
+    pub(in crate::cli) title: &'a str,
+    /// Quantity and unit.
+    pub(in crate::cli) x_label: &'a str,
+    /// Quantity and unit.
+    pub(in crate::cli) y_label: &'a str,
+    /// Lowest and highest value.
+    pub(in crate::cli) x: [f64; 2],
+    /// Lowest and highest value.
+    pub(in crate::cli) y: [f64; 2],
+    /// Room to the right of the chart, pixels.
+    pub(in crate::cli) right: u32,
+    /// Ticks of x at these values instead of round numbers.
+    pub(in crate::cli) x_ticks: usize,
+}
+
+impl Axes<'_> {
+    /// Draws the axes with grid and labels.
+    pub(in crate::cli) fn draw<'a, 'b>(
+        &self,
+        area: &'a Area<'b>,
+    ) -> Result<Chart<'a, 'b>, Box<dyn std::error::Error>> {
+        let mut builder = ChartBuilder::on(area);
+        if !self.title.is_empty() {
+            builder.caption(self.title, (FONT, 15).into_font().color(&INK));
+        }
+        let mut chart = builder
+            .margin(8)
+            .margin_right(self.right.max(16))
+            .x_label_area_size(40)
+            .y_label_area_size(66)
+            .build_cartesian_2d(self.x[0]..self.x[1], self.y[0]..self.y[1])?;
+        let ([x_low, x_high], [y_low, y_high]) = (self.x, self.y);
+        chart
+            .configure_mesh()
+            .x_desc(self.x_label)
+            .y_desc(self.y_label)
+            .x_labels(self.x_ticks)
+            .y_labels(9)
+            .x_label_formatter(&|v| tick(*v, x_high - x_low))
+            .y_label_formatter(&|v| tick(*v, y_high - y_low))
+            .axis_desc_style((FONT, 14))
+            .label_style((FONT, 13))
+            .light_line_style(TRANSPARENT)
+            .bold_line_style(FAINT)
+            .axis_style(INK)
+            .draw()?;
+        if y_low < 0.0 && y_high > 0.0 {
+            chart.draw_series(LineSeries::new([(x_low, 0.0), (x_high, 0.0)], INK.stroke_width(1)))?;
+        }
+        Ok(chart)
+    }
+}
+
+/// A tick label with as many decimals as the length of the scale needs.
+pub(in crate::cli) fn tick(v: f64, length: f64) -> String {
+    let decimals = (1.0 - length.log10()).ceil().clamp(0.0, 6.0) as usize;
+    let text = format!("{v:.decimals$}");
+    if text.trim_start_matches('-').chars().all(|c| c == '0' || c == '.') { "0".to_owned() } else { text }
+}
+
+/// A range with some room at both ends; around zero where all is zero.
+pub(in crate::cli) fn with_room(values: impl IntoIterator<Item = f64>, share: f64) -> [f64; 2] {
+    let (low, high) =
+        values.into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+    if !(low.is_finite() && high.is_finite()) {
+        return [-1.0, 1.0];
+    }
+    let room = if high > low { share * (high - low) } else { low.abs().max(1.0) };
+    [low - room, high + room]
+}
+
+/// The round number (1, 2 or 5 times a power of ten) that is at most `v`.
+pub(in crate::cli) fn round_below(v: f64) -> f64 {
+    if !(v.is_finite() && v > 0.0) {
+        return 1.0;
+    }
+    let power = 10f64.powf(v.log10().floor());
+    [5.0, 2.0, 1.0].into_iter().map(|m| m * power).find(|m| *m <= v * (1.0 + 1e-12)).unwrap_or(power)
+}
+
+/// Words at a place of an area, from its upper left corner.
+pub(in crate::cli) fn words(area: &Area<'_>, text: &str, at: (i32, i32), size: u32) -> Drawn {
+    area.draw(&Text::new(text.to_owned(), at, (FONT, size).into_font().color(&INK)))?;
+    Ok(())
+}
+
+/// An entry of a legend.
+#[derive(Debug, Clone)]
+pub(in crate::cli) struct Key {
+    /// Colour.
+    pub(in crate::cli) colour: RGBAColor,
+    /// Width of the line; 0 is a dot, 255 a filled band.
+    pub(in crate::cli) width: u32,
+    /// Words.
+    pub(in crate::cli) label: String,
+}
+
+impl Key {
+    /// A line.
+    pub(in crate::cli) fn line(colour: impl Into<RGBAColor>, width: u32, label: impl Into<String>) -> Self {
+        Self { colour: colour.into(), width, label: label.into() }
+    }
+
+    /// A dot.
+    pub(in crate::cli) fn dot(colour: impl Into<RGBAColor>, label: impl Into<String>) -> Self {
+        Self::line(colour, 0, label)
+    }
+
+    /// A band.
+    pub(in crate::cli) fn band(colour: impl Into<RGBAColor>, label: impl Into<String>) -> Self {
+        Self::line(colour, u32::from(u8::MAX), label)
+    }
+}
+
+/// A legend in one row, from `x` on; widths are estimated from the letters.
+pub(in crate::cli) fn legend(area: &Area<'_>, keys: &[Key], mut x: i32, y: i32) -> Drawn {
+    for key in keys {
+        match key.width {
+            0 => area.draw(&Circle::new((x + 13, y), 3, key.colour.filled()))?,
+            255 => area.draw(&Rectangle::new([(x, y - 6), (x + 26, y + 6)], key.colour.filled()))?,
+            width => {
+                area.draw(&PathElement::new(vec![(x, y), (x + 26, y)], key.colour.stroke_width(width)))?
+            }
+        }
+        words(area, &key.label, (x + 32, y - 7), 14)?;
+        x += 32 + 28 + (key.label.chars().count() as f64 * 7.1) as i32;
+    }
+    Ok(())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_have_the_decimals_that_they_need() {
+        for (v, length, text) in [
+            (5.0, 20.0, "5"),
+            (0.25, 1.0, "0.2"),
+            (-0.0, 20.0, "0"),
+            (0.005, 0.02, "0.005"),
+            (-300.0, 500.0, "-300"),
+        ] {
+            assert_eq!(tick(v, length), text);
+        }
+    }
+
+    #[test]
+    fn ranges_and_round_numbers() {
+        assert_eq!(with_room([], 0.1), [-1.0, 1.0]);
+        assert_eq!(with_room([0.0, 0.0], 0.1), [-1.0, 1.0]);
+        assert_eq!(with_room([0.0, 10.0], 0.1), [-1.0, 11.0]);
+        for (v, round) in [(7.3, 5.0), (0.21, 0.2), (1.0, 1.0), (999.0, 500.0), (5.0, 5.0), (0.0, 1.0)] {
+            assert!((round_below(v) - round).abs() < 1e-12, "{v}");
+        }
+    }
+}

@@ -1,0 +1,46 @@
+//! After a gap: what the control did meanwhile counts.
+
+use super::*;
+
+#[test]
+fn one_stray_number_does_not_deafen_the_engine() {
+    let mut w = World::active(&config());
+    let sequence = w.frame.sequence;
+    w.frame.sequence = sequence.wrapping_add(1000);
+    w.send();
+    w.frame.sequence = sequence;
+    // five frames that follow each other are believed, ten more make them good
+    w.run(30);
+    assert_eq!(w.last.sequence, sequence.wrapping_add(30));
+    w.run(400);
+    assert_eq!(w.last.state, State::Active);
+}
+
+#[test]
+fn a_control_that_took_all_of_the_offset_back_meanwhile_is_followed_from_zero() {
+    let mut w = World::active(&config());
+    assert!(w.last.offset[0] < -0.009);
+    // this process stood still for 0.7 s; the control held for 0.1 s, took the offset back and is done with it
+    w.now = w.now.plus_seconds(0.7);
+    w.frame.sequence += 700;
+    w.frame.control_ns += 700_000_000;
+    w.frame.applied = [0.0; MAX_AXES];
+    let out = w.engine.on_position(w.now, &w.frame, &w.model).expect("synchronised");
+    assert!(out.offset[0].abs() < 1e-4, "{:?} in {:?}", out.offset, out.state);
+    assert!(matches!(out.event, Some(Event::StateChanged { reason: Reason::ControlTookOver, .. })));
+    w.last = out;
+    w.run(500);
+    assert_eq!(w.last.state, State::Active);
+    assert!((w.last.offset[0] + 0.010).abs() < 1e-12);
+}
+
+#[test]
+fn a_gap_in_which_nothing_happened_changes_nothing() {
+    let mut w = World::active(&config());
+    let before = w.last.offset;
+    w.now = w.now.plus_seconds(0.02);
+    w.frame.sequence += 20;
+    w.frame.control_ns += 20_000_000;
+    w.cycle();
+    assert_eq!((w.last.state, w.last.offset), (State::Active, before));
+}

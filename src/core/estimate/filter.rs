@@ -1,0 +1,421 @@
+//! Kalman filter on the node values of a grid, one or several components (angles, positions) stacked.
+//!
+//! State: for each component all nodes. An observation is one number: a weighted sum of components at one place
+//! (a pose that shows five of six combinations is five observations), `z = SUM_c w_c N(place) x_c + v`. Scalar updates
+//! in Joseph form, `P = (I - K h) P- (I - K h)^T + K R K^T`, kept symmetric.
+//!
+//! Source: equations 5.8. Gate, alarm, caps and the bounded output are there, too.
+
+use super::grid::{NodeGrid, NodePlace};
+use super::noise::MeasurementNoise;
+
+/// Most components of one filter: three angles and three positions.
+pub const COMPONENTS_MAX: usize = 6;
+
+/// How the map may change between measurements.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Process {
+    /// Every node wanders: its variance grows by this much per second.
+    RandomWalk {
+        /// Square of the state's unit per second.
+        variance_per_s: f64,
+    },
+    /// Every node returns to the prior map with this time constant; uncertainty never grows beyond the prior's.
+    MeanReverting {
+        /// Seconds.
+        tau_s: f64,
+    },
+}
+
+/// Why a filter cannot be built.
+#[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
+pub enum FilterError {
+    /// Components are at least one and few.
+    #[error("{found} components; a filter has 1 to {limit}", limit = COMPONENTS_MAX)]
+    Components {
+        /// Components found.
+        found: usize,
+    },
+    /// The prior map must have one value per node and component.
+    #[error("the prior map has {found} values, the grid needs {expected}")]
+    PriorSize {
+        /// Values found.
+        found: usize,
+        /// Values needed.
+        expected: usize,
+    },
+    /// A value of the prior map is no number.
+    #[error("value {} of the prior map is not finite", index + 1)]
+    PriorNotFinite {
+        /// 0-based index.
+        index: usize,
+    },
+    /// A standard deviation must be a positive number.
+    #[error("standard deviation {value:e} of the prior map is not a number above 0")]
+    BadSigma {
+        /// The value.
+        value: f64,
+    },
+    /// A correlation length must not be negative.
+    #[error("correlation length {value} mm is not a number from 0 up")]
+    BadCorrelation {
+        /// The value.
+        value: f64,
+    },
+}
+
+/// Bounds within which measurements may act.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rules {
+    /// A reading with `nu^2 / S` above this is not used; infinite: no gate.
+    pub gate: f64,
+    /// After this many rejections in a row the alarm is raised.
+    pub rejections_to_alarm: u32,
+    /// The output stays within plus and minus this of the prior map; infinite: no limit.
+    pub limit: f64,
+    /// The uncertainty of a node never grows beyond that of the prior.
+    pub cap_at_prior: bool,
+}
+
+impl Default for Rules {
+    /// 99.9 % gate, alarm after five rejections, covariance capped, output not limited.
+    fn default() -> Self {
+        Self { gate: 10.8, rejections_to_alarm: 5, limit: f64::INFINITY, cap_at_prior: true }
+    }
+}
+
+/// One number that was measured.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Observation {
+    /// Where.
+    pub place: NodePlace,
+    /// Weight of each component; entries beyond the filter's components are ignored.
+    pub weights: [f64; COMPONENTS_MAX],
+    /// The reading, in the unit of the state.
+    pub value: f64,
+}
+
+/// What became of an observation.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Verdict {
+    /// The state was updated.
+    Accepted,
+    /// Beyond the gate.
+    Rejected,
+    /// No number, or nothing of the state in it.
+    Unusable,
+}
+
+/// Record of one update.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Update {
+    /// What became of it.
+    pub verdict: Verdict,
+    /// Reading minus expectation.
+    pub innovation: f64,
+    /// Variance of that, the sensor's included.
+    pub innovation_variance: f64,
+    /// Measurement variance after the update.
+    pub measurement_variance: f64,
+    /// Rejections in a row; at the rules' number and above there is an alarm.
+    pub rejections: u32,
+}
+
+impl Update {
+    /// `nu^2 / S`: about 1 in the mean where everything is right.
+    #[must_use]
+    pub fn ratio(&self) -> f64 {
+        self.innovation * self.innovation / self.innovation_variance
+    }
+}
+
+/// The filter. All storage is made at construction.
+#[derive(Debug, Clone, PartialEq)]
+pub struct NodeFilter {
+    nodes: usize,
+    components: usize,
+    process: Process,
+    rules: Rules,
+    /// The offline map.
+    prior: Vec<f64>,
+    /// Its covariance, row by row.
+    prior_covariance: Vec<f64>,
+    x: Vec<f64>,
+    p: Vec<f64>,
+    /// `P h^T`, the gain, and a column of work.
+    ph: Vec<f64>,
+    k: Vec<f64>,
+    work: Vec<f64>,
+    rejections: u32,
+}
+
+impl NodeFilter {
+    /// A filter that starts from the offline map `prior` (components one after the other, nodes in the grid's order)
+    /// with standard deviation `sigma[c]` per component; nodes of a component are correlated by
+    /// `exp(-|ri - rj|^2 / (2 l^2))`, not at all where `correlation_mm` is 0.
+    ///
+    /// # Errors
+    /// No component or too many, a prior of another size than the grid's, numbers that are no lengths or deviations.
+    pub fn new(
+        grid: &NodeGrid,
+        prior: &[f64],
+        sigma: &[f64],
+        correlation_mm: f64,
+        process: Process,
+        rules: Rules,
+    ) -> Result<Self, FilterError> {
+        let nodes = grid.nodes();
+        let components = sigma.len();
+        if !(1..=COMPONENTS_MAX).contains(&components) {
+            return Err(FilterError::Components { found: components });
+        }
+        if prior.len() != nodes * components {
+            return Err(FilterError::PriorSize { found: prior.len(), expected: nodes * components });
+        }
+        if let Some(i) = prior.iter().position(|x| !x.is_finite()) {
+            return Err(FilterError::PriorNotFinite { index: i });
+        }
+        if let Some(value) = sigma.iter().find(|s| !(s.is_finite() && **s > 0.0)) {
+            return Err(FilterError::BadSigma { value: *value });
+        }
+        if !(correlation_mm.is_finite() && correlation_mm >= 0.0) {
+            return Err(FilterError::BadCorrelation { value: correlation_mm });
+        }
+        let n = prior.len();
+        let mut covariance = vec![0.0; n * n];
+        for (c, sigma) in sigma.iter().enumerate() {
+            for i in 0..nodes {
+                for j in 0..nodes {
+                    let correlation = if i == j {
+                        1.0
+                    } else if correlation_mm > 0.0 {
+                        let (a, b) = (grid.node(i), grid.node(j));
+                        let squared: f64 = a.iter().zip(&b).map(|(a, b)| (a - b) * (a - b)).sum();
+                        (-squared / (2.0 * correlation_mm * correlation_mm)).exp()
+                    } else {
+                        0.0
+                    };
+                    covariance[(c * nodes + i) * n + c * nodes + j] = sigma * sigma * correlation;
+                }
+            }
+        }
+        Ok(Self {
+            nodes,
+            components,
+            process,
+            rules,
+            prior: prior.to_vec(),
+            x: prior.to_vec(),
+            p: covariance.clone(),
+            prior_covariance: covariance,
+            ph: vec![0.0; n],
+            k: vec![0.0; n],
+            work: vec![0.0; n],
+            rejections: 0,
+        })
+    }
+
+    /// Lets time pass.
+    ///
+    /// # Cycle   no allocation; grows with the square of the state where the process reverts, else with the state
+    pub fn predict(&mut self, seconds: f64) {
+        if seconds.is_nan() || seconds <= 0.0 {
+            return;
+        }
+        let n = self.x.len();
+        match self.process {
+            Process::RandomWalk { variance_per_s } => {
+                for i in 0..n {
+                    self.p[i * n + i] += variance_per_s * seconds;
+                }
+            }
+            Process::MeanReverting { tau_s } => {
+                let stays = (-seconds / tau_s).exp();
+                for (x, prior) in self.x.iter_mut().zip(&self.prior) {
+                    *x = prior + stays * (*x - prior);
+                }
+                // what was forgotten is as uncertain as the prior
+                let (old, new) = (stays * stays, 1.0 - stays * stays);
+                for (p, prior) in self.p.iter_mut().zip(&self.prior_covariance) {
+                    *p = old * *p + new * prior;
+                }
+            }
+        }
+        self.cap();
+    }
+
+    /// Takes a reading.
+    ///
+    /// # Cycle   no allocation; grows with the square of the state (meant to run beside the cycle)
+    pub fn update(&mut self, observation: &Observation, noise: &mut MeasurementNoise) -> Update {
+        let innovation = observation.value - self.expected(observation);
+        let hph = self.project(observation);
+        let variance = hph + noise.variance();
+        let mut record = Update {
+            verdict: Verdict::Accepted,
+            innovation,
+            innovation_variance: variance,
+            measurement_variance: noise.variance(),
+            rejections: self.rejections,
+        };
+        if !(innovation.is_finite() && variance.is_finite() && hph > 0.0) {
+            record.verdict = Verdict::Unusable;
+            return record;
+        }
+        if innovation * innovation > self.rules.gate * variance {
+            self.rejections = self.rejections.saturating_add(1);
+            record.verdict = Verdict::Rejected;
+            record.rejections = self.rejections;
+            return record;
+        }
+        self.rejections = 0;
+        for ((k, ph), x) in self.k.iter_mut().zip(&self.ph).zip(&mut self.x) {
+            *k = ph / variance;
+            *x += *k * innovation;
+        }
+        self.joseph(observation, noise.variance());
+        self.cap();
+        let residual = observation.value - self.expected(observation);
+        let hph = self.project(observation);
+        noise.learn(residual, hph);
+        record.measurement_variance = noise.variance();
+        record.rejections = 0;
+        record
+    }
+
+    /// True after as many rejections in a row as the rules name.
+    #[must_use]
+    pub const fn alarm(&self) -> bool {
+        self.rejections >= self.rules.rejections_to_alarm
+    }
+
+    /// The value of one component at a place, held within the limit about the prior map.
+    ///
+    /// # Cycle   no allocation
+    #[must_use]
+    pub fn value(&self, component: usize, place: &NodePlace) -> f64 {
+        let first = component * self.nodes;
+        place.nodes.iter().zip(&place.shape).map(|(node, shape)| shape * self.bounded(first + node)).sum()
+    }
+
+    /// Standard deviation of that (k = 1), before the limit.
+    #[must_use]
+    pub fn std_at(&self, component: usize, place: &NodePlace) -> f64 {
+        let (n, first) = (self.x.len(), component * self.nodes);
+        let mut sum = 0.0;
+        for (a, sa) in place.nodes.iter().zip(&place.shape) {
+            for (b, sb) in place.nodes.iter().zip(&place.shape) {
+                sum += sa * sb * self.p[(first + a) * n + first + b];
+            }
+        }
+        sum.max(0.0).sqrt()
+    }
+
+    /// The state: components one after the other.
+    #[must_use]
+    pub fn state(&self) -> &[f64] {
+        &self.x
+    }
+
+    /// The state as it may be used: within the limit about the prior map.
+    pub fn map(&self) -> impl ExactSizeIterator<Item = f64> + '_ {
+        (0..self.x.len()).map(|i| self.bounded(i))
+    }
+
+    /// Variances of the state.
+    pub fn variances(&self) -> impl ExactSizeIterator<Item = f64> + '_ {
+        let n = self.x.len();
+        (0..n).map(move |i| self.p[i * n + i])
+    }
+
+    /// Covariance of the state, row by row.
+    #[must_use]
+    pub fn covariance(&self) -> &[f64] {
+        &self.p
+    }
+
+    fn bounded(&self, i: usize) -> f64 {
+        let limit = self.rules.limit;
+        self.prior[i] + (self.x[i] - self.prior[i]).clamp(-limit, limit)
+    }
+
+    /// `h x`.
+    fn expected(&self, o: &Observation) -> f64 {
+        self.row(o).map(|(i, h)| h * self.x[i]).sum()
+    }
+
+    /// `P h^T` into its place; returns `h P h^T`.
+    fn project(&mut self, o: &Observation) -> f64 {
+        let n = self.x.len();
+        self.ph.fill(0.0);
+        for (j, h) in Self::row_of(o, self.nodes, self.components) {
+            let line = &self.p[j * n..(j + 1) * n];
+            self.ph.iter_mut().zip(line).for_each(|(sum, p)| *sum += h * p);
+        }
+        self.row(o).map(|(i, h)| h * self.ph[i]).sum()
+    }
+
+    /// The entries of `h` that are not zero.
+    fn row<'a>(&self, o: &'a Observation) -> impl Iterator<Item = (usize, f64)> + use<'a> {
+        Self::row_of(o, self.nodes, self.components)
+    }
+
+    fn row_of(o: &Observation, nodes: usize, components: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
+        (0..components).flat_map(move |c| {
+            let weight = o.weights[c];
+            o.place
+                .nodes
+                .iter()
+                .zip(&o.place.shape)
+                .filter(move |_| weight != 0.0)
+                .map(move |(node, shape)| (c * nodes + node, weight * shape))
+        })
+    }
+
+    /// `P <- (I - K h) P (I - K h)^T + K R K^T` with the gain at hand and `P h^T` of before.
+    fn joseph(&mut self, o: &Observation, r: f64) {
+        let n = self.x.len();
+        // M = (I - K h) P, whose rows lose K_i (P h^T)^T
+        for (i, line) in self.p.chunks_exact_mut(n).enumerate() {
+            let k = self.k[i];
+            line.iter_mut().zip(&self.ph).for_each(|(p, ph)| *p -= k * ph);
+        }
+        // then M - (M h^T) K^T + K R K^T
+        for (work, line) in self.work.iter_mut().zip(self.p.chunks_exact(n)) {
+            *work = Self::row_of(o, self.nodes, self.components).map(|(j, h)| h * line[j]).sum();
+        }
+        for (i, line) in self.p.chunks_exact_mut(n).enumerate() {
+            let factor = self.k[i] * r - self.work[i];
+            line.iter_mut().zip(&self.k).for_each(|(p, k)| *p += factor * k);
+        }
+        for i in 0..n {
+            for j in 0..i {
+                let mean = 0.5 * (self.p[i * n + j] + self.p[j * n + i]);
+                self.p[i * n + j] = mean;
+                self.p[j * n + i] = mean;
+            }
+        }
+    }
+
+    /// Scales rows and columns so that no variance exceeds the prior's; the matrix stays positive.
+    fn cap(&mut self) {
+        if !self.rules.cap_at_prior {
+            return;
+        }
+        let n = self.x.len();
+        for i in 0..n {
+            let (now, prior) = (self.p[i * n + i], self.prior_covariance[i * n + i]);
+            if now > prior {
+                let scale = (prior / now).sqrt();
+                for j in 0..n {
+                    self.p[i * n + j] *= scale;
+                    self.p[j * n + i] *= scale;
+                }
+                self.p[i * n + i] = prior;
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,233 @@
+//! Any table of numbers, through a map that says which column means what.
+//!
+//! A map names the outputs and where each comes from: `target = "Soll:mm"` is the column with the header `Soll`, in
+//! mm; `deviation = "#3:um"` is the third column. With `target` and `deviation` (or `actual`) the table is a positioning
+//! test, whose `cycle` and `direction` are derived from the order of the positions where they have no column. Any other
+//! outputs are a series; their names end in the unit that comes out (`t_s`, `x_mm`, `force_n`).
+//!
+//! Rows are read one by one in bounded memory.
+
+mod map;
+mod order;
+mod stamp;
+
+pub use map::{ColumnMap, Source, Unit};
+pub use order::{Placed, Runs};
+
+use std::io::BufRead;
+
+use super::error::{FormatError, FormatErrorKind, ReadError, short};
+use super::text::{Lines, Word};
+
+/// A table being read.
+#[derive(Debug)]
+pub struct Columns<R> {
+    lines: Lines<R>,
+    map: ColumnMap,
+    delimiter: Delimiter,
+    /// By output: index of its column.
+    indices: Vec<usize>,
+    /// By output: the first time stamp, from which the others count.
+    origins: Vec<Option<i128>>,
+    /// A table without a header: its first row was read to find the delimiter.
+    pending: bool,
+    values: Vec<f64>,
+}
+
+/// What stands between fields.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Delimiter {
+    /// One character.
+    Character(char),
+    /// Any blanks.
+    Blanks,
+}
+
+impl<R: BufRead> Columns<R> {
+    /// Skips the lines above the table and reads its header.
+    ///
+    /// # Errors
+    /// The source fails, the header is missing or does not have a column of the map.
+    pub fn new(source: R, map: ColumnMap) -> Result<Self, ReadError> {
+        let mut lines = Lines::new(source, map.encoding);
+        for skipped in 0..map.skip_lines {
+            if !lines.advance()? {
+                let what = "lines above the table";
+                let (announced, found) = (map.skip_lines as u64, skipped as u64);
+                return Err(FormatError::at(
+                    lines.line(),
+                    1,
+                    FormatErrorKind::Count { what, announced, found },
+                )
+                .into());
+            }
+        }
+        let origins = vec![None; map.columns.len()];
+        let mut table = Self {
+            lines,
+            delimiter: Delimiter::Blanks,
+            indices: Vec::new(),
+            origins,
+            pending: false,
+            values: Vec::new(),
+            map,
+        };
+        if !table.next_line()? {
+            let kind = FormatErrorKind::Missing {
+                what: "the table",
+                remedy: "the file ends above it; check skip-lines",
+            };
+            return Err(FormatError::at(table.lines.line(), 1, kind).into());
+        }
+        table.find_columns()?;
+        table.pending = !table.map.header;
+        Ok(table)
+    }
+
+    /// Names of the outputs, in the order of [`values`](Self::values).
+    pub fn names(&self) -> impl Iterator<Item = &str> {
+        self.map.columns.iter().map(|(name, _)| name.as_str())
+    }
+
+    /// What separates the fields.
+    pub const fn delimiter(&self) -> Delimiter {
+        self.delimiter
+    }
+
+    /// 1-based number of the current line.
+    pub const fn line(&self) -> usize {
+        self.lines.line()
+    }
+
+    /// Bytes read so far.
+    pub const fn bytes(&self) -> u64 {
+        self.lines.bytes()
+    }
+
+    /// The current row: one number per output.
+    pub fn values(&self) -> &[f64] {
+        &self.values
+    }
+
+    /// Reads the next row; false at the end.
+    ///
+    /// # Errors
+    /// The source fails, a field is missing or no number.
+    pub fn advance(&mut self) -> Result<bool, ReadError> {
+        if !std::mem::take(&mut self.pending) && !self.next_line()? {
+            return Ok(false);
+        }
+        let (map, indices, origins, delimiter) =
+            (&self.map, &self.indices, &mut self.origins, self.delimiter);
+        let values = &mut self.values;
+        values.clear();
+        self.lines.with_line(|line| {
+            let fields = split(line, delimiter);
+            for (i, (index, (_, source))) in indices.iter().zip(&map.columns).enumerate() {
+                let Some(field) = fields.get(*index) else {
+                    let (announced, found) = (*index as u64 + 1, fields.len() as u64);
+                    return Err(line.fail(FormatErrorKind::Count { what: "fields", announced, found }));
+                };
+                values.push(source.unit.read(field, map.decimal_comma, &mut origins[i])?);
+            }
+            Ok(())
+        })?;
+        Ok(true)
+    }
+
+    /// Goes to the next line that holds data; false at the end.
+    fn next_line(&mut self) -> Result<bool, ReadError> {
+        while self.lines.advance()? {
+            if self.lines.with_line(|l| Ok(!l.text.is_empty() && !l.text.starts_with('#')))? {
+                return Ok(true);
+            }
+        }
+        Ok(false)
+    }
+
+    fn find_columns(&mut self) -> Result<(), FormatError> {
+        let map = &self.map;
+        let (delimiter, indices) = self.lines.with_line(|line| {
+            let delimiter = map.delimiter.unwrap_or_else(|| guess(line.text, map.decimal_comma));
+            let header = split(line, delimiter);
+            let find = |source: &Source| match &source.column {
+                map::ColumnRef::Index(i) if *i <= header.len() => Ok(i - 1),
+                map::ColumnRef::Index(i) => {
+                    let (announced, found) = (*i as u64, header.len() as u64);
+                    Err(line.fail(FormatErrorKind::Count { what: "columns", announced, found }))
+                }
+                map::ColumnRef::Name(name) if map.header => {
+                    // case decides only where it has to
+                    let exact = header.iter().any(|w| w.text == name);
+                    let same = |w: &Word<'_>| w.text == name || (!exact && w.text.eq_ignore_ascii_case(name));
+                    let mut found = header.iter().enumerate().filter(|(_, w)| same(w));
+                    match (found.next(), found.next()) {
+                        (Some((i, _)), None) => Ok(i),
+                        (Some((_, _)), Some((_, word))) => {
+                            let what = format!("column {name}");
+                            Err(word.fail(FormatErrorKind::Twice { what, first: line.line }))
+                        }
+                        _ => {
+                            let why =
+                                "the header has no such column; check the map, the delimiter and skip-lines";
+                            Err(line.fail(FormatErrorKind::NotRead {
+                                name: format!("column {}", short(name)),
+                                why,
+                            }))
+                        }
+                    }
+                }
+                map::ColumnRef::Name(name) => {
+                    let why = "the table has no header; give its number as #1, #2 ..";
+                    Err(line.fail(FormatErrorKind::NotRead { name: format!("column {}", short(name)), why }))
+                }
+            };
+            Ok((delimiter, map.columns.iter().map(|(_, s)| find(s)).collect::<Result<Vec<_>, _>>()?))
+        })?;
+        (self.delimiter, self.indices) = (delimiter, indices);
+        Ok(())
+    }
+}
+
+/// The delimiter of a line: the rarest in plain text that occurs.
+fn guess(line: &str, decimal_comma: bool) -> Delimiter {
+    let found = ['\t', ';', ','].into_iter().find(|c| line.contains(*c) && !(*c == ',' && decimal_comma));
+    found.map_or(Delimiter::Blanks, Delimiter::Character)
+}
+
+/// The fields of a line; quotes around a field hide delimiters and are taken off.
+fn split(line: Word<'_>, delimiter: Delimiter) -> Vec<Word<'_>> {
+    let is_end = |c: char| match delimiter {
+        Delimiter::Character(d) => c == d,
+        Delimiter::Blanks => c.is_whitespace(),
+    };
+    let mut fields = Vec::new();
+    let mut take = |from: usize, to: usize, column: usize| {
+        let field = &line.text[from..to];
+        if field.trim().is_empty() && delimiter == Delimiter::Blanks {
+            return;
+        }
+        let blanks = field.chars().take_while(|c| c.is_whitespace()).count();
+        let text = field.trim().trim_matches('"').trim();
+        fields.push(Word { line: line.line, column: column + blanks, text });
+    };
+    let (mut quoted, mut start, mut column) = (false, 0, line.column);
+    for (n, (i, c)) in line.text.char_indices().enumerate() {
+        quoted ^= c == '"';
+        if is_end(c) && !quoted {
+            take(start, i, column);
+            start = i + c.len_utf8();
+            column = line.column + n + 1;
+        }
+    }
+    take(start, line.text.len(), column);
+    fields
+}
+
+/// A stamp such as `2022-11-08 15:23:24.953` in steps of 100 ns.
+pub(super) fn date_time_ticks(text: &str) -> Option<i128> {
+    stamp::date_time(text, false)
+}
+
+#[cfg(test)]
+mod tests;

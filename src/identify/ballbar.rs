@@ -1,1 +1,0 @@
-//! Causes of the deviations on a ballbar circle.

@@ -1,0 +1,106 @@
+//! Runs of a circle: how far each travelled, and where its measured part begins and ends.
+
+use core::f64::consts::{PI, TAU};
+
+use super::Sample;
+use crate::core::axes::Travel;
+
+/// More than a turn by this much counts as overshoot, rad.
+const MORE_THAN_A_TURN: f64 = 1e-3;
+
+/// +1 from the first axis towards the second, -1 back.
+pub(super) const fn sign(travel: Travel) -> f64 {
+    match travel {
+        Travel::Forward => 1.0,
+        Travel::Reverse => -1.0,
+    }
+}
+
+/// Stretches of one direction, feed and run, in the order they were taken.
+fn runs(samples: &[Sample]) -> impl Iterator<Item = &[Sample]> {
+    samples.chunk_by(|a, b| a.travel == b.travel && a.feed == b.feed && a.run == b.run)
+}
+
+/// Angle travelled up to each reading of a run, rad.
+fn path(run: &[Sample]) -> Vec<f64> {
+    let mut sum = 0.0;
+    let mut out = Vec::with_capacity(run.len());
+    let mut last = run.first().map_or(0.0, |s| s.angle);
+    for s in run {
+        let step = (s.angle - last + PI).rem_euclid(TAU) - PI;
+        sum += sign(s.travel) * step;
+        last = s.angle;
+        out.push(sum);
+    }
+    out
+}
+
+/// Angle that each run travelled, rad.
+#[must_use]
+pub fn travelled(samples: &[Sample]) -> Vec<f64> {
+    runs(samples).map(|run| path(run).last().copied().unwrap_or(0.0)).collect()
+}
+
+/// The readings without the overshoot of their runs: `overshoot` (rad) at both ends, or, where it is not given, what is
+/// more than one turn, half at either end.
+#[must_use]
+pub fn cut_overshoot(samples: &[Sample], overshoot: Option<f64>) -> Vec<Sample> {
+    let mut kept = Vec::with_capacity(samples.len());
+    for run in runs(samples) {
+        let path = path(run);
+        let total = path.last().copied().unwrap_or(0.0);
+        let cut = overshoot.unwrap_or_else(|| {
+            let more = total - TAU;
+            if more > MORE_THAN_A_TURN { more / 2.0 } else { 0.0 }
+        });
+        // rounding must not cost the last reading
+        let margin = 1e-9;
+        let inside = |p: f64| p >= cut - margin && p <= total - cut + margin;
+        kept.extend(run.iter().zip(&path).filter(|(_, p)| inside(**p)).map(|(s, _)| *s));
+    }
+    kept
+}
+
+/// Largest angle between neighbouring readings around the circle, rad.
+pub(super) fn largest_gap(samples: &[Sample]) -> f64 {
+    let mut angles: Vec<f64> = samples.iter().map(|s| s.angle.rem_euclid(TAU)).collect();
+    angles.sort_by(f64::total_cmp);
+    let inner = angles.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
+    match (angles.first(), angles.last()) {
+        (Some(first), Some(last)) => inner.max(TAU - (last - first)),
+        _ => TAU,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn run(from_deg: i32, to_deg: i32) -> Vec<Sample> {
+        let travel = if to_deg > from_deg { Travel::Forward } else { Travel::Reverse };
+        let step = (to_deg - from_deg).signum();
+        (0..=(to_deg - from_deg).abs())
+            .map(|i| Sample {
+                angle: f64::from((from_deg + step * i).rem_euclid(360)).to_radians(),
+                deviation: 0.0,
+                travel,
+                feed: None,
+                run: 0,
+            })
+            .collect()
+    }
+
+    #[test]
+    fn overshoot_is_cut_at_both_ends_of_each_run() {
+        let mut both = run(-180, 540);
+        both.extend(run(540, -180));
+        let kept = cut_overshoot(&both, None);
+        assert_eq!(kept.len(), 2 * 361);
+        assert!(kept[0].angle.abs() < 1e-12 && kept[361].angle.abs() < 1e-12);
+        assert!((travelled(&both)[1].to_degrees() - 720.0).abs() < 1e-9);
+        let arc = cut_overshoot(&run(-22, 202), Some(2f64.to_radians()));
+        assert_eq!(arc.len(), 221);
+        assert!((arc[0].angle.to_degrees() - 340.0).abs() < 1e-9);
+        assert_eq!(cut_overshoot(&run(0, 359), None).len(), 360);
+    }
+}

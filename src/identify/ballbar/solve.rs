@@ -1,0 +1,592 @@
+//! All effects at once: which columns the data can tell apart, least squares, contributions.
+
+use core::f64::consts::TAU;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::columns::{self, Column, What};
+use super::runs::largest_gap;
+use super::{
+    Analysis, BallbarError, Circles, Effect, Estimate, Harmonic, Note, Pitch, Reason, Request, Value, pitch,
+};
+use crate::core::axes::Travel;
+use crate::identify::primitives::jacobi;
+
+/// Fewest readings.
+const READINGS_NEEDED: usize = 120;
+/// Least part of the circle, rad.
+const ARC_NEEDED: f64 = TAU / 4.0;
+/// Part of a column, of unit length, that must be left beside the others; below it the data cannot tell it from them.
+const LEFT_OVER: f64 = 0.03;
+/// Correlation of two estimates above which the data hardly tell them apart.
+const CONFOUNDED: f64 = 0.9;
+/// Standard deviations beyond which an effect is called significant.
+const SIGNIFICANT: f64 = 3.3;
+/// Highest wave reported.
+const HARMONICS: usize = 12;
+/// Gap in angle up to which waves on the circle mean something, rad.
+const CLOSED: f64 = TAU / 36.0;
+/// Times to the peak of a spike that are tried, s (without feed: rad, 0.1 to 1.5 deg); longer ones would be shape.
+const SPIKE_TIMES: [f64; 2] = [0.003, 0.06];
+const SPIKE_ANGLES: [f64; 2] = [0.0017, 0.026];
+/// Angle over which what is left over may hang together, rad; in bins of one degree.
+const TOGETHER: usize = 15;
+const BINS: usize = 360;
+
+/// Columns that the data can tell apart, and those that they cannot.
+struct Selected {
+    columns: Vec<Column>,
+    missing: Vec<(Effect, Reason)>,
+}
+
+/// A solved problem.
+struct Solution {
+    coefficients: DVector<f64>,
+    residuals: DVector<f64>,
+    /// Inverse of the normal matrix.
+    cofactor: DMatrix<f64>,
+    /// Coefficients per reading: their product with the readings.
+    gain: DMatrix<f64>,
+    sum: f64,
+    condition: f64,
+}
+
+/// Analyses the circles of one plane.
+///
+/// # Errors
+/// Too few readings or too short an arc, numbers that are none, a radius in the wrong unit.
+pub fn analyse(circles: &Circles, request: &Request) -> Result<Analysis, BallbarError> {
+    check(circles, request)?;
+    let mut selected = select(circles, request)?;
+    let mut y = DVector::from_iterator(circles.samples.len(), circles.samples.iter().map(|s| s.deviation));
+    let spike_time = choose_spike_time(circles, request, &mut selected, &y);
+    let pitches = choose_pitches(circles, request, &mut selected, &y);
+    let mut solution = solved(&selected.columns, &y);
+    // the eccentricity's second order shortens every reading by e^2 sin^2/(2R)
+    for _ in 0..2 {
+        let [cx, cy] = centre(&selected.columns, &solution.coefficients);
+        for (value, s) in y.iter_mut().zip(&circles.samples) {
+            let across = cx * s.angle.sin() - cy * s.angle.cos();
+            *value = s.deviation + across * across / (2.0 * circles.radius);
+        }
+        solution = solved(&selected.columns, &y);
+    }
+    Ok(report(circles, selected, &solution, &y, pitches, spike_time))
+}
+
+fn check(circles: &Circles, request: &Request) -> Result<(), BallbarError> {
+    let (plane, samples) = (circles.plane, &circles.samples);
+    let finite = |s: &super::Sample| {
+        s.angle.is_finite() && s.deviation.is_finite() && s.feed.is_none_or(f64::is_finite)
+    };
+    if let Some(i) = samples.iter().position(|s| !finite(s)) {
+        return Err(BallbarError::NotFinite { plane, row: i + 1 });
+    }
+    if samples.len() < READINGS_NEEDED {
+        return Err(BallbarError::TooFewReadings { plane, found: samples.len(), needed: READINGS_NEEDED });
+    }
+    let deviation = samples.iter().fold(0.0f64, |m, s| m.max(s.deviation.abs()));
+    if !(circles.radius.is_finite() && circles.radius > 10.0 * deviation) {
+        return Err(BallbarError::Radius { radius: circles.radius, deviation });
+    }
+    let positive = |what, value: f64| {
+        if value.is_finite() && value > 0.0 { Ok(()) } else { Err(BallbarError::NotPositive { what, value }) }
+    };
+    for feed in samples.iter().filter_map(|s| s.feed) {
+        positive("the feed", feed)?;
+    }
+    for p in request.pitch {
+        match p {
+            Pitch::None => {}
+            Pitch::Given(v) => positive("a pitch", v)?,
+            Pitch::Search([low, high]) => {
+                positive("the shortest pitch", low)?;
+                positive("the search for a pitch, longest less shortest,", high - low)?;
+            }
+        }
+    }
+    if let Some(t) = request.spike_time {
+        positive("the time to the peak of a spike", t)?;
+    }
+    let known = samples.iter().filter(|s| s.feed.is_some()).count();
+    if known != 0 && known != samples.len() {
+        return Err(BallbarError::FeedMissing { plane });
+    }
+    let covered = TAU - largest_gap(samples);
+    if covered < ARC_NEEDED {
+        let (covered_deg, limit_deg) = (covered.to_degrees(), ARC_NEEDED.to_degrees());
+        return Err(BallbarError::ArcTooShort { plane, covered_deg, limit_deg });
+    }
+    Ok(())
+}
+
+/// Takes the columns one after the other and leaves out those that look like the ones before.
+fn select(circles: &Circles, request: &Request) -> Result<Selected, BallbarError> {
+    let (effects, missing) = columns::of_effects(circles);
+    let mut selected = Selected { columns: columns::of_circle(circles), missing };
+    let mut basis = Basis::of(&selected.columns);
+    for column in effects {
+        selected.take(column, &mut basis);
+    }
+    for axis in 0..2 {
+        if let Some(p) = columns::given(request.pitch[axis]) {
+            for column in columns::of_cyclic(circles, axis, p) {
+                selected.take(column, &mut basis);
+            }
+        }
+    }
+    Ok(selected)
+}
+
+/// Orthonormal directions of the columns taken so far.
+struct Basis {
+    directions: Vec<DVector<f64>>,
+}
+
+impl Basis {
+    fn of(columns: &[Column]) -> Self {
+        let mut basis = Self { directions: Vec::new() };
+        for c in columns {
+            basis.add(&c.values);
+        }
+        basis
+    }
+
+    /// What is left of a column of unit length beside the others, and its direction.
+    fn left(&self, values: &[f64]) -> (f64, DVector<f64>) {
+        let mut v = DVector::from_column_slice(values);
+        let norm = v.norm();
+        if norm == 0.0 {
+            return (0.0, v);
+        }
+        v /= norm;
+        // twice is enough for orthogonality to rounding
+        for _ in 0..2 {
+            for d in &self.directions {
+                let along = d.dot(&v);
+                v.axpy(-along, d, 1.0);
+            }
+        }
+        (v.norm(), v)
+    }
+
+    fn add(&mut self, values: &[f64]) -> f64 {
+        let (left, direction) = self.left(values);
+        if left > LEFT_OVER {
+            self.directions.push(direction / left);
+        }
+        left
+    }
+}
+
+impl Selected {
+    fn take(&mut self, column: Column, basis: &mut Basis) {
+        if basis.add(&column.values) > LEFT_OVER {
+            self.columns.push(column);
+            return;
+        }
+        let What::Of(effect, _) = column.what else { return };
+        let shows = column.values.iter().any(|v| *v != 0.0);
+        let reason = if shows { Reason::LooksLike(self.alike(&column)) } else { Reason::NoReversal };
+        let entry = (effect, reason);
+        if !self.missing.contains(&entry) {
+            self.missing.push(entry);
+        }
+    }
+
+    /// The effects that make up most of a column that is a mixture of those taken.
+    fn alike(&self, column: &Column) -> Vec<Effect> {
+        let y = DVector::from_column_slice(&column.values);
+        let solution = solved(&self.columns, &y);
+        let sizes: Vec<(Effect, f64)> = self
+            .columns
+            .iter()
+            .zip(solution.coefficients.iter())
+            .filter_map(|(c, k)| match c.what {
+                What::Of(effect, _) => {
+                    Some((effect, k.abs() * DVector::from_column_slice(&c.values).norm() / y.norm()))
+                }
+                _ => None,
+            })
+            .filter(|(_, size)| *size > 0.3)
+            .collect();
+        let mut alike: Vec<Effect> = sizes.into_iter().map(|(e, _)| e).collect();
+        alike.sort_unstable();
+        alike.dedup();
+        alike
+    }
+}
+
+/// Least squares by QR on columns of unit length.
+fn solved(columns: &[Column], y: &DVector<f64>) -> Solution {
+    let norms: Vec<f64> =
+        columns.iter().map(|c| c.values.iter().map(|v| v * v).sum::<f64>().sqrt().max(1e-300)).collect();
+    let design = DMatrix::from_fn(y.len(), columns.len(), |i, j| columns[j].values[i] / norms[j]);
+    let (q, r) = design.clone().qr().unpack();
+    let condition = jacobi::svd(&r).condition();
+    let inverse = r.try_inverse().unwrap_or_else(|| DMatrix::zeros(columns.len(), columns.len()));
+    let mut gain = &inverse * q.transpose();
+    let scaled = &gain * y;
+    let residuals = y - &design * &scaled;
+    for (mut row, norm) in gain.row_iter_mut().zip(&norms) {
+        row /= *norm;
+    }
+    let cofactor = &inverse * inverse.transpose();
+    let cofactor =
+        DMatrix::from_fn(columns.len(), columns.len(), |i, j| cofactor[(i, j)] / (norms[i] * norms[j]));
+    let coefficients = DVector::from_fn(columns.len(), |j, _| scaled[j] / norms[j]);
+    let sum = residuals.norm_squared();
+    Solution { coefficients, residuals, cofactor, gain, sum, condition }
+}
+
+/// Adds the spikes with the time to their peak at which they explain most.
+fn choose_spike_time(
+    circles: &Circles,
+    request: &Request,
+    selected: &mut Selected,
+    y: &DVector<f64>,
+) -> Option<f64> {
+    let limits = spike_times(circles);
+    let basis = Basis::of(&selected.columns);
+    let explained = |time: f64| {
+        let mut basis = Basis { directions: basis.directions.clone() };
+        let all = columns::of_spikes(circles, time);
+        for column in &all.places {
+            basis.add(&column.values);
+        }
+        let before = basis.directions.len();
+        for column in &all.spikes {
+            basis.add(&column.values);
+        }
+        basis.directions[before..].iter().map(|d| d.dot(y).powi(2)).sum::<f64>()
+    };
+    let steps = 12;
+    let between = |i: i32| limits[0] * (limits[1] / limits[0]).powf(f64::from(i) / f64::from(steps));
+    let candidates: Vec<f64> =
+        request.spike_time.map_or_else(|| (0..=steps).map(between).collect(), |t| vec![t]);
+    let weighed = candidates.into_iter().map(|t| (t, explained(t)));
+    let (time, _) = weighed.max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let all = columns::of_spikes(circles, time);
+    selected.missing.extend(all.missing);
+    let mut basis = basis;
+    for column in all.places {
+        selected.take(column, &mut basis);
+    }
+    let before = selected.columns.len();
+    for column in all.spikes {
+        selected.take(column, &mut basis);
+    }
+    (selected.columns.len() > before).then_some(time)
+}
+
+/// Shortest and longest time to the peak of a spike that these readings can show, s (without feed: rad).
+fn spike_times(circles: &Circles) -> [f64; 2] {
+    let feed = columns::feeds(&circles.samples).last().copied().flatten();
+    let way = super::travelled(&circles.samples).iter().sum::<f64>() / circles.samples.len() as f64;
+    let ([low, high], spacing) = match feed {
+        Some(feed) => (SPIKE_TIMES, way * circles.radius / feed),
+        None => (SPIKE_ANGLES, way),
+    };
+    let low = low.max(spacing);
+    [low, high.max(low)]
+}
+
+/// Looks for the pitches that were asked for and adds what was found.
+fn choose_pitches(
+    circles: &Circles,
+    request: &Request,
+    selected: &mut Selected,
+    y: &DVector<f64>,
+) -> [Option<f64>; 2] {
+    let mut found = request.pitch.map(columns::given);
+    for (axis, found) in found.iter_mut().enumerate() {
+        let Pitch::Search(limits) = request.pitch[axis] else { continue };
+        let now = solved(&selected.columns, y);
+        let sigma = (now.sum / (y.len() - selected.columns.len()) as f64).sqrt() * widening(&now.residuals);
+        match pitch::search(circles, axis, limits, &now.residuals, sigma) {
+            Ok(p) => {
+                *found = Some(p);
+                let mut basis = Basis::of(&selected.columns);
+                for column in columns::of_cyclic(circles, axis, p) {
+                    selected.take(column, &mut basis);
+                }
+            }
+            Err(limit) => selected.missing.push((Effect::Cyclic(axis), Reason::NoPitch { limit })),
+        }
+    }
+    found
+}
+
+fn centre(columns: &[Column], coefficients: &DVector<f64>) -> [f64; 2] {
+    let mut centre = [0.0; 2];
+    for (c, k) in columns.iter().zip(coefficients.iter()) {
+        if let What::Centre(axis) = c.what {
+            centre[axis] = *k;
+        }
+    }
+    centre
+}
+
+/// Factor on standard uncertainties for residuals that hang together: root of their correlation time. 1 where they
+/// are as uncorrelated as white noise would look.
+fn widening(residuals: &DVector<f64>) -> f64 {
+    let (r, n) = (residuals.as_slice(), residuals.len());
+    let power: f64 = r.iter().map(|v| v * v).sum();
+    if power == 0.0 {
+        return 1.0;
+    }
+    let correlation = |lag: usize| r.iter().zip(&r[lag..]).map(|(a, b)| a * b).sum::<f64>() / power;
+    let noise = 1.0 / (n as f64).sqrt();
+    if correlation(1) < 3.5 * noise {
+        return 1.0;
+    }
+    let time: f64 = (1..n / 4).map(correlation).take_while(|c| *c > 2.0 * noise).sum();
+    (1.0 + 2.0 * time).sqrt()
+}
+
+/// Covariance from how the residuals hang together along the circle, whatever the direction of travel, and the largest
+/// factor on a standard uncertainty. What both directions share leaves effects alone that change sign between them.
+///
+/// # Source  Newey and West 1987, the lag being the angle on the circle; never below that of white noise
+fn hanging_together(
+    circles: &Circles,
+    solution: &Solution,
+    white: &DMatrix<f64>,
+    dof: f64,
+) -> (DMatrix<f64>, f64) {
+    let unknowns = white.nrows();
+    let mut scores = DMatrix::<f64>::zeros(unknowns, BINS);
+    for (i, (s, r)) in circles.samples.iter().zip(solution.residuals.iter()).enumerate() {
+        let bin = (s.angle.rem_euclid(TAU) / TAU * BINS as f64) as usize % BINS;
+        scores.column_mut(bin).axpy(*r, &solution.gain.column(i), 1.0);
+    }
+    let mut near = DMatrix::<f64>::zeros(unknowns, BINS);
+    for bin in 0..BINS {
+        for lag in 0..TOGETHER {
+            let weight = 1.0 - lag as f64 / TOGETHER as f64;
+            near.column_mut(bin).axpy(weight, &scores.column((bin + lag) % BINS), 1.0);
+            if lag > 0 {
+                near.column_mut(bin).axpy(weight, &scores.column((bin + BINS - lag) % BINS), 1.0);
+            }
+        }
+    }
+    let few = circles.samples.len() as f64 / dof;
+    let together = &scores * near.transpose() * few;
+    let together = (&together + together.transpose()) * 0.5;
+    let ratio = |j: usize| (together[(j, j)] / white[(j, j)].max(f64::MIN_POSITIVE)).max(0.0).sqrt();
+    // an uncertainty below that of white noise would be luck
+    let lift: Vec<f64> = (0..unknowns).map(|j| (1.0 / ratio(j).max(1e-12)).max(1.0)).collect();
+    let floor = |i: usize, j: usize| {
+        if lift[i] > 1e6 || lift[j] > 1e6 { white[(i, j)] } else { together[(i, j)] * lift[i] * lift[j] }
+    };
+    let factor = (0..unknowns).map(ratio).fold(1.0, f64::max);
+    (DMatrix::from_fn(unknowns, unknowns, floor), factor)
+}
+
+fn report(
+    circles: &Circles,
+    selected: Selected,
+    solution: &Solution,
+    y: &DVector<f64>,
+    pitch: [Option<f64>; 2],
+    spike_time: Option<f64>,
+) -> Analysis {
+    let samples = &circles.samples;
+    let dof = (y.len() - selected.columns.len()) as f64;
+    let sigma = (solution.sum / dof).sqrt();
+    let white = &solution.cofactor * (sigma * sigma);
+    let is_white = widening(&solution.residuals) <= 1.0;
+    let (covariance, factor) =
+        if is_white { (white, 1.0) } else { hanging_together(circles, solution, &white, dof) };
+    let std = |j: usize| covariance[(j, j)].max(0.0).sqrt();
+    let feeds = columns::feeds(samples);
+    let mut offset = [(0.0, 0.0); 2];
+    let mut radius_deviation = Vec::new();
+    for (j, column) in selected.columns.iter().enumerate() {
+        match column.what {
+            What::Centre(axis) => offset[axis] = (solution.coefficients[j], std(j)),
+            What::Radius(feed) => radius_deviation.push((feeds[feed], solution.coefficients[j], std(j))),
+            What::Of(..) | What::Place => {}
+        }
+    }
+    let mut estimates = estimates(circles, &selected.columns, &solution.coefficients, &covariance);
+    let sum: f64 = estimates.iter().map(|e| e.contribution).sum();
+    for e in &mut estimates {
+        e.share = if sum > 0.0 { e.contribution / sum } else { 0.0 };
+    }
+    estimates.sort_by(|a, b| b.contribution.total_cmp(&a.contribution));
+    let covered = TAU - largest_gap(samples);
+    let mut notes = Vec::new();
+    let forward = samples.iter().filter(|s| s.travel == Travel::Forward).count();
+    if forward == 0 || forward == samples.len() {
+        notes.push(Note::OneDirection);
+    }
+    match feeds[..] {
+        [None] => notes.push(Note::NoFeed),
+        [Some(_)] => notes.push(Note::OneFeed),
+        _ => {}
+    }
+    if TAU - covered > CLOSED {
+        notes.push(Note::Arc { covered });
+    }
+    if factor > 1.0 {
+        notes.push(Note::NotWhite { factor });
+    }
+    let harmonics =
+        if TAU - covered > CLOSED { Vec::new() } else { harmonics(circles, y, &solution.residuals) };
+    Analysis {
+        plane: circles.plane,
+        radius: circles.radius,
+        centre: circles.centre,
+        offset,
+        radius_deviation,
+        estimates,
+        missing: selected.missing,
+        pitch,
+        spike_time,
+        harmonics,
+        residuals: solution.residuals.iter().copied().collect(),
+        sigma,
+        condition: solution.condition,
+        notes,
+    }
+}
+
+/// The columns of each effect, brought together.
+fn estimates(
+    circles: &Circles,
+    columns: &[Column],
+    coefficients: &DVector<f64>,
+    covariance: &DMatrix<f64>,
+) -> Vec<Estimate> {
+    let mut effects: Vec<Effect> = Vec::new();
+    for c in columns {
+        if let What::Of(effect, _) = c.what
+            && !effects.contains(&effect)
+        {
+            effects.push(effect);
+        }
+    }
+    let circle = Basis::of(&columns::of_circle(circles));
+    let of = |effect: Effect| -> Vec<usize> {
+        (0..columns.len()).filter(|&j| matches!(columns[j].what, What::Of(e, _) if e == effect)).collect()
+    };
+    let one = |&effect: &Effect| {
+        let which = of(effect);
+        let bare: Vec<DVector<f64>> = which.iter().map(|&j| without(&circle, &columns[j].values)).collect();
+        let mut trace = DVector::zeros(circles.samples.len());
+        for (&j, column) in which.iter().zip(&bare) {
+            trace.axpy(coefficients[j], column, 1.0);
+        }
+        let (low, high) = (trace.imin(), trace.imax());
+        let slope: Vec<f64> = bare.iter().map(|c| c[high] - c[low]).collect();
+        let block = DMatrix::from_fn(which.len(), which.len(), |a, b| covariance[(which[a], which[b])]);
+        let slope = DVector::from_column_slice(&slope);
+        let values = values(effect, &which, columns, coefficients, covariance);
+        let found = DVector::from_fn(which.len(), |a, _| coefficients[which[a]]);
+        let strength = block
+            .clone()
+            .try_inverse()
+            .map_or(0.0, |i| (found.transpose() * i * &found)[0] / which.len() as f64);
+        Estimate {
+            effect,
+            values,
+            contribution: trace[high] - trace[low],
+            contribution_std: (slope.transpose() * block * &slope)[0].max(0.0).sqrt(),
+            share: 0.0,
+            significant: strength > SIGNIFICANT.powi(2) / (which.len() as f64).sqrt(),
+            confounded: confounded(effect, &effects, &of, covariance),
+        }
+    };
+    effects.iter().map(one).collect()
+}
+
+/// A column without what centre and radius hold of it.
+fn without(circle: &Basis, values: &[f64]) -> DVector<f64> {
+    let mut v = DVector::from_column_slice(values);
+    for d in &circle.directions {
+        let along = d.dot(&v);
+        v.axpy(-along, d, 1.0);
+    }
+    v
+}
+
+fn values(
+    effect: Effect,
+    which: &[usize],
+    columns: &[Column],
+    coefficients: &DVector<f64>,
+    covariance: &DMatrix<f64>,
+) -> Vec<Value> {
+    let single = |j: usize| {
+        let end = match columns[j].what {
+            What::Of(_, end) => end,
+            _ => None,
+        };
+        Value { end, value: coefficients[j], std: covariance[(j, j)].max(0.0).sqrt() }
+    };
+    let mut list: Vec<Value> = which.iter().map(|&j| single(j)).collect();
+    if let (Effect::Cyclic(_), [s, c]) = (effect, which) {
+        let (a, b) = (coefficients[*s], coefficients[*c]);
+        let amplitude = a.hypot(b);
+        let variance = if amplitude > 0.0 {
+            (a * a * covariance[(*s, *s)] + b * b * covariance[(*c, *c)] + 2.0 * a * b * covariance[(*s, *c)])
+                / (amplitude * amplitude)
+        } else {
+            covariance[(*s, *s)]
+        };
+        let peak_to_peak = Value { end: None, value: 2.0 * amplitude, std: 2.0 * variance.max(0.0).sqrt() };
+        list.insert(0, peak_to_peak);
+    }
+    list
+}
+
+/// Effects whose estimates are nearly one with this one's.
+fn confounded(
+    effect: Effect,
+    effects: &[Effect],
+    of: &dyn Fn(Effect) -> Vec<usize>,
+    covariance: &DMatrix<f64>,
+) -> Vec<(Effect, f64)> {
+    let correlation = |i: usize, j: usize| {
+        covariance[(i, j)] / (covariance[(i, i)] * covariance[(j, j)]).sqrt().max(f64::MIN_POSITIVE)
+    };
+    let mut list: Vec<(Effect, f64)> = effects
+        .iter()
+        .filter(|other| **other != effect)
+        .map(|&other| {
+            let pairs = of(effect).into_iter().flat_map(|i| of(other).into_iter().map(move |j| (i, j)));
+            let strongest = pairs
+                .map(|(i, j)| correlation(i, j))
+                .fold(0.0f64, |m, c| if c.abs() > m.abs() { c } else { m });
+            (other, strongest)
+        })
+        .filter(|(_, c)| c.abs() > CONFOUNDED)
+        .collect();
+    list.sort_by(|a, b| b.1.abs().total_cmp(&a.1.abs()));
+    list
+}
+
+/// Amplitudes of the waves on the circle, before and after.
+fn harmonics(circles: &Circles, y: &DVector<f64>, residuals: &DVector<f64>) -> Vec<Harmonic> {
+    let mut columns = columns::of_circle(circles);
+    let first = columns.len();
+    for order in 2..=HARMONICS {
+        for f in [f64::cos as fn(f64) -> f64, f64::sin] {
+            let values = circles.samples.iter().map(|s| f(order as f64 * s.angle)).collect();
+            columns.push(Column { what: What::Of(Effect::ScaleMismatch, None), values });
+        }
+    }
+    let [measured, residual] = [y, residuals].map(|v| solved(&columns, v).coefficients);
+    let amplitude = |c: &DVector<f64>, order: usize| {
+        let at = first + 2 * (order - 2);
+        c[at].hypot(c[at + 1])
+    };
+    (2..=HARMONICS)
+        .map(|order| Harmonic {
+            order,
+            measured: amplitude(&measured, order),
+            residual: amplitude(&residual, order),
+        })
+        .collect()
+}

@@ -1,0 +1,121 @@
+//! How well a fitted curve is known: its standard deviation at every position, and that of its numbers.
+//!
+//! Assumptions: errors of the readings are independent and of equal size, the family of curves holds the truth.
+//! A fitted period counts as a parameter (derivative of the curve by the period). With a ridge or a smoothed
+//! table the band is that of the Bayesian reading (`sigma^2 H_ii`), which covers the penalised bias on average.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::basis::Shape;
+use super::solve::Design;
+use super::student::two_sided_95;
+use crate::core::axes::Travel;
+
+/// Confidence band of a curve.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Band {
+    /// Standard deviation of a reading.
+    sigma: f64,
+    dof: usize,
+    kind: Kind,
+}
+
+#[derive(Debug, Clone, PartialEq)]
+enum Kind {
+    /// The triangular factor of the design, with the columns that it had.
+    Linear { r: DMatrix<f64>, shape: Shape, reversal: usize, coefficients: Vec<f64>, fitted: Option<usize> },
+    /// Standard deviation per unit of sigma at support points, forward and reverse.
+    Nodes { positions: Vec<f64>, forward: Vec<f64>, reverse: Option<Vec<f64>> },
+}
+
+impl Band {
+    pub(super) fn linear(
+        sigma: f64,
+        dof: usize,
+        r: DMatrix<f64>,
+        (shape, reversal): (&Shape, usize),
+        coefficients: &[f64],
+        fitted: Option<usize>,
+    ) -> Self {
+        let (shape, coefficients) = (shape.clone(), coefficients.to_vec());
+        Self { sigma, dof, kind: Kind::Linear { r, shape, reversal, coefficients, fitted } }
+    }
+
+    pub(super) fn nodes(
+        sigma: f64,
+        dof: usize,
+        positions: Vec<f64>,
+        forward: Vec<f64>,
+        reverse: Option<Vec<f64>>,
+    ) -> Self {
+        Self { sigma, dof, kind: Kind::Nodes { positions, forward, reverse } }
+    }
+
+    /// Standard deviation of a reading (k = 1), mm or rad.
+    #[must_use]
+    pub const fn sigma(&self) -> f64 {
+        self.sigma
+    }
+
+    /// Degrees of freedom of that estimate.
+    #[must_use]
+    pub const fn dof(&self) -> usize {
+        self.dof
+    }
+
+    /// The curve plus and minus this many standard deviations holds the truth at a position with 95 %.
+    #[must_use]
+    pub fn factor_95(&self) -> f64 {
+        two_sided_95(self.dof)
+    }
+
+    /// Standard deviation of the curve (k = 1) at `position`, mm or rad; beyond the ends that of the end.
+    #[must_use]
+    pub fn std_at(&self, position: f64, travel: Travel) -> f64 {
+        match &self.kind {
+            Kind::Linear { r, shape, reversal, coefficients, fitted } => {
+                let design = Design {
+                    shape,
+                    reversal: *reversal,
+                    reversal_first: false,
+                    slopes: fitted.map(|first| (coefficients.as_slice(), first)),
+                };
+                let sign = if travel == Travel::Reverse { -1.0 } else { 1.0 };
+                let mut row = DVector::zeros(design.len());
+                let x = position.clamp(shape.range[0], shape.range[1]);
+                design.row(x, sign, row.as_mut_slice());
+                r.tr_solve_upper_triangular(&row).map_or(f64::INFINITY, |q| self.sigma * q.norm())
+            }
+            Kind::Nodes { positions, forward, reverse } => {
+                let values = match (reverse, travel) {
+                    (Some(reverse), Travel::Reverse) => reverse,
+                    _ => forward,
+                };
+                let last = positions.len() - 1;
+                let x = position.clamp(positions[0], positions[last]);
+                let i = positions.partition_point(|&p| p <= x).saturating_sub(1).min(last - 1);
+                let share = (x - positions[i]) / (positions[i + 1] - positions[i]);
+                // between two means with independent errors
+                self.sigma * ((1.0 - share) * values[i]).hypot(share * values[i + 1])
+            }
+        }
+    }
+
+    /// Standard deviations of the coefficients, of those of the reversal and of the fitted periods, in this order;
+    /// of the values for a table.
+    #[must_use]
+    pub fn parameter_std(&self) -> Vec<f64> {
+        match &self.kind {
+            Kind::Linear { r, .. } => {
+                let n = r.nrows();
+                match r.solve_upper_triangular(&DMatrix::identity(n, n)) {
+                    Some(inverse) => inverse.row_iter().map(|row| self.sigma * row.norm()).collect(),
+                    None => vec![f64::INFINITY; n],
+                }
+            }
+            Kind::Nodes { forward, reverse, .. } => {
+                forward.iter().chain(reverse.iter().flatten()).map(|s| self.sigma * s).collect()
+            }
+        }
+    }
+}

@@ -1,1 +1,0 @@
-//! Squareness from four body diagonals (equations 5.3).

@@ -1,0 +1,325 @@
+//! A chain identified axis by axis: each axis is corrected before the next one is measured.
+//!
+//! Made for the gear grinder of 001 (A turns the workpiece, B swivels the probe, X and Y carry the head, in the order
+//! A, B, X, Y), right for any chain. One file per step: deviations of the tool tip relative to the workpiece, seen
+//! with several tips (or probe styli) while the axis of the step goes through its positions. Three tips that do not
+//! lie on a line give all six error motions of a position; one positioning value per position, as 001 measured, gives
+//! one (equations section 4, (18) to (21): rank 1 of 6).
+//!
+//! `deviation = axis of this step + set-up + [axes before: true - corrected] + noise`
+//! - axis of this step: six motions per position, zero at the reference position (equations 1.8), by least squares;
+//! - set-up: the artefact lies in W shifted and turned by an unknown rigid amount, one per file;
+//! - axes before: what their model predicts plus what the corrections in force did is subtracted; what the model does
+//!   not know of them stays in and is this step's inherited uncertainty;
+//! - axes after: must stand still, because nobody knows their errors yet.
+//!
+//! A rotary axis' location errors are the part of its deviations that turns with it (its average line); the motions
+//! keep the rest. Uncertainties of all steps are carried as one covariance with all correlations.
+//!
+//! Assumptions: first order; between positions straight lines; noise independent and equal; tips known.
+//! Source: equations 2, 2.3, 5.1, errata of 001. Reading order: this file, `effects`, `step`, `plan`.
+
+mod effects;
+mod plan;
+mod step;
+
+pub use plan::{Planned, plan};
+
+use nalgebra::{DMatrix, Matrix3};
+
+use crate::core::axes::{AxisArray, AxisName};
+use crate::core::geometry::Vec3;
+use crate::core::model::curve::{CurveError, Interpolation, Table};
+use crate::core::model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelError, ModelSpec};
+
+/// A measured point. Lengths mm, angles rad; axes in chain order.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Row {
+    /// Programmed coordinates, without corrections.
+    pub position: AxisArray,
+    /// What was added to them.
+    pub correction: AxisArray,
+    /// Tool tip in M at home.
+    pub tip: Vec3,
+    /// Actual minus nominal position of the tip relative to the workpiece, in W; `None` where not measured.
+    pub deviation: [Option<f64>; 3],
+}
+
+/// What was measured of one axis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Measured {
+    /// The axis.
+    pub axis: AxisName,
+    /// The readings.
+    pub rows: Vec<Row>,
+}
+
+/// What is asked for.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Request {
+    /// Error motions to find; the others are taken for zero.
+    pub components: Vec<Component>,
+    /// Noise of a reading, mm, where known.
+    pub sigma: Option<f64>,
+}
+
+impl Default for Request {
+    fn default() -> Self {
+        Self { components: Component::ALL.to_vec(), sigma: None }
+    }
+}
+
+/// Uncertainty of one kind of number, k = 1: mm or rad.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Shares {
+    /// From the readings of the step itself.
+    pub own: f64,
+    /// From what the steps before left uncertain.
+    pub inherited: f64,
+}
+
+/// One error motion found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Motion {
+    /// Its symbol.
+    pub symbol: ErrorSymbol,
+    /// Values at the positions of the step, mm or rad, in the sense of the axis.
+    pub values: Vec<f64>,
+    /// Uncertainty of each.
+    pub std: Vec<Shares>,
+}
+
+/// How the artefact's set-up was treated.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum SetUp {
+    /// Unknown shift and turn.
+    Rigid,
+    /// Unknown shift; its turn is taken for zero because the readings at the reference position cannot show it.
+    ShiftOnly,
+}
+
+/// What one step found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Found {
+    /// The axis.
+    pub axis: AxisName,
+    /// Programmed coordinates, increasing.
+    pub positions: Vec<f64>,
+    /// Index of the position at which all motions are zero.
+    pub reference: usize,
+    /// The motions.
+    pub motions: Vec<Motion>,
+    /// Location errors of a rotary axis with their standard deviation.
+    pub locations: Vec<(ErrorSymbol, f64, f64)>,
+    /// Set-up of the artefact.
+    pub set_up: SetUp,
+    /// Single values measured.
+    pub readings: usize,
+    /// Readings minus unknowns.
+    pub dof: usize,
+    /// Root mean square of what the step cannot explain, mm.
+    pub rms: f64,
+    /// What that should be from the noise and from what the steps before left uncertain.
+    pub expected_rms: Option<f64>,
+    /// Noise of a reading: stated, else from the rigidity of the tips; `None` without redundancy.
+    pub sigma: Option<f64>,
+    /// Rigidity: probability that the tips of a pose disagree as they do with the stated noise.
+    pub p_value: Option<f64>,
+    /// Uncertainty of the tip that comes from this axis alone, root mean square over its positions.
+    pub tip: Shares,
+    /// Uncertainty of the tip from all axes found so far, over the poses of this step.
+    pub chain: f64,
+    /// Condition number of the worst position's design, angles counted as lengths at the tips' spread.
+    pub condition: f64,
+}
+
+/// A chain identified so far.
+#[derive(Debug, Clone)]
+pub struct Chain {
+    spec: ModelSpec,
+    steps: Vec<Found>,
+    /// Covariance of all motions at all positions but the reference ones, in the order of the steps.
+    covariance: DMatrix<f64>,
+    /// Whether a noise was known in every step.
+    has_covariance: bool,
+}
+
+/// Why a step cannot be identified.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum GrinderError {
+    /// The axis is not there.
+    #[error("axis {axis} is not in the chain")]
+    NotInChain {
+        /// The axis.
+        axis: AxisName,
+    },
+    /// The axis was identified before.
+    #[error("axis {axis} was identified in a step before; every axis has one step")]
+    Twice {
+        /// The axis.
+        axis: AxisName,
+    },
+    /// An axis moves whose errors are unknown.
+    #[error(
+        "axis {moving} moves by {by:.3} {unit} in the step of axis {axis}, but is not identified yet: hold it still, or measure axis {moving} first"
+    )]
+    MovesTooEarly {
+        /// The axis of the step.
+        axis: AxisName,
+        /// The axis that moves.
+        moving: AxisName,
+        /// By how much, mm or deg.
+        by: f64,
+        /// Unit of `by`.
+        unit: &'static str,
+    },
+    /// Too few positions.
+    #[error("axis {axis} stands at {found} position(s); at least 2 are needed")]
+    TooFewPositions {
+        /// The axis.
+        axis: AxisName,
+        /// Distinct positions.
+        found: usize,
+    },
+    /// Nothing asked for.
+    #[error("no error motion of axis {axis} is asked for")]
+    NoComponent {
+        /// The axis.
+        axis: AxisName,
+    },
+    /// The tips of a position do not determine the motions.
+    #[error(
+        "axis {axis} at {position:.3}: the readings determine {rank} of {unknowns} error motions (condition {condition:.1e}, limit {limit:.0e}); measure with three tips that do not lie on a line, or ask for fewer motions"
+    )]
+    Undetermined {
+        /// The axis.
+        axis: AxisName,
+        /// Its coordinate, mm or deg.
+        position: f64,
+        /// What the readings determine.
+        rank: usize,
+        /// What is asked for.
+        unknowns: usize,
+        /// Condition number, angles counted as lengths at the tips' spread.
+        condition: f64,
+        /// Largest condition number accepted.
+        limit: f64,
+    },
+    /// Nothing says where the artefact lies.
+    #[error(
+        "axis {axis}: {missing} not measured at the reference position {position:.3}, so nothing says where the artefact lies in that direction; measure it there"
+    )]
+    NoReference {
+        /// The axis.
+        axis: AxisName,
+        /// The directions.
+        missing: &'static str,
+        /// The reference position, mm or deg.
+        position: f64,
+    },
+    /// Travel is needed to plan.
+    #[error("axis {axis} has no travel in the model; without it no positions can be planned")]
+    NoTravel {
+        /// The axis.
+        axis: AxisName,
+    },
+    /// The model breaks a rule.
+    #[error(transparent)]
+    Model(#[from] ModelError),
+    /// The table of a motion breaks a rule.
+    #[error(transparent)]
+    Curve(#[from] CurveError),
+}
+
+impl Chain {
+    /// A chain before its first step: geometry, and errors that are taken as known exactly.
+    #[must_use]
+    pub fn new(spec: ModelSpec) -> Self {
+        Self { spec, steps: Vec::new(), covariance: DMatrix::zeros(0, 0), has_covariance: true }
+    }
+
+    /// The model with what was found so far.
+    #[must_use]
+    pub const fn spec(&self) -> &ModelSpec {
+        &self.spec
+    }
+
+    /// The steps so far.
+    #[must_use]
+    pub fn steps(&self) -> &[Found] {
+        &self.steps
+    }
+
+    /// Identifies the next axis.
+    ///
+    /// # Errors
+    /// Axes that move too early, positions whose readings do not determine the motions, a model that breaks a rule.
+    pub fn identify(&mut self, measured: &Measured, request: &Request) -> Result<&Found, GrinderError> {
+        let solved = step::solve(self, measured, request)?;
+        self.spec = solved.spec;
+        self.covariance = solved.covariance;
+        self.has_covariance &= solved.found.sigma.is_some();
+        self.steps.push(solved.found);
+        Ok(&self.steps[self.steps.len() - 1])
+    }
+
+    /// Covariance of the predicted position of the tip in W, mm^2, from everything found so far; `None` where a step
+    /// had neither redundancy nor a stated noise.
+    ///
+    /// # Errors
+    /// The geometry breaks a rule of models.
+    pub fn covariance_at(
+        &self,
+        position: &AxisArray,
+        tip: Vec3,
+    ) -> Result<Option<Matrix3<f64>>, GrinderError> {
+        if !self.has_covariance {
+            return Ok(None);
+        }
+        let row = Row { position: *position, correction: [0.0; 8], tip, deviation: [None; 3] };
+        let columns = effects::of_found(&self.spec, &self.steps, &row)?;
+        let found = &columns * &self.covariance * columns.transpose();
+        Ok(Some(Matrix3::from_fn(|i, j| found[(i, j)])))
+    }
+}
+
+/// The tables of the motions found, in the sense of the axis, and the locations.
+fn write_into(spec: &mut ModelSpec, found: &Found) -> Result<(), GrinderError> {
+    let mirrored = effects::is_mirrored(spec, found.axis);
+    for motion in &found.motions {
+        let mut support: Vec<(f64, f64)> = found
+            .positions
+            .iter()
+            .map(|q| if mirrored { -q } else { *q })
+            .zip(motion.values.iter().copied())
+            .collect();
+        support.sort_by(|a, b| a.0.total_cmp(&b.0));
+        let (positions, values) = support.into_iter().unzip();
+        let table = Table::new(positions, values, None, Interpolation::Linear)?;
+        let squares = motion.std.iter().map(|s| s.total().powi(2)).sum::<f64>();
+        let std = found.sigma.map(|_| (squares / motion.std.len() as f64).sqrt());
+        put(spec, motion.symbol, ErrorFunction { std, ..ErrorFunction::single(Curve::Table(table)) });
+    }
+    for (symbol, value, std) in &found.locations {
+        let std = found.sigma.map(|_| *std);
+        put(spec, *symbol, ErrorFunction { std, ..ErrorFunction::single(Curve::Constant(*value)) });
+    }
+    Ok(())
+}
+
+fn put(spec: &mut ModelSpec, symbol: ErrorSymbol, function: ErrorFunction) {
+    spec.errors.retain(|(s, _)| *s != symbol);
+    spec.errors.push((symbol, function));
+    spec.errors.sort_by_key(|(s, _)| *s);
+}
+
+impl Shares {
+    /// Both together.
+    #[must_use]
+    pub fn total(&self) -> f64 {
+        self.own.hypot(self.inherited)
+    }
+}
+
+#[cfg(test)]
+mod tests;

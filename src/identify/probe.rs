@@ -1,1 +1,0 @@
-//! Probe calibration on a gauge bar.

@@ -1,1 +1,0 @@
-//! Reference lines of straightness (equations 5.6).
