@@ -20,6 +20,7 @@ const ROOMS: &[(&str, &[&str])] = &[
         "core/engine",
         &["core::engine", "core::model", "core::geometry", "core::protocol", "core::axes", "core::units"],
     ),
+    ("core/record", &["core::record", "core::protocol", "core::axes", "core::units"]),
     ("config", &["config", "core"]),
     ("identify", &["identify", "core"]),
     ("evaluate", &["evaluate", "core"]),

@@ -5,4 +5,5 @@ pub mod engine;
 pub mod geometry;
 pub mod model;
 pub mod protocol;
+pub mod record;
 pub mod units;
