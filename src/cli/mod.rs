@@ -9,10 +9,12 @@ macro_rules! say {
     ($($text:tt)*) => { $crate::cli::line(format_args!($($text)*)) };
 }
 
+mod audit;
 mod check;
 mod daemon;
 mod evaluate;
 mod exit;
+mod export_recording;
 mod files;
 mod fit;
 mod fit_input;
@@ -22,6 +24,8 @@ mod model;
 mod model_out;
 mod positioning_data;
 mod predict;
+mod recordings;
+mod replay;
 mod service;
 mod table;
 
@@ -51,6 +55,9 @@ enum Verb {
     Status(service::StatusArgs),
     Enable(service::CommandArgs),
     Disable(service::CommandArgs),
+    Replay(replay::Args),
+    Export(export_recording::Args),
+    Audit(audit::Args),
 }
 
 /// The program `volcomp`: runs it on `args` (the first is the program's name).
@@ -66,6 +73,9 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Status(a) => service::status(&a),
         Verb::Enable(a) => service::enable(&a),
         Verb::Disable(a) => service::disable(&a),
+        Verb::Replay(a) => replay::run(&a),
+        Verb::Export(a) => export_recording::run(&a),
+        Verb::Audit(a) => audit::run(&a),
     })
 }
 

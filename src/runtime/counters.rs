@@ -150,11 +150,6 @@ impl Tally {
         self.note.as_deref()
     }
 
-    /// Remembers that the counters cannot be kept, or that they can again.
-    pub(super) fn set_note(&mut self, note: Option<String>) {
-        self.note = note;
-    }
-
     /// The axes of the records that follow.
     pub(super) fn set_axes(&mut self, axes: Vec<AxisName>) {
         if axes != self.axes {
