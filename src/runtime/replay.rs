@@ -345,3 +345,197 @@ impl Place<'_> {
         found
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::path::Path;
+
+    use super::*;
+    use crate::core::axes::MAX_AXES;
+    use crate::core::protocol::{Axis, AxisUnit, Name, PROTOCOL_VERSION, Tool};
+    use crate::core::record::Request;
+    use crate::runtime::{Loaded, load, tap};
+
+    const CYCLE_NS: i64 = 1_000_000;
+
+    fn loaded() -> Loaded {
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/examples/vmc-850/machine.toml");
+        load(&file).expect("the example loads")
+    }
+
+    fn hello(loaded: &Loaded) -> ControlHello {
+        let axes = &loaded.config.axes;
+        let axis = |k: usize| Axis { name: axes[k.min(axes.len() - 1)].name, unit: AxisUnit::Millimetre };
+        ControlHello {
+            version: PROTOCOL_VERSION,
+            machine: Name::new(&loaded.config.machine),
+            software: Name::new("test"),
+            cycle_ns: CYCLE_NS.unsigned_abs(),
+            axis_count: u8::try_from(axes.len()).expect("few"),
+            axes: std::array::from_fn(axis),
+        }
+    }
+
+    /// A link with everything that the engine can be told, as items.
+    fn record(loaded: &Loaded, cycles: u32) -> Vec<Item> {
+        let hello = hello(loaded);
+        let engine = loaded.config.engine_config(&hello).expect("fits");
+        let mut body = CycleBody::new(&engine, Arc::clone(&loaded.model)).expect("an engine");
+        let (tap, entries) = tap(4 * cycles as usize);
+        body.record_to(tap, MonoTime::ZERO, &hello);
+        body.link_up(MonoTime::ZERO);
+        body.command(MonoTime::ZERO, Command::Enable);
+        let mut applied = [0.0; MAX_AXES];
+        for cycle in 1..=cycles {
+            let mut now = MonoTime::from_ns(i64::from(cycle) * CYCLE_NS + i64::from(cycle % 17) * 1000);
+            let phase = f64::from(cycle) * 1e-3;
+            let mut commanded = [0.0; MAX_AXES];
+            commanded[0] = 200.0 + 150.0 * phase.sin();
+            commanded[1] = 200.0 + 150.0 * (0.7 * phase).sin();
+            commanded[2] = -250.0 + 150.0 * (0.3 * phase).sin();
+            let mut bits = MachineState::HOMED | MachineState::ENABLED;
+            match cycle {
+                7_000..7_050 => bits |= MachineState::ESTOP,
+                11_000 => commanded[0] = f64::NAN,
+                14_000 => body.command(now, Command::SetGain(0.5)),
+                16_000 => {
+                    let tool = Tool { number: 2, tip: [0.0, 0.0, -80.0] };
+                    let _ = body.handle(now, &Message::Tool(tool));
+                }
+                18_000 => {
+                    for _ in 0..30 {
+                        now = body.next_deadline().map_or(now, |due| due.max(now));
+                        if let Some(correction) = body.deadline(now) {
+                            applied = correction.offset;
+                        }
+                    }
+                }
+                20_000 => {
+                    body.link_down(now);
+                    body.link_up(now);
+                }
+                _ => {}
+            }
+            let frame = Position {
+                sequence: cycle,
+                control_ns: i64::from(cycle) * CYCLE_NS,
+                state: MachineState::from_bits(bits),
+                feed_mm_per_min: 9000.0,
+                commanded,
+                actual: std::array::from_fn(|k| commanded[k] + applied[k]),
+                applied,
+            };
+            if let Reaction::Answer(correction) = body.handle(now, &Message::Position(frame)) {
+                applied = correction.offset;
+            }
+            body.tell();
+        }
+        drop(body);
+        (0..).zip(entries.try_iter()).map(|(record, entry)| Item::Entry { record, entry }).collect()
+    }
+
+    fn replay(loaded: &Loaded, items: &[Item]) -> Report {
+        let mut replay = Replay::new(loaded.config.clone(), Arc::clone(&loaded.model));
+        items.iter().for_each(|item| replay.feed(item));
+        replay.finish()
+    }
+
+    /// The same with the items from `from` to `to` missing.
+    fn with_gap(items: &[Item], from: usize, to: usize) -> Vec<Item> {
+        let mut context = Context::default();
+        for item in &items[..to] {
+            if let Item::Entry { entry, .. } = item {
+                context.follow(entry);
+            }
+        }
+        let gap = Item::Gap { record: to as u64, dropped: (to - from) as u64, context };
+        [&items[..from], &[gap], &items[to..]].concat()
+    }
+
+    #[test]
+    fn the_same_inputs_give_the_same_corrections_bit_for_bit() {
+        let loaded = loaded();
+        let items = record(&loaded, 24_000);
+        let report = replay(&loaded, &items);
+        assert_eq!((report.differing, report.differences.len()), (0, 0), "{:?}", report.differences);
+        assert!(report.compared > 24_000 && report.compared == report.cycles, "{}", report.compared);
+        assert!(report.gaps.is_empty() && report.refused.is_empty());
+    }
+
+    #[test]
+    fn the_last_bit_of_one_offset_is_found_with_its_place_and_both_values() {
+        let loaded = loaded();
+        let mut items = record(&loaded, 6_000);
+        let Some(Item::Entry { entry: Entry::Cycle(cycle), .. }) = items.get_mut(5_000) else {
+            panic!("a cycle")
+        };
+        let sequence = cycle.frame.sequence;
+        let answer = cycle.answer.as_mut().expect("answered");
+        let before = answer.offset[1];
+        assert!(before != 0.0);
+        answer.offset[1] = f64::from_bits(before.to_bits() ^ 1);
+        let forged = format!("{:?}", answer.offset[1]);
+        let report = replay(&loaded, &items);
+        assert_eq!(report.differing, 1);
+        let expected = Difference {
+            record: 5_000,
+            sequence: Some(sequence),
+            what: "offset",
+            axis: Some(AxisName::Y),
+            recorded: forged,
+            replayed: format!("{before:?}"),
+        };
+        assert_eq!(report.differences, [expected]);
+        assert!(report.largest > 0.0 && report.largest < 1e-15);
+    }
+
+    #[test]
+    fn another_model_is_not_the_same() {
+        let loaded = loaded();
+        let items = record(&loaded, 6_000);
+        let text = loaded.model_text.replace("ec0y", "ea0z_").replace("ea0z_", "eb0z");
+        assert_ne!(text, loaded.model_text);
+        let spec = crate::config::model::parse("other", &loaded.model_text).expect("valid");
+        let mut spec = spec;
+        spec.errors.clear();
+        let model = Arc::new(Model::new(&spec).expect("a model without errors"));
+        let mut replay = Replay::new(loaded.config, model);
+        items.iter().for_each(|item| replay.feed(item));
+        assert!(replay.finish().differing > 1000);
+    }
+
+    #[test]
+    fn after_a_gap_the_engine_catches_up_and_then_agrees_bit_for_bit() {
+        let loaded = loaded();
+        let items = record(&loaded, 24_000);
+        // in the middle of steady work; over the change of gain; over the e-stop; over the new link
+        for (from, to) in [(4_000, 4_500), (13_900, 14_500), (6_990, 7_100), (19_900, 20_200)] {
+            let report = replay(&loaded, &with_gap(&items, from, to));
+            assert_eq!(report.differing, 0, "gap {from}..{to}: {:?}", report.differences);
+            let [gap] = report.gaps[..] else { panic!("{:?}", report.gaps) };
+            assert_eq!(gap.dropped, (to - from) as u64);
+            let cycles = gap.caught_up.expect("caught up");
+            assert!(cycles < 5_000, "gap {from}..{to}: {cycles} cycles");
+            let lost = report.cycles - report.compared;
+            assert_eq!(lost, cycles, "all else is compared");
+        }
+    }
+
+    #[test]
+    fn what_cannot_be_repeated_is_said_and_not_compared() {
+        let loaded = loaded();
+        let mut items = record(&loaded, 2_000);
+        let now = MonoTime::from_ns(1);
+        let request = Request { code: 99, value: 0.0 };
+        items.insert(1_000, Item::Entry { record: 1_000, entry: Entry::Request { now, request } });
+        let report = replay(&loaded, &items);
+        assert_eq!((report.differing, report.refused.len()), (0, 1));
+        assert!(report.refused[0].1.contains("code 99"), "{:?}", report.refused);
+        assert!(report.compared < 1_000);
+        items[1_000] = Item::Unknown { record: 1_000, tag: 201 };
+        assert!(replay(&loaded, &items).refused[0].1.contains("kind 201"));
+        items[1_000] = Item::Unknown { record: 1_000, tag: 20 };
+        let report = replay(&loaded, &items);
+        assert_eq!((report.refused.len(), report.compared), (0, 2_000));
+    }
+}

@@ -222,3 +222,46 @@ fn run<D: writer::Disk>(
         std::thread::sleep(POLL);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::time::Instant;
+
+    use super::*;
+
+    fn value(k: i64) -> Entry {
+        Entry::Value { now: MonoTime::from_ns(k), channel: 0, value: 0.0 }
+    }
+
+    #[test]
+    fn a_full_queue_drops_counts_and_says_so_when_there_is_room() {
+        let (mut tap, receiver) = tap(8);
+        tap.send(&Entry::Request { now: MonoTime::ZERO, request: request_of(Command::Enable) });
+        let started = Instant::now();
+        for k in 0..100_000 {
+            tap.send(&value(k));
+        }
+        // a reader that is stuck for ever costs nothing but the records
+        assert!(started.elapsed() < Duration::from_secs(5), "{:?}", started.elapsed());
+        let dropped = 100_000 - 7;
+        assert_eq!(tap.stats.dropped.load(Relaxed), dropped);
+        while receiver.try_recv().is_ok() {}
+        tap.send(&value(-1));
+        let Ok(Entry::Gap { dropped: told, context, .. }) = receiver.try_recv() else {
+            panic!("a gap first")
+        };
+        assert_eq!(told, dropped);
+        assert!(context.enabled);
+        assert_eq!(receiver.try_recv(), Ok(value(-1)));
+    }
+
+    #[test]
+    fn every_command_survives_its_code() {
+        for command in
+            [Command::Enable, Command::Disable, Command::SetGain(0.25), Command::Stop, Command::ClearFault]
+        {
+            assert_eq!(command_of(request_of(command)), Some(command));
+        }
+        assert_eq!(command_of(Request { code: 250, value: 0.0 }), None);
+    }
+}
