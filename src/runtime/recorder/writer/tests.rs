@@ -180,6 +180,7 @@ fn a_full_disk_costs_records_that_are_counted_and_nothing_that_was_there() {
 }
 
 proptest! {
+    #![proptest_config(ProptestConfig::with_cases(32))]
     #[test]
     fn whatever_the_disk_does_every_record_is_safe_or_counted(moods in proptest::collection::vec(0..5u8, 1..40)) {
         let (shelf, stats) = (Shelf::default(), Arc::new(Stats::default()));
