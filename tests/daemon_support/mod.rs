@@ -260,6 +260,8 @@ pub(crate) struct Session {
     pub(crate) control_ns: i64,
     /// Where the programme is, mm.
     pub(crate) commanded: AxisArray,
+    /// Cycles of the programme so far.
+    pub(crate) programme: u32,
     /// The offset that the control has applied, mm.
     pub(crate) applied: AxisArray,
     pub(crate) state: u16,
@@ -276,6 +278,7 @@ impl Session {
             sequence: 0,
             control_ns: 1_000_000_000,
             commanded: [0.0; MAX_AXES],
+            programme: 0,
             applied: [0.0; MAX_AXES],
             state: MachineState::HOMED | MachineState::ENABLED,
         }

@@ -320,3 +320,42 @@ proptest! {
         }
     }
 }
+
+/// The table in `docs/recording.md`: three axes, blocks of 500 cycles.
+#[test]
+fn a_cycle_takes_few_bytes() {
+    let smooth = run(5000);
+    let with = |change: fn(u32, f64) -> f64| -> Vec<Entry> {
+        let mut entries = smooth.clone();
+        for (k, entry) in (0..).zip(&mut entries) {
+            if let Entry::Cycle(cycle) = entry {
+                for actual in &mut cycle.frame.actual[..3] {
+                    *actual = change(k, *actual);
+                }
+            }
+        }
+        entries
+    };
+    // an encoder of 10 nm with 20 nm of noise
+    let encoder =
+        with(|k, v| ((v * 1e5).round() + f64::from(k.wrapping_mul(2_654_435_761) >> 30) - 2.0) * 1e-5);
+    let mut standing = smooth.clone();
+    let still = smooth.iter().find_map(|e| if let Entry::Cycle(c) = e { Some(*c) } else { None }).unwrap();
+    for entry in &mut standing {
+        if let Entry::Cycle(cycle) = entry {
+            cycle.frame = Position {
+                sequence: cycle.frame.sequence,
+                control_ns: cycle.frame.control_ns,
+                ..still.frame
+            };
+            cycle.answer = still.answer.map(|a| Answer { sequence: cycle.frame.sequence, ..a });
+        }
+    }
+    for (name, entries, limit) in
+        [("standing still", &standing, 8.0), ("smooth", &smooth, 50.0), ("10 nm encoders", &encoder, 60.0)]
+    {
+        let per_cycle = file(entries, 500).0.len() as f64 / 5000.0;
+        println!("{name}: {per_cycle:.1} bytes a cycle");
+        assert!(per_cycle < limit, "{name}: {per_cycle} bytes a cycle");
+    }
+}
