@@ -62,7 +62,8 @@ impl Encoder {
         self.records += 1;
     }
 
-    /// Passes over an entry that cannot be kept: it counts, and the next block tells how things stand after it.
+    /// Passes over an entry that cannot be kept, between two blocks: it counts, and the next block tells how things stand
+    /// after it.
     pub fn skip(&mut self, entry: &Entry) {
         self.context.follow(entry);
         self.next += 1;
