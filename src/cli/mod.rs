@@ -9,6 +9,7 @@ macro_rules! say {
     ($($text:tt)*) => { $crate::cli::line(format_args!($($text)*)) };
 }
 
+mod audit;
 mod bench;
 mod check;
 mod daemon;
@@ -29,6 +30,8 @@ mod model_out;
 mod positioning_data;
 mod predict;
 mod progress;
+mod recordings;
+mod replay;
 mod report;
 mod service;
 mod table;
@@ -65,6 +68,8 @@ enum Verb {
     Status(service::StatusArgs),
     Enable(service::CommandArgs),
     Disable(service::CommandArgs),
+    Replay(replay::Args),
+    Audit(audit::Args),
 }
 
 /// The program `volcomp`: runs it on `args` (the first is the program's name).
@@ -85,6 +90,8 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Status(a) => service::status(&a),
         Verb::Enable(a) => service::enable(&a),
         Verb::Disable(a) => service::disable(&a),
+        Verb::Replay(a) => replay::run(&a),
+        Verb::Audit(a) => audit::run(&a),
     })
 }
 

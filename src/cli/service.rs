@@ -11,6 +11,8 @@ use crate::runtime::{self, Status};
 
 /// Where the daemon of the shipped unit listens.
 const DEFAULT_SOCKET: &str = "/run/volcomp/volcompd.sock";
+/// Longest reason, bytes; the daemon takes lines of 1024.
+const REASON_MAX: usize = 400;
 /// Interval of `--watch`.
 const WATCH_INTERVAL: Duration = Duration::from_secs(1);
 
@@ -49,6 +51,9 @@ pub(super) struct CommandArgs {
     /// Acknowledge a latched fault first; its cause must be gone.
     #[arg(long)]
     clear_fault: bool,
+    /// Why, for the audit log.
+    #[arg(long, value_name = "TEXT", value_parser = reason)]
+    reason: Option<String>,
     /// Print one JSON object instead of text.
     #[arg(long)]
     json: bool,
@@ -90,13 +95,14 @@ pub(super) fn disable(args: &CommandArgs) -> Result<(), Failure> {
 
 fn command(
     args: &CommandArgs,
-    send: fn(&std::path::Path) -> Result<String, ClientError>,
+    send: fn(&std::path::Path, Option<&str>) -> Result<String, ClientError>,
 ) -> Result<(), Failure> {
     let socket = socket(&args.which)?;
+    let reason = args.reason.as_deref();
     if args.clear_fault {
-        client::clear_fault(&socket).map_err(|e| failure(&e))?;
+        client::clear_fault(&socket, reason).map_err(|e| failure(&e))?;
     }
-    let state = send(&socket).map_err(|e| failure(&e))?;
+    let state = send(&socket, reason).map_err(|e| failure(&e))?;
     if args.json {
         say!("{}", serde_json::json!({ "state": state }));
     } else {
@@ -106,6 +112,14 @@ fn command(
         eprintln!("hint: `volcomp status` names the fault; --clear-fault acknowledges it");
     }
     Ok(())
+}
+
+/// A reason that fits into a request.
+fn reason(text: &str) -> Result<String, String> {
+    if text.len() > REASON_MAX {
+        return Err(format!("{} bytes; at most {REASON_MAX}", text.len()));
+    }
+    Ok(text.to_owned())
 }
 
 fn socket(which: &Which) -> Result<PathBuf, Failure> {
@@ -240,6 +254,7 @@ fn write_tail(f: &mut String, status: &Status) -> std::fmt::Result {
         "real time   SCHED_FIFO {}; processor {}; memory lock {}",
         realtime.fifo, realtime.affinity, realtime.memory_lock
     )?;
+    write_kept(f, status)?;
     if status.records_dropped + status.reports_dropped > 0 {
         writeln!(
             f,
@@ -254,6 +269,40 @@ fn write_tail(f: &mut String, status: &Status) -> std::fmt::Result {
         status.pid,
         duration(status.uptime_s)
     )
+}
+
+/// The recording and the counters that outlive the daemon.
+fn write_kept(f: &mut String, status: &Status) -> std::fmt::Result {
+    if let Some(recording) = &status.recording {
+        let file = recording.file.as_deref().unwrap_or("no file yet");
+        let megabytes = recording.bytes as f64 / 1e6;
+        writeln!(f, "recording   {file}, {} records, {megabytes:.1} MB", recording.records)?;
+        if let Some(error) = &recording.error {
+            writeln!(f, "NOT RECORDED {error}")?;
+        }
+    }
+    let all = &status.lifetime;
+    let share = if all.cycles == 0 { 0.0 } else { 100.0 * all.late_cycles as f64 / all.cycles as f64 };
+    writeln!(
+        f,
+        "lifetime    {} cycles, late {} ({share:.4} %), enabled {} times, {} faults, {} starts since {}",
+        all.cycles,
+        all.late_cycles,
+        all.enables,
+        all.faults.values().sum::<u64>(),
+        all.starts,
+        all.since.split('T').next().unwrap_or("-")
+    )?;
+    for (unit, largest) in [("um", &all.largest_um), ("arcsec", &all.largest_arcsec)] {
+        for (axis, value) in largest {
+            let limited_s = all.limited_s.get(axis).copied().unwrap_or(0.0);
+            writeln!(f, "{axis:>4}        largest offset {value:.3} {unit}, limited for {limited_s:.3} s")?;
+        }
+    }
+    match &all.note {
+        Some(note) => writeln!(f, "counters    {note}"),
+        None => Ok(()),
+    }
 }
 
 fn list(words: &[String]) -> String {

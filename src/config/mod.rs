@@ -14,7 +14,7 @@ mod words;
 pub use diagnostic::{ConfigErrors, Diagnostic, Place};
 pub use machine::{
     AxisConfig, EngineSettings, HelloMismatch, LinkConfig, LogConfig, LogTarget, MachineConfig,
-    ModelMismatch, RealtimeConfig, StartMode, StatusConfig,
+    ModelMismatch, RealtimeConfig, RecordingConfig, StartMode, StateConfig, StatusConfig, WhenFull,
 };
 pub use model::{ModelFile, Provenance, SourceEntry};
 

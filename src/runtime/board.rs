@@ -11,7 +11,7 @@ use super::latency::{Histograms, Latency, Sample, percentile_us};
 use super::load::Loaded;
 use super::ports::{CycleRecord, Progress};
 use super::realtime::RealtimeReport;
-use super::status::{Fault, LinkStatus, RealtimeStatus, Status};
+use super::status::{Fault, Lifetime, LinkStatus, RealtimeStatus, Status};
 use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
 use crate::core::engine::{Event, Reason, State};
 use crate::core::fault;
@@ -118,6 +118,11 @@ impl Board {
         }
     }
 
+    /// Hash of the model in use.
+    pub(super) fn model_hash(&self) -> &str {
+        &self.loaded.model_hash
+    }
+
     /// The present state, as in [`Status`].
     pub(super) fn state(&self) -> &'static str {
         self.progress.state().map_or("disconnected", state_name)
@@ -168,6 +173,9 @@ impl Board {
             records_dropped: self.progress.records_dropped.load(Relaxed),
             reports_dropped: self.progress.reports_dropped.load(Relaxed),
             realtime: self.realtime.clone(),
+            // the service knows these
+            recording: None,
+            lifetime: Lifetime::default(),
         }
     }
 

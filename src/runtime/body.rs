@@ -5,10 +5,13 @@
 
 use std::sync::Arc;
 
+use super::recorder::{Tap, answer_of, request_of};
+use crate::core::axes::AxisArray;
 use crate::core::engine::{Command, Compensator, CycleOutput, EngineConfig, EngineError, RestOffset, State};
 use crate::core::geometry::Vec3;
 use crate::core::model::Model;
-use crate::core::protocol::{CloseReason, Correction, ErrorReport, Message};
+use crate::core::protocol::{CloseReason, ControlHello, Correction, ErrorReport, Message};
+use crate::core::record::{self, Entry};
 use crate::core::units::MonoTime;
 
 /// The engine and its model.
@@ -20,6 +23,10 @@ pub struct CycleBody {
     rest: RestOffset,
     /// Bit k: axis k may be offset.
     moved: u8,
+    /// Where everything that goes into the engine is recorded.
+    tap: Option<Tap>,
+    /// The newest entry, told after the correction has been sent.
+    untold: Option<Entry>,
 }
 
 /// What a message from the control asks for.
@@ -49,23 +56,58 @@ impl CycleBody {
             .iter()
             .enumerate()
             .fold(0, |bits, (k, limits)| bits | u8::from(limits.size > 0.0) << k);
-        Ok(Self { model, engine, output: None, rest: config.rest, moved })
+        Ok(Self { model, engine, output: None, rest: config.rest, moved, tap: None, untold: None })
+    }
+
+    /// Records from now on everything that goes into this engine, which was made for the control that said `hello`.
+    pub fn record_to(&mut self, mut tap: Tap, now: MonoTime, hello: &ControlHello) {
+        tap.send(&Entry::Engine { now, hello: *hello });
+        self.tap = Some(tap);
+    }
+
+    /// Ends the recording of this engine.
+    pub fn take_tap(&mut self) -> Option<Tap> {
+        self.tell();
+        self.tap.take()
+    }
+
+    /// Passes the newest entry to the recording. To be called once its correction has been sent; an entry that was
+    /// not told goes in front of the next one.
+    ///
+    /// # Cycle   no allocation, no wait, no panic
+    pub fn tell(&mut self) {
+        if let Some(entry) = self.untold.take()
+            && let Some(tap) = &mut self.tap
+        {
+            tap.send(&entry);
+        }
+    }
+
+    fn note(&mut self, entry: impl FnOnce(&Self) -> Entry) {
+        if self.tap.is_some() {
+            self.tell();
+            self.untold = Some(entry(self));
+        }
     }
 
     /// A new link has come up.
     pub fn link_up(&mut self, now: MonoTime) {
         self.output = None;
         self.engine.on_link_up(now);
+        self.note(|_| Entry::LinkUp { now });
     }
 
     /// The link is gone.
     pub fn link_down(&mut self, now: MonoTime) {
         self.engine.on_link_down(now);
+        self.note(|_| Entry::LinkDown { now });
+        self.tell();
     }
 
     /// A command of the operator or the service.
     pub fn command(&mut self, now: MonoTime, command: Command) {
         self.engine.on_command(now, command);
+        self.note(|_| Entry::Request { now, request: request_of(command) });
     }
 
     /// A live value of the model's sensor `channel`, mm or rad.
@@ -79,14 +121,19 @@ impl CycleBody {
     pub fn handle(&mut self, now: MonoTime, message: &Message) -> Reaction {
         match message {
             Message::Position(frame) => {
-                match self.engine.on_position(now, frame, &self.model) {
-                    Some(output) => Reaction::Answer(self.answer(output)),
-                    // the control has not told yet which offset it holds
-                    None => Reaction::Nothing,
-                }
+                let output = self.engine.on_position(now, frame, &self.model);
+                let correction = output.map(|output| self.answer(output));
+                self.note(|body| {
+                    let answer = body.recorded(correction.as_ref());
+                    let enabled = body.engine.is_enabled();
+                    Entry::Cycle(record::Cycle { now, frame: *frame, enabled, answer })
+                });
+                // none where the control has not told yet which offset it holds
+                correction.map_or(Reaction::Nothing, Reaction::Answer)
             }
             Message::Tool(tool) => {
                 self.engine.on_tool(Vec3::new(tool.tip[0], tool.tip[1], tool.tip[2]));
+                self.note(|_| Entry::Tool { now, tool: *tool });
                 Reaction::Nothing
             }
             Message::Heartbeat(_) => Reaction::Nothing,
@@ -108,14 +155,29 @@ impl CycleBody {
     ///
     /// # Cycle   no allocation, no panic, bounded time
     pub fn deadline(&mut self, now: MonoTime) -> Option<Correction> {
-        let output = self.engine.on_deadline(now)?;
-        Some(self.answer(output))
+        // an early call changes nothing and is no input
+        let due = self.engine.next_deadline().is_some_and(|due| now >= due);
+        let output = self.engine.on_deadline(now);
+        let correction = output.map(|output| self.answer(output));
+        if due || correction.is_some() {
+            self.note(|body| {
+                let answer = body.recorded(correction.as_ref());
+                Entry::Deadline { now, enabled: body.engine.is_enabled(), answer }
+            });
+        }
+        correction
     }
 
     /// The result of the newest cycle of this link.
     #[must_use]
     pub const fn output(&self) -> Option<&CycleOutput> {
         self.output.as_ref()
+    }
+
+    /// The offset that was sent last on this link, mm or deg.
+    #[must_use]
+    pub fn sent(&self) -> Option<AxisArray> {
+        self.output.as_ref().map(|output| self.engine.message(output).offset)
     }
 
     /// The present state of the engine.
@@ -143,6 +205,11 @@ impl CycleBody {
         let Some(output) = &self.output else { return false };
         let zero = |(k, offset): (usize, &f64)| self.moved >> k & 1 == 0 || *offset == 0.0;
         self.is_stopped() && (self.rest == RestOffset::Hold || output.offset.iter().enumerate().all(zero))
+    }
+
+    /// The newest answer as it is recorded.
+    fn recorded(&self, correction: Option<&Correction>) -> Option<record::Answer> {
+        Some(answer_of(correction?, self.output.as_ref()?))
     }
 
     fn answer(&mut self, output: CycleOutput) -> Correction {

@@ -67,7 +67,7 @@ pub enum ClientError {
 /// # Errors
 /// See [`ClientError`].
 pub fn status(socket: &Path) -> Result<Status, ClientError> {
-    let answer = ask(socket, Verb::Status)?;
+    let answer = ask(socket, Verb::Status, None)?;
     answer.status.map(|status| *status).ok_or_else(|| refused(socket, answer.error))
 }
 
@@ -76,36 +76,36 @@ pub fn status(socket: &Path) -> Result<Status, ClientError> {
 /// # Errors
 /// See [`ClientError`].
 pub fn histograms(socket: &Path) -> Result<Histograms, ClientError> {
-    let answer = ask(socket, Verb::Histograms)?;
+    let answer = ask(socket, Verb::Histograms, None)?;
     answer.histograms.map(|histograms| *histograms).ok_or_else(|| refused(socket, answer.error))
 }
 
-/// Enables compensation, and gives the state that follows.
+/// Enables compensation, and gives the state that follows; the reason goes into the audit log.
 ///
 /// # Errors
 /// See [`ClientError`].
-pub fn enable(socket: &Path) -> Result<String, ClientError> {
-    command(socket, Verb::Enable)
+pub fn enable(socket: &Path, reason: Option<&str>) -> Result<String, ClientError> {
+    command(socket, Verb::Enable, reason)
 }
 
-/// Disables compensation, and gives the state that follows.
+/// Disables compensation, and gives the state that follows; the reason goes into the audit log.
 ///
 /// # Errors
 /// See [`ClientError`].
-pub fn disable(socket: &Path) -> Result<String, ClientError> {
-    command(socket, Verb::Disable)
+pub fn disable(socket: &Path, reason: Option<&str>) -> Result<String, ClientError> {
+    command(socket, Verb::Disable, reason)
 }
 
-/// Acknowledges a fault, and gives the state that follows.
+/// Acknowledges a fault, and gives the state that follows; the reason goes into the audit log.
 ///
 /// # Errors
 /// See [`ClientError`].
-pub fn clear_fault(socket: &Path) -> Result<String, ClientError> {
-    command(socket, Verb::ClearFault)
+pub fn clear_fault(socket: &Path, reason: Option<&str>) -> Result<String, ClientError> {
+    command(socket, Verb::ClearFault, reason)
 }
 
-fn command(socket: &Path, verb: Verb) -> Result<String, ClientError> {
-    let answer = ask(socket, verb)?;
+fn command(socket: &Path, verb: Verb, reason: Option<&str>) -> Result<String, ClientError> {
+    let answer = ask(socket, verb, reason)?;
     answer.state.ok_or_else(|| refused(socket, answer.error))
 }
 
@@ -114,7 +114,7 @@ fn refused(socket: &Path, message: Option<String>) -> ClientError {
     ClientError::Refused { socket: socket.to_owned(), message }
 }
 
-fn ask(socket: &Path, verb: Verb) -> Result<Answer, ClientError> {
+fn ask(socket: &Path, verb: Verb, reason: Option<&str>) -> Result<Answer, ClientError> {
     let io_error = |source: io::Error| ClientError::Io { socket: socket.to_owned(), source };
     let not_understood = |source| ClientError::NotUnderstood { socket: socket.to_owned(), source };
     let mut stream = UnixStream::connect(socket).map_err(|source| match source.kind() {
@@ -123,7 +123,8 @@ fn ask(socket: &Path, verb: Verb) -> Result<Answer, ClientError> {
     })?;
     stream.set_read_timeout(Some(PATIENCE)).map_err(io_error)?;
     stream.set_write_timeout(Some(PATIENCE)).map_err(io_error)?;
-    let mut line = serde_json::to_vec(&Ask { command: verb }).map_err(not_understood)?;
+    let mut line = serde_json::to_vec(&Ask { command: verb, reason: reason.map(str::to_owned) })
+        .map_err(not_understood)?;
     line.push(b'\n');
     stream.write_all(&line).map_err(io_error)?;
     let mut answer = String::new();

@@ -126,6 +126,7 @@ impl Cycle<'_> {
             self.control.ports.progress.set_state(correction.state);
             self.tell_event();
             link.send(&Message::Correction(correction))?;
+            self.body.tell();
         }
         if now.seconds_since(link.sent) >= self.limits.heartbeat_s {
             link.send_heartbeat()?;
@@ -205,6 +206,7 @@ impl Cycle<'_> {
         let Reaction::Answer(correction) = self.body.handle(received, &message) else { return Ok(()) };
         let computed = self.clock.now();
         link.send(&Message::Correction(correction))?;
+        self.body.tell();
         self.tell_event();
         let turnaround_ns = link.sent.ns - received.ns;
         let age_ns = self.ages.age_ns(received, frame.control_ns).saturating_add(turnaround_ns);

@@ -15,10 +15,12 @@ use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 use tracing::{error, info, warn};
 
 use super::clock::Clock;
+use super::keeper::Keeper;
 use super::load::{LoadError, Loaded, load};
 use super::logging::{self, LogError};
 use super::notify::{Fed, Headline, Watchdog, tell};
 use super::ports::{CyclePorts, Request, ports};
+use super::recorder::Recorder;
 use super::server::{Server, SocketError, lock};
 use super::service::Service;
 use super::worker::Worker;
@@ -136,8 +138,13 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
     let mut signals = Signals::install()?;
     let server = loaded.config.status.socket.as_deref().map(Server::bind).transpose()?;
     let clock = Clock::start();
-    let (cycle_ports, service_ports) = ports();
-    let service = Service::new(Arc::clone(&loaded), service_ports, clock)
+    let (mut cycle_ports, service_ports) = ports();
+    let keeper = Keeper::start(config, &loaded);
+    let recorder = Recorder::start(config, &loaded, clock)
+        .map_err(|source| DaemonError::System { what: "the recorder's thread", source })?;
+    let (tap, recorder) = recorder.unzip();
+    cycle_ports.tap = tap;
+    let service = Service::new(Arc::clone(&loaded), service_ports, keeper, recorder, clock)
         .map_err(|_| DaemonError::Internal { what: "the statistics could not be set up" })?;
     let service = Arc::new(Mutex::new(service));
     log_start(config, &loaded);
@@ -153,9 +160,8 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
         // wait for the abort, which removes the socket's file
         let _ = server.await;
     }
-    result?;
-    let result = thread.join();
-    lock(&service).drain();
+    let result = result.and_then(|()| thread.join());
+    lock(&service).finish(if result.is_ok() { "ok" } else { "failed" });
     match &result {
         Ok(()) => info!("stopped"),
         Err(problem) => error!("{problem}"),

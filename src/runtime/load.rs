@@ -20,6 +20,10 @@ pub struct Loaded {
     pub model_path: PathBuf,
     /// BLAKE3 of the model file's bytes, in hex.
     pub model_hash: String,
+    /// The machine file as it was read.
+    pub config_text: String,
+    /// The model file as it was read.
+    pub model_text: String,
     /// Axes of the model that the machine file does not list: they are never offset.
     pub uncorrected: Vec<AxisName>,
 }
@@ -94,9 +98,16 @@ impl LoadError {
 /// # Errors
 /// See [`LoadError`].
 pub fn load_config(path: &Path) -> Result<MachineConfig, LoadError> {
+    read_config(path).map(|(config, _)| config)
+}
+
+/// The machine file and its text.
+fn read_config(path: &Path) -> Result<(MachineConfig, String), LoadError> {
     let bytes = std::fs::read(path).map_err(|source| LoadError::Read { path: path.to_owned(), source })?;
     let text = text(path, &bytes)?;
-    MachineConfig::parse(&path.display().to_string(), text).map_err(|e| LoadError::Config(Box::new(e)))
+    let config = MachineConfig::parse(&path.display().to_string(), text)
+        .map_err(|e| LoadError::Config(Box::new(e)))?;
+    Ok((config, text.to_owned()))
 }
 
 /// Reads a machine file and the model it names, relative to it.
@@ -104,14 +115,15 @@ pub fn load_config(path: &Path) -> Result<MachineConfig, LoadError> {
 /// # Errors
 /// See [`LoadError`].
 pub fn load(path: &Path) -> Result<Loaded, LoadError> {
-    let config = load_config(path)?;
+    let (config, config_text) = read_config(path)?;
     let model_path = path.parent().unwrap_or_else(|| Path::new("")).join(&config.model);
     let bytes = std::fs::read(&model_path).map_err(|source| LoadError::ReadModel {
         config: path.to_owned(),
         path: model_path.clone(),
         source,
     })?;
-    let spec = model::parse(&model_path.display().to_string(), text(&model_path, &bytes)?)
+    let model_text = text(&model_path, &bytes)?.to_owned();
+    let spec = model::parse(&model_path.display().to_string(), &model_text)
         .map_err(|e| LoadError::Config(Box::new(e)))?;
     let model = Model::new(&spec).map_err(|source| LoadError::Model { path: model_path.clone(), source })?;
     if let Some(source) = config.check_model(&spec).into_iter().next() {
@@ -119,7 +131,8 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
     }
     let uncorrected = config.uncorrected_axes(&spec);
     let model_hash = blake3::hash(&bytes).to_hex().to_string();
-    Ok(Loaded { config, model: Arc::new(model), model_path, model_hash, uncorrected })
+    let model = Arc::new(model);
+    Ok(Loaded { config, model, model_path, model_hash, config_text, model_text, uncorrected })
 }
 
 fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, LoadError> {

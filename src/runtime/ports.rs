@@ -13,6 +13,7 @@ use crossbeam_channel::{Receiver, Sender, bounded};
 use super::cycle::LinkEnd;
 use super::handshake::LinkError;
 use super::realtime::RealtimeReport;
+use super::recorder::Tap;
 use crate::core::axes::AxisArray;
 use crate::core::engine::{Command, Event, State};
 use crate::core::protocol::{ControlHello, MachineState};
@@ -181,6 +182,8 @@ pub(super) struct CyclePorts {
     reports: Sender<Report>,
     records: Sender<CycleRecord>,
     pub(super) progress: Arc<Progress>,
+    /// The recording's end, until an engine has it.
+    pub(super) tap: Option<Tap>,
 }
 
 impl CyclePorts {
@@ -219,6 +222,7 @@ pub(super) fn ports() -> (CyclePorts, ServicePorts) {
         reports: report_sender,
         records: record_sender,
         progress: Arc::clone(&progress),
+        tap: None,
     };
     let service = ServicePorts {
         requests: request_sender,

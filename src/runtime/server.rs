@@ -3,8 +3,9 @@
 //! One JSON object per line in, one per line out. Who may open the socket may command: its mode is 0660, its
 //! directory belongs to the service. Few clients, short lines, short patience: nothing here can starve the rest.
 //!
-//! Requests: `{"command": "status" | "histograms" | "enable" | "disable" | "clear-fault"}`. Answers: `{"ok": true,
-//! "state": ..}`, with `"status": {..}` or `"histograms": {..}` for the first two, or `{"ok": false, "error": ".."}`.
+//! Requests: `{"command": "status" | "histograms" | "enable" | "disable" | "clear-fault"}`, with a `"reason"` for the
+//! audit log where there is one. Answers: `{"ok": true, "state": ..}`, with `"status": {..}` or `"histograms": {..}` for
+//! the first two, or `{"ok": false, "error": ".."}`.
 
 use std::io;
 use std::os::unix::fs::PermissionsExt;
@@ -19,6 +20,7 @@ use tokio::sync::Semaphore;
 use tokio::time::{sleep, timeout};
 use tracing::{info, warn};
 
+use super::audit::{AuditEntry, Who};
 use super::latency::Histograms;
 use super::ports::Request;
 use super::service::Service;
@@ -48,10 +50,13 @@ pub(super) enum Verb {
 }
 
 /// One request line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
 pub(super) struct Ask {
     pub(super) command: Verb,
+    /// Why, for the audit log.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub(super) reason: Option<String>,
 }
 
 /// One answer line.
@@ -192,7 +197,7 @@ async fn converse(mut stream: UnixStream, service: &Mutex<Service>) -> io::Resul
         }
         let complete = request.ends_with(b"\n");
         let answer = match serde_json::from_slice::<Ask>(&request) {
-            Ok(ask) if complete => carry_out(ask.command, service, peer).await,
+            Ok(ask) if complete => carry_out(ask, service, peer).await,
             Ok(_) => failure("the request does not end with a line feed".to_owned()),
             Err(error) => failure(format!("the request is not understood: {error}")),
         };
@@ -205,8 +210,8 @@ async fn converse(mut stream: UnixStream, service: &Mutex<Service>) -> io::Resul
     }
 }
 
-async fn carry_out(verb: Verb, service: &Mutex<Service>, peer: Option<(u32, Option<i32>)>) -> Answer {
-    let command = match verb {
+async fn carry_out(ask: Ask, service: &Mutex<Service>, peer: Option<(u32, Option<i32>)>) -> Answer {
+    let (what, command) = match ask.command {
         Verb::Status => {
             let status = lock(service).status();
             return Answer {
@@ -226,12 +231,28 @@ async fn carry_out(verb: Verb, service: &Mutex<Service>, peer: Option<(u32, Opti
                 ..Answer::default()
             };
         }
-        Verb::Enable => Command::Enable,
-        Verb::Disable => Command::Disable,
-        Verb::ClearFault => Command::ClearFault,
+        Verb::Enable => ("enable", Command::Enable),
+        Verb::Disable => ("disable", Command::Disable),
+        Verb::ClearFault => ("clear-fault", Command::ClearFault),
     };
     let (uid, pid) = peer.map_or((None, None), |(uid, pid)| (Some(uid), pid));
-    info!(command = ?verb, uid, pid, "command");
+    info!(command = ?ask.command, uid, pid, reason = ask.reason, "command");
+    let answer = order(command, service).await;
+    let service = lock(service);
+    let result = answer.state.as_ref().or(answer.error.as_ref());
+    service.audit().write(AuditEntry {
+        who: Who::client(uid, pid),
+        what: what.to_owned(),
+        why: ask.reason,
+        new_model: Some(service.model_hash().to_owned()),
+        result: result.cloned().unwrap_or_default(),
+        ..AuditEntry::default()
+    });
+    answer
+}
+
+/// Passes a command to the cycle thread and waits until it shows.
+async fn order(command: Command, service: &Mutex<Service>) -> Answer {
     let Some(number) = lock(service).request(Request::Engine(command)) else {
         return failure("too many commands are waiting; try again".to_owned());
     };
@@ -268,6 +289,9 @@ mod tests {
     fn requests_are_read_to_the_letter() {
         let ask: Ask = serde_json::from_str(r#"{"command": "clear-fault"}"#).expect("known");
         assert_eq!(ask.command, Verb::ClearFault);
+        assert_eq!(ask.reason, None);
+        let ask: Ask = serde_json::from_str(r#"{"command": "enable", "reason": "warm"}"#).expect("known");
+        assert_eq!(ask.reason.as_deref(), Some("warm"));
         for wrong in [r#"{"command": "Enable"}"#, r#"{"command": "enable", "force": true}"#, "{}", "[]"] {
             assert!(serde_json::from_str::<Ask>(wrong).is_err(), "{wrong}");
         }

@@ -6,30 +6,41 @@ use std::time::Duration;
 
 use tracing::{info, warn};
 
+use super::audit::{Audit, AuditEntry, Who};
 use super::board::{Board, state_name};
 use super::clock::Clock;
+use super::counters::Tally;
 use super::cycle::LinkEnd;
 use super::handshake;
+use super::keeper::Keeper;
 use super::latency::Histograms;
 use super::load::Loaded;
 use super::logging::LogLimiter;
 use super::ports::{LastOffset, Progress, Report, Request, ServicePorts, Ticket};
 use super::realtime::RealtimeReport;
+use super::recorder::Recorder;
 use super::status::Status;
-use crate::core::engine::{Event, State};
+use crate::config::StartMode;
+use crate::core::engine::{Command, Event, State};
 use crate::core::fault;
 use crate::core::protocol::ControlHello;
-use crate::core::units::NS_PER_S;
+use crate::core::units::{MonoTime, NS_PER_S};
 
 /// Records taken in one go, so that requests are never kept waiting by statistics.
 const RECORDS_AT_ONCE: usize = 4096;
+/// Interval at which the counters are kept, s.
+const SAVE_S: f64 = 5.0;
 
 /// The service's view of the cycle thread.
 #[derive(Debug)]
 pub(super) struct Service {
     ports: ServicePorts,
     board: Board,
+    tally: Tally,
+    keeper: Keeper,
+    recorder: Option<Recorder>,
     clock: Clock,
+    saved: MonoTime,
     ticket: u64,
     failures: LogLimiter,
     links: LogLimiter,
@@ -40,13 +51,27 @@ impl Service {
     pub(super) fn new(
         loaded: Arc<Loaded>,
         ports: ServicePorts,
+        keeper: Keeper,
+        recorder: Option<Recorder>,
         clock: Clock,
     ) -> Result<Self, hdrhistogram::CreationError> {
+        let config = &loaded.config;
+        let mut tally = Tally::open(keeper.directory(), &config.machine, config.link.cycle_s);
+        if let Some(note) = tally.note().filter(|_| keeper.directory().is_some()) {
+            warn!("{note}");
+        }
+        if config.engine.start == StartMode::OnConnect {
+            tally.enabled();
+        }
         let board = Board::new(loaded, Arc::clone(&ports.progress), clock)?;
         Ok(Self {
             ports,
             board,
+            tally,
+            keeper,
+            recorder,
             clock,
+            saved: clock.now(),
             ticket: 0,
             failures: LogLimiter::new(3, Duration::from_secs(60)),
             links: LogLimiter::new(10, Duration::from_secs(10)),
@@ -63,6 +88,9 @@ impl Service {
         let number = self.ticket + 1;
         self.ports.requests.try_send(Ticket { number, request }).ok()?;
         self.ticket = number;
+        if request == Request::Engine(Command::Enable) {
+            self.tally.enabled();
+        }
         Some(number)
     }
 
@@ -80,12 +108,56 @@ impl Service {
         for _ in 0..RECORDS_AT_ONCE {
             let Ok(record) = self.ports.records.try_recv() else { break };
             self.board.record(&record);
+            self.tally.record(&record);
+        }
+        if self.clock.now().seconds_since(self.saved) >= SAVE_S {
+            self.save();
         }
     }
 
     pub(super) fn status(&mut self) -> Status {
         self.drain();
-        self.board.status()
+        let mut status = self.board.status();
+        status.lifetime = self.tally.lifetime(status.cycles, status.late_cycles);
+        // a disk that refuses now is told before what was found at the start
+        status.lifetime.note = self.keeper.problem().or(status.lifetime.note);
+        status.recording = self.recorder.as_ref().map(|recorder| recorder.stats.status());
+        status.records_dropped += status.recording.as_ref().map_or(0, |recording| recording.records_dropped);
+        status
+    }
+
+    /// Hash of the model in use.
+    pub(super) fn model_hash(&self) -> &str {
+        self.board.model_hash()
+    }
+
+    /// The audit log, for whoever does something that belongs into it.
+    pub(super) const fn audit(&self) -> &Audit {
+        &self.keeper.audit
+    }
+
+    /// Has the counters kept.
+    fn save(&mut self) {
+        self.saved = self.clock.now();
+        let progress = &self.ports.progress;
+        let (cycles, late) = (progress.cycles.load(Relaxed), progress.late.load(Relaxed));
+        self.keeper.save(self.tally.counters(cycles, late));
+    }
+
+    /// The last words before the daemon ends: what is left of the recording, the counters, a line in the audit log.
+    pub(super) fn finish(&mut self, result: &str) {
+        self.drain();
+        if let Some(recorder) = &self.recorder {
+            recorder.finish();
+        }
+        self.save();
+        self.keeper.audit.write(AuditEntry {
+            who: Who::daemon(),
+            what: "stop".to_owned(),
+            result: result.to_owned(),
+            ..AuditEntry::default()
+        });
+        self.keeper.finish();
     }
 
     pub(super) fn histograms(&mut self) -> Histograms {
@@ -119,6 +191,7 @@ impl Service {
                 if let Some(held_back) = self.links.admit(self.clock.now()) {
                     log_link_up(&address, &hello, held_back);
                 }
+                self.tally.set_axes(handshake::announced(&hello).iter().map(|axis| axis.name).collect());
                 self.board.link_up(&hello);
             }
             Report::LinkDown { end, cycles } => {
@@ -136,6 +209,7 @@ impl Service {
                 if let Some(held_back) = self.events.admit(self.clock.now()) {
                     log_event(&event, held_back);
                 }
+                self.fault(&event);
                 self.board.event(&event);
             }
             Report::Stopped { offset: LastOffset::AtRest } => info!("the offset is at its rest value"),
@@ -146,6 +220,24 @@ impl Service {
                 warn!("stopped before the offset was at its rest value; the control takes it out by itself");
             }
         }
+    }
+}
+
+impl Service {
+    /// A fault is counted and goes into the audit log; it is latched, so it cannot come often.
+    fn fault(&mut self, event: &Event) {
+        let Event::StateChanged { from, to: State::Faulted, reason } = event else { return };
+        let entry = fault::of_reason(*reason);
+        self.tally.fault(entry.name);
+        self.keeper.audit.write(AuditEntry {
+            who: Who::daemon(),
+            what: "fault".to_owned(),
+            why: Some(entry.text.to_owned()),
+            new_model: Some(self.board.model_hash().to_owned()),
+            result: "faulted".to_owned(),
+            detail: Some(format!("{} {}, in state {}", entry.code, entry.name, state_name(*from))),
+            ..AuditEntry::default()
+        });
     }
 }
 

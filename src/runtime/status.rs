@@ -71,12 +71,60 @@ pub struct Status {
     pub faults: Vec<Fault>,
     /// Sensors and their readings; none yet.
     pub sensors: Vec<serde_json::Value>,
-    /// Cycle records that found their queue full (statistics are incomplete by as many).
+    /// Records lost: those of the recording that found its queue or the disk full, and those of the statistics.
     pub records_dropped: u64,
     /// Log reports that found their queue full.
     pub reports_dropped: u64,
     /// Real-time settings.
     pub realtime: RealtimeStatus,
+    /// The recording of every cycle; `null` where none is asked for.
+    #[serde(default)]
+    pub recording: Option<RecordingStatus>,
+    /// Counters that outlive the daemon; since the start of this daemon where they cannot be kept.
+    #[serde(default)]
+    pub lifetime: Lifetime,
+}
+
+/// The recording of every cycle.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RecordingStatus {
+    /// The file being written; `null` before the first block and while the disk refuses.
+    pub file: Option<String>,
+    /// Records safe on the disk.
+    pub records: u64,
+    /// Records that found the queue or the disk full.
+    pub records_dropped: u64,
+    /// Bytes written.
+    pub bytes: u64,
+    /// Why nothing is recorded at the moment.
+    pub error: Option<String>,
+}
+
+/// Counters that outlive the daemon.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Lifetime {
+    /// When counting began, UTC.
+    pub since: String,
+    /// Starts of the daemon.
+    pub starts: u64,
+    /// Position frames handled.
+    pub cycles: u64,
+    /// Of these: late.
+    pub late_cycles: u64,
+    /// Times that compensation was switched on.
+    pub enables: u64,
+    /// Faults by their number or name.
+    pub faults: BTreeMap<String, u64>,
+    /// Time that the offset of an axis was limited, s.
+    pub limited_s: BTreeMap<String, f64>,
+    /// Largest offset asked for per linear axis, um.
+    pub largest_um: BTreeMap<String, f64>,
+    /// Largest offset asked for per rotary axis, arcsec.
+    pub largest_arcsec: BTreeMap<String, f64>,
+    /// Where they are kept; `null` where nowhere.
+    pub file: Option<String>,
+    /// Why they are not kept, or what was wrong with those of before.
+    pub note: Option<String>,
 }
 
 /// A latched fault.

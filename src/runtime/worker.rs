@@ -248,7 +248,12 @@ impl Worker {
         }
         let engine = |source| LinkError::Engine { address, source };
         let mut body = CycleBody::new(&config, Arc::clone(&self.loaded.model)).map_err(engine)?;
-        self.control.brief(self.clock.now(), &mut body);
+        let now = self.clock.now();
+        let of_the_old = self.body.as_mut().and_then(|(_, body)| body.take_tap());
+        if let Some(tap) = of_the_old.or_else(|| self.control.ports.tap.take()) {
+            body.record_to(tap, now, hello);
+        }
+        self.control.brief(now, &mut body);
         self.body = Some((*hello, body));
         Ok(())
     }

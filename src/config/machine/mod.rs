@@ -37,6 +37,10 @@ pub struct MachineConfig {
     pub status: StatusConfig,
     /// Logging.
     pub log: LogConfig,
+    /// Recording of every cycle.
+    pub recording: RecordingConfig,
+    /// What outlives the daemon: counters and audit log.
+    pub state: StateConfig,
 }
 
 /// The link to the control.
@@ -140,6 +144,41 @@ pub struct LogConfig {
     pub target: LogTarget,
     /// A filter such as `info` or `volcomp=debug`.
     pub level: String,
+}
+
+/// What happens when recordings have reached their total size.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum WhenFull {
+    /// Nothing more is recorded until somebody makes room.
+    #[default]
+    Stop,
+    /// The oldest recordings are deleted.
+    DeleteOldest,
+}
+
+/// Recording of every cycle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordingConfig {
+    /// Where recordings are written, as written (relative to the machine file); `None` records nothing.
+    pub directory: Option<PathBuf>,
+    /// Size at which a new file is begun, bytes.
+    pub file_bytes: u64,
+    /// Age at which a new file is begun, s.
+    pub file_s: f64,
+    /// Size of all recordings in the directory together, bytes.
+    pub total_bytes: u64,
+    /// What happens when that is reached.
+    pub when_full: WhenFull,
+    /// Interval at which blocks go to the disk, s.
+    pub flush_s: f64,
+}
+
+/// What outlives the daemon.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StateConfig {
+    /// Where it is kept, as written (relative to the machine file); `None` is the state directory that systemd gives
+    /// the service, and nowhere without one.
+    pub directory: Option<PathBuf>,
 }
 
 /// Why a control and a machine file do not belong together.

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use super::{
     AxisConfig, EngineSettings, FORMAT, LinkConfig, LogConfig, LogTarget, MachineConfig, NO_SOFT_LIMITS,
-    RealtimeConfig, StartMode, StatusConfig,
+    RealtimeConfig, RecordingConfig, StartMode, StateConfig, StatusConfig, WhenFull,
 };
 use crate::config::diagnostic::{ConfigErrors, Diagnostic};
 use crate::config::reader::{self, Allowed, Placed, Reader, Section};
@@ -48,8 +48,21 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
     let realtime = read_realtime(&top.section("realtime"));
     let status = read_status(&top.section("status"));
     let log = read_log(&top.section("log"));
+    let recording = read_recording(&top.section("recording"));
+    let state = read_state(&top.section("state"));
     top.finish();
-    Some(MachineConfig { machine: machine?, model: model?, link: link?, engine, axes, realtime, status, log })
+    Some(MachineConfig {
+        machine: machine?,
+        model: model?,
+        link: link?,
+        engine,
+        axes,
+        realtime,
+        status,
+        log,
+        recording,
+        state,
+    })
 }
 
 fn read_model_path(top: &Section<'_>) -> Option<PathBuf> {
@@ -359,6 +372,39 @@ fn read_status(status: &Section<'_>) -> StatusConfig {
     let path = status.text("socket").map_or(DEFAULT_SOCKET, |t| t.value);
     status.finish();
     StatusConfig { socket: (!path.is_empty()).then(|| PathBuf::from(path)) }
+}
+
+/// Bytes in the megabyte of the keys that end in `-mb`.
+const BYTES_PER_MB: u64 = 1_000_000;
+
+/// A path, or nothing where it is left out or empty.
+fn read_directory(section: &Section<'_>) -> Option<PathBuf> {
+    section.text("directory").map(|t| t.value).filter(|path| !path.trim().is_empty()).map(PathBuf::from)
+}
+
+fn read_recording(recording: &Section<'_>) -> RecordingConfig {
+    let megabytes = |key, low, high, default| recording.whole(key, low, high).map_or(default, |n| n.value);
+    let file_mb = megabytes("file-max-mb", 1, 4000, 256);
+    let total_mb = megabytes("total-max-mb", 1, 100_000_000, 4096);
+    // the file being written is never deleted, so there must be room for one and what it follows
+    at_least(recording, "total-max-mb", f64::from(total_mb), "twice file-max-mb", 2.0 * f64::from(file_mb));
+    let when_full = [("stop", WhenFull::Stop), ("delete-oldest", WhenFull::DeleteOldest)];
+    let config = RecordingConfig {
+        directory: read_directory(recording),
+        file_bytes: u64::from(file_mb) * BYTES_PER_MB,
+        file_s: or(recording, "file-max-s", within(1.0, 604_800.0), 3600.0),
+        total_bytes: u64::from(total_mb) * BYTES_PER_MB,
+        when_full: recording.choice("when-full", &when_full).unwrap_or_default(),
+        flush_s: or(recording, "flush-ms", within(20.0, 1000.0), 500.0) / 1e3,
+    };
+    recording.finish();
+    config
+}
+
+fn read_state(state: &Section<'_>) -> StateConfig {
+    let config = StateConfig { directory: read_directory(state) };
+    state.finish();
+    config
 }
 
 const LEVELS: [&str; 5] = ["error", "warn", "info", "debug", "trace"];
