@@ -204,7 +204,7 @@ impl Stage {
         }
         let config = loaded.config.engine_config(&hello(&loaded.config.machine)).expect("the hello fits");
         let mut body = CycleBody::new(&config, Arc::clone(&loaded.model)).expect("an engine");
-        let control = Control::new(ports, &loaded.config);
+        let control = Control::new(ports, &loaded.config, Arc::clone(&loaded.model), true);
         let clock = Clock::start();
         body.link_up(clock.now());
         body.command(clock.now(), EngineCommand::Enable);
