@@ -4,6 +4,7 @@
 #![allow(clippy::expect_used, reason = "a test program: it fails by panicking")]
 
 use std::path::Path;
+use std::sync::Arc;
 
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use volcomp::core::axes::MAX_AXES;
@@ -70,6 +71,7 @@ fn a_million_cycles_allocate_nothing() {
     let loaded = load(&file).expect("the example loads");
     let hello = hello(&loaded);
     let config = loaded.config.engine_config(&hello).expect("the hello fits");
+    let mut other = Arc::new((*loaded.model).clone());
     let mut body = CycleBody::new(&config, loaded.model).expect("an engine");
     let mut reader = FrameReader::default();
     let mut buffer = [0; MAX_FRAME];
@@ -100,6 +102,13 @@ fn a_million_cycles_allocate_nothing() {
             reader.space()[..length].copy_from_slice(&buffer[..length]);
             reader.advance(length);
             let Ok(Some(received)) = reader.next() else { continue };
+            if cycle % 3 == 0 {
+                body.live(now, 0, 1e-6);
+            }
+            if cycle % 40_009 == 0 {
+                let old = body.switch_model(now, Arc::clone(&other), [1; 32]).expect("the same axes");
+                other = old;
+            }
             if let Reaction::Answer(correction) = body.handle(now, &received) {
                 applied = correction.offset;
                 answers += 1;

@@ -71,8 +71,10 @@ pub(super) struct GainArgs {
 /// a name and a reason. The choice outlives a restart, the model before is kept for `volcomp rollback`, and all of it
 /// goes into the audit log.
 #[derive(Debug, clap::Parser)]
-#[command(after_help = "Examples:\n  volcomp diff old.toml new.toml      # look first\n  volcomp load new.toml --reason \"survey of 3 May\"\n  \
-                        volcomp load new.toml --confirm \"A. Smith\" --reason \"new ball screw on X\"")]
+#[command(
+    after_help = "Examples:\n  volcomp diff old.toml new.toml      # look first\n  volcomp load new.toml --reason \"survey of 3 May\"\n  \
+                        volcomp load new.toml --confirm \"A. Smith\" --reason \"new ball screw on X\""
+)]
 pub(super) struct LoadArgs {
     /// The model file.
     #[arg(value_name = "MODEL")]
@@ -114,14 +116,18 @@ pub(super) fn gain(args: &GainArgs) -> Result<(), Failure> {
 
 pub(super) fn load(args: &LoadArgs) -> Result<(), Failure> {
     let name = args.model.display();
-    let bytes = std::fs::read(&args.model)
-        .map_err(|e| Failure::new(EX_IOERR, format_args!("error: {name}: {e}")))?;
+    let bytes =
+        std::fs::read(&args.model).map_err(|e| Failure::new(EX_IOERR, format_args!("error: {name}: {e}")))?;
     let text = String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
-        Failure::new(EX_DATAERR, format_args!("error: {name}: byte {at} is not UTF-8\n  hint: save the file as UTF-8 text"))
+        Failure::new(
+            EX_DATAERR,
+            format_args!("error: {name}: byte {at} is not UTF-8\n  hint: save the file as UTF-8 text"),
+        )
     })?;
     // the daemon shows this name later, wherever it was typed
-    let origin = std::path::absolute(&args.model).unwrap_or_else(|_| args.model.clone()).display().to_string();
+    let origin =
+        std::path::absolute(&args.model).unwrap_or_else(|_| args.model.clone()).display().to_string();
     let model = Some(SentModel { origin, text });
     send(Ask { command: Verb::Load, model, confirm: args.confirm.clone(), ..Ask::default() }, &args.common)
 }
@@ -145,7 +151,8 @@ fn send(ask: Ask, common: &Common) -> Result<(), Failure> {
         say!("{}", json(&answer_only(&answer))?);
     } else {
         if let Some(change) = &answer.change {
-            let figure = |value: Option<f64>, unit| value.map_or_else(|| "?".to_owned(), |v| format!("{v:.2} {unit}"));
+            let figure =
+                |value: Option<f64>, unit| value.map_or_else(|| "?".to_owned(), |v| format!("{v:.2} {unit}"));
             say!(
                 "largest change in the working volume: {}, {}",
                 figure(change.largest_um, "um"),

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::{EX_CONFIG, EX_DATAERR, Failure};
 use crate::config::{self, MachineConfig};
-use crate::core::model::Model;
+use crate::core::model::{Model, ModelSpec};
 use crate::core::record::{Item, Meta, Note, Recording};
 
 /// One file.
@@ -84,17 +84,29 @@ pub(super) fn machine(path: &Path, recording: &Recording<'_>) -> Result<MachineC
     MachineConfig::parse(&inside, text).map_err(|e| Failure::new(EX_CONFIG, e))
 }
 
-/// The model inside a recording.
-pub(super) fn model(path: &Path, recording: &Recording<'_>) -> Result<Model, Failure> {
-    let inside = format!("{} (model inside)", path.display());
-    let Some((_, text)) = recording.models.first() else {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!("error: {inside}: missing or damaged\n  hint: name it with --model"),
-        ));
-    };
-    let spec = config::model::parse(&inside, text).map_err(|e| Failure::new(EX_CONFIG, e))?;
-    Model::new(&spec).map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {inside}: {e}")))
+/// A model inside a recording.
+pub(super) struct Inside {
+    pub(super) hash: [u8; 32],
+    pub(super) spec: ModelSpec,
+    pub(super) model: Model,
+}
+
+/// The models inside recordings, each once, in the order of their use.
+pub(super) fn models(files: &[Parsed<'_>]) -> Result<Vec<Inside>, Failure> {
+    let mut found: Vec<Inside> = Vec::new();
+    for Parsed { path, recording } in files {
+        let inside = format!("{} (model inside)", path.display());
+        for (hash, text) in &recording.models {
+            if found.iter().any(|known| known.hash == *hash) {
+                continue;
+            }
+            let spec = config::model::parse(&inside, text).map_err(|e| Failure::new(EX_CONFIG, e))?;
+            let model = Model::new(&spec)
+                .map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {inside}: {e}")))?;
+            found.push(Inside { hash: *hash, spec, model });
+        }
+    }
+    Ok(found)
 }
 
 /// The first file's description; there is always one.

@@ -24,7 +24,8 @@ pub(super) struct Args {
     /// Recordings of one run of the daemon, in any order.
     #[arg(required = true, value_name = "RECORDING")]
     recordings: Vec<PathBuf>,
-    /// The model file [default: the one inside the recording].
+    /// The model file of the beginning [default: the one inside the recording]; models that the daemon was switched to
+    /// later are always those inside.
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// The machine file [default: the one inside the recording].
@@ -77,8 +78,19 @@ fn prepare(args: &Args, parsed: &[Parsed<'_>]) -> Result<Replay, Failure> {
         Some(path) => load_config(path)
             .map_err(|e: LoadError| Failure::new(if e.is_io() { EX_IOERR } else { EX_CONFIG }, &e))?,
     };
+    let mut inside = recordings::models(parsed)?.into_iter().map(|m| (m.hash, Arc::new(m.model)));
+    let first = recording.models.first().and_then(|_| inside.next());
     let model = match &args.model {
-        None => recordings::model(path, recording)?,
+        None => match &first {
+            Some((_, model)) => Arc::clone(model),
+            None => {
+                let path = path.display();
+                let why = format_args!(
+                    "error: {path} (model inside): missing or damaged\n  hint: name it with --model"
+                );
+                return Err(Failure::new(EX_DATAERR, why));
+            }
+        },
         Some(path) => {
             let hash = blake3::hash(files::read_text(path)?.as_bytes()).to_hex();
             if hash.as_str() != meta.model_hash {
@@ -88,10 +100,14 @@ fn prepare(args: &Args, parsed: &[Parsed<'_>]) -> Result<Replay, Failure> {
                     meta.model_hash
                 );
             }
-            files::read_model(path)?.1
+            Arc::new(files::read_model(path)?.1)
         }
     };
-    Ok(Replay::new(config, Arc::new(model)))
+    let mut replay = Replay::new(config, model);
+    for (hash, model) in first.into_iter().chain(inside) {
+        replay.add_model(hash, model);
+    }
+    Ok(replay)
 }
 
 fn print(report: &Report) {

@@ -158,7 +158,8 @@ fn write_choice(f: &mut String, status: &Status) -> std::fmt::Result {
 /// What shadow mode has found.
 fn write_shadow(f: &mut String, status: &Status) -> std::fmt::Result {
     let Some(shadow) = &status.shadow else { return Ok(()) };
-    let share = if shadow.cycles == 0 { 0.0 } else { 100.0 * shadow.active_cycles as f64 / shadow.cycles as f64 };
+    let share =
+        if shadow.cycles == 0 { 0.0 } else { 100.0 * shadow.active_cycles as f64 / shadow.cycles as f64 };
     writeln!(
         f,
         "SHADOW      nothing is applied; compensation would be {}, was on for {share:.1} % of {} cycles, {} faults, {} holds",

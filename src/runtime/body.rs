@@ -11,10 +11,13 @@ use crate::core::engine::{
     Command, Compensator, CycleOutput, EngineConfig, EngineError, RestOffset, Shadow, ShadowScore, State,
 };
 use crate::core::geometry::Vec3;
-use crate::core::model::Model;
+use crate::core::model::{Model, SENSORS_MAX};
 use crate::core::protocol::{CloseReason, ControlHello, Correction, ErrorReport, Message, Position};
-use crate::core::record::{self, Entry};
+use crate::core::record::{self, Entry, LIVE_MAX};
 use crate::core::units::MonoTime;
+
+/// A recording can carry every live value that a model can use.
+const _: () = assert!(SENSORS_MAX <= LIVE_MAX && LIVE_MAX <= u16::BITS as usize);
 
 /// The engine and its model.
 #[derive(Debug, Clone)]
@@ -29,8 +32,18 @@ pub struct CycleBody {
     moved: u8,
     /// Where everything that goes into the engine is recorded.
     tap: Option<Tap>,
+    /// Live values of one moment, told in front of the newest entry.
+    live: Option<Live>,
     /// The newest entry, told after the correction has been sent.
     untold: Option<Entry>,
+}
+
+/// Live values that were told at the same time.
+#[derive(Debug, Clone, Copy)]
+struct Live {
+    now: MonoTime,
+    told: u16,
+    values: [f64; LIVE_MAX],
 }
 
 /// What a message from the control asks for.
@@ -61,7 +74,17 @@ impl CycleBody {
             .iter()
             .enumerate()
             .fold(0, |bits, (k, limits)| bits | u8::from(limits.size > 0.0) << k);
-        Ok(Self { model, engine, shadow, output: None, rest: config.rest, moved, tap: None, untold: None })
+        Ok(Self {
+            model,
+            engine,
+            shadow,
+            output: None,
+            rest: config.rest,
+            moved,
+            tap: None,
+            live: None,
+            untold: None,
+        })
     }
 
     /// Records from now on everything that goes into this engine, which was made for the control that said `hello`.
@@ -81,18 +104,34 @@ impl CycleBody {
     ///
     /// # Cycle   no allocation, no wait, no panic
     pub fn tell(&mut self) {
-        if let Some(entry) = self.untold.take()
-            && let Some(tap) = &mut self.tap
-        {
+        let Some(tap) = &mut self.tap else { return };
+        if let Some(Live { now, told, values }) = self.live.take() {
+            tap.send(&Entry::Live { now, told, values });
+        }
+        if let Some(entry) = self.untold.take() {
             tap.send(&entry);
         }
     }
 
     fn note(&mut self, entry: impl FnOnce(&Self) -> Entry) {
         if self.tap.is_some() {
-            self.tell();
+            if self.untold.is_some() {
+                self.tell();
+            }
             self.untold = Some(entry(self));
         }
+    }
+
+    fn note_live(&mut self, now: MonoTime, channel: usize, value: f64) {
+        if self.tap.is_none() || channel >= LIVE_MAX {
+            return;
+        }
+        if self.untold.is_some() || self.live.is_some_and(|live| live.now != now) {
+            self.tell();
+        }
+        let live = self.live.get_or_insert(Live { now, told: 0, values: [0.0; LIVE_MAX] });
+        live.told |= 1 << channel;
+        live.values[channel] = value;
     }
 
     /// A new link has come up.
@@ -124,6 +163,32 @@ impl CycleBody {
     pub fn live(&mut self, now: MonoTime, channel: usize, value: f64) {
         self.engine.on_live(now, channel, value);
         self.shadow.on_live(now, channel, value);
+        self.note_live(now, channel, value);
+    }
+
+    /// The engine goes on with another model, smoothly; `hash` names it in the recording. Gives the old model back, so
+    /// that it is not taken apart on the cycle.
+    ///
+    /// # Errors
+    /// The model does not fit the control; the engine goes on with the old one.
+    ///
+    /// # Cycle   no allocation, no panic, bounded time
+    pub fn switch_model(
+        &mut self,
+        now: MonoTime,
+        model: Arc<Model>,
+        hash: [u8; 32],
+    ) -> Result<Arc<Model>, EngineError> {
+        self.engine.on_model(&model)?;
+        // what fits the engine fits its shadow
+        let _ = self.shadow.on_model(&model);
+        self.note(|_| Entry::Model { now, hash });
+        Ok(core::mem::replace(&mut self.model, model))
+    }
+
+    /// Goes on with a lag that was measured elsewhere: for an engine that takes up a recording in its middle.
+    pub(super) const fn assume_lag(&mut self, cycles: Option<u32>) {
+        self.engine.assume_lag(cycles);
     }
 
     /// One message received at `now`.
@@ -249,8 +314,9 @@ impl CycleBody {
     }
 
     /// The newest answer as it is recorded.
-    fn recorded(&self, correction: Option<&Correction>) -> Option<record::Answer> {
-        Some(answer_of(correction?, self.output.as_ref()?))
+    pub(super) fn recorded(&self, correction: Option<&Correction>) -> Option<record::Answer> {
+        let output = self.output.as_ref()?;
+        Some(answer_of(correction?, output, self.engine.wire(&output.wanted)))
     }
 
     fn answer(&mut self, output: CycleOutput) -> Correction {

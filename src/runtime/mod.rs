@@ -58,7 +58,7 @@ pub use daemon::{DaemonError, run};
 pub use latency::{Bins, Histograms};
 pub use load::{LoadError, Loaded, load, load_config};
 pub use logging::LogError;
-pub use recorder::{Tap, answer_of, command_of, request_of, tap};
+pub use recorder::{ModelTexts, Tap, answer_of, command_of, request_of, tap};
 pub use rehearsal::{Rehearsal, RehearsalError, rehearse};
 pub use server::SocketError;
 pub use status::{Fault, Lifetime, LinkStatus, RealtimeStatus, RecordingStatus, Status};

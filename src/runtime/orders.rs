@@ -98,7 +98,10 @@ async fn order(request: Request, service: &Mutex<Service>) -> Answer {
         }
     };
     if timeout(COMMAND_LIMIT, done).await.is_err() {
-        return Answer::refused(format!("the cycle thread did not answer within {} s", COMMAND_LIMIT.as_secs()));
+        return Answer::refused(format!(
+            "the cycle thread did not answer within {} s",
+            COMMAND_LIMIT.as_secs()
+        ));
     }
     sleep(SETTLE).await;
     let mut service = lock(service);
@@ -121,7 +124,9 @@ async fn enable(ask: &Ask, service: &Mutex<Service>) -> Answer {
     }
     if ask.shadow {
         if lock(service).is_wanted() {
-            return Answer::refused("shadow mode is for a machine that is not compensated: `volcomp disable` first".to_owned());
+            return Answer::refused(
+                "shadow mode is for a machine that is not compensated: `volcomp disable` first".to_owned(),
+            );
         }
         return order(Request::Shadow(true), service).await;
     }
@@ -170,7 +175,9 @@ async fn load(ask: &mut Ask, who: &Who, service: &Mutex<Service>) -> Answer {
     let (new, size) = match work.await {
         Ok(Ok(found)) => found,
         Ok(Err(problem)) => return Answer::refused(format!("VC-5007: the model is not used\n{problem}")),
-        Err(_) => return Answer::refused("internal: the comparison broke off; the model in use stays".to_owned()),
+        Err(_) => {
+            return Answer::refused("internal: the comparison broke off; the model in use stays".to_owned());
+        }
     };
     if new.hash == active.hash {
         let service = lock(service);
@@ -193,7 +200,11 @@ async fn load(ask: &mut Ask, who: &Who, service: &Mutex<Service>) -> Answer {
         );
         return Answer { change, ..Answer::refused(error) };
     }
-    Answer { change, ..switch(Arc::new(new), ask.confirm.clone().or_else(|| who.name.clone()), ask.reason.clone(), service).await }
+    Answer {
+        change,
+        ..switch(Arc::new(new), ask.confirm.clone().or_else(|| who.name.clone()), ask.reason.clone(), service)
+            .await
+    }
 }
 
 async fn rollback(ask: &Ask, who: &Who, service: &Mutex<Service>) -> Answer {
@@ -204,7 +215,12 @@ async fn rollback(ask: &Ask, who: &Who, service: &Mutex<Service>) -> Answer {
 }
 
 /// Takes another model into use: first the engine, then the disk.
-async fn switch(new: Arc<Prepared>, who: Option<String>, why: Option<String>, service: &Mutex<Service>) -> Answer {
+async fn switch(
+    new: Arc<Prepared>,
+    who: Option<String>,
+    why: Option<String>,
+    service: &Mutex<Service>,
+) -> Answer {
     let hash = blake3::hash(new.text.as_bytes());
     let request = Request::Model { model: Arc::clone(&new.model), hash: *hash.as_bytes() };
     // until the cycle thread has answered, the old model is held here: nothing is freed on the cycle

@@ -1,9 +1,10 @@
 //! What a cycle costs on this computer: frame in to frame out, without socket.
 //!
 //! The daemon's own frame reader, [`CycleBody`] and frame writer, fed with frames of an invented tour through the
-//! travel of the model and, where the model names sensors, with a live value of each in every cycle. What the two readings of the clock cost is measured the same way and taken off. Caches are
-//! warm, as in a daemon that cycles back to back; a daemon that sleeps between cycles takes longer (`volcomp status`
-//! shows its compute time).
+//! travel of the model and, where the model names sensors, with a live value of each in every cycle. Every cycle is
+//! recorded, as far as the cycle has to do with that. What the two readings of the clock cost is measured the same way
+//! and taken off. Caches are warm, as in a daemon that cycles back to back; a daemon that sleeps between cycles takes
+//! longer (`volcomp status` shows its compute time).
 
 use std::time::Instant;
 
@@ -12,6 +13,7 @@ use hdrhistogram::Histogram;
 use super::body::{CycleBody, Reaction};
 use super::load::Loaded;
 use super::realtime;
+use super::recorder::tap;
 use super::status::RealtimeStatus;
 use crate::config::machine::HelloMismatch;
 use crate::core::axes::{AxisArray, AxisKind, MAX_AXES};
@@ -27,6 +29,8 @@ use crate::core::units::{MonoTime, NS_PER_S, deg_from_rad};
 const LIVE: f64 = 1e-6;
 /// Longest time that the histograms hold, ns.
 const LONGEST_NS: u64 = 60_000_000_000;
+/// Room for the entries of a cycle.
+const ENTRIES: usize = 64;
 /// Cycles before the first that counts, in ramps.
 const SETTLE_RAMPS: f64 = 2.0;
 
@@ -80,6 +84,8 @@ fn on_this_thread(loaded: &Loaded, cycles: u64) -> Result<Rehearsal, RehearsalEr
     let hello = hello(loaded);
     let config = loaded.config.engine_config(&hello)?;
     let mut body = CycleBody::new(&config, loaded.model.clone())?;
+    let (tap, entries) = tap(ENTRIES);
+    body.record_to(tap, MonoTime::ZERO, &hello);
     body.link_up(MonoTime::ZERO);
     body.command(MonoTime::ZERO, Command::Enable);
     let sensors = loaded.model.sensors().len();
@@ -104,6 +110,9 @@ fn on_this_thread(loaded: &Loaded, cycles: u64) -> Result<Rehearsal, RehearsalEr
             compute_ns.saturating_record(took.ns.saturating_sub(clock_ns).max(1));
         }
         state = took.state.unwrap_or(state);
+        // behind the measured part, as the daemon does it behind its answer, and its recorder elsewhere
+        stage.body.tell();
+        while entries.try_recv().is_ok() {}
     }
     if state != CorrectionState::Active {
         return Err(RehearsalError::NotActive(state));

@@ -16,6 +16,7 @@ use std::sync::atomic::{AtomicBool, Ordering};
 use std::sync::{Arc, Mutex};
 use std::time::{Duration, Instant};
 
+use crossbeam_channel::Receiver;
 use seccompiler::{
     BpfProgram, SeccompAction, SeccompCmpArgLen, SeccompCmpOp, SeccompCondition, SeccompFilter, SeccompRule,
     apply_filter,
@@ -28,6 +29,7 @@ use super::cycle::{Cycle, LinkEnd};
 use super::link::{Connecting, Link};
 use super::load::{Loaded, load};
 use super::ports::{CyclePorts, ServicePorts, ports};
+use super::recorder::{Tap, tap};
 use super::worker::Control;
 use crate::core::axes::{AxisName, MAX_AXES};
 use crate::core::engine::Command as EngineCommand;
@@ -35,11 +37,14 @@ use crate::core::protocol::{
     Axis, AxisUnit, Close, CloseReason, ControlHello, Correction, CorrectionState, FrameReader, MAX_FRAME,
     MachineState, Message, Name, PROTOCOL_VERSION, Position, Tool, encode,
 };
+use crate::core::record::Entry;
 
 /// Names the case to the process that runs it.
 const CASE: &str = "VOLCOMP_SEALED_CASE";
 const PATIENCE: Duration = Duration::from_secs(60);
 const CYCLES: u32 = 3_000;
+/// Room for entries of the recording: few, so that a full queue is met as well.
+const ENTRIES: usize = 256;
 const CYCLE_NS: u64 = 1_000_000;
 
 /// What a process does under the filter.
@@ -102,6 +107,7 @@ fn under_the_filter() {
     let address = listener.local_addr().expect("address");
     let control = std::thread::spawn(move || control(&listener));
     let (cycle_ports, service) = ports();
+    let (tap, entries) = tap(ENTRIES);
     let done = Arc::new(AtomicBool::new(false));
     let sign = Arc::clone(&done);
     let scratch = tempfile::tempfile().expect("file");
@@ -109,7 +115,7 @@ fn under_the_filter() {
     let contended = Arc::clone(&held);
     let _guard = held.lock().expect("lock");
     std::thread::spawn(move || {
-        let (mut stage, mut link) = Stage::open(address, cycle_ports, case);
+        let (mut stage, mut link) = Stage::open(address, cycle_ports, tap, case);
         apply_filter(&filter(link.raw_fd())).expect("the filter is taken");
         let end = stage.cycle(&mut link);
         match case {
@@ -126,23 +132,25 @@ fn under_the_filter() {
             core::hint::spin_loop();
         }
     });
-    let records = drain_until(&service, &done);
+    let (records, recorded) = drain_until(&service, &entries, &done);
     let seen = control.join().expect("the control ends");
     assert!(records > u64::from(CYCLES) - 100, "{records} records");
+    assert!(recorded > u64::from(CYCLES) / 2, "{recorded} entries of the recording");
     assert!(seen.active > CYCLES / 2, "{} active answers: the model must have been at work", seen.active);
     assert!(seen.heartbeats > 0 && seen.held > 0, "{seen:?}: silence must have been answered");
 }
 
-/// What the service does, until the cycle has ended; counts the records.
-fn drain_until(service: &ServicePorts, done: &AtomicBool) -> u64 {
+/// What the service and the recorder do, until the cycle has ended; counts the records and the entries.
+fn drain_until(service: &ServicePorts, entries: &Receiver<Entry>, done: &AtomicBool) -> (u64, u64) {
     let deadline = Instant::now() + PATIENCE;
-    let mut records = 0;
+    let (mut records, mut recorded) = (0, 0);
     loop {
         let ended = done.load(Ordering::Acquire);
         records += service.records.try_iter().count() as u64;
+        recorded += entries.try_iter().count() as u64;
         let _ = service.reports.try_iter().count();
         if ended {
-            return records;
+            return (records, recorded);
         }
         assert!(Instant::now() < deadline, "the cycle does not end");
         std::thread::sleep(Duration::from_millis(2));
@@ -193,7 +201,7 @@ struct Stage {
 }
 
 impl Stage {
-    fn open(address: SocketAddr, ports: CyclePorts, case: Case) -> (Self, Link) {
+    fn open(address: SocketAddr, ports: CyclePorts, tap: Tap, case: Case) -> (Self, Link) {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/examples/vmc-850/machine.toml");
         let mut loaded = load(&file).expect("the example loads");
         loaded.config.link.address = address;
@@ -202,10 +210,12 @@ impl Stage {
         if case == Case::BusyPolling {
             loaded.config.realtime.busy_poll_s = 200e-6;
         }
-        let config = loaded.config.engine_config(&hello(&loaded.config.machine)).expect("the hello fits");
+        let hello = hello(&loaded.config.machine);
+        let config = loaded.config.engine_config(&hello).expect("the hello fits");
         let mut body = CycleBody::new(&config, Arc::clone(&loaded.model)).expect("an engine");
         let control = Control::new(ports, &loaded.config, Arc::clone(&loaded.model), true);
         let clock = Clock::start();
+        body.record_to(tap, clock.now(), &hello);
         body.link_up(clock.now());
         body.command(clock.now(), EngineCommand::Enable);
         let connecting = Connecting::start(address).expect("a socket");

@@ -184,9 +184,12 @@ impl Service {
             return;
         }
         let against = self.hindrances(false);
-        let Some((hindrance, _)) = against.iter().find(|(_, policy)| *policy == Policy::RampOut) else { return };
+        let Some((hindrance, _)) = against.iter().find(|(_, policy)| *policy == Policy::RampOut) else {
+            return;
+        };
         warn!("compensation is ramped out: {hindrance}");
-        let result = if self.request(Request::Engine(Command::Disable)).is_some() { "ordered" } else { "queue full" };
+        let result =
+            if self.request(Request::Engine(Command::Disable)).is_some() { "ordered" } else { "queue full" };
         self.keeper.audit.write(AuditEntry {
             who: Who::daemon(),
             what: "disable".to_owned(),

@@ -74,7 +74,9 @@ impl Control {
                         self.ports.progress.wanted.store(body.is_enabled(), Relaxed);
                     }
                 }
-                Request::Model { model, hash } => self.take_model(now, ticket.number, (model, hash), body.as_deref_mut()),
+                Request::Model { model, hash } => {
+                    self.take_model(now, ticket.number, (model, hash), body.as_deref_mut())
+                }
                 Request::Shadow(on) => {
                     self.shadow = on;
                     if let Some(body) = body.as_deref_mut() {

@@ -40,9 +40,9 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE")]
     out: PathBuf,
     #[command(flatten, next_help_heading = "Models")]
-    model: model::Options,
+    model: model::ModelOptions,
     #[command(flatten, next_help_heading = "Recordings")]
-    recording: recording::Options,
+    recording: recording::RecordingOptions,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]

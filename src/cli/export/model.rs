@@ -22,7 +22,7 @@ const TOLERANCE_UM: f64 = 0.05;
 
 /// What only models need.
 #[derive(Debug, Args)]
-pub(super) struct Options {
+pub(super) struct ModelOptions {
     /// The axis; isg takes several, and all where none is given.
     #[arg(long, value_name = "LETTER", value_parser = axis_letter)]
     axis: Vec<AxisName>,
@@ -73,7 +73,7 @@ struct Written {
     symbols: Vec<ErrorSymbol>,
 }
 
-pub(super) fn run(path: &Path, format: FormatArg, out: &Path, options: &Options) -> Result<(), Failure> {
+pub(super) fn run(path: &Path, format: FormatArg, out: &Path, options: &ModelOptions) -> Result<(), Failure> {
     let tolerance_um = options.tolerance_um.unwrap_or(TOLERANCE_UM);
     if !(tolerance_um > 0.0 && tolerance_um.is_finite()) {
         return Err(usage(format_args!("--tolerance-um {tolerance_um}: must be above 0")));
@@ -105,7 +105,7 @@ fn failure(path: &Path, e: &ExportError) -> Failure {
     Failure::new(code, format_args!("error: {}: {e}", path.display()))
 }
 
-impl Options {
+impl ModelOptions {
     /// An option that was given, for a file that is no model.
     pub(super) fn first_given(&self) -> Option<&'static str> {
         let Self { axis, tolerance_um, step, range, direction, comp_type, linear_units, sense, sign } = self;
@@ -139,7 +139,7 @@ impl Options {
     }
 }
 
-fn write(format: FormatArg, args: &Options, spec: &ModelSpec) -> Result<Written, ExportError> {
+fn write(format: FormatArg, args: &ModelOptions, spec: &ModelSpec) -> Result<Written, ExportError> {
     if format == FormatArg::Isg {
         return write_isg(args, spec);
     }
@@ -169,7 +169,7 @@ fn write(format: FormatArg, args: &Options, spec: &ModelSpec) -> Result<Written,
     Ok(Written { text, symbols })
 }
 
-fn write_isg(args: &Options, spec: &ModelSpec) -> Result<Written, ExportError> {
+fn write_isg(args: &ModelOptions, spec: &ModelSpec) -> Result<Written, ExportError> {
     let kind = args.axis.first().map_or(AxisKind::Linear, |a| a.kind());
     let several = args.axis.len() != 1;
     if several && (args.range.is_some() || args.step.is_some()) {
@@ -205,7 +205,7 @@ fn describe(table: &AxisTable) {
 }
 
 /// Says what of the model is not in the file.
-fn not_held(format: FormatArg, args: &Options, spec: &ModelSpec, written: &[ErrorSymbol]) {
+fn not_held(format: FormatArg, args: &ModelOptions, spec: &ModelSpec, written: &[ErrorSymbol]) {
     let missing: Vec<String> =
         spec.errors.iter().filter(|(s, _)| !written.contains(s)).map(|(s, _)| s.to_string()).collect();
     if !missing.is_empty() {

@@ -4,8 +4,8 @@ use core::net::SocketAddr;
 use std::path::PathBuf;
 
 use super::{
-    AxisConfig, EngineSettings, FORMAT, GuardConfig, LinkConfig, LogConfig, LogTarget, MachineConfig, NO_SOFT_LIMITS, Policy,
-    RealtimeConfig, RecordingConfig, StartMode, StateConfig, StatusConfig, WhenFull,
+    AxisConfig, EngineSettings, FORMAT, GuardConfig, LinkConfig, LogConfig, LogTarget, MachineConfig,
+    NO_SOFT_LIMITS, Policy, RealtimeConfig, RecordingConfig, StartMode, StateConfig, StatusConfig, WhenFull,
 };
 use crate::config::diagnostic::{ConfigErrors, Diagnostic};
 use crate::config::reader::{self, Allowed, Placed, Reader, Section};

@@ -4,6 +4,9 @@ use crate::core::axes::AxisArray;
 use crate::core::protocol::{ControlHello, CorrectionState, Position, Tool};
 use crate::core::units::MonoTime;
 
+/// Channels of live values that an entry can carry.
+pub const LIVE_MAX: usize = 16;
+
 /// One thing that went into the engine, or that belongs to it. Fixed size, `Copy`: it crosses the queue as it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Entry {
@@ -65,14 +68,14 @@ pub enum Entry {
         /// How things stand after the gap.
         context: Context,
     },
-    /// A live value: a sensor, a temperature, a load. Channels are named in the file's [`super::Meta`].
-    Value {
-        /// When it came.
+    /// Live values of the sensors that the model names, in its order; mm or rad.
+    Live {
+        /// When the engine was told.
         now: MonoTime,
-        /// Which channel.
-        channel: u16,
-        /// The value, in the unit that its channel's name ends in.
-        value: f64,
+        /// Bit k: channel k was told.
+        told: u16,
+        /// The values; 0 where nothing was told.
+        values: [f64; LIVE_MAX],
     },
 }
 
@@ -102,10 +105,27 @@ pub struct Answer {
     pub warning: u8,
     /// Bit k: axis k is outside the travel or a curve's range of the model.
     pub out_of_range: u8,
+    /// Bit k: harmonics of axis k have faded at this feed.
+    pub faded: u8,
+    /// Control cycles from a position to the effect of its correction; 0 before it was measured.
+    pub lag_cycles: u8,
     /// A stop has been carried out.
     pub stopped: bool,
     /// Offset asked for, as it was sent: mm or deg.
     pub offset: AxisArray,
+    /// The model's correction times the gain, before ramps and limits: mm or deg.
+    pub wanted: AxisArray,
+    /// The change of state in this cycle.
+    pub change: Option<Change>,
+}
+
+/// A change of state; the one entered stands in the [`Answer`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Change {
+    /// The state left.
+    pub from: CorrectionState,
+    /// Number of the cause in the catalogue of faults (`volcomp explain`).
+    pub cause: u16,
 }
 
 /// A command with its argument. The codes stand in [`request`]; one that a reader does not know is an input that it
@@ -163,7 +183,7 @@ impl Entry {
             | Self::Engine { now, .. }
             | Self::Model { now, .. }
             | Self::Gap { now, .. }
-            | Self::Value { now, .. } => *now,
+            | Self::Live { now, .. } => *now,
         }
     }
 }
@@ -202,7 +222,7 @@ impl Context {
             }
             Entry::Model { hash, .. } => self.model = Some(*hash),
             Entry::Gap { context, .. } => *self = *context,
-            Entry::Value { .. } => {}
+            Entry::Live { .. } => {}
         }
     }
 }

@@ -36,9 +36,6 @@ pub struct Meta {
     /// Name of the file that this one continues.
     #[serde(default, skip_serializing_if = "String::is_empty")]
     pub continues: String,
-    /// Channels of live values, in the order of their numbers; each name ends in its unit.
-    #[serde(default, skip_serializing_if = "Vec::is_empty")]
-    pub channels: Vec<String>,
 }
 
 impl Meta {

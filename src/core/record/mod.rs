@@ -22,7 +22,7 @@ mod tests;
 
 pub use block::{Block, BlockKind, IndexRow};
 pub use codec::{Decoded, Decoder, Encoder};
-pub use entry::{Answer, Context, Cycle, Entry, Request, request};
+pub use entry::{Answer, Change, Context, Cycle, Entry, LIVE_MAX, Request, request};
 pub use error::RecordError;
 pub use meta::Meta;
 pub use reader::{Item, Note, Reader, Recording};

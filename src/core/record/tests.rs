@@ -50,7 +50,9 @@ fn run(count: u32) -> Vec<Entry> {
         offset[0] = 1e-2 * (2.0 * phase).sin();
         offset[1] = -4e-3 * phase.cos();
         sent = offset;
-        let answer = Answer { sequence: k, state: CorrectionState::Active, offset, ..Answer::default() };
+        let state = CorrectionState::Active;
+        let answer =
+            Answer { sequence: k, state, lag_cycles: 1, offset, wanted: offset, ..Answer::default() };
         all.push(Entry::Cycle(Cycle { now: at(k), frame, enabled: true, answer: Some(answer) }));
     }
     all.push(Entry::LinkDown { now: at(count) });
@@ -84,8 +86,8 @@ fn bits(entry: &Entry) -> String {
     // the shortest text of a float is its own; NaN is told apart by its bits
     match entry {
         Entry::Cycle(c) => {
-            let arrays =
-                [c.frame.commanded, c.frame.actual, c.frame.applied, c.answer.map_or([0.0; 8], |a| a.offset)];
+            let [offset, wanted] = c.answer.map_or([[0.0; 8]; 2], |a| [a.offset, a.wanted]);
+            let arrays = [c.frame.commanded, c.frame.actual, c.frame.applied, offset, wanted];
             format!(
                 "{entry:?} {:x?} {:x}",
                 arrays.map(|a| a.map(f64::to_bits)),
@@ -248,15 +250,25 @@ fn any_array() -> impl Strategy<Value = [f64; MAX_AXES]> {
 }
 
 fn any_answer() -> impl Strategy<Value = Answer> {
-    (any::<u32>(), 0..7u8, any::<[u8; 3]>(), any::<bool>(), any_array()).prop_map(
-        |(sequence, state, [limited, warning, out_of_range], stopped, offset)| Answer {
-            sequence,
-            state: CorrectionState::from_code(state).unwrap(),
-            limited,
-            warning,
-            out_of_range,
-            stopped,
-            offset,
+    let state = || (0..8u8).prop_map(|code| CorrectionState::from_code(code).unwrap());
+    let change = (state(), any::<u16>()).prop_map(|(from, cause)| Change { from, cause });
+    let numbers = (any_array(), any_array());
+    (any::<u32>(), state(), any::<[u8; 5]>(), any::<bool>(), numbers, proptest::option::of(change)).prop_map(
+        |(sequence, state, [limited, warning, out_of_range, faded, lag_cycles], stopped, numbers, change)| {
+            let (offset, wanted) = numbers;
+            Answer {
+                sequence,
+                state,
+                limited,
+                warning,
+                out_of_range,
+                faded,
+                lag_cycles,
+                stopped,
+                offset,
+                wanted,
+                change,
+            }
         },
     )
 }
@@ -284,11 +296,14 @@ fn any_entry() -> impl Strategy<Value = Entry> {
         (now(), any::<u8>(), -1.0..1.0f64)
             .prop_map(|(now, code, value)| Entry::Request { now, request: Request { code, value } }),
         (now(), any::<[u8; 32]>()).prop_map(|(now, hash)| Entry::Model { now, hash }),
-        (now(), any::<u16>(), -1.0..1.0f64).prop_map(|(now, channel, value)| Entry::Value {
-            now,
-            channel,
-            value
-        }),
+        (now(), any::<u16>(), proptest::array::uniform16(any_number())).prop_map(
+            |(now, told, mut values)| {
+                for (_, untold) in values.iter_mut().enumerate().filter(|(k, _)| told >> k & 1 == 0) {
+                    *untold = 0.0;
+                }
+                Entry::Live { now, told, values }
+            }
+        ),
     ]
 }
 

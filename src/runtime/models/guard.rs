@@ -30,7 +30,9 @@ pub enum TooDifferent {
     #[error("the models have different axes, so by how much they differ cannot be said")]
     OtherAxes,
     /// It moves something too far.
-    #[error("the {what} changes by {found:.1} {unit} somewhere in the working volume, the limit is {limit:.1} {unit}")]
+    #[error(
+        "the {what} changes by {found:.1} {unit} somewhere in the working volume, the limit is {limit:.1} {unit}"
+    )]
     Far {
         /// What.
         what: &'static str,
@@ -68,7 +70,13 @@ pub fn size(old: &ModelSpec, new: &ModelSpec) -> Result<Size, ModelError> {
     let found = compare(old, new, |_, _| {})?;
     let geometry = found.changes.iter().any(|change| !matches!(change, Change::Travel { .. }));
     Ok(match found.volume {
-        None => Size { largest_um: f64::INFINITY, largest_arcsec: f64::INFINITY, bound_um: None, bound_arcsec: None, other_axes: true },
+        None => Size {
+            largest_um: f64::INFINITY,
+            largest_arcsec: f64::INFINITY,
+            bound_um: None,
+            bound_arcsec: None,
+            other_axes: true,
+        },
         Some(volume) => Size {
             largest_um: um_from_mm(volume.position.position.norm()),
             largest_arcsec: arcsec_from_rad(volume.rotation.rotation.norm()),
@@ -89,7 +97,8 @@ pub fn judge(size: &Size, guard: &GuardConfig) -> Result<(), TooDifferent> {
     }
     let tip = (size.largest_um, size.bound_um, um_from_mm(guard.change_limit));
     let tool = (size.largest_arcsec, size.bound_arcsec, arcsec_from_rad(guard.change_limit_angle));
-    for (what, unit, (found, bound, limit)) in [("tip", "um", tip), ("direction of the tool", "arcsec", tool)] {
+    for (what, unit, (found, bound, limit)) in [("tip", "um", tip), ("direction of the tool", "arcsec", tool)]
+    {
         if found > limit {
             return Err(TooDifferent::Far { what, found, limit, unit });
         }
@@ -104,7 +113,9 @@ pub fn judge(size: &Size, guard: &GuardConfig) -> Result<(), TooDifferent> {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum Hindrance {
     /// The model is too old.
-    #[error("VC-5003: the model expired on {expiry}; measure again, or enable with --accept-expired and --reason")]
+    #[error(
+        "VC-5003: the model expired on {expiry}; measure again, or enable with --accept-expired and --reason"
+    )]
     Expired {
         /// Its last day.
         expiry: String,
@@ -121,7 +132,9 @@ pub enum Hindrance {
         high: f64,
     },
     /// Too cold or too warm.
-    #[error("VC-5004: the machine is at {found} degC, the model holds from {low} to {high} degC; wait, or measure at this temperature")]
+    #[error(
+        "VC-5004: the machine is at {found} degC, the model holds from {low} to {high} degC; wait, or measure at this temperature"
+    )]
     Temperature {
         /// As told.
         found: f64,
@@ -201,10 +214,19 @@ mod tests {
         assert_eq!(judge(&found, &guard()), Ok(()));
         let found = size(&spec(10.0), &spec(75.0)).expect("valid");
         let error = judge(&found, &guard()).expect_err("65 um");
-        assert!(matches!(error, TooDifferent::Far { found, limit: 50.0, .. } if (found - 65.0).abs() < 1e-6), "{error}");
+        assert!(
+            matches!(error, TooDifferent::Far { found, limit: 50.0, .. } if (found - 65.0).abs() < 1e-6),
+            "{error}"
+        );
         let unsure = Size { largest_um: 49.0, bound_um: Some(51.0), ..found };
         assert!(matches!(judge(&unsure, &guard()), Err(TooDifferent::PerhapsFar { .. })));
-        assert_eq!(judge(&size(&spec(10.0), &spec(10.0)).expect("valid"), &GuardConfig { change_limit: 0.0, change_limit_angle: 0.0, ..guard() }), Ok(()));
+        assert_eq!(
+            judge(
+                &size(&spec(10.0), &spec(10.0)).expect("valid"),
+                &GuardConfig { change_limit: 0.0, change_limit_angle: 0.0, ..guard() }
+            ),
+            Ok(())
+        );
     }
 
     #[test]
@@ -223,7 +245,10 @@ mod tests {
         let of = |expiry: &str, t| hindrances(&guard(), Some(expiry), now, t);
         let warm = Some((20.0, 10.0));
         assert_eq!(of("2026-11-21", warm), []);
-        assert_eq!(of("2026-11-20", warm), [(Hindrance::Expired { expiry: "2026-11-20".to_owned() }, Policy::Refuse)]);
+        assert_eq!(
+            of("2026-11-20", warm),
+            [(Hindrance::Expired { expiry: "2026-11-20".to_owned() }, Policy::Refuse)]
+        );
         let (low, high) = (16.0, 26.0);
         let unknown = (Hindrance::TemperatureUnknown { low, high }, Policy::RampOut);
         for (told, expected) in [

@@ -135,7 +135,12 @@ impl Models {
         }
         if store.configured() == Some(self.configured.as_str()) {
             // loaded on purpose since
-            info!(model = chosen.origin, hash = chosen.hash, since = chosen.since, "the model that was loaded last is used");
+            info!(
+                model = chosen.origin,
+                hash = chosen.hash,
+                since = chosen.since,
+                "the model that was loaded last is used"
+            );
             self.active = was_active;
             self.choice = chosen;
             return;
@@ -162,7 +167,9 @@ impl Models {
         let Some(store) = &mut self.store else { return };
         let same = store.active().is_some_and(|a| a.hash == self.active.hash);
         // a model that was held back stays to be confirmed: what the machine file named then is not touched
-        if same && (self.active.hash != self.configured || store.configured() == Some(self.configured.as_str())) {
+        if same
+            && (self.active.hash != self.configured || store.configured() == Some(self.configured.as_str()))
+        {
             return;
         }
         if let Err(e) = store.choose(self.choice.clone(), &self.active.text, &self.configured) {
@@ -185,7 +192,12 @@ impl Models {
     }
 
     /// Another model has been taken into use; says why it is not kept, where it is not.
-    pub(super) fn switched(&mut self, new: Arc<Prepared>, who: Option<String>, why: Option<String>) -> Option<String> {
+    pub(super) fn switched(
+        &mut self,
+        new: Arc<Prepared>,
+        who: Option<String>,
+        why: Option<String>,
+    ) -> Option<String> {
         let choice = Choice {
             hash: new.hash.clone(),
             origin: new.origin.clone(),

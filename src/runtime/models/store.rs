@@ -144,7 +144,8 @@ impl Store {
 
     fn put(&mut self, active: Choice, previous: Option<Choice>, configured: &str) -> io::Result<()> {
         let configured = configured.to_owned();
-        let book = Book { format: FORMAT.to_owned(), machine: self.machine.clone(), configured, active, previous };
+        let book =
+            Book { format: FORMAT.to_owned(), machine: self.machine.clone(), configured, active, previous };
         let mut bytes = serde_json::to_vec_pretty(&book)?;
         bytes.push(b'\n');
         replace(&self.directory.join(FILE), &bytes)?;
@@ -166,7 +167,11 @@ fn parse(bytes: &[u8], machine: &str) -> Result<Book, String> {
         return Err(format!("of machine \"{}\", this one is \"{machine}\"", book.machine));
     }
     let hashes = [Some(&book.active), book.previous.as_ref()];
-    if hashes.into_iter().flatten().any(|c| c.hash.len() != 64 || !c.hash.bytes().all(|b| b.is_ascii_hexdigit())) {
+    if hashes
+        .into_iter()
+        .flatten()
+        .any(|c| c.hash.len() != 64 || !c.hash.bytes().all(|b| b.is_ascii_hexdigit()))
+    {
         return Err("a hash has not 64 hexadecimal digits".to_owned());
     }
     Ok(book)

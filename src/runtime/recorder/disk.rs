@@ -3,6 +3,7 @@
 use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::SystemTime;
 
 use tracing::warn;
@@ -10,6 +11,7 @@ use tracing::warn;
 use super::super::clock::Clock;
 use super::super::load::Loaded;
 use super::super::utc;
+use super::texts::ModelTexts;
 use super::writer::{Disk, DiskFile, NewFile};
 use crate::config::{RecordingConfig, WhenFull};
 use crate::core::record::{BlockKind, EXTENSION, Meta, block, meta, reader};
@@ -68,6 +70,7 @@ impl Description {
 pub(super) struct Folder {
     path: PathBuf,
     description: Description,
+    models: Arc<ModelTexts>,
     file_bytes: u64,
     total_bytes: u64,
     when_full: WhenFull,
@@ -78,11 +81,12 @@ impl Folder {
     pub(super) fn new(
         path: PathBuf,
         description: Description,
+        models: Arc<ModelTexts>,
         config: &RecordingConfig,
         clock: Clock,
     ) -> Self {
         let &RecordingConfig { file_bytes, total_bytes, when_full, .. } = config;
-        Self { path, description, file_bytes, total_bytes, when_full, clock }
+        Self { path, description, models, file_bytes, total_bytes, when_full, clock }
     }
 
     /// Makes sure that one more whole file keeps within the total.
@@ -161,6 +165,20 @@ fn recordings(path: &Path) -> io::Result<Vec<Found>> {
 impl Disk for Folder {
     type File = File;
 
+    fn switch(&mut self, hash: &[u8; 32]) -> Option<Vec<u8>> {
+        let Some(found) = self.models.find(hash) else {
+            let hash = blake3::Hash::from(*hash).to_hex();
+            warn!(%hash, "the recording goes on with a model whose text it was not given; it cannot be replayed");
+            return None;
+        };
+        // a file stands alone: those that are begun from now on begin with this model
+        let description = &mut self.description;
+        description.model = reader::hashed(&found.hash, &found.text);
+        description.meta.model_hash = blake3::Hash::from(found.hash).to_hex().to_string();
+        description.meta.model = found.path;
+        block::seal(BlockKind::Model, 0, 0, 0, &description.model)
+    }
+
     fn begin(&mut self, first_record: u64, continues: &str) -> io::Result<NewFile<File>> {
         let named = |e: io::Error| io::Error::new(e.kind(), format!("{}: {e}", self.path.display()));
         fs::create_dir_all(&self.path).map_err(named)?;
@@ -216,7 +234,7 @@ mod tests {
         };
         let meta = Meta { format: meta::FORMAT.to_owned(), machine: "a/b".to_owned(), ..Meta::default() };
         let description = Description { meta, model: reader::hashed(&[0; 32], "m"), machine: Vec::new() };
-        Folder::new(path.to_owned(), description, &config, Clock::start())
+        Folder::new(path.to_owned(), description, Arc::default(), &config, Clock::start())
     }
 
     #[test]
@@ -244,5 +262,23 @@ mod tests {
         assert_eq!(bytes.len() as u64, begun.length);
         let found = crate::core::record::Recording::parse(&bytes).expect("a recording");
         assert_eq!((found.meta.first_record, found.meta.continues.as_str()), (7, "before"));
+    }
+
+    #[test]
+    fn after_a_switch_files_begin_with_the_new_model() {
+        let dir = tempfile::tempdir().expect("directory");
+        let mut folder = folder(dir.path(), WhenFull::Stop);
+        assert_eq!(folder.switch(&[9; 32]), None, "nobody has announced it");
+        let hash = folder.models.put("new.toml", "the new model");
+        let block = folder.switch(&hash).expect("announced");
+        let begun = folder.begin(0, "").expect("room");
+        let bytes = fs::read(&begun.name).expect("there");
+        let found = crate::core::record::Recording::parse(&bytes).expect("a recording");
+        assert_eq!(found.models, [(hash, "the new model".to_owned())]);
+        assert_eq!(found.meta.model, "new.toml");
+        assert_eq!(found.meta.model_hash, blake3::Hash::from(hash).to_hex().as_str());
+        // the same block is for the file that is open
+        let both = [&bytes[..], &block].concat();
+        assert_eq!(crate::core::record::Recording::parse(&both).expect("sound").models.len(), 2);
     }
 }

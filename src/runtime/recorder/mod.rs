@@ -7,6 +7,7 @@
 //! The format is [`crate::core::record`]; `docs/recording.md` has it byte by byte.
 
 mod disk;
+mod texts;
 mod writer;
 
 use std::io;
@@ -22,12 +23,15 @@ use super::clock::Clock;
 use super::load::Loaded;
 use super::status::RecordingStatus;
 use crate::config::RecordingConfig;
-use crate::core::engine::{Command, CycleOutput};
+use crate::core::axes::AxisArray;
+use crate::core::engine::{Command, CycleOutput, Event};
+use crate::core::fault;
 use crate::core::protocol::Correction;
-use crate::core::record::{Answer, Context, Entry, Request, request};
+use crate::core::record::{Answer, Change, Context, Entry, Request, request};
 use crate::core::units::MonoTime;
 
 use disk::{Description, Folder};
+pub use texts::ModelTexts;
 use writer::{Limits, Writer};
 
 /// Entries in flight: four seconds at 4 kHz.
@@ -42,6 +46,7 @@ const FINISH_LIMIT: Duration = Duration::from_secs(3);
 pub struct Tap {
     sender: Sender<Entry>,
     stats: Arc<Stats>,
+    models: Arc<ModelTexts>,
     context: Context,
     /// Entries dropped since the last one that found a place.
     lost: u64,
@@ -92,10 +97,17 @@ impl Stats {
 #[must_use]
 pub fn tap(capacity: usize) -> (Tap, Receiver<Entry>) {
     let (sender, receiver) = bounded(capacity);
-    (Tap { sender, stats: Arc::default(), context: Context::default(), lost: 0 }, receiver)
+    let (stats, models) = (Arc::default(), Arc::default());
+    (Tap { sender, stats, models, context: Context::default(), lost: 0 }, receiver)
 }
 
 impl Tap {
+    /// Where models are announced before the engine goes on with them.
+    #[must_use]
+    pub const fn models(&self) -> &Arc<ModelTexts> {
+        &self.models
+    }
+
     /// Passes an entry on, or drops and counts it; the first one after a loss is preceded by a word about it.
     ///
     /// # Cycle   no allocation, no wait, no panic
@@ -141,18 +153,27 @@ pub const fn command_of(request: Request) -> Option<Command> {
     })
 }
 
-/// An answer as it is recorded: the offset as it was sent.
+/// An answer as it is recorded: the offset as it was sent, and what was wanted in the same units.
 #[must_use]
-pub const fn answer_of(correction: &Correction, output: &CycleOutput) -> Answer {
+pub fn answer_of(correction: &Correction, output: &CycleOutput, wanted: AxisArray) -> Answer {
     Answer {
         sequence: correction.sequence,
         state: correction.state,
         limited: correction.limited,
         warning: output.warning,
         out_of_range: output.out_of_range,
+        faded: output.faded,
+        lag_cycles: output.lag_cycles.map_or(0, |cycles| u8::try_from(cycles).unwrap_or(u8::MAX)),
         stopped: output.stopped,
         offset: correction.offset,
+        wanted,
+        change: output.event.map(change_of),
     }
+}
+
+const fn change_of(event: Event) -> Change {
+    let Event::StateChanged { from, reason, .. } = event;
+    Change { from, cause: fault::reason_code(reason).0 }
 }
 
 /// The recorder's thread, seen from the service.
@@ -174,8 +195,9 @@ impl Recorder {
         let Some(directory) = &config.directory else { return Ok(None) };
         let directory = config_path.parent().unwrap_or_else(|| Path::new("")).join(directory);
         info!(directory = %directory.display(), "recording");
-        let folder = Folder::new(directory, Description::new(config_path, loaded), config, clock);
         let (tap, receiver) = tap(QUEUE);
+        let description = Description::new(config_path, loaded);
+        let folder = Folder::new(directory, description, Arc::clone(&tap.models), config, clock);
         let stats = Arc::clone(&tap.stats);
         let stop = Arc::new(AtomicBool::new(false));
         let (end, ended) = bounded::<()>(1);
@@ -228,9 +250,10 @@ mod tests {
     use std::time::Instant;
 
     use super::*;
+    use crate::core::record::LIVE_MAX;
 
     fn value(k: i64) -> Entry {
-        Entry::Value { now: MonoTime::from_ns(k), channel: 0, value: 0.0 }
+        Entry::Live { now: MonoTime::from_ns(k), told: 1, values: [0.0; LIVE_MAX] }
     }
 
     #[test]

@@ -25,6 +25,9 @@ pub(super) trait Disk {
     type File: DiskFile;
     /// Begins a file whose first entry has the number `first_record`; gives it with the bytes it already has.
     fn begin(&mut self, first_record: u64, continues: &str) -> io::Result<NewFile<Self::File>>;
+    /// The engine goes on with another model, and so do files that are begun from now on; gives the block that tells
+    /// the file that is open, `None` where the model is not known.
+    fn switch(&mut self, hash: &[u8; 32]) -> Option<Vec<u8>>;
 }
 
 /// A file that only grows.
@@ -70,6 +73,8 @@ pub(super) struct Writer<D: Disk> {
     limits: Limits,
     stats: Arc<Stats>,
     encoder: Encoder,
+    /// Blocks of models that go in front of the next entries.
+    models: Vec<u8>,
     open: Option<Open<D::File>>,
     /// Name of the file before.
     before: String,
@@ -86,6 +91,7 @@ impl<D: Disk> Writer<D> {
             limits,
             stats,
             encoder: Encoder::new(),
+            models: Vec::new(),
             open: None,
             before: String::new(),
             flushed: MonoTime::ZERO,
@@ -96,6 +102,12 @@ impl<D: Disk> Writer<D> {
 
     /// Takes an entry from the queue.
     pub(super) fn take(&mut self, entry: &Entry, now: MonoTime) {
+        if let Entry::Model { hash, .. } = entry {
+            // what was done with the old model must not get into a file that begins with the new one
+            self.flush(now);
+            let block = self.disk.switch(hash);
+            self.models.extend(block.unwrap_or_default());
+        }
         if self.retry.is_some_and(|at| now < at) {
             self.encoder.skip(entry);
             self.stats.dropped.fetch_add(1, Relaxed);
@@ -151,7 +163,7 @@ impl<D: Disk> Writer<D> {
     }
 
     fn write(&mut self, bytes: &[u8], row: IndexRow, now: MonoTime) -> io::Result<()> {
-        let length = bytes.len() as u64;
+        let length = (self.models.len() + bytes.len()) as u64;
         let full = self.open.as_ref().is_some_and(|open| {
             !open.rows.is_empty()
                 && (open.length.saturating_add(length) > self.limits.file_bytes
@@ -164,13 +176,19 @@ impl<D: Disk> Writer<D> {
             let NewFile { file, name, length } = self.disk.begin(row.first_record, &self.before)?;
             self.stats.set_file(Some(name.clone()));
             self.open = Some(Open { file, name, length, begun: now, rows: Vec::new() });
+            // the file begins with the newest model
+            self.models.clear();
         }
         let Some(open) = &mut self.open else { return Ok(()) };
-        let written = open.file.append(bytes).and_then(|()| open.file.sync());
+        let models = self.models.len() as u64;
+        self.models.extend_from_slice(bytes);
+        let written = open.file.append(&self.models).and_then(|()| open.file.sync());
+        self.models.truncate(models as usize);
         match written {
             Ok(()) => {
-                open.rows.push(IndexRow { at: open.length, ..row });
-                open.length += length;
+                open.rows.push(IndexRow { at: open.length + models, ..row });
+                open.length += models + bytes.len() as u64;
+                self.models.clear();
             }
             Err(_) => {
                 // what never became safe goes, what was there stays

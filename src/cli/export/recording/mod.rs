@@ -5,6 +5,7 @@
 
 mod parquet;
 mod rows;
+mod sensors;
 
 use std::io::Write;
 use std::path::{Path, PathBuf};
@@ -12,6 +13,7 @@ use std::path::{Path, PathBuf};
 use crate::cli::files::Output;
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure, recordings};
 use rows::{Cell, Column, Rows};
+use sensors::Sensors;
 
 /// What a recording becomes.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -24,7 +26,7 @@ pub(super) enum Format {
 
 /// What only recordings need.
 #[derive(Debug, clap::Args)]
-pub(super) struct Options {
+pub(super) struct RecordingOptions {
     /// Only rows from this time on, s since the first record.
     #[arg(long, value_name = "S", allow_negative_numbers = true)]
     from_s: Option<f64>,
@@ -36,7 +38,7 @@ pub(super) struct Options {
     every: Option<u64>,
 }
 
-impl Options {
+impl RecordingOptions {
     /// An option that was given, for a file that is no recording.
     pub(super) fn first_given(&self) -> Option<&'static str> {
         let Self { from_s, to_s, every } = self;
@@ -54,7 +56,7 @@ trait Sink {
     fn row(&mut self, cells: &[Cell]) -> Result<(), Failure>;
 }
 
-pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &Options) -> Result<(), Failure> {
+pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOptions) -> Result<(), Failure> {
     for (name, value) in [("--from-s", args.from_s), ("--to-s", args.to_s)] {
         if value.is_some_and(|v| !v.is_finite()) {
             return Err(Failure::new(EX_USAGE, format_args!("error: {name} must be a finite number")));
@@ -98,14 +100,16 @@ pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &Options) -> 
 
 /// Turns items into rows; gives their number and what was noted.
 fn convert(
-    args: &Options,
+    args: &RecordingOptions,
     parsed: &[recordings::Parsed<'_>],
     sink: &mut dyn Sink,
 ) -> Result<(u64, Vec<String>), Failure> {
     let first = recordings::first(parsed)?.0;
     // the dead band decides what a reversal is; without the machine file every change of sign is one
     let config = recordings::machine(first.path, &first.recording).ok();
-    let mut rows = Rows::new(config);
+    // without the models nobody knows whose values the live ones are
+    let models = recordings::models(parsed).unwrap_or_default();
+    let mut rows = Rows::new(config, Sensors::new(&models));
     let (mut cycles, mut written, mut begun) = (0_u64, 0, false);
     let notes = recordings::walk(parsed, |item| {
         let told = rows.feed(item).map_err(|why| {

@@ -1,9 +1,11 @@
 //! Entries to rows: time on one clock, velocities, directions, distances since the last reversal.
 
+use super::sensors::Sensors;
 use crate::config::MachineConfig;
 use crate::core::axes::{AxisKind, AxisName};
+use crate::core::fault;
 use crate::core::protocol::{ControlHello, CorrectionState, MachineState, Tool};
-use crate::core::record::{Cycle, Entry, Item};
+use crate::core::record::{Change, Cycle, Entry, Item};
 use crate::core::units::{MonoTime, NS_PER_S, arcsec_from_rad, deg_from_rad, rad_from_deg, um_from_mm};
 
 /// Kind of a column.
@@ -97,6 +99,7 @@ struct Anchor {
 /// Turns entries into rows.
 pub(super) struct Rows {
     config: Option<MachineConfig>,
+    sensors: Sensors,
     axes: Vec<Axis>,
     columns: Vec<Column>,
     cells: Vec<Cell>,
@@ -110,9 +113,10 @@ pub(super) struct Rows {
 }
 
 impl Rows {
-    pub(super) fn new(config: Option<MachineConfig>) -> Self {
+    pub(super) fn new(config: Option<MachineConfig>, sensors: Sensors) -> Self {
         let mut rows = Self {
             config,
+            sensors,
             axes: Vec::new(),
             columns: Vec::new(),
             cells: Vec::new(),
@@ -147,6 +151,7 @@ impl Rows {
                     self.control(hello, *record)?;
                 }
                 self.tool = context.tool;
+                self.sensors.switch(context.model);
                 self.interrupt();
                 Ok(false)
             }
@@ -156,6 +161,8 @@ impl Rows {
                 match entry {
                     Entry::Engine { hello, .. } => self.control(hello, *record)?,
                     Entry::Tool { tool, .. } => self.tool = Some(*tool),
+                    Entry::Model { hash, .. } => self.sensors.switch(Some(*hash)),
+                    Entry::Live { told, values, .. } => self.sensors.tell(*told, values),
                     Entry::LinkUp { .. } => {
                         self.links += 1;
                         self.tool = None;
@@ -223,14 +230,22 @@ impl Rows {
             add(format!("actual_{axis}_{unit}"), Kind::Number);
             add(format!("offset_{axis}_{fine}"), Kind::Number);
             add(format!("applied_{axis}_{fine}"), Kind::Number);
-            add(format!("limited_{axis}"), Kind::Whole);
-            add(format!("out_of_range_{axis}"), Kind::Whole);
+            add(format!("wanted_{axis}_{fine}"), Kind::Number);
+            for name in ["limited", "warning", "out_of_range", "faded"] {
+                add(format!("{name}_{axis}"), Kind::Whole);
+            }
         }
         add("moving".into(), Kind::Whole);
         for name in ["tool_x_mm", "tool_y_mm", "tool_z_mm", "feed_mm_per_min"] {
             add(name.into(), Kind::Number);
         }
-        add("state".into(), Kind::Text);
+        for name in self.sensors.columns() {
+            add(name, Kind::Number);
+        }
+        for name in ["state", "cause"] {
+            add(name.into(), Kind::Text);
+        }
+        add("lag_cycles".into(), Kind::Whole);
         for name in
             ["homed", "enabled", "estop", "offset_limited", "offset_ramping_out", "sequence", "record"]
         {
@@ -294,15 +309,23 @@ impl Rows {
                 Cell::number(frame.actual[k]),
                 Cell::or_empty(answer.map(|a| fine(a.offset[k]))),
                 Cell::number(fine(frame.applied[k])),
+                Cell::or_empty(answer.map(|a| fine(a.wanted[k]))),
                 bit(answer.map(|a| a.limited)),
+                bit(answer.map(|a| a.warning)),
                 bit(answer.map(|a| a.out_of_range)),
+                bit(answer.map(|a| a.faded)),
             ]);
         }
         let has = |bit| Cell::flag(frame.state.has(bit));
         cells.push(has(MachineState::MOVING));
         cells.extend([0, 1, 2].map(|k| Cell::or_empty(self.tool.map(|tool| tool.tip[k]))));
         cells.push(Cell::number(frame.feed_mm_per_min));
-        cells.push(cycle.answer.map_or(Cell::Empty, |a| Cell::Text(state(a.state))));
+        cells.extend(self.sensors.values().map(Cell::or_empty));
+        let answer = cycle.answer;
+        cells.push(answer.map_or(Cell::Empty, |a| Cell::Text(state(a.state))));
+        cells.push(answer.and_then(|a| a.change).map_or(Cell::Empty, |c| Cell::Text(cause(c))));
+        let lag = answer.map(|a| a.lag_cycles).filter(|cycles| *cycles > 0);
+        cells.push(lag.map_or(Cell::Empty, |cycles| Cell::Whole(cycles.into())));
         cells.extend(
             [
                 MachineState::HOMED,
@@ -328,6 +351,11 @@ const fn units(axis: AxisName) -> (&'static str, &'static str) {
         AxisKind::Linear => ("mm", "um"),
         AxisKind::Rotary => ("deg", "arcsec"),
     }
+}
+
+/// Name of what changed the state.
+fn cause(change: Change) -> &'static str {
+    fault::Code(change.cause).entry().map_or("unknown", |entry| entry.name)
 }
 
 const fn state(state: CorrectionState) -> &'static str {

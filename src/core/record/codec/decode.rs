@@ -1,10 +1,10 @@
 //! Bytes to entries.
 
-use super::{Past, Port, bit, tag, usable};
+use super::{Past, Port, Status, bit, tag, usable};
 use crate::core::axes::MAX_AXES;
 use crate::core::protocol::{ControlHello, CorrectionState, MachineState, Message, Position, Tool, decode};
 use crate::core::record::bytes::{Cursor, unzigzag};
-use crate::core::record::{Answer, Context, Cycle, Entry, RecordError, Request};
+use crate::core::record::{Answer, Change, Context, Cycle, Entry, LIVE_MAX, RecordError, Request};
 use crate::core::units::MonoTime;
 
 /// An entry, or what is known of one that this version does not know.
@@ -67,6 +67,7 @@ impl Decoder {
         let entry = match cursor.u8()? {
             tag::CYCLE => Entry::Cycle(self.cycle(cursor)?),
             tag::DEADLINE => self.deadline(cursor)?,
+            tag::LIVE => self.live(cursor)?,
             tag => {
                 let length = cursor.length()?;
                 let mut content = Cursor::new(cursor.take(length)?);
@@ -87,7 +88,7 @@ impl Decoder {
     }
 
     fn cycle(&mut self, cursor: &mut Cursor<'_>) -> Result<Cycle, RecordError> {
-        let flags = flags(cursor, 0x7f)?;
+        let flags = cursor.u8()?;
         let now = self.time(cursor)?;
         let past = &mut self.past;
         past.control_interval = past.control_interval.wrapping_add(unzigzag(cursor.varint()?));
@@ -109,15 +110,24 @@ impl Decoder {
             ..Position::default()
         };
         self.numbers(cursor, flags, Some(&mut frame), answer.as_mut())?;
-        Ok(Cycle { now, frame, enabled: self.past.status[4] & 2 != 0, answer })
+        Ok(Cycle { now, frame, enabled: self.past.enabled(), answer })
     }
 
     fn deadline(&mut self, cursor: &mut Cursor<'_>) -> Result<Entry, RecordError> {
-        let flags = flags(cursor, bit::ANSWERED | bit::STATUS | bit::WIDE | bit::OTHER)?;
+        let flags = flags(cursor, bit::ANSWERED | bit::STATUS | bit::WIDE | bit::OTHER | bit::CHANGE)?;
         let now = self.time(cursor)?;
         let mut answer = self.answer(cursor, flags)?;
         self.numbers(cursor, flags, None, answer.as_mut())?;
-        Ok(Entry::Deadline { now, enabled: self.past.status[4] & 2 != 0, answer })
+        Ok(Entry::Deadline { now, enabled: self.past.enabled(), answer })
+    }
+
+    fn live(&mut self, cursor: &mut Cursor<'_>) -> Result<Entry, RecordError> {
+        let told = cursor.u16()?;
+        let now = self.time(cursor)?;
+        let mut values = [0.0; LIVE_MAX];
+        let mut port = Unpacker { control: cursor.take(told.count_ones() as usize)?, data: cursor };
+        self.past.live(&mut port, told, &mut values)?;
+        Ok(Entry::Live { now, told, values })
     }
 
     fn answer(&mut self, cursor: &mut Cursor<'_>, flags: u8) -> Result<Option<Answer>, RecordError> {
@@ -129,10 +139,17 @@ impl Decoder {
             }
         }
         if flags & bit::ANSWERED == 0 {
-            return Ok(None);
+            // what belongs to an answer only
+            let alone = flags & (bit::OTHER | bit::CHANGE);
+            return if alone == 0 { Ok(None) } else { Err(RecordError::Value { found: flags.into() }) };
         }
         let sequence = if flags & bit::OTHER != 0 { cursor.u32()? } else { self.past.sequence };
-        answer_of(self.past.status, sequence).map(Some)
+        let change = if flags & bit::CHANGE != 0 {
+            Some(Change { from: state(cursor.u8()?)?, cause: cursor.u16()? })
+        } else {
+            None
+        };
+        answer_of(self.past.status, sequence, change).map(Some)
     }
 
     fn numbers(
@@ -143,13 +160,13 @@ impl Decoder {
         answer: Option<&mut Answer>,
     ) -> Result<(), RecordError> {
         let count = if flags & bit::WIDE != 0 { MAX_AXES } else { self.context.axes() };
-        let arrays = 3 * usize::from(frame.is_some()) + usize::from(answer.is_some());
+        let arrays = 3 * usize::from(frame.is_some()) + 2 * usize::from(answer.is_some());
         let mut port = Unpacker { control: cursor.take(count * arrays)?, data: cursor };
         if let Some(frame) = frame {
             self.past.arrays(&mut port, frame, count)?;
         }
         if let Some(answer) = answer {
-            self.past.offsets(&mut port, &mut answer.offset, count)?;
+            self.past.offsets(&mut port, answer, count)?;
         }
         Ok(())
     }
@@ -172,7 +189,6 @@ fn other(tag: u8, now: MonoTime, content: &mut Cursor<'_>) -> Result<Option<Entr
         tag::ENGINE => Entry::Engine { now, hello: hello(content)? },
         tag::MODEL => Entry::Model { now, hash: content.array()? },
         tag::GAP => Entry::Gap { now, dropped: content.varint()?, context: context(content)? },
-        tag::VALUE => Entry::Value { now, channel: content.u16()?, value: content.f64()? },
         _ => return Ok(None),
     }))
 }
@@ -197,17 +213,24 @@ impl Port for Unpacker<'_, '_> {
     }
 }
 
-fn answer_of(status: [u8; 5], sequence: u32) -> Result<Answer, RecordError> {
-    let [state, limited, warning, out_of_range, flags] = status;
-    let state = CorrectionState::from_code(state).ok_or(RecordError::Value { found: state.into() })?;
+fn state(code: u8) -> Result<CorrectionState, RecordError> {
+    CorrectionState::from_code(code).ok_or(RecordError::Value { found: code.into() })
+}
+
+fn answer_of(status: Status, sequence: u32, change: Option<Change>) -> Result<Answer, RecordError> {
+    let [code, limited, warning, out_of_range, faded, lag_cycles, flags] = status;
     Ok(Answer {
         sequence,
-        state,
+        state: state(code)?,
         limited,
         warning,
         out_of_range,
+        faded,
+        lag_cycles,
         stopped: flags & 1 == 1,
         offset: [0.0; MAX_AXES],
+        wanted: [0.0; MAX_AXES],
+        change,
     })
 }
 

@@ -1,11 +1,11 @@
 //! Entries to bytes.
 
-use super::{Past, Port, bit, length_of, tag, usable};
+use super::{Past, Port, Status, bit, length_of, tag, usable};
 use crate::core::axes::{AxisArray, MAX_AXES};
 use crate::core::protocol::{ControlHello, MAX_FRAME, Message, Position, Tool, encode};
 use crate::core::record::block::{self, BlockKind};
 use crate::core::record::bytes::{put_varint, zigzag};
-use crate::core::record::{Answer, Context, Cycle, Entry, RecordError};
+use crate::core::record::{Answer, Context, Cycle, Entry, LIVE_MAX, RecordError};
 use crate::core::units::MonoTime;
 
 /// Packs entries into the content of a block.
@@ -101,10 +101,7 @@ impl Encoder {
                 put_varint(out, *dropped);
                 put_context(out, context);
             }),
-            Entry::Value { now, channel, value } => self.other(tag::VALUE, *now, |out| {
-                out.extend_from_slice(&channel.to_le_bytes());
-                out.extend_from_slice(&value.to_le_bytes());
-            }),
+            Entry::Live { now, told, values } => self.live(*now, *told, *values),
         }
     }
 
@@ -133,9 +130,7 @@ impl Encoder {
         let step =
             zigzag(i64::from(frame.sequence.wrapping_sub(past.sequence).cast_signed()).wrapping_sub(1));
         let arrays = [&frame.commanded, &frame.applied, &frame.actual];
-        let none = [0.0; MAX_AXES];
-        let offset = answer.as_ref().map_or(&none, |a| &a.offset);
-        let wide = is_wide(arrays.into_iter().chain([offset]), self.context.axes());
+        let wide = is_wide(arrays.into_iter().chain(answered(answer.as_ref())), self.context.axes());
         let other = answer.is_some_and(|a| a.sequence != frame.sequence);
         let flags = flag_bits([
             (answer.is_some(), bit::ANSWERED),
@@ -145,6 +140,7 @@ impl Encoder {
             (wide, bit::WIDE),
             (step != 0, bit::STEP),
             (other, bit::OTHER),
+            (answer.is_some_and(|a| a.change.is_some()), bit::CHANGE),
         ]);
         self.out.extend_from_slice(&[tag::CYCLE, flags]);
         self.time(now);
@@ -163,51 +159,65 @@ impl Encoder {
             self.out.extend_from_slice(&frame.feed_mm_per_min.to_le_bytes());
             self.past.feed.push(frame.feed_mm_per_min);
         }
-        self.status(flags, status);
-        if let Some(answer) = answer.filter(|_| other) {
-            self.out.extend_from_slice(&answer.sequence.to_le_bytes());
-        }
+        self.answer(flags, status, answer.as_ref());
         let count = if wide { MAX_AXES } else { self.context.axes() };
-        self.numbers(count, Some(&mut frame), answer.map(|a| a.offset));
+        self.numbers(count, Some(&mut frame), answer);
     }
 
     fn deadline(&mut self, now: MonoTime, enabled: bool, answer: Option<&Answer>) {
         let status = status_of(answer, enabled, self.past.status);
-        let none = [0.0; MAX_AXES];
-        let wide = is_wide([answer.map_or(&none, |a| &a.offset)].into_iter(), self.context.axes());
+        let wide = is_wide(answered(answer), self.context.axes());
         let other = answer.is_some_and(|a| a.sequence != self.past.sequence);
         let flags = flag_bits([
             (answer.is_some(), bit::ANSWERED),
             (status != self.past.status, bit::STATUS),
             (wide, bit::WIDE),
             (other, bit::OTHER),
+            (answer.is_some_and(|a| a.change.is_some()), bit::CHANGE),
         ]);
         self.out.extend_from_slice(&[tag::DEADLINE, flags]);
         self.time(now);
-        self.status(flags, status);
-        if let Some(answer) = answer.filter(|_| other) {
-            self.out.extend_from_slice(&answer.sequence.to_le_bytes());
-        }
+        self.answer(flags, status, answer);
         let count = if wide { MAX_AXES } else { self.context.axes() };
-        self.numbers(count, None, answer.map(|a| a.offset));
+        self.numbers(count, None, answer.copied());
     }
 
-    fn status(&mut self, flags: u8, status: [u8; 5]) {
+    /// What of an answer is not a number along a path.
+    fn answer(&mut self, flags: u8, status: Status, answer: Option<&Answer>) {
         if flags & bit::STATUS != 0 {
             self.out.extend_from_slice(&status);
             self.past.status = status;
         }
+        if let Some(answer) = answer.filter(|_| flags & bit::OTHER != 0) {
+            self.out.extend_from_slice(&answer.sequence.to_le_bytes());
+        }
+        if let Some(change) = answer.and_then(|a| a.change) {
+            self.out.push(change.from.code());
+            self.out.extend_from_slice(&change.cause.to_le_bytes());
+        }
     }
 
-    fn numbers(&mut self, count: usize, frame: Option<&mut Position>, offset: Option<AxisArray>) {
+    fn live(&mut self, now: MonoTime, told: u16, mut values: [f64; LIVE_MAX]) {
+        self.out.push(tag::LIVE);
+        self.out.extend_from_slice(&told.to_le_bytes());
+        self.time(now);
+        self.packer.control.clear();
+        self.packer.data.clear();
+        // a packer takes everything
+        let _ = self.past.live(&mut self.packer, told, &mut values);
+        self.out.extend_from_slice(&self.packer.control);
+        self.out.extend_from_slice(&self.packer.data);
+    }
+
+    fn numbers(&mut self, count: usize, frame: Option<&mut Position>, answer: Option<Answer>) {
         self.packer.control.clear();
         self.packer.data.clear();
         // a packer takes everything
         if let Some(frame) = frame {
             let _ = self.past.arrays(&mut self.packer, frame, count);
         }
-        if let Some(mut offset) = offset {
-            let _ = self.past.offsets(&mut self.packer, &mut offset, count);
+        if let Some(mut answer) = answer {
+            let _ = self.past.offsets(&mut self.packer, &mut answer, count);
         }
         self.out.extend_from_slice(&self.packer.control);
         self.out.extend_from_slice(&self.packer.data);
@@ -217,6 +227,11 @@ impl Encoder {
 /// The bits of what is so.
 fn flag_bits<const N: usize>(parts: [(bool, u8); N]) -> u8 {
     parts.into_iter().fold(0, |all, (set, bit)| if set { all | bit } else { all })
+}
+
+/// The numbers of an answer.
+fn answered(answer: Option<&Answer>) -> impl Iterator<Item = &AxisArray> {
+    answer.into_iter().flat_map(|a| [&a.offset, &a.wanted])
 }
 
 /// True where a slot without an axis is not zero.
@@ -249,13 +264,15 @@ impl Port for Packer {
     }
 }
 
-fn status_of(answer: Option<&Answer>, enabled: bool, before: [u8; 5]) -> [u8; 5] {
+fn status_of(answer: Option<&Answer>, enabled: bool, before: Status) -> Status {
     let Some(a) = answer else {
-        let [state, limited, warning, out_of_range, flags] = before;
-        return [state, limited, warning, out_of_range, flags & 1 | u8::from(enabled) << 1];
+        let [.., flags] = before;
+        let mut status = before;
+        status[6] = flags & 1 | u8::from(enabled) << 1;
+        return status;
     };
     let flags = u8::from(a.stopped) | u8::from(enabled) << 1;
-    [a.state.code(), a.limited, a.warning, a.out_of_range, flags]
+    [a.state.code(), a.limited, a.warning, a.out_of_range, a.faded, a.lag_cycles, flags]
 }
 
 /// A message in the frame that it has on the link, behind its length.

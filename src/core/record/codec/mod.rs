@@ -10,14 +10,15 @@ mod encode;
 pub use decode::{Decoded, Decoder};
 pub use encode::Encoder;
 
+use super::entry::{Answer, LIVE_MAX};
 use super::error::RecordError;
-use crate::core::axes::{AxisArray, MAX_AXES};
+use crate::core::axes::MAX_AXES;
 use crate::core::protocol::Position;
 
-/// Tags of entries. From 128 on an entry is an input of the engine; all but cycles and deadlines carry their length.
+/// Tags of entries. From 128 on an entry is an input of the engine; all but cycles, deadlines and live values carry
+/// their length.
 mod tag {
     pub(super) const GAP: u8 = 1;
-    pub(super) const VALUE: u8 = 2;
     pub(super) const CYCLE: u8 = 128;
     pub(super) const DEADLINE: u8 = 129;
     pub(super) const TOOL: u8 = 130;
@@ -26,6 +27,7 @@ mod tag {
     pub(super) const LINK_DOWN: u8 = 133;
     pub(super) const ENGINE: u8 = 134;
     pub(super) const MODEL: u8 = 135;
+    pub(super) const LIVE: u8 = 136;
 }
 
 /// Bits of a cycle's and a deadline's first byte.
@@ -39,6 +41,8 @@ mod bit {
     pub(super) const STEP: u8 = 1 << 5;
     /// The answer names another frame.
     pub(super) const OTHER: u8 = 1 << 6;
+    /// The state has changed.
+    pub(super) const CHANGE: u8 = 1 << 7;
 }
 
 /// The last values of one quantity of one axis, newest first, as bits.
@@ -62,6 +66,15 @@ impl Track {
         let (s1, s2) = (d1 - d2, d2 - d3);
         [a + d1, a + (d1 + s1), a + (d1 + (s1 + (s1 - s2)))]
     }
+
+    /// Passes the next value of a quantity that goes its own way.
+    fn pass<P: Port>(&mut self, port: &mut P, value: f64) -> Result<f64, RecordError> {
+        let [line, parabola, cubic] = self.onward();
+        let last = self.last();
+        let value = port.number(value, &[last, line, parabola, cubic], last)?;
+        self.push(value);
+        Ok(value)
+    }
 }
 
 /// Where a number goes, or comes from.
@@ -80,15 +93,25 @@ struct Past {
     control_interval: i64,
     machine: u16,
     feed: Track,
-    status: [u8; 5],
+    status: Status,
     commanded: [Track; MAX_AXES],
     /// Actual minus commanded and applied.
     following: [Track; MAX_AXES],
     applied: [Track; MAX_AXES],
     offset: [Track; MAX_AXES],
+    wanted: [Track; MAX_AXES],
+    live: [Track; LIVE_MAX],
 }
 
+/// State, limited, warning, out of range, faded, lag, and a byte with bit 0: stopped, bit 1: compensation wanted.
+type Status = [u8; 7];
+
 impl Past {
+    const fn enabled(&self) -> bool {
+        let [.., flags] = self.status;
+        flags & 2 != 0
+    }
+
     fn arrays<P: Port>(
         &mut self,
         port: &mut P,
@@ -96,11 +119,7 @@ impl Past {
         count: usize,
     ) -> Result<(), RecordError> {
         for k in 0..count {
-            let track = &mut self.commanded[k];
-            let [line, parabola, cubic] = track.onward();
-            let last = track.last();
-            frame.commanded[k] = port.number(frame.commanded[k], &[last, line, parabola, cubic], last)?;
-            track.push(frame.commanded[k]);
+            frame.commanded[k] = self.commanded[k].pass(port, frame.commanded[k])?;
         }
         for k in 0..count {
             let sent = self.offset[k];
@@ -124,14 +143,33 @@ impl Past {
     fn offsets<P: Port>(
         &mut self,
         port: &mut P,
-        offset: &mut AxisArray,
+        answer: &mut Answer,
         count: usize,
     ) -> Result<(), RecordError> {
-        for (track, offset) in self.offset.iter_mut().zip(offset.iter_mut()).take(count) {
+        for (track, offset) in self.offset.iter_mut().zip(&mut answer.offset).take(count) {
+            *offset = track.pass(port, *offset)?;
+        }
+        for k in 0..count {
+            let track = &mut self.wanted[k];
             let [line, parabola, cubic] = track.onward();
-            let last = track.last();
-            *offset = port.number(*offset, &[last, line, parabola, cubic], last)?;
-            track.push(*offset);
+            // an active engine that is not limited gives what is wanted
+            let near = [answer.offset[k], line, parabola, cubic];
+            answer.wanted[k] = port.number(answer.wanted[k], &near, track.last())?;
+            track.push(answer.wanted[k]);
+        }
+        Ok(())
+    }
+
+    fn live<P: Port>(
+        &mut self,
+        port: &mut P,
+        told: u16,
+        values: &mut [f64; LIVE_MAX],
+    ) -> Result<(), RecordError> {
+        for (k, (track, value)) in self.live.iter_mut().zip(values).enumerate() {
+            if told >> k & 1 == 1 {
+                *value = track.pass(port, *value)?;
+            }
         }
         Ok(())
     }

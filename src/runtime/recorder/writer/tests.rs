@@ -7,7 +7,8 @@ use std::rc::Rc;
 use proptest::prelude::*;
 
 use super::*;
-use crate::core::record::{BlockKind, Item, Meta, Note, Recording, meta};
+use crate::core::record::reader::hashed;
+use crate::core::record::{BlockKind, Item, LIVE_MAX, Meta, Note, Recording, meta};
 
 /// What a disk does with the next call.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -72,6 +73,10 @@ impl Disk for Shelf {
         self.0.borrow_mut().files.insert(name.clone(), bytes);
         Ok(NewFile { file: Sheet { shelf: self.clone(), name: name.clone() }, name, length })
     }
+
+    fn switch(&mut self, hash: &[u8; 32]) -> Option<Vec<u8>> {
+        block::seal(BlockKind::Model, 0, 0, 0, &hashed(hash, "text"))
+    }
 }
 
 impl DiskFile for Sheet {
@@ -100,7 +105,9 @@ impl DiskFile for Sheet {
 const LIMITS: Limits = Limits { flush_s: 0.5, file_bytes: 4000, file_s: 60.0 };
 
 fn entry(k: u64) -> Entry {
-    Entry::Value { now: MonoTime::from_ns(k.cast_signed() * 1_000_000), channel: 1, value: k as f64 }
+    let mut values = [0.0; LIVE_MAX];
+    values[1] = k as f64;
+    Entry::Live { now: MonoTime::from_ns(k.cast_signed() * 1_000_000), told: 2, values }
 }
 
 /// Everything in all files in their order: the values, the number of missing ones, the notes.
@@ -111,7 +118,7 @@ fn contents(shelf: &Shelf) -> (Vec<f64>, u64, Vec<Note>) {
         let mut reader = recording.reader(expected);
         for item in reader.by_ref() {
             match item {
-                Item::Entry { entry: Entry::Value { value, .. }, .. } => values.push(value),
+                Item::Entry { entry: Entry::Live { values: [_, value, ..], .. }, .. } => values.push(value),
                 Item::Gap { dropped, .. } => missing += dropped,
                 other => panic!("{other:?}"),
             }
@@ -176,6 +183,33 @@ fn a_full_disk_costs_records_that_are_counted_and_nothing_that_was_there() {
         let torn = notes.iter().filter(|n| matches!(n, Note::Torn { .. })).count();
         assert_eq!(torn, notes.len(), "{mood:?}: {notes:?}");
         assert!(torn == 0 || mood == Mood::Stuck, "{mood:?}: {notes:?}");
+    }
+}
+
+#[test]
+fn the_text_of_another_model_stands_in_the_file_before_the_engine_uses_it() {
+    // the disk is full for a while, too: the text must not be lost with the records
+    for full in [false, true] {
+        let (shelf, stats) = (Shelf::default(), Arc::new(Stats::default()));
+        let mut writer = Writer::new(shelf.clone(), LIMITS, Arc::clone(&stats));
+        for k in 0..1_000 {
+            let now = entry(k).now();
+            if k == 100 {
+                writer.take(&Entry::Model { now, hash: [7; 32] }, now);
+                shelf.set(if full { Mood::Half } else { Mood::Fine });
+            }
+            if k == 800 {
+                shelf.set(Mood::Fine);
+            }
+            writer.take(&entry(k), now);
+            writer.tick(now);
+        }
+        // a power loss: what is in the file at this moment is all there is
+        let files = &shelf.0.borrow().files;
+        let file = Recording::parse(&files["000"]).expect("a recording");
+        assert_eq!(file.models, [([7; 32], "text".to_owned())], "full: {full}");
+        let before: Vec<Item> = file.reader(0).take(100).collect();
+        assert!(before.iter().all(|i| matches!(i, Item::Entry { entry: Entry::Live { .. }, .. })));
     }
 }
 
