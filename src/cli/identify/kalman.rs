@@ -5,8 +5,7 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
-use super::case::print_json;
-use super::fits::one_case;
+use super::case::{CaseArgs, print_json};
 use crate::cli::model_out::{ModelOut, axis_entry, default_chain, put, sources};
 use crate::cli::progress::Progress;
 use crate::cli::table::{self, Table};
@@ -35,14 +34,10 @@ use crate::core::units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_m
 #[derive(Debug, clap::Args)]
 #[command(verbatim_doc_comment)]
 pub(super) struct Args {
-    /// A case in the form of the reference vectors, or a file of cases with --case.
-    #[arg(long, value_name = "FILE", required_unless_present = "data", conflicts_with = "data")]
-    input: Option<PathBuf>,
-    /// Which case of a file with several.
-    #[arg(long, value_name = "ID", requires = "input")]
-    case: Option<String>,
+    #[command(flatten)]
+    case: CaseArgs,
     /// Measurements as a table.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input", required_unless_present = "input")]
     data: Option<PathBuf>,
     /// The three linear axes of the grid.
     #[arg(long, value_delimiter = ',', default_value = "x,y,z", value_parser = axis)]
@@ -154,10 +149,10 @@ struct CaseObservation {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    match (&args.input, &args.data) {
-        (Some(path), _) => {
-            let result = of_case(&one_case(path, args.case.as_deref())?)
-                .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))?;
+    match (args.case.file(), &args.data) {
+        (Some(file), _) => {
+            file.writes_no_model(args.model.target().is_some())?;
+            let result = of_case(&file.read()?).map_err(|e| file.bad(e))?;
             if args.json {
                 print_json(&Value::Object(result));
             } else {

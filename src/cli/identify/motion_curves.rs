@@ -73,6 +73,11 @@ pub(super) struct Origin<'a> {
 }
 
 impl CurveArgs {
+    /// True where a model or a table of motions is wanted.
+    pub(super) fn writes(&self) -> bool {
+        self.model.target().is_some() || self.motions.is_some()
+    }
+
     /// Brings the motions (relative sense) into the gauge of a model.
     pub(super) fn gauge(&self, rows: Vec<MotionRow>, origin: &Origin<'_>) -> Result<Gauged, Failure> {
         let line = match self.straightness {

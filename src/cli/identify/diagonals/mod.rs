@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use super::case;
+use super::case::{CaseArgs, print_json};
 use super::straightness::axis_out::point;
 use crate::cli::files::read_model;
 use crate::cli::model_out::{ModelOut, default_chain, put, sources};
@@ -39,11 +39,16 @@ const HELP: &str = "A laser along each body diagonal of a box reads how much too
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = HELP)]
 pub(super) struct Args {
-    /// One case of the reference vectors.
-    #[arg(long, value_name = "FILE", conflicts_with = "data", required_unless_present = "data")]
-    input: Option<PathBuf>,
+    #[command(flatten)]
+    case: CaseArgs,
     /// Readings along the diagonals; - is stdin.
-    #[arg(long, value_name = "FILE", requires = "box_mm")]
+    #[arg(
+        long,
+        value_name = "FILE",
+        requires = "box_mm",
+        conflicts_with = "input",
+        required_unless_present = "input"
+    )]
     data: Option<PathBuf>,
     /// Sides of the box along X, Y, Z.
     #[arg(long, value_name = "A,B,C", value_parser = point)]
@@ -79,8 +84,11 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    match (&args.input, &args.data) {
-        (Some(path), _) => vector::run(args, path),
+    match (args.case.file(), &args.data) {
+        (Some(file), _) => {
+            file.writes_no_model(args.out.target().is_some())?;
+            vector::run(args, file)
+        }
         (None, Some(path)) => run_data(args, path),
         (None, None) => Err(Failure::new(EX_USAGE, "error: give --data or --input")),
     }
@@ -134,7 +142,7 @@ fn run_data(args: &Args, path: &Path) -> Result<(), Failure> {
         write_model(args, path, &spec, &outcome)?;
     }
     if !args.out.takes_stdout() {
-        if args.json { case::print_json(&report) } else { print_report(args, &outcome) }
+        if args.json { print_json(&report) } else { print_report(args, &outcome) }
     }
     Ok(())
 }
