@@ -6,7 +6,7 @@ use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
 use super::case::{CaseArgs, print_json};
-use crate::cli::model_out::{ModelOut, axis_entry, default_chain, put, sources};
+use crate::cli::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
 use crate::cli::progress::Progress;
 use crate::cli::table::{self, Table};
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
@@ -341,12 +341,13 @@ fn of_table(args: &Args, path: &Path) -> Result<(), Failure> {
         report(symbol, &unit, &grid, &filter, &noise, &outcome);
     }
     if args.model.target().is_some() {
-        put(&mut model, symbol, function);
+        let sources = Sources::of(&[path.to_owned()]);
+        put(&mut model, symbol, function, sources.provenance());
         for name in axes.into_iter().chain([symbol.axis()]) {
             axis_entry(&mut model.spec, name);
         }
         let mut comment = vec![format!("written by volcomp identify kalman {}", env!("CARGO_PKG_VERSION"))];
-        comment.extend(sources(&[path.to_owned()]));
+        comment.extend(sources.comments());
         args.model.write(&model, &comment, &path.display().to_string())?;
     }
     Ok(())

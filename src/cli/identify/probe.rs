@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::case::{CaseArgs, CaseFile, print_json};
-use crate::cli::model_out::{ModelOut, put, sources};
+use crate::cli::model_out::{ModelOut, Sources, put};
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure, table};
 use crate::core::axes::AxisName;
 use crate::core::model::{Component, Curve, ErrorFunction, ErrorSymbol};
@@ -253,17 +253,19 @@ fn print(found: &Calibration, args: &Args, contacts: usize) {
 fn write_model(args: &Args, path: &Path, found: &Calibration) -> Result<(), Failure> {
     let Some([y, z]) = args.nominal_mm else { return Ok(()) };
     let mut model = args.out.base(|| "[w A' b X Y B t]".to_owned())?;
+    let sources = Sources::of(&[path.to_owned()]);
     let covariance = found.covariance();
     for (component, value, k) in
         [(Component::Y, found.geometric.y0 - y, 0), (Component::Z, found.geometric.z0 - z, 1)]
     {
         let std = covariance.map(|c| c[(k, k)].sqrt());
         let function = ErrorFunction { std, ..ErrorFunction::single(Curve::Constant(value)) };
-        put(&mut model, ErrorSymbol::Location { component, axis: AxisName::A }, function);
+        let symbol = ErrorSymbol::Location { component, axis: AxisName::A };
+        put(&mut model, symbol, function, sources.provenance());
     }
     if let Some(arm) = args.arm_mm {
         let arcsec = arcsec_from_rad(mm_from_um(1.0) / arm);
         eprintln!("note: ez0a holds the zero of B, too: 1 um is {arcsec:.2} arcsec of B on this arm");
     }
-    args.out.write(&model, &sources(&[path.to_owned()]), &path.display().to_string())
+    args.out.write(&model, &sources.comments(), &path.display().to_string())
 }

@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 use super::case::{CaseArgs, print_json};
 use super::straightness::axis_out::point;
 use crate::cli::files::read_model;
-use crate::cli::model_out::{ModelOut, default_chain, put, sources};
+use crate::cli::model_out::{ModelOut, Sources, default_chain, put};
 use crate::cli::positioning_data::{TestColumns, no_rows};
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure, table};
 use crate::config::model::Provenance;
@@ -445,24 +445,19 @@ fn write_model(args: &Args, path: &Path, spec: &ModelSpec, o: &Outcome) -> Resul
         }
     }
     let files: Vec<PathBuf> = [Some(path.to_owned()), args.model.clone()].into_iter().flatten().collect();
-    let hash = std::fs::read(path).ok().map(|b| format!("blake3:{}", blake3::hash(&b).to_hex()));
+    let sources = Sources::of(&files);
     let bound = args.accept_bias_arcsec.filter(|_| !o.missing.is_empty());
     for line in lines(args, o) {
         let value = Curve::Constant(rad_from_arcsec(line.value));
         let std = line.uncertainty.map(|u| rad_from_arcsec(u.0.hypot(bound.unwrap_or(0.0))));
-        put(&mut model, line.symbol, ErrorFunction { std, ..ErrorFunction::single(value) });
         let note = bound.map(|b| format!("angular data incomplete, bias up to {b} arcsec accepted"));
-        let origin = Provenance {
-            source: path.file_name().map(|n| n.to_string_lossy().into_owned()),
-            source_hash: hash.clone(),
-            note,
-            ..Provenance::default()
-        };
-        model.of_errors.push((line.symbol, origin));
+        // the model that was subtracted is no measurement of its own
+        let from = Provenance { note, ..sources.only(|i| i == 0).provenance() };
+        put(&mut model, line.symbol, ErrorFunction { std, ..ErrorFunction::single(value) }, from);
     }
     let (low, size) = o.setup.cuboid();
     let mut comment = vec![format!("written by volcomp identify diagonals {}", env!("CARGO_PKG_VERSION"))];
-    comment.extend(sources(&files));
+    comment.extend(sources.comments());
     comment.push(format!("body diagonals of the box {size:?} mm from {low:?} mm"));
     args.out.write(&model, &comment, &path.display().to_string())
 }
