@@ -190,8 +190,10 @@ fn of_case(case: &Case) -> Result<Map<String, Value>, String> {
         filter.predict(1.0);
         let seen = Observation { place: grid.place(o.position), weights: only_first(), value: o.value };
         let update = filter.update(&seen, &mut noise);
-        ratios += update.ratio();
-        rejected += usize::from(update.verdict != Verdict::Accepted);
+        match update.verdict {
+            Verdict::Accepted => ratios += update.ratio(),
+            _ => rejected += 1,
+        }
         sequence.push(update.measurement_variance);
     }
     let mut map = Map::new();
@@ -200,7 +202,7 @@ fn of_case(case: &Case) -> Result<Map<String, Value>, String> {
     if case.adaptive.is_some() {
         map.insert("R_sequence".into(), json!(sequence));
     }
-    map.insert("mean_ratio".into(), json!(ratios / case.observations.len() as f64));
+    map.insert("mean_ratio".into(), json!(ratios / (case.observations.len() - rejected) as f64));
     map.insert("rejected".into(), json!(rejected));
     Ok(map)
 }
@@ -424,10 +426,11 @@ fn filter_table<R: std::io::BufRead>(
         let place = grid.place(at);
         outcome.outside += usize::from(place.outside);
         let update = filter.update(&Observation { place, weights: only_first(), value }, noise);
-        ratios += update.ratio();
         outcome.readings += 1;
         outcome.alarm |= filter.alarm();
         if update.verdict == Verdict::Accepted {
+            // one reading that is far off says nothing about the noise of the others
+            ratios += update.ratio();
             outcome.before += value * value;
             seen.push((at, value));
         } else {
@@ -449,7 +452,7 @@ fn filter_table<R: std::io::BufRead>(
     let squares = |(at, value): &([f64; 3], f64)| (value - filter.value(0, &grid.place(*at))).powi(2);
     outcome.after = (seen.iter().map(squares).sum::<f64>() / n).sqrt();
     outcome.before = (outcome.before / n).sqrt();
-    outcome.mean_ratio = ratios / outcome.readings as f64;
+    outcome.mean_ratio = ratios / n;
     Ok(outcome)
 }
 
