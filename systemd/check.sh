@@ -65,7 +65,8 @@ done
 
 plain() { grep -v '^#' "$1" | grep -v '^$'; }
 plain volcompd.service | sed -e 's|/etc/volcomp/|/etc/volcomp/%i/|' -e 's|of a machine tool|of machine tool %i|' \
-    -e 's|^RuntimeDirectory=volcomp$|RuntimeDirectory=volcomp-%i|' >"$work/expected"
+    -e 's|^RuntimeDirectory=volcomp$|RuntimeDirectory=volcomp-%i|' \
+    -e 's|^StateDirectory=volcomp$|StateDirectory=volcomp-%i|' >"$work/expected"
 plain 'volcompd@.service' >"$work/found"
 diff -u "$work/expected" "$work/found" >&2 || {
     echo "systemd/check.sh: volcompd@.service differs from volcompd.service in more than its paths" >&2

@@ -9,6 +9,7 @@ macro_rules! say {
     ($($text:tt)*) => { volcomp::cli::line(format_args!($($text)*)) };
 }
 
+mod bench_link;
 mod certificates;
 mod demo;
 mod measure;
@@ -77,6 +78,14 @@ enum Verb {
     Certificates(certificates::Args),
     /// Print a standard test path as a part programme.
     Path(path::Args),
+    /// Measure round trips of volcompd beside a bare echo on the same kind of sockets, and what the computation costs.
+    ///
+    /// Both answer the same frames on loopback, in short alternating blocks, so that noise of the computer hits
+    /// both: ratios count. Starts all it needs by itself.
+    BenchLink(Box<bench_link::Args>),
+    /// The bare echo of bench-link.
+    #[command(hide = true)]
+    BenchEcho(bench_link::EchoArgs),
     /// The product's daemon, for the demo and its tests.
     #[command(hide = true, disable_help_flag = true)]
     Volcompd(Program),
@@ -112,6 +121,8 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         }
     };
     let result = match parsed.verb {
+        Verb::BenchLink(args) => bench_link::bench_link(&args),
+        Verb::BenchEcho(args) => bench_link::echo(&args),
         Verb::Demo(args) => demo::demo(&args),
         Verb::Survey(args) => demo::survey(&args),
         Verb::Volcompd(program) => return volcomp::cli::volcompd(program.named("volcompd")),

@@ -22,6 +22,8 @@ mod explain;
 mod files;
 #[cfg(feature = "tls")]
 mod stream;
+#[cfg(test)]
+pub(super) mod trial;
 
 use std::path::{Path, PathBuf};
 
