@@ -3,9 +3,16 @@
 //! Keys are ECDSA on P-256. What is made here is for trying and testing; a shop has its own authority, whose key does
 //! not lie on the computer beside the machine.
 
-#![expect(clippy::disallowed_methods, reason = "certificates are valid by the clock of this computer")]
+#![expect(
+    clippy::disallowed_methods,
+    reason = "certificates are valid by the clock of this computer, and are files"
+)]
 
 use core::time::Duration;
+use std::fs::OpenOptions;
+use std::io::{self, Write};
+use std::os::unix::fs::OpenOptionsExt;
+use std::path::{Path, PathBuf};
 use std::time::SystemTime;
 
 use rcgen::{
@@ -17,6 +24,11 @@ use rcgen::{
 const CLOCK_MARGIN: Duration = Duration::from_secs(3600);
 /// One day.
 const DAY: Duration = Duration::from_secs(86_400);
+
+/// A private key is its owner's.
+const KEY_MODE: u32 = 0o600;
+/// A certificate is everybody's.
+const CERTIFICATE_MODE: u32 = 0o644;
 
 /// What a certificate is for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -59,6 +71,23 @@ pub struct Issued {
     pub certificate: String,
     /// Its private key.
     pub key: String,
+}
+
+impl Issued {
+    /// Writes `stem.pem` and `stem.key` into a folder; never over an existing file.
+    ///
+    /// # Errors
+    /// The file that could not be written, and why.
+    pub fn write(&self, folder: &Path, stem: &str) -> Result<(), (PathBuf, io::Error)> {
+        let files = [("key", &self.key, KEY_MODE), ("pem", &self.certificate, CERTIFICATE_MODE)];
+        for (kind, text, mode) in files {
+            let path = folder.join(format!("{stem}.{kind}"));
+            // the mode from the first byte on
+            let opened = OpenOptions::new().write(true).create_new(true).mode(mode).open(&path);
+            opened.and_then(|mut file| file.write_all(text.as_bytes())).map_err(|e| (path, e))?;
+        }
+        Ok(())
+    }
 }
 
 /// Why a certificate cannot be made.

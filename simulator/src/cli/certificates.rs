@@ -1,17 +1,9 @@
 //! `cncsim certificates`: a set of files to try the secure link with.
 
-use std::fs::OpenOptions;
-use std::io::Write;
-use std::os::unix::fs::OpenOptionsExt;
 use std::path::{Path, PathBuf};
 
 use super::{EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure};
-use crate::certificates::{Authority, Issued, Role, Validity};
-
-/// A private key is its owner's.
-const KEY_MODE: u32 = 0o600;
-/// A certificate is everybody's.
-const CERTIFICATE_MODE: u32 = 0o644;
+use crate::certificates::{Authority, Role, Validity};
 
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
@@ -38,22 +30,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let daemon = authority.issue(Role::Daemon, &["volcompd"], validity).map_err(failed)?;
     std::fs::create_dir_all(&args.out).map_err(|e| Failure::in_file(EX_IOERR, &args.out, e))?;
     for (stem, issued) in [("ca", authority.own()), ("control", control), ("daemon", daemon)] {
-        write(&args.out, stem, &issued)?;
+        issued.write(&args.out, stem).map_err(|(path, e)| Failure::in_file(EX_IOERR, &path, e))?;
     }
     tell(&args.out, names[0]);
-    Ok(())
-}
-
-fn write(dir: &Path, stem: &str, issued: &Issued) -> Result<(), Failure> {
-    let files = [("key", &issued.key, KEY_MODE), ("pem", &issued.certificate, CERTIFICATE_MODE)];
-    for (kind, text, mode) in files {
-        let path = dir.join(format!("{stem}.{kind}"));
-        let failed = |e| Failure::in_file(EX_IOERR, &path, e);
-        // the mode from the first byte on, and never a key over another
-        let mut file =
-            OpenOptions::new().write(true).create_new(true).mode(mode).open(&path).map_err(failed)?;
-        file.write_all(text.as_bytes()).map_err(failed)?;
-    }
     Ok(())
 }
 

@@ -41,6 +41,7 @@ pub use error::{ControlError, LinkEnd, LinkEvent};
 pub use machine::{IdealMachine, Machine};
 pub use record::{CycleRecord, TraceWriter};
 pub use summary::{Flow, Observer, RunSummary};
+pub(crate) use wire::Wire;
 pub use wire::{ControlIdentity, IdentityError, Insecure};
 
 /// Positions further apart than this are no continuation, mm or deg.

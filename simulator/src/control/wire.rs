@@ -135,19 +135,20 @@ impl fmt::Display for Insecure {
 }
 
 /// The bytes of one connection.
-pub(super) struct Wire {
+#[derive(Debug)]
+pub(crate) struct Wire {
     stream: TcpStream,
     tls: Option<Box<ServerConnection>>,
 }
 
 impl Wire {
     /// A connection that is used as it is.
-    pub(super) const fn plain(stream: TcpStream) -> Self {
+    pub(crate) const fn plain(stream: TcpStream) -> Self {
         Self { stream, tls: None }
     }
 
     /// A connection made secure before the deadline.
-    pub(super) fn secure(
+    pub(crate) fn secure(
         stream: TcpStream,
         identity: &ControlIdentity,
         deadline: Instant,
@@ -163,12 +164,12 @@ impl Wire {
     }
 
     /// The socket, for its options.
-    pub(super) const fn stream(&self) -> &TcpStream {
+    pub(crate) const fn stream(&self) -> &TcpStream {
         &self.stream
     }
 
     /// Reads once; `WouldBlock` where nothing is there within the socket's time.
-    pub(super) fn read(&mut self, space: &mut [u8]) -> io::Result<usize> {
+    pub(crate) fn read(&mut self, space: &mut [u8]) -> io::Result<usize> {
         let Some(tls) = &mut self.tls else { return self.stream.read(space) };
         match take(tls, space) {
             Err(e) if e.kind() == ErrorKind::WouldBlock => {}
@@ -184,7 +185,7 @@ impl Wire {
     }
 
     /// Writes what the send buffer takes; over TLS it counts as written, and [`Self::pump`] brings the rest out.
-    pub(super) fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+    pub(crate) fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
         let Some(tls) = &mut self.tls else { return self.stream.write(bytes) };
         let count = tls.writer().write(bytes)?;
         pump(tls, &self.stream)?;
@@ -192,12 +193,12 @@ impl Wire {
     }
 
     /// Brings out what is left of earlier writes; true where nothing is.
-    pub(super) fn pump(&mut self) -> io::Result<bool> {
+    pub(crate) fn pump(&mut self) -> io::Result<bool> {
         self.tls.as_mut().map_or(Ok(true), |tls| pump(tls, &self.stream))
     }
 
     /// Writes all of it, waiting as long as the socket does.
-    pub(super) fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
+    pub(crate) fn write_all(&mut self, bytes: &[u8]) -> io::Result<()> {
         match &mut self.tls {
             None => self.stream.write_all(bytes),
             Some(tls) => {
@@ -208,7 +209,7 @@ impl Wire {
     }
 
     /// Says, where there is a way to say it, that nothing more comes.
-    pub(super) fn finish(&mut self) {
+    pub(crate) fn finish(&mut self) {
         if let Some(tls) = &mut self.tls {
             tls.send_close_notify();
             // the connection ends either way

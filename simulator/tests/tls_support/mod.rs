@@ -77,6 +77,7 @@ impl Folder {
     pub(crate) fn machine_file(&self, address: &str, tls: &str) -> PathBuf {
         let tls = if tls.is_empty() { String::new() } else { format!("[link.tls]\n{tls}\n") };
         let socket = self.path("sock").display().to_string();
+        let state = self.path("state").display().to_string();
         let limits = "limit-um = 150.0\nrate-um-per-s = 2000.0\nacceleration-um-per-s2 = 40000.0\n";
         let text = format!(
             "format = \"volcomp-machine/1\"\nmachine = \"tls-mill\"\nmodel = \"model.toml\"\n\
@@ -84,6 +85,7 @@ impl Folder {
              {tls}[engine]\nstart = \"on-connect\"\nramp-s = 0.1\nstale-ms = 5000.0\n\
              [axes.x]\n{limits}[axes.y]\n{limits}[axes.z]\n{limits}\
              [realtime]\npriority = 0\nlock-memory = false\n[status]\nsocket = \"{socket}\"\n\
+             [state]\ndirectory = \"{state}\"\n[recording]\ndirectory = \"{state}/recordings\"\n\
              [log]\ntarget = \"stderr\"\nlevel = \"trace\"\n"
         );
         fs::write(self.path("model.toml"), MODEL).unwrap();
@@ -210,8 +212,13 @@ impl Machine {
     }
 }
 
-/// Every file of a folder that holds a private key.
-pub(crate) fn keys(dir: &Path) -> Vec<PathBuf> {
-    let entries = fs::read_dir(dir).unwrap().map(|e| e.unwrap().path());
-    entries.filter(|p| p.extension().is_some_and(|e| e == "key")).collect()
+/// Every file below a folder: those that hold a private key, and the others.
+pub(crate) fn keys_and_others(dir: &Path) -> (Vec<PathBuf>, Vec<PathBuf>) {
+    let (mut files, mut open) = (Vec::new(), vec![dir.to_owned()]);
+    while let Some(dir) = open.pop() {
+        for path in fs::read_dir(dir).unwrap().map(|e| e.unwrap().path()) {
+            if path.is_dir() { open.push(path) } else { files.push(path) }
+        }
+    }
+    files.into_iter().partition(|p| p.extension().is_some_and(|e| e == "key"))
 }
