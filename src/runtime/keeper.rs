@@ -43,7 +43,7 @@ pub(super) struct Keeper {
 }
 
 /// The state directory: the configured one, else the one that systemd gives the service.
-fn directory(config_path: &Path, loaded: &Loaded) -> Option<PathBuf> {
+pub(super) fn directory(config_path: &Path, loaded: &Loaded) -> Option<PathBuf> {
     if let Some(directory) = &loaded.config.state.directory {
         return Some(config_path.parent().unwrap_or_else(|| Path::new("")).join(directory));
     }

@@ -4,6 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::models::Prepared;
 use crate::config::machine::ModelMismatch;
 use crate::config::{ConfigErrors, MachineConfig, model};
 use crate::core::axes::AxisName;
@@ -30,6 +31,22 @@ pub struct Loaded {
     pub model_text: String,
     /// Axes of the model that the machine file does not list: they are never offset.
     pub uncorrected: Vec<AxisName>,
+}
+
+impl Loaded {
+    /// The same machine file with another model.
+    pub(super) fn using(&self, model: &Prepared) -> Self {
+        Self {
+            model: Arc::clone(&model.model),
+            model_path: PathBuf::from(&model.origin),
+            spec: model.spec.clone(),
+            expiry: model.expiry.clone(),
+            model_hash: model.hash.clone(),
+            model_text: model.text.clone(),
+            uncorrected: self.config.uncorrected_axes(&model.spec),
+            ..self.clone()
+        }
+    }
 }
 
 /// Why the daemon cannot start from these files.

@@ -17,10 +17,10 @@ use super::latency::Histograms;
 use super::load::Loaded;
 use super::logging::LogLimiter;
 use super::models::guard::{self, Hindrance};
-use super::models::{Models, Prepared};
+use super::models::{Keeping, Models, Prepared};
 use super::ports::{LastOffset, Progress, Report, Request, ServicePorts, Ticket};
 use super::realtime::RealtimeReport;
-use super::recorder::Recorder;
+use super::recorder::{ModelTexts, Recorder};
 use super::status::Status;
 use crate::config::{MachineConfig, Policy, StartMode};
 use crate::core::engine::{Command, Event, ShadowScore, State};
@@ -43,6 +43,8 @@ pub(super) struct Service {
     tally: Tally,
     keeper: Keeper,
     recorder: Option<Recorder>,
+    /// Where the recording finds the models that it names.
+    texts: Option<Arc<ModelTexts>>,
     models: Models,
     config: Arc<MachineConfig>,
     gain: f64,
@@ -65,7 +67,7 @@ impl Service {
         loaded: Arc<Loaded>,
         ports: ServicePorts,
         keeper: Keeper,
-        recorder: Option<Recorder>,
+        recorder: Option<(Recorder, Arc<ModelTexts>)>,
         models: Models,
         clock: Clock,
     ) -> Result<Self, hdrhistogram::CreationError> {
@@ -78,9 +80,11 @@ impl Service {
             tally.enabled();
         }
         let gain = config.engine.gain;
+        let (recorder, texts) = recorder.unzip();
         let config = Arc::new(config.clone());
         let board = Board::new(loaded, Arc::clone(&ports.progress), clock)?;
         Ok(Self {
+            texts,
             models,
             config,
             gain,
@@ -165,16 +169,29 @@ impl Service {
         guard::hindrances(&self.config.guard, expiry, SystemTime::now(), temperature)
     }
 
-    /// Another model is in use; says why that will not outlive a restart, where it will not.
+    /// Tells the recording of a model before the engine is given it.
+    pub(super) fn announce(&self, model: &Prepared) {
+        if let Some(texts) = &self.texts {
+            texts.put(&model.origin, &model.text);
+        }
+    }
+
+    /// Another model is in use; gives what is to be written down about it, off this thread.
     pub(super) fn switched(
         &mut self,
         new: Arc<Prepared>,
         who: Option<String>,
         why: Option<String>,
-    ) -> Option<String> {
+    ) -> Keeping {
         info!(model = new.origin, hash = new.hash, who, why, "another model is in use");
         self.expired_accepted = false;
         self.models.switched(new, who, why)
+    }
+
+    /// Something that should be known about the model in use.
+    pub(super) fn note_model(&mut self, note: String) {
+        warn!("{note}");
+        self.models.notes.push(note);
     }
 
     /// Takes compensation out where the model may not be used any more and that is what was configured for it.
