@@ -24,6 +24,7 @@ mod fit_input;
 mod fit_picture;
 mod fit_report;
 mod identify;
+mod identity;
 mod import;
 mod model;
 mod model_out;
