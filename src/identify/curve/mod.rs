@@ -14,9 +14,11 @@
 
 mod band;
 mod basis;
+mod climb;
 mod data;
 mod error;
 mod figures;
+mod lanes;
 pub mod monomial;
 mod periods;
 mod robust;

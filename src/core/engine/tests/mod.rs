@@ -2,6 +2,7 @@
 
 mod aiming;
 mod gaps;
+mod shadow;
 
 use proptest::prelude::*;
 
