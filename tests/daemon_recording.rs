@@ -140,7 +140,12 @@ fn exports_agree(daemon: &Daemon, file: &Path) {
         "actual_x_mm",
         "offset_x_um",
         "applied_x_um",
+        "wanted_x_um",
+        "limited_x",
+        "faded_x",
         "state",
+        "cause",
+        "lag_cycles",
         "feed_mm_per_min",
         "sequence",
     ] {
@@ -152,6 +157,11 @@ fn exports_agree(daemon: &Daemon, file: &Path) {
     let last = rows.last().expect("rows");
     assert_eq!((last[at("deviation_um")], last[at("state")]), ("", "active"));
     assert!((last[at("offset_x_um")].parse::<f64>().expect("number") + 10.0).abs() < 1e-9);
+    assert_eq!(last[at("wanted_x_um")], last[at("offset_x_um")], "active and not limited");
+    let causes: Vec<&str> =
+        rows.iter().map(|row| row[at("cause")]).filter(|cause| !cause.is_empty()).collect();
+    assert_eq!(causes, ["machine-ready", "ramp-done"]);
+    assert_eq!((rows[0][at("lag_cycles")], last[at("lag_cycles")]), ("", "1"));
     let number = |row: &Vec<&str>, name: &str| row[at(name)].parse::<f64>().unwrap_or(f64::NAN);
     for pair in rows[1000..].windows(2) {
         let dt = number(&pair[1], "t_s") - number(&pair[0], "t_s");

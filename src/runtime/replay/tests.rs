@@ -241,7 +241,7 @@ const LIVE: &str = "\n[errors.exx.live]\nsensor = \"ram\"\nlimit-um = 50\n\
 fn tell(turn: &mut Turn<'_>) {
     let value = |rate: f64| 0.01 * (f64::from(turn.cycle) * rate).sin();
     turn.body.live(turn.now, 0, value(1e-3));
-    if turn.cycle % 3 == 0 && !(5_000..9_000).contains(&turn.cycle) {
+    if turn.cycle.is_multiple_of(3) && !(5_000..9_000).contains(&turn.cycle) {
         turn.body.live(turn.now, 1, value(2e-3));
     }
     if turn.cycle == 4_000 {
