@@ -246,6 +246,10 @@ fn files_become_a_model_with_reference_points_and_uncertainty() {
         assert!((of("ecx", x) - 5e-8 * x).abs() < 1e-6 && (of("ebx", x) + 3e-8 * x).abs() < 1e-6);
     }
     assert_eq!(spec.axes[0].travel, Some([0.0, 500.0]));
+    // every error says which files it was made from
+    let file = volcomp::config::model::parse_file("model.toml", &text).unwrap();
+    assert_eq!(file.of_errors.len(), 6);
+    assert!(file.of_errors.iter().all(|(_, p)| p.sources.len() == 2), "{:?}", file.of_errors[0]);
     // the motion table is what volcomp fit reads
     succeed(
         d,

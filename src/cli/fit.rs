@@ -7,13 +7,11 @@ use clap::{Parser, ValueEnum};
 use super::files::write_text;
 use super::fit_input::{BySymbol, Direction, Format, Measured, read};
 use super::fit_picture::{self, PicturePath};
-use super::fit_report::{
-    Fitted, hidden_text, json_report, note_text, outlier_lines, print_table, provenance,
-};
-use super::model_out::{ModelOut, axis_entry, default_chain, put};
+use super::fit_report::{Fitted, comments, hidden_text, json_report, note_text, outlier_lines, print_table};
+use super::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
 use super::positioning_data::Cycles;
 use super::{EX_DATAERR, EX_USAGE, Failure};
-use crate::config::ModelFile;
+use crate::config::{ModelFile, Provenance};
 use crate::core::axes::{AxisKind, AxisName};
 use crate::core::model::curve::Interpolation;
 use crate::core::model::{Curve, ErrorFunction, ErrorSymbol, Sense};
@@ -237,8 +235,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {symbol}: {e}", args.files())))?;
         fitted.push(Fitted::new(symbol, measured, fit));
     }
-    let model = args.model(&fitted)?;
-    args.model.write(&model, &provenance(&args.errors, &fitted), &args.files())?;
+    let sources = Sources::of(&args.errors);
+    let model = args.model(&fitted, &sources)?;
+    args.model.write(&model, &comments("fit", &sources, &fitted), &args.files())?;
     if let Some(path) = &args.json {
         write_text(path, &json_report(&fitted))?;
     }
@@ -378,13 +377,15 @@ impl Args {
     }
 
     /// The model with the fitted curves in their places.
-    fn model(&self, fitted: &[Fitted]) -> Result<ModelFile, Failure> {
+    fn model(&self, fitted: &[Fitted], sources: &Sources) -> Result<ModelFile, Failure> {
         let mut model = self.model.base(|| default_chain(fitted.iter().map(|f| f.symbol.axis())))?;
         for f in fitted {
-            put(&mut model, f.symbol, f.fit.function());
+            let name = |i: usize| self.errors[i].display().to_string();
+            let from = sources.only(|i| f.measured.is_from(&name(i))).provenance();
+            put(&mut model, f.symbol, f.fit.function(), from);
         }
         for (symbol, value) in &self.squareness {
-            put(&mut model, *symbol, ErrorFunction::single(Curve::Constant(*value)));
+            put(&mut model, *symbol, ErrorFunction::single(Curve::Constant(*value)), Provenance::default());
         }
         for (name, range) in &self.travel {
             let range = if name.kind() == AxisKind::Rotary { range.map(rad_from_deg) } else { *range };

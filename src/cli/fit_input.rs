@@ -81,6 +81,11 @@ impl Measured {
         self.lines.append(&mut other.lines);
     }
 
+    /// True where readings came from this file.
+    pub(super) fn is_from(&self, file: &str) -> bool {
+        self.files.iter().any(|(_, f)| f == file)
+    }
+
     /// File and line of a reading; line 0 where the file has no row per reading.
     pub(super) fn place(&self, index: usize) -> (&str, u32) {
         let file = self.files.iter().rev().find(|(first, _)| *first <= index).map_or("", |(_, f)| f.as_str());

@@ -27,6 +27,7 @@ mod identify;
 mod import;
 mod model;
 mod model_out;
+mod orders;
 mod positioning_data;
 mod predict;
 mod progress;
@@ -66,8 +67,11 @@ enum Verb {
     Explain(explain::Args),
     Diff(diff::Args),
     Status(service::StatusArgs),
-    Enable(service::CommandArgs),
-    Disable(service::CommandArgs),
+    Enable(orders::EnableArgs),
+    Disable(orders::DisableArgs),
+    Gain(orders::GainArgs),
+    Load(orders::LoadArgs),
+    Rollback(orders::RollbackArgs),
     Replay(replay::Args),
     Audit(audit::Args),
 }
@@ -88,8 +92,11 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Model(a) => model::run(&a),
         Verb::Diff(a) => diff::run(&a),
         Verb::Status(a) => service::status(&a),
-        Verb::Enable(a) => service::enable(&a),
-        Verb::Disable(a) => service::disable(&a),
+        Verb::Enable(a) => orders::enable(&a),
+        Verb::Disable(a) => orders::disable(&a),
+        Verb::Gain(a) => orders::gain(&a),
+        Verb::Load(a) => orders::load(&a),
+        Verb::Rollback(a) => orders::rollback(&a),
         Verb::Replay(a) => replay::run(&a),
         Verb::Audit(a) => audit::run(&a),
     })

@@ -1,4 +1,4 @@
-//! `status`, `enable`, `disable`: talk to a running daemon.
+//! `status`: what a running daemon is doing.
 
 use std::fmt::Write;
 use std::io::IsTerminal;
@@ -11,14 +11,12 @@ use crate::runtime::{self, Status};
 
 /// Where the daemon of the shipped unit listens.
 const DEFAULT_SOCKET: &str = "/run/volcomp/volcompd.sock";
-/// Longest reason, bytes; the daemon takes lines of 1024.
-const REASON_MAX: usize = 400;
 /// Interval of `--watch`.
 const WATCH_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Which daemon.
 #[derive(Debug, clap::Args)]
-struct Which {
+pub(super) struct Which {
     /// The daemon's machine file, which names its socket.
     #[arg(long, value_name = "FILE", conflicts_with = "socket")]
     config: Option<PathBuf>,
@@ -43,22 +41,6 @@ pub(super) struct StatusArgs {
     watch: bool,
 }
 
-/// Switches compensation on or off; prints the state that follows.
-#[derive(Debug, clap::Parser)]
-pub(super) struct CommandArgs {
-    #[command(flatten)]
-    which: Which,
-    /// Acknowledge a latched fault first; its cause must be gone.
-    #[arg(long)]
-    clear_fault: bool,
-    /// Why, for the audit log.
-    #[arg(long, value_name = "TEXT", value_parser = reason)]
-    reason: Option<String>,
-    /// Print one JSON object instead of text.
-    #[arg(long)]
-    json: bool,
-}
-
 pub(super) fn status(args: &StatusArgs) -> Result<(), Failure> {
     let socket = socket(&args.which)?;
     loop {
@@ -81,48 +63,11 @@ pub(super) fn status(args: &StatusArgs) -> Result<(), Failure> {
     }
 }
 
-fn json(object: &impl serde::Serialize) -> Result<String, Failure> {
+pub(super) fn json(object: &impl serde::Serialize) -> Result<String, Failure> {
     serde_json::to_string(object).map_err(|e| Failure::new(EX_SOFTWARE, e))
 }
 
-pub(super) fn enable(args: &CommandArgs) -> Result<(), Failure> {
-    command(args, client::enable)
-}
-
-pub(super) fn disable(args: &CommandArgs) -> Result<(), Failure> {
-    command(args, client::disable)
-}
-
-fn command(
-    args: &CommandArgs,
-    send: fn(&std::path::Path, Option<&str>) -> Result<String, ClientError>,
-) -> Result<(), Failure> {
-    let socket = socket(&args.which)?;
-    let reason = args.reason.as_deref();
-    if args.clear_fault {
-        client::clear_fault(&socket, reason).map_err(|e| failure(&e))?;
-    }
-    let state = send(&socket, reason).map_err(|e| failure(&e))?;
-    if args.json {
-        say!("{}", serde_json::json!({ "state": state }));
-    } else {
-        say!("{state}");
-    }
-    if state == "faulted" {
-        eprintln!("hint: `volcomp status` names the fault; --clear-fault acknowledges it");
-    }
-    Ok(())
-}
-
-/// A reason that fits into a request.
-fn reason(text: &str) -> Result<String, String> {
-    if text.len() > REASON_MAX {
-        return Err(format!("{} bytes; at most {REASON_MAX}", text.len()));
-    }
-    Ok(text.to_owned())
-}
-
-fn socket(which: &Which) -> Result<PathBuf, Failure> {
+pub(super) fn socket(which: &Which) -> Result<PathBuf, Failure> {
     if let Some(socket) = &which.socket {
         return Ok(socket.clone());
     }
@@ -140,7 +85,7 @@ fn socket(which: &Which) -> Result<PathBuf, Failure> {
     })
 }
 
-fn failure(error: &ClientError) -> Failure {
+pub(super) fn failure(error: &ClientError) -> Failure {
     let code = match error {
         ClientError::NotRunning { .. }
         | ClientError::Denied { .. }
@@ -158,6 +103,7 @@ fn render(status: &Status) -> String {
     let _ = write_head(&mut text, status);
     let _ = write_figures(&mut text, status);
     let _ = write_axes(&mut text, status);
+    let _ = write_shadow(&mut text, status);
     let _ = write_tail(&mut text, status);
     text
 }
@@ -167,6 +113,7 @@ fn write_head(f: &mut String, status: &Status) -> std::fmt::Result {
     writeln!(f, "{}: {} ({wanted})", status.machine, status.state)?;
     let hash = status.model_hash.get(..12).unwrap_or(&status.model_hash);
     writeln!(f, "model       {} (blake3 {hash})", status.model)?;
+    write_choice(f, status)?;
     let link = &status.link;
     let since = duration(link.since_s);
     let control = link.control.as_deref().unwrap_or("control");
@@ -182,6 +129,48 @@ fn write_head(f: &mut String, status: &Status) -> std::fmt::Result {
     }
     if link.up {
         writeln!(f, "machine     {}", list(&status.machine_state))?;
+    }
+    Ok(())
+}
+
+/// Who chose the model, and what speaks against using it.
+fn write_choice(f: &mut String, status: &Status) -> std::fmt::Result {
+    let choice = &status.model_choice;
+    if let Some(who) = &choice.who {
+        let why = choice.why.as_deref().unwrap_or("no reason given");
+        writeln!(f, "            loaded by {who} on {}: {why}", choice.since)?;
+    }
+    if let Some(expiry) = &choice.expiry {
+        writeln!(f, "            good until {expiry}")?;
+    }
+    for note in &choice.notes {
+        writeln!(f, "NOTE        {note}")?;
+    }
+    for hindrance in &status.hindrances {
+        writeln!(f, "AGAINST IT  {hindrance}")?;
+    }
+    if status.gain != 1.0 {
+        writeln!(f, "gain        {}", status.gain)?;
+    }
+    Ok(())
+}
+
+/// What shadow mode has found.
+fn write_shadow(f: &mut String, status: &Status) -> std::fmt::Result {
+    let Some(shadow) = &status.shadow else { return Ok(()) };
+    let share =
+        if shadow.cycles == 0 { 0.0 } else { 100.0 * shadow.active_cycles as f64 / shadow.cycles as f64 };
+    writeln!(
+        f,
+        "SHADOW      nothing is applied; compensation would be {}, was on for {share:.1} % of {} cycles, {} faults, {} holds",
+        shadow.state, shadow.cycles, shadow.faults, shadow.interruptions
+    )?;
+    for (axis, a) in &shadow.axes {
+        writeln!(
+            f,
+            "{axis:>4}        error known to the model {:.3} rms {:.3} max, would be left {:.3} rms {:.3} max {}, limited in {} cycles",
+            a.before_rms, a.before_max, a.after_rms, a.after_max, a.unit, a.limited_cycles
+        )?;
     }
     Ok(())
 }

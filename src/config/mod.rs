@@ -13,8 +13,8 @@ mod words;
 
 pub use diagnostic::{ConfigErrors, Diagnostic, Place};
 pub use machine::{
-    AxisConfig, EngineSettings, HelloMismatch, LinkConfig, LogConfig, LogTarget, MachineConfig,
-    ModelMismatch, RealtimeConfig, RecordingConfig, StartMode, StateConfig, StatusConfig, WhenFull,
+    AxisConfig, EngineSettings, GuardConfig, HelloMismatch, LinkConfig, LogConfig, LogTarget, MachineConfig,
+    ModelMismatch, Policy, RealtimeConfig, RecordingConfig, StartMode, StateConfig, StatusConfig, WhenFull,
 };
 pub use model::{ModelFile, Provenance, SourceEntry};
 

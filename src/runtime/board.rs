@@ -11,9 +11,11 @@ use super::latency::{Histograms, Latency, Sample, percentile_us};
 use super::load::Loaded;
 use super::ports::{CycleRecord, Progress};
 use super::realtime::RealtimeReport;
-use super::status::{Fault, Lifetime, LinkStatus, RealtimeStatus, Status};
+use super::status::{
+    Fault, Lifetime, LinkStatus, ModelStatus, RealtimeStatus, ShadowAxis, ShadowStatus, Status,
+};
 use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
-use crate::core::engine::{Event, Reason, State};
+use crate::core::engine::{Event, Reason, ShadowScore, State};
 use crate::core::fault;
 use crate::core::protocol::{ControlHello, MachineState};
 use crate::core::units::{MonoTime, NS_PER_S, arcsec_from_rad, rad_from_deg, um_from_mm};
@@ -118,11 +120,6 @@ impl Board {
         }
     }
 
-    /// Hash of the model in use.
-    pub(super) fn model_hash(&self) -> &str {
-        &self.loaded.model_hash
-    }
-
     /// The present state, as in [`Status`].
     pub(super) fn state(&self) -> &'static str {
         self.progress.state().map_or("disconnected", state_name)
@@ -174,8 +171,41 @@ impl Board {
             reports_dropped: self.progress.reports_dropped.load(Relaxed),
             realtime: self.realtime.clone(),
             // the service knows these
+            gain: 0.0,
+            model_choice: ModelStatus::default(),
+            hindrances: Vec::new(),
+            temperature_degc: None,
+            shadow: None,
             recording: None,
             lifetime: Lifetime::default(),
+        }
+    }
+
+    /// Shadow mode for the status.
+    pub(super) fn shadow(&self, state: State, score: &ShadowScore) -> ShadowStatus {
+        let axis = |(k, name): (usize, &AxisName)| {
+            let (unit, of): (_, fn(f64) -> f64) = match name.kind() {
+                AxisKind::Linear => ("um", um_from_mm),
+                AxisKind::Rotary => ("arcsec", arcsec_from_rad),
+            };
+            let found = score.axes[k];
+            let values = ShadowAxis {
+                unit: unit.to_owned(),
+                before_rms: of(score.before_rms(k)?),
+                before_max: of(found.before_max),
+                after_rms: of(score.after_rms(k)?),
+                after_max: of(found.after_max),
+                limited_cycles: found.limited_cycles,
+            };
+            Some((letter(*name), values))
+        };
+        ShadowStatus {
+            state: state_name(state).to_owned(),
+            cycles: score.cycles,
+            active_cycles: score.active_cycles,
+            faults: score.faults,
+            interruptions: score.interruptions,
+            axes: self.axes().iter().enumerate().filter_map(axis).collect(),
         }
     }
 

@@ -7,10 +7,12 @@ use std::sync::Arc;
 
 use super::recorder::{Tap, answer_of, request_of};
 use crate::core::axes::AxisArray;
-use crate::core::engine::{Command, Compensator, CycleOutput, EngineConfig, EngineError, RestOffset, State};
+use crate::core::engine::{
+    Command, Compensator, CycleOutput, EngineConfig, EngineError, RestOffset, Shadow, ShadowScore, State,
+};
 use crate::core::geometry::Vec3;
 use crate::core::model::{Model, SENSORS_MAX};
-use crate::core::protocol::{CloseReason, ControlHello, Correction, ErrorReport, Message};
+use crate::core::protocol::{CloseReason, ControlHello, Correction, ErrorReport, Message, Position};
 use crate::core::record::{self, Entry, LIVE_MAX};
 use crate::core::units::MonoTime;
 
@@ -22,6 +24,8 @@ const _: () = assert!(SENSORS_MAX <= LIVE_MAX && LIVE_MAX <= u16::BITS as usize)
 pub struct CycleBody {
     model: Arc<Model>,
     engine: Compensator,
+    /// What the engine would do, while it is off.
+    shadow: Shadow,
     output: Option<CycleOutput>,
     rest: RestOffset,
     /// Bit k: axis k may be offset.
@@ -64,6 +68,7 @@ impl CycleBody {
     /// The configuration does not fit the model.
     pub fn new(config: &EngineConfig, model: Arc<Model>) -> Result<Self, EngineError> {
         let engine = Compensator::new(config, &model)?;
+        let shadow = Shadow::new(config, &model)?;
         let moved = config
             .limits
             .iter()
@@ -72,6 +77,7 @@ impl CycleBody {
         Ok(Self {
             model,
             engine,
+            shadow,
             output: None,
             rest: config.rest,
             moved,
@@ -132,12 +138,14 @@ impl CycleBody {
     pub fn link_up(&mut self, now: MonoTime) {
         self.output = None;
         self.engine.on_link_up(now);
+        self.shadow.on_link_up(now);
         self.note(|_| Entry::LinkUp { now });
     }
 
     /// The link is gone.
     pub fn link_down(&mut self, now: MonoTime) {
         self.engine.on_link_down(now);
+        self.shadow.on_link_down(now);
         self.note(|_| Entry::LinkDown { now });
         self.tell();
     }
@@ -145,12 +153,16 @@ impl CycleBody {
     /// A command of the operator or the service.
     pub fn command(&mut self, now: MonoTime, command: Command) {
         self.engine.on_command(now, command);
+        if let Command::SetGain(gain) = command {
+            self.shadow.on_gain(now, gain);
+        }
         self.note(|_| Entry::Request { now, request: request_of(command) });
     }
 
     /// A live value of the model's sensor `channel`, mm or rad.
     pub fn live(&mut self, now: MonoTime, channel: usize, value: f64) {
         self.engine.on_live(now, channel, value);
+        self.shadow.on_live(now, channel, value);
         self.note_live(now, channel, value);
     }
 
@@ -168,6 +180,8 @@ impl CycleBody {
         hash: [u8; 32],
     ) -> Result<Arc<Model>, EngineError> {
         self.engine.on_model(&model)?;
+        // what fits the engine fits its shadow
+        let _ = self.shadow.on_model(&model);
         self.note(|_| Entry::Model { now, hash });
         Ok(core::mem::replace(&mut self.model, model))
     }
@@ -194,7 +208,9 @@ impl CycleBody {
                 correction.map_or(Reaction::Nothing, Reaction::Answer)
             }
             Message::Tool(tool) => {
-                self.engine.on_tool(Vec3::new(tool.tip[0], tool.tip[1], tool.tip[2]));
+                let tip = Vec3::new(tool.tip[0], tool.tip[1], tool.tip[2]);
+                self.engine.on_tool(tip);
+                self.shadow.on_tool(tip);
                 self.note(|_| Entry::Tool { now, tool: *tool });
                 Reaction::Nothing
             }
@@ -228,6 +244,34 @@ impl CycleBody {
             });
         }
         correction
+    }
+
+    /// Switches the shadow engine on or off. To be switched on while compensation is off only: it answers what
+    /// compensation would do instead.
+    ///
+    /// # Cycle   no allocation, no panic, bounded time
+    pub fn set_shadow(&mut self, now: MonoTime, on: bool) {
+        self.shadow.set(now, on);
+    }
+
+    /// The shadow engine's share of a cycle: to be called when the answer to `frame` has been sent.
+    ///
+    /// # Cycle   no allocation, no panic, bounded time
+    pub fn imagine(&mut self, now: MonoTime, frame: &Position) {
+        let _ = self.shadow.on_position(now, frame, &self.model);
+    }
+
+    /// The same where no frame came in time; early calls are harmless.
+    ///
+    /// # Cycle   no allocation, no panic, bounded time
+    pub fn imagine_silence(&mut self, now: MonoTime) {
+        let _ = self.shadow.on_deadline(now);
+    }
+
+    /// State and score of the shadow engine; `None` where it is off.
+    #[must_use]
+    pub const fn shadow(&self) -> Option<(State, &ShadowScore)> {
+        if self.shadow.is_on() { Some((self.shadow.state(), self.shadow.score())) } else { None }
     }
 
     /// The result of the newest cycle of this link.

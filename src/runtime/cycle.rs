@@ -128,6 +128,7 @@ impl Cycle<'_> {
             link.send(&Message::Correction(correction))?;
             self.body.tell();
         }
+        self.body.imagine_silence(now);
         if now.seconds_since(link.sent) >= self.limits.heartbeat_s {
             link.send_heartbeat()?;
         }
@@ -229,7 +230,17 @@ impl Cycle<'_> {
             turnaround_ns,
             compute_ns: computed.ns - received.ns,
         });
+        self.imagine(received, &frame);
         Ok(())
+    }
+
+    /// The shadow engine, when all else is done; its score goes out once a second.
+    fn imagine(&mut self, now: MonoTime, frame: &Position) {
+        self.body.imagine(now, frame);
+        let Some((state, score)) = self.body.shadow() else { return };
+        if score.cycles.is_multiple_of((1.0 / self.limits.cycle_s) as u64) {
+            self.control.ports.report(Report::Shadow(Some((state, *score))));
+        }
     }
 
     fn tell_event(&self) {

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use sd_notify::NotifyState;
 use tokio::signal::unix::{Signal, SignalKind, signal};
@@ -18,12 +18,14 @@ use super::clock::Clock;
 use super::keeper::Keeper;
 use super::load::{LoadError, Loaded, load};
 use super::logging::{self, LogError};
+use super::models::{Models, guard};
 use super::notify::{Fed, Headline, Watchdog, tell};
 use super::ports::{CyclePorts, Request, ports};
 use super::recorder::Recorder;
 use super::server::{Server, SocketError, lock};
 use super::service::Service;
-use super::worker::Worker;
+use super::worker::{Start, Worker};
+use crate::config::{MachineConfig, Policy};
 use crate::core::axes::AxisKind;
 use crate::core::units::{UM_PER_MM, arcsec_from_rad, deg_from_rad};
 
@@ -111,8 +113,8 @@ struct CycleThread {
 }
 
 impl CycleThread {
-    fn spawn(loaded: Arc<Loaded>, ports: CyclePorts, clock: Clock) -> io::Result<Self> {
-        Self::start(move || Worker::new(loaded, ports, clock).run())
+    fn spawn(loaded: Arc<Loaded>, how: Start, ports: CyclePorts, clock: Clock) -> io::Result<Self> {
+        Self::start(move || Worker::new(loaded, how, ports, clock).run())
     }
 
     fn start(body: impl FnOnce() + Send + 'static) -> io::Result<Self> {
@@ -140,15 +142,17 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
     let clock = Clock::start();
     let (mut cycle_ports, service_ports) = ports();
     let keeper = Keeper::start(config, &loaded);
+    let models = Models::at_start(keeper.directory(), &loaded);
+    let how = permit(&models, &loaded.config);
     let recorder = Recorder::start(config, &loaded, clock)
         .map_err(|source| DaemonError::System { what: "the recorder's thread", source })?;
     let (tap, recorder) = recorder.unzip();
     cycle_ports.tap = tap;
-    let service = Service::new(Arc::clone(&loaded), service_ports, keeper, recorder, clock)
+    let service = Service::new(Arc::clone(&loaded), service_ports, keeper, recorder, models, clock)
         .map_err(|_| DaemonError::Internal { what: "the statistics could not be set up" })?;
     let service = Arc::new(Mutex::new(service));
     log_start(config, &loaded);
-    let mut thread = CycleThread::spawn(loaded, cycle_ports, clock)
+    let mut thread = CycleThread::spawn(loaded, how, cycle_ports, clock)
         .map_err(|source| DaemonError::System { what: "the cycle thread", source })?;
     let server = server.map(|server| tokio::spawn(server.run(Arc::clone(&service))));
     tell(&[NotifyState::Ready]);
@@ -167,6 +171,20 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
         Err(problem) => error!("{problem}"),
     }
     result
+}
+
+/// The model to start with, and whether compensation may be on from the start.
+fn permit(models: &Models, config: &MachineConfig) -> Start {
+    let expiry = models.active.expiry.as_deref();
+    let against = guard::hindrances(&config.guard, expiry, SystemTime::now(), None);
+    for (hindrance, policy) in &against {
+        match policy {
+            Policy::Warn => warn!("{hindrance}"),
+            Policy::Refuse | Policy::RampOut => warn!("compensation stays off: {hindrance}"),
+        }
+    }
+    let permitted = against.iter().all(|(_, policy)| *policy == Policy::Warn);
+    Start { model: Arc::clone(&models.active.model), permitted }
 }
 
 /// Looks after everything until the cycle thread ends.

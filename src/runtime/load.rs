@@ -7,7 +7,7 @@ use std::sync::Arc;
 use crate::config::machine::ModelMismatch;
 use crate::config::{ConfigErrors, MachineConfig, model};
 use crate::core::axes::AxisName;
-use crate::core::model::{Model, ModelError};
+use crate::core::model::{Model, ModelError, ModelSpec};
 
 /// Everything that comes from files.
 #[derive(Debug, Clone)]
@@ -18,6 +18,10 @@ pub struct Loaded {
     pub model: Arc<Model>,
     /// Where the model was read from.
     pub model_path: PathBuf,
+    /// What the model file says.
+    pub spec: ModelSpec,
+    /// Last day on which the model should be used, where it states one.
+    pub expiry: Option<String>,
     /// BLAKE3 of the model file's bytes, in hex.
     pub model_hash: String,
     /// The machine file as it was read.
@@ -83,9 +87,27 @@ pub enum LoadError {
         /// What does not fit.
         source: ModelMismatch,
     },
+    /// The machine file names another content.
+    #[error("{}", Self::pinned(&path.display().to_string(), found, pinned))]
+    Pinned {
+        /// The model file.
+        path: PathBuf,
+        /// Its hash.
+        found: String,
+        /// The hash in the machine file.
+        pinned: String,
+    },
 }
 
 impl LoadError {
+    /// The words for a model that is not the one whose hash the machine file holds.
+    pub(super) fn pinned(file: &str, found: &str, pinned: &str) -> String {
+        format!(
+            "error: {file}: VC-5005: its hash is {found}, the machine file's [guard] hash is {pinned}\n  \
+             hint: if the file is right, write its hash into the machine file"
+        )
+    }
+
     /// True where a file could not be read at all, false where what it says is wrong.
     #[must_use]
     pub const fn is_io(&self) -> bool {
@@ -123,16 +145,21 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
         source,
     })?;
     let model_text = text(&model_path, &bytes)?.to_owned();
-    let spec = model::parse(&model_path.display().to_string(), &model_text)
+    let file = model::parse_file(&model_path.display().to_string(), &model_text)
         .map_err(|e| LoadError::Config(Box::new(e)))?;
+    let expiry = file.earliest_expiry().map(str::to_owned);
+    let spec = file.spec;
     let model = Model::new(&spec).map_err(|source| LoadError::Model { path: model_path.clone(), source })?;
     if let Some(source) = config.check_model(&spec).into_iter().next() {
         return Err(LoadError::Mismatch { config: path.to_owned(), path: model_path, source });
     }
     let uncorrected = config.uncorrected_axes(&spec);
     let model_hash = blake3::hash(&bytes).to_hex().to_string();
+    if let Some(pinned) = config.guard.hash.clone().filter(|pinned| *pinned != model_hash) {
+        return Err(LoadError::Pinned { path: model_path, found: model_hash, pinned });
+    }
     let model = Arc::new(model);
-    Ok(Loaded { config, model, model_path, model_hash, config_text, model_text, uncorrected })
+    Ok(Loaded { config, model, model_path, spec, expiry, model_hash, config_text, model_text, uncorrected })
 }
 
 fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, LoadError> {

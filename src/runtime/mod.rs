@@ -6,7 +6,7 @@
 //!   on a blocking socket. Between link-up and link-down it allocates nothing, takes no lock, writes no log and
 //!   touches no disk; what it has to say goes by `try_send` into bounded channels, or is dropped and counted.
 //! - the **service thread** ([`daemon`], tokio) drains these channels ([`service`]), logs ([`logging`]), keeps the
-//!   statistics ([`board`], [`latency`]), answers the status socket ([`server`]), handles signals and feeds systemd ([`notify`]).
+//!   statistics ([`board`], [`latency`]), answers the status socket ([`server`], [`socket`], [`orders`]), looks after the models ([`models`]), handles signals and feeds systemd ([`notify`]).
 //!
 //! - the **recorder** and the **keeper** ([`recorder`], [`keeper`] with [`audit`] and [`counters`]) are threads that may
 //!   wait for the disk, so that nobody else has to. [`replay`] runs what was recorded through the same [`body`].
@@ -36,7 +36,9 @@ mod latency;
 mod link;
 mod load;
 mod logging;
+pub mod models;
 mod notify;
+mod orders;
 mod ports;
 mod realtime;
 mod recorder;
@@ -46,6 +48,7 @@ pub mod replay;
 mod sealed;
 mod server;
 mod service;
+pub mod socket;
 mod status;
 mod utc;
 mod worker;

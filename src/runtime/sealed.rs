@@ -213,7 +213,7 @@ impl Stage {
         let hello = hello(&loaded.config.machine);
         let config = loaded.config.engine_config(&hello).expect("the hello fits");
         let mut body = CycleBody::new(&config, Arc::clone(&loaded.model)).expect("an engine");
-        let control = Control::new(ports, &loaded.config);
+        let control = Control::new(ports, &loaded.config, Arc::clone(&loaded.model), true);
         let clock = Clock::start();
         body.record_to(tap, clock.now(), &hello);
         body.link_up(clock.now());

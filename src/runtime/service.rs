@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use tracing::{info, warn};
 
@@ -16,12 +16,14 @@ use super::keeper::Keeper;
 use super::latency::Histograms;
 use super::load::Loaded;
 use super::logging::LogLimiter;
+use super::models::guard::{self, Hindrance};
+use super::models::{Models, Prepared};
 use super::ports::{LastOffset, Progress, Report, Request, ServicePorts, Ticket};
 use super::realtime::RealtimeReport;
 use super::recorder::Recorder;
 use super::status::Status;
-use crate::config::StartMode;
-use crate::core::engine::{Command, Event, State};
+use crate::config::{MachineConfig, Policy, StartMode};
+use crate::core::engine::{Command, Event, ShadowScore, State};
 use crate::core::fault;
 use crate::core::protocol::ControlHello;
 use crate::core::units::{MonoTime, NS_PER_S};
@@ -30,6 +32,8 @@ use crate::core::units::{MonoTime, NS_PER_S};
 const RECORDS_AT_ONCE: usize = 4096;
 /// Interval at which the counters are kept, s.
 const SAVE_S: f64 = 5.0;
+/// Interval at which it is looked whether the model may still be used, s.
+const LOOK_S: f64 = 1.0;
 
 /// The service's view of the cycle thread.
 #[derive(Debug)]
@@ -39,8 +43,17 @@ pub(super) struct Service {
     tally: Tally,
     keeper: Keeper,
     recorder: Option<Recorder>,
+    models: Models,
+    config: Arc<MachineConfig>,
+    gain: f64,
+    temperature: Option<(f64, MonoTime)>,
+    /// An expired model was accepted by somebody.
+    expired_accepted: bool,
+    shadowing: bool,
+    shadow: Option<(State, ShadowScore)>,
     clock: Clock,
     saved: MonoTime,
+    looked: MonoTime,
     ticket: u64,
     failures: LogLimiter,
     links: LogLimiter,
@@ -53,6 +66,7 @@ impl Service {
         ports: ServicePorts,
         keeper: Keeper,
         recorder: Option<Recorder>,
+        models: Models,
         clock: Clock,
     ) -> Result<Self, hdrhistogram::CreationError> {
         let config = &loaded.config;
@@ -63,8 +77,18 @@ impl Service {
         if config.engine.start == StartMode::OnConnect {
             tally.enabled();
         }
+        let gain = config.engine.gain;
+        let config = Arc::new(config.clone());
         let board = Board::new(loaded, Arc::clone(&ports.progress), clock)?;
         Ok(Self {
+            models,
+            config,
+            gain,
+            temperature: None,
+            expired_accepted: false,
+            shadowing: false,
+            shadow: None,
+            looked: clock.now(),
             ports,
             board,
             tally,
@@ -86,12 +110,94 @@ impl Service {
     /// Passes a request to the cycle thread; gives its number, `None` where the queue is full.
     pub(super) fn request(&mut self, request: Request) -> Option<u64> {
         let number = self.ticket + 1;
+        let (enables, gain, shadow) = match &request {
+            Request::Engine(Command::Enable) => (true, None, None),
+            Request::Engine(Command::SetGain(gain)) => (false, Some(*gain), None),
+            Request::Shadow(on) => (false, None, Some(*on)),
+            _ => (false, None, None),
+        };
         self.ports.requests.try_send(Ticket { number, request }).ok()?;
         self.ticket = number;
-        if request == Request::Engine(Command::Enable) {
+        if enables {
             self.tally.enabled();
         }
+        self.gain = gain.unwrap_or(self.gain);
+        self.shadowing = shadow.unwrap_or(self.shadowing);
         Some(number)
+    }
+
+    /// Whether the engine has refused a request that was carried out.
+    pub(super) fn is_refused(&self, number: u64) -> bool {
+        self.ports.progress.request_refused.load(Relaxed) == number
+    }
+
+    /// Whether compensation is wanted.
+    pub(super) fn is_wanted(&self) -> bool {
+        self.ports.progress.wanted.load(Relaxed)
+    }
+
+    /// Whether shadow mode is on.
+    pub(super) const fn is_shadowing(&self) -> bool {
+        self.shadowing
+    }
+
+    /// The machine file.
+    pub(super) fn config(&self) -> Arc<MachineConfig> {
+        Arc::clone(&self.config)
+    }
+
+    /// The models in use and before.
+    pub(super) const fn models(&self) -> &Models {
+        &self.models
+    }
+
+    /// The temperature of the machine, degrees Celsius.
+    pub(super) fn tell_temperature(&mut self, degc: f64) {
+        self.temperature = Some((degc, self.clock.now()));
+    }
+
+    /// What speaks against compensating now; an accepted expiry is remembered for this model.
+    pub(super) fn hindrances(&mut self, accept_expired: bool) -> Vec<(Hindrance, Policy)> {
+        self.expired_accepted |= accept_expired;
+        let now = self.clock.now();
+        let temperature = self.temperature.map(|(degc, at)| (degc, now.seconds_since(at)));
+        let expiry = self.models.active.expiry.as_deref().filter(|_| !self.expired_accepted);
+        guard::hindrances(&self.config.guard, expiry, SystemTime::now(), temperature)
+    }
+
+    /// Another model is in use; says why that will not outlive a restart, where it will not.
+    pub(super) fn switched(
+        &mut self,
+        new: Arc<Prepared>,
+        who: Option<String>,
+        why: Option<String>,
+    ) -> Option<String> {
+        info!(model = new.origin, hash = new.hash, who, why, "another model is in use");
+        self.expired_accepted = false;
+        self.models.switched(new, who, why)
+    }
+
+    /// Takes compensation out where the model may not be used any more and that is what was configured for it.
+    fn look_after_the_model(&mut self) {
+        self.looked = self.clock.now();
+        if !self.is_wanted() {
+            return;
+        }
+        let against = self.hindrances(false);
+        let Some((hindrance, _)) = against.iter().find(|(_, policy)| *policy == Policy::RampOut) else {
+            return;
+        };
+        warn!("compensation is ramped out: {hindrance}");
+        let result =
+            if self.request(Request::Engine(Command::Disable)).is_some() { "ordered" } else { "queue full" };
+        self.keeper.audit.write(AuditEntry {
+            who: Who::daemon(),
+            what: "disable".to_owned(),
+            why: Some(hindrance.to_string()),
+            new_model: Some(self.model_hash().to_owned()),
+            result: result.to_owned(),
+            ..AuditEntry::default()
+        });
     }
 
     /// Whether the cycle thread has carried out a request.
@@ -113,11 +219,21 @@ impl Service {
         if self.clock.now().seconds_since(self.saved) >= SAVE_S {
             self.save();
         }
+        if self.clock.now().seconds_since(self.looked) >= LOOK_S {
+            self.look_after_the_model();
+        }
     }
 
     pub(super) fn status(&mut self) -> Status {
         self.drain();
         let mut status = self.board.status();
+        let active = &self.models.active;
+        (status.model, status.model_hash) = (active.origin.clone(), active.hash.clone());
+        status.model_choice = self.models.status();
+        status.gain = self.gain;
+        status.temperature_degc = self.temperature.map(|(degc, _)| degc);
+        status.hindrances = self.hindrances(false).iter().map(|(h, _)| h.to_string()).collect();
+        status.shadow = self.shadow.filter(|_| self.shadowing).map(|(s, score)| self.board.shadow(s, &score));
         status.lifetime = self.tally.lifetime(status.cycles, status.late_cycles);
         // a disk that refuses now is told before what was found at the start
         status.lifetime.note = self.keeper.problem().or(status.lifetime.note);
@@ -128,7 +244,7 @@ impl Service {
 
     /// Hash of the model in use.
     pub(super) fn model_hash(&self) -> &str {
-        self.board.model_hash()
+        &self.models.active.hash
     }
 
     /// The audit log, for whoever does something that belongs into it.
@@ -212,6 +328,7 @@ impl Service {
                 self.fault(&event);
                 self.board.event(&event);
             }
+            Report::Shadow(score) => self.shadow = score,
             Report::Stopped { offset: LastOffset::AtRest } => info!("the offset is at its rest value"),
             Report::Stopped { offset: LastOffset::NoLink } => {
                 info!("there is no link; a control that still holds an offset takes it out by itself");
@@ -233,7 +350,7 @@ impl Service {
             who: Who::daemon(),
             what: "fault".to_owned(),
             why: Some(entry.text.to_owned()),
-            new_model: Some(self.board.model_hash().to_owned()),
+            new_model: Some(self.model_hash().to_owned()),
             result: "faulted".to_owned(),
             detail: Some(format!("{} {}, in state {}", entry.code, entry.name, state_name(*from))),
             ..AuditEntry::default()

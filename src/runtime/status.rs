@@ -67,6 +67,21 @@ pub struct Status {
     pub out_of_range: Vec<String>,
     /// Bits of the machine's state that are set: `homed enabled estop moving offset-limited offset-ramping-out`.
     pub machine_state: Vec<String>,
+    /// Share of the correction that is applied, 0 to 1, as ordered.
+    #[serde(default)]
+    pub gain: f64,
+    /// Which model is used, by whose choice.
+    #[serde(default)]
+    pub model_choice: ModelStatus,
+    /// What speaks against compensating now: code and words.
+    #[serde(default)]
+    pub hindrances: Vec<String>,
+    /// Temperature of the machine as it was told, degrees Celsius.
+    #[serde(default)]
+    pub temperature_degc: Option<f64>,
+    /// Shadow mode, where it is on.
+    #[serde(default)]
+    pub shadow: Option<ShadowStatus>,
     /// Faults that are latched now.
     pub faults: Vec<Fault>,
     /// Sensors and their readings; none yet.
@@ -125,6 +140,59 @@ pub struct Lifetime {
     pub file: Option<String>,
     /// Why they are not kept, or what was wrong with those of before.
     pub note: Option<String>,
+}
+
+/// Which model is used, by whose choice.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct ModelStatus {
+    /// Since when, RFC 3339 in UTC.
+    pub since: String,
+    /// Who chose it; `null` for the machine file.
+    pub who: Option<String>,
+    /// Why.
+    pub why: Option<String>,
+    /// Last day on which it should be used, where it states one.
+    pub expiry: Option<String>,
+    /// The model that `volcomp rollback` goes back to, and its hash.
+    pub previous: Option<String>,
+    /// Hash of that model.
+    pub previous_hash: Option<String>,
+    /// What should be known about the choice.
+    pub notes: Vec<String>,
+}
+
+/// What compensation would have done, from shadow mode.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct ShadowStatus {
+    /// The state that the engine would be in.
+    pub state: String,
+    /// Frames since it was switched on.
+    pub cycles: u64,
+    /// Of these: with the correction on.
+    pub active_cycles: u64,
+    /// Faults that would have been latched.
+    pub faults: u64,
+    /// Times the correction would have been held.
+    pub interruptions: u64,
+    /// Per axis, um or arcsec.
+    pub axes: BTreeMap<String, ShadowAxis>,
+}
+
+/// One axis in shadow mode; um for linear, arcsec for rotary axes.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct ShadowAxis {
+    /// `um` or `arcsec`.
+    pub unit: String,
+    /// RMS of the correction that the model asks for.
+    pub before_rms: f64,
+    /// Largest of it.
+    pub before_max: f64,
+    /// RMS of what ramps, limits and fading would leave of it.
+    pub after_rms: f64,
+    /// Largest of it.
+    pub after_max: f64,
+    /// Cycles in which the offset would have been limited.
+    pub limited_cycles: u64,
 }
 
 /// A latched fault.

@@ -7,7 +7,7 @@ use serde_json::{Map, Value, json};
 
 use super::case;
 use crate::cli::files::{Output, read_text};
-use crate::cli::model_out::{ModelOut, put, sources};
+use crate::cli::model_out::{ModelOut, Sources, put};
 use crate::cli::table::{self, nearest};
 use crate::cli::{EX_CONFIG, EX_DATAERR, EX_USAGE, Failure};
 use crate::config;
@@ -264,11 +264,14 @@ fn short(value: f64) -> String {
 }
 
 fn write_model(args: &Args, mut file: ModelFile, chain: &Chain) -> Result<(), Failure> {
-    for found in chain.steps() {
+    let files: Vec<PathBuf> = args.step.iter().map(|(_, p)| p.clone()).collect();
+    let sources = Sources::of(&files);
+    for (step, found) in chain.steps().iter().enumerate() {
+        let from = sources.only(|i| i == step).provenance();
         let locations = found.locations.iter().map(|(s, ..)| *s);
         for symbol in found.motions.iter().map(|m| m.symbol).chain(locations) {
             if let Some((_, function)) = chain.spec().errors.iter().find(|(s, _)| *s == symbol) {
-                put(&mut file, symbol, function.clone());
+                put(&mut file, symbol, function.clone(), from.clone());
             }
         }
         // what the model held of this axis before was replaced
@@ -279,9 +282,8 @@ fn write_model(args: &Args, mut file: ModelFile, chain: &Chain) -> Result<(), Fa
     if let Some(machine) = &args.out.machine {
         file.spec.machine.clone_from(machine);
     }
-    let files: Vec<PathBuf> = args.step.iter().map(|(_, p)| p.clone()).collect();
     let names: Vec<String> = files.iter().map(|p| p.display().to_string()).collect();
-    args.out.write(&file, &sources(&files), &names.join(", "))
+    args.out.write(&file, &sources.comments(), &names.join(", "))
 }
 
 fn set_up(found: &Found) -> &'static str {

@@ -2,10 +2,10 @@
 
 use super::{Args, FormatArg, encoding_note, usage};
 use crate::cli::files::read_bytes;
-use crate::cli::model_out::{default_chain, put, sources};
+use crate::cli::model_out::{Sources, default_chain, put};
 use crate::cli::positioning_data::format_failure;
 use crate::cli::{EX_DATAERR, Failure};
-use crate::config::{ModelFile, Provenance};
+use crate::config::ModelFile;
 use crate::core::axes::{AxisKind, AxisName};
 use crate::core::geometry::Vec3;
 use crate::core::model::curve::Curve;
@@ -20,7 +20,8 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
     }
     let mut model = args.model.base(|| default_chain(args.axis))?;
     let mut seen: Vec<ErrorSymbol> = Vec::new();
-    for path in &args.files {
+    let sources = Sources::of(&args.files);
+    for (index, path) in args.files.iter().enumerate() {
         let file = path.display().to_string();
         let bytes = read_bytes(path)?;
         let decoded = args.decode(&file, &bytes)?;
@@ -34,14 +35,11 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
             seen.push(symbol);
             refuse_other_reference(&model, symbol, format, &file)?;
             describe(symbol, &function);
-            put(&mut model, symbol, function);
-            let source = path.file_name().map(|n| n.to_string_lossy().into_owned());
-            let source_hash = Some(format!("blake3:{}", blake3::hash(&bytes).to_hex()));
-            model.of_errors.push((symbol, Provenance { source, source_hash, ..Provenance::default() }));
+            put(&mut model, symbol, function, sources.only(|i| i == index).provenance());
         }
     }
     let files = args.files.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ");
-    args.model.write(&model, &sources(&args.files), &files)
+    args.model.write(&model, &sources.comments(), &files)
 }
 
 fn read(

@@ -39,8 +39,10 @@ pub struct MachineConfig {
     pub log: LogConfig,
     /// Recording of every cycle.
     pub recording: RecordingConfig,
-    /// What outlives the daemon: counters and audit log.
+    /// What outlives the daemon: counters, audit log, models in use.
     pub state: StateConfig,
+    /// What a model must be before it is used.
+    pub guard: GuardConfig,
 }
 
 /// The link to the control.
@@ -179,6 +181,37 @@ pub struct StateConfig {
     /// Where it is kept, as written (relative to the machine file); `None` is the state directory that systemd gives
     /// the service, and nowhere without one.
     pub directory: Option<PathBuf>,
+}
+
+/// What happens where a model should not be used any more, or not now.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Policy {
+    /// It is said, and nothing else.
+    Warn,
+    /// Compensation is not enabled; one that is on goes on.
+    #[default]
+    Refuse,
+    /// Compensation is not enabled; one that is on is ramped out.
+    RampOut,
+}
+
+/// What a model must be before it is used.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GuardConfig {
+    /// Change of the tip anywhere in the working volume that needs no confirmation, mm.
+    pub change_limit: f64,
+    /// Change of the tool's direction that needs no confirmation, rad.
+    pub change_limit_angle: f64,
+    /// BLAKE3 of the only model file that may be used, in hex.
+    pub hash: Option<String>,
+    /// After the expiry that the model states.
+    pub expired: Policy,
+    /// Temperatures of the machine for which the model holds, degrees Celsius; `None` does not ask.
+    pub temperature_degc: Option<[f64; 2]>,
+    /// Age at which a temperature that was told counts as unknown, s.
+    pub temperature_max_age_s: f64,
+    /// Outside these temperatures, or where none is known.
+    pub outside_temperature: Policy,
 }
 
 /// Why a control and a machine file do not belong together.

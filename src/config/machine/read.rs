@@ -4,8 +4,8 @@ use core::net::SocketAddr;
 use std::path::PathBuf;
 
 use super::{
-    AxisConfig, EngineSettings, FORMAT, LinkConfig, LogConfig, LogTarget, MachineConfig, NO_SOFT_LIMITS,
-    RealtimeConfig, RecordingConfig, StartMode, StateConfig, StatusConfig, WhenFull,
+    AxisConfig, EngineSettings, FORMAT, GuardConfig, LinkConfig, LogConfig, LogTarget, MachineConfig,
+    NO_SOFT_LIMITS, Policy, RealtimeConfig, RecordingConfig, StartMode, StateConfig, StatusConfig, WhenFull,
 };
 use crate::config::diagnostic::{ConfigErrors, Diagnostic};
 use crate::config::reader::{self, Allowed, Placed, Reader, Section};
@@ -50,6 +50,7 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
     let log = read_log(&top.section("log"));
     let recording = read_recording(&top.section("recording"));
     let state = read_state(&top.section("state"));
+    let guard = read_guard(&top.section("guard"));
     top.finish();
     Some(MachineConfig {
         machine: machine?,
@@ -62,6 +63,7 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
         log,
         recording,
         state,
+        guard,
     })
 }
 
@@ -404,6 +406,48 @@ fn read_recording(recording: &Section<'_>) -> RecordingConfig {
 fn read_state(state: &Section<'_>) -> StateConfig {
     let config = StateConfig { directory: read_directory(state) };
     state.finish();
+    config
+}
+
+/// Change of a model that needs no confirmation by default, um and arcsec.
+const DEFAULT_CHANGE: [f64; 2] = [50.0, 20.0];
+
+fn read_guard(guard: &Section<'_>) -> GuardConfig {
+    let policies = [("warn", Policy::Warn), ("refuse", Policy::Refuse), ("ramp-out", Policy::RampOut)];
+    let hash = guard.text("hash");
+    if let Some(hash) = &hash
+        && !(hash.value.len() == 64 && hash.value.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f')))
+    {
+        guard.report(Diagnostic::at(
+            hash.place.clone(),
+            format!("guard.hash \"{}\" is no BLAKE3 hash", hash.value),
+            "write the 64 hexadecimal digits that `volcomp check` prints for the model",
+        ));
+    }
+    let temperature = guard.fixed::<2>("temperature-degc", "[lowest, highest]");
+    if let Some(list) = temperature.as_ref().filter(|t| t.value[0] >= t.value[1]) {
+        let [low, high] = list.value;
+        guard.report(Diagnostic::at(
+            list.place.clone(),
+            format!("guard.temperature-degc is [{low}, {high}]: the lower end is not below the upper"),
+            "write the lower end first",
+        ));
+    }
+    let config = GuardConfig {
+        change_limit: mm_from_um(or(guard, "change-limit-um", within(0.0, 10_000.0), DEFAULT_CHANGE[0])),
+        change_limit_angle: rad_from_arcsec(or(
+            guard,
+            "change-limit-arcsec",
+            within(0.0, 10_000.0),
+            DEFAULT_CHANGE[1],
+        )),
+        hash: hash.map(|h| h.value.to_owned()),
+        expired: guard.choice("expired", &policies).unwrap_or_default(),
+        temperature_degc: temperature.map(|t| t.value),
+        temperature_max_age_s: 60.0 * or(guard, "temperature-max-age-min", within(0.1, 10_000.0), 60.0),
+        outside_temperature: guard.choice("outside-temperature", &policies).unwrap_or_default(),
+    };
+    guard.finish();
     config
 }
 

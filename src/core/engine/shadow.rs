@@ -78,31 +78,61 @@ impl ShadowScore {
     }
 }
 
-/// An engine whose offsets nobody applies.
+/// An engine whose offsets nobody applies. Built once beside the real one, idle until it is switched on.
 #[derive(Debug, Clone)]
 pub struct Shadow {
     engine: Compensator,
+    on: bool,
     /// Asked for at the frame before, wire units: what this frame would read back.
     asked: AxisArray,
+    tip: Option<Vec3>,
     score: ShadowScore,
 }
 
 impl Shadow {
-    /// A shadow engine that wants to compensate as soon as the machine is ready.
+    /// A shadow engine that is off.
     ///
     /// # Errors
     /// The configuration is incomplete or does not fit the model.
-    pub fn new(config: &EngineConfig, model: &Model, now: MonoTime) -> Result<Self, EngineError> {
-        let mut engine = Compensator::new(config, model)?;
-        engine.on_link_up(now);
-        engine.on_command(now, Command::Enable);
-        Ok(Self { engine, asked: [0.0; MAX_AXES], score: ShadowScore::default() })
+    pub fn new(config: &EngineConfig, model: &Model) -> Result<Self, EngineError> {
+        let engine = Compensator::new(config, model)?;
+        Ok(Self { engine, on: false, asked: [0.0; MAX_AXES], tip: None, score: ShadowScore::default() })
+    }
+
+    /// Switches it on, with a new score, or off.
+    ///
+    /// # Cycle   no allocation, no panic, bounded time
+    pub fn set(&mut self, now: MonoTime, on: bool) {
+        self.on = on;
+        self.score = ShadowScore::default();
+        self.engine.on_command(now, Command::Disable);
+        self.begin(now);
+        // a fault of the last time is not one of this time
+        self.engine.on_command(now, Command::ClearFault);
+        if on {
+            self.engine.on_command(now, Command::Enable);
+        }
+    }
+
+    /// True while it is on.
+    #[must_use]
+    pub const fn is_on(&self) -> bool {
+        self.on
     }
 
     /// A new link; the score goes on.
     pub fn on_link_up(&mut self, now: MonoTime) {
+        // the control tells its tool anew on every link
+        self.tip = None;
+        self.begin(now);
+    }
+
+    fn begin(&mut self, now: MonoTime) {
         self.asked = [0.0; MAX_AXES];
         self.engine.on_link_up(now);
+        if let Some(tip) = self.tip {
+            self.engine.on_tool(tip);
+        }
     }
 
     /// The link is gone.
@@ -112,6 +142,7 @@ impl Shadow {
 
     /// See [`Compensator::on_tool`].
     pub fn on_tool(&mut self, tip: Vec3) {
+        self.tip = Some(tip);
         self.engine.on_tool(tip);
     }
 
@@ -139,6 +170,9 @@ impl Shadow {
     ///
     /// # Cycle   no allocation, no panic, bounded time
     pub fn on_position(&mut self, now: MonoTime, frame: &Position, model: &Model) -> Option<CycleOutput> {
+        if !self.on {
+            return None;
+        }
         let mut imagined = *frame;
         for k in 0..MAX_AXES {
             imagined.actual[k] += self.asked[k] - frame.applied[k];
@@ -152,16 +186,13 @@ impl Shadow {
 
     /// No position has arrived: see [`Compensator::on_deadline`].
     pub fn on_deadline(&mut self, now: MonoTime) -> Option<CycleOutput> {
+        if !self.on {
+            return None;
+        }
         let before = self.engine.state();
         let output = self.engine.on_deadline(now)?;
         self.take(&output, before);
         Some(output)
-    }
-
-    /// When [`Shadow::on_deadline`] wants to be called if no position arrives.
-    #[must_use]
-    pub const fn next_deadline(&self) -> Option<MonoTime> {
-        self.engine.next_deadline()
     }
 
     /// The state that the engine would be in.

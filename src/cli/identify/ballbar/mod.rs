@@ -5,9 +5,9 @@ mod report;
 use std::path::{Path, PathBuf};
 
 use crate::cli::identify::case;
-use crate::cli::model_out::{ModelOut, axis_entry, default_chain, put, sources};
+use crate::cli::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure, table};
-use crate::config::ModelFile;
+use crate::config::{ModelFile, Provenance};
 use crate::core::axes::AxisName;
 use crate::core::model::curve::{CurveError, Table};
 use crate::core::model::{Curve, ErrorFunction, ErrorSymbol, Sense};
@@ -182,6 +182,8 @@ fn write_model(args: &Args, plans: &[Plan]) -> Result<(), Failure> {
     }
     let axes = plans.iter().flat_map(|p| p.circles.plane.axes());
     let mut model = args.out.base(|| default_chain(axes))?;
+    let files: Vec<PathBuf> = plans.iter().map(|p| p.path.clone()).collect();
+    let sources = Sources::of(&files);
     for one in &found {
         if let Some(apart) = one.disagreement.filter(|d| *d > 3.0) {
             eprintln!(
@@ -189,7 +191,7 @@ fn write_model(args: &Args, plans: &[Plan]) -> Result<(), Failure> {
                 one.symbol
             );
         }
-        store(&mut model, one).map_err(bad)?;
+        store(&mut model, one, sources.provenance()).map_err(bad)?;
     }
     let angular = model.spec.errors.iter().any(|(s, _)| s.is_angle() && !s.is_constant());
     if angular {
@@ -197,19 +199,18 @@ fn write_model(args: &Args, plans: &[Plan]) -> Result<(), Failure> {
             "note: the model holds angular errors; what they do at the place of the circles is in the values found, too"
         );
     }
-    let files: Vec<PathBuf> = plans.iter().map(|p| p.path.clone()).collect();
-    args.out.write(&model, &sources(&files), &names)
+    args.out.write(&model, &sources.comments(), &names)
 }
 
 /// Puts an error into the model, in the sense of its axis.
-fn store(model: &mut ModelFile, found: &Assembled) -> Result<(), CurveError> {
+fn store(model: &mut ModelFile, found: &Assembled, from: Provenance) -> Result<(), CurveError> {
     let axis = found.symbol.axis();
     let carriage = model.spec.axis(axis).sense == Sense::Carriage && model.spec.is_workpiece_side(axis);
     let curve = match (&found.curve, found.symbol) {
         (Curve::Table(table), ErrorSymbol::Motion { .. }) if carriage => Curve::Table(mirrored(table)?),
         (curve, _) => curve.clone(),
     };
-    put(model, found.symbol, ErrorFunction { std: Some(found.std), ..ErrorFunction::single(curve) });
+    put(model, found.symbol, ErrorFunction { std: Some(found.std), ..ErrorFunction::single(curve) }, from);
     axis_entry(&mut model.spec, axis);
     Ok(())
 }

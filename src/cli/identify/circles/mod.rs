@@ -7,6 +7,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
+use super::case::{CaseArgs, print_json};
 use super::motion_curves::names;
 use super::observed::{Columns, Frame, TrackerArgs, not_negative, point};
 use crate::cli::model_out::ModelOut;
@@ -24,18 +25,14 @@ use crate::identify::statistics::SIGNIFICANT;
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = HELP)]
 pub(super) struct Args {
-    /// One case of the reference vectors (JSON, mm and rad) instead of files.
-    #[arg(long, value_name = "FILE", conflicts_with = "data")]
-    input: Option<PathBuf>,
-    /// The case to take where --input holds several.
-    #[arg(long, value_name = "ID", requires = "input")]
-    case: Option<String>,
+    #[command(flatten)]
+    case: CaseArgs,
     /// Print JSON (mm and rad) instead of a report.
     #[arg(long)]
     json: bool,
     /// The points: CSV with circle (1 farther from the tip, 2 nearer) and x_mm, y_mm, z_mm (or range, azimuth,
     /// elevation).
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input")]
     data: Option<PathBuf>,
     /// Points of a second tracker, in its own frame.
     #[arg(long, value_name = "FILE", requires = "data")]
@@ -87,8 +84,9 @@ Examples:
 other poses of the head the error belongs to several axes: collect poses and let volcomp identify ram sort them.";
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(path) = &args.input {
-        return case::run(path, args.case.as_deref(), args.json);
+    if let Some(file) = args.case.file() {
+        file.writes_no_model(args.model.target().is_some() || args.add_pose.is_some())?;
+        return case::run(file, args.json);
     }
     let (Some(data), Some(tip)) = (&args.data, args.tip_beyond_mm) else {
         return Err(usage("give --data and --tip-beyond-mm, or --input with a case"));
@@ -119,7 +117,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         solve(&input).map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", names(&files))))?;
     let quiet = args.model.takes_stdout();
     if args.json && !quiet {
-        super::case::print_json(&json_of(&found, args.tracker.cartesian_sigma()));
+        print_json(&json_of(&found, args.tracker.cartesian_sigma()));
     } else if !quiet {
         print(&found, args.tracker.cartesian_sigma().is_some());
         for registered in

@@ -6,7 +6,7 @@ use super::{Args, usage};
 use crate::cli::Failure;
 use crate::cli::files::{read_text, write_text};
 use crate::cli::identify::motion_curves::names;
-use crate::cli::model_out::{axis_entry, default_chain, put, sources};
+use crate::cli::model_out::{Sources, axis_entry, default_chain, put};
 use crate::core::axes::AxisName;
 use crate::core::geometry::Vec3;
 use crate::core::model::{Component, Curve, ErrorFunction, ErrorSymbol};
@@ -60,6 +60,7 @@ pub(super) fn write_model(args: &Args, found: &ToolAxis, files: &[PathBuf]) -> R
     // loc + turn x (tip - point) is what the tip is off
     let shift = (found.tip - nominal_tip) - turn.cross(&(nominal_tip - point));
     let [shift_std, turn_std] = [found.tip_lateral_std()[1], found.direction_std()[1]];
+    let sources = Sources::of(files);
     for (component, value, std) in [
         (Component::X, shift.x, shift_std),
         (Component::Y, shift.y, shift_std),
@@ -67,10 +68,11 @@ pub(super) fn write_model(args: &Args, found: &ToolAxis, files: &[PathBuf]) -> R
         (Component::B, turn.y, turn_std),
     ] {
         let function = ErrorFunction { std: Some(std), ..ErrorFunction::single(Curve::Constant(value)) };
-        put(&mut model, ErrorSymbol::Location { component, axis: AxisName::S }, function);
+        let symbol = ErrorSymbol::Location { component, axis: AxisName::S };
+        put(&mut model, symbol, function, sources.provenance());
     }
     let mut comment = vec![format!("written by volcomp identify circles {}", env!("CARGO_PKG_VERSION"))];
-    comment.extend(sources(files));
+    comment.extend(sources.comments());
     comment.push(format!(
         "tip along the axis off by {:.2} um: tool length, not part of the model",
         um_from_mm((found.tip - nominal_tip).dot(&found.direction))

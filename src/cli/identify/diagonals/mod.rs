@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use super::case;
+use super::case::{CaseArgs, print_json};
 use super::straightness::axis_out::point;
 use crate::cli::files::read_model;
-use crate::cli::model_out::{ModelOut, default_chain, put, sources};
+use crate::cli::model_out::{ModelOut, Sources, default_chain, put};
 use crate::cli::positioning_data::{TestColumns, no_rows};
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure, table};
 use crate::config::model::Provenance;
@@ -39,11 +39,16 @@ const HELP: &str = "A laser along each body diagonal of a box reads how much too
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = HELP)]
 pub(super) struct Args {
-    /// One case of the reference vectors.
-    #[arg(long, value_name = "FILE", conflicts_with = "data", required_unless_present = "data")]
-    input: Option<PathBuf>,
+    #[command(flatten)]
+    case: CaseArgs,
     /// Readings along the diagonals; - is stdin.
-    #[arg(long, value_name = "FILE", requires = "box_mm")]
+    #[arg(
+        long,
+        value_name = "FILE",
+        requires = "box_mm",
+        conflicts_with = "input",
+        required_unless_present = "input"
+    )]
     data: Option<PathBuf>,
     /// Sides of the box along X, Y, Z.
     #[arg(long, value_name = "A,B,C", value_parser = point)]
@@ -79,8 +84,11 @@ fn positive(text: &str) -> Result<f64, String> {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    match (&args.input, &args.data) {
-        (Some(path), _) => vector::run(args, path),
+    match (args.case.file(), &args.data) {
+        (Some(file), _) => {
+            file.writes_no_model(args.out.target().is_some())?;
+            vector::run(args, file)
+        }
         (None, Some(path)) => run_data(args, path),
         (None, None) => Err(Failure::new(EX_USAGE, "error: give --data or --input")),
     }
@@ -134,7 +142,7 @@ fn run_data(args: &Args, path: &Path) -> Result<(), Failure> {
         write_model(args, path, &spec, &outcome)?;
     }
     if !args.out.takes_stdout() {
-        if args.json { case::print_json(&report) } else { print_report(args, &outcome) }
+        if args.json { print_json(&report) } else { print_report(args, &outcome) }
     }
     Ok(())
 }
@@ -437,24 +445,19 @@ fn write_model(args: &Args, path: &Path, spec: &ModelSpec, o: &Outcome) -> Resul
         }
     }
     let files: Vec<PathBuf> = [Some(path.to_owned()), args.model.clone()].into_iter().flatten().collect();
-    let hash = std::fs::read(path).ok().map(|b| format!("blake3:{}", blake3::hash(&b).to_hex()));
+    let sources = Sources::of(&files);
     let bound = args.accept_bias_arcsec.filter(|_| !o.missing.is_empty());
     for line in lines(args, o) {
         let value = Curve::Constant(rad_from_arcsec(line.value));
         let std = line.uncertainty.map(|u| rad_from_arcsec(u.0.hypot(bound.unwrap_or(0.0))));
-        put(&mut model, line.symbol, ErrorFunction { std, ..ErrorFunction::single(value) });
         let note = bound.map(|b| format!("angular data incomplete, bias up to {b} arcsec accepted"));
-        let origin = Provenance {
-            source: path.file_name().map(|n| n.to_string_lossy().into_owned()),
-            source_hash: hash.clone(),
-            note,
-            ..Provenance::default()
-        };
-        model.of_errors.push((line.symbol, origin));
+        // the model that was subtracted is no measurement of its own
+        let from = Provenance { note, ..sources.only(|i| i == 0).provenance() };
+        put(&mut model, line.symbol, ErrorFunction { std, ..ErrorFunction::single(value) }, from);
     }
     let (low, size) = o.setup.cuboid();
     let mut comment = vec![format!("written by volcomp identify diagonals {}", env!("CARGO_PKG_VERSION"))];
-    comment.extend(sources(&files));
+    comment.extend(sources.comments());
     comment.push(format!("body diagonals of the box {size:?} mm from {low:?} mm"));
     args.out.write(&model, &comment, &path.display().to_string())
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value, json};
 
 use self::head_file::HeadFile;
-use super::case;
+use super::case::{CaseArgs, CaseFile, print_json};
 use super::straightness::axis_out::{AxisOut, Measured, Origin, linear_axis};
 use crate::cli::files::write_text;
 use crate::cli::positioning_data::no_rows;
@@ -44,11 +44,10 @@ const HELP: &str = "A head sends two parallel beams to the carriage. PSD1 sees i
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = HELP)]
 pub(super) struct Args {
-    /// One case of the reference vectors.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["data", "resting"])]
-    input: Option<PathBuf>,
+    #[command(flatten)]
+    case: CaseArgs,
     /// Readings along the axis; - is stdin.
-    #[arg(long, value_name = "FILE", requires = "calibration", requires = "axis")]
+    #[arg(long, value_name = "FILE", requires = "calibration", requires = "axis", conflicts_with = "input")]
     data: Option<PathBuf>,
     /// Log of the resting carriage at two or more distances.
     #[arg(long, value_name = "FILE", requires = "calibration", requires = "axis")]
@@ -83,8 +82,9 @@ enum RollArg {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(path) = &args.input {
-        return run_case(args, path);
+    if let Some(file) = args.case.file() {
+        file.writes_no_model(args.out.is_wanted())?;
+        return run_case(args, file);
     }
     let (Some(path), Some(axis)) = (&args.calibration, args.axis) else {
         return Err(Failure::new(
@@ -145,10 +145,10 @@ struct CaseReadings {
     QD2_z: f64,
 }
 
-fn run_case(args: &Args, path: &Path) -> Result<(), Failure> {
-    let case: Case = case::read(path)?;
+fn run_case(args: &Args, file: CaseFile<'_>) -> Result<(), Failure> {
+    let case: Case = file.read()?;
     let focal = [case.focal.f1, case.focal.f2, case.focal.f3];
-    let head = Head::nominal(focal, [case.beam_1_yz, case.beam_2_yz]).map_err(|e| bad(path, e))?;
+    let head = Head::nominal(focal, [case.beam_1_yz, case.beam_2_yz]).map_err(|e| file.bad(e))?;
     let r = &case.readings;
     let change = [
         [r.PSD1_y, r.PSD1_z],
@@ -172,7 +172,7 @@ fn run_case(args: &Args, path: &Path) -> Result<(), Failure> {
         result.insert("without_drift_compensation".into(), Value::Object(object(&without)));
         result.insert("pointing".into(), json!(found.pointing));
         result.insert("stretch".into(), json!(found.stretch));
-        case::print_json(&Value::Object(result));
+        print_json(&Value::Object(result));
         return Ok(());
     }
     for (i, name) in ["EY", "EZ", "EA", "EB", "EC"].iter().enumerate() {
@@ -275,7 +275,7 @@ fn report_calibration(args: &Args, axis: AxisName, c: &Calibration) {
         let std = |e: &[crate::identify::fivedof::resting::Estimate; 2]| json!(e.map(|e| e.std));
         let signs: Map<String, Value> =
             Detector::ALL.iter().zip(c.head.signs).map(|(d, s)| (d.name().to_owned(), json!(s))).collect();
-        case::print_json(&json!({
+        print_json(&json!({
             "signs": signs,
             "angle_gain": pair(&c.angle_gain), "angle_gain_std": std(&c.angle_gain),
             "gain_beam_1": pair(&c.gain[0]), "gain_beam_1_std": std(&c.gain[0]),
@@ -514,7 +514,7 @@ fn report(
         object.insert("stretch_rms_um".into(), json!(um_from_mm(rms)));
         object.insert("stretch_expected_um".into(), json!(um_from_mm(expected)));
         object.insert("rigid".into(), json!(is_rigid));
-        case::print_json(&Value::Object(object));
+        print_json(&Value::Object(object));
         return;
     }
     say!("{:<8}{:>14}{:>20}", "error", "range", "std of a reading");

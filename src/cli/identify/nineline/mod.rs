@@ -5,6 +5,7 @@ mod compare;
 
 use std::path::{Path, PathBuf};
 
+use super::case::{CaseArgs, print_json};
 use super::motion_curves::{CurveArgs, Origin, motions_json, names, print_motions};
 use super::observed::{above_zero, linear_axis, point};
 use crate::cli::model_out::default_chain;
@@ -25,20 +26,16 @@ use crate::identify::twist::moved;
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = HELP)]
 pub(super) struct Args {
-    /// One case of the reference vectors (JSON, mm and rad) instead of files.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["data", "lines"])]
-    input: Option<PathBuf>,
-    /// The case to take where --input holds several.
-    #[arg(long, value_name = "ID", requires = "input")]
-    case: Option<String>,
+    #[command(flatten)]
+    case: CaseArgs,
     /// Print JSON (mm and rad) instead of a report.
     #[arg(long)]
     json: bool,
     /// Readings; once per file, as one line is usually measured after the other.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input")]
     data: Vec<PathBuf>,
     /// Where the target stood on the carriage for each line: CSV with line, x_mm, y_mm, z_mm (M at home).
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input")]
     lines: Option<PathBuf>,
     /// The axis that moved.
     #[arg(long, value_name = "LETTER", value_parser = linear_axis)]
@@ -87,8 +84,9 @@ struct Stop {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(path) = &args.input {
-        return case::run(path, args.case.as_deref(), args.json);
+    if let Some(file) = args.case.file() {
+        file.writes_no_model(args.curves.writes())?;
+        return case::run(file, args.json);
     }
     let (Some(lines), Some(axis), false) = (&args.lines, args.axis, args.data.is_empty()) else {
         return Err(usage("give --lines, --axis and --data, or --input with a case"));
@@ -122,7 +120,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         None => None,
     };
     if args.json && !quiet {
-        super::case::print_json(&serde_json::json!({
+        print_json(&serde_json::json!({
             "motions": motions_json(&gauged, &origin),
             "condition_scaled": fit.condition,
             "chi2": fit.chi2,

@@ -7,6 +7,7 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
+use super::case::{CaseArgs, print_json};
 use super::motion_curves::{CurveArgs, Origin, in_print_units, motions_json, names, print_motions};
 use super::observed::{above_zero, linear_axis, point};
 use crate::cli::files::read_model;
@@ -27,17 +28,13 @@ use crate::identify::statistics::SIGNIFICANT;
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = HELP)]
 pub(super) struct Args {
-    /// One case of the reference vectors (JSON, mm and rad) instead of files.
-    #[arg(long, value_name = "FILE", conflicts_with = "poses")]
-    input: Option<PathBuf>,
-    /// The case to take where --input holds several.
-    #[arg(long, value_name = "ID", requires = "input")]
-    case: Option<String>,
+    #[command(flatten)]
+    case: CaseArgs,
     /// Print JSON (mm and rad) instead of a report.
     #[arg(long)]
     json: bool,
     /// The poses; once per file.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input")]
     poses: Vec<PathBuf>,
     /// The axis of the ram.
     #[arg(long, value_name = "LETTER", default_value = "z", value_parser = linear_axis)]
@@ -93,8 +90,9 @@ struct Stop {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(path) = &args.input {
-        return case::run(path, args.case.as_deref(), args.json);
+    if let Some(file) = args.case.file() {
+        file.writes_no_model(args.curves.writes())?;
+        return case::run(file, args.json);
     }
     let (Some(a_axis), Some(tool_length), false) =
         (args.a_axis_mm, args.tool_length_mm, args.poses.is_empty())
@@ -147,7 +145,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let quiet = args.curves.model.takes_stdout();
     if args.json && !quiet {
         let stops: Vec<Value> = fits.iter().map(json_of).collect();
-        super::case::print_json(&json!({"motions": motions_json(&gauged, &origin), "stops": stops}));
+        print_json(&json!({"motions": motions_json(&gauged, &origin), "stops": stops}));
     } else if !quiet {
         let chi2: f64 = fits.iter().map(|f| f.chi2).sum();
         let dof: usize = fits.iter().map(|f| f.dof).sum();
@@ -172,7 +170,7 @@ fn single(args: &Args, fits: &[RamFit]) -> Result<(), Failure> {
     }
     for fit in fits {
         if args.json {
-            super::case::print_json(&json_of(fit));
+            print_json(&json_of(fit));
         } else {
             print(fit);
         }

@@ -4,7 +4,7 @@
 use std::path::PathBuf;
 
 use crate::cli::fit_report::{Fitted, note_text, print_table};
-use crate::cli::model_out::{ModelOut, axis_entry, default_chain, put, sources};
+use crate::cli::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
 use crate::config::model::Provenance;
 use crate::core::axes::{AxisKind, AxisName};
@@ -180,6 +180,7 @@ impl AxisOut {
         let symbols: Vec<ErrorSymbol> =
             measured.iter().map(|m| ErrorSymbol::Motion { component: m.component, axis }).collect();
         let (measured_sense, stored) = self.senses(&model.spec, axis, primed, &symbols)?;
+        let sources = Sources::of(origin.files);
         let mut fitted = Vec::with_capacity(measured.len());
         for (m, symbol) in measured.into_iter().zip(symbols) {
             let mut readings = gauged(m.readings, m.component, axis, self.rule());
@@ -195,8 +196,11 @@ impl AxisOut {
             let fit = curve::fit(&readings, &request)
                 .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {files}: {symbol}: {e}")))?;
             let std = fit.figures.rmse_dof.into_iter().chain(m.std).reduce(f64::max);
-            put(&mut model, symbol, ErrorFunction { std, ..ErrorFunction::single(fit.curve.clone()) });
-            model.of_errors.push((symbol, provenance(origin)));
+            let function = ErrorFunction { std, ..ErrorFunction::single(fit.curve.clone()) };
+            // sign table and tilt test are no data of the curve
+            let from =
+                Provenance { instrument: origin.instrument.clone(), ..sources.only(|i| i == 0).provenance() };
+            put(&mut model, symbol, function, from);
             fitted.push(Fitted::new(symbol, readings.into(), fit));
         }
         self.place(&mut model.spec, axis, &fitted, moved, stored);
@@ -207,7 +211,7 @@ impl AxisOut {
         }
         let mut comment =
             vec![format!("written by volcomp identify {} {}", origin.method, env!("CARGO_PKG_VERSION"))];
-        comment.extend(sources(origin.files));
+        comment.extend(sources.comments());
         comment.push(format!(
             "axis {axis}: measured in the {} sense, straightness about the {} line",
             name_of(measured_sense),
@@ -304,18 +308,6 @@ const fn name_of(sense: Sense) -> &'static str {
     match sense {
         Sense::Relative => "relative",
         Sense::Carriage => "carriage",
-    }
-}
-
-fn provenance(origin: &Origin<'_>) -> Provenance {
-    let data = origin.files.first();
-    Provenance {
-        instrument: origin.instrument.clone(),
-        source: data.and_then(|p| p.file_name()).map(|n| n.to_string_lossy().into_owned()),
-        source_hash: data
-            .and_then(|p| std::fs::read(p).ok())
-            .map(|bytes| format!("blake3:{}", blake3::hash(&bytes).to_hex())),
-        ..Provenance::default()
     }
 }
 

@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 
 use self::axis_out::{AxisOut, Measured, Origin, linear_axis, means, point};
 use self::sign_file::{ChannelColumns, SetUp, SignFile, read_tilt_test};
-use super::case;
+use super::case::{CaseArgs, CaseFile, print_json};
 use crate::cli::files::write_text;
 use crate::cli::{EX_CONFIG, EX_DATAERR, EX_USAGE, Failure, table};
 use crate::core::axes::{AxisName, Travel};
@@ -46,11 +46,10 @@ const HELP: &str = "The instrument reads distance, horizontal and vertical strai
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = HELP)]
 pub(super) struct Args {
-    /// One case of the reference vectors (x, y in mm).
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["data", "tilt_test"])]
-    input: Option<PathBuf>,
+    #[command(flatten)]
+    case: CaseArgs,
     /// Readings along the axis; - is stdin.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input")]
     data: Option<PathBuf>,
     /// The axis that moved.
     #[arg(long, value_name = "LETTER", value_parser = linear_axis)]
@@ -59,7 +58,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE")]
     signs: Option<PathBuf>,
     /// Readings while known tilts were applied in the same set-up.
-    #[arg(long, value_name = "FILE", requires = "axis")]
+    #[arg(long, value_name = "FILE", requires = "axis", conflicts_with = "input")]
     tilt_test: Option<PathBuf>,
     /// Write the sign table with what the tilt test found.
     #[arg(long, value_name = "FILE", requires = "tilt_test")]
@@ -81,8 +80,9 @@ struct Case {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(path) = &args.input {
-        return run_case(args, path);
+    if let Some(file) = args.case.file() {
+        file.writes_no_model(args.out.is_wanted())?;
+        return run_case(args, file);
     }
     let tilts = args.tilt_test.as_deref().map(read_tilt_test).transpose()?;
     let Some(axis) = args.axis else {
@@ -112,12 +112,11 @@ fn usage(what: impl core::fmt::Display) -> Failure {
     Failure::new(EX_USAGE, format_args!("error: {what}"))
 }
 
-fn run_case(args: &Args, path: &Path) -> Result<(), Failure> {
-    let case: Case = case::read(path)?;
+fn run_case(args: &Args, file: CaseFile<'_>) -> Result<(), Failure> {
+    let case: Case = file.read()?;
     let mut result = Map::new();
     for rule in Rule::ALL {
-        let line = Line::fit(&case.x, &case.y, rule)
-            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))?;
+        let line = Line::fit(&case.x, &case.y, rule).map_err(|e| file.bad(e))?;
         let mut object = json!({
             "slope": line.slope, "intercept": line.intercept, "straightness": line.straightness,
             "slope_std_per_unit": line.slope_std,
@@ -126,7 +125,7 @@ fn run_case(args: &Args, path: &Path) -> Result<(), Failure> {
         result.insert(rule.name().to_owned(), object);
     }
     if args.json {
-        case::print_json(&Value::Object(result));
+        print_json(&Value::Object(result));
     } else {
         say!("{:<14}{:>14}{:>18}{:>18}", "line", "slope", "intercept", "straightness");
         for (name, v) in &result {
@@ -431,7 +430,7 @@ fn report(args: &Args, axis: AxisName, run: &[Measured]) -> Result<(), Failure> 
         object.insert(key, figures);
     }
     if args.json && !args.out.takes_stdout() {
-        case::print_json(&Value::Object(object));
+        print_json(&Value::Object(object));
     }
     Ok(())
 }

@@ -6,6 +6,7 @@ mod report;
 
 use std::path::PathBuf;
 
+use super::case::{CaseArgs, print_json};
 use super::motion_curves::{CurveArgs, Origin, names};
 use super::observed::{TrackerArgs, linear_axis, point};
 use crate::cli::model_out::default_chain;
@@ -22,20 +23,16 @@ use crate::identify::threepoint::{Series, sides, solve_series};
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = HELP)]
 pub(super) struct Args {
-    /// One case of the reference vectors (JSON, mm and rad) instead of files.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["data", "points"])]
-    input: Option<PathBuf>,
-    /// The case to take where --input holds several.
-    #[arg(long, value_name = "ID", requires = "input")]
-    case: Option<String>,
+    #[command(flatten)]
+    case: CaseArgs,
     /// Print JSON (mm and rad) instead of a report.
     #[arg(long)]
     json: bool,
     /// The measured positions; once per file. - is stdin.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input")]
     data: Vec<PathBuf>,
     /// The points on the carriage: CSV with point, x_mm, y_mm, z_mm (platform coordinates, home).
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input")]
     points: Option<PathBuf>,
     /// The axis that moved.
     #[arg(long, value_name = "LETTER", value_parser = linear_axis)]
@@ -73,8 +70,9 @@ Signs: right-handed angles, ex ey ez along M. For a carriage on the workpiece si
 its own motion; the model gets the motion of the tool relative to it, which is minus that.";
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(path) = &args.input {
-        return case::run(path, args.case.as_deref(), args.json);
+    if let Some(file) = args.case.file() {
+        file.writes_no_model(args.curves.writes())?;
+        return case::run(file, args.json);
     }
     if args.data.is_empty() {
         return Err(usage("neither --input nor --data is given"));
@@ -116,7 +114,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     };
     let quiet = args.curves.model.takes_stdout();
     if args.json && !quiet {
-        super::case::print_json(&report.json());
+        print_json(&report.json());
     } else if !quiet {
         report.print();
     }
@@ -141,7 +139,7 @@ fn rigidity(args: &Args, frame: &super::observed::Frame) -> Result<(), Failure> 
         ));
     };
     if args.json {
-        super::case::print_json(&report::sides_json(&sides, &found, poses.len()));
+        print_json(&report::sides_json(&sides, &found, poses.len()));
     } else {
         report::print_sides(&sides, &found, poses.len());
     }

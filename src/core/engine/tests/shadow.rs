@@ -17,6 +17,12 @@ fn drive(shadow: &mut Shadow, model: &Model, feed: f64, cycles: u32) -> Option<C
     last
 }
 
+fn switched_on(config: &EngineConfig, model: &Model) -> Shadow {
+    let mut shadow = Shadow::new(config, model).unwrap();
+    shadow.set(MonoTime::ZERO, true);
+    shadow
+}
+
 /// EXX = 10 um sin(2 pi x / 10 mm): a screw.
 fn screw() -> Model {
     let mut spec = ModelSpec::new("m", Chain::parse("[w b X Y Z t]").unwrap());
@@ -33,7 +39,7 @@ fn it_believes_that_its_offset_is_applied_and_scores_what_is_left() {
     for source in [PositionSource::Commanded, PositionSource::Actual] {
         let config = EngineConfig { position_source: source, ..config() };
         let model = model();
-        let mut shadow = Shadow::new(&config, &model, MonoTime::ZERO).unwrap();
+        let mut shadow = switched_on(&config, &model);
         let last = drive(&mut shadow, &model, 0.0, 2000).unwrap();
         assert_eq!((last.state, shadow.state()), (State::Active, State::Active));
         // the correction of +10 um is -10 um, though the machine reads back zero all the time
@@ -59,7 +65,7 @@ fn limits_that_cannot_follow_show_in_the_score() {
             lag_uncertainty_cycles: 0.0,
             ..config()
         };
-        let mut shadow = Shadow::new(&config, &model, MonoTime::ZERO).unwrap();
+        let mut shadow = switched_on(&config, &model);
         drive(&mut shadow, &model, 200.0, 1500);
         let score = shadow.score();
         assert!((score.before_rms(0).unwrap() - 0.010 / 2f64.sqrt()).abs() < 2e-4);
@@ -73,7 +79,21 @@ fn limits_that_cannot_follow_show_in_the_score() {
 #[test]
 fn what_would_stop_the_machine_is_counted() {
     let model = constant_model(1.0);
-    let mut shadow = Shadow::new(&config(), &model, MonoTime::ZERO).unwrap();
+    let mut shadow = switched_on(&config(), &model);
+    drive(&mut shadow, &model, 0.0, 500);
+    assert_eq!((shadow.state(), shadow.score().faults), (State::Faulted, 1));
+}
+
+#[test]
+fn off_it_does_nothing_and_on_again_it_starts_over() {
+    let model = constant_model(1.0);
+    let mut shadow = Shadow::new(&config(), &model).unwrap();
+    assert_eq!((drive(&mut shadow, &model, 0.0, 100), shadow.score().cycles), (None, 0));
+    shadow.set(MonoTime::ZERO, true);
+    drive(&mut shadow, &model, 0.0, 500);
+    assert_eq!(shadow.state(), State::Faulted);
+    shadow.set(MonoTime::ZERO, true);
+    assert_eq!((shadow.state(), shadow.score()), (State::Armed, &ShadowScore::default()));
     drive(&mut shadow, &model, 0.0, 500);
     assert_eq!((shadow.state(), shadow.score().faults), (State::Faulted, 1));
 }
