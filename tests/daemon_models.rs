@@ -8,7 +8,7 @@ mod daemon_support;
 use std::fs;
 use std::process::Output;
 
-use daemon_support::{Daemon, EXX_MM, Port, STEP_MM_MAX, Session, Setup};
+use daemon_support::{Daemon, EXX_MM, Port, STEP_MM_MAX, Session, Setup, eventually};
 use rustix::process::Signal;
 use serde_json::Value;
 
@@ -90,6 +90,9 @@ fn another_model_comes_in_smoothly_and_goes_back_and_stays_over_a_restart() {
     assert!((session.applied[0] + 0.120).abs() < 1e-9);
 
     // the choice outlives the daemon; the way back, too
+    let audit = daemon.dir.path().join("state/audit.jsonl");
+    let written = || fs::read_to_string(&audit).is_ok_and(|text| text.contains("new screw"));
+    assert!(eventually(written), "an order does not wait for the audit log, but the log is not far behind");
     daemon.signal(Signal::KILL);
     let _ = daemon.wait();
     daemon.restart();
@@ -100,7 +103,7 @@ fn another_model_comes_in_smoothly_and_goes_back_and_stays_over_a_restart() {
     assert!(back.status.success(), "{}", stderr(&back));
     assert!((session.applied[0] + 0.040).abs() < 1e-9);
 
-    let audit = fs::read_to_string(daemon.dir.path().join("state/audit.jsonl")).expect("an audit log");
+    let audit = fs::read_to_string(&audit).expect("an audit log");
     for word in ["\"load\"", "\"rollback\"", "A. Smith", "new screw", "VC-5006"] {
         assert!(audit.contains(word), "no {word} in\n{audit}");
     }

@@ -107,6 +107,70 @@ fn what_was_recorded_replays_bit_for_bit_and_exports() {
     exports_agree(&daemon, &files[0]);
 }
 
+/// EXX = `um` everywhere, for the machine of these tests.
+fn constant_model(daemon: &Daemon, name: &str, um: f64) -> String {
+    let path = daemon.dir.path().join(name);
+    let text = format!(
+        "format = \"volcomp-model/1\"\nmachine = \"test-mill\"\nchain = \"[w X' b Y Z t]\"\n\
+         [axes.x]\ntravel-mm = [0, 400]\n[errors.exx.constant]\nvalue-um = {um}\n"
+    );
+    fs::write(&path, text).expect("written");
+    path.display().to_string()
+}
+
+/// Gives an order while the machine goes on.
+fn order_while_working(session: &mut Session, daemon: &Daemon, arguments: &[&str]) {
+    std::thread::scope(|scope| {
+        let order = scope.spawn(|| daemon.volcomp(arguments));
+        while !order.is_finished() {
+            work(session, 10);
+        }
+        let _ = ok(&order.join().expect("the order"));
+    });
+    work(session, 500);
+}
+
+#[test]
+fn models_loaded_and_rolled_back_stand_in_the_recording_and_replay() {
+    let port = Port::open();
+    let mut daemon = Daemon::start(&port.address(), kept(KEPT));
+    // before there is an engine
+    let _ = daemon.status();
+    let first = constant_model(&daemon, "first.toml", 20.0);
+    let _ = ok(&daemon.volcomp(&["load", &first, "--reason", "test"]));
+    let mut session = port.link();
+    work(&mut session, 500);
+    let second = constant_model(&daemon, "second.toml", 35.0);
+    order_while_working(&mut session, &daemon, &["load", &second, "--reason", "test"]);
+    order_while_working(&mut session, &daemon, &["gain", "0.5"]);
+    order_while_working(&mut session, &daemon, &["rollback", "--reason", "test"]);
+    session.close();
+    daemon.signal(Signal::TERM);
+    assert!(daemon.wait().success());
+    let files = recordings(&daemon);
+    let bytes = fs::read(&files[0]).expect("there");
+    let found = Recording::parse(&bytes).expect("a recording").models;
+    assert_eq!(found.len(), 3, "the one that the first engine was made with, then each switch");
+    assert!(found[0].1.contains("= 20") && found[1].1.contains("= 35") && found[2] == found[0]);
+    let (code, report, stderr) = replay(&files, &[]);
+    assert_eq!(code, Some(0), "{report} {stderr}");
+    assert!(report["compared"].as_u64() > Some(2000) && report["compared"] == report["cycles"], "{report}");
+
+    // the model that was in use last is the one that the next recording begins with
+    daemon.restart();
+    let mut session = port.link();
+    work(&mut session, 1000);
+    session.close();
+    daemon.signal(Signal::TERM);
+    assert!(daemon.wait().success());
+    let files = recordings(&daemon);
+    let bytes = fs::read(&files[1]).expect("there");
+    let found = Recording::parse(&bytes).expect("a recording");
+    assert!(found.models[0].1.contains("= 20") && found.meta.model.ends_with("first.toml"), "{:?}", found.meta);
+    let (code, report, stderr) = replay(&files[1..], &[]);
+    assert_eq!(code, Some(0), "{report} {stderr}");
+}
+
 /// CSV and Parquet say the same, with the columns of sessions and histories.
 fn exports_agree(daemon: &Daemon, file: &Path) {
     use parquet::file::reader::{FileReader, SerializedFileReader};

@@ -225,6 +225,7 @@ async fn switch(
     let request = Request::Model { model: Arc::clone(&new.model), hash: *hash.as_bytes() };
     // until the cycle thread has answered, the old model is held here: nothing is freed on the cycle
     let _old = Arc::clone(&lock(service).models().active);
+    lock(service).announce(&new);
     let answer = order(request, service).await;
     if !answer.ok {
         return answer;

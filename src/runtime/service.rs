@@ -165,6 +165,13 @@ impl Service {
         guard::hindrances(&self.config.guard, expiry, SystemTime::now(), temperature)
     }
 
+    /// Another model may be taken into use: the recording has to know its text before.
+    pub(super) fn announce(&self, model: &Prepared) {
+        if let Some(recorder) = &self.recorder {
+            recorder.models.put(&model.origin, &model.text);
+        }
+    }
+
     /// Another model is in use; says why that will not outlive a restart, where it will not.
     pub(super) fn switched(
         &mut self,
