@@ -90,6 +90,9 @@ fn another_model_comes_in_smoothly_and_goes_back_and_stays_over_a_restart() {
     assert!((session.applied[0] + 0.120).abs() < 1e-9);
 
     // the choice outlives the daemon; the way back, too
+    let audit = daemon.dir.path().join("state/audit.jsonl");
+    let written = || fs::read_to_string(&audit).is_ok_and(|text| text.contains("new screw"));
+    assert!(eventually(written), "an order does not wait for the audit log, but the log is not far behind");
     daemon.signal(Signal::KILL);
     let _ = daemon.wait();
     daemon.restart();

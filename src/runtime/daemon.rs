@@ -15,7 +15,7 @@ use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 use tracing::{error, info, warn};
 
 use super::clock::Clock;
-use super::keeper::{self, Keeper};
+use super::keeper::Keeper;
 use super::load::{LoadError, Loaded, load};
 use super::logging::{self, LogError};
 use super::models::{Models, guard};
@@ -141,18 +141,16 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
     let server = loaded.config.status.socket.as_deref().map(Server::bind).transpose()?;
     let clock = Clock::start();
     let (mut cycle_ports, service_ports) = ports();
-    let models = Models::at_start(keeper::directory(config, &loaded).as_deref(), &loaded);
-    let loaded = Arc::new(loaded.using(&models.active));
-    let how = permit(&models, &loaded.config);
     let keeper = Keeper::start(config, &loaded);
-    let recorder = Recorder::start(config, &loaded, clock)
+    let models = Models::at_start(keeper.directory(), &loaded);
+    keeper.announce(&loaded, &models.active);
+    let how = permit(&models, &loaded.config);
+    let recorder = Recorder::start(config, &loaded, &models.active, clock)
         .map_err(|source| DaemonError::System { what: "the recorder's thread", source })?;
     let (tap, recorder) = recorder.unzip();
-    let texts = tap.as_ref().map(|tap| Arc::clone(tap.models()));
     cycle_ports.tap = tap;
-    let service =
-        Service::new(Arc::clone(&loaded), service_ports, keeper, recorder.zip(texts), models, clock)
-            .map_err(|_| DaemonError::Internal { what: "the statistics could not be set up" })?;
+    let service = Service::new(Arc::clone(&loaded), service_ports, keeper, recorder, models, clock)
+        .map_err(|_| DaemonError::Internal { what: "the statistics could not be set up" })?;
     let service = Arc::new(Mutex::new(service));
     log_start(config, &loaded);
     let mut thread = CycleThread::spawn(loaded, how, cycle_ports, clock)

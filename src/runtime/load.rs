@@ -4,7 +4,6 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
-use super::models::Prepared;
 use super::tls::{self, Identity, TlsFileError};
 use crate::config::machine::ModelMismatch;
 use crate::config::{ConfigErrors, MachineConfig, model};
@@ -34,22 +33,6 @@ pub struct Loaded {
     pub uncorrected: Vec<AxisName>,
     /// Who the daemon is on a link over TLS; `None` is plain TCP.
     pub identity: Option<Identity>,
-}
-
-impl Loaded {
-    /// The same machine file with another model.
-    pub(super) fn using(&self, model: &Prepared) -> Self {
-        Self {
-            model: Arc::clone(&model.model),
-            model_path: PathBuf::from(&model.origin),
-            spec: model.spec.clone(),
-            expiry: model.expiry.clone(),
-            model_hash: model.hash.clone(),
-            model_text: model.text.clone(),
-            uncorrected: self.config.uncorrected_axes(&model.spec),
-            ..self.clone()
-        }
-    }
 }
 
 /// Why the daemon cannot start from these files.

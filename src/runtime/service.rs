@@ -20,7 +20,7 @@ use super::models::guard::{self, Hindrance};
 use super::models::{Keeping, Models, Prepared};
 use super::ports::{LastOffset, Progress, Report, Request, ServicePorts, Ticket};
 use super::realtime::RealtimeReport;
-use super::recorder::{ModelTexts, Recorder};
+use super::recorder::Recorder;
 use super::status::Status;
 use crate::config::{MachineConfig, Policy, StartMode};
 use crate::core::engine::{Command, Event, ShadowScore, State};
@@ -43,8 +43,6 @@ pub(super) struct Service {
     tally: Tally,
     keeper: Keeper,
     recorder: Option<Recorder>,
-    /// Where the recording finds the models that it names.
-    texts: Option<Arc<ModelTexts>>,
     models: Models,
     config: Arc<MachineConfig>,
     gain: f64,
@@ -67,7 +65,7 @@ impl Service {
         loaded: Arc<Loaded>,
         ports: ServicePorts,
         keeper: Keeper,
-        recorder: Option<(Recorder, Arc<ModelTexts>)>,
+        recorder: Option<Recorder>,
         models: Models,
         clock: Clock,
     ) -> Result<Self, hdrhistogram::CreationError> {
@@ -80,11 +78,9 @@ impl Service {
             tally.enabled();
         }
         let gain = config.engine.gain;
-        let (recorder, texts) = recorder.unzip();
         let config = Arc::new(config.clone());
         let board = Board::new(loaded, Arc::clone(&ports.progress), clock)?;
         Ok(Self {
-            texts,
             models,
             config,
             gain,
@@ -169,10 +165,10 @@ impl Service {
         guard::hindrances(&self.config.guard, expiry, SystemTime::now(), temperature)
     }
 
-    /// Tells the recording of a model before the engine is given it.
+    /// Another model may be taken into use: the recording has to know its text before.
     pub(super) fn announce(&self, model: &Prepared) {
-        if let Some(texts) = &self.texts {
-            texts.put(&model.origin, &model.text);
+        if let Some(recorder) = &self.recorder {
+            recorder.models.put(&model.origin, &model.text);
         }
     }
 

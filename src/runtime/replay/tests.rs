@@ -315,11 +315,13 @@ fn soft_limits_and_changes_of_gain_are_replayed() {
 fn faults_are_replayed_with_their_numbers() {
     // the machine says that it moves and does not; somebody else writes the offset
     let loaded = loaded();
+    let mut stuck = None;
     let items = play(&loaded, 12_000, 1, |turn| match turn.cycle {
         3_000..3_020 => {
-            turn.commanded = [200.0, 200.0, -250.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+            turn.commanded = *stuck.get_or_insert(turn.commanded);
             turn.bits |= MachineState::MOVING;
         }
+        6_000 => turn.commanded[0] += 100.0,
         9_000.. => turn.applied[0][1] += 0.5,
         _ => {}
     });
