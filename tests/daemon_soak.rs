@@ -116,9 +116,9 @@ fn soak(seconds: f64) {
         status["cycles"], status["late_cycles"]
     );
     assert_eq!(status["cycles"], cycles, "every frame was answered");
-    assert_eq!(
-        (end.threads, end.files <= reference.files + 1),
-        (reference.threads, true),
+    // the thread that compares models waits a while for more of them before it ends
+    assert!(
+        end.threads <= reference.threads + 1 && end.files <= reference.files + 1,
         "{reference:?} {end:?}"
     );
     let grown = end.resident_kib.saturating_sub(reference.resident_kib);
