@@ -5,8 +5,9 @@ use std::path::PathBuf;
 use clap::{Parser, ValueEnum};
 
 use super::files::{Output, read_model};
-use super::import::{LinearUnitArg, SenseArg, SignArg, axis_letter, comp_type, usage};
+use super::import::ControlArgs;
 use super::{EX_DATAERR, EX_USAGE, Failure};
+use crate::cli::values::{axis_letter, number};
 use crate::core::axes::{AxisKind, AxisName};
 use crate::core::model::{Component, ErrorSymbol, ModelSpec};
 use crate::core::units::{arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_deg, um_from_mm};
@@ -51,18 +52,8 @@ pub(super) struct Args {
     /// Which direction of travel goes into a format that has only one.
     #[arg(long, value_enum)]
     direction: Option<DirectionArg>,
-    /// COMP_FILE_TYPE of LinuxCNC: 0 actual positions, 1 trims.
-    #[arg(long, value_name = "0|1", value_parser = comp_type)]
-    comp_type: Option<linuxcnc::CompType>,
-    /// LINEAR_UNITS of the LinuxCNC machine.
-    #[arg(long, value_enum, default_value = "mm")]
-    linear_units: LinearUnitArg,
-    /// Whose motion an ISG control takes the values of workpiece-side axes for.
-    #[arg(long, value_enum)]
-    sense: Option<SenseArg>,
-    /// What a Heidenhain control takes its values for.
-    #[arg(long, value_enum)]
-    sign: Option<SignArg>,
+    #[command(flatten)]
+    control: ControlArgs,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
@@ -91,9 +82,6 @@ enum DirectionArg {
 
 fn range(text: &str) -> Result<[f64; 2], String> {
     let (low, high) = text.split_once(':').ok_or("write two numbers, such as 0:500")?;
-    let number = |t: &str| {
-        t.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or(format!("'{t}' is not a finite number"))
-    };
     Ok([number(low)?, number(high)?])
 }
 
@@ -105,7 +93,7 @@ struct Written {
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if !(args.tolerance_um > 0.0 && args.tolerance_um.is_finite()) {
-        return Err(usage(format_args!("--tolerance-um {}: must be above 0", args.tolerance_um)));
+        return Err(Failure::usage(format_args!("--tolerance-um {}: must be above 0", args.tolerance_um)));
     }
     let (spec, _) = read_model(&args.model)?;
     let written = write(args, &spec).map_err(|e| args.failure(&e))?;
@@ -158,12 +146,12 @@ fn write(args: &Args, spec: &ModelSpec) -> Result<Written, ExportError> {
     let sampling = args.sampling(axis.kind());
     let (text, table) = match args.format {
         FormatArg::LinuxCnc => {
-            let file = args.comp_type.ok_or(ExportError::CompTypeNotStated)?;
-            linuxcnc::write(spec, axis, file, args.linear_units.into(), &sampling)?
+            let file = args.control.comp_type.ok_or(ExportError::CompTypeNotStated)?;
+            linuxcnc::write(spec, axis, file, args.control.linear_units.into(), &sampling)?
         }
         FormatArg::IsgLis => isg_lis::write(spec, axis, &sampling)?,
         FormatArg::Heidenhain => {
-            heidenhain::write(spec, axis, args.sign.map(heidenhain::Sign::from), &sampling)?
+            heidenhain::write(spec, axis, args.control.sign.map(heidenhain::Sign::from), &sampling)?
         }
         FormatArg::Rtl => write_rtl(spec, axis, &sampling)?,
         FormatArg::Csv | FormatArg::Isg => write_csv(spec, axis, &sampling)?,
@@ -180,7 +168,8 @@ fn write_isg(args: &Args, spec: &ModelSpec) -> Result<Written, ExportError> {
     if several && (args.range.is_some() || args.step.is_some()) {
         return Err(ExportError::OneAxis { format: "--range and --step" });
     }
-    let (text, report) = isg::write(spec, &args.axis, args.sense.map(isg::Body::from), &args.sampling(kind))?;
+    let (text, report) =
+        isg::write(spec, &args.axis, args.control.sense.map(isg::Body::from), &args.sampling(kind))?;
     for (axis, rows, error) in &report.blocks {
         eprintln!(
             "axis {axis}: {rows} rows, at most {:.3} um from the model between them",

@@ -31,6 +31,7 @@ mod progress;
 mod report;
 mod service;
 mod table;
+mod values;
 
 use std::ffi::OsString;
 use std::process::ExitCode;

@@ -24,7 +24,6 @@ mod sampling;
 mod select;
 mod smooth;
 mod solve;
-mod student;
 mod support;
 
 pub use band::Band;
