@@ -16,7 +16,6 @@
 //! Source: equations 5.3. Reading order: this file, [`runs`] (readings to end-to-end displacements), [`student`].
 
 pub mod runs;
-pub mod student;
 
 use nalgebra::{Matrix3, Matrix4, Vector4};
 
