@@ -107,6 +107,74 @@ fn what_was_recorded_replays_bit_for_bit_and_exports() {
     exports_agree(&daemon, &files[0]);
 }
 
+/// EXX = `um` everywhere, for the machine of these tests.
+fn constant_model(daemon: &Daemon, name: &str, um: f64) -> String {
+    let path = daemon.dir.path().join(name);
+    let text = format!(
+        "format = \"volcomp-model/1\"\nmachine = \"test-mill\"\nchain = \"[w X' b Y Z t]\"\n\
+         [axes.x]\ntravel-mm = [0, 400]\n[errors.exx.constant]\nvalue-um = {um}\n"
+    );
+    fs::write(&path, text).expect("written");
+    path.display().to_string()
+}
+
+/// Gives an order while the machine goes on.
+fn order_while_working(session: &mut Session, daemon: &Daemon, arguments: &[&str]) {
+    std::thread::scope(|scope| {
+        let order = scope.spawn(|| daemon.volcomp(arguments));
+        while !order.is_finished() {
+            work(session, 10);
+        }
+        let _ = ok(&order.join().expect("the order"));
+    });
+    work(session, 500);
+}
+
+#[test]
+fn models_loaded_and_rolled_back_stand_in_the_recording_and_replay() {
+    let port = Port::open();
+    let mut daemon = Daemon::start(&port.address(), kept(KEPT));
+    // before there is an engine
+    let _ = daemon.status();
+    let first = constant_model(&daemon, "first.toml", 20.0);
+    let _ = ok(&daemon.volcomp(&["load", &first, "--reason", "test"]));
+    let mut session = port.link();
+    work(&mut session, 500);
+    let second = constant_model(&daemon, "second.toml", 35.0);
+    order_while_working(&mut session, &daemon, &["load", &second, "--reason", "test"]);
+    order_while_working(&mut session, &daemon, &["gain", "0.5"]);
+    order_while_working(&mut session, &daemon, &["rollback", "--reason", "test"]);
+    session.close();
+    daemon.signal(Signal::TERM);
+    assert!(daemon.wait().success());
+    let files = recordings(&daemon);
+    let bytes = fs::read(&files[0]).expect("there");
+    let found = Recording::parse(&bytes).expect("a recording").models;
+    assert_eq!(found.len(), 3, "the one that the first engine was made with, then each switch");
+    assert!(found[0].1.contains("= 20") && found[1].1.contains("= 35") && found[2] == found[0]);
+    let (code, report, stderr) = replay(&files, &[]);
+    assert_eq!(code, Some(0), "{report} {stderr}");
+    assert!(report["compared"].as_u64() > Some(2000) && report["compared"] == report["cycles"], "{report}");
+
+    // the model that was in use last is the one that the next recording begins with
+    daemon.restart();
+    let mut session = port.link();
+    work(&mut session, 1000);
+    session.close();
+    daemon.signal(Signal::TERM);
+    assert!(daemon.wait().success());
+    let files = recordings(&daemon);
+    let bytes = fs::read(&files[1]).expect("there");
+    let found = Recording::parse(&bytes).expect("a recording");
+    assert!(
+        found.models[0].1.contains("= 20") && found.meta.model.ends_with("first.toml"),
+        "{:?}",
+        found.meta
+    );
+    let (code, report, stderr) = replay(&files[1..], &[]);
+    assert_eq!(code, Some(0), "{report} {stderr}");
+}
+
 /// CSV and Parquet say the same, with the columns of sessions and histories.
 fn exports_agree(daemon: &Daemon, file: &Path) {
     use parquet::file::reader::{FileReader, SerializedFileReader};
@@ -140,7 +208,12 @@ fn exports_agree(daemon: &Daemon, file: &Path) {
         "actual_x_mm",
         "offset_x_um",
         "applied_x_um",
+        "wanted_x_um",
+        "limited_x",
+        "faded_x",
         "state",
+        "cause",
+        "lag_cycles",
         "feed_mm_per_min",
         "sequence",
     ] {
@@ -152,6 +225,11 @@ fn exports_agree(daemon: &Daemon, file: &Path) {
     let last = rows.last().expect("rows");
     assert_eq!((last[at("deviation_um")], last[at("state")]), ("", "active"));
     assert!((last[at("offset_x_um")].parse::<f64>().expect("number") + 10.0).abs() < 1e-9);
+    assert_eq!(last[at("wanted_x_um")], last[at("offset_x_um")], "active and not limited");
+    let causes: Vec<&str> =
+        rows.iter().map(|row| row[at("cause")]).filter(|cause| !cause.is_empty()).collect();
+    assert_eq!(causes, ["machine-ready", "ramp-done"]);
+    assert_eq!((rows[0][at("lag_cycles")], last[at("lag_cycles")]), ("", "1"));
     let number = |row: &Vec<&str>, name: &str| row[at(name)].parse::<f64>().unwrap_or(f64::NAN);
     for pair in rows[1000..].windows(2) {
         let dt = number(&pair[1], "t_s") - number(&pair[0], "t_s");

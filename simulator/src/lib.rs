@@ -6,7 +6,7 @@
 //! - [`control`]: the control's end of the link.
 //! - [`certificates`]: an authority and its certificates, to try the secure link with.
 //! - [`demo`]: the main job end to end; starts the product's own programs as processes.
-//! - [`bench`]: the daemon's round trips beside a bare echo's.
+//! - [`mod@bench`]: the daemon's round trips beside a bare echo's.
 //! - [`cli`]: the program `cncsim`.
 //!
 //! From volcomp only `core::{axes, units, protocol}` may be used here, and `cli` in the front rooms (`demo`, `cli`), to

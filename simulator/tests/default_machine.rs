@@ -1,6 +1,6 @@
 //! The example configuration and the machine that is simulated by default.
 
-#![expect(clippy::expect_used, reason = "a test stops where its own set-up is wrong")]
+#![expect(clippy::disallowed_methods, reason = "a test reads its files")]
 
 use simulator::truth::{TruthMachine, VMC_850};
 use volcomp::config::model;

@@ -37,6 +37,7 @@ mod replay;
 mod report;
 mod service;
 mod table;
+mod values;
 
 use std::ffi::OsString;
 use std::process::ExitCode;

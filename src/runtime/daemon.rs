@@ -143,8 +143,9 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
     let (mut cycle_ports, service_ports) = ports();
     let keeper = Keeper::start(config, &loaded);
     let models = Models::at_start(keeper.directory(), &loaded);
+    keeper.announce(&loaded, &models.active);
     let how = permit(&models, &loaded.config);
-    let recorder = Recorder::start(config, &loaded, clock)
+    let recorder = Recorder::start(config, &loaded, &models.active, clock)
         .map_err(|source| DaemonError::System { what: "the recorder's thread", source })?;
     let (tap, recorder) = recorder.unzip();
     cycle_ports.tap = tap;

@@ -11,9 +11,10 @@ use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use tracing::{error, info, warn};
 
 use super::audit::chain::AuditFile;
-use super::audit::{Audit, AuditEntry};
+use super::audit::{Audit, AuditEntry, Who};
 use super::counters::Counters;
 use super::load::Loaded;
+use super::models::Prepared;
 
 /// Jobs in flight.
 const QUEUE: usize = 256;
@@ -40,6 +41,8 @@ pub(super) struct Keeper {
     jobs: Option<(Sender<Job>, Receiver<()>)>,
     problem: Arc<Mutex<Option<String>>>,
     directory: Option<PathBuf>,
+    /// Hash of the model that the audit log named last.
+    known_model: Option<String>,
 }
 
 /// The state directory: the configured one, else the one that systemd gives the service.
@@ -59,7 +62,7 @@ impl Keeper {
             info!("no state directory: counters and audit log are not kept ([state] directory)");
             return Self::default();
         };
-        match Self::open(&directory, loaded) {
+        match Self::open(&directory) {
             Ok(keeper) => keeper,
             Err(problem) => {
                 let directory = directory.display();
@@ -70,7 +73,7 @@ impl Keeper {
         }
     }
 
-    fn open(directory: &Path, loaded: &Loaded) -> std::io::Result<Self> {
+    fn open(directory: &Path) -> std::io::Result<Self> {
         std::fs::create_dir_all(directory)?;
         let path = directory.join(AUDIT_FILE);
         let (file, broken) = AuditFile::open(&path)?;
@@ -78,7 +81,7 @@ impl Keeper {
             let path = path.display();
             error!(%path, "the audit log is broken: {broken}; it was set aside and a new one names it");
         }
-        let before = file.model().map(str::to_owned);
+        let known_model = file.model().map(str::to_owned);
         let (sender, jobs) = bounded(QUEUE);
         let (end, ended) = bounded::<()>(1);
         let problem = Arc::new(Mutex::new(None));
@@ -89,8 +92,37 @@ impl Keeper {
             run(&jobs, file, &folder, &shared);
         })?;
         let audit = Audit::new(sender.clone());
-        announce(&audit, loaded, before);
-        Ok(Self { audit, jobs: Some((sender, ended)), problem, directory: Some(directory.to_owned()) })
+        let directory = Some(directory.to_owned());
+        Ok(Self { audit, jobs: Some((sender, ended)), problem, directory, known_model })
+    }
+
+    /// The first lines of a run: the start, and the model where it is another one than before.
+    pub(super) fn announce(&self, loaded: &Loaded, active: &Prepared) {
+        let hash = Some(active.hash.clone());
+        self.audit.write(AuditEntry {
+            who: Who::daemon(),
+            what: "start".to_owned(),
+            new_model: hash.clone(),
+            result: "ok".to_owned(),
+            detail: Some(format!(
+                "volcompd {}, machine {}, machine file blake3 {}",
+                env!("CARGO_PKG_VERSION"),
+                loaded.config.machine,
+                blake3::hash(loaded.config_text.as_bytes()).to_hex()
+            )),
+            ..AuditEntry::default()
+        });
+        if self.known_model != hash {
+            self.audit.write(AuditEntry {
+                who: Who::daemon(),
+                what: "model".to_owned(),
+                old_model: self.known_model.clone(),
+                new_model: hash,
+                result: "loaded".to_owned(),
+                detail: Some(active.origin.clone()),
+                ..AuditEntry::default()
+            });
+        }
     }
 
     /// Where things are kept.
@@ -117,36 +149,6 @@ impl Keeper {
         if !asked || ended.recv_timeout(FINISH_LIMIT) == Err(RecvTimeoutError::Timeout) {
             warn!("the disk does not take counters and audit log within {} s", FINISH_LIMIT.as_secs());
         }
-    }
-}
-
-/// The first lines of a run: the start, and the model where it is another one than before.
-fn announce(audit: &Audit, loaded: &Loaded, before: Option<String>) {
-    let hash = Some(loaded.model_hash.clone());
-    let who = super::audit::Who::daemon();
-    audit.write(AuditEntry {
-        who: who.clone(),
-        what: "start".to_owned(),
-        new_model: hash.clone(),
-        result: "ok".to_owned(),
-        detail: Some(format!(
-            "volcompd {}, machine {}, machine file blake3 {}",
-            env!("CARGO_PKG_VERSION"),
-            loaded.config.machine,
-            blake3::hash(loaded.config_text.as_bytes()).to_hex()
-        )),
-        ..AuditEntry::default()
-    });
-    if before != hash {
-        audit.write(AuditEntry {
-            who,
-            what: "model".to_owned(),
-            old_model: before,
-            new_model: hash,
-            result: "loaded".to_owned(),
-            detail: Some(loaded.model_path.display().to_string()),
-            ..AuditEntry::default()
-        });
     }
 }
 

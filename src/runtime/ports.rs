@@ -56,6 +56,7 @@ pub(super) struct Ticket {
 
 /// Something rare that belongs into the log.
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "a box would be allocated on the cycle")]
 pub(super) enum Report {
     /// Scheduling and memory settings of the cycle thread.
     Realtime(RealtimeReport),

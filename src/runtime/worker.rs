@@ -19,6 +19,7 @@ use crate::config::{MachineConfig, StartMode};
 use crate::core::engine::Command;
 use crate::core::model::Model;
 use crate::core::protocol::{CloseReason, ControlHello, Message, PROTOCOL_VERSION};
+use crate::core::record::Entry;
 use crate::core::units::MonoTime;
 
 /// Pause between two looks at a connection that is being made.
@@ -106,6 +107,11 @@ impl Control {
         body: Option<&mut CycleBody>,
     ) {
         let next = Arc::clone(&model);
+        if body.is_none()
+            && let Some(tap) = &mut self.ports.tap
+        {
+            tap.send(&Entry::Model { now, hash });
+        }
         match body.map(|body| body.switch_model(now, model, hash)) {
             None | Some(Ok(_)) => self.model = next,
             Some(Err(_)) => self.ports.progress.request_refused.store(number, Relaxed),

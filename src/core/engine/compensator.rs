@@ -114,6 +114,7 @@ impl Compensator {
         self.aim.lag.restart();
         self.synchronised = false;
         self.next_deadline = None;
+        self.event = None;
         // the control tells its tool anew on every link
         self.aim.tool_tip = None;
         if self.state != State::Faulted {
@@ -174,7 +175,6 @@ impl Compensator {
     #[must_use]
     pub fn on_position(&mut self, now: MonoTime, frame: &Position, model: &Model) -> Option<CycleOutput> {
         let position = self.aim.position(&self.config, frame);
-        self.event = None;
         let verdict = self.intake.accept(frame, &position);
         if verdict == Err(Reason::Sequence) {
             // old or repeated: says nothing new, and does not count as a sign of life
@@ -219,7 +219,6 @@ impl Compensator {
         if now < due {
             return None;
         }
-        self.event = None;
         self.intake.unsettle();
         let dt = self.config.cycle_s;
         self.hold_or_give_up(Reason::Stale, dt);
@@ -555,7 +554,8 @@ impl Compensator {
             faded: plan.target.faded,
             wanted: plan.target.offset,
             lag_cycles: self.aim.lag.measured(),
-            event: self.event,
+            // what a command, a tool or a model has changed since the last cycle is told with this one
+            event: self.event.take(),
             stopped: self.stopped,
         }
     }

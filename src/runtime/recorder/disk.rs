@@ -10,6 +10,7 @@ use tracing::warn;
 
 use super::super::clock::Clock;
 use super::super::load::Loaded;
+use super::super::models::Prepared;
 use super::super::utc;
 use super::texts::ModelTexts;
 use super::writer::{Disk, DiskFile, NewFile};
@@ -28,10 +29,11 @@ pub(super) struct Description {
 }
 
 impl Description {
-    pub(super) fn new(config_path: &Path, loaded: &Loaded) -> Self {
+    /// `model`: the one in use at the start, which need not be the one that the machine file names.
+    pub(super) fn new(config_path: &Path, loaded: &Loaded, model: &Prepared) -> Self {
         let run = format!("{}-{}", utc::stamp(SystemTime::now()), std::process::id());
         let config_hash = blake3::hash(loaded.config_text.as_bytes());
-        let model_hash = blake3::hash(loaded.model_text.as_bytes());
+        let model_hash = blake3::hash(model.text.as_bytes());
         Self {
             meta: Meta {
                 format: meta::FORMAT.to_owned(),
@@ -39,12 +41,12 @@ impl Description {
                 machine: loaded.config.machine.clone(),
                 config: config_path.display().to_string(),
                 config_hash: config_hash.to_hex().to_string(),
-                model: loaded.model_path.display().to_string(),
-                model_hash: loaded.model_hash.clone(),
+                model: model.origin.clone(),
+                model_hash: model.hash.clone(),
                 run,
                 ..Meta::default()
             },
-            model: reader::hashed(model_hash.as_bytes(), &loaded.model_text),
+            model: reader::hashed(model_hash.as_bytes(), &model.text),
             machine: reader::hashed(config_hash.as_bytes(), &loaded.config_text),
         }
     }

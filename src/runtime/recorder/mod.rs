@@ -21,6 +21,7 @@ use tracing::{info, warn};
 
 use super::clock::Clock;
 use super::load::Loaded;
+use super::models::Prepared;
 use super::status::RecordingStatus;
 use crate::config::RecordingConfig;
 use crate::core::axes::AxisArray;
@@ -182,6 +183,8 @@ pub(super) struct Recorder {
     stop: Arc<AtomicBool>,
     ended: Receiver<()>,
     pub(super) stats: Arc<Stats>,
+    /// Where models are announced before the cycle thread is asked to go on with them.
+    pub(super) models: Arc<ModelTexts>,
 }
 
 impl Recorder {
@@ -189,6 +192,7 @@ impl Recorder {
     pub(super) fn start(
         config_path: &Path,
         loaded: &Loaded,
+        model: &Prepared,
         clock: Clock,
     ) -> io::Result<Option<(Tap, Self)>> {
         let config = &loaded.config.recording;
@@ -196,9 +200,9 @@ impl Recorder {
         let directory = config_path.parent().unwrap_or_else(|| Path::new("")).join(directory);
         info!(directory = %directory.display(), "recording");
         let (tap, receiver) = tap(QUEUE);
-        let description = Description::new(config_path, loaded);
+        let description = Description::new(config_path, loaded, model);
         let folder = Folder::new(directory, description, Arc::clone(&tap.models), config, clock);
-        let stats = Arc::clone(&tap.stats);
+        let (stats, models) = (Arc::clone(&tap.stats), Arc::clone(&tap.models));
         let stop = Arc::new(AtomicBool::new(false));
         let (end, ended) = bounded::<()>(1);
         let writer = Writer::new(folder, limits(config), Arc::clone(&stats));
@@ -208,7 +212,7 @@ impl Recorder {
             let _end = end;
             run(&receiver, writer, &stop_seen, || clock.now());
         })?;
-        Ok(Some((tap, Self { stop, ended, stats })))
+        Ok(Some((tap, Self { stop, ended, stats, models })))
     }
 
     /// Writes what is left and closes the file; gives up where the disk does not answer.

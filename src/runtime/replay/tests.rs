@@ -241,7 +241,7 @@ const LIVE: &str = "\n[errors.exx.live]\nsensor = \"ram\"\nlimit-um = 50\n\
 fn tell(turn: &mut Turn<'_>) {
     let value = |rate: f64| 0.01 * (f64::from(turn.cycle) * rate).sin();
     turn.body.live(turn.now, 0, value(1e-3));
-    if turn.cycle % 3 == 0 && !(5_000..9_000).contains(&turn.cycle) {
+    if turn.cycle.is_multiple_of(3) && !(5_000..9_000).contains(&turn.cycle) {
         turn.body.live(turn.now, 1, value(2e-3));
     }
     if turn.cycle == 4_000 {
@@ -315,11 +315,13 @@ fn soft_limits_and_changes_of_gain_are_replayed() {
 fn faults_are_replayed_with_their_numbers() {
     // the machine says that it moves and does not; somebody else writes the offset
     let loaded = loaded();
+    let mut stuck = None;
     let items = play(&loaded, 12_000, 1, |turn| match turn.cycle {
         3_000..3_020 => {
-            turn.commanded = [200.0, 200.0, -250.0, 0.0, 0.0, 0.0, 0.0, 0.0];
+            turn.commanded = *stuck.get_or_insert(turn.commanded);
             turn.bits |= MachineState::MOVING;
         }
+        6_000 => turn.commanded[0] += 100.0,
         9_000.. => turn.applied[0][1] += 0.5,
         _ => {}
     });

@@ -11,7 +11,7 @@
 //! nothing else waits. The record layer of rustls allocates and frees one small block per frame in each direction, so
 //! the promise of a cycle without allocation holds for plain links only (`docs/tls.md` has the figures).
 //!
-//! Without the Cargo feature `tls` a machine file with `[link.tls]` is refused ([`absent`]).
+//! Without the Cargo feature `tls` a machine file with `[link.tls]` is refused (`absent.rs`).
 
 #[cfg(not(feature = "tls"))]
 mod absent;

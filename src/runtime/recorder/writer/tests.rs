@@ -107,7 +107,9 @@ const LIMITS: Limits = Limits { flush_s: 0.5, file_bytes: 4000, file_s: 60.0 };
 fn entry(k: u64) -> Entry {
     let mut values = [0.0; LIVE_MAX];
     values[1] = k as f64;
-    Entry::Live { now: MonoTime::from_ns(k.cast_signed() * 1_000_000), told: 2, values }
+    // one that nobody can predict, so that files grow
+    values[2] = k.wrapping_mul(0x9e37_79b9_7f4a_7c15) as f64;
+    Entry::Live { now: MonoTime::from_ns(k.cast_signed() * 1_000_000), told: 0b110, values }
 }
 
 /// Everything in all files in their order: the values, the number of missing ones, the notes.
@@ -189,10 +191,11 @@ fn a_full_disk_costs_records_that_are_counted_and_nothing_that_was_there() {
 #[test]
 fn the_text_of_another_model_stands_in_the_file_before_the_engine_uses_it() {
     // the disk is full for a while, too: the text must not be lost with the records
+    let limits = Limits { file_bytes: 1 << 20, ..LIMITS };
     for full in [false, true] {
         let (shelf, stats) = (Shelf::default(), Arc::new(Stats::default()));
-        let mut writer = Writer::new(shelf.clone(), LIMITS, Arc::clone(&stats));
-        for k in 0..1_000 {
+        let mut writer = Writer::new(shelf.clone(), limits, Arc::clone(&stats));
+        for k in 0..3_000 {
             let now = entry(k).now();
             if k == 100 {
                 writer.take(&Entry::Model { now, hash: [7; 32] }, now);
