@@ -166,7 +166,11 @@ fn models_loaded_and_rolled_back_stand_in_the_recording_and_replay() {
     let files = recordings(&daemon);
     let bytes = fs::read(&files[1]).expect("there");
     let found = Recording::parse(&bytes).expect("a recording");
-    assert!(found.models[0].1.contains("= 20") && found.meta.model.ends_with("first.toml"), "{:?}", found.meta);
+    assert!(
+        found.models[0].1.contains("= 20") && found.meta.model.ends_with("first.toml"),
+        "{:?}",
+        found.meta
+    );
     let (code, report, stderr) = replay(&files[1..], &[]);
     assert_eq!(code, Some(0), "{report} {stderr}");
 }
