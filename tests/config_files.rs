@@ -113,6 +113,18 @@ fn the_defaults_in_the_reference_file_are_those_of_the_code() {
     let bare: String =
         rotary.lines().filter(|l| !l.contains("# default")).map(|l| format!("{l}\n")).collect();
     assert_eq!(MachineConfig::parse("c.toml", &machine(&bare)).unwrap_or_else(|e| panic!("{e}")), with);
+    // and so is that of TLS
+    let start = text.find("# [link.tls]").expect("example of TLS");
+    let tls: String =
+        text[start..].lines().take_while(|l| l.starts_with('#')).map(|l| format!("{}\n", &l[2..])).collect();
+    let with = MachineConfig::parse("t.toml", &machine(&tls)).unwrap_or_else(|e| panic!("{e}"));
+    let bare: String = tls
+        .lines()
+        .filter(|l| l.starts_with('[') || !l.contains("# default"))
+        .map(|l| format!("{l}\n"))
+        .collect();
+    assert!(with.link.tls.is_some() && !bare.contains("server-name"), "{bare}");
+    assert_eq!(MachineConfig::parse("t.toml", &machine(&bare)).unwrap_or_else(|e| panic!("{e}")), with);
 }
 
 #[test]
@@ -122,7 +134,10 @@ fn the_documentation_names_every_key() {
         let name = last(key);
         let dynamic = ["x", "y", "z", "c"].contains(&name) || key.starts_with("errors.") && name.len() == 3;
         assert!(
-            dynamic || text.contains(&format!("`{name}`")) || text.contains(&format!("`[{name}]`")),
+            dynamic
+                || text.contains(&format!("`{name}`"))
+                || text.contains(&format!("`[{name}]`"))
+                || text.contains(&format!("`[{key}]`")),
             "{key}"
         );
     }

@@ -379,6 +379,7 @@ fn bad_input_is_refused_with_its_place() {
         ("position_mm,exx_um,exx_um\n", &[], 65, "column exx_um occurs twice"),
         ("position_mm,exx_um,notes\n", &[], 65, "notes: unknown column"),
         ("position_mm,exx_um\n0,nan\n", &[], 65, "m.csv:2:3: exx_um: nan is not finite"),
+        ("position_mm,exx_um\n0,1e31\n", &[], 65, "m.csv:2:3: exx_um: 1e31 is beyond 1e30"),
         ("position_mm,exx_um\n0,1\n10,two\n", &[], 65, "m.csv:3:4: exx_um: 'two' is not a number"),
         ("position_mm,exx_um\n0,1\n", &[], 65, "EXX: 1 distinct positions"),
         ("position_mm,exx_um\n0,1\n10,9000000\n", &["--basis", "table"], 65, "the limit is 5000 um"),

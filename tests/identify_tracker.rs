@@ -142,7 +142,7 @@ fn cases_that_are_wrong_say_where() {
         let args = [&["identify", method, "--input", file], more].concat();
         refuse(d, &args, code)
     };
-    assert!(run("threepoint", "all.json", &[], 64).contains("choose one by --case: a, b"));
+    assert!(run("threepoint", "all.json", &[], 64).contains("choose one with --case: a, b"));
     assert!(run("threepoint", "all.json", &["--case", "c"], 65).contains("no case c"));
     assert!(run("ram", "cut.json", &[], 65).contains("cut.json:1:"));
     assert!(run("threepoint", "few.json", &[], 65).contains("1 measured points for 3 platform points"));

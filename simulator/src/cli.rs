@@ -10,6 +10,7 @@ macro_rules! say {
 }
 
 mod bench_link;
+mod certificates;
 mod demo;
 mod measure;
 mod path;
@@ -73,6 +74,8 @@ enum Verb {
     Scenarios(scenarios::Args),
     /// Replay recorded motion of a real machine and serve the control on the link.
     Replay(serve::ReplayArgs),
+    /// Make an authority and certificates of control and daemon, to try the link over TLS.
+    Certificates(certificates::Args),
     /// Print a standard test path as a part programme.
     Path(path::Args),
     /// Measure round trips of volcompd beside a bare echo on the same kind of sockets, and what the computation costs.
@@ -128,6 +131,7 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Serve(args) => serve::serve(&args),
         Verb::Scenarios(args) => scenarios::run_all(&args),
         Verb::Replay(args) => serve::replay(&args),
+        Verb::Certificates(args) => certificates::run(&args),
         Verb::Path(args) => path::run(&args),
     };
     let complete =

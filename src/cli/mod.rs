@@ -24,6 +24,7 @@ mod fit_input;
 mod fit_picture;
 mod fit_report;
 mod identify;
+mod identity;
 mod import;
 mod model;
 mod model_out;
@@ -36,6 +37,7 @@ mod replay;
 mod report;
 mod service;
 mod table;
+mod values;
 
 use std::ffi::OsString;
 use std::process::ExitCode;

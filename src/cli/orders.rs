@@ -22,7 +22,7 @@ struct Common {
 
 /// Switch compensation on: it is ramped in as soon as the machine is ready; prints the state that follows.
 ///
-/// Refused where the model has expired or the machine is outside its temperatures ([guard] in the machine file).
+/// Refused where the model has expired or the machine is outside its temperatures (`guard` in the machine file).
 #[derive(Debug, clap::Parser)]
 #[command(after_help = "Examples:\n  volcomp enable --reason \"warm-up done\" --temperature-degc 21.5\n  \
                         volcomp enable --shadow      # work it out and score it, apply nothing; volcomp status shows the score")]
@@ -67,7 +67,7 @@ pub(super) struct GainArgs {
 /// Take another model into use while the machine runs: the offset goes from the old correction to the new one over
 /// the ramp.
 ///
-/// A model that differs from the one in use by more than [guard] change-limit-um anywhere in the working volume needs
+/// A model that differs from the one in use by more than change-limit-um of `guard` anywhere in the working volume needs
 /// a name and a reason. The choice outlives a restart, the model before is kept for `volcomp rollback`, and all of it
 /// goes into the audit log.
 #[derive(Debug, clap::Parser)]

@@ -120,8 +120,9 @@ fn write_head(f: &mut String, status: &Status) -> std::fmt::Result {
     match (&link.error, link.up) {
         (_, true) => writeln!(
             f,
-            "link        {} up for {since}, {control}, cycle {} ms",
+            "link        {}{} up for {since}, {control}, cycle {} ms",
             link.address,
+            if link.tls { " (TLS)" } else { "" },
             link.cycle_s * 1e3
         )?,
         (Some(error), false) => writeln!(f, "link        {} down for {since}: {error}", link.address)?,

@@ -211,6 +211,7 @@ impl Board {
 
     fn link_status(&self, now: MonoTime) -> LinkStatus {
         LinkStatus {
+            tls: self.loaded.identity.is_some(),
             address: self.loaded.config.link.address.to_string(),
             up: self.up,
             control: self.hello.map(|h| h.software.as_str().to_owned()),

@@ -256,10 +256,18 @@ fn log_start(config: &Path, loaded: &Loaded) {
         model = %loaded.model_path.display(),
         model_hash = loaded.model_hash,
         control = %machine.link.address,
+        tls = loaded.identity.is_some(),
         cycle_s = machine.link.cycle_s,
         start = ?machine.engine.start,
         "volcompd starts"
     );
+    if machine.link.is_exposed() {
+        warn!(
+            control = %machine.link.address,
+            "plain-remote: the link leaves this computer without authentication and encryption; whoever reaches that \
+             wire can move the axes within the control's limits"
+        );
+    }
     for axis in &loaded.uncorrected {
         warn!(%axis, "an axis of the model without limits in the machine file: it is never offset");
     }

@@ -16,6 +16,7 @@ use socket2::{Domain, Protocol, SockRef, Socket, TcpKeepalive, Type};
 
 use super::arrivals::{Arrivals, Wait};
 use super::clock::Clock;
+use super::tls::{Identity, TlsStream};
 use crate::config::{LinkConfig, RealtimeConfig};
 use crate::core::protocol::{
     Close, CloseReason, ErrorCode, ErrorReport, FrameReader, Heartbeat, MAX_FRAME, Message, Name, encode,
@@ -51,6 +52,8 @@ pub(super) enum Received {
 #[derive(Debug)]
 pub(super) struct Link {
     stream: TcpStream,
+    /// `None`: the frames lie on the socket as they are.
+    tls: Option<Box<TlsStream>>,
     /// Frames that have arrived.
     pub(super) reader: FrameReader,
     out: [u8; MAX_FRAME],
@@ -111,6 +114,7 @@ impl Connecting {
         let now = clock.now();
         Ok(Link {
             stream,
+            tls: None,
             reader: FrameReader::default(),
             out: [0; MAX_FRAME],
             clock,
@@ -125,12 +129,31 @@ impl Connecting {
 }
 
 impl Link {
+    /// Starts TLS: nothing but [`Self::shake`] may follow until that is done.
+    pub(super) fn secure(&mut self, identity: &Identity) -> io::Result<()> {
+        self.tls = Some(Box::new(TlsStream::start(identity)?));
+        Ok(())
+    }
+
+    /// One step of the handshake, waiting up to `wait`; true once it is done.
+    pub(super) fn shake(&mut self, wait: Duration) -> io::Result<bool> {
+        self.set_read_timeout(wait)?;
+        let Some(tls) = &mut self.tls else { return Ok(true) };
+        match tls.shake(&mut waiting(&self.stream)) {
+            Err(e) if would_block(&e) => Ok(false),
+            done => done,
+        }
+    }
+
     /// Sends one message.
     ///
-    /// # Cycle   no allocation; blocks at most [`WRITE_LIMIT`] where the control does not read
+    /// # Cycle   no allocation without TLS; blocks at most [`WRITE_LIMIT`] where the control does not read
     pub(super) fn send(&mut self, message: &Message) -> io::Result<()> {
         let length = encode(message, &mut self.out);
-        self.stream.write_all(&self.out[..length])?;
+        match &mut self.tls {
+            None => self.stream.write_all(&self.out[..length])?,
+            Some(tls) => tls.write_all(&mut waiting(&self.stream), &self.out[..length])?,
+        }
         self.sent = self.clock.now();
         Ok(())
     }
@@ -150,19 +173,25 @@ impl Link {
 
     /// Waits up to `wait` for bytes; zero takes what is there.
     ///
-    /// # Cycle   no allocation
+    /// # Cycle   no allocation without TLS
     pub(super) fn receive(&mut self, wait: Duration) -> io::Result<Received> {
-        if wait.is_zero() {
+        if wait.is_zero() || self.tls.as_ref().is_some_and(|tls| tls.has_more()) {
+            // what has been decrypted is not on the socket any more, where a wait would look for it
             return self.read_at_once();
         }
         if let Some(arrivals) = self.arrivals {
             return self.poll_busily(arrivals, wait);
         }
+        self.set_read_timeout(wait)?;
+        self.read()
+    }
+
+    fn set_read_timeout(&mut self, wait: Duration) -> io::Result<()> {
         if let Some(timeout) = new_timeout(self.read_timeout, wait) {
             self.stream.set_read_timeout(Some(timeout))?;
             self.read_timeout = timeout;
         }
-        self.read()
+        Ok(())
     }
 
     /// Says why, says good-bye, and waits shortly until the control has taken it in.
@@ -172,6 +201,9 @@ impl Link {
             let _ = self.send(&Message::Error(ErrorReport { code, detail: Name::new(detail) }));
         }
         let _ = self.send(&Message::Close(Close { reason }));
+        if let Some(tls) = &mut self.tls {
+            tls.close(&mut waiting(&self.stream));
+        }
         let _ = self.stream.shutdown(Shutdown::Write);
         // closing with unread bytes would make the kernel reset the connection and discard what we just sent
         let _ = self.stream.set_read_timeout(Some(LINGER / 10));
@@ -218,15 +250,22 @@ impl Link {
     fn read_at_once(&mut self) -> io::Result<Received> {
         let space = self.reader.space();
         let room = space.len();
-        let result = recv(&self.stream, space, RecvFlags::DONTWAIT).map(|(_, count)| count);
-        self.taken(result.map_err(io::Error::from), room)
+        let mut socket = Lent { stream: &self.stream, flags: RecvFlags::DONTWAIT };
+        let result = match &mut self.tls {
+            None => socket.read(space),
+            Some(tls) => tls.read(&mut socket, space),
+        };
+        self.taken(result, room)
     }
 
     /// Waits for at most the read timeout.
     fn read(&mut self) -> io::Result<Received> {
         let space = self.reader.space();
         let room = space.len();
-        let result = self.stream.read(space);
+        let result = match &mut self.tls {
+            None => self.stream.read(space),
+            Some(tls) => tls.read(&mut waiting(&self.stream), space),
+        };
         self.taken(result, room)
     }
 
@@ -245,6 +284,33 @@ impl Link {
             Err(e) => Err(e),
         }
     }
+}
+
+/// The socket as TLS uses it: the same two system calls as without.
+struct Lent<'a> {
+    stream: &'a TcpStream,
+    flags: RecvFlags,
+}
+
+impl Read for Lent<'_> {
+    fn read(&mut self, space: &mut [u8]) -> io::Result<usize> {
+        recv(self.stream, space, self.flags).map(|(_, count)| count).map_err(io::Error::from)
+    }
+}
+
+impl Write for Lent<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.stream.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// Reads wait at most the socket's read timeout.
+const fn waiting(stream: &TcpStream) -> Lent<'_> {
+    Lent { stream, flags: RecvFlags::empty() }
 }
 
 /// The read timeout to set for a wait; `None` where the present one will do. Waking too early is harmless, so a

@@ -4,6 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::tls::{self, Identity, TlsFileError};
 use crate::config::machine::ModelMismatch;
 use crate::config::{ConfigErrors, MachineConfig, model};
 use crate::core::axes::AxisName;
@@ -30,6 +31,8 @@ pub struct Loaded {
     pub model_text: String,
     /// Axes of the model that the machine file does not list: they are never offset.
     pub uncorrected: Vec<AxisName>,
+    /// Who the daemon is on a link over TLS; `None` is plain TCP.
+    pub identity: Option<Identity>,
 }
 
 /// Why the daemon cannot start from these files.
@@ -67,6 +70,14 @@ pub enum LoadError {
     /// Mistakes in a file.
     #[error("{0}")]
     Config(Box<ConfigErrors>),
+    /// The files of `[link.tls]`.
+    #[error("error: {}: {source}", config.display())]
+    Tls {
+        /// The machine file.
+        config: PathBuf,
+        /// What is wrong.
+        source: Box<TlsFileError>,
+    },
     /// The model breaks a rule.
     #[error("error: {}: {source}", path.display())]
     Model {
@@ -111,7 +122,15 @@ impl LoadError {
     /// True where a file could not be read at all, false where what it says is wrong.
     #[must_use]
     pub const fn is_io(&self) -> bool {
-        matches!(self, Self::Read { .. } | Self::ReadModel { .. })
+        match self {
+            Self::Read { .. } | Self::ReadModel { .. } => true,
+            Self::Tls { source, .. } => source.is_io(),
+            Self::NotText { .. }
+            | Self::Config(_)
+            | Self::Model { .. }
+            | Self::Mismatch { .. }
+            | Self::Pinned { .. } => false,
+        }
     }
 }
 
@@ -158,8 +177,21 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
     if let Some(pinned) = config.guard.hash.clone().filter(|pinned| *pinned != model_hash) {
         return Err(LoadError::Pinned { path: model_path, found: model_hash, pinned });
     }
+    let identity = tls::identity(path, &config)
+        .map_err(|source| LoadError::Tls { config: path.to_owned(), source: Box::new(source) })?;
     let model = Arc::new(model);
-    Ok(Loaded { config, model, model_path, spec, expiry, model_hash, config_text, model_text, uncorrected })
+    Ok(Loaded {
+        config,
+        model,
+        model_path,
+        spec,
+        expiry,
+        model_hash,
+        config_text,
+        model_text,
+        uncorrected,
+        identity,
+    })
 }
 
 fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, LoadError> {

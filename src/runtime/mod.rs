@@ -50,6 +50,7 @@ mod server;
 mod service;
 pub mod socket;
 mod status;
+mod tls;
 mod utc;
 mod worker;
 
@@ -62,3 +63,4 @@ pub use recorder::{ModelTexts, Tap, answer_of, command_of, request_of, tap};
 pub use rehearsal::{Rehearsal, RehearsalError, rehearse};
 pub use server::SocketError;
 pub use status::{Fault, Lifetime, LinkStatus, RealtimeStatus, RecordingStatus, Status};
+pub use tls::{Identity, TlsFileError, identity};

@@ -17,6 +17,8 @@ use crate::core::engine::Command;
 
 /// Patience with the cycle thread to carry a command out.
 const COMMAND_LIMIT: Duration = Duration::from_secs(2);
+/// Patience with the disk.
+const DISK_LIMIT: Duration = Duration::from_secs(2);
 /// Time for at least one cycle to show a command's effect.
 const SETTLE: Duration = Duration::from_millis(50);
 
@@ -230,7 +232,18 @@ async fn switch(
     if !answer.ok {
         return answer;
     }
-    let note = lock(service).switched(new, who, why);
+    let keeping = lock(service).switched(new, who, why);
+    // a disk that hangs must not keep anybody waiting but its own thread
+    let note = match timeout(DISK_LIMIT, spawn_blocking(|| keeping.write())).await {
+        Ok(Ok(note)) => note,
+        Ok(Err(_)) => Some("internal: writing the choice down broke off; a restart goes back".to_owned()),
+        Err(_) => Some(
+            "the disk is slow: the choice is being written down, until then a restart goes back".to_owned(),
+        ),
+    };
+    if let Some(note) = &note {
+        lock(service).note_model(note.clone());
+    }
     Answer { notes: note.into_iter().collect(), ..answer }
 }
 

@@ -6,8 +6,8 @@
 //! on a futex. Deliberate offences show that the filter bites.
 
 use std::collections::BTreeMap;
-use std::io::{ErrorKind, Read, Write};
-use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::io::{ErrorKind, Write};
+use std::net::{SocketAddr, TcpListener};
 use std::os::fd::AsRawFd;
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
@@ -30,6 +30,7 @@ use super::link::{Connecting, Link};
 use super::load::{Loaded, load};
 use super::ports::{CyclePorts, ServicePorts, ports};
 use super::recorder::{Tap, tap};
+use super::tls::trial::{Server, Trial, Wire};
 use super::worker::Control;
 use crate::core::axes::{AxisName, MAX_AXES};
 use crate::core::engine::Command as EngineCommand;
@@ -54,6 +55,12 @@ enum Case {
     Cycle,
     /// The cycle with busy polling.
     BusyPolling,
+    /// The cycle over TLS, after its handshake.
+    #[cfg(feature = "tls")]
+    Tls,
+    /// The same with busy polling.
+    #[cfg(feature = "tls")]
+    TlsBusyPolling,
     /// Writes a file.
     WriteFile,
     /// Sleeps.
@@ -64,9 +71,29 @@ enum Case {
     OtherSocket,
 }
 
-const CASES: [(&str, Case); 6] = [
+impl Case {
+    const fn is_tls(self) -> bool {
+        #[cfg(feature = "tls")]
+        return matches!(self, Self::Tls | Self::TlsBusyPolling);
+        #[cfg(not(feature = "tls"))]
+        false
+    }
+
+    const fn polls_busily(self) -> bool {
+        #[cfg(feature = "tls")]
+        return matches!(self, Self::BusyPolling | Self::TlsBusyPolling);
+        #[cfg(not(feature = "tls"))]
+        matches!(self, Self::BusyPolling)
+    }
+}
+
+const CASES: &[(&str, Case)] = &[
     ("cycle", Case::Cycle),
     ("busy-polling", Case::BusyPolling),
+    #[cfg(feature = "tls")]
+    ("tls", Case::Tls),
+    #[cfg(feature = "tls")]
+    ("tls-busy-polling", Case::TlsBusyPolling),
     ("write-file", Case::WriteFile),
     ("sleep", Case::Sleep),
     ("lock", Case::Lock),
@@ -76,6 +103,15 @@ const CASES: [(&str, Case); 6] = [
 #[test]
 fn a_cycle_makes_no_system_call_but_its_sockets() {
     for case in ["cycle", "busy-polling"] {
+        let status = run(case);
+        assert!(status.success(), "{case}: {status}; 31 is SIGSYS: a forbidden system call");
+    }
+}
+
+#[cfg(feature = "tls")]
+#[test]
+fn a_cycle_over_tls_makes_no_system_call_but_its_sockets() {
+    for case in ["tls", "tls-busy-polling"] {
         let status = run(case);
         assert!(status.success(), "{case}: {status}; 31 is SIGSYS: a forbidden system call");
     }
@@ -105,7 +141,9 @@ fn under_the_filter() {
     let case = CASES.iter().find(|(n, _)| *n == name).expect("a known case").1;
     let listener = TcpListener::bind("127.0.0.1:0").expect("port");
     let address = listener.local_addr().expect("address");
-    let control = std::thread::spawn(move || control(&listener));
+    let trial = case.is_tls().then(Trial::new);
+    let server = trial.as_ref().map(Trial::server);
+    let control = std::thread::spawn(move || control(&listener, server));
     let (cycle_ports, service) = ports();
     let (tap, entries) = tap(ENTRIES);
     let done = Arc::new(AtomicBool::new(false));
@@ -116,10 +154,16 @@ fn under_the_filter() {
     let _guard = held.lock().expect("lock");
     std::thread::spawn(move || {
         let (mut stage, mut link) = Stage::open(address, cycle_ports, tap, case);
+        if let Some(trial) = trial {
+            link.secure(&trial.identity()).expect("TLS starts");
+            while !link.shake(Duration::from_millis(20)).expect("the handshake succeeds") {}
+        }
         apply_filter(&filter(link.raw_fd())).expect("the filter is taken");
         let end = stage.cycle(&mut link);
         match case {
             Case::Cycle | Case::BusyPolling => {}
+            #[cfg(feature = "tls")]
+            Case::Tls | Case::TlsBusyPolling => {}
             Case::WriteFile => drop((&scratch).write(b"record")),
             Case::Sleep => std::thread::sleep(Duration::from_micros(1)),
             Case::Lock => drop(contended.lock()),
@@ -207,7 +251,7 @@ impl Stage {
         loaded.config.link.address = address;
         loaded.config.link.heartbeat_s = 0.01;
         loaded.config.engine.ramp_s = 0.05;
-        if case == Case::BusyPolling {
+        if case.polls_busily() {
             loaded.config.realtime.busy_poll_s = 200e-6;
         }
         let hello = hello(&loaded.config.machine);
@@ -264,10 +308,14 @@ struct Seen {
 }
 
 /// A control in lock step, with an emergency stop, tool changes, silences and bursts now and then.
-fn control(listener: &TcpListener) -> Seen {
+fn control(listener: &TcpListener, server: Option<Server>) -> Seen {
     let (stream, _) = listener.accept().expect("the daemon connects");
-    let mut peer =
-        Peer { stream, reader: FrameReader::default(), applied: [0.0; MAX_AXES], seen: Seen::default() };
+    let mut peer = Peer {
+        wire: Wire::new(stream, server),
+        reader: FrameReader::default(),
+        applied: [0.0; MAX_AXES],
+        seen: Seen::default(),
+    };
     let mut sequence = 0;
     for cycle in 1..=CYCLES {
         if cycle % 700 == 0 {
@@ -287,7 +335,7 @@ fn control(listener: &TcpListener) -> Seen {
 }
 
 struct Peer {
-    stream: TcpStream,
+    wire: Wire,
     reader: FrameReader,
     applied: [f64; MAX_AXES],
     seen: Seen,
@@ -322,14 +370,14 @@ impl Peer {
             let length = encode(message, &mut buffer);
             bytes.extend_from_slice(&buffer[..length]);
         }
-        self.stream.write_all(&bytes).expect("sent");
+        self.wire.write_all(&bytes).expect("sent");
     }
 
     /// Waits for the answer to a frame.
     fn answer(&mut self, sequence: u32) {
-        self.stream.set_read_timeout(Some(PATIENCE)).expect("option");
+        self.wire.stream().set_read_timeout(Some(PATIENCE)).expect("option");
         while self.take(false).is_none_or(|c| c.sequence != sequence) {
-            let count = self.stream.read(self.reader.space()).expect("an answer");
+            let count = self.wire.read(self.reader.space()).expect("an answer");
             assert!(count > 0, "the daemon has closed the link");
             self.reader.advance(count);
         }
@@ -339,8 +387,8 @@ impl Peer {
     fn silence(&mut self, length: Duration) {
         let end = Instant::now() + length;
         while Instant::now() < end {
-            self.stream.set_read_timeout(Some(Duration::from_millis(5))).expect("option");
-            match self.stream.read(self.reader.space()) {
+            self.wire.stream().set_read_timeout(Some(Duration::from_millis(5))).expect("option");
+            match self.wire.read(self.reader.space()) {
                 Ok(count) => self.reader.advance(count),
                 Err(e) if e.kind() == ErrorKind::WouldBlock => {}
                 Err(e) => panic!("{e}"),

@@ -17,7 +17,7 @@ use super::latency::Histograms;
 use super::load::Loaded;
 use super::logging::LogLimiter;
 use super::models::guard::{self, Hindrance};
-use super::models::{Models, Prepared};
+use super::models::{Keeping, Models, Prepared};
 use super::ports::{LastOffset, Progress, Report, Request, ServicePorts, Ticket};
 use super::realtime::RealtimeReport;
 use super::recorder::Recorder;
@@ -172,16 +172,22 @@ impl Service {
         }
     }
 
-    /// Another model is in use; says why that will not outlive a restart, where it will not.
+    /// Another model is in use; gives what is to be written down about it, off this thread.
     pub(super) fn switched(
         &mut self,
         new: Arc<Prepared>,
         who: Option<String>,
         why: Option<String>,
-    ) -> Option<String> {
+    ) -> Keeping {
         info!(model = new.origin, hash = new.hash, who, why, "another model is in use");
         self.expired_accepted = false;
         self.models.switched(new, who, why)
+    }
+
+    /// Something that should be known about the model in use.
+    pub(super) fn note_model(&mut self, note: String) {
+        warn!("{note}");
+        self.models.notes.push(note);
     }
 
     /// Takes compensation out where the model may not be used any more and that is what was configured for it.

@@ -216,6 +216,9 @@ pub struct LinkStatus {
     pub address: String,
     /// Whether the link is up.
     pub up: bool,
+    /// Whether it is mutual TLS; plain TCP where not.
+    #[serde(default)]
+    pub tls: bool,
     /// Program and version of the control, from its hello.
     pub control: Option<String>,
     /// Axis letters in wire order.

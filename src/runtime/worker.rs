@@ -1,5 +1,6 @@
 //! The cycle thread: connect, shake hands, cycle, and again.
 
+use std::io::{self, ErrorKind};
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
@@ -217,6 +218,9 @@ impl Worker {
             }
         }
         let mut link = connecting.finish(&config.link, &config.realtime, self.clock).map_err(connect)?;
+        if !self.secure(&mut link, deadline)? {
+            return Ok(None);
+        }
         match self.greet(&mut link, deadline) {
             Ok(Some(hello)) => Ok(Some((link, hello))),
             // no close frame: the control may hold an offset that it has to take out by itself
@@ -230,16 +234,38 @@ impl Worker {
         }
     }
 
+    /// The TLS handshake, where there is to be one; false where a stop came in between.
+    fn secure(&mut self, link: &mut Link, deadline: MonoTime) -> Result<bool, LinkError> {
+        let loaded = Arc::clone(&self.loaded);
+        let Some(identity) = &loaded.identity else { return Ok(true) };
+        let address = loaded.config.link.address;
+        let failed = |source: io::Error| match source.kind() {
+            ErrorKind::UnexpectedEof => LinkError::ClosedBeforeTls { address },
+            _ => LinkError::of_stream(address, source),
+        };
+        link.secure(identity).map_err(failed)?;
+        while !link.shake(SLICE).map_err(failed)? {
+            if self.clock.now() >= deadline {
+                let limit_s = loaded.config.link.connect_timeout_s;
+                return Err(LinkError::Timeout { address, waiting_for: "TLS handshake", limit_s });
+            }
+            if self.idle(Duration::ZERO) {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
     /// Exchanges hellos, checks them, and has an engine ready.
     fn greet(&mut self, link: &mut Link, deadline: MonoTime) -> Result<Option<ControlHello>, LinkError> {
         let loaded = Arc::clone(&self.loaded);
         let config = &loaded.config;
         let address = config.link.address;
-        let connect = |source| LinkError::Connect { address, source };
+        let connect = |source| LinkError::of_stream(address, source);
         link.send(&Message::DaemonHello(handshake::daemon_hello(config))).map_err(connect)?;
         let message = loop {
             if let Some(message) =
-                link.reader.next().map_err(|source| LinkError::Frame { address, source })?
+                link.reader.next().map_err(|source| LinkError::of_frame(address, source))?
             {
                 break message;
             }

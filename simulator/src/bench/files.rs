@@ -39,6 +39,8 @@ pub struct DaemonSettings {
     pub lock_memory: bool,
     /// Time to poll before and after the moment at which a frame is expected, us.
     pub busy_poll_us: f64,
+    /// The link is TLS, with `ca.pem`, `daemon.pem` and `daemon.key` beside the machine file.
+    pub tls: bool,
 }
 
 impl Axes {
@@ -89,12 +91,16 @@ impl Axes {
     /// The machine file; `model.toml` and `volcompd.sock` stand beside it.
     #[must_use]
     pub fn machine_file(self, settings: &DaemonSettings, socket: &Path) -> String {
-        let DaemonSettings { address, cycle_ms, priority, cpu, lock_memory, busy_poll_us } = settings;
+        let DaemonSettings { address, cycle_ms, priority, cpu, lock_memory, busy_poll_us, tls } = settings;
+        let tls = match tls {
+            true => "[link.tls]\nca = \"ca.pem\"\ncertificate = \"daemon.pem\"\nkey = \"daemon.key\"\n",
+            false => "",
+        };
         // while the echo has its turn the link is silent: that must be no reason to ramp out
         let mut text = format!(
             "format = \"volcomp-machine/1\"\nmachine = \"{}\"\nmodel = \"model.toml\"\n\
              [link]\naddress = \"{address}\"\ncycle-ms = {cycle_ms:?}\nsilence-s = 5.0\n\
-             [engine]\nstart = \"on-connect\"\nramp-s = 0.1\nstale-ms = 3000.0\n\
+             {tls}[engine]\nstart = \"on-connect\"\nramp-s = 0.1\nstale-ms = 3000.0\n\
              [realtime]\npriority = {priority}\nlock-memory = {lock_memory}\nbusy-poll-us = {busy_poll_us:?}\n",
             self.machine(),
         );

@@ -18,6 +18,7 @@ pub mod process;
 pub mod report;
 pub mod rounds;
 pub mod thread;
+mod trial;
 
 #[cfg(test)]
 mod tests;
@@ -72,6 +73,8 @@ pub struct Options {
     pub busy_poll: Duration,
     /// Measure the computation alone as well.
     pub compute: bool,
+    /// volcompd's link is mutual TLS; the bare echo stays plain.
+    pub tls: bool,
 }
 
 /// Measures everything that was asked for; `say` hears what is being done, and the share that is done.
@@ -104,6 +107,7 @@ fn links(options: &Options, say: Say<'_>) -> Result<(Vec<rounds::Round>, serde_j
     let folder = &options.folder;
     let [echo_place, daemon_place] = [Place::open("the bare echo")?, Place::open("volcompd")?];
     let socket = write_files(options, options.axes, folder, daemon_place.address()?)?;
+    let identity = options.tls.then(|| trial::identity(folder)).transpose()?;
     let log = folder.join("volcompd.log");
     let echo_settings = EchoSettings {
         address: echo_place.address()?,
@@ -118,8 +122,8 @@ fn links(options: &Options, say: Say<'_>) -> Result<(Vec<rounds::Round>, serde_j
     let _echo = options.programs.echo(&echo_settings)?;
     let _daemon = options.programs.volcompd(&folder.join("machine.toml"), &log)?;
     let origin = Instant::now();
-    let mut echo = echo_place.accept(options.axes, origin)?;
-    let mut daemon = daemon_place.accept(options.axes, origin)?;
+    let mut echo = echo_place.accept(options.axes, origin, None)?;
+    let mut daemon = daemon_place.accept(options.axes, origin, identity.as_ref())?;
     daemon.greet(options.cycle)?;
     settle(&mut daemon, &mut echo, options.cycle, &log)?;
 
@@ -162,6 +166,8 @@ fn still_active(daemon: &Partner, log: &Path) -> Result<(), BenchError> {
 /// What the computation alone costs, for three and for five axes.
 fn compute(options: &Options, say: Say<'_>) -> Result<Vec<Compute>, BenchError> {
     let mut all = Vec::new();
+    // the computation knows no link, and needs no certificates
+    let options = &Options { tls: false, ..options.clone() };
     for axes in [Axes::Three, Axes::Five] {
         say("compute", if all.is_empty() { 0.0 } else { 0.5 });
         let folder = options.folder.join(axes.name());
@@ -195,6 +201,7 @@ fn write_files(
         cpu: options.cpus[1],
         lock_memory: options.lock_memory,
         busy_poll_us: options.busy_poll.as_secs_f64() * 1e6,
+        tls: options.tls,
     };
     for (name, text) in
         [("machine.toml", axes.machine_file(&settings, &socket)), ("model.toml", axes.model_file())]

@@ -2,8 +2,8 @@
 
 use core::net::SocketAddr;
 use core::time::Duration;
-use std::io::{ErrorKind, Read, Write};
-use std::net::{TcpListener, TcpStream};
+use std::io::ErrorKind;
+use std::net::TcpListener;
 use std::time::Instant;
 
 use hdrhistogram::Histogram;
@@ -15,6 +15,7 @@ use volcomp::core::protocol::{
 
 use super::error::BenchError;
 use super::files::Axes;
+use crate::control::{ControlIdentity, Wire};
 
 /// Patience with everything that must happen.
 const PATIENCE: Duration = Duration::from_secs(10);
@@ -60,7 +61,7 @@ pub struct Place {
 #[derive(Debug)]
 pub struct Partner {
     name: &'static str,
-    stream: TcpStream,
+    wire: Wire,
     reader: FrameReader,
     axes: Axes,
     origin: Instant,
@@ -92,11 +93,16 @@ impl Place {
         self.listener.local_addr().map_err(|source| BenchError::Link { peer: self.name, source })
     }
 
-    /// Waits for the side to connect.
+    /// Waits for the side to connect, over TLS where there is an identity.
     ///
     /// # Errors
     /// It does not, or the socket's.
-    pub fn accept(&self, axes: Axes, origin: Instant) -> Result<Partner, BenchError> {
+    pub fn accept(
+        &self,
+        axes: Axes,
+        origin: Instant,
+        identity: Option<&ControlIdentity>,
+    ) -> Result<Partner, BenchError> {
         let name = self.name;
         let link = |source| BenchError::Link { peer: name, source };
         let deadline = Instant::now() + PATIENCE;
@@ -117,10 +123,15 @@ impl Place {
         };
         stream.set_nonblocking(false).map_err(link)?;
         stream.set_nodelay(true).map_err(link)?;
-        stream.set_read_timeout(Some(PATIENCE)).map_err(link)?;
+        let wire = match identity {
+            None => Wire::plain(stream),
+            Some(identity) => Wire::secure(stream, identity, deadline)
+                .map_err(|(why, _)| BenchError::Ended { peer: name, said: why.to_string() })?,
+        };
+        wire.stream().set_read_timeout(Some(PATIENCE)).map_err(link)?;
         Ok(Partner {
             name,
-            stream,
+            wire,
             reader: FrameReader::default(),
             axes,
             origin,
@@ -231,14 +242,14 @@ impl Partner {
 
     fn write(&mut self) -> Result<(), BenchError> {
         let peer = self.name;
-        self.stream
+        self.wire
             .write_all(&self.frame[..self.frame_bytes])
             .map_err(|source| BenchError::Link { peer, source })
     }
 
     fn read(&mut self) -> Result<Instant, BenchError> {
         let peer = self.name;
-        match self.stream.read(self.reader.space()) {
+        match self.wire.read(self.reader.space()) {
             Ok(0) => Err(BenchError::Ended { peer, said: "connection closed".to_owned() }),
             Ok(count) => {
                 let end = Instant::now();

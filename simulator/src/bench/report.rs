@@ -29,6 +29,7 @@ pub struct Setting {
     cpus: [Option<u16>; 2],
     lock_memory: bool,
     busy_poll_us: f64,
+    tls: bool,
 }
 
 /// What the computation alone costs.
@@ -67,6 +68,7 @@ impl Setting {
             cpus: options.cpus,
             lock_memory: options.lock_memory,
             busy_poll_us: options.busy_poll.as_secs_f64() * 1e6,
+            tls: options.tls,
         }
     }
 }
@@ -136,7 +138,8 @@ impl Report {
     /// The figures as JSON.
     #[must_use]
     pub fn json(&self) -> Value {
-        let Setting { axes, cycle_ms, block_ms, priority, cpus, lock_memory, busy_poll_us } = &self.setting;
+        let Setting { axes, cycle_ms, block_ms, priority, cpus, lock_memory, busy_poll_us, tls } =
+            &self.setting;
         let mut object = json!({
             "format": "volcomp-bench-link/1",
             "axes": axes.name(),
@@ -146,6 +149,7 @@ impl Report {
             "setting": {
                 "cycle_ms": cycle_ms, "block_ms": block_ms, "priority": priority, "cpu_control": cpus[0],
                 "cpu_daemon": cpus[1], "lock_memory": lock_memory, "busy_poll_us": busy_poll_us,
+                "tls": tls,
             },
             "granted": { "control": self.granted, "volcompd": self.daemon["realtime"] },
             "processors": std::thread::available_parallelism().map_or(0, usize::from),
@@ -189,9 +193,10 @@ impl Report {
     #[must_use]
     pub fn lines(&self) -> Vec<String> {
         let mut lines = vec![format!(
-            "{} axes, {} error motions; load {} before, {} after",
+            "{} axes, {} error motions{}; load {} before, {} after",
             self.setting.axes.name(),
             self.setting.axes.motions(),
+            if self.setting.tls { ", volcompd over TLS" } else { "" },
             self.load_average[0].map_or_else(|| "?".to_owned(), |l| format!("{l:.2}")),
             self.load_average[1].map_or_else(|| "?".to_owned(), |l| format!("{l:.2}")),
         )];

@@ -65,6 +65,7 @@ fn the_model_is_full() {
             cpu: Some(1),
             lock_memory: false,
             busy_poll_us: 0.0,
+            tls: false,
         };
         let machine = axes.machine_file(&settings, std::path::Path::new("a.sock"));
         assert_eq!(machine.matches("[axes.").count(), axes.names().len());

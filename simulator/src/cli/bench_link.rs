@@ -78,6 +78,10 @@ pub(super) struct Args {
     /// Echo and daemon poll their socket from so long before to so long after a frame is expected, us.
     #[arg(long, value_name = "US", default_value = "0")]
     busy_poll_us: f64,
+    /// volcompd's link over mutual TLS, with certificates made for the run; the bare echo stays plain, and so the
+    /// limits do not apply.
+    #[arg(long, conflicts_with = "check")]
+    tls: bool,
     /// Leave out the computation alone.
     #[arg(long)]
     no_compute: bool,
@@ -225,5 +229,6 @@ fn options(args: &Args, folder: PathBuf) -> Result<Options, Failure> {
         lock_memory: !args.no_lock_memory,
         busy_poll: Duration::from_secs_f64(busy_poll_us * 1e-6),
         compute: !args.no_compute,
+        tls: args.tls,
     })
 }

@@ -6,7 +6,8 @@ use clap::{Args, ValueEnum};
 
 use super::FormatArg;
 use crate::cli::files::{Output, read_model};
-use crate::cli::import::{LinearUnitArg, SenseArg, SignArg, axis_letter, comp_type, usage};
+use crate::cli::import::ControlArgs;
+use crate::cli::values::{axis_letter, number};
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
 use crate::core::axes::{AxisKind, AxisName};
 use crate::core::model::{Component, ErrorSymbol, ModelSpec};
@@ -38,18 +39,8 @@ pub(super) struct ModelOptions {
     /// Which direction of travel goes into a format that has only one.
     #[arg(long, value_enum)]
     direction: Option<DirectionArg>,
-    /// COMP_FILE_TYPE of LinuxCNC: 0 actual positions, 1 trims.
-    #[arg(long, value_name = "0|1", value_parser = comp_type)]
-    comp_type: Option<linuxcnc::CompType>,
-    /// LINEAR_UNITS of the LinuxCNC machine [default: mm].
-    #[arg(long, value_enum)]
-    linear_units: Option<LinearUnitArg>,
-    /// Whose motion an ISG control takes the values of workpiece-side axes for.
-    #[arg(long, value_enum)]
-    sense: Option<SenseArg>,
-    /// What a Heidenhain control takes its values for.
-    #[arg(long, value_enum)]
-    sign: Option<SignArg>,
+    #[command(flatten)]
+    control: ControlArgs,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -61,9 +52,6 @@ enum DirectionArg {
 
 fn range(text: &str) -> Result<[f64; 2], String> {
     let (low, high) = text.split_once(':').ok_or("write two numbers, such as 0:500")?;
-    let number = |t: &str| {
-        t.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or(format!("'{t}' is not a finite number"))
-    };
     Ok([number(low)?, number(high)?])
 }
 
@@ -76,7 +64,7 @@ struct Written {
 pub(super) fn run(path: &Path, format: FormatArg, out: &Path, options: &ModelOptions) -> Result<(), Failure> {
     let tolerance_um = options.tolerance_um.unwrap_or(TOLERANCE_UM);
     if !(tolerance_um > 0.0 && tolerance_um.is_finite()) {
-        return Err(usage(format_args!("--tolerance-um {tolerance_um}: must be above 0")));
+        return Err(Failure::usage(format_args!("--tolerance-um {tolerance_um}: must be above 0")));
     }
     let (spec, _) = read_model(path)?;
     let written = write(format, options, &spec).map_err(|e| failure(path, &e))?;
@@ -108,7 +96,8 @@ fn failure(path: &Path, e: &ExportError) -> Failure {
 impl ModelOptions {
     /// An option that was given, for a file that is no model.
     pub(super) fn first_given(&self) -> Option<&'static str> {
-        let Self { axis, tolerance_um, step, range, direction, comp_type, linear_units, sense, sign } = self;
+        let Self { axis, tolerance_um, step, range, direction, control } = self;
+        let ControlArgs { comp_type, linear_units, sense, sign } = control;
         [
             (!axis.is_empty(), "--axis"),
             (tolerance_um.is_some(), "--tolerance-um"),
@@ -147,18 +136,12 @@ fn write(format: FormatArg, args: &ModelOptions, spec: &ModelSpec) -> Result<Wri
     let sampling = args.sampling(axis.kind());
     let (text, table) = match format {
         FormatArg::LinuxCnc => {
-            let file = args.comp_type.ok_or(ExportError::CompTypeNotStated)?;
-            linuxcnc::write(
-                spec,
-                axis,
-                file,
-                args.linear_units.unwrap_or(LinearUnitArg::Mm).into(),
-                &sampling,
-            )?
+            let file = args.control.comp_type.ok_or(ExportError::CompTypeNotStated)?;
+            linuxcnc::write(spec, axis, file, args.control.linear_unit(), &sampling)?
         }
         FormatArg::IsgLis => isg_lis::write(spec, axis, &sampling)?,
         FormatArg::Heidenhain => {
-            heidenhain::write(spec, axis, args.sign.map(heidenhain::Sign::from), &sampling)?
+            heidenhain::write(spec, axis, args.control.sign.map(heidenhain::Sign::from), &sampling)?
         }
         FormatArg::Rtl => write_rtl(spec, axis, &sampling)?,
         FormatArg::Csv | FormatArg::Isg | FormatArg::Parquet => write_csv(spec, axis, &sampling)?,
@@ -175,7 +158,8 @@ fn write_isg(args: &ModelOptions, spec: &ModelSpec) -> Result<Written, ExportErr
     if several && (args.range.is_some() || args.step.is_some()) {
         return Err(ExportError::OneAxis { format: "--range and --step" });
     }
-    let (text, report) = isg::write(spec, &args.axis, args.sense.map(isg::Body::from), &args.sampling(kind))?;
+    let (text, report) =
+        isg::write(spec, &args.axis, args.control.sense.map(isg::Body::from), &args.sampling(kind))?;
     for (axis, rows, error) in &report.blocks {
         eprintln!(
             "axis {axis}: {rows} rows, at most {:.3} um from the model between them",

@@ -9,7 +9,7 @@ use serde_json::Value;
 use crate::cli::files::read_text;
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
 
-/// Where a case comes from, the same for every method.
+/// Where a case comes from and how the result is printed, the same for every method.
 #[derive(Debug, clap::Args)]
 pub(super) struct CaseArgs {
     /// One case of the reference vectors (JSON, mm and rad), or a file of cases with --case; - is stdin.
@@ -18,6 +18,9 @@ pub(super) struct CaseArgs {
     /// Which case of a file with several.
     #[arg(long, value_name = "ID", requires = "input")]
     case: Option<String>,
+    /// Print one JSON object instead of a report.
+    #[arg(long)]
+    pub(super) json: bool,
 }
 
 impl CaseArgs {

@@ -57,9 +57,6 @@ pub(super) struct Args {
     /// A polynomial through the origin.
     #[arg(long)]
     no_intercept: bool,
-    /// Print one JSON object.
-    #[arg(long)]
-    json: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Deserialize)]
@@ -125,7 +122,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     } else {
         curve(&case).map_err(|e| failed(&e))?
     };
-    if args.json {
+    if args.case.json {
         print_json(&Value::Object(result))
     } else {
         report(&result)

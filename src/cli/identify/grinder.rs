@@ -9,7 +9,7 @@ use super::case;
 use crate::cli::files::{Output, read_text};
 use crate::cli::model_out::{ModelOut, Sources, put};
 use crate::cli::table::{self, nearest};
-use crate::cli::{EX_CONFIG, EX_DATAERR, EX_USAGE, Failure};
+use crate::cli::{EX_CONFIG, EX_USAGE, Failure};
 use crate::config;
 use crate::config::ModelFile;
 use crate::core::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
@@ -99,17 +99,17 @@ fn assignment(text: &str) -> Result<(AxisName, PathBuf), String> {
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.step.is_empty() && args.next.is_none() {
-        return Err(usage("nothing to do; give --step for data, --next for the poses to measure"));
+        return Err(Failure::usage("nothing to do; give --step for data, --next for the poses to measure"));
     }
     if args.step.is_empty() && args.out.out.is_some() {
-        return Err(usage("--out needs a --step; without one there is nothing to write"));
+        return Err(Failure::usage("--out needs a --step; without one there is nothing to write"));
     }
     let file = drawing(args)?;
     let mut chain = Chain::new(file.spec.clone());
     let request = Request { components: args.motions.0.clone(), sigma: args.noise_um.map(mm_from_um) };
     for (axis, path) in &args.step {
         let rows = read(path, chain.spec())?;
-        chain.identify(&Measured { axis: *axis, rows }, &request).map_err(|e| bad(path, e))?;
+        chain.identify(&Measured { axis: *axis, rows }, &request).map_err(|e| Failure::data(path, e))?;
     }
     if let Some((axis, path)) = &args.next {
         write_poses(&chain, *axis, path, args)?;
@@ -126,14 +126,6 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         print(&chain);
     }
     Ok(())
-}
-
-fn usage(what: &str) -> Failure {
-    Failure::new(EX_USAGE, format_args!("error: {what}"))
-}
-
-fn bad(path: &Path, what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()))
 }
 
 /// The drawing, the model of --into, or a bare chain.
@@ -182,10 +174,10 @@ fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<Row>, Failure> {
     }
     let given = tool.iter().filter(|(_, i)| i.is_some()).count();
     if given != 0 && given != 3 {
-        return Err(bad(path, "give all of tool_x_mm, tool_y_mm, tool_z_mm, or none"));
+        return Err(Failure::data(path, "give all of tool_x_mm, tool_y_mm, tool_z_mm, or none"));
     }
     if seen.iter().all(|(_, i)| i.is_none()) {
-        return Err(bad(path, "no column with a deviation: dx_um, dy_um or dz_um"));
+        return Err(Failure::data(path, "no column with a deviation: dx_um, dy_um or dz_um"));
     }
     let mut rows = Vec::new();
     while table.advance()? {

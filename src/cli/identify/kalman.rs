@@ -7,11 +7,11 @@ use serde_json::{Map, Value, json};
 
 use super::case::{CaseArgs, print_json};
 use crate::cli::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
-use crate::cli::progress::Progress;
 use crate::cli::table::{self, Table};
+use crate::cli::values::linear_axis;
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
 use crate::config::ModelFile;
-use crate::core::axes::{AxisKind, AxisName, Travel};
+use crate::core::axes::{AxisName, Travel};
 use crate::core::estimate::filter::COMPONENTS_MAX;
 use crate::core::estimate::{
     Adaptation, MeasurementNoise, NodeFilter, NodeGrid, Observation, Process, Rules, Verdict,
@@ -40,7 +40,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE", conflicts_with = "input", required_unless_present = "input")]
     data: Option<PathBuf>,
     /// The three linear axes of the grid.
-    #[arg(long, value_delimiter = ',', default_value = "x,y,z", value_parser = axis)]
+    #[arg(long, value_delimiter = ',', default_value = "x,y,z", value_parser = linear_axis)]
     axes: Vec<AxisName>,
     /// Nodes along the first axis, mm.
     #[arg(
@@ -89,17 +89,6 @@ pub(super) struct Args {
     limit: Option<f64>,
     #[command(flatten)]
     model: ModelOut,
-    /// Print one JSON object.
-    #[arg(long)]
-    json: bool,
-}
-
-fn axis(text: &str) -> Result<AxisName, String> {
-    let mut chars = text.chars();
-    match (chars.next().and_then(AxisName::from_letter), chars.next()) {
-        (Some(axis), None) if axis.kind() == AxisKind::Linear => Ok(axis),
-        _ => Err(format!("'{text}' is no linear axis; they are x y z u v w")),
-    }
 }
 
 /// A case of the reference vectors: mm and rad, one step of the process before every observation.
@@ -153,7 +142,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         (Some(file), _) => {
             file.writes_no_model(args.model.target().is_some())?;
             let result = of_case(&file.read()?).map_err(|e| file.bad(e))?;
-            if args.json {
+            if args.case.json {
                 print_json(&Value::Object(result));
             } else {
                 report_case(&result);
@@ -333,11 +322,10 @@ fn of_table(args: &Args, path: &Path) -> Result<(), Failure> {
     )
     .map_err(|e| Failure::new(EX_USAGE, format_args!("error: {e}")))?;
     let offline_at = |at: [f64; 3]| value_at(&before, symbol, &axes, at);
-    let outcome =
-        filter_table(&mut table, &columns, &unit, &grid, (&mut filter, &mut noise), offline_at, path)?;
+    let outcome = filter_table(&mut table, &columns, &unit, &grid, (&mut filter, &mut noise), offline_at)?;
     let function = with_grid(before, &axes, &grid, &filter)
         .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {symbol}: {e}")))?;
-    if args.json {
+    if args.case.json {
         print_json(&json_of(symbol, &unit, &grid, &filter, &noise, &outcome));
     } else if !args.model.takes_stdout() {
         report(symbol, &unit, &grid, &filter, &noise, &outcome);
@@ -392,9 +380,7 @@ fn filter_table<R: std::io::BufRead>(
     grid: &NodeGrid,
     (filter, noise): (&mut NodeFilter, &mut MeasurementNoise),
     offline_at: impl Fn([f64; 3]) -> f64,
-    path: &Path,
 ) -> Result<Outcome, Failure> {
-    let mut progress = Progress::new(path);
     let mut last: Option<f64> = None;
     let mut ratios = 0.0;
     let mut seen: Vec<([f64; 3], f64)> = Vec::new();
@@ -436,9 +422,7 @@ fn filter_table<R: std::io::BufRead>(
         } else {
             outcome.rejected += 1;
         }
-        progress.update(table.bytes());
     }
-    progress.finish();
     if seen.is_empty() {
         return Err(Failure::new(
             EX_DATAERR,

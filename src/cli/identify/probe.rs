@@ -6,7 +6,8 @@ use serde_json::{Value, json};
 
 use super::case::{CaseArgs, CaseFile, print_json};
 use crate::cli::model_out::{ModelOut, Sources, put};
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure, table};
+use crate::cli::values::numbers;
+use crate::cli::{EX_DATAERR, Failure, table};
 use crate::core::axes::AxisName;
 use crate::core::model::{Component, Curve, ErrorFunction, ErrorSymbol};
 use crate::core::units::{arcsec_from_rad, mm_from_um, rad_from_deg, um_from_mm};
@@ -63,17 +64,10 @@ pub(super) struct Args {
     nominal_mm: Option<[f64; 2]>,
     #[command(flatten)]
     out: ModelOut,
-    /// One JSON object on stdout.
-    #[arg(long)]
-    json: bool,
 }
 
 fn pair(text: &str) -> Result<[f64; 2], String> {
-    let read = |t: &str| t.trim().parse::<f64>().ok().filter(|v| v.is_finite());
-    match text.split_once(',').map(|(a, b)| (read(a), read(b))) {
-        Some((Some(a), Some(b))) => Ok([a, b]),
-        _ => Err(format!("'{text}' is no pair of numbers; write for example 168.8,0")),
-    }
+    numbers(text).ok_or_else(|| format!("'{text}' is no pair of numbers; write for example 168.8,0"))
 }
 
 /// A case of the vectors: mm, and degrees where the name says so.
@@ -93,15 +87,17 @@ struct Case {
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.out.target().is_some() != args.nominal_mm.is_some() {
-        return Err(usage("a model needs --out or --into, and --nominal-mm to compare the bar's place with"));
+        return Err(Failure::usage(
+            "a model needs --out or --into, and --nominal-mm to compare the bar's place with",
+        ));
     }
     let (path, (contacts, bar_radius)) = match (args.case.file(), &args.data) {
         (Some(file), _) => (file.path(), from_case(file)?),
         (None, Some(path)) => {
-            let bar = args.bar_radius_mm.ok_or_else(|| usage("give --bar-radius-mm"))?;
+            let bar = args.bar_radius_mm.ok_or_else(|| Failure::usage("give --bar-radius-mm"))?;
             (path.as_path(), (from_table(path, args)?, bar))
         }
-        (None, None) => return Err(usage("give --data or --input")),
+        (None, None) => return Err(Failure::usage("give --data or --input")),
     };
     let request = Request { sigma: args.noise_um.map(mm_from_um), reject_outliers: args.reject_outliers };
     let found = calibrate(&contacts, bar_radius, &request)
@@ -112,16 +108,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.out.takes_stdout() {
         return Ok(());
     }
-    if args.json {
+    if args.case.json {
         print_json(&as_json(&found));
     } else {
         print(&found, args, contacts.len());
     }
     Ok(())
-}
-
-fn usage(what: &str) -> Failure {
-    Failure::new(EX_USAGE, format_args!("error: {what}"))
 }
 
 fn from_case(file: CaseFile<'_>) -> Result<(Vec<Contact>, f64), Failure> {
@@ -161,10 +153,12 @@ fn from_table(path: &Path, args: &Args) -> Result<Vec<Contact>, Failure> {
             }
         }
         (Some(_), Some(_)) => {
-            return Err(usage("--arm-mm goes with a column b_deg; the file has heights (z_mm)"));
+            return Err(Failure::usage("--arm-mm goes with a column b_deg; the file has heights (z_mm)"));
         }
         (None, None) => {
-            return Err(usage("give --arm-mm and --arm-zero-deg for the column b_deg, or a column z_mm"));
+            return Err(Failure::usage(
+                "give --arm-mm and --arm-zero-deg for the column b_deg, or a column z_mm",
+            ));
         }
     }
     Ok(contacts)

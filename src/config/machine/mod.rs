@@ -1,8 +1,10 @@
 //! The machine file, `volcomp-machine/1`, and whether a control and a model belong to it.
 
 mod read;
+mod tls;
 
 pub use read::known_keys;
+pub use tls::TlsConfig;
 
 use core::fmt;
 use core::net::SocketAddr;
@@ -60,6 +62,18 @@ pub struct LinkConfig {
     pub heartbeat_s: f64,
     /// Silence after which the link is given up, s.
     pub silence_s: f64,
+    /// Mutual TLS; `None` is plain TCP.
+    pub tls: Option<TlsConfig>,
+    /// A control on another computer may be talked to without TLS.
+    pub plain_remote: bool,
+}
+
+impl LinkConfig {
+    /// True where frames leave this computer without authentication and encryption.
+    #[must_use]
+    pub fn is_exposed(&self) -> bool {
+        self.tls.is_none() && !self.address.ip().to_canonical().is_loopback()
+    }
 }
 
 /// When compensation starts.

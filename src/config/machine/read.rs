@@ -3,6 +3,7 @@
 use core::net::SocketAddr;
 use std::path::PathBuf;
 
+use super::tls::{check_remote, read_tls};
 use super::{
     AxisConfig, EngineSettings, FORMAT, GuardConfig, LinkConfig, LogConfig, LogTarget, MachineConfig,
     NO_SOFT_LIMITS, Policy, RealtimeConfig, RecordingConfig, StartMode, StateConfig, StatusConfig, WhenFull,
@@ -97,10 +98,16 @@ const fn within(low: f64, high: f64) -> Allowed {
 }
 
 fn read_link(link: &Section<'_>) -> Option<LinkConfig> {
-    let address = match link.text("address") {
-        None => DEFAULT_ADDRESS.parse().ok(),
-        Some(text) => read_address(link, &text),
+    let (address, place) = match link.text("address") {
+        None => (DEFAULT_ADDRESS.parse().ok(), 0..0),
+        Some(text) => (read_address(link, &text), text.place),
     };
+    let tls = read_tls(link, address);
+    let plain_remote = link.flag("plain-remote").unwrap_or(false);
+    if let Some(value) = address {
+        let secured = link.value("tls").is_some();
+        check_remote(link, &Placed { value, place }, secured, plain_remote);
+    }
     let reconnect = [
         or(link, "reconnect-min-s", within(0.01, 3600.0), 0.2),
         or(link, "reconnect-max-s", within(0.01, 3600.0), 10.0),
@@ -117,6 +124,8 @@ fn read_link(link: &Section<'_>) -> Option<LinkConfig> {
         reconnect_s: reconnect,
         heartbeat_s,
         silence_s,
+        tls: tls?,
+        plain_remote,
     };
     link.finish();
     Some(config)

@@ -26,7 +26,6 @@ mod sampling;
 mod select;
 mod smooth;
 mod solve;
-mod student;
 mod support;
 
 pub use band::Band;

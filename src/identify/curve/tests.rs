@@ -208,7 +208,7 @@ fn what_cannot_be_fitted_is_refused() {
 fn a_fitted_period_stays_where_it_was_searched() {
     // the wave of 150 mm pulls at the lower end
     let all =
-        readings(&grid(41, 10.0), |i, x| 1e-3 * (x / 150.0 * core::f64::consts::TAU).sin() + 1e-4 * noise(i));
+        readings(&grid(41, 10.0), |i, x| 1e-3 * (x * core::f64::consts::TAU / 150.0).sin() + 1e-4 * noise(i));
     for range in [[180.0, 480.0], [60.0, 140.0]] {
         let request = Request { order: Some(1), period: Period::Within(range), ..with_basis(Basis::Fourier) };
         let period = fit(&all, &request).unwrap().period.unwrap();

@@ -6,7 +6,7 @@ pub mod guard;
 pub mod store;
 
 use std::path::Path;
-use std::sync::Arc;
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::SystemTime;
 
 use tracing::{info, warn};
@@ -66,7 +66,8 @@ pub struct Models {
     pub choice: Choice,
     /// Hash of the model that the machine file names.
     configured: String,
-    store: Option<Store>,
+    /// Locked by whoever may wait for the disk, never by the service.
+    store: Option<Arc<Mutex<Store>>>,
     /// What the operator should know about the choice.
     pub notes: Vec<String>,
 }
@@ -104,8 +105,7 @@ impl Models {
             let (store, problem) = Store::open(directory, &loaded.config.machine);
             models.notes.extend(problem);
             models.remember(&store, &loaded.config);
-            models.store = Some(store);
-            models.keep();
+            models.keep(store);
         }
         for note in &models.notes {
             warn!("{note}");
@@ -163,18 +163,15 @@ impl Models {
     }
 
     /// Writes down which model is in use at the start, unless the store knows.
-    fn keep(&mut self) {
-        let Some(store) = &mut self.store else { return };
+    fn keep(&mut self, mut store: Store) {
         let same = store.active().is_some_and(|a| a.hash == self.active.hash);
         // a model that was held back stays to be confirmed: what the machine file named then is not touched
-        if same
-            && (self.active.hash != self.configured || store.configured() == Some(self.configured.as_str()))
-        {
-            return;
-        }
-        if let Err(e) = store.choose(self.choice.clone(), &self.active.text, &self.configured) {
+        let held_back = self.active.hash != self.configured;
+        let known = same && (held_back || store.configured() == Some(self.configured.as_str()));
+        if !known && let Err(e) = store.choose(self.choice.clone(), &self.active.text, &self.configured) {
             self.notes.push(format!("which model is in use is not kept: {e}"));
         }
+        self.store = Some(Arc::new(Mutex::new(store)));
     }
 
     /// For the status.
@@ -191,13 +188,13 @@ impl Models {
         }
     }
 
-    /// Another model has been taken into use; says why it is not kept, where it is not.
+    /// Another model has been taken into use; gives what is to be written down about it.
     pub(super) fn switched(
         &mut self,
         new: Arc<Prepared>,
         who: Option<String>,
         why: Option<String>,
-    ) -> Option<String> {
+    ) -> Keeping {
         let choice = Choice {
             hash: new.hash.clone(),
             origin: new.origin.clone(),
@@ -209,17 +206,39 @@ impl Models {
         self.previous = Some(core::mem::replace(&mut self.active, Arc::clone(&new)));
         self.choice = choice.clone();
         self.notes.clear();
-        let Some(store) = &mut self.store else {
+        Keeping {
+            store: self.store.clone(),
+            choice,
+            text: new.text.clone(),
+            configured: self.configured.clone(),
+            back,
+        }
+    }
+}
+
+/// A choice on its way to the disk.
+#[derive(Debug)]
+pub(super) struct Keeping {
+    store: Option<Arc<Mutex<Store>>>,
+    choice: Choice,
+    text: String,
+    configured: String,
+    back: bool,
+}
+
+impl Keeping {
+    /// Writes it down, as long as that takes; says why the choice will not outlive a restart, where it will not.
+    pub(super) fn write(self) -> Option<String> {
+        let Some(store) = self.store else {
             return Some("no state directory: after a restart the machine file's model is used".to_owned());
         };
-        let kept = if back && store.previous().is_some_and(|p| p.hash == new.hash) {
-            store.swap(choice)
+        let mut store = store.lock().unwrap_or_else(PoisonError::into_inner);
+        let kept = if self.back && store.previous().is_some_and(|p| p.hash == self.choice.hash) {
+            store.swap(self.choice)
         } else {
-            store.choose(choice, &new.text, &self.configured)
+            store.choose(self.choice, &self.text, &self.configured)
         };
-        let note = kept.err().map(|e| format!("not kept, so a restart goes back to the model before: {e}"));
-        self.notes.extend(note.clone());
-        note
+        kept.err().map(|e| format!("not kept, so a restart goes back to the model before: {e}"))
     }
 }
 

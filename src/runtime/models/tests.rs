@@ -63,7 +63,7 @@ fn a_file_that_changed_a_little_is_taken_one_that_changed_much_is_not() {
     // confirmed: from now on it is the one in use
     let mut models = start(dir.path(), 150.0);
     let new = prepared(dir.path(), 150.0);
-    assert_eq!(models.switched(new, Some("eve".to_owned()), Some("new screw".to_owned())), None);
+    assert_eq!(models.switched(new, Some("eve".to_owned()), Some("new screw".to_owned())).write(), None);
     let models = start(dir.path(), 150.0);
     assert!((size_of(&models) - 150.0).abs() < 1e-9 && models.notes.is_empty());
     assert_eq!(models.choice.who.as_deref(), Some("eve"));
@@ -73,11 +73,11 @@ fn a_file_that_changed_a_little_is_taken_one_that_changed_much_is_not() {
 fn what_was_loaded_stays_after_a_restart_and_so_does_the_way_back() {
     let dir = tempfile::tempdir().expect("directory");
     let mut models = start(dir.path(), 10.0);
-    models.switched(prepared(dir.path(), 25.0), Some("eve".to_owned()), None);
+    let _ = models.switched(prepared(dir.path(), 25.0), Some("eve".to_owned()), None).write();
     let mut models = start(dir.path(), 10.0);
     assert!((size_of(&models) - 25.0).abs() < 1e-9);
     let back = models.previous.clone().expect("the one before");
-    models.switched(back, Some("eve".to_owned()), Some("worse".to_owned()));
+    let _ = models.switched(back, Some("eve".to_owned()), Some("worse".to_owned())).write();
     let models = start(dir.path(), 10.0);
     assert!((size_of(&models) - 10.0).abs() < 1e-9);
     let again = models.previous.clone().expect("a second rollback undoes the first");
@@ -89,7 +89,7 @@ fn a_model_that_was_meddled_with_is_not_used() {
     let dir = tempfile::tempdir().expect("directory");
     let mut models = start(dir.path(), 10.0);
     let new = prepared(dir.path(), 25.0);
-    models.switched(Arc::clone(&new), None, None);
+    let _ = models.switched(Arc::clone(&new), None, None).write();
     let file = dir.path().join("state/models").join(format!("{}.toml", new.hash));
     std::fs::write(file, text(26.0)).expect("written");
     let models = start(dir.path(), 10.0);

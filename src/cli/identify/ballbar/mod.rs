@@ -6,9 +6,11 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::identify::case;
 use crate::cli::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
+use crate::cli::values::{numbers, point};
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure, table};
 use crate::config::{ModelFile, Provenance};
 use crate::core::axes::AxisName;
+use crate::core::geometry::Vec3;
 use crate::core::model::curve::{CurveError, Table};
 use crate::core::model::{Curve, ErrorFunction, ErrorSymbol, Sense};
 use crate::core::units::{mm_from_um, rad_from_deg};
@@ -42,7 +44,7 @@ pub(super) struct Args {
     radius_mm: f64,
     /// Programmed X, Y, Z at the centre of the circles.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, default_value = "0,0,0")]
-    centre_mm: [f64; 3],
+    centre_mm: Vec3,
     /// Feed, where the files have no column for it.
     #[arg(long, value_name = "MM/MIN")]
     feed_mm_per_min: Option<f64>,
@@ -75,16 +77,6 @@ fn plane_file(text: &str) -> Result<(Plane, PathBuf), String> {
             "'{text}' names no plane and file; write for example xy=circle.csv (planes: xy yz zx)"
         )),
     }
-}
-
-fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
-    let list: Option<Vec<f64>> =
-        text.split(',').map(|t| t.trim().parse::<f64>().ok().filter(|v| v.is_finite())).collect();
-    list?.try_into().ok()
-}
-
-fn point(text: &str) -> Result<[f64; 3], String> {
-    numbers(text).ok_or_else(|| format!("'{text}' is no point; write three numbers, such as 425,250,-250"))
 }
 
 fn pair(text: &str) -> Result<[f64; 2], String> {
@@ -233,8 +225,7 @@ mod tests {
     fn arguments_are_read() {
         assert_eq!(plane_file("ZX=a.csv"), Ok((Plane::Zx, PathBuf::from("a.csv"))));
         assert!(plane_file("xz=a.csv").is_err() && plane_file("xy").is_err());
-        assert_eq!(point("1,-2,3.5"), Ok([1.0, -2.0, 3.5]));
-        assert!(point("1,2").is_err() && pair("1,nan").is_err());
+        assert!(pair("1,nan").is_err());
         assert_eq!(pitch("x=10"), Ok((AxisName::X, 10.0)));
         assert!(pitch("x=0").is_err() && pitch("xy=10").is_err());
     }

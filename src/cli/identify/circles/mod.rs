@@ -9,14 +9,15 @@ use serde_json::{Value, json};
 
 use super::case::{CaseArgs, print_json};
 use super::motion_curves::names;
-use super::observed::{Columns, Frame, TrackerArgs, not_negative, point};
+use super::observed::{Columns, Frame, TrackerArgs};
 use crate::cli::model_out::ModelOut;
 use crate::cli::table::open;
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
+use crate::cli::values::{not_negative, point};
+use crate::cli::{EX_DATAERR, Failure};
 use crate::core::geometry::Vec3;
+use crate::core::statistics::SIGNIFICANT;
 use crate::core::units::{arcsec_from_rad, mm_from_um, um_from_mm};
 use crate::identify::circles::{CirclesInput, ToolAxis, solve};
-use crate::identify::statistics::SIGNIFICANT;
 
 /// Tool axis and tip from two circles that a target on the turning tool draws at two heights.
 ///
@@ -27,9 +28,6 @@ use crate::identify::statistics::SIGNIFICANT;
 pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,
-    /// Print JSON (mm and rad) instead of a report.
-    #[arg(long)]
-    json: bool,
     /// The points: CSV with circle (1 farther from the tip, 2 nearer) and x_mm, y_mm, z_mm (or range, azimuth,
     /// elevation).
     #[arg(long, value_name = "FILE", conflicts_with = "input")]
@@ -86,10 +84,10 @@ other poses of the head the error belongs to several axes: collect poses and let
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(file) = args.case.file() {
         file.writes_no_model(args.model.target().is_some() || args.add_pose.is_some())?;
-        return case::run(file, args.json);
+        return case::run(file, args.case.json);
     }
     let (Some(data), Some(tip)) = (&args.data, args.tip_beyond_mm) else {
-        return Err(usage("give --data and --tip-beyond-mm, or --input with a case"));
+        return Err(Failure::usage("give --data and --tip-beyond-mm, or --input with a case"));
     };
     let frame = args.tracker.frame()?;
     let mut circles = [Vec::new(), Vec::new()];
@@ -116,7 +114,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let found =
         solve(&input).map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", names(&files))))?;
     let quiet = args.model.takes_stdout();
-    if args.json && !quiet {
+    if args.case.json && !quiet {
         print_json(&json_of(&found, args.tracker.cartesian_sigma()));
     } else if !quiet {
         print(&found, args.tracker.cartesian_sigma().is_some());
@@ -275,8 +273,4 @@ fn print(found: &ToolAxis, stated: bool) {
             );
         }
     }
-}
-
-pub(super) fn usage(what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_USAGE, format_args!("error: {what}"))
 }

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{Args, usage};
+use super::Args;
 use crate::cli::Failure;
 use crate::cli::files::{read_text, write_text};
 use crate::cli::identify::motion_curves::names;
@@ -20,11 +20,11 @@ pub(in crate::cli::identify) const POSES: &str =
 /// Adds a row; a new file gets its header.
 pub(super) fn add_pose(path: &Path, args: &Args, found: &ToolAxis) -> Result<(), Failure> {
     let (Some(tip), Some(c), Some(a)) = (args.nominal_tip_mm, args.c_deg, args.a_deg) else {
-        return Err(usage("--add-pose needs --nominal-tip-mm, --c-deg and --a-deg"));
+        return Err(Failure::usage("--add-pose needs --nominal-tip-mm, --c-deg and --a-deg"));
     };
     let mut text = if path.exists() { read_text(path)? } else { format!("{POSES}\n") };
     if !text.lines().any(|l| l == POSES) {
-        return Err(usage(format_args!(
+        return Err(Failure::usage(format_args!(
             "{} is no file of poses; its header must be {POSES}",
             path.display()
         )));
@@ -47,10 +47,10 @@ pub(super) fn add_pose(path: &Path, args: &Args, found: &ToolAxis) -> Result<(),
 /// The location errors of the spindle, from the axis with the head at home.
 pub(super) fn write_model(args: &Args, found: &ToolAxis, files: &[PathBuf]) -> Result<(), Failure> {
     let Some(nominal_tip) = args.nominal_tip_mm else {
-        return Err(usage("--out needs --nominal-tip-mm: the tip as it should be"));
+        return Err(Failure::usage("--out needs --nominal-tip-mm: the tip as it should be"));
     };
     if (args.nominal_axis.normalize() - Vec3::z()).norm() > 1e-9 {
-        return Err(usage(
+        return Err(Failure::usage(
             "--out writes where the spindle lies, which needs the head at home (axis along z); elsewhere use --add-pose and volcomp identify ram",
         ));
     }

@@ -95,7 +95,7 @@ pub(super) fn run(args: &Args, file: CaseFile<'_>) -> Result<(), Failure> {
     if let Some(bound) = args.accept_bias_arcsec {
         result.insert("bias_bound_arcsec".into(), json!(bound));
     }
-    if args.json {
+    if args.case.json {
         print_json(&Value::Object(result));
         return Ok(());
     }

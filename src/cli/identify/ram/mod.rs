@@ -9,17 +9,17 @@ use serde_json::{Value, json};
 
 use super::case::{CaseArgs, print_json};
 use super::motion_curves::{CurveArgs, Origin, in_print_units, motions_json, names, print_motions};
-use super::observed::{above_zero, linear_axis, point};
 use crate::cli::files::read_model;
 use crate::cli::model_out::default_chain;
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
+use crate::cli::values::{above_zero, linear_axis, point};
+use crate::cli::{EX_DATAERR, Failure};
 use crate::core::axes::{AxisName, Travel};
 use crate::core::geometry::Vec3;
 use crate::core::model::{Component, ModelSpec};
+use crate::core::statistics::SIGNIFICANT;
 use crate::core::units::{mm_from_um, rad_from_arcsec};
 use crate::identify::motion::MotionRow;
 use crate::identify::ram::{Head, Prior, RamFit, RamNoise, solve};
-use crate::identify::statistics::SIGNIFICANT;
 
 /// Errors of the ram from tool poses at several positions of its two-axis head.
 ///
@@ -30,9 +30,6 @@ use crate::identify::statistics::SIGNIFICANT;
 pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,
-    /// Print JSON (mm and rad) instead of a report.
-    #[arg(long)]
-    json: bool,
     /// The poses; once per file.
     #[arg(long, value_name = "FILE", conflicts_with = "input")]
     poses: Vec<PathBuf>,
@@ -92,15 +89,15 @@ struct Stop {
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(file) = args.case.file() {
         file.writes_no_model(args.curves.writes())?;
-        return case::run(file, args.json);
+        return case::run(file, args.case.json);
     }
     let (Some(a_axis), Some(tool_length), false) =
         (args.a_axis_mm, args.tool_length_mm, args.poses.is_empty())
     else {
-        return Err(usage("give --poses, --a-axis-mm and --tool-length-mm, or --input with a case"));
+        return Err(Failure::usage("give --poses, --a-axis-mm and --tool-length-mm, or --input with a case"));
     };
     let (Some(position), Some(direction)) = (args.sigma_position_um, args.sigma_direction_arcsec) else {
-        return Err(usage(
+        return Err(Failure::usage(
             "--sigma-position-um and --sigma-direction-arcsec are needed: they weigh tips against directions",
         ));
     };
@@ -133,7 +130,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     let base = args.curves.model.base(|| default_chain([args.axis, AxisName::C, AxisName::A]))?;
     if base.spec.is_workpiece_side(args.axis) {
-        return Err(usage(format_args!(
+        return Err(Failure::usage(format_args!(
             "axis {} is on the workpiece side of the chain; a ram bears the tool",
             args.axis
         )));
@@ -143,7 +140,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let origin = Origin { axis: args.axis, reference: args.reference_mm, method: "ram", files: &files };
     let gauged = args.curves.gauge(rows, &origin)?;
     let quiet = args.curves.model.takes_stdout();
-    if args.json && !quiet {
+    if args.case.json && !quiet {
         let stops: Vec<Value> = fits.iter().map(json_of).collect();
         print_json(&json!({"motions": motions_json(&gauged, &origin), "stops": stops}));
     } else if !quiet {
@@ -153,7 +150,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         print_motions(&gauged, args.axis);
     }
     warn(&fits);
-    args.curves.write(&gauged, &origin, base, !args.json)
+    args.curves.write(&gauged, &origin, base, !args.case.json)
 }
 
 /// One position of the ram: six numbers, no curves.
@@ -169,7 +166,7 @@ fn single(args: &Args, fits: &[RamFit]) -> Result<(), Failure> {
         ));
     }
     for fit in fits {
-        if args.json {
+        if args.case.json {
             print_json(&json_of(fit));
         } else {
             print(fit);
@@ -275,8 +272,4 @@ fn print(fit: &RamFit) {
         fit.dof,
         fit.p_value
     );
-}
-
-fn usage(what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_USAGE, format_args!("error: {what}"))
 }

@@ -5,9 +5,10 @@ use std::path::PathBuf;
 
 use crate::cli::fit_report::{Fitted, note_text, print_table};
 use crate::cli::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
+use crate::cli::values::point;
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
 use crate::config::model::Provenance;
-use crate::core::axes::{AxisKind, AxisName};
+use crate::core::axes::AxisName;
 use crate::core::geometry::Vec3;
 use crate::core::model::spec::ReferenceBody;
 use crate::core::model::{Component, ErrorFunction, ErrorSymbol, ReferencePoint, Sense};
@@ -102,27 +103,6 @@ pub(in crate::cli::identify) struct Origin<'a> {
     pub(in crate::cli::identify) method: &'static str,
     pub(in crate::cli::identify) files: &'a [PathBuf],
     pub(in crate::cli::identify) instrument: Option<String>,
-}
-
-/// Three numbers in mm.
-pub(in crate::cli::identify) fn point(text: &str) -> Result<Vec3, String> {
-    let numbers: Vec<f64> = text
-        .split(',')
-        .map(|t| t.trim().parse::<f64>().ok().filter(|v| v.is_finite()))
-        .collect::<Option<_>>()
-        .ok_or_else(|| format!("'{text}' is no point; write three numbers in mm, such as 0,250,-120"))?;
-    <[f64; 3]>::try_from(numbers)
-        .map(Vec3::from)
-        .map_err(|v| format!("{} numbers; a point has three, such as 0,250,-120", v.len()))
-}
-
-/// A linear axis by its letter.
-pub(in crate::cli::identify) fn linear_axis(text: &str) -> Result<AxisName, String> {
-    let mut chars = text.chars();
-    match (chars.next().and_then(AxisName::from_letter), chars.next()) {
-        (Some(axis), None) if axis.kind() == AxisKind::Linear => Ok(axis),
-        _ => Err(format!("'{text}' is no linear axis; they are x y z u v w")),
-    }
 }
 
 impl AxisOut {
@@ -417,13 +397,5 @@ mod tests {
         assert!(straight.iter().zip(expected).all(|(r, e)| (r.value - e).abs() < 1e-12), "{straight:?}");
         let scale = gauged(line, Component::X, AxisName::X, Rule::EndPoint);
         assert!((scale[2].value - 0.11).abs() < 1e-12 && scale[1].value == 0.0);
-    }
-
-    #[test]
-    fn arguments_are_checked() {
-        assert_eq!(point("1, 2,-3").unwrap(), Vec3::new(1.0, 2.0, -3.0));
-        assert!(point("1,2").unwrap_err().contains("2 numbers"));
-        assert!(point("1,2,nan").unwrap_err().contains("is no point"));
-        assert!(linear_axis("c").is_err() && linear_axis("x").is_ok());
     }
 }

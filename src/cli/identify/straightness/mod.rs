@@ -7,11 +7,12 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use self::axis_out::{AxisOut, Measured, Origin, linear_axis, means, point};
+use self::axis_out::{AxisOut, Measured, Origin, means};
 use self::sign_file::{ChannelColumns, SetUp, SignFile, read_tilt_test};
 use super::case::{CaseArgs, CaseFile, print_json};
 use crate::cli::files::write_text;
-use crate::cli::{EX_CONFIG, EX_DATAERR, EX_USAGE, Failure, table};
+use crate::cli::values::{linear_axis, point};
+use crate::cli::{EX_CONFIG, EX_DATAERR, Failure, table};
 use crate::core::axes::{AxisName, Travel};
 use crate::core::geometry::Vec3;
 use crate::core::model::{Component, ErrorSymbol};
@@ -68,9 +69,6 @@ pub(super) struct Args {
     base_point_mm: Option<Vec3>,
     #[command(flatten)]
     out: AxisOut,
-    /// One JSON object on stdout.
-    #[arg(long)]
-    json: bool,
 }
 
 #[derive(serde::Deserialize)]
@@ -86,7 +84,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     let tilts = args.tilt_test.as_deref().map(read_tilt_test).transpose()?;
     let Some(axis) = args.axis else {
-        return Err(usage("--axis is missing; say which axis moved"));
+        return Err(Failure::usage("--axis is missing; say which axis moved"));
     };
     let mut signs = args.signs.as_deref().map(SignFile::read).transpose()?;
     if let Some(found) = &tilts {
@@ -94,7 +92,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         confirm(args, axis, file, found)?;
     }
     let Some(data) = &args.data else {
-        return if tilts.is_some() { Ok(()) } else { Err(usage("give --data, --tilt-test or --input")) };
+        return if tilts.is_some() {
+            Ok(())
+        } else {
+            Err(Failure::usage("give --data, --tilt-test or --input"))
+        };
     };
     let run = read_run(data, axis, args, signs.as_ref())?;
     report(args, axis, &run)?;
@@ -106,10 +108,6 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         args.out.write(axis, run, args.base_point_mm, &origin)?;
     }
     Ok(())
-}
-
-fn usage(what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_USAGE, format_args!("error: {what}"))
 }
 
 fn run_case(args: &Args, file: CaseFile<'_>) -> Result<(), Failure> {
@@ -124,7 +122,7 @@ fn run_case(args: &Args, file: CaseFile<'_>) -> Result<(), Failure> {
         object["deviation"] = json!(line.deviations(&case.x, &case.y));
         result.insert(rule.name().to_owned(), object);
     }
-    if args.json {
+    if args.case.json {
         print_json(&Value::Object(result));
     } else {
         say!("{:<14}{:>14}{:>18}{:>18}", "line", "slope", "intercept", "straightness");
@@ -198,7 +196,7 @@ fn confirm(
 fn table_for(args: &Args, axis: AxisName, signs: Option<&SignFile>) -> Result<SignTable, Failure> {
     let path = args.signs.as_deref().or(args.tilt_test.as_deref()).unwrap_or(Path::new("--signs"));
     let Some(file) = signs else {
-        return Err(usage(
+        return Err(Failure::usage(
             "these are channels of an instrument, whose signs nobody can guess: give a sign table with --signs (see --help)",
         ));
     };
@@ -377,12 +375,12 @@ fn move_to_base(
         let mut full = [0.0; 6];
         for (i, (slot, value)) in full.iter_mut().zip(*motion).enumerate() {
             if i < 3 && value.is_some() && points[i].is_none() {
-                return Err(usage(
+                return Err(Failure::usage(
                     "--base-point-mm needs to know where the optics was: give --point-mm, or --abbe-mm and --bryan-mm",
                 ));
             }
             if i >= 3 && value.is_none() {
-                return Err(usage(format_args!(
+                return Err(Failure::usage(format_args!(
                     "--base-point-mm needs all three angles, {} was not measured",
                     ErrorSymbol::Motion { component: Component::ALL[i], axis }
                 )));
@@ -390,7 +388,7 @@ fn move_to_base(
             *slot = value.unwrap_or(0.0);
         }
         if args.out.on_bed() {
-            return Err(usage(
+            return Err(Failure::usage(
                 "--base-point-mm moves points that ride on the carriage; points with --body bed are stored as they are, without loss",
             ));
         }
@@ -406,7 +404,7 @@ fn move_to_base(
 /// Straightness about the three lines, range of the rest.
 fn report(args: &Args, axis: AxisName, run: &[Measured]) -> Result<(), Failure> {
     let mut object = Map::new();
-    let speaks = !args.json && !args.out.takes_stdout();
+    let speaks = !args.case.json && !args.out.takes_stdout();
     if speaks {
         say!(
             "{:<7}{:>12}{:>16}{:>14}{:>14}{:>16}",
@@ -429,7 +427,7 @@ fn report(args: &Args, axis: AxisName, run: &[Measured]) -> Result<(), Failure> 
         };
         object.insert(key, figures);
     }
-    if args.json && !args.out.takes_stdout() {
+    if args.case.json && !args.out.takes_stdout() {
         print_json(&Value::Object(object));
     }
     Ok(())

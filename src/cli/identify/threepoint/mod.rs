@@ -8,9 +8,10 @@ use std::path::PathBuf;
 
 use super::case::{CaseArgs, print_json};
 use super::motion_curves::{CurveArgs, Origin, names};
-use super::observed::{TrackerArgs, linear_axis, point};
+use super::observed::TrackerArgs;
 use crate::cli::model_out::default_chain;
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
+use crate::cli::values::{linear_axis, point};
+use crate::cli::{EX_DATAERR, Failure};
 use crate::core::axes::AxisName;
 use crate::core::geometry::Vec3;
 use crate::identify::motion::to_relative;
@@ -25,9 +26,6 @@ use crate::identify::threepoint::{Series, sides, solve_series};
 pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,
-    /// Print JSON (mm and rad) instead of a report.
-    #[arg(long)]
-    json: bool,
     /// The measured positions; once per file. - is stdin.
     #[arg(long, value_name = "FILE", conflicts_with = "input")]
     data: Vec<PathBuf>,
@@ -72,17 +70,17 @@ its own motion; the model gets the motion of the tool relative to it, which is m
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(file) = args.case.file() {
         file.writes_no_model(args.curves.writes())?;
-        return case::run(file, args.json);
+        return case::run(file, args.case.json);
     }
     if args.data.is_empty() {
-        return Err(usage("neither --input nor --data is given"));
+        return Err(Failure::usage("neither --input nor --data is given"));
     }
     let frame = args.tracker.frame()?;
     if args.rigidity {
         return rigidity(args, &frame);
     }
     let (Some(points), Some(axis)) = (&args.points, args.axis) else {
-        return Err(usage("--points and --axis are needed (or --rigidity, which needs neither)"));
+        return Err(Failure::usage("--points and --axis are needed (or --rigidity, which needs neither)"));
     };
     let names_of_points = read::points(points)?;
     let mut shots = Vec::new();
@@ -113,13 +111,13 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         workpiece_side: series.workpiece_side,
     };
     let quiet = args.curves.model.takes_stdout();
-    if args.json && !quiet {
+    if args.case.json && !quiet {
         print_json(&report.json());
     } else if !quiet {
         report.print();
     }
     report.warn();
-    args.curves.write(&gauged, &origin, base, !args.json)
+    args.curves.write(&gauged, &origin, base, !args.case.json)
 }
 
 /// Distances between the points over all rows of all files.
@@ -138,14 +136,10 @@ fn rigidity(args: &Args, frame: &super::observed::Frame) -> Result<(), Failure> 
             ),
         ));
     };
-    if args.json {
+    if args.case.json {
         print_json(&report::sides_json(&sides, &found, poses.len()));
     } else {
         report::print_sides(&sides, &found, poses.len());
     }
     Ok(())
-}
-
-fn usage(what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_USAGE, format_args!("error: {what}"))
 }
