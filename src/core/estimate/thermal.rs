@@ -43,6 +43,8 @@ pub struct ThermalInput {
 pub struct Thermal {
     /// Its name; the live value of a model's error names the same.
     pub name: String,
+    /// True: an expansion, a strain in mm/mm in the place of each mm below; false: a length.
+    pub expansion: bool,
     /// Growth where all inputs have been at their references for long, mm.
     pub offset: f64,
     /// It fades to zero over this share of an input's range beyond either end.
@@ -255,20 +257,20 @@ impl ThermalState {
         let mut lagged = self.lagged.iter();
         let mut sum = thermal.offset;
         let mut share = 1.0;
-        let mut worst = (1.0, None);
+        let mut outside = None;
         for (k, (input, last)) in thermal.inputs.iter().zip(&self.last).enumerate() {
             let reference = input.shaped(input.reference);
             for (coefficient, state) in input.coefficients.iter().zip(lagged.by_ref()) {
                 sum += coefficient * (state - reference);
             }
             let own = last.map_or(0.0, |value| input.share(value, thermal.fade_share));
-            share *= own;
-            if own < worst.0 {
-                worst = (own, Some(k));
+            // sensors of one machine leave their ranges together: the furthest counts, not all of them
+            if own < share {
+                (share, outside) = (own, Some(k));
             }
         }
         let value = if sum.is_finite() { share * sum } else { 0.0 };
-        Growth { value, share, outside: worst.1 }
+        Growth { value, share, outside }
     }
 }
 
@@ -295,7 +297,14 @@ mod tests {
             lags_s: vec![1200.0],
             coefficients: vec![-0.0005],
         };
-        Thermal { name: "z".to_owned(), offset: 0.0, fade_share: 0.25, std: None, inputs: vec![input, speed] }
+        Thermal {
+            name: "z".to_owned(),
+            expansion: false,
+            offset: 0.0,
+            fade_share: 0.25,
+            std: None,
+            inputs: vec![input, speed],
+        }
     }
 
     #[test]

@@ -141,6 +141,7 @@ struct JointLive {
     lane: usize,
     channel: usize,
     limit: f64,
+    reference: Option<f64>,
 }
 
 /// Nominal geometry of a chain at a pose; index k stands left of joint k, index n behind the last.
@@ -436,7 +437,7 @@ impl Joint {
             flags.out_of_range |= u16::from(outside) << index;
         }
         for l in &self.live {
-            let told = pose.live[l.channel];
+            let told = pose.live[l.channel] * l.reference.map_or(1.0, |at| x - at);
             // a sensor that tells nonsense tells nothing
             v.add_to_lane(l.lane, if told.is_finite() { told.clamp(-l.limit, l.limit) } else { 0.0 });
         }
@@ -479,7 +480,7 @@ fn joint_live(motions: &[ErrorFunction; 6], sensors: &[String]) -> Vec<JointLive
         for live in &function.live {
             // every sensor was listed from these very functions
             let channel = sensors.iter().position(|s| *s == live.sensor).unwrap_or_default();
-            out.push(JointLive { lane, channel, limit: live.limit.abs() });
+            out.push(JointLive { lane, channel, limit: live.limit.abs(), reference: live.reference });
         }
     }
     out

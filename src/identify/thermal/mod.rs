@@ -298,7 +298,14 @@ impl Log<'_> {
             }));
         }
         let fade_share = request.fade_share;
-        let thermal = Thermal { name: request.name.clone(), offset: 0.0, fade_share, std: None, inputs };
+        let thermal = Thermal {
+            name: request.name.clone(),
+            expansion: false,
+            offset: 0.0,
+            fade_share,
+            std: None,
+            inputs,
+        };
         match thermal.terms() {
             0 => Err(ThermalFitError::NothingChanges),
             found if found > TERMS_MAX => {
