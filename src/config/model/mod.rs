@@ -111,7 +111,7 @@ fn read(top: &Section<'_>, text: &str) -> Option<ModelFile> {
     let std = errors::DefaultStd::read(&provenance);
     provenance.finish();
     let of_errors = errors::read(&top.section("errors"), known_chain, &std, &mut spec);
-    let thermal = thermal::read(&top.section("thermal"));
+    let thermal = thermal::read(&top.section("thermal"), &spec);
     top.finish();
     whole_model(top, &spec, chain.is_some());
     Some(ModelFile { spec, provenance: origin, of_errors, thermal })

@@ -5,6 +5,7 @@ use super::write::{heading, line_of};
 use crate::config::diagnostic::Diagnostic;
 use crate::config::reader::{Allowed, Section};
 use crate::core::estimate::{Quantity, Thermal, ThermalInput};
+use crate::core::model::ModelSpec;
 use crate::core::units::{mm_from_um, um_from_mm};
 
 /// Reference temperature of ISO 1, degC.
@@ -48,14 +49,47 @@ impl Unit {
 }
 
 /// Reads all growths.
-pub(super) fn read(section: &Section<'_>) -> Vec<Thermal> {
+pub(super) fn read(section: &Section<'_>, spec: &ModelSpec) -> Vec<Thermal> {
     let mut found = Vec::new();
     for name in section.names() {
         let Some(one) = section.named(&name) else { continue };
-        found.extend(read_one(&one, name.value));
+        let thermal = read_one(&one, name.value);
+        if let Some(thermal) = &thermal {
+            check_use(&one, thermal, spec);
+        }
+        found.extend(thermal);
         one.finish();
     }
     found
+}
+
+/// A strain needs the point that does not move, a length must not have one.
+fn check_use(section: &Section<'_>, thermal: &Thermal, spec: &ModelSpec) {
+    for (symbol, function) in &spec.errors {
+        for live in function.live.iter().filter(|l| l.sensor == thermal.name) {
+            let heading = format!("[errors.{}.live]", symbol.to_string().to_lowercase());
+            match (thermal.expansion, live.reference) {
+                (true, None) => section.report_here(
+                    format!(
+                        "{} is an expansion, and {heading} does not say about which point",
+                        section.title()
+                    ),
+                    format!("add reference-mm to {heading}, the coordinate that does not move"),
+                ),
+                (false, Some(_)) => section.report_here(
+                    format!("{} is a length, and {heading} takes it for a strain", section.title()),
+                    format!("remove reference-mm from {heading}, or write kind = \"expansion\""),
+                ),
+                _ => {}
+            }
+            if symbol.is_angle() {
+                section.report_here(
+                    format!("{} is a length or strain, and {heading} is an angle", section.title()),
+                    "name it in a positioning or straightness error",
+                );
+            }
+        }
+    }
 }
 
 fn read_one(section: &Section<'_>, name: &str) -> Option<Thermal> {
@@ -219,6 +253,13 @@ mod tests {
             ("lags-s = [1800]", "lags-s = [-1]", "lag -1"),
             ("kind = \"expansion\"", "kind = \"shrinking\"", "growth"),
             ("std-um = 2", "std-um-per-m = 2", "std-um"),
+            ("reference-mm = 100\n", "", "does not say about which point"),
+            ("limit-um = 60\n", "limit-um = 60\nreference-mm = 0\n", "takes it for a strain"),
+            (
+                "errors.ezz.live]\nsensor = \"spindle-z\"\nlimit-um",
+                "errors.eaz.live]\nsensor = \"spindle-z\"\nlimit-arcsec",
+                "is an angle",
+            ),
         ] {
             let said = of(from, to);
             assert!(said.contains(words), "{to}: {said}");
