@@ -28,6 +28,7 @@ mod handshake;
 mod link;
 mod load;
 mod logging;
+mod notices;
 mod notify;
 mod ports;
 mod realtime;

@@ -12,11 +12,12 @@ use super::cycle::LinkEnd;
 use super::handshake;
 use super::load::Loaded;
 use super::logging::LogLimiter;
+use super::notices::Notices;
 use super::ports::{LastOffset, Progress, Report, Request, ServicePorts, Ticket};
 use super::realtime::RealtimeReport;
 use super::status::Status;
 use crate::core::engine::{Event, State};
-use crate::core::fault;
+use crate::core::fault::{self, Code};
 use crate::core::protocol::ControlHello;
 use crate::core::units::NS_PER_S;
 
@@ -33,6 +34,7 @@ pub(super) struct Service {
     failures: LogLimiter,
     links: LogLimiter,
     events: LogLimiter,
+    notices: Notices,
 }
 
 impl Service {
@@ -50,6 +52,7 @@ impl Service {
             failures: LogLimiter::new(3, Duration::from_secs(60)),
             links: LogLimiter::new(10, Duration::from_secs(10)),
             events: LogLimiter::new(20, Duration::from_secs(1)),
+            notices: Notices::new(clock.now()),
         })
     }
 
@@ -80,6 +83,7 @@ impl Service {
             let Ok(record) = self.ports.records.try_recv() else { break };
             self.board.record(&record);
         }
+        self.notices.look(self.clock.now(), &self.ports.progress);
     }
 
     pub(super) fn status(&mut self) -> Status {
@@ -104,8 +108,8 @@ impl Service {
             Report::ConnectFailed { error, pause } => {
                 let text = error.to_string();
                 if let Some(held_back) = self.failures.admit(self.clock.now()) {
-                    let retry_s = pause.as_secs_f64();
-                    warn!(retry_s, held_back, "no link: {text}");
+                    let (retry_s, code) = (pause.as_secs_f64(), error.fault());
+                    warn!(retry_s, %code, held_back, "no link: {text}");
                 }
                 self.board.connect_failed(text);
             }
@@ -120,7 +124,7 @@ impl Service {
                     LinkEnd::Stopped { .. } => info!(cycles, "link closed: {end}"),
                     _ => {
                         if let Some(held_back) = self.links.admit(self.clock.now()) {
-                            warn!(cycles, held_back, "link down: {end}");
+                            warn!(cycles, code = %end.fault(), held_back, "link down: {end}");
                         }
                     }
                 }
@@ -154,6 +158,7 @@ fn log_realtime(report: &RealtimeReport) {
             cpu,
             affinity,
             memory_lock,
+            code = %Code::REALTIME_REFUSED,
             "real-time settings not fully granted; cycles may be late under load \
              (set LimitRTPRIO= and LimitMEMLOCK= in the unit)"
         );
@@ -174,11 +179,11 @@ fn log_link_up(address: &std::net::SocketAddr, hello: &ControlHello, held_back: 
 fn log_event(event: &Event, held_back: u64) {
     let Event::StateChanged { from, to, reason } = event;
     let (from, to_name, entry) = (state_name(*from), state_name(*to), fault::of_reason(*reason));
-    let code = entry.code.to_string();
+    let code = entry.code;
     match (to, reason) {
         (State::Faulted | State::Holding, _) => {
-            warn!(from, to = to_name, reason = entry.name, code, held_back, "{}", entry.text);
+            warn!(from, to = to_name, reason = entry.name, %code, held_back, "{}", entry.text);
         }
-        _ => info!(from, to = to_name, reason = entry.name, code, held_back, "{}", entry.text),
+        _ => info!(from, to = to_name, reason = entry.name, %code, held_back, "{}", entry.text),
     }
 }

@@ -4,6 +4,9 @@ use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};
 
+use rustix::process::{Resource, Rlimit, setrlimit};
+use rustix::thread::{CapabilitySet, capabilities, set_capabilities};
+
 use super::{EX_DATAERR, EX_SOFTWARE, EX_USAGE, Failure, read};
 use crate::demo::programs::Programs;
 use crate::scenarios::{Plan, Scenario, Verdict, run};
@@ -60,6 +63,20 @@ pub(super) fn run_all(args: &Args) -> Result<(), Failure> {
         return Err(Failure::new(EX_SOFTWARE, format_args!("{failed} scenarios do not hold")));
     }
     Ok(())
+}
+
+/// Gives up the permissions to take real-time priority and to lock memory.
+pub(super) fn renounce() -> rustix::io::Result<()> {
+    let none = Rlimit { current: Some(0), maximum: Some(0) };
+    setrlimit(Resource::Memlock, none.clone())?;
+    setrlimit(Resource::Rtprio, none)?;
+    // the superuser is bound by no limit
+    let mut sets = capabilities(None)?;
+    let gone = CapabilitySet::SYS_NICE | CapabilitySet::IPC_LOCK;
+    for set in [&mut sets.effective, &mut sets.permitted, &mut sets.inheritable] {
+        set.remove(gone);
+    }
+    set_capabilities(None, sets)
 }
 
 /// Runs the scenarios, `jobs` at a time, and tells of each on stderr when it ends.

@@ -14,6 +14,7 @@ mod ramp;
 mod read_back;
 #[cfg(test)]
 mod tests;
+pub mod transitions;
 
 pub use compensator::Compensator;
 pub use config::{AxisLimits, EngineConfig, EngineError, OutOfTravel, PositionSource, RestOffset};
