@@ -11,7 +11,7 @@ use volcomp::core::protocol::MachineState;
 
 use super::plan::{Action, Scenario};
 use super::relay::Relay;
-use super::stage::{CENTRE_MM, RADIUS_MM, Stage, scaled_model, write};
+use super::stage::{CENTRE_MM, PATIENCE, RADIUS_MM, Stage, scaled_model, write};
 use super::verdict::{Verdict, judge};
 use crate::control::{CycleRecord, Happening};
 use crate::demo::figures;
@@ -59,12 +59,17 @@ pub fn run(scenario: &Scenario, programs: &Programs) -> anyhow::Result<Verdict> 
     Ok(verdict)
 }
 
-/// The exit code of a daemon that ends by itself.
+/// The exit code of a daemon that ends by itself; none where it goes on and on.
 fn ended(daemon: &mut Option<Daemon>) -> anyhow::Result<Option<i32>> {
-    match daemon {
-        Some(daemon) => Ok(daemon.wait()?.code()),
-        None => Ok(None),
+    let Some(daemon) = daemon else { return Ok(None) };
+    let begin = Instant::now();
+    while daemon.is_running() {
+        if begin.elapsed() > PATIENCE {
+            return Ok(None);
+        }
+        std::thread::sleep(Duration::from_millis(5));
     }
+    Ok(daemon.wait()?.code())
 }
 
 /// Radial deviations over the last second of motion.

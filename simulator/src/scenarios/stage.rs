@@ -23,7 +23,7 @@ use volcomp::core::axes::AxisArray;
 const MACHINE_FILE: &str = include_str!("../../../config/examples/vmc-850/machine.toml");
 const MODEL_FILE: &str = include_str!("../../../config/examples/vmc-850/model.toml");
 /// Far beyond anything that a loaded computer takes.
-const PATIENCE: Duration = Duration::from_secs(60);
+pub(super) const PATIENCE: Duration = Duration::from_secs(60);
 const CYCLE_S: f64 = 1e-3;
 /// The circle.
 pub(super) const RADIUS_MM: f64 = 20.0;

@@ -15,6 +15,8 @@ pub struct Verdict {
     pub number: u32,
     /// Its name.
     pub name: String,
+    /// The seed that it ran with.
+    pub seed: u64,
     /// True where everything held.
     pub ok: bool,
     /// Largest radial deviation over the last second of motion.
@@ -48,6 +50,7 @@ impl Verdict {
         Self {
             number: scenario.number,
             name: scenario.name.clone(),
+            seed: scenario.seed,
             ok: false,
             largest_um: None,
             rms_um: None,
@@ -103,6 +106,7 @@ pub(super) fn judge(
     let mut verdict = Verdict {
         number: scenario.number,
         name: scenario.name.clone(),
+        seed: scenario.seed,
         ok: true,
         largest_um: residual_um.iter().map(|v| v.abs()).reduce(f64::max),
         rms_um: rms(residual_um),

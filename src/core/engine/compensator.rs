@@ -57,6 +57,9 @@ pub struct Compensator {
     next_deadline: Option<MonoTime>,
     /// Not yet told.
     event: Option<Event>,
+    /// Every single change of state, for the tests that hold them against the rules.
+    #[cfg(test)]
+    pub(super) trace: Vec<(State, State, Reason)>,
 }
 
 /// What one cycle found out before it moves anything.
@@ -106,6 +109,8 @@ impl Compensator {
             gap_cycles: 0,
             next_deadline: None,
             event: None,
+            #[cfg(test)]
+            trace: Vec::new(),
         })
     }
 
@@ -452,6 +457,8 @@ impl Compensator {
 
     fn enter(&mut self, state: State, reason: Reason) {
         if state != self.state {
+            #[cfg(test)]
+            self.trace.push((self.state, state, reason));
             // what happened between two frames and was not told yet becomes one change with this one
             let from = match self.event {
                 Some(Event::StateChanged { from, .. }) => from,

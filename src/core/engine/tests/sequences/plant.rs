@@ -241,16 +241,12 @@ impl Plant {
     }
 
     pub(super) fn tool(&mut self, z: f64) {
-        let from = self.engine.state();
         self.engine.on_tool(Vec3::new(0.0, 0.0, z));
-        self.between_frames(from, Reason::ToolChanged);
     }
 
     pub(super) fn model(&mut self, model: Model) {
-        let from = self.engine.state();
         self.engine.on_model(&model).unwrap();
         self.model = model;
-        self.between_frames(from, Reason::ModelChanged);
     }
 
     /// The link breaks; the control goes on alone for so many cycles, then there is another link.
@@ -271,13 +267,6 @@ impl Plant {
         self.judge.link_up();
     }
 
-    fn between_frames(&mut self, from: State, reason: Reason) {
-        let to = self.engine.state();
-        if to != from {
-            self.transitions.insert((from, to, Cause::Reason(reason)));
-        }
-    }
-
     /// A change of state that the caller knows of, because it asked for it.
     fn silent_change(&mut self, from: State, cause: Cause) {
         let to = self.engine.state();
@@ -296,11 +285,12 @@ impl Plant {
         match out.event {
             Some(Event::StateChanged { from, to, reason }) => {
                 assert_eq!((from, to), (self.told, out.state), "{reason:?}");
-                self.transitions.insert((from, to, Cause::Reason(reason)));
             }
             None => assert_eq!(self.told, out.state, "a change of state that nobody is told"),
         }
         self.told = out.state;
+        let single = self.engine.trace.drain(..);
+        self.transitions.extend(single.map(|(from, to, reason)| (from, to, Cause::Reason(reason))));
         if !self.ever_enabled {
             assert_eq!(out.offset, [0.0; MAX_AXES], "default off");
         }
