@@ -201,6 +201,11 @@ pub enum Action {
         /// Connections.
         count: u32,
     },
+    /// So many connections to the status socket come at once, say something and go.
+    CommandStorm {
+        /// Connections.
+        count: u32,
+    },
     /// Simulated time stands still until a daemon is connected.
     WaitForDaemon,
     /// Nothing; moves the moment from which settling is counted.

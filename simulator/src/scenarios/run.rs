@@ -2,7 +2,9 @@
 
 #![expect(clippy::disallowed_methods, reason = "a scenario waits for processes")]
 
+use std::io::Write;
 use std::net::TcpStream;
+use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
@@ -154,6 +156,17 @@ fn act(stage: &mut Stage, action: &Action) -> anyhow::Result<()> {
                 drop(TcpStream::connect(&address)?);
             }
             idle(stage, 50);
+        }
+        Action::CommandStorm { count } => {
+            let socket = stage.file("volcompd.sock");
+            for k in 0..*count {
+                let mut stream = UnixStream::connect(&socket)?;
+                // nonsense, half a command, and nothing at all; whoever is one too many is refused
+                let words: &[u8] =
+                    [&b"{\"command\": \"explode\"}\n"[..], b"{\"command\": ", b""][k as usize % 3];
+                let _ = stream.write_all(words);
+            }
+            idle(stage, 100);
         }
         Action::WaitForDaemon => stage.wait_for_daemon()?,
         Action::Mark => {}
