@@ -23,6 +23,7 @@ const ROOMS: &[(&str, &[&str])] = &[
     ),
     ("core/fault", &["core::fault", "core::engine"]),
     ("core/estimate", &["core::estimate", "core::geometry", "core::axes", "core::units"]),
+    ("core/record", &["core::record", "core::protocol", "core::axes", "core::units"]),
     ("config", &["config", "core"]),
     ("identify", &["identify", "core"]),
     ("evaluate", &["evaluate", "core"]),

@@ -547,6 +547,63 @@ fn limits_of_axes() {
 }
 
 #[test]
+fn links_that_leave_this_computer() {
+    let link = |more: &str| machine(&format!("[link]\naddress = \"192.168.0.10:7878\"\n{more}\n"));
+    machine_shows(
+        &link(""),
+        &[
+            "link.address 192.168.0.10:7878 is on another computer, and the link has neither authentication nor",
+            "machine.toml:9:11",
+            "add [link.tls]; or plain-remote = true to [link]",
+        ],
+    );
+    machine_shows(&link("plain-remote = false"), &["is on another computer"]);
+    machine_shows(&link("plain-remote = 1"), &["link.plain-remote must be true or false"]);
+    let permitted = MachineConfig::parse("m", &link("plain-remote = true")).expect("permitted");
+    assert!(permitted.link.is_exposed() && permitted.link.tls.is_none());
+    for inside in ["127.0.0.1", "127.8.8.8", "[::1]", "[::ffff:127.0.0.1]"] {
+        let text = machine(&format!("[link]\naddress = \"{inside}:7878\"\n"));
+        assert!(!MachineConfig::parse("m", &text).expect("loopback").link.is_exposed(), "{inside}");
+    }
+    for outside in ["0.0.0.0:7878", "[2001:db8::1]:7878", "[::]:1"] {
+        let text = machine(&format!("[link]\naddress = \"{outside}\"\n"));
+        machine_shows(&text, &["is on another computer"]);
+    }
+}
+
+#[test]
+fn whom_the_link_trusts() {
+    let tls = |keys: &str| machine(&format!("[link]\naddress = \"192.168.0.10:7878\"\n[link.tls]\n{keys}\n"));
+    let files = "ca = \"ca.pem\"\ncertificate = \"d.pem\"\nkey = \"d.key\"";
+    machine_shows(
+        &tls(""),
+        &[
+            "link.tls.ca is missing",
+            "link.tls.certificate is missing",
+            "link.tls.key is missing",
+            "machine.toml:10:7",
+            "add key = \"...\", the private key of that certificate, a path seen from this file",
+        ],
+    );
+    machine_shows(&tls(&files.replace("d.key", " ")), &["link.tls.key is empty", "machine.toml:13:7"]);
+    machine_shows(
+        &tls(&files.replace("ca =", "cert-authority =")),
+        &["link.tls.ca is missing", "no key of [link.tls]"],
+    );
+    machine_shows(
+        &tls(&format!("{files}\nserver-name = \"cnc 1\"")),
+        &["link.tls.server-name \"cnc 1\" is no name of a host", "stands in the control's certificate"],
+    );
+    let read = |text: &str| MachineConfig::parse("m", text).expect("right").link;
+    let plain_name = read(&tls(files));
+    assert!(!plain_name.is_exposed());
+    assert_eq!(plain_name.tls.expect("written").server_name, "192.168.0.10", "the address is the default");
+    let named = read(&tls(&format!("{files}\nserver-name = \"cnc-1.shop\"")));
+    assert_eq!(named.tls.expect("written").server_name, "cnc-1.shop");
+    assert_eq!(read(&machine("")).tls, None, "plain TCP on loopback is the default");
+}
+
+#[test]
 fn link_engine_and_the_rest() {
     let shows = |text: &str, expected: &[&str]| machine_shows(&machine(&format!("{text}\n")), expected);
     for address in ["localhost:7878", "127.0.0.1", "127.0.0.1:0", "1.2.3.4:99999"] {

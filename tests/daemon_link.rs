@@ -5,7 +5,9 @@
 
 mod daemon_support;
 
+use std::fs;
 use std::io::Write;
+use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
 use daemon_support::{Daemon, EXX_MM, PATIENCE, Port, Session, Setup, eventually, hello};
@@ -69,6 +71,41 @@ fn what_real_time_is_refused_is_said_once_and_not_needed() {
     let status = daemon.status();
     assert!(status["realtime"]["affinity"].as_str().is_some_and(|t| t.starts_with("refused: ")), "{status}");
     assert_eq!(daemon.log().matches("real-time settings").count(), 1);
+}
+
+#[test]
+fn what_real_time_is_granted_is_in_force() {
+    let port = Port::open();
+    let realtime = "priority = 7\ncpu = 0\nlock-memory = true\n";
+    let daemon = Daemon::start(&port.address(), Setup { realtime, ..Setup::default() });
+    let mut session = port.link();
+    session.run_until_corrected();
+    let status = daemon.status();
+    let process = PathBuf::from(format!("/proc/{}", daemon.child.id()));
+    let thread = fs::read_dir(process.join("task"))
+        .expect("threads")
+        .map(|entry| entry.expect("thread").path())
+        .find(|path| fs::read_to_string(path.join("comm")).is_ok_and(|name| name == "volcomp-cycle\n"))
+        .expect("the cycle thread has a name");
+    let told = |path: &Path, key: &str| -> String {
+        let text = fs::read_to_string(path.join("status")).expect("status");
+        let line = text.lines().find_map(|line| line.strip_prefix(key)).expect("key");
+        line.trim().to_owned()
+    };
+    // each is granted or refused, as this system permits; what is said to be granted must be so
+    let granted = |key: &str| status["realtime"][key] == "yes";
+    let stat = fs::read_to_string(thread.join("stat")).expect("stat");
+    // behind the name in brackets: state is field 3, the priority 40, the policy 41
+    let fields: Vec<&str> = stat.rsplit(')').next().expect("fields").split_whitespace().collect();
+    let scheduling = (fields[40 - 3], fields[41 - 3]);
+    assert_eq!(scheduling, if granted("fifo") { ("7", "1") } else { ("0", "0") }, "{status}");
+    if granted("affinity") {
+        assert_eq!(told(&thread, "Cpus_allowed_list:"), "0");
+    }
+    assert_eq!(told(&process, "VmLck:") != "0 kB", granted("memory_lock"), "{status}");
+    let asked =
+        ["fifo", "affinity", "memory_lock"].map(|key| status["realtime"][key].as_str().expect("text"));
+    assert!(asked.iter().all(|t| *t == "yes" || t.starts_with("refused: ")), "{status}");
 }
 
 #[test]

@@ -4,6 +4,7 @@
 #![allow(clippy::expect_used, reason = "a test program: it fails by panicking")]
 
 use std::path::Path;
+use std::sync::Arc;
 
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use volcomp::core::axes::MAX_AXES;
@@ -13,7 +14,7 @@ use volcomp::core::protocol::{
     Name, PROTOCOL_VERSION, Position, Tool, encode,
 };
 use volcomp::core::units::MonoTime;
-use volcomp::runtime::{CycleBody, Loaded, Reaction, load};
+use volcomp::runtime::{CycleBody, Loaded, Reaction, load, tap};
 
 #[global_allocator]
 static ALLOCATOR: AllocDisabler = AllocDisabler;
@@ -68,11 +69,17 @@ fn message(cycle: u32, applied: [f64; MAX_AXES]) -> Message {
 fn a_million_cycles_allocate_nothing() {
     let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/examples/vmc-850/machine.toml");
     let loaded = load(&file).expect("the example loads");
-    let config = loaded.config.engine_config(&hello(&loaded)).expect("the hello fits");
+    let hello = hello(&loaded);
+    let config = loaded.config.engine_config(&hello).expect("the hello fits");
+    let mut other = Arc::new((*loaded.model).clone());
     let mut body = CycleBody::new(&config, loaded.model).expect("an engine");
     let mut reader = FrameReader::default();
     let mut buffer = [0; MAX_FRAME];
     let mut applied = [0.0; MAX_AXES];
+    // the recording is on the cycle, too: its queue is emptied now and then, so that both full and not are met
+    let (tap, entries) = tap(64);
+    body.record_to(tap, MonoTime::ZERO, &hello);
+    let mut recorded = 0_u32;
     let (mut answers, mut active, mut stale) = (0_u32, 0_u32, 0_u32);
     assert_no_alloc(|| {
         body.command(MonoTime::ZERO, Command::Enable);
@@ -95,16 +102,30 @@ fn a_million_cycles_allocate_nothing() {
             reader.space()[..length].copy_from_slice(&buffer[..length]);
             reader.advance(length);
             let Ok(Some(received)) = reader.next() else { continue };
+            if cycle % 3 == 0 {
+                body.live(now, 0, 1e-6);
+            }
+            if cycle % 40_009 == 0 {
+                let old = body.switch_model(now, Arc::clone(&other), [1; 32]).expect("the same axes");
+                other = old;
+            }
             if let Reaction::Answer(correction) = body.handle(now, &received) {
                 applied = correction.offset;
                 answers += 1;
                 active += u32::from(correction.state == CorrectionState::Active);
             }
+            body.tell();
             if let Some(correction) = body.deadline(now) {
                 applied = correction.offset;
             }
+            if cycle % 100 == 0 {
+                while entries.try_recv().is_ok() {
+                    recorded += 1;
+                }
+            }
         }
     });
+    assert!(recorded > CYCLES / 2, "{recorded} entries recorded");
     assert!(answers > CYCLES / 100 * 99, "{answers} answers");
     assert!(active > CYCLES / 2, "{active} cycles active: the model must have been at work");
     assert!(stale > 500, "{stale} answers to silence");

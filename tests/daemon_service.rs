@@ -71,6 +71,19 @@ fn status_has_the_promised_keys_and_true_values() {
     assert!(figure("roundtrip_us_p50") > 0.0);
     assert!(figure("roundtrip_us_p50") <= figure("roundtrip_us_p99"));
     assert!(figure("compute_us_p50") <= figure("roundtrip_us_p50"));
+    // the same cycles once more, as full histograms
+    let out = daemon.volcomp(&["status", "--histograms"]);
+    let full: serde_json::Value = serde_json::from_slice(&out.stdout).expect("JSON");
+    for name in ["age", "roundtrip", "compute"] {
+        let bins = full[name]["bins"].as_array().expect("bins");
+        let cycles: u64 = bins.iter().map(|bin| bin[1].as_u64().expect("count")).sum();
+        assert_eq!((cycles, &full[name]["count"]), (sent, &sent.into()), "{name}");
+    }
+    let late = full["lateness"]["count"].as_u64().expect("count");
+    assert_eq!(
+        late,
+        status["late_cycles"].as_u64().expect("count") - status["skipped_cycles"].as_u64().expect("count")
+    );
     // the human form names state, axis and figures
     let human = text(&daemon.volcomp(&["status"]).stdout);
     for word in ["test-mill: active", "-10.000 um", "round trip", "faults      none"] {

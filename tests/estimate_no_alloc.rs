@@ -1,7 +1,5 @@
 //! The filter on node values and the look-up of its map work in memory made at construction.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use volcomp::core::estimate::{
     Adaptation, MeasurementNoise, NodeFilter, NodeGrid, Observation, Process, Rules, Verdict,

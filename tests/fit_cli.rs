@@ -46,6 +46,30 @@ fn motion() -> String {
 }
 
 #[test]
+fn every_error_keeps_the_name_and_hash_of_its_own_data() {
+    let directory = tempfile::tempdir().unwrap();
+    let d = directory.path();
+    std::fs::write(d.join("x.csv"), motion()).unwrap();
+    std::fs::write(d.join("y.csv"), motion().replace("exx", "eyy").replace("ecx", "ecy")).unwrap();
+    let fit =
+        ["fit", "--axis", "x", "--errors", "x.csv", "--axis", "y", "--errors", "y.csv", "--out", "one.toml"];
+    succeed(d, &fit);
+    // a later fit replaces what it fits, and keeps where the rest came from
+    succeed(d, &["fit", "--axis", "y", "--errors", "y.csv", "--into", "one.toml", "--out", "two.toml"]);
+    for name in ["one.toml", "two.toml"] {
+        let text = std::fs::read_to_string(d.join(name)).unwrap();
+        let file = volcomp::config::model::parse_file(name, &text).unwrap();
+        for (symbol, data) in [("exx", "x.csv"), ("ecx", "x.csv"), ("eyy", "y.csv"), ("ecy", "y.csv")] {
+            let symbol = ErrorSymbol::parse(symbol).unwrap();
+            let (_, from) = file.of_errors.iter().find(|(s, _)| *s == symbol).unwrap();
+            let hash = format!("blake3:{}", blake3::hash(&std::fs::read(d.join(data)).unwrap()).to_hex());
+            assert_eq!(from.source.as_deref(), Some(data), "{name} {symbol}");
+            assert_eq!(from.source_hash.as_deref(), Some(hash.as_str()), "{name} {symbol}");
+        }
+    }
+}
+
+#[test]
 fn every_basis_becomes_a_model_that_predicts() {
     let directory = tempfile::tempdir().unwrap();
     let d = directory.path();
@@ -355,6 +379,7 @@ fn bad_input_is_refused_with_its_place() {
         ("position_mm,exx_um,exx_um\n", &[], 65, "column exx_um occurs twice"),
         ("position_mm,exx_um,notes\n", &[], 65, "notes: unknown column"),
         ("position_mm,exx_um\n0,nan\n", &[], 65, "m.csv:2:3: exx_um: nan is not finite"),
+        ("position_mm,exx_um\n0,1e31\n", &[], 65, "m.csv:2:3: exx_um: 1e31 is beyond 1e30"),
         ("position_mm,exx_um\n0,1\n10,two\n", &[], 65, "m.csv:3:4: exx_um: 'two' is not a number"),
         ("position_mm,exx_um\n0,1\n", &[], 65, "EXX: 1 distinct positions"),
         ("position_mm,exx_um\n0,1\n10,9000000\n", &["--basis", "table"], 65, "the limit is 5000 um"),

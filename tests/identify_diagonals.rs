@@ -89,6 +89,35 @@ fn kept_vectors() {
 }
 
 #[test]
+fn straightness_beside_angles_leaves_the_end_point_lines_to_be_told() {
+    // along X the tool rises by 6 um towards +Y and yaws by 20 urad; the lines themselves are square
+    let still = json!({"at_0": [0, 0, 0, 0, 0, 0], "at_travel": [0, 0, 0, 0, 0, 0]});
+    let length = 300f64.hypot(200.0).hypot(100.0);
+    let rise = 6e-3 * 200.0 / length;
+    // yaw moves the tip by -2e-5 y along X: only where x and y end at their upper ends together
+    let both = rise - 2e-5 * 200.0 * 300.0 / length;
+    let displacement = [both, -rise, -rise, both];
+    let case = json!({"id": "both", "chain": "[w b X Y Z t]", "box": [300, 200, 100], "tool_tip": [0, 0, 0],
+        "axis_errors_at_box_ends": {"X": {"at_0": [0, 0, 0, 0, 0, 0], "at_travel": [0, 6e-3, 0, 0, 0, 2e-5]},
+            "Y": still, "Z": still},
+        "displacement": {"ppp": displacement[0], "npp": displacement[1], "pnp": displacement[2],
+            "ppn": displacement[3]},
+        "expect": {"squareness": {"C0Y": 0.0, "B0Z": 0.0, "A0Z": 0.0},
+            "squareness_of_end_point_lines_first_order": {"C0Y": -2e-5, "B0Z": 0.0, "A0Z": 0.0}}});
+    check_case(&case);
+}
+
+#[test]
+fn a_case_without_the_angles_of_an_axis_is_refused() {
+    let folder = tempfile::tempdir().unwrap();
+    let mut case = kept_cases().remove(1);
+    case["axis_errors_at_box_ends"].as_object_mut().unwrap().remove("Z");
+    std::fs::write(folder.path().join("case.json"), case.to_string()).unwrap();
+    let message = refused(&volcomp(folder.path(), &["--input", "case.json", "--json"]), 65);
+    assert!(message.contains("no Z"), "{message}");
+}
+
+#[test]
 fn reference_vectors() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/../shared/vectors/diagonals.json");
     let Ok(text) = std::fs::read_to_string(path) else {

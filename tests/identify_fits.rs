@@ -110,7 +110,7 @@ fn a_case_is_taken_from_a_file_of_cases() {
     assert!(String::from_utf8_lossy(&output.stdout).contains("chebyshev of order 5: n 31, m 6"));
     let output = volcomp(&["identify", "fits", "--input", path, "--case", "FIT-x"]);
     assert_eq!(output.status.code(), Some(65));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("no case 'FIT-x'; cases are FIT-o2"));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("no case FIT-x; there are: FIT-o2"));
 }
 
 /// Correct decimal digits.

@@ -96,6 +96,8 @@ fn a_recording_becomes_a_grid_in_the_model() {
     assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
     let got: Value = serde_json::from_slice(&output.stdout).unwrap();
     assert_eq!((got["readings"].as_u64(), got["rejected"].as_u64()), (Some(400), Some(1)));
+    // the spike is not in it
+    assert!(got["mean_ratio"].as_f64().unwrap() < 1.5, "{got}");
     let noise = got["noise_arcsec"].as_f64().unwrap();
     assert!((noise / 0.5 - 1.0).abs() < 0.15, "{noise}");
     let text = std::fs::read_to_string(d.join("m.toml")).unwrap();

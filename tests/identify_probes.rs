@@ -107,6 +107,7 @@ fn a_probe_from_a_table_says_what_it_is_worth() {
     let model = model.to_str().unwrap();
     stdout(&volcomp(&[&base[..], &["--nominal-mm", "168.79,0", "--out", model]].concat()));
     let written = fs::read_to_string(model).unwrap();
+    assert!(written.contains("source-hash = \"blake3:"), "{written}");
     assert!(
         written.contains("[errors.ey0a.constant]") && written.contains("[errors.ez0a.constant]"),
         "{written}"
@@ -128,7 +129,7 @@ fn a_probe_from_a_table_says_what_it_is_worth() {
 fn a_vector_file_needs_a_case_that_exists() {
     let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/vectors/probe.json");
     let (code, message) = refused(&["identify", "probe", "--input", path, "--json"]);
-    assert!(code == 65 && message.contains("PROBE-o3"), "{message}");
+    assert!(code == 64 && message.contains("PROBE-o3"), "{message}");
     let (code, message) = refused(&["identify", "probe", "--input", path, "--case", "X", "--json"]);
     assert!(code == 65 && message.contains("no case X"), "{message}");
 }
@@ -186,6 +187,10 @@ fn a_ballbar_circle_is_ranked_and_becomes_a_model() {
     let (ours, standard) = (plane["circularity_um"].as_f64().unwrap(), figures["g_bi_um"].as_f64().unwrap());
     assert!((ours - standard).abs() < 0.02, "{ours} {standard}");
     let written = fs::read_to_string(model).unwrap();
+    assert!(
+        written.contains("source = \"xy.csv\"") && written.contains("source-hash = \"blake3:"),
+        "{written}"
+    );
     assert!(written.contains("[errors.ec0y.constant]") && written.contains("reverse-um"), "{written}");
     let points = folder.path().join("p.csv");
     fs::write(&points, "x_mm,y_mm,dir_x\n300,200,1\n300,200,-1\n").unwrap();

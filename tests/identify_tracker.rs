@@ -142,7 +142,7 @@ fn cases_that_are_wrong_say_where() {
         let args = [&["identify", method, "--input", file], more].concat();
         refuse(d, &args, code)
     };
-    assert!(run("threepoint", "all.json", &[], 64).contains("choose one by --case: a, b"));
+    assert!(run("threepoint", "all.json", &[], 64).contains("choose one with --case: a, b"));
     assert!(run("threepoint", "all.json", &["--case", "c"], 65).contains("no case c"));
     assert!(run("ram", "cut.json", &[], 65).contains("cut.json:1:"));
     assert!(run("threepoint", "few.json", &[], 65).contains("1 measured points for 3 platform points"));
@@ -246,6 +246,10 @@ fn files_become_a_model_with_reference_points_and_uncertainty() {
         assert!((of("ecx", x) - 5e-8 * x).abs() < 1e-6 && (of("ebx", x) + 3e-8 * x).abs() < 1e-6);
     }
     assert_eq!(spec.axes[0].travel, Some([0.0, 500.0]));
+    // every error says which files it was made from
+    let file = volcomp::config::model::parse_file("model.toml", &text).unwrap();
+    assert_eq!(file.of_errors.len(), 6);
+    assert!(file.of_errors.iter().all(|(_, p)| p.sources.len() == 2), "{:?}", file.of_errors[0]);
     // the motion table is what volcomp fit reads
     succeed(
         d,

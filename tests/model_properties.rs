@@ -2,88 +2,16 @@
 
 #![expect(clippy::unwrap_used, reason = "a test stops where its own set-up is wrong")]
 
+mod random_machine;
+
 use proptest::prelude::*;
+use random_machine::{CHAINS, compile, machine, pose};
 use volcomp::core::axes::{AxisKind, AxisName, MAX_AXES};
 use volcomp::core::geometry::Vec3;
 use volcomp::core::model::curve::{Curve, ErrorFunction, Grid, Interpolation, Live, Table};
 use volcomp::core::model::{
     AxisSpec, Chain, Component, ErrorSymbol, Model, ModelError, ModelSpec, Pose, Sense, Side,
 };
-
-const CHAINS: &[&str] = &[
-    "[w b X Y Z t]",
-    "[w X' b Y Z t]",
-    "[w X' Y' b Z t]",
-    "[w X' Y' Z' b t]",
-    "[w b X Y Z C A (S) t]",
-    "[w C' A' b X Y Z t]",
-    "[w C' B' Y' b X Z (S) t]",
-    "[w A' b X Y B t]",
-    "[w B' X' b Z t]",
-];
-
-/// One random number in [-1, 1] for anything that has a name.
-fn noise(seed: u64, what: &str) -> f64 {
-    let mut h = seed ^ 0x9e37_79b9_7f4a_7c15;
-    for b in what.bytes() {
-        h = (h ^ u64::from(b)).wrapping_mul(0x0100_0000_01b3);
-        h ^= h >> 29;
-    }
-    (h.wrapping_mul(0xbf58_476d_1ce4_e5b9) >> 11) as f64 / (1u64 << 52) as f64 - 1.0
-}
-
-fn point(seed: u64, what: &str, size: f64) -> Vec3 {
-    Vec3::from_fn(|i, _| size * noise(seed, &format!("{what}{i}")))
-}
-
-/// A random machine; lengths to 20 um, angles to 60 urad times `scale`.
-fn machine(chain: &str, seed: u64, scale: f64) -> ModelSpec {
-    let mut spec = ModelSpec::new("random", Chain::parse(chain).unwrap());
-    spec.workpiece_origin = point(seed, "w", 300.0);
-    spec.tool_tip = point(seed, "t", 300.0);
-    let axes: Vec<_> = spec.chain.axes().to_vec();
-    for axis in &axes {
-        let name = axis.name;
-        let mut entry = AxisSpec::new(name);
-        entry.point = point(seed, &format!("p{name}"), 300.0);
-        for (i, r) in entry.reference_points.iter_mut().enumerate() {
-            r.point = point(seed, &format!("r{name}{i}"), 200.0);
-        }
-        spec.axes.push(entry);
-        for component in Component::ALL {
-            let size = if component.is_angle() { 6e-5 } else { 0.02 } * scale;
-            let reach = if axis.kind() == AxisKind::Linear { 600.0 } else { 4.0 };
-            let at = |i: i32| size * noise(seed, &format!("e{name}{component:?}{i}"));
-            let x = (-2..=2).map(|i| reach * f64::from(i) / 2.0).collect();
-            let table = Table::new(x, (-2..=2).map(at).collect(), None, Interpolation::Linear).unwrap();
-            let motion = ErrorSymbol::Motion { component, axis: name };
-            spec.errors.push((motion, ErrorFunction::single(Curve::Table(table))));
-            let location = ErrorSymbol::parse(&format!("e{}0{name}", component.letter()));
-            if let Some(symbol) = location.filter(|s| spec.chain.index_of(s.axis()).is_some()) {
-                let partner_missing = matches!(symbol, ErrorSymbol::Squareness { .. })
-                    && [AxisName::X, AxisName::Y].iter().any(|p| spec.chain.index_of(*p).is_none());
-                if !partner_missing {
-                    let value = size * noise(seed, &format!("l{symbol}"));
-                    spec.errors.push((symbol, ErrorFunction::single(Curve::Constant(value))));
-                }
-            }
-        }
-    }
-    spec
-}
-
-fn pose(spec: &ModelSpec, seed: u64) -> Pose {
-    let mut position = [0.0; MAX_AXES];
-    for (k, axis) in spec.chain.axes().iter().enumerate() {
-        let reach = if axis.kind() == AxisKind::Linear { 500.0 } else { 3.0 };
-        position[k] = reach * noise(seed, &format!("q{k}"));
-    }
-    Pose::at(position)
-}
-
-fn compile(spec: &ModelSpec) -> Model {
-    Model::new(spec).unwrap()
-}
 
 proptest! {
     #![proptest_config(ProptestConfig { cases: 64, ..ProptestConfig::default() })]
@@ -289,67 +217,6 @@ proptest! {
             let mirrored = Vec3::new(a.rotation.x, -a.rotation.y, -a.rotation.z);
             prop_assert!((mirrored - b.rotation).amax() < 1e-13);
         }
-    }
-}
-
-/// The simulator's machine, written independently, at the same pose with the same values of the error motions.
-fn truth_deviation(spec: &ModelSpec, pose: &Pose) -> ([f64; 3], [f64; 3]) {
-    use simulator::truth::chain::Side as TruthSide;
-    use simulator::truth::kinematics::{Joint, JointState, Kinematics, Sense as TruthSense, Squareness};
-    let value = |symbol: ErrorSymbol, q: f64| {
-        let found = spec.errors.iter().find(|(s, _)| *s == symbol);
-        found.map_or(0.0, |(_, f)| f.value(q, Default::default()))
-    };
-    let named = |text: &str| ErrorSymbol::parse(text).map_or(0.0, |s| value(s, 0.0));
-    let mut joints = Vec::new();
-    let mut states = Vec::new();
-    for (k, axis) in spec.chain.axes().iter().enumerate() {
-        let name = axis.name;
-        let entry = spec.axis(name);
-        let side = if axis.side == Side::Tool { TruthSide::Tool } else { TruthSide::Workpiece };
-        let mut joint = Joint::plain(name, side);
-        joint.point_mm = entry.point.into();
-        joint.reference_mm = match axis.kind() {
-            AxisKind::Linear => entry.reference_points.map(|r| r.point.into()),
-            AxisKind::Rotary => [entry.point.into(); 3],
-        };
-        let carriage = entry.sense == Sense::Carriage;
-        joint.sense = if carriage { TruthSense::Carriage } else { TruthSense::Relative };
-        if axis.kind() == AxisKind::Rotary {
-            let location = |c: Component| ErrorSymbol::parse(&format!("e{}0{name}", c.letter()));
-            joint.location = Component::ALL.map(|c| location(c).map_or(0.0, |s| value(s, 0.0)));
-        }
-        let q = pose.position[k];
-        let at = if carriage && axis.side == Side::Workpiece { -q } else { q };
-        let motion = Component::ALL.map(|component| value(ErrorSymbol::Motion { component, axis: name }, at));
-        joints.push(joint);
-        states.push(JointState { q, motion });
-    }
-    let kinematics = Kinematics {
-        joints,
-        squareness: Squareness { c0y_rad: named("ec0y"), b0z_rad: named("eb0z"), a0z_rad: named("ea0z") },
-        workpiece_origin_mm: spec.workpiece_origin.into(),
-        tool_tip_mm: spec.tool_tip.into(),
-    };
-    let d = kinematics.pose(&states).minus(&kinematics.nominal(&states));
-    (d.tip_mm, d.rotation_rad)
-}
-
-proptest! {
-    #![proptest_config(ProptestConfig { cases: 256, ..ProptestConfig::default() })]
-
-    /// Two programs by two hands, full rotations on both sides, random machines of every type: 1e-6 um.
-    #[test]
-    fn the_independent_machine_agrees_with_the_exact_evaluation(c in 0..CHAINS.len(), seed in any::<u64>(), carriage in any::<bool>()) {
-        let mut spec = machine(CHAINS[c], seed, 1.0);
-        for axis in &mut spec.axes {
-            axis.sense = if carriage { Sense::Carriage } else { Sense::Relative };
-        }
-        let p = pose(&spec, seed);
-        let exact = compile(&spec).deviation_exact(&p);
-        let (tip_mm, rotation_rad) = truth_deviation(&spec, &p);
-        prop_assert!((exact.position - Vec3::from(tip_mm)).amax() < 1e-9, "{} {:?}", exact.position, tip_mm);
-        prop_assert!((exact.rotation - Vec3::from(rotation_rad)).amax() < 1e-13);
     }
 }
 

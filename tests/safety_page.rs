@@ -17,6 +17,9 @@ use std::path::{Path, PathBuf};
 use volcomp::core::engine::transitions::{Cause, RULES, Rule, all};
 use volcomp::core::engine::{Reason, State};
 use volcomp::core::fault::{self, Code};
+use volcomp::core::protocol::CorrectionState::{
+    Active, Armed, FadingToStatic, Faulted, Holding, Off, RampingIn, RampingOut,
+};
 
 const BEGIN: &str = "<!-- made from the rules of the engine by tests/safety_page.rs -->\n";
 const END: &str = "<!-- end -->\n";
@@ -122,8 +125,6 @@ struct Arrow {
     from: &'static [State],
     to: &'static [State],
 }
-
-use State::{Active, Armed, FadingToStatic, Faulted, Holding, Off, RampingIn, RampingOut};
 
 const FOLLOWING: &[State] = &[RampingIn, Active, FadingToStatic];
 

@@ -9,6 +9,8 @@ macro_rules! say {
     ($($text:tt)*) => { volcomp::cli::line(format_args!($($text)*)) };
 }
 
+mod bench_link;
+mod certificates;
 mod demo;
 mod measure;
 mod path;
@@ -72,8 +74,18 @@ enum Verb {
     Scenarios(scenarios::Args),
     /// Replay recorded motion of a real machine and serve the control on the link.
     Replay(serve::ReplayArgs),
+    /// Make an authority and certificates of control and daemon, to try the link over TLS.
+    Certificates(certificates::Args),
     /// Print a standard test path as a part programme.
     Path(path::Args),
+    /// Measure round trips of volcompd beside a bare echo on the same kind of sockets, and what the computation costs.
+    ///
+    /// Both answer the same frames on loopback, in short alternating blocks, so that noise of the computer hits
+    /// both: ratios count. Starts all it needs by itself.
+    BenchLink(Box<bench_link::Args>),
+    /// The bare echo of bench-link.
+    #[command(hide = true)]
+    BenchEcho(bench_link::EchoArgs),
     /// The product's daemon, for the demo and its tests.
     #[command(hide = true, disable_help_flag = true)]
     Volcompd(Program),
@@ -112,6 +124,8 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         }
     };
     let result = match parsed.verb {
+        Verb::BenchLink(args) => bench_link::bench_link(&args),
+        Verb::BenchEcho(args) => bench_link::echo(&args),
         Verb::Demo(args) => demo::demo(&args),
         Verb::Survey(args) => demo::survey(&args),
         Verb::Volcompd(program) => return volcomp::cli::volcompd(program.named("volcompd")),
@@ -121,6 +135,7 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Serve(args) => serve::serve(&args),
         Verb::Scenarios(args) => scenarios::run_all(&args),
         Verb::Replay(args) => serve::replay(&args),
+        Verb::Certificates(args) => certificates::run(&args),
         Verb::Path(args) => path::run(&args),
     };
     let complete =

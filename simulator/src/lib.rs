@@ -4,12 +4,16 @@
 //! - [`instruments`]: what a ballbar, an interferometer or a diagonal measurement sees of it.
 //! - [`motion`]: part programmes and recorded motion to positions per cycle.
 //! - [`control`]: the control's end of the link.
+//! - [`certificates`]: an authority and its certificates, to try the secure link with.
 //! - [`demo`]: the main job end to end; starts the product's own programs as processes.
+//! - [`mod@bench`]: the daemon's round trips beside a bare echo's.
 //! - [`cli`]: the program `cncsim`.
 //!
 //! From volcomp only `core::{axes, units, protocol}` may be used here, and `cli` in the front rooms (`demo`, `cli`), to
 //! start its programs; `tests/architecture.rs` checks it.
 
+pub mod bench;
+pub mod certificates;
 pub mod cli;
 pub mod control;
 pub mod demo;

@@ -4,7 +4,7 @@
 //! so that a loaded computer changes nothing; those in real time are left to the whole list.
 
 #![expect(clippy::disallowed_methods, reason = "a test of processes and files")]
-#![expect(clippy::unwrap_used, clippy::expect_used, reason = "helpers of tests")]
+#![expect(clippy::unwrap_used, reason = "helpers of tests")]
 
 use std::sync::Mutex;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};

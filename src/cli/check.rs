@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::model::gauge;
-use super::{EX_CONFIG, EX_SOFTWARE, Failure};
+use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
 use crate::config::model::kind_of;
 use crate::config::{self, ConfigErrors, Diagnostic, FileKind, MachineConfig};
 use crate::core::axes::{AxisKind, AxisName, Travel};
@@ -156,7 +156,7 @@ fn look(path: &Path, file: &str) -> Result<(Found, Option<Problem>), Problem> {
     }
     let machine = Box::new(MachineConfig::parse(file, &text)?);
     let (model, problem) = match look_at_model(path, file, &text, &machine) {
-        Ok(model) => (Some(Box::new(model)), None),
+        Ok(model) => (Some(Box::new(model)), look_at_identity(path, file, &text, &machine).err()),
         Err(problem) => (None, Some(problem)),
     };
     Ok((Found::Machine { machine, model }, problem))
@@ -185,6 +185,16 @@ fn look_at_model(path: &Path, file: &str, text: &str, machine: &MachineConfig) -
     }
     let found = mismatches.iter().map(|m| (m.key(), m.to_string(), m.remedy())).collect();
     Err(mistakes_at(file, text, found).into())
+}
+
+/// The files of `[link.tls]`, read as the daemon would.
+fn look_at_identity(path: &Path, file: &str, text: &str, machine: &MachineConfig) -> Result<(), Problem> {
+    let Some(found) = super::identity::mistake(path, machine) else { return Ok(()) };
+    let errors = mistakes_at(file, text, vec![(found.key, found.message, found.remedy)]);
+    Err(match found.is_io {
+        true => Problem::Io { code: EX_IOERR, message: errors.to_string() },
+        false => errors.into(),
+    })
 }
 
 /// Mistakes at keys of a file: key, message, remedy.
@@ -229,6 +239,7 @@ impl Found {
                 "format": config::machine::FORMAT,
                 "machine": machine.machine,
                 "address": machine.link.address.to_string(),
+                "tls": machine.link.tls.is_some(),
                 "cycle_ms": machine.link.cycle_s * 1e3,
                 "axes": machine.axes.iter().map(|a| json!({
                     "axis": a.name.lower().to_string(),
@@ -279,9 +290,10 @@ pub(super) fn rounded(v: f64) -> f64 {
 
 fn describe_machine(lines: &mut Vec<String>, machine: &MachineConfig) {
     lines.push(format!(
-        "  machine {}, control at {}, cycle {} ms",
+        "  machine {}, control at {}{}, cycle {} ms",
         machine.machine,
         machine.link.address,
+        super::identity::protection(machine),
         rounded(machine.link.cycle_s * 1e3)
     ));
     for axis in &machine.axes {
@@ -434,6 +446,9 @@ fn notes(machine: &MachineConfig, model: &ModelSpec) -> Vec<String> {
             format!("axis {axis} is in the chain but has no [axes.{}]: it is never offset", axis.lower())
         })
         .collect();
+    if machine.link.is_exposed() {
+        out.push(super::identity::exposed(machine));
+    }
     for axis in &machine.axes {
         // the largest offset that positioning alone asks for must fit below the limit
         let positioning = model.errors.iter().find(|(s, _)| {

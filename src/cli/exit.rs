@@ -34,6 +34,16 @@ impl Failure {
         Self { code, message: message.to_string() }
     }
 
+    /// A wrong command line.
+    pub fn usage(what: impl fmt::Display) -> Self {
+        Self::new(EX_USAGE, format_args!("error: {what}"))
+    }
+
+    /// Bad data in a file.
+    pub fn data(path: &std::path::Path, what: impl fmt::Display) -> Self {
+        Self::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()))
+    }
+
     /// A file that could not be read or written.
     pub fn io(path: &std::path::Path, error: &std::io::Error) -> Self {
         Self::new(EX_IOERR, format_args!("error: {}: {error}", path.display()))

@@ -7,13 +7,12 @@ use clap::{Parser, ValueEnum};
 use super::files::write_text;
 use super::fit_input::{BySymbol, Direction, Format, Measured, read};
 use super::fit_picture::{self, PicturePath};
-use super::fit_report::{
-    Fitted, hidden_text, json_report, note_text, outlier_lines, print_table, provenance,
-};
-use super::model_out::{ModelOut, axis_entry, default_chain, put};
+use super::fit_report::{Fitted, comments, hidden_text, json_report, note_text, outlier_lines, print_table};
+use super::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
 use super::positioning_data::Cycles;
-use super::{EX_DATAERR, EX_USAGE, Failure};
-use crate::config::ModelFile;
+use super::{EX_DATAERR, Failure};
+use crate::cli::values::{axis_letter, number};
+use crate::config::{ModelFile, Provenance};
 use crate::core::axes::{AxisKind, AxisName};
 use crate::core::model::curve::Interpolation;
 use crate::core::model::{Curve, ErrorFunction, ErrorSymbol, Sense};
@@ -135,7 +134,7 @@ impl core::str::FromStr for SmoothingArg {
             "none" => Smoothing::None,
             "auto" => Smoothing::Auto,
             _ => Smoothing::Given(
-                finite(text).map_err(|_| format!("'{text}' is neither none, auto nor a number"))?,
+                number(text).map_err(|_| format!("'{text}' is neither none, auto nor a number"))?,
             ),
         }))
     }
@@ -152,7 +151,7 @@ impl core::str::FromStr for Pitches {
         if text == "none" {
             return Ok(Self(Vec::new()));
         }
-        let pitch = |part: &str| match finite(part)? {
+        let pitch = |part: &str| match number(part)? {
             v if v > 0.0 => Ok(v),
             v => Err(format!("pitch {v} is not above 0")),
         };
@@ -178,24 +177,9 @@ impl<T: core::str::FromStr> core::str::FromStr for AutoOr<T> {
     }
 }
 
-fn axis_letter(text: &str) -> Result<AxisName, String> {
-    let mut chars = text.chars();
-    match (chars.next().and_then(AxisName::from_letter), chars.next()) {
-        (Some(axis), None) => Ok(axis),
-        _ => Err(format!("'{text}' is no axis; axes are x y z u v w a b c s")),
-    }
-}
-
-fn finite(text: &str) -> Result<f64, String> {
-    match text.trim().parse::<f64>() {
-        Ok(v) if v.is_finite() => Ok(v),
-        _ => Err(format!("'{text}' is not a finite number")),
-    }
-}
-
 fn pair(text: &str) -> Result<[f64; 2], String> {
     let (low, high) = text.split_once([',', ':']).ok_or("write two numbers, such as 20,500")?;
-    Ok([finite(low)?, finite(high)?])
+    Ok([number(low)?, number(high)?])
 }
 
 fn travel(text: &str) -> Result<(AxisName, [f64; 2]), String> {
@@ -206,18 +190,18 @@ fn travel(text: &str) -> Result<(AxisName, [f64; 2]), String> {
 fn constant(text: &str) -> Result<(ErrorSymbol, f64), String> {
     let (name, value) = text.split_once('=').ok_or("write for example ec0y=-3.1")?;
     match ErrorSymbol::parse(name) {
-        Some(symbol @ ErrorSymbol::Squareness { .. }) => Ok((symbol, rad_from_arcsec(finite(value)?))),
+        Some(symbol @ ErrorSymbol::Squareness { .. }) => Ok((symbol, rad_from_arcsec(number(value)?))),
         _ => Err(format!("'{name}' is no squareness; they are ec0y, eb0z, ea0z")),
     }
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.model.target().is_none() {
-        return Err(usage("neither --out nor --into is given"));
+        return Err(Failure::usage("neither --out nor --into is given"));
     }
     let mut by_symbol = BySymbol::new();
     if args.axis.len() != 1 && args.axis.len() != args.errors.len() {
-        return Err(usage(format_args!(
+        return Err(Failure::usage(format_args!(
             "{} files but {} axes; give --axis once, or once per --errors",
             args.errors.len(),
             args.axis.len()
@@ -237,8 +221,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {symbol}: {e}", args.files())))?;
         fitted.push(Fitted::new(symbol, measured, fit));
     }
-    let model = args.model(&fitted)?;
-    args.model.write(&model, &provenance(&args.errors, &fitted), &args.files())?;
+    let sources = Sources::of(&args.errors);
+    let model = args.model(&fitted, &sources)?;
+    args.model.write(&model, &comments("fit", &sources, &fitted), &args.files())?;
     if let Some(path) = &args.json {
         write_text(path, &json_report(&fitted))?;
     }
@@ -258,10 +243,6 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         print_table(&fitted);
     }
     Ok(())
-}
-
-fn usage(what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_USAGE, format_args!("error: {what}"))
 }
 
 /// The distinct positions; `None` where there are so many that they hide nothing.
@@ -305,7 +286,9 @@ impl Args {
             AxisKind::Rotary => (&self.period_deg, &self.period_mm, "--period-deg", rad_from_deg),
         };
         if !other.is_empty() {
-            return Err(usage(format_args!("the unit of the period does not suit the axis; use {wanted}")));
+            return Err(Failure::usage(format_args!(
+                "the unit of the period does not suit the axis; use {wanted}"
+            )));
         }
         let fitted = self.period_search.map_or(Period::Auto, |r| Period::Within(r.map(to_inner)));
         let all: Vec<Period> = given
@@ -319,14 +302,14 @@ impl Args {
             && !all.is_empty()
             && all.iter().all(|p| matches!(p, Period::Given(_)))
         {
-            return Err(usage(format_args!(
+            return Err(Failure::usage(format_args!(
                 "--period-search is for a period that is fitted; {wanted} gives it"
             )));
         }
         if (!given.is_empty() || self.period_search.is_some())
             && !matches!(self.basis, BasisArg::Auto | BasisArg::Fourier)
         {
-            return Err(usage(format_args!(
+            return Err(Failure::usage(format_args!(
                 "only --basis fourier has a period; remove {wanted} or change the basis"
             )));
         }
@@ -336,7 +319,7 @@ impl Args {
     fn request(&self, kind: AxisKind) -> Result<Request, Failure> {
         let periods = self.periods(kind)?;
         if self.smoothing.0 != Smoothing::None && !matches!(self.basis, BasisArg::Auto | BasisArg::Table) {
-            return Err(usage("only a table is smoothed; remove --smoothing or change the basis"));
+            return Err(Failure::usage("only a table is smoothed; remove --smoothing or change the basis"));
         }
         Ok(Request {
             basis: match self.basis {
@@ -349,7 +332,7 @@ impl Args {
             order: match self.order {
                 AutoOr::Auto => None,
                 AutoOr::Given(_) if matches!(self.basis, BasisArg::Table) => {
-                    return Err(usage("a table has no order; remove --order or change the basis"));
+                    return Err(Failure::usage("a table has no order; remove --order or change the basis"));
                 }
                 AutoOr::Given(order) => Some(order),
             },
@@ -378,13 +361,15 @@ impl Args {
     }
 
     /// The model with the fitted curves in their places.
-    fn model(&self, fitted: &[Fitted]) -> Result<ModelFile, Failure> {
+    fn model(&self, fitted: &[Fitted], sources: &Sources) -> Result<ModelFile, Failure> {
         let mut model = self.model.base(|| default_chain(fitted.iter().map(|f| f.symbol.axis())))?;
         for f in fitted {
-            put(&mut model, f.symbol, f.fit.function());
+            let name = |i: usize| self.errors[i].display().to_string();
+            let from = sources.only(|i| f.measured.is_from(&name(i))).provenance();
+            put(&mut model, f.symbol, f.fit.function(), from);
         }
         for (symbol, value) in &self.squareness {
-            put(&mut model, *symbol, ErrorFunction::single(Curve::Constant(*value)));
+            put(&mut model, *symbol, ErrorFunction::single(Curve::Constant(*value)), Provenance::default());
         }
         for (name, range) in &self.travel {
             let range = if name.kind() == AxisKind::Rotary { range.map(rad_from_deg) } else { *range };

@@ -6,7 +6,6 @@ use std::io::{BufRead, BufReader, Cursor, Read};
 use std::path::Path;
 
 use super::positioning_data::{Cycles, instrument_test, is_instrument, no_rows, parse_csv, parse_dat};
-use super::progress::Progress;
 use super::table::{Table, nearest};
 use super::{EX_DATAERR, Failure};
 use crate::core::axes::{AxisKind, AxisName, Travel};
@@ -81,6 +80,11 @@ impl Measured {
         self.lines.append(&mut other.lines);
     }
 
+    /// True where readings came from this file.
+    pub(super) fn is_from(&self, file: &str) -> bool {
+        self.files.iter().any(|(_, f)| f == file)
+    }
+
     /// File and line of a reading; line 0 where the file has no row per reading.
     pub(super) fn place(&self, index: usize) -> (&str, u32) {
         let file = self.files.iter().rev().find(|(first, _)| *first <= index).map_or("", |(_, f)| f.as_str());
@@ -93,8 +97,6 @@ pub(super) type BySymbol = BTreeMap<ErrorSymbol, Measured>;
 
 /// Bytes looked at to tell the formats apart.
 const HEAD: u64 = 1 << 16;
-/// Rows between two looks at the clock of the progress bar.
-const ROWS_PER_LOOK: u64 = 4096;
 
 /// Reads one file for one axis and adds its readings; tables row by row.
 pub(super) fn read(
@@ -127,7 +129,7 @@ pub(super) fn read(
         match format {
             Format::Iso230_2 => positioning(&file, axis, parse_csv(table)?)?,
             Format::Auto if is_test => positioning(&file, axis, parse_csv(table)?)?,
-            _ => motion(table, axis, &mut Progress::new(path))?,
+            _ => motion(table, axis)?,
         }
     };
     for (symbol, mut measured) in found {
@@ -177,11 +179,7 @@ fn positioning(file: &str, axis: AxisName, test: iso230_dat::PositioningTest) ->
 }
 
 /// A motion table.
-fn motion<R: BufRead>(
-    mut table: Table<R>,
-    axis: AxisName,
-    progress: &mut Progress,
-) -> Result<BySymbol, Failure> {
+fn motion<R: BufRead>(mut table: Table<R>, axis: AxisName) -> Result<BySymbol, Failure> {
     let position_name = match axis.kind() {
         AxisKind::Linear => "position_mm",
         AxisKind::Rotary => "position_deg",
@@ -211,9 +209,6 @@ fn motion<R: BufRead>(
     let mut rows = 0u64;
     while table.advance()? {
         rows += 1;
-        if rows.is_multiple_of(ROWS_PER_LOOK) {
-            progress.update(table.bytes());
-        }
         let x = table.number(position)?;
         let reading = Reading {
             cycle: cycle.map_or(Ok(0), |c| table.count(c))?,
@@ -228,7 +223,6 @@ fn motion<R: BufRead>(
             measured.push(Reading { value, ..reading }, line);
         }
     }
-    progress.finish();
     if rows == 0 {
         return Err(no_rows(table.file()));
     }
@@ -274,7 +268,7 @@ mod tests {
     use super::*;
 
     fn read_motion(text: &str, axis: AxisName) -> Result<BySymbol, Failure> {
-        motion(Table::new(text.as_bytes(), "m.csv".to_owned())?, axis, &mut Progress::new(Path::new("m.csv")))
+        motion(Table::new(text.as_bytes(), "m.csv".to_owned())?, axis)
     }
 
     #[test]

@@ -1,11 +1,9 @@
 //! What `volcomp fit` says about its fits: JSON, a table for people, and comments in the model file.
 
-use std::path::PathBuf;
-
 use serde_json::{Map, Value, json};
 
 use super::fit_input::Measured;
-use super::model_out::sources;
+use super::model_out::Sources;
 use crate::core::axes::{AxisKind, Travel};
 use crate::core::model::ErrorSymbol;
 use crate::core::model::curve::Curve;
@@ -292,10 +290,10 @@ pub(super) fn print_table(fitted: &[Fitted]) {
     }
 }
 
-/// Comment lines that say where the curves came from.
-pub(super) fn provenance(files: &[PathBuf], fitted: &[Fitted]) -> Vec<String> {
-    let mut lines = vec![format!("written by volcomp fit {}", env!("CARGO_PKG_VERSION"))];
-    lines.extend(sources(files));
+/// Comment lines that say where the curves came from; `command` is that of volcomp.
+pub(super) fn comments(command: &str, sources: &Sources, fitted: &[Fitted]) -> Vec<String> {
+    let mut lines = vec![format!("written by volcomp {command} {}", env!("CARGO_PKG_VERSION"))];
+    lines.extend(sources.comments());
     for f in fitted {
         let units = Units::of(f.symbol);
         let order = match (f.fit.basis, f.fit.order) {

@@ -9,6 +9,8 @@ macro_rules! say {
     ($($text:tt)*) => { $crate::cli::line(format_args!($($text)*)) };
 }
 
+mod audit;
+mod bench;
 mod check;
 mod daemon;
 mod diff;
@@ -22,15 +24,20 @@ mod fit_input;
 mod fit_picture;
 mod fit_report;
 mod identify;
+mod identity;
 mod import;
 mod model;
 mod model_out;
+mod orders;
 mod positioning_data;
 mod predict;
 mod progress;
+mod recordings;
+mod replay;
 mod report;
 mod service;
 mod table;
+mod values;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -50,6 +57,7 @@ struct Cli {
 
 #[derive(Debug, Subcommand)]
 enum Verb {
+    Bench(bench::Args),
     Check(check::Args),
     Predict(predict::Args),
     Fit(Box<fit::Args>),
@@ -61,14 +69,20 @@ enum Verb {
     Explain(explain::Args),
     Diff(diff::Args),
     Status(service::StatusArgs),
-    Enable(service::CommandArgs),
-    Disable(service::CommandArgs),
+    Enable(orders::EnableArgs),
+    Disable(orders::DisableArgs),
+    Gain(orders::GainArgs),
+    Load(orders::LoadArgs),
+    Rollback(orders::RollbackArgs),
+    Replay(replay::Args),
+    Audit(audit::Args),
 }
 
 /// The program `volcomp`: runs it on `args` (the first is the program's name).
 #[must_use]
 pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     exit::run(args, |cli: Cli| match cli.verb {
+        Verb::Bench(a) => bench::run(&a),
         Verb::Check(a) => check::run(&a),
         Verb::Predict(a) => predict::run(&a),
         Verb::Fit(a) => fit::run(&a),
@@ -80,8 +94,13 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Model(a) => model::run(&a),
         Verb::Diff(a) => diff::run(&a),
         Verb::Status(a) => service::status(&a),
-        Verb::Enable(a) => service::enable(&a),
-        Verb::Disable(a) => service::disable(&a),
+        Verb::Enable(a) => orders::enable(&a),
+        Verb::Disable(a) => orders::disable(&a),
+        Verb::Gain(a) => orders::gain(&a),
+        Verb::Load(a) => orders::load(&a),
+        Verb::Rollback(a) => orders::rollback(&a),
+        Verb::Replay(a) => replay::run(&a),
+        Verb::Audit(a) => audit::run(&a),
     })
 }
 

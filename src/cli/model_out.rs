@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::files::{read_text, write_text};
 use super::{EX_CONFIG, EX_DATAERR, EX_USAGE, Failure};
-use crate::config::{self, ModelFile};
+use crate::config::{self, ModelFile, Provenance, SourceEntry};
 use crate::core::axes::AxisName;
 use crate::core::model::{AxisSpec, Chain, ErrorFunction, ErrorSymbol, Model, ModelSpec};
 
@@ -72,9 +72,12 @@ impl ModelOut {
     }
 }
 
-/// Puts an error in its place; where it came from before is forgotten.
-pub(super) fn put(model: &mut ModelFile, symbol: ErrorSymbol, function: ErrorFunction) {
+/// Puts an error in its place, with where it came from.
+pub(super) fn put(model: &mut ModelFile, symbol: ErrorSymbol, function: ErrorFunction, from: Provenance) {
     model.of_errors.retain(|(s, _)| *s != symbol);
+    if !from.is_empty() {
+        model.of_errors.push((symbol, from));
+    }
     match model.spec.errors.iter_mut().find(|(s, _)| *s == symbol) {
         Some((_, old)) => *old = function,
         None => model.spec.errors.push((symbol, function)),
@@ -106,15 +109,48 @@ pub(super) fn default_chain(measured: impl IntoIterator<Item = AxisName>) -> Str
     format!("[w b {} t]", words.join(" "))
 }
 
-/// One comment line per data file: its name and the hash of its content.
-pub(super) fn sources(files: &[PathBuf]) -> Vec<String> {
-    let line = |path: &PathBuf| {
-        let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
-        // stdin cannot be read twice
-        match std::fs::read(path) {
-            Ok(bytes) => format!("from {name}, blake3 {}", blake3::hash(&bytes).to_hex()),
-            Err(_) => format!("from {name}"),
+/// The data that errors are made from: names and hashes of the contents.
+#[derive(Debug, Clone)]
+pub(super) struct Sources(Vec<SourceEntry>);
+
+impl Sources {
+    /// Reads what the hashes need.
+    pub(super) fn of(files: &[PathBuf]) -> Self {
+        let entry = |path: &PathBuf| {
+            let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+            // stdin cannot be read twice
+            let hash = std::fs::read(path).ok().map(|b| format!("blake3:{}", blake3::hash(&b).to_hex()));
+            SourceEntry { source: Some(name.into_owned()), source_hash: hash, ..SourceEntry::default() }
+        };
+        Self(files.iter().map(entry).collect())
+    }
+
+    /// Those of the files that `keep` accepts by their place in the list.
+    pub(super) fn only(&self, keep: impl Fn(usize) -> bool) -> Self {
+        Self(self.0.iter().enumerate().filter(|(i, _)| keep(*i)).map(|(_, s)| s.clone()).collect())
+    }
+
+    /// One comment line per file.
+    pub(super) fn comments(&self) -> Vec<String> {
+        let line = |s: &SourceEntry| {
+            let name = s.source.as_deref().unwrap_or("-");
+            match s.source_hash.as_deref().and_then(|h| h.strip_prefix("blake3:")) {
+                Some(hash) => format!("from {name}, blake3 {hash}"),
+                None => format!("from {name}"),
+            }
+        };
+        self.0.iter().map(line).collect()
+    }
+
+    /// What the model file says about an error made from them.
+    pub(super) fn provenance(&self) -> Provenance {
+        match &self.0[..] {
+            [one] => Provenance {
+                source: one.source.clone(),
+                source_hash: one.source_hash.clone(),
+                ..Provenance::default()
+            },
+            several => Provenance { sources: several.to_vec(), ..Provenance::default() },
         }
-    };
-    files.iter().map(line).collect()
+    }
 }

@@ -8,7 +8,6 @@ use std::path::PathBuf;
 use clap::Parser;
 
 use super::files::{Output, read_model};
-use super::progress::Progress;
 use super::table::{self, Table, nearest};
 use super::{EX_DATAERR, EX_USAGE, Failure};
 use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
@@ -84,7 +83,6 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut table = table::open(&args.points)?;
     let columns = Columns::find(&table, &model)?;
     let mut output = Output::create(&args.out)?;
-    let mut progress = Progress::new(&args.points);
     let mut block = Vec::with_capacity(BLOCK + 4096);
     columns.header(&table, &mut block);
     let mut written = write_block(&mut output, &mut block, 0)?;
@@ -96,13 +94,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         columns.row(&deviation, &correction, &mut block);
         if block.len() >= BLOCK {
             written = write_block(&mut output, &mut block, BLOCK)?;
-            progress.update(table.bytes());
         }
     }
     if written {
         write_block(&mut output, &mut block, 0)?;
     }
-    progress.finish();
     output.finish()
 }
 

@@ -17,6 +17,12 @@ pub(super) struct Progress {
     bar: Option<ProgressBar>,
 }
 
+impl Drop for Progress {
+    fn drop(&mut self) {
+        self.finish();
+    }
+}
+
 impl Progress {
     /// For work on this file from now on.
     pub(super) fn new(points: &Path) -> Self {

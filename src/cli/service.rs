@@ -1,4 +1,4 @@
-//! `status`, `enable`, `disable`: talk to a running daemon.
+//! `status`: what a running daemon is doing.
 
 use std::fmt::Write;
 use std::io::IsTerminal;
@@ -16,7 +16,7 @@ const WATCH_INTERVAL: Duration = Duration::from_secs(1);
 
 /// Which daemon.
 #[derive(Debug, clap::Args)]
-struct Which {
+pub(super) struct Which {
     /// The daemon's machine file, which names its socket.
     #[arg(long, value_name = "FILE", conflicts_with = "socket")]
     config: Option<PathBuf>,
@@ -33,32 +33,23 @@ pub(super) struct StatusArgs {
     /// Print one JSON object instead of text.
     #[arg(long)]
     json: bool,
+    /// Print the latency of the present link as full histograms, one JSON object: age, round trip, compute, lateness.
+    #[arg(long)]
+    histograms: bool,
     /// Print again every second until interrupted.
     #[arg(long)]
     watch: bool,
 }
 
-/// Switches compensation on or off; prints the state that follows.
-#[derive(Debug, clap::Parser)]
-pub(super) struct CommandArgs {
-    #[command(flatten)]
-    which: Which,
-    /// Acknowledge a latched fault first; its cause must be gone.
-    #[arg(long)]
-    clear_fault: bool,
-    /// Print one JSON object instead of text.
-    #[arg(long)]
-    json: bool,
-}
-
 pub(super) fn status(args: &StatusArgs) -> Result<(), Failure> {
     let socket = socket(&args.which)?;
     loop {
-        let status = client::status(&socket).map_err(|e| failure(&e))?;
-        if args.json {
-            let text = serde_json::to_string(&status).map_err(|e| Failure::new(EX_SOFTWARE, e))?;
-            say!("{text}");
+        if args.histograms {
+            say!("{}", json(&client::histograms(&socket).map_err(|e| failure(&e))?)?);
+        } else if args.json {
+            say!("{}", json(&client::status(&socket).map_err(|e| failure(&e))?)?);
         } else {
+            let status = client::status(&socket).map_err(|e| failure(&e))?;
             if args.watch && std::io::stdout().is_terminal() {
                 // clear the screen, cursor to the top
                 say!("\x1b[2J\x1b[H");
@@ -72,35 +63,11 @@ pub(super) fn status(args: &StatusArgs) -> Result<(), Failure> {
     }
 }
 
-pub(super) fn enable(args: &CommandArgs) -> Result<(), Failure> {
-    command(args, client::enable)
+pub(super) fn json(object: &impl serde::Serialize) -> Result<String, Failure> {
+    serde_json::to_string(object).map_err(|e| Failure::new(EX_SOFTWARE, e))
 }
 
-pub(super) fn disable(args: &CommandArgs) -> Result<(), Failure> {
-    command(args, client::disable)
-}
-
-fn command(
-    args: &CommandArgs,
-    send: fn(&std::path::Path) -> Result<String, ClientError>,
-) -> Result<(), Failure> {
-    let socket = socket(&args.which)?;
-    if args.clear_fault {
-        client::clear_fault(&socket).map_err(|e| failure(&e))?;
-    }
-    let state = send(&socket).map_err(|e| failure(&e))?;
-    if args.json {
-        say!("{}", serde_json::json!({ "state": state }));
-    } else {
-        say!("{state}");
-    }
-    if state == "faulted" {
-        eprintln!("hint: `volcomp status` names the fault; --clear-fault acknowledges it");
-    }
-    Ok(())
-}
-
-fn socket(which: &Which) -> Result<PathBuf, Failure> {
+pub(super) fn socket(which: &Which) -> Result<PathBuf, Failure> {
     if let Some(socket) = &which.socket {
         return Ok(socket.clone());
     }
@@ -118,7 +85,7 @@ fn socket(which: &Which) -> Result<PathBuf, Failure> {
     })
 }
 
-fn failure(error: &ClientError) -> Failure {
+pub(super) fn failure(error: &ClientError) -> Failure {
     let code = match error {
         ClientError::NotRunning { .. }
         | ClientError::Denied { .. }
@@ -136,6 +103,7 @@ fn render(status: &Status) -> String {
     let _ = write_head(&mut text, status);
     let _ = write_figures(&mut text, status);
     let _ = write_axes(&mut text, status);
+    let _ = write_shadow(&mut text, status);
     let _ = write_tail(&mut text, status);
     text
 }
@@ -145,14 +113,16 @@ fn write_head(f: &mut String, status: &Status) -> std::fmt::Result {
     writeln!(f, "{}: {} ({wanted})", status.machine, status.state)?;
     let hash = status.model_hash.get(..12).unwrap_or(&status.model_hash);
     writeln!(f, "model       {} (blake3 {hash})", status.model)?;
+    write_choice(f, status)?;
     let link = &status.link;
     let since = duration(link.since_s);
     let control = link.control.as_deref().unwrap_or("control");
     match (&link.error, link.up) {
         (_, true) => writeln!(
             f,
-            "link        {} up for {since}, {control}, cycle {} ms",
+            "link        {}{} up for {since}, {control}, cycle {} ms",
             link.address,
+            if link.tls { " (TLS)" } else { "" },
             link.cycle_s * 1e3
         )?,
         (Some(error), false) => writeln!(f, "link        {} down for {since}: {error}", link.address)?,
@@ -160,6 +130,48 @@ fn write_head(f: &mut String, status: &Status) -> std::fmt::Result {
     }
     if link.up {
         writeln!(f, "machine     {}", list(&status.machine_state))?;
+    }
+    Ok(())
+}
+
+/// Who chose the model, and what speaks against using it.
+fn write_choice(f: &mut String, status: &Status) -> std::fmt::Result {
+    let choice = &status.model_choice;
+    if let Some(who) = &choice.who {
+        let why = choice.why.as_deref().unwrap_or("no reason given");
+        writeln!(f, "            loaded by {who} on {}: {why}", choice.since)?;
+    }
+    if let Some(expiry) = &choice.expiry {
+        writeln!(f, "            good until {expiry}")?;
+    }
+    for note in &choice.notes {
+        writeln!(f, "NOTE        {note}")?;
+    }
+    for hindrance in &status.hindrances {
+        writeln!(f, "AGAINST IT  {hindrance}")?;
+    }
+    if status.gain != 1.0 {
+        writeln!(f, "gain        {}", status.gain)?;
+    }
+    Ok(())
+}
+
+/// What shadow mode has found.
+fn write_shadow(f: &mut String, status: &Status) -> std::fmt::Result {
+    let Some(shadow) = &status.shadow else { return Ok(()) };
+    let share =
+        if shadow.cycles == 0 { 0.0 } else { 100.0 * shadow.active_cycles as f64 / shadow.cycles as f64 };
+    writeln!(
+        f,
+        "SHADOW      nothing is applied; compensation would be {}, was on for {share:.1} % of {} cycles, {} faults, {} holds",
+        shadow.state, shadow.cycles, shadow.faults, shadow.interruptions
+    )?;
+    for (axis, a) in &shadow.axes {
+        writeln!(
+            f,
+            "{axis:>4}        error known to the model {:.3} rms {:.3} max, would be left {:.3} rms {:.3} max {}, limited in {} cycles",
+            a.before_rms, a.before_max, a.after_rms, a.after_max, a.unit, a.limited_cycles
+        )?;
     }
     Ok(())
 }
@@ -176,6 +188,7 @@ fn write_figures(f: &mut String, status: &Status) -> std::fmt::Result {
         ("age", status.age_us_p50, status.age_us_p99),
         ("round trip", status.roundtrip_us_p50, status.roundtrip_us_p99),
         ("compute", status.compute_us_p50, status.compute_us_p99),
+        ("late by", status.lateness_us_p50, status.lateness_us_p99),
     ];
     for (name, p50, p99) in rows {
         if let (Some(p50), Some(p99)) = (p50, p99) {
@@ -231,6 +244,7 @@ fn write_tail(f: &mut String, status: &Status) -> std::fmt::Result {
         "real time   SCHED_FIFO {}; processor {}; memory lock {}",
         realtime.fifo, realtime.affinity, realtime.memory_lock
     )?;
+    write_kept(f, status)?;
     if status.records_dropped + status.reports_dropped > 0 {
         writeln!(
             f,
@@ -245,6 +259,40 @@ fn write_tail(f: &mut String, status: &Status) -> std::fmt::Result {
         status.pid,
         duration(status.uptime_s)
     )
+}
+
+/// The recording and the counters that outlive the daemon.
+fn write_kept(f: &mut String, status: &Status) -> std::fmt::Result {
+    if let Some(recording) = &status.recording {
+        let file = recording.file.as_deref().unwrap_or("no file yet");
+        let megabytes = recording.bytes as f64 / 1e6;
+        writeln!(f, "recording   {file}, {} records, {megabytes:.1} MB", recording.records)?;
+        if let Some(error) = &recording.error {
+            writeln!(f, "NOT RECORDED {error}")?;
+        }
+    }
+    let all = &status.lifetime;
+    let share = if all.cycles == 0 { 0.0 } else { 100.0 * all.late_cycles as f64 / all.cycles as f64 };
+    writeln!(
+        f,
+        "lifetime    {} cycles, late {} ({share:.4} %), enabled {} times, {} faults, {} starts since {}",
+        all.cycles,
+        all.late_cycles,
+        all.enables,
+        all.faults.values().sum::<u64>(),
+        all.starts,
+        all.since.split('T').next().unwrap_or("-")
+    )?;
+    for (unit, largest) in [("um", &all.largest_um), ("arcsec", &all.largest_arcsec)] {
+        for (axis, value) in largest {
+            let limited_s = all.limited_s.get(axis).copied().unwrap_or(0.0);
+            writeln!(f, "{axis:>4}        largest offset {value:.3} {unit}, limited for {limited_s:.3} s")?;
+        }
+    }
+    match &all.note {
+        Some(note) => writeln!(f, "counters    {note}"),
+        None => Ok(()),
+    }
 }
 
 fn list(words: &[String]) -> String {

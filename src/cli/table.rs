@@ -8,13 +8,18 @@ use std::io::{BufRead, BufReader, Read};
 use std::ops::Range;
 use std::path::Path;
 
+use super::progress::Progress;
 use super::{EX_DATAERR, Failure};
 use crate::core::axes::Travel;
+use crate::formats::text::finite;
 
 /// Longest line accepted; bounds the memory whatever the input is.
 const LINE_LIMIT: u64 = 1 << 20;
 
-/// A table being read: the current row and its place.
+/// Lines between two looks at the clock of the progress bar.
+const LINES_PER_LOOK: u64 = 4096;
+
+/// A table being read, with a progress bar where it takes long: the current row and its place.
 pub(super) struct Table<R> {
     source: R,
     file: String,
@@ -30,6 +35,7 @@ pub(super) struct Table<R> {
     /// Where each field of the current row stands, in `text` or `unquoted`.
     fields: Vec<Range<usize>>,
     has_quotes: bool,
+    progress: Progress,
 }
 
 /// Opens a file, or standard input for `-`.
@@ -46,6 +52,7 @@ pub(super) fn open(path: &Path) -> Result<Table<Box<dyn BufRead>>, Failure> {
 impl<R: BufRead> Table<R> {
     /// Reads the header.
     pub(super) fn new(source: R, file: String) -> Result<Self, Failure> {
+        let progress = Progress::new(Path::new(&file));
         let mut table = Self {
             source,
             file,
@@ -56,6 +63,7 @@ impl<R: BufRead> Table<R> {
             unquoted: Vec::new(),
             fields: Vec::new(),
             has_quotes: false,
+            progress,
         };
         if !table.next_line()? {
             return Err(Failure::new(
@@ -94,11 +102,6 @@ impl<R: BufRead> Table<R> {
         &self.text
     }
 
-    /// Bytes read so far.
-    pub(super) const fn bytes(&self) -> u64 {
-        self.bytes
-    }
-
     /// 1-based line of the current row.
     pub(super) const fn line(&self) -> u64 {
         self.line
@@ -131,7 +134,11 @@ impl<R: BufRead> Table<R> {
     /// Goes to the next row; false at the end.
     pub(super) fn advance(&mut self) -> Result<bool, Failure> {
         if !self.next_line()? {
+            self.progress.finish();
             return Ok(false);
+        }
+        if self.line.is_multiple_of(LINES_PER_LOOK) {
+            self.progress.update(self.bytes);
         }
         self.split();
         let (found, expected) = (self.fields.len(), self.columns.len());
@@ -151,11 +158,8 @@ impl<R: BufRead> Table<R> {
     /// A finite number.
     #[inline]
     pub(super) fn number(&self, column: usize) -> Result<f64, Failure> {
-        let parsed = std::str::from_utf8(self.field(column)).ok().and_then(|t| t.parse::<f64>().ok());
-        match parsed {
-            Some(value) if value.is_finite() => Ok(value),
-            _ => Err(self.bad_number(column)),
-        }
+        let parsed = std::str::from_utf8(self.field(column)).ok().and_then(finite);
+        parsed.ok_or_else(|| self.bad_number(column))
     }
 
     /// A whole number from 0 up.
@@ -204,8 +208,9 @@ impl<R: BufRead> Table<R> {
         let text: String = String::from_utf8_lossy(self.field(column)).chars().take(40).collect();
         let what = if text.is_empty() {
             "the field is empty; write a number or leave the row out".to_owned()
-        } else if text.parse::<f64>().is_ok() {
-            format!("{text} is not finite; leave the row out")
+        } else if let Ok(value) = text.parse::<f64>() {
+            let what = if value.is_finite() { "beyond 1e30" } else { "not finite" };
+            format!("{text} is {what}; leave the row out")
         } else {
             format!("'{text}' is not a number; write digits with a decimal point, such as 12.5")
         };

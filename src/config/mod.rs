@@ -13,8 +13,9 @@ mod words;
 
 pub use diagnostic::{ConfigErrors, Diagnostic, Place};
 pub use machine::{
-    AxisConfig, EngineSettings, HelloMismatch, LinkConfig, LogConfig, LogTarget, MachineConfig,
-    ModelMismatch, RealtimeConfig, StartMode, StatusConfig,
+    AxisConfig, EngineSettings, GuardConfig, HelloMismatch, LinkConfig, LogConfig, LogTarget, MachineConfig,
+    ModelMismatch, Policy, RealtimeConfig, RecordingConfig, StartMode, StateConfig, StatusConfig, TlsConfig,
+    WhenFull,
 };
 pub use model::{ModelFile, Provenance, SourceEntry};
 

@@ -7,5 +7,6 @@ pub mod fault;
 pub mod geometry;
 pub mod model;
 pub mod protocol;
+pub mod record;
 pub mod statistics;
 pub mod units;

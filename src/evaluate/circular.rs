@@ -15,6 +15,7 @@ use core::f64::consts::TAU;
 use nalgebra::{Matrix3, Vector3};
 
 use crate::core::axes::Travel;
+use crate::core::geometry::largest_gap;
 
 /// One reading on the circle.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -163,7 +164,7 @@ fn centred(path: &[CircularReading], centring: Centring) -> Result<Centred, Circ
     let centre = match centring {
         Centring::None => [0.0; 2],
         Centring::LeastSquares { .. } => {
-            let gap = largest_gap(path);
+            let gap = largest_gap(path.iter().map(|r| r.angle));
             if gap > GAP_LIMIT {
                 let (gap_deg, limit_deg) = (gap.to_degrees(), GAP_LIMIT.to_degrees());
                 return Err(CircularError::Arc { gap_deg, limit_deg });
@@ -207,17 +208,6 @@ fn find_centre(path: &[CircularReading], radius: Option<f64>) -> [f64; 2] {
         }
     }
     centre
-}
-
-/// Largest angle between neighbouring readings around the circle, rad.
-fn largest_gap(path: &[CircularReading]) -> f64 {
-    let mut angles: Vec<f64> = path.iter().map(|r| r.angle.rem_euclid(TAU)).collect();
-    angles.sort_by(f64::total_cmp);
-    let inner = angles.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
-    match (angles.first(), angles.last()) {
-        (Some(first), Some(last)) => inner.max(TAU - (last - first)),
-        _ => TAU,
-    }
 }
 
 #[cfg(test)]

@@ -397,7 +397,7 @@ impl<'a> Problem<'a> {
             dof,
             chi_square: std.filter(|_| dof > 0).map(|s| {
                 let chi = sse / (s * s);
-                (chi, chi_square_upper(chi, dof as f64))
+                (chi, chi_square_upper(chi, dof))
             }),
         }
     }

@@ -3,6 +3,7 @@
 use super::error::{FormatError, FormatErrorKind};
 use crate::core::axes::{AxisKind, AxisName};
 use crate::core::model::curve::{Curve, Interpolation, Table};
+use crate::core::model::spec::{ANGLE_LIMIT, LENGTH_LIMIT};
 use crate::core::model::{Component, ErrorFunction, ErrorSymbol};
 
 /// The component that is the positioning error of an axis.
@@ -30,9 +31,23 @@ pub(super) struct Row {
     pub(super) reverse: f64,
 }
 
-/// The curve of a table; one direction where both are equal throughout.
-pub(super) fn curve(rows: &[Row]) -> Result<ErrorFunction, FormatError> {
+/// Refuses an error (mm, or rad where `angle`) that no machine has.
+pub(super) fn possible(angle: bool, value: f64) -> Result<(), FormatErrorKind> {
+    let (limit, times, unit) = if angle { (ANGLE_LIMIT, 1e3, "mrad") } else { (LENGTH_LIMIT, 1.0, "mm") };
+    if value.abs() <= limit {
+        return Ok(());
+    }
+    Err(FormatErrorKind::TooLarge { value: value * times, limit: limit * times, unit })
+}
+
+/// The curve of a table of errors of this kind; one direction where both are equal throughout.
+pub(super) fn curve(rows: &[Row], kind: AxisKind) -> Result<ErrorFunction, FormatError> {
     let last = rows.last().map_or(1, |r| r.line);
+    for row in rows {
+        for value in [row.forward, row.reverse] {
+            possible(kind == AxisKind::Rotary, value).map_err(|e| FormatError::at(row.line, 1, e))?;
+        }
+    }
     for pair in rows.windows(2) {
         if pair[1].position <= pair[0].position {
             let (value, previous) = (pair[1].position, pair[0].position);

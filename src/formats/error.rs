@@ -77,13 +77,25 @@ pub enum FormatErrorKind {
         /// What stands there, shortened.
         found: String,
     },
-    /// Not a finite number.
-    #[error("'{text}' is not a finite number; {what} is expected")]
+    /// Not a number that can be measured.
+    #[error("'{text}' is not a finite number up to 1e30; {what} is expected")]
     Number {
         /// What stands there, shortened.
         text: String,
         /// The quantity.
         what: &'static str,
+    },
+    /// An error of a machine that is none.
+    #[error(
+        "{value} is larger than any error of a machine ({limit} {unit}); is it a position, or in another unit?"
+    )]
+    TooLarge {
+        /// The value found, in `unit`.
+        value: f64,
+        /// Largest size.
+        limit: f64,
+        /// mm or mrad.
+        unit: &'static str,
     },
     /// A number outside of what is possible.
     #[error("{what} is {value}; it must be from {low} to {high}")]
@@ -213,7 +225,7 @@ mod tests {
         let kind = || FormatErrorKind::Number { text: "1,5".into(), what: "a target in mm" };
         assert_eq!(
             FormatError::at(12, 3, kind()).to_string(),
-            "12:3: '1,5' is not a finite number; a target in mm is expected"
+            "12:3: '1,5' is not a finite number up to 1e30; a target in mm is expected"
         );
         let missing = FormatErrorKind::Missing { what: "DEVIATIONS::", remedy: "is the file cut?" };
         assert_eq!(FormatError::of_file(missing).to_string(), "DEVIATIONS:: is missing; is the file cut?");

@@ -72,17 +72,22 @@ pub fn recognises(text: &str) -> bool {
 pub fn parse(text: &str, axis: AxisName, sign: Option<Sign>) -> Result<ComTable, FormatError> {
     let mut header: Option<Vec<(Word<'_>, ColumnKind)>> = None;
     let mut rows: Vec<(usize, Vec<f64>)> = Vec::new();
+    // a table between BEGIN and [END] without its end is cut, maybe in the middle of a number
+    let (mut begun, mut ended, mut last) = (false, false, 1);
     for line in lines(text).filter(|l| !l.text.is_empty()) {
         if line.text.starts_with('#') {
             let name = line.text.split_whitespace().next().unwrap_or("").to_owned();
             let why = "the structure block of this table is not documented; save the table as plain columns";
             return Err(line.fail(FormatErrorKind::NotRead { name, why }));
         }
+        last = line.line;
         if line.text.eq_ignore_ascii_case("[END]") {
+            ended = true;
             break;
         }
         match &header {
             None if line.text.starts_with("BEGIN") => {
+                begun = true;
                 if words(line).any(|w| w.text.eq_ignore_ascii_case("INCH")) {
                     let why =
                         "its values are in inches, and no document says which columns are; save it in mm";
@@ -92,6 +97,10 @@ pub fn parse(text: &str, axis: AxisName, sign: Option<Sign>) -> Result<ComTable,
             None => header = Some(read_header(line, axis)?),
             Some(columns) => rows.push((line.line, read_row(line, columns, rows.len())?)),
         }
+    }
+    if begun && !ended {
+        let kind = FormatErrorKind::Missing { what: "[END]", remedy: "the file is cut" };
+        return Err(FormatError::at(last, 1, kind));
     }
     let missing = |what, remedy| FormatError::at(1, 1, FormatErrorKind::Missing { what, remedy });
     let columns = header.ok_or_else(|| missing("the header with AXISPOS", "is this a .COM table?"))?;
@@ -202,7 +211,7 @@ fn build(
                 reverse: sign.apply(angle(corrected.kind(), r[reverse])),
             })
             .collect();
-        let function = curve(&table)?;
+        let function = curve(&table, corrected.kind())?;
         equidistant(&table)?;
         errors.push((ErrorSymbol::Motion { component, axis }, function));
     }
@@ -317,6 +326,8 @@ mod tests {
         let fails = |from: &str, to: &str| read(&GOOD.replace(from, to)).unwrap_err().to_string();
         assert!(fails("-85 ", "-84 ").starts_with("5:1: position -80 breaks the equal spacing of 6"));
         assert!(fails("-80 ", "-86 ").starts_with("5:1: position -86 is not above -85"));
+        assert!(fails("[END]\r\n", "").starts_with("5:1: [END] is missing; the file is cut"));
+        assert!(fails(" 0.02\r", " 7\r").starts_with("4:1: 7 is larger than any error of a machine (5 mm)"));
         assert!(fails(" 0.02\r", " 0.0.2\r").starts_with("4:19: '0.0.2' is not a finite number"));
         assert!(fails(" 0.02\r", "\r").starts_with("4:1: columns: 5 announced, 4 found"));
         assert!(fails("AXISPOS", "POS").starts_with("2:4: found 'POS', expected a column"));

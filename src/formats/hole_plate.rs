@@ -5,6 +5,7 @@
 //! hole per line below. Lines before the heading are kept as a title; blank lines and `#` comments are skipped. The
 //! error columns must be measured minus nominal to the rounding of the file, or the columns are not what they seem.
 
+use super::text::finite;
 use crate::evaluate::PlatePoint;
 
 /// A measured plate.
@@ -46,7 +47,7 @@ pub enum HolePlateErrorKind {
     )]
     NoHeading,
     /// Not a finite number.
-    #[error("'{text}' is not a finite number")]
+    #[error("'{text}' is not a finite number up to 1e30")]
     BadNumber {
         /// What stands there, shortened.
         text: String,
@@ -127,7 +128,7 @@ fn hole(line: &str) -> Result<Hole, (usize, HolePlateErrorKind)> {
             // a word is a slice of its line
             let start = word.as_ptr() as usize - line.as_ptr() as usize;
             *place = line.get(..start).map_or(1, |before| before.chars().count() + 1);
-            *value = word.parse().ok().filter(|v: &f64| v.is_finite()).ok_or_else(|| {
+            *value = finite(word).ok_or_else(|| {
                 let text = word.chars().take(40).collect();
                 (*place, HolePlateErrorKind::BadNumber { text })
             })?;

@@ -10,9 +10,9 @@
 
 use std::collections::BTreeMap;
 
-use super::axis_table::{Row, curve, positioning};
+use super::axis_table::{Row, curve};
 use super::error::{FormatError, FormatErrorKind};
-use super::sample::{AxisTable, ExportError, Limits, Motions, Sampling, sample_axis};
+use super::sample::{AxisTable, ExportError, Limits, Sampling, sample_positioning};
 use super::text::{Word, lines, words};
 use crate::core::axes::{AxisKind, AxisName};
 use crate::core::model::{ErrorFunction, ModelSpec};
@@ -161,7 +161,7 @@ impl<'a> Raw<'a> {
                 reverse: inner(reverse),
             });
         }
-        curve(&rows)
+        curve(&rows, kind)
     }
 }
 
@@ -174,12 +174,7 @@ pub fn write(
     axis: AxisName,
     sampling: &Sampling,
 ) -> Result<(String, AxisTable), ExportError> {
-    let motions = Motions::new(spec, axis, false)?;
-    let component = positioning(axis);
-    if !motions.present().contains(&component) {
-        return Err(ExportError::NoError { what: "positioning error", axis });
-    }
-    let mut table = sample_axis(&motions, &[component], sampling, &LIMITS)?;
+    let mut table = sample_positioning(spec, axis, sampling, &LIMITS)?;
     let unit = |v: f64| if axis.kind() == AxisKind::Rotary { deg_from_rad(v) } else { v };
     let steps = |v: f64| (unit(v) * STEPS).round() as i64;
     let mut at: Vec<i64> = table.positions.iter().map(|q| steps(*q)).collect();

@@ -6,6 +6,7 @@
 
 use std::collections::BTreeMap;
 
+use super::text::finite;
 use crate::core::axes::{AxisKind, Travel};
 use crate::core::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 use crate::identify::Reading;
@@ -49,7 +50,7 @@ pub enum DatErrorKind {
         form: &'static str,
     },
     /// Not a finite number.
-    #[error("'{text}' is not a finite number")]
+    #[error("'{text}' is not a finite number up to 1e30")]
     BadNumber {
         /// What stands there.
         text: String,
@@ -233,9 +234,9 @@ fn indices<const N: usize>(
 }
 
 fn number(text: &str, (line, column): (usize, usize)) -> Result<Entry, DatError> {
-    match text.parse::<f64>() {
-        Ok(value) if value.is_finite() => Ok(Entry { line, column, value }),
-        _ => {
+    match finite(text) {
+        Some(value) => Ok(Entry { line, column, value }),
+        None => {
             let kind = DatErrorKind::BadNumber { text: text.chars().take(40).collect() };
             Err(DatError { line, column, kind })
         }
@@ -290,6 +291,7 @@ mod tests {
         let e = fails("=-4.999", "=-4.9x9");
         assert_eq!((e.line, e.column), (9, 19));
         assert_eq!(e.kind, DatErrorKind::BadNumber { text: "-4.9x9".into() });
+        assert_eq!(fails("=-4.999", "=1e308").kind, DatErrorKind::BadNumber { text: "1e308".into() });
         assert_eq!(fails("=-4.999", "=nan").kind, DatErrorKind::BadNumber { text: "nan".into() });
         assert_eq!(fails("=-4.999", "=").kind, DatErrorKind::BadNumber { text: String::new() });
         let e = fails("REF_DATA_BWD[1,1]", "REF_DATA_FWD[1,1]");

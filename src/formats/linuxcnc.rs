@@ -9,9 +9,9 @@
 //! The file holds the positioning error of one joint, nothing else. `BACKLASH` must not be set beside it.
 //! Source: `usrmotintf.cc` and `command.c` of LinuxCNC.
 
-use super::axis_table::{Row, curve, positioning};
+use super::axis_table::{Row, curve};
 use super::error::{FormatError, FormatErrorKind};
-use super::sample::{AxisTable, ExportError, Limits, Motions, Sampling, sample_axis};
+use super::sample::{AxisTable, ExportError, Limits, Sampling, sample_positioning};
 use super::text::{lines, rounded, words};
 use crate::core::axes::{AxisKind, AxisName};
 use crate::core::model::{ErrorFunction, ModelSpec};
@@ -108,7 +108,7 @@ pub fn parse(
             FormatErrorKind::Missing { what: "a row of three numbers", remedy: "is this a COMP_FILE?" };
         return Err(FormatError::at(1, 1, kind));
     }
-    curve(&rows)
+    curve(&rows, kind)
 }
 
 /// Writes the positioning error of an axis.
@@ -122,12 +122,7 @@ pub fn write(
     unit: LinearUnit,
     sampling: &Sampling,
 ) -> Result<(String, AxisTable), ExportError> {
-    let motions = Motions::new(spec, axis, false)?;
-    let component = positioning(axis);
-    if !motions.present().contains(&component) {
-        return Err(ExportError::NoError { what: "positioning error", axis });
-    }
-    let table = sample_axis(&motions, &[component], sampling, &LIMITS)?;
+    let table = sample_positioning(spec, axis, sampling, &LIMITS)?;
     let column = &table.columns[0];
     let reverse = column.reverse.as_ref().unwrap_or(&column.forward);
     let mut out = String::new();
@@ -214,6 +209,7 @@ mod tests {
             ("# made by hand\n0 0 0\n", "1:1: '#' is not a finite number"),
             ("0 0 0\n1 1\n", "2:1: found '1 1', expected three numbers"),
             ("0 0 0\n\n1 1 1\n", "2:1: found '', expected three numbers: the control stops"),
+            ("0 0 0\n1 0.9 7\n", "2:1: 6 is larger than any error of a machine (5 mm)"),
             ("0 0 0\n1 x 1\n", "2:3: 'x' is not a finite number"),
             ("0 0 0\n5 5 5\n5 5 5\n", "3:1: position 5 is not above 5"),
             ("0 0 0\n", "1:1: a table needs at least 2 positions"),

@@ -11,7 +11,7 @@ use std::io::{Read, Write};
 
 use super::error::{FormatError, FormatErrorKind, Place, ReadError, short};
 use super::rtl::Entry;
-use super::text::{decode, lines, number};
+use super::text::{NUMBER_LIMIT, decode, lines, number};
 
 /// Longest header accepted, bytes.
 pub const HEADER_MAX: usize = 8192;
@@ -162,9 +162,9 @@ impl<R: Read> Samples<R> {
         let whole = self.buffer.len().min(wanted) / 8 * 8;
         for chunk in self.buffer[..whole].chunks_exact(8) {
             let value = f64::from_le_bytes(chunk.try_into().unwrap_or_default());
-            if !value.is_finite() {
+            if value.is_nan() || value.abs() > NUMBER_LIMIT {
                 let kind =
-                    FormatErrorKind::Number { text: value.to_string(), what: "a sample in mm or mrad" };
+                    FormatErrorKind::Number { text: format!("{value:e}"), what: "a sample in mm or mrad" };
                 return Err(FormatError { place: Place::Byte(self.position()), kind }.into());
             }
             into.push(value);

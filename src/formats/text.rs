@@ -138,6 +138,15 @@ fn guess(bytes: &[u8]) -> Encoding {
     if bytes.iter().any(|b| EASTERN.contains(b)) { Encoding::Cp1250 } else { Encoding::Cp1252 }
 }
 
+/// Numbers beyond this are no measurements; below it squares and sums stay finite.
+pub const NUMBER_LIMIT: f64 = 1e30;
+
+/// A number that can have been measured.
+#[must_use]
+pub fn finite(text: &str) -> Option<f64> {
+    text.parse().ok().filter(|v: &f64| v.abs() <= NUMBER_LIMIT)
+}
+
 /// A word of a line.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Word<'a> {
@@ -162,15 +171,12 @@ impl<'a> Word<'a> {
         self.fail(FormatErrorKind::Expected { expected, found: short(self.text) })
     }
 
-    /// A finite number.
+    /// A finite number, at most 1e30.
     ///
     /// # Errors
     /// Anything else.
     pub fn number(&self, what: &'static str) -> Result<f64, FormatError> {
-        match self.text.parse::<f64>() {
-            Ok(value) if value.is_finite() => Ok(value),
-            _ => Err(self.fail(FormatErrorKind::Number { text: short(self.text), what })),
-        }
+        finite(self.text).ok_or_else(|| self.fail(FormatErrorKind::Number { text: short(self.text), what }))
     }
 
     /// A whole number from `low` to `high`.

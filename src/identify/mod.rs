@@ -16,9 +16,7 @@ pub mod primitives;
 pub mod probe;
 pub mod ram;
 pub mod reading;
-pub mod statistics;
 pub mod straightness;
-pub mod tails;
 pub mod threepoint;
 pub mod twist;
 

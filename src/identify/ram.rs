@@ -10,9 +10,9 @@
 
 use nalgebra::{Matrix6, Vector6};
 
-use super::statistics::chi2_exceeded;
 use super::twist::{self, Row, Sighting};
 use crate::core::geometry::{Mat3, Vec3, rotation_about};
+use crate::core::statistics::chi_square_upper;
 
 /// The head.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -161,7 +161,7 @@ pub fn solve(
         rank,
         chi2: fit.chi2,
         dof: fit.dof,
-        p_value: chi2_exceeded(fit.chi2, fit.dof),
+        p_value: chi_square_upper(fit.chi2, fit.dof),
         residuals: (0..poses.len()).map(|i| core::array::from_fn(|k| fit.residuals[5 * i + k])).collect(),
     })
 }

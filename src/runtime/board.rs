@@ -3,24 +3,22 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 
-use hdrhistogram::Histogram;
+use hdrhistogram::CreationError;
 
 use super::clock::Clock;
 use super::handshake;
+use super::latency::{Histograms, Latency, Sample, percentile_us};
 use super::load::Loaded;
 use super::ports::{CycleRecord, Progress};
 use super::realtime::RealtimeReport;
-use super::status::{Fault, LinkStatus, RealtimeStatus, Status};
+use super::status::{
+    Fault, Lifetime, LinkStatus, ModelStatus, RealtimeStatus, ShadowAxis, ShadowStatus, Status,
+};
 use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
-use crate::core::engine::{Event, Reason, State};
+use crate::core::engine::{Event, Reason, ShadowScore, State};
 use crate::core::fault;
 use crate::core::protocol::{ControlHello, MachineState};
-use crate::core::units::{MonoTime, arcsec_from_rad, rad_from_deg, um_from_mm};
-
-/// Largest value the histograms hold, ns; longer ones count as this.
-const LONGEST_NS: u64 = 60_000_000_000;
-/// Nanoseconds in a microsecond.
-const NS_PER_US: f64 = 1e3;
+use crate::core::units::{MonoTime, NS_PER_S, arcsec_from_rad, rad_from_deg, um_from_mm};
 
 /// Everything known about the daemon's work.
 #[derive(Debug)]
@@ -34,9 +32,7 @@ pub(super) struct Board {
     links: u64,
     error: Option<String>,
     last: Option<CycleRecord>,
-    age: Histogram<u64>,
-    turnaround: Histogram<u64>,
-    compute: Histogram<u64>,
+    latency: Latency,
     fault: Option<(Reason, MonoTime)>,
     realtime: RealtimeStatus,
 }
@@ -46,8 +42,7 @@ impl Board {
         loaded: Arc<Loaded>,
         progress: Arc<Progress>,
         clock: Clock,
-    ) -> Result<Self, hdrhistogram::CreationError> {
-        let histogram = || Histogram::new_with_bounds(1, LONGEST_NS, 3);
+    ) -> Result<Self, CreationError> {
         Ok(Self {
             loaded,
             progress,
@@ -58,20 +53,14 @@ impl Board {
             links: 0,
             error: None,
             last: None,
-            age: histogram()?,
-            turnaround: histogram()?,
-            compute: histogram()?,
+            latency: Latency::new()?,
             fault: None,
             realtime: RealtimeStatus::default(),
         })
     }
 
     pub(super) fn realtime(&mut self, report: &RealtimeReport) {
-        self.realtime = RealtimeStatus {
-            fifo: report.fifo.text(),
-            affinity: report.affinity.text(),
-            memory_lock: report.memory_lock.text(),
-        };
+        self.realtime = report.status();
     }
 
     pub(super) fn link_up(&mut self, hello: &ControlHello) {
@@ -81,9 +70,7 @@ impl Board {
         self.links += 1;
         self.error = None;
         self.last = None;
-        for histogram in [&mut self.age, &mut self.turnaround, &mut self.compute] {
-            histogram.reset();
-        }
+        self.latency.reset();
     }
 
     pub(super) fn link_down(&mut self, why: String) {
@@ -107,14 +94,17 @@ impl Board {
 
     pub(super) fn record(&mut self, record: &CycleRecord) {
         self.last = Some(*record);
-        let samples = [
-            (&mut self.age, record.age_ns),
-            (&mut self.turnaround, record.turnaround_ns),
-            (&mut self.compute, record.compute_ns),
-        ];
-        for (histogram, value) in samples {
-            histogram.saturating_record(u64::try_from(value).unwrap_or(0).max(1));
-        }
+        self.latency.record(&Sample {
+            age_ns: record.age_ns,
+            turnaround_ns: record.turnaround_ns,
+            compute_ns: record.compute_ns,
+            cycle_ns: (self.loaded.config.link.cycle_s * NS_PER_S).round() as i64,
+        });
+    }
+
+    /// Every latency of the present link in full.
+    pub(super) fn histograms(&self) -> Histograms {
+        self.latency.histograms()
     }
 
     /// One line for `systemctl status`.
@@ -159,12 +149,14 @@ impl Board {
             cycles: self.progress.cycles.load(Relaxed),
             late_cycles: self.progress.late.load(Relaxed),
             skipped_cycles: self.progress.skipped.load(Relaxed),
-            age_us_p50: percentile_us(&self.age, 50.0),
-            age_us_p99: percentile_us(&self.age, 99.0),
-            roundtrip_us_p50: percentile_us(&self.turnaround, 50.0),
-            roundtrip_us_p99: percentile_us(&self.turnaround, 99.0),
-            compute_us_p50: percentile_us(&self.compute, 50.0),
-            compute_us_p99: percentile_us(&self.compute, 99.0),
+            age_us_p50: percentile_us(&self.latency.age, 50.0),
+            age_us_p99: percentile_us(&self.latency.age, 99.0),
+            roundtrip_us_p50: percentile_us(&self.latency.turnaround, 50.0),
+            roundtrip_us_p99: percentile_us(&self.latency.turnaround, 99.0),
+            compute_us_p50: percentile_us(&self.latency.compute, 50.0),
+            compute_us_p99: percentile_us(&self.latency.compute, 99.0),
+            lateness_us_p50: percentile_us(&self.latency.lateness, 50.0),
+            lateness_us_p99: percentile_us(&self.latency.lateness, 99.0),
             correction_um,
             correction_arcsec,
             applied_um,
@@ -178,11 +170,48 @@ impl Board {
             records_dropped: self.progress.records_dropped.load(Relaxed),
             reports_dropped: self.progress.reports_dropped.load(Relaxed),
             realtime: self.realtime.clone(),
+            // the service knows these
+            gain: 0.0,
+            model_choice: ModelStatus::default(),
+            hindrances: Vec::new(),
+            temperature_degc: None,
+            shadow: None,
+            recording: None,
+            lifetime: Lifetime::default(),
+        }
+    }
+
+    /// Shadow mode for the status.
+    pub(super) fn shadow(&self, state: State, score: &ShadowScore) -> ShadowStatus {
+        let axis = |(k, name): (usize, &AxisName)| {
+            let (unit, of): (_, fn(f64) -> f64) = match name.kind() {
+                AxisKind::Linear => ("um", um_from_mm),
+                AxisKind::Rotary => ("arcsec", arcsec_from_rad),
+            };
+            let found = score.axes[k];
+            let values = ShadowAxis {
+                unit: unit.to_owned(),
+                before_rms: of(score.before_rms(k)?),
+                before_max: of(found.before_max),
+                after_rms: of(score.after_rms(k)?),
+                after_max: of(found.after_max),
+                limited_cycles: found.limited_cycles,
+            };
+            Some((letter(*name), values))
+        };
+        ShadowStatus {
+            state: state_name(state).to_owned(),
+            cycles: score.cycles,
+            active_cycles: score.active_cycles,
+            faults: score.faults,
+            interruptions: score.interruptions,
+            axes: self.axes().iter().enumerate().filter_map(axis).collect(),
         }
     }
 
     fn link_status(&self, now: MonoTime) -> LinkStatus {
         LinkStatus {
+            tls: self.loaded.identity.is_some(),
             address: self.loaded.config.link.address.to_string(),
             up: self.up,
             control: self.hello.map(|h| h.software.as_str().to_owned()),
@@ -244,10 +273,6 @@ fn wire(axis: AxisName, value: f64) -> f64 {
 
 fn letter(axis: AxisName) -> String {
     axis.lower().to_string()
-}
-
-fn percentile_us(histogram: &Histogram<u64>, percentile: f64) -> Option<f64> {
-    (!histogram.is_empty()).then(|| histogram.value_at_percentile(percentile) as f64 / NS_PER_US)
 }
 
 fn machine_state(state: MachineState) -> Vec<String> {

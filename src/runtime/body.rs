@@ -5,21 +5,45 @@
 
 use std::sync::Arc;
 
-use crate::core::engine::{Command, Compensator, CycleOutput, EngineConfig, EngineError, RestOffset, State};
+use super::recorder::{Tap, answer_of, request_of};
+use crate::core::axes::AxisArray;
+use crate::core::engine::{
+    Command, Compensator, CycleOutput, EngineConfig, EngineError, RestOffset, Shadow, ShadowScore, State,
+};
 use crate::core::geometry::Vec3;
-use crate::core::model::Model;
-use crate::core::protocol::{CloseReason, Correction, ErrorReport, Message};
+use crate::core::model::{Model, SENSORS_MAX};
+use crate::core::protocol::{CloseReason, ControlHello, Correction, ErrorReport, Message, Position};
+use crate::core::record::{self, Entry, LIVE_MAX};
 use crate::core::units::MonoTime;
+
+/// A recording can carry every live value that a model can use.
+const _: () = assert!(SENSORS_MAX <= LIVE_MAX && LIVE_MAX <= u16::BITS as usize);
 
 /// The engine and its model.
 #[derive(Debug, Clone)]
 pub struct CycleBody {
     model: Arc<Model>,
     engine: Compensator,
+    /// What the engine would do, while it is off.
+    shadow: Shadow,
     output: Option<CycleOutput>,
     rest: RestOffset,
     /// Bit k: axis k may be offset.
     moved: u8,
+    /// Where everything that goes into the engine is recorded.
+    tap: Option<Tap>,
+    /// Live values of one moment, told in front of the newest entry.
+    live: Option<Live>,
+    /// The newest entry, told after the correction has been sent.
+    untold: Option<Entry>,
+}
+
+/// Live values that were told at the same time.
+#[derive(Debug, Clone, Copy)]
+struct Live {
+    now: MonoTime,
+    told: u16,
+    values: [f64; LIVE_MAX],
 }
 
 /// What a message from the control asks for.
@@ -44,28 +68,127 @@ impl CycleBody {
     /// The configuration does not fit the model.
     pub fn new(config: &EngineConfig, model: Arc<Model>) -> Result<Self, EngineError> {
         let engine = Compensator::new(config, &model)?;
+        let shadow = Shadow::new(config, &model)?;
         let moved = config
             .limits
             .iter()
             .enumerate()
             .fold(0, |bits, (k, limits)| bits | u8::from(limits.size > 0.0) << k);
-        Ok(Self { model, engine, output: None, rest: config.rest, moved })
+        Ok(Self {
+            model,
+            engine,
+            shadow,
+            output: None,
+            rest: config.rest,
+            moved,
+            tap: None,
+            live: None,
+            untold: None,
+        })
+    }
+
+    /// Records from now on everything that goes into this engine, which was made for the control that said `hello`.
+    pub fn record_to(&mut self, mut tap: Tap, now: MonoTime, hello: &ControlHello) {
+        tap.send(&Entry::Engine { now, hello: *hello });
+        self.tap = Some(tap);
+    }
+
+    /// Ends the recording of this engine.
+    pub fn take_tap(&mut self) -> Option<Tap> {
+        self.tell();
+        self.tap.take()
+    }
+
+    /// Passes the newest entry to the recording. To be called once its correction has been sent; an entry that was
+    /// not told goes in front of the next one.
+    ///
+    /// # Cycle   no allocation, no wait, no panic
+    pub fn tell(&mut self) {
+        let Some(tap) = &mut self.tap else { return };
+        if let Some(Live { now, told, values }) = self.live.take() {
+            tap.send(&Entry::Live { now, told, values });
+        }
+        if let Some(entry) = self.untold.take() {
+            tap.send(&entry);
+        }
+    }
+
+    fn note(&mut self, entry: impl FnOnce(&Self) -> Entry) {
+        if self.tap.is_some() {
+            if self.untold.is_some() {
+                self.tell();
+            }
+            self.untold = Some(entry(self));
+        }
+    }
+
+    fn note_live(&mut self, now: MonoTime, channel: usize, value: f64) {
+        if self.tap.is_none() || channel >= LIVE_MAX {
+            return;
+        }
+        if self.untold.is_some() || self.live.is_some_and(|live| live.now != now) {
+            self.tell();
+        }
+        let live = self.live.get_or_insert(Live { now, told: 0, values: [0.0; LIVE_MAX] });
+        live.told |= 1 << channel;
+        live.values[channel] = value;
     }
 
     /// A new link has come up.
     pub fn link_up(&mut self, now: MonoTime) {
         self.output = None;
         self.engine.on_link_up(now);
+        self.shadow.on_link_up(now);
+        self.note(|_| Entry::LinkUp { now });
     }
 
     /// The link is gone.
     pub fn link_down(&mut self, now: MonoTime) {
         self.engine.on_link_down(now);
+        self.shadow.on_link_down(now);
+        self.note(|_| Entry::LinkDown { now });
+        self.tell();
     }
 
     /// A command of the operator or the service.
     pub fn command(&mut self, now: MonoTime, command: Command) {
         self.engine.on_command(now, command);
+        if let Command::SetGain(gain) = command {
+            self.shadow.on_gain(now, gain);
+        }
+        self.note(|_| Entry::Request { now, request: request_of(command) });
+    }
+
+    /// A live value of the model's sensor `channel`, mm or rad.
+    pub fn live(&mut self, now: MonoTime, channel: usize, value: f64) {
+        self.engine.on_live(now, channel, value);
+        self.shadow.on_live(now, channel, value);
+        self.note_live(now, channel, value);
+    }
+
+    /// The engine goes on with another model, smoothly; `hash` names it in the recording. Gives the old model back, so
+    /// that it is not taken apart on the cycle.
+    ///
+    /// # Errors
+    /// The model does not fit the control; the engine goes on with the old one.
+    ///
+    /// # Cycle   no allocation, no panic, bounded time
+    pub fn switch_model(
+        &mut self,
+        now: MonoTime,
+        model: Arc<Model>,
+        hash: [u8; 32],
+    ) -> Result<Arc<Model>, EngineError> {
+        self.engine.on_model(&model)?;
+        // what fits the engine fits its shadow
+        let _ = self.shadow.on_model(&model);
+        self.note(|_| Entry::Model { now, hash });
+        Ok(core::mem::replace(&mut self.model, model))
+    }
+
+    /// Goes on with a lag that was measured elsewhere: for an engine that takes up a recording in its middle.
+    pub(super) const fn assume_lag(&mut self, cycles: Option<u32>) {
+        self.engine.assume_lag(cycles);
     }
 
     /// One message received at `now`.
@@ -74,14 +197,21 @@ impl CycleBody {
     pub fn handle(&mut self, now: MonoTime, message: &Message) -> Reaction {
         match message {
             Message::Position(frame) => {
-                match self.engine.on_position(now, frame, &self.model) {
-                    Some(output) => Reaction::Answer(self.answer(output)),
-                    // the control has not told yet which offset it holds
-                    None => Reaction::Nothing,
-                }
+                let output = self.engine.on_position(now, frame, &self.model);
+                let correction = output.map(|output| self.answer(output));
+                self.note(|body| {
+                    let answer = body.recorded(correction.as_ref());
+                    let enabled = body.engine.is_enabled();
+                    Entry::Cycle(record::Cycle { now, frame: *frame, enabled, answer })
+                });
+                // none where the control has not told yet which offset it holds
+                correction.map_or(Reaction::Nothing, Reaction::Answer)
             }
             Message::Tool(tool) => {
-                self.engine.on_tool(Vec3::new(tool.tip[0], tool.tip[1], tool.tip[2]));
+                let tip = Vec3::new(tool.tip[0], tool.tip[1], tool.tip[2]);
+                self.engine.on_tool(tip);
+                self.shadow.on_tool(tip);
+                self.note(|_| Entry::Tool { now, tool: *tool });
                 Reaction::Nothing
             }
             Message::Heartbeat(_) => Reaction::Nothing,
@@ -103,14 +233,57 @@ impl CycleBody {
     ///
     /// # Cycle   no allocation, no panic, bounded time
     pub fn deadline(&mut self, now: MonoTime) -> Option<Correction> {
-        let output = self.engine.on_deadline(now)?;
-        Some(self.answer(output))
+        // an early call changes nothing and is no input
+        let due = self.engine.next_deadline().is_some_and(|due| now >= due);
+        let output = self.engine.on_deadline(now);
+        let correction = output.map(|output| self.answer(output));
+        if due || correction.is_some() {
+            self.note(|body| {
+                let answer = body.recorded(correction.as_ref());
+                Entry::Deadline { now, enabled: body.engine.is_enabled(), answer }
+            });
+        }
+        correction
+    }
+
+    /// Switches the shadow engine on or off. To be switched on while compensation is off only: it answers what
+    /// compensation would do instead.
+    ///
+    /// # Cycle   no allocation, no panic, bounded time
+    pub fn set_shadow(&mut self, now: MonoTime, on: bool) {
+        self.shadow.set(now, on);
+    }
+
+    /// The shadow engine's share of a cycle: to be called when the answer to `frame` has been sent.
+    ///
+    /// # Cycle   no allocation, no panic, bounded time
+    pub fn imagine(&mut self, now: MonoTime, frame: &Position) {
+        let _ = self.shadow.on_position(now, frame, &self.model);
+    }
+
+    /// The same where no frame came in time; early calls are harmless.
+    ///
+    /// # Cycle   no allocation, no panic, bounded time
+    pub fn imagine_silence(&mut self, now: MonoTime) {
+        let _ = self.shadow.on_deadline(now);
+    }
+
+    /// State and score of the shadow engine; `None` where it is off.
+    #[must_use]
+    pub const fn shadow(&self) -> Option<(State, &ShadowScore)> {
+        if self.shadow.is_on() { Some((self.shadow.state(), self.shadow.score())) } else { None }
     }
 
     /// The result of the newest cycle of this link.
     #[must_use]
     pub const fn output(&self) -> Option<&CycleOutput> {
         self.output.as_ref()
+    }
+
+    /// The offset that was sent last on this link, mm or deg.
+    #[must_use]
+    pub fn sent(&self) -> Option<AxisArray> {
+        self.output.as_ref().map(|output| self.engine.message(output).offset)
     }
 
     /// The present state of the engine.
@@ -138,6 +311,12 @@ impl CycleBody {
         let Some(output) = &self.output else { return false };
         let zero = |(k, offset): (usize, &f64)| self.moved >> k & 1 == 0 || *offset == 0.0;
         self.is_stopped() && (self.rest == RestOffset::Hold || output.offset.iter().enumerate().all(zero))
+    }
+
+    /// The newest answer as it is recorded.
+    pub(super) fn recorded(&self, correction: Option<&Correction>) -> Option<record::Answer> {
+        let output = self.output.as_ref()?;
+        Some(answer_of(correction?, output, self.engine.wire(&output.wanted)))
     }
 
     fn answer(&mut self, output: CycleOutput) -> Correction {

@@ -5,11 +5,14 @@ use std::os::unix::net::UnixStream;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-use super::server::{Answer, Ask, Verb};
+use super::latency::Histograms;
+use super::socket::{Answer, Ask, Verb};
 use super::status::Status;
 
 /// Patience with the daemon.
 const PATIENCE: Duration = Duration::from_secs(5);
+/// Patience where it has to compare two models.
+const COMPARISON: Duration = Duration::from_secs(120);
 
 /// Why the daemon did not answer.
 #[derive(Debug, thiserror::Error)]
@@ -66,37 +69,17 @@ pub enum ClientError {
 /// # Errors
 /// See [`ClientError`].
 pub fn status(socket: &Path) -> Result<Status, ClientError> {
-    let answer = ask(socket, Verb::Status)?;
+    let answer = ask(socket, &Ask::default())?;
     answer.status.map(|status| *status).ok_or_else(|| refused(socket, answer.error))
 }
 
-/// Enables compensation, and gives the state that follows.
+/// Asks for the latency histograms of the present link.
 ///
 /// # Errors
 /// See [`ClientError`].
-pub fn enable(socket: &Path) -> Result<String, ClientError> {
-    command(socket, Verb::Enable)
-}
-
-/// Disables compensation, and gives the state that follows.
-///
-/// # Errors
-/// See [`ClientError`].
-pub fn disable(socket: &Path) -> Result<String, ClientError> {
-    command(socket, Verb::Disable)
-}
-
-/// Acknowledges a fault, and gives the state that follows.
-///
-/// # Errors
-/// See [`ClientError`].
-pub fn clear_fault(socket: &Path) -> Result<String, ClientError> {
-    command(socket, Verb::ClearFault)
-}
-
-fn command(socket: &Path, verb: Verb) -> Result<String, ClientError> {
-    let answer = ask(socket, verb)?;
-    answer.state.ok_or_else(|| refused(socket, answer.error))
+pub fn histograms(socket: &Path) -> Result<Histograms, ClientError> {
+    let answer = ask(socket, &Ask { command: Verb::Histograms, ..Ask::default() })?;
+    answer.histograms.map(|histograms| *histograms).ok_or_else(|| refused(socket, answer.error))
 }
 
 fn refused(socket: &Path, message: Option<String>) -> ClientError {
@@ -104,16 +87,22 @@ fn refused(socket: &Path, message: Option<String>) -> ClientError {
     ClientError::Refused { socket: socket.to_owned(), message }
 }
 
-fn ask(socket: &Path, verb: Verb) -> Result<Answer, ClientError> {
+/// Sends a request; an answer that is not ok is an error.
+///
+/// # Errors
+/// See [`ClientError`].
+pub fn ask(socket: &Path, request: &Ask) -> Result<Answer, ClientError> {
     let io_error = |source: io::Error| ClientError::Io { socket: socket.to_owned(), source };
     let not_understood = |source| ClientError::NotUnderstood { socket: socket.to_owned(), source };
     let mut stream = UnixStream::connect(socket).map_err(|source| match source.kind() {
         ErrorKind::PermissionDenied => ClientError::Denied { socket: socket.to_owned() },
         _ => ClientError::NotRunning { socket: socket.to_owned(), source },
     })?;
-    stream.set_read_timeout(Some(PATIENCE)).map_err(io_error)?;
+    // two models are compared over the whole working volume
+    let patience = if request.command == Verb::Load { COMPARISON } else { PATIENCE };
+    stream.set_read_timeout(Some(patience)).map_err(io_error)?;
     stream.set_write_timeout(Some(PATIENCE)).map_err(io_error)?;
-    let mut line = serde_json::to_vec(&Ask { command: verb }).map_err(not_understood)?;
+    let mut line = serde_json::to_vec(request).map_err(not_understood)?;
     line.push(b'\n');
     stream.write_all(&line).map_err(io_error)?;
     let mut answer = String::new();

@@ -127,7 +127,9 @@ impl Cycle<'_> {
             self.control.ports.progress.set_state(correction.state);
             self.tell_event();
             link.send(&Message::Correction(correction))?;
+            self.body.tell();
         }
+        self.body.imagine_silence(now);
         if now.seconds_since(link.sent) >= self.limits.heartbeat_s {
             link.send_heartbeat()?;
         }
@@ -206,6 +208,7 @@ impl Cycle<'_> {
         let Reaction::Answer(correction) = self.body.handle(received, &message) else { return Ok(()) };
         let computed = self.clock.now();
         link.send(&Message::Correction(correction))?;
+        self.body.tell();
         self.tell_event();
         let turnaround_ns = link.sent.ns - received.ns;
         let age_ns = self.ages.age_ns(received, frame.control_ns).saturating_add(turnaround_ns);
@@ -231,7 +234,17 @@ impl Cycle<'_> {
             turnaround_ns,
             compute_ns: computed.ns - received.ns,
         });
+        self.imagine(received, &frame);
         Ok(())
+    }
+
+    /// The shadow engine, when all else is done; its score goes out once a second.
+    fn imagine(&mut self, now: MonoTime, frame: &Position) {
+        self.body.imagine(now, frame);
+        let Some((state, score)) = self.body.shadow() else { return };
+        if score.cycles.is_multiple_of((1.0 / self.limits.cycle_s) as u64) {
+            self.control.ports.report(Report::Shadow(Some((state, *score))));
+        }
     }
 
     fn tell_event(&self) {

@@ -6,7 +6,7 @@ use std::path::Path;
 use std::sync::atomic::Ordering::Relaxed;
 use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use sd_notify::NotifyState;
 use tokio::signal::unix::{Signal, SignalKind, signal};
@@ -15,13 +15,17 @@ use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 use tracing::{error, info, warn};
 
 use super::clock::Clock;
+use super::keeper::Keeper;
 use super::load::{LoadError, Loaded, load};
 use super::logging::{self, LogError};
+use super::models::{Models, guard};
 use super::notify::{Fed, Headline, Watchdog, tell};
 use super::ports::{CyclePorts, Request, ports};
+use super::recorder::Recorder;
 use super::server::{Server, SocketError, lock};
 use super::service::Service;
-use super::worker::Worker;
+use super::worker::{Start, Worker};
+use crate::config::{MachineConfig, Policy};
 use crate::core::axes::AxisKind;
 use crate::core::units::{UM_PER_MM, arcsec_from_rad, deg_from_rad};
 
@@ -109,8 +113,8 @@ struct CycleThread {
 }
 
 impl CycleThread {
-    fn spawn(loaded: Arc<Loaded>, ports: CyclePorts, clock: Clock) -> io::Result<Self> {
-        Self::start(move || Worker::new(loaded, ports, clock).run())
+    fn spawn(loaded: Arc<Loaded>, how: Start, ports: CyclePorts, clock: Clock) -> io::Result<Self> {
+        Self::start(move || Worker::new(loaded, how, ports, clock).run())
     }
 
     fn start(body: impl FnOnce() + Send + 'static) -> io::Result<Self> {
@@ -136,12 +140,20 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
     let mut signals = Signals::install()?;
     let server = loaded.config.status.socket.as_deref().map(Server::bind).transpose()?;
     let clock = Clock::start();
-    let (cycle_ports, service_ports) = ports();
-    let service = Service::new(Arc::clone(&loaded), service_ports, clock)
+    let (mut cycle_ports, service_ports) = ports();
+    let keeper = Keeper::start(config, &loaded);
+    let models = Models::at_start(keeper.directory(), &loaded);
+    keeper.announce(&loaded, &models.active);
+    let how = permit(&models, &loaded.config);
+    let recorder = Recorder::start(config, &loaded, &models.active, clock)
+        .map_err(|source| DaemonError::System { what: "the recorder's thread", source })?;
+    let (tap, recorder) = recorder.unzip();
+    cycle_ports.tap = tap;
+    let service = Service::new(Arc::clone(&loaded), service_ports, keeper, recorder, models, clock)
         .map_err(|_| DaemonError::Internal { what: "the statistics could not be set up" })?;
     let service = Arc::new(Mutex::new(service));
     log_start(config, &loaded);
-    let mut thread = CycleThread::spawn(loaded, cycle_ports, clock)
+    let mut thread = CycleThread::spawn(loaded, how, cycle_ports, clock)
         .map_err(|source| DaemonError::System { what: "the cycle thread", source })?;
     let server = server.map(|server| tokio::spawn(server.run(Arc::clone(&service))));
     tell(&[NotifyState::Ready]);
@@ -153,14 +165,27 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
         // wait for the abort, which removes the socket's file
         let _ = server.await;
     }
-    result?;
-    let result = thread.join();
-    lock(&service).drain();
+    let result = result.and_then(|()| thread.join());
+    lock(&service).finish(if result.is_ok() { "ok" } else { "failed" });
     match &result {
         Ok(()) => info!("stopped"),
         Err(problem) => error!("{problem}"),
     }
     result
+}
+
+/// The model to start with, and whether compensation may be on from the start.
+fn permit(models: &Models, config: &MachineConfig) -> Start {
+    let expiry = models.active.expiry.as_deref();
+    let against = guard::hindrances(&config.guard, expiry, SystemTime::now(), None);
+    for (hindrance, policy) in &against {
+        match policy {
+            Policy::Warn => warn!("{hindrance}"),
+            Policy::Refuse | Policy::RampOut => warn!("compensation stays off: {hindrance}"),
+        }
+    }
+    let permitted = against.iter().all(|(_, policy)| *policy == Policy::Warn);
+    Start { model: Arc::clone(&models.active.model), permitted }
 }
 
 /// Looks after everything until the cycle thread ends.
@@ -231,10 +256,18 @@ fn log_start(config: &Path, loaded: &Loaded) {
         model = %loaded.model_path.display(),
         model_hash = loaded.model_hash,
         control = %machine.link.address,
+        tls = loaded.identity.is_some(),
         cycle_s = machine.link.cycle_s,
         start = ?machine.engine.start,
         "volcompd starts"
     );
+    if machine.link.is_exposed() {
+        warn!(
+            control = %machine.link.address,
+            "plain-remote: the link leaves this computer without authentication and encryption; whoever reaches that \
+             wire can move the axes within the control's limits"
+        );
+    }
     for axis in &loaded.uncorrected {
         warn!(%axis, "an axis of the model without limits in the machine file: it is never offset");
     }

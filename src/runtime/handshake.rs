@@ -3,6 +3,7 @@
 use std::io;
 use std::net::SocketAddr;
 
+use super::tls::TlsError;
 use crate::config::MachineConfig;
 use crate::config::machine::HelloMismatch;
 use crate::core::axes::MAX_AXES;
@@ -17,6 +18,15 @@ use crate::core::protocol::{
 pub(super) enum LinkError {
     #[error("control {address}: {source}")]
     Connect { address: SocketAddr, source: io::Error },
+    #[error("control {address}: {source}")]
+    Tls { address: SocketAddr, source: TlsError },
+    #[error(
+        "control {address}: closed the connection during the TLS handshake; does it speak TLS, and may this computer \
+         connect?"
+    )]
+    ClosedBeforeTls { address: SocketAddr },
+    #[error("control {address}: speaks TLS; add [link.tls] to the machine file")]
+    WantsTls { address: SocketAddr },
     #[error("control {address}: no {waiting_for} within {limit_s} s")]
     Timeout { address: SocketAddr, waiting_for: &'static str, limit_s: f64 },
     #[error("control {address}: closed the connection before its hello")]
@@ -40,11 +50,36 @@ pub(super) enum LinkError {
     Engine { address: SocketAddr, source: EngineError },
 }
 
+/// First bytes of what an end that speaks TLS says to one that does not: an alert, or a handshake.
+const TLS_RECORDS: [u8; 2] = [0x15, 0x16];
+
 impl LinkError {
+    /// A failure of the connection.
+    pub(super) fn of_stream(address: SocketAddr, source: io::Error) -> Self {
+        match TlsError::of(&source) {
+            Some(source) => Self::Tls { address, source },
+            None => Self::Connect { address, source },
+        }
+    }
+
+    /// Bytes that are no frame.
+    pub(super) fn of_frame(address: SocketAddr, source: FrameError) -> Self {
+        match source {
+            FrameError::Magic { at: 0, found, .. } if TLS_RECORDS.contains(&found) => {
+                Self::WantsTls { address }
+            }
+            source => Self::Frame { address, source },
+        }
+    }
+
     /// True where waiting does not help: somebody has to change something.
     pub(super) const fn needs_a_person(&self) -> bool {
         match self {
-            Self::Connect { .. } | Self::Timeout { .. } | Self::Closed { .. } => false,
+            Self::Connect { .. }
+            | Self::Timeout { .. }
+            | Self::Closed { .. }
+            | Self::ClosedBeforeTls { .. } => false,
+            Self::Tls { source, .. } => source.needs_a_person(),
             Self::Refused { code, .. } => matches!(
                 code,
                 ErrorCode::Version | ErrorCode::WrongMachine | ErrorCode::WrongAxes | ErrorCode::WrongCycle
@@ -61,6 +96,7 @@ impl LinkError {
                 ErrorCode::BadFrame => Code::BAD_FRAME,
                 _ => Code::HELLO_MISMATCH,
             },
+            Self::Tls { .. } | Self::ClosedBeforeTls { .. } | Self::WantsTls { .. } => Code::TLS_FAILED,
             Self::Unexpected { .. } => Code::BAD_FRAME,
             Self::Refused { code: ErrorCode::Busy, .. } => Code::CONTROL_BUSY,
             Self::Refused { .. } | Self::Version { .. } | Self::Mismatch { .. } | Self::Engine { .. } => {
@@ -85,6 +121,8 @@ impl LinkError {
             }),
             Self::Engine { .. } => Some(ErrorCode::WrongAxes),
             Self::Connect { .. } | Self::Timeout { .. } | Self::Closed { .. } | Self::Refused { .. } => None,
+            // there is no common language to say it in
+            Self::Tls { .. } | Self::ClosedBeforeTls { .. } | Self::WantsTls { .. } => None,
         }
     }
 }

@@ -1,15 +1,22 @@
 //! The TCP connection to the control: options, frames in and out, life signs.
 //!
-//! The socket blocks with a read timeout. The timeout is only handed to the kernel when it changes, so that a
-//! steady link costs one `recv` and one `send` a cycle; the kernel rounds it up to its tick (1 to 4 ms).
+//! The socket blocks with a read timeout. The timeout is only handed to the kernel when it has to change, so that a
+//! steady link costs one `recv` and one `send` a cycle; the kernel rounds it up to its tick (1 to 4 ms). With busy
+//! polling the thread sleeps in `poll` until shortly before a frame is expected ([`super::arrivals`]) and then reads
+//! without waiting until it is there.
 
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::{Shutdown, SocketAddr, TcpStream};
 use std::time::Duration;
 
+use rustix::event::{PollFd, PollFlags, Timespec, poll};
+use rustix::io::Errno;
+use rustix::net::{RecvFlags, recv};
 use socket2::{Domain, Protocol, SockRef, Socket, TcpKeepalive, Type};
 
+use super::arrivals::{Arrivals, Wait};
 use super::clock::Clock;
+use super::tls::{Identity, TlsStream};
 use crate::config::{LinkConfig, RealtimeConfig};
 use crate::core::protocol::{
     Close, CloseReason, ErrorCode, ErrorReport, FrameReader, Heartbeat, MAX_FRAME, Message, Name, encode,
@@ -45,13 +52,15 @@ pub(super) enum Received {
 #[derive(Debug)]
 pub(super) struct Link {
     stream: TcpStream,
+    /// `None`: the frames lie on the socket as they are.
+    tls: Option<Box<TlsStream>>,
     /// Frames that have arrived.
     pub(super) reader: FrameReader,
     out: [u8; MAX_FRAME],
     clock: Clock,
     read_timeout: Duration,
-    busy_poll: Duration,
-    nonblocking: bool,
+    /// When frames are expected; `None` without busy polling.
+    arrivals: Option<Arrivals>,
     heartbeats: u32,
     /// When the last whole frame came in.
     pub(super) received: MonoTime,
@@ -105,12 +114,13 @@ impl Connecting {
         let now = clock.now();
         Ok(Link {
             stream,
+            tls: None,
             reader: FrameReader::default(),
             out: [0; MAX_FRAME],
             clock,
             read_timeout: Duration::ZERO,
-            busy_poll: seconds(realtime.busy_poll_s),
-            nonblocking: false,
+            arrivals: (realtime.busy_poll_s > 0.0)
+                .then(|| Arrivals::new(seconds(link.cycle_s), seconds(realtime.busy_poll_s))),
             heartbeats: 0,
             received: now,
             sent: now,
@@ -119,14 +129,39 @@ impl Connecting {
 }
 
 impl Link {
+    /// Starts TLS: nothing but [`Self::shake`] may follow until that is done.
+    pub(super) fn secure(&mut self, identity: &Identity) -> io::Result<()> {
+        self.tls = Some(Box::new(TlsStream::start(identity)?));
+        Ok(())
+    }
+
+    /// One step of the handshake, waiting up to `wait`; true once it is done.
+    pub(super) fn shake(&mut self, wait: Duration) -> io::Result<bool> {
+        self.set_read_timeout(wait)?;
+        let Some(tls) = &mut self.tls else { return Ok(true) };
+        match tls.shake(&mut waiting(&self.stream)) {
+            Err(e) if would_block(&e) => Ok(false),
+            done => done,
+        }
+    }
+
     /// Sends one message.
     ///
-    /// # Cycle   no allocation; blocks at most [`WRITE_LIMIT`] where the control does not read
+    /// # Cycle   no allocation without TLS; blocks at most [`WRITE_LIMIT`] where the control does not read
     pub(super) fn send(&mut self, message: &Message) -> io::Result<()> {
         let length = encode(message, &mut self.out);
-        self.stream.write_all(&self.out[..length])?;
+        match &mut self.tls {
+            None => self.stream.write_all(&self.out[..length])?,
+            Some(tls) => tls.write_all(&mut waiting(&self.stream), &self.out[..length])?,
+        }
         self.sent = self.clock.now();
         Ok(())
+    }
+
+    /// The socket, for a test that lets nothing else be used.
+    #[cfg(test)]
+    pub(super) const fn socket(&self) -> &TcpStream {
+        &self.stream
     }
 
     /// Sends a life sign.
@@ -136,23 +171,27 @@ impl Link {
         self.send(&Message::Heartbeat(beat))
     }
 
-    /// Waits up to `wait` for bytes.
+    /// Waits up to `wait` for bytes; zero takes what is there.
     ///
-    /// # Cycle   no allocation
+    /// # Cycle   no allocation without TLS
     pub(super) fn receive(&mut self, wait: Duration) -> io::Result<Received> {
-        if !self.busy_poll.is_zero() && !wait.is_zero() {
-            match self.poll_busily(self.busy_poll.min(wait))? {
-                Received::Nothing => {}
-                received => return Ok(received),
-            }
+        if wait.is_zero() || self.tls.as_ref().is_some_and(|tls| tls.has_more()) {
+            // what has been decrypted is not on the socket any more, where a wait would look for it
+            return self.read_at_once();
         }
-        self.set_nonblocking(false)?;
-        let timeout = TIMEOUT_STEP * u32::try_from(wait.as_millis() + 1).unwrap_or(1000);
-        if timeout != self.read_timeout {
+        if let Some(arrivals) = self.arrivals {
+            return self.poll_busily(arrivals, wait);
+        }
+        self.set_read_timeout(wait)?;
+        self.read()
+    }
+
+    fn set_read_timeout(&mut self, wait: Duration) -> io::Result<()> {
+        if let Some(timeout) = new_timeout(self.read_timeout, wait) {
             self.stream.set_read_timeout(Some(timeout))?;
             self.read_timeout = timeout;
         }
-        self.read()
+        Ok(())
     }
 
     /// Says why, says good-bye, and waits shortly until the control has taken it in.
@@ -162,8 +201,10 @@ impl Link {
             let _ = self.send(&Message::Error(ErrorReport { code, detail: Name::new(detail) }));
         }
         let _ = self.send(&Message::Close(Close { reason }));
+        if let Some(tls) = &mut self.tls {
+            tls.close(&mut waiting(&self.stream));
+        }
         let _ = self.stream.shutdown(Shutdown::Write);
-        let _ = self.set_nonblocking(false);
         // closing with unread bytes would make the kernel reset the connection and discard what we just sent
         let _ = self.stream.set_read_timeout(Some(LINGER / 10));
         let deadline = self.clock.now().plus_seconds(LINGER.as_secs_f64());
@@ -177,40 +218,107 @@ impl Link {
         }
     }
 
-    /// Spins on the socket. It stays non-blocking as long as data come within the limit, so that a steady link pays
-    /// no mode switches; a write that would block then ends the link at once.
-    fn poll_busily(&mut self, limit: Duration) -> io::Result<Received> {
-        let until = self.clock.now().plus_seconds(limit.as_secs_f64());
-        self.set_nonblocking(true)?;
-        loop {
-            match self.read() {
-                Ok(Received::Nothing) if self.clock.now() < until => core::hint::spin_loop(),
-                other => return other,
+    /// Sleeps until a frame is expected, then reads again and again without sleeping.
+    fn poll_busily(&mut self, arrivals: Arrivals, wait: Duration) -> io::Result<Received> {
+        let mut now = self.clock.now();
+        let end = now.plus_seconds(wait.as_secs_f64());
+        while let Some(wait) = arrivals.wait(now, end) {
+            let received = match wait {
+                Wait::Sleep(limit) if !self.wait_for_data(limit)? => Received::Nothing,
+                Wait::Sleep(_) | Wait::Poll => self.read_at_once()?,
+            };
+            if received != Received::Nothing {
+                return Ok(received);
             }
+            core::hint::spin_loop();
+            now = self.clock.now();
+        }
+        Ok(Received::Nothing)
+    }
+
+    /// True where data, the end of the stream or an error are there within the limit.
+    fn wait_for_data(&self, limit: Duration) -> io::Result<bool> {
+        let limit = Timespec::try_from(limit).unwrap_or(Timespec { tv_sec: 1, tv_nsec: 0 });
+        match poll(&mut [PollFd::new(&self.stream, PollFlags::IN)], Some(&limit)) {
+            Ok(count) => Ok(count > 0),
+            Err(Errno::INTR) => Ok(false),
+            Err(e) => Err(e.into()),
         }
     }
 
-    fn set_nonblocking(&mut self, nonblocking: bool) -> io::Result<()> {
-        if self.nonblocking != nonblocking {
-            self.stream.set_nonblocking(nonblocking)?;
-            self.nonblocking = nonblocking;
-        }
-        Ok(())
+    /// Takes what is there.
+    fn read_at_once(&mut self) -> io::Result<Received> {
+        let space = self.reader.space();
+        let room = space.len();
+        let mut socket = Lent { stream: &self.stream, flags: RecvFlags::DONTWAIT };
+        let result = match &mut self.tls {
+            None => socket.read(space),
+            Some(tls) => tls.read(&mut socket, space),
+        };
+        self.taken(result, room)
     }
 
+    /// Waits for at most the read timeout.
     fn read(&mut self) -> io::Result<Received> {
         let space = self.reader.space();
         let room = space.len();
-        match self.stream.read(space) {
+        let result = match &mut self.tls {
+            None => self.stream.read(space),
+            Some(tls) => tls.read(&mut waiting(&self.stream), space),
+        };
+        self.taken(result, room)
+    }
+
+    fn taken(&mut self, result: io::Result<usize>, room: usize) -> io::Result<Received> {
+        match result {
             Ok(0) => Ok(Received::Closed),
             Ok(count) => {
+                let at = self.clock.now();
                 self.reader.advance(count);
-                Ok(Received::Bytes { at: self.clock.now(), more: count == room })
+                if let Some(arrivals) = &mut self.arrivals {
+                    arrivals.arrived(at);
+                }
+                Ok(Received::Bytes { at, more: count == room })
             }
             Err(e) if would_block(&e) => Ok(Received::Nothing),
             Err(e) => Err(e),
         }
     }
+}
+
+/// The socket as TLS uses it: the same two system calls as without.
+struct Lent<'a> {
+    stream: &'a TcpStream,
+    flags: RecvFlags,
+}
+
+impl Read for Lent<'_> {
+    fn read(&mut self, space: &mut [u8]) -> io::Result<usize> {
+        recv(self.stream, space, self.flags).map(|(_, count)| count).map_err(io::Error::from)
+    }
+}
+
+impl Write for Lent<'_> {
+    fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
+        self.stream.write(bytes)
+    }
+
+    fn flush(&mut self) -> io::Result<()> {
+        Ok(())
+    }
+}
+
+/// Reads wait at most the socket's read timeout.
+const fn waiting(stream: &TcpStream) -> Lent<'_> {
+    Lent { stream, flags: RecvFlags::empty() }
+}
+
+/// The read timeout to set for a wait; `None` where the present one will do. Waking too early is harmless, so a
+/// timeout that is short enough stays until one of twice its length would do: a wait that varies around a whole
+/// number of steps costs no system call.
+fn new_timeout(present: Duration, wait: Duration) -> Option<Duration> {
+    let wanted = TIMEOUT_STEP * u32::try_from(wait.as_millis() + 1).unwrap_or(1000);
+    (present > wanted || present * 2 < wanted).then_some(wanted)
 }
 
 /// Configured seconds as a duration; what cannot be one becomes zero.
@@ -220,4 +328,39 @@ pub(super) fn seconds(seconds: f64) -> Duration {
 
 fn would_block(error: &io::Error) -> bool {
     matches!(error.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut | ErrorKind::Interrupted)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const fn ms(ms: u64) -> Duration {
+        Duration::from_millis(ms)
+    }
+
+    #[test]
+    fn a_timeout_changes_only_where_it_has_to() {
+        assert_eq!(new_timeout(Duration::ZERO, ms(20)), Some(ms(21)), "none is set yet");
+        assert_eq!(new_timeout(ms(21), ms(20)), None);
+        assert_eq!(new_timeout(ms(21), ms(19)), Some(ms(20)), "a deadline must not be slept over");
+        for wait in [19, 20, 25, 38] {
+            assert_eq!(new_timeout(ms(20), ms(wait)), None, "short enough, and not much too short");
+        }
+        assert_eq!(new_timeout(ms(2), ms(20)), Some(ms(21)), "or it would wake ten times for nothing");
+        assert_eq!(new_timeout(ms(2), Duration::ZERO), Some(ms(1)));
+    }
+
+    #[test]
+    fn waits_that_vary_settle_after_one_change() {
+        let mut present = Duration::ZERO;
+        let mut changes = 0;
+        for cycle in 0..1000_u64 {
+            // a deadline 20 ms after the last frame, seen a little earlier or later
+            if let Some(timeout) = new_timeout(present, Duration::from_micros(18_500 + cycle * 7919 % 1500)) {
+                present = timeout;
+                changes += 1;
+            }
+        }
+        assert!(changes <= 2, "{changes} changes");
+    }
 }

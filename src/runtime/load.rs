@@ -4,10 +4,11 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::tls::{self, Identity, TlsFileError};
 use crate::config::machine::ModelMismatch;
 use crate::config::{ConfigErrors, MachineConfig, model};
 use crate::core::axes::AxisName;
-use crate::core::model::{Model, ModelError};
+use crate::core::model::{Model, ModelError, ModelSpec};
 
 /// Everything that comes from files.
 #[derive(Debug, Clone)]
@@ -18,10 +19,20 @@ pub struct Loaded {
     pub model: Arc<Model>,
     /// Where the model was read from.
     pub model_path: PathBuf,
+    /// What the model file says.
+    pub spec: ModelSpec,
+    /// Last day on which the model should be used, where it states one.
+    pub expiry: Option<String>,
     /// BLAKE3 of the model file's bytes, in hex.
     pub model_hash: String,
+    /// The machine file as it was read.
+    pub config_text: String,
+    /// The model file as it was read.
+    pub model_text: String,
     /// Axes of the model that the machine file does not list: they are never offset.
     pub uncorrected: Vec<AxisName>,
+    /// Who the daemon is on a link over TLS; `None` is plain TCP.
+    pub identity: Option<Identity>,
 }
 
 /// Why the daemon cannot start from these files.
@@ -59,6 +70,14 @@ pub enum LoadError {
     /// Mistakes in a file.
     #[error("{0}")]
     Config(Box<ConfigErrors>),
+    /// The files of `[link.tls]`.
+    #[error("error: {}: {source}", config.display())]
+    Tls {
+        /// The machine file.
+        config: PathBuf,
+        /// What is wrong.
+        source: Box<TlsFileError>,
+    },
     /// The model breaks a rule.
     #[error("error: {}: {source}", path.display())]
     Model {
@@ -79,13 +98,39 @@ pub enum LoadError {
         /// What does not fit.
         source: ModelMismatch,
     },
+    /// The machine file names another content.
+    #[error("{}", Self::pinned(&path.display().to_string(), found, pinned))]
+    Pinned {
+        /// The model file.
+        path: PathBuf,
+        /// Its hash.
+        found: String,
+        /// The hash in the machine file.
+        pinned: String,
+    },
 }
 
 impl LoadError {
+    /// The words for a model that is not the one whose hash the machine file holds.
+    pub(super) fn pinned(file: &str, found: &str, pinned: &str) -> String {
+        format!(
+            "error: {file}: VC-5005: its hash is {found}, the machine file's [guard] hash is {pinned}\n  \
+             hint: if the file is right, write its hash into the machine file"
+        )
+    }
+
     /// True where a file could not be read at all, false where what it says is wrong.
     #[must_use]
     pub const fn is_io(&self) -> bool {
-        matches!(self, Self::Read { .. } | Self::ReadModel { .. })
+        match self {
+            Self::Read { .. } | Self::ReadModel { .. } => true,
+            Self::Tls { source, .. } => source.is_io(),
+            Self::NotText { .. }
+            | Self::Config(_)
+            | Self::Model { .. }
+            | Self::Mismatch { .. }
+            | Self::Pinned { .. } => false,
+        }
     }
 }
 
@@ -94,9 +139,16 @@ impl LoadError {
 /// # Errors
 /// See [`LoadError`].
 pub fn load_config(path: &Path) -> Result<MachineConfig, LoadError> {
+    read_config(path).map(|(config, _)| config)
+}
+
+/// The machine file and its text.
+fn read_config(path: &Path) -> Result<(MachineConfig, String), LoadError> {
     let bytes = std::fs::read(path).map_err(|source| LoadError::Read { path: path.to_owned(), source })?;
     let text = text(path, &bytes)?;
-    MachineConfig::parse(&path.display().to_string(), text).map_err(|e| LoadError::Config(Box::new(e)))
+    let config = MachineConfig::parse(&path.display().to_string(), text)
+        .map_err(|e| LoadError::Config(Box::new(e)))?;
+    Ok((config, text.to_owned()))
 }
 
 /// Reads a machine file and the model it names, relative to it.
@@ -104,22 +156,42 @@ pub fn load_config(path: &Path) -> Result<MachineConfig, LoadError> {
 /// # Errors
 /// See [`LoadError`].
 pub fn load(path: &Path) -> Result<Loaded, LoadError> {
-    let config = load_config(path)?;
+    let (config, config_text) = read_config(path)?;
     let model_path = path.parent().unwrap_or_else(|| Path::new("")).join(&config.model);
     let bytes = std::fs::read(&model_path).map_err(|source| LoadError::ReadModel {
         config: path.to_owned(),
         path: model_path.clone(),
         source,
     })?;
-    let spec = model::parse(&model_path.display().to_string(), text(&model_path, &bytes)?)
+    let model_text = text(&model_path, &bytes)?.to_owned();
+    let file = model::parse_file(&model_path.display().to_string(), &model_text)
         .map_err(|e| LoadError::Config(Box::new(e)))?;
+    let expiry = file.earliest_expiry().map(str::to_owned);
+    let spec = file.spec;
     let model = Model::new(&spec).map_err(|source| LoadError::Model { path: model_path.clone(), source })?;
     if let Some(source) = config.check_model(&spec).into_iter().next() {
         return Err(LoadError::Mismatch { config: path.to_owned(), path: model_path, source });
     }
     let uncorrected = config.uncorrected_axes(&spec);
     let model_hash = blake3::hash(&bytes).to_hex().to_string();
-    Ok(Loaded { config, model: Arc::new(model), model_path, model_hash, uncorrected })
+    if let Some(pinned) = config.guard.hash.clone().filter(|pinned| *pinned != model_hash) {
+        return Err(LoadError::Pinned { path: model_path, found: model_hash, pinned });
+    }
+    let identity = tls::identity(path, &config)
+        .map_err(|source| LoadError::Tls { config: path.to_owned(), source: Box::new(source) })?;
+    let model = Arc::new(model);
+    Ok(Loaded {
+        config,
+        model,
+        model_path,
+        spec,
+        expiry,
+        model_hash,
+        config_text,
+        model_text,
+        uncorrected,
+        identity,
+    })
 }
 
 fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, LoadError> {

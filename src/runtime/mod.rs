@@ -6,7 +6,10 @@
 //!   on a blocking socket. Between link-up and link-down it allocates nothing, takes no lock, writes no log and
 //!   touches no disk; what it has to say goes by `try_send` into bounded channels, or is dropped and counted.
 //! - the **service thread** ([`daemon`], tokio) drains these channels ([`service`]), logs ([`logging`]), keeps the
-//!   statistics ([`board`]), answers the status socket ([`server`]), handles signals and feeds systemd ([`notify`]).
+//!   statistics ([`board`], [`latency`]), answers the status socket ([`server`], [`socket`], [`orders`]), looks after the models ([`models`]), handles signals and feeds systemd ([`notify`]).
+//!
+//! - the **recorder** and the **keeper** ([`recorder`], [`keeper`] with [`audit`] and [`counters`]) are threads that may
+//!   wait for the disk, so that nobody else has to. [`replay`] runs what was recorded through the same [`body`].
 //!
 //! [`ports`] is everything that passes between the two. [`body`] is the cycle without its socket and clock, for
 //! tests that count allocations. Reading order: `ports`, `body`, `link`, `cycle`, `worker`, `service`, `daemon`.
@@ -17,29 +20,48 @@
 )]
 
 mod age;
+mod arrivals;
+pub mod audit;
 mod backoff;
 mod board;
 mod body;
 pub mod client;
 mod clock;
+mod counters;
 mod cycle;
 mod daemon;
 mod handshake;
+mod keeper;
+mod latency;
 mod link;
 mod load;
 mod logging;
+pub mod models;
 mod notices;
 mod notify;
+mod orders;
 mod ports;
 mod realtime;
+mod recorder;
+mod rehearsal;
+pub mod replay;
+#[cfg(test)]
+mod sealed;
 mod server;
 mod service;
+pub mod socket;
 mod status;
+mod tls;
+mod utc;
 mod worker;
 
 pub use body::{CycleBody, Reaction};
 pub use daemon::{DaemonError, run};
+pub use latency::{Bins, Histograms};
 pub use load::{LoadError, Loaded, load, load_config};
 pub use logging::LogError;
+pub use recorder::{ModelTexts, Tap, answer_of, command_of, request_of, tap};
+pub use rehearsal::{Rehearsal, RehearsalError, rehearse};
 pub use server::SocketError;
-pub use status::{Fault, LinkStatus, RealtimeStatus, Status};
+pub use status::{Fault, Lifetime, LinkStatus, RealtimeStatus, RecordingStatus, Status};
+pub use tls::{Identity, TlsFileError, identity};

@@ -13,8 +13,10 @@ use crossbeam_channel::{Receiver, Sender, bounded};
 use super::cycle::LinkEnd;
 use super::handshake::LinkError;
 use super::realtime::RealtimeReport;
+use super::recorder::Tap;
 use crate::core::axes::AxisArray;
-use crate::core::engine::{Command, Event, State};
+use crate::core::engine::{Command, Event, ShadowScore, State};
+use crate::core::model::Model;
 use crate::core::protocol::{ControlHello, MachineState};
 
 /// Records in flight: two seconds at 4 kHz.
@@ -25,10 +27,20 @@ const REPORTS: usize = 1024;
 const REQUESTS: usize = 16;
 
 /// What the service asks of the cycle thread.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone)]
 pub(super) enum Request {
     /// A command for the engine; remembered while there is none.
     Engine(Command),
+    /// Go on with another model. The service keeps the old one until this has been carried out, so that nothing is
+    /// freed on the cycle.
+    Model {
+        /// The model.
+        model: Arc<Model>,
+        /// BLAKE3 of its file.
+        hash: [u8; 32],
+    },
+    /// Work the correction out beside the machine without applying it, or stop that.
+    Shadow(bool),
     /// Ramp to the rest offset, close the link, end the thread.
     Stop,
     /// Close the link and end the thread at once.
@@ -36,7 +48,7 @@ pub(super) enum Request {
 }
 
 /// A request with its number.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone)]
 pub(super) struct Ticket {
     pub(super) number: u64,
     pub(super) request: Request,
@@ -44,6 +56,7 @@ pub(super) struct Ticket {
 
 /// Something rare that belongs into the log.
 #[derive(Debug)]
+#[expect(clippy::large_enum_variant, reason = "a box would be allocated on the cycle")]
 pub(super) enum Report {
     /// Scheduling and memory settings of the cycle thread.
     Realtime(RealtimeReport),
@@ -55,6 +68,9 @@ pub(super) enum Report {
     LinkDown { end: LinkEnd, cycles: u64 },
     /// The engine says what happened.
     Engine(Event),
+    /// What the shadow engine would have done so far and the state it would be in; `None` where it has just been
+    /// switched on or off.
+    Shadow(Option<(State, ShadowScore)>),
     /// The thread ends as it was asked to.
     Stopped { offset: LastOffset },
 }
@@ -113,6 +129,8 @@ pub(super) struct Progress {
     pub(super) reports_dropped: AtomicU64,
     /// Number of the newest request carried out.
     pub(super) requests_done: AtomicU64,
+    /// Number of the newest request that the engine refused.
+    pub(super) request_refused: AtomicU64,
     /// State of the engine, as [`state_code`].
     state: AtomicU8,
     /// Whether the link is up.
@@ -187,6 +205,8 @@ pub(super) struct CyclePorts {
     reports: Sender<Report>,
     records: Sender<CycleRecord>,
     pub(super) progress: Arc<Progress>,
+    /// The recording's end, until an engine has it.
+    pub(super) tap: Option<Tap>,
 }
 
 impl CyclePorts {
@@ -225,6 +245,7 @@ pub(super) fn ports() -> (CyclePorts, ServicePorts) {
         reports: report_sender,
         records: record_sender,
         progress: Arc::clone(&progress),
+        tap: None,
     };
     let service = ServicePorts {
         requests: request_sender,

@@ -13,6 +13,7 @@ use thread_priority::{
     set_thread_priority_and_policy, thread_native_id,
 };
 
+use super::status::RealtimeStatus;
 use crate::config::RealtimeConfig;
 
 /// Locked memory below which the lock is not even tried: once it is on, running out of it ends the process.
@@ -81,6 +82,15 @@ impl RealtimeReport {
     /// True where something that was asked for was not granted.
     pub(super) const fn has_refusal(&self) -> bool {
         self.fifo.is_refused() || self.affinity.is_refused() || self.memory_lock.is_refused()
+    }
+
+    /// In words, for the status.
+    pub(super) fn status(&self) -> RealtimeStatus {
+        RealtimeStatus {
+            fifo: self.fifo.text(),
+            affinity: self.affinity.text(),
+            memory_lock: self.memory_lock.text(),
+        }
     }
 }
 

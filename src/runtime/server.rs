@@ -3,8 +3,7 @@
 //! One JSON object per line in, one per line out. Who may open the socket may command: its mode is 0660, its
 //! directory belongs to the service. Few clients, short lines, short patience: nothing here can starve the rest.
 //!
-//! Requests: `{"command": "status" | "enable" | "disable" | "clear-fault"}`. Answers: `{"ok": true, "state": ..}`,
-//! with `"status": {..}` for the first, or `{"ok": false, "error": ".."}`.
+//! Requests and answers: [`super::socket`]; what they lead to: [`super::orders`].
 
 use std::io;
 use std::os::unix::fs::PermissionsExt;
@@ -12,58 +11,22 @@ use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 
-use serde::{Deserialize, Serialize};
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
 use tokio::net::{UnixListener, UnixStream};
 use tokio::sync::Semaphore;
 use tokio::time::{sleep, timeout};
-use tracing::{info, warn};
+use tracing::warn;
 
-use super::ports::Request;
+use super::orders::carry_out;
 use super::service::Service;
-use super::status::Status;
-use crate::core::engine::Command;
+use super::socket::{Answer, Ask};
 
 /// Clients served at the same time.
 const CLIENTS: usize = 8;
-/// Longest request line, bytes.
-const LINE_MAX: u64 = 1024;
+/// Longest request line, bytes: room for a model with large grids.
+const LINE_MAX: u64 = 32 << 20;
 /// Patience with a client that sends or takes nothing.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// Patience with the cycle thread to carry a command out.
-const COMMAND_LIMIT: Duration = Duration::from_secs(2);
-/// Time for at least one cycle to show a command's effect.
-const SETTLE: Duration = Duration::from_millis(50);
-
-/// What a client asks for.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub(super) enum Verb {
-    Status,
-    Enable,
-    Disable,
-    ClearFault,
-}
-
-/// One request line.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(deny_unknown_fields)]
-pub(super) struct Ask {
-    pub(super) command: Verb,
-}
-
-/// One answer line.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-pub(super) struct Answer {
-    pub(super) ok: bool,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) state: Option<String>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) status: Option<Box<Status>>,
-    #[serde(default, skip_serializing_if = "Option::is_none")]
-    pub(super) error: Option<String>,
-}
-
 /// Why the socket cannot be offered.
 #[derive(Debug, thiserror::Error)]
 pub enum SocketError {
@@ -169,7 +132,7 @@ pub(super) fn lock(service: &Mutex<Service>) -> MutexGuard<'_, Service> {
 }
 
 async fn refuse(mut stream: UnixStream) -> io::Result<()> {
-    let line = line(&failure(format!("{CLIENTS} clients are being served; try again")));
+    let line = line(&Answer::refused(format!("{CLIENTS} clients are being served; try again")));
     stream.try_write(&line)?;
     stream.shutdown().await
 }
@@ -188,9 +151,9 @@ async fn converse(mut stream: UnixStream, service: &Mutex<Service>) -> io::Resul
         }
         let complete = request.ends_with(b"\n");
         let answer = match serde_json::from_slice::<Ask>(&request) {
-            Ok(ask) if complete => carry_out(ask.command, service, peer).await,
-            Ok(_) => failure("the request does not end with a line feed".to_owned()),
-            Err(error) => failure(format!("the request is not understood: {error}")),
+            Ok(ask) if complete => carry_out(ask, service, peer).await,
+            Ok(_) => Answer::refused("the request does not end with a line feed".to_owned()),
+            Err(error) => Answer::refused(format!("the request is not understood: {error}")),
         };
         let again = answer.ok;
         let line = line(&answer);
@@ -199,44 +162,6 @@ async fn converse(mut stream: UnixStream, service: &Mutex<Service>) -> io::Resul
             _ => return Ok(()),
         }
     }
-}
-
-async fn carry_out(verb: Verb, service: &Mutex<Service>, peer: Option<(u32, Option<i32>)>) -> Answer {
-    let command = match verb {
-        Verb::Status => {
-            let status = lock(service).status();
-            return Answer {
-                ok: true,
-                state: Some(status.state.clone()),
-                status: Some(Box::new(status)),
-                error: None,
-            };
-        }
-        Verb::Enable => Command::Enable,
-        Verb::Disable => Command::Disable,
-        Verb::ClearFault => Command::ClearFault,
-    };
-    let (uid, pid) = peer.map_or((None, None), |(uid, pid)| (Some(uid), pid));
-    info!(command = ?verb, uid, pid, "command");
-    let Some(number) = lock(service).request(Request::Engine(command)) else {
-        return failure("too many commands are waiting; try again".to_owned());
-    };
-    let done = async {
-        while !lock(service).is_done(number) {
-            sleep(Duration::from_millis(2)).await;
-        }
-    };
-    if timeout(COMMAND_LIMIT, done).await.is_err() {
-        return failure(format!("the cycle thread did not answer within {} s", COMMAND_LIMIT.as_secs()));
-    }
-    sleep(SETTLE).await;
-    let mut service = lock(service);
-    service.drain();
-    Answer { ok: true, state: Some(service.state().to_owned()), status: None, error: None }
-}
-
-fn failure(error: String) -> Answer {
-    Answer { ok: false, state: None, status: None, error: Some(error) }
 }
 
 fn line(answer: &Answer) -> Vec<u8> {
@@ -249,15 +174,6 @@ fn line(answer: &Answer) -> Vec<u8> {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn requests_are_read_to_the_letter() {
-        let ask: Ask = serde_json::from_str(r#"{"command": "clear-fault"}"#).expect("known");
-        assert_eq!(ask.command, Verb::ClearFault);
-        for wrong in [r#"{"command": "Enable"}"#, r#"{"command": "enable", "force": true}"#, "{}", "[]"] {
-            assert!(serde_json::from_str::<Ask>(wrong).is_err(), "{wrong}");
-        }
-    }
 
     #[test]
     fn a_file_in_the_way_is_not_removed() {

@@ -2,34 +2,59 @@
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
-use std::time::Duration;
+use std::time::{Duration, SystemTime};
 
 use tracing::{info, warn};
 
+use super::audit::{Audit, AuditEntry, Who};
 use super::board::{Board, state_name};
 use super::clock::Clock;
+use super::counters::Tally;
 use super::cycle::LinkEnd;
 use super::handshake;
+use super::keeper::Keeper;
+use super::latency::Histograms;
 use super::load::Loaded;
 use super::logging::LogLimiter;
+use super::models::guard::{self, Hindrance};
+use super::models::{Keeping, Models, Prepared};
 use super::notices::Notices;
 use super::ports::{LastOffset, Progress, Report, Request, ServicePorts, Ticket};
 use super::realtime::RealtimeReport;
+use super::recorder::Recorder;
 use super::status::Status;
-use crate::core::engine::{Event, State};
+use crate::config::{MachineConfig, Policy, StartMode};
+use crate::core::engine::{Command, Event, ShadowScore, State};
 use crate::core::fault::{self, Code};
 use crate::core::protocol::ControlHello;
-use crate::core::units::NS_PER_S;
+use crate::core::units::{MonoTime, NS_PER_S};
 
 /// Records taken in one go, so that requests are never kept waiting by statistics.
 const RECORDS_AT_ONCE: usize = 4096;
+/// Interval at which the counters are kept, s.
+const SAVE_S: f64 = 5.0;
+/// Interval at which it is looked whether the model may still be used, s.
+const LOOK_S: f64 = 1.0;
 
 /// The service's view of the cycle thread.
 #[derive(Debug)]
 pub(super) struct Service {
     ports: ServicePorts,
     board: Board,
+    tally: Tally,
+    keeper: Keeper,
+    recorder: Option<Recorder>,
+    models: Models,
+    config: Arc<MachineConfig>,
+    gain: f64,
+    temperature: Option<(f64, MonoTime)>,
+    /// An expired model was accepted by somebody.
+    expired_accepted: bool,
+    shadowing: bool,
+    shadow: Option<(State, ShadowScore)>,
     clock: Clock,
+    saved: MonoTime,
+    looked: MonoTime,
     ticket: u64,
     failures: LogLimiter,
     links: LogLimiter,
@@ -41,13 +66,38 @@ impl Service {
     pub(super) fn new(
         loaded: Arc<Loaded>,
         ports: ServicePorts,
+        keeper: Keeper,
+        recorder: Option<Recorder>,
+        models: Models,
         clock: Clock,
     ) -> Result<Self, hdrhistogram::CreationError> {
+        let config = &loaded.config;
+        let mut tally = Tally::open(keeper.directory(), &config.machine, config.link.cycle_s);
+        if let Some(note) = tally.note().filter(|_| keeper.directory().is_some()) {
+            warn!("{note}");
+        }
+        if config.engine.start == StartMode::OnConnect {
+            tally.enabled();
+        }
+        let gain = config.engine.gain;
+        let config = Arc::new(config.clone());
         let board = Board::new(loaded, Arc::clone(&ports.progress), clock)?;
         Ok(Self {
+            models,
+            config,
+            gain,
+            temperature: None,
+            expired_accepted: false,
+            shadowing: false,
+            shadow: None,
+            looked: clock.now(),
             ports,
             board,
+            tally,
+            keeper,
+            recorder,
             clock,
+            saved: clock.now(),
             ticket: 0,
             failures: LogLimiter::new(3, Duration::from_secs(60)),
             links: LogLimiter::new(10, Duration::from_secs(10)),
@@ -63,9 +113,107 @@ impl Service {
     /// Passes a request to the cycle thread; gives its number, `None` where the queue is full.
     pub(super) fn request(&mut self, request: Request) -> Option<u64> {
         let number = self.ticket + 1;
+        let (enables, gain, shadow) = match &request {
+            Request::Engine(Command::Enable) => (true, None, None),
+            Request::Engine(Command::SetGain(gain)) => (false, Some(*gain), None),
+            Request::Shadow(on) => (false, None, Some(*on)),
+            _ => (false, None, None),
+        };
         self.ports.requests.try_send(Ticket { number, request }).ok()?;
         self.ticket = number;
+        if enables {
+            self.tally.enabled();
+        }
+        self.gain = gain.unwrap_or(self.gain);
+        self.shadowing = shadow.unwrap_or(self.shadowing);
         Some(number)
+    }
+
+    /// Whether the engine has refused a request that was carried out.
+    pub(super) fn is_refused(&self, number: u64) -> bool {
+        self.ports.progress.request_refused.load(Relaxed) == number
+    }
+
+    /// Whether compensation is wanted.
+    pub(super) fn is_wanted(&self) -> bool {
+        self.ports.progress.wanted.load(Relaxed)
+    }
+
+    /// Whether shadow mode is on.
+    pub(super) const fn is_shadowing(&self) -> bool {
+        self.shadowing
+    }
+
+    /// The machine file.
+    pub(super) fn config(&self) -> Arc<MachineConfig> {
+        Arc::clone(&self.config)
+    }
+
+    /// The models in use and before.
+    pub(super) const fn models(&self) -> &Models {
+        &self.models
+    }
+
+    /// The temperature of the machine, degrees Celsius.
+    pub(super) fn tell_temperature(&mut self, degc: f64) {
+        self.temperature = Some((degc, self.clock.now()));
+    }
+
+    /// What speaks against compensating now; an accepted expiry is remembered for this model.
+    pub(super) fn hindrances(&mut self, accept_expired: bool) -> Vec<(Hindrance, Policy)> {
+        self.expired_accepted |= accept_expired;
+        let now = self.clock.now();
+        let temperature = self.temperature.map(|(degc, at)| (degc, now.seconds_since(at)));
+        let expiry = self.models.active.expiry.as_deref().filter(|_| !self.expired_accepted);
+        guard::hindrances(&self.config.guard, expiry, SystemTime::now(), temperature)
+    }
+
+    /// Another model may be taken into use: the recording has to know its text before.
+    pub(super) fn announce(&self, model: &Prepared) {
+        if let Some(recorder) = &self.recorder {
+            recorder.models.put(&model.origin, &model.text);
+        }
+    }
+
+    /// Another model is in use; gives what is to be written down about it, off this thread.
+    pub(super) fn switched(
+        &mut self,
+        new: Arc<Prepared>,
+        who: Option<String>,
+        why: Option<String>,
+    ) -> Keeping {
+        info!(model = new.origin, hash = new.hash, who, why, "another model is in use");
+        self.expired_accepted = false;
+        self.models.switched(new, who, why)
+    }
+
+    /// Something that should be known about the model in use.
+    pub(super) fn note_model(&mut self, note: String) {
+        warn!("{note}");
+        self.models.notes.push(note);
+    }
+
+    /// Takes compensation out where the model may not be used any more and that is what was configured for it.
+    fn look_after_the_model(&mut self) {
+        self.looked = self.clock.now();
+        if !self.is_wanted() {
+            return;
+        }
+        let against = self.hindrances(false);
+        let Some((hindrance, _)) = against.iter().find(|(_, policy)| *policy == Policy::RampOut) else {
+            return;
+        };
+        warn!("compensation is ramped out: {hindrance}");
+        let result =
+            if self.request(Request::Engine(Command::Disable)).is_some() { "ordered" } else { "queue full" };
+        self.keeper.audit.write(AuditEntry {
+            who: Who::daemon(),
+            what: "disable".to_owned(),
+            why: Some(hindrance.to_string()),
+            new_model: Some(self.model_hash().to_owned()),
+            result: result.to_owned(),
+            ..AuditEntry::default()
+        });
     }
 
     /// Whether the cycle thread has carried out a request.
@@ -82,13 +230,72 @@ impl Service {
         for _ in 0..RECORDS_AT_ONCE {
             let Ok(record) = self.ports.records.try_recv() else { break };
             self.board.record(&record);
+            self.tally.record(&record);
+        }
+        if self.clock.now().seconds_since(self.saved) >= SAVE_S {
+            self.save();
+        }
+        if self.clock.now().seconds_since(self.looked) >= LOOK_S {
+            self.look_after_the_model();
         }
         self.notices.look(self.clock.now(), &self.ports.progress);
     }
 
     pub(super) fn status(&mut self) -> Status {
         self.drain();
-        self.board.status()
+        let mut status = self.board.status();
+        let active = &self.models.active;
+        (status.model, status.model_hash) = (active.origin.clone(), active.hash.clone());
+        status.model_choice = self.models.status();
+        status.gain = self.gain;
+        status.temperature_degc = self.temperature.map(|(degc, _)| degc);
+        status.hindrances = self.hindrances(false).iter().map(|(h, _)| h.to_string()).collect();
+        status.shadow = self.shadow.filter(|_| self.shadowing).map(|(s, score)| self.board.shadow(s, &score));
+        status.lifetime = self.tally.lifetime(status.cycles, status.late_cycles);
+        // a disk that refuses now is told before what was found at the start
+        status.lifetime.note = self.keeper.problem().or(status.lifetime.note);
+        status.recording = self.recorder.as_ref().map(|recorder| recorder.stats.status());
+        status.records_dropped += status.recording.as_ref().map_or(0, |recording| recording.records_dropped);
+        status
+    }
+
+    /// Hash of the model in use.
+    pub(super) fn model_hash(&self) -> &str {
+        &self.models.active.hash
+    }
+
+    /// The audit log, for whoever does something that belongs into it.
+    pub(super) const fn audit(&self) -> &Audit {
+        &self.keeper.audit
+    }
+
+    /// Has the counters kept.
+    fn save(&mut self) {
+        self.saved = self.clock.now();
+        let progress = &self.ports.progress;
+        let (cycles, late) = (progress.cycles.load(Relaxed), progress.late.load(Relaxed));
+        self.keeper.save(self.tally.counters(cycles, late));
+    }
+
+    /// The last words before the daemon ends: what is left of the recording, the counters, a line in the audit log.
+    pub(super) fn finish(&mut self, result: &str) {
+        self.drain();
+        if let Some(recorder) = &self.recorder {
+            recorder.finish();
+        }
+        self.save();
+        self.keeper.audit.write(AuditEntry {
+            who: Who::daemon(),
+            what: "stop".to_owned(),
+            result: result.to_owned(),
+            ..AuditEntry::default()
+        });
+        self.keeper.finish();
+    }
+
+    pub(super) fn histograms(&mut self) -> Histograms {
+        self.drain();
+        self.board.histograms()
     }
 
     pub(super) fn headline(&self) -> String {
@@ -117,6 +324,7 @@ impl Service {
                 if let Some(held_back) = self.links.admit(self.clock.now()) {
                     log_link_up(&address, &hello, held_back);
                 }
+                self.tally.set_axes(handshake::announced(&hello).iter().map(|axis| axis.name).collect());
                 self.board.link_up(&hello);
             }
             Report::LinkDown { end, cycles } => {
@@ -134,8 +342,10 @@ impl Service {
                 if let Some(held_back) = self.events.admit(self.clock.now()) {
                     log_event(&event, held_back);
                 }
+                self.fault(&event);
                 self.board.event(&event);
             }
+            Report::Shadow(score) => self.shadow = score,
             Report::Stopped { offset: LastOffset::AtRest } => info!("the offset is at its rest value"),
             Report::Stopped { offset: LastOffset::NoLink } => {
                 info!("there is no link; a control that still holds an offset takes it out by itself");
@@ -144,6 +354,24 @@ impl Service {
                 warn!("stopped before the offset was at its rest value; the control takes it out by itself");
             }
         }
+    }
+}
+
+impl Service {
+    /// A fault is counted and goes into the audit log; it is latched, so it cannot come often.
+    fn fault(&mut self, event: &Event) {
+        let Event::StateChanged { from, to: State::Faulted, reason } = event else { return };
+        let entry = fault::of_reason(*reason);
+        self.tally.fault(entry.name);
+        self.keeper.audit.write(AuditEntry {
+            who: Who::daemon(),
+            what: "fault".to_owned(),
+            why: Some(entry.text.to_owned()),
+            new_model: Some(self.model_hash().to_owned()),
+            result: "faulted".to_owned(),
+            detail: Some(format!("{} {}, in state {}", entry.code, entry.name, state_name(*from))),
+            ..AuditEntry::default()
+        });
     }
 }
 

@@ -47,6 +47,10 @@ pub struct Status {
     pub compute_us_p50: Option<f64>,
     /// 99th percentile of the same, us.
     pub compute_us_p99: Option<f64>,
+    /// Of the late corrections: how much later than one cycle after the sample they left, us; `null` without any.
+    pub lateness_us_p50: Option<f64>,
+    /// 99th percentile of the same, us.
+    pub lateness_us_p99: Option<f64>,
     /// Offset asked for per linear axis, um; empty without a link.
     pub correction_um: BTreeMap<String, f64>,
     /// Offset asked for per rotary axis, arcsec; empty without a link.
@@ -63,16 +67,132 @@ pub struct Status {
     pub out_of_range: Vec<String>,
     /// Bits of the machine's state that are set: `homed enabled estop moving offset-limited offset-ramping-out`.
     pub machine_state: Vec<String>,
+    /// Share of the correction that is applied, 0 to 1, as ordered.
+    #[serde(default)]
+    pub gain: f64,
+    /// Which model is used, by whose choice.
+    #[serde(default)]
+    pub model_choice: ModelStatus,
+    /// What speaks against compensating now: code and words.
+    #[serde(default)]
+    pub hindrances: Vec<String>,
+    /// Temperature of the machine as it was told, degrees Celsius.
+    #[serde(default)]
+    pub temperature_degc: Option<f64>,
+    /// Shadow mode, where it is on.
+    #[serde(default)]
+    pub shadow: Option<ShadowStatus>,
     /// Faults that are latched now.
     pub faults: Vec<Fault>,
     /// Sensors and their readings; none yet.
     pub sensors: Vec<serde_json::Value>,
-    /// Cycle records that found their queue full (statistics are incomplete by as many).
+    /// Records lost: those of the recording that found its queue or the disk full, and those of the statistics.
     pub records_dropped: u64,
     /// Log reports that found their queue full.
     pub reports_dropped: u64,
     /// Real-time settings.
     pub realtime: RealtimeStatus,
+    /// The recording of every cycle; `null` where none is asked for.
+    #[serde(default)]
+    pub recording: Option<RecordingStatus>,
+    /// Counters that outlive the daemon; since the start of this daemon where they cannot be kept.
+    #[serde(default)]
+    pub lifetime: Lifetime,
+}
+
+/// The recording of every cycle.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
+pub struct RecordingStatus {
+    /// The file being written; `null` before the first block and while the disk refuses.
+    pub file: Option<String>,
+    /// Records safe on the disk.
+    pub records: u64,
+    /// Records that found the queue or the disk full.
+    pub records_dropped: u64,
+    /// Bytes written.
+    pub bytes: u64,
+    /// Why nothing is recorded at the moment.
+    pub error: Option<String>,
+}
+
+/// Counters that outlive the daemon.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct Lifetime {
+    /// When counting began, UTC.
+    pub since: String,
+    /// Starts of the daemon.
+    pub starts: u64,
+    /// Position frames handled.
+    pub cycles: u64,
+    /// Of these: late.
+    pub late_cycles: u64,
+    /// Times that compensation was switched on.
+    pub enables: u64,
+    /// Faults by their number or name.
+    pub faults: BTreeMap<String, u64>,
+    /// Time that the offset of an axis was limited, s.
+    pub limited_s: BTreeMap<String, f64>,
+    /// Largest offset asked for per linear axis, um.
+    pub largest_um: BTreeMap<String, f64>,
+    /// Largest offset asked for per rotary axis, arcsec.
+    pub largest_arcsec: BTreeMap<String, f64>,
+    /// Where they are kept; `null` where nowhere.
+    pub file: Option<String>,
+    /// Why they are not kept, or what was wrong with those of before.
+    pub note: Option<String>,
+}
+
+/// Which model is used, by whose choice.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct ModelStatus {
+    /// Since when, RFC 3339 in UTC.
+    pub since: String,
+    /// Who chose it; `null` for the machine file.
+    pub who: Option<String>,
+    /// Why.
+    pub why: Option<String>,
+    /// Last day on which it should be used, where it states one.
+    pub expiry: Option<String>,
+    /// The model that `volcomp rollback` goes back to, and its hash.
+    pub previous: Option<String>,
+    /// Hash of that model.
+    pub previous_hash: Option<String>,
+    /// What should be known about the choice.
+    pub notes: Vec<String>,
+}
+
+/// What compensation would have done, from shadow mode.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct ShadowStatus {
+    /// The state that the engine would be in.
+    pub state: String,
+    /// Frames since it was switched on.
+    pub cycles: u64,
+    /// Of these: with the correction on.
+    pub active_cycles: u64,
+    /// Faults that would have been latched.
+    pub faults: u64,
+    /// Times the correction would have been held.
+    pub interruptions: u64,
+    /// Per axis, um or arcsec.
+    pub axes: BTreeMap<String, ShadowAxis>,
+}
+
+/// One axis in shadow mode; um for linear, arcsec for rotary axes.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct ShadowAxis {
+    /// `um` or `arcsec`.
+    pub unit: String,
+    /// RMS of the correction that the model asks for.
+    pub before_rms: f64,
+    /// Largest of it.
+    pub before_max: f64,
+    /// RMS of what ramps, limits and fading would leave of it.
+    pub after_rms: f64,
+    /// Largest of it.
+    pub after_max: f64,
+    /// Cycles in which the offset would have been limited.
+    pub limited_cycles: u64,
 }
 
 /// A latched fault.
@@ -96,6 +216,9 @@ pub struct LinkStatus {
     pub address: String,
     /// Whether the link is up.
     pub up: bool,
+    /// Whether it is mutual TLS; plain TCP where not.
+    #[serde(default)]
+    pub tls: bool,
     /// Program and version of the control, from its hello.
     pub control: Option<String>,
     /// Axis letters in wire order.

@@ -1,5 +1,6 @@
 //! The cycle thread: connect, shake hands, cycle, and again.
 
+use std::io::{self, ErrorKind};
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
@@ -16,7 +17,9 @@ use super::ports::{CyclePorts, LastOffset, Report, Request};
 use super::realtime;
 use crate::config::{MachineConfig, StartMode};
 use crate::core::engine::Command;
+use crate::core::model::Model;
 use crate::core::protocol::{CloseReason, ControlHello, Message, PROTOCOL_VERSION};
+use crate::core::record::Entry;
 use crate::core::units::MonoTime;
 
 /// Pause between two looks at a connection that is being made.
@@ -47,12 +50,17 @@ pub(super) struct Control {
     stop_limit_s: f64,
     /// Gain asked for by the operator, where it is not the configured one.
     gain: Option<f64>,
+    /// Whether the operator wants a shadow engine.
+    shadow: bool,
+    /// The model for the next engine.
+    model: Arc<Model>,
 }
 
 impl Control {
-    pub(super) fn new(ports: CyclePorts, config: &MachineConfig) -> Self {
-        ports.progress.wanted.store(config.engine.start == StartMode::OnConnect, Relaxed);
-        Self { ports, stop: Stop::No, stop_limit_s: stop_limit_s(config), gain: None }
+    /// `permitted`: nothing speaks against compensating from the start, where that is configured.
+    pub(super) fn new(ports: CyclePorts, config: &MachineConfig, model: Arc<Model>, permitted: bool) -> Self {
+        ports.progress.wanted.store(config.engine.start == StartMode::OnConnect && permitted, Relaxed);
+        Self { ports, stop: Stop::No, stop_limit_s: stop_limit_s(config), gain: None, shadow: false, model }
     }
 
     /// Carries out what the service has asked for. Without an engine, wishes are remembered for the next one.
@@ -68,6 +76,16 @@ impl Control {
                         self.ports.progress.wanted.store(body.is_enabled(), Relaxed);
                     }
                 }
+                Request::Model { model, hash } => {
+                    self.take_model(now, ticket.number, (model, hash), body.as_deref_mut())
+                }
+                Request::Shadow(on) => {
+                    self.shadow = on;
+                    if let Some(body) = body.as_deref_mut() {
+                        body.set_shadow(now, on);
+                    }
+                    self.ports.report(Report::Shadow(None));
+                }
                 Request::Stop => {
                     self.stop = Stop::By(now.plus_seconds(self.stop_limit_s));
                     if let Some(body) = body.as_deref_mut() {
@@ -77,6 +95,26 @@ impl Control {
                 Request::StopNow => self.stop = Stop::Now,
             }
             self.ports.progress.requests_done.store(ticket.number, Relaxed);
+        }
+    }
+
+    /// The engine of now, and those to come, go on with another model.
+    fn take_model(
+        &mut self,
+        now: MonoTime,
+        number: u64,
+        (model, hash): (Arc<Model>, [u8; 32]),
+        body: Option<&mut CycleBody>,
+    ) {
+        let next = Arc::clone(&model);
+        if body.is_none()
+            && let Some(tap) = &mut self.ports.tap
+        {
+            tap.send(&Entry::Model { now, hash });
+        }
+        match body.map(|body| body.switch_model(now, model, hash)) {
+            None | Some(Ok(_)) => self.model = next,
+            Some(Err(_)) => self.ports.progress.request_refused.store(number, Relaxed),
         }
     }
 
@@ -98,6 +136,9 @@ impl Control {
         if self.ports.progress.wanted.load(Relaxed) {
             body.command(now, Command::Enable);
         }
+        if self.shadow {
+            body.set_shadow(now, true);
+        }
     }
 
     fn stopping(&self) -> bool {
@@ -109,6 +150,15 @@ impl Control {
 fn stop_limit_s(config: &MachineConfig) -> f64 {
     let slowest = config.axes.iter().map(|a| a.limits.size / a.limits.rate).fold(0.0, f64::max);
     (config.engine.ramp_s.max(slowest) + STOP_MARGIN_S).min(STOP_LIMIT_S)
+}
+
+/// How the cycle thread starts.
+#[derive(Debug)]
+pub(super) struct Start {
+    /// The model in use.
+    pub(super) model: Arc<Model>,
+    /// Nothing speaks against compensating from the start.
+    pub(super) permitted: bool,
 }
 
 /// The cycle thread's own state.
@@ -123,8 +173,8 @@ pub(super) struct Worker {
 }
 
 impl Worker {
-    pub(super) fn new(loaded: Arc<Loaded>, ports: CyclePorts, clock: Clock) -> Self {
-        let control = Control::new(ports, &loaded.config);
+    pub(super) fn new(loaded: Arc<Loaded>, start: Start, ports: CyclePorts, clock: Clock) -> Self {
+        let control = Control::new(ports, &loaded.config, start.model, start.permitted);
         let backoff = Backoff::new(loaded.config.link.reconnect_s);
         Self { loaded, control, clock, backoff, body: None }
     }
@@ -168,6 +218,9 @@ impl Worker {
             }
         }
         let mut link = connecting.finish(&config.link, &config.realtime, self.clock).map_err(connect)?;
+        if !self.secure(&mut link, deadline)? {
+            return Ok(None);
+        }
         match self.greet(&mut link, deadline) {
             Ok(Some(hello)) => Ok(Some((link, hello))),
             // no close frame: the control may hold an offset that it has to take out by itself
@@ -181,16 +234,38 @@ impl Worker {
         }
     }
 
+    /// The TLS handshake, where there is to be one; false where a stop came in between.
+    fn secure(&mut self, link: &mut Link, deadline: MonoTime) -> Result<bool, LinkError> {
+        let loaded = Arc::clone(&self.loaded);
+        let Some(identity) = &loaded.identity else { return Ok(true) };
+        let address = loaded.config.link.address;
+        let failed = |source: io::Error| match source.kind() {
+            ErrorKind::UnexpectedEof => LinkError::ClosedBeforeTls { address },
+            _ => LinkError::of_stream(address, source),
+        };
+        link.secure(identity).map_err(failed)?;
+        while !link.shake(SLICE).map_err(failed)? {
+            if self.clock.now() >= deadline {
+                let limit_s = loaded.config.link.connect_timeout_s;
+                return Err(LinkError::Timeout { address, waiting_for: "TLS handshake", limit_s });
+            }
+            if self.idle(Duration::ZERO) {
+                return Ok(false);
+            }
+        }
+        Ok(true)
+    }
+
     /// Exchanges hellos, checks them, and has an engine ready.
     fn greet(&mut self, link: &mut Link, deadline: MonoTime) -> Result<Option<ControlHello>, LinkError> {
         let loaded = Arc::clone(&self.loaded);
         let config = &loaded.config;
         let address = config.link.address;
-        let connect = |source| LinkError::Connect { address, source };
+        let connect = |source| LinkError::of_stream(address, source);
         link.send(&Message::DaemonHello(handshake::daemon_hello(config))).map_err(connect)?;
         let message = loop {
             if let Some(message) =
-                link.reader.next().map_err(|source| LinkError::Frame { address, source })?
+                link.reader.next().map_err(|source| LinkError::of_frame(address, source))?
             {
                 break message;
             }
@@ -247,8 +322,13 @@ impl Worker {
             return Ok(());
         }
         let engine = |source| LinkError::Engine { address, source };
-        let mut body = CycleBody::new(&config, Arc::clone(&self.loaded.model)).map_err(engine)?;
-        self.control.brief(self.clock.now(), &mut body);
+        let mut body = CycleBody::new(&config, Arc::clone(&self.control.model)).map_err(engine)?;
+        let now = self.clock.now();
+        let of_the_old = self.body.as_mut().and_then(|(_, body)| body.take_tap());
+        if let Some(tap) = of_the_old.or_else(|| self.control.ports.tap.take()) {
+            body.record_to(tap, now, hello);
+        }
+        self.control.brief(now, &mut body);
         self.body = Some((*hello, body));
         Ok(())
     }

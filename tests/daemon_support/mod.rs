@@ -44,6 +44,8 @@ pub(crate) struct Setup {
     pub(crate) reconnect_max_s: f64,
     /// Lines of the table `[realtime]`.
     pub(crate) realtime: &'static str,
+    /// More tables.
+    pub(crate) more: &'static str,
     pub(crate) model: String,
     pub(crate) environment: Vec<(&'static str, String)>,
 }
@@ -57,6 +59,7 @@ impl Default for Setup {
             connect_timeout_s: 2.0,
             reconnect_max_s: 0.4,
             realtime: "priority = 0\nlock-memory = false\n",
+            more: "",
             model: MODEL.to_owned(),
             environment: Vec::new(),
         }
@@ -65,7 +68,9 @@ impl Default for Setup {
 
 impl Setup {
     fn machine_file(&self, address: &str, socket: &str) -> String {
-        let Self { start, heartbeat_s, silence_s, connect_timeout_s, reconnect_max_s, realtime, .. } = self;
+        let Self {
+            start, heartbeat_s, silence_s, connect_timeout_s, reconnect_max_s, realtime, more, ..
+        } = self;
         let axes: String = ["x", "y", "z"]
             .iter()
             .map(|a| {
@@ -81,7 +86,7 @@ impl Setup {
              heartbeat-s = {heartbeat_s:?}\nsilence-s = {silence_s:?}\n\
              [engine]\nstart = \"{start}\"\nramp-s = 0.1\nstale-ms = 1000.0\n{axes}\
              [realtime]\n{realtime}\
-             [status]\nsocket = \"{socket}\"\n[log]\ntarget = \"stderr\"\n"
+             [status]\nsocket = \"{socket}\"\n[log]\ntarget = \"stderr\"\n{more}"
         )
     }
 }
@@ -172,6 +177,7 @@ fn spawn(dir: &TempDir, setup: &Setup) -> Child {
     Command::new(env!("CARGO_BIN_EXE_volcompd"))
         .arg("--config")
         .arg(dir.path().join("machine.toml"))
+        .env_remove("STATE_DIRECTORY")
         .env_remove("NOTIFY_SOCKET")
         .env_remove("WATCHDOG_USEC")
         .env_remove("WATCHDOG_PID")
@@ -252,6 +258,10 @@ pub(crate) struct Session {
     reader: FrameReader,
     pub(crate) sequence: u32,
     pub(crate) control_ns: i64,
+    /// Where the programme is, mm.
+    pub(crate) commanded: AxisArray,
+    /// Cycles of the programme so far.
+    pub(crate) programme: u32,
     /// The offset that the control has applied, mm.
     pub(crate) applied: AxisArray,
     pub(crate) state: u16,
@@ -267,6 +277,8 @@ impl Session {
             reader: FrameReader::default(),
             sequence: 0,
             control_ns: 1_000_000_000,
+            commanded: [0.0; MAX_AXES],
+            programme: 0,
             applied: [0.0; MAX_AXES],
             state: MachineState::HOMED | MachineState::ENABLED,
         }
@@ -324,8 +336,8 @@ impl Session {
             control_ns: self.control_ns,
             state: MachineState::from_bits(self.state),
             feed_mm_per_min: 1000.0,
-            commanded: [0.0; MAX_AXES],
-            actual: self.applied,
+            commanded: self.commanded,
+            actual: core::array::from_fn(|k| self.commanded[k] + self.applied[k]),
             applied: self.applied,
         }
     }

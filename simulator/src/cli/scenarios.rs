@@ -107,7 +107,7 @@ fn choose(args: &Args) -> Result<Vec<Scenario>, Failure> {
 /// Gives up the permissions to take real-time priority and to lock memory.
 pub(super) fn renounce() -> rustix::io::Result<()> {
     let none = Rlimit { current: Some(0), maximum: Some(0) };
-    setrlimit(Resource::Memlock, none.clone())?;
+    setrlimit(Resource::Memlock, none)?;
     setrlimit(Resource::Rtprio, none)?;
     // the superuser is bound by no limit
     let mut sets = capabilities(None)?;

@@ -1,6 +1,6 @@
 //! `cncsim serve` and `cncsim replay`: a machine, its control and its motion on the link.
 
-use core::net::SocketAddr;
+use core::net::{IpAddr, SocketAddr};
 use core::time::Duration;
 use std::fs::File;
 use std::io::{self, BufWriter};
@@ -11,8 +11,8 @@ use volcomp::core::protocol::Tool;
 
 use super::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_USAGE, Failure, read};
 use crate::control::{
-    Absent, Control, ControlConfig, ControlError, CycleRecord, Flow, Happening, Pacing, RunSummary,
-    ScriptedEvent, TraceWriter,
+    Absent, Control, ControlConfig, ControlError, ControlIdentity, CycleRecord, Flow, Happening,
+    IdentityError, Pacing, RunSummary, ScriptedEvent, TraceWriter,
 };
 use crate::motion::gcode::interpret;
 use crate::motion::profile::checked_cycle_s;
@@ -28,9 +28,21 @@ struct Common {
     /// The machine: a truth file, or one of the built-in vmc-850, gantry-5ax, grinder-ab.
     #[arg(long, value_name = "FILE|NAME", default_value = "vmc-850")]
     machine: PathBuf,
-    /// Address to listen on; port 0 takes a free one. Keep it on loopback: the link has no authentication.
+    /// Address to listen on; port 0 takes a free one. Elsewhere than on loopback it needs --peer.
     #[arg(long, value_name = "IP:PORT", default_value = "127.0.0.1:7878")]
     listen: SocketAddr,
+    /// The one address that a daemon may connect from.
+    #[arg(long, value_name = "IP")]
+    peer: Option<IpAddr>,
+    /// Mutual TLS: authorities (PEM) that issue the certificates of daemons. See cncsim certificates.
+    #[arg(long, value_name = "FILE", requires_all = ["tls_certificate", "tls_key"])]
+    tls_ca: Option<PathBuf>,
+    /// Mutual TLS: the control's own certificate (PEM).
+    #[arg(long, value_name = "FILE", requires = "tls_ca")]
+    tls_certificate: Option<PathBuf>,
+    /// Mutual TLS: the private key of that certificate (PEM).
+    #[arg(long, value_name = "FILE", requires = "tls_ca")]
+    tls_key: Option<PathBuf>,
     /// Control cycle in ms, 0.25 to 10.
     #[arg(long, value_name = "MS", default_value = "1")]
     cycle_ms: f64,
@@ -176,6 +188,36 @@ pub(super) fn replay(args: &ReplayArgs) -> Result<(), Failure> {
     }
 }
 
+/// Who may connect: on a network exactly one address.
+fn peer(common: &Common) -> Result<Option<IpAddr>, Failure> {
+    if common.listen.ip().to_canonical().is_loopback() {
+        return Ok(common.peer);
+    }
+    if common.peer.is_none() {
+        let message = format_args!(
+            "--listen {} can be reached from other computers; name the one that may connect with --peer",
+            common.listen
+        );
+        return Err(Failure::new(EX_USAGE, message));
+    }
+    if common.tls_ca.is_none() {
+        eprintln!(
+            "warning: the link on {} has neither authentication nor encryption; see cncsim certificates",
+            common.listen
+        );
+    }
+    Ok(common.peer)
+}
+
+fn identity(common: &Common) -> Result<Option<ControlIdentity>, Failure> {
+    let (Some(ca), Some(certificate), Some(key)) = (&common.tls_ca, &common.tls_certificate, &common.tls_key)
+    else {
+        return Ok(None);
+    };
+    let code = |e: &IdentityError| if matches!(e, IdentityError::Read { .. }) { EX_IOERR } else { EX_CONFIG };
+    ControlIdentity::from_files(ca, certificate, key).map(Some).map_err(|e| Failure::new(code(&e), e))
+}
+
 fn cycle(common: &Common) -> Result<f64, Failure> {
     checked_cycle_s(common.cycle_ms * 1e-3).map_err(|e| Failure::new(EX_USAGE, e))
 }
@@ -217,6 +259,8 @@ impl Shop {
         let mut config = ControlConfig::new(machine.machine(), axes.clone());
         config.cycle_s = cycle_s;
         config.listen = common.listen;
+        config.peer = peer(common)?;
+        config.identity = identity(common)?;
         config.offset.delay_cycles = common.delay_cycles;
         config.offset.hold_s = seconds("--hold-ms", common.hold_ms)? * 1e-3;
         config.apply = !common.no_apply;

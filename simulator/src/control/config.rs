@@ -6,6 +6,7 @@ use core::time::Duration;
 use volcomp::core::axes::AxisKind;
 use volcomp::core::protocol::{DEFAULT_PORT, MachineState, Tool};
 
+use super::wire::ControlIdentity;
 use crate::motion::MachineAxes;
 use crate::motion::profile::{ProfileError, checked_cycle_s};
 
@@ -134,6 +135,8 @@ pub struct ControlConfig {
     pub listen: SocketAddr,
     /// The only address that a daemon may come from, where given.
     pub peer: Option<IpAddr>,
+    /// Mutual TLS; `None` is plain TCP.
+    pub identity: Option<ControlIdentity>,
     /// How cycles follow each other.
     pub pacing: Pacing,
     /// Check and use of offsets.
@@ -158,6 +161,7 @@ impl ControlConfig {
             cycle_s: 0.001,
             listen: SocketAddr::from((Ipv4Addr::LOCALHOST, DEFAULT_PORT)),
             peer: None,
+            identity: None,
             pacing: Pacing::RealTime,
             offset: OffsetConfig::default(),
             apply: true,

@@ -8,6 +8,7 @@ use volcomp::core::axes::AxisName;
 use volcomp::core::protocol::{CloseReason, ErrorCode, FrameError, Name};
 
 use super::config::ConfigError;
+use super::wire::Insecure;
 
 /// Why a control cannot run.
 #[derive(Debug, thiserror::Error)]
@@ -54,6 +55,13 @@ pub enum LinkEvent {
         /// Why.
         detail: Name,
     },
+    /// A connection that did not become secure.
+    Insecure {
+        /// Who asked.
+        peer: SocketAddr,
+        /// Why.
+        why: Insecure,
+    },
     /// The daemon left in order.
     Closed {
         /// Why.
@@ -95,6 +103,7 @@ impl core::fmt::Display for LinkEvent {
         match self {
             Self::Connected { peer, software } => write!(f, "daemon connected from {peer}: {software}"),
             Self::Refused { peer, code, detail } => write!(f, "refused {peer}: {code:?} ({detail})"),
+            Self::Insecure { peer, why } => write!(f, "refused {peer}: {why}"),
             Self::Closed { reason } => write!(f, "daemon left in order: {reason:?}"),
             Self::ErrorReceived { code, detail } => write!(f, "daemon reports an error: {code:?} ({detail})"),
             Self::Ended(end) => write!(f, "link ended: {end}"),

@@ -2,7 +2,7 @@
 
 use core::sync::atomic::Ordering;
 use core::time::Duration;
-use std::io::{ErrorKind, Read, Write};
+use std::io::{ErrorKind, Read};
 use std::net::{Shutdown, TcpStream};
 use std::sync::Arc;
 use std::time::Instant;
@@ -13,6 +13,7 @@ use volcomp::core::protocol::{
 
 use super::error::LinkEnd;
 use super::server::Shared;
+use super::wire::Wire;
 
 /// Silence of the daemon after which the link is dead.
 pub(super) const SILENCE: Duration = Duration::from_secs(1);
@@ -28,7 +29,7 @@ enum Wait {
 
 /// A connected daemon; dropping it frees the place for the next.
 pub(super) struct Link {
-    stream: TcpStream,
+    wire: Wire,
     reader: FrameReader,
     /// The rest of a frame that the send buffer did not take.
     rest: [u8; MAX_FRAME],
@@ -44,10 +45,10 @@ pub(super) struct Link {
 
 impl Link {
     /// A link whose hello is done; takes the place that was reserved in `shared`.
-    pub(super) fn new(stream: TcpStream, reader: FrameReader, shared: Arc<Shared>) -> Self {
+    pub(super) fn new(wire: Wire, reader: FrameReader, shared: Arc<Shared>) -> Self {
         let now = Instant::now();
         Self {
-            stream,
+            wire,
             reader,
             rest: [0; MAX_FRAME],
             rest_from: 0,
@@ -61,20 +62,20 @@ impl Link {
         }
     }
 
-    pub(super) fn stream(&self) -> &TcpStream {
-        &self.stream
+    pub(super) const fn wire(&mut self) -> &mut Wire {
+        &mut self.wire
     }
 
     fn set_wait(&mut self, wait: Wait) -> Result<(), LinkEnd> {
         if self.wait == Some(wait) {
             return Ok(());
         }
+        let stream = self.wire.stream();
         let result = match wait {
-            Wait::Never => self.stream.set_nonblocking(true),
-            Wait::UpTo(limit) => self
-                .stream
+            Wait::Never => stream.set_nonblocking(true),
+            Wait::UpTo(limit) => stream
                 .set_nonblocking(false)
-                .and_then(|()| self.stream.set_read_timeout(Some(limit.max(Duration::from_micros(1))))),
+                .and_then(|()| stream.set_read_timeout(Some(limit.max(Duration::from_micros(1))))),
         };
         self.wait = Some(wait);
         result.map_err(|e| LinkEnd::Io(e.kind()))
@@ -89,7 +90,7 @@ impl Link {
                 return Ok(Some(message));
             }
             self.set_wait(wait)?;
-            match self.stream.read(self.reader.space()) {
+            match self.wire.read(self.reader.space()) {
                 Ok(0) => return Err(LinkEnd::EndOfStream),
                 Ok(count) => {
                     self.reader.advance(count);
@@ -129,8 +130,11 @@ impl Link {
 
     /// True where nothing is left to send.
     fn flush(&mut self) -> Result<bool, LinkEnd> {
+        if !self.wire.pump().map_err(|e| LinkEnd::Io(e.kind()))? {
+            return Ok(false);
+        }
         while self.rest_from < self.rest_to {
-            match self.stream.write(&self.rest[self.rest_from..self.rest_to]) {
+            match self.wire.write(&self.rest[self.rest_from..self.rest_to]) {
                 Ok(0) => return Err(LinkEnd::EndOfStream),
                 Ok(count) => self.rest_from += count,
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
@@ -173,12 +177,13 @@ impl Link {
     /// Ends the link without a word; what is on its way is lost.
     pub(super) fn abort(self) {
         // where the system refuses, the connection is closed instead of reset: just as sudden
-        let _ = socket2::SockRef::from(&self.stream).set_linger(Some(Duration::ZERO));
+        let _ = socket2::SockRef::from(self.wire.stream()).set_linger(Some(Duration::ZERO));
     }
 
     /// Lets the last frame arrive without keeping the cycle: closing with unread bytes would reset the connection.
-    pub(super) fn linger(self) {
-        if let Ok(stream) = self.stream.try_clone() {
+    pub(super) fn linger(mut self) {
+        self.wire.finish();
+        if let Ok(stream) = self.wire.stream().try_clone() {
             let _ = std::thread::Builder::new().name("cnc-linger".into()).spawn(move || drain(&stream));
         }
     }

@@ -16,6 +16,7 @@ mod offset;
 mod record;
 mod server;
 mod summary;
+mod wire;
 
 use core::net::SocketAddr;
 use core::time::Duration;
@@ -40,6 +41,8 @@ pub use error::{ControlError, LinkEnd, LinkEvent};
 pub use machine::{IdealMachine, Machine};
 pub use record::{CycleRecord, TraceWriter};
 pub use summary::{Flow, Observer, RunSummary};
+pub(crate) use wire::Wire;
+pub use wire::{ControlIdentity, IdentityError, Insecure};
 
 /// Positions further apart than this are no continuation, mm or deg.
 const START_TOLERANCE: f64 = 1e-6;
@@ -77,7 +80,7 @@ impl Control {
         config.script.sort_by_key(|e| e.cycle);
         let cycle_ns = (config.cycle_s * 1e9).round() as i64;
         let hello = hello(&config, cycle_ns.unsigned_abs());
-        let server = Server::bind(config.listen, hello, config.peer, config.tool)?;
+        let server = Server::bind(config.listen, hello, config.peer, config.identity.clone(), config.tool)?;
         let ready = if config.ready { MachineState::HOMED | MachineState::ENABLED } else { 0 };
         Ok(Self {
             server,

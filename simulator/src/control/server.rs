@@ -6,7 +6,7 @@
 use core::net::{IpAddr, Ipv4Addr, Ipv6Addr, SocketAddr};
 use core::sync::atomic::{AtomicBool, AtomicUsize, Ordering};
 use core::time::Duration;
-use std::io::{ErrorKind, Read, Write};
+use std::io::ErrorKind;
 use std::net::{TcpListener, TcpStream};
 use std::sync::mpsc::{Receiver, SyncSender, sync_channel};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -21,6 +21,7 @@ use volcomp::core::protocol::{
 
 use super::error::{ControlError, LinkEvent};
 use super::link::{Link, drain};
+use super::wire::{ControlIdentity, Wire};
 
 /// Time for the hello of a daemon.
 const HELLO: Duration = Duration::from_secs(1);
@@ -33,6 +34,7 @@ const EVENTS: usize = 256;
 pub(super) struct Shared {
     hello: ControlHello,
     peer: Option<IpAddr>,
+    identity: Option<ControlIdentity>,
     pub(super) tool: Mutex<Option<Tool>>,
     /// A daemon has the place.
     pub(super) occupied: AtomicBool,
@@ -54,6 +56,7 @@ impl Server {
         address: SocketAddr,
         hello: ControlHello,
         peer: Option<IpAddr>,
+        identity: Option<ControlIdentity>,
         tool: Option<Tool>,
     ) -> Result<Self, ControlError> {
         let listener = listen(address).map_err(|source| match source.kind() {
@@ -65,6 +68,7 @@ impl Server {
         let shared = Arc::new(Shared {
             hello,
             peer,
+            identity,
             tool: Mutex::new(tool),
             occupied: AtomicBool::new(false),
             stopping: AtomicBool::new(false),
@@ -174,61 +178,95 @@ fn greet(stream: TcpStream, shared: &Arc<Shared>, links: &SyncSender<Link>, even
     if options(&stream).is_err() {
         return;
     }
+    let Some(mut wire) = wire(stream, peer, shared, events) else { return };
     let mut reader = FrameReader::default();
-    match hello(&stream, &mut reader, peer, shared) {
+    match hello(&mut wire, &mut reader, shared) {
         Ok(daemon) => {
             // from here on the place is this link's, and its end frees it
-            let link = Link::new(stream, reader, Arc::clone(shared));
-            if welcome(link.stream(), shared).is_ok() {
+            let mut link = Link::new(wire, reader, Arc::clone(shared));
+            if welcome(link.wire(), shared).is_ok() {
                 let _ = events.try_send(LinkEvent::Connected { peer, software: daemon.software });
                 let _ = links.send(link);
             }
         }
-        Err(Some((code, detail))) => {
-            let detail = Name::new(&detail);
-            let _ = events.try_send(LinkEvent::Refused { peer, code, detail });
-            let _ = write(&stream, &Message::Error(ErrorReport { code, detail }));
-            drain(&stream);
+        Err(refusal) => {
+            // without one it left, or reported an error itself
+            if let Some((code, detail)) = refusal {
+                let detail = Name::new(&detail);
+                let _ = events.try_send(LinkEvent::Refused { peer, code, detail });
+                let _ = write(&mut wire, &Message::Error(ErrorReport { code, detail }));
+            }
+            wire.finish();
+            drain(wire.stream());
         }
-        // it left, or reported an error itself
-        Err(None) => drain(&stream),
     }
 }
 
-fn welcome(stream: &TcpStream, shared: &Shared) -> std::io::Result<()> {
-    write(stream, &Message::ControlHello(shared.hello))?;
+/// The connection as it is to be used; `None` where it may not be used at all.
+fn wire(
+    stream: TcpStream,
+    peer: SocketAddr,
+    shared: &Shared,
+    events: &SyncSender<LinkEvent>,
+) -> Option<Wire> {
+    let allowed = shared.peer.is_none_or(|allowed| same_host(allowed, peer.ip()));
+    if !allowed {
+        let detail = Name::new("not the address that may connect");
+        let _ = events.try_send(LinkEvent::Refused { peer, code: ErrorCode::Unexpected, detail });
+    }
+    let Some(identity) = &shared.identity else {
+        let mut wire = Wire::plain(stream);
+        if allowed {
+            return Some(wire);
+        }
+        let detail = Name::new("this address may not connect");
+        let _ = write(&mut wire, &Message::Error(ErrorReport { code: ErrorCode::Unexpected, detail }));
+        drain(wire.stream());
+        return None;
+    };
+    if !allowed {
+        // no handshake for a stranger
+        return None;
+    }
+    match Wire::secure(stream, identity, Instant::now() + HELLO) {
+        Ok(wire) => Some(wire),
+        Err((why, stream)) => {
+            let _ = events.try_send(LinkEvent::Insecure { peer, why });
+            drain(&stream);
+            None
+        }
+    }
+}
+
+/// An IPv4 address may arrive in the clothes of IPv6.
+fn same_host(a: IpAddr, b: IpAddr) -> bool {
+    a.to_canonical() == b.to_canonical()
+}
+
+fn welcome(wire: &mut Wire, shared: &Shared) -> std::io::Result<()> {
+    write(wire, &Message::ControlHello(shared.hello))?;
     let tool = *shared.tool.lock().unwrap_or_else(PoisonError::into_inner);
     match tool {
-        Some(tool) => write(stream, &Message::Tool(tool)),
+        Some(tool) => write(wire, &Message::Tool(tool)),
         None => Ok(()),
     }
 }
 
-fn write(mut stream: &TcpStream, message: &Message) -> std::io::Result<()> {
+fn write(wire: &mut Wire, message: &Message) -> std::io::Result<()> {
     let mut buffer = [0; MAX_FRAME];
     let length = encode(message, &mut buffer);
-    stream.write_all(&buffer[..length])
+    wire.write_all(&buffer[..length])
 }
 
 type Refusal = Option<(ErrorCode, String)>;
 
 /// Reads and judges the hello; on success the place is taken.
-fn hello(
-    stream: &TcpStream,
-    reader: &mut FrameReader,
-    peer: SocketAddr,
-    shared: &Shared,
-) -> Result<DaemonHello, Refusal> {
+fn hello(wire: &mut Wire, reader: &mut FrameReader, shared: &Shared) -> Result<DaemonHello, Refusal> {
     let busy = || Some((ErrorCode::Busy, "another daemon is connected".to_owned()));
-    if let Some(allowed) = shared.peer
-        && allowed != peer.ip()
-    {
-        return Err(Some((ErrorCode::Unexpected, format!("only {allowed} may connect"))));
-    }
     if shared.occupied.load(Ordering::Acquire) {
         return Err(busy());
     }
-    let message = first_message(stream, reader)?;
+    let message = first_message(wire, reader)?;
     let daemon = match message {
         Message::DaemonHello(daemon) => daemon,
         Message::Error(_) | Message::Close(_) => return Err(None),
@@ -244,7 +282,7 @@ fn hello(
     Ok(daemon)
 }
 
-fn first_message(mut stream: &TcpStream, reader: &mut FrameReader) -> Result<Message, Refusal> {
+fn first_message(wire: &mut Wire, reader: &mut FrameReader) -> Result<Message, Refusal> {
     let deadline = Instant::now() + HELLO;
     loop {
         match reader.next() {
@@ -253,10 +291,10 @@ fn first_message(mut stream: &TcpStream, reader: &mut FrameReader) -> Result<Mes
             Err(e) => return Err(Some((ErrorCode::BadFrame, e.to_string()))),
         }
         let left = deadline.saturating_duration_since(Instant::now());
-        if left.is_zero() || stream.set_read_timeout(Some(left)).is_err() {
+        if left.is_zero() || wire.stream().set_read_timeout(Some(left)).is_err() {
             return Err(Some((ErrorCode::Unexpected, "no DaemonHello in time".to_owned())));
         }
-        match stream.read(reader.space()) {
+        match wire.read(reader.space()) {
             Ok(0) => return Err(None),
             Ok(count) => reader.advance(count),
             Err(e)

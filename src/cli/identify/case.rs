@@ -1,25 +1,109 @@
-//! A case of the reference vectors: one JSON object with inputs in mm and rad; `expect` and `truth` are ignored.
+//! A case of the reference vectors: one JSON object with inputs in mm and rad; `expect` and `truth` are ignored. It
+//! stands in a file of its own or, by its id, in a file of cases.
 
-use std::path::Path;
+use std::path::{Path, PathBuf};
 
 use serde::de::DeserializeOwned;
+use serde_json::Value;
 
 use crate::cli::files::read_text;
-use crate::cli::{EX_DATAERR, Failure};
+use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
 
-/// Reads a case file.
-pub(super) fn read<T: DeserializeOwned>(path: &Path) -> Result<T, Failure> {
-    let text = read_text(path)?;
-    let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
-    serde_json::from_str(text).map_err(|e| fail(path, e.line(), e.column(), &e))
+/// Where a case comes from and how the result is printed, the same for every method.
+#[derive(Debug, clap::Args)]
+pub(super) struct CaseArgs {
+    /// One case of the reference vectors (JSON, mm and rad), or a file of cases with --case; - is stdin.
+    #[arg(long, value_name = "FILE")]
+    input: Option<PathBuf>,
+    /// Which case of a file with several.
+    #[arg(long, value_name = "ID", requires = "input")]
+    case: Option<String>,
+    /// Print one JSON object instead of a report.
+    #[arg(long)]
+    pub(super) json: bool,
 }
 
-/// A message about a place in a case file.
-fn fail(path: &Path, line: usize, column: usize, what: &serde_json::Error) -> Failure {
-    let text = what.to_string();
-    // the place stands in front already
-    let text = text.rsplit_once(" at line ").map_or(text.as_str(), |(text, _)| text);
-    Failure::new(EX_DATAERR, format_args!("error: {}:{line}:{column}: {text}", path.display()))
+impl CaseArgs {
+    /// The file of the case, where one is given.
+    pub(super) fn file(&self) -> Option<CaseFile<'_>> {
+        self.input.as_deref().map(|path| CaseFile { path, id: self.case.as_deref() })
+    }
+}
+
+/// A file with a case in it.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CaseFile<'a> {
+    path: &'a Path,
+    id: Option<&'a str>,
+}
+
+impl<'a> CaseFile<'a> {
+    /// Its name.
+    pub(super) fn path(&self) -> &'a Path {
+        self.path
+    }
+
+    /// A message about the case.
+    pub(super) fn bad(&self, what: impl core::fmt::Display) -> Failure {
+        let path = self.path.display();
+        match self.id {
+            Some(id) => Failure::new(EX_DATAERR, format_args!("error: {path}: {id}: {what}")),
+            None => Failure::new(EX_DATAERR, format_args!("error: {path}: {what}")),
+        }
+    }
+
+    /// Refuses files to write: a case is numbers alone, without axis, chain or frame.
+    pub(super) fn writes_no_model(&self, wanted: bool) -> Result<(), Failure> {
+        if wanted {
+            let what = "error: --input computes and prints; files to write go with instrument data";
+            return Err(Failure::new(EX_USAGE, what));
+        }
+        Ok(())
+    }
+
+    /// Reads the case; of a file with several, the one that was named.
+    pub(super) fn read<T: DeserializeOwned>(&self) -> Result<T, Failure> {
+        let text = read_text(self.path)?;
+        let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
+        let mut file: Value = serde_json::from_str(text).map_err(|e| self.at(&e))?;
+        let Some(Value::Array(cases)) = file.get_mut("cases").map(Value::take) else {
+            return match self.id {
+                Some(id) if file["id"] != id => Err(self.missing(core::slice::from_ref(&file))),
+                // once more from the text: then a message has a place
+                _ => serde_json::from_str(text).map_err(|e| self.at(&e)),
+            };
+        };
+        let Some(id) = self.id else {
+            let (path, count, ids) = (self.path.display(), cases.len(), ids(&cases));
+            return Err(Failure::new(
+                EX_USAGE,
+                format_args!("error: {path}: holds {count} cases; choose one with --case: {ids}"),
+            ));
+        };
+        match cases.iter().position(|c| c["id"] == id) {
+            Some(i) => T::deserialize(&cases[i]).map_err(|e| self.bad(e)),
+            None => Err(self.missing(&cases)),
+        }
+    }
+
+    fn missing(&self, cases: &[Value]) -> Failure {
+        let (path, id) = (self.path.display(), self.id.unwrap_or_default());
+        Failure::new(EX_DATAERR, format_args!("error: {path}: no case {id}; there are: {}", ids(cases)))
+    }
+
+    /// A message about a place in the file.
+    fn at(&self, what: &serde_json::Error) -> Failure {
+        let text = what.to_string();
+        // the place stands in front already
+        let text = text.rsplit_once(" at line ").map_or(text.as_str(), |(text, _)| text);
+        let (path, line, column) = (self.path.display(), what.line(), what.column());
+        Failure::new(EX_DATAERR, format_args!("error: {path}:{line}:{column}: {text}"))
+    }
+}
+
+fn ids(cases: &[Value]) -> String {
+    let ids: Vec<&str> = cases.iter().filter_map(|c| c["id"].as_str()).collect();
+    if ids.is_empty() { "none that has an id".to_owned() } else { ids.join(", ") }
 }
 
 /// Prints a result as one JSON object.

@@ -6,7 +6,7 @@ use clap::ValueEnum;
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
-use super::case::{print_json, read};
+use super::case::{CaseArgs, print_json};
 use crate::cli::table;
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
 use crate::core::axes::Travel;
@@ -28,14 +28,10 @@ use crate::identify::curve::{Basis, CurveFit, Figures, Period, Request, fit, hig
 #[derive(Debug, clap::Args)]
 #[command(verbatim_doc_comment)]
 pub(super) struct Args {
-    /// A case, or a file of cases with --case.
-    #[arg(long, value_name = "FILE", required_unless_present = "data", conflicts_with = "data")]
-    input: Option<PathBuf>,
-    /// Which case of a file with several.
-    #[arg(long, value_name = "ID", requires = "input")]
-    case: Option<String>,
+    #[command(flatten)]
+    case: CaseArgs,
     /// A table with named columns.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input", required_unless_present = "input")]
     data: Option<PathBuf>,
     /// Column of the abscissa.
     #[arg(long, value_name = "COLUMN", default_value = "x")]
@@ -61,9 +57,6 @@ pub(super) struct Args {
     /// A polynomial through the origin.
     #[arg(long)]
     no_intercept: bool,
-    /// Print one JSON object.
-    #[arg(long)]
-    json: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum, Deserialize)]
@@ -110,8 +103,8 @@ const TABLE_ORDER: usize = 10;
 const EVALUATED: [f64; 7] = [0.0, 0.013, 0.27, 0.515, 0.777, 0.99, 1.0];
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    let (case, name) = match (&args.input, &args.data) {
-        (Some(path), _) => (one_case(path, args.case.as_deref())?, path.display().to_string()),
+    let (case, name) = match (args.case.file(), &args.data) {
+        (Some(file), _) => (file.read()?, file.path().display().to_string()),
         (None, Some(path)) => (args.read_table(path)?, path.display().to_string()),
         (None, None) => return Err(Failure::new(EX_USAGE, "error: neither --input nor --data is given")),
     };
@@ -129,27 +122,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     } else {
         curve(&case).map_err(|e| failed(&e))?
     };
-    if args.json {
+    if args.case.json {
         print_json(&Value::Object(result))
     } else {
         report(&result)
     }
     Ok(())
-}
-
-/// A case from its own file, or from a file of cases.
-pub(super) fn one_case<T: serde::de::DeserializeOwned>(path: &Path, id: Option<&str>) -> Result<T, Failure> {
-    let Some(id) = id else { return read(path) };
-    let file: Value = read(path)?;
-    let failed = |what: &dyn core::fmt::Display| {
-        Failure::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()))
-    };
-    let cases = file["cases"].as_array().map_or(&[][..], Vec::as_slice);
-    let Some(case) = cases.iter().find(|c| c["id"] == id) else {
-        let known: Vec<&str> = cases.iter().filter_map(|c| c["id"].as_str()).collect();
-        return Err(failed(&format_args!("no case '{id}'; cases are {}", known.join(", "))));
-    };
-    T::deserialize(case).map_err(|e| failed(&format_args!("case {id}: {e}")))
 }
 
 impl Args {

@@ -7,9 +7,9 @@ use serde_json::{Map, Value, json};
 
 use super::case;
 use crate::cli::files::{Output, read_text};
-use crate::cli::model_out::{ModelOut, put, sources};
+use crate::cli::model_out::{ModelOut, Sources, put};
 use crate::cli::table::{self, nearest};
-use crate::cli::{EX_CONFIG, EX_DATAERR, EX_USAGE, Failure};
+use crate::cli::{EX_CONFIG, EX_USAGE, Failure};
 use crate::config;
 use crate::config::ModelFile;
 use crate::core::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
@@ -99,17 +99,17 @@ fn assignment(text: &str) -> Result<(AxisName, PathBuf), String> {
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.step.is_empty() && args.next.is_none() {
-        return Err(usage("nothing to do; give --step for data, --next for the poses to measure"));
+        return Err(Failure::usage("nothing to do; give --step for data, --next for the poses to measure"));
     }
     if args.step.is_empty() && args.out.out.is_some() {
-        return Err(usage("--out needs a --step; without one there is nothing to write"));
+        return Err(Failure::usage("--out needs a --step; without one there is nothing to write"));
     }
     let file = drawing(args)?;
     let mut chain = Chain::new(file.spec.clone());
     let request = Request { components: args.motions.0.clone(), sigma: args.noise_um.map(mm_from_um) };
     for (axis, path) in &args.step {
         let rows = read(path, chain.spec())?;
-        chain.identify(&Measured { axis: *axis, rows }, &request).map_err(|e| bad(path, e))?;
+        chain.identify(&Measured { axis: *axis, rows }, &request).map_err(|e| Failure::data(path, e))?;
     }
     if let Some((axis, path)) = &args.next {
         write_poses(&chain, *axis, path, args)?;
@@ -126,14 +126,6 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         print(&chain);
     }
     Ok(())
-}
-
-fn usage(what: &str) -> Failure {
-    Failure::new(EX_USAGE, format_args!("error: {what}"))
-}
-
-fn bad(path: &Path, what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()))
 }
 
 /// The drawing, the model of --into, or a bare chain.
@@ -182,10 +174,10 @@ fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<Row>, Failure> {
     }
     let given = tool.iter().filter(|(_, i)| i.is_some()).count();
     if given != 0 && given != 3 {
-        return Err(bad(path, "give all of tool_x_mm, tool_y_mm, tool_z_mm, or none"));
+        return Err(Failure::data(path, "give all of tool_x_mm, tool_y_mm, tool_z_mm, or none"));
     }
     if seen.iter().all(|(_, i)| i.is_none()) {
-        return Err(bad(path, "no column with a deviation: dx_um, dy_um or dz_um"));
+        return Err(Failure::data(path, "no column with a deviation: dx_um, dy_um or dz_um"));
     }
     let mut rows = Vec::new();
     while table.advance()? {
@@ -264,11 +256,14 @@ fn short(value: f64) -> String {
 }
 
 fn write_model(args: &Args, mut file: ModelFile, chain: &Chain) -> Result<(), Failure> {
-    for found in chain.steps() {
+    let files: Vec<PathBuf> = args.step.iter().map(|(_, p)| p.clone()).collect();
+    let sources = Sources::of(&files);
+    for (step, found) in chain.steps().iter().enumerate() {
+        let from = sources.only(|i| i == step).provenance();
         let locations = found.locations.iter().map(|(s, ..)| *s);
         for symbol in found.motions.iter().map(|m| m.symbol).chain(locations) {
             if let Some((_, function)) = chain.spec().errors.iter().find(|(s, _)| *s == symbol) {
-                put(&mut file, symbol, function.clone());
+                put(&mut file, symbol, function.clone(), from.clone());
             }
         }
         // what the model held of this axis before was replaced
@@ -279,9 +274,8 @@ fn write_model(args: &Args, mut file: ModelFile, chain: &Chain) -> Result<(), Fa
     if let Some(machine) = &args.out.machine {
         file.spec.machine.clone_from(machine);
     }
-    let files: Vec<PathBuf> = args.step.iter().map(|(_, p)| p.clone()).collect();
     let names: Vec<String> = files.iter().map(|p| p.display().to_string()).collect();
-    args.out.write(&file, &sources(&files), &names.join(", "))
+    args.out.write(&file, &sources.comments(), &names.join(", "))
 }
 
 fn set_up(found: &Found) -> &'static str {

@@ -5,14 +5,13 @@ use std::path::{Path, PathBuf};
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
-use super::case::print_json;
-use super::fits::one_case;
-use crate::cli::model_out::{ModelOut, axis_entry, default_chain, put, sources};
-use crate::cli::progress::Progress;
+use super::case::{CaseArgs, print_json};
+use crate::cli::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
 use crate::cli::table::{self, Table};
+use crate::cli::values::linear_axis;
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
 use crate::config::ModelFile;
-use crate::core::axes::{AxisKind, AxisName, Travel};
+use crate::core::axes::{AxisName, Travel};
 use crate::core::estimate::filter::COMPONENTS_MAX;
 use crate::core::estimate::{
     Adaptation, MeasurementNoise, NodeFilter, NodeGrid, Observation, Process, Rules, Verdict,
@@ -35,17 +34,13 @@ use crate::core::units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_m
 #[derive(Debug, clap::Args)]
 #[command(verbatim_doc_comment)]
 pub(super) struct Args {
-    /// A case in the form of the reference vectors, or a file of cases with --case.
-    #[arg(long, value_name = "FILE", required_unless_present = "data", conflicts_with = "data")]
-    input: Option<PathBuf>,
-    /// Which case of a file with several.
-    #[arg(long, value_name = "ID", requires = "input")]
-    case: Option<String>,
+    #[command(flatten)]
+    case: CaseArgs,
     /// Measurements as a table.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input", required_unless_present = "input")]
     data: Option<PathBuf>,
     /// The three linear axes of the grid.
-    #[arg(long, value_delimiter = ',', default_value = "x,y,z", value_parser = axis)]
+    #[arg(long, value_delimiter = ',', default_value = "x,y,z", value_parser = linear_axis)]
     axes: Vec<AxisName>,
     /// Nodes along the first axis, mm.
     #[arg(
@@ -94,17 +89,6 @@ pub(super) struct Args {
     limit: Option<f64>,
     #[command(flatten)]
     model: ModelOut,
-    /// Print one JSON object.
-    #[arg(long)]
-    json: bool,
-}
-
-fn axis(text: &str) -> Result<AxisName, String> {
-    let mut chars = text.chars();
-    match (chars.next().and_then(AxisName::from_letter), chars.next()) {
-        (Some(axis), None) if axis.kind() == AxisKind::Linear => Ok(axis),
-        _ => Err(format!("'{text}' is no linear axis; they are x y z u v w")),
-    }
 }
 
 /// A case of the reference vectors: mm and rad, one step of the process before every observation.
@@ -154,11 +138,11 @@ struct CaseObservation {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    match (&args.input, &args.data) {
-        (Some(path), _) => {
-            let result = of_case(&one_case(path, args.case.as_deref())?)
-                .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))?;
-            if args.json {
+    match (args.case.file(), &args.data) {
+        (Some(file), _) => {
+            file.writes_no_model(args.model.target().is_some())?;
+            let result = of_case(&file.read()?).map_err(|e| file.bad(e))?;
+            if args.case.json {
                 print_json(&Value::Object(result));
             } else {
                 report_case(&result);
@@ -195,8 +179,10 @@ fn of_case(case: &Case) -> Result<Map<String, Value>, String> {
         filter.predict(1.0);
         let seen = Observation { place: grid.place(o.position), weights: only_first(), value: o.value };
         let update = filter.update(&seen, &mut noise);
-        ratios += update.ratio();
-        rejected += usize::from(update.verdict != Verdict::Accepted);
+        match update.verdict {
+            Verdict::Accepted => ratios += update.ratio(),
+            _ => rejected += 1,
+        }
         sequence.push(update.measurement_variance);
     }
     let mut map = Map::new();
@@ -205,7 +191,7 @@ fn of_case(case: &Case) -> Result<Map<String, Value>, String> {
     if case.adaptive.is_some() {
         map.insert("R_sequence".into(), json!(sequence));
     }
-    map.insert("mean_ratio".into(), json!(ratios / case.observations.len() as f64));
+    map.insert("mean_ratio".into(), json!(ratios / (case.observations.len() - rejected) as f64));
     map.insert("rejected".into(), json!(rejected));
     Ok(map)
 }
@@ -336,22 +322,22 @@ fn of_table(args: &Args, path: &Path) -> Result<(), Failure> {
     )
     .map_err(|e| Failure::new(EX_USAGE, format_args!("error: {e}")))?;
     let offline_at = |at: [f64; 3]| value_at(&before, symbol, &axes, at);
-    let outcome =
-        filter_table(&mut table, &columns, &unit, &grid, (&mut filter, &mut noise), offline_at, path)?;
+    let outcome = filter_table(&mut table, &columns, &unit, &grid, (&mut filter, &mut noise), offline_at)?;
     let function = with_grid(before, &axes, &grid, &filter)
         .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {symbol}: {e}")))?;
-    if args.json {
+    if args.case.json {
         print_json(&json_of(symbol, &unit, &grid, &filter, &noise, &outcome));
     } else if !args.model.takes_stdout() {
         report(symbol, &unit, &grid, &filter, &noise, &outcome);
     }
     if args.model.target().is_some() {
-        put(&mut model, symbol, function);
+        let sources = Sources::of(&[path.to_owned()]);
+        put(&mut model, symbol, function, sources.provenance());
         for name in axes.into_iter().chain([symbol.axis()]) {
             axis_entry(&mut model.spec, name);
         }
         let mut comment = vec![format!("written by volcomp identify kalman {}", env!("CARGO_PKG_VERSION"))];
-        comment.extend(sources(&[path.to_owned()]));
+        comment.extend(sources.comments());
         args.model.write(&model, &comment, &path.display().to_string())?;
     }
     Ok(())
@@ -394,9 +380,7 @@ fn filter_table<R: std::io::BufRead>(
     grid: &NodeGrid,
     (filter, noise): (&mut NodeFilter, &mut MeasurementNoise),
     offline_at: impl Fn([f64; 3]) -> f64,
-    path: &Path,
 ) -> Result<Outcome, Failure> {
-    let mut progress = Progress::new(path);
     let mut last: Option<f64> = None;
     let mut ratios = 0.0;
     let mut seen: Vec<([f64; 3], f64)> = Vec::new();
@@ -428,18 +412,17 @@ fn filter_table<R: std::io::BufRead>(
         let place = grid.place(at);
         outcome.outside += usize::from(place.outside);
         let update = filter.update(&Observation { place, weights: only_first(), value }, noise);
-        ratios += update.ratio();
         outcome.readings += 1;
         outcome.alarm |= filter.alarm();
         if update.verdict == Verdict::Accepted {
+            // one reading that is far off says nothing about the noise of the others
+            ratios += update.ratio();
             outcome.before += value * value;
             seen.push((at, value));
         } else {
             outcome.rejected += 1;
         }
-        progress.update(table.bytes());
     }
-    progress.finish();
     if seen.is_empty() {
         return Err(Failure::new(
             EX_DATAERR,
@@ -453,7 +436,7 @@ fn filter_table<R: std::io::BufRead>(
     let squares = |(at, value): &([f64; 3], f64)| (value - filter.value(0, &grid.place(*at))).powi(2);
     outcome.after = (seen.iter().map(squares).sum::<f64>() / n).sqrt();
     outcome.before = (outcome.before / n).sqrt();
-    outcome.mean_ratio = ratios / outcome.readings as f64;
+    outcome.mean_ratio = ratios / n;
     Ok(outcome)
 }
 

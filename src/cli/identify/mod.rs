@@ -5,7 +5,6 @@
 
 mod ballbar;
 mod case;
-mod cases;
 mod circles;
 mod diagonals;
 mod fits;

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use crate::cli::files::write_text;
-use crate::cli::fit_report::{Fitted, note_text, print_table, provenance};
-use crate::cli::model_out::{ModelOut, axis_entry, put};
+use crate::cli::fit_report::{Fitted, comments, note_text, print_table};
+use crate::cli::model_out::{ModelOut, Sources, axis_entry, put};
 use crate::cli::{EX_DATAERR, Failure};
 use crate::config::ModelFile;
 use crate::core::axes::{AxisName, Travel};
@@ -73,6 +73,11 @@ pub(super) struct Origin<'a> {
 }
 
 impl CurveArgs {
+    /// True where a model or a table of motions is wanted.
+    pub(super) fn writes(&self) -> bool {
+        self.model.target().is_some() || self.motions.is_some()
+    }
+
     /// Brings the motions (relative sense) into the gauge of a model.
     pub(super) fn gauge(&self, rows: Vec<MotionRow>, origin: &Origin<'_>) -> Result<Gauged, Failure> {
         let line = match self.straightness {
@@ -99,14 +104,18 @@ impl CurveArgs {
             return Ok(());
         }
         let fitted = self.fit(gauged, origin)?;
-        let mut comment = provenance(origin.files, &fitted);
-        comment[0] = format!("written by volcomp identify {} {}", origin.method, env!("CARGO_PKG_VERSION"));
+        let sources = Sources::of(origin.files);
+        let mut comment = comments(&format!("identify {}", origin.method), &sources, &fitted);
         let r = origin.reference;
         comment.push(format!(
             "{}: zero at {} mm, reference point of EX EY EZ ({:.3} {:.3} {:.3}) mm in M at home",
             origin.axis, gauged.reference_position, r.x, r.y, r.z
         ));
-        self.model.write(&self.model_with(gauged, origin, base, &fitted), &comment, &names(origin.files))?;
+        self.model.write(
+            &self.model_with(gauged, origin, base, &fitted, &sources),
+            &comment,
+            &names(origin.files),
+        )?;
         for f in &fitted {
             for note in &f.fit.notes {
                 eprintln!("note: {}: {}", f.symbol, note_text(f.symbol, *note));
@@ -147,11 +156,13 @@ impl CurveArgs {
         origin: &Origin<'_>,
         mut model: ModelFile,
         fitted: &[Fitted],
+        sources: &Sources,
     ) -> ModelFile {
         for f in fitted {
             // the scatter about the curve holds noise and what the curve misses; without it, the noise alone
             let std = f.fit.figures.rmse_dof.or(Some(gauged.std(f.symbol.component())));
-            put(&mut model, f.symbol, ErrorFunction { std, ..ErrorFunction::single(f.fit.curve.clone()) });
+            let function = ErrorFunction { std, ..ErrorFunction::single(f.fit.curve.clone()) };
+            put(&mut model, f.symbol, function, sources.provenance());
         }
         let axis = axis_entry(&mut model.spec, origin.axis);
         // all six of the axis are new, and they are in this sense

@@ -7,12 +7,12 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use crate::cli::table::{Table, open};
+use crate::cli::values::{above_zero, not_negative, point};
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
-use crate::core::axes::{AxisKind, AxisName};
 use crate::core::geometry::{Mat3, Vec3};
+use crate::core::statistics::{SIGNIFICANT, chi_square_upper};
 use crate::core::units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm};
 use crate::identify::primitives::{RigidFit, register};
-use crate::identify::statistics::{SIGNIFICANT, chi2_exceeded};
 use crate::identify::threepoint::{Observation, TrackerNoise};
 
 /// What is known of the instrument.
@@ -73,35 +73,6 @@ struct Noise {
     /// Of observations; `None` where not stated.
     tracker: Option<TrackerNoise>,
     stated: bool,
-}
-
-/// The letter of a linear axis.
-pub(super) fn linear_axis(text: &str) -> Result<AxisName, String> {
-    let mut chars = text.chars();
-    match (chars.next().and_then(AxisName::from_letter), chars.next()) {
-        (Some(axis), None) if axis.kind() == AxisKind::Linear => Ok(axis),
-        _ => Err(format!("'{text}' is no linear axis; they are x y z u v w")),
-    }
-}
-
-/// `X,Y,Z`.
-pub(super) fn point(text: &str) -> Result<Vec3, String> {
-    let values: Result<Vec<f64>, _> = text.split(',').map(|t| t.trim().parse::<f64>()).collect();
-    match values.as_deref() {
-        Ok([x, y, z]) if [x, y, z].iter().all(|v| v.is_finite()) => Ok(Vec3::new(*x, *y, *z)),
-        _ => Err("write three finite numbers: X,Y,Z".to_owned()),
-    }
-}
-
-pub(super) fn above_zero(text: &str) -> Result<f64, String> {
-    not_negative(text).and_then(|v| if v > 0.0 { Ok(v) } else { Err("must be above 0".to_owned()) })
-}
-
-pub(super) fn not_negative(text: &str) -> Result<f64, String> {
-    match text.trim().parse::<f64>() {
-        Ok(v) if v.is_finite() && v >= 0.0 => Ok(v),
-        _ => Err(format!("'{text}' is not a finite number from 0 up")),
-    }
 }
 
 impl Columns {
@@ -318,7 +289,7 @@ impl Place {
 impl Registered {
     /// Probability of residuals this large, where the noise was stated.
     fn p_value(&self) -> Option<f64> {
-        (self.stated && self.fit.dof > 0).then(|| chi2_exceeded(self.fit.chi2, self.fit.dof))
+        (self.stated && self.fit.dof > 0).then(|| chi_square_upper(self.fit.chi2, self.fit.dof))
     }
 
     /// Root mean square of a residual coordinate, mm.

@@ -4,9 +4,10 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::case;
-use crate::cli::model_out::{ModelOut, put, sources};
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure, table};
+use super::case::{CaseArgs, CaseFile, print_json};
+use crate::cli::model_out::{ModelOut, Sources, put};
+use crate::cli::values::numbers;
+use crate::cli::{EX_DATAERR, Failure, table};
 use crate::core::axes::AxisName;
 use crate::core::model::{Component, Curve, ErrorFunction, ErrorSymbol};
 use crate::core::units::{arcsec_from_rad, mm_from_um, rad_from_deg, um_from_mm};
@@ -29,14 +30,16 @@ use crate::identify::probe::{Arm, Calibration, Contact, Note, Request, calibrate
 #[derive(Debug, clap::Args)]
 #[command(verbatim_doc_comment)]
 pub(super) struct Args {
-    /// One case of the reference vectors, or a whole vector file together with --case.
-    #[arg(long, value_name = "FILE", conflicts_with = "data", required_unless_present = "data")]
-    input: Option<PathBuf>,
-    /// Which case of a vector file.
-    #[arg(long, value_name = "ID", requires = "input")]
-    case: Option<String>,
+    #[command(flatten)]
+    case: CaseArgs,
     /// Contacts; - is stdin.
-    #[arg(long, value_name = "CSV", requires = "bar_radius_mm")]
+    #[arg(
+        long,
+        value_name = "CSV",
+        requires = "bar_radius_mm",
+        conflicts_with = "input",
+        required_unless_present = "input"
+    )]
     data: Option<PathBuf>,
     /// Radius of the gauge bar.
     #[arg(long, value_name = "MM")]
@@ -61,17 +64,10 @@ pub(super) struct Args {
     nominal_mm: Option<[f64; 2]>,
     #[command(flatten)]
     out: ModelOut,
-    /// One JSON object on stdout.
-    #[arg(long)]
-    json: bool,
 }
 
 fn pair(text: &str) -> Result<[f64; 2], String> {
-    let read = |t: &str| t.trim().parse::<f64>().ok().filter(|v| v.is_finite());
-    match text.split_once(',').map(|(a, b)| (read(a), read(b))) {
-        Some((Some(a), Some(b))) => Ok([a, b]),
-        _ => Err(format!("'{text}' is no pair of numbers; write for example 168.8,0")),
-    }
+    numbers(text).ok_or_else(|| format!("'{text}' is no pair of numbers; write for example 168.8,0"))
 }
 
 /// A case of the vectors: mm, and degrees where the name says so.
@@ -91,15 +87,17 @@ struct Case {
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.out.target().is_some() != args.nominal_mm.is_some() {
-        return Err(usage("a model needs --out or --into, and --nominal-mm to compare the bar's place with"));
+        return Err(Failure::usage(
+            "a model needs --out or --into, and --nominal-mm to compare the bar's place with",
+        ));
     }
-    let (path, (contacts, bar_radius)) = match (&args.input, &args.data) {
-        (Some(path), _) => (path, from_case(path, args.case.as_deref())?),
+    let (path, (contacts, bar_radius)) = match (args.case.file(), &args.data) {
+        (Some(file), _) => (file.path(), from_case(file)?),
         (None, Some(path)) => {
-            let bar = args.bar_radius_mm.ok_or_else(|| usage("give --bar-radius-mm"))?;
-            (path, (from_table(path, args)?, bar))
+            let bar = args.bar_radius_mm.ok_or_else(|| Failure::usage("give --bar-radius-mm"))?;
+            (path.as_path(), (from_table(path, args)?, bar))
         }
-        (None, None) => return Err(usage("give --data or --input")),
+        (None, None) => return Err(Failure::usage("give --data or --input")),
     };
     let request = Request { sigma: args.noise_um.map(mm_from_um), reject_outliers: args.reject_outliers };
     let found = calibrate(&contacts, bar_radius, &request)
@@ -110,37 +108,19 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.out.takes_stdout() {
         return Ok(());
     }
-    if args.json {
-        case::print_json(&as_json(&found));
+    if args.case.json {
+        print_json(&as_json(&found));
     } else {
         print(&found, args, contacts.len());
     }
     Ok(())
 }
 
-fn usage(what: &str) -> Failure {
-    Failure::new(EX_USAGE, format_args!("error: {what}"))
-}
-
-fn from_case(path: &Path, id: Option<&str>) -> Result<(Vec<Contact>, f64), Failure> {
-    let bad = |what: &dyn core::fmt::Display| {
-        Failure::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()))
-    };
-    let mut value: Value = case::read(path)?;
-    if let Some(Value::Array(cases)) = value.get_mut("cases").map(Value::take) {
-        let names: Vec<String> =
-            cases.iter().map(|c| c["id"].as_str().unwrap_or_default().to_owned()).collect();
-        let wanted = id.ok_or_else(|| {
-            bad(&format_args!("a file of cases; choose one with --case: {}", names.join(", ")))
-        })?;
-        value = cases
-            .into_iter()
-            .find(|c| c["id"] == wanted)
-            .ok_or_else(|| bad(&format_args!("no case {wanted}; there are {}", names.join(", "))))?;
-    }
-    let case: Case = serde_json::from_value(value).map_err(|e| bad(&e))?;
+fn from_case(file: CaseFile<'_>) -> Result<(Vec<Contact>, f64), Failure> {
+    let case: Case = file.read()?;
     if case.y.len() != case.b_deg.len() {
-        return Err(bad(&format_args!("{} values of Y but {} of B_deg", case.y.len(), case.b_deg.len())));
+        let (y, b) = (case.y.len(), case.b_deg.len());
+        return Err(file.bad(format_args!("{y} values of Y but {b} of B_deg")));
     }
     let arm = Arm { length: case.arm, zero: rad_from_deg(case.arm_zero_deg) };
     let contacts = case.y.iter().zip(&case.b_deg).map(|(y, b)| arm.contact(*y, rad_from_deg(*b))).collect();
@@ -173,10 +153,12 @@ fn from_table(path: &Path, args: &Args) -> Result<Vec<Contact>, Failure> {
             }
         }
         (Some(_), Some(_)) => {
-            return Err(usage("--arm-mm goes with a column b_deg; the file has heights (z_mm)"));
+            return Err(Failure::usage("--arm-mm goes with a column b_deg; the file has heights (z_mm)"));
         }
         (None, None) => {
-            return Err(usage("give --arm-mm and --arm-zero-deg for the column b_deg, or a column z_mm"));
+            return Err(Failure::usage(
+                "give --arm-mm and --arm-zero-deg for the column b_deg, or a column z_mm",
+            ));
         }
     }
     Ok(contacts)
@@ -262,20 +244,22 @@ fn print(found: &Calibration, args: &Args, contacts: usize) {
 }
 
 /// The bar's place as location errors of the axis that holds it.
-fn write_model(args: &Args, path: &PathBuf, found: &Calibration) -> Result<(), Failure> {
+fn write_model(args: &Args, path: &Path, found: &Calibration) -> Result<(), Failure> {
     let Some([y, z]) = args.nominal_mm else { return Ok(()) };
     let mut model = args.out.base(|| "[w A' b X Y B t]".to_owned())?;
+    let sources = Sources::of(&[path.to_owned()]);
     let covariance = found.covariance();
     for (component, value, k) in
         [(Component::Y, found.geometric.y0 - y, 0), (Component::Z, found.geometric.z0 - z, 1)]
     {
         let std = covariance.map(|c| c[(k, k)].sqrt());
         let function = ErrorFunction { std, ..ErrorFunction::single(Curve::Constant(value)) };
-        put(&mut model, ErrorSymbol::Location { component, axis: AxisName::A }, function);
+        let symbol = ErrorSymbol::Location { component, axis: AxisName::A };
+        put(&mut model, symbol, function, sources.provenance());
     }
     if let Some(arm) = args.arm_mm {
         let arcsec = arcsec_from_rad(mm_from_um(1.0) / arm);
         eprintln!("note: ez0a holds the zero of B, too: 1 um is {arcsec:.2} arcsec of B on this arm");
     }
-    args.out.write(&model, &sources(std::slice::from_ref(path)), &path.display().to_string())
+    args.out.write(&model, &sources.comments(), &path.display().to_string())
 }

@@ -12,10 +12,11 @@ use std::path::{Path, PathBuf};
 
 use clap::{Parser, ValueEnum};
 
+use super::Failure;
 use super::files::read_bytes;
 use super::model_out::ModelOut;
 use super::positioning_data::format_failure;
-use super::{EX_USAGE, Failure};
+use crate::cli::values::axis_letter;
 use crate::core::axes::AxisName;
 use crate::formats::columns::{ColumnMap, Delimiter};
 use crate::formats::text::{self, Decoded, Encoding};
@@ -76,18 +77,8 @@ pub(super) struct Args {
     /// The table has no line with the names of its columns.
     #[arg(long)]
     no_header: bool,
-    /// COMP_FILE_TYPE of LinuxCNC: 0 actual positions, 1 trims.
-    #[arg(long, value_name = "0|1", value_parser = comp_type)]
-    comp_type: Option<linuxcnc::CompType>,
-    /// LINEAR_UNITS of the LinuxCNC machine.
-    #[arg(long, value_enum, default_value = "mm")]
-    linear_units: LinearUnitArg,
-    /// Whose motion the values of workpiece-side axes in an ISG table are.
-    #[arg(long, value_enum)]
-    sense: Option<SenseArg>,
-    /// What the values of a Heidenhain table are: actual - nominal, or its opposite.
-    #[arg(long, value_enum)]
-    sign: Option<SignArg>,
+    #[command(flatten)]
+    control: ControlArgs,
     /// Size of an encoder increment for ISG leadscrew tables that count in them (rotary: 0.001 deg).
     #[arg(long, value_name = "UM")]
     increment_um: Option<f64>,
@@ -193,11 +184,27 @@ impl From<SignArg> for heidenhain::Sign {
     }
 }
 
-pub(super) fn axis_letter(text: &str) -> Result<AxisName, String> {
-    let mut letters = text.chars();
-    match (letters.next().and_then(AxisName::from_letter), letters.next()) {
-        (Some(axis), None) => Ok(axis),
-        _ => Err(format!("'{text}' is no axis; axes are x y z u v w a b c s")),
+/// What the tables of controls leave open.
+#[derive(Debug, clap::Args)]
+pub(super) struct ControlArgs {
+    /// COMP_FILE_TYPE of LinuxCNC: 0 actual positions, 1 trims.
+    #[arg(long, value_name = "0|1", value_parser = comp_type)]
+    pub(super) comp_type: Option<linuxcnc::CompType>,
+    /// LINEAR_UNITS of the LinuxCNC machine [default: mm].
+    #[arg(long, value_enum)]
+    pub(super) linear_units: Option<LinearUnitArg>,
+    /// Whose motion an ISG control takes the values of workpiece-side axes for.
+    #[arg(long, value_enum)]
+    pub(super) sense: Option<SenseArg>,
+    /// What a Heidenhain control takes its values for: actual - nominal, or its opposite.
+    #[arg(long, value_enum)]
+    pub(super) sign: Option<SignArg>,
+}
+
+impl ControlArgs {
+    /// LINEAR_UNITS, mm where nothing is said.
+    pub(super) fn linear_unit(&self) -> linuxcnc::LinearUnit {
+        self.linear_units.unwrap_or(LinearUnitArg::Mm).into()
     }
 }
 
@@ -207,16 +214,12 @@ fn numbered_axis(text: &str) -> Result<(AxisName, u32), String> {
     Ok((axis_letter(axis)?, number))
 }
 
-pub(super) fn comp_type(text: &str) -> Result<linuxcnc::CompType, String> {
+fn comp_type(text: &str) -> Result<linuxcnc::CompType, String> {
     match text {
         "0" => Ok(linuxcnc::CompType::Actual),
         "1" => Ok(linuxcnc::CompType::Trim),
         _ => Err(format!("'{text}' is no COMP_FILE_TYPE; it is 0 or 1")),
     }
-}
-
-pub(super) fn usage(what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_USAGE, format_args!("error: {what}"))
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
@@ -230,7 +233,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         for file in &args.files[1..] {
             let other = detected(file)?;
             if other != format {
-                return Err(usage(format_args!(
+                return Err(Failure::usage(format_args!(
                     "{} and {} are of different formats; import them one by one",
                     first.display(),
                     file.display()
@@ -245,8 +248,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         FormatArg::Isg | FormatArg::IsgLis | FormatArg::LinuxCnc | FormatArg::Heidenhain => {
             tables::run(args, format)
         }
-        _ if args.files.len() > 1 => Err(usage("files of this kind are imported one by one")),
-        _ if args.model.out.is_none() => Err(usage("--out is not given; - is stdout")),
+        _ if args.files.len() > 1 => Err(Failure::usage("files of this kind are imported one by one")),
+        _ if args.model.out.is_none() => Err(Failure::usage("--out is not given; - is stdout")),
         FormatArg::Rtx => series::rtx(args, first),
         FormatArg::Edge => series::edge(args, first),
         FormatArg::Camonitor => series::camonitor(args, first),
@@ -258,7 +261,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 /// The format of a file by its beginning.
 fn detected(path: &Path) -> Result<FormatArg, Failure> {
     if path.as_os_str() == "-" {
-        return Err(usage("stdin cannot be looked at first; give its --format"));
+        return Err(Failure::usage("stdin cannot be looked at first; give its --format"));
     }
     let mut head = Vec::new();
     File::open(path)
@@ -276,7 +279,7 @@ fn detected(path: &Path) -> Result<FormatArg, Failure> {
         Some(detect::Format::ApiPos) => FormatArg::ApiPos,
         Some(detect::Format::Camonitor) => FormatArg::Camonitor,
         None => {
-            return Err(usage(format_args!(
+            return Err(Failure::usage(format_args!(
                 "{}: its beginning does not give its format away; name it with --format, or describe the table with --columns or --map",
                 path.display()
             )));
@@ -302,17 +305,17 @@ impl Args {
                     ..ColumnMap::default()
                 };
                 for column in &self.columns {
-                    let (output, source) = column
-                        .split_once('=')
-                        .ok_or_else(|| usage(format_args!("--columns {column}: write OUTPUT=COLUMN:UNIT")))?;
+                    let (output, source) = column.split_once('=').ok_or_else(|| {
+                        Failure::usage(format_args!("--columns {column}: write OUTPUT=COLUMN:UNIT"))
+                    })?;
                     map.add(output.trim(), source)
-                        .map_err(|e| usage(format_args!("--columns {column}: {e}")))?;
+                        .map_err(|e| Failure::usage(format_args!("--columns {column}: {e}")))?;
                 }
                 (map, "--columns".to_owned())
             }
         };
         map.encoding = map.encoding.or(self.encoding);
-        map.check().map_err(|e| usage(format_args!("{name}: {e}")))?;
+        map.check().map_err(|e| Failure::usage(format_args!("{name}: {e}")))?;
         Ok(map)
     }
 
@@ -330,7 +333,7 @@ impl Args {
         let target = out.canonicalize().ok();
         let same = |f: &PathBuf| f.as_path() == out || (target.is_some() && f.canonicalize().ok() == target);
         if self.files.iter().any(same) {
-            return Err(usage(format_args!(
+            return Err(Failure::usage(format_args!(
                 "--out {}: is the file that is read; name another",
                 out.display()
             )));

@@ -3,7 +3,7 @@
 use std::io::Write;
 use std::path::Path;
 
-use super::{Args, FormatArg, encoding_note, open, usage};
+use super::{Args, FormatArg, encoding_note, open};
 use crate::cli::files::{Output, read_bytes};
 use crate::cli::positioning_data::{format_failure, parse_dat};
 use crate::cli::predict::push_number;
@@ -18,9 +18,11 @@ use crate::formats::{ReadError, api_pos};
 use crate::identify::Reading;
 
 pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
-    let Some(out) = args.model.out.as_deref() else { return Err(usage("--out is not given; - is stdout")) };
+    let Some(out) = args.model.out.as_deref() else {
+        return Err(Failure::usage("--out is not given; - is stdout"));
+    };
     if args.model.into.is_some() {
-        return Err(usage(
+        return Err(Failure::usage(
             "--into is for tables of controls; fit a test with volcomp fit --errors FILE --into MODEL",
         ));
     }
@@ -105,11 +107,11 @@ impl Args {
         let written = rtl.user("Axis").and_then(|a| a.chars().next()).and_then(AxisName::from_letter);
         let axis = self.axis.or(written);
         match (self.deviation_unit.map(DeviationUnit::from), axis.map(AxisName::kind)) {
-            (Some(unit), Some(kind)) if unit.kind() != kind => Err(usage(format_args!(
+            (Some(unit), Some(kind)) if unit.kind() != kind => Err(Failure::usage(format_args!(
                 "{file}: the unit of --deviation-unit does not suit the axis; say which one moved with --axis"
             ))),
             (Some(unit), _) => Ok(unit),
-            (None, Some(AxisKind::Rotary)) => Err(usage(format_args!(
+            (None, Some(AxisKind::Rotary)) => Err(Failure::usage(format_args!(
                 "{file}: a rotary axis, and the file does not say the unit of its deviations; give --deviation-unit mrad, urad or arcsec"
             ))),
             _ => Ok(DeviationUnit::Um),
@@ -178,19 +180,21 @@ fn columns(
 ) -> Result<(), Failure> {
     let file = path.display().to_string();
     let map = args.column_map()?;
-    let Some(target) = map.output("target") else { return Err(usage("the map has no output target")) };
+    let Some(target) = map.output("target") else {
+        return Err(Failure::usage("the map has no output target"));
+    };
     let value = map.output("deviation").or(map.output("actual")).unwrap_or(target);
     let (cycle, direction) = (map.output("cycle"), map.output("direction"));
     let is_actual = map.output("actual").is_some();
     let kind = match (args.axis.map(AxisName::kind), map.is_angle("target")) {
         (Some(AxisKind::Linear), true) | (Some(AxisKind::Rotary), false) => {
-            return Err(usage(format_args!("{file}: the unit of target does not suit --axis")));
+            return Err(Failure::usage(format_args!("{file}: the unit of target does not suit --axis")));
         }
         (_, true) => AxisKind::Rotary,
         _ => AxisKind::Linear,
     };
     if map.is_angle(if is_actual { "actual" } else { "deviation" }) != (kind == AxisKind::Rotary) {
-        return Err(usage(format_args!(
+        return Err(Failure::usage(format_args!(
             "{file}: target and deviation are of different kinds; check their units"
         )));
     }

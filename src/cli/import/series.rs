@@ -7,7 +7,7 @@ use std::path::Path;
 use std::rc::Rc;
 
 use super::positioning::read_failure;
-use super::{Args, encoding_note, open, usage};
+use super::{Args, encoding_note, open};
 use crate::cli::files::{Output, read_bytes};
 use crate::cli::positioning_data::format_failure;
 use crate::cli::progress::Progress;
@@ -29,7 +29,7 @@ struct TableOut {
 impl TableOut {
     fn create(args: &Args) -> Result<Self, Failure> {
         let Some(out) = args.model.out.as_deref() else {
-            return Err(usage("--out is not given; - is stdout"));
+            return Err(Failure::usage("--out is not given; - is stdout"));
         };
         Ok(Self { output: Output::create(out)?, block: Vec::with_capacity(BLOCK + 4096) })
     }
@@ -164,7 +164,7 @@ impl Sink for Capture<'_> {
             known.sort_unstable();
             known.dedup();
             let what = format_args!("--axes {}={number}: the capture has axes {known:?}", axis.lower());
-            self.problem = Some(usage(what));
+            self.problem = Some(Failure::usage(what));
             return false;
         }
         let mut names = vec!["t_s".to_owned(), "segment".to_owned()];
@@ -343,7 +343,9 @@ pub(super) fn b5r(args: &Args, path: &Path) -> Result<(), Failure> {
     let bytes = read_bytes(path)?;
     let decoded = args.decode(&file, &bytes)?;
     let test = ballbar::parse(&decoded.text).map_err(|e| format_failure(&file, &e))?;
-    let Some(out) = args.model.out.as_deref() else { return Err(usage("--out is not given; - is stdout")) };
+    let Some(out) = args.model.out.as_deref() else {
+        return Err(Failure::usage("--out is not given; - is stdout"));
+    };
     let json = out.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
     let text = if json {
         let about: serde_json::Map<String, serde_json::Value> =

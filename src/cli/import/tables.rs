@@ -1,11 +1,11 @@
 //! Tables of controls to a model.
 
-use super::{Args, FormatArg, encoding_note, usage};
+use super::{Args, FormatArg, encoding_note};
 use crate::cli::files::read_bytes;
-use crate::cli::model_out::{default_chain, put, sources};
+use crate::cli::model_out::{Sources, default_chain, put};
 use crate::cli::positioning_data::format_failure;
 use crate::cli::{EX_DATAERR, Failure};
-use crate::config::{ModelFile, Provenance};
+use crate::config::ModelFile;
 use crate::core::axes::{AxisKind, AxisName};
 use crate::core::geometry::Vec3;
 use crate::core::model::curve::Curve;
@@ -16,11 +16,14 @@ use crate::formats::{heidenhain, isg, isg_lis, linuxcnc};
 
 pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
     if args.model.target().is_none() {
-        return Err(usage("neither --out nor --into is given; a table of a control becomes a model file"));
+        return Err(Failure::usage(
+            "neither --out nor --into is given; a table of a control becomes a model file",
+        ));
     }
     let mut model = args.model.base(|| default_chain(args.axis))?;
     let mut seen: Vec<ErrorSymbol> = Vec::new();
-    for path in &args.files {
+    let sources = Sources::of(&args.files);
+    for (index, path) in args.files.iter().enumerate() {
         let file = path.display().to_string();
         let bytes = read_bytes(path)?;
         let decoded = args.decode(&file, &bytes)?;
@@ -34,14 +37,11 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
             seen.push(symbol);
             refuse_other_reference(&model, symbol, format, &file)?;
             describe(symbol, &function);
-            put(&mut model, symbol, function);
-            let source = path.file_name().map(|n| n.to_string_lossy().into_owned());
-            let source_hash = Some(format!("blake3:{}", blake3::hash(&bytes).to_hex()));
-            model.of_errors.push((symbol, Provenance { source, source_hash, ..Provenance::default() }));
+            put(&mut model, symbol, function, sources.only(|i| i == index).provenance());
         }
     }
     let files = args.files.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ");
-    args.model.write(&model, &sources(&args.files), &files)
+    args.model.write(&model, &sources.comments(), &files)
 }
 
 fn read(
@@ -54,13 +54,13 @@ fn read(
 ) -> Result<Vec<(ErrorSymbol, ErrorFunction)>, Failure> {
     let axis = || {
         args.axis.ok_or_else(|| {
-            usage(format_args!("{file}: the file does not say whose table it is; give --axis"))
+            Failure::usage(format_args!("{file}: the file does not say whose table it is; give --axis"))
         })
     };
     let fail = |e| format_failure(file, &e);
     match format {
         FormatArg::Isg => {
-            let body = args.sense.map(isg::Body::from);
+            let body = args.control.sense.map(isg::Body::from);
             let tables = isg::parse(text, &model.spec.chain, body).map_err(fail)?;
             eprintln!("{file}: ISG volumetric compensation{encoding}, {} errors", tables.errors.len());
             if !tables.kinematics.is_empty() {
@@ -80,8 +80,8 @@ fn read(
             Ok(vec![(positioning_symbol(axis), found)])
         }
         FormatArg::Heidenhain => {
-            let table =
-                heidenhain::parse(text, axis()?, args.sign.map(heidenhain::Sign::from)).map_err(fail)?;
+            let table = heidenhain::parse(text, axis()?, args.control.sign.map(heidenhain::Sign::from))
+                .map_err(fail)?;
             eprintln!("{file}: Heidenhain compensation table (.COM){encoding}");
             if table.backlash_empty {
                 eprintln!("  note: BACKLASH holds zeros only and is taken as not filled in");
@@ -90,10 +90,10 @@ fn read(
         }
         _ => {
             let axis = axis()?;
-            let kind = args.comp_type.ok_or_else(|| {
-                usage(format_args!("{file}: the file does not say what its columns are; give --comp-type 0 (actual positions) or 1 (trims), as COMP_FILE_TYPE of the INI file"))
+            let kind = args.control.comp_type.ok_or_else(|| {
+                Failure::usage(format_args!("{file}: the file does not say what its columns are; give --comp-type 0 (actual positions) or 1 (trims), as COMP_FILE_TYPE of the INI file"))
             })?;
-            let found = linuxcnc::parse(text, axis.kind(), kind, args.linear_units.into()).map_err(fail)?;
+            let found = linuxcnc::parse(text, axis.kind(), kind, args.control.linear_unit()).map_err(fail)?;
             eprintln!("{file}: LinuxCNC screw compensation{encoding}");
             Ok(vec![(positioning_symbol(axis), found)])
         }

@@ -1,8 +1,10 @@
 //! The machine file, `volcomp-machine/1`, and whether a control and a model belong to it.
 
 mod read;
+mod tls;
 
 pub use read::known_keys;
+pub use tls::TlsConfig;
 
 use core::fmt;
 use core::net::SocketAddr;
@@ -37,6 +39,12 @@ pub struct MachineConfig {
     pub status: StatusConfig,
     /// Logging.
     pub log: LogConfig,
+    /// Recording of every cycle.
+    pub recording: RecordingConfig,
+    /// What outlives the daemon: counters, audit log, models in use.
+    pub state: StateConfig,
+    /// What a model must be before it is used.
+    pub guard: GuardConfig,
 }
 
 /// The link to the control.
@@ -54,6 +62,18 @@ pub struct LinkConfig {
     pub heartbeat_s: f64,
     /// Silence after which the link is given up, s.
     pub silence_s: f64,
+    /// Mutual TLS; `None` is plain TCP.
+    pub tls: Option<TlsConfig>,
+    /// A control on another computer may be talked to without TLS.
+    pub plain_remote: bool,
+}
+
+impl LinkConfig {
+    /// True where frames leave this computer without authentication and encryption.
+    #[must_use]
+    pub fn is_exposed(&self) -> bool {
+        self.tls.is_none() && !self.address.ip().to_canonical().is_loopback()
+    }
 }
 
 /// When compensation starts.
@@ -110,7 +130,7 @@ pub struct RealtimeConfig {
     pub cpu: Option<u16>,
     /// Lock all memory.
     pub lock_memory: bool,
-    /// Poll the socket this long before blocking, s.
+    /// Poll the socket from this long before to this long after a frame is expected, s.
     pub busy_poll_s: f64,
 }
 
@@ -140,6 +160,72 @@ pub struct LogConfig {
     pub target: LogTarget,
     /// A filter such as `info` or `volcomp=debug`.
     pub level: String,
+}
+
+/// What happens when recordings have reached their total size.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum WhenFull {
+    /// Nothing more is recorded until somebody makes room.
+    #[default]
+    Stop,
+    /// The oldest recordings are deleted.
+    DeleteOldest,
+}
+
+/// Recording of every cycle.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordingConfig {
+    /// Where recordings are written, as written (relative to the machine file); `None` records nothing.
+    pub directory: Option<PathBuf>,
+    /// Size at which a new file is begun, bytes.
+    pub file_bytes: u64,
+    /// Age at which a new file is begun, s.
+    pub file_s: f64,
+    /// Size of all recordings in the directory together, bytes.
+    pub total_bytes: u64,
+    /// What happens when that is reached.
+    pub when_full: WhenFull,
+    /// Interval at which blocks go to the disk, s.
+    pub flush_s: f64,
+}
+
+/// What outlives the daemon.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct StateConfig {
+    /// Where it is kept, as written (relative to the machine file); `None` is the state directory that systemd gives
+    /// the service, and nowhere without one.
+    pub directory: Option<PathBuf>,
+}
+
+/// What happens where a model should not be used any more, or not now.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Policy {
+    /// It is said, and nothing else.
+    Warn,
+    /// Compensation is not enabled; one that is on goes on.
+    #[default]
+    Refuse,
+    /// Compensation is not enabled; one that is on is ramped out.
+    RampOut,
+}
+
+/// What a model must be before it is used.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GuardConfig {
+    /// Change of the tip anywhere in the working volume that needs no confirmation, mm.
+    pub change_limit: f64,
+    /// Change of the tool's direction that needs no confirmation, rad.
+    pub change_limit_angle: f64,
+    /// BLAKE3 of the only model file that may be used, in hex.
+    pub hash: Option<String>,
+    /// After the expiry that the model states.
+    pub expired: Policy,
+    /// Temperatures of the machine for which the model holds, degrees Celsius; `None` does not ask.
+    pub temperature_degc: Option<[f64; 2]>,
+    /// Age at which a temperature that was told counts as unknown, s.
+    pub temperature_max_age_s: f64,
+    /// Outside these temperatures, or where none is known.
+    pub outside_temperature: Policy,
 }
 
 /// Why a control and a machine file do not belong together.

@@ -3,9 +3,10 @@
 use core::net::SocketAddr;
 use std::path::PathBuf;
 
+use super::tls::{check_remote, read_tls};
 use super::{
-    AxisConfig, EngineSettings, FORMAT, LinkConfig, LogConfig, LogTarget, MachineConfig, NO_SOFT_LIMITS,
-    RealtimeConfig, StartMode, StatusConfig,
+    AxisConfig, EngineSettings, FORMAT, GuardConfig, LinkConfig, LogConfig, LogTarget, MachineConfig,
+    NO_SOFT_LIMITS, Policy, RealtimeConfig, RecordingConfig, StartMode, StateConfig, StatusConfig, WhenFull,
 };
 use crate::config::diagnostic::{ConfigErrors, Diagnostic};
 use crate::config::reader::{self, Allowed, Placed, Reader, Section};
@@ -48,8 +49,23 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
     let realtime = read_realtime(&top.section("realtime"));
     let status = read_status(&top.section("status"));
     let log = read_log(&top.section("log"));
+    let recording = read_recording(&top.section("recording"));
+    let state = read_state(&top.section("state"));
+    let guard = read_guard(&top.section("guard"));
     top.finish();
-    Some(MachineConfig { machine: machine?, model: model?, link: link?, engine, axes, realtime, status, log })
+    Some(MachineConfig {
+        machine: machine?,
+        model: model?,
+        link: link?,
+        engine,
+        axes,
+        realtime,
+        status,
+        log,
+        recording,
+        state,
+        guard,
+    })
 }
 
 fn read_model_path(top: &Section<'_>) -> Option<PathBuf> {
@@ -82,10 +98,16 @@ const fn within(low: f64, high: f64) -> Allowed {
 }
 
 fn read_link(link: &Section<'_>) -> Option<LinkConfig> {
-    let address = match link.text("address") {
-        None => DEFAULT_ADDRESS.parse().ok(),
-        Some(text) => read_address(link, &text),
+    let (address, place) = match link.text("address") {
+        None => (DEFAULT_ADDRESS.parse().ok(), 0..0),
+        Some(text) => (read_address(link, &text), text.place),
     };
+    let tls = read_tls(link, address);
+    let plain_remote = link.flag("plain-remote").unwrap_or(false);
+    if let Some(value) = address {
+        let secured = link.value("tls").is_some();
+        check_remote(link, &Placed { value, place }, secured, plain_remote);
+    }
     let reconnect = [
         or(link, "reconnect-min-s", within(0.01, 3600.0), 0.2),
         or(link, "reconnect-max-s", within(0.01, 3600.0), 10.0),
@@ -102,6 +124,8 @@ fn read_link(link: &Section<'_>) -> Option<LinkConfig> {
         reconnect_s: reconnect,
         heartbeat_s,
         silence_s,
+        tls: tls?,
+        plain_remote,
     };
     link.finish();
     Some(config)
@@ -359,6 +383,81 @@ fn read_status(status: &Section<'_>) -> StatusConfig {
     let path = status.text("socket").map_or(DEFAULT_SOCKET, |t| t.value);
     status.finish();
     StatusConfig { socket: (!path.is_empty()).then(|| PathBuf::from(path)) }
+}
+
+/// Bytes in the megabyte of the keys that end in `-mb`.
+const BYTES_PER_MB: u64 = 1_000_000;
+
+/// A path, or nothing where it is left out or empty.
+fn read_directory(section: &Section<'_>) -> Option<PathBuf> {
+    section.text("directory").map(|t| t.value).filter(|path| !path.trim().is_empty()).map(PathBuf::from)
+}
+
+fn read_recording(recording: &Section<'_>) -> RecordingConfig {
+    let megabytes = |key, low, high, default| recording.whole(key, low, high).map_or(default, |n| n.value);
+    let file_mb = megabytes("file-max-mb", 1, 4000, 256);
+    let total_mb = megabytes("total-max-mb", 1, 100_000_000, 4096);
+    // the file being written is never deleted, so there must be room for one and what it follows
+    at_least(recording, "total-max-mb", f64::from(total_mb), "twice file-max-mb", 2.0 * f64::from(file_mb));
+    let when_full = [("stop", WhenFull::Stop), ("delete-oldest", WhenFull::DeleteOldest)];
+    let config = RecordingConfig {
+        directory: read_directory(recording),
+        file_bytes: u64::from(file_mb) * BYTES_PER_MB,
+        file_s: or(recording, "file-max-s", within(1.0, 604_800.0), 3600.0),
+        total_bytes: u64::from(total_mb) * BYTES_PER_MB,
+        when_full: recording.choice("when-full", &when_full).unwrap_or_default(),
+        flush_s: or(recording, "flush-ms", within(20.0, 1000.0), 500.0) / 1e3,
+    };
+    recording.finish();
+    config
+}
+
+fn read_state(state: &Section<'_>) -> StateConfig {
+    let config = StateConfig { directory: read_directory(state) };
+    state.finish();
+    config
+}
+
+/// Change of a model that needs no confirmation by default, um and arcsec.
+const DEFAULT_CHANGE: [f64; 2] = [50.0, 20.0];
+
+fn read_guard(guard: &Section<'_>) -> GuardConfig {
+    let policies = [("warn", Policy::Warn), ("refuse", Policy::Refuse), ("ramp-out", Policy::RampOut)];
+    let hash = guard.text("hash");
+    if let Some(hash) = &hash
+        && !(hash.value.len() == 64 && hash.value.bytes().all(|b| matches!(b, b'0'..=b'9' | b'a'..=b'f')))
+    {
+        guard.report(Diagnostic::at(
+            hash.place.clone(),
+            format!("guard.hash \"{}\" is no BLAKE3 hash", hash.value),
+            "write the 64 hexadecimal digits that `volcomp check` prints for the model",
+        ));
+    }
+    let temperature = guard.fixed::<2>("temperature-degc", "[lowest, highest]");
+    if let Some(list) = temperature.as_ref().filter(|t| t.value[0] >= t.value[1]) {
+        let [low, high] = list.value;
+        guard.report(Diagnostic::at(
+            list.place.clone(),
+            format!("guard.temperature-degc is [{low}, {high}]: the lower end is not below the upper"),
+            "write the lower end first",
+        ));
+    }
+    let config = GuardConfig {
+        change_limit: mm_from_um(or(guard, "change-limit-um", within(0.0, 10_000.0), DEFAULT_CHANGE[0])),
+        change_limit_angle: rad_from_arcsec(or(
+            guard,
+            "change-limit-arcsec",
+            within(0.0, 10_000.0),
+            DEFAULT_CHANGE[1],
+        )),
+        hash: hash.map(|h| h.value.to_owned()),
+        expired: guard.choice("expired", &policies).unwrap_or_default(),
+        temperature_degc: temperature.map(|t| t.value),
+        temperature_max_age_s: 60.0 * or(guard, "temperature-max-age-min", within(0.1, 10_000.0), 60.0),
+        outside_temperature: guard.choice("outside-temperature", &policies).unwrap_or_default(),
+    };
+    guard.finish();
+    config
 }
 
 const LEVELS: [&str; 5] = ["error", "warn", "info", "debug", "trace"];

@@ -42,6 +42,13 @@ impl ModelFile {
     pub fn new(spec: ModelSpec) -> Self {
         Self { spec, provenance: Provenance::default(), of_errors: Vec::new() }
     }
+
+    /// The last day on which all of its numbers may be used, where one is stated.
+    #[must_use]
+    pub fn earliest_expiry(&self) -> Option<&str> {
+        let parts = self.of_errors.iter().map(|(_, origin)| &origin.expiry);
+        core::iter::once(&self.provenance.expiry).chain(parts).flatten().map(String::as_str).min()
+    }
 }
 
 /// Reads a model file.

@@ -162,6 +162,11 @@ impl Compensator {
         self.aim.live.tell(now, channel, value);
     }
 
+    /// Goes on with a lag that was measured elsewhere: for an engine that takes up a recording in its middle.
+    pub const fn assume_lag(&mut self, cycles: Option<u32>) {
+        self.aim.lag.assume(cycles);
+    }
+
     fn blend_anew(&mut self, reason: Reason) {
         if self.follows_target() {
             self.plan(State::RampingIn, reason);
@@ -311,8 +316,14 @@ impl Compensator {
             sequence: output.sequence,
             state: output.state,
             limited: output.limited,
-            offset: core::array::from_fn(|k| output.offset[k] / self.scale[k]),
+            offset: self.wire(&output.offset),
         }
+    }
+
+    /// Values of the engine, mm and rad, as they go over the wire: mm and deg.
+    #[must_use]
+    pub fn wire(&self, values: &AxisArray) -> AxisArray {
+        core::array::from_fn(|k| values[k] / self.scale[k])
     }
 
     /// True while the offset follows the correction or goes to or from it.
@@ -519,6 +530,7 @@ impl Compensator {
             faded: plan.target.faded,
             wanted: plan.target.offset,
             lag_cycles: self.aim.lag.measured(),
+            // what a command, a tool or a model has changed since the last cycle is told with this one
             event: self.event.take(),
             stopped: self.stopped,
         }

@@ -56,6 +56,8 @@ impl LagMeter {
 
     /// A new link: another control may lag differently.
     pub(super) const fn restart(&mut self) {
+        // offsets of the old link must not be taken for those of this one
+        self.next = 0;
         self.filled = 0;
         self.agreeing = 0;
         self.measured = None;
@@ -73,6 +75,12 @@ impl LagMeter {
     /// The lag measured on this link, in control cycles.
     pub(super) const fn measured(&self) -> Option<u32> {
         self.measured
+    }
+
+    /// Goes on with a lag that was measured elsewhere.
+    pub(super) const fn assume(&mut self, measured: Option<u32>) {
+        self.measured = measured;
+        self.agreeing = 0;
     }
 
     /// The offset that answers frame `sequence`.
@@ -163,6 +171,28 @@ mod tests {
     fn frames_that_are_lost_do_not_mislead() {
         // a lost frame has no offset of its own: the control keeps the one before, which looks one cycle older
         assert_eq!(measure(2, 0.0, 10), Some(2));
+    }
+
+    #[test]
+    fn a_new_link_is_measured_as_soon_as_the_first_and_by_its_own_offsets_only() {
+        let mut meter = LagMeter::new(Lag::Measured, 3);
+        let mut known = [None; 2];
+        for (link, known) in known.iter_mut().enumerate() {
+            meter.restart();
+            let offset = |n: u32| [(f64::from(n) * 0.3).sin(); MAX_AXES];
+            // both links count from 0; the second one lags by two cycles more
+            let lag = 1 + 2 * link as u32;
+            // so many cycles that the ring stands in its middle
+            for n in 0..50 {
+                meter.read_back(n, &offset(n.saturating_sub(lag)));
+                meter.sent(n, &offset(n));
+                if known.is_none() && meter.measured().is_some() {
+                    *known = meter.measured().map(|lag| (lag, n));
+                }
+            }
+        }
+        let [Some((1, first)), Some((3, second))] = known else { panic!("{known:?}") };
+        assert!(second <= first + 2, "after {first} cycles, then after {second}");
     }
 
     #[test]

@@ -12,6 +12,7 @@ mod lookahead;
 mod output;
 mod ramp;
 mod read_back;
+mod shadow;
 #[cfg(test)]
 mod tests;
 pub mod transitions;
@@ -22,3 +23,4 @@ pub use limiter::Limiter;
 pub use lookahead::{LAG_CYCLES_MAX, Lag};
 pub use output::{Command, CycleOutput, Event, Reason, State};
 pub use read_back::READ_BACK_CYCLES_MAX;
+pub use shadow::{AxisScore, Shadow, ShadowScore};

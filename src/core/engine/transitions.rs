@@ -2,6 +2,9 @@
 //! code, rules and page together.
 
 use super::output::{Reason, State};
+use crate::core::protocol::CorrectionState::{
+    Active, Armed, FadingToStatic, Faulted, Holding, Off, RampingIn, RampingOut,
+};
 
 /// What makes the engine change its state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
@@ -28,7 +31,6 @@ pub struct Rule {
 }
 
 use Cause::Reason as By;
-use State::{Active, Armed, FadingToStatic, Faulted, Holding, Off, RampingIn, RampingOut};
 
 /// Positions that cannot be used.
 const BAD_DATA: &[Cause] = &[

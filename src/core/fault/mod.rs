@@ -76,6 +76,8 @@ impl Code {
     pub const CONTROL_BUSY: Self = Self(6005);
     /// Corrections come later than one control cycle.
     pub const LATE_CYCLES: Self = Self(6006);
+    /// The two ends cannot agree on TLS.
+    pub const TLS_FAILED: Self = Self(6007);
     /// Position frames out of order or repeated.
     pub const SEQUENCE: Self = Self(3004);
     /// An offset is held back by its limit.

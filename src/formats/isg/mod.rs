@@ -14,6 +14,7 @@
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
 
+use super::axis_table::possible;
 use super::error::{FormatError, FormatErrorKind};
 use super::sample::{ExportError, Limits, Motions, Sampling, Way, positions};
 use super::text::{Word, lines, rounded, words};
@@ -289,8 +290,9 @@ impl Gathered {
         if coordinates.is_empty() && rows > 0 {
             return Err(line.unexpected("one row only: the block has no argument"));
         }
-        for ((word, kind), value) in columns.iter().zip(&numbers) {
+        for (i, ((word, kind), value)) in columns.iter().zip(&numbers).enumerate() {
             let ColumnKind::Error(symbol) = kind else { continue };
+            possible(symbol.is_angle(), *value).map_err(|e| words(line).nth(i).unwrap_or(line).fail(e))?;
             let Some((_, values)) = self.errors.get_mut(symbol) else { continue };
             if let Some((_, first)) = values.insert(coordinates.clone(), (*value, line.line)) {
                 let what = format!("{} at these arguments", word.text);

@@ -43,12 +43,12 @@ fn rows_of_a_grid_in_any_order_and_in_several_blocks() {
 
 #[test]
 fn the_body_has_to_be_stated_on_the_workpiece_side() {
-    let text = "X EXX ECX\n0 1 2\n10 3 4\n#\nC0Y\n1e-5\n";
+    let text = "X EXX ECX\n0 1 2e-3\n10 3 4e-3\n#\nC0Y\n1e-5\n";
     let table_side = chain("[w X' b Y Z t]");
     let e = parse(text, &table_side, None).unwrap_err().to_string();
     assert!(e.starts_with("1:3: the file does not say whose motion"), "{e}");
     let carriage = parse(text, &table_side, Some(Body::Carriage)).unwrap();
-    assert_eq!(of(&carriage, "ecx").value(10.0, Travel::Forward), -4.0);
+    assert_eq!(of(&carriage, "ecx").value(10.0, Travel::Forward), -4e-3);
     assert_eq!(of(&carriage, "ec0y").value(0.0, Travel::Forward), 1e-5);
     let relative = parse(text, &table_side, Some(Body::Relative)).unwrap();
     assert_eq!(of(&relative, "exx").value(0.0, Travel::Forward), 1.0);
@@ -63,6 +63,8 @@ fn mistakes_name_their_place() {
         ("X EXX\n0 0 1\n", "2:5: columns: 2 announced, 3 found"),
         ("X EXX\n 0\n", "2:2: columns: 2 announced, 1 found"),
         ("X EXX\n0 0,1\n", "2:3: '0,1' is not a finite number"),
+        ("X EXX\n0 0\n1 7.5\n", "3:3: 7.5 is larger than any error of a machine (5 mm)"),
+        ("X EXX\n0 1e31\n", "2:3: '1e31' is not a finite number up to 1e30"),
         ("X EXX\n0 inf\n", "2:3: 'inf' is not a finite number"),
         ("X EXQ\n", "1:3: found 'EXQ', expected a column such as"),
         ("X EXX EXX\n", "1:7: column EXX was given before"),
@@ -73,7 +75,7 @@ fn mistakes_name_their_place() {
         ("X C0Y\n0 1\n", "C0Y is not read: a position error that depends on an axis"),
         ("Y EXX\n0 1\n", "EXX is not read: a component error over another axis alone"),
         ("A EXA\n0 1\n", "1:1: A is not read: its axis is not in the chain"),
-        ("C0Y\n1\n2\n", "3:1: found '2', expected one row only"),
+        ("C0Y\n0\n2\n", "3:1: found '2', expected one row only"),
         ("X EXX\n0 1\n#\nX Y EXX\n0 0 1\n", "EXX is not read: it was given before with other arguments"),
         ("X Y EXX\n0 0 1\n0 1 1\n1 1 1\n", "1:1: combinations of arguments"),
         ("X Y EXX\n0 0 1\n0 1 1\n", "1:1: a table needs at least 2 positions"),

@@ -11,6 +11,7 @@ pub use error::ExportError;
 
 use std::collections::BTreeSet;
 
+use super::axis_table::positioning;
 use crate::core::axes::{AxisKind, AxisName, Travel};
 use crate::core::geometry::Vec3;
 use crate::core::model::chain::Side;
@@ -291,6 +292,24 @@ pub struct Column {
     pub forward: Vec<f64>,
     /// For travel towards minus, where different.
     pub reverse: Option<Vec<f64>>,
+}
+
+/// Samples the positioning error of an axis.
+///
+/// # Errors
+/// No such error, and what the format cannot hold.
+pub fn sample_positioning(
+    spec: &ModelSpec,
+    axis: AxisName,
+    sampling: &Sampling,
+    limits: &Limits,
+) -> Result<AxisTable, ExportError> {
+    let motions = Motions::new(spec, axis, false)?;
+    let component = positioning(axis);
+    if !motions.present().contains(&component) {
+        return Err(ExportError::NoError { what: "positioning error", axis });
+    }
+    sample_axis(&motions, &[component], sampling, limits)
 }
 
 /// Samples components of an axis that depend on nothing else.

@@ -259,7 +259,7 @@ fn check(symbol: ErrorSymbol, a: &Stated, b: &Stated) -> Option<Check> {
         std,
         chi_square,
         dof,
-        p: chi_square.map(|c| chi_square_upper(c, dof as f64)),
+        p: chi_square.map(|c| chi_square_upper(c, dof)),
     })
 }
 

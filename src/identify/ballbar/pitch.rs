@@ -6,7 +6,7 @@ use nalgebra::DVector;
 
 use super::Circles;
 use super::columns::of_cyclic;
-use super::runs::largest_gap;
+use crate::core::geometry::largest_gap;
 
 /// Natural logarithm of the odds against a pitch in white noise: e^-7 is one in a thousand.
 const CERTAINTY: f64 = 7.0;
@@ -58,7 +58,7 @@ fn spacing(circles: &Circles) -> f64 {
     if travelled > 0.0 {
         travelled / samples.len() as f64
     } else {
-        (TAU - largest_gap(samples)) / samples.len() as f64
+        (TAU - largest_gap(samples.iter().map(|s| s.angle))) / samples.len() as f64
     }
 }
 

@@ -61,17 +61,6 @@ pub fn cut_overshoot(samples: &[Sample], overshoot: Option<f64>) -> Vec<Sample> 
     kept
 }
 
-/// Largest angle between neighbouring readings around the circle, rad.
-pub(super) fn largest_gap(samples: &[Sample]) -> f64 {
-    let mut angles: Vec<f64> = samples.iter().map(|s| s.angle.rem_euclid(TAU)).collect();
-    angles.sort_by(f64::total_cmp);
-    let inner = angles.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
-    match (angles.first(), angles.last()) {
-        (Some(first), Some(last)) => inner.max(TAU - (last - first)),
-        _ => TAU,
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;

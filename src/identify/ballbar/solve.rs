@@ -5,11 +5,11 @@ use core::f64::consts::TAU;
 use nalgebra::{DMatrix, DVector};
 
 use super::columns::{self, Column, What};
-use super::runs::largest_gap;
 use super::{
     Analysis, BallbarError, Circles, Effect, Estimate, Harmonic, Note, Pitch, Reason, Request, Value, pitch,
 };
 use crate::core::axes::Travel;
+use crate::core::geometry::largest_gap;
 use crate::identify::primitives::jacobi;
 
 /// Fewest readings.
@@ -112,7 +112,7 @@ fn check(circles: &Circles, request: &Request) -> Result<(), BallbarError> {
     if known != 0 && known != samples.len() {
         return Err(BallbarError::FeedMissing { plane });
     }
-    let covered = TAU - largest_gap(samples);
+    let covered = TAU - largest_gap(samples.iter().map(|s| s.angle));
     if covered < ARC_NEEDED {
         let (covered_deg, limit_deg) = (covered.to_degrees(), ARC_NEEDED.to_degrees());
         return Err(BallbarError::ArcTooShort { plane, covered_deg, limit_deg });
@@ -415,7 +415,7 @@ fn report(
         e.share = if sum > 0.0 { e.contribution / sum } else { 0.0 };
     }
     estimates.sort_by(|a, b| b.contribution.total_cmp(&a.contribution));
-    let covered = TAU - largest_gap(samples);
+    let covered = TAU - largest_gap(samples.iter().map(|s| s.angle));
     let mut notes = Vec::new();
     let forward = samples.iter().filter(|s| s.travel == Travel::Forward).count();
     if forward == 0 || forward == samples.len() {

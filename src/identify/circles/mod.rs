@@ -11,8 +11,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::primitives::{SpaceCircle, SpaceCircleError, jacobi, space_circle};
-use super::statistics::chi2_exceeded;
 use crate::core::geometry::{Mat3, Vec3};
+use crate::core::statistics::chi_square_upper;
 
 /// What is measured and known.
 #[derive(Debug, Clone, PartialEq)]
@@ -304,7 +304,7 @@ fn coaxial(input: &CirclesInput<'_>, one: &SpaceCircle, two: &SpaceCircle, start
         tip_lateral_std: taken * lateral(0, 2).max(lateral(1, 3)),
         sigma: noise,
         // two circles have 12 parameters, the coaxial pair 8
-        p_value: sigma.map(|s| chi2_exceeded((sum - separate(one) - separate(two)).max(0.0) / (s * s), 4)),
+        p_value: sigma.map(|s| chi_square_upper((sum - separate(one) - separate(two)).max(0.0) / (s * s), 4)),
         direction,
     })
 }

@@ -8,8 +8,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::basis::Shape;
 use super::solve::Design;
-use super::student::two_sided_95;
 use crate::core::axes::Travel;
+use crate::core::statistics::student_95;
 
 /// Confidence band of a curve.
 #[derive(Debug, Clone, PartialEq)]
@@ -66,7 +66,7 @@ impl Band {
     /// The curve plus and minus this many standard deviations holds the truth at a position with 95 %.
     #[must_use]
     pub fn factor_95(&self) -> f64 {
-        two_sided_95(self.dof)
+        student_95(self.dof.max(1))
     }
 
     /// Standard deviation of the curve (k = 1) at `position`, mm or rad; beyond the ends that of the end.

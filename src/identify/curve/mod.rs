@@ -14,9 +14,11 @@
 
 mod band;
 mod basis;
+mod climb;
 mod data;
 mod error;
 mod figures;
+mod lanes;
 pub mod monomial;
 mod periods;
 mod robust;
@@ -24,7 +26,6 @@ mod sampling;
 mod select;
 mod smooth;
 mod solve;
-mod student;
 mod support;
 
 pub use band::Band;

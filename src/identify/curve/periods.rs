@@ -42,6 +42,25 @@ pub fn period_range(positions: &[f64], order: usize) -> [f64; 2] {
     [POSITIONS_PER_WAVE * order.max(1) as f64 * spacing, LONGEST_PERIOD * span]
 }
 
+/// What a request says about periods: the given ones, and where each of the others is searched.
+fn wanted(data: &Data, shape: &Shape, request: &Request) -> Result<(Vec<f64>, Vec<[f64; 2]>), FitError> {
+    let all = || core::iter::once(&request.period).chain(&request.further_periods);
+    let (mut placed, mut ranges) = (Vec::new(), Vec::new());
+    for period in all() {
+        match (period, data.turn) {
+            (Period::Given(value), _) if value.is_finite() && *value > 0.0 => placed.push(*value),
+            (Period::Given(value), _) => return Err(FitError::PeriodNotPositive { value: *value }),
+            // a whole turn repeats after the turn
+            (Period::Auto, Some(turn)) if request.further_periods.is_empty() => placed.push(turn),
+            (Period::Auto, _) => {
+                ranges.push(period_range(&data.coarsened(SEARCH_POSITIONS).positions, shape.order));
+            }
+            (Period::Within(range), _) => ranges.push(*range),
+        }
+    }
+    Ok((placed, ranges))
+}
+
 /// The periods of a request: given ones as they are, then the fitted ones, longest first. Second: how many are given.
 pub(super) fn resolve(
     data: &Data,
@@ -49,30 +68,8 @@ pub(super) fn resolve(
     reversal: usize,
     request: &Request,
 ) -> Result<(Vec<f64>, usize), FitError> {
-    let wanted = || core::iter::once(&request.period).chain(&request.further_periods);
-    let mut placed = Vec::new();
-    for period in wanted() {
-        match (period, data.turn) {
-            (Period::Given(value), _) if value.is_finite() && *value > 0.0 => placed.push(*value),
-            (Period::Given(value), _) => return Err(FitError::PeriodNotPositive { value: *value }),
-            // a whole turn repeats after the turn
-            (Period::Auto, Some(turn)) if request.further_periods.is_empty() => placed.push(turn),
-            _ => {}
-        }
-    }
+    let (placed, ranges) = wanted(data, shape, request)?;
     let given = placed.len();
-    let ranges: Vec<[f64; 2]> = wanted()
-        .filter_map(|period| match (period, data.turn) {
-            (Period::Within(range), _) => Some(Ok(*range)),
-            (Period::Auto, None) => {
-                Some(Ok(period_range(&data.coarsened(SEARCH_POSITIONS).positions, shape.order)))
-            }
-            (Period::Auto, Some(_)) if !request.further_periods.is_empty() => {
-                Some(Ok(period_range(&data.coarsened(SEARCH_POSITIONS).positions, shape.order)))
-            }
-            _ => None,
-        })
-        .collect::<Result<_, FitError>>()?;
     if ranges.is_empty() {
         return Ok((placed, given));
     }
@@ -92,11 +89,23 @@ pub(super) fn resolve(
     Ok((periods, given))
 }
 
-/// The periods after `given` brought to the last digit on all readings, where the search was on averaged ones.
-pub(super) fn refine(data: &Data, shape: &Shape, reversal: usize, given: usize) -> Vec<f64> {
-    let ranges: Vec<[f64; 2]> =
-        shape.periods[given..].iter().map(|p| [p / REFINED_WITHIN, p * REFINED_WITHIN]).collect();
-    polish(data, shape, reversal, shape.periods.clone(), given, &ranges).0
+/// The periods after `given` brought to the last digit on all readings, where the search was on averaged ones; they
+/// stay where they were searched.
+pub(super) fn refine(
+    data: &Data,
+    shape: &Shape,
+    reversal: usize,
+    given: usize,
+    request: &Request,
+) -> Result<Vec<f64>, FitError> {
+    let (_, searched) = wanted(data, shape, request)?;
+    let low = searched.iter().fold(f64::INFINITY, |a, r| a.min(r[0]));
+    let high = searched.iter().fold(0.0f64, |a, r| a.max(r[1]));
+    let ranges: Vec<[f64; 2]> = shape.periods[given..]
+        .iter()
+        .map(|p| [(p / REFINED_WITHIN).max(low), (p * REFINED_WITHIN).min(high)])
+        .collect();
+    Ok(polish(data, shape, reversal, shape.periods.clone(), given, &ranges).0)
 }
 
 /// Neighbouring positions averaged, as far as the shortest wave allows.

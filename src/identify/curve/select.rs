@@ -147,7 +147,7 @@ pub(super) fn best_of_basis(data: &Data, basis: Basis, request: &Request) -> Res
     let (taken, note) = choose(data, tried).ok_or(problem.unwrap_or(too_few))?;
     let Candidate { mut shape, reversal, fitted, .. } = with_reversal(data, taken, reversal, request);
     if let Some(given) = fitted {
-        shape.periods = periods::refine(data, &shape, reversal, given);
+        shape.periods = periods::refine(data, &shape, reversal, given, request)?;
     }
     let mut fit = finish(data, &shape, reversal, fitted, request)?;
     fit.notes.extend(note);

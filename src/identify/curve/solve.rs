@@ -7,9 +7,10 @@
 
 use nalgebra::{DMatrix, DVector};
 
+use super::Basis;
 use super::basis::{Shape, chebyshev};
-use super::data::{Cell, Data};
-use super::figures::Sums;
+use super::data::Data;
+use super::lanes::{LANES, Lane, blocks, chebyshev_lanes};
 
 /// Condition number above which the terms count as indistinguishable.
 pub(super) const CONDITION_LIMIT: f64 = 1e10;
@@ -64,6 +65,23 @@ impl<'a> Design<'a> {
             }
         }
     }
+
+    /// The columns of several places side by side; `row` is scratch space for one.
+    pub(super) fn rows(&self, x: &Lane, sign: &Lane, row: &mut [f64], columns: &mut [Lane]) {
+        if self.shape.basis != Basis::Chebyshev {
+            for lane in 0..LANES {
+                self.row(x[lane], sign[lane], row);
+                columns.iter_mut().zip(&*row).for_each(|(column, value)| column[lane] = *value);
+            }
+            return;
+        }
+        let [low, high] = self.shape.range;
+        let s = x.map(|x| (2.0 * x - low - high) / (high - low));
+        let own = self.shape.len();
+        let (at, reversal_at) = if self.reversal_first { (self.reversal, 0) } else { (0, own) };
+        chebyshev_lanes(&s, &[1.0; LANES], &mut columns[at..at + own]);
+        chebyshev_lanes(&s, sign, &mut columns[reversal_at..reversal_at + self.reversal]);
+    }
 }
 
 /// The factors of a design over some data.
@@ -71,16 +89,9 @@ pub(super) struct Factor {
     pub(super) r: DMatrix<f64>,
     pub(super) z: DVector<f64>,
     /// Rows of the orthogonal factor, where kept.
-    q: Option<DMatrix<f64>>,
-    /// Inverse of `r`, row by row, where they are not.
-    inverse: Vec<f64>,
-}
-
-/// Figures of the fit with the first `columns` columns.
-#[derive(Debug, Clone, Copy)]
-pub(super) struct Rung {
-    pub(super) columns: usize,
-    pub(super) sums: Sums,
+    pub(super) q: Option<DMatrix<f64>>,
+    /// Inverse of `r`, where they are not.
+    pub(super) inverse: DMatrix<f64>,
 }
 
 impl Factor {
@@ -143,87 +154,6 @@ impl Factor {
         c += self.r.solve_upper_triangular(&self.r.tr_solve_upper_triangular(&gradient)?)?;
         Some(c)
     }
-
-    /// Goes through the data once; for each rung the sums of its residuals and left-out errors.
-    pub(super) fn climb(&self, data: &Data, design: &Design<'_>, rungs: &[usize]) -> Vec<Rung> {
-        let k = rungs.iter().copied().max().unwrap_or(0);
-        let mut found: Vec<Rung> =
-            rungs.iter().map(|&columns| Rung { columns, sums: Sums::default() }).collect();
-        let mut q = [vec![0.0; k], vec![0.0; k]];
-        let mut row = vec![0.0; design.len()];
-        let mut first = 0;
-        for cells in data.by_position() {
-            for (i, (cell, q)) in cells.iter().zip(&mut q).enumerate() {
-                self.orthogonal_row(data, design, first + i, cell, &mut row, q);
-            }
-            first += cells.len();
-            climb_position(cells, &q, self.z.as_slice(), data.is_inner(cells[0].group), &mut found);
-        }
-        found
-    }
-
-    /// The row of the orthogonal factor that belongs to a cell, per reading.
-    fn orthogonal_row(
-        &self,
-        data: &Data,
-        design: &Design<'_>,
-        index: usize,
-        cell: &Cell,
-        row: &mut [f64],
-        q: &mut [f64],
-    ) {
-        if let Some(all) = &self.q {
-            let scale = 1.0 / cell.count.sqrt();
-            q.iter_mut().enumerate().for_each(|(j, q)| *q = all[(index, j)] * scale);
-            return;
-        }
-        design.row(data.positions[cell.group], cell.sign(), row);
-        let n = self.r.nrows();
-        q.fill(0.0);
-        for (i, value) in row.iter().enumerate().take(q.len()) {
-            let line = &self.inverse[i * n + i..i * n + q.len()];
-            q[i..].iter_mut().zip(line).for_each(|(q, r)| *q += value * r);
-        }
-    }
-}
-
-/// Adds one position to every rung, its readings left out one by one and all together.
-fn climb_position(cells: &[Cell], q: &[Vec<f64>; 2], z: &[f64], inner: bool, rungs: &mut [Rung]) {
-    let two = cells.len() == 2;
-    // products of the rows with each other, growing with the columns
-    let (mut k00, mut k11, mut k01) = (0.0, 0.0, 0.0);
-    let mut fitted = [0.0; 2];
-    let mut done = 0;
-    for rung in rungs {
-        for (j, z) in z.iter().enumerate().take(rung.columns).skip(done) {
-            k00 += q[0][j] * q[0][j];
-            fitted[0] += q[0][j] * z;
-            if two {
-                k11 += q[1][j] * q[1][j];
-                k01 += q[0][j] * q[1][j];
-                fitted[1] += q[1][j] * z;
-            }
-        }
-        done = done.max(rung.columns);
-        let a = &cells[0];
-        let e0 = a.mean - fitted[0];
-        rung.sums.add(a, fitted[0], k00);
-        if two {
-            let b = &cells[1];
-            let e1 = b.mean - fitted[1];
-            rung.sums.add(b, fitted[1], k11);
-            if inner {
-                // d = (I - K W)^-1 e with the two cells of this position
-                let (m00, m01) = (1.0 - k00 * a.count, -k01 * b.count);
-                let (m10, m11) = (-k01 * a.count, 1.0 - k11 * b.count);
-                let det = m00 * m11 - m01 * m10;
-                rung.sums.left_out(a, (m11 * e0 - m01 * e1) / det);
-                rung.sums.left_out(b, (m00 * e1 - m10 * e0) / det);
-            }
-        } else if inner {
-            rung.sums.left_out(a, e0 / (1.0 - k00 * a.count).max(0.0));
-        }
-    }
 }
 
 /// Householder reflections, orthogonal factor kept; penalties are further rows.
@@ -244,45 +174,33 @@ fn reflections(data: &Data, design: &Design<'_>, penalty: &[f64]) -> Factor {
     }
     let (q, r) = matrix.qr().unpack();
     let z = q.rows(0, n).tr_mul(&values);
-    Factor { r, z, q: Some(q), inverse: Vec::new() }
+    Factor { r, z, q: Some(q), inverse: DMatrix::zeros(0, 0) }
 }
 
-/// Rows that are added to `A^T A` together.
-const ROWS: usize = 4;
-
-/// Cholesky factor of `A^T W A`, a few rows at a time; `None` where the condition asks for reflections.
+/// Cholesky factor of `A^T W A`, a block of rows at a time; `None` where the condition asks for reflections.
 fn gram(data: &Data, design: &Design<'_>) -> Option<Factor> {
     let m = design.len();
-    let width = m.next_multiple_of(4);
-    let mut sums = vec![0.0; width * m];
+    // two partial sums of every product: they keep both halves of a register busy
+    let mut sums = vec![[0.0; 2]; m * m];
     let mut right = vec![0.0; m];
-    let mut rows = vec![0.0; ROWS * width];
-    for cells in data.cells.chunks(ROWS) {
-        // what is left of the last block must not count
-        rows[cells.len() * width..].fill(0.0);
-        let mut weights = [0.0; ROWS];
-        let mut values = [0.0; ROWS];
-        for (i, cell) in cells.iter().enumerate() {
-            design.row(data.positions[cell.group], cell.sign(), &mut rows[i * width..i * width + m]);
-            (weights[i], values[i]) = (cell.count, cell.mean);
-        }
-        let (r0, rest) = rows.split_at(width);
-        let (r1, rest) = rest.split_at(width);
-        let (r2, r3) = rest.split_at(width);
-        for j in 0..m {
-            let w = [weights[0] * r0[j], weights[1] * r1[j], weights[2] * r2[j], weights[3] * r3[j]];
-            right[j] += w[0] * values[0] + w[1] * values[1] + w[2] * values[2] + w[3] * values[3];
-            let from = j & !3;
-            let line = &mut sums[j * width + from..(j + 1) * width];
-            let four = r0[from..].iter().zip(&r1[from..]).zip(r2[from..].iter().zip(&r3[from..]));
-            for (sum, ((a, b), (c, d))) in line.iter_mut().zip(four) {
-                *sum += w[0] * a + w[1] * b + w[2] * c + w[3] * d;
+    let (mut row, mut columns) = (vec![0.0; m], vec![[0.0; LANES]; m]);
+    for block in blocks(data) {
+        design.rows(&block.positions, &block.signs, &mut row, &mut columns);
+        for (j, column) in columns.iter().enumerate() {
+            let weighted: Lane = core::array::from_fn(|lane| block.counts[lane] * column[lane]);
+            right[j] += dot(&weighted, &block.means);
+            for (sum, other) in sums[j * m + j..(j + 1) * m].iter_mut().zip(&columns[j..]) {
+                for (w, v) in weighted.chunks_exact(2).zip(other.chunks_exact(2)) {
+                    sum[0] += w[0] * v[0];
+                    sum[1] += w[1] * v[1];
+                }
             }
         }
     }
+    let sums: Vec<f64> = sums.iter().map(|s| s[0] + s[1]).collect();
     // columns of length 1: how they are scaled says nothing about how alike they are
-    let length: Vec<f64> = (0..m).map(|j| sums[j * width + j].sqrt()).collect();
-    let matrix = DMatrix::from_fn(m, m, |i, j| sums[i.min(j) * width + i.max(j)] / (length[i] * length[j]));
+    let length: Vec<f64> = (0..m).map(|j| sums[j * m + j].sqrt()).collect();
+    let matrix = DMatrix::from_fn(m, m, |i, j| sums[i.min(j) * m + i.max(j)] / (length[i] * length[j]));
     let mut r = matrix.cholesky()?.unpack().transpose();
     let pivots = r.diagonal();
     if pivots.max() > GRAM_CONDITION * pivots.min() {
@@ -291,8 +209,7 @@ fn gram(data: &Data, design: &Design<'_>) -> Option<Factor> {
     r.column_iter_mut().zip(&length).for_each(|(mut column, length)| column *= *length);
     let z = r.tr_solve_upper_triangular(&DVector::from_vec(right))?;
     let inverse = r.solve_upper_triangular(&DMatrix::identity(m, m))?;
-    // row by row: the products below run along rows
-    Some(Factor { r, z, q: None, inverse: inverse.transpose().as_slice().to_vec() })
+    Some(Factor { r, z, q: None, inverse })
 }
 
 pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {

@@ -204,6 +204,18 @@ fn what_cannot_be_fitted_is_refused() {
     assert_eq!(fit(&bad, &Request::default()).unwrap_err(), FitError::NotFinite { row: 4 });
 }
 
+#[test]
+fn a_fitted_period_stays_where_it_was_searched() {
+    // the wave of 150 mm pulls at the lower end
+    let all =
+        readings(&grid(41, 10.0), |i, x| 1e-3 * (x * core::f64::consts::TAU / 150.0).sin() + 1e-4 * noise(i));
+    for range in [[180.0, 480.0], [60.0, 140.0]] {
+        let request = Request { order: Some(1), period: Period::Within(range), ..with_basis(Basis::Fourier) };
+        let period = fit(&all, &request).unwrap().period.unwrap();
+        assert!((range[0]..=range[1]).contains(&period), "{period} in {range:?}");
+    }
+}
+
 proptest! {
     #![proptest_config(ProptestConfig::with_cases(32))]
 

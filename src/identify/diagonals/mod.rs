@@ -13,10 +13,9 @@
 //! common to the four and drops. Four equations, four unknowns: there is no residual; steps between the ends are
 //! the only check ([`Setup::displacement`]).
 //!
-//! Source: equations 5.3. Reading order: this file, [`runs`] (readings to end-to-end displacements), [`student`].
+//! Source: equations 5.3. Reading order: this file, [`runs`] (readings to end-to-end displacements).
 
 pub mod runs;
-pub mod student;
 
 use nalgebra::{Matrix3, Matrix4, Vector4};
 

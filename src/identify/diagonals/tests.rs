@@ -3,8 +3,8 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
-use super::student::t95;
 use super::*;
+use crate::core::statistics::student_95;
 use crate::core::units::{arcsec_from_rad, rad_from_arcsec};
 
 const CHAINS: [&str; 4] = ["[w b X Y Z t]", "[w X' b Y Z t]", "[w X' Y' b Z t]", "[w X' Y' Z' b t]"];
@@ -58,7 +58,7 @@ fn figures_of_the_equations_and_of_the_paper() {
         assert!((arcsec_from_rad(value) - expected).abs() < 0.02, "{} {expected}", arcsec_from_rad(value));
     }
     // the last one drowns in 5 um repeatability, the others do not
-    let significant = |i: usize| r.value[i].abs() > t95(1000) * r.covariance[(i, i)].sqrt();
+    let significant = |i: usize| r.value[i].abs() > student_95(1000) * r.covariance[(i, i)].sqrt();
     assert!(significant(0) && significant(1) && !significant(2));
     // the range 186.8 um
     assert!((d[3] - d[2] - 186.8e-3).abs() < 1e-9);
@@ -159,7 +159,7 @@ fn the_stated_interval_holds_the_truth() {
         let r = s.squareness(&ends.displacement, &[std; 4]).unwrap();
         all += 1;
         for i in 0..3 {
-            let half = t95(ends.dof) * r.covariance[(i, i)].sqrt();
+            let half = student_95(ends.dof) * r.covariance[(i, i)].sqrt();
             inside[i] += usize::from((r.value[i] - truth[i] - (bias[i] - truth[i])).abs() < half);
         }
     }

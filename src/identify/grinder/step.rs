@@ -7,9 +7,9 @@ use super::{Chain, Found, GrinderError, Measured, Motion, Request, Row, SetUp, S
 use crate::core::axes::{AxisKind, AxisName};
 use crate::core::geometry::Vec3;
 use crate::core::model::{ErrorSymbol, Model, ModelSpec, Pose};
+use crate::core::statistics::chi_square_upper;
 use crate::core::units::deg_from_rad;
 use crate::identify::primitives::jacobi;
-use crate::identify::tails;
 
 /// Condition number above which the motions of a position are refused (equations 5.1).
 const CONDITION_LIMIT: f64 = 1e3;
@@ -88,7 +88,7 @@ pub(super) fn solve(chain: &Chain, measured: &Measured, request: &Request) -> Re
     };
     let sigma = request.sigma.or(estimated);
     let p_value =
-        request.sigma.zip(rigid).map(|(s, (squares, free))| tails::chi_squared(squares / (s * s), free));
+        request.sigma.zip(rigid).map(|(s, (squares, free))| chi_square_upper(squares / (s * s), free));
     let readings = problem.scalars.len() as f64;
     let expected = sigma.map(|s| ((s * s * dof as f64 + unexplained) / readings).sqrt());
     let own = &gain * gain.transpose() * sigma.unwrap_or(0.0).powi(2);

@@ -2,9 +2,11 @@
 //!
 //! Source: equations 5.4.
 
+use core::f64::consts::TAU;
+
 use super::ball::{Ball, BallError, circle_2d};
 use super::plane::{Plane, PlaneError, plane};
-use crate::core::geometry::{Mat3, Vec3};
+use crate::core::geometry::{Mat3, Vec3, largest_gap};
 
 /// A circle in space. Lengths in mm.
 #[derive(Debug, Clone, PartialEq)]
@@ -111,13 +113,8 @@ fn centre_cofactor(p: &Plane, circle: &Ball<2>, n: usize) -> Mat3 {
 
 /// A full turn minus the largest gap.
 fn covered(flat: &[[f64; 2]], circle: &Ball<2>) -> f64 {
-    let mut angles: Vec<f64> =
-        flat.iter().map(|p| (p[1] - circle.centre[1]).atan2(p[0] - circle.centre[0])).collect();
-    angles.sort_by(f64::total_cmp);
-    let turn = core::f64::consts::TAU;
-    let around = angles.first().zip(angles.last()).map_or(turn, |(a, b)| a + turn - b);
-    let largest = angles.windows(2).map(|w| w[1] - w[0]).fold(around, f64::max);
-    turn - largest
+    let [x, y] = [circle.centre[0], circle.centre[1]];
+    TAU - largest_gap(flat.iter().map(|p| (p[1] - y).atan2(p[0] - x)))
 }
 
 #[cfg(test)]

@@ -16,7 +16,8 @@ use core::f64::consts::TAU;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use super::primitives::{BallError, Circle2, circle_2d, jacobi};
-use super::tails;
+use crate::core::geometry::largest_gap;
+use crate::core::statistics::{chi_square_upper, student_95};
 
 /// The arm and the bar. Lengths mm, angles rad.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -198,7 +199,7 @@ impl Calibration {
     /// Half width of a 95 % interval in standard deviations.
     #[must_use]
     pub fn coverage_95(&self) -> f64 {
-        self.dof.map_or(1.96, tails::coverage_95)
+        self.dof.map_or(1.96, student_95)
     }
 }
 
@@ -254,7 +255,8 @@ fn finish(
     outliers: Vec<usize>,
 ) -> Result<Calibration, ProbeError> {
     let n = points.len() as f64;
-    let arc = TAU - largest_gap(points, circle);
+    let [y0, z0] = [circle.centre[0], circle.centre[1]];
+    let arc = TAU - largest_gap(points.iter().map(|[y, z]| (z - z0).atan2(y - y0)));
     let amplification = (circle.radius_cofactor * n).sqrt();
     if amplification > AMPLIFICATION_LIMIT {
         let (arc_deg, limit) = (arc.to_degrees(), AMPLIFICATION_LIMIT);
@@ -268,7 +270,7 @@ fn finish(
     let dof = points.len() - 3;
     let test = request.sigma.map(|s| {
         let chi2 = n * (circle.rms / s).powi(2);
-        FitTest { chi2, p_value: tails::chi_squared(chi2, dof) }
+        FitTest { chi2, p_value: chi_square_upper(chi2, dof) }
     });
     let mut notes = Vec::new();
     if amplification > ONE_SIDED {
@@ -372,18 +374,6 @@ fn kasa(points: &[[f64; 2]]) -> Option<Circle> {
 fn condition_raw_normal(contacts: &[Contact]) -> f64 {
     let design = DMatrix::from_fn(contacts.len(), 3, |i, j| [contacts[i].y, contacts[i].z, 1.0][j]);
     jacobi::svd(&design).condition().powi(2)
-}
-
-/// Largest angle between neighbouring contacts around the centre, rad.
-fn largest_gap(points: &[[f64; 2]], circle: &Circle2) -> f64 {
-    let mut angles: Vec<f64> =
-        points.iter().map(|p| (p[1] - circle.centre[1]).atan2(p[0] - circle.centre[0])).collect();
-    angles.sort_by(f64::total_cmp);
-    let inner = angles.windows(2).map(|w| w[1] - w[0]).fold(0.0, f64::max);
-    match (angles.first(), angles.last()) {
-        (Some(first), Some(last)) => inner.max(TAU - (last - first)),
-        _ => TAU,
-    }
 }
 
 #[cfg(test)]

@@ -3,12 +3,15 @@
 //! Whether they differ is decided by the F test of the mean reversals at the targets against the scatter of repeated
 //! readings, at the 1 % level. Without repeated readings nothing can be decided and both directions are kept.
 //!
-//! Source: analysis of variance; the F quantile by Paulson's normal approximation (Biometrics 1942), good to a few
-//! percent of the probability, which a decision at 1 % does not feel.
+//! Source: analysis of variance.
 
 use crate::core::axes::Travel;
+use crate::core::statistics::f_upper;
 use crate::identify::Reading;
 use crate::identify::reading::{group_by_position, repeatability};
+
+/// Probability of a scatter like the reversal below which both directions are kept.
+const SIGNIFICANCE: f64 = 0.01;
 
 /// What both directions say about the reversal of one component.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -59,8 +62,8 @@ pub fn reversal(readings: &[Reading]) -> Reversal {
     let ratio = pairs.iter().map(|(b, share)| b * b / (scatter * scatter * share)).sum::<f64>() / m;
     let (targets, _) = group_by_position(readings);
     let directions = 2 * targets.len();
-    let dof = readings.len().saturating_sub(directions).max(1) as f64;
-    if is_above_f99(ratio, m, dof) {
+    let dof = readings.len().saturating_sub(directions).max(1);
+    if f_upper(ratio, pairs.len(), dof) < SIGNIFICANCE {
         Reversal::Significant { rms, repeatability: scatter }
     } else {
         Reversal::Insignificant { rms, repeatability: scatter }
@@ -83,14 +86,6 @@ fn pairs(readings: &[Reading]) -> Vec<(f64, f64)> {
             (f.0 / nf - r.0 / nr, 1.0 / nf + 1.0 / nr)
         })
         .collect()
-}
-
-/// True where an F ratio of `n1` and `n2` degrees of freedom exceeds its 99 % quantile.
-fn is_above_f99(ratio: f64, n1: f64, n2: f64) -> bool {
-    const Z: f64 = 2.326_347_874;
-    let (a, b) = (2.0 / (9.0 * n1), 2.0 / (9.0 * n2));
-    let root = ratio.cbrt();
-    ((1.0 - b) * root - (1.0 - a)) / (b * root * root + a).sqrt() > Z
 }
 
 /// The readings with both directions as one, where the reversal is within the scatter.
@@ -149,13 +144,5 @@ mod tests {
         };
         assert!((rms - 5e-3).abs() < 1e-3);
         assert!(as_one_direction(&data(1, 0.0, 2)).iter().all(|r| r.travel == Travel::Forward));
-    }
-
-    #[test]
-    fn quantiles_of_the_f_tables() {
-        // F 0.99 (11, 44) = 2.68, (1, 10) = 10.04, (5, 20) = 4.10
-        for (n1, n2, f) in [(11.0, 44.0, 2.68), (1.0, 10.0, 10.04), (5.0, 20.0, 4.10)] {
-            assert!(is_above_f99(f * 1.1, n1, n2) && !is_above_f99(f * 0.9, n1, n2), "{n1} {n2}");
-        }
     }
 }

@@ -23,9 +23,9 @@ pub use sides::{Side, Sides, sides};
 pub use tracker::{Observation, TrackerNoise};
 
 use super::primitives::{procrustes, rigid};
-use super::statistics::chi2_exceeded;
 use super::twist::{self, Sighting};
 use crate::core::geometry::{Mat3, Vec3};
+use crate::core::statistics::chi_square_upper;
 
 /// One point seen once.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -158,7 +158,7 @@ pub fn solve(points: &[Seen], origin: &Vec3) -> Result<PoseErrors, ThreePointErr
         covariance,
         chi2: fit.chi2,
         dof: fit.dof,
-        p_value: chi2_exceeded(fit.chi2, fit.dof),
+        p_value: chi_square_upper(fit.chi2, fit.dof),
         rigid,
         residuals,
         relief: relief(&rows, &fit),

@@ -5,8 +5,8 @@
 use super::{PoseErrors, Seen, ThreePointError, solve as solve_pose, suspect};
 use crate::core::axes::{AxisName, Travel};
 use crate::core::geometry::{Vec3, unit};
+use crate::core::statistics::chi_square_upper;
 use crate::identify::motion::MotionRow;
-use crate::identify::statistics::chi2_exceeded;
 
 /// The points seen once at one position.
 #[derive(Debug, Clone, PartialEq)]
@@ -107,7 +107,7 @@ pub fn solve(shots: &[Shot], series: &Series) -> Result<SeriesFit, SeriesError> 
         fit.dof += pose.dof;
         fit.poses.push(pose);
     }
-    fit.p_value = chi2_exceeded(fit.chi2, fit.dof);
+    fit.p_value = chi_square_upper(fit.chi2, fit.dof);
     fit.noise_factor = (fit.dof > 0).then(|| (fit.chi2 / fit.dof as f64).sqrt());
     fit.suspect = suspect(&relief, fit.chi2);
     Ok(fit)

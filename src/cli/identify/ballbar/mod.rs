@@ -5,10 +5,12 @@ mod report;
 use std::path::{Path, PathBuf};
 
 use crate::cli::identify::case;
-use crate::cli::model_out::{ModelOut, axis_entry, default_chain, put, sources};
+use crate::cli::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
+use crate::cli::values::{numbers, point};
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure, table};
-use crate::config::ModelFile;
+use crate::config::{ModelFile, Provenance};
 use crate::core::axes::AxisName;
+use crate::core::geometry::Vec3;
 use crate::core::model::curve::{CurveError, Table};
 use crate::core::model::{Curve, ErrorFunction, ErrorSymbol, Sense};
 use crate::core::units::{mm_from_um, rad_from_deg};
@@ -42,7 +44,7 @@ pub(super) struct Args {
     radius_mm: f64,
     /// Programmed X, Y, Z at the centre of the circles.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, default_value = "0,0,0")]
-    centre_mm: [f64; 3],
+    centre_mm: Vec3,
     /// Feed, where the files have no column for it.
     #[arg(long, value_name = "MM/MIN")]
     feed_mm_per_min: Option<f64>,
@@ -75,16 +77,6 @@ fn plane_file(text: &str) -> Result<(Plane, PathBuf), String> {
             "'{text}' names no plane and file; write for example xy=circle.csv (planes: xy yz zx)"
         )),
     }
-}
-
-fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
-    let list: Option<Vec<f64>> =
-        text.split(',').map(|t| t.trim().parse::<f64>().ok().filter(|v| v.is_finite())).collect();
-    list?.try_into().ok()
-}
-
-fn point(text: &str) -> Result<[f64; 3], String> {
-    numbers(text).ok_or_else(|| format!("'{text}' is no point; write three numbers, such as 425,250,-250"))
 }
 
 fn pair(text: &str) -> Result<[f64; 2], String> {
@@ -182,6 +174,8 @@ fn write_model(args: &Args, plans: &[Plan]) -> Result<(), Failure> {
     }
     let axes = plans.iter().flat_map(|p| p.circles.plane.axes());
     let mut model = args.out.base(|| default_chain(axes))?;
+    let files: Vec<PathBuf> = plans.iter().map(|p| p.path.clone()).collect();
+    let sources = Sources::of(&files);
     for one in &found {
         if let Some(apart) = one.disagreement.filter(|d| *d > 3.0) {
             eprintln!(
@@ -189,7 +183,7 @@ fn write_model(args: &Args, plans: &[Plan]) -> Result<(), Failure> {
                 one.symbol
             );
         }
-        store(&mut model, one).map_err(bad)?;
+        store(&mut model, one, sources.provenance()).map_err(bad)?;
     }
     let angular = model.spec.errors.iter().any(|(s, _)| s.is_angle() && !s.is_constant());
     if angular {
@@ -197,19 +191,18 @@ fn write_model(args: &Args, plans: &[Plan]) -> Result<(), Failure> {
             "note: the model holds angular errors; what they do at the place of the circles is in the values found, too"
         );
     }
-    let files: Vec<PathBuf> = plans.iter().map(|p| p.path.clone()).collect();
-    args.out.write(&model, &sources(&files), &names)
+    args.out.write(&model, &sources.comments(), &names)
 }
 
 /// Puts an error into the model, in the sense of its axis.
-fn store(model: &mut ModelFile, found: &Assembled) -> Result<(), CurveError> {
+fn store(model: &mut ModelFile, found: &Assembled, from: Provenance) -> Result<(), CurveError> {
     let axis = found.symbol.axis();
     let carriage = model.spec.axis(axis).sense == Sense::Carriage && model.spec.is_workpiece_side(axis);
     let curve = match (&found.curve, found.symbol) {
         (Curve::Table(table), ErrorSymbol::Motion { .. }) if carriage => Curve::Table(mirrored(table)?),
         (curve, _) => curve.clone(),
     };
-    put(model, found.symbol, ErrorFunction { std: Some(found.std), ..ErrorFunction::single(curve) });
+    put(model, found.symbol, ErrorFunction { std: Some(found.std), ..ErrorFunction::single(curve) }, from);
     axis_entry(&mut model.spec, axis);
     Ok(())
 }
@@ -232,8 +225,7 @@ mod tests {
     fn arguments_are_read() {
         assert_eq!(plane_file("ZX=a.csv"), Ok((Plane::Zx, PathBuf::from("a.csv"))));
         assert!(plane_file("xz=a.csv").is_err() && plane_file("xy").is_err());
-        assert_eq!(point("1,-2,3.5"), Ok([1.0, -2.0, 3.5]));
-        assert!(point("1,2").is_err() && pair("1,nan").is_err());
+        assert!(pair("1,nan").is_err());
         assert_eq!(pitch("x=10"), Ok((AxisName::X, 10.0)));
         assert!(pitch("x=0").is_err() && pitch("xy=10").is_err());
     }

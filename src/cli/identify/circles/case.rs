@@ -1,12 +1,9 @@
 //! A case of the reference vectors.
 
-use std::path::Path;
-
 use serde::Deserialize;
 
-use crate::cli::identify::case::print_json;
-use crate::cli::identify::cases::read_case;
-use crate::cli::{EX_DATAERR, Failure};
+use crate::cli::Failure;
+use crate::cli::identify::case::{CaseFile, print_json};
 use crate::core::geometry::Vec3;
 use crate::identify::circles::{CirclesInput, solve};
 
@@ -22,8 +19,8 @@ struct Case {
     sigma_registration: f64,
 }
 
-pub(super) fn run(path: &Path, id: Option<&str>, as_json: bool) -> Result<(), Failure> {
-    let case: Case = read_case(path, id)?;
+pub(super) fn run(file: CaseFile<'_>, as_json: bool) -> Result<(), Failure> {
+    let case: Case = file.read()?;
     let vectors = |points: &[[f64; 3]]| points.iter().map(|p| Vec3::from(*p)).collect::<Vec<_>>();
     let (one, two) = (vectors(&case.points_1), vectors(&case.points_2));
     let input = CirclesInput {
@@ -34,8 +31,7 @@ pub(super) fn run(path: &Path, id: Option<&str>, as_json: bool) -> Result<(), Fa
         sigma: case.sigma,
         registration: case.sigma_registration,
     };
-    let found = solve(&input)
-        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))?;
+    let found = solve(&input).map_err(|e| file.bad(e))?;
     if as_json {
         print_json(&super::json_of(&found, case.sigma));
     } else {

@@ -7,15 +7,17 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
+use super::case::{CaseArgs, print_json};
 use super::motion_curves::names;
-use super::observed::{Columns, Frame, TrackerArgs, not_negative, point};
+use super::observed::{Columns, Frame, TrackerArgs};
 use crate::cli::model_out::ModelOut;
 use crate::cli::table::open;
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
+use crate::cli::values::{not_negative, point};
+use crate::cli::{EX_DATAERR, Failure};
 use crate::core::geometry::Vec3;
+use crate::core::statistics::SIGNIFICANT;
 use crate::core::units::{arcsec_from_rad, mm_from_um, um_from_mm};
 use crate::identify::circles::{CirclesInput, ToolAxis, solve};
-use crate::identify::statistics::SIGNIFICANT;
 
 /// Tool axis and tip from two circles that a target on the turning tool draws at two heights.
 ///
@@ -24,18 +26,11 @@ use crate::identify::statistics::SIGNIFICANT;
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = HELP)]
 pub(super) struct Args {
-    /// One case of the reference vectors (JSON, mm and rad) instead of files.
-    #[arg(long, value_name = "FILE", conflicts_with = "data")]
-    input: Option<PathBuf>,
-    /// The case to take where --input holds several.
-    #[arg(long, value_name = "ID", requires = "input")]
-    case: Option<String>,
-    /// Print JSON (mm and rad) instead of a report.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    case: CaseArgs,
     /// The points: CSV with circle (1 farther from the tip, 2 nearer) and x_mm, y_mm, z_mm (or range, azimuth,
     /// elevation).
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input")]
     data: Option<PathBuf>,
     /// Points of a second tracker, in its own frame.
     #[arg(long, value_name = "FILE", requires = "data")]
@@ -87,11 +82,12 @@ Examples:
 other poses of the head the error belongs to several axes: collect poses and let volcomp identify ram sort them.";
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(path) = &args.input {
-        return case::run(path, args.case.as_deref(), args.json);
+    if let Some(file) = args.case.file() {
+        file.writes_no_model(args.model.target().is_some() || args.add_pose.is_some())?;
+        return case::run(file, args.case.json);
     }
     let (Some(data), Some(tip)) = (&args.data, args.tip_beyond_mm) else {
-        return Err(usage("give --data and --tip-beyond-mm, or --input with a case"));
+        return Err(Failure::usage("give --data and --tip-beyond-mm, or --input with a case"));
     };
     let frame = args.tracker.frame()?;
     let mut circles = [Vec::new(), Vec::new()];
@@ -118,8 +114,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let found =
         solve(&input).map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", names(&files))))?;
     let quiet = args.model.takes_stdout();
-    if args.json && !quiet {
-        super::case::print_json(&json_of(&found, args.tracker.cartesian_sigma()));
+    if args.case.json && !quiet {
+        print_json(&json_of(&found, args.tracker.cartesian_sigma()));
     } else if !quiet {
         print(&found, args.tracker.cartesian_sigma().is_some());
         for registered in
@@ -277,8 +273,4 @@ fn print(found: &ToolAxis, stated: bool) {
             );
         }
     }
-}
-
-pub(super) fn usage(what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_USAGE, format_args!("error: {what}"))
 }

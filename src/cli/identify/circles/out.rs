@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{Args, usage};
+use super::Args;
 use crate::cli::Failure;
 use crate::cli::files::{read_text, write_text};
 use crate::cli::identify::motion_curves::names;
-use crate::cli::model_out::{axis_entry, default_chain, put, sources};
+use crate::cli::model_out::{Sources, axis_entry, default_chain, put};
 use crate::core::axes::AxisName;
 use crate::core::geometry::Vec3;
 use crate::core::model::{Component, Curve, ErrorFunction, ErrorSymbol};
@@ -20,11 +20,11 @@ pub(in crate::cli::identify) const POSES: &str =
 /// Adds a row; a new file gets its header.
 pub(super) fn add_pose(path: &Path, args: &Args, found: &ToolAxis) -> Result<(), Failure> {
     let (Some(tip), Some(c), Some(a)) = (args.nominal_tip_mm, args.c_deg, args.a_deg) else {
-        return Err(usage("--add-pose needs --nominal-tip-mm, --c-deg and --a-deg"));
+        return Err(Failure::usage("--add-pose needs --nominal-tip-mm, --c-deg and --a-deg"));
     };
     let mut text = if path.exists() { read_text(path)? } else { format!("{POSES}\n") };
     if !text.lines().any(|l| l == POSES) {
-        return Err(usage(format_args!(
+        return Err(Failure::usage(format_args!(
             "{} is no file of poses; its header must be {POSES}",
             path.display()
         )));
@@ -47,10 +47,10 @@ pub(super) fn add_pose(path: &Path, args: &Args, found: &ToolAxis) -> Result<(),
 /// The location errors of the spindle, from the axis with the head at home.
 pub(super) fn write_model(args: &Args, found: &ToolAxis, files: &[PathBuf]) -> Result<(), Failure> {
     let Some(nominal_tip) = args.nominal_tip_mm else {
-        return Err(usage("--out needs --nominal-tip-mm: the tip as it should be"));
+        return Err(Failure::usage("--out needs --nominal-tip-mm: the tip as it should be"));
     };
     if (args.nominal_axis.normalize() - Vec3::z()).norm() > 1e-9 {
-        return Err(usage(
+        return Err(Failure::usage(
             "--out writes where the spindle lies, which needs the head at home (axis along z); elsewhere use --add-pose and volcomp identify ram",
         ));
     }
@@ -60,6 +60,7 @@ pub(super) fn write_model(args: &Args, found: &ToolAxis, files: &[PathBuf]) -> R
     // loc + turn x (tip - point) is what the tip is off
     let shift = (found.tip - nominal_tip) - turn.cross(&(nominal_tip - point));
     let [shift_std, turn_std] = [found.tip_lateral_std()[1], found.direction_std()[1]];
+    let sources = Sources::of(files);
     for (component, value, std) in [
         (Component::X, shift.x, shift_std),
         (Component::Y, shift.y, shift_std),
@@ -67,10 +68,11 @@ pub(super) fn write_model(args: &Args, found: &ToolAxis, files: &[PathBuf]) -> R
         (Component::B, turn.y, turn_std),
     ] {
         let function = ErrorFunction { std: Some(std), ..ErrorFunction::single(Curve::Constant(value)) };
-        put(&mut model, ErrorSymbol::Location { component, axis: AxisName::S }, function);
+        let symbol = ErrorSymbol::Location { component, axis: AxisName::S };
+        put(&mut model, symbol, function, sources.provenance());
     }
     let mut comment = vec![format!("written by volcomp identify circles {}", env!("CARGO_PKG_VERSION"))];
-    comment.extend(sources(files));
+    comment.extend(sources.comments());
     comment.push(format!(
         "tip along the axis off by {:.2} um: tool length, not part of the model",
         um_from_mm((found.tip - nominal_tip).dot(&found.direction))

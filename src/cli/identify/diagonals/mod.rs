@@ -6,20 +6,20 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use super::case;
-use super::straightness::axis_out::point;
+use super::case::{CaseArgs, print_json};
 use crate::cli::files::read_model;
-use crate::cli::model_out::{ModelOut, default_chain, put, sources};
+use crate::cli::model_out::{ModelOut, Sources, default_chain, put};
 use crate::cli::positioning_data::{TestColumns, no_rows};
+use crate::cli::values::{above_zero, point};
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure, table};
 use crate::config::model::Provenance;
 use crate::core::axes::{AxisKind, AxisName, Travel};
 use crate::core::geometry::Vec3;
 use crate::core::model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
+use crate::core::statistics::student_95;
 use crate::core::units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
 use crate::identify::Reading;
 use crate::identify::diagonals::runs::{EndToEnd, RunReading, end_to_end};
-use crate::identify::diagonals::student::t95;
 use crate::identify::diagonals::{
     MissingAngle, NAMES, SIGNS, SQUARENESS, Setup, Squareness, without_squareness,
 };
@@ -39,11 +39,16 @@ const HELP: &str = "A laser along each body diagonal of a box reads how much too
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = HELP)]
 pub(super) struct Args {
-    /// One case of the reference vectors.
-    #[arg(long, value_name = "FILE", conflicts_with = "data", required_unless_present = "data")]
-    input: Option<PathBuf>,
+    #[command(flatten)]
+    case: CaseArgs,
     /// Readings along the diagonals; - is stdin.
-    #[arg(long, value_name = "FILE", requires = "box_mm")]
+    #[arg(
+        long,
+        value_name = "FILE",
+        requires = "box_mm",
+        conflicts_with = "input",
+        required_unless_present = "input"
+    )]
     data: Option<PathBuf>,
     /// Sides of the box along X, Y, Z.
     #[arg(long, value_name = "A,B,C", value_parser = point)]
@@ -59,35 +64,24 @@ pub(super) struct Args {
     reflector_mm: Option<Vec3>,
     /// Accept missing angular data: no squareness is biased by more than this (half the change of each missing angle
     /// over the box). Stated in the result.
-    #[arg(long, value_name = "ARCSEC", value_parser = positive)]
+    #[arg(long, value_name = "ARCSEC", value_parser = above_zero)]
     accept_bias_arcsec: Option<f64>,
     /// Standard deviation of one end-to-end displacement, where the cycles do not tell.
-    #[arg(long, value_name = "UM", value_parser = positive)]
+    #[arg(long, value_name = "UM", value_parser = above_zero)]
     noise_um: Option<f64>,
     #[command(flatten)]
     out: ModelOut,
-    /// One JSON object on stdout.
-    #[arg(long)]
-    json: bool,
-}
-
-fn positive(text: &str) -> Result<f64, String> {
-    match text.trim().parse::<f64>() {
-        Ok(v) if v.is_finite() && v > 0.0 => Ok(v),
-        _ => Err(format!("'{text}' is not a number above 0")),
-    }
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    match (&args.input, &args.data) {
-        (Some(path), _) => vector::run(args, path),
+    match (args.case.file(), &args.data) {
+        (Some(file), _) => {
+            file.writes_no_model(args.out.target().is_some())?;
+            vector::run(args, file)
+        }
         (None, Some(path)) => run_data(args, path),
         (None, None) => Err(Failure::new(EX_USAGE, "error: give --data or --input")),
     }
-}
-
-fn bad(path: &Path, what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()))
 }
 
 /// Everything about a measurement on a machine.
@@ -119,12 +113,12 @@ fn run_data(args: &Args, path: &Path) -> Result<(), Failure> {
         }
     };
     let reflector = args.reflector_mm.unwrap_or(spec.tool_tip);
-    let setup =
-        Setup::new(&spec.chain, args.low_mm.into(), size.into(), reflector).map_err(|e| bad(path, e))?;
+    let setup = Setup::new(&spec.chain, args.low_mm.into(), size.into(), reflector)
+        .map_err(|e| Failure::data(path, e))?;
     let readings = read_diagonals(path, setup.length())?;
-    let ends = end_to_end(&readings, setup.length()).map_err(|e| bad(path, e))?;
+    let ends = end_to_end(&readings, setup.length()).map_err(|e| Failure::data(path, e))?;
     let model = without_squareness(&spec);
-    let missing = setup.missing_angles(&model).map_err(|e| bad(path, e))?;
+    let missing = setup.missing_angles(&model).map_err(|e| Failure::data(path, e))?;
     if !missing.is_empty() && args.accept_bias_arcsec.is_none() {
         return Err(refusal(path, &missing, model_path.is_some()));
     }
@@ -134,7 +128,7 @@ fn run_data(args: &Args, path: &Path) -> Result<(), Failure> {
         write_model(args, path, &spec, &outcome)?;
     }
     if !args.out.takes_stdout() {
-        if args.json { case::print_json(&report) } else { print_report(args, &outcome) }
+        if args.case.json { print_json(&report) } else { print_report(args, &outcome) }
     }
     Ok(())
 }
@@ -168,7 +162,7 @@ fn evaluate(
     model: &ModelSpec,
     missing: Vec<MissingAngle>,
 ) -> Result<Outcome, Failure> {
-    let fail = |e| bad(path, e);
+    let fail = |e| Failure::data(path, e);
     let directions: &[Travel] =
         if ends.both_directions { &[Travel::Forward, Travel::Reverse] } else { &[Travel::Forward] };
     let mut subtracted = [0.0; 4];
@@ -238,7 +232,7 @@ fn read_diagonals(path: &Path, length: f64) -> Result<Vec<RunReading>, Failure> 
     let columns = TestColumns::find(&table, &["diagonal", "t_s"])?;
     let time = table.find("t_s");
     if columns.kind == AxisKind::Rotary {
-        return Err(bad(path, "a diagonal has target_mm and deviation_um, not angles"));
+        return Err(Failure::data(path, "a diagonal has target_mm and deviation_um, not angles"));
     }
     let mut readings: Vec<RunReading> = Vec::new();
     while table.advance()? {
@@ -314,7 +308,7 @@ fn lines(args: &Args, o: &Outcome) -> Vec<Line> {
             uncertainty: o.noise.map(|(_, dof)| {
                 let std = arcsec_from_rad(o.found.covariance[(i, i)].sqrt());
                 // stated noise counts as well known
-                (std, dof.map_or(1.959_964, t95) * std + bias)
+                (std, dof.map_or(1.959_964, student_95) * std + bias)
             }),
             biased: arcsec_from_rad(o.raw.value[i]),
         })
@@ -437,24 +431,19 @@ fn write_model(args: &Args, path: &Path, spec: &ModelSpec, o: &Outcome) -> Resul
         }
     }
     let files: Vec<PathBuf> = [Some(path.to_owned()), args.model.clone()].into_iter().flatten().collect();
-    let hash = std::fs::read(path).ok().map(|b| format!("blake3:{}", blake3::hash(&b).to_hex()));
+    let sources = Sources::of(&files);
     let bound = args.accept_bias_arcsec.filter(|_| !o.missing.is_empty());
     for line in lines(args, o) {
         let value = Curve::Constant(rad_from_arcsec(line.value));
         let std = line.uncertainty.map(|u| rad_from_arcsec(u.0.hypot(bound.unwrap_or(0.0))));
-        put(&mut model, line.symbol, ErrorFunction { std, ..ErrorFunction::single(value) });
         let note = bound.map(|b| format!("angular data incomplete, bias up to {b} arcsec accepted"));
-        let origin = Provenance {
-            source: path.file_name().map(|n| n.to_string_lossy().into_owned()),
-            source_hash: hash.clone(),
-            note,
-            ..Provenance::default()
-        };
-        model.of_errors.push((line.symbol, origin));
+        // the model that was subtracted is no measurement of its own
+        let from = Provenance { note, ..sources.only(|i| i == 0).provenance() };
+        put(&mut model, line.symbol, ErrorFunction { std, ..ErrorFunction::single(value) }, from);
     }
     let (low, size) = o.setup.cuboid();
     let mut comment = vec![format!("written by volcomp identify diagonals {}", env!("CARGO_PKG_VERSION"))];
-    comment.extend(sources(&files));
+    comment.extend(sources.comments());
     comment.push(format!("body diagonals of the box {size:?} mm from {low:?} mm"));
     args.out.write(&model, &comment, &path.display().to_string())
 }

@@ -1,13 +1,12 @@
 //! A case of the reference vectors: displacements in mm, the axis errors at the ends of the box, squareness in rad.
 
 use std::collections::BTreeMap;
-use std::path::Path;
 
 use serde_json::{Map, Value, json};
 
-use super::{Args, bad};
+use super::Args;
 use crate::cli::Failure;
-use crate::cli::identify::case;
+use crate::cli::identify::case::{CaseFile, print_json};
 use crate::core::axes::{AxisName, Travel};
 use crate::core::geometry::Vec3;
 use crate::core::model::curve::{Interpolation, Table};
@@ -47,59 +46,68 @@ struct Holds {
     straightness: bool,
 }
 
-pub(super) fn run(args: &Args, path: &Path) -> Result<(), Failure> {
-    let case: Case = case::read(path)?;
-    let chain = Chain::parse(&case.chain).map_err(|e| bad(path, format_args!("chain: {e}")))?;
+pub(super) fn run(args: &Args, file: CaseFile<'_>) -> Result<(), Failure> {
+    let case: Case = file.read()?;
+    let chain = Chain::parse(&case.chain).map_err(|e| file.bad(format_args!("chain: {e}")))?;
     let setup =
-        Setup::new(&chain, [0.0; 3], case.cuboid, Vec3::from(case.tool_tip)).map_err(|e| bad(path, e))?;
+        Setup::new(&chain, [0.0; 3], case.cuboid, Vec3::from(case.tool_tip)).map_err(|e| file.bad(e))?;
     let d = &case.displacement;
     let measured = [d.ppp, d.npp, d.pnp, d.ppn];
     let mut result = Map::new();
     let mut corrected = measured;
-    let mut holds = Holds::default();
+    // end-to-end values know the end-point lines only, whatever lines the straightness refers to
+    let mut end_points = None;
     match &case.axis_errors_at_box_ends {
         Some(errors) => {
-            let (spec, found) = case_model(&chain, case.cuboid, errors).map_err(|e| bad(path, e))?;
-            holds = found;
+            let (mut spec, holds) = case_model(&chain, case.cuboid, errors).map_err(|e| file.bad(e))?;
             if holds.angles {
-                let model = setup.displacements(&spec, Travel::Forward).map_err(|e| bad(path, e))?;
-                corrected = std::array::from_fn(|i| measured[i] - model[i]);
-                let biased = setup.squareness(&measured, &[0.0; 4]).map_err(|e| bad(path, e))?;
+                let model = setup.displacements(&spec, Travel::Forward).map_err(|e| file.bad(e))?;
+                corrected = core::array::from_fn(|i| measured[i] - model[i]);
+                let biased = setup.squareness(&measured, &[0.0; 4]).map_err(|e| file.bad(e))?;
                 result.insert(
                     "model_displacement_without_squareness_first_order".into(),
                     NAMES.iter().zip(model).map(|(n, v)| ((*n).to_owned(), json!(v))).collect(),
                 );
                 result.insert("squareness_without_subtraction".into(), squareness_object(biased.value));
             }
+            if holds.straightness {
+                spec.errors.retain(|(symbol, _)| is_angle(symbol));
+                let angles = setup.displacements(&spec, Travel::Forward).map_err(|e| file.bad(e))?;
+                end_points = Some(core::array::from_fn(|i| measured[i] - angles[i]));
+            }
         }
         None if args.accept_bias_arcsec.is_none() => {
-            return Err(bad(
-                path,
+            return Err(file.bad(
                 "no axis_errors_at_box_ends: squareness needs the angular errors of all axes, or a bound with --accept-bias-arcsec",
             ));
         }
         None => {}
     }
-    let found = setup.squareness(&corrected, &[0.0; 4]).map_err(|e| bad(path, e))?;
+    let found = setup.squareness(&corrected, &[0.0; 4]).map_err(|e| file.bad(e))?;
     result.insert("squareness".into(), squareness_object(found.value));
     result.insert("common".into(), json!(found.common));
     let per_um = setup.sensitivity().map(|s| s * mm_from_um(1.0));
     result.insert("sigma_squareness_per_sigma_1um".into(), squareness_object(per_um));
-    if holds.straightness {
-        // end-to-end values know the end-point lines only
-        result.insert("squareness_of_end_point_lines_first_order".into(), squareness_object(found.value));
+    if let Some(displacement) = end_points {
+        let lines = setup.squareness(&displacement, &[0.0; 4]).map_err(|e| file.bad(e))?;
+        result.insert("squareness_of_end_point_lines_first_order".into(), squareness_object(lines.value));
     }
     if let Some(bound) = args.accept_bias_arcsec {
         result.insert("bias_bound_arcsec".into(), json!(bound));
     }
-    if args.json {
-        case::print_json(&Value::Object(result));
+    if args.case.json {
+        print_json(&Value::Object(result));
         return Ok(());
     }
     for (symbol, value) in SQUARENESS.iter().zip(found.value) {
         say!("{symbol:<6}{:>12.3} arcsec", arcsec_from_rad(value), symbol = symbol.to_string());
     }
     Ok(())
+}
+
+/// True for an angular error motion.
+fn is_angle(symbol: &ErrorSymbol) -> bool {
+    matches!(symbol, ErrorSymbol::Motion { component, .. } if component.is_angle())
 }
 
 fn squareness_object(values: [f64; 3]) -> Value {
@@ -114,6 +122,11 @@ fn case_model(
 ) -> Result<(ModelSpec, Holds), String> {
     let mut spec = ModelSpec::new("case", chain.clone());
     let mut holds = Holds::default();
+    if let Some(missing) = ["X", "Y", "Z"].into_iter().find(|name| !errors.contains_key(*name)) {
+        return Err(format!(
+            "axis_errors_at_box_ends: no {missing}; an axis without angular data biases squareness"
+        ));
+    }
     for (name, ends) in errors {
         let mut letters = name.chars();
         let axis = match (letters.next().and_then(AxisName::from_letter), letters.next()) {

@@ -7,11 +7,12 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value, json};
 
 use self::head_file::HeadFile;
-use super::case;
-use super::straightness::axis_out::{AxisOut, Measured, Origin, linear_axis};
+use super::case::{CaseArgs, CaseFile, print_json};
+use super::straightness::axis_out::{AxisOut, Measured, Origin};
 use crate::cli::files::write_text;
 use crate::cli::positioning_data::no_rows;
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure, table};
+use crate::cli::values::linear_axis;
+use crate::cli::{EX_USAGE, Failure, table};
 use crate::core::axes::{AxisName, Travel};
 use crate::core::model::{Component, ErrorSymbol};
 use crate::core::units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
@@ -44,11 +45,10 @@ const HELP: &str = "A head sends two parallel beams to the carriage. PSD1 sees i
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = HELP)]
 pub(super) struct Args {
-    /// One case of the reference vectors.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["data", "resting"])]
-    input: Option<PathBuf>,
+    #[command(flatten)]
+    case: CaseArgs,
     /// Readings along the axis; - is stdin.
-    #[arg(long, value_name = "FILE", requires = "calibration", requires = "axis")]
+    #[arg(long, value_name = "FILE", requires = "calibration", requires = "axis", conflicts_with = "input")]
     data: Option<PathBuf>,
     /// Log of the resting carriage at two or more distances.
     #[arg(long, value_name = "FILE", requires = "calibration", requires = "axis")]
@@ -67,9 +67,6 @@ pub(super) struct Args {
     roll: RollArg,
     #[command(flatten)]
     out: AxisOut,
-    /// One JSON object on stdout.
-    #[arg(long)]
-    json: bool,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -83,8 +80,9 @@ enum RollArg {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(path) = &args.input {
-        return run_case(args, path);
+    if let Some(file) = args.case.file() {
+        file.writes_no_model(args.out.is_wanted())?;
+        return run_case(args, file);
     }
     let (Some(path), Some(axis)) = (&args.calibration, args.axis) else {
         return Err(Failure::new(
@@ -106,10 +104,6 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         }
         None => Ok(()),
     }
-}
-
-fn bad(path: &Path, what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()))
 }
 
 // ---------------------------------------------------------------------------------------------- reference vectors
@@ -145,10 +139,10 @@ struct CaseReadings {
     QD2_z: f64,
 }
 
-fn run_case(args: &Args, path: &Path) -> Result<(), Failure> {
-    let case: Case = case::read(path)?;
+fn run_case(args: &Args, file: CaseFile<'_>) -> Result<(), Failure> {
+    let case: Case = file.read()?;
     let focal = [case.focal.f1, case.focal.f2, case.focal.f3];
-    let head = Head::nominal(focal, [case.beam_1_yz, case.beam_2_yz]).map_err(|e| bad(path, e))?;
+    let head = Head::nominal(focal, [case.beam_1_yz, case.beam_2_yz]).map_err(|e| file.bad(e))?;
     let r = &case.readings;
     let change = [
         [r.PSD1_y, r.PSD1_z],
@@ -167,12 +161,12 @@ fn run_case(args: &Args, path: &Path) -> Result<(), Failure> {
             .map(|(k, v)| ((*k).to_owned(), json!(v)))
             .collect()
     };
-    if args.json {
+    if args.case.json {
         let mut result = object(&found);
         result.insert("without_drift_compensation".into(), Value::Object(object(&without)));
         result.insert("pointing".into(), json!(found.pointing));
         result.insert("stretch".into(), json!(found.stretch));
-        case::print_json(&Value::Object(result));
+        print_json(&Value::Object(result));
         return Ok(());
     }
     for (i, name) in ["EY", "EZ", "EA", "EB", "EC"].iter().enumerate() {
@@ -255,7 +249,7 @@ fn run_resting(
     if log.is_empty() {
         return Err(no_rows(table.file()));
     }
-    let calibration = calibrate(&file.head, &log).map_err(|e| bad(path, e))?;
+    let calibration = calibrate(&file.head, &log).map_err(|e| Failure::data(path, e))?;
     file.head = calibration.head;
     let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
     file.calibrated_from = Some(match std::fs::read(path) {
@@ -270,12 +264,12 @@ fn run_resting(
 }
 
 fn report_calibration(args: &Args, axis: AxisName, c: &Calibration) {
-    if args.json {
+    if args.case.json {
         let pair = |e: &[crate::identify::fivedof::resting::Estimate; 2]| json!(e.map(|e| e.value));
         let std = |e: &[crate::identify::fivedof::resting::Estimate; 2]| json!(e.map(|e| e.std));
         let signs: Map<String, Value> =
             Detector::ALL.iter().zip(c.head.signs).map(|(d, s)| (d.name().to_owned(), json!(s))).collect();
-        case::print_json(&json!({
+        print_json(&json!({
             "signs": signs,
             "angle_gain": pair(&c.angle_gain), "angle_gain_std": std(&c.angle_gain),
             "gain_beam_1": pair(&c.gain[0]), "gain_beam_1_std": std(&c.gain[0]),
@@ -392,7 +386,7 @@ fn level_of(path: &Path, rows: &[Reading], levels: &[(f64, f64)]) -> Result<Leve
     };
     match (mean(low), mean(high)) {
         (Some(first), Some(last)) => Ok(Level::Read(last - first)),
-        _ => Err(bad(
+        _ => Err(Failure::data(
             path,
             format_args!(
                 "level_arcsec must be read at both ends, {low} and {high} mm; read it there or leave the column out"
@@ -410,7 +404,7 @@ fn run_data(args: &Args, axis: AxisName, path: &Path, file: &HeadFile) -> Result
     }
     let reduced: Vec<FiveDof> = run.readings.iter().map(|r| file.head.reduce(r)).collect();
     let positions: Vec<f64> = run.rows.iter().map(|r| r.position).collect();
-    let aligned = align(&file.head, &positions, &reduced, run.level).map_err(|e| bad(path, e))?;
+    let aligned = align(&file.head, &positions, &reduced, run.level).map_err(|e| Failure::data(path, e))?;
     let with_roll = match (args.roll, run.level) {
         (RollArg::Skip, _) => false,
         (RollArg::Auto, Level::None) => {
@@ -422,7 +416,7 @@ fn run_data(args: &Args, axis: AxisName, path: &Path, file: &HeadFile) -> Result
         _ => true,
     };
     let aligned = if args.roll == RollArg::Detrended {
-        align(&file.head, &positions, &reduced, Level::None).map_err(|e| bad(path, e))?
+        align(&file.head, &positions, &reduced, Level::None).map_err(|e| Failure::data(path, e))?
     } else {
         aligned
     };
@@ -494,7 +488,7 @@ fn report(
     }
     let show =
         |symbol: ErrorSymbol, v: f64| if symbol.is_angle() { arcsec_from_rad(v) } else { um_from_mm(v) };
-    if args.json {
+    if args.case.json {
         let mut object = Map::new();
         for m in measured {
             let symbol = ErrorSymbol::Motion { component: m.component, axis };
@@ -514,7 +508,7 @@ fn report(
         object.insert("stretch_rms_um".into(), json!(um_from_mm(rms)));
         object.insert("stretch_expected_um".into(), json!(um_from_mm(expected)));
         object.insert("rigid".into(), json!(is_rigid));
-        case::print_json(&Value::Object(object));
+        print_json(&Value::Object(object));
         return;
     }
     say!("{:<8}{:>14}{:>20}", "error", "range", "std of a reading");

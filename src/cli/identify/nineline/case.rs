@@ -1,15 +1,12 @@
 //! A case of the reference vectors.
 
-use std::collections::BTreeMap;
-use std::path::Path;
-
 use serde::Deserialize;
 use serde_json::{Value, json};
+use std::collections::BTreeMap;
 
-use crate::cli::identify::case::print_json;
-use crate::cli::identify::cases::read_case;
+use crate::cli::Failure;
+use crate::cli::identify::case::{CaseFile, print_json};
 use crate::cli::identify::motion_curves::in_print_units;
-use crate::cli::{EX_DATAERR, Failure};
 use crate::core::geometry::Vec3;
 use crate::core::model::Component;
 use crate::identify::nineline::{LineReading, NineLine, NineLineError, solve};
@@ -22,10 +19,9 @@ struct Case {
     sigma: Option<f64>,
 }
 
-pub(super) fn run(path: &Path, id: Option<&str>, as_json: bool) -> Result<(), Failure> {
-    let case: Case = read_case(path, id)?;
-    let fail = |what: String| Failure::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()));
-    let readings = case.readings().map_err(fail)?;
+pub(super) fn run(file: CaseFile<'_>, as_json: bool) -> Result<(), Failure> {
+    let case: Case = file.read()?;
+    let readings = case.readings().map_err(|e| file.bad(e))?;
     match solve(&readings) {
         Ok(found) if as_json => print_json(&json_of(&found, case.sigma.is_some())),
         Ok(found) => print(&found),
@@ -35,7 +31,7 @@ pub(super) fn run(path: &Path, id: Option<&str>, as_json: bool) -> Result<(), Fa
             "refused": true,
             "note": NineLineError::Deficient { rank, unobservable, readings }.to_string(),
         })),
-        Err(e) => return Err(fail(e.to_string())),
+        Err(e) => return Err(file.bad(e)),
     }
     Ok(())
 }

@@ -3,19 +3,21 @@
 mod case;
 mod compare;
 
+use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 
+use super::case::{CaseArgs, print_json};
 use super::motion_curves::{CurveArgs, Origin, motions_json, names, print_motions};
-use super::observed::{above_zero, linear_axis, point};
 use crate::cli::model_out::default_chain;
 use crate::cli::table::{nearest, open};
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
+use crate::cli::values::{above_zero, linear_axis, point};
+use crate::cli::{EX_DATAERR, Failure};
 use crate::core::axes::{AxisName, Travel};
 use crate::core::geometry::Vec3;
+use crate::core::statistics::{SIGNIFICANT, chi_square_upper};
 use crate::core::units::mm_from_um;
 use crate::identify::motion::MotionRow;
 use crate::identify::nineline::{LineReading, NineLine, solve};
-use crate::identify::statistics::{SIGNIFICANT, chi2_exceeded};
 use crate::identify::twist::moved;
 
 /// Six error motions of a linear axis from displacement and straightness along lines parallel to it.
@@ -25,20 +27,13 @@ use crate::identify::twist::moved;
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = HELP)]
 pub(super) struct Args {
-    /// One case of the reference vectors (JSON, mm and rad) instead of files.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["data", "lines"])]
-    input: Option<PathBuf>,
-    /// The case to take where --input holds several.
-    #[arg(long, value_name = "ID", requires = "input")]
-    case: Option<String>,
-    /// Print JSON (mm and rad) instead of a report.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    case: CaseArgs,
     /// Readings; once per file, as one line is usually measured after the other.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input")]
     data: Vec<PathBuf>,
     /// Where the target stood on the carriage for each line: CSV with line, x_mm, y_mm, z_mm (M at home).
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input")]
     lines: Option<PathBuf>,
     /// The axis that moved.
     #[arg(long, value_name = "LETTER", value_parser = linear_axis)]
@@ -86,15 +81,40 @@ struct Stop {
     readings: Vec<LineReading>,
 }
 
+/// The stops of all files, found again by where and when they were.
+#[derive(Default)]
+struct Stops {
+    all: Vec<Stop>,
+    places: HashMap<(i64, u32, bool), usize>,
+}
+
+impl Stops {
+    /// The stop at this position, made where it is missing.
+    fn index_of(&mut self, position: f64, cycle: u32, travel: Travel) -> usize {
+        let cell = (position / SAME_POSITION).round() as i64;
+        let key = |cell| (cell, cycle, travel == Travel::Forward);
+        // a position near the edge of its cell may have met its like in the next one
+        let same = |i: &&usize| (self.all[**i].position - position).abs() < SAME_POSITION;
+        let near = [cell, cell.saturating_sub(1), cell.saturating_add(1)];
+        if let Some(found) = near.into_iter().filter_map(|c| self.places.get(&key(c))).find(same) {
+            return *found;
+        }
+        self.all.push(Stop { position, cycle, travel, readings: Vec::new() });
+        self.places.insert(key(cell), self.all.len() - 1);
+        self.all.len() - 1
+    }
+}
+
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(path) = &args.input {
-        return case::run(path, args.case.as_deref(), args.json);
+    if let Some(file) = args.case.file() {
+        file.writes_no_model(args.curves.writes())?;
+        return case::run(file, args.case.json);
     }
     let (Some(lines), Some(axis), false) = (&args.lines, args.axis, args.data.is_empty()) else {
-        return Err(usage("give --lines, --axis and --data, or --input with a case"));
+        return Err(Failure::usage("give --lines, --axis and --data, or --input with a case"));
     };
     let Some(sigma) = args.sigma_um else {
-        return Err(usage(
+        return Err(Failure::usage(
             "--sigma-um is missing: without it six readings say nothing about their uncertainty",
         ));
     };
@@ -102,7 +122,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let sigmas =
         core::array::from_fn(|i| mm_from_um(if i == axis.direction() { sigma } else { straightness }));
     let lines_of_file = read_lines(lines)?;
-    let mut stops: Vec<Stop> = Vec::new();
+    let mut stops = Stops::default();
     for path in &args.data {
         read_readings(path, &lines_of_file, &sigmas, &mut stops)?;
     }
@@ -110,7 +130,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let sign = if base.spec.is_workpiece_side(axis) { -1.0 } else { 1.0 };
     let mean = lines_of_file.iter().map(|l| l.1).sum::<Vec3>() / lines_of_file.len() as f64;
     let reference = args.reference_mm.unwrap_or(mean);
-    let (rows, solved) = solve_stops(&stops, &reference, sign, &names(&args.data))?;
+    let (rows, solved) = solve_stops(&stops.all, &reference, sign, &names(&args.data))?;
     let mut files = vec![lines.clone()];
     files.extend(args.data.iter().cloned());
     let origin = Origin { axis, reference, method: "nineline", files: &files };
@@ -121,8 +141,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         Some(path) => Some(compare::with(path, axis, &gauged)?),
         None => None,
     };
-    if args.json && !quiet {
-        super::case::print_json(&serde_json::json!({
+    if args.case.json && !quiet {
+        print_json(&serde_json::json!({
             "motions": motions_json(&gauged, &origin),
             "condition_scaled": fit.condition,
             "chi2": fit.chi2,
@@ -138,7 +158,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         }
     }
     fit.warn();
-    args.curves.write(&gauged, &origin, base, !args.json)
+    args.curves.write(&gauged, &origin, base, !args.case.json)
 }
 
 /// Every stop on its own, at the reference point, times `sign`.
@@ -195,7 +215,7 @@ fn read_readings(
     path: &Path,
     lines: &[(String, Vec3)],
     sigmas: &[f64; 3],
-    stops: &mut Vec<Stop>,
+    stops: &mut Stops,
 ) -> Result<(), Failure> {
     let mut table = open(path)?;
     let position = table.require("position_mm")?;
@@ -220,15 +240,9 @@ fn read_readings(
         let at = table.number(position)?;
         let cycle = cycle.map_or(Ok(0), |c| table.count(c))?;
         let travel = direction.map_or(Ok(Travel::Forward), |c| table.travel(c))?;
-        let index = stops
-            .iter()
-            .position(|s| s.cycle == cycle && s.travel == travel && (s.position - at).abs() < SAME_POSITION)
-            .unwrap_or_else(|| {
-                stops.push(Stop { position: at, cycle, travel, readings: Vec::new() });
-                stops.len() - 1
-            });
+        let index = stops.index_of(at, cycle, travel);
         for c in columns.iter().filter(|c| !table.word(c.index).is_empty()) {
-            stops[index].readings.push(LineReading {
+            stops.all[index].readings.push(LineReading {
                 target: lines[c.line].1,
                 direction: c.direction,
                 value: mm_from_um(table.number(c.index)?),
@@ -236,7 +250,7 @@ fn read_readings(
             });
         }
     }
-    if stops.is_empty() {
+    if stops.all.is_empty() {
         return Err(Failure::new(
             EX_DATAERR,
             format_args!("error: {}: no rows below the header", path.display()),
@@ -265,7 +279,7 @@ impl Misfit {
     }
 
     fn p_value(&self) -> Option<f64> {
-        (self.dof > 0).then(|| chi2_exceeded(self.chi2, self.dof))
+        (self.dof > 0).then(|| chi_square_upper(self.chi2, self.dof))
     }
 
     fn print(&self, axis: AxisName, lines: usize, rows: usize, r: &Vec3) {
@@ -298,6 +312,18 @@ impl Misfit {
     }
 }
 
-fn usage(what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_USAGE, format_args!("error: {what}"))
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn stops_meet_again_in_any_order() {
+        let mut stops = Stops::default();
+        let mut at = |position, cycle, travel| stops.index_of(position, cycle, travel);
+        assert_eq!(at(10.0, 1, Travel::Forward), 0);
+        assert_eq!((at(10.0, 2, Travel::Forward), at(10.0, 1, Travel::Reverse)), (1, 2));
+        assert_eq!(at(10.000_000_9, 1, Travel::Forward), 0);
+        assert_eq!((at(10.000_002, 1, Travel::Forward), at(-10.0, 1, Travel::Forward)), (3, 4));
+        assert_eq!(at(10.0 - 0.9e-6, 2, Travel::Forward), 1);
+    }
 }

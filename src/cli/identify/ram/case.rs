@@ -1,13 +1,10 @@
 //! A case of the reference vectors.
 
-use std::path::Path;
-
 use serde::Deserialize;
 use serde_json::json;
 
-use crate::cli::identify::case::print_json;
-use crate::cli::identify::cases::read_case;
-use crate::cli::{EX_DATAERR, Failure};
+use crate::cli::Failure;
+use crate::cli::identify::case::{CaseFile, print_json};
 use crate::core::geometry::Vec3;
 use crate::identify::ram::{Head, HeadPose, Prior, RamError, RamNoise, solve};
 
@@ -50,8 +47,8 @@ const fn one() -> f64 {
     1.0
 }
 
-pub(super) fn run(path: &Path, id: Option<&str>, as_json: bool) -> Result<(), Failure> {
-    let case: Case = read_case(path, id)?;
+pub(super) fn run(file: CaseFile<'_>, as_json: bool) -> Result<(), Failure> {
+    let case: Case = file.read()?;
     let head =
         Head { a_axis: Vec3::from(case.head.A_axis_from_Z_reference), tool_length: case.head.tool_length };
     let poses: Vec<HeadPose> = case
@@ -78,7 +75,7 @@ pub(super) fn run(path: &Path, id: Option<&str>, as_json: bool) -> Result<(), Fa
             "refused": true,
             "note": e.to_string(),
         })),
-        Err(e) => return Err(Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display()))),
+        Err(e) => return Err(file.bad(e)),
     }
     Ok(())
 }

@@ -7,18 +7,19 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
+use super::case::{CaseArgs, print_json};
 use super::motion_curves::{CurveArgs, Origin, in_print_units, motions_json, names, print_motions};
-use super::observed::{above_zero, linear_axis, point};
 use crate::cli::files::read_model;
 use crate::cli::model_out::default_chain;
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
+use crate::cli::values::{above_zero, linear_axis, point};
+use crate::cli::{EX_DATAERR, Failure};
 use crate::core::axes::{AxisName, Travel};
 use crate::core::geometry::Vec3;
 use crate::core::model::{Component, ModelSpec};
+use crate::core::statistics::SIGNIFICANT;
 use crate::core::units::{mm_from_um, rad_from_arcsec};
 use crate::identify::motion::MotionRow;
 use crate::identify::ram::{Head, Prior, RamFit, RamNoise, solve};
-use crate::identify::statistics::SIGNIFICANT;
 
 /// Errors of the ram from tool poses at several positions of its two-axis head.
 ///
@@ -27,17 +28,10 @@ use crate::identify::statistics::SIGNIFICANT;
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = HELP)]
 pub(super) struct Args {
-    /// One case of the reference vectors (JSON, mm and rad) instead of files.
-    #[arg(long, value_name = "FILE", conflicts_with = "poses")]
-    input: Option<PathBuf>,
-    /// The case to take where --input holds several.
-    #[arg(long, value_name = "ID", requires = "input")]
-    case: Option<String>,
-    /// Print JSON (mm and rad) instead of a report.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    case: CaseArgs,
     /// The poses; once per file.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input")]
     poses: Vec<PathBuf>,
     /// The axis of the ram.
     #[arg(long, value_name = "LETTER", default_value = "z", value_parser = linear_axis)]
@@ -93,16 +87,17 @@ struct Stop {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(path) = &args.input {
-        return case::run(path, args.case.as_deref(), args.json);
+    if let Some(file) = args.case.file() {
+        file.writes_no_model(args.curves.writes())?;
+        return case::run(file, args.case.json);
     }
     let (Some(a_axis), Some(tool_length), false) =
         (args.a_axis_mm, args.tool_length_mm, args.poses.is_empty())
     else {
-        return Err(usage("give --poses, --a-axis-mm and --tool-length-mm, or --input with a case"));
+        return Err(Failure::usage("give --poses, --a-axis-mm and --tool-length-mm, or --input with a case"));
     };
     let (Some(position), Some(direction)) = (args.sigma_position_um, args.sigma_direction_arcsec) else {
-        return Err(usage(
+        return Err(Failure::usage(
             "--sigma-position-um and --sigma-direction-arcsec are needed: they weigh tips against directions",
         ));
     };
@@ -135,7 +130,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     let base = args.curves.model.base(|| default_chain([args.axis, AxisName::C, AxisName::A]))?;
     if base.spec.is_workpiece_side(args.axis) {
-        return Err(usage(format_args!(
+        return Err(Failure::usage(format_args!(
             "axis {} is on the workpiece side of the chain; a ram bears the tool",
             args.axis
         )));
@@ -145,9 +140,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let origin = Origin { axis: args.axis, reference: args.reference_mm, method: "ram", files: &files };
     let gauged = args.curves.gauge(rows, &origin)?;
     let quiet = args.curves.model.takes_stdout();
-    if args.json && !quiet {
+    if args.case.json && !quiet {
         let stops: Vec<Value> = fits.iter().map(json_of).collect();
-        super::case::print_json(&json!({"motions": motions_json(&gauged, &origin), "stops": stops}));
+        print_json(&json!({"motions": motions_json(&gauged, &origin), "stops": stops}));
     } else if !quiet {
         let chi2: f64 = fits.iter().map(|f| f.chi2).sum();
         let dof: usize = fits.iter().map(|f| f.dof).sum();
@@ -155,7 +150,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         print_motions(&gauged, args.axis);
     }
     warn(&fits);
-    args.curves.write(&gauged, &origin, base, !args.json)
+    args.curves.write(&gauged, &origin, base, !args.case.json)
 }
 
 /// One position of the ram: six numbers, no curves.
@@ -171,8 +166,8 @@ fn single(args: &Args, fits: &[RamFit]) -> Result<(), Failure> {
         ));
     }
     for fit in fits {
-        if args.json {
-            super::case::print_json(&json_of(fit));
+        if args.case.json {
+            print_json(&json_of(fit));
         } else {
             print(fit);
         }
@@ -277,8 +272,4 @@ fn print(fit: &RamFit) {
         fit.dof,
         fit.p_value
     );
-}
-
-fn usage(what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_USAGE, format_args!("error: {what}"))
 }

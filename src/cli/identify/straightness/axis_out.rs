@@ -4,10 +4,11 @@
 use std::path::PathBuf;
 
 use crate::cli::fit_report::{Fitted, note_text, print_table};
-use crate::cli::model_out::{ModelOut, axis_entry, default_chain, put, sources};
+use crate::cli::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
+use crate::cli::values::point;
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
 use crate::config::model::Provenance;
-use crate::core::axes::{AxisKind, AxisName};
+use crate::core::axes::AxisName;
 use crate::core::geometry::Vec3;
 use crate::core::model::spec::ReferenceBody;
 use crate::core::model::{Component, ErrorFunction, ErrorSymbol, ReferencePoint, Sense};
@@ -104,27 +105,6 @@ pub(in crate::cli::identify) struct Origin<'a> {
     pub(in crate::cli::identify) instrument: Option<String>,
 }
 
-/// Three numbers in mm.
-pub(in crate::cli::identify) fn point(text: &str) -> Result<Vec3, String> {
-    let numbers: Vec<f64> = text
-        .split(',')
-        .map(|t| t.trim().parse::<f64>().ok().filter(|v| v.is_finite()))
-        .collect::<Option<_>>()
-        .ok_or_else(|| format!("'{text}' is no point; write three numbers in mm, such as 0,250,-120"))?;
-    <[f64; 3]>::try_from(numbers)
-        .map(Vec3::from)
-        .map_err(|v| format!("{} numbers; a point has three, such as 0,250,-120", v.len()))
-}
-
-/// A linear axis by its letter.
-pub(in crate::cli::identify) fn linear_axis(text: &str) -> Result<AxisName, String> {
-    let mut chars = text.chars();
-    match (chars.next().and_then(AxisName::from_letter), chars.next()) {
-        (Some(axis), None) if axis.kind() == AxisKind::Linear => Ok(axis),
-        _ => Err(format!("'{text}' is no linear axis; they are x y z u v w")),
-    }
-}
-
 impl AxisOut {
     /// True where a model is wanted.
     pub(in crate::cli::identify) fn is_wanted(&self) -> bool {
@@ -180,6 +160,7 @@ impl AxisOut {
         let symbols: Vec<ErrorSymbol> =
             measured.iter().map(|m| ErrorSymbol::Motion { component: m.component, axis }).collect();
         let (measured_sense, stored) = self.senses(&model.spec, axis, primed, &symbols)?;
+        let sources = Sources::of(origin.files);
         let mut fitted = Vec::with_capacity(measured.len());
         for (m, symbol) in measured.into_iter().zip(symbols) {
             let mut readings = gauged(m.readings, m.component, axis, self.rule());
@@ -195,8 +176,11 @@ impl AxisOut {
             let fit = curve::fit(&readings, &request)
                 .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {files}: {symbol}: {e}")))?;
             let std = fit.figures.rmse_dof.into_iter().chain(m.std).reduce(f64::max);
-            put(&mut model, symbol, ErrorFunction { std, ..ErrorFunction::single(fit.curve.clone()) });
-            model.of_errors.push((symbol, provenance(origin)));
+            let function = ErrorFunction { std, ..ErrorFunction::single(fit.curve.clone()) };
+            // sign table and tilt test are no data of the curve
+            let from =
+                Provenance { instrument: origin.instrument.clone(), ..sources.only(|i| i == 0).provenance() };
+            put(&mut model, symbol, function, from);
             fitted.push(Fitted::new(symbol, readings.into(), fit));
         }
         self.place(&mut model.spec, axis, &fitted, moved, stored);
@@ -207,7 +191,7 @@ impl AxisOut {
         }
         let mut comment =
             vec![format!("written by volcomp identify {} {}", origin.method, env!("CARGO_PKG_VERSION"))];
-        comment.extend(sources(origin.files));
+        comment.extend(sources.comments());
         comment.push(format!(
             "axis {axis}: measured in the {} sense, straightness about the {} line",
             name_of(measured_sense),
@@ -304,18 +288,6 @@ const fn name_of(sense: Sense) -> &'static str {
     match sense {
         Sense::Relative => "relative",
         Sense::Carriage => "carriage",
-    }
-}
-
-fn provenance(origin: &Origin<'_>) -> Provenance {
-    let data = origin.files.first();
-    Provenance {
-        instrument: origin.instrument.clone(),
-        source: data.and_then(|p| p.file_name()).map(|n| n.to_string_lossy().into_owned()),
-        source_hash: data
-            .and_then(|p| std::fs::read(p).ok())
-            .map(|bytes| format!("blake3:{}", blake3::hash(&bytes).to_hex())),
-        ..Provenance::default()
     }
 }
 
@@ -425,13 +397,5 @@ mod tests {
         assert!(straight.iter().zip(expected).all(|(r, e)| (r.value - e).abs() < 1e-12), "{straight:?}");
         let scale = gauged(line, Component::X, AxisName::X, Rule::EndPoint);
         assert!((scale[2].value - 0.11).abs() < 1e-12 && scale[1].value == 0.0);
-    }
-
-    #[test]
-    fn arguments_are_checked() {
-        assert_eq!(point("1, 2,-3").unwrap(), Vec3::new(1.0, 2.0, -3.0));
-        assert!(point("1,2").unwrap_err().contains("2 numbers"));
-        assert!(point("1,2,nan").unwrap_err().contains("is no point"));
-        assert!(linear_axis("c").is_err() && linear_axis("x").is_ok());
     }
 }

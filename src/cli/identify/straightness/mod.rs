@@ -7,11 +7,12 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use self::axis_out::{AxisOut, Measured, Origin, linear_axis, means, point};
+use self::axis_out::{AxisOut, Measured, Origin, means};
 use self::sign_file::{ChannelColumns, SetUp, SignFile, read_tilt_test};
-use super::case;
+use super::case::{CaseArgs, CaseFile, print_json};
 use crate::cli::files::write_text;
-use crate::cli::{EX_CONFIG, EX_DATAERR, EX_USAGE, Failure, table};
+use crate::cli::values::{linear_axis, point};
+use crate::cli::{EX_CONFIG, EX_DATAERR, Failure, table};
 use crate::core::axes::{AxisName, Travel};
 use crate::core::geometry::Vec3;
 use crate::core::model::{Component, ErrorSymbol};
@@ -46,11 +47,10 @@ const HELP: &str = "The instrument reads distance, horizontal and vertical strai
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = HELP)]
 pub(super) struct Args {
-    /// One case of the reference vectors (x, y in mm).
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["data", "tilt_test"])]
-    input: Option<PathBuf>,
+    #[command(flatten)]
+    case: CaseArgs,
     /// Readings along the axis; - is stdin.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input")]
     data: Option<PathBuf>,
     /// The axis that moved.
     #[arg(long, value_name = "LETTER", value_parser = linear_axis)]
@@ -59,7 +59,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE")]
     signs: Option<PathBuf>,
     /// Readings while known tilts were applied in the same set-up.
-    #[arg(long, value_name = "FILE", requires = "axis")]
+    #[arg(long, value_name = "FILE", requires = "axis", conflicts_with = "input")]
     tilt_test: Option<PathBuf>,
     /// Write the sign table with what the tilt test found.
     #[arg(long, value_name = "FILE", requires = "tilt_test")]
@@ -69,9 +69,6 @@ pub(super) struct Args {
     base_point_mm: Option<Vec3>,
     #[command(flatten)]
     out: AxisOut,
-    /// One JSON object on stdout.
-    #[arg(long)]
-    json: bool,
 }
 
 #[derive(serde::Deserialize)]
@@ -81,12 +78,13 @@ struct Case {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(path) = &args.input {
-        return run_case(args, path);
+    if let Some(file) = args.case.file() {
+        file.writes_no_model(args.out.is_wanted())?;
+        return run_case(args, file);
     }
     let tilts = args.tilt_test.as_deref().map(read_tilt_test).transpose()?;
     let Some(axis) = args.axis else {
-        return Err(usage("--axis is missing; say which axis moved"));
+        return Err(Failure::usage("--axis is missing; say which axis moved"));
     };
     let mut signs = args.signs.as_deref().map(SignFile::read).transpose()?;
     if let Some(found) = &tilts {
@@ -94,7 +92,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         confirm(args, axis, file, found)?;
     }
     let Some(data) = &args.data else {
-        return if tilts.is_some() { Ok(()) } else { Err(usage("give --data, --tilt-test or --input")) };
+        return if tilts.is_some() {
+            Ok(())
+        } else {
+            Err(Failure::usage("give --data, --tilt-test or --input"))
+        };
     };
     let run = read_run(data, axis, args, signs.as_ref())?;
     report(args, axis, &run)?;
@@ -108,16 +110,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-fn usage(what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_USAGE, format_args!("error: {what}"))
-}
-
-fn run_case(args: &Args, path: &Path) -> Result<(), Failure> {
-    let case: Case = case::read(path)?;
+fn run_case(args: &Args, file: CaseFile<'_>) -> Result<(), Failure> {
+    let case: Case = file.read()?;
     let mut result = Map::new();
     for rule in Rule::ALL {
-        let line = Line::fit(&case.x, &case.y, rule)
-            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))?;
+        let line = Line::fit(&case.x, &case.y, rule).map_err(|e| file.bad(e))?;
         let mut object = json!({
             "slope": line.slope, "intercept": line.intercept, "straightness": line.straightness,
             "slope_std_per_unit": line.slope_std,
@@ -125,8 +122,8 @@ fn run_case(args: &Args, path: &Path) -> Result<(), Failure> {
         object["deviation"] = json!(line.deviations(&case.x, &case.y));
         result.insert(rule.name().to_owned(), object);
     }
-    if args.json {
-        case::print_json(&Value::Object(result));
+    if args.case.json {
+        print_json(&Value::Object(result));
     } else {
         say!("{:<14}{:>14}{:>18}{:>18}", "line", "slope", "intercept", "straightness");
         for (name, v) in &result {
@@ -199,7 +196,7 @@ fn confirm(
 fn table_for(args: &Args, axis: AxisName, signs: Option<&SignFile>) -> Result<SignTable, Failure> {
     let path = args.signs.as_deref().or(args.tilt_test.as_deref()).unwrap_or(Path::new("--signs"));
     let Some(file) = signs else {
-        return Err(usage(
+        return Err(Failure::usage(
             "these are channels of an instrument, whose signs nobody can guess: give a sign table with --signs (see --help)",
         ));
     };
@@ -378,12 +375,12 @@ fn move_to_base(
         let mut full = [0.0; 6];
         for (i, (slot, value)) in full.iter_mut().zip(*motion).enumerate() {
             if i < 3 && value.is_some() && points[i].is_none() {
-                return Err(usage(
+                return Err(Failure::usage(
                     "--base-point-mm needs to know where the optics was: give --point-mm, or --abbe-mm and --bryan-mm",
                 ));
             }
             if i >= 3 && value.is_none() {
-                return Err(usage(format_args!(
+                return Err(Failure::usage(format_args!(
                     "--base-point-mm needs all three angles, {} was not measured",
                     ErrorSymbol::Motion { component: Component::ALL[i], axis }
                 )));
@@ -391,7 +388,7 @@ fn move_to_base(
             *slot = value.unwrap_or(0.0);
         }
         if args.out.on_bed() {
-            return Err(usage(
+            return Err(Failure::usage(
                 "--base-point-mm moves points that ride on the carriage; points with --body bed are stored as they are, without loss",
             ));
         }
@@ -407,7 +404,7 @@ fn move_to_base(
 /// Straightness about the three lines, range of the rest.
 fn report(args: &Args, axis: AxisName, run: &[Measured]) -> Result<(), Failure> {
     let mut object = Map::new();
-    let speaks = !args.json && !args.out.takes_stdout();
+    let speaks = !args.case.json && !args.out.takes_stdout();
     if speaks {
         say!(
             "{:<7}{:>12}{:>16}{:>14}{:>14}{:>16}",
@@ -430,8 +427,8 @@ fn report(args: &Args, axis: AxisName, run: &[Measured]) -> Result<(), Failure> 
         };
         object.insert(key, figures);
     }
-    if args.json && !args.out.takes_stdout() {
-        case::print_json(&Value::Object(object));
+    if args.case.json && !args.out.takes_stdout() {
+        print_json(&Value::Object(object));
     }
     Ok(())
 }

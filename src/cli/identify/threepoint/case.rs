@@ -1,13 +1,10 @@
 //! A case of the reference vectors.
 
-use std::path::Path;
-
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
-use crate::cli::identify::case::print_json;
-use crate::cli::identify::cases::read_case;
-use crate::cli::{EX_DATAERR, Failure};
+use crate::cli::Failure;
+use crate::cli::identify::case::{CaseFile, print_json};
 use crate::core::geometry::{Mat3, Vec3};
 use crate::core::model::Component;
 use crate::identify::threepoint::{
@@ -26,10 +23,9 @@ struct Case {
     sigma_angle: Option<f64>,
 }
 
-pub(super) fn run(path: &Path, id: Option<&str>, as_json: bool) -> Result<(), Failure> {
-    let case: Case = read_case(path, id)?;
-    let fail = |what: String| Failure::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()));
-    let seen = case.seen().map_err(fail)?;
+pub(super) fn run(file: CaseFile<'_>, as_json: bool) -> Result<(), Failure> {
+    let case: Case = file.read()?;
+    let seen = case.seen().map_err(|e| file.bad(e))?;
     let platform: Vec<Vec3> = case.points_platform.iter().map(|p| Vec3::from(*p)).collect();
     let geometry = geometry(&platform);
     match solve(&seen, &Vec3::from(case.platform_origin_nominal)) {
@@ -39,7 +35,7 @@ pub(super) fn run(path: &Path, id: Option<&str>, as_json: bool) -> Result<(), Fa
         Err(e @ (ThreePointError::Deficient { .. } | ThreePointError::IllConditioned { .. })) if as_json => {
             print_json(&refusal(&geometry, &e));
         }
-        Err(e) => return Err(fail(e.to_string())),
+        Err(e) => return Err(file.bad(e)),
     }
     Ok(())
 }

@@ -6,10 +6,12 @@ mod report;
 
 use std::path::PathBuf;
 
+use super::case::{CaseArgs, print_json};
 use super::motion_curves::{CurveArgs, Origin, names};
-use super::observed::{TrackerArgs, linear_axis, point};
+use super::observed::TrackerArgs;
 use crate::cli::model_out::default_chain;
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
+use crate::cli::values::{linear_axis, point};
+use crate::cli::{EX_DATAERR, Failure};
 use crate::core::axes::AxisName;
 use crate::core::geometry::Vec3;
 use crate::identify::motion::to_relative;
@@ -22,20 +24,13 @@ use crate::identify::threepoint::{Series, sides, solve_series};
 #[derive(Debug, clap::Args)]
 #[command(after_long_help = HELP)]
 pub(super) struct Args {
-    /// One case of the reference vectors (JSON, mm and rad) instead of files.
-    #[arg(long, value_name = "FILE", conflicts_with_all = ["data", "points"])]
-    input: Option<PathBuf>,
-    /// The case to take where --input holds several.
-    #[arg(long, value_name = "ID", requires = "input")]
-    case: Option<String>,
-    /// Print JSON (mm and rad) instead of a report.
-    #[arg(long)]
-    json: bool,
+    #[command(flatten)]
+    case: CaseArgs,
     /// The measured positions; once per file. - is stdin.
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input")]
     data: Vec<PathBuf>,
     /// The points on the carriage: CSV with point, x_mm, y_mm, z_mm (platform coordinates, home).
-    #[arg(long, value_name = "FILE")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input")]
     points: Option<PathBuf>,
     /// The axis that moved.
     #[arg(long, value_name = "LETTER", value_parser = linear_axis)]
@@ -73,18 +68,19 @@ Signs: right-handed angles, ex ey ez along M. For a carriage on the workpiece si
 its own motion; the model gets the motion of the tool relative to it, which is minus that.";
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(path) = &args.input {
-        return case::run(path, args.case.as_deref(), args.json);
+    if let Some(file) = args.case.file() {
+        file.writes_no_model(args.curves.writes())?;
+        return case::run(file, args.case.json);
     }
     if args.data.is_empty() {
-        return Err(usage("neither --input nor --data is given"));
+        return Err(Failure::usage("neither --input nor --data is given"));
     }
     let frame = args.tracker.frame()?;
     if args.rigidity {
         return rigidity(args, &frame);
     }
     let (Some(points), Some(axis)) = (&args.points, args.axis) else {
-        return Err(usage("--points and --axis are needed (or --rigidity, which needs neither)"));
+        return Err(Failure::usage("--points and --axis are needed (or --rigidity, which needs neither)"));
     };
     let names_of_points = read::points(points)?;
     let mut shots = Vec::new();
@@ -115,13 +111,13 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         workpiece_side: series.workpiece_side,
     };
     let quiet = args.curves.model.takes_stdout();
-    if args.json && !quiet {
-        super::case::print_json(&report.json());
+    if args.case.json && !quiet {
+        print_json(&report.json());
     } else if !quiet {
         report.print();
     }
     report.warn();
-    args.curves.write(&gauged, &origin, base, !args.json)
+    args.curves.write(&gauged, &origin, base, !args.case.json)
 }
 
 /// Distances between the points over all rows of all files.
@@ -140,14 +136,10 @@ fn rigidity(args: &Args, frame: &super::observed::Frame) -> Result<(), Failure> 
             ),
         ));
     };
-    if args.json {
-        super::case::print_json(&report::sides_json(&sides, &found, poses.len()));
+    if args.case.json {
+        print_json(&report::sides_json(&sides, &found, poses.len()));
     } else {
         report::print_sides(&sides, &found, poses.len());
     }
     Ok(())
-}
-
-fn usage(what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_USAGE, format_args!("error: {what}"))
 }

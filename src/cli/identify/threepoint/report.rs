@@ -4,9 +4,9 @@ use serde_json::{Value, json};
 
 use crate::cli::identify::motion_curves::{Origin, motions_json, print_motions};
 use crate::cli::identify::observed::Frame;
+use crate::core::statistics::SIGNIFICANT;
 use crate::core::units::{arcsec_from_rad, um_from_mm};
 use crate::identify::motion::Gauged;
-use crate::identify::statistics::SIGNIFICANT;
 use crate::identify::threepoint::{SeriesFit, Sides};
 
 /// Everything there is to say.

@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use super::{Args, usage};
+use super::Args;
 use crate::cli::fit_input::{BySymbol, Direction, Format, read};
 use crate::cli::{EX_CONFIG, EX_DATAERR, Failure};
 use crate::config::{self, Provenance, SourceEntry};
@@ -78,19 +78,19 @@ pub(super) fn place(text: &str) -> Result<(PathBuf, [f64; 3]), String> {
 /// Reads all inputs.
 pub(super) fn load(args: &Args) -> Result<Vec<Loaded>, Failure> {
     if args.models.is_empty() && args.motion.is_empty() {
-        return Err(usage("nothing to assemble; give model files, or --motion AXIS=FILE"));
+        return Err(Failure::usage("nothing to assemble; give model files, or --motion AXIS=FILE"));
     }
     let mut out = Vec::new();
     for path in &args.models {
         out.push(model(path, args.absolute.contains(path))?);
     }
     if let Some(wanted) = args.absolute.iter().find(|p| !args.models.contains(p)) {
-        return Err(usage(format_args!("--absolute {}: no such input", wanted.display())));
+        return Err(Failure::usage(format_args!("--absolute {}: no such input", wanted.display())));
     }
     if let Some((missing, _)) =
         args.measured_at.iter().find(|(p, _)| !args.motion.iter().any(|(_, m)| m == p))
     {
-        return Err(usage(format_args!("--measured-at {}: no such --motion", missing.display())));
+        return Err(Failure::usage(format_args!("--measured-at {}: no such --motion", missing.display())));
     }
     let base = match (&args.base, out.first()) {
         (Some(path), _) => Some(super::super::load(path)?.spec),
@@ -99,7 +99,7 @@ pub(super) fn load(args: &Args) -> Result<Vec<Loaded>, Failure> {
     };
     for (axis, path) in &args.motion {
         let Some(base) = &base else {
-            return Err(usage(
+            return Err(Failure::usage(
                 "tables of motions do not say what machine they belong to; give --base or a model file",
             ));
         };
@@ -168,7 +168,7 @@ fn model(path: &Path, absolute: bool) -> Result<Loaded, Failure> {
 fn table(axis: AxisName, path: &Path, at: Option<[f64; 3]>, base: &ModelSpec) -> Result<Loaded, Failure> {
     let hash = hash_of(path)?;
     if base.chain.index_of(axis).is_none() {
-        return Err(usage(format_args!(
+        return Err(Failure::usage(format_args!(
             "--motion {}={}: the chain {} has no such axis",
             axis.lower(),
             path.display(),

@@ -8,7 +8,7 @@ use std::path::PathBuf;
 use input::Loaded;
 
 use crate::cli::files::write_text;
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
+use crate::cli::{EX_DATAERR, Failure};
 use crate::config::{self, ModelFile, Provenance, SourceEntry};
 use crate::core::axes::AxisName;
 use crate::core::model::{AxisSpec, ErrorSymbol, ModelSpec};
@@ -67,10 +67,6 @@ pub(super) struct Args {
     json: bool,
 }
 
-fn usage(what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_USAGE, format_args!("error: {what}"))
-}
-
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let loaded = input::load(args)?;
     let options = options(args, &loaded)?;
@@ -100,7 +96,9 @@ fn options(args: &Args, loaded: &[Loaded]) -> Result<Options, Failure> {
         (Some(base), _) => Some(base),
         (None, false) => None,
         (None, true) => {
-            return Err(usage("tables of motions do not say what machine they belong to; give --base"));
+            return Err(Failure::usage(
+                "tables of motions do not say what machine they belong to; give --base",
+            ));
         }
     };
     let mut prefer = Vec::new();
@@ -116,11 +114,14 @@ fn options(args: &Args, loaded: &[Loaded]) -> Result<Options, Failure> {
         [("--assume-std-um", args.assume_std_um), ("--assume-std-arcsec", args.assume_std_arcsec)]
     {
         if let Some(bad) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
-            return Err(usage(format_args!("{name} {bad} is not above 0")));
+            return Err(Failure::usage(format_args!("{name} {bad} is not above 0")));
         }
     }
     if !(0.0..1.0).contains(&args.significance) {
-        return Err(usage(format_args!("--significance {} is not from 0 to below 1", args.significance)));
+        return Err(Failure::usage(format_args!(
+            "--significance {} is not from 0 to below 1",
+            args.significance
+        )));
     }
     Ok(Options {
         base: base.map(|b| ModelSpec { machine: args.machine.clone().unwrap_or(b.machine.clone()), ..b }),
@@ -133,8 +134,9 @@ fn options(args: &Args, loaded: &[Loaded]) -> Result<Options, Failure> {
 }
 
 fn error_symbol(text: &str) -> Result<ErrorSymbol, Failure> {
-    ErrorSymbol::parse(text)
-        .ok_or_else(|| usage(format_args!("'{text}' is no error; write a symbol such as exx or ec0y")))
+    ErrorSymbol::parse(text).ok_or_else(|| {
+        Failure::usage(format_args!("'{text}' is no error; write a symbol such as exx or ec0y"))
+    })
 }
 
 /// `FILE` or `FILE:ERROR`.
@@ -149,7 +151,7 @@ fn preference(text: &str, loaded: &[Loaded]) -> Result<(usize, Option<ErrorSymbo
         return Ok((index, Some(error_symbol(symbol)?)));
     }
     let names: Vec<&str> = loaded.iter().map(|l| l.source.name.as_str()).collect();
-    Err(usage(format_args!("--prefer {text}: no such input; inputs are {}", names.join(", "))))
+    Err(Failure::usage(format_args!("--prefer {text}: no such input; inputs are {}", names.join(", "))))
 }
 
 /// The assembled model with where each error came from.

@@ -130,6 +130,22 @@ fn no_offset_carries_an_axis_over_its_soft_limit() {
 }
 
 #[test]
+fn what_a_tool_or_a_model_changes_is_told_with_the_next_cycle_and_once() {
+    let mut w = World::active(&config());
+    let told = |w: &mut World| match w.cycle().event {
+        Some(Event::StateChanged { from: State::Active, to: State::RampingIn, reason }) => Some(reason),
+        Some(other) => panic!("{other:?}"),
+        None => None,
+    };
+    w.engine.on_tool(Vec3::new(0.0, 0.0, -50.0));
+    assert_eq!((told(&mut w), told(&mut w)), (Some(Reason::ToolChanged), None));
+    w.run(3000);
+    let model = w.model.clone();
+    w.engine.on_model(&model).unwrap();
+    assert_eq!((told(&mut w), told(&mut w)), (Some(Reason::ModelChanged), None));
+}
+
+#[test]
 fn a_correction_beyond_the_stop_limit_is_a_fault() {
     let mut w = World::active(&config());
     let mut spec = ModelSpec::new("m", Chain::parse("[w b X Y Z t]").unwrap());

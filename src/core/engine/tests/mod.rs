@@ -3,6 +3,7 @@
 mod aiming;
 mod gaps;
 mod sequences;
+mod shadow;
 
 use proptest::prelude::*;
 

@@ -58,9 +58,9 @@ impl Judge {
         for (from, anew) in [(self.last, false), (restart, true)] {
             let Some(from) = from else { continue };
             let mut found = Vec::with_capacity(axes);
-            for k in 0..axes {
+            for (k, from) in from.iter().enumerate().take(axes) {
                 let before: &[f64] = if anew { &[0.0] } else { &self.rates[k] };
-                match self.goes_on(k, from[k], out.offset[k], before, seen.intervals) {
+                match self.goes_on(k, *from, out.offset[k], before, seen.intervals) {
                     Ok(now) => found.push(now),
                     Err(text) => why.push_str(&text),
                 }

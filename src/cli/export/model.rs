@@ -1,12 +1,14 @@
-//! `volcomp export`: a model to the tables that controls load.
+//! A model to the tables that controls load.
 
-use std::path::PathBuf;
+use std::path::Path;
 
-use clap::{Parser, ValueEnum};
+use clap::{Args, ValueEnum};
 
-use super::files::{Output, read_model};
-use super::import::{LinearUnitArg, SenseArg, SignArg, axis_letter, comp_type, usage};
-use super::{EX_DATAERR, EX_USAGE, Failure};
+use super::FormatArg;
+use crate::cli::files::{Output, read_model};
+use crate::cli::import::ControlArgs;
+use crate::cli::values::{axis_letter, number};
+use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
 use crate::core::axes::{AxisKind, AxisName};
 use crate::core::model::{Component, ErrorSymbol, ModelSpec};
 use crate::core::units::{arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_deg, um_from_mm};
@@ -16,32 +18,18 @@ use crate::formats::sample::{AxisTable, ExportError, Limits, Motions, Sampling, 
 use crate::formats::text::rounded;
 use crate::formats::{heidenhain, isg, isg_lis, linuxcnc, rtl};
 
-/// Write a model as a table that a control loads.
-///
-/// Curves are sampled such that straight lines between the points stay within --tolerance-um of the model, as controls
-/// interpolate. What the format cannot hold is named; what would be silently wrong is refused.
-#[derive(Debug, Parser)]
-#[command(after_help = "Examples:\n  \
-    volcomp export model.toml --format isg --sense relative --out vc.csv\n  \
-    volcomp export model.toml --format linuxcnc --axis x --comp-type 1 --out x.comp\n  \
-    volcomp export model.toml --format csv --axis x --step 10 --out x.csv\n\
-    \nThe formats, their signs and what they cannot hold: docs/formats.md")]
-pub(super) struct Args {
-    /// The model file.
-    #[arg(value_name = "MODEL")]
-    model: PathBuf,
-    /// The format.
-    #[arg(long, value_enum)]
-    format: FormatArg,
+/// Straight lines between points stay this close to the model where nothing else is asked for, um.
+const TOLERANCE_UM: f64 = 0.05;
+
+/// What only models need.
+#[derive(Debug, Args)]
+pub(super) struct ModelOptions {
     /// The axis; isg takes several, and all where none is given.
     #[arg(long, value_name = "LETTER", value_parser = axis_letter)]
     axis: Vec<AxisName>,
-    /// The table; - is stdout.
-    #[arg(long, value_name = "FILE")]
-    out: PathBuf,
-    /// Straight lines between points stay this close to the model (angles: over one metre).
-    #[arg(long, value_name = "UM", default_value_t = 0.05)]
-    tolerance_um: f64,
+    /// Straight lines between points stay this close to the model (angles: over one metre) [default: 0.05].
+    #[arg(long, value_name = "UM")]
+    tolerance_um: Option<f64>,
     /// Distance of the points in mm (rotary: deg), instead of a tolerance.
     #[arg(long, value_name = "MM")]
     step: Option<f64>,
@@ -51,35 +39,8 @@ pub(super) struct Args {
     /// Which direction of travel goes into a format that has only one.
     #[arg(long, value_enum)]
     direction: Option<DirectionArg>,
-    /// COMP_FILE_TYPE of LinuxCNC: 0 actual positions, 1 trims.
-    #[arg(long, value_name = "0|1", value_parser = comp_type)]
-    comp_type: Option<linuxcnc::CompType>,
-    /// LINEAR_UNITS of the LinuxCNC machine.
-    #[arg(long, value_enum, default_value = "mm")]
-    linear_units: LinearUnitArg,
-    /// Whose motion an ISG control takes the values of workpiece-side axes for.
-    #[arg(long, value_enum)]
-    sense: Option<SenseArg>,
-    /// What a Heidenhain control takes its values for.
-    #[arg(long, value_enum)]
-    sign: Option<SignArg>,
-}
-
-#[derive(Debug, Clone, Copy, PartialEq, Eq, ValueEnum)]
-enum FormatArg {
-    /// ISG and Beckhoff volumetric compensation.
-    Isg,
-    /// ISG and Beckhoff leadscrew compensation.
-    IsgLis,
-    /// LinuxCNC screw compensation.
-    #[value(name = "linuxcnc")]
-    LinuxCnc,
-    /// Heidenhain .COM table.
-    Heidenhain,
-    /// Renishaw laser test, as if the model had been measured.
-    Rtl,
-    /// position_mm and error columns, as `volcomp fit` reads them.
-    Csv,
+    #[command(flatten)]
+    control: ControlArgs,
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -91,9 +52,6 @@ enum DirectionArg {
 
 fn range(text: &str) -> Result<[f64; 2], String> {
     let (low, high) = text.split_once(':').ok_or("write two numbers, such as 0:500")?;
-    let number = |t: &str| {
-        t.trim().parse::<f64>().ok().filter(|v| v.is_finite()).ok_or(format!("'{t}' is not a finite number"))
-    };
     Ok([number(low)?, number(high)?])
 }
 
@@ -103,42 +61,62 @@ struct Written {
     symbols: Vec<ErrorSymbol>,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if !(args.tolerance_um > 0.0 && args.tolerance_um.is_finite()) {
-        return Err(usage(format_args!("--tolerance-um {}: must be above 0", args.tolerance_um)));
+pub(super) fn run(path: &Path, format: FormatArg, out: &Path, options: &ModelOptions) -> Result<(), Failure> {
+    let tolerance_um = options.tolerance_um.unwrap_or(TOLERANCE_UM);
+    if !(tolerance_um > 0.0 && tolerance_um.is_finite()) {
+        return Err(Failure::usage(format_args!("--tolerance-um {tolerance_um}: must be above 0")));
     }
-    let (spec, _) = read_model(&args.model)?;
-    let written = write(args, &spec).map_err(|e| args.failure(&e))?;
-    let mut output = Output::create(&args.out)?;
+    let (spec, _) = read_model(path)?;
+    let written = write(format, options, &spec).map_err(|e| failure(path, &e))?;
+    let mut output = Output::create(out)?;
     std::io::Write::write_all(&mut output, written.text.as_bytes())
         .map_err(|e| Failure::io(output.path(), &e))?;
     output.finish()?;
-    eprintln!("written: {}", args.out.display());
-    not_held(args, &spec, &written.symbols);
+    eprintln!("written: {}", out.display());
+    not_held(format, options, &spec, &written.symbols);
     Ok(())
 }
 
-impl Args {
-    fn failure(&self, e: &ExportError) -> Failure {
-        let code = match e {
-            ExportError::SenseNotStated { .. }
-            | ExportError::SignNotStated
-            | ExportError::OneAxis { .. }
-            | ExportError::CompTypeNotStated
-            | ExportError::Step { .. }
-            | ExportError::EmptyRange { .. }
-            | ExportError::NoRange { .. }
-            | ExportError::TwoDirections { .. }
-            | ExportError::AxisNotInChain { .. } => EX_USAGE,
-            _ => EX_DATAERR,
-        };
-        Failure::new(code, format_args!("error: {}: {e}", self.model.display()))
+fn failure(path: &Path, e: &ExportError) -> Failure {
+    let code = match e {
+        ExportError::SenseNotStated { .. }
+        | ExportError::SignNotStated
+        | ExportError::OneAxis { .. }
+        | ExportError::CompTypeNotStated
+        | ExportError::Step { .. }
+        | ExportError::EmptyRange { .. }
+        | ExportError::NoRange { .. }
+        | ExportError::TwoDirections { .. }
+        | ExportError::AxisNotInChain { .. } => EX_USAGE,
+        _ => EX_DATAERR,
+    };
+    Failure::new(code, format_args!("error: {}: {e}", path.display()))
+}
+
+impl ModelOptions {
+    /// An option that was given, for a file that is no model.
+    pub(super) fn first_given(&self) -> Option<&'static str> {
+        let Self { axis, tolerance_um, step, range, direction, control } = self;
+        let ControlArgs { comp_type, linear_units, sense, sign } = control;
+        [
+            (!axis.is_empty(), "--axis"),
+            (tolerance_um.is_some(), "--tolerance-um"),
+            (step.is_some(), "--step"),
+            (range.is_some(), "--range"),
+            (direction.is_some(), "--direction"),
+            (comp_type.is_some(), "--comp-type"),
+            (linear_units.is_some(), "--linear-units"),
+            (sense.is_some(), "--sense"),
+            (sign.is_some(), "--sign"),
+        ]
+        .into_iter()
+        .find_map(|(given, name)| given.then_some(name))
     }
 
     fn sampling(&self, kind: AxisKind) -> Sampling {
         let inner = |v: f64| if kind == AxisKind::Rotary { rad_from_deg(v) } else { v };
         Sampling {
-            tolerance: mm_from_um(self.tolerance_um),
+            tolerance: mm_from_um(self.tolerance_um.unwrap_or(TOLERANCE_UM)),
             step: self.step.map(inner),
             range: self.range.map(|r| r.map(inner)),
             way: self.direction.map(|d| match d {
@@ -150,23 +128,23 @@ impl Args {
     }
 }
 
-fn write(args: &Args, spec: &ModelSpec) -> Result<Written, ExportError> {
-    if args.format == FormatArg::Isg {
+fn write(format: FormatArg, args: &ModelOptions, spec: &ModelSpec) -> Result<Written, ExportError> {
+    if format == FormatArg::Isg {
         return write_isg(args, spec);
     }
     let [axis] = args.axis[..] else { return Err(ExportError::OneAxis { format: "the format" }) };
     let sampling = args.sampling(axis.kind());
-    let (text, table) = match args.format {
+    let (text, table) = match format {
         FormatArg::LinuxCnc => {
-            let file = args.comp_type.ok_or(ExportError::CompTypeNotStated)?;
-            linuxcnc::write(spec, axis, file, args.linear_units.into(), &sampling)?
+            let file = args.control.comp_type.ok_or(ExportError::CompTypeNotStated)?;
+            linuxcnc::write(spec, axis, file, args.control.linear_unit(), &sampling)?
         }
         FormatArg::IsgLis => isg_lis::write(spec, axis, &sampling)?,
         FormatArg::Heidenhain => {
-            heidenhain::write(spec, axis, args.sign.map(heidenhain::Sign::from), &sampling)?
+            heidenhain::write(spec, axis, args.control.sign.map(heidenhain::Sign::from), &sampling)?
         }
         FormatArg::Rtl => write_rtl(spec, axis, &sampling)?,
-        FormatArg::Csv | FormatArg::Isg => write_csv(spec, axis, &sampling)?,
+        FormatArg::Csv | FormatArg::Isg | FormatArg::Parquet => write_csv(spec, axis, &sampling)?,
     };
     describe(&table);
     let symbols =
@@ -174,13 +152,14 @@ fn write(args: &Args, spec: &ModelSpec) -> Result<Written, ExportError> {
     Ok(Written { text, symbols })
 }
 
-fn write_isg(args: &Args, spec: &ModelSpec) -> Result<Written, ExportError> {
+fn write_isg(args: &ModelOptions, spec: &ModelSpec) -> Result<Written, ExportError> {
     let kind = args.axis.first().map_or(AxisKind::Linear, |a| a.kind());
     let several = args.axis.len() != 1;
     if several && (args.range.is_some() || args.step.is_some()) {
         return Err(ExportError::OneAxis { format: "--range and --step" });
     }
-    let (text, report) = isg::write(spec, &args.axis, args.sense.map(isg::Body::from), &args.sampling(kind))?;
+    let (text, report) =
+        isg::write(spec, &args.axis, args.control.sense.map(isg::Body::from), &args.sampling(kind))?;
     for (axis, rows, error) in &report.blocks {
         eprintln!(
             "axis {axis}: {rows} rows, at most {:.3} um from the model between them",
@@ -210,22 +189,19 @@ fn describe(table: &AxisTable) {
 }
 
 /// Says what of the model is not in the file.
-fn not_held(args: &Args, spec: &ModelSpec, written: &[ErrorSymbol]) {
+fn not_held(format: FormatArg, args: &ModelOptions, spec: &ModelSpec, written: &[ErrorSymbol]) {
     let missing: Vec<String> =
         spec.errors.iter().filter(|(s, _)| !written.contains(s)).map(|(s, _)| s.to_string()).collect();
     if !missing.is_empty() {
         eprintln!("not in this file: {}", missing.join(" "));
     }
-    if spec.errors.iter().any(|(s, f)| written.contains(s) && f.std.is_some())
-        && args.format != FormatArg::Csv
-    {
+    if spec.errors.iter().any(|(s, f)| written.contains(s) && f.std.is_some()) && format != FormatArg::Csv {
         eprintln!("not in this file: the stated uncertainties");
     }
     let angles = |axis: AxisName| {
         spec.errors.iter().any(|(s, _)| s.axis() == axis && s.is_angle() && !s.is_constant())
     };
-    if let (false, Some(axis)) =
-        (args.format == FormatArg::Isg || args.format == FormatArg::Csv, args.axis.first())
+    if let (false, Some(axis)) = (format == FormatArg::Isg || format == FormatArg::Csv, args.axis.first())
         && angles(*axis)
     {
         eprintln!(

@@ -1,0 +1,68 @@
+//! `volcomp bench`: what a cycle costs on this computer.
+
+use std::path::PathBuf;
+
+use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure};
+use crate::runtime::{self, RehearsalError};
+
+/// Nanoseconds in a microsecond.
+const NS_PER_US: f64 = 1e3;
+/// Most cycles that are measured.
+const CYCLES_MAX: u64 = 100_000_000;
+
+/// Measures what a cycle with this machine file and its model costs on this computer, without touching any machine.
+///
+/// From a position frame's bytes in hand to its correction's bytes in hand: check sum, engine, model, frame. No
+/// socket; `cncsim bench-link` measures with it. The thread has the real-time settings of the machine file.
+#[derive(Debug, clap::Parser)]
+pub(super) struct Args {
+    /// The machine file; the model it names is taken relative to it.
+    #[arg(long, value_name = "FILE")]
+    config: PathBuf,
+    /// Cycles to measure.
+    #[arg(long, value_name = "N", default_value = "200000")]
+    cycles: u64,
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    if !(1..=CYCLES_MAX).contains(&args.cycles) {
+        let message = format_args!("error: --cycles {}; give 1 to {CYCLES_MAX}", args.cycles);
+        return Err(Failure::new(EX_USAGE, message));
+    }
+    let loaded = runtime::load(&args.config)
+        .map_err(|e| Failure::new(if e.is_io() { EX_IOERR } else { EX_CONFIG }, &e))?;
+    let rehearsal = runtime::rehearse(&loaded, args.cycles).map_err(|e| {
+        let code = match e {
+            RehearsalError::Hello(_) | RehearsalError::Engine(_) => EX_CONFIG,
+            RehearsalError::NotActive(_) | RehearsalError::Histogram(_) | RehearsalError::Panicked => {
+                EX_SOFTWARE
+            }
+        };
+        Failure::new(code, format_args!("error: {}: {e}", args.config.display()))
+    })?;
+    let us = |quantile: f64| rehearsal.compute_ns.value_at_quantile(quantile) as f64 / NS_PER_US;
+    let max_us = rehearsal.compute_ns.max() as f64 / NS_PER_US;
+    let clock_us = rehearsal.clock_ns as f64 / NS_PER_US;
+    if args.json {
+        let object = serde_json::json!({
+            "axes": rehearsal.axes, "sensors": rehearsal.sensors, "cycles": rehearsal.compute_ns.len(),
+            "compute_us_p50": us(0.5), "compute_us_p90": us(0.9), "compute_us_p99": us(0.99),
+            "compute_us_p999": us(0.999), "compute_us_max": max_us, "clock_us": clock_us, "realtime": rehearsal.realtime,
+        });
+        say!("{object}");
+        return Ok(());
+    }
+    say!("frame in to frame out, {} axes, {} live values", rehearsal.axes, rehearsal.sensors);
+    say!(
+        "compute     p50 {:.2} us, p90 {:.2} us, p99 {:.2} us, p99.9 {:.2} us, max {max_us:.2} us",
+        us(0.5),
+        us(0.9),
+        us(0.99),
+        us(0.999)
+    );
+    say!("cycles      {}, the clock's own {clock_us:.3} us taken off each", rehearsal.compute_ns.len());
+    Ok(())
+}

@@ -1,0 +1,181 @@
+//! Recordings to CSV with the columns of sessions and histories, or Parquet.
+//!
+//! A recording holds positions and offsets, no measured deviation: `deviation_um` and the direction of sensitivity are
+//! there and empty, so that a reading can be joined by time.
+
+mod parquet;
+mod rows;
+mod sensors;
+
+use std::io::Write;
+use std::path::{Path, PathBuf};
+
+use crate::cli::files::Output;
+use crate::cli::{EX_DATAERR, EX_USAGE, Failure, recordings};
+use rows::{Cell, Column, Rows};
+use sensors::Sensors;
+
+/// What a recording becomes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Format {
+    /// Text, one row per cycle.
+    Csv,
+    /// Columns, packed.
+    Parquet,
+}
+
+/// What only recordings need.
+#[derive(Debug, clap::Args)]
+pub(super) struct RecordingOptions {
+    /// Only rows from this time on, s since the first record.
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    from_s: Option<f64>,
+    /// Only rows up to this time, s since the first record.
+    #[arg(long, value_name = "S", allow_negative_numbers = true)]
+    to_s: Option<f64>,
+    /// Only every N-th cycle.
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u64).range(1..))]
+    every: Option<u64>,
+}
+
+impl RecordingOptions {
+    /// An option that was given, for a file that is no recording.
+    pub(super) fn first_given(&self) -> Option<&'static str> {
+        let Self { from_s, to_s, every } = self;
+        [(from_s.is_some(), "--from-s"), (to_s.is_some(), "--to-s"), (every.is_some(), "--every")]
+            .into_iter()
+            .find_map(|(given, name)| given.then_some(name))
+    }
+}
+
+/// Where rows go.
+trait Sink {
+    /// The columns; called once, first.
+    fn begin(&mut self, columns: &[Column]) -> Result<(), Failure>;
+    /// One row, a cell per column.
+    fn row(&mut self, cells: &[Cell]) -> Result<(), Failure>;
+}
+
+pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOptions) -> Result<(), Failure> {
+    for (name, value) in [("--from-s", args.from_s), ("--to-s", args.to_s)] {
+        if value.is_some_and(|v| !v.is_finite()) {
+            return Err(Failure::new(EX_USAGE, format_args!("error: {name} must be a finite number")));
+        }
+    }
+    let bytes = recordings::read(files)?;
+    let parsed = recordings::parse(&bytes)?;
+    let mut output = Output::create(out)?;
+    let (rows, notes) = match to {
+        Format::Csv => {
+            let mut sink =
+                Csv { out: std::io::BufWriter::with_capacity(1 << 16, &mut output), line: String::new() };
+            let done = convert(args, &parsed, &mut sink)?;
+            sink.out.flush().map_err(|e| Failure::io(out, &e))?;
+            drop(sink);
+            done
+        }
+        Format::Parquet => {
+            let Output::Beside { file, .. } = &output else {
+                return Err(Failure::new(
+                    EX_USAGE,
+                    "error: Parquet is written to a file, not to a stream\n  hint: name a file with --out",
+                ));
+            };
+            let file = file.try_clone().map_err(|e| Failure::io(out, &e))?;
+            let mut sink = parquet::Table::new(file, out, recordings::first(&parsed)?.1);
+            let done = convert(args, &parsed, &mut sink)?;
+            sink.finish()?;
+            done
+        }
+    };
+    output.finish()?;
+    for note in notes {
+        eprintln!("note: {note}");
+    }
+    eprintln!(
+        "{rows} rows; deviation_um is empty: a recording knows positions and offsets, it measures no deviation"
+    );
+    Ok(())
+}
+
+/// Turns items into rows; gives their number and what was noted.
+fn convert(
+    args: &RecordingOptions,
+    parsed: &[recordings::Parsed<'_>],
+    sink: &mut dyn Sink,
+) -> Result<(u64, Vec<String>), Failure> {
+    let first = recordings::first(parsed)?.0;
+    // the dead band decides what a reversal is; without the machine file every change of sign is one
+    let config = recordings::machine(first.path, &first.recording).ok();
+    // without the models nobody knows whose values the live ones are
+    let models = recordings::models(parsed).unwrap_or_default();
+    let mut rows = Rows::new(config, Sensors::new(&models));
+    let (mut cycles, mut written, mut begun) = (0_u64, 0, false);
+    let notes = recordings::walk(parsed, |item| {
+        let told = rows.feed(item).map_err(|why| {
+            Failure::new(EX_DATAERR, format_args!("error: {}: {why}", first.path.display()))
+        })?;
+        if !told {
+            return Ok(());
+        }
+        if !begun {
+            sink.begin(rows.columns())?;
+            begun = true;
+        }
+        let t_s = rows.t_s();
+        let wanted = args.from_s.is_none_or(|from| t_s >= from) && args.to_s.is_none_or(|to| t_s <= to);
+        if wanted && cycles % args.every.unwrap_or(1) == 0 {
+            sink.row(rows.cells())?;
+            written += 1;
+        }
+        cycles += 1;
+        Ok(())
+    })?;
+    if !begun {
+        sink.begin(rows.columns())?;
+    }
+    Ok((written, notes))
+}
+
+/// CSV; no cell of ours needs quotes.
+struct Csv<W: Write> {
+    out: W,
+    line: String,
+}
+
+impl<W: Write> Csv<W> {
+    fn write(&mut self) -> Result<(), Failure> {
+        self.line.push('\n');
+        self.out.write_all(self.line.as_bytes()).map_err(|e| Failure::io(Path::new("output"), &e))?;
+        self.line.clear();
+        Ok(())
+    }
+}
+
+impl<W: Write> Sink for Csv<W> {
+    fn begin(&mut self, columns: &[Column]) -> Result<(), Failure> {
+        for (k, column) in columns.iter().enumerate() {
+            if k > 0 {
+                self.line.push(',');
+            }
+            self.line.push_str(&column.name);
+        }
+        self.write()
+    }
+
+    fn row(&mut self, cells: &[Cell]) -> Result<(), Failure> {
+        use std::fmt::Write as _;
+        for (k, cell) in cells.iter().enumerate() {
+            if k > 0 {
+                self.line.push(',');
+            }
+            let _ = match cell {
+                Cell::Empty => Ok(()),
+                Cell::Number(v) => write!(self.line, "{v}"),
+                Cell::Whole(v) => write!(self.line, "{v}"),
+                Cell::Text(v) => self.line.write_str(v),
+            };
+        }
+        self.write()
+    }
+}

@@ -1,0 +1,393 @@
+//! Entries to rows: time on one clock, velocities, directions, distances since the last reversal.
+
+use super::sensors::Sensors;
+use crate::config::MachineConfig;
+use crate::core::axes::{AxisKind, AxisName};
+use crate::core::fault;
+use crate::core::protocol::{ControlHello, CorrectionState, MachineState, Tool};
+use crate::core::record::{Change, Cycle, Entry, Item};
+use crate::core::units::{MonoTime, NS_PER_S, arcsec_from_rad, deg_from_rad, rad_from_deg, um_from_mm};
+
+/// Kind of a column.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Kind {
+    Number,
+    Whole,
+    Text,
+}
+
+/// A column.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) struct Column {
+    pub(super) name: String,
+    pub(super) kind: Kind,
+}
+
+/// A cell.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) enum Cell {
+    Empty,
+    Number(f64),
+    Whole(i64),
+    Text(&'static str),
+}
+
+impl Cell {
+    /// A number where it is one.
+    fn number(value: f64) -> Self {
+        if value.is_finite() { Self::Number(value) } else { Self::Empty }
+    }
+
+    fn flag(set: bool) -> Self {
+        Self::Whole(set.into())
+    }
+
+    fn or_empty(value: Option<f64>) -> Self {
+        value.map_or(Self::Empty, Self::number)
+    }
+}
+
+/// How an axis has moved. mm and s, or deg and s.
+#[derive(Debug, Clone, Copy)]
+struct Motion {
+    last: f64,
+    /// Furthest position in the present direction.
+    turning: f64,
+    /// Direction of travel; 0 before the first move.
+    direction: i8,
+    /// Where and when it reversed last; the first position counts as one.
+    reversed: (f64, f64),
+    velocity: Option<f64>,
+}
+
+impl Motion {
+    const fn start(position: f64, t_s: f64) -> Self {
+        Self { last: position, turning: position, direction: 0, reversed: (position, t_s), velocity: None }
+    }
+
+    fn step(&mut self, position: f64, t_s: f64, dt: f64, deadband: f64) {
+        let beyond = position - self.turning;
+        let onward = beyond * f64::from(self.direction) > 0.0;
+        let back = (self.direction == 0 && beyond != 0.0 || beyond * f64::from(self.direction) < 0.0)
+            && beyond.abs() > deadband;
+        if back {
+            self.direction = if beyond > 0.0 { 1 } else { -1 };
+            self.reversed = (self.turning, t_s);
+        }
+        if onward || back {
+            self.turning = position;
+        }
+        self.velocity = (dt > 0.0).then(|| (position - self.last) / dt);
+        self.last = position;
+    }
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Axis {
+    name: AxisName,
+    deadband: f64,
+    motion: Option<Motion>,
+}
+
+/// Time of the control on one line that goes on over links.
+#[derive(Debug, Clone, Copy)]
+struct Anchor {
+    control_ns: i64,
+    t_s: f64,
+}
+
+/// Turns entries into rows.
+pub(super) struct Rows {
+    config: Option<MachineConfig>,
+    sensors: Sensors,
+    axes: Vec<Axis>,
+    columns: Vec<Column>,
+    cells: Vec<Cell>,
+    first: Option<MonoTime>,
+    anchor: Option<Anchor>,
+    last_control_ns: i64,
+    t_s: f64,
+    tool: Option<Tool>,
+    /// Links seen: each is a mounting of its own for the columns of sessions.
+    links: i64,
+}
+
+impl Rows {
+    pub(super) fn new(config: Option<MachineConfig>, sensors: Sensors) -> Self {
+        let mut rows = Self {
+            config,
+            sensors,
+            axes: Vec::new(),
+            columns: Vec::new(),
+            cells: Vec::new(),
+            first: None,
+            anchor: None,
+            last_control_ns: 0,
+            t_s: 0.0,
+            tool: None,
+            links: 0,
+        };
+        rows.columns = rows.names();
+        rows
+    }
+
+    pub(super) fn columns(&self) -> &[Column] {
+        &self.columns
+    }
+
+    pub(super) fn cells(&self) -> &[Cell] {
+        &self.cells
+    }
+
+    pub(super) const fn t_s(&self) -> f64 {
+        self.t_s
+    }
+
+    /// Takes an item; true where it gave a row.
+    pub(super) fn feed(&mut self, item: &Item) -> Result<bool, String> {
+        match item {
+            Item::Gap { context, record, .. } => {
+                if let Some(hello) = &context.hello {
+                    self.control(hello, *record)?;
+                }
+                self.tool = context.tool;
+                self.sensors.switch(context.model);
+                self.interrupt();
+                Ok(false)
+            }
+            Item::Unknown { .. } => Ok(false),
+            Item::Entry { record, entry } => {
+                self.first.get_or_insert(entry.now());
+                match entry {
+                    Entry::Engine { hello, .. } => self.control(hello, *record)?,
+                    Entry::Tool { tool, .. } => self.tool = Some(*tool),
+                    Entry::Model { hash, .. } => self.sensors.switch(Some(*hash)),
+                    Entry::Live { told, values, .. } => self.sensors.tell(*told, values),
+                    Entry::LinkUp { .. } => {
+                        self.links += 1;
+                        self.tool = None;
+                        self.interrupt();
+                    }
+                    Entry::Cycle(cycle) if !self.axes.is_empty() => {
+                        self.cycle(*record, cycle);
+                        return Ok(true);
+                    }
+                    _ => {}
+                }
+                Ok(false)
+            }
+        }
+    }
+
+    /// What was known of the motion does not go on.
+    fn interrupt(&mut self) {
+        self.anchor = None;
+        self.axes.iter_mut().for_each(|axis| axis.motion = None);
+    }
+
+    fn control(&mut self, hello: &ControlHello, record: u64) -> Result<(), String> {
+        let names: Vec<AxisName> = hello.used_axes().iter().map(|axis| axis.name).collect();
+        if self.axes.is_empty() {
+            let deadband = |name: AxisName| {
+                let inside = self.config.as_ref()?.axes.iter().find(|a| a.name == name)?.reversal_deadband;
+                Some(if name.kind() == AxisKind::Rotary { deg_from_rad(inside) } else { inside })
+            };
+            self.axes = names
+                .iter()
+                .map(|name| Axis { name: *name, deadband: deadband(*name).unwrap_or(0.0), motion: None })
+                .collect();
+            self.columns = self.names();
+        } else if !self.axes.iter().map(|a| a.name).eq(names) {
+            return Err(format!(
+                "record {record}: the control comes back with other axes; export the files apart"
+            ));
+        }
+        Ok(())
+    }
+
+    /// Columns for the axes known.
+    fn names(&self) -> Vec<Column> {
+        let mut columns = Vec::new();
+        let mut add = |name: String, kind| columns.push(Column { name, kind });
+        add("t_s".into(), Kind::Number);
+        add("instrument".into(), Kind::Text);
+        for name in ["setup", "run", "repeat"] {
+            add(name.into(), Kind::Whole);
+        }
+        for Axis { name, .. } in &self.axes {
+            let (unit, _) = units(*name);
+            add(format!("{}_{unit}", name.lower()), Kind::Number);
+        }
+        for name in ["u_x", "u_y", "u_z", "deviation_um"] {
+            add(name.into(), Kind::Number);
+        }
+        for Axis { name, .. } in &self.axes {
+            let ((unit, fine), axis) = (units(*name), name.lower());
+            add(format!("v{axis}_{unit}_per_s"), Kind::Number);
+            add(format!("dir_{axis}"), Kind::Whole);
+            add(format!("since_reversal_{axis}_{unit}"), Kind::Number);
+            add(format!("since_reversal_{axis}_s"), Kind::Number);
+            add(format!("actual_{axis}_{unit}"), Kind::Number);
+            add(format!("offset_{axis}_{fine}"), Kind::Number);
+            add(format!("applied_{axis}_{fine}"), Kind::Number);
+            add(format!("wanted_{axis}_{fine}"), Kind::Number);
+            for name in ["limited", "warning", "out_of_range", "faded"] {
+                add(format!("{name}_{axis}"), Kind::Whole);
+            }
+        }
+        add("moving".into(), Kind::Whole);
+        for name in ["tool_x_mm", "tool_y_mm", "tool_z_mm", "feed_mm_per_min"] {
+            add(name.into(), Kind::Number);
+        }
+        for name in self.sensors.columns() {
+            add(name, Kind::Number);
+        }
+        for name in ["state", "cause"] {
+            add(name.into(), Kind::Text);
+        }
+        add("lag_cycles".into(), Kind::Whole);
+        for name in
+            ["homed", "enabled", "estop", "offset_limited", "offset_ramping_out", "sequence", "record"]
+        {
+            add(name.into(), Kind::Whole);
+        }
+        for name in ["control_s", "received_s"] {
+            add(name.into(), Kind::Number);
+        }
+        columns
+    }
+
+    /// Time of the row: the control's clock, which has no jitter, set to ours at the beginning of every link.
+    fn time(&mut self, cycle: &Cycle) -> f64 {
+        let first = *self.first.get_or_insert(cycle.now);
+        let control_ns = cycle.frame.control_ns;
+        if control_ns < self.last_control_ns {
+            self.interrupt();
+        }
+        self.last_control_ns = control_ns;
+        let t_s = cycle.now.seconds_since(first).max(self.t_s);
+        let anchor = *self.anchor.get_or_insert(Anchor { control_ns, t_s });
+        anchor.t_s + control_ns.saturating_sub(anchor.control_ns) as f64 / NS_PER_S
+    }
+
+    fn cycle(&mut self, record: u64, cycle: &Cycle) {
+        let frame = &cycle.frame;
+        let before = self.t_s;
+        let t_s = self.time(cycle);
+        self.t_s = t_s;
+        for (axis, position) in self.axes.iter_mut().zip(frame.commanded) {
+            match &mut axis.motion {
+                _ if !position.is_finite() => axis.motion = None,
+                Some(motion) => motion.step(position, t_s, t_s - before, axis.deadband),
+                None => axis.motion = Some(Motion::start(position, t_s)),
+            }
+        }
+        self.cells.clear();
+        let cells = &mut self.cells;
+        cells.extend([
+            Cell::Number(t_s),
+            Cell::Text("recording"),
+            Cell::Whole(self.links),
+            Cell::Whole(0),
+            Cell::Whole(0),
+        ]);
+        cells.extend(frame.commanded.iter().take(self.axes.len()).map(|v| Cell::number(*v)));
+        cells.extend([Cell::Empty; 4]);
+        for (k, axis) in self.axes.iter().enumerate() {
+            let fine = |v: f64| match axis.name.kind() {
+                AxisKind::Linear => um_from_mm(v),
+                AxisKind::Rotary => arcsec_from_rad(rad_from_deg(v)),
+            };
+            let answer = cycle.answer.as_ref();
+            let moved = axis.motion.filter(|m| m.direction != 0);
+            let bit = |bits: Option<u8>| bits.map_or(Cell::Empty, |b| Cell::flag(b >> k & 1 == 1));
+            cells.extend([
+                Cell::or_empty(axis.motion.and_then(|m| m.velocity)),
+                moved.map_or(Cell::Empty, |m| Cell::Whole(m.direction.into())),
+                Cell::or_empty(moved.map(|m| (m.last - m.reversed.0).abs())),
+                Cell::or_empty(moved.map(|m| t_s - m.reversed.1)),
+                Cell::number(frame.actual[k]),
+                Cell::or_empty(answer.map(|a| fine(a.offset[k]))),
+                Cell::number(fine(frame.applied[k])),
+                Cell::or_empty(answer.map(|a| fine(a.wanted[k]))),
+                bit(answer.map(|a| a.limited)),
+                bit(answer.map(|a| a.warning)),
+                bit(answer.map(|a| a.out_of_range)),
+                bit(answer.map(|a| a.faded)),
+            ]);
+        }
+        let has = |bit| Cell::flag(frame.state.has(bit));
+        cells.push(has(MachineState::MOVING));
+        cells.extend([0, 1, 2].map(|k| Cell::or_empty(self.tool.map(|tool| tool.tip[k]))));
+        cells.push(Cell::number(frame.feed_mm_per_min));
+        cells.extend(self.sensors.values().map(Cell::or_empty));
+        let answer = cycle.answer;
+        cells.push(answer.map_or(Cell::Empty, |a| Cell::Text(state(a.state))));
+        cells.push(answer.and_then(|a| a.change).map_or(Cell::Empty, |c| Cell::Text(cause(c))));
+        let lag = answer.map(|a| a.lag_cycles).filter(|cycles| *cycles > 0);
+        cells.push(lag.map_or(Cell::Empty, |cycles| Cell::Whole(cycles.into())));
+        cells.extend(
+            [
+                MachineState::HOMED,
+                MachineState::ENABLED,
+                MachineState::ESTOP,
+                MachineState::OFFSET_LIMITED,
+                MachineState::OFFSET_RAMPING_OUT,
+            ]
+            .map(has),
+        );
+        cells.extend([
+            Cell::Whole(frame.sequence.into()),
+            Cell::Whole(i64::try_from(record).unwrap_or(i64::MAX)),
+            Cell::Number(frame.control_ns as f64 / NS_PER_S),
+            Cell::Number(self.first.map_or(0.0, |first| cycle.now.seconds_since(first))),
+        ]);
+    }
+}
+
+/// Unit of positions and of offsets.
+const fn units(axis: AxisName) -> (&'static str, &'static str) {
+    match axis.kind() {
+        AxisKind::Linear => ("mm", "um"),
+        AxisKind::Rotary => ("deg", "arcsec"),
+    }
+}
+
+/// Name of what changed the state.
+fn cause(change: Change) -> &'static str {
+    fault::Code(change.cause).entry().map_or("unknown", |entry| entry.name)
+}
+
+const fn state(state: CorrectionState) -> &'static str {
+    match state {
+        CorrectionState::Off => "off",
+        CorrectionState::Armed => "armed",
+        CorrectionState::RampingIn => "ramping-in",
+        CorrectionState::Active => "active",
+        CorrectionState::Holding => "holding",
+        CorrectionState::RampingOut => "ramping-out",
+        CorrectionState::Faulted => "faulted",
+        CorrectionState::FadingToStatic => "fading-to-static",
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_reversal_counts_beyond_the_dead_band_only() {
+        let mut motion = Motion::start(10.0, 0.0);
+        motion.step(10.0, 0.001, 0.001, 0.005);
+        assert_eq!((motion.direction, motion.velocity), (0, Some(0.0)));
+        motion.step(11.0, 0.002, 0.001, 0.005);
+        assert_eq!(motion.direction, 1);
+        assert!((motion.velocity.expect("moving") - 1000.0).abs() < 1e-9);
+        motion.step(10.996, 0.003, 0.001, 0.005);
+        assert_eq!(motion.direction, 1, "within the dead band");
+        motion.step(10.9, 0.004, 0.001, 0.005);
+        assert_eq!(motion.direction, -1);
+        assert_eq!(motion.reversed, (11.0, 0.004));
+        assert!(((motion.last - motion.reversed.0).abs() - 0.1).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,300 @@
+//! A whole file, whatever happened to it: torn at the end, damaged in the middle, or with entries missing.
+
+use core::fmt;
+
+use super::block::{self, Block, BlockKind, FILE_HEADER, Found};
+use super::codec::{Decoded, Decoder};
+use super::entry::{Context, Entry};
+use super::error::RecordError;
+use super::meta::Meta;
+
+/// Something about a file that its reader should know.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Note {
+    /// The last block is not whole: the file was being written when it ended.
+    Torn {
+        /// Where it begins.
+        at: u64,
+        /// Bytes left out.
+        bytes: u64,
+    },
+    /// Bytes that are no block were passed over.
+    Damaged {
+        /// Where they begin.
+        at: u64,
+        /// How many.
+        bytes: u64,
+    },
+    /// The content of a block is damaged.
+    Content {
+        /// Where the block begins.
+        at: u64,
+        /// Number of its first entry.
+        first_record: u64,
+        /// Entries lost, at most.
+        records: u32,
+    },
+    /// A block of a later version that may be passed over.
+    UnknownBlock {
+        /// Where it begins.
+        at: u64,
+        /// Its kind.
+        kind: u8,
+    },
+}
+
+impl fmt::Display for Note {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Torn { at, bytes } => {
+                write!(
+                    f,
+                    "byte {at}: the last block is torn, {bytes} bytes left out (power loss, or still being written)"
+                )
+            }
+            Self::Damaged { at, bytes } => {
+                write!(f, "byte {at}: {bytes} bytes are no block and were passed over")
+            }
+            Self::Content { at, first_record, records } => write!(
+                f,
+                "byte {at}: the block of records {first_record} to {} is damaged",
+                first_record.saturating_add(u64::from(*records)).saturating_sub(1)
+            ),
+            Self::UnknownBlock { at, kind } => {
+                write!(f, "byte {at}: a block of kind {kind} of a later version was passed over")
+            }
+        }
+    }
+}
+
+/// A file with its blocks found.
+#[derive(Debug, Clone)]
+pub struct Recording<'a> {
+    /// What the file says about itself.
+    pub meta: Meta,
+    /// Hash and text of the models that the engine used, the first one first.
+    pub models: Vec<([u8; 32], String)>,
+    /// Hash and text of the machine file.
+    pub machine: Option<([u8; 32], String)>,
+    /// What its reader should know.
+    pub notes: Vec<Note>,
+    /// True where the file was closed in order.
+    pub closed: bool,
+    entries: Vec<(u64, Block<'a>)>,
+}
+
+impl<'a> Recording<'a> {
+    /// Finds the blocks of a file.
+    ///
+    /// # Errors
+    /// No recording, one of a later version, or one without a description.
+    pub fn parse(file: &'a [u8]) -> Result<Self, RecordError> {
+        block::check_file_header(file)?;
+        let mut meta = None;
+        let mut found = Self {
+            meta: Meta::default(),
+            models: Vec::new(),
+            machine: None,
+            notes: Vec::new(),
+            closed: false,
+            entries: Vec::new(),
+        };
+        let mut at = FILE_HEADER;
+        while at < file.len() {
+            let rest = &file[at..];
+            match block::look(rest) {
+                Found::Block(block, length) => {
+                    found.take(&block, at as u64, &mut meta)?;
+                    at += length;
+                }
+                _ if block::is_trailer(rest) => break,
+                Found::Torn | Found::Nothing => {
+                    // a torn block has no sound block behind it; a damaged length only looks torn
+                    let next = next_block(rest);
+                    let bytes = next.unwrap_or(rest.len()) as u64;
+                    found.notes.push(match next {
+                        None => Note::Torn { at: at as u64, bytes },
+                        Some(_) => Note::Damaged { at: at as u64, bytes },
+                    });
+                    at += next.unwrap_or(rest.len());
+                }
+            }
+        }
+        found.meta = meta.ok_or(RecordError::NoMeta)?;
+        Ok(found)
+    }
+
+    fn take(&mut self, block: &Block<'a>, at: u64, meta: &mut Option<Meta>) -> Result<(), RecordError> {
+        let damaged = Note::Content { at, first_record: block.first_record, records: block.records };
+        match block.kind {
+            BlockKind::Entries => self.entries.push((at, *block)),
+            BlockKind::Index => self.closed = true,
+            BlockKind::Other(kind) if kind >= 128 => return Err(RecordError::BlockKind { at, kind }),
+            BlockKind::Other(kind) => self.notes.push(Note::UnknownBlock { at, kind }),
+            BlockKind::Meta => match block.content() {
+                Ok(text) => *meta = Some(Meta::parse(&text)?),
+                Err(_) => self.notes.push(damaged),
+            },
+            BlockKind::Model | BlockKind::Machine => match block.content().ok().and_then(|c| hashed_text(&c))
+            {
+                Some(text) if block.kind == BlockKind::Machine => self.machine = Some(text),
+                Some(text) => self.models.push(text),
+                None => self.notes.push(damaged),
+            },
+        }
+        Ok(())
+    }
+
+    /// Entries, were every block sound.
+    #[must_use]
+    pub fn records(&self) -> u64 {
+        self.entries.iter().map(|(_, block)| u64::from(block.records)).sum()
+    }
+
+    /// Reads the entries; `expected` is the number that the first one would have without a gap: 0 at the beginning of
+    /// a run, [`Reader::next_record`] of the file before in the middle of one.
+    #[must_use]
+    pub fn reader(&self, expected: u64) -> Reader<'_, 'a> {
+        Reader { blocks: self.entries.iter(), open: None, expected, notes: Vec::new() }
+    }
+}
+
+/// Where the next sound block header stands.
+fn next_block(bytes: &[u8]) -> Option<usize> {
+    let mut at = 0;
+    loop {
+        at += block::next_magic(&bytes[at..])?;
+        if matches!(block::look(&bytes[at..]), Found::Block(..)) {
+            return Some(at);
+        }
+    }
+}
+
+fn hashed_text(content: &[u8]) -> Option<([u8; 32], String)> {
+    let (hash, text) = content.split_first_chunk::<32>()?;
+    Some((*hash, core::str::from_utf8(text).ok()?.to_owned()))
+}
+
+/// The content of a block with a text and its hash.
+#[must_use]
+pub fn hashed(hash: &[u8; 32], text: &str) -> Vec<u8> {
+    [hash.as_slice(), text.as_bytes()].concat()
+}
+
+/// One step through a recording.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Item {
+    /// An entry with its number.
+    Entry {
+        /// Its number in the run.
+        record: u64,
+        /// The entry.
+        entry: Entry,
+    },
+    /// Entries are missing here.
+    Gap {
+        /// Number of the next entry.
+        record: u64,
+        /// How many are missing.
+        dropped: u64,
+        /// How things stand after the gap.
+        context: Context,
+    },
+    /// An entry of a later version.
+    Unknown {
+        /// Its number in the run.
+        record: u64,
+        /// Its tag; from 128 on it was an input of the engine.
+        tag: u8,
+    },
+}
+
+/// Goes through the entries of a file in their order.
+#[derive(Debug)]
+pub struct Reader<'r, 'a> {
+    blocks: core::slice::Iter<'r, (u64, Block<'a>)>,
+    open: Option<Open>,
+    expected: u64,
+    /// Damage found in the content of blocks.
+    pub notes: Vec<Note>,
+}
+
+/// The block being read.
+#[derive(Debug)]
+struct Open {
+    decoder: Decoder,
+    at: u64,
+    /// Number of the next entry.
+    record: u64,
+    /// Number of the first entry of the next block.
+    end: u64,
+}
+
+impl Reader<'_, '_> {
+    /// Number of the next entry without a gap.
+    #[must_use]
+    pub const fn next_record(&self) -> u64 {
+        self.expected
+    }
+
+    /// Opens a block; a gap in front of it is the first item.
+    fn start(&mut self, at: u64, block: &Block<'_>) -> Option<Item> {
+        let record = block.first_record;
+        let end = record.saturating_add(u64::from(block.records));
+        match block.content().and_then(Decoder::new) {
+            Ok(decoder) => {
+                let dropped = record.saturating_sub(self.expected);
+                let context = *decoder.context();
+                let gap = (record != self.expected).then_some(Item::Gap { record, dropped, context });
+                self.expected = record;
+                self.open = Some(Open { decoder, at, record, end });
+                gap
+            }
+            Err(_) => {
+                self.notes.push(Note::Content { at, first_record: record, records: block.records });
+                None
+            }
+        }
+    }
+
+    fn step(&mut self) -> Option<Item> {
+        let open = self.open.as_mut()?;
+        let record = open.record;
+        let item = match open.decoder.next_entry() {
+            Ok(Some(Decoded::Entry(Entry::Gap { dropped, context, .. }))) => {
+                Item::Gap { record, dropped, context }
+            }
+            Ok(Some(Decoded::Entry(entry))) => Item::Entry { record, entry },
+            Ok(Some(Decoded::Unknown { tag })) => Item::Unknown { record, tag },
+            Ok(None) => {
+                self.open = None;
+                return None;
+            }
+            Err(_) => {
+                let records = u32::try_from(open.end.saturating_sub(record)).unwrap_or(u32::MAX);
+                self.notes.push(Note::Content { at: open.at, first_record: record, records });
+                self.open = None;
+                return None;
+            }
+        };
+        open.record = record.saturating_add(1);
+        self.expected = open.record;
+        Some(item)
+    }
+}
+
+impl Iterator for Reader<'_, '_> {
+    type Item = Item;
+
+    fn next(&mut self) -> Option<Item> {
+        loop {
+            if let Some(item) = self.step() {
+                return Some(item);
+            }
+            let (at, block) = *self.blocks.next()?;
+            if let Some(gap) = self.start(at, &block) {
+                return Some(gap);
+            }
+        }
+    }
+}

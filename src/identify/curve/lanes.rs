@@ -1,0 +1,106 @@
+//! Cells side by side: what is the same for every row of the design is done for several at once.
+
+use super::data::{Cell, Data};
+
+/// Cells of a block.
+pub(super) const LANES: usize = 8;
+
+/// One number of each cell of a block.
+pub(super) type Lane = [f64; LANES];
+
+/// A few whole positions, cell by cell; lanes without a cell have the place of the last one and count nothing.
+pub(super) struct Block<'a> {
+    /// The cells.
+    pub(super) cells: &'a [Cell],
+    pub(super) positions: Lane,
+    /// `+1` forward, `-1` reverse.
+    pub(super) signs: Lane,
+    pub(super) counts: Lane,
+    pub(super) means: Lane,
+}
+
+/// The cells of `data` in blocks that no position is divided between.
+pub(super) fn blocks(data: &Data) -> impl Iterator<Item = Block<'_>> {
+    let mut rest = data.cells.as_slice();
+    core::iter::from_fn(move || {
+        let mut count = rest.len().min(LANES);
+        if count == 0 {
+            return None;
+        }
+        // both directions of a position stay together
+        if rest.get(count).is_some_and(|next| next.group == rest[count - 1].group) {
+            count -= 1;
+        }
+        let (cells, after) = rest.split_at(count);
+        rest = after;
+        let of = |lane: usize| &cells[lane.min(count - 1)];
+        let counted = |lane: usize, value: f64| if lane < count { value } else { 0.0 };
+        Some(Block {
+            cells,
+            positions: core::array::from_fn(|lane| data.positions[of(lane).group]),
+            signs: core::array::from_fn(|lane| of(lane).sign()),
+            counts: core::array::from_fn(|lane| counted(lane, of(lane).count)),
+            means: core::array::from_fn(|lane| counted(lane, of(lane).mean)),
+        })
+    })
+}
+
+/// `T_0(s) f`, `T_1(s) f`, ..
+pub(super) fn chebyshev_lanes(s: &Lane, factor: &Lane, columns: &mut [Lane]) {
+    let mut a = *factor;
+    let mut b: Lane = core::array::from_fn(|lane| s[lane] * factor[lane]);
+    let twice = s.map(|s| 2.0 * s);
+    for column in columns {
+        *column = a;
+        let next = core::array::from_fn(|lane| twice[lane] * b[lane] - a[lane]);
+        (a, b) = (b, next);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::basis::chebyshev;
+    use super::*;
+    use crate::core::axes::Travel;
+    use crate::identify::Reading;
+
+    #[test]
+    fn every_cell_comes_once_and_positions_stay_whole() {
+        // one direction here and there, so that pairs fall on every lane
+        let all: Vec<Reading> = (0..61)
+            .flat_map(|i| [(i, Travel::Forward), (i, Travel::Reverse)])
+            .filter(|(i, travel)| i % 5 != 3 || *travel == Travel::Forward)
+            .map(|(i, travel)| Reading { cycle: 0, travel, position: f64::from(i), value: f64::from(i * i) })
+            .collect();
+        let data = Data::new(&all, None).unwrap();
+        let mut next = 0;
+        for block in blocks(&data) {
+            for (lane, cell) in block.cells.iter().enumerate() {
+                let own = &data.cells[next];
+                assert_eq!((cell.group, cell.travel), (own.group, own.travel));
+                assert_eq!(block.positions[lane], data.positions[own.group]);
+                assert_eq!((block.signs[lane], block.means[lane]), (own.sign(), own.mean));
+                next += 1;
+            }
+            assert_eq!(block.counts.iter().sum::<f64>(), block.cells.len() as f64);
+            let last = block.cells[block.cells.len() - 1].group;
+            assert!(data.cells.get(next).is_none_or(|c| c.group != last));
+        }
+        assert_eq!(next, data.cells.len());
+    }
+
+    #[test]
+    fn lanes_hold_the_polynomials_of_one_place_each() {
+        let s: Lane = core::array::from_fn(|i| i as f64 / 4.0 - 1.0);
+        let signs: Lane = core::array::from_fn(|i| if i % 2 == 0 { 1.0 } else { -1.0 });
+        let mut columns = [[0.0; LANES]; 9];
+        chebyshev_lanes(&s, &signs, &mut columns);
+        for lane in 0..LANES {
+            let mut row = [0.0; 9];
+            chebyshev(s[lane], &mut row);
+            for (column, value) in columns.iter().zip(row) {
+                assert!((column[lane] - signs[lane] * value).abs() < 1e-14);
+            }
+        }
+    }
+}
