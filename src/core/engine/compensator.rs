@@ -54,6 +54,8 @@ pub struct Compensator {
     last_control_ns: i64,
     /// Control cycles from the frame before to this one.
     gap_cycles: u32,
+    /// The same in control time, s.
+    gap_s: f64,
     next_deadline: Option<MonoTime>,
     /// Not yet told.
     event: Option<Event>,
@@ -107,6 +109,7 @@ impl Compensator {
             last_sequence: 0,
             last_control_ns: 0,
             gap_cycles: 0,
+            gap_s: 0.0,
             next_deadline: None,
             event: None,
             #[cfg(test)]
@@ -193,12 +196,13 @@ impl Compensator {
         }
         self.count_gap(frame);
         self.next_deadline = Some(now.plus_seconds(self.config.stale_s));
-        // the clock of a bad frame is not to be trusted
-        let dt = verdict.map_or(self.config.cycle_s, |dt| dt.min(STEP_CYCLES_MAX * self.config.cycle_s));
+        // the clock of a bad frame is not to be trusted; time that was used for a bad frame is not used again
+        let dt =
+            verdict.unwrap_or(self.config.cycle_s).min(self.gap_s).min(STEP_CYCLES_MAX * self.config.cycle_s);
         let told = frame.applied[..self.axes].iter().all(|v| v.is_finite());
         if told {
             self.synchronise(frame);
-        } else if self.gap_cycles > held::GAP_CYCLES {
+        } else if self.gap_cycles > held::GAP_CYCLES || self.immobile || held::is_immobile(frame.state) {
             // the control may have acted on its own and does not say what it holds
             self.synchronised = false;
         }

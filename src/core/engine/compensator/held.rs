@@ -8,6 +8,11 @@ use crate::core::units::NS_PER_S;
 /// So many cycles without a frame, and the control may have acted on its own.
 pub(super) const GAP_CYCLES: u32 = 2;
 
+/// Drives off or emergency stop: what is sent never acts.
+pub(super) const fn is_immobile(machine: MachineState) -> bool {
+    machine.has(MachineState::ESTOP) || !machine.has(MachineState::ENABLED)
+}
+
 impl Compensator {
     /// Cycles since the frame before, by its number or by its time, whichever is more: the control may have acted on
     /// its own. In those that both agree on it has had no answer, and the last offset sent has long taken effect.
@@ -16,6 +21,7 @@ impl Compensator {
         let passed_s = frame.control_ns.saturating_sub(self.last_control_ns) as f64 / NS_PER_S;
         let passed = (passed_s / self.config.cycle_s).round() as u32;
         self.gap_cycles = numbers.max(passed);
+        self.gap_s = passed_s.max(f64::from(numbers) * self.config.cycle_s);
         self.read_back.pass(numbers.min(passed).saturating_sub(1));
         (self.last_sequence, self.last_control_ns) = (frame.sequence, frame.control_ns);
     }
@@ -33,7 +39,7 @@ impl Compensator {
     pub(super) fn synchronise(&mut self, frame: &Position) {
         let applied = self.held_by_control(frame);
         // braking past the offset that an immobile machine holds would be a step when it moves again
-        let immobile = frame.state.has(MachineState::ESTOP) || !frame.state.has(MachineState::ENABLED);
+        let immobile = is_immobile(frame.state);
         let was_immobile = core::mem::replace(&mut self.immobile, immobile);
         let took_over = frame.state.has(MachineState::OFFSET_RAMPING_OUT);
         // after a gap the control may have acted on its own and be done with it
@@ -49,9 +55,9 @@ impl Compensator {
             self.intake.unsettle();
             self.plan(State::Holding, Reason::ControlTookOver);
         }
-        if self.state == State::Faulted {
-            // the way back to zero starts from here, not from an offset that the control no longer holds
-            self.plan(State::Faulted, Reason::ReadBack);
+        if self.state == State::Faulted || !self.synchronised {
+            // the way to zero starts from here, not from an offset that the control no longer holds
+            self.plan(self.state, Reason::ReadBack);
         }
         self.synchronised = true;
     }

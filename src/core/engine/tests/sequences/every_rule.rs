@@ -23,6 +23,8 @@ fn beginnings() -> Vec<Vec<Op>> {
         vec![Op::State(0), enable, still(20)],
         vec![Op::State(0), Op::Foreign(0.004, 1), enable, still(1), Op::State(READY.bits)],
         vec![enable, Op::Foreign(0.004, 1)],
+        // armed with good data, for nothing is measured there
+        vec![Op::Place(500.3), enable, still(20)],
         // ramping in, early and late
         vec![enable, Op::Live(0.004, 20)],
         vec![enable, Op::Live(0.004, 80)],
@@ -77,6 +79,7 @@ fn happenings() -> Vec<Vec<Op>> {
         // the feed says that it moves, and it does not
         vec![Op::Feed(6000.0)],
         vec![Op::Far(f64::MAX)],
+        vec![Op::Far(1e9)],
         vec![Op::Clock(-1_000_000_000)],
         vec![Op::Live(0.004, 60)],
         // bad data until just before the hold time ends, then none
@@ -98,7 +101,9 @@ fn plants() -> Vec<EngineConfig> {
     let soft = EngineConfig { ramp_s: 0.1, hold_s: 0.05, out_of_travel: OutOfTravel::RampOut, ..config() };
     // where no jump is too far, what the model makes of it may be no number
     let boundless = EngineConfig { jump_limit: vec![f64::MAX; 3], ..soft.clone() };
-    vec![EngineConfig { rest: RestOffset::Hold, ..soft.clone() }, boundless, soft]
+    // every answer must be read back with the next frame
+    let strict = EngineConfig { read_back_cycles: 1, ..soft.clone() };
+    vec![EngineConfig { rest: RestOffset::Hold, ..soft.clone() }, boundless, strict, soft]
 }
 
 #[test]

@@ -52,9 +52,10 @@ impl Judge {
     pub(super) fn check(&mut self, out: &CycleOutput, seen: Circumstances<'_>) {
         let axes = self.limits.len();
         assert!(out.offset[..axes].iter().all(|v| v.is_finite()), "{:?}", out.offset);
-        let restart = seen.frame.filter(|frame| self.may_start_anew(frame, out.state)).map(|f| f.applied);
+        let restart = seen.frame.filter(|frame| self.may_start_anew(frame, out)).map(|f| f.applied);
         let mut why = String::new();
-        let mut rates = Vec::with_capacity(axes);
+        // both may fit, and then both count
+        let mut rates: Option<Vec<Vec<f64>>> = None;
         for (from, anew) in [(self.last, false), (restart, true)] {
             let Some(from) = from else { continue };
             let mut found = Vec::with_capacity(axes);
@@ -66,11 +67,15 @@ impl Judge {
                 }
             }
             if found.len() == axes {
-                rates = found;
-                break;
+                match &mut rates {
+                    Some(rates) => rates.iter_mut().zip(found).for_each(|(all, more)| all.extend(more)),
+                    None => rates = Some(found),
+                }
             }
         }
-        assert!(rates.len() == axes, "{:?} -> {:?} (interval {:?}):{why}", self.state, out, seen.intervals);
+        let Some(rates) = rates else {
+            panic!("{:?} -> {:?} (interval {:?}):{why}", self.state, out, seen.intervals);
+        };
         self.rates = rates;
         self.last = Some(out.offset);
         self.state = out.state;
@@ -118,20 +123,22 @@ impl Judge {
         if now.is_empty() {
             return Err(format!(" axis {k} changes by {change} after {before:?} mm/s"));
         }
+        // two intervals of nothing would double the list in every cycle
+        now.sort_by(f64::total_cmp);
         now.dedup();
         Ok(now)
     }
 
     /// Whether the engine may go on from what the control holds instead of from its own last answer: only where the
     /// control may have moved the offset by itself, or could not move it.
-    fn may_start_anew(&mut self, frame: &Position, state: State) -> bool {
+    fn may_start_anew(&mut self, frame: &Position, out: &CycleOutput) -> bool {
         let bits = frame.state;
         let immobile = bits.has(MachineState::ESTOP) || !bits.has(MachineState::ENABLED);
         let was_immobile = core::mem::replace(&mut self.immobile, immobile);
         if !bits.is_ready() || bits.has(MachineState::OFFSET_RAMPING_OUT) {
             self.in_doubt = IN_DOUBT;
         }
-        let new_fault = state == State::Faulted && self.state != State::Faulted;
+        let new_fault = matches!(out.event, Some(Event::StateChanged { to: State::Faulted, .. }));
         let told = frame.applied.iter().all(|v| v.is_finite());
         told && (self.last.is_none() || self.in_doubt > 0 || immobile || was_immobile || new_fault)
     }

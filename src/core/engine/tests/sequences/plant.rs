@@ -40,6 +40,8 @@ pub(super) struct Plant {
     pub(super) judge: Judge,
     pub(super) now: MonoTime,
     pub(super) frame: Position,
+    /// The last frame as it was before anything happened to it on its way.
+    pub(super) sent: Position,
     /// Another program writes this offset.
     pub(super) foreign: Option<f64>,
     /// Somebody has enabled it, or another program has written an offset.
@@ -56,7 +58,8 @@ pub(super) struct Plant {
     /// Cycles in which an offset may jump without the engine's doing.
     disturbed: u32,
     last_delivered: Option<Position>,
-    last_used_ns: i64,
+    /// Time of the last frame of this link that was all numbers.
+    last_used_ns: Option<i64>,
     /// The state that a reader of the events knows.
     told: State,
 }
@@ -76,6 +79,7 @@ impl Plant {
             judge,
             now: MonoTime::ZERO,
             frame,
+            sent: frame,
             foreign: None,
             ever_enabled: false,
             hangs: false,
@@ -87,7 +91,7 @@ impl Plant {
             missing: 0,
             disturbed: 0,
             last_delivered: None,
-            last_used_ns: 0,
+            last_used_ns: None,
             told: State::Off,
         }
     }
@@ -99,10 +103,11 @@ impl Plant {
         self.frame.sequence = self.frame.sequence.wrapping_add(1);
         self.frame.control_ns += CYCLE_NS;
         self.apply();
-        let mut sent = self.frame;
         for k in 0..MAX_AXES {
-            sent.actual[k] = sent.commanded[k] + sent.applied[k];
+            self.frame.actual[k] = self.frame.commanded[k] + self.frame.applied[k];
         }
+        self.sent = self.frame;
+        let mut sent = self.frame;
         match damage {
             Damage::None => {}
             Damage::Lost => {
@@ -183,7 +188,6 @@ impl Plant {
         if !self.linked {
             return;
         }
-        let first = self.last_delivered.is_none();
         let since_ns = |ns: i64| frame.control_ns.saturating_sub(ns);
         let since = self.last_delivered.map_or(0, |l| since_ns(l.control_ns));
         if self.last_delivered.is_some_and(|l| frame.sequence.wrapping_sub(l.sequence) != 1) {
@@ -204,13 +208,13 @@ impl Plant {
         };
         // a frame that told nothing leaves its time to the next one
         let seconds = |ns: i64| (ns as f64 * 1e-9).clamp(0.0, STEP_CYCLES * CYCLE_S);
-        let intervals: &[f64] = match out.out_of_order {
-            true => &[0.0],
-            false if first => &[0.0, CYCLE_S],
-            false => &[CYCLE_S, seconds(since), seconds(since_ns(self.last_used_ns))],
+        let intervals: &[f64] = match self.last_used_ns {
+            _ if out.out_of_order => &[0.0],
+            None => &[0.0, CYCLE_S],
+            Some(used) => &[CYCLE_S, seconds(since), seconds(since_ns(used))],
         };
         if !out.out_of_order && frame.commanded.iter().chain(&frame.applied).all(|v| v.is_finite()) {
-            self.last_used_ns = frame.control_ns;
+            self.last_used_ns = Some(frame.control_ns);
         }
         self.judge.check(&out, Circumstances { frame: Some(frame), intervals });
         self.note(&out);
@@ -263,7 +267,7 @@ impl Plant {
         self.engine.on_link_up(self.now);
         self.silent_change(from, Cause::Link);
         self.linked = true;
-        self.last_delivered = None;
+        (self.last_delivered, self.last_used_ns) = (None, None);
         self.judge.link_up();
     }
 
