@@ -22,6 +22,7 @@ use super::ports::{CycleRecord, Progress, Report};
 use super::worker::{Control, Stop};
 use crate::config::LinkConfig;
 use crate::core::engine::State;
+use crate::core::fault::Code;
 use crate::core::protocol::{CloseReason, ErrorCode, ErrorReport, FrameError, Message, Position};
 use crate::core::units::{MonoTime, NS_PER_S};
 
@@ -218,6 +219,9 @@ impl Cycle<'_> {
         Progress::add(&progress.skipped, skipped);
         let Some(output) = self.body.output() else { return Ok(()) };
         progress.set_state(output.state);
+        Progress::add(&progress.out_of_order, u64::from(output.out_of_order));
+        Progress::add(&progress.limited, u64::from(output.limited & !output.at_soft_limit != 0));
+        Progress::add(&progress.at_soft_limit, u64::from(output.at_soft_limit != 0));
         self.control.ports.record(CycleRecord {
             state: output.state,
             machine_state: frame.state,
@@ -255,6 +259,14 @@ impl Cycle<'_> {
 }
 
 impl LinkEnd {
+    /// Its number.
+    pub(super) const fn fault(&self) -> Code {
+        match self {
+            Self::BadFrame(_) | Self::Unexpected(_) => Code::BAD_FRAME,
+            _ => Code::LINK_LOST,
+        }
+    }
+
     /// How to close the link: an error to name, and the reason; `None` where the other side is gone.
     pub(super) const fn farewell(&self) -> Option<(Option<(ErrorCode, &'static str)>, CloseReason)> {
         match self {

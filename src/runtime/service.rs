@@ -18,13 +18,14 @@ use super::load::Loaded;
 use super::logging::LogLimiter;
 use super::models::guard::{self, Hindrance};
 use super::models::{Keeping, Models, Prepared};
+use super::notices::Notices;
 use super::ports::{LastOffset, Progress, Report, Request, ServicePorts, Ticket};
 use super::realtime::RealtimeReport;
 use super::recorder::Recorder;
 use super::status::Status;
 use crate::config::{MachineConfig, Policy, StartMode};
 use crate::core::engine::{Command, Event, ShadowScore, State};
-use crate::core::fault;
+use crate::core::fault::{self, Code};
 use crate::core::protocol::ControlHello;
 use crate::core::units::{MonoTime, NS_PER_S};
 
@@ -58,6 +59,7 @@ pub(super) struct Service {
     failures: LogLimiter,
     links: LogLimiter,
     events: LogLimiter,
+    notices: Notices,
 }
 
 impl Service {
@@ -100,6 +102,7 @@ impl Service {
             failures: LogLimiter::new(3, Duration::from_secs(60)),
             links: LogLimiter::new(10, Duration::from_secs(10)),
             events: LogLimiter::new(20, Duration::from_secs(1)),
+            notices: Notices::new(clock.now()),
         })
     }
 
@@ -235,6 +238,7 @@ impl Service {
         if self.clock.now().seconds_since(self.looked) >= LOOK_S {
             self.look_after_the_model();
         }
+        self.notices.look(self.clock.now(), &self.ports.progress);
     }
 
     pub(super) fn status(&mut self) -> Status {
@@ -311,8 +315,8 @@ impl Service {
             Report::ConnectFailed { error, pause } => {
                 let text = error.to_string();
                 if let Some(held_back) = self.failures.admit(self.clock.now()) {
-                    let retry_s = pause.as_secs_f64();
-                    warn!(retry_s, held_back, "no link: {text}");
+                    let (retry_s, code) = (pause.as_secs_f64(), error.fault());
+                    warn!(retry_s, %code, held_back, "no link: {text}");
                 }
                 self.board.connect_failed(text);
             }
@@ -328,7 +332,7 @@ impl Service {
                     LinkEnd::Stopped { .. } => info!(cycles, "link closed: {end}"),
                     _ => {
                         if let Some(held_back) = self.links.admit(self.clock.now()) {
-                            warn!(cycles, held_back, "link down: {end}");
+                            warn!(cycles, code = %end.fault(), held_back, "link down: {end}");
                         }
                     }
                 }
@@ -382,6 +386,7 @@ fn log_realtime(report: &RealtimeReport) {
             cpu,
             affinity,
             memory_lock,
+            code = %Code::REALTIME_REFUSED,
             "real-time settings not fully granted; cycles may be late under load \
              (set LimitRTPRIO= and LimitMEMLOCK= in the unit)"
         );
@@ -402,11 +407,11 @@ fn log_link_up(address: &std::net::SocketAddr, hello: &ControlHello, held_back: 
 fn log_event(event: &Event, held_back: u64) {
     let Event::StateChanged { from, to, reason } = event;
     let (from, to_name, entry) = (state_name(*from), state_name(*to), fault::of_reason(*reason));
-    let code = entry.code.to_string();
+    let code = entry.code;
     match (to, reason) {
         (State::Faulted | State::Holding, _) => {
-            warn!(from, to = to_name, reason = entry.name, code, held_back, "{}", entry.text);
+            warn!(from, to = to_name, reason = entry.name, %code, held_back, "{}", entry.text);
         }
-        _ => info!(from, to = to_name, reason = entry.name, code, held_back, "{}", entry.text),
+        _ => info!(from, to = to_name, reason = entry.name, %code, held_back, "{}", entry.text),
     }
 }

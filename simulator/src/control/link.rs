@@ -174,6 +174,12 @@ impl Link {
         self.linger();
     }
 
+    /// Ends the link without a word; what is on its way is lost.
+    pub(super) fn abort(self) {
+        // where the system refuses, the connection is closed instead of reset: just as sudden
+        let _ = socket2::SockRef::from(self.wire.stream()).set_linger(Some(Duration::ZERO));
+    }
+
     /// Lets the last frame arrive without keeping the cycle: closing with unread bytes would reset the connection.
     pub(super) fn linger(mut self) {
         self.wire.finish();

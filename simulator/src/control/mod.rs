@@ -266,6 +266,14 @@ impl Control {
         self.report_events();
     }
 
+    /// The control is gone without a word, as after a power cut: its connection is reset.
+    pub fn vanish(mut self) {
+        self.take_link();
+        if let Some(link) = self.link.take() {
+            link.abort();
+        }
+    }
+
     fn begin(&mut self) {
         self.summary = RunSummary::default();
         self.deadline = None;

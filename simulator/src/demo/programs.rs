@@ -56,13 +56,25 @@ impl Programs {
     /// # Errors
     /// It could not be started.
     pub fn volcompd(&self, config: &Path, log: &Path) -> anyhow::Result<Daemon> {
+        self.daemon("volcompd", config, log)
+    }
+
+    /// The same without any permission to take real-time priority or to lock memory.
+    ///
+    /// # Errors
+    /// It could not be started.
+    pub fn humble_volcompd(&self, config: &Path, log: &Path) -> anyhow::Result<Daemon> {
+        self.daemon("humble-volcompd", config, log)
+    }
+
+    fn daemon(&self, verb: &str, config: &Path, log: &Path) -> anyhow::Result<Daemon> {
         let log = File::options()
             .create(true)
             .append(true)
             .open(log)
             .with_context(|| format!("cannot write {}", log.display()))?;
         let child = Command::new(&self.cncsim)
-            .arg("volcompd")
+            .arg(verb)
             .arg("--config")
             .arg(config)
             .stdin(Stdio::null())

@@ -58,6 +58,11 @@ pub enum FaultKind {
     Reorder,
     /// It does not come.
     Drop,
+    /// Its last bytes are missing.
+    Truncate {
+        /// So many.
+        bytes: usize,
+    },
     /// In its place comes a header that announces the longest frame there is, and nothing behind it.
     Huge,
     /// So many random bytes come before it.
@@ -207,6 +212,7 @@ impl Lane {
                 Some(older) => now([frame, &older].concat()),
             },
             FaultKind::Drop => Vec::new(),
+            FaultKind::Truncate { bytes } => now(frame[..frame.len().saturating_sub(bytes)].to_vec()),
             FaultKind::Huge => now(frame[..6].iter().copied().chain([0xff, 0xff]).collect()),
             FaultKind::Garbage { bytes } => {
                 let mut all: Vec<u8> = (0..bytes).map(|_| (random() * 256.0) as u8).collect();

@@ -52,13 +52,31 @@ pub struct Scenario {
     pub ready: bool,
     /// Cycles from a position to the use of its correction.
     pub delay_cycles: u32,
+    /// True: the daemon may take real-time priority and lock memory, where this process may.
+    pub privileges: bool,
+    /// What is different about the control.
+    pub control: ControlPart,
     /// Keys of the machine file that differ, as tables.
     pub machine: Table,
+    /// Keys of the model file that differ, as tables.
+    pub model: Table,
     /// What happens, in the order of the cycles.
     #[serde(rename = "do")]
     pub actions: Vec<Step>,
     /// What must hold.
     pub accept: Accept,
+}
+
+/// A control other than the usual one.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct ControlPart {
+    /// Its machine id.
+    #[serde(default)]
+    pub machine: Option<String>,
+    /// Largest offset that it applies to a linear axis.
+    #[serde(default)]
+    pub limit_um: Option<f64>,
 }
 
 /// Something that happens at a cycle.
@@ -77,8 +95,14 @@ pub struct Step {
 pub enum Action {
     /// Another daemon is started and waited for.
     StartDaemon,
-    /// Another daemon is started; it is not expected to connect.
-    StartSecondDaemon,
+    /// The daemon is started and not waited for.
+    SpawnDaemon,
+    /// A daemon beside the first one.
+    StartSecondDaemon {
+        /// It has the status socket of the first one, too.
+        #[serde(default)]
+        same_socket: bool,
+    },
     /// The daemon is killed.
     KillDaemon,
     /// The daemon is told to stop.
@@ -87,6 +111,20 @@ pub enum Action {
     SuspendDaemon,
     /// It goes on.
     ResumeDaemon,
+    /// The daemon is told to read its files anew (SIGHUP).
+    HangupDaemon,
+    /// Simulated time stands still until the daemon has ended by itself.
+    WaitForExit,
+    /// Simulated time stands still until the log of the daemons says this.
+    WaitForLog {
+        /// The words.
+        words: String,
+    },
+    /// Simulated time stands still for so long.
+    Pause {
+        /// So long.
+        ms: u64,
+    },
     /// The daemon is suspended for so long, in real time.
     HangDaemon {
         /// So long.
@@ -131,6 +169,15 @@ pub enum Action {
         /// Its text.
         text: String,
     },
+    /// Words in a file of the daemon's folder are replaced.
+    ReplaceInFile {
+        /// The file.
+        file: String,
+        /// The words.
+        from: String,
+        /// What stands in their place.
+        to: String,
+    },
     /// From now on the link does this.
     Link(LinkFault),
     /// All processors are busy for so long.
@@ -138,8 +185,12 @@ pub enum Action {
         /// So long.
         ms: u64,
     },
-    /// The control restarts: a new one listens in its place, without offset.
+    /// The control restarts in order: a new one listens in its place, without offset.
     RestartControl,
+    /// The control is gone without a word, as after a power cut.
+    KillControl,
+    /// A new control listens in the place of the one killed, without offset.
+    StartControl,
     /// The control stands still for so long.
     HangControl {
         /// So long.
@@ -147,6 +198,11 @@ pub enum Action {
     },
     /// So many connections come and go.
     ConnectionStorm {
+        /// Connections.
+        count: u32,
+    },
+    /// So many connections to the status socket come at once, say something and go.
+    CommandStorm {
         /// Connections.
         count: u32,
     },
@@ -172,10 +228,18 @@ pub struct Accept {
     pub unanswered: u64,
     /// State at the end: a correction state, or `none` without a daemon.
     pub state: String,
-    /// Words that the daemon's log must hold.
+    /// Largest offset of any axis over the whole run.
+    pub offset_um: f64,
+    /// True: some answers must say that an axis is limited; false: none may.
+    pub limited: bool,
+    /// Words that the daemon's log must hold, such as the numbers of `volcomp explain`.
     pub log: Vec<String>,
+    /// Lines that the log may have at most: whatever a peer does, it must not flood the log.
+    pub lines: usize,
     /// Exit code of a daemon that ends by itself.
     pub exit: Option<i32>,
+    /// Exit code of the second daemon, where it ends by itself.
+    pub second_exit: Option<i32>,
 }
 
 impl Plan {

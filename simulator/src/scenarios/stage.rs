@@ -10,6 +10,7 @@ use anyhow::{Context, bail};
 use rustix::process::{Pid, Signal, kill_process};
 use toml::{Table, Value};
 
+use super::fault::LinkFault;
 use super::plan::{Pacing as PlanPacing, Scenario, merge};
 use super::relay::Relay;
 use crate::control::{Absent, ControlConfig, CycleRecord, Flow, OffsetConfig, Pacing};
@@ -22,7 +23,7 @@ use volcomp::core::axes::AxisArray;
 const MACHINE_FILE: &str = include_str!("../../../config/examples/vmc-850/machine.toml");
 const MODEL_FILE: &str = include_str!("../../../config/examples/vmc-850/model.toml");
 /// Far beyond anything that a loaded computer takes.
-const PATIENCE: Duration = Duration::from_secs(60);
+pub(super) const PATIENCE: Duration = Duration::from_secs(60);
 const CYCLE_S: f64 = 1e-3;
 /// The circle.
 pub(super) const RADIUS_MM: f64 = 20.0;
@@ -33,8 +34,14 @@ pub(super) struct Stage {
     pub(super) shop: Shop,
     pub(super) relay: Option<Relay>,
     pub(super) daemon: Option<Daemon>,
-    pub(super) others: Vec<Daemon>,
+    pub(super) second: Option<Daemon>,
     pub(super) records: Vec<CycleRecord>,
+    /// Faults of the link that no frame has met.
+    pub(super) idle_faults: Vec<LinkFault>,
+    /// The exit code of a daemon that has ended by itself.
+    pub(super) exit: Option<i32>,
+    /// Where the control listened that was killed and has not come back.
+    control_port: Option<u16>,
     folder: tempfile::TempDir,
     programs: Programs,
     motion: Trajectory,
@@ -54,8 +61,11 @@ impl Stage {
             shop,
             relay,
             daemon: None,
-            others: Vec::new(),
+            second: None,
+            control_port: None,
+            exit: None,
             records: Vec::new(),
+            idle_faults: Vec::new(),
             folder: tempfile::tempdir()?,
             programs: programs.clone(),
             motion,
@@ -63,12 +73,15 @@ impl Stage {
             scenario: scenario.clone(),
         };
         let address = stage.relay.as_ref().map_or(control, Relay::address);
-        std::fs::write(stage.config(), stage.machine_file(&address)?)?;
-        std::fs::write(stage.file("model.toml"), MODEL_FILE)?;
+        std::fs::write(stage.config(), stage.machine_file(&address, "volcompd.sock")?)?;
+        std::fs::write(stage.file("second.toml"), stage.machine_file(&address, "second.sock")?)?;
+        let mut model: Table = MODEL_FILE.parse()?;
+        merge(&mut model, &scenario.model);
+        std::fs::write(stage.file("model.toml"), toml::to_string(&model)?)?;
         Ok(stage)
     }
 
-    fn machine_file(&self, address: &SocketAddr) -> anyhow::Result<String> {
+    fn machine_file(&self, address: &SocketAddr, socket: &str) -> anyhow::Result<String> {
         let mut file: Table = MACHINE_FILE.parse()?;
         let text = |path: PathBuf| Value::String(path.display().to_string());
         let mut over = Table::new();
@@ -84,7 +97,7 @@ impl Stage {
         set("engine", "ramp-s", 0.5.into());
         set("realtime", "priority", 0.into());
         set("realtime", "lock-memory", false.into());
-        set("status", "socket", text(self.file("volcompd.sock")));
+        set("status", "socket", text(self.file(socket)));
         set("log", "target", "stderr".into());
         set("log", "level", "debug".into());
         merge(&mut file, &over);
@@ -118,7 +131,39 @@ impl Stage {
 
     /// Starts a daemon.
     pub(super) fn spawn(&self) -> anyhow::Result<Daemon> {
-        self.programs.volcompd(&self.config(), &self.file("volcompd.log"))
+        self.spawn_with(&self.config())
+    }
+
+    /// Starts a daemon beside the first one, on the same status socket or on one of its own.
+    pub(super) fn spawn_second(&mut self, same_socket: bool) -> anyhow::Result<()> {
+        let config = if same_socket { self.config() } else { self.file("second.toml") };
+        self.second = Some(self.spawn_with(&config)?);
+        Ok(())
+    }
+
+    fn spawn_with(&self, config: &Path) -> anyhow::Result<Daemon> {
+        let log = self.file("volcompd.log");
+        if self.scenario.privileges {
+            self.programs.volcompd(config, &log)
+        } else {
+            self.programs.humble_volcompd(config, &log)
+        }
+    }
+
+    /// Simulated time stands still, with the link kept alive, until something is so.
+    pub(super) fn wait_until(
+        &mut self,
+        what: &str,
+        mut so: impl FnMut(&mut Self) -> bool,
+    ) -> anyhow::Result<()> {
+        let begin = Instant::now();
+        while !so(self) {
+            if begin.elapsed() > PATIENCE {
+                bail!("waited in vain for {what}; the log: {}", self.log());
+            }
+            self.shop.control().idle(Duration::from_millis(10));
+        }
+        Ok(())
     }
 
     /// Sends the daemon a signal.
@@ -150,13 +195,23 @@ impl Stage {
         Ok(())
     }
 
+    /// The control ends in order, or is gone without a word.
+    pub(super) fn end_control(&mut self, in_order: bool) -> anyhow::Result<()> {
+        self.control_port = Some(self.shop.address().parse::<SocketAddr>()?.port());
+        // one that nobody knows stands in for it, because there is always a machine
+        let spare = open(&self.scenario, 0, &self.at, true)?;
+        let old = core::mem::replace(&mut self.shop, spare);
+        if in_order {
+            drop(old)
+        } else {
+            old.vanish()
+        }
+        Ok(())
+    }
+
     /// A new control listens in the place of the old one, where the motion stands, without any offset.
-    pub(super) fn restart_control(&mut self) -> anyhow::Result<()> {
-        let port = self.shop.address().parse::<SocketAddr>()?.port();
-        // the old one must have let go of its port before the new one takes it
-        let machine = TruthMachine::from_toml(VMC_850)?;
-        let spare = open_on(&self.scenario, machine, 0, &self.at, true)?;
-        drop(core::mem::replace(&mut self.shop, spare));
+    pub(super) fn start_control(&mut self) -> anyhow::Result<()> {
+        let Some(port) = self.control_port.take() else { bail!("the control has not been killed") };
         let begin = Instant::now();
         self.shop = loop {
             match open(&self.scenario, port, &self.at, true) {
@@ -197,16 +252,12 @@ fn circles(turns: usize, feed: u32) -> String {
 }
 
 fn open(scenario: &Scenario, port: u16, start: &AxisArray, ready: bool) -> anyhow::Result<Shop> {
-    open_on(scenario, TruthMachine::from_toml(VMC_850)?, port, start, ready)
-}
-
-fn open_on(
-    scenario: &Scenario,
-    machine: TruthMachine,
-    port: u16,
-    start: &AxisArray,
-    ready: bool,
-) -> anyhow::Result<Shop> {
+    let machine = TruthMachine::from_toml(VMC_850)?;
+    let id = scenario.control.machine.clone().unwrap_or_else(|| machine.machine().to_owned());
+    let mut offset = OffsetConfig { delay_cycles: scenario.delay_cycles, ..OffsetConfig::default() };
+    if let Some(limit_um) = scenario.control.limit_um {
+        offset.linear.size = limit_um / 1e3;
+    }
     let answer_timeout = Duration::from_secs_f64(scenario.answer_ms / 1e3);
     let config = ControlConfig {
         cycle_s: CYCLE_S,
@@ -216,8 +267,8 @@ fn open_on(
             PlanPacing::RealTime => Pacing::RealTime,
         },
         ready,
-        offset: OffsetConfig { delay_cycles: scenario.delay_cycles, ..OffsetConfig::default() },
-        ..ControlConfig::new(machine.machine(), MachineAxes::of(&machine)?)
+        offset,
+        ..ControlConfig::new(id, MachineAxes::of(&machine)?)
     };
     Shop::with_control(machine, scenario.seed, config, start)
 }

@@ -163,6 +163,10 @@ impl Intake {
         if !(dt > 0.0 && cycles <= CYCLES_LOST_MAX.max(2.0 * f64::from(ahead))) {
             return Err(Reason::ControlClock);
         }
+        // a number that runs ahead of its own time is a stray: an answer that names it would be in the future
+        if f64::from(ahead) > cycles.round() + f64::from(STRAYS) {
+            return Err(Reason::Sequence);
+        }
         let reach = cycles.max(f64::from(ahead)).max(1.0);
         let moves = position.iter().zip(&last.position).zip(&self.jump_limit).take(self.axes);
         let jumped = moves.into_iter().any(|((now, before), limit)| (now - before).abs() > limit * reach);

@@ -41,6 +41,16 @@ impl ReadBack {
         self.filled = (self.filled + 1).min(self.window);
     }
 
+    /// So many cycles have passed in which nothing was sent: the control goes on with the last offset.
+    pub(super) fn pass(&mut self, cycles: u32) {
+        if self.filled > 0 {
+            let last = self.sent[(self.next + self.window - 1) % self.window];
+            for _ in 0..(cycles as usize).min(self.window) {
+                self.sent(&last);
+            }
+        }
+    }
+
     /// True where `applied` is one of the last offsets sent, or too few were sent to tell.
     pub(super) fn knows(&self, applied: &AxisArray, axes: usize) -> bool {
         self.filled < self.window
