@@ -44,7 +44,7 @@ impl Compensator {
         let took_over = frame.state.has(MachineState::OFFSET_RAMPING_OUT);
         // after a gap the control may have acted on its own and be done with it
         let unseen = self.frozen || self.gap_cycles > GAP_CYCLES || !self.intake.is_settled();
-        let moved = unseen && !immobile && !self.read_back.knows(&applied, self.axes);
+        let moved = unseen && !immobile && !self.read_back.knows_after(self.gap_cycles, &applied, self.axes);
         if self.synchronised && !took_over && !moved && !immobile && !was_immobile {
             return;
         }
