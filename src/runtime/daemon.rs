@@ -149,8 +149,9 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
         .map_err(|source| DaemonError::System { what: "the recorder's thread", source })?;
     let (tap, recorder) = recorder.unzip();
     cycle_ports.tap = tap;
-    let service = Service::new(Arc::clone(&loaded), service_ports, keeper, recorder, models, clock)
+    let mut service = Service::new(Arc::clone(&loaded), service_ports, keeper, recorder, models, clock)
         .map_err(|_| DaemonError::Internal { what: "the statistics could not be set up" })?;
+    let how = Start { permitted: service.begins(how.permitted), ..how };
     let service = Arc::new(Mutex::new(service));
     log_start(config, &loaded);
     let mut thread = CycleThread::spawn(loaded, how, cycle_ports, clock)

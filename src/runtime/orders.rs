@@ -139,6 +139,9 @@ async fn enable(ask: &Ask, service: &Mutex<Service>) -> Answer {
     if lock(service).is_shadowing() {
         let _ = order(Request::Shadow(false), service).await;
     }
+    if ask.accept_expired {
+        lock(service).accept_expiry();
+    }
     let notes = against.iter().map(|(hindrance, _)| hindrance.to_string()).collect();
     Answer { notes, ..order(Request::Engine(Command::Enable), service).await }
 }
@@ -202,6 +205,9 @@ async fn load(ask: &mut Ask, who: &Who, service: &Mutex<Service>) -> Answer {
         );
         return Answer { change, ..Answer::refused(error) };
     }
+    if let Err(refusal) = may_be_used(&new, service) {
+        return Answer { change, ..Answer::refused(refusal) };
+    }
     Answer {
         change,
         ..switch(Arc::new(new), ask.confirm.clone().or_else(|| who.name.clone()), ask.reason.clone(), service)
@@ -209,10 +215,47 @@ async fn load(ask: &mut Ask, who: &Who, service: &Mutex<Service>) -> Answer {
     }
 }
 
+/// While the machine is compensated, a model that could not be enabled must not slip in either.
+fn may_be_used(new: &Prepared, service: &Mutex<Service>) -> Result<(), String> {
+    let service = lock(service);
+    if !service.is_wanted() {
+        return Ok(());
+    }
+    match service
+        .hindrances_of(new, false)
+        .into_iter()
+        .find(|(_, policy)| *policy != crate::config::Policy::Warn)
+    {
+        Some((hindrance, _)) => Err(format!(
+            "{hindrance}\n  hint: `volcomp disable` first; enabling then asks for what is needed"
+        )),
+        None => Ok(()),
+    }
+}
+
 async fn rollback(ask: &Ask, who: &Who, service: &Mutex<Service>) -> Answer {
     let Some(previous) = lock(service).models().previous.clone() else {
         return Answer::refused("there is no model before this one".to_owned());
     };
+    if let Err(refusal) = may_be_used(&previous, service) {
+        return Answer::refused(refusal);
+    }
+    let (limits, old) = {
+        let service = lock(service);
+        (service.config().guard.clone(), Arc::clone(&service.models().active))
+    };
+    let new = Arc::clone(&previous);
+    let size = spawn_blocking(move || guard::size(&old.spec, &new.spec).map_err(|e| e.to_string())).await;
+    let too_different = match size {
+        Ok(Ok(size)) => guard::judge(&size, &limits).err().map(|e| e.to_string()),
+        Ok(Err(problem)) => Some(problem),
+        Err(_) => {
+            return Answer::refused("internal: the comparison broke off; the model in use stays".to_owned());
+        }
+    };
+    if let Some(too_different) = too_different.filter(|_| is_blank(ask.reason.as_ref())) {
+        return Answer::refused(format!("VC-5006: {too_different}\n  hint: say why with --reason TEXT"));
+    }
     switch(previous, who.name.clone(), ask.reason.clone(), service).await
 }
 

@@ -60,6 +60,8 @@ pub(super) struct Service {
     links: LogLimiter,
     events: LogLimiter,
     notices: Notices,
+    /// Why compensation does not begin by itself.
+    objection: Option<String>,
 }
 
 impl Service {
@@ -76,13 +78,11 @@ impl Service {
         if let Some(note) = tally.note().filter(|_| keeper.directory().is_some()) {
             warn!("{note}");
         }
-        if config.engine.start == StartMode::OnConnect {
-            tally.enabled();
-        }
+        let (objection, ordered_gain) = (tally.last_word().objection(), tally.last_word().gain);
         let gain = config.engine.gain;
         let config = Arc::new(config.clone());
         let board = Board::new(loaded, Arc::clone(&ports.progress), clock)?;
-        Ok(Self {
+        let mut service = Self {
             models,
             config,
             gain,
@@ -103,7 +103,49 @@ impl Service {
             links: LogLimiter::new(10, Duration::from_secs(10)),
             events: LogLimiter::new(20, Duration::from_secs(1)),
             notices: Notices::new(clock.now()),
-        })
+            objection,
+        };
+        if let Some(gain) = ordered_gain.filter(|g| *g != service.gain) {
+            info!(gain, "the gain ordered before the restart");
+            service.request(Request::Engine(Command::SetGain(gain)));
+        }
+        service.save();
+        Ok(service)
+    }
+
+    /// Whether compensation begins by itself; `permitted` where the model allows it.
+    pub(super) fn begins(&mut self, permitted: bool) -> bool {
+        if self.config.engine.start != StartMode::OnConnect || !permitted {
+            return false;
+        }
+        let begins = self.objection.is_none();
+        match &self.objection {
+            Some(why) => warn!("compensation stays off until somebody enables it: {why}"),
+            None => self.tally.enabled(),
+        }
+        self.keeper.audit.write(AuditEntry {
+            who: Who::daemon(),
+            what: "enable".to_owned(),
+            why: Some(self.objection.clone().unwrap_or_else(|| "start = \"on-connect\"".to_owned())),
+            new_model: Some(self.model_hash().to_owned()),
+            result: if begins { "ordered" } else { "not done" }.to_owned(),
+            ..AuditEntry::default()
+        });
+        begins
+    }
+
+    /// Keeps what a restart must not undo.
+    fn remember(&mut self, request: &Request) {
+        let word = self.tally.last_word();
+        match request {
+            Request::Engine(Command::Enable) => (word.off, word.fault) = (false, None),
+            Request::Engine(Command::Disable) => word.off = true,
+            Request::Engine(Command::ClearFault) => (word.off, word.fault) = (true, None),
+            Request::Engine(Command::SetGain(gain)) => word.gain = Some(*gain),
+            _ => return,
+        }
+        self.objection = None;
+        self.save();
     }
 
     pub(super) fn progress(&self) -> &Arc<Progress> {
@@ -113,6 +155,7 @@ impl Service {
     /// Passes a request to the cycle thread; gives its number, `None` where the queue is full.
     pub(super) fn request(&mut self, request: Request) -> Option<u64> {
         let number = self.ticket + 1;
+        let kept = request.clone();
         let (enables, gain, shadow) = match &request {
             Request::Engine(Command::Enable) => (true, None, None),
             Request::Engine(Command::SetGain(gain)) => (false, Some(*gain), None),
@@ -126,6 +169,7 @@ impl Service {
         }
         self.gain = gain.unwrap_or(self.gain);
         self.shadowing = shadow.unwrap_or(self.shadowing);
+        self.remember(&kept);
         Some(number)
     }
 
@@ -159,13 +203,23 @@ impl Service {
         self.temperature = Some((degc, self.clock.now()));
     }
 
-    /// What speaks against compensating now; an accepted expiry is remembered for this model.
-    pub(super) fn hindrances(&mut self, accept_expired: bool) -> Vec<(Hindrance, Policy)> {
-        self.expired_accepted |= accept_expired;
+    /// What speaks against compensating now.
+    pub(super) fn hindrances(&self, accept_expired: bool) -> Vec<(Hindrance, Policy)> {
+        self.hindrances_of(&self.models.active, accept_expired || self.expired_accepted)
+    }
+
+    /// What speaks against compensating with a model.
+    pub(super) fn hindrances_of(&self, model: &Prepared, accept_expired: bool) -> Vec<(Hindrance, Policy)> {
         let now = self.clock.now();
         let temperature = self.temperature.map(|(degc, at)| (degc, now.seconds_since(at)));
-        let expiry = self.models.active.expiry.as_deref().filter(|_| !self.expired_accepted);
+        let expiry = model.expiry.as_deref().filter(|_| !accept_expired);
         guard::hindrances(&self.config.guard, expiry, SystemTime::now(), temperature)
+    }
+
+    /// That the model in use has expired was accepted; remembered only where it has.
+    pub(super) fn accept_expiry(&mut self) {
+        let expired = self.hindrances_of(&self.models.active, false).len();
+        self.expired_accepted |= expired > self.hindrances_of(&self.models.active, true).len();
     }
 
     /// Another model may be taken into use: the recording has to know its text before.
@@ -339,7 +393,10 @@ impl Service {
                 self.board.link_down(end.to_string());
             }
             Report::Engine(event) => {
-                if let Some(held_back) = self.events.admit(self.clock.now()) {
+                // a fault is latched, so it cannot flood the log, and must not be held back by what came before
+                let Event::StateChanged { to, .. } = event;
+                let admitted = self.events.admit(self.clock.now());
+                if let Some(held_back) = admitted.or((to == State::Faulted).then_some(0)) {
                     log_event(&event, held_back);
                 }
                 self.fault(&event);
@@ -363,6 +420,8 @@ impl Service {
         let Event::StateChanged { from, to: State::Faulted, reason } = event else { return };
         let entry = fault::of_reason(*reason);
         self.tally.fault(entry.name);
+        self.tally.last_word().fault = Some(entry.code.to_string());
+        self.save();
         self.keeper.audit.write(AuditEntry {
             who: Who::daemon(),
             what: "fault".to_owned(),

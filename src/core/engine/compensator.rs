@@ -57,6 +57,8 @@ pub struct Compensator {
     /// The same in control time, s.
     gap_s: f64,
     next_deadline: Option<MonoTime>,
+    /// When a frame or a deadline was answered last.
+    told: Option<MonoTime>,
     /// Not yet told.
     event: Option<Event>,
     /// Every single change of state, for the tests that hold them against the rules.
@@ -67,7 +69,10 @@ pub struct Compensator {
 /// What one cycle found out before it moves anything.
 struct Plan {
     target: Target,
+    /// Time that the offset may use, s: control time of the frame, one cycle without one.
     dt: f64,
+    /// Time that has passed, s: ramps and gain go by it.
+    elapsed_s: f64,
 }
 
 impl Compensator {
@@ -111,6 +116,7 @@ impl Compensator {
             gap_cycles: 0,
             gap_s: 0.0,
             next_deadline: None,
+            told: None,
             event: None,
             #[cfg(test)]
             trace: Vec::new(),
@@ -191,11 +197,12 @@ impl Compensator {
             if !self.is_held(frame) {
                 return None;
             }
-            let output = self.move_on(&Plan { target: self.stay(), dt: 0.0 });
+            let output = self.move_on(&Plan { target: self.stay(), dt: 0.0, elapsed_s: 0.0 });
             return Some(CycleOutput { out_of_order: true, ..output });
         }
         self.count_gap(frame);
         self.next_deadline = Some(now.plus_seconds(self.config.stale_s));
+        self.told = Some(now);
         // the clock of a bad frame is not to be trusted; time that was used for a bad frame is not used again
         let dt =
             verdict.unwrap_or(self.config.cycle_s).min(self.gap_s).min(STEP_CYCLES_MAX * self.config.cycle_s);
@@ -218,7 +225,7 @@ impl Compensator {
         };
         let bad = verdict.err().or((!target.finite).then_some(Reason::ModelNotFinite));
         self.decide(frame.state, bad, &target, dt);
-        let output = self.move_on(&Plan { target, dt });
+        let output = self.move_on(&Plan { target, dt, elapsed_s: dt });
         self.aim.lag.sent(frame.sequence, &output.offset);
         Some(output)
     }
@@ -243,8 +250,11 @@ impl Compensator {
         }
         self.intake.unsettle();
         let dt = self.config.cycle_s;
-        self.hold_or_give_up(Reason::Stale, dt);
-        let output = self.move_on(&Plan { target: self.stay(), dt });
+        // what is waited for goes by the clock, however late this call is; the offset moves by one cycle's worth
+        let elapsed_s = self.told.map_or(dt, |then| now.seconds_since(then).max(0.0));
+        self.told = Some(now);
+        self.hold_or_give_up(Reason::Stale, elapsed_s);
+        let output = self.move_on(&Plan { target: self.stay(), dt, elapsed_s });
         let resting = self.is_at_rest();
         let faulted = self.state == State::Faulted && !self.is_zero();
         let waiting = matches!(self.state, State::Holding | State::RampingOut) || faulted || !resting;
@@ -492,9 +502,9 @@ impl Compensator {
     /// Moves the offset for one cycle and reports.
     fn move_on(&mut self, plan: &Plan) -> CycleOutput {
         let dt = plan.dt;
-        let gain_step = dt / self.config.ramp_s;
+        let gain_step = plan.elapsed_s / self.config.ramp_s;
         self.gain += (self.gain_wanted - self.gain).clamp(-gain_step, gain_step);
-        self.ramp.advance(dt);
+        self.ramp.advance(plan.elapsed_s);
         let share = self.ramp.share();
         let at_soft_limit = if self.follows_target() { plan.target.at_soft_limit } else { 0 };
         let mut limited = at_soft_limit;

@@ -63,11 +63,11 @@ impl ReadBack {
 
     /// True where `applied` lies among the last offsets sent, however few they are.
     fn was_sent(&self, applied: &AxisArray, axes: usize) -> bool {
-        let last = (0..self.filled).map(|back| &self.sent[(self.next + self.window - 1 - back) % self.window]);
+        let last =
+            (0..self.filled).map(|back| &self.sent[(self.next + self.window - 1 - back) % self.window]);
         (0..axes).all(|k| {
-            let (low, high) = last
-                .clone()
-                .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), o| (l.min(o[k]), h.max(o[k])));
+            let (low, high) =
+                last.clone().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), o| (l.min(o[k]), h.max(o[k])));
             (low - self.tolerance[k]..=high + self.tolerance[k]).contains(&applied[k])
         })
     }

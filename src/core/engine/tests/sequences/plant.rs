@@ -145,6 +145,11 @@ impl Plant {
             // what was on its way when the drives went off never acts
             self.missing = if self.answers.is_empty() { self.missing } else { 0 };
             self.answers.clear();
+            let told = |last: Position| self.frame.sequence.wrapping_sub(last.sequence) <= 1;
+            if !self.last_delivered.is_some_and(told) {
+                // an engine that is not told goes on; what it has done then the control's own limiter takes up
+                self.disturbed = self.disturbed.max(self.delay + 2);
+            }
             return;
         }
         while let Some((due, offset)) = self.answers.front().copied() {
