@@ -92,7 +92,12 @@ struct Signals {
     terminate: Signal,
     interrupt: Signal,
     hangup: Signal,
+    /// A file that has reached the limit of its size is an error of that file and not the end of the daemon.
+    _file_size: Signal,
 }
+
+/// SIGXFSZ of Linux.
+const FILE_SIZE: i32 = 25;
 
 impl Signals {
     fn install() -> Result<Self, DaemonError> {
@@ -102,6 +107,7 @@ impl Signals {
             terminate: install(SignalKind::terminate())?,
             interrupt: install(SignalKind::interrupt())?,
             hangup: install(SignalKind::hangup())?,
+            _file_size: install(SignalKind::from_raw(FILE_SIZE))?,
         })
     }
 }

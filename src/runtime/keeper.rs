@@ -3,6 +3,7 @@
 //! A disk that hangs stops this thread and nobody else: the queue fills, audit entries are counted as lost, counters
 //! are saved the next time.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -22,6 +23,8 @@ const QUEUE: usize = 256;
 const FINISH_LIMIT: Duration = Duration::from_secs(3);
 /// Name of the audit log in the state directory.
 pub(super) const AUDIT_FILE: &str = "audit.jsonl";
+/// Locked by the daemon that keeps its things here.
+const LOCK_FILE: &str = "lock";
 
 /// Something to be kept.
 #[derive(Debug)]
@@ -43,6 +46,8 @@ pub(super) struct Keeper {
     directory: Option<PathBuf>,
     /// Hash of the model that the audit log named last.
     known_model: Option<String>,
+    /// Held while this daemon runs, so that no second one keeps its things in the same place.
+    _owner: Option<File>,
 }
 
 /// The state directory: the configured one, else the one that systemd gives the service.
@@ -75,6 +80,11 @@ impl Keeper {
 
     fn open(directory: &Path) -> std::io::Result<Self> {
         std::fs::create_dir_all(directory)?;
+        let owner = File::create(directory.join(LOCK_FILE))?;
+        // two daemons would write their lines into one chain
+        owner.try_lock().map_err(|_| {
+            std::io::Error::other("in use by another volcompd; give each its own [state] directory")
+        })?;
         let path = directory.join(AUDIT_FILE);
         let (file, broken) = AuditFile::open(&path)?;
         if let Some(broken) = broken {
@@ -93,7 +103,7 @@ impl Keeper {
         })?;
         let audit = Audit::new(sender.clone());
         let directory = Some(directory.to_owned());
-        Ok(Self { audit, jobs: Some((sender, ended)), problem, directory, known_model })
+        Ok(Self { audit, jobs: Some((sender, ended)), problem, directory, known_model, _owner: Some(owner) })
     }
 
     /// The first lines of a run: the start, and the model where it is another one than before.

@@ -20,7 +20,7 @@ use super::models::guard::{self, Hindrance};
 use super::models::{Keeping, Models, Prepared};
 use super::notices::Notices;
 use super::ports::{LastOffset, Progress, Report, Request, ServicePorts, Ticket};
-use super::realtime::RealtimeReport;
+use super::realtime::{self, RealtimeReport};
 use super::recorder::Recorder;
 use super::status::Status;
 use crate::config::{MachineConfig, Policy, StartMode};
@@ -238,6 +238,9 @@ impl Service {
     ) -> Keeping {
         info!(model = new.origin, hash = new.hash, who, why, "another model is in use");
         self.expired_accepted = false;
+        if realtime::lock_again(&self.config.realtime).is_refused() {
+            warn!(code = %Code::REALTIME_REFUSED, "the new model could not be locked into memory (LimitMEMLOCK=)");
+        }
         self.models.switched(new, who, why)
     }
 

@@ -229,6 +229,14 @@ pub(super) fn machine_notes(machine: &MachineConfig, model: &ModelSpec) -> Vec<S
             format!("axis {axis} is in the chain but has no [axes.{}]: it is never offset", axis.lower())
         })
         .collect();
+    let ladder_s = machine.engine.stale_s + machine.engine.hold_s + machine.engine.ramp_s;
+    if machine.link.silence_s < ladder_s {
+        out.push(format!(
+            "link.silence-s {} s ends before stale-ms, hold-s and ramp-s together ({ladder_s} s): of a silent control the \
+             offset is then taken out by the control itself",
+            machine.link.silence_s
+        ));
+    }
     if machine.link.is_exposed() {
         out.push(identity::exposed(machine));
     }
