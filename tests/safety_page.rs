@@ -234,3 +234,15 @@ fn the_picture_shows_every_change_of_state_and_no_other() {
     assert!(missing.is_empty() && invented.is_empty(), "missing: {missing:?}; invented: {invented:?}");
     check("images/states.svg", &picture());
 }
+
+#[test]
+fn the_operators_page_has_every_warning_and_fault_as_the_catalogue_tells_it() {
+    let page = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/operating.md")).unwrap();
+    for entry in fault::CATALOGUE.iter().filter(|e| e.severity != fault::Severity::Notice) {
+        let row = format!(
+            "| {} {} | {} | {} | {} |",
+            entry.code, entry.name, entry.text, entry.reaction, entry.remedy
+        );
+        assert!(page.contains(&row), "docs/operating.md lacks this row:\n{row}");
+    }
+}
