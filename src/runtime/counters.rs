@@ -16,6 +16,7 @@ use super::ports::CycleRecord;
 use super::status::Lifetime;
 use super::utc;
 use crate::core::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
+use crate::core::fault::Code;
 use crate::core::units::{arcsec_from_rad, um_from_mm};
 
 /// The `format` of the file.
@@ -159,7 +160,8 @@ impl Tally {
                             Ok(aside) => format!("kept as {}", aside.display()),
                             Err(e) => format!("and could not be set aside: {e}"),
                         };
-                        note = Some(format!("{}: {why}; {kept}, counting begins anew", path.display()));
+                        let (code, path) = (Code::COUNTERS_DAMAGED, path.display());
+                        note = Some(format!("{code}: {path}: {why}; {kept}, counting begins anew"));
                     }
                 },
                 Err(e) if e.kind() == ErrorKind::NotFound => {}

@@ -16,6 +16,7 @@ use super::audit::{Audit, AuditEntry, Who};
 use super::counters::Counters;
 use super::load::Loaded;
 use super::models::Prepared;
+use crate::core::fault::Code;
 
 /// Jobs in flight.
 const QUEUE: usize = 256;
@@ -71,7 +72,7 @@ impl Keeper {
             Ok(keeper) => keeper,
             Err(problem) => {
                 let directory = directory.display();
-                warn!(%directory, "counters and audit log are not kept: {problem}");
+                warn!(%directory, code = %Code::COUNTERS_NOT_SAVED, "counters and audit log are not kept: {problem}");
                 let problem = format!("{directory}: {problem}");
                 Self { problem: Arc::new(Mutex::new(Some(problem))), ..Self::default() }
             }
@@ -89,7 +90,7 @@ impl Keeper {
         let (file, broken) = AuditFile::open(&path)?;
         if let Some(broken) = broken {
             let path = path.display();
-            error!(%path, "the audit log is broken: {broken}; it was set aside and a new one names it");
+            error!(%path, code = %Code::AUDIT_BROKEN, "the audit log is broken: {broken}; it was set aside and a new one names it");
         }
         let known_model = file.model().map(str::to_owned);
         let (sender, jobs) = bounded(QUEUE);
@@ -181,7 +182,7 @@ fn run(jobs: &Receiver<Job>, mut file: AuditFile, directory: &Path, problem: &Mu
             Err(e) => {
                 let text = format!("{what} in {}: {e}", directory.display());
                 if !std::mem::replace(&mut failing[slot], true) {
-                    warn!("not kept: {text}");
+                    warn!(code = %Code::COUNTERS_NOT_SAVED, "not kept: {text}");
                 }
                 *problem.lock().unwrap_or_else(PoisonError::into_inner) = Some(text);
             }

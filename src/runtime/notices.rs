@@ -33,6 +33,8 @@ pub(super) struct Notices {
     /// Beginning of the present window, with cycles and late cycles until then.
     window: (MonoTime, u64, u64),
     late: LogLimiter,
+    records: LogLimiter,
+    records_lost: u64,
 }
 
 impl Notices {
@@ -46,6 +48,16 @@ impl Notices {
             ],
             window: (now, 0, 0),
             late: LogLimiter::new(1, PAUSE),
+            records: LogLimiter::new(1, PAUSE),
+            records_lost: 0,
+        }
+    }
+
+    /// Tells of entries that the recording has lost; `lost` counts from the start.
+    pub(super) fn look_at_recording(&mut self, now: MonoTime, lost: u64) {
+        if lost > self.records_lost && self.records.admit(now).is_some() {
+            tell(Code::RECORDS_LOST, lost - self.records_lost);
+            self.records_lost = lost;
         }
     }
 

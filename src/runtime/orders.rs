@@ -14,6 +14,7 @@ use super::server::lock;
 use super::service::Service;
 use super::socket::{Answer, Ask, ModelChange, Verb};
 use crate::core::engine::Command;
+use crate::core::fault::Code;
 
 /// Patience with the cycle thread to carry a command out.
 const COMMAND_LIMIT: Duration = Duration::from_secs(2);
@@ -179,7 +180,9 @@ async fn load(ask: &mut Ask, who: &Who, service: &Mutex<Service>) -> Answer {
     });
     let (new, size) = match work.await {
         Ok(Ok(found)) => found,
-        Ok(Err(problem)) => return Answer::refused(format!("VC-5007: the model is not used\n{problem}")),
+        Ok(Err(problem)) => {
+            return Answer::refused(format!("{}: the model is not used\n{problem}", Code::MODEL_INVALID));
+        }
         Err(_) => {
             return Answer::refused("internal: the comparison broke off; the model in use stays".to_owned());
         }
@@ -200,8 +203,9 @@ async fn load(ask: &mut Ask, who: &Who, service: &Mutex<Service>) -> Answer {
         && (is_blank(ask.confirm.as_ref()) || is_blank(ask.reason.as_ref()))
     {
         let error = format!(
-            "VC-5006: {too_different}\n  hint: look at `volcomp diff`; if it is right, load it with --confirm NAME and \
-             --reason TEXT"
+            "{}: {too_different}\n  hint: look at `volcomp diff`; if it is right, load it with --confirm NAME and \
+             --reason TEXT",
+            Code::MODEL_CHANGE
         );
         return Answer { change, ..Answer::refused(error) };
     }

@@ -296,6 +296,10 @@ impl Service {
             self.look_after_the_model();
         }
         self.notices.look(self.clock.now(), &self.ports.progress);
+        if let Some(recorder) = &self.recorder {
+            let lost = recorder.stats.dropped.load(std::sync::atomic::Ordering::Relaxed);
+            self.notices.look_at_recording(self.clock.now(), lost);
+        }
     }
 
     pub(super) fn status(&mut self) -> Status {

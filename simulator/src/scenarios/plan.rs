@@ -54,6 +54,12 @@ pub struct Scenario {
     pub delay_cycles: u32,
     /// True: the daemon may take real-time priority and lock memory, where this process may.
     pub privileges: bool,
+    /// Largest file that the daemon may write, in units of 1024 bytes: to it a longer one is a disk that is full.
+    #[serde(default)]
+    pub file_limit_kib: Option<u32>,
+    /// True: certificates for TLS lie beside the machine file: ca, control and daemon of one authority, other-ca and
+    /// other-daemon of another one.
+    pub certificates: bool,
     /// What is different about the control.
     pub control: ControlPart,
     /// Keys of the machine file that differ, as tables.
@@ -77,6 +83,9 @@ pub struct ControlPart {
     /// Largest offset that it applies to a linear axis.
     #[serde(default)]
     pub limit_um: Option<f64>,
+    /// True: it speaks TLS only, with the certificate of the scenario.
+    #[serde(default)]
+    pub tls: bool,
 }
 
 /// Something that happens at a cycle.
@@ -169,6 +178,11 @@ pub enum Action {
         /// Its text.
         text: String,
     },
+    /// In the daemon's folder, a pipe that nobody reads stands where a file is to be: whoever opens it, waits.
+    MakePipe {
+        /// Its name.
+        file: String,
+    },
     /// Words in a file of the daemon's folder are replaced.
     ReplaceInFile {
         /// The file.
@@ -232,7 +246,7 @@ pub struct Accept {
     pub offset_um: f64,
     /// True: some answers must say that an axis is limited; false: none may.
     pub limited: bool,
-    /// Words that the daemon's log must hold, such as the numbers of `volcomp explain`.
+    /// Words that the daemon's log, or what `volcomp` said, must hold, such as the numbers of `volcomp explain`.
     pub log: Vec<String>,
     /// Lines that the log may have at most: whatever a peer does, it must not flood the log.
     pub lines: usize,

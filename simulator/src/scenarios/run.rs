@@ -8,6 +8,7 @@ use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
+use rustix::fs::{FileType, Mode};
 use rustix::process::Signal;
 use volcomp::core::protocol::MachineState;
 
@@ -45,7 +46,7 @@ pub fn run(scenario: &Scenario, programs: &Programs) -> anyhow::Result<Verdict> 
         stage.exit = ended(&mut stage.daemon)?;
     }
     let residual = residual_um(&stage)?;
-    let mut verdict = judge(scenario, &stage.records, &residual, last_action, CYCLE_S, &stage.log());
+    let mut verdict = judge(scenario, &stage.records, &residual, last_action, CYCLE_S, &stage.all_words());
     let second = if scenario.accept.second_exit.is_some() { ended(&mut stage.second)? } else { None };
     for (which, found, wanted) in
         [("daemon", stage.exit, scenario.accept.exit), ("second daemon", second, scenario.accept.second_exit)]
@@ -105,7 +106,7 @@ fn act(stage: &mut Stage, action: &Action) -> anyhow::Result<()> {
             stage.wait_until("the daemon's end", |s| s.daemon.as_mut().is_none_or(|d| !d.is_running()))?;
             stage.exit = ended(&mut stage.daemon)?;
         }
-        Action::WaitForLog { words } => stage.wait_until(words, |s| s.log().contains(words))?,
+        Action::WaitForLog { words } => stage.wait_until(words, |s| s.all_words().contains(words))?,
         Action::Pause { ms } => idle(stage, *ms),
         Action::HangDaemon { ms } => {
             stage.signal(Signal::STOP)?;
@@ -127,6 +128,10 @@ fn act(stage: &mut Stage, action: &Action) -> anyhow::Result<()> {
         Action::Volcomp { args, exit } => stage.volcomp(args, *exit)?,
         Action::ScaleModel { file, by } => write(&stage.file(file), &scaled_model(*by)?)?,
         Action::WriteFile { file, text } => write(&stage.file(file), text)?,
+        Action::MakePipe { file } => {
+            let path = stage.file(file);
+            rustix::fs::mknodat(rustix::fs::CWD, &path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0)?;
+        }
         Action::ReplaceInFile { file, from, to } => {
             let path = stage.file(file);
             let text = std::fs::read_to_string(&path)?;

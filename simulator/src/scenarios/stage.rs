@@ -13,7 +13,8 @@ use toml::{Table, Value};
 use super::fault::LinkFault;
 use super::plan::{Pacing as PlanPacing, Scenario, merge};
 use super::relay::Relay;
-use crate::control::{Absent, ControlConfig, CycleRecord, Flow, OffsetConfig, Pacing};
+use crate::certificates::{Authority, Issued, Role, Validity};
+use crate::control::{Absent, ControlConfig, ControlIdentity, CycleRecord, Flow, OffsetConfig, Pacing};
 use crate::demo::programs::{Daemon, Programs};
 use crate::demo::shop::Shop;
 use crate::motion::{MachineAxes, MotionCycle, MotionSource, Trajectory};
@@ -42,6 +43,8 @@ pub(super) struct Stage {
     pub(super) exit: Option<i32>,
     /// Where the control listened that was killed and has not come back.
     control_port: Option<u16>,
+    /// What `volcomp` has said.
+    said: String,
     folder: tempfile::TempDir,
     programs: Programs,
     motion: Trajectory,
@@ -53,7 +56,11 @@ impl Stage {
     pub(super) fn set(scenario: &Scenario, programs: &Programs) -> anyhow::Result<Self> {
         let machine = TruthMachine::from_toml(VMC_850)?;
         let start = MachineAxes::of(&machine)?.middle();
-        let shop = open(scenario, 0, &start, scenario.ready)?;
+        let folder = tempfile::tempdir()?;
+        if scenario.certificates {
+            write_certificates(folder.path())?;
+        }
+        let shop = open(scenario, folder.path(), 0, &start, scenario.ready)?;
         let control: SocketAddr = shop.address().parse()?;
         let relay = if scenario.relay { Some(Relay::open(control, scenario.seed)?) } else { None };
         let motion = shop.trajectory(&circles(scenario.turns, scenario.feed_mm_per_min))?;
@@ -66,7 +73,8 @@ impl Stage {
             exit: None,
             records: Vec::new(),
             idle_faults: Vec::new(),
-            folder: tempfile::tempdir()?,
+            said: String::new(),
+            folder,
             programs: programs.clone(),
             motion,
             at: start,
@@ -118,6 +126,11 @@ impl Stage {
         std::fs::read_to_string(self.file("volcompd.log")).unwrap_or_default()
     }
 
+    /// The same, and what `volcomp` has said.
+    pub(super) fn all_words(&self) -> String {
+        self.log() + &self.said
+    }
+
     /// Starts the daemon and waits until it is connected, while simulated time stands still.
     pub(super) fn start_daemon(&mut self) -> anyhow::Result<()> {
         self.daemon = Some(self.spawn()?);
@@ -143,10 +156,10 @@ impl Stage {
 
     fn spawn_with(&self, config: &Path) -> anyhow::Result<Daemon> {
         let log = self.file("volcompd.log");
-        if self.scenario.privileges {
-            self.programs.volcompd(config, &log)
-        } else {
-            self.programs.humble_volcompd(config, &log)
+        match self.scenario.file_limit_kib {
+            Some(kib) => self.programs.cramped_volcompd(config, &log, kib),
+            None if self.scenario.privileges => self.programs.volcompd(config, &log),
+            None => self.programs.humble_volcompd(config, &log),
         }
     }
 
@@ -192,6 +205,8 @@ impl Stage {
         if code != exit {
             bail!("volcomp {}: exit code {code}, expected {exit}: {said}", args.join(" "));
         }
+        self.said.push_str(&said);
+        self.said.push('\n');
         Ok(())
     }
 
@@ -199,7 +214,7 @@ impl Stage {
     pub(super) fn end_control(&mut self, in_order: bool) -> anyhow::Result<()> {
         self.control_port = Some(self.shop.address().parse::<SocketAddr>()?.port());
         // one that nobody knows stands in for it, because there is always a machine
-        let spare = open(&self.scenario, 0, &self.at, true)?;
+        let spare = open(&self.scenario, self.folder.path(), 0, &self.at, true)?;
         let old = core::mem::replace(&mut self.shop, spare);
         if in_order {
             drop(old)
@@ -214,7 +229,7 @@ impl Stage {
         let Some(port) = self.control_port.take() else { bail!("the control has not been killed") };
         let begin = Instant::now();
         self.shop = loop {
-            match open(&self.scenario, port, &self.at, true) {
+            match open(&self.scenario, self.folder.path(), port, &self.at, true) {
                 Ok(shop) => break shop,
                 Err(e) if begin.elapsed() > PATIENCE => return Err(e),
                 Err(_) => std::thread::sleep(Duration::from_millis(10)),
@@ -251,13 +266,41 @@ fn circles(turns: usize, feed: u32) -> String {
     )
 }
 
-fn open(scenario: &Scenario, port: u16, start: &AxisArray, ready: bool) -> anyhow::Result<Shop> {
+/// An authority with a control and a daemon, and another one with another daemon.
+fn write_certificates(folder: &Path) -> anyhow::Result<()> {
+    let issue = |stem: &str, issued: &Issued| {
+        issued.write(folder, stem).map_err(|(path, e)| anyhow::anyhow!("{}: {e}", path.display()))
+    };
+    for prefix in ["", "other-"] {
+        let authority = Authority::new(&format!("{prefix}test"), Validity::days(2))?;
+        issue(&format!("{prefix}ca"), &authority.own())?;
+        let control = authority.issue(Role::Control, &["127.0.0.1"], Validity::days(1))?;
+        issue(&format!("{prefix}control"), &control)?;
+        let daemon = authority.issue(Role::Daemon, &["volcompd"], Validity::days(1))?;
+        issue(&format!("{prefix}daemon"), &daemon)?;
+    }
+    Ok(())
+}
+
+fn open(
+    scenario: &Scenario,
+    folder: &Path,
+    port: u16,
+    start: &AxisArray,
+    ready: bool,
+) -> anyhow::Result<Shop> {
     let machine = TruthMachine::from_toml(VMC_850)?;
     let id = scenario.control.machine.clone().unwrap_or_else(|| machine.machine().to_owned());
     let mut offset = OffsetConfig { delay_cycles: scenario.delay_cycles, ..OffsetConfig::default() };
     if let Some(limit_um) = scenario.control.limit_um {
         offset.linear.size = limit_um / 1e3;
     }
+    let file = |name: &str| folder.join(name);
+    let identity = if scenario.control.tls {
+        Some(ControlIdentity::from_files(&file("ca.pem"), &file("control.pem"), &file("control.key"))?)
+    } else {
+        None
+    };
     let answer_timeout = Duration::from_secs_f64(scenario.answer_ms / 1e3);
     let config = ControlConfig {
         cycle_s: CYCLE_S,
@@ -268,6 +311,7 @@ fn open(scenario: &Scenario, port: u16, start: &AxisArray, ready: bool) -> anyho
         },
         ready,
         offset,
+        identity,
         ..ControlConfig::new(id, MachineAxes::of(&machine)?)
     };
     Shop::with_control(machine, scenario.seed, config, start)
@@ -295,6 +339,9 @@ fn scale(value: &mut Value, by: f64, key: &str) {
 
 /// Writes a file of the stage.
 pub(super) fn write(path: &Path, text: &str) -> anyhow::Result<()> {
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    }
     std::fs::write(path, text).with_context(|| path.display().to_string())
 }
 

@@ -84,6 +84,28 @@ impl Code {
     pub const LIMITED: Self = Self(4005);
     /// An offset is held back by a soft limit of the machine.
     pub const SOFT_LIMIT: Self = Self(4006);
+    /// The model is of another machine.
+    pub const MODEL_FOREIGN: Self = Self(5002);
+    /// The model has expired.
+    pub const MODEL_EXPIRED: Self = Self(5003);
+    /// The machine is outside the temperatures of the model, or its temperature is not known.
+    pub const TEMPERATURE_ENVELOPE: Self = Self(5004);
+    /// The model file is not the one that the machine file names.
+    pub const MODEL_HASH: Self = Self(5005);
+    /// The new model differs from the one in use by more than allowed.
+    pub const MODEL_CHANGE: Self = Self(5006);
+    /// The model cannot be read.
+    pub const MODEL_INVALID: Self = Self(5007);
+    /// Cycles are missing in the recording.
+    pub const RECORDS_LOST: Self = Self(7001);
+    /// The recording cannot be written.
+    pub const RECORDING_STOPPED: Self = Self(7002);
+    /// The saved counters could not be read.
+    pub const COUNTERS_DAMAGED: Self = Self(7003);
+    /// The audit log is not the one that was written.
+    pub const AUDIT_BROKEN: Self = Self(7004);
+    /// The counters cannot be saved.
+    pub const COUNTERS_NOT_SAVED: Self = Self(7006);
     /// Real-time scheduling or memory lock is not permitted.
     pub const REALTIME_REFUSED: Self = Self(7005);
 

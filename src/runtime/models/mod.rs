@@ -15,6 +15,7 @@ use super::load::{LoadError, Loaded};
 use super::status::ModelStatus;
 use super::utc;
 use crate::config::{MachineConfig, model};
+use crate::core::fault::Code;
 use crate::core::model::{Model, ModelSpec};
 use store::{Choice, Store};
 
@@ -152,9 +153,13 @@ impl Models {
             Ok(()) => self.previous = Some(was_active),
             Err(why) => {
                 self.notes.push(format!(
-                    "VC-5006: {} is not used: {why}. Still in use: {} (since {}). If the new one is right: \
+                    "{}: {} is not used: {why}. Still in use: {} (since {}). If the new one is right: \
                      volcomp load {} --confirm NAME --reason TEXT",
-                    self.active.origin, chosen.origin, chosen.since, self.active.origin
+                    Code::MODEL_CHANGE,
+                    self.active.origin,
+                    chosen.origin,
+                    chosen.since,
+                    self.active.origin
                 ));
                 self.active = was_active;
                 self.choice = chosen;
