@@ -56,6 +56,8 @@ pub struct Compensator {
     gap_cycles: u32,
     /// The same in control time, s.
     gap_s: f64,
+    /// Frames that were old or repeated.
+    strays: u64,
     next_deadline: Option<MonoTime>,
     /// Not yet told.
     event: Option<Event>,
@@ -110,6 +112,7 @@ impl Compensator {
             last_control_ns: 0,
             gap_cycles: 0,
             gap_s: 0.0,
+            strays: 0,
             next_deadline: None,
             event: None,
             #[cfg(test)]
@@ -188,6 +191,7 @@ impl Compensator {
         let verdict = self.intake.accept(frame, &position);
         if verdict == Err(Reason::Sequence) {
             // old or repeated: says nothing new, and does not count as a sign of life
+            self.strays = self.strays.saturating_add(1);
             if !self.is_held(frame) {
                 return None;
             }
@@ -288,6 +292,12 @@ impl Compensator {
     #[must_use]
     pub const fn state(&self) -> State {
         self.state
+    }
+
+    /// Frames so far that were old or repeated, answered or not.
+    #[must_use]
+    pub const fn strays(&self) -> u64 {
+        self.strays
     }
 
     /// True where the operator wants compensation.
