@@ -14,13 +14,13 @@ use simulator::scenarios::{Pacing, Plan, Scenario, Verdict, run};
 
 /// Numbers of the part.
 const PART: &[u32] = &[
-    103, 109, 111, 119, 120, 122, // processes
-    203, 214, // time
-    302, 304, 308, 314, // bytes
-    402, 405, 407, 409, 413, 419, 422, // what the control says
-    502, 509, 512, 514, // states and limits
-    601, // orders
-    702, 703, 706, // the computer
+    103, 111, 119, 120, // processes
+    203, // time
+    302, 304, 314, 322, // bytes
+    402, 405, 407, 409, 422, // what the control says
+    502, 507, 514, // states and limits
+    601, 609, 611, 618, // orders and models
+    702, 703, 706, 709, 710, // the computer
 ];
 
 fn programs() -> Programs {

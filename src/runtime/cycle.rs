@@ -205,7 +205,11 @@ impl Cycle<'_> {
         skipped: u64,
     ) -> io::Result<()> {
         let message = Message::Position(frame);
-        let Reaction::Answer(correction) = self.body.handle(received, &message) else { return Ok(()) };
+        let strays = self.body.strays();
+        let reaction = self.body.handle(received, &message);
+        let strays = self.body.strays().saturating_sub(strays);
+        Progress::add(&self.control.ports.progress.out_of_order, strays);
+        let Reaction::Answer(correction) = reaction else { return Ok(()) };
         let computed = self.clock.now();
         link.send(&Message::Correction(correction))?;
         self.body.tell();
@@ -219,7 +223,6 @@ impl Cycle<'_> {
         Progress::add(&progress.skipped, skipped);
         let Some(output) = self.body.output() else { return Ok(()) };
         progress.set_state(output.state);
-        Progress::add(&progress.out_of_order, u64::from(output.out_of_order));
         Progress::add(&progress.limited, u64::from(output.limited & !output.at_soft_limit != 0));
         Progress::add(&progress.at_soft_limit, u64::from(output.at_soft_limit != 0));
         self.control.ports.record(CycleRecord {

@@ -112,7 +112,7 @@ pub enum LoadError {
 }
 
 /// The number of what does not fit, where it has one.
-fn number(source: &ModelMismatch) -> String {
+pub(super) fn number(source: &ModelMismatch) -> String {
     match source {
         ModelMismatch::Machine { .. } => format!("{}: ", Code::MODEL_FOREIGN),
         ModelMismatch::AxisNotInChain { .. } | ModelMismatch::Spindle { .. } => String::new(),

@@ -23,6 +23,8 @@ use crate::demo::programs::{Daemon, Programs};
 const CYCLE_S: f64 = 1e-3;
 /// Cycles at the end of the motion over which accuracy is judged.
 const JUDGED: usize = 1000;
+/// Lines of the log that are kept where something does not hold.
+const LAST_WORDS: usize = 40;
 
 /// Runs a scenario.
 ///
@@ -58,6 +60,12 @@ pub fn run(scenario: &Scenario, programs: &Programs) -> anyhow::Result<Verdict> 
     stage.idle_faults.extend(stage.relay.as_ref().and_then(Relay::clear));
     for fault in &stage.idle_faults {
         verdict.fail(format!("no frame has met {:?}", fault.kind));
+    }
+    if !verdict.ok {
+        let words = stage.all_words();
+        let lines = words.lines().count();
+        verdict.last_words =
+            words.lines().skip(lines.saturating_sub(LAST_WORDS)).map(str::to_owned).collect();
     }
     Ok(verdict)
 }

@@ -41,6 +41,8 @@ pub struct Verdict {
     pub cycles: usize,
     /// What did not hold.
     pub failures: Vec<String>,
+    /// The last lines of the log, where something did not hold.
+    pub last_words: Vec<String>,
 }
 
 impl Verdict {
@@ -63,6 +65,7 @@ impl Verdict {
             state: "none".to_owned(),
             cycles: 0,
             failures: vec![format!("{error:#}")],
+            last_words: Vec::new(),
         }
     }
 
@@ -119,6 +122,7 @@ pub(super) fn judge(
         state: records.iter().rev().find_map(state_of).unwrap_or("none").to_owned(),
         cycles: records.len(),
         failures: Vec::new(),
+        last_words: Vec::new(),
     };
     let settled = records.iter().rposition(|r| state_of(r).is_some_and(|s| s != verdict.state));
     let settled = settled.and_then(|at| records.get(at + 1)).map_or(0, |r| r.cycle);
@@ -147,9 +151,10 @@ fn failures(v: &Verdict, accept: &Accept, records: &[CycleRecord], log: &str) ->
     if v.state != accept.state {
         found.push(format!("state {} at the end, not {}", v.state, accept.state));
     }
-    if (v.limited > 0) != accept.limited {
-        let which = if accept.limited { "some" } else { "none" };
-        found.push(format!("{} answers say that an axis is limited, expected {which}", v.limited));
+    if (v.limited > accept.limited_cycles) != accept.limited {
+        let which = if accept.limited { "more than" } else { "at most" };
+        let most = accept.limited_cycles;
+        found.push(format!("{} answers say that an axis is limited, expected {which} {most}", v.limited));
     }
     for words in &accept.log {
         if !log.contains(words) {

@@ -56,6 +56,8 @@ pub struct Compensator {
     gap_cycles: u32,
     /// The same in control time, s.
     gap_s: f64,
+    /// Frames that were old or repeated.
+    strays: u64,
     next_deadline: Option<MonoTime>,
     /// When a frame or a deadline was answered last.
     told: Option<MonoTime>,
@@ -115,6 +117,7 @@ impl Compensator {
             last_control_ns: 0,
             gap_cycles: 0,
             gap_s: 0.0,
+            strays: 0,
             next_deadline: None,
             told: None,
             event: None,
@@ -194,6 +197,7 @@ impl Compensator {
         let verdict = self.intake.accept(frame, &position);
         if verdict == Err(Reason::Sequence) {
             // old or repeated: says nothing new, and does not count as a sign of life
+            self.strays = self.strays.saturating_add(1);
             if !self.is_held(frame) {
                 return None;
             }
@@ -298,6 +302,12 @@ impl Compensator {
     #[must_use]
     pub const fn state(&self) -> State {
         self.state
+    }
+
+    /// Frames so far that were old or repeated, answered or not.
+    #[must_use]
+    pub const fn strays(&self) -> u64 {
+        self.strays
     }
 
     /// True where the operator wants compensation.

@@ -11,7 +11,7 @@ use std::time::SystemTime;
 
 use tracing::{info, warn};
 
-use super::load::{LoadError, Loaded};
+use super::load::{LoadError, Loaded, number};
 use super::status::ModelStatus;
 use super::utc;
 use crate::config::{MachineConfig, model};
@@ -45,7 +45,11 @@ impl Prepared {
         let file = model::parse_file(origin, &text).map_err(|e| e.to_string())?;
         let model = Model::new(&file.spec).map_err(|e| format!("error: {origin}: {e}"))?;
         if let Some(mismatch) = config.check_model(&file.spec).into_iter().next() {
-            return Err(format!("error: {origin}: {mismatch}\n  hint: {}", mismatch.remedy()));
+            return Err(format!(
+                "error: {origin}: {}{mismatch}\n  hint: {}",
+                number(&mismatch),
+                mismatch.remedy()
+            ));
         }
         let hash = blake3::hash(text.as_bytes()).to_hex().to_string();
         if let Some(pinned) = config.guard.hash.as_ref().filter(|pinned| **pinned != hash) {
