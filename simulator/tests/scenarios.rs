@@ -15,7 +15,7 @@ use simulator::scenarios::{Pacing, Plan, Scenario, Verdict, run};
 /// Numbers of the part.
 const PART: &[u32] = &[
     103, 111, 119, 120, // processes
-    203, // time
+    212, // time
     302, 304, 314, 322, // bytes
     402, 405, 407, 409, 422, // what the control says
     502, 507, 514, // states and limits
