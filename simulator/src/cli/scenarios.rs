@@ -139,10 +139,11 @@ fn play(chosen: &[&Scenario], programs: &Programs, jobs: usize) -> Vec<Verdict> 
 
 fn tell(v: &Verdict) {
     eprintln!(
-        "{} {:>4}  {}\n           largest {} um, rms {} um, step {:.3} um, settled in {:.2} s, {}",
+        "{} {:>4}  {}{}\n           largest {} um, rms {} um, step {:.3} um, settled in {:.2} s, {}",
         if v.ok { "ok  " } else { "FAIL" },
         v.number,
         v.name,
+        if v.runs > 1 { format!(" (run {})", v.runs) } else { String::new() },
         figure(v.largest_um),
         figure(v.rms_um),
         v.step_um,

@@ -15,8 +15,6 @@ use super::error::LinkEnd;
 use super::server::Shared;
 use super::wire::Wire;
 
-/// Silence of the daemon after which the link is dead.
-pub(super) const SILENCE: Duration = Duration::from_secs(1);
 /// Own silence after which a heartbeat is sent.
 pub(super) const HEARTBEAT: Duration = Duration::from_millis(100);
 
@@ -98,7 +96,7 @@ impl Link {
                 }
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
                 Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
-                    if self.last_heard.elapsed() > SILENCE {
+                    if self.last_heard.elapsed() > self.shared.silence {
                         return Err(LinkEnd::Silence);
                     }
                     if deadline.is_none_or(|d| Instant::now() >= d) {

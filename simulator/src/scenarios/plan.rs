@@ -54,6 +54,8 @@ pub struct Scenario {
     pub delay_cycles: u32,
     /// True: the daemon may take real-time priority and lock memory, where this process may.
     pub privileges: bool,
+    /// Runs at most, until one holds: more than one where the computer's own time plays a part, which others share.
+    pub tries: u32,
     /// Largest file that the daemon may write, in units of 1024 bytes: to it a longer one is a disk that is full.
     #[serde(default)]
     pub file_limit_kib: Option<u32>,
@@ -83,6 +85,9 @@ pub struct ControlPart {
     /// Largest offset that it applies to a linear axis.
     #[serde(default)]
     pub limit_um: Option<f64>,
+    /// Silence of the daemon after which it closes the link.
+    #[serde(default)]
+    pub silence_s: Option<f64>,
     /// True: it speaks TLS only, with the certificate of the scenario.
     #[serde(default)]
     pub tls: bool,

@@ -26,11 +26,22 @@ const JUDGED: usize = 1000;
 /// Lines of the log that are kept where something does not hold.
 const LAST_WORDS: usize = 40;
 
-/// Runs a scenario.
+/// Runs a scenario, as often as it may be tried.
 ///
 /// # Errors
 /// It could not be run at all; what did not hold is in the verdict.
 pub fn run(scenario: &Scenario, programs: &Programs) -> anyhow::Result<Verdict> {
+    let mut runs = 1;
+    loop {
+        let verdict = run_once(scenario, programs)?;
+        if verdict.ok || runs >= scenario.tries {
+            return Ok(Verdict { runs, ..verdict });
+        }
+        runs += 1;
+    }
+}
+
+fn run_once(scenario: &Scenario, programs: &Programs) -> anyhow::Result<Verdict> {
     let mut stage = Stage::set(scenario, programs)?;
     if scenario.daemon {
         stage.start_daemon()?;

@@ -301,6 +301,7 @@ fn open(
     } else {
         None
     };
+    let silence = scenario.control.silence_s.map(Duration::from_secs_f64);
     let answer_timeout = Duration::from_secs_f64(scenario.answer_ms / 1e3);
     let config = ControlConfig {
         cycle_s: CYCLE_S,
@@ -312,6 +313,7 @@ fn open(
         ready,
         offset,
         identity,
+        silence: silence.unwrap_or(Duration::from_secs(1)),
         ..ControlConfig::new(id, MachineAxes::of(&machine)?)
     };
     Shop::with_control(machine, scenario.seed, config, start)

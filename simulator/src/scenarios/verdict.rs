@@ -41,6 +41,8 @@ pub struct Verdict {
     pub cycles: usize,
     /// What did not hold.
     pub failures: Vec<String>,
+    /// Runs that it took.
+    pub runs: u32,
     /// The last lines of the log, where something did not hold.
     pub last_words: Vec<String>,
 }
@@ -65,6 +67,7 @@ impl Verdict {
             state: "none".to_owned(),
             cycles: 0,
             failures: vec![format!("{error:#}")],
+            runs: 0,
             last_words: Vec::new(),
         }
     }
@@ -122,6 +125,7 @@ pub(super) fn judge(
         state: records.iter().rev().find_map(state_of).unwrap_or("none").to_owned(),
         cycles: records.len(),
         failures: Vec::new(),
+        runs: 1,
         last_words: Vec::new(),
     };
     let settled = records.iter().rposition(|r| state_of(r).is_some_and(|s| s != verdict.state));
