@@ -432,6 +432,9 @@ fn counters_and_audit_log_survive_a_restart_and_tell_tampering() {
 
     let log = daemon.dir.path().join("state/audit.jsonl");
     let _ = ok(&volcomp(&["audit", "verify", name(&log)]));
+    let machine = daemon.dir.path().join("machine.toml");
+    let _ = ok(&volcomp(&["audit", "verify", "--config", name(&machine)]));
+    head_is_needed(&log);
     let shown = ok(&volcomp(&["audit", "show", name(&log)]));
     for word in ["start: ok", "model: loaded", "enable: armed (why: first part of the day)", "stop: ok"] {
         assert!(shown.contains(word), "no `{word}` in:\n{shown}");
@@ -443,6 +446,17 @@ fn counters_and_audit_log_survive_a_restart_and_tell_tampering() {
     daemon.signal(Signal::TERM);
     assert!(daemon.wait().success());
     tampering_is_told(&mut daemon, &log);
+}
+
+/// Lines cut off together with the head file would not be seen: its absence is told.
+fn head_is_needed(log: &Path) {
+    let copy = tempfile::tempdir().expect("directory");
+    let alone = copy.path().join("audit.jsonl");
+    fs::copy(log, &alone).expect("copied");
+    let verdict = volcomp(&["audit", "verify", name(&alone)]);
+    assert_eq!(verdict.status.code(), Some(65), "{}", text(&verdict.stderr));
+    assert!(text(&verdict.stderr).contains("audit.head"), "{}", text(&verdict.stderr));
+    let _ = ok(&volcomp(&["audit", "verify", "--without-head", name(&alone)]));
 }
 
 fn tampering_is_told(daemon: &mut Daemon, log: &Path) {

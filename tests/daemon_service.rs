@@ -14,7 +14,8 @@ use std::time::Instant;
 
 use daemon_support::{Daemon, EXX_MM, PATIENCE, Port, Setup, eventually, hello};
 use rustix::process::Signal;
-use volcomp::core::protocol::Message;
+use volcomp::core::axes::AxisName;
+use volcomp::core::protocol::{Axis, AxisUnit, Message};
 
 /// Keys that the contract promises.
 const KEYS: [&str; 13] = [
@@ -138,12 +139,35 @@ fn a_foreign_offset_is_a_fault_that_has_to_be_acknowledged() {
         let _ = session.next_word();
     }
     assert_eq!(daemon.status()["state"], "faulted");
-    assert_eq!(daemon.status()["faults"][0]["reason"], "read-back");
-    let answer = daemon.volcomp(&["enable"]);
-    assert_eq!(text(&answer.stdout).trim(), "faulted");
-    assert!(text(&answer.stderr).contains("--clear-fault"));
+    let fault = daemon.status()["faults"][0].clone();
+    assert_eq!(fault["reason"], "read-back");
+    assert_eq!(fault["numbers"], "x: 60.0000 um, limit 0.5000 um", "axis, value and limit");
+    daemon.wait_for_log("x: 60.0000 um, limit 0.5000 um");
+    refused_as_faulted(&daemon);
+    // a control that comes back with another axis is a new engine: the fault stays
+    drop(session);
+    let mut larger = hello();
+    larger.axes[3] = Axis { name: AxisName::U, unit: AxisUnit::Millimetre };
+    larger.axis_count = 4;
+    let mut session = port.accept();
+    session.greet(&larger);
+    for _ in 0..50 {
+        let position = session.position();
+        session.send(&Message::Position(position));
+        let _ = session.next_word();
+    }
+    assert_eq!(daemon.status()["state"], "faulted");
+    refused_as_faulted(&daemon);
     assert_eq!(text(&daemon.volcomp(&["enable", "--clear-fault"]).stdout).trim(), "armed");
     assert_eq!(daemon.status()["faults"], serde_json::json!([]));
+}
+
+/// Enabling says which fault is latched, and how to go on.
+fn refused_as_faulted(daemon: &Daemon) {
+    let answer = daemon.volcomp(&["enable"]);
+    assert_ne!(answer.status.code(), Some(0));
+    let said = text(&answer.stderr);
+    assert!(said.contains("VC-4001") && said.contains("--clear-fault") && said.contains("60.0000 um"), "{said}");
 }
 
 #[test]

@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use super::{EX_DATAERR, Failure};
-use crate::runtime::audit::{Line, verify_file};
+use super::{EX_CONFIG, EX_DATAERR, EX_IOERR, Failure};
+use crate::runtime;
+use crate::runtime::audit::{AUDIT_FILE, Line, verify_file};
 
 /// Where the daemon of the shipped unit keeps it.
 const DEFAULT_FILE: &str = "/var/lib/volcomp/audit.jsonl";
@@ -26,10 +27,22 @@ enum Verb {
 }
 
 #[derive(Debug, clap::Args)]
+struct WhichLog {
+    /// The log [default: /var/lib/volcomp/audit.jsonl].
+    #[arg(value_name = "FILE", conflicts_with = "config")]
+    file: Option<PathBuf>,
+    /// The daemon's machine file, which names its state directory.
+    #[arg(long, value_name = "FILE")]
+    config: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Args)]
 struct VerifyArgs {
-    /// The log.
-    #[arg(default_value = DEFAULT_FILE, value_name = "FILE")]
-    file: PathBuf,
+    #[command(flatten)]
+    which: WhichLog,
+    /// A log without the file audit.head beside it is accepted, though lines cut off at its end cannot be seen then.
+    #[arg(long)]
+    without_head: bool,
     /// Print one JSON object instead of text.
     #[arg(long)]
     json: bool,
@@ -37,9 +50,8 @@ struct VerifyArgs {
 
 #[derive(Debug, clap::Args)]
 struct ShowArgs {
-    /// The log.
-    #[arg(default_value = DEFAULT_FILE, value_name = "FILE")]
-    file: PathBuf,
+    #[command(flatten)]
+    which: WhichLog,
     /// Only the last lines.
     #[arg(long, value_name = "N")]
     last: Option<usize>,
@@ -55,9 +67,22 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
 }
 
+/// The log that is meant.
+fn log_of(which: &WhichLog) -> Result<PathBuf, Failure> {
+    if let Some(file) = &which.file {
+        return Ok(file.clone());
+    }
+    let Some(config) = &which.config else { return Ok(PathBuf::from(DEFAULT_FILE)) };
+    let machine = runtime::load_config(config)
+        .map_err(|e| Failure::new(if e.is_io() { EX_IOERR } else { EX_CONFIG }, &e))?;
+    let Some(directory) = machine.state.directory else { return Ok(PathBuf::from(DEFAULT_FILE)) };
+    Ok(config.parent().unwrap_or_else(|| Path::new("")).join(directory).join(AUDIT_FILE))
+}
+
 fn verify(args: &VerifyArgs) -> Result<(), Failure> {
-    let file = args.file.display();
-    match verify_file(&args.file).map_err(|e| Failure::io(&args.file, &e))? {
+    let path = log_of(&args.which)?;
+    let file = path.display();
+    match verify_file(&path).map_err(|e| Failure::io(&path, &e))? {
         Ok(summary) => {
             if args.json {
                 say!(
@@ -67,10 +92,17 @@ fn verify(args: &VerifyArgs) -> Result<(), Failure> {
             } else {
                 say!("{file}: {} lines, intact; last hash {}", summary.lines, summary.hash);
             }
-            if !summary.head {
-                eprintln!("note: no head file beside it: lines cut off at the end could not be seen");
+            if summary.head || args.without_head {
+                return Ok(());
             }
-            Ok(())
+            Err(Failure::new(
+                EX_DATAERR,
+                format_args!(
+                    "error: {file}: the file audit.head, which tells number and hash of the last line, is not beside it: \
+                     lines cut off at the end cannot be seen\n  hint: compare the last hash with the journal of the \
+                     daemon; for a copy of the log alone add --without-head"
+                ),
+            ))
         }
         Err(broken) => {
             if args.json {
@@ -95,7 +127,8 @@ fn verify(args: &VerifyArgs) -> Result<(), Failure> {
 }
 
 fn show(args: &ShowArgs) -> Result<(), Failure> {
-    let text = super::files::read_text(&args.file)?;
+    let path = log_of(&args.which)?;
+    let text = super::files::read_text(&path)?;
     let lines: Vec<&str> = text.lines().collect();
     let skip = args.last.map_or(0, |last| lines.len().saturating_sub(last));
     for (number, line) in lines.iter().enumerate().skip(skip) {
@@ -103,7 +136,7 @@ fn show(args: &ShowArgs) -> Result<(), Failure> {
             say!("{line}");
             continue;
         }
-        let line: Line = serde_json::from_str(line).map_err(|e| not_a_line(&args.file, number + 1, &e))?;
+        let line: Line = serde_json::from_str(line).map_err(|e| not_a_line(&path, number + 1, &e))?;
         say!("{}", human(&line));
     }
     Ok(())

@@ -228,10 +228,11 @@ fn write_tail(f: &mut String, status: &Status) -> std::fmt::Result {
     for fault in &status.faults {
         writeln!(
             f,
-            "FAULT       {} {}: {} ({} ago)",
+            "FAULT       {} {}: {}{} ({} ago)",
             fault.code,
             fault.reason,
             fault.text,
+            fault.numbers.as_ref().map_or_else(String::new, |numbers| format!(": {numbers}")),
             duration(fault.age_s)
         )?;
     }
@@ -288,6 +289,9 @@ fn write_kept(f: &mut String, status: &Status) -> std::fmt::Result {
             let limited_s = all.limited_s.get(axis).copied().unwrap_or(0.0);
             writeln!(f, "{axis:>4}        largest offset {value:.3} {unit}, limited for {limited_s:.3} s")?;
         }
+    }
+    if all.audit_lines_lost > 0 {
+        writeln!(f, "AUDIT LOG   {} lines are missing: the disk did not take them", all.audit_lines_lost)?;
     }
     match &all.note {
         Some(note) => writeln!(f, "counters    {note}"),

@@ -15,7 +15,7 @@ use super::status::{
     Fault, Lifetime, LinkStatus, ModelStatus, RealtimeStatus, ShadowAxis, ShadowStatus, Status,
 };
 use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
-use crate::core::engine::{Event, Reason, ShadowScore, State};
+use crate::core::engine::{Detail, Event, Quantity, Reason, ShadowScore, State};
 use crate::core::fault;
 use crate::core::protocol::{ControlHello, MachineState};
 use crate::core::units::{MonoTime, NS_PER_S, arcsec_from_rad, rad_from_deg, um_from_mm};
@@ -33,7 +33,7 @@ pub(super) struct Board {
     error: Option<String>,
     last: Option<CycleRecord>,
     latency: Latency,
-    fault: Option<(Reason, MonoTime)>,
+    fault: Option<(Reason, Option<Detail>, MonoTime)>,
     realtime: RealtimeStatus,
 }
 
@@ -85,8 +85,8 @@ impl Board {
 
     pub(super) fn event(&mut self, event: &Event) {
         match event {
-            Event::StateChanged { to: State::Faulted, reason, .. } => {
-                self.fault = Some((*reason, self.clock.now()));
+            Event::StateChanged { to: State::Faulted, reason, detail, .. } => {
+                self.fault = Some((*reason, *detail, self.clock.now()));
             }
             Event::StateChanged { .. } => self.fault = None,
         }
@@ -164,6 +164,7 @@ impl Board {
             limited: letters(last.map_or(0, |r| r.limited)),
             warning: letters(last.map_or(0, |r| r.warning)),
             out_of_range: letters(last.map_or(0, |r| r.out_of_range)),
+            lag_cycles: last.and_then(|r| r.lag_cycles),
             machine_state: last.map_or_else(Vec::new, |r| machine_state(r.machine_state)),
             faults: self.faults(now),
             sensors: Vec::new(),
@@ -224,14 +225,40 @@ impl Board {
     }
 
     fn faults(&self, now: MonoTime) -> Vec<Fault> {
-        let fault = |(reason, since): (Reason, MonoTime)| Fault {
+        let fault = |(reason, detail, since): (Reason, Option<Detail>, MonoTime)| Fault {
             code: fault::of_reason(reason).code.to_string(),
             reason: fault::of_reason(reason).name.to_owned(),
             text: fault::of_reason(reason).text.to_owned(),
+            numbers: self.numbers(detail.as_ref()),
             age_s: now.seconds_since(since),
         };
         // an acknowledged fault leaves without an event
         self.fault.filter(|_| self.progress.is_faulted()).map(fault).into_iter().collect()
+    }
+
+    /// Axis, value and limit of a change of state, in words.
+    pub(super) fn numbers(&self, detail: Option<&Detail>) -> Option<String> {
+        let Detail { axis, quantity, value, limit } = *detail?;
+        let axis = axis.map(|k| self.axes().get(usize::from(k)).copied());
+        let (unit, small, factor) = match (quantity, axis.flatten().map(AxisName::kind)) {
+            (Quantity::Time, _) => ("s", "ms", 1e3),
+            (Quantity::Axis, Some(AxisKind::Rotary)) => ("deg", "arcsec", 3600.0),
+            _ => ("mm", "um", 1e3),
+        };
+        let words = |v: f64| match v.abs() {
+            size if size > 0.0 && size < 1.0 => format!("{:.4} {small}", v * factor),
+            _ => format!("{v:.4} {unit}"),
+        };
+        let place = axis.flatten().map_or_else(String::new, |axis| format!("{}: ", letter(axis)));
+        let bound = if limit.is_nan() { String::new() } else { format!(", limit {}", words(limit)) };
+        Some(format!("{place}{}{bound}", words(value)))
+    }
+
+    /// The fault that is latched now, in a line.
+    pub(super) fn latched(&self) -> Option<String> {
+        let fault = self.faults(self.clock.now()).pop()?;
+        let numbers = fault.numbers.map_or_else(String::new, |numbers| format!(" ({numbers})"));
+        Some(format!("faulted: {} {}: {}{numbers}", fault.code, fault.reason, fault.text))
     }
 
     fn axes(&self) -> Vec<AxisName> {

@@ -72,7 +72,7 @@ impl Counters {
     }
 
     /// From the file's text, where every number can be one.
-    fn parse(text: &[u8], machine: &str) -> Result<Self, String> {
+    pub(super) fn parse(text: &[u8], machine: &str) -> Result<Self, String> {
         let found: Self = serde_json::from_slice(text).map_err(|e| e.to_string())?;
         if found.format != FORMAT {
             return Err(format!("format is \"{}\", not \"{FORMAT}\"", found.format));
@@ -261,6 +261,7 @@ impl Tally {
             limited_s,
             largest_um,
             largest_arcsec,
+            audit_lines_lost: 0,
             file: self.file.clone(),
             note: self.note.clone(),
         }
@@ -277,6 +278,7 @@ mod tests {
         let mut offset = [0.0; MAX_AXES];
         offset[0] = x_mm;
         CycleRecord {
+            lag_cycles: None,
             state: State::Active,
             machine_state: MachineState::default(),
             limited,

@@ -231,6 +231,7 @@ impl Cycle<'_> {
             limited: output.limited,
             warning: output.warning,
             out_of_range: output.out_of_range,
+            lag_cycles: output.lag_cycles,
             offset: output.offset,
             applied: frame.applied,
             age_ns,

@@ -5,6 +5,7 @@
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
@@ -12,7 +13,7 @@ use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use tracing::{error, info, warn};
 
 use super::audit::chain::AuditFile;
-use super::audit::{Audit, AuditEntry, Who};
+use super::audit::{AUDIT_FILE, Audit, AuditEntry, Who};
 use super::counters::Counters;
 use super::load::Loaded;
 use super::models::Prepared;
@@ -22,8 +23,6 @@ use crate::core::fault::Code;
 const QUEUE: usize = 256;
 /// Time for the last jobs when the daemon ends.
 const FINISH_LIMIT: Duration = Duration::from_secs(3);
-/// Name of the audit log in the state directory.
-pub(super) const AUDIT_FILE: &str = "audit.jsonl";
 /// Locked by the daemon that keeps its things here.
 const LOCK_FILE: &str = "lock";
 
@@ -98,11 +97,12 @@ impl Keeper {
         let problem = Arc::new(Mutex::new(None));
         let shared = Arc::clone(&problem);
         let folder = directory.to_owned();
+        let audit = Audit::new(sender.clone());
+        let lost = audit.losses();
         std::thread::Builder::new().name("volcomp-keep".to_owned()).spawn(move || {
             let _end = end;
-            run(&jobs, file, &folder, &shared);
+            run(&jobs, file, &folder, &shared, &lost);
         })?;
-        let audit = Audit::new(sender.clone());
         let directory = Some(directory.to_owned());
         Ok(Self { audit, jobs: Some((sender, ended)), problem, directory, known_model, _owner: Some(owner) })
     }
@@ -163,7 +163,13 @@ impl Keeper {
     }
 }
 
-fn run(jobs: &Receiver<Job>, mut file: AuditFile, directory: &Path, problem: &Mutex<Option<String>>) {
+fn run(
+    jobs: &Receiver<Job>,
+    mut file: AuditFile,
+    directory: &Path,
+    problem: &Mutex<Option<String>>,
+    lost: &AtomicU64,
+) {
     let mut failing = [false; 2];
     while let Ok(job) = jobs.recv() {
         let (slot, result) = match job {
@@ -180,6 +186,9 @@ fn run(jobs: &Receiver<Job>, mut file: AuditFile, directory: &Path, problem: &Mu
         match result {
             Ok(()) => failing[slot] = false,
             Err(e) => {
+                if slot == 0 {
+                    lost.fetch_add(1, Relaxed);
+                }
                 let text = format!("{what} in {}: {e}", directory.display());
                 if !std::mem::replace(&mut failing[slot], true) {
                     warn!(code = %Code::COUNTERS_NOT_SAVED, "not kept: {text}");

@@ -32,6 +32,7 @@ mod cycle;
 mod daemon;
 mod handshake;
 mod keeper;
+pub mod kept;
 mod latency;
 mod link;
 mod load;

@@ -133,6 +133,9 @@ async fn enable(ask: &Ask, service: &Mutex<Service>) -> Answer {
         }
         return order(Request::Shadow(true), service).await;
     }
+    if let Some(fault) = lock(service).latched() {
+        return Answer::refused(format!("{fault}; once its cause is gone: `volcomp enable --clear-fault`"));
+    }
     let against = lock(service).hindrances(ask.accept_expired);
     if let Some((hindrance, _)) = against.iter().find(|(_, policy)| *policy != crate::config::Policy::Warn) {
         return Answer::refused(hindrance.to_string());
@@ -165,6 +168,9 @@ async fn gain(gain: Option<f64>, service: &Mutex<Service>) -> Answer {
 async fn load(ask: &mut Ask, who: &Who, service: &Mutex<Service>) -> Answer {
     let Some(sent) = ask.model.take() else {
         return Answer::refused("no model was sent".to_owned());
+    };
+    let Some(_turn) = Turn::take(service) else {
+        return Answer::refused("another model is being looked at; try again when that is done".to_owned());
     };
     let (config, active) = {
         let service = lock(service);
@@ -292,6 +298,21 @@ async fn switch(
         lock(service).note_model(note.clone());
     }
     Answer { notes: note.into_iter().collect(), ..answer }
+}
+
+/// The one place for a model that is being read and compared: several at once would take the memory of the machine.
+struct Turn<'a>(&'a Mutex<Service>);
+
+impl<'a> Turn<'a> {
+    fn take(service: &'a Mutex<Service>) -> Option<Self> {
+        lock(service).begin_load().then_some(Self(service))
+    }
+}
+
+impl Drop for Turn<'_> {
+    fn drop(&mut self) {
+        lock(self.0).end_load();
+    }
 }
 
 fn is_blank(text: Option<&String>) -> bool {

@@ -94,6 +94,8 @@ pub(super) struct CycleRecord {
     pub(super) limited: u8,
     pub(super) warning: u8,
     pub(super) out_of_range: u8,
+    /// Control cycles from a position to the effect of its correction, where they could be measured.
+    pub(super) lag_cycles: Option<u32>,
     /// Offset asked for, mm or rad.
     pub(super) offset: AxisArray,
     /// Offset read back, mm or deg.

@@ -51,6 +51,8 @@ pub(super) struct Service {
     /// An expired model was accepted by somebody.
     expired_accepted: bool,
     shadowing: bool,
+    /// A model is being read and compared.
+    loading: bool,
     shadow: Option<(State, ShadowScore)>,
     clock: Clock,
     saved: MonoTime,
@@ -89,6 +91,7 @@ impl Service {
             temperature: None,
             expired_accepted: false,
             shadowing: false,
+            loading: false,
             shadow: None,
             looked: clock.now(),
             ports,
@@ -181,6 +184,21 @@ impl Service {
     /// Whether compensation is wanted.
     pub(super) fn is_wanted(&self) -> bool {
         self.ports.progress.wanted.load(Relaxed)
+    }
+
+    /// Takes the one place for a model that is being read; false where it is taken.
+    pub(super) const fn begin_load(&mut self) -> bool {
+        !std::mem::replace(&mut self.loading, true)
+    }
+
+    /// Gives it back.
+    pub(super) const fn end_load(&mut self) {
+        self.loading = false;
+    }
+
+    /// The fault that is latched now, in a line.
+    pub(super) fn latched(&self) -> Option<String> {
+        self.board.latched()
     }
 
     /// Whether shadow mode is on.
@@ -313,6 +331,7 @@ impl Service {
         status.hindrances = self.hindrances(false).iter().map(|(h, _)| h.to_string()).collect();
         status.shadow = self.shadow.filter(|_| self.shadowing).map(|(s, score)| self.board.shadow(s, &score));
         status.lifetime = self.tally.lifetime(status.cycles, status.late_cycles);
+        status.lifetime.audit_lines_lost = self.keeper.audit.lost();
         // a disk that refuses now is told before what was found at the start
         status.lifetime.note = self.keeper.problem().or(status.lifetime.note);
         status.recording = self.recorder.as_ref().map(|recorder| recorder.stats.status());
@@ -404,7 +423,7 @@ impl Service {
                 let Event::StateChanged { to, .. } = event;
                 let admitted = self.events.admit(self.clock.now());
                 if let Some(held_back) = admitted.or((to == State::Faulted).then_some(0)) {
-                    log_event(&event, held_back);
+                    log_event(&event, held_back, &self.board);
                 }
                 self.fault(&event);
                 self.board.event(&event);
@@ -424,7 +443,7 @@ impl Service {
 impl Service {
     /// A fault is counted and goes into the audit log; it is latched, so it cannot come often.
     fn fault(&mut self, event: &Event) {
-        let Event::StateChanged { from, to: State::Faulted, reason } = event else { return };
+        let Event::StateChanged { from, to: State::Faulted, reason, detail } = event else { return };
         let entry = fault::of_reason(*reason);
         self.tally.fault(entry.name);
         self.tally.last_word().fault = Some(entry.code.to_string());
@@ -435,7 +454,13 @@ impl Service {
             why: Some(entry.text.to_owned()),
             new_model: Some(self.model_hash().to_owned()),
             result: "faulted".to_owned(),
-            detail: Some(format!("{} {}, in state {}", entry.code, entry.name, state_name(*from))),
+            detail: Some(format!(
+                "{} {}, in state {}{}",
+                entry.code,
+                entry.name,
+                state_name(*from),
+                self.board.numbers(detail.as_ref()).map_or_else(String::new, |numbers| format!(": {numbers}"))
+            )),
             ..AuditEntry::default()
         });
     }
@@ -470,14 +495,15 @@ fn log_link_up(address: &std::net::SocketAddr, hello: &ControlHello, held_back: 
     info!(%address, control = %hello.software, machine = %hello.machine, axes, cycle_s, held_back, "link up");
 }
 
-fn log_event(event: &Event, held_back: u64) {
-    let Event::StateChanged { from, to, reason } = event;
+fn log_event(event: &Event, held_back: u64, board: &Board) {
+    let Event::StateChanged { from, to, reason, detail } = event;
+    let numbers = board.numbers(detail.as_ref());
     let (from, to_name, entry) = (state_name(*from), state_name(*to), fault::of_reason(*reason));
     let code = entry.code;
     match (to, reason) {
         (State::Faulted | State::Holding, _) => {
-            warn!(from, to = to_name, reason = entry.name, %code, held_back, "{}", entry.text);
+            warn!(from, to = to_name, reason = entry.name, %code, numbers, held_back, "{}", entry.text);
         }
-        _ => info!(from, to = to_name, reason = entry.name, %code, held_back, "{}", entry.text),
+        _ => info!(from, to = to_name, reason = entry.name, %code, numbers, held_back, "{}", entry.text),
     }
 }

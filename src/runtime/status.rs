@@ -65,6 +65,10 @@ pub struct Status {
     pub warning: Vec<String>,
     /// Axes outside the travel or a curve's range of the model.
     pub out_of_range: Vec<String>,
+    /// Control cycles from a position to the effect of its correction, measured from the read-back; `null` where it could
+    /// not be told (a read-back coarser than what the offset changes in a cycle).
+    #[serde(default)]
+    pub lag_cycles: Option<u32>,
     /// Bits of the machine's state that are set: `homed enabled estop moving offset-limited offset-ramping-out`.
     pub machine_state: Vec<String>,
     /// Share of the correction that is applied, 0 to 1, as ordered.
@@ -136,6 +140,9 @@ pub struct Lifetime {
     pub largest_um: BTreeMap<String, f64>,
     /// Largest offset asked for per rotary axis, arcsec.
     pub largest_arcsec: BTreeMap<String, f64>,
+    /// Lines of the audit log of this run that the disk did not take.
+    #[serde(default)]
+    pub audit_lines_lost: u64,
     /// Where they are kept; `null` where nowhere.
     pub file: Option<String>,
     /// Why they are not kept, or what was wrong with those of before.
@@ -205,6 +212,9 @@ pub struct Fault {
     pub reason: String,
     /// In words.
     pub text: String,
+    /// Axis, value and limit in words, where there are any: `x: 0.31 mm, limit 0.1 mm`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub numbers: Option<String>,
     /// Time since it came up, s.
     pub age_s: f64,
 }

@@ -16,7 +16,7 @@ use super::load::Loaded;
 use super::ports::{CyclePorts, LastOffset, Report, Request};
 use super::realtime;
 use crate::config::{MachineConfig, StartMode};
-use crate::core::engine::Command;
+use crate::core::engine::{Command, State};
 use crate::core::model::Model;
 use crate::core::protocol::{CloseReason, ControlHello, Message, PROTOCOL_VERSION};
 use crate::core::record::Entry;
@@ -123,7 +123,7 @@ impl Control {
             Command::Enable => self.ports.progress.wanted.store(true, Relaxed),
             Command::Disable | Command::Stop => self.ports.progress.wanted.store(false, Relaxed),
             // a fault that is acknowledged leaves the engine off until it is enabled again
-            Command::ClearFault => self.ports.progress.wanted.store(false, Relaxed),
+            Command::ClearFault | Command::KeepFault => self.ports.progress.wanted.store(false, Relaxed),
             Command::SetGain(gain) => self.gain = Some(gain),
         }
     }
@@ -329,6 +329,9 @@ impl Worker {
             body.record_to(tap, now, hello);
         }
         self.control.brief(now, &mut body);
+        if self.body.as_ref().is_some_and(|(_, old)| old.state() == State::Faulted) {
+            body.command(now, Command::KeepFault);
+        }
         self.body = Some((*hello, body));
         Ok(())
     }

@@ -240,6 +240,14 @@ pub(super) fn machine_notes(machine: &MachineConfig, model: &ModelSpec) -> Vec<S
     if machine.link.is_exposed() {
         out.push(identity::exposed(machine));
     }
+    for axis in machine.axes.iter().filter(|a| a.soft_limits.iter().all(|end| end.is_infinite())) {
+        out.push(format!(
+            "axis {} has no {}: nothing here keeps its offset from carrying it over a soft limit of the machine; the control \
+             has to",
+            axis.name,
+            if axis.name.kind() == AxisKind::Rotary { "soft-limit-deg" } else { "soft-limit-mm" }
+        ));
+    }
     for axis in &machine.axes {
         // the largest offset that positioning alone asks for must fit below the limit
         let positioning = model.errors.iter().find(|(s, _)| {

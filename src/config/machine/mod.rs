@@ -12,7 +12,7 @@ use std::path::PathBuf;
 
 use super::diagnostic::ConfigErrors;
 use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
-use crate::core::engine::{AxisLimits, EngineConfig, Lag, OutOfTravel, PositionSource, RestOffset};
+use crate::core::engine::{AfterLoss, AxisLimits, EngineConfig, Lag, OutOfTravel, PositionSource, RestOffset};
 use crate::core::model::{Chain, ModelSpec};
 use crate::core::protocol::{AxisUnit, ControlHello};
 use crate::core::units::NS_PER_S;
@@ -94,6 +94,7 @@ pub struct EngineSettings {
     pub ramp_s: f64,
     pub stale_s: f64,
     pub hold_s: f64,
+    pub after_loss: AfterLoss,
     pub gain: f64,
     pub position_source: PositionSource,
     pub out_of_travel: OutOfTravel,
@@ -415,6 +416,7 @@ impl MachineConfig {
             ramp_s: engine.ramp_s,
             stale_s: engine.stale_s,
             hold_s: engine.hold_s,
+            after_loss: engine.after_loss,
             gain: engine.gain,
             position_source: engine.position_source,
             out_of_travel: engine.out_of_travel,

@@ -11,7 +11,7 @@ use super::{
 use crate::config::diagnostic::{ConfigErrors, Diagnostic};
 use crate::config::reader::{self, Allowed, Placed, Reader, Section};
 use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
-use crate::core::engine::{AxisLimits, LAG_CYCLES_MAX, Lag, OutOfTravel, PositionSource, RestOffset};
+use crate::core::engine::{AfterLoss, AxisLimits, LAG_CYCLES_MAX, Lag, OutOfTravel, PositionSource, RestOffset};
 use crate::core::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
 pub(super) fn parse(file: &str, text: &str) -> Result<MachineConfig, ConfigErrors> {
@@ -43,9 +43,9 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
     let machine = crate::config::read_machine_id(top).map(|m| m.value.to_owned());
     let model = read_model_path(top);
     let link = read_link(&top.section("link"));
-    let engine =
-        read_engine(&top.section("engine"), link.as_ref().map_or(DEFAULT_CYCLE_MS, |l| l.cycle_s * 1e3));
-    let axes = read_axes(top);
+    let cycle_ms = link.as_ref().map_or(DEFAULT_CYCLE_MS, |l| l.cycle_s * 1e3);
+    let engine = read_engine(&top.section("engine"), cycle_ms);
+    let axes = read_axes(top, cycle_ms / 1e3);
     let realtime = read_realtime(&top.section("realtime"));
     let status = read_status(&top.section("status"));
     let log = read_log(&top.section("log"));
@@ -163,6 +163,9 @@ fn read_engine(engine: &Section<'_>, cycle_ms: f64) -> EngineSettings {
         ramp_s: or(engine, "ramp-s", within(0.01, 120.0), 2.0),
         stale_s: stale_ms / 1e3,
         hold_s: or(engine, "hold-s", within(0.0, 60.0), 0.2),
+        after_loss: engine
+            .choice("after-loss", &[("latch", AfterLoss::Latch), ("resume", AfterLoss::Resume)])
+            .unwrap_or_default(),
         gain: or(engine, "gain", within(0.0, 1.0), 1.0),
         position_source: engine
             .choice(
@@ -249,10 +252,12 @@ const DEFAULT_STOP: f64 = 3.0;
 const DEFAULT_JUMP: f64 = 10.0;
 /// Default of the travel after which a reversal counts, um or arcsec.
 const DEFAULT_DEADBAND: f64 = 1.0;
+/// Default of the step limit: so many cycles at the full rate.
+const DEFAULT_STEP_CYCLES: f64 = 2.0;
 /// Default of the tolerated difference between offset sent and read back, um or arcsec.
 const DEFAULT_TOLERANCE: f64 = 0.5;
 
-fn read_axes(top: &Section<'_>) -> Vec<AxisConfig> {
+fn read_axes(top: &Section<'_>, cycle_s: f64) -> Vec<AxisConfig> {
     let axes = top.section("axes");
     let names = axes.names();
     if names.is_empty() && (axes.place().is_some() || top.value("axes").is_none()) {
@@ -275,12 +280,12 @@ fn read_axes(top: &Section<'_>) -> Vec<AxisConfig> {
                 axes.report(Diagnostic::at(name.place.clone(), why, "take [axes.s] out"));
                 return None;
             }
-            read_axis(axes.named(name)?, axis)
+            read_axis(axes.named(name)?, axis, cycle_s)
         })
         .collect()
 }
 
-fn read_axis(section: Section<'_>, name: AxisName) -> Option<AxisConfig> {
+fn read_axis(section: Section<'_>, name: AxisName, cycle_s: f64) -> Option<AxisConfig> {
     let (keys, why) = match name.kind() {
         AxisKind::Linear => (&LINEAR, format!("axis {name} is linear")),
         AxisKind::Rotary => (&ROTARY, format!("axis {name} is rotary")),
@@ -297,7 +302,8 @@ fn read_axis(section: Section<'_>, name: AxisName) -> Option<AxisConfig> {
     let warning = section.number(keys.warning, Allowed::Positive { high: keys.highest });
     let stop = section.number(keys.stop, Allowed::Positive { high: 1e6 });
     against_limit(section, keys, limit, &warning, &stop);
-    let step = or(section, keys.step, Allowed::Positive { high: keys.highest }, f64::INFINITY);
+    let two_cycles = rate.map_or(f64::INFINITY, |rate| DEFAULT_STEP_CYCLES * rate * cycle_s);
+    let step = or(section, keys.step, Allowed::Positive { high: keys.highest }, two_cycles);
     let soft = read_soft_limits(section, keys);
     let jump = or(section, keys.jump, Allowed::Positive { high: 1000.0 }, DEFAULT_JUMP);
     let deadband = or(section, keys.deadband, within(0.0, 1000.0), DEFAULT_DEADBAND);

@@ -5,6 +5,7 @@ use super::config::{AxisLimits, EngineConfig, EngineError, PositionSource};
 use super::intake::Intake;
 use super::live::LiveInputs;
 use super::lookahead::LagMeter;
+use super::output::Detail;
 use crate::core::axes::{AxisArray, MAX_AXES};
 use crate::core::geometry::Vec3;
 use crate::core::model::{Model, Pose};
@@ -30,6 +31,10 @@ pub(super) struct Target {
     pub(super) beyond_stop: u8,
     /// False where the model gave something that is no number.
     pub(super) finite: bool,
+    /// The offsets, lowest and highest, that keep each axis inside its soft limits.
+    pub(super) room: [[f64; 2]; MAX_AXES],
+    /// The numbers behind the first of what is wrong.
+    pub(super) detail: Option<Detail>,
 }
 
 impl Target {
@@ -42,6 +47,8 @@ impl Target {
         out_of_travel: false,
         beyond_stop: 0,
         finite: true,
+        room: [[f64::NEG_INFINITY, f64::INFINITY]; MAX_AXES],
+        detail: None,
     };
 }
 
@@ -129,16 +136,23 @@ impl Aim {
         for (k, &wire) in self.wire_index.iter().enumerate().take(self.joints) {
             if wire < MAX_AXES {
                 let wanted = gain * correction.offset[k];
-                target.finite &= wanted.is_finite();
                 target.offset[wire] = wanted;
                 target.out_of_range |= u8::from(outside >> k & 1 == 1) << wire;
                 target.faded |= u8::from(flags.faded >> k & 1 == 1) << wire;
                 let limits = &config.limits[wire];
-                target.beyond_stop |= u8::from(limits.size > 0.0 && wanted.abs() > limits.stop) << wire;
+                let beyond = limits.size > 0.0 && wanted.abs() > limits.stop;
+                target.beyond_stop |= u8::from(beyond) << wire;
+                if !wanted.is_finite() {
+                    let detail = Some(Detail::of_axis(wire, wanted, f64::NAN));
+                    return Target { finite: false, detail, ..Target::NONE };
+                }
+                let scale = self.scale[wire];
+                if beyond {
+                    target.detail = Some(Detail::of_axis(wire, wanted / scale, limits.stop / scale));
+                } else if flags.out_of_travel >> k & 1 == 1 && target.beyond_stop == 0 {
+                    target.detail = Some(Detail::of_axis(wire, position[wire], f64::NAN));
+                }
             }
-        }
-        if !target.finite {
-            return Target { finite: false, ..Target::NONE };
         }
         self.keep_inside(config, speed, position, &mut target);
         target
@@ -158,6 +172,7 @@ impl Aim {
             let (at, v) = (position[k] * self.scale[k], speed[k] * self.scale[k]);
             let room_up = room(high - at, v, late_s, &config.limits[k]);
             let room_down = room(at - low, -v, late_s, &config.limits[k]);
+            target.room[k] = [-room_down, room_up];
             let wanted = target.offset[k];
             let kept = wanted.min(room_up).max(-room_down);
             if kept != wanted {

@@ -5,12 +5,13 @@
 //! whatever offset and in whatever state a change of plan comes; the limiter bounds what is left.
 
 mod held;
+mod orders;
 
 use super::aim::{Aim, Target};
-use super::config::{AxisLimits, EngineConfig, EngineError, OutOfTravel, RestOffset};
+use super::config::{AfterLoss, AxisLimits, EngineConfig, EngineError, OutOfTravel, RestOffset};
 use super::intake::Intake;
 use super::limiter::Limiter;
-use super::output::{Command, CycleOutput, Event, Reason, State};
+use super::output::{CycleOutput, Detail, Event, Reason, State};
 use super::ramp::Ramp;
 use super::read_back::ReadBack;
 use crate::core::axes::{AxisArray, AxisKind, MAX_AXES};
@@ -50,6 +51,12 @@ pub struct Compensator {
     immobile: bool,
     /// How long the present hold has lasted, s.
     held_s: f64,
+    /// The offset is on its way to zero because positions were lost.
+    lost: bool,
+    /// When the last frame came.
+    heard: Option<MonoTime>,
+    /// The numbers behind what this cycle has found.
+    detail: Option<Detail>,
     last_sequence: u32,
     last_control_ns: i64,
     /// Control cycles from the frame before to this one.
@@ -113,6 +120,9 @@ impl Compensator {
             frozen: false,
             immobile: false,
             held_s: 0.0,
+            lost: false,
+            heard: None,
+            detail: None,
             last_sequence: 0,
             last_control_ns: 0,
             gap_cycles: 0,
@@ -150,25 +160,6 @@ impl Compensator {
         }
     }
 
-    /// The tool changed: its tip in M at home, mm.
-    pub fn on_tool(&mut self, tip: Vec3) {
-        if tip.iter().all(|v| v.is_finite()) && self.aim.tool_tip != Some(tip) {
-            self.aim.tool_tip = Some(tip);
-            // another lever means another correction: go there smoothly
-            self.blend_anew(Reason::ToolChanged);
-        }
-    }
-
-    /// Another model is used from now on: the offset goes smoothly from the old correction to the new one.
-    ///
-    /// # Errors
-    /// The model has an axis that the control has not; the old model must go on being used.
-    pub fn on_model(&mut self, model: &Model) -> Result<(), EngineError> {
-        self.aim.take(&self.config, model)?;
-        self.blend_anew(Reason::ModelChanged);
-        Ok(())
-    }
-
     /// A live value, mm or rad, for channel `channel` of [`Model::sensors`]; counts until it is too old.
     pub fn on_live(&mut self, now: MonoTime, channel: usize, value: f64) {
         self.aim.live.tell(now, channel, value);
@@ -177,12 +168,6 @@ impl Compensator {
     /// Goes on with a lag that was measured elsewhere: for an engine that takes up a recording in its middle.
     pub const fn assume_lag(&mut self, cycles: Option<u32>) {
         self.aim.lag.assume(cycles);
-    }
-
-    fn blend_anew(&mut self, reason: Reason) {
-        if self.follows_target() {
-            self.plan(State::RampingIn, reason);
-        }
     }
 
     /// One position frame (wire units) received at `now`; returns the correction that answers it.
@@ -206,7 +191,8 @@ impl Compensator {
         }
         self.count_gap(frame);
         self.next_deadline = Some(now.plus_seconds(self.config.stale_s));
-        self.told = Some(now);
+        (self.told, self.heard) = (Some(now), Some(now));
+        self.detail = self.intake.detail;
         // the clock of a bad frame is not to be trusted; time that was used for a bad frame is not used again
         let dt =
             verdict.unwrap_or(self.config.cycle_s).min(self.gap_s).min(STEP_CYCLES_MAX * self.config.cycle_s);
@@ -227,6 +213,7 @@ impl Compensator {
             Ok(_) => self.aim.at(&self.config, &self.intake, model, &position, (now, dt), self.gain),
             Err(_) => Target::NONE,
         };
+        self.detail = self.detail.or(target.detail);
         let bad = verdict.err().or((!target.finite).then_some(Reason::ModelNotFinite));
         self.decide(frame.state, bad, &target, dt);
         let output = self.move_on(&Plan { target, dt, elapsed_s: dt });
@@ -257,6 +244,8 @@ impl Compensator {
         // what is waited for goes by the clock, however late this call is; the offset moves by one cycle's worth
         let elapsed_s = self.told.map_or(dt, |then| now.seconds_since(then).max(0.0));
         self.told = Some(now);
+        let silent_s = self.heard.map_or(elapsed_s, |then| now.seconds_since(then));
+        self.detail = Some(Detail::of_time(silent_s, self.config.stale_s));
         self.hold_or_give_up(Reason::Stale, elapsed_s);
         let output = self.move_on(&Plan { target: self.stay(), dt, elapsed_s });
         let resting = self.is_at_rest();
@@ -264,38 +253,6 @@ impl Compensator {
         let waiting = matches!(self.state, State::Holding | State::RampingOut) || faulted || !resting;
         self.next_deadline = waiting.then(|| now.plus_seconds(dt));
         Some(output)
-    }
-
-    /// A command of the operator or the service.
-    pub fn on_command(&mut self, _now: MonoTime, command: Command) {
-        match command {
-            Command::Enable => {
-                if !self.stopping && self.state != State::Faulted {
-                    self.enabled = true;
-                    if self.state == State::Off {
-                        self.state = State::Armed;
-                    }
-                }
-            }
-            Command::Disable => self.enabled = false,
-            Command::SetGain(gain) => {
-                if (0.0..=1.0).contains(&gain) {
-                    self.gain_wanted = gain;
-                }
-            }
-            Command::Stop => {
-                self.enabled = false;
-                self.stopping = true;
-                self.stopped |= !self.synchronised;
-                self.note_stop();
-            }
-            Command::ClearFault => {
-                if self.state == State::Faulted && self.is_zero() {
-                    self.state = State::Off;
-                    self.enabled = false;
-                }
-            }
-        }
     }
 
     /// The present state.
@@ -411,11 +368,7 @@ impl Compensator {
             State::RampingOut if wanted && self.intake.is_settled() => {
                 self.plan(State::RampingIn, Reason::Command);
             }
-            State::RampingOut => {
-                if self.ramp.is_done() && self.is_zero() {
-                    self.rest(Reason::RampDone);
-                }
-            }
+            State::RampingOut => self.rest_where_done(),
         }
     }
 
@@ -463,9 +416,10 @@ impl Compensator {
                 self.held_s += dt;
                 if (self.held_s >= self.config.hold_s || self.stopping) && !self.frozen {
                     self.leave(reason);
+                    self.lost = true;
                 }
             }
-            State::RampingOut if self.ramp.is_done() && self.is_zero() => self.rest(Reason::RampDone),
+            State::RampingOut => self.rest_where_done(),
             // an offset that somebody else has left
             State::Off | State::Armed if !self.is_zero() && !self.keeps_offset() => {
                 self.held_s += dt;
@@ -473,7 +427,20 @@ impl Compensator {
                     self.plan(State::RampingOut, reason);
                 }
             }
-            State::Off | State::Armed | State::RampingOut | State::Faulted => {}
+            State::Off | State::Armed | State::Faulted => {}
+        }
+    }
+
+    /// The end of a way to zero: at rest, or latched where lost positions were the cause of it.
+    fn rest_where_done(&mut self) {
+        if !(self.ramp.is_done() && self.is_zero()) {
+            return;
+        }
+        if self.lost && self.enabled && !self.stopping && self.config.after_loss == AfterLoss::Latch {
+            self.enabled = false;
+            self.plan(State::Faulted, Reason::DataLost);
+        } else {
+            self.rest(Reason::RampDone);
         }
     }
 
@@ -487,6 +454,7 @@ impl Compensator {
         self.from = self.offset();
         self.ramp = Ramp::start(self.config.ramp_s);
         self.held_s = 0.0;
+        self.lost = false;
         self.enter(state, reason);
     }
 
@@ -499,7 +467,8 @@ impl Compensator {
                 Some(Event::StateChanged { from, .. }) => from,
                 None => self.state,
             };
-            self.event = (from != state).then_some(Event::StateChanged { from, to: state, reason });
+            let detail = self.detail.filter(|_| reason.has_numbers());
+            self.event = (from != state).then_some(Event::StateChanged { from, to: state, reason, detail });
             self.state = state;
         }
     }
@@ -516,8 +485,8 @@ impl Compensator {
         self.gain += (self.gain_wanted - self.gain).clamp(-gain_step, gain_step);
         self.ramp.advance(plan.elapsed_s);
         let share = self.ramp.share();
-        let at_soft_limit = if self.follows_target() { plan.target.at_soft_limit } else { 0 };
-        let mut limited = at_soft_limit;
+        let mut at_soft_limit = if self.follows_target() { plan.target.at_soft_limit } else { 0 };
+        let mut limited = 0;
         let mut warning = 0;
         for (k, limiter) in self.limiters.iter_mut().enumerate().take(self.axes) {
             let blend = |to: f64| self.from[k] + (to - self.from[k]) * share;
@@ -528,7 +497,13 @@ impl Compensator {
                 }
                 State::RampingIn => limiter.step(blend(plan.target.offset[k]), dt),
                 State::Active | State::FadingToStatic => limiter.step(plan.target.offset[k], dt),
-                State::RampingOut | State::Faulted => limiter.step(blend(0.0), dt),
+                State::RampingOut | State::Faulted => {
+                    // on its way to zero, too, an offset must not carry an axis over its soft limit
+                    let [low, high] = plan.target.room[k];
+                    let (wanted, kept) = (blend(0.0), blend(0.0).min(high).max(low));
+                    at_soft_limit |= u8::from(kept != wanted) << k;
+                    limiter.step(kept, dt)
+                }
                 State::Off | State::Armed | State::Holding => {
                     limiter.brake(dt);
                     false
@@ -537,10 +512,12 @@ impl Compensator {
             limited |= u8::from(held_back && dt > 0.0) << k;
             warning |= u8::from(limiter.is_warning()) << k;
         }
+        limited |= at_soft_limit;
         let offset = self.offset();
         if dt > 0.0 {
             self.read_back.sent(&offset);
         }
+        self.detail = None;
         self.note_stop();
         CycleOutput {
             sequence: self.last_sequence,

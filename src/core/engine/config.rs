@@ -50,6 +50,16 @@ pub enum RestOffset {
     Hold,
 }
 
+/// What follows once positions were lost for so long that the offset is back at zero.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum AfterLoss {
+    /// A fault: compensation stays off until a person has looked.
+    #[default]
+    Latch,
+    /// Armed: it comes back by itself with good positions.
+    Resume,
+}
+
 /// Everything the engine is configured with. Axes are in the control's wire order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct EngineConfig {
@@ -65,6 +75,8 @@ pub struct EngineConfig {
     pub stale_s: f64,
     /// How long the last offset is held when data are stale or implausible before it is ramped out, s.
     pub hold_s: f64,
+    /// After that.
+    pub after_loss: AfterLoss,
     /// Largest plausible change of a position from one frame to the next, mm or rad per axis.
     pub jump_limit: Vec<f64>,
     /// Share of the correction to apply, 0 to 1.

@@ -1,7 +1,7 @@
 //! Is this position frame believable? Finite, in order, in time, and no further away than an axis can go.
 
 use super::config::EngineConfig;
-use super::output::Reason;
+use super::output::{Detail, Quantity, Reason};
 use crate::core::axes::{AxisArray, MAX_AXES, Travel};
 use crate::core::protocol::{MachineState, Position};
 use crate::core::units::NS_PER_S;
@@ -36,6 +36,8 @@ pub(super) struct Intake {
     stray: Option<(u32, i64, u32)>,
     /// Path that the feed says was travelled while no axis moved, mm.
     unmoved_mm: f64,
+    /// The numbers behind the last frame that was not believed.
+    pub(super) detail: Option<Detail>,
 }
 
 #[derive(Debug, Clone, Copy)]
@@ -66,6 +68,7 @@ impl Intake {
             speed: [0.0; MAX_AXES],
             stray: None,
             unmoved_mm: 0.0,
+            detail: None,
         }
     }
 
@@ -103,10 +106,12 @@ impl Intake {
     /// Why the frame must not be used. It is compared with the next one all the same (except where it is not
     /// finite), so that a real jump is one bad frame and not an endless row of them.
     pub(super) fn accept(&mut self, frame: &Position, position: &AxisArray) -> Result<f64, Reason> {
+        self.detail = None;
         let used = ..self.axes;
-        let finite = |v: &AxisArray| v[used].iter().all(|x| x.is_finite());
-        if !(finite(position) && finite(&frame.applied)) {
+        let bad = |v: &AxisArray| v[used].iter().position(|x| !x.is_finite()).map(|k| (k, v[k]));
+        if let Some((axis, value)) = bad(position).or_else(|| bad(&frame.applied)) {
             self.good = 0;
+            self.detail = Some(Detail::of_axis(axis, value, f64::NAN));
             return Err(Reason::NotFinite);
         }
         let Some(last) = self.last else {
@@ -152,7 +157,7 @@ impl Intake {
             Some(Last { sequence: frame.sequence, control_ns: frame.control_ns, position: *position });
     }
 
-    fn compare(&self, last: &Last, frame: &Position, position: &AxisArray) -> Result<f64, Reason> {
+    fn compare(&mut self, last: &Last, frame: &Position, position: &AxisArray) -> Result<f64, Reason> {
         // wraps at 2^32: anything in the upper half lies in the past
         let ahead = frame.sequence.wrapping_sub(last.sequence);
         if ahead == 0 || ahead > u32::MAX / 2 {
@@ -161,7 +166,9 @@ impl Intake {
         let dt = frame.control_ns.saturating_sub(last.control_ns) as f64 / NS_PER_S;
         let cycles = dt / self.cycle_s;
         // a clock that runs ahead of the cycles counted has stepped, and says nothing about how far axes may have gone
-        if !(dt > 0.0 && cycles <= f64::from(ahead) + CYCLES_AHEAD_MAX.max(f64::from(ahead))) {
+        let most = f64::from(ahead) + CYCLES_AHEAD_MAX.max(f64::from(ahead));
+        if !(dt > 0.0 && cycles <= most) {
+            self.detail = Some(Detail::of_time(dt, most * self.cycle_s));
             return Err(Reason::ControlClock);
         }
         // a number that runs ahead of its own time is a stray: an answer that names it would be in the future
@@ -169,9 +176,12 @@ impl Intake {
             return Err(Reason::Sequence);
         }
         let reach = cycles.max(1.0);
-        let moves = position.iter().zip(&last.position).zip(&self.jump_limit).take(self.axes);
-        let jumped = moves.into_iter().any(|((now, before), limit)| (now - before).abs() > limit * reach);
-        if jumped { Err(Reason::Jump) } else { Ok(dt) }
+        let moves = position.iter().zip(&last.position).map(|(now, before)| (now - before).abs());
+        let jumped = moves.zip(&self.jump_limit).take(self.axes).position(|(way, limit)| way > limit * reach);
+        let Some(axis) = jumped else { return Ok(dt) };
+        let way = (position[axis] - last.position[axis]).abs();
+        self.detail = Some(Detail::of_axis(axis, way, self.jump_limit[axis] * reach));
+        Err(Reason::Jump)
     }
 
     /// A machine that says it moves must move.
@@ -189,7 +199,12 @@ impl Intake {
             return Ok(dt);
         }
         self.unmoved_mm += feed / SECONDS_PER_MINUTE * dt;
-        if self.unmoved_mm > FROZEN_MM { Err(Reason::Frozen) } else { Ok(dt) }
+        if self.unmoved_mm <= FROZEN_MM {
+            return Ok(dt);
+        }
+        let quantity = Quantity::Length;
+        self.detail = Some(Detail { axis: None, quantity, value: self.unmoved_mm, limit: FROZEN_MM });
+        Err(Reason::Frozen)
     }
 
     /// Turns the direction of travel where an axis has come back by more than the dead band.

@@ -18,9 +18,9 @@ mod tests;
 pub mod transitions;
 
 pub use compensator::Compensator;
-pub use config::{AxisLimits, EngineConfig, EngineError, OutOfTravel, PositionSource, RestOffset};
+pub use config::{AfterLoss, AxisLimits, EngineConfig, EngineError, OutOfTravel, PositionSource, RestOffset};
 pub use limiter::Limiter;
 pub use lookahead::{LAG_CYCLES_MAX, Lag};
-pub use output::{Command, CycleOutput, Event, Reason, State};
+pub use output::{Command, CycleOutput, Detail, Event, Quantity, Reason, State};
 pub use read_back::READ_BACK_CYCLES_MAX;
 pub use shadow::{AxisScore, Shadow, ShadowScore};

@@ -19,6 +19,8 @@ pub enum Command {
     Stop,
     /// Leave the faulted state (the cause must be gone); stays off until enabled.
     ClearFault,
+    /// The engine before this one was faulted: so is this one, until somebody has looked.
+    KeepFault,
 }
 
 /// Why a state was entered.
@@ -68,11 +70,13 @@ pub enum Reason {
     ToolChanged,
     /// A sensor whose live value is in use has fallen silent.
     LiveLost,
+    /// Positions stayed away, or could not be used, until the offset was back at zero.
+    DataLost,
 }
 
 impl Reason {
     /// Every reason.
-    pub const ALL: [Self; 22] = [
+    pub const ALL: [Self; 23] = [
         Self::Command,
         Self::MachineReady,
         Self::NotHomed,
@@ -95,7 +99,62 @@ impl Reason {
         Self::ModelChanged,
         Self::ToolChanged,
         Self::LiveLost,
+        Self::DataLost,
     ];
+
+    /// True where a change of state for this reason tells the numbers behind it ([`Detail`]).
+    #[must_use]
+    pub const fn has_numbers(self) -> bool {
+        matches!(
+            self,
+            Self::Stale
+                | Self::NotFinite
+                | Self::Jump
+                | Self::ControlClock
+                | Self::Frozen
+                | Self::OutOfTravel
+                | Self::ReadBack
+                | Self::StopLimit
+                | Self::ModelNotFinite
+                | Self::DataLost
+        )
+    }
+}
+
+/// What a number of [`Detail`] is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// Of an axis: mm, or deg of a rotary one.
+    Axis,
+    /// mm.
+    Length,
+    /// s.
+    Time,
+}
+
+/// The numbers behind a change of state.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Detail {
+    /// Wire index of the axis, where it is about one.
+    pub axis: Option<u8>,
+    /// In what the two others are.
+    pub quantity: Quantity,
+    /// What was found.
+    pub value: f64,
+    /// What it must not exceed; NaN where there is no limit to compare with.
+    pub limit: f64,
+}
+
+impl Detail {
+    /// About axis `axis`: mm or deg.
+    pub(super) const fn of_axis(axis: usize, value: f64, limit: f64) -> Self {
+        Self { axis: Some(axis as u8), quantity: Quantity::Axis, value, limit }
+    }
+
+    /// A time, s.
+    pub(super) const fn of_time(value: f64, limit: f64) -> Self {
+        Self { axis: None, quantity: Quantity::Time, value, limit }
+    }
 }
 
 /// Something that happened in this cycle and belongs into the log.
@@ -109,6 +168,8 @@ pub enum Event {
         to: State,
         /// Why.
         reason: Reason,
+        /// The numbers behind it, where there are any.
+        detail: Option<Detail>,
     },
 }
 

@@ -63,13 +63,25 @@ impl ReadBack {
 
     /// True where `applied` lies among the last offsets sent, however few they are.
     fn was_sent(&self, applied: &AxisArray, axes: usize) -> bool {
+        (0..axes).all(|k| self.beyond(applied, k) <= self.tolerance[k])
+    }
+
+    /// How far what axis `k` holds lies outside the last offsets sent; infinite where none were.
+    fn beyond(&self, applied: &AxisArray, k: usize) -> f64 {
+        if !applied[k].is_finite() {
+            return f64::INFINITY;
+        }
         let last =
             (0..self.filled).map(|back| &self.sent[(self.next + self.window - 1 - back) % self.window]);
-        (0..axes).all(|k| {
-            let (low, high) =
-                last.clone().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), o| (l.min(o[k]), h.max(o[k])));
-            (low - self.tolerance[k]..=high + self.tolerance[k]).contains(&applied[k])
-        })
+        let (low, high) =
+            last.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), o| (l.min(o[k]), h.max(o[k])));
+        (low - applied[k]).max(applied[k] - high).max(0.0)
+    }
+
+    /// The first axis that does not hold what it was sent: by how much, and the tolerance.
+    pub(super) fn foreign(&self, applied: &AxisArray, axes: usize) -> Option<(usize, f64, f64)> {
+        let found = |k: usize| (k, self.beyond(applied, k), self.tolerance[k]);
+        (0..axes).map(found).find(|(_, beyond, tolerance)| beyond > tolerance)
     }
 
     /// True once the read-back has lain outside everything sent for a whole window of cycles.

@@ -175,6 +175,18 @@ pub const RULES: &[Rule] = &[
         reaction: "blended to zero from what the control really holds, and latched there",
     },
     Rule {
+        from: &[RampingOut],
+        to: Faulted,
+        causes: &[By(Reason::DataLost)],
+        reaction: "at zero after bad data, and latched there (after-loss = \"latch\")",
+    },
+    Rule {
+        from: &[Off, Armed],
+        to: Faulted,
+        causes: &[Cause::Link],
+        reaction: "blended to zero; the control has come back with another hello: the fault of before stays",
+    },
+    Rule {
         from: &[Faulted],
         to: Off,
         causes: &[Cause::Command],

@@ -150,6 +150,15 @@ pub const CATALOGUE: &[Entry] = &[
         remedy: "measure the missing part, or correct travel-mm in the model",
     },
     Entry {
+        code: Code(3008),
+        name: "data-lost",
+        severity: Fault,
+        text: "positions were lost for so long that the offset is back at zero",
+        cause: "no positions, or none to be believed, for hold-s and the ramp after it: the control hangs, the network is cut, a sender is broken",
+        reaction: "the offset stays at zero, the state is faulted until it is acknowledged (after-loss = \"resume\": compensation comes back by itself with good positions)",
+        remedy: "find what kept the positions away (the log has the number and the values of what came first), then `volcomp enable --clear-fault`",
+    },
+    Entry {
         code: Code(4001),
         name: "read-back",
         severity: Fault,

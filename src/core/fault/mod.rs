@@ -161,6 +161,7 @@ pub const fn reason_code(reason: Reason) -> Code {
         Reason::ControlClock => 3005,
         Reason::Frozen => 3006,
         Reason::OutOfTravel => 3007,
+        Reason::DataLost => 3008,
         Reason::ReadBack => 4001,
         Reason::FoundOffset => 4002,
         Reason::ControlTookOver => 4003,

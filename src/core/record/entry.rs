@@ -150,6 +150,8 @@ pub mod request {
     pub const STOP: u8 = 4;
     /// Leave the faulted state.
     pub const CLEAR_FAULT: u8 = 5;
+    /// The engine before this one was faulted: so is this one.
+    pub const KEEP_FAULT: u8 = 6;
 }
 
 /// How things stand where a block begins or a gap ends: enough to let an engine catch up.
@@ -205,7 +207,9 @@ impl Context {
             Entry::Tool { tool, .. } => self.tool = Some(*tool),
             Entry::Request { request, .. } => match request.code {
                 request::ENABLE => self.enabled = true,
-                request::DISABLE | request::STOP | request::CLEAR_FAULT => self.enabled = false,
+                request::DISABLE | request::STOP | request::CLEAR_FAULT | request::KEEP_FAULT => {
+                    self.enabled = false;
+                }
                 request::SET_GAIN => self.gain = Some(request.value),
                 _ => {}
             },

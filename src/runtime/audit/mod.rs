@@ -15,6 +15,9 @@ use super::keeper::Job;
 
 pub use chain::{Broken, Line, Summary, verify, verify_file};
 
+/// Name of the audit log in the state directory.
+pub const AUDIT_FILE: &str = "audit.jsonl";
+
 /// Who did it.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Who {
@@ -82,10 +85,15 @@ impl Audit {
         sent
     }
 
-    /// Entries that found the queue full.
+    /// Entries that found the queue full, or that the disk did not take.
     #[must_use]
     pub fn lost(&self) -> u64 {
         self.lost.load(Relaxed)
+    }
+
+    /// The counter of them, for the thread that writes.
+    pub(super) fn losses(&self) -> Arc<AtomicU64> {
+        Arc::clone(&self.lost)
     }
 }
 

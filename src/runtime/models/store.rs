@@ -158,6 +158,14 @@ impl Store {
     }
 }
 
+/// Whether the text of a book would be believed.
+///
+/// # Errors
+/// What is wrong with it, in words.
+pub fn check(bytes: &[u8], machine: &str) -> Result<(), String> {
+    parse(bytes, machine).map(|_| ())
+}
+
 fn parse(bytes: &[u8], machine: &str) -> Result<Book, String> {
     let book: Book = serde_json::from_slice(bytes).map_err(|e| e.to_string())?;
     if book.format != FORMAT {

@@ -96,12 +96,17 @@ impl Folder {
         let mut found = recordings(&self.path)?;
         let mut sum: u64 = found.iter().map(|r| r.length).sum();
         found.sort_by(|a, b| (a.modified, &a.path).cmp(&(b.modified, &b.path)));
+        // what another machine has recorded takes room, but is not this one's to delete
+        let own = format!("{}-", self.machine());
         for oldest in found {
             if sum.saturating_add(self.file_bytes) <= self.total_bytes {
                 return Ok(());
             }
             if self.when_full == WhenFull::Stop {
                 break;
+            }
+            if !oldest.path.file_name().is_some_and(|name| name.to_string_lossy().starts_with(&own)) {
+                continue;
             }
             fs::remove_file(&oldest.path)?;
             warn!(file = %oldest.path.display(), "oldest recording deleted: total-max-mb is reached");
@@ -121,15 +126,15 @@ impl Folder {
         ))
     }
 
+    /// The machine's name, as it begins every name of a file.
+    fn machine(&self) -> String {
+        let name = self.description.meta.machine.chars();
+        name.map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' }).collect()
+    }
+
     /// A file that did not exist before.
     fn create(&self, stamp: &str) -> io::Result<(File, PathBuf)> {
-        let machine: String = self
-            .description
-            .meta
-            .machine
-            .chars()
-            .map(|c| if c.is_ascii_alphanumeric() || "-_.".contains(c) { c } else { '_' })
-            .collect();
+        let machine = self.machine();
         for k in 0..SAME_SECOND_MAX {
             let path = self.path.join(format!("{machine}-{stamp}-{k:03}.{EXTENSION}"));
             match File::options().append(true).create_new(true).open(&path) {
@@ -242,7 +247,7 @@ mod tests {
     #[test]
     fn the_total_is_kept_by_stopping_or_by_deleting_the_oldest() {
         let dir = tempfile::tempdir().expect("directory");
-        for (k, name) in ["old", "middle", "young"].iter().enumerate() {
+        for (k, name) in ["other-oldest", "a_b-old", "a_b-middle"].iter().enumerate() {
             let path = dir.path().join(format!("{name}.{EXTENSION}"));
             fs::write(&path, [0; 900]).expect("written");
             let file = File::options().write(true).open(&path).expect("open");
@@ -256,8 +261,9 @@ mod tests {
         assert_eq!(fs::read_dir(dir.path()).expect("folder").count(), 4, "nothing deleted");
 
         let begun = folder(dir.path(), WhenFull::DeleteOldest).begin(7, "before").expect("room made");
-        assert!(!dir.path().join(format!("old.{EXTENSION}")).exists());
-        assert!(dir.path().join(format!("middle.{EXTENSION}")).exists());
+        assert!(!dir.path().join(format!("a_b-old.{EXTENSION}")).exists());
+        assert!(dir.path().join(format!("a_b-middle.{EXTENSION}")).exists());
+        assert!(dir.path().join(format!("other-oldest.{EXTENSION}")).exists(), "not this machine's to delete");
         assert!(dir.path().join("notes.txt").exists(), "only recordings are deleted");
         assert!(begun.name.contains("a_b-"), "{}", begun.name);
         let bytes = fs::read(&begun.name).expect("there");

@@ -137,6 +137,7 @@ pub const fn request_of(command: Command) -> Request {
         Command::SetGain(gain) => (request::SET_GAIN, gain),
         Command::Stop => (request::STOP, 0.0),
         Command::ClearFault => (request::CLEAR_FAULT, 0.0),
+        Command::KeepFault => (request::KEEP_FAULT, 0.0),
     };
     Request { code, value }
 }
@@ -150,6 +151,7 @@ pub const fn command_of(request: Request) -> Option<Command> {
         request::SET_GAIN => Command::SetGain(request.value),
         request::STOP => Command::Stop,
         request::CLEAR_FAULT => Command::ClearFault,
+        request::KEEP_FAULT => Command::KeepFault,
         _ => return None,
     })
 }
@@ -285,7 +287,7 @@ mod tests {
     #[test]
     fn every_command_survives_its_code() {
         for command in
-            [Command::Enable, Command::Disable, Command::SetGain(0.25), Command::Stop, Command::ClearFault]
+            [Command::Enable, Command::Disable, Command::SetGain(0.25), Command::Stop, Command::ClearFault, Command::KeepFault]
         {
             assert_eq!(command_of(request_of(command)), Some(command));
         }

@@ -1,6 +1,6 @@
 //! What the control holds: where to go on from it, and whether it is what was sent.
 
-use super::{Compensator, Position, Reason, State};
+use super::{Compensator, Detail, Position, Reason, State};
 use crate::core::axes::AxisArray;
 use crate::core::protocol::MachineState;
 use crate::core::units::NS_PER_S;
@@ -81,6 +81,10 @@ impl Compensator {
             self.synchronised && self.state != State::Faulted && frame.state.is_ready() && !self.frozen;
         if watched && self.read_back.is_foreign(&applied, self.axes) {
             self.enabled = false;
+            self.detail = self
+                .read_back
+                .foreign(&applied, self.axes)
+                .map(|(k, by, tolerance)| Detail::of_axis(k, by / self.scale[k], tolerance / self.scale[k]));
             // the way back to zero starts from what the control really holds
             self.start_at(&applied);
             // once cleared, the next fault needs a whole window of its own

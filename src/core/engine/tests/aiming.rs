@@ -133,7 +133,7 @@ fn no_offset_carries_an_axis_over_its_soft_limit() {
 fn what_a_tool_or_a_model_changes_is_told_with_the_next_cycle_and_once() {
     let mut w = World::active(&config());
     let told = |w: &mut World| match w.cycle().event {
-        Some(Event::StateChanged { from: State::Active, to: State::RampingIn, reason }) => Some(reason),
+        Some(Event::StateChanged { from: State::Active, to: State::RampingIn, reason, .. }) => Some(reason),
         Some(other) => panic!("{other:?}"),
         None => None,
     };

@@ -2,6 +2,7 @@
 
 mod aiming;
 mod gaps;
+mod loss;
 mod sequences;
 mod shadow;
 
@@ -27,6 +28,7 @@ fn config() -> EngineConfig {
         ramp_s: 0.2,
         stale_s: 0.02,
         hold_s: 0.1,
+        after_loss: AfterLoss::Latch,
         jump_limit: vec![1.0; 3],
         gain: 1.0,
         position_source: PositionSource::Commanded,
@@ -206,7 +208,7 @@ fn lasting_nan_is_ramped_out() {
     let mut w = World::active(&config());
     w.frame.commanded[1] = f64::INFINITY;
     let out = w.run(600);
-    assert_eq!((out.state, out.offset[0]), (State::Armed, 0.0));
+    assert_eq!((out.state, out.offset[0]), (State::Faulted, 0.0));
 }
 
 #[test]
@@ -256,8 +258,8 @@ fn sequence_numbers_wrap() {
 }
 
 #[test]
-fn silence_holds_then_ramps_out_and_frames_bring_it_back() {
-    let mut w = World::active(&config());
+fn silence_holds_then_ramps_out_and_frames_bring_it_back_where_they_may() {
+    let mut w = World::active(&EngineConfig { after_loss: AfterLoss::Resume, ..config() });
     let due = w.engine.next_deadline().unwrap();
     assert!(w.engine.on_deadline(w.now).is_none(), "early is harmless");
     let out = w.engine.on_deadline(due).unwrap();

@@ -52,6 +52,7 @@ fn commands() -> Vec<Vec<Op>> {
         command(Command::Disable),
         command(Command::Stop),
         command(Command::ClearFault),
+        command(Command::KeepFault),
     ]
 }
 
@@ -103,7 +104,8 @@ fn plants() -> Vec<EngineConfig> {
     let boundless = EngineConfig { jump_limit: vec![f64::MAX; 3], ..soft.clone() };
     // every answer must be read back with the next frame
     let strict = EngineConfig { read_back_cycles: 1, ..soft.clone() };
-    vec![EngineConfig { rest: RestOffset::Hold, ..soft.clone() }, boundless, strict, soft]
+    let forgiving = EngineConfig { after_loss: AfterLoss::Resume, ..soft.clone() };
+    vec![EngineConfig { rest: RestOffset::Hold, ..soft.clone() }, boundless, strict, forgiving, soft]
 }
 
 #[test]

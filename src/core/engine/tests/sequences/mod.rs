@@ -167,7 +167,7 @@ fn ops() -> impl Strategy<Value = Op> {
     let commands = prop_oneof![
         6 => Just(Command::Enable), 2 => Just(Command::Disable), 2 => Just(Command::ClearFault),
         2 => (-0.5..1.5).prop_map(Command::SetGain), 1 => Just(Command::Stop),
-        1 => Just(Command::SetGain(f64::NAN)),
+        1 => Just(Command::SetGain(f64::NAN)), 1 => Just(Command::KeepFault),
     ];
     prop_oneof![
         10 => ((-0.9..0.9), any::<u8>()).prop_map(|(mm_per_cycle, cycles)| Op::Run { mm_per_cycle, cycles }),
@@ -227,6 +227,7 @@ fn configs() -> impl Strategy<Value = EngineConfig> {
                 position_source: if actual { PositionSource::Actual } else { PositionSource::Commanded },
                 ramp_s,
                 hold_s,
+                after_loss: if hold == out { AfterLoss::Latch } else { AfterLoss::Resume },
                 lag,
                 ..config()
             }

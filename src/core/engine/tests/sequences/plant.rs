@@ -246,7 +246,8 @@ impl Plant {
         self.ever_enabled |= command == Command::Enable;
         let from = self.engine.state();
         self.engine.on_command(self.now, command);
-        self.silent_change(from, Cause::Command);
+        let cause = if command == Command::KeepFault { Cause::Link } else { Cause::Command };
+        self.silent_change(from, cause);
     }
 
     pub(super) fn tool(&mut self, z: f64) {
@@ -292,7 +293,7 @@ impl Plant {
     fn note(&mut self, out: &CycleOutput) {
         assert_eq!(out.state, self.engine.state());
         match out.event {
-            Some(Event::StateChanged { from, to, reason }) => {
+            Some(Event::StateChanged { from, to, reason, .. }) => {
                 assert_eq!((from, to), (self.told, out.state), "{reason:?}");
             }
             None => assert_eq!(self.told, out.state, "a change of state that nobody is told"),
