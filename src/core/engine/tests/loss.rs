@@ -126,7 +126,9 @@ fn a_change_of_state_tells_axis_value_and_limit() {
 #[test]
 fn an_offset_on_its_way_to_zero_is_taken_back_ahead_of_a_soft_limit() {
     let limits = EngineConfig { soft_limits: vec![[0.0, 500.0]; 3], ramp_s: 5.0, ..config() };
-    let mut w = World::active(&limits);
+    let mut w = World::new(&limits);
+    w.engine.on_command(MonoTime::ZERO, Command::Enable);
+    assert_eq!(w.run(6000).state, State::Active);
     // the correction is -10 um; towards the lower limit with 100 mm/s, and disabled shortly before it
     let mut limited = false;
     for n in 0..1500 {
