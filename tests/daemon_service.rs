@@ -167,7 +167,10 @@ fn refused_as_faulted(daemon: &Daemon) {
     let answer = daemon.volcomp(&["enable"]);
     assert_ne!(answer.status.code(), Some(0));
     let said = text(&answer.stderr);
-    assert!(said.contains("VC-4001") && said.contains("--clear-fault") && said.contains("60.0000 um"), "{said}");
+    assert!(
+        said.contains("VC-4001") && said.contains("--clear-fault") && said.contains("60.0000 um"),
+        "{said}"
+    );
 }
 
 #[test]

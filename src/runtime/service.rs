@@ -459,7 +459,9 @@ impl Service {
                 entry.code,
                 entry.name,
                 state_name(*from),
-                self.board.numbers(detail.as_ref()).map_or_else(String::new, |numbers| format!(": {numbers}"))
+                self.board
+                    .numbers(detail.as_ref())
+                    .map_or_else(String::new, |numbers| format!(": {numbers}"))
             )),
             ..AuditEntry::default()
         });

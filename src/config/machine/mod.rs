@@ -12,7 +12,9 @@ use std::path::PathBuf;
 
 use super::diagnostic::ConfigErrors;
 use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
-use crate::core::engine::{AfterLoss, AxisLimits, EngineConfig, Lag, OutOfTravel, PositionSource, RestOffset};
+use crate::core::engine::{
+    AfterLoss, AxisLimits, EngineConfig, Lag, OutOfTravel, PositionSource, RestOffset,
+};
 use crate::core::model::{Chain, ModelSpec};
 use crate::core::protocol::{AxisUnit, ControlHello};
 use crate::core::units::NS_PER_S;

@@ -11,7 +11,9 @@ use super::{
 use crate::config::diagnostic::{ConfigErrors, Diagnostic};
 use crate::config::reader::{self, Allowed, Placed, Reader, Section};
 use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
-use crate::core::engine::{AfterLoss, AxisLimits, LAG_CYCLES_MAX, Lag, OutOfTravel, PositionSource, RestOffset};
+use crate::core::engine::{
+    AfterLoss, AxisLimits, LAG_CYCLES_MAX, Lag, OutOfTravel, PositionSource, RestOffset,
+};
 use crate::core::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
 pub(super) fn parse(file: &str, text: &str) -> Result<MachineConfig, ConfigErrors> {

@@ -374,3 +374,14 @@ fn a_cycle_takes_few_bytes() {
         assert!(per_cycle < limit, "{name}: {per_cycle} bytes a cycle");
     }
 }
+
+#[test]
+fn the_examples_for_fuzzing_are_what_is_written_now() {
+    let (bytes, places) = file(&run(40), 20);
+    assert!(bytes == include_bytes!("../../../fuzz/corpus/record/short.bin"));
+    let torn = include_bytes!("../../../fuzz/corpus/record/torn_in_its_last_block.bin");
+    assert!(bytes[..places[1] + 30] == *torn);
+    let Found::Block(found, _) = block::look(&bytes[places[0]..]) else { panic!("a block") };
+    let content = include_bytes!("../../../fuzz/corpus/record/content_of_a_block.bin");
+    assert!(found.content().unwrap() == content);
+}

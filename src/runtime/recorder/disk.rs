@@ -263,7 +263,10 @@ mod tests {
         let begun = folder(dir.path(), WhenFull::DeleteOldest).begin(7, "before").expect("room made");
         assert!(!dir.path().join(format!("a_b-old.{EXTENSION}")).exists());
         assert!(dir.path().join(format!("a_b-middle.{EXTENSION}")).exists());
-        assert!(dir.path().join(format!("other-oldest.{EXTENSION}")).exists(), "not this machine's to delete");
+        assert!(
+            dir.path().join(format!("other-oldest.{EXTENSION}")).exists(),
+            "not this machine's to delete"
+        );
         assert!(dir.path().join("notes.txt").exists(), "only recordings are deleted");
         assert!(begun.name.contains("a_b-"), "{}", begun.name);
         let bytes = fs::read(&begun.name).expect("there");

@@ -286,9 +286,14 @@ mod tests {
 
     #[test]
     fn every_command_survives_its_code() {
-        for command in
-            [Command::Enable, Command::Disable, Command::SetGain(0.25), Command::Stop, Command::ClearFault, Command::KeepFault]
-        {
+        for command in [
+            Command::Enable,
+            Command::Disable,
+            Command::SetGain(0.25),
+            Command::Stop,
+            Command::ClearFault,
+            Command::KeepFault,
+        ] {
             assert_eq!(command_of(request_of(command)), Some(command));
         }
         assert_eq!(command_of(Request { code: 250, value: 0.0 }), None);

@@ -91,7 +91,10 @@ fn a_change_of_state_tells_axis_value_and_limit() {
     let mut w = World::active(&config());
     w.frame.commanded[2] = f64::INFINITY;
     let (_, reason, detail) = change(&w.cycle());
-    assert_eq!((reason, detail.map(|d| (d.axis, d.value))), (Reason::NotFinite, Some((Some(2), f64::INFINITY))));
+    assert_eq!(
+        (reason, detail.map(|d| (d.axis, d.value))),
+        (Reason::NotFinite, Some((Some(2), f64::INFINITY)))
+    );
 
     let mut w = World::active(&config());
     w.frame.control_ns += 900_000_000;
