@@ -92,6 +92,13 @@ impl LagMeter {
 
     /// The offset that frame `sequence` reports as applied.
     pub(super) fn read_back(&mut self, sequence: u32, applied: &AxisArray) {
+        if let Some(lag) = self.measured.filter(|lag| self.is_as_sent(sequence, *lag, applied)) {
+            // the ordinary case costs one comparison; what spoke for another lag was no row
+            if self.candidate != lag {
+                (self.candidate, self.agreeing) = (lag, 0);
+            }
+            return;
+        }
         let Some(lag) = self.recognise(sequence, applied) else { return };
         if lag == self.candidate {
             self.agreeing += 1;
@@ -101,6 +108,16 @@ impl LagMeter {
         if self.agreeing >= AGREEING {
             self.measured = Some(lag);
         }
+    }
+
+    /// True where frame `sequence` reports exactly what was sent `lag` cycles before, and no answer is missing since.
+    fn is_as_sent(&self, sequence: u32, lag: u32, applied: &AxisArray) -> bool {
+        let back = lag as usize;
+        if back == 0 || back > self.filled {
+            return false;
+        }
+        let (of, offset) = &self.sent[(self.next + self.sent.len() - back) % self.sent.len()];
+        sequence.wrapping_sub(*of) == lag && (0..self.axes).all(|k| (offset[k] - applied[k]).abs() <= SAME)
     }
 
     /// The lag of the one offset sent that is clearly closest; `None` where several look alike.
@@ -193,6 +210,19 @@ mod tests {
         }
         let [Some((1, first)), Some((3, second))] = known else { panic!("{known:?}") };
         assert!(second <= first + 2, "after {first} cycles, then after {second}");
+    }
+
+    #[test]
+    fn a_lag_that_changes_on_a_link_is_measured_anew() {
+        let mut meter = LagMeter::new(Lag::Measured, 3);
+        let offset = |n: u32| [(f64::from(n) * 0.3).sin(); MAX_AXES];
+        for n in 0..200 {
+            let lag = if n < 100 { 2 } else { 5 };
+            meter.read_back(n, &offset(n.saturating_sub(lag)));
+            meter.sent(n, &offset(n));
+            let known = if n < 100 { Some(2) } else { Some(5) };
+            assert!((20..116).contains(&n) || n < 20 || meter.measured() == known, "{n}: {:?}", meter.measured());
+        }
     }
 
     #[test]

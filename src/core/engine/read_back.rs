@@ -5,6 +5,9 @@ use crate::core::axes::{AxisArray, MAX_AXES};
 /// The longest delay between an offset and its read-back that can be watched, in cycles.
 pub const READ_BACK_CYCLES_MAX: usize = 64;
 
+/// So many of the newest offsets are looked at before all of them.
+const QUICK: usize = 4;
+
 /// Remembers the last offsets and compares. mm and rad.
 #[derive(Debug, Clone)]
 pub(super) struct ReadBack {
@@ -63,7 +66,14 @@ impl ReadBack {
 
     /// True where `applied` lies among the last offsets sent, however few they are.
     fn was_sent(&self, applied: &AxisArray, axes: usize) -> bool {
-        (0..axes).all(|k| self.beyond(applied, k) <= self.tolerance[k])
+        // the ordinary case: exactly one of the newest
+        self.newest().take(QUICK).any(|o| (0..axes).all(|k| (o[k] - applied[k]).abs() <= self.tolerance[k]))
+            || (0..axes).all(|k| self.beyond(applied, k) <= self.tolerance[k])
+    }
+
+    /// The offsets sent, the newest first.
+    fn newest(&self) -> impl Iterator<Item = &AxisArray> {
+        (0..self.filled).map(|back| &self.sent[(self.next + self.window - 1 - back) % self.window])
     }
 
     /// How far what axis `k` holds lies outside the last offsets sent; infinite where none were.
@@ -71,10 +81,8 @@ impl ReadBack {
         if !applied[k].is_finite() {
             return f64::INFINITY;
         }
-        let last =
-            (0..self.filled).map(|back| &self.sent[(self.next + self.window - 1 - back) % self.window]);
         let (low, high) =
-            last.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), o| (l.min(o[k]), h.max(o[k])));
+            self.newest().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), o| (l.min(o[k]), h.max(o[k])));
         (low - applied[k]).max(applied[k] - high).max(0.0)
     }
 
