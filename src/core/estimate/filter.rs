@@ -25,6 +25,12 @@ pub enum Process {
         /// Seconds.
         tau_s: f64,
     },
+    /// The map wanders as a whole: neighbours move together as the prior says, so that nodes nobody visits go on
+    /// following those that are measured. Variance per second of each component.
+    CorrelatedWalk {
+        /// Square of the state's unit per second.
+        variance_per_s: [f64; COMPONENTS_MAX],
+    },
 }
 
 /// Why a filter cannot be built.
@@ -240,8 +246,61 @@ impl NodeFilter {
                     *p = old * *p + new * prior;
                 }
             }
+            Process::CorrelatedWalk { variance_per_s } => {
+                for (c, rate) in variance_per_s.iter().enumerate().take(self.components) {
+                    let first = c * self.nodes;
+                    let share = rate * seconds / self.prior_covariance[first * n + first];
+                    for i in first..first + self.nodes {
+                        let block = i * n + first..i * n + first + self.nodes;
+                        let prior = &self.prior_covariance[block.clone()];
+                        self.p[block].iter_mut().zip(prior).for_each(|(p, prior)| *p += share * prior);
+                    }
+                }
+            }
         }
         self.cap();
+    }
+
+    /// What a reading differs by from the expectation, and the variance of that; nothing is changed.
+    ///
+    /// # Cycle   no allocation
+    pub fn compare(&mut self, observation: &Observation, noise: &MeasurementNoise) -> (f64, f64) {
+        (observation.value - self.expected(observation), self.project(observation) + noise.variance())
+    }
+
+    /// Puts a state back that was kept, with the standard deviations of its nodes; how nodes go together is the
+    /// prior's again. Nothing is changed, and false given, where a number is none or beyond what the prior allows.
+    pub fn restore(&mut self, state: &[f64], std: &[f64]) -> bool {
+        let n = self.x.len();
+        let sane = state.len() == n
+            && std.len() == n
+            && state.iter().all(|x| x.is_finite())
+            && (0..n).all(|i| std[i].is_finite() && std[i] > 0.0)
+            && (0..n).all(|i| (state[i] - self.prior[i]).abs() <= self.rules.limit);
+        if !sane {
+            return false;
+        }
+        self.x.copy_from_slice(state);
+        self.p.copy_from_slice(&self.prior_covariance);
+        for i in 0..n {
+            self.work[i] = (std[i] / self.prior_covariance[i * n + i].sqrt()).min(1.0);
+        }
+        self.scale_by_work();
+        self.rejections = 0;
+        true
+    }
+
+    /// Back to the prior map.
+    pub fn forget(&mut self) {
+        self.x.copy_from_slice(&self.prior);
+        self.p.copy_from_slice(&self.prior_covariance);
+        self.rejections = 0;
+    }
+
+    /// The offline map.
+    #[must_use]
+    pub fn prior(&self) -> &[f64] {
+        &self.prior
     }
 
     /// Takes a reading.
@@ -403,16 +462,26 @@ impl NodeFilter {
             return;
         }
         let n = self.x.len();
+        let mut any = false;
         for i in 0..n {
             let (now, prior) = (self.p[i * n + i], self.prior_covariance[i * n + i]);
-            if now > prior {
-                let scale = (prior / now).sqrt();
-                for j in 0..n {
-                    self.p[i * n + j] *= scale;
-                    self.p[j * n + i] *= scale;
-                }
-                self.p[i * n + i] = prior;
+            let over = now > prior;
+            self.work[i] = if over { (prior / now).sqrt() } else { 1.0 };
+            any |= over;
+        }
+        if any {
+            self.scale_by_work();
+            for i in (0..n).filter(|i| self.work[*i] < 1.0) {
+                self.p[i * n + i] = self.prior_covariance[i * n + i];
             }
+        }
+    }
+
+    /// `P <- W P W` with `W` the diagonal that stands in the column of work.
+    fn scale_by_work(&mut self) {
+        let n = self.x.len();
+        for (line, own) in self.p.chunks_exact_mut(n).zip(&self.work) {
+            line.iter_mut().zip(&self.work).for_each(|(p, other)| *p *= own * other);
         }
     }
 }

@@ -242,3 +242,68 @@ fn impossible_filters_are_refused() {
     prior[3] = f64::INFINITY;
     assert_eq!(build(&prior, &[1.0], 0.0), Err(FilterError::PriorNotFinite { index: 3 }));
 }
+
+#[test]
+fn a_walk_that_is_correlated_keeps_neighbours_together() {
+    let g = grid();
+    let n = g.nodes();
+    let process = Process::CorrelatedWalk { variance_per_s: [0.1, 0.2, 0.0, 0.0, 0.0, 0.0] };
+    let mut filter =
+        NodeFilter::new(&g, &vec![0.0; 2 * n], &[2.0, 3.0], 300.0, process, open()).unwrap();
+    let before = filter.covariance().to_vec();
+    filter.predict(10.0);
+    for (after, before) in filter.covariance().iter().zip(&before).take(n) {
+        // 1 of 4 for the first component
+        assert!((after - 1.25 * before).abs() < 1e-12, "{after} {before}");
+    }
+    let second = n * 2 * n + n;
+    assert!((filter.covariance()[second] - (9.0 + 2.0)).abs() < 1e-12);
+    assert_eq!(filter.covariance()[n], 0.0, "components stay apart");
+}
+
+#[test]
+fn what_was_kept_comes_back_and_nonsense_does_not() {
+    let g = grid();
+    let n = g.nodes();
+    let process = Process::MeanReverting { tau_s: 1e6 };
+    let rules = Rules { limit: 5.0, ..Rules::default() };
+    let mut filter = NodeFilter::new(&g, &vec![1.0; n], &[2.0], 300.0, process, rules).unwrap();
+    let mut noise = MeasurementNoise::new(0.01, None).unwrap();
+    let mut random = Random(5);
+    for _ in 0..50 {
+        let o = seen(&g, random.point(), &[1.0], 1.5);
+        filter.update(&o, &mut noise);
+    }
+    let state = filter.state().to_vec();
+    let std: Vec<f64> = filter.variances().map(f64::sqrt).collect();
+    let mut other = NodeFilter::new(&g, &vec![1.0; n], &[2.0], 300.0, process, rules).unwrap();
+    assert!(other.restore(&state, &std));
+    assert_eq!(other.state(), state);
+    for (a, b) in other.variances().zip(filter.variances()) {
+        assert!((a - b).abs() < 1e-12 * b, "{a} {b}");
+    }
+    let mut bad = state.clone();
+    bad[3] = 7.0;
+    assert!(!other.restore(&bad, &std), "beyond the limit about the map");
+    bad[3] = f64::NAN;
+    assert!(!other.restore(&bad, &std));
+    assert!(!other.restore(&state, &vec![0.0; n]));
+    assert!(!other.restore(&state[1..], &std[1..]));
+    assert_eq!(other.state(), state, "nothing was changed");
+    other.forget();
+    assert!(other.state().iter().all(|x| *x == 1.0));
+    assert!(other.variances().all(|v| v == 4.0));
+}
+
+#[test]
+fn comparing_changes_nothing_and_says_what_the_update_says() {
+    let g = grid();
+    let process = Process::RandomWalk { variance_per_s: 0.0 };
+    let mut filter =
+        NodeFilter::new(&g, &vec![0.0; g.nodes()], &[2.0], 100.0, process, Rules::default()).unwrap();
+    let mut noise = MeasurementNoise::new(0.25, None).unwrap();
+    let o = seen(&g, [100.0, 100.0, 100.0], &[1.0], 0.7);
+    let (innovation, variance) = filter.compare(&o, &noise);
+    let update = filter.update(&o, &mut noise);
+    assert_eq!((update.innovation, update.innovation_variance), (innovation, variance));
+}
