@@ -3,6 +3,7 @@
 use core::net::SocketAddr;
 use std::path::PathBuf;
 
+use super::sensors::read_sensors;
 use super::tls::{check_remote, read_tls};
 use super::{
     AxisConfig, EngineSettings, FORMAT, GuardConfig, LinkConfig, LogConfig, LogTarget, MachineConfig,
@@ -30,7 +31,7 @@ pub(super) fn parse(file: &str, text: &str) -> Result<MachineConfig, ConfigError
 #[must_use]
 pub fn known_keys() -> Vec<String> {
     let reader = Reader::default();
-    if let Ok(document) = reader::document("", "axes = {x = {}, c = {}}") {
+    if let Ok(document) = reader::document("", "axes = {x = {}, c = {}}\nsensor = [{}]\nmap = [{}]") {
         read(&Section::top(&reader, &document));
     }
     reader.keys()
@@ -52,6 +53,7 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
     let recording = read_recording(&top.section("recording"));
     let state = read_state(&top.section("state"));
     let guard = read_guard(&top.section("guard"));
+    let sensors = read_sensors(top);
     top.finish();
     Some(MachineConfig {
         machine: machine?,
@@ -65,6 +67,7 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
         recording,
         state,
         guard,
+        sensors,
     })
 }
 

@@ -265,7 +265,15 @@ impl NodeFilter {
     ///
     /// # Cycle   no allocation
     pub fn compare(&mut self, observation: &Observation, noise: &MeasurementNoise) -> (f64, f64) {
-        (observation.value - self.expected(observation), self.project(observation) + noise.variance())
+        let (innovation, variance) = self.expect(observation);
+        (innovation, variance + noise.variance())
+    }
+
+    /// The same without the sensor's own noise.
+    ///
+    /// # Cycle   no allocation
+    pub fn expect(&mut self, observation: &Observation) -> (f64, f64) {
+        (observation.value - self.expected(observation), self.project(observation))
     }
 
     /// Puts a state back that was kept, with the standard deviations of its nodes; how nodes go together is the

@@ -15,9 +15,7 @@
 //!
 //! Source: equations 5.8; James and Stein 1961 for the weight.
 
-use super::filter::{
-    COMPONENTS_MAX, FilterError, NodeFilter, Observation, Process, Rules, Update, Verdict,
-};
+use super::filter::{COMPONENTS_MAX, FilterError, NodeFilter, Observation, Process, Rules, Update, Verdict};
 use super::grid::{NodeGrid, NodePlace};
 use super::noise::MeasurementNoise;
 
@@ -169,6 +167,16 @@ impl LiveMap {
             batch.add(innovation, variance, noise.variance());
         }
         batch.finish()
+    }
+
+    /// What a batch differs by and how uncertain the map is there, row by row, in units of the stated noise.
+    pub fn innovations(&mut self, place: &NodePlace, rows: &[Row]) -> Vec<(f64, f64)> {
+        let mut found = Vec::with_capacity(rows.len());
+        for row in rows {
+            let observation = self.observation(place, row);
+            found.push(self.filter.expect(&observation));
+        }
+        found
     }
 
     /// True where a batch may be used.

@@ -19,11 +19,11 @@ pub mod noise;
 pub mod supervise;
 pub mod whiten;
 
-pub use filter::{FilterError, NodeFilter, Observation, Process, Rules, Update, Verdict};
-pub use grid::{GridError, NodeGrid, NodePlace};
-pub use noise::{Adaptation, MeasurementNoise, NoiseError};
 pub use acquaint::{Acquaintance, Opinion};
 pub use clock::{SensorClock, TimeShift};
+pub use filter::{FilterError, NodeFilter, Observation, Process, Rules, Update, Verdict};
+pub use grid::{GridError, NodeGrid, NodePlace};
 pub use map::{Batch, ComponentRules, LiveMap, MapError, MapRules, Row};
-pub use supervise::{Plausibility, Standing, Supervisor, Trouble};
+pub use noise::{Adaptation, MeasurementNoise, NoiseError};
+pub use supervise::{Plausibility, Said, Standing, Supervisor, Trouble, VALUES_MAX};
 pub use whiten::whiten;

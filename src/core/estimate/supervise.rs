@@ -85,6 +85,21 @@ pub enum Standing {
     Excluded(Trouble),
 }
 
+/// What is looked at of a reading.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Said<'a> {
+    /// When it was taken.
+    pub at: MonoTime,
+    /// The sensor's clock has stepped.
+    pub stepped: bool,
+    /// Quality, 0 to 1.
+    pub quality: f64,
+    /// Numbers to judge by range, jump and rate.
+    pub values: &'a [f64],
+    /// Numbers as the sensor gave them: where they stay the same it is frozen.
+    pub raw: &'a [f64],
+}
+
 /// Watches one sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Supervisor {
@@ -93,7 +108,7 @@ pub struct Supervisor {
     /// When the standing changed.
     since: MonoTime,
     heard: Option<MonoTime>,
-    last: Option<(MonoTime, [f64; VALUES_MAX])>,
+    last: Option<(MonoTime, [f64; VALUES_MAX], [f64; VALUES_MAX])>,
     /// Since when, and for how many readings, all numbers are the same.
     same: (MonoTime, u32),
     /// Since when, and for how many readings, an excluded sensor is plausible.
@@ -142,21 +157,18 @@ impl Supervisor {
         }
     }
 
-    /// A reading that arrived at `now` and was taken at `at`; true where it may be believed.
-    pub fn accept(
-        &mut self,
-        now: MonoTime,
-        at: MonoTime,
-        stepped: bool,
-        quality: f64,
-        values: &[f64],
-    ) -> bool {
+    /// It was heard, but what it said could not be judged.
+    pub fn hear(&mut self, now: MonoTime) {
         self.tick(now);
         self.heard = Some(now);
-        let mut numbers = [0.0; VALUES_MAX];
-        numbers.iter_mut().zip(values).for_each(|(slot, value)| *slot = *value);
-        let trouble = self.trouble(now, at, stepped, quality, &numbers);
-        self.last = Some((at, numbers));
+    }
+
+    /// A reading that arrived at `now`; true where it may be believed.
+    pub fn accept(&mut self, now: MonoTime, said: &Said<'_>) -> bool {
+        self.hear(now);
+        let (numbers, raw) = (array(said.values), array(said.raw));
+        let trouble = self.trouble(now, said, &numbers, &raw);
+        self.last = Some((said.at, numbers, raw));
         if let Some(trouble) = trouble {
             self.exclude(now, trouble);
             return false;
@@ -172,8 +184,7 @@ impl Supervisor {
             Standing::Excluded(_) => {
                 let (since, count) = self.plausible.unwrap_or((now, 0));
                 self.plausible = Some((since, count + 1));
-                let back =
-                    now.seconds_since(since) >= self.rules.return_s && count + 1 >= RETURN_READINGS;
+                let back = now.seconds_since(since) >= self.rules.return_s && count + 1 >= RETURN_READINGS;
                 if back {
                     self.stand(now, Standing::Good);
                 }
@@ -185,39 +196,42 @@ impl Supervisor {
     fn trouble(
         &mut self,
         now: MonoTime,
-        at: MonoTime,
-        stepped: bool,
-        quality: f64,
+        said: &Said<'_>,
         numbers: &[f64; VALUES_MAX],
+        raw: &[f64; VALUES_MAX],
     ) -> Option<Trouble> {
         let rules = &self.rules;
+        let frozen = match &self.last {
+            Some((_, _, before)) if before == raw => {
+                self.same.1 += 1;
+                now.seconds_since(self.same.0) > rules.frozen_s && self.same.1 > FROZEN_READINGS
+            }
+            _ => {
+                self.same = (now, 1);
+                false
+            }
+        };
+        if frozen {
+            return Some(Trouble::Frozen);
+        }
         if !numbers.iter().zip(&rules.range).all(|(v, range)| v.abs() <= *range && v.is_finite()) {
             return Some(Trouble::Range);
         }
-        if stepped {
+        if said.stepped {
             return Some(Trouble::Clock);
         }
-        if now.seconds_since(at) > rules.age_limit_s {
+        if now.seconds_since(said.at) > rules.age_limit_s {
             return Some(Trouble::Late);
         }
-        if quality.is_nan() || quality < rules.quality_min {
+        if said.quality.is_nan() || said.quality < rules.quality_min {
             return Some(Trouble::Quality);
         }
-        let Some((before, last)) = &self.last else {
-            self.same = (now, 1);
-            return None;
-        };
-        if last == numbers {
-            self.same.1 += 1;
-            let frozen = now.seconds_since(self.same.0) > rules.frozen_s && self.same.1 > FROZEN_READINGS;
-            return frozen.then_some(Trouble::Frozen);
-        }
-        self.same = (now, 1);
+        let (before, last, _) = self.last.as_ref()?;
         let change = |k: usize| (numbers[k] - last[k]).abs();
         if (0..VALUES_MAX).any(|k| change(k) > rules.jump[k]) {
             return Some(Trouble::Jump);
         }
-        let dt = at.seconds_since(*before);
+        let dt = said.at.seconds_since(*before);
         if dt > 0.0 && (0..VALUES_MAX).any(|k| change(k) > rules.rate[k] * dt) {
             return Some(Trouble::Rate);
         }
@@ -241,6 +255,12 @@ impl Supervisor {
             self.since = now;
         }
     }
+}
+
+fn array(values: &[f64]) -> [f64; VALUES_MAX] {
+    let mut out = [0.0; VALUES_MAX];
+    out.iter_mut().zip(values).for_each(|(slot, value)| *slot = *value);
+    out
 }
 
 #[cfg(test)]
@@ -268,11 +288,16 @@ mod tests {
                     let wobble = (k as f64 * 1.7).sin() * 0.01;
                     // a number that is exactly zero stays so
                     let v = if v == 0.0 { 0.5 } else { v + wobble };
-                    s.accept(now, now, false, quality, &[v, wobble * f64::from(u8::from(v != 0.5))]);
+                    let values = [v, wobble * f64::from(u8::from(v != 0.5))];
+                    s.accept(now, &said(now, false, quality, &values));
                 }
                 s.standing()
             })
             .collect()
+    }
+
+    fn said(at: MonoTime, stepped: bool, quality: f64, values: &[f64]) -> Said<'_> {
+        Said { at, stepped, quality, values, raw: values }
     }
 
     fn excluded(standings: &[Standing], trouble: Trouble) -> (usize, usize) {
@@ -296,7 +321,7 @@ mod tests {
         assert_eq!(excluded(&s, Trouble::Jump), (20, 30), "at the new level it is plausible again");
 
         let s = watch(RULES, 60, |k| Some((if (20..40).contains(&k) { 0.0 } else { 0.45 }, 1.0)));
-        assert_eq!(excluded(&s, Trouble::Frozen).0, 26);
+        assert_eq!(excluded(&s, Trouble::Frozen).0, 25);
         assert_eq!(s[59], Standing::Good);
 
         let s = watch(RULES, 60, |k| Some((0.1, if k == 20 { 0.1 } else { 1.0 })));
@@ -315,10 +340,10 @@ mod tests {
         let mut s = Supervisor::new(RULES);
         let at = |ms: i64| MonoTime::from_ns(ms * 1_000_000);
         assert_eq!(s.standing(), Standing::Waiting);
-        assert!(s.accept(at(0), at(0), false, 1.0, &[0.1]));
-        assert!(!s.accept(at(100), at(100), true, 1.0, &[0.11]));
+        assert!(s.accept(at(0), &said(at(0), false, 1.0, &[0.1])));
+        assert!(!s.accept(at(100), &said(at(100), true, 1.0, &[0.11])));
         assert_eq!(s.standing(), Standing::Excluded(Trouble::Clock));
-        assert!(!s.accept(at(200), at(-400), false, 1.0, &[0.12]));
+        assert!(!s.accept(at(200), &said(at(-400), false, 1.0, &[0.12])));
         assert_eq!(s.standing(), Standing::Excluded(Trouble::Late));
         assert_eq!(s.since(), at(200));
     }
@@ -331,7 +356,7 @@ mod tests {
             if k == 10 {
                 s.exclude(now, Trouble::Disagrees);
             }
-            let plausible = s.accept(now, now, false, 1.0, &[(k as f64 * 1.1).sin() * 0.05]);
+            let plausible = s.accept(now, &said(now, false, 1.0, &[(k as f64 * 1.1).sin() * 0.05]));
             assert!(plausible, "it may be looked at");
             if k == 60 {
                 s.reinstate(now);

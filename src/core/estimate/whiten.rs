@@ -10,7 +10,11 @@ use super::map::Row;
 
 /// Rows of unit variance from values, their weights (one row each) and their covariance; `None` where it is none.
 #[must_use]
-pub fn whiten(values: &[f64], weights: &[[f64; COMPONENTS_MAX]], covariance: &DMatrix<f64>) -> Option<Vec<Row>> {
+pub fn whiten(
+    values: &[f64],
+    weights: &[[f64; COMPONENTS_MAX]],
+    covariance: &DMatrix<f64>,
+) -> Option<Vec<Row>> {
     let n = values.len();
     if weights.len() != n || covariance.shape() != (n, n) || covariance.iter().any(|v| !v.is_finite()) {
         return None;
@@ -19,11 +23,7 @@ pub fn whiten(values: &[f64], weights: &[[f64; COMPONENTS_MAX]], covariance: &DM
     let h = DMatrix::from_fn(n, COMPONENTS_MAX, |i, j| weights[i][j]);
     let z = l.solve_lower_triangular(&DVector::from_column_slice(values))?;
     let h = l.solve_lower_triangular(&h)?;
-    Some(
-        (0..n)
-            .map(|i| Row { weights: core::array::from_fn(|j| h[(i, j)]), value: z[i] })
-            .collect(),
-    )
+    Some((0..n).map(|i| Row { weights: core::array::from_fn(|j| h[(i, j)]), value: z[i] }).collect())
 }
 
 #[cfg(test)]
@@ -43,15 +43,13 @@ mod tests {
         for a in [0, 3] {
             for b in [0, 3] {
                 let found: f64 = rows.iter().map(|r| r.weights[a] * r.weights[b]).sum();
-                let wanted: f64 = (0..4)
-                    .map(|k| weights[k / 2][a] * inverse[(k / 2, k % 2)] * weights[k % 2][b])
-                    .sum();
+                let wanted: f64 =
+                    (0..4).map(|k| weights[k / 2][a] * inverse[(k / 2, k % 2)] * weights[k % 2][b]).sum();
                 assert!((found - wanted).abs() < 1e-14, "{a} {b}");
             }
             let found: f64 = rows.iter().map(|r| r.weights[a] * r.value).sum();
             let z = [3.0, -1.0];
-            let wanted: f64 =
-                (0..4).map(|k| weights[k / 2][a] * inverse[(k / 2, k % 2)] * z[k % 2]).sum();
+            let wanted: f64 = (0..4).map(|k| weights[k / 2][a] * inverse[(k / 2, k % 2)] * z[k % 2]).sum();
             assert!((found - wanted).abs() < 1e-14);
         }
         let singular = DMatrix::from_row_slice(2, 2, &[1.0, 1.0, 1.0, 1.0]);

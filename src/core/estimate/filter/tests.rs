@@ -248,8 +248,7 @@ fn a_walk_that_is_correlated_keeps_neighbours_together() {
     let g = grid();
     let n = g.nodes();
     let process = Process::CorrelatedWalk { variance_per_s: [0.1, 0.2, 0.0, 0.0, 0.0, 0.0] };
-    let mut filter =
-        NodeFilter::new(&g, &vec![0.0; 2 * n], &[2.0, 3.0], 300.0, process, open()).unwrap();
+    let mut filter = NodeFilter::new(&g, &vec![0.0; 2 * n], &[2.0, 3.0], 300.0, process, open()).unwrap();
     let before = filter.covariance().to_vec();
     filter.predict(10.0);
     for (after, before) in filter.covariance().iter().zip(&before).take(n) {
