@@ -2,6 +2,7 @@
 
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde_json::{Value, json};
 
@@ -10,8 +11,9 @@ use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
 use crate::config::model::kind_of;
 use crate::config::{self, ConfigErrors, Diagnostic, FileKind, MachineConfig};
 use crate::core::axes::{AxisKind, AxisName, Travel};
+use crate::core::live::LiveEstimator;
 use crate::core::model::spec::{ModelSpec, Sense};
-use crate::core::model::{ErrorFunction, ErrorSymbol, Side};
+use crate::core::model::{ErrorFunction, ErrorSymbol, Model, Side};
 use crate::core::units::{arcsec_from_rad, deg_from_rad, um_from_mm};
 
 /// Check machine and model files: every mistake with file, line and remedy, or a summary of what is in them
@@ -181,10 +183,28 @@ fn look_at_model(path: &Path, file: &str, text: &str, machine: &MachineConfig) -
     let model = config::model::parse(&named.display().to_string(), &model_text)?;
     let mismatches = machine.check_model(&model);
     if mismatches.is_empty() {
-        return Ok(model);
+        return match look_at_sensors(&model, machine) {
+            None => Ok(model),
+            Some((message, remedy)) => {
+                Err(mistakes_at(file, text, vec![(vec!["sensors".to_owned()], message, remedy)]).into())
+            }
+        };
     }
     let found = mismatches.iter().map(|m| (m.key(), m.to_string(), m.remedy())).collect();
     Err(mistakes_at(file, text, found).into())
+}
+
+/// Whether sensors and maps go with the model, as the daemon would see it; what does not, and the remedy.
+fn look_at_sensors(spec: &ModelSpec, machine: &MachineConfig) -> Option<(String, String)> {
+    let live = &machine.sensors.spec;
+    if live.sensors.is_empty() && live.maps.is_empty() {
+        return None;
+    }
+    let remedy = "see docs/sensors.md: live values of the model and the names of maps and sensors".to_owned();
+    // what the model itself breaks is told where the model is checked
+    let model = Model::new(spec).ok()?;
+    let problem = LiveEstimator::new(live, spec, Arc::new(model), [0; 32]).err()?;
+    Some((problem.to_string(), remedy))
 }
 
 /// The files of `[link.tls]`, read as the daemon would.

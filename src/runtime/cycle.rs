@@ -188,6 +188,9 @@ impl Cycle<'_> {
             }
             return None;
         }
+        if let (Message::Tool(tool), Some(live)) = (message, &mut self.control.live) {
+            live.tool(tool);
+        }
         match self.body.handle(at, message) {
             Reaction::Answer(_) | Reaction::Nothing => None,
             Reaction::Closed(reason) => Some(LinkEnd::ClosedByControl(reason)),
@@ -204,10 +207,14 @@ impl Cycle<'_> {
         skipped: u64,
     ) -> io::Result<()> {
         let message = Message::Position(frame);
-        let Reaction::Answer(correction) = self.body.handle(received, &message) else { return Ok(()) };
+        let Reaction::Answer(correction) = self.body.handle(received, &message) else {
+            self.live(received, &frame);
+            return Ok(());
+        };
         let computed = self.clock.now();
         link.send(&Message::Correction(correction))?;
         self.body.tell();
+        self.live(received, &frame);
         self.tell_event();
         let turnaround_ns = link.sent.ns - received.ns;
         let age_ns = self.ages.age_ns(received, frame.control_ns).saturating_add(turnaround_ns);
@@ -232,6 +239,13 @@ impl Cycle<'_> {
         });
         self.imagine(received, &frame);
         Ok(())
+    }
+
+    /// Live values for the next frame, and this one for the estimator.
+    fn live(&mut self, received: MonoTime, frame: &Position) {
+        if let Some(live) = &mut self.control.live {
+            live.after(received, frame, self.body);
+        }
     }
 
     /// The shadow engine, when all else is done; its score goes out once a second.

@@ -92,14 +92,17 @@ pub(super) fn restore(
             Ok(aside) => format!("kept as {}", aside.display()),
             Err(e) => format!("and could not be set aside: {e}"),
         };
-        vec![format!("{}: {why}; {kept}, maps begin at the offline map", path.display())]
+        vec![format!("VC-8013: {}: {why}; {kept}, maps begin at the offline map", path.display())]
     };
     let kept = match parse(&text, now) {
         Ok(kept) => kept,
         Err(why) => return aside(&why, "damaged"),
     };
     if kept.machine != machine {
-        return aside(&format!("of machine \"{}\", this one is \"{machine}\"", kept.machine), "other-machine");
+        return aside(
+            &format!("of machine \"{}\", this one is \"{machine}\"", kept.machine),
+            "other-machine",
+        );
     }
     if kept.model_hash != model_hash {
         return aside(&format!("learned about another model (blake3 {})", kept.model_hash), "other-model");

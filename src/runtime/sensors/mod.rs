@@ -17,7 +17,7 @@ pub use cycle_end::{EstimatorEnd, LiveEnd, Motion, live_ends};
 pub use report::{FilterStatus, MapStatus, NodeStatus, SensorStatus};
 
 pub(super) use listener::Listener;
-pub(super) use worker::{Order, Sensors, Start};
+pub(super) use worker::{Sensors, Start};
 
 use crate::core::live::Reading;
 use crate::core::units::MonoTime;

@@ -18,7 +18,7 @@ pub struct SensorStatus {
     pub state: String,
     /// Why it is excluded: `silent late frozen jump range rate clock quality disagrees`.
     pub cause: Option<String>,
-    /// Number of that cause, e.g. `VC-8001`.
+    /// Number of that cause, e.g. `VC-8002`.
     pub code: Option<String>,
     /// For how long it has been in this state, s.
     pub state_s: f64,
@@ -109,15 +109,15 @@ pub struct FilterStatus {
 /// Number of a trouble in the catalogue of faults.
 pub(super) const fn code_of(trouble: Trouble) -> fault::Code {
     fault::Code(match trouble {
-        Trouble::Silent => 8001,
-        Trouble::Late => 8002,
-        Trouble::Frozen => 8003,
-        Trouble::Jump => 8004,
-        Trouble::Range => 8005,
-        Trouble::Rate => 8006,
-        Trouble::Clock => 8007,
-        Trouble::Quality => 8008,
-        Trouble::Disagrees => 8009,
+        Trouble::Silent => 8002,
+        Trouble::Late => 8003,
+        Trouble::Frozen => 8004,
+        Trouble::Jump => 8005,
+        Trouble::Range => 8006,
+        Trouble::Rate => 8007,
+        Trouble::Clock => 8008,
+        Trouble::Quality => 8009,
+        Trouble::Disagrees => 8010,
     })
 }
 
@@ -178,7 +178,11 @@ impl MapStatus {
             state: state.to_owned(),
             updates: h.updates,
             components: h.components.iter().map(|s| s.to_string().to_lowercase()).collect(),
-            units: h.components.iter().map(|s| if s.is_angle() { "arcsec" } else { "um" }.to_owned()).collect(),
+            units: h
+                .components
+                .iter()
+                .map(|s| if s.is_angle() { "arcsec" } else { "um" }.to_owned())
+                .collect(),
             weights: h.weights.clone(),
             largest: h.largest.iter().enumerate().map(|(c, v)| unit(c)(*v)).collect(),
             nodes: h
@@ -195,7 +199,7 @@ impl MapStatus {
     }
 
     /// Without the nodes, for the status.
-    pub(super) fn brief(&self) -> Self {
+    pub(in crate::runtime) fn brief(&self) -> Self {
         Self { nodes: Vec::new(), ..self.clone() }
     }
 }

@@ -396,17 +396,20 @@ mod tests {
 
     #[test]
     fn json_arrives_in_mm_and_rad() {
-        let said = one(r#"{"sensor": "t", "t_s": 1.5, "pose": {"tip_deviation_um": [1, 2, 3], "direction": [0, 0, 1]}}"#)
-            .unwrap();
-        assert_eq!((said.sensor.as_str(), said.reading.stamp_ns, said.reading.quality), ("t", 1_500_000_000, 1.0));
+        let said = one(
+            r#"{"sensor": "t", "t_s": 1.5, "pose": {"tip_deviation_um": [1, 2, 3], "direction": [0, 0, 1]}}"#,
+        )
+        .unwrap();
+        assert_eq!(
+            (said.sensor.as_str(), said.reading.stamp_ns, said.reading.quality),
+            ("t", 1_500_000_000, 1.0)
+        );
         let Body::Tool(tool) = said.reading.body else { panic!("a pose") };
         assert_eq!(tool.tip, Seen::Deviation(Vec3::new(0.001, 0.002, 0.003)));
         assert_eq!(tool.direction, Some(Seen::Absolute(Vec3::z())));
-        let said = one(r#"{"sensor": "p", "t_ns": 7, "probe": {"direction": [0, 1, 0], "value_um": -4}}"#).unwrap();
-        assert_eq!(
-            said.reading.body,
-            Body::Deviation { direction: Vec3::y(), value: -0.004, std: None }
-        );
+        let said =
+            one(r#"{"sensor": "p", "t_ns": 7, "probe": {"direction": [0, 1, 0], "value_um": -4}}"#).unwrap();
+        assert_eq!(said.reading.body, Body::Deviation { direction: Vec3::y(), value: -0.004, std: None });
         let circles = r#"{"sensor": "t", "t_ns": 7, "circles": [{"height_mm": 20, "centre_mm": [1, 2, 3]}]}"#;
         let Body::Points(points) = one(circles).unwrap().reading.body else { panic!("points") };
         assert_eq!(points[0].offset, Vec3::new(0.0, 0.0, 20.0));
@@ -422,7 +425,10 @@ mod tests {
             (r#"{"sensor": "t", "t_s": 1, "value_um": 1, "value_arcsec": 1}"#, "exactly one of"),
             (r#"{"sensor": "t", "t_s": 1, "value_mm": 1}"#, "unknown field"),
             (r#"{"sensor": "t", "t_s": 1, "pose": {}}"#, "either tip_mm"),
-            (r#"{"sensor": "t", "t_s": 1, "deviation": {"direction": [1, 1, 0], "value_um": 1}}"#, "unit vector"),
+            (
+                r#"{"sensor": "t", "t_s": 1, "deviation": {"direction": [1, 1, 0], "value_um": 1}}"#,
+                "unit vector",
+            ),
             (r#"{"sensor": "t", "t_s": 1, "pose": {"tip_mm": [1, 2, 3], "covariance": [1]}}"#, "36"),
             ("nonsense", "line 1"),
         ] {
@@ -466,12 +472,20 @@ mod tests {
             stream.next().expect("a message")
         };
         let mut pose = vec![1.0, 2.0, 3.0, 0.0, 0.0, 1.0];
-        assert!(matches!(one(&binary(1, "t", &pose)).unwrap().reading.body, Body::Tool(t) if t.covariance.is_none()));
+        assert!(
+            matches!(one(&binary(1, "t", &pose)).unwrap().reading.body, Body::Tool(t) if t.covariance.is_none())
+        );
         pose[4] = f64::NAN;
-        assert!(matches!(one(&binary(2, "t", &pose)).unwrap().reading.body, Body::Tool(t) if t.direction.is_none()));
+        assert!(
+            matches!(one(&binary(2, "t", &pose)).unwrap().reading.body, Body::Tool(t) if t.direction.is_none())
+        );
         pose.extend([1e-6; 36]);
-        assert!(matches!(one(&binary(1, "t", &pose)).unwrap().reading.body, Body::Tool(t) if t.covariance.is_some()));
-        assert!(matches!(one(&binary(4, "t", &[0.0; 14])).unwrap().reading.body, Body::Points(p) if p.len() == 2));
+        assert!(
+            matches!(one(&binary(1, "t", &pose)).unwrap().reading.body, Body::Tool(t) if t.covariance.is_some())
+        );
+        assert!(
+            matches!(one(&binary(4, "t", &[0.0; 14])).unwrap().reading.body, Body::Points(p) if p.len() == 2)
+        );
         assert!(matches!(one(&binary(6, "t", &[0.0; 5])).unwrap().reading.body, Body::FiveDof(_)));
         for (kind, count) in [(1, 5), (3, 8), (5, 5), (6, 4), (7, 10), (8, 2), (77, 1)] {
             let error = one(&binary(kind, "t", &vec![0.0; count])).unwrap_err();

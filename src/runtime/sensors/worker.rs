@@ -104,7 +104,9 @@ impl Sensors {
     /// Another model is in use.
     pub(in crate::runtime) fn model(&self, model: &Arc<Prepared>) {
         if self.orders.try_send(Order::Model(Arc::clone(model))).is_err() {
-            warn!("the estimator does not take orders; live estimation stays with the model before and is not used");
+            warn!(
+                "the estimator does not take orders; live estimation stays with the model before and is not used"
+            );
         }
     }
 
@@ -227,7 +229,8 @@ impl Worker {
                     let (machine, now) = (&self.start.machine, SystemTime::now());
                     self.notes = keep::restore(directory, machine, &model.hash, &mut estimator, now);
                 } else if !self.start.config.spec.maps.is_empty() {
-                    self.notes.push("no state directory: what is learned does not outlive the daemon".to_owned());
+                    self.notes
+                        .push("no state directory: what is learned does not outlive the daemon".to_owned());
                 }
                 for note in &self.notes {
                     info!("{note}");
@@ -357,8 +360,10 @@ impl Worker {
                 continue;
             }
             match (alarm, is_static) {
-                (_, true) => warn!(map = name, code = "VC-8011", "the map is given up for the static model"),
-                (true, false) => warn!(map = name, code = "VC-8010", "a sensor contradicts the map; it is held"),
+                (_, true) => warn!(map = name, code = "VC-8012", "the map is given up for the static model"),
+                (true, false) => {
+                    warn!(map = name, code = "VC-8011", "a sensor contradicts the map; it is held")
+                }
                 (false, false) => info!(map = name, "the map is learned again"),
             }
         }
