@@ -71,7 +71,7 @@ impl Shop {
             sensors = TcpStream::connect(address).ok();
             sensors.is_some()
         }));
-        let mut session = port.link();
+        let session = port.link();
         session.stream.set_nodelay(true).expect("option");
         let control_ns = session.control_ns;
         let sensors = sensors.expect("sensors connect");
@@ -99,7 +99,8 @@ impl Shop {
 
     /// What is measured: the error of the machine and the offset that was applied.
     fn speak(&mut self, t: f64) {
-        let noise = (f64::from(self.readings) * 12.9898).sin();
+        // even noise without any memory
+        let noise = 2.0 * ((f64::from(self.readings) * 12.9898).sin() * 43_758.545_3).rem_euclid(1.0) - 1.0;
         let x_um = 1e3 * (EXX_MM + RAM_MM + self.session.applied[0]) + noise;
         let quiet = 0.1 * noise;
         let mut lines = format!(

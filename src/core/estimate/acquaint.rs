@@ -4,7 +4,9 @@
 //! starts five times too large learns from lies. So the first readings are only looked at. What changes from one
 //! reading to the next is noise, for the map's error hardly changes: the variance is half the median of the squared
 //! differences, over 0.4549 (the median of chi-square with one degree of freedom), which half of all readings may
-//! spoil before it is wrong. Then the median innovation must fit the uncertainty of the map.
+//! spoil before it is wrong. Noise that changes slowly hides from that, so the scatter about the median counts where it is
+//! larger: too much noise to begin with is learned away, too little locks an honest sensor out. Then the median
+//! innovation must fit the uncertainty of the map.
 //!
 //! The same decides about the return of a sensor that was excluded for disagreeing.
 
@@ -74,11 +76,18 @@ impl Acquaintance {
     fn opinion(&self, readings: usize) -> Opinion {
         let lines: Vec<&[f64]> = self.innovations.chunks_exact(self.rows).collect();
         let squares = lines.windows(2).flat_map(|w| w[0].iter().zip(w[1]).map(|(a, b)| (a - b).powi(2)));
-        let variance = median(squares.collect()) / (2.0 * CHI2_MEDIAN);
+        let fast = median(squares.collect()) / (2.0 * CHI2_MEDIAN);
+        let row = |r: usize| lines.iter().map(move |line| line[r]).collect::<Vec<f64>>();
+        let about = |r: usize| {
+            let middle = median(row(r));
+            row(r).into_iter().map(move |v| (v - middle).powi(2))
+        };
+        let scatter = median((0..self.rows).flat_map(about).collect()) / CHI2_MEDIAN;
+        let variance = fast.max(scatter);
         let n = readings as f64;
         let disagreement = (0..self.rows)
             .map(|r| {
-                let middle = median(lines.iter().map(|line| line[r]).collect());
+                let middle = median(row(r));
                 middle * middle / (self.uncertainty[r] / n + MEDIAN_COST * variance / n)
             })
             .fold(0.0, f64::max);

@@ -4,9 +4,8 @@
 //! reading has no delay but the stated one. Two half-windows keep drift out. Stamps that go back, or that jump ahead of
 //! what arrival allows, are a step of the clock: what was learned is void.
 //!
-//! [`TimeShift`]: what is left (an unknown delay of the instrument, its clock against that of the axes) shows while the
-//! machine moves: a reading of position that is late by tau is off by `v tau` along the path. One number, learned by a
-//! scalar Kalman filter; what it is uncertain by makes readings at speed less certain, along the path only.
+//! What is left (an unknown delay of the instrument) shows while the machine moves and is estimated with the map:
+//! [`super::map::LiveMap::add_sensor`].
 
 use crate::core::units::{MonoTime, NS_PER_S};
 
@@ -77,59 +76,6 @@ impl SensorClock {
     }
 }
 
-/// Standard deviation of the shift before anything was seen, s.
-const SHIFT_STD_S: f64 = 5e-3;
-/// Variance that it gains per second, s2/s: 50 us in a minute.
-const SHIFT_WALK: f64 = 4e-11;
-/// Shifts are never believed beyond this, s.
-pub const SHIFT_MAX_S: f64 = 0.2;
-
-/// How much later than its stamp a reading was taken.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct TimeShift {
-    value_s: f64,
-    variance: f64,
-}
-
-impl Default for TimeShift {
-    fn default() -> Self {
-        Self { value_s: 0.0, variance: SHIFT_STD_S * SHIFT_STD_S }
-    }
-}
-
-impl TimeShift {
-    /// The shift, s.
-    #[must_use]
-    pub const fn value_s(&self) -> f64 {
-        self.value_s
-    }
-
-    /// Its standard deviation, s.
-    #[must_use]
-    pub fn std_s(&self) -> f64 {
-        self.variance.sqrt()
-    }
-
-    /// Lets time pass.
-    pub fn predict(&mut self, seconds: f64) {
-        if seconds > 0.0 {
-            self.variance = (self.variance + SHIFT_WALK * seconds).min(SHIFT_STD_S * SHIFT_STD_S);
-        }
-    }
-
-    /// A reading was off by `along` (mm, with `variance` mm2) along the path, at the `speed` (mm/s), the shift known so
-    /// far taken out. A reading that contradicts what is known by more than five deviations is left out.
-    pub fn learn(&mut self, along: f64, speed: f64, variance: f64) {
-        let s = speed * speed * self.variance + variance;
-        if !(along.is_finite() && s.is_finite() && s > 0.0) || along * along > 25.0 * s {
-            return;
-        }
-        let k = speed * self.variance / s;
-        self.value_s = (self.value_s + k * along).clamp(-SHIFT_MAX_S, SHIFT_MAX_S);
-        self.variance = (1.0 - k * speed).powi(2) * self.variance + k * k * variance;
-    }
-}
-
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -186,26 +132,5 @@ mod tests {
         for stamp in [i64::MIN, i64::MAX, 0, i64::MIN] {
             let _ = clock.stamp(MonoTime::from_ns(5), stamp);
         }
-    }
-
-    #[test]
-    fn motion_tells_the_delay_of_an_instrument() {
-        let mut shift = TimeShift::default();
-        let truth = 3.2e-3;
-        for k in 0..400 {
-            shift.predict(0.01);
-            let speed = 100.0 * (f64::from(k) * 0.05).sin();
-            let noise = 0.01 * (f64::from(k) * 12.9898).sin();
-            shift.learn(speed * (truth - shift.value_s()) + noise, speed, 1e-4);
-        }
-        assert!((shift.value_s() - truth).abs() < 3.0 * shift.std_s(), "{shift:?}");
-        assert!(shift.std_s() < 2e-5);
-        let before = shift;
-        shift.learn(50.0, 100.0, 1e-4);
-        shift.learn(f64::NAN, 100.0, 1e-4);
-        assert_eq!(shift, before, "an outlier teaches nothing");
-        let mut resting = TimeShift::default();
-        resting.learn(1.0, 0.0, 1e-4);
-        assert_eq!(resting.value_s(), 0.0);
     }
 }

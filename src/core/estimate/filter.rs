@@ -99,6 +99,8 @@ pub struct Observation {
     pub weights: [f64; COMPONENTS_MAX],
     /// The reading, in the unit of the state.
     pub value: f64,
+    /// A number beside the map that the reading depends on, too ([`NodeFilter::add_nuisance`]): which, and its weight.
+    pub nuisance: Option<(usize, f64)>,
 }
 
 /// What became of an observation.
@@ -153,6 +155,8 @@ pub struct NodeFilter {
     k: Vec<f64>,
     work: Vec<f64>,
     rejections: u32,
+    /// What the variance of each number beside the map grows by, per second.
+    nuisance_rates: Vec<f64>,
 }
 
 impl NodeFilter {
@@ -218,7 +222,36 @@ impl NodeFilter {
             k: vec![0.0; n],
             work: vec![0.0; n],
             rejections: 0,
+            nuisance_rates: Vec::new(),
         })
+    }
+
+    /// One more number that readings may depend on: zero with this variance, which grows by `rate` per second and never
+    /// beyond what it was. It stands behind the nodes and is estimated with them, so that neither takes what belongs to
+    /// the other. Gives its number.
+    pub fn add_nuisance(&mut self, variance: f64, rate: f64) -> usize {
+        let old = self.x.len();
+        let n = old + 1;
+        for matrix in [&mut self.p, &mut self.prior_covariance] {
+            let mut grown = vec![0.0; n * n];
+            for i in 0..old {
+                grown[i * n..i * n + old].copy_from_slice(&matrix[i * old..(i + 1) * old]);
+            }
+            grown[n * n - 1] = variance;
+            *matrix = grown;
+        }
+        for list in [&mut self.prior, &mut self.x, &mut self.ph, &mut self.k, &mut self.work] {
+            list.push(0.0);
+        }
+        self.nuisance_rates.push(rate);
+        self.nuisance_rates.len() - 1
+    }
+
+    /// A number beside the map, and its standard deviation.
+    #[must_use]
+    pub fn nuisance(&self, index: usize) -> (f64, f64) {
+        let (n, i) = (self.x.len(), self.nodes * self.components + index);
+        (self.x[i], self.p[i * n + i].max(0.0).sqrt())
     }
 
     /// Lets time pass.
@@ -229,21 +262,32 @@ impl NodeFilter {
             return;
         }
         let n = self.x.len();
+        let map = self.nodes * self.components;
+        for (i, rate) in self.nuisance_rates.iter().enumerate() {
+            self.p[(map + i) * (n + 1)] += rate * seconds;
+        }
         match self.process {
             Process::RandomWalk { variance_per_s } => {
-                for i in 0..n {
+                for i in 0..map {
                     self.p[i * n + i] += variance_per_s * seconds;
                 }
             }
             Process::MeanReverting { tau_s } => {
                 let stays = (-seconds / tau_s).exp();
-                for (x, prior) in self.x.iter_mut().zip(&self.prior) {
+                for (x, prior) in self.x.iter_mut().zip(&self.prior).take(map) {
                     *x = prior + stays * (*x - prior);
                 }
                 // what was forgotten is as uncertain as the prior
                 let (old, new) = (stays * stays, 1.0 - stays * stays);
-                for (p, prior) in self.p.iter_mut().zip(&self.prior_covariance) {
-                    *p = old * *p + new * prior;
+                for (i, line) in self.p.chunks_exact_mut(n).enumerate() {
+                    let prior = &self.prior_covariance[i * n..(i + 1) * n];
+                    for (j, (p, prior)) in line.iter_mut().zip(prior).enumerate() {
+                        *p = match (i < map, j < map) {
+                            (true, true) => old * *p + new * prior,
+                            (false, false) => *p,
+                            _ => stays * *p,
+                        };
+                    }
                 }
             }
             Process::CorrelatedWalk { variance_per_s } => {
@@ -280,17 +324,20 @@ impl NodeFilter {
     /// prior's again. Nothing is changed, and false given, where a number is none or beyond what the prior allows.
     pub fn restore(&mut self, state: &[f64], std: &[f64]) -> bool {
         let n = self.x.len();
-        let sane = state.len() == n
-            && std.len() == n
+        let map = self.nodes * self.components;
+        let sane = state.len() == map
+            && std.len() == map
             && state.iter().all(|x| x.is_finite())
-            && (0..n).all(|i| std[i].is_finite() && std[i] > 0.0)
-            && (0..n).all(|i| (state[i] - self.prior[i]).abs() <= self.rules.limit);
+            && (0..map).all(|i| std[i].is_finite() && std[i] > 0.0)
+            && (0..map).all(|i| (state[i] - self.prior[i]).abs() <= self.rules.limit);
         if !sane {
             return false;
         }
-        self.x.copy_from_slice(state);
+        self.x[..map].copy_from_slice(state);
+        self.x[map..].fill(0.0);
         self.p.copy_from_slice(&self.prior_covariance);
-        for i in 0..n {
+        self.work.fill(1.0);
+        for i in 0..map {
             self.work[i] = (std[i] / self.prior_covariance[i * n + i].sqrt()).min(1.0);
         }
         self.scale_by_work();
@@ -381,21 +428,21 @@ impl NodeFilter {
     /// The state: components one after the other.
     #[must_use]
     pub fn state(&self) -> &[f64] {
-        &self.x
+        &self.x[..self.nodes * self.components]
     }
 
     /// The state as it may be used: within the limit about the prior map.
     pub fn map(&self) -> impl ExactSizeIterator<Item = f64> + '_ {
-        (0..self.x.len()).map(|i| self.bounded(i))
+        (0..self.nodes * self.components).map(|i| self.bounded(i))
     }
 
     /// Variances of the state.
     pub fn variances(&self) -> impl ExactSizeIterator<Item = f64> + '_ {
         let n = self.x.len();
-        (0..n).map(move |i| self.p[i * n + i])
+        (0..self.nodes * self.components).map(move |i| self.p[i * n + i])
     }
 
-    /// Covariance of the state, row by row.
+    /// Covariance of the state, row by row, numbers beside the map last.
     #[must_use]
     pub fn covariance(&self) -> &[f64] {
         &self.p
@@ -428,15 +475,17 @@ impl NodeFilter {
     }
 
     fn row_of(o: &Observation, nodes: usize, components: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
-        (0..components).flat_map(move |c| {
-            let weight = o.weights[c];
-            o.place
-                .nodes
-                .iter()
-                .zip(&o.place.shape)
-                .filter(move |_| weight != 0.0)
-                .map(move |(node, shape)| (c * nodes + node, weight * shape))
-        })
+        (0..components)
+            .flat_map(move |c| {
+                let weight = o.weights[c];
+                o.place
+                    .nodes
+                    .iter()
+                    .zip(&o.place.shape)
+                    .filter(move |_| weight != 0.0)
+                    .map(move |(node, shape)| (c * nodes + node, weight * shape))
+            })
+            .chain(o.nuisance.map(|(i, weight)| (nodes * components + i, weight)))
     }
 
     /// `P <- (I - K h) P (I - K h)^T + K R K^T` with the gain at hand and `P h^T` of before.

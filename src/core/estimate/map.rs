@@ -83,6 +83,8 @@ pub struct Row {
     pub weights: [f64; COMPONENTS_MAX],
     /// Measured minus the static model.
     pub value: f64,
+    /// What one second of delay adds to it.
+    pub delay: f64,
 }
 
 /// What became of a batch.
@@ -107,6 +109,11 @@ pub struct LiveMap {
     filter: NodeFilter,
     evidence: [f64; COMPONENTS_MAX],
 }
+
+/// Standard deviation of a sensor's unknown delay, s.
+pub const DELAY_STD_S: f64 = 5e-3;
+/// What its variance grows by, s2/s: 50 us in a minute.
+const DELAY_WALK: f64 = 4e-11;
 
 impl LiveMap {
     /// A map that is the offline map.
@@ -142,6 +149,20 @@ impl LiveMap {
         Ok(Self { rules, filter, evidence: [0.0; COMPONENTS_MAX] })
     }
 
+    /// One more sensor: its delay is estimated with the map, for the error of a map looks like a delay as long as the
+    /// machine moves one way. Gives the number by which the sensor's readings are known.
+    pub fn add_sensor(&mut self) -> usize {
+        // in units of its own standard deviation, like everything else
+        self.filter.add_nuisance(1.0, DELAY_WALK / (DELAY_STD_S * DELAY_STD_S))
+    }
+
+    /// How much later than its stamp a reading of a sensor is taken, and the standard deviation of that, s.
+    #[must_use]
+    pub fn delay(&self, sensor: usize) -> [f64; 2] {
+        let (value, std) = self.filter.nuisance(sensor);
+        [DELAY_STD_S * value, DELAY_STD_S * std]
+    }
+
     /// What it was made of.
     #[must_use]
     pub const fn rules(&self) -> &MapRules {
@@ -160,20 +181,26 @@ impl LiveMap {
     }
 
     /// Compares a batch with the map; nothing is changed.
-    pub fn judge(&mut self, place: &NodePlace, rows: &[Row], noise: &MeasurementNoise) -> Batch {
+    pub fn judge(
+        &mut self,
+        sensor: usize,
+        place: &NodePlace,
+        rows: &[Row],
+        noise: &MeasurementNoise,
+    ) -> Batch {
         let mut batch = Batch::default();
         for row in rows {
-            let (innovation, variance) = self.filter.compare(&self.observation(place, row), noise);
+            let (innovation, variance) = self.filter.compare(&self.observation(sensor, place, row), noise);
             batch.add(innovation, variance, noise.variance());
         }
         batch.finish()
     }
 
     /// What a batch differs by and how uncertain the map is there, row by row, in units of the stated noise.
-    pub fn innovations(&mut self, place: &NodePlace, rows: &[Row]) -> Vec<(f64, f64)> {
+    pub fn innovations(&mut self, sensor: usize, place: &NodePlace, rows: &[Row]) -> Vec<(f64, f64)> {
         let mut found = Vec::with_capacity(rows.len());
         for row in rows {
-            let observation = self.observation(place, row);
+            let observation = self.observation(sensor, place, row);
             found.push(self.filter.expect(&observation));
         }
         found
@@ -186,12 +213,18 @@ impl LiveMap {
     }
 
     /// Takes a batch that was judged fit; gives its consistency as the filter saw it, row after row.
-    pub fn update(&mut self, place: &NodePlace, rows: &[Row], noise: &mut MeasurementNoise) -> Batch {
+    pub fn update(
+        &mut self,
+        sensor: usize,
+        place: &NodePlace,
+        rows: &[Row],
+        noise: &mut MeasurementNoise,
+    ) -> Batch {
         let mut batch = Batch::default();
         for row in rows {
             let before = noise.variance();
             let Update { verdict, innovation, innovation_variance, .. } =
-                self.filter.update(&self.observation(place, row), noise);
+                self.filter.update(&self.observation(sensor, place, row), noise);
             if verdict == Verdict::Accepted {
                 batch.add(innovation, innovation_variance, before);
             }
@@ -282,12 +315,13 @@ impl LiveMap {
         self.evidence = [0.0; COMPONENTS_MAX];
     }
 
-    fn observation(&self, place: &NodePlace, row: &Row) -> Observation {
+    fn observation(&self, sensor: usize, place: &NodePlace, row: &Row) -> Observation {
         let mut weights = [0.0; COMPONENTS_MAX];
         for (c, rules) in self.rules.components.iter().enumerate() {
             weights[c] = row.weights[c] * rules.std;
         }
-        Observation { place: *place, weights, value: row.value }
+        let nuisance = (row.delay != 0.0).then_some((sensor, row.delay * DELAY_STD_S));
+        Observation { place: *place, weights, value: row.value, nuisance }
     }
 }
 
@@ -345,7 +379,7 @@ mod tests {
         let row = |w: [f64; 2]| {
             let mut weights = [0.0; COMPONENTS_MAX];
             weights[..2].copy_from_slice(&w.map(|w| w / sigma));
-            Row { weights, value: (w[0] * length + w[1] * angle) / sigma }
+            Row { weights, value: (w[0] * length + w[1] * angle) / sigma, delay: 0.0 }
         };
         [row([1.0, 0.0]), row([1.0, lever])]
     }
@@ -373,8 +407,8 @@ mod tests {
             let wobble = if i % 2 == 0 { 1e-3 } else { -1e-3 };
             let mut rows = rows(0.015, 0.0);
             rows.iter_mut().for_each(|row| row.value += wobble / 1e-3);
-            assert!(map.judge(&place, &rows, &noise).rows == 2);
-            map.update(&place, &rows, &mut noise);
+            assert!(map.judge(0, &place, &rows, &noise).rows == 2);
+            map.update(0, &place, &rows, &mut noise);
         }
         let place = map.place([500.0, 200.0, 150.0]);
         assert!((map.output(0, &place) - 0.015).abs() < 1e-3, "{}", map.output(0, &place));
@@ -390,17 +424,17 @@ mod tests {
         let mut noise = MeasurementNoise::new(1.0, None).unwrap();
         for point in points() {
             let place = map.place(point);
-            map.update(&place, &rows(0.08, 0.0), &mut noise);
+            map.update(0, &place, &rows(0.08, 0.0), &mut noise);
         }
         let place = map.place([300.0, 100.0, 100.0]);
         assert!((map.estimate(0, &place).0 - 0.08).abs() < 1e-3);
         assert!(map.output(0, &place) <= 0.05 + 1e-15);
-        let good = map.judge(&place, &rows(0.08, 0.0), &noise);
+        let good = map.judge(0, &place, &rows(0.08, 0.0), &noise);
         assert!(map.is_inside_gate(&good));
-        let bad = map.judge(&place, &rows(0.2, 0.0), &noise);
+        let bad = map.judge(0, &place, &rows(0.2, 0.0), &noise);
         assert!(!map.is_inside_gate(&bad) && bad.worst > 1000.0);
-        let blind = [Row { weights: [0.0; COMPONENTS_MAX], value: 5.0 }];
-        let blind = map.judge(&place, &blind, &noise);
+        let blind = [Row { weights: [0.0; COMPONENTS_MAX], value: 5.0, delay: 0.0 }];
+        let blind = map.judge(0, &place, &blind, &noise);
         assert!(blind.rows == 0 && !map.is_inside_gate(&blind), "what sees nothing updates nothing");
     }
 
@@ -410,7 +444,7 @@ mod tests {
         let mut noise = unit_noise();
         points().for_each(|point| {
             let place = map.place(point);
-            map.update(&place, &rows(0.01, 1e-5), &mut noise);
+            map.update(0, &place, &rows(0.01, 1e-5), &mut noise);
         });
         let kept: Vec<_> = map.nodes().collect();
         let evidence = map.evidence().to_vec();

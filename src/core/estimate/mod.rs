@@ -20,7 +20,7 @@ pub mod supervise;
 pub mod whiten;
 
 pub use acquaint::{Acquaintance, Opinion};
-pub use clock::{SensorClock, TimeShift};
+pub use clock::SensorClock;
 pub use filter::{FilterError, NodeFilter, Observation, Process, Rules, Update, Verdict};
 pub use grid::{GridError, NodeGrid, NodePlace};
 pub use map::{Batch, ComponentRules, LiveMap, MapError, MapRules, Row};

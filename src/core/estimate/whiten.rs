@@ -8,22 +8,33 @@ use nalgebra::{DMatrix, DVector};
 use super::filter::COMPONENTS_MAX;
 use super::map::Row;
 
-/// Rows of unit variance from values, their weights (one row each) and their covariance; `None` where it is none.
+/// Rows of unit variance from values, their weights (one row each), what a second of delay adds to each, and their
+/// covariance; `None` where it is none.
 #[must_use]
 pub fn whiten(
     values: &[f64],
     weights: &[[f64; COMPONENTS_MAX]],
+    delays: &[f64],
     covariance: &DMatrix<f64>,
 ) -> Option<Vec<Row>> {
     let n = values.len();
-    if weights.len() != n || covariance.shape() != (n, n) || covariance.iter().any(|v| !v.is_finite()) {
+    if weights.len() != n
+        || delays.len() != n
+        || covariance.shape() != (n, n)
+        || covariance.iter().any(|v| !v.is_finite())
+    {
         return None;
     }
     let l = covariance.clone().cholesky()?.l();
     let h = DMatrix::from_fn(n, COMPONENTS_MAX, |i, j| weights[i][j]);
     let z = l.solve_lower_triangular(&DVector::from_column_slice(values))?;
     let h = l.solve_lower_triangular(&h)?;
-    Some((0..n).map(|i| Row { weights: core::array::from_fn(|j| h[(i, j)]), value: z[i] }).collect())
+    let late = l.solve_lower_triangular(&DVector::from_column_slice(delays))?;
+    Some(
+        (0..n)
+            .map(|i| Row { weights: core::array::from_fn(|j| h[(i, j)]), value: z[i], delay: late[i] })
+            .collect(),
+    )
 }
 
 #[cfg(test)]
@@ -37,7 +48,7 @@ mod tests {
         weights[0][0] = 1.0;
         weights[1][0] = 0.5;
         weights[1][3] = 2.0;
-        let rows = whiten(&[3.0, -1.0], &weights, &c).unwrap();
+        let rows = whiten(&[3.0, -1.0], &weights, &[0.0; 2], &c).unwrap();
         // H^T C^-1 H and H^T C^-1 z are what a filter learns
         let inverse = c.clone().try_inverse().unwrap();
         for a in [0, 3] {
@@ -53,8 +64,10 @@ mod tests {
             assert!((found - wanted).abs() < 1e-14);
         }
         let singular = DMatrix::from_row_slice(2, 2, &[1.0, 1.0, 1.0, 1.0]);
-        assert!(whiten(&[1.0, 1.0], &weights, &singular).is_none());
-        assert!(whiten(&[1.0], &weights, &c).is_none());
-        assert!(whiten(&[1.0, f64::NAN], &weights, &DMatrix::from_element(2, 2, f64::NAN)).is_none());
+        assert!(whiten(&[1.0, 1.0], &weights, &[0.0; 2], &singular).is_none());
+        assert!(whiten(&[1.0], &weights, &[0.0; 2], &c).is_none());
+        assert!(
+            whiten(&[1.0, f64::NAN], &weights, &[0.0; 2], &DMatrix::from_element(2, 2, f64::NAN)).is_none()
+        );
     }
 }

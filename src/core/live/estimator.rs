@@ -13,7 +13,7 @@ use super::health::LiveHealth;
 use super::history::{Moment, MotionHistory};
 use super::map::{KeptMap, MapState, channels};
 use super::reading::{Body, Reading};
-use super::rows::{Expected, Gap};
+use super::rows::Expected;
 use super::sensor::{SensorState, Stage, judged};
 use super::spec::{LiveError, LiveSpec, SensorKind, SensorSpec};
 use super::table::{LiveTable, Source};
@@ -25,8 +25,6 @@ use crate::core::units::MonoTime;
 
 /// Half of the time over which the speed at a reading is taken, s.
 const SPEED_S: f64 = 5e-3;
-/// Slowest motion from which a delay is learned, mm/s.
-const SPEED_MIN: f64 = 1.0;
 
 /// The estimator of one model.
 #[derive(Debug, Clone)]
@@ -60,14 +58,20 @@ impl LiveEstimator {
         if let Some(k) = (1..names.len()).find(|k| names[..*k].contains(&names[*k])) {
             return Err(LiveError::Twice { name: names[k].to_owned() });
         }
-        let maps: Result<Vec<_>, _> = live.maps.iter().map(|map| MapState::new(map, &model)).collect();
+        let maps: Result<Vec<MapState>, _> = live.maps.iter().map(|map| MapState::new(map, &model)).collect();
         let sensors: Result<Vec<_>, _> =
             live.sensors.iter().map(|sensor| new_sensor(sensor, live, spec, &model)).collect();
+        let (mut maps, mut sensors): (_, Vec<SensorState>) = (maps?, sensors?);
+        for sensor in &mut sensors {
+            if let SensorKind::Tool { map } = sensor.spec.kind {
+                sensor.number = maps[map].map.add_sensor();
+            }
+        }
         let index = |name| spec.chain.index_of(name);
         Ok(Self {
             linear: [AxisName::X, AxisName::Y, AxisName::Z].map(index),
-            sensors: sensors?,
-            maps: maps?,
+            sensors,
+            maps,
             history: MotionHistory::default(),
             model,
             hash,
@@ -148,7 +152,8 @@ impl LiveEstimator {
     ) {
         let live = self.live_values();
         let (Some(state), Some(map)) = (self.sensors.get_mut(sensor), self.maps.get_mut(map)) else { return };
-        let at = when.0.plus_seconds(state.shift.value_s());
+        let [delay, _] = map.map.delay(state.number);
+        let at = when.0.plus_seconds(delay);
         let Some(moment) = self.history.at(at) else {
             state.without_position += 1;
             state.supervisor.hear(now);
@@ -170,9 +175,10 @@ impl LiveEstimator {
         map.predict(at);
         let linear = self.linear.map(|k| k.map_or(0.0, |k| moment.commanded[k]));
         let place = map.map.place(linear);
-        learn_delay(state, map, &gap, &velocity, &place, at);
-        let covariance = gap.covariance(&velocity, state.shift.std_s());
-        let Some(rows) = whiten(&gap.values, &gap.weights, &covariance) else {
+        let delays = gap.delays(&velocity);
+        // the gap was taken at the delay known so far, which the filter estimates as a whole
+        let values: Vec<f64> = gap.values.iter().zip(&delays).map(|(v, late)| v + late * delay).collect();
+        let Some(rows) = whiten(&values, &gap.weights, &delays, &gap.covariance()) else {
             state.supervisor.exclude(now, Trouble::Range);
             return;
         };
@@ -246,9 +252,15 @@ impl LiveEstimator {
     #[must_use]
     pub fn health(&self, now: MonoTime) -> LiveHealth {
         LiveHealth {
-            sensors: self.sensors.iter().map(|s| s.health(now)).collect(),
+            sensors: self.sensors.iter().map(|s| s.health(now, self.delay_of(s))).collect(),
             maps: self.maps.iter().map(MapState::health).collect(),
         }
+    }
+
+    /// What is known about the delay of a sensor.
+    fn delay_of(&self, sensor: &SensorState) -> Option<[f64; 2]> {
+        let SensorKind::Tool { map } = sensor.spec.kind else { return None };
+        Some(self.maps.get(map)?.map.delay(sensor.number))
     }
 
     /// How each sensor stands, by name.
@@ -351,38 +363,11 @@ fn new_sensor(
     Ok(state)
 }
 
-/// What a moving reading says about its delay.
-fn learn_delay(
-    state: &mut SensorState,
-    map: &MapState,
-    gap: &Gap,
-    velocity: &Vec3,
-    place: &NodePlace,
-    at: MonoTime,
-) {
-    let passed = state.last_at.map_or(0.0, |before| at.seconds_since(before));
-    state.last_at = Some(at);
-    state.shift.predict(passed);
-    let speed = velocity.norm();
-    if speed < SPEED_MIN {
-        return;
-    }
-    if let Some((value, variance, weights)) = gap.along_path(velocity) {
-        let (mut known, mut unsure) = (0.0, variance * state.noise.variance());
-        for (c, weight) in weights.iter().enumerate().take(map.channels.len()) {
-            let (x, s) = map.map.estimate(c, place);
-            known += weight * x;
-            unsure += (weight * s).powi(2);
-        }
-        state.shift.learn(value - known, speed, unsure);
-    }
-}
-
 /// Rows of a plausible reading: looked at, or used where they agree.
 fn use_rows(now: MonoTime, state: &mut SensorState, map: &mut MapState, place: &NodePlace, rows: &[Row]) {
     let gate = map.spec.gate;
     if let Stage::Acquainting(acquaintance) = &mut state.stage {
-        let innovations = map.map.innovations(place, rows);
+        let innovations = map.map.innovations(state.number, place, rows);
         let opinion = acquaintance.add(&innovations);
         let Some(opinion) = opinion else { return };
         if state.meet(&opinion, gate) {
@@ -394,14 +379,14 @@ fn use_rows(now: MonoTime, state: &mut SensorState, map: &mut MapState, place: &
         }
         return;
     }
-    let batch = map.map.judge(place, rows, &state.noise);
+    let batch = map.map.judge(state.number, place, rows, &state.noise);
     state.note(&batch);
     if batch.rows == 0 {
         return;
     }
     if map.map.is_inside_gate(&batch) {
         state.rejections = 0;
-        let used = map.map.update(place, rows, &mut state.noise);
+        let used = map.map.update(state.number, place, rows, &mut state.noise);
         state.note_used(&used);
         map.touched();
         return;

@@ -192,41 +192,20 @@ impl Gap {
         self.weights.push(weights);
     }
 
-    /// The covariance, with what an uncertain time adds along the `velocity` (mm/s, W).
+    /// The covariance.
     #[must_use]
-    pub fn covariance(&self, velocity: &Vec3, time_std_s: f64) -> DMatrix<f64> {
+    pub fn covariance(&self) -> DMatrix<f64> {
         let n = self.values.len();
         let mut out = DMatrix::zeros(n, n);
         for (i, j, v) in &self.covariance {
             out[(*i, *j)] += v;
         }
-        for i in 0..n {
-            for j in 0..n {
-                let late = self.along[i].dot(velocity) * self.along[j].dot(velocity);
-                out[(i, j)] += late * time_std_s * time_std_s;
-            }
-        }
         out
     }
 
-    /// Lengths along the path: how far the reading is off along `velocity`, its variance, and the effect of each
-    /// component there; `None` where the machine rests or the reading has no position.
+    /// What one second of delay adds to each number, the machine moving at `velocity` (mm/s, W).
     #[must_use]
-    pub fn along_path(&self, velocity: &Vec3) -> Option<(f64, f64, [f64; COMPONENTS_MAX])> {
-        if self.values.len() < 3 || !self.is_length[..3].iter().all(|l| *l) {
-            return None;
-        }
-        let direction = velocity.try_normalize(1e-9)?;
-        let mut weights = [0.0; COMPONENTS_MAX];
-        let (mut value, mut variance) = (0.0, 0.0);
-        for i in 0..3 {
-            let share = self.along[i].dot(&direction);
-            value += share * self.values[i];
-            weights.iter_mut().zip(&self.weights[i]).for_each(|(w, own)| *w += share * own);
-        }
-        for (i, j, v) in self.covariance.iter().filter(|(i, j, _)| *i < 3 && *j < 3) {
-            variance += self.along[*i].dot(&direction) * self.along[*j].dot(&direction) * v;
-        }
-        Some((value, variance, weights))
+    pub fn delays(&self, velocity: &Vec3) -> Vec<f64> {
+        self.along.iter().map(|along| along.dot(velocity)).collect()
     }
 }

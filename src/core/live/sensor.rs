@@ -7,7 +7,7 @@ use super::rows::{DefaultStd, Gap};
 use super::spec::{SensorKind, SensorSpec};
 use crate::core::estimate::{
     Acquaintance, Adaptation, Batch, MeasurementNoise, Opinion, Plausibility, Said, SensorClock, Standing,
-    Supervisor, TimeShift, Trouble, VALUES_MAX,
+    Supervisor, Trouble, VALUES_MAX,
 };
 use crate::core::units::MonoTime;
 
@@ -33,7 +33,8 @@ pub(super) struct SensorState {
     pub(super) spec: SensorSpec,
     pub(super) supervisor: Supervisor,
     pub(super) clock: SensorClock,
-    pub(super) shift: TimeShift,
+    /// Number by which its map knows it.
+    pub(super) number: usize,
     pub(super) noise: MeasurementNoise,
     pub(super) stage: Stage,
     pub(super) rejections: u32,
@@ -56,7 +57,7 @@ impl SensorState {
         Self {
             supervisor: Supervisor::new(plausibility(spec)),
             clock: SensorClock::new(spec.latency_s),
-            shift: TimeShift::default(),
+            number: 0,
             noise: noise(1.0, spec.adapt),
             stage: Stage::Acquainting(Acquaintance::new(spec.acquaintance)),
             rejections: 0,
@@ -142,7 +143,8 @@ impl SensorState {
         }
     }
 
-    pub(super) fn health(&self, now: MonoTime) -> SensorHealth {
+    /// How it goes; `delay` is what its map knows of its delay.
+    pub(super) fn health(&self, now: MonoTime, delay: Option<[f64; 2]>) -> SensorHealth {
         let is_tool = matches!(self.spec.kind, SensorKind::Tool { .. });
         SensorHealth {
             name: self.spec.name.clone(),
@@ -151,7 +153,7 @@ impl SensorState {
             standing_s: now.seconds_since(self.supervisor.since()),
             age_s: self.supervisor.heard().map(|at| now.seconds_since(at)),
             clock_offset_s: self.clock.offset_s(),
-            shift_s: is_tool.then(|| [self.shift.value_s(), self.shift.std_s()]),
+            shift_s: delay,
             readings: self.readings,
             without_position: self.without_position,
             acquaintance: match &self.stage {

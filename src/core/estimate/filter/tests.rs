@@ -35,7 +35,7 @@ impl Random {
 fn seen(grid: &NodeGrid, point: [f64; 3], weights: &[f64], value: f64) -> Observation {
     let mut all = [0.0; COMPONENTS_MAX];
     all[..weights.len()].copy_from_slice(weights);
-    Observation { place: grid.place(point), weights: all, value }
+    Observation { place: grid.place(point), weights: all, value, nuisance: None }
 }
 
 #[test]
@@ -177,6 +177,7 @@ fn the_variance_of_the_sensor_is_found_from_starts_wrong_by_five() {
                 let place = g.place(random.point());
                 let value: f64 = place.nodes.iter().zip(&place.shape).map(|(n, s)| s * map[*n]).sum::<f64>();
                 let o = Observation {
+                    nuisance: None,
                     place,
                     weights: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
                     value: value + truth * random.normal(),
@@ -211,6 +212,7 @@ fn the_innovation_is_as_large_as_the_filter_says() {
             let place = g.place(random.point());
             let value: f64 = place.nodes.iter().zip(&place.shape).map(|(n, s)| s * map[*n]).sum();
             let o = Observation {
+                nuisance: None,
                 place,
                 weights: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
                 value: value + 0.5 * random.normal(),
@@ -305,4 +307,31 @@ fn comparing_changes_nothing_and_says_what_the_update_says() {
     let (innovation, variance) = filter.compare(&o, &noise);
     let update = filter.update(&o, &mut noise);
     assert_eq!((update.innovation, update.innovation_variance), (innovation, variance));
+}
+
+#[test]
+fn a_number_beside_the_map_is_told_from_it() {
+    let g = grid();
+    let n = g.nodes();
+    for process in [Process::MeanReverting { tau_s: 1e5 }, Process::RandomWalk { variance_per_s: 1e-6 }] {
+        let mut filter = NodeFilter::new(&g, &vec![0.0; n], &[2.0], 300.0, process, open()).unwrap();
+        let before = filter.covariance().to_vec();
+        let delay = filter.add_nuisance(9.0, 1e-6);
+        assert_eq!(filter.state().len(), n);
+        assert_eq!(filter.covariance()[n + 2], before[n + 1], "the map's own part is as it was");
+        assert_eq!(filter.nuisance(delay), (0.0, 3.0));
+        let mut noise = MeasurementNoise::new(0.01, None).unwrap();
+        let mut random = Random(11);
+        for _ in 0..300 {
+            filter.predict(0.1);
+            let speed = random.normal();
+            let value = 1.0 + 2.5 * speed + 0.1 * random.normal();
+            let o = Observation { nuisance: Some((delay, speed)), ..seen(&g, random.point(), &[1.0], value) };
+            filter.update(&o, &mut noise);
+        }
+        let (value, std) = filter.nuisance(delay);
+        assert!((value - 2.5).abs() < 4.0 * std && std < 0.02, "{value} {std}");
+        let place = g.place([400.0, 150.0, 120.0]);
+        assert!((filter.value(0, &place) - 1.0).abs() < 4.0 * filter.std_at(0, &place));
+    }
 }
