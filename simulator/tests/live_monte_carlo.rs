@@ -80,6 +80,8 @@ fn live_spec(stated: f64) -> LiveSpec {
     let sensor = SensorSpec {
         std_mm: stated * NOISE[0],
         std_rad: stated * NOISE[1],
+        // all but 3 ms of it is known
+        latency_s: 0.017,
         // a reading every few seconds
         age_limit_s: 60.0,
         range: [2.0, 2e-3],
@@ -294,7 +296,7 @@ fn judge(drift: &[Outcome], still: &[Outcome]) {
 
 #[test]
 fn drift_is_followed_stillness_left_alone_and_noise_found() {
-    judge(&runs(0..12, with_drift), &runs(0..12, without_drift));
+    judge(&runs(0..20, with_drift), &runs(0..20, without_drift));
 }
 
 #[test]

@@ -18,8 +18,10 @@ const MEDIAN_COST: f64 = core::f64::consts::FRAC_PI_2;
 /// What was found out about a sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Opinion {
-    /// Variance of its noise, in units of the stated one.
+    /// Variance of its noise, in units of the stated one: what changes from one reading to the next.
     pub variance: f64,
+    /// Variance about the median, where that is larger: what the filter may begin with.
+    pub begin_with: f64,
     /// Largest squared median innovation over its variance: above the gate it disagrees with the map.
     pub disagreement: f64,
 }
@@ -83,15 +85,15 @@ impl Acquaintance {
             row(r).into_iter().map(move |v| (v - middle).powi(2))
         };
         let scatter = median((0..self.rows).flat_map(about).collect()) / CHI2_MEDIAN;
-        let variance = fast.max(scatter);
+        let begin_with = fast.max(scatter);
         let n = readings as f64;
         let disagreement = (0..self.rows)
             .map(|r| {
                 let middle = median(row(r));
-                middle * middle / (self.uncertainty[r] / n + MEDIAN_COST * variance / n)
+                middle * middle / (self.uncertainty[r] / n + MEDIAN_COST * begin_with / n)
             })
             .fold(0.0, f64::max);
-        Opinion { variance, disagreement }
+        Opinion { variance: fast, begin_with, disagreement }
     }
 }
 

@@ -19,8 +19,7 @@ use super::spec::{LiveError, LiveSpec, SensorKind, SensorSpec};
 use super::table::{LiveTable, Source};
 use crate::core::axes::{AxisKind, AxisName, Travel};
 use crate::core::estimate::{NodePlace, Row, Standing, Trouble, VALUES_MAX, whiten};
-use crate::core::geometry::Vec3;
-use crate::core::model::{ErrorSymbol, Model, ModelSpec, SENSORS_MAX};
+use crate::core::model::{ErrorSymbol, Model, ModelSpec, Pose, SENSORS_MAX};
 use crate::core::units::MonoTime;
 
 /// Half of the time over which the speed at a reading is taken, s.
@@ -159,15 +158,16 @@ impl LiveEstimator {
             state.supervisor.hear(now);
             return;
         };
-        let expected = Expected::new(&self.model, &moment, &live, &map.channels);
-        let tip = |seconds: f64| {
+        let tool = |seconds: f64| {
             let moment = self.history.at(at.plus_seconds(seconds))?;
-            let probe = Expected::new(&self.model, &moment, &live, &[]);
-            Some((moment.at, probe.tip()))
+            let nominal =
+                |position| self.model.nominal_tool(&Pose { tool_tip: moment.tool_tip, ..Pose::at(position) });
+            Some((moment.at, [nominal(moment.actual), nominal(moment.commanded)]))
         };
-        let velocity = tip(-SPEED_S)
-            .zip(tip(SPEED_S))
-            .map_or(Vec3::zeros(), |(a, b)| (b.1 - a.1) / b.0.seconds_since(a.0));
+        let mut expected = Expected::new(&self.model, &moment, &live, &map.channels);
+        if let Some((from, to)) = tool(-SPEED_S).zip(tool(SPEED_S)) {
+            expected = expected.moving(&from.1, &to.1, to.0.seconds_since(from.0));
+        }
         let gap = expected.gap(&reading.body, state.std());
         if !state.judge(now, when, reading, &judged(&gap)) {
             return;
@@ -175,10 +175,9 @@ impl LiveEstimator {
         map.predict(at);
         let linear = self.linear.map(|k| k.map_or(0.0, |k| moment.commanded[k]));
         let place = map.map.place(linear);
-        let delays = gap.delays(&velocity);
         // the gap was taken at the delay known so far, which the filter estimates as a whole
-        let values: Vec<f64> = gap.values.iter().zip(&delays).map(|(v, late)| v + late * delay).collect();
-        let Some(rows) = whiten(&values, &gap.weights, &delays, &gap.covariance()) else {
+        let values: Vec<f64> = gap.values.iter().zip(&gap.delays).map(|(v, late)| v + late * delay).collect();
+        let Some(rows) = whiten(&values, &gap.weights, &gap.delays, &gap.covariance()) else {
             state.supervisor.exclude(now, Trouble::Range);
             return;
         };

@@ -13,7 +13,7 @@ use nalgebra::{DMatrix, Matrix6};
 use super::history::Moment;
 use super::reading::{Body, PointReading, Seen, ToolReading};
 use crate::core::estimate::filter::COMPONENTS_MAX;
-use crate::core::geometry::{Vec3, unit};
+use crate::core::geometry::{Mat3, Vec3};
 use crate::core::model::volumetric::NominalTool;
 use crate::core::model::{Model, Pose, SENSORS_MAX};
 
@@ -30,6 +30,24 @@ pub struct Expected {
     turn: Vec3,
     /// The same per unit of each component of the map.
     effects: Vec<(Vec3, Vec3)>,
+    /// How the tool moves.
+    rates: Rates,
+    /// How its offset from the command changes.
+    offset_rates: Rates,
+}
+
+/// Changes per second.
+#[derive(Debug, Clone, PartialEq)]
+struct Rates {
+    tip: Vec3,
+    direction: Vec3,
+    rotation: Mat3,
+}
+
+impl Rates {
+    fn rest() -> Self {
+        Self { tip: Vec3::zeros(), direction: Vec3::zeros(), rotation: Mat3::zeros() }
+    }
 }
 
 /// A reading as differences from the model, not yet of unit variance.
@@ -41,8 +59,8 @@ pub struct Gap {
     pub is_length: Vec<bool>,
     /// Effect of each component.
     pub weights: Vec<[f64; COMPONENTS_MAX]>,
-    /// Direction in W along which a length is measured; zero for angles.
-    pub along: Vec<Vec3>,
+    /// What one second of delay adds to it.
+    pub delays: Vec<f64>,
     /// Covariance.
     pub covariance: Vec<(usize, usize, f64)>,
 }
@@ -80,13 +98,38 @@ impl Expected {
             shift: deviation.position,
             turn: deviation.rotation,
             effects,
+            rates: Rates::rest(),
+            offset_rates: Rates::rest(),
         }
     }
 
-    /// Where the tip should be, W.
+    /// The tool moved from one place to another within `seconds` about the moment; each as nominal at the encoders and
+    /// at the command.
     #[must_use]
-    pub const fn tip(&self) -> Vec3 {
-        self.actual.tip
+    pub fn moving(mut self, from: &[NominalTool; 2], to: &[NominalTool; 2], seconds: f64) -> Self {
+        if seconds > 0.0 {
+            let rate = |k: usize| Rates {
+                tip: (to[k].tip - from[k].tip) / seconds,
+                direction: (to[k].direction - from[k].direction) / seconds,
+                rotation: (to[k].rotation - from[k].rotation) / seconds,
+            };
+            let (actual, commanded) = (rate(0), rate(1));
+            self.offset_rates = Rates {
+                tip: actual.tip - commanded.tip,
+                direction: actual.direction - commanded.direction,
+                rotation: actual.rotation - commanded.rotation,
+            };
+            self.rates = actual;
+        }
+        self
+    }
+
+    /// What changes while a reading is late: where the tool is, or by how much it is offset from the command.
+    const fn rates_of(&self, seen: Seen) -> &Rates {
+        match seen {
+            Seen::Absolute(_) => &self.rates,
+            Seen::Deviation(_) => &self.offset_rates,
+        }
     }
 
     /// What a reading differs by.
@@ -101,7 +144,8 @@ impl Expected {
                 let applied = self.actual.tip - self.commanded.tip;
                 let expected = along.dot(&(self.shift + applied));
                 let variance = own.unwrap_or(std.mm).powi(2);
-                gap.length(value - expected, along, self.weights(|(shift, _)| along.dot(shift)), variance);
+                let late = along.dot(&self.offset_rates.tip);
+                gap.length(value - expected, late, self.weights(|(shift, _)| along.dot(shift)), variance);
             }
             Body::FiveDofRaw(_) | Body::FiveDof(_) | Body::Value(_) | Body::Temperatures(_) => {}
         }
@@ -117,8 +161,9 @@ impl Expected {
             let (p, a) = (std.mm.powi(2), std.rad.powi(2));
             Matrix6::from_diagonal(&[p, p, p, a, a, a].into())
         });
+        let late = self.rates_of(tool.tip).tip;
         for i in 0..3 {
-            gap.length(tip[i], unit(i), self.weights(|(shift, _)| shift[i]), 0.0);
+            gap.length(tip[i], late[i], self.weights(|(shift, _)| shift[i]), 0.0);
         }
         let a = self.actual.direction;
         let mut across = Vec::new();
@@ -130,8 +175,9 @@ impl Expected {
             let other = if a.x.abs() < 0.6 { Vec3::x() } else { Vec3::y() };
             let u = a.cross(&other).normalize();
             across = vec![u, a.cross(&u)];
+            let late = self.rates_of(direction).direction;
             for e in &across {
-                gap.angle(e.dot(&found), self.weights(|(_, turn)| e.dot(&turn.cross(&a))));
+                gap.angle(e.dot(&found), e.dot(&late), self.weights(|(_, turn)| e.dot(&turn.cross(&a))));
             }
         }
         // the covariance of the rows: the tip as it stands, the direction projected across the tool
@@ -161,9 +207,11 @@ impl Expected {
         } - self.shift
             - self.turn.cross(&lever);
         let variance = point.std.unwrap_or(std.mm).powi(2);
+        let rates = self.rates_of(point.position);
+        let late = rates.tip + rates.rotation * point.offset;
         for i in 0..3 {
             let weights = self.weights(|(shift, turn)| shift[i] + turn.cross(&lever)[i]);
-            gap.length(found[i], unit(i), weights, variance);
+            gap.length(found[i], late[i], weights, variance);
         }
     }
 
@@ -175,20 +223,20 @@ impl Expected {
 }
 
 impl Gap {
-    fn length(&mut self, value: f64, along: Vec3, weights: [f64; COMPONENTS_MAX], variance: f64) {
+    fn length(&mut self, value: f64, late: f64, weights: [f64; COMPONENTS_MAX], variance: f64) {
         let i = self.values.len();
-        self.push(value, true, along, weights);
+        self.push(value, true, late, weights);
         self.covariance.push((i, i, variance));
     }
 
-    fn angle(&mut self, value: f64, weights: [f64; COMPONENTS_MAX]) {
-        self.push(value, false, Vec3::zeros(), weights);
+    fn angle(&mut self, value: f64, late: f64, weights: [f64; COMPONENTS_MAX]) {
+        self.push(value, false, late, weights);
     }
 
-    fn push(&mut self, value: f64, is_length: bool, along: Vec3, weights: [f64; COMPONENTS_MAX]) {
+    fn push(&mut self, value: f64, is_length: bool, late: f64, weights: [f64; COMPONENTS_MAX]) {
         self.values.push(value);
         self.is_length.push(is_length);
-        self.along.push(along);
+        self.delays.push(late);
         self.weights.push(weights);
     }
 
@@ -201,11 +249,5 @@ impl Gap {
             out[(*i, *j)] += v;
         }
         out
-    }
-
-    /// What one second of delay adds to each number, the machine moving at `velocity` (mm/s, W).
-    #[must_use]
-    pub fn delays(&self, velocity: &Vec3) -> Vec<f64> {
-        self.along.iter().map(|along| along.dot(velocity)).collect()
     }
 }

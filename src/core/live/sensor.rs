@@ -116,13 +116,13 @@ impl SensorState {
 
     /// What was found out about it; true where it may be used.
     pub(super) fn meet(&mut self, opinion: &Opinion, gate: f64) -> bool {
-        let [low, high] = NOISE_RANGE;
+        let [_, high] = NOISE_RANGE;
         let plausible = opinion.variance.is_finite() && opinion.variance <= high;
         if !plausible || opinion.disagreement > gate {
             return false;
         }
         if self.spec.adapt {
-            self.noise = noise(opinion.variance.max(low), true);
+            self.noise = noise(opinion.begin_with, true);
         }
         self.stage = Stage::Used;
         true

@@ -214,6 +214,7 @@ impl Worker {
             start,
         };
         worker.take_model();
+        worker.show(now);
         worker
     }
 

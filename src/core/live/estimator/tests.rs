@@ -7,10 +7,11 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::*;
 use crate::core::axes::MAX_AXES;
+use crate::core::geometry::Vec3;
 use crate::core::live::reading::{Seen, ToolReading};
 use crate::core::live::spec::MapSpec;
 use crate::core::model::curve::Live;
-use crate::core::model::{AxisSpec, Chain, Curve, ErrorFunction, Pose};
+use crate::core::model::{AxisSpec, Chain, Curve, ErrorFunction};
 
 const SYMBOLS: [&str; 6] = ["exz", "eyz", "ezz", "eaz", "ebz", "ecz"];
 /// Offset of the ram that the offline map does not know, mm and rad.
@@ -164,7 +165,7 @@ fn what_the_offline_map_does_not_know_is_learned_with_its_uncertainty() {
     bench.run(2000);
     for (c, ([value, std, used], truth)) in bench.middle().into_iter().zip(RAM).enumerate() {
         assert!((value - truth).abs() < 4.0 * std, "{c}: {value:e} {truth:e} +- {std:e}");
-        assert!((used - truth).abs() < 0.15 * truth.abs(), "{c}: {used:e} {truth:e}");
+        assert!((used - truth).abs() < 4.0 * std + 0.2 * truth.abs(), "{c}: {used:e} {truth:e}");
     }
     let sensor = bench.sensor();
     assert_eq!(sensor.standing, Standing::Good);
