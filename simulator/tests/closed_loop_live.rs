@@ -59,7 +59,7 @@ fn files(folder: &Path, control: &str, sensors: &str) {
     std::fs::write(folder.join("model.toml"), model).unwrap();
     std::fs::write(folder.join("machine.toml"), machine).unwrap();
     let mut programme = "G21 G90 G94\nG1 F6000 X260 Y160 Z-290\n".to_owned();
-    for _ in 0..8 {
+    for _ in 0..3 {
         for (x, y, z) in
             [(440, 160, -290), (440, 340, -210), (260, 340, -290), (350, 250, -210), (260, 160, -290)]
         {
@@ -112,7 +112,7 @@ fn what_the_tracker_sees_is_taken_out_while_the_machine_works() {
         .args(["serve", "--machine", "vmc-850", "--wait-s", "20", "--settle-s", "0.5"])
         .args(["--listen", &control, "--sensors", &sensors, "--tracker-every-ms", "10"])
         .args(["--tracker-outliers", "0.01", "--tracker-dropouts", "0.0005"])
-        .args(["--ram-um", "20", "--ram-drift-um-per-h", "200"])
+        .args(["--ram-um", "60", "--ram-drift-um-per-h", "200"])
         .arg("--program")
         .arg(folder.path().join("tour.nc"))
         .arg("--out")

@@ -337,8 +337,8 @@ impl NodeFilter {
         self.x[map..].fill(0.0);
         self.p.copy_from_slice(&self.prior_covariance);
         self.work.fill(1.0);
-        for i in 0..map {
-            self.work[i] = (std[i] / self.prior_covariance[i * n + i].sqrt()).min(1.0);
+        for (i, (work, std)) in self.work.iter_mut().zip(std).enumerate() {
+            *work = (std / self.prior_covariance[i * n + i].sqrt()).min(1.0);
         }
         self.scale_by_work();
         self.rejections = 0;

@@ -1,6 +1,7 @@
 //! Whether what a sensor says can be: silent, too old, frozen, jumping, out of range, too fast, with a clock that steps.
 //!
-//! A sensor that does any of that is excluded by name and cause. It comes back by rule: when it has said something
+//! A sensor that does any of that is excluded by name and cause; single readings that jump or cannot be are outliers and
+//! only left out. It comes back by rule: when it has said something
 //! plausible for [`Plausibility::return_s`] on end, in at least [`RETURN_READINGS`] readings. A sensor that jumped comes
 //! back at its new level; whether that level is right is for the comparison with the map to say
 //! ([`super::acquaint`]), not for plausibility.
@@ -11,6 +12,8 @@ use crate::core::units::MonoTime;
 pub const VALUES_MAX: usize = 10;
 /// Fewest plausible readings before a sensor comes back.
 pub const RETURN_READINGS: u32 = 5;
+/// Readings on end that jump, race or are out of range before a sensor counts as doing that; fewer are outliers.
+pub const SUSPECT_READINGS: u32 = 3;
 /// Equal readings that make a frozen sensor, beside the time.
 const FROZEN_READINGS: u32 = 5;
 
@@ -108,7 +111,12 @@ pub struct Supervisor {
     /// When the standing changed.
     since: MonoTime,
     heard: Option<MonoTime>,
-    last: Option<(MonoTime, [f64; VALUES_MAX], [f64; VALUES_MAX])>,
+    /// The newest plausible reading: when, its numbers.
+    last: Option<(MonoTime, [f64; VALUES_MAX])>,
+    /// The newest reading as it was given.
+    raw: Option<[f64; VALUES_MAX]>,
+    /// Readings on end that could be outliers.
+    suspects: u32,
     /// Since when, and for how many readings, all numbers are the same.
     same: (MonoTime, u32),
     /// Since when, and for how many readings, an excluded sensor is plausible.
@@ -125,6 +133,8 @@ impl Supervisor {
             since: MonoTime::ZERO,
             heard: None,
             last: None,
+            raw: None,
+            suspects: 0,
             same: (MonoTime::ZERO, 0),
             plausible: None,
         }
@@ -153,7 +163,7 @@ impl Supervisor {
         let silent = self.heard.is_some_and(|at| now.seconds_since(at) > self.rules.age_limit_s);
         if silent && self.standing != Standing::Excluded(Trouble::Silent) {
             self.exclude(now, Trouble::Silent);
-            self.last = None;
+            (self.last, self.raw) = (None, None);
         }
     }
 
@@ -168,11 +178,19 @@ impl Supervisor {
         self.hear(now);
         let (numbers, raw) = (array(said.values), array(said.raw));
         let trouble = self.trouble(now, said, &numbers, &raw);
-        self.last = Some((said.at, numbers, raw));
+        self.raw = Some(raw);
         if let Some(trouble) = trouble {
+            let outlier = matches!(trouble, Trouble::Jump | Trouble::Rate | Trouble::Range);
+            self.suspects += 1;
+            if outlier && self.suspects < SUSPECT_READINGS && self.standing == Standing::Good {
+                return false;
+            }
+            self.last = Some((said.at, numbers));
             self.exclude(now, trouble);
             return false;
         }
+        self.suspects = 0;
+        self.last = Some((said.at, numbers));
         match self.standing {
             Standing::Good => true,
             Standing::Waiting => {
@@ -201,8 +219,8 @@ impl Supervisor {
         raw: &[f64; VALUES_MAX],
     ) -> Option<Trouble> {
         let rules = &self.rules;
-        let frozen = match &self.last {
-            Some((_, _, before)) if before == raw => {
+        let frozen = match &self.raw {
+            Some(before) if before == raw => {
                 self.same.1 += 1;
                 now.seconds_since(self.same.0) > rules.frozen_s && self.same.1 > FROZEN_READINGS
             }
@@ -226,7 +244,7 @@ impl Supervisor {
         if said.quality.is_nan() || said.quality < rules.quality_min {
             return Some(Trouble::Quality);
         }
-        let (before, last, _) = self.last.as_ref()?;
+        let (before, last) = self.last.as_ref()?;
         let change = |k: usize| (numbers[k] - last[k]).abs();
         if (0..VALUES_MAX).any(|k| change(k) > rules.jump[k]) {
             return Some(Trouble::Jump);
@@ -313,12 +331,14 @@ mod tests {
         assert_eq!(excluded(&s, Trouble::Silent), (25, 39), "silent: heard again at 30, back a second later");
         assert_eq!(s[59], Standing::Good);
 
-        let s = watch(RULES, 60, |k| Some((if k == 20 { 5.0 } else { 0.1 }, 1.0)));
-        assert_eq!(excluded(&s, Trouble::Range).0, 20);
+        let s = watch(RULES, 60, |k| Some((if (20..23).contains(&k) { 5.0 } else { 0.1 }, 1.0)));
+        assert_eq!(excluded(&s, Trouble::Range).0, 22);
         assert_eq!(s[59], Standing::Good);
 
         let s = watch(RULES, 60, |k| Some((if k >= 20 { 0.6 } else { 0.1 }, 1.0)));
-        assert_eq!(excluded(&s, Trouble::Jump), (20, 30), "at the new level it is plausible again");
+        assert_eq!(excluded(&s, Trouble::Jump), (22, 32), "at the new level it is plausible again");
+        let s = watch(RULES, 60, |k| Some((if k % 10 == 5 { 0.7 } else { 0.1 }, 1.0)));
+        assert!(s[1..].iter().all(|s| *s == Standing::Good), "outliers are left out: {s:?}");
 
         let s = watch(RULES, 60, |k| Some((if (20..40).contains(&k) { 0.0 } else { 0.45 }, 1.0)));
         assert_eq!(excluded(&s, Trouble::Frozen).0, 25);
@@ -327,12 +347,12 @@ mod tests {
         let s = watch(RULES, 60, |k| Some((0.1, if k == 20 { 0.1 } else { 1.0 })));
         assert_eq!(excluded(&s, Trouble::Quality).0, 20);
 
-        let s = watch(RULES, 60, |k| Some((if k == 20 { f64::NAN } else { 0.1 }, 1.0)));
-        assert_eq!(excluded(&s, Trouble::Range).0, 20);
+        let s = watch(RULES, 60, |k| Some((if (20..23).contains(&k) { f64::NAN } else { 0.1 }, 1.0)));
+        assert_eq!(excluded(&s, Trouble::Range).0, 22);
 
         let slow = Plausibility { rate: [0.5; VALUES_MAX], ..RULES };
         let s = watch(slow, 60, |k| Some((0.1 + if k > 20 { 0.1 * (k - 20) as f64 } else { 0.0 }, 1.0)));
-        assert_eq!(excluded(&s, Trouble::Rate).0, 21);
+        assert_eq!(excluded(&s, Trouble::Rate).0, 23);
     }
 
     #[test]

@@ -15,6 +15,7 @@ pub struct LiveSpec {
 
 /// What a sensor measures.
 #[derive(Debug, Clone, Copy, PartialEq)]
+#[expect(clippy::large_enum_variant, reason = "a handful of them in a whole program")]
 pub enum SensorKind {
     /// The tool: poses, points on it, deviations along a direction, touches; feeds the map of this number.
     Tool {

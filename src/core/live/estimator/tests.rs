@@ -249,7 +249,7 @@ fn a_silent_or_frozen_sensor_a_step_and_a_clock_are_told_by_name() {
     bench.run(400);
     assert_eq!(bench.sensor().standing, Standing::Good);
     bench.bias = 0.5;
-    bench.run(1);
+    bench.run(3);
     assert_eq!(bench.sensor().standing, Standing::Excluded(Trouble::Jump));
     bench.bias = 0.0;
     bench.run(400);
