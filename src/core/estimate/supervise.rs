@@ -350,7 +350,7 @@ mod tests {
         let s = watch(RULES, 60, |k| Some((if (20..23).contains(&k) { f64::NAN } else { 0.1 }, 1.0)));
         assert_eq!(excluded(&s, Trouble::Range).0, 22);
 
-        let slow = Plausibility { rate: [0.5; VALUES_MAX], ..RULES };
+        let slow = Plausibility { rate: [0.5; VALUES_MAX], jump: [f64::INFINITY; VALUES_MAX], ..RULES };
         let s = watch(slow, 60, |k| Some((0.1 + if k > 20 { 0.1 * (k - 20) as f64 } else { 0.0 }, 1.0)));
         assert_eq!(excluded(&s, Trouble::Rate).0, 23);
     }
