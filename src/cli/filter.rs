@@ -179,7 +179,7 @@ fn picture(maps: &[MapStatus]) -> Result<String, Box<dyn std::error::Error>> {
             let largest = map.nodes.iter().map(|n| n.value[c].abs() + n.std[c]).fold(1e-6, f64::max) * 1.1;
             let title = format!(
                 "{}.{} ({}), difference from the offline map; used with weight {:.2}",
-                map.name, map.components[c], map.units[c], map.weights[c]
+                map.name, map.components[c], map.units[c], map.weight
             );
             let mut chart = ChartBuilder::on(&area)
                 .caption(title, ("sans-serif", 15, &INK))
@@ -240,7 +240,7 @@ mod tests {
             updates: 7,
             components: vec!["ezz".to_owned(), "eaz".to_owned()],
             units: vec!["um".to_owned(), "arcsec".to_owned()],
-            weights: vec![0.9, 0.0],
+            weight: 0.9,
             largest: vec![4.5, 0.0],
             nodes: (0..6).map(node).collect(),
         };

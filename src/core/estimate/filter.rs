@@ -6,6 +6,8 @@
 //!
 //! Source: equations 5.8. Gate, alarm, caps and the bounded output are there, too.
 
+use nalgebra::{DMatrix, DVector};
+
 use super::grid::{NodeGrid, NodePlace};
 use super::noise::MeasurementNoise;
 
@@ -423,6 +425,26 @@ impl NodeFilter {
             }
         }
         sum.max(0.0).sqrt()
+    }
+
+    /// How much more than noise the state is at a place: `x^T P^-1 x` over the number of components, about 1 where it is
+    /// noise alone. All components at once, for their errors oppose each other (a shift and a turn with a lever).
+    #[must_use]
+    pub fn evidence_at(&self, place: &NodePlace) -> Option<f64> {
+        let (n, count) = (self.x.len(), self.components);
+        let at = |c: usize, corner: usize| (c * self.nodes + place.nodes[corner], place.shape[corner]);
+        let x = DVector::from_fn(count, |c, _| (0..8).map(|k| at(c, k)).map(|(i, s)| s * self.x[i]).sum());
+        let p = DMatrix::from_fn(count, count, |c, d| {
+            let mut sum = 0.0;
+            for (i, si) in (0..8).map(|k| at(c, k)) {
+                for (j, sj) in (0..8).map(|k| at(d, k)) {
+                    sum += si * sj * self.p[i * n + j];
+                }
+            }
+            sum
+        });
+        let evidence = x.dot(&p.cholesky()?.solve(&x)) / count as f64;
+        evidence.is_finite().then_some(evidence)
     }
 
     /// The state: components one after the other.

@@ -10,7 +10,9 @@
 //! single pose five of six.
 //!
 //! **Evidence.** What is learned is used in the measure in which it is more than noise: `w = max(0, 1 - 2 / E)`, E the
-//! running mean of `delta^2 / variance` at the places of the readings (the positive-part rule of James and Stein).
+//! running mean of `x^T P^-1 x / m` over the m components at the places of the readings (the positive-part rule of James
+//! and Stein, with a margin). One weight for all components: errors of a shift and of a turn oppose each other at the
+//! tip, and different weights would set them free.
 //! Where the offline map is right E is about 1 and nothing is used; where it is wrong E is large and w is near 1.
 //!
 //! Source: equations 5.8; James and Stein 1961 for the weight.
@@ -107,7 +109,7 @@ pub struct Batch {
 pub struct LiveMap {
     rules: MapRules,
     filter: NodeFilter,
-    evidence: [f64; COMPONENTS_MAX],
+    evidence: f64,
 }
 
 /// Standard deviation of a sensor's unknown delay, s.
@@ -146,7 +148,7 @@ impl LiveMap {
         let gates = Rules { gate: f64::INFINITY, cap_at_prior: true, ..Rules::default() };
         let sigma = vec![1.0; components];
         let filter = NodeFilter::new(&rules.grid, &prior, &sigma, rules.correlation_mm, process, gates)?;
-        Ok(Self { rules, filter, evidence: [0.0; COMPONENTS_MAX] })
+        Ok(Self { rules, filter, evidence: 0.0 })
     }
 
     /// One more sensor: its delay is estimated with the map, for the error of a map looks like a delay as long as the
@@ -229,20 +231,16 @@ impl LiveMap {
                 batch.add(innovation, innovation_variance, before);
             }
         }
-        for c in 0..self.rules.components.len() {
-            let (x, s) = (self.filter.value(c, place), self.filter.std_at(c, place));
-            let seen = (x / s).powi(2);
-            if seen.is_finite() {
-                self.evidence[c] += EVIDENCE_SHARE * (seen - self.evidence[c]);
-            }
+        if let Some(seen) = self.filter.evidence_at(place) {
+            self.evidence += EVIDENCE_SHARE * (seen - self.evidence);
         }
         batch.finish()
     }
 
-    /// The weight with which component `c` is used, 0 to 1.
+    /// The weight with which the map is used, 0 to 1.
     #[must_use]
-    pub fn weight(&self, c: usize) -> f64 {
-        (1.0 - EVIDENCE_OF_NOISE / self.evidence[c].max(EVIDENCE_OF_NOISE)).max(0.0)
+    pub fn weight(&self) -> f64 {
+        1.0 - EVIDENCE_OF_NOISE / self.evidence.max(EVIDENCE_OF_NOISE)
     }
 
     /// Difference of component `c` from the offline map as it is to be used: weighted and within the limit.
@@ -264,7 +262,7 @@ impl LiveMap {
     fn node_output(&self, i: usize) -> f64 {
         let c = i / self.rules.grid.nodes();
         let ComponentRules { std, limit, .. } = self.rules.components[c];
-        (self.weight(c) * std * self.filter.state()[i]).clamp(-limit, limit)
+        (self.weight() * std * self.filter.state()[i]).clamp(-limit, limit)
     }
 
     /// What is to be used at the nodes, components one after the other.
@@ -280,19 +278,17 @@ impl LiveMap {
         values.enumerate().map(move |(i, (x, v))| (scale(i) * x, scale(i) * v.max(0.0).sqrt()))
     }
 
-    /// Evidence of each component.
+    /// How much more than noise the map is.
     #[must_use]
-    pub fn evidence(&self) -> &[f64] {
-        &self.evidence[..self.rules.components.len()]
+    pub const fn evidence(&self) -> f64 {
+        self.evidence
     }
 
-    /// Puts back what was kept: differences and standard deviations of the nodes, evidence of the components. False,
+    /// Puts back what was kept: differences and standard deviations of the nodes, evidence. False,
     /// and nothing changed, where a number is none or beyond the limits.
-    pub fn restore(&mut self, nodes: &[(f64, f64)], evidence: &[f64]) -> bool {
+    pub fn restore(&mut self, nodes: &[(f64, f64)], evidence: f64) -> bool {
         let per = self.rules.grid.nodes();
-        let fits = nodes.len() == self.filter.state().len()
-            && evidence.len() == self.rules.components.len()
-            && evidence.iter().all(|e| e.is_finite() && *e >= 0.0);
+        let fits = nodes.len() == self.filter.state().len() && evidence.is_finite() && evidence >= 0.0;
         if !fits {
             return false;
         }
@@ -305,14 +301,14 @@ impl LiveMap {
         if !self.filter.restore(&state, &std) {
             return false;
         }
-        self.evidence[..evidence.len()].copy_from_slice(evidence);
+        self.evidence = evidence;
         true
     }
 
     /// Back to the offline map.
     pub fn forget(&mut self) {
         self.filter.forget();
-        self.evidence = [0.0; COMPONENTS_MAX];
+        self.evidence = 0.0;
     }
 
     fn observation(&self, sensor: usize, place: &NodePlace, row: &Row) -> Observation {
@@ -413,9 +409,26 @@ mod tests {
         let place = map.place([500.0, 200.0, 150.0]);
         assert!((map.output(0, &place) - 0.015).abs() < 1e-3, "{}", map.output(0, &place));
         assert!(map.output(1, &place).abs() < 4e-7, "{}", map.output(1, &place));
-        assert!(map.weight(0) > 0.95 && map.weight(1) < 0.6, "{:?}", map.evidence());
+        assert!(map.weight() > 0.95, "{:?}", map.evidence());
         let (_, std) = map.estimate(0, &place);
         assert!(std < 1e-3);
+    }
+
+    #[test]
+    fn noise_about_a_map_that_is_right_is_not_used() {
+        let mut map = LiveMap::new(rules()).unwrap();
+        let mut noise = unit_noise();
+        for (i, point) in points().enumerate() {
+            let place = map.place(point);
+            let mut rows = rows(0.0, 0.0);
+            for (k, row) in rows.iter_mut().enumerate() {
+                // without memory, of unit variance
+                row.value =
+                    3.46 * (((i * 2 + k) as f64 * 12.9898).sin() * 43_758.545_3).rem_euclid(1.0) - 1.73;
+            }
+            map.update(0, &place, &rows, &mut noise);
+        }
+        assert!(map.weight() < 0.2, "{}", map.evidence());
     }
 
     #[test]
@@ -447,18 +460,18 @@ mod tests {
             map.update(0, &place, &rows(0.01, 1e-5), &mut noise);
         });
         let kept: Vec<_> = map.nodes().collect();
-        let evidence = map.evidence().to_vec();
+        let evidence = map.evidence();
         let mut other = LiveMap::new(rules()).unwrap();
-        assert!(other.restore(&kept, &evidence));
+        assert!(other.restore(&kept, evidence));
         for (a, b) in other.outputs().zip(map.outputs()) {
             assert!((a - b).abs() < 1e-12, "{a} {b}");
         }
         let mut bad = kept.clone();
         bad[1].0 = 0.6;
-        assert!(!other.restore(&bad, &evidence), "far beyond the limit");
+        assert!(!other.restore(&bad, evidence), "far beyond the limit");
         bad[1] = (0.0, -1.0);
-        assert!(!other.restore(&bad, &evidence));
-        assert!(!other.restore(&kept[1..], &evidence) && !other.restore(&kept, &[f64::NAN, 1.0]));
+        assert!(!other.restore(&bad, evidence));
+        assert!(!other.restore(&kept[1..], evidence) && !other.restore(&kept, f64::NAN));
         other.forget();
         assert!(other.outputs().all(|v| v == 0.0));
     }

@@ -61,8 +61,8 @@ pub struct MapHealth {
     pub alarm: bool,
     /// Given up for the static model.
     pub is_static: bool,
-    /// Weight with which each component is used, 0 to 1.
-    pub weights: Vec<f64>,
+    /// Weight with which it is used, 0 to 1.
+    pub weight: f64,
     /// Largest difference from the offline map that is used, per component.
     pub largest: Vec<f64>,
     /// The nodes.

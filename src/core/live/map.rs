@@ -41,8 +41,8 @@ pub struct KeptMap {
     pub nodes: [Vec<f64>; 3],
     /// Difference from the offline map and its standard deviation: components one after the other; mm or rad.
     pub values: Vec<(f64, f64)>,
-    /// Evidence of the components.
-    pub evidence: Vec<f64>,
+    /// How much more than noise it was.
+    pub evidence: f64,
 }
 
 /// A map and how it stands.
@@ -138,7 +138,7 @@ impl MapState {
             components: self.symbols.iter().map(|s| s.to_string().to_lowercase()).collect(),
             nodes: self.spec.nodes.clone(),
             values: self.map.nodes().collect(),
-            evidence: self.map.evidence().to_vec(),
+            evidence: self.map.evidence(),
         }
     }
 
@@ -155,7 +155,7 @@ impl MapState {
         if kept.nodes != own.nodes {
             return Err("its nodes are others than those of the machine file".to_owned());
         }
-        if !self.map.restore(&kept.values, &kept.evidence) {
+        if !self.map.restore(&kept.values, kept.evidence) {
             return Err("it has values that are no numbers or beyond the limits".to_owned());
         }
         self.map.predict(age_s.max(0.0));
@@ -181,7 +181,7 @@ impl MapState {
             updates: self.updates,
             alarm: self.alarm.is_some(),
             is_static: self.is_static,
-            weights: (0..components).map(|c| self.map.weight(c)).collect(),
+            weight: self.map.weight(),
             largest: used.chunks(per).map(|of| of.iter().fold(0.0, |m: f64, v| m.max(v.abs()))).collect(),
             nodes: (0..per).map(node).collect(),
         }

@@ -38,7 +38,7 @@ struct Map {
     nodes_mm: [Vec<f64>; 3],
     /// Component by component: difference from the offline map and standard deviation; mm or rad.
     values: Vec<(f64, f64)>,
-    evidence: Vec<f64>,
+    evidence: f64,
 }
 
 fn unix_s(now: SystemTime) -> f64 {

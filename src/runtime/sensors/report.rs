@@ -71,8 +71,8 @@ pub struct MapStatus {
     pub components: Vec<String>,
     /// Their unit: `um` or `arcsec`.
     pub units: Vec<String>,
-    /// Weight with which each is used, 0 to 1.
-    pub weights: Vec<f64>,
+    /// Weight with which it is used, 0 to 1: near 0 where it is no more than noise.
+    pub weight: f64,
     /// Largest difference from the offline map that is used, per component.
     pub largest: Vec<f64>,
     /// The nodes; only where asked for.
@@ -183,7 +183,7 @@ impl MapStatus {
                 .iter()
                 .map(|s| if s.is_angle() { "arcsec" } else { "um" }.to_owned())
                 .collect(),
-            weights: h.weights.clone(),
+            weight: h.weight,
             largest: h.largest.iter().enumerate().map(|(c, v)| unit(c)(*v)).collect(),
             nodes: h
                 .nodes

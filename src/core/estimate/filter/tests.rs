@@ -2,7 +2,6 @@
 
 use super::super::noise::Adaptation;
 use super::*;
-use nalgebra::{DMatrix, DVector};
 
 fn grid() -> NodeGrid {
     NodeGrid::new(vec![0.0, 400.0, 800.0], vec![0.0, 300.0], vec![0.0, 250.0]).unwrap()
