@@ -7,7 +7,7 @@
 //! laser). Textbook letters as in equations 5.8: `x` state, `p` covariance, `h` row of
 //! the observation, `k` gain, `r` measurement variance, `nu` innovation, `s` its variance.
 //!
-//! Time is an argument (seconds that passed); everything is allocated at construction.
+//! Time is an argument (seconds that passed). The filter works in memory made at construction; none of this runs on the cycle.
 
 pub mod acquaint;
 pub mod clock;
