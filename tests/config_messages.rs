@@ -621,7 +621,7 @@ fn link_engine_and_the_rest() {
         &["link.cycle-ms must be a number, found a text", "write 1 without quotes"],
     );
     shows("[link]\nreconnect-min-s = 20", &["link.reconnect-max-s is 10, below reconnect-min-s (20)"]);
-    shows("[link]\nheartbeat-s = 2", &["link.silence-s is 2, below twice heartbeat-s (4)"]);
+    shows("[link]\nheartbeat-s = 2", &["link.silence-s is 3, below twice heartbeat-s (4)"]);
     shows("[link]\nconnect-timeout-s = 0", &["connect-timeout-s is 0 s", "0.1 to 300 s"]);
     shows("[engine]\nramp-s = 0", &["engine.ramp-s is 0 s", "machine.toml:9:10"]);
     shows("[engine]\ngain = 1.01", &["engine.gain is 1.01", "allowed is 0 to 1"]);

@@ -154,7 +154,16 @@ fn models_loaded_and_rolled_back_stand_in_the_recording_and_replay() {
     assert!(found[0].1.contains("= 20") && found[1].1.contains("= 35") && found[2] == found[0]);
     let (code, report, stderr) = replay(&files, &[]);
     assert_eq!(code, Some(0), "{report} {stderr}");
-    assert!(report["compared"].as_u64() > Some(2000) && report["compared"] == report["cycles"], "{report}");
+    // a disk that a busy computer keeps waiting costs records, and the engine catches up behind the gap
+    let caught_up: u64 = report["gaps"]
+        .as_array()
+        .expect("a list")
+        .iter()
+        .filter_map(|g| g["caught_up_cycles"].as_u64())
+        .sum();
+    let compared = report["compared"].as_u64().expect("a number");
+    assert!(compared > 2000 && Some(compared + caught_up) == report["cycles"].as_u64(), "{report}");
+    assert_eq!(report["differing"], 0, "{report}");
 
     // the model that was in use last is the one that the next recording begins with
     daemon.restart();

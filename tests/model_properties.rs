@@ -265,7 +265,7 @@ fn a_touched_datum_deviates_by_nothing_and_shifts_all_else_alike() {
 #[test]
 fn a_live_value_adds_within_its_limit_and_nonsense_is_nothing() {
     let mut spec = ModelSpec::new("ram", Chain::parse("[w X' b Y Z t]").unwrap());
-    let live = |sensor: &str| Live { sensor: sensor.to_owned(), limit: 0.02 };
+    let live = |sensor: &str| Live { sensor: sensor.to_owned(), limit: 0.02, reference: None };
     let ezz = ErrorFunction { live: vec![live("ram")], ..ErrorFunction::single(Curve::Constant(0.001)) };
     spec.errors.push((ErrorSymbol::parse("ezz").unwrap(), ezz));
     let exx = ErrorFunction { live: vec![live("laser"), live("ram")], ..ErrorFunction::default() };
@@ -282,6 +282,30 @@ fn a_live_value_adds_within_its_limit_and_nonsense_is_nothing() {
         p.live[..2].copy_from_slice(&[ram, laser]);
         let d = model.deviation(&p);
         assert!((d.position - Vec3::new(x, 0.0, z)).amax() < 1e-15, "{ram} {laser}: {}", d.position);
+    }
+}
+
+#[test]
+fn a_strain_adds_in_proportion_to_the_distance_from_its_reference() {
+    let mut spec = ModelSpec::new("hot", Chain::parse("[w X' b Y Z t]").unwrap());
+    let live = vec![Live { sensor: "scale-x".to_owned(), limit: 0.02, reference: Some(100.0) }];
+    spec.errors
+        .push((ErrorSymbol::parse("exx").unwrap(), ErrorFunction { live, ..ErrorFunction::default() }));
+    let model = compile(&spec);
+    for (strain, x, expected) in [
+        (1e-5, 600.0, 0.005),
+        (1e-5, 100.0, 0.0),
+        (-1e-5, -100.0, 0.002),
+        (1e-4, 600.0, 0.02),
+        (f64::NAN, 600.0, 0.0),
+        (f64::INFINITY, 100.0, 0.0),
+    ] {
+        let mut at = [0.0; MAX_AXES];
+        at[0] = x;
+        let mut p = Pose::at(at);
+        p.live[0] = strain;
+        let found = model.deviation(&p).position.x;
+        assert!((found - expected).abs() < 1e-15, "{strain} at {x}: {found}");
     }
 }
 

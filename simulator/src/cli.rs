@@ -90,6 +90,9 @@ enum Verb {
     /// The product's daemon, for the demo and its tests.
     #[command(hide = true, disable_help_flag = true)]
     Volcompd(Program),
+    /// The product's daemon without the permissions that real time needs, for the scenarios.
+    #[command(hide = true, disable_help_flag = true)]
+    HumbleVolcompd(Program),
     /// The product's tool, for the demo and its tests.
     #[command(hide = true, disable_help_flag = true)]
     Volcomp(Program),
@@ -127,6 +130,7 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Demo(args) => demo::demo(&args),
         Verb::Survey(args) => demo::survey(&args),
         Verb::Volcompd(program) => return volcomp::cli::volcompd(program.named("volcompd")),
+        Verb::HumbleVolcompd(program) => return humble_volcompd(program),
         Verb::Volcomp(program) => return volcomp::cli::volcomp(program.named("volcomp")),
         Verb::Measure(args) => measure::run(&args),
         Verb::Serve(args) => serve::serve(&args),
@@ -142,6 +146,17 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Err(failure) => {
             eprintln!("{}", failure.message.trim_end());
             ExitCode::from(failure.code)
+        }
+    }
+}
+
+/// Gives up what real time needs, then is the daemon.
+fn humble_volcompd(program: Program) -> ExitCode {
+    match scenarios::renounce() {
+        Ok(()) => volcomp::cli::volcompd(program.named("volcompd")),
+        Err(e) => {
+            eprintln!("error: permissions could not be given up: {e}");
+            ExitCode::from(EX_SOFTWARE)
         }
     }
 }

@@ -66,7 +66,7 @@ fn model() -> (ModelSpec, Arc<Model>) {
     }
     for (k, symbol) in SYMBOLS.iter().enumerate() {
         let limit = if k < 3 { 0.1 } else { 1e-4 };
-        let live = vec![Live { sensor: format!("ram.{symbol}"), limit }];
+        let live = vec![Live { sensor: format!("ram.{symbol}"), limit, reference: None }];
         spec.errors
             .push((ErrorSymbol::parse(symbol).unwrap(), ErrorFunction { live, ..ErrorFunction::default() }));
     }

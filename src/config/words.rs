@@ -2,6 +2,11 @@
 
 /// The units that keys end in, longest first where one is the end of another.
 const UNITS: &[(&str, &str)] = &[
+    ("um-per-m-krpm", "um/m per 1000/min"),
+    ("um-per-m-k", "um/m/K"),
+    ("um-per-m", "um/m"),
+    ("um-per-krpm", "um per 1000/min"),
+    ("um-per-k", "um/K"),
     ("um-per-s2", "um/s^2"),
     ("mm-per-s2", "mm/s^2"),
     ("arcsec-per-s2", "arcsec/s^2"),
@@ -21,6 +26,8 @@ const UNITS: &[(&str, &str)] = &[
     ("mm", "mm"),
     ("um", "um"),
     ("nm", "nm"),
+    ("rpm", "1/min"),
+    ("percent", "%"),
     ("min", "min"),
     ("ms", "ms"),
     ("us", "us"),

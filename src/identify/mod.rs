@@ -17,6 +17,7 @@ pub mod probe;
 pub mod ram;
 pub mod reading;
 pub mod straightness;
+pub mod thermal;
 pub mod threepoint;
 pub mod twist;
 

@@ -87,6 +87,11 @@ impl CycleBody {
         })
     }
 
+    /// Frames so far that were old or repeated.
+    pub(super) const fn strays(&self) -> u64 {
+        self.engine.strays()
+    }
+
     /// Records from now on everything that goes into this engine, which was made for the control that said `hello`.
     pub fn record_to(&mut self, mut tap: Tap, now: MonoTime, hello: &ControlHello) {
         tap.send(&Entry::Engine { now, hello: *hello });

@@ -16,6 +16,7 @@ use super::ports::CycleRecord;
 use super::status::Lifetime;
 use super::utc;
 use crate::core::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
+use crate::core::fault::Code;
 use crate::core::units::{arcsec_from_rad, um_from_mm};
 
 /// The `format` of the file.
@@ -38,6 +39,30 @@ pub(super) struct Counters {
     limited_s: BTreeMap<String, f64>,
     largest_um: BTreeMap<String, f64>,
     largest_arcsec: BTreeMap<String, f64>,
+    #[serde(default)]
+    last_word: LastWord,
+}
+
+/// What a restart must not undo.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub(super) struct LastWord {
+    /// Somebody has switched compensation off.
+    pub(super) off: bool,
+    /// A fault that nobody has cleared, by its number.
+    pub(super) fault: Option<String>,
+    /// The gain that was ordered.
+    pub(super) gain: Option<f64>,
+}
+
+impl LastWord {
+    /// Why compensation does not begin by itself, where it does not.
+    pub(super) fn objection(&self) -> Option<String> {
+        match (&self.fault, self.off) {
+            (Some(code), _) => Some(format!("fault {code} was latched before the restart and not cleared")),
+            (None, true) => Some("compensation was switched off before the restart".to_owned()),
+            (None, false) => None,
+        }
+    }
 }
 
 impl Counters {
@@ -59,6 +84,9 @@ impl Counters {
             found.limited_s.values().chain(found.largest_um.values()).chain(found.largest_arcsec.values());
         if numbers.any(|v| !(v.is_finite() && *v >= 0.0)) {
             return Err("a time or an offset below zero".to_owned());
+        }
+        if found.last_word.gain.is_some_and(|g| !(0.0..=1.0).contains(&g)) {
+            return Err("a gain that is not from 0 to 1".to_owned());
         }
         Ok(found)
     }
@@ -132,7 +160,8 @@ impl Tally {
                             Ok(aside) => format!("kept as {}", aside.display()),
                             Err(e) => format!("and could not be set aside: {e}"),
                         };
-                        note = Some(format!("{}: {why}; {kept}, counting begins anew", path.display()));
+                        let (code, path) = (Code::COUNTERS_DAMAGED, path.display());
+                        note = Some(format!("{code}: {path}: {why}; {kept}, counting begins anew"));
                     }
                 },
                 Err(e) if e.kind() == ErrorKind::NotFound => {}
@@ -143,6 +172,11 @@ impl Tally {
         let file = path.map(|p| p.display().to_string());
         let (limited_cycles, largest) = ([0; MAX_AXES], [0.0; MAX_AXES]);
         Self { base, file, note, axes: Vec::new(), limited_cycles, largest, cycle_s }
+    }
+
+    /// What a restart must not undo.
+    pub(super) const fn last_word(&mut self) -> &mut LastWord {
+        &mut self.base.last_word
     }
 
     /// What was wrong with the file.

@@ -22,6 +22,7 @@ use super::ports::{CycleRecord, Progress, Report};
 use super::worker::{Control, Stop};
 use crate::config::LinkConfig;
 use crate::core::engine::State;
+use crate::core::fault::Code;
 use crate::core::protocol::{CloseReason, ErrorCode, ErrorReport, FrameError, Message, Position};
 use crate::core::units::{MonoTime, NS_PER_S};
 
@@ -207,7 +208,11 @@ impl Cycle<'_> {
         skipped: u64,
     ) -> io::Result<()> {
         let message = Message::Position(frame);
-        let Reaction::Answer(correction) = self.body.handle(received, &message) else {
+        let strays = self.body.strays();
+        let reaction = self.body.handle(received, &message);
+        let strays = self.body.strays().saturating_sub(strays);
+        Progress::add(&self.control.ports.progress.out_of_order, strays);
+        let Reaction::Answer(correction) = reaction else {
             self.live(received, &frame);
             return Ok(());
         };
@@ -225,6 +230,8 @@ impl Cycle<'_> {
         Progress::add(&progress.skipped, skipped);
         let Some(output) = self.body.output() else { return Ok(()) };
         progress.set_state(output.state);
+        Progress::add(&progress.limited, u64::from(output.limited & !output.at_soft_limit != 0));
+        Progress::add(&progress.at_soft_limit, u64::from(output.at_soft_limit != 0));
         self.control.ports.record(CycleRecord {
             state: output.state,
             machine_state: frame.state,
@@ -269,6 +276,14 @@ impl Cycle<'_> {
 }
 
 impl LinkEnd {
+    /// Its number.
+    pub(super) const fn fault(&self) -> Code {
+        match self {
+            Self::BadFrame(_) | Self::Unexpected(_) => Code::BAD_FRAME,
+            _ => Code::LINK_LOST,
+        }
+    }
+
     /// How to close the link: an error to name, and the reason; `None` where the other side is gone.
     pub(super) const fn farewell(&self) -> Option<(Option<(ErrorCode, &'static str)>, CloseReason)> {
         match self {

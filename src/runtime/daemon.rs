@@ -103,7 +103,12 @@ struct Signals {
     terminate: Signal,
     interrupt: Signal,
     hangup: Signal,
+    /// A file that has reached the limit of its size is an error of that file and not the end of the daemon.
+    _file_size: Signal,
 }
+
+/// SIGXFSZ of Linux.
+const FILE_SIZE: i32 = 25;
 
 impl Signals {
     fn install() -> Result<Self, DaemonError> {
@@ -113,6 +118,7 @@ impl Signals {
             terminate: install(SignalKind::terminate())?,
             interrupt: install(SignalKind::interrupt())?,
             hangup: install(SignalKind::hangup())?,
+            _file_size: install(SignalKind::from_raw(FILE_SIZE))?,
         })
     }
 }
@@ -164,6 +170,7 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
     let mut service = Service::new(Arc::clone(&loaded), service_ports, keeper, recorder, models, clock)
         .map_err(|_| DaemonError::Internal { what: "the statistics could not be set up" })?;
     service.sensors = sensors;
+    let how = Start { permitted: service.begins(how.permitted), ..how };
     let service = Arc::new(Mutex::new(service));
     log_start(config, &loaded);
     let mut thread = CycleThread::spawn(loaded, how, cycle_ports, clock)

@@ -8,7 +8,10 @@ use crate::config::MachineConfig;
 use crate::config::machine::HelloMismatch;
 use crate::core::axes::MAX_AXES;
 use crate::core::engine::EngineError;
-use crate::core::protocol::{Axis, ControlHello, DaemonHello, ErrorCode, FrameError, Name, PROTOCOL_VERSION};
+use crate::core::fault::Code;
+use crate::core::protocol::{
+    Axis, ControlHello, DaemonHello, ErrorCode, ErrorReport, FrameError, Name, PROTOCOL_VERSION,
+};
 
 /// Why there is no link.
 #[derive(Debug, thiserror::Error)]
@@ -82,6 +85,23 @@ impl LinkError {
                 ErrorCode::Version | ErrorCode::WrongMachine | ErrorCode::WrongAxes | ErrorCode::WrongCycle
             ),
             _ => true,
+        }
+    }
+
+    /// Its number.
+    pub(super) fn fault(&self) -> Code {
+        match self {
+            Self::Connect { .. } | Self::Timeout { .. } | Self::Closed { .. } => Code::CONNECT_FAILED,
+            Self::Frame { source, .. } => match ErrorReport::from(*source).code {
+                ErrorCode::BadFrame => Code::BAD_FRAME,
+                _ => Code::HELLO_MISMATCH,
+            },
+            Self::Tls { .. } | Self::ClosedBeforeTls { .. } | Self::WantsTls { .. } => Code::TLS_FAILED,
+            Self::Unexpected { .. } => Code::BAD_FRAME,
+            Self::Refused { code: ErrorCode::Busy, .. } => Code::CONTROL_BUSY,
+            Self::Refused { .. } | Self::Version { .. } | Self::Mismatch { .. } | Self::Engine { .. } => {
+                Code::HELLO_MISMATCH
+            }
         }
     }
 

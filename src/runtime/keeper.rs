@@ -3,6 +3,7 @@
 //! A disk that hangs stops this thread and nobody else: the queue fills, audit entries are counted as lost, counters
 //! are saved the next time.
 
+use std::fs::File;
 use std::path::{Path, PathBuf};
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
@@ -15,6 +16,7 @@ use super::audit::{Audit, AuditEntry, Who};
 use super::counters::Counters;
 use super::load::Loaded;
 use super::models::Prepared;
+use crate::core::fault::Code;
 
 /// Jobs in flight.
 const QUEUE: usize = 256;
@@ -22,6 +24,8 @@ const QUEUE: usize = 256;
 const FINISH_LIMIT: Duration = Duration::from_secs(3);
 /// Name of the audit log in the state directory.
 pub(super) const AUDIT_FILE: &str = "audit.jsonl";
+/// Locked by the daemon that keeps its things here.
+const LOCK_FILE: &str = "lock";
 
 /// Something to be kept.
 #[derive(Debug)]
@@ -43,6 +47,8 @@ pub(super) struct Keeper {
     directory: Option<PathBuf>,
     /// Hash of the model that the audit log named last.
     known_model: Option<String>,
+    /// Held while this daemon runs, so that no second one keeps its things in the same place.
+    _owner: Option<File>,
 }
 
 /// The state directory: the configured one, else the one that systemd gives the service.
@@ -66,7 +72,7 @@ impl Keeper {
             Ok(keeper) => keeper,
             Err(problem) => {
                 let directory = directory.display();
-                warn!(%directory, "counters and audit log are not kept: {problem}");
+                warn!(%directory, code = %Code::COUNTERS_NOT_SAVED, "counters and audit log are not kept: {problem}");
                 let problem = format!("{directory}: {problem}");
                 Self { problem: Arc::new(Mutex::new(Some(problem))), ..Self::default() }
             }
@@ -75,11 +81,16 @@ impl Keeper {
 
     fn open(directory: &Path) -> std::io::Result<Self> {
         std::fs::create_dir_all(directory)?;
+        let owner = File::create(directory.join(LOCK_FILE))?;
+        // two daemons would write their lines into one chain
+        owner.try_lock().map_err(|_| {
+            std::io::Error::other("in use by another volcompd; give each its own [state] directory")
+        })?;
         let path = directory.join(AUDIT_FILE);
         let (file, broken) = AuditFile::open(&path)?;
         if let Some(broken) = broken {
             let path = path.display();
-            error!(%path, "the audit log is broken: {broken}; it was set aside and a new one names it");
+            error!(%path, code = %Code::AUDIT_BROKEN, "the audit log is broken: {broken}; it was set aside and a new one names it");
         }
         let known_model = file.model().map(str::to_owned);
         let (sender, jobs) = bounded(QUEUE);
@@ -93,7 +104,7 @@ impl Keeper {
         })?;
         let audit = Audit::new(sender.clone());
         let directory = Some(directory.to_owned());
-        Ok(Self { audit, jobs: Some((sender, ended)), problem, directory, known_model })
+        Ok(Self { audit, jobs: Some((sender, ended)), problem, directory, known_model, _owner: Some(owner) })
     }
 
     /// The first lines of a run: the start, and the model where it is another one than before.
@@ -171,7 +182,7 @@ fn run(jobs: &Receiver<Job>, mut file: AuditFile, directory: &Path, problem: &Mu
             Err(e) => {
                 let text = format!("{what} in {}: {e}", directory.display());
                 if !std::mem::replace(&mut failing[slot], true) {
-                    warn!("not kept: {text}");
+                    warn!(code = %Code::COUNTERS_NOT_SAVED, "not kept: {text}");
                 }
                 *problem.lock().unwrap_or_else(PoisonError::into_inner) = Some(text);
             }

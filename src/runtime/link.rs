@@ -1,7 +1,8 @@
 //! The TCP connection to the control: options, frames in and out, life signs.
 //!
 //! The socket blocks with a read timeout. The timeout is only handed to the kernel when it has to change, so that a
-//! steady link costs one `recv` and one `send` a cycle; the kernel rounds it up to its tick (1 to 4 ms). With busy
+//! steady link costs one `recv` and one `send` a cycle; the kernel rounds it up to its tick (1 to 10 ms), so shorter
+//! waits, as while no positions come, sleep in `poll`, which is exact. With busy
 //! polling the thread sleeps in `poll` until shortly before a frame is expected ([`super::arrivals`]) and then reads
 //! without waiting until it is there.
 
@@ -27,6 +28,8 @@ use crate::core::units::MonoTime;
 const WRITE_LIMIT: Duration = Duration::from_secs(1);
 /// Read timeouts are multiples of this, so that a steady link asks for the same one every cycle.
 const TIMEOUT_STEP: Duration = Duration::from_millis(1);
+/// Shorter waits than this must be exact: while positions fail, the offset moves once per cycle.
+const EXACT: Duration = Duration::from_millis(8);
 /// Time for the control to take the last frames in before the socket is closed.
 const LINGER: Duration = Duration::from_secs(1);
 
@@ -181,6 +184,9 @@ impl Link {
         }
         if let Some(arrivals) = self.arrivals {
             return self.poll_busily(arrivals, wait);
+        }
+        if wait < EXACT {
+            return if self.wait_for_data(wait)? { self.read_at_once() } else { Ok(Received::Nothing) };
         }
         self.set_read_timeout(wait)?;
         self.read()

@@ -8,6 +8,7 @@ use super::tls::{self, Identity, TlsFileError};
 use crate::config::machine::ModelMismatch;
 use crate::config::{ConfigErrors, MachineConfig, model};
 use crate::core::axes::AxisName;
+use crate::core::fault::Code;
 use crate::core::model::{Model, ModelError, ModelSpec};
 
 /// Everything that comes from files.
@@ -88,7 +89,7 @@ pub enum LoadError {
     },
     /// The model does not belong to the machine file.
     #[error(
-        "error: {}: {source} ({})\n  hint: {}", config.display(), path.display(), source.remedy()
+        "error: {}: {}{source} ({})\n  hint: {}", config.display(), number(source), path.display(), source.remedy()
     )]
     Mismatch {
         /// The machine file.
@@ -110,12 +111,21 @@ pub enum LoadError {
     },
 }
 
+/// The number of what does not fit, where it has one.
+pub(super) fn number(source: &ModelMismatch) -> String {
+    match source {
+        ModelMismatch::Machine { .. } => format!("{}: ", Code::MODEL_FOREIGN),
+        ModelMismatch::AxisNotInChain { .. } | ModelMismatch::Spindle { .. } => String::new(),
+    }
+}
+
 impl LoadError {
     /// The words for a model that is not the one whose hash the machine file holds.
     pub(super) fn pinned(file: &str, found: &str, pinned: &str) -> String {
         format!(
-            "error: {file}: VC-5005: its hash is {found}, the machine file's [guard] hash is {pinned}\n  \
-             hint: if the file is right, write its hash into the machine file"
+            "error: {file}: {}: its hash is {found}, the machine file's [guard] hash is {pinned}\n  \
+             hint: if the file is right, write its hash into the machine file",
+            Code::MODEL_HASH
         )
     }
 

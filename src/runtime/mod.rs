@@ -40,6 +40,7 @@ mod link;
 mod load;
 mod logging;
 pub mod models;
+mod notices;
 mod notify;
 mod orders;
 mod ports;

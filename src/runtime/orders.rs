@@ -14,6 +14,7 @@ use super::server::lock;
 use super::service::Service;
 use super::socket::{Answer, Ask, ModelChange, Verb};
 use crate::core::engine::Command;
+use crate::core::fault::Code;
 
 /// Patience with the cycle thread to carry a command out.
 const COMMAND_LIMIT: Duration = Duration::from_secs(2);
@@ -183,6 +184,9 @@ async fn enable(ask: &Ask, service: &Mutex<Service>) -> Answer {
     if lock(service).is_shadowing() {
         let _ = order(Request::Shadow(false), service).await;
     }
+    if ask.accept_expired {
+        lock(service).accept_expiry();
+    }
     let notes = against.iter().map(|(hindrance, _)| hindrance.to_string()).collect();
     Answer { notes, ..order(Request::Engine(Command::Enable), service).await }
 }
@@ -220,7 +224,9 @@ async fn load(ask: &mut Ask, who: &Who, service: &Mutex<Service>) -> Answer {
     });
     let (new, size) = match work.await {
         Ok(Ok(found)) => found,
-        Ok(Err(problem)) => return Answer::refused(format!("VC-5007: the model is not used\n{problem}")),
+        Ok(Err(problem)) => {
+            return Answer::refused(format!("{}: the model is not used\n{problem}", Code::MODEL_INVALID));
+        }
         Err(_) => {
             return Answer::refused("internal: the comparison broke off; the model in use stays".to_owned());
         }
@@ -241,10 +247,14 @@ async fn load(ask: &mut Ask, who: &Who, service: &Mutex<Service>) -> Answer {
         && (is_blank(ask.confirm.as_ref()) || is_blank(ask.reason.as_ref()))
     {
         let error = format!(
-            "VC-5006: {too_different}\n  hint: look at `volcomp diff`; if it is right, load it with --confirm NAME and \
-             --reason TEXT"
+            "{}: {too_different}\n  hint: look at `volcomp diff`; if it is right, load it with --confirm NAME and \
+             --reason TEXT",
+            Code::MODEL_CHANGE
         );
         return Answer { change, ..Answer::refused(error) };
+    }
+    if let Err(refusal) = may_be_used(&new, service) {
+        return Answer { change, ..Answer::refused(refusal) };
     }
     Answer {
         change,
@@ -253,10 +263,47 @@ async fn load(ask: &mut Ask, who: &Who, service: &Mutex<Service>) -> Answer {
     }
 }
 
+/// While the machine is compensated, a model that could not be enabled must not slip in either.
+fn may_be_used(new: &Prepared, service: &Mutex<Service>) -> Result<(), String> {
+    let service = lock(service);
+    if !service.is_wanted() {
+        return Ok(());
+    }
+    match service
+        .hindrances_of(new, false)
+        .into_iter()
+        .find(|(_, policy)| *policy != crate::config::Policy::Warn)
+    {
+        Some((hindrance, _)) => Err(format!(
+            "{hindrance}\n  hint: `volcomp disable` first; enabling then asks for what is needed"
+        )),
+        None => Ok(()),
+    }
+}
+
 async fn rollback(ask: &Ask, who: &Who, service: &Mutex<Service>) -> Answer {
     let Some(previous) = lock(service).models().previous.clone() else {
         return Answer::refused("there is no model before this one".to_owned());
     };
+    if let Err(refusal) = may_be_used(&previous, service) {
+        return Answer::refused(refusal);
+    }
+    let (limits, old) = {
+        let service = lock(service);
+        (service.config().guard.clone(), Arc::clone(&service.models().active))
+    };
+    let new = Arc::clone(&previous);
+    let size = spawn_blocking(move || guard::size(&old.spec, &new.spec).map_err(|e| e.to_string())).await;
+    let too_different = match size {
+        Ok(Ok(size)) => guard::judge(&size, &limits).err().map(|e| e.to_string()),
+        Ok(Err(problem)) => Some(problem),
+        Err(_) => {
+            return Answer::refused("internal: the comparison broke off; the model in use stays".to_owned());
+        }
+    };
+    if let Some(too_different) = too_different.filter(|_| is_blank(ask.reason.as_ref())) {
+        return Answer::refused(format!("VC-5006: {too_different}\n  hint: say why with --reason TEXT"));
+    }
     switch(previous, who.name.clone(), ask.reason.clone(), service).await
 }
 

@@ -117,6 +117,12 @@ pub(super) struct Progress {
     pub(super) late: AtomicU64,
     /// Of the late: not answered.
     pub(super) skipped: AtomicU64,
+    /// Frames that were old or repeated.
+    pub(super) out_of_order: AtomicU64,
+    /// Cycles in which a limit of size, rate or acceleration held an offset back.
+    pub(super) limited: AtomicU64,
+    /// Cycles in which a soft limit of the machine held an offset back.
+    pub(super) at_soft_limit: AtomicU64,
     /// Records that found the queue full.
     pub(super) records_dropped: AtomicU64,
     /// Reports that found the queue full.

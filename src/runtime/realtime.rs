@@ -129,6 +129,13 @@ fn affinity(cpu: u16) -> Granted {
     system(sched_setaffinity(None, &set))
 }
 
+/// Locks what has come since, such as another model; asked for by the service after a switch.
+pub(super) fn lock_again(config: &RealtimeConfig) -> Granted {
+    if config.lock_memory { lock_memory() } else { Granted::NotAsked }
+}
+
+/// Locks the memory that there is. Not what is yet to come: a large model on its way in would then run into the limit,
+/// and an allocation that fails ends the daemon in the middle of a part.
 fn lock_memory() -> Granted {
     // the superuser is exempt from the limit
     if !geteuid().is_root()
@@ -137,7 +144,7 @@ fn lock_memory() -> Granted {
     {
         return Granted::Refused { what: Refusal::MemoryLimit(limit) };
     }
-    system(mlockall(MlockAllFlags::CURRENT | MlockAllFlags::FUTURE))
+    system(mlockall(MlockAllFlags::CURRENT))
 }
 
 fn system(result: Result<(), Errno>) -> Granted {

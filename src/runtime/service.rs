@@ -18,14 +18,15 @@ use super::load::Loaded;
 use super::logging::LogLimiter;
 use super::models::guard::{self, Hindrance};
 use super::models::{Keeping, Models, Prepared};
+use super::notices::Notices;
 use super::ports::{LastOffset, Progress, Report, Request, ServicePorts, Ticket};
-use super::realtime::RealtimeReport;
+use super::realtime::{self, RealtimeReport};
 use super::recorder::Recorder;
 use super::sensors::{MapStatus, Sensors};
 use super::status::Status;
 use crate::config::{MachineConfig, Policy, StartMode};
 use crate::core::engine::{Command, Event, ShadowScore, State};
-use crate::core::fault;
+use crate::core::fault::{self, Code};
 use crate::core::protocol::ControlHello;
 use crate::core::units::{MonoTime, NS_PER_S};
 
@@ -61,6 +62,9 @@ pub(super) struct Service {
     failures: LogLimiter,
     links: LogLimiter,
     events: LogLimiter,
+    notices: Notices,
+    /// Why compensation does not begin by itself.
+    objection: Option<String>,
 }
 
 impl Service {
@@ -77,13 +81,11 @@ impl Service {
         if let Some(note) = tally.note().filter(|_| keeper.directory().is_some()) {
             warn!("{note}");
         }
-        if config.engine.start == StartMode::OnConnect {
-            tally.enabled();
-        }
+        let (objection, ordered_gain) = (tally.last_word().objection(), tally.last_word().gain);
         let gain = config.engine.gain;
         let config = Arc::new(config.clone());
         let board = Board::new(loaded, Arc::clone(&ports.progress), clock)?;
-        Ok(Self {
+        let mut service = Self {
             models,
             config,
             gain,
@@ -104,7 +106,50 @@ impl Service {
             failures: LogLimiter::new(3, Duration::from_secs(60)),
             links: LogLimiter::new(10, Duration::from_secs(10)),
             events: LogLimiter::new(20, Duration::from_secs(1)),
-        })
+            notices: Notices::new(clock.now()),
+            objection,
+        };
+        if let Some(gain) = ordered_gain.filter(|g| *g != service.gain) {
+            info!(gain, "the gain ordered before the restart");
+            service.request(Request::Engine(Command::SetGain(gain)));
+        }
+        service.save();
+        Ok(service)
+    }
+
+    /// Whether compensation begins by itself; `permitted` where the model allows it.
+    pub(super) fn begins(&mut self, permitted: bool) -> bool {
+        if self.config.engine.start != StartMode::OnConnect || !permitted {
+            return false;
+        }
+        let begins = self.objection.is_none();
+        match &self.objection {
+            Some(why) => warn!("compensation stays off until somebody enables it: {why}"),
+            None => self.tally.enabled(),
+        }
+        self.keeper.audit.write(AuditEntry {
+            who: Who::daemon(),
+            what: "enable".to_owned(),
+            why: Some(self.objection.clone().unwrap_or_else(|| "start = \"on-connect\"".to_owned())),
+            new_model: Some(self.model_hash().to_owned()),
+            result: if begins { "ordered" } else { "not done" }.to_owned(),
+            ..AuditEntry::default()
+        });
+        begins
+    }
+
+    /// Keeps what a restart must not undo.
+    fn remember(&mut self, request: &Request) {
+        let word = self.tally.last_word();
+        match request {
+            Request::Engine(Command::Enable) => (word.off, word.fault) = (false, None),
+            Request::Engine(Command::Disable) => word.off = true,
+            Request::Engine(Command::ClearFault) => (word.off, word.fault) = (true, None),
+            Request::Engine(Command::SetGain(gain)) => word.gain = Some(*gain),
+            _ => return,
+        }
+        self.objection = None;
+        self.save();
     }
 
     pub(super) fn progress(&self) -> &Arc<Progress> {
@@ -114,6 +159,7 @@ impl Service {
     /// Passes a request to the cycle thread; gives its number, `None` where the queue is full.
     pub(super) fn request(&mut self, request: Request) -> Option<u64> {
         let number = self.ticket + 1;
+        let kept = request.clone();
         let (enables, gain, shadow) = match &request {
             Request::Engine(Command::Enable) => (true, None, None),
             Request::Engine(Command::SetGain(gain)) => (false, Some(*gain), None),
@@ -127,6 +173,7 @@ impl Service {
         }
         self.gain = gain.unwrap_or(self.gain);
         self.shadowing = shadow.unwrap_or(self.shadowing);
+        self.remember(&kept);
         Some(number)
     }
 
@@ -160,13 +207,23 @@ impl Service {
         self.temperature = Some((degc, self.clock.now()));
     }
 
-    /// What speaks against compensating now; an accepted expiry is remembered for this model.
-    pub(super) fn hindrances(&mut self, accept_expired: bool) -> Vec<(Hindrance, Policy)> {
-        self.expired_accepted |= accept_expired;
+    /// What speaks against compensating now.
+    pub(super) fn hindrances(&self, accept_expired: bool) -> Vec<(Hindrance, Policy)> {
+        self.hindrances_of(&self.models.active, accept_expired || self.expired_accepted)
+    }
+
+    /// What speaks against compensating with a model.
+    pub(super) fn hindrances_of(&self, model: &Prepared, accept_expired: bool) -> Vec<(Hindrance, Policy)> {
         let now = self.clock.now();
         let temperature = self.temperature.map(|(degc, at)| (degc, now.seconds_since(at)));
-        let expiry = self.models.active.expiry.as_deref().filter(|_| !self.expired_accepted);
+        let expiry = model.expiry.as_deref().filter(|_| !accept_expired);
         guard::hindrances(&self.config.guard, expiry, SystemTime::now(), temperature)
+    }
+
+    /// That the model in use has expired was accepted; remembered only where it has.
+    pub(super) fn accept_expiry(&mut self) {
+        let expired = self.hindrances_of(&self.models.active, false).len();
+        self.expired_accepted |= expired > self.hindrances_of(&self.models.active, true).len();
     }
 
     /// Another model may be taken into use: the recording has to know its text before.
@@ -187,6 +244,9 @@ impl Service {
         self.expired_accepted = false;
         if let Some(sensors) = &self.sensors {
             sensors.model(&new);
+        }
+        if realtime::lock_again(&self.config.realtime).is_refused() {
+            warn!(code = %Code::REALTIME_REFUSED, "the new model could not be locked into memory (LimitMEMLOCK=)");
         }
         self.models.switched(new, who, why)
     }
@@ -241,6 +301,11 @@ impl Service {
         }
         if self.clock.now().seconds_since(self.looked) >= LOOK_S {
             self.look_after_the_model();
+        }
+        self.notices.look(self.clock.now(), &self.ports.progress);
+        if let Some(recorder) = &self.recorder {
+            let lost = recorder.stats.dropped.load(std::sync::atomic::Ordering::Relaxed);
+            self.notices.look_at_recording(self.clock.now(), lost);
         }
     }
 
@@ -327,8 +392,8 @@ impl Service {
             Report::ConnectFailed { error, pause } => {
                 let text = error.to_string();
                 if let Some(held_back) = self.failures.admit(self.clock.now()) {
-                    let retry_s = pause.as_secs_f64();
-                    warn!(retry_s, held_back, "no link: {text}");
+                    let (retry_s, code) = (pause.as_secs_f64(), error.fault());
+                    warn!(retry_s, %code, held_back, "no link: {text}");
                 }
                 self.board.connect_failed(text);
             }
@@ -344,14 +409,17 @@ impl Service {
                     LinkEnd::Stopped { .. } => info!(cycles, "link closed: {end}"),
                     _ => {
                         if let Some(held_back) = self.links.admit(self.clock.now()) {
-                            warn!(cycles, held_back, "link down: {end}");
+                            warn!(cycles, code = %end.fault(), held_back, "link down: {end}");
                         }
                     }
                 }
                 self.board.link_down(end.to_string());
             }
             Report::Engine(event) => {
-                if let Some(held_back) = self.events.admit(self.clock.now()) {
+                // a fault is latched, so it cannot flood the log, and must not be held back by what came before
+                let Event::StateChanged { to, .. } = event;
+                let admitted = self.events.admit(self.clock.now());
+                if let Some(held_back) = admitted.or((to == State::Faulted).then_some(0)) {
                     log_event(&event, held_back);
                 }
                 self.fault(&event);
@@ -375,6 +443,8 @@ impl Service {
         let Event::StateChanged { from, to: State::Faulted, reason } = event else { return };
         let entry = fault::of_reason(*reason);
         self.tally.fault(entry.name);
+        self.tally.last_word().fault = Some(entry.code.to_string());
+        self.save();
         self.keeper.audit.write(AuditEntry {
             who: Who::daemon(),
             what: "fault".to_owned(),
@@ -398,6 +468,7 @@ fn log_realtime(report: &RealtimeReport) {
             cpu,
             affinity,
             memory_lock,
+            code = %Code::REALTIME_REFUSED,
             "real-time settings not fully granted; cycles may be late under load \
              (set LimitRTPRIO= and LimitMEMLOCK= in the unit)"
         );
@@ -418,11 +489,11 @@ fn log_link_up(address: &std::net::SocketAddr, hello: &ControlHello, held_back: 
 fn log_event(event: &Event, held_back: u64) {
     let Event::StateChanged { from, to, reason } = event;
     let (from, to_name, entry) = (state_name(*from), state_name(*to), fault::of_reason(*reason));
-    let code = entry.code.to_string();
+    let code = entry.code;
     match (to, reason) {
         (State::Faulted | State::Holding, _) => {
-            warn!(from, to = to_name, reason = entry.name, code, held_back, "{}", entry.text);
+            warn!(from, to = to_name, reason = entry.name, %code, held_back, "{}", entry.text);
         }
-        _ => info!(from, to = to_name, reason = entry.name, code, held_back, "{}", entry.text),
+        _ => info!(from, to = to_name, reason = entry.name, %code, held_back, "{}", entry.text),
     }
 }

@@ -68,6 +68,9 @@ pub struct Partner {
     frame: [u8; MAX_FRAME],
     frame_bytes: usize,
     sequence: u32,
+    /// When the last frame was made ready, and how long a cycle is.
+    prepared: Duration,
+    cycle: Duration,
     applied: AxisArray,
     /// The newest answer.
     pub answer: Correction,
@@ -138,6 +141,8 @@ impl Place {
             frame: [0; MAX_FRAME],
             frame_bytes: 0,
             sequence: 0,
+            prepared: Duration::ZERO,
+            cycle: Duration::from_millis(1),
             applied: [0.0; MAX_AXES],
             answer: Correction::default(),
         })
@@ -167,6 +172,7 @@ impl Partner {
             };
             Axis { name, unit }
         };
+        self.cycle = cycle;
         let hello = ControlHello {
             version: PROTOCOL_VERSION,
             machine: Name::new(self.axes.machine()),
@@ -187,7 +193,11 @@ impl Partner {
         for (actual, applied) in actual.iter_mut().zip(&self.applied) {
             *actual += applied;
         }
-        self.sequence = self.sequence.wrapping_add(1);
+        // a control counts its cycles also while the other side has its turn
+        let pause = now.saturating_sub(self.prepared);
+        let cycles = (pause.as_secs_f64() / self.cycle.as_secs_f64()).round().clamp(1.0, f64::from(u16::MAX));
+        self.sequence = self.sequence.wrapping_add(cycles as u32);
+        self.prepared = now;
         let position = Position {
             sequence: self.sequence,
             control_ns: i64::try_from(now.as_nanos()).unwrap_or(i64::MAX),

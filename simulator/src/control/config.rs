@@ -137,6 +137,8 @@ pub struct ControlConfig {
     pub peer: Option<IpAddr>,
     /// Mutual TLS; `None` is plain TCP.
     pub identity: Option<ControlIdentity>,
+    /// Silence of a daemon after which its link is dead.
+    pub silence: Duration,
     /// How cycles follow each other.
     pub pacing: Pacing,
     /// Check and use of offsets.
@@ -162,6 +164,7 @@ impl ControlConfig {
             listen: SocketAddr::from((Ipv4Addr::LOCALHOST, DEFAULT_PORT)),
             peer: None,
             identity: None,
+            silence: Duration::from_secs(1),
             pacing: Pacing::RealTime,
             offset: OffsetConfig::default(),
             apply: true,

@@ -15,8 +15,6 @@ use super::error::LinkEnd;
 use super::server::Shared;
 use super::wire::Wire;
 
-/// Silence of the daemon after which the link is dead.
-pub(super) const SILENCE: Duration = Duration::from_secs(1);
 /// Own silence after which a heartbeat is sent.
 pub(super) const HEARTBEAT: Duration = Duration::from_millis(100);
 
@@ -98,7 +96,7 @@ impl Link {
                 }
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
                 Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {
-                    if self.last_heard.elapsed() > SILENCE {
+                    if self.last_heard.elapsed() > self.shared.silence {
                         return Err(LinkEnd::Silence);
                     }
                     if deadline.is_none_or(|d| Instant::now() >= d) {
@@ -172,6 +170,12 @@ impl Link {
     pub(super) fn close(mut self, reason: CloseReason) {
         let _ = self.send(&Message::Close(Close { reason }));
         self.linger();
+    }
+
+    /// Ends the link without a word; what is on its way is lost.
+    pub(super) fn abort(self) {
+        // where the system refuses, the connection is closed instead of reset: just as sudden
+        let _ = socket2::SockRef::from(self.wire.stream()).set_linger(Some(Duration::ZERO));
     }
 
     /// Lets the last frame arrive without keeping the cycle: closing with unread bytes would reset the connection.

@@ -80,7 +80,8 @@ impl Control {
         config.script.sort_by_key(|e| e.cycle);
         let cycle_ns = (config.cycle_s * 1e9).round() as i64;
         let hello = hello(&config, cycle_ns.unsigned_abs());
-        let server = Server::bind(config.listen, hello, config.peer, config.identity.clone(), config.tool)?;
+        let (identity, silence) = (config.identity.clone(), config.silence);
+        let server = Server::bind(config.listen, hello, config.peer, identity, config.tool, silence)?;
         let ready = if config.ready { MachineState::HOMED | MachineState::ENABLED } else { 0 };
         Ok(Self {
             server,
@@ -264,6 +265,14 @@ impl Control {
             link.close(CloseReason::Shutdown);
         }
         self.report_events();
+    }
+
+    /// The control is gone without a word, as after a power cut: its connection is reset.
+    pub fn vanish(mut self) {
+        self.take_link();
+        if let Some(link) = self.link.take() {
+            link.abort();
+        }
     }
 
     fn begin(&mut self) {

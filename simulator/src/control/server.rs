@@ -35,6 +35,8 @@ pub(super) struct Shared {
     hello: ControlHello,
     peer: Option<IpAddr>,
     identity: Option<ControlIdentity>,
+    /// Silence of the daemon after which the link is dead.
+    pub(super) silence: Duration,
     pub(super) tool: Mutex<Option<Tool>>,
     /// A daemon has the place.
     pub(super) occupied: AtomicBool,
@@ -58,6 +60,7 @@ impl Server {
         peer: Option<IpAddr>,
         identity: Option<ControlIdentity>,
         tool: Option<Tool>,
+        silence: Duration,
     ) -> Result<Self, ControlError> {
         let listener = listen(address).map_err(|source| match source.kind() {
             ErrorKind::AddrInUse => ControlError::InUse { address },
@@ -69,6 +72,7 @@ impl Server {
             hello,
             peer,
             identity,
+            silence,
             tool: Mutex::new(tool),
             occupied: AtomicBool::new(false),
             stopping: AtomicBool::new(false),

@@ -56,13 +56,41 @@ impl Programs {
     /// # Errors
     /// It could not be started.
     pub fn volcompd(&self, config: &Path, log: &Path) -> anyhow::Result<Daemon> {
+        self.daemon("volcompd", config, log)
+    }
+
+    /// The same without any permission to take real-time priority or to lock memory.
+    ///
+    /// # Errors
+    /// It could not be started.
+    pub fn humble_volcompd(&self, config: &Path, log: &Path) -> anyhow::Result<Daemon> {
+        self.daemon("humble-volcompd", config, log)
+    }
+
+    /// The same where no file may become longer than so many units of 1024 bytes, as if the disk were full.
+    ///
+    /// # Errors
+    /// It could not be started.
+    pub fn cramped_volcompd(&self, config: &Path, log: &Path, kib: u32) -> anyhow::Result<Daemon> {
+        let mut shell = Command::new("sh");
+        // without the signal, the system call itself says that there is no room
+        let script = format!("trap '' XFSZ; ulimit -f {}; exec \"$@\"", 2 * u64::from(kib));
+        shell.args(["-c", &script, "sh"]).arg(&self.cncsim);
+        Self::spawn(shell, "volcompd", config, log)
+    }
+
+    fn daemon(&self, verb: &str, config: &Path, log: &Path) -> anyhow::Result<Daemon> {
+        Self::spawn(Command::new(&self.cncsim), verb, config, log)
+    }
+
+    fn spawn(mut command: Command, verb: &str, config: &Path, log: &Path) -> anyhow::Result<Daemon> {
         let log = File::options()
             .create(true)
             .append(true)
             .open(log)
             .with_context(|| format!("cannot write {}", log.display()))?;
-        let child = Command::new(&self.cncsim)
-            .arg("volcompd")
+        let child = command
+            .arg(verb)
             .arg("--config")
             .arg(config)
             .stdin(Stdio::null())

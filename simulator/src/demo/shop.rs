@@ -88,6 +88,11 @@ impl Shop {
         &mut self.control
     }
 
+    /// The control is gone without a word.
+    pub fn vanish(self) {
+        self.control.vanish();
+    }
+
     /// Starts a daemon and waits until it compensates.
     ///
     /// # Errors

@@ -58,6 +58,11 @@ pub enum FaultKind {
     Reorder,
     /// It does not come.
     Drop,
+    /// Its last bytes are missing.
+    Truncate {
+        /// So many.
+        bytes: usize,
+    },
     /// In its place comes a header that announces the longest frame there is, and nothing behind it.
     Huge,
     /// So many random bytes come before it.
@@ -119,6 +124,9 @@ pub struct LinkFault {
     pub frames: Option<u64>,
 }
 
+/// Pause before and after a frame that must be seen by itself.
+const APART: Duration = Duration::from_millis(2);
+
 const fn one() -> u64 {
     1
 }
@@ -169,6 +177,17 @@ impl Lane {
         frame: &[u8],
         random: &mut dyn FnMut() -> f64,
     ) -> Vec<Passage> {
+        // of several that come in one piece, only the newest is looked at
+        let apart = |first: &[u8], second: &[u8]| {
+            vec![
+                Passage::Write(Duration::ZERO, first.to_vec()),
+                Passage::Write(APART, second.to_vec()),
+                Passage::Write(APART, Vec::new()),
+            ]
+        };
+        if let Some(older) = self.held.take() {
+            return apart(frame, &older);
+        }
         if fault.kind == FaultKind::None {
             return self.let_go(frame);
         }
@@ -198,15 +217,13 @@ impl Lane {
                 bytes[at] ^= 1 << ((random() * 8.0) as u32).min(7);
                 now(bytes)
             }
-            FaultKind::Duplicate => now([frame, frame].concat()),
-            FaultKind::Reorder => match self.held.take() {
-                None => {
-                    self.held = Some(frame.to_vec());
-                    Vec::new()
-                }
-                Some(older) => now([frame, &older].concat()),
-            },
+            FaultKind::Duplicate => apart(frame, frame),
+            FaultKind::Reorder => {
+                self.held = Some(frame.to_vec());
+                Vec::new()
+            }
             FaultKind::Drop => Vec::new(),
+            FaultKind::Truncate { bytes } => now(frame[..frame.len().saturating_sub(bytes)].to_vec()),
             FaultKind::Huge => now(frame[..6].iter().copied().chain([0xff, 0xff]).collect()),
             FaultKind::Garbage { bytes } => {
                 let mut all: Vec<u8> = (0..bytes).map(|_| (random() * 256.0) as u8).collect();
@@ -233,9 +250,6 @@ impl Lane {
         let mut bytes = core::mem::take(&mut self.waiting);
         self.waiting_frames = 0;
         bytes.extend_from_slice(frame);
-        if let Some(held) = self.held.take() {
-            bytes.extend_from_slice(&held);
-        }
         vec![Passage::Write(Duration::ZERO, bytes)]
     }
 

@@ -14,6 +14,6 @@ pub mod run;
 pub mod stage;
 pub mod verdict;
 
-pub use plan::{Plan, Scenario};
+pub use plan::{Pacing, Plan, Scenario};
 pub use run::run;
 pub use verdict::Verdict;

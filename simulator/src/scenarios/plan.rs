@@ -52,13 +52,45 @@ pub struct Scenario {
     pub ready: bool,
     /// Cycles from a position to the use of its correction.
     pub delay_cycles: u32,
+    /// True: the daemon may take real-time priority and lock memory, where this process may.
+    pub privileges: bool,
+    /// Runs at most, until one holds: more than one where the computer's own time plays a part, which others share.
+    pub tries: u32,
+    /// Largest file that the daemon may write, in units of 1024 bytes: to it a longer one is a disk that is full.
+    #[serde(default)]
+    pub file_limit_kib: Option<u32>,
+    /// True: certificates for TLS lie beside the machine file: ca, control and daemon of one authority, other-ca and
+    /// other-daemon of another one.
+    pub certificates: bool,
+    /// What is different about the control.
+    pub control: ControlPart,
     /// Keys of the machine file that differ, as tables.
     pub machine: Table,
+    /// Keys of the model file that differ, as tables.
+    pub model: Table,
     /// What happens, in the order of the cycles.
     #[serde(rename = "do")]
     pub actions: Vec<Step>,
     /// What must hold.
     pub accept: Accept,
+}
+
+/// A control other than the usual one.
+#[derive(Debug, Clone, PartialEq, Default, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct ControlPart {
+    /// Its machine id.
+    #[serde(default)]
+    pub machine: Option<String>,
+    /// Largest offset that it applies to a linear axis.
+    #[serde(default)]
+    pub limit_um: Option<f64>,
+    /// Silence of the daemon after which it closes the link.
+    #[serde(default)]
+    pub silence_s: Option<f64>,
+    /// True: it speaks TLS only, with the certificate of the scenario.
+    #[serde(default)]
+    pub tls: bool,
 }
 
 /// Something that happens at a cycle.
@@ -77,8 +109,14 @@ pub struct Step {
 pub enum Action {
     /// Another daemon is started and waited for.
     StartDaemon,
-    /// Another daemon is started; it is not expected to connect.
-    StartSecondDaemon,
+    /// The daemon is started and not waited for.
+    SpawnDaemon,
+    /// A daemon beside the first one.
+    StartSecondDaemon {
+        /// It has the status socket of the first one, too.
+        #[serde(default)]
+        same_socket: bool,
+    },
     /// The daemon is killed.
     KillDaemon,
     /// The daemon is told to stop.
@@ -87,6 +125,20 @@ pub enum Action {
     SuspendDaemon,
     /// It goes on.
     ResumeDaemon,
+    /// The daemon is told to read its files anew (SIGHUP).
+    HangupDaemon,
+    /// Simulated time stands still until the daemon has ended by itself.
+    WaitForExit,
+    /// Simulated time stands still until the log of the daemons says this.
+    WaitForLog {
+        /// The words.
+        words: String,
+    },
+    /// Simulated time stands still for so long.
+    Pause {
+        /// So long.
+        ms: u64,
+    },
     /// The daemon is suspended for so long, in real time.
     HangDaemon {
         /// So long.
@@ -131,6 +183,20 @@ pub enum Action {
         /// Its text.
         text: String,
     },
+    /// In the daemon's folder, a pipe that nobody reads stands where a file is to be: whoever opens it, waits.
+    MakePipe {
+        /// Its name.
+        file: String,
+    },
+    /// Words in a file of the daemon's folder are replaced.
+    ReplaceInFile {
+        /// The file.
+        file: String,
+        /// The words.
+        from: String,
+        /// What stands in their place.
+        to: String,
+    },
     /// From now on the link does this.
     Link(LinkFault),
     /// All processors are busy for so long.
@@ -138,8 +204,12 @@ pub enum Action {
         /// So long.
         ms: u64,
     },
-    /// The control restarts: a new one listens in its place, without offset.
+    /// The control restarts in order: a new one listens in its place, without offset.
     RestartControl,
+    /// The control is gone without a word, as after a power cut.
+    KillControl,
+    /// A new control listens in the place of the one killed, without offset.
+    StartControl,
     /// The control stands still for so long.
     HangControl {
         /// So long.
@@ -147,6 +217,11 @@ pub enum Action {
     },
     /// So many connections come and go.
     ConnectionStorm {
+        /// Connections.
+        count: u32,
+    },
+    /// So many connections to the status socket come at once, say something and go.
+    CommandStorm {
         /// Connections.
         count: u32,
     },
@@ -172,10 +247,21 @@ pub struct Accept {
     pub unanswered: u64,
     /// State at the end: a correction state, or `none` without a daemon.
     pub state: String,
-    /// Words that the daemon's log must hold.
+    /// Largest offset of any axis over the whole run.
+    pub offset_um: f64,
+    /// True: more answers than `limited_cycles` must say that an axis is limited; false: that many may at most.
+    pub limited: bool,
+    /// Answers that may say so in passing: a plan that changes in the middle of a move is braked by the limit of the
+    /// acceleration.
+    pub limited_cycles: usize,
+    /// Words that the daemon's log, or what `volcomp` said, must hold, such as the numbers of `volcomp explain`.
     pub log: Vec<String>,
+    /// Lines that the log may have at most: whatever a peer does, it must not flood the log.
+    pub lines: usize,
     /// Exit code of a daemon that ends by itself.
     pub exit: Option<i32>,
+    /// Exit code of the second daemon, where it ends by itself.
+    pub second_exit: Option<i32>,
 }
 
 impl Plan {
@@ -229,9 +315,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_shipped_scenarios_are_sixty_and_more_and_right() {
+    fn the_shipped_scenarios_are_many_and_right() {
         let plan = Plan::shipped().unwrap();
-        assert!(plan.scenarios.len() >= 60, "{}", plan.scenarios.len());
+        assert!(plan.scenarios.len() >= 110, "{}", plan.scenarios.len());
         for s in &plan.scenarios {
             assert!(s.actions.windows(2).all(|p| p[0].at <= p[1].at), "{}: actions out of order", s.number);
         }

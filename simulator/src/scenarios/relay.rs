@@ -13,10 +13,14 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use volcomp::core::protocol::frame::{HEADER_LEN, Header};
 
-use super::fault::{FaultKind, Lane, LinkFault, Passage};
+use super::fault::{Direction, FaultKind, Lane, LinkFault, Passage};
 
 /// Longest wait of a pump before it looks whether the relay has ended.
 const SLICE: Duration = Duration::from_millis(20);
+
+/// The link as it should be.
+const NO_FAULT: LinkFault =
+    LinkFault { kind: FaultKind::None, direction: Direction::ToDaemon, every: 1, frames: None };
 
 /// What pumps and the scenario share.
 struct Shared {
@@ -43,9 +47,8 @@ impl Relay {
         let listener = TcpListener::bind(("127.0.0.1", 0))?;
         listener.set_nonblocking(true)?;
         let address = listener.local_addr()?;
-        let none = LinkFault { kind: FaultKind::None, direction: Default::default(), every: 1, frames: None };
         let shared = Arc::new(Shared {
-            fault: Mutex::new((0, none, 0)),
+            fault: Mutex::new((0, NO_FAULT, 0)),
             ended: AtomicBool::new(false),
             links: AtomicU64::new(0),
             seed,
@@ -74,9 +77,18 @@ impl Relay {
     }
 
     /// From now on this happens to the frames.
-    pub fn set(&self, fault: LinkFault) {
+    ///
+    /// The fault that ends with it, where it has met no frame at all.
+    pub fn set(&self, fault: LinkFault) -> Option<LinkFault> {
         let mut now = self.shared.fault.lock().unwrap_or_else(PoisonError::into_inner);
-        *now = (now.0 + 1, fault, 0);
+        let (number, before, met) = *now;
+        *now = (number + 1, fault, 0);
+        (before.kind != FaultKind::None && met < before.every).then_some(before)
+    }
+
+    /// As [`Relay::set`] without any fault.
+    pub fn clear(&self) -> Option<LinkFault> {
+        self.set(NO_FAULT)
     }
 
     /// Connections so far.

@@ -2,29 +2,46 @@
 
 #![expect(clippy::disallowed_methods, reason = "a scenario waits for processes")]
 
+use std::io::Write;
 use std::net::TcpStream;
+use std::os::unix::net::UnixStream;
 use std::time::{Duration, Instant};
 
 use anyhow::{Context, bail};
+use rustix::fs::{FileType, Mode};
 use rustix::process::Signal;
 use volcomp::core::protocol::MachineState;
 
 use super::plan::{Action, Scenario};
-use super::stage::{CENTRE_MM, RADIUS_MM, Stage, scaled_model, write};
+use super::relay::Relay;
+use super::stage::{CENTRE_MM, PATIENCE, RADIUS_MM, Stage, scaled_model, write};
 use super::verdict::{Verdict, judge};
 use crate::control::{CycleRecord, Happening};
 use crate::demo::figures;
-use crate::demo::programs::Programs;
+use crate::demo::programs::{Daemon, Programs};
 
 const CYCLE_S: f64 = 1e-3;
 /// Cycles at the end of the motion over which accuracy is judged.
 const JUDGED: usize = 1000;
+/// Lines of the log that are kept where something does not hold.
+const LAST_WORDS: usize = 40;
 
-/// Runs a scenario.
+/// Runs a scenario, as often as it may be tried.
 ///
 /// # Errors
 /// It could not be run at all; what did not hold is in the verdict.
 pub fn run(scenario: &Scenario, programs: &Programs) -> anyhow::Result<Verdict> {
+    let mut runs = 1;
+    loop {
+        let verdict = run_once(scenario, programs)?;
+        if verdict.ok || runs >= scenario.tries {
+            return Ok(Verdict { runs, ..verdict });
+        }
+        runs += 1;
+    }
+}
+
+fn run_once(scenario: &Scenario, programs: &Programs) -> anyhow::Result<Verdict> {
     let mut stage = Stage::set(scenario, programs)?;
     if scenario.daemon {
         stage.start_daemon()?;
@@ -38,17 +55,43 @@ pub fn run(scenario: &Scenario, programs: &Programs) -> anyhow::Result<Verdict> 
         last_action = stage.records.last().map_or(0, |r| r.cycle);
     }
     stage.run_to(None)?;
-    let exit = match (&mut stage.daemon, scenario.accept.exit) {
-        (Some(daemon), Some(_)) => daemon.wait()?.code(),
-        _ => None,
-    };
+    if stage.exit.is_none() && scenario.accept.exit.is_some() {
+        stage.exit = ended(&mut stage.daemon)?;
+    }
     let residual = residual_um(&stage)?;
-    let mut verdict = judge(scenario, &stage.records, &residual, last_action, CYCLE_S, &stage.log());
-    if exit != scenario.accept.exit {
-        verdict.failures.push(format!("exit code {exit:?}, not {:?}", scenario.accept.exit));
-        verdict.ok = false;
+    let mut verdict = judge(scenario, &stage.records, &residual, last_action, CYCLE_S, &stage.all_words());
+    let second = if scenario.accept.second_exit.is_some() { ended(&mut stage.second)? } else { None };
+    for (which, found, wanted) in
+        [("daemon", stage.exit, scenario.accept.exit), ("second daemon", second, scenario.accept.second_exit)]
+    {
+        if found != wanted {
+            verdict.fail(format!("exit code of the {which} {found:?}, not {wanted:?}"));
+        }
+    }
+    stage.idle_faults.extend(stage.relay.as_ref().and_then(Relay::clear));
+    for fault in &stage.idle_faults {
+        verdict.fail(format!("no frame has met {:?}", fault.kind));
+    }
+    if !verdict.ok {
+        let words = stage.all_words();
+        let lines = words.lines().count();
+        verdict.last_words =
+            words.lines().skip(lines.saturating_sub(LAST_WORDS)).map(str::to_owned).collect();
     }
     Ok(verdict)
+}
+
+/// The exit code of a daemon that ends by itself; none where it goes on and on.
+fn ended(daemon: &mut Option<Daemon>) -> anyhow::Result<Option<i32>> {
+    let Some(daemon) = daemon else { return Ok(None) };
+    let begin = Instant::now();
+    while daemon.is_running() {
+        if begin.elapsed() > PATIENCE {
+            return Ok(None);
+        }
+        std::thread::sleep(Duration::from_millis(5));
+    }
+    Ok(daemon.wait()?.code())
 }
 
 /// Radial deviations over the last second of motion.
@@ -67,11 +110,8 @@ fn act(stage: &mut Stage, action: &Action) -> anyhow::Result<()> {
     let clear = |stage: &mut Stage, bits| stage.shop.control().happen(Happening::Clear(bits));
     match action {
         Action::StartDaemon => stage.start_daemon()?,
-        Action::StartSecondDaemon => {
-            let other = stage.spawn()?;
-            stage.others.push(other);
-            idle(stage, 300);
-        }
+        Action::SpawnDaemon => stage.daemon = Some(stage.spawn()?),
+        Action::StartSecondDaemon { same_socket } => stage.spawn_second(*same_socket)?,
         Action::KillDaemon => {
             if let Some(mut daemon) = stage.daemon.take() {
                 daemon.kill()?;
@@ -80,6 +120,13 @@ fn act(stage: &mut Stage, action: &Action) -> anyhow::Result<()> {
         Action::TermDaemon => stage.signal(Signal::TERM)?,
         Action::SuspendDaemon => stage.signal(Signal::STOP)?,
         Action::ResumeDaemon => stage.signal(Signal::CONT)?,
+        Action::HangupDaemon => stage.signal(Signal::HUP)?,
+        Action::WaitForExit => {
+            stage.wait_until("the daemon's end", |s| s.daemon.as_mut().is_none_or(|d| !d.is_running()))?;
+            stage.exit = ended(&mut stage.daemon)?;
+        }
+        Action::WaitForLog { words } => stage.wait_until(words, |s| s.all_words().contains(words))?,
+        Action::Pause { ms } => idle(stage, *ms),
         Action::HangDaemon { ms } => {
             stage.signal(Signal::STOP)?;
             std::thread::sleep(Duration::from_millis(*ms));
@@ -100,12 +147,32 @@ fn act(stage: &mut Stage, action: &Action) -> anyhow::Result<()> {
         Action::Volcomp { args, exit } => stage.volcomp(args, *exit)?,
         Action::ScaleModel { file, by } => write(&stage.file(file), &scaled_model(*by)?)?,
         Action::WriteFile { file, text } => write(&stage.file(file), text)?,
+        Action::MakePipe { file } => {
+            let path = stage.file(file);
+            rustix::fs::mknodat(rustix::fs::CWD, &path, FileType::Fifo, Mode::RUSR | Mode::WUSR, 0)?;
+        }
+        Action::ReplaceInFile { file, from, to } => {
+            let path = stage.file(file);
+            let text = std::fs::read_to_string(&path)?;
+            if !text.contains(from.as_str()) {
+                bail!("{} does not hold {from:?}", path.display());
+            }
+            write(&path, &text.replace(from.as_str(), to))?;
+        }
         Action::Link(fault) => match &stage.relay {
-            Some(relay) => relay.set(*fault),
+            Some(relay) => {
+                let idle = relay.set(*fault);
+                stage.idle_faults.extend(idle);
+            }
             None => bail!("the scenario has no relay: set relay = true"),
         },
         Action::BusyProcessors { ms } => busy(Duration::from_millis(*ms))?,
-        Action::RestartControl => stage.restart_control()?,
+        Action::RestartControl => {
+            stage.end_control(true)?;
+            stage.start_control()?;
+        }
+        Action::KillControl => stage.end_control(false)?,
+        Action::StartControl => stage.start_control()?,
         Action::HangControl { ms } => std::thread::sleep(Duration::from_millis(*ms)),
         Action::ConnectionStorm { count } => {
             let address = stage.shop.address();
@@ -113,6 +180,17 @@ fn act(stage: &mut Stage, action: &Action) -> anyhow::Result<()> {
                 drop(TcpStream::connect(&address)?);
             }
             idle(stage, 50);
+        }
+        Action::CommandStorm { count } => {
+            let socket = stage.file("volcompd.sock");
+            for k in 0..*count {
+                let mut stream = UnixStream::connect(&socket)?;
+                // nonsense, half a command, and nothing at all; whoever is one too many is refused
+                let words: &[u8] =
+                    [&b"{\"command\": \"explode\"}\n"[..], b"{\"command\": ", b""][k as usize % 3];
+                let _ = stream.write_all(words);
+            }
+            idle(stage, 100);
         }
         Action::WaitForDaemon => stage.wait_for_daemon()?,
         Action::Mark => {}

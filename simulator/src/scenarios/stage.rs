@@ -10,9 +10,11 @@ use anyhow::{Context, bail};
 use rustix::process::{Pid, Signal, kill_process};
 use toml::{Table, Value};
 
+use super::fault::LinkFault;
 use super::plan::{Pacing as PlanPacing, Scenario, merge};
 use super::relay::Relay;
-use crate::control::{Absent, ControlConfig, CycleRecord, Flow, OffsetConfig, Pacing};
+use crate::certificates::{Authority, Issued, Role, Validity};
+use crate::control::{Absent, ControlConfig, ControlIdentity, CycleRecord, Flow, OffsetConfig, Pacing};
 use crate::demo::programs::{Daemon, Programs};
 use crate::demo::shop::Shop;
 use crate::motion::{MachineAxes, MotionCycle, MotionSource, Trajectory};
@@ -22,7 +24,7 @@ use volcomp::core::axes::AxisArray;
 const MACHINE_FILE: &str = include_str!("../../../config/examples/vmc-850/machine.toml");
 const MODEL_FILE: &str = include_str!("../../../config/examples/vmc-850/model.toml");
 /// Far beyond anything that a loaded computer takes.
-const PATIENCE: Duration = Duration::from_secs(60);
+pub(super) const PATIENCE: Duration = Duration::from_secs(60);
 const CYCLE_S: f64 = 1e-3;
 /// The circle.
 pub(super) const RADIUS_MM: f64 = 20.0;
@@ -33,8 +35,16 @@ pub(super) struct Stage {
     pub(super) shop: Shop,
     pub(super) relay: Option<Relay>,
     pub(super) daemon: Option<Daemon>,
-    pub(super) others: Vec<Daemon>,
+    pub(super) second: Option<Daemon>,
     pub(super) records: Vec<CycleRecord>,
+    /// Faults of the link that no frame has met.
+    pub(super) idle_faults: Vec<LinkFault>,
+    /// The exit code of a daemon that has ended by itself.
+    pub(super) exit: Option<i32>,
+    /// Where the control listened that was killed and has not come back.
+    control_port: Option<u16>,
+    /// What `volcomp` has said.
+    said: String,
     folder: tempfile::TempDir,
     programs: Programs,
     motion: Trajectory,
@@ -46,7 +56,11 @@ impl Stage {
     pub(super) fn set(scenario: &Scenario, programs: &Programs) -> anyhow::Result<Self> {
         let machine = TruthMachine::from_toml(VMC_850)?;
         let start = MachineAxes::of(&machine)?.middle();
-        let shop = open(scenario, 0, &start, scenario.ready)?;
+        let folder = tempfile::tempdir()?;
+        if scenario.certificates {
+            write_certificates(folder.path())?;
+        }
+        let shop = open(scenario, folder.path(), 0, &start, scenario.ready)?;
         let control: SocketAddr = shop.address().parse()?;
         let relay = if scenario.relay { Some(Relay::open(control, scenario.seed)?) } else { None };
         let motion = shop.trajectory(&circles(scenario.turns, scenario.feed_mm_per_min))?;
@@ -54,21 +68,28 @@ impl Stage {
             shop,
             relay,
             daemon: None,
-            others: Vec::new(),
+            second: None,
+            control_port: None,
+            exit: None,
             records: Vec::new(),
-            folder: tempfile::tempdir()?,
+            idle_faults: Vec::new(),
+            said: String::new(),
+            folder,
             programs: programs.clone(),
             motion,
             at: start,
             scenario: scenario.clone(),
         };
         let address = stage.relay.as_ref().map_or(control, Relay::address);
-        std::fs::write(stage.config(), stage.machine_file(&address)?)?;
-        std::fs::write(stage.file("model.toml"), MODEL_FILE)?;
+        std::fs::write(stage.config(), stage.machine_file(&address, "volcompd.sock")?)?;
+        std::fs::write(stage.file("second.toml"), stage.machine_file(&address, "second.sock")?)?;
+        let mut model: Table = MODEL_FILE.parse()?;
+        merge(&mut model, &scenario.model);
+        std::fs::write(stage.file("model.toml"), toml::to_string(&model)?)?;
         Ok(stage)
     }
 
-    fn machine_file(&self, address: &SocketAddr) -> anyhow::Result<String> {
+    fn machine_file(&self, address: &SocketAddr, socket: &str) -> anyhow::Result<String> {
         let mut file: Table = MACHINE_FILE.parse()?;
         let text = |path: PathBuf| Value::String(path.display().to_string());
         let mut over = Table::new();
@@ -84,7 +105,7 @@ impl Stage {
         set("engine", "ramp-s", 0.5.into());
         set("realtime", "priority", 0.into());
         set("realtime", "lock-memory", false.into());
-        set("status", "socket", text(self.file("volcompd.sock")));
+        set("status", "socket", text(self.file(socket)));
         set("log", "target", "stderr".into());
         set("log", "level", "debug".into());
         merge(&mut file, &over);
@@ -105,6 +126,11 @@ impl Stage {
         std::fs::read_to_string(self.file("volcompd.log")).unwrap_or_default()
     }
 
+    /// The same, and what `volcomp` has said.
+    pub(super) fn all_words(&self) -> String {
+        self.log() + &self.said
+    }
+
     /// Starts the daemon and waits until it is connected, while simulated time stands still.
     pub(super) fn start_daemon(&mut self) -> anyhow::Result<()> {
         self.daemon = Some(self.spawn()?);
@@ -118,7 +144,39 @@ impl Stage {
 
     /// Starts a daemon.
     pub(super) fn spawn(&self) -> anyhow::Result<Daemon> {
-        self.programs.volcompd(&self.config(), &self.file("volcompd.log"))
+        self.spawn_with(&self.config())
+    }
+
+    /// Starts a daemon beside the first one, on the same status socket or on one of its own.
+    pub(super) fn spawn_second(&mut self, same_socket: bool) -> anyhow::Result<()> {
+        let config = if same_socket { self.config() } else { self.file("second.toml") };
+        self.second = Some(self.spawn_with(&config)?);
+        Ok(())
+    }
+
+    fn spawn_with(&self, config: &Path) -> anyhow::Result<Daemon> {
+        let log = self.file("volcompd.log");
+        match self.scenario.file_limit_kib {
+            Some(kib) => self.programs.cramped_volcompd(config, &log, kib),
+            None if self.scenario.privileges => self.programs.volcompd(config, &log),
+            None => self.programs.humble_volcompd(config, &log),
+        }
+    }
+
+    /// Simulated time stands still, with the link kept alive, until something is so.
+    pub(super) fn wait_until(
+        &mut self,
+        what: &str,
+        mut so: impl FnMut(&mut Self) -> bool,
+    ) -> anyhow::Result<()> {
+        let begin = Instant::now();
+        while !so(self) {
+            if begin.elapsed() > PATIENCE {
+                bail!("waited in vain for {what}; the log: {}", self.log());
+            }
+            self.shop.control().idle(Duration::from_millis(10));
+        }
+        Ok(())
     }
 
     /// Sends the daemon a signal.
@@ -147,19 +205,31 @@ impl Stage {
         if code != exit {
             bail!("volcomp {}: exit code {code}, expected {exit}: {said}", args.join(" "));
         }
+        self.said.push_str(&said);
+        self.said.push('\n');
+        Ok(())
+    }
+
+    /// The control ends in order, or is gone without a word.
+    pub(super) fn end_control(&mut self, in_order: bool) -> anyhow::Result<()> {
+        self.control_port = Some(self.shop.address().parse::<SocketAddr>()?.port());
+        // one that nobody knows stands in for it, because there is always a machine
+        let spare = open(&self.scenario, self.folder.path(), 0, &self.at, true)?;
+        let old = core::mem::replace(&mut self.shop, spare);
+        if in_order {
+            drop(old)
+        } else {
+            old.vanish()
+        }
         Ok(())
     }
 
     /// A new control listens in the place of the old one, where the motion stands, without any offset.
-    pub(super) fn restart_control(&mut self) -> anyhow::Result<()> {
-        let port = self.shop.address().parse::<SocketAddr>()?.port();
-        // the old one must have let go of its port before the new one takes it
-        let machine = TruthMachine::from_toml(VMC_850)?;
-        let spare = open_on(&self.scenario, machine, 0, &self.at, true)?;
-        drop(core::mem::replace(&mut self.shop, spare));
+    pub(super) fn start_control(&mut self) -> anyhow::Result<()> {
+        let Some(port) = self.control_port.take() else { bail!("the control has not been killed") };
         let begin = Instant::now();
         self.shop = loop {
-            match open(&self.scenario, port, &self.at, true) {
+            match open(&self.scenario, self.folder.path(), port, &self.at, true) {
                 Ok(shop) => break shop,
                 Err(e) if begin.elapsed() > PATIENCE => return Err(e),
                 Err(_) => std::thread::sleep(Duration::from_millis(10)),
@@ -196,17 +266,42 @@ fn circles(turns: usize, feed: u32) -> String {
     )
 }
 
-fn open(scenario: &Scenario, port: u16, start: &AxisArray, ready: bool) -> anyhow::Result<Shop> {
-    open_on(scenario, TruthMachine::from_toml(VMC_850)?, port, start, ready)
+/// An authority with a control and a daemon, and another one with another daemon.
+fn write_certificates(folder: &Path) -> anyhow::Result<()> {
+    let issue = |stem: &str, issued: &Issued| {
+        issued.write(folder, stem).map_err(|(path, e)| anyhow::anyhow!("{}: {e}", path.display()))
+    };
+    for prefix in ["", "other-"] {
+        let authority = Authority::new(&format!("{prefix}test"), Validity::days(2))?;
+        issue(&format!("{prefix}ca"), &authority.own())?;
+        let control = authority.issue(Role::Control, &["127.0.0.1"], Validity::days(1))?;
+        issue(&format!("{prefix}control"), &control)?;
+        let daemon = authority.issue(Role::Daemon, &["volcompd"], Validity::days(1))?;
+        issue(&format!("{prefix}daemon"), &daemon)?;
+    }
+    Ok(())
 }
 
-fn open_on(
+fn open(
     scenario: &Scenario,
-    machine: TruthMachine,
+    folder: &Path,
     port: u16,
     start: &AxisArray,
     ready: bool,
 ) -> anyhow::Result<Shop> {
+    let machine = TruthMachine::from_toml(VMC_850)?;
+    let id = scenario.control.machine.clone().unwrap_or_else(|| machine.machine().to_owned());
+    let mut offset = OffsetConfig { delay_cycles: scenario.delay_cycles, ..OffsetConfig::default() };
+    if let Some(limit_um) = scenario.control.limit_um {
+        offset.linear.size = limit_um / 1e3;
+    }
+    let file = |name: &str| folder.join(name);
+    let identity = if scenario.control.tls {
+        Some(ControlIdentity::from_files(&file("ca.pem"), &file("control.pem"), &file("control.key"))?)
+    } else {
+        None
+    };
+    let silence = scenario.control.silence_s.map(Duration::from_secs_f64);
     let answer_timeout = Duration::from_secs_f64(scenario.answer_ms / 1e3);
     let config = ControlConfig {
         cycle_s: CYCLE_S,
@@ -216,8 +311,10 @@ fn open_on(
             PlanPacing::RealTime => Pacing::RealTime,
         },
         ready,
-        offset: OffsetConfig { delay_cycles: scenario.delay_cycles, ..OffsetConfig::default() },
-        ..ControlConfig::new(machine.machine(), MachineAxes::of(&machine)?)
+        offset,
+        identity,
+        silence: silence.unwrap_or(Duration::from_secs(1)),
+        ..ControlConfig::new(id, MachineAxes::of(&machine)?)
     };
     Shop::with_control(machine, scenario.seed, config, start)
 }
@@ -244,6 +341,9 @@ fn scale(value: &mut Value, by: f64, key: &str) {
 
 /// Writes a file of the stage.
 pub(super) fn write(path: &Path, text: &str) -> anyhow::Result<()> {
+    if let Some(folder) = path.parent() {
+        std::fs::create_dir_all(folder).with_context(|| folder.display().to_string())?;
+    }
     std::fs::write(path, text).with_context(|| path.display().to_string())
 }
 

@@ -3,6 +3,7 @@
 use serde::Serialize;
 use volcomp::core::axes::MAX_AXES;
 use volcomp::core::protocol::CorrectionState;
+use volcomp::core::units::UM_PER_MM;
 
 use super::plan::{Accept, Scenario};
 use crate::control::CycleRecord;
@@ -14,6 +15,8 @@ pub struct Verdict {
     pub number: u32,
     /// Its name.
     pub name: String,
+    /// The seed that it ran with.
+    pub seed: u64,
     /// True where everything held.
     pub ok: bool,
     /// Largest radial deviation over the last second of motion.
@@ -22,6 +25,12 @@ pub struct Verdict {
     pub rms_um: Option<f64>,
     /// Largest change of an offset from one cycle to the next.
     pub step_um: f64,
+    /// Largest offset of any axis.
+    pub offset_um: f64,
+    /// Answers that said that an axis is limited.
+    pub limited: usize,
+    /// Lines of the daemons' log.
+    pub lines: usize,
     /// Control time from the last thing that happened to the final state.
     pub settle_s: f64,
     /// Cycles with a daemon but without an answer.
@@ -32,6 +41,10 @@ pub struct Verdict {
     pub cycles: usize,
     /// What did not hold.
     pub failures: Vec<String>,
+    /// Runs that it took.
+    pub runs: u32,
+    /// The last lines of the log, where something did not hold.
+    pub last_words: Vec<String>,
 }
 
 impl Verdict {
@@ -41,16 +54,28 @@ impl Verdict {
         Self {
             number: scenario.number,
             name: scenario.name.clone(),
+            seed: scenario.seed,
             ok: false,
             largest_um: None,
             rms_um: None,
             step_um: 0.0,
+            offset_um: 0.0,
+            limited: 0,
+            lines: 0,
             settle_s: 0.0,
             unanswered: 0,
             state: "none".to_owned(),
             cycles: 0,
             failures: vec![format!("{error:#}")],
+            runs: 0,
+            last_words: Vec::new(),
         }
+    }
+
+    /// Something did not hold.
+    pub(super) fn fail(&mut self, what: String) {
+        self.ok = false;
+        self.failures.push(what);
     }
 }
 
@@ -87,15 +112,21 @@ pub(super) fn judge(
     let mut verdict = Verdict {
         number: scenario.number,
         name: scenario.name.clone(),
+        seed: scenario.seed,
         ok: true,
         largest_um: residual_um.iter().map(|v| v.abs()).reduce(f64::max),
         rms_um: rms(residual_um),
         step_um: largest_step_um(records),
+        offset_um: records.iter().flat_map(|r| r.applied).map(f64::abs).fold(0.0, f64::max) * UM_PER_MM,
+        limited: records.iter().filter(|r| r.correction.is_some_and(|c| c.limited != 0)).count(),
+        lines: log.lines().count(),
         settle_s: 0.0,
         unanswered: records.iter().filter(|r| r.connected && r.correction.is_none()).count() as u64,
         state: records.iter().rev().find_map(state_of).unwrap_or("none").to_owned(),
         cycles: records.len(),
         failures: Vec::new(),
+        runs: 1,
+        last_words: Vec::new(),
     };
     let settled = records.iter().rposition(|r| state_of(r).is_some_and(|s| s != verdict.state));
     let settled = settled.and_then(|at| records.get(at + 1)).map_or(0, |r| r.cycle);
@@ -117,10 +148,17 @@ fn failures(v: &Verdict, accept: &Accept, records: &[CycleRecord], log: &str) ->
     at_most("largest residual (um)", v.largest_um, accept.largest_um);
     at_most("RMS residual (um)", v.rms_um, accept.rms_um);
     at_most("largest step (um)", Some(v.step_um), accept.step_um);
+    at_most("largest offset (um)", Some(v.offset_um), accept.offset_um);
+    at_most("lines of the log", Some(v.lines as f64), accept.lines as f64);
     at_most("settling (s)", Some(v.settle_s), accept.settle_s);
     at_most("cycles without an answer", Some(v.unanswered as f64), accept.unanswered as f64);
     if v.state != accept.state {
         found.push(format!("state {} at the end, not {}", v.state, accept.state));
+    }
+    if (v.limited > accept.limited_cycles) != accept.limited {
+        let which = if accept.limited { "more than" } else { "at most" };
+        let most = accept.limited_cycles;
+        found.push(format!("{} answers say that an axis is limited, expected {which} {most}", v.limited));
     }
     for words in &accept.log {
         if !log.contains(words) {
@@ -142,5 +180,5 @@ fn largest_step_um(records: &[CycleRecord]) -> f64 {
     let step = |p: &[CycleRecord]| {
         (0..MAX_AXES).map(|k| (p[1].applied[k] - p[0].applied[k]).abs()).fold(0.0, f64::max)
     };
-    records.windows(2).filter(|p| p[1].cycle == p[0].cycle + 1).map(step).fold(0.0, f64::max) * 1e3
+    records.windows(2).filter(|p| p[1].cycle == p[0].cycle + 1).map(step).fold(0.0, f64::max) * UM_PER_MM
 }

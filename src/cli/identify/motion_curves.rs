@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use crate::cli::files::write_text;
-use crate::cli::fit_report::{Fitted, comments, note_text, print_table};
+use crate::cli::fit::report::{Fitted, comments, note_text, print_table};
 use crate::cli::model_out::{ModelOut, Sources, axis_entry, put};
 use crate::cli::{EX_DATAERR, Failure};
 use crate::config::ModelFile;

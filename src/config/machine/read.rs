@@ -117,7 +117,7 @@ fn read_link(link: &Section<'_>) -> Option<LinkConfig> {
     ];
     at_least(link, "reconnect-max-s", reconnect[1], "reconnect-min-s", reconnect[0]);
     let heartbeat_s = or(link, "heartbeat-s", within(0.02, 60.0), 0.5);
-    let silence_s = or(link, "silence-s", within(0.05, 600.0), 2.0);
+    let silence_s = or(link, "silence-s", within(0.05, 600.0), 3.0);
     // one lost heartbeat is no silence
     at_least(link, "silence-s", silence_s, "twice heartbeat-s", 2.0 * heartbeat_s);
     let config = LinkConfig {

@@ -7,7 +7,7 @@ use super::{Provenance, provenance, remedy};
 use crate::config::diagnostic::Diagnostic;
 use crate::config::reader::{Allowed, Placed, Section};
 use crate::config::words::{suggestion, unit_of};
-use crate::core::axes::AxisName;
+use crate::core::axes::{AxisKind, AxisName};
 use crate::core::model::curve::{
     Chebyshev, CurveError, Fourier, Grid, HalfRange, Interpolation, Live, Table,
 };
@@ -411,7 +411,8 @@ fn read_chebyshev(kind: &mut Kind<'_, '_>) -> Option<Curve> {
     kind.built(polynomial, Some(coefficients.place)).map(Curve::Chebyshev)
 }
 
-/// A value that a sensor tells: `sensor = "ram"` and the limit within which it is believed.
+/// A value that a sensor tells: `sensor = "ram"` and the limit within which it is believed; with `reference-mm` the sensor
+/// tells a strain about that coordinate.
 fn read_live(section: &Section<'_>, symbol: ErrorSymbol) -> Option<Live> {
     let of = ValueKeys::of(symbol);
     let sensor = section.text("sensor");
@@ -422,7 +423,11 @@ fn read_live(section: &Section<'_>, symbol: ErrorSymbol) -> Option<Live> {
         section.missing(of.limit, &format!("add {} = .., the largest value that is believed", of.limit));
     }
     let limit = section.number(of.limit, Allowed::Positive { high: 5000.0 });
-    Some(Live { sensor: sensor?.value.to_owned(), limit: (of.read)(limit?.value) })
+    let reference = match symbol.axis().kind() {
+        AxisKind::Linear => section.number("reference-mm", Allowed::Finite).map(|n| n.value),
+        AxisKind::Rotary => None,
+    };
+    Some(Live { sensor: sensor?.value.to_owned(), limit: (of.read)(limit?.value), reference })
 }
 
 /// A grid over several axes: `axes = ["y", "z"]`, positions behind `y-mm` and `z-mm`, values with the last axis fastest.

@@ -8,6 +8,7 @@ mod errors;
 mod keys;
 mod number;
 mod provenance;
+mod thermal;
 mod write;
 
 use self::keys::{PositionKeys, grid_key};
@@ -17,6 +18,7 @@ pub use write::{kind_of, write, write_file};
 use super::diagnostic::{ConfigErrors, Diagnostic};
 use super::reader::{self, Allowed, Placed, Reader, Section};
 use crate::core::axes::AxisName;
+use crate::core::estimate::Thermal;
 use crate::core::geometry::Vec3;
 use crate::core::model::chain::ChainError;
 use crate::core::model::{Chain, ErrorSymbol, ModelError, ModelSpec};
@@ -34,13 +36,15 @@ pub struct ModelFile {
     pub provenance: Provenance,
     /// Origin of single errors, where stated.
     pub of_errors: Vec<(ErrorSymbol, Provenance)>,
+    /// Growths by heat, `[thermal.NAME]`: each is told to the errors whose live value names it.
+    pub thermal: Vec<Thermal>,
 }
 
 impl ModelFile {
     /// A model whose origin is not stated.
     #[must_use]
     pub fn new(spec: ModelSpec) -> Self {
-        Self { spec, provenance: Provenance::default(), of_errors: Vec::new() }
+        Self { spec, provenance: Provenance::default(), of_errors: Vec::new(), thermal: Vec::new() }
     }
 
     /// The last day on which all of its numbers may be used, where one is stated.
@@ -79,7 +83,8 @@ pub fn parse_file(file: &str, text: &str) -> Result<ModelFile, ConfigErrors> {
 pub fn known_keys() -> Vec<String> {
     let text = "axes = {x = {}, c = {}}\n[errors]\n\
         exx = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}, live = {}}\n\
-        eac = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}, live = {}}\n";
+        eac = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}, live = {}}\n\
+        [thermal]\nname = {input = {}}\n";
     let reader = Reader::default();
     if let Ok(document) = reader::document("", text) {
         read(&Section::top(&reader, &document), text);
@@ -106,9 +111,10 @@ fn read(top: &Section<'_>, text: &str) -> Option<ModelFile> {
     let std = errors::DefaultStd::read(&provenance);
     provenance.finish();
     let of_errors = errors::read(&top.section("errors"), known_chain, &std, &mut spec);
+    let thermal = thermal::read(&top.section("thermal"), &spec);
     top.finish();
     whole_model(top, &spec, chain.is_some());
-    Some(ModelFile { spec, provenance: origin, of_errors })
+    Some(ModelFile { spec, provenance: origin, of_errors, thermal })
 }
 
 /// A last look with the rules of the model itself; everything it can find has been reported at its place before.

@@ -293,7 +293,12 @@ fn any_error(symbol: ErrorSymbol) -> impl Strategy<Value = (ErrorSymbol, ErrorFu
     let grids = if symbol.is_constant() { 0..1 } else { 0..3usize };
     let grids = prop::collection::vec(any_grid(limit), grids);
     let sensor = prop_oneof![Just("ram".to_owned()), Just("laser \"1\"".to_owned())];
-    let live = (sensor, 1e-9..limit).prop_map(|(sensor, limit)| Live { sensor, limit });
+    let live =
+        (sensor, 1e-9..limit, prop::option::of(-1e3..1e3)).prop_map(move |(sensor, limit, reference)| Live {
+            sensor,
+            limit,
+            reference: reference.filter(|_| symbol.axis().kind() == AxisKind::Linear),
+        });
     let live = prop::collection::vec(live, if symbol.is_constant() { 0..1 } else { 0..3usize });
     (curves, grids, live, prop::option::of(0.0..limit))
         .prop_map(move |(curves, grids, live, std)| (symbol, ErrorFunction { curves, grids, live, std }))

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::keys::{PositionKeys, ValueKeys, grid_key};
 use super::number::{plain, shortest};
-use super::{FORMAT, ModelFile, Provenance};
+use super::{FORMAT, ModelFile, Provenance, thermal};
 use crate::core::axes::AxisKind;
 use crate::core::geometry::Vec3;
 use crate::core::model::curve::{Grid, Interpolation};
@@ -69,15 +69,18 @@ fn write_model(spec: &ModelSpec, origin: Option<&ModelFile>, comment: &[String])
         let origin = origin.and_then(|o| o.of_errors.iter().find(|(s, _)| s == symbol)).map(|(_, p)| p);
         write_error(&mut out, *symbol, function, origin);
     }
+    for thermal in origin.into_iter().flat_map(|o| &o.thermal) {
+        thermal::write(&mut out, thermal);
+    }
     out
 }
 
-fn line_of(out: &mut String, line: core::fmt::Arguments<'_>) {
+pub(super) fn line_of(out: &mut String, line: core::fmt::Arguments<'_>) {
     // writing to a string cannot fail
     let _ = writeln!(out, "{line}");
 }
 
-fn heading(out: &mut String, name: &str) {
+pub(super) fn heading(out: &mut String, name: &str) {
     line_of(out, format_args!("\n[{name}]"));
 }
 
@@ -157,6 +160,9 @@ fn write_error(out: &mut String, symbol: ErrorSymbol, function: &ErrorFunction, 
         }
         line_of(out, format_args!("sensor = {}", quoted(&live.sensor)));
         line_of(out, format_args!("{} = {}", of.limit, value(live.limit, of)));
+        if let Some(at) = live.reference {
+            line_of(out, format_args!("reference-mm = {}", plain(at)));
+        }
     }
 }
 
@@ -272,7 +278,7 @@ fn write_provenance(out: &mut String, p: &Provenance) {
 }
 
 /// A basic string of TOML.
-fn quoted(text: &str) -> String {
+pub(super) fn quoted(text: &str) -> String {
     toml::Value::String(text.to_owned()).to_string()
 }
 

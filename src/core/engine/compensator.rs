@@ -4,6 +4,8 @@
 //! correction (or zero), `s` a smooth share that grows from 0 to 1 over the ramp. So nothing ever steps, from
 //! whatever offset and in whatever state a change of plan comes; the limiter bounds what is left.
 
+mod held;
+
 use super::aim::{Aim, Target};
 use super::config::{AxisLimits, EngineConfig, EngineError, OutOfTravel, RestOffset};
 use super::intake::Intake;
@@ -19,9 +21,6 @@ use crate::core::units::{MonoTime, RAD_PER_DEG};
 
 /// The most control time that one output may use, in cycles: a late frame must not become a long step.
 const STEP_CYCLES_MAX: f64 = 2.0;
-
-/// So many cycles without a frame, and the control may have acted on its own.
-const GAP_CYCLES: u32 = 2;
 
 /// Turns positions into bounded corrections.
 #[derive(Debug, Clone)]
@@ -52,16 +51,30 @@ pub struct Compensator {
     /// How long the present hold has lasted, s.
     held_s: f64,
     last_sequence: u32,
+    last_control_ns: i64,
     /// Control cycles from the frame before to this one.
     gap_cycles: u32,
+    /// The same in control time, s.
+    gap_s: f64,
+    /// Frames that were old or repeated.
+    strays: u64,
     next_deadline: Option<MonoTime>,
+    /// When a frame or a deadline was answered last.
+    told: Option<MonoTime>,
+    /// Not yet told.
     event: Option<Event>,
+    /// Every single change of state, for the tests that hold them against the rules.
+    #[cfg(test)]
+    pub(super) trace: Vec<(State, State, Reason)>,
 }
 
 /// What one cycle found out before it moves anything.
 struct Plan {
     target: Target,
+    /// Time that the offset may use, s: control time of the frame, one cycle without one.
     dt: f64,
+    /// Time that has passed, s: ramps and gain go by it.
+    elapsed_s: f64,
 }
 
 impl Compensator {
@@ -101,9 +114,15 @@ impl Compensator {
             immobile: false,
             held_s: 0.0,
             last_sequence: 0,
+            last_control_ns: 0,
             gap_cycles: 0,
+            gap_s: 0.0,
+            strays: 0,
             next_deadline: None,
+            told: None,
             event: None,
+            #[cfg(test)]
+            trace: Vec::new(),
         })
     }
 
@@ -178,16 +197,25 @@ impl Compensator {
         let verdict = self.intake.accept(frame, &position);
         if verdict == Err(Reason::Sequence) {
             // old or repeated: says nothing new, and does not count as a sign of life
-            return Some(self.move_on(&Plan { target: self.stay(), dt: 0.0 }));
+            self.strays = self.strays.saturating_add(1);
+            if !self.is_held(frame) {
+                return None;
+            }
+            let output = self.move_on(&Plan { target: self.stay(), dt: 0.0, elapsed_s: 0.0 });
+            return Some(CycleOutput { out_of_order: true, ..output });
         }
-        self.gap_cycles = frame.sequence.wrapping_sub(self.last_sequence);
-        self.last_sequence = frame.sequence;
+        self.count_gap(frame);
         self.next_deadline = Some(now.plus_seconds(self.config.stale_s));
-        // the clock of a bad frame is not to be trusted
-        let dt = verdict.map_or(self.config.cycle_s, |dt| dt.min(STEP_CYCLES_MAX * self.config.cycle_s));
+        self.told = Some(now);
+        // the clock of a bad frame is not to be trusted; time that was used for a bad frame is not used again
+        let dt =
+            verdict.unwrap_or(self.config.cycle_s).min(self.gap_s).min(STEP_CYCLES_MAX * self.config.cycle_s);
         let told = frame.applied[..self.axes].iter().all(|v| v.is_finite());
-        if told && (verdict.is_ok() || !self.synchronised) {
+        if told {
             self.synchronise(frame);
+        } else if self.gap_cycles > held::GAP_CYCLES || self.immobile || held::is_immobile(frame.state) {
+            // the control may have acted on its own and does not say what it holds
+            self.synchronised = false;
         }
         if !self.synchronised {
             return None;
@@ -201,7 +229,7 @@ impl Compensator {
         };
         let bad = verdict.err().or((!target.finite).then_some(Reason::ModelNotFinite));
         self.decide(frame.state, bad, &target, dt);
-        let output = self.move_on(&Plan { target, dt });
+        let output = self.move_on(&Plan { target, dt, elapsed_s: dt });
         self.aim.lag.sent(frame.sequence, &output.offset);
         Some(output)
     }
@@ -219,10 +247,18 @@ impl Compensator {
         if now < due {
             return None;
         }
+        if !self.synchronised {
+            // what the control holds is not known: nothing may be sent
+            self.next_deadline = None;
+            return None;
+        }
         self.intake.unsettle();
         let dt = self.config.cycle_s;
-        self.hold_or_give_up(Reason::Stale, dt);
-        let output = self.move_on(&Plan { target: self.stay(), dt });
+        // what is waited for goes by the clock, however late this call is; the offset moves by one cycle's worth
+        let elapsed_s = self.told.map_or(dt, |then| now.seconds_since(then).max(0.0));
+        self.told = Some(now);
+        self.hold_or_give_up(Reason::Stale, elapsed_s);
+        let output = self.move_on(&Plan { target: self.stay(), dt, elapsed_s });
         let resting = self.is_at_rest();
         let faulted = self.state == State::Faulted && !self.is_zero();
         let waiting = matches!(self.state, State::Holding | State::RampingOut) || faulted || !resting;
@@ -268,6 +304,12 @@ impl Compensator {
         self.state
     }
 
+    /// Frames so far that were old or repeated, answered or not.
+    #[must_use]
+    pub const fn strays(&self) -> u64 {
+        self.strays
+    }
+
     /// True where the operator wants compensation.
     #[must_use]
     pub const fn is_enabled(&self) -> bool {
@@ -306,58 +348,6 @@ impl Compensator {
     #[must_use]
     pub fn wire(&self, values: &AxisArray) -> AxisArray {
         core::array::from_fn(|k| values[k] / self.scale[k])
-    }
-
-    /// Takes over the offset that the control holds: at the first frame of a link, after it has acted on its own,
-    /// while it cannot move any offset, and where it has changed its offset while the machine was not ready.
-    fn synchronise(&mut self, frame: &Position) {
-        let applied = self.held_by_control(frame);
-        // braking past the offset that an immobile machine holds would be a step when it moves again
-        let immobile = frame.state.has(MachineState::ESTOP) || !frame.state.has(MachineState::ENABLED);
-        let was_immobile = core::mem::replace(&mut self.immobile, immobile);
-        let took_over = frame.state.has(MachineState::OFFSET_RAMPING_OUT);
-        // after a gap the control may have acted on its own and be done with it
-        let unseen = self.frozen || self.gap_cycles > GAP_CYCLES || !self.intake.is_settled();
-        let moved = unseen && frame.state.is_ready() && !self.read_back.knows(&applied, self.axes);
-        if self.synchronised && !took_over && !moved && !immobile && !was_immobile {
-            return;
-        }
-        self.start_at(&applied);
-        self.read_back.restart();
-        if (took_over || moved) && self.is_moving() {
-            self.intake.unsettle();
-            self.plan(State::Holding, Reason::ControlTookOver);
-        }
-        if self.state == State::Faulted {
-            // the way back to zero starts from here, not from an offset that the control no longer holds
-            self.plan(State::Faulted, Reason::ReadBack);
-        }
-        self.synchronised = true;
-    }
-
-    /// The offset that the control reports, mm and rad.
-    fn held_by_control(&self, frame: &Position) -> AxisArray {
-        core::array::from_fn(|k| frame.applied[k] * self.scale[k])
-    }
-
-    /// At rest at an offset that the control holds.
-    fn start_at(&mut self, held: &AxisArray) {
-        for (limiter, held) in self.limiters.iter_mut().zip(held).take(self.axes) {
-            limiter.start_at(*held);
-        }
-    }
-
-    fn check_read_back(&mut self, frame: &Position) {
-        let applied = self.held_by_control(frame);
-        self.aim.lag.read_back(frame.sequence, &applied);
-        let watched =
-            self.synchronised && self.state != State::Faulted && frame.state.is_ready() && !self.frozen;
-        if watched && self.read_back.is_foreign(&applied, self.axes) {
-            self.enabled = false;
-            // the way back to zero starts from what the control really holds
-            self.start_at(&applied);
-            self.plan(State::Faulted, Reason::ReadBack);
-        }
     }
 
     /// True while the offset follows the correction or goes to or from it.
@@ -502,7 +492,14 @@ impl Compensator {
 
     fn enter(&mut self, state: State, reason: Reason) {
         if state != self.state {
-            self.event = Some(Event::StateChanged { from: self.state, to: state, reason });
+            #[cfg(test)]
+            self.trace.push((self.state, state, reason));
+            // what happened between two frames and was not told yet becomes one change with this one
+            let from = match self.event {
+                Some(Event::StateChanged { from, .. }) => from,
+                None => self.state,
+            };
+            self.event = (from != state).then_some(Event::StateChanged { from, to: state, reason });
             self.state = state;
         }
     }
@@ -515,11 +512,12 @@ impl Compensator {
     /// Moves the offset for one cycle and reports.
     fn move_on(&mut self, plan: &Plan) -> CycleOutput {
         let dt = plan.dt;
-        let gain_step = dt / self.config.ramp_s;
+        let gain_step = plan.elapsed_s / self.config.ramp_s;
         self.gain += (self.gain_wanted - self.gain).clamp(-gain_step, gain_step);
-        self.ramp.advance(dt);
+        self.ramp.advance(plan.elapsed_s);
         let share = self.ramp.share();
-        let mut limited = if self.follows_target() { plan.target.at_soft_limit } else { 0 };
+        let at_soft_limit = if self.follows_target() { plan.target.at_soft_limit } else { 0 };
+        let mut limited = at_soft_limit;
         let mut warning = 0;
         for (k, limiter) in self.limiters.iter_mut().enumerate().take(self.axes) {
             let blend = |to: f64| self.from[k] + (to - self.from[k]) * share;
@@ -549,7 +547,9 @@ impl Compensator {
             state: self.state,
             offset,
             limited,
+            at_soft_limit,
             warning,
+            out_of_order: false,
             out_of_range: plan.target.out_of_range,
             faded: plan.target.faded,
             wanted: plan.target.offset,

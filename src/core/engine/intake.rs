@@ -8,8 +8,8 @@ use crate::core::units::NS_PER_S;
 
 /// Good frames in a row before compensation starts again.
 pub(super) const GOOD_FRAMES: u32 = 10;
-/// The most cycles that one frame may stand for; more than that is a jump of the clock.
-const CYCLES_LOST_MAX: f64 = 1000.0;
+/// The most cycles by which a control's clock may run ahead of its count (a pause of the control); more is a jump.
+const CYCLES_AHEAD_MAX: f64 = 20.0;
 
 /// So many frames out of order that follow each other are the right ones.
 const STRAYS: u32 = 5;
@@ -160,10 +160,15 @@ impl Intake {
         }
         let dt = frame.control_ns.saturating_sub(last.control_ns) as f64 / NS_PER_S;
         let cycles = dt / self.cycle_s;
-        if !(dt > 0.0 && cycles <= CYCLES_LOST_MAX.max(2.0 * f64::from(ahead))) {
+        // a clock that runs ahead of the cycles counted has stepped, and says nothing about how far axes may have gone
+        if !(dt > 0.0 && cycles <= f64::from(ahead) + CYCLES_AHEAD_MAX.max(f64::from(ahead))) {
             return Err(Reason::ControlClock);
         }
-        let reach = cycles.max(f64::from(ahead)).max(1.0);
+        // a number that runs ahead of its own time is a stray: an answer that names it would be in the future
+        if f64::from(ahead) > cycles.round() + f64::from(STRAYS) {
+            return Err(Reason::Sequence);
+        }
+        let reach = cycles.max(1.0);
         let moves = position.iter().zip(&last.position).zip(&self.jump_limit).take(self.axes);
         let jumped = moves.into_iter().any(|((now, before), limit)| (now - before).abs() > limit * reach);
         if jumped { Err(Reason::Jump) } else { Ok(dt) }

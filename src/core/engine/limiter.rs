@@ -96,6 +96,9 @@ impl Limiter {
         if dt > 0.0 {
             let change = self.limits.acceleration * dt;
             self.velocity -= self.velocity.clamp(-change, change);
+            // an interval longer than the one before must not make a step
+            let step = self.limits.step / dt;
+            self.velocity = self.velocity.clamp(-step, step);
             self.position += self.velocity * dt;
             self.last_target = self.position;
         }
@@ -207,12 +210,16 @@ mod tests {
 
         #[test]
         fn no_step_is_larger_than_allowed(
-            steps in prop::collection::vec((-0.3..0.3f64, 1e-4..1e-2f64), 1..200), step in 1e-5..1e-3f64,
+            steps in prop::collection::vec((prop::option::weighted(0.8, -0.3..0.3f64), 1e-4..1e-2f64), 1..200),
+            step in 1e-5..1e-3f64,
         ) {
             let mut l = Limiter::new(AxisLimits { step, ..LIMITS });
             for (target, dt) in steps {
                 let before = l.position();
-                l.step(target, dt);
+                match target {
+                    Some(target) => { l.step(target, dt); }
+                    None => l.brake(dt),
+                }
                 prop_assert!((l.position() - before).abs() <= step * (1.0 + 1e-9) + 1e-15);
                 prop_assert!(l.position().abs() <= LIMITS.size + 1e-12);
             }

@@ -15,6 +15,7 @@ mod read_back;
 mod shadow;
 #[cfg(test)]
 mod tests;
+pub mod transitions;
 
 pub use compensator::Compensator;
 pub use config::{AxisLimits, EngineConfig, EngineError, OutOfTravel, PositionSource, RestOffset};

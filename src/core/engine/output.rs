@@ -22,7 +22,7 @@ pub enum Command {
 }
 
 /// Why a state was entered.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
 pub enum Reason {
     /// A command.
     Command,
@@ -123,8 +123,12 @@ pub struct CycleOutput {
     pub offset: AxisArray,
     /// Bit k: axis k is limited in size, rate or acceleration.
     pub limited: u8,
+    /// Bit k: of these, axis k is limited by a soft limit of the machine.
+    pub at_soft_limit: u8,
     /// Bit k: axis k is above its warning limit.
     pub warning: u8,
+    /// The frame was old or repeated: it says nothing new, and was not used.
+    pub out_of_order: bool,
     /// Bit k: axis k is outside the travel or a curve's range of the model.
     pub out_of_range: u8,
     /// Bit k: harmonics of axis k have faded, for at this feed they could not be placed right.

@@ -321,6 +321,15 @@ pub const CATALOGUE: &[Entry] = &[
         remedy: "see docs/operating.md on real-time priority and isolated processors",
     },
     Entry {
+        code: Code(6007),
+        name: "tls-failed",
+        severity: Warning,
+        text: "the control and this daemon cannot agree on TLS",
+        cause: "a certificate is missing, expired, of another authority or of another name, or only one end speaks TLS",
+        reaction: "no link and no correction; volcompd tries again",
+        remedy: "compare [link.tls] with the certificates of the control: docs/tls.md",
+    },
+    Entry {
         code: Code(7001),
         name: "records-lost",
         severity: Warning,

@@ -64,6 +64,51 @@ impl fmt::Display for Code {
 }
 
 impl Code {
+    /// No link to the control.
+    pub const CONNECT_FAILED: Self = Self(6001);
+    /// The link to the control has ended.
+    pub const LINK_LOST: Self = Self(6002);
+    /// Bytes from the control are no frame, or none that belongs there.
+    pub const BAD_FRAME: Self = Self(6003);
+    /// The control is not the one of the machine file.
+    pub const HELLO_MISMATCH: Self = Self(6004);
+    /// Another daemon has the control.
+    pub const CONTROL_BUSY: Self = Self(6005);
+    /// Corrections come later than one control cycle.
+    pub const LATE_CYCLES: Self = Self(6006);
+    /// The two ends cannot agree on TLS.
+    pub const TLS_FAILED: Self = Self(6007);
+    /// Position frames out of order or repeated.
+    pub const SEQUENCE: Self = Self(3004);
+    /// An offset is held back by its limit.
+    pub const LIMITED: Self = Self(4005);
+    /// An offset is held back by a soft limit of the machine.
+    pub const SOFT_LIMIT: Self = Self(4006);
+    /// The model is of another machine.
+    pub const MODEL_FOREIGN: Self = Self(5002);
+    /// The model has expired.
+    pub const MODEL_EXPIRED: Self = Self(5003);
+    /// The machine is outside the temperatures of the model, or its temperature is not known.
+    pub const TEMPERATURE_ENVELOPE: Self = Self(5004);
+    /// The model file is not the one that the machine file names.
+    pub const MODEL_HASH: Self = Self(5005);
+    /// The new model differs from the one in use by more than allowed.
+    pub const MODEL_CHANGE: Self = Self(5006);
+    /// The model cannot be read.
+    pub const MODEL_INVALID: Self = Self(5007);
+    /// Cycles are missing in the recording.
+    pub const RECORDS_LOST: Self = Self(7001);
+    /// The recording cannot be written.
+    pub const RECORDING_STOPPED: Self = Self(7002);
+    /// The saved counters could not be read.
+    pub const COUNTERS_DAMAGED: Self = Self(7003);
+    /// The audit log is not the one that was written.
+    pub const AUDIT_BROKEN: Self = Self(7004);
+    /// The counters cannot be saved.
+    pub const COUNTERS_NOT_SAVED: Self = Self(7006);
+    /// Real-time scheduling or memory lock is not permitted.
+    pub const REALTIME_REFUSED: Self = Self(7005);
+
     /// Reads `VC-3001`, `vc3001` or `3001`.
     #[must_use]
     pub fn parse(text: &str) -> Option<Self> {

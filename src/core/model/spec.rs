@@ -108,6 +108,18 @@ impl ModelSpec {
         self.axes.iter().find(|a| a.name == name).cloned().unwrap_or_else(|| AxisSpec::new(name))
     }
 
+    /// The sensors whose live values the errors use, each once, in the order of the errors.
+    #[must_use]
+    pub fn sensors(&self) -> Vec<&str> {
+        let mut sensors: Vec<&str> = Vec::new();
+        for live in self.errors.iter().flat_map(|(_, f)| &f.live) {
+            if !sensors.contains(&live.sensor.as_str()) {
+                sensors.push(&live.sensor);
+            }
+        }
+        sensors
+    }
+
     /// Checks every rule that needs more than one entry to be seen.
     ///
     /// # Errors
@@ -131,14 +143,9 @@ impl ModelSpec {
                 return Err(ModelError::Datum { axis: *axis });
             }
         }
-        let mut sensors: Vec<&str> = Vec::new();
-        for live in self.errors.iter().flat_map(|(_, f)| &f.live) {
-            if !sensors.contains(&live.sensor.as_str()) {
-                sensors.push(&live.sensor);
-            }
-        }
-        if sensors.len() > SENSORS_MAX {
-            return Err(ModelError::TooManySensors { found: sensors.len() });
+        let found = self.sensors().len();
+        if found > SENSORS_MAX {
+            return Err(ModelError::TooManySensors { found });
         }
         for (i, (symbol, function)) in self.errors.iter().enumerate() {
             if self.chain.index_of(symbol.axis()).is_none() {

@@ -141,6 +141,7 @@ struct JointLive {
     lane: usize,
     channel: usize,
     limit: f64,
+    reference: Option<f64>,
 }
 
 /// Where the tool nominally is, in W.
@@ -463,7 +464,7 @@ impl Joint {
             flags.out_of_range |= u16::from(outside) << index;
         }
         for l in &self.live {
-            let told = pose.live[l.channel];
+            let told = pose.live[l.channel] * l.reference.map_or(1.0, |at| x - at);
             // a sensor that tells nonsense tells nothing
             v.add_to_lane(l.lane, if told.is_finite() { told.clamp(-l.limit, l.limit) } else { 0.0 });
         }
@@ -506,7 +507,7 @@ fn joint_live(motions: &[ErrorFunction; 6], sensors: &[String]) -> Vec<JointLive
         for live in &function.live {
             // every sensor was listed from these very functions
             let channel = sensors.iter().position(|s| *s == live.sensor).unwrap_or_default();
-            out.push(JointLive { lane, channel, limit: live.limit.abs() });
+            out.push(JointLive { lane, channel, limit: live.limit.abs(), reference: live.reference });
         }
     }
     out

@@ -87,7 +87,7 @@ pub struct Position {
 }
 
 /// What the daemon is doing, for the control's own display and watchdog.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Default)]
 pub enum CorrectionState {
     /// Not compensating; offsets are zero.
     #[default]

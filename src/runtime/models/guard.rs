@@ -3,6 +3,7 @@
 use std::time::SystemTime;
 
 use crate::config::{GuardConfig, Policy};
+use crate::core::fault::Code;
 use crate::core::model::compare::{Change, compare};
 use crate::core::model::{ModelError, ModelSpec};
 use crate::core::units::{arcsec_from_rad, um_from_mm};
@@ -114,7 +115,8 @@ pub fn judge(size: &Size, guard: &GuardConfig) -> Result<(), TooDifferent> {
 pub enum Hindrance {
     /// The model is too old.
     #[error(
-        "VC-5003: the model expired on {expiry}; measure again, or enable with --accept-expired and --reason"
+        "{}: the model expired on {expiry}; measure again, or enable with --accept-expired and --reason",
+        Code::MODEL_EXPIRED
     )]
     Expired {
         /// Its last day.
@@ -122,8 +124,9 @@ pub enum Hindrance {
     },
     /// Nobody told the temperature.
     #[error(
-        "VC-5004: the model holds from {low} to {high} degC, and the machine's temperature is not known; \
-         tell it with --temperature-degc"
+        "{}: the model holds from {low} to {high} degC, and the machine's temperature is not known; \
+         tell it with --temperature-degc",
+        Code::TEMPERATURE_ENVELOPE
     )]
     TemperatureUnknown {
         /// Lowest.
@@ -133,7 +136,9 @@ pub enum Hindrance {
     },
     /// Too cold or too warm.
     #[error(
-        "VC-5004: the machine is at {found} degC, the model holds from {low} to {high} degC; wait, or measure at this temperature"
+        "{}: the machine is at {found} degC, the model holds from {low} to {high} degC; wait, or measure at this \
+         temperature",
+        Code::TEMPERATURE_ENVELOPE
     )]
     Temperature {
         /// As told.

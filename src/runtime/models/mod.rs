@@ -11,10 +11,11 @@ use std::time::SystemTime;
 
 use tracing::{info, warn};
 
-use super::load::{LoadError, Loaded};
+use super::load::{LoadError, Loaded, number};
 use super::status::ModelStatus;
 use super::utc;
 use crate::config::{MachineConfig, model};
+use crate::core::fault::Code;
 use crate::core::model::{Model, ModelSpec};
 use store::{Choice, Store};
 
@@ -44,7 +45,11 @@ impl Prepared {
         let file = model::parse_file(origin, &text).map_err(|e| e.to_string())?;
         let model = Model::new(&file.spec).map_err(|e| format!("error: {origin}: {e}"))?;
         if let Some(mismatch) = config.check_model(&file.spec).into_iter().next() {
-            return Err(format!("error: {origin}: {mismatch}\n  hint: {}", mismatch.remedy()));
+            return Err(format!(
+                "error: {origin}: {}{mismatch}\n  hint: {}",
+                number(&mismatch),
+                mismatch.remedy()
+            ));
         }
         let hash = blake3::hash(text.as_bytes()).to_hex().to_string();
         if let Some(pinned) = config.guard.hash.as_ref().filter(|pinned| **pinned != hash) {
@@ -152,9 +157,13 @@ impl Models {
             Ok(()) => self.previous = Some(was_active),
             Err(why) => {
                 self.notes.push(format!(
-                    "VC-5006: {} is not used: {why}. Still in use: {} (since {}). If the new one is right: \
+                    "{}: {} is not used: {why}. Still in use: {} (since {}). If the new one is right: \
                      volcomp load {} --confirm NAME --reason TEXT",
-                    self.active.origin, chosen.origin, chosen.since, self.active.origin
+                    Code::MODEL_CHANGE,
+                    self.active.origin,
+                    chosen.origin,
+                    chosen.since,
+                    self.active.origin
                 ));
                 self.active = was_active;
                 self.choice = chosen;

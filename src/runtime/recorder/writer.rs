@@ -11,6 +11,7 @@ use std::sync::atomic::Ordering::Relaxed;
 use tracing::{info, warn};
 
 use super::Stats;
+use crate::core::fault::Code;
 use crate::core::record::{Encoder, Entry, IndexRow, block};
 use crate::core::units::MonoTime;
 
@@ -155,7 +156,7 @@ impl<D: Disk> Writer<D> {
                 self.retry = Some(now.plus_seconds(RETRY_S));
                 // one line per refusal, not one per attempt
                 if !std::mem::replace(&mut self.refused, true) {
-                    warn!(%error, "recording stops until there is room; records are counted and dropped");
+                    warn!(%error, code = %Code::RECORDING_STOPPED, "recording stops until there is room; records are counted and dropped");
                 }
                 self.stats.set_error(Some(error.to_string()));
             }

@@ -148,7 +148,7 @@ mod tests {
 
     fn estimator() -> LiveEstimator {
         let mut spec = ModelSpec::new("m", Chain::parse("[w b X Y Z t]").unwrap());
-        let live = vec![Live { sensor: "ram.eaz".to_owned(), limit: 1e-4 }];
+        let live = vec![Live { sensor: "ram.eaz".to_owned(), limit: 1e-4, reference: None }];
         let function = ErrorFunction { live, ..ErrorFunction::default() };
         spec.errors.push((ErrorSymbol::parse("eaz").unwrap(), function));
         let nodes = [vec![0.0, 1.0], vec![0.0, 1.0], vec![0.0, 1.0]];

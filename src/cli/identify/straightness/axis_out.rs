@@ -3,7 +3,7 @@
 
 use std::path::PathBuf;
 
-use crate::cli::fit_report::{Fitted, note_text, print_table};
+use crate::cli::fit::report::{Fitted, note_text, print_table};
 use crate::cli::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
 use crate::cli::values::point;
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure};

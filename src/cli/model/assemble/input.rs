@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::Args;
-use crate::cli::fit_input::{BySymbol, Direction, Format, read};
+use crate::cli::fit::input::{BySymbol, Direction, Format, read};
 use crate::cli::{EX_CONFIG, EX_DATAERR, Failure};
 use crate::config::{self, Provenance, SourceEntry};
 use crate::core::axes::{AxisKind, AxisName};

@@ -201,7 +201,7 @@ fn another_model_is_taken_without_a_step() {
 #[test]
 fn a_sensor_that_falls_silent_fades_to_the_static_model() {
     let mut spec = ModelSpec::new("m", Chain::parse("[w b X Y Z t]").unwrap());
-    let live = Live { sensor: "ram".to_owned(), limit: 0.05 };
+    let live = Live { sensor: "ram".to_owned(), limit: 0.05, reference: None };
     let function = ErrorFunction { live: vec![live], ..ErrorFunction::single(Curve::Constant(0.010)) };
     spec.errors.push((ErrorSymbol::parse("exx").unwrap(), function));
     let model = Model::new(&spec).unwrap();

@@ -44,3 +44,19 @@ fn a_gap_in_which_nothing_happened_changes_nothing() {
     w.cycle();
     assert_eq!((w.last.state, w.last.offset), (State::Active, before));
 }
+
+#[test]
+fn a_small_offset_that_was_taken_back_in_a_gap_is_not_sent_again_as_a_step() {
+    let mut w = World::new(&config());
+    w.engine.on_command(MonoTime::ZERO, Command::Enable);
+    w.run(37);
+    let small = w.last.offset[0];
+    assert!(small < -1.2e-4 && w.engine.state() == State::RampingIn, "{small}");
+    // nothing for 0.3 s; zero was sent less than ten answers ago, but that is long past
+    w.now = w.now.plus_seconds(0.3);
+    w.frame.sequence += 300;
+    w.frame.control_ns += 300_000_000;
+    w.frame.applied = [0.0; MAX_AXES];
+    let out = w.engine.on_position(w.now, &w.frame, &w.model).expect("synchronised");
+    assert_eq!(out.offset[0], 0.0);
+}

@@ -2,6 +2,7 @@
 
 mod aiming;
 mod gaps;
+mod sequences;
 mod shadow;
 
 use proptest::prelude::*;
@@ -76,7 +77,9 @@ impl World {
             state: State::Off,
             offset: [0.0; MAX_AXES],
             limited: 0,
+            at_soft_limit: 0,
             warning: 0,
+            out_of_order: false,
             out_of_range: 0,
             faded: 0,
             wanted: [0.0; MAX_AXES],
@@ -516,96 +519,4 @@ fn a_configuration_that_cannot_be_right_is_refused() {
     assert!(matches!(bad(EngineConfig { ramp_s: 0.0, ..config() }), EngineError::Range { .. }));
     let no_x = vec![AxisName::A, AxisName::Y, AxisName::Z];
     assert_eq!(bad(EngineConfig { axes: no_x, ..config() }), EngineError::AxisMissing { axis: AxisName::X });
-}
-
-/// What may happen between two cycles.
-#[derive(Debug, Clone, Copy)]
-enum Op {
-    Cycles(u8),
-    Command(Command),
-    State(u16),
-    Jump(f64),
-    Nan,
-    LoseFrames(u16),
-    Repeat,
-    ClockBack,
-    Silence(u8),
-    Model(f64),
-    Tool(f64),
-    Feed(f64),
-    Run(f64, u8),
-}
-
-fn ops() -> impl Strategy<Value = Op> {
-    prop_oneof![
-        6 => any::<u8>().prop_map(Op::Cycles),
-        4 => prop_oneof![
-            4 => Just(Command::Enable), 2 => Just(Command::Disable), 1 => Just(Command::ClearFault),
-            2 => (0.0..1.0).prop_map(Command::SetGain), 1 => Just(Command::Stop),
-        ].prop_map(Op::Command),
-        2 => (0..16u16).prop_map(Op::State),
-        2 => Just(Op::State(3)),
-        1 => (-400.0..400.0).prop_map(Op::Jump),
-        1 => Just(Op::Nan),
-        1 => (0..2000u16).prop_map(Op::LoseFrames),
-        1 => Just(Op::Repeat),
-        1 => Just(Op::ClockBack),
-        1 => any::<u8>().prop_map(Op::Silence),
-        1 => (-0.3..0.3).prop_map(Op::Model),
-        1 => (-200.0..0.0).prop_map(Op::Tool),
-        1 => (0.0..20_000.0).prop_map(Op::Feed),
-        3 => ((-0.9..0.9), any::<u8>()).prop_map(|(v, n)| Op::Run(v, n)),
-    ]
-}
-
-proptest! {
-    /// Whatever comes in whatever order: no offset beyond its limit, no step beyond the rate.
-    #[test]
-    fn no_sequence_of_events_makes_a_step(list in prop::collection::vec(ops(), 1..40)) {
-        let soft = EngineConfig { soft_limits: vec![[-200.0, 200.0]; 3], ..config() };
-        let mut w = World::new(&soft);
-        for op in list {
-            match op {
-                Op::Cycles(n) => { w.run(usize::from(n)); }
-                Op::Command(c) => w.engine.on_command(w.now, c),
-                Op::State(bits) => w.frame.state = MachineState::from_bits(bits),
-                Op::Jump(d) => w.frame.commanded[0] += d,
-                Op::Nan => {
-                    let keep = w.frame.commanded[0];
-                    w.frame.commanded[0] = f64::NAN;
-                    w.cycle();
-                    w.frame.commanded[0] = keep;
-                }
-                Op::LoseFrames(n) => {
-                    w.frame.sequence = w.frame.sequence.wrapping_add(u32::from(n));
-                    w.frame.control_ns += i64::from(n) * 1_000_000;
-                }
-                Op::Model(size) => {
-                    let other = constant_model(size);
-                    w.engine.on_model(&other).unwrap();
-                    w.model = other;
-                }
-                Op::Tool(z) => w.engine.on_tool(Vec3::new(0.0, 0.0, z)),
-                Op::Feed(feed) => w.frame.feed_mm_per_min = feed,
-                Op::Run(per_cycle, n) => {
-                    for _ in 0..n {
-                        w.frame.commanded[0] += per_cycle;
-                        w.cycle();
-                    }
-                }
-                Op::Repeat => { w.send(); }
-                Op::ClockBack => w.frame.control_ns -= 10_000_000,
-                Op::Silence(n) => {
-                    for _ in 0..n {
-                        let Some(due) = w.engine.next_deadline() else { break };
-                        w.now = due;
-                        if let Some(out) = w.engine.on_deadline(due) {
-                            w.check_step(&out);
-                            w.last = out;
-                        }
-                    }
-                }
-            }
-        }
-    }
 }

@@ -30,7 +30,7 @@ fn model_spec() -> ModelSpec {
     }
     for (k, symbol) in SYMBOLS.iter().enumerate() {
         let limit = if k < 3 { 0.04 } else { 4e-5 };
-        let live = vec![Live { sensor: format!("ram.{symbol}"), limit }];
+        let live = vec![Live { sensor: format!("ram.{symbol}"), limit, reference: None }];
         let curves = vec![Curve::Constant(if k < 3 { 0.003 } else { 2e-6 })];
         let function = ErrorFunction { curves, live, ..ErrorFunction::default() };
         spec.errors.push((ErrorSymbol::parse(symbol).unwrap(), function));

@@ -131,6 +131,8 @@ pub struct Live {
     pub sensor: String,
     /// The value is kept within plus and minus this, mm or rad.
     pub limit: f64,
+    /// Where given, the sensor tells a strain, mm or rad per mm, and this is the coordinate in mm that does not move.
+    pub reference: Option<f64>,
 }
 
 /// An error motion: the sum of its curves, grids and live values, with the uncertainty that was stated for it.

@@ -2,14 +2,14 @@
 //! Directions are told apart by blue and vermillion, which colour-blind readers and grey prints keep apart.
 
 use core::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::files::write_text;
-use super::fit_report::{Fitted, Units, note_text, outlier_lines};
-use super::{EX_SOFTWARE, Failure};
+use super::report::{Fitted, Units, note_text, outlier_lines};
+use crate::cli::files::write_text;
+use crate::cli::{EX_SOFTWARE, Failure};
 use crate::core::axes::Travel;
 
 const FORWARD: RGBColor = RGBColor(0, 114, 178);
@@ -48,6 +48,13 @@ impl core::str::FromStr for PicturePath {
             "html" | "htm" => Ok(Self(path, Kind::Html)),
             _ => Err("the name must end in .svg or .html"),
         }
+    }
+}
+
+impl PicturePath {
+    /// The file, and whether it is a page instead of a bare picture.
+    pub(super) fn parts(&self) -> (&Path, bool) {
+        (&self.0, self.1 == Kind::Html)
     }
 }
 

@@ -1,13 +1,18 @@
 //! `volcomp fit`: measured error motions to the curves of a model file.
 
+pub(super) mod input;
+mod picture;
+pub(super) mod report;
+mod thermal;
+
 use std::path::PathBuf;
 
-use clap::{Parser, ValueEnum};
+use clap::{Parser, Subcommand, ValueEnum};
 
+use self::input::{BySymbol, Direction, Format, Measured, read};
+use self::picture::PicturePath;
+use self::report::{Fitted, comments, hidden_text, json_report, note_text, outlier_lines, print_table};
 use super::files::write_text;
-use super::fit_input::{BySymbol, Direction, Format, Measured, read};
-use super::fit_picture::{self, PicturePath};
-use super::fit_report::{Fitted, comments, hidden_text, json_report, note_text, outlier_lines, print_table};
 use super::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
 use super::positioning_data::Cycles;
 use super::{EX_DATAERR, Failure};
@@ -21,7 +26,10 @@ use crate::identify::curve::{self, Basis, Period, Request, Reversal, Smoothing};
 
 /// Fit error curves to measured error motions and write them into a model file.
 #[derive(Debug, Parser)]
+#[command(args_conflicts_with_subcommands = true, subcommand_negates_reqs = true)]
 pub(super) struct Args {
+    #[command(subcommand)]
+    other: Option<Other>,
     /// Measured errors; once per file. - is stdin.
     #[arg(long, required = true, value_name = "FILE")]
     errors: Vec<PathBuf>,
@@ -87,6 +95,13 @@ pub(super) struct Args {
     /// Draw readings, curves, confidence bands and residuals: a file ending in .svg or .html.
     #[arg(long, value_name = "FILE")]
     picture: Option<PicturePath>,
+}
+
+/// What is fitted other than error motions.
+#[derive(Debug, Subcommand)]
+enum Other {
+    /// Growth by heat, from a recording of temperatures and speeds beside a measured displacement.
+    Thermal(Box<thermal::Args>),
 }
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -196,6 +211,9 @@ fn constant(text: &str) -> Result<(ErrorSymbol, f64), String> {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    if let Some(Other::Thermal(args)) = &args.other {
+        return thermal::run(args);
+    }
     if args.model.target().is_none() {
         return Err(Failure::usage("neither --out nor --into is given"));
     }
@@ -228,7 +246,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         write_text(path, &json_report(&fitted))?;
     }
     if let Some(path) = &args.picture {
-        fit_picture::write(path, &fitted)?;
+        picture::write(path, &fitted)?;
     }
     for f in &fitted {
         for note in &f.fit.notes {

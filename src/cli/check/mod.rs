@@ -1,20 +1,19 @@
 //! `check`: reads machine and model files as the daemon would, and says what is in them or what is wrong.
 
+mod words;
+
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use serde_json::{Value, json};
 
-use super::model::gauge;
+pub(super) use self::words::{Size, kinds_of, offset_out, offset_unit, position_out, position_unit, rounded};
+use self::words::{describe_machine, describe_model, machine_notes, model_as_json, model_notes};
 use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
-use crate::config::model::kind_of;
-use crate::config::{self, ConfigErrors, Diagnostic, FileKind, MachineConfig};
-use crate::core::axes::{AxisKind, AxisName, Travel};
+use crate::config::{self, ConfigErrors, Diagnostic, FileKind, MachineConfig, ModelFile};
 use crate::core::live::LiveEstimator;
-use crate::core::model::spec::{ModelSpec, Sense};
-use crate::core::model::{ErrorFunction, ErrorSymbol, Model, Side};
-use crate::core::units::{arcsec_from_rad, deg_from_rad, um_from_mm};
+use crate::core::model::{Model, ModelSpec};
 
 /// Check machine and model files: every mistake with file, line and remedy, or a summary of what is in them
 ///
@@ -64,8 +63,8 @@ enum Problem {
 
 /// What is in a file.
 enum Found {
-    Machine { machine: Box<MachineConfig>, model: Option<Box<ModelSpec>> },
-    Model(Box<ModelSpec>),
+    Machine { machine: Box<MachineConfig>, model: Option<Box<ModelFile>> },
+    Model(Box<ModelFile>),
 }
 
 impl Problem {
@@ -154,7 +153,7 @@ impl Outcome {
 fn look(path: &Path, file: &str) -> Result<(Found, Option<Problem>), Problem> {
     let text = read(path)?;
     if config::kind_of_file(file, &text)? == FileKind::Model {
-        return Ok((Found::Model(Box::new(config::model::parse(file, &text)?)), None));
+        return Ok((Found::Model(Box::new(config::model::parse_file(file, &text)?)), None));
     }
     let machine = Box::new(MachineConfig::parse(file, &text)?);
     let (model, problem) = match look_at_model(path, file, &text, &machine) {
@@ -165,7 +164,7 @@ fn look(path: &Path, file: &str) -> Result<(Found, Option<Problem>), Problem> {
 }
 
 /// The model that a machine file names, checked against it.
-fn look_at_model(path: &Path, file: &str, text: &str, machine: &MachineConfig) -> Result<ModelSpec, Problem> {
+fn look_at_model(path: &Path, file: &str, text: &str, machine: &MachineConfig) -> Result<ModelFile, Problem> {
     let named = path.parent().unwrap_or(Path::new("")).join(&machine.model);
     let model_text = read(&named).map_err(|problem| match problem {
         Problem::Io { code, message } => {
@@ -180,10 +179,10 @@ fn look_at_model(path: &Path, file: &str, text: &str, machine: &MachineConfig) -
         }
         wrong @ Problem::Config(_) => wrong,
     })?;
-    let model = config::model::parse(&named.display().to_string(), &model_text)?;
-    let mismatches = machine.check_model(&model);
+    let model = config::model::parse_file(&named.display().to_string(), &model_text)?;
+    let mismatches = machine.check_model(&model.spec);
     if mismatches.is_empty() {
-        return match look_at_sensors(&model, machine) {
+        return match look_at_sensors(&model.spec, machine) {
             None => Ok(model),
             Some((message, remedy)) => {
                 Err(mistakes_at(file, text, vec![(vec!["sensors".to_owned()], message, remedy)]).into())
@@ -240,7 +239,9 @@ impl Found {
                 if let Some(model) = model {
                     lines.push(format!("  model {}", machine.model.display()));
                     describe_model(&mut lines, model);
-                    lines.extend(notes(machine, model).into_iter().map(|n| format!("  note: {n}")));
+                    lines.extend(
+                        machine_notes(machine, &model.spec).into_iter().map(|n| format!("  note: {n}")),
+                    );
                 }
             }
         }
@@ -268,254 +269,10 @@ impl Found {
                 })).collect::<Vec<_>>(),
                 "model_file": machine.model.display().to_string(),
                 "model": model.as_ref().map(|m| model_as_json(m)),
-                "notes": model.as_ref().map(|m| notes(machine, m)).unwrap_or_default(),
+                "notes": model.as_ref().map(|m| machine_notes(machine, &m.spec)).unwrap_or_default(),
             }),
         }
     }
-}
-
-pub(super) const fn offset_unit(axis: AxisName) -> &'static str {
-    match axis.kind() {
-        AxisKind::Linear => "um",
-        AxisKind::Rotary => "arcsec",
-    }
-}
-
-pub(super) fn offset_out(axis: AxisName, v: f64) -> f64 {
-    match axis.kind() {
-        AxisKind::Linear => rounded(um_from_mm(v)),
-        AxisKind::Rotary => rounded(arcsec_from_rad(v)),
-    }
-}
-
-pub(super) const fn position_unit(axis: AxisName) -> &'static str {
-    match axis.kind() {
-        AxisKind::Linear => "mm",
-        AxisKind::Rotary => "deg",
-    }
-}
-
-pub(super) fn position_out(axis: AxisName, v: f64) -> f64 {
-    match axis.kind() {
-        AxisKind::Linear => rounded(v),
-        AxisKind::Rotary => rounded(deg_from_rad(v)),
-    }
-}
-
-/// Without the last digits that a conversion leaves behind.
-pub(super) fn rounded(v: f64) -> f64 {
-    // adding zero turns -0 into 0
-    (v * 1e6).round() / 1e6 + 0.0
-}
-
-fn describe_machine(lines: &mut Vec<String>, machine: &MachineConfig) {
-    lines.push(format!(
-        "  machine {}, control at {}{}, cycle {} ms",
-        machine.machine,
-        machine.link.address,
-        super::identity::protection(machine),
-        rounded(machine.link.cycle_s * 1e3)
-    ));
-    for axis in &machine.axes {
-        let (name, unit) = (axis.name, offset_unit(axis.name));
-        lines.push(format!(
-            "  axis {name}: offset up to {} {unit}, warning at {} {unit}, {} {unit}/s, {} {unit}/s^2",
-            offset_out(name, axis.limits.size),
-            offset_out(name, axis.limits.warning),
-            offset_out(name, axis.limits.rate),
-            offset_out(name, axis.limits.acceleration),
-        ));
-    }
-}
-
-fn describe_model(lines: &mut Vec<String>, model: &ModelSpec) {
-    lines.push(format!("  model of {}, chain {}", model.machine, model.chain));
-    for axis in model.chain.axes() {
-        let spec = model.axis(axis.name);
-        let unit = position_unit(axis.name);
-        let travel = spec.travel.map(|t| t.map(|v| position_out(axis.name, v)));
-        let mut line = match travel {
-            Some([low, high]) => format!("  axis {}: travel {low} to {high} {unit}", axis.name),
-            None => format!("  axis {}: travel not stated", axis.name),
-        };
-        if axis.side == Side::Workpiece {
-            line.push_str(", workpiece side");
-        }
-        if axis.spindle {
-            line.push_str(", spindle");
-        }
-        if spec.sense == Sense::Carriage {
-            line.push_str(", errors in the carriage's own sense");
-        }
-        lines.push(line);
-    }
-    lines.push(match model.errors.len() {
-        0 => "  no errors: nothing will be corrected".to_owned(),
-        1 => "  1 error:".to_owned(),
-        n => format!("  {n} errors:"),
-    });
-    for (symbol, function) in &model.errors {
-        let size = Size::of(*symbol, function, model);
-        let kinds = kinds_of(function);
-        let range = size.range.map_or(String::new(), |[low, high]| {
-            format!(", {low} to {high} {}", position_unit(symbol.axis()))
-        });
-        lines.push(format!(
-            "    {:<5} {:<18} {:>9.2} to {:>8.2} {}{range}",
-            symbol.to_string().to_lowercase(),
-            kinds.join(" + "),
-            size.low,
-            size.high,
-            size.unit
-        ));
-    }
-    lines.extend(model_notes(model).into_iter().map(|n| format!("  note: {n}")));
-    lines.extend(gauge::lines(model).into_iter().map(|l| format!("  {l}")));
-}
-
-fn model_as_json(model: &ModelSpec) -> Value {
-    let errors: Vec<Value> = model
-        .errors
-        .iter()
-        .map(|(symbol, function)| {
-            let size = Size::of(*symbol, function, model);
-            json!({
-                "symbol": symbol.to_string().to_lowercase(),
-                "kinds": kinds_of(function),
-                format!("range_{}", position_unit(symbol.axis())): size.range,
-                format!("lowest_{}", size.unit): size.low,
-                format!("highest_{}", size.unit): size.high,
-            })
-        })
-        .collect();
-    let axes: Vec<Value> = model
-        .chain
-        .axes()
-        .iter()
-        .map(|axis| {
-            let travel = model.axis(axis.name).travel.map(|t| t.map(|v| position_out(axis.name, v)));
-            json!({
-                "axis": axis.name.lower().to_string(),
-                "workpiece_side": axis.side == Side::Workpiece,
-                "spindle": axis.spindle,
-                format!("travel_{}", position_unit(axis.name)): travel,
-            })
-        })
-        .collect();
-    json!({
-        "machine": model.machine,
-        "chain": model.chain.to_string(),
-        "axes": axes,
-        "errors": errors,
-        "gauge": gauge::as_json(model),
-    })
-}
-
-/// Bounds of an error over its range, for people: curves sampled, extremes of grids added, in the unit of the file.
-pub(super) struct Size {
-    pub(super) range: Option<[f64; 2]>,
-    pub(super) low: f64,
-    pub(super) high: f64,
-    pub(super) unit: &'static str,
-}
-
-impl Size {
-    const SAMPLES: u32 = 2000;
-
-    pub(super) fn of(symbol: ErrorSymbol, function: &ErrorFunction, model: &ModelSpec) -> Self {
-        let range = widest(function);
-        let [start, end] = range.or(model.axis(symbol.axis()).travel).unwrap_or([0.0, 0.0]);
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for i in 0..=Self::SAMPLES {
-            let x = start + (end - start) * f64::from(i) / f64::from(Self::SAMPLES);
-            for travel in [Travel::Forward, Travel::Reverse] {
-                let v = function.value(x, travel);
-                (low, high) = (low.min(v), high.max(v));
-            }
-        }
-        // the extremes of a grid stand at its points
-        for grid in &function.grids {
-            low += grid.values().iter().copied().fold(f64::INFINITY, f64::min);
-            high += grid.values().iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        }
-        let (unit, out): (_, fn(f64) -> f64) =
-            if symbol.is_angle() { ("arcsec", arcsec_from_rad) } else { ("um", um_from_mm) };
-        let range = range.map(|r| r.map(|v| position_out(symbol.axis(), v)));
-        Self { range, low: rounded(out(low)), high: rounded(out(high)), unit }
-    }
-}
-
-/// The kinds of the terms of an error.
-pub(super) fn kinds_of(function: &ErrorFunction) -> Vec<&'static str> {
-    let grids = function.grids.iter().map(|_| "grid");
-    function.curves.iter().map(kind_of).chain(grids).collect()
-}
-
-/// The range that any curve covers.
-fn widest(function: &ErrorFunction) -> Option<[f64; 2]> {
-    let ranges = function.curves.iter().filter_map(|c| c.range());
-    ranges.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
-}
-
-/// What is allowed but worth knowing about a machine file and its model.
-fn notes(machine: &MachineConfig, model: &ModelSpec) -> Vec<String> {
-    let mut out: Vec<String> = machine
-        .uncorrected_axes(model)
-        .into_iter()
-        .map(|axis| {
-            format!("axis {axis} is in the chain but has no [axes.{}]: it is never offset", axis.lower())
-        })
-        .collect();
-    if machine.link.is_exposed() {
-        out.push(super::identity::exposed(machine));
-    }
-    for axis in &machine.axes {
-        // the largest offset that positioning alone asks for must fit below the limit
-        let positioning = model.errors.iter().find(|(s, _)| {
-            matches!(s, ErrorSymbol::Motion { .. })
-                && s.axis() == axis.name
-                && s.component().index()
-                    == axis.name.direction() + 3 * usize::from(axis.name.kind() == AxisKind::Rotary)
-        });
-        if let Some((symbol, function)) = positioning {
-            let size = Size::of(*symbol, function, model);
-            let largest = size.low.abs().max(size.high.abs());
-            let limit = offset_out(axis.name, axis.limits.size);
-            if largest > limit {
-                out.push(format!(
-                    "{symbol} alone reaches {largest} {unit}, above the limit of {limit} {unit} of axis {}: it will be cut off",
-                    axis.name,
-                    unit = size.unit
-                ));
-            }
-        }
-    }
-    out
-}
-
-/// What is allowed but worth knowing about a model.
-fn model_notes(model: &ModelSpec) -> Vec<String> {
-    let mut out = Vec::new();
-    for (symbol, function) in &model.errors {
-        let spec = model.axis(symbol.axis());
-        let (Some(travel), Some(mut covered)) = (spec.travel, function.range()) else { continue };
-        if spec.sense == Sense::Carriage && model.is_workpiece_side(symbol.axis()) {
-            covered = [-covered[1], -covered[0]];
-        }
-        let slack = 1e-9 * (travel[1] - travel[0]);
-        if covered[0] > travel[0] + slack || covered[1] < travel[1] - slack {
-            let unit = position_unit(symbol.axis());
-            let [from, to] = covered.map(|v| position_out(symbol.axis(), v));
-            let [low, high] = travel.map(|v| position_out(symbol.axis(), v));
-            out.push(format!(
-                "{symbol} covers {from} to {to} {unit} of the travel {low} to {high} {unit}; beyond, its end value is held"
-            ));
-        }
-    }
-    for axis in model.chain.axes().iter().filter(|a| !a.spindle && model.axis(a.name).travel.is_none()) {
-        out.push(format!("axis {} has no travel, so leaving it cannot be noticed", axis.name));
-    }
-    out
 }
 
 #[cfg(test)]

@@ -5,9 +5,9 @@ use std::fs::File;
 use std::io::{BufRead, BufReader, Cursor, Read};
 use std::path::Path;
 
-use super::positioning_data::{Cycles, instrument_test, is_instrument, no_rows, parse_csv, parse_dat};
-use super::table::{Table, nearest};
-use super::{EX_DATAERR, Failure};
+use crate::cli::positioning_data::{Cycles, instrument_test, is_instrument, no_rows, parse_csv, parse_dat};
+use crate::cli::table::{Table, nearest};
+use crate::cli::{EX_DATAERR, Failure};
 use crate::core::axes::{AxisKind, AxisName, Travel};
 use crate::core::model::{Component, ErrorSymbol};
 use crate::core::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
@@ -16,7 +16,7 @@ use crate::identify::Reading;
 
 /// How a data file is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub(super) enum Format {
+pub(in crate::cli) enum Format {
     /// Look at the file.
     Auto,
     /// Columns position_mm (or position_deg) and symbols such as `exx_um`, `eax_arcsec`; optional cycle, direction.
@@ -30,7 +30,7 @@ pub(super) enum Format {
 
 /// Which direction of travel is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub(super) enum Direction {
+pub(in crate::cli) enum Direction {
     /// Both.
     Both,
     /// Towards plus.
@@ -41,8 +41,8 @@ pub(super) enum Direction {
 
 /// The readings of one symbol, and where they stood.
 #[derive(Debug, Default)]
-pub(super) struct Measured {
-    pub(super) readings: Vec<Reading>,
+pub(in crate::cli) struct Measured {
+    pub(in crate::cli) readings: Vec<Reading>,
     /// 1-based lines of the file, where a row is a reading; else empty or 0.
     lines: Vec<u32>,
     /// Index of the first reading of each file.
@@ -81,25 +81,25 @@ impl Measured {
     }
 
     /// True where readings came from this file.
-    pub(super) fn is_from(&self, file: &str) -> bool {
+    pub(in crate::cli) fn is_from(&self, file: &str) -> bool {
         self.files.iter().any(|(_, f)| f == file)
     }
 
     /// File and line of a reading; line 0 where the file has no row per reading.
-    pub(super) fn place(&self, index: usize) -> (&str, u32) {
+    pub(in crate::cli) fn place(&self, index: usize) -> (&str, u32) {
         let file = self.files.iter().rev().find(|(first, _)| *first <= index).map_or("", |(_, f)| f.as_str());
         (file, self.lines.get(index).copied().unwrap_or(0))
     }
 }
 
 /// The readings of each symbol.
-pub(super) type BySymbol = BTreeMap<ErrorSymbol, Measured>;
+pub(in crate::cli) type BySymbol = BTreeMap<ErrorSymbol, Measured>;
 
 /// Bytes looked at to tell the formats apart.
 const HEAD: u64 = 1 << 16;
 
 /// Reads one file for one axis and adds its readings; tables row by row.
-pub(super) fn read(
+pub(in crate::cli) fn read(
     path: &Path,
     axis: AxisName,
     format: Format,

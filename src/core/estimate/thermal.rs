@@ -1,0 +1,378 @@
+//! Growth by heat: what temperatures and the spindle's speed of the last hours say about a displacement now.
+//!
+//! `y = offset + SUM_i SUM_l c_il (s_il - ref_i^p)`, `s_il` = input `i` (to the power `p`) behind a first-order lag of
+//! time constant `tau_l`. A body warms through as `1 - exp(-t / tau)`; several lags of one input stand for a body that
+//! warms in several steps. Assumes that the past before the first reading was at rest (a lag starts where its input
+//! does). Outside the range of inputs that the fit has seen, the growth fades to zero instead of being extrapolated.
+//!
+//! Time is an argument (seconds that passed); nothing is allocated after construction.
+
+/// The most inputs, and the most terms, of one growth.
+pub const TERMS_MAX: usize = 256;
+
+/// What an input is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Quantity {
+    /// A temperature, degC.
+    Temperature,
+    /// A speed of a spindle, 1/min; only its size counts.
+    Speed,
+}
+
+/// One input with all of its lags.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ThermalInput {
+    /// The sensor by name.
+    pub sensor: String,
+    /// What it measures.
+    pub quantity: Quantity,
+    /// The range that the fit has seen, degC or 1/min.
+    pub range: [f64; 2],
+    /// The value at which it contributes nothing, degC or 1/min.
+    pub reference: f64,
+    /// Power of the input, of a speed in 1000/min; 1 for temperatures.
+    pub power: f64,
+    /// Time constants, s; 0 is the input itself.
+    pub lags_s: Vec<f64>,
+    /// Growth per kelvin, or per (1000/min) to the power, mm; one per lag.
+    pub coefficients: Vec<f64>,
+}
+
+/// A growth.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Thermal {
+    /// Its name; the live value of a model's error names the same.
+    pub name: String,
+    /// True: an expansion, a strain in mm/mm in the place of each mm below; false: a length.
+    pub expansion: bool,
+    /// Growth where all inputs have been at their references for long, mm.
+    pub offset: f64,
+    /// It fades to zero over this share of an input's range beyond either end.
+    pub fade_share: f64,
+    /// Standard uncertainty of a forecast (k = 1), mm, where known.
+    pub std: Option<f64>,
+    /// What it depends on.
+    pub inputs: Vec<ThermalInput>,
+}
+
+/// Why a growth cannot be used.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum ThermalError {
+    /// Without inputs it is a constant.
+    #[error("thermal \"{name}\" has no input")]
+    NoInput {
+        /// The growth.
+        name: String,
+    },
+    /// Too many of them.
+    #[error("thermal \"{name}\" has {found} terms; the limit is {TERMS_MAX}")]
+    TooMany {
+        /// The growth.
+        name: String,
+        /// Terms.
+        found: usize,
+    },
+    /// A number that cannot be.
+    #[error("thermal \"{name}\", input \"{sensor}\": {what} {value} {rule}")]
+    Value {
+        /// The growth.
+        name: String,
+        /// The input, empty for the growth itself.
+        sensor: String,
+        /// Which number.
+        what: &'static str,
+        /// The number.
+        value: f64,
+        /// What it must be.
+        rule: &'static str,
+    },
+    /// One coefficient per lag.
+    #[error("thermal \"{name}\", input \"{sensor}\": {lags} lags but {coefficients} coefficients")]
+    Length {
+        /// The growth.
+        name: String,
+        /// The input.
+        sensor: String,
+        /// Time constants.
+        lags: usize,
+        /// Coefficients.
+        coefficients: usize,
+    },
+}
+
+/// Shortest range over which a growth fades: a sensor that stood still in the fit may move by that much, degC or 1/min.
+const FADE_MIN: [f64; 2] = [1.0, 50.0];
+/// Speeds count in thousands per minute.
+const SPEED_UNIT: f64 = 1000.0;
+/// A growth beyond this is a mistake of units, mm.
+const COEFFICIENT_MAX: f64 = 100.0;
+
+impl ThermalInput {
+    /// The input as it enters the lags.
+    #[must_use]
+    pub fn shaped(&self, value: f64) -> f64 {
+        match self.quantity {
+            Quantity::Temperature => value,
+            Quantity::Speed => (value.abs() / SPEED_UNIT).powf(self.power),
+        }
+    }
+
+    /// 1 within the range that the fit has seen, 0 far outside, smooth between.
+    fn share(&self, value: f64, fade_share: f64) -> f64 {
+        let [low, high] = self.range;
+        let value = if self.quantity == Quantity::Speed { value.abs() } else { value };
+        let beyond = (low - value).max(value - high).max(0.0);
+        let least = FADE_MIN[usize::from(self.quantity == Quantity::Speed)];
+        let at = 1.0 - (beyond / (fade_share * (high - low)).max(least)).min(1.0);
+        at * at * (3.0 - 2.0 * at)
+    }
+
+    fn check(&self, name: &str) -> Result<(), ThermalError> {
+        let wrong = |what, value, rule| {
+            Err(ThermalError::Value { name: name.to_owned(), sensor: self.sensor.clone(), what, value, rule })
+        };
+        if self.lags_s.len() != self.coefficients.len() {
+            return Err(ThermalError::Length {
+                name: name.to_owned(),
+                sensor: self.sensor.clone(),
+                lags: self.lags_s.len(),
+                coefficients: self.coefficients.len(),
+            });
+        }
+        let [low, high] = self.range;
+        if !(low.is_finite() && high.is_finite() && low <= high) {
+            return wrong("end of the range", high, "is below its begin or not finite");
+        }
+        if !self.reference.is_finite() {
+            return wrong("reference", self.reference, "is not finite");
+        }
+        if !(self.power > 0.0 && self.power <= 4.0) {
+            return wrong("power", self.power, "is not above 0 and at most 4");
+        }
+        if let Some(lag) = self.lags_s.iter().find(|l| !(0.0..=1e6).contains(*l)) {
+            return wrong("lag", *lag, "is not from 0 to 1e6 s");
+        }
+        if let Some(c) = self.coefficients.iter().find(|c| !c.is_finite() || c.abs() > COEFFICIENT_MAX) {
+            return wrong("coefficient", *c, "is not a finite number of at most 100 mm per unit");
+        }
+        Ok(())
+    }
+}
+
+impl Thermal {
+    /// How many terms it has: the lags of all inputs.
+    #[must_use]
+    pub fn terms(&self) -> usize {
+        self.inputs.iter().map(|i| i.lags_s.len()).sum()
+    }
+
+    /// Checks it.
+    ///
+    /// # Errors
+    /// What cannot be used, by name.
+    pub fn validate(&self) -> Result<(), ThermalError> {
+        let name = || self.name.clone();
+        if self.inputs.is_empty() {
+            return Err(ThermalError::NoInput { name: name() });
+        }
+        let found = self.terms();
+        if found > TERMS_MAX {
+            return Err(ThermalError::TooMany { name: name(), found });
+        }
+        let own = [
+            ("offset", self.offset, self.offset.is_finite()),
+            ("fade-share", self.fade_share, self.fade_share > 0.0 && self.fade_share <= 10.0),
+            ("std", self.std.unwrap_or(0.0), self.std.is_none_or(|s| s.is_finite() && s >= 0.0)),
+        ];
+        if let Some((what, value, _)) = own.into_iter().find(|(.., good)| !good) {
+            let rule = "is out of its range";
+            return Err(ThermalError::Value { name: name(), sensor: String::new(), what, value, rule });
+        }
+        self.inputs.iter().try_for_each(|i| i.check(&self.name))
+    }
+}
+
+/// A growth at a moment.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Growth {
+    /// The growth, mm, with its share.
+    pub value: f64,
+    /// 1 where all inputs are where the fit has seen them, falling to 0 outside.
+    pub share: f64,
+    /// The input that is furthest outside, by index.
+    pub outside: Option<usize>,
+}
+
+/// The lags of a growth while time passes.
+#[derive(Debug, Clone)]
+pub struct ThermalState {
+    /// By input and lag, in order; empty of meaning until begun.
+    lagged: Vec<f64>,
+    /// By input: the last finite reading.
+    last: Vec<Option<f64>>,
+}
+
+impl ThermalState {
+    /// Lags that have seen nothing yet.
+    #[must_use]
+    pub fn new(thermal: &Thermal) -> Self {
+        Self { lagged: vec![0.0; thermal.terms()], last: vec![None; thermal.inputs.len()] }
+    }
+
+    /// Takes the readings after `dt_s` seconds, one per input; one that is not finite leaves the last one standing.
+    pub fn advance(&mut self, thermal: &Thermal, dt_s: f64, readings: &[f64]) {
+        let dt_s = if dt_s.is_finite() { dt_s.max(0.0) } else { 0.0 };
+        let mut lagged = self.lagged.iter_mut();
+        for ((input, last), reading) in thermal.inputs.iter().zip(&mut self.last).zip(readings) {
+            let begun = last.is_some();
+            if reading.is_finite() {
+                *last = Some(*reading);
+            }
+            let Some(value) = *last else {
+                lagged.by_ref().take(input.lags_s.len()).for_each(drop);
+                continue;
+            };
+            let shaped = input.shaped(value);
+            for (lag_s, state) in input.lags_s.iter().zip(lagged.by_ref()) {
+                let keep = if begun && *lag_s > 0.0 { (-dt_s / lag_s).exp() } else { 0.0 };
+                *state = shaped + (*state - shaped) * keep;
+            }
+        }
+    }
+
+    /// What each coefficient multiplies now, in order: for fitting them.
+    pub fn terms(&self, thermal: &Thermal, out: &mut [f64]) {
+        let references = thermal.inputs.iter().flat_map(|input| {
+            let reference = input.shaped(input.reference);
+            input.lags_s.iter().map(move |_| reference)
+        });
+        for ((out, state), reference) in out.iter_mut().zip(&self.lagged).zip(references) {
+            *out = state - reference;
+        }
+    }
+
+    /// The growth now; zero share until every input has spoken.
+    #[must_use]
+    pub fn growth(&self, thermal: &Thermal) -> Growth {
+        let mut lagged = self.lagged.iter();
+        let mut sum = thermal.offset;
+        let mut share = 1.0;
+        let mut outside = None;
+        for (k, (input, last)) in thermal.inputs.iter().zip(&self.last).enumerate() {
+            let reference = input.shaped(input.reference);
+            for (coefficient, state) in input.coefficients.iter().zip(lagged.by_ref()) {
+                sum += coefficient * (state - reference);
+            }
+            let own = last.map_or(0.0, |value| input.share(value, thermal.fade_share));
+            // sensors of one machine leave their ranges together: the furthest counts, not all of them
+            if own < share {
+                (share, outside) = (own, Some(k));
+            }
+        }
+        let value = if sum.is_finite() { share * sum } else { 0.0 };
+        Growth { value, share, outside }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn spindle() -> Thermal {
+        let input = ThermalInput {
+            sensor: "t1".to_owned(),
+            quantity: Quantity::Temperature,
+            range: [20.0, 40.0],
+            reference: 20.0,
+            power: 1.0,
+            lags_s: vec![0.0, 600.0],
+            coefficients: vec![0.001, 0.002],
+        };
+        let speed = ThermalInput {
+            sensor: "n".to_owned(),
+            quantity: Quantity::Speed,
+            range: [0.0, 6000.0],
+            reference: 0.0,
+            power: 1.5,
+            lags_s: vec![1200.0],
+            coefficients: vec![-0.0005],
+        };
+        Thermal {
+            name: "z".to_owned(),
+            expansion: false,
+            offset: 0.0,
+            fade_share: 0.25,
+            std: None,
+            inputs: vec![input, speed],
+        }
+    }
+
+    #[test]
+    fn a_step_of_temperature_warms_through_as_physics_says() {
+        let thermal = spindle();
+        thermal.validate().unwrap();
+        let mut state = ThermalState::new(&thermal);
+        assert!(state.growth(&thermal).share == 0.0, "nothing has spoken yet");
+        state.advance(&thermal, 0.0, &[20.0, 0.0]);
+        assert_eq!(state.growth(&thermal), Growth { value: 0.0, share: 1.0, outside: None });
+        // the same moment in one step or in many
+        let mut coarse = state.clone();
+        coarse.advance(&thermal, 900.0, &[30.0, -4000.0]);
+        for _ in 0..900 {
+            state.advance(&thermal, 1.0, &[30.0, -4000.0]);
+        }
+        let warmed = 1.0 - (-900.0f64 / 600.0).exp();
+        let spun = 8.0 * (1.0 - (-900.0f64 / 1200.0).exp());
+        let wanted = 0.001 * 10.0 + 0.002 * 10.0 * warmed - 0.0005 * spun;
+        for s in [&state, &coarse] {
+            assert!((s.growth(&thermal).value - wanted).abs() < 1e-12);
+        }
+    }
+
+    #[test]
+    fn outside_of_what_was_seen_it_fades_and_names_the_input() {
+        let thermal = spindle();
+        let at = |celsius: f64| {
+            let mut state = ThermalState::new(&thermal);
+            state.advance(&thermal, 0.0, &[celsius, 0.0]);
+            state.growth(&thermal)
+        };
+        assert_eq!(at(40.0).outside, None);
+        let half = at(42.5);
+        assert!((half.share - 0.5).abs() < 1e-12 && half.outside == Some(0));
+        assert_eq!(at(46.0).value, 0.0);
+        assert_eq!(at(14.0).value, 0.0);
+        let steps: Vec<f64> = (0..700).map(|k| at(f64::from(k) * 0.1).value).collect();
+        assert!(steps.windows(2).all(|p| (p[1] - p[0]).abs() < 0.003), "no step anywhere");
+    }
+
+    #[test]
+    fn a_sensor_that_tells_nonsense_leaves_its_last_word() {
+        let thermal = spindle();
+        let mut state = ThermalState::new(&thermal);
+        state.advance(&thermal, 0.0, &[25.0, f64::NAN]);
+        assert!(state.growth(&thermal).share == 0.0, "one input has never spoken");
+        state.advance(&thermal, 10.0, &[25.0, 0.0]);
+        let before = state.growth(&thermal);
+        state.advance(&thermal, 10.0, &[f64::NAN, f64::INFINITY]);
+        assert_eq!(state.growth(&thermal), before);
+        state.advance(&thermal, f64::NAN, &[25.0, 0.0]);
+        assert_eq!(state.growth(&thermal), before);
+    }
+
+    #[test]
+    fn what_cannot_be_used_is_named() {
+        let with = |change: fn(&mut Thermal)| {
+            let mut thermal = spindle();
+            change(&mut thermal);
+            thermal.validate().unwrap_err().to_string()
+        };
+        assert!(with(|t| t.inputs.clear()).contains("has no input"));
+        assert!(with(|t| t.inputs[0].coefficients[0] = f64::NAN).contains("\"t1\": coefficient NaN"));
+        assert!(with(|t| t.inputs[0].lags_s[1] = -1.0).contains("lag -1"));
+        assert!(with(|t| t.inputs[1].range = [5.0, 1.0]).contains("range"));
+        assert!(with(|t| t.inputs[1].lags_s.push(1.0)).contains("2 lags but 1"));
+        assert!(with(|t| t.fade_share = 0.0).contains("fade-share"));
+        assert!(with(|t| t.inputs[0].lags_s = vec![1.0; 300]).contains("301 terms"));
+    }
+}

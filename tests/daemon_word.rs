@@ -1,0 +1,128 @@
+//! What an operator has ordered stays ordered: over restarts, and against models that could not be enabled.
+
+#![cfg(feature = "daemon")]
+#![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
+
+mod daemon_support;
+
+use std::fs;
+use std::time::{Duration, Instant};
+
+use daemon_support::{Daemon, EXX_MM, Port, STEP_MM_MAX, Session, Setup, eventually};
+use rustix::process::Signal;
+use volcomp::core::protocol::{CorrectionState, Message};
+
+const KEPT: &str = "[state]\ndirectory = \"state\"\n";
+
+fn setup() -> Setup {
+    Setup { more: KEPT, ..Setup::default() }
+}
+
+/// So many cycles; gives the last state.
+fn run(session: &mut Session, cycles: u32) -> CorrectionState {
+    (0..cycles).map(|_| session.cycle().state).last().expect("a cycle")
+}
+
+/// Gives an order while the control goes on.
+fn order(session: &mut Session, daemon: &Daemon, words: &[&str]) -> (bool, String) {
+    let output = std::thread::scope(|scope| {
+        let order = scope.spawn(|| daemon.volcomp(words));
+        while !order.is_finished() {
+            let _ = session.cycle();
+        }
+        order.join().expect("the order")
+    });
+    (output.status.success(), String::from_utf8_lossy(&output.stderr).into_owned())
+}
+
+/// Waits until the state directory knows, then takes the power away and gives it back.
+fn power_cut(daemon: &mut Daemon, port: &Port, known: &str) -> Session {
+    let counters = daemon.dir.path().join("state/counters.json");
+    let written = || fs::read_to_string(&counters).is_ok_and(|text| text.contains(known));
+    assert!(eventually(written), "{known} not in {}", fs::read_to_string(&counters).unwrap_or_default());
+    daemon.signal(Signal::KILL);
+    let _ = daemon.wait();
+    daemon.restart();
+    port.link()
+}
+
+#[test]
+fn a_restart_undoes_neither_disable_nor_gain() {
+    let port = Port::open();
+    let mut daemon = Daemon::start(&port.address(), setup());
+    let mut session = port.link();
+    session.run_until_corrected();
+    assert!(order(&mut session, &daemon, &["disable", "--reason", "parts get worse"]).0);
+    let mut session = power_cut(&mut daemon, &port, "\"off\": true");
+    assert_eq!(run(&mut session, 600), CorrectionState::Off);
+    daemon.wait_for_log("switched off before the restart");
+    assert!(order(&mut session, &daemon, &["enable"]).0);
+    assert!(order(&mut session, &daemon, &["gain", "0.5"]).0);
+    let mut session = power_cut(&mut daemon, &port, "\"gain\": 0.5");
+    assert_eq!(run(&mut session, 1500), CorrectionState::Active);
+    assert!((session.applied[0] + 0.5 * EXX_MM).abs() < 1e-9, "{}", session.applied[0]);
+}
+
+#[test]
+fn a_restart_does_not_clear_a_fault() {
+    let port = Port::open();
+    let mut daemon = Daemon::start(&port.address(), setup());
+    let mut session = port.link();
+    session.run_until_corrected();
+    // somebody else writes the offset
+    for _ in 0..400 {
+        session.applied[0] = 0.005;
+        let position = session.position();
+        session.send(&Message::Position(position));
+        let _ = session.next_word();
+    }
+    daemon.wait_for_log("VC-4001");
+    let mut session = power_cut(&mut daemon, &port, "VC-4001");
+    assert_eq!(run(&mut session, 600), CorrectionState::Off);
+    daemon.wait_for_log("VC-4001 was latched before the restart");
+}
+
+#[test]
+fn an_expired_model_does_not_slip_in_while_the_machine_is_compensated() {
+    let port = Port::open();
+    let daemon = Daemon::start(&port.address(), setup());
+    let mut session = port.link();
+    session.run_until_corrected();
+    let text = "format = \"volcomp-model/1\"\nmachine = \"test-mill\"\nchain = \"[w X' b Y Z t]\"\n\
+        [provenance]\nexpiry = 2020-03-12\n[axes.x]\ntravel-mm = [0, 400]\n[errors.exx.constant]\nvalue-um = 12\n";
+    let path = daemon.dir.path().join("expired.toml");
+    fs::write(&path, text).expect("written");
+    let path = path.display().to_string();
+    let (done, said) = order(&mut session, &daemon, &["load", &path]);
+    assert!(!done && said.contains("VC-5003") && said.contains("2020-03-12"), "{said}");
+    run(&mut session, 300);
+    assert!((session.applied[0] + EXX_MM).abs() < 1e-9);
+    // switched off it may be loaded; enabling then refuses
+    assert!(order(&mut session, &daemon, &["disable"]).0);
+    let (done, said) = order(&mut session, &daemon, &["load", &path]);
+    assert!(done, "{said}");
+    let (done, said) = order(&mut session, &daemon, &["enable"]);
+    assert!(!done && said.contains("VC-5003"), "{said}");
+}
+
+#[test]
+fn without_positions_the_way_to_zero_goes_by_the_clock() {
+    let port = Port::open();
+    let daemon = Daemon::start(&port.address(), setup());
+    let mut session = port.link();
+    session.run_until_corrected();
+    let mut begin = None;
+    loop {
+        let Some(Message::Correction(correction)) = session.next_word() else { panic!("the link has ended") };
+        let begin = *begin.get_or_insert_with(Instant::now);
+        let step = (correction.offset[0] - session.applied[0]).abs();
+        assert!(step <= STEP_MM_MAX * 1.000_001, "a step of {step} mm");
+        session.applied[0] = correction.offset[0];
+        if session.applied[0] == 0.0 {
+            // hold-s and ramp-s are 0.3 s together; counted in wake-ups of 10 ms it would be 3 s
+            assert!(begin.elapsed() < Duration::from_millis(1800), "{:?}", begin.elapsed());
+            break;
+        }
+    }
+    drop(daemon);
+}
