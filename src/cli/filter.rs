@@ -10,7 +10,7 @@ use super::service::{Which, failure, json, socket};
 use super::{EX_IOERR, EX_SOFTWARE, Failure};
 use crate::runtime::client;
 use crate::runtime::socket::{Ask, Verb};
-use crate::runtime::{MapStatus, SensorStatus};
+use crate::runtime::{GrowthStatus, MapStatus, SensorStatus};
 
 /// Live estimation: what was learned from sensors, with its uncertainty.
 #[derive(Debug, clap::Parser)]
@@ -88,6 +88,7 @@ fn show(args: &ShowArgs) -> Result<(), Failure> {
     }
     let mut text = String::new();
     let written = write(&mut text, &filter.sensors, &filter.maps, &filter.notes)
+        .and_then(|()| write_growths(&mut text, &filter.growths))
         .and_then(|()| filter.maps.iter().try_for_each(|map| write_nodes(&mut text, map)));
     written.map_err(|e| Failure::new(EX_IOERR, e))?;
     say!("{}", text.trim_end());
@@ -133,6 +134,30 @@ pub(super) fn write(
     }
     for note in notes {
         writeln!(f, "NOTE        {note}")?;
+    }
+    Ok(())
+}
+
+/// Growths by heat as a person reads them; nothing where there are none.
+pub(super) fn write_growths(f: &mut String, growths: &[GrowthStatus]) -> std::fmt::Result {
+    for (k, growth) in growths.iter().enumerate() {
+        let label = if k == 0 { "growths     " } else { "            " };
+        write!(f, "{label}{} {:+.2} {}", growth.name, growth.value, growth.unit)?;
+        if let Some(std) = growth.std {
+            write!(f, " +- {std:.2}")?;
+        }
+        let input = growth.input.as_deref().unwrap_or_default();
+        let code = growth.code.as_deref().unwrap_or_default();
+        match growth.state.as_str() {
+            "waiting" => write!(f, ", waiting for {input}")?,
+            "outside" => write!(f, ", {input} is outside of what the fit has seen ({code})")?,
+            "lost" => write!(f, ", {input} is lost ({code})")?,
+            _ => {}
+        }
+        if growth.share < 1.0 && growth.state != "waiting" {
+            write!(f, ", {:.0} % of it used", 100.0 * growth.share)?;
+        }
+        writeln!(f)?;
     }
     Ok(())
 }
@@ -253,7 +278,22 @@ mod tests {
             noise_factor: Some(1.2),
             ..SensorStatus::default()
         };
-        FilterStatus { sensors: vec![sensor], maps: vec![map], ..FilterStatus::default() }
+        let growth = GrowthStatus {
+            name: "spindle-z".to_owned(),
+            state: "outside".to_owned(),
+            input: Some("t4".to_owned()),
+            code: Some("VC-8014".to_owned()),
+            unit: "um".to_owned(),
+            value: -12.3,
+            share: 0.4,
+            std: Some(2.0),
+        };
+        FilterStatus {
+            sensors: vec![sensor],
+            maps: vec![map],
+            growths: vec![growth],
+            ..FilterStatus::default()
+        }
     }
 
     #[test]
@@ -262,12 +302,14 @@ mod tests {
         let mut text = String::new();
         write(&mut text, &filter.sensors, &filter.maps, &["a note".to_owned()]).unwrap();
         write_nodes(&mut text, &filter.maps[0]).unwrap();
+        write_growths(&mut text, &filter.growths).unwrap();
         for words in [
             "tracker (tool) excluded: disagrees (VC-8010)",
             "ram alarm, 7 readings",
             "NOTE",
             "5.00 +- 0.30 (4.50)",
             "eaz_arcsec",
+            "spindle-z -12.30 um +- 2.00, t4 is outside of what the fit has seen (VC-8014), 40 % of it used",
         ] {
             assert!(text.contains(words), "{words}\n{text}");
         }

@@ -222,6 +222,10 @@ async fn live(
 ) -> Result<(Option<Sensors>, Option<Listener>), DaemonError> {
     let config = &loaded.config.sensors;
     if config.spec.sensors.is_empty() {
+        let named = models.active.spec.sensors();
+        if models.active.thermal.iter().any(|t| named.contains(&t.name.as_str())) {
+            warn!("the model has growths by heat, and the machine file lists no [[sensor]]: they stay zero");
+        }
         return Ok((None, None));
     }
     let (cycle, end) = live_ends(*blake3::hash(models.active.text.as_bytes()).as_bytes());

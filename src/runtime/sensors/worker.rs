@@ -11,13 +11,15 @@ use tracing::{info, warn};
 use super::super::clock::Clock;
 use super::super::models::Prepared;
 use super::cycle_end::{EstimatorEnd, Motion};
-use super::report::{FilterStatus, code_of};
+use super::report::{FilterStatus, code_of, growth_code};
 use super::{Arrived, keep};
 use crate::config::SensorsConfig;
 use crate::core::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
 use crate::core::estimate::{SensorClock, Standing};
 use crate::core::geometry::Vec3;
-use crate::core::live::{LiveError, LiveEstimator, LiveSpec, LiveTable, Moment, Reading};
+use crate::core::live::{
+    GrowthStanding, LiveError, LiveEstimator, LiveModel, LiveSpec, LiveTable, Moment, Reading,
+};
 use crate::core::units::{MonoTime, rad_from_deg};
 
 /// Readings in flight.
@@ -69,7 +71,13 @@ pub(in crate::runtime) struct Start {
 
 /// An estimator for a model in use.
 pub(in crate::runtime) fn estimator(spec: &LiveSpec, model: &Prepared) -> Result<LiveEstimator, LiveError> {
-    LiveEstimator::new(spec, &model.spec, Arc::clone(&model.model), hash_of(model))
+    let of = LiveModel {
+        spec: &model.spec,
+        thermal: &model.thermal,
+        model: Arc::clone(&model.model),
+        hash: hash_of(model),
+    };
+    LiveEstimator::new(spec, of)
 }
 
 /// Hash of a model's file, as the cycle knows it.
@@ -185,6 +193,7 @@ struct Worker {
     notes: Vec<String>,
     standings: Vec<Standing>,
     map_states: Vec<(bool, bool)>,
+    growths: Vec<GrowthStanding>,
     tabled: MonoTime,
     told: MonoTime,
     kept: MonoTime,
@@ -208,6 +217,7 @@ impl Worker {
             notes: Vec::new(),
             standings: Vec::new(),
             map_states: Vec::new(),
+            growths: Vec::new(),
             tabled: now,
             told: now,
             kept: now,
@@ -224,12 +234,13 @@ impl Worker {
         self.notes.clear();
         self.standings.clear();
         self.map_states.clear();
+        self.growths.clear();
         match estimator(&self.start.config.spec, model) {
             Ok(mut estimator) => {
                 if let Some(directory) = &self.start.directory {
                     let (machine, now) = (&self.start.machine, SystemTime::now());
                     self.notes = keep::restore(directory, machine, &model.hash, &mut estimator, now);
-                } else if !self.start.config.spec.maps.is_empty() {
+                } else if estimator.learns() {
                     self.notes
                         .push("no state directory: what is learned does not outlive the daemon".to_owned());
                 }
@@ -368,7 +379,14 @@ impl Worker {
                 (false, false) => info!(map = name, "the map is learned again"),
             }
         }
-        (self.standings, self.map_states) = (standings, states);
+        let growths: Vec<GrowthStanding> = estimator.growth_standings().map(|(_, s, _)| s).collect();
+        for (k, (name, standing, input)) in estimator.growth_standings().enumerate() {
+            let before = self.growths.get(k).copied().unwrap_or(GrowthStanding::Waiting(0));
+            if before != standing {
+                tell_growth(name, standing, input.unwrap_or_default());
+            }
+        }
+        (self.standings, self.map_states, self.growths) = (standings, states, growths);
     }
 
     /// A new table for the cycle.
@@ -393,7 +411,7 @@ impl Worker {
         let Some((directory, estimator)) = self.start.directory.as_ref().zip(self.estimator.as_ref()) else {
             return;
         };
-        if self.start.config.spec.maps.is_empty() {
+        if !estimator.learns() {
             return;
         }
         let (machine, hash) = (&self.start.machine, &self.start.model.hash);
@@ -403,6 +421,21 @@ impl Worker {
                 warn!("{note}");
                 self.notes.push(note);
             }
+        }
+    }
+}
+
+/// A growth stands otherwise than before.
+fn tell_growth(growth: &str, standing: GrowthStanding, input: &str) {
+    let code = growth_code(standing).map(|code| code.to_string());
+    match standing {
+        GrowthStanding::Waiting(_) => {}
+        GrowthStanding::Used => info!(growth, "the growth by heat is used"),
+        GrowthStanding::Outside(_) => {
+            warn!(growth, input, code, "an input is outside of what the fit has seen; the growth fades");
+        }
+        GrowthStanding::Lost(_) => {
+            warn!(growth, input, code, "an input is lost; the growth is held, then taken back");
         }
     }
 }
