@@ -147,7 +147,7 @@ struct Run {
 impl Run {
     fn new(plan: Plan) -> Self {
         let per_h = if plan.drifts { [0.03, 3e-5] } else { [0.0; 2] };
-        let size = DriftSize { from_survey: [0.002, 2e-6], per_h, wave_mm: 5000.0 };
+        let size = DriftSize { from_survey: [0.002, 2e-6], per_h, wave_mm: 5000.0, ..DriftSize::default() };
         let (spec, model) = model();
         let estimator = LiveEstimator::new(
             &live_spec(plan.stated),

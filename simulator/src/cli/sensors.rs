@@ -70,7 +70,7 @@ impl SensorArgs {
         let size = DriftSize {
             from_survey: pair(self.ram_um),
             per_h: pair(self.ram_drift_um_per_h),
-            wave_mm: 4000.0,
+            ..DriftSize::default()
         };
         machine.set_ram_drift(Some(RamDrift::new(size, seed)));
     }

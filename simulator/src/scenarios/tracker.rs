@@ -14,8 +14,6 @@ use crate::truth::drift::{DriftSize, RamDrift};
 
 /// Its name in the machine file.
 const NAME: &str = "tracker";
-/// Shortest wave of what the ram is off by, mm.
-const WAVE_MM: f64 = 4000.0;
 /// Arcsec per um of what the ram is off by.
 const ANGLE_SHARE: f64 = 0.1;
 
@@ -44,7 +42,7 @@ impl SensorPart {
     #[must_use]
     pub fn ram(&self, seed: u64) -> RamDrift {
         let from_survey = [mm_from_um(self.ram_um), rad_from_arcsec(ANGLE_SHARE * self.ram_um)];
-        RamDrift::new(DriftSize { from_survey, per_h: [0.0; 2], wave_mm: WAVE_MM }, seed)
+        RamDrift::new(DriftSize { from_survey, ..DriftSize::default() }, seed)
     }
 }
 
