@@ -10,6 +10,7 @@ use tracing::{info, warn};
 
 use super::super::clock::Clock;
 use super::super::models::Prepared;
+use super::super::recorder::HealthSlot;
 use super::cycle_end::{EstimatorEnd, Motion};
 use super::report::{FilterStatus, code_of, growth_code};
 use super::{Arrived, keep};
@@ -32,6 +33,8 @@ const POLL: Duration = Duration::from_millis(4);
 const TABLE_S: f64 = 0.05;
 /// Interval of health reports, s.
 const HEALTH_S: f64 = 0.2;
+/// Interval at which health goes into the recording, s.
+const RECORD_S: f64 = 1.0;
 /// Time for the last word when the daemon ends.
 const FINISH_LIMIT: Duration = Duration::from_secs(3);
 
@@ -65,6 +68,8 @@ pub(in crate::runtime) struct Start {
     pub(in crate::runtime) model: Arc<Prepared>,
     /// The state directory.
     pub(in crate::runtime) directory: Option<PathBuf>,
+    /// Where health goes into the recording.
+    pub(in crate::runtime) record: Option<Arc<HealthSlot>>,
     pub(in crate::runtime) end: EstimatorEnd,
     pub(in crate::runtime) clock: Clock,
 }
@@ -195,6 +200,7 @@ struct Worker {
     map_states: Vec<(bool, bool)>,
     growths: Vec<GrowthStanding>,
     tabled: MonoTime,
+    recorded: MonoTime,
     told: MonoTime,
     kept: MonoTime,
 }
@@ -219,6 +225,7 @@ impl Worker {
             map_states: Vec::new(),
             growths: Vec::new(),
             tabled: now,
+            recorded: now,
             told: now,
             kept: now,
             start,
@@ -280,6 +287,10 @@ impl Worker {
             if now.seconds_since(self.told) >= HEALTH_S {
                 self.told = now;
                 self.show(now);
+            }
+            if now.seconds_since(self.recorded) >= RECORD_S {
+                self.recorded = now;
+                self.record(now);
             }
             if ends || now.seconds_since(self.kept) >= self.start.config.keep_s {
                 self.kept = now;
@@ -405,6 +416,14 @@ impl Worker {
             self.estimator.as_ref().map_or_else(FilterStatus::default, |e| FilterStatus::new(&e.health(now)));
         status.notes.clone_from(&self.notes);
         *self.health.lock().unwrap_or_else(PoisonError::into_inner) = status;
+    }
+
+    /// How it goes, for the recording.
+    fn record(&self, now: MonoTime) {
+        let Some((slot, estimator)) = self.start.record.as_ref().zip(self.estimator.as_ref()) else { return };
+        // numbers and names always become text
+        let text = serde_json::to_string(&FilterStatus::new(&estimator.health(now))).unwrap_or_default();
+        slot.put(now, text);
     }
 
     fn keep(&mut self) {
