@@ -56,7 +56,7 @@ fn normal(random: &mut ChaCha8Rng) -> f64 {
     StandardNormal.sample(random)
 }
 
-/// What a survey finds of the machine at its beginning: every error motion on 41 positions, squareness and locations.
+/// What a survey finds of the machine at its beginning: every error motion on 121 positions, squareness and locations.
 fn surveyed(machine: &TruthMachine, random: &mut ChaCha8Rng) -> ModelSpec {
     let mut spec = ModelSpec::new("gantry-5ax", Chain::parse("[w b X Y Z C A (S) t]").unwrap());
     spec.tool_tip = machine.tool_tip_mm().into();
@@ -86,8 +86,9 @@ fn surveyed(machine: &TruthMachine, random: &mut ChaCha8Rng) -> ModelSpec {
         }
     }
     for (k, name) in machine.axes().iter().enumerate() {
-        let [low, high] = machine.travel(k);
-        let at: Vec<f64> = (0..=40).map(|i| low + (high - low) * f64::from(i) / 40.0).collect();
+        // C turns on beyond its travel in the cone
+        let [low, high] = if *name == AxisName::C { [-540.0, 540.0] } else { machine.travel(k) };
+        let at: Vec<f64> = (0..=120).map(|i| low + (high - low) * f64::from(i) / 120.0).collect();
         let inside = |q: f64| if name.kind() == AxisKind::Rotary { q.to_radians() } else { q };
         for (c, letter) in ["x", "y", "z", "a", "b", "c"].iter().enumerate() {
             let std = SURVEY[usize::from(c >= 3)];
@@ -123,7 +124,8 @@ fn live_spec() -> LiveSpec {
     let sensor = SensorSpec {
         std_mm: NOISE[0],
         std_rad: NOISE[1],
-        age_limit_s: 2.0,
+        // nothing is measured between two parts
+        age_limit_s: 300.0,
         ..SensorSpec::new("tracker", SensorKind::Tool { map: 0 })
     };
     LiveSpec { sensors: vec![sensor], maps: vec![map] }

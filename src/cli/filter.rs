@@ -1,7 +1,7 @@
 //! `filter`: what live estimation has learned, and how well its sensors do.
 
 use std::fmt::Write as _;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use plotters::prelude::*;
 
@@ -105,8 +105,8 @@ fn show(args: &ShowArgs) -> Result<(), Failure> {
 }
 
 /// Time (s, from the first) and health as a recording has it, the newest last.
-fn recorded(path: &PathBuf) -> Result<Vec<(f64, FilterStatus)>, Failure> {
-    let files = recordings::read(std::slice::from_ref(path))?;
+fn recorded(path: &Path) -> Result<Vec<(f64, FilterStatus)>, Failure> {
+    let files = recordings::read(&[path.to_owned()])?;
     let parsed = recordings::parse(&files)?;
     let wrong = |what: String| Failure::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()));
     let mut course: Vec<(f64, FilterStatus)> = Vec::new();

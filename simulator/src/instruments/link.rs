@@ -1,5 +1,7 @@
 //! The way of a simulated sensor's lines to the daemon: a connection that is made again, and costs nothing else.
 
+#![expect(clippy::disallowed_methods, reason = "a sensor waits between two attempts to connect")]
+
 use core::net::SocketAddr;
 use core::time::Duration;
 use std::io::Write as _;

@@ -259,7 +259,7 @@ impl Stage {
         let (records, tracker) = (&mut self.records, &mut self.tracker);
         self.shop.watch(&mut part, &mut |r| {
             records.push(*r);
-            if let Some(tracker) = tracker {
+            if let Some(tracker) = tracker.as_mut() {
                 tracker.look(r);
             }
             done += 1;

@@ -1,5 +1,7 @@
 //! A tracker on the tool in a scenario, and what goes wrong with it.
 
+#![expect(clippy::disallowed_methods, reason = "a port that is free is found by taking it")]
+
 use core::net::SocketAddr;
 use std::collections::VecDeque;
 use std::net::TcpListener;

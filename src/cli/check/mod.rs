@@ -268,7 +268,7 @@ impl Found {
                 })).collect::<Vec<_>>(),
                 "model_file": machine.model.display().to_string(),
                 "model": model.as_ref().map(|m| model_as_json(m)),
-                "notes": model.as_ref().map(|m| machine_notes(machine, &m.spec)).unwrap_or_default(),
+                "notes": model.as_ref().map(|m| machine_notes(machine, m)).unwrap_or_default(),
             }),
         }
     }
