@@ -8,7 +8,11 @@
 //! `cargo test -p simulator --release --test live_s_part -- --ignored --nocapture`
 
 #![expect(clippy::unwrap_used, reason = "a test stops where its own set-up is wrong")]
-#![allow(clippy::print_stdout, reason = "the figures are what the long run is for")]
+#![allow(
+    clippy::print_stdout,
+    clippy::disallowed_methods,
+    reason = "the figures and the picture are what the long run is for"
+)]
 
 use std::sync::Arc;
 
@@ -408,4 +412,77 @@ fn what_the_tracker_teaches_takes_the_drift_out_of_the_flank() {
     let (gone, round) = tell("seed 1", &hour(1, true));
     assert!(gone[0] >= 68.0 && gone[1] >= 58.0 && gone[2] >= 76.0, "{gone:?}");
     assert!(round >= 48.0, "{round}");
+}
+
+/// Smallest, median, largest.
+fn spread(mut values: Vec<f64>) -> [f64; 3] {
+    values.sort_by(f64::total_cmp);
+    [values[0], values[values.len() / 2], values[values.len() - 1]]
+}
+
+fn draw(flanks: &[Flank; 3]) -> String {
+    use plotters::prelude::*;
+    let mut text = String::new();
+    let ink = RGBColor(60, 60, 60);
+    let lines = [
+        ("without compensation", RGBColor(150, 150, 150)),
+        ("surveyed model", RGBColor(213, 94, 0)),
+        ("model and what the tracker taught", RGBColor(0, 114, 178)),
+    ];
+    {
+        let root = SVGBackend::with_string(&mut text, (900, 340)).into_drawing_area();
+        root.fill(&WHITE).unwrap();
+        let curve = |flank: &Flank| -> Vec<(f64, f64)> {
+            let all = flank.at[1].iter().enumerate();
+            all.step_by(10).map(|(k, d)| (k as f64 * CYCLE_S, 1e3 * d)).collect()
+        };
+        let curves = flanks.each_ref().map(curve);
+        let end = curves[0].last().unwrap().0;
+        let largest = curves.iter().flatten().map(|p| p.1.abs()).fold(0.0, f64::max) * 1.05;
+        let mut chart = ChartBuilder::on(&root)
+            .caption("Deviation of the flank along the S, 20 mm above the tip", ("sans-serif", 16, &ink))
+            .margin(10)
+            .x_label_area_size(34)
+            .y_label_area_size(56)
+            .build_cartesian_2d(0.0..end, -largest..largest)
+            .unwrap();
+        let mesh = chart.configure_mesh().x_desc("s").y_desc("um").light_line_style(WHITE).draw();
+        mesh.unwrap();
+        for (points, (name, colour)) in curves.into_iter().zip(lines) {
+            chart
+                .draw_series(LineSeries::new(points, colour.stroke_width(2)))
+                .unwrap()
+                .label(name)
+                .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], colour));
+        }
+        chart.configure_series_labels().border_style(ink).background_style(WHITE.mix(0.9)).draw().unwrap();
+        root.present().unwrap();
+    }
+    text
+}
+
+#[test]
+#[ignore = "minutes: twelve seeds, with and without readings while the judged part is cut, and the picture"]
+fn twelve_seeds_and_the_picture() {
+    for watching in [true, false] {
+        let run = |seeds: [u64; 6]| seeds.map(|seed| (seed, hour(seed, watching)));
+        let (one, two) = std::thread::scope(|scope| {
+            let other = scope.spawn(|| run([2, 4, 6, 8, 10, 12]));
+            (run([1, 3, 5, 7, 9, 11]), other.join().unwrap())
+        });
+        let told: Vec<([f64; 3], f64)> = one
+            .iter()
+            .chain(&two)
+            .map(|(seed, o)| tell(&format!("seed {seed}, measured meanwhile: {watching}"), o))
+            .collect();
+        let of = |f: &dyn Fn(&([f64; 3], f64)) -> f64| spread(told.iter().map(f).collect());
+        let s = [0, 1, 2].map(|k| of(&|t| t.0[k]));
+        let round = of(&|t| t.1);
+        println!("smallest, median, largest reduction: S {s:.0?}, cone {round:.0?} %");
+        if watching {
+            let picture = concat!(env!("CARGO_MANIFEST_DIR"), "/../docs/images/s-part.svg");
+            std::fs::write(picture, draw(&one[0].1.s)).unwrap();
+            assert!(s[0][1] >= 68.0 && s[1][1] >= 58.0 && s[2][1] >= 76.0 && round[1] >= 48.0);
+        }
+    }
 }
