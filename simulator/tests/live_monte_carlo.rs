@@ -22,7 +22,8 @@ use simulator::truth::kinematics::{Joint, JointState, Kinematics, Pose, Squarene
 use volcomp::core::axes::{AxisName, MAX_AXES};
 use volcomp::core::geometry::Vec3;
 use volcomp::core::live::{
-    Body, LiveEstimator, LiveSpec, MapSpec, Moment, Reading, Seen, SensorKind, SensorSpec, ToolReading,
+    Body, LiveEstimator, LiveModel, LiveSpec, MapSpec, Moment, Reading, Seen, SensorKind, SensorSpec,
+    ToolReading,
 };
 use volcomp::core::model::curve::Live;
 use volcomp::core::model::{AxisSpec, Chain, ErrorFunction, ErrorSymbol, Model, ModelSpec};
@@ -146,10 +147,13 @@ struct Run {
 impl Run {
     fn new(plan: Plan) -> Self {
         let per_h = if plan.drifts { [0.03, 3e-5] } else { [0.0; 2] };
-        let size = DriftSize { from_survey: [0.002, 2e-6], per_h, wave_mm: 5000.0 };
+        let size = DriftSize { from_survey: [0.002, 2e-6], per_h, wave_mm: 5000.0, ..DriftSize::default() };
         let (spec, model) = model();
-        let estimator =
-            LiveEstimator::new(&live_spec(plan.stated), &spec, Arc::clone(&model), [0; 32]).unwrap();
+        let estimator = LiveEstimator::new(
+            &live_spec(plan.stated),
+            LiveModel { spec: &spec, thermal: &[], model: Arc::clone(&model), hash: [0; 32] },
+        )
+        .unwrap();
         let random = ChaCha8Rng::seed_from_u64(plan.seed ^ 0x5EED);
         Self { machine: machine(), drift: RamDrift::new(size, plan.seed), model, estimator, random, plan }
     }

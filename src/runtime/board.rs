@@ -168,6 +168,7 @@ impl Board {
             faults: self.faults(now),
             sensors: Vec::new(),
             maps: Vec::new(),
+            growths: Vec::new(),
             sensor_notes: Vec::new(),
             readings_dropped: 0,
             records_dropped: self.progress.records_dropped.load(Relaxed),

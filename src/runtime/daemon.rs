@@ -21,7 +21,7 @@ use super::logging::{self, LogError};
 use super::models::{Models, guard};
 use super::notify::{Fed, Headline, Watchdog, tell};
 use super::ports::{CyclePorts, Request, ports};
-use super::recorder::Recorder;
+use super::recorder::{HealthSlot, Recorder};
 use super::sensors::{self, Listener, Sensors, live_ends};
 use super::server::{Server, SocketError, lock};
 use super::service::Service;
@@ -162,8 +162,9 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
     let models = Models::at_start(keeper.directory(), &loaded);
     keeper.announce(&loaded, &models.active);
     let mut how = permit(&models, &loaded.config);
-    let (sensors, listener) = live(&loaded, &models, &keeper, &mut how, clock).await?;
-    let recorder = Recorder::start(config, &loaded, &models.active, clock)
+    let health = Arc::new(HealthSlot::default());
+    let (sensors, listener) = live(&loaded, &models, &keeper, &mut how, (&health, clock)).await?;
+    let recorder = Recorder::start(config, &loaded, &models.active, health, clock)
         .map_err(|source| DaemonError::System { what: "the recorder's thread", source })?;
     let (tap, recorder) = recorder.unzip();
     cycle_ports.tap = tap;
@@ -218,10 +219,14 @@ async fn live(
     models: &Models,
     keeper: &Keeper,
     how: &mut Start,
-    clock: Clock,
+    (health, clock): (&Arc<HealthSlot>, Clock),
 ) -> Result<(Option<Sensors>, Option<Listener>), DaemonError> {
     let config = &loaded.config.sensors;
     if config.spec.sensors.is_empty() {
+        let named = models.active.spec.sensors();
+        if models.active.thermal.iter().any(|t| named.contains(&t.name.as_str())) {
+            warn!("the model has growths by heat, and the machine file lists no [[sensor]]: they stay zero");
+        }
         return Ok((None, None));
     }
     let (cycle, end) = live_ends(*blake3::hash(models.active.text.as_bytes()).as_bytes());
@@ -231,6 +236,7 @@ async fn live(
         machine: loaded.config.machine.clone(),
         model: Arc::clone(&models.active),
         directory: keeper.directory().map(Path::to_owned),
+        record: loaded.config.recording.directory.is_some().then(|| Arc::clone(health)),
         end,
         clock,
     })

@@ -67,7 +67,7 @@ pub use logging::LogError;
 pub use recorder::{ModelTexts, Tap, answer_of, command_of, request_of, tap};
 pub use rehearsal::{Rehearsal, RehearsalError, rehearse};
 pub use sensors::{
-    EstimatorEnd, FilterStatus, LiveEnd, MapStatus, Motion, NodeStatus, SensorStatus, live_ends,
+    EstimatorEnd, FilterStatus, GrowthStatus, LiveEnd, MapStatus, Motion, NodeStatus, SensorStatus, live_ends,
 };
 pub use server::SocketError;
 pub use status::{Fault, Lifetime, LinkStatus, RealtimeStatus, RecordingStatus, Status};

@@ -325,7 +325,8 @@ impl Service {
         if let Some(sensors) = &self.sensors {
             let health = sensors.health();
             status.maps = health.maps.iter().map(MapStatus::brief).collect();
-            (status.sensors, status.sensor_notes) = (health.sensors, health.notes);
+            (status.sensors, status.growths) = (health.sensors, health.growths);
+            status.sensor_notes = health.notes;
             status.readings_dropped = health.dropped;
         }
         status.recording = self.recorder.as_ref().map(|recorder| recorder.stats.status());

@@ -1,22 +1,14 @@
 //! Sensors beside the simulated machine: `cncsim serve --sensors ADDRESS` with their options.
 
 use core::net::SocketAddr;
-use core::time::Duration;
-use std::io::Write as _;
-use std::net::TcpStream;
-use std::time::Instant;
 
 use volcomp::core::axes::AxisName;
 
 use crate::control::CycleRecord;
+use crate::instruments::link::SensorLink;
 use crate::instruments::live::{LiveLaser, LivePlan, LiveTracker};
 use crate::truth::TruthMachine;
 use crate::truth::drift::{DriftSize, RamDrift};
-
-/// Pause between two attempts to connect.
-const RETRY: Duration = Duration::from_millis(500);
-/// Patience with the daemon.
-const PATIENCE: Duration = Duration::from_millis(50);
 
 /// Sensors and what they have to find.
 #[derive(Debug, Clone, clap::Args)]
@@ -61,9 +53,7 @@ pub(super) struct SensorArgs {
 
 /// The sensors of a run.
 pub(super) struct Sensors {
-    address: SocketAddr,
-    stream: Option<TcpStream>,
-    tried: Option<Instant>,
+    link: SensorLink,
     tracker: (String, LiveTracker),
     laser: Option<(String, LiveLaser)>,
     /// Wire index of X.
@@ -80,7 +70,7 @@ impl SensorArgs {
         let size = DriftSize {
             from_survey: pair(self.ram_um),
             per_h: pair(self.ram_drift_um_per_h),
-            wave_mm: 4000.0,
+            ..DriftSize::default()
         };
         machine.set_ram_drift(Some(RamDrift::new(size, seed)));
     }
@@ -98,9 +88,7 @@ impl SensorArgs {
             ..LivePlan::default()
         };
         Some(Sensors {
-            address,
-            stream: None,
-            tried: None,
+            link: SensorLink::new(address),
             tracker: (self.tracker.clone(), LiveTracker::new(plan, seed)),
             laser: self.laser_x.clone().map(|name| (name, LiveLaser::new(0.05, 0.3, 0.1, seed))),
             x: machine.index_of(AxisName::X),
@@ -119,21 +107,8 @@ impl Sensors {
             let [_, ey, ez, ea, eb, ec] = machine(x);
             text += &laser.line(name, t, record.commanded[x], [ey, ez, ea, eb, ec]).unwrap_or_default();
         }
-        if text.is_empty() {
-            return;
-        }
-        if self.stream.is_none() && self.tried.is_none_or(|at| at.elapsed() > RETRY) {
-            self.tried = Some(Instant::now());
-            self.stream = TcpStream::connect_timeout(&self.address, PATIENCE).ok();
-            if let Some(stream) = &self.stream {
-                let _ = stream.set_nodelay(true);
-                let _ = stream.set_write_timeout(Some(PATIENCE));
-            }
-        }
-        if let Some(stream) = &mut self.stream
-            && stream.write_all(text.as_bytes()).is_err()
-        {
-            self.stream = None;
+        if !text.is_empty() {
+            self.link.send(text.as_bytes());
         }
     }
 }

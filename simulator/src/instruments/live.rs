@@ -67,6 +67,11 @@ impl LiveTracker {
         Self { plan, random: ChaCha8Rng::seed_from_u64(seed), next_s: 0.0 }
     }
 
+    /// From now on it is like this.
+    pub const fn set_plan(&mut self, plan: LivePlan) {
+        self.plan = plan;
+    }
+
     fn normal(&mut self) -> f64 {
         StandardNormal.sample(&mut self.random)
     }

@@ -24,6 +24,7 @@ pub mod diagonal;
 pub mod fivedof;
 pub mod grinder;
 pub mod interferometer;
+pub mod link;
 pub mod live;
 pub mod probe;
 pub mod sixd;

@@ -1,7 +1,8 @@
 //! A ram that is no longer as it was surveyed: six motions that depend on where it is and change with time.
 //!
 //! Each motion is a mean and a few long waves through the working volume, of seeded amplitude, direction and phase: a
-//! part that was there from the beginning and a part that grows with time, as a ram does that warms up.
+//! part that was there from the beginning, a part that grows with time, as a ram does that warms up, and a part that
+//! comes and goes, as with doors, coolant and loads.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
@@ -25,15 +26,26 @@ pub struct DriftSize {
     pub from_survey: [f64; 2],
     /// What is added in an hour: mm, rad.
     pub per_h: [f64; 2],
+    /// Amplitude of what comes and goes: mm, rad.
+    pub swing: [f64; 2],
+    /// Its period, s.
+    pub swing_s: f64,
     /// Shortest wave, mm.
     pub wave_mm: f64,
+}
+
+impl Default for DriftSize {
+    /// Nothing drifts.
+    fn default() -> Self {
+        Self { from_survey: [0.0; 2], per_h: [0.0; 2], swing: [0.0; 2], swing_s: 600.0, wave_mm: 4000.0 }
+    }
 }
 
 /// EX EY EZ (mm) and EA EB EC (rad) of the ram over position and time.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RamDrift {
     size: DriftSize,
-    fields: [[Field; 6]; 2],
+    fields: [[Field; 6]; 3],
 }
 
 impl RamDrift {
@@ -67,7 +79,10 @@ impl RamDrift {
                 };
                 f.mean + f.waves.iter().map(wave).sum::<f64>()
             };
-            survey * value(&self.fields[0][c]) + hour * t_s / 3600.0 * value(&self.fields[1][c])
+            let phase = std::f64::consts::TAU * t_s / self.size.swing_s.max(1e-3);
+            survey * value(&self.fields[0][c])
+                + hour * t_s / 3600.0 * value(&self.fields[1][c])
+                + self.size.swing[unit] * phase.sin() * value(&self.fields[2][c])
         })
     }
 }
@@ -78,7 +93,7 @@ mod tests {
 
     #[test]
     fn it_is_smooth_seeded_and_grows_with_time() {
-        let size = DriftSize { from_survey: [0.002, 2e-6], per_h: [0.02, 2e-5], wave_mm: 4000.0 };
+        let size = DriftSize { from_survey: [0.002, 2e-6], per_h: [0.02, 2e-5], ..DriftSize::default() };
         let drift = RamDrift::new(size, 7);
         assert_eq!(drift, RamDrift::new(size, 7));
         let rms = |t_s: f64| {
@@ -92,5 +107,9 @@ mod tests {
         assert!((rms(7200.0) / 4e-5 - 1.0).abs() < 0.3, "{}", rms(7200.0));
         let (a, b) = (drift.motion([100.0, 0.0, 0.0], 3600.0), drift.motion([110.0, 0.0, 0.0], 3600.0));
         assert!((a[3] - b[3]).abs() < 1e-6);
+        let swings = RamDrift::new(DriftSize { swing: [0.01, 1e-5], swing_s: 100.0, ..size }, 7);
+        let of =
+            |t_s: f64| swings.motion([100.0, 0.0, 0.0], t_s)[0] - drift.motion([100.0, 0.0, 0.0], t_s)[0];
+        assert!(of(100.0).abs() < 1e-12 && (of(25.0) + of(75.0)).abs() < 1e-12 && of(25.0).abs() > 1e-4);
     }
 }

@@ -143,12 +143,13 @@ enum Kind {
     FiveDof,
     Value,
     Temperature,
+    Speed,
 }
 
 fn read_sensor(section: &Section<'_>, maps: &[MapSpec]) -> Option<SensorSpec> {
     let name = read_name(section, "sensor");
     if section.value("kind").is_none() {
-        let remedy = "add kind = \"tool\", \"five-dof\", \"value\" or \"temperature\"";
+        let remedy = "add kind = \"tool\", \"five-dof\", \"value\", \"temperature\" or \"speed\"";
         section.missing("kind", remedy);
     }
     let kinds = [
@@ -156,6 +157,7 @@ fn read_sensor(section: &Section<'_>, maps: &[MapSpec]) -> Option<SensorSpec> {
         ("five-dof", Kind::FiveDof),
         ("value", Kind::Value),
         ("temperature", Kind::Temperature),
+        ("speed", Kind::Speed),
     ];
     let kind = section.choice("kind", &kinds);
     let map = section.text("map");
@@ -165,6 +167,7 @@ fn read_sensor(section: &Section<'_>, maps: &[MapSpec]) -> Option<SensorSpec> {
         Some(Kind::FiveDof) => laser,
         Some(Kind::Value) => Some(SensorKind::Value),
         Some(Kind::Temperature) => Some(SensorKind::Temperature),
+        Some(Kind::Speed) => Some(SensorKind::Speed),
         None => None,
     };
     let foreign = FIVE_DOF_KEYS.iter().find(|k| section.value(k).is_some() && kind != Some(Kind::FiveDof));
@@ -191,8 +194,12 @@ fn read_trust(section: &Section<'_>, base: SensorSpec, kind: Option<Kind>) -> Se
     let mut frozen_s = frozen_given.unwrap_or(base.frozen_s);
     let age = section.number("age-limit-ms", within(1.0, 3_600_000.0)).map(|n| n.value / 1e3);
     let mut age_limit_s = age.unwrap_or(base.age_limit_s);
-    if kind == Some(Kind::Temperature) {
-        (range, jump, rate) = ([degc; 2], [jump_degc; 2], [f64::INFINITY; 2]);
+    let rpm = section.number("range-rpm", up_to(1e6)).map_or(200_000.0, |n| n.value);
+    if matches!(kind, Some(Kind::Temperature | Kind::Speed)) {
+        (range, jump, rate) = match kind {
+            Some(Kind::Speed) => ([rpm; 2], [f64::INFINITY; 2], [f64::INFINITY; 2]),
+            _ => ([degc; 2], [jump_degc; 2], [f64::INFINITY; 2]),
+        };
         // a thermometer of tenths of a degree may well stay the same for an hour, and is read seldom
         frozen_s = frozen_given.unwrap_or(f64::INFINITY);
         age_limit_s = age.unwrap_or(60.0);
@@ -372,11 +379,14 @@ mod tests {
             "{MAP}[[sensor]]\nname = \"tracker\"\nkind = \"tool\"\nstd-um = 5\njump-arcsec = 3\nage-limit-ms = 250\n\
              [[sensor]]\nname = \"laser-x\"\nkind = \"five-dof\"\naxis = \"x\"\nfocal-mm = [230, 250, 210]\n\
              beam-1-mm = [-35, 8]\nbeam-2-mm = [33, 8]\nsigns = [1, 1, -1, 1, 1, 1, 1, 1, 1, 1]\n\
-             [[sensor]]\nname = \"air\"\nkind = \"temperature\"\n"
+             [[sensor]]\nname = \"air\"\nkind = \"temperature\"\n\
+             [[sensor]]\nname = \"spindle\"\nkind = \"speed\"\nrange-rpm = 12000\n"
         );
         let sensors = read(&text).unwrap().sensors;
         assert_eq!(sensors.listen.unwrap().to_string(), "127.0.0.1:7979");
-        let [tracker, laser, air] = sensors.spec.sensors.as_slice() else { panic!("three") };
+        let [tracker, laser, air, spindle] = sensors.spec.sensors.as_slice() else { panic!("four") };
+        assert_eq!((spindle.kind, spindle.range[0]), (SensorKind::Speed, 12_000.0));
+        assert!(spindle.frozen_s.is_infinite() && spindle.jump[0].is_infinite());
         assert_eq!(tracker.kind, SensorKind::Tool { map: 0 });
         assert!((tracker.std_mm - 5e-3).abs() < 1e-15 && (tracker.age_limit_s - 0.25).abs() < 1e-15);
         assert!((tracker.jump[1] - 3.0 * 4.848_136_811e-6).abs() < 1e-12);

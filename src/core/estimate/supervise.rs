@@ -9,7 +9,7 @@
 use crate::core::units::MonoTime;
 
 /// Numbers of a reading that are looked at.
-pub const VALUES_MAX: usize = 10;
+pub const VALUES_MAX: usize = 16;
 /// Fewest plausible readings before a sensor comes back.
 pub const RETURN_READINGS: u32 = 5;
 /// Readings on end that jump, race or are out of range before a sensor counts as doing that; fewer are outliers.

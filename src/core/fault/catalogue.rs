@@ -500,4 +500,22 @@ pub const CATALOGUE: &[Entry] = &[
         reaction: "the file is kept aside; maps begin at the offline map",
         remedy: "nothing to do; the file kept aside may tell more",
     },
+    Entry {
+        code: Code(8014),
+        name: "growth-outside",
+        severity: Warning,
+        text: "a growth by heat is asked for more than its fit has seen",
+        cause: "a temperature or speed is outside of the range in [thermal.NAME]",
+        reaction: "the growth fades to zero over fade-percent of that range; the rest goes on",
+        remedy: "record such a state of the machine and fit anew with volcomp fit thermal",
+    },
+    Entry {
+        code: Code(8015),
+        name: "growth-lost",
+        severity: Warning,
+        text: "a growth by heat has lost one of its inputs",
+        cause: "a sensor that it depends on is silent or excluded",
+        reaction: "the last reading stands for 60 s, then the growth is taken back over another 60 s",
+        remedy: "look at the sensor and its link; volcomp status names it",
+    },
 ];

@@ -9,7 +9,8 @@
 use std::sync::Arc;
 
 use super::axis::{AxisLaser, sees};
-use super::health::LiveHealth;
+use super::growth::{GrowthStanding, GrowthState, KeptGrowth};
+use super::health::{GrowthHealth, LiveHealth};
 use super::history::{Moment, MotionHistory};
 use super::map::{KeptMap, MapState, channels};
 use super::reading::{Body, Reading};
@@ -18,12 +19,25 @@ use super::sensor::{SensorState, Stage, judged};
 use super::spec::{LiveError, LiveSpec, SensorKind, SensorSpec};
 use super::table::{LiveTable, Source};
 use crate::core::axes::{AxisKind, AxisName, Travel};
-use crate::core::estimate::{NodePlace, Row, Standing, Trouble, VALUES_MAX, whiten};
+use crate::core::estimate::{NodePlace, Row, Standing, Thermal, Trouble, VALUES_MAX, whiten};
 use crate::core::model::{ErrorSymbol, Model, ModelSpec, Pose, SENSORS_MAX};
 use crate::core::units::MonoTime;
 
 /// Half of the time over which the speed at a reading is taken, s.
 const SPEED_S: f64 = 5e-3;
+
+/// The model in use, as live estimation sees it.
+#[derive(Debug, Clone)]
+pub struct LiveModel<'a> {
+    /// What its file says.
+    pub spec: &'a ModelSpec,
+    /// Growths by heat that it lists.
+    pub thermal: &'a [Thermal],
+    /// Compiled.
+    pub model: Arc<Model>,
+    /// BLAKE3 of its file.
+    pub hash: [u8; 32],
+}
 
 /// The estimator of one model.
 #[derive(Debug, Clone)]
@@ -34,20 +48,17 @@ pub struct LiveEstimator {
     linear: [Option<usize>; 3],
     sensors: Vec<SensorState>,
     maps: Vec<MapState>,
+    growths: Vec<GrowthState>,
     history: MotionHistory,
 }
 
 impl LiveEstimator {
-    /// An estimator for `model`, which was made from `spec` and whose file has the hash `hash`.
+    /// An estimator for a model.
     ///
     /// # Errors
     /// Sensors, maps and model do not go together.
-    pub fn new(
-        live: &LiveSpec,
-        spec: &ModelSpec,
-        model: Arc<Model>,
-        hash: [u8; 32],
-    ) -> Result<Self, LiveError> {
+    pub fn new(live: &LiveSpec, of: LiveModel<'_>) -> Result<Self, LiveError> {
+        let LiveModel { spec, thermal, model, hash } = of;
         let names: Vec<&str> = live
             .sensors
             .iter()
@@ -66,11 +77,13 @@ impl LiveEstimator {
                 sensor.number = maps[map].map.add_sensor();
             }
         }
+        let growths = new_growths(thermal, live, &model, &sensors, &maps)?;
         let index = |name| spec.chain.index_of(name);
         Ok(Self {
             linear: [AxisName::X, AxisName::Y, AxisName::Z].map(index),
             sensors,
             maps,
+            growths,
             history: MotionHistory::default(),
             model,
             hash,
@@ -97,6 +110,9 @@ impl LiveEstimator {
     pub fn tick(&mut self, now: MonoTime) {
         for sensor in &mut self.sensors {
             sensor.supervisor.tick(now);
+        }
+        for growth in &mut self.growths {
+            growth.tick(now, &self.sensors);
         }
         for (k, map) in self.maps.iter_mut().enumerate() {
             map.predict(now);
@@ -132,10 +148,8 @@ impl LiveEstimator {
                 state.value = state.judge(now, when, reading, &values).then_some(*value);
                 state.readings[1] += u64::from(state.value.is_some());
             }
-            (SensorKind::Temperature, Body::Temperatures(list)) => {
-                let believed = state.judge(now, when, reading, list);
-                state.readings[1] += u64::from(believed);
-            }
+            (SensorKind::Temperature, Body::Temperatures(list)) => state.believe(now, when, reading, list),
+            (SensorKind::Speed, Body::Speed(speed)) => state.believe(now, when, reading, &[*speed]),
             // a sensor that says something of another kind says nothing
             _ => state.supervisor.exclude(now, Trouble::Range),
         }
@@ -216,7 +230,7 @@ impl LiveEstimator {
     /// Live values that do not come from maps.
     fn live_values(&self) -> [f64; SENSORS_MAX] {
         let mut live = [0.0; SENSORS_MAX];
-        for (channel, value) in self.direct() {
+        for (channel, value) in self.direct().chain(self.grown()) {
             live[channel] = value;
         }
         live
@@ -231,11 +245,19 @@ impl LiveEstimator {
         })
     }
 
+    /// Live values that growths tell.
+    fn grown(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
+        self.growths.iter().filter_map(|g| Some((g.channel, g.value()?)))
+    }
+
     /// What the cycle evaluates from now on.
     pub fn table(&mut self, now: MonoTime) -> LiveTable {
         let mut sources = [Source::None; SENSORS_MAX];
         for (channel, value) in self.direct() {
             sources[channel] = Source::Value(value);
+        }
+        for (channel, value) in self.grown() {
+            sources[channel] = Source::Smooth(value);
         }
         let mut maps = Vec::with_capacity(self.maps.len());
         for (k, map) in self.maps.iter_mut().enumerate() {
@@ -253,6 +275,7 @@ impl LiveEstimator {
         LiveHealth {
             sensors: self.sensors.iter().map(|s| s.health(now, self.delay_of(s))).collect(),
             maps: self.maps.iter().map(MapState::health).collect(),
+            growths: self.growths.iter().map(growth_health).collect(),
         }
     }
 
@@ -270,6 +293,37 @@ impl LiveEstimator {
     /// How each map stands: name, alarm, given up for the static model.
     pub fn map_states(&self) -> impl Iterator<Item = (&str, bool, bool)> + '_ {
         self.maps.iter().map(|m| (m.spec.name.as_str(), m.alarm.is_some(), m.is_static))
+    }
+
+    /// How each growth stands: name, standing, the input that this is about.
+    pub fn growth_standings(&self) -> impl Iterator<Item = (&str, GrowthStanding, Option<&str>)> + '_ {
+        self.growths.iter().map(|g| (g.spec.name.as_str(), g.standing(), g.input()))
+    }
+
+    /// True where there is something that is to outlive the daemon.
+    #[must_use]
+    pub const fn learns(&self) -> bool {
+        !self.maps.is_empty() || !self.growths.is_empty()
+    }
+
+    /// What is to be kept of growths.
+    #[must_use]
+    pub fn kept_growths(&self) -> Vec<KeptGrowth> {
+        self.growths.iter().filter_map(GrowthState::kept).collect()
+    }
+
+    /// Puts back lags that were kept `age_s` ago; gives a sentence for every growth that begins anew because what was
+    /// kept cannot be.
+    pub fn restore_growths(&mut self, kept: &[KeptGrowth], age_s: f64) -> Vec<String> {
+        let mut problems = Vec::new();
+        for growth in &mut self.growths {
+            let Some(found) = kept.iter().find(|k| k.name == growth.spec.name) else { continue };
+            if !growth.restore(found, age_s) {
+                problems
+                    .push(format!("thermal {}: its lags are no numbers or beyond all bounds", found.name));
+            }
+        }
+        problems
     }
 
     /// What is to be kept.
@@ -335,7 +389,7 @@ fn new_sensor(
         SensorKind::Tool { map } if map >= live.maps.len() => {
             return Err(LiveError::NoMap { sensor: name() });
         }
-        SensorKind::Tool { .. } | SensorKind::Temperature => {}
+        SensorKind::Tool { .. } | SensorKind::Temperature | SensorKind::Speed => {}
         SensorKind::Value => {
             channel = model.sensors().iter().position(|s| *s == sensor.name);
             if channel.is_none() {
@@ -360,6 +414,39 @@ fn new_sensor(
     let mut state = SensorState::new(sensor, laser, channel);
     state.is_angle = is_angle;
     Ok(state)
+}
+
+/// The growths that an error of the model names.
+fn new_growths(
+    thermal: &[Thermal],
+    live: &LiveSpec,
+    model: &Model,
+    sensors: &[SensorState],
+    maps: &[MapState],
+) -> Result<Vec<GrowthState>, LiveError> {
+    let mut growths = Vec::new();
+    for growth in thermal {
+        let Some(channel) = model.sensors().iter().position(|s| *s == growth.name) else { continue };
+        let told = sensors.iter().any(|s| s.channel == Some(channel))
+            || maps.iter().any(|m| m.channels.contains(&channel));
+        if told {
+            return Err(LiveError::TwoSources { channel: growth.name.clone() });
+        }
+        growths.push(GrowthState::new(growth, channel, live)?);
+    }
+    Ok(growths)
+}
+
+fn growth_health(growth: &GrowthState) -> GrowthHealth {
+    GrowthHealth {
+        name: growth.spec.name.clone(),
+        expansion: growth.spec.expansion,
+        standing: growth.standing(),
+        input: growth.input().map(str::to_owned),
+        value: growth.value().unwrap_or(0.0),
+        share: growth.share(),
+        std: growth.spec.std,
+    }
 }
 
 /// Rows of a plausible reading: looked at, or used where they agree.

@@ -1,5 +1,6 @@
 //! How live estimation goes, as plain data: for status, recordings and pictures.
 
+use super::growth::GrowthStanding;
 use crate::core::estimate::Standing;
 use crate::core::model::ErrorSymbol;
 
@@ -10,6 +11,27 @@ pub struct LiveHealth {
     pub sensors: Vec<SensorHealth>,
     /// The maps.
     pub maps: Vec<MapHealth>,
+    /// Growths by heat.
+    pub growths: Vec<GrowthHealth>,
+}
+
+/// A growth by heat.
+#[derive(Debug, Clone, PartialEq)]
+pub struct GrowthHealth {
+    /// Its name.
+    pub name: String,
+    /// True: a strain; false: a length.
+    pub expansion: bool,
+    /// How it stands.
+    pub standing: GrowthStanding,
+    /// The input that this is about.
+    pub input: Option<String>,
+    /// What is used of it, mm or a strain.
+    pub value: f64,
+    /// Share that is used: below 1 outside of what the fit has seen, and where an input is lost.
+    pub share: f64,
+    /// Standard uncertainty of a forecast, where the fit has stated one, mm or a strain.
+    pub std: Option<f64>,
 }
 
 /// A sensor.

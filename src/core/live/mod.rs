@@ -8,11 +8,12 @@
 //! a live value of the model acts on a reading is asked of the model, so that this holds for any chain.
 //!
 //! Reading order: [`spec`] (what there is), [`reading`] (what sensors say), [`history`] (where the machine stood),
-//! [`rows`] (what a reading says about a map), [`axis`] (5-DOF lasers), [`sensor`] and [`map`] (their states),
+//! [`rows`] (what a reading says about a map), [`axis`] (5-DOF lasers), [`growth`] (heat), [`sensor`] and [`map`] (their states),
 //! [`estimator`] (all together), [`table`] (what the cycle evaluates), [`health`] (how it goes, as data).
 
 pub mod axis;
 pub mod estimator;
+pub mod growth;
 pub mod health;
 pub mod history;
 pub mod map;
@@ -22,8 +23,9 @@ pub mod sensor;
 pub mod spec;
 pub mod table;
 
-pub use estimator::LiveEstimator;
-pub use health::{LiveHealth, MapHealth, NodeHealth, SensorHealth};
+pub use estimator::{LiveEstimator, LiveModel};
+pub use growth::{GrowthStanding, KeptGrowth};
+pub use health::{GrowthHealth, LiveHealth, MapHealth, NodeHealth, SensorHealth};
 pub use history::{Moment, MotionHistory};
 pub use map::KeptMap;
 pub use reading::{Body, PointReading, Reading, Seen, ToolReading};

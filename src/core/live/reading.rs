@@ -44,6 +44,8 @@ pub enum Body {
     Value(f64),
     /// Temperatures, degrees Celsius.
     Temperatures(Vec<f64>),
+    /// Speed of a spindle, 1/min.
+    Speed(f64),
 }
 
 /// A vector that was measured.
@@ -87,7 +89,7 @@ impl Reading {
         match &self.body {
             Body::Tool(tool) => of(&tool.tip).into_iter().chain(tool.direction.iter().flat_map(of)).collect(),
             Body::Points(points) => points.iter().take(3).flat_map(|p| of(&p.position)).collect(),
-            Body::Deviation { value, .. } | Body::Value(value) => vec![*value],
+            Body::Deviation { value, .. } | Body::Value(value) | Body::Speed(value) => vec![*value],
             Body::FiveDofRaw(readings) => readings.change.iter().flatten().copied().collect(),
             Body::FiveDof(motion) => motion.to_vec(),
             Body::Temperatures(list) => list.clone(),

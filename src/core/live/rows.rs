@@ -147,7 +147,11 @@ impl Expected {
                 let late = along.dot(&self.offset_rates.tip);
                 gap.length(value - expected, late, self.weights(|(shift, _)| along.dot(shift)), variance);
             }
-            Body::FiveDofRaw(_) | Body::FiveDof(_) | Body::Value(_) | Body::Temperatures(_) => {}
+            Body::FiveDofRaw(_)
+            | Body::FiveDof(_)
+            | Body::Value(_)
+            | Body::Temperatures(_)
+            | Body::Speed(_) => {}
         }
         gap
     }

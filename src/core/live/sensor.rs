@@ -42,6 +42,8 @@ pub(super) struct SensorState {
     /// Live value of the model that it tells, and the value.
     pub(super) channel: Option<usize>,
     pub(super) value: Option<f64>,
+    /// The last numbers that were believed (temperatures, speeds).
+    pub(super) believed: Vec<f64>,
     /// That live value is an angle.
     pub(super) is_angle: bool,
     pub(super) last_at: Option<MonoTime>,
@@ -64,6 +66,7 @@ impl SensorState {
             laser,
             channel,
             value: None,
+            believed: Vec::new(),
             is_angle: false,
             last_at: None,
             readings: [0; 3],
@@ -99,6 +102,20 @@ impl SensorState {
             self.get_to_know();
         }
         believed
+    }
+
+    /// A reading whose numbers are inputs of growths.
+    pub(super) fn believe(
+        &mut self,
+        now: MonoTime,
+        when: (MonoTime, bool),
+        reading: &Reading,
+        numbers: &[f64],
+    ) {
+        if self.judge(now, when, reading, numbers) {
+            self.readings[1] += 1;
+            self.believed = numbers.to_vec();
+        }
     }
 
     /// Its readings are only looked at for a while.

@@ -35,8 +35,10 @@ pub enum SensorKind {
     },
     /// A live value of the model of the sensor's own name, worked out by somebody else.
     Value,
-    /// Temperatures; shown and recorded, for those who use them.
+    /// Temperatures: inputs of growths.
     Temperature,
+    /// The speed of a spindle: an input of growths.
+    Speed,
 }
 
 impl SensorKind {
@@ -48,6 +50,7 @@ impl SensorKind {
             Self::FiveDof { .. } => "five-dof",
             Self::Value => "value",
             Self::Temperature => "temperature",
+            Self::Speed => "speed",
         }
     }
 }
@@ -71,7 +74,7 @@ pub struct SensorSpec {
     pub latency_s: f64,
     /// Age at which a reading is too old, and silence at which the sensor is silent.
     pub age_limit_s: f64,
-    /// Largest plausible length, angle (temperatures: degrees Celsius).
+    /// Largest plausible length, angle (temperatures: degrees Celsius; speeds: 1/min).
     pub range: [f64; 2],
     /// Largest plausible change from one reading to the next.
     pub jump: [f64; 2],
@@ -196,6 +199,38 @@ pub enum LiveError {
         sensor: String,
         /// The axis.
         axis: AxisName,
+    },
+    /// A growth whose input nobody measures.
+    #[error(
+        "thermal {growth} depends on \"{sensor}\", and no sensor is called so; add [[sensor]] with name = \"{name}\" and kind = \"{kind}\""
+    )]
+    NoInput {
+        /// The growth.
+        growth: String,
+        /// The input.
+        sensor: String,
+        /// The sensor that would tell it.
+        name: String,
+        /// Its kind.
+        kind: &'static str,
+    },
+    /// A growth whose input is something else.
+    #[error("thermal {growth} takes \"{sensor}\" for a {wanted}, but the sensor is of kind \"{found}\"")]
+    InputKind {
+        /// The growth.
+        growth: String,
+        /// The input.
+        sensor: String,
+        /// What the growth wants.
+        wanted: &'static str,
+        /// What the sensor is.
+        found: &'static str,
+    },
+    /// A live value of the model with two sources.
+    #[error("live value \"{channel}\" of the model would be told by two: a sensor or map, and a growth")]
+    TwoSources {
+        /// The live value.
+        channel: String,
     },
     /// Two of one name.
     #[error("two sensors or maps are called {name}")]

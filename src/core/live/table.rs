@@ -16,8 +16,10 @@ pub enum Source {
     /// From nowhere: the engine takes its part back.
     #[default]
     None,
-    /// A number.
+    /// A number, as it is.
     Value(f64),
+    /// A number that changes slowly: where a new table has another one, it is taken over smoothly.
+    Smooth(f64),
     /// A component of a map.
     Map {
         /// Index in [`LiveTable::maps`].
@@ -63,8 +65,8 @@ pub struct LiveEvaluator {
     /// What is left of the difference between the last table and this one.
     carry: [f64; SENSORS_MAX],
     last: [f64; SENSORS_MAX],
-    /// Bit k: value k was told last time, and came from a map.
-    from_map: u16,
+    /// Bit k: value k was told last time, and differences are taken over smoothly.
+    smooth: u16,
     fresh: bool,
     next: Option<MonoTime>,
     since: MonoTime,
@@ -101,36 +103,38 @@ impl LiveEvaluator {
         let dt = now.seconds_since(self.since).clamp(0.0, BLEND_S);
         self.since = now;
         if table.model != *model || now.seconds_since(table.made) > TABLE_LIFE_S {
-            self.from_map = 0;
+            self.smooth = 0;
             return None;
         }
         let mut out = Told::default();
-        let mut from_map = 0;
+        let mut smooth = 0;
         let keep = 1.0 - dt / BLEND_S;
         for (k, source) in table.sources.iter().enumerate() {
-            let value = match source {
+            let mut value = match source {
                 Source::None => continue,
-                Source::Value(value) => *value,
+                Source::Value(value) | Source::Smooth(value) => *value,
                 Source::Map { map, component } => {
                     let Some(map) = table.maps.get(*map) else { continue };
-                    let value = map.value(*component, position);
-                    if self.from_map >> k & 1 == 0 {
-                        self.carry[k] = 0.0;
-                    } else if self.fresh {
-                        self.carry[k] = self.last[k] - value;
-                    }
-                    self.carry[k] *= keep;
-                    from_map |= 1 << k;
-                    value + self.carry[k]
+                    map.value(*component, position)
                 }
             };
+            if !matches!(source, Source::Value(_)) {
+                if self.smooth >> k & 1 == 0 {
+                    self.carry[k] = 0.0;
+                } else if self.fresh {
+                    self.carry[k] = self.last[k] - value;
+                }
+                self.carry[k] *= keep;
+                smooth |= 1 << k;
+                value += self.carry[k];
+            }
             if value.is_finite() {
                 out.told |= 1 << k;
                 out.values[k] = value;
                 self.last[k] = value;
             }
         }
-        self.from_map = from_map;
+        self.smooth = smooth;
         self.fresh = false;
         Some(out)
     }
@@ -183,6 +187,26 @@ mod tests {
             last = told.values[2];
         }
         assert!((last - 2.5e-3).abs() < 3e-5, "{last}");
+    }
+
+    #[test]
+    fn a_growth_that_steps_comes_smoothly() {
+        let mut evaluator = LiveEvaluator::default();
+        let growth = |ms: i64, value: f64| {
+            let mut table = table(ms, 0.0).map(|t| (*t).clone()).unwrap();
+            table.sources[4] = Source::Smooth(value);
+            Some(Arc::new(table))
+        };
+        evaluator.swap(growth(0, 1e-3));
+        assert!((evaluator.evaluate(at(0), &MODEL, [0.0; 3]).unwrap().values[4] - 1e-3).abs() < 1e-15);
+        evaluator.swap(growth(10, 3e-3));
+        let mut last = 1e-3;
+        for ms in (10..1990).step_by(10) {
+            let value = evaluator.evaluate(at(ms), &MODEL, [0.0; 3]).unwrap().values[4];
+            assert!(value >= last && value - last < 1e-4, "{ms}: {value} {last}");
+            last = value;
+        }
+        assert!((last - 3e-3).abs() < 1e-5, "{last}");
     }
 
     #[test]

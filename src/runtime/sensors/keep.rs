@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::super::counters::{replace, set_aside};
 use super::super::utc;
-use crate::core::live::{KeptMap, LiveEstimator};
+use crate::core::live::{KeptGrowth, KeptMap, LiveEstimator};
 
 const FORMAT: &str = "volcomp-live/1";
 /// Its name in the state directory.
@@ -29,6 +29,18 @@ struct Kept {
     saved: String,
     saved_unix_s: f64,
     maps: Vec<Map>,
+    /// Lags of growths by heat.
+    #[serde(default)]
+    growths: Vec<Growth>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Growth {
+    name: String,
+    /// Inputs behind their lags, in the order of the model file.
+    lagged: Vec<f64>,
+    /// Last reading of each input, degC or 1/min.
+    last: Vec<f64>,
 }
 
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -60,6 +72,7 @@ pub(super) fn save(
         values: m.values,
         evidence: m.evidence,
     };
+    let growth = |g: KeptGrowth| Growth { name: g.name, lagged: g.lagged, last: g.last };
     let kept = Kept {
         format: FORMAT.to_owned(),
         machine: machine.to_owned(),
@@ -67,6 +80,7 @@ pub(super) fn save(
         saved: utc::text(now),
         saved_unix_s: unix_s(now),
         maps: estimator.kept().into_iter().map(map).collect(),
+        growths: estimator.kept_growths().into_iter().map(growth).collect(),
     };
     let mut text = serde_json::to_vec(&kept)?;
     text.push(b'\n');
@@ -119,7 +133,13 @@ pub(super) fn restore(
             evidence: m.evidence,
         })
         .collect();
-    let problems = estimator.restore(&maps, age_s.max(0.0));
+    let growths: Vec<KeptGrowth> = kept
+        .growths
+        .into_iter()
+        .map(|g| KeptGrowth { name: g.name, lagged: g.lagged, last: g.last })
+        .collect();
+    let mut problems = estimator.restore(&maps, age_s.max(0.0));
+    problems.extend(estimator.restore_growths(&growths, age_s.max(0.0)));
     if problems.is_empty() {
         return vec![format!("what was learned until {} goes on, {:.1} h older", kept.saved, age_s / 3600.0)];
     }
@@ -142,7 +162,7 @@ mod tests {
     use std::sync::Arc;
 
     use super::*;
-    use crate::core::live::{LiveSpec, MapSpec};
+    use crate::core::live::{LiveModel, LiveSpec, MapSpec};
     use crate::core::model::curve::Live;
     use crate::core::model::{Chain, ErrorFunction, ErrorSymbol, Model, ModelSpec};
 
@@ -154,7 +174,7 @@ mod tests {
         let nodes = [vec![0.0, 1.0], vec![0.0, 1.0], vec![0.0, 1.0]];
         let live = LiveSpec { sensors: Vec::new(), maps: vec![MapSpec::new("ram", nodes)] };
         let model = Arc::new(Model::new(&spec).unwrap());
-        LiveEstimator::new(&live, &spec, model, [3; 32]).unwrap()
+        LiveEstimator::new(&live, LiveModel { spec: &spec, thermal: &[], model, hash: [3; 32] }).unwrap()
     }
 
     #[test]

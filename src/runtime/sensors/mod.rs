@@ -14,7 +14,7 @@ mod wire;
 mod worker;
 
 pub use cycle_end::{EstimatorEnd, LiveEnd, Motion, live_ends};
-pub use report::{FilterStatus, MapStatus, NodeStatus, SensorStatus};
+pub use report::{FilterStatus, GrowthStatus, MapStatus, NodeStatus, SensorStatus};
 
 pub(super) use listener::Listener;
 pub(super) use worker::{Sensors, Start};

@@ -4,7 +4,7 @@ use serde::{Deserialize, Serialize};
 
 use crate::core::estimate::{Standing, Trouble};
 use crate::core::fault;
-use crate::core::live::{LiveHealth, MapHealth, SensorHealth};
+use crate::core::live::{GrowthHealth, GrowthStanding, LiveHealth, MapHealth, SensorHealth};
 use crate::core::units::{arcsec_from_rad, um_from_mm};
 
 /// A sensor.
@@ -12,7 +12,7 @@ use crate::core::units::{arcsec_from_rad, um_from_mm};
 pub struct SensorStatus {
     /// Its name.
     pub name: String,
-    /// `tool five-dof value temperature`.
+    /// `tool five-dof value temperature speed`.
     pub kind: String,
     /// `waiting good excluded`.
     pub state: String,
@@ -54,7 +54,7 @@ pub struct SensorStatus {
     pub coverage: Option<f64>,
     /// Whether its alignment is known.
     pub referenced: Option<bool>,
-    /// What it said last: mm, rad or degrees Celsius.
+    /// What it said last: mm, rad, degrees Celsius or 1/min.
     pub values: Vec<f64>,
 }
 
@@ -93,6 +93,28 @@ pub struct NodeStatus {
     pub used: Vec<f64>,
 }
 
+/// A growth by heat.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct GrowthStatus {
+    /// Its name.
+    pub name: String,
+    /// `waiting` (an input has not spoken), `used`, `outside` (an input is outside of what the fit has seen: it fades),
+    /// `lost` (an input is lost: held, then taken back).
+    pub state: String,
+    /// The input that this is about.
+    pub input: Option<String>,
+    /// Number of that warning, e.g. `VC-8014`.
+    pub code: Option<String>,
+    /// Unit of what follows: `um`, or `um/m` of an expansion.
+    pub unit: String,
+    /// What is used of it.
+    pub value: f64,
+    /// Share that is used, 0 to 1.
+    pub share: f64,
+    /// Standard uncertainty of its forecast (k = 1), where stated.
+    pub std: Option<f64>,
+}
+
 /// Everything about live estimation.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct FilterStatus {
@@ -100,6 +122,9 @@ pub struct FilterStatus {
     pub sensors: Vec<SensorStatus>,
     /// The maps.
     pub maps: Vec<MapStatus>,
+    /// Growths by heat.
+    #[serde(default)]
+    pub growths: Vec<GrowthStatus>,
     /// What should be known: what was put back at the start, what could not be kept.
     pub notes: Vec<String>,
     /// Readings that found the estimator's queue full.
@@ -119,6 +144,38 @@ pub(super) const fn code_of(trouble: Trouble) -> fault::Code {
         Trouble::Quality => 8009,
         Trouble::Disagrees => 8010,
     })
+}
+
+/// Number of what is wrong with a growth, in the catalogue of faults.
+pub(super) const fn growth_code(standing: GrowthStanding) -> Option<fault::Code> {
+    match standing {
+        GrowthStanding::Waiting(_) | GrowthStanding::Used => None,
+        GrowthStanding::Outside(_) => Some(fault::Code(8014)),
+        GrowthStanding::Lost(_) => Some(fault::Code(8015)),
+    }
+}
+
+impl GrowthStatus {
+    fn new(h: &GrowthHealth) -> Self {
+        // um of mm, or um/m of a strain
+        let scale = if h.expansion { 1e6 } else { um_from_mm(1.0) };
+        let state = match h.standing {
+            GrowthStanding::Waiting(_) => "waiting",
+            GrowthStanding::Used => "used",
+            GrowthStanding::Outside(_) => "outside",
+            GrowthStanding::Lost(_) => "lost",
+        };
+        Self {
+            name: h.name.clone(),
+            state: state.to_owned(),
+            input: h.input.clone(),
+            code: growth_code(h.standing).map(|code| code.to_string()),
+            unit: if h.expansion { "um/m" } else { "um" }.to_owned(),
+            value: scale * h.value,
+            share: h.share,
+            std: h.std.map(|std| scale * std),
+        }
+    }
 }
 
 impl SensorStatus {
@@ -209,6 +266,7 @@ impl FilterStatus {
         Self {
             sensors: health.sensors.iter().map(SensorStatus::new).collect(),
             maps: health.maps.iter().map(MapStatus::new).collect(),
+            growths: health.growths.iter().map(GrowthStatus::new).collect(),
             notes: Vec::new(),
             dropped: 0,
         }

@@ -7,6 +7,7 @@
 use nalgebra::Matrix6;
 use serde::Deserialize;
 
+use crate::core::estimate::VALUES_MAX;
 use crate::core::estimate::fivedof::Readings;
 use crate::core::geometry::Vec3;
 use crate::core::live::{Body, PointReading, Reading, Seen, ToolReading};
@@ -180,8 +181,12 @@ fn binary_body(kind: u8, n: &[f64]) -> Result<Body, &'static str> {
         8 => Ok(Body::Value(fixed::<1>(n)?[0])),
         9 => {
             finite(n)?;
+            if n.len() > VALUES_MAX {
+                return Err("at most 16 temperatures are taken");
+            }
             Ok(Body::Temperatures(n.to_vec()))
         }
+        10 => Ok(Body::Speed(fixed::<1>(n)?[0])),
         _ => Err("this kind is not known"),
     }
 }
@@ -216,6 +221,7 @@ struct Line {
     value_um: Option<f64>,
     value_arcsec: Option<f64>,
     temperature_degc: Option<Vec<f64>>,
+    speed_rpm: Option<f64>,
 }
 
 #[derive(Deserialize)]
@@ -289,7 +295,7 @@ fn parse_line(text: &[u8]) -> Result<Said, String> {
     match (bodies.pop(), bodies.is_empty()) {
         (Some(body), true) => Ok(Said { sensor, reading: Reading { stamp_ns, quality, body } }),
         _ => Err("write exactly one of pose, points, circles, deviation, probe, five_dof, five_dof_raw, value_um, \
-                  value_arcsec, temperature_degc"
+                  value_arcsec, temperature_degc, speed_rpm"
             .to_owned()),
     }
 }
@@ -336,7 +342,13 @@ fn bodies_of(line: Line) -> Result<Vec<Body>, String> {
     }
     bodies.extend(line.value_um.map(|v| Body::Value(mm_from_um(v))));
     bodies.extend(line.value_arcsec.map(|v| Body::Value(rad_from_arcsec(v))));
-    bodies.extend(line.temperature_degc.map(Body::Temperatures));
+    if let Some(list) = line.temperature_degc {
+        if list.len() > VALUES_MAX {
+            return Err(format!("{} temperatures, at most {VALUES_MAX} are taken", list.len()));
+        }
+        bodies.push(Body::Temperatures(list));
+    }
+    bodies.extend(line.speed_rpm.map(Body::Speed));
     Ok(bodies)
 }
 
@@ -415,6 +427,8 @@ mod tests {
         assert_eq!(points[0].offset, Vec3::new(0.0, 0.0, 20.0));
         let said = one(r#"{"sensor": "a", "t_ns": 7, "temperature_degc": [20.5, 21]}"#).unwrap();
         assert_eq!(said.reading.body, Body::Temperatures(vec![20.5, 21.0]));
+        let said = one(r#"{"sensor": "s", "t_ns": 7, "speed_rpm": -3000}"#).unwrap();
+        assert_eq!(said.reading.body, Body::Speed(-3000.0));
     }
 
     #[test]
@@ -487,7 +501,12 @@ mod tests {
             matches!(one(&binary(4, "t", &[0.0; 14])).unwrap().reading.body, Body::Points(p) if p.len() == 2)
         );
         assert!(matches!(one(&binary(6, "t", &[0.0; 5])).unwrap().reading.body, Body::FiveDof(_)));
-        for (kind, count) in [(1, 5), (3, 8), (5, 5), (6, 4), (7, 10), (8, 2), (77, 1)] {
+        assert_eq!(
+            one(&binary(9, "t", &[20.5, 21.0])).unwrap().reading.body,
+            Body::Temperatures(vec![20.5, 21.0])
+        );
+        assert_eq!(one(&binary(10, "t", &[3000.0])).unwrap().reading.body, Body::Speed(3000.0));
+        for (kind, count) in [(1, 5), (3, 8), (5, 5), (6, 4), (7, 10), (8, 2), (9, 17), (10, 2), (77, 1)] {
             let error = one(&binary(kind, "t", &vec![0.0; count])).unwrap_err();
             assert!(!error.is_fatal(), "{error}");
         }

@@ -10,14 +10,17 @@ use tracing::{info, warn};
 
 use super::super::clock::Clock;
 use super::super::models::Prepared;
+use super::super::recorder::HealthSlot;
 use super::cycle_end::{EstimatorEnd, Motion};
-use super::report::{FilterStatus, code_of};
+use super::report::{FilterStatus, code_of, growth_code};
 use super::{Arrived, keep};
 use crate::config::SensorsConfig;
 use crate::core::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
 use crate::core::estimate::{SensorClock, Standing};
 use crate::core::geometry::Vec3;
-use crate::core::live::{LiveError, LiveEstimator, LiveSpec, LiveTable, Moment, Reading};
+use crate::core::live::{
+    GrowthStanding, LiveError, LiveEstimator, LiveModel, LiveSpec, LiveTable, Moment, Reading,
+};
 use crate::core::units::{MonoTime, rad_from_deg};
 
 /// Readings in flight.
@@ -30,6 +33,8 @@ const POLL: Duration = Duration::from_millis(4);
 const TABLE_S: f64 = 0.05;
 /// Interval of health reports, s.
 const HEALTH_S: f64 = 0.2;
+/// Interval at which health goes into the recording, s.
+const RECORD_S: f64 = 1.0;
 /// Time for the last word when the daemon ends.
 const FINISH_LIMIT: Duration = Duration::from_secs(3);
 
@@ -63,13 +68,21 @@ pub(in crate::runtime) struct Start {
     pub(in crate::runtime) model: Arc<Prepared>,
     /// The state directory.
     pub(in crate::runtime) directory: Option<PathBuf>,
+    /// Where health goes into the recording.
+    pub(in crate::runtime) record: Option<Arc<HealthSlot>>,
     pub(in crate::runtime) end: EstimatorEnd,
     pub(in crate::runtime) clock: Clock,
 }
 
 /// An estimator for a model in use.
 pub(in crate::runtime) fn estimator(spec: &LiveSpec, model: &Prepared) -> Result<LiveEstimator, LiveError> {
-    LiveEstimator::new(spec, &model.spec, Arc::clone(&model.model), hash_of(model))
+    let of = LiveModel {
+        spec: &model.spec,
+        thermal: &model.thermal,
+        model: Arc::clone(&model.model),
+        hash: hash_of(model),
+    };
+    LiveEstimator::new(spec, of)
 }
 
 /// Hash of a model's file, as the cycle knows it.
@@ -185,7 +198,9 @@ struct Worker {
     notes: Vec<String>,
     standings: Vec<Standing>,
     map_states: Vec<(bool, bool)>,
+    growths: Vec<GrowthStanding>,
     tabled: MonoTime,
+    recorded: MonoTime,
     told: MonoTime,
     kept: MonoTime,
 }
@@ -208,7 +223,9 @@ impl Worker {
             notes: Vec::new(),
             standings: Vec::new(),
             map_states: Vec::new(),
+            growths: Vec::new(),
             tabled: now,
+            recorded: now,
             told: now,
             kept: now,
             start,
@@ -224,12 +241,13 @@ impl Worker {
         self.notes.clear();
         self.standings.clear();
         self.map_states.clear();
+        self.growths.clear();
         match estimator(&self.start.config.spec, model) {
             Ok(mut estimator) => {
                 if let Some(directory) = &self.start.directory {
                     let (machine, now) = (&self.start.machine, SystemTime::now());
                     self.notes = keep::restore(directory, machine, &model.hash, &mut estimator, now);
-                } else if !self.start.config.spec.maps.is_empty() {
+                } else if estimator.learns() {
                     self.notes
                         .push("no state directory: what is learned does not outlive the daemon".to_owned());
                 }
@@ -269,6 +287,10 @@ impl Worker {
             if now.seconds_since(self.told) >= HEALTH_S {
                 self.told = now;
                 self.show(now);
+            }
+            if now.seconds_since(self.recorded) >= RECORD_S {
+                self.recorded = now;
+                self.record(now);
             }
             if ends || now.seconds_since(self.kept) >= self.start.config.keep_s {
                 self.kept = now;
@@ -368,7 +390,14 @@ impl Worker {
                 (false, false) => info!(map = name, "the map is learned again"),
             }
         }
-        (self.standings, self.map_states) = (standings, states);
+        let growths: Vec<GrowthStanding> = estimator.growth_standings().map(|(_, s, _)| s).collect();
+        for (k, (name, standing, input)) in estimator.growth_standings().enumerate() {
+            let before = self.growths.get(k).copied().unwrap_or(GrowthStanding::Waiting(0));
+            if before != standing {
+                tell_growth(name, standing, input.unwrap_or_default());
+            }
+        }
+        (self.standings, self.map_states, self.growths) = (standings, states, growths);
     }
 
     /// A new table for the cycle.
@@ -389,11 +418,19 @@ impl Worker {
         *self.health.lock().unwrap_or_else(PoisonError::into_inner) = status;
     }
 
+    /// How it goes, for the recording.
+    fn record(&self, now: MonoTime) {
+        let Some((slot, estimator)) = self.start.record.as_ref().zip(self.estimator.as_ref()) else { return };
+        // numbers and names always become text
+        let text = serde_json::to_string(&FilterStatus::new(&estimator.health(now))).unwrap_or_default();
+        slot.put(now, text);
+    }
+
     fn keep(&mut self) {
         let Some((directory, estimator)) = self.start.directory.as_ref().zip(self.estimator.as_ref()) else {
             return;
         };
-        if self.start.config.spec.maps.is_empty() {
+        if !estimator.learns() {
             return;
         }
         let (machine, hash) = (&self.start.machine, &self.start.model.hash);
@@ -403,6 +440,21 @@ impl Worker {
                 warn!("{note}");
                 self.notes.push(note);
             }
+        }
+    }
+}
+
+/// A growth stands otherwise than before.
+fn tell_growth(growth: &str, standing: GrowthStanding, input: &str) {
+    let code = growth_code(standing).map(|code| code.to_string());
+    match standing {
+        GrowthStanding::Waiting(_) => {}
+        GrowthStanding::Used => info!(growth, "the growth by heat is used"),
+        GrowthStanding::Outside(_) => {
+            warn!(growth, input, code, "an input is outside of what the fit has seen; the growth fades");
+        }
+        GrowthStanding::Lost(_) => {
+            warn!(growth, input, code, "an input is lost; the growth is held, then taken back");
         }
     }
 }

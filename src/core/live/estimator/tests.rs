@@ -38,6 +38,10 @@ fn model_spec() -> ModelSpec {
     spec
 }
 
+fn of<'a>(spec: &'a ModelSpec, model: &Arc<Model>, hash: [u8; 32]) -> LiveModel<'a> {
+    LiveModel { spec, thermal: &[], model: Arc::clone(model), hash }
+}
+
 fn live_spec() -> LiveSpec {
     let nodes = [vec![0.0, 1000.0, 2000.0], vec![0.0, 800.0], vec![0.0, 600.0]];
     let sensor = SensorSpec {
@@ -69,7 +73,7 @@ impl Bench {
     fn new(seed: u64) -> Self {
         let spec = model_spec();
         let model = Arc::new(Model::new(&spec).unwrap());
-        let estimator = LiveEstimator::new(&live_spec(), &spec, Arc::clone(&model), [1; 32]).unwrap();
+        let estimator = LiveEstimator::new(&live_spec(), of(&spec, &model, [1; 32])).unwrap();
         Self {
             estimator,
             model,
@@ -363,7 +367,7 @@ fn an_applied_offset_is_no_error_of_the_machine() {
 fn what_does_not_go_together_is_refused_in_words() {
     let spec = model_spec();
     let model = Arc::new(Model::new(&spec).unwrap());
-    let make = |live: &LiveSpec| LiveEstimator::new(live, &spec, Arc::clone(&model), [0; 32]);
+    let make = |live: &LiveSpec| LiveEstimator::new(live, of(&spec, &model, [0; 32]));
     let mut live = live_spec();
     live.maps[0].name = "rom".to_owned();
     let error = make(&live).unwrap_err().to_string();
