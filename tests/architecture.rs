@@ -23,6 +23,10 @@ const ROOMS: &[(&str, &[&str])] = &[
     ),
     ("core/fault", &["core::fault", "core::engine"]),
     ("core/estimate", &["core::estimate", "core::geometry", "core::axes", "core::units"]),
+    (
+        "core/live",
+        &["core::live", "core::estimate", "core::model", "core::geometry", "core::axes", "core::units"],
+    ),
     ("core/record", &["core::record", "core::protocol", "core::axes", "core::units"]),
     ("config", &["config", "core"]),
     ("identify", &["identify", "core"]),

@@ -83,6 +83,7 @@ fn the_reference_file_names_every_key() {
         let written = text.lines().map(|l| l.trim_start_matches(['#', ' '])).any(|l| {
             l.split_once('=').is_some_and(|(k, _)| k.trim() == name)
                 || l.starts_with(&format!("[{name}]"))
+                || l.starts_with(&format!("[[{name}]]"))
                 || l.starts_with(&format!("[{key}]"))
                 || (key == "axes" && l.starts_with("[axes."))
         });

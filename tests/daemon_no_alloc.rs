@@ -9,12 +9,16 @@ use std::sync::Arc;
 use assert_no_alloc::{AllocDisabler, assert_no_alloc};
 use volcomp::core::axes::MAX_AXES;
 use volcomp::core::engine::Command;
+use volcomp::core::estimate::NodeGrid;
+use volcomp::core::live::LiveTable;
+use volcomp::core::live::table::{Source, TableMap};
+use volcomp::core::model::SENSORS_MAX;
 use volcomp::core::protocol::{
     Axis, AxisUnit, ControlHello, CorrectionState, FrameReader, Heartbeat, MAX_FRAME, MachineState, Message,
     Name, PROTOCOL_VERSION, Position, Tool, encode,
 };
 use volcomp::core::units::MonoTime;
-use volcomp::runtime::{CycleBody, Loaded, Reaction, load, tap};
+use volcomp::runtime::{CycleBody, Loaded, Reaction, live_ends, load, tap};
 
 #[global_allocator]
 static ALLOCATOR: AllocDisabler = AllocDisabler;
@@ -130,4 +134,57 @@ fn a_million_cycles_allocate_nothing() {
     assert!(active > CYCLES / 2, "{active} cycles active: the model must have been at work");
     assert!(stale > 500, "{stale} answers to silence");
     assert!(applied.iter().any(|offset| *offset != 0.0));
+}
+
+/// A table of a map and of single values, made at `made`.
+fn table(made: MonoTime, level: f64) -> Arc<LiveTable> {
+    let grid = NodeGrid::new(vec![0.0, 200.0, 400.0], vec![0.0, 400.0], vec![-500.0, 0.0]).expect("a grid");
+    let values = (0..6 * grid.nodes()).map(|n| level * n as f64).collect();
+    let mut sources = [Source::Value(level); SENSORS_MAX];
+    for (component, source) in sources.iter_mut().enumerate().take(6) {
+        *source = Source::Map { map: 0, component };
+    }
+    sources[15] = Source::None;
+    let maps = vec![Arc::new(TableMap { grid, values })];
+    Arc::new(LiveTable { model: [1; 32], made, sources, maps })
+}
+
+#[test]
+fn live_tables_are_swapped_and_evaluated_without_allocation() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/examples/vmc-850/machine.toml");
+    let loaded = load(&file).expect("the example loads");
+    let hello = hello(&loaded);
+    let config = loaded.config.engine_config(&hello).expect("the hello fits");
+    let mut body = CycleBody::new(&config, loaded.model).expect("an engine");
+    let (mut live, estimator) = live_ends([1; 32]);
+    let (tap, entries) = tap(64);
+    body.record_to(tap, MonoTime::ZERO, &hello);
+    live.link_up(&hello);
+    let second = |k: u32| MonoTime::from_ns(i64::from(k) * 1_000_000_000);
+    // the estimator's side: tables made beside the cycle and kept until they are out of use
+    let tables: Vec<Arc<LiveTable>> = (0..100).map(|k| table(second(k), 1e-6 * f64::from(k))).collect();
+    let (mut told, mut positions) = (0_u32, 0_u32);
+    assert_no_alloc(|| {
+        body.link_up(MonoTime::ZERO);
+        for cycle in 1..100_000_u32 {
+            let now = MonoTime::from_ns(i64::from(cycle) * CYCLE_NS);
+            if cycle % 1000 == 1 {
+                let table = &tables[(cycle / 1000) as usize];
+                estimator.tables.try_send(Arc::clone(table)).expect("room");
+            }
+            let Message::Position(frame) = message(cycle, [0.0; MAX_AXES]) else { continue };
+            let _ = body.handle(now, &Message::Position(frame));
+            body.tell();
+            live.after(now, &frame, &mut body);
+            while estimator.motions.try_recv().is_ok() {
+                positions += 1;
+            }
+            while let Ok(entry) = entries.try_recv() {
+                told += u32::from(matches!(entry, volcomp::core::record::Entry::Live { .. }));
+            }
+        }
+    });
+    assert!(positions > 99_000, "{positions}");
+    assert!(told > 9_000, "{told} times live values were told");
+    assert!(tables.iter().filter(|table| Arc::strong_count(table) > 1).count() == 1, "one is in use");
 }

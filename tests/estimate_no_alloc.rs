@@ -23,7 +23,8 @@ fn updates_predictions_and_look_ups_allocate_nothing() {
                 // every tenth reading is wild and meets the gate
                 let value = if i % 10 == 9 { 1.0 } else { 1e-6 * share };
                 let weights = [1.0, -0.5, 0.2, 0.0, 0.0, 0.0];
-                let update = filter.update(&Observation { place, weights, value }, &mut noise);
+                let update =
+                    filter.update(&Observation { place, weights, value, nuisance: None }, &mut noise);
                 assert!((update.verdict == Verdict::Rejected) == (i % 10 == 9));
                 filter.predict(0.5);
                 assert!(filter.value(0, &place).is_finite() && filter.std_at(2, &place).is_finite());

@@ -15,6 +15,7 @@ mod demo;
 mod measure;
 mod path;
 mod scenarios;
+mod sensors;
 mod serve;
 
 use core::fmt;

@@ -1,7 +1,7 @@
 //! A part of the scenarios against the real programs, and that the page about them says what the list says.
 //!
 //! All of them: `cncsim scenarios` (`docs/faults.md`). The part here takes one or two of each kind and runs in lock step,
-//! so that a loaded computer changes nothing; those in real time are left to the whole list.
+//! so that a loaded computer changes nothing, and two of those with sensors; the others in real time are left to the whole list.
 
 #![expect(clippy::disallowed_methods, reason = "a test of processes and files")]
 #![expect(clippy::unwrap_used, reason = "helpers of tests")]
@@ -22,6 +22,8 @@ const PART: &[u32] = &[
     601, 609, 611, 618, // orders and models
     702, 703, 706, 709, 710, // the computer
 ];
+/// In real time, one after the other: sensors live in the daemon's time.
+const IN_TIME: &[u32] = &[804, 815];
 
 fn programs() -> Programs {
     Programs::at(env!("CARGO_BIN_EXE_cncsim"))
@@ -52,6 +54,17 @@ fn the_daemon_does_what_it_must_in_a_part_of_the_scenarios() {
     assert!(chosen.iter().all(|s| s.pacing == Pacing::LockStep));
     let failed: Vec<Verdict> = play(&chosen).into_iter().filter(|v| !v.ok).collect();
     assert!(failed.is_empty(), "{failed:#?}");
+}
+
+#[test]
+fn a_sensor_that_lies_and_a_learned_state_that_is_damaged_do_no_harm() {
+    let mut chosen = Plan::shipped().unwrap().scenarios;
+    chosen.retain(|s| IN_TIME.contains(&s.number));
+    assert_eq!(chosen.len(), IN_TIME.len(), "a number that the list does not have");
+    for scenario in &chosen {
+        let verdict = run(scenario, &programs()).unwrap_or_else(|e| Verdict::impossible(scenario, &e));
+        assert!(verdict.ok, "{verdict:#?}");
+    }
 }
 
 #[test]

@@ -25,9 +25,10 @@ const fn exit_code(error: &DaemonError) -> u8 {
     match error {
         DaemonError::Load(e) if e.is_io() => EX_IOERR,
         DaemonError::Load(_) | DaemonError::Log(LogError::Level { .. }) => EX_CONFIG,
-        DaemonError::Log(LogError::Journald(_)) | DaemonError::Socket(_) | DaemonError::System { .. } => {
-            EX_IOERR
-        }
+        DaemonError::Log(LogError::Journald(_))
+        | DaemonError::Socket(_)
+        | DaemonError::SensorSocket { .. }
+        | DaemonError::System { .. } => EX_IOERR,
         DaemonError::Log(LogError::Taken(_))
         | DaemonError::CycleThread { .. }
         | DaemonError::Internal { .. } => EX_SOFTWARE,

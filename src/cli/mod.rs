@@ -19,6 +19,7 @@ mod exit;
 mod explain;
 mod export;
 mod files;
+mod filter;
 mod fit;
 mod identify;
 mod identity;
@@ -73,6 +74,7 @@ enum Verb {
     Rollback(orders::RollbackArgs),
     Replay(replay::Args),
     Audit(audit::Args),
+    Filter(filter::Args),
 }
 
 /// The program `volcomp`: runs it on `args` (the first is the program's name).
@@ -98,6 +100,7 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Rollback(a) => orders::rollback(&a),
         Verb::Replay(a) => replay::run(&a),
         Verb::Audit(a) => audit::run(&a),
+        Verb::Filter(a) => filter::run(&a),
     })
 }
 

@@ -104,6 +104,8 @@ fn render(status: &Status) -> String {
     let _ = write_figures(&mut text, status);
     let _ = write_axes(&mut text, status);
     let _ = write_shadow(&mut text, status);
+    let _ = super::filter::write(&mut text, &status.sensors, &status.maps, &status.sensor_notes);
+    let _ = super::filter::write_growths(&mut text, &status.growths);
     let _ = write_tail(&mut text, status);
     text
 }

@@ -14,8 +14,8 @@ mod words;
 pub use diagnostic::{ConfigErrors, Diagnostic, Place};
 pub use machine::{
     AxisConfig, EngineSettings, GuardConfig, HelloMismatch, LinkConfig, LogConfig, LogTarget, MachineConfig,
-    ModelMismatch, Policy, RealtimeConfig, RecordingConfig, StartMode, StateConfig, StatusConfig, TlsConfig,
-    WhenFull,
+    ModelMismatch, Policy, RealtimeConfig, RecordingConfig, SensorsConfig, StartMode, StateConfig,
+    StatusConfig, TlsConfig, WhenFull,
 };
 pub use model::{ModelFile, Provenance, SourceEntry};
 

@@ -11,6 +11,8 @@ const UNITS: &[(&str, &str)] = &[
     ("mm-per-s2", "mm/s^2"),
     ("arcsec-per-s2", "arcsec/s^2"),
     ("deg-per-s2", "deg/s^2"),
+    ("um-per-h", "um/h"),
+    ("arcsec-per-h", "arcsec/h"),
     ("um-per-s", "um/s"),
     ("mm-per-s", "mm/s"),
     ("arcsec-per-s", "arcsec/s"),

@@ -5,6 +5,7 @@ pub mod engine;
 pub mod estimate;
 pub mod fault;
 pub mod geometry;
+pub mod live;
 pub mod model;
 pub mod protocol;
 pub mod record;

@@ -6,6 +6,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::latency::Histograms;
+use super::sensors::FilterStatus;
 use super::socket::{Answer, Ask, Verb};
 use super::status::Status;
 
@@ -80,6 +81,15 @@ pub fn status(socket: &Path) -> Result<Status, ClientError> {
 pub fn histograms(socket: &Path) -> Result<Histograms, ClientError> {
     let answer = ask(socket, &Ask { command: Verb::Histograms, ..Ask::default() })?;
     answer.histograms.map(|histograms| *histograms).ok_or_else(|| refused(socket, answer.error))
+}
+
+/// Asks for sensors and maps with their nodes.
+///
+/// # Errors
+/// See [`ClientError`].
+pub fn filter(socket: &Path) -> Result<FilterStatus, ClientError> {
+    let answer = ask(socket, &Ask { command: Verb::Filter, ..Ask::default() })?;
+    answer.filter.map(|filter| *filter).ok_or_else(|| refused(socket, answer.error))
 }
 
 fn refused(socket: &Path, message: Option<String>) -> ClientError {

@@ -189,6 +189,9 @@ impl Cycle<'_> {
             }
             return None;
         }
+        if let (Message::Tool(tool), Some(live)) = (message, &mut self.control.live) {
+            live.tool(tool);
+        }
         match self.body.handle(at, message) {
             Reaction::Answer(_) | Reaction::Nothing => None,
             Reaction::Closed(reason) => Some(LinkEnd::ClosedByControl(reason)),
@@ -209,10 +212,14 @@ impl Cycle<'_> {
         let reaction = self.body.handle(received, &message);
         let strays = self.body.strays().saturating_sub(strays);
         Progress::add(&self.control.ports.progress.out_of_order, strays);
-        let Reaction::Answer(correction) = reaction else { return Ok(()) };
+        let Reaction::Answer(correction) = reaction else {
+            self.live(received, &frame);
+            return Ok(());
+        };
         let computed = self.clock.now();
         link.send(&Message::Correction(correction))?;
         self.body.tell();
+        self.live(received, &frame);
         self.tell_event();
         let turnaround_ns = link.sent.ns - received.ns;
         let age_ns = self.ages.age_ns(received, frame.control_ns).saturating_add(turnaround_ns);
@@ -240,6 +247,13 @@ impl Cycle<'_> {
         });
         self.imagine(received, &frame);
         Ok(())
+    }
+
+    /// Live values for the next frame, and this one for the estimator.
+    fn live(&mut self, received: MonoTime, frame: &Position) {
+        if let Some(live) = &mut self.control.live {
+            live.after(received, frame, self.body);
+        }
     }
 
     /// The shadow engine, when all else is done; its score goes out once a second.

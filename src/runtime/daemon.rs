@@ -21,7 +21,8 @@ use super::logging::{self, LogError};
 use super::models::{Models, guard};
 use super::notify::{Fed, Headline, Watchdog, tell};
 use super::ports::{CyclePorts, Request, ports};
-use super::recorder::Recorder;
+use super::recorder::{HealthSlot, Recorder};
+use super::sensors::{self, Listener, Sensors, live_ends};
 use super::server::{Server, SocketError, lock};
 use super::service::Service;
 use super::worker::{Start, Worker};
@@ -48,6 +49,16 @@ pub enum DaemonError {
     /// The status socket.
     #[error(transparent)]
     Socket(#[from] SocketError),
+    /// The socket of the sensors.
+    #[error(
+        "error: sensors.listen {address}: {source}\n  hint: another program has this port, or this computer has no such address"
+    )]
+    SensorSocket {
+        /// Where sensors were to connect.
+        address: std::net::SocketAddr,
+        /// What the system says.
+        source: io::Error,
+    },
     /// The system refuses a thread, a signal handler or the like.
     #[error("error: {what}: {source}")]
     System {
@@ -150,19 +161,23 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
     let keeper = Keeper::start(config, &loaded);
     let models = Models::at_start(keeper.directory(), &loaded);
     keeper.announce(&loaded, &models.active);
-    let how = permit(&models, &loaded.config);
-    let recorder = Recorder::start(config, &loaded, &models.active, clock)
+    let mut how = permit(&models, &loaded.config);
+    let health = Arc::new(HealthSlot::default());
+    let (sensors, listener) = live(&loaded, &models, &keeper, &mut how, (&health, clock)).await?;
+    let recorder = Recorder::start(config, &loaded, &models.active, health, clock)
         .map_err(|source| DaemonError::System { what: "the recorder's thread", source })?;
     let (tap, recorder) = recorder.unzip();
     cycle_ports.tap = tap;
     let mut service = Service::new(Arc::clone(&loaded), service_ports, keeper, recorder, models, clock)
         .map_err(|_| DaemonError::Internal { what: "the statistics could not be set up" })?;
+    service.sensors = sensors;
     let how = Start { permitted: service.begins(how.permitted), ..how };
     let service = Arc::new(Mutex::new(service));
     log_start(config, &loaded);
     let mut thread = CycleThread::spawn(loaded, how, cycle_ports, clock)
         .map_err(|source| DaemonError::System { what: "the cycle thread", source })?;
     let server = server.map(|server| tokio::spawn(server.run(Arc::clone(&service))));
+    let listener = listener.map(|listener| tokio::spawn(listener.run()));
     tell(&[NotifyState::Ready]);
 
     let result = watch(&service, &mut signals, &mut thread, clock).await;
@@ -171,6 +186,9 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
         server.abort();
         // wait for the abort, which removes the socket's file
         let _ = server.await;
+    }
+    if let Some(listener) = listener {
+        listener.abort();
     }
     let result = result.and_then(|()| thread.join());
     lock(&service).finish(if result.is_ok() { "ok" } else { "failed" });
@@ -192,7 +210,46 @@ fn permit(models: &Models, config: &MachineConfig) -> Start {
         }
     }
     let permitted = against.iter().all(|(_, policy)| *policy == Policy::Warn);
-    Start { model: Arc::clone(&models.active.model), permitted }
+    Start { model: Arc::clone(&models.active.model), permitted, live: None }
+}
+
+/// The estimator and the socket of its sensors, where the machine file lists any.
+async fn live(
+    loaded: &Loaded,
+    models: &Models,
+    keeper: &Keeper,
+    how: &mut Start,
+    (health, clock): (&Arc<HealthSlot>, Clock),
+) -> Result<(Option<Sensors>, Option<Listener>), DaemonError> {
+    let config = &loaded.config.sensors;
+    if config.spec.sensors.is_empty() {
+        let named = models.active.spec.sensors();
+        if models.active.thermal.iter().any(|t| named.contains(&t.name.as_str())) {
+            warn!("the model has growths by heat, and the machine file lists no [[sensor]]: they stay zero");
+        }
+        return Ok((None, None));
+    }
+    let (cycle, end) = live_ends(*blake3::hash(models.active.text.as_bytes()).as_bytes());
+    how.live = Some(cycle);
+    let sensors = Sensors::start(sensors::Start {
+        config: config.clone(),
+        machine: loaded.config.machine.clone(),
+        model: Arc::clone(&models.active),
+        directory: keeper.directory().map(Path::to_owned),
+        record: loaded.config.recording.directory.is_some().then(|| Arc::clone(health)),
+        end,
+        clock,
+    })
+    .map_err(|source| DaemonError::System { what: "the estimator's thread", source })?;
+    let Some(address) = config.listen else { return Ok((Some(sensors), None)) };
+    let (readings, dropped) = (sensors.readings.clone(), Arc::clone(&sensors.dropped));
+    let listener = Listener::bind(address, readings, dropped, Arc::clone(&sensors.known), clock)
+        .await
+        .map_err(|source| DaemonError::SensorSocket { address, source })?;
+    if config.plain_remote && !address.ip().to_canonical().is_loopback() {
+        warn!(%address, "plain-remote: whoever reaches this port can tell what the machine's errors are, within the limits of the model");
+    }
+    Ok((Some(sensors), Some(listener)))
 }
 
 /// Looks after everything until the cycle thread ends.

@@ -8,6 +8,7 @@ use super::tls::{self, Identity, TlsFileError};
 use crate::config::machine::ModelMismatch;
 use crate::config::{ConfigErrors, MachineConfig, model};
 use crate::core::axes::AxisName;
+use crate::core::estimate::Thermal;
 use crate::core::fault::Code;
 use crate::core::model::{Model, ModelError, ModelSpec};
 
@@ -22,6 +23,8 @@ pub struct Loaded {
     pub model_path: PathBuf,
     /// What the model file says.
     pub spec: ModelSpec,
+    /// Growths by heat that the model file lists.
+    pub thermal: Vec<Thermal>,
     /// Last day on which the model should be used, where it states one.
     pub expiry: Option<String>,
     /// BLAKE3 of the model file's bytes, in hex.
@@ -177,7 +180,7 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
     let file = model::parse_file(&model_path.display().to_string(), &model_text)
         .map_err(|e| LoadError::Config(Box::new(e)))?;
     let expiry = file.earliest_expiry().map(str::to_owned);
-    let spec = file.spec;
+    let (spec, thermal) = (file.spec, file.thermal);
     let model = Model::new(&spec).map_err(|source| LoadError::Model { path: model_path.clone(), source })?;
     if let Some(source) = config.check_model(&spec).into_iter().next() {
         return Err(LoadError::Mismatch { config: path.to_owned(), path: model_path, source });
@@ -195,6 +198,7 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
         model,
         model_path,
         spec,
+        thermal,
         expiry,
         model_hash,
         config_text,

@@ -8,6 +8,9 @@
 //! - the **service thread** ([`daemon`], tokio) drains these channels ([`service`]), logs ([`logging`]), keeps the
 //!   statistics ([`board`], [`latency`]), answers the status socket ([`server`], [`socket`], [`orders`]), looks after the models ([`models`]), handles signals and feeds systemd ([`notify`]).
 //!
+//! - the **estimator** ([`sensors`]) is a thread that learns from sensors what the model does not know; the cycle only
+//!   evaluates what it has finished.
+//!
 //! - the **recorder** and the **keeper** ([`recorder`], [`keeper`] with [`audit`] and [`counters`]) are threads that may
 //!   wait for the disk, so that nobody else has to. [`replay`] runs what was recorded through the same [`body`].
 //!
@@ -48,6 +51,7 @@ mod rehearsal;
 pub mod replay;
 #[cfg(test)]
 mod sealed;
+mod sensors;
 mod server;
 mod service;
 pub mod socket;
@@ -63,6 +67,9 @@ pub use load::{LoadError, Loaded, load, load_config};
 pub use logging::LogError;
 pub use recorder::{ModelTexts, Tap, answer_of, command_of, request_of, tap};
 pub use rehearsal::{Rehearsal, RehearsalError, rehearse};
+pub use sensors::{
+    EstimatorEnd, FilterStatus, GrowthStatus, LiveEnd, MapStatus, Motion, NodeStatus, SensorStatus, live_ends,
+};
 pub use server::SocketError;
 pub use status::{Fault, Lifetime, LinkStatus, RealtimeStatus, RecordingStatus, Status};
 pub use tls::{Identity, TlsFileError, identity};

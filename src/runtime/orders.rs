@@ -40,6 +40,17 @@ pub(super) async fn carry_out(mut ask: Ask, service: &Mutex<Service>, peer: Peer
             let state = Some(service.state().to_owned());
             return Answer { ok: true, state, histograms, ..Answer::default() };
         }
+        Verb::Filter => {
+            let service = lock(service);
+            let state = Some(service.state().to_owned());
+            return match &service.sensors {
+                Some(sensors) => {
+                    let filter = Some(Box::new(sensors.health()));
+                    Answer { ok: true, state, filter, ..Answer::default() }
+                }
+                None => Answer::refused(NO_SENSORS.to_owned()),
+            };
+        }
         _ => {}
     }
     let (uid, pid) = peer.map_or((None, None), |(uid, pid)| (Some(uid), pid));
@@ -54,7 +65,8 @@ pub(super) async fn carry_out(mut ask: Ask, service: &Mutex<Service>, peer: Peer
         Verb::Gain => gain(ask.gain, service).await,
         Verb::Load => load(&mut ask, &who, service).await,
         Verb::Rollback => rollback(&ask, &who, service).await,
-        Verb::Status | Verb::Histograms => Answer::default(),
+        Verb::Forget => forget(&ask, service).await,
+        Verb::Status | Verb::Histograms | Verb::Filter => Answer::default(),
     };
     let service = lock(service);
     let result = answer.state.as_ref().or(answer.error.as_ref());
@@ -86,7 +98,39 @@ fn described(ask: &Ask) -> (&'static str, Option<String>) {
             ("load", Some(format!("{origin}{}", confirmed.unwrap_or_default())))
         }
         Verb::Rollback => ("rollback", None),
-        Verb::Status | Verb::Histograms => ("status", None),
+        Verb::Forget => ("forget", ask.map.clone()),
+        Verb::Status | Verb::Histograms | Verb::Filter => ("status", None),
+    }
+}
+
+/// Where nothing is learned.
+const NO_SENSORS: &str = "the machine file lists no sensor; see docs/sensors.md";
+
+/// A map goes back to the offline map.
+async fn forget(ask: &Ask, service: &Mutex<Service>) -> Answer {
+    let Some(name) = &ask.map else { return Answer::refused("no map was named".to_owned()) };
+    let answered = match &lock(service).sensors {
+        Some(sensors) => sensors.forget(name),
+        None => return Answer::refused(NO_SENSORS.to_owned()),
+    };
+    let Some(answered) = answered else {
+        return Answer::refused("the estimator does not take orders; try again".to_owned());
+    };
+    let done = async {
+        loop {
+            if let Ok(found) = answered.try_recv() {
+                return found;
+            }
+            sleep(Duration::from_millis(2)).await;
+        }
+    };
+    match timeout(COMMAND_LIMIT, done).await {
+        Ok(true) => {
+            let state = Some(lock(service).state().to_owned());
+            Answer { ok: true, state, ..Answer::default() }
+        }
+        Ok(false) => Answer::refused(format!("there is no map called \"{name}\"")),
+        Err(_) => Answer::refused("the estimator did not answer".to_owned()),
     }
 }
 

@@ -257,7 +257,11 @@ impl Stage {
         let hello = hello(&loaded.config.machine);
         let config = loaded.config.engine_config(&hello).expect("the hello fits");
         let mut body = CycleBody::new(&config, Arc::clone(&loaded.model)).expect("an engine");
-        let control = Control::new(ports, &loaded.config, Arc::clone(&loaded.model), true);
+        let control = {
+            let start =
+                super::worker::Start { model: Arc::clone(&loaded.model), permitted: true, live: None };
+            Control::new(ports, &loaded.config, start)
+        };
         let clock = Clock::start();
         body.record_to(tap, clock.now(), &hello);
         body.link_up(clock.now());

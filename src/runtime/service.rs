@@ -22,6 +22,7 @@ use super::notices::Notices;
 use super::ports::{LastOffset, Progress, Report, Request, ServicePorts, Ticket};
 use super::realtime::{self, RealtimeReport};
 use super::recorder::Recorder;
+use super::sensors::{MapStatus, Sensors};
 use super::status::Status;
 use crate::config::{MachineConfig, Policy, StartMode};
 use crate::core::engine::{Command, Event, ShadowScore, State};
@@ -44,6 +45,8 @@ pub(super) struct Service {
     tally: Tally,
     keeper: Keeper,
     recorder: Option<Recorder>,
+    /// Live estimation, where there are sensors.
+    pub(super) sensors: Option<Sensors>,
     models: Models,
     config: Arc<MachineConfig>,
     gain: f64,
@@ -88,6 +91,7 @@ impl Service {
             models,
             config,
             gain,
+            sensors: None,
             temperature: None,
             expired_accepted: false,
             shadowing: false,
@@ -256,6 +260,9 @@ impl Service {
     ) -> Keeping {
         info!(model = new.origin, hash = new.hash, who, why, "another model is in use");
         self.expired_accepted = false;
+        if let Some(sensors) = &self.sensors {
+            sensors.model(&new);
+        }
         if realtime::lock_again(&self.config.realtime).is_refused() {
             warn!(code = %Code::REALTIME_REFUSED, "the new model could not be locked into memory (LimitMEMLOCK=)");
         }
@@ -334,6 +341,13 @@ impl Service {
         status.lifetime.audit_lines_lost = self.keeper.audit.lost();
         // a disk that refuses now is told before what was found at the start
         status.lifetime.note = self.keeper.problem().or(status.lifetime.note);
+        if let Some(sensors) = &self.sensors {
+            let health = sensors.health();
+            status.maps = health.maps.iter().map(MapStatus::brief).collect();
+            (status.sensors, status.growths) = (health.sensors, health.growths);
+            status.sensor_notes = health.notes;
+            status.readings_dropped = health.dropped;
+        }
         status.recording = self.recorder.as_ref().map(|recorder| recorder.stats.status());
         status.records_dropped += status.recording.as_ref().map_or(0, |recording| recording.records_dropped);
         status
@@ -360,6 +374,9 @@ impl Service {
     /// The last words before the daemon ends: what is left of the recording, the counters, a line in the audit log.
     pub(super) fn finish(&mut self, result: &str) {
         self.drain();
+        if let Some(sensors) = &self.sensors {
+            sensors.finish();
+        }
         if let Some(recorder) = &self.recorder {
             recorder.finish();
         }

@@ -1,11 +1,12 @@
 //! What is said on the status socket: one JSON object per line and direction.
 //!
-//! `{"command": "status" | "histograms" | "enable" | "disable" | "clear-fault" | "gain" | "load" | "rollback"}`, with what
+//! `{"command": "status" | "histograms" | "enable" | "disable" | "clear-fault" | "gain" | "load" | "rollback" | "filter" | "forget"}`, with what
 //! belongs to it. Answers: `{"ok": true, "state": ..}` with more for some, or `{"ok": false, "error": ".."}`.
 
 use serde::{Deserialize, Serialize};
 
 use super::latency::Histograms;
+use super::sensors::FilterStatus;
 use super::status::Status;
 
 /// What a client asks for.
@@ -29,6 +30,10 @@ pub enum Verb {
     Load,
     /// Back to the model before.
     Rollback,
+    /// Sensors and maps with their nodes.
+    Filter,
+    /// A map goes back to the offline map.
+    Forget,
 }
 
 /// A model file sent along.
@@ -56,6 +61,9 @@ pub struct Ask {
     /// With `load`: the model.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub model: Option<SentModel>,
+    /// With `forget`: the map.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub map: Option<String>,
     /// With `load`: name of the person who confirms a large change.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confirm: Option<String>,
@@ -84,6 +92,9 @@ pub struct Answer {
     /// The histograms, where they were asked for.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub histograms: Option<Box<Histograms>>,
+    /// Sensors and maps, where they were asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub filter: Option<Box<FilterStatus>>,
     /// How far a new model is from the one before.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub change: Option<ModelChange>,

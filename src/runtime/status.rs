@@ -8,6 +8,8 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::sensors::{GrowthStatus, MapStatus, SensorStatus};
+
 /// State of the daemon.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub struct Status {
@@ -88,8 +90,20 @@ pub struct Status {
     pub shadow: Option<ShadowStatus>,
     /// Faults that are latched now.
     pub faults: Vec<Fault>,
-    /// Sensors and their readings; none yet.
-    pub sensors: Vec<serde_json::Value>,
+    /// Sensors: how each stands, how noisy it is, whether it agrees.
+    pub sensors: Vec<SensorStatus>,
+    /// Maps that are learned, without their nodes (`volcomp filter show` has these).
+    #[serde(default)]
+    pub maps: Vec<MapStatus>,
+    /// Growths by heat that the model takes from temperatures and speeds.
+    #[serde(default)]
+    pub growths: Vec<GrowthStatus>,
+    /// What should be known about live estimation.
+    #[serde(default)]
+    pub sensor_notes: Vec<String>,
+    /// Readings that found the estimator's queue full.
+    #[serde(default)]
+    pub readings_dropped: u64,
     /// Records lost: those of the recording that found its queue or the disk full, and those of the statistics.
     pub records_dropped: u64,
     /// Log reports that found their queue full.

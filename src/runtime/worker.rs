@@ -15,6 +15,7 @@ use super::link::{Connecting, Link, Received, seconds};
 use super::load::Loaded;
 use super::ports::{CyclePorts, LastOffset, Report, Request};
 use super::realtime;
+use super::sensors::LiveEnd;
 use crate::config::{MachineConfig, StartMode};
 use crate::core::engine::{Command, State};
 use crate::core::model::Model;
@@ -54,13 +55,17 @@ pub(super) struct Control {
     shadow: bool,
     /// The model for the next engine.
     model: Arc<Model>,
+    /// The cycle's end of live estimation.
+    pub(super) live: Option<LiveEnd>,
 }
 
 impl Control {
     /// `permitted`: nothing speaks against compensating from the start, where that is configured.
-    pub(super) fn new(ports: CyclePorts, config: &MachineConfig, model: Arc<Model>, permitted: bool) -> Self {
+    pub(super) fn new(ports: CyclePorts, config: &MachineConfig, start: Start) -> Self {
+        let Start { model, permitted, live } = start;
         ports.progress.wanted.store(config.engine.start == StartMode::OnConnect && permitted, Relaxed);
-        Self { ports, stop: Stop::No, stop_limit_s: stop_limit_s(config), gain: None, shadow: false, model }
+        let stop_limit_s = stop_limit_s(config);
+        Self { ports, stop: Stop::No, stop_limit_s, gain: None, shadow: false, model, live }
     }
 
     /// Carries out what the service has asked for. Without an engine, wishes are remembered for the next one.
@@ -113,7 +118,12 @@ impl Control {
             tap.send(&Entry::Model { now, hash });
         }
         match body.map(|body| body.switch_model(now, model, hash)) {
-            None | Some(Ok(_)) => self.model = next,
+            None | Some(Ok(_)) => {
+                self.model = next;
+                if let Some(live) = &mut self.live {
+                    live.model(hash);
+                }
+            }
             Some(Err(_)) => self.ports.progress.request_refused.store(number, Relaxed),
         }
     }
@@ -159,6 +169,8 @@ pub(super) struct Start {
     pub(super) model: Arc<Model>,
     /// Nothing speaks against compensating from the start.
     pub(super) permitted: bool,
+    /// The cycle's end of live estimation, where there are sensors.
+    pub(super) live: Option<LiveEnd>,
 }
 
 /// The cycle thread's own state.
@@ -174,7 +186,7 @@ pub(super) struct Worker {
 
 impl Worker {
     pub(super) fn new(loaded: Arc<Loaded>, start: Start, ports: CyclePorts, clock: Clock) -> Self {
-        let control = Control::new(ports, &loaded.config, start.model, start.permitted);
+        let control = Control::new(ports, &loaded.config, start);
         let backoff = Backoff::new(loaded.config.link.reconnect_s);
         Self { loaded, control, clock, backoff, body: None }
     }
@@ -343,6 +355,9 @@ impl Worker {
         self.control.ports.report(Report::LinkUp { address: config.link.address, hello: *hello });
         let up = self.clock.now();
         body.link_up(up);
+        if let Some(live) = &mut self.control.live {
+            live.link_up(hello);
+        }
         self.control.ports.progress.set_state(body.state());
         self.control.ports.progress.set_link(true);
         let mut cycle = Cycle {
@@ -359,6 +374,9 @@ impl Worker {
             link.close(error, reason);
         }
         body.link_down(self.clock.now());
+        if let Some(live) = &mut self.control.live {
+            live.link_down();
+        }
         self.control.ports.progress.set_link(false);
         self.control.ports.progress.set_state(body.state());
         self.control.ports.report(Report::LinkDown { end, cycles });

@@ -13,7 +13,7 @@ use crate::scenarios::{Pacing, Plan, Scenario, Verdict, run};
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cncsim scenarios                      all of them (about five minutes on two processors)\n  \
+    after_help = "Examples:\n  cncsim scenarios                      all of them (about ten minutes on two processors)\n  \
     cncsim scenarios --list               numbers and names\n  \
     cncsim scenarios --only 101,300-399   one, and all about bytes on the link\n  \
     cncsim scenarios --seed 7 --json      with other noise and other damage, for a script\n  \

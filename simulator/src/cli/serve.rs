@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use volcomp::core::axes::AxisArray;
 use volcomp::core::protocol::Tool;
 
+use super::sensors::{SensorArgs, Sensors};
 use super::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_USAGE, Failure, read};
 use crate::control::{
     Absent, Control, ControlConfig, ControlError, ControlIdentity, CycleRecord, Flow, Happening,
@@ -79,6 +80,8 @@ struct Common {
     /// Write every cycle to this CSV file.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    #[command(flatten)]
+    sensors: SensorArgs,
 }
 
 #[derive(Debug, clap::Args)]
@@ -112,6 +115,9 @@ struct Shop {
     cycle_s: f64,
     seed: u64,
     trace: Trace,
+    sensors: Option<Sensors>,
+    /// The machine as the lasers on its carriages see it.
+    seen: TruthMachine,
 }
 
 pub(super) fn serve(args: &ServeArgs) -> Result<(), Failure> {
@@ -289,8 +295,11 @@ impl Shop {
         control.set_position(start);
         let seed = common.seed.unwrap_or_else(|| machine.seed());
         machine.reset(seed, &start);
+        common.sensors.disturb(&mut machine, seed);
+        let sensors = common.sensors.open(&machine, seed);
         eprintln!("listening on {}", control.address());
-        Ok(Self { control, machine, axes, cycle_s, seed, trace })
+        let seen = machine.clone();
+        Ok(Self { control, machine, axes, cycle_s, seed, trace, sensors, seen })
     }
 
     fn wait(&mut self, common: &Common) -> Result<(), Failure> {
@@ -309,14 +318,14 @@ impl Shop {
     }
 
     fn move_along(&mut self, motion: &mut dyn MotionSource) -> Result<RunSummary, Failure> {
-        let trace = &mut self.trace;
-        let mut observer = |r: &CycleRecord| observe(trace, r);
+        let Self { trace, sensors, seen, .. } = self;
+        let mut observer = |r: &CycleRecord| observe(trace, sensors, seen, r);
         self.control.run(motion, &mut self.machine, &mut observer).map_err(|e| failure(&e))
     }
 
     fn stand(&mut self, time_s: f64) -> Result<(), Failure> {
-        let trace = &mut self.trace;
-        let mut observer = |r: &CycleRecord| observe(trace, r);
+        let Self { trace, sensors, seen, .. } = self;
+        let mut observer = |r: &CycleRecord| observe(trace, sensors, seen, r);
         self.control.run_until(&mut self.machine, time_s, &mut observer).map(drop).map_err(|e| failure(&e))
     }
 
@@ -329,7 +338,15 @@ impl Shop {
     }
 }
 
-fn observe(trace: &mut Trace, record: &CycleRecord) -> io::Result<Flow> {
+fn observe(
+    trace: &mut Trace,
+    sensors: &mut Option<Sensors>,
+    seen: &TruthMachine,
+    record: &CycleRecord,
+) -> io::Result<Flow> {
+    if let Some(sensors) = sensors {
+        sensors.look(record, |k| seen.true_motion(k, record.sample.axis[k], 0));
+    }
     if let Some((path, writer)) = trace {
         writer.write(record).map_err(|e| io::Error::other(format!("{}: {e}", path.display())))?;
     }

@@ -7,6 +7,7 @@
 //! - [`grinder`]: tips of several styli relative to an artefact, pose by pose.
 //! - [`probe`]: contacts of a touch probe with a gauge bar.
 //! - [`carriage`]: what optics on the carriage of one axis see; [`fivedof`] and [`sixd`] look at it.
+//! - [`live`]: a tracker and a 5-DOF laser that measure while the machine works, with all their faults.
 //! - [`tracker`]: range and angles to targets on a carriage or the tool.
 //! - [`survey`]: six error motions of every axis with one instrument, squareness and axis locations.
 //!
@@ -23,6 +24,8 @@ pub mod diagonal;
 pub mod fivedof;
 pub mod grinder;
 pub mod interferometer;
+pub mod link;
+pub mod live;
 pub mod probe;
 pub mod sixd;
 pub mod survey;

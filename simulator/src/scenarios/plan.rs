@@ -5,6 +5,7 @@ use serde::{Deserialize, Serialize};
 use toml::{Table, Value};
 
 use super::fault::LinkFault;
+use super::tracker::{SensorPart, TrackerFault};
 
 /// The scenarios that are shipped.
 pub const CATALOGUE: &str = include_str!("catalogue.toml");
@@ -64,6 +65,9 @@ pub struct Scenario {
     pub certificates: bool,
     /// What is different about the control.
     pub control: ControlPart,
+    /// A ram that is no longer as it was surveyed, and a tracker that watches the tool; without it neither.
+    #[serde(default)]
+    pub sensors: Option<SensorPart>,
     /// Keys of the machine file that differ, as tables.
     pub machine: Table,
     /// Keys of the model file that differ, as tables.
@@ -199,6 +203,8 @@ pub enum Action {
     },
     /// From now on the link does this.
     Link(LinkFault),
+    /// From now on the tracker does this.
+    Tracker(TrackerFault),
     /// All processors are busy for so long.
     BusyProcessors {
         /// So long.
@@ -277,7 +283,13 @@ impl Plan {
         for entry in list {
             let Value::Table(entry) = entry else { bail!("a scenario is a table") };
             let mut full = defaults.clone();
-            merge(&mut full, entry);
+            let mut entry = entry.clone();
+            if let Some(kind) = entry.remove("like") {
+                let known = file.get("kinds").zip(kind.as_str()).and_then(|(kinds, kind)| kinds.get(kind));
+                let Some(Value::Table(kind)) = known else { bail!("there is no [kinds.{kind}]") };
+                merge(&mut full, kind);
+            }
+            merge(&mut full, &entry);
             let name = entry.get("number").map_or_else(|| "without number".to_owned(), Value::to_string);
             let scenario: Scenario = full.try_into().with_context(|| format!("scenario {name}"))?;
             scenarios.push(scenario);
@@ -327,5 +339,7 @@ mod tests {
     fn a_mistake_names_its_scenario() {
         let text = "[defaults]\n[[scenario]]\nnumber = 7\nname = \"x\"\n";
         assert!(format!("{:#}", Plan::parse(text).unwrap_err()).contains("scenario 7"));
+        let text = "[defaults]\n[[scenario]]\nnumber = 7\nlike = \"x\"\n";
+        assert!(format!("{:#}", Plan::parse(text).unwrap_err()).contains("no [kinds.\"x\"]"));
     }
 }

@@ -166,6 +166,7 @@ fn act(stage: &mut Stage, action: &Action) -> anyhow::Result<()> {
             }
             None => bail!("the scenario has no relay: set relay = true"),
         },
+        Action::Tracker(fault) => stage.tracker()?.begin(*fault),
         Action::BusyProcessors { ms } => busy(Duration::from_millis(*ms))?,
         Action::RestartControl => {
             stage.end_control(true)?;

@@ -13,6 +13,7 @@ use toml::{Table, Value};
 use super::fault::LinkFault;
 use super::plan::{Pacing as PlanPacing, Scenario, merge};
 use super::relay::Relay;
+use super::tracker::Tracker;
 use crate::certificates::{Authority, Issued, Role, Validity};
 use crate::control::{Absent, ControlConfig, ControlIdentity, CycleRecord, Flow, OffsetConfig, Pacing};
 use crate::demo::programs::{Daemon, Programs};
@@ -34,6 +35,7 @@ pub(super) const CENTRE_MM: [f64; 3] = [425.0, 250.0, -250.0];
 pub(super) struct Stage {
     pub(super) shop: Shop,
     pub(super) relay: Option<Relay>,
+    tracker: Option<Tracker>,
     pub(super) daemon: Option<Daemon>,
     pub(super) second: Option<Daemon>,
     pub(super) records: Vec<CycleRecord>,
@@ -67,6 +69,7 @@ impl Stage {
         let stage = Self {
             shop,
             relay,
+            tracker: scenario.sensors.map(|part| Tracker::new(part, scenario.seed)).transpose()?,
             daemon: None,
             second: None,
             control_port: None,
@@ -108,6 +111,9 @@ impl Stage {
         set("status", "socket", text(self.file(socket)));
         set("log", "target", "stderr".into());
         set("log", "level", "debug".into());
+        if let Some(tracker) = &self.tracker {
+            set("sensors", "listen", tracker.address().to_string().into());
+        }
         merge(&mut file, &over);
         merge(&mut file, &self.scenario.machine);
         Ok(toml::to_string(&file)?)
@@ -140,6 +146,11 @@ impl Stage {
     /// Simulated time stands still until a daemon is connected.
     pub(super) fn wait_for_daemon(&mut self) -> anyhow::Result<()> {
         self.shop.control().wait_for_daemon(PATIENCE).with_context(|| self.log())
+    }
+
+    /// The tracker of the scenario.
+    pub(super) fn tracker(&mut self) -> anyhow::Result<&mut Tracker> {
+        self.tracker.as_mut().context("the scenario has no tracker: add [scenario.sensors]")
     }
 
     /// Starts a daemon.
@@ -245,9 +256,12 @@ impl Stage {
             return Ok(true);
         }
         let mut part = Part { motion: &mut self.motion, at: &mut self.at };
-        let records = &mut self.records;
+        let (records, tracker) = (&mut self.records, &mut self.tracker);
         self.shop.watch(&mut part, &mut |r| {
             records.push(*r);
+            if let Some(tracker) = tracker.as_mut() {
+                tracker.look(r);
+            }
             done += 1;
             Ok(if cycles == Some(done) { Flow::Stop } else { Flow::GoOn })
         })?;
@@ -289,7 +303,8 @@ fn open(
     start: &AxisArray,
     ready: bool,
 ) -> anyhow::Result<Shop> {
-    let machine = TruthMachine::from_toml(VMC_850)?;
+    let mut machine = TruthMachine::from_toml(VMC_850)?;
+    machine.set_ram_drift(scenario.sensors.map(|part| part.ram(scenario.seed)));
     let id = scenario.control.machine.clone().unwrap_or_else(|| machine.machine().to_owned());
     let mut offset = OffsetConfig { delay_cycles: scenario.delay_cycles, ..OffsetConfig::default() };
     if let Some(limit_um) = scenario.control.limit_um {

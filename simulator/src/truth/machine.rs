@@ -8,6 +8,7 @@ use volcomp::core::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
 use super::Sample;
 use super::chain::Chain;
+use super::drift::RamDrift;
 use super::drive::{Drive, DriveSpec};
 use super::error::TruthError;
 use super::file::{AxisPlan, Plan};
@@ -25,6 +26,10 @@ pub const GRINDER_AB: &str = include_str!("../../machines/grinder-ab.toml");
 pub struct TruthMachine {
     plan: Plan,
     drives: Vec<Drive>,
+    /// What the ram (the carriage of Z) does beyond its surveyed errors.
+    ram: Option<RamDrift>,
+    /// Time since the last reset, s.
+    time_s: f64,
 }
 
 impl TruthMachine {
@@ -33,7 +38,7 @@ impl TruthMachine {
     /// [`TruthError`] says what in the file is wrong.
     pub fn from_toml(text: &str) -> Result<Self, TruthError> {
         let plan = Plan::read(text)?;
-        let mut machine = Self { drives: Vec::new(), plan };
+        let mut machine = Self { drives: Vec::new(), plan, ram: None, time_s: 0.0 };
         machine.reset(machine.plan.seed, &[0.0; MAX_AXES]);
         Ok(machine)
     }
@@ -100,6 +105,7 @@ impl TruthMachine {
 
     /// Puts the machine at rest at `start` and restarts its randomness.
     pub fn reset(&mut self, seed: u64, start: &AxisArray) {
+        self.time_s = 0.0;
         self.drives = self
             .plan
             .axes
@@ -111,6 +117,7 @@ impl TruthMachine {
 
     /// One control cycle: the drives follow `drive` (commanded position plus applied offset, mm or deg).
     pub fn step(&mut self, dt_s: f64, drive: &AxisArray) -> Sample {
+        self.time_s += dt_s;
         for (axis, set_point) in self.drives.iter_mut().zip(drive) {
             axis.follow(dt_s, *set_point);
         }
@@ -124,12 +131,18 @@ impl TruthMachine {
     /// One control cycle of a recorded motion: the axes stand at `axis` (recorded encoder position plus applied
     /// offset, mm or deg); no servo, and the encoders repeat what was recorded.
     pub fn step_measured(&mut self, dt_s: f64, axis: &AxisArray) -> Sample {
+        self.time_s += dt_s;
         for (drive, position) in self.drives.iter_mut().zip(axis) {
             drive.place(dt_s, *position);
         }
         let mut sample = self.sample();
         sample.encoder = sample.axis;
         sample
+    }
+
+    /// Lets the ram drift away from its surveyed errors, or not any more.
+    pub fn set_ram_drift(&mut self, drift: Option<RamDrift>) {
+        self.ram = drift;
     }
 
     /// The exact pose at rest at `q` (mm or deg) after arriving in `direction` (-1, +1; 0: lost motion not taken up).
@@ -202,6 +215,12 @@ impl TruthMachine {
         for (k, axis) in self.plan.axes.iter().enumerate() {
             let (q, slack) = place(k, axis);
             states[axis.joint] = JointState { q: internal(axis.name, q), motion: motion(axis, q, slack) };
+        }
+        if let (Some(ram), Some(z)) = (&self.ram, self.index_of(AxisName::Z)) {
+            let at = |name| self.index_of(name).map_or(0.0, |k| states[self.plan.axes[k].joint].q);
+            let extra = ram.motion([AxisName::X, AxisName::Y, AxisName::Z].map(at), self.time_s);
+            let motion = &mut states[self.plan.axes[z].joint].motion;
+            motion.iter_mut().zip(extra).for_each(|(own, more)| *own += more);
         }
         kinematics.pose(&states[..kinematics.joints.len()])
     }

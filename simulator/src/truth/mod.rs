@@ -6,6 +6,7 @@
 //! `simulator/machines/vmc-850.toml`, which uses most of its keys.
 
 pub mod chain;
+pub mod drift;
 pub mod drive;
 pub mod error;
 mod file;

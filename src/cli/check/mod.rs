@@ -4,6 +4,7 @@ mod words;
 
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde_json::{Value, json};
 
@@ -11,6 +12,8 @@ pub(super) use self::words::{Size, kinds_of, offset_out, offset_unit, position_o
 use self::words::{describe_machine, describe_model, machine_notes, model_as_json, model_notes};
 use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
 use crate::config::{self, ConfigErrors, Diagnostic, FileKind, MachineConfig, ModelFile};
+use crate::core::live::{LiveEstimator, LiveModel};
+use crate::core::model::Model;
 
 /// Check machine and model files: every mistake with file, line and remedy, or a summary of what is in them
 ///
@@ -179,10 +182,29 @@ fn look_at_model(path: &Path, file: &str, text: &str, machine: &MachineConfig) -
     let model = config::model::parse_file(&named.display().to_string(), &model_text)?;
     let mismatches = machine.check_model(&model.spec);
     if mismatches.is_empty() {
-        return Ok(model);
+        return match look_at_sensors(&model, machine) {
+            None => Ok(model),
+            Some((message, remedy)) => {
+                Err(mistakes_at(file, text, vec![(vec!["sensors".to_owned()], message, remedy)]).into())
+            }
+        };
     }
     let found = mismatches.iter().map(|m| (m.key(), m.to_string(), m.remedy())).collect();
     Err(mistakes_at(file, text, found).into())
+}
+
+/// Whether sensors and maps go with the model, as the daemon would see it; what does not, and the remedy.
+fn look_at_sensors(file: &ModelFile, machine: &MachineConfig) -> Option<(String, String)> {
+    let live = &machine.sensors.spec;
+    if live.sensors.is_empty() && live.maps.is_empty() {
+        return None;
+    }
+    let remedy = "see docs/sensors.md: live values of the model, the inputs of its growths and the names of maps and sensors".to_owned();
+    // what the model itself breaks is told where the model is checked
+    let model = Arc::new(Model::new(&file.spec).ok()?);
+    let of = LiveModel { spec: &file.spec, thermal: &file.thermal, model, hash: [0; 32] };
+    let problem = LiveEstimator::new(live, of).err()?;
+    Some((problem.to_string(), remedy))
 }
 
 /// The files of `[link.tls]`, read as the daemon would.
@@ -218,9 +240,7 @@ impl Found {
                 if let Some(model) = model {
                     lines.push(format!("  model {}", machine.model.display()));
                     describe_model(&mut lines, model);
-                    lines.extend(
-                        machine_notes(machine, &model.spec).into_iter().map(|n| format!("  note: {n}")),
-                    );
+                    lines.extend(machine_notes(machine, model).into_iter().map(|n| format!("  note: {n}")));
                 }
             }
         }
@@ -248,7 +268,7 @@ impl Found {
                 })).collect::<Vec<_>>(),
                 "model_file": machine.model.display().to_string(),
                 "model": model.as_ref().map(|m| model_as_json(m)),
-                "notes": model.as_ref().map(|m| machine_notes(machine, &m.spec)).unwrap_or_default(),
+                "notes": model.as_ref().map(|m| machine_notes(machine, m)).unwrap_or_default(),
             }),
         }
     }

@@ -221,7 +221,8 @@ fn widest(function: &ErrorFunction) -> Option<[f64; 2]> {
 }
 
 /// What is allowed but worth knowing about a machine file and its model.
-pub(super) fn machine_notes(machine: &MachineConfig, model: &ModelSpec) -> Vec<String> {
+pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<String> {
+    let model = &file.spec;
     let mut out: Vec<String> = machine
         .uncorrected_axes(model)
         .into_iter()
@@ -235,6 +236,13 @@ pub(super) fn machine_notes(machine: &MachineConfig, model: &ModelSpec) -> Vec<S
             "link.silence-s {} s ends before stale-ms, hold-s and ramp-s together ({ladder_s} s): of a silent control the \
              offset is then taken out by the control itself",
             machine.link.silence_s
+        ));
+    }
+    let used: Vec<&str> = file.growths_in_use().map(|t| t.name.as_str()).collect();
+    if machine.sensors.spec.sensors.is_empty() && !used.is_empty() {
+        out.push(format!(
+            "thermal {} stays zero: the machine file lists no [[sensor]] for its temperatures and speeds",
+            used.join(", ")
         ));
     }
     if machine.link.is_exposed() {

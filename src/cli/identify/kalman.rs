@@ -177,7 +177,12 @@ fn of_case(case: &Case) -> Result<Map<String, Value>, String> {
     let (mut ratios, mut rejected) = (0.0, 0);
     for o in &case.observations {
         filter.predict(1.0);
-        let seen = Observation { place: grid.place(o.position), weights: only_first(), value: o.value };
+        let seen = Observation {
+            place: grid.place(o.position),
+            weights: only_first(),
+            value: o.value,
+            nuisance: None,
+        };
         let update = filter.update(&seen, &mut noise);
         match update.verdict {
             Verdict::Accepted => ratios += update.ratio(),
@@ -411,7 +416,8 @@ fn filter_table<R: std::io::BufRead>(
         }
         let place = grid.place(at);
         outcome.outside += usize::from(place.outside);
-        let update = filter.update(&Observation { place, weights: only_first(), value }, noise);
+        let update =
+            filter.update(&Observation { place, weights: only_first(), value, nuisance: None }, noise);
         outcome.readings += 1;
         outcome.alarm |= filter.alarm();
         if update.verdict == Verdict::Accepted {

@@ -1,9 +1,11 @@
 //! The machine file, `volcomp-machine/1`, and whether a control and a model belong to it.
 
 mod read;
+mod sensors;
 mod tls;
 
 pub use read::known_keys;
+pub use sensors::SensorsConfig;
 pub use tls::TlsConfig;
 
 use core::fmt;
@@ -47,6 +49,8 @@ pub struct MachineConfig {
     pub state: StateConfig,
     /// What a model must be before it is used.
     pub guard: GuardConfig,
+    /// Sensors and the maps that they feed.
+    pub sensors: SensorsConfig,
 }
 
 /// The link to the control.

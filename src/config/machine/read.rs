@@ -3,6 +3,7 @@
 use core::net::SocketAddr;
 use std::path::PathBuf;
 
+use super::sensors::read_sensors;
 use super::tls::{check_remote, read_tls};
 use super::{
     AxisConfig, EngineSettings, FORMAT, GuardConfig, LinkConfig, LogConfig, LogTarget, MachineConfig,
@@ -32,7 +33,7 @@ pub(super) fn parse(file: &str, text: &str) -> Result<MachineConfig, ConfigError
 #[must_use]
 pub fn known_keys() -> Vec<String> {
     let reader = Reader::default();
-    if let Ok(document) = reader::document("", "axes = {x = {}, c = {}}") {
+    if let Ok(document) = reader::document("", "axes = {x = {}, c = {}}\nsensor = [{}]\nmap = [{}]") {
         read(&Section::top(&reader, &document));
     }
     reader.keys()
@@ -54,6 +55,7 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
     let recording = read_recording(&top.section("recording"));
     let state = read_state(&top.section("state"));
     let guard = read_guard(&top.section("guard"));
+    let sensors = read_sensors(top);
     top.finish();
     Some(MachineConfig {
         machine: machine?,
@@ -67,6 +69,7 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
         recording,
         state,
         guard,
+        sensors,
     })
 }
 

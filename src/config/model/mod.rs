@@ -47,6 +47,11 @@ impl ModelFile {
         Self { spec, provenance: Provenance::default(), of_errors: Vec::new(), thermal: Vec::new() }
     }
 
+    /// The growths by heat that some error names.
+    pub fn growths_in_use(&self) -> impl Iterator<Item = &Thermal> {
+        self.thermal.iter().filter(|t| self.spec.sensors().contains(&t.name.as_str()))
+    }
+
     /// The last day on which all of its numbers may be used, where one is stated.
     #[must_use]
     pub fn earliest_expiry(&self) -> Option<&str> {

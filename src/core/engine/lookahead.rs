@@ -221,7 +221,11 @@ mod tests {
             meter.read_back(n, &offset(n.saturating_sub(lag)));
             meter.sent(n, &offset(n));
             let known = if n < 100 { Some(2) } else { Some(5) };
-            assert!((20..116).contains(&n) || n < 20 || meter.measured() == known, "{n}: {:?}", meter.measured());
+            assert!(
+                (20..116).contains(&n) || n < 20 || meter.measured() == known,
+                "{n}: {:?}",
+                meter.measured()
+            );
         }
     }
 

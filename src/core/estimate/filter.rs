@@ -6,6 +6,8 @@
 //!
 //! Source: equations 5.8. Gate, alarm, caps and the bounded output are there, too.
 
+use nalgebra::{DMatrix, DVector};
+
 use super::grid::{NodeGrid, NodePlace};
 use super::noise::MeasurementNoise;
 
@@ -24,6 +26,12 @@ pub enum Process {
     MeanReverting {
         /// Seconds.
         tau_s: f64,
+    },
+    /// The map wanders as a whole: neighbours move together as the prior says, so that nodes nobody visits go on
+    /// following those that are measured. Variance per second of each component.
+    CorrelatedWalk {
+        /// Square of the state's unit per second.
+        variance_per_s: [f64; COMPONENTS_MAX],
     },
 }
 
@@ -93,6 +101,8 @@ pub struct Observation {
     pub weights: [f64; COMPONENTS_MAX],
     /// The reading, in the unit of the state.
     pub value: f64,
+    /// A number beside the map that the reading depends on, too ([`NodeFilter::add_nuisance`]): which, and its weight.
+    pub nuisance: Option<(usize, f64)>,
 }
 
 /// What became of an observation.
@@ -147,6 +157,8 @@ pub struct NodeFilter {
     k: Vec<f64>,
     work: Vec<f64>,
     rejections: u32,
+    /// What the variance of each number beside the map grows by, per second.
+    nuisance_rates: Vec<f64>,
 }
 
 impl NodeFilter {
@@ -212,7 +224,36 @@ impl NodeFilter {
             k: vec![0.0; n],
             work: vec![0.0; n],
             rejections: 0,
+            nuisance_rates: Vec::new(),
         })
+    }
+
+    /// One more number that readings may depend on: zero with this variance, which grows by `rate` per second and never
+    /// beyond what it was. It stands behind the nodes and is estimated with them, so that neither takes what belongs to
+    /// the other. Gives its number.
+    pub fn add_nuisance(&mut self, variance: f64, rate: f64) -> usize {
+        let old = self.x.len();
+        let n = old + 1;
+        for matrix in [&mut self.p, &mut self.prior_covariance] {
+            let mut grown = vec![0.0; n * n];
+            for i in 0..old {
+                grown[i * n..i * n + old].copy_from_slice(&matrix[i * old..(i + 1) * old]);
+            }
+            grown[n * n - 1] = variance;
+            *matrix = grown;
+        }
+        for list in [&mut self.prior, &mut self.x, &mut self.ph, &mut self.k, &mut self.work] {
+            list.push(0.0);
+        }
+        self.nuisance_rates.push(rate);
+        self.nuisance_rates.len() - 1
+    }
+
+    /// A number beside the map, and its standard deviation.
+    #[must_use]
+    pub fn nuisance(&self, index: usize) -> (f64, f64) {
+        let (n, i) = (self.x.len(), self.nodes * self.components + index);
+        (self.x[i], self.p[i * n + i].max(0.0).sqrt())
     }
 
     /// Lets time pass.
@@ -223,25 +264,100 @@ impl NodeFilter {
             return;
         }
         let n = self.x.len();
+        let map = self.nodes * self.components;
+        for (i, rate) in self.nuisance_rates.iter().enumerate() {
+            self.p[(map + i) * (n + 1)] += rate * seconds;
+        }
         match self.process {
             Process::RandomWalk { variance_per_s } => {
-                for i in 0..n {
+                for i in 0..map {
                     self.p[i * n + i] += variance_per_s * seconds;
                 }
             }
             Process::MeanReverting { tau_s } => {
                 let stays = (-seconds / tau_s).exp();
-                for (x, prior) in self.x.iter_mut().zip(&self.prior) {
+                for (x, prior) in self.x.iter_mut().zip(&self.prior).take(map) {
                     *x = prior + stays * (*x - prior);
                 }
                 // what was forgotten is as uncertain as the prior
                 let (old, new) = (stays * stays, 1.0 - stays * stays);
-                for (p, prior) in self.p.iter_mut().zip(&self.prior_covariance) {
-                    *p = old * *p + new * prior;
+                for (i, line) in self.p.chunks_exact_mut(n).enumerate() {
+                    let prior = &self.prior_covariance[i * n..(i + 1) * n];
+                    for (j, (p, prior)) in line.iter_mut().zip(prior).enumerate() {
+                        *p = match (i < map, j < map) {
+                            (true, true) => old * *p + new * prior,
+                            (false, false) => *p,
+                            _ => stays * *p,
+                        };
+                    }
+                }
+            }
+            Process::CorrelatedWalk { variance_per_s } => {
+                for (c, rate) in variance_per_s.iter().enumerate().take(self.components) {
+                    let first = c * self.nodes;
+                    let share = rate * seconds / self.prior_covariance[first * n + first];
+                    for i in first..first + self.nodes {
+                        let block = i * n + first..i * n + first + self.nodes;
+                        let prior = &self.prior_covariance[block.clone()];
+                        self.p[block].iter_mut().zip(prior).for_each(|(p, prior)| *p += share * prior);
+                    }
                 }
             }
         }
         self.cap();
+    }
+
+    /// What a reading differs by from the expectation, and the variance of that; nothing is changed.
+    ///
+    /// # Cycle   no allocation
+    pub fn compare(&mut self, observation: &Observation, noise: &MeasurementNoise) -> (f64, f64) {
+        let (innovation, variance) = self.expect(observation);
+        (innovation, variance + noise.variance())
+    }
+
+    /// The same without the sensor's own noise.
+    ///
+    /// # Cycle   no allocation
+    pub fn expect(&mut self, observation: &Observation) -> (f64, f64) {
+        (observation.value - self.expected(observation), self.project(observation))
+    }
+
+    /// Puts a state back that was kept, with the standard deviations of its nodes; how nodes go together is the
+    /// prior's again. Nothing is changed, and false given, where a number is none or beyond what the prior allows.
+    pub fn restore(&mut self, state: &[f64], std: &[f64]) -> bool {
+        let n = self.x.len();
+        let map = self.nodes * self.components;
+        let sane = state.len() == map
+            && std.len() == map
+            && state.iter().all(|x| x.is_finite())
+            && (0..map).all(|i| std[i].is_finite() && std[i] > 0.0)
+            && (0..map).all(|i| (state[i] - self.prior[i]).abs() <= self.rules.limit);
+        if !sane {
+            return false;
+        }
+        self.x[..map].copy_from_slice(state);
+        self.x[map..].fill(0.0);
+        self.p.copy_from_slice(&self.prior_covariance);
+        self.work.fill(1.0);
+        for (i, (work, std)) in self.work.iter_mut().zip(std).enumerate() {
+            *work = (std / self.prior_covariance[i * n + i].sqrt()).min(1.0);
+        }
+        self.scale_by_work();
+        self.rejections = 0;
+        true
+    }
+
+    /// Back to the prior map.
+    pub fn forget(&mut self) {
+        self.x.copy_from_slice(&self.prior);
+        self.p.copy_from_slice(&self.prior_covariance);
+        self.rejections = 0;
+    }
+
+    /// The offline map.
+    #[must_use]
+    pub fn prior(&self) -> &[f64] {
+        &self.prior
     }
 
     /// Takes a reading.
@@ -311,24 +427,44 @@ impl NodeFilter {
         sum.max(0.0).sqrt()
     }
 
+    /// How much more than noise the state is at a place: `x^T P^-1 x` over the number of components, about 1 where it is
+    /// noise alone. All components at once, for their errors oppose each other (a shift and a turn with a lever).
+    #[must_use]
+    pub fn evidence_at(&self, place: &NodePlace) -> Option<f64> {
+        let (n, count) = (self.x.len(), self.components);
+        let at = |c: usize, corner: usize| (c * self.nodes + place.nodes[corner], place.shape[corner]);
+        let x = DVector::from_fn(count, |c, _| (0..8).map(|k| at(c, k)).map(|(i, s)| s * self.x[i]).sum());
+        let p = DMatrix::from_fn(count, count, |c, d| {
+            let mut sum = 0.0;
+            for (i, si) in (0..8).map(|k| at(c, k)) {
+                for (j, sj) in (0..8).map(|k| at(d, k)) {
+                    sum += si * sj * self.p[i * n + j];
+                }
+            }
+            sum
+        });
+        let evidence = x.dot(&p.cholesky()?.solve(&x)) / count as f64;
+        evidence.is_finite().then_some(evidence)
+    }
+
     /// The state: components one after the other.
     #[must_use]
     pub fn state(&self) -> &[f64] {
-        &self.x
+        &self.x[..self.nodes * self.components]
     }
 
     /// The state as it may be used: within the limit about the prior map.
     pub fn map(&self) -> impl ExactSizeIterator<Item = f64> + '_ {
-        (0..self.x.len()).map(|i| self.bounded(i))
+        (0..self.nodes * self.components).map(|i| self.bounded(i))
     }
 
     /// Variances of the state.
     pub fn variances(&self) -> impl ExactSizeIterator<Item = f64> + '_ {
         let n = self.x.len();
-        (0..n).map(move |i| self.p[i * n + i])
+        (0..self.nodes * self.components).map(move |i| self.p[i * n + i])
     }
 
-    /// Covariance of the state, row by row.
+    /// Covariance of the state, row by row, numbers beside the map last.
     #[must_use]
     pub fn covariance(&self) -> &[f64] {
         &self.p
@@ -361,15 +497,17 @@ impl NodeFilter {
     }
 
     fn row_of(o: &Observation, nodes: usize, components: usize) -> impl Iterator<Item = (usize, f64)> + '_ {
-        (0..components).flat_map(move |c| {
-            let weight = o.weights[c];
-            o.place
-                .nodes
-                .iter()
-                .zip(&o.place.shape)
-                .filter(move |_| weight != 0.0)
-                .map(move |(node, shape)| (c * nodes + node, weight * shape))
-        })
+        (0..components)
+            .flat_map(move |c| {
+                let weight = o.weights[c];
+                o.place
+                    .nodes
+                    .iter()
+                    .zip(&o.place.shape)
+                    .filter(move |_| weight != 0.0)
+                    .map(move |(node, shape)| (c * nodes + node, weight * shape))
+            })
+            .chain(o.nuisance.map(|(i, weight)| (nodes * components + i, weight)))
     }
 
     /// `P <- (I - K h) P (I - K h)^T + K R K^T` with the gain at hand and `P h^T` of before.
@@ -403,16 +541,26 @@ impl NodeFilter {
             return;
         }
         let n = self.x.len();
+        let mut any = false;
         for i in 0..n {
             let (now, prior) = (self.p[i * n + i], self.prior_covariance[i * n + i]);
-            if now > prior {
-                let scale = (prior / now).sqrt();
-                for j in 0..n {
-                    self.p[i * n + j] *= scale;
-                    self.p[j * n + i] *= scale;
-                }
-                self.p[i * n + i] = prior;
+            let over = now > prior;
+            self.work[i] = if over { (prior / now).sqrt() } else { 1.0 };
+            any |= over;
+        }
+        if any {
+            self.scale_by_work();
+            for i in (0..n).filter(|i| self.work[*i] < 1.0) {
+                self.p[i * n + i] = self.prior_covariance[i * n + i];
             }
+        }
+    }
+
+    /// `P <- W P W` with `W` the diagonal that stands in the column of work.
+    fn scale_by_work(&mut self) {
+        let n = self.x.len();
+        for (line, own) in self.p.chunks_exact_mut(n).zip(&self.work) {
+            line.iter_mut().zip(&self.work).for_each(|(p, other)| *p *= own * other);
         }
     }
 }

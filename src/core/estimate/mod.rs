@@ -1,17 +1,31 @@
 //! Estimation while the machine works: a map on the nodes of a grid, kept true by measurements.
 //!
 //! Reading order: [`grid`] (where a point lies among the nodes), [`noise`] (how far a sensor is believed), [`filter`]
-//! (the Kalman filter on node values), [`thermal`] (growth by heat). Textbook letters as in equations 5.8: `x` state,
-//! `p` covariance, `h` row of the observation, `k` gain, `r` measurement variance, `nu` innovation, `s` its variance.
+//! (the Kalman filter on node values), [`map`] (a live map of lengths and angles about the offline one), [`whiten`]
+//! (readings with a covariance to rows of a batch), [`clock`] (when a reading was taken), [`supervise`] (whether it can
+//! be one), [`acquaint`] (how noisy a sensor is before anything is learned from it), [`fivedof`] (readings of a 5-DOF
+//! laser), [`thermal`] (growth by heat). Textbook letters as in equations 5.8: `x` state, `p` covariance, `h` row of
+//! the observation, `k` gain, `r` measurement variance, `nu` innovation, `s` its variance.
 //!
-//! Time is an argument (seconds that passed); everything is allocated at construction.
+//! Time is an argument (seconds that passed). The filter works in memory made at construction; none of this runs on the cycle.
 
+pub mod acquaint;
+pub mod clock;
 pub mod filter;
+pub mod fivedof;
 pub mod grid;
+pub mod map;
 pub mod noise;
+pub mod supervise;
 pub mod thermal;
+pub mod whiten;
 
+pub use acquaint::{Acquaintance, Opinion};
+pub use clock::SensorClock;
 pub use filter::{FilterError, NodeFilter, Observation, Process, Rules, Update, Verdict};
 pub use grid::{GridError, NodeGrid, NodePlace};
+pub use map::{Batch, ComponentRules, LiveMap, MapError, MapRules, Row};
 pub use noise::{Adaptation, MeasurementNoise, NoiseError};
+pub use supervise::{Plausibility, Said, Standing, Supervisor, Trouble, VALUES_MAX};
 pub use thermal::{Growth, Quantity, Thermal, ThermalError, ThermalInput, ThermalState};
+pub use whiten::whiten;

@@ -68,6 +68,12 @@ impl MeasurementNoise {
         Ok(Self { variance, adaptation })
     }
 
+    /// A fixed variance of 1.
+    #[must_use]
+    pub const fn unit() -> Self {
+        Self { variance: 1.0, adaptation: None }
+    }
+
     /// The variance now.
     #[must_use]
     pub const fn variance(&self) -> f64 {

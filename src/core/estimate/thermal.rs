@@ -104,6 +104,9 @@ pub enum ThermalError {
 const FADE_MIN: [f64; 2] = [1.0, 50.0];
 /// Speeds count in thousands per minute.
 const SPEED_UNIT: f64 = 1000.0;
+/// Beyond this a number that was kept cannot be, degC and 1/min.
+const TEMPERATURE_MAX: f64 = 1000.0;
+const SPEED_MAX: f64 = 1e6;
 /// A growth beyond this is a mistake of units, mm.
 const COEFFICIENT_MAX: f64 = 100.0;
 
@@ -217,6 +220,33 @@ impl ThermalState {
     #[must_use]
     pub fn new(thermal: &Thermal) -> Self {
         Self { lagged: vec![0.0; thermal.terms()], last: vec![None; thermal.inputs.len()] }
+    }
+
+    /// What is to be kept of it: the lags in order, and the last reading of each input; `None` until all have spoken.
+    #[must_use]
+    pub fn kept(&self) -> Option<(Vec<f64>, Vec<f64>)> {
+        let last: Option<Vec<f64>> = self.last.iter().copied().collect();
+        Some((self.lagged.clone(), last?))
+    }
+
+    /// Puts back what was kept; `None` where it is of another growth or cannot be.
+    #[must_use]
+    pub fn restored(thermal: &Thermal, lagged: &[f64], last: &[f64]) -> Option<Self> {
+        if lagged.len() != thermal.terms() || last.len() != thermal.inputs.len() {
+            return None;
+        }
+        let mut states = lagged.iter();
+        for (input, last) in thermal.inputs.iter().zip(last) {
+            let most = match input.quantity {
+                Quantity::Temperature => TEMPERATURE_MAX,
+                Quantity::Speed => SPEED_MAX,
+            };
+            let can_be = |state: &f64| state.is_finite() && state.abs() <= input.shaped(most);
+            if !(last.abs() <= most && states.by_ref().take(input.lags_s.len()).all(can_be)) {
+                return None;
+            }
+        }
+        Some(Self { lagged: lagged.to_vec(), last: last.iter().copied().map(Some).collect() })
     }
 
     /// Takes the readings after `dt_s` seconds, one per input; one that is not finite leaves the last one standing.
@@ -358,6 +388,25 @@ mod tests {
         assert_eq!(state.growth(&thermal), before);
         state.advance(&thermal, f64::NAN, &[25.0, 0.0]);
         assert_eq!(state.growth(&thermal), before);
+    }
+
+    #[test]
+    fn what_is_kept_goes_on_as_if_nothing_had_been() {
+        let thermal = spindle();
+        let mut state = ThermalState::new(&thermal);
+        assert_eq!(state.kept(), None, "nothing has spoken yet");
+        state.advance(&thermal, 0.0, &[20.0, 3000.0]);
+        state.advance(&thermal, 300.0, &[30.0, 3000.0]);
+        let (lagged, last) = state.kept().unwrap();
+        let mut other = ThermalState::restored(&thermal, &lagged, &last).unwrap();
+        for s in [&mut state, &mut other] {
+            s.advance(&thermal, 100.0, &[31.0, 0.0]);
+        }
+        assert_eq!(state.growth(&thermal), other.growth(&thermal));
+        assert!(ThermalState::restored(&thermal, &lagged[1..], &last).is_none());
+        assert!(ThermalState::restored(&thermal, &lagged, &[f64::NAN, 0.0]).is_none());
+        let wild: Vec<f64> = lagged.iter().map(|v| v * 1e9).collect();
+        assert!(ThermalState::restored(&thermal, &wild, &last).is_none());
     }
 
     #[test]

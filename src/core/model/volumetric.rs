@@ -144,6 +144,19 @@ struct JointLive {
     reference: Option<f64>,
 }
 
+/// Where the tool nominally is, in W.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NominalTool {
+    /// Tool tip, mm.
+    pub tip: Vec3,
+    /// Unit vector along the tool, from the tip to the spindle.
+    pub direction: Vec3,
+    /// Rotation from machine axes with all axes at zero to W, for what rides on the tool.
+    pub rotation: Mat3,
+    /// Rotation from machine axes M to W, for what stands on the bed.
+    pub bed: Mat3,
+}
+
 /// Nominal geometry of a chain at a pose; index k stands left of joint k, index n behind the last.
 pub(super) struct Nominal {
     /// Tool tip in the home-frame coordinates left of joint k.
@@ -278,6 +291,20 @@ impl Model {
             rotation += turn;
         }
         Deviation { position: position - self.datum[0], rotation, flags }
+    }
+
+    /// Where the tool nominally is at `pose`.
+    #[must_use]
+    pub fn nominal_tool(&self, pose: &Pose) -> NominalTool {
+        let nominal = self.nominal(pose);
+        let rotation = nominal.left[self.joints.len()];
+        let workpiece_side = self.joints.iter().filter(|j| j.axis.side == Side::Workpiece).count();
+        NominalTool {
+            tip: nominal.tip[0] - self.workpiece_origin,
+            direction: rotation * unit(2),
+            rotation,
+            bed: nominal.left[workpiece_side],
+        }
     }
 
     /// The nominal geometry of the chain at `pose`.

@@ -33,6 +33,8 @@ pub enum BlockKind {
     Machine,
     /// Entries.
     Entries,
+    /// How live estimation went at a moment: JSON text, as `volcomp filter show --json` prints it.
+    Health,
     /// Where the blocks of entries stand; last block of a file that was closed in order.
     Index,
     /// Of a later version.
@@ -49,6 +51,7 @@ impl BlockKind {
             Self::Machine => 3,
             Self::Entries => 128,
             Self::Index => 4,
+            Self::Health => 5,
             Self::Other(code) => code,
         }
     }
@@ -61,6 +64,7 @@ impl BlockKind {
             2 => Self::Model,
             3 => Self::Machine,
             4 => Self::Index,
+            5 => Self::Health,
             128 => Self::Entries,
             _ => Self::Other(code),
         }

@@ -76,6 +76,8 @@ pub struct Recording<'a> {
     pub models: Vec<([u8; 32], String)>,
     /// Hash and text of the machine file.
     pub machine: Option<([u8; 32], String)>,
+    /// How live estimation went: time (ns, on the daemon's clock) and JSON text, the oldest first.
+    pub health: Vec<(i64, String)>,
     /// What its reader should know.
     pub notes: Vec<Note>,
     /// True where the file was closed in order.
@@ -95,6 +97,7 @@ impl<'a> Recording<'a> {
             meta: Meta::default(),
             models: Vec::new(),
             machine: None,
+            health: Vec::new(),
             notes: Vec::new(),
             closed: false,
             entries: Vec::new(),
@@ -134,6 +137,10 @@ impl<'a> Recording<'a> {
             BlockKind::Meta => match block.content() {
                 Ok(text) => *meta = Some(Meta::parse(&text)?),
                 Err(_) => self.notes.push(damaged),
+            },
+            BlockKind::Health => match block.content().ok().and_then(|c| String::from_utf8(c).ok()) {
+                Some(text) => self.health.push((block.first_ns, text)),
+                None => self.notes.push(damaged),
             },
             BlockKind::Model | BlockKind::Machine => match block.content().ok().and_then(|c| hashed_text(&c))
             {

@@ -15,6 +15,7 @@ use super::load::{LoadError, Loaded, number};
 use super::status::ModelStatus;
 use super::utc;
 use crate::config::{MachineConfig, model};
+use crate::core::estimate::Thermal;
 use crate::core::fault::Code;
 use crate::core::model::{Model, ModelSpec};
 use store::{Choice, Store};
@@ -24,6 +25,8 @@ use store::{Choice, Store};
 pub struct Prepared {
     /// What it says.
     pub spec: ModelSpec,
+    /// Growths by heat that it lists.
+    pub thermal: Vec<Thermal>,
     /// Compiled.
     pub model: Arc<Model>,
     /// Its file as it was read.
@@ -56,7 +59,15 @@ impl Prepared {
             return Err(LoadError::pinned(origin, &hash, pinned));
         }
         let expiry = file.earliest_expiry().map(str::to_owned);
-        Ok(Self { spec: file.spec, model: Arc::new(model), text, hash, origin: origin.to_owned(), expiry })
+        Ok(Self {
+            spec: file.spec,
+            thermal: file.thermal,
+            model: Arc::new(model),
+            text,
+            hash,
+            origin: origin.to_owned(),
+            expiry,
+        })
     }
 }
 
@@ -85,6 +96,7 @@ impl Models {
         let origin = loaded.model_path.display().to_string();
         let configured = Prepared {
             spec: loaded.spec.clone(),
+            thermal: loaded.thermal.clone(),
             model: Arc::clone(&loaded.model),
             hash: loaded.model_hash.clone(),
             expiry: loaded.expiry.clone(),

@@ -7,6 +7,7 @@
 //! The format is [`crate::core::record`]; `docs/recording.md` has it byte by byte.
 
 mod disk;
+mod health;
 mod texts;
 mod writer;
 
@@ -32,6 +33,7 @@ use crate::core::record::{Answer, Change, Context, Entry, Request, request};
 use crate::core::units::MonoTime;
 
 use disk::{Description, Folder};
+pub(super) use health::HealthSlot;
 pub use texts::ModelTexts;
 use writer::{Limits, Writer};
 
@@ -195,6 +197,7 @@ impl Recorder {
         config_path: &Path,
         loaded: &Loaded,
         model: &Prepared,
+        health: Arc<HealthSlot>,
         clock: Clock,
     ) -> io::Result<Option<(Tap, Self)>> {
         let config = &loaded.config.recording;
@@ -212,7 +215,7 @@ impl Recorder {
         std::thread::Builder::new().name("volcomp-record".to_owned()).spawn(move || {
             // dropped on return and on panic alike
             let _end = end;
-            run(&receiver, writer, &stop_seen, || clock.now());
+            run(&receiver, &health, writer, &stop_seen, || clock.now());
         })?;
         Ok(Some((tap, Self { stop, ended, stats, models })))
     }
@@ -233,6 +236,7 @@ fn limits(config: &RecordingConfig) -> Limits {
 /// The recorder's life: until it is asked to stop, and then once more for what is left.
 fn run<D: writer::Disk>(
     entries: &Receiver<Entry>,
+    health: &HealthSlot,
     mut writer: Writer<D>,
     stop: &AtomicBool,
     now: impl Fn() -> MonoTime,
@@ -241,6 +245,9 @@ fn run<D: writer::Disk>(
         let last = stop.load(Relaxed);
         while let Ok(entry) = entries.try_recv() {
             writer.take(&entry, now());
+        }
+        if let Some((at, text)) = health.take() {
+            writer.note_health(at, &text);
         }
         writer.tick(now());
         if last {

@@ -12,11 +12,13 @@ use tracing::{info, warn};
 
 use super::Stats;
 use crate::core::fault::Code;
-use crate::core::record::{Encoder, Entry, IndexRow, block};
+use crate::core::record::{BlockKind, Encoder, Entry, IndexRow, block};
 use crate::core::units::MonoTime;
 
 /// Bytes of entries after which a block is written before its time.
 const BLOCK_BYTES: usize = 256 << 10;
+/// Bytes of health that wait for the next entries at most.
+const HEALTH_BYTES: usize = 1 << 20;
 /// Pause after which a disk that refused is tried again, s.
 const RETRY_S: f64 = 1.0;
 
@@ -76,6 +78,8 @@ pub(super) struct Writer<D: Disk> {
     encoder: Encoder,
     /// Blocks of models that go in front of the next entries.
     models: Vec<u8>,
+    /// Blocks of health that go in front of the next entries.
+    health: Vec<u8>,
     open: Option<Open<D::File>>,
     /// Name of the file before.
     before: String,
@@ -93,6 +97,7 @@ impl<D: Disk> Writer<D> {
             stats,
             encoder: Encoder::new(),
             models: Vec::new(),
+            health: Vec::new(),
             open: None,
             before: String::new(),
             flushed: MonoTime::ZERO,
@@ -121,6 +126,14 @@ impl<D: Disk> Writer<D> {
         self.encoder.push(entry);
         if self.encoder.len() >= BLOCK_BYTES {
             self.flush(now);
+        }
+    }
+
+    /// Takes a word about live estimation; while the disk refuses, it is let go.
+    pub(super) fn note_health(&mut self, at: MonoTime, text: &str) {
+        let block = block::seal(BlockKind::Health, 0, 0, at.ns, text.as_bytes()).unwrap_or_default();
+        if self.health.len() + block.len() <= HEALTH_BYTES {
+            self.health.extend(block);
         }
     }
 
@@ -164,7 +177,8 @@ impl<D: Disk> Writer<D> {
     }
 
     fn write(&mut self, bytes: &[u8], row: IndexRow, now: MonoTime) -> io::Result<()> {
-        let length = (self.models.len() + bytes.len()) as u64;
+        let health = std::mem::take(&mut self.health);
+        let length = (self.models.len() + health.len() + bytes.len()) as u64;
         let full = self.open.as_ref().is_some_and(|open| {
             !open.rows.is_empty()
                 && (open.length.saturating_add(length) > self.limits.file_bytes
@@ -182,13 +196,15 @@ impl<D: Disk> Writer<D> {
         }
         let Some(open) = &mut self.open else { return Ok(()) };
         let models = self.models.len() as u64;
+        let before = models + health.len() as u64;
+        self.models.extend_from_slice(&health);
         self.models.extend_from_slice(bytes);
         let written = open.file.append(&self.models).and_then(|()| open.file.sync());
         self.models.truncate(models as usize);
         match written {
             Ok(()) => {
-                open.rows.push(IndexRow { at: open.length + models, ..row });
-                open.length += models + bytes.len() as u64;
+                open.rows.push(IndexRow { at: open.length + before, ..row });
+                open.length += before + bytes.len() as u64;
                 self.models.clear();
             }
             Err(_) => {

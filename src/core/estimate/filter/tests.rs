@@ -2,7 +2,6 @@
 
 use super::super::noise::Adaptation;
 use super::*;
-use nalgebra::{DMatrix, DVector};
 
 fn grid() -> NodeGrid {
     NodeGrid::new(vec![0.0, 400.0, 800.0], vec![0.0, 300.0], vec![0.0, 250.0]).unwrap()
@@ -35,7 +34,7 @@ impl Random {
 fn seen(grid: &NodeGrid, point: [f64; 3], weights: &[f64], value: f64) -> Observation {
     let mut all = [0.0; COMPONENTS_MAX];
     all[..weights.len()].copy_from_slice(weights);
-    Observation { place: grid.place(point), weights: all, value }
+    Observation { place: grid.place(point), weights: all, value, nuisance: None }
 }
 
 #[test]
@@ -177,6 +176,7 @@ fn the_variance_of_the_sensor_is_found_from_starts_wrong_by_five() {
                 let place = g.place(random.point());
                 let value: f64 = place.nodes.iter().zip(&place.shape).map(|(n, s)| s * map[*n]).sum::<f64>();
                 let o = Observation {
+                    nuisance: None,
                     place,
                     weights: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
                     value: value + truth * random.normal(),
@@ -211,6 +211,7 @@ fn the_innovation_is_as_large_as_the_filter_says() {
             let place = g.place(random.point());
             let value: f64 = place.nodes.iter().zip(&place.shape).map(|(n, s)| s * map[*n]).sum();
             let o = Observation {
+                nuisance: None,
                 place,
                 weights: [1.0, 0.0, 0.0, 0.0, 0.0, 0.0],
                 value: value + 0.5 * random.normal(),
@@ -241,4 +242,95 @@ fn impossible_filters_are_refused() {
     let mut prior = [0.0; 12];
     prior[3] = f64::INFINITY;
     assert_eq!(build(&prior, &[1.0], 0.0), Err(FilterError::PriorNotFinite { index: 3 }));
+}
+
+#[test]
+fn a_walk_that_is_correlated_keeps_neighbours_together() {
+    let g = grid();
+    let n = g.nodes();
+    let process = Process::CorrelatedWalk { variance_per_s: [0.1, 0.2, 0.0, 0.0, 0.0, 0.0] };
+    let mut filter = NodeFilter::new(&g, &vec![0.0; 2 * n], &[2.0, 3.0], 300.0, process, open()).unwrap();
+    let before = filter.covariance().to_vec();
+    filter.predict(10.0);
+    for (after, before) in filter.covariance().iter().zip(&before).take(n) {
+        // 1 of 4 for the first component
+        assert!((after - 1.25 * before).abs() < 1e-12, "{after} {before}");
+    }
+    let second = n * 2 * n + n;
+    assert!((filter.covariance()[second] - (9.0 + 2.0)).abs() < 1e-12);
+    assert_eq!(filter.covariance()[n], 0.0, "components stay apart");
+}
+
+#[test]
+fn what_was_kept_comes_back_and_nonsense_does_not() {
+    let g = grid();
+    let n = g.nodes();
+    let process = Process::MeanReverting { tau_s: 1e6 };
+    let rules = Rules { limit: 5.0, ..Rules::default() };
+    let mut filter = NodeFilter::new(&g, &vec![1.0; n], &[2.0], 300.0, process, rules).unwrap();
+    let mut noise = MeasurementNoise::new(0.01, None).unwrap();
+    let mut random = Random(5);
+    for _ in 0..50 {
+        let o = seen(&g, random.point(), &[1.0], 1.5);
+        filter.update(&o, &mut noise);
+    }
+    let state = filter.state().to_vec();
+    let std: Vec<f64> = filter.variances().map(f64::sqrt).collect();
+    let mut other = NodeFilter::new(&g, &vec![1.0; n], &[2.0], 300.0, process, rules).unwrap();
+    assert!(other.restore(&state, &std));
+    assert_eq!(other.state(), state);
+    for (a, b) in other.variances().zip(filter.variances()) {
+        assert!((a - b).abs() < 1e-12 * b, "{a} {b}");
+    }
+    let mut bad = state.clone();
+    bad[3] = 7.0;
+    assert!(!other.restore(&bad, &std), "beyond the limit about the map");
+    bad[3] = f64::NAN;
+    assert!(!other.restore(&bad, &std));
+    assert!(!other.restore(&state, &vec![0.0; n]));
+    assert!(!other.restore(&state[1..], &std[1..]));
+    assert_eq!(other.state(), state, "nothing was changed");
+    other.forget();
+    assert!(other.state().iter().all(|x| *x == 1.0));
+    assert!(other.variances().all(|v| v == 4.0));
+}
+
+#[test]
+fn comparing_changes_nothing_and_says_what_the_update_says() {
+    let g = grid();
+    let process = Process::RandomWalk { variance_per_s: 0.0 };
+    let mut filter =
+        NodeFilter::new(&g, &vec![0.0; g.nodes()], &[2.0], 100.0, process, Rules::default()).unwrap();
+    let mut noise = MeasurementNoise::new(0.25, None).unwrap();
+    let o = seen(&g, [100.0, 100.0, 100.0], &[1.0], 0.7);
+    let (innovation, variance) = filter.compare(&o, &noise);
+    let update = filter.update(&o, &mut noise);
+    assert_eq!((update.innovation, update.innovation_variance), (innovation, variance));
+}
+
+#[test]
+fn a_number_beside_the_map_is_told_from_it() {
+    let g = grid();
+    let n = g.nodes();
+    for process in [Process::MeanReverting { tau_s: 1e5 }, Process::RandomWalk { variance_per_s: 1e-6 }] {
+        let mut filter = NodeFilter::new(&g, &vec![0.0; n], &[2.0], 300.0, process, open()).unwrap();
+        let before = filter.covariance().to_vec();
+        let delay = filter.add_nuisance(9.0, 1e-6);
+        assert_eq!(filter.state().len(), n);
+        assert_eq!(filter.covariance()[n + 2], before[n + 1], "the map's own part is as it was");
+        assert_eq!(filter.nuisance(delay), (0.0, 3.0));
+        let mut noise = MeasurementNoise::new(0.01, None).unwrap();
+        let mut random = Random(11);
+        for _ in 0..300 {
+            filter.predict(0.1);
+            let speed = random.normal();
+            let value = 1.0 + 2.5 * speed + 0.1 * random.normal();
+            let o = Observation { nuisance: Some((delay, speed)), ..seen(&g, random.point(), &[1.0], value) };
+            filter.update(&o, &mut noise);
+        }
+        let (value, std) = filter.nuisance(delay);
+        assert!((value - 2.5).abs() < 4.0 * std && std < 0.02, "{value} {std}");
+        let place = g.place([400.0, 150.0, 120.0]);
+        assert!((filter.value(0, &place) - 1.0).abs() < 4.0 * filter.std_at(0, &place));
+    }
 }

@@ -1,0 +1,397 @@
+//! `filter`: what live estimation has learned, and how well its sensors do.
+
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+
+use plotters::prelude::*;
+
+use super::files::write_text;
+use super::service::{Which, failure, json, socket};
+use super::{EX_DATAERR, EX_IOERR, EX_SOFTWARE, Failure, recordings};
+use crate::core::units::NS_PER_S;
+use crate::runtime::client;
+use crate::runtime::socket::{Ask, Verb};
+use crate::runtime::{FilterStatus, GrowthStatus, MapStatus, SensorStatus};
+
+/// Live estimation: what was learned from sensors, with its uncertainty.
+#[derive(Debug, clap::Parser)]
+#[command(after_help = "Examples:\n  volcomp filter show --config machine.toml\n  \
+                        volcomp filter show --json > filter.json\n  volcomp filter show --picture filter.svg\n  \
+                        volcomp filter show --recording run.vcrec --picture run.svg\n  \
+                        volcomp filter forget ram --reason \"tracker was set up anew\"")]
+pub(super) struct Args {
+    #[command(subcommand)]
+    what: What,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum What {
+    /// Sensors and maps: innovations, noise, acceptance, nodes with their standard deviations.
+    Show(ShowArgs),
+    /// Begin a map anew from the offline map; its sensors are got to know anew.
+    Forget(ForgetArgs),
+}
+
+#[derive(Debug, clap::Args)]
+struct ShowArgs {
+    #[command(flatten)]
+    which: Which,
+    /// What a recording says, at its end, instead of a running daemon; the picture shows how it went, too.
+    #[arg(long, value_name = "FILE", conflicts_with_all = ["config", "socket"])]
+    recording: Option<PathBuf>,
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    json: bool,
+    /// Draw the maps: values at the nodes over X, bars of one standard deviation.
+    #[arg(long, value_name = "FILE.svg")]
+    picture: Option<PathBuf>,
+}
+
+#[derive(Debug, clap::Args)]
+struct ForgetArgs {
+    #[command(flatten)]
+    which: Which,
+    /// The map.
+    #[arg(value_name = "MAP")]
+    map: String,
+    /// Why, for the audit log.
+    #[arg(long, value_name = "TEXT")]
+    reason: Option<String>,
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    match &args.what {
+        What::Show(args) => show(args),
+        What::Forget(args) => {
+            let ask = Ask {
+                command: Verb::Forget,
+                map: Some(args.map.clone()),
+                reason: args.reason.clone(),
+                ..Ask::default()
+            };
+            client::ask(&socket(&args.which)?, &ask).map_err(|e| failure(&e))?;
+            say!("map {} begins at the offline map", args.map);
+            Ok(())
+        }
+    }
+}
+
+fn show(args: &ShowArgs) -> Result<(), Failure> {
+    let course = match &args.recording {
+        Some(path) => recorded(path)?,
+        None => vec![(0.0, client::filter(&socket(&args.which)?).map_err(|e| failure(&e))?)],
+    };
+    let Some((_, filter)) = course.last() else { return Ok(()) };
+    if let Some(path) = &args.picture {
+        if !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("svg")) {
+            return Err(Failure::new(super::EX_USAGE, "error: --picture: the name must end in .svg"));
+        }
+        let text = picture(&course).map_err(|e| {
+            Failure::new(EX_SOFTWARE, format_args!("error: the picture cannot be drawn: {e}"))
+        })?;
+        write_text(path, &text)?;
+    }
+    if args.json {
+        say!("{}", json(filter)?);
+        return Ok(());
+    }
+    let mut text = String::new();
+    let written = write(&mut text, &filter.sensors, &filter.maps, &filter.notes)
+        .and_then(|()| write_growths(&mut text, &filter.growths))
+        .and_then(|()| filter.maps.iter().try_for_each(|map| write_nodes(&mut text, map)));
+    written.map_err(|e| Failure::new(EX_IOERR, e))?;
+    say!("{}", text.trim_end());
+    Ok(())
+}
+
+/// Time (s, from the first) and health as a recording has it, the newest last.
+fn recorded(path: &Path) -> Result<Vec<(f64, FilterStatus)>, Failure> {
+    let files = recordings::read(&[path.to_owned()])?;
+    let parsed = recordings::parse(&files)?;
+    let wrong = |what: String| Failure::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()));
+    let mut course: Vec<(f64, FilterStatus)> = Vec::new();
+    let mut first = None;
+    for (ns, text) in parsed.iter().flat_map(|file| &file.recording.health) {
+        let health = serde_json::from_str(text).map_err(|e| wrong(format!("health at {ns} ns: {e}")))?;
+        let begin = *first.get_or_insert(*ns);
+        course.push((ns.saturating_sub(begin) as f64 / NS_PER_S, health));
+    }
+    if course.is_empty() {
+        return Err(wrong("it says nothing about sensors\n  hint: it was recorded without [[sensor]], or by an older version".to_owned()));
+    }
+    Ok(course)
+}
+
+/// Sensors and maps as a person reads them; nothing where there are none.
+pub(super) fn write(
+    f: &mut String,
+    sensors: &[SensorStatus],
+    maps: &[MapStatus],
+    notes: &[String],
+) -> std::fmt::Result {
+    for (k, sensor) in sensors.iter().enumerate() {
+        let label = if k == 0 { "sensors     " } else { "            " };
+        write!(f, "{label}{} ({}) {}", sensor.name, sensor.kind, sensor.state)?;
+        if let (Some(cause), Some(code)) = (&sensor.cause, &sensor.code) {
+            write!(f, ": {cause} ({code}) for {:.0} s", sensor.state_s)?;
+        }
+        if let Some(left) = sensor.acquaintance_left.filter(|_| sensor.state != "waiting") {
+            write!(f, ", {left} readings until it is known")?;
+        }
+        if let Some(noise) = sensor.noise_factor {
+            write!(f, ", noise x{noise:.2}")?;
+        }
+        if let Some(nis) = sensor.nis {
+            write!(f, ", nis {nis:.2}")?;
+        }
+        if let (Some(coverage), Some(false)) = (sensor.coverage, sensor.referenced) {
+            write!(f, ", {:.0} % of the travel seen", 100.0 * coverage)?;
+        }
+        writeln!(f, ", {} of {} used, {} rejected", sensor.used, sensor.readings, sensor.rejected)?;
+    }
+    for (k, map) in maps.iter().enumerate() {
+        let label = if k == 0 { "maps        " } else { "            " };
+        write!(f, "{label}{} {}, {} readings;", map.name, map.state, map.updates)?;
+        for (c, name) in map.components.iter().enumerate() {
+            let (largest, unit) = (map.largest.get(c), map.units.get(c));
+            let (Some(largest), Some(unit)) = (largest, unit) else { continue };
+            write!(f, " {name} {largest:.2} {unit}")?;
+        }
+        writeln!(f)?;
+    }
+    for note in notes {
+        writeln!(f, "NOTE        {note}")?;
+    }
+    Ok(())
+}
+
+/// Growths by heat as a person reads them; nothing where there are none.
+pub(super) fn write_growths(f: &mut String, growths: &[GrowthStatus]) -> std::fmt::Result {
+    for (k, growth) in growths.iter().enumerate() {
+        let label = if k == 0 { "growths     " } else { "            " };
+        write!(f, "{label}{} {:+.2} {}", growth.name, growth.value, growth.unit)?;
+        if let Some(std) = growth.std {
+            write!(f, " +- {std:.2}")?;
+        }
+        let input = growth.input.as_deref().unwrap_or_default();
+        let code = growth.code.as_deref().unwrap_or_default();
+        match growth.state.as_str() {
+            "waiting" => write!(f, ", waiting for {input}")?,
+            "outside" => write!(f, ", {input} is outside of what the fit has seen ({code})")?,
+            "lost" => write!(f, ", {input} is lost ({code})")?,
+            _ => {}
+        }
+        if growth.share < 1.0 && growth.state != "waiting" {
+            write!(f, ", {:.0} % of it used", 100.0 * growth.share)?;
+        }
+        writeln!(f)?;
+    }
+    Ok(())
+}
+
+fn write_nodes(f: &mut String, map: &MapStatus) -> std::fmt::Result {
+    writeln!(
+        f,
+        "\nmap {}: difference from the offline map +- standard deviation (what is used of it)",
+        map.name
+    )?;
+    write!(f, "{:>9} {:>9} {:>9}", "x_mm", "y_mm", "z_mm")?;
+    for (name, unit) in map.components.iter().zip(&map.units) {
+        write!(f, " {:>24}", format!("{name}_{unit}"))?;
+    }
+    writeln!(f)?;
+    for node in &map.nodes {
+        let [x, y, z] = node.position_mm;
+        write!(f, "{x:>9.1} {y:>9.1} {z:>9.1}")?;
+        for ((value, std), used) in node.value.iter().zip(&node.std).zip(&node.used) {
+            write!(f, " {:>24}", format!("{value:.2} +- {std:.2} ({used:.2})"))?;
+        }
+        writeln!(f)?;
+    }
+    Ok(())
+}
+
+const PANEL: (u32, u32) = (900, 260);
+const INK: RGBColor = RGBColor(60, 60, 60);
+const BLUE_LINE: RGBColor = RGBColor(0, 114, 178);
+const USED: RGBColor = RGBColor(213, 94, 0);
+
+/// The newest maps, one panel per component: estimate over X with bars of one standard deviation, and what is used of
+/// it. Where there is a course of time, how consistent the innovations of each sensor were, on top.
+fn picture(course: &[(f64, FilterStatus)]) -> Result<String, Box<dyn std::error::Error>> {
+    let maps = course.last().map_or(&[][..], |(_, filter)| &filter.maps[..]);
+    let over_time = u32::from(course.len() > 1);
+    let panels: Vec<(&MapStatus, usize)> =
+        maps.iter().flat_map(|map| (0..map.components.len()).map(move |c| (map, c))).collect();
+    let count = u32::try_from(panels.len())?.saturating_add(over_time).max(1);
+    let mut text = String::new();
+    {
+        let root = SVGBackend::with_string(&mut text, (PANEL.0, PANEL.1 * count)).into_drawing_area();
+        root.fill(&WHITE)?;
+        let mut areas = root.split_evenly((count as usize, 1)).into_iter().peekable();
+        if let Some(area) = areas.next_if(|_| over_time > 0) {
+            consistency(&area, course)?;
+        }
+        for ((map, c), area) in panels.into_iter().zip(areas) {
+            let xs = map.nodes.iter().map(|n| n.position_mm[0]);
+            let (low, high) = xs.fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(x), h.max(x)));
+            let largest = map.nodes.iter().map(|n| n.value[c].abs() + n.std[c]).fold(1e-6, f64::max) * 1.1;
+            let title = format!(
+                "{}.{} ({}), difference from the offline map; used with weight {:.2}",
+                map.name, map.components[c], map.units[c], map.weight
+            );
+            let mut chart = ChartBuilder::on(&area)
+                .caption(title, ("sans-serif", 15, &INK))
+                .margin(8)
+                .x_label_area_size(24)
+                .y_label_area_size(60)
+                .build_cartesian_2d(low..high.max(low + 1.0), -largest..largest)?;
+            chart.configure_mesh().x_desc("X in mm").light_line_style(WHITE).draw()?;
+            for line in lines(map) {
+                let of = |values: fn(&crate::runtime::NodeStatus) -> &Vec<f64>| {
+                    line.iter()
+                        .map(|k| (map.nodes[*k].position_mm[0], values(&map.nodes[*k])[c]))
+                        .collect::<Vec<_>>()
+                };
+                let (value, std, used) = (of(|n| &n.value), of(|n| &n.std), of(|n| &n.used));
+                chart.draw_series(value.iter().zip(&std).map(|((x, v), (_, s))| {
+                    PathElement::new(vec![(*x, v - s), (*x, v + s)], BLUE_LINE.mix(0.4))
+                }))?;
+                chart.draw_series(LineSeries::new(value, &BLUE_LINE))?;
+                chart.draw_series(used.into_iter().map(|at| Circle::new(at, 2, USED.filled())))?;
+            }
+        }
+        root.present()?;
+    }
+    Ok(text)
+}
+
+/// Running mean of squared innovation over variance of each sensor over time: about 1 where everything is right.
+fn consistency<B: DrawingBackend>(
+    area: &DrawingArea<B, plotters::coord::Shift>,
+    course: &[(f64, FilterStatus)],
+) -> Result<(), Box<dyn std::error::Error>>
+where
+    B::ErrorType: 'static,
+{
+    const COLOURS: [RGBColor; 4] = [BLUE_LINE, USED, RGBColor(0, 158, 115), RGBColor(204, 121, 167)];
+    let end = course.last().map_or(1.0, |(t, _)| t.max(1.0));
+    let mut chart = ChartBuilder::on(area)
+        .caption("squared innovation over its variance, running mean: 1 is right", ("sans-serif", 15, &INK))
+        .margin(8)
+        .x_label_area_size(24)
+        .y_label_area_size(60)
+        .build_cartesian_2d(0.0..end, 0.0..3.0)?;
+    chart.configure_mesh().x_desc("time in s").light_line_style(WHITE).draw()?;
+    let names = course.last().map_or(&[][..], |(_, filter)| &filter.sensors[..]);
+    for (k, name) in names.iter().map(|s| &s.name).enumerate() {
+        let of = |filter: &FilterStatus| filter.sensors.iter().find(|s| s.name == *name).and_then(|s| s.nis);
+        let line: Vec<(f64, f64)> = course.iter().filter_map(|(t, f)| Some((*t, of(f)?.min(3.0)))).collect();
+        if line.is_empty() {
+            continue;
+        }
+        let colour = COLOURS[k % COLOURS.len()];
+        chart
+            .draw_series(LineSeries::new(line, &colour))?
+            .label(name.as_str())
+            .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], colour));
+    }
+    chart.configure_series_labels().border_style(INK.mix(0.3)).background_style(WHITE).draw()?;
+    Ok(())
+}
+
+/// Nodes of equal Y and Z, by their numbers.
+fn lines(map: &MapStatus) -> Vec<Vec<usize>> {
+    let mut lines: Vec<Vec<usize>> = Vec::new();
+    for (k, node) in map.nodes.iter().enumerate() {
+        let same = |line: &&mut Vec<usize>| {
+            line.first().is_some_and(|first| map.nodes[*first].position_mm[1..] == node.position_mm[1..])
+        };
+        match lines.iter_mut().find(same) {
+            Some(line) => line.push(k),
+            None => lines.push(vec![k]),
+        }
+    }
+    lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::runtime::NodeStatus;
+
+    fn filter() -> FilterStatus {
+        let node = |k: usize| NodeStatus {
+            position_mm: [(k % 3) as f64 * 500.0, (k / 3) as f64 * 400.0, 0.0],
+            value: vec![k as f64, 0.5],
+            std: vec![0.3, 0.1],
+            used: vec![0.9 * k as f64, 0.0],
+        };
+        let map = MapStatus {
+            name: "ram".to_owned(),
+            state: "alarm".to_owned(),
+            updates: 7,
+            components: vec!["ezz".to_owned(), "eaz".to_owned()],
+            units: vec!["um".to_owned(), "arcsec".to_owned()],
+            weight: 0.9,
+            largest: vec![4.5, 0.0],
+            nodes: (0..6).map(node).collect(),
+        };
+        let sensor = SensorStatus {
+            name: "tracker".to_owned(),
+            kind: "tool".to_owned(),
+            state: "excluded".to_owned(),
+            cause: Some("disagrees".to_owned()),
+            code: Some("VC-8010".to_owned()),
+            noise_factor: Some(1.2),
+            ..SensorStatus::default()
+        };
+        let growth = GrowthStatus {
+            name: "spindle-z".to_owned(),
+            state: "outside".to_owned(),
+            input: Some("t4".to_owned()),
+            code: Some("VC-8014".to_owned()),
+            unit: "um".to_owned(),
+            value: -12.3,
+            share: 0.4,
+            std: Some(2.0),
+        };
+        FilterStatus {
+            sensors: vec![sensor],
+            maps: vec![map],
+            growths: vec![growth],
+            ..FilterStatus::default()
+        }
+    }
+
+    #[test]
+    fn people_read_states_nodes_and_uncertainty() {
+        let filter = filter();
+        let mut text = String::new();
+        write(&mut text, &filter.sensors, &filter.maps, &["a note".to_owned()]).unwrap();
+        write_nodes(&mut text, &filter.maps[0]).unwrap();
+        write_growths(&mut text, &filter.growths).unwrap();
+        for words in [
+            "tracker (tool) excluded: disagrees (VC-8010)",
+            "ram alarm, 7 readings",
+            "NOTE",
+            "5.00 +- 0.30 (4.50)",
+            "eaz_arcsec",
+            "spindle-z -12.30 um +- 2.00, t4 is outside of what the fit has seen (VC-8014), 40 % of it used",
+        ] {
+            assert!(text.contains(words), "{words}\n{text}");
+        }
+    }
+
+    #[test]
+    fn the_picture_has_a_panel_per_component() {
+        let text = picture(&[(0.0, filter())]).unwrap();
+        assert!(text.starts_with("<svg") && text.contains("ram.ezz") && text.contains("ram.eaz"));
+        assert_eq!(lines(&filter().maps[0]), [vec![0, 1, 2], vec![3, 4, 5]]);
+        assert!(picture(&[]).is_ok());
+        let mut later = filter();
+        later.sensors[0].nis = Some(1.1);
+        let text = picture(&[(0.0, filter()), (5.0, later)]).unwrap();
+        assert!(text.contains("squared innovation") && text.contains("tracker"), "over time");
+    }
+}

@@ -1,0 +1,157 @@
+//! Getting to know a sensor before anything is learned from it: how noisy it is, and whether it agrees with the map.
+//!
+//! A filter that starts with a noise five times too small takes every honest reading for an outlier, and one that
+//! starts five times too large learns from lies. So the first readings are only looked at. What changes from one
+//! reading to the next is noise, for the map's error hardly changes: the variance is half the median of the squared
+//! differences, over 0.4549 (the median of chi-square with one degree of freedom), which half of all readings may
+//! spoil before it is wrong. Noise that changes slowly hides from that, so the scatter about the median counts where it is
+//! larger: too much noise to begin with is learned away, too little locks an honest sensor out. Then the median
+//! innovation must fit the uncertainty of the map.
+//!
+//! The same decides about the return of a sensor that was excluded for disagreeing.
+
+/// Median of chi-square with one degree of freedom.
+const CHI2_MEDIAN: f64 = 0.454_936_4;
+/// Variance of a median over that of a mean, for normal noise.
+const MEDIAN_COST: f64 = core::f64::consts::FRAC_PI_2;
+
+/// What was found out about a sensor.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Opinion {
+    /// Variance of its noise, in units of the stated one: what changes from one reading to the next.
+    pub variance: f64,
+    /// Variance about the median, where that is larger: what the filter may begin with.
+    pub begin_with: f64,
+    /// Largest squared median innovation over its variance: above the gate it disagrees with the map.
+    pub disagreement: f64,
+}
+
+/// Readings that are only looked at.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Acquaintance {
+    wanted: usize,
+    rows: usize,
+    /// Innovations, reading by reading.
+    innovations: Vec<f64>,
+    /// Sum over the readings of what the map is uncertain by, row by row.
+    uncertainty: Vec<f64>,
+}
+
+impl Acquaintance {
+    /// Looks at `wanted` readings, at least three.
+    #[must_use]
+    pub fn new(wanted: usize) -> Self {
+        Self { wanted: wanted.max(3), rows: 0, innovations: Vec::new(), uncertainty: Vec::new() }
+    }
+
+    /// Readings seen, and wanted.
+    #[must_use]
+    pub fn progress(&self) -> (usize, usize) {
+        (self.innovations.len().checked_div(self.rows).unwrap_or(0), self.wanted)
+    }
+
+    /// One more reading: for each row its innovation and the variance of the map there, in units of the stated noise.
+    /// The opinion, once there are enough; it then starts over.
+    pub fn add(&mut self, rows: &[(f64, f64)]) -> Option<Opinion> {
+        if rows.is_empty() || rows.iter().any(|(nu, p)| !(nu.is_finite() && p.is_finite())) {
+            return None;
+        }
+        if rows.len() != self.rows {
+            self.rows = rows.len();
+            self.innovations.clear();
+            self.uncertainty = vec![0.0; rows.len()];
+        }
+        self.innovations.extend(rows.iter().map(|(nu, _)| *nu));
+        for (sum, (_, p)) in self.uncertainty.iter_mut().zip(rows) {
+            *sum += p;
+        }
+        let readings = self.innovations.len() / self.rows;
+        if readings < self.wanted {
+            return None;
+        }
+        let opinion = self.opinion(readings);
+        self.innovations.clear();
+        self.uncertainty.fill(0.0);
+        Some(opinion)
+    }
+
+    fn opinion(&self, readings: usize) -> Opinion {
+        let lines: Vec<&[f64]> = self.innovations.chunks_exact(self.rows).collect();
+        let squares = lines.windows(2).flat_map(|w| w[0].iter().zip(w[1]).map(|(a, b)| (a - b).powi(2)));
+        let fast = median(squares.collect()) / (2.0 * CHI2_MEDIAN);
+        let row = |r: usize| lines.iter().map(move |line| line[r]).collect::<Vec<f64>>();
+        let about = |r: usize| {
+            let middle = median(row(r));
+            row(r).into_iter().map(move |v| (v - middle).powi(2))
+        };
+        let scatter = median((0..self.rows).flat_map(about).collect()) / CHI2_MEDIAN;
+        let begin_with = fast.max(scatter);
+        let n = readings as f64;
+        let disagreement = (0..self.rows)
+            .map(|r| {
+                let middle = median(row(r));
+                middle * middle / (self.uncertainty[r] / n + MEDIAN_COST * begin_with / n)
+            })
+            .fold(0.0, f64::max);
+        Opinion { variance: fast, begin_with, disagreement }
+    }
+}
+
+fn median(mut values: Vec<f64>) -> f64 {
+    values.sort_by(f64::total_cmp);
+    let n = values.len();
+    if n == 0 { 0.0 } else { 0.5 * (values[(n - 1) / 2] + values[n / 2]) }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::SeedableRng;
+    use rand_chacha::ChaCha8Rng;
+    use rand_distr::{Distribution, StandardNormal};
+
+    fn look(seed: u64, sigma: f64, bias: f64, outliers: bool) -> Opinion {
+        let mut random = ChaCha8Rng::seed_from_u64(seed);
+        let mut it = Acquaintance::new(25);
+        for i in 0.. {
+            let rows: [(f64, f64); 5] = core::array::from_fn(|_| {
+                let z: f64 = StandardNormal.sample(&mut random);
+                (bias + sigma * z + if outliers && i % 10 == 4 { 300.0 } else { 0.0 }, 4.0)
+            });
+            if let Some(opinion) = it.add(&rows) {
+                assert_eq!(i, 24);
+                return opinion;
+            }
+        }
+        unreachable!()
+    }
+
+    #[test]
+    fn noise_is_found_whatever_was_stated_and_outliers_do_not_matter() {
+        for sigma in [0.2, 1.0, 5.0] {
+            let mean: f64 = (0..100).map(|s| look(s, sigma, 1.0, false).variance).sum::<f64>() / 100.0;
+            assert!((mean / sigma.powi(2) - 1.0).abs() < 0.1, "{sigma}: {mean}");
+            let worst = (0..100).map(|s| look(s, sigma, 1.0, true).variance).fold(0.0, f64::max);
+            assert!(worst < 4.5 * sigma * sigma, "{sigma}: {worst}");
+        }
+    }
+
+    #[test]
+    fn a_bias_beyond_the_map_is_a_disagreement() {
+        assert!((0..100).all(|s| look(s, 1.0, 2.0, true).disagreement < 10.8));
+        assert!((0..100).all(|s| look(s, 1.0, 10.0, false).disagreement > 10.8));
+    }
+
+    #[test]
+    fn readings_of_another_shape_start_over_and_nonsense_is_left_out() {
+        let mut it = Acquaintance::new(3);
+        assert_eq!(it.add(&[(1.0, 1.0); 2]), None);
+        assert_eq!(it.add(&[(1.0, 1.0); 3]), None);
+        assert_eq!(it.add(&[(f64::NAN, 1.0); 3]), None);
+        assert_eq!(it.add(&[]), None);
+        assert_eq!(it.progress(), (1, 3));
+        assert_eq!(it.add(&[(2.0, 1.0); 3]), None);
+        assert!(it.add(&[(1.0, 1.0); 3]).is_some());
+        assert_eq!(it.progress(), (0, 3));
+    }
+}

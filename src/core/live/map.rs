@@ -1,0 +1,189 @@
+//! A map of the machine: its components in the model, its alarm, what is kept of it.
+
+use std::sync::Arc;
+
+use super::health::{MapHealth, NodeHealth};
+use super::spec::{LiveError, MapSpec};
+use super::table::TableMap;
+use crate::core::estimate::filter::COMPONENTS_MAX;
+use crate::core::estimate::{ComponentRules, LiveMap, MapRules, NodeGrid};
+use crate::core::model::{ErrorSymbol, Model};
+use crate::core::units::MonoTime;
+
+/// Seconds in an hour.
+const HOUR_S: f64 = 3600.0;
+
+/// A live value of the model with its symbol, where its name is `prefix.SYMBOL`.
+pub(super) fn channels(model: &Model, prefix: &str) -> Result<Vec<(usize, ErrorSymbol)>, LiveError> {
+    let mut found = Vec::new();
+    for (k, channel) in model.sensors().iter().enumerate() {
+        let Some((name, symbol)) = channel.rsplit_once('.').filter(|(name, _)| *name == prefix) else {
+            continue;
+        };
+        let symbol = ErrorSymbol::parse(symbol).ok_or_else(|| LiveError::BadChannel {
+            channel: channel.clone(),
+            name: name.to_owned(),
+            found: symbol.to_owned(),
+        })?;
+        found.push((k, symbol));
+    }
+    Ok(found)
+}
+
+/// What is kept of a map.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct KeptMap {
+    /// Its name.
+    pub name: String,
+    /// Its components.
+    pub components: Vec<String>,
+    /// Coordinates of its nodes along X, Y, Z.
+    pub nodes: [Vec<f64>; 3],
+    /// Difference from the offline map and its standard deviation: components one after the other; mm or rad.
+    pub values: Vec<(f64, f64)>,
+    /// How much more than noise it was.
+    pub evidence: f64,
+}
+
+/// A map and how it stands.
+#[derive(Debug, Clone)]
+pub(super) struct MapState {
+    pub(super) spec: MapSpec,
+    pub(super) map: LiveMap,
+    /// Live values of the model that are its components.
+    pub(super) channels: Vec<usize>,
+    symbols: Vec<ErrorSymbol>,
+    predicted: Option<MonoTime>,
+    pub(super) alarm: Option<MonoTime>,
+    pub(super) is_static: bool,
+    pub(super) updates: u64,
+    made: Option<Arc<TableMap>>,
+}
+
+impl MapState {
+    pub(super) fn new(spec: &MapSpec, model: &Model) -> Result<Self, LiveError> {
+        let map = spec.name.clone();
+        let found = channels(model, &spec.name)?;
+        if found.is_empty() {
+            return Err(LiveError::NoChannel { map });
+        }
+        if found.len() > COMPONENTS_MAX {
+            return Err(LiveError::TooManyChannels { map, found: found.len() });
+        }
+        let [x, y, z] = spec.nodes.clone();
+        let grid = NodeGrid::new(x, y, z).map_err(|source| LiveError::Grid { map: map.clone(), source })?;
+        let components = found
+            .iter()
+            .map(|(_, symbol)| {
+                let unit = usize::from(symbol.is_angle());
+                ComponentRules {
+                    std: spec.std[unit],
+                    variance_per_s: spec.drift_per_h[unit].powi(2) / HOUR_S,
+                    limit: spec.limit[unit],
+                }
+            })
+            .collect();
+        let rules = MapRules {
+            grid,
+            components,
+            correlation_mm: spec.correlation_mm,
+            tau_s: spec.return_s,
+            gate: spec.gate,
+        };
+        let (channels, symbols) = found.into_iter().unzip();
+        Ok(Self {
+            spec: spec.clone(),
+            map: LiveMap::new(rules).map_err(|source| LiveError::Map { map, source })?,
+            channels,
+            symbols,
+            predicted: None,
+            alarm: None,
+            is_static: false,
+            updates: 0,
+            made: None,
+        })
+    }
+
+    /// Lets time pass until `at`.
+    pub(super) fn predict(&mut self, at: MonoTime) {
+        let since = self.predicted.map_or(0.0, |before| at.seconds_since(before));
+        if self.predicted.is_none() || since > 0.0 {
+            self.map.predict(since);
+            self.predicted = Some(at);
+            self.made = None;
+        }
+    }
+
+    /// It has changed: the next table holds it anew.
+    pub(super) fn touched(&mut self) {
+        self.updates += 1;
+        self.made = None;
+    }
+
+    /// The map for the cycle.
+    pub(super) fn table(&mut self) -> Arc<TableMap> {
+        let map = &self.map;
+        let make = || Arc::new(TableMap { grid: map.rules().grid.clone(), values: map.outputs().collect() });
+        Arc::clone(self.made.get_or_insert_with(make))
+    }
+
+    pub(super) fn forget(&mut self) {
+        self.map.forget();
+        (self.alarm, self.is_static, self.made) = (None, false, None);
+    }
+
+    pub(super) fn kept(&self) -> KeptMap {
+        KeptMap {
+            name: self.spec.name.clone(),
+            components: self.symbols.iter().map(|s| s.to_string().to_lowercase()).collect(),
+            nodes: self.spec.nodes.clone(),
+            values: self.map.nodes().collect(),
+            evidence: self.map.evidence(),
+        }
+    }
+
+    /// Puts back what was kept `age_s` ago; in words why not.
+    pub(super) fn restore(&mut self, kept: &KeptMap, age_s: f64) -> Result<(), String> {
+        let own = self.kept();
+        if kept.components != own.components {
+            return Err(format!(
+                "components are {}, the model's are {}",
+                kept.components.join(" "),
+                own.components.join(" ")
+            ));
+        }
+        if kept.nodes != own.nodes {
+            return Err("its nodes are others than those of the machine file".to_owned());
+        }
+        if !self.map.restore(&kept.values, kept.evidence) {
+            return Err("it has values that are no numbers or beyond the limits".to_owned());
+        }
+        self.map.predict(age_s.max(0.0));
+        self.made = None;
+        Ok(())
+    }
+
+    pub(super) fn health(&self) -> MapHealth {
+        let grid = &self.map.rules().grid;
+        let per = grid.nodes();
+        let values: Vec<(f64, f64)> = self.map.nodes().collect();
+        let used: Vec<f64> = self.map.outputs().collect();
+        let components = self.symbols.len();
+        let node = |n: usize| NodeHealth {
+            position: grid.node(n),
+            components: (0..components)
+                .map(|c| [values[c * per + n].0, values[c * per + n].1, used[c * per + n]])
+                .collect(),
+        };
+        MapHealth {
+            name: self.spec.name.clone(),
+            components: self.symbols.clone(),
+            updates: self.updates,
+            alarm: self.alarm.is_some(),
+            is_static: self.is_static,
+            weight: self.map.weight(),
+            largest: used.chunks(per).map(|of| of.iter().fold(0.0, |m: f64, v| m.max(v.abs()))).collect(),
+            nodes: (0..per).map(node).collect(),
+        }
+    }
+}

@@ -1,0 +1,228 @@
+//! Sensors that talk to a real `volcompd`: what they teach reaches the axes, the status, the recording and the disk.
+
+#![cfg(feature = "daemon")]
+#![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
+
+mod daemon_support;
+
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::net::{TcpListener, TcpStream};
+use std::process::Command;
+use std::time::{Duration, Instant};
+
+use daemon_support::{Daemon, EXX_MM, PATIENCE, Port, Session, Setup, eventually};
+use rustix::process::Signal;
+
+const MODEL: &str = r#"
+format = "volcomp-model/1"
+machine = "test-mill"
+chain = "[w X' b Y Z t]"
+[errors.exx.constant]
+value-um = 10.0
+[errors.exz.live]
+sensor = "ram.exz"
+limit-um = 40
+[errors.eyz.live]
+sensor = "ram.eyz"
+limit-um = 40
+[errors.ezz.live]
+sensor = "growth"
+limit-um = 30
+"#;
+
+/// What the ram is off by and the model does not know, mm.
+const RAM_MM: f64 = 0.020;
+/// What the spindle has grown by, mm.
+const GROWTH_MM: f64 = 0.008;
+
+/// Tables of the machine file, with a port that is free.
+fn tables() -> (String, &'static str) {
+    let port = TcpListener::bind("127.0.0.1:0").expect("a port").local_addr().expect("address");
+    let text = format!(
+        "[recording]\ndirectory = \"rec\"\nflush-ms = 50.0\n[state]\ndirectory = \"state\"\n\
+         [sensors]\nlisten = \"{port}\"\nkeep-s = 1\n\
+         [[map]]\nname = \"ram\"\nx-mm = [-100, 0, 100]\ny-mm = [-100, 100]\nz-mm = [-100, 100]\nlimit-um = 30\n\
+         [[sensor]]\nname = \"tracker\"\nkind = \"tool\"\nstd-um = 3\nacquaintance = 10\nreturn-s = 0.3\n\
+         [[sensor]]\nname = \"growth\"\nkind = \"value\"\n[[sensor]]\nname = \"air\"\nkind = \"temperature\"\n"
+    );
+    (port.to_string(), Box::leak(text.into_boxed_str()))
+}
+
+fn setup(more: &'static str) -> Setup {
+    Setup { more, model: MODEL.to_owned(), ..Setup::default() }
+}
+
+/// Control, daemon and sensors, in real time.
+struct Shop {
+    session: Session,
+    sensors: TcpStream,
+    begin: Instant,
+    /// Where the control's clock began.
+    control_ns: i64,
+    readings: u32,
+    tracker: bool,
+}
+
+impl Shop {
+    fn open(port: &Port, address: &str) -> Self {
+        let mut sensors = None;
+        assert!(eventually(|| {
+            sensors = TcpStream::connect(address).ok();
+            sensors.is_some()
+        }));
+        let session = port.link();
+        session.stream.set_nodelay(true).expect("option");
+        let control_ns = session.control_ns;
+        let sensors = sensors.expect("sensors connect");
+        Self { session, sensors, begin: Instant::now(), control_ns, readings: 0, tracker: true }
+    }
+
+    /// Cycles in real time for so long, a reading of each sensor every 10 ms.
+    fn work(&mut self, time: Duration) {
+        let until = Instant::now() + time;
+        while Instant::now() < until {
+            let elapsed = self.begin.elapsed();
+            self.session.control_ns = self.control_ns + i64::try_from(elapsed.as_nanos()).expect("fits");
+            let t = elapsed.as_secs_f64();
+            self.session.commanded[0] = 80.0 * (1.3 * t).sin();
+            self.session.commanded[1] = 80.0 * (1.7 * t).sin();
+            self.session.commanded[2] = 80.0 * (0.9 * t).sin();
+            let _ = self.session.cycle();
+            if t > 0.01 * f64::from(self.readings) {
+                self.readings += 1;
+                self.speak(t);
+            }
+            std::thread::sleep(Duration::from_micros(600));
+        }
+    }
+
+    /// What is measured: the error of the machine and the offset that was applied.
+    fn speak(&mut self, t: f64) {
+        // even noise without any memory
+        let noise = 2.0 * ((f64::from(self.readings) * 12.9898).sin() * 43_758.545_3).rem_euclid(1.0) - 1.0;
+        let x_um = 1e3 * (EXX_MM + RAM_MM + self.session.applied[0]) + 5.0 * noise;
+        let quiet = 0.1 * noise;
+        let mut lines = format!(
+            "{{\"sensor\": \"growth\", \"t_s\": {t}, \"value_um\": {}}}\n\
+             {{\"sensor\": \"air\", \"t_s\": {t}, \"temperature_degc\": [20.5]}}\n",
+            1e3 * GROWTH_MM + quiet,
+        );
+        if self.tracker {
+            lines += &format!(
+                "{{\"sensor\": \"tracker\", \"t_s\": {}, \"deviation\": {{\"direction\": [1, 0, 0], \"value_um\": {x_um}}}}}\n",
+                t + 777.0
+            );
+        }
+        self.sensors.write_all(lines.as_bytes()).expect("sent");
+    }
+
+    fn off(&self) -> [f64; 2] {
+        [self.session.applied[0] + EXX_MM + RAM_MM, self.session.applied[2] + GROWTH_MM]
+    }
+}
+
+fn named<'a>(status: &'a serde_json::Value, list: &str, name: &str) -> &'a serde_json::Value {
+    let all = status[list].as_array().expect("a list");
+    all.iter().find(|entry| entry["name"] == name).expect("listed")
+}
+
+#[test]
+fn what_sensors_teach_reaches_axes_status_recording_and_disk() {
+    let port = Port::open();
+    let (address, more) = tables();
+    let mut daemon = Daemon::start(&port.address(), setup(more));
+    let mut shop = Shop::open(&port, &address);
+    let begin = Instant::now();
+    shop.work(Duration::from_millis(2500));
+    while shop.off().iter().any(|off| off.abs() > 2.5e-3) {
+        assert!(begin.elapsed() < 3 * PATIENCE, "{:?} {}", shop.off(), daemon.status());
+        shop.work(Duration::from_millis(200));
+    }
+    let status = daemon.status();
+    let tracker = named(&status, "sensors", "tracker");
+    assert_eq!(tracker["state"], "good", "{tracker}");
+    assert!(
+        (tracker["clock_offset_s"].as_f64().expect("known")).abs() > 100.0,
+        "its clock is its own: {tracker}"
+    );
+    assert_eq!(named(&status, "sensors", "air")["values"][0], 20.5);
+    let map = named(&status, "maps", "ram");
+    assert_eq!((&map["state"], map.get("nodes").is_none()), (&"learning".into(), true), "{map}");
+    let text = daemon.volcomp(&["status"]);
+    assert!(String::from_utf8_lossy(&text.stdout).contains("tracker (tool) good"), "{text:?}");
+    // nodes and picture
+    let picture = daemon.dir.path().join("filter.svg");
+    let shown = daemon.volcomp(&["filter", "show", "--json", "--picture", picture.to_str().expect("text")]);
+    let filter: serde_json::Value = serde_json::from_slice(&shown.stdout).expect("JSON");
+    assert_eq!(filter["maps"][0]["nodes"].as_array().expect("nodes").len(), 12);
+    assert!(fs::read_to_string(&picture).expect("drawn").contains("ram.exz"));
+
+    // a tracker that falls silent is told by name; what was learned stays, and so does what others say
+    shop.tracker = false;
+    shop.work(Duration::from_millis(900));
+    let status = daemon.status();
+    let tracker = named(&status, "sensors", "tracker");
+    assert_eq!((&tracker["state"], &tracker["cause"]), (&"excluded".into(), &"silent".into()), "{tracker}");
+    assert_eq!(tracker["code"], "VC-8002");
+    assert!(shop.off()[0].abs() < 3.5e-3 && shop.off()[1].abs() < 1.5e-3, "{:?}", shop.off());
+    shop.tracker = true;
+    shop.work(Duration::from_millis(900));
+    assert_eq!(named(&daemon.status(), "sensors", "tracker")["state"], "good");
+    drop(shop);
+    daemon.signal(Signal::TERM);
+    assert!(daemon.wait().success());
+
+    // bit for bit the same from the recording
+    let recording = fs::read_dir(daemon.dir.path().join("rec")).expect("folder").next().expect("a file");
+    let replayed = Command::new(env!("CARGO_BIN_EXE_volcomp"))
+        .arg("replay")
+        .arg(recording.expect("entry").path())
+        .output()
+        .expect("volcomp runs");
+    assert!(replayed.status.success(), "{}", String::from_utf8_lossy(&replayed.stdout));
+    // what was learned goes on
+    daemon.restart();
+    daemon.wait_for_log("what was learned until");
+    daemon.signal(Signal::TERM);
+    let _ = daemon.wait();
+    // and what is damaged is kept aside
+    let state = daemon.dir.path().join("state");
+    fs::write(state.join("live.json"), "{\"format\": \"volcomp-live/1\", ").expect("written");
+    daemon.restart();
+    daemon.wait_for_log("VC-8013");
+    let aside = fs::read_dir(&state).expect("folder").filter_map(Result::ok);
+    assert!(aside.into_iter().any(|e| e.file_name().to_string_lossy().starts_with("live.json.damaged")));
+}
+
+#[test]
+fn what_is_no_reading_is_answered_and_costs_nothing_else() {
+    let port = Port::open();
+    let (address, more) = tables();
+    let daemon = Daemon::start(&port.address(), setup(more));
+    let shop = Shop::open(&port, &address);
+    let mut stream = TcpStream::connect(&address).expect("connects");
+    stream.set_read_timeout(Some(PATIENCE)).expect("option");
+    stream
+        .write_all(b"nonsense\n{\"sensor\": \"nobody\", \"t_s\": 1, \"value_um\": 1}\n{\"sensor\": \"growth\", \"t_s\": 1, \"value_um\": 1}\n")
+        .expect("sent");
+    let mut reader = BufReader::new(stream.try_clone().expect("a stream"));
+    let mut answers = String::new();
+    reader.read_line(&mut answers).expect("an answer");
+    reader.read_line(&mut answers).expect("an answer");
+    assert!(
+        answers.contains("line 1") && answers.contains("nobody") && answers.contains("tracker"),
+        "{answers}"
+    );
+    stream.write_all(b"VCS1\x08\x06\x01\x00AAAAAAAABBBBgrowthXXXXXXXXYYYY").expect("sent");
+    let mut end = String::new();
+    reader.read_line(&mut end).expect("an answer");
+    assert!(end.contains("check sum"), "{end}");
+    assert!(eventually(|| named(&daemon.status(), "sensors", "growth")["readings"] == 1));
+    // what nobody has, nobody forgets
+    let forgotten = daemon.volcomp(&["filter", "forget", "rom"]);
+    assert!(!forgotten.status.success(), "{forgotten:?}");
+    let forgotten = daemon.volcomp(&["filter", "forget", "ram", "--reason", "a test"]);
+    assert!(forgotten.status.success(), "{forgotten:?}");
+    drop(shop);
+}
