@@ -161,7 +161,7 @@ const ARROWS: &[Arrow] = &[
     Arrow { line: "M855 142 H575", words: &["hold-s over, disable, out of travel"], at: [715, 158], anchor: "middle", from: &[Holding], to: &[RampingOut] },
     Arrow { line: "M930 105 V55 H130 V105", words: &["stop with rest = \"hold\""], at: [530, 47], anchor: "middle", from: &[Holding], to: &[Off] },
     Arrow { line: "M650 500 V625", words: &["correction beyond", "the stop limit"], at: [658, 560], anchor: "start", from: FOLLOWING, to: &[Faulted] },
-    Arrow { line: "M400 650 H575", words: &["read-back mismatch"], at: [488, 642], anchor: "middle", from: &[Off, Armed, RampingIn, Active, FadingToStatic, Holding, RampingOut], to: &[Faulted] },
+    Arrow { line: "M400 650 H575", words: &["read-back mismatch;", "at zero, and no data yet"], at: [488, 625], anchor: "middle", from: &[Off, Armed, RampingIn, Active, FadingToStatic, Holding, RampingOut], to: &[Faulted] },
     Arrow { line: "M650 675 V715 H30 V130 H55", words: &["fault cleared, at zero"], at: [330, 707], anchor: "middle", from: &[Faulted], to: &[Off] },
     Arrow { line: "M1080 650 H1140", words: &["link ends"], at: [1110, 622], anchor: "middle", from: &[RampingIn, Active, FadingToStatic, Holding, RampingOut], to: &[Armed, Off] },
 ];
