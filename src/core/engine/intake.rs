@@ -165,15 +165,16 @@ impl Intake {
         }
         let dt = frame.control_ns.saturating_sub(last.control_ns) as f64 / NS_PER_S;
         let cycles = dt / self.cycle_s;
+        // a number that runs ahead of its own time is a stray: an answer that names it would be in the future, and it must
+        // be reached before so many strays have made another count that the next answer is a step further
+        if f64::from(ahead) >= cycles.max(0.0).round() + f64::from(STRAYS) {
+            return Err(Reason::Sequence);
+        }
         // a clock that runs ahead of the cycles counted has stepped, and says nothing about how far axes may have gone
         let most = f64::from(ahead) + CYCLES_AHEAD_MAX.max(f64::from(ahead));
         if !(dt > 0.0 && cycles <= most) {
             self.detail = Some(Detail::of_time(dt, most * self.cycle_s));
             return Err(Reason::ControlClock);
-        }
-        // a number that runs ahead of its own time is a stray: an answer that names it would be in the future
-        if f64::from(ahead) > cycles.round() + f64::from(STRAYS) {
-            return Err(Reason::Sequence);
         }
         let reach = cycles.max(1.0);
         let moves = position.iter().zip(&last.position).map(|(now, before)| (now - before).abs());

@@ -60,3 +60,35 @@ fn a_small_offset_that_was_taken_back_in_a_gap_is_not_sent_again_as_a_step() {
     let out = w.engine.on_position(w.now, &w.frame, &w.model).expect("synchronised");
     assert_eq!(out.offset[0], 0.0);
 }
+
+#[test]
+fn an_answer_to_a_number_of_the_future_does_not_become_two_steps() {
+    // the control takes no answer that names a number above its own: what was sent with one must be sent again alone
+    for (ahead, clock_ns) in [(5, 0), (6, 0), (7, 0), (4, -1_000_000), (5, -1_000_000), (6, -1_000_000)] {
+        let mut w = World::new(&config());
+        w.engine.on_command(MonoTime::ZERO, Command::Enable);
+        w.run(60);
+        assert_eq!(w.engine.state(), State::RampingIn);
+        let mut applied = w.last.offset;
+        for n in 0..20 {
+            w.now = w.now.plus_seconds(CYCLE_S);
+            w.frame.sequence += 1;
+            w.frame.control_ns += 1_000_000;
+            w.frame.applied = applied;
+            let mut frame = w.frame;
+            if n == 3 {
+                frame.sequence += ahead;
+                frame.control_ns += clock_ns;
+            }
+            let Some(out) = w.engine.on_position(w.now, &frame, &w.model) else { continue };
+            if out.sequence == w.frame.sequence {
+                let step = (out.offset[0] - applied[0]).abs();
+                assert!(
+                    step <= LIMITS.rate * CYCLE_S * 1.000_001,
+                    "{step} in frame {n}, number {ahead} ahead"
+                );
+                applied = out.offset;
+            }
+        }
+    }
+}

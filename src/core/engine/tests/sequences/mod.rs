@@ -159,7 +159,7 @@ fn damages() -> impl Strategy<Value = Damage> {
         Just(Damage::AppliedNan),
         (-400.0..400.0).prop_map(Damage::Off),
         any::<i32>().prop_map(Damage::Number),
-        (-5..5i32).prop_map(Damage::Number),
+        (-9..9i32).prop_map(Damage::Number),
     ]
 }
 

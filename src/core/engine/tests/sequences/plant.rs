@@ -246,8 +246,12 @@ impl Plant {
         self.ever_enabled |= command == Command::Enable;
         let from = self.engine.state();
         self.engine.on_command(self.now, command);
-        let cause = if command == Command::KeepFault { Cause::Link } else { Cause::Command };
-        self.silent_change(from, cause);
+        match command {
+            // only a new engine, which begins with a link, is told so
+            Command::KeepFault if self.engine.state() == from => {}
+            Command::KeepFault => self.silent_change(from, Cause::Link),
+            _ => self.silent_change(from, Cause::Command),
+        }
     }
 
     pub(super) fn tool(&mut self, z: f64) {
