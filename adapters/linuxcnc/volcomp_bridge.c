@@ -50,7 +50,7 @@ typedef struct {
     header_t header; uint8_t chosen_version, axis_count, reserved[6]; uint64_t cycle_ns;
     char machine[32], software[32]; uint8_t axes[8][2]; uint32_t crc, padding;
 } control_hello_t;
-typedef struct { header_t header; uint8_t code, reserved[7]; char detail[32]; uint32_t crc, padding; } error_t;
+typedef struct { header_t header; uint8_t code, reserved[7]; char detail[32]; uint32_t crc, padding; } report_t;
 typedef struct { header_t header; uint8_t reason, reserved[3]; uint32_t crc; } close_t;
 typedef struct {
     header_t header; uint32_t sequence; uint16_t state; uint8_t reserved[2]; int64_t control_ns;
@@ -89,7 +89,7 @@ typedef struct {
     size_t in_size, out_from, out_size;
 } peer_t;
 
-typedef enum { FOLLOWING, KEPT, RAMPING_OUT } mode_t_;
+typedef enum { FOLLOWING, KEPT, RAMPING_OUT } stage_t;
 
 static struct {
     const char *name, *machine, *axes;
@@ -98,7 +98,7 @@ static struct {
 } config = { "volcomp", "linuxcnc", "XYZ", 7878, 0, 0, 1000000 };
 
 static struct {
-    mode_t_ mode;
+    stage_t mode;
     double value[AXES_MAX], target[AXES_MAX]; /* mm */
     int64_t missing, budget;                  /* cycles without a good correction; cycles not yet moved for */
     uint32_t answered, immovable;             /* sequence numbers */
@@ -163,6 +163,13 @@ static int judge_header(const header_t *h, bool agreed) {
     return 0;
 }
 
+/* Text into a field that need not end in a zero byte. */
+static void put_text(char field[32], const char *text) {
+    size_t n = strlen(text);
+    memset(field, 0, 32);
+    memcpy(field, text, n < 32 ? n : 32);
+}
+
 static bool all_zero(const void *bytes, size_t n) {
     const uint8_t *p = bytes;
     while (n > 0 && p[n - 1] == 0) n--;
@@ -223,10 +230,10 @@ static void leave(peer_t *peer) {
 }
 
 static void refuse(peer_t *peer, uint8_t code, const char *detail) {
-    error_t error;
+    report_t error;
     memset(&error, 0, sizeof error);
     error.code = code;
-    strncpy(error.detail, detail, sizeof error.detail);
+    put_text(error.detail, detail);
     say("peer refused", detail);
     if (post(peer, &error, ERROR)) leave(peer);
     else drop(peer);
@@ -242,8 +249,8 @@ static void greet(peer_t *peer, const daemon_hello_t *hello) {
     control_hello_t answer;
     char detail[33] = "";
     memset(&answer, 0, sizeof answer);
-    strncpy(answer.machine, config.machine, sizeof answer.machine);
-    strncpy(answer.software, "volcomp_bridge 1 (LinuxCNC)", sizeof answer.software);
+    put_text(answer.machine, config.machine);
+    put_text(answer.software, "volcomp_bridge 1 (LinuxCNC)");
     if (!all_zero(hello->reserved, sizeof hello->reserved) || hello->version_min < 1 ||
         hello->version_max < hello->version_min) {
         refuse(peer, E_BAD_FRAME, "hello");
@@ -354,7 +361,7 @@ static void take_frame(peer_t *peer, const void *frame) {
         say(bye->reason <= 1 ? "daemon has left in order" : "daemon has left with an error", "");
         leave(peer);
     } else if (h->type == ERROR) {
-        const error_t *error = frame;
+        const report_t *error = frame;
         char detail[33] = "";
         for (int k = 0; k < 32 && error->detail[k] != 0; k++)
             detail[k] = error->detail[k] >= ' ' && error->detail[k] < 127 ? error->detail[k] : '?';

@@ -1,0 +1,221 @@
+//! LinuxCNC itself: built, started, homed and driven through linuxcncrsh.
+
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::net::TcpStream;
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Stdio};
+use std::time::{Duration, Instant};
+
+use tempfile::TempDir;
+
+use crate::namespaces::run;
+use crate::trace::Trace;
+
+/// Longest wait for anything LinuxCNC does; the circle takes 19 s.
+const PATIENCE: Duration = Duration::from_secs(90);
+const MODULES: &str = "/usr/lib/linuxcnc/modules";
+/// LinuxCNC's real-time part refuses to run as root.
+const NOBODY: &str = "65534";
+
+/// Where the correction is added.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Wiring {
+    /// By the motion controller.
+    ExternalOffsets,
+    /// Behind it.
+    Injection,
+}
+
+impl Wiring {
+    pub(crate) const fn ini(self) -> &'static str {
+        match self {
+            Self::ExternalOffsets => "eoffset.ini",
+            Self::Injection => "inject.ini",
+        }
+    }
+
+    pub(crate) const fn example(self) -> &'static str {
+        match self {
+            Self::ExternalOffsets => "config/examples/linuxcnc",
+            Self::Injection => "config/examples/linuxcnc-inject",
+        }
+    }
+}
+
+/// A running LinuxCNC, homed and ready for commands.
+pub(crate) struct Cnc {
+    pub(crate) dir: TempDir,
+    rsh: TcpStream,
+    answers: BufReader<TcpStream>,
+    recorder: Child,
+    linuxcnc: Child,
+}
+
+impl Cnc {
+    /// Builds bridge and plant, starts LinuxCNC and homes it. `adapt` may change any file of the machine first.
+    pub(crate) fn start(wiring: Wiring, adapt: impl FnOnce(&Path)) -> Self {
+        let dir = tempfile::tempdir().expect("directory");
+        let machine = dir.path().join("sim");
+        build(dir.path());
+        adapt(&machine);
+        run("chmod", &["-R", "a+rwX", &text(dir.path())]);
+        let log = fs::File::create(dir.path().join("linuxcnc.log")).expect("log");
+        let linuxcnc = Command::new("setsid")
+            .args(["setpriv", "--reuid", NOBODY, "--regid", NOBODY, "--clear-groups", "env", "-i"])
+            .arg("PATH=/usr/sbin:/usr/bin:/sbin:/bin")
+            .arg(format!("HOME={}", text(dir.path())))
+            .args(["linuxcnc", "-r", wiring.ini()])
+            .current_dir(&machine)
+            .stdin(Stdio::null())
+            .stdout(log.try_clone().expect("log"))
+            .stderr(log)
+            .spawn()
+            .expect("LinuxCNC starts");
+        let Some(rsh) = connect(5007) else {
+            panic!("LinuxCNC did not start:\n{}", fs::read_to_string(dir.path().join("linuxcnc.log")).unwrap_or_default());
+        };
+        let records = fs::File::create(dir.path().join("records")).expect("records");
+        let recorder = Command::new("halsampler")
+            .args(["-c", "1", "-t"])
+            .stdin(Stdio::null())
+            .stdout(records)
+            .spawn()
+            .expect("halsampler starts");
+        let answers = BufReader::new(rsh.try_clone().expect("socket"));
+        let mut cnc = Self { dir, rsh, answers, recorder, linuxcnc };
+        cnc.home();
+        cnc
+    }
+
+    fn home(&mut self) {
+        self.say("hello EMC test 1.0");
+        for line in ["set verbose on", "set echo off", "set enable EMCTOO", "set set_wait done"] {
+            self.say(line);
+        }
+        self.machine_on();
+        self.order("set mode manual");
+        self.order("set home -1");
+        self.wait_for("homed", |cnc| cnc.say("get joint_homed").contains("YES YES YES"));
+        self.order("set mode mdi");
+    }
+
+    /// Emergency stop released, drives on.
+    pub(crate) fn machine_on(&mut self) {
+        self.order("set estop off");
+        self.order("set machine on");
+        self.wait_for("machine on", |cnc| cnc.say("get machine").contains("ON"));
+    }
+
+    /// One line to linuxcncrsh, strictly one answer at a time; gives the answer.
+    pub(crate) fn say(&mut self, line: &str) -> String {
+        self.send(line);
+        self.answer(line)
+    }
+
+    /// A command without waiting for its end.
+    pub(crate) fn send(&mut self, line: &str) {
+        self.rsh.write_all(format!("{line}\r\n").as_bytes()).expect("linuxcncrsh takes a line");
+    }
+
+    /// The answer to a command sent before.
+    pub(crate) fn answer(&mut self, line: &str) -> String {
+        loop {
+            let mut answer = String::new();
+            self.answers.read_line(&mut answer).expect("linuxcncrsh answers");
+            assert!(!answer.is_empty(), "linuxcncrsh is gone");
+            let answer = answer.trim();
+            if !answer.is_empty() && answer != line {
+                return answer.to_owned();
+            }
+        }
+    }
+
+    /// A command that must be carried out.
+    pub(crate) fn order(&mut self, line: &str) {
+        let answer = self.say(line);
+        assert!(answer.contains("ACK"), "{line}: {answer}");
+    }
+
+    /// A line of G-code, to its end.
+    pub(crate) fn mdi(&mut self, code: &str) {
+        self.order(&format!("set mdi {code}"));
+    }
+
+    /// The rows recorded from now on carry this number.
+    pub(crate) fn mark(&self, number: i32) {
+        run("halcmd", &["sets", "mark", &number.to_string()]);
+    }
+
+    /// The value of a pin, a parameter or a signal.
+    pub(crate) fn pin(&self, name: &str) -> String {
+        run("halcmd", &["getp", name])
+    }
+
+    pub(crate) fn wait_for(&mut self, what: &str, mut condition: impl FnMut(&mut Self) -> bool) {
+        let deadline = Instant::now() + PATIENCE;
+        while !condition(self) {
+            assert!(Instant::now() < deadline, "never {what}:\n{}", self.log());
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    }
+
+    /// Everything recorded so far.
+    pub(crate) fn trace(&self) -> Trace {
+        // what the servo thread has just written reaches the file within a moment
+        std::thread::sleep(Duration::from_millis(500));
+        Trace::read(&self.dir.path().join("records"))
+    }
+
+    pub(crate) fn log(&self) -> String {
+        fs::read_to_string(self.dir.path().join("linuxcnc.log")).unwrap_or_default()
+    }
+}
+
+impl Drop for Cnc {
+    fn drop(&mut self) {
+        // the namespace ends with the test and takes whatever is left with it
+        let _ = self.rsh.write_all(b"shutdown\r\n");
+        let _ = self.recorder.kill();
+        let _ = self.recorder.wait();
+        let _ = self.linuxcnc.kill();
+        let _ = self.linuxcnc.wait();
+        if std::thread::panicking() {
+            println!("log of LinuxCNC:\n{}", self.log());
+        }
+    }
+}
+
+fn text(path: &Path) -> String {
+    path.to_string_lossy().into_owned()
+}
+
+fn connect(port: u16) -> Option<TcpStream> {
+    let deadline = Instant::now() + PATIENCE;
+    while Instant::now() < deadline {
+        if let Ok(stream) = TcpStream::connect(("127.0.0.1", port)) {
+            stream.set_read_timeout(Some(PATIENCE)).expect("option");
+            stream.set_nodelay(true).expect("option");
+            return Some(stream);
+        }
+        std::thread::sleep(Duration::from_millis(100));
+    }
+    None
+}
+
+/// The adapter as its README says, the plant beside LinuxCNC's own modules.
+fn build(dir: &Path) {
+    let adapter = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("adapters/linuxcnc");
+    run("cp", &["-r", &format!("{}/.", text(&adapter)), &text(dir)]);
+    let source = fs::read_to_string(adapter.join("README.md")).expect("README");
+    let line = source.lines().find(|l| l.trim_start().starts_with("gcc ")).expect("README has the build line");
+    run("sh", &["-c", &format!("cd '{}' && {line} -Werror", text(dir))]);
+    run("sh", &["-c", &format!("cd '{}' && halcompile --compile sim/volcomp_plant.comp", text(dir))]);
+    // a private copy of the modules: nothing is installed outside this namespace
+    let modules = dir.join("modules");
+    run("cp", &["-r", MODULES, &text(&modules)]);
+    let plant = ["volcomp_plant.so", "sim/volcomp_plant.so"].map(|p| dir.join(p));
+    let plant = plant.iter().find(|p| p.exists()).expect("halcompile made the plant");
+    fs::copy(plant, modules.join("volcomp_plant.so")).expect("copied");
+    run("mount", &["--bind", &text(&modules), MODULES]);
+}
