@@ -18,12 +18,14 @@
 #include <math.h>
 #include <netinet/tcp.h>
 #include <poll.h>
+#include <sched.h>
 #include <signal.h>
 #include <stdbool.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/socket.h>
 #include <time.h>
 #include <unistd.h>
@@ -36,6 +38,7 @@ enum { DAEMON_HELLO = 1, CONTROL_HELLO, ERROR, CLOSE, POSITION = 0x10, CORRECTIO
 enum { E_VERSION = 1, E_BAD_FRAME, E_WRONG_MACHINE, E_UNEXPECTED = 6, E_BUSY };
 enum { HOMED = 1, ENABLED = 2, ESTOP = 4, MOVING = 8, LIMITED = 16, RAMPING = 32 };
 
+#define PRIORITY 45              /* SCHED_FIFO: below the servo thread, above volcompd, whose answers it waits for */
 #define MS 1000000ll
 #define HELLO_NS (1000 * MS)     /* patience with a peer's hello, and with its end of stream */
 #define SILENCE_NS (1000 * MS)   /* a daemon silent for longer is dead */
@@ -551,6 +554,13 @@ static void send_position(peer_t *peer) {
     if (!post(peer, &p, POSITION)) drop(peer);
 }
 
+/* Real-time scheduling where the system permits it (rtprio in limits.conf); without it a busy computer costs cycles. */
+static void be_punctual(void) {
+    struct sched_param parameter = { .sched_priority = PRIORITY };
+    if (sched_setscheduler(0, SCHED_FIFO, &parameter) != 0) say("no real-time priority", strerror(errno));
+    if (mlockall(MCL_CURRENT | MCL_FUTURE) != 0) say("memory is not locked", strerror(errno));
+}
+
 static void on_signal(int number) {
     (void)number;
     stopping = 1;
@@ -645,6 +655,7 @@ int main(int count, char **arguments) {
     } else if ((listener = listen_on_loopback(config.port)) < 0) {
         say("cannot listen on loopback", strerror(errno));
     } else {
+        be_punctual();
         hal_ready(comp);
         run(&stream, listener);
         farewell();

@@ -27,7 +27,8 @@ impl Daemon {
         let text = text.replace("../linuxcnc/model.toml", "model.toml");
         let text = text.replace("[engine]", "[engine]\nstart = \"on-connect\"");
         let socket = dir.path().join("sock");
-        let text = format!("{text}\n[status]\nsocket = \"{}\"\n[log]\ntarget = \"stderr\"\n", socket.display());
+        let text =
+            format!("{text}\n[status]\nsocket = \"{}\"\n[log]\ntarget = \"stderr\"\n", socket.display());
         fs::write(dir.path().join("machine.toml"), adapt(text)).expect("written");
         let model = example.parent().expect("folder").join("linuxcnc/model.toml");
         fs::copy(model, dir.path().join("model.toml")).expect("copied");

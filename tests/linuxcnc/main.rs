@@ -15,7 +15,7 @@ mod trace;
 use control::{Cnc, Wiring};
 use daemon::Daemon;
 use namespaces::in_namespaces;
-use trace::{Size, Trace, example_model};
+use trace::{Size, example_model};
 
 /// The bars of this test.
 const PATH_RESIDUAL_UM: f64 = 0.1;
@@ -49,7 +49,11 @@ fn compensates(wiring: Wiring) {
     let status = daemon.status();
     let trace = cnc.trace();
     let lag = trace.moving(1).lag();
-    println!("{wiring:?}: nominal to motor {lag} cycles; {} cycles, {} coalesced", cnc.pin("volcomp.cycles"), cnc.pin("volcomp.coalesced"));
+    println!(
+        "{wiring:?}: nominal to motor {lag} cycles; {} cycles, {} coalesced",
+        cnc.pin("volcomp.cycles"),
+        cnc.pin("volcomp.coalesced")
+    );
     println!("daemon: {status}");
     let model = example_model();
     for (number, what) in [(1, "circle"), (2, "diagonal")] {
@@ -62,7 +66,10 @@ fn compensates(wiring: Wiring) {
         report(&format!("{what}, the same, not at reversals"), path);
         println!("{what}: {:.2} % removed", 100.0 * (1.0 - left.rms_um / error.rms_um));
         assert!(left.rms_um <= (1.0 - SHARE_REMOVED) * error.rms_um, "{what}: too little was removed");
-        assert!(path.rms_um <= PATH_RESIDUAL_UM, "{what}: the correction does not reach the motor as it should");
+        assert!(
+            path.rms_um <= PATH_RESIDUAL_UM,
+            "{what}: the correction does not reach the motor as it should"
+        );
     }
     assert_eq!(daemon.state(), "active", "{}", daemon.log());
 }

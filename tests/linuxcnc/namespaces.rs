@@ -10,8 +10,7 @@ const INSIDE: &str = "VOLCOMP_LINUXCNC_INSIDE";
 const REQUIRED: &str = "VOLCOMP_LINUXCNC_REQUIRED";
 const PROGRAMS: [&str; 9] =
     ["linuxcnc", "halcmd", "halsampler", "halcompile", "gcc", "unshare", "setpriv", "ip", "mount"];
-const UNSHARE: [&str; 7] =
-    ["--fork", "--pid", "--kill-child", "--ipc", "--net", "--mount", "--mount-proc"];
+const UNSHARE: [&str; 7] = ["--fork", "--pid", "--kill-child", "--ipc", "--net", "--mount", "--mount-proc"];
 
 /// One machine at a time: two would take each other's processor.
 static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());

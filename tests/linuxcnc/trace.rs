@@ -151,7 +151,11 @@ fn distance(a: &[f64; 3], b: &[f64; 3]) -> f64 {
 fn row(line: &str) -> Option<Row> {
     let words: Vec<&str> = line.split_whitespace().collect();
     let three = |at: usize| -> Option<[f64; 3]> {
-        Some([words.get(at)?.parse().ok()?, words.get(at + 1)?.parse().ok()?, words.get(at + 2)?.parse().ok()?])
+        Some([
+            words.get(at)?.parse().ok()?,
+            words.get(at + 1)?.parse().ok()?,
+            words.get(at + 2)?.parse().ok()?,
+        ])
     };
     let bit = |at: usize| words.get(at).map(|w| *w == "1");
     Some(Row {
