@@ -26,6 +26,9 @@ pub(crate) struct Row {
     pub(crate) enabled: bool,
     pub(crate) ramping_out: bool,
     pub(crate) estop_released: bool,
+    /// Which way each axis goes, and for how many cycles none has turned.
+    travel: [Travel; MAX_AXES],
+    since_reversal: usize,
 }
 
 /// RMS and maximum of the length of a vector, um.
@@ -58,11 +61,12 @@ impl Trace {
         let text = fs::read_to_string(path).expect("records");
         // the last line may be half written
         let complete = text.rfind('\n').map_or("", |end| &text[..end]);
-        let rows: Vec<Row> = complete.lines().filter_map(row).collect();
+        let mut rows: Vec<Row> = complete.lines().filter_map(row).collect();
         assert!(!rows.is_empty(), "nothing recorded");
         for pair in rows.windows(2) {
             assert_eq!(pair[1].sequence, pair[0].sequence + 1, "the recorder has lost cycles");
         }
+        find_reversals(&mut rows);
         Self { rows }
     }
 
@@ -93,33 +97,13 @@ impl Trace {
     /// What the way of the correction leaves at the motor: motor beside nominal position plus the model's correction
     /// for the very place; without the `around` cycles after a reversal of an axis.
     pub(crate) fn path_residual(&self, lag: usize, model: &Model, around: usize) -> Size {
-        let mut travel = [Travel::Forward; MAX_AXES];
-        let mut turning = self.rows[0].nominal;
-        let mut since = around;
-        let mut lengths = Vec::with_capacity(self.rows.len());
-        for (row, nominal) in self.rows[lag..].iter().zip(&self.rows) {
-            since += 1;
-            for k in 0..3 {
-                let sign = if travel[k] == Travel::Forward { 1.0 } else { -1.0 };
-                let beyond = sign * (nominal.nominal[k] - turning[k]);
-                if beyond < -DEADBAND_MM {
-                    travel[k] = travel[k].reversed();
-                    since = 0;
-                }
-                if beyond > 0.0 || beyond < -DEADBAND_MM {
-                    turning[k] = nominal.nominal[k];
-                }
-            }
+        let lengths = self.rows[lag..].iter().zip(&self.rows).filter(|(_, n)| n.since_reversal >= around);
+        Size::of(lengths.map(|(row, n)| {
             let mut position = [0.0; MAX_AXES];
-            position[..3].copy_from_slice(&nominal.nominal);
-            let pose = Pose { travel, ..Pose::at(position) };
-            let (_, correction) = model.correct(&pose);
-            let wanted: [f64; 3] = core::array::from_fn(|k| nominal.nominal[k] + correction.offset[k]);
-            if since >= around {
-                lengths.push(distance(&row.motor, &wanted));
-            }
-        }
-        Size::of(lengths.into_iter())
+            position[..3].copy_from_slice(&n.nominal);
+            let (_, correction) = model.correct(&Pose { travel: n.travel, ..Pose::at(position) });
+            distance(&row.motor, &core::array::from_fn(|k| n.nominal[k] + correction.offset[k]))
+        }))
     }
 
     /// The largest change of an applied offset from one cycle to the next, um.
@@ -141,6 +125,27 @@ impl Trace {
 
     pub(crate) fn last(&self) -> &Row {
         self.rows.last().expect("rows")
+    }
+}
+
+fn find_reversals(rows: &mut [Row]) {
+    let mut travel = [Travel::Forward; MAX_AXES];
+    let mut turning = rows[0].nominal;
+    let mut since = 0;
+    for row in rows {
+        since += 1;
+        for k in 0..3 {
+            let sign = if travel[k] == Travel::Forward { 1.0 } else { -1.0 };
+            let beyond = sign * (row.nominal[k] - turning[k]);
+            if beyond < -DEADBAND_MM {
+                travel[k] = travel[k].reversed();
+                since = 0;
+            }
+            if beyond > 0.0 || beyond < -DEADBAND_MM {
+                turning[k] = row.nominal[k];
+            }
+        }
+        (row.travel, row.since_reversal) = (travel, since);
     }
 }
 
@@ -169,6 +174,8 @@ fn row(line: &str) -> Option<Row> {
         enabled: bit(15)?,
         ramping_out: bit(16)?,
         estop_released: bit(17)?,
+        travel: [Travel::Forward; MAX_AXES],
+        since_reversal: 0,
     })
 }
 
