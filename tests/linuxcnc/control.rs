@@ -43,11 +43,51 @@ impl Wiring {
     }
 }
 
+/// A line to linuxcncrsh: strictly one answer at a time.
+pub(crate) struct Rsh {
+    stream: TcpStream,
+    answers: BufReader<TcpStream>,
+}
+
+impl Rsh {
+    /// `None` where nothing listens in time. `wait` is when a command is answered: `received` or `done`.
+    pub(crate) fn connect(wait: &str) -> Option<Self> {
+        let stream = connect(5007)?;
+        let answers = BufReader::new(stream.try_clone().expect("socket"));
+        let mut rsh = Self { stream, answers };
+        rsh.say("hello EMC test 1.0");
+        for line in ["set verbose on", "set echo off", "set enable EMCTOO"] {
+            rsh.say(line);
+        }
+        rsh.say(&format!("set set_wait {wait}"));
+        Some(rsh)
+    }
+
+    /// Sends a line; gives its answer.
+    pub(crate) fn say(&mut self, line: &str) -> String {
+        self.stream.write_all(format!("{line}\r\n").as_bytes()).expect("linuxcncrsh takes a line");
+        loop {
+            let mut answer = String::new();
+            self.answers.read_line(&mut answer).expect("linuxcncrsh answers");
+            assert!(!answer.is_empty(), "linuxcncrsh is gone");
+            let answer = answer.trim();
+            if !answer.is_empty() && answer != line {
+                return answer.to_owned();
+            }
+        }
+    }
+
+    /// A command that must be carried out.
+    pub(crate) fn order(&mut self, line: &str) {
+        let answer = self.say(line);
+        assert!(answer.contains("ACK"), "{line}: {answer}");
+    }
+}
+
 /// A running LinuxCNC, homed and ready for commands.
 pub(crate) struct Cnc {
     pub(crate) dir: TempDir,
-    rsh: TcpStream,
-    answers: BufReader<TcpStream>,
+    rsh: Rsh,
     recorder: Child,
     linuxcnc: Child,
 }
@@ -74,7 +114,7 @@ impl Cnc {
             .stderr(log)
             .spawn()
             .expect("LinuxCNC starts");
-        let Some(rsh) = connect(5007) else {
+        let Some(rsh) = Rsh::connect("done") else {
             panic!(
                 "LinuxCNC did not start:\n{}",
                 fs::read_to_string(dir.path().join("linuxcnc.log")).unwrap_or_default()
@@ -87,18 +127,13 @@ impl Cnc {
             .stdout(records)
             .spawn()
             .expect("halsampler starts");
-        let answers = BufReader::new(rsh.try_clone().expect("socket"));
         hurry("rtapi_app");
-        let mut cnc = Self { dir, rsh, answers, recorder, linuxcnc };
+        let mut cnc = Self { dir, rsh, recorder, linuxcnc };
         cnc.home();
         cnc
     }
 
     fn home(&mut self) {
-        self.say("hello EMC test 1.0");
-        for line in ["set verbose on", "set echo off", "set enable EMCTOO", "set set_wait done"] {
-            self.say(line);
-        }
         self.machine_on();
         self.order("set mode manual");
         self.order("set home -1");
@@ -113,39 +148,31 @@ impl Cnc {
         self.wait_for("machine on", |cnc| cnc.say("get machine").contains("ON"));
     }
 
-    /// One line to linuxcncrsh, strictly one answer at a time; gives the answer.
     pub(crate) fn say(&mut self, line: &str) -> String {
-        self.send(line);
-        self.answer(line)
+        self.rsh.say(line)
     }
 
-    /// A command without waiting for its end.
-    pub(crate) fn send(&mut self, line: &str) {
-        self.rsh.write_all(format!("{line}\r\n").as_bytes()).expect("linuxcncrsh takes a line");
-    }
-
-    /// The answer to a command sent before.
-    pub(crate) fn answer(&mut self, line: &str) -> String {
-        loop {
-            let mut answer = String::new();
-            self.answers.read_line(&mut answer).expect("linuxcncrsh answers");
-            assert!(!answer.is_empty(), "linuxcncrsh is gone");
-            let answer = answer.trim();
-            if !answer.is_empty() && answer != line {
-                return answer.to_owned();
-            }
-        }
-    }
-
-    /// A command that must be carried out.
     pub(crate) fn order(&mut self, line: &str) {
-        let answer = self.say(line);
-        assert!(answer.contains("ACK"), "{line}: {answer}");
+        self.rsh.order(line);
     }
 
     /// A line of G-code, to its end.
     pub(crate) fn mdi(&mut self, code: &str) {
         self.order(&format!("set mdi {code}"));
+    }
+
+    /// A line of G-code that takes a while, and what happens meanwhile, from `after` into it.
+    pub(crate) fn mdi_while(&mut self, code: &str, after: Duration, what: impl FnOnce(&Self)) {
+        let line = format!("set mdi {code}");
+        self.rsh.stream.write_all(format!("{line}\r\n").as_bytes()).expect("linuxcncrsh takes a line");
+        std::thread::sleep(after);
+        what(self);
+        // done, or broken off by what happened
+        let mut answer = String::new();
+        while answer.trim().is_empty() || answer.trim() == line {
+            answer.clear();
+            self.rsh.answers.read_line(&mut answer).expect("linuxcncrsh answers");
+        }
     }
 
     /// The rows recorded from now on carry this number.
@@ -181,7 +208,7 @@ impl Cnc {
 impl Drop for Cnc {
     fn drop(&mut self) {
         // the namespace ends with the test and takes whatever is left with it
-        let _ = self.rsh.write_all(b"shutdown\r\n");
+        let _ = self.rsh.stream.write_all(b"shutdown\r\n");
         let _ = self.recorder.kill();
         let _ = self.recorder.wait();
         let _ = self.linuxcnc.kill();

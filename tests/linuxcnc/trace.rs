@@ -13,6 +13,9 @@ const DEADBAND_MM: f64 = 0.001;
 /// The longest way from nominal to motor that is looked for, cycles.
 const LAG_MAX: usize = 8;
 
+/// State of a correction: compensating.
+const ACTIVE: u8 = 3;
+
 /// One servo cycle.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Row {
@@ -26,6 +29,8 @@ pub(crate) struct Row {
     pub(crate) enabled: bool,
     pub(crate) ramping_out: bool,
     pub(crate) estop_released: bool,
+    /// Whether the row is judged.
+    counts: bool,
     /// Which way each axis goes, and for how many cycles none has turned.
     travel: [Travel; MAX_AXES],
     since_reversal: usize,
@@ -79,6 +84,25 @@ impl Trace {
         Self { rows: marked[first..=last].to_vec() }
     }
 
+    /// All rows with a mark.
+    pub(crate) fn marked(&self, mark: i32) -> Self {
+        Self { rows: self.rows.iter().filter(|r| r.mark == mark).copied().collect() }
+    }
+
+    /// Only the rows in which volcompd says that it compensates are judged: a computer with too much to do may hold the bridge
+    /// up for so long that volcompd holds and blends in again, as it should.
+    pub(crate) fn while_active(mut self) -> Self {
+        for row in &mut self.rows {
+            row.counts = row.state == ACTIVE;
+        }
+        self
+    }
+
+    /// Share of the rows that are judged.
+    pub(crate) fn judged(&self) -> f64 {
+        self.rows.iter().filter(|r| r.counts).count() as f64 / self.rows.len() as f64
+    }
+
     /// Cycles from the nominal position to the motor: where the motor without its offset is the nominal one.
     pub(crate) fn lag(&self) -> usize {
         let misfit = |lag: usize| {
@@ -91,13 +115,15 @@ impl Trace {
 
     /// Where the tool is beside where it was to be.
     pub(crate) fn error(&self, lag: usize) -> Size {
-        Size::of(self.rows[lag..].iter().zip(&self.rows).map(|(r, n)| distance(&r.tool, &n.nominal)))
+        let judged = self.rows[lag..].iter().zip(&self.rows).filter(|(r, _)| r.counts);
+        Size::of(judged.map(|(r, n)| distance(&r.tool, &n.nominal)))
     }
 
     /// What the way of the correction leaves at the motor: motor beside nominal position plus the model's correction
     /// for the very place; without the `around` cycles after a reversal of an axis.
     pub(crate) fn path_residual(&self, lag: usize, model: &Model, around: usize) -> Size {
-        let lengths = self.rows[lag..].iter().zip(&self.rows).filter(|(_, n)| n.since_reversal >= around);
+        let lengths =
+            self.rows[lag..].iter().zip(&self.rows).filter(|(r, n)| r.counts && n.since_reversal >= around);
         Size::of(lengths.map(|(row, n)| {
             let mut position = [0.0; MAX_AXES];
             position[..3].copy_from_slice(&n.nominal);
@@ -174,6 +200,7 @@ fn row(line: &str) -> Option<Row> {
         enabled: bit(15)?,
         ramping_out: bit(16)?,
         estop_released: bit(17)?,
+        counts: true,
         travel: [Travel::Forward; MAX_AXES],
         since_reversal: 0,
     })
