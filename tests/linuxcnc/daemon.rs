@@ -101,7 +101,7 @@ impl Drop for Daemon {
 }
 
 /// The program under test: that of this build, or of the folder in `VOLCOMP_LINUXCNC_PROGRAMS` (a release build).
-fn program(name: &str) -> PathBuf {
+pub(crate) fn program(name: &str) -> PathBuf {
     match (std::env::var_os("VOLCOMP_LINUXCNC_PROGRAMS"), name) {
         (Some(folder), _) => PathBuf::from(folder).join(name),
         (None, "volcompd") => PathBuf::from(env!("CARGO_BIN_EXE_volcompd")),

@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::control::{Cnc, Rsh, Wiring};
 use crate::daemon::Daemon;
-use crate::namespaces::{in_namespaces, run};
+use crate::namespaces::{in_namespaces, load_component, run};
 use crate::trace::{Row, Trace};
 
 const START: &str = "G0 X100 Y0 Z0";
@@ -222,7 +222,7 @@ fn bridge_restarted(wiring: Wiring) {
         run("halcmd", &["unloadusr", "volcomp"]);
         std::thread::sleep(Duration::from_millis(1500));
         cnc.mark(2);
-        run("halcmd", &[&["loadusr", "-Wn", "volcomp", &bridge][..], &BRIDGE].concat());
+        load_component(&[&["volcomp", &bridge][..], &BRIDGE].concat());
         connect_bridge(wiring, "volcomp");
         daemon.wait_for_state("active");
         cnc.mark(3);
@@ -268,10 +268,7 @@ fn bridge_killed() {
         for pin in ["state", "ramping-out", "count-x", "count-y", "count-z", "enable"] {
             run("halcmd", &["unlinkp", &format!("volcomp.{pin}")]);
         }
-        run(
-            "halcmd",
-            &[&["loadusr", "-Wn", "volcomp2", &bridge, "--name", "volcomp2"][..], &BRIDGE].concat(),
-        );
+        load_component(&[&["volcomp2", &bridge, "--name", "volcomp2"][..], &BRIDGE].concat());
         connect_bridge(wiring, "volcomp2");
         daemon.wait_for_state("active");
         cnc.mark(2);

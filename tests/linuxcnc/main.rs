@@ -11,6 +11,7 @@ mod control;
 mod daemon;
 mod faults;
 mod namespaces;
+mod peers;
 mod trace;
 
 use control::{Cnc, Wiring};

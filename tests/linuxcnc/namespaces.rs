@@ -1,7 +1,7 @@
 //! LinuxCNC has fixed keys, a lock file and a port: each run gets namespaces of its own, in which the test starts itself.
 
 use std::path::Path;
-use std::process::Command;
+use std::process::{Command, Stdio};
 use std::sync::{Mutex, PoisonError};
 
 /// Set inside the namespaces.
@@ -59,4 +59,17 @@ pub(crate) fn run(program: &str, arguments: &[&str]) -> String {
     let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
     assert!(output.status.success(), "{program} {}: {out}{err}", arguments.join(" "));
     out.trim().to_owned()
+}
+
+/// Loads a userspace component into HAL and waits until it is ready; it goes on, with streams of its own.
+pub(crate) fn load_component(arguments: &[&str]) {
+    let status = Command::new("halcmd")
+        .args(["loadusr", "-Wn"])
+        .args(arguments)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status()
+        .expect("halcmd runs");
+    assert!(status.success(), "{} does not become ready", arguments.join(" "));
 }
