@@ -143,9 +143,15 @@ impl Cnc {
 
     /// Emergency stop released, drives on.
     pub(crate) fn machine_on(&mut self) {
-        self.order("set estop off");
-        self.order("set machine on");
-        self.wait_for("machine on", |cnc| cnc.say("get machine").contains("ON"));
+        // right after something was broken off linuxcncrsh may refuse, and takes the order all the same
+        self.wait_for("out of emergency stop", |cnc| {
+            cnc.say("set estop off");
+            cnc.say("get estop").contains("OFF")
+        });
+        self.wait_for("on", |cnc| {
+            cnc.say("set machine on");
+            cnc.say("get machine").contains("ON")
+        });
     }
 
     pub(crate) fn say(&mut self, line: &str) -> String {
