@@ -143,6 +143,8 @@ impl Cnc {
 
     /// Emergency stop released, drives on.
     pub(crate) fn machine_on(&mut self) {
+        // one connection at a time may command, and a second panel may have taken that
+        self.say("set enable EMCTOO");
         // right after something was broken off linuxcncrsh may refuse, and takes the order all the same
         self.wait_for("out of emergency stop", |cnc| {
             cnc.say("set estop off");
