@@ -33,7 +33,7 @@
 #include <rtapi.h>
 #include <hal.h>
 
-enum { AXES_MAX = 3, PEERS = 4, FRAME_MAX = 512, SAMPLER_KEY = 0x48534130 };
+enum { AXES_MAX = 3, PEERS = 8, FRAME_MAX = 512, SAMPLER_KEY = 0x48534130 };
 enum { DAEMON_HELLO = 1, CONTROL_HELLO, ERROR, CLOSE, POSITION = 0x10, CORRECTION, HEARTBEAT, TOOL };
 enum { E_VERSION = 1, E_BAD_FRAME, E_WRONG_MACHINE, E_UNEXPECTED = 6, E_BUSY };
 enum { HOMED = 1, ENABLED = 2, ESTOP = 4, MOVING = 8, LIMITED = 16, RAMPING = 32 };
@@ -69,7 +69,7 @@ typedef struct {
     uint32_t sequence;
     double nominal[AXES_MAX], actual[AXES_MAX], applied[AXES_MAX], request[AXES_MAX];
     int32_t counts[AXES_MAX];
-    bool enabled, homed, limited, estop;
+    bool enabled, homed, limited, estop, moving;
     double velocity_mm_per_s;
 } record_t;
 
@@ -106,6 +106,7 @@ static struct {
     int64_t missing, budget;                  /* cycles without a good correction; cycles not yet moved for */
     uint32_t answered, immovable;             /* sequence numbers */
     bool any_answered, known, movable, limited;
+    bool unaware;                             /* no answer yet to a cycle in which it could move again */
 } offset;
 
 static pins_t *pins;
@@ -302,7 +303,7 @@ static void move_offset(void) {
         *pins->corr[k] = offset.value[k];
         /* LinuxCNC takes counts as increments, and only while it can move: what it has made of them so far is the base */
         if (offset.movable)
-            *pins->count[k] = (int32_t)llround((double)record.counts[k] - record.request[k] / MM_PER_COUNT +
+            *pins->count[k] = (int32_t)(uint32_t)llround((double)record.counts[k] - record.request[k] / MM_PER_COUNT +
                                                offset.value[k] / MM_PER_COUNT);
     }
     *pins->enable = true;
@@ -321,7 +322,7 @@ static void begin_cycle(int64_t passed) {
     /* drives off, or the first cycle: what LinuxCNC holds counts, and the way starts from there */
     for (int k = 0; k < config.axis_count; k++) offset.value[k] = offset.target[k] = record.request[k];
     offset.immovable = record.sequence;
-    offset.known = true;
+    offset.unaware = offset.known = true;
 }
 
 static void take_correction(const correction_t *c) {
@@ -339,7 +340,8 @@ static void take_correction(const correction_t *c) {
     offset.missing = 0;
     offset.mode = FOLLOWING;
     /* an answer to a cycle in which nothing could move knows nothing of what LinuxCNC has made of the offset since */
-    if ((int32_t)(c->sequence - offset.immovable) > 0) memcpy(offset.target, c->offset, sizeof offset.target);
+    if (offset.unaware && (int32_t)(c->sequence - offset.immovable) > 0) offset.unaware = false;
+    if (!offset.unaware) memcpy(offset.target, c->offset, sizeof offset.target);
     if (offset.budget > 0) move_offset();
 }
 
@@ -526,6 +528,9 @@ static int read_newest(hal_stream_t *stream) {
     r.estop = !d[5 * n + 3].b;
     r.velocity_mm_per_s = d[5 * n + 4].f;
     int64_t passed = have_record ? (int32_t)(r.sequence - record.sequence) : 1;
+    if (passed < 1) passed = 1; /* the sampler was loaded anew */
+    for (int k = 0; k < n; k++) r.moving |= r.nominal[k] != record.nominal[k];
+    r.moving |= r.velocity_mm_per_s > 0.0;
     record = r;
     have_record = true;
     begin_cycle(passed);
@@ -544,10 +549,9 @@ static void send_position(peer_t *peer) {
     last = record.sequence;
     p.sequence = record.sequence;
     p.control_ns = ((wraps << 32) + record.sequence) * config.cycle_ns;
-    bool moving = record.velocity_mm_per_s > 0.0;
     p.state = (uint16_t)((record.homed ? HOMED : 0) | (record.enabled ? ENABLED : 0) | (record.estop ? ESTOP : 0) |
-                         (moving ? MOVING : 0) | (*pins->limited ? LIMITED : 0) | (*pins->ramping_out ? RAMPING : 0));
-    p.feed_mm_per_min = moving ? record.velocity_mm_per_s * 60.0 : 0.0;
+                         (record.moving ? MOVING : 0) | (*pins->limited ? LIMITED : 0) | (*pins->ramping_out ? RAMPING : 0));
+    p.feed_mm_per_min = fmax(record.velocity_mm_per_s, 0.0) * 60.0;
     memcpy(p.commanded, record.nominal, sizeof record.nominal);
     memcpy(p.actual, record.actual, sizeof record.actual);
     memcpy(p.applied, record.applied, sizeof record.applied);

@@ -215,12 +215,17 @@ impl Cnc {
 
 impl Drop for Cnc {
     fn drop(&mut self) {
-        // the namespace ends with the test and takes whatever is left with it
+        // the next one in this namespace finds everything as it was; at its end the namespace takes what is left
         let _ = self.rsh.stream.write_all(b"shutdown\r\n");
         let _ = self.recorder.kill();
         let _ = self.recorder.wait();
+        let deadline = Instant::now() + Duration::from_secs(20);
+        while matches!(self.linuxcnc.try_wait(), Ok(None)) && Instant::now() < deadline {
+            std::thread::sleep(Duration::from_millis(50));
+        }
         let _ = self.linuxcnc.kill();
         let _ = self.linuxcnc.wait();
+        let _ = Command::new("umount").args(["--lazy", MODULES]).status();
         if std::thread::panicking() {
             println!("log of LinuxCNC:\n{}", self.log());
         }

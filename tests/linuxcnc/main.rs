@@ -10,6 +10,7 @@
 mod control;
 mod daemon;
 mod faults;
+mod link;
 mod namespaces;
 mod peers;
 mod trace;

@@ -102,6 +102,8 @@ fn comp_file(lag: usize) -> Line {
                 &axis,
                 "--comp-type",
                 "0",
+                "--tolerance-um",
+                "0.2",
                 "--out",
                 &file,
             ]);
