@@ -80,7 +80,7 @@ fn daemon_killed_and_restarted_behind_the_motion_controller() {
 }
 
 fn emergency_stop(wiring: Wiring) {
-    let (mut cnc, daemon) = ready(wiring);
+    let (mut cnc, mut daemon) = ready(wiring);
     let mut panel = Rsh::connect("received").expect("a second panel");
     cnc.mdi_while(CIRCLE, Duration::from_secs(4), |cnc| {
         cnc.mark(1);
@@ -114,6 +114,16 @@ fn emergency_stop(wiring: Wiring) {
     assert!(largest <= STEP_UM_MAX, "a motor was stepped by {largest} um");
     assert!(trace.marked(4).rows.iter().any(|r| !is_zero(r)), "compensates again");
     daemon.wait_for_state("active");
+    // in order: ramped to zero, then gone
+    cnc.mark(5);
+    daemon.stop();
+    let after = cnc.trace().marked(5);
+    no_step(&after, "daemon stopped");
+    assert!(
+        is_zero(after.last()) && !after.last().ramping_out,
+        "taken back by the daemon: {:?}",
+        after.last()
+    );
     let log = daemon.log();
     assert!(log.contains("VC-2003") || log.contains("VC-2002"), "{log}");
 }

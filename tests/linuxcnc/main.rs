@@ -4,8 +4,10 @@
 //! Everything is counted in servo cycles. Skipped with a line that says why where LinuxCNC or the right to make namespaces
 //! is missing; `VOLCOMP_LINUXCNC_REQUIRED=1` makes that a failure.
 
-#![allow(dead_code, reason = "figures for the table are not asked for by every test")]
-#![allow(clippy::print_stdout, reason = "measured figures, and why a test was skipped")]
+#![cfg(feature = "daemon")]
+#![expect(clippy::expect_used, reason = "a test stops where its own set-up is wrong")]
+#![expect(clippy::disallowed_methods, reason = "a test with processes, sockets and files")]
+#![expect(clippy::print_stdout, reason = "measured figures, and why a test was skipped")]
 
 mod control;
 mod daemon;

@@ -140,15 +140,6 @@ impl Trace {
         UM_PER_MM * self.rows.windows(2).map(step).fold(0.0, f64::max)
     }
 
-    /// The largest jump of the motors' acceleration-free path: second difference of what they are told, um.
-    pub(crate) fn largest_jolt_um(&self) -> f64 {
-        let jolt = |r: &[Row]| {
-            let second = |k: usize| r[2].motor[k] - 2.0 * r[1].motor[k] + r[0].motor[k];
-            (0..3).map(|k| second(k).abs()).fold(0.0, f64::max)
-        };
-        UM_PER_MM * self.rows.windows(3).map(jolt).fold(0.0, f64::max)
-    }
-
     pub(crate) fn last(&self) -> &Row {
         self.rows.last().expect("rows")
     }
@@ -167,7 +158,7 @@ fn find_reversals(rows: &mut [Row]) {
                 travel[k] = travel[k].reversed();
                 since = 0;
             }
-            if beyond > 0.0 || beyond < -DEADBAND_MM {
+            if !(-DEADBAND_MM..=0.0).contains(&beyond) {
                 turning[k] = row.nominal[k];
             }
         }
