@@ -162,9 +162,11 @@ fn side_by_side() {
         println!("|---|---|---|---|---|---|---|");
         for l in &lines {
             let cpu = l.cpu_percent.map_or("-".to_owned(), |c| format!("{c:.1}"));
+            // what LinuxCNC does by itself shows in no offset
+            let updates = l.cpu_percent.map_or("-".to_owned(), |_| format!("{:.0}", l.updates_per_s));
             println!(
-                "| {} | {:.2} | {:.2} | {:.2} | {:.2} | {:.0} | {cpu} |",
-                l.name, l.circle[0], l.circle[1], l.diagonal[0], l.diagonal[1], l.updates_per_s
+                "| {} | {:.2} | {:.2} | {:.2} | {:.2} | {updates} | {cpu} |",
+                l.name, l.circle[0], l.circle[1], l.diagonal[0], l.diagonal[1]
             );
         }
         let best = lines.last().expect("lines");
