@@ -1,0 +1,289 @@
+//! The same circle under faults: each ends in the state that `docs/safety.md` says.
+
+use std::process::Command;
+use std::time::Duration;
+
+use crate::control::{Cnc, Rsh, Wiring};
+use crate::daemon::Daemon;
+use crate::namespaces::{in_namespaces, load_component, run};
+use crate::trace::{Row, Trace};
+
+const START: &str = "G0 X100 Y0 Z0";
+const CIRCLE: &str = "G2 X100 Y0 I-100 J0 F2000";
+/// The bridge moves no offset faster: 1 mm/s, so many um per cycle of 1 ms.
+const RATE_UM: f64 = 1.0;
+/// LinuxCNC's planner catches up with two cycles in one where the bridge was late.
+const STEP_UM_MAX: f64 = 6.0 * RATE_UM;
+/// The bridge takes an offset back at 0.1 mm/s.
+const RAMP_UM: f64 = 0.1;
+const ZERO_MM: f64 = 2e-6;
+
+fn no_step(trace: &Trace, what: &str) {
+    let step = trace.largest_step_um();
+    println!("{what}: largest step of the offset {step:.3} um");
+    assert!(step <= STEP_UM_MAX, "{what}: the offset was stepped by {step} um");
+}
+
+fn is_zero(row: &Row) -> bool {
+    row.applied.iter().all(|v| v.abs() <= ZERO_MM)
+}
+
+fn ready(wiring: Wiring) -> (Cnc, Daemon) {
+    let mut cnc = Cnc::start(wiring, |_| {});
+    let daemon = Daemon::start(wiring, |text| text);
+    daemon.wait_for_state("active");
+    cnc.mdi(START);
+    (cnc, daemon)
+}
+
+fn daemon_killed(wiring: Wiring) {
+    let (mut cnc, mut daemon) = ready(wiring);
+    cnc.mdi_while(CIRCLE, Duration::from_secs(4), |cnc| {
+        cnc.mark(1);
+        daemon.kill();
+        std::thread::sleep(Duration::from_secs(2));
+        cnc.mark(2);
+        daemon.restart();
+        daemon.wait_for_state("active");
+        cnc.mark(3);
+    });
+    let trace = cnc.trace();
+    let gone = trace.marked(1);
+    no_step(&trace, "daemon killed and restarted");
+    let ramp: Vec<&Row> = gone.rows.iter().skip_while(|r| !r.ramping_out).collect();
+    assert!(!ramp.is_empty(), "the bridge has not taken the offset back");
+    let held = gone.rows.len() - ramp.len();
+    println!("held for at most {held} cycles, then taken back");
+    assert!(held >= 100, "held for {held} cycles only");
+    let rate = ramp
+        .windows(11)
+        .map(|r| (0..3).map(|k| (r[10].applied[k] - r[0].applied[k]).abs()).fold(0.0, f64::max));
+    let rate = rate.fold(0.0, f64::max) * 100.0;
+    assert!(rate <= 2.0 * RAMP_UM, "taken back at {rate} um per cycle");
+    assert!(is_zero(gone.last()), "the offset is not zero: {:?}", gone.last());
+    assert!(trace.marked(3).rows.iter().any(|r| !is_zero(r)), "compensates again");
+    assert!(daemon.log().contains("VC-1003"), "blended in again");
+}
+
+#[test]
+fn daemon_killed_and_restarted_on_external_offsets() {
+    in_namespaces("faults::daemon_killed_and_restarted_on_external_offsets", || {
+        daemon_killed(Wiring::ExternalOffsets)
+    });
+}
+
+#[test]
+fn daemon_killed_and_restarted_behind_the_motion_controller() {
+    in_namespaces("faults::daemon_killed_and_restarted_behind_the_motion_controller", || {
+        daemon_killed(Wiring::Injection)
+    });
+}
+
+fn emergency_stop(wiring: Wiring) {
+    let (mut cnc, mut daemon) = ready(wiring);
+    let mut panel = Rsh::connect("received").expect("a second panel");
+    cnc.mdi_while(CIRCLE, Duration::from_secs(4), |cnc| {
+        cnc.mark(1);
+        panel.order("set estop on");
+        std::thread::sleep(Duration::from_secs(1));
+        cnc.mark(2);
+        std::thread::sleep(Duration::from_secs(1));
+        cnc.mark(3);
+    });
+    daemon.wait_for_state("holding");
+    cnc.machine_on();
+    daemon.wait_for_state("active");
+    cnc.mark(4);
+    cnc.order("set mode mdi");
+    cnc.mdi("G1 X-50 Y20 F2000");
+    let trace = cnc.trace();
+    let stopped = trace.marked(2);
+    assert!(stopped.rows.iter().all(|r| !r.enabled && !r.estop_released), "the emergency stop was told");
+    let (first, last) = (stopped.rows[0], stopped.last());
+    assert!(!is_zero(&first), "an offset was in force");
+    assert_eq!(first.motor, last.motor, "nothing moves in an emergency stop");
+    // LinuxCNC may make the offset part of the axis position: the motor stays where it is, and is blended from there
+    let on = trace.marked(3);
+    let mut largest = 0.0_f64;
+    for pair in on.rows.windows(2) {
+        for k in 0..3 {
+            largest = largest.max((pair[1].motor[k] - pair[0].motor[k]).abs() * 1000.0);
+        }
+    }
+    println!("largest step of a motor from the stop to active again: {largest:.3} um");
+    assert!(largest <= STEP_UM_MAX, "a motor was stepped by {largest} um");
+    assert!(trace.marked(4).rows.iter().any(|r| !is_zero(r)), "compensates again");
+    daemon.wait_for_state("active");
+    // in order: ramped to zero, then gone
+    cnc.mark(5);
+    daemon.stop();
+    let after = cnc.trace().marked(5);
+    no_step(&after, "daemon stopped");
+    assert!(
+        is_zero(after.last()) && !after.last().ramping_out,
+        "taken back by the daemon: {:?}",
+        after.last()
+    );
+    let log = daemon.log();
+    assert!(log.contains("VC-2003") || log.contains("VC-2002"), "{log}");
+}
+
+#[test]
+fn emergency_stop_in_mid_circle_on_external_offsets() {
+    in_namespaces("faults::emergency_stop_in_mid_circle_on_external_offsets", || {
+        emergency_stop(Wiring::ExternalOffsets)
+    });
+}
+
+#[test]
+fn emergency_stop_in_mid_circle_behind_the_motion_controller() {
+    in_namespaces("faults::emergency_stop_in_mid_circle_behind_the_motion_controller", || {
+        emergency_stop(Wiring::Injection)
+    });
+}
+
+/// At Y 250 the correction would carry the axis over its soft limit.
+fn soft_limit_known_to_the_daemon(wiring: Wiring) {
+    let (mut cnc, daemon) = ready(wiring);
+    cnc.mdi("G0 X0 Y200");
+    cnc.mark(1);
+    cnc.mdi("G1 Y250 F2000");
+    std::thread::sleep(Duration::from_millis(500));
+    let trace = cnc.trace().marked(1);
+    no_step(&trace, "soft limit");
+    let highest = trace.rows.iter().map(|r| r.motor[1]).fold(f64::MIN, f64::max);
+    let approach = trace.rows.iter().map(|r| r.applied[1]).fold(f64::MIN, f64::max);
+    println!("highest motor position {highest:.6} mm, largest offset on the way {:.3} um", approach * 1000.0);
+    assert!(highest <= 250.0 + 1e-5, "carried over the soft limit: {highest} mm");
+    assert!(approach > 0.005, "there was an offset to be taken back");
+    assert!((trace.last().nominal[1] - 250.0).abs() < 1e-6, "the axis gets to its limit");
+    daemon.wait_for_state("active");
+    assert!(daemon.log().contains("VC-4006"), "{}", daemon.log());
+}
+
+#[test]
+fn soft_limit_known_to_the_daemon_on_external_offsets() {
+    in_namespaces("faults::soft_limit_known_to_the_daemon_on_external_offsets", || {
+        soft_limit_known_to_the_daemon(Wiring::ExternalOffsets);
+    });
+}
+
+#[test]
+fn soft_limit_known_to_the_daemon_behind_the_motion_controller() {
+    in_namespaces("faults::soft_limit_known_to_the_daemon_behind_the_motion_controller", || {
+        soft_limit_known_to_the_daemon(Wiring::Injection);
+    });
+}
+
+/// LinuxCNC holds the offset back without a word; the read-back shows it.
+#[test]
+fn soft_limit_that_only_the_control_knows() {
+    in_namespaces("faults::soft_limit_that_only_the_control_knows", || {
+        let mut cnc = Cnc::start(Wiring::ExternalOffsets, |_| {});
+        let without = |text: String| -> String {
+            text.lines().filter(|l| !l.starts_with("soft-limit-mm")).map(|l| format!("{l}\n")).collect()
+        };
+        let daemon = Daemon::start(Wiring::ExternalOffsets, without);
+        daemon.wait_for_state("active");
+        cnc.mdi("G0 X0 Y200");
+        cnc.mark(1);
+        cnc.mdi("G1 Y250 F2000");
+        daemon.wait_for_state("faulted");
+        std::thread::sleep(Duration::from_secs(3));
+        let trace = cnc.trace().marked(1);
+        no_step(&trace, "soft limit of the control alone");
+        let highest = trace.rows.iter().map(|r| r.motor[1]).fold(f64::MIN, f64::max);
+        assert!(highest <= 250.0 + 1e-5, "LinuxCNC keeps its limit: {highest} mm");
+        assert!(is_zero(trace.last()), "taken back: {:?}", trace.last());
+        assert!(daemon.log().contains("VC-4001"), "{}", daemon.log());
+    });
+}
+
+const BRIDGE: [&str; 6] = ["--machine", "linuxcnc-mill", "--port", "7878", "--cycle-ns", "1000000"];
+
+/// The bridge's own pins, once more connected to the signals that are there.
+fn connect_bridge(wiring: Wiring, name: &str) {
+    let mut nets: Vec<[String; 2]> = vec![
+        ["volcomp-state".into(), format!("{name}.state")],
+        ["volcomp-ramping".into(), format!("{name}.ramping-out")],
+    ];
+    let kind = if wiring == Wiring::ExternalOffsets { "count" } else { "corr" };
+    for axis in ["x", "y", "z"] {
+        nets.push([format!("volcomp-{kind}-{axis}"), format!("{name}.{kind}-{axis}")]);
+    }
+    match wiring {
+        Wiring::ExternalOffsets => nets.push(["volcomp-enable".into(), format!("{name}.enable")]),
+        Wiring::Injection => nets.push(["volcomp-beat".into(), format!("{name}.alive")]),
+    }
+    for [signal, pin] in &nets {
+        run("halcmd", &["net", signal, pin]);
+    }
+}
+
+fn bridge_restarted(wiring: Wiring) {
+    let (mut cnc, daemon) = ready(wiring);
+    let bridge = cnc.dir.path().join("volcomp_bridge").display().to_string();
+    cnc.mdi_while(CIRCLE, Duration::from_secs(3), |cnc| {
+        // a second one of the same name is refused and disturbs nobody
+        let second = Command::new(&bridge).args(BRIDGE).output().expect("bridge runs");
+        assert_eq!(second.status.code(), Some(1), "{}", String::from_utf8_lossy(&second.stderr));
+        assert!(String::from_utf8_lossy(&second.stderr).contains("HAL refuses this name"));
+        cnc.mark(1);
+        run("halcmd", &["unloadusr", "volcomp"]);
+        std::thread::sleep(Duration::from_millis(1500));
+        cnc.mark(2);
+        load_component(&[&["volcomp", &bridge][..], &BRIDGE].concat());
+        connect_bridge(wiring, "volcomp");
+        daemon.wait_for_state("active");
+        cnc.mark(3);
+    });
+    let trace = cnc.trace();
+    no_step(&trace, "bridge restarted");
+    let gone = trace.marked(1);
+    let last = gone.last();
+    match wiring {
+        Wiring::ExternalOffsets => assert!(!is_zero(last), "without a bridge LinuxCNC keeps the offset"),
+        Wiring::Injection => assert!(is_zero(last), "the watchdog in HAL takes it back: {last:?}"),
+    }
+    assert!(trace.marked(3).rows.iter().any(|r| !is_zero(r)), "compensates again");
+    daemon.wait_for_state("active");
+}
+
+#[test]
+fn bridge_restarted_on_external_offsets() {
+    in_namespaces("faults::bridge_restarted_on_external_offsets", || {
+        bridge_restarted(Wiring::ExternalOffsets)
+    });
+}
+
+#[test]
+fn bridge_restarted_behind_the_motion_controller() {
+    in_namespaces("faults::bridge_restarted_behind_the_motion_controller", || {
+        bridge_restarted(Wiring::Injection)
+    });
+}
+
+/// What a killed bridge leaves in HAL keeps its name: another name takes over its signals.
+#[test]
+fn bridge_killed() {
+    in_namespaces("faults::bridge_killed", || {
+        let wiring = Wiring::ExternalOffsets;
+        let (cnc, daemon) = ready(wiring);
+        let bridge = cnc.dir.path().join("volcomp_bridge").display().to_string();
+        cnc.mark(1);
+        run("pkill", &["-KILL", "-x", "volcomp_bridge"]);
+        std::thread::sleep(Duration::from_millis(500));
+        let again = Command::new(&bridge).args(BRIDGE).output().expect("bridge runs");
+        assert_eq!(again.status.code(), Some(1), "the name is taken");
+        for pin in ["state", "ramping-out", "count-x", "count-y", "count-z", "enable"] {
+            run("halcmd", &["unlinkp", &format!("volcomp.{pin}")]);
+        }
+        load_component(&[&["volcomp2", &bridge, "--name", "volcomp2"][..], &BRIDGE].concat());
+        connect_bridge(wiring, "volcomp2");
+        daemon.wait_for_state("active");
+        cnc.mark(2);
+        let trace = cnc.trace();
+        no_step(&trace, "bridge killed and replaced");
+        assert!(!is_zero(trace.last()), "compensates again");
+    });
+}

@@ -1,0 +1,75 @@
+//! LinuxCNC has fixed keys, a lock file and a port: each run gets namespaces of its own, in which the test starts itself.
+
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::sync::{Mutex, PoisonError};
+
+/// Set inside the namespaces.
+const INSIDE: &str = "VOLCOMP_LINUXCNC_INSIDE";
+/// Set where a missing package is a failure (the gate), not a reason to skip.
+const REQUIRED: &str = "VOLCOMP_LINUXCNC_REQUIRED";
+const PROGRAMS: [&str; 9] =
+    ["linuxcnc", "halcmd", "halsampler", "halcompile", "gcc", "unshare", "setpriv", "ip", "mount"];
+const UNSHARE: [&str; 7] = ["--fork", "--pid", "--kill-child", "--ipc", "--net", "--mount", "--mount-proc"];
+
+/// One machine at a time: two would take each other's processor.
+static ONE_AT_A_TIME: Mutex<()> = Mutex::new(());
+
+/// Runs `body` in namespaces of its own, or says why not.
+pub(crate) fn in_namespaces(test: &str, body: impl FnOnce()) {
+    if std::env::var_os(INSIDE).is_some() {
+        run("ip", &["link", "set", "lo", "up"]);
+        body();
+        return;
+    }
+    if let Some(missing) = missing() {
+        assert!(std::env::var_os(REQUIRED).is_none(), "{missing}");
+        println!("skipped: {missing}; see adapters/linuxcnc/README.md");
+        return;
+    }
+    let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
+    let status = Command::new("unshare")
+        .args(UNSHARE)
+        .arg(std::env::current_exe().expect("this test's own path"))
+        .args(["--exact", test, "--nocapture", "--include-ignored"])
+        .env(INSIDE, "1")
+        .status()
+        .expect("unshare runs");
+    assert!(status.success(), "{test} failed inside its namespaces");
+}
+
+/// What keeps LinuxCNC from being started here.
+fn missing() -> Option<String> {
+    let path = std::env::var("PATH").unwrap_or_default();
+    let found = |name: &&str| path.split(':').any(|dir| Path::new(dir).join(name).exists());
+    if let Some(name) = PROGRAMS.iter().find(|name| !found(name)) {
+        return Some(format!("no `{name}` (Debian: linuxcnc-uspace, linuxcnc-uspace-dev, iproute2, gcc)"));
+    }
+    let tried = Command::new("unshare").args(UNSHARE).arg("true").output();
+    match tried {
+        Ok(output) if output.status.success() => None,
+        Ok(output) => Some(format!("no namespaces: {}", String::from_utf8_lossy(&output.stderr).trim())),
+        Err(e) => Some(format!("no namespaces: {e}")),
+    }
+}
+
+/// Runs a program to its end; gives what it printed.
+pub(crate) fn run(program: &str, arguments: &[&str]) -> String {
+    let output = Command::new(program).args(arguments).output().expect("program starts");
+    let (out, err) = (String::from_utf8_lossy(&output.stdout), String::from_utf8_lossy(&output.stderr));
+    assert!(output.status.success(), "{program} {}: {out}{err}", arguments.join(" "));
+    out.trim().to_owned()
+}
+
+/// Loads a userspace component into HAL and waits until it is ready; it goes on, with streams of its own.
+pub(crate) fn load_component(arguments: &[&str]) {
+    let status = Command::new("halcmd")
+        .args(["loadusr", "-Wn"])
+        .args(arguments)
+        .stdin(Stdio::null())
+        .stdout(Stdio::null())
+        .stderr(Stdio::null())
+        .status()
+        .expect("halcmd runs");
+    assert!(status.success(), "{} does not become ready", arguments.join(" "));
+}
