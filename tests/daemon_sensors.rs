@@ -226,3 +226,95 @@ fn what_is_no_reading_is_answered_and_costs_nothing_else() {
     assert!(forgotten.status.success(), "{forgotten:?}");
     drop(shop);
 }
+
+/// First cells of the rows of the first table in `text` whose head begins so, with everything in backticks or all of it.
+fn first_cells(text: &str, head: &str) -> Vec<String> {
+    let from = text.find(head).expect("the table is on the page");
+    text[from..]
+        .lines()
+        .skip(2)
+        .take_while(|line| line.starts_with("| "))
+        .map(|line| line.split('|').nth(1).expect("a cell").trim().to_owned())
+        .collect()
+}
+
+/// A binary message as the page describes it, written here by hand.
+fn binary(kind: u8, name: &str, numbers: &[f64]) -> Vec<u8> {
+    let mut bytes = b"VCS1".to_vec();
+    bytes.push(kind);
+    bytes.push(u8::try_from(name.len()).expect("short"));
+    bytes.extend(u16::try_from(numbers.len()).expect("few").to_le_bytes());
+    bytes.extend(5_000_000_000_i64.to_le_bytes());
+    bytes.extend(1.0_f32.to_le_bytes());
+    bytes.extend(name.as_bytes());
+    numbers.iter().for_each(|v| bytes.extend(v.to_le_bytes()));
+    let sum = crc32c::crc32c(&bytes);
+    bytes.extend(sum.to_le_bytes());
+    bytes
+}
+
+#[test]
+fn every_key_and_kind_of_the_page_is_understood_and_no_other() {
+    let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
+    let page = fs::read_to_string(root.join("docs/sensors.md")).expect("the page");
+    let samples = [
+        ("pose", r#"{"tip_mm": [1, 2, 3], "direction": [0, 0, 1]}"#),
+        ("points", r#"[{"offset_mm": [0, 0, 0], "deviation_um": [1, 2, 3], "std_um": 2}]"#),
+        ("circles", r#"[{"height_mm": 20, "centre_mm": [1, 2, 3]}]"#),
+        ("deviation", r#"{"direction": [0, 1, 0], "value_um": 3}"#),
+        ("probe", r#"{"direction": [0, 1, 0], "value_um": 3, "std_um": 1}"#),
+        ("five_dof", r#"{"ey_um": 1, "ez_um": 2, "ea_arcsec": 3, "eb_arcsec": 4, "ec_arcsec": 5}"#),
+        (
+            "five_dof_raw",
+            r#"{"distance_mm": 500, "psd1_um": [1, 2], "psd2_um": [1, 2], "psd3_um": [1, 2], "qd1_um": [1, 2], "qd2_um": [1, 2]}"#,
+        ),
+        ("value_um", "1.5"),
+        ("value_arcsec", "0.5"),
+        ("temperature_degc", "[20.5, 21]"),
+        ("speed_rpm", "-3000"),
+    ];
+    let keys: Vec<String> = first_cells(&page, "| key | content |")
+        .iter()
+        .flat_map(|cell| cell.split('`').skip(1).step_by(2).map(str::to_owned).collect::<Vec<_>>())
+        .collect();
+    assert_eq!(keys, samples.map(|(key, _)| key), "a key on the page or in this test is missing");
+    let numbers: [(u8, Vec<f64>); 10] = [
+        (1, vec![1.0, 2.0, 3.0, f64::NAN, f64::NAN, f64::NAN]),
+        (2, vec![1e-3; 42]),
+        (3, vec![1.0; 7]),
+        (4, vec![0.0; 14]),
+        (5, vec![1.0, 0.0, 0.0, 0.002, 0.0]),
+        (6, vec![1e-3; 5]),
+        (7, vec![500.0; 11]),
+        (8, vec![0.001]),
+        (9, vec![20.5; 16]),
+        (10, vec![3000.0]),
+    ];
+    let kinds: Vec<u8> = first_cells(&page, "| kind | numbers")
+        .iter()
+        .flat_map(|cell| cell.split(", ").map(|k| k.parse().expect("a number")).collect::<Vec<u8>>())
+        .collect();
+    assert_eq!(kinds, numbers.each_ref().map(|(kind, _)| *kind));
+
+    let port = Port::open();
+    let (address, more) = tables();
+    let _daemon = Daemon::start(&port.address(), setup(more));
+    let shop = Shop::open(&port, &address);
+    let mut stream = TcpStream::connect(&address).expect("connects");
+    stream.set_read_timeout(Some(PATIENCE)).expect("option");
+    let mut all = Vec::new();
+    for (key, sample) in samples {
+        all.extend(format!("{{\"sensor\": \"air\", \"t_s\": 5.5, \"{key}\": {sample}}}\n").bytes());
+    }
+    let example =
+        page.lines().map(str::trim).find(|line| line.starts_with("{\"sensor\"")).expect("an example");
+    all.extend(format!("{example}\n").bytes());
+    numbers.iter().for_each(|(kind, n)| all.extend(binary(*kind, "air", n)));
+    all.extend(binary(11, "air", &[1.0]));
+    stream.write_all(&all).expect("sent");
+    // the first complaint is about the one that is not on the page
+    let mut complaint = String::new();
+    BufReader::new(stream).read_line(&mut complaint).expect("an answer");
+    assert!(complaint.contains("kind 11") && complaint.contains("not known"), "{complaint}");
+    drop(shop);
+}
