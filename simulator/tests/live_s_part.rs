@@ -408,6 +408,7 @@ fn tell(name: &str, outcome: &Outcome) -> ([f64; 3], f64) {
 }
 
 #[test]
+#[ignore = "minutes without optimisation; its figures are still to be measured"]
 fn what_the_tracker_teaches_takes_the_drift_out_of_the_flank() {
     let (gone, round) = tell("seed 1", &hour(1, true));
     assert!(gone[0] >= 68.0 && gone[1] >= 58.0 && gone[2] >= 76.0, "{gone:?}");
