@@ -18,6 +18,8 @@ const TESTED: &[(u16, &str, &str)] = &[
         "every_rule_is_met_and_no_other_change_of_state_occurs",
     ),
     (8001, "src/core/engine/tests/aiming.rs", "a_sensor_that_falls_silent_fades_to_the_static_model"),
+    (8014, "tests/daemon_thermal.rs", "temperatures_and_speeds_on_a_sensor_link_move_the_axes"),
+    (8015, "tests/daemon_thermal.rs", "temperatures_and_speeds_on_a_sensor_link_move_the_axes"),
 ];
 
 fn root() -> PathBuf {

@@ -5,8 +5,8 @@
 
 use std::io;
 use std::net::SocketAddr;
-use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use crossbeam_channel::Sender;
@@ -17,15 +17,39 @@ use tokio::time::{Instant, sleep, timeout};
 use tracing::{info, warn};
 
 use super::super::clock::Clock;
+use super::super::logging::LogLimiter;
 use super::Arrived;
 use super::wire::Stream;
 
 /// Connections at the same time.
 const CONNECTIONS: usize = 32;
+/// Lines in the log about connections, and about what they send: so many at once, then one in each pause. A sensor that
+/// connects for every reading must not flood it.
+const LINES: u32 = 12;
+const LINES_PAUSE: Duration = Duration::from_secs(10);
 /// Sentences about mistakes per second and connection.
 const COMPLAINTS_PER_S: u32 = 5;
 /// Patience with a sensor that does not read them.
 const PATIENCE: Duration = Duration::from_millis(100);
+
+/// Lines in the log of all connections together.
+#[derive(Debug, Clone)]
+struct Lines {
+    connections: Arc<Mutex<LogLimiter>>,
+    mistakes: Arc<Mutex<LogLimiter>>,
+}
+
+impl Lines {
+    fn new() -> Self {
+        let limiter = || Arc::new(Mutex::new(LogLimiter::new(LINES, LINES_PAUSE)));
+        Self { connections: limiter(), mistakes: limiter() }
+    }
+}
+
+/// Whether a line may be written now; with the number of lines held back since the last one.
+fn admit(limiter: &Mutex<LogLimiter>, clock: Clock) -> Option<u64> {
+    limiter.lock().unwrap_or_else(PoisonError::into_inner).admit(clock.now())
+}
 
 /// The bound socket.
 #[derive(Debug)]
@@ -54,17 +78,21 @@ impl Listener {
     /// Serves until dropped.
     pub(in crate::runtime) async fn run(self) {
         let places = Arc::new(Semaphore::new(CONNECTIONS));
+        let lines = Lines::new();
         loop {
             let (stream, peer) = match self.listener.accept().await {
                 Ok(accepted) => accepted,
                 Err(error) => {
+                    // once a second at most
                     warn!(%error, "a sensor's connection could not be accepted");
                     sleep(Duration::from_secs(1)).await;
                     continue;
                 }
             };
             let Ok(place) = Arc::clone(&places).try_acquire_owned() else {
-                warn!(%peer, "more than {CONNECTIONS} connections of sensors; this one is closed");
+                if let Some(held_back) = admit(&lines.connections, self.clock) {
+                    warn!(%peer, held_back, "more than {CONNECTIONS} connections of sensors; this one is closed");
+                }
                 continue;
             };
             let connection = Connection {
@@ -72,12 +100,18 @@ impl Listener {
                 dropped: Arc::clone(&self.dropped),
                 known: Arc::clone(&self.known),
                 clock: self.clock,
+                lines: lines.clone(),
                 complaints: (Instant::now(), 0),
             };
+            let (lines, clock) = (lines.connections.clone(), self.clock);
             tokio::spawn(async move {
-                info!(%peer, "a sensor's connection is open");
+                if let Some(held_back) = admit(&lines, clock) {
+                    info!(%peer, held_back, "a sensor's connection is open");
+                }
                 let end = connection.converse(stream).await;
-                info!(%peer, "a sensor's connection is closed: {end}");
+                if let Some(held_back) = admit(&lines, clock) {
+                    info!(%peer, held_back, "a sensor's connection is closed: {end}");
+                }
                 drop(place);
             });
         }
@@ -89,6 +123,7 @@ struct Connection {
     dropped: Arc<AtomicU64>,
     known: Arc<[String]>,
     clock: Clock,
+    lines: Lines,
     /// Begin of the present second, and sentences in it.
     complaints: (Instant, u32),
 }
@@ -145,7 +180,9 @@ impl Connection {
         if *count > COMPLAINTS_PER_S {
             return;
         }
-        warn!("a sensor sends what cannot be used: {problem}");
+        if let Some(held_back) = admit(&self.lines.mistakes, self.clock) {
+            warn!(held_back, "a sensor sends what cannot be used: {problem}");
+        }
         let mut line = serde_json::json!({ "error": problem }).to_string();
         line.push('\n');
         // one that does not listen is its own affair
