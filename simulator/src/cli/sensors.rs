@@ -13,7 +13,7 @@ use crate::truth::drift::{DriftSize, RamDrift};
 /// Sensors and what they have to find.
 #[derive(Debug, Clone, clap::Args)]
 pub(super) struct SensorArgs {
-    /// Send what a laser tracker sees of the tool to a daemon's [sensors] listen.
+    /// Send what a laser tracker sees of the tool to a daemon's `[sensors] listen`.
     #[arg(long, value_name = "IP:PORT")]
     sensors: Option<SocketAddr>,
     /// Name of the tracker in the daemon's machine file.

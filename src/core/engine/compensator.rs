@@ -273,7 +273,7 @@ impl Compensator {
         self.enabled
     }
 
-    /// True once a [`Command::Stop`] has been carried out.
+    /// True once a [`super::output::Command::Stop`] has been carried out.
     #[must_use]
     pub const fn is_stopped(&self) -> bool {
         self.stopped

@@ -5,7 +5,7 @@
 //! a process of return goes back to is the offline map.
 //!
 //! A reading is a batch of rows that belong together (a pose gives three of position and two of direction), already of
-//! unit variance and independent of each other ([`super::whiten`]). The batch is judged as a whole before any of it is
+//! unit variance and independent of each other ([`mod@super::whiten`]). The batch is judged as a whole before any of it is
 //! used: an outlier is seldom wrong in one row only. Rows that share what they see update only that combination: of a
 //! single pose five of six.
 //!

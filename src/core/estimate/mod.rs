@@ -1,7 +1,7 @@
 //! Estimation while the machine works: a map on the nodes of a grid, kept true by measurements.
 //!
 //! Reading order: [`grid`] (where a point lies among the nodes), [`noise`] (how far a sensor is believed), [`filter`]
-//! (the Kalman filter on node values), [`map`] (a live map of lengths and angles about the offline one), [`whiten`]
+//! (the Kalman filter on node values), [`map`] (a live map of lengths and angles about the offline one), [`mod@whiten`]
 //! (readings with a covariance to rows of a batch), [`clock`] (when a reading was taken), [`supervise`] (whether it can
 //! be one), [`acquaint`] (how noisy a sensor is before anything is learned from it), [`fivedof`] (readings of a 5-DOF
 //! laser), [`thermal`] (growth by heat). Textbook letters as in equations 5.8: `x` state, `p` covariance, `h` row of
