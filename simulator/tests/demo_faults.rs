@@ -15,7 +15,7 @@ use fault_support::*;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rustix::process::Signal;
-use simulator::control::{CycleRecord, Happening, LinkEnd, LinkEvent, Pacing, ScriptedEvent};
+use simulator::control::{Happening, LinkEnd, LinkEvent, Pacing, ScriptedEvent};
 use volcomp::core::protocol::{CloseReason, CorrectionState, MachineState};
 
 /// When the daemon is killed.
