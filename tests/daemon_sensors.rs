@@ -31,6 +31,21 @@ sensor = "growth"
 limit-um = 30
 "#;
 
+/// What the sensors of every kind tell, beside that.
+const EVERY_KIND: &str = r#"
+[axes.y]
+travel-mm = [-100, 100]
+[errors.exy.table]
+position-mm = [-100, 0, 100]
+value-um = [12, 0, 12]
+[errors.exy.live]
+sensor = "laser.exy"
+limit-um = 40
+[errors.eaz.live]
+sensor = "tilt"
+limit-arcsec = 10
+"#;
+
 /// What the ram is off by and the model does not know, mm.
 const RAM_MM: f64 = 0.020;
 /// What the spindle has grown by, mm.
@@ -49,6 +64,22 @@ fn tables() -> (String, &'static str) {
     (port.to_string(), Box::leak(text.into_boxed_str()))
 }
 
+/// The same with a sensor of every kind.
+fn every_kind() -> (String, Setup) {
+    let (port, more) = tables();
+    let text = format!(
+        "{more}[[sensor]]\nname = \"laser\"\nkind = \"five-dof\"\naxis = \"y\"\nsmooth-s = 0.02\nage-limit-ms = 200\n\
+         focal-mm = [230, 250, 210]\nbeam-1-mm = [-35, 8]\nbeam-2-mm = [33, 8]\n\
+         [[sensor]]\nname = \"tilt\"\nkind = \"value\"\n[[sensor]]\nname = \"spindle\"\nkind = \"speed\"\n"
+    );
+    let setup = Setup {
+        more: Box::leak(text.into_boxed_str()),
+        model: format!("{MODEL}{EVERY_KIND}"),
+        ..Setup::default()
+    };
+    (port, setup)
+}
+
 fn setup(more: &'static str) -> Setup {
     Setup { more, model: MODEL.to_owned(), ..Setup::default() }
 }
@@ -62,6 +93,12 @@ struct Shop {
     control_ns: i64,
     readings: u32,
     tracker: bool,
+    /// What the laser along Y sees of the straightness, um, as a function of Y; `None`: it says nothing.
+    laser: Option<fn(f64) -> f64>,
+    /// Share of the usual speed.
+    pace: f64,
+    /// Largest change of the offset in X from one cycle to the next, mm.
+    step_mm: f64,
 }
 
 impl Shop {
@@ -75,7 +112,17 @@ impl Shop {
         session.stream.set_nodelay(true).expect("option");
         let control_ns = session.control_ns;
         let sensors = sensors.expect("sensors connect");
-        Self { session, sensors, begin: Instant::now(), control_ns, readings: 0, tracker: true }
+        Self {
+            session,
+            sensors,
+            begin: Instant::now(),
+            control_ns,
+            readings: 0,
+            tracker: true,
+            laser: None,
+            pace: 1.0,
+            step_mm: 0.0,
+        }
     }
 
     /// Cycles in real time for so long, a reading of each sensor every 10 ms.
@@ -85,10 +132,13 @@ impl Shop {
             let elapsed = self.begin.elapsed();
             self.session.control_ns = self.control_ns + i64::try_from(elapsed.as_nanos()).expect("fits");
             let t = elapsed.as_secs_f64();
-            self.session.commanded[0] = 80.0 * (1.3 * t).sin();
-            self.session.commanded[1] = 80.0 * (1.7 * t).sin();
-            self.session.commanded[2] = 80.0 * (0.9 * t).sin();
+            let phase = self.pace * t;
+            self.session.commanded[0] = 80.0 * (1.3 * phase).sin();
+            self.session.commanded[1] = 80.0 * (1.7 * phase).sin();
+            self.session.commanded[2] = 80.0 * (0.9 * phase).sin();
+            let before = self.session.applied[0];
             let _ = self.session.cycle();
+            self.step_mm = self.step_mm.max((self.session.applied[0] - before).abs());
             if t > 0.01 * f64::from(self.readings) {
                 self.readings += 1;
                 self.speak(t);
@@ -114,7 +164,37 @@ impl Shop {
                 t + 777.0
             );
         }
+        if let Some(sees) = self.laser {
+            // its line and its zero are its own
+            let y = self.session.commanded[1];
+            let ez = sees(y) + 80.0 + 0.015 * y + quiet;
+            lines += &format!(
+                "{{\"sensor\": \"laser\", \"t_s\": {}, \"five_dof\": {{\"ey_um\": {quiet}, \"ez_um\": {ez}, \
+                 \"ea_arcsec\": {quiet}, \"eb_arcsec\": {quiet}, \"ec_arcsec\": {quiet}}}}}\n",
+                t + 4711.0
+            );
+        }
         self.sensors.write_all(lines.as_bytes()).expect("sent");
+    }
+
+    /// Cycles go on while something else is done.
+    fn meanwhile<T: Send>(&mut self, what: impl FnOnce() -> T + Send) -> T {
+        std::thread::scope(|scope| {
+            let other = scope.spawn(what);
+            while !other.is_finished() {
+                self.work(Duration::from_millis(20));
+            }
+            other.join().expect("it ends")
+        })
+    }
+
+    /// Works until a condition holds.
+    fn until(&mut self, words: &str, mut holds: impl FnMut(&Self) -> bool) {
+        let begin = Instant::now();
+        while !holds(self) {
+            assert!(begin.elapsed() < 4 * PATIENCE, "{words}");
+            self.work(Duration::from_millis(50));
+        }
     }
 
     fn off(&self) -> [f64; 2] {
@@ -219,6 +299,21 @@ fn what_is_no_reading_is_answered_and_costs_nothing_else() {
     reader.read_line(&mut end).expect("an answer");
     assert!(end.contains("check sum"), "{end}");
     assert!(eventually(|| named(&daemon.status(), "sensors", "growth")["readings"] == 1));
+    // another unit, another kind: answered, and the sensor is named
+    let mut stream = TcpStream::connect(&address).expect("connects");
+    stream.set_read_timeout(Some(PATIENCE)).expect("option");
+    stream
+        .write_all(b"{\"sensor\": \"growth\", \"t_s\": 2, \"value_arcsec\": 1}\n{\"sensor\": \"air\", \"t_s\": 1, \"speed_rpm\": 1}\n")
+        .expect("sent");
+    let mut reader = BufReader::new(stream);
+    for words in ["value_um", "kind temperature"] {
+        let mut answer = String::new();
+        reader.read_line(&mut answer).expect("an answer");
+        assert!(answer.contains(words), "{answer}");
+    }
+    for sensor in ["growth", "air"] {
+        assert!(eventually(|| named(&daemon.status(), "sensors", sensor)["code"] == "VC-8017"), "{sensor}");
+    }
     // what nobody has, nobody forgets
     let forgotten = daemon.volcomp(&["filter", "forget", "rom"]);
     assert!(!forgotten.status.success(), "{forgotten:?}");
@@ -297,19 +392,36 @@ fn every_key_and_kind_of_the_page_is_understood_and_no_other() {
     assert_eq!(kinds, numbers.each_ref().map(|(kind, _)| *kind));
 
     let port = Port::open();
-    let (address, more) = tables();
-    let _daemon = Daemon::start(&port.address(), setup(more));
+    let (address, setup) = every_kind();
+    let _daemon = Daemon::start(&port.address(), setup);
     let shop = Shop::open(&port, &address);
     let mut stream = TcpStream::connect(&address).expect("connects");
     stream.set_read_timeout(Some(PATIENCE)).expect("option");
     let mut all = Vec::new();
     for (key, sample) in samples {
-        all.extend(format!("{{\"sensor\": \"air\", \"t_s\": 5.5, \"{key}\": {sample}}}\n").bytes());
+        let sensor = match key {
+            "five_dof" | "five_dof_raw" => "laser",
+            "value_um" => "growth",
+            "value_arcsec" => "tilt",
+            "temperature_degc" => "air",
+            "speed_rpm" => "spindle",
+            _ => "tracker",
+        };
+        all.extend(format!("{{\"sensor\": \"{sensor}\", \"t_s\": 5.5, \"{key}\": {sample}}}\n").bytes());
     }
     let example =
         page.lines().map(str::trim).find(|line| line.starts_with("{\"sensor\"")).expect("an example");
     all.extend(format!("{example}\n").bytes());
-    numbers.iter().for_each(|(kind, n)| all.extend(binary(*kind, "air", n)));
+    for (kind, n) in &numbers {
+        let sensor = match kind {
+            6 | 7 => "laser",
+            8 => "growth",
+            9 => "air",
+            10 => "spindle",
+            _ => "tracker",
+        };
+        all.extend(binary(*kind, sensor, n));
+    }
     all.extend(binary(11, "air", &[1.0]));
     stream.write_all(&all).expect("sent");
     // the first complaint is about the one that is not on the page
@@ -317,4 +429,135 @@ fn every_key_and_kind_of_the_page_is_understood_and_no_other() {
     BufReader::new(stream).read_line(&mut complaint).expect("an answer");
     assert!(complaint.contains("kind 11") && complaint.contains("not known"), "{complaint}");
     drop(shop);
+}
+
+#[test]
+fn a_laser_that_sees_another_straightness_is_followed_and_its_loss_ends_at_the_stored_curve() {
+    let port = Port::open();
+    let (address, setup) = every_kind();
+    let daemon = Daemon::start(&port.address(), setup);
+    let mut shop = Shop::open(&port, &address);
+    (shop.tracker, shop.pace) = (false, 0.5);
+    let stored = |y: f64| 0.12 * y.abs();
+    // bent by another 8 um, which is neither offset nor slope
+    let changed = |y: f64| 0.12 * y.abs() + 8.0 * (y / 40.0).sin();
+    let off_um = |shop: &Shop, sees: fn(f64) -> f64| {
+        1e3 * (shop.session.applied[0] + EXX_MM) + sees(shop.session.commanded[1])
+    };
+    // aligned to the stored curve first: nothing is added
+    shop.laser = Some(stored);
+    let referenced = || named(&daemon.status(), "sensors", "laser")["referenced"] == true;
+    shop.until("the laser is aligned", |_| referenced());
+    shop.work(Duration::from_millis(1000));
+    assert!(off_um(&shop, stored).abs() < 1.0, "{}", off_um(&shop, stored));
+    // all along the travel the correction follows what it sees
+    shop.laser = Some(changed);
+    shop.work(Duration::from_millis(800));
+    let (mut largest, mut without) = (0.0f64, 0.0f64);
+    for _ in 0..60 {
+        shop.work(Duration::from_millis(100));
+        largest = largest.max(off_um(&shop, changed).abs());
+        without = without.max((changed(shop.session.commanded[1]) - stored(shop.session.commanded[1])).abs());
+    }
+    assert!(without > 6.0 && largest < 3.0, "{largest} um of {without} um");
+    // where it drops out the stored curve is all there is, and nothing steps
+    shop.step_mm = 0.0;
+    shop.laser = None;
+    shop.until("the laser is told to be silent", |_| {
+        named(&daemon.status(), "sensors", "laser")["code"] == "VC-8002"
+    });
+    shop.work(Duration::from_millis(1500));
+    for _ in 0..20 {
+        shop.work(Duration::from_millis(50));
+        assert!(off_um(&shop, stored).abs() < 1.0, "{}", off_um(&shop, stored));
+    }
+    assert!(shop.step_mm < 5e-4, "{} mm from one cycle to the next", shop.step_mm);
+}
+
+#[test]
+fn a_connection_that_says_nothing_is_closed_with_a_word() {
+    let port = Port::open();
+    let (address, more) = tables();
+    let more: &'static str =
+        Box::leak(more.replace("keep-s = 1\n", "keep-s = 1\nidle-s = 1\n").into_boxed_str());
+    let _daemon = Daemon::start(&port.address(), setup(more));
+    let shop = Shop::open(&port, &address);
+    let stream = TcpStream::connect(&address).expect("connects");
+    stream.set_read_timeout(Some(PATIENCE)).expect("option");
+    let mut reader = BufReader::new(stream);
+    let mut text = String::new();
+    reader.read_line(&mut text).expect("an answer");
+    assert!(text.contains("nothing was said for 1 s") && text.contains("idle-s"), "{text}");
+    assert_eq!(reader.read_line(&mut String::new()).expect("an end"), 0);
+    drop(shop);
+}
+
+#[test]
+fn a_model_without_live_values_leaves_the_sensors_listed_as_unused() {
+    let port = Port::open();
+    let (address, more) = tables();
+    let daemon = Daemon::start(&port.address(), setup(more));
+    let mut shop = Shop::open(&port, &address);
+    shop.work(Duration::from_millis(300));
+    let bare = &MODEL[..MODEL.find("[errors.exz.live]").expect("there")];
+    let path = daemon.dir.path().join("bare.toml");
+    fs::write(&path, bare).expect("written");
+    let path = path.display().to_string();
+    let loaded =
+        shop.meanwhile(|| daemon.volcomp(&["load", &path, "--confirm", "A. Smith", "--reason", "a test"]));
+    assert!(loaded.status.success(), "{}", String::from_utf8_lossy(&loaded.stderr));
+    shop.until("the sensors are unused", |_| {
+        let status = daemon.status();
+        named(&status, "sensors", "tracker")["state"] == "unused"
+            && named(&status, "maps", "ram")["state"] == "unused"
+            && status["sensor_notes"].to_string().contains("VC-8020")
+    });
+    let text = daemon.volcomp(&["status"]);
+    assert!(String::from_utf8_lossy(&text.stdout).contains("tracker (tool) unused (VC-8020)"), "{text:?}");
+}
+
+#[test]
+fn an_estimator_that_does_not_keep_up_says_so_and_blames_no_sensor() {
+    let port = Port::open();
+    let (address, more) = tables();
+    // as many nodes as a map may have with two components
+    let list = |count: i32| (0..count).map(|k| (20 * k - 120).to_string()).collect::<Vec<_>>().join(", ");
+    let large = more
+        .replace("x-mm = [-100, 0, 100]", &format!("x-mm = [{}]", list(12)))
+        .replace("y-mm = [-100, 100]", &format!("y-mm = [{}]", list(8)))
+        .replace("z-mm = [-100, 100]", &format!("z-mm = [{}]", list(8)));
+    let daemon = Daemon::start(&port.address(), setup(Box::leak(large.into_boxed_str())));
+    let mut shop = Shop::open(&port, &address);
+    shop.work(Duration::from_millis(500));
+    shop.tracker = false;
+    let mut flood = TcpStream::connect(&address).expect("connects");
+    let begin = Instant::now();
+    let mut k = 0;
+    // more poses than any computer can work into so many nodes
+    while begin.elapsed() < Duration::from_millis(3000) {
+        let t = shop.begin.elapsed().as_secs_f64() + 777.0;
+        let lines: String = (0..40)
+            .map(|_| {
+                k += 1;
+                let noise = (f64::from(k) * 12.9898).sin();
+                format!(
+                    "{{\"sensor\": \"tracker\", \"t_s\": {t}, \"pose\": {{\"tip_deviation_um\": [{noise}, {}, 0.1]}}}}\n",
+                    -noise
+                )
+            })
+            .collect();
+        flood.write_all(lines.as_bytes()).expect("sent");
+        shop.work(Duration::from_millis(10));
+    }
+    let status = daemon.status();
+    assert!(status["sensor_notes"].to_string().contains("VC-8018"), "{status}");
+    let skipped = named(&status, "sensors", "tracker")["skipped"].as_u64().expect("a count");
+    assert!(skipped > 0, "{status}");
+    for sensor in ["tracker", "growth", "air"] {
+        let code = &named(&status, "sensors", sensor)["code"];
+        assert!(code != "VC-8002" && code != "VC-8003", "{sensor}: {code}");
+    }
+    // what does not need the map goes on all the while
+    assert!((shop.session.applied[2] + GROWTH_MM).abs() < 1.5e-3, "{}", shop.session.applied[2]);
+    assert!(!daemon.log().contains("VC-8001"), "{}", daemon.log());
 }

@@ -1,6 +1,6 @@
-//! Files that only the command line reads: tables of readings, sign tables, instrument files, cases. The first byte
-//! chooses the command, the rest is its file. Never a panic, never an exit code that says the program is wrong, and
-//! nothing is written where a file is refused.
+//! Files that only the command line reads: tables of readings, sign tables, instrument files, cases, sessions, additions.
+//! The first byte chooses the command, the rest is its file. Never a panic, never an exit code that says the program is
+//! wrong, and nothing is written where a file is refused.
 
 #![no_main]
 #![expect(clippy::disallowed_methods, reason = "the target writes the file that the command reads")]
@@ -12,7 +12,7 @@ use std::sync::LazyLock;
 use libfuzzer_sys::fuzz_target;
 
 /// `@` is the file, `!` a file to write, the others are made once.
-const COMMANDS: [&str; 24] = [
+const COMMANDS: [&str; 27] = [
     "fit --errors @ --axis x --order 2 --out !",
     "fit --errors @ --axis c --basis table --out !",
     "evaluate iso230-2 --data @ --report !",
@@ -37,10 +37,13 @@ const COMMANDS: [&str; 24] = [
     "identify fivedof --json --input @",
     "identify ram --json --input @",
     "identify kalman --json --input @",
+    "predict --model model.toml --points where.csv --add @ --out !",
+    "diagnose --model model.toml --data @",
+    "diagnose --model model.toml --plan --data @",
 ];
 
 /// What the commands need beside the file.
-const BESIDE: [(&str, &str); 5] = [
+const BESIDE: [(&str, &str); 6] = [
     (
         "model.toml",
         "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w b X Y Z t]\"\n[errors.exx.constant]\nvalue-um = 1\n",
@@ -48,6 +51,10 @@ const BESIDE: [(&str, &str); 5] = [
     ("tilt.csv", "applied_ea_arcsec,applied_eb_arcsec,applied_ec_arcsec,pitch_arcsec\n9,0,0,0\n-9,0,0,0\n0,9,0,9\n0,-9,0,-9\n0,0,9,0\n0,0,-9,0\n"),
     ("rest.csv", "distance_mm,psd1_y_um\n100,1\n200,2\n"),
     ("lines.csv", "line,x_mm,y_mm,z_mm\n1,0,100,10\n2,0,-100,0\n3,0,0,150\n"),
+    (
+        "where.csv",
+        "t_s,x_mm,y_mm,z_mm,dir_x,dir_y,dir_z,vx_mm_per_s,temp_x_degc\n0,0,0,0,1,1,1,5,20\n1,100,50,20,-1,1,1,-5,21\n",
+    ),
     ("points.csv", "point,x_mm,y_mm,z_mm\np,0,0,0\nq,300,0,0\nr,0,300,50\n"),
 ];
 

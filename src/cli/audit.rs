@@ -4,8 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
-use super::{EX_CONFIG, EX_DATAERR, EX_IOERR, Failure};
-use crate::runtime;
+use super::{EX_DATAERR, Failure, service};
 use crate::runtime::audit::{AUDIT_FILE, Line, verify_file};
 
 /// Where the daemon of the shipped unit keeps it.
@@ -73,10 +72,10 @@ fn log_of(which: &WhichLog) -> Result<PathBuf, Failure> {
         return Ok(file.clone());
     }
     let Some(config) = &which.config else { return Ok(PathBuf::from(DEFAULT_FILE)) };
-    let machine = runtime::load_config(config)
-        .map_err(|e| Failure::new(if e.is_io() { EX_IOERR } else { EX_CONFIG }, &e))?;
-    let Some(directory) = machine.state.directory else { return Ok(PathBuf::from(DEFAULT_FILE)) };
-    Ok(config.parent().unwrap_or_else(|| Path::new("")).join(directory).join(AUDIT_FILE))
+    let Some(directory) = service::machine(config)?.state.directory else {
+        return Ok(PathBuf::from(DEFAULT_FILE));
+    };
+    Ok(config.with_file_name(directory).join(AUDIT_FILE))
 }
 
 fn verify(args: &VerifyArgs) -> Result<(), Failure> {

@@ -12,8 +12,9 @@ const CYCLES_MAX: u64 = 100_000_000;
 
 /// Measures what a cycle with this machine file and its model costs on this computer, without touching any machine.
 ///
-/// From a position frame's bytes in hand to its correction's bytes in hand: check sum, engine, model, frame. No
-/// socket; `cncsim bench-link` measures with it. The thread has the real-time settings of the machine file.
+/// From a position frame's bytes in hand to its correction's bytes in hand: check sum, engine, model, frame; and apart
+/// from it what comes behind the answer, live values for the next frame and the record. No socket; `cncsim bench-link`
+/// measures with it. The thread has the real-time settings of the machine file.
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {
     /// The machine file; the model it names is taken relative to it.
@@ -45,12 +46,16 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     })?;
     let us = |quantile: f64| rehearsal.compute_ns.value_at_quantile(quantile) as f64 / NS_PER_US;
     let max_us = rehearsal.compute_ns.max() as f64 / NS_PER_US;
+    let calm_us = rehearsal.calm_p99_ns as f64 / NS_PER_US;
     let clock_us = rehearsal.clock_ns as f64 / NS_PER_US;
+    let behind_us = |quantile: f64| rehearsal.behind_ns.value_at_quantile(quantile) as f64 / NS_PER_US;
     if args.json {
         let object = serde_json::json!({
             "axes": rehearsal.axes, "sensors": rehearsal.sensors, "cycles": rehearsal.compute_ns.len(),
             "compute_us_p50": us(0.5), "compute_us_p90": us(0.9), "compute_us_p99": us(0.99),
-            "compute_us_p999": us(0.999), "compute_us_max": max_us, "clock_us": clock_us, "realtime": rehearsal.realtime,
+            "compute_us_p999": us(0.999), "compute_us_max": max_us,
+            "compute_us_p99_calm": calm_us, "behind_us_p50": behind_us(0.5), "behind_us_p99": behind_us(0.99),
+            "clock_us": clock_us, "realtime": rehearsal.realtime,
         });
         say!("{object}");
         return Ok(());
@@ -62,6 +67,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         us(0.9),
         us(0.99),
         us(0.999)
+    );
+    say!("calm        p99 {calm_us:.2} us in the calmest tenth of the blocks of 1000 cycles");
+    say!(
+        "behind      p50 {:.2} us, p99 {:.2} us: live values and the record, after the answer",
+        behind_us(0.5),
+        behind_us(0.99)
     );
     say!("cycles      {}, the clock's own {clock_us:.3} us taken off each", rehearsal.compute_ns.len());
     Ok(())

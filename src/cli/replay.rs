@@ -6,9 +6,8 @@ use std::sync::Arc;
 use serde_json::json;
 
 use super::recordings::{self, Parsed};
-use super::{EX_CONFIG, EX_DATAERR, EX_IOERR, Failure, files};
+use super::{EX_DATAERR, Failure, files, service};
 use crate::runtime::replay::{Difference, Gap, Replay, Report};
-use crate::runtime::{LoadError, load_config};
 
 /// Exit code where a correction came out otherwise.
 const EX_DIFFERS: u8 = 1;
@@ -75,8 +74,7 @@ fn prepare(args: &Args, parsed: &[Parsed<'_>]) -> Result<Replay, Failure> {
     let (Parsed { path, recording }, meta) = recordings::first(parsed)?;
     let config = match &args.config {
         None => recordings::machine(path, recording)?,
-        Some(path) => load_config(path)
-            .map_err(|e: LoadError| Failure::new(if e.is_io() { EX_IOERR } else { EX_CONFIG }, &e))?,
+        Some(path) => service::machine(path)?,
     };
     let mut inside = recordings::models(parsed)?.into_iter().map(|m| (m.hash, Arc::new(m.model)));
     let first = recording.models.first().and_then(|_| inside.next());

@@ -2,10 +2,11 @@
 
 use std::fmt::Write;
 use std::io::IsTerminal;
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
+use crate::config::MachineConfig;
 use crate::runtime::client::{self, ClientError};
 use crate::runtime::{self, Status};
 
@@ -72,9 +73,7 @@ pub(super) fn socket(which: &Which) -> Result<PathBuf, Failure> {
         return Ok(socket.clone());
     }
     let Some(config) = &which.config else { return Ok(PathBuf::from(DEFAULT_SOCKET)) };
-    let machine = runtime::load_config(config)
-        .map_err(|e| Failure::new(if e.is_io() { EX_IOERR } else { EX_CONFIG }, &e))?;
-    machine.status.socket.ok_or_else(|| {
+    machine(config)?.status.socket.ok_or_else(|| {
         Failure::new(
             EX_CONFIG,
             format_args!(
@@ -83,6 +82,11 @@ pub(super) fn socket(which: &Which) -> Result<PathBuf, Failure> {
             ),
         )
     })
+}
+
+/// The machine file of a daemon.
+pub(super) fn machine(config: &Path) -> Result<MachineConfig, Failure> {
+    runtime::load_config(config).map_err(|e| Failure::new(if e.is_io() { EX_IOERR } else { EX_CONFIG }, &e))
 }
 
 pub(super) fn failure(error: &ClientError) -> Failure {

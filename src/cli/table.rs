@@ -162,6 +162,11 @@ impl<R: BufRead> Table<R> {
         parsed.ok_or_else(|| self.bad_number(column))
     }
 
+    /// A finite number, or NaN where the field is empty.
+    pub(super) fn number_or_empty(&self, column: usize) -> Result<f64, Failure> {
+        if self.field(column).is_empty() { Ok(f64::NAN) } else { self.number(column) }
+    }
+
     /// A whole number from 0 up.
     pub(super) fn count(&self, column: usize) -> Result<u32, Failure> {
         let value = self.number(column)?;

@@ -243,8 +243,8 @@ impl Board {
     /// Axis, value and limit of a change of state, in words.
     pub(super) fn numbers(&self, detail: Option<&Detail>) -> Option<String> {
         let Detail { axis, quantity, value, limit } = *detail?;
-        let axis = axis.map(|k| self.axes().get(usize::from(k)).copied());
-        let (unit, small, factor) = match (quantity, axis.flatten().map(AxisName::kind)) {
+        let axis = axis.and_then(|k| self.axes().get(usize::from(k)).copied());
+        let (unit, small, factor) = match (quantity, axis.map(AxisName::kind)) {
             (Quantity::Time, _) => ("s", "ms", 1e3),
             (Quantity::Axis, Some(AxisKind::Rotary)) => ("deg", "arcsec", 3600.0),
             _ => ("mm", "um", 1e3),
@@ -253,7 +253,7 @@ impl Board {
             size if size > 0.0 && size < 1.0 => format!("{:.4} {small}", v * factor),
             _ => format!("{v:.4} {unit}"),
         };
-        let place = axis.flatten().map_or_else(String::new, |axis| format!("{}: ", letter(axis)));
+        let place = axis.map_or_else(String::new, |axis| format!("{}: ", letter(axis)));
         let bound = if limit.is_nan() { String::new() } else { format!(", limit {}", words(limit)) };
         Some(format!("{place}{}{bound}", words(value)))
     }

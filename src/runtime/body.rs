@@ -35,7 +35,21 @@ pub struct CycleBody {
     /// Live values of one moment, told in front of the newest entry.
     live: Option<Live>,
     /// The newest entry, told after the correction has been sent.
-    untold: Option<Entry>,
+    untold: Untold,
+}
+
+/// What is told behind the answer. A frame's entry is put together only there: it has copies of all that was computed.
+#[derive(Debug, Clone)]
+enum Untold {
+    Nothing,
+    Entry(Entry),
+    /// A frame; its correction is that of the newest output, where it was answered.
+    Frame {
+        now: MonoTime,
+        frame: Position,
+        enabled: bool,
+        answered: bool,
+    },
 }
 
 /// Live values that were told at the same time.
@@ -83,7 +97,7 @@ impl CycleBody {
             moved,
             tap: None,
             live: None,
-            untold: None,
+            untold: Untold::Nothing,
         })
     }
 
@@ -109,21 +123,37 @@ impl CycleBody {
     ///
     /// # Cycle   no allocation, no wait, no panic
     pub fn tell(&mut self) {
+        if self.tap.is_none() {
+            return;
+        }
+        let entry = match core::mem::replace(&mut self.untold, Untold::Nothing) {
+            Untold::Nothing => None,
+            Untold::Entry(entry) => Some(entry),
+            Untold::Frame { now, frame, enabled, answered } => {
+                let answer = if answered { self.recorded() } else { None };
+                Some(Entry::Cycle(record::Cycle { now, frame, enabled, answer }))
+            }
+        };
         let Some(tap) = &mut self.tap else { return };
         if let Some(Live { now, told, values }) = self.live.take() {
             tap.send(&Entry::Live { now, told, values });
         }
-        if let Some(entry) = self.untold.take() {
+        if let Some(entry) = entry {
             tap.send(&entry);
+        }
+    }
+
+    /// Tells what was not told yet, before anything that its entry depends on changes.
+    fn tell_older(&mut self) {
+        if !matches!(self.untold, Untold::Nothing) {
+            self.tell();
         }
     }
 
     fn note(&mut self, entry: impl FnOnce(&Self) -> Entry) {
         if self.tap.is_some() {
-            if self.untold.is_some() {
-                self.tell();
-            }
-            self.untold = Some(entry(self));
+            self.tell_older();
+            self.untold = Untold::Entry(entry(self));
         }
     }
 
@@ -131,7 +161,8 @@ impl CycleBody {
         if self.tap.is_none() || channel >= LIVE_MAX {
             return;
         }
-        if self.untold.is_some() || self.live.is_some_and(|live| live.now != now) {
+        self.tell_older();
+        if self.live.is_some_and(|live| live.now != now) {
             self.tell();
         }
         let live = self.live.get_or_insert(Live { now, told: 0, values: [0.0; LIVE_MAX] });
@@ -141,6 +172,7 @@ impl CycleBody {
 
     /// A new link has come up.
     pub fn link_up(&mut self, now: MonoTime) {
+        self.tell_older();
         self.output = None;
         self.engine.on_link_up(now);
         self.shadow.on_link_up(now);
@@ -202,13 +234,13 @@ impl CycleBody {
     pub fn handle(&mut self, now: MonoTime, message: &Message) -> Reaction {
         match message {
             Message::Position(frame) => {
+                self.tell_older();
                 let output = self.engine.on_position(now, frame, &self.model);
                 let correction = output.map(|output| self.answer(output));
-                self.note(|body| {
-                    let answer = body.recorded(correction.as_ref());
-                    let enabled = body.engine.is_enabled();
-                    Entry::Cycle(record::Cycle { now, frame: *frame, enabled, answer })
-                });
+                if self.tap.is_some() {
+                    let (enabled, answered) = (self.engine.is_enabled(), correction.is_some());
+                    self.untold = Untold::Frame { now, frame: *frame, enabled, answered };
+                }
                 // none where the control has not told yet which offset it holds
                 correction.map_or(Reaction::Nothing, Reaction::Answer)
             }
@@ -240,11 +272,13 @@ impl CycleBody {
     pub fn deadline(&mut self, now: MonoTime) -> Option<Correction> {
         // an early call changes nothing and is no input
         let due = self.engine.next_deadline().is_some_and(|due| now >= due);
+        self.tell_older();
         let output = self.engine.on_deadline(now);
         let correction = output.map(|output| self.answer(output));
-        if due || correction.is_some() {
+        let answered = correction.is_some();
+        if due || answered {
             self.note(|body| {
-                let answer = body.recorded(correction.as_ref());
+                let answer = if answered { body.recorded() } else { None };
                 Entry::Deadline { now, enabled: body.engine.is_enabled(), answer }
             });
         }
@@ -319,9 +353,9 @@ impl CycleBody {
     }
 
     /// The newest answer as it is recorded.
-    pub(super) fn recorded(&self, correction: Option<&Correction>) -> Option<record::Answer> {
+    pub(super) fn recorded(&self) -> Option<record::Answer> {
         let output = self.output.as_ref()?;
-        Some(answer_of(correction?, output, self.engine.wire(&output.wanted)))
+        Some(answer_of(&self.engine.message(output), output, self.engine.wire(&output.wanted)))
     }
 
     fn answer(&mut self, output: CycleOutput) -> Correction {

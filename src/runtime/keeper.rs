@@ -53,7 +53,7 @@ pub(super) struct Keeper {
 /// The state directory: the configured one, else the one that systemd gives the service.
 fn directory(config_path: &Path, loaded: &Loaded) -> Option<PathBuf> {
     if let Some(directory) = &loaded.config.state.directory {
-        return Some(config_path.parent().unwrap_or_else(|| Path::new("")).join(directory));
+        return Some(config_path.with_file_name(directory));
     }
     let given = std::env::var("STATE_DIRECTORY").ok()?;
     // systemd separates several by colons; the first is ours

@@ -1,10 +1,10 @@
 //! What a cycle costs on this computer: frame in to frame out, without socket.
 //!
 //! The daemon's own frame reader, [`CycleBody`] and frame writer, fed with frames of an invented tour through the
-//! travel of the model and, where the model names sensors, with a live value of each in every cycle. Every cycle is
-//! recorded, as far as the cycle has to do with that. What the two readings of the clock cost is measured the same way
-//! and taken off. Caches are warm, as in a daemon that cycles back to back; a daemon that sleeps between cycles takes
-//! longer (`volcomp status` shows its compute time).
+//! travel of the model and, where the model names sensors, with a live value of each in every cycle. As in the daemon,
+//! live values for the next frame and the record of this one come behind the answer; they are measured apart. What the
+//! two readings of the clock cost is measured the same way and taken off. Caches are warm, as in a daemon that cycles
+//! back to back; a daemon that sleeps between cycles takes longer (`volcomp status` shows its compute time).
 
 use std::time::Instant;
 
@@ -31,6 +31,10 @@ const LIVE: f64 = 1e-6;
 const LONGEST_NS: u64 = 60_000_000_000;
 /// Room for the entries of a cycle.
 const ENTRIES: usize = 64;
+/// Cycles of one block; a computer is left in peace for that long, where it is at all.
+const BLOCK: u64 = 1000;
+/// Share of the blocks that counts as calm.
+const CALM: f64 = 0.1;
 /// Cycles before the first that counts, in ramps.
 const SETTLE_RAMPS: f64 = 2.0;
 
@@ -43,6 +47,11 @@ pub struct Rehearsal {
     pub sensors: usize,
     /// From a frame's bytes in hand to the answer's bytes in hand, ns; the clock's own time taken off.
     pub compute_ns: Histogram<u64>,
+    /// What the cycle does behind its answer: live values for the next frame, the record handed to its queue, ns.
+    pub behind_ns: Histogram<u64>,
+    /// 99th percentile of the calmest tenth of the blocks of a thousand cycles, ns: what a cycle costs where neighbours on
+    /// the same core and the host leave it alone. 0 with less than one block.
+    pub calm_p99_ns: u64,
     /// Two readings of the clock with nothing in between, median, ns.
     pub clock_ns: u64,
     /// Real-time settings of the thread that measured.
@@ -100,6 +109,8 @@ fn on_this_thread(loaded: &Loaded, cycles: u64) -> Result<Rehearsal, RehearsalEr
     let clock_ns = clock_cost(cycles.clamp(1_000, 100_000))?;
     let settle = (SETTLE_RAMPS * config.ramp_s / config.cycle_s).ceil() as u64 + 100;
     let mut compute_ns = Histogram::new_with_bounds(1, LONGEST_NS, 3)?;
+    let mut behind_ns = Histogram::new_with_bounds(1, LONGEST_NS, 3)?;
+    let mut blocks = Blocks::new()?;
     let mut state = CorrectionState::Off;
     for cycle in 1..=settle + cycles {
         let time_s = cycle as f64 * config.cycle_s;
@@ -107,17 +118,52 @@ fn on_this_thread(loaded: &Loaded, cycles: u64) -> Result<Rehearsal, RehearsalEr
         let live = LIVE * (cycle as f64 * 0.01).sin();
         let took = stage.cycle(&frame, MonoTime::ZERO.plus_seconds(time_s), live);
         if cycle > settle {
-            compute_ns.saturating_record(took.ns.saturating_sub(clock_ns).max(1));
+            let ns = took.ns.saturating_sub(clock_ns).max(1);
+            compute_ns.saturating_record(ns);
+            behind_ns.saturating_record(took.behind_ns.saturating_sub(clock_ns).max(1));
+            blocks.record(ns);
         }
         state = took.state.unwrap_or(state);
-        // behind the measured part, as the daemon does it behind its answer, and its recorder elsewhere
-        stage.body.tell();
+        // the daemon's recorder does this elsewhere
         while entries.try_recv().is_ok() {}
     }
     if state != CorrectionState::Active {
         return Err(RehearsalError::NotActive(state));
     }
-    Ok(Rehearsal { axes: usize::from(hello.axis_count), sensors, compute_ns, clock_ns, realtime })
+    Ok(Rehearsal {
+        axes: usize::from(hello.axis_count),
+        sensors,
+        compute_ns,
+        behind_ns,
+        calm_p99_ns: blocks.calm(),
+        clock_ns,
+        realtime,
+    })
+}
+
+/// The 99th percentiles of the blocks.
+struct Blocks {
+    block: Histogram<u64>,
+    p99_ns: Histogram<u64>,
+}
+
+impl Blocks {
+    fn new() -> Result<Self, hdrhistogram::CreationError> {
+        let empty = || Histogram::new_with_bounds(1, LONGEST_NS, 3);
+        Ok(Self { block: empty()?, p99_ns: empty()? })
+    }
+
+    fn record(&mut self, ns: u64) {
+        self.block.saturating_record(ns);
+        if self.block.len() == BLOCK {
+            self.p99_ns.saturating_record(self.block.value_at_quantile(0.99));
+            self.block.reset();
+        }
+    }
+
+    fn calm(&self) -> u64 {
+        self.p99_ns.value_at_quantile(CALM)
+    }
 }
 
 /// The daemon's cycle without its socket.
@@ -131,6 +177,7 @@ struct Stage {
 
 struct Took {
     ns: u64,
+    behind_ns: u64,
     state: Option<CorrectionState>,
 }
 
@@ -140,9 +187,6 @@ impl Stage {
         let length = encode(frame, &mut bytes);
         self.reader.space()[..length].copy_from_slice(&bytes[..length]);
         let start = Instant::now();
-        for channel in 0..self.sensors {
-            self.body.live(now, channel, live);
-        }
         self.reader.advance(length);
         let mut answer = None;
         if let Ok(Some(message)) = self.reader.next()
@@ -152,12 +196,22 @@ impl Stage {
             core::hint::black_box(&self.out[..length]);
             answer = Some(correction);
         }
-        let ns = u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX);
+        let ns = since(start);
+        let start = Instant::now();
+        self.body.tell();
+        for channel in 0..self.sensors {
+            self.body.live(now, channel, live);
+        }
+        let behind_ns = since(start);
         if let Some(correction) = answer {
             self.applied = correction.offset;
         }
-        Took { ns, state: answer.map(|a| a.state) }
+        Took { ns, behind_ns, state: answer.map(|a| a.state) }
     }
+}
+
+fn since(start: Instant) -> u64 {
+    u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX)
 }
 
 /// Median time between two readings of the clock, ns.
@@ -165,7 +219,7 @@ fn clock_cost(readings: u64) -> Result<u64, hdrhistogram::CreationError> {
     let mut times: Histogram<u64> = Histogram::new_with_bounds(1, LONGEST_NS, 3)?;
     for _ in 0..readings {
         let start = Instant::now();
-        times.saturating_record(u64::try_from(start.elapsed().as_nanos()).unwrap_or(u64::MAX).max(1));
+        times.saturating_record(since(start).max(1));
     }
     Ok(times.value_at_quantile(0.5))
 }
@@ -222,4 +276,24 @@ fn position(model: &Model, hello: &ControlHello, cycle: u64, time_s: f64, applie
         actual: commanded,
         applied: *applied,
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn calm_is_the_calmest_tenth_of_the_blocks() {
+        let mut blocks = Blocks::new().unwrap();
+        assert_eq!(blocks.calm(), 0, "less than one block");
+        for block in 0..10 {
+            // one calm block among ten, and it has its own slow cycles
+            let ns = if block == 4 { 700 } else { 1400 };
+            for cycle in 0..BLOCK {
+                blocks.record(if cycle % 50 == 0 { ns + 100 } else { ns });
+            }
+        }
+        let calm = blocks.calm() as f64;
+        assert!((calm - 800.0).abs() < 2.0, "{calm}");
+    }
 }

@@ -36,7 +36,7 @@ use partner::{Partner, Place};
 use process::Programs;
 use report::{Compute, Report, Setting};
 use rounds::{Mode, Pair, measure};
-use thread::ThreadSettings;
+use thread::{Granted, ThreadSettings};
 
 /// Cycles that a daemon gets to become active.
 const SETTLE_CYCLES: u32 = 2_000;
@@ -87,10 +87,7 @@ pub fn run(options: &Options, say: Say<'_>) -> Result<Report, BenchError> {
     let compute = if options.compute { compute(options, say)? } else { Vec::new() };
     // the thread that measures has settings of its own, and they must not outlive the measurement
     let (granted, rounds, daemon) = std::thread::scope(|scope| {
-        let control = scope.spawn(|| {
-            let granted = control_thread(options).apply();
-            links(options, say).map(|(rounds, daemon)| (granted, rounds, daemon))
-        });
+        let control = scope.spawn(|| links(options, say));
         control
             .join()
             .unwrap_or_else(|_| Err(BenchError::Tool { verb: "bench-link", said: "panicked".to_owned() }))
@@ -103,7 +100,10 @@ fn control_thread(options: &Options) -> ThreadSettings {
 }
 
 /// Starts both sides, measures every mode, and asks the daemon what it has seen.
-fn links(options: &Options, say: Say<'_>) -> Result<(Vec<rounds::Round>, serde_json::Value), BenchError> {
+fn links(
+    options: &Options,
+    say: Say<'_>,
+) -> Result<(Granted, Vec<rounds::Round>, serde_json::Value), BenchError> {
     let folder = &options.folder;
     let [echo_place, daemon_place] = [Place::open("the bare echo")?, Place::open("volcompd")?];
     let socket = write_files(options, options.axes, folder, daemon_place.address()?)?;
@@ -124,6 +124,8 @@ fn links(options: &Options, say: Say<'_>) -> Result<(Vec<rounds::Round>, serde_j
     let origin = Instant::now();
     let mut echo = echo_place.accept(options.axes, origin, None)?;
     let mut daemon = daemon_place.accept(options.axes, origin, identity.as_ref())?;
+    // not before both run: a process inherits class and processor of the thread that starts it
+    let granted = control_thread(options).apply();
     daemon.greet(options.cycle)?;
     settle(&mut daemon, &mut echo, options.cycle, &log)?;
 
@@ -138,7 +140,7 @@ fn links(options: &Options, say: Say<'_>) -> Result<(Vec<rounds::Round>, serde_j
         options.programs.volcomp("status", &["--json", "--socket", &socket.display().to_string()])?;
     daemon.close();
     drop(echo);
-    Ok((rounds, status))
+    Ok((granted, rounds, status))
 }
 
 /// Cycles until the daemon compensates, and warms the echo up alike.

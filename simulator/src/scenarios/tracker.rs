@@ -13,6 +13,7 @@ use crate::control::CycleRecord;
 use crate::instruments::link::SensorLink;
 use crate::instruments::live::{LivePlan, LiveTracker};
 use crate::truth::drift::{DriftSize, RamDrift};
+use crate::truth::{TruthMachine, VMC_850};
 
 /// Its name in the machine file.
 const NAME: &str = "tracker";
@@ -70,6 +71,8 @@ pub enum TrackerFault {
     },
     /// X and Y are exchanged.
     SwappedAxes,
+    /// What the tool deviates by in X and in Y is exchanged; where it is supposed to be is right.
+    SwappedDeviations,
     /// Its clock is off by so much more.
     ClockStep {
         /// By so much.
@@ -92,6 +95,8 @@ pub(super) struct Tracker {
     link: SensorLink,
     plan: LivePlan,
     instrument: LiveTracker,
+    /// The machine as it should be.
+    machine: TruthMachine,
     fault: TrackerFault,
     /// When the fault began, s; set by the first cycle after it.
     since_s: Option<f64>,
@@ -115,6 +120,7 @@ impl Tracker {
             link: SensorLink::new(address),
             plan,
             instrument: LiveTracker::new(plan, seed),
+            machine: TruthMachine::from_toml(VMC_850)?,
             fault: TrackerFault::None,
             since_s: None,
             frozen: None,
@@ -151,6 +157,13 @@ impl Tracker {
             tip.swap(0, 1);
             direction.swap(0, 1);
         }
+        if self.fault == TrackerFault::SwappedDeviations {
+            // where it is supposed to be, without the offset: that it sees, too
+            let q = core::array::from_fn(|k| record.sample.encoder[k] - record.applied[k]);
+            let nominal = self.machine.nominal(&q).tip_mm;
+            let off: [f64; 3] = core::array::from_fn(|i| tip[i] - nominal[i]);
+            tip = [nominal[0] + off[1], nominal[1] + off[0], tip[2]];
+        }
         if let Some(line) = self.instrument.line(NAME, t, tip, direction) {
             self.say(t, line);
         }
@@ -183,6 +196,7 @@ impl Tracker {
             | TrackerFault::Step { .. }
             | TrackerFault::Creep { .. }
             | TrackerFault::SwappedAxes
+            | TrackerFault::SwappedDeviations
             | TrackerFault::ClockStep { .. } => self.link.send(line.as_bytes()),
         }
     }

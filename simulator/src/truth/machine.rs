@@ -164,6 +164,22 @@ impl TruthMachine {
         self.plan.kinematics.nominal(&states[..self.plan.kinematics.joints.len()])
     }
 
+    /// The exact pose with the axes at `q` (mm or deg) and `more` (EX EY EZ in mm, EA EB EC in rad, relative sense)
+    /// added to the error motions of each, the tool tip at `tool_tip_mm` in the machine frame at home.
+    ///
+    /// For machines whose bodies do more than their surveyed errors say: they heat up, bend and wind up.
+    #[must_use]
+    pub fn pose_with(&self, q: &AxisArray, more: &[[f64; 6]; MAX_AXES], tool_tip_mm: [f64; 3]) -> Pose {
+        let mut states = [JointState::default(); MAX_AXES];
+        for (k, axis) in self.plan.axes.iter().enumerate() {
+            let mut sum = motion(axis, q[k], 0.0);
+            sum.iter_mut().zip(more[k]).for_each(|(own, more)| *own += more);
+            states[axis.joint] = JointState { q: internal(axis.name, q[k]), motion: sum };
+        }
+        let kinematics = Kinematics { tool_tip_mm, ..self.plan.kinematics.clone() };
+        kinematics.pose(&states[..kinematics.joints.len()])
+    }
+
     /// Actual minus nominal pose at rest.
     #[must_use]
     pub fn deviation(&self, q: &AxisArray, direction: &[i8; MAX_AXES]) -> Deviation {

@@ -31,6 +31,8 @@ pub struct MachineConfig {
     pub machine: String,
     /// The model file, as written (relative to the machine file).
     pub model: PathBuf,
+    /// Additions of a diagnosis that become part of the model, as written (relative to the machine file).
+    pub additions: Vec<PathBuf>,
     /// The link to the control.
     pub link: LinkConfig,
     /// Engine settings that do not depend on the axis order of the control.

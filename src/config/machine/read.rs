@@ -45,6 +45,7 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
     }
     let machine = crate::config::read_machine_id(top).map(|m| m.value.to_owned());
     let model = read_model_path(top);
+    let additions = read_additions(top);
     let link = read_link(&top.section("link"));
     let cycle_ms = link.as_ref().map_or(DEFAULT_CYCLE_MS, |l| l.cycle_s * 1e3);
     let engine = read_engine(&top.section("engine"), cycle_ms);
@@ -60,6 +61,7 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
     Some(MachineConfig {
         machine: machine?,
         model: model?,
+        additions,
         link: link?,
         engine,
         axes,
@@ -88,6 +90,18 @@ fn read_model_path(top: &Section<'_>) -> Option<PathBuf> {
         return None;
     }
     Some(PathBuf::from(path.value))
+}
+
+fn read_additions(top: &Section<'_>) -> Vec<PathBuf> {
+    let Some(paths) = top.texts("additions") else { return Vec::new() };
+    for path in paths.value.iter().filter(|p| p.value.trim().is_empty()) {
+        top.report(Diagnostic::at(
+            path.place.clone(),
+            "an addition has an empty name",
+            "write the paths of addition.toml files, seen from this file",
+        ));
+    }
+    paths.value.iter().map(|p| PathBuf::from(p.value)).collect()
 }
 
 const DEFAULT_ADDRESS: &str = "127.0.0.1:7878";

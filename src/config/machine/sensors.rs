@@ -18,6 +18,8 @@ pub struct SensorsConfig {
     pub plain_remote: bool,
     /// Interval at which what was learned is kept, s.
     pub keep_s: f64,
+    /// A connection that says nothing for so long is closed, s.
+    pub idle_s: f64,
     /// The sensors and maps.
     pub spec: LiveSpec,
 }
@@ -27,6 +29,7 @@ const NAME_MAX: usize = 32;
 /// Most sensors.
 const SENSORS_MAX: usize = 64;
 const DEFAULT_KEEP_S: f64 = 60.0;
+const DEFAULT_IDLE_S: f64 = 600.0;
 /// Where sensors connect to, where any are listed and nothing is written.
 const DEFAULT_LISTEN: &str = "127.0.0.1:7979";
 
@@ -72,8 +75,10 @@ pub(super) fn read_sensors(top: &Section<'_>) -> SensorsConfig {
         ));
     }
     let keep_s = number(&general, "keep-s", within(1.0, 86_400.0), DEFAULT_KEEP_S);
+    let idle_s = number(&general, "idle-s", within(1.0, 86_400.0), DEFAULT_IDLE_S);
     general.finish();
-    SensorsConfig { listen: listen.map(|l| l.value), plain_remote, keep_s, spec: LiveSpec { sensors, maps } }
+    let spec = LiveSpec { sensors, maps };
+    SensorsConfig { listen: listen.map(|l| l.value), plain_remote, keep_s, idle_s, spec }
 }
 
 fn read_listen(general: &Section<'_>, wanted: bool) -> Option<Placed<SocketAddr>> {

@@ -117,7 +117,7 @@ impl Aim {
         gain: f64,
     ) -> Target {
         let mut pose = Pose { tool_tip: self.tool_tip, ..Pose::at([0.0; MAX_AXES]) };
-        pose.live = self.live.advance(time.0, time.1);
+        self.live.advance(time.0, time.1, &mut pose.live);
         let ahead_s = self.lag.cycles() * config.cycle_s;
         let unsure_s = config.lag_uncertainty_cycles * config.cycle_s;
         let speed = intake.speed();
@@ -169,6 +169,9 @@ impl Aim {
     ) {
         let late_s = (self.lag.cycles() + 1.0) * config.cycle_s;
         for (k, [low, high]) in config.soft_limits.iter().enumerate() {
+            if *low == f64::NEG_INFINITY && *high == f64::INFINITY {
+                continue;
+            }
             let (at, v) = (position[k] * self.scale[k], speed[k] * self.scale[k]);
             let room_up = room(high - at, v, late_s, &config.limits[k]);
             let room_down = room(at - low, -v, late_s, &config.limits[k]);
@@ -183,13 +186,18 @@ impl Aim {
     }
 }
 
-/// The offset that may be left towards a soft limit at `distance`, approached at `speed`: what can still be taken
-/// back, with [`RETREAT`] of rate and acceleration, before the axis is there.
+/// The offset that may be left towards a soft limit at `distance`, approached at `speed`: on the way there what is left
+/// when the offset takes effect, `late_s` from now, and no more than can still be taken back, with [`RETREAT`] of rate and
+/// acceleration, before the axis is there; on the way back what was left as long ago, for the motor may be as far behind.
 fn room(distance: f64, speed: f64, late_s: f64, limits: &AxisLimits) -> f64 {
-    if !(speed > 0.0 && distance.is_finite()) {
+    if !distance.is_finite() {
         return distance.max(0.0);
     }
-    let left_s = (distance / speed - late_s).max(0.0);
+    let left = (distance - speed.abs() * late_s).max(0.0);
+    if speed.is_nan() || speed <= 0.0 {
+        return left;
+    }
+    let left_s = left / speed;
     let (rate, acceleration) = (RETREAT * limits.rate, RETREAT * limits.acceleration);
     let to_full_rate_s = 2.0 * rate / acceleration;
     let way = if left_s < to_full_rate_s {
@@ -197,5 +205,5 @@ fn room(distance: f64, speed: f64, late_s: f64, limits: &AxisLimits) -> f64 {
     } else {
         rate * (left_s - to_full_rate_s / 2.0)
     };
-    distance.max(0.0).min(way)
+    left.min(way)
 }

@@ -76,8 +76,8 @@ pub struct Compensator {
 }
 
 /// What one cycle found out before it moves anything.
-struct Plan {
-    target: Target,
+struct Plan<'a> {
+    target: &'a Target,
     /// Time that the offset may use, s: control time of the frame, one cycle without one.
     dt: f64,
     /// Time that has passed, s: ramps and gain go by it.
@@ -186,7 +186,7 @@ impl Compensator {
             if !self.is_held(frame) {
                 return None;
             }
-            let output = self.move_on(&Plan { target: self.stay(), dt: 0.0, elapsed_s: 0.0 });
+            let output = self.move_on(&Plan { target: &self.stay(), dt: 0.0, elapsed_s: 0.0 });
             return Some(CycleOutput { out_of_order: true, ..output });
         }
         self.count_gap(frame);
@@ -216,7 +216,7 @@ impl Compensator {
         self.detail = self.detail.or(target.detail);
         let bad = verdict.err().or((!target.finite).then_some(Reason::ModelNotFinite));
         self.decide(frame.state, bad, &target, dt);
-        let output = self.move_on(&Plan { target, dt, elapsed_s: dt });
+        let output = self.move_on(&Plan { target: &target, dt, elapsed_s: dt });
         self.aim.lag.sent(frame.sequence, &output.offset);
         Some(output)
     }
@@ -247,7 +247,7 @@ impl Compensator {
         let silent_s = self.heard.map_or(elapsed_s, |then| now.seconds_since(then));
         self.detail = Some(Detail::of_time(silent_s, self.config.stale_s));
         self.hold_or_give_up(Reason::Stale, elapsed_s);
-        let output = self.move_on(&Plan { target: self.stay(), dt, elapsed_s });
+        let output = self.move_on(&Plan { target: &self.stay(), dt, elapsed_s });
         let resting = self.is_at_rest();
         let faulted = self.state == State::Faulted && !self.is_zero();
         let waiting = matches!(self.state, State::Holding | State::RampingOut) || faulted || !resting;
@@ -479,7 +479,7 @@ impl Compensator {
     }
 
     /// Moves the offset for one cycle and reports.
-    fn move_on(&mut self, plan: &Plan) -> CycleOutput {
+    fn move_on(&mut self, plan: &Plan<'_>) -> CycleOutput {
         let dt = plan.dt;
         let gain_step = plan.elapsed_s / self.config.ramp_s;
         self.gain += (self.gain_wanted - self.gain).clamp(-gain_step, gain_step);
@@ -500,7 +500,8 @@ impl Compensator {
                 State::RampingOut | State::Faulted => {
                     // on its way to zero, too, an offset must not carry an axis over its soft limit
                     let [low, high] = plan.target.room[k];
-                    let (wanted, kept) = (blend(0.0), blend(0.0).min(high).max(low));
+                    let wanted = blend(0.0);
+                    let kept = wanted.min(high).max(low);
                     at_soft_limit |= u8::from(kept != wanted) << k;
                     limiter.step(kept, dt)
                 }

@@ -78,10 +78,15 @@ impl Limiter {
         };
         let lowest = (self.velocity - acceleration * dt).max(-rate);
         let highest = (self.velocity + acceleration * dt).min(rate);
+        let velocity = (along + closing).clamp(lowest, highest);
         // the walls at +-size: never faster than still allows a stop before them
-        let up = wall_speed(size - self.position, dt, acceleration).max(lowest);
-        let down = (-wall_speed(size + self.position, dt, acceleration)).min(highest);
-        let velocity = (along + closing).clamp(lowest, highest).min(up).max(down);
+        let velocity = if is_too_fast(velocity, size - self.position, dt, acceleration) {
+            velocity.min(wall_speed(size - self.position, dt, acceleration).max(lowest))
+        } else if is_too_fast(-velocity, size + self.position, dt, acceleration) {
+            velocity.max((-wall_speed(size + self.position, dt, acceleration)).min(highest))
+        } else {
+            velocity
+        };
         // a step is worse than a kink: this bound comes after that of the acceleration
         let velocity = velocity.clamp(-step / dt, step / dt);
         let next = self.position + velocity * dt;
@@ -114,6 +119,11 @@ impl Limiter {
 /// The speed at which `distance` can still be stopped in, after a step of `dt` at that speed.
 fn braking_speed(distance: f64, dt: f64, acceleration: f64) -> f64 {
     acceleration * ((dt * dt + 2.0 * distance / acceleration).sqrt() - dt)
+}
+
+/// True where `speed` towards a wall is more than [`wall_speed`], without its root: `v dt + v^2 / (2 a) > d`.
+fn is_too_fast(speed: f64, distance: f64, dt: f64, acceleration: f64) -> bool {
+    speed > 0.0 && speed * (2.0 * acceleration * dt + speed) > 2.0 * acceleration * distance
 }
 
 /// Like [`braking_speed`]; zero beyond the wall.

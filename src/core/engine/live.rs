@@ -1,54 +1,65 @@
 //! Live values of sensors: held while fresh, then faded to the static model.
 
 use crate::core::model::SENSORS_MAX;
-use crate::core::units::MonoTime;
+use crate::core::units::{MonoTime, NS_PER_S};
 
 /// The live values of a model, each with the share that it has.
 #[derive(Debug, Clone)]
 pub(super) struct LiveInputs {
-    channels: usize,
-    max_age_s: f64,
+    used: usize,
+    max_age_ns: i64,
     fade_s: f64,
-    values: [f64; SENSORS_MAX],
-    told: [Option<MonoTime>; SENSORS_MAX],
-    shares: [f64; SENSORS_MAX],
+    channels: [Channel; SENSORS_MAX],
     fading: bool,
 }
+
+#[derive(Debug, Clone, Copy)]
+struct Channel {
+    value: f64,
+    /// When it was told last, ns; [`NEVER`] before.
+    told_ns: i64,
+    share: f64,
+}
+
+/// So long ago that any age limit has passed.
+const NEVER: i64 = i64::MIN;
 
 impl LiveInputs {
     pub(super) const fn new(channels: usize, max_age_s: f64, fade_s: f64) -> Self {
         Self {
-            channels: if channels < SENSORS_MAX { channels } else { SENSORS_MAX },
-            max_age_s,
+            used: if channels < SENSORS_MAX { channels } else { SENSORS_MAX },
+            max_age_ns: (max_age_s * NS_PER_S) as i64,
             fade_s,
-            values: [0.0; SENSORS_MAX],
-            told: [None; SENSORS_MAX],
-            shares: [0.0; SENSORS_MAX],
+            channels: [Channel { value: 0.0, told_ns: NEVER, share: 0.0 }; SENSORS_MAX],
             fading: false,
         }
     }
 
     /// A value of a channel of the model, mm or rad. What is not finite says nothing.
+    #[inline]
     pub(super) fn tell(&mut self, now: MonoTime, channel: usize, value: f64) {
-        if channel < self.channels && value.is_finite() {
-            self.values[channel] = value;
-            self.told[channel] = Some(now);
+        if let Some(channel) = self.channels[..self.used].get_mut(channel)
+            && value.is_finite()
+        {
+            (channel.value, channel.told_ns) = (value, now.ns);
         }
     }
 
-    /// Moves the shares on by `dt` and gives the values to add.
-    pub(super) fn advance(&mut self, now: MonoTime, dt: f64) -> [f64; SENSORS_MAX] {
-        let change = dt / self.fade_s;
-        self.fading = false;
-        let mut out = [0.0; SENSORS_MAX];
-        for (k, out) in out.iter_mut().enumerate().take(self.channels) {
-            let fresh = self.told[k].is_some_and(|at| now.seconds_since(at) <= self.max_age_s);
+    /// Moves the shares on by `dt` and writes the values to add.
+    #[inline]
+    pub(super) fn advance(&mut self, now: MonoTime, dt: f64, out: &mut [f64; SENSORS_MAX]) {
+        let mut fading = false;
+        for (channel, out) in self.channels[..self.used].iter_mut().zip(out) {
+            let fresh = channel.told_ns != NEVER && now.ns.saturating_sub(channel.told_ns) <= self.max_age_ns;
             let wanted = if fresh { 1.0 } else { 0.0 };
-            self.shares[k] += (wanted - self.shares[k]).clamp(-change, change);
-            self.fading |= !fresh && self.shares[k] > 0.0;
-            *out = self.shares[k] * self.values[k];
+            if channel.share != wanted {
+                let change = dt / self.fade_s;
+                channel.share += (wanted - channel.share).clamp(-change, change);
+                fading |= !fresh && channel.share > 0.0;
+            }
+            *out = channel.share * channel.value;
         }
-        out
+        self.fading = fading;
     }
 
     /// True while a value that is no longer fresh is being taken back.
@@ -61,6 +72,12 @@ impl LiveInputs {
 mod tests {
     use super::*;
 
+    fn advanced(live: &mut LiveInputs, now: MonoTime) -> f64 {
+        let mut values = [0.0; SENSORS_MAX];
+        live.advance(now, 1e-3, &mut values);
+        values[0]
+    }
+
     #[test]
     fn a_silent_sensor_is_held_then_faded_and_comes_back_the_same_way() {
         let mut live = LiveInputs::new(1, 0.1, 0.5);
@@ -71,7 +88,7 @@ mod tests {
             if !(1000..2000).contains(&ms) {
                 live.tell(at(ms), 0, 0.01);
             }
-            let value = live.advance(at(ms), 1e-3)[0];
+            let value = advanced(&mut live, at(ms));
             largest_step = largest_step.max((value - last).abs());
             last = value;
             match ms {
@@ -84,6 +101,6 @@ mod tests {
         assert!(largest_step <= 0.01 * 1e-3 / 0.5 * 1.0001);
         live.tell(at(3000), 0, f64::NAN);
         live.tell(at(3000), 7, 1.0);
-        assert!(live.advance(at(3000), 1e-3)[0] == last);
+        assert!(advanced(&mut live, at(3000)) == last);
     }
 }

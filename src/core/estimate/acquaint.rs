@@ -8,7 +8,10 @@
 //! larger: too much noise to begin with is learned away, too little locks an honest sensor out. Then the median
 //! innovation must fit the uncertainty of the map.
 //!
-//! The same decides about the return of a sensor that was excluded for disagreeing.
+//! The same decides about the return of a sensor that was excluded for disagreeing. Lengths and angles are judged apart:
+//! of what is stated one may be too small while the other is too large.
+
+use super::noise::Kind;
 
 /// Median of chi-square with one degree of freedom.
 const CHI2_MEDIAN: f64 = 0.454_936_4;
@@ -18,19 +21,34 @@ const MEDIAN_COST: f64 = core::f64::consts::FRAC_PI_2;
 /// What was found out about a sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Opinion {
-    /// Variance of its noise, in units of the stated one: what changes from one reading to the next.
-    pub variance: f64,
+    /// Variance of its noise (lengths, angles), in units of the stated one: what changes from one reading to the next.
+    /// 1 of what it does not measure.
+    pub variance: [f64; 2],
     /// Variance about the median, where that is larger: what the filter may begin with.
-    pub begin_with: f64,
+    pub begin_with: [f64; 2],
     /// Largest squared median innovation over its variance: above the gate it disagrees with the map.
     pub disagreement: f64,
+}
+
+/// One number of a reading that is only looked at.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Glance {
+    /// What it differs by from the map, in units of the stated noise.
+    pub innovation: f64,
+    /// Variance of the map there, in the square of that.
+    pub uncertainty: f64,
+    /// The same of the offline map.
+    pub prior: f64,
+    /// What it is.
+    pub kind: Kind,
 }
 
 /// Readings that are only looked at.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Acquaintance {
     wanted: usize,
-    rows: usize,
+    /// What each row of a reading is.
+    rows: Vec<Kind>,
     /// Innovations, reading by reading.
     innovations: Vec<f64>,
     /// Sum over the readings of what the map is uncertain by, row by row.
@@ -41,31 +59,30 @@ impl Acquaintance {
     /// Looks at `wanted` readings, at least three.
     #[must_use]
     pub fn new(wanted: usize) -> Self {
-        Self { wanted: wanted.max(3), rows: 0, innovations: Vec::new(), uncertainty: Vec::new() }
+        Self { wanted: wanted.max(3), rows: Vec::new(), innovations: Vec::new(), uncertainty: Vec::new() }
     }
 
     /// Readings seen, and wanted.
     #[must_use]
     pub fn progress(&self) -> (usize, usize) {
-        (self.innovations.len().checked_div(self.rows).unwrap_or(0), self.wanted)
+        (self.innovations.len().checked_div(self.rows.len()).unwrap_or(0), self.wanted)
     }
 
-    /// One more reading: for each row its innovation and the variance of the map there, in units of the stated noise.
-    /// The opinion, once there are enough; it then starts over.
-    pub fn add(&mut self, rows: &[(f64, f64)]) -> Option<Opinion> {
-        if rows.is_empty() || rows.iter().any(|(nu, p)| !(nu.is_finite() && p.is_finite())) {
+    /// One more reading, row by row. The opinion, once there are enough; it then starts over.
+    pub fn add(&mut self, rows: &[Glance]) -> Option<Opinion> {
+        if rows.is_empty() || rows.iter().any(|r| !(r.innovation.is_finite() && r.uncertainty.is_finite())) {
             return None;
         }
-        if rows.len() != self.rows {
-            self.rows = rows.len();
+        if !self.rows.iter().eq(rows.iter().map(|r| &r.kind)) {
+            self.rows = rows.iter().map(|r| r.kind).collect();
             self.innovations.clear();
             self.uncertainty = vec![0.0; rows.len()];
         }
-        self.innovations.extend(rows.iter().map(|(nu, _)| *nu));
-        for (sum, (_, p)) in self.uncertainty.iter_mut().zip(rows) {
-            *sum += p;
+        self.innovations.extend(rows.iter().map(|r| r.innovation));
+        for (sum, row) in self.uncertainty.iter_mut().zip(rows) {
+            *sum += row.uncertainty;
         }
-        let readings = self.innovations.len() / self.rows;
+        let readings = self.innovations.len() / self.rows.len();
         if readings < self.wanted {
             return None;
         }
@@ -76,24 +93,29 @@ impl Acquaintance {
     }
 
     fn opinion(&self, readings: usize) -> Opinion {
-        let lines: Vec<&[f64]> = self.innovations.chunks_exact(self.rows).collect();
-        let squares = lines.windows(2).flat_map(|w| w[0].iter().zip(w[1]).map(|(a, b)| (a - b).powi(2)));
-        let fast = median(squares.collect()) / (2.0 * CHI2_MEDIAN);
-        let row = |r: usize| lines.iter().map(move |line| line[r]).collect::<Vec<f64>>();
-        let about = |r: usize| {
-            let middle = median(row(r));
-            row(r).into_iter().map(move |v| (v - middle).powi(2))
+        let row = |r: usize| -> Vec<f64> {
+            self.innovations.chunks_exact(self.rows.len()).map(|line| line[r]).collect()
         };
-        let scatter = median((0..self.rows).flat_map(about).collect()) / CHI2_MEDIAN;
-        let begin_with = fast.max(scatter);
-        let n = readings as f64;
-        let disagreement = (0..self.rows)
-            .map(|r| {
+        let of = |kind: Kind| (0..self.rows.len()).filter(move |r| self.rows[*r] == kind);
+        let (mut variance, mut begin_with) = ([1.0; 2], [1.0; 2]);
+        for kind in Kind::ALL.into_iter().filter(|kind| self.rows.contains(kind)) {
+            let steps = |r| row(r).windows(2).map(|w| (w[0] - w[1]).powi(2)).collect::<Vec<f64>>();
+            let fast = median(of(kind).flat_map(steps).collect()) / (2.0 * CHI2_MEDIAN);
+            let about = |r: usize| {
                 let middle = median(row(r));
-                middle * middle / (self.uncertainty[r] / n + MEDIAN_COST * begin_with / n)
+                row(r).into_iter().map(move |v| (v - middle).powi(2))
+            };
+            let scatter = median(of(kind).flat_map(about).collect()) / CHI2_MEDIAN;
+            (variance[kind.index()], begin_with[kind.index()]) = (fast, fast.max(scatter));
+        }
+        let n = readings as f64;
+        let disagreement = (0..self.rows.len())
+            .map(|r| {
+                let (middle, noise) = (median(row(r)), begin_with[self.rows[r].index()]);
+                middle * middle / (self.uncertainty[r] / n + MEDIAN_COST * noise / n)
             })
             .fold(0.0, f64::max);
-        Opinion { variance: fast, begin_with, disagreement }
+        Opinion { variance, begin_with, disagreement }
     }
 }
 
@@ -114,9 +136,12 @@ mod tests {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         let mut it = Acquaintance::new(25);
         for i in 0.. {
-            let rows: [(f64, f64); 5] = core::array::from_fn(|_| {
+            let rows: [Glance; 5] = core::array::from_fn(|r| {
                 let z: f64 = StandardNormal.sample(&mut random);
-                (bias + sigma * z + if outliers && i % 10 == 4 { 300.0 } else { 0.0 }, 4.0)
+                // angles are as much quieter as lengths are noisier
+                let (sigma, kind) = if r < 3 { (sigma, Kind::Length) } else { (1.0 / sigma, Kind::Angle) };
+                let wild = if outliers && i % 10 == 4 { 300.0 } else { 0.0 };
+                Glance { innovation: bias + sigma * z + wild, uncertainty: 4.0, prior: 4.0, kind }
             });
             if let Some(opinion) = it.add(&rows) {
                 assert_eq!(i, 24);
@@ -129,10 +154,13 @@ mod tests {
     #[test]
     fn noise_is_found_whatever_was_stated_and_outliers_do_not_matter() {
         for sigma in [0.2, 1.0, 5.0] {
-            let mean: f64 = (0..100).map(|s| look(s, sigma, 1.0, false).variance).sum::<f64>() / 100.0;
-            assert!((mean / sigma.powi(2) - 1.0).abs() < 0.1, "{sigma}: {mean}");
-            let worst = (0..100).map(|s| look(s, sigma, 1.0, true).variance).fold(0.0, f64::max);
-            assert!(worst < 4.5 * sigma * sigma, "{sigma}: {worst}");
+            for (kind, truth) in Kind::ALL.into_iter().zip([sigma, 1.0 / sigma]) {
+                let of = |s: u64, outliers: bool| look(s, sigma, 1.0, outliers).variance[kind.index()];
+                let mean: f64 = (0..100).map(|s| of(s, false)).sum::<f64>() / 100.0;
+                assert!((mean / truth.powi(2) - 1.0).abs() < 0.1, "{sigma} {kind:?}: {mean}");
+                let worst = (0..100).map(|s| of(s, true)).fold(0.0, f64::max);
+                assert!(worst < 5.5 * truth * truth, "{sigma} {kind:?}: {worst}");
+            }
         }
     }
 
@@ -144,14 +172,15 @@ mod tests {
 
     #[test]
     fn readings_of_another_shape_start_over_and_nonsense_is_left_out() {
+        let row = |innovation: f64| Glance { innovation, uncertainty: 1.0, prior: 1.0, kind: Kind::Length };
         let mut it = Acquaintance::new(3);
-        assert_eq!(it.add(&[(1.0, 1.0); 2]), None);
-        assert_eq!(it.add(&[(1.0, 1.0); 3]), None);
-        assert_eq!(it.add(&[(f64::NAN, 1.0); 3]), None);
+        assert_eq!(it.add(&[row(1.0); 2]), None);
+        assert_eq!(it.add(&[row(1.0); 3]), None);
+        assert_eq!(it.add(&[row(f64::NAN); 3]), None);
         assert_eq!(it.add(&[]), None);
         assert_eq!(it.progress(), (1, 3));
-        assert_eq!(it.add(&[(2.0, 1.0); 3]), None);
-        assert!(it.add(&[(1.0, 1.0); 3]).is_some());
+        assert_eq!(it.add(&[row(2.0); 3]), None);
+        assert!(it.add(&[row(1.0); 3]).is_some());
         assert_eq!(it.progress(), (0, 3));
     }
 }

@@ -28,10 +28,14 @@ pub enum Process {
         tau_s: f64,
     },
     /// The map wanders as a whole: neighbours move together as the prior says, so that nodes nobody visits go on
-    /// following those that are measured. Variance per second of each component.
+    /// following those that are measured. What was learned is forgotten meanwhile, for a map that has wandered as far
+    /// as the prior is wide says nothing about today.
     CorrelatedWalk {
-        /// Square of the state's unit per second.
+        /// Square of the state's unit per second, of each component.
         variance_per_s: [f64; COMPONENTS_MAX],
+        /// Seconds in which what was learned falls to 1/e; infinite: it is kept. One for all components, for errors
+        /// of a shift and of a turn that oppose each other must go together.
+        forget_s: f64,
     },
 }
 
@@ -137,6 +141,13 @@ impl Update {
     pub fn ratio(&self) -> f64 {
         self.innovation * self.innovation / self.innovation_variance
     }
+}
+
+/// A state of the filter, to go back to.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Snapshot {
+    x: Vec<f64>,
+    p: Vec<f64>,
 }
 
 /// The filter. All storage is made at construction.
@@ -292,7 +303,11 @@ impl NodeFilter {
                     }
                 }
             }
-            Process::CorrelatedWalk { variance_per_s } => {
+            Process::CorrelatedWalk { variance_per_s, forget_s } => {
+                let stays = (-seconds / forget_s).exp();
+                for (x, prior) in self.x.iter_mut().zip(&self.prior).take(map) {
+                    *x = prior + stays * (*x - prior);
+                }
                 for (c, rate) in variance_per_s.iter().enumerate().take(self.components) {
                     let first = c * self.nodes;
                     let share = rate * seconds / self.prior_covariance[first * n + first];
@@ -352,6 +367,20 @@ impl NodeFilter {
         self.x.copy_from_slice(&self.prior);
         self.p.copy_from_slice(&self.prior_covariance);
         self.rejections = 0;
+    }
+
+    /// Remembers the state; the memory of an older one is used again.
+    pub fn save_to(&self, snapshot: &mut Snapshot) {
+        snapshot.x.clone_from(&self.x);
+        snapshot.p.clone_from(&self.p);
+    }
+
+    /// Back to a state of this filter; one of another size changes nothing.
+    pub fn load(&mut self, snapshot: &Snapshot) {
+        if snapshot.x.len() == self.x.len() && snapshot.p.len() == self.p.len() {
+            self.x.copy_from_slice(&snapshot.x);
+            self.p.copy_from_slice(&snapshot.p);
+        }
     }
 
     /// The offline map.

@@ -15,11 +15,19 @@
 //! tip, and different weights would set them free.
 //! Where the offline map is right E is about 1 and nothing is used; where it is wrong E is large and w is near 1.
 //!
-//! Source: equations 5.8; James and Stein 1961 for the weight.
+//! **Age.** Without readings the uncertainty grows back to that of the offline map, and what was learned fades with it:
+//! a walk that gains the variance q per second within a prior of variance P0 is a process of memory 2 P0 / q, the
+//! longest of the components ([`LiveMap::memory_s`]). The evidence fades as the square of what it is about. So a map
+//! that was kept for months, or whose sensors are silent for hours, is used less and less, and in the end not at all.
+//!
+//! Source: equations 5.8 (Gauss-Markov); James and Stein 1961 for the weight.
 
-use super::filter::{COMPONENTS_MAX, FilterError, NodeFilter, Observation, Process, Rules, Update, Verdict};
+use super::acquaint::Glance;
+use super::filter::{
+    COMPONENTS_MAX, FilterError, NodeFilter, Observation, Process, Rules, Snapshot, Update, Verdict,
+};
 use super::grid::{NodeGrid, NodePlace};
-use super::noise::MeasurementNoise;
+use super::noise::{Kind, MeasurementNoise};
 
 /// Most numbers in the state of one map: its covariance has the square of this many.
 pub const STATE_MAX: usize = 1536;
@@ -87,6 +95,8 @@ pub struct Row {
     pub value: f64,
     /// What one second of delay adds to it.
     pub delay: f64,
+    /// Which noise it has.
+    pub kind: Kind,
 }
 
 /// What became of a batch.
@@ -104,12 +114,23 @@ pub struct Batch {
     pub expected: f64,
 }
 
+/// What a map knew at some time.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Checkpoint {
+    snapshot: Snapshot,
+    evidence: f64,
+    idle_s: f64,
+}
+
 /// The map.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LiveMap {
     rules: MapRules,
     filter: NodeFilter,
     evidence: f64,
+    memory_s: f64,
+    /// Time since the last reading that was used.
+    idle_s: f64,
 }
 
 /// Standard deviation of a sensor's unknown delay, s.
@@ -137,18 +158,23 @@ impl LiveMap {
             }
             *rate = c.variance_per_s / (c.std * c.std);
         }
-        let process = match rules.tau_s {
+        let (process, memory_s) = match rules.tau_s {
             Some(tau_s) => {
                 positive("time constant of the map", tau_s)?;
-                Process::MeanReverting { tau_s }
+                (Process::MeanReverting { tau_s }, tau_s)
             }
-            None => Process::CorrelatedWalk { variance_per_s: rates },
+            None => {
+                // rates are in units of the prior's variance; one that is zero never forgets
+                let slowest = rates[..components].iter().copied().fold(f64::INFINITY, f64::min);
+                let forget_s = 2.0 / slowest;
+                (Process::CorrelatedWalk { variance_per_s: rates, forget_s }, forget_s)
+            }
         };
         let prior = vec![0.0; nodes * components];
         let gates = Rules { gate: f64::INFINITY, cap_at_prior: true, ..Rules::default() };
         let sigma = vec![1.0; components];
         let filter = NodeFilter::new(&rules.grid, &prior, &sigma, rules.correlation_mm, process, gates)?;
-        Ok(Self { rules, filter, evidence: 0.0 })
+        Ok(Self { rules, filter, evidence: 0.0, memory_s, idle_s: 0.0 })
     }
 
     /// One more sensor: its delay is estimated with the map, for the error of a map looks like a delay as long as the
@@ -177,33 +203,43 @@ impl LiveMap {
         self.rules.grid.place(point)
     }
 
-    /// Lets time pass.
+    /// Lets time pass: the map grows less certain, and what was learned fades.
     pub fn predict(&mut self, seconds: f64) {
         self.filter.predict(seconds);
+        self.idle_s += seconds.max(0.0);
     }
 
-    /// Compares a batch with the map; nothing is changed.
+    /// Time in which what was learned falls to 1/e where no sensor confirms it, s.
+    #[must_use]
+    pub const fn memory_s(&self) -> f64 {
+        self.memory_s
+    }
+
+    /// Compares a batch with the map, at the noise of lengths and of angles; nothing is changed.
     pub fn judge(
         &mut self,
         sensor: usize,
         place: &NodePlace,
         rows: &[Row],
-        noise: &MeasurementNoise,
+        noise: &[MeasurementNoise; 2],
     ) -> Batch {
         let mut batch = Batch::default();
         for row in rows {
+            let noise = &noise[row.kind.index()];
             let (innovation, variance) = self.filter.compare(&self.observation(sensor, place, row), noise);
             batch.add(innovation, variance, noise.variance());
         }
         batch.finish()
     }
 
-    /// What a batch differs by and how uncertain the map is there, row by row, in units of the stated noise.
-    pub fn innovations(&mut self, sensor: usize, place: &NodePlace, rows: &[Row]) -> Vec<(f64, f64)> {
+    /// What a batch differs by and how uncertain the map is there, row by row, in units of the rows' noise.
+    pub fn innovations(&mut self, sensor: usize, place: &NodePlace, rows: &[Row]) -> Vec<Glance> {
         let mut found = Vec::with_capacity(rows.len());
         for row in rows {
             let observation = self.observation(sensor, place, row);
-            found.push(self.filter.expect(&observation));
+            let (innovation, uncertainty) = self.filter.expect(&observation);
+            let prior = observation.weights.iter().map(|w| w * w).sum();
+            found.push(Glance { innovation, uncertainty, prior, kind: row.kind });
         }
         found
     }
@@ -220,10 +256,11 @@ impl LiveMap {
         sensor: usize,
         place: &NodePlace,
         rows: &[Row],
-        noise: &mut MeasurementNoise,
+        noise: &mut [MeasurementNoise; 2],
     ) -> Batch {
         let mut batch = Batch::default();
         for row in rows {
+            let noise = &mut noise[row.kind.index()];
             let before = noise.variance();
             let Update { verdict, innovation, innovation_variance, .. } =
                 self.filter.update(&self.observation(sensor, place, row), noise);
@@ -232,15 +269,35 @@ impl LiveMap {
             }
         }
         if let Some(seen) = self.filter.evidence_at(place) {
-            self.evidence += EVIDENCE_SHARE * (seen - self.evidence);
+            // after a long silence the new reading counts for more than what was there before
+            let share = 1.0 - (1.0 - EVIDENCE_SHARE) * (-self.idle_s / self.memory_s).exp();
+            self.evidence += share * (seen - self.evidence);
+            self.idle_s = 0.0;
         }
         batch.finish()
+    }
+
+    /// Time since the last reading that was used, s.
+    #[must_use]
+    pub const fn idle_s(&self) -> f64 {
+        self.idle_s
+    }
+
+    /// The largest of what would be used at the nodes, as a share of its limit: above 1 the limit acts.
+    #[must_use]
+    pub fn largest_share(&self) -> f64 {
+        let (per, weight) = (self.rules.grid.nodes(), self.weight());
+        let share = |(i, x): (usize, &f64)| {
+            let ComponentRules { std, limit, .. } = self.rules.components[i / per];
+            (weight * std * x).abs() / limit
+        };
+        self.filter.state().iter().enumerate().map(share).fold(0.0, f64::max)
     }
 
     /// The weight with which the map is used, 0 to 1.
     #[must_use]
     pub fn weight(&self) -> f64 {
-        1.0 - EVIDENCE_OF_NOISE / self.evidence.max(EVIDENCE_OF_NOISE)
+        1.0 - EVIDENCE_OF_NOISE / self.evidence().max(EVIDENCE_OF_NOISE)
     }
 
     /// Difference of component `c` from the offline map as it is to be used: weighted and within the limit.
@@ -278,10 +335,10 @@ impl LiveMap {
         values.enumerate().map(move |(i, (x, v))| (scale(i) * x, scale(i) * v.max(0.0).sqrt()))
     }
 
-    /// How much more than noise the map is.
+    /// How much more than noise the map is, as old as it is.
     #[must_use]
-    pub const fn evidence(&self) -> f64 {
-        self.evidence
+    pub fn evidence(&self) -> f64 {
+        self.evidence * (-2.0 * self.idle_s / self.memory_s).exp()
     }
 
     /// Puts back what was kept: differences and standard deviations of the nodes, evidence. False,
@@ -301,14 +358,27 @@ impl LiveMap {
         if !self.filter.restore(&state, &std) {
             return false;
         }
-        self.evidence = evidence;
+        (self.evidence, self.idle_s) = (evidence, 0.0);
         true
+    }
+
+    /// Remembers what is known now; the memory of an older checkpoint is used again.
+    pub fn save_to(&self, checkpoint: &mut Checkpoint) {
+        self.filter.save_to(&mut checkpoint.snapshot);
+        (checkpoint.evidence, checkpoint.idle_s) = (self.evidence, self.idle_s);
+    }
+
+    /// Back to what was known `age_s` ago.
+    pub fn load(&mut self, checkpoint: &Checkpoint, age_s: f64) {
+        self.filter.load(&checkpoint.snapshot);
+        (self.evidence, self.idle_s) = (checkpoint.evidence, checkpoint.idle_s);
+        self.predict(age_s);
     }
 
     /// Back to the offline map.
     pub fn forget(&mut self) {
         self.filter.forget();
-        self.evidence = 0.0;
+        (self.evidence, self.idle_s) = (0.0, 0.0);
     }
 
     fn observation(&self, sensor: usize, place: &NodePlace, row: &Row) -> Observation {
@@ -352,146 +422,4 @@ fn positive(what: &'static str, value: f64) -> Result<(), MapError> {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::core::estimate::Adaptation;
-
-    fn rules() -> MapRules {
-        MapRules {
-            grid: NodeGrid::new(vec![0.0, 500.0, 1000.0], vec![0.0, 400.0], vec![0.0, 300.0]).unwrap(),
-            components: vec![
-                ComponentRules { std: 0.02, variance_per_s: 1e-9, limit: 0.05 },
-                ComponentRules { std: 2e-5, variance_per_s: 1e-15, limit: 4e-5 },
-            ],
-            correlation_mm: 400.0,
-            tau_s: None,
-            gate: 10.8,
-        }
-    }
-
-    /// One row of the length, one of the length plus a lever times the angle; sensor of 1 um.
-    fn rows(length: f64, angle: f64) -> [Row; 2] {
-        let (lever, sigma) = (500.0, 1e-3);
-        let row = |w: [f64; 2]| {
-            let mut weights = [0.0; COMPONENTS_MAX];
-            weights[..2].copy_from_slice(&w.map(|w| w / sigma));
-            Row { weights, value: (w[0] * length + w[1] * angle) / sigma, delay: 0.0 }
-        };
-        [row([1.0, 0.0]), row([1.0, lever])]
-    }
-
-    fn unit_noise() -> MeasurementNoise {
-        MeasurementNoise::new(1.0, Some(Adaptation { share: 0.005, low: 0.01, high: 100.0 })).unwrap()
-    }
-
-    /// The numbers of a tour through the volume.
-    fn points() -> impl Iterator<Item = [f64; 3]> {
-        (0..400).map(|i| {
-            let f = |k: f64| (f64::from(i) * k).fract();
-            [1000.0 * f(0.618), 400.0 * f(0.414), 300.0 * f(0.732)]
-        })
-    }
-
-    #[test]
-    fn what_is_there_is_learned_and_used_what_is_not_is_left_alone() {
-        let mut map = LiveMap::new(rules()).unwrap();
-        let mut noise = unit_noise();
-        for (i, point) in points().enumerate() {
-            map.predict(0.1);
-            let place = map.place(point);
-            // an alternating micrometre of noise, and nothing in the angle
-            let wobble = if i % 2 == 0 { 1e-3 } else { -1e-3 };
-            let mut rows = rows(0.015, 0.0);
-            rows.iter_mut().for_each(|row| row.value += wobble / 1e-3);
-            assert!(map.judge(0, &place, &rows, &noise).rows == 2);
-            map.update(0, &place, &rows, &mut noise);
-        }
-        let place = map.place([500.0, 200.0, 150.0]);
-        assert!((map.output(0, &place) - 0.015).abs() < 1e-3, "{}", map.output(0, &place));
-        assert!(map.output(1, &place).abs() < 4e-7, "{}", map.output(1, &place));
-        assert!(map.weight() > 0.95, "{:?}", map.evidence());
-        let (_, std) = map.estimate(0, &place);
-        assert!(std < 1e-3);
-    }
-
-    #[test]
-    fn noise_about_a_map_that_is_right_is_not_used() {
-        let mut map = LiveMap::new(rules()).unwrap();
-        let mut noise = unit_noise();
-        for (i, point) in points().enumerate() {
-            let place = map.place(point);
-            let mut rows = rows(0.0, 0.0);
-            for (k, row) in rows.iter_mut().enumerate() {
-                // without memory, of unit variance
-                row.value =
-                    3.46 * (((i * 2 + k) as f64 * 12.9898).sin() * 43_758.545_3).rem_euclid(1.0) - 1.73;
-            }
-            map.update(0, &place, &rows, &mut noise);
-        }
-        assert!(map.weight() < 0.2, "{}", map.evidence());
-    }
-
-    #[test]
-    fn the_output_is_limited_and_an_outlier_is_told_from_a_reading() {
-        let mut map = LiveMap::new(rules()).unwrap();
-        let mut noise = MeasurementNoise::new(1.0, None).unwrap();
-        for point in points() {
-            let place = map.place(point);
-            map.update(0, &place, &rows(0.08, 0.0), &mut noise);
-        }
-        let place = map.place([300.0, 100.0, 100.0]);
-        assert!((map.estimate(0, &place).0 - 0.08).abs() < 1e-3);
-        assert!(map.output(0, &place) <= 0.05 + 1e-15);
-        let good = map.judge(0, &place, &rows(0.08, 0.0), &noise);
-        assert!(map.is_inside_gate(&good));
-        let bad = map.judge(0, &place, &rows(0.2, 0.0), &noise);
-        assert!(!map.is_inside_gate(&bad) && bad.worst > 1000.0);
-        let blind = [Row { weights: [0.0; COMPONENTS_MAX], value: 5.0, delay: 0.0 }];
-        let blind = map.judge(0, &place, &blind, &noise);
-        assert!(blind.rows == 0 && !map.is_inside_gate(&blind), "what sees nothing updates nothing");
-    }
-
-    #[test]
-    fn what_was_kept_comes_back_and_nonsense_is_refused() {
-        let mut map = LiveMap::new(rules()).unwrap();
-        let mut noise = unit_noise();
-        points().for_each(|point| {
-            let place = map.place(point);
-            map.update(0, &place, &rows(0.01, 1e-5), &mut noise);
-        });
-        let kept: Vec<_> = map.nodes().collect();
-        let evidence = map.evidence();
-        let mut other = LiveMap::new(rules()).unwrap();
-        assert!(other.restore(&kept, evidence));
-        for (a, b) in other.outputs().zip(map.outputs()) {
-            assert!((a - b).abs() < 1e-12, "{a} {b}");
-        }
-        let mut bad = kept.clone();
-        bad[1].0 = 0.6;
-        assert!(!other.restore(&bad, evidence), "far beyond the limit");
-        bad[1] = (0.0, -1.0);
-        assert!(!other.restore(&bad, evidence));
-        assert!(!other.restore(&kept[1..], evidence) && !other.restore(&kept, f64::NAN));
-        other.forget();
-        assert!(other.outputs().all(|v| v == 0.0));
-    }
-
-    #[test]
-    fn impossible_maps_are_refused() {
-        let mut large = rules();
-        large.grid =
-            NodeGrid::new((0..30).map(f64::from).collect(), (0..30).map(f64::from).collect(), vec![0.0, 1.0])
-                .unwrap();
-        let error = LiveMap::new(large).unwrap_err().to_string();
-        assert!(error.contains("1800 nodes") && error.contains("fewer"), "{error}");
-        let mut wrong = rules();
-        wrong.components[1].limit = 0.0;
-        assert!(matches!(LiveMap::new(wrong), Err(MapError::NotPositive { what: "limit of the map", .. })));
-        let mut wrong = rules();
-        wrong.tau_s = Some(-1.0);
-        assert!(LiveMap::new(wrong).is_err());
-        let mut none = rules();
-        none.components.clear();
-        assert!(matches!(LiveMap::new(none), Err(MapError::Filter(_))));
-    }
-}
+mod tests;

@@ -3,6 +3,30 @@
 //! `R <- clip((1 - d) R + d (r^2 + h P h^T), R_min, R_max)`, r = residual after the update, P after the update: the
 //! residual form is positive by construction, the innovation form is not (equations 5.8).
 
+/// What a number of a reading is. An instrument gets its lengths and its angles in different ways, so that each kind has
+/// a noise of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Kind {
+    /// A length.
+    Length,
+    /// An angle.
+    Angle,
+}
+
+impl Kind {
+    /// Both, in the order in which numbers of each kind are listed.
+    pub const ALL: [Self; 2] = [Self::Length, Self::Angle];
+
+    /// Its place in such a list.
+    #[must_use]
+    pub const fn index(self) -> usize {
+        match self {
+            Self::Length => 0,
+            Self::Angle => 1,
+        }
+    }
+}
+
 /// Why a measurement noise cannot be used.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum NoiseError {

@@ -2,7 +2,8 @@
 //!
 //! A sensor that does any of that is excluded by name and cause; single readings that jump or cannot be are outliers and
 //! only left out. It comes back by rule: when it has said something
-//! plausible for [`Plausibility::return_s`] on end, in at least [`RETURN_READINGS`] readings. A sensor that jumped comes
+//! plausible for [`Plausibility::return_s`], in at least [`RETURN_READINGS`] readings; outliers do not count, and do not
+//! make it begin anew. A sensor that jumped comes
 //! back at its new level; whether that level is right is for the comparison with the map to say
 //! ([`super::acquaint`]), not for plausibility.
 
@@ -57,6 +58,10 @@ pub enum Trouble {
     Quality,
     /// It contradicts the map again and again.
     Disagrees,
+    /// The tool's direction points the other way.
+    Reversed,
+    /// It says something of another kind or unit than its own.
+    Kind,
 }
 
 impl Trouble {
@@ -73,6 +78,8 @@ impl Trouble {
             Self::Clock => "clock",
             Self::Quality => "quality",
             Self::Disagrees => "disagrees",
+            Self::Reversed => "reversed",
+            Self::Kind => "kind",
         }
     }
 }
@@ -182,7 +189,7 @@ impl Supervisor {
         if let Some(trouble) = trouble {
             let outlier = matches!(trouble, Trouble::Jump | Trouble::Rate | Trouble::Range);
             self.suspects += 1;
-            if outlier && self.suspects < SUSPECT_READINGS && self.standing == Standing::Good {
+            if outlier && self.suspects < SUSPECT_READINGS && self.standing != Standing::Waiting {
                 return false;
             }
             self.last = Some((said.at, numbers));
@@ -353,6 +360,24 @@ mod tests {
         let slow = Plausibility { rate: [0.5; VALUES_MAX], jump: [f64::INFINITY; VALUES_MAX], ..RULES };
         let s = watch(slow, 60, |k| Some((0.1 + if k > 20 { 0.1 * (k - 20) as f64 } else { 0.0 }, 1.0)));
         assert_eq!(excluded(&s, Trouble::Rate).0, 23);
+    }
+
+    #[test]
+    fn an_outlier_on_the_way_back_does_not_begin_it_anew() {
+        // silent until 30; then every fourth reading is off by half a millimetre
+        let s = watch(RULES, 60, |k| {
+            let outlier = if k % 4 == 1 { 0.6 } else { 0.0 };
+            (!(20..30).contains(&k)).then_some((0.1 + outlier, 1.0))
+        });
+        assert_eq!(excluded(&s, Trouble::Silent), (25, 39), "{s:?}");
+        assert_eq!(s[59], Standing::Good);
+        // three on end do
+        let s = watch(RULES, 80, |k| {
+            let off = if (35..38).contains(&k) { 0.6 } else { 0.0 };
+            (!(20..30).contains(&k)).then_some((0.1 + off, 1.0))
+        });
+        assert_eq!(excluded(&s, Trouble::Jump).0, 37, "{s:?}");
+        assert!(s[45] != Standing::Good && s[79] == Standing::Good, "{s:?}");
     }
 
     #[test]

@@ -2,8 +2,9 @@
 //!
 //! A laser does not know where its zero and its straight line are: each straightness is free by an offset and a slope,
 //! each angle by an offset. While the axis goes through its travel for the first time these are fitted to the stored
-//! curves by least squares; once enough of the travel has been seen they are fixed, and what the readings differ by
-//! from then on is change. It is smoothed with a first-order lag and added to the stored curves as a live value, so
+//! curves by least squares, each part of the travel with the same weight and as it was seen last, so that it does not
+//! matter where the axis rests meanwhile; once enough of the travel has been seen they are fixed, and what the readings
+//! differ by from then on is change. It is smoothed with a first-order lag and added to the stored curves as a live value, so
 //! that a laser that drops out leaves them as they are (the engine fades to them).
 //!
 //! Pointing drift is taken out by the reduction ([`crate::core::estimate::fivedof`]). Reference points of the stored
@@ -17,6 +18,8 @@ use crate::core::model::{Component, ErrorFunction, ErrorSymbol, ModelSpec, Sense
 
 /// Parts of the travel that are ticked off as seen.
 const PARTS: usize = 20;
+/// Readings of one part that count.
+const PART_READINGS: f64 = 50.0;
 
 /// One error that the laser corrects.
 #[derive(Debug, Clone, PartialEq)]
@@ -28,8 +31,8 @@ struct Lane {
     curves: ErrorFunction,
     /// An angle is free by an offset only.
     slope: bool,
-    /// Sums of 1, u, u^2, d, u d over the referencing pass.
-    sums: [f64; 5],
+    /// Sums of 1, u, u^2, d, u d over the last time in each part of the travel.
+    sums: [[f64; 5]; PARTS],
     line: Option<[f64; 2]>,
     value: Option<f64>,
 }
@@ -48,6 +51,8 @@ pub struct AxisLaser {
     smooth_s: f64,
     share: f64,
     seen: [bool; PARTS],
+    /// Part of the travel in which the axis is.
+    part: Option<usize>,
     lanes: Vec<Lane>,
 }
 
@@ -77,7 +82,7 @@ impl AxisLaser {
                     .map(|(_, f)| f.clone())
                     .unwrap_or_default(),
                 slope: !symbol.is_angle(),
-                sums: [0.0; 5],
+                sums: [[0.0; 5]; PARTS],
                 line: None,
                 value: None,
             })
@@ -92,6 +97,7 @@ impl AxisLaser {
             smooth_s,
             share,
             seen: [false; PARTS],
+            part: None,
             lanes,
         })
     }
@@ -108,9 +114,10 @@ impl AxisLaser {
         let [low, high] = self.travel;
         let u = (q - low) / (high - low);
         let share = if self.smooth_s > 0.0 { 1.0 - (-dt.max(0.0) / self.smooth_s).exp() } else { 1.0 };
-        if let Some(part) = self.seen.get_mut((u.clamp(0.0, 1.0) * PARTS as f64) as usize) {
-            *part = true;
-        }
+        let part = ((u.clamp(0.0, 1.0) * PARTS as f64) as usize).min(PARTS - 1);
+        let entered = self.part != Some(part);
+        self.seen[part] = true;
+        self.part = Some(part);
         let known = self.coverage() >= self.share;
         let (x, travel) = if self.inverted { (-q, travel.reversed()) } else { (q, travel) };
         for lane in &mut self.lanes {
@@ -119,7 +126,14 @@ impl AxisLaser {
             match lane.line {
                 None => {
                     let terms = [1.0, u, u * u, difference, u * difference];
-                    lane.sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
+                    let sums = &mut lane.sums[part];
+                    if entered {
+                        *sums = [0.0; 5];
+                    } else if sums[0] >= PART_READINGS {
+                        // an axis that rests in a part is known as it was last
+                        sums.iter_mut().for_each(|sum| *sum *= 1.0 - 1.0 / PART_READINGS);
+                    }
+                    sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
                     if known {
                         lane.line = lane.fit();
                     }
@@ -152,9 +166,9 @@ impl AxisLaser {
 
     /// The laser was moved or away: its alignment must be found anew.
     pub fn forget(&mut self) {
-        self.seen = [false; PARTS];
+        (self.seen, self.part) = ([false; PARTS], None);
         for lane in &mut self.lanes {
-            lane.sums = [0.0; 5];
+            lane.sums = [[0.0; 5]; PARTS];
             (lane.line, lane.value) = (None, None);
         }
     }
@@ -163,7 +177,11 @@ impl AxisLaser {
 impl Lane {
     /// Offset and slope by least squares; no slope for angles.
     fn fit(&self) -> Option<[f64; 2]> {
-        let [n, u, uu, d, ud] = self.sums;
+        let mut mean = [0.0; 5];
+        for part in self.sums.iter().filter(|part| part[0] > 0.0) {
+            mean.iter_mut().zip(part).for_each(|(sum, term)| *sum += term / part[0]);
+        }
+        let [n, u, uu, d, ud] = mean;
         if !self.slope {
             return (n > 0.0).then(|| [d / n, 0.0]);
         }
@@ -238,6 +256,30 @@ mod tests {
         let of = |s: &str| sees(AxisName::Y, ErrorSymbol::parse(s).unwrap());
         assert!(["exy", "ezy", "eay", "eby", "ecy"].iter().all(|s| of(s)));
         assert!(!of("eyy") && !of("exx") && !of("ec0y"));
+    }
+
+    #[test]
+    fn where_the_axis_rests_while_it_is_referenced_does_not_matter() {
+        let channels = ["eyx", "eax"].map(|s| ErrorSymbol::parse(s).unwrap());
+        let channels = [(0, channels[0]), (1, channels[1])];
+        let found = |rest: u32| -> Vec<f64> {
+            let mut laser =
+                AxisLaser::new(&spec(false, Sense::Relative), AxisName::X, &channels, 0.0, 1.0).unwrap();
+            // bent by what neither offset nor slope can follow; resting at the beginning, still warming up there
+            let bent = |q: f64| 0.004 + 1e-8 * (q - 500.0).powi(2);
+            for k in 0..rest {
+                let warm = 0.02 * (1.0 - f64::from(k) / f64::from(rest));
+                laser.take(0.0, Travel::Forward, [bent(0.0) + warm, 0.0, 1e-4 + warm * 1e-3, 0.0, 0.0], 0.1);
+            }
+            for k in (0..1000).chain((0..1000).rev()) {
+                let q = f64::from(k);
+                laser.take(q, Travel::Forward, [bent(q), 0.0, 1e-4, 0.0, 0.0], 0.1);
+            }
+            laser.values().map(|(_, v)| v).collect()
+        };
+        for (straight, rested) in found(0).iter().zip(found(100_000)) {
+            assert!((straight - rested).abs() < 1e-4, "{straight} {rested}");
+        }
     }
 
     #[test]

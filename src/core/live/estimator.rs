@@ -5,26 +5,27 @@
 //! then: update. A sensor that disagrees [`super::MapSpec::rejections_to_alarm`] times on end is excluded and the map
 //! raises an alarm instead of following; it holds what it learned for a while, then the static model takes over. The
 //! sensor comes back when a whole acquaintance agrees with the map as it stands.
+//!
+//! Readings of the tool go through [`tool`].
+
+mod tool;
 
 use std::sync::Arc;
 
+use self::tool::SPEED_S;
 use super::axis::{AxisLaser, sees};
 use super::growth::{GrowthStanding, GrowthState, KeptGrowth};
 use super::health::{GrowthHealth, LiveHealth};
 use super::history::{Moment, MotionHistory};
-use super::map::{KeptMap, MapState, channels};
+use super::map::{Feeding, KeptMap, MapState, channels};
 use super::reading::{Body, Reading};
-use super::rows::Expected;
-use super::sensor::{SensorState, Stage, judged};
+use super::sensor::{SensorState, Stage};
 use super::spec::{LiveError, LiveSpec, SensorKind, SensorSpec};
 use super::table::{LiveTable, Source};
 use crate::core::axes::{AxisKind, AxisName, Travel};
-use crate::core::estimate::{NodePlace, Row, Standing, Thermal, Trouble, VALUES_MAX, whiten};
-use crate::core::model::{ErrorSymbol, Model, ModelSpec, Pose, SENSORS_MAX};
+use crate::core::estimate::{Kind, Standing, Thermal, Trouble, VALUES_MAX};
+use crate::core::model::{ErrorSymbol, Model, ModelSpec, SENSORS_MAX};
 use crate::core::units::MonoTime;
-
-/// Half of the time over which the speed at a reading is taken, s.
-const SPEED_S: f64 = 5e-3;
 
 /// The model in use, as live estimation sees it.
 #[derive(Debug, Clone)]
@@ -37,6 +38,17 @@ pub struct LiveModel<'a> {
     pub model: Arc<Model>,
     /// BLAKE3 of its file.
     pub hash: [u8; 32],
+}
+
+/// How a map stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct MapStanding {
+    /// A sensor contradicts it.
+    pub alarm: bool,
+    /// Given up for the static model.
+    pub is_static: bool,
+    /// What was learned is larger than its limit.
+    pub limited: bool,
 }
 
 /// The estimator of one model.
@@ -115,16 +127,28 @@ impl LiveEstimator {
             growth.tick(now, &self.sensors);
         }
         for (k, map) in self.maps.iter_mut().enumerate() {
-            map.predict(now);
-            let feeds = |s: &&SensorState| s.spec.kind == SensorKind::Tool { map: k };
-            let agrees =
-                |s: &SensorState| s.stage == Stage::Used && s.supervisor.standing() == Standing::Good;
-            if self.sensors.iter().filter(feeds).any(agrees) {
-                (map.alarm, map.is_static) = (None, false);
-            } else if map.alarm.is_some_and(|since| now.seconds_since(since) > map.spec.alarm_hold_s) {
-                map.is_static = true;
+            let mut feeding = Feeding::default();
+            for sensor in self.sensors.iter().filter(|s| s.spec.kind == SensorKind::Tool { map: k }) {
+                let standing = sensor.supervisor.standing();
+                feeding.agrees |= sensor.stage == Stage::Used && standing == Standing::Good;
+                feeding.disagrees |= standing == Standing::Excluded(Trouble::Disagrees);
             }
+            map.tick(now, &feeding);
         }
+    }
+
+    /// A reading came that there is no time for: its sensor is heard, and nothing else.
+    pub fn skip(&mut self, now: MonoTime, sensor: usize) {
+        let Some(state) = self.sensors.get_mut(sensor) else { return };
+        state.readings[0] += 1;
+        state.skipped += 1;
+        state.supervisor.hear(now);
+    }
+
+    /// What each sensor of kind value is to tell, a length or an angle.
+    pub fn units(&self) -> impl Iterator<Item = (&str, Kind)> + '_ {
+        let values = self.sensors.iter().filter(|s| s.spec.kind == SensorKind::Value);
+        values.map(|s| (s.spec.name.as_str(), s.unit))
     }
 
     /// A reading of sensor number `sensor`, which arrived at `now`.
@@ -140,62 +164,20 @@ impl LiveEstimator {
             (SensorKind::FiveDof { .. }, Body::FiveDof(_) | Body::FiveDofRaw(_)) => {
                 self.on_laser(now, sensor, when, reading);
             }
-            (SensorKind::Value, Body::Value(value)) => {
-                // the unit of a live value is that of its error: the limits of the model bound it, range bounds the rest
-                let angle = state.is_angle;
+            (SensorKind::Value, Body::Value { value, unit })
+                if unit.is_none_or(|unit| unit == state.unit) =>
+            {
+                // the limits of the model bound it, range bounds the rest
                 let mut values = [0.0; VALUES_MAX];
-                values[if angle { VALUES_MAX / 2 } else { 0 }] = *value;
+                values[state.unit.index() * VALUES_MAX / 2] = *value;
                 state.value = state.judge(now, when, reading, &values).then_some(*value);
                 state.readings[1] += u64::from(state.value.is_some());
             }
             (SensorKind::Temperature, Body::Temperatures(list)) => state.believe(now, when, reading, list),
             (SensorKind::Speed, Body::Speed(speed)) => state.believe(now, when, reading, &[*speed]),
             // a sensor that says something of another kind says nothing
-            _ => state.supervisor.exclude(now, Trouble::Range),
+            _ => state.refuse(now, Trouble::Kind),
         }
-    }
-
-    fn on_tool(
-        &mut self,
-        now: MonoTime,
-        sensor: usize,
-        map: usize,
-        when: (MonoTime, bool),
-        reading: &Reading,
-    ) {
-        let live = self.live_values();
-        let (Some(state), Some(map)) = (self.sensors.get_mut(sensor), self.maps.get_mut(map)) else { return };
-        let [delay, _] = map.map.delay(state.number);
-        let at = when.0.plus_seconds(delay);
-        let Some(moment) = self.history.at(at) else {
-            state.without_position += 1;
-            state.supervisor.hear(now);
-            return;
-        };
-        let tool = |seconds: f64| {
-            let moment = self.history.at(at.plus_seconds(seconds))?;
-            let nominal =
-                |position| self.model.nominal_tool(&Pose { tool_tip: moment.tool_tip, ..Pose::at(position) });
-            Some((moment.at, [nominal(moment.actual), nominal(moment.commanded)]))
-        };
-        let mut expected = Expected::new(&self.model, &moment, &live, &map.channels);
-        if let Some((from, to)) = tool(-SPEED_S).zip(tool(SPEED_S)) {
-            expected = expected.moving(&from.1, &to.1, to.0.seconds_since(from.0));
-        }
-        let gap = expected.gap(&reading.body, state.std());
-        if !state.judge(now, when, reading, &judged(&gap)) {
-            return;
-        }
-        map.predict(at);
-        let linear = self.linear.map(|k| k.map_or(0.0, |k| moment.commanded[k]));
-        let place = map.map.place(linear);
-        // the gap was taken at the delay known so far, which the filter estimates as a whole
-        let values: Vec<f64> = gap.values.iter().zip(&gap.delays).map(|(v, late)| v + late * delay).collect();
-        let Some(rows) = whiten(&values, &gap.weights, &gap.delays, &gap.covariance()) else {
-            state.supervisor.exclude(now, Trouble::Range);
-            return;
-        };
-        use_rows(now, state, map, &place, &rows);
     }
 
     fn on_laser(&mut self, now: MonoTime, sensor: usize, when: (MonoTime, bool), reading: &Reading) {
@@ -206,7 +188,7 @@ impl LiveEstimator {
                 head.reduce(readings).motion
             }
             _ => {
-                state.supervisor.exclude(now, Trouble::Range);
+                state.refuse(now, Trouble::Kind);
                 return;
             }
         };
@@ -290,9 +272,13 @@ impl LiveEstimator {
         self.sensors.iter().map(|s| (s.spec.name.as_str(), s.supervisor.standing()))
     }
 
-    /// How each map stands: name, alarm, given up for the static model.
-    pub fn map_states(&self) -> impl Iterator<Item = (&str, bool, bool)> + '_ {
-        self.maps.iter().map(|m| (m.spec.name.as_str(), m.alarm.is_some(), m.is_static))
+    /// How each map stands.
+    pub fn map_states(&self) -> impl Iterator<Item = (&str, MapStanding)> + '_ {
+        self.maps.iter().map(|m| {
+            let standing =
+                MapStanding { alarm: m.alarm.is_some(), is_static: m.is_static, limited: m.limited };
+            (m.spec.name.as_str(), standing)
+        })
     }
 
     /// How each growth stands: name, standing, the input that this is about.
@@ -385,6 +371,7 @@ fn new_sensor(
     let mut channel = None;
     let is_angle =
         spec.errors.iter().any(|(s, f)| s.is_angle() && f.live.iter().any(|l| l.sensor == sensor.name));
+    let unit = if is_angle { Kind::Angle } else { Kind::Length };
     match sensor.kind {
         SensorKind::Tool { map } if map >= live.maps.len() => {
             return Err(LiveError::NoMap { sensor: name() });
@@ -412,7 +399,7 @@ fn new_sensor(
         }
     }
     let mut state = SensorState::new(sensor, laser, channel);
-    state.is_angle = is_angle;
+    state.unit = unit;
     Ok(state)
 }
 
@@ -446,43 +433,6 @@ fn growth_health(growth: &GrowthState) -> GrowthHealth {
         value: growth.value().unwrap_or(0.0),
         share: growth.share(),
         std: growth.spec.std,
-    }
-}
-
-/// Rows of a plausible reading: looked at, or used where they agree.
-fn use_rows(now: MonoTime, state: &mut SensorState, map: &mut MapState, place: &NodePlace, rows: &[Row]) {
-    let gate = map.spec.gate;
-    if let Stage::Acquainting(acquaintance) = &mut state.stage {
-        let innovations = map.map.innovations(state.number, place, rows);
-        let opinion = acquaintance.add(&innovations);
-        let Some(opinion) = opinion else { return };
-        if state.meet(&opinion, gate) {
-            state.supervisor.reinstate(now);
-            (map.alarm, map.is_static) = (None, false);
-        } else {
-            state.supervisor.exclude(now, Trouble::Disagrees);
-            map.alarm.get_or_insert(now);
-        }
-        return;
-    }
-    let batch = map.map.judge(state.number, place, rows, &state.noise);
-    state.note(&batch);
-    if batch.rows == 0 {
-        return;
-    }
-    if map.map.is_inside_gate(&batch) {
-        state.rejections = 0;
-        let used = map.map.update(state.number, place, rows, &mut state.noise);
-        state.note_used(&used);
-        map.touched();
-        return;
-    }
-    state.readings[2] += 1;
-    state.rejections += 1;
-    if state.rejections >= map.spec.rejections_to_alarm {
-        state.supervisor.exclude(now, Trouble::Disagrees);
-        state.get_to_know();
-        map.alarm.get_or_insert(now);
     }
 }
 

@@ -55,11 +55,15 @@ pub struct SensorHealth {
     pub readings: [u64; 3],
     /// Readings taken when nobody knew where the machine stood.
     pub without_position: u64,
+    /// Readings left out for lack of time.
+    pub skipped: u64,
+    /// It contradicted its map on probation: time until it is looked at again, s.
+    pub rests_s: Option<f64>,
     /// Still being looked at: readings so far, and wanted.
     pub acquaintance: Option<(usize, usize)>,
-    /// Standard deviation of its noise over the stated one.
-    pub noise_factor: Option<f64>,
-    /// Of the last reading: RMS innovation and its expected value, in stated standard deviations, and the largest
+    /// Standard deviation of its noise over the stated one: lengths, angles.
+    pub noise_factor: Option<[f64; 2]>,
+    /// Of the last reading: RMS innovation and its expected value, in learned standard deviations, and the largest
     /// `nu^2 / S`.
     pub innovation: Option<[f64; 3]>,
     /// Running mean of `nu^2 / S`: about 1 where everything is right.
@@ -83,6 +87,14 @@ pub struct MapHealth {
     pub alarm: bool,
     /// Given up for the static model.
     pub is_static: bool,
+    /// A sensor teaches it; otherwise it holds what it has learned, which fades.
+    pub taught: bool,
+    /// What was learned is larger than its limit.
+    pub limited: bool,
+    /// Time since the last reading that was used, s.
+    pub idle_s: f64,
+    /// Time in which what was learned falls to 1/e where no sensor confirms it, s.
+    pub memory_s: f64,
     /// Weight with which it is used, 0 to 1.
     pub weight: f64,
     /// Largest difference from the offline map that is used, per component.

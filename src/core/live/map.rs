@@ -6,12 +6,20 @@ use super::health::{MapHealth, NodeHealth};
 use super::spec::{LiveError, MapSpec};
 use super::table::TableMap;
 use crate::core::estimate::filter::COMPONENTS_MAX;
-use crate::core::estimate::{ComponentRules, LiveMap, MapRules, NodeGrid};
+use crate::core::estimate::{Checkpoint, ComponentRules, LiveMap, MapRules, NodeGrid};
 use crate::core::model::{ErrorSymbol, Model};
 use crate::core::units::MonoTime;
 
 /// Seconds in an hour.
 const HOUR_S: f64 = 3600.0;
+/// Interval in which a map without readings moves on, s.
+const TICK_S: f64 = 0.1;
+/// Time between two checkpoints as a share of the time for which the sensor was right, and its largest, s: what a sensor
+/// taught is believed up to a while before it was found to be wrong, the shorter the less is known of it.
+const CHECKPOINT_SHARE: f64 = 1.0 / 3.0;
+const CHECKPOINT_MAX_S: f64 = 30.0;
+/// A map counts as limited until it is below this share of its limit.
+const LIMITED_UNTIL: f64 = 0.9;
 
 /// A live value of the model with its symbol, where its name is `prefix.SYMBOL`.
 pub(super) fn channels(model: &Model, prefix: &str) -> Result<Vec<(usize, ErrorSymbol)>, LiveError> {
@@ -45,6 +53,15 @@ pub struct KeptMap {
     pub evidence: f64,
 }
 
+/// How the sensors of a map stand.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub(super) struct Feeding {
+    /// One at least is used and believed.
+    pub(super) agrees: bool,
+    /// One at least is excluded because it contradicts the map.
+    pub(super) disagrees: bool,
+}
+
 /// A map and how it stands.
 #[derive(Debug, Clone)]
 pub(super) struct MapState {
@@ -54,9 +71,16 @@ pub(super) struct MapState {
     pub(super) channels: Vec<usize>,
     symbols: Vec<ErrorSymbol>,
     predicted: Option<MonoTime>,
+    ticked: Option<MonoTime>,
     pub(super) alarm: Option<MonoTime>,
     pub(super) is_static: bool,
+    /// A sensor teaches it at present.
+    pub(super) taught: bool,
+    /// What was learned is larger than its limit.
+    pub(super) limited: bool,
     pub(super) updates: u64,
+    /// When it seemed right, and what it knew: what it goes back to, and what takes its place after that.
+    checkpoints: [Option<(MonoTime, Checkpoint)>; 2],
     made: Option<Arc<TableMap>>,
 }
 
@@ -97,11 +121,33 @@ impl MapState {
             channels,
             symbols,
             predicted: None,
+            ticked: None,
             alarm: None,
             is_static: false,
+            taught: false,
+            limited: false,
             updates: 0,
+            checkpoints: [None, None],
             made: None,
         })
+    }
+
+    /// Time has passed. A covariance is large: between readings it moves on in steps.
+    pub(super) fn tick(&mut self, now: MonoTime, standing: &Feeding) {
+        if self.ticked.is_none_or(|before| now.seconds_since(before) >= TICK_S) {
+            self.ticked = Some(now);
+            self.predict(now);
+            let share = self.map.largest_share();
+            self.limited = share > if self.limited { LIMITED_UNTIL } else { 1.0 };
+        }
+        self.taught = standing.agrees;
+        if standing.agrees {
+            self.is_static = false;
+            // another sensor may still contradict it: that is told as long as it does
+            self.alarm = self.alarm.filter(|_| standing.disagrees);
+        } else if self.alarm.is_some_and(|since| now.seconds_since(since) > self.spec.alarm_hold_s) {
+            self.is_static = true;
+        }
     }
 
     /// Lets time pass until `at`.
@@ -127,9 +173,44 @@ impl MapState {
         Arc::clone(self.made.get_or_insert_with(make))
     }
 
+    /// A sensor begins to teach it: what it knows now is what it goes back to.
+    pub(super) fn begin_probation(&mut self, now: MonoTime) {
+        for slot in &mut self.checkpoints {
+            let (at, checkpoint) = slot.get_or_insert_with(|| (now, Checkpoint::default()));
+            *at = now;
+            self.map.save_to(checkpoint);
+        }
+    }
+
+    /// It seems right, and has for so long. What a sensor does wrong takes a while to show: it goes back to what it knew
+    /// before that.
+    pub(super) fn seems_right(&mut self, now: MonoTime, for_s: f64) {
+        let [older, newer] = &mut self.checkpoints;
+        let spacing_s = (for_s * CHECKPOINT_SHARE).min(CHECKPOINT_MAX_S);
+        if newer.as_ref().is_none_or(|(at, _)| now.seconds_since(*at) >= spacing_s) {
+            core::mem::swap(older, newer);
+            let (at, checkpoint) = newer.get_or_insert_with(|| (now, Checkpoint::default()));
+            *at = now;
+            self.map.save_to(checkpoint);
+        }
+    }
+
+    pub(super) const fn has_checkpoint(&self) -> bool {
+        self.checkpoints[0].is_some()
+    }
+
+    /// What was learned since it seemed right is taken back.
+    pub(super) fn take_back(&mut self, now: MonoTime) {
+        if let Some((at, checkpoint)) = &self.checkpoints[0] {
+            self.map.load(checkpoint, now.seconds_since(*at));
+            (self.predicted, self.made) = (Some(now), None);
+        }
+    }
+
     pub(super) fn forget(&mut self) {
+        self.checkpoints = [None, None];
         self.map.forget();
-        (self.alarm, self.is_static, self.made) = (None, false, None);
+        (self.alarm, self.is_static, self.limited, self.made) = (None, false, false, None);
     }
 
     pub(super) fn kept(&self) -> KeptMap {
@@ -159,7 +240,7 @@ impl MapState {
             return Err("it has values that are no numbers or beyond the limits".to_owned());
         }
         self.map.predict(age_s.max(0.0));
-        self.made = None;
+        (self.checkpoints, self.made) = ([None, None], None);
         Ok(())
     }
 
@@ -181,6 +262,10 @@ impl MapState {
             updates: self.updates,
             alarm: self.alarm.is_some(),
             is_static: self.is_static,
+            taught: self.taught,
+            limited: self.limited,
+            idle_s: self.map.idle_s(),
+            memory_s: self.map.memory_s(),
             weight: self.map.weight(),
             largest: used.chunks(per).map(|of| of.iter().fold(0.0, |m: f64, v| m.max(v.abs()))).collect(),
             nodes: (0..per).map(node).collect(),

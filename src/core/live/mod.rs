@@ -8,7 +8,7 @@
 //! a live value of the model acts on a reading is asked of the model, so that this holds for any chain.
 //!
 //! Reading order: [`spec`] (what there is), [`reading`] (what sensors say), [`history`] (where the machine stood),
-//! [`rows`] (what a reading says about a map), [`axis`] (5-DOF lasers), [`growth`] (heat), [`sensor`] and [`map`] (their states),
+//! [`rows`] (what a reading says about a map), [`axis`] (5-DOF lasers), [`growth`] (heat), [`sensor`] and [`map`] (their states), `trust` (what a sensor has proven),
 //! [`estimator`] (all together), [`table`] (what the cycle evaluates), [`health`] (how it goes, as data).
 
 pub mod axis;
@@ -22,8 +22,9 @@ pub mod rows;
 pub mod sensor;
 pub mod spec;
 pub mod table;
+mod trust;
 
-pub use estimator::{LiveEstimator, LiveModel};
+pub use estimator::{LiveEstimator, LiveModel, MapStanding};
 pub use growth::{GrowthStanding, KeptGrowth};
 pub use health::{GrowthHealth, LiveHealth, MapHealth, NodeHealth, SensorHealth};
 pub use history::{Moment, MotionHistory};

@@ -2,6 +2,7 @@
 
 use nalgebra::Matrix6;
 
+use crate::core::estimate::Kind;
 use crate::core::estimate::fivedof::Readings;
 use crate::core::geometry::Vec3;
 
@@ -41,7 +42,12 @@ pub enum Body {
     /// EY EZ EA EB EC of the carriage in laser coordinates.
     FiveDof([f64; 5]),
     /// A live value of the model.
-    Value(f64),
+    Value {
+        /// mm or rad.
+        value: f64,
+        /// What the sensor takes it for, where it says so.
+        unit: Option<Kind>,
+    },
     /// Temperatures, degrees Celsius.
     Temperatures(Vec<f64>),
     /// Speed of a spindle, 1/min.
@@ -89,7 +95,7 @@ impl Reading {
         match &self.body {
             Body::Tool(tool) => of(&tool.tip).into_iter().chain(tool.direction.iter().flat_map(of)).collect(),
             Body::Points(points) => points.iter().take(3).flat_map(|p| of(&p.position)).collect(),
-            Body::Deviation { value, .. } | Body::Value(value) | Body::Speed(value) => vec![*value],
+            Body::Deviation { value, .. } | Body::Value { value, .. } | Body::Speed(value) => vec![*value],
             Body::FiveDofRaw(readings) => readings.change.iter().flatten().copied().collect(),
             Body::FiveDof(motion) => motion.to_vec(),
             Body::Temperatures(list) => list.clone(),

@@ -8,11 +8,12 @@
 //! Readings that name the deviation from the commanded position hold the applied offset, which is no error of the
 //! machine: it is taken out with the nominal chain. Absolute ones are compared with where the encoders are.
 
-use nalgebra::{DMatrix, Matrix6};
+use nalgebra::Matrix6;
 
 use super::history::Moment;
 use super::reading::{Body, PointReading, Seen, ToolReading};
 use crate::core::estimate::filter::COMPONENTS_MAX;
+use crate::core::estimate::{Kind, Row};
 use crate::core::geometry::{Mat3, Vec3};
 use crate::core::model::volumetric::NominalTool;
 use crate::core::model::{Model, Pose, SENSORS_MAX};
@@ -53,16 +54,12 @@ impl Rates {
 /// A reading as differences from the model, not yet of unit variance.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Gap {
-    /// Measured minus expected.
-    pub values: Vec<f64>,
-    /// True where the number is a length.
-    pub is_length: Vec<bool>,
-    /// Effect of each component.
-    pub weights: Vec<[f64; COMPONENTS_MAX]>,
-    /// What one second of delay adds to it.
-    pub delays: Vec<f64>,
-    /// Covariance.
+    /// Measured minus expected, the effect of each component, what one second of delay adds; mm or rad.
+    pub rows: Vec<Row>,
+    /// Covariance: row, column, value.
     pub covariance: Vec<(usize, usize, f64)>,
+    /// The tool's direction points the other way: its rows across the tool would not show it.
+    pub reversed: bool,
 }
 
 /// Standard deviations for readings that state none.
@@ -149,7 +146,7 @@ impl Expected {
             }
             Body::FiveDofRaw(_)
             | Body::FiveDof(_)
-            | Body::Value(_)
+            | Body::Value { .. }
             | Body::Temperatures(_)
             | Body::Speed(_) => {}
         }
@@ -176,6 +173,7 @@ impl Expected {
                 Seen::Absolute(v) => v - a,
                 Seen::Deviation(v) => v - (a - self.commanded.direction),
             } - self.turn.cross(&a);
+            gap.reversed = (a + found).dot(&a) <= 0.0;
             let other = if a.x.abs() < 0.6 { Vec3::x() } else { Vec3::y() };
             let u = a.cross(&other).normalize();
             across = vec![u, a.cross(&u)];
@@ -194,8 +192,8 @@ impl Expected {
             v
         };
         gap.covariance.clear();
-        for i in 0..gap.values.len() {
-            for j in 0..gap.values.len() {
+        for i in 0..gap.rows.len() {
+            for j in 0..gap.rows.len() {
                 let (u, v) = (nalgebra::Vector6::from(axis(i)), nalgebra::Vector6::from(axis(j)));
                 gap.covariance.push((i, j, u.dot(&(covariance * v))));
             }
@@ -228,30 +226,12 @@ impl Expected {
 
 impl Gap {
     fn length(&mut self, value: f64, late: f64, weights: [f64; COMPONENTS_MAX], variance: f64) {
-        let i = self.values.len();
-        self.push(value, true, late, weights);
+        let i = self.rows.len();
+        self.rows.push(Row { weights, value, delay: late, kind: Kind::Length });
         self.covariance.push((i, i, variance));
     }
 
     fn angle(&mut self, value: f64, late: f64, weights: [f64; COMPONENTS_MAX]) {
-        self.push(value, false, late, weights);
-    }
-
-    fn push(&mut self, value: f64, is_length: bool, late: f64, weights: [f64; COMPONENTS_MAX]) {
-        self.values.push(value);
-        self.is_length.push(is_length);
-        self.delays.push(late);
-        self.weights.push(weights);
-    }
-
-    /// The covariance.
-    #[must_use]
-    pub fn covariance(&self) -> DMatrix<f64> {
-        let n = self.values.len();
-        let mut out = DMatrix::zeros(n, n);
-        for (i, j, v) in &self.covariance {
-            out[(*i, *j)] += v;
-        }
-        out
+        self.rows.push(Row { weights, value, delay: late, kind: Kind::Angle });
     }
 }

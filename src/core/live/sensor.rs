@@ -5,9 +5,10 @@ use super::health::SensorHealth;
 use super::reading::Reading;
 use super::rows::{DefaultStd, Gap};
 use super::spec::{SensorKind, SensorSpec};
+use super::trust::Trust;
 use crate::core::estimate::{
-    Acquaintance, Adaptation, Batch, MeasurementNoise, Opinion, Plausibility, Said, SensorClock, Standing,
-    Supervisor, Trouble, VALUES_MAX,
+    Acquaintance, Adaptation, Batch, Kind, MeasurementNoise, Opinion, Plausibility, Said, SensorClock,
+    Standing, Supervisor, Trouble, VALUES_MAX,
 };
 use crate::core::units::MonoTime;
 
@@ -35,20 +36,23 @@ pub(super) struct SensorState {
     pub(super) clock: SensorClock,
     /// Number by which its map knows it.
     pub(super) number: usize,
-    pub(super) noise: MeasurementNoise,
+    /// Variance of its noise over the stated one: lengths, angles.
+    noise: [f64; 2],
     pub(super) stage: Stage,
     pub(super) rejections: u32,
+    pub(super) trust: Trust,
     pub(super) laser: Option<AxisLaser>,
     /// Live value of the model that it tells, and the value.
     pub(super) channel: Option<usize>,
     pub(super) value: Option<f64>,
     /// The last numbers that were believed (temperatures, speeds).
     pub(super) believed: Vec<f64>,
-    /// That live value is an angle.
-    pub(super) is_angle: bool,
+    /// What that live value is.
+    pub(super) unit: Kind,
     pub(super) last_at: Option<MonoTime>,
     pub(super) readings: [u64; 3],
     pub(super) without_position: u64,
+    pub(super) skipped: u64,
     innovation: Option<[f64; 3]>,
     nis: Option<f64>,
     values: Vec<f64>,
@@ -60,17 +64,19 @@ impl SensorState {
             supervisor: Supervisor::new(plausibility(spec)),
             clock: SensorClock::new(spec.latency_s),
             number: 0,
-            noise: noise(1.0, spec.adapt),
+            noise: [1.0; 2],
             stage: Stage::Acquainting(Acquaintance::new(spec.acquaintance)),
             rejections: 0,
+            trust: Trust::default(),
             laser,
             channel,
             value: None,
             believed: Vec::new(),
-            is_angle: false,
+            unit: Kind::Length,
             last_at: None,
             readings: [0; 3],
             without_position: 0,
+            skipped: 0,
             innovation: None,
             nis: None,
             values: Vec::new(),
@@ -118,6 +124,16 @@ impl SensorState {
         }
     }
 
+    /// What it said cannot be judged at all, for this reason.
+    pub(super) fn refuse(&mut self, now: MonoTime, trouble: Trouble) {
+        self.supervisor.hear(now);
+        let was = self.supervisor.standing();
+        self.supervisor.exclude(now, trouble);
+        if !matches!(was, Standing::Excluded(_)) {
+            self.get_to_know();
+        }
+    }
+
     /// Its readings are only looked at for a while.
     pub(super) fn get_to_know(&mut self) {
         self.stage = Stage::Acquainting(Acquaintance::new(self.spec.acquaintance));
@@ -132,17 +148,48 @@ impl SensorState {
     }
 
     /// What was found out about it; true where it may be used.
-    pub(super) fn meet(&mut self, opinion: &Opinion, gate: f64) -> bool {
+    pub(super) fn meet(&mut self, now: MonoTime, opinion: &Opinion, gate: f64) -> bool {
         let [_, high] = NOISE_RANGE;
-        let plausible = opinion.variance.is_finite() && opinion.variance <= high;
+        let plausible = opinion.variance.iter().all(|v| v.is_finite() && *v <= high);
         if !plausible || opinion.disagreement > gate {
             return false;
         }
         if self.spec.adapt {
-            self.noise = noise(opinion.begin_with, true);
+            let [low, high] = NOISE_RANGE;
+            self.noise = opinion.begin_with.map(|v| v.clamp(low, high));
         }
+        self.trust.met(now, self.noise);
         self.stage = Stage::Used;
         true
+    }
+
+    /// Standard deviation of the noise of a kind over the stated one.
+    pub(super) fn noise_factor(&self, kind: Kind) -> f64 {
+        self.noise[kind.index()].sqrt()
+    }
+
+    /// Noise of rows that were divided by the noise as it is known so far.
+    pub(super) fn relative_noise(&self) -> [MeasurementNoise; 2] {
+        let [low, high] = NOISE_RANGE;
+        self.noise.map(|v| {
+            let adaptation = Adaptation { share: NOISE_SHARE, low: low / v, high: high / v };
+            // 1 is between the limits, for `v` is: there is nothing to refuse
+            MeasurementNoise::new(1.0, self.spec.adapt.then_some(adaptation))
+                .unwrap_or_else(|_| MeasurementNoise::unit())
+        })
+    }
+
+    /// Variance of its noise over the stated one: lengths, angles.
+    pub(super) const fn noise(&self) -> [f64; 2] {
+        self.noise
+    }
+
+    /// What such rows have taught about the noise.
+    pub(super) fn learn_noise(&mut self, relative: &[MeasurementNoise; 2]) {
+        let [low, high] = NOISE_RANGE;
+        for (own, relative) in self.noise.iter_mut().zip(relative) {
+            *own = (*own * relative.variance()).clamp(low, high);
+        }
     }
 
     /// Notes how a reading went.
@@ -173,24 +220,19 @@ impl SensorState {
             shift_s: delay,
             readings: self.readings,
             without_position: self.without_position,
+            skipped: self.skipped,
+            rests_s: self.trust.rests_s(now),
             acquaintance: match &self.stage {
                 Stage::Acquainting(it) if is_tool => Some(it.progress()),
                 _ => None,
             },
-            noise_factor: is_tool.then(|| self.noise.variance().sqrt()),
+            noise_factor: is_tool.then(|| Kind::ALL.map(|kind| self.noise_factor(kind))),
             innovation: self.innovation,
             nis: self.nis,
             referenced: self.laser.as_ref().map(|laser| (laser.coverage(), laser.is_referenced())),
             values: self.values.clone(),
         }
     }
-}
-
-fn noise(variance: f64, adapt: bool) -> MeasurementNoise {
-    let [low, high] = NOISE_RANGE;
-    let adaptation = adapt.then_some(Adaptation { share: NOISE_SHARE, low, high });
-    // 1 is between the limits, and so is what was clipped to them: there is nothing to refuse
-    MeasurementNoise::new(variance.clamp(low, high), adaptation).unwrap_or_else(|_| MeasurementNoise::unit())
 }
 
 /// The limits in the order of the numbers that are judged: see [`judged`].
@@ -219,10 +261,13 @@ fn plausibility(spec: &SensorSpec) -> Plausibility {
 pub(super) fn judged(gap: &Gap) -> [f64; VALUES_MAX] {
     let mut out = [0.0; VALUES_MAX];
     let (mut length, mut angle) = (0, VALUES_MAX / 2);
-    for (value, is_length) in gap.values.iter().zip(&gap.is_length) {
-        let (slot, end) = if *is_length { (&mut length, VALUES_MAX / 2) } else { (&mut angle, VALUES_MAX) };
+    for row in &gap.rows {
+        let (slot, end) = match row.kind {
+            Kind::Length => (&mut length, VALUES_MAX / 2),
+            Kind::Angle => (&mut angle, VALUES_MAX),
+        };
         if *slot < end {
-            out[*slot] = *value;
+            out[*slot] = row.value;
             *slot += 1;
         }
     }

@@ -2,7 +2,8 @@
 //!
 //! A table has a time to live: where its maker dies or hangs, the cycle stops telling values, and the engine fades to
 //! the static model. It carries the hash of the model it was made for; for another one it says nothing. Where a new
-//! table differs from the old one at the present position, the difference is taken over smoothly.
+//! table differs from the old one, the difference of the two at one and the same position is taken over smoothly: a
+//! table that says the same changes nothing, however fast the axes move.
 
 use std::sync::Arc;
 
@@ -64,10 +65,8 @@ pub struct LiveEvaluator {
     table: Option<Arc<LiveTable>>,
     /// What is left of the difference between the last table and this one.
     carry: [f64; SENSORS_MAX],
-    last: [f64; SENSORS_MAX],
     /// Bit k: value k was told last time, and differences are taken over smoothly.
     smooth: u16,
-    fresh: bool,
     next: Option<MonoTime>,
     since: MonoTime,
 }
@@ -82,13 +81,24 @@ pub struct Told {
 }
 
 impl LiveEvaluator {
-    /// A new table; gives the old one back.
+    /// A new table, with the axes at a position (X, Y, Z in mm); gives the old one back.
     ///
-    /// # Cycle   no allocation, no panic
-    pub fn swap(&mut self, table: Option<Arc<LiveTable>>) -> Option<Arc<LiveTable>> {
-        self.fresh = true;
+    /// # Cycle   no allocation, no panic, bounded time
+    pub fn swap(&mut self, table: Option<Arc<LiveTable>>, position: [f64; 3]) -> Option<Arc<LiveTable>> {
         self.next = None;
-        core::mem::replace(&mut self.table, table)
+        let old = core::mem::replace(&mut self.table, table);
+        match (old.as_deref(), self.table.as_deref()) {
+            (Some(old), Some(new)) if old.model == new.model => {
+                for (k, carry) in self.carry.iter_mut().enumerate().filter(|(k, _)| self.smooth >> k & 1 == 1)
+                {
+                    if let Some((before, now)) = old.smooth(k, position).zip(new.smooth(k, position)) {
+                        *carry += before - now;
+                    }
+                }
+            }
+            _ => self.smooth = 0,
+        }
+        old
     }
 
     /// The values at a position (X, Y, Z in mm), where they are due; `model` is the hash of the model in use.
@@ -110,33 +120,35 @@ impl LiveEvaluator {
         let mut smooth = 0;
         let keep = 1.0 - dt / BLEND_S;
         for (k, source) in table.sources.iter().enumerate() {
-            let mut value = match source {
-                Source::None => continue,
-                Source::Value(value) | Source::Smooth(value) => *value,
-                Source::Map { map, component } => {
-                    let Some(map) = table.maps.get(*map) else { continue };
-                    map.value(*component, position)
-                }
-            };
-            if !matches!(source, Source::Value(_)) {
-                if self.smooth >> k & 1 == 0 {
-                    self.carry[k] = 0.0;
-                } else if self.fresh {
-                    self.carry[k] = self.last[k] - value;
-                }
-                self.carry[k] *= keep;
+            let value = if let Source::Value(value) = source {
+                *value
+            } else {
+                let Some(value) = table.smooth(k, position) else { continue };
+                let carry = if self.smooth >> k & 1 == 1 { self.carry[k] * keep } else { 0.0 };
+                self.carry[k] = carry;
                 smooth |= 1 << k;
-                value += self.carry[k];
-            }
+                value + carry
+            };
             if value.is_finite() {
                 out.told |= 1 << k;
                 out.values[k] = value;
-                self.last[k] = value;
+            } else {
+                smooth &= !(1 << k);
             }
         }
         self.smooth = smooth;
-        self.fresh = false;
         Some(out)
+    }
+}
+
+impl LiveTable {
+    /// Value `k` where it is one that is taken over smoothly.
+    fn smooth(&self, k: usize, position: [f64; 3]) -> Option<f64> {
+        match self.sources.get(k)? {
+            Source::None | Source::Value(_) => None,
+            Source::Smooth(value) => Some(*value),
+            Source::Map { map, component } => Some(self.maps.get(*map)?.value(*component, position)),
+        }
     }
 }
 
@@ -174,12 +186,12 @@ mod tests {
     fn values_follow_the_position_and_a_new_map_comes_smoothly() {
         let mut evaluator = LiveEvaluator::default();
         assert_eq!(evaluator.evaluate(at(0), &MODEL, [0.0; 3]), None);
-        assert!(evaluator.swap(table(0, 1e-3)).is_none());
+        assert!(evaluator.swap(table(0, 1e-3), [0.0; 3]).is_none());
         let first = evaluator.evaluate(at(0), &MODEL, [50.0; 3]).unwrap();
         assert_eq!(first.told, 1 << 2 | 1 << 4);
         assert!((first.values[2] - 1.5e-3).abs() < 1e-15 && first.values[4] == 1e-3);
         assert_eq!(evaluator.evaluate(at(5), &MODEL, [50.0; 3]), None, "not due");
-        assert!(evaluator.swap(table(10, 2e-3)).is_some(), "the old one comes back");
+        assert!(evaluator.swap(table(10, 2e-3), [50.0; 3]).is_some(), "the old one comes back");
         let mut last = first.values[2];
         for ms in 10..2000 {
             let Some(told) = evaluator.evaluate(at(ms), &MODEL, [50.0; 3]) else { continue };
@@ -190,6 +202,35 @@ mod tests {
     }
 
     #[test]
+    fn tables_that_say_the_same_change_nothing_while_the_axes_move() {
+        let mut evaluator = LiveEvaluator::default();
+        let mut worst = 0.0f64;
+        for ms in 0..2000 {
+            // 100 mm/s along the slope of the map, a new table every 50 ms
+            let x = 100.0 * (1.0 - (ms as f64 * 1e-3 - 1.0).abs());
+            let position = [x, 50.0, 50.0];
+            if ms % 50 == 0 {
+                evaluator.swap(table(ms, 1e-3), position);
+            }
+            let Some(told) = evaluator.evaluate(at(ms), &MODEL, position) else { continue };
+            worst = worst.max((told.values[2] - (1e-3 + x * 1e-5)).abs());
+        }
+        assert!(worst < 1e-15, "{worst:e} mm");
+    }
+
+    #[test]
+    fn several_tables_between_two_evaluations_come_as_one() {
+        let mut evaluator = LiveEvaluator::default();
+        evaluator.swap(table(0, 1e-3), [0.0; 3]);
+        let before = evaluator.evaluate(at(0), &MODEL, [0.0; 3]).unwrap().values[2];
+        for level in [5e-3, -4e-3, 2e-3] {
+            evaluator.swap(table(10, level), [0.0; 3]);
+        }
+        let after = evaluator.evaluate(at(10), &MODEL, [0.0; 3]).unwrap().values[2];
+        assert!((after - before).abs() < 1e-3 * 0.03, "{before} {after}");
+    }
+
+    #[test]
     fn a_growth_that_steps_comes_smoothly() {
         let mut evaluator = LiveEvaluator::default();
         let growth = |ms: i64, value: f64| {
@@ -197,9 +238,9 @@ mod tests {
             table.sources[4] = Source::Smooth(value);
             Some(Arc::new(table))
         };
-        evaluator.swap(growth(0, 1e-3));
+        evaluator.swap(growth(0, 1e-3), [0.0; 3]);
         assert!((evaluator.evaluate(at(0), &MODEL, [0.0; 3]).unwrap().values[4] - 1e-3).abs() < 1e-15);
-        evaluator.swap(growth(10, 3e-3));
+        evaluator.swap(growth(10, 3e-3), [0.0; 3]);
         let mut last = 1e-3;
         for ms in (10..1990).step_by(10) {
             let value = evaluator.evaluate(at(ms), &MODEL, [0.0; 3]).unwrap().values[4];
@@ -212,13 +253,13 @@ mod tests {
     #[test]
     fn a_table_that_is_old_or_of_another_model_says_nothing() {
         let mut evaluator = LiveEvaluator::default();
-        evaluator.swap(table(0, 1e-3));
+        evaluator.swap(table(0, 1e-3), [0.0; 3]);
         assert!(evaluator.evaluate(at(1990), &MODEL, [0.0; 3]).is_some());
         assert_eq!(evaluator.evaluate(at(2010), &MODEL, [0.0; 3]), None);
-        evaluator.swap(table(2020, 1e-3));
+        evaluator.swap(table(2020, 1e-3), [0.0; 3]);
         assert_eq!(evaluator.evaluate(at(2020), &[8; 32], [0.0; 3]), None);
         assert!(evaluator.evaluate(at(2031), &MODEL, [0.0; 3]).is_some());
-        assert!(evaluator.swap(None).is_some());
+        assert!(evaluator.swap(None, [0.0; 3]).is_some());
         assert_eq!(evaluator.evaluate(at(2050), &MODEL, [0.0; 3]), None);
     }
 }

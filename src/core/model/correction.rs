@@ -72,6 +72,16 @@ impl Model {
         (deviation, self.oppose(&self.nominal(pose), &deviation))
     }
 
+    /// The corrections that oppose a deviation at `pose` that was found elsewhere, first order. Not for the cycle.
+    #[must_use]
+    pub fn opposing(&self, pose: &Pose, deviation: &Deviation) -> AxisCorrection {
+        if self.rotary {
+            self.oppose(&self.nominal(pose), deviation)
+        } else {
+            self.oppose_without_rotation(deviation)
+        }
+    }
+
     fn oppose(&self, nominal: &Nominal, deviation: &Deviation) -> AxisCorrection {
         let mut out = AxisCorrection {
             offset: [0.0; MAX_AXES],

@@ -463,11 +463,16 @@ impl Joint {
             v.add_to_lane(g.lane, value);
             flags.out_of_range |= u16::from(outside) << index;
         }
+        if self.live.is_empty() {
+            return;
+        }
+        let mut sum = v.to_array();
         for l in &self.live {
             let told = pose.live[l.channel] * l.reference.map_or(1.0, |at| x - at);
             // a sensor that tells nonsense tells nothing
-            v.add_to_lane(l.lane, if told.is_finite() { told.clamp(-l.limit, l.limit) } else { 0.0 });
+            sum[l.lane] += if told.is_finite() { told.clamp(-l.limit, l.limit) } else { 0.0 };
         }
+        *v = sum.into();
     }
 
     /// Reference points of the three linear components at coordinate `q`, in home-frame coordinates (equations 1.5).

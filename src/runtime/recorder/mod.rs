@@ -202,7 +202,7 @@ impl Recorder {
     ) -> io::Result<Option<(Tap, Self)>> {
         let config = &loaded.config.recording;
         let Some(directory) = &config.directory else { return Ok(None) };
-        let directory = config_path.parent().unwrap_or_else(|| Path::new("")).join(directory);
+        let directory = config_path.with_file_name(directory);
         info!(directory = %directory.display(), "recording");
         let (tap, receiver) = tap(QUEUE);
         let description = Description::new(config_path, loaded, model);

@@ -327,7 +327,7 @@ impl Replay {
         recorded: Option<&Answer>,
         correction: Option<&Correction>,
     ) {
-        let replayed = self.body.as_ref().and_then(|body| body.recorded(correction));
+        let replayed = correction.and_then(|_| self.body.as_ref()?.recorded());
         let place = Place { record, sequence, axes: &self.axes };
         let found = place.differences(recorded, replayed.as_ref());
         match &mut self.trust {

@@ -121,11 +121,12 @@ impl LiveEnd {
             commanded: frame.commanded,
             actual: frame.actual,
         });
-        while let Ok(table) = self.tables.try_recv() {
-            // the sender holds every table that is in use here
-            drop(self.evaluator.swap(Some(table)));
-        }
         let at = self.linear.map(|k| k.map_or(0.0, |k| frame.commanded[k]));
+        // no more than the queue holds, whatever comes in meanwhile
+        for table in self.tables.try_iter().take(TABLES) {
+            // the sender holds every table that is in use here
+            drop(self.evaluator.swap(Some(table), at));
+        }
         let Some(told) = self.evaluator.evaluate(now, &self.model, at) else { return };
         for (channel, value) in told.values.iter().enumerate() {
             if told.told >> channel & 1 == 1 {

@@ -1,14 +1,17 @@
 //! What was learned, on the disk: `live.json` in the state directory.
 //!
-//! Replaced as a whole (temporary file, sync, rename). It is put back only where machine, model, components, nodes and
+//! Replaced as a whole (temporary file, sync, rename) by a thread of its own ([`Writer`]), for a disk may be slow or hang. It is put back only where machine, model, components, nodes and
 //! numbers are right; the uncertainty grows by the time that passed. What cannot be put back is set aside under a name
 //! with the date and reported: a map that is wrong is worse than none.
 
 use std::fs;
 use std::io::{self, ErrorKind};
 use std::path::Path;
-use std::time::{SystemTime, UNIX_EPOCH};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
+use crossbeam_channel::{Sender, bounded};
 use serde::{Deserialize, Serialize};
 
 use super::super::counters::{replace, set_aside};
@@ -57,14 +60,78 @@ fn unix_s(now: SystemTime) -> f64 {
     now.duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64())
 }
 
-/// Keeps what the estimator has learned.
-pub(super) fn save(
-    directory: &Path,
+/// The thread that writes.
+#[derive(Debug)]
+pub(super) struct Writer {
+    jobs: Sender<Job>,
+    problem: Arc<Mutex<Option<String>>>,
+    thread: JoinHandle<()>,
+}
+
+#[derive(Debug)]
+enum Job {
+    Write(Vec<u8>),
+    /// Everything before it is written.
+    Told(Sender<()>),
+}
+
+impl Writer {
+    /// Starts it.
+    pub(super) fn start(directory: &Path) -> io::Result<Self> {
+        let path = directory.join(FILE);
+        let problem = Arc::new(Mutex::new(None));
+        let (jobs, receiver) = bounded::<Job>(1);
+        let found = Arc::clone(&problem);
+        let thread = std::thread::Builder::new().name("volcomp-keep".to_owned()).spawn(move || {
+            for job in receiver {
+                match job {
+                    Job::Write(text) => {
+                        let why = replace(&path, &text).err().map(|e| format!("{}: {e}", path.display()));
+                        *found.lock().unwrap_or_else(PoisonError::into_inner) = why;
+                    }
+                    Job::Told(done) => {
+                        let _ = done.try_send(());
+                    }
+                }
+            }
+        })?;
+        Ok(Self { jobs, problem, thread })
+    }
+
+    /// Has it written; false where the one before is still on its way to the disk.
+    pub(super) fn write(&self, text: Vec<u8>) -> bool {
+        self.jobs.try_send(Job::Write(text)).is_ok()
+    }
+
+    /// Waits until everything is written, no longer than `limit`; false where it is not.
+    pub(super) fn wait(&self, limit: Duration) -> bool {
+        let (done, told) = bounded(1);
+        self.jobs.send_timeout(Job::Told(done), limit).is_ok() && told.recv_timeout(limit).is_ok()
+    }
+
+    /// Why the last one could not be written.
+    pub(super) fn problem(&self) -> Option<String> {
+        self.problem.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// The last word; then everything is written and the thread has ended.
+    pub(super) fn finish(self, last: Option<Vec<u8>>) {
+        let Self { jobs, thread, .. } = self;
+        if let Some(text) = last {
+            let _ = jobs.send(Job::Write(text));
+        }
+        drop(jobs);
+        let _ = thread.join();
+    }
+}
+
+/// What the estimator has learned, as it is kept.
+pub(super) fn text(
     machine: &str,
     model_hash: &str,
     estimator: &LiveEstimator,
     now: SystemTime,
-) -> io::Result<()> {
+) -> io::Result<Vec<u8>> {
     let map = |m: KeptMap| Map {
         name: m.name,
         components: m.components,
@@ -84,7 +151,7 @@ pub(super) fn save(
     };
     let mut text = serde_json::to_vec(&kept)?;
     text.push(b'\n');
-    replace(&directory.join(FILE), &text)
+    Ok(text)
 }
 
 /// Puts back what was kept; gives what should be known about it.
@@ -108,18 +175,27 @@ pub(super) fn restore(
         };
         vec![format!("VC-8013: {}: {why}; {kept}, maps begin at the offline map", path.display())]
     };
-    let kept = match parse(&text, now) {
-        Ok(kept) => kept,
-        Err(why) => return aside(&why, "damaged"),
-    };
+    match put_back(&text, machine, model_hash, estimator, now) {
+        Ok(note) => vec![note],
+        Err((why, word)) => aside(&why, word),
+    }
+}
+
+/// Puts a kept text back into the estimator; gives a note, or why not and a word for it.
+pub(super) fn put_back(
+    text: &[u8],
+    machine: &str,
+    model_hash: &str,
+    estimator: &mut LiveEstimator,
+    now: SystemTime,
+) -> Result<String, (String, &'static str)> {
+    let kept = parse(text, now).map_err(|why| (why, "damaged"))?;
     if kept.machine != machine {
-        return aside(
-            &format!("of machine \"{}\", this one is \"{machine}\"", kept.machine),
-            "other-machine",
-        );
+        let why = format!("of machine \"{}\", this one is \"{machine}\"", kept.machine);
+        return Err((why, "other-machine"));
     }
     if kept.model_hash != model_hash {
-        return aside(&format!("learned about another model (blake3 {})", kept.model_hash), "other-model");
+        return Err((format!("learned about another model (blake3 {})", kept.model_hash), "other-model"));
     }
     let age_s = unix_s(now) - kept.saved_unix_s;
     let maps: Vec<KeptMap> = kept
@@ -141,9 +217,9 @@ pub(super) fn restore(
     let mut problems = estimator.restore(&maps, age_s.max(0.0));
     problems.extend(estimator.restore_growths(&growths, age_s.max(0.0)));
     if problems.is_empty() {
-        return vec![format!("what was learned until {} goes on, {:.1} h older", kept.saved, age_s / 3600.0)];
+        return Ok(format!("what was learned until {} goes on, {:.1} h older", kept.saved, age_s / 3600.0));
     }
-    aside(&problems.join("; "), "refused")
+    Err((problems.join("; "), "refused"))
 }
 
 fn parse(text: &[u8], now: SystemTime) -> Result<Kept, String> {
@@ -159,8 +235,6 @@ fn parse(text: &[u8], now: SystemTime) -> Result<Kept, String> {
 
 #[cfg(test)]
 mod tests {
-    use std::sync::Arc;
-
     use super::*;
     use crate::core::live::{LiveModel, LiveSpec, MapSpec};
     use crate::core::model::curve::Live;
@@ -178,6 +252,20 @@ mod tests {
     }
 
     #[test]
+    fn a_disk_that_refuses_is_told_and_one_that_is_well_again_too() {
+        let folder = tempfile::tempdir().unwrap();
+        let directory = folder.path().join("state");
+        let writer = Writer::start(&directory).unwrap();
+        let limit = Duration::from_secs(10);
+        assert!(writer.write(b"{}".to_vec()) && writer.wait(limit));
+        assert!(writer.problem().unwrap().contains(FILE));
+        fs::create_dir(&directory).unwrap();
+        assert!(writer.write(b"{}".to_vec()) && writer.wait(limit));
+        assert_eq!(writer.problem(), None);
+        writer.finish(None);
+    }
+
+    #[test]
     fn what_was_kept_comes_back_and_anything_else_is_set_aside_and_told() {
         let folder = tempfile::tempdir().unwrap();
         let now = SystemTime::now();
@@ -187,7 +275,10 @@ mod tests {
         let mut kept = it.kept();
         kept[0].values[2] = (3e-6, 1e-6);
         assert!(it.restore(&kept, 0.0).is_empty());
-        save(folder.path(), "m", hash, &it, now).unwrap();
+        let writer = Writer::start(folder.path()).unwrap();
+        assert!(writer.write(text("m", hash, &it, now).unwrap()) && writer.wait(Duration::from_secs(10)));
+        assert_eq!(writer.problem(), None);
+        writer.finish(Some(text("m", hash, &it, now).unwrap()));
         let mut other = estimator();
         let notes = restore(folder.path(), "m", hash, &mut other, now);
         assert!(notes[0].contains("goes on"), "{notes:?}");
@@ -195,7 +286,7 @@ mod tests {
 
         let path = folder.path().join(FILE);
         let good = fs::read_to_string(&path).unwrap();
-        for (text, machine, model, words) in [
+        for (kept, machine, model, words) in [
             (good.clone(), "n", hash, "other-machine"),
             (good.clone(), "m", "def", "other-model"),
             (good[..good.len() / 2].to_owned(), "m", hash, "damaged"),
@@ -203,7 +294,7 @@ mod tests {
             (good.replace("3e-6", "3e6"), "m", hash, "refused"),
             (good.replace("\"saved_unix_s\":", "\"saved_unix_s\":9e9,\"x\":"), "m", hash, "damaged"),
         ] {
-            fs::write(&path, &text).unwrap();
+            fs::write(&path, &kept).unwrap();
             let mut fresh = estimator();
             let notes = restore(folder.path(), machine, model, &mut fresh, now);
             assert!(notes[0].contains(words) && !path.exists(), "{words}: {notes:?}");

@@ -10,6 +10,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
 use crossbeam_channel::Sender;
+use socket2::{SockRef, TcpKeepalive};
 use tokio::io::{AsyncReadExt, AsyncWriteExt};
 use tokio::net::{TcpListener, TcpStream};
 use tokio::sync::Semaphore;
@@ -19,7 +20,9 @@ use tracing::{info, warn};
 use super::super::clock::Clock;
 use super::super::logging::LogLimiter;
 use super::Arrived;
-use super::wire::Stream;
+use super::known::Known;
+use super::wire::{Said, Stream};
+use crate::core::units::MonoTime;
 
 /// Connections at the same time.
 const CONNECTIONS: usize = 32;
@@ -27,6 +30,8 @@ const CONNECTIONS: usize = 32;
 /// connects for every reading must not flood it.
 const LINES: u32 = 12;
 const LINES_PAUSE: Duration = Duration::from_secs(10);
+/// Silence of a connection after which its other end is asked whether it is still there.
+const KEEPALIVE: Duration = Duration::from_secs(30);
 /// Sentences about mistakes per second and connection.
 const COMPLAINTS_PER_S: u32 = 5;
 /// Patience with a sensor that does not read them.
@@ -57,22 +62,24 @@ pub(in crate::runtime) struct Listener {
     listener: TcpListener,
     readings: Sender<Arrived>,
     dropped: Arc<AtomicU64>,
-    known: Arc<[String]>,
+    known: Arc<[Known]>,
     clock: Clock,
+    idle: Duration,
 }
 
 impl Listener {
-    /// Binds `address`; needs the event loop.
+    /// Binds `address`; needs the event loop. A connection that says nothing for `idle` is closed.
     pub(in crate::runtime) async fn bind(
         address: SocketAddr,
         readings: Sender<Arrived>,
         dropped: Arc<AtomicU64>,
-        known: Arc<[String]>,
+        known: Arc<[Known]>,
         clock: Clock,
+        idle: Duration,
     ) -> io::Result<Self> {
         let listener = TcpListener::bind(address).await?;
         info!(%address, "sensors connect here");
-        Ok(Self { listener, readings, dropped, known, clock })
+        Ok(Self { listener, readings, dropped, known, clock, idle })
     }
 
     /// Serves until dropped.
@@ -80,7 +87,7 @@ impl Listener {
         let places = Arc::new(Semaphore::new(CONNECTIONS));
         let lines = Lines::new();
         loop {
-            let (stream, peer) = match self.listener.accept().await {
+            let (mut stream, peer) = match self.listener.accept().await {
                 Ok(accepted) => accepted,
                 Err(error) => {
                     // once a second at most
@@ -93,6 +100,9 @@ impl Listener {
                 if let Some(held_back) = admit(&lines.connections, self.clock) {
                     warn!(%peer, held_back, "more than {CONNECTIONS} connections of sensors; this one is closed");
                 }
+                let why =
+                    format!("there are {CONNECTIONS} connections of sensors already; this one is closed");
+                tokio::spawn(async move { tell(&mut stream, &why).await });
                 continue;
             };
             let connection = Connection {
@@ -100,6 +110,7 @@ impl Listener {
                 dropped: Arc::clone(&self.dropped),
                 known: Arc::clone(&self.known),
                 clock: self.clock,
+                idle: self.idle,
                 lines: lines.clone(),
                 complaints: (Instant::now(), 0),
             };
@@ -121,8 +132,9 @@ impl Listener {
 struct Connection {
     readings: Sender<Arrived>,
     dropped: Arc<AtomicU64>,
-    known: Arc<[String]>,
+    known: Arc<[Known]>,
     clock: Clock,
+    idle: Duration,
     lines: Lines,
     /// Begin of the present second, and sentences in it.
     complaints: (Instant, u32),
@@ -132,30 +144,33 @@ impl Connection {
     /// Takes readings until the connection ends; says why it did.
     async fn converse(mut self, mut stream: TcpStream) -> String {
         let _ = stream.set_nodelay(true);
+        // a sensor that lost its power is noticed within a minute, one that only says nothing by `idle`
+        let keepalive = TcpKeepalive::new().with_time(KEEPALIVE).with_interval(KEEPALIVE / 3).with_retries(3);
+        let _ = SockRef::from(&stream).set_tcp_keepalive(&keepalive);
         let mut said = Stream::default();
         let mut buffer = vec![0; 16 * 1024];
         loop {
-            let count = match stream.read(&mut buffer).await {
-                Ok(0) => return "by the sensor".to_owned(),
-                Ok(count) => count,
-                Err(e) => return e.to_string(),
+            let count = match timeout(self.idle, stream.read(&mut buffer)).await {
+                Ok(Ok(0)) => return "by the sensor".to_owned(),
+                Ok(Ok(count)) => count,
+                Ok(Err(e)) => return e.to_string(),
+                Err(_) => {
+                    let why = format!(
+                        "nothing was said for {} s (idle-s); the connection is closed",
+                        self.idle.as_secs_f64()
+                    );
+                    tell(&mut stream, &why).await;
+                    return why;
+                }
             };
             let now = self.clock.now();
             said.push(&buffer[..count]);
             while let Some(message) = said.next() {
                 let problem = match message {
-                    Ok(message) if self.known.contains(&message.sensor) => {
-                        let arrived = Arrived { now, sensor: message.sensor, reading: message.reading };
-                        if self.readings.try_send(arrived).is_err() {
-                            self.dropped.fetch_add(1, Relaxed);
-                        }
-                        continue;
-                    }
-                    Ok(message) => format!(
-                        "sensor \"{}\" is not in the machine file; it has {}",
-                        message.sensor,
-                        self.known.join(", ")
-                    ),
+                    Ok(message) => match self.pass_on(now, message) {
+                        None => continue,
+                        Some(problem) => problem,
+                    },
                     Err(e) => {
                         let text = e.to_string();
                         if e.is_fatal() {
@@ -168,6 +183,22 @@ impl Connection {
                 self.complain(&mut stream, &problem).await;
             }
         }
+    }
+
+    /// A message goes to the estimator; gives what is wrong with it.
+    fn pass_on(&self, now: MonoTime, said: Said) -> Option<String> {
+        let Said { sensor, reading } = said;
+        let Some(known) = self.known.iter().find(|known| known.name == sensor) else {
+            let names: Vec<&str> = self.known.iter().map(|known| known.name.as_str()).collect();
+            let names = names.join(", ");
+            return Some(format!("sensor \"{sensor}\" is not in the machine file; it has {names}"));
+        };
+        // one of another kind is passed on, too: the status names the sensor that says it
+        let objection = known.objection(&reading);
+        if self.readings.try_send(Arrived { now, sensor, reading }).is_err() {
+            self.dropped.fetch_add(1, Relaxed);
+        }
+        objection
     }
 
     /// Tells the sensor what is wrong, not too often.
@@ -183,9 +214,14 @@ impl Connection {
         if let Some(held_back) = admit(&self.lines.mistakes, self.clock) {
             warn!(held_back, "a sensor sends what cannot be used: {problem}");
         }
-        let mut line = serde_json::json!({ "error": problem }).to_string();
-        line.push('\n');
-        // one that does not listen is its own affair
-        let _ = timeout(PATIENCE, stream.write_all(line.as_bytes())).await;
+        tell(stream, problem).await;
     }
+}
+
+/// One sentence to a sensor.
+async fn tell(stream: &mut TcpStream, problem: &str) {
+    let mut line = serde_json::json!({ "error": problem }).to_string();
+    line.push('\n');
+    // one that does not listen is its own affair
+    let _ = timeout(PATIENCE, stream.write_all(line.as_bytes())).await;
 }

@@ -4,7 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use crate::core::estimate::{Standing, Trouble};
 use crate::core::fault;
-use crate::core::live::{GrowthHealth, GrowthStanding, LiveHealth, MapHealth, SensorHealth};
+use crate::core::live::{
+    GrowthHealth, GrowthStanding, LiveHealth, LiveSpec, MapHealth, MapSpec, SensorHealth, SensorSpec,
+};
 use crate::core::units::{arcsec_from_rad, um_from_mm};
 
 /// A sensor.
@@ -14,9 +16,9 @@ pub struct SensorStatus {
     pub name: String,
     /// `tool five-dof value temperature speed`.
     pub kind: String,
-    /// `waiting good excluded`.
+    /// `waiting good excluded`; `unused` where there is no live estimation with the model in use.
     pub state: String,
-    /// Why it is excluded: `silent late frozen jump range rate clock quality disagrees`.
+    /// Why it is excluded: `silent late frozen jump range rate clock quality disagrees reversed kind`.
     pub cause: Option<String>,
     /// Number of that cause, e.g. `VC-8002`.
     pub code: Option<String>,
@@ -38,11 +40,20 @@ pub struct SensorStatus {
     pub rejected: u64,
     /// Of these: taken when nobody knew where the machine stood.
     pub without_position: u64,
+    /// Of these: left out, for there was no time for them.
+    #[serde(default)]
+    pub skipped: u64,
+    /// Time until a sensor that contradicted its map on probation is looked at again, s.
+    #[serde(default)]
+    pub rests_s: Option<f64>,
     /// Readings still to be looked at before any is used.
     pub acquaintance_left: Option<usize>,
-    /// Standard deviation of its noise over the stated one.
+    /// Standard deviation of the noise of its lengths over the stated one.
     pub noise_factor: Option<f64>,
-    /// RMS innovation of the last reading, in stated standard deviations.
+    /// The same of its angles.
+    #[serde(default)]
+    pub noise_factor_angles: Option<f64>,
+    /// RMS innovation of the last reading, in learned standard deviations.
     pub innovation: Option<f64>,
     /// Its expected value.
     pub innovation_expected: Option<f64>,
@@ -63,8 +74,18 @@ pub struct SensorStatus {
 pub struct MapStatus {
     /// Its name.
     pub name: String,
-    /// `learning`, `alarm` (held), `static` (given up for the static model).
+    /// `learning`; `held` (no sensor teaches it: what it has learned is used and fades); `alarm` (a sensor contradicts
+    /// it); `static` (given up for the static model); `unused` (no live estimation with the model in use).
     pub state: String,
+    /// What was learned is larger than its limit.
+    #[serde(default)]
+    pub limited: bool,
+    /// Time since the last reading that was used, s.
+    #[serde(default)]
+    pub idle_s: f64,
+    /// Time in which what was learned falls to 1/e where no sensor confirms it, s; none: never.
+    #[serde(default)]
+    pub memory_s: Option<f64>,
     /// Readings used.
     pub updates: u64,
     /// Its components, lower case.
@@ -143,6 +164,8 @@ pub(super) const fn code_of(trouble: Trouble) -> fault::Code {
         Trouble::Clock => 8008,
         Trouble::Quality => 8009,
         Trouble::Disagrees => 8010,
+        Trouble::Reversed => 8016,
+        Trouble::Kind => 8017,
     })
 }
 
@@ -204,8 +227,11 @@ impl SensorStatus {
             used: h.readings[1],
             rejected: h.readings[2],
             without_position: h.without_position,
+            skipped: h.skipped,
+            rests_s: h.rests_s,
             acquaintance_left: h.acquaintance.map(|(seen, wanted)| wanted.saturating_sub(seen)),
-            noise_factor: h.noise_factor,
+            noise_factor: h.noise_factor.map(|[lengths, _]| lengths),
+            noise_factor_angles: h.noise_factor.map(|[_, angles]| angles),
             innovation: h.innovation.map(|i| i[0]),
             innovation_expected: h.innovation.map(|i| i[1]),
             ratio: h.innovation.map(|i| i[2]),
@@ -225,7 +251,8 @@ impl MapStatus {
         let state = match (h.is_static, h.alarm) {
             (true, _) => "static",
             (false, true) => "alarm",
-            (false, false) => "learning",
+            (false, false) if h.taught => "learning",
+            (false, false) => "held",
         };
         let of = |node: &crate::core::live::NodeHealth, k: usize| {
             node.components.iter().enumerate().map(|(c, v)| unit(c)(v[k])).collect()
@@ -233,6 +260,9 @@ impl MapStatus {
         Self {
             name: h.name.clone(),
             state: state.to_owned(),
+            limited: h.limited,
+            idle_s: h.idle_s,
+            memory_s: Some(h.memory_s).filter(|s| s.is_finite()),
             updates: h.updates,
             components: h.components.iter().map(|s| s.to_string().to_lowercase()).collect(),
             units: h
@@ -262,6 +292,28 @@ impl MapStatus {
 }
 
 impl FilterStatus {
+    /// Sensors and maps that are listed and cannot be used with the model.
+    pub(super) fn unused(spec: &LiveSpec) -> Self {
+        let code = Some(fault::Code(8020).to_string());
+        let sensor = |s: &SensorSpec| SensorStatus {
+            name: s.name.clone(),
+            kind: s.kind.name().to_owned(),
+            state: "unused".to_owned(),
+            code: code.clone(),
+            ..SensorStatus::default()
+        };
+        let map = |m: &MapSpec| MapStatus {
+            name: m.name.clone(),
+            state: "unused".to_owned(),
+            ..MapStatus::default()
+        };
+        Self {
+            sensors: spec.sensors.iter().map(sensor).collect(),
+            maps: spec.maps.iter().map(map).collect(),
+            ..Self::default()
+        }
+    }
+
     pub(super) fn new(health: &LiveHealth) -> Self {
         Self {
             sensors: health.sensors.iter().map(SensorStatus::new).collect(),

@@ -7,8 +7,8 @@
 use nalgebra::Matrix6;
 use serde::Deserialize;
 
-use crate::core::estimate::VALUES_MAX;
 use crate::core::estimate::fivedof::Readings;
+use crate::core::estimate::{Kind, VALUES_MAX};
 use crate::core::geometry::Vec3;
 use crate::core::live::{Body, PointReading, Reading, Seen, ToolReading};
 use crate::core::units::{NS_PER_S, mm_from_um, rad_from_arcsec};
@@ -82,10 +82,11 @@ impl Stream {
                 return self.binary();
             }
             let end = self.bytes.iter().position(|b| *b == b'\n');
-            let Some(end) = end else {
-                let endless = self.bytes.len() > MESSAGE_MAX;
-                return endless.then_some(Err(WireError::Lost("a line has no end")));
-            };
+            // the same wherever the line was cut on its way
+            if end.unwrap_or(self.bytes.len()) > MESSAGE_MAX {
+                return Some(Err(WireError::Lost("a line has no end")));
+            }
+            let end = end?;
             let line: Vec<u8> = self.bytes.drain(..=end).collect();
             self.lines += 1;
             let text = line.trim_ascii();
@@ -143,15 +144,17 @@ fn binary_body(kind: u8, n: &[f64]) -> Result<Body, &'static str> {
             if n.len() != 6 && n.len() != 42 {
                 return Err("6 or 42 numbers are needed");
             }
-            let direction = vector(&n[3..6]);
-            let measured = direction.iter().all(|v| !v.is_nan());
             finite(&n[..3])?;
+            finite(&n[6..])?;
+            let direction = if n[3..6].iter().all(|v| v.is_nan()) {
+                None
+            } else {
+                finite(&n[3..6])?;
+                let direction = vector(&n[3..6]);
+                Some(seen(kind == 1, if kind == 1 { unit(direction)? } else { direction }))
+            };
             let covariance = n.get(6..42).map(Matrix6::from_row_slice);
-            Ok(Body::Tool(ToolReading {
-                tip: seen(kind == 1, vector(n)),
-                direction: measured.then(|| seen(kind == 1, direction)),
-                covariance,
-            }))
+            Ok(Body::Tool(ToolReading { tip: seen(kind == 1, vector(n)), direction, covariance }))
         }
         3 | 4 => {
             if n.is_empty() || !n.len().is_multiple_of(7) || n.len() > 7 * POINTS_MAX {
@@ -178,11 +181,11 @@ fn binary_body(kind: u8, n: &[f64]) -> Result<Body, &'static str> {
                 change: core::array::from_fn(|d| [c[2 * d], c[2 * d + 1]]),
             }))
         }
-        8 => Ok(Body::Value(fixed::<1>(n)?[0])),
+        8 => Ok(Body::Value { value: fixed::<1>(n)?[0], unit: None }),
         9 => {
             finite(n)?;
-            if n.len() > VALUES_MAX {
-                return Err("at most 16 temperatures are taken");
+            if n.is_empty() || n.len() > VALUES_MAX {
+                return Err("1 to 16 temperatures are taken");
             }
             Ok(Body::Temperatures(n.to_vec()))
         }
@@ -307,9 +310,9 @@ fn bodies_of(line: Line) -> Result<Vec<Body>, String> {
         bodies.push(Body::Tool(tool(&pose)?));
     }
     if let Some(points) = line.points {
+        counted("points", points.len(), POINTS_MAX)?;
         let points: Result<Vec<_>, String> = points
             .iter()
-            .take(POINTS_MAX)
             .map(|p| {
                 let position = one_of(p.position_mm.map(Vec3::from), p.deviation_um.map(um))
                     .ok_or("a point has either position_mm or deviation_um")?;
@@ -320,12 +323,13 @@ fn bodies_of(line: Line) -> Result<Vec<Body>, String> {
         bodies.push(Body::Points(points?));
     }
     if let Some(circles) = line.circles {
+        counted("circles", circles.len(), POINTS_MAX)?;
         let centre = |c: &Circle| PointReading {
             offset: Vec3::new(0.0, 0.0, c.height_mm),
             position: Seen::Absolute(Vec3::from(c.centre_mm)),
             std: c.std_um.filter(|s| *s > 0.0).map(mm_from_um),
         };
-        bodies.push(Body::Points(circles.iter().take(POINTS_MAX).map(centre).collect()));
+        bodies.push(Body::Points(circles.iter().map(centre).collect()));
     }
     for d in line.deviation.iter().chain(&line.probe) {
         let direction = unit(Vec3::from(d.direction))?;
@@ -340,16 +344,24 @@ fn bodies_of(line: Line) -> Result<Vec<Body>, String> {
         let change = [r.psd1_um, r.psd2_um, r.psd3_um, r.qd1_um, r.qd2_um].map(|d| d.map(mm_from_um));
         bodies.push(Body::FiveDofRaw(Readings { distance: r.distance_mm, change }));
     }
-    bodies.extend(line.value_um.map(|v| Body::Value(mm_from_um(v))));
-    bodies.extend(line.value_arcsec.map(|v| Body::Value(rad_from_arcsec(v))));
+    let value = |value: f64, unit: Kind| Body::Value { value, unit: Some(unit) };
+    bodies.extend(line.value_um.map(|v| value(mm_from_um(v), Kind::Length)));
+    bodies.extend(line.value_arcsec.map(|v| value(rad_from_arcsec(v), Kind::Angle)));
     if let Some(list) = line.temperature_degc {
-        if list.len() > VALUES_MAX {
-            return Err(format!("{} temperatures, at most {VALUES_MAX} are taken", list.len()));
-        }
+        counted("temperature_degc", list.len(), VALUES_MAX)?;
         bodies.push(Body::Temperatures(list));
     }
     bodies.extend(line.speed_rpm.map(Body::Speed));
     Ok(bodies)
+}
+
+/// A list must say something, and no more than is taken.
+fn counted(key: &str, found: usize, most: usize) -> Result<(), String> {
+    if (1..=most).contains(&found) {
+        Ok(())
+    } else {
+        Err(format!("{key} has {found} entries, 1 to {most} are taken"))
+    }
 }
 
 fn one_of(absolute: Option<Vec3>, deviation: Option<Vec3>) -> Option<Seen> {
@@ -444,6 +456,9 @@ mod tests {
                 "unit vector",
             ),
             (r#"{"sensor": "t", "t_s": 1, "pose": {"tip_mm": [1, 2, 3], "covariance": [1]}}"#, "36"),
+            (r#"{"sensor": "t", "t_s": 1, "points": []}"#, "points has 0 entries"),
+            (r#"{"sensor": "t", "t_s": 1, "circles": []}"#, "circles has 0 entries"),
+            (r#"{"sensor": "t", "t_s": 1, "temperature_degc": []}"#, "1 to 16 are taken"),
             ("nonsense", "line 1"),
         ] {
             let error = one(text).unwrap_err();
@@ -452,7 +467,10 @@ mod tests {
         let mut stream = Stream::default();
         stream.push(b"nonsense\n\n# a comment\n{\"sensor\": \"v\", \"t_ns\": 1, \"value_um\": 2}\n{\"sen");
         assert!(stream.next().unwrap().is_err());
-        assert_eq!(stream.next().unwrap().unwrap().reading.body, Body::Value(0.002));
+        assert_eq!(
+            stream.next().unwrap().unwrap().reading.body,
+            Body::Value { value: 0.002, unit: Some(Kind::Length) }
+        );
         assert!(stream.next().is_none());
     }
 
@@ -472,7 +490,8 @@ mod tests {
             }
         }
         assert_eq!(found.len(), 3);
-        assert_eq!(found[0].reading.body, found[1].reading.body);
+        assert_eq!(found[0].reading.body, Body::Value { value: 0.002, unit: None });
+        assert_eq!(found[1].reading.body, Body::Value { value: 0.002, unit: Some(Kind::Length) });
         assert_eq!((found[0].reading.stamp_ns, found[0].reading.quality), (12_345_678_901, 0.5));
         let Body::FiveDofRaw(readings) = &found[2].reading.body else { panic!("raw") };
         assert_eq!((readings.distance, readings.change[4]), (500.0, [8.0, 9.0]));
@@ -489,11 +508,24 @@ mod tests {
         assert!(
             matches!(one(&binary(1, "t", &pose)).unwrap().reading.body, Body::Tool(t) if t.covariance.is_none())
         );
+        let refused = |kind: u8, numbers: &[f64], words: &str| {
+            let error = one(&binary(kind, "t", numbers)).unwrap_err();
+            assert!(!error.is_fatal() && error.to_string().contains(words), "{error}");
+        };
+        for direction in [[0.0, 0.0, 0.98], [0.0, 0.1, 1.0], [0.0; 3]] {
+            pose[3..].copy_from_slice(&direction);
+            refused(1, &pose, "unit vector");
+        }
         pose[4] = f64::NAN;
+        refused(1, &pose, "not finite");
+        pose[3..].fill(f64::NAN);
         assert!(
             matches!(one(&binary(2, "t", &pose)).unwrap().reading.body, Body::Tool(t) if t.direction.is_none())
         );
-        pose.extend([1e-6; 36]);
+        pose.extend([f64::INFINITY; 36]);
+        refused(1, &pose, "not finite");
+        refused(9, &[], "1 to 16");
+        pose[6..].fill(1e-6);
         assert!(
             matches!(one(&binary(1, "t", &pose)).unwrap().reading.body, Body::Tool(t) if t.covariance.is_some())
         );
@@ -515,6 +547,9 @@ mod tests {
         broken[22] ^= 1;
         assert!(one(&broken).unwrap_err().is_fatal());
         assert!(one(b"VXXX0000000000000000000000").unwrap_err().is_fatal());
-        assert!(one(&vec![b'{'; MESSAGE_MAX + 1]).unwrap_err().is_fatal());
+        let mut endless = vec![b'{'; MESSAGE_MAX + 1];
+        assert!(one(&endless).unwrap_err().is_fatal());
+        endless.push(b'\n');
+        assert!(one(&endless).unwrap_err().is_fatal(), "not even where its end has come as well");
     }
 }

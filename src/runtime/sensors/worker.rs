@@ -12,6 +12,7 @@ use super::super::clock::Clock;
 use super::super::models::Prepared;
 use super::super::recorder::HealthSlot;
 use super::cycle_end::{EstimatorEnd, Motion};
+use super::known::Known;
 use super::report::{FilterStatus, code_of, growth_code};
 use super::{Arrived, keep};
 use crate::config::SensorsConfig;
@@ -19,7 +20,7 @@ use crate::core::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
 use crate::core::estimate::{SensorClock, Standing};
 use crate::core::geometry::Vec3;
 use crate::core::live::{
-    GrowthStanding, LiveError, LiveEstimator, LiveModel, LiveSpec, LiveTable, Moment, Reading,
+    GrowthStanding, LiveError, LiveEstimator, LiveModel, LiveSpec, LiveTable, MapStanding, Moment,
 };
 use crate::core::units::{MonoTime, rad_from_deg};
 
@@ -29,6 +30,13 @@ const READINGS: usize = 4096;
 const ORDERS: usize = 16;
 /// Pause between two looks at the queues.
 const POLL: Duration = Duration::from_millis(4);
+/// Time for readings in one round; what comes on top of it is left out, so that tables, states and positions never wait
+/// for readings.
+const ROUND_S: f64 = 0.02;
+/// An overload counts as over after this time without a reading that was left out, s.
+const RELIEF_S: f64 = 10.0;
+/// Patience with the disk where another model is loaded.
+const SWITCH_LIMIT: Duration = Duration::from_secs(1);
 /// Interval of new tables, s.
 const TABLE_S: f64 = 0.05;
 /// Interval of health reports, s.
@@ -57,7 +65,7 @@ pub(in crate::runtime) struct Sensors {
     health: Arc<Mutex<FilterStatus>>,
     pub(in crate::runtime) readings: Sender<Arrived>,
     pub(in crate::runtime) dropped: Arc<AtomicU64>,
-    pub(in crate::runtime) known: Arc<[String]>,
+    pub(in crate::runtime) known: Arc<[Known]>,
 }
 
 /// What the estimator starts with.
@@ -98,8 +106,10 @@ impl Sensors {
         let (end, ended) = bounded::<()>(1);
         let health = Arc::new(Mutex::new(FilterStatus::default()));
         let dropped = Arc::new(AtomicU64::new(0));
-        let known = start.config.spec.sensors.iter().map(|s| s.name.clone()).collect();
-        let worker = Worker::new(start, order_receiver, reading_receiver, Arc::clone(&health));
+        let known: Arc<[Known]> = start.config.spec.sensors.iter().map(Known::new).collect();
+        let shared =
+            Shared { known: Arc::clone(&known), health: Arc::clone(&health), dropped: Arc::clone(&dropped) };
+        let worker = Worker::new(start, order_receiver, reading_receiver, shared)?;
         std::thread::Builder::new().name("volcomp-live".to_owned()).spawn(move || {
             let _end = end;
             worker.run();
@@ -186,18 +196,36 @@ impl Follower {
     }
 }
 
+/// What the service and the listener see, too.
+struct Shared {
+    known: Arc<[Known]>,
+    health: Arc<Mutex<FilterStatus>>,
+    dropped: Arc<AtomicU64>,
+}
+
+/// More readings than there is time for.
+#[derive(Debug, Default)]
+struct Overload {
+    /// Readings that found the queue full, as counted last.
+    dropped: u64,
+    /// When one was left out last, while that is going on.
+    since: Option<MonoTime>,
+}
+
 struct Worker {
     start: Start,
     orders: Receiver<Order>,
     readings: Receiver<Arrived>,
-    health: Arc<Mutex<FilterStatus>>,
+    shared: Shared,
+    writer: Option<keep::Writer>,
+    overload: Overload,
     estimator: Option<LiveEstimator>,
     follower: Follower,
     /// Tables that the cycle may still hold.
     sent: Vec<Arc<LiveTable>>,
     notes: Vec<String>,
     standings: Vec<Standing>,
-    map_states: Vec<(bool, bool)>,
+    map_states: Vec<MapStanding>,
     growths: Vec<GrowthStanding>,
     tabled: MonoTime,
     recorded: MonoTime,
@@ -210,13 +238,16 @@ impl Worker {
         start: Start,
         orders: Receiver<Order>,
         readings: Receiver<Arrived>,
-        health: Arc<Mutex<FilterStatus>>,
-    ) -> Self {
+        shared: Shared,
+    ) -> std::io::Result<Self> {
         let now = start.clock.now();
+        let writer = start.directory.as_deref().map(keep::Writer::start).transpose()?;
         let mut worker = Self {
             orders,
             readings,
-            health,
+            shared,
+            writer,
+            overload: Overload::default(),
             estimator: None,
             follower: Follower::default(),
             sent: Vec::new(),
@@ -232,7 +263,7 @@ impl Worker {
         };
         worker.take_model();
         worker.show(now);
-        worker
+        Ok(worker)
     }
 
     /// Begins anew with the model that is in use.
@@ -252,13 +283,20 @@ impl Worker {
                         .push("no state directory: what is learned does not outlive the daemon".to_owned());
                 }
                 for note in &self.notes {
-                    info!("{note}");
+                    // one with a number is about something that is wrong
+                    if note.starts_with("VC-") { warn!("{note}") } else { info!("{note}") }
+                }
+                for known in self.shared.known.iter() {
+                    known
+                        .tells(estimator.units().find(|(name, _)| *name == known.name).map(|(_, unit)| unit));
                 }
                 self.estimator = Some(estimator);
             }
             Err(problem) => {
-                warn!("no live estimation with this model: {problem}");
-                self.notes.push(format!("no live estimation with this model: {problem}"));
+                let note = format!("VC-8020: no live estimation with this model: {problem}");
+                warn!("{note}");
+                self.notes.push(note);
+                self.shared.known.iter().for_each(|known| known.tells(None));
                 self.estimator = None;
             }
         }
@@ -292,12 +330,13 @@ impl Worker {
                 self.recorded = now;
                 self.record(now);
             }
-            if ends || now.seconds_since(self.kept) >= self.start.config.keep_s {
+            if ends {
+                self.finish();
+                return;
+            }
+            if now.seconds_since(self.kept) >= self.start.config.keep_s {
                 self.kept = now;
                 self.keep();
-            }
-            if ends {
-                return;
             }
             std::thread::sleep(POLL);
         }
@@ -310,6 +349,10 @@ impl Worker {
                 Order::End => return true,
                 Order::Model(model) => {
                     self.keep();
+                    // what is put back next is read from the same file
+                    if self.writer.as_ref().is_some_and(|writer| !writer.wait(SWITCH_LIMIT)) {
+                        warn!("what sensors taught with the model before is not on the disk yet");
+                    }
                     self.start.model = model;
                     self.take_model();
                 }
@@ -347,16 +390,42 @@ impl Worker {
         }
     }
 
+    /// Readings for as long as this round has time; the others only count as heard, whichever sensor they are of.
     fn take_readings(&mut self) {
-        while let Ok(Arrived { now, sensor, reading }) = self.readings.try_recv() {
-            self.reading(now, &sensor, &reading);
+        let begin = self.start.clock.now();
+        let mut left_out = false;
+        for Arrived { now, sensor, reading } in self.readings.try_iter().take(READINGS) {
+            let Some(estimator) = &mut self.estimator else { continue };
+            let Some(sensor) = estimator.sensor(&sensor) else { continue };
+            if left_out || self.start.clock.now().seconds_since(begin) > ROUND_S {
+                left_out = true;
+                estimator.skip(now, sensor);
+            } else {
+                estimator.on_reading(now, sensor, &reading);
+            }
         }
+        self.tell_overload(begin, left_out);
     }
 
-    fn reading(&mut self, now: MonoTime, sensor: &str, reading: &Reading) {
-        let Some(estimator) = &mut self.estimator else { return };
-        if let Some(sensor) = estimator.sensor(sensor) {
-            estimator.on_reading(now, sensor, reading);
+    fn tell_overload(&mut self, now: MonoTime, left_out: bool) {
+        let dropped = self.shared.dropped.load(Relaxed);
+        let left_out = left_out || dropped > self.overload.dropped;
+        self.overload.dropped = dropped;
+        match self.overload.since {
+            None if left_out => {
+                warn!(
+                    code = "VC-8018",
+                    "the estimator does not keep up with its sensors; readings are left out"
+                );
+            }
+            Some(since) if !left_out && now.seconds_since(since) > RELIEF_S => {
+                info!("the estimator keeps up with its sensors again");
+                self.overload.since = None;
+            }
+            _ => {}
+        }
+        if left_out {
+            self.overload.since = Some(now);
         }
     }
 
@@ -376,19 +445,9 @@ impl Worker {
                 }
             }
         }
-        let states: Vec<(bool, bool)> = estimator.map_states().map(|(_, a, s)| (a, s)).collect();
-        for (k, (name, alarm, is_static)) in estimator.map_states().enumerate() {
-            let before = self.map_states.get(k).copied().unwrap_or_default();
-            if before == (alarm, is_static) {
-                continue;
-            }
-            match (alarm, is_static) {
-                (_, true) => warn!(map = name, code = "VC-8012", "the map is given up for the static model"),
-                (true, false) => {
-                    warn!(map = name, code = "VC-8011", "a sensor contradicts the map; it is held")
-                }
-                (false, false) => info!(map = name, "the map is learned again"),
-            }
+        let states: Vec<MapStanding> = estimator.map_states().map(|(_, standing)| standing).collect();
+        for (k, (name, standing)) in estimator.map_states().enumerate() {
+            tell_map(name, self.map_states.get(k).copied().unwrap_or_default(), standing);
         }
         let growths: Vec<GrowthStanding> = estimator.growth_standings().map(|(_, s, _)| s).collect();
         for (k, (name, standing, input)) in estimator.growth_standings().enumerate() {
@@ -412,10 +471,15 @@ impl Worker {
     }
 
     fn show(&self, now: MonoTime) {
-        let mut status =
-            self.estimator.as_ref().map_or_else(FilterStatus::default, |e| FilterStatus::new(&e.health(now)));
+        let mut status = match &self.estimator {
+            Some(estimator) => FilterStatus::new(&estimator.health(now)),
+            None => FilterStatus::unused(&self.start.config.spec),
+        };
         status.notes.clone_from(&self.notes);
-        *self.health.lock().unwrap_or_else(PoisonError::into_inner) = status;
+        if self.overload.since.is_some() {
+            status.notes.push("VC-8018: the estimator does not keep up with its sensors".to_owned());
+        }
+        *self.shared.health.lock().unwrap_or_else(PoisonError::into_inner) = status;
     }
 
     /// How it goes, for the recording.
@@ -426,21 +490,52 @@ impl Worker {
         slot.put(now, text);
     }
 
-    fn keep(&mut self) {
-        let Some((directory, estimator)) = self.start.directory.as_ref().zip(self.estimator.as_ref()) else {
-            return;
-        };
-        if !estimator.learns() {
-            return;
-        }
+    /// What is to be kept; nothing where there is nothing.
+    fn kept_text(&self) -> Option<Vec<u8>> {
+        let estimator = self.estimator.as_ref().filter(|estimator| estimator.learns())?;
         let (machine, hash) = (&self.start.machine, &self.start.model.hash);
-        if let Err(e) = keep::save(directory, machine, hash, estimator, SystemTime::now()) {
-            let note = format!("what is learned is not kept: {}: {e}", directory.join(keep::FILE).display());
+        // numbers and names always become text
+        keep::text(machine, hash, estimator, SystemTime::now()).ok()
+    }
+
+    fn keep(&mut self) {
+        let Some((writer, text)) = self.writer.as_ref().zip(self.kept_text()) else { return };
+        let problem = if writer.write(text) {
+            // of the one before, for this one is on its way
+            writer.problem()
+        } else {
+            Some(format!("{}: the disk does not answer", keep::FILE))
+        };
+        if let Some(problem) = problem {
+            let note = format!("what is learned is not kept: {problem}");
             if !self.notes.contains(&note) {
                 warn!("{note}");
                 self.notes.push(note);
             }
         }
+    }
+
+    /// The last word to the disk, however long that takes: the service does not wait for ever.
+    fn finish(&mut self) {
+        let last = self.kept_text();
+        if let Some(writer) = self.writer.take() {
+            writer.finish(last);
+        }
+    }
+}
+
+/// A map stands otherwise than before.
+fn tell_map(map: &str, before: MapStanding, now: MapStanding) {
+    if now.limited && !before.limited {
+        warn!(map, code = "VC-8019", "what the map has learned is larger than its limit; the limit is used");
+    } else if before.limited && !now.limited {
+        info!(map, "the map is within its limit again");
+    }
+    match (now.alarm, now.is_static) {
+        of if of == (before.alarm, before.is_static) => {}
+        (_, true) => warn!(map, code = "VC-8012", "the map is given up for the static model"),
+        (true, false) => warn!(map, code = "VC-8011", "a sensor contradicts the map"),
+        (false, false) => info!(map, "the map is learned again"),
     }
 }
 

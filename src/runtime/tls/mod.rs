@@ -47,8 +47,7 @@ pub use files::Identity;
 /// # Errors
 /// A file cannot be read, is not what it should be, or the key is open to others.
 pub fn identity(config: &Path, machine: &MachineConfig) -> Result<Option<Identity>, TlsFileError> {
-    let folder = config.parent().unwrap_or_else(|| Path::new(""));
-    let seen = |path: &PathBuf| folder.join(path);
+    let seen = |path: &PathBuf| config.with_file_name(path);
     let placed = |tls: &TlsConfig| TlsConfig {
         ca: seen(&tls.ca),
         certificate: seen(&tls.certificate),

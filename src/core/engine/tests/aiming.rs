@@ -129,6 +129,34 @@ fn no_offset_carries_an_axis_over_its_soft_limit() {
     assert_eq!(w.last.limited, 0);
 }
 
+/// A circle that touches the limit: the axis comes in ever more slowly, and the offset takes effect some cycles late.
+#[test]
+fn no_offset_carries_a_circle_over_a_soft_limit_that_it_touches() {
+    let limits = EngineConfig { soft_limits: vec![[0.0, 500.0]; 3], ..config() };
+    for delay in [1, 2, 4] {
+        let mut w = World::new(&limits);
+        w.engine.on_command(MonoTime::ZERO, Command::Enable);
+        let mut sent = std::collections::VecDeque::from(vec![[0.0; MAX_AXES]; delay]);
+        let (radius, speed) = (100.0, 33.3);
+        let (mut lowest, mut touched, mut before) = (f64::MAX, false, 2.0 * radius);
+        for n in 0..12_000 {
+            w.now = w.now.plus_seconds(CYCLE_S);
+            w.frame.sequence += 1;
+            w.frame.control_ns += 1_000_000;
+            let angle = speed / radius * CYCLE_S * f64::from(n);
+            w.frame.commanded[0] = radius * (1.0 + angle.cos());
+            w.frame.applied = sent.pop_front().unwrap();
+            // the motor may be a cycle behind
+            lowest = lowest.min(w.frame.commanded[0].min(before) + w.frame.applied[0]);
+            before = w.frame.commanded[0];
+            touched |= w.frame.commanded[0] < 1e-4;
+            sent.push_back(w.send().offset);
+        }
+        assert!(touched && w.last.state == State::Active, "{:?}", w.last);
+        assert!(lowest >= -1e-5, "delay {delay}: {lowest} mm");
+    }
+}
+
 #[test]
 fn what_a_tool_or_a_model_changes_is_told_with_the_next_cycle_and_once() {
     let mut w = World::active(&config());

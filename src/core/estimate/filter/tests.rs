@@ -248,7 +248,8 @@ fn impossible_filters_are_refused() {
 fn a_walk_that_is_correlated_keeps_neighbours_together() {
     let g = grid();
     let n = g.nodes();
-    let process = Process::CorrelatedWalk { variance_per_s: [0.1, 0.2, 0.0, 0.0, 0.0, 0.0] };
+    let process =
+        Process::CorrelatedWalk { variance_per_s: [0.1, 0.2, 0.0, 0.0, 0.0, 0.0], forget_s: f64::INFINITY };
     let mut filter = NodeFilter::new(&g, &vec![0.0; 2 * n], &[2.0, 3.0], 300.0, process, open()).unwrap();
     let before = filter.covariance().to_vec();
     filter.predict(10.0);

@@ -7,11 +7,13 @@ use rand_distr::{Distribution, StandardNormal};
 
 use super::*;
 use crate::core::axes::MAX_AXES;
+use crate::core::estimate::Row;
 use crate::core::geometry::Vec3;
 use crate::core::live::reading::{Seen, ToolReading};
+use crate::core::live::rows::Expected;
 use crate::core::live::spec::MapSpec;
 use crate::core::model::curve::Live;
-use crate::core::model::{AxisSpec, Chain, Curve, ErrorFunction};
+use crate::core::model::{AxisSpec, Chain, Curve, ErrorFunction, Pose};
 
 const SYMBOLS: [&str; 6] = ["exz", "eyz", "ezz", "eaz", "ebz", "ecz"];
 /// Offset of the ram that the offline map does not know, mm and rad.
@@ -58,12 +60,13 @@ struct Bench {
     model: Arc<Model>,
     random: ChaCha8Rng,
     ms: i64,
-    /// The tracker: noise over the stated one, bias, real delay that nobody stated, stamps, whether it is there.
-    factor: f64,
+    /// The tracker: noise over the stated one (lengths, angles), bias, real delay that nobody stated, stamps, whether it is there.
+    factor: [f64; 2],
     bias: f64,
     delay_ms: f64,
     skew_ms: i64,
     there: bool,
+    reversed: bool,
     /// The head moves.
     head: bool,
     speed: f64,
@@ -79,11 +82,12 @@ impl Bench {
             model,
             random: ChaCha8Rng::seed_from_u64(seed),
             ms: 0,
-            factor: 1.0,
+            factor: [1.0; 2],
             bias: 0.0,
             delay_ms: 0.0,
             skew_ms: 0,
             there: true,
+            reversed: false,
             head: true,
             speed: 5.0,
         }
@@ -109,7 +113,6 @@ impl Bench {
     }
 
     fn normal(&mut self, std: f64) -> Vec3 {
-        let std = std * self.factor;
         Vec3::new(std * self.noise(), std * self.noise(), std * self.noise())
     }
 
@@ -131,9 +134,11 @@ impl Bench {
             let deviation = self.model.deviation(&pose);
             let nominal = self.model.nominal_tool(&pose);
             let off = Vec3::new(self.bias + if wild { 1.0 } else { 0.0 }, 0.0, 0.0);
-            let tip = nominal.tip + deviation.position + off + self.normal(NOISE_MM);
-            let direction =
-                nominal.direction + deviation.rotation.cross(&nominal.direction) + self.normal(NOISE_RAD);
+            let tip = nominal.tip + deviation.position + off + self.normal(self.factor[0] * NOISE_MM);
+            let direction = nominal.direction
+                + deviation.rotation.cross(&nominal.direction)
+                + self.normal(self.factor[1] * NOISE_RAD);
+            let direction = if self.reversed { -direction } else { direction };
             let body = Body::Tool(ToolReading {
                 tip: Seen::Absolute(tip),
                 direction: Some(Seen::Absolute(direction)),
@@ -173,7 +178,7 @@ fn what_the_offline_map_does_not_know_is_learned_with_its_uncertainty() {
     }
     let sensor = bench.sensor();
     assert_eq!(sensor.standing, Standing::Good);
-    assert!((sensor.noise_factor.unwrap() - 1.0).abs() < 0.1, "{sensor:?}");
+    assert!(sensor.noise_factor.unwrap().iter().all(|f| (f - 1.0).abs() < 0.1), "{sensor:?}");
     assert!((sensor.nis.unwrap() - 1.0).abs() < 0.25, "{sensor:?}");
     assert!((sensor.clock_offset_s.unwrap() - 5.0).abs() < 1e-9);
     let now = bench.now();
@@ -184,13 +189,15 @@ fn what_the_offline_map_does_not_know_is_learned_with_its_uncertainty() {
 
 #[test]
 fn noise_stated_five_times_too_small_or_large_is_found() {
-    for factor in [5.0, 0.2] {
+    for factor in [[5.0, 5.0], [0.2, 0.2], [5.0, 0.2], [0.2, 5.0]] {
         let mut bench = Bench::new(2);
         bench.factor = factor;
         bench.run(2500);
         let sensor = bench.sensor();
         assert_eq!(sensor.standing, Standing::Good, "{sensor:?}");
-        assert!((sensor.noise_factor.unwrap() / factor - 1.0).abs() < 0.15, "{sensor:?}");
+        for (found, truth) in sensor.noise_factor.unwrap().iter().zip(factor) {
+            assert!((found / truth - 1.0).abs() < 0.15, "{factor:?} {sensor:?}");
+        }
         assert!((sensor.nis.unwrap() - 1.0).abs() < 0.3, "{sensor:?}");
     }
 }
@@ -287,12 +294,14 @@ fn what_was_learned_survives_and_is_less_certain_after_a_week() {
     let mut other = Bench::new(8);
     assert_eq!(other.estimator.restore(&kept, 3600.0), Vec::<String>::new());
     for (a, b) in bench.middle().iter().zip(other.middle()) {
-        assert!((a[0] - b[0]).abs() < 1e-9 && b[1] > a[1], "{a:?} {b:?}");
+        // an hour of a memory of two
+        assert!((a[0] * (-0.5_f64).exp() - b[0]).abs() < 1e-9 && b[1] > a[1], "{a:?} {b:?}");
     }
     let mut long = Bench::new(8);
     let offline = long.middle()[3][1];
     long.estimator.restore(&kept, 7.0 * 24.0 * 3600.0);
     assert!((long.middle()[3][1] / offline - 1.0).abs() < 0.02, "as uncertain as the offline map, no more");
+    assert!(long.middle().iter().all(|[value, _, used]| value.abs() < 1e-9 && *used == 0.0), "and faded");
     let mut bad = kept.clone();
     bad[0].values[0].0 = f64::NAN;
     assert!(other.estimator.restore(&bad, 0.0)[0].contains("no numbers"));
@@ -323,24 +332,24 @@ fn a_covariance_and_points_say_the_same_as_a_pose() {
     });
     let std = crate::core::live::rows::DefaultStd { mm: 0.01, rad: 1e-5 };
     let gap = expected.gap(&Body::Points(points.to_vec()), std);
-    assert_eq!(gap.values.len(), 9);
+    assert_eq!(gap.rows.len(), 9);
     // the rows explain what was seen
-    for (value, weights) in gap.values.iter().zip(&gap.weights) {
+    for Row { value, weights, .. } in &gap.rows {
         let model: f64 = weights.iter().zip(RAM).map(|(w, x)| w * x).sum();
         assert!((value - model).abs() < 1e-8, "{value} {model}");
     }
     let along = Body::Deviation { direction: Vec3::x(), value: deviation.position.x, std: None };
     let gap = expected.gap(&along, std);
-    let model: f64 = gap.weights[0].iter().zip(RAM).map(|(w, x)| w * x).sum();
-    assert!((gap.values[0] - model).abs() < 1e-8);
+    let model: f64 = gap.rows[0].weights.iter().zip(RAM).map(|(w, x)| w * x).sum();
+    assert!((gap.rows[0].value - model).abs() < 1e-8);
     let tool = ToolReading {
         tip: Seen::Deviation(deviation.position),
         direction: Some(Seen::Deviation(deviation.rotation.cross(&nominal.direction))),
         covariance: Some(Matrix6::identity() * 1e-6),
     };
     let gap = expected.gap(&Body::Tool(tool), std);
-    assert_eq!(gap.values.len(), 5);
-    for (value, weights) in gap.values.iter().zip(&gap.weights) {
+    assert_eq!(gap.rows.len(), 5);
+    for Row { value, weights, .. } in &gap.rows {
         let model: f64 = weights.iter().zip(RAM).map(|(w, x)| w * x).sum();
         assert!((value - model).abs() < 1e-8, "{value} {model}");
     }
@@ -360,7 +369,7 @@ fn an_applied_offset_is_no_error_of_the_machine() {
     let seen = at(moment.actual).tip + deviation.position - at(moment.commanded).tip;
     let std = crate::core::live::rows::DefaultStd { mm: 0.01, rad: 1e-5 };
     let tool = ToolReading { tip: Seen::Deviation(seen), direction: None, covariance: None };
-    assert!(expected.gap(&Body::Tool(tool), std).values.iter().all(|v| v.abs() < 1e-9));
+    assert!(expected.gap(&Body::Tool(tool), std).rows.iter().all(|row| row.value.abs() < 1e-9));
 }
 
 #[test]
@@ -380,4 +389,126 @@ fn what_does_not_go_together_is_refused_in_words() {
     assert!(make(&live).is_err());
     live.sensors[0].kind = SensorKind::Tool { map: 3 };
     assert_eq!(make(&live).unwrap_err(), LiveError::NoMap { sensor: "tracker".to_owned() });
+}
+
+#[test]
+fn a_direction_that_points_the_other_way_is_refused_by_name() {
+    let mut bench = Bench::new(10);
+    bench.run(400);
+    let before = bench.middle();
+    bench.reversed = true;
+    bench.run(100);
+    assert_eq!(bench.sensor().standing, Standing::Excluded(Trouble::Reversed));
+    for (a, b) in before.iter().zip(bench.middle()) {
+        assert!((a[0] - b[0]).abs() < 1e-5, "nothing was learned from it: {a:?} {b:?}");
+    }
+    bench.reversed = false;
+    bench.run(400);
+    assert_eq!(bench.sensor().standing, Standing::Good);
+}
+
+#[test]
+fn a_value_in_the_unit_of_another_quantity_is_refused_by_name() {
+    let spec = model_spec();
+    let model = Arc::new(Model::new(&spec).unwrap());
+    let mut live = live_spec();
+    live.maps.clear();
+    live.sensors = ["ram.eaz", "ram.exz"].map(|name| SensorSpec::new(name, SensorKind::Value)).to_vec();
+    let mut it = LiveEstimator::new(&live, of(&spec, &model, [0; 32])).unwrap();
+    let say = |it: &mut LiveEstimator, ms: i64, sensor: usize, unit: Option<Kind>| {
+        let now = MonoTime::from_ns(ms * 1_000_000);
+        let body = Body::Value { value: 1e-5 + 1e-9 * ms as f64, unit };
+        it.on_reading(now, sensor, &Reading { stamp_ns: now.ns, quality: 1.0, body });
+        it.standings().map(|(_, standing)| standing).collect::<Vec<_>>()[sensor]
+    };
+    for (sensor, own, other) in [(0, Kind::Angle, Kind::Length), (1, Kind::Length, Kind::Angle)] {
+        assert_eq!(say(&mut it, 10, sensor, Some(own)), Standing::Good);
+        assert_eq!(say(&mut it, 20, sensor, None), Standing::Good, "binary messages name no unit");
+        assert_eq!(say(&mut it, 30, sensor, Some(other)), Standing::Excluded(Trouble::Kind));
+    }
+    assert!(it.table(MonoTime::from_ns(40_000_000)).sources.iter().all(|s| *s == Source::None));
+}
+
+#[test]
+fn a_second_sensor_that_contradicts_is_told_and_the_first_goes_on() {
+    let mut bench = Bench::new(11);
+    let spec = model_spec();
+    let mut live = live_spec();
+    live.sensors.push(SensorSpec { name: "other".to_owned(), ..live.sensors[0].clone() });
+    bench.estimator = LiveEstimator::new(&live, of(&spec, &bench.model, [1; 32])).unwrap();
+    bench.run(400);
+    // it says what the first one does, and then something else by less than a jump
+    for k in 0..400 {
+        bench.step(false);
+        let at = bench.position(bench.ms as f64);
+        let mut pose = Pose::at(at);
+        pose.live[..6].copy_from_slice(&RAM);
+        let off = if k > 200 { 0.15 } else { 0.0 };
+        let tip = bench.model.nominal_tool(&pose).tip + bench.model.deviation(&pose).position;
+        let tip = tip + Vec3::new(off, 0.0, 0.0) + bench.normal(NOISE_MM);
+        let body = Body::Tool(ToolReading { tip: Seen::Absolute(tip), direction: None, covariance: None });
+        let reading = Reading { stamp_ns: bench.ms * 1_000_000, quality: 1.0, body };
+        bench.estimator.on_reading(bench.now(), 1, &reading);
+        bench.estimator.tick(bench.now());
+    }
+    let health = bench.estimator.health(bench.now());
+    assert_eq!(health.sensors[0].standing, Standing::Good);
+    assert_eq!(health.sensors[1].standing, Standing::Excluded(Trouble::Disagrees), "{:?}", health.sensors[1]);
+    assert!(health.maps[0].alarm && health.maps[0].taught && !health.maps[0].is_static, "told");
+    bench.run(1500);
+    assert!(!bench.map().is_static, "the first one agrees with the map");
+}
+
+#[test]
+fn a_map_that_nobody_teaches_is_held_and_fades_over_hours() {
+    let mut bench = Bench::new(12);
+    bench.run(1500);
+    let used = bench.middle()[0][2];
+    assert!(bench.map().taught && used > 0.009);
+    bench.there = false;
+    bench.run(300);
+    let map = bench.map();
+    assert!(!map.taught && map.idle_s > 2.5, "{map:?}");
+    assert!((bench.middle()[0][2] / used - 1.0).abs() < 0.01, "a short silence costs nothing");
+    let mut last = bench.middle()[0][2];
+    let begin = bench.now();
+    for minute in 1..=24 * 60 {
+        bench.estimator.tick(begin.plus_seconds(60.0 * f64::from(minute)));
+        let used = bench.middle()[0][2];
+        assert!(used <= last && last - used < 0.03 * 0.012, "minute {minute}: {last} {used}");
+        last = used;
+    }
+    assert!(last.abs() < 1e-6, "{last}");
+}
+
+#[test]
+fn what_is_larger_than_its_limit_is_told() {
+    let mut bench = Bench::new(13);
+    let spec = model_spec();
+    let mut live = live_spec();
+    live.maps[0].limit = [0.006, 5e-5];
+    bench.estimator = LiveEstimator::new(&live, of(&spec, &bench.model, [1; 32])).unwrap();
+    assert!(!bench.map().limited);
+    bench.run(800);
+    assert!(
+        bench.map().limited && (bench.map().largest[0] - 0.006).abs() < 1e-12,
+        "{:?}",
+        bench.map().largest
+    );
+    assert!(bench.estimator.map_states().all(|(_, standing)| standing.limited));
+}
+
+#[test]
+fn a_poisoned_beginning_does_not_lock_an_honest_sensor_out() {
+    let mut bench = Bench::new(16);
+    bench.run(25);
+    // the first readings that are used are wild, within what the offline map allows
+    bench.bias = 0.03;
+    bench.run(2);
+    bench.bias = 0.0;
+    bench.run(9000);
+    assert_eq!(bench.sensor().standing, Standing::Good, "{:?}", bench.sensor());
+    for (c, ([value, ..], truth)) in bench.middle().into_iter().zip(RAM).enumerate() {
+        assert!((value - truth).abs() < if c < 3 { 3e-3 } else { 4e-6 }, "{c}: {value:e} {truth:e}");
+    }
 }

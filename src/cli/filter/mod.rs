@@ -1,9 +1,9 @@
 //! `filter`: what live estimation has learned, and how well its sensors do.
 
+mod picture;
+
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
-
-use plotters::prelude::*;
 
 use super::files::write_text;
 use super::service::{Which, failure, json, socket};
@@ -86,7 +86,7 @@ fn show(args: &ShowArgs) -> Result<(), Failure> {
         if !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("svg")) {
             return Err(Failure::new(super::EX_USAGE, "error: --picture: the name must end in .svg"));
         }
-        let text = picture(&course).map_err(|e| {
+        let text = picture::picture(&course).map_err(|e| {
             Failure::new(EX_SOFTWARE, format_args!("error: the picture cannot be drawn: {e}"))
         })?;
         write_text(path, &text)?;
@@ -134,12 +134,20 @@ pub(super) fn write(
         write!(f, "{label}{} ({}) {}", sensor.name, sensor.kind, sensor.state)?;
         if let (Some(cause), Some(code)) = (&sensor.cause, &sensor.code) {
             write!(f, ": {cause} ({code}) for {:.0} s", sensor.state_s)?;
+        } else if let Some(code) = &sensor.code {
+            write!(f, " ({code})")?;
+        }
+        if let Some(rests) = sensor.rests_s {
+            write!(f, ", looked at again in {rests:.0} s")?;
         }
         if let Some(left) = sensor.acquaintance_left.filter(|_| sensor.state != "waiting") {
             write!(f, ", {left} readings until it is known")?;
         }
         if let Some(noise) = sensor.noise_factor {
             write!(f, ", noise x{noise:.2}")?;
+            if let Some(angles) = sensor.noise_factor_angles {
+                write!(f, " (angles x{angles:.2})")?;
+            }
         }
         if let Some(nis) = sensor.nis {
             write!(f, ", nis {nis:.2}")?;
@@ -147,11 +155,25 @@ pub(super) fn write(
         if let (Some(coverage), Some(false)) = (sensor.coverage, sensor.referenced) {
             write!(f, ", {:.0} % of the travel seen", 100.0 * coverage)?;
         }
-        writeln!(f, ", {} of {} used, {} rejected", sensor.used, sensor.readings, sensor.rejected)?;
+        write!(f, ", {} of {} used, {} rejected", sensor.used, sensor.readings, sensor.rejected)?;
+        if sensor.without_position > 0 {
+            write!(f, ", {} without position", sensor.without_position)?;
+        }
+        if sensor.skipped > 0 {
+            write!(f, ", {} left out", sensor.skipped)?;
+        }
+        writeln!(f)?;
     }
     for (k, map) in maps.iter().enumerate() {
         let label = if k == 0 { "maps        " } else { "            " };
-        write!(f, "{label}{} {}, {} readings;", map.name, map.state, map.updates)?;
+        write!(f, "{label}{} {}", map.name, map.state)?;
+        if map.state == "held" && map.updates > 0 {
+            write!(f, " for {:.0} s", map.idle_s)?;
+        }
+        if map.limited {
+            write!(f, ", at its limit (VC-8019)")?;
+        }
+        write!(f, ", {} readings;", map.updates)?;
         for (c, name) in map.components.iter().enumerate() {
             let (largest, unit) = (map.largest.get(c), map.units.get(c));
             let (Some(largest), Some(unit)) = (largest, unit) else { continue };
@@ -211,112 +233,9 @@ fn write_nodes(f: &mut String, map: &MapStatus) -> std::fmt::Result {
     Ok(())
 }
 
-const PANEL: (u32, u32) = (900, 260);
-const INK: RGBColor = RGBColor(60, 60, 60);
-const BLUE_LINE: RGBColor = RGBColor(0, 114, 178);
-const USED: RGBColor = RGBColor(213, 94, 0);
-
-/// The newest maps, one panel per component: estimate over X with bars of one standard deviation, and what is used of
-/// it. Where there is a course of time, how consistent the innovations of each sensor were, on top.
-fn picture(course: &[(f64, FilterStatus)]) -> Result<String, Box<dyn std::error::Error>> {
-    let maps = course.last().map_or(&[][..], |(_, filter)| &filter.maps[..]);
-    let over_time = u32::from(course.len() > 1);
-    let panels: Vec<(&MapStatus, usize)> =
-        maps.iter().flat_map(|map| (0..map.components.len()).map(move |c| (map, c))).collect();
-    let count = u32::try_from(panels.len())?.saturating_add(over_time).max(1);
-    let mut text = String::new();
-    {
-        let root = SVGBackend::with_string(&mut text, (PANEL.0, PANEL.1 * count)).into_drawing_area();
-        root.fill(&WHITE)?;
-        let mut areas = root.split_evenly((count as usize, 1)).into_iter().peekable();
-        if let Some(area) = areas.next_if(|_| over_time > 0) {
-            consistency(&area, course)?;
-        }
-        for ((map, c), area) in panels.into_iter().zip(areas) {
-            let xs = map.nodes.iter().map(|n| n.position_mm[0]);
-            let (low, high) = xs.fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(x), h.max(x)));
-            let largest = map.nodes.iter().map(|n| n.value[c].abs() + n.std[c]).fold(1e-6, f64::max) * 1.1;
-            let title = format!(
-                "{}.{} ({}), difference from the offline map; used with weight {:.2}",
-                map.name, map.components[c], map.units[c], map.weight
-            );
-            let mut chart = ChartBuilder::on(&area)
-                .caption(title, ("sans-serif", 15, &INK))
-                .margin(8)
-                .x_label_area_size(24)
-                .y_label_area_size(60)
-                .build_cartesian_2d(low..high.max(low + 1.0), -largest..largest)?;
-            chart.configure_mesh().x_desc("X in mm").light_line_style(WHITE).draw()?;
-            for line in lines(map) {
-                let of = |values: fn(&crate::runtime::NodeStatus) -> &Vec<f64>| {
-                    line.iter()
-                        .map(|k| (map.nodes[*k].position_mm[0], values(&map.nodes[*k])[c]))
-                        .collect::<Vec<_>>()
-                };
-                let (value, std, used) = (of(|n| &n.value), of(|n| &n.std), of(|n| &n.used));
-                chart.draw_series(value.iter().zip(&std).map(|((x, v), (_, s))| {
-                    PathElement::new(vec![(*x, v - s), (*x, v + s)], BLUE_LINE.mix(0.4))
-                }))?;
-                chart.draw_series(LineSeries::new(value, &BLUE_LINE))?;
-                chart.draw_series(used.into_iter().map(|at| Circle::new(at, 2, USED.filled())))?;
-            }
-        }
-        root.present()?;
-    }
-    Ok(text)
-}
-
-/// Running mean of squared innovation over variance of each sensor over time: about 1 where everything is right.
-fn consistency<B: DrawingBackend>(
-    area: &DrawingArea<B, plotters::coord::Shift>,
-    course: &[(f64, FilterStatus)],
-) -> Result<(), Box<dyn std::error::Error>>
-where
-    B::ErrorType: 'static,
-{
-    const COLOURS: [RGBColor; 4] = [BLUE_LINE, USED, RGBColor(0, 158, 115), RGBColor(204, 121, 167)];
-    let end = course.last().map_or(1.0, |(t, _)| t.max(1.0));
-    let mut chart = ChartBuilder::on(area)
-        .caption("squared innovation over its variance, running mean: 1 is right", ("sans-serif", 15, &INK))
-        .margin(8)
-        .x_label_area_size(24)
-        .y_label_area_size(60)
-        .build_cartesian_2d(0.0..end, 0.0..3.0)?;
-    chart.configure_mesh().x_desc("time in s").light_line_style(WHITE).draw()?;
-    let names = course.last().map_or(&[][..], |(_, filter)| &filter.sensors[..]);
-    for (k, name) in names.iter().map(|s| &s.name).enumerate() {
-        let of = |filter: &FilterStatus| filter.sensors.iter().find(|s| s.name == *name).and_then(|s| s.nis);
-        let line: Vec<(f64, f64)> = course.iter().filter_map(|(t, f)| Some((*t, of(f)?.min(3.0)))).collect();
-        if line.is_empty() {
-            continue;
-        }
-        let colour = COLOURS[k % COLOURS.len()];
-        chart
-            .draw_series(LineSeries::new(line, &colour))?
-            .label(name.as_str())
-            .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], colour));
-    }
-    chart.configure_series_labels().border_style(INK.mix(0.3)).background_style(WHITE).draw()?;
-    Ok(())
-}
-
-/// Nodes of equal Y and Z, by their numbers.
-fn lines(map: &MapStatus) -> Vec<Vec<usize>> {
-    let mut lines: Vec<Vec<usize>> = Vec::new();
-    for (k, node) in map.nodes.iter().enumerate() {
-        let same = |line: &&mut Vec<usize>| {
-            line.first().is_some_and(|first| map.nodes[*first].position_mm[1..] == node.position_mm[1..])
-        };
-        match lines.iter_mut().find(same) {
-            Some(line) => line.push(k),
-            None => lines.push(vec![k]),
-        }
-    }
-    lines
-}
-
 #[cfg(test)]
 mod tests {
+    use super::picture::{lines, picture};
     use super::*;
     use crate::runtime::NodeStatus;
 
@@ -330,6 +249,9 @@ mod tests {
         let map = MapStatus {
             name: "ram".to_owned(),
             state: "alarm".to_owned(),
+            limited: true,
+            idle_s: 12.0,
+            memory_s: Some(7200.0),
             updates: 7,
             components: vec!["ezz".to_owned(), "eaz".to_owned()],
             units: vec!["um".to_owned(), "arcsec".to_owned()],
@@ -344,6 +266,14 @@ mod tests {
             cause: Some("disagrees".to_owned()),
             code: Some("VC-8010".to_owned()),
             noise_factor: Some(1.2),
+            noise_factor_angles: Some(0.5),
+            innovation: Some(1.4),
+            innovation_expected: Some(1.1),
+            readings: 50,
+            used: 40,
+            rejected: 3,
+            without_position: 2,
+            skipped: 5,
             ..SensorStatus::default()
         };
         let growth = GrowthStatus {
@@ -373,7 +303,9 @@ mod tests {
         write_growths(&mut text, &filter.growths).unwrap();
         for words in [
             "tracker (tool) excluded: disagrees (VC-8010)",
-            "ram alarm, 7 readings",
+            "noise x1.20 (angles x0.50)",
+            "40 of 50 used, 3 rejected, 2 without position, 5 left out",
+            "ram alarm, at its limit (VC-8019), 7 readings",
             "NOTE",
             "5.00 +- 0.30 (4.50)",
             "eaz_arcsec",
@@ -393,5 +325,23 @@ mod tests {
         later.sensors[0].nis = Some(1.1);
         let text = picture(&[(0.0, filter()), (5.0, later)]).unwrap();
         assert!(text.contains("squared innovation") && text.contains("tracker"), "over time");
+        for words in [
+            "innovation",
+            "expected",
+            "used of those that came",
+            "learned",
+            "standard deviation",
+            "what is used",
+        ] {
+            assert!(text.contains(words), "{words}");
+        }
+        let text = picture(&[(0.0, filter())]).unwrap();
+        for words in [
+            "tracker excluded",
+            "innovation 1.40, expected 1.10",
+            "40 of 50 readings used, 3 beyond the gate",
+        ] {
+            assert!(text.contains(words), "{words}\n{text}");
+        }
     }
 }

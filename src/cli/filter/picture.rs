@@ -1,0 +1,197 @@
+//! The picture of live estimation: sensors, how consistent they were over time, and the maps with their uncertainty.
+
+use plotters::coord::Shift;
+use plotters::prelude::*;
+
+use crate::runtime::{FilterStatus, MapStatus, NodeStatus, SensorStatus};
+
+const PANEL: (u32, u32) = (900, 260);
+const INK: RGBColor = RGBColor(60, 60, 60);
+const BLUE_LINE: RGBColor = RGBColor(0, 114, 178);
+const USED: RGBColor = RGBColor(213, 94, 0);
+
+const COLOURS: [RGBColor; 4] = [BLUE_LINE, USED, RGBColor(0, 158, 115), RGBColor(204, 121, 167)];
+/// Largest number that the panels over time show.
+const TOP: f64 = 3.0;
+
+type Result<T> = core::result::Result<T, Box<dyn std::error::Error>>;
+type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+/// Seconds and health, the newest last.
+type Course = [(f64, FilterStatus)];
+
+/// The sensors as they stand; where there is a course of time their innovations and acceptance over it; then the newest
+/// maps, one panel per component: estimate over X with bars of one standard deviation, and what is used of it.
+pub(super) fn picture(course: &Course) -> Result<String> {
+    let newest = course.last().map(|(_, filter)| filter);
+    let maps = newest.map_or(&[][..], |filter| &filter.maps[..]);
+    let panels: Vec<(&MapStatus, usize)> =
+        maps.iter().flat_map(|map| (0..map.components.len()).map(move |c| (map, c))).collect();
+    let over_time: &[fn(&Area<'_>, &Course) -> Result<()>] =
+        if course.len() > 1 { &[consistency, innovations, acceptance] } else { &[] };
+    let count = 1 + over_time.len() + panels.len();
+    let mut text = String::new();
+    {
+        let root = SVGBackend::with_string(&mut text, (PANEL.0, PANEL.1 * u32::try_from(count)?))
+            .into_drawing_area();
+        root.fill(&WHITE)?;
+        let mut areas = root.split_evenly((count, 1)).into_iter();
+        if let Some((area, filter)) = areas.next().zip(newest) {
+            sensors(&area, &filter.sensors)?;
+        }
+        for draw in over_time {
+            if let Some(area) = areas.next() {
+                draw(&area, course)?;
+            }
+        }
+        for ((map, c), area) in panels.into_iter().zip(areas) {
+            component(&area, map, c)?;
+        }
+        root.present()?;
+    }
+    Ok(text)
+}
+
+/// How each sensor stands, in words.
+fn sensors(area: &Area<'_>, sensors: &[SensorStatus]) -> Result<()> {
+    let style = ("sans-serif", 14).into_font().color(&INK);
+    let words = |s: &SensorStatus| {
+        let mut text = format!("{} {}", s.name, s.state);
+        if let Some(cause) = &s.cause {
+            text += &format!(": {cause}");
+        }
+        if let Some((innovation, expected)) = s.innovation.zip(s.innovation_expected) {
+            text += &format!("; innovation {innovation:.2}, expected {expected:.2}");
+        }
+        if let Some(nis) = s.nis {
+            text += &format!("; mean square over variance {nis:.2}");
+        }
+        text + &format!("; {} of {} readings used, {} beyond the gate", s.used, s.readings, s.rejected)
+    };
+    for (k, sensor) in sensors.iter().enumerate() {
+        area.draw_text(&words(sensor), &style, (16, 16 + 20 * i32::try_from(k)?))?;
+    }
+    Ok(())
+}
+
+/// One component of a map over X.
+fn component(area: &Area<'_>, map: &MapStatus, c: usize) -> Result<()> {
+    let xs = map.nodes.iter().map(|n| n.position_mm[0]);
+    let (low, high) = xs.fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(x), h.max(x)));
+    let largest = map.nodes.iter().map(|n| n.value[c].abs() + n.std[c]).fold(1e-6, f64::max) * 1.1;
+    let title = format!(
+        "{}.{} ({}), difference from the offline map; used with weight {:.2}",
+        map.name, map.components[c], map.units[c], map.weight
+    );
+    let mut chart = ChartBuilder::on(area)
+        .caption(title, ("sans-serif", 15, &INK))
+        .margin(8)
+        .x_label_area_size(24)
+        .y_label_area_size(60)
+        .build_cartesian_2d(low..high.max(low + 1.0), -largest..largest)?;
+    chart.configure_mesh().x_desc("X in mm").light_line_style(WHITE).draw()?;
+    let mark = |colour: RGBColor| move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], colour);
+    for (k, line) in lines(map).into_iter().enumerate() {
+        let of = |values: fn(&NodeStatus) -> &Vec<f64>| {
+            line.iter().map(|k| (map.nodes[*k].position_mm[0], values(&map.nodes[*k])[c])).collect::<Vec<_>>()
+        };
+        let (value, std, used) = (of(|n| &n.value), of(|n| &n.std), of(|n| &n.used));
+        let bars =
+            chart.draw_series(value.iter().zip(&std).map(|((x, v), (_, s))| {
+                PathElement::new(vec![(*x, v - s), (*x, v + s)], BLUE_LINE.mix(0.4))
+            }))?;
+        if k == 0 {
+            let faint = |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], BLUE_LINE.mix(0.4));
+            bars.label("one standard deviation either way").legend(faint);
+        }
+        let learned = chart.draw_series(LineSeries::new(value, &BLUE_LINE))?;
+        if k == 0 {
+            learned.label("learned").legend(mark(BLUE_LINE));
+        }
+        let dots = chart.draw_series(used.into_iter().map(|at| Circle::new(at, 2, USED.filled())))?;
+        if k == 0 {
+            dots.label("what is used").legend(|(x, y)| Circle::new((x + 9, y), 2, USED.filled()));
+        }
+    }
+    chart.configure_series_labels().border_style(INK.mix(0.3)).background_style(WHITE.mix(0.9)).draw()?;
+    Ok(())
+}
+
+/// Running mean of squared innovation over variance of each sensor over time: about 1 where everything is right.
+fn consistency(area: &Area<'_>, course: &Course) -> Result<()> {
+    let title = "squared innovation over its variance, running mean: 1 is right";
+    over_time(area, course, title, &[("", &|_, now| now.nis)])
+}
+
+/// RMS innovation of the readings and what is expected of it.
+fn innovations(area: &Area<'_>, course: &Course) -> Result<()> {
+    let title = "RMS innovation of a reading, in learned standard deviations of the sensor";
+    over_time(
+        area,
+        course,
+        title,
+        &[("", &|_, now| now.innovation), (" expected", &|_, now| now.innovation_expected)],
+    )
+}
+
+/// Share of the readings since the entry before that were used.
+fn acceptance(area: &Area<'_>, course: &Course) -> Result<()> {
+    let share = |before: Option<&SensorStatus>, now: &SensorStatus| {
+        let before = before?;
+        let came = now.readings.checked_sub(before.readings).filter(|came| *came > 0)?;
+        Some(now.used.saturating_sub(before.used) as f64 / came as f64)
+    };
+    over_time(area, course, "readings used of those that came: 1 is all", &[("", &share)])
+}
+
+/// What a panel shows of a sensor: its entry before and the present one.
+type Of<'a> = &'a dyn Fn(Option<&SensorStatus>, &SensorStatus) -> Option<f64>;
+
+fn over_time(area: &Area<'_>, course: &Course, title: &str, curves: &[(&str, Of<'_>)]) -> Result<()> {
+    let end = course.last().map_or(1.0, |(t, _)| t.max(1.0));
+    let mut chart = ChartBuilder::on(area)
+        .caption(title, ("sans-serif", 15, &INK))
+        .margin(8)
+        .x_label_area_size(24)
+        .y_label_area_size(60)
+        .build_cartesian_2d(0.0..end, 0.0..TOP)?;
+    chart.configure_mesh().x_desc("time in s").light_line_style(WHITE).draw()?;
+    let names = course.last().map_or(&[][..], |(_, filter)| &filter.sensors[..]);
+    for (k, name) in names.iter().map(|s| &s.name).enumerate() {
+        let find = |filter: &'_ FilterStatus| filter.sensors.iter().position(|s| s.name == *name);
+        for (c, (suffix, of)) in curves.iter().enumerate() {
+            let mut before = None;
+            let mut line = Vec::new();
+            for (t, filter) in course {
+                let now = find(filter).map(|k| &filter.sensors[k]);
+                let value = now.and_then(|now| of(before, now));
+                line.extend(value.map(|value| (*t, value.min(TOP))));
+                before = now;
+            }
+            if line.is_empty() {
+                continue;
+            }
+            let colour = COLOURS[k % COLOURS.len()].mix(if c == 0 { 1.0 } else { 0.4 });
+            chart
+                .draw_series(LineSeries::new(line, &colour))?
+                .label(format!("{name}{suffix}"))
+                .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], colour));
+        }
+    }
+    chart.configure_series_labels().border_style(INK.mix(0.3)).background_style(WHITE).draw()?;
+    Ok(())
+}
+
+/// Nodes of equal Y and Z, by their numbers.
+pub(super) fn lines(map: &MapStatus) -> Vec<Vec<usize>> {
+    let mut lines: Vec<Vec<usize>> = Vec::new();
+    for (k, node) in map.nodes.iter().enumerate() {
+        let same = |line: &&mut Vec<usize>| {
+            line.first().is_some_and(|first| map.nodes[*first].position_mm[1..] == node.position_mm[1..])
+        };
+        match lines.iter_mut().find(same) {
+            Some(line) => line.push(k),
+            None => lines.push(vec![k]),
+        }
+    }
+    lines
+}
