@@ -6,6 +6,7 @@
 //! - [`config`]: text to validated types, with errors that point at the line. Takes `&str`, reads no file.
 //! - [`identify`]: instrument data to error models (offline, pure).
 //! - [`formats`]: files of instruments and controls, text to readings and back (offline, pure).
+//! - [`diagnose`]: the gap between measurement and prediction to its causes (offline, pure).
 //! - [`evaluate`]: the figures of ISO 230 from measured deviations (offline, pure).
 //! - `runtime`: sockets, the real-time thread, the service around it (feature `daemon`).
 //! - `cli`: arguments, human and JSON output, exit codes (feature `daemon`).
@@ -14,6 +15,7 @@
 
 pub mod config;
 pub mod core;
+pub mod diagnose;
 pub mod evaluate;
 pub mod formats;
 pub mod identify;

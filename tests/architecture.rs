@@ -31,9 +31,10 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("config", &["config", "core"]),
     ("identify", &["identify", "core"]),
     ("evaluate", &["evaluate", "core"]),
+    ("diagnose", &["diagnose", "core"]),
     ("formats", &["formats", "identify", "evaluate", "core"]),
-    ("runtime", &["runtime", "config", "core"]),
-    ("cli", &["cli", "runtime", "config", "formats", "identify", "evaluate", "core"]),
+    ("runtime", &["runtime", "config", "diagnose", "core"]),
+    ("cli", &["cli", "runtime", "config", "formats", "identify", "evaluate", "diagnose", "core"]),
     ("bin", &["cli"]),
 ];
 
@@ -176,7 +177,7 @@ fn every_source_file_belongs_to_a_room() {
 #[test]
 fn pure_rooms_name_no_clock_socket_file_or_thread() {
     let mut wrong = Vec::new();
-    for room in ["core", "config", "identify", "evaluate", "formats"] {
+    for room in ["core", "config", "identify", "evaluate", "diagnose", "formats"] {
         let mut files = Vec::new();
         sources(&root().join("src").join(room), &mut files);
         for file in files {

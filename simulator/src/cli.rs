@@ -10,6 +10,8 @@ macro_rules! say {
 }
 
 mod bench_link;
+mod blind;
+mod campaign;
 mod certificates;
 mod demo;
 mod measure;
@@ -17,6 +19,7 @@ mod path;
 mod scenarios;
 mod sensors;
 mod serve;
+mod tool;
 
 use core::fmt;
 use std::ffi::OsString;
@@ -71,6 +74,16 @@ enum Verb {
     ///
     /// Without a daemon the machine runs uncompensated. Without a programme it stands still and serves.
     Serve(serve::ServeArgs),
+    /// Run a standard measurement campaign on a machine with known effects, as files for volcomp diagnose.
+    ///
+    /// Lines, circles in three planes at two feeds, a tracker grid with two tools, warm-up, R-test, loads and dynamics
+    /// on a machine whose physics (servo, friction, heat, bending ..) a truth file switches on. Takes seconds.
+    Campaign(campaign::Args),
+    /// Test the diagnosis on machines whose faults it does not know, and count.
+    ///
+    /// Draws machines with one effect, two, none, and effects outside the library, seals the labels, runs volcomp
+    /// diagnose on the session files alone, and only then compares.
+    Blind(blind::Args),
     /// Let everything go wrong that can, by number, and check that the real daemon reacts as it must.
     Scenarios(scenarios::Args),
     /// Replay recorded motion of a real machine and serve the control on the link.
@@ -132,6 +145,8 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Volcompd(program) => return volcomp::cli::volcompd(program.named("volcompd")),
         Verb::HumbleVolcompd(program) => return humble_volcompd(program),
         Verb::Volcomp(program) => return volcomp::cli::volcomp(program.named("volcomp")),
+        Verb::Blind(args) => blind::run(&args),
+        Verb::Campaign(args) => campaign::run(&args),
         Verb::Measure(args) => measure::run(&args),
         Verb::Serve(args) => serve::serve(&args),
         Verb::Scenarios(args) => scenarios::run_all(&args),

@@ -2,6 +2,9 @@
 //!
 //! - [`truth`]: the machine as it really is: exact rotations, own error shapes, servo, sensors. No model code of volcomp.
 //! - [`instruments`]: what a ballbar, an interferometer or a diagonal measurement sees of it.
+//! - [`twin`]: that machine in time: servo, friction, heat, bending, each switched by a truth file.
+//! - [`campaign`]: a standard measurement campaign on the twin, as session files.
+//! - [`blind`]: machines with sealed faults, and how often the diagnosis names them.
 //! - [`motion`]: part programmes and recorded motion to positions per cycle.
 //! - [`control`]: the control's end of the link.
 //! - [`certificates`]: an authority and its certificates, to try the secure link with.
@@ -13,6 +16,8 @@
 //! start its programs; `tests/architecture.rs` checks it.
 
 pub mod bench;
+pub mod blind;
+pub mod campaign;
 pub mod certificates;
 pub mod cli;
 pub mod control;
@@ -21,3 +26,4 @@ pub mod instruments;
 pub mod motion;
 pub mod scenarios;
 pub mod truth;
+pub mod twin;

@@ -9,10 +9,12 @@ macro_rules! say {
     ($($text:tt)*) => { $crate::cli::line(format_args!($($text)*)) };
 }
 
+mod additions;
 mod audit;
 mod bench;
 mod check;
 mod daemon;
+mod diagnose;
 mod diff;
 mod evaluate;
 mod exit;
@@ -63,6 +65,7 @@ enum Verb {
     Import(Box<import::Args>),
     Export(Box<export::Args>),
     Evaluate(evaluate::Args),
+    Diagnose(Box<diagnose::Args>),
     Model(model::Args),
     Explain(explain::Args),
     Diff(diff::Args),
@@ -89,6 +92,7 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Import(a) => import::run(&a),
         Verb::Export(a) => export::run(&a),
         Verb::Evaluate(a) => evaluate::run(&a),
+        Verb::Diagnose(a) => diagnose::run(&a),
         Verb::Explain(a) => explain::run(&a),
         Verb::Model(a) => model::run(&a),
         Verb::Diff(a) => diff::run(&a),

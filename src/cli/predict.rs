@@ -7,6 +7,7 @@ use std::path::PathBuf;
 
 use clap::Parser;
 
+use super::additions::Additions;
 use super::files::{Output, read_model};
 use super::table::{self, Table, nearest};
 use super::{EX_DATAERR, EX_USAGE, Failure};
@@ -62,15 +63,6 @@ const KEPT_STEMS: [&str; 8] =
     ["since_reversal_", "target_", "station_", "force_", "temp_", "load_", "note_", "label"];
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(addition) = args.add.first() {
-        return Err(Failure::new(
-            EX_USAGE,
-            format_args!(
-                "error: --add {}: this version has no additions yet; run without --add for the model alone",
-                addition.display()
-            ),
-        ));
-    }
     let same = args.points == args.out && args.out.as_os_str() != "-";
     let resolved = || Some(args.points.canonicalize().ok()? == args.out.canonicalize().ok()?);
     if same || resolved().unwrap_or(false) {
@@ -82,14 +74,20 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let (_, model) = read_model(&args.model)?;
     let mut table = table::open(&args.points)?;
     let columns = Columns::find(&table, &model)?;
+    let mut additions = Additions::read(&args.add, &model, &table)?;
+    columns.check_length(&table, &model, additions.as_ref())?;
     let mut output = Output::create(&args.out)?;
     let mut block = Vec::with_capacity(BLOCK + 4096);
     columns.header(&table, &mut block);
     let mut written = write_block(&mut output, &mut block, 0)?;
     while written && table.advance()? {
         let pose = columns.pose(&table, &model)?;
-        let (deviation, correction) =
+        let (mut deviation, mut correction) =
             if args.exact { model.correct_exact(&pose) } else { model.correct(&pose) };
+        if let Some(additions) = &mut additions {
+            deviation.position += additions.next(&table, &model)?;
+            correction = model.opposing(&pose, &deviation);
+        }
         block.extend_from_slice(table.text());
         columns.row(&deviation, &correction, &mut block);
         if block.len() >= BLOCK {
@@ -148,18 +146,10 @@ impl Columns {
                 found.check_kept(column, &known).map_err(|what| table.fail(i, what))?;
             }
         }
-        if let Some(length) = found.tool_length {
-            if !found.tool.is_empty() {
-                return Err(
-                    table.fail(length, "tool_x_mm .. and tool_length_mm both place the tip; keep one")
-                );
-            }
-            if model.tool_tip_for_length(0.0).is_none() {
-                return Err(table.fail(
-                    length,
-                    "the model has no gauge point; add gauge-point-mm to its [frame] or remove the column",
-                ));
-            }
+        if let Some(length) = found.tool_length
+            && !found.tool.is_empty()
+        {
+            return Err(table.fail(length, "tool_x_mm .. and tool_length_mm both place the tip; keep one"));
         }
         if found.axes.is_empty() {
             return Err(Failure::new(
@@ -172,6 +162,23 @@ impl Columns {
             ));
         }
         Ok(found)
+    }
+
+    /// Refuses tool lengths that neither the model nor an addition can use.
+    fn check_length<R: BufRead>(
+        &self,
+        table: &Table<R>,
+        model: &Model,
+        additions: Option<&Additions>,
+    ) -> Result<(), Failure> {
+        let used = model.tool_tip_for_length(0.0).is_some() || additions.is_some_and(Additions::take_length);
+        match self.tool_length {
+            Some(length) if !used => Err(table.fail(
+                length,
+                "the model has no gauge point; add gauge-point-mm to its [frame] or remove the column",
+            )),
+            _ => Ok(()),
+        }
     }
 
     /// Uses a column; false where it means nothing here.

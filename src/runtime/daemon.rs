@@ -243,7 +243,8 @@ async fn live(
     .map_err(|source| DaemonError::System { what: "the estimator's thread", source })?;
     let Some(address) = config.listen else { return Ok((Some(sensors), None)) };
     let (readings, dropped) = (sensors.readings.clone(), Arc::clone(&sensors.dropped));
-    let listener = Listener::bind(address, readings, dropped, Arc::clone(&sensors.known), clock)
+    let (known, idle) = (Arc::clone(&sensors.known), Duration::from_secs_f64(config.idle_s));
+    let listener = Listener::bind(address, readings, dropped, known, clock, idle)
         .await
         .map_err(|source| DaemonError::SensorSocket { address, source })?;
     if config.plain_remote && !address.ip().to_canonical().is_loopback() {
@@ -331,6 +332,13 @@ fn log_start(config: &Path, loaded: &Loaded) {
             "plain-remote: the link leaves this computer without authentication and encryption; whoever reaches that \
              wire can move the axes within the control's limits"
         );
+    }
+    for (effect, fate) in &loaded.fates {
+        if fate.is_taken() {
+            info!(effect, %fate, "an addition of the machine file");
+        } else {
+            warn!(effect, %fate, "an effect of an addition stays uncorrected");
+        }
     }
     for axis in &loaded.uncorrected {
         warn!(%axis, "an axis of the model without limits in the machine file: it is never offset");

@@ -4,6 +4,7 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::additions::with_additions;
 use super::tls::{self, Identity, TlsFileError};
 use crate::config::machine::ModelMismatch;
 use crate::config::{ConfigErrors, MachineConfig, model};
@@ -11,6 +12,7 @@ use crate::core::axes::AxisName;
 use crate::core::estimate::Thermal;
 use crate::core::fault::Code;
 use crate::core::model::{Model, ModelError, ModelSpec};
+use crate::diagnose::extend::Fate;
 
 /// Everything that comes from files.
 #[derive(Debug, Clone)]
@@ -27,12 +29,14 @@ pub struct Loaded {
     pub thermal: Vec<Thermal>,
     /// Last day on which the model should be used, where it states one.
     pub expiry: Option<String>,
-    /// BLAKE3 of the model file's bytes, in hex.
+    /// BLAKE3 of the model's text, in hex.
     pub model_hash: String,
     /// The machine file as it was read.
     pub config_text: String,
-    /// The model file as it was read.
+    /// The model file as it was read; with additions, as `volcomp model extend` writes it.
     pub model_text: String,
+    /// What became of the effects of additions, by label.
+    pub fates: Vec<(String, Fate)>,
     /// Axes of the model that the machine file does not list: they are never offset.
     pub uncorrected: Vec<AxisName>,
     /// Who the daemon is on a link over TLS; `None` is plain TCP.
@@ -59,6 +63,19 @@ pub enum LoadError {
         /// The machine file.
         config: PathBuf,
         /// The model file.
+        path: PathBuf,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// An addition that the machine file names could not be read.
+    #[error(
+        "error: {}: addition {}: {source}\n  hint: `additions` are taken relative to the machine file",
+        config.display(), path.display()
+    )]
+    ReadAddition {
+        /// The machine file.
+        config: PathBuf,
+        /// The addition.
         path: PathBuf,
         /// What the system says.
         source: io::Error,
@@ -102,6 +119,19 @@ pub enum LoadError {
         /// What does not fit.
         source: ModelMismatch,
     },
+    /// An addition that the machine file names cannot become part of the model.
+    #[error(
+        "error: {}: addition {}: {why}\n  hint: `additions` are addition.toml files of volcomp diagnose for this machine",
+        config.display(), path.display()
+    )]
+    Addition {
+        /// The machine file.
+        config: PathBuf,
+        /// The addition.
+        path: PathBuf,
+        /// What is wrong.
+        why: String,
+    },
     /// The machine file names another content.
     #[error("{}", Self::pinned(&path.display().to_string(), found, pinned))]
     Pinned {
@@ -136,12 +166,13 @@ impl LoadError {
     #[must_use]
     pub const fn is_io(&self) -> bool {
         match self {
-            Self::Read { .. } | Self::ReadModel { .. } => true,
+            Self::Read { .. } | Self::ReadModel { .. } | Self::ReadAddition { .. } => true,
             Self::Tls { source, .. } => source.is_io(),
             Self::NotText { .. }
             | Self::Config(_)
             | Self::Model { .. }
             | Self::Mismatch { .. }
+            | Self::Addition { .. }
             | Self::Pinned { .. } => false,
         }
     }
@@ -170,15 +201,19 @@ fn read_config(path: &Path) -> Result<(MachineConfig, String), LoadError> {
 /// See [`LoadError`].
 pub fn load(path: &Path) -> Result<Loaded, LoadError> {
     let (config, config_text) = read_config(path)?;
-    let model_path = path.parent().unwrap_or_else(|| Path::new("")).join(&config.model);
+    let model_path = path.with_file_name(&config.model);
     let bytes = std::fs::read(&model_path).map_err(|source| LoadError::ReadModel {
         config: path.to_owned(),
         path: model_path.clone(),
         source,
     })?;
-    let model_text = text(&model_path, &bytes)?.to_owned();
-    let file = model::parse_file(&model_path.display().to_string(), &model_text)
+    let mut model_text = text(&model_path, &bytes)?.to_owned();
+    let mut file = model::parse_file(&model_path.display().to_string(), &model_text)
         .map_err(|e| LoadError::Config(Box::new(e)))?;
+    let fates = with_additions(path, &config, &mut file)?;
+    if !fates.is_empty() {
+        model_text = model::write_file(&file, &[format!("{} with additions.", config.model.display())]);
+    }
     let expiry = file.earliest_expiry().map(str::to_owned);
     let (spec, thermal) = (file.spec, file.thermal);
     let model = Model::new(&spec).map_err(|source| LoadError::Model { path: model_path.clone(), source })?;
@@ -186,7 +221,7 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
         return Err(LoadError::Mismatch { config: path.to_owned(), path: model_path, source });
     }
     let uncorrected = config.uncorrected_axes(&spec);
-    let model_hash = blake3::hash(&bytes).to_hex().to_string();
+    let model_hash = blake3::hash(model_text.as_bytes()).to_hex().to_string();
     if let Some(pinned) = config.guard.hash.clone().filter(|pinned| *pinned != model_hash) {
         return Err(LoadError::Pinned { path: model_path, found: model_hash, pinned });
     }
@@ -203,11 +238,12 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
         model_hash,
         config_text,
         model_text,
+        fates,
         uncorrected,
         identity,
     })
 }
 
-fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, LoadError> {
+pub(super) fn text<'a>(path: &Path, bytes: &'a [u8]) -> Result<&'a str, LoadError> {
     core::str::from_utf8(bytes).map_err(|e| LoadError::NotText { path: path.to_owned(), at: e.valid_up_to() })
 }

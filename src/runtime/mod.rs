@@ -22,6 +22,7 @@
     reason = "the runtime is the shell: clocks, files, sockets and threads"
 )]
 
+mod additions;
 mod age;
 mod arrivals;
 pub mod audit;
@@ -51,7 +52,7 @@ mod rehearsal;
 pub mod replay;
 #[cfg(test)]
 mod sealed;
-mod sensors;
+pub mod sensors;
 mod server;
 mod service;
 pub mod socket;
@@ -60,6 +61,7 @@ mod tls;
 mod utc;
 mod worker;
 
+pub use additions::with_additions;
 pub use body::{CycleBody, Reaction};
 pub use daemon::{DaemonError, run};
 pub use latency::{Bins, Histograms};

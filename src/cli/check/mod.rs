@@ -14,6 +14,8 @@ use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
 use crate::config::{self, ConfigErrors, Diagnostic, FileKind, MachineConfig, ModelFile};
 use crate::core::live::{LiveEstimator, LiveModel};
 use crate::core::model::Model;
+use crate::diagnose::extend::Fate;
+use crate::runtime::with_additions;
 
 /// Check machine and model files: every mistake with file, line and remedy, or a summary of what is in them
 ///
@@ -63,7 +65,12 @@ enum Problem {
 
 /// What is in a file.
 enum Found {
-    Machine { machine: Box<MachineConfig>, model: Option<Box<ModelFile>> },
+    /// With the model that it names, additions in it, and what became of each effect of those.
+    Machine {
+        machine: Box<MachineConfig>,
+        model: Option<Box<ModelFile>>,
+        fates: Vec<(String, Fate)>,
+    },
     Model(Box<ModelFile>),
 }
 
@@ -156,15 +163,22 @@ fn look(path: &Path, file: &str) -> Result<(Found, Option<Problem>), Problem> {
         return Ok((Found::Model(Box::new(config::model::parse_file(file, &text)?)), None));
     }
     let machine = Box::new(MachineConfig::parse(file, &text)?);
-    let (model, problem) = match look_at_model(path, file, &text, &machine) {
-        Ok(model) => (Some(Box::new(model)), look_at_identity(path, file, &text, &machine).err()),
-        Err(problem) => (None, Some(problem)),
+    let (model, fates, problem) = match look_at_model(path, file, &text, &machine) {
+        Ok((model, fates)) => {
+            (Some(Box::new(model)), fates, look_at_identity(path, file, &text, &machine).err())
+        }
+        Err(problem) => (None, Vec::new(), Some(problem)),
     };
-    Ok((Found::Machine { machine, model }, problem))
+    Ok((Found::Machine { machine, model, fates }, problem))
 }
 
-/// The model that a machine file names, checked against it.
-fn look_at_model(path: &Path, file: &str, text: &str, machine: &MachineConfig) -> Result<ModelFile, Problem> {
+/// The model that a machine file names, with its additions, checked against it.
+fn look_at_model(
+    path: &Path,
+    file: &str,
+    text: &str,
+    machine: &MachineConfig,
+) -> Result<(ModelFile, Vec<(String, Fate)>), Problem> {
     let named = path.parent().unwrap_or(Path::new("")).join(&machine.model);
     let model_text = read(&named).map_err(|problem| match problem {
         Problem::Io { code, message } => {
@@ -179,11 +193,15 @@ fn look_at_model(path: &Path, file: &str, text: &str, machine: &MachineConfig) -
         }
         wrong @ Problem::Config(_) => wrong,
     })?;
-    let model = config::model::parse_file(&named.display().to_string(), &model_text)?;
+    let mut model = config::model::parse_file(&named.display().to_string(), &model_text)?;
+    let fates = with_additions(path, machine, &mut model).map_err(|e| {
+        let code = if e.is_io() { EX_IOERR } else { EX_CONFIG };
+        Problem::Io { code, message: e.to_string() }
+    })?;
     let mismatches = machine.check_model(&model.spec);
     if mismatches.is_empty() {
         return match look_at_sensors(&model, machine) {
-            None => Ok(model),
+            None => Ok((model, fates)),
             Some((message, remedy)) => {
                 Err(mistakes_at(file, text, vec![(vec!["sensors".to_owned()], message, remedy)]).into())
             }
@@ -235,11 +253,12 @@ impl Found {
         let mut lines = vec![format!("{file}: ok")];
         match self {
             Self::Model(model) => describe_model(&mut lines, model),
-            Self::Machine { machine, model } => {
+            Self::Machine { machine, model, fates } => {
                 describe_machine(&mut lines, machine);
                 if let Some(model) = model {
                     lines.push(format!("  model {}", machine.model.display()));
                     describe_model(&mut lines, model);
+                    lines.extend(fates.iter().map(|(effect, fate)| format!("  addition {effect}: {fate}")));
                     lines.extend(machine_notes(machine, model).into_iter().map(|n| format!("  note: {n}")));
                 }
             }
@@ -255,7 +274,7 @@ impl Found {
                 out["notes"] = json!(model_notes(model));
                 out
             }
-            Self::Machine { machine, model } => json!({
+            Self::Machine { machine, model, fates } => json!({
                 "format": config::machine::FORMAT,
                 "machine": machine.machine,
                 "address": machine.link.address.to_string(),
@@ -267,6 +286,9 @@ impl Found {
                     format!("warning_{}", offset_unit(a.name)): offset_out(a.name, a.limits.warning),
                 })).collect::<Vec<_>>(),
                 "model_file": machine.model.display().to_string(),
+                "additions": fates.iter().map(|(effect, fate)| json!({
+                    "effect": effect, "taken": fate.is_taken(), "fate": fate.to_string(),
+                })).collect::<Vec<_>>(),
                 "model": model.as_ref().map(|m| model_as_json(m)),
                 "notes": model.as_ref().map(|m| machine_notes(machine, m)).unwrap_or_default(),
             }),

@@ -2,6 +2,7 @@
 
 mod assemble;
 mod drawing;
+mod extend;
 pub(super) mod gauge;
 mod html;
 mod normalise;
@@ -15,7 +16,7 @@ use std::path::Path;
 use super::{EX_CONFIG, Failure};
 use crate::config::{self, ModelFile};
 
-/// Show what is in a model file, write its normal form, or put measurements together
+/// Show what is in a model file, write its normal form, put measurements together, or add what a diagnosis has found
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {
     #[command(subcommand)]
@@ -26,6 +27,7 @@ pub(super) struct Args {
 enum Verb {
     Show(show::Args),
     Assemble(Box<assemble::Args>),
+    Extend(extend::Args),
     #[command(alias = "normalize")]
     Normalise(normalise::Args),
 }
@@ -34,6 +36,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     match &args.verb {
         Verb::Show(a) => show::run(a),
         Verb::Assemble(a) => assemble::run(a),
+        Verb::Extend(a) => extend::run(a),
         Verb::Normalise(a) => normalise::run(a),
     }
 }

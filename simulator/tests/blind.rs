@@ -1,0 +1,52 @@
+//! A reduced set of the blind tests of the diagnosis; all of them: `cncsim blind` (`docs/diagnosis.md`).
+
+#![expect(clippy::disallowed_methods, reason = "a test of processes and files")]
+#![expect(clippy::unwrap_used, reason = "helpers of tests")]
+
+use std::fs;
+use std::process::Command;
+
+fn blind(args: &[&str]) -> serde_json::Value {
+    let folder = tempfile::tempdir().unwrap();
+    let out = folder.path().join("blind");
+    let done = Command::new(env!("CARGO_BIN_EXE_cncsim"))
+        .args(["blind", "--plan", "small", "--json", "--out", out.to_str().unwrap()])
+        .args(args)
+        .output()
+        .unwrap();
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
+    let written: serde_json::Value =
+        serde_json::from_str(&fs::read_to_string(out.join("blind.json")).unwrap()).unwrap();
+    assert_eq!(written, serde_json::from_slice::<serde_json::Value>(&done.stdout).unwrap());
+    // the tool saw no label: what it was given lies apart from what is sealed
+    for case in fs::read_dir(out.join("cases")).unwrap() {
+        let report = fs::read_to_string(case.unwrap().path().join("gap/report.json")).unwrap();
+        assert!(!report.contains("volcomp-twin"));
+    }
+    assert!(fs::read_dir(out.join("sealed")).unwrap().count() > 0);
+    written
+}
+
+fn hits(score: &serde_json::Value, what: &str) -> (u64, u64) {
+    (score[what]["hits"].as_u64().unwrap(), score[what]["of"].as_u64().unwrap())
+}
+
+#[test]
+fn faults_are_named_and_nothing_is_made_up() {
+    let found = blind(&["--seed", "1", "--singles", "8", "--pairs", "0", "--nulls", "4", "--outside", "0"]);
+    let score = &found["score"];
+    assert_eq!(hits(score, "null_alarms"), (0, 4), "{score:#}");
+    let (named, of) = hits(score, "single_in_group");
+    // the bar of the whole set is higher; eight cases scatter
+    assert!(of >= 6 && 2 * named >= of, "{score:#}");
+}
+
+#[test]
+fn plain_forward_selection_fails_where_the_method_does_not() {
+    let found = blind(&["--seed", "2", "--nulls", "2", "--outside", "2", "--ablation"]);
+    let alarms = |a: &serde_json::Value| hits(a, "null_alarms").0 + hits(a, "outside_named").0;
+    let all = found["ablations"].as_array().unwrap();
+    let plain = all.iter().find(|a| a["what"] == "plain").unwrap();
+    assert!(alarms(plain) >= 2, "{plain:#}");
+    assert!(hits(&found["score"], "null_alarms").0 == 0, "{:#}", found["score"]);
+}

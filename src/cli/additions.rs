@@ -1,0 +1,155 @@
+//! Additions of `volcomp diagnose` for `volcomp predict`: their columns, row by row.
+
+use std::io::BufRead;
+use std::path::{Path, PathBuf};
+
+use super::diagnose::read_addition;
+use super::table::Table;
+use super::{EX_CONFIG, EX_DATAERR, Failure};
+use crate::core::geometry::Vec3;
+use crate::core::model::Model;
+use crate::core::units::{RAD_PER_DEG, mm_from_um};
+use crate::diagnose::addition::{Addition, Evaluator};
+use crate::diagnose::moment::{Axis, Moment, Source};
+use crate::diagnose::workpiece_to_machine;
+
+/// Where a column goes.
+#[derive(Debug, Clone, Copy)]
+enum Field {
+    Time,
+    Position(usize),
+    Velocity(usize),
+    Acceleration(usize),
+    Direction(usize),
+    Since(usize),
+    SinceTime(usize),
+    Tool,
+    Range,
+    Target(usize),
+    Force(usize),
+}
+
+/// Additions bound to the columns of a table.
+pub(super) struct Additions {
+    evaluator: Evaluator,
+    fields: Vec<(usize, Field, f64)>,
+    /// Column and factor of each source, in the order of the evaluator.
+    sources: Vec<(usize, f64)>,
+    takes_length: bool,
+}
+
+impl Additions {
+    /// Reads the files; `None` without one.
+    pub(super) fn read<R: BufRead>(
+        paths: &[PathBuf],
+        model: &Model,
+        table: &Table<R>,
+    ) -> Result<Option<Self>, Failure> {
+        if paths.is_empty() {
+            return Ok(None);
+        }
+        let mut all: Vec<Addition> = Vec::with_capacity(paths.len());
+        for path in paths {
+            let addition = read_addition(path)?;
+            same_machine(path, &addition, model)?;
+            addition
+                .require(&|column| table.find(column).is_some() || is_still(column, table))
+                .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", table.file())))?;
+            all.push(addition);
+        }
+        let evaluator = Evaluator::new(&all);
+        let sources = evaluator
+            .sources()
+            .into_iter()
+            .map(|s| {
+                let factor = if s == Source::Spindle { 1e-3 } else { 1.0 };
+                Ok((table.require(&s.to_string())?, factor))
+            })
+            .collect::<Result<_, Failure>>()?;
+        let takes_length = all
+            .iter()
+            .flat_map(Addition::machine_effects)
+            .any(|e| e.columns().iter().any(|c| c == "tool_length_mm"));
+        Ok(Some(Self { evaluator, fields: fields(table), sources, takes_length }))
+    }
+
+    /// True where some effect depends on the length of the tool: then the column is of use beside any model.
+    pub(super) const fn take_length(&self) -> bool {
+        self.takes_length
+    }
+
+    /// What the additions say at the current row: deviation in W, mm.
+    pub(super) fn next<R: BufRead>(&mut self, table: &Table<R>, model: &Model) -> Result<Vec3, Failure> {
+        let mut m = Moment::default();
+        for (column, field, factor) in &self.fields {
+            let value = table.number(*column)? * factor;
+            match *field {
+                Field::Time => m.t_s = value,
+                Field::Position(i) => m.position[i] = value,
+                Field::Velocity(i) => m.velocity[i] = value,
+                Field::Acceleration(i) => m.acceleration[i] = value,
+                Field::Direction(i) => m.direction[i] = value,
+                Field::Since(i) => m.since_mm[i] = value,
+                Field::SinceTime(i) => m.since_s[i] = value,
+                Field::Tool => m.tool_length_mm = value,
+                Field::Range => m.range_mm = value,
+                Field::Target(i) => m.target_mm[i] = value,
+                Field::Force(i) => m.force_n[i] = value,
+            }
+        }
+        let mut sources = Vec::with_capacity(self.sources.len());
+        for (column, factor) in &self.sources {
+            sources.push(table.number(*column)? * factor);
+        }
+        let machine = self.evaluator.next(&mut m, &sources);
+        Ok(workpiece_to_machine(model, &m).transpose() * machine.map(mm_from_um))
+    }
+}
+
+/// An addition belongs to the machine beside whose model it was found.
+pub(super) fn same_machine(path: &Path, addition: &Addition, model: &Model) -> Result<(), Failure> {
+    if addition.machine.is_empty() || addition.machine == model.machine() {
+        return Ok(());
+    }
+    Err(Failure::new(
+        EX_CONFIG,
+        format_args!(
+            "error: {}: found on machine {}, the model is of {}; diagnose this machine",
+            path.display(),
+            addition.machine,
+            model.machine()
+        ),
+    ))
+}
+
+/// Positions of axes that the points lack are zero, as the contract says of them.
+fn is_still<R: BufRead>(column: &str, table: &Table<R>) -> bool {
+    Axis::ALL.iter().any(|a| a.column() == column) && table.find(column).is_none()
+}
+
+fn fields<R: BufRead>(table: &Table<R>) -> Vec<(usize, Field, f64)> {
+    let mut all = Vec::new();
+    let mut add = |name: String, field: Field, factor: f64| {
+        if let Some(i) = table.find(&name) {
+            all.push((i, field, factor));
+        }
+    };
+    for axis in Axis::ALL {
+        let (i, linear) = (axis.slot(), axis.is_linear());
+        let (unit, factor) = if linear { ("mm", 1.0) } else { ("deg", RAD_PER_DEG) };
+        add(axis.column(), Field::Position(i), factor);
+        add(format!("v{axis}_{unit}_per_s"), Field::Velocity(i), factor);
+        add(format!("a{axis}_{unit}_per_s2"), Field::Acceleration(i), factor);
+        add(format!("dir_{axis}"), Field::Direction(i), 1.0);
+        add(format!("since_reversal_{axis}_{unit}"), Field::Since(i), factor);
+        add(format!("since_reversal_{axis}_s"), Field::SinceTime(i), 1.0);
+        if linear {
+            add(format!("target_{axis}_mm"), Field::Target(i), 1.0);
+            add(format!("force_{axis}_n"), Field::Force(i), 1.0);
+        }
+    }
+    add("t_s".to_owned(), Field::Time, 1.0);
+    add("tool_length_mm".to_owned(), Field::Tool, 1.0);
+    add("range_mm".to_owned(), Field::Range, 1.0);
+    all
+}

@@ -1,0 +1,241 @@
+//! Session files and logs from disk.
+
+use std::path::{Path, PathBuf};
+
+use super::sources::{self, SourceArgs};
+use crate::cli::files::read_bytes;
+use crate::cli::table::{self, Table};
+use crate::cli::{EX_DATAERR, Failure};
+use crate::core::model::Model;
+use crate::diagnose::moment::{Axis, Source};
+use crate::diagnose::session::{History, Note, Raw, Session, is_encoder};
+
+/// Bytes looked at to tell a format.
+const HEAD: usize = 4096;
+/// A rotary axis that moves less stands still, rad.
+const TURNED_RAD: f64 = 1e-6;
+
+/// A session from a session file or one of the known sources. A plan may lack deviations.
+pub(super) fn session(path: &Path, args: &SourceArgs, plan: bool) -> Result<Raw, Failure> {
+    if path.as_os_str() != "-" {
+        let bytes = head(path)?;
+        if let Some(raw) = sources::recognised(path, &bytes, args)? {
+            return Ok(raw);
+        }
+    }
+    let mut table = table::open(path)?;
+    let mut raw = read(&mut table)?;
+    if plan {
+        as_plan(&mut raw);
+    }
+    Ok(raw)
+}
+
+fn head(path: &Path) -> Result<Vec<u8>, Failure> {
+    use std::io::Read;
+    let mut bytes = Vec::new();
+    std::fs::File::open(path)
+        .and_then(|f| f.take(HEAD as u64).read_to_end(&mut bytes))
+        .map_err(|e| Failure::io(path, &e))?;
+    Ok(bytes)
+}
+
+/// A whole file as text.
+pub(super) fn text(path: &Path) -> Result<String, Failure> {
+    super::super::files::text_of(path, read_bytes(path)?)
+}
+
+/// Reads a session table; empty fields become NaN.
+pub(super) fn read<R: std::io::BufRead>(table: &mut Table<R>) -> Result<Raw, Failure> {
+    let names: Vec<String> = table.columns().to_vec();
+    let instrument = names.iter().position(|n| n == "instrument");
+    let mut raw = Raw { file: table.file().to_owned(), ..Raw::default() };
+    let mut kept: Vec<usize> = (0..names.len()).filter(|i| Some(*i) != instrument).collect();
+    raw.columns = vec![Vec::new(); names.len()];
+    while table.advance()? {
+        if raw.lines.is_empty() {
+            // a column of words is a remark, not a quantity
+            kept.retain(|i| table.number_or_empty(*i).is_ok() || is_quantity(&names[*i]));
+        }
+        for i in &kept {
+            let value = table.number_or_empty(*i)?;
+            raw.columns[*i].push(value);
+        }
+        raw.instruments.push(instrument.map_or_else(|| "instrument".to_owned(), |i| table.word(i)));
+        raw.lines.push(table.line());
+    }
+    if raw.lines.is_empty() {
+        return Err(Failure::new(
+            EX_DATAERR,
+            format_args!("error: {}: no rows below the heading", table.file()),
+        ));
+    }
+    let mut columns = Vec::with_capacity(kept.len());
+    for i in kept {
+        raw.names.push(names[i].clone());
+        columns.push(std::mem::take(&mut raw.columns[i]));
+    }
+    raw.columns = columns;
+    Ok(raw)
+}
+
+/// Names that mean a number.
+fn is_quantity(name: &str) -> bool {
+    ["setup", "run", "repeat", "pair", "moving"].contains(&name)
+        || ["u_", "dir_"].iter().any(|s| name.starts_with(s))
+        || ["_mm", "_um", "_deg", "_s", "_s2", "_n", "_rpm", "_degc"].iter().any(|e| name.ends_with(e))
+}
+
+/// A plan has no deviations yet; any will do that are not all the same.
+fn as_plan(raw: &mut Raw) {
+    let n = raw.lines.len();
+    let ones: Vec<f64> = (0..n).map(|i| if i % 2 == 0 { 1.0 } else { -1.0 }).collect();
+    match raw.names.iter().position(|c| c == "deviation_um") {
+        Some(i) => raw.columns[i] = ones,
+        None => {
+            raw.names.push("deviation_um".to_owned());
+            raw.columns.push(ones);
+        }
+    }
+}
+
+/// Refuses rotary axes that turn while nobody says where they stand in the chain: their errors would pass for others.
+/// The control's own encoders do not see the structure.
+pub(super) fn chain(session: &Session, model: Option<&Model>) -> Result<(), Failure> {
+    if session.instruments.iter().all(|n| is_encoder(n)) {
+        return Ok(());
+    }
+    let turns = |a: &Axis| {
+        let angles = session.moments.iter().map(|m| m.position[a.slot()]);
+        let (low, high) = angles.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+        high - low > TURNED_RAD
+    };
+    let stands = |a: &Axis| model.is_some_and(|m| m.axes().any(|b| b.name == a.name()));
+    let unknown = session.axes.iter().find(|a| !a.is_linear() && turns(a) && !stands(a));
+    let Some(axis) = unknown else { return Ok(()) };
+    let what = match model {
+        None => {
+            "turns, and nothing says where it stands in the chain; give the model with --model".to_owned()
+        }
+        Some(m) => format!(
+            "turns, but the chain of {} has no such axis; give the model of this machine",
+            m.machine()
+        ),
+    };
+    let file = session.files.join(", ");
+    Err(Failure::new(EX_DATAERR, format_args!("error: {file}: axis {axis} {what}")))
+}
+
+/// A log that ends this long before the first reading still tells how things stood, s.
+const BEFORE_S: f64 = 3600.0;
+
+/// One source of one log.
+struct Series {
+    log: String,
+    source: Source,
+    points: Vec<(f64, f64)>,
+}
+
+impl Series {
+    fn span(&self) -> [f64; 2] {
+        [self.points.first().map_or(0.0, |p| p.0), self.points.last().map_or(0.0, |p| p.0)]
+    }
+}
+
+/// Logs, joined by time. A log belongs to the files whose readings it touches in time: others have another clock. Notes say
+/// what is not used.
+pub(super) fn history(paths: &[PathBuf], raws: &[Raw]) -> Result<(History, Vec<Note>), Failure> {
+    let (mut all, mut notes) = (Vec::new(), Vec::new());
+    for path in paths {
+        all.extend(log(path, &mut notes)?);
+    }
+    let mut history = History::default();
+    for (file, raw) in raws.iter().enumerate() {
+        let t = raw.column("t_s").unwrap_or(&[]);
+        let (first, last) =
+            t.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+        let mut taken: Vec<&Series> = Vec::new();
+        for series in &all {
+            let [from, to] = series.span();
+            if from > last || to + BEFORE_S < first {
+                notes.push(Note::new(format!(
+                    "{}: {} from {from} to {to} s does not touch the readings of {}, {first} to {last} s, and is not used there: is it on another clock?",
+                    series.log, series.source, raw.file
+                )));
+                continue;
+            }
+            if let Some(other) = taken.iter().find(|o| contradict(o, series)) {
+                return Err(Failure::new(
+                    EX_DATAERR,
+                    format_args!(
+                        "error: {}: {} at the same times as in {}, with other values, beside the readings of {}; each seems to have a clock of its own: diagnose the sessions one by one, or write the values into the columns of their files",
+                        series.log, series.source, other.log, raw.file
+                    ),
+                ));
+            }
+            history.add(file, series.source.clone(), series.points.iter().copied());
+            taken.push(series);
+        }
+    }
+    Ok((history, notes))
+}
+
+/// Values of two logs that differ by more are not those of one sensor, degC or 1000 per minute.
+const SAME_SENSOR: f64 = 0.5;
+
+/// True where two logs of one source say different things of the same time.
+fn contradict(a: &Series, b: &Series) -> bool {
+    if a.source != b.source {
+        return false;
+    }
+    let mut at = 0;
+    let (mut apart, mut both) = (0usize, 0usize);
+    for (t, v) in &b.points {
+        while a.points.get(at + 1).is_some_and(|p| p.0 <= *t) {
+            at += 1;
+        }
+        let (Some(p), Some(q)) = (a.points.get(at), a.points.get(at + 1)) else { break };
+        if p.0 <= *t && p.1.is_finite() && v.is_finite() {
+            both += 1;
+            let (low, high) = (p.1.min(q.1) - SAME_SENSOR, p.1.max(q.1) + SAME_SENSOR);
+            apart += usize::from(!(low..=high).contains(v));
+        }
+    }
+    both > 2 && 5 * apart > both
+}
+
+/// One log.
+fn log(path: &Path, notes: &mut Vec<Note>) -> Result<Vec<Series>, Failure> {
+    let name = path.display().to_string();
+    let mut table = table::open(path)?;
+    let t = table.require("t_s")?;
+    let (mut columns, mut unused) = (Vec::new(), Vec::new());
+    for (i, column) in table.columns().iter().enumerate().filter(|(i, _)| *i != t) {
+        let sensor = column.strip_prefix("temp_").and_then(|n| n.strip_suffix("_degc"));
+        match sensor {
+            _ if column == "spindle_rpm" => columns.push((i, Source::Spindle, 1e-3)),
+            Some(sensor) => columns.push((i, Source::Temperature(sensor.to_owned()), 1.0)),
+            None => unused.push(column.clone()),
+        }
+    }
+    if !unused.is_empty() {
+        notes.push(Note::new(format!(
+            "{name}: {} not used: of a log spindle_rpm and temp_<name>_degc are; positions and forces stand in the rows of a session",
+            unused.join(", ")
+        )));
+    }
+    let mut points: Vec<Vec<(f64, f64)>> = vec![Vec::new(); columns.len()];
+    let mut before = f64::NEG_INFINITY;
+    while table.advance()? {
+        let at = table.number(t)?;
+        if at < before {
+            return Err(table.fail(t, format_args!("time goes back from {before} to {at}; sort the log")));
+        }
+        before = at;
+        for (p, (i, _, unit)) in points.iter_mut().zip(&columns) {
+            p.push((at, table.number_or_empty(*i)? * unit));
+        }
+    }
+    let series = points.into_iter().zip(columns);
+    Ok(series.map(|(points, (_, source, _))| Series { log: name.clone(), source, points }).collect())
+}

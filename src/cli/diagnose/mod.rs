@@ -1,0 +1,206 @@
+//! `volcomp diagnose`: where the gap between measurement and prediction lies, what causes it, and how far it shrinks.
+
+mod input;
+mod page;
+mod sources;
+mod words;
+
+use std::fs;
+use std::io::{self, IsTerminal};
+use std::path::{Path, PathBuf};
+
+use clap::Parser;
+
+use super::additions::same_machine;
+use super::files::{read_model, read_text, write_text};
+use super::values::axis_letter;
+use super::{EX_DATAERR, Failure, exit};
+use crate::core::axes::AxisName;
+use crate::core::model::Model;
+use crate::diagnose::addition::Addition;
+use crate::diagnose::library::{Label, Without};
+use crate::diagnose::moment::Machine;
+use crate::diagnose::session::{Raw, Session};
+use crate::diagnose::{Ablation, Options, diagnose, machine_of, plan, predict};
+
+/// Find out where the gap between measurement and prediction lies, which effects cause it, and how far it shrinks.
+///
+/// Sessions are tables with one scalar reading per row: t_s, instrument, setup, run, repeat, positions, u_x u_y u_z,
+/// deviation_um; docs/diagnosis.md has all columns. Positioning tests (.dat), tables of holes, Edge captures and logs of
+/// displacement are read as they are.
+#[derive(Debug, Parser)]
+#[command(after_help = "Examples:\n  \
+    volcomp diagnose --model m.toml --data lines.csv --data circles.csv --history log.csv --out gap\n  \
+    volcomp diagnose --model m.toml --data s.csv --fresh tomorrow.csv --out gap --json\n  \
+    volcomp diagnose --model m.toml --plan --data programme.csv\n  \
+    volcomp diagnose --data test.dat --axis y --out gap\n  \
+    volcomp diagnose --data capture.csv --axes x=1,y=2,z=6 --only y --out gap\n  \
+    volcomp diagnose --data spindle.csv --series z=ch5_um --out gap\n  \
+    volcomp diagnose --list-effects backlash")]
+pub(super) struct Args {
+    /// The model file; without one the prediction is zero.
+    #[arg(long, value_name = "FILE")]
+    model: Option<PathBuf>,
+    /// An addition found earlier; may be repeated.
+    #[arg(long, value_name = "FILE")]
+    add: Vec<PathBuf>,
+    /// A session file; may be repeated, each has a clock of its own.
+    #[arg(long, value_name = "CSV", required_unless_present = "list_effects")]
+    data: Vec<PathBuf>,
+    /// New data of the same programme, to see how far the gap really shrinks; may be repeated.
+    #[arg(long, value_name = "CSV")]
+    fresh: Vec<PathBuf>,
+    /// A log of the machine on the clock of the sessions; may be repeated.
+    #[arg(long, value_name = "CSV")]
+    history: Vec<PathBuf>,
+    /// Take an effect out of the library, such as backlash or backlash:x; may be repeated.
+    #[arg(long, value_name = "EFFECT[:SUBJECT]", value_parser = without)]
+    without: Vec<Without>,
+    /// Folder for report.json, report.html and addition.toml.
+    #[arg(long, value_name = "DIR", required_unless_present_any = ["list_effects", "plan"])]
+    out: Option<PathBuf>,
+    /// Write the report to stdout as well, as JSON.
+    #[arg(long)]
+    json: bool,
+    /// Seed of the random draws.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// List all effects, or explain one.
+    #[arg(long, value_name = "EFFECT", num_args = 0..=1, default_missing_value = "")]
+    list_effects: Option<String>,
+    /// Say what a plan can see before anyone measures: --data are its rows, deviations may be missing.
+    #[arg(long)]
+    plan: bool,
+    /// Take something away from the method, to prove that tests of it can fail.
+    #[arg(long, hide = true, value_name = "WHAT", value_parser = ablation)]
+    ablate: Option<Ablation>,
+    #[command(flatten)]
+    sources: sources::SourceArgs,
+}
+
+fn ablation(text: &str) -> Result<Ablation, String> {
+    match text {
+        "no-gates" => Ok(Ablation::NoGates),
+        "no-drift" => Ok(Ablation::NoDrift),
+        "plain" => Ok(Ablation::Plain),
+        _ => Err(format!("'{text}' is none of no-gates, no-drift, plain")),
+    }
+}
+
+fn without(text: &str) -> Result<Without, String> {
+    let (effect, subject) = Label::parse(text).map_err(|e| e.to_string())?;
+    Ok(Without { effect, subject })
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    if let Some(name) = &args.list_effects {
+        return words::list_effects(name);
+    }
+    let model = args.model.as_deref().map(read_model).transpose()?;
+    let additions = args.add.iter().map(|p| read_addition(p)).collect::<Result<Vec<_>, _>>()?;
+    let machine = model.as_ref().map_or_else(Machine::plain, |(spec, model)| machine_of(spec, model));
+    let mut bar = Bar::new();
+    bar.tell(0.0, "reading");
+    let model = model.map(|(_, m)| m);
+    for (path, addition) in args.add.iter().zip(&additions) {
+        if let Some(model) = &model {
+            same_machine(path, addition, model)?;
+        }
+    }
+    let mut session = load(args, &args.data, model.as_ref(), &additions, &machine)?;
+    if args.plan {
+        let seen = plan(&mut session, &args.without);
+        bar.end();
+        return words::plan(&seen, args.json);
+    }
+    let mut fresh = match args.fresh.as_slice() {
+        [] => None,
+        files => {
+            let fresh = load(args, files, model.as_ref(), &additions, &machine)?;
+            let new: Vec<_> = fresh.notes.iter().filter(|n| !session.notes.contains(n)).cloned().collect();
+            session.notes.extend(new);
+            Some(fresh)
+        }
+    };
+    let options = Options {
+        without: args.without.clone(),
+        seed: args.seed,
+        machine: model.as_ref().map_or_else(String::new, |m| m.machine().to_owned()),
+        ablation: args.ablate.unwrap_or_default(),
+    };
+    let found = diagnose(&mut session, fresh.as_mut(), &options, &mut |share, what| bar.tell(share, what));
+    bar.end();
+    let json = serde_json::to_string_pretty(&found.report)
+        .map_err(|e| Failure::new(super::EX_SOFTWARE, format_args!("error: report.json: {e}")))?;
+    let text = toml::to_string(&found.addition)
+        .map_err(|e| Failure::new(super::EX_SOFTWARE, format_args!("error: addition.toml: {e}")))?;
+    if let Some(out) = &args.out {
+        fs::create_dir_all(out).map_err(|e| Failure::io(out, &e))?;
+        write_text(&out.join("report.json"), &format!("{json}\n"))?;
+        write_text(&out.join("addition.toml"), &text)?;
+        write_text(&out.join("report.html"), &page::page(&session, &found)?)?;
+    }
+    if args.json {
+        exit::print(&format!("{json}\n"))
+    } else {
+        words::summary(&found.report, args.out.as_deref())
+    }
+}
+
+/// Reads an addition.
+pub(in crate::cli) fn read_addition(path: &Path) -> Result<Addition, Failure> {
+    Addition::parse(&read_text(path)?)
+        .map_err(|e| Failure::new(super::EX_CONFIG, format_args!("error: {}: {e}", path.display())))
+}
+
+/// Sessions with their predictions.
+fn load(
+    args: &Args,
+    files: &[PathBuf],
+    model: Option<&Model>,
+    additions: &[Addition],
+    machine: &Machine,
+) -> Result<Session, Failure> {
+    let mut raws: Vec<Raw> = Vec::with_capacity(files.len());
+    for path in files {
+        raws.push(input::session(path, &args.sources, args.plan)?);
+    }
+    let (history, notes) = input::history(&args.history, &raws)?;
+    let mut session = Session::build(&raws, history, machine.clone())
+        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {e}")))?;
+    session.notes.extend(notes);
+    input::chain(&session, model)?;
+    if model.is_some() || !additions.is_empty() {
+        predict(&mut session, model, additions)
+            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {e}")))?;
+    }
+    Ok(session)
+}
+
+/// An axis letter of `--only` or `--axis`.
+fn letter(text: &str) -> Result<AxisName, String> {
+    axis_letter(text)
+}
+
+/// Progress on stderr: one line that is written over on a terminal, nothing otherwise.
+struct Bar {
+    shown: bool,
+}
+
+impl Bar {
+    fn new() -> Self {
+        Self { shown: io::stderr().is_terminal() }
+    }
+
+    fn tell(&mut self, share: f64, what: &str) {
+        if self.shown {
+            eprint!("\r{:3.0} % {what:<40}", 100.0 * share);
+        }
+    }
+
+    fn end(&mut self) {
+        if self.shown {
+            eprint!("\r{:50}\r", "");
+        }
+    }
+}

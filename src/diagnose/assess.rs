@@ -1,0 +1,359 @@
+//! From chosen effects to causes: alternatives, gates, probability.
+//!
+//! The probability is a logistic function of the figures of the gates and of what stays where the effect acts, times the
+//! share of the effect among those that explain nearly as much. Its constants, all in [`Calibration`], were set by hand near
+//! what blind cases gave.
+
+use super::library::{Kind, Label, Library, Shape};
+use super::search::{Found, Gates, Problem, Selection, evidence, gates};
+
+/// Share of its gain that a swapped effect must keep to count as the same.
+pub const SAME: f64 = 0.97;
+/// An effect is declared from this probability of its group.
+pub const DECLARED: f64 = 0.5;
+
+/// Constants of the probability, by hand near logistic regressions on blind cases (docs/diagnosis.md says on which).
+#[derive(Debug, Clone, Copy)]
+struct Calibration {
+    base: f64,
+    /// Per unit of missing invariance below `full`; the same for the places.
+    invariance: f64,
+    place: f64,
+    full: f64,
+    /// Per unit of gain that runs left out miss, below `held_out_full`; no more than at `held_out_least`, because beside an
+    /// effect a thousand times as large the share says little.
+    held_out: f64,
+    held_out_full: f64,
+    held_out_least: f64,
+    /// Per unit of what stays where it acts.
+    misfit: f64,
+    /// Models are never exact: evidence counts less the larger an effect is.
+    temper: f64,
+}
+
+const CALIBRATION: Calibration = Calibration {
+    base: 2.5,
+    invariance: 32.0,
+    place: 36.0,
+    full: 0.99,
+    held_out: 20.0,
+    held_out_full: 0.97,
+    held_out_least: 0.87,
+    misfit: 8.0,
+    temper: 0.012,
+};
+
+/// Said of curves that nothing shows twice.
+const ONE_PASS: &str =
+    "a curve over one pass of one programme: nothing shows that it comes back; measure again";
+
+/// Said of the second name of a curve.
+const ONE_CURVE: &str = "part of the same curve over the position as the larger effect of this axis";
+
+/// A chosen effect with its figures.
+#[derive(Debug, Clone)]
+pub struct Assessed {
+    /// The variant.
+    pub variant: usize,
+    /// Its label.
+    pub label: Label,
+    /// Who is to blame.
+    pub kind: Kind,
+    /// Its gain and evidence beside the others.
+    pub found: Found,
+    /// Figures of the gates.
+    pub gates: Gates,
+    /// Labels that keep nearly all of its gain.
+    pub same: Vec<Label>,
+    /// Probability that this effect, or one of `same`, is at work.
+    pub group_probability: f64,
+    /// Probability of this very effect.
+    pub probability: f64,
+    /// Its share among the effects that explain nearly as much.
+    pub share: f64,
+    /// The share of its group.
+    pub group_share: f64,
+    /// Alternatives and their probability, best first.
+    pub alternatives: Vec<(Label, f64)>,
+    /// The tool stands by it.
+    pub declared: bool,
+    /// Why not.
+    pub remark: String,
+}
+
+/// Assesses every chosen effect.
+pub fn assess(problem: &mut Problem, library: &Library, selection: &Selection) -> Vec<Assessed> {
+    for v in &selection.chosen {
+        problem.prepare(*v);
+    }
+    let mut all: Vec<Assessed> =
+        (0..selection.chosen.len()).map(|place| assess_one(problem, library, selection, place)).collect();
+    let doubled: Vec<bool> = all.iter().map(|x| is_part_of_table(&all, x)).collect();
+    for (x, _) in all.iter_mut().zip(doubled).filter(|(_, d)| *d) {
+        x.declared = false;
+        x.remark = ONE_CURVE.to_owned();
+        x.probability *= UNSURE;
+        x.group_probability *= UNSURE;
+    }
+    let overshadowed: Vec<bool> = all.iter().map(|x| is_overshadowed(library, &all, x)).collect();
+    for (x, _) in all.iter_mut().zip(overshadowed).filter(|(_, o)| *o) {
+        x.declared = false;
+        x.remark = "something larger that no effect fits acts in the same direction".to_owned();
+        x.probability *= UNSURE;
+        x.group_probability *= UNSURE;
+    }
+    all
+}
+
+/// What is left of a probability where a gate says no.
+pub const UNSURE: f64 = 0.1;
+
+/// True for a worn place beside a table of positions of the same axis, or the other way round: one curve, two names. The one
+/// that explains more by itself keeps its name.
+fn is_part_of_table(all: &[Assessed], x: &Assessed) -> bool {
+    const CURVES: [&str; 2] = ["positioning", "wear"];
+    let is_curve = |a: &Assessed| CURVES.contains(&a.label.effect);
+    let size = |a: &Assessed| a.gates.alone * a.found.gain;
+    is_curve(x)
+        && all.iter().any(|o| {
+            o.variant != x.variant && is_curve(o) && o.label.subject == x.label.subject && size(o) > size(x)
+        })
+}
+
+/// True where effects that failed a gate explain more than this one, in its own direction: it then lives on their misfit.
+fn is_overshadowed(library: &Library, all: &[Assessed], x: &Assessed) -> bool {
+    let direction = |a: &Assessed| library.variants[a.variant].shape.acts_along();
+    let own = direction(x);
+    let failed: f64 = all
+        .iter()
+        .filter(|o| !o.declared && !o.remark.is_empty() && o.remark != ONE_PASS && !is_part_of_table(all, o))
+        .filter(|o| own.is_none() || direction(o).is_none() || direction(o) == own)
+        .map(|o| o.found.gain)
+        .sum();
+    x.declared && failed > x.found.gain
+}
+
+/// Takes out of the selection, one by one, what makes readings that were left out worse: beside it nothing else can be
+/// judged. What was taken out is returned as it was assessed.
+pub fn prune(problem: &mut Problem, library: &Library, selection: &mut Selection) -> Vec<Assessed> {
+    let mut out = Vec::new();
+    while !selection.chosen.is_empty() {
+        let worst = assess(problem, library, selection)
+            .into_iter()
+            .enumerate()
+            .min_by(|(_, a), (_, b)| a.gates.held_out.total_cmp(&b.gates.held_out));
+        match worst {
+            Some((place, x)) if x.gates.held_out < 0.0 => {
+                selection.chosen.remove(place);
+                out.push(x);
+            }
+            _ => break,
+        }
+    }
+    out
+}
+
+fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place: usize) -> Assessed {
+    let variant = selection.chosen[place];
+    let label = library.variants[variant].label;
+    let others: Vec<usize> =
+        selection.chosen.iter().enumerate().filter(|(i, _)| *i != place).map(|(_, v)| *v).collect();
+    let given = problem.given(&others);
+    let (gain, rank) = problem.gain(&given, variant);
+    let own = Found { variant, gain, rank, evidence: evidence(gain, rank, selection.grid[label]) };
+    let mut taken: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
+    // beside a lag that is in, another one is the difference of two lags: an acceleration under a wrong name
+    if !is_lag(library, label) && taken.iter().any(|l| is_lag(library, *l)) {
+        taken.extend((0..library.labels.len()).filter(|l| is_lag(library, *l)));
+    }
+    let ranking = selection.ranking(problem, library, &given, &taken);
+    let largest = largest_gains(problem, library, &given, &taken);
+    let g = gates(problem, library, selection, place, &own, &ranking);
+    let same: Vec<Label> = largest
+        .iter()
+        .enumerate()
+        .filter(|(l, gain)| *l != label && **gain >= SAME * own.gain - 4.0 && **gain > 0.5 * own.gain)
+        .map(|(l, _)| library.labels[l].clone())
+        .collect();
+    let temper = 2.0 * (1.0 + CALIBRATION.temper * own.gain);
+    let weight = |f: &Found| ((f.evidence - own.evidence) / temper).min(0.0).exp();
+    let rivals: Vec<(Label, f64)> = ranking
+        .iter()
+        .filter(|f| library.variants[f.variant].label != label && f.evidence > 0.0)
+        .map(|f| (library.labels[library.variants[f.variant].label].clone(), weight(f)))
+        .filter(|(_, w)| *w > 1e-4)
+        .collect();
+    let total = 1.0 + rivals.iter().map(|(_, w)| w).sum::<f64>();
+    let in_group = 1.0 + rivals.iter().filter(|(l, _)| same.contains(l)).map(|(_, w)| w).sum::<f64>();
+    let real = logistic(&g);
+    let mut remark = why_not(&g);
+    if remark.is_empty() && problem.is_single_pass && library.variants[variant].shape.is_free_curve() {
+        remark = ONE_PASS.to_owned();
+    }
+    if remark.is_empty() && cancelling(problem, library, selection, place) > CANCELLING {
+        remark = "fits only by large terms that cancel each other: stands for something else".to_owned();
+    }
+    if remark.is_empty() && turn_share(problem, library, selection, place) > TURN_SHARE {
+        remark = "is the same at every position: a lost motion, not a table of positions".to_owned();
+    }
+    let group_probability = if remark.is_empty() { 1.0 } else { UNSURE } * real * in_group / total;
+    let probability = group_probability / in_group;
+    let alternatives = rivals.into_iter().map(|(l, w)| (l, group_probability / in_group * w)).collect();
+    Assessed {
+        variant,
+        label: library.labels[label].clone(),
+        kind: library.kinds[label],
+        found: own,
+        declared: remark.is_empty() && group_probability >= DECLARED,
+        remark,
+        share: 1.0 / total,
+        group_share: in_group / total,
+        gates: g,
+        same,
+        group_probability,
+        probability,
+        alternatives,
+    }
+}
+
+/// Largest term of a power series, as a multiple of the whole: a real angle that is zero at the zero of its axis needs less.
+const CANCELLING: f64 = 250.0;
+
+/// The largest term of an angular error over the RMS of all of them, whitened; 0 for other effects.
+fn cancelling(problem: &Problem, library: &Library, selection: &Selection, place: usize) -> f64 {
+    let variant = selection.chosen[place];
+    let Shape::Angular { degree, .. } = library.variants[variant].shape else { return 0.0 };
+    let given = problem.given(&selection.chosen);
+    let beta = problem.fit(&given);
+    let (at, _) = problem.span[variant];
+    let (mine, values): (Vec<usize>, Vec<f64>) =
+        given.columns.iter().zip(&beta).filter(|(c, _)| (at..at + degree).contains(*c)).unzip();
+    let all = problem.contribution(&mine, &values).norm();
+    // columns have length 1, so the values are the lengths of the terms
+    let largest = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+    if all > 0.0 { largest / all } else { 0.0 }
+}
+
+/// Share of a table with values in reverse that a constant reversal may have.
+const TURN_SHARE: f64 = 0.5;
+
+/// Share of the constant reversal in what a table with values of its own in reverse does.
+fn turn_share(problem: &Problem, library: &Library, selection: &Selection, place: usize) -> f64 {
+    let variant = selection.chosen[place];
+    let Shape::Reverse { high, .. } = library.variants[variant].shape else { return 0.0 };
+    let given = problem.given(&selection.chosen);
+    let beta = problem.fit(&given);
+    let (at, k) = problem.span[variant];
+    let (mine, values): (Vec<usize>, Vec<f64>) =
+        given.columns.iter().zip(&beta).filter(|(c, _)| (at..at + k).contains(*c)).unzip();
+    let all = problem.contribution(&mine, &values).norm_squared();
+    let constant = problem.contribution(&mine[high - 1..high], &values[high - 1..high]).norm_squared();
+    if all > 0.0 { constant / all } else { 0.0 }
+}
+
+fn is_lag(library: &Library, label: usize) -> bool {
+    ["servo-mismatch", "latency", "clock-skew"].contains(&library.labels[label].effect)
+}
+
+/// The largest gain of each label, whatever its number of parameters.
+fn largest_gains(
+    problem: &Problem,
+    library: &Library,
+    given: &super::search::Given,
+    not: &[usize],
+) -> Vec<f64> {
+    let mut best = vec![0.0f64; library.labels.len()];
+    for (v, variant) in library.variants.iter().enumerate() {
+        if !not.contains(&variant.label) && !variant.shape.has_slope() {
+            best[variant.label] = best[variant.label].max(problem.gain(given, v).0);
+        }
+    }
+    best
+}
+
+fn logistic(g: &Gates) -> f64 {
+    let c = CALIBRATION;
+    let z = c.base
+        - c.invariance * (c.full - g.invariance).max(0.0)
+        - c.place * (c.full - g.place).max(0.0)
+        - c.held_out * (c.held_out_full - g.held_out.max(c.held_out_least)).max(0.0)
+        - c.misfit * g.misfit.clamp(0.0, 1.0);
+    1.0 / (1.0 + (-z).exp())
+}
+
+impl Assessed {
+    /// True where the tool stands by it, or where it is the second name of a curve: nothing is missing where it acts.
+    #[must_use]
+    pub fn stands(&self) -> bool {
+        self.declared || self.remark == ONE_CURVE
+    }
+
+    /// Sets the probability by the figures of the gates, with the misfit that was found meanwhile.
+    pub fn settle(&mut self) {
+        let before = self.probability;
+        let real = logistic(&self.gates) * if self.remark.is_empty() { 1.0 } else { UNSURE };
+        (self.probability, self.group_probability) = (real * self.share, real * self.group_share);
+        self.declared = self.remark.is_empty() && self.group_probability >= DECLARED;
+        let scale = self.probability / before.max(1e-12);
+        self.alternatives.iter_mut().for_each(|(_, p)| *p *= scale);
+    }
+}
+
+fn why_not(g: &Gates) -> String {
+    use super::search::{AGAINST, HELD_OUT, INVARIANCE, PLACE, RIVAL, RUN_T};
+    let mut why = Vec::new();
+    if g.invariance < INVARIANCE {
+        why.push(format!("not the same in all programmes ({:.2}, needed {INVARIANCE})", g.invariance));
+    }
+    if g.place < PLACE {
+        why.push(format!("not the same at all places ({:.2}, needed {PLACE})", g.place));
+    }
+    if g.run_t < RUN_T {
+        why.push(format!("not the same in all runs (t {:.1}, needed {RUN_T})", g.run_t));
+    }
+    if g.held_out < HELD_OUT {
+        why.push(format!("does not hold on runs left out ({:.2}, needed {HELD_OUT})", g.held_out));
+    }
+    if g.rival > RIVAL {
+        why.push(format!("another effect explains {:.1} times as much, limit {RIVAL}", g.rival));
+    }
+    if g.against < AGAINST {
+        why.push("takes back what the other effects say: together they stand for something else".to_owned());
+    }
+    why.join("; ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Gates, logistic};
+
+    const GOOD: Gates = Gates {
+        invariance: 1.0,
+        place: 1.0,
+        run_t: 20.0,
+        held_out: 1.0,
+        rival: 0.5,
+        against: 0.0,
+        alone: 1.0,
+        concentration: 0.2,
+        misfit: 0.0,
+    };
+
+    #[test]
+    fn whatever_speaks_against_an_effect_lowers_its_probability() {
+        let best = logistic(&GOOD);
+        assert!(best > 0.9, "{best}");
+        for worse in [
+            Gates { invariance: 0.92, ..GOOD },
+            Gates { place: 0.93, ..GOOD },
+            Gates { held_out: 0.9, ..GOOD },
+            Gates { misfit: 0.3, ..GOOD },
+        ] {
+            assert!(logistic(&worse) < best - 0.05, "{worse:?}");
+        }
+        let bad = Gates { invariance: 0.9, place: 0.93, misfit: 0.2, ..GOOD };
+        assert!(logistic(&bad) < 0.2);
+        // beside a huge effect the share says little: no more than this
+        assert!(logistic(&Gates { held_out: -30.0, ..GOOD }) == logistic(&Gates { held_out: 0.5, ..GOOD }));
+    }
+}

@@ -1,0 +1,159 @@
+//! How far the gap shrinks on new data of the same programme: cross-validation over blocks of runs, and a bootstrap of
+//! the blocks for the interval.
+//!
+//! The fit of a fold does not see its block, so what the parameters owe to noise does not count as gain. The interval
+//! also covers that new data have noise and drift of their own.
+
+use super::noise::Random;
+use super::offsets::{peak99, rms, without_offsets};
+use super::report::Shrink;
+use super::search::{FOLD_RIDGE, FOLDS, Problem, fold_of};
+use super::session::Session;
+
+/// Draws of the bootstrap.
+const DRAWS: usize = 400;
+/// The interval of the bootstrap is widened by this: new data scatter as much as the old.
+const WIDEN: f64 = 1.5;
+/// Least half width of the interval: no programme repeats better.
+const LEAST_HALF: f64 = 0.016;
+
+/// What some columns contribute to every reading of the session, um, fitted without the reading's own fold.
+pub(super) struct Contributions {
+    /// Per column of the selection, in its order; per row of the session, fitted on other folds.
+    pub(super) held_out: Vec<Vec<f64>>,
+    /// The same with the fit to all readings.
+    pub(super) in_sample: Vec<Vec<f64>>,
+}
+
+/// Contributions of the columns `columns` with raw values `raw` (per column, per row of the session).
+#[must_use]
+pub(super) fn contributions(
+    session: &Session,
+    problem: &Problem,
+    columns: &[usize],
+    beta: &[f64],
+    raw: &[Vec<f64>],
+) -> Contributions {
+    let n = columns.len();
+    if n == 0 {
+        return Contributions { held_out: Vec::new(), in_sample: Vec::new() };
+    }
+    let folds = FOLDS.min(problem.blocks.max(2));
+    let mut g = vec![nalgebra::DMatrix::<f64>::zeros(n, n); folds];
+    let mut b = vec![nalgebra::DVector::<f64>::zeros(n); folds];
+    let mut x = nalgebra::DVector::<f64>::zeros(n);
+    for (i, row) in problem.w.column_iter().enumerate() {
+        for (x, c) in x.iter_mut().zip(columns) {
+            *x = row[*c];
+        }
+        let f = fold_of(problem.block[i], problem.blocks);
+        g[f].ger(1.0, &x, &x, 1.0);
+        b[f].axpy(problem.y[i], &x, 1.0);
+    }
+    let whole_g = g.iter().fold(nalgebra::DMatrix::zeros(n, n), |s, m| s + m);
+    let whole_b = b.iter().fold(nalgebra::DVector::zeros(n), |s, v| s + v);
+    let fits: Vec<nalgebra::DVector<f64>> = (0..folds)
+        .map(|f| {
+            let mut rest = &whole_g - &g[f];
+            for j in 0..n {
+                rest[(j, j)] += FOLD_RIDGE * whole_g[(j, j)];
+            }
+            let scale = rest.diagonal().max().max(1e-12);
+            rest.svd(true, true)
+                .solve(&(&whole_b - &b[f]), 1e-10 * scale)
+                .unwrap_or_else(|_| nalgebra::DVector::from_column_slice(beta))
+        })
+        .collect();
+    let mut fold = vec![0usize; session.readings.len()];
+    for (k, i) in problem.rows.iter().enumerate() {
+        fold[*i] = fold_of(problem.block[k], problem.blocks);
+    }
+    let scaled = |j: usize, b: f64| {
+        let norm = problem.norm[columns[j]];
+        if norm > 0.0 { b / norm } else { 0.0 }
+    };
+    let held_out = (0..n)
+        .map(|j| raw[j].iter().enumerate().map(|(i, v)| v * scaled(j, fits[fold[i]][j])).collect())
+        .collect();
+    let in_sample = (0..n).map(|j| raw[j].iter().map(|v| v * scaled(j, beta[j])).collect()).collect();
+    Contributions { held_out, in_sample }
+}
+
+/// `gap` minus the sum of some contributions.
+#[must_use]
+pub(super) fn minus(gap: &[f64], parts: &[Vec<f64>], take: impl Fn(usize) -> bool) -> Vec<f64> {
+    let mut out = gap.to_vec();
+    for (_, part) in parts.iter().enumerate().filter(|(j, _)| take(*j)) {
+        for (o, p) in out.iter_mut().zip(part) {
+            *o -= p;
+        }
+    }
+    out
+}
+
+/// The forecast, with the columns that `take` names.
+#[must_use]
+pub(super) fn forecast(
+    session: &Session,
+    problem: &Problem,
+    gap: &[f64],
+    used: &[bool],
+    parts: &Contributions,
+    take: &dyn Fn(usize) -> bool,
+    seed: u64,
+) -> Shrink {
+    let before = without_offsets(session, gap, used);
+    let after = without_offsets(session, &minus(gap, &parts.held_out, take), used);
+    let fitted = without_offsets(session, &minus(gap, &parts.in_sample, take), used);
+    let (rms_before, rms_after) = (rms(&before), rms(&after));
+    let fraction = 1.0 - rms_after / rms_before.max(1e-12);
+    let mut sums = vec![[0.0; 3]; problem.blocks];
+    // a programme is what it is: blocks are drawn again within their setup
+    let mut strata: std::collections::BTreeMap<usize, Vec<usize>> = std::collections::BTreeMap::new();
+    let mut setup_of = vec![0; problem.blocks];
+    for (k, i) in problem.rows.iter().enumerate() {
+        setup_of[problem.block[k]] = session.readings[*i].setup;
+    }
+    for (block, setup) in setup_of.iter().enumerate() {
+        strata.entry(*setup).or_default().push(block);
+    }
+    for (k, i) in problem.rows.iter().enumerate() {
+        let s = &mut sums[problem.block[k]];
+        s[0] += before[*i] * before[*i];
+        s[1] += after[*i] * after[*i];
+        s[2] += 1.0;
+    }
+    let mut random = Random::new(seed ^ 0x5157);
+    let mut draws: Vec<f64> = (0..DRAWS)
+        .map(|_| {
+            let (mut b, mut a) = (0.0, 0.0);
+            for blocks in strata.values() {
+                for _ in 0..blocks.len() {
+                    let s = &sums[blocks[random.below(blocks.len())]];
+                    b += s[0];
+                    a += s[1];
+                }
+            }
+            1.0 - (a / b.max(1e-12)).sqrt()
+        })
+        .collect();
+    draws.sort_by(f64::total_cmp);
+    let nothing = !(0..parts.held_out.len()).any(take);
+    let (low, high) = (draws[DRAWS / 20], draws[DRAWS - 1 - DRAWS / 20]);
+    let half = |v: f64| ((WIDEN * v).powi(2) + LEAST_HALF * LEAST_HALF).sqrt();
+    let ci90 = if nothing {
+        [0.0, 0.0]
+    } else {
+        [fraction - half(fraction - low), (fraction + half(high - fraction)).min(1.0)]
+    };
+    Shrink {
+        rms_before_um: rms_before,
+        rms_after_um: rms_after,
+        fraction: if nothing { 0.0 } else { fraction },
+        ci90,
+        how: "blocked cross-validation".to_owned(),
+        in_sample_fraction: if nothing { 0.0 } else { 1.0 - rms(&fitted) / rms_before.max(1e-12) },
+        peak99_before_um: peak99(&before),
+        peak99_after_um: peak99(&after),
+    }
+}

@@ -1,0 +1,216 @@
+//! Effects of the geometry: squareness, scales, curves over a position, sag, the tool.
+
+use super::super::super::moment::Axis;
+use super::super::shape::Shape;
+use super::super::{Kind, Label};
+use super::Builder;
+
+/// Pitches of screws, racks and scales, mm.
+const PITCHES: [f64; 22] = [
+    0.008, 0.01, 0.02, 0.04, 0.1, 0.2, 0.5, 1.0, 2.0, 2.5, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 16.0, 20.0,
+    25.0, 32.0, 40.0,
+];
+
+/// Effects of one linear axis that only its motion shows.
+const OF_AN_AXIS: [&str; 11] = [
+    "scale",
+    "positioning",
+    "backlash",
+    "lateral-play",
+    "reversal-spike",
+    "cyclic",
+    "servo-mismatch",
+    "inertial",
+    "inertial-cross",
+    "sag",
+    "wear",
+];
+
+/// The curves and the same with slopes of their own: the line from which a curve is counted is a choice (see
+/// `Selection::absorb`).
+fn with_slopes(mut shapes: Vec<Shape>) -> Vec<Shape> {
+    shapes.extend(shapes.clone().into_iter().map(|s| match s {
+        Shape::Polynomial { along, over, high, centre_mm, half_mm, .. } => {
+            Shape::Polynomial { along, over, low: 1, high, centre_mm, half_mm }
+        }
+        other => other,
+    }));
+    shapes
+}
+
+impl Builder<'_> {
+    pub(super) fn geometry(&mut self) {
+        let linear = self.linear();
+        for axis in Axis::LINEAR.into_iter().filter(|a| self.session.machine.axis(*a).is_some()) {
+            if self.facts.range[axis.slot()].is_none() {
+                let because = if self.session.axes.contains(&axis) {
+                    "the axis stands still in these data".to_owned()
+                } else {
+                    format!("no column {}", axis.column())
+                };
+                for effect in OF_AN_AXIS {
+                    self.blind(&Label::new(effect, axis), &because);
+                }
+            }
+        }
+        for (first, second) in [(Axis::X, Axis::Y), (Axis::Y, Axis::Z), (Axis::Z, Axis::X)] {
+            let mut shapes = Vec::new();
+            // the angle of the later axis of the pair: of Y against X, of Z against Y, of Z against X
+            let (along, over) = if first == Axis::Z { (Axis::X, Axis::Z) } else { (first, second) };
+            for (along, over) in [(along, over), (over, along)] {
+                if self.facts.range[over.slot()].is_some() {
+                    shapes.push(Shape::Squareness { along, over });
+                }
+            }
+            let both = [first, second].iter().all(|a| self.facts.range[a.slot()].is_some());
+            let label = Label::new("squareness", format!("{first}{second}"));
+            if both {
+                self.add(Kind::Machine, label, shapes);
+            } else {
+                self.blind(&label, "both axes must move");
+            }
+        }
+        for (axis, [low, high]) in &linear {
+            let (axis, centre, half) = (*axis, 0.5 * (low + high), 0.5 * (high - low));
+            self.add(Kind::Machine, Label::new("scale", axis), vec![Shape::Scale { axis }]);
+            let poly = |along: Axis, degrees: &[usize]| -> Vec<Shape> {
+                degrees
+                    .iter()
+                    .map(|high| Shape::Polynomial {
+                        along,
+                        over: axis,
+                        low: 2,
+                        high: *high,
+                        centre_mm: centre,
+                        half_mm: half,
+                    })
+                    .collect()
+            };
+            let different = self.different_positions(axis);
+            let degrees = |all: &[usize]| all.iter().copied().filter(|d| *d < different).collect::<Vec<_>>();
+            let mut table = with_slopes(poly(axis, &degrees(&[3, 4, 5, 8, 13, 20])));
+            // with more than one setup, other programmes tell lost motion from a table: then the two stay apart
+            if self.facts.reverses[axis.slot()] && self.session.setups.len() == 1 {
+                let pairs = degrees(&[3, 4, 5, 8, 13]).into_iter().flat_map(|high| {
+                    [1, 3, high].into_iter().filter(move |r| *r <= high).map(move |r| (high, r))
+                });
+                table.extend(pairs.map(|(high, reverse)| Shape::Reverse {
+                    axis,
+                    high,
+                    reverse,
+                    centre_mm: centre,
+                    half_mm: half,
+                }));
+            }
+            self.add(Kind::Machine, Label::new("positioning", axis), table);
+            for along in Axis::LINEAR.into_iter().filter(|a| *a != axis) {
+                let shapes = with_slopes(poly(along, &degrees(&[2, 3, 5, 8])));
+                self.add(Kind::Machine, Label::new("straightness", format!("e{along}{axis}")), shapes);
+            }
+            self.angular(axis, low.abs().max(high.abs()));
+            self.periodic(axis, half, different);
+            self.bumps(axis, [*low, *high], different);
+            if axis != Axis::Z {
+                let ram = Shape::Ram {
+                    axis,
+                    start_mm: low.min(0.0),
+                    reach_mm: 2.0 * half,
+                    lever: self.lever(axis),
+                };
+                let mut shapes: Vec<Shape> =
+                    [1.0, 1.5, 2.5]
+                        .into_iter()
+                        .flat_map(|f| {
+                            let (length_mm, tools) = (2.0 * half * f, self.facts.tools);
+                            [false, true]
+                                .into_iter()
+                                .filter(move |t| !t || tools)
+                                .map(move |tool| Shape::Sag { axis, start_mm: *low, length_mm, tool })
+                        })
+                        .collect();
+                shapes.push(ram);
+                self.add(Kind::Machine, Label::new("sag", axis), shapes);
+            }
+        }
+        if self.facts.tools {
+            self.add(Kind::Machine, Label::new("spindle-tilt", ""), vec![Shape::SpindleTilt]);
+            self.add(Kind::Machine, Label::new("tool-length", ""), vec![Shape::ToolLength]);
+        } else {
+            for effect in ["spindle-tilt", "tool-length"] {
+                self.blind(&Label::new(effect, ""), "one tool length only; measure two in one setup");
+            }
+        }
+    }
+
+    fn different_positions(&self, axis: Axis) -> usize {
+        let mut seen: Vec<i64> =
+            self.session.moments.iter().map(|m| (m.position[axis.slot()] * 1e3).round() as i64).collect();
+        seen.sort_unstable();
+        seen.dedup();
+        seen.len()
+    }
+
+    fn angular(&mut self, axis: Axis, half_mm: f64) {
+        let lever = self.lever(axis);
+        for (letter, about) in [('a', Axis::X), ('b', Axis::Y), ('c', Axis::Z)] {
+            let crosses = (0..3).filter(|i| *i != about.direction());
+            let arm = crosses.clone().any(|i| lever.axes[i] && self.facts.range[i].is_some());
+            let tool = lever.tool && about != Axis::Z;
+            let label = Label::new("angular", format!("e{letter}{axis}"));
+            if !(arm || tool) {
+                self.blind(
+                    &label,
+                    "no lever changes: move an axis between it and the tool, or use a second tool length",
+                );
+                continue;
+            }
+            let shapes = [1, 2, 3, 5]
+                .into_iter()
+                .map(|degree| Shape::Angular { about, over: axis, degree, half_mm, lever })
+                .collect();
+            self.add(Kind::Machine, label, shapes);
+        }
+    }
+
+    fn periodic(&mut self, axis: Axis, half: f64, different: usize) {
+        let label = Label::new("cyclic", axis);
+        let step = 2.0 * half / different.max(2) as f64;
+        let shapes: Vec<Shape> = PITCHES
+            .into_iter()
+            .filter(|p| *p < 0.8 * half && *p > 4.0 * step)
+            .flat_map(|pitch_mm| {
+                [1, 2].into_iter().map(move |harmonics| Shape::Cyclic {
+                    axis,
+                    along: axis,
+                    pitch_mm,
+                    harmonics,
+                })
+            })
+            .collect();
+        if shapes.is_empty() {
+            self.blind(&label, "positions are too far apart for a screw's pitch");
+        }
+        self.add(Kind::Machine, label, shapes);
+    }
+
+    fn bumps(&mut self, axis: Axis, [low, high]: [f64; 2], different: usize) {
+        let label = Label::new("wear", axis);
+        if different < 12 {
+            self.blind(&label, "fewer than 12 positions");
+            return;
+        }
+        let span = high - low;
+        let mut shapes = Vec::new();
+        for width in [0.03, 0.06, 0.12] {
+            if width * span * different as f64 / span < 0.7 {
+                continue;
+            }
+            let count = (1.7 / width).round() as usize;
+            for k in 0..=count {
+                let centre_mm = low + span * (0.08 + 0.84 * k as f64 / count as f64);
+                shapes.push(Shape::Wear { axis, centre_mm, width_mm: width * span });
+            }
+        }
+        self.add(Kind::Machine, label, shapes);
+    }
+}

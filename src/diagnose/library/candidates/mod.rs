@@ -1,0 +1,197 @@
+//! The grids: every effect that the columns allow, with the values of what is not linear.
+
+mod geometry;
+mod heat;
+mod motion;
+mod rotary;
+
+use super::super::moment::{Axis, Moment, Signal};
+use super::super::session::{Session, is_encoder};
+use super::shape::{Lever, STILL, Shape};
+use super::{Kind, Label, Without};
+
+/// One way in which an effect may show.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Variant {
+    /// Its effect, as an index into [`Library::labels`].
+    pub label: usize,
+    /// Its formula.
+    pub shape: Shape,
+}
+
+/// An effect that these data cannot show, and why.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Blind {
+    /// `effect:subject`.
+    pub label: String,
+    /// Why.
+    pub because: String,
+}
+
+/// All candidates for a session.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Library {
+    /// The effects.
+    pub labels: Vec<Label>,
+    /// Who is to blame for each.
+    pub kinds: Vec<Kind>,
+    /// Their variants; those of one effect stand together.
+    pub variants: Vec<Variant>,
+    /// Effects that these data cannot show.
+    pub blind: Vec<Blind>,
+}
+
+/// Effects of the structure, which the encoders of the axes do not see.
+const BEYOND_ENCODERS: [&str; 14] = [
+    "squareness",
+    "straightness",
+    "angular",
+    "sag",
+    "inertial-cross",
+    "lateral-play",
+    "spindle-tilt",
+    "tool-length",
+    "thermal-expansion",
+    "ambient-drift",
+    "spindle-growth",
+    "scale",
+    "positioning",
+    "wear",
+];
+
+/// What a session holds.
+struct Facts {
+    range: [Option<[f64; 2]>; 6],
+    moves: [bool; 6],
+    accelerates: [bool; 6],
+    reverses: [bool; 6],
+    tools: bool,
+    ranges: bool,
+    forces: [bool; 3],
+}
+
+impl Facts {
+    fn of(s: &Session) -> Self {
+        let mut f = Self {
+            range: [None; 6],
+            moves: [false; 6],
+            accelerates: [false; 6],
+            reverses: [false; 6],
+            tools: false,
+            ranges: false,
+            forces: [false; 3],
+        };
+        for axis in &s.axes {
+            let i = axis.slot();
+            let span = spread(s, |m| m.position[i]);
+            f.range[i] = span.filter(|[l, h]| h - l > 1e-6);
+            f.moves[i] = s.moments.iter().any(|m| m.velocity[i].abs() > STILL);
+            f.accelerates[i] = spread(s, |m| m.acceleration[i]).is_some_and(|[l, h]| h - l > 1e-3);
+            let signs = spread(s, |m| m.direction[i]);
+            f.reverses[i] = signs.is_some_and(|[l, h]| l < 0.0 && h > 0.0);
+        }
+        f.tools = spread(s, |m| m.tool_length_mm).is_some_and(|[l, h]| h - l > 1.0);
+        f.ranges = spread(s, |m| m.range_mm).is_some_and(|[l, h]| h - l > 1.0);
+        for (i, known) in f.forces.iter_mut().enumerate() {
+            *known = spread(s, |m| m.force_n[i]).is_some_and(|[l, h]| h - l > 1e-6);
+        }
+        f
+    }
+}
+
+fn spread(s: &Session, of: impl Fn(&Moment) -> f64) -> Option<[f64; 2]> {
+    s.moments
+        .iter()
+        .map(of)
+        .filter(|v| v.is_finite())
+        .fold(None, |r: Option<[f64; 2]>, v| Some(r.map_or([v, v], |[l, h]| [l.min(v), h.max(v)])))
+}
+
+impl Library {
+    /// Every effect that the session's columns allow, without those taken out.
+    #[must_use]
+    pub fn new(session: &Session, without: &[Without]) -> Self {
+        let mut library =
+            Self { labels: Vec::new(), kinds: Vec::new(), variants: Vec::new(), blind: Vec::new() };
+        let facts = Facts::of(session);
+        let mut b = Builder { library: &mut library, session, facts: &facts, without };
+        b.geometry();
+        b.reversals();
+        b.dynamics();
+        b.heat();
+        b.instruments();
+        b.rotary();
+        library
+    }
+
+    /// Number of columns.
+    #[must_use]
+    pub fn width(&self) -> usize {
+        self.variants.iter().map(|v| v.shape.width()).sum()
+    }
+
+    /// The variants of each label.
+    #[must_use]
+    pub fn by_label(&self) -> Vec<Vec<usize>> {
+        let mut all = vec![Vec::new(); self.labels.len()];
+        for (i, v) in self.variants.iter().enumerate() {
+            all[v.label].push(i);
+        }
+        all
+    }
+
+    /// The lagged signals that its variants read.
+    #[must_use]
+    pub fn signals(&self) -> Vec<Signal> {
+        let mut all: Vec<Signal> = Vec::new();
+        for s in self.variants.iter().flat_map(|v| v.shape.signals()) {
+            if !all.contains(s) {
+                all.push(s.clone());
+            }
+        }
+        all
+    }
+}
+
+struct Builder<'a> {
+    library: &'a mut Library,
+    session: &'a Session,
+    facts: &'a Facts,
+    without: &'a [Without],
+}
+
+impl Builder<'_> {
+    fn add(&mut self, kind: Kind, label: Label, shapes: Vec<Shape>) {
+        if shapes.is_empty() || self.without.iter().any(|w| w.covers(&label)) {
+            return;
+        }
+        if BEYOND_ENCODERS.contains(&label.effect) && self.session.instruments.iter().all(|n| is_encoder(n)) {
+            self.blind(&label, "the control's own encoders do not see the structure; measure at the tool");
+            return;
+        }
+        self.library.labels.push(label);
+        self.library.kinds.push(kind);
+        let at = self.library.labels.len() - 1;
+        self.library.variants.extend(shapes.into_iter().map(|shape| Variant { label: at, shape }));
+    }
+
+    fn blind(&mut self, label: &Label, because: &str) {
+        if !self.without.iter().any(|w| w.covers(label)) {
+            self.library.blind.push(Blind { label: label.to_string(), because: because.to_owned() });
+        }
+    }
+
+    /// Linear axes with more than one position.
+    fn linear(&self) -> Vec<(Axis, [f64; 2])> {
+        Axis::LINEAR.into_iter().filter_map(|a| Some((a, self.facts.range[a.slot()]?))).collect()
+    }
+
+    fn lever(&self, axis: Axis) -> Lever {
+        let machine = &self.session.machine;
+        let home = match (self.facts.tools, machine.gauge_point_mm) {
+            (true, Some(g)) => g,
+            _ => machine.tool_tip_mm,
+        };
+        Lever { axes: machine.levers_of(axis), home_mm: home.into(), tool: self.facts.tools }
+    }
+}

@@ -1,0 +1,50 @@
+//! Effects of the rotary axes.
+
+use super::super::super::moment::Axis;
+use super::super::shape::{RotaryFrame, Shape};
+use super::super::{Kind, Label};
+use super::Builder;
+
+impl Builder<'_> {
+    pub(super) fn rotary(&mut self) {
+        let machine = self.session.machine.clone();
+        for axis in [Axis::A, Axis::B, Axis::C] {
+            if self.facts.range[axis.slot()].is_none() {
+                if self.session.axes.contains(&axis) {
+                    self.blind(&Label::new("rotary-location", axis), "the axis stands still in these data");
+                }
+                continue;
+            }
+            let entry = machine.axis(axis);
+            let (outer, inner) = machine.around(axis);
+            let frame = RotaryFrame {
+                axis,
+                workpiece_side: entry.is_some_and(|e| e.workpiece_side),
+                point_mm: entry.map_or([0.0; 3], |e| e.point_mm.into()),
+                outer,
+                inner,
+                tip_mm: machine.tool_tip_mm.into(),
+            };
+            self.add(
+                Kind::Machine,
+                Label::new("rotary-location", axis),
+                vec![Shape::RotaryLocation { frame: frame.clone() }],
+            );
+            let mut shapes = Vec::new();
+            for along in [vec![Axis::X], vec![Axis::Y], vec![Axis::Z], Axis::LINEAR.to_vec()] {
+                for (low, high) in [(2, 2), (2, 3), (2, 5)] {
+                    shapes.push(Shape::RotaryMotion { axis, along: along.clone(), low, high });
+                }
+            }
+            self.add(Kind::Machine, Label::new("rotary-motion", axis), shapes);
+            self.add(
+                Kind::Machine,
+                Label::new("rotary-eccentricity", axis),
+                vec![Shape::RotaryEccentricity { frame: frame.clone() }],
+            );
+            if self.facts.reverses[axis.slot()] {
+                self.add(Kind::Machine, Label::new("backlash", axis), vec![Shape::RotaryBacklash { frame }]);
+            }
+        }
+    }
+}

@@ -1,0 +1,556 @@
+//! The formulas of the effects: deviation of the tool against the workpiece, in machine axes and um, per unit of each
+//! parameter.
+//!
+//! Assumptions: small errors, so that effects add; references at zero (angular and rotary errors vanish at the zero of
+//! their axis), so that none of them carries a squareness or a location error. Everything is linear in the parameters;
+//! what is not (time constants, lengths, pitches) belongs to the shape itself and is searched over a grid.
+//! Source: the catalogue of the diagnosis; equations section 1 for squareness, angular errors and locations.
+
+use serde::{Deserialize, Serialize};
+
+use super::super::moment::{Axis, Moment, Signal};
+use super::polynomial::legendre;
+use crate::core::geometry::{Mat3, Vec3, rotation_about, unit};
+use crate::core::units::{RAD_PER_ARCSEC, UM_PER_MM};
+
+/// Most parameters of one shape.
+pub const WIDTH_MAX: usize = 40;
+/// Movement below this is standstill, mm/s or rad/s.
+pub const STILL: f64 = 1e-6;
+/// Speed from which friction has its full size, mm/s.
+const CREEP_MM_PER_S: f64 = 0.1;
+/// um per arcsec and mm of lever.
+const UM_PER_ARCSEC_MM: f64 = RAD_PER_ARCSEC * UM_PER_MM;
+/// Reference temperature of lengths, ISO 1.
+pub const REFERENCE_DEGC: f64 = 20.0;
+
+/// What lies between an angular error and the tool tip.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Lever {
+    /// The linear axes whose travel counts.
+    pub axes: [bool; 3],
+    /// Tool tip (or spindle nose, where the tool length is known) at home, mm.
+    pub home_mm: [f64; 3],
+    /// The tool length counts, too.
+    pub tool: bool,
+}
+
+impl Lever {
+    /// The vector to the tool tip, mm.
+    #[must_use]
+    pub fn at(&self, m: &Moment) -> Vec3 {
+        let mut r = Vec3::from(self.home_mm);
+        for (i, counts) in self.axes.iter().enumerate() {
+            if *counts {
+                r[i] += m.position[i];
+            }
+        }
+        if self.tool && m.tool_length_mm.is_finite() {
+            r.z -= m.tool_length_mm;
+        }
+        r
+    }
+}
+
+/// Where a rotary axis stands in the machine.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct RotaryFrame {
+    /// The axis.
+    pub axis: Axis,
+    /// It carries the workpiece.
+    pub workpiece_side: bool,
+    /// A point on it, mm.
+    pub point_mm: [f64; 3],
+    /// Rotary axes between the bed and it, from the bed outwards.
+    pub outer: Vec<Axis>,
+    /// Rotary axes beyond it.
+    pub inner: Vec<Axis>,
+    /// Tool tip at home from the origin, mm: the point where no target is given.
+    pub tip_mm: [f64; 3],
+}
+
+impl RotaryFrame {
+    /// Physical rotation by an axis: a table turns the other way than its coordinate counts.
+    fn turn(&self, axis: Axis, m: &Moment) -> Mat3 {
+        let q = m.position[axis.slot()];
+        rotation_about(axis.direction(), if self.workpiece_side { -q } else { q })
+    }
+
+    fn product(&self, axes: &[Axis], m: &Moment) -> Mat3 {
+        axes.iter().fold(Mat3::identity(), |r, a| r * self.turn(*a, m))
+    }
+
+    /// Rotation of what lies between bed and axis, own rotation, and the point before own rotation, from the axis.
+    fn state(&self, m: &Moment) -> (Mat3, Mat3, Vec3) {
+        let (outer, own) = (self.product(&self.outer, m), self.turn(self.axis, m));
+        let point = Vec3::from(self.point_mm);
+        let home = if self.workpiece_side && m.target_mm.iter().all(|v| v.is_finite()) {
+            self.product(&self.inner, m) * m.target_mm - point
+        } else if self.workpiece_side {
+            let tip = Vec3::from(self.tip_mm) + Vec3::new(m.position[0], m.position[1], m.position[2]);
+            own.transpose() * (outer.transpose() * tip - point)
+        } else {
+            let mut tip = Vec3::from(self.tip_mm);
+            if m.tool_length_mm.is_finite() {
+                tip.z -= m.tool_length_mm;
+            }
+            self.product(&self.inner, m) * tip - point
+        };
+        (outer, own, home)
+    }
+
+    /// Motion of tool against workpiece for a motion of what the axis carries.
+    fn sign(&self) -> f64 {
+        if self.workpiece_side { -1.0 } else { 1.0 }
+    }
+}
+
+/// A formula with its non-linear parameters.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(tag = "form", rename_all = "kebab-case", rename_all_fields = "kebab-case")]
+#[expect(missing_docs, reason = "each variant says what it is; its fields are the symbols of that formula")]
+pub enum Shape {
+    /// `d_along = angle x_over`.
+    Squareness { along: Axis, over: Axis },
+    /// `d_a = s x_a`.
+    Scale { axis: Axis },
+    /// `d_along = SUM c_k P_k((x_over - centre)/half)`, Legendre polynomials of degree low..high.
+    Polynomial { along: Axis, over: Axis, low: usize, high: usize, centre_mm: f64, half_mm: f64 },
+    /// `d = eps x lever`, `eps = SUM e_k (x/half)^k` about one direction.
+    Angular { about: Axis, over: Axis, degree: usize, half_mm: f64, lever: Lever },
+    /// A curve with values of its own in each direction of travel: `d_a = SUM p_k P_k(s) - dir/2 SUM r_k P_k(s)`.
+    Reverse { axis: Axis, high: usize, reverse: usize, centre_mm: f64, half_mm: f64 },
+    /// `d_a = alpha (T - T0) x_a`, and `k (T - T0)` where the reference is not at zero.
+    Thermal { axis: Axis, signal: Signal, reference_degc: f64, with_offset: bool },
+    /// `d = SUM k_i (s_i - s_0)` along the directions listed.
+    Growth { signals: Vec<Signal>, along: Vec<Axis>, reference: f64 },
+    /// `d_along = -w/2 dir (1 - exp(-s/length))`, times `1 + g x` where it has a slope.
+    Backlash { axis: Axis, along: Vec<Axis>, length_mm: f64, slope: bool },
+    /// `d_a = h dir (exp(-t/fall) - exp(-t/rise))` while the axis moves.
+    Spike { axis: Axis, rise_s: f64, fall_s: f64, slope: bool },
+    /// Friction that the servo lags behind by while the axis moves: `d_a = -h tanh(v/v0)`.
+    Friction { axis: Axis },
+    /// `SUM c_n cos(2 pi n x/pitch) - c_n + s_n sin(2 pi n x/pitch)`.
+    Cyclic { axis: Axis, along: Axis, pitch_mm: f64, harmonics: usize },
+    /// `d_a = -tau v_a + tau tie a_a` for every axis listed.
+    Lag { axes: Vec<Axis>, tie_ms: f64 },
+    /// `d_along = k a_axis`, and `k' a_axis x_axis` where it has a slope.
+    Inertial { axis: Axis, along: Axis, slope: bool },
+    /// `d = k a_axis (e_about x lever)` for each direction listed.
+    InertialTilt { axis: Axis, about: Vec<Axis>, lever: Lever },
+    /// Bending of a cantilever: `d_z = w s^2 (3 L - s)/(2 L^3)`, `s = x - start`, and its slope times the tool length.
+    Sag { axis: Axis, start_mm: f64, length_mm: f64, tool: bool },
+    /// A ram that moves out by s: weight at its end and own weight, `d_z = -(w1 s^3 + w2 s^4)` over powers of its reach, and
+    /// the slope of that times the lever to the tool.
+    Ram { axis: Axis, start_mm: f64, reach_mm: f64, lever: Lever },
+    /// `d = (b L, -a L)`.
+    SpindleTilt,
+    /// `d_z = c L`.
+    ToolLength,
+    /// Along the beam: `c (T - 20) (range + q)`; of all instruments that measure by light, or only of those with (true) or
+    /// without (false) a station.
+    DeadPath {
+        signal: Signal,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        station: Option<bool>,
+    },
+    /// Along the line from station to target: `c range`, or `c range (T - 20)`.
+    TrackerScale { signal: Option<Signal> },
+    /// Delay and drift of the clock of each file: `-v (d + r (t - start))`.
+    ClockSkew { files: Vec<usize>, start_s: Vec<f64>, span_s: Vec<f64>, drift: bool },
+    /// Two shifts and two tilts of a rotary axis; no deviation at zero.
+    RotaryLocation { frame: RotaryFrame },
+    /// Harmonics of the rotation: shifts `cos(n q) - 1`, `sin(n q)` along the directions listed.
+    RotaryMotion { axis: Axis, along: Vec<Axis>, low: usize, high: usize },
+    /// Angular error `c (cos q - 1) + s sin q` about the axis itself, times the radius.
+    RotaryEccentricity { frame: RotaryFrame },
+    /// `-w/2 dir` about the axis itself, times the radius.
+    RotaryBacklash { frame: RotaryFrame },
+    /// `d_along = c sign(F) |F|^power` of one axis.
+    Load { axis: Axis, along: Axis, power: f64 },
+    /// A worn place: `d_a = h exp(-((x - centre)/width)^2/2)`.
+    Wear { axis: Axis, centre_mm: f64, width_mm: f64 },
+    /// A constant shift of everything after a time, until the end of the file.
+    Step { file: usize, after_s: f64 },
+}
+
+fn put(out: &mut [Vec3], at: usize, v: Vec3) {
+    out[at] = v;
+}
+
+impl Shape {
+    /// Number of parameters.
+    #[must_use]
+    pub fn width(&self) -> usize {
+        match self {
+            Self::Squareness { .. }
+            | Self::Scale { .. }
+            | Self::Lag { .. }
+            | Self::Friction { .. }
+            | Self::ToolLength => 1,
+            Self::Polynomial { low, high, .. } => high + 1 - low,
+            Self::Reverse { high, reverse, .. } => high + reverse,
+            Self::Angular { degree, .. } => *degree,
+            Self::Thermal { with_offset, .. } => 1 + usize::from(*with_offset),
+            Self::Growth { signals, along, .. } => signals.len() * along.len(),
+            Self::Backlash { along, slope, .. } => along.len() * (1 + usize::from(*slope)),
+            Self::Spike { slope, .. } | Self::Inertial { slope, .. } => 1 + usize::from(*slope),
+            Self::Cyclic { harmonics, .. } => 2 * harmonics,
+            Self::InertialTilt { about, .. } => about.len(),
+            Self::Sag { tool, .. } => 1 + usize::from(*tool),
+            Self::Ram { .. }
+            | Self::SpindleTilt
+            | Self::DeadPath { .. }
+            | Self::RotaryEccentricity { .. } => 2,
+            Self::TrackerScale { .. } | Self::RotaryBacklash { .. } | Self::Load { .. } => 1,
+            Self::ClockSkew { files, drift, .. } => files.len() * (1 + usize::from(*drift)),
+            Self::RotaryLocation { .. } => 4,
+            Self::RotaryMotion { along, low, high, .. } => 2 * along.len() * (high + 1 - low),
+            Self::Wear { .. } => 1,
+            Self::Step { .. } => 3,
+        }
+    }
+
+    /// The deviation per unit of each parameter, um.
+    pub fn evaluate(&self, m: &Moment, out: &mut [Vec3]) {
+        match self {
+            Self::Squareness { along, over } => {
+                put(out, 0, unit(along.direction()) * (UM_PER_ARCSEC_MM * m.position[over.slot()]));
+            }
+            Self::Scale { axis } => {
+                put(out, 0, unit(axis.direction()) * (m.position[axis.slot()] * 1e-3));
+            }
+            Self::Polynomial { along, over, low, high, centre_mm, half_mm } => {
+                let s = (m.position[over.slot()] - centre_mm) / half_mm;
+                let mut values = [0.0; WIDTH_MAX + 8];
+                legendre(s.clamp(-1.2, 1.2), &mut values[..=*high]);
+                for (i, v) in values[*low..=*high].iter().enumerate() {
+                    put(out, i, unit(along.direction()) * *v);
+                }
+            }
+            Self::Reverse { axis, high, reverse, centre_mm, half_mm } => {
+                let s = (m.position[axis.slot()] - centre_mm) / half_mm;
+                let mut values = [0.0; WIDTH_MAX + 8];
+                legendre(s.clamp(-1.2, 1.2), &mut values[..=*high.max(reverse)]);
+                let along = unit(axis.direction());
+                // means from the second degree (the first is the scale), reversals from the constant
+                for (i, v) in values[2..=*high].iter().enumerate() {
+                    put(out, i, along * *v);
+                }
+                let half_turn = -0.5 * m.direction[axis.slot()];
+                for (i, v) in values[..=*reverse].iter().enumerate() {
+                    put(out, high - 1 + i, along * (*v * half_turn));
+                }
+            }
+            Self::Angular { about, over, degree, half_mm, lever } => {
+                let arm = unit(about.direction()).cross(&lever.at(m)) * UM_PER_ARCSEC_MM;
+                let s = m.position[over.slot()] / half_mm;
+                let mut power = 1.0;
+                for i in 0..*degree {
+                    power *= s;
+                    put(out, i, arm * power);
+                }
+            }
+            Self::Cyclic { axis, along, pitch_mm, harmonics } => {
+                let phase = core::f64::consts::TAU * m.position[axis.slot()] / pitch_mm;
+                for n in 0..*harmonics {
+                    let (s, c) = (phase * (n + 1) as f64).sin_cos();
+                    put(out, 2 * n, unit(along.direction()) * (c - 1.0));
+                    put(out, 2 * n + 1, unit(along.direction()) * s);
+                }
+            }
+            Self::Sag { axis, start_mm, length_mm, tool } => sag(*axis, *start_mm, *length_mm, *tool, m, out),
+            Self::Ram { axis, start_mm, reach_mm, lever } => ram(*axis, *start_mm, *reach_mm, lever, m, out),
+            Self::Wear { axis, centre_mm, width_mm } => {
+                let s = (m.position[axis.slot()] - centre_mm) / width_mm;
+                put(out, 0, unit(axis.direction()) * (-0.5 * s * s).exp());
+            }
+            Self::SpindleTilt => {
+                let l = m.tool_length_mm * UM_PER_ARCSEC_MM;
+                put(out, 0, Vec3::new(0.0, l, 0.0));
+                put(out, 1, Vec3::new(-l, 0.0, 0.0));
+            }
+            Self::ToolLength => put(out, 0, Vec3::new(0.0, 0.0, -m.tool_length_mm * 1e-3)),
+            Self::Load { axis, along, power } => {
+                let f = m.force_n[axis.direction()];
+                put(out, 0, unit(along.direction()) * (f.signum() * f.abs().powf(*power)));
+            }
+            Self::Step { file, after_s } => {
+                let on = f64::from(u8::from(m.file == *file && m.t_s >= *after_s));
+                for i in 0..3 {
+                    put(out, i, unit(i) * on);
+                }
+            }
+            _ => self.evaluate_dynamic(m, out),
+        }
+    }
+
+    /// Effects of motion, heat and instruments.
+    fn evaluate_dynamic(&self, m: &Moment, out: &mut [Vec3]) {
+        match self {
+            Self::Backlash { axis, along, length_mm, slope } => {
+                backlash(*axis, along, *length_mm, *slope, m, out)
+            }
+            Self::Spike { axis, rise_s, fall_s, slope } => {
+                let i = axis.slot();
+                let moving = f64::from(u8::from(m.velocity[i].abs() > STILL));
+                let since = m.since_s[i];
+                let h = if since.is_finite() && m.direction[i] != 0.0 {
+                    moving * m.direction[i] * ((-since / fall_s).exp() - (-since / rise_s).exp())
+                } else {
+                    0.0
+                };
+                put(out, 0, unit(axis.direction()) * h);
+                if *slope {
+                    put(out, 1, unit(axis.direction()) * (h * m.position[i] * 1e-3));
+                }
+            }
+            Self::Friction { axis } => {
+                let h = -(m.velocity[axis.slot()] / CREEP_MM_PER_S).tanh();
+                put(out, 0, unit(axis.direction()) * h);
+            }
+            Self::Lag { axes, tie_ms } => {
+                let mut d = Vec3::zeros();
+                for a in axes {
+                    d[a.direction()] += -m.velocity[a.slot()] + tie_ms * 1e-3 * m.acceleration[a.slot()];
+                }
+                put(out, 0, d);
+            }
+            Self::Inertial { axis, along, slope } => {
+                let k = m.acceleration[axis.slot()] * 1e-3;
+                put(out, 0, unit(along.direction()) * k);
+                if *slope {
+                    put(out, 1, unit(along.direction()) * (k * m.position[axis.slot()] * 1e-3));
+                }
+            }
+            Self::InertialTilt { axis, about, lever } => {
+                let r = lever.at(m);
+                for (i, b) in about.iter().enumerate() {
+                    let d = unit(b.direction()).cross(&r);
+                    put(out, i, d * (UM_PER_ARCSEC_MM * m.acceleration[axis.slot()] * 1e-3));
+                }
+            }
+            Self::ClockSkew { files, start_s, span_s, drift } => {
+                let v = Vec3::new(m.velocity[0], m.velocity[1], m.velocity[2]);
+                let each = 1 + usize::from(*drift);
+                for (i, file) in files.iter().enumerate() {
+                    let on = f64::from(u8::from(m.file == *file));
+                    put(out, each * i, -v * on);
+                    if *drift {
+                        put(out, each * i + 1, -v * (on * (m.t_s - start_s[i]) / span_s[i]));
+                    }
+                }
+            }
+            _ => {}
+        }
+    }
+
+    /// True where all that the effect needs is known: no part of its deviation is NaN.
+    #[must_use]
+    pub fn is_known_at(&self, m: &Moment, at: &dyn Fn(&Signal) -> Option<usize>) -> bool {
+        let mut out = [Vec3::zeros(); WIDTH_MAX];
+        let out = &mut out[..self.width()];
+        self.evaluate_with(m, at, out);
+        out.iter().flatten().all(|v| v.is_finite())
+    }
+
+    /// Effects that read lagged signals; `at` gives the place of a signal in [`Moment::signals`].
+    pub fn evaluate_with(&self, m: &Moment, at: &dyn Fn(&Signal) -> Option<usize>, out: &mut [Vec3]) {
+        let value = |s: &Signal| at(s).and_then(|i| m.signals.get(i)).copied().unwrap_or(f64::NAN);
+        match self {
+            Self::Thermal { axis, signal, reference_degc, with_offset } => {
+                let dt = value(signal) - reference_degc;
+                put(out, 0, unit(axis.direction()) * (dt * m.position[axis.slot()] * 1e-3));
+                if *with_offset {
+                    put(out, 1, unit(axis.direction()) * dt);
+                }
+            }
+            Self::Growth { signals, along, reference } => {
+                for (i, s) in signals.iter().enumerate() {
+                    let v = value(s) - reference;
+                    for (j, a) in along.iter().enumerate() {
+                        put(out, i * along.len() + j, unit(a.direction()) * v);
+                    }
+                }
+            }
+            Self::DeadPath { signal, station } => {
+                let dt = value(signal) - REFERENCE_DEGC;
+                let own = beam(m);
+                let counts = m.optical && station.is_none_or(|wanted| own.is_some() == wanted);
+                let line = if counts { own.unwrap_or(m.u) } else { Vec3::zeros() };
+                put(out, 0, line * (dt * m.range_mm * 1e-3));
+                put(out, 1, line * dt);
+            }
+            Self::TrackerScale { signal } => {
+                let r = beam(m).unwrap_or_else(Vec3::zeros);
+                let dt = signal.as_ref().map_or(1.0, |s| value(s) - REFERENCE_DEGC);
+                put(out, 0, r * (m.range_mm * 1e-3 * dt));
+            }
+            Self::RotaryLocation { .. }
+            | Self::RotaryMotion { .. }
+            | Self::RotaryEccentricity { .. }
+            | Self::RotaryBacklash { .. } => self.evaluate_rotary(m, out),
+            _ => self.evaluate(m, out),
+        }
+    }
+
+    fn evaluate_rotary(&self, m: &Moment, out: &mut [Vec3]) {
+        match self {
+            Self::RotaryLocation { frame } => {
+                let (outer, own, p) = frame.state(m);
+                let a = frame.axis.direction();
+                let (b, c) = ((a + 1) % 3, (a + 2) % 3);
+                for (i, k) in [b, c].into_iter().enumerate() {
+                    let l = unit(k);
+                    put(out, i, outer * (l - own * l) * frame.sign());
+                    let d = l.cross(&(own * p)) - own * l.cross(&p);
+                    put(out, 2 + i, outer * d * (frame.sign() * UM_PER_ARCSEC_MM));
+                }
+            }
+            Self::RotaryMotion { axis, along, low, high } => {
+                let q = m.position[axis.slot()];
+                let orders = high + 1 - low;
+                for (j, a) in along.iter().enumerate() {
+                    for n in 0..orders {
+                        let (s, c) = ((low + n) as f64 * q).sin_cos();
+                        put(out, 2 * (j * orders + n), unit(a.direction()) * (c - 1.0));
+                        put(out, 2 * (j * orders + n) + 1, unit(a.direction()) * s);
+                    }
+                }
+            }
+            Self::RotaryEccentricity { frame } | Self::RotaryBacklash { frame } => {
+                let (outer, own, p) = frame.state(m);
+                let axis = unit(frame.axis.direction());
+                // a table turns against its coordinate, so the sign cancels in the angle of tool against workpiece
+                let arm = outer * axis.cross(&(own * p)) * UM_PER_ARCSEC_MM;
+                if matches!(self, Self::RotaryBacklash { .. }) {
+                    put(out, 0, arm * (-0.5 * m.direction[frame.axis.slot()]));
+                    return;
+                }
+                let (s, c) = m.position[frame.axis.slot()].sin_cos();
+                put(out, 0, arm * (c - 1.0));
+                put(out, 1, arm * s);
+            }
+            _ => {}
+        }
+    }
+
+    /// True for curves that bend to anything smooth.
+    #[must_use]
+    pub const fn is_free_curve(&self) -> bool {
+        matches!(
+            self,
+            Self::Polynomial { .. }
+                | Self::Reverse { .. }
+                | Self::Angular { .. }
+                | Self::Wear { .. }
+                | Self::Cyclic { .. }
+                | Self::Sag { .. }
+                | Self::Ram { .. }
+                | Self::RotaryMotion { .. }
+        )
+    }
+
+    /// The direction of the deviation, where it is a single one.
+    #[must_use]
+    pub fn acts_along(&self) -> Option<Axis> {
+        match self {
+            Self::Squareness { along, .. }
+            | Self::Polynomial { along, .. }
+            | Self::Cyclic { along, .. }
+            | Self::Inertial { along, .. }
+            | Self::Load { along, .. } => Some(*along),
+            Self::Scale { axis }
+            | Self::Reverse { axis, .. }
+            | Self::Friction { axis }
+            | Self::Spike { axis, .. }
+            | Self::Wear { axis, .. } => Some(*axis),
+            Self::Backlash { along, .. } | Self::Growth { along, .. } if along.len() == 1 => Some(along[0]),
+            Self::Lag { axes, .. } if axes.len() == 1 => Some(axes[0]),
+            Self::Sag { tool: false, .. } | Self::ToolLength => Some(Axis::Z),
+            _ => None,
+        }
+    }
+
+    /// True for a straightness that brings its own slope; it comes in only in the place of one without.
+    #[must_use]
+    pub const fn has_slope(&self) -> bool {
+        matches!(self, Self::Polynomial { low: 1, .. })
+    }
+
+    /// The axis of whose position it is a function, where there is one.
+    #[must_use]
+    pub fn over(&self) -> Option<Axis> {
+        match self {
+            Self::Squareness { over, .. } | Self::Polynomial { over, .. } | Self::Angular { over, .. } => {
+                Some(*over)
+            }
+            Self::Scale { axis }
+            | Self::Reverse { axis, .. }
+            | Self::Thermal { axis, .. }
+            | Self::Cyclic { axis, .. }
+            | Self::Sag { axis, .. }
+            | Self::Ram { axis, .. }
+            | Self::RotaryMotion { axis, .. }
+            | Self::Wear { axis, .. } => Some(*axis),
+            Self::RotaryLocation { frame } | Self::RotaryEccentricity { frame } => Some(frame.axis),
+            _ => None,
+        }
+    }
+
+    /// The lagged signals that it reads.
+    #[must_use]
+    pub fn signals(&self) -> Vec<&Signal> {
+        match self {
+            Self::Thermal { signal, .. } | Self::DeadPath { signal, .. } => vec![signal],
+            Self::Growth { signals, .. } => signals.iter().collect(),
+            Self::TrackerScale { signal: Some(signal) } => vec![signal],
+            _ => Vec::new(),
+        }
+    }
+}
+
+/// The unit vector from station to target, where an instrument has a station.
+fn beam(m: &Moment) -> Option<Vec3> {
+    let tip = Vec3::new(m.position[0], m.position[1], m.position[2]);
+    let line = tip - m.station_mm;
+    let length = line.norm();
+    (length > 0.0 && length.is_finite()).then(|| line / length)
+}
+
+fn sag(axis: Axis, start: f64, length: f64, tool: bool, m: &Moment, out: &mut [Vec3]) {
+    let s = m.position[axis.slot()] - start;
+    let cube = 2.0 * length.powi(3);
+    put(out, 0, Vec3::new(0.0, 0.0, -s * s * (3.0 * length - s) / cube));
+    if tool {
+        let slope = (6.0 * length * s - 3.0 * s * s) / cube;
+        put(out, 1, unit(axis.direction()) * (slope * m.tool_length_mm));
+    }
+}
+
+/// A cantilever of length s: a weight at its end bends it by `s^3`, its own by `s^4`; slopes are 3/2 and 4/3 of the drop per
+/// length.
+fn ram(axis: Axis, start: f64, reach: f64, lever: &Lever, m: &Moment, out: &mut [Vec3]) {
+    let s = (m.position[axis.slot()] - start).max(0.0) / reach;
+    // turns what points along the axis down
+    let about = unit(axis.direction()).cross(&unit(2));
+    let arm = about.cross(&lever.at(m));
+    put(out, 0, unit(2) * -s.powi(3) - arm * (1.5 * s * s / reach));
+    put(out, 1, unit(2) * -s.powi(4) - arm * (4.0 / 3.0 * s.powi(3) / reach));
+}
+
+fn backlash(axis: Axis, along: &[Axis], length: f64, slope: bool, m: &Moment, out: &mut [Vec3]) {
+    let i = axis.slot();
+    let since = m.since_mm[i];
+    let share = if length > 0.0 && since.is_finite() { 1.0 - (-since.abs() / length).exp() } else { 1.0 };
+    let v = -0.5 * m.direction[i] * share;
+    let each = 1 + usize::from(slope);
+    for (j, a) in along.iter().enumerate() {
+        put(out, each * j, unit(a.direction()) * v);
+        if slope {
+            put(out, each * j + 1, unit(a.direction()) * (v * m.position[i] * 1e-3));
+        }
+    }
+}

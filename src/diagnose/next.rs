@@ -1,0 +1,157 @@
+//! What to measure next: for every pair that the data cannot separate the measurement that does.
+
+use super::library::{Blind, page};
+use super::report::{Cause, Next, Unexplained};
+use super::session::Session;
+
+/// Information of a measurement that separates two equally probable causes, nats.
+const ONE_OF_TWO: f64 = core::f64::consts::LN_2;
+/// Most measurements listed.
+const LISTED: usize = 8;
+
+/// A measurement of the catalogue.
+struct Measurement {
+    action: &'static str,
+    gcode: &'static str,
+    /// Effects whose size it changes; it separates them from those whose size it leaves.
+    moves: &'static [&'static str],
+}
+
+const CATALOGUE: [Measurement; 10] = [
+    Measurement {
+        action: "repeat the circles of each plane at a second feed, three times as high, in both directions",
+        gcode: "G17 G90\nG1 X50 Y0 F1000\nG2 I-50 J0\nG3 I-50 J0\nG1 F3000\nG2 I-50 J0\nG3 I-50 J0",
+        moves: &["inertial", "inertial-cross", "servo-mismatch", "latency", "clock-skew"],
+    },
+    Measurement {
+        action: "measure the same points at rest, approached from both directions, with 3 s of dwell",
+        gcode: "G90 G0 X0\nG0 X50\nG4 P3\nG0 X100\nG4 P3\n(.. to the end and back)",
+        moves: &["reversal-spike", "servo-mismatch", "latency", "inertial", "inertial-cross", "clock-skew"],
+    },
+    Measurement {
+        action: "repeat the lines cold and after an hour of warm-up, at least 3 K apart",
+        gcode: "M3 S6000\nG4 P3600\n(the same lines as before)",
+        moves: &["thermal-expansion", "ambient-drift", "spindle-growth", "dead-path"],
+    },
+    Measurement {
+        action: "repeat the grid with a second tool length in the same setup",
+        gcode: "T2 M6\n(the same grid as before)",
+        moves: &["angular", "spindle-tilt", "tool-length", "sag", "inertial-cross"],
+    },
+    Measurement {
+        action: "repeat the line at a second place of the other axes",
+        gcode: "G90 G0 Y300 Z200\n(the same line as before)",
+        moves: &["angular", "inertial-cross", "squareness", "lateral-play"],
+    },
+    Measurement {
+        action: "run a short line with steps below a tenth of the pitch, not equal",
+        gcode: "G91\nG1 X0.93 F500\nG4 P1\nG1 X1.07\nG4 P1\n(.. over three pitches)",
+        moves: &["cyclic", "wear", "positioning", "quantisation"],
+    },
+    Measurement {
+        action: "spindle on, off, on for an hour each with a probe at the tool",
+        gcode: "M3 S8000\nG4 P3600\nM5\nG4 P3600\nM3 S8000\nG4 P3600",
+        moves: &["spindle-growth"],
+    },
+    Measurement {
+        action: "measure with a trigger shared by control and instrument, with a start and stop step in each file",
+        gcode: "G4 P2\nG1 X50 F2000\nG4 P2\nG1 X0\nG4 P2",
+        moves: &["clock-skew"],
+    },
+    Measurement {
+        action: "measure a known length with a second instrument, or from a second station",
+        gcode: "(the same line, instrument moved)",
+        moves: &["tracker-scale", "dead-path"],
+    },
+    Measurement {
+        action: "repeat the R-test with the ball at a second radius and height, in uneven steps of the angle",
+        gcode: "G90 G0 C0\nG4 P1\nG0 C23\nG4 P2\nG0 C51\nG4 P1\n(.. once round, both ways)",
+        moves: &["rotary-eccentricity", "rotary-location"],
+    },
+];
+
+fn name(label: &str) -> &str {
+    label.split(':').next().unwrap_or(label)
+}
+
+/// Measurements ranked by the information that they are expected to bring.
+#[must_use]
+pub(super) fn next(
+    session: &Session,
+    causes: &[Cause],
+    unexplained: &Unexplained,
+    blind: &[Blind],
+) -> Vec<Next> {
+    let mut pairs: Vec<(String, String, f64)> = Vec::new();
+    for c in causes.iter().filter(|c| c.probability > 0.02) {
+        let rivals = c.confounded_with.iter().cloned().chain(
+            causes.iter().filter(|o| o.remark == format!("alternative to {}", c.label())).map(Cause::label),
+        );
+        for other in rivals {
+            let p = causes.iter().find(|o| o.label() == other).map_or(0.5 * c.probability, |o| o.probability);
+            let (a, b) = (c.probability.max(1e-6), p.max(1e-6));
+            // the information of a test that tells the two apart: entropy of which of them it is
+            let (a, b) = (a / (a + b), b / (a + b));
+            let known = pairs
+                .iter()
+                .any(|(x, y, _)| (*x == other && *y == c.label()) || (*x == c.label() && *y == other));
+            if !known {
+                pairs.push((c.label(), other, -(a * a.ln() + b * b.ln())));
+            }
+        }
+    }
+    let mut all: Vec<Next> = CATALOGUE
+        .iter()
+        .filter_map(|m| {
+            let told: Vec<&(String, String, f64)> = pairs
+                .iter()
+                .filter(|(x, y, _)| m.moves.contains(&name(x)) != m.moves.contains(&name(y)))
+                .collect();
+            let information: f64 = told.iter().map(|p| p.2).sum();
+            let mut separates: Vec<String> = told.iter().flat_map(|p| [p.0.clone(), p.1.clone()]).collect();
+            separates.sort();
+            separates.dedup();
+            (!separates.is_empty()).then(|| Next {
+                action: m.action.to_owned(),
+                separates,
+                information,
+                gcode: m.gcode.to_owned(),
+            })
+        })
+        .collect();
+    if !session.readings.iter().any(|r| r.pair.is_some()) {
+        all.push(Next {
+            action: "run every programme at least twice: only repeats show the noise".to_owned(),
+            separates: vec!["outliers".to_owned(), "range-noise".to_owned()],
+            information: ONE_OF_TWO,
+            gcode: "(the same programmes again)".to_owned(),
+        });
+    }
+    if unexplained.significant {
+        // the measurement that would bring most of what is not seen yet
+        for m in &CATALOGUE {
+            let unseen: Vec<String> =
+                blind.iter().map(|b| b.label.clone()).filter(|l| m.moves.contains(&name(l))).collect();
+            if !unseen.is_empty() && !all.iter().any(|n| n.action == m.action) {
+                let information = 0.1 * ONE_OF_TWO * unseen.len() as f64;
+                all.push(Next {
+                    action: m.action.to_owned(),
+                    separates: unseen,
+                    information,
+                    gcode: m.gcode.to_owned(),
+                });
+            }
+        }
+    }
+    for c in causes.iter().filter(|c| c.declared && !c.confounded_with.is_empty()) {
+        let settled = all.iter().any(|n| n.separates.contains(&c.label()));
+        if let (false, Some(p)) = (settled, page(&c.effect)) {
+            let separates = [c.label()].into_iter().chain(c.confounded_with.clone()).collect();
+            let gcode = "(see volcomp diagnose --list-effects)".to_owned();
+            all.push(Next { action: p.settles.to_owned(), separates, information: ONE_OF_TWO, gcode });
+        }
+    }
+    all.sort_by(|a, b| b.information.total_cmp(&a.information).then(a.action.cmp(&b.action)));
+    all.truncate(LISTED);
+    all
+}

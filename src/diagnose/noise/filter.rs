@@ -1,0 +1,222 @@
+//! Whitening: the readings of a setup see white noise, a drift of the instrument against the machine
+//! (Ornstein-Uhlenbeck in each direction), the unknown offset of the mounting, and for a tracker a small rotation.
+//!
+//! All of it is one linear-Gaussian state, so a Kalman filter turns readings and columns into independent innovations of
+//! unit variance in one pass: the cost is rows times columns. The gains do not depend on the data and are computed once.
+//! Source: the diagnosis section 4; equations section of the filter.
+
+use super::super::session::{Session, has_rotation};
+use crate::core::geometry::Vec3;
+
+/// Most states: drift, offset, rotation in three directions each.
+const STATES: usize = 9;
+/// Columns that are filtered together, so that their states stay near the processor.
+const BLOCK: usize = 192;
+
+/// Noise of an instrument class.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ClassNoise {
+    /// White noise, 1 standard deviation, um.
+    pub white_um: f64,
+    /// Drift, 1 standard deviation, um.
+    pub drift_um: f64,
+    /// Correlation time of the drift, s.
+    pub drift_s: f64,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Gain {
+    /// Decay of the drift since the row before; negative where a setup begins.
+    decay: f64,
+    /// One over the standard deviation of the innovation.
+    weight: f64,
+    h: [f64; STATES],
+    k: [f64; STATES],
+}
+
+/// The gains of every row, setup after setup.
+#[derive(Debug, Clone)]
+pub struct Filter {
+    gains: Vec<Gain>,
+    /// Row of the session at each place.
+    order: Vec<usize>,
+    drift_states: Vec<usize>,
+    states: Vec<usize>,
+    /// Sum of the logarithms of the innovations' variances.
+    log_variance: f64,
+}
+
+/// How far a mounting may be off, um, and um per m for its rotation: large against anything measured.
+const OFFSET_UM: f64 = 3e4;
+/// Rotation of a tracker, um per m.
+const ROTATION_UM_PER_M: f64 = 3e3;
+
+impl Filter {
+    /// The gains for the rows of `session` that `used` marks.
+    #[must_use]
+    pub fn new(session: &Session, noise: &[ClassNoise], used: &[bool]) -> Self {
+        let mut by_setup: Vec<Vec<usize>> = vec![Vec::new(); session.setups.len()];
+        for (i, r) in session.readings.iter().enumerate() {
+            if used[i] {
+                by_setup[r.setup].push(i);
+            }
+        }
+        let mut filter = Self {
+            gains: Vec::with_capacity(session.readings.len()),
+            order: Vec::with_capacity(session.readings.len()),
+            drift_states: Vec::new(),
+            states: Vec::new(),
+            log_variance: 0.0,
+        };
+        for rows in by_setup.iter().filter(|r| !r.is_empty()) {
+            filter.setup(session, noise, rows);
+        }
+        filter
+    }
+
+    /// Row of the session at each place of the filtered columns.
+    #[must_use]
+    pub fn order(&self) -> &[usize] {
+        &self.order
+    }
+
+    fn setup(&mut self, session: &Session, noise: &[ClassNoise], rows: &[usize]) {
+        let first = &session.moments[rows[0]];
+        let one_line = rows.iter().all(|i| session.moments[*i].u.dot(&first.u).abs() > 0.9999);
+        let name = &session.instruments[session.readings[rows[0]].instrument];
+        let rotates = has_rotation(name) && !one_line;
+        let drifts = rows.iter().any(|i| noise[session.readings[*i].instrument].drift_um > 0.0);
+        let each = if one_line { 1 } else { 3 };
+        let d = if drifts { each } else { 0 };
+        let n = d + each + if rotates { 3 } else { 0 };
+        let centre = rows.iter().fold(Vec3::zeros(), |c, i| {
+            let p = &session.moments[*i].position;
+            c + Vec3::new(p[0], p[1], p[2])
+        }) / rows.len() as f64;
+        let mut p = [[0.0; STATES]; STATES];
+        let start = noise[session.readings[rows[0]].instrument];
+        for (i, row) in p.iter_mut().enumerate().take(n) {
+            row[i] = if i < d {
+                start.drift_um * start.drift_um
+            } else if i < d + each {
+                OFFSET_UM * OFFSET_UM
+            } else {
+                ROTATION_UM_PER_M * ROTATION_UM_PER_M
+            };
+        }
+        let mut t = first.t_s;
+        for (at, i) in rows.iter().enumerate() {
+            let (m, r) = (&session.moments[*i], &session.readings[*i]);
+            let class = noise[r.instrument];
+            let mut h = [0.0; STATES];
+            let u = if one_line { [m.u.dot(&first.u).signum(), 0.0, 0.0] } else { [m.u.x, m.u.y, m.u.z] };
+            for j in 0..each {
+                h[d + j] = u[j];
+                if d > 0 {
+                    h[j] = u[j];
+                }
+            }
+            if rotates {
+                let arm = (Vec3::new(m.position[0], m.position[1], m.position[2]) - centre) * 1e-3;
+                let c = arm.cross(&m.u);
+                h[d + each..d + each + 3].copy_from_slice(&[c.x, c.y, c.z]);
+            }
+            let decay = if d > 0 { (-(m.t_s - t).max(0.0) / class.drift_s.max(1e-9)).exp() } else { 1.0 };
+            t = m.t_s;
+            if at > 0 && d > 0 && decay < 1.0 {
+                propagate(&mut p, n, d, decay, class.drift_um);
+            }
+            let (k, s) = update(&mut p, n, &h, class.white_um * class.white_um);
+            self.log_variance += s.ln();
+            self.gains.push(Gain { decay: if at == 0 { -1.0 } else { decay }, weight: 1.0 / s.sqrt(), h, k });
+            self.order.push(*i);
+            self.drift_states.push(d);
+            self.states.push(n);
+        }
+    }
+
+    /// Filters columns in place: `data` holds a row of `width` values per place of [`Filter::order`].
+    pub fn apply(&self, data: &mut [f64], width: usize) {
+        let mut state = vec![0.0; STATES * BLOCK];
+        let mut innovation = [0.0; BLOCK];
+        let mut from = 0;
+        while from < width {
+            let block = BLOCK.min(width - from);
+            for (i, gain) in self.gains.iter().enumerate() {
+                let n = self.states[i];
+                if gain.decay < 0.0 {
+                    state.fill(0.0);
+                } else if gain.decay < 1.0 {
+                    for v in &mut state[..self.drift_states[i] * BLOCK] {
+                        *v *= gain.decay;
+                    }
+                }
+                let row = &mut data[i * width + from..i * width + from + block];
+                let e = &mut innovation[..block];
+                e.copy_from_slice(row);
+                for (j, h) in gain.h.iter().enumerate().take(n).filter(|(_, h)| **h != 0.0) {
+                    for (e, x) in e.iter_mut().zip(&state[j * BLOCK..j * BLOCK + block]) {
+                        *e -= h * x;
+                    }
+                }
+                for (j, k) in gain.k.iter().enumerate().take(n).filter(|(_, k)| **k != 0.0) {
+                    for (x, e) in state[j * BLOCK..j * BLOCK + block].iter_mut().zip(e.iter()) {
+                        *x += k * e;
+                    }
+                }
+                for (v, e) in row.iter_mut().zip(e.iter()) {
+                    *v = e * gain.weight;
+                }
+            }
+            from += block;
+        }
+    }
+
+    /// One column in the order of the session's rows, filtered; in the filter's order.
+    #[must_use]
+    pub fn column(&self, values: &[f64]) -> Vec<f64> {
+        let mut data: Vec<f64> = self.order.iter().map(|i| values[*i]).collect();
+        self.apply(&mut data, 1);
+        data
+    }
+
+    /// Twice the negative log-likelihood of filtered readings, large ones clipped so that outliers do not rule.
+    #[must_use]
+    pub fn minus_two_log(&self, filtered: &[f64]) -> f64 {
+        self.log_variance + filtered.iter().map(|e| (e * e).min(9.0 + (e * e).ln_1p())).sum::<f64>()
+    }
+}
+
+fn propagate(p: &mut [[f64; STATES]; STATES], n: usize, d: usize, decay: f64, drift: f64) {
+    for (i, row) in p.iter_mut().enumerate().take(n) {
+        for (j, v) in row.iter_mut().enumerate().take(n) {
+            *v *= match (i < d, j < d) {
+                (true, true) => decay * decay,
+                (false, false) => 1.0,
+                _ => decay,
+            };
+        }
+    }
+    for (i, row) in p.iter_mut().enumerate().take(d) {
+        row[i] += drift * drift * (1.0 - decay * decay);
+    }
+}
+
+/// The gain and the innovation's variance.
+fn update(p: &mut [[f64; STATES]; STATES], n: usize, h: &[f64; STATES], white: f64) -> ([f64; STATES], f64) {
+    let mut ph = [0.0; STATES];
+    for (v, row) in ph.iter_mut().zip(p.iter()).take(n) {
+        *v = row.iter().zip(h).take(n).map(|(a, b)| a * b).sum();
+    }
+    let s = white + ph.iter().zip(h).take(n).map(|(a, b)| a * b).sum::<f64>().max(0.0);
+    let k = ph.map(|v| v / s);
+    // Joseph form: (I - k h') P (I - k h')' + k white k'
+    for i in 0..n {
+        for j in i..n {
+            let v = p[i][j] - k[i] * ph[j] - ph[i] * k[j] + k[i] * k[j] * s;
+            p[i][j] = v;
+            p[j][i] = v;
+        }
+    }
+    (k, s)
+}

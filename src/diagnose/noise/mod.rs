@@ -1,0 +1,50 @@
+//! What is not the machine's systematic error: white noise and drift from repeats and from what is left, outliers,
+//! rounding, vibration, noise that grows with the range.
+
+mod classes;
+mod filter;
+mod lattice;
+mod outliers;
+mod random;
+mod space;
+mod tones;
+
+pub use classes::{from_remainder, from_repeats, pair_residuals};
+pub use filter::{ClassNoise, Filter};
+pub use lattice::{Lattice, lattice};
+pub use outliers::{Tails, outliers, tails};
+pub use random::Random;
+pub use space::neighbours;
+pub use tones::{RangeNoise, Tone, range_noise, tone};
+
+/// Factor between the median of absolute deviations and the standard deviation of a normal distribution.
+pub const MAD: f64 = 1.482_602_218_505_602;
+
+/// The median; NaN of nothing.
+#[must_use]
+pub fn median(values: &mut [f64]) -> f64 {
+    if values.is_empty() {
+        return f64::NAN;
+    }
+    let n = values.len();
+    let (_, upper, _) = values.select_nth_unstable_by(n / 2, f64::total_cmp);
+    let upper = *upper;
+    if n % 2 == 1 {
+        return upper;
+    }
+    let lower = values[..n / 2].iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    0.5 * (lower + upper)
+}
+
+/// Standard deviation about zero that single wild values do not move: values are clipped at four robust ones.
+#[must_use]
+pub fn clipped_deviation(values: &[f64]) -> f64 {
+    if values.is_empty() {
+        return 0.0;
+    }
+    let mut sizes: Vec<f64> = values.iter().map(|v| v.abs()).collect();
+    let robust = MAD * median(&mut sizes);
+    let limit = if robust > 0.0 { 4.0 * robust } else { f64::INFINITY };
+    let sum: f64 = values.iter().map(|v| v.abs().min(limit)).map(|v| v * v).sum();
+    (sum / values.len() as f64).sqrt()
+}

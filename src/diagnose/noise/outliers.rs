@@ -1,0 +1,162 @@
+//! Single wild readings, from repeats or from neighbours.
+
+use statrs::distribution::{ContinuousCDF, StudentsT};
+
+use super::super::session::Session;
+use super::{MAD, median};
+
+/// Robust standard deviations beyond which a reading is an outlier.
+const LIMIT: f64 = 5.5;
+/// Readings on both sides whose median is taken as the slow part.
+const NEIGHBOURS: usize = 4;
+/// Rounds of search.
+const ROUNDS: usize = 3;
+
+/// Readings that lie apart from their partners in other repeats, beyond the slow drift between repeats.
+#[must_use]
+pub fn outliers(session: &Session, gap: &[f64]) -> Vec<usize> {
+    let mut used = vec![true; gap.len()];
+    let mut found = Vec::new();
+    for _ in 0..ROUNDS {
+        let new = round(session, gap, &used);
+        if new.is_empty() {
+            break;
+        }
+        for i in &new {
+            used[*i] = false;
+        }
+        found.extend(new);
+    }
+    found.sort_unstable();
+    found
+}
+
+/// The reading minus the median of its partners.
+fn from_partners(session: &Session, gap: &[f64], used: &[bool]) -> Vec<f64> {
+    let pairs = session.readings.iter().filter_map(|r| r.pair).max().map_or(0, |p| p + 1);
+    let mut groups: Vec<Vec<usize>> = vec![Vec::new(); pairs];
+    for (i, r) in session.readings.iter().enumerate() {
+        if let (Some(p), true) = (r.pair, used[i]) {
+            groups[p].push(i);
+        }
+    }
+    let mut out = vec![f64::NAN; gap.len()];
+    for rows in groups.iter().filter(|g| g.len() > 1) {
+        for i in rows {
+            let mut others: Vec<f64> = rows.iter().filter(|j| *j != i).map(|j| gap[*j]).collect();
+            out[*i] = gap[*i] - median(&mut others);
+        }
+    }
+    out
+}
+
+fn round(session: &Session, gap: &[f64], used: &[bool]) -> Vec<usize> {
+    let mut found: Vec<usize> = standardised(session, gap, used)
+        .into_iter()
+        .filter(|(_, d)| d.abs() > LIMIT)
+        .map(|(i, _)| i)
+        .collect();
+    // of two partners both look wrong; the one that lies apart from its neighbours in the run is
+    found.retain(|i| is_the_wild_one(session, gap, *i));
+    found
+}
+
+/// How far readings lie from their partners beyond the slow part, in robust standard deviations of their class.
+fn standardised(session: &Session, gap: &[f64], used: &[bool]) -> Vec<(usize, f64)> {
+    let apart = from_partners(session, gap, used);
+    let mut all = Vec::new();
+    for class in 0..session.instruments.len() {
+        let rows: Vec<usize> = (0..gap.len())
+            .filter(|i| session.readings[*i].instrument == class && apart[*i].is_finite())
+            .collect();
+        if rows.len() < 24 {
+            continue;
+        }
+        let detrended: Vec<f64> =
+            (0..rows.len()).map(|k| apart[rows[k]] - slow(session, &apart, &rows, k)).collect();
+        let mut sizes: Vec<f64> = detrended.iter().map(|v| v.abs()).collect();
+        let sigma = MAD * median(&mut sizes);
+        if sigma > 0.0 {
+            all.extend(rows.iter().zip(&detrended).map(|(i, d)| (*i, d / sigma)));
+        }
+    }
+    all
+}
+
+/// Beginning of the shoulders of the noise, in robust standard deviations: from here to [`LIMIT`] they tell how heavy its
+/// tails are.
+const SHOULDER: f64 = 2.75;
+/// Degrees of freedom of Student's distribution that are tried: almost Cauchy to almost normal.
+const FREEDOM: [f64; 2] = [1.0, 200.0];
+
+/// Readings beyond the limit: how many there are, and how many heavy tails with the same shoulders would have.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tails {
+    /// Beyond the limit.
+    pub beyond: f64,
+    /// Expected there of Student's distribution with the same shoulders, two standard deviations to the safe side.
+    pub expected: f64,
+}
+
+/// The tails of what differs between repeats.
+#[must_use]
+pub fn tails(session: &Session, gap: &[f64]) -> Tails {
+    let all = standardised(session, gap, &vec![true; gap.len()]);
+    let n = all.len() as f64;
+    let beyond = all.iter().filter(|(_, d)| d.abs() > LIMIT).count() as f64;
+    let shoulder = all.iter().filter(|(_, d)| (SHOULDER..=LIMIT).contains(&d.abs())).count() as f64;
+    let share = (shoulder + 2.0 * shoulder.sqrt()) / n.max(1.0);
+    let (mut heavy, mut light) = (FREEDOM[0], FREEDOM[1]);
+    // shoulders shrink as the degrees of freedom grow
+    for _ in 0..40 {
+        let middle = (heavy * light).sqrt();
+        let [wide, far] = beyond_of(middle);
+        if wide - far > share { heavy = middle } else { light = middle }
+    }
+    Tails { beyond, expected: n * beyond_of(light)[1] }
+}
+
+/// Shares of Student's distribution, scaled to the normal one's quartiles, beyond [`SHOULDER`] and [`LIMIT`].
+fn beyond_of(freedom: f64) -> [f64; 2] {
+    StudentsT::new(0.0, 1.0, freedom).map_or([0.0; 2], |d| {
+        let unit = MAD * d.inverse_cdf(0.75);
+        [SHOULDER, LIMIT].map(|limit| 2.0 * d.sf(limit * unit))
+    })
+}
+
+/// Median of what the neighbours in the same run and direction show.
+fn slow(session: &Session, apart: &[f64], rows: &[usize], k: usize) -> f64 {
+    let same = |j: &&usize| {
+        session.readings[**j].run == session.readings[rows[k]].run
+            && session.moments[**j].u.dot(&session.moments[rows[k]].u) > 0.9
+    };
+    let before = rows[..k].iter().rev().take(3 * NEIGHBOURS).filter(same).take(NEIGHBOURS);
+    let after = rows[k + 1..].iter().take(3 * NEIGHBOURS).filter(same).take(NEIGHBOURS);
+    let mut values: Vec<f64> = before.chain(after).map(|j| apart[*j]).collect();
+    if values.is_empty() { 0.0 } else { median(&mut values) }
+}
+
+fn is_the_wild_one(session: &Session, gap: &[f64], i: usize) -> bool {
+    let Some(pair) = session.readings[i].pair else { return true };
+    let partners: Vec<usize> =
+        (0..gap.len()).filter(|j| *j != i && session.readings[*j].pair == Some(pair)).collect();
+    if partners.len() != 1 {
+        return true;
+    }
+    bend(session, gap, i) >= bend(session, gap, partners[0])
+}
+
+/// How far a reading lies from the line through its neighbours.
+fn bend(session: &Session, gap: &[f64], i: usize) -> f64 {
+    let same = |j: &usize| {
+        session.readings[*j].run == session.readings[i].run
+            && session.moments[*j].u.dot(&session.moments[i].u) > 0.9
+    };
+    let before = (0..i).rev().take(4).find(same);
+    let after = (i + 1..gap.len()).take(4).find(same);
+    match (before, after) {
+        (Some(a), Some(b)) => (gap[i] - 0.5 * (gap[a] + gap[b])).abs(),
+        (Some(a), None) | (None, Some(a)) => (gap[i] - gap[a]).abs(),
+        (None, None) => 0.0,
+    }
+}

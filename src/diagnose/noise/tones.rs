@@ -1,0 +1,184 @@
+//! Vibration as a line in the spectrum of what is left, and noise that grows with the range.
+
+use core::f64::consts::TAU;
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::super::session::{Session, is_encoder};
+use crate::core::statistics::chi_square_upper;
+
+/// A vibration.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Tone {
+    /// Frequency, Hz.
+    pub frequency_hz: f64,
+    /// Amplitude in the noise's own unit (1 is one standard deviation).
+    pub amplitude: f64,
+    /// Probability that noise alone has such a line anywhere.
+    pub chance: f64,
+}
+
+/// Samples of a run that are looked at.
+const SAMPLES_MAX: usize = 2048;
+/// Samples that a run needs.
+const SAMPLES_MIN: usize = 48;
+/// Times samples and frequencies at most: bounds the work.
+const WORK: usize = 40_000_000;
+
+/// Slower than this is standstill, mm/s and rad/s.
+const STANDSTILL: f64 = 0.05;
+
+/// A run whose samples follow each other evenly: times and values.
+struct Even {
+    step: f64,
+    values: Vec<f64>,
+}
+
+fn even_runs(session: &Session, order: &[usize], filtered: &[f64]) -> Vec<Even> {
+    let mut runs: Vec<Vec<(f64, f64, usize)>> = vec![Vec::new(); session.runs];
+    for (e, i) in restless(session, order, filtered).into_iter().zip(order) {
+        let Some(e) = e else { continue };
+        runs[session.readings[*i].run].push((session.moments[*i].t_s, e, *i));
+    }
+    let mut even = Vec::new();
+    for run in runs.iter().filter(|r| r.len() >= SAMPLES_MIN) {
+        let u = session.moments[run[0].2].u;
+        let line: Vec<&(f64, f64, usize)> =
+            run.iter().filter(|(_, _, i)| session.moments[*i].u.dot(&u) > 0.99).take(SAMPLES_MAX).collect();
+        // a circle turns its direction with it: then every reading counts
+        let line = if line.len() < SAMPLES_MIN { run.iter().take(SAMPLES_MAX).collect() } else { line };
+        let mut steps: Vec<f64> = line.windows(2).map(|w| w[1].0 - w[0].0).collect();
+        let step = super::median(&mut steps);
+        let regular = line.windows(2).filter(|w| (w[1].0 - w[0].0 - step).abs() < 0.05 * step).count();
+        if step > 0.0 && regular * 20 >= 19 * (line.len() - 1) {
+            even.push(Even { step, values: line.iter().map(|p| p.1).collect() });
+        }
+    }
+    even
+}
+
+/// What may hold a vibration: readings at rest as they are; of moving ones only what does not come back with their repeats,
+/// because a motion has lines of its own. `None` for moving readings without repeats.
+fn restless(session: &Session, order: &[usize], filtered: &[f64]) -> Vec<Option<f64>> {
+    let moves = |i: usize| session.moments[i].velocity.iter().any(|v| !v.is_nan() && v.abs() > STANDSTILL);
+    // an encoder at rest between two moves shows how its servo settles
+    let servo: BTreeSet<usize> = order
+        .iter()
+        .filter(|i| is_encoder(&session.instruments[session.readings[**i].instrument]) && moves(**i))
+        .map(|i| session.readings[*i].run)
+        .collect();
+    let mut groups: BTreeMap<usize, (f64, usize)> = BTreeMap::new();
+    for (e, i) in filtered.iter().zip(order) {
+        if let Some(p) = session.readings[*i].pair {
+            let g = groups.entry(p).or_default();
+            *g = (g.0 + e, g.1 + 1);
+        }
+    }
+    filtered
+        .iter()
+        .zip(order)
+        .map(|(e, i)| {
+            if servo.contains(&session.readings[*i].run) {
+                return None;
+            }
+            if !moves(*i) {
+                return Some(*e);
+            }
+            let (sum, n) = *groups.get(&session.readings[*i].pair?)?;
+            (n > 1).then(|| (e - sum / n as f64) * (n as f64 / (n - 1) as f64).sqrt())
+        })
+        .collect()
+}
+
+/// The strongest line over all evenly sampled runs, whatever its phase in each.
+#[must_use]
+pub fn tone(session: &Session, order: &[usize], filtered: &[f64]) -> Option<Tone> {
+    let mut runs = even_runs(session, order, filtered);
+    let step = runs.iter().map(|r| r.step).fold(f64::INFINITY, f64::min);
+    runs.retain(|r| r.step < 1.5 * step);
+    let longest = runs.iter().map(|r| r.values.len()).max()?;
+    let (low, high) = (4.0 / (longest as f64 * step), 0.5 / step);
+    let total: usize = runs.iter().map(|r| r.values.len()).sum();
+    let count = longest.min(WORK / total.max(1)).max(16);
+    let frequency = |k: usize| low + (high - low) * k as f64 / count as f64;
+    let powers: Vec<f64> =
+        (0..count).map(|k| runs.iter().map(|r| periodogram(r, frequency(k))).sum()).collect();
+    let top = (0..count).max_by(|a, b| powers[*a].total_cmp(&powers[*b]))?;
+    let mut best = (frequency(top), powers[top]);
+    // a line stands above its neighbourhood; a slope of the spectrum does not
+    let reach = (count / 8).max(8);
+    let mut around: Vec<f64> = (top.saturating_sub(reach)..(top + reach).min(count))
+        .filter(|k| k.abs_diff(top) > 3)
+        .map(|k| powers[k])
+        .collect();
+    let level = (super::median(&mut around) / (runs.len() as f64 - 0.31)).max(1.0);
+    // finer, around the strongest
+    let width = (high - low) / count as f64;
+    for k in -8..=8 {
+        let f = best.0 + width * f64::from(k) / 8.0;
+        let power: f64 = runs.iter().map(|r| periodogram(r, f)).sum();
+        if power > best.1 {
+            best = (f, power);
+        }
+    }
+    best.1 /= level;
+    let chance = (chi_square_upper(2.0 * best.1, 2 * runs.len()) * (3 * count) as f64).min(1.0);
+    // power of a line of amplitude A over n samples: n A^2 / 4 each
+    let excess = (best.1 - runs.len() as f64).max(0.0);
+    Some(Tone { frequency_hz: best.0, amplitude: (4.0 * excess * level / total as f64).sqrt(), chance })
+}
+
+/// Mean 1 for white noise of unit variance.
+fn periodogram(run: &Even, f: f64) -> f64 {
+    let (ds, dc) = (TAU * f * run.step).sin_cos();
+    let (mut s, mut c) = (0.0f64, 1.0f64);
+    let (mut re, mut im) = (0.0, 0.0);
+    for v in &run.values {
+        re += v * c;
+        im += v * s;
+        (s, c) = (s * dc + c * ds, c * dc - s * ds);
+    }
+    (re * re + im * im) / run.values.len() as f64
+}
+
+/// Noise that grows with the distance.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RangeNoise {
+    /// The instrument class.
+    pub instrument: usize,
+    /// The noise goes with this power of the range.
+    pub exponent: f64,
+    /// Its standard deviation.
+    pub std: f64,
+}
+
+/// Growth of the scatter with the range, from the logarithms of what differs between repeats.
+#[must_use]
+pub fn range_noise(session: &Session, residuals: &[f64]) -> Option<RangeNoise> {
+    let mut found: Option<RangeNoise> = None;
+    for class in 0..session.instruments.len() {
+        let points: Vec<(f64, f64)> = (0..residuals.len())
+            .filter(|i| session.readings[*i].instrument == class && residuals[*i].is_finite())
+            .filter(|i| session.moments[*i].range_mm > 0.0)
+            .map(|i| (session.moments[i].range_mm.ln(), (residuals[i].abs() + 1e-9).ln()))
+            .collect();
+        let n = points.len() as f64;
+        if n < 60.0 {
+            continue;
+        }
+        let (mx, my) =
+            (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
+        let sxx: f64 = points.iter().map(|p| (p.0 - mx).powi(2)).sum();
+        let sxy: f64 = points.iter().map(|p| (p.0 - mx) * (p.1 - my)).sum();
+        if sxx < 1e-2 * n {
+            continue;
+        }
+        let exponent = sxy / sxx;
+        let left: f64 = points.iter().map(|p| (p.1 - my - exponent * (p.0 - mx)).powi(2)).sum();
+        // partners in repeats are not independent: half of them count
+        let std = (2.0 * left / (n - 2.0) / sxx).sqrt();
+        if found.as_ref().is_none_or(|f| exponent / std > f.exponent / f.std) {
+            found = Some(RangeNoise { instrument: class, exponent, std });
+        }
+    }
+    found
+}

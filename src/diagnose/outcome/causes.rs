@@ -1,0 +1,175 @@
+//! The causes of a report: effects chosen, their parameters and their alternatives.
+
+use std::collections::BTreeMap;
+
+use super::super::Analysis;
+use super::super::assess::Assessed;
+use super::super::forecast::{Contributions, minus};
+use super::super::library::{Kind, Label};
+use super::super::offsets::{rms, without_offsets};
+use super::super::report::{Cause, Tests, Value};
+use super::super::session::Session;
+
+/// Causes listed below this probability are left out.
+const LISTED: f64 = 0.02;
+
+/// Causes of the search, with their alternatives.
+pub(super) fn causes(
+    session: &Session,
+    a: &Analysis,
+    assessed: &[Assessed],
+    parts: &Contributions,
+    before: &[f64],
+    owner: &[usize],
+    (beta, covariance): (&[f64], &[f64]),
+) -> Vec<Cause> {
+    let mut all: Vec<Cause> = Vec::new();
+    let first = rms(before).max(1e-12);
+    for (place, x) in assessed.iter().enumerate() {
+        let left = |take: &dyn Fn(usize) -> bool| {
+            rms(&without_offsets(session, &minus(&a.gap, &parts.held_out, take), &a.used))
+        };
+        let mut shrink = 1.0 - left(&|j| owner[j] == place) / first;
+        if x.declared && shrink < 0.0 {
+            // under a larger cause that goes the other way it counts by what comes back without it
+            let declared = |j: usize| assessed[owner[j]].declared;
+            shrink = (left(&|j| declared(j) && owner[j] != place) - left(&declared)) / first;
+        }
+        let mut parameters = parameters(a, x, place, owner, beta, covariance);
+        for (name, value) in a.library.variants[x.variant].shape.fixed() {
+            parameters.insert(name, Value { value, std: 0.0 });
+        }
+        all.push(Cause {
+            effect: x.label.effect.to_owned(),
+            subject: x.label.subject.clone(),
+            kind: x.kind,
+            probability: x.probability,
+            declared: x.declared,
+            confounded_with: x.same.iter().map(ToString::to_string).collect(),
+            re_expression_of: Vec::new(),
+            parameters,
+            shrink,
+            remark: x.remark.clone(),
+            tests: Some(tests(x, a)),
+        });
+    }
+    mark_sums(assessed, a, &mut all);
+    let mut others: BTreeMap<String, (f64, &Label, &Assessed)> = BTreeMap::new();
+    for x in assessed {
+        for (label, p) in x.alternatives.iter().filter(|(_, p)| *p >= LISTED) {
+            let e = others.entry(label.to_string()).or_insert((0.0, label, x));
+            if *p > e.0 {
+                *e = (*p, label, x);
+            }
+        }
+    }
+    for (name, (p, label, instead)) in others {
+        if all.iter().any(|c| c.label() == name) {
+            continue;
+        }
+        let at = a.library.labels.iter().position(|l| l == label);
+        all.push(Cause {
+            effect: label.effect.to_owned(),
+            subject: label.subject.clone(),
+            kind: at.map_or(Kind::Machine, |l| a.library.kinds[l]),
+            probability: p,
+            declared: false,
+            confounded_with: if instead.same.contains(label) {
+                vec![instead.label.to_string()]
+            } else {
+                Vec::new()
+            },
+            re_expression_of: Vec::new(),
+            parameters: BTreeMap::new(),
+            shrink: 0.0,
+            remark: format!("alternative to {}", instead.label),
+            tests: None,
+        });
+    }
+    all
+}
+
+/// What was taken out because it makes readings that were left out worse, unless it is listed already.
+pub(super) fn rejected(pruned: &[Assessed], a: &Analysis, listed: &[Cause]) -> Vec<Cause> {
+    let name = |x: &Assessed| x.label.to_string();
+    pruned
+        .iter()
+        .filter(|x| listed.iter().all(|c| c.label() != name(x)))
+        .map(|x| Cause {
+            effect: x.label.effect.to_owned(),
+            subject: x.label.subject.clone(),
+            kind: x.kind,
+            probability: x.probability,
+            declared: false,
+            confounded_with: x.same.iter().map(ToString::to_string).collect(),
+            re_expression_of: Vec::new(),
+            parameters: BTreeMap::new(),
+            shrink: 0.0,
+            remark: x.remark.clone(),
+            tests: Some(tests(x, a)),
+        })
+        .collect()
+}
+
+fn tests(x: &Assessed, a: &Analysis) -> Tests {
+    Tests {
+        evidence: x.found.evidence,
+        threshold: a.selection.threshold,
+        invariance: x.gates.invariance,
+        place: x.gates.place,
+        run_t: x.gates.run_t,
+        held_out: x.gates.held_out,
+        against: x.gates.against,
+        alone: x.gates.alone,
+        rival: x.gates.rival,
+        misfit: x.gates.misfit,
+        share: x.share,
+    }
+}
+
+/// Equal lags of all axes are a common delay.
+fn mark_sums(assessed: &[Assessed], a: &Analysis, causes: &mut [Cause]) {
+    let moving = a.library.labels.iter().filter(|l| l.effect == "servo-mismatch").count();
+    let lags: Vec<usize> =
+        (0..assessed.len()).filter(|i| assessed[*i].label.effect == "servo-mismatch").collect();
+    if lags.len() < 2 || lags.len() < moving {
+        return;
+    }
+    let values: Vec<f64> =
+        lags.iter().filter_map(|i| causes[*i].parameters.get("lag_ms")).map(|v| v.value).collect();
+    let mean = values.iter().sum::<f64>() / values.len() as f64;
+    if values.iter().all(|v| (v - mean).abs() < 0.1 * mean.abs()) {
+        for i in lags {
+            causes[i].re_expression_of = vec!["latency".to_owned(), "clock-skew".to_owned()];
+            for other in ["latency", "clock-skew"] {
+                if !causes[i].confounded_with.iter().any(|c| c == other) {
+                    causes[i].confounded_with.push(other.to_owned());
+                }
+            }
+        }
+    }
+}
+
+fn parameters(
+    a: &Analysis,
+    x: &Assessed,
+    place: usize,
+    owner: &[usize],
+    beta: &[f64],
+    covariance: &[f64],
+) -> BTreeMap<String, Value> {
+    let names = a.library.variants[x.variant].shape.parameters();
+    let (at, _) = a.problem.span[x.variant];
+    let n = beta.len();
+    let mine: Vec<usize> = (0..n).filter(|j| owner[*j] == place).collect();
+    names
+        .into_iter()
+        .zip(&mine)
+        .enumerate()
+        .map(|(k, (name, j))| {
+            let norm = a.problem.norm[at + k];
+            let scale = if norm > 0.0 { 1.0 / norm } else { 0.0 };
+            (name, Value { value: beta[*j] * scale, std: covariance[j * n + j].max(0.0).sqrt() * scale })
+        })
+        .collect()
+}

@@ -1,0 +1,153 @@
+//! What is handed on: the addition with the ranges in which it holds, and what it does to fresh data.
+
+use std::collections::BTreeMap;
+
+use super::super::addition::{Addition, Entry, FORMAT};
+use super::super::assess::Assessed;
+use super::super::library::Shape;
+use super::super::moment::{Signal, Source};
+use super::super::offsets::{rms, without_offsets};
+use super::super::session::Session;
+use super::super::{Analysis, Options, is_predictable, raw_of};
+
+/// Ranges of the data by column.
+fn valid(session: &Session) -> BTreeMap<String, [f64; 2]> {
+    let mut ranges = BTreeMap::new();
+    let mut add = |name: String, values: &mut dyn Iterator<Item = f64>| {
+        let range = values
+            .filter(|v| v.is_finite())
+            .fold(None, |r: Option<[f64; 2]>, v| Some(r.map_or([v, v], |[l, h]| [l.min(v), h.max(v)])));
+        if let Some(r) = range {
+            ranges.insert(name, r);
+        }
+    };
+    for axis in &session.axes {
+        let (i, unit) = (axis.slot(), if axis.is_linear() { 1.0 } else { 180.0 / core::f64::consts::PI });
+        add(axis.column(), &mut session.moments.iter().map(|m| m.position[i] * unit));
+        if axis.is_linear() {
+            add(format!("v{axis}_mm_per_s"), &mut session.moments.iter().map(|m| m.velocity[i]));
+        }
+    }
+    add("tool_length_mm".to_owned(), &mut session.moments.iter().map(|m| m.tool_length_mm));
+    for (k, s) in session.signals.iter().enumerate() {
+        // lagged values stay within those of their source: they stand in for it where it is not there itself
+        let same = |other: &Signal| other.source == s.source;
+        let plain = session.signals.iter().any(|other| same(other) && other.tau_s == 0.0);
+        if plain && s.tau_s > 0.0 {
+            continue;
+        }
+        let per_column = if s.source == Source::Spindle { 1000.0 } else { 1.0 };
+        add(s.source.to_string(), &mut session.moments.iter().map(|m| m.signals[k] * per_column));
+    }
+    ranges
+}
+
+pub(super) fn addition(
+    session: &Session,
+    a: &Analysis,
+    assessed: &[Assessed],
+    options: &Options,
+    owner: &[usize],
+    beta: &[f64],
+    covariance: &[f64],
+) -> Addition {
+    let n = beta.len();
+    let effects = assessed
+        .iter()
+        .enumerate()
+        .filter(|(_, x)| x.declared && is_predictable(x.kind))
+        .map(|(place, x)| {
+            let (at, _) = a.problem.span[x.variant];
+            let mine: Vec<usize> = (0..n).filter(|j| owner[*j] == place).collect();
+            let scale = |k: usize| {
+                let norm = a.problem.norm[at + k];
+                if norm > 0.0 { 1.0 / norm } else { 0.0 }
+            };
+            let shape = a.library.variants[x.variant].shape.clone();
+            Entry {
+                name: x.label.effect.to_owned(),
+                subject: x.label.subject.clone(),
+                kind: x.kind,
+                probability: x.probability,
+                confounded_with: x.same.iter().map(ToString::to_string).collect(),
+                parameter_names: shape.parameters(),
+                values: mine.iter().enumerate().map(|(k, j)| beta[*j] * scale(k)).collect(),
+                covariance: mine
+                    .iter()
+                    .enumerate()
+                    .map(|(k, i)| {
+                        mine.iter()
+                            .enumerate()
+                            .map(|(l, j)| covariance[i * n + j] * scale(k) * scale(l))
+                            .collect()
+                    })
+                    .collect(),
+                valid: valid(session),
+                shape,
+            }
+        })
+        .collect();
+    Addition {
+        format: FORMAT.to_owned(),
+        machine: options.machine.clone(),
+        sense: "actual minus nominal of the tool against the workpiece, in machine axes".to_owned(),
+        effects,
+    }
+}
+
+/// Notes on causes that fresh data lack something for, such as a temperature: they are left out of what is seen there.
+pub(super) fn not_seen_on(fresh: &mut Session, a: &Analysis, assessed: &[Assessed]) -> Vec<String> {
+    for s in a.library.signals() {
+        fresh.add_signal(&s);
+    }
+    let at = |s: &Signal| fresh.signal(s);
+    assessed
+        .iter()
+        .filter(|x| x.declared && is_predictable(x.kind))
+        .filter_map(|x| {
+            let shape = &a.library.variants[x.variant].shape;
+            let lost = fresh.moments.iter().position(|m| !shape.is_known_at(m, &at))?;
+            let file = &fresh.files[fresh.moments[lost].file];
+            Some(format!(
+                "{file}:{}: the fresh data lack what {} needs, so it is left out of the shrink seen there",
+                fresh.readings[lost].line, x.label
+            ))
+        })
+        .collect()
+}
+
+/// RMS of fresh data without and with the causes declared.
+pub(super) fn seen_on(
+    fresh: &mut Session,
+    a: &Analysis,
+    assessed: &[Assessed],
+    owner: &[usize],
+    beta: &[f64],
+) -> (f64, f64) {
+    let gap = fresh.gap();
+    let used = vec![true; gap.len()];
+    for s in a.library.signals() {
+        fresh.add_signal(&s);
+    }
+    let raw = raw_of(fresh, &a.library, &a.selection.chosen);
+    let columns: Vec<usize> = a
+        .selection
+        .chosen
+        .iter()
+        .flat_map(|v| a.problem.span[*v].0..a.problem.span[*v].0 + a.problem.span[*v].1)
+        .collect();
+    let mut after = gap.clone();
+    for (j, values) in raw.iter().enumerate() {
+        let x = &assessed[owner[j]];
+        // the clock of other files says nothing of this one's
+        let foreign =
+            matches!(a.library.variants[x.variant].shape, Shape::ClockSkew { .. } | Shape::Step { .. });
+        let norm = a.problem.norm[columns[j]];
+        if x.declared && !foreign && norm > 0.0 {
+            for (v, r) in after.iter_mut().zip(values) {
+                *v -= beta[j] / norm * r;
+            }
+        }
+    }
+    (rms(&without_offsets(fresh, &gap, &used)), rms(&without_offsets(fresh, &after, &used)))
+}

@@ -1,0 +1,281 @@
+//! From the analysis to the report, the addition and the curves for pictures.
+
+mod again;
+mod causes;
+mod curves;
+mod handover;
+mod left;
+mod misfit;
+mod worth;
+
+use super::addition::Addition;
+use super::assess::{assess, prune};
+use super::forecast::{contributions, forecast, minus};
+use super::leftover::structure;
+use super::library::Kind;
+use super::localise::localise;
+use super::noise::pair_residuals;
+use super::offsets::{rms, without_offsets};
+use super::report::{Fresh, InstrumentNoise, Outlying, Report, Size, Unseen, Verdict};
+use super::session::Session;
+use super::stochastic;
+use super::{Analysis, Options, raw_of};
+
+use curves::curves;
+use handover::{addition, not_seen_on, seen_on};
+use left::unexplained;
+
+/// Most outlying readings listed.
+const OUTLYING_LISTED: usize = 40;
+
+/// A fitted effect over the data, for a picture.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Curve {
+    /// `effect:subject`.
+    pub label: String,
+    /// Quantity and unit of the first number of a point.
+    pub x_label: String,
+    /// Quantity and unit of the other two.
+    pub y_label: String,
+    /// Where; the gap without the other effects, um; the effect fitted, um.
+    pub points: Vec<[f64; 3]>,
+}
+
+/// Everything that a diagnosis gives.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Diagnosis {
+    /// The report.
+    pub report: Report,
+    /// The effects found.
+    pub addition: Addition,
+    /// Causes over the data.
+    pub curves: Vec<Curve>,
+    /// The gap of each reading without the offsets of the setups, um; NaN where it was left out.
+    pub before_um: Vec<f64>,
+    /// The same without the causes declared.
+    pub after_um: Vec<f64>,
+}
+
+/// The whitened gap beside what is declared.
+fn left_whitened(a: &Analysis, keep: &[usize]) -> Vec<f64> {
+    let given = a.problem.given(keep);
+    let beta = a.problem.fit(&given);
+    (&a.problem.y - a.problem.contribution(&given.columns, &beta)).iter().copied().collect()
+}
+
+pub(super) fn conclude(
+    session: &mut Session,
+    fresh: Option<&mut Session>,
+    options: &Options,
+    mut a: Analysis,
+    tell: &mut dyn FnMut(f64, &str),
+) -> Diagnosis {
+    let gated = options.ablation.has_gates();
+    let pruned = if gated { prune(&mut a.problem, &a.library, &mut a.selection) } else { Vec::new() };
+    let mut assessed = assess(&mut a.problem, &a.library, &a.selection);
+    if gated {
+        misfit::weigh(session, &a, &mut assessed);
+    } else {
+        for x in &mut assessed {
+            (x.declared, x.probability, x.group_probability) = (true, 1.0, 1.0);
+            x.remark.clear();
+        }
+    }
+    let given = a.problem.given(&a.selection.chosen);
+    let beta = a.problem.fit(&given);
+    let raw = raw_of(session, &a.library, &a.selection.chosen);
+    let parts = contributions(session, &a.problem, &given.columns, &beta, &raw);
+    // place of each column's effect in the selection
+    let owner: Vec<usize> = a
+        .selection
+        .chosen
+        .iter()
+        .enumerate()
+        .flat_map(|(place, v)| std::iter::repeat_n(place, a.problem.span[*v].1))
+        .collect();
+    tell(0.9, "forecast");
+    if gated {
+        worth::keep(session, &a, &parts, &owner, &mut assessed);
+    }
+    let declared = |j: usize| assessed[owner[j]].declared;
+    let shrink = forecast(session, &a.problem, &a.gap, &a.used, &parts, &declared, options.seed);
+    let before = without_offsets(session, &a.gap, &a.used);
+    let after = without_offsets(session, &minus(&a.gap, &parts.held_out, declared), &a.used);
+    let keep: Vec<usize> = assessed.iter().filter(|x| x.stands()).map(|x| x.variant).collect();
+    let left = left_whitened(&a, &keep);
+    let y: Vec<f64> = a.problem.y.iter().copied().collect();
+    let total = structure(session, &a.problem, &y);
+    let leftover = structure(session, &a.problem, &left);
+    let covariance = given.covariance(&a.problem);
+    let mut causes = causes::causes(session, &a, &assessed, &parts, &before, &owner, (&beta, &covariance));
+    again::mark(session, &a, &options.without, &assessed, &mut causes);
+    causes.extend(causes::rejected(&pruned, &a, &causes));
+    causes.extend(stochastic::causes(
+        &stochastic::Evidence {
+            session,
+            gap: &a.gap,
+            used: &a.used,
+            outlying: a.outlying.len(),
+            lattice_um: &a.lattice_um,
+            noise: &a.noise,
+            rows: &a.problem.rows,
+            left: &left,
+            rms_um: rms(&before),
+        },
+        &options.without,
+    ));
+    if let Some(drift) = left::drift(session, &a)
+        && causes.iter().all(|c| c.effect != drift.effect)
+        && !options.without.iter().any(|w| w.effect == drift.effect)
+    {
+        causes.push(drift);
+    }
+    causes.sort_by(|x, y| {
+        y.probability
+            .total_cmp(&x.probability)
+            .then(y.declared.cmp(&x.declared))
+            .then(x.label().cmp(&y.label()))
+    });
+    tell(0.94, "where the gap lies");
+    let places = localise(session, &a.problem, &a.filter, &y);
+    let unexplained = unexplained(
+        session,
+        &a,
+        &assessed,
+        &left,
+        (&total, &leftover),
+        (shrink.rms_before_um, shrink.rms_after_um),
+    );
+    let addition = addition(session, &a, &assessed, options, &owner, &beta, &covariance);
+    let mut notes = notes(session);
+    let fresh = fresh.map(|f| {
+        notes.extend(not_seen_on(f, &a, &assessed));
+        let seen = seen_on(f, &a, &assessed, &owner, &beta);
+        let fraction = 1.0 - seen.1 / seen.0.max(1e-12);
+        Fresh {
+            rms_before_um: seen.0,
+            rms_after_um: seen.1,
+            fraction,
+            within_forecast: (shrink.ci90[0]..=shrink.ci90[1]).contains(&fraction),
+        }
+    });
+    // what does not repeat explains nothing of a gap that does
+    let any = causes.iter().any(|c| c.declared && c.kind != Kind::Stochastic);
+    let verdict = match (any, unexplained.significant) {
+        (true, false) => Verdict::Explained,
+        (true, true) => Verdict::PartlyExplained,
+        (false, true) => Verdict::Unexplained,
+        (false, false) => Verdict::NoGap,
+    };
+    let curves = curves(session, &a, &assessed, &parts, &owner);
+    let next_measurement = super::next::next(session, &causes, &unexplained, &a.library.blind);
+    let report = Report {
+        format: "volcomp-gap/1",
+        rows: session.rows_read,
+        rows_used: a.problem.len(),
+        verdict,
+        gap: size(session, &a, &before, shrink.rms_after_um),
+        places,
+        causes,
+        shrink,
+        fresh,
+        unexplained,
+        next_measurement,
+        noise: instrument_noise(session, &a),
+        outlying_readings: outlying(session, &a),
+        cannot_be_seen: a
+            .library
+            .blind
+            .iter()
+            .map(|b| Unseen { effect: b.label.clone(), because: b.because.clone() })
+            .collect(),
+        notes,
+        seed: options.seed,
+    };
+    tell(1.0, "done");
+    Diagnosis { report, addition, curves, before_um: before, after_um: after }
+}
+
+fn notes(session: &Session) -> Vec<String> {
+    let mut notes: Vec<String> = session
+        .notes
+        .iter()
+        .map(|n| {
+            if n.unidentifiable.is_empty() {
+                n.text.clone()
+            } else {
+                format!("{}; cannot be identified from them: {}", n.text, n.unidentifiable.join(", "))
+            }
+        })
+        .collect();
+    if session.setups.len() == 1 {
+        notes.push(
+            "one setup only: what is constant in it (its offset, tilts of a single tool) cannot be told from the mounting"
+                .to_owned(),
+        );
+    }
+    if !session.readings.iter().any(|r| r.pair.is_some()) {
+        notes.push(
+            "no repeats: noise is taken from neighbouring readings, so probabilities and the unexplained part are rougher"
+                .to_owned(),
+        );
+    }
+    notes
+}
+
+/// RMS of the white noise over the readings used, um.
+fn white_rms(session: &Session, a: &Analysis) -> f64 {
+    let sum: f64 =
+        a.problem.rows.iter().map(|i| a.noise[session.readings[*i].instrument].white_um.powi(2)).sum();
+    (sum / a.problem.len().max(1) as f64).sqrt()
+}
+
+/// RMS of the drift over the readings used, um.
+fn drift_rms(session: &Session, a: &Analysis) -> f64 {
+    let of = |i: &usize| a.noise[session.readings[*i].instrument].drift_um;
+    let sum: f64 = a.problem.rows.iter().map(|i| of(i).powi(2)).sum();
+    (sum / a.problem.len().max(1) as f64).sqrt()
+}
+
+fn size(session: &Session, a: &Analysis, before: &[f64], after_um: f64) -> Size {
+    let (rms_um, noise_um) = (rms(before), white_rms(session, a));
+    // the floor: noise and drift, which nothing that repeats can take away
+    let floor = noise_um.hypot(drift_rms(session, a)).min(after_um).min(rms_um);
+    Size {
+        rms_um,
+        noise_um,
+        rms_over_noise: rms_um / noise_um,
+        floor_um: floor,
+        explainable: 1.0 - (floor / rms_um.max(1e-12)).powi(2),
+    }
+}
+
+fn instrument_noise(session: &Session, a: &Analysis) -> Vec<InstrumentNoise> {
+    session
+        .instruments
+        .iter()
+        .zip(&a.noise)
+        .zip(&a.lattice_um)
+        .map(|((name, n), step)| InstrumentNoise {
+            instrument: name.clone(),
+            white_um: n.white_um,
+            drift_um: n.drift_um,
+            drift_s: n.drift_s,
+            resolution_um: *step,
+        })
+        .collect()
+}
+
+fn outlying(session: &Session, a: &Analysis) -> Vec<Outlying> {
+    let all = vec![true; a.gap.len()];
+    let apart = pair_residuals(session, &a.gap, &all);
+    a.outlying
+        .iter()
+        .take(OUTLYING_LISTED)
+        .map(|i| Outlying {
+            at: format!("{}:{}", session.files[session.moments[*i].file], session.readings[*i].line),
+            gap_um: a.gap[*i],
+            apart_um: if apart[*i].is_finite() { apart[*i] } else { a.gap[*i] },
+        })
+        .collect()
+}

@@ -1,0 +1,128 @@
+//! What the model says at a reading, along its direction of sensitivity.
+
+use super::addition::{Addition, AdditionError, Evaluator};
+use super::moment::{Axis, Machine, MachineAxis, Moment};
+use super::session::Session;
+use crate::core::axes::{AxisKind, MAX_AXES, Travel};
+use crate::core::geometry::{Mat3, Vec3, rotation_about};
+use crate::core::model::{Model, ModelSpec, Pose, Side};
+use crate::core::units::um_from_mm;
+
+/// The chain of a model, as far as effects need it.
+#[must_use]
+pub fn machine_of(spec: &ModelSpec, model: &Model) -> Machine {
+    let axes = model
+        .axes()
+        .filter_map(|a| {
+            let axis = Axis::from_name(a.name)?;
+            Some(MachineAxis {
+                axis,
+                workpiece_side: a.side == Side::Workpiece,
+                point_mm: spec.axis(a.name).point,
+            })
+        })
+        .collect();
+    Machine { axes, tool_tip_mm: model.tool_tip(), gauge_point_mm: spec.gauge_point }
+}
+
+/// The pose of a moment.
+#[must_use]
+pub(super) fn pose(model: &Model, m: &Moment) -> Pose {
+    let mut pose = Pose::at([0.0; MAX_AXES]);
+    for (k, a) in model.axes().enumerate() {
+        if let Some(axis) = Axis::from_name(a.name) {
+            pose.position[k] = m.position[axis.slot()];
+            if m.direction[axis.slot()] < 0.0 {
+                pose.travel[k] = Travel::Reverse;
+            }
+        }
+    }
+    if m.tool_length_mm.is_finite() {
+        pose.tool_tip = model.tool_tip_for_length(m.tool_length_mm);
+    }
+    pose
+}
+
+/// Turns a vector of W into machine axes: out of the rotations of the axes that carry the workpiece.
+#[must_use]
+pub fn workpiece_to_machine(model: &Model, m: &Moment) -> Mat3 {
+    let mut left = Mat3::identity();
+    for a in model.axes().filter(|a| a.side == Side::Workpiece && a.name.kind() == AxisKind::Rotary) {
+        if let Some(axis) = Axis::from_name(a.name) {
+            left *= rotation_about(a.name.direction(), m.position[axis.slot()]);
+        }
+    }
+    left.transpose()
+}
+
+/// The model's deviation in machine axes, um.
+#[must_use]
+pub fn deviation_um(model: &Model, m: &Moment) -> Vec3 {
+    deviation_with_live_um(model, m, &[])
+}
+
+/// The same with live values of the model's sensors, mm or strain; those that are not given are zero.
+#[must_use]
+pub(super) fn deviation_with_live_um(model: &Model, m: &Moment, live: &[f64]) -> Vec3 {
+    let mut pose = pose(model, m);
+    for (slot, value) in pose.live.iter_mut().zip(live) {
+        *slot = *value;
+    }
+    let d = model.deviation(&pose).position;
+    (workpiece_to_machine(model, m) * d).map(um_from_mm)
+}
+
+/// Fills in the predictions of model (zero without one) and additions.
+///
+/// # Errors
+/// An effect of an addition that lacks a column at some reading: a prediction without it would be a wrong one.
+pub fn predict(
+    session: &mut Session,
+    model: Option<&Model>,
+    additions: &[Addition],
+) -> Result<(), PredictError> {
+    let evaluator = Evaluator::new(additions);
+    let mut signals = Vec::new();
+    for e in additions.iter().flat_map(Addition::machine_effects) {
+        signals.extend(e.shape.signals().into_iter().cloned());
+    }
+    for s in &signals {
+        session.add_signal(s);
+    }
+    // the evaluator numbers the signals by itself
+    let own: Vec<Option<usize>> = {
+        let mut unique = Vec::new();
+        for s in signals {
+            if !unique.contains(&s) {
+                unique.push(s);
+            }
+        }
+        unique.iter().map(|s| session.signal(s)).collect()
+    };
+    for i in 0..session.moments.len() {
+        let m = &session.moments[i];
+        let mut copy = m.clone();
+        copy.signals =
+            own.iter().map(|p| p.and_then(|p| m.signals.get(p)).copied().unwrap_or(f64::NAN)).collect();
+        let d = model.map_or_else(Vec3::zeros, |model| deviation_um(model, m)) + evaluator.at(&copy);
+        let along = d.dot(&m.u);
+        if !along.is_finite() {
+            let (file, line) = (session.files[m.file].clone(), session.readings[i].line);
+            return Err(PredictError { file, line, source: evaluator.lacks(&copy) });
+        }
+        session.readings[i].predicted_um = along;
+    }
+    Ok(())
+}
+
+/// A reading for which there is no prediction.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[error("{file}:{line}: {}", .source.as_ref().map_or_else(|| "the model has no prediction here".to_owned(), ToString::to_string))]
+pub struct PredictError {
+    /// The file.
+    pub file: String,
+    /// The line.
+    pub line: u64,
+    /// The effect that cannot be evaluated; none where it is the model.
+    pub source: Option<AdditionError>,
+}

@@ -1,0 +1,281 @@
+//! What the diagnosis says: `volcomp-gap/1`.
+
+use std::collections::BTreeMap;
+
+use serde::Serialize;
+
+use super::library::Kind;
+
+/// The whole report.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// `volcomp-gap/1`.
+    pub format: &'static str,
+    /// Rows in the files.
+    pub rows: usize,
+    /// Rows that were used.
+    pub rows_used: usize,
+    /// The answer in one word.
+    pub verdict: Verdict,
+    /// Size of the gap.
+    pub gap: Size,
+    /// Where it lies, without any library.
+    #[serde(rename = "where")]
+    pub places: Vec<Place>,
+    /// Which effects, most probable first.
+    pub causes: Vec<Cause>,
+    /// How far the gap shrinks.
+    pub shrink: Shrink,
+    /// What was really seen on fresh data.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub fresh: Option<Fresh>,
+    /// What nothing explains.
+    pub unexplained: Unexplained,
+    /// What to measure next, most telling first.
+    pub next_measurement: Vec<Next>,
+    /// Noise and drift of each instrument.
+    pub noise: Vec<InstrumentNoise>,
+    /// Readings far from their repeats, which were left out.
+    pub outlying_readings: Vec<Outlying>,
+    /// Effects that these data cannot show.
+    pub cannot_be_seen: Vec<Unseen>,
+    /// What was derived, dropped or is missing.
+    pub notes: Vec<String>,
+    /// Seed of the random draws.
+    pub seed: u64,
+}
+
+/// The answer in one word.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Verdict {
+    /// The causes declared explain it.
+    Explained,
+    /// Causes are declared, but something is left.
+    PartlyExplained,
+    /// There is something, and no cause is declared.
+    Unexplained,
+    /// Nothing above the noise.
+    NoGap,
+}
+
+impl Verdict {
+    /// In words.
+    #[must_use]
+    pub const fn words(self) -> &'static str {
+        match self {
+            Self::Explained => "explained",
+            Self::PartlyExplained => "partly explained",
+            Self::Unexplained => "unexplained",
+            Self::NoGap => "no gap",
+        }
+    }
+}
+
+/// Size of the gap, without the offsets of the setups.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Size {
+    /// RMS, um.
+    pub rms_um: f64,
+    /// White noise of the readings, um.
+    pub noise_um: f64,
+    /// Their ratio.
+    pub rms_over_noise: f64,
+    /// RMS that would be left by the best possible explanation: noise and drift, um.
+    pub floor_um: f64,
+    /// Share of the gap's mean square that is not noise or drift.
+    pub explainable: f64,
+}
+
+/// Where the gap lies.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Place {
+    /// axis, direction, position, speed ..
+    pub by: &'static str,
+    /// Which axis, sensor, instrument or setup.
+    pub of: String,
+    /// Share of the structured gap.
+    pub share: f64,
+    /// In words.
+    pub detail: String,
+}
+
+/// A value with its uncertainty.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Value {
+    /// The value; the unit stands in its name.
+    pub value: f64,
+    /// One standard deviation.
+    pub std: f64,
+}
+
+/// An effect.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Cause {
+    /// Name of the contract.
+    pub effect: String,
+    /// Axis, pair or symbol.
+    pub subject: String,
+    /// Who is to blame.
+    pub kind: Kind,
+    /// That it is this effect.
+    pub probability: f64,
+    /// The tool stands by it.
+    pub declared: bool,
+    /// What these data cannot tell apart from it.
+    pub confounded_with: Vec<String>,
+    /// Effects that this cause says again, alone or together with other causes marked so: equal lags of all axes a common
+    /// delay, and whatever was taken out of the library.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    pub re_expression_of: Vec<String>,
+    /// Fitted values; names end in their unit.
+    pub parameters: BTreeMap<String, Value>,
+    /// Share by which the gap shrinks when this alone is added.
+    pub shrink: f64,
+    /// Why it is not declared, where it is not.
+    #[serde(skip_serializing_if = "String::is_empty")]
+    pub remark: String,
+    /// Figures of the tests.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tests: Option<Tests>,
+}
+
+impl Cause {
+    /// `effect:subject`.
+    #[must_use]
+    pub fn label(&self) -> String {
+        if self.subject.is_empty() {
+            self.effect.clone()
+        } else {
+            format!("{}:{}", self.effect, self.subject)
+        }
+    }
+}
+
+/// Figures of the gates.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct Tests {
+    /// Twice the logarithm of the Bayes factor.
+    pub evidence: f64,
+    /// What noise alone reaches.
+    pub threshold: f64,
+    /// Same in all programmes: 1 is perfect.
+    pub invariance: f64,
+    /// Same at all places: 1 is perfect.
+    pub place: f64,
+    /// Student's t of the runs.
+    pub run_t: f64,
+    /// Share that holds on runs left out.
+    pub held_out: f64,
+    /// Cosine between what it does and what the others do.
+    pub against: f64,
+    /// What it explains by itself, as a share of what it explains beside the others.
+    pub alone: f64,
+    /// Best other effect in its place, as a share of its gain.
+    pub rival: f64,
+    /// What repeats and stays where it acts, as a share of what it explains.
+    pub misfit: f64,
+    /// Its share among the effects that explain nearly as much.
+    pub share: f64,
+}
+
+/// How far the gap shrinks.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Shrink {
+    /// RMS now, um.
+    pub rms_before_um: f64,
+    /// RMS expected on new data of the same programme, um.
+    pub rms_after_um: f64,
+    /// 1 - after/before.
+    pub fraction: f64,
+    /// 90 % interval of the fraction.
+    pub ci90: [f64; 2],
+    /// How it was found.
+    pub how: String,
+    /// The same on the data of the fit: too good.
+    pub in_sample_fraction: f64,
+    /// 99 % of the sizes of the gap, before and after, um.
+    pub peak99_before_um: f64,
+    /// See before.
+    pub peak99_after_um: f64,
+}
+
+/// What fresh data show.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Fresh {
+    /// RMS without the causes, um.
+    pub rms_before_um: f64,
+    /// RMS with them, um.
+    pub rms_after_um: f64,
+    /// 1 - after/before.
+    pub fraction: f64,
+    /// The forecast's interval holds it.
+    pub within_forecast: bool,
+}
+
+/// What nothing explains.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Unexplained {
+    /// There is something.
+    pub significant: bool,
+    /// Its size, um.
+    pub rms_um: f64,
+    /// Share of the structured gap.
+    pub share: f64,
+    /// Standard deviations above nothing.
+    pub z: f64,
+    /// Where it lies.
+    #[serde(rename = "where")]
+    pub places: Vec<Place>,
+    /// In words.
+    pub looks_like: String,
+}
+
+/// A measurement that would tell.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Next {
+    /// What to do.
+    #[serde(rename = "do")]
+    pub action: String,
+    /// What it tells apart.
+    pub separates: Vec<String>,
+    /// Expected information, nats.
+    pub information: f64,
+    /// The programme to run.
+    pub gcode: String,
+}
+
+/// Noise of an instrument class.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct InstrumentNoise {
+    /// The class.
+    pub instrument: String,
+    /// White noise, um.
+    pub white_um: f64,
+    /// Drift, um.
+    pub drift_um: f64,
+    /// Correlation time of the drift, s.
+    pub drift_s: f64,
+    /// Rounding of the readings, um; 0 where none is seen.
+    pub resolution_um: f64,
+}
+
+/// A reading far from its repeats.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Outlying {
+    /// File and line.
+    pub at: String,
+    /// The gap there, um.
+    pub gap_um: f64,
+    /// How far from what its repeats say, um.
+    pub apart_um: f64,
+}
+
+/// An effect that these data cannot show.
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+pub struct Unseen {
+    /// `effect:subject`.
+    pub effect: String,
+    /// Why.
+    pub because: String,
+}

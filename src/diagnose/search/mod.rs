@@ -1,0 +1,14 @@
+//! The search for causes in the whitened problem.
+
+mod gates;
+mod problem;
+mod refine;
+mod select;
+mod small;
+
+pub use gates::{
+    AGAINST, FOLD_RIDGE, FOLDS, Gates, HELD_OUT, INVARIANCE, PLACE, RIVAL, RUN_T, fold_of, gates,
+};
+pub use problem::{Given, Problem, raw_columns, whitened};
+pub use refine::{challenge, refine};
+pub use select::{Found, Selection, evidence, threshold};

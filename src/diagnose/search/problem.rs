@@ -1,0 +1,511 @@
+//! The whitened problem: every candidate column and the gap as independent innovations of unit variance.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::super::library::{Blind, Library, Shape, WIDTH_MAX};
+use super::super::moment::SLOTS;
+use super::super::noise::Filter;
+use super::super::session::{Session, is_encoder};
+use super::small::Factor;
+use crate::core::geometry::Vec3;
+
+/// Share of its size that a column must keep beside offsets and drift to count as seen.
+const SEEN: f64 = 1e-4;
+
+/// Readings, columns and what was computed of them.
+pub struct Problem {
+    /// Row of the session behind each row of the problem.
+    pub rows: Vec<usize>,
+    /// Whitened gap.
+    pub y: DVector<f64>,
+    /// Whitened columns of length 1, one matrix column per row of the problem.
+    pub w: DMatrix<f64>,
+    /// First column and number of columns of each variant.
+    pub span: Vec<(usize, usize)>,
+    /// Length of each whitened column before it was scaled.
+    pub norm: Vec<f64>,
+    /// Share of each variant that offsets and drift leave.
+    pub seen: Vec<f64>,
+    /// `W y`.
+    pub b: DVector<f64>,
+    /// Gram matrix of each variant, row by row.
+    pub own: Vec<Vec<f64>>,
+    /// Programme of each row: same setup, axes that move, feed and tool.
+    pub cell: Vec<usize>,
+    /// Number of programmes.
+    pub cells: usize,
+    /// Place of each row within its programme, for effects that are no function of a position and for those of each axis.
+    pub places: Vec<Places>,
+    /// Block of each row for tests across runs.
+    pub block: Vec<usize>,
+    /// Number of blocks.
+    pub blocks: usize,
+    /// Finer pieces of the blocks, for the scatter of slopes.
+    pub piece: Vec<usize>,
+    /// Number of pieces.
+    pub pieces: usize,
+    /// One programme, run once: nothing shows what comes back.
+    pub is_single_pass: bool,
+    /// All readings are the control's own encoders: the formulas of the servo hold to a small share.
+    pub precise: bool,
+    /// Products of the columns of a variant with all columns, computed when first needed.
+    cross: BTreeMap<usize, DMatrix<f64>>,
+}
+
+/// Raw columns of a library, um per unit of each parameter, a row of values per reading.
+pub fn raw_columns(session: &Session, library: &Library, rows: &[usize]) -> Vec<f64> {
+    let width = library.width();
+    let mut data = vec![0.0; rows.len() * width];
+    let mut out = [Vec3::zeros(); WIDTH_MAX];
+    let places: Vec<(&super::super::moment::Signal, usize)> =
+        session.signals.iter().enumerate().map(|(i, s)| (s, i)).collect();
+    let at = |s: &super::super::moment::Signal| places.iter().find(|(p, _)| *p == s).map(|(_, i)| *i);
+    for (row, i) in data.chunks_exact_mut(width.max(1)).zip(rows) {
+        let m = &session.moments[*i];
+        let mut to = 0;
+        for v in &library.variants {
+            let k = v.shape.width();
+            out[..k].fill(Vec3::zeros());
+            v.shape.evaluate_with(m, &at, &mut out[..k]);
+            for d in &out[..k] {
+                let value = d.dot(&m.u);
+                row[to] = if value.is_finite() { value } else { 0.0 };
+                to += 1;
+            }
+        }
+    }
+    data
+}
+
+impl Problem {
+    /// Filters gap and columns.
+    #[must_use]
+    pub fn new(session: &Session, library: &Library, filter: &Filter, gap: &[f64], white_um: &[f64]) -> Self {
+        let rows = filter.order().to_vec();
+        let width = library.width();
+        let mut data = raw_columns(session, library, &rows);
+        let mut before = vec![0.0; width];
+        for (row, i) in data.chunks_exact(width.max(1)).zip(&rows) {
+            let s = white_um[session.readings[*i].instrument];
+            for (b, v) in before.iter_mut().zip(row) {
+                *b += (v / s).powi(2);
+            }
+        }
+        filter.apply(&mut data, width);
+        let mut w = DMatrix::from_vec(width, rows.len(), data);
+        let mut square = vec![0.0; width];
+        for column in w.column_iter() {
+            for (s, v) in square.iter_mut().zip(column.iter()) {
+                *s += v * v;
+            }
+        }
+        let norm: Vec<f64> = square
+            .iter()
+            .zip(&before)
+            .map(|(s, b)| if *s > 1e-9 * b && *s > 0.0 { s.sqrt() } else { 0.0 })
+            .collect();
+        let scale: Vec<f64> = norm.iter().map(|n| if *n > 0.0 { 1.0 / n } else { 0.0 }).collect();
+        for mut column in w.column_iter_mut() {
+            for (v, s) in column.iter_mut().zip(&scale) {
+                *v *= s;
+            }
+        }
+        let mut span = Vec::with_capacity(library.variants.len());
+        let mut seen = Vec::with_capacity(library.variants.len());
+        let mut at = 0;
+        for v in &library.variants {
+            let k = v.shape.width();
+            span.push((at, k));
+            let (s, b): (f64, f64) = (square[at..at + k].iter().sum(), before[at..at + k].iter().sum());
+            seen.push(if b > 0.0 { s / b } else { 0.0 });
+            at += k;
+        }
+        let y = DVector::from_vec(filter.column(gap));
+        let b = &w * &y;
+        let own = own_grams(&w, &span);
+        let (cell, cells) = programmes(session, &rows);
+        let places = (0..=SLOTS).map(|own| Places::new(session, &rows, &cell, own)).collect();
+        let (block, blocks) = blocks(session, &rows, BLOCKS_MIN);
+        let few = blocks < PIECES_MIN && rows.len() >= PIECES_MIN * PIECE_ROWS;
+        let (piece, pieces) =
+            if few { self::blocks(session, &rows, PIECES_MIN) } else { (block.clone(), blocks) };
+        let precise = session.instruments.iter().all(|n| is_encoder(n));
+        let is_single_pass = cells == 1 && rows.iter().all(|i| session.readings[*i].pair.is_none());
+        Self {
+            rows,
+            y,
+            w,
+            span,
+            norm,
+            seen,
+            b,
+            own,
+            cell,
+            cells,
+            places,
+            block,
+            blocks,
+            piece,
+            pieces,
+            is_single_pass,
+            precise,
+            cross: BTreeMap::new(),
+        }
+    }
+
+    /// Effects of which offsets and drift leave nothing, and those whose columns are all zero.
+    #[must_use]
+    pub fn unseen(&self, library: &Library) -> Vec<Blind> {
+        library
+            .by_label()
+            .iter()
+            .enumerate()
+            .filter(|(_, variants)| variants.iter().all(|v| self.seen[*v] < SEEN))
+            .map(|(l, _)| Blind {
+                label: library.labels[l].to_string(),
+                because:
+                    "offsets of the setups and drift take all of it; let its cause change inside one setup"
+                        .to_owned(),
+            })
+            .collect()
+    }
+
+    /// Number of readings.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.rows.len()
+    }
+
+    /// True without readings.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.rows.is_empty()
+    }
+
+    /// Products of the columns of a variant with all columns.
+    pub fn prepare(&mut self, variant: usize) {
+        if self.cross.contains_key(&variant) {
+            return;
+        }
+        let (at, k) = self.span[variant];
+        let own = self.w.rows(at, k).transpose();
+        let product = &self.w * own;
+        self.cross.insert(variant, product);
+    }
+
+    /// After the columns of a variant have changed.
+    fn forget(&mut self) {
+        self.cross.clear();
+    }
+
+    /// Puts another shape in the place of a variant.
+    pub fn replace(&mut self, session: &Session, filter: &Filter, variant: usize, shape: &Shape) {
+        let columns = whitened(session, filter, &self.rows, shape);
+        let (at, k) = self.span[variant];
+        for (j, column) in columns.iter().enumerate().take(k) {
+            let norm = column.iter().map(|v| v * v).sum::<f64>().sqrt();
+            self.norm[at + j] = norm;
+            let scale = if norm > 0.0 { 1.0 / norm } else { 0.0 };
+            for (i, v) in column.iter().enumerate() {
+                self.w[(at + j, i)] = v * scale;
+            }
+        }
+        for j in at..at + k {
+            self.b[j] = self.w.row(j).iter().zip(self.y.iter()).map(|(a, b)| a * b).sum();
+        }
+        self.own[variant] = own_grams(&self.w, &self.span[variant..=variant]).swap_remove(0);
+        self.forget();
+    }
+
+    /// What is known once the columns of `chosen` (prepared) are in.
+    #[must_use]
+    pub fn given(&self, chosen: &[usize]) -> Given {
+        let columns: Vec<usize> =
+            chosen.iter().flat_map(|v| self.span[*v].0..self.span[*v].0 + self.span[*v].1).collect();
+        let n = columns.len();
+        let width = self.b.len();
+        // rows of `g`: products of one chosen column with all columns
+        let mut g: Vec<Vec<f64>> = Vec::with_capacity(n);
+        for v in chosen {
+            if let Some(c) = self.cross.get(v) {
+                g.extend(c.column_iter().map(|c| c.iter().copied().collect::<Vec<f64>>()));
+            }
+        }
+        let mut small = vec![0.0; n * n];
+        for (row, products) in small.chunks_exact_mut(n.max(1)).zip(&g) {
+            for (v, c) in row.iter_mut().zip(&columns) {
+                *v = products[*c];
+            }
+        }
+        let full: Vec<f64> = columns.iter().map(|c| if self.norm[*c] > 0.0 { 1.0 } else { 0.0 }).collect();
+        let factor = Factor::new(n, &small, &full);
+        let own: Vec<f64> = columns.iter().map(|c| self.b[*c]).collect();
+        let z = factor.forward(&own);
+        // L^-1 G row by row
+        let mut a = vec![0.0; n * width];
+        for (i, products) in g.iter().enumerate() {
+            let (before, rest) = a.split_at_mut(i * width);
+            let row = &mut rest[..width];
+            factor.row_forward(i, products, before, row, width);
+        }
+        let mut b: Vec<f64> = self.b.iter().copied().collect();
+        for i in 0..n {
+            for (b, a) in b.iter_mut().zip(&a[i * width..(i + 1) * width]) {
+                *b -= a * z[i];
+            }
+        }
+        Given { columns, factor, a, b, width, explained: z.iter().map(|v| v * v).sum() }
+    }
+
+    /// Drop of the sum of squares by a variant beside what is given, and the number of its independent columns.
+    #[must_use]
+    pub fn gain(&self, given: &Given, variant: usize) -> (f64, usize) {
+        let (at, k) = self.span[variant];
+        let g = self.conditional(given, variant);
+        let full: Vec<f64> = (at..at + k).map(|c| if self.norm[c] > 0.0 { 1.0 } else { 0.0 }).collect();
+        let factor = Factor::new(k, &g, &full);
+        (factor.gain(&given.b[at..at + k]), factor.rank())
+    }
+
+    /// Drop of the sum of squares of any signal by a variant alone; `products` are those of all columns with the signal.
+    #[must_use]
+    pub fn gain_of(&self, variant: usize, products: &[f64]) -> f64 {
+        let (at, k) = self.span[variant];
+        let full: Vec<f64> = (at..at + k).map(|c| if self.norm[c] > 0.0 { 1.0 } else { 0.0 }).collect();
+        Factor::new(k, &self.own[variant], &full).gain(&products[at..at + k])
+    }
+
+    fn conditional(&self, given: &Given, variant: usize) -> Vec<f64> {
+        let (at, k) = self.span[variant];
+        let mut g = self.own[variant].clone();
+        for row in given.a.chunks_exact(given.width.max(1)) {
+            let a = &row[at..at + k];
+            for i in 0..k {
+                for j in 0..k {
+                    g[i * k + j] -= a[i] * a[j];
+                }
+            }
+        }
+        g
+    }
+
+    /// Parameters of the chosen variants, in the whitened scale, in the order of their columns.
+    #[must_use]
+    pub fn fit(&self, given: &Given) -> Vec<f64> {
+        let own: Vec<f64> = given.columns.iter().map(|c| self.b[*c]).collect();
+        given.factor.solve(&own)
+    }
+
+    /// What the columns contribute to every row.
+    #[must_use]
+    pub fn contribution(&self, columns: &[usize], beta: &[f64]) -> DVector<f64> {
+        let mut out = DVector::zeros(self.len());
+        for (row, o) in self.w.column_iter().zip(out.iter_mut()) {
+            *o = columns.iter().zip(beta).map(|(c, b)| row[*c] * b).sum();
+        }
+        out
+    }
+}
+
+/// The columns of one shape, whitened.
+#[must_use]
+pub fn whitened(session: &Session, filter: &Filter, rows: &[usize], shape: &Shape) -> Vec<Vec<f64>> {
+    let k = shape.width();
+    let mut out = [Vec3::zeros(); WIDTH_MAX];
+    let at = |s: &super::super::moment::Signal| session.signal(s);
+    let mut data = vec![0.0; rows.len() * k];
+    for (row, i) in data.chunks_exact_mut(k).zip(rows) {
+        let m = &session.moments[*i];
+        out[..k].fill(Vec3::zeros());
+        shape.evaluate_with(m, &at, &mut out[..k]);
+        for (v, d) in row.iter_mut().zip(&out[..k]) {
+            let value = d.dot(&m.u);
+            *v = if value.is_finite() { value } else { 0.0 };
+        }
+    }
+    filter.apply(&mut data, k);
+    (0..k).map(|j| data.iter().skip(j).step_by(k).copied().collect()).collect()
+}
+
+/// What is left of everything once some columns are in.
+pub struct Given {
+    /// The columns that are in.
+    pub columns: Vec<usize>,
+    pub(super) factor: Factor,
+    a: Vec<f64>,
+    b: Vec<f64>,
+    width: usize,
+    /// Drop of the sum of squares by all of them.
+    pub explained: f64,
+}
+
+impl Given {
+    /// Covariance of the parameters in the whitened scale, row by row.
+    #[must_use]
+    pub fn covariance(&self, problem: &Problem) -> Vec<f64> {
+        let left = (problem.y.norm_squared() - self.explained) / problem.len().max(1) as f64;
+        // more scatter than the noise model knows widens what is said of the parameters
+        self.factor.inverse().into_iter().map(|v| v * left.max(1.0)).collect()
+    }
+}
+
+fn own_grams(w: &DMatrix<f64>, span: &[(usize, usize)]) -> Vec<Vec<f64>> {
+    let mut own: Vec<Vec<f64>> = span.iter().map(|(_, k)| vec![0.0; k * k]).collect();
+    for row in w.column_iter() {
+        let row = row.as_slice();
+        for (g, (at, k)) in own.iter_mut().zip(span) {
+            let v = &row[*at..at + k];
+            for i in 0..*k {
+                for j in 0..=i {
+                    g[i * k + j] += v[i] * v[j];
+                }
+            }
+        }
+    }
+    for (g, (_, k)) in own.iter_mut().zip(span) {
+        for i in 0..*k {
+            for j in 0..i {
+                g[j * k + i] = g[i * k + j];
+            }
+        }
+    }
+    own
+}
+
+/// Programme of every row: setup, axes that move in the run, feed, tool.
+fn programmes(session: &Session, rows: &[usize]) -> (Vec<usize>, usize) {
+    #[derive(Clone, Copy)]
+    struct Run {
+        low: [f64; 6],
+        high: [f64; 6],
+        speed: f64,
+        tool: f64,
+        setup: usize,
+    }
+    let start =
+        Run { low: [f64::INFINITY; 6], high: [f64::NEG_INFINITY; 6], speed: 0.0, tool: f64::NAN, setup: 0 };
+    let mut runs = vec![start; session.runs];
+    for i in rows {
+        let (r, m) = (&session.readings[*i], &session.moments[*i]);
+        let run = &mut runs[r.run];
+        run.setup = r.setup;
+        run.tool = m.tool_length_mm;
+        let speed = (0..3).map(|k| m.velocity[k].powi(2)).sum::<f64>().sqrt();
+        run.speed = run.speed.max(if speed.is_finite() { speed } else { 0.0 });
+        for k in 0..6 {
+            run.low[k] = run.low[k].min(m.position[k]);
+            run.high[k] = run.high[k].max(m.position[k]);
+        }
+    }
+    let mut known = BTreeMap::new();
+    let cell = rows
+        .iter()
+        .map(|i| {
+            let r = &runs[session.readings[*i].run];
+            let mask: Vec<bool> =
+                (0..6).map(|k| r.high[k] - r.low[k] > if k < 3 { 1.0 } else { 0.01 }).collect();
+            let feed = if r.speed > 1e-6 { (r.speed.ln() / 0.4).round() as i64 } else { i64::MIN };
+            let tool = if r.tool.is_finite() { r.tool.round() as i64 } else { i64::MIN };
+            let next = known.len();
+            *known.entry((r.setup, mask, feed, tool)).or_insert(next)
+        })
+        .collect();
+    (cell, known.len())
+}
+
+/// Places of the axes within each programme.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Places {
+    /// Place of each row.
+    pub of: Vec<usize>,
+    /// Number of places.
+    pub count: usize,
+}
+
+/// Readings that a place should have at least, on average.
+const PLACE_ROWS: usize = 10;
+/// Most places along one, two, three axes.
+const PLACES: [usize; 3] = [8, 4, 3];
+/// Travel that makes an axis one that moves, mm and rad.
+const TRAVEL: [f64; 2] = [1.0, 0.01];
+
+impl Places {
+    /// Divides the travel of each axis but `own` (a slot, or none) in every programme.
+    fn new(session: &Session, rows: &[usize], cell: &[usize], own: usize) -> Self {
+        let cells = cell.iter().max().map_or(0, |c| c + 1);
+        let mut range = vec![[[f64::INFINITY, f64::NEG_INFINITY]; SLOTS]; cells];
+        let mut counts = vec![0usize; cells];
+        for (i, c) in rows.iter().zip(cell) {
+            counts[*c] += 1;
+            for (r, p) in range[*c].iter_mut().zip(&session.moments[*i].position) {
+                *r = [r[0].min(*p), r[1].max(*p)];
+            }
+        }
+        let parts: Vec<[usize; SLOTS]> = range
+            .iter()
+            .zip(&counts)
+            .map(|(r, n)| {
+                let moves = |k: &usize| *k != own && r[*k][1] - r[*k][0] > TRAVEL[usize::from(*k > 2)];
+                let axes: Vec<usize> = (0..SLOTS).filter(moves).collect();
+                let share = ((n / PLACE_ROWS) as f64).powf(1.0 / axes.len().max(1) as f64) as usize;
+                let parts = share.clamp(1, PLACES[axes.len().clamp(1, 3) - 1]);
+                let mut all = [1; SLOTS];
+                for k in axes {
+                    all[k] = parts;
+                }
+                all
+            })
+            .collect();
+        let mut known = BTreeMap::new();
+        let of = rows
+            .iter()
+            .zip(cell)
+            .map(|(i, c)| {
+                let m = &session.moments[*i];
+                let place: [usize; SLOTS] = core::array::from_fn(|k| {
+                    let [low, high] = range[*c][k];
+                    let n = parts[*c][k];
+                    if n < 2 {
+                        return 0;
+                    }
+                    (((m.position[k] - low) / (high - low) * n as f64) as usize).min(n - 1)
+                });
+                let next = known.len();
+                *known.entry((*c, place)).or_insert(next)
+            })
+            .collect();
+        Self { of, count: known.len() }
+    }
+}
+
+/// Fewest blocks for tests across runs.
+const BLOCKS_MIN: usize = 8;
+/// Fewest pieces for the scatter of slopes, where each has enough readings: of eight the scatter is hardly known.
+const PIECES_MIN: usize = 24;
+/// Readings of a piece.
+const PIECE_ROWS: usize = 25;
+
+/// Runs, or pieces of runs where there are few.
+fn blocks(session: &Session, rows: &[usize], least: usize) -> (Vec<usize>, usize) {
+    let mut counts: BTreeMap<usize, usize> = BTreeMap::new();
+    for i in rows {
+        *counts.entry(session.readings[*i].run).or_default() += 1;
+    }
+    let pieces = least.div_ceil(counts.len().max(1));
+    let mut seen: BTreeMap<usize, usize> = BTreeMap::new();
+    let mut known: BTreeMap<(usize, usize), usize> = BTreeMap::new();
+    let block = rows
+        .iter()
+        .map(|i| {
+            let run = session.readings[*i].run;
+            let k = seen.entry(run).or_default();
+            let piece = (*k * pieces) / counts[&run];
+            *k += 1;
+            let next = known.len();
+            *known.entry((run, piece)).or_insert(next)
+        })
+        .collect();
+    (block, known.len())
+}

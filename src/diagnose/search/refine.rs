@@ -1,0 +1,290 @@
+//! The non-linear parameters of a chosen effect between the values of its grid: a search by shrinking steps.
+
+use super::super::library::{Library, Shape};
+use super::super::moment::Axis;
+use super::super::noise::Filter;
+use super::super::session::Session;
+use super::problem::{Problem, whitened};
+use super::select::{SWAP_GAIN, Selection, evidence};
+use super::small::Factor;
+
+/// First and last relative step.
+const STEPS: [f64; 5] = [0.25, 0.12, 0.05, 0.02, 0.008];
+
+/// Copies of a shape whose non-linear parameters are a little larger or smaller.
+fn neighbours(shape: &Shape, step: f64) -> Vec<Shape> {
+    let mut all = Vec::new();
+    let up = 1.0 + step;
+    let mut with = |change: &dyn Fn(&mut Shape, f64)| {
+        for f in [up, 1.0 / up] {
+            let mut s = shape.clone();
+            change(&mut s, f);
+            if s != *shape {
+                all.push(s);
+            }
+        }
+    };
+    match shape {
+        Shape::Backlash { .. } => with(&|s, f| {
+            if let Shape::Backlash { length_mm, .. } = s {
+                *length_mm *= f;
+            }
+        }),
+        Shape::Spike { .. } => {
+            with(&|s, f| {
+                if let Shape::Spike { fall_s, .. } = s {
+                    *fall_s *= f;
+                }
+            });
+            with(&|s, f| {
+                if let Shape::Spike { rise_s, .. } = s {
+                    *rise_s *= f;
+                }
+            });
+        }
+        Shape::Cyclic { .. } => with(&|s, f| {
+            if let Shape::Cyclic { pitch_mm, .. } = s {
+                // a pitch is known to a small part of a period over the travel
+                *pitch_mm *= 1.0 + (f - 1.0) * 0.04;
+            }
+        }),
+        Shape::Sag { .. } => with(&|s, f| {
+            if let Shape::Sag { length_mm, .. } = s {
+                *length_mm *= f;
+            }
+        }),
+        Shape::Wear { width_mm: width, .. } => {
+            let width = *width;
+            with(&|s, f| {
+                if let Shape::Wear { width_mm, .. } = s {
+                    *width_mm *= f;
+                }
+            });
+            with(&|s, f| {
+                if let Shape::Wear { centre_mm, .. } = s {
+                    *centre_mm += width * (f - 1.0) * 2.0;
+                }
+            });
+        }
+        _ => {}
+    }
+    all.retain(is_itself);
+    all
+}
+
+/// Longest decay of a reversal spike, s: a longer one is lost motion under another name.
+const SPIKE_MAX_S: f64 = 0.8;
+/// Longest rise of a spike, as a share of its decay.
+const RISE_SHARE: f64 = 0.6;
+/// Longest transition of lost motion, mm.
+const TRANSITION_MAX_MM: f64 = 15.0;
+
+/// False where a parameter has left the range in which the effect is what its name says.
+fn is_itself(shape: &Shape) -> bool {
+    match shape {
+        Shape::Spike { rise_s, fall_s, .. } => *fall_s <= SPIKE_MAX_S && *rise_s <= RISE_SHARE * *fall_s,
+        Shape::Backlash { length_mm, .. } => *length_mm <= TRANSITION_MAX_MM,
+        _ => true,
+    }
+}
+
+/// Improves the chosen variant at `place`; the others stay.
+pub fn refine(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    chosen: &[usize],
+    place: usize,
+) {
+    let variant = chosen[place];
+    let mut shape = library.variants[variant].shape.clone();
+    if let Shape::Lag { axes, .. } = &shape {
+        tie(problem, session, filter, library, chosen, place, axes.clone());
+        return;
+    }
+    if neighbours(&shape, STEPS[0]).is_empty() {
+        return;
+    }
+    let others: Vec<usize> =
+        chosen.iter().enumerate().filter(|(i, _)| *i != place).map(|(_, v)| *v).collect();
+    let base = columns(problem, &others);
+    let y: Vec<f64> = problem.y.iter().copied().collect();
+    (_, shape) = improve(problem, session, filter, &base, &y, shape);
+    if shape != library.variants[variant].shape {
+        problem.replace(session, filter, variant, &shape);
+        library.variants[variant].shape = shape;
+    }
+}
+
+/// Width of a worn place as a share of the travel: wider it is a table, narrower a wave.
+const WIDTH_RANGE: [f64; 2] = [0.022, 0.16];
+
+/// Longest beam, as a multiple of the travel: a longer one is a parabola under another name.
+const BEAM_MAX: f64 = 3.0;
+
+/// False where a worn place is as wide as the travel or as narrow as a wave, or a beam far longer than the travel.
+fn is_local(session: &Session, shape: &Shape) -> bool {
+    let (Shape::Wear { axis, .. } | Shape::Sag { axis, .. }) = shape else { return true };
+    let (low, high) = session
+        .moments
+        .iter()
+        .map(|m| m.position[axis.slot()])
+        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+    match shape {
+        Shape::Wear { width_mm, .. } => {
+            (WIDTH_RANGE[0]..=WIDTH_RANGE[1]).contains(&(width_mm / (high - low)))
+        }
+        Shape::Sag { length_mm, .. } => *length_mm <= BEAM_MAX * (high - low),
+        _ => true,
+    }
+}
+
+/// Whitened columns of some variants.
+fn columns(problem: &mut Problem, variants: &[usize]) -> Vec<Vec<f64>> {
+    for v in variants {
+        problem.prepare(*v);
+    }
+    let given = problem.given(variants);
+    given.columns.iter().map(|c| problem.w.row(*c).iter().copied().collect()).collect()
+}
+
+/// The best values near those of a shape, and the drop of the sum of squares by it together with `base`.
+fn improve(
+    problem: &Problem,
+    session: &Session,
+    filter: &Filter,
+    base: &[Vec<f64>],
+    y: &[f64],
+    mut shape: Shape,
+) -> (f64, Shape) {
+    let score = |shape: &Shape| joint_gain(base, &whitened(session, filter, &problem.rows, shape), y);
+    let mut best = score(&shape);
+    for step in STEPS {
+        for _ in 0..6 {
+            let better = neighbours(&shape, step)
+                .into_iter()
+                .filter(|s| is_local(session, s))
+                .map(|s| (score(&s), s))
+                .filter(|(g, _)| *g > best + 1e-6)
+                .max_by(|a, b| a.0.total_cmp(&b.0));
+            let Some((gain, s)) = better else { break };
+            (best, shape) = (gain, s);
+        }
+    }
+    (best, shape)
+}
+
+/// Rivals that come this near are worth a search between the values of their grid.
+const NEAR: f64 = 0.8;
+/// Most rivals searched.
+const RIVALS: usize = 4;
+
+/// Gives the place to another effect whose non-linear parameters, once found between the values of the grid, explain more:
+/// a coarse grid must not decide between names.
+pub fn challenge(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    selection: &mut Selection,
+    place: usize,
+) {
+    let own = selection.chosen[place];
+    let others: Vec<usize> =
+        selection.chosen.iter().enumerate().filter(|(i, _)| *i != place).map(|(_, v)| *v).collect();
+    let base = columns(problem, &others);
+    let given = problem.given(&others);
+    let (gain, rank) = problem.gain(&given, own);
+    let own_label = library.variants[own].label;
+    let now = evidence(gain, rank, selection.grid[own_label]);
+    let mut not: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
+    not.push(own_label);
+    let rivals: Vec<usize> = selection
+        .ranking(problem, library, &given, &not)
+        .into_iter()
+        .filter(|f| {
+            f.gain > NEAR * gain && !neighbours(&library.variants[f.variant].shape, STEPS[0]).is_empty()
+        })
+        .take(RIVALS)
+        .map(|f| f.variant)
+        .collect();
+    let y: Vec<f64> = problem.y.iter().copied().collect();
+    let ground = joint_gain(&base, &[], &y);
+    let best = rivals
+        .into_iter()
+        .map(|v| {
+            let (joint, shape) =
+                improve(problem, session, filter, &base, &y, library.variants[v].shape.clone());
+            let label = library.variants[v].label;
+            (evidence(joint - ground, shape.width(), selection.grid[label]), v, shape)
+        })
+        .max_by(|a, b| a.0.total_cmp(&b.0));
+    if let Some((e, v, shape)) = best
+        && e > now + SWAP_GAIN
+    {
+        problem.replace(session, filter, v, &shape);
+        library.variants[v].shape = shape;
+        selection.chosen[place] = v;
+    }
+}
+
+/// A lag is a delay (its second term is half its square) or a filter (its square), or neither; a free second term would
+/// pass the compliance of the structure off as a lag.
+fn tie(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    chosen: &[usize],
+    place: usize,
+    axes: Vec<Axis>,
+) {
+    let variant = chosen[place];
+    for v in chosen {
+        problem.prepare(*v);
+    }
+    let given = problem.given(chosen);
+    let (at, _) = problem.span[variant];
+    let beta = problem.fit(&given);
+    let own = given.columns.iter().position(|c| *c == at).map_or(0.0, |j| beta[j]);
+    let norm = problem.norm[at];
+    let lag_ms = if norm > 0.0 { own / norm } else { 0.0 };
+    let base: Vec<Vec<f64>> = given
+        .columns
+        .iter()
+        .filter(|c| **c != at)
+        .map(|c| problem.w.row(*c).iter().copied().collect())
+        .collect();
+    let y: Vec<f64> = problem.y.iter().copied().collect();
+    let best = [0.0, 0.5 * lag_ms, lag_ms]
+        .into_iter()
+        .filter(|t| *t >= 0.0)
+        .map(|tie_ms| Shape::Lag { axes: axes.clone(), tie_ms })
+        .map(|s| (joint_gain(&base, &whitened(session, filter, &problem.rows, &s), &y), s))
+        .max_by(|a, b| a.0.total_cmp(&b.0));
+    if let Some((_, shape)) = best
+        && shape != library.variants[variant].shape
+    {
+        problem.replace(session, filter, variant, &shape);
+        library.variants[variant].shape = shape;
+    }
+}
+
+/// Drop of the sum of squares by all columns together.
+fn joint_gain(base: &[Vec<f64>], more: &[Vec<f64>], y: &[f64]) -> f64 {
+    let all: Vec<&Vec<f64>> = base.iter().chain(more).collect();
+    let n = all.len();
+    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
+    let mut g = vec![0.0; n * n];
+    for i in 0..n {
+        for j in 0..=i {
+            let v = dot(all[i], all[j]);
+            g[i * n + j] = v;
+            g[j * n + i] = v;
+        }
+    }
+    let full: Vec<f64> = (0..n).map(|i| g[i * n + i]).collect();
+    let b: Vec<f64> = all.iter().map(|c| dot(c, y)).collect();
+    Factor::new(n, &g, &full).gain(&b)
+}

@@ -1,0 +1,363 @@
+//! Which effects: forward, every effect swapped against all others after each step, two merged into one, backward.
+//!
+//! Evidence is twice the logarithm of a Bayes factor with a locally fitted g-prior, less a price for the grid of the
+//! non-linear parameters. The threshold is what the library finds in pure noise.
+//! Source: the diagnosis, section 4 numbers 4 and 5.
+
+use nalgebra::DMatrix;
+
+use super::super::library::{Library, Shape};
+use super::super::noise::Random;
+use super::problem::{Given, Problem};
+
+/// Price of a parameter beside its g-prior.
+const PARAMETER_PRICE: f64 = 0.7;
+/// Draws of pure noise.
+const DRAWS: usize = 96;
+/// Share of the draws below the threshold.
+const QUANTILE: f64 = 0.98;
+/// Margin above what noise reaches.
+const MARGIN: f64 = 4.0;
+/// A further effect brings at least this share of the number of readings.
+const FURTHER_SHARE: f64 = 0.006;
+/// A further effect brings at least this share of the energy that earlier effects have where it acts.
+const CELL_SHARE: f64 = 0.015;
+/// The same for the control's own encoders, whose following error a lag describes to a small share.
+const PRECISE_SHARE: f64 = 5e-7;
+/// Most effects.
+const EFFECTS_MAX: usize = 12;
+/// Share of a straightness that its slope may have.
+const SLOPE_SHARE: f64 = 0.4;
+/// Height of one end over the other that a straightness may have, as a share of its RMS.
+const ENDS_SHARE: f64 = 0.5;
+/// Standard deviations from which a sign is sure.
+const IMPOSSIBLE_T: f64 = 3.0;
+/// Candidates looked at when the best one fails the guard of the cells.
+const TRIED: usize = 12;
+/// A swap must bring this much evidence.
+pub(super) const SWAP_GAIN: f64 = 0.5;
+
+/// Twice the logarithm of the Bayes factor of an effect.
+#[must_use]
+pub fn evidence(gain: f64, rank: usize, grid: usize) -> f64 {
+    let price = 2.0 * (grid.max(1) as f64).ln();
+    let k = rank as f64;
+    if rank == 0 || gain <= k {
+        return -k - price;
+    }
+    gain - k - k * (gain / k).ln() - PARAMETER_PRICE * k - price
+}
+
+/// A selection in progress.
+pub struct Selection {
+    /// The variants chosen, in the order of their choice.
+    pub chosen: Vec<usize>,
+    /// Evidence that noise alone reaches.
+    pub threshold: f64,
+    /// Number of variants of each label.
+    pub grid: Vec<usize>,
+    /// Forward steps only: to show what the others are good for.
+    pub is_plain: bool,
+    /// Variants that came out as no body can behave.
+    pub banned: Vec<usize>,
+}
+
+/// The evidence that the library finds in pure noise.
+#[must_use]
+pub fn threshold(problem: &Problem, library: &Library, grid: &[usize], seed: u64) -> f64 {
+    let mut random = Random::new(seed);
+    let n = problem.len();
+    let noise = DMatrix::from_fn(n, DRAWS, |_, _| random.normal());
+    let products = &problem.w * noise;
+    let factors: Vec<_> = library
+        .variants
+        .iter()
+        .enumerate()
+        .map(|(v, _)| {
+            let (at, k) = problem.span[v];
+            let full: Vec<f64> =
+                (at..at + k).map(|c| if problem.norm[c] > 0.0 { 1.0 } else { 0.0 }).collect();
+            super::small::Factor::new(k, &problem.own[v], &full)
+        })
+        .collect();
+    let mut highest: Vec<f64> = products
+        .column_iter()
+        .map(|b| {
+            factors
+                .iter()
+                .zip(&library.variants)
+                .zip(&problem.span)
+                .map(|((f, v), (at, k))| {
+                    evidence(f.gain(&b.as_slice()[*at..at + k]), f.rank(), grid[v.label])
+                })
+                .fold(f64::NEG_INFINITY, f64::max)
+        })
+        .collect();
+    highest.sort_by(f64::total_cmp);
+    let at = ((QUANTILE * DRAWS as f64) as usize).min(DRAWS - 1);
+    highest[at].max(0.0) + MARGIN
+}
+
+/// An alternative and what it brings.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Found {
+    /// The variant.
+    pub variant: usize,
+    /// Drop of the sum of squares.
+    pub gain: f64,
+    /// Independent columns.
+    pub rank: usize,
+    /// Evidence.
+    pub evidence: f64,
+}
+
+impl Selection {
+    /// The best variant of every label beside what is given, best first; labels of `not` are left out.
+    #[must_use]
+    pub fn ranking(&self, problem: &Problem, library: &Library, given: &Given, not: &[usize]) -> Vec<Found> {
+        let mut best: Vec<Option<Found>> = vec![None; library.labels.len()];
+        for (v, variant) in library.variants.iter().enumerate() {
+            if not.contains(&variant.label) || variant.shape.has_slope() || self.banned.contains(&v) {
+                continue;
+            }
+            let (gain, rank) = problem.gain(given, v);
+            let found =
+                Found { variant: v, gain, rank, evidence: evidence(gain, rank, self.grid[variant.label]) };
+            if best[variant.label].is_none_or(|b| found.evidence > b.evidence) {
+                best[variant.label] = Some(found);
+            }
+        }
+        let mut all: Vec<Found> = best.into_iter().flatten().collect();
+        all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence).then(a.variant.cmp(&b.variant)));
+        all
+    }
+
+    fn labels(&self, library: &Library) -> Vec<usize> {
+        self.chosen.iter().map(|v| library.variants[*v].label).collect()
+    }
+
+    /// Everything chosen but some places.
+    fn without(&self, places: &[usize]) -> Vec<usize> {
+        self.chosen.iter().enumerate().filter(|(i, _)| !places.contains(i)).map(|(_, v)| *v).collect()
+    }
+
+    fn given(problem: &mut Problem, chosen: &[usize]) -> Given {
+        for v in chosen {
+            problem.prepare(*v);
+        }
+        problem.given(chosen)
+    }
+
+    /// Runs the search from what is chosen.
+    pub fn search(&mut self, problem: &mut Problem, library: &Library) {
+        while self.chosen.len() < EFFECTS_MAX {
+            let given = Self::given(problem, &self.chosen);
+            let labels = self.labels(library);
+            let ranking = self.ranking(problem, library, &given, &labels);
+            let next = ranking
+                .iter()
+                .take_while(|f| f.evidence > self.threshold)
+                .take(TRIED)
+                .find(|f| self.may_join(problem, &given, f))
+                .copied();
+            let Some(next) = next else { break };
+            let before = self.chosen.clone();
+            self.chosen.push(next.variant);
+            if self.is_plain {
+                problem.prepare(next.variant);
+                continue;
+            }
+            self.swap(problem, library);
+            self.merge(problem, library);
+            self.backward(problem, library);
+            if self.chosen == before {
+                break;
+            }
+        }
+    }
+
+    /// A further effect must matter where it acts, or it is the misfit of a larger one.
+    fn may_join(&self, problem: &Problem, given: &Given, found: &Found) -> bool {
+        if self.chosen.is_empty() || self.is_plain {
+            return true;
+        }
+        if found.gain < FURTHER_SHARE * problem.len() as f64 {
+            return false;
+        }
+        let earlier = problem.contribution(&given.columns, &problem.fit(given));
+        let (at, k) = problem.span[found.variant];
+        let mut energy = vec![0.0; problem.cells];
+        let mut acts = vec![0.0; problem.cells];
+        for (i, row) in problem.w.column_iter().enumerate() {
+            let cell = problem.cell[i];
+            energy[cell] += earlier[i] * earlier[i];
+            acts[cell] += row.as_slice()[at..at + k].iter().map(|v| v * v).sum::<f64>();
+        }
+        let total: f64 = acts.iter().sum();
+        let where_it_acts: f64 =
+            energy.iter().zip(&acts).filter(|(_, a)| **a > 0.01 * total).map(|(e, _)| e).sum();
+        let share = if problem.precise { PRECISE_SHARE } else { CELL_SHARE };
+        found.gain >= share * where_it_acts
+    }
+
+    /// Swaps every effect against all others until nothing changes.
+    pub fn swap(&mut self, problem: &mut Problem, library: &Library) {
+        for _ in 0..4 {
+            let mut changed = false;
+            for place in 0..self.chosen.len() {
+                let others = self.without(&[place]);
+                let given = Self::given(problem, &others);
+                let labels: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
+                let own = self.chosen[place];
+                let (gain, rank) = problem.gain(&given, own);
+                let now = evidence(gain, rank, self.grid[library.variants[own].label]);
+                if let Some(best) = self.ranking(problem, library, &given, &labels).first()
+                    && best.evidence > now + SWAP_GAIN
+                    && best.variant != own
+                {
+                    self.chosen[place] = best.variant;
+                    changed = true;
+                }
+            }
+            if !changed {
+                break;
+            }
+        }
+    }
+
+    /// One effect in the place of two, where it explains as much.
+    fn merge(&mut self, problem: &mut Problem, library: &Library) {
+        let n = self.chosen.len();
+        for a in 0..n {
+            for b in a + 1..n {
+                let others = self.without(&[a, b]);
+                let given = Self::given(problem, &others);
+                let (first, second) = (self.chosen[a], self.chosen[b]);
+                let (gain, rank) = problem.gain(&given, first);
+                let with_first: Vec<usize> = others.iter().copied().chain([first]).collect();
+                let both = Self::given(problem, &with_first);
+                let (more, more_rank) = problem.gain(&both, second);
+                let grid = |v: usize| self.grid[library.variants[v].label];
+                let now = evidence(gain, rank, grid(first)) + evidence(more, more_rank, grid(second));
+                let labels: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
+                if let Some(best) = self.ranking(problem, library, &given, &labels).first()
+                    && best.evidence > now
+                {
+                    let variant = best.variant;
+                    self.chosen = others;
+                    self.chosen.push(variant);
+                    return;
+                }
+            }
+        }
+    }
+
+    /// Takes out what no body can do, and searches on without it: a ram whose two weights pull against each other.
+    pub fn expel(&mut self, problem: &mut Problem, library: &Library) {
+        while let Some(place) = self.impossible(problem, library) {
+            self.banned.push(self.chosen.remove(place));
+            self.search(problem, library);
+        }
+    }
+
+    fn impossible(&self, problem: &mut Problem, library: &Library) -> Option<usize> {
+        let given = Self::given(problem, &self.chosen);
+        let beta = problem.fit(&given);
+        let covariance = given.covariance(problem);
+        let n = beta.len();
+        (0..self.chosen.len()).find(|place| {
+            let variant = self.chosen[*place];
+            let (at, _) = problem.span[variant];
+            let Some(j) = given.columns.iter().position(|c| *c == at) else { return false };
+            let is_sure = |k: usize| beta[k].abs() > IMPOSSIBLE_T * covariance[k * n + k].max(0.0).sqrt();
+            matches!(library.variants[variant].shape, Shape::Ram { .. })
+                && beta[j] * beta[j + 1] < 0.0
+                && is_sure(j)
+                && is_sure(j + 1)
+        })
+    }
+
+    /// A squareness that is no more than the slope of a straightness: the line from which a straightness is counted is a
+    /// choice (its ends, least squares), and the slope against it is no second cause.
+    pub fn absorb(&mut self, problem: &mut Problem, library: &Library) {
+        while let Some((place, square, whole)) = self.slope(problem, library) {
+            self.chosen[place] = whole;
+            self.chosen.remove(square);
+            problem.prepare(whole);
+        }
+    }
+
+    /// A straightness, the squareness beside it, and the variant that says both.
+    fn slope(&self, problem: &mut Problem, library: &Library) -> Option<(usize, usize, usize)> {
+        let shape = |place: usize| &library.variants[self.chosen[place]].shape;
+        for square in 0..self.chosen.len() {
+            let (along, over) = match *shape(square) {
+                Shape::Squareness { along, over } => (along, over),
+                Shape::Scale { axis } => (axis, axis),
+                _ => continue,
+            };
+            for place in 0..self.chosen.len() {
+                let Shape::Polynomial { along: a, over: o, low: 2, .. } = *shape(place) else { continue };
+                if !(a == along && o == over || a == over && o == along) {
+                    continue;
+                }
+                let of = |problem: &mut Problem, p: usize| {
+                    let given = Self::given(problem, &self.without(&[p]));
+                    problem.gain(&given, self.chosen[p]).0
+                };
+                let small = of(problem, square) <= SLOPE_SHARE * of(problem, place);
+                let mut wanted = shape(place).clone();
+                if let Shape::Polynomial { low, .. } = &mut wanted {
+                    *low = 1;
+                }
+                let whole = library.variants.iter().position(|v| v.shape == wanted);
+                if let Some(whole) = whole
+                    && (small || self.is_from_its_ends(problem, (place, square), whole))
+                {
+                    return Some((place, square, whole));
+                }
+            }
+        }
+        None
+    }
+
+    /// True where a straightness with its slope is nearly as high at one end as at the other: it is then counted from the
+    /// line through its ends.
+    fn is_from_its_ends(&self, problem: &mut Problem, (place, square): (usize, usize), whole: usize) -> bool {
+        let chosen: Vec<usize> = self.without(&[place, square]).into_iter().chain([whole]).collect();
+        let given = Self::given(problem, &chosen);
+        let beta = problem.fit(&given);
+        let (at, k) = problem.span[whole];
+        let value = |c: usize| {
+            let own = given.columns.iter().position(|g| *g == c).map_or(0.0, |j| beta[j]);
+            if problem.norm[c] > 0.0 { own / problem.norm[c] } else { 0.0 }
+        };
+        let terms: Vec<f64> = (at..at + k).map(value).collect();
+        // Legendre polynomials from the first degree on: at both ends 1, or -1 and 1
+        let ends: f64 = 2.0 * terms.iter().step_by(2).sum::<f64>();
+        let size = terms.iter().zip(1..).map(|(c, n)| c * c / (2 * n + 1) as f64).sum::<f64>().sqrt();
+        ends.abs() < ENDS_SHARE * size
+    }
+
+    /// Takes out what the others have made superfluous.
+    fn backward(&mut self, problem: &mut Problem, library: &Library) {
+        loop {
+            let mut weakest: Option<(usize, f64)> = None;
+            for place in 0..self.chosen.len() {
+                let given = Self::given(problem, &self.without(&[place]));
+                let v = self.chosen[place];
+                let (gain, rank) = problem.gain(&given, v);
+                let e = evidence(gain, rank, self.grid[library.variants[v].label]);
+                if weakest.is_none_or(|w| e < w.1) {
+                    weakest = Some((place, e));
+                }
+            }
+            match weakest {
+                Some((place, e)) if e < self.threshold => {
+                    self.chosen.remove(place);
+                }
+                _ => break,
+            }
+        }
+    }
+}

@@ -1,0 +1,401 @@
+//! From raw files to a session.
+
+use std::collections::BTreeMap;
+
+use super::super::moment::{Axis, Machine, Moment, Source};
+use super::motion;
+use super::pairs::{self, Place};
+use super::{Extra, History, Note, ROWS_MAX, ROWS_MIN, Raw, Reading, Session, SessionError, check, copies};
+use crate::core::geometry::Vec3;
+use crate::core::units::RAD_PER_DEG;
+
+/// Columns with a meaning; others are kept for localisation.
+const KNOWN: [&str; 17] = [
+    "t_s",
+    "instrument",
+    "setup",
+    "run",
+    "repeat",
+    "pair",
+    "u_x",
+    "u_y",
+    "u_z",
+    "deviation_um",
+    "predicted_um",
+    "moving",
+    "tool_length_mm",
+    "range_mm",
+    "spindle_rpm",
+    "line",
+    "id",
+];
+
+/// One file while it is built.
+struct Part<'a> {
+    raw: &'a Raw,
+    file: usize,
+    setup: Vec<usize>,
+    run: Vec<usize>,
+    moments: Vec<Moment>,
+    notes: Vec<Note>,
+    moving: bool,
+}
+
+impl Session {
+    /// Builds a session from files (each on its own clock) and their histories by file.
+    ///
+    /// # Errors
+    /// Missing columns, empty fields, time that runs backwards, units that cannot be right, too few readings.
+    pub fn build(raws: &[Raw], mut history: History, machine: Machine) -> Result<Self, SessionError> {
+        let mut session = Self {
+            readings: Vec::new(),
+            moments: Vec::new(),
+            files: raws.iter().map(|r| r.file.clone()).collect(),
+            instruments: Vec::new(),
+            setups: Vec::new(),
+            runs: 0,
+            axes: Axis::ALL
+                .into_iter()
+                .filter(|a| raws.iter().any(|r| r.column(&a.column()).is_some()))
+                .collect(),
+            machine,
+            temperatures: Vec::new(),
+            signals: Vec::new(),
+            has_spindle: false,
+            extra: Vec::new(),
+            notes: Vec::new(),
+            rows_read: raws.iter().map(Raw::len).sum(),
+            history: History::default(),
+        };
+        copies::no_file_twice(raws)?;
+        let mut places = Vec::new();
+        let mut extra: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+        for (file, raw) in raws.iter().enumerate() {
+            session.notes.extend(check::file(raw)?);
+            sources(raw, file, &mut history);
+            let mut part = Part::new(raw, file, &mut session);
+            part.state()?;
+            session.take(part, &mut places, &mut extra);
+        }
+        let pairs = pairs::find(&places);
+        for (r, p) in session.readings.iter_mut().zip(&pairs) {
+            r.pair = *p;
+        }
+        session.extra = extra.into_iter().map(|(name, values)| Extra { name, values }).collect();
+        session.history = history;
+        session.has_spindle = session.history.sources().contains(&Source::Spindle);
+        session.temperatures = session
+            .history
+            .sources()
+            .into_iter()
+            .filter_map(|s| if let Source::Temperature(n) = s { Some(n) } else { None })
+            .collect();
+        session.drop_copies();
+        session.thin();
+        if session.readings.len() < ROWS_MIN {
+            return Err(SessionError::TooFew { rows: session.readings.len(), limit: ROWS_MIN });
+        }
+        Ok(session)
+    }
+
+    /// Appends the usable rows of a file.
+    fn take(&mut self, part: Part<'_>, places: &mut Vec<Place>, extra: &mut BTreeMap<String, Vec<f64>>) {
+        let raw = part.raw;
+        let deviation = raw.column("deviation_um").unwrap_or(&[]);
+        let repeat = raw.column("repeat").unwrap_or(&[]);
+        let pair = raw.column("pair");
+        let before = self.readings.len();
+        let mut lost = 0;
+        for (i, m) in part.moments.into_iter().enumerate() {
+            if !deviation[i].is_finite() {
+                lost += 1;
+                continue;
+            }
+            let name = raw.instruments.get(i).map_or("", String::as_str);
+            let instrument = self.instruments.iter().position(|n| n == name).unwrap_or_else(|| {
+                self.instruments.push(name.to_owned());
+                self.instruments.len() - 1
+            });
+            let (setup, run) = (part.setup[i], part.run[i]);
+            places.push(Place {
+                class: (part.file, instrument),
+                setup,
+                repeat: repeat[i] as i64,
+                pair: pair.map_or(f64::NAN, |p| p[i]),
+                position: m.position,
+                direction: m.direction,
+                u: [m.u.x, m.u.y, m.u.z],
+                tool: m.tool_length_mm,
+            });
+            self.readings.push(Reading {
+                instrument,
+                setup,
+                run,
+                repeat: repeat[i] as i64,
+                pair: None,
+                deviation_um: deviation[i],
+                predicted_um: 0.0,
+                line: raw.lines[i],
+            });
+            self.moments.push(m);
+            for (name, values) in raw.names.iter().zip(&raw.columns).filter(|(n, _)| is_extra(n)) {
+                let column = extra.entry(name.clone()).or_default();
+                column.resize(self.readings.len() - 1, f64::NAN);
+                column.push(values[i]);
+            }
+        }
+        for column in extra.values_mut() {
+            column.resize(self.readings.len(), f64::NAN);
+        }
+        if lost > 0 {
+            let of = self.readings.len() - before + lost;
+            self.notes.push(Note::new(format!(
+                "{}: {lost} of {of} readings are lost (empty deviation_um)",
+                raw.file
+            )));
+        }
+        self.notes.extend(part.notes);
+    }
+
+    /// Leaves out whole points, with all their repeats, until the analysis stays fast.
+    fn thin(&mut self) {
+        let n = self.readings.len();
+        if n <= ROWS_MAX {
+            return;
+        }
+        let every = n.div_ceil(ROWS_MAX);
+        // a sample (rows of equal time) and all its partners stay or go together; the count runs over programmed points
+        let mut chosen: BTreeMap<usize, bool> = BTreeMap::new();
+        let mut keep = Vec::with_capacity(n);
+        let (mut count, mut last, mut state) = (0usize, (usize::MAX, f64::NAN), false);
+        for (r, m) in self.readings.iter().zip(&self.moments) {
+            if last != (r.run, m.t_s) {
+                state = count.is_multiple_of(every);
+                count += 1;
+                last = (r.run, m.t_s);
+            }
+            keep.push(match r.pair {
+                Some(p) => *chosen.entry(p).or_insert(state),
+                None => state,
+            });
+        }
+        self.retain(&keep);
+        self.notes.push(Note::new(format!(
+            "{n} readings are thinned to {}: every {every}th programmed point with all its repeats",
+            self.readings.len()
+        )));
+    }
+
+    pub(super) fn retain(&mut self, keep: &[bool]) {
+        fn filter<T>(values: &mut Vec<T>, keep: &[bool]) {
+            let mut k = keep.iter();
+            values.retain(|_| k.next().is_some_and(|k| *k));
+        }
+        filter(&mut self.readings, keep);
+        filter(&mut self.moments, keep);
+        for e in &mut self.extra {
+            filter(&mut e.values, keep);
+        }
+    }
+}
+
+/// True for instruments that measure lengths by light through air.
+fn is_optical(instrument: &str) -> bool {
+    let name = instrument.to_ascii_lowercase();
+    ["laser", "tracker", "interferom"].iter().any(|w| name.contains(w))
+}
+
+fn is_extra(name: &str) -> bool {
+    let stems = ["dir_", "since_reversal_", "target_", "station_", "force_", "temp_"];
+    let ends = ["_mm_per_s", "_mm_per_s2", "_deg_per_s", "_deg_per_s2"];
+    !(KNOWN.contains(&name)
+        || Axis::ALL.iter().any(|a| a.column() == name)
+        || stems.iter().any(|s| name.starts_with(s))
+        || ends.iter().any(|e| name.ends_with(e)))
+}
+
+/// Spindle and temperatures in the rows join the history of their file.
+fn sources(raw: &Raw, file: usize, history: &mut History) {
+    let Some(t) = raw.column("t_s") else { return };
+    for (name, values) in raw.names.iter().zip(&raw.columns) {
+        let points = t.iter().copied().zip(values.iter().copied());
+        if name == "spindle_rpm" {
+            history.add(file, Source::Spindle, points.map(|(t, v)| (t, v * 1e-3)));
+        } else if let Some(sensor) = name.strip_prefix("temp_").and_then(|n| n.strip_suffix("_degc")) {
+            history.add(file, Source::Temperature(sensor.to_owned()), points);
+        }
+    }
+}
+
+impl<'a> Part<'a> {
+    fn new(raw: &'a Raw, file: usize, session: &mut Session) -> Self {
+        let n = raw.len();
+        let (mut setups, mut runs) = (BTreeMap::new(), BTreeMap::new());
+        let (mut setup, mut run) = (Vec::with_capacity(n), Vec::with_capacity(n));
+        let columns = ["setup", "run", "repeat"].map(|c| raw.column(c).unwrap_or(&[]));
+        let value = |c: usize, i: usize| columns[c].get(i).map_or(0, |v| *v as i64);
+        for i in 0..n {
+            let s = *setups.entry(value(0, i)).or_insert_with(|| {
+                session.setups.push(format!("{}:{}", raw.file, value(0, i)));
+                session.setups.len() - 1
+            });
+            let key = (value(0, i), value(1, i), value(2, i));
+            let r = *runs.entry(key).or_insert_with(|| {
+                session.runs += 1;
+                session.runs - 1
+            });
+            setup.push(s);
+            run.push(r);
+        }
+        Self { raw, file, setup, run, moments: Vec::new(), notes: Vec::new(), moving: false }
+    }
+
+    /// The state of every row: stated columns first, what is missing from the motion.
+    fn state(&mut self) -> Result<(), SessionError> {
+        let raw = self.raw;
+        let column = |name: &str| raw.column(name);
+        let triple =
+            |stem: &str, unit: &str| ["x", "y", "z"].map(|a| raw.column(&format!("{stem}{a}{unit}")));
+        let (t, u) = (column("t_s").unwrap_or(&[]), triple("u_", ""));
+        let (target, station, force) =
+            (triple("target_", "_mm"), triple("station_", "_mm"), triple("force_", "_n"));
+        let (tool, range) = (column("tool_length_mm"), column("range_mm"));
+        let at = |c: Option<&[f64]>, i: usize| c.map_or(f64::NAN, |c| c[i]);
+        let vector = |c: [Option<&[f64]>; 3], i: usize| Vec3::new(at(c[0], i), at(c[1], i), at(c[2], i));
+        self.moments = (0..raw.len())
+            .map(|i| Moment {
+                t_s: t[i],
+                file: self.file,
+                u: vector(u, i).normalize(),
+                tool_length_mm: at(tool, i),
+                range_mm: at(range, i),
+                target_mm: vector(target, i),
+                optical: raw.instruments.get(i).is_some_and(|n| is_optical(n)),
+                station_mm: vector(station, i),
+                force_n: [at(force[0], i), at(force[1], i), at(force[2], i)],
+                ..Moment::default()
+            })
+            .collect();
+        for axis in Axis::ALL {
+            self.axis(axis)?;
+        }
+        Ok(())
+    }
+
+    /// Position, speed, acceleration, direction and reversals of one axis.
+    fn axis(&mut self, axis: Axis) -> Result<(), SessionError> {
+        let raw = self.raw;
+        let (slot, unit) = (axis.slot(), if axis.is_linear() { 1.0 } else { RAD_PER_DEG });
+        let length = if axis.is_linear() { "mm" } else { "deg" };
+        let Some(position) = raw.column(&axis.column()) else {
+            // an axis without a column stands still at zero
+            for m in &mut self.moments {
+                (m.velocity[slot], m.acceleration[slot], m.direction[slot]) = (0.0, 0.0, 0.0);
+                (m.since_mm[slot], m.since_s[slot]) = (f64::INFINITY, f64::INFINITY);
+            }
+            return Ok(());
+        };
+        let stated = |name: String| raw.column(&name);
+        let speed = stated(format!("v{axis}_{length}_per_s"));
+        let acceleration = stated(format!("a{axis}_{length}_per_s2"));
+        let direction = stated(format!("dir_{axis}"));
+        let since = stated(format!("since_reversal_{axis}_{length}"));
+        let since_s = stated(format!("since_reversal_{axis}_s"));
+        let moving = raw.column("moving");
+        let (mut derived, mut fast_rows, mut any_fast) =
+            (vec![0.0; raw.len()], vec![false; raw.len()], false);
+        let t = raw.column("t_s").unwrap_or(&[]);
+        let mut first = 0;
+        while first < raw.len() {
+            let end = (first..raw.len()).find(|i| self.run[*i] != self.run[first]).unwrap_or(raw.len());
+            let samples = motion::samples(t, first, end);
+            let places: Vec<f64> = samples.iter().map(|s| position[s.first]).collect();
+            let says = moving.is_some_and(|m| m[first..end].contains(&1.0));
+            let fast = motion::is_fast(&samples, says);
+            any_fast |= fast;
+            let (v, a) = if fast {
+                motion::derivatives(&samples, &places)
+            } else {
+                (vec![0.0; samples.len()], vec![0.0; samples.len()])
+            };
+            let given: Option<Vec<f64>> = direction.map(|d| samples.iter().map(|s| d[s.first]).collect());
+            let travel = motion::travel(&samples, &places, given.as_deref());
+            for (k, s) in samples.iter().enumerate() {
+                for i in s.first..s.end {
+                    let still = moving.is_some_and(|m| m[i] == 0.0);
+                    derived[i] = v[k];
+                    fast_rows[i] = fast;
+                    let m = &mut self.moments[i];
+                    m.position[slot] = position[i] * unit;
+                    m.velocity[slot] = given_or(speed, i, if still { 0.0 } else { v[k] }) * unit;
+                    m.acceleration[slot] = given_or(acceleration, i, if still { 0.0 } else { a[k] }) * unit;
+                    m.direction[slot] = travel.direction[k];
+                    m.since_mm[slot] = given_or(since, i, travel.since[k]) * unit;
+                    m.since_s[slot] = given_or(since_s, i, travel.since_s[k]);
+                }
+            }
+            first = end;
+        }
+        self.moving |= any_fast;
+        if let Some(speed) = speed {
+            let known: Vec<f64> =
+                speed.iter().zip(&fast_rows).map(|(s, f)| if *f { *s } else { f64::NAN }).collect();
+            if let Some(ratio) = check::speed_ratio(&known, &derived)
+                && check::unit_slip(ratio)
+            {
+                return Err(SessionError::Unit {
+                    file: raw.file.clone(),
+                    column: format!("v{axis}_{length}_per_s"),
+                    what: format!("is {ratio:.4} times the speed that {} and t_s give", axis.column()),
+                    remedy: "check the units of time, position and speed",
+                });
+            }
+        }
+        self.tell(axis, any_fast, speed.is_some(), acceleration.is_some(), direction.is_some());
+        Ok(())
+    }
+
+    /// Notes on what was derived.
+    fn tell(&mut self, axis: Axis, fast: bool, speed: bool, acceleration: bool, direction: bool) {
+        let mut derived = Vec::new();
+        if fast && !speed {
+            derived.push("velocity");
+        }
+        if fast && !acceleration {
+            derived.push("acceleration");
+        }
+        if !direction {
+            derived.push("direction of travel and distance since reversal");
+        }
+        let moves = {
+            let first = self.moments.first().map_or(0.0, |m| m.position[axis.slot()]);
+            self.moments.iter().any(|m| (m.position[axis.slot()] - first).abs() > 1e-9)
+        };
+        let file = &self.raw.file;
+        if moves && !derived.is_empty() {
+            self.notes
+                .push(Note::new(format!("{file}: {} of {axis} derived from the rows", derived.join(", "))));
+        }
+        if moves && !fast && !speed {
+            let linear = axis.is_linear();
+            let mut lost: Vec<String> = Vec::new();
+            if linear {
+                lost.extend(
+                    ["reversal-spike", "servo-mismatch", "inertial", "inertial-cross"]
+                        .map(|e| format!("{e}:{axis}")),
+                );
+                lost.extend(["latency".to_owned(), "clock-skew".to_owned()]);
+            }
+            self.notes.push(Note {
+                text: format!(
+                    "{file}: samples of {axis} are too slow for velocities and none are stated: taken as standing still"
+                ),
+                unidentifiable: lost,
+            });
+        }
+    }
+}
+
+fn given_or(column: Option<&[f64]>, i: usize, otherwise: f64) -> f64 {
+    column.map(|c| c[i]).filter(|v| !v.is_nan()).unwrap_or(otherwise)
+}

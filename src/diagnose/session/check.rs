@@ -1,0 +1,213 @@
+//! Input that cannot be right is refused before anything is computed from it.
+
+use super::super::moment::Axis;
+use super::{Note, Raw, SessionError};
+
+/// A deviation above this is no deviation of a machine, um (RMS).
+const LARGEST_UM: f64 = 50_000.0;
+/// A deviation below this is more likely in mm, um (RMS).
+pub(super) const SMALLEST_UM: f64 = 0.03;
+/// No machine travels further, mm.
+const LONGEST_MM: f64 = 60_000.0;
+/// No sensor of a machine reads more, degC.
+const HOTTEST_DEGC: f64 = 200.0;
+
+/// Readings further apart than this, a year, are on two clocks, s.
+const OTHER_CLOCK_S: f64 = 3.2e7;
+
+/// Columns that every session needs.
+const NEEDED: [(&str, &str); 8] = [
+    ("t_s", "the time of every reading in seconds"),
+    ("setup", "number the mountings of the instrument; 1 for all rows where there was one"),
+    ("run", "number the passes; 1 for all rows where there was one"),
+    ("repeat", "number the repetitions of the programme; 1 for all rows where there was one"),
+    ("u_x", "the direction in which the instrument measures, as a unit vector u_x u_y u_z"),
+    ("u_y", "the direction in which the instrument measures, as a unit vector u_x u_y u_z"),
+    ("u_z", "the direction in which the instrument measures, as a unit vector u_x u_y u_z"),
+    ("deviation_um", "measured actual minus nominal along u"),
+];
+
+/// Refuses a file that lacks columns, runs backwards or has units that cannot be right; says what looks odd.
+pub(super) fn file(raw: &Raw) -> Result<Vec<Note>, SessionError> {
+    for (column, remedy) in NEEDED {
+        if raw.column(column).is_none() {
+            return Err(SessionError::Missing { file: raw.file.clone(), column, remedy });
+        }
+    }
+    if !Axis::ALL.iter().any(|a| raw.column(&a.column()).is_some()) {
+        let remedy = "at least one commanded position, such as x_mm or c_deg, is needed";
+        return Err(SessionError::Missing { file: raw.file.clone(), column: "x_mm", remedy });
+    }
+    for column in ["t_s", "setup", "run", "repeat", "u_x", "u_y", "u_z"] {
+        never_empty(raw, column)?;
+    }
+    for axis in Axis::ALL {
+        if raw.column(&axis.column()).is_some() {
+            never_empty(raw, &axis.column())?;
+        }
+    }
+    whole(raw)?;
+    travel(raw)?;
+    in_order(raw)?;
+    directions(raw)?;
+    units(raw)?;
+    super::doubts::units_of_setups(raw)?;
+    Ok(super::doubts::of(raw))
+}
+
+/// Setups, runs, repeats and pairs are counted, not measured.
+fn whole(raw: &Raw) -> Result<(), SessionError> {
+    for column in ["setup", "run", "repeat", "pair"] {
+        let values = raw.column(column).unwrap_or(&[]);
+        if let Some(i) = values.iter().position(|v| v.is_finite() && v.fract() != 0.0) {
+            return Err(SessionError::Value {
+                file: raw.file.clone(),
+                line: raw.lines[i],
+                column: column.to_owned(),
+                value: values[i],
+                what: "is a number that counts; write a whole one",
+            });
+        }
+    }
+    Ok(())
+}
+
+/// A direction of travel is a sign.
+fn travel(raw: &Raw) -> Result<(), SessionError> {
+    for axis in Axis::ALL {
+        let column = format!("dir_{axis}");
+        let values = raw.column(&column).unwrap_or(&[]);
+        if let Some(i) = values.iter().position(|v| v.is_finite() && ![-1.0, 0.0, 1.0].contains(v)) {
+            return Err(SessionError::Value {
+                file: raw.file.clone(),
+                line: raw.lines[i],
+                column,
+                value: values[i],
+                what: "is a direction of travel; write +1 or -1, 0 before the axis has moved",
+            });
+        }
+    }
+    Ok(())
+}
+
+fn never_empty(raw: &Raw, column: &str) -> Result<(), SessionError> {
+    let empty = raw.column(column).and_then(|c| c.iter().position(|v| !v.is_finite()));
+    empty.map_or(Ok(()), |i| {
+        Err(SessionError::Empty { file: raw.file.clone(), line: raw.lines[i], column: column.to_owned() })
+    })
+}
+
+fn in_order(raw: &Raw) -> Result<(), SessionError> {
+    let (Some(t), Some(setup), Some(run)) = (raw.column("t_s"), raw.column("setup"), raw.column("run"))
+    else {
+        return Ok(());
+    };
+    for i in 1..t.len() {
+        if t[i] - t[i - 1] > OTHER_CLOCK_S {
+            return Err(SessionError::Clock {
+                file: raw.file.clone(),
+                line: raw.lines[i],
+                before: t[i - 1],
+                after: t[i],
+            });
+        }
+        if t[i] < t[i - 1] {
+            let place = if setup[i] != setup[i - 1] {
+                ", where a new setup begins: each seems to have a clock of its own"
+            } else if run[i] != run[i - 1] {
+                ", where a new run begins: each seems to have a clock of its own"
+            } else {
+                ""
+            };
+            return Err(SessionError::Unsorted {
+                file: raw.file.clone(),
+                line: raw.lines[i],
+                before: t[i - 1],
+                after: t[i],
+                place,
+            });
+        }
+    }
+    Ok(())
+}
+
+fn directions(raw: &Raw) -> Result<(), SessionError> {
+    let (Some(x), Some(y), Some(z)) = (raw.column("u_x"), raw.column("u_y"), raw.column("u_z")) else {
+        return Ok(());
+    };
+    for i in 0..raw.len() {
+        let length = (x[i] * x[i] + y[i] * y[i] + z[i] * z[i]).sqrt();
+        if !(0.95..=1.05).contains(&length) {
+            return Err(SessionError::NotUnit { file: raw.file.clone(), line: raw.lines[i], length });
+        }
+    }
+    Ok(())
+}
+
+/// Root of the mean square of the finite values.
+fn rms(values: &[f64]) -> f64 {
+    let (sum, n) =
+        values.iter().filter(|v| v.is_finite()).fold((0.0, 0usize), |(s, n), v| (s + v * v, n + 1));
+    if n == 0 { 0.0 } else { (sum / n as f64).sqrt() }
+}
+
+fn units(raw: &Raw) -> Result<(), SessionError> {
+    let wrong = |column: &str, what: String, remedy: &'static str| {
+        Err(SessionError::Unit { file: raw.file.clone(), column: column.to_owned(), what, remedy })
+    };
+    let deviation = raw.column("deviation_um").unwrap_or(&[]);
+    let mut known = deviation.iter().filter(|v| v.is_finite());
+    if let Some(first) = known.next()
+        && known.all(|v| v == first)
+        && deviation.len() > 1
+    {
+        return Err(SessionError::Constant { file: raw.file.clone(), value: *first });
+    }
+    let size = rms(deviation);
+    if size > LARGEST_UM {
+        let what = format!("has an RMS of {size:.0} um, limit {LARGEST_UM:.0}");
+        return wrong("deviation_um", what, "are these nm? the column is in um");
+    }
+    if size > 0.0 && size < SMALLEST_UM {
+        let what = format!("has an RMS of {size:.5} um, limit {SMALLEST_UM}");
+        return wrong("deviation_um", what, "are these mm? the column is in um: multiply by 1000");
+    }
+    for axis in Axis::LINEAR {
+        let values = raw.column(&axis.column()).unwrap_or(&[]);
+        let far = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+        if far > LONGEST_MM {
+            let what = format!("reaches {far:.0} mm, limit {LONGEST_MM:.0}");
+            return wrong(&axis.column(), what, "are these um? the column is in mm");
+        }
+    }
+    for (name, values) in raw.names.iter().zip(&raw.columns) {
+        if name.starts_with("temp_") && name.ends_with("_degc") {
+            let hot = values.iter().filter(|v| v.is_finite()).fold(0.0f64, |m, v| m.max(*v));
+            if hot > HOTTEST_DEGC {
+                let what = format!("reaches {hot:.1}, limit {HOTTEST_DEGC:.0} degC");
+                return wrong(name, what, "are these kelvin or millidegrees? the column is in degC");
+            }
+        }
+    }
+    Ok(())
+}
+
+/// Ratio of a stated speed to the one that positions and times give; `None` where too little moves.
+pub(super) fn speed_ratio(stated: &[f64], derived: &[f64]) -> Option<f64> {
+    let (mut both, mut own, mut other, mut n) = (0.0, 0.0, 0.0, 0usize);
+    for (s, d) in stated.iter().zip(derived) {
+        if s.is_finite() && d.abs() > 1e-9 {
+            both += s * d;
+            own += d * d;
+            other += s * s;
+            n += 1;
+        }
+    }
+    let alike = both * both > 0.81 * own * other;
+    (n >= 20 && alike && own > 0.0).then(|| both / own)
+}
+
+/// A ratio that can only come from a unit: s against ms or min, mm against m.
+pub(super) fn unit_slip(ratio: f64) -> bool {
+    [1000.0, 60.0, 0.001, 1.0 / 60.0, 1e6, 1e-6].iter().any(|f| (ratio / f - 1.0).abs() < 0.2)
+}

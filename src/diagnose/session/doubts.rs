@@ -1,0 +1,171 @@
+//! Values that are possible but odd: units off by a thousand, columns that never change, jumps in time. What is certain is
+//! refused by [`super::check`]; here it is a note, because some machine may be like that.
+
+use std::collections::BTreeMap;
+
+use super::super::moment::Axis;
+use super::check::SMALLEST_UM;
+use super::{Note, Raw, SessionError, has_rotation, is_encoder};
+
+/// Fewest readings of a setup that show its unit.
+const READINGS: usize = 10;
+/// A setup whose deviations are this many times smaller than those of the others is in another unit.
+const THOUSAND: f64 = 300.0;
+/// Deviations about the mean of their setup beyond these are odd, and cannot be, um (RMS); those of encoders hold the lag
+/// of the servos, those of trackers the rotation of their frame.
+const LARGE_UM: (f64, f64) = (500.0, 3000.0);
+/// Deviations below this are odd, um (RMS).
+const SMALL_UM: f64 = 0.2;
+/// Shortest tool, mm.
+const TOOL_MM: f64 = 5.0;
+/// Travel below which all positions together are odd, mm.
+const TRAVEL_MM: f64 = 2.0;
+/// Temperatures nearer to zero than this are odd, degC.
+const COLD_DEGC: f64 = 2.0;
+/// Time between readings of a run that is odd, s.
+const SLOW_S: f64 = 1000.0;
+/// Speed between readings that no machine reaches, mm/s.
+const FAST_MM_PER_S: f64 = 5000.0;
+/// Pause between readings that is odd in one file, s.
+const PAUSE_S: f64 = 7.0 * 86_400.0;
+
+/// RMS about the mean and RMS of the deviations of each setup with enough of them, um.
+fn sizes(raw: &Raw) -> BTreeMap<i64, (f64, f64)> {
+    let mut setups: BTreeMap<i64, Vec<f64>> = BTreeMap::new();
+    let deviation = raw.column("deviation_um").unwrap_or(&[]);
+    for (s, d) in raw.column("setup").unwrap_or(&[]).iter().zip(deviation).filter(|(_, d)| d.is_finite()) {
+        setups.entry(*s as i64).or_default().push(*d);
+    }
+    let rms = |values: &[f64], centre: f64| {
+        (values.iter().map(|v| (v - centre).powi(2)).sum::<f64>() / values.len() as f64).sqrt()
+    };
+    setups
+        .into_iter()
+        .filter(|(_, d)| d.len() >= READINGS)
+        .map(|(s, d)| (s, (rms(&d, d.iter().sum::<f64>() / d.len() as f64), rms(&d, 0.0))))
+        .collect()
+}
+
+/// Refuses setups whose deviations can only be in another unit.
+pub(super) fn units_of_setups(raw: &Raw) -> Result<(), SessionError> {
+    let sizes = sizes(raw);
+    let largest = sizes.values().map(|s| s.1).fold(0.0, f64::max);
+    let wrong = |what: String, remedy: &'static str| {
+        let column = "deviation_um".to_owned();
+        Err(SessionError::Unit { file: raw.file.clone(), column, what, remedy })
+    };
+    let shifted_only = raw.instruments.iter().all(|n| !is_encoder(n) && !has_rotation(n));
+    for (setup, (scatter, size)) in &sizes {
+        if *size > 0.0 && *size < SMALLEST_UM && *size * THOUSAND < largest {
+            let what = format!("has an RMS of {size:.5} um in setup {setup}, of {largest:.2} um in another");
+            return wrong(what, "is that setup in mm? the column is in um: multiply by 1000");
+        }
+        if shifted_only && *scatter > LARGE_UM.1 {
+            let what = format!(
+                "scatters by {scatter:.0} um RMS in setup {setup}, limit {:.0} for an instrument that is only shifted",
+                LARGE_UM.1
+            );
+            return wrong(what, "are these nm? the column is in um");
+        }
+    }
+    Ok(())
+}
+
+/// What looks odd.
+pub(super) fn of(raw: &Raw) -> Vec<Note> {
+    let mut odd = Vec::new();
+    let file = &raw.file;
+    let mut say = |what: String| odd.push(Note::new(format!("{file}: {what}")));
+    let sizes = sizes(raw);
+    let scatter = sizes.values().map(|s| s.0).fold(0.0, f64::max);
+    let shifted_only = raw.instruments.iter().all(|n| !is_encoder(n) && !has_rotation(n));
+    if shifted_only && scatter > LARGE_UM.0 {
+        say(format!("deviation_um scatters by {scatter:.0} um RMS: are these nm? the column is in um"));
+    }
+    if scatter > 0.0 && scatter < SMALL_UM {
+        say(format!("deviation_um scatters by {scatter:.3} um RMS only: are these mm? the column is in um"));
+    }
+    if raw.instruments.iter().any(|n| n == UNNAMED) {
+        say("no column instrument: all readings count as one class of noise".to_owned());
+    }
+    positions(raw, &mut say);
+    times(raw, &mut say);
+    let largest =
+        |values: &[f64]| values.iter().filter(|v| v.is_finite()).fold(0.0f64, |m, v| m.max(v.abs()));
+    let tool = largest(raw.column("tool_length_mm").unwrap_or(&[]));
+    if tool > 0.0 && tool < TOOL_MM {
+        say(format!("tool_length_mm reaches {tool:.3} mm only: are these m? the column is in mm"));
+    }
+    for (name, values) in raw.names.iter().zip(&raw.columns) {
+        let warm = largest(values);
+        if name.starts_with("temp_") && name.ends_with("_degc") && warm > 0.0 && warm < COLD_DEGC {
+            say(format!(
+                "{name} stays within {warm:.3} degC of zero: is it in thousands? the column is in degC"
+            ));
+        }
+    }
+    odd
+}
+
+/// The word of rows whose file has no column `instrument`.
+pub(super) const UNNAMED: &str = "instrument";
+
+fn span(values: &[f64]) -> f64 {
+    let (low, high) =
+        values.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
+    high - low
+}
+
+fn positions(raw: &Raw, say: &mut dyn FnMut(String)) {
+    let mut widest = 0.0f64;
+    for axis in Axis::LINEAR {
+        let seen = raw.column(&format!("u_{axis}")).is_some_and(|u| u.iter().any(|v| v.abs() > 0.2));
+        match raw.column(&axis.column()) {
+            None if seen => say(format!(
+                "no column {}, though readings look along {axis}: nothing that goes with its position can be seen",
+                axis.column()
+            )),
+            Some(values) if seen && span(values) == 0.0 => say(format!(
+                "{} is {} in all rows: nothing that goes with it can be seen",
+                axis.column(),
+                values.first().copied().unwrap_or(0.0)
+            )),
+            Some(values) => widest = widest.max(span(values)),
+            None => {}
+        }
+    }
+    if widest > 0.0 && widest < TRAVEL_MM {
+        say(format!("positions stay within {widest:.3} mm: are these m? the columns are in mm"));
+    }
+}
+
+fn times(raw: &Raw, say: &mut dyn FnMut(String)) {
+    let (Some(t), Some(run)) = (raw.column("t_s"), raw.column("run")) else { return };
+    if t.len() > 1 && span(t) == 0.0 {
+        say("t_s is the same in all rows: neither drift nor anything that moves can be told".to_owned());
+        return;
+    }
+    let follows = |i: &usize| run[*i] == run[i - 1] && t[*i] > t[i - 1];
+    let mut steps: Vec<f64> = (1..t.len()).filter(follows).map(|i| t[i] - t[i - 1]).collect();
+    let step = super::super::noise::median(&mut steps);
+    if step > SLOW_S {
+        say(format!("readings of a run follow each other every {step:.0} s: are these ms? t_s is in s"));
+    }
+    for axis in Axis::LINEAR {
+        let Some(x) = raw.column(&axis.column()) else { continue };
+        let moved = |i: &usize| follows(i) && x[*i] != x[i - 1];
+        let mut speeds: Vec<f64> =
+            (1..t.len()).filter(moved).map(|i| (x[i] - x[i - 1]).abs() / (t[i] - t[i - 1])).collect();
+        let speed = super::super::noise::median(&mut speeds);
+        if speed > FAST_MM_PER_S {
+            say(format!(
+                "{} and t_s give {speed:.0} mm/s between readings: check their units",
+                axis.column()
+            ));
+        }
+    }
+    let pause = (1..t.len()).map(|i| t[i] - t[i - 1]).fold(0.0, f64::max);
+    if pause > PAUSE_S {
+        say(format!("t_s pauses for {:.1} days: is all of it on one clock?", pause / 86_400.0));
+    }
+}

@@ -1,0 +1,305 @@
+//! Session files: rows of the contract's columns to readings with their full state.
+//!
+//! Pure: the caller reads the files. Several files have a clock, setups and runs of their own each. What is missing is
+//! derived where the sampling allows ([`motion`]) and said in the notes; what looks wrong is refused ([`check`]).
+
+mod build;
+mod check;
+mod copies;
+mod doubts;
+mod history;
+mod motion;
+mod pairs;
+#[cfg(test)]
+mod tests;
+
+use super::moment::{Axis, Machine, Moment, Signal};
+
+pub use history::History;
+
+/// A session file as it was read: a number per row and column, NaN where a field is empty.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Raw {
+    /// Its name, for messages.
+    pub file: String,
+    /// Names of the columns of numbers.
+    pub names: Vec<String>,
+    /// One vector per column.
+    pub columns: Vec<Vec<f64>>,
+    /// The word in `instrument` of every row.
+    pub instruments: Vec<String>,
+    /// Line of every row in the file.
+    pub lines: Vec<u64>,
+}
+
+impl Raw {
+    /// A column by name.
+    #[must_use]
+    pub fn column(&self, name: &str) -> Option<&[f64]> {
+        self.names.iter().position(|n| n == name).map(|i| self.columns[i].as_slice())
+    }
+
+    /// Number of rows.
+    #[must_use]
+    pub fn len(&self) -> usize {
+        self.lines.len()
+    }
+
+    /// True without rows.
+    #[must_use]
+    pub fn is_empty(&self) -> bool {
+        self.lines.is_empty()
+    }
+}
+
+/// What is wrong with a session; the caller adds nothing.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum SessionError {
+    /// A column that every session needs.
+    #[error("{file}: column {column} is missing; {remedy}")]
+    Missing {
+        /// The file.
+        file: String,
+        /// The column.
+        column: &'static str,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// A field that must not be empty.
+    #[error(
+        "{file}:{line}: {column} is empty; write a number, or leave deviation_um empty where a reading was lost"
+    )]
+    Empty {
+        /// The file.
+        file: String,
+        /// The line.
+        line: u64,
+        /// The column.
+        column: String,
+    },
+    /// Time runs backwards.
+    #[error(
+        "{file}:{line}: t_s goes back from {before} s to {after} s{place}; rows stand in the order they were taken, on one clock per file: sort them, or give each clock a file"
+    )]
+    Unsorted {
+        /// The file.
+        file: String,
+        /// The line.
+        line: u64,
+        /// The time before.
+        before: f64,
+        /// The time of the line.
+        after: f64,
+        /// Where it happens, in words.
+        place: &'static str,
+    },
+    /// Two clocks in one file.
+    #[error(
+        "{file}:{line}: t_s jumps from {before} s to {after} s, more than a year; there seem to be two clocks: one clock per file, give each a file of its own"
+    )]
+    Clock {
+        /// The file.
+        file: String,
+        /// The line.
+        line: u64,
+        /// The time before, s.
+        before: f64,
+        /// The time of the line, s.
+        after: f64,
+    },
+    /// A value that its column cannot hold.
+    #[error("{file}:{line}: {column} is {value}; it {what}")]
+    Value {
+        /// The file.
+        file: String,
+        /// The line.
+        line: u64,
+        /// The column.
+        column: String,
+        /// The value.
+        value: f64,
+        /// What the column holds, and what to do.
+        what: &'static str,
+    },
+    /// Not a direction.
+    #[error("{file}:{line}: u_x u_y u_z has length {length:.4}; it is a unit vector, limit 0.95 to 1.05")]
+    NotUnit {
+        /// The file.
+        file: String,
+        /// The line.
+        line: u64,
+        /// Its length.
+        length: f64,
+    },
+    /// Not enough to say anything.
+    #[error(
+        "{rows} usable readings, at least {limit} are needed; measure more or give more files with --data"
+    )]
+    TooFew {
+        /// Usable rows.
+        rows: usize,
+        /// The least.
+        limit: usize,
+    },
+    /// The same readings under two names.
+    #[error(
+        "{file}: all of its {rows} readings stand in {other}, too; readings given twice look like repeats without noise: leave {file} out"
+    )]
+    Twice {
+        /// The file.
+        file: String,
+        /// The file that holds the same.
+        other: String,
+        /// Number of its readings.
+        rows: usize,
+    },
+    /// Nothing was measured.
+    #[error("{file}: every deviation_um is {value}; nothing was measured, or the column was lost on the way")]
+    Constant {
+        /// The file.
+        file: String,
+        /// The value.
+        value: f64,
+    },
+    /// A unit that cannot be right.
+    #[error("{file}: {column} {what}; {remedy}")]
+    Unit {
+        /// The file.
+        file: String,
+        /// The column.
+        column: String,
+        /// What was found, with value and limit.
+        what: String,
+        /// What to do.
+        remedy: &'static str,
+    },
+}
+
+/// What was derived, dropped or is missing.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Note {
+    /// In words.
+    pub text: String,
+    /// Effects that become unidentifiable, as the contract names them.
+    pub unidentifiable: Vec<String>,
+}
+
+impl Note {
+    /// A note without consequence for effects.
+    #[must_use]
+    pub fn new(text: impl Into<String>) -> Self {
+        Self { text: text.into(), unidentifiable: Vec::new() }
+    }
+}
+
+/// One reading: where it belongs and what it says.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reading {
+    /// Index of the instrument class.
+    pub instrument: usize,
+    /// Index of the setup, over all files.
+    pub setup: usize,
+    /// Index of the run, over all files.
+    pub run: usize,
+    /// Repetition of the programme.
+    pub repeat: i64,
+    /// Rows of the same programmed point in different repeats share it; none where there is no partner.
+    pub pair: Option<usize>,
+    /// Deviation measured, um.
+    pub deviation_um: f64,
+    /// Deviation predicted, um.
+    pub predicted_um: f64,
+    /// Line in the file.
+    pub line: u64,
+}
+
+/// Columns that are not understood, kept for localisation.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Extra {
+    /// Name of the column.
+    pub name: String,
+    /// Value per reading.
+    pub values: Vec<f64>,
+}
+
+/// Readings ready for the diagnosis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Session {
+    /// One per usable row, in order.
+    pub readings: Vec<Reading>,
+    /// The state at each.
+    pub moments: Vec<Moment>,
+    /// Names of the files.
+    pub files: Vec<String>,
+    /// Names of the instrument classes.
+    pub instruments: Vec<String>,
+    /// Name of each setup, `file:setup`.
+    pub setups: Vec<String>,
+    /// Number of runs.
+    pub runs: usize,
+    /// The axes that have a column.
+    pub axes: Vec<Axis>,
+    /// The chain.
+    pub machine: Machine,
+    /// Names of the temperatures in rows or history.
+    pub temperatures: Vec<String>,
+    /// The lagged signals in [`Moment::signals`].
+    pub signals: Vec<Signal>,
+    /// Revolutions of the spindle are known.
+    pub has_spindle: bool,
+    /// Columns for localisation only.
+    pub extra: Vec<Extra>,
+    /// What was derived, dropped or is missing.
+    pub notes: Vec<Note>,
+    /// Rows in the files, with those that could not be used.
+    pub rows_read: usize,
+    /// Logs and columns behind the signals.
+    pub history: History,
+}
+
+/// Readings used at most; beyond it whole points are left out, with all their repeats.
+pub const ROWS_MAX: usize = 12_000;
+/// Readings needed at least.
+pub const ROWS_MIN: usize = 20;
+
+/// True for the control's own encoders: they share its clock and do not drift against the machine.
+#[must_use]
+pub fn is_encoder(instrument: &str) -> bool {
+    instrument.to_ascii_lowercase().contains("encoder")
+}
+
+/// True for instruments whose mounting is turned by a small unknown angle, not only shifted.
+#[must_use]
+pub fn has_rotation(instrument: &str) -> bool {
+    let name = instrument.to_ascii_lowercase();
+    name.contains("tracker") || name.contains("cmm")
+}
+
+impl Session {
+    /// Measured minus predicted, um.
+    #[must_use]
+    pub fn gap(&self) -> Vec<f64> {
+        self.readings.iter().map(|r| r.deviation_um - r.predicted_um).collect()
+    }
+
+    /// Place of a signal in [`Moment::signals`].
+    #[must_use]
+    pub fn signal(&self, wanted: &Signal) -> Option<usize> {
+        self.signals.iter().position(|s| s == wanted)
+    }
+
+    /// Adds a lagged signal to every moment, where its source is known.
+    pub fn add_signal(&mut self, signal: &Signal) -> bool {
+        if self.signal(signal).is_some() {
+            return true;
+        }
+        let Some(values) = self.history.lagged(signal, &self.moments) else {
+            return false;
+        };
+        for (m, v) in self.moments.iter_mut().zip(values) {
+            m.signals.push(v);
+        }
+        self.signals.push(signal.clone());
+        true
+    }
+}

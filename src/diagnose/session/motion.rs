@@ -1,0 +1,138 @@
+//! Motion from the order of the rows: velocities, accelerations, direction of travel, distance and time since reversal.
+//!
+//! A sample is a group of consecutive rows of one run with the same time (a reading in three directions is one sample of
+//! three rows). Speeds are differences of commanded positions and only taken where samples follow each other fast;
+//! slower rows are readings at standstill. Nothing is differentiated across a gap.
+
+/// Samples further apart than this are readings at standstill, s, unless the rows say that they move.
+const FAST_S: f64 = 0.12;
+/// The same where a column says that the machine moves.
+const FAST_MOVING_S: f64 = 0.6;
+/// A step of time above so many medians is a gap.
+const GAP: f64 = 4.0;
+/// Error of an acceleration by the rounding of positions that is accepted, mm/s^2 or deg/s^2.
+const ACCELERATION_NOISE: f64 = 10.0;
+/// Most samples that a difference spans to either side.
+const SPAN_MAX: usize = 12;
+
+/// Rows of one sample.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Sample {
+    pub(super) first: usize,
+    pub(super) end: usize,
+    pub(super) t: f64,
+}
+
+/// The samples of rows `first..end`, which belong to one run.
+pub(super) fn samples(t: &[f64], first: usize, end: usize) -> Vec<Sample> {
+    let mut found: Vec<Sample> = Vec::new();
+    for (i, t) in t.iter().enumerate().take(end).skip(first) {
+        match found.last_mut() {
+            Some(s) if s.t == *t => s.end = i + 1,
+            _ => found.push(Sample { first: i, end: i + 1, t: *t }),
+        }
+    }
+    found
+}
+
+/// True where the samples follow each other fast enough for speeds.
+pub(super) fn is_fast(samples: &[Sample], says_moving: bool) -> bool {
+    samples.len() >= 5 && median_step(samples) <= if says_moving { FAST_MOVING_S } else { FAST_S }
+}
+
+fn median_step(samples: &[Sample]) -> f64 {
+    let mut steps: Vec<f64> = samples.windows(2).map(|w| w[1].t - w[0].t).collect();
+    if steps.is_empty() {
+        return f64::INFINITY;
+    }
+    steps.sort_by(f64::total_cmp);
+    steps[steps.len() / 2]
+}
+
+/// Velocity and acceleration per sample from positions per sample.
+pub(super) fn derivatives(samples: &[Sample], position: &[f64]) -> (Vec<f64>, Vec<f64>) {
+    let n = samples.len();
+    let (mut velocity, mut acceleration) = (vec![0.0; n], vec![0.0; n]);
+    let step = median_step(samples);
+    let h = span(position, step);
+    let mut first = 0;
+    while first < n {
+        let mut end = first + 1;
+        while end < n && samples[end].t - samples[end - 1].t <= GAP * step {
+            end += 1;
+        }
+        for i in first..end {
+            let k = h.min(i - first).min(end - 1 - i);
+            if k == 0 {
+                continue;
+            }
+            let (a, b) = (i - k, i + k);
+            let (dt0, dt1) = (samples[i].t - samples[a].t, samples[b].t - samples[i].t);
+            let (s0, s1) = ((position[i] - position[a]) / dt0, (position[b] - position[i]) / dt1);
+            velocity[i] = (position[b] - position[a]) / (dt0 + dt1);
+            acceleration[i] = 2.0 * (s1 - s0) / (dt0 + dt1);
+        }
+        if end - first > 2 {
+            (velocity[first], acceleration[first]) = (velocity[first + 1], acceleration[first + 1]);
+            (velocity[end - 1], acceleration[end - 1]) = (velocity[end - 2], acceleration[end - 2]);
+        }
+        first = end;
+    }
+    (velocity, acceleration)
+}
+
+/// Half width of the differences: wide enough that the rounding of positions does not drown the acceleration.
+fn span(position: &[f64], step: f64) -> usize {
+    let resolution = resolution(position);
+    let needed = (resolution / ACCELERATION_NOISE).sqrt() / step.max(1e-9);
+    (needed.ceil() as usize).clamp(1, SPAN_MAX)
+}
+
+/// The last decimal that positions use, at least 1e-9.
+fn resolution(position: &[f64]) -> f64 {
+    (2..9)
+        .map(|d| 10f64.powi(-d))
+        .find(|q| position.iter().take(2000).all(|p| ((p / q) - (p / q).round()).abs() < 1e-4))
+        .unwrap_or(1e-9)
+}
+
+/// Direction of travel (0 before the first move), distance and time since the last reversal, per sample.
+pub(super) struct Travel {
+    pub(super) direction: Vec<f64>,
+    pub(super) since: Vec<f64>,
+    pub(super) since_s: Vec<f64>,
+}
+
+/// Movement below this is none: mm, deg.
+const MOVED: f64 = 2e-5;
+
+/// Follows one axis through a run; `given` are directions that the file states.
+pub(super) fn travel(samples: &[Sample], position: &[f64], given: Option<&[f64]>) -> Travel {
+    let n = samples.len();
+    let mut t =
+        Travel { direction: vec![0.0; n], since: vec![f64::INFINITY; n], since_s: vec![f64::INFINITY; n] };
+    let first_move = position.windows(2).map(|w| w[1] - w[0]).find(|d| d.abs() > MOVED);
+    let mut direction = match given {
+        Some(g) if g.first().is_some_and(|d| *d != 0.0) => g[0].signum(),
+        _ => first_move.map_or(0.0, f64::signum),
+    };
+    let (mut since, mut start) = (f64::INFINITY, f64::NEG_INFINITY);
+    for i in 0..n {
+        let moved = if i > 0 { position[i] - position[i - 1] } else { 0.0 };
+        let now = match given {
+            Some(g) if g[i] != 0.0 && g[i].is_finite() => g[i].signum(),
+            _ if moved.abs() > MOVED => moved.signum(),
+            _ => direction,
+        };
+        if now != direction && direction != 0.0 {
+            since = 0.0;
+            start = if i > 0 { samples[i - 1].t } else { samples[i].t };
+        }
+        direction = now;
+        since += moved.abs();
+        t.direction[i] = direction;
+        t.since[i] = since;
+        t.since_s[i] = samples[i].t - start;
+    }
+    t
+}

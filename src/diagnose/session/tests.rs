@@ -1,0 +1,255 @@
+//! What is refused, what is derived, what is paired.
+
+use super::super::moment::Machine;
+use super::*;
+
+/// A line along x, up and down, twice: rows of the contract.
+fn line() -> Raw {
+    let names = ["t_s", "setup", "run", "repeat", "x_mm", "u_x", "u_y", "u_z", "deviation_um"];
+    let mut raw = Raw { file: "s.csv".into(), names: names.map(String::from).into(), ..Raw::default() };
+    raw.columns = vec![Vec::new(); names.len()];
+    let mut t = 0.0;
+    for repeat in 1..=2 {
+        for way in 0..2 {
+            for k in 0..10 {
+                let x = 10.0 * f64::from(if way == 0 { k } else { 9 - k });
+                let d = 2.0 + (x * 0.37).sin() + 0.1 * f64::from(repeat);
+                let row = [t, 1.0, f64::from(2 * repeat + way), f64::from(repeat), x, 1.0, 0.0, 0.0, d];
+                for (c, v) in raw.columns.iter_mut().zip(row) {
+                    c.push(v);
+                }
+                raw.instruments.push("laser".into());
+                raw.lines.push(raw.lines.len() as u64 + 2);
+                t += 5.0;
+            }
+        }
+    }
+    raw
+}
+
+fn build(raw: Raw) -> Result<Session, SessionError> {
+    Session::build(&[raw], History::default(), Machine::plain())
+}
+
+fn with(change: impl Fn(&mut Raw)) -> String {
+    let mut raw = line();
+    change(&mut raw);
+    build(raw).map_or_else(|e| e.to_string(), |s| format!("accepted: {:?}", s.notes))
+}
+
+fn column<'a>(raw: &'a mut Raw, name: &str) -> &'a mut Vec<f64> {
+    let i = raw.names.iter().position(|n| n == name).unwrap();
+    &mut raw.columns[i]
+}
+
+#[test]
+fn what_cannot_be_right_is_refused_with_its_place() {
+    type Case = (&'static str, Box<dyn Fn(&mut Raw)>);
+    let cases: [Case; 11] = [
+        (
+            "s.csv: column deviation_um is missing",
+            Box::new(|r| {
+                r.names.pop();
+                r.columns.pop();
+            }),
+        ),
+        ("s.csv:4: x_mm is empty", Box::new(|r| column(r, "x_mm")[2] = f64::NAN)),
+        ("s.csv:7: t_s goes back from 20 s to 1 s;", Box::new(|r| column(r, "t_s")[5] = 1.0)),
+        (
+            "where a new run begins: each seems to have a clock of its own",
+            Box::new(|r| column(r, "t_s").iter_mut().skip(10).for_each(|t| *t -= 50.0)),
+        ),
+        ("has length 2.0000", Box::new(|r| column(r, "u_x")[0] = 2.0)),
+        ("every deviation_um is 0; nothing was measured", Box::new(|r| column(r, "deviation_um").fill(0.0))),
+        ("are these mm?", Box::new(|r| column(r, "deviation_um").iter_mut().for_each(|d| *d *= 1e-3))),
+        ("are these nm?", Box::new(|r| column(r, "deviation_um").iter_mut().for_each(|d| *d *= 1e5))),
+        (
+            "are these um? the column is in mm",
+            Box::new(|r| column(r, "x_mm").iter_mut().for_each(|d| *d *= 1e3)),
+        ),
+        (
+            "15 usable readings, at least 20 are needed",
+            Box::new(|r| column(r, "deviation_um").iter_mut().skip(15).for_each(|d| *d = f64::NAN)),
+        ),
+        (
+            "are these kelvin",
+            Box::new(|r| {
+                r.names.push("temp_air_degc".into());
+                r.columns.push(vec![293.0; 40]);
+            }),
+        ),
+    ];
+    for (expected, change) in cases {
+        let message = with(change);
+        assert!(message.contains(expected), "expected '{expected}', got '{message}'");
+    }
+}
+
+#[test]
+fn speeds_in_another_unit_are_refused() {
+    let mut raw = line();
+    raw.names.push("vx_mm_per_s".into());
+    raw.columns.push(vec![0.0; 40]);
+    // fast samples: 10 mm in 20 ms
+    for i in 0..40 {
+        let (run, k) = (i / 10, i % 10);
+        column(&mut raw, "t_s")[i] = 10.0 * run as f64 + 0.02 * k as f64;
+        let way = if run % 2 == 0 { 1.0 } else { -1.0 };
+        column(&mut raw, "vx_mm_per_s")[i] = way * 500.0 * 60.0;
+    }
+    let message = build(raw).unwrap_err().to_string();
+    assert!(message.contains("times the speed that x_mm and t_s give"), "{message}");
+}
+
+#[test]
+fn slow_rows_stand_still_and_say_what_is_lost() {
+    let s = build(line()).unwrap();
+    assert!(s.moments.iter().all(|m| m.velocity[0] == 0.0));
+    let note = s.notes.iter().find(|n| n.text.contains("too slow for velocities")).unwrap();
+    assert!(note.unidentifiable.contains(&"latency".to_owned()));
+    assert!(note.unidentifiable.contains(&"reversal-spike:x".to_owned()));
+}
+
+#[test]
+fn directions_and_distances_follow_from_the_order() {
+    let s = build(line()).unwrap();
+    let d: Vec<f64> = s.moments[..20].iter().map(|m| m.direction[0]).collect();
+    assert_eq!(&d[..10], &[1.0; 10]);
+    assert_eq!(&d[10..], &[-1.0; 10]);
+}
+
+#[test]
+fn equal_states_of_two_repeats_are_partners_without_a_column() {
+    let s = build(line()).unwrap();
+    assert!(s.readings.iter().all(|r| r.pair.is_some()));
+    let p = s.readings[3].pair;
+    let partners: Vec<usize> = (0..40).filter(|i| s.readings[*i].pair == p).collect();
+    assert_eq!(partners, [3, 23]);
+}
+
+#[test]
+fn a_pair_that_numbers_passes_pairs_their_rows_in_order() {
+    let mut raw = line();
+    raw.names.push("pair".into());
+    raw.columns.push((0..40).map(|i| f64::from((i / 10) % 2)).collect());
+    let s = build(raw).unwrap();
+    let p = s.readings[14].pair;
+    let partners: Vec<usize> = (0..40).filter(|i| s.readings[*i].pair == p).collect();
+    assert_eq!(partners, [14, 34]);
+}
+
+#[test]
+fn rows_that_are_there_twice_count_once() {
+    let mut raw = line();
+    for c in &mut raw.columns {
+        let v = c[39];
+        c.push(v);
+    }
+    raw.instruments.push("laser".into());
+    raw.lines.push(42);
+    let s = build(raw).unwrap();
+    assert_eq!(s.readings.len(), 40);
+    assert!(s.notes.iter().any(|n| n.text.contains("1 rows were there twice")));
+}
+
+#[test]
+fn a_file_given_twice_is_refused() {
+    let (first, mut second) = (line(), line());
+    second.file = "again.csv".into();
+    let build = |raws: &[Raw]| Session::build(raws, History::default(), Machine::plain());
+    let message = build(&[first.clone(), second.clone()]).unwrap_err().to_string();
+    assert!(message.contains("again.csv: all of its 40 readings stand in s.csv, too"), "{message}");
+    // half of it under another name is no better
+    for c in &mut second.columns {
+        c.truncate(20);
+    }
+    second.instruments.truncate(20);
+    second.lines.truncate(20);
+    let message = build(&[second.clone(), first.clone()]).unwrap_err().to_string();
+    assert!(message.contains("again.csv: all of its 20 readings"), "{message}");
+    // the same programme measured again is welcome
+    column(&mut second, "deviation_um").iter_mut().for_each(|d| *d += 0.3);
+    assert_eq!(build(&[first, second]).unwrap().readings.len(), 60);
+}
+
+#[test]
+fn copies_with_times_of_their_own_count_once() {
+    let mut raw = line();
+    // no two readings agree by themselves
+    column(&mut raw, "deviation_um").iter_mut().zip(0..).for_each(|(d, i)| *d += 0.0137 * f64::from(i));
+    let twice = |c: &[f64], more: f64| c.iter().flat_map(|v| [*v, *v + more]).collect::<Vec<_>>();
+    let time = raw.names.iter().position(|n| n == "t_s").unwrap();
+    for (i, c) in raw.columns.iter_mut().enumerate() {
+        *c = twice(c, if i == time { 1e-3 } else { 0.0 });
+    }
+    raw.instruments = vec!["laser".into(); 80];
+    raw.lines = (2..82).collect();
+    let s = build(raw.clone()).unwrap();
+    assert_eq!(s.readings.len(), 40);
+    assert!(
+        s.notes.iter().any(|n| n.text.contains("40 readings repeat the one before them")),
+        "{:?}",
+        s.notes
+    );
+    // rounded so coarsely that neighbours agree by chance, nothing is taken for a copy
+    column(&mut raw, "deviation_um").iter_mut().for_each(|d| *d = d.round());
+    assert_eq!(build(raw).unwrap().readings.len(), 80);
+}
+
+#[test]
+fn what_is_odd_is_said() {
+    type Case = (&'static str, Box<dyn Fn(&mut Raw)>);
+    let scaled = |name: &'static str, factor: f64| -> Box<dyn Fn(&mut Raw)> {
+        Box::new(move |r| column(r, name).iter_mut().for_each(|v| *v *= factor))
+    };
+    let more = |name: &'static str, value: f64| -> Box<dyn Fn(&mut Raw)> {
+        Box::new(move |r| {
+            r.names.push(name.into());
+            r.columns.push(vec![value; 40]);
+        })
+    };
+    let cases: [Case; 16] = [
+        ("s.csv:2: setup is 1.5; it is a number that counts", Box::new(|r| column(r, "setup").fill(1.5))),
+        ("s.csv:2: dir_x is 5; it is a direction of travel", more("dir_x", 5.0)),
+        (
+            "t_s jumps from 95 s to 1700000100 s",
+            Box::new(|r| column(r, "t_s").iter_mut().skip(20).for_each(|t| *t += 1.7e9)),
+        ),
+        (
+            "t_s pauses for 100.0 days",
+            Box::new(|r| column(r, "t_s").iter_mut().skip(20).for_each(|t| *t += 8.64e6)),
+        ),
+        ("t_s is the same in all rows", Box::new(|r| column(r, "t_s").fill(5.0))),
+        ("every 5000 s: are these ms?", scaled("t_s", 1e3)),
+        ("give 20000 mm/s between readings", scaled("t_s", 1e-4)),
+        ("positions stay within 0.090 mm: are these m?", scaled("x_mm", 1e-3)),
+        ("x_mm is 5 in all rows", Box::new(|r| column(r, "x_mm").fill(5.0))),
+        (
+            "no column x_mm, though readings look along x",
+            Box::new(|r| {
+                let i = r.names.iter().position(|n| n == "x_mm").unwrap();
+                r.names[i] = "y_mm".into();
+            }),
+        ),
+        ("reaches 0.120 mm only: are these m?", more("tool_length_mm", 0.12)),
+        ("temp_air_degc stays within 0.021 degC of zero", more("temp_air_degc", 0.021)),
+        ("no column instrument", Box::new(|r| r.instruments.fill("instrument".into()))),
+        ("scatters by 721 um RMS: are these nm?", scaled("deviation_um", 1e3)),
+        ("scatters by 7214 um RMS in setup 1, limit 3000", scaled("deviation_um", 1e4)),
+        (
+            "in setup 2, of 2.25 um in another; is that setup in mm?",
+            Box::new(|r| {
+                for i in 20..40 {
+                    column(r, "setup")[i] = 2.0;
+                    column(r, "deviation_um")[i] *= 1e-3;
+                }
+            }),
+        ),
+    ];
+    for (expected, change) in cases {
+        let message = with(change);
+        assert!(message.contains(expected), "expected '{expected}', got '{message}'");
+    }
+    let plain = with(|_| {});
+    assert!(!plain.contains("are these") && !plain.contains("one clock"), "{plain}");
+}

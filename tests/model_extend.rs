@@ -1,0 +1,313 @@
+//! `volcomp model extend`: what a diagnosis has found becomes part of a model, on both sides of the bed, and nothing else
+//! does.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![expect(clippy::disallowed_methods, reason = "the test writes and reads files")]
+
+use std::path::Path;
+use std::process::{Command, Output};
+
+use volcomp::config::model::parse_file;
+use volcomp::core::axes::{MAX_AXES, Travel};
+use volcomp::core::model::{Model, Pose};
+
+/// X carries the workpiece, Y and Z the tool; C turns the workpiece.
+const MODEL: &str = r#"
+format = "volcomp-model/1"
+machine = "m"
+chain = "[w C' X' b Y Z t]"
+[frame]
+tool-tip-mm = [0, 0, -100]
+gauge-point-mm = [0, 0, 0]
+[axes.x]
+travel-mm = [0, 500]
+[axes.y]
+travel-mm = [0, 400]
+[axes.z]
+travel-mm = [-300, 0]
+[axes.c]
+travel-deg = [-180, 180]
+point-mm = [250, 200, 0]
+[errors.eyy.table]
+position-mm = [0, 400]
+value-um = [0, 8]
+"#;
+
+const VALID: &str = "x_mm = [0, 500]\ny_mm = [0, 400]\nz_mm = [-300, 0]\nc_deg = [-180, 180]\n\
+                     temp_x_degc = [18, 26]\nspindle_rpm = [0, 12000]\n";
+
+/// An entry of an addition.
+fn effect(name: &str, subject: &str, values: &str, shape: &str) -> String {
+    kind(name, subject, "machine", values, shape)
+}
+
+fn kind(name: &str, subject: &str, kind: &str, values: &str, shape: &str) -> String {
+    let names = "\"p\", ".repeat(values.split(',').count());
+    format!(
+        "[[effect]]\nname = \"{name}\"\nsubject = \"{subject}\"\nkind = \"{kind}\"\nprobability = 0.99\n\
+         confounded-with = []\nparameter-names = [{names}]\nvalues = [{values}]\ncovariance = []\n\
+         [effect.valid]\n{VALID}[effect.shape]\n{shape}\n"
+    )
+}
+
+fn addition(machine: &str, effects: &[String]) -> String {
+    format!("format = \"volcomp-addition/1\"\nmachine = \"{machine}\"\nsense = \"\"\n{}", effects.concat())
+}
+
+fn volcomp(dir: &Path, args: &[&str]) -> Output {
+    Command::new(env!("CARGO_BIN_EXE_volcomp")).args(args).current_dir(dir).output().unwrap()
+}
+
+/// Extends the model; the model and what was said.
+fn extended(effects: &[String]) -> (Model, String) {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("m.toml"), MODEL).unwrap();
+    std::fs::write(dir.path().join("a.toml"), addition("m", effects)).unwrap();
+    let out = volcomp(
+        dir.path(),
+        &["model", "extend", "--model", "m.toml", "--add", "a.toml", "--out", "n.toml", "--json"],
+    );
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    let text = std::fs::read_to_string(dir.path().join("n.toml")).unwrap();
+    let file = parse_file("n.toml", &text).unwrap();
+    (Model::new(&file.spec).unwrap(), String::from_utf8(out.stdout).unwrap())
+}
+
+/// Deviation of the tool against the workpiece, um in W, at X Y Z (mm) and C (deg), all axes travelling alike.
+fn deviation_um(model: &Model, [x, y, z, c]: [f64; 4], travel: Travel) -> [f64; 3] {
+    let mut position = [0.0; MAX_AXES];
+    for (k, axis) in model.axes().enumerate() {
+        position[k] = match axis.name.letter() {
+            'X' => x,
+            'Y' => y,
+            'Z' => z,
+            _ => c.to_radians(),
+        };
+    }
+    let d = model.deviation(&Pose { travel: [travel; MAX_AXES], ..Pose::at(position) }).position;
+    [d.x * 1e3, d.y * 1e3, d.z * 1e3]
+}
+
+fn near(found: [f64; 3], expected: [f64; 3]) {
+    let away = found.iter().zip(expected).map(|(f, e)| (f - e).abs()).fold(0.0, f64::max);
+    assert!(away < 0.02, "{found:?}, expected {expected:?}");
+}
+
+#[test]
+fn play_scale_and_squareness_stand_in_the_model_on_both_sides_of_the_bed() {
+    let (model, said) = extended(&[
+        effect(
+            "backlash",
+            "x",
+            "5",
+            "form = \"backlash\"\naxis = \"x\"\nalong = [\"x\"]\nlength-mm = 0\nslope = false",
+        ),
+        effect(
+            "backlash",
+            "y",
+            "-4",
+            "form = \"backlash\"\naxis = \"y\"\nalong = [\"y\"]\nlength-mm = 0\nslope = false",
+        ),
+        effect("scale", "x", "10", "form = \"scale\"\naxis = \"x\""),
+        effect("scale", "y", "-20", "form = \"scale\"\naxis = \"y\""),
+        effect("squareness", "xy", "3", "form = \"squareness\"\nalong = \"x\"\nover = \"y\""),
+    ]);
+    assert!(!said.contains("\"taken\": false"), "{said}");
+    // the table of EYY says 2 um per 100 mm; -w/2 in the direction of travel; ppm; 3 arcsec over Y
+    let lean_um = 3.0 * 200.0 * std::f64::consts::PI / 648.0;
+    let at = [300.0, 200.0, -50.0, 0.0];
+    let forward = [10e-3 * 300.0 - 2.5 + lean_um, 4.0 - 20e-3 * 200.0 + 2.0, 0.0];
+    let reverse = [forward[0] + 5.0, forward[1] - 4.0, 0.0];
+    near(deviation_um(&model, at, Travel::Forward), forward);
+    near(deviation_um(&model, at, Travel::Reverse), reverse);
+}
+
+#[test]
+fn waves_bends_and_leaning_carriages_become_curves() {
+    let lever = "lever = { axes = [false, true, true], home-mm = [0, 0, -100], tool = false }";
+    let (model, said) = extended(&[
+        effect(
+            "pitch-error",
+            "y",
+            "1, 2",
+            "form = \"cyclic\"\naxis = \"y\"\nalong = \"y\"\npitch-mm = 10\nharmonics = 1",
+        ),
+        effect(
+            "straightness",
+            "ezy",
+            "6",
+            "form = \"polynomial\"\nalong = \"z\"\nover = \"y\"\nlow = 2\nhigh = 2\ncentre-mm = 200\nhalf-mm = 200",
+        ),
+        effect(
+            "angular",
+            "eax",
+            "4",
+            &format!("form = \"angular\"\nabout = \"a\"\nover = \"x\"\ndegree = 1\nhalf-mm = 500\n{lever}"),
+        ),
+    ]);
+    assert!(!said.contains("\"taken\": false"), "{said}");
+    let arcsec = std::f64::consts::PI / 648_000.0;
+    for y in [3.0, 101.5, 200.0, 397.25] {
+        let (x, z) = (250.0, -120.0);
+        let phase = std::f64::consts::TAU * y / 10.0;
+        let s: f64 = (y - 200.0) / 200.0;
+        let tilt = 4.0 * arcsec * x / 500.0;
+        // e x r with r to the tool tip: Y and Z carry the tool
+        let turned = [-tilt * (z - 100.0) * 1e3, tilt * y * 1e3];
+        let wave = phase.cos() - 1.0 + 2.0 * phase.sin();
+        let bend = 6.0 * (1.5 * s * s - 0.5);
+        let expected = [0.0, 2.0 * y / 100.0 + wave + turned[0], bend + turned[1]];
+        let reference = [0.0, -0.0, bend - 6.0 * (1.5 * s * s - 0.5)];
+        assert!(reference[2].abs() < 1e-9);
+        near(deviation_um(&model, [x, y, z, 0.0], Travel::Forward), expected);
+    }
+}
+
+#[test]
+fn heat_becomes_growths_that_sensors_tell() {
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("m.toml"), MODEL).unwrap();
+    let effects = [
+        effect(
+            "thermal-expansion",
+            "x",
+            "11, 2",
+            "form = \"thermal\"\naxis = \"x\"\nreference-degc = 20\nwith-offset = true\n\
+             signal = { source = { temperature = \"x\" }, tau-s = 600 }",
+        ),
+        effect(
+            "spindle-growth",
+            "",
+            "-3, 1.5",
+            "form = \"growth\"\nalong = [\"y\", \"z\"]\nreference = 0\n\
+             signals = [{ source = \"spindle\", tau-s = 1200 }]",
+        ),
+    ];
+    std::fs::write(dir.path().join("a.toml"), addition("m", &effects)).unwrap();
+    let args = ["model", "extend", "--model", "m.toml", "--add", "a.toml", "--out", "n.toml"];
+    let out = volcomp(dir.path(), &args);
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    let file = parse_file("n.toml", &std::fs::read_to_string(dir.path().join("n.toml")).unwrap()).unwrap();
+    let model = Model::new(&file.spec).unwrap();
+    let growth = |name: &str| file.thermal.iter().find(|t| t.name == name).unwrap();
+    // 11 um/(m K): the model takes the strain over X, whichever way its carriage counts
+    let expansion = growth("expansion-x");
+    assert!(expansion.expansion && expansion.inputs[0].sensor == "temp_x");
+    assert_eq!((expansion.inputs[0].lags_s.clone(), expansion.inputs[0].reference), (vec![600.0], 20.0));
+    assert_eq!(growth("spindle-y").inputs[0].sensor, "spindle");
+    // what the sensors would tell at 24 degC and 10000 1/min, into the live values
+    let mut pose = Pose::at([0.0; MAX_AXES]);
+    for (k, axis) in model.axes().enumerate() {
+        pose.position[k] = if axis.name.letter() == 'X' { 400.0 } else { 0.0 };
+    }
+    for (k, name) in model.sensors().iter().enumerate() {
+        let input = &growth(name).inputs[0];
+        let units = if input.sensor == "spindle" { 10.0 } else { 24.0 - 20.0 };
+        pose.live[k] = input.coefficients[0] * units;
+    }
+    let d = model.deviation(&pose).position;
+    near([d.x * 1e3, d.y * 1e3, d.z * 1e3], [11.0 * 4.0 * 0.4 + 2.0 * 4.0, -30.0, 15.0]);
+}
+
+#[test]
+fn what_no_offset_takes_out_is_named_and_where_nothing_is_left_no_model_is_written() {
+    let lag = effect("servo-lag", "x", "2", "form = \"lag\"\naxes = [\"x\"]\ntie-ms = 0");
+    let tracker = kind(
+        "dead-path",
+        "",
+        "instrument",
+        "1, 1",
+        "form = \"dead-path\"\nsignal = { source = { temperature = \"x\" }, tau-s = 0 }",
+    );
+    let scale = effect("scale", "z", "5", "form = \"scale\"\naxis = \"z\"");
+    let (_, said) = extended(&[lag.clone(), tracker.clone(), scale]);
+    let said: serde_json::Value = serde_json::from_str(&said).unwrap();
+    let taken: Vec<bool> = (0..3).map(|k| said["effects"][k]["taken"].as_bool().unwrap()).collect();
+    assert_eq!(taken, [false, false, true], "{said}");
+    assert!(said["effects"][0]["why"].as_str().unwrap().contains("feed-forward"));
+    assert_eq!(said["effects"][2]["symbols"], serde_json::json!(["EZZ"]));
+
+    let dir = tempfile::tempdir().unwrap();
+    std::fs::write(dir.path().join("m.toml"), MODEL).unwrap();
+    std::fs::write(dir.path().join("a.toml"), addition("m", &[lag])).unwrap();
+    std::fs::write(dir.path().join("other.toml"), addition("lathe", &[tracker])).unwrap();
+    let run = |add: &str| {
+        let out =
+            volcomp(dir.path(), &["model", "extend", "--model", "m.toml", "--add", add, "--out", "n.toml"]);
+        (out.status.code().unwrap(), String::from_utf8(out.stderr).unwrap())
+    };
+    let (code, message) = run("a.toml");
+    assert!(code == 65 && message.contains("servo-lag:x: not in the model"), "{code}: {message}");
+    let (code, message) = run("other.toml");
+    assert!(code == 78 && message.contains("machine 'lathe'"), "{code}: {message}");
+    assert_eq!(run("missing.toml").0, 74);
+    assert!(!dir.path().join("n.toml").exists());
+}
+
+const MACHINE: &str = "format = \"volcomp-machine/1\"\nmachine = \"m\"\nmodel = \"m.toml\"\n";
+const LIMITS: &str = "limit-um = 100\nrate-um-per-s = 1000\nacceleration-um-per-s2 = 10000\njump-mm = 5\n";
+
+#[test]
+fn a_machine_file_may_name_additions_and_the_daemon_starts_with_them_in_its_model() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+    let scale = effect("scale", "z", "5", "form = \"scale\"\naxis = \"z\"");
+    let backlash = effect(
+        "backlash",
+        "y",
+        "3",
+        "form = \"backlash\"\naxis = \"y\"\nalong = [\"y\"]\nlength-mm = 0\nslope = false",
+    );
+    let lag = effect("servo-lag", "x", "2", "form = \"lag\"\naxes = [\"x\"]\ntie-ms = 0");
+    write("m.toml", MODEL);
+    write("one.toml", &addition("m", &[scale, lag.clone()]));
+    write("two.toml", &addition("m", &[backlash]));
+    write("lag.toml", &addition("m", &[lag]));
+    write("lathe.toml", &addition("lathe", &[effect("scale", "z", "5", "form = \"scale\"\naxis = \"z\"")]));
+    let axes = ["x", "y", "z"].map(|axis| format!("[axes.{axis}]\n{LIMITS}")).concat();
+    let machine =
+        |additions: &str| write("machine.toml", &format!("{MACHINE}additions = {additions}\n{axes}"));
+    machine(r#"["one.toml", "two.toml"]"#);
+    let loaded = volcomp::runtime::load(&dir.path().join("machine.toml")).unwrap();
+    let out = volcomp(
+        dir.path(),
+        &[
+            "model", "extend", "--model", "m.toml", "--add", "one.toml", "--add", "two.toml", "--out",
+            "n.toml",
+        ],
+    );
+    assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+    let by_hand =
+        parse_file("n.toml", &std::fs::read_to_string(dir.path().join("n.toml")).unwrap()).unwrap().spec;
+    assert_eq!(loaded.spec, by_hand, "as model extend would make it");
+    let plain = parse_file("m.toml", MODEL).unwrap().spec;
+    assert_ne!(loaded.spec, plain);
+    // hash and text are those of the model with the additions, so that a recording of it can be replayed
+    assert_eq!(loaded.model_hash, blake3::hash(loaded.model_text.as_bytes()).to_hex().to_string());
+    assert_eq!(parse_file("again.toml", &loaded.model_text).unwrap().spec, by_hand);
+
+    let check = volcomp(dir.path(), &["check", "machine.toml", "--json"]);
+    let said: serde_json::Value = serde_json::from_slice(&check.stdout).unwrap();
+    let taken: Vec<bool> =
+        (0..3).map(|k| said["files"][0]["additions"][k]["taken"].as_bool().unwrap()).collect();
+    assert_eq!(taken, [true, false, true], "{said}");
+    let check = volcomp(dir.path(), &["check", "machine.toml"]);
+    let text = String::from_utf8(check.stdout).unwrap();
+    assert!(text.contains("addition servo-lag:x: not in the model"), "{text}");
+
+    for (additions, code, wanted) in [
+        (r#"["lathe.toml"]"#, 78, "is of machine 'lathe', the model of 'm'"),
+        (r#"["lag.toml"]"#, 78, "nothing in it can be part of a model"),
+        (r#"["m.toml"]"#, 78, "m.toml"),
+        (r#"["missing.toml"]"#, 74, "are taken relative to the machine file"),
+        (r#"[""]"#, 78, "an addition has an empty name"),
+        (r#""one.toml""#, 78, "a list of texts"),
+    ] {
+        machine(additions);
+        let check = volcomp(dir.path(), &["check", "machine.toml"]);
+        let message = String::from_utf8(check.stderr).unwrap();
+        assert_eq!(check.status.code(), Some(code), "{additions}: {message}");
+        assert!(message.contains(wanted), "{additions}: {message}");
+        assert!(volcomp::runtime::load(&dir.path().join("machine.toml")).is_err(), "{additions}");
+    }
+}
