@@ -5,7 +5,8 @@
  * picture of the cycle), sends it as a Position and turns the Correction that comes back into pins. It serves both
  * wirings: `count-*` for LinuxCNC's external offsets, `corr-*` for a correction added behind the motion controller.
  *
- * Assumptions: linear axes in mm, little-endian computer, one daemon, on this computer. What is sampled is fixed: for n
+ * Assumptions: axes in the order of the joints, linear, in mm (both are checked against the INI file's words on the
+ * command line), little-endian computer, one daemon, on this computer. What is sampled is fixed: for n
  * axes n nominal positions, n actual, n applied offsets, n requested offsets (float), n latched counts (s32), enabled,
  * homed, limited, e-stop released (bit), velocity along the path in mm/s (float).
  *
@@ -21,10 +22,12 @@
 #include <sched.h>
 #include <signal.h>
 #include <stdbool.h>
+#include <stddef.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <sys/mman.h>
 #include <sys/socket.h>
 #include <time.h>
@@ -44,6 +47,8 @@ enum { HOMED = 1, ENABLED = 2, ESTOP = 4, MOVING = 8, LIMITED = 16, RAMPING = 32
 #define SILENCE_NS (1000 * MS)   /* a daemon silent for longer is dead */
 #define HEARTBEAT_NS (100 * MS)  /* own silence after which a life sign is sent */
 #define MM_PER_COUNT 1e-6        /* eoffset-scale of the HAL file */
+#define FOREIGN_MM 1e-5          /* an offset that differs by more from what was asked for was changed by another */
+#define READS 16                 /* most reads of one peer before the next look at HAL */
 
 typedef struct { char magic[4]; uint8_t version, type; uint16_t length; } header_t;
 typedef struct {
@@ -63,6 +68,21 @@ typedef struct {
     header_t header; uint32_t sequence; uint8_t state, limited, reserved[2]; double offset[8]; uint32_t crc, padding;
 } correction_t;
 typedef struct { header_t header; uint32_t count, reserved; int64_t time_ns; uint32_t crc, padding; } heartbeat_t;
+_Static_assert(offsetof(daemon_hello_t, crc) == 80 && offsetof(control_hello_t, crc) == 104, "layout of the hellos");
+_Static_assert(offsetof(report_t, crc) == 48 && offsetof(close_t, crc) == 12, "layout of the reports");
+_Static_assert(offsetof(position_t, crc) == 224 && offsetof(correction_t, crc) == 80, "layout of a cycle's frames");
+_Static_assert(offsetof(heartbeat_t, crc) == 24, "layout of the life sign");
+
+/* A frame that has come, whatever it is. */
+typedef union {
+    header_t header;
+    daemon_hello_t hello;
+    correction_t correction;
+    heartbeat_t beat;
+    close_t bye;
+    report_t report;
+    uint8_t bytes[FRAME_MAX];
+} frame_t;
 
 /* What one servo cycle looked like. */
 typedef struct {
@@ -96,9 +116,11 @@ typedef enum { FOLLOWING, KEPT, RAMPING_OUT } stage_t;
 
 static struct {
     const char *name, *machine, *axes;
-    int port, sampler, axis_count;
+    long port, sampler;
+    int axis_count;
+    bool counts; /* wiring A: the correction goes out as counts, and LinuxCNC says which it has seen */
     int64_t cycle_ns;
-} config = { "volcomp", "linuxcnc", "XYZ", 7878, 0, 0, 1000000 };
+} config = { .name = "volcomp", .machine = "linuxcnc", .axes = "XYZ", .port = 7878, .cycle_ns = 1000000 };
 
 static struct {
     stage_t mode;
@@ -107,6 +129,7 @@ static struct {
     uint32_t answered, immovable;             /* sequence numbers */
     bool any_answered, known, movable, limited;
     bool unaware;                             /* no answer yet to a cycle in which it could move again */
+    bool written;                             /* counts were written since it is known */
 } offset;
 
 static pins_t *pins;
@@ -122,7 +145,10 @@ static int64_t now_ns(void) {
     return t.tv_sec * 1000000000ll + t.tv_nsec;
 }
 
+/* A line for whoever reads; none where nobody has room for it, for the cycle does not wait. */
 static void say(const char *what, const char *detail) {
+    struct pollfd reader = { .fd = STDERR_FILENO, .events = POLLOUT };
+    if (poll(&reader, 1, 0) != 1 || (reader.revents & POLLOUT) == 0) return;
     fprintf(stderr, "%s: %s%s%s\n", config.name, what, *detail ? ": " : "", detail);
 }
 
@@ -282,47 +308,78 @@ static void greet(peer_t *peer, const daemon_hello_t *hello) {
 
 /* --- the offset: section 7 of docs/protocol.md --------------------------------------------------------------------- */
 
+/* What anybody may set: what is no positive number counts as the default, what is too large as the most. */
+static const struct { double usual, most; } limit_mm = { 1.0, 10.0 }, rate_mm_per_s = { 1.0, 5.0 },
+                                            ramp_mm_per_s = { 0.1, 5.0 }, hold_s = { 0.1, 10.0 };
+#define SANE(parameter) \
+    (isfinite(pins->parameter) && pins->parameter > 0.0 ? fmin(pins->parameter, parameter.most) : parameter.usual)
+
 static int64_t hold_cycles(void) {
-    double cycles = pins->hold_s * 1e9 / (double)config.cycle_ns;
+    double cycles = SANE(hold_s) * 1e9 / (double)config.cycle_ns;
     return cycles < 1.0 ? 1 : (int64_t)llround(cycles);
 }
 
-/* Moves the offset towards its target for the cycles that have passed, and puts it on the pins. */
-static void move_offset(void) {
-    double seconds = (double)offset.budget * (double)config.cycle_ns * 1e-9;
-    double rate = offset.mode == RAMPING_OUT ? pins->ramp_mm_per_s : pins->rate_mm_per_s;
+/* Puts the offset on the pins. */
+static void show_offset(void) {
     bool zero = true;
-    offset.budget = 0;
-    offset.limited = false;
     for (int k = 0; k < config.axis_count; k++) {
-        double wanted = offset.mode == RAMPING_OUT ? 0.0 : offset.target[k];
-        double goal = fmin(fmax(wanted, -pins->limit_mm), pins->limit_mm), step = rate * seconds;
-        if (offset.movable) offset.value[k] += fmin(fmax(goal - offset.value[k], -step), step);
-        offset.limited |= offset.mode == FOLLOWING && offset.movable && offset.value[k] != wanted;
         zero &= offset.value[k] == 0.0;
         *pins->corr[k] = offset.value[k];
-        /* LinuxCNC takes counts as increments, and only while it can move: what it has made of them so far is the base */
-        if (offset.movable)
-            *pins->count[k] = (int32_t)(uint32_t)llround((double)record.counts[k] - record.request[k] / MM_PER_COUNT +
-                                               offset.value[k] / MM_PER_COUNT);
     }
     *pins->enable = true;
     *pins->limited = offset.limited || record.limited;
     *pins->ramping_out = offset.mode == RAMPING_OUT && !zero;
 }
 
+/* Moves the offset towards its target for the cycles that have passed. */
+static void move_offset(void) {
+    double seconds = (double)offset.budget * (double)config.cycle_ns * 1e-9;
+    double rate = offset.mode == RAMPING_OUT ? SANE(ramp_mm_per_s) : SANE(rate_mm_per_s), size = SANE(limit_mm);
+    offset.budget = 0;
+    offset.limited = false;
+    for (int k = 0; k < config.axis_count && offset.movable; k++) {
+        double wanted = offset.mode == RAMPING_OUT ? 0.0 : offset.target[k];
+        double goal = fmin(fmax(wanted, -size), size), step = rate * seconds;
+        offset.value[k] += fmin(fmax(goal - offset.value[k], -step), step);
+        offset.limited |= offset.mode == FOLLOWING && offset.value[k] != wanted;
+        /* LinuxCNC takes counts as increments, and only while it can move: what it has made of them so far is the base */
+        *pins->count[k] = (int32_t)(uint32_t)llround((double)record.counts[k] - record.request[k] / MM_PER_COUNT +
+                                                     offset.value[k] / MM_PER_COUNT);
+        offset.written = true;
+    }
+    show_offset();
+}
+
+/* What LinuxCNC holds and has been asked for is not what this offset has come to: it was changed by another. */
+static bool is_foreign(void) {
+    bool foreign = false;
+    for (int k = 0; k < config.axis_count && config.counts && offset.written; k++) {
+        int32_t on_the_way = (int32_t)((uint32_t)*pins->count[k] - (uint32_t)record.counts[k]);
+        foreign |= fabs(record.request[k] + on_the_way * MM_PER_COUNT - offset.value[k]) > FOREIGN_MM;
+    }
+    return foreign;
+}
+
 /* A new servo cycle, `passed` after the one before. */
 static void begin_cycle(int64_t passed) {
-    if (offset.budget > 0) move_offset(); /* no correction came for the cycle before */
+    bool readable = true;
+    for (int k = 0; k < config.axis_count; k++) readable &= isfinite(record.request[k]);
+    bool movable = readable && record.enabled && record.homed && !record.estop;
+    /* the first cycle in which it can move again is one in which it could not: only there LinuxCNC has made what it held
+       part of the position; a stop and a start that went by unseen show in what it holds */
+    bool goes_on = offset.known && offset.movable && movable && !is_foreign();
+    if (goes_on && offset.budget > 0) move_offset(); /* no correction came for the cycle before */
     offset.missing += passed;
     offset.budget = passed < 10 ? passed : 10; /* a long stall is not caught up with in one step */
-    offset.movable = record.enabled && record.homed && !record.estop;
+    offset.movable = movable;
     if (offset.mode == FOLLOWING && offset.missing > hold_cycles()) offset.mode = RAMPING_OUT;
-    if (offset.movable && offset.known) return;
-    /* drives off, or the first cycle: what LinuxCNC holds counts, and the way starts from there */
+    if (goes_on || !readable) return;
+    /* what LinuxCNC holds counts, and the way starts from there */
     for (int k = 0; k < config.axis_count; k++) offset.value[k] = offset.target[k] = record.request[k];
     offset.immovable = record.sequence;
     offset.unaware = offset.known = true;
+    offset.limited = offset.written = false;
+    show_offset();
 }
 
 static void take_correction(const correction_t *c) {
@@ -347,26 +404,26 @@ static void take_correction(const correction_t *c) {
 
 /* --- what a peer says ---------------------------------------------------------------------------------------------- */
 
-static void take_frame(peer_t *peer, const void *frame) {
-    const header_t *h = frame;
+static void take_frame(peer_t *peer, const frame_t *frame) {
+    const header_t *h = &frame->header;
     bool is_running = peer->place == RUNNING;
     if (h->type == DAEMON_HELLO && !is_running) {
-        greet(peer, frame);
+        greet(peer, &frame->hello);
     } else if (h->type == CORRECTION && is_running) {
-        const correction_t *c = frame;
+        const correction_t *c = &frame->correction;
         if (c->state > 7 || !all_zero(c->reserved, sizeof c->reserved)) refuse(peer, E_BAD_FRAME, "correction");
         else take_correction(c);
     } else if (h->type == HEARTBEAT && is_running) {
-        const heartbeat_t *beat = frame;
+        const heartbeat_t *beat = &frame->beat;
         if (beat->reserved != 0) refuse(peer, E_BAD_FRAME, "heartbeat");
     } else if (h->type == CLOSE) {
-        const close_t *bye = frame;
+        const close_t *bye = &frame->bye;
         /* in order: the offset stays where the daemon has brought it */
         if (is_running && bye->reason <= 1 && offset.mode == FOLLOWING) offset.mode = KEPT;
         say(bye->reason <= 1 ? "daemon has left in order" : "daemon has left with an error", "");
         leave(peer);
     } else if (h->type == ERROR) {
-        const report_t *error = frame;
+        const report_t *error = &frame->report;
         char detail[33] = "";
         for (int k = 0; k < 32 && error->detail[k] != 0; k++)
             detail[k] = error->detail[k] >= ' ' && error->detail[k] < 127 ? error->detail[k] : '?';
@@ -380,7 +437,7 @@ static void take_frame(peer_t *peer, const void *frame) {
 static void take_frames(peer_t *peer) {
     size_t at = 0;
     while ((peer->place == GREETING || peer->place == RUNNING) && peer->in_size - at >= sizeof(header_t)) {
-        uint64_t frame[FRAME_MAX / 8]; /* aligned for the structures */
+        frame_t frame;
         header_t h;
         uint32_t crc;
         memcpy(&h, peer->in + at, sizeof h);
@@ -390,14 +447,14 @@ static void take_frames(peer_t *peer) {
             return;
         }
         if (peer->in_size - at < h.length) break;
-        memcpy(frame, peer->in + at, h.length);
-        memcpy(&crc, (char *)frame + h.length - 4, 4);
-        if (crc32c(frame, h.length - 4u) != crc) {
+        memcpy(frame.bytes, peer->in + at, h.length);
+        memcpy(&crc, frame.bytes + h.length - 4, 4);
+        if (crc32c(frame.bytes, h.length - 4u) != crc) {
             refuse(peer, E_BAD_FRAME, "check sum");
             return;
         }
         at += h.length;
-        take_frame(peer, frame);
+        take_frame(peer, &frame);
     }
     if (peer->place == GREETING || peer->place == RUNNING) {
         peer->in_size -= at;
@@ -406,7 +463,7 @@ static void take_frames(peer_t *peer) {
 }
 
 static void read_peer(peer_t *peer) {
-    while (peer->place != FREE) {
+    for (int reads = 0; peer->place != FREE && reads < READS; reads++) {
         if (peer->place == LEAVING) peer->in_size = 0;
         ssize_t n = recv(peer->fd, peer->in + peer->in_size, sizeof peer->in - peer->in_size, 0);
         if (n < 0 && errno == EINTR) continue;
@@ -459,7 +516,7 @@ static void accept_peer(int listener) {
     if (running() != NULL) refuse(peer, E_BUSY, "another daemon is connected");
 }
 
-static int listen_on_loopback(int port) {
+static int listen_on_loopback(long port) {
     struct sockaddr_in address = { .sin_family = AF_INET, .sin_port = htons((uint16_t)port) };
     address.sin_addr.s_addr = htonl(INADDR_LOOPBACK);
     int fd = socket(AF_INET, SOCK_STREAM | SOCK_NONBLOCK | SOCK_CLOEXEC, 0);
@@ -499,10 +556,10 @@ static int export_pins(int comp) {
     bad |= hal_param_float_newf(HAL_RW, &pins->rate_mm_per_s, comp, "%s.rate", n);
     bad |= hal_param_float_newf(HAL_RW, &pins->ramp_mm_per_s, comp, "%s.ramp-rate", n);
     bad |= hal_param_float_newf(HAL_RW, &pins->hold_s, comp, "%s.hold-time", n);
-    pins->limit_mm = 1.0;
-    pins->rate_mm_per_s = 1.0;
-    pins->ramp_mm_per_s = 0.1;
-    pins->hold_s = 0.1;
+    pins->limit_mm = limit_mm.usual;
+    pins->rate_mm_per_s = rate_mm_per_s.usual;
+    pins->ramp_mm_per_s = ramp_mm_per_s.usual;
+    pins->hold_s = hold_s.usual;
     return bad;
 }
 
@@ -529,8 +586,8 @@ static int read_newest(hal_stream_t *stream) {
     r.velocity_mm_per_s = d[5 * n + 4].f;
     int64_t passed = have_record ? (int32_t)(r.sequence - record.sequence) : 1;
     if (passed < 1) passed = 1; /* the sampler was loaded anew */
+    /* the velocity is that of all axes; where only others go, these stand still */
     for (int k = 0; k < n; k++) r.moving |= r.nominal[k] != record.nominal[k];
-    r.moving |= r.velocity_mm_per_s > 0.0;
     record = r;
     have_record = true;
     begin_cycle(passed);
@@ -551,7 +608,7 @@ static void send_position(peer_t *peer) {
     p.control_ns = ((wraps << 32) + record.sequence) * config.cycle_ns;
     p.state = (uint16_t)((record.homed ? HOMED : 0) | (record.enabled ? ENABLED : 0) | (record.estop ? ESTOP : 0) |
                          (record.moving ? MOVING : 0) | (*pins->limited ? LIMITED : 0) | (*pins->ramping_out ? RAMPING : 0));
-    p.feed_mm_per_min = fmax(record.velocity_mm_per_s, 0.0) * 60.0;
+    p.feed_mm_per_min = record.moving ? fmax(record.velocity_mm_per_s, 0.0) * 60.0 : 0.0;
     memcpy(p.commanded, record.nominal, sizeof record.nominal);
     memcpy(p.actual, record.actual, sizeof record.actual);
     memcpy(p.applied, record.applied, sizeof record.applied);
@@ -606,42 +663,80 @@ static void farewell(void) {
     }
 }
 
-static bool read_arguments(int count, char **arguments) {
+/* A number and nothing else; -1 where it is none. */
+static long number(const char *text) {
+    char *end;
+    errno = 0;
+    long value = strtol(text, &end, 10);
+    return errno != 0 || end == text || *end != 0 ? -1 : value;
+}
+
+/* What is wrong with the INI file's own words about the machine: its units, and its coordinates in the order of the joints. */
+static const char *unfit(const char *units, char **words, int count) {
+    char joints[16] = "";
+    if (strcmp(units, "mm") != 0 && strcmp(units, "metric") != 0)
+        return "only machines in millimetres: --units is [TRAJ]LINEAR_UNITS";
+    for (int k = 0; k < count; k++) {
+        if (strlen(joints) + strlen(words[k]) >= sizeof joints) return "too many coordinates";
+        strcat(joints, words[k]);
+    }
+    size_t axes = strlen(config.axes);
+    if (strncasecmp(joints, config.axes, axes) != 0 || strpbrk(joints + axes, config.axes) != NULL)
+        return "the machine's coordinates ([TRAJ]COORDINATES, one letter a joint) do not begin with --axes, or have a joint"
+               " twice";
+    return NULL;
+}
+
+/* What is wrong with the arguments, or nothing. */
+static const char *read_arguments(int count, char **arguments) {
     static const struct option known[] = {
         { "name", required_argument, NULL, 'n' },     { "machine", required_argument, NULL, 'm' },
         { "axes", required_argument, NULL, 'a' },     { "port", required_argument, NULL, 'p' },
         { "cycle-ns", required_argument, NULL, 'c' }, { "sampler", required_argument, NULL, 's' },
+        { "units", required_argument, NULL, 'u' },    { "wiring", required_argument, NULL, 'w' },
         { NULL, 0, NULL, 0 },
     };
+    const char *units = "", *wiring = "";
     for (int o; (o = getopt_long(count, arguments, "", known, NULL)) != -1;) {
         switch (o) {
         case 'n': config.name = optarg; break;
         case 'm': config.machine = optarg; break;
         case 'a': config.axes = optarg; break;
-        case 'p': config.port = atoi(optarg); break;
-        case 'c': config.cycle_ns = atoll(optarg); break;
-        case 's': config.sampler = atoi(optarg); break;
-        default: return false;
+        case 'p': config.port = number(optarg); break;
+        case 'c': config.cycle_ns = number(optarg); break;
+        case 's': config.sampler = number(optarg); break;
+        case 'u': units = optarg; break;
+        case 'w': wiring = optarg; break;
+        default: return "";
         }
     }
     size_t axes = strlen(config.axes);
     config.axis_count = (int)axes;
-    return optind == count && axes >= 1 && axes <= AXES_MAX && strspn(config.axes, "XYZUVW") == axes &&
-           strlen(config.machine) <= 32 && config.port > 0 && config.port < 65536 &&
-           config.cycle_ns >= 250000 && config.cycle_ns <= 10000000 && config.sampler >= 0 && config.sampler < 8;
+    config.counts = strcmp(wiring, "eoffset") == 0;
+    if (axes < 1 || axes > AXES_MAX || strspn(config.axes, "XYZUVW") != axes) return "--axes: one to three of XYZUVW";
+    if (strlen(config.machine) > 32) return "--machine: at most 32 bytes";
+    if (config.port < 1 || config.port > 65535) return "--port: 1 to 65535";
+    if (config.cycle_ns < 250000 || config.cycle_ns > 10000000) return "--cycle-ns: 250000 to 10000000";
+    if (config.sampler < 0 || config.sampler > 7) return "--sampler: 0 to 7";
+    if (!config.counts && strcmp(wiring, "inject") != 0) return "--wiring: eoffset or inject";
+    return unfit(units, arguments + optind, count - optind);
 }
 
 int main(int count, char **arguments) {
     static const char *const layouts[] = { "", "ffffsbbbbf", "ffffffffssbbbbf", "ffffffffffffsssbbbbf" };
     hal_stream_t stream;
-    if (!read_arguments(count, arguments)) {
-        fprintf(stderr, "usage: volcomp_bridge [--name volcomp] [--machine ID] [--axes XYZ] [--port 7878]"
-                        " [--cycle-ns 1000000] [--sampler 0]\n");
+    const char *wrong = read_arguments(count, arguments);
+    if (wrong != NULL) {
+        fprintf(stderr, "%s%susage: volcomp_bridge --wiring eoffset|inject --units mm [--name volcomp] [--machine ID]"
+                        " [--axes XYZ] [--port 7878] [--cycle-ns 1000000] [--sampler 0] X Y Z\n",
+                wrong, *wrong ? "\n" : "");
         return 64;
     }
-    struct sigaction action = { .sa_handler = on_signal };
+    struct sigaction action = { .sa_handler = on_signal }, ignore = { .sa_handler = SIG_IGN };
     sigaction(SIGTERM, &action, NULL);
     sigaction(SIGINT, &action, NULL);
+    sigaction(SIGHUP, &action, NULL); /* a terminal that closes must not leave the offset behind */
+    sigaction(SIGPIPE, &ignore, NULL);
     for (int k = 0; k < PEERS; k++) peers[k].fd = -1;
     int comp = hal_init(config.name);
     if (comp < 0) {
@@ -649,7 +744,7 @@ int main(int count, char **arguments) {
         return 1;
     }
     int status = 1, listener = -1;
-    if (hal_stream_attach(&stream, comp, SAMPLER_KEY + config.sampler, layouts[config.axis_count]) < 0) {
+    if (hal_stream_attach(&stream, comp, SAMPLER_KEY + (int)config.sampler, layouts[config.axis_count]) < 0) {
         say("no sampler channel with the layout", layouts[config.axis_count]);
         hal_exit(comp);
         return 1;

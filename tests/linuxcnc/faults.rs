@@ -10,10 +10,16 @@ use crate::trace::{Row, Trace};
 
 const START: &str = "G0 X100 Y0 Z0";
 const CIRCLE: &str = "G2 X100 Y0 I-100 J0 F2000";
+/// The same circle where it touches the soft limit at Y 250: there the correction would carry the axis over it.
+const CIRCLE_AT_THE_LIMIT: &str = "G2 X0 Y50 I0 J100 F2000";
 /// The bridge moves no offset faster: 1 mm/s, so many um per cycle of 1 ms.
 const RATE_UM: f64 = 1.0;
-/// LinuxCNC's planner catches up with two cycles in one where the bridge was late.
+/// What the bridge moves in one cycle where it comes late, in cycles that it has missed.
 const STEP_UM_MAX: f64 = 6.0 * RATE_UM;
+/// Cycles after the drives are on again in which a motor that was let go would jump, and what it may move in them, um: the
+/// beginning of the blend.
+const START_CYCLES: usize = 50;
+const START_UM_MAX: f64 = 1.0;
 /// The bridge takes an offset back at 0.1 mm/s.
 const RAMP_UM: f64 = 0.1;
 const ZERO_MM: f64 = 2e-6;
@@ -111,6 +117,12 @@ fn emergency_stop(wiring: Wiring) {
         }
     }
     println!("largest step of a motor from the stop to active again: {largest:.3} um");
+    no_step(&on, "emergency stop");
+    let start: Vec<Row> = on.rows.iter().skip_while(|r| !r.enabled).take(START_CYCLES).copied().collect();
+    assert_eq!(start.len(), START_CYCLES, "the machine was switched on");
+    let away = Trace { rows: start }.farthest_um(last);
+    println!("a motor goes {away:.3} um in the first {START_CYCLES} cycles");
+    assert!(away <= START_UM_MAX, "what was held is put back at once: {away} um");
     assert!(largest <= STEP_UM_MAX, "a motor was stepped by {largest} um");
     assert!(trace.marked(4).rows.iter().any(|r| !is_zero(r)), "compensates again");
     daemon.wait_for_state("active");
@@ -142,12 +154,55 @@ fn emergency_stop_in_mid_circle_behind_the_motion_controller() {
     });
 }
 
-/// At Y 250 the correction would carry the axis over its soft limit.
+/// Switched on again with nobody to steer: what LinuxCNC has made part of the position stays there.
+fn emergency_stop_without_daemon(wiring: Wiring) {
+    let (mut cnc, mut daemon) = ready(wiring);
+    cnc.mdi("G1 X-80 Y30 F4000");
+    cnc.order("set estop on");
+    daemon.wait_for_state("holding");
+    cnc.mark(1);
+    daemon.kill();
+    std::thread::sleep(Duration::from_secs(1));
+    cnc.mark(2);
+    cnc.machine_on();
+    std::thread::sleep(Duration::from_secs(2));
+    cnc.mark(3);
+    let trace = cnc.trace();
+    let stopped = *trace.marked(1).last();
+    assert!(!stopped.enabled && !is_zero(&stopped), "stopped with an offset in force: {stopped:?}");
+    let on = trace.marked(2);
+    assert!(on.last().enabled && is_zero(on.last()), "{:?}", on.last());
+    no_step(&on, "emergency stop without a daemon");
+    let moved =
+        |pair: &[Row]| (0..3).map(|k| (pair[1].motor[k] - pair[0].motor[k]).abs()).fold(0.0, f64::max);
+    let fastest = on.rows.windows(11).map(|rows| moved(&[rows[0], rows[10]])).fold(0.0, f64::max) * 100.0;
+    println!("fastest motor {fastest:.3} um per cycle");
+    assert!(fastest <= 2.0 * RAMP_UM, "a motor was moved by {fastest} um per cycle");
+    if wiring == Wiring::ExternalOffsets {
+        let away = on.farthest_um(&stopped);
+        assert!(away < 0.01, "the offset has become part of the position, yet a motor goes {away} um");
+    }
+}
+
+#[test]
+fn emergency_stop_without_daemon_on_external_offsets() {
+    in_namespaces("faults::emergency_stop_without_daemon_on_external_offsets", || {
+        emergency_stop_without_daemon(Wiring::ExternalOffsets)
+    });
+}
+
+#[test]
+fn emergency_stop_without_daemon_behind_the_motion_controller() {
+    in_namespaces("faults::emergency_stop_without_daemon_behind_the_motion_controller", || {
+        emergency_stop_without_daemon(Wiring::Injection)
+    });
+}
+
 fn soft_limit_known_to_the_daemon(wiring: Wiring) {
     let (mut cnc, daemon) = ready(wiring);
-    cnc.mdi("G0 X0 Y200");
+    cnc.mdi("G0 X0 Y50");
     cnc.mark(1);
-    cnc.mdi("G1 Y250 F2000");
+    cnc.mdi(CIRCLE_AT_THE_LIMIT);
     std::thread::sleep(Duration::from_millis(500));
     let trace = cnc.trace().marked(1);
     no_step(&trace, "soft limit");
@@ -156,7 +211,9 @@ fn soft_limit_known_to_the_daemon(wiring: Wiring) {
     println!("highest motor position {highest:.6} mm, largest offset on the way {:.3} um", approach * 1000.0);
     assert!(highest <= 250.0 + 1e-5, "carried over the soft limit: {highest} mm");
     assert!(approach > 0.005, "there was an offset to be taken back");
-    assert!((trace.last().nominal[1] - 250.0).abs() < 1e-6, "the axis gets to its limit");
+    let farthest = trace.rows.iter().map(|r| r.nominal[1]).fold(f64::MIN, f64::max);
+    assert!((farthest - 250.0).abs() < 1e-6, "the axis gets to its limit: {farthest}");
+    assert!((trace.last().nominal[1] - 50.0).abs() < 1e-6, "the circle goes on to its end");
     daemon.wait_for_state("active");
     assert!(daemon.log().contains("VC-4006"), "{}", daemon.log());
 }
@@ -185,9 +242,9 @@ fn soft_limit_that_only_the_control_knows() {
         };
         let daemon = Daemon::start(Wiring::ExternalOffsets, without);
         daemon.wait_for_state("active");
-        cnc.mdi("G0 X0 Y200");
+        cnc.mdi("G0 X0 Y50");
         cnc.mark(1);
-        cnc.mdi("G1 Y250 F2000");
+        cnc.mdi(CIRCLE_AT_THE_LIMIT);
         daemon.wait_for_state("faulted");
         std::thread::sleep(Duration::from_secs(3));
         let trace = cnc.trace().marked(1);
@@ -199,7 +256,12 @@ fn soft_limit_that_only_the_control_knows() {
     });
 }
 
-const BRIDGE: [&str; 6] = ["--machine", "linuxcnc-mill", "--port", "7878", "--cycle-ns", "1000000"];
+/// Arguments of the bridge as the HAL file of the wiring gives them.
+fn arguments(wiring: Wiring) -> Vec<&'static str> {
+    let wiring = if wiring == Wiring::ExternalOffsets { "eoffset" } else { "inject" };
+    let machine = ["--machine", "linuxcnc-mill", "--port", "7878", "--cycle-ns", "1000000", "X", "Y", "Z"];
+    [&["--wiring", wiring, "--units", "mm"][..], &machine[..]].concat()
+}
 
 /// The bridge's own pins, once more connected to the signals that are there.
 fn connect_bridge(wiring: Wiring, name: &str) {
@@ -225,14 +287,14 @@ fn bridge_restarted(wiring: Wiring) {
     let bridge = cnc.dir.path().join("volcomp_bridge").display().to_string();
     cnc.mdi_while(CIRCLE, Duration::from_secs(3), |cnc| {
         // a second one of the same name is refused and disturbs nobody
-        let second = Command::new(&bridge).args(BRIDGE).output().expect("bridge runs");
+        let second = Command::new(&bridge).args(arguments(wiring)).output().expect("bridge runs");
         assert_eq!(second.status.code(), Some(1), "{}", String::from_utf8_lossy(&second.stderr));
         assert!(String::from_utf8_lossy(&second.stderr).contains("HAL refuses this name"));
         cnc.mark(1);
         run("halcmd", &["unloadusr", "volcomp"]);
         std::thread::sleep(Duration::from_millis(1500));
         cnc.mark(2);
-        load_component(&[&["volcomp", &bridge][..], &BRIDGE].concat());
+        load_component(&[&["volcomp", &bridge][..], &arguments(wiring)].concat());
         connect_bridge(wiring, "volcomp");
         daemon.wait_for_state("active");
         cnc.mark(3);
@@ -273,12 +335,16 @@ fn bridge_killed() {
         cnc.mark(1);
         run("pkill", &["-KILL", "-x", "volcomp_bridge"]);
         std::thread::sleep(Duration::from_millis(500));
-        let again = Command::new(&bridge).args(BRIDGE).output().expect("bridge runs");
+        // nobody is left to take it back: standing still, the motors stay where they are
+        let alone = cnc.trace().marked(1);
+        let away_um = alone.farthest_um(&alone.rows[0]);
+        assert!(!is_zero(alone.last()) && away_um < 0.01, "the offset has moved the motors by {away_um} um");
+        let again = Command::new(&bridge).args(arguments(wiring)).output().expect("bridge runs");
         assert_eq!(again.status.code(), Some(1), "the name is taken");
         for pin in ["state", "ramping-out", "count-x", "count-y", "count-z", "enable"] {
             run("halcmd", &["unlinkp", &format!("volcomp.{pin}")]);
         }
-        load_component(&[&["volcomp2", &bridge, "--name", "volcomp2"][..], &BRIDGE].concat());
+        load_component(&[&["volcomp2", &bridge, "--name", "volcomp2"][..], &arguments(wiring)].concat());
         connect_bridge(wiring, "volcomp2");
         daemon.wait_for_state("active");
         cnc.mark(2);

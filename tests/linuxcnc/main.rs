@@ -15,29 +15,45 @@ mod faults;
 mod link;
 mod namespaces;
 mod peers;
+mod stalls;
 mod trace;
 
 use control::{Cnc, Wiring};
 use daemon::Daemon;
 use namespaces::in_namespaces;
-use trace::{Size, example_model};
+use trace::{Size, Trace, example_model};
+use volcomp::core::model::Model;
 
-/// The bars of this test.
+/// The bars of this test; what the way of the correction leaves is judged with the reversals, where limits of rate and
+/// acceleration take the play out within 7 ms: the diagonal begins with three of them at once.
 const PATH_RESIDUAL_UM: f64 = 0.1;
 const SHARE_REMOVED: f64 = 0.95;
 /// After a reversal the offset takes out the play: 20 ms at the limits of the example, and as long again to be sure.
 const REVERSAL_CYCLES: usize = 60;
 
-const CIRCLE: [&str; 2] = ["G0 X100 Y0 Z0", "G2 X100 Y0 I-100 J0 F2000"];
-const DIAGONAL: [&str; 2] = ["G0 X-120 Y-120 Z-90", "G1 X120 Y120 Z90 F2000"];
+/// A host that takes the processors away for longer than the example's `stale-ms` makes volcompd hold and blend in again, as
+/// it should: then a motion is run once more, so often at most.
+const ATTEMPTS: i32 = 5;
+/// Share of the cycles of a motion in which volcompd must compensate for it to be judged.
+const JUDGED: f64 = 0.6;
 
-/// Runs circle and diagonal; the rows carry `mark` and `mark + 1`.
+const MOTIONS: [(&str, [&str; 2]); 2] = [
+    ("circle", ["G0 X100 Y0 Z0", "G2 X100 Y0 I-100 J0 F2000"]),
+    ("diagonal", ["G0 X-120 Y-120 Z-90", "G1 X120 Y120 Z90 F2000"]),
+];
+
+/// Runs a motion; its rows carry `mark`.
+fn run_motion(cnc: &mut Cnc, [start, motion]: [&str; 2], mark: i32) {
+    cnc.mdi(start);
+    cnc.mark(mark);
+    cnc.mdi(motion);
+    cnc.mark(0);
+}
+
+/// Both, with `mark` and `mark + 1`.
 fn run_both(cnc: &mut Cnc, mark: i32) {
-    for (number, [start, motion]) in (mark..).zip([CIRCLE, DIAGONAL]) {
-        cnc.mdi(start);
-        cnc.mark(number);
-        cnc.mdi(motion);
-        cnc.mark(0);
+    for (number, (_, motion)) in (mark..).zip(MOTIONS) {
+        run_motion(cnc, motion, number);
     }
 }
 
@@ -45,39 +61,62 @@ fn report(what: &str, size: Size) {
     println!("{what:<44} RMS {:8.3} um, largest {:8.3} um", size.rms_um, size.max_um);
 }
 
+/// What one run of a motion has shown.
+struct Shown {
+    /// Share of the cycles in which volcompd compensated.
+    judged: f64,
+    left: Size,
+    path: Size,
+}
+
+impl Shown {
+    fn holds(&self, without: Size) -> bool {
+        self.judged > JUDGED
+            && self.left.rms_um <= (1.0 - SHARE_REMOVED) * without.rms_um
+            && self.path.rms_um <= PATH_RESIDUAL_UM
+    }
+}
+
+fn shown(what: &str, trace: &Trace, lag: usize, model: &Model, without: Size) -> Shown {
+    let with = trace.clone().while_active();
+    let shown =
+        Shown { judged: with.judged(), left: with.error(lag), path: with.path_residual(lag, model, 0) };
+    println!("{what}: compensated in {:.1} % of the cycles", 100.0 * shown.judged);
+    report(&format!("{what}, with volcompd"), shown.left);
+    report(&format!("{what}, way of the correction"), shown.path);
+    let between = with.path_residual(lag, model, REVERSAL_CYCLES);
+    report(&format!("{what}, the same, not at reversals"), between);
+    println!("{what}: {:.2} % removed", 100.0 * (1.0 - shown.left.rms_um / without.rms_um));
+    shown
+}
+
 fn compensates(wiring: Wiring) {
     let mut cnc = Cnc::start(wiring, |_| {});
     run_both(&mut cnc, 1);
-    let daemon = Daemon::start(wiring, |text| text);
-    daemon.wait_for_state("active");
-    run_both(&mut cnc, 3);
-    let status = daemon.status();
     let trace = cnc.trace();
     let lag = trace.moving(1).lag();
+    let daemon = Daemon::start(wiring, |text| text);
+    let model = example_model();
+    for (number, (what, motion)) in (1..).zip(MOTIONS) {
+        let without = trace.moving(number).error(lag);
+        report(&format!("{what}, without"), without);
+        for attempt in 1.. {
+            daemon.wait_for_state("active");
+            let mark = 10 * number + attempt;
+            run_motion(&mut cnc, motion, mark);
+            let shown = shown(what, &cnc.trace().moving(mark), lag, &model, without);
+            if shown.holds(without) {
+                break;
+            }
+            println!("{what}: run {attempt} of at most {ATTEMPTS} is not good enough");
+            assert!(attempt < ATTEMPTS, "{what}, daemon: {}\n{}", daemon.status(), daemon.log());
+        }
+    }
     println!(
         "{wiring:?}: nominal to motor {lag} cycles; {} cycles, {} coalesced",
         cnc.pin("volcomp.cycles"),
         cnc.pin("volcomp.coalesced")
     );
-    println!("daemon: {status}");
-    let model = example_model();
-    for (number, what) in [(1, "circle"), (2, "diagonal")] {
-        let (without, with) = (trace.moving(number), trace.moving(number + 2).while_active());
-        let (error, left) = (without.error(lag), with.error(lag));
-        println!("{what}: compensated in {:.1} % of the cycles", 100.0 * with.judged());
-        assert!(with.judged() > 0.5, "{what}: this computer has too much to do:\n{}", daemon.log());
-        report(&format!("{what}, without"), error);
-        report(&format!("{what}, with volcompd"), left);
-        report(&format!("{what}, way of the correction"), with.path_residual(lag, &model, 0));
-        let path = with.path_residual(lag, &model, REVERSAL_CYCLES);
-        report(&format!("{what}, the same, not at reversals"), path);
-        println!("{what}: {:.2} % removed", 100.0 * (1.0 - left.rms_um / error.rms_um));
-        assert!(left.rms_um <= (1.0 - SHARE_REMOVED) * error.rms_um, "{what}: too little was removed");
-        assert!(
-            path.rms_um <= PATH_RESIDUAL_UM,
-            "{what}: the correction does not reach the motor as it should"
-        );
-    }
     daemon.wait_for_state("active");
 }
 

@@ -60,9 +60,7 @@ fn measure(name: &'static str, cnc: &mut Cnc, lag: usize, processes: &[u32]) -> 
     let cpu = 100.0 * (cpu_s(processes) - before) / start.elapsed().as_secs_f64();
     let trace = cnc.trace();
     let [circle, diagonal] = [3, 4].map(|mark| {
-        let moving = trace.moving(mark);
-        let moving = if processes.len() == 2 { moving.while_active() } else { moving };
-        let size = moving.error(lag);
+        let size = trace.moving(mark).error(lag);
         [size.rms_um, size.max_um]
     });
     let updates_per_s = updates(&trace.moving(3));

@@ -21,7 +21,8 @@ const ACTIVE: u8 = 3;
 pub(crate) struct Row {
     pub(crate) sequence: u64,
     pub(crate) nominal: [f64; 3],
-    pub(crate) tool: [f64; 3],
+    /// What comes back from the machine: while it is on and homed, its tool with all errors.
+    pub(crate) feedback: [f64; 3],
     pub(crate) motor: [f64; 3],
     pub(crate) applied: [f64; 3],
     pub(crate) mark: i32,
@@ -29,6 +30,8 @@ pub(crate) struct Row {
     pub(crate) enabled: bool,
     pub(crate) ramping_out: bool,
     pub(crate) estop_released: bool,
+    /// The offset that was asked for.
+    pub(crate) asked: [f64; 3],
     /// Whether the row is judged.
     counts: bool,
     /// Which way each axis goes, and for how many cycles none has turned.
@@ -113,10 +116,10 @@ impl Trace {
         (0..=LAG_MAX).min_by(|a, b| misfits[*a].total_cmp(&misfits[*b])).expect("lags were tried")
     }
 
-    /// Where the tool is beside where it was to be.
+    /// Where the joints' feedback, and with it the tool, is beside where it was to be.
     pub(crate) fn error(&self, lag: usize) -> Size {
         let judged = self.rows[lag..].iter().zip(&self.rows).filter(|(r, _)| r.counts);
-        Size::of(judged.map(|(r, n)| distance(&r.tool, &n.nominal)))
+        Size::of(judged.map(|(r, n)| distance(&r.feedback, &n.nominal)))
     }
 
     /// What the way of the correction leaves at the motor: motor beside nominal position plus the model's correction
@@ -132,12 +135,21 @@ impl Trace {
         }))
     }
 
-    /// The largest change of an applied offset from one cycle to the next, um.
+    /// The largest change of an offset, applied or only asked for, from one cycle to the next, um. Where LinuxCNC is switched
+    /// on it makes the offset part of the position: that change moves nothing.
     pub(crate) fn largest_step_um(&self) -> f64 {
+        let changed = |a: &[f64; 3], b: &[f64; 3]| (0..3).map(|k| (a[k] - b[k]).abs()).fold(0.0, f64::max);
         let step = |pair: &[Row]| {
-            (0..3).map(|k| (pair[1].applied[k] - pair[0].applied[k]).abs()).fold(0.0, f64::max)
+            changed(&pair[0].applied, &pair[1].applied).max(changed(&pair[0].asked, &pair[1].asked))
         };
-        UM_PER_MM * self.rows.windows(2).map(step).fold(0.0, f64::max)
+        let pairs = self.rows.windows(2).filter(|pair| pair[0].enabled == pair[1].enabled);
+        UM_PER_MM * pairs.map(step).fold(0.0, f64::max)
+    }
+
+    /// How far any motor comes away from where it was in the row `from`, um.
+    pub(crate) fn farthest_um(&self, from: &Row) -> f64 {
+        let away = |row: &Row| (0..3).map(|k| (row.motor[k] - from.motor[k]).abs()).fold(0.0, f64::max);
+        UM_PER_MM * self.rows.iter().map(away).fold(0.0, f64::max)
     }
 
     pub(crate) fn last(&self) -> &Row {
@@ -183,7 +195,7 @@ fn row(line: &str) -> Option<Row> {
     Some(Row {
         sequence: words.first()?.parse().ok()?,
         nominal: three(1)?,
-        tool: three(4)?,
+        feedback: three(4)?,
         motor: three(7)?,
         applied: three(10)?,
         mark: words.get(13)?.parse().ok()?,
@@ -191,6 +203,7 @@ fn row(line: &str) -> Option<Row> {
         enabled: bit(15)?,
         ramping_out: bit(16)?,
         estop_released: bit(17)?,
+        asked: three(18)?,
         counts: true,
         travel: [Travel::Forward; MAX_AXES],
         since_reversal: 0,
