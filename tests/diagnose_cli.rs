@@ -400,7 +400,7 @@ fn an_addition_needs_its_columns_and_its_machine() {
         "{said}"
     );
     let (code, said) = with("other.toml");
-    assert!(code == Some(78) && said.contains("found on machine other-9, the model is of test"), "{said}");
+    assert!(code == Some(78) && said.contains("found on machine 'other-9', the model is of 'test"), "{said}");
     std::fs::write(d.join("p.csv"), "x_mm,tool_length_mm\n0,0\n0,100\n").unwrap();
     let predict = |more: &[&str]| {
         let args = ["predict", "--model", "m.toml", "--points", "p.csv", "--out", "-"];

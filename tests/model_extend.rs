@@ -296,7 +296,7 @@ fn a_machine_file_may_name_additions_and_the_daemon_starts_with_them_in_its_mode
     assert!(text.contains("addition servo-lag:x: not in the model"), "{text}");
 
     for (additions, code, wanted) in [
-        (r#"["lathe.toml"]"#, 78, "is of machine 'lathe', the model of 'm'"),
+        (r#"["lathe.toml"]"#, 78, "found on machine 'lathe', the model is of 'm'"),
         (r#"["lag.toml"]"#, 78, "nothing in it can be part of a model"),
         (r#"["m.toml"]"#, 78, "m.toml"),
         (r#"["missing.toml"]"#, 74, "are taken relative to the machine file"),

@@ -14,6 +14,8 @@ use std::process::Command;
 use correction_support::Corrected;
 use serde_json::Value;
 use simulator::campaign::{Plan, files, run_corrected};
+use simulator::motion::axes::MachineAxes;
+use simulator::motion::gcode::interpret;
 use simulator::twin::TwinTruth;
 
 const TRUTH: &str = r#"
@@ -106,4 +108,29 @@ fn what_was_found_is_taken_out_of_the_machine_as_far_as_the_report_said() {
     assert!((low..=high).contains(&shrink), "shrink {shrink}, forecast {low} to {high}");
     assert_eq!(after["verdict"], "no-gap", "{:#}", after["causes"]);
     assert!(left < 0.5 * gap, "{left} um of {gap}");
+}
+
+/// What is to be measured next can be run: every programme is G-code that a control takes, inside the travel.
+#[test]
+fn programmes_of_the_next_measurement_run_on_the_simulated_control() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    // one feed, one plane at a time: much cannot be told apart
+    let truth = "format = \"volcomp-twin/1\"\nseed = 5\n[[effect]]\nname = \"scale\"\nsubject = \"y\"\nsize-um = 20.0\n";
+    std::fs::write(dir.join("twin.toml"), truth).unwrap();
+    run(
+        dir,
+        &["campaign", "--truth", "twin.toml", "--plan", "one-feed-ballbar", "--seed", "1", "--out", "monday"],
+    );
+    let report = diagnose(dir, "monday", "gap");
+    let next = report["next_measurement"].as_array().unwrap();
+    assert!(!next.is_empty(), "{:#}", report["causes"]);
+    let axes = MachineAxes::three_axis([-1.0, 501.0], [-1.0, 401.0], [-1.0, 451.0]).unwrap();
+    let mut moves = 0;
+    for n in next {
+        let text = n["gcode"].as_str().unwrap();
+        let programme = interpret(text, &axes, axes.middle()).unwrap_or_else(|e| panic!("{e}:\n{text}"));
+        moves += programme.segments.len();
+    }
+    assert!(moves > 10, "{next:#?}");
 }

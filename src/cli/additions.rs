@@ -106,20 +106,15 @@ impl Additions {
     }
 }
 
-/// An addition belongs to the machine beside whose model it was found.
+/// An addition belongs to the machine beside whose model it was found; one that was found beside none may be looked at beside
+/// any.
 pub(super) fn same_machine(path: &Path, addition: &Addition, model: &Model) -> Result<(), Failure> {
-    if addition.machine.is_empty() || addition.machine == model.machine() {
+    if addition.machine.is_empty() {
         return Ok(());
     }
-    Err(Failure::new(
-        EX_CONFIG,
-        format_args!(
-            "error: {}: found on machine {}, the model is of {}; diagnose this machine",
-            path.display(),
-            addition.machine,
-            model.machine()
-        ),
-    ))
+    addition
+        .is_of(model.machine())
+        .map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {}: {e}", path.display())))
 }
 
 /// Positions of axes that the points lack are zero, as the contract says of them.

@@ -56,6 +56,16 @@ pub struct Entry {
 }
 
 /// An effect that cannot be evaluated.
+/// An addition beside the model of another machine.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "found on machine '{found}', the model is of '{expected}'; diagnose this machine with its own model (--model)"
+)]
+pub struct Foreign {
+    found: String,
+    expected: String,
+}
+
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum AdditionError {
     /// Not this format.
@@ -185,6 +195,15 @@ impl Entry {
 }
 
 impl Addition {
+    /// # Errors
+    /// It was not found beside the model of `machine`; found beside none it is of no machine.
+    pub fn is_of(&self, machine: &str) -> Result<(), Foreign> {
+        if self.machine == machine {
+            return Ok(());
+        }
+        Err(Foreign { found: self.machine.clone(), expected: machine.to_owned() })
+    }
+
     /// Reads an addition and refuses what cannot be evaluated.
     ///
     /// # Errors

@@ -11,8 +11,10 @@ use super::search::{Found, Gates, Problem, Selection, evidence, gates};
 pub const SAME: f64 = 0.97;
 /// An effect is declared from this probability of its group.
 pub const DECLARED: f64 = 0.5;
+/// And from this one of its own: below, its name is one of many.
+pub const NAMED: f64 = 0.22;
 
-/// Constants of the probability, by hand near logistic regressions on blind cases (docs/diagnosis.md says on which).
+/// Constants of the probability, near a logistic regression on blind cases (docs/diagnosis.md says on which).
 #[derive(Debug, Clone, Copy)]
 struct Calibration {
     base: f64,
@@ -25,30 +27,45 @@ struct Calibration {
     held_out: f64,
     held_out_full: f64,
     held_out_least: f64,
-    /// Per unit of what stays where it acts.
+    /// Per root of what stays where it acts.
     misfit: f64,
+    /// Per decade of its share in what is explained where it acts, down to `weight_least`.
+    weight: f64,
+    weight_least: f64,
+    /// Per unit of growth along another axis, up to `grows_most`.
+    grows: f64,
+    grows_most: f64,
+    /// Per decade of its gain per reading, within `size_range`: what is small everywhere may be a large effect's misform.
+    size: f64,
+    size_range: [f64; 2],
     /// Models are never exact: evidence counts less the larger an effect is.
     temper: f64,
 }
 
 const CALIBRATION: Calibration = Calibration {
-    base: 2.5,
-    invariance: 32.0,
-    place: 36.0,
+    base: 3.0,
+    invariance: 10.0,
+    place: 8.0,
     full: 0.99,
-    held_out: 20.0,
+    held_out: 3.0,
     held_out_full: 0.97,
     held_out_least: 0.87,
-    misfit: 8.0,
+    misfit: 3.6,
+    weight: 3.3,
+    weight_least: 0.01,
+    grows: 2.4,
+    grows_most: 1.5,
+    size: 1.9,
+    size_range: [-2.0, 0.3],
     temper: 0.012,
 };
+
+/// Growth along another axis from which a function of one axis is none.
+const GROWS: f64 = 0.4;
 
 /// Said of curves that nothing shows twice.
 const ONE_PASS: &str =
     "a curve over one pass of one programme: nothing shows that it comes back; measure again";
-
-/// Said of the second name of a curve.
-const ONE_CURVE: &str = "part of the same curve over the position as the larger effect of this axis";
 
 /// A chosen effect with its figures.
 #[derive(Debug, Clone)]
@@ -88,13 +105,6 @@ pub fn assess(problem: &mut Problem, library: &Library, selection: &Selection) -
     }
     let mut all: Vec<Assessed> =
         (0..selection.chosen.len()).map(|place| assess_one(problem, library, selection, place)).collect();
-    let doubled: Vec<bool> = all.iter().map(|x| is_part_of_table(&all, x)).collect();
-    for (x, _) in all.iter_mut().zip(doubled).filter(|(_, d)| *d) {
-        x.declared = false;
-        x.remark = ONE_CURVE.to_owned();
-        x.probability *= UNSURE;
-        x.group_probability *= UNSURE;
-    }
     let overshadowed: Vec<bool> = all.iter().map(|x| is_overshadowed(library, &all, x)).collect();
     for (x, _) in all.iter_mut().zip(overshadowed).filter(|(_, o)| *o) {
         x.declared = false;
@@ -108,25 +118,13 @@ pub fn assess(problem: &mut Problem, library: &Library, selection: &Selection) -
 /// What is left of a probability where a gate says no.
 pub const UNSURE: f64 = 0.1;
 
-/// True for a worn place beside a table of positions of the same axis, or the other way round: one curve, two names. The one
-/// that explains more by itself keeps its name.
-fn is_part_of_table(all: &[Assessed], x: &Assessed) -> bool {
-    const CURVES: [&str; 2] = ["positioning", "wear"];
-    let is_curve = |a: &Assessed| CURVES.contains(&a.label.effect);
-    let size = |a: &Assessed| a.gates.alone * a.found.gain;
-    is_curve(x)
-        && all.iter().any(|o| {
-            o.variant != x.variant && is_curve(o) && o.label.subject == x.label.subject && size(o) > size(x)
-        })
-}
-
 /// True where effects that failed a gate explain more than this one, in its own direction: it then lives on their misfit.
 fn is_overshadowed(library: &Library, all: &[Assessed], x: &Assessed) -> bool {
     let direction = |a: &Assessed| library.variants[a.variant].shape.acts_along();
     let own = direction(x);
     let failed: f64 = all
         .iter()
-        .filter(|o| !o.declared && !o.remark.is_empty() && o.remark != ONE_PASS && !is_part_of_table(all, o))
+        .filter(|o| !o.declared && !o.remark.is_empty() && o.remark != ONE_PASS)
         .filter(|o| own.is_none() || direction(o).is_none() || direction(o) == own)
         .map(|o| o.found.gain)
         .sum();
@@ -204,7 +202,7 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
         label: library.labels[label].clone(),
         kind: library.kinds[label],
         found: own,
-        declared: remark.is_empty() && group_probability >= DECLARED,
+        declared: remark.is_empty() && group_probability >= DECLARED && probability >= NAMED,
         remark,
         share: 1.0 / total,
         group_share: in_group / total,
@@ -277,15 +275,22 @@ fn logistic(g: &Gates) -> f64 {
         - c.invariance * (c.full - g.invariance).max(0.0)
         - c.place * (c.full - g.place).max(0.0)
         - c.held_out * (c.held_out_full - g.held_out.max(c.held_out_least)).max(0.0)
-        - c.misfit * g.misfit.clamp(0.0, 1.0);
+        - c.misfit * g.misfit.clamp(0.0, 1.0).sqrt()
+        + c.weight * g.weight.clamp(c.weight_least, 1.0).log10()
+        - c.grows * g.grows.clamp(0.0, c.grows_most)
+        + c.size * g.size.clamp(c.size_range[0], c.size_range[1]);
     1.0 / (1.0 + (-z).exp())
 }
 
 impl Assessed {
-    /// True where the tool stands by it, or where it is the second name of a curve: nothing is missing where it acts.
-    #[must_use]
-    pub fn stands(&self) -> bool {
-        self.declared || self.remark == ONE_CURVE
+    /// The position of another axis changes it, as [`Gates::grows`] says: what is a function of one axis alone is not at work.
+    pub fn reject_growing(&mut self, along: &str) {
+        if self.gates.grows > GROWS && self.remark.is_empty() {
+            let percent = 100.0 * self.gates.grows;
+            self.remark = format!(
+                "is not the same wherever {along} stands: {percent:.0} % more or less at its ends than in its middle"
+            );
+        }
     }
 
     /// Sets the probability by the figures of the gates, with the misfit that was found meanwhile.
@@ -293,7 +298,8 @@ impl Assessed {
         let before = self.probability;
         let real = logistic(&self.gates) * if self.remark.is_empty() { 1.0 } else { UNSURE };
         (self.probability, self.group_probability) = (real * self.share, real * self.group_share);
-        self.declared = self.remark.is_empty() && self.group_probability >= DECLARED;
+        self.declared =
+            self.remark.is_empty() && self.group_probability >= DECLARED && self.probability >= NAMED;
         let scale = self.probability / before.max(1e-12);
         self.alternatives.iter_mut().for_each(|(_, p)| *p *= scale);
     }
@@ -337,6 +343,9 @@ mod tests {
         alone: 1.0,
         concentration: 0.2,
         misfit: 0.0,
+        weight: 1.0,
+        grows: 0.0,
+        size: 0.0,
     };
 
     #[test]
@@ -348,6 +357,9 @@ mod tests {
             Gates { place: 0.93, ..GOOD },
             Gates { held_out: 0.9, ..GOOD },
             Gates { misfit: 0.3, ..GOOD },
+            Gates { weight: 0.1, ..GOOD },
+            Gates { grows: 0.5, ..GOOD },
+            Gates { size: -1.0, ..GOOD },
         ] {
             assert!(logistic(&worse) < best - 0.05, "{worse:?}");
         }

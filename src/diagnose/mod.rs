@@ -110,13 +110,12 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
     for i in &outlying {
         used[*i] = false;
     }
-    let lattice_um: Vec<f64> = (0..session.instruments.len())
+    let by_class: Vec<Vec<f64>> = (0..session.instruments.len())
         .map(|class| {
-            let values: Vec<f64> =
-                session.readings.iter().filter(|r| r.instrument == class).map(|r| r.deviation_um).collect();
-            noise::lattice(&values).map_or(0.0, |l| l.step_um)
+            session.readings.iter().filter(|r| r.instrument == class).map(|r| r.deviation_um).collect()
         })
         .collect();
+    let lattice_um = noise::lattices(&by_class);
     let ablation = options.ablation;
     let steady = |mut classes: Vec<ClassNoise>| {
         if !ablation.has_drift() {
@@ -142,6 +141,9 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
         let mut selection =
             Selection { chosen: Vec::new(), threshold, grid: grid.clone(), is_plain, banned: Vec::new() };
         selection.search(&mut problem, &library);
+        if !is_plain {
+            selection.single_out(&mut problem, &library);
+        }
         for place in 0..selection.chosen.len() {
             let chosen = selection.chosen.clone();
             search::refine(&mut problem, session, &filter, &mut library, &chosen, place);
@@ -152,6 +154,7 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
         if !is_plain && !selection.chosen.is_empty() {
             selection.swap(&mut problem, &library);
             selection.search(&mut problem, &library);
+            selection.single_out(&mut problem, &library);
             selection.expel(&mut problem, &library);
             selection.absorb(&mut problem, &library);
         }

@@ -175,6 +175,10 @@ pub struct Tests {
     pub rival: f64,
     /// What repeats and stays where it acts, as a share of what it explains.
     pub misfit: f64,
+    /// Its share of what is explained where it acts.
+    pub weight: f64,
+    /// How much it surely grows from the middle of another axis to its end, as a share of itself.
+    pub grows: f64,
     /// Its share among the effects that explain nearly as much.
     pub share: f64,
 }

@@ -12,6 +12,10 @@ use super::session::Session;
 const OUTLIERS: (usize, f64) = (8, 0.003);
 /// Outliers must be this many times as many as heavy tails of the noise would bring, and this many standard deviations.
 const BEYOND_TAILS: (f64, f64) = (2.0, 3.0);
+/// Share of the readings left out that look along one axis, and share of all others, from which to which that axis is to blame.
+const ONE_AXIS: [f64; 2] = [0.9, 0.6];
+/// Probability of outliers that look along one axis.
+const ONE_AXIS_PROBABILITY: f64 = 0.3;
 /// Rounding is a cause where its own scatter is at least this share of the noise.
 const ROUNDING: f64 = 0.5;
 /// Least step that is called rounding, um, and its least share of the gap.
@@ -20,6 +24,8 @@ const STEP: (f64, f64) = (0.02, 0.02);
 const CHANCE: f64 = 1e-5;
 /// Least amplitude of a vibration, in standard deviations of the noise.
 const AMPLITUDE: f64 = 0.2;
+/// Least amplitude beside rounding, in steps: between two steps a slow change looks like a line.
+const AMPLITUDE_STEPS: f64 = 0.5;
 /// Standard deviations by which noise must grow with the range, and the least power.
 const GROWTH: (f64, f64) = (6.0, 0.2);
 
@@ -28,7 +34,8 @@ pub(super) struct Evidence<'a> {
     pub(super) session: &'a Session,
     pub(super) gap: &'a [f64],
     pub(super) used: &'a [bool],
-    pub(super) outlying: usize,
+    /// Readings left out.
+    pub(super) outlying: &'a [usize],
     pub(super) lattice_um: &'a [f64],
     pub(super) noise: &'a [ClassNoise],
     /// Rows and whitened remainder.
@@ -62,15 +69,34 @@ fn beyond_tails(e: &Evidence<'_>) -> bool {
     t.beyond > (BEYOND_TAILS.0 * t.expected).max(t.expected + BEYOND_TAILS.1 * t.expected.sqrt())
 }
 
+/// The direction of nearly all readings that were left out, where those that were kept look elsewhere, too: it is then the
+/// motion there that does not come back to the same place, such as an axis that sticks.
+fn along_one(e: &Evidence<'_>) -> Option<char> {
+    let along = |rows: &mut dyn Iterator<Item = usize>| {
+        let mut count = [0usize; 3];
+        rows.for_each(|i| count[e.session.moments[i].u.iamax()] += 1);
+        count.map(|c| c as f64 / count.iter().sum::<usize>().max(1) as f64)
+    };
+    let out = along(&mut e.outlying.iter().copied());
+    let kept = along(&mut (0..e.gap.len()).filter(|i| e.used[*i]));
+    (0..3).find(|k| out[*k] > ONE_AXIS[0] && kept[*k] < ONE_AXIS[1]).map(|k| ['x', 'y', 'z'][k])
+}
+
 /// The stochastic causes that are there.
 pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
     let mut found = Vec::new();
     let n = e.gap.len();
-    let many = e.outlying >= OUTLIERS.0 && e.outlying as f64 >= OUTLIERS.1 * n as f64;
+    let outlying = e.outlying.len();
+    let many = outlying >= OUTLIERS.0 && outlying as f64 >= OUTLIERS.1 * n as f64;
     if many && beyond_tails(e) {
-        let share = e.outlying as f64 / n as f64;
+        let share = outlying as f64 / n as f64;
         let std = (share / n as f64).sqrt();
-        found.push(cause("outliers", 0.95, &[("share_percent", 100.0 * share, 100.0 * std)]));
+        let mut wild = cause("outliers", 0.95, &[("share_percent", 100.0 * share, 100.0 * std)]);
+        if let Some(axis) = along_one(e) {
+            (wild.declared, wild.probability) = (false, ONE_AXIS_PROBABILITY);
+            wild.remark = format!("nearly all along {axis}: an axis that does not repeat, no wild readings");
+        }
+        found.push(wild);
     }
     for (class, step) in e.lattice_um.iter().enumerate() {
         let own = step / 12f64.sqrt();
@@ -79,11 +105,14 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
             break;
         }
     }
+    let white = e.noise.iter().map(|c| c.white_um).fold(0.0, f64::max);
+    let rounding =
+        found.iter().filter_map(|c| c.parameters.get("step_um")).map(|v| v.value).fold(0.0, f64::max);
     if let Some(t) = tone(e.session, e.rows, e.left)
         && t.chance < CHANCE
         && t.amplitude > AMPLITUDE
+        && t.amplitude * white > AMPLITUDE_STEPS * rounding
     {
-        let white = e.noise.iter().map(|c| c.white_um).fold(0.0, f64::max);
         let probability = if t.chance < 1e-8 { 0.95 } else { 0.85 };
         let amplitude = t.amplitude * white;
         found.push(cause(

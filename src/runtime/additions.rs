@@ -27,12 +27,7 @@ pub fn with_additions(
             source,
         })?;
         let addition = Addition::parse(text(&path, &bytes)?).map_err(wrong)?;
-        if addition.machine != model.spec.machine {
-            return Err(wrong(format!(
-                "is of machine '{}', the model of '{}'",
-                addition.machine, model.spec.machine
-            )));
-        }
+        addition.is_of(&model.spec.machine).map_err(|e| wrong(e.to_string()))?;
         let extended = extend(&model.spec, &model.thermal, &addition).map_err(|e| wrong(e.to_string()))?;
         if !extended.fates.iter().any(|(_, fate)| fate.is_taken()) {
             let each: Vec<String> =

@@ -6,7 +6,6 @@ use super::super::diagnose::read_addition;
 use super::super::{EX_CONFIG, EX_DATAERR, Failure};
 use crate::cli::files::write_text;
 use crate::config;
-use crate::diagnose::addition::Addition;
 use crate::diagnose::extend::{Fate, extend};
 
 /// Put effects that `volcomp diagnose` has found into a model, so that volcompd takes them out
@@ -38,7 +37,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut fates: Vec<(String, Fate)> = Vec::new();
     for path in &args.add {
         let addition = read_addition(path)?;
-        same_machine(path, &addition, &model.spec.machine)?;
+        addition
+            .is_of(&model.spec.machine)
+            .map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {}: {e}", path.display())))?;
         let extended = extend(&model.spec, &model.thermal, &addition).map_err(|e| {
             Failure::new(
                 EX_CONFIG,
@@ -86,20 +87,6 @@ fn say(args: &Args, text: &str) -> Result<(), Failure> {
         return Ok(());
     }
     crate::cli::exit::print(text)
-}
-
-fn same_machine(path: &Path, addition: &Addition, machine: &str) -> Result<(), Failure> {
-    if addition.machine == machine {
-        return Ok(());
-    }
-    Err(Failure::new(
-        EX_CONFIG,
-        format_args!(
-            "error: {}: is of machine '{}', the model of '{machine}'; diagnose with this model (--model)",
-            path.display(),
-            addition.machine
-        ),
-    ))
 }
 
 fn line((effect, fate): &(String, Fate)) -> String {

@@ -11,7 +11,7 @@ mod tones;
 
 pub use classes::{from_remainder, from_repeats, pair_residuals};
 pub use filter::{ClassNoise, Filter};
-pub use lattice::{Lattice, lattice};
+pub use lattice::lattices;
 pub use outliers::{Tails, outliers, tails};
 pub use random::Random;
 pub use space::neighbours;

@@ -11,8 +11,12 @@ use super::super::{Analysis, take_signals};
 
 /// Share of what the causes do that the effect must be able to do, too, and the other way round.
 const AGAIN: f64 = 0.97;
-/// Added to the products of columns, as a share of their size: columns may say the same.
-const RIDGE: f64 = 1e-9;
+/// Most causes in a sum.
+const TOGETHER: usize = 4;
+/// Least energy of a sum, as a share of what its parts have.
+const LEAST: f64 = 0.02;
+/// Least singular value of columns, as a share of the largest: columns may say the same.
+const RIDGE: f64 = 1e-6;
 
 /// Marks the declared causes that together do what an effect does that was taken out of the library: one of them or several,
 /// such as three servo lags for a common delay.
@@ -46,15 +50,7 @@ pub(super) fn mark(
 fn contributions(a: &Analysis, effects: &[&Assessed]) -> Vec<DVector<f64>> {
     let given = a.problem.given(&a.selection.chosen);
     let beta = a.problem.fit(&given);
-    effects
-        .iter()
-        .map(|x| {
-            let (at, k) = a.problem.span[x.variant];
-            let (mine, values): (Vec<usize>, Vec<f64>) =
-                given.columns.iter().zip(&beta).filter(|(c, _)| (at..at + k).contains(*c)).unzip();
-            a.problem.contribution(&mine, &values)
-        })
-        .collect()
+    effects.iter().map(|x| a.problem.part(&given, &beta, x.variant)).collect()
 }
 
 /// The effects that were taken out, with their columns.
@@ -68,36 +64,52 @@ fn taken_out(session: &mut Session, a: &Analysis, without: &[Without]) -> (Libra
     (removed, problem)
 }
 
-/// The fewest of the parts whose sum the columns can say, each of them needed; none where no sum is.
+/// The fewest of the parts whose sum the columns can say; none where no sum of at most [`TOGETHER`] is.
 fn said_again(columns: &[DVector<f64>], parts: &[DVector<f64>]) -> Vec<usize> {
-    let mut order: Vec<(usize, f64)> =
-        parts.iter().enumerate().map(|(i, p)| (i, share_of(columns, p))).collect();
-    order.sort_by(|a, b| b.1.total_cmp(&a.1));
-    let mut sum = DVector::zeros(parts.first().map_or(0, DVector::len));
-    let mut said = Vec::new();
-    for (i, share) in order {
-        // what the columns say nothing of is another cause
-        if share < 0.05 {
-            break;
-        }
-        sum += &parts[i];
-        said.push(i);
-        if share_of(columns, &sum) >= AGAIN {
-            return said;
+    let Some(basis) = basis(columns) else { return Vec::new() };
+    let seen: Vec<DVector<f64>> = parts.iter().map(|p| basis.tr_mul(p)).collect();
+    let n = parts.len();
+    let product = |v: &[DVector<f64>]| DMatrix::from_fn(n, n, |i, j| v[i].dot(&v[j]));
+    let (whole, seen) = (product(parts), product(&seen));
+    let energy = |m: &DMatrix<f64>, some: &[usize]| -> f64 {
+        some.iter().flat_map(|i| some.iter().map(move |j| (*i, *j))).map(|ij| m[ij]).sum()
+    };
+    // what the rest of a sum cancels is not said by anyone
+    let is_said = |some: &[usize]| {
+        let each: f64 = some.iter().map(|i| whole[(*i, *i)]).sum();
+        let all = energy(&whole, some);
+        all > LEAST * each && energy(&seen, some) >= AGAIN * all
+    };
+    let mut sums: Vec<Vec<usize>> = vec![Vec::new()];
+    for _ in 0..TOGETHER.min(n) {
+        let from = |sum: &Vec<usize>| sum.last().map_or(0, |last| last + 1);
+        sums = sums
+            .iter()
+            .flat_map(|sum| (from(sum)..n).map(|i| sum.iter().copied().chain([i]).collect()))
+            .collect();
+        if let Some(found) = sums.iter().find(|sum| is_said(sum)) {
+            return found.clone();
         }
     }
     Vec::new()
 }
 
-/// Share of the energy of `y` that the columns explain.
-fn share_of(columns: &[DVector<f64>], y: &DVector<f64>) -> f64 {
-    let n = columns.len();
-    let gram = DMatrix::from_fn(n, n, |i, j| columns[i].dot(&columns[j]));
-    let size = gram.diagonal();
-    let ridged = gram + DMatrix::from_diagonal(&size.map(|s| s * RIDGE + 1e-12));
-    let b = DVector::from_iterator(n, columns.iter().map(|c| c.dot(y)));
-    let Some(factor) = ridged.cholesky() else { return 0.0 };
-    b.dot(&factor.solve(&b)) / y.norm_squared().max(1e-12)
+/// Orthonormal columns with the same span.
+fn basis(columns: &[DVector<f64>]) -> Option<DMatrix<f64>> {
+    let some: Vec<DVector<f64>> = columns.iter().filter(|c| c.norm_squared() > 0.0).cloned().collect();
+    if some.is_empty() {
+        return None;
+    }
+    let svd = DMatrix::from_columns(&some).svd(true, false);
+    let least = RIDGE * svd.singular_values.max();
+    let u = svd.u?;
+    let kept: Vec<DVector<f64>> = u
+        .column_iter()
+        .zip(svd.singular_values.iter())
+        .filter(|(_, s)| **s > least)
+        .map(|(c, _)| c.into_owned())
+        .collect();
+    Some(DMatrix::from_columns(&kept))
 }
 
 #[cfg(test)]
@@ -114,9 +126,9 @@ mod tests {
         let (x, y) = (wave(f64::sin), wave(|t| (3.0 * t).cos()));
         let delay = [&x + &y];
         let other = wave(|t| (7.0 * t).sin());
-        let mut again = said_again(&delay, &[x.clone(), other.clone(), y]);
-        again.sort_unstable();
-        assert_eq!(again, [0, 2]);
-        assert!(said_again(&delay, &[x, other]).is_empty());
+        assert_eq!(said_again(&delay, &[x.clone(), other.clone(), y.clone()]), [0, 2]);
+        assert!(said_again(&delay, &[x.clone(), other.clone()]).is_empty());
+        // one lag as a common delay less the other lag: only the sum says it
+        assert_eq!(said_again(&[x.clone()], &[other, &x + &y, -y]), [1, 2]);
     }
 }

@@ -123,6 +123,8 @@ fn tests(x: &Assessed, a: &Analysis) -> Tests {
         alone: x.gates.alone,
         rival: x.gates.rival,
         misfit: x.gates.misfit,
+        weight: x.gates.weight,
+        grows: x.gates.grows,
         share: x.share,
     }
 }

@@ -36,7 +36,7 @@ pub(super) fn unexplained(
         && leftover.variance > LEFT_VARIANCE.1 * whole)
         || (leftover.local_z > LOCAL_Z && leftover.variance > LEFT_VARIANCE.1 * whole);
     let drifting = drifting(a);
-    let proxies: Vec<&Assessed> = assessed.iter().filter(|x| !x.stands()).collect();
+    let proxies: Vec<&Assessed> = assessed.iter().filter(|x| !x.declared).collect();
     let proxy = proxies.iter().map(|x| x.found.gain).sum::<f64>() / a.problem.len() as f64;
     let by_proxy = proxy.sqrt() > PROXY;
     let significant = structured || by_proxy || !drifting.is_empty();

@@ -16,17 +16,14 @@ const ACTS: f64 = 0.02;
 pub(super) fn weigh(session: &Session, a: &Analysis, assessed: &mut [Assessed]) {
     assessed.iter_mut().for_each(Assessed::settle);
     let (part, parts) = parts(session, a);
-    let kept: Vec<usize> = assessed.iter().filter(|x| x.stands()).map(|x| x.variant).collect();
+    let kept: Vec<usize> = assessed.iter().filter(|x| x.declared).map(|x| x.variant).collect();
     let stays = energy(session, a, &kept, (&part, parts));
     let all: Vec<usize> = assessed.iter().map(|x| x.variant).collect();
     let given = a.problem.given(&all);
     let beta = a.problem.fit(&given);
     let explained = |x: &Assessed| {
-        let (at, k) = a.problem.span[x.variant];
-        let (mine, values): (Vec<usize>, Vec<f64>) =
-            given.columns.iter().zip(&beta).filter(|(c, _)| (at..at + k).contains(*c)).unzip();
         let mut own = vec![0.0; parts];
-        for (p, f) in part.iter().zip(a.problem.contribution(&mine, &values).iter()) {
+        for (p, f) in part.iter().zip(a.problem.part(&given, &beta, x.variant).iter()) {
             own[*p] += f * f;
         }
         own
@@ -37,10 +34,28 @@ pub(super) fn weigh(session: &Session, a: &Analysis, assessed: &mut [Assessed]) 
         together.iter_mut().zip(own).for_each(|(t, o)| *t += o);
     }
     for (x, own) in assessed.iter_mut().zip(&each) {
-        let beside: Vec<f64> = together.iter().zip(own).map(|(t, o)| t.max(*o)).collect();
-        x.gates.misfit = misfit(own, &beside, &stays);
+        // formulas of the servo hold to a small share: there a small effect is no misform
+        x.gates.weight = if a.problem.precise { 1.0 } else { weight(own, each.iter()) };
+        x.gates.misfit = if kept.contains(&x.variant) {
+            misfit(own, &together, &stays)
+        } else {
+            // what stays beside it, too: what it explains itself is not held against it
+            let with: Vec<usize> = kept.iter().copied().chain([x.variant]).collect();
+            let all: Vec<f64> = together.iter().zip(own).map(|(t, o)| t + o).collect();
+            misfit(own, &all, &energy(session, a, &with, (&part, parts)))
+        };
         x.settle();
     }
+}
+
+/// Share of an effect in what all explain, the mean over where it acts.
+fn weight<'a>(own: &[f64], each: impl Iterator<Item = &'a Vec<f64>>) -> f64 {
+    let mut all = vec![0.0; own.len()];
+    for e in each {
+        all.iter_mut().zip(e).for_each(|(a, v)| *a += v);
+    }
+    let shares: f64 = own.iter().zip(&all).map(|(o, a)| o * o / a.max(1e-12)).sum();
+    shares / own.iter().sum::<f64>().max(1e-12)
 }
 
 /// Programme and direction of every reading, and their number.

@@ -6,6 +6,7 @@ mod curves;
 mod handover;
 mod left;
 mod misfit;
+mod product;
 mod worth;
 
 use super::addition::Addition;
@@ -95,13 +96,14 @@ pub(super) fn conclude(
         .collect();
     tell(0.9, "forecast");
     if gated {
+        product::weigh(session, &a, &parts, &owner, &mut assessed);
         worth::keep(session, &a, &parts, &owner, &mut assessed);
     }
     let declared = |j: usize| assessed[owner[j]].declared;
     let shrink = forecast(session, &a.problem, &a.gap, &a.used, &parts, &declared, options.seed);
     let before = without_offsets(session, &a.gap, &a.used);
     let after = without_offsets(session, &minus(&a.gap, &parts.held_out, declared), &a.used);
-    let keep: Vec<usize> = assessed.iter().filter(|x| x.stands()).map(|x| x.variant).collect();
+    let keep: Vec<usize> = assessed.iter().filter(|x| x.declared).map(|x| x.variant).collect();
     let left = left_whitened(&a, &keep);
     let y: Vec<f64> = a.problem.y.iter().copied().collect();
     let total = structure(session, &a.problem, &y);
@@ -115,7 +117,7 @@ pub(super) fn conclude(
             session,
             gap: &a.gap,
             used: &a.used,
-            outlying: a.outlying.len(),
+            outlying: &a.outlying,
             lattice_um: &a.lattice_um,
             noise: &a.noise,
             rows: &a.problem.rows,

@@ -38,6 +38,13 @@ pub struct Gates {
     pub concentration: f64,
     /// What repeats and stays where it acts, as a share of what it explains; found after the gates.
     pub misfit: f64,
+    /// Its share of what is explained where it acts; found after the gates.
+    pub weight: f64,
+    /// How much it grows from the middle of another linear axis to its end, as a share of itself and surely (two standard
+    /// deviations are taken off); found after the gates.
+    pub grows: f64,
+    /// Decades of its gain per reading.
+    pub size: f64,
 }
 
 /// Least invariance.
@@ -173,9 +180,7 @@ pub fn gates(
     let (others, other_beta): (Vec<usize>, Vec<f64>) =
         given.columns.iter().zip(&beta).filter(|(c, _)| !is_mine(c)).map(|(c, b)| (*c, *b)).unzip();
     let partial = &problem.y - problem.contribution(&others, &other_beta);
-    let my_beta: Vec<f64> =
-        given.columns.iter().zip(&beta).filter(|(c, _)| is_mine(c)).map(|(_, b)| *b).collect();
-    let fit = problem.contribution(&mine, &my_beta);
+    let fit = problem.part(&given, &beta, selection.chosen[place]);
     let label = library.variants[selection.chosen[place]].label;
     let rival = ranking
         .iter()
@@ -194,6 +199,9 @@ pub fn gates(
         alone: problem.gain(&problem.given(&[]), selection.chosen[place]).0 / own.gain.max(1e-9),
         concentration: concentration(problem, &fit),
         misfit: 0.0,
+        weight: 1.0,
+        grows: 0.0,
+        size: (own.gain.max(1e-9) / problem.len().max(1) as f64).log10(),
     }
 }
 

@@ -298,6 +298,15 @@ impl Problem {
         given.factor.solve(&own)
     }
 
+    /// What one of the effects of a joint fit contributes to every row.
+    #[must_use]
+    pub fn part(&self, given: &Given, beta: &[f64], variant: usize) -> DVector<f64> {
+        let (at, k) = self.span[variant];
+        let (mine, values): (Vec<usize>, Vec<f64>) =
+            given.columns.iter().zip(beta).filter(|(c, _)| (at..at + k).contains(*c)).unzip();
+        self.contribution(&mine, &values)
+    }
+
     /// What the columns contribute to every row.
     #[must_use]
     pub fn contribution(&self, columns: &[usize], beta: &[f64]) -> DVector<f64> {

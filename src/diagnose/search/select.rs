@@ -28,6 +28,22 @@ const PRECISE_SHARE: f64 = 5e-7;
 const EFFECTS_MAX: usize = 12;
 /// Share of a straightness that its slope may have.
 const SLOPE_SHARE: f64 = 0.4;
+/// Share of a table of positions that a scale beside it may have: it is the slope of the same curve.
+const SCALE_SHARE: f64 = 1.0;
+/// Cosine between what two effects do from which they cancel each other.
+const CANCEL: f64 = -0.85;
+/// Share of the evidence of two that cancel each other with which one effect in their place is believed rather.
+const RATHER: f64 = 0.9;
+/// Names of one curve over the position of an axis: what one of them leaves, the other takes.
+const CURVES: [&str; 2] = ["positioning", "wear"];
+/// A scale is a curve over the same position, too; beside it, or it beside them, the smaller must have this share of the larger:
+/// nothing is straight to the last share.
+const STRAIGHT: &str = "scale";
+const CURVE_SHARE: f64 = 0.1;
+/// Names of what happens at a reversal of an axis, and the share of the larger that the smaller must have: how lost motion
+/// builds up and friction breaks loose is known no better.
+const REVERSALS: [&str; 2] = ["backlash", "reversal-spike"];
+const REVERSAL_SHARE: f64 = 0.03;
 /// Height of one end over the other that a straightness may have, as a share of its RMS.
 const ENDS_SHARE: f64 = 0.5;
 /// Standard deviations from which a sign is sure.
@@ -150,6 +166,8 @@ impl Selection {
 
     /// Runs the search from what is chosen.
     pub fn search(&mut self, problem: &mut Problem, library: &Library) {
+        // what came in and was merged away again
+        let mut in_vain: Vec<usize> = Vec::new();
         while self.chosen.len() < EFFECTS_MAX {
             let given = Self::given(problem, &self.chosen);
             let labels = self.labels(library);
@@ -158,7 +176,7 @@ impl Selection {
                 .iter()
                 .take_while(|f| f.evidence > self.threshold)
                 .take(TRIED)
-                .find(|f| self.may_join(problem, &given, f))
+                .find(|f| !in_vain.contains(&f.variant) && self.may_join(problem, &given, f))
                 .copied();
             let Some(next) = next else { break };
             let before = self.chosen.clone();
@@ -171,7 +189,7 @@ impl Selection {
             self.merge(problem, library);
             self.backward(problem, library);
             if self.chosen == before {
-                break;
+                in_vain.push(next.variant);
             }
         }
     }
@@ -241,7 +259,8 @@ impl Selection {
                 let now = evidence(gain, rank, grid(first)) + evidence(more, more_rank, grid(second));
                 let labels: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
                 if let Some(best) = self.ranking(problem, library, &given, &labels).first()
-                    && best.evidence > now
+                    && (best.evidence > now
+                        || best.evidence > RATHER * now && self.cancel(problem, [first, second]))
                 {
                     let variant = best.variant;
                     self.chosen = others;
@@ -250,6 +269,91 @@ impl Selection {
                 }
             }
         }
+    }
+
+    /// True where each of two chosen effects takes back what the other says.
+    fn cancel(&self, problem: &mut Problem, pair: [usize; 2]) -> bool {
+        let given = Self::given(problem, &self.chosen);
+        let beta = problem.fit(&given);
+        let [a, b] = pair.map(|v| problem.part(&given, &beta, v));
+        a.dot(&b) < CANCEL * a.norm() * b.norm()
+    }
+
+    /// Leaves one name to what is one thing with two: a table of positions and a worn place of the same axis, lost motion and
+    /// a little of a reversal spike. The other name is not looked for any more.
+    pub fn single_out(&mut self, problem: &mut Problem, library: &Library) {
+        while let Some((stays, goes)) = self.doubled(problem, library) {
+            let label = library.variants[self.chosen[goes]].label;
+            let variants = library.variants.iter().enumerate().filter(|(_, v)| v.label == label);
+            self.banned.extend(variants.map(|(v, _)| v));
+            let kept = library.variants[self.chosen[stays]].label;
+            let others = self.without(&[stays, goes]);
+            let given = Self::given(problem, &others);
+            self.chosen[stays] = self.best_of(problem, library, &given, kept, self.chosen[stays]).variant;
+            self.chosen.remove(goes);
+            self.search(problem, library);
+        }
+    }
+
+    /// The best variant of a label beside what is given, `own` or another one.
+    fn best_of(
+        &self,
+        problem: &Problem,
+        library: &Library,
+        given: &Given,
+        label: usize,
+        own: usize,
+    ) -> Found {
+        let found = |v: usize| {
+            let (gain, rank) = problem.gain(given, v);
+            Found { variant: v, gain, rank, evidence: evidence(gain, rank, self.grid[label]) }
+        };
+        library
+            .variants
+            .iter()
+            .enumerate()
+            .filter(|(v, variant)| variant.label == label && !variant.shape.has_slope() && *v != own)
+            .map(|(v, _)| found(v))
+            .fold(found(own), |best, f| if f.evidence > best.evidence { f } else { best })
+    }
+
+    /// Of a table of positions and a worn place the one that stays, first: the worn place where the table has next to nothing
+    /// to say beside it, for a table can say any worn place.
+    fn truer(&self, problem: &mut Problem, table: usize, worn: usize) -> (usize, usize) {
+        let given = Self::given(problem, &self.without(&[table, worn]));
+        let alone = problem.gain(&given, self.chosen[worn]).0;
+        let given = Self::given(problem, &self.without(&[table]));
+        let more = problem.gain(&given, self.chosen[table]).0;
+        if more < CURVE_SHARE * alone { (worn, table) } else { (table, worn) }
+    }
+
+    /// Two names for one thing: the place that stays and the place that goes.
+    fn doubled(&self, problem: &mut Problem, library: &Library) -> Option<(usize, usize)> {
+        let label = |place: usize| &library.labels[library.variants[self.chosen[place]].label];
+        for a in 0..self.chosen.len() {
+            for b in 0..self.chosen.len() {
+                if label(a).subject != label(b).subject {
+                    continue;
+                }
+                let names = [label(a).effect, label(b).effect];
+                if names == CURVES {
+                    return Some(self.truer(problem, a, b));
+                }
+                let least = match names {
+                    REVERSALS => REVERSAL_SHARE,
+                    [STRAIGHT, other] if CURVES.contains(&other) => CURVE_SHARE,
+                    _ => continue,
+                };
+                let [first, second] = [a, b].map(|place| {
+                    let given = Self::given(problem, &self.without(&[place]));
+                    problem.gain(&given, self.chosen[place]).0
+                });
+                if first.min(second) < least * first.max(second) {
+                    return Some(if first > second { (a, b) } else { (b, a) });
+                }
+            }
+        }
+        None
     }
 
     /// Takes out what no body can do, and searches on without it: a ram whose two weights pull against each other.
@@ -305,7 +409,8 @@ impl Selection {
                     let given = Self::given(problem, &self.without(&[p]));
                     problem.gain(&given, self.chosen[p]).0
                 };
-                let small = of(problem, square) <= SLOPE_SHARE * of(problem, place);
+                let share = if along == over { SCALE_SHARE } else { SLOPE_SHARE };
+                let small = of(problem, square) <= share * of(problem, place);
                 let mut wanted = shape(place).clone();
                 if let Shape::Polynomial { low, .. } = &mut wanted {
                     *low = 1;

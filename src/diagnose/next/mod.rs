@@ -1,5 +1,8 @@
 //! What to measure next: for every pair that the data cannot separate the measurement that does.
 
+mod programme;
+
+use self::programme::{Motion, Programme};
 use super::library::{Blind, page};
 use super::report::{Cause, Next, Unexplained};
 use super::session::Session;
@@ -12,7 +15,7 @@ const LISTED: usize = 8;
 /// A measurement of the catalogue.
 struct Measurement {
     action: &'static str,
-    gcode: &'static str,
+    motion: Motion,
     /// Effects whose size it changes; it separates them from those whose size it leaves.
     moves: &'static [&'static str],
 }
@@ -20,58 +23,63 @@ struct Measurement {
 const CATALOGUE: [Measurement; 10] = [
     Measurement {
         action: "repeat the circles of each plane at a second feed, three times as high, in both directions",
-        gcode: "G17 G90\nG1 X50 Y0 F1000\nG2 I-50 J0\nG3 I-50 J0\nG1 F3000\nG2 I-50 J0\nG3 I-50 J0",
+        motion: Motion::Circles,
         moves: &["inertial", "inertial-cross", "servo-mismatch", "latency", "clock-skew"],
     },
     Measurement {
         action: "measure the same points at rest, approached from both directions, with 3 s of dwell",
-        gcode: "G90 G0 X0\nG0 X50\nG4 P3\nG0 X100\nG4 P3\n(.. to the end and back)",
+        motion: Motion::Points,
         moves: &["reversal-spike", "servo-mismatch", "latency", "inertial", "inertial-cross", "clock-skew"],
     },
     Measurement {
         action: "repeat the lines cold and after an hour of warm-up, at least 3 K apart",
-        gcode: "M3 S6000\nG4 P3600\n(the same lines as before)",
+        motion: Motion::ColdAndWarm,
         moves: &["thermal-expansion", "ambient-drift", "spindle-growth", "dead-path"],
     },
     Measurement {
         action: "repeat the grid with a second tool length in the same setup",
-        gcode: "T2 M6\n(the same grid as before)",
+        motion: Motion::TwoTools,
         moves: &["angular", "spindle-tilt", "tool-length", "sag", "inertial-cross"],
     },
     Measurement {
         action: "repeat the line at a second place of the other axes",
-        gcode: "G90 G0 Y300 Z200\n(the same line as before)",
+        motion: Motion::SecondPlace,
         moves: &["angular", "inertial-cross", "squareness", "lateral-play"],
     },
     Measurement {
         action: "run a short line with steps below a tenth of the pitch, not equal",
-        gcode: "G91\nG1 X0.93 F500\nG4 P1\nG1 X1.07\nG4 P1\n(.. over three pitches)",
+        motion: Motion::FineSteps,
         moves: &["cyclic", "wear", "positioning", "quantisation"],
     },
     Measurement {
         action: "spindle on, off, on for an hour each with a probe at the tool",
-        gcode: "M3 S8000\nG4 P3600\nM5\nG4 P3600\nM3 S8000\nG4 P3600",
+        motion: Motion::Spindle,
         moves: &["spindle-growth"],
     },
     Measurement {
         action: "measure with a trigger shared by control and instrument, with a start and stop step in each file",
-        gcode: "G4 P2\nG1 X50 F2000\nG4 P2\nG1 X0\nG4 P2",
+        motion: Motion::StartAndStop,
         moves: &["clock-skew"],
     },
     Measurement {
         action: "measure a known length with a second instrument, or from a second station",
-        gcode: "(the same line, instrument moved)",
+        motion: Motion::SecondInstrument,
         moves: &["tracker-scale", "dead-path"],
     },
     Measurement {
         action: "repeat the R-test with the ball at a second radius and height, in uneven steps of the angle",
-        gcode: "G90 G0 C0\nG4 P1\nG0 C23\nG4 P2\nG0 C51\nG4 P1\n(.. once round, both ways)",
+        motion: Motion::Turn,
         moves: &["rotary-eccentricity", "rotary-location"],
     },
 ];
 
 fn name(label: &str) -> &str {
     label.split(':').next().unwrap_or(label)
+}
+
+/// Letters of the axes along which effects act or are counted: the last one of their subjects.
+fn axes(labels: &[String]) -> Vec<char> {
+    labels.iter().filter_map(|l| l.split_once(':')?.1.chars().next_back()).collect()
 }
 
 /// Measurements ranked by the information that they are expected to bring.
@@ -100,6 +108,7 @@ pub(super) fn next(
             }
         }
     }
+    let programme = Programme::of(session);
     let mut all: Vec<Next> = CATALOGUE
         .iter()
         .filter_map(|m| {
@@ -113,9 +122,9 @@ pub(super) fn next(
             separates.dedup();
             (!separates.is_empty()).then(|| Next {
                 action: m.action.to_owned(),
+                gcode: programme.text(m.motion, &axes(&separates)),
                 separates,
                 information,
-                gcode: m.gcode.to_owned(),
             })
         })
         .collect();
@@ -136,9 +145,9 @@ pub(super) fn next(
                 let information = 0.1 * ONE_OF_TWO * unseen.len() as f64;
                 all.push(Next {
                     action: m.action.to_owned(),
+                    gcode: programme.text(m.motion, &axes(&unseen)),
                     separates: unseen,
                     information,
-                    gcode: m.gcode.to_owned(),
                 });
             }
         }
@@ -146,8 +155,8 @@ pub(super) fn next(
     for c in causes.iter().filter(|c| c.declared && !c.confounded_with.is_empty()) {
         let settled = all.iter().any(|n| n.separates.contains(&c.label()));
         if let (false, Some(p)) = (settled, page(&c.effect)) {
-            let separates = [c.label()].into_iter().chain(c.confounded_with.clone()).collect();
-            let gcode = "(see volcomp diagnose --list-effects)".to_owned();
+            let separates: Vec<String> = [c.label()].into_iter().chain(c.confounded_with.clone()).collect();
+            let gcode = programme.text(Motion::Points, &axes(&separates));
             all.push(Next { action: p.settles.to_owned(), separates, information: ONE_OF_TWO, gcode });
         }
     }

@@ -1,0 +1,98 @@
+//! The product of an effect with the position of another axis: a cause is the same wherever the other axes stand, a part of
+//! something that acts through two axes at once grows along the other one.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::super::Analysis;
+use super::super::assess::Assessed;
+use super::super::forecast::Contributions;
+use super::super::moment::Axis;
+use super::super::session::Session;
+
+/// Shortest way of the other axis that says anything, mm.
+const WAY_MM: f64 = 1.0;
+/// Standard deviations that are taken off before an effect is said to grow.
+const SURE: f64 = 2.0;
+/// Added to the products of columns, as a share of their size.
+const RIDGE: f64 = 1e-9;
+
+/// Finds how much each effect grows along the other linear axes; `owner` is the effect of each column.
+pub(super) fn weigh(
+    session: &Session,
+    a: &Analysis,
+    parts: &Contributions,
+    owner: &[usize],
+    assessed: &mut [Assessed],
+) {
+    let fit = Fit::new(a);
+    for (place, x) in assessed.iter_mut().enumerate() {
+        let over = a.library.variants[x.variant].shape.over();
+        let mut most = None;
+        for axis in Axis::ALL.into_iter().filter(|axis| axis.is_linear() && Some(*axis) != over) {
+            let Some((middle, half)) = travel(session, a, axis) else { continue };
+            let mut product: Vec<f64> = (0..session.readings.len())
+                .map(|i| {
+                    let own: f64 =
+                        (0..owner.len()).filter(|j| owner[*j] == place).map(|j| parts.in_sample[j][i]).sum();
+                    own * (session.moments[i].position[axis.slot()] - middle) / half
+                })
+                .collect();
+            product = a.filter.order().iter().map(|i| product[*i]).collect();
+            a.filter.apply(&mut product, 1);
+            let grows = fit.share(&DVector::from_vec(product));
+            if grows > x.gates.grows {
+                (x.gates.grows, most) = (grows, Some(axis));
+            }
+        }
+        // what is no function of a position has a gate of its own for that
+        if let (Some(along), true) = (most, over.is_some_and(Axis::is_linear)) {
+            x.reject_growing(&along.to_string());
+        }
+        x.settle();
+    }
+}
+
+/// Middle and half of the way of an axis over the readings, mm.
+fn travel(session: &Session, a: &Analysis, axis: Axis) -> Option<(f64, f64)> {
+    let positions = a.problem.rows.iter().map(|i| session.moments[*i].position[axis.slot()]);
+    let (low, high) = positions.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+    (high - low > WAY_MM).then(|| (0.5 * (high + low), 0.5 * (high - low)))
+}
+
+/// The columns chosen, ready for one more.
+struct Fit {
+    columns: DMatrix<f64>,
+    factor: Option<nalgebra::Cholesky<f64, nalgebra::Dyn>>,
+    left: DVector<f64>,
+    /// Variance of what is left, at least that of the noise.
+    variance: f64,
+}
+
+impl Fit {
+    fn new(a: &Analysis) -> Self {
+        let given = a.problem.given(&a.selection.chosen);
+        let beta = a.problem.fit(&given);
+        let left = &a.problem.y - a.problem.contribution(&given.columns, &beta);
+        let columns: Vec<DVector<f64>> =
+            given.columns.iter().map(|c| a.problem.contribution(&[*c], &[1.0])).collect();
+        let columns =
+            if columns.is_empty() { DMatrix::zeros(left.len(), 0) } else { DMatrix::from_columns(&columns) };
+        let gram = columns.tr_mul(&columns);
+        let ridge = DMatrix::from_diagonal(&gram.diagonal().map(|d| RIDGE * d + 1e-12));
+        let variance = (left.norm_squared() / left.len().max(1) as f64).max(1.0);
+        Self { columns, factor: (gram + ridge).cholesky(), left, variance }
+    }
+
+    /// The value of one more column, drawn towards zero by what it is not sure of.
+    fn share(&self, column: &DVector<f64>) -> f64 {
+        let Some(factor) = &self.factor else { return 0.0 };
+        let known = factor.solve(&self.columns.tr_mul(column));
+        let own = column - &self.columns * known;
+        let size = own.norm_squared();
+        if size < 1e-6 * column.norm_squared() || size <= 0.0 {
+            return 0.0;
+        }
+        let std = (self.variance / size).sqrt();
+        ((own.dot(&self.left) / size).abs() - SURE * std).max(0.0)
+    }
+}
