@@ -55,7 +55,6 @@ pub struct Entry {
     pub shape: Shape,
 }
 
-/// An effect that cannot be evaluated.
 /// An addition beside the model of another machine.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error(
@@ -66,6 +65,7 @@ pub struct Foreign {
     expected: String,
 }
 
+/// An effect that cannot be evaluated.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum AdditionError {
     /// Not this format.

@@ -170,7 +170,10 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
     let same: Vec<Label> = largest
         .iter()
         .enumerate()
-        .filter(|(l, gain)| *l != label && **gain >= SAME * own.gain - 4.0 && **gain > 0.5 * own.gain)
+        .filter(|(l, gain)| {
+            let is_same = **gain >= SAME * own.gain - 4.0 && **gain > 0.5 * own.gain;
+            *l != label && (is_same || selection.one_curve.contains(&(label, *l)))
+        })
         .map(|(l, _)| library.labels[l].clone())
         .collect();
     let temper = 2.0 * (1.0 + CALIBRATION.temper * own.gain);

@@ -138,8 +138,14 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
         let threshold =
             if is_plain { 0.0 } else { search::threshold(&problem, &library, &grid, options.seed) };
         tell(0.2 + 0.25 * round as f64, "search for causes");
-        let mut selection =
-            Selection { chosen: Vec::new(), threshold, grid: grid.clone(), is_plain, banned: Vec::new() };
+        let mut selection = Selection {
+            chosen: Vec::new(),
+            threshold,
+            grid: grid.clone(),
+            is_plain,
+            banned: Vec::new(),
+            one_curve: Vec::new(),
+        };
         selection.search(&mut problem, &library);
         if !is_plain {
             selection.single_out(&mut problem, &library);

@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use super::library::{Kind, Label, Without};
-use super::noise::{ClassNoise, pair_residuals, range_noise, tails, tone};
+use super::noise::{ClassNoise, angle_noise, pair_residuals, range_noise, tails, tone};
 use super::report::{Cause, Value};
 use super::session::Session;
 
@@ -28,6 +28,8 @@ const AMPLITUDE: f64 = 0.2;
 const AMPLITUDE_STEPS: f64 = 0.5;
 /// Standard deviations by which noise must grow with the range, and the least power.
 const GROWTH: (f64, f64) = (6.0, 0.2);
+/// Evidence from which the noise of a tracker's angles is a cause: seven standard deviations and some, for heavy tails.
+const ANGLE_EVIDENCE: f64 = 30.0;
 
 /// What the tests look at.
 pub(super) struct Evidence<'a> {
@@ -122,11 +124,15 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
         ));
     }
     let residuals = pair_residuals(e.session, e.gap, e.used);
-    if let Some(r) = range_noise(e.session, &residuals)
-        && r.exponent > GROWTH.1
-        && r.exponent > GROWTH.0 * r.std
-    {
-        found.push(cause("range-noise", 0.9, &[("exponent_1", r.exponent, r.std)]));
+    let by_range = range_noise(e.session, &residuals)
+        .filter(|r| r.exponent > GROWTH.1 && r.exponent > GROWTH.0 * r.std)
+        .map(|r| ("exponent_1", r.exponent, r.std));
+    let by_angle = || {
+        let a = angle_noise(e.session, &residuals).filter(|a| a.evidence > ANGLE_EVIDENCE)?;
+        Some(("across_um_per_m", a.um_per_m, a.um_per_m / (2.0 * a.evidence).sqrt()))
+    };
+    if let Some(parameter) = by_range.or_else(by_angle) {
+        found.push(cause("range-noise", 0.9, &[parameter]));
     }
     found.retain(|c| {
         super::library::page(&c.effect)

@@ -5,6 +5,7 @@ use std::io::{BufRead, BufReader, Write};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
 use std::process::{Child, Command, Stdio};
+use std::sync::OnceLock;
 use std::time::{Duration, Instant};
 
 use tempfile::TempDir;
@@ -93,11 +94,11 @@ pub(crate) struct Cnc {
 }
 
 impl Cnc {
-    /// Builds bridge and plant, starts LinuxCNC and homes it. `adapt` may change any file of the machine first.
+    /// Starts LinuxCNC with bridge and plant, and homes it. `adapt` may change any file of the machine first.
     pub(crate) fn start(wiring: Wiring, adapt: impl FnOnce(&Path)) -> Self {
         let dir = tempfile::tempdir().expect("directory");
         let machine = dir.path().join("sim");
-        build(dir.path());
+        install(dir.path());
         adapt(&machine);
         run("chmod", &["-R", "a+rwX", &text(dir.path())]);
         let log = fs::File::create(dir.path().join("linuxcnc.log")).expect("log");
@@ -261,15 +262,31 @@ fn hurry(program: &str) {
     }
 }
 
-/// The adapter as its README says, the plant beside LinuxCNC's own modules.
-fn build(dir: &Path) {
-    let adapter = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("adapters/linuxcnc");
-    run("cp", &["-r", &format!("{}/.", text(&adapter)), &text(dir)]);
-    let source = fs::read_to_string(adapter.join("README.md")).expect("README");
-    let line =
-        source.lines().find(|l| l.trim_start().starts_with("gcc ")).expect("README has the build line");
-    run("sh", &["-c", &format!("cd '{}' && {line} -Werror", text(dir))]);
-    run("sh", &["-c", &format!("cd '{}' && halcompile --compile sim/volcomp_plant.comp", text(dir))]);
+/// Names the folder with what [`compile`] made, inside the namespaces.
+pub(crate) const COMPILED: &str = "VOLCOMP_LINUXCNC_COMPILED";
+
+/// The adapter compiled as its README says, and the plant; once for all tests.
+pub(crate) fn compile() -> &'static Path {
+    static COMPILED: OnceLock<PathBuf> = OnceLock::new();
+    COMPILED.get_or_init(|| {
+        let dir = Path::new(env!("CARGO_TARGET_TMPDIR")).join("linuxcnc");
+        let _ = fs::remove_dir_all(&dir);
+        fs::create_dir_all(&dir).expect("directory");
+        let adapter = PathBuf::from(env!("CARGO_MANIFEST_DIR")).join("adapters/linuxcnc");
+        run("cp", &["-r", &format!("{}/.", text(&adapter)), &text(&dir)]);
+        let source = fs::read_to_string(adapter.join("README.md")).expect("README");
+        let line =
+            source.lines().find(|l| l.trim_start().starts_with("gcc ")).expect("README has the build line");
+        run("sh", &["-c", &format!("cd '{}' && {line} -Werror", text(&dir))]);
+        run("sh", &["-c", &format!("cd '{}' && halcompile --compile sim/volcomp_plant.comp", text(&dir))]);
+        dir
+    })
+}
+
+/// Puts a copy of what was compiled into `dir`, the plant beside LinuxCNC's own modules.
+fn install(dir: &Path) {
+    let compiled = std::env::var(COMPILED).expect("named by the test that started this one");
+    run("cp", &["-r", &format!("{compiled}/."), &text(dir)]);
     // a private copy of the modules: nothing is installed outside this namespace
     let modules = dir.join("modules");
     run("cp", &["-r", MODULES, &text(&modules)]);

@@ -6,6 +6,7 @@ use std::process::{Command, Stdio};
 use std::sync::{Mutex, PoisonError};
 use std::time::Duration;
 
+use crate::control::{COMPILED, compile};
 use crate::stalls::Stalls;
 
 /// Set inside the namespaces.
@@ -58,6 +59,7 @@ pub(crate) fn in_namespaces(test: &str, body: impl FnOnce()) {
             .arg(std::env::current_exe().expect("this test's own path"))
             .args(["--exact", test, "--nocapture", "--include-ignored"])
             .env(INSIDE, "1")
+            .env(COMPILED, compile())
             .status()
             .expect("unshare runs");
         if status.success() {

@@ -377,14 +377,14 @@ impl Shape {
             }
             Self::DeadPath { signal, station } => {
                 let dt = value(signal) - REFERENCE_DEGC;
-                let own = beam(m);
+                let own = line_of_sight(m);
                 let counts = m.optical && station.is_none_or(|wanted| own.is_some() == wanted);
                 let line = if counts { own.unwrap_or(m.u) } else { Vec3::zeros() };
                 put(out, 0, line * (dt * m.range_mm * 1e-3));
                 put(out, 1, line * dt);
             }
             Self::TrackerScale { signal } => {
-                let r = beam(m).unwrap_or_else(Vec3::zeros);
+                let r = line_of_sight(m).unwrap_or_else(Vec3::zeros);
                 let dt = signal.as_ref().map_or(1.0, |s| value(s) - REFERENCE_DEGC);
                 put(out, 0, r * (m.range_mm * 1e-3 * dt));
             }
@@ -513,7 +513,8 @@ impl Shape {
 }
 
 /// The unit vector from station to target, where an instrument has a station.
-fn beam(m: &Moment) -> Option<Vec3> {
+#[must_use]
+pub fn line_of_sight(m: &Moment) -> Option<Vec3> {
     let tip = Vec3::new(m.position[0], m.position[1], m.position[2]);
     let line = tip - m.station_mm;
     let length = line.norm();

@@ -6,6 +6,7 @@ mod filter;
 mod lattice;
 mod outliers;
 mod random;
+mod range;
 mod space;
 mod tones;
 
@@ -14,8 +15,9 @@ pub use filter::{ClassNoise, Filter};
 pub use lattice::lattices;
 pub use outliers::{Tails, outliers, tails};
 pub use random::Random;
+pub use range::{AngleNoise, RangeNoise, angle_noise, range_noise};
 pub use space::neighbours;
-pub use tones::{RangeNoise, Tone, range_noise, tone};
+pub use tones::{Tone, tone};
 
 /// Factor between the median of absolute deviations and the standard deviation of a normal distribution.
 pub const MAD: f64 = 1.482_602_218_505_602;

@@ -35,7 +35,7 @@ pub(super) fn weigh(session: &Session, a: &Analysis, assessed: &mut [Assessed]) 
     }
     for (x, own) in assessed.iter_mut().zip(&each) {
         // formulas of the servo hold to a small share: there a small effect is no misform
-        x.gates.weight = if a.problem.precise { 1.0 } else { weight(own, each.iter()) };
+        x.gates.weight = if a.problem.precise { 1.0 } else { weight(own, &together) };
         x.gates.misfit = if kept.contains(&x.variant) {
             misfit(own, &together, &stays)
         } else {
@@ -48,13 +48,9 @@ pub(super) fn weigh(session: &Session, a: &Analysis, assessed: &mut [Assessed]) 
     }
 }
 
-/// Share of an effect in what all explain, the mean over where it acts.
-fn weight<'a>(own: &[f64], each: impl Iterator<Item = &'a Vec<f64>>) -> f64 {
-    let mut all = vec![0.0; own.len()];
-    for e in each {
-        all.iter_mut().zip(e).for_each(|(a, v)| *a += v);
-    }
-    let shares: f64 = own.iter().zip(&all).map(|(o, a)| o * o / a.max(1e-12)).sum();
+/// Share of an effect in what is explained `together`, and by itself where it is not among these; the mean over where it acts.
+fn weight(own: &[f64], together: &[f64]) -> f64 {
+    let shares: f64 = own.iter().zip(together).map(|(o, t)| o * o / t.max(*o).max(1e-12)).sum();
     shares / own.iter().sum::<f64>().max(1e-12)
 }
 

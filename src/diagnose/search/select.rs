@@ -26,6 +26,8 @@ const CELL_SHARE: f64 = 0.015;
 const PRECISE_SHARE: f64 = 5e-7;
 /// Most effects.
 const EFFECTS_MAX: usize = 12;
+/// Most steps of a search.
+const STEPS_MAX: usize = 40;
 /// Share of a straightness that its slope may have.
 const SLOPE_SHARE: f64 = 0.4;
 /// Share of a table of positions that a scale beside it may have: it is the slope of the same curve.
@@ -74,8 +76,10 @@ pub struct Selection {
     pub grid: Vec<usize>,
     /// Forward steps only: to show what the others are good for.
     pub is_plain: bool,
-    /// Variants that came out as no body can behave.
+    /// Variants that came out as no body can behave, or as the second name of something.
     pub banned: Vec<usize>,
+    /// Labels of one curve that needed two names, the one that stayed first.
+    pub one_curve: Vec<(usize, usize)>,
 }
 
 /// The evidence that the library finds in pure noise.
@@ -166,9 +170,12 @@ impl Selection {
 
     /// Runs the search from what is chosen.
     pub fn search(&mut self, problem: &mut Problem, library: &Library) {
-        // what came in and was merged away again
-        let mut in_vain: Vec<usize> = Vec::new();
-        while self.chosen.len() < EFFECTS_MAX {
+        // what led back to where the search has been: one effect in the place of two may say less than both
+        let (mut in_vain, mut seen): (Vec<usize>, Vec<Vec<usize>>) = (Vec::new(), vec![self.state()]);
+        for _ in 0..STEPS_MAX {
+            if self.chosen.len() >= EFFECTS_MAX {
+                break;
+            }
             let given = Self::given(problem, &self.chosen);
             let labels = self.labels(library);
             let ranking = self.ranking(problem, library, &given, &labels);
@@ -179,7 +186,6 @@ impl Selection {
                 .find(|f| !in_vain.contains(&f.variant) && self.may_join(problem, &given, f))
                 .copied();
             let Some(next) = next else { break };
-            let before = self.chosen.clone();
             self.chosen.push(next.variant);
             if self.is_plain {
                 problem.prepare(next.variant);
@@ -188,10 +194,20 @@ impl Selection {
             self.swap(problem, library);
             self.merge(problem, library);
             self.backward(problem, library);
-            if self.chosen == before {
+            let state = self.state();
+            if seen.contains(&state) {
                 in_vain.push(next.variant);
+            } else {
+                seen.push(state);
             }
         }
+    }
+
+    /// The chosen variants in no order of choice.
+    fn state(&self) -> Vec<usize> {
+        let mut state = self.chosen.clone();
+        state.sort_unstable();
+        state
     }
 
     /// A further effect must matter where it acts, or it is the misfit of a larger one.
@@ -287,6 +303,9 @@ impl Selection {
             let variants = library.variants.iter().enumerate().filter(|(_, v)| v.label == label);
             self.banned.extend(variants.map(|(v, _)| v));
             let kept = library.variants[self.chosen[stays]].label;
+            if [kept, label].iter().all(|l| CURVES.contains(&library.labels[*l].effect)) {
+                self.one_curve.push((kept, label));
+            }
             let others = self.without(&[stays, goes]);
             let given = Self::given(problem, &others);
             self.chosen[stays] = self.best_of(problem, library, &given, kept, self.chosen[stays]).variant;

@@ -1,0 +1,164 @@
+//! Noise that grows with the distance: of an instrument that measures angles.
+
+use super::super::library::line_of_sight;
+use super::super::session::Session;
+
+/// Noise that grows with the distance.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RangeNoise {
+    /// The instrument class.
+    pub instrument: usize,
+    /// The noise goes with this power of the range.
+    pub exponent: f64,
+    /// Its standard deviation.
+    pub std: f64,
+}
+
+/// Growth of the scatter with the range, from the logarithms of what differs between repeats.
+#[must_use]
+pub fn range_noise(session: &Session, residuals: &[f64]) -> Option<RangeNoise> {
+    let mut found: Option<RangeNoise> = None;
+    for class in 0..session.instruments.len() {
+        let points: Vec<(f64, f64)> = (0..residuals.len())
+            .filter(|i| session.readings[*i].instrument == class && residuals[*i].is_finite())
+            .filter(|i| session.moments[*i].range_mm > 0.0)
+            .map(|i| (session.moments[i].range_mm.ln(), (residuals[i].abs() + 1e-9).ln()))
+            .collect();
+        let n = points.len() as f64;
+        if n < 60.0 {
+            continue;
+        }
+        let (mx, my) =
+            (points.iter().map(|p| p.0).sum::<f64>() / n, points.iter().map(|p| p.1).sum::<f64>() / n);
+        let sxx: f64 = points.iter().map(|p| (p.0 - mx).powi(2)).sum();
+        let sxy: f64 = points.iter().map(|p| (p.0 - mx) * (p.1 - my)).sum();
+        if sxx < 1e-2 * n {
+            continue;
+        }
+        let exponent = sxy / sxx;
+        let left: f64 = points.iter().map(|p| (p.1 - my - exponent * (p.0 - mx)).powi(2)).sum();
+        // partners in repeats are not independent: half of them count
+        let std = (2.0 * left / (n - 2.0) / sxx).sqrt();
+        if found.as_ref().is_none_or(|f| exponent / std > f.exponent / f.std) {
+            found = Some(RangeNoise { instrument: class, exponent, std });
+        }
+    }
+    found
+}
+
+/// Noise across the line of sight that goes with the distance: that of the angles of a tracker.
+#[derive(Debug, Clone, PartialEq)]
+pub struct AngleNoise {
+    /// The instrument class.
+    pub instrument: usize,
+    /// Standard deviation across the line of sight per distance, um/m.
+    pub um_per_m: f64,
+    /// Twice the logarithm of the likelihood against noise that is the same in all directions.
+    pub evidence: f64,
+}
+
+/// Fewest readings.
+const READINGS: usize = 60;
+/// Least share of the variance that the angles must have.
+const SHARE: f64 = 0.3;
+/// What a direction may explain better by a noise of its own, in units of `AngleNoise::evidence`: then it is no line of sight.
+const DIRECTIONS: f64 = 0.5;
+/// Largest residual, as a multiple of the scatter: heavy tails say little of a direction.
+const CLIP: f64 = 4.0;
+
+/// What differs between repeats, by the angle to the line of sight and the distance.
+#[must_use]
+pub fn angle_noise(session: &Session, residuals: &[f64]) -> Option<AngleNoise> {
+    (0..session.instruments.len())
+        .filter_map(|class| {
+            let rows: Vec<(usize, f64)> = (0..residuals.len())
+                .filter(|i| session.readings[*i].instrument == class && residuals[*i].is_finite())
+                .filter_map(|i| {
+                    let m = &session.moments[i];
+                    let (range_mm, beam) = (m.range_mm, line_of_sight(m)?);
+                    let across = (1.0 - m.u.dot(&beam).powi(2)).max(0.0);
+                    (range_mm > 0.0).then_some((i, across * (1e-3 * range_mm).powi(2)))
+                })
+                .collect();
+            if rows.len() < READINGS {
+                return None;
+            }
+            let all: Vec<(f64, f64)> = rows.iter().map(|(i, q)| (residuals[*i].powi(2), *q)).collect();
+            let axes: Vec<usize> = rows.iter().map(|(i, _)| session.moments[*i].u.iamax()).collect();
+            of_class(&all, &axes).map(|(um_per_m, evidence)| AngleNoise {
+                instrument: class,
+                um_per_m,
+                evidence,
+            })
+        })
+        .max_by(|a, b| a.evidence.total_cmp(&b.evidence))
+}
+
+/// Noise per distance and its evidence from squares of residuals and squares of distances across; `axes` are the directions.
+fn of_class(rows: &[(f64, f64)], axes: &[usize]) -> Option<(f64, f64)> {
+    let n = rows.len() as f64;
+    let mean = rows.iter().map(|r| r.0).sum::<f64>() / n;
+    let most = CLIP * CLIP * mean;
+    let squares: Vec<f64> = rows.iter().map(|r| r.0.min(most)).collect();
+    let far = rows.iter().map(|r| r.1).sum::<f64>() / n;
+    if far <= 0.0 || mean <= 0.0 {
+        return None;
+    }
+    // variance = size times (1 - share + share q / mean of q); partners in repeats are not independent: half of them count
+    let likelihood = |shape: &dyn Fn(usize) -> f64| {
+        let size = squares.iter().enumerate().map(|(k, s)| s / shape(k)).sum::<f64>() / n;
+        -0.5 * (n * size.max(1e-300).ln() + (0..rows.len()).map(|k| shape(k).ln()).sum::<f64>())
+    };
+    let even = likelihood(&|_| 1.0);
+    let (share, best) = (1..=50)
+        .map(|k| f64::from(k) / 50.0 * 0.999)
+        .map(|share| (share, likelihood(&|k| 1.0 - share + share * rows[k].1 / far)))
+        .max_by(|a, b| a.1.total_cmp(&b.1))?;
+    let own: Vec<f64> = (0..3)
+        .map(|axis| {
+            let of: Vec<f64> =
+                squares.iter().zip(axes).filter(|(_, a)| **a == axis).map(|(s, _)| *s).collect();
+            (of.iter().sum::<f64>() / of.len().max(1) as f64).max(1e-9 * mean)
+        })
+        .collect();
+    let by_axis = likelihood(&|k| own[axes[k]]);
+    let evidence = best - even;
+    let is_a_direction = by_axis - best > DIRECTIONS * evidence;
+    (share >= SHARE && !is_a_direction).then(|| ((mean * share / far).sqrt(), evidence))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::Random;
+    use super::of_class;
+
+    /// Readings along three axes at three distances from a station; noise of the angles per metre, of the length, of one axis.
+    fn readings(angles: f64, length: f64, one_axis: f64) -> (Vec<(f64, f64)>, Vec<usize>) {
+        let mut random = Random::new(3);
+        let across = [0.3, 0.7, 0.98];
+        (0..600)
+            .map(|i| {
+                let (axis, range_m) = (i % 3, 1.8 + 0.2 * f64::from((i / 3) as u32 % 3));
+                let q = across[axis] * range_m * range_m;
+                let own = if axis == 2 { one_axis } else { 0.0 };
+                let std = (angles * angles * q + length * length + own * own).sqrt();
+                (((std * random.normal()).powi(2), q), axis)
+            })
+            .unzip()
+    }
+
+    #[test]
+    fn noise_of_angles_is_found_with_its_size() {
+        let (rows, axes) = readings(5.0, 1.0, 0.0);
+        let (um_per_m, evidence) = of_class(&rows, &axes).unwrap();
+        assert!((um_per_m - 5.0).abs() < 0.5 && evidence > 40.0, "{um_per_m} {evidence}");
+    }
+
+    #[test]
+    fn noise_of_the_length_and_of_one_axis_is_none() {
+        let (rows, axes) = readings(0.0, 2.0, 0.0);
+        assert!(of_class(&rows, &axes).is_none_or(|(_, evidence)| evidence < 10.0));
+        let (rows, axes) = readings(0.0, 1.0, 4.0);
+        assert_eq!(of_class(&rows, &axes), None);
+    }
+}
