@@ -179,6 +179,8 @@ pub struct Tests {
     pub weight: f64,
     /// How much it surely grows from the middle of another axis to its end, as a share of itself.
     pub grows: f64,
+    /// Decades of its gain per reading.
+    pub size: f64,
     /// Its share among the effects that explain nearly as much.
     pub share: f64,
 }

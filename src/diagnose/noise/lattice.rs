@@ -63,7 +63,8 @@ fn fit(levels: &[f64], guess: f64) -> Option<f64> {
         let k = ((v - origin) / step).round();
         (v - origin - k * step).abs() <= DECIMALS_UM
     });
-    on.then_some(step)
+    // sharper than the guess, not another one
+    (on && (step - guess).abs() <= 2.0 * DECIMALS_UM).then_some(step)
 }
 
 #[cfg(test)]

@@ -129,6 +129,6 @@ mod tests {
         assert_eq!(said_again(&delay, &[x.clone(), other.clone(), y.clone()]), [0, 2]);
         assert!(said_again(&delay, &[x.clone(), other.clone()]).is_empty());
         // one lag as a common delay less the other lag: only the sum says it
-        assert_eq!(said_again(&[x.clone()], &[other, &x + &y, -y]), [1, 2]);
+        assert_eq!(said_again(std::slice::from_ref(&x), &[other, &x + &y, -y]), [1, 2]);
     }
 }

@@ -125,6 +125,7 @@ fn tests(x: &Assessed, a: &Analysis) -> Tests {
         misfit: x.gates.misfit,
         weight: x.gates.weight,
         grows: x.gates.grows,
+        size: x.gates.size,
         share: x.share,
     }
 }

@@ -56,7 +56,7 @@ pub(super) fn weigh(
 fn travel(session: &Session, a: &Analysis, axis: Axis) -> Option<(f64, f64)> {
     let positions = a.problem.rows.iter().map(|i| session.moments[*i].position[axis.slot()]);
     let (low, high) = positions.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-    (high - low > WAY_MM).then(|| (0.5 * (high + low), 0.5 * (high - low)))
+    (high - low > WAY_MM).then_some((0.5 * (high + low), 0.5 * (high - low)))
 }
 
 /// The columns chosen, ready for one more.
