@@ -93,6 +93,7 @@ fn what_was_found_is_taken_out_of_the_machine_as_far_as_the_report_said() {
     for effect in ["backlash", "scale", "squareness"] {
         assert!(declared.iter().any(|d| d.starts_with(effect)), "{effect} among {declared:?}");
     }
+    assert_eq!(declared.len(), 3, "{declared:?}");
     let add = ["--add", "gap/addition.toml", "--out", "better.toml"];
     let said =
         run(dir, &[&["volcomp", "model", "extend", "--model", "monday/model.toml"][..], &add].concat());
@@ -110,7 +111,8 @@ fn what_was_found_is_taken_out_of_the_machine_as_far_as_the_report_said() {
     assert!(left < 0.5 * gap, "{left} um of {gap}");
 }
 
-/// What is to be measured next can be run: every programme is G-code that a control takes, inside the travel.
+/// What is to be measured next can be run: every programme is G-code that a control takes, on a machine that goes no further
+/// than the circles went.
 #[test]
 fn programmes_of_the_next_measurement_run_on_the_simulated_control() {
     let dir = tempfile::tempdir().unwrap();
@@ -125,7 +127,7 @@ fn programmes_of_the_next_measurement_run_on_the_simulated_control() {
     let report = diagnose(dir, "monday", "gap");
     let next = report["next_measurement"].as_array().unwrap();
     assert!(!next.is_empty(), "{:#}", report["causes"]);
-    let axes = MachineAxes::three_axis([-1.0, 501.0], [-1.0, 401.0], [-1.0, 451.0]).unwrap();
+    let axes = MachineAxes::three_axis([129.9, 370.1], [79.9, 320.1], [99.9, 340.1]).unwrap();
     let mut moves = 0;
     for n in next {
         let text = n["gcode"].as_str().unwrap();

@@ -105,18 +105,20 @@ pub fn assess(problem: &mut Problem, library: &Library, selection: &Selection) -
     }
     let mut all: Vec<Assessed> =
         (0..selection.chosen.len()).map(|place| assess_one(problem, library, selection, place)).collect();
-    let overshadowed: Vec<bool> = all.iter().map(|x| is_overshadowed(library, &all, x)).collect();
-    for (x, _) in all.iter_mut().zip(overshadowed).filter(|(_, o)| *o) {
-        x.declared = false;
-        x.remark = "something larger that no effect fits acts in the same direction".to_owned();
-        x.probability *= UNSURE;
-        x.group_probability *= UNSURE;
-    }
+    overshadow(library, &mut all);
     all
 }
 
+/// Takes back what lives on the misfit of something larger that failed a gate.
+pub fn overshadow(library: &Library, all: &mut [Assessed]) {
+    let overshadowed: Vec<bool> = all.iter().map(|x| is_overshadowed(library, all, x)).collect();
+    for (x, _) in all.iter_mut().zip(overshadowed).filter(|(_, o)| *o) {
+        x.doubt("something larger that no effect fits acts in the same direction".to_owned());
+    }
+}
+
 /// What is left of a probability where a gate says no.
-pub const UNSURE: f64 = 0.1;
+const UNSURE: f64 = 0.1;
 
 /// True where effects that failed a gate explain more than this one, in its own direction: it then lives on their misfit.
 fn is_overshadowed(library: &Library, all: &[Assessed], x: &Assessed) -> bool {
@@ -286,6 +288,15 @@ fn logistic(g: &Gates) -> f64 {
 }
 
 impl Assessed {
+    /// Takes back what was declared.
+    pub fn doubt(&mut self, why: String) {
+        self.declared = false;
+        self.remark = why;
+        self.probability *= UNSURE;
+        self.group_probability *= UNSURE;
+        self.alternatives.iter_mut().for_each(|(_, p)| *p *= UNSURE);
+    }
+
     /// The position of another axis changes it, as [`Gates::grows`] says: what is a function of one axis alone is not at work.
     pub fn reject_growing(&mut self, along: &str) {
         if self.gates.grows > GROWS && self.remark.is_empty() {

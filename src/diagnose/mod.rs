@@ -165,6 +165,8 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
             selection.absorb(&mut problem, &library);
         }
         round += 1;
+        // what was refined has new columns
+        selection.chosen.iter().for_each(|v| problem.prepare(*v));
         let next = {
             let left = remainder(session, &problem, &library, &selection, &gap);
             steady(noise::from_remainder(session, &left, &used, &class_noise))

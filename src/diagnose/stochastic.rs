@@ -28,7 +28,7 @@ const AMPLITUDE: f64 = 0.2;
 const AMPLITUDE_STEPS: f64 = 0.5;
 /// Standard deviations by which noise must grow with the range, and the least power.
 const GROWTH: (f64, f64) = (6.0, 0.2);
-/// Evidence from which the noise of a tracker's angles is a cause: seven standard deviations and some, for heavy tails.
+/// Evidence from which the noise of a tracker's angles is a cause: five standard deviations and a half.
 const ANGLE_EVIDENCE: f64 = 30.0;
 
 /// What the tests look at.
@@ -44,6 +44,14 @@ pub(super) struct Evidence<'a> {
     pub(super) rows: &'a [usize],
     pub(super) left: &'a [f64],
     pub(super) rms_um: f64,
+}
+
+impl Evidence<'_> {
+    /// False where an instrument always reads the same: that shows no step.
+    fn varies(&self, class: usize) -> bool {
+        let mut of = self.session.readings.iter().filter(|r| r.instrument == class).map(|r| r.deviation_um);
+        of.next().is_some_and(|first| of.any(|v| (v - first).abs() > 1e-9))
+    }
 }
 
 fn cause(effect: &'static str, probability: f64, parameters: &[(&str, f64, f64)]) -> Cause {
@@ -102,7 +110,11 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
     }
     for (class, step) in e.lattice_um.iter().enumerate() {
         let own = step / 12f64.sqrt();
-        if *step >= STEP.0 && *step >= STEP.1 * e.rms_um && own >= ROUNDING * e.noise[class].white_um {
+        if e.varies(class)
+            && *step >= STEP.0
+            && *step >= STEP.1 * e.rms_um
+            && own >= ROUNDING * e.noise[class].white_um
+        {
             found.push(cause("quantisation", 0.95, &[("step_um", *step, 0.0)]));
             break;
         }
@@ -129,7 +141,7 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
         .map(|r| ("exponent_1", r.exponent, r.std));
     let by_angle = || {
         let a = angle_noise(e.session, &residuals).filter(|a| a.evidence > ANGLE_EVIDENCE)?;
-        Some(("across_um_per_m", a.um_per_m, a.um_per_m / (2.0 * a.evidence).sqrt()))
+        Some(("across_um_per_m", a.um_per_m, 0.5 * a.um_per_m / a.evidence.sqrt()))
     };
     if let Some(parameter) = by_range.or_else(by_angle) {
         found.push(cause("range-noise", 0.9, &[parameter]));

@@ -31,7 +31,7 @@ const UNSHARE: [&str; 7] = ["--fork", "--pid", "--kill-child", "--ipc", "--net",
 
 /// A host that takes a processor away for so long disturbs a servo thread of 1 ms, its bridge and volcompd: a test that fails
 /// meanwhile has judged the host and is run again. One that fails without is a failure at once.
-const DISTURBED: Duration = Duration::from_millis(5);
+pub(crate) const DISTURBED: Duration = Duration::from_millis(5);
 const ATTEMPTS: u32 = 6;
 
 /// One machine at a time: two would take each other's processor.
@@ -52,6 +52,7 @@ pub(crate) fn in_namespaces(test: &str, body: impl FnOnce()) {
         return;
     }
     let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
+    let compiled = compile();
     for attempt in 1.. {
         let stalls = Stalls::watch();
         let status = Command::new("unshare")
@@ -59,7 +60,7 @@ pub(crate) fn in_namespaces(test: &str, body: impl FnOnce()) {
             .arg(std::env::current_exe().expect("this test's own path"))
             .args(["--exact", test, "--nocapture", "--include-ignored"])
             .env(INSIDE, "1")
-            .env(COMPILED, compile())
+            .env(COMPILED, compiled)
             .status()
             .expect("unshare runs");
         if status.success() {

@@ -1,4 +1,6 @@
-//! G-code of a measurement, at the places and speeds where the machine was measured already.
+//! G-code of a measurement. It moves one linear axis, at feed, between positions where that axis was measured already: how the
+//! machine gets to the beginning of the line is up to who stands beside it (`M0`). What moves several axes at once, turns a
+//! table or starts a spindle is said in words: the session does not tell what stands in the way.
 
 use std::fmt::Write as _;
 
@@ -6,19 +8,18 @@ use super::super::moment::{Axis, SLOTS};
 use super::super::session::Session;
 use crate::core::units::RAD_PER_DEG;
 
-/// Circles take this share of the shorter way of their plane, lines this share of the way of their axis.
-const CIRCLE_SHARE: f64 = 0.4;
-const LINE_SHARE: f64 = 0.98;
-/// The second place of a line, as a share of the way from the middle of the other axes.
-const SECOND_PLACE: f64 = 0.6;
 /// Feed where none is known from the readings, mm/min, and the least and most that is asked for.
 const FEED: f64 = 1000.0;
 const FEED_RANGE: [f64; 2] = [100.0, 10_000.0];
+/// Shortest way that is worth a line, mm or deg.
+const WAY: f64 = 2.0;
+/// Share of the way that the points take; the rest is for coming from outside.
+const LINE_SHARE: f64 = 0.98;
 /// Points of a line.
 const POINTS: usize = 21;
-/// Dwell at a point, and one that is long enough for a machine to grow warm in, s.
-const DWELL_S: f64 = 3.0;
-const WARM_S: f64 = 600.0;
+/// Step of a fine line, mm, as a share of the way at most, and steps.
+const FINE_MM: f64 = 0.37;
+const FINE_STEPS: usize = 40;
 
 /// Where and how fast the machine was measured.
 pub(super) struct Programme {
@@ -77,49 +78,52 @@ impl Programme {
 
     /// The programme; `about` are the letters of the axes that it is about, the first that moves is taken.
     pub(super) fn text(&self, motion: Motion, about: &[char]) -> String {
-        let linear = self.moving(true);
-        let axis = about
-            .iter()
-            .find_map(|l| linear.iter().find(|a| letter(**a) == *l))
-            .or_else(|| linear.iter().max_by(|a, b| self.way(**a).total_cmp(&self.way(**b))))
-            .copied();
-        let Some(axis) = axis else {
-            return if motion == Motion::Turn {
-                self.turn(about)
-            } else {
-                "(the same programme again)".to_owned()
-            };
-        };
-        let line = || self.points(axis, None);
-        let two = |first: &str, second: &str| format!("({first})\n{}\n({second})\n{}", line(), line());
         match motion {
-            Motion::Circles => self.circles(&linear),
-            Motion::Points => line(),
-            Motion::FineSteps => self.fine(axis),
-            Motion::SecondPlace => format!(
-                "(first place)\n{}\n(second place)\n{}",
-                self.points(axis, Some(0.0)),
-                self.points(axis, Some(SECOND_PLACE))
-            ),
-            Motion::ColdAndWarm => {
-                let warm = format!("M3 S6000\n{}M5", format!("G4 P{WARM_S:.0}\n").repeat(6));
-                format!("(cold)\n{}\n{warm}\n(warm)\n{}", line(), line())
-            }
-            Motion::TwoTools => two("shorter tool", "longer tool, same setup of the instrument"),
+            Motion::Circles => return self.circles(),
+            Motion::Turn => return self.turn(about),
             Motion::Spindle => {
-                let hour = format!("G4 P{WARM_S:.0}\n").repeat(6);
-                format!(
-                    "(probe at the tool, one reading a second)\nM3 S8000\n{hour}M5\n{hour}M3 S8000\n{hour}M5"
-                )
+                return "(by hand, with a probe at the tool, a reading a second:)\n(spindle on for an hour at a usual \
+                        speed, off for an hour, on for an hour)"
+                    .to_owned();
             }
-            Motion::StartAndStop => self.start_and_stop(axis),
-            Motion::SecondInstrument => two("instrument as before", "instrument at its second station"),
-            Motion::Turn => self.turn(about),
+            _ => {}
+        }
+        let Some(axis) = self.axis(about, true) else {
+            return "(the same programmes again)".to_owned();
+        };
+        let (line, letter) = (self.points(axis), word(axis));
+        let halves = |first: &str, second: &str| {
+            format!("{}\n{line}\n({second})\nM0\n{line}\nM2", self.head(axis, first))
+        };
+        match motion {
+            Motion::SecondPlace => halves(
+                "the other axes where this line was measured",
+                "by hand: the other axes to their second place, way still free?",
+            ),
+            Motion::ColdAndWarm => halves(
+                "machine cold",
+                "warm up for an hour, spindle and axes at work, instrument taken out; then as before",
+            ),
+            Motion::TwoTools => {
+                halves("shorter tool", "longer tool, same setup of the instrument, way still free?")
+            }
+            Motion::SecondInstrument => halves("instrument as before", "instrument at its second station"),
+            Motion::FineSteps => format!("{}\n{}\nM2", self.head(axis, "uneven steps"), self.fine(axis)),
+            Motion::StartAndStop => {
+                let head = self.head(axis, "instrument and control on one trigger");
+                format!("{head}\n{}\nM2", self.start_and_stop(axis))
+            }
+            _ => format!("{}\n{line}\nM2", self.head(axis, &format!("{letter} from both sides"))),
         }
     }
 
-    fn moving(&self, linear: bool) -> Vec<Axis> {
-        Axis::ALL.into_iter().filter(|a| a.is_linear() == linear && self.way(*a) > 1.0).collect()
+    /// The first of the axes named that was moved, otherwise the one with the longest way.
+    fn axis(&self, about: &[char], linear: bool) -> Option<Axis> {
+        let moved = || Axis::ALL.into_iter().filter(|a| a.is_linear() == linear && self.way(*a) >= WAY);
+        about
+            .iter()
+            .find_map(|l| moved().find(|a| word(*a).eq_ignore_ascii_case(l)))
+            .or_else(|| moved().max_by(|a, b| self.way(*a).total_cmp(&self.way(*b))))
     }
 
     fn way(&self, axis: Axis) -> f64 {
@@ -127,122 +131,86 @@ impl Programme {
         if way.is_finite() { way } else { 0.0 }
     }
 
-    fn middle(&self, axis: Axis) -> f64 {
-        0.5 * (self.high[axis.slot()] + self.low[axis.slot()])
+    /// Position at a share of the way.
+    fn at(&self, axis: Axis, share: f64) -> f64 {
+        let (low, high) = (self.low[axis.slot()], self.high[axis.slot()]);
+        (low + share * (high - low)).clamp(low, high)
     }
 
-    /// To the middle of all linear axes but `not`, or by a share of half their way beside it.
-    fn away(&self, not: Option<Axis>, share: f64) -> String {
-        let mut out = "G90 G0".to_owned();
-        for a in self.moving(true).into_iter().filter(|a| Some(*a) != not) {
-            let _ = write!(out, " {}{:.3}", word(a), self.middle(a) + 0.5 * share * self.way(a));
-        }
-        out
+    /// What is said before anything moves.
+    fn head(&self, axis: Axis, what: &str) -> String {
+        let (letter, low, high) = (word(axis), self.at(axis, 0.0), self.at(axis, 1.0));
+        format!(
+            "({what})\n(positions as the control showed them in the session: same zero, same tool length?)\n(by hand to \
+             {letter}{low:.3}; {letter} alone will move, from {low:.3} to {high:.3}: is the way free?)\nG21 G90 G94\nM0"
+        )
     }
 
-    fn circles(&self, linear: &[Axis]) -> String {
-        let mut out = String::new();
-        // plane, its axes in the order of the arc, and the words of the centre
-        for (code, first, second, centre) in
-            [("G17", 'X', 'Y', 'I'), ("G18", 'Z', 'X', 'K'), ("G19", 'Y', 'Z', 'J')]
-        {
-            let find = |l: char| linear.iter().find(|a| word(**a) == l).copied();
-            let (Some(a), Some(b)) = (find(first), find(second)) else { continue };
-            let radius = (CIRCLE_SHARE * self.way(a).min(self.way(b))).floor().max(1.0);
-            let _ = writeln!(out, "{}\n{code}", self.away(None, 0.0));
-            let start = self.middle(a) + radius;
-            for feed in [self.feed, (3.0 * self.feed).min(FEED_RANGE[1])] {
-                let _ = writeln!(out, "G1 {first}{start:.3} {second}{:.3} F{feed:.0}", self.middle(b));
-                for turn in ["G2", "G3", "G2", "G3"] {
-                    let _ = writeln!(
-                        out,
-                        "{turn} {first}{start:.3} {second}{:.3} {centre}-{radius:.3}",
-                        self.middle(b)
-                    );
-                }
-            }
-        }
-        if out.is_empty() {
-            "(the same circles at three times the feed)".to_owned()
-        } else {
-            out.trim_end().to_owned()
-        }
+    fn circles(&self) -> String {
+        let slow = self.feed.min(FEED_RANGE[1] / 3.0);
+        format!(
+            "(the circles of the session again, same centre and radius, G2 and G3, at F{slow:.0} and at F{:.0})",
+            3.0 * slow
+        )
     }
 
-    fn points(&self, axis: Axis, place: Option<f64>) -> String {
-        let mut out = self.away(Some(axis), place.unwrap_or(0.0));
-        let way = LINE_SHARE * self.way(axis);
-        let first = self.middle(axis) - 0.5 * way;
-        let at = |i: usize| first + way * i as f64 / (POINTS - 1) as f64;
-        // past both ends first, so that the first point is approached from outside
-        let beyond = 0.01 * self.way(axis);
-        let _ = write!(out, "\nG0 {}{:.3}", word(axis), at(0) - beyond);
-        for i in 0..POINTS {
-            let _ = write!(out, "\nG1 {}{:.3} F{:.0}\nG4 P{DWELL_S:.0}", word(axis), at(i), self.feed);
-        }
-        let _ = write!(out, "\nG0 {}{:.3}", word(axis), at(POINTS - 1) + beyond);
-        for i in (0..POINTS).rev() {
-            let _ = write!(out, "\nG1 {}{:.3} F{:.0}\nG4 P{DWELL_S:.0}", word(axis), at(i), self.feed);
-        }
+    fn points(&self, axis: Axis) -> String {
+        let letter = word(axis);
+        let share = |i: usize| 0.5 + LINE_SHARE * (i as f64 / (POINTS - 1) as f64 - 0.5);
+        let mut out = format!("G1 {letter}{:.3} F{:.0}", self.at(axis, 0.0), self.feed);
+        let mut stop = |s: f64| {
+            let _ = write!(out, "\nG1 {letter}{:.3}\nG4 P3", self.at(axis, s));
+        };
+        (0..POINTS).for_each(|i| stop(share(i)));
+        // past the last point, so that it is met from the other side, too
+        stop(1.0);
+        (0..POINTS).rev().for_each(|i| stop(share(i)));
         out
     }
 
     fn fine(&self, axis: Axis) -> String {
-        let mut out = self.away(Some(axis), 0.0);
-        let start = self.middle(axis);
-        let _ = write!(out, "\nG0 {}{start:.3}", word(axis));
-        let steps = (0.1 * self.way(axis)).clamp(10.0, 40.0).min(0.45 * self.way(axis)) as usize;
-        // uneven: even steps would show a period under another name
-        for i in 1..=steps {
-            let at = start + i as f64 + 0.3 * ((i * 7) % 5) as f64 / 5.0;
-            let _ = write!(out, "\nG1 {}{at:.3} F{:.0}\nG4 P1", word(axis), self.feed);
+        let letter = word(axis);
+        let step = FINE_MM.min(0.4 * self.way(axis) / FINE_STEPS as f64) / self.way(axis);
+        let mut out = format!("G1 {letter}{:.3} F{:.0}", self.at(axis, 0.5), self.feed);
+        for i in 1..=FINE_STEPS {
+            // uneven: even steps would show a period under another name
+            let uneven = 0.3 * ((i * 7) % 5) as f64 / 5.0;
+            let _ = write!(out, "\nG1 {letter}{:.3}\nG4 P1", self.at(axis, 0.5 + step * (i as f64 + uneven)));
         }
         out
     }
 
     fn start_and_stop(&self, axis: Axis) -> String {
-        let mut out = self.away(Some(axis), 0.0);
-        let ends = [self.middle(axis) - 0.25 * self.way(axis), self.middle(axis) + 0.25 * self.way(axis)];
-        let _ = write!(out, "\nG0 {}{:.3}", word(axis), ends[0]);
-        for at in [ends[1], ends[0], ends[1], ends[0]] {
-            let _ =
-                write!(out, "\nG4 P2\nG1 {}{at:.3} F{:.0}", word(axis), (3.0 * self.feed).min(FEED_RANGE[1]));
+        let letter = word(axis);
+        let mut out = format!("G1 {letter}{:.3} F{:.0}", self.at(axis, 0.25), self.feed);
+        for share in [0.75, 0.25, 0.75, 0.25] {
+            let _ = write!(out, "\nG4 P2\nG1 {letter}{:.3}", self.at(axis, share));
         }
         out + "\nG4 P2"
     }
 
     fn turn(&self, about: &[char]) -> String {
-        let rotary = self.moving(false);
-        let axis = about
-            .iter()
-            .find_map(|l| rotary.iter().find(|a| letter(**a) == *l))
-            .or_else(|| rotary.iter().max_by(|a, b| self.way(**a).total_cmp(&self.way(**b))));
-        let Some(axis) = axis else {
+        let Some(axis) = self.axis(about, false) else {
             return "(the rotary axis once round in uneven steps, both ways)".to_owned();
         };
-        let (low, way) = (self.low[axis.slot()], self.way(*axis));
         let points = 13;
-        let at = |i: usize| {
-            let uneven = if i == 0 || i == points - 1 { 0.0 } else { 0.3 * ((i * 5) % 3) as f64 / 3.0 };
-            low + way * (i as f64 + uneven) / (points - 1) as f64
-        };
-        let mut out = "(ball at its second radius and height)\nG90".to_owned();
-        for i in (0..points).chain((0..points).rev()) {
-            let dwell = 1 + i % 3;
-            let _ = write!(out, "\nG0 {}{:.3}\nG4 P{dwell}", word(*axis), at(i));
-        }
-        out
+        let angles: Vec<String> = (0..points)
+            .map(|i| {
+                let uneven = if i == 0 || i == points - 1 { 0.0 } else { 0.3 * ((i * 5) % 3) as f64 / 3.0 };
+                format!("{:.0}", self.at(axis, (i as f64 + uneven) / (points - 1) as f64))
+            })
+            .collect();
+        format!(
+            "(the R-test of the session again, ball at a second radius and height, {} at {} and back)",
+            word(axis),
+            angles.join(" ")
+        )
     }
 }
 
-/// The letter of an axis in the subject of an effect.
-fn letter(axis: Axis) -> char {
-    ['x', 'y', 'z', 'a', 'b', 'c'][axis.slot()]
-}
-
-/// Its word in a programme.
+/// The word of an axis in a programme.
 fn word(axis: Axis) -> char {
-    letter(axis).to_ascii_uppercase()
+    ['X', 'Y', 'Z', 'A', 'B', 'C'][axis.slot()]
 }
 
 #[cfg(test)]
@@ -251,62 +219,86 @@ mod tests {
 
     const MILL: Programme = Programme {
         low: [0.0, 100.0, -200.0, 0.0, 0.0, -90.0],
-        high: [500.0, 400.0, -100.0, 0.0, 0.0, 90.0],
+        high: [500.0, 400.0, -197.6, 0.0, 0.0, 90.0],
         feed: 1500.0,
     };
+    const ALL: [Motion; 10] = [
+        Motion::Circles,
+        Motion::Points,
+        Motion::FineSteps,
+        Motion::SecondPlace,
+        Motion::ColdAndWarm,
+        Motion::TwoTools,
+        Motion::Spindle,
+        Motion::StartAndStop,
+        Motion::SecondInstrument,
+        Motion::Turn,
+    ];
+
+    /// The blocks that a control carries out.
+    fn blocks(text: &str) -> Vec<&str> {
+        text.lines().filter(|l| !l.starts_with('(')).collect()
+    }
 
     /// Every value of a word in a programme.
     fn words(text: &str, letter: char) -> Vec<f64> {
-        text.lines()
-            .filter(|l| !l.starts_with('('))
+        blocks(text)
+            .into_iter()
             .flat_map(str::split_whitespace)
             .filter_map(|w| w.strip_prefix(letter)?.parse().ok())
             .collect()
     }
 
     #[test]
-    fn every_programme_stays_where_the_machine_was_measured() {
-        for motion in [
-            Motion::Circles,
-            Motion::Points,
-            Motion::FineSteps,
-            Motion::SecondPlace,
-            Motion::ColdAndWarm,
-            Motion::TwoTools,
-            Motion::StartAndStop,
-            Motion::SecondInstrument,
-            Motion::Turn,
-        ] {
-            let text = MILL.text(motion, &['x']);
-            for (k, letter) in ['X', 'Y', 'Z', 'A', 'B', 'C'].into_iter().enumerate() {
-                for v in words(&text, letter) {
-                    assert!((MILL.low[k]..=MILL.high[k]).contains(&v), "{motion:?} {letter}{v}:\n{text}");
+    fn one_axis_moves_at_feed_where_it_was_measured_and_waits_for_a_hand_first() {
+        for (about, own) in [('x', 0), ('y', 1), ('z', 2)] {
+            for motion in ALL {
+                let text = MILL.text(motion, &[about]);
+                for (k, letter) in ['X', 'Y', 'Z', 'A', 'B', 'C'].into_iter().enumerate() {
+                    let values = words(&text, letter);
+                    assert!(k == own || values.is_empty(), "{motion:?} moves {letter}:\n{text}");
+                    for v in values {
+                        assert!((MILL.low[k]..=MILL.high[k]).contains(&v), "{motion:?} {letter}{v}:\n{text}");
+                    }
                 }
+                let own: Vec<&str> = blocks(&text);
+                assert!(own.iter().all(|b| !b.starts_with("G0") && !b.starts_with("M3")), "{text}");
+                let moves = own.iter().position(|b| b.starts_with("G1"));
+                let waits = own.iter().position(|b| *b == "M0");
+                assert!(moves.is_none() || waits < moves, "{motion:?}:\n{text}");
             }
         }
     }
 
     #[test]
-    fn a_line_is_that_of_the_effect_and_comes_from_both_sides() {
-        let x = words(&MILL.text(Motion::Points, &['y', 'x']), 'Y');
-        let (low, high) = (x[1], x[21]);
-        assert!(low < 110.0 && high > 390.0, "{x:?}");
-        assert!(x[0] < low && x[22] > high && x.len() == 44, "{x:?}");
+    fn every_point_of_a_line_is_met_from_both_sides() {
+        let y = words(&MILL.text(Motion::Points, &['y', 'x']), 'Y');
+        assert_eq!(y.len(), 1 + 21 + 1 + 21, "{y:?}");
+        assert!(y[0] < y[1] && y[22] > y[21] && y[22] > y[23], "{y:?}");
+        assert!(y[1..22].iter().zip(y[23..].iter().rev()).all(|(a, b)| (a - b).abs() < 1e-9), "{y:?}");
     }
 
     #[test]
-    fn circles_have_two_feeds_and_both_ways_in_every_plane() {
-        let text = MILL.text(Motion::Circles, &[]);
-        assert_eq!(words(&text, 'F'), [1500.0, 4500.0].repeat(3));
-        assert_eq!(text.lines().filter(|l| l.starts_with("G3")).count(), 12);
-        let planes = ["G17", "G18", "G19"];
-        assert!(planes.iter().all(|p| text.lines().any(|l| l == *p)), "{text}");
+    fn halves_are_kept_apart_by_a_stop() {
+        for motion in [Motion::SecondPlace, Motion::ColdAndWarm, Motion::TwoTools, Motion::SecondInstrument] {
+            let text = MILL.text(motion, &['x']);
+            assert_eq!(blocks(&text).iter().filter(|b| **b == "M0").count(), 2, "{text}");
+        }
+    }
+
+    #[test]
+    fn fine_steps_are_finer_than_a_screw_and_differ() {
+        let x = words(&MILL.text(Motion::FineSteps, &['x']), 'X');
+        let steps: Vec<f64> = x.windows(2).map(|w| w[1] - w[0]).collect();
+        assert!(steps.iter().all(|s| (0.1..0.6).contains(s)), "{steps:?}");
+        assert!(steps.iter().any(|s| (s - steps[0]).abs() > 0.02), "{steps:?}");
     }
 
     #[test]
     fn nothing_measured_gives_words_and_no_motion() {
         let nowhere = Programme { low: [f64::INFINITY; 6], high: [f64::NEG_INFINITY; 6], feed: 1000.0 };
-        assert!(nowhere.text(Motion::Points, &['x']).starts_with('('));
-        assert!(nowhere.text(Motion::Turn, &['c']).starts_with('('));
+        for motion in ALL {
+            assert!(blocks(&nowhere.text(motion, &['x'])).is_empty(), "{motion:?}");
+        }
     }
 }

@@ -42,6 +42,10 @@ pub fn range_noise(session: &Session, residuals: &[f64]) -> Option<RangeNoise> {
         let left: f64 = points.iter().map(|p| (p.1 - my - exponent * (p.0 - mx)).powi(2)).sum();
         // partners in repeats are not independent: half of them count
         let std = (2.0 * left / (n - 2.0) / sxx).sqrt();
+        // readings that do not differ say nothing
+        if left <= 0.0 {
+            continue;
+        }
         if found.as_ref().is_none_or(|f| exponent / std > f.exponent / f.std) {
             found = Some(RangeNoise { instrument: class, exponent, std });
         }

@@ -9,7 +9,7 @@ use super::super::search::Problem;
 use super::super::session::Session;
 use super::super::{Analysis, take_signals};
 
-/// Share of what the causes do that the effect must be able to do, too, and the other way round.
+/// Share of what the causes do together that the effect, fitted to it, must do, too.
 const AGAIN: f64 = 0.97;
 /// Most causes in a sum.
 const TOGETHER: usize = 4;

@@ -10,7 +10,7 @@ mod product;
 mod worth;
 
 use super::addition::Addition;
-use super::assess::{assess, prune};
+use super::assess::{assess, overshadow, prune};
 use super::forecast::{contributions, forecast, minus};
 use super::leftover::structure;
 use super::library::Kind;
@@ -99,6 +99,7 @@ pub(super) fn conclude(
         // the control's own encoders see the servo, which depends on no place
         if !a.problem.precise {
             product::weigh(session, &a, &parts, &owner, &mut assessed);
+            overshadow(&a.library, &mut assessed);
         }
         worth::keep(session, &a, &parts, &owner, &mut assessed);
     }

@@ -2,7 +2,7 @@
 //! but not declared.
 
 use super::super::Analysis;
-use super::super::assess::{Assessed, UNSURE};
+use super::super::assess::Assessed;
 use super::super::forecast::{Contributions, minus};
 use super::super::offsets::{rms, without_offsets};
 use super::super::session::Session;
@@ -32,12 +32,8 @@ pub(super) fn keep(
         if without_um > with_um && with_um < nothing_um {
             return;
         }
-        let x = &mut assessed[place];
-        x.declared = false;
-        x.remark = format!(
+        assessed[place].doubt(format!(
             "makes readings that were left out worse: {with_um:.2} um with it, {without_um:.2} um without it"
-        );
-        x.probability *= UNSURE;
-        x.group_probability *= UNSURE;
+        ));
     }
 }

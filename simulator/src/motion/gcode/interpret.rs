@@ -144,7 +144,7 @@ impl Interpreter<'_> {
                 ('G', Some(18)) => self.plane = ZX,
                 ('G', Some(19)) => self.plane = YZ,
                 ('G', Some(20)) => return Err(self.error(word, Problem::Inch)),
-                ('G', Some(21 | 40 | 49 | 80 | 94)) | ('M', Some(3 | 4 | 5 | 7 | 8 | 9)) => {}
+                ('G', Some(21 | 40 | 49 | 80 | 94)) | ('M', Some(0 | 1 | 3 | 4 | 5 | 7 | 8 | 9)) => {}
                 ('G', Some(61)) => self.exact_stop = true,
                 ('G', Some(64)) => self.exact_stop = false,
                 ('G', Some(90)) => self.incremental = false,
@@ -360,7 +360,7 @@ fn group(word: &Word) -> Option<u8> {
         ('G', 40) => Some(7),
         ('G', 49) => Some(8),
         ('G', 61 | 64) => Some(13),
-        ('M', 2 | 30) => Some(20),
+        ('M', 0..=2 | 30) => Some(20),
         ('M', 3..=5) => Some(21),
         ('M', 7..=9) => Some(22),
         _ => None,

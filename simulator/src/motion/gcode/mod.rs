@@ -9,6 +9,7 @@
 //! | `G90` `G91` | absolute, incremental |
 //! | `G21` `G94` `G40` `G49` `G80` | accepted: what the control does anyway |
 //! | `G61` `G64` | exact stop at every block, continuous path (default) |
+//! | `M0` `M1` | accepted: whoever would press start again does so at once |
 //! | `M2` `M30` | end; the rest of the text is not read |
 //! | `M3 M4 M5 M7 M8 M9`, `S` | accepted, without effect on the axes |
 //! | `N` | block number, not checked |
@@ -79,7 +80,7 @@ pub enum Problem {
     BlockDelete,
     /// A code that is not known.
     #[error(
-        "{letter}{value} is not supported; the codes are G0-4 G17-19 G21 G40 G49 G61 G64 G80 G90 G91 G94 and M2-5 M7-9 M30"
+        "{letter}{value} is not supported; the codes are G0-4 G17-19 G21 G40 G49 G61 G64 G80 G90 G91 G94 and M0-5 M7-9 M30"
     )]
     Unsupported { letter: char, value: f64 },
     /// Inches.
