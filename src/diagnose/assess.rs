@@ -38,8 +38,8 @@ struct Calibration {
     /// Per decade of its gain per reading, within `size_range`: what is small everywhere may be a large effect's misform.
     size: f64,
     size_range: [f64; 2],
-    /// Models are never exact: evidence counts less the larger an effect is.
-    temper: f64,
+    /// Models are never exact: evidence counts less the larger an effect is; the second where it was asked how it varies.
+    temper: [f64; 2],
 }
 
 const CALIBRATION: Calibration = Calibration {
@@ -57,7 +57,7 @@ const CALIBRATION: Calibration = Calibration {
     grows_most: 1.5,
     size: 1.9,
     size_range: [-2.0, 0.3],
-    temper: 0.008,
+    temper: [0.008, 0.001],
 };
 
 /// Growth along another axis from which a function of one axis is none.
@@ -178,7 +178,10 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
         })
         .map(|(l, _)| library.labels[l].clone())
         .collect();
-    let temper = 2.0 * (1.0 + CALIBRATION.temper * own.gain);
+    // where its variation stands among the noise, evidence has been discounted already
+    let is_varied = problem.variation().is_some_and(|v| v.effects.iter().any(|e| e.variant == variant));
+    let inexact = CALIBRATION.temper[usize::from(is_varied)];
+    let temper = 2.0 * (1.0 + inexact * own.gain);
     let weight = |f: &Found| ((f.evidence - own.evidence) / temper).min(0.0).exp();
     let rivals: Vec<(Label, f64)> = ranking
         .iter()
@@ -360,6 +363,7 @@ mod tests {
         weight: 1.0,
         grows: 0.0,
         size: 0.0,
+        varies: 0.0,
     };
 
     #[test]

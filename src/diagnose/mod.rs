@@ -28,7 +28,7 @@ mod stochastic;
 
 use library::{Kind, Library, Without};
 use noise::{ClassNoise, Filter};
-use search::{Problem, Selection};
+use search::{Problem, Selection, Variation};
 use session::Session;
 
 pub use outcome::{Curve, Diagnosis};
@@ -138,32 +138,9 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
         let threshold =
             if is_plain { 0.0 } else { search::threshold(&problem, &library, &grid, options.seed) };
         tell(0.2 + 0.25 * round as f64, "search for causes");
-        let mut selection = Selection {
-            chosen: Vec::new(),
-            threshold,
-            grid: grid.clone(),
-            is_plain,
-            banned: Vec::new(),
-            one_curve: Vec::new(),
-        };
-        selection.search(&mut problem, &library);
-        if !is_plain {
-            selection.single_out(&mut problem, &library);
-        }
-        for place in 0..selection.chosen.len() {
-            let chosen = selection.chosen.clone();
-            search::refine(&mut problem, session, &filter, &mut library, &chosen, place);
-        }
-        for place in 0..if is_plain { 0 } else { selection.chosen.len() } {
-            search::challenge(&mut problem, session, &filter, &mut library, &mut selection, place);
-        }
-        if !is_plain && !selection.chosen.is_empty() {
-            selection.swap(&mut problem, &library);
-            selection.search(&mut problem, &library);
-            selection.single_out(&mut problem, &library);
-            selection.expel(&mut problem, &library);
-            selection.absorb(&mut problem, &library);
-        }
+        let mut selection =
+            Selection { chosen: Vec::new(), threshold, grid: grid.clone(), is_plain, ..Selection::default() };
+        find_causes(&mut problem, session, &filter, &mut library, &mut selection);
         round += 1;
         // what was refined has new columns
         selection.chosen.iter().for_each(|v| problem.prepare(*v));
@@ -173,6 +150,10 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
         };
         let settled = class_noise.iter().zip(&next).all(|(a, b)| alike(a, b));
         if settled || round >= ROUNDS {
+            tell(0.8, "effects that vary over the volume");
+            if !is_plain {
+                allow_for_variation(&mut problem, session, &filter, &mut library, &mut selection);
+            }
             let blind = problem.unseen(&library);
             library.blind.extend(blind);
             return Analysis {
@@ -189,6 +170,89 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
         }
         class_noise = next;
     }
+}
+
+/// The causes of a problem, from what is chosen on.
+fn find_causes(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    selection: &mut Selection,
+) {
+    selection.search(problem, library);
+    if !selection.is_plain {
+        selection.single_out(problem, library);
+    }
+    for place in 0..selection.chosen.len() {
+        let chosen = selection.chosen.clone();
+        search::refine(problem, session, filter, library, &chosen, place);
+    }
+    if !selection.is_plain && !selection.chosen.is_empty() {
+        for place in 0..selection.chosen.len() {
+            search::challenge(problem, session, filter, library, selection, place);
+        }
+        selection.swap(problem, library);
+        selection.search(problem, library);
+        selection.single_out(problem, library);
+        selection.expel(problem, library);
+        selection.absorb(problem, library);
+    }
+    // what was refined has new columns
+    selection.chosen.iter().for_each(|v| problem.prepare(*v));
+}
+
+/// Effects with this share of the gain of the largest are asked whether they vary; smaller ones may be what varies.
+const CORE: f64 = 0.05;
+/// Most effects that are asked.
+const CORE_MAX: usize = 3;
+
+/// Those of the effects that have a share of the energy of the largest, the largest first.
+fn by_energy(problem: &Problem, chosen: &[usize], share: f64) -> Vec<usize> {
+    let given = problem.given(chosen);
+    let beta = problem.fit(&given);
+    let energy = |v: &usize| (problem.part(&given, &beta, *v).norm_squared(), *v);
+    let mut all: Vec<(f64, usize)> = chosen.iter().map(energy).collect();
+    all.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    let least = share * all.first().map_or(0.0, |a| a.0);
+    all.into_iter().filter(|(e, _)| *e >= least).map(|(_, v)| v).collect()
+}
+
+/// Where effects are not the same everywhere, what varies joins the noise, and causes are looked for again.
+fn allow_for_variation(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    selection: &mut Selection,
+) {
+    let mut core = by_energy(problem, &selection.chosen, CORE);
+    for search_again in [true, true, false] {
+        core.iter().for_each(|v| problem.prepare(*v));
+        let mut parts = contributions_um(session, problem, library, &core);
+        parts.truncate(CORE_MAX);
+        let before = problem.variation().cloned();
+        if before.is_some() {
+            problem.vary(None);
+            core.iter().for_each(|v| problem.prepare(*v));
+        }
+        let found = Variation::find(session, filter, problem, &core, &parts);
+        let is_new = found.is_some();
+        if is_new || before.is_some() {
+            problem.vary(found.or(before));
+        }
+        if !is_new {
+            break;
+        }
+        if search_again {
+            selection.chosen.clone_from(&core);
+            selection.banned.clear();
+            selection.one_curve.clear();
+            find_causes(problem, session, filter, library, selection);
+            core = by_energy(problem, &selection.chosen, 0.0);
+        }
+    }
+    selection.chosen.iter().for_each(|v| problem.prepare(*v));
 }
 
 fn alike(a: &ClassNoise, b: &ClassNoise) -> bool {
@@ -212,6 +276,29 @@ fn take_signals(session: &mut Session, library: &mut Library) {
     }
 }
 
+/// What each of some effects, fitted together, contributes to every row of the session, um.
+fn contributions_um(
+    session: &Session,
+    problem: &Problem,
+    library: &Library,
+    chosen: &[usize],
+) -> Vec<Vec<f64>> {
+    let given = problem.given(chosen);
+    let beta = problem.fit(&given);
+    let raw = raw_of(session, library, chosen);
+    let mut columns = given.columns.iter().zip(&beta).zip(&raw);
+    let sum = |v: &usize| {
+        let mut out = vec![0.0; session.readings.len()];
+        for ((column, b), values) in columns.by_ref().take(problem.span[*v].1) {
+            let norm = problem.norm[*column];
+            let scale = if norm > 0.0 { b / norm } else { 0.0 };
+            out.iter_mut().zip(values).for_each(|(o, v)| *o += scale * v);
+        }
+        out
+    };
+    chosen.iter().map(sum).collect()
+}
+
 /// The gap without the effects chosen, um.
 fn remainder(
     session: &Session,
@@ -220,16 +307,9 @@ fn remainder(
     selection: &Selection,
     gap: &[f64],
 ) -> Vec<f64> {
-    let given = problem.given(&selection.chosen);
-    let beta = problem.fit(&given);
-    let raw = raw_of(session, library, &selection.chosen);
     let mut left = gap.to_vec();
-    for ((column, b), values) in given.columns.iter().zip(&beta).zip(&raw) {
-        let norm = problem.norm[*column];
-        let scale = if norm > 0.0 { b / norm } else { 0.0 };
-        for (l, v) in left.iter_mut().zip(values) {
-            *l -= scale * v;
-        }
+    for part in contributions_um(session, problem, library, &selection.chosen) {
+        left.iter_mut().zip(part).for_each(|(l, p)| *l -= p);
     }
     left
 }

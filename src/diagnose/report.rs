@@ -181,6 +181,8 @@ pub struct Tests {
     pub grows: f64,
     /// Decades of its gain per reading.
     pub size: f64,
+    /// How far it varies over the volume, relative, RMS; 0 where the data ask for no variation.
+    pub varies: f64,
     /// Its share among the effects that explain nearly as much.
     pub share: f64,
 }

@@ -60,7 +60,10 @@ fn taken_out(session: &mut Session, a: &Analysis, without: &[Without]) -> (Libra
     removed.variants.retain(|v| labels[v.label]);
     take_signals(session, &mut removed);
     let white: Vec<f64> = a.noise.iter().map(|c| c.white_um).collect();
-    let problem = Problem::new(session, &removed, &a.filter, &a.gap, &white);
+    let mut problem = Problem::new(session, &removed, &a.filter, &a.gap, &white);
+    if let Some(v) = a.problem.variation() {
+        problem.vary(Some(v.clone()));
+    }
     (removed, problem)
 }
 

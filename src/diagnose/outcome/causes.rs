@@ -126,6 +126,7 @@ fn tests(x: &Assessed, a: &Analysis) -> Tests {
         weight: x.gates.weight,
         grows: x.gates.grows,
         size: x.gates.size,
+        varies: x.gates.varies,
         share: x.share,
     }
 }

@@ -109,7 +109,7 @@ pub(super) fn conclude(
     let after = without_offsets(session, &minus(&a.gap, &parts.held_out, declared), &a.used);
     let keep: Vec<usize> = assessed.iter().filter(|x| x.declared).map(|x| x.variant).collect();
     let left = left_whitened(&a, &keep);
-    let y: Vec<f64> = a.problem.y.iter().copied().collect();
+    let y = a.filter.column(&a.gap);
     let total = structure(session, &a.problem, &y);
     let leftover = structure(session, &a.problem, &left);
     let covariance = given.covariance(&a.problem);

@@ -27,23 +27,18 @@ pub(super) fn weigh(
     let fit = Fit::new(a);
     for (place, x) in assessed.iter_mut().enumerate() {
         let over = a.library.variants[x.variant].shape.over();
-        let mut most = None;
-        for axis in Axis::ALL.into_iter().filter(|axis| axis.is_linear() && Some(*axis) != over) {
-            let Some((middle, half)) = travel(session, a, axis) else { continue };
-            let mut product: Vec<f64> = (0..session.readings.len())
-                .map(|i| {
-                    let own: f64 =
-                        (0..owner.len()).filter(|j| owner[*j] == place).map(|j| parts.in_sample[j][i]).sum();
-                    own * (session.moments[i].position[axis.slot()] - middle) / half
-                })
+        let varying = a.problem.variation().and_then(|v| v.effects.iter().find(|e| e.variant == x.variant));
+        let most = if let Some(v) = varying {
+            x.gates.varies = v.rms;
+            v.grows.iter().filter(|(axis, _)| Some(*axis) != over).copied().max_by(|a, b| a.1.total_cmp(&b.1))
+        } else {
+            let part: Vec<f64> = (0..session.readings.len())
+                .map(|i| (0..owner.len()).filter(|j| owner[*j] == place).map(|j| parts.in_sample[j][i]).sum())
                 .collect();
-            product = a.filter.order().iter().map(|i| product[*i]).collect();
-            a.filter.apply(&mut product, 1);
-            let grows = fit.share(&DVector::from_vec(product));
-            if grows > x.gates.grows {
-                (x.gates.grows, most) = (grows, Some(axis));
-            }
-        }
+            fit.most(session, a, &part, over)
+        };
+        x.gates.grows = most.map_or(0.0, |m| m.1);
+        let most = most.filter(|m| m.1 > 0.0).map(|m| m.0);
         // what is no function of a position has a gate of its own for that
         if let (Some(along), true) = (most, over.is_some_and(Axis::is_linear)) {
             x.reject_growing(&along.to_string());
@@ -81,6 +76,19 @@ impl Fit {
         let ridge = DMatrix::from_diagonal(&gram.diagonal().map(|d| RIDGE * d + 1e-12));
         let variance = (left.norm_squared() / left.len().max(1) as f64).max(1.0);
         Self { columns, factor: (gram + ridge).cholesky(), left, variance }
+    }
+
+    /// The axis along which an effect that contributes `part` grows most, and by how much.
+    fn most(&self, session: &Session, a: &Analysis, part: &[f64], over: Option<Axis>) -> Option<(Axis, f64)> {
+        let growth = |axis: Axis| {
+            let (middle, half) = travel(session, a, axis)?;
+            let along = |i: &usize| part[*i] * (session.moments[*i].position[axis.slot()] - middle) / half;
+            let mut product: Vec<f64> = a.filter.order().iter().map(along).collect();
+            a.filter.apply(&mut product, 1);
+            Some((axis, self.share(&DVector::from_vec(a.problem.varied(product)))))
+        };
+        let axes = Axis::ALL.into_iter().filter(|axis| axis.is_linear() && Some(*axis) != over);
+        axes.filter_map(growth).max_by(|a, b| a.1.total_cmp(&b.1))
     }
 
     /// The value of one more column, drawn towards zero by what it is not sure of.

@@ -5,10 +5,12 @@ mod problem;
 mod refine;
 mod select;
 mod small;
+mod variation;
 
 pub use gates::{
     AGAINST, FOLD_RIDGE, FOLDS, Gates, HELD_OUT, INVARIANCE, PLACE, RIVAL, RUN_T, fold_of, gates,
 };
-pub use problem::{Given, Problem, raw_columns, whitened};
+pub use problem::{Given, Problem, raw_columns};
 pub use refine::{challenge, refine};
 pub use select::{Found, Selection, evidence, threshold};
+pub use variation::Variation;

@@ -9,6 +9,7 @@ use super::super::moment::SLOTS;
 use super::super::noise::Filter;
 use super::super::session::{Session, is_encoder};
 use super::small::Factor;
+use super::variation::Variation;
 use crate::core::geometry::Vec3;
 
 /// Share of its size that a column must keep beside offsets and drift to count as seen.
@@ -50,6 +51,8 @@ pub struct Problem {
     pub is_single_pass: bool,
     /// All readings are the control's own encoders: the formulas of the servo hold to a small share.
     pub precise: bool,
+    /// How far effects vary over the volume, whitened as noise is.
+    variation: Option<Variation>,
     /// Products of the columns of a variant with all columns, computed when first needed.
     cross: BTreeMap<usize, DMatrix<f64>>,
 }
@@ -151,6 +154,7 @@ impl Problem {
             pieces,
             is_single_pass,
             precise,
+            variation: None,
             cross: BTreeMap::new(),
         }
     }
@@ -202,7 +206,7 @@ impl Problem {
 
     /// Puts another shape in the place of a variant.
     pub fn replace(&mut self, session: &Session, filter: &Filter, variant: usize, shape: &Shape) {
-        let columns = whitened(session, filter, &self.rows, shape);
+        let columns = self.whitened(session, filter, shape);
         let (at, k) = self.span[variant];
         for (j, column) in columns.iter().enumerate().take(k) {
             let norm = column.iter().map(|v| v * v).sum::<f64>().sqrt();
@@ -217,6 +221,70 @@ impl Problem {
         }
         self.own[variant] = own_grams(&self.w, &self.span[variant..=variant]).swap_remove(0);
         self.forget();
+    }
+
+    /// How far effects vary.
+    #[must_use]
+    pub const fn variation(&self) -> Option<&Variation> {
+        self.variation.as_ref()
+    }
+
+    /// Takes the variation of effects for noise, in the place of the one before.
+    pub fn vary(&mut self, variation: Option<Variation>) {
+        if let Some(old) = self.variation.take() {
+            old.turn_all(&mut self.w, &mut self.y, true);
+        }
+        if let Some(new) = &variation {
+            new.turn_all(&mut self.w, &mut self.y, false);
+        }
+        self.variation = variation;
+        let mut square = vec![0.0; self.norm.len()];
+        for column in self.w.column_iter() {
+            for (s, v) in square.iter_mut().zip(column.iter()) {
+                *s += v * v;
+            }
+        }
+        let length: Vec<f64> =
+            square.iter().zip(&self.norm).map(|(s, n)| if *n > 0.0 { s.sqrt() } else { 0.0 }).collect();
+        let scale: Vec<f64> = length.iter().map(|l| if *l > 0.0 { 1.0 / l } else { 0.0 }).collect();
+        for mut column in self.w.column_iter_mut() {
+            for (v, s) in column.iter_mut().zip(&scale) {
+                *v *= s;
+            }
+        }
+        self.norm.iter_mut().zip(&length).for_each(|(n, l)| *n *= l);
+        self.b = &self.w * &self.y;
+        self.own = own_grams(&self.w, &self.span);
+        self.forget();
+    }
+
+    /// The columns of one shape, whitened.
+    #[must_use]
+    pub fn whitened(&self, session: &Session, filter: &Filter, shape: &Shape) -> Vec<Vec<f64>> {
+        let columns = whitened(session, filter, &self.rows, shape);
+        columns.into_iter().map(|c| self.varied(c)).collect()
+    }
+
+    /// A column that the filter has whitened, whitened by the variation, too.
+    #[must_use]
+    pub fn varied(&self, column: Vec<f64>) -> Vec<f64> {
+        let Some(v) = &self.variation else { return column };
+        let mut column = DVector::from_vec(column);
+        v.apply(&mut column);
+        column.data.into()
+    }
+
+    /// Some vectors without what the given columns say.
+    #[must_use]
+    pub fn beside(&self, given: &Given, some: &DMatrix<f64>) -> DMatrix<f64> {
+        let columns = self.w.select_rows(&given.columns);
+        let products = &columns * some;
+        let mut out = some.clone();
+        for (mut o, p) in out.column_iter_mut().zip(products.column_iter()) {
+            let known = DVector::from_vec(given.factor.solve(p.as_slice()));
+            o.gemv_tr(-1.0, &columns, &known, 1.0);
+        }
+        out
     }
 
     /// What is known once the columns of `chosen` (prepared) are in.
@@ -320,7 +388,7 @@ impl Problem {
 
 /// The columns of one shape, whitened.
 #[must_use]
-pub fn whitened(session: &Session, filter: &Filter, rows: &[usize], shape: &Shape) -> Vec<Vec<f64>> {
+fn whitened(session: &Session, filter: &Filter, rows: &[usize], shape: &Shape) -> Vec<Vec<f64>> {
     let k = shape.width();
     let mut out = [Vec3::zeros(); WIDTH_MAX];
     let at = |s: &super::super::moment::Signal| session.signal(s);

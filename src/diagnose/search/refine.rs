@@ -4,7 +4,7 @@ use super::super::library::{Library, Shape};
 use super::super::moment::Axis;
 use super::super::noise::Filter;
 use super::super::session::Session;
-use super::problem::{Problem, whitened};
+use super::problem::Problem;
 use super::select::{SWAP_GAIN, Selection, evidence};
 use super::small::Factor;
 
@@ -158,7 +158,7 @@ fn improve(
     y: &[f64],
     mut shape: Shape,
 ) -> (f64, Shape) {
-    let score = |shape: &Shape| joint_gain(base, &whitened(session, filter, &problem.rows, shape), y);
+    let score = |shape: &Shape| joint_gain(base, &problem.whitened(session, filter, shape), y);
     let mut best = score(&shape);
     for step in STEPS {
         for _ in 0..6 {
@@ -261,7 +261,7 @@ fn tie(
         .into_iter()
         .filter(|t| *t >= 0.0)
         .map(|tie_ms| Shape::Lag { axes: axes.clone(), tie_ms })
-        .map(|s| (joint_gain(&base, &whitened(session, filter, &problem.rows, &s), &y), s))
+        .map(|s| (joint_gain(&base, &problem.whitened(session, filter, &s), &y), s))
         .max_by(|a, b| a.0.total_cmp(&b.0));
     if let Some((_, shape)) = best
         && shape != library.variants[variant].shape

@@ -67,6 +67,7 @@ pub fn evidence(gain: f64, rank: usize, grid: usize) -> f64 {
 }
 
 /// A selection in progress.
+#[derive(Default)]
 pub struct Selection {
     /// The variants chosen, in the order of their choice.
     pub chosen: Vec<usize>,

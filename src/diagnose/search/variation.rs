@@ -1,0 +1,270 @@
+//! Effects that are not the same everywhere: a real one varies by some share over the volume, and what its formula leaves
+//! there must pass for no further effect.
+//!
+//! Each effect is multiplied by `1 + v(x, y, z)`, `v` a smooth function of the linear axes (products of Legendre polynomials
+//! up to the fourth degree) with normal coefficients of unknown common size, the variation. Its most likely value is found
+//! as that of the noise is, and the products join the noise: whitening by a matrix of low rank, `(1 + U U')^-1/2`.
+//! Source: discrepancy as a process beside parameters (Kennedy, O'Hagan), section 2 number 5 of the diagnosis.
+
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
+
+use super::super::moment::Axis;
+use super::super::noise::Filter;
+use super::super::session::Session;
+use super::problem::Problem;
+
+/// Variations that are tried, relative.
+const SHARES: [f64; 8] = [0.015, 0.03, 0.05, 0.08, 0.12, 0.16, 0.2, 0.25];
+/// Coefficients by degree, as a share of the variation: a wave as long as the travel has about these.
+const DEGREES: [f64; 4] = [1.0, 0.8, 0.6, 0.4];
+/// None is believed unless the likelihood gains this much (twice the logarithm).
+const GAIN_WANTED: f64 = 8.0;
+/// Shortest way of an axis, mm.
+const WAY_MM: f64 = 1.0;
+/// Standard deviations that are taken off before an effect is said to grow.
+const SURE: f64 = 2.0;
+/// Least variance of a direction that changes anything, 1 is the noise.
+const TELLS: f64 = 0.01;
+
+/// What is known of one effect.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Varying {
+    /// The variant.
+    pub variant: usize,
+    /// Drop of the sum of squares by it beside the others, before its variation joined the noise.
+    pub gain: f64,
+    /// Relative, RMS over the volume.
+    pub rms: f64,
+    /// How much it surely grows from the middle of each linear axis to its end (two standard deviations are taken off).
+    pub grows: Vec<(Axis, f64)>,
+}
+
+/// A variation with the directions in which it acts.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Variation {
+    /// Relative, 1 standard deviation of a coefficient of the first degree.
+    pub share: f64,
+    /// The effects that were asked.
+    pub effects: Vec<Varying>,
+    /// Orthonormal, one matrix row per row of the problem.
+    basis: DMatrix<f64>,
+    /// Variance along each, 1 is the noise.
+    variance: DVector<f64>,
+}
+
+impl Variation {
+    /// The most likely variation of effects that contribute `parts` (per effect, per row of the session, um; the first ones of
+    /// `chosen`) beside the columns of `chosen`, in a problem that knows of none; `None` where the likelihood does not ask
+    /// for one.
+    #[must_use]
+    pub fn find(
+        session: &Session,
+        filter: &Filter,
+        problem: &Problem,
+        chosen: &[usize],
+        parts: &[Vec<f64>],
+    ) -> Option<Self> {
+        let ways = ways(session, problem);
+        let powers = powers(ways.len());
+        let mut products = products(session, filter, problem, parts, (&ways, &powers))?;
+        // what its own parameters can say is no variation of an effect
+        for (k, v) in chosen[..parts.len()].iter().enumerate() {
+            let own = products.columns(k * powers.len(), powers.len()).into_owned();
+            let rest = problem.beside(&problem.given(&[*v]), &own);
+            products.columns_mut(k * powers.len(), powers.len()).copy_from(&rest);
+        }
+        let left = Left::new(problem, chosen, &products);
+        let share = left.most_likely()?;
+        let eigen = SymmetricEigen::new(products.tr_mul(&products));
+        let size = eigen.eigenvalues.map(|l| l.max(0.0));
+        let kept: Vec<usize> = (0..size.len()).filter(|k| size[*k] * share * share > TELLS).collect();
+        let mut basis = &products * eigen.eigenvectors.select_columns(&kept);
+        for (mut column, k) in basis.column_iter_mut().zip(&kept) {
+            column /= size[*k].sqrt();
+        }
+        let variance = DVector::from_iterator(kept.len(), kept.iter().map(|k| size[*k] * share * share));
+        let size_of = |degrees: &Vec<usize>| DEGREES[degrees.iter().sum::<usize>() - 1];
+        let terms: Vec<(f64, f64)> = left
+            .terms(share)
+            .into_iter()
+            .zip(powers.iter().cycle())
+            .map(|((mean, std), p)| (mean * size_of(p), std * size_of(p)))
+            .collect();
+        let effects = chosen[..parts.len()]
+            .iter()
+            .zip(terms.chunks(powers.len()))
+            .map(|(v, terms)| {
+                let others: Vec<usize> = chosen.iter().copied().filter(|o| o != v).collect();
+                let gain = problem.gain(&problem.given(&others), *v).0;
+                varying(*v, gain, terms, &ways, &powers)
+            })
+            .collect();
+        Some(Self { share, effects, basis, variance })
+    }
+
+    /// Whitens a column in place, or what was whitened back again.
+    fn turn(&self, column: &mut DVector<f64>, back: bool) {
+        let mut along = self.basis.tr_mul(column);
+        along.component_mul_assign(&self.change(back));
+        column.gemv(1.0, &self.basis, &along, 1.0);
+    }
+
+    /// Whitens a column in place.
+    pub fn apply(&self, column: &mut DVector<f64>) {
+        self.turn(column, false);
+    }
+
+    fn change(&self, back: bool) -> DVector<f64> {
+        self.variance.map(|v| if back { (1.0 + v).sqrt() - 1.0 } else { 1.0 / (1.0 + v).sqrt() - 1.0 })
+    }
+
+    /// Whitens the columns of a problem (a matrix row each) in place, or back.
+    pub(super) fn turn_all(&self, w: &mut DMatrix<f64>, y: &mut DVector<f64>, back: bool) {
+        self.turn(y, back);
+        let mut along = &*w * &self.basis;
+        for (mut column, c) in along.column_iter_mut().zip(self.change(back).iter()) {
+            column *= *c;
+        }
+        w.gemm(1.0, &along, &self.basis.transpose(), 1.0);
+    }
+}
+
+/// Legendre polynomials up to the fourth degree.
+fn legendre(x: f64) -> [f64; 5] {
+    let s = x * x;
+    [1.0, x, 0.5 * (3.0 * s - 1.0), 0.5 * x * (5.0 * s - 3.0), 0.125 * ((35.0 * s - 30.0) * s + 3.0)]
+}
+
+/// Degrees in each of `n` axes of all products up to the highest degree, but the constant.
+fn powers(n: usize) -> Vec<Vec<usize>> {
+    let mut all = vec![Vec::new()];
+    for _ in 0..n {
+        let more = |d: &Vec<usize>| {
+            let left = DEGREES.len() - d.iter().sum::<usize>();
+            let d = d.clone();
+            (0..=left).map(move |k| d.iter().copied().chain([k]).collect::<Vec<usize>>())
+        };
+        all = all.iter().flat_map(more).collect();
+    }
+    all.retain(|d| d.iter().sum::<usize>() > 0);
+    all
+}
+
+/// A linear axis that moves, the middle and half of its way, mm.
+type Way = (Axis, f64, f64);
+
+fn ways(session: &Session, problem: &Problem) -> Vec<Way> {
+    Axis::ALL
+        .into_iter()
+        .filter(|a| a.is_linear())
+        .filter_map(|a| {
+            let at = problem.rows.iter().map(|i| session.moments[*i].position[a.slot()]);
+            let (low, high) = at.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+            (high - low > WAY_MM).then_some((a, 0.5 * (high + low), 0.5 * (high - low)))
+        })
+        .collect()
+}
+
+/// What the coefficients (mean and standard deviation) of one effect say.
+fn varying(variant: usize, gain: f64, terms: &[(f64, f64)], ways: &[Way], powers: &[Vec<usize>]) -> Varying {
+    let square = |(degrees, (mean, _)): (&Vec<usize>, &(f64, f64))| {
+        mean * mean / degrees.iter().map(|d| (2 * d + 1) as f64).product::<f64>()
+    };
+    let grows = ways.iter().enumerate().map(|(k, (axis, ..))| {
+        let first = |d: &Vec<usize>| d.iter().sum::<usize>() == 1 && d[k] == 1;
+        let (mean, std) = powers.iter().position(first).map_or((0.0, 0.0), |at| terms[at]);
+        (*axis, (mean.abs() - SURE * std).max(0.0))
+    });
+    Varying {
+        variant,
+        gain,
+        rms: powers.iter().zip(terms).map(square).sum::<f64>().sqrt(),
+        grows: grows.collect(),
+    }
+}
+
+/// Whitened products of the parts with polynomials of the linear axes, a column each.
+fn products(
+    session: &Session,
+    filter: &Filter,
+    problem: &Problem,
+    parts: &[Vec<f64>],
+    (ways, powers): (&[Way], &[Vec<usize>]),
+) -> Option<DMatrix<f64>> {
+    let each = powers.len();
+    let width = each * parts.len();
+    if width == 0 {
+        return None;
+    }
+    let mut data = vec![0.0; problem.rows.len() * width];
+    for (row, i) in data.chunks_exact_mut(width).zip(&problem.rows) {
+        let p: Vec<[f64; 5]> = ways
+            .iter()
+            .map(|(axis, middle, half)| legendre((session.moments[*i].position[axis.slot()] - middle) / half))
+            .collect();
+        for (k, degrees) in powers.iter().enumerate() {
+            let product: f64 = degrees.iter().zip(&p).map(|(d, p)| p[*d]).product();
+            let v = DEGREES[degrees.iter().sum::<usize>() - 1] * product;
+            for (part, to) in parts.iter().zip(row[k..].iter_mut().step_by(each)) {
+                *to = part[*i] * v;
+            }
+        }
+    }
+    filter.apply(&mut data, width);
+    Some(DMatrix::from_row_slice(problem.rows.len(), width, &data))
+}
+
+/// What the effects leave, seen by the products beside them.
+struct Left {
+    /// Of the products without what the effects themselves can say.
+    eigen: SymmetricEigen<f64, nalgebra::Dyn>,
+    /// What is left along each of their directions.
+    along: DVector<f64>,
+    /// Mean square of what is left, at least 1: tails, and what nobody knows.
+    noise: f64,
+}
+
+impl Left {
+    fn new(problem: &Problem, chosen: &[usize], products: &DMatrix<f64>) -> Self {
+        let given = problem.given(chosen);
+        let beta = problem.fit(&given);
+        let left = &problem.y - problem.contribution(&given.columns, &beta);
+        let own = problem.beside(&given, products);
+        let eigen = SymmetricEigen::new(own.tr_mul(&own));
+        let along = eigen.eigenvectors.tr_mul(&own.tr_mul(&left));
+        Self { eigen, along, noise: (left.norm_squared() / left.len().max(1) as f64).max(1.0) }
+    }
+
+    /// Twice the logarithm of the likelihood that a variation gains.
+    fn gain(&self, share: f64) -> f64 {
+        let v = share * share / self.noise;
+        let each = self.eigen.eigenvalues.iter().zip(self.along.iter());
+        each.map(|(l, a)| {
+            let l = l.max(0.0);
+            a * a * v / (1.0 + v * l) / self.noise - (v * l).ln_1p()
+        })
+        .sum()
+    }
+
+    /// The share with the highest likelihood.
+    fn most_likely(&self) -> Option<f64> {
+        SHARES
+            .into_iter()
+            .map(|s| (s, self.gain(s)))
+            .max_by(|a, b| a.1.total_cmp(&b.1))
+            .filter(|(_, g)| *g > GAIN_WANTED)
+            .map(|(s, _)| s)
+    }
+
+    /// Mean and standard deviation of every coefficient, given the share.
+    fn terms(&self, share: f64) -> Vec<(f64, f64)> {
+        let variance =
+            self.eigen.eigenvalues.map(|l| 1.0 / (l.max(0.0) / self.noise + 1.0 / (share * share)));
+        let mean = &self.eigen.eigenvectors * variance.component_mul(&self.along) / self.noise;
+        let of = |k: usize| {
+            let row = self.eigen.eigenvectors.row(k);
+            (mean[k], row.iter().zip(variance.iter()).map(|(e, v)| e * e * v).sum::<f64>().sqrt())
+        };
+        (0..mean.len()).map(of).collect()
+    }
+}
