@@ -25,10 +25,11 @@ pub mod report;
 pub mod search;
 pub mod session;
 mod stochastic;
+mod varied;
 
 use library::{Kind, Library, Without};
 use noise::{ClassNoise, Filter};
-use search::{Problem, Selection, Variation};
+use search::{Problem, Selection};
 use session::Session;
 
 pub use outcome::{Curve, Diagnosis};
@@ -140,7 +141,7 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
         tell(0.2 + 0.25 * round as f64, "search for causes");
         let mut selection =
             Selection { chosen: Vec::new(), threshold, grid: grid.clone(), is_plain, ..Selection::default() };
-        find_causes(&mut problem, session, &filter, &mut library, &mut selection);
+        varied::find_causes(&mut problem, session, &filter, &mut library, &mut selection);
         round += 1;
         // what was refined has new columns
         selection.chosen.iter().for_each(|v| problem.prepare(*v));
@@ -152,7 +153,7 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
         if settled || round >= ROUNDS {
             tell(0.8, "effects that vary over the volume");
             if !is_plain {
-                allow_for_variation(&mut problem, session, &filter, &mut library, &mut selection);
+                varied::allow_for_variation(&mut problem, session, &filter, &mut library, &mut selection);
             }
             let blind = problem.unseen(&library);
             library.blind.extend(blind);
@@ -170,89 +171,6 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
         }
         class_noise = next;
     }
-}
-
-/// The causes of a problem, from what is chosen on.
-fn find_causes(
-    problem: &mut Problem,
-    session: &Session,
-    filter: &Filter,
-    library: &mut Library,
-    selection: &mut Selection,
-) {
-    selection.search(problem, library);
-    if !selection.is_plain {
-        selection.single_out(problem, library);
-    }
-    for place in 0..selection.chosen.len() {
-        let chosen = selection.chosen.clone();
-        search::refine(problem, session, filter, library, &chosen, place);
-    }
-    if !selection.is_plain && !selection.chosen.is_empty() {
-        for place in 0..selection.chosen.len() {
-            search::challenge(problem, session, filter, library, selection, place);
-        }
-        selection.swap(problem, library);
-        selection.search(problem, library);
-        selection.single_out(problem, library);
-        selection.expel(problem, library);
-        selection.absorb(problem, library);
-    }
-    // what was refined has new columns
-    selection.chosen.iter().for_each(|v| problem.prepare(*v));
-}
-
-/// Effects with this share of the gain of the largest are asked whether they vary; smaller ones may be what varies.
-const CORE: f64 = 0.05;
-/// Most effects that are asked.
-const CORE_MAX: usize = 3;
-
-/// Those of the effects that have a share of the energy of the largest, the largest first.
-fn by_energy(problem: &Problem, chosen: &[usize], share: f64) -> Vec<usize> {
-    let given = problem.given(chosen);
-    let beta = problem.fit(&given);
-    let energy = |v: &usize| (problem.part(&given, &beta, *v).norm_squared(), *v);
-    let mut all: Vec<(f64, usize)> = chosen.iter().map(energy).collect();
-    all.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-    let least = share * all.first().map_or(0.0, |a| a.0);
-    all.into_iter().filter(|(e, _)| *e >= least).map(|(_, v)| v).collect()
-}
-
-/// Where effects are not the same everywhere, what varies joins the noise, and causes are looked for again.
-fn allow_for_variation(
-    problem: &mut Problem,
-    session: &Session,
-    filter: &Filter,
-    library: &mut Library,
-    selection: &mut Selection,
-) {
-    let mut core = by_energy(problem, &selection.chosen, CORE);
-    for search_again in [true, true, false] {
-        core.iter().for_each(|v| problem.prepare(*v));
-        let mut parts = contributions_um(session, problem, library, &core);
-        parts.truncate(CORE_MAX);
-        let before = problem.variation().cloned();
-        if before.is_some() {
-            problem.vary(None);
-            core.iter().for_each(|v| problem.prepare(*v));
-        }
-        let found = Variation::find(session, filter, problem, &core, &parts);
-        let is_new = found.is_some();
-        if is_new || before.is_some() {
-            problem.vary(found.or(before));
-        }
-        if !is_new {
-            break;
-        }
-        if search_again {
-            selection.chosen.clone_from(&core);
-            selection.banned.clear();
-            selection.one_curve.clear();
-            find_causes(problem, session, filter, library, selection);
-            core = by_energy(problem, &selection.chosen, 0.0);
-        }
-    }
-    selection.chosen.iter().for_each(|v| problem.prepare(*v));
 }
 
 fn alike(a: &ClassNoise, b: &ClassNoise) -> bool {

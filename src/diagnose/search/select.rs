@@ -67,7 +67,7 @@ pub fn evidence(gain: f64, rank: usize, grid: usize) -> f64 {
 }
 
 /// A selection in progress.
-#[derive(Default)]
+#[derive(Debug, Clone, Default)]
 pub struct Selection {
     /// The variants chosen, in the order of their choice.
     pub chosen: Vec<usize>,
@@ -151,6 +151,24 @@ impl Selection {
         let mut all: Vec<Found> = best.into_iter().flatten().collect();
         all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence).then(a.variant.cmp(&b.variant)));
         all
+    }
+
+    /// Evidence of all that is chosen, each beside those before it.
+    #[must_use]
+    pub fn evidence(&self, problem: &mut Problem, library: &Library) -> f64 {
+        let own = |(n, v): (usize, &usize)| {
+            let given = Self::given(problem, &self.chosen[..n]);
+            let (gain, rank) = problem.gain(&given, *v);
+            evidence(gain, rank, self.grid[library.variants[*v].label])
+        };
+        self.chosen.iter().enumerate().map(own).sum()
+    }
+
+    /// Begins again with some variants.
+    pub fn restart(&mut self, chosen: &[usize]) {
+        self.chosen = chosen.to_vec();
+        self.banned.clear();
+        self.one_curve.clear();
     }
 
     fn labels(&self, library: &Library) -> Vec<usize> {

@@ -84,15 +84,11 @@ impl Variation {
         }
         let variance = DVector::from_iterator(kept.len(), kept.iter().map(|k| size[*k] * share * share));
         let size_of = |degrees: &Vec<usize>| DEGREES[degrees.iter().sum::<usize>() - 1];
-        let terms: Vec<(f64, f64)> = left
-            .terms(share)
-            .into_iter()
-            .zip(powers.iter().cycle())
-            .map(|((mean, std), p)| (mean * size_of(p), std * size_of(p)))
-            .collect();
+        let terms: Vec<f64> =
+            left.terms(share).iter().zip(powers.iter().cycle()).map(|(c, p)| c * size_of(p)).collect();
         let effects = chosen[..parts.len()]
             .iter()
-            .zip(terms.chunks(powers.len()))
+            .zip(terms.chunks(powers.len()).zip(left.single.chunks(powers.len())))
             .map(|(v, terms)| {
                 let others: Vec<usize> = chosen.iter().copied().filter(|o| o != v).collect();
                 let gain = problem.gain(&problem.given(&others), *v).0;
@@ -100,6 +96,12 @@ impl Variation {
             })
             .collect();
         Some(Self { share, effects, basis, variance })
+    }
+
+    /// Logarithm of the determinant of what joins the noise.
+    #[must_use]
+    pub fn log_variance(&self) -> f64 {
+        self.variance.iter().map(|v| v.ln_1p()).sum()
     }
 
     /// Whitens a column in place, or what was whitened back again.
@@ -165,14 +167,20 @@ fn ways(session: &Session, problem: &Problem) -> Vec<Way> {
         .collect()
 }
 
-/// What the coefficients (mean and standard deviation) of one effect say.
-fn varying(variant: usize, gain: f64, terms: &[(f64, f64)], ways: &[Way], powers: &[Vec<usize>]) -> Varying {
-    let square = |(degrees, (mean, _)): (&Vec<usize>, &(f64, f64))| {
+/// What the coefficients of one effect say: all together, and each by itself with its standard deviation.
+fn varying(
+    variant: usize,
+    gain: f64,
+    (terms, single): (&[f64], &[(f64, f64)]),
+    ways: &[Way],
+    powers: &[Vec<usize>],
+) -> Varying {
+    let square = |(degrees, mean): (&Vec<usize>, &f64)| {
         mean * mean / degrees.iter().map(|d| (2 * d + 1) as f64).product::<f64>()
     };
     let grows = ways.iter().enumerate().map(|(k, (axis, ..))| {
         let first = |d: &Vec<usize>| d.iter().sum::<usize>() == 1 && d[k] == 1;
-        let (mean, std) = powers.iter().position(first).map_or((0.0, 0.0), |at| terms[at]);
+        let (mean, std) = powers.iter().position(first).map_or((0.0, 0.0), |at| single[at]);
         (*axis, (mean.abs() - SURE * std).max(0.0))
     });
     Varying {
@@ -222,6 +230,8 @@ struct Left {
     along: DVector<f64>,
     /// Mean square of what is left, at least 1: tails, and what nobody knows.
     noise: f64,
+    /// The value of each product by itself, and its standard deviation.
+    single: Vec<(f64, f64)>,
 }
 
 impl Left {
@@ -230,9 +240,16 @@ impl Left {
         let beta = problem.fit(&given);
         let left = &problem.y - problem.contribution(&given.columns, &beta);
         let own = problem.beside(&given, products);
-        let eigen = SymmetricEigen::new(own.tr_mul(&own));
-        let along = eigen.eigenvectors.tr_mul(&own.tr_mul(&left));
-        Self { eigen, along, noise: (left.norm_squared() / left.len().max(1) as f64).max(1.0) }
+        let (gram, seen) = (own.tr_mul(&own), own.tr_mul(&left));
+        let noise = (left.norm_squared() / left.len().max(1) as f64).max(1.0);
+        let single = |(k, b): (usize, &f64)| {
+            let size = gram[(k, k)];
+            if size > TELLS { (b / size, (noise / size).sqrt()) } else { (0.0, 0.0) }
+        };
+        let single = seen.iter().enumerate().map(single).collect();
+        let eigen = SymmetricEigen::new(gram);
+        let along = eigen.eigenvectors.tr_mul(&seen);
+        Self { eigen, along, noise, single }
     }
 
     /// Twice the logarithm of the likelihood that a variation gains.
@@ -256,15 +273,11 @@ impl Left {
             .map(|(s, _)| s)
     }
 
-    /// Mean and standard deviation of every coefficient, given the share.
-    fn terms(&self, share: f64) -> Vec<(f64, f64)> {
+    /// The most likely value of every coefficient, given the share.
+    fn terms(&self, share: f64) -> Vec<f64> {
         let variance =
             self.eigen.eigenvalues.map(|l| 1.0 / (l.max(0.0) / self.noise + 1.0 / (share * share)));
         let mean = &self.eigen.eigenvectors * variance.component_mul(&self.along) / self.noise;
-        let of = |k: usize| {
-            let row = self.eigen.eigenvectors.row(k);
-            (mean[k], row.iter().zip(variance.iter()).map(|(e, v)| e * e * v).sum::<f64>().sqrt())
-        };
-        (0..mean.len()).map(of).collect()
+        mean.iter().copied().collect()
     }
 }
