@@ -151,6 +151,28 @@ fn two_effects_are_both_named() {
 }
 
 #[test]
+fn an_effect_that_varies_over_the_volume_is_one_effect() {
+    let campaign = Campaign::full();
+    let lagged = Lagged::of_the_campaign();
+    let all = cases(&lagged);
+    // three times as large as elsewhere, so that a fifth of it is far above the noise
+    for label in ["squareness:xy", "backlash:x", "inertial:y"] {
+        let same = &all.iter().find(|c| c.0 == label).unwrap().1;
+        let varying = |s: &State| {
+            let factor = 3.0 * (1.0 + 0.2 * ((s.p[0] - 2.0 * s.p[1] + s.p[2]) / 170.0).sin());
+            same(s).map(|d| factor * d)
+        };
+        let d = run(&campaign, &varying, NOISE, &[]);
+        assert_eq!(declared(&d.report), [label], "{}", table(&d.report));
+        let tests = d.report.causes.iter().find(|c| c.declared).and_then(|c| c.tests.clone()).unwrap();
+        assert!((0.06..0.35).contains(&tests.varies), "{label}: {}", tests.varies);
+        let d = run(&campaign, &|s| same(s).map(|d| 3.0 * d), NOISE, &[]);
+        let tests = d.report.causes.iter().find(|c| c.declared).and_then(|c| c.tests.clone()).unwrap();
+        assert!(tests.varies < 0.03, "{label}: {}", tests.varies);
+    }
+}
+
+#[test]
 fn an_effect_that_is_taken_out_is_not_pinned_on_an_innocent_one() {
     let campaign = Campaign::full();
     let lagged = Lagged::of_the_campaign();

@@ -2,8 +2,9 @@
 //! the blocks for the interval.
 //!
 //! The fit of a fold does not see its block, so what the parameters owe to noise does not count as gain. The interval
-//! also covers that new data have noise and drift of their own.
+//! also covers that new data have noise, drift and weather of their own.
 
+use super::another_day::Day;
 use super::noise::Random;
 use super::offsets::{peak99, rms, without_offsets};
 use super::report::Shrink;
@@ -100,6 +101,7 @@ pub(super) fn forecast(
     used: &[bool],
     parts: &Contributions,
     take: &dyn Fn(usize) -> bool,
+    day: &Day<'_>,
     seed: u64,
 ) -> Shrink {
     let before = without_offsets(session, gap, used);
@@ -140,11 +142,12 @@ pub(super) fn forecast(
     draws.sort_by(f64::total_cmp);
     let nothing = !(0..parts.held_out.len()).any(take);
     let (low, high) = (draws[DRAWS / 20], draws[DRAWS - 1 - DRAWS / 20]);
-    let half = |v: f64| ((WIDEN * v).powi(2) + LEAST_HALF * LEAST_HALF).sqrt();
+    let spread = day.spread(rms_before.powi(2), rms_after.powi(2));
+    let half = |v: f64, spread: f64| (WIDEN * v).hypot(LEAST_HALF).hypot(spread);
     let ci90 = if nothing {
         [0.0, 0.0]
     } else {
-        [fraction - half(fraction - low), (fraction + half(high - fraction)).min(1.0)]
+        [fraction - half(fraction - low, spread[0]), (fraction + half(high - fraction, spread[1])).min(1.0)]
     };
     Shrink {
         rms_before_um: rms_before,

@@ -8,6 +8,7 @@
 //! seed. Source: docs/diagnosis.md.
 
 pub mod addition;
+mod another_day;
 pub mod assess;
 pub mod extend;
 mod forecast;

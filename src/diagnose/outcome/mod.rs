@@ -10,11 +10,13 @@ mod product;
 mod worth;
 
 use super::addition::Addition;
-use super::assess::{assess, overshadow, prune};
-use super::forecast::{contributions, forecast, minus};
+use super::another_day::Day;
+use super::assess::{Assessed, assess, overshadow, prune};
+use super::forecast::{Contributions, contributions, forecast, minus};
 use super::leftover::structure;
 use super::library::Kind;
 use super::localise::localise;
+use super::moment::Source;
 use super::noise::pair_residuals;
 use super::offsets::{rms, without_offsets};
 use super::report::{Fresh, InstrumentNoise, Outlying, Report, Size, Unseen, Verdict};
@@ -55,6 +57,30 @@ pub struct Diagnosis {
     pub before_um: Vec<f64>,
     /// The same without the causes declared.
     pub after_um: Vec<f64>,
+}
+
+/// What is known of the day of the session, for the forecast of another one.
+fn day<'a>(
+    session: &'a Session,
+    a: &'a Analysis,
+    parts: &Contributions,
+    owner: &[usize],
+    assessed: &[Assessed],
+) -> Day<'a> {
+    let sum = |take: &dyn Fn(&Assessed) -> bool| {
+        let mut out = vec![0.0; a.gap.len()];
+        for (part, o) in parts.in_sample.iter().zip(owner) {
+            if assessed[*o].declared && take(&assessed[*o]) {
+                out.iter_mut().zip(part).for_each(|(s, p)| *s += p);
+            }
+        }
+        out
+    };
+    let is_warm = |x: &Assessed| {
+        let signals = a.library.variants[x.variant].shape.signals();
+        signals.iter().any(|s| s.source != Source::Spindle)
+    };
+    Day { session, used: &a.used, noise: &a.noise, causes: sum(&|_| true), warmth: sum(&is_warm) }
 }
 
 /// The whitened gap beside what is declared.
@@ -104,7 +130,8 @@ pub(super) fn conclude(
         worth::keep(session, &a, &parts, &owner, &mut assessed);
     }
     let declared = |j: usize| assessed[owner[j]].declared;
-    let shrink = forecast(session, &a.problem, &a.gap, &a.used, &parts, &declared, options.seed);
+    let day = day(session, &a, &parts, &owner, &assessed);
+    let shrink = forecast(session, &a.problem, &a.gap, &a.used, &parts, &declared, &day, options.seed);
     let before = without_offsets(session, &a.gap, &a.used);
     let after = without_offsets(session, &minus(&a.gap, &parts.held_out, declared), &a.used);
     let keep: Vec<usize> = assessed.iter().filter(|x| x.declared).map(|x| x.variant).collect();
@@ -154,6 +181,7 @@ pub(super) fn conclude(
     );
     let addition = addition(session, &a, &assessed, options, &owner, &beta, &covariance);
     let mut notes = notes(session);
+    notes.extend(varying(&a, &assessed));
     let fresh = fresh.map(|f| {
         notes.extend(not_seen_on(f, &a, &assessed));
         let seen = seen_on(f, &a, &assessed, &owner, &beta);
@@ -227,6 +255,27 @@ fn notes(session: &Session) -> Vec<String> {
         );
     }
     notes
+}
+
+/// Variation of a declared effect that is worth a note, relative.
+const VARIES_NOTED: f64 = 0.05;
+
+/// What is said of declared effects that are not the same everywhere.
+fn varying(a: &Analysis, assessed: &[Assessed]) -> Vec<String> {
+    let Some(variation) = a.problem.variation() else { return Vec::new() };
+    let of = |x: &&Assessed| {
+        variation.effects.iter().find(|e| e.variant == x.variant).map(|e| (x.label.clone(), e.rms))
+    };
+    let declared = assessed.iter().filter(|x| x.declared);
+    let varies = declared.filter_map(|x| of(&x)).filter(|(_, rms)| *rms > VARIES_NOTED);
+    varies
+        .map(|(label, rms)| {
+            let percent = 100.0 * rms;
+            format!(
+                "{label} varies by {percent:.0} % (RMS) over the volume: its addition is the same everywhere and leaves that much of it"
+            )
+        })
+        .collect()
 }
 
 /// RMS of the white noise over the readings used, um.

@@ -28,14 +28,22 @@ pub(super) fn weigh(
     for (place, x) in assessed.iter_mut().enumerate() {
         let over = a.library.variants[x.variant].shape.over();
         let varying = a.problem.variation().and_then(|v| v.effects.iter().find(|e| e.variant == x.variant));
-        let most = if let Some(v) = varying {
-            x.gates.varies = v.rms;
-            v.grows.iter().filter(|(axis, _)| Some(*axis) != over).copied().max_by(|a, b| a.1.total_cmp(&b.1))
-        } else {
-            let part: Vec<f64> = (0..session.readings.len())
-                .map(|i| (0..owner.len()).filter(|j| owner[*j] == place).map(|j| parts.in_sample[j][i]).sum())
-                .collect();
-            fit.most(session, a, &part, over)
+        let most = match (varying, a.problem.variation()) {
+            (Some(v), _) => {
+                x.gates.varies = v.rms;
+                let others = v.grows.iter().filter(|(axis, _)| Some(*axis) != over);
+                others.copied().max_by(|a, b| a.1.total_cmp(&b.1))
+            }
+            // beside something much larger that varies nobody can tell
+            (None, Some(_)) => None,
+            (None, None) => {
+                let part: Vec<f64> = (0..session.readings.len())
+                    .map(|i| {
+                        (0..owner.len()).filter(|j| owner[*j] == place).map(|j| parts.in_sample[j][i]).sum()
+                    })
+                    .collect();
+                fit.most(session, a, &part, over)
+            }
         };
         x.gates.grows = most.map_or(0.0, |m| m.1);
         let most = most.filter(|m| m.1 > 0.0).map(|m| m.0);
@@ -85,7 +93,7 @@ impl Fit {
             let along = |i: &usize| part[*i] * (session.moments[*i].position[axis.slot()] - middle) / half;
             let mut product: Vec<f64> = a.filter.order().iter().map(along).collect();
             a.filter.apply(&mut product, 1);
-            Some((axis, self.share(&DVector::from_vec(a.problem.varied(product)))))
+            Some((axis, self.share(&DVector::from_vec(product))))
         };
         let axes = Axis::ALL.into_iter().filter(|axis| axis.is_linear() && Some(*axis) != over);
         axes.filter_map(growth).max_by(|a, b| a.1.total_cmp(&b.1))
@@ -102,5 +110,31 @@ impl Fit {
         }
         let std = (self.variance / size).sqrt();
         ((own.dot(&self.left) / size).abs() - SURE * std).max(0.0)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// One effect, the same in all of 200 readings, that grows by `growth` from the middle of a way to its end.
+    fn growth(growth: f64) -> f64 {
+        let n = 200;
+        let way = |i: usize| 2.0 * i as f64 / (n - 1) as f64 - 1.0;
+        let effect = DVector::from_fn(n, |i, _| 5.0 * (0.7 * i as f64).sin());
+        let product = DVector::from_fn(n, |i, _| effect[i] * way(i));
+        let noise = DVector::from_fn(n, |i, _| 1.4 * (2.9 * (i * i) as f64).sin());
+        let y = &effect + &product * growth + noise;
+        let known = effect.dot(&y) / effect.norm_squared();
+        let columns = DMatrix::from_columns(&[effect.clone()]);
+        let factor = columns.tr_mul(&columns).cholesky();
+        Fit { columns, factor, left: y - effect * known, variance: 1.0 }.share(&product)
+    }
+
+    #[test]
+    fn growth_is_what_two_standard_deviations_leave_of_it() {
+        assert_eq!(growth(0.0), 0.0);
+        assert!((0.35..0.5).contains(&growth(0.5)), "{}", growth(0.5));
+        assert!((0.85..1.0).contains(&growth(-1.0)), "{}", growth(-1.0));
     }
 }

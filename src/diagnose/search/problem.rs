@@ -266,8 +266,7 @@ impl Problem {
     }
 
     /// A column that the filter has whitened, whitened by the variation, too.
-    #[must_use]
-    pub fn varied(&self, column: Vec<f64>) -> Vec<f64> {
+    fn varied(&self, column: Vec<f64>) -> Vec<f64> {
         let Some(v) = &self.variation else { return column };
         let mut column = DVector::from_vec(column);
         v.apply(&mut column);

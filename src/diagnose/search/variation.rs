@@ -281,3 +281,48 @@ impl Left {
         mean.iter().copied().collect()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn products_are_all_those_up_to_the_highest_degree() {
+        assert_eq!(powers(1), [[1], [2], [3], [4]]);
+        assert_eq!((powers(2).len(), powers(3).len()), (14, 34));
+        assert!(powers(3).iter().all(|d| (1..=4).contains(&d.iter().sum::<usize>())));
+    }
+
+    #[test]
+    fn the_polynomials_are_one_at_the_end_and_orthogonal() {
+        let n = 2000;
+        for a in 0..5 {
+            assert!((legendre(1.0)[a] - 1.0).abs() < 1e-12);
+            for b in 0..5 {
+                let at = (0..n).map(|k| legendre((f64::from(k) + 0.5) / 0.5 / f64::from(n) - 1.0));
+                let mean: f64 = at.map(|p| p[a] * p[b]).sum::<f64>() / f64::from(n);
+                let wanted = if a == b { 1.0 / (2 * a + 1) as f64 } else { 0.0 };
+                assert!((mean - wanted).abs() < 1e-5, "{a} {b}: {mean}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_varies_is_shrunk_to_unit_variance_and_what_does_not_stays() {
+        let v = Variation {
+            share: 0.2,
+            effects: Vec::new(),
+            basis: DMatrix::from_column_slice(3, 1, &[0.6, 0.8, 0.0]),
+            variance: DVector::from_element(1, 3.0),
+        };
+        let mut column = DVector::from_column_slice(&[0.6 * 2.0 - 0.8, 0.8 * 2.0 + 0.6, 5.0]);
+        let before = column.clone();
+        v.apply(&mut column);
+        // standard deviation 2 becomes 1 along the basis
+        let wanted = DVector::from_column_slice(&[0.6 - 0.8, 0.8 + 0.6, 5.0]);
+        assert!((&column - wanted).norm() < 1e-12, "{column}");
+        v.turn(&mut column, true);
+        assert!((column - before).norm() < 1e-12);
+        assert!((v.log_variance() - 4f64.ln()).abs() < 1e-12);
+    }
+}

@@ -1,0 +1,82 @@
+//! What another day changes in the shrink of a gap, beside its own white noise: drift takes another course, and what
+//! temperatures cause is as large as the day is warm.
+
+use super::noise::ClassNoise;
+use super::offsets::without_offsets;
+use super::session::Session;
+use crate::core::geometry::Vec3;
+
+/// Standard deviations on either side of 90 %.
+const NINETY: f64 = 1.645;
+/// Size of what temperatures cause on other days, as multiples of that of this one.
+const WARMTH: [f64; 2] = [0.5, 1.5];
+
+/// What is known of this day.
+pub(super) struct Day<'a> {
+    pub(super) session: &'a Session,
+    pub(super) used: &'a [bool],
+    pub(super) noise: &'a [ClassNoise],
+    /// What all causes do together, um per row.
+    pub(super) causes: Vec<f64>,
+    /// What those of them do that a temperature drives.
+    pub(super) warmth: Vec<f64>,
+}
+
+impl Day<'_> {
+    /// How far the shrink may be below and above what is forecast, with mean squares `before` and `after`, um^2.
+    pub(super) fn spread(&self, before: f64, after: f64) -> [f64; 2] {
+        if !(before > 0.0 && after > 0.0) {
+            return [0.0; 2];
+        }
+        let root = (after / before).sqrt();
+        let (own, cross) = self.drift();
+        // drift is in both; a chance agreement of drift and effect is in the gap before only
+        let both = own * (1.0 / after - 1.0 / before).powi(2);
+        let drift = NINETY * 0.5 * root * (both + cross / (before * before)).sqrt();
+        let warmth = mean_square(&without_offsets(self.session, &self.warmth, self.used));
+        let with = |factor: f64| {
+            let other = (before + (factor * factor - 1.0) * warmth).max(after);
+            (root - (after / other).sqrt()).abs()
+        };
+        WARMTH.map(|f| drift.hypot(with(f)))
+    }
+
+    /// Variance of the mean square of the drift, and of twice its mean product with the causes, um^4.
+    fn drift(&self) -> (f64, f64) {
+        let causes = without_offsets(self.session, &self.causes, self.used);
+        let mut setups: Vec<Vec<usize>> = vec![Vec::new(); self.session.setups.len()];
+        for (i, r) in self.session.readings.iter().enumerate().filter(|(i, _)| self.used[*i]) {
+            setups[r.setup].push(i);
+        }
+        let n: usize = setups.iter().map(Vec::len).sum();
+        let (mut own, mut cross) = (0.0, 0.0);
+        for rows in setups.iter().filter(|r| !r.is_empty()) {
+            let class = self.noise[self.session.readings[rows[0]].instrument];
+            if class.drift_um <= 0.0 {
+                continue;
+            }
+            let t = |i: usize| self.session.moments[i].t_s;
+            let times = (t(rows[rows.len() - 1]) - t(rows[0])).max(0.0) / class.drift_s.max(1e-9);
+            // what is slower than the setup goes with its offset
+            let variance = class.drift_um.powi(2) * (times / 3.0).min(1.0);
+            let pieces = 1.0 + 0.5 * times;
+            own += 2.0 / pieces * (rows.len() as f64 * variance).powi(2);
+            // a sum over all pairs with the correlation of the drift, in one pass
+            let (mut before, mut last, mut sum) = (Vec3::zeros(), t(rows[0]), 0.0);
+            for i in rows {
+                before *= (-(t(*i) - last).max(0.0) / class.drift_s.max(1e-9)).exp();
+                last = t(*i);
+                let part = self.session.moments[*i].u * causes[*i];
+                sum += part.dot(&part) + 2.0 * part.dot(&before);
+                before += part;
+            }
+            cross += 4.0 * variance * sum.max(0.0);
+        }
+        let n = (n.max(1) as f64).powi(2);
+        (own / n, cross / n)
+    }
+}
+
+fn mean_square(values: &[f64]) -> f64 {
+    super::offsets::rms(values).powi(2)
+}
