@@ -84,11 +84,13 @@ impl Variation {
         }
         let variance = DVector::from_iterator(kept.len(), kept.iter().map(|k| size[*k] * share * share));
         let size_of = |degrees: &Vec<usize>| DEGREES[degrees.iter().sum::<usize>() - 1];
+        let coefficients = left.terms(share);
+        let single = left.single(&coefficients, powers.len());
         let terms: Vec<f64> =
-            left.terms(share).iter().zip(powers.iter().cycle()).map(|(c, p)| c * size_of(p)).collect();
+            coefficients.iter().zip(powers.iter().cycle()).map(|(c, p)| c * size_of(p)).collect();
         let effects = chosen[..parts.len()]
             .iter()
-            .zip(terms.chunks(powers.len()).zip(left.single.chunks(powers.len())))
+            .zip(terms.chunks(powers.len()).zip(single.chunks(powers.len())))
             .map(|(v, terms)| {
                 let others: Vec<usize> = chosen.iter().copied().filter(|o| o != v).collect();
                 let gain = problem.gain(&problem.given(&others), *v).0;
@@ -230,8 +232,9 @@ struct Left {
     along: DVector<f64>,
     /// Mean square of what is left, at least 1: tails, and what nobody knows.
     noise: f64,
-    /// The value of each product by itself, and its standard deviation.
-    single: Vec<(f64, f64)>,
+    /// Products of those with each other and with what is left.
+    gram: DMatrix<f64>,
+    seen: DVector<f64>,
 }
 
 impl Left {
@@ -242,14 +245,22 @@ impl Left {
         let own = problem.beside(&given, products);
         let (gram, seen) = (own.tr_mul(&own), own.tr_mul(&left));
         let noise = (left.norm_squared() / left.len().max(1) as f64).max(1.0);
-        let single = |(k, b): (usize, &f64)| {
-            let size = gram[(k, k)];
-            if size > TELLS { (b / size, (noise / size).sqrt()) } else { (0.0, 0.0) }
-        };
-        let single = seen.iter().enumerate().map(single).collect();
-        let eigen = SymmetricEigen::new(gram);
+        let eigen = SymmetricEigen::new(gram.clone());
         let along = eigen.eigenvectors.tr_mul(&seen);
-        Self { eigen, along, noise, single }
+        Self { eigen, along, noise, gram, seen }
+    }
+
+    /// The value of each product by itself and its standard deviation, once the products of the other effects (`each` of an
+    /// effect) have the most likely coefficients.
+    fn single(&self, terms: &[f64], each: usize) -> Vec<(f64, f64)> {
+        let of = |k: usize| {
+            let mine = k / each * each..k / each * each + each;
+            let others = (0..terms.len()).filter(|j| !mine.contains(j));
+            let rest = self.seen[k] - others.map(|j| self.gram[(k, j)] * terms[j]).sum::<f64>();
+            let size = self.gram[(k, k)];
+            if size > TELLS { (rest / size, (self.noise / size).sqrt()) } else { (0.0, 0.0) }
+        };
+        (0..terms.len()).map(of).collect()
     }
 
     /// Twice the logarithm of the likelihood that a variation gains.
