@@ -9,7 +9,7 @@ use crate::core::geometry::Vec3;
 /// Standard deviations on either side of 90 %.
 const NINETY: f64 = 1.645;
 /// Size of what temperatures cause on other days, as multiples of that of this one.
-const WARMTH: [f64; 2] = [0.5, 1.5];
+const WARMTH: [f64; 2] = [0.3, 1.5];
 
 /// What is known of this day.
 pub(super) struct Day<'a> {

@@ -73,7 +73,11 @@ pub(super) fn allow_for_variation(
             problem.vary(None);
             core.iter().for_each(|v| problem.prepare(*v));
         }
-        let found = Variation::find(session, filter, problem, &core, &parts);
+        let own_axis = |v: usize| {
+            let shape = &library.variants[v].shape;
+            shape.over().filter(|_| shape.is_free_curve())
+        };
+        let found = Variation::find(session, filter, problem, &core, &parts, &own_axis);
         let is_new = found.is_some();
         if is_new || before.is_some() {
             problem.vary(found.or(before));

@@ -131,7 +131,26 @@ pub fn judge(case: &Case, report: &Report) -> Judged {
 /// A claim counts as confident from this probability of its own.
 pub const CONFIDENT: f64 = 0.5;
 
+/// The verdict of a case whose files the tool refused.
+pub const REFUSED: &str = "refused";
+
 impl Judged {
+    /// A case whose files the tool refused: nothing was said.
+    #[must_use]
+    pub fn refused(case: &Case) -> Self {
+        Self {
+            number: case.number,
+            kind: case.kind,
+            labels: case.labels.clone(),
+            levels: case.levels.clone(),
+            visible: case.visible,
+            verdict: REFUSED.to_owned(),
+            said: Vec::new(),
+            unexplained: false,
+            shrink: None,
+        }
+    }
+
     /// The causes that the tool stands by.
     pub fn declared(&self) -> impl Iterator<Item = &Said> {
         self.said.iter().filter(|s| s.declared)

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::{Command, Stdio};
 
-use super::{EX_SOFTWARE, EX_USAGE, Failure};
+use super::{EX_DATAERR, EX_SOFTWARE, EX_USAGE, Failure};
 
 /// The tool as a process.
 pub(super) struct Tool {
@@ -38,7 +38,10 @@ impl Tool {
             .map_err(|e| Failure::in_file(EX_SOFTWARE, &self.program, e))?;
         if !output.status.success() {
             let said = String::from_utf8_lossy(&output.stderr);
-            return Err(Failure::new(EX_SOFTWARE, format_args!("{}: {}", folder.display(), said.trim_end())));
+            // what the tool refuses is an answer, too
+            let refused = output.status.code() == Some(i32::from(EX_DATAERR));
+            let code = if refused { EX_DATAERR } else { EX_SOFTWARE };
+            return Err(Failure::new(code, format_args!("{}: {}", folder.display(), said.trim_end())));
         }
         Ok(String::from_utf8_lossy(&output.stdout).into_owned())
     }

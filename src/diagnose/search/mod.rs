@@ -1,10 +1,13 @@
 //! The search for causes in the whitened problem.
 
 mod gates;
+mod pieces;
 mod problem;
 mod refine;
 mod select;
 mod small;
+#[cfg(test)]
+mod tests;
 mod variation;
 
 pub use gates::{

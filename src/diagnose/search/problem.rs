@@ -8,6 +8,7 @@ use super::super::library::{Blind, Library, Shape, WIDTH_MAX};
 use super::super::moment::SLOTS;
 use super::super::noise::Filter;
 use super::super::session::{Session, is_encoder};
+use super::pieces::{BLOCKS_MIN, PIECE_ROWS, PIECES_MIN, Places, blocks, programmes};
 use super::small::Factor;
 use super::variation::Variation;
 use crate::core::geometry::Vec3;
@@ -450,138 +451,38 @@ fn own_grams(w: &DMatrix<f64>, span: &[(usize, usize)]) -> Vec<Vec<f64>> {
     own
 }
 
-/// Programme of every row: setup, axes that move in the run, feed, tool.
-fn programmes(session: &Session, rows: &[usize]) -> (Vec<usize>, usize) {
-    #[derive(Clone, Copy)]
-    struct Run {
-        low: [f64; 6],
-        high: [f64; 6],
-        speed: f64,
-        tool: f64,
-        setup: usize,
-    }
-    let start =
-        Run { low: [f64::INFINITY; 6], high: [f64::NEG_INFINITY; 6], speed: 0.0, tool: f64::NAN, setup: 0 };
-    let mut runs = vec![start; session.runs];
-    for i in rows {
-        let (r, m) = (&session.readings[*i], &session.moments[*i]);
-        let run = &mut runs[r.run];
-        run.setup = r.setup;
-        run.tool = m.tool_length_mm;
-        let speed = (0..3).map(|k| m.velocity[k].powi(2)).sum::<f64>().sqrt();
-        run.speed = run.speed.max(if speed.is_finite() { speed } else { 0.0 });
-        for k in 0..6 {
-            run.low[k] = run.low[k].min(m.position[k]);
-            run.high[k] = run.high[k].max(m.position[k]);
+#[cfg(test)]
+impl Problem {
+    /// A problem of columns made up for a test, those of each variant together; one programme, one block.
+    pub(super) fn made_up(variants: &[Vec<DVector<f64>>], y: DVector<f64>) -> Self {
+        let columns: Vec<DVector<f64>> = variants.iter().flatten().map(|c| c / c.norm()).collect();
+        let w = DMatrix::from_columns(&columns).transpose();
+        let n = y.len();
+        let ends = variants.iter().scan(0, |at, v| {
+            *at += v.len();
+            Some(*at)
+        });
+        let span: Vec<(usize, usize)> = ends.zip(variants).map(|(end, v)| (end - v.len(), v.len())).collect();
+        Self {
+            rows: (0..n).collect(),
+            b: &w * &y,
+            own: own_grams(&w, &span),
+            norm: variants.iter().flatten().map(DVector::norm).collect(),
+            seen: vec![1.0; span.len()],
+            y,
+            w,
+            span,
+            cell: vec![0; n],
+            cells: 1,
+            places: Vec::new(),
+            block: vec![0; n],
+            blocks: 1,
+            piece: vec![0; n],
+            pieces: 1,
+            is_single_pass: false,
+            precise: false,
+            variation: None,
+            cross: BTreeMap::new(),
         }
     }
-    let mut known = BTreeMap::new();
-    let cell = rows
-        .iter()
-        .map(|i| {
-            let r = &runs[session.readings[*i].run];
-            let mask: Vec<bool> =
-                (0..6).map(|k| r.high[k] - r.low[k] > if k < 3 { 1.0 } else { 0.01 }).collect();
-            let feed = if r.speed > 1e-6 { (r.speed.ln() / 0.4).round() as i64 } else { i64::MIN };
-            let tool = if r.tool.is_finite() { r.tool.round() as i64 } else { i64::MIN };
-            let next = known.len();
-            *known.entry((r.setup, mask, feed, tool)).or_insert(next)
-        })
-        .collect();
-    (cell, known.len())
-}
-
-/// Places of the axes within each programme.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Places {
-    /// Place of each row.
-    pub of: Vec<usize>,
-    /// Number of places.
-    pub count: usize,
-}
-
-/// Readings that a place should have at least, on average.
-const PLACE_ROWS: usize = 10;
-/// Most places along one, two, three axes.
-const PLACES: [usize; 3] = [8, 4, 3];
-/// Travel that makes an axis one that moves, mm and rad.
-const TRAVEL: [f64; 2] = [1.0, 0.01];
-
-impl Places {
-    /// Divides the travel of each axis but `own` (a slot, or none) in every programme.
-    fn new(session: &Session, rows: &[usize], cell: &[usize], own: usize) -> Self {
-        let cells = cell.iter().max().map_or(0, |c| c + 1);
-        let mut range = vec![[[f64::INFINITY, f64::NEG_INFINITY]; SLOTS]; cells];
-        let mut counts = vec![0usize; cells];
-        for (i, c) in rows.iter().zip(cell) {
-            counts[*c] += 1;
-            for (r, p) in range[*c].iter_mut().zip(&session.moments[*i].position) {
-                *r = [r[0].min(*p), r[1].max(*p)];
-            }
-        }
-        let parts: Vec<[usize; SLOTS]> = range
-            .iter()
-            .zip(&counts)
-            .map(|(r, n)| {
-                let moves = |k: &usize| *k != own && r[*k][1] - r[*k][0] > TRAVEL[usize::from(*k > 2)];
-                let axes: Vec<usize> = (0..SLOTS).filter(moves).collect();
-                let share = ((n / PLACE_ROWS) as f64).powf(1.0 / axes.len().max(1) as f64) as usize;
-                let parts = share.clamp(1, PLACES[axes.len().clamp(1, 3) - 1]);
-                let mut all = [1; SLOTS];
-                for k in axes {
-                    all[k] = parts;
-                }
-                all
-            })
-            .collect();
-        let mut known = BTreeMap::new();
-        let of = rows
-            .iter()
-            .zip(cell)
-            .map(|(i, c)| {
-                let m = &session.moments[*i];
-                let place: [usize; SLOTS] = core::array::from_fn(|k| {
-                    let [low, high] = range[*c][k];
-                    let n = parts[*c][k];
-                    if n < 2 {
-                        return 0;
-                    }
-                    (((m.position[k] - low) / (high - low) * n as f64) as usize).min(n - 1)
-                });
-                let next = known.len();
-                *known.entry((*c, place)).or_insert(next)
-            })
-            .collect();
-        Self { of, count: known.len() }
-    }
-}
-
-/// Fewest blocks for tests across runs.
-const BLOCKS_MIN: usize = 8;
-/// Fewest pieces for the scatter of slopes, where each has enough readings: of eight the scatter is hardly known.
-const PIECES_MIN: usize = 24;
-/// Readings of a piece.
-const PIECE_ROWS: usize = 25;
-
-/// Runs, or pieces of runs where there are few.
-fn blocks(session: &Session, rows: &[usize], least: usize) -> (Vec<usize>, usize) {
-    let mut counts: BTreeMap<usize, usize> = BTreeMap::new();
-    for i in rows {
-        *counts.entry(session.readings[*i].run).or_default() += 1;
-    }
-    let pieces = least.div_ceil(counts.len().max(1));
-    let mut seen: BTreeMap<usize, usize> = BTreeMap::new();
-    let mut known: BTreeMap<(usize, usize), usize> = BTreeMap::new();
-    let block = rows
-        .iter()
-        .map(|i| {
-            let run = session.readings[*i].run;
-            let k = seen.entry(run).or_default();
-            let piece = (*k * pieces) / counts[&run];
-            *k += 1;
-            let next = known.len();
-            *known.entry((run, piece)).or_insert(next)
-        })
-        .collect();
-    (block, known.len())
 }

@@ -327,32 +327,25 @@ impl Selection {
             }
             let others = self.without(&[stays, goes]);
             let given = Self::given(problem, &others);
-            self.chosen[stays] = self.best_of(problem, library, &given, kept, self.chosen[stays]).variant;
+            self.chosen[stays] = self.best_of(problem, library, &given, self.chosen[stays]);
             self.chosen.remove(goes);
             self.search(problem, library);
         }
     }
 
-    /// The best variant of a label beside what is given, `own` or another one.
-    fn best_of(
-        &self,
-        problem: &Problem,
-        library: &Library,
-        given: &Given,
-        label: usize,
-        own: usize,
-    ) -> Found {
-        let found = |v: usize| {
+    /// The best variant of the effect of `own` beside what is given.
+    fn best_of(&self, problem: &Problem, library: &Library, given: &Given, own: usize) -> usize {
+        let label = library.variants[own].label;
+        let value = |v: usize| {
             let (gain, rank) = problem.gain(given, v);
-            Found { variant: v, gain, rank, evidence: evidence(gain, rank, self.grid[label]) }
+            (evidence(gain, rank, self.grid[label]), v)
         };
-        library
+        let others = library
             .variants
             .iter()
             .enumerate()
-            .filter(|(v, variant)| variant.label == label && !variant.shape.has_slope() && *v != own)
-            .map(|(v, _)| found(v))
-            .fold(found(own), |best, f| if f.evidence > best.evidence { f } else { best })
+            .filter(|(v, variant)| variant.label == label && !variant.shape.has_slope() && *v != own);
+        others.map(|(v, _)| value(v)).fold(value(own), |best, f| if f.0 > best.0 { f } else { best }).1
     }
 
     /// Of a table of positions and a worn place the one that stays, first: the worn place where the table has next to nothing

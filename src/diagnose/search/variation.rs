@@ -33,7 +33,7 @@ pub struct Varying {
     pub variant: usize,
     /// Drop of the sum of squares by it beside the others, before its variation joined the noise.
     pub gain: f64,
-    /// Relative, RMS over the volume.
+    /// Relative, RMS over the volume; of a curve beside that along its own axis.
     pub rms: f64,
     /// How much it surely grows from the middle of each linear axis to its end (two standard deviations are taken off).
     pub grows: Vec<(Axis, f64)>,
@@ -55,7 +55,7 @@ pub struct Variation {
 impl Variation {
     /// The most likely variation of effects that contribute `parts` (per effect, per row of the session, um; the first ones of
     /// `chosen`) beside the columns of `chosen`, in a problem that knows of none; `None` where the likelihood does not ask
-    /// for one.
+    /// for one. `own_axis` is that over whose positions an effect is a curve.
     #[must_use]
     pub fn find(
         session: &Session,
@@ -63,6 +63,7 @@ impl Variation {
         problem: &Problem,
         chosen: &[usize],
         parts: &[Vec<f64>],
+        own_axis: &dyn Fn(usize) -> Option<Axis>,
     ) -> Option<Self> {
         let ways = ways(session, problem);
         let powers = powers(ways.len());
@@ -94,7 +95,9 @@ impl Variation {
             .map(|(v, terms)| {
                 let others: Vec<usize> = chosen.iter().copied().filter(|o| o != v).collect();
                 let gain = problem.gain(&problem.given(&others), *v).0;
-                varying(*v, gain, terms, &ways, &powers)
+                let own = ways.iter().position(|w| Some(w.0) == own_axis(*v));
+                let (rms, grows) = varying(terms, own, &ways, &powers);
+                Varying { variant: *v, gain, rms, grows }
             })
             .collect();
         Some(Self { share, effects, basis, variance })
@@ -169,28 +172,24 @@ fn ways(session: &Session, problem: &Problem) -> Vec<Way> {
         .collect()
 }
 
-/// What the coefficients of one effect say: all together, and each by itself with its standard deviation.
+/// What the coefficients of one effect say (all together, and each by itself with its standard deviation): its variation
+/// beside that along its `own` way, which is the form of a curve, and its growth along each way.
 fn varying(
-    variant: usize,
-    gain: f64,
     (terms, single): (&[f64], &[(f64, f64)]),
+    own: Option<usize>,
     ways: &[Way],
     powers: &[Vec<usize>],
-) -> Varying {
+) -> (f64, Vec<(Axis, f64)>) {
     let square = |(degrees, mean): (&Vec<usize>, &f64)| {
         mean * mean / degrees.iter().map(|d| (2 * d + 1) as f64).product::<f64>()
     };
+    let beside = powers.iter().zip(terms).filter(|(d, _)| own.is_none_or(|k| d[k] == 0));
     let grows = ways.iter().enumerate().map(|(k, (axis, ..))| {
         let first = |d: &Vec<usize>| d.iter().sum::<usize>() == 1 && d[k] == 1;
         let (mean, std) = powers.iter().position(first).map_or((0.0, 0.0), |at| single[at]);
         (*axis, (mean.abs() - SURE * std).max(0.0))
     });
-    Varying {
-        variant,
-        gain,
-        rms: powers.iter().zip(terms).map(square).sum::<f64>().sqrt(),
-        grows: grows.collect(),
-    }
+    (beside.map(square).sum::<f64>().sqrt(), grows.collect())
 }
 
 /// Whitened products of the parts with polynomials of the linear axes, a column each.
