@@ -95,15 +95,14 @@ pub(super) fn minus(gap: &[f64], parts: &[Vec<f64>], take: impl Fn(usize) -> boo
 /// The forecast, with the columns that `take` names.
 #[must_use]
 pub(super) fn forecast(
-    session: &Session,
     problem: &Problem,
     gap: &[f64],
-    used: &[bool],
     parts: &Contributions,
     take: &dyn Fn(usize) -> bool,
     day: &Day<'_>,
     seed: u64,
 ) -> Shrink {
+    let Day { session, used, .. } = *day;
     let before = without_offsets(session, gap, used);
     let after = without_offsets(session, &minus(gap, &parts.held_out, take), used);
     let fitted = without_offsets(session, &minus(gap, &parts.in_sample, take), used);

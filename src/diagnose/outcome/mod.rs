@@ -131,7 +131,7 @@ pub(super) fn conclude(
     }
     let declared = |j: usize| assessed[owner[j]].declared;
     let day = day(session, &a, &parts, &owner, &assessed);
-    let shrink = forecast(session, &a.problem, &a.gap, &a.used, &parts, &declared, &day, options.seed);
+    let shrink = forecast(&a.problem, &a.gap, &parts, &declared, &day, options.seed);
     let before = without_offsets(session, &a.gap, &a.used);
     let after = without_offsets(session, &minus(&a.gap, &parts.held_out, declared), &a.used);
     let keep: Vec<usize> = assessed.iter().filter(|x| x.declared).map(|x| x.variant).collect();

@@ -126,7 +126,7 @@ mod tests {
         let noise = DVector::from_fn(n, |i, _| 1.4 * (2.9 * (i * i) as f64).sin());
         let y = &effect + &product * growth + noise;
         let known = effect.dot(&y) / effect.norm_squared();
-        let columns = DMatrix::from_columns(&[effect.clone()]);
+        let columns = DMatrix::from_columns(std::slice::from_ref(&effect));
         let factor = columns.tr_mul(&columns).cholesky();
         Fit { columns, factor, left: y - effect * known, variance: 1.0 }.share(&product)
     }
