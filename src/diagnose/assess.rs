@@ -230,6 +230,11 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
 /// Largest term of a power series, as a multiple of the whole: a real angle that is zero at the zero of its axis needs less.
 const CANCELLING: f64 = 250.0;
 
+/// True where an effect chosen is such a power series.
+pub(super) fn cancels(problem: &Problem, library: &Library, selection: &Selection) -> bool {
+    (0..selection.chosen.len()).any(|place| cancelling(problem, library, selection, place) > CANCELLING)
+}
+
 /// The largest term of an angular error over the RMS of all of them, whitened; 0 for other effects.
 fn cancelling(problem: &Problem, library: &Library, selection: &Selection, place: usize) -> f64 {
     let variant = selection.chosen[place];

@@ -1,5 +1,6 @@
 //! The search for causes, and the same again where effects are not the same everywhere.
 
+use super::assess::cancels;
 use super::contributions_um;
 use super::library::Library;
 use super::noise::Filter;
@@ -54,7 +55,7 @@ fn by_energy(problem: &Problem, chosen: &[usize], share: f64) -> Vec<usize> {
 }
 
 /// Where effects are not the same everywhere, what varies joins the noise, and causes are looked for again. It stays so where
-/// this says more than further effects of the same everywhere do.
+/// this says more than further effects that are the same everywhere do, and without power series that cancel themselves.
 pub(super) fn allow_for_variation(
     problem: &mut Problem,
     session: &Session,
@@ -64,6 +65,7 @@ pub(super) fn allow_for_variation(
 ) {
     let same = Same { chosen: selection.clone(), library: library.clone(), square: problem.y.norm_squared() };
     let evidence = selection.evidence(problem, library);
+    let cancelled = cancels(problem, library, selection);
     let mut core = by_energy(problem, &selection.chosen, CORE);
     for search_again in [true, true, false] {
         let mut parts = contributions_um(session, problem, library, &core);
@@ -88,7 +90,8 @@ pub(super) fn allow_for_variation(
         if search_again {
             selection.restart(&core);
             find_causes(problem, session, filter, library, selection);
-            if selection.evidence(problem, library) + same.explained(problem) < evidence {
+            let says_less = selection.evidence(problem, library) + same.explained(problem) < evidence;
+            if says_less || !cancelled && cancels(problem, library, selection) {
                 same.restore(problem, session, filter, library, selection);
                 break;
             }
