@@ -164,10 +164,10 @@ fn an_effect_that_varies_over_the_volume_is_one_effect() {
         };
         let d = run(&campaign, &varying, NOISE, &[]);
         assert_eq!(declared(&d.report), [label], "{}", table(&d.report));
-        let tests = d.report.causes.iter().find(|c| c.declared).and_then(|c| c.tests.clone()).unwrap();
+        let tests = d.report.causes.iter().find(|c| c.declared).and_then(|c| c.tests).unwrap();
         assert!((0.06..0.35).contains(&tests.varies), "{label}: {}", tests.varies);
         let d = run(&campaign, &|s| same(s).map(|d| 3.0 * d), NOISE, &[]);
-        let tests = d.report.causes.iter().find(|c| c.declared).and_then(|c| c.tests.clone()).unwrap();
+        let tests = d.report.causes.iter().find(|c| c.declared).and_then(|c| c.tests).unwrap();
         assert!(tests.varies < 0.03, "{label}: {}", tests.varies);
     }
 }

@@ -147,7 +147,10 @@ impl Score {
             removed_honest: Of::count(kind(Kind::Removed), |j| !confident(j)),
             left_out_named: Of::count(kind(Kind::LeftOut), Judged::top_right),
             left_out_in_group: Of::count(kind(Kind::LeftOut), Judged::top_in_group),
-            invisible_silent: Of::count(all.iter().filter(|j| !j.visible), |j| !confident(j)),
+            // of a pair the other effect may be seen
+            invisible_silent: Of::count(all.iter().filter(|j| !j.visible && j.kind != Kind::Pair), |j| {
+                !confident(j)
+            }),
             claims_outside_group: Of { hits: strangers, of: claims },
             ece,
             brier,
