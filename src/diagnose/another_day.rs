@@ -41,6 +41,7 @@ impl Day<'_> {
         WARMTH.map(|f| drift.hypot(with(f)))
     }
 
+    /// The course of one day's drift; what that of this day did to the fit the bootstrap of its blocks shows.
     /// Variance of the mean square of the drift, and of twice its mean product with the causes, um^4.
     fn drift(&self) -> (f64, f64) {
         let causes = without_offsets(self.session, &self.causes, self.used);

@@ -184,7 +184,7 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
         .map(|(l, _)| library.labels[l].clone())
         .collect();
     // where its variation stands among the noise, evidence has been discounted already
-    let is_varied = problem.variation().is_some_and(|v| v.effects.iter().any(|e| e.variant == variant));
+    let is_varied = problem.variation().is_some_and(|v| v.of(label).is_some());
     let inexact = CALIBRATION.temper[usize::from(is_varied)];
     let temper = 2.0 * (1.0 + inexact * own.gain);
     let weight = |f: &Found| ((f.evidence - own.evidence) / temper).min(0.0).exp();

@@ -1,7 +1,7 @@
 //! How far the gap shrinks on new data of the same programme: cross-validation over blocks of runs, and a bootstrap of
 //! the blocks for the interval.
 //!
-//! The fit of a fold does not see its block, so what the parameters owe to noise does not count as gain. The interval
+//! The fit of a fold does not see its block (where effects vary over the volume: but for the size of that variation), so what the parameters owe to noise does not count as gain. The interval
 //! also covers that new data have noise, drift and weather of their own.
 
 use super::another_day::Day;

@@ -6,7 +6,6 @@
 
 use super::library::STILL;
 use super::moment::{Axis, Moment};
-use super::noise::Filter;
 use super::report::Place;
 use super::search::Problem;
 use super::session::Session;
@@ -95,9 +94,12 @@ fn bins(values: &[f64], rows: &[usize]) -> Option<(Vec<usize>, usize, Vec<f64>)>
     Some((bin, missing, bounds))
 }
 
+/// Whitens columns (a row of some width per row of the problem) as `y` has been whitened.
+type Whiten<'a> = dyn Fn(&mut [f64], usize) + 'a;
+
 /// Shares of what `y` (whitened, in the problem's order) holds beyond noise.
 #[must_use]
-pub(super) fn localise(session: &Session, problem: &Problem, filter: &Filter, y: &[f64]) -> Vec<Place> {
+pub(super) fn localise(session: &Session, problem: &Problem, whiten: &Whiten<'_>, y: &[f64]) -> Vec<Place> {
     let n = y.len();
     let structured = y.iter().map(|v| v * v).sum::<f64>() - n as f64;
     let noise = 5.0 * (2.0 * n as f64).sqrt();
@@ -107,7 +109,7 @@ pub(super) fn localise(session: &Session, problem: &Problem, filter: &Filter, y:
     let mut places = partitions(session, problem, y, structured);
     for factor in factors(session) {
         let Some((bin, count, bounds)) = bins(&factor.values, &problem.rows) else { continue };
-        if let Some(p) = share_of(session, problem, filter, y, structured, &factor, (&bin, count, &bounds)) {
+        if let Some(p) = share_of(session, problem, whiten, y, structured, &factor, (&bin, count, &bounds)) {
             places.push(p);
         }
     }
@@ -169,7 +171,7 @@ fn partitions(session: &Session, problem: &Problem, y: &[f64], structured: f64) 
 fn share_of(
     session: &Session,
     problem: &Problem,
-    filter: &Filter,
+    whiten: &Whiten<'_>,
     y: &[f64],
     structured: f64,
     factor: &Factor,
@@ -184,7 +186,7 @@ fn share_of(
             }
         }
     }
-    filter.apply(&mut data, width);
+    whiten(&mut data, width);
     let mut g = nalgebra::DMatrix::<f64>::zeros(width, width);
     let mut b = nalgebra::DVector::<f64>::zeros(width);
     for (row, e) in data.chunks_exact(width).zip(y) {

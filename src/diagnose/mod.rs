@@ -144,16 +144,15 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
             Selection { chosen: Vec::new(), threshold, grid: grid.clone(), is_plain, ..Selection::default() };
         varied::find_causes(&mut problem, session, &filter, &mut library, &mut selection);
         round += 1;
-        // what was refined has new columns
-        selection.chosen.iter().for_each(|v| problem.prepare(*v));
         let next = {
             let left = remainder(session, &problem, &library, &selection, &gap);
             steady(noise::from_remainder(session, &left, &used, &class_noise))
         };
         let settled = class_noise.iter().zip(&next).all(|(a, b)| alike(a, b));
         if settled || round >= ROUNDS {
-            tell(0.8, "effects that vary over the volume");
-            if !is_plain {
+            // the control's own encoders see the servo, which depends on no place
+            if !is_plain && !problem.precise {
+                tell(0.8, "effects that vary over the volume");
                 varied::allow_for_variation(&mut problem, session, &filter, &mut library, &mut selection);
             }
             let blind = problem.unseen(&library);

@@ -54,8 +54,8 @@ fn by_energy(problem: &Problem, chosen: &[usize], share: f64) -> Vec<usize> {
     all.into_iter().filter(|(e, _)| *e >= least).map(|(_, v)| v).collect()
 }
 
-/// Where effects are not the same everywhere, what varies joins the noise, and causes are looked for again. It stays so where
-/// this says more than further effects that are the same everywhere do, and without power series that cancel themselves.
+/// Where effects are not the same everywhere, what varies joins the noise, and causes are looked for again. It stays so as
+/// long as this says more than what was found before, and without power series that cancel themselves.
 pub(super) fn allow_for_variation(
     problem: &mut Problem,
     session: &Session,
@@ -63,57 +63,68 @@ pub(super) fn allow_for_variation(
     library: &mut Library,
     selection: &mut Selection,
 ) {
-    let same = Same { chosen: selection.clone(), library: library.clone(), square: problem.y.norm_squared() };
-    let evidence = selection.evidence(problem, library);
-    let cancelled = cancels(problem, library, selection);
+    let square = problem.y.norm_squared();
+    let mut best = Found::of(problem, library, selection, square);
     let mut core = by_energy(problem, &selection.chosen, CORE);
     for search_again in [true, true, false] {
+        core.iter().for_each(|v| problem.prepare(*v));
+        core = by_energy(problem, &core, 0.0);
         let mut parts = contributions_um(session, problem, library, &core);
         parts.truncate(by_energy(problem, &core, ASKED).len().min(ASKED_MAX));
-        let before = problem.variation().cloned();
-        if before.is_some() {
+        if problem.variation().is_some() {
             problem.vary(None);
             core.iter().for_each(|v| problem.prepare(*v));
         }
-        let own_axis = |v: usize| {
-            let shape = &library.variants[v].shape;
-            shape.over().filter(|_| shape.is_free_curve())
+        let of = |v: usize| {
+            let variant = &library.variants[v];
+            (variant.label, variant.shape.over().filter(|_| variant.shape.is_free_curve()))
         };
-        let found = Variation::find(session, filter, problem, &core, &parts, &own_axis);
-        let is_new = found.is_some();
-        if is_new || before.is_some() {
-            problem.vary(found.or(before));
+        let Some(found) = Variation::find(session, filter, problem, &core, &parts, &of) else {
+            // beside what was found with the variation before nothing asks for another one
+            problem.vary(best.variation.clone());
+            break;
+        };
+        problem.vary(Some(found));
+        selection.chosen.iter().for_each(|v| problem.prepare(*v));
+        if search_again {
+            selection.restart(problem, library, &core);
+            find_causes(problem, session, filter, library, selection);
         }
-        if !is_new {
+        let now = Found::of(problem, library, selection, square);
+        if now.evidence < best.evidence || now.cancels && !best.cancels {
+            best.restore(problem, session, filter, library, selection);
             break;
         }
-        if search_again {
-            selection.restart(&core);
-            find_causes(problem, session, filter, library, selection);
-            let says_less = selection.evidence(problem, library) + same.explained(problem) < evidence;
-            if says_less || !cancelled && cancels(problem, library, selection) {
-                same.restore(problem, session, filter, library, selection);
-                break;
-            }
-            core = by_energy(problem, &selection.chosen, 0.0);
-        }
-        core.iter().for_each(|v| problem.prepare(*v));
+        best = now;
+        core.clone_from(&selection.chosen);
     }
     selection.chosen.iter().for_each(|v| problem.prepare(*v));
 }
 
-/// What was found with effects that are the same everywhere.
-struct Same {
-    chosen: Selection,
+/// What was found, to come back to.
+struct Found {
+    selection: Selection,
     library: Library,
-    /// Sum of squares of the gap.
-    square: f64,
+    variation: Option<Variation>,
+    /// Twice the logarithm of a likelihood, with all prices.
+    evidence: f64,
+    /// A power series cancels itself.
+    cancels: bool,
 }
 
-impl Same {
-    /// What the variation explains, twice the logarithm of a likelihood.
-    fn explained(&self, problem: &Problem) -> f64 {
-        self.square - problem.y.norm_squared() - problem.variation().map_or(0.0, Variation::log_variance)
+impl Found {
+    /// `square` is the sum of squares of the gap without a variation.
+    fn of(problem: &mut Problem, library: &Library, selection: &Selection, square: f64) -> Self {
+        let variation = problem.variation().cloned();
+        let varies =
+            square - problem.y.norm_squared() - variation.as_ref().map_or(0.0, Variation::log_variance);
+        Self {
+            evidence: selection.evidence(problem, library) + varies,
+            cancels: cancels(problem, library, selection),
+            selection: selection.clone(),
+            library: library.clone(),
+            variation,
+        }
     }
 
     fn restore(
@@ -130,6 +141,9 @@ impl Same {
                 problem.replace(session, filter, v, &then.shape);
             }
         }
-        (*library, *selection) = (self.library, self.chosen);
+        if self.variation.is_some() {
+            problem.vary(self.variation);
+        }
+        (*library, *selection) = (self.library, self.selection);
     }
 }

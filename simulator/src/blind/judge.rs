@@ -84,6 +84,9 @@ pub struct Judged {
     pub unexplained: bool,
     /// Forecast of the shrink, its interval, and what another day showed.
     pub shrink: Option<[f64; 4]>,
+    /// Why the tool refused the files, where it did: then nothing was said.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub refused: Option<String>,
 }
 
 /// Judges a report.
@@ -125,29 +128,28 @@ pub fn judge(case: &Case, report: &Report) -> Judged {
         said,
         unexplained: report.unexplained.significant || report.verdict == "unexplained",
         shrink,
+        refused: None,
     }
 }
 
 /// A claim counts as confident from this probability of its own.
 pub const CONFIDENT: f64 = 0.5;
 
-/// The verdict of a case whose files the tool refused.
-pub const REFUSED: &str = "refused";
-
 impl Judged {
-    /// A case whose files the tool refused: nothing was said.
+    /// A case whose files the tool refused, and why: nothing was said.
     #[must_use]
-    pub fn refused(case: &Case) -> Self {
+    pub fn refused(case: &Case, why: String) -> Self {
         Self {
             number: case.number,
             kind: case.kind,
             labels: case.labels.clone(),
             levels: case.levels.clone(),
             visible: case.visible,
-            verdict: REFUSED.to_owned(),
+            verdict: "refused".to_owned(),
             said: Vec::new(),
             unexplained: false,
             shrink: None,
+            refused: Some(why),
         }
     }
 

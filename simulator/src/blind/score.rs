@@ -112,7 +112,10 @@ impl Score {
     /// Counts; `hard` has bars of its own.
     #[must_use]
     pub fn of(all: &[Judged], hard: bool) -> Self {
-        let kind = |k: Kind| all.iter().filter(move |j| j.kind == k && j.visible);
+        // a refusal is a miss where something is to be found, and no answer where silence is right
+        let finds = |k: Kind| matches!(k, Kind::Single | Kind::Pair | Kind::LeftOut);
+        let counts = move |j: &Judged| j.refused.is_none() || finds(j.kind);
+        let kind = move |k: Kind| all.iter().filter(move |j| j.kind == k && j.visible && counts(j));
         let singles = || kind(Kind::Single);
         let confident = |j: &Judged| j.declared().any(|s| s.probability >= CONFIDENT);
         let mut by_level: BTreeMap<String, Of> = BTreeMap::new();
@@ -148,9 +151,10 @@ impl Score {
             left_out_named: Of::count(kind(Kind::LeftOut), Judged::top_right),
             left_out_in_group: Of::count(kind(Kind::LeftOut), Judged::top_in_group),
             // of a pair the other effect may be seen
-            invisible_silent: Of::count(all.iter().filter(|j| !j.visible && j.kind != Kind::Pair), |j| {
-                !confident(j)
-            }),
+            invisible_silent: Of::count(
+                all.iter().filter(|j| !j.visible && j.kind != Kind::Pair && j.refused.is_none()),
+                |j| !confident(j),
+            ),
             claims_outside_group: Of { hits: strangers, of: claims },
             ece,
             brier,

@@ -8,7 +8,7 @@ use std::sync::{Mutex, PoisonError};
 use super::tool::Tool;
 use super::{EX_DATAERR, EX_IOERR, EX_SOFTWARE, Failure, campaign};
 use crate::blind::cases::{many, pool};
-use crate::blind::judge::{REFUSED, Report};
+use crate::blind::judge::Report;
 use crate::blind::score::Of;
 use crate::blind::{Case, Draw, Judged, Kind, Mode, Score, judge};
 use crate::campaign::{Plan, run_campaign};
@@ -278,12 +278,10 @@ fn answer(
     let label = toml::to_string(case).map_err(|e| Failure::new(EX_SOFTWARE, e))?;
     std::fs::create_dir_all(args.out.join("sealed")).map_err(|e| Failure::in_file(EX_IOERR, &sealed, e))?;
     save(&sealed, &label)?;
-    let said = match diagnose(tool, &folder, "gap", &words) {
-        Err(f) if f.code == EX_DATAERR => None,
-        other => Some(other?),
+    let answer: Result<Report, String> = match diagnose(tool, &folder, "gap", &words) {
+        Err(f) if f.code == EX_DATAERR => Err(f.message),
+        said => Ok(serde_json::from_str(&said?).map_err(|e| Failure::new(EX_SOFTWARE, e))?),
     };
-    let report: Option<Report> =
-        said.map(|text| serde_json::from_str(&text)).transpose().map_err(|e| Failure::new(EX_SOFTWARE, e))?;
     let opened = std::fs::read_to_string(&sealed).map_err(|e| Failure::in_file(EX_IOERR, &sealed, e))?;
     let truth: Case = toml::from_str(&opened).map_err(|e| Failure::in_file(EX_SOFTWARE, &sealed, e))?;
     if !args.keep {
@@ -296,7 +294,7 @@ fn answer(
             gone.map_err(|e| Failure::in_file(EX_IOERR, &path, e))?;
         }
     }
-    Ok(report.map_or_else(|| Judged::refused(&truth), |r| judge(&truth, &r)))
+    Ok(answer.map_or_else(|why| Judged::refused(&truth, why), |r| judge(&truth, &r)))
 }
 
 /// What a careful workshop knows of its machine: each effect measured alone, with little noise, as an addition.
@@ -327,9 +325,8 @@ fn save(path: &Path, text: &str) -> Result<(), Failure> {
 fn report(outcome: &Outcome, cases: usize) {
     let s = &outcome.score;
     say!("{cases} cases, plan {}, seed {}", outcome.plan, outcome.seed);
-    let refused = outcome.cases.iter().filter(|j| j.verdict == REFUSED).count();
-    if refused > 0 {
-        say!("  files refused by the tool in {refused}, counted as nothing said");
+    for why in outcome.cases.iter().filter_map(|j| j.refused.as_deref()) {
+        say!("  refused, no answer: {why}");
     }
     for b in &s.bars {
         let holds = if b.holds { "holds" } else { "MISSED" };

@@ -40,8 +40,9 @@ pub(super) fn unexplained(
     let proxy = proxies.iter().map(|x| x.found.gain).sum::<f64>() / a.problem.len() as f64;
     let by_proxy = proxy.sqrt() > PROXY;
     let significant = structured || by_proxy || !drifting.is_empty();
+    let whiten = |data: &mut [f64], width: usize| a.problem.whiten(&a.filter, data, width);
     let mut places =
-        if structured || by_proxy { localise(session, &a.problem, &a.filter, left) } else { Vec::new() };
+        if structured || by_proxy { localise(session, &a.problem, &whiten, left) } else { Vec::new() };
     let variance = leftover.variance.max(if by_proxy { proxy } else { 0.0 }).max(0.0);
     let drift = drifting.iter().map(|c| a.noise[*c].drift_um).fold(0.0, f64::max);
     // a drift that wanders further than its setups last shows less than its size: no more is left than there is

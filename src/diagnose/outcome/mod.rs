@@ -170,7 +170,7 @@ pub(super) fn conclude(
             .then(x.label().cmp(&y.label()))
     });
     tell(0.94, "where the gap lies");
-    let places = localise(session, &a.problem, &a.filter, &y);
+    let places = localise(session, &a.problem, &|data, width| a.filter.apply(data, width), &y);
     let unexplained = unexplained(
         session,
         &a,
@@ -263,11 +263,12 @@ const VARIES_NOTED: f64 = 0.05;
 /// What is said of declared effects that are not the same everywhere.
 fn varying(a: &Analysis, assessed: &[Assessed]) -> Vec<String> {
     let Some(variation) = a.problem.variation() else { return Vec::new() };
-    let of = |x: &&Assessed| {
-        variation.effects.iter().find(|e| e.variant == x.variant).map(|e| (x.label.clone(), e.rms))
+    let of = |x: &Assessed| {
+        let varying = variation.of(a.library.variants[x.variant].label)?;
+        Some((x.label.clone(), varying.rms))
     };
     let declared = assessed.iter().filter(|x| x.declared);
-    let varies = declared.filter_map(|x| of(&x)).filter(|(_, rms)| *rms > VARIES_NOTED);
+    let varies = declared.filter_map(of).filter(|(_, rms)| *rms > VARIES_NOTED);
     varies
         .map(|(label, rms)| {
             let percent = 100.0 * rms;

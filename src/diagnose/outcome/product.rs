@@ -27,10 +27,9 @@ pub(super) fn weigh(
     let fit = Fit::new(a);
     for (place, x) in assessed.iter_mut().enumerate() {
         let over = a.library.variants[x.variant].shape.over();
-        let varying = a.problem.variation().and_then(|v| v.effects.iter().find(|e| e.variant == x.variant));
+        let varying = a.problem.variation().and_then(|v| v.of(a.library.variants[x.variant].label));
         let most = match (varying, a.problem.variation()) {
             (Some(v), _) => {
-                x.gates.varies = v.rms;
                 let others = v.grows.iter().filter(|(axis, _)| Some(*axis) != over);
                 others.copied().max_by(|a, b| a.1.total_cmp(&b.1))
             }

@@ -45,7 +45,7 @@ pub struct Gates {
     pub grows: f64,
     /// Decades of its gain per reading.
     pub size: f64,
-    /// How far it varies over the volume, relative, RMS; found after the gates.
+    /// How far it varies over the volume, relative, RMS; 0 where it was not asked.
     pub varies: f64,
 }
 
@@ -189,8 +189,7 @@ pub fn gates(
         .filter(|f| library.variants[f.variant].label != label)
         .map(|f| f.gain / own.gain)
         .fold(0.0, f64::max);
-    let variant = selection.chosen[place];
-    let varying = problem.variation().and_then(|v| v.effects.iter().find(|e| e.variant == variant));
+    let varying = problem.variation().and_then(|v| v.of(label));
     let gain = varying.map_or(own.gain, |e| e.gain);
     let own_axis = library.variants[selection.chosen[place]].shape.over();
     let places = &problem.places[own_axis.map_or(SLOTS, Axis::slot)];
@@ -207,7 +206,7 @@ pub fn gates(
         weight: 1.0,
         grows: 0.0,
         size: (gain.max(1e-9) / problem.len().max(1) as f64).log10(),
-        varies: 0.0,
+        varies: varying.map_or(0.0, |e| e.rms),
     }
 }
 

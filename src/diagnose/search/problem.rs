@@ -262,16 +262,21 @@ impl Problem {
     /// The columns of one shape, whitened.
     #[must_use]
     pub fn whitened(&self, session: &Session, filter: &Filter, shape: &Shape) -> Vec<Vec<f64>> {
-        let columns = whitened(session, filter, &self.rows, shape);
-        columns.into_iter().map(|c| self.varied(c)).collect()
+        let k = shape.width();
+        let mut data = raw(session, &self.rows, shape);
+        self.whiten(filter, &mut data, k);
+        (0..k).map(|j| data.iter().skip(j).step_by(k).copied().collect()).collect()
     }
 
-    /// A column that the filter has whitened, whitened by the variation, too.
-    fn varied(&self, column: Vec<f64>) -> Vec<f64> {
-        let Some(v) = &self.variation else { return column };
-        let mut column = DVector::from_vec(column);
-        v.apply(&mut column);
-        column.data.into()
+    /// Whitens columns, a row of `width` values per row of the problem, in place.
+    pub fn whiten(&self, filter: &Filter, data: &mut [f64], width: usize) {
+        filter.apply(data, width);
+        let Some(v) = &self.variation else { return };
+        for j in 0..width {
+            let mut column = DVector::from_iterator(self.len(), data.iter().skip(j).step_by(width).copied());
+            v.apply(&mut column);
+            data.iter_mut().skip(j).step_by(width).zip(column.iter()).for_each(|(d, c)| *d = *c);
+        }
     }
 
     /// Some vectors without what the given columns say.
@@ -386,9 +391,8 @@ impl Problem {
     }
 }
 
-/// The columns of one shape, whitened.
-#[must_use]
-fn whitened(session: &Session, filter: &Filter, rows: &[usize], shape: &Shape) -> Vec<Vec<f64>> {
+/// The columns of one shape, a row of values per reading, um per unit of each parameter.
+fn raw(session: &Session, rows: &[usize], shape: &Shape) -> Vec<f64> {
     let k = shape.width();
     let mut out = [Vec3::zeros(); WIDTH_MAX];
     let at = |s: &super::super::moment::Signal| session.signal(s);
@@ -402,8 +406,7 @@ fn whitened(session: &Session, filter: &Filter, rows: &[usize], shape: &Shape) -
             *v = if value.is_finite() { value } else { 0.0 };
         }
     }
-    filter.apply(&mut data, k);
-    (0..k).map(|j| data.iter().skip(j).step_by(k).copied().collect()).collect()
+    data
 }
 
 /// What is left of everything once some columns are in.

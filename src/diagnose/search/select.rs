@@ -164,11 +164,12 @@ impl Selection {
         self.chosen.iter().enumerate().map(own).sum()
     }
 
-    /// Begins again with some variants.
-    pub fn restart(&mut self, chosen: &[usize]) {
+    /// Begins again with some variants, less those that are superfluous beside the others.
+    pub fn restart(&mut self, problem: &mut Problem, library: &Library, chosen: &[usize]) {
         self.chosen = chosen.to_vec();
         self.banned.clear();
         self.one_curve.clear();
+        self.backward(problem, library);
     }
 
     fn labels(&self, library: &Library) -> Vec<usize> {

@@ -29,8 +29,8 @@ const TELLS: f64 = 0.01;
 /// What is known of one effect.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Varying {
-    /// The variant.
-    pub variant: usize,
+    /// Its effect, as an index into the labels of the library.
+    pub label: usize,
     /// Drop of the sum of squares by it beside the others, before its variation joined the noise.
     pub gain: f64,
     /// Relative, RMS over the volume; of a curve beside that along its own axis.
@@ -45,7 +45,7 @@ pub struct Variation {
     /// Relative, 1 standard deviation of a coefficient of the first degree.
     pub share: f64,
     /// The effects that were asked.
-    pub effects: Vec<Varying>,
+    effects: Vec<Varying>,
     /// Orthonormal, one matrix row per row of the problem.
     basis: DMatrix<f64>,
     /// Variance along each, 1 is the noise.
@@ -55,7 +55,7 @@ pub struct Variation {
 impl Variation {
     /// The most likely variation of effects that contribute `parts` (per effect, per row of the session, um; the first ones of
     /// `chosen`) beside the columns of `chosen`, in a problem that knows of none; `None` where the likelihood does not ask
-    /// for one. `own_axis` is that over whose positions an effect is a curve.
+    /// for one. `of` gives the label of a variant and the axis over whose positions it is a curve.
     #[must_use]
     pub fn find(
         session: &Session,
@@ -63,7 +63,7 @@ impl Variation {
         problem: &Problem,
         chosen: &[usize],
         parts: &[Vec<f64>],
-        own_axis: &dyn Fn(usize) -> Option<Axis>,
+        of: &dyn Fn(usize) -> (usize, Option<Axis>),
     ) -> Option<Self> {
         let ways = ways(session, problem);
         let powers = powers(ways.len());
@@ -95,12 +95,19 @@ impl Variation {
             .map(|(v, terms)| {
                 let others: Vec<usize> = chosen.iter().copied().filter(|o| o != v).collect();
                 let gain = problem.gain(&problem.given(&others), *v).0;
-                let own = ways.iter().position(|w| Some(w.0) == own_axis(*v));
+                let (label, own_axis) = of(*v);
+                let own = ways.iter().position(|w| Some(w.0) == own_axis);
                 let (rms, grows) = varying(terms, own, &ways, &powers);
-                Varying { variant: *v, gain, rms, grows }
+                Varying { label, gain, rms, grows }
             })
             .collect();
         Some(Self { share, effects, basis, variance })
+    }
+
+    /// What is known of an effect that was asked.
+    #[must_use]
+    pub fn of(&self, label: usize) -> Option<&Varying> {
+        self.effects.iter().find(|e| e.label == label)
     }
 
     /// Logarithm of the determinant of what joins the noise.
