@@ -51,7 +51,7 @@ fn bump(x: f64) -> f64 {
 
 #[test]
 fn a_worn_place_beside_hardly_any_table_keeps_its_name() {
-    let s = chosen(|x| 60.0 * bump(x) + 4.0 * (x * x * x - x));
+    let s = chosen(|x| 60.0 * bump(x) + 14.0 * (x * x * x - x));
     assert_eq!((s.chosen, s.one_curve), (vec![1], vec![(1, 0)]));
 }
 
