@@ -71,7 +71,20 @@ impl Session {
         let mut places = Vec::new();
         let mut extra: BTreeMap<String, Vec<f64>> = BTreeMap::new();
         for (file, raw) in raws.iter().enumerate() {
-            session.notes.extend(check::file(raw)?);
+            match check::file(raw) {
+                Ok(notes) => session.notes.extend(notes),
+                // the others say something
+                Err(SessionError::Constant { file, value })
+                    if raws.iter().any(|r| check::constant(r).is_none()) =>
+                {
+                    session.notes.push(Note::new(format!(
+                            "{file}: every deviation_um is {value}, so it is left out: nothing was measured, or the resolution \
+                            is coarser than all of the gap"
+                    )));
+                    continue;
+                }
+                Err(e) => return Err(e),
+            }
             sources(raw, file, &mut history);
             let mut part = Part::new(raw, file, &mut session);
             part.state()?;

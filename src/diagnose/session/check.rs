@@ -151,17 +151,21 @@ fn rms(values: &[f64]) -> f64 {
     if n == 0 { 0.0 } else { (sum / n as f64).sqrt() }
 }
 
+/// The only value of the deviations of a file, um; `None` where they differ, or where there are not two.
+pub(super) fn constant(raw: &Raw) -> Option<f64> {
+    let deviation = raw.column("deviation_um").unwrap_or(&[]);
+    let mut known = deviation.iter().filter(|v| v.is_finite());
+    let first = known.next()?;
+    (known.all(|v| v == first) && deviation.len() > 1).then_some(*first)
+}
+
 fn units(raw: &Raw) -> Result<(), SessionError> {
     let wrong = |column: &str, what: String, remedy: &'static str| {
         Err(SessionError::Unit { file: raw.file.clone(), column: column.to_owned(), what, remedy })
     };
     let deviation = raw.column("deviation_um").unwrap_or(&[]);
-    let mut known = deviation.iter().filter(|v| v.is_finite());
-    if let Some(first) = known.next()
-        && known.all(|v| v == first)
-        && deviation.len() > 1
-    {
-        return Err(SessionError::Constant { file: raw.file.clone(), value: *first });
+    if let Some(value) = constant(raw) {
+        return Err(SessionError::Constant { file: raw.file.clone(), value });
     }
     let size = rms(deviation);
     if size > LARGEST_UM {

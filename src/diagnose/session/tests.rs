@@ -253,3 +253,25 @@ fn what_is_odd_is_said() {
     let plain = with(|_| {});
     assert!(!plain.contains("are these") && !plain.contains("one clock"), "{plain}");
 }
+
+#[test]
+fn a_file_that_says_nothing_is_left_out_beside_one_that_does() {
+    let mut silent = line();
+    silent.file = "zero.csv".into();
+    column(&mut silent, "deviation_um").fill(0.0);
+    let session = Session::build(&[line(), silent.clone()], History::default(), Machine::plain()).unwrap();
+    assert_eq!(session.readings.len(), line().len());
+    assert!(
+        session
+            .notes
+            .iter()
+            .any(|n| n.text.starts_with("zero.csv: every deviation_um is 0, so it is left out")),
+        "{:?}",
+        session.notes
+    );
+    let mut other = silent.clone();
+    other.file = "other.csv".into();
+    column(&mut other, "x_mm").iter_mut().for_each(|x| *x += 1.0);
+    let e = Session::build(&[silent, other], History::default(), Machine::plain()).unwrap_err().to_string();
+    assert!(e.starts_with("zero.csv: every deviation_um is 0; nothing was measured"), "{e}");
+}
