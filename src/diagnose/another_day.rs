@@ -41,8 +41,8 @@ impl Day<'_> {
         WARMTH.map(|f| drift.hypot(with(f)))
     }
 
-    /// The course of one day's drift; what that of this day did to the fit the bootstrap of its blocks shows.
-    /// Variance of the mean square of the drift, and of twice its mean product with the causes, um^4.
+    /// Variance of the mean square of another day's drift, and of twice its mean product with the causes, um^4; what the
+    /// drift of this day did to the fit the bootstrap of its blocks shows.
     fn drift(&self) -> (f64, f64) {
         let causes = without_offsets(self.session, &self.causes, self.used);
         let mut setups: Vec<Vec<usize>> = vec![Vec::new(); self.session.setups.len()];

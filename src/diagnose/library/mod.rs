@@ -4,7 +4,7 @@
 mod candidates;
 mod pages;
 mod parameters;
-mod polynomial;
+pub(super) mod polynomial;
 mod shape;
 
 use core::fmt;

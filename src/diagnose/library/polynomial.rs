@@ -1,7 +1,7 @@
 //! Legendre polynomials.
 
 /// `P_0(s)` to `P_n(s)`, as many as `values` holds.
-pub(super) fn legendre(s: f64, values: &mut [f64]) {
+pub(in super::super) fn legendre(s: f64, values: &mut [f64]) {
     for k in 0..values.len() {
         values[k] = match k {
             0 => 1.0,

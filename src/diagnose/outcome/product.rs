@@ -9,8 +9,6 @@ use super::super::forecast::Contributions;
 use super::super::moment::Axis;
 use super::super::session::Session;
 
-/// Shortest way of the other axis that says anything, mm.
-const WAY_MM: f64 = 1.0;
 /// Standard deviations that are taken off before an effect is said to grow.
 const SURE: f64 = 2.0;
 /// Added to the products of columns, as a share of their size.
@@ -54,13 +52,6 @@ pub(super) fn weigh(
     }
 }
 
-/// Middle and half of the way of an axis over the readings, mm.
-fn travel(session: &Session, a: &Analysis, axis: Axis) -> Option<(f64, f64)> {
-    let positions = a.problem.rows.iter().map(|i| session.moments[*i].position[axis.slot()]);
-    let (low, high) = positions.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-    (high - low > WAY_MM).then_some((0.5 * (high + low), 0.5 * (high - low)))
-}
-
 /// The columns chosen, ready for one more.
 struct Fit {
     columns: DMatrix<f64>,
@@ -88,7 +79,7 @@ impl Fit {
     /// The axis along which an effect that contributes `part` grows most, and by how much.
     fn most(&self, session: &Session, a: &Analysis, part: &[f64], over: Option<Axis>) -> Option<(Axis, f64)> {
         let growth = |axis: Axis| {
-            let (middle, half) = travel(session, a, axis)?;
+            let (middle, half) = a.problem.way(session, axis)?;
             let along = |i: &usize| part[*i] * (session.moments[*i].position[axis.slot()] - middle) / half;
             let mut product: Vec<f64> = a.filter.order().iter().map(along).collect();
             a.filter.apply(&mut product, 1);

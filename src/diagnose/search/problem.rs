@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{DMatrix, DVector};
 
 use super::super::library::{Blind, Library, Shape, WIDTH_MAX};
-use super::super::moment::SLOTS;
+use super::super::moment::{Axis, SLOTS};
 use super::super::noise::Filter;
 use super::super::session::{Session, is_encoder};
 use super::pieces::{BLOCKS_MIN, PIECE_ROWS, PIECES_MIN, Places, blocks, programmes};
@@ -15,6 +15,9 @@ use crate::core::geometry::Vec3;
 
 /// Share of its size that a column must keep beside offsets and drift to count as seen.
 const SEEN: f64 = 1e-4;
+
+/// Shortest way of an axis that says anything of what grows along it, mm.
+const WAY_MM: f64 = 1.0;
 
 /// Readings, columns and what was computed of them.
 pub struct Problem {
@@ -175,6 +178,15 @@ impl Problem {
                         .to_owned(),
             })
             .collect()
+    }
+
+    /// Middle and half of the way of a linear axis over the readings, mm; `None` where it hardly moves.
+    #[must_use]
+    pub fn way(&self, session: &Session, axis: Axis) -> Option<(f64, f64)> {
+        let positions = self.rows.iter().map(|i| session.moments[*i].position[axis.slot()]);
+        let (low, high) =
+            positions.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+        (high - low > WAY_MM).then_some((0.5 * (high + low), 0.5 * (high - low)))
     }
 
     /// Number of readings.

@@ -8,6 +8,7 @@
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
+use super::super::library::polynomial::legendre;
 use super::super::moment::Axis;
 use super::super::noise::Filter;
 use super::super::session::Session;
@@ -19,8 +20,6 @@ const SHARES: [f64; 8] = [0.015, 0.03, 0.05, 0.08, 0.12, 0.16, 0.2, 0.25];
 const DEGREES: [f64; 4] = [1.0, 0.8, 0.6, 0.4];
 /// None is believed unless the likelihood gains this much (twice the logarithm).
 const GAIN_WANTED: f64 = 8.0;
-/// Shortest way of an axis, mm.
-const WAY_MM: f64 = 1.0;
 /// Standard deviations that are taken off before an effect is said to grow.
 const SURE: f64 = 2.0;
 /// Least variance of a direction that changes anything, 1 is the noise.
@@ -42,8 +41,6 @@ pub struct Varying {
 /// A variation with the directions in which it acts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Variation {
-    /// Relative, 1 standard deviation of a coefficient of the first degree.
-    pub share: f64,
     /// The effects that were asked.
     effects: Vec<Varying>,
     /// Orthonormal, one matrix row per row of the problem.
@@ -101,7 +98,7 @@ impl Variation {
                 Varying { label, gain, rms, grows }
             })
             .collect();
-        Some(Self { share, effects, basis, variance })
+        Some(Self { effects, basis, variance })
     }
 
     /// What is known of an effect that was asked.
@@ -143,12 +140,6 @@ impl Variation {
     }
 }
 
-/// Legendre polynomials up to the fourth degree.
-fn legendre(x: f64) -> [f64; 5] {
-    let s = x * x;
-    [1.0, x, 0.5 * (3.0 * s - 1.0), 0.5 * x * (5.0 * s - 3.0), 0.125 * ((35.0 * s - 30.0) * s + 3.0)]
-}
-
 /// Degrees in each of `n` axes of all products up to the highest degree, but the constant.
 fn powers(n: usize) -> Vec<Vec<usize>> {
     let mut all = vec![Vec::new()];
@@ -168,15 +159,8 @@ fn powers(n: usize) -> Vec<Vec<usize>> {
 type Way = (Axis, f64, f64);
 
 fn ways(session: &Session, problem: &Problem) -> Vec<Way> {
-    Axis::ALL
-        .into_iter()
-        .filter(|a| a.is_linear())
-        .filter_map(|a| {
-            let at = problem.rows.iter().map(|i| session.moments[*i].position[a.slot()]);
-            let (low, high) = at.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-            (high - low > WAY_MM).then_some((a, 0.5 * (high + low), 0.5 * (high - low)))
-        })
-        .collect()
+    let linear = Axis::ALL.into_iter().filter(|a| a.is_linear());
+    linear.filter_map(|a| problem.way(session, a).map(|(middle, half)| (a, middle, half))).collect()
 }
 
 /// What the coefficients of one effect say (all together, and each by itself with its standard deviation): its variation
@@ -214,10 +198,12 @@ fn products(
     }
     let mut data = vec![0.0; problem.rows.len() * width];
     for (row, i) in data.chunks_exact_mut(width).zip(&problem.rows) {
-        let p: Vec<[f64; 5]> = ways
-            .iter()
-            .map(|(axis, middle, half)| legendre((session.moments[*i].position[axis.slot()] - middle) / half))
-            .collect();
+        let at = |(axis, middle, half): &Way| {
+            let mut p = [0.0; DEGREES.len() + 1];
+            legendre((session.moments[*i].position[axis.slot()] - middle) / half, &mut p);
+            p
+        };
+        let p: Vec<_> = ways.iter().map(at).collect();
         for (k, degrees) in powers.iter().enumerate() {
             let product: f64 = degrees.iter().zip(&p).map(|(d, p)| p[*d]).product();
             let v = DEGREES[degrees.iter().sum::<usize>() - 1] * product;
@@ -313,10 +299,15 @@ mod tests {
     #[test]
     fn the_polynomials_are_one_at_the_end_and_orthogonal() {
         let n = 2000;
+        let values = |x: f64| {
+            let mut p = [0.0; DEGREES.len() + 1];
+            legendre(x, &mut p);
+            p
+        };
         for a in 0..5 {
-            assert!((legendre(1.0)[a] - 1.0).abs() < 1e-12);
+            assert!((values(1.0)[a] - 1.0).abs() < 1e-12);
             for b in 0..5 {
-                let at = (0..n).map(|k| legendre((f64::from(k) + 0.5) / 0.5 / f64::from(n) - 1.0));
+                let at = (0..n).map(|k| values((f64::from(k) + 0.5) / 0.5 / f64::from(n) - 1.0));
                 let mean: f64 = at.map(|p| p[a] * p[b]).sum::<f64>() / f64::from(n);
                 let wanted = if a == b { 1.0 / (2 * a + 1) as f64 } else { 0.0 };
                 assert!((mean - wanted).abs() < 1e-5, "{a} {b}: {mean}");
@@ -327,7 +318,6 @@ mod tests {
     #[test]
     fn what_varies_is_shrunk_to_unit_variance_and_what_does_not_stays() {
         let v = Variation {
-            share: 0.2,
             effects: Vec::new(),
             basis: DMatrix::from_column_slice(3, 1, &[0.6, 0.8, 0.0]),
             variance: DVector::from_element(1, 3.0),
