@@ -213,6 +213,27 @@ fn one_circle_at_one_feed_answers_with_a_set() {
 }
 
 #[test]
+fn what_comes_back_on_a_moving_axis_is_no_vibration() {
+    // a coarse pattern that no effect knows; its whitened remainder swings at the start of the first of two passes
+    let truth = |s: &State| {
+        let pattern = 9.0 * (s.p[0] / 11.0).sin() * (s.p[1] / 17.0).cos() + 30.0 * (s.p[2] / 60.0).sin();
+        [pattern, -0.6 * pattern, 1.3 * pattern]
+    };
+    let d = run(&Campaign::ballbar_only(), &truth, NOISE, &[]);
+    assert!(!declared(&d.report).contains(&"vibration".to_owned()), "{}", table(&d.report));
+}
+
+#[test]
+fn an_angle_through_one_lever_is_named_as_what_cannot_be_told() {
+    // the table of Y tilts; with one tool and Z where it stands that is a displacement by the position of Y
+    let curve = |y: f64| 12.0 * (y / 55.0).sin();
+    let d = run(&Campaign::ballbar_only(), &|s: &State| [curve(s.p[1]), 0.0, 0.0], NOISE, &[]);
+    let said = d.report.causes.iter().find(|c| c.declared && c.effect == "straightness");
+    let group = said.map(|c| c.confounded_with.clone()).unwrap_or_default();
+    assert!(group.iter().any(|l| l.starts_with("angular:e") && l.ends_with('y')), "{}", table(&d.report));
+}
+
+#[test]
 fn the_same_input_gives_the_same_answer() {
     let campaign = Campaign::ballbar_only();
     let truth = |s: &State| [-2.0 * s.dir[0], 0.0, 0.0];

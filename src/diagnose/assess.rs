@@ -5,10 +5,12 @@
 //! what blind cases gave.
 
 use super::library::{Kind, Label, Library, Shape};
-use super::search::{Found, Gates, Problem, Selection, evidence, gates};
+use super::search::{CURVES, Found, Gates, Problem, Selection, evidence, gates};
 
 /// Share of its gain that a swapped effect must keep to count as the same.
 pub const SAME: f64 = 0.97;
+/// The same for a table of positions and a worn place of one axis: what a worn place looks like nobody knows so well.
+const CURVE_SAME: f64 = 0.85;
 /// An effect is declared from this probability of its group.
 pub const DECLARED: f64 = 0.5;
 /// And from this one of its own: below, its name is one of many.
@@ -66,7 +68,7 @@ const CALIBRATION: Calibration = Calibration {
 };
 
 /// Growth along another axis from which a function of one axis is none; the second where effects vary anyhow.
-const GROWS: [f64; 2] = [0.4, 0.55];
+const GROWS: [f64; 2] = [0.4, 0.7];
 
 /// Said of curves that nothing shows twice.
 const ONE_PASS: &str =
@@ -172,17 +174,21 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
         taken.extend((0..library.labels.len()).filter(|l| is_lag(library, *l)));
     }
     let ranking = selection.ranking(problem, library, &given, &taken);
-    let largest = largest_gains(problem, library, &given, &taken);
+    let shape = &library.variants[variant].shape;
+    let largest = largest_gains(problem, library, &given, &taken, shape.needs_no_line());
     let g = gates(problem, library, selection, place, &own, &ranking);
-    let same: Vec<Label> = largest
+    let mut same: Vec<Label> = largest
         .iter()
         .enumerate()
         .filter(|(l, gain)| {
-            let is_same = **gain >= SAME * own.gain - 4.0 && **gain > 0.5 * own.gain;
+            let share =
+                if one_curve(&library.labels[label], &library.labels[*l]) { CURVE_SAME } else { SAME };
+            let is_same = **gain >= share * own.gain - 4.0 && **gain > 0.5 * own.gain;
             *l != label && (is_same || selection.one_curve.contains(&(label, *l)))
         })
         .map(|(l, _)| library.labels[l].clone())
         .collect();
+    same.extend(library.behind(shape).cloned());
     // where its variation stands among the noise, evidence has been discounted already
     let is_varied = problem.variation().is_some_and(|v| v.of(label).is_some());
     let inexact = CALIBRATION.temper[usize::from(is_varied)];
@@ -198,7 +204,7 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
     let in_group = 1.0 + rivals.iter().filter(|(l, _)| same.contains(l)).map(|(_, w)| w).sum::<f64>();
     let real = logistic(&g);
     let mut remark = why_not(&g);
-    if remark.is_empty() && problem.is_single_pass && library.variants[variant].shape.is_free_curve() {
+    if remark.is_empty() && problem.is_single_pass && shape.is_free_curve() {
         remark = ONE_PASS.to_owned();
     }
     if remark.is_empty() && cancelling(problem, library, selection, place) > CANCELLING {
@@ -267,20 +273,27 @@ fn turn_share(problem: &Problem, library: &Library, selection: &Selection, place
     if all > 0.0 { constant / all } else { 0.0 }
 }
 
+/// True for two names of a curve over the position of one axis.
+fn one_curve(a: &Label, b: &Label) -> bool {
+    a.subject == b.subject && CURVES.contains(&a.effect) && CURVES.contains(&b.effect)
+}
+
 fn is_lag(library: &Library, label: usize) -> bool {
     ["servo-mismatch", "latency", "clock-skew"].contains(&library.labels[label].effect)
 }
 
-/// The largest gain of each label, whatever its number of parameters.
+/// The largest gain of each label, whatever its number of parameters; with lines of their own for curves where the effect that
+/// they would replace needs none.
 fn largest_gains(
     problem: &Problem,
     library: &Library,
     given: &super::search::Given,
     not: &[usize],
+    with_lines: bool,
 ) -> Vec<f64> {
     let mut best = vec![0.0f64; library.labels.len()];
     for (v, variant) in library.variants.iter().enumerate() {
-        if !not.contains(&variant.label) && !variant.shape.has_slope() {
+        if !not.contains(&variant.label) && (with_lines || !variant.shape.has_slope()) {
             best[variant.label] = best[variant.label].max(problem.gain(given, v).0);
         }
     }

@@ -239,6 +239,7 @@ fn raw_of(session: &Session, library: &Library, chosen: &[usize]) -> Vec<Vec<f64
         kinds: library.kinds.clone(),
         variants: chosen.iter().map(|v| library.variants[*v].clone()).collect(),
         blind: Vec::new(),
+        one_lever: Vec::new(),
     };
     let rows: Vec<usize> = (0..session.readings.len()).collect();
     let width = some.width();

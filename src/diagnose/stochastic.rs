@@ -43,6 +43,8 @@ pub(super) struct Evidence<'a> {
     /// Rows and whitened remainder.
     pub(super) rows: &'a [usize],
     pub(super) left: &'a [f64],
+    /// What of it does not come back with repeats, whitened.
+    pub(super) beside: &'a [f64],
     pub(super) rms_um: f64,
 }
 
@@ -122,7 +124,7 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
     let white = e.noise.iter().map(|c| c.white_um).fold(0.0, f64::max);
     let rounding =
         found.iter().filter_map(|c| c.parameters.get("step_um")).map(|v| v.value).fold(0.0, f64::max);
-    if let Some(t) = tone(e.session, e.rows, e.left)
+    if let Some(t) = tone(e.session, e.rows, e.left, e.beside)
         && t.chance < CHANCE
         && t.amplitude > AMPLITUDE
         && t.amplitude * white > AMPLITUDE_STEPS * rounding

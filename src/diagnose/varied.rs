@@ -15,6 +15,7 @@ pub(super) fn find_causes(
     library: &mut Library,
     selection: &mut Selection,
 ) {
+    selection.take_apart(problem, library);
     selection.search(problem, library);
     if !selection.is_plain {
         selection.single_out(problem, library);

@@ -1,7 +1,7 @@
 //! Effects of position and direction as curves of error motions.
 
 use super::super::addition::Entry;
-use super::super::library::{Shape, WIDTH_MAX};
+use super::super::library::{Shape, WIDTH_MAX, twist};
 use super::super::moment::{Axis, Moment, SLOTS};
 use super::{Candidate, Part};
 use crate::core::axes::AxisKind;
@@ -40,10 +40,11 @@ pub(super) fn candidate(spec: &ModelSpec, entry: &Entry) -> Result<Candidate, &'
         | Shape::Sag { axis, .. }
         | Shape::Backlash { axis, .. }
         | Shape::RotaryMotion { axis, .. } => displacements(spec, entry, *axis, POINTS)?,
-        Shape::Angular { about, over, degree, half_mm, .. } => {
+        Shape::Angular { about, over, degree, half_mm, centre_mm, .. } => {
             let angle = |q: f64, _: f64| {
-                let s = q / half_mm;
-                (1..=*degree).zip(&entry.values).map(|(k, e)| e * s.powi(k as i32)).sum()
+                let mut values = [0.0; WIDTH_MAX];
+                twist(q, *half_mm, *centre_mm, &mut values[..*degree]);
+                values.iter().zip(&entry.values).map(|(v, e)| v * e).sum()
             };
             vec![rotation(spec, entry, *over, *about, &angle)?]
         }

@@ -9,7 +9,7 @@
 use serde::{Deserialize, Serialize};
 
 use super::super::moment::{Axis, Moment, Signal};
-use super::polynomial::legendre;
+use super::polynomial::{legendre, twist};
 use crate::core::geometry::{Mat3, Vec3, rotation_about, unit};
 use crate::core::units::{RAD_PER_ARCSEC, UM_PER_MM};
 
@@ -118,8 +118,17 @@ pub enum Shape {
     Scale { axis: Axis },
     /// `d_along = SUM c_k P_k((x_over - centre)/half)`, Legendre polynomials of degree low..high.
     Polynomial { along: Axis, over: Axis, low: usize, high: usize, centre_mm: f64, half_mm: f64 },
-    /// `d = eps x lever`, `eps = SUM e_k (x/half)^k` about one direction.
-    Angular { about: Axis, over: Axis, degree: usize, half_mm: f64, lever: Lever },
+    /// `d = eps x lever` about one direction, `eps = SUM e_k p_k(x)` zero at the zero of the axis: see [`twist`].
+    Angular {
+        about: Axis,
+        over: Axis,
+        degree: usize,
+        half_mm: f64,
+        /// Middle of the data; powers of `x/half` where it does not stand.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        centre_mm: Option<f64>,
+        lever: Lever,
+    },
     /// A curve with values of its own in each direction of travel: `d_a = SUM p_k P_k(s) - dir/2 SUM r_k P_k(s)`.
     Reverse { axis: Axis, high: usize, reverse: usize, centre_mm: f64, half_mm: f64 },
     /// `d_a = alpha (T - T0) x_a`, and `k (T - T0)` where the reference is not at zero.
@@ -244,13 +253,12 @@ impl Shape {
                     put(out, high - 1 + i, along * (*v * half_turn));
                 }
             }
-            Self::Angular { about, over, degree, half_mm, lever } => {
+            Self::Angular { about, over, degree, half_mm, centre_mm, lever } => {
                 let arm = unit(about.direction()).cross(&lever.at(m)) * UM_PER_ARCSEC_MM;
-                let s = m.position[over.slot()] / half_mm;
-                let mut power = 1.0;
-                for i in 0..*degree {
-                    power *= s;
-                    put(out, i, arm * power);
+                let mut values = [0.0; WIDTH_MAX];
+                twist(m.position[over.slot()], *half_mm, *centre_mm, &mut values[..*degree]);
+                for (i, v) in values[..*degree].iter().enumerate() {
+                    put(out, i, arm * *v);
                 }
             }
             Self::Cyclic { axis, along, pitch_mm, harmonics } => {
@@ -478,6 +486,22 @@ impl Shape {
     #[must_use]
     pub const fn has_slope(&self) -> bool {
         matches!(self, Self::Polynomial { low: 1, .. })
+    }
+
+    /// The same curve with (true) or without the slope of its own; other effects as they are.
+    #[must_use]
+    pub fn with_line(&self, line: bool) -> Self {
+        let mut shape = self.clone();
+        if let Self::Polynomial { low, .. } = &mut shape {
+            *low = if line { 1 } else { 2 };
+        }
+        shape
+    }
+
+    /// True for curves that are not counted from a line of their own: one that is may stand for them with any line.
+    #[must_use]
+    pub const fn needs_no_line(&self) -> bool {
+        matches!(self, Self::Angular { .. } | Self::Wear { .. })
     }
 
     /// The axis of whose position it is a function, where there is one.

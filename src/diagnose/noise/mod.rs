@@ -17,7 +17,7 @@ pub use outliers::{Tails, outliers, tails};
 pub use random::Random;
 pub use range::{AngleNoise, RangeNoise, angle_noise, range_noise};
 pub use space::neighbours;
-pub use tones::{Tone, tone};
+pub use tones::{Tone, beside_repeats, tone};
 
 /// Factor between the median of absolute deviations and the standard deviation of a normal distribution.
 pub const MAD: f64 = 1.482_602_218_505_602;

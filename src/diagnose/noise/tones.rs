@@ -33,9 +33,9 @@ struct Even {
     values: Vec<f64>,
 }
 
-fn even_runs(session: &Session, order: &[usize], filtered: &[f64]) -> Vec<Even> {
+fn even_runs(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]) -> Vec<Even> {
     let mut runs: Vec<Vec<(f64, f64, usize)>> = vec![Vec::new(); session.runs];
-    for (e, i) in restless(session, order, filtered).into_iter().zip(order) {
+    for (e, i) in restless(session, order, filtered, beside).into_iter().zip(order) {
         let Some(e) = e else { continue };
         runs[session.readings[*i].run].push((session.moments[*i].t_s, e, *i));
     }
@@ -56,9 +56,27 @@ fn even_runs(session: &Session, order: &[usize], filtered: &[f64]) -> Vec<Even> 
     even
 }
 
+/// What does not come back with the repeats of each reading, um; 0 for readings without repeats.
+#[must_use]
+pub fn beside_repeats(session: &Session, used: &[bool], left_um: &[f64]) -> Vec<f64> {
+    let mut groups: BTreeMap<usize, (f64, usize)> = BTreeMap::new();
+    let of = |i: usize| session.readings[i].pair.filter(|_| used[i]);
+    for (i, e) in left_um.iter().enumerate() {
+        if let Some(p) = of(i) {
+            let g = groups.entry(p).or_default();
+            *g = (g.0 + e, g.1 + 1);
+        }
+    }
+    let alone = |i: usize, e: f64| {
+        let (sum, n) = *groups.get(&of(i)?)?;
+        (n > 1).then(|| (e - sum / n as f64) * (n as f64 / (n - 1) as f64).sqrt())
+    };
+    left_um.iter().enumerate().map(|(i, e)| alone(i, *e).unwrap_or(0.0)).collect()
+}
+
 /// What may hold a vibration: readings at rest as they are; of moving ones only what does not come back with their repeats,
 /// because a motion has lines of its own. `None` for moving readings without repeats.
-fn restless(session: &Session, order: &[usize], filtered: &[f64]) -> Vec<Option<f64>> {
+fn restless(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]) -> Vec<Option<f64>> {
     let moves = |i: usize| session.moments[i].velocity.iter().any(|v| !v.is_nan() && v.abs() > STANDSTILL);
     // an encoder at rest between two moves shows how its servo settles
     let servo: BTreeSet<usize> = order
@@ -66,33 +84,30 @@ fn restless(session: &Session, order: &[usize], filtered: &[f64]) -> Vec<Option<
         .filter(|i| is_encoder(&session.instruments[session.readings[**i].instrument]) && moves(**i))
         .map(|i| session.readings[*i].run)
         .collect();
-    let mut groups: BTreeMap<usize, (f64, usize)> = BTreeMap::new();
-    for (e, i) in filtered.iter().zip(order) {
-        if let Some(p) = session.readings[*i].pair {
-            let g = groups.entry(p).or_default();
-            *g = (g.0 + e, g.1 + 1);
-        }
+    let mut repeats: BTreeMap<usize, usize> = BTreeMap::new();
+    for p in order.iter().filter_map(|i| session.readings[*i].pair) {
+        *repeats.entry(p).or_default() += 1;
     }
+    let repeated =
+        |i: usize| session.readings[i].pair.is_some_and(|p| repeats.get(&p).is_some_and(|n| *n > 1));
     filtered
         .iter()
+        .zip(beside)
         .zip(order)
-        .map(|(e, i)| {
-            if servo.contains(&session.readings[*i].run) {
-                return None;
-            }
-            if !moves(*i) {
-                return Some(*e);
-            }
-            let (sum, n) = *groups.get(&session.readings[*i].pair?)?;
-            (n > 1).then(|| (e - sum / n as f64) * (n as f64 / (n - 1) as f64).sqrt())
+        .map(|((e, beside), i)| match (servo.contains(&session.readings[*i].run), moves(*i)) {
+            (true, _) => None,
+            (false, false) => Some(*e),
+            (false, true) => repeated(*i).then_some(*beside),
         })
         .collect()
 }
 
-/// The strongest line over all evenly sampled runs, whatever its phase in each.
+/// The strongest line over all evenly sampled runs, whatever its phase in each. `filtered` is what is left, whitened, and
+/// `beside` what of it does not come back with the repeats ([`beside_repeats`], whitened after that: a large remainder that
+/// does come back would leave the swing of the filter in the first of two passes).
 #[must_use]
-pub fn tone(session: &Session, order: &[usize], filtered: &[f64]) -> Option<Tone> {
-    let mut runs = even_runs(session, order, filtered);
+pub fn tone(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]) -> Option<Tone> {
+    let mut runs = even_runs(session, order, filtered, beside);
     let step = runs.iter().map(|r| r.step).fold(f64::INFINITY, f64::min);
     runs.retain(|r| r.step < 1.5 * step);
     let longest = runs.iter().map(|r| r.values.len()).max()?;

@@ -17,7 +17,7 @@ use super::leftover::structure;
 use super::library::Kind;
 use super::localise::localise;
 use super::moment::Source;
-use super::noise::pair_residuals;
+use super::noise::{beside_repeats, pair_residuals};
 use super::offsets::{rms, without_offsets};
 use super::report::{Fresh, InstrumentNoise, Outlying, Report, Size, Unseen, Verdict};
 use super::session::Session;
@@ -140,6 +140,7 @@ pub(super) fn conclude(
     let total = structure(session, &a.problem, &y);
     let leftover = structure(session, &a.problem, &left);
     let covariance = given.covariance(&a.problem);
+    let without_causes = minus(&a.gap, &parts.in_sample, declared);
     let mut causes = causes::causes(session, &a, &assessed, &parts, &before, &owner, (&beta, &covariance));
     again::mark(session, &a, &options.without, &assessed, &mut causes);
     causes.extend(causes::rejected(&pruned, &a, &causes));
@@ -153,6 +154,7 @@ pub(super) fn conclude(
             noise: &a.noise,
             rows: &a.problem.rows,
             left: &left,
+            beside: &a.filter.column(&beside_repeats(session, &a.used, &without_causes)),
             rms_um: rms(&before),
         },
         &options.without,

@@ -190,7 +190,8 @@ pub fn gates(
         .map(|f| f.gain / own.gain)
         .fold(0.0, f64::max);
     let varying = problem.variation().and_then(|v| v.of(label));
-    let gain = varying.map_or(own.gain, |e| e.gain);
+    // its variation may have been asked beside something like it that is gone
+    let gain = varying.map_or(own.gain, |e| e.gain.max(own.gain));
     let own_axis = library.variants[selection.chosen[place]].shape.over();
     let places = &problem.places[own_axis.map_or(SLOTS, Axis::slot)];
     Gates {

@@ -1,6 +1,7 @@
 //! The search for causes in the whitened problem.
 
 mod gates;
+mod lines;
 mod pieces;
 mod problem;
 mod refine;
@@ -15,5 +16,5 @@ pub use gates::{
 };
 pub use problem::{Given, Problem, raw_columns};
 pub use refine::{challenge, refine};
-pub use select::{Found, Selection, evidence, threshold};
+pub use select::{CURVES, Found, Selection, evidence, threshold};
 pub use variation::Variation;

@@ -28,16 +28,12 @@ const PRECISE_SHARE: f64 = 5e-7;
 const EFFECTS_MAX: usize = 12;
 /// Most steps of a search.
 const STEPS_MAX: usize = 40;
-/// Share of a straightness that its slope may have.
-const SLOPE_SHARE: f64 = 0.4;
-/// Share of a table of positions that a scale beside it may have: it is the slope of the same curve.
-const SCALE_SHARE: f64 = 1.0;
 /// Cosine between what two effects do from which they cancel each other.
 const CANCEL: f64 = -0.85;
 /// Share of the evidence of two that cancel each other with which one effect in their place is believed rather.
 const RATHER: f64 = 0.9;
 /// Names of one curve over the position of an axis: what one of them leaves, the other takes.
-const CURVES: [&str; 2] = ["positioning", "wear"];
+pub const CURVES: [&str; 2] = ["positioning", "wear"];
 /// A scale is a curve over the same position, too; beside it, or it beside them, the smaller must have this share of the larger:
 /// nothing is straight to the last share.
 const STRAIGHT: &str = "scale";
@@ -46,8 +42,6 @@ const CURVE_SHARE: f64 = 0.1;
 /// builds up and friction breaks loose is known no better.
 const REVERSALS: [&str; 2] = ["backlash", "reversal-spike"];
 const REVERSAL_SHARE: f64 = 0.03;
-/// Height of one end over the other that a straightness may have, as a share of its RMS.
-const ENDS_SHARE: f64 = 0.5;
 /// Standard deviations from which a sign is sure.
 const IMPOSSIBLE_T: f64 = 3.0;
 /// Candidates looked at when the best one fails the guard of the cells.
@@ -148,6 +142,7 @@ impl Selection {
                 best[variant.label] = Some(found);
             }
         }
+        self.straight_first(problem, library, given, &mut best);
         let mut all: Vec<Found> = best.into_iter().flatten().collect();
         all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence).then(a.variant.cmp(&b.variant)));
         all
@@ -177,11 +172,11 @@ impl Selection {
     }
 
     /// Everything chosen but some places.
-    fn without(&self, places: &[usize]) -> Vec<usize> {
+    pub(super) fn without(&self, places: &[usize]) -> Vec<usize> {
         self.chosen.iter().enumerate().filter(|(i, _)| !places.contains(i)).map(|(_, v)| *v).collect()
     }
 
-    fn given(problem: &mut Problem, chosen: &[usize]) -> Given {
+    pub(super) fn given(problem: &mut Problem, chosen: &[usize]) -> Given {
         for v in chosen {
             problem.prepare(*v);
         }
@@ -411,69 +406,6 @@ impl Selection {
                 && is_sure(j)
                 && is_sure(j + 1)
         })
-    }
-
-    /// A squareness that is no more than the slope of a straightness: the line from which a straightness is counted is a
-    /// choice (its ends, least squares), and the slope against it is no second cause.
-    pub fn absorb(&mut self, problem: &mut Problem, library: &Library) {
-        while let Some((place, square, whole)) = self.slope(problem, library) {
-            self.chosen[place] = whole;
-            self.chosen.remove(square);
-            problem.prepare(whole);
-        }
-    }
-
-    /// A straightness, the squareness beside it, and the variant that says both.
-    fn slope(&self, problem: &mut Problem, library: &Library) -> Option<(usize, usize, usize)> {
-        let shape = |place: usize| &library.variants[self.chosen[place]].shape;
-        for square in 0..self.chosen.len() {
-            let (along, over) = match *shape(square) {
-                Shape::Squareness { along, over } => (along, over),
-                Shape::Scale { axis } => (axis, axis),
-                _ => continue,
-            };
-            for place in 0..self.chosen.len() {
-                let Shape::Polynomial { along: a, over: o, low: 2, .. } = *shape(place) else { continue };
-                if !(a == along && o == over || a == over && o == along) {
-                    continue;
-                }
-                let of = |problem: &mut Problem, p: usize| {
-                    let given = Self::given(problem, &self.without(&[p]));
-                    problem.gain(&given, self.chosen[p]).0
-                };
-                let share = if along == over { SCALE_SHARE } else { SLOPE_SHARE };
-                let small = of(problem, square) <= share * of(problem, place);
-                let mut wanted = shape(place).clone();
-                if let Shape::Polynomial { low, .. } = &mut wanted {
-                    *low = 1;
-                }
-                let whole = library.variants.iter().position(|v| v.shape == wanted);
-                if let Some(whole) = whole
-                    && (small || self.is_from_its_ends(problem, (place, square), whole))
-                {
-                    return Some((place, square, whole));
-                }
-            }
-        }
-        None
-    }
-
-    /// True where a straightness with its slope is nearly as high at one end as at the other: it is then counted from the
-    /// line through its ends.
-    fn is_from_its_ends(&self, problem: &mut Problem, (place, square): (usize, usize), whole: usize) -> bool {
-        let chosen: Vec<usize> = self.without(&[place, square]).into_iter().chain([whole]).collect();
-        let given = Self::given(problem, &chosen);
-        let beta = problem.fit(&given);
-        let (at, k) = problem.span[whole];
-        let value = |c: usize| {
-            let own = given.columns.iter().position(|g| *g == c).map_or(0.0, |j| beta[j]);
-            if problem.norm[c] > 0.0 { own / problem.norm[c] } else { 0.0 }
-        };
-        let terms: Vec<f64> = (at..at + k).map(value).collect();
-        // Legendre polynomials from the first degree on: at both ends 1, or -1 and 1
-        let ends: f64 = 2.0 * terms.iter().step_by(2).sum::<f64>();
-        let size = terms.iter().zip(1..).map(|(c, n)| c * c / (2 * n + 1) as f64).sum::<f64>().sqrt();
-        ends.abs() < ENDS_SHARE * size
     }
 
     /// Takes out what the others have made superfluous.

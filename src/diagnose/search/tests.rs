@@ -2,7 +2,7 @@
 
 use nalgebra::DVector;
 
-use super::super::library::{Kind, Label, Library, Shape, Variant};
+use super::super::library::{Kind, Label, Lever, Library, Shape, Variant};
 use super::super::moment::Axis;
 use super::{Problem, Selection};
 
@@ -27,6 +27,7 @@ fn library() -> (Library, Vec<Vec<DVector<f64>>>) {
         kinds: vec![Kind::Machine; 3],
         variants,
         blind: Vec::new(),
+        one_lever: Vec::new(),
     };
     let worn = wave(|x| (-((x - 0.3) / 0.1).powi(2) / 2.0).exp());
     let table = (2..=4).map(|n| wave(|x| x.powi(n) - x.powi(n - 2))).collect();
@@ -67,4 +68,68 @@ fn a_scale_is_its_own_cause_from_a_tenth_of_a_table_on() {
     both.sort_unstable();
     assert_eq!(both, [0, 2]);
     assert_eq!(chosen(|x| 60.0 * (x * x * x - x) + 5.0 * x).chosen, [0]);
+}
+
+/// A straightness without and with its slope, the squareness that is this slope, and an angular error: the same slope and a
+/// bend through two levers by turns.
+fn lines() -> (Library, Vec<Vec<DVector<f64>>>) {
+    let (along, over) = (Axis::X, Axis::Z);
+    let lever = Lever { axes: [false; 3], home_mm: [0.0; 3], tool: true };
+    let curve = |low| Shape::Polynomial { along, over, low, high: 4, centre_mm: 0.0, half_mm: 1.0 };
+    let angle = Shape::Angular { about: Axis::Y, over, degree: 2, half_mm: 1.0, centre_mm: None, lever };
+    let shapes = [(0, curve(2)), (0, curve(1)), (1, Shape::Squareness { along, over }), (2, angle)];
+    let labels = [("straightness", "exz"), ("squareness", "zx"), ("angular", "ebz")];
+    let library = Library {
+        labels: labels.map(|(effect, subject)| Label { effect, subject: subject.to_owned() }).to_vec(),
+        kinds: vec![Kind::Machine; 3],
+        variants: shapes.map(|(label, shape)| Variant { label, shape }).to_vec(),
+        blind: Vec::new(),
+        one_lever: Vec::new(),
+    };
+    let legendre: [fn(f64) -> f64; 4] = [
+        |x| x,
+        |x| 1.5 * x * x - 0.5,
+        |x| 2.5 * x * x * x - 1.5 * x,
+        |x| 4.375 * x.powi(4) - 3.75 * x * x + 0.375,
+    ];
+    let whole: Vec<_> = legendre.into_iter().map(wave).collect();
+    let turns = |f: fn(f64) -> f64| DVector::from_fn(N, |i, _| wave(f)[i] * [1.3, 0.7][i % 2]);
+    let columns = vec![
+        whole[1..].to_vec(),
+        whole.clone(),
+        vec![whole[0].clone()],
+        vec![turns(|x| x), turns(|x| x * x)],
+    ];
+    (library, columns)
+}
+
+fn by_lines(
+    from: &[usize],
+    y: impl Fn(usize, f64) -> f64,
+    act: fn(&mut Selection, &mut Problem, &Library),
+) -> Vec<usize> {
+    let (library, columns) = lines();
+    let at = wave(|x| x);
+    let y = DVector::from_fn(N, |i, _| y(i, at[i]) + 1.4 * (1.3 * (i * i) as f64).sin());
+    let mut problem = Problem::made_up(&columns, y);
+    let mut selection =
+        Selection { chosen: from.to_vec(), threshold: 10.0, grid: vec![2, 1, 1], ..Selection::default() };
+    act(&mut selection, &mut problem, &library);
+    selection.chosen
+}
+
+#[test]
+fn an_angle_that_says_only_the_slope_of_a_straightness_is_that_slope() {
+    let bow = |x: f64| 60.0 * (2.5 * x * x * x - 1.5 * x);
+    assert_eq!(by_lines(&[0, 3], |_, x| bow(x) + 15.0 * x, Selection::absorb), [1]);
+    // one that acts through both levers stays, and so does a squareness larger than the straightness
+    let lever = |i: usize, x: f64| bow(x) + 15.0 * x * [1.3, 0.7][i % 2];
+    assert_eq!(by_lines(&[0, 3], lever, Selection::absorb), [0, 3]);
+    assert_eq!(by_lines(&[0, 2], |_, x| bow(x) + 90.0 * x, Selection::absorb), [0, 2]);
+}
+
+#[test]
+fn a_straightness_with_its_slope_is_weighed_again_in_two_parts() {
+    assert_eq!(by_lines(&[1], |_, x| 60.0 * x, Selection::take_apart), [0, 2]);
+    assert_eq!(by_lines(&[2, 1], |_, x| 60.0 * x, Selection::take_apart), [2, 0]);
 }

@@ -262,10 +262,12 @@ pub const ROWS_MAX: usize = 12_000;
 /// Readings needed at least.
 pub const ROWS_MIN: usize = 20;
 
-/// True for the control's own encoders: they share its clock and do not drift against the machine.
+/// True for the control's own encoders: they share its clock and do not drift against the machine. A grid encoder is an
+/// instrument that is mounted like others.
 #[must_use]
 pub fn is_encoder(instrument: &str) -> bool {
-    instrument.to_ascii_lowercase().contains("encoder")
+    let name = instrument.to_ascii_lowercase();
+    name.contains("encoder") && !name.contains("grid")
 }
 
 /// True for instruments whose mounting is turned by a small unknown angle, not only shifted.

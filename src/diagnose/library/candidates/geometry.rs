@@ -4,12 +4,16 @@ use super::super::super::moment::Axis;
 use super::super::shape::Shape;
 use super::super::{Kind, Label};
 use super::Builder;
+use crate::core::geometry::{Vec3, unit};
 
 /// Pitches of screws, racks and scales, mm.
-const PITCHES: [f64; 22] = [
+const PITCHES: [f64; 23] = [
     0.008, 0.01, 0.02, 0.04, 0.1, 0.2, 0.5, 1.0, 2.0, 2.5, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 16.0, 20.0,
-    25.0, 32.0, 40.0,
+    25.0, 30.0, 32.0, 40.0,
 ];
+
+/// Shortest lever through which an angle is said to act, mm.
+const LEVER_MM: f64 = 1.0;
 
 /// Effects of one linear axis that only its motion shows.
 const OF_AN_AXIS: [&str; 11] = [
@@ -29,12 +33,7 @@ const OF_AN_AXIS: [&str; 11] = [
 /// The curves and the same with slopes of their own: the line from which a curve is counted is a choice (see
 /// `Selection::absorb`).
 fn with_slopes(mut shapes: Vec<Shape>) -> Vec<Shape> {
-    shapes.extend(shapes.clone().into_iter().map(|s| match s {
-        Shape::Polynomial { along, over, high, centre_mm, half_mm, .. } => {
-            Shape::Polynomial { along, over, low: 1, high, centre_mm, half_mm }
-        }
-        other => other,
-    }));
+    shapes.extend(shapes.clone().iter().map(|s| s.with_line(true)));
     shapes
 }
 
@@ -107,7 +106,7 @@ impl Builder<'_> {
                 let shapes = with_slopes(poly(along, &degrees(&[2, 3, 5, 8])));
                 self.add(Kind::Machine, Label::new("straightness", format!("e{along}{axis}")), shapes);
             }
-            self.angular(axis, low.abs().max(high.abs()));
+            self.angular(axis, centre, half, &degrees(&[1, 2, 3, 5, 8]));
             self.periodic(axis, half, different);
             self.bumps(axis, [*low, *high], different);
             if axis != Axis::Z {
@@ -150,7 +149,7 @@ impl Builder<'_> {
         seen.len()
     }
 
-    fn angular(&mut self, axis: Axis, half_mm: f64) {
+    fn angular(&mut self, axis: Axis, centre_mm: f64, half_mm: f64, degrees: &[usize]) {
         let lever = self.lever(axis);
         for (letter, about) in [('a', Axis::X), ('b', Axis::Y), ('c', Axis::Z)] {
             let crosses = (0..3).filter(|i| *i != about.direction());
@@ -158,15 +157,25 @@ impl Builder<'_> {
             let tool = lever.tool && about != Axis::Z;
             let label = Label::new("angular", format!("e{letter}{axis}"));
             if !(arm || tool) {
+                let at = self.session.moments.first().map_or_else(Vec3::zeros, |m| lever.at(m));
+                let moved: [f64; 3] = unit(about.direction()).cross(&at).into();
+                self.one_lever(&label, axis, moved.map(|d| d.abs() > LEVER_MM));
                 self.blind(
                     &label,
                     "no lever changes: move an axis between it and the tool, or use a second tool length",
                 );
                 continue;
             }
-            let shapes = [1, 2, 3, 5]
-                .into_iter()
-                .map(|degree| Shape::Angular { about, over: axis, degree, half_mm, lever })
+            let shapes = degrees
+                .iter()
+                .map(|degree| Shape::Angular {
+                    about,
+                    over: axis,
+                    degree: *degree,
+                    half_mm,
+                    centre_mm: Some(centre_mm),
+                    lever,
+                })
                 .collect();
             self.add(Kind::Machine, label, shapes);
         }

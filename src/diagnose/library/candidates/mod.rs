@@ -28,6 +28,18 @@ pub struct Blind {
     pub because: String,
 }
 
+/// An angular error whose lever never changes: what it does is a displacement along these directions, a function of the
+/// position of the same axis (Abbe), and no data of this session tell the two apart.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OneLever {
+    /// The angular error.
+    pub label: Label,
+    /// Its axis.
+    pub over: Axis,
+    /// The directions in which it displaces.
+    pub along: [bool; 3],
+}
+
 /// All candidates for a session.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Library {
@@ -39,6 +51,8 @@ pub struct Library {
     pub variants: Vec<Variant>,
     /// Effects that these data cannot show.
     pub blind: Vec<Blind>,
+    /// Angular errors that act in these data, but always with one lever.
+    pub one_lever: Vec<OneLever>,
 }
 
 /// Effects of the structure, which the encoders of the axes do not see.
@@ -111,8 +125,13 @@ impl Library {
     /// Every effect that the session's columns allow, without those taken out.
     #[must_use]
     pub fn new(session: &Session, without: &[Without]) -> Self {
-        let mut library =
-            Self { labels: Vec::new(), kinds: Vec::new(), variants: Vec::new(), blind: Vec::new() };
+        let mut library = Self {
+            labels: Vec::new(),
+            kinds: Vec::new(),
+            variants: Vec::new(),
+            blind: Vec::new(),
+            one_lever: Vec::new(),
+        };
         let facts = Facts::of(session);
         let mut b = Builder { library: &mut library, session, facts: &facts, without };
         b.geometry();
@@ -138,6 +157,21 @@ impl Library {
             all[v.label].push(i);
         }
         all
+    }
+
+    /// Angular errors with one lever that a displacement of this shape cannot be told from.
+    pub fn behind(&self, shape: &Shape) -> impl Iterator<Item = &Label> {
+        let pair = match shape {
+            // a squareness is an angle about either axis
+            Shape::Squareness { along, over } => Some([(*along, *over), (*over, *along)]),
+            _ => shape.acts_along().zip(shape.over()).map(|p| [p; 2]),
+        };
+        self.one_lever
+            .iter()
+            .filter(move |o| {
+                pair.is_some_and(|p| p.iter().any(|(d, q)| *q == o.over && o.along[d.direction()]))
+            })
+            .map(|o| &o.label)
     }
 
     /// The lagged signals that its variants read.
@@ -181,6 +215,12 @@ impl Builder<'_> {
         }
     }
 
+    fn one_lever(&mut self, label: &Label, over: Axis, along: [bool; 3]) {
+        if along.contains(&true) && !self.without.iter().any(|w| w.covers(label)) {
+            self.library.one_lever.push(OneLever { label: label.clone(), over, along });
+        }
+    }
+
     /// Linear axes with more than one position.
     fn linear(&self) -> Vec<(Axis, [f64; 2])> {
         Axis::LINEAR.into_iter().filter_map(|a| Some((a, self.facts.range[a.slot()]?))).collect()
@@ -193,5 +233,31 @@ impl Builder<'_> {
             _ => machine.tool_tip_mm,
         };
         Lever { axes: machine.levers_of(axis), home_mm: home.into(), tool: self.facts.tools }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_angle_with_one_lever_stands_behind_the_displacements_that_it_makes() {
+        let behind = Label::new("angular", "eaz");
+        let one_lever = vec![OneLever { label: behind.clone(), over: Axis::Z, along: [false, true, false] }];
+        let library = Library { labels: vec![], kinds: vec![], variants: vec![], blind: vec![], one_lever };
+        let curve =
+            |along, over| Shape::Polynomial { along, over, low: 2, high: 5, centre_mm: 0.0, half_mm: 1.0 };
+        let square = |along, over| Shape::Squareness { along, over };
+        for (shape, is_behind) in [
+            (curve(Axis::Y, Axis::Z), true),
+            (curve(Axis::X, Axis::Z), false),
+            (curve(Axis::Y, Axis::X), false),
+            (square(Axis::Y, Axis::Z), true),
+            (square(Axis::Z, Axis::Y), true),
+            (square(Axis::X, Axis::Z), false),
+            (Shape::Scale { axis: Axis::Y }, false),
+        ] {
+            assert_eq!(library.behind(&shape).eq([&behind]), is_behind, "{shape:?}");
+        }
     }
 }

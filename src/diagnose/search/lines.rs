@@ -1,0 +1,182 @@
+//! The line from which a curve is counted is a choice: what is only the slope of a curve is no second cause.
+
+use super::super::library::{Library, Shape};
+use super::problem::{Given, Problem};
+use super::select::{Found, Selection, evidence};
+
+/// Share of a straightness that its slope may have.
+const SLOPE_SHARE: f64 = 0.4;
+/// Share of what an angular error says beside a straightness that it may say beside the same with its slope.
+const LITTLE: f64 = 0.15;
+/// Share of a table of positions that a scale beside it may have: it is the slope of the same curve.
+const SCALE_SHARE: f64 = 1.0;
+/// Height of one end over the other that a straightness may have, as a share of its RMS.
+const ENDS_SHARE: f64 = 0.5;
+
+/// Share of the gain of a curve with which the straight line is looked at first: what is left may be a curve.
+const STRAIGHT_SHARE: f64 = 0.9;
+
+impl Selection {
+    /// Puts a curve without a slope behind the scale or squareness that says nearly as much: series of odd degrees add up to
+    /// a line where the data are.
+    pub(super) fn straight_first(
+        &self,
+        problem: &Problem,
+        library: &Library,
+        given: &Given,
+        best: &mut [Option<Found>],
+    ) {
+        for (v, line) in library.variants.iter().enumerate() {
+            let (a, b) = match line.shape {
+                Shape::Squareness { along, over } => (along, over),
+                Shape::Scale { axis } => (axis, axis),
+                _ => continue,
+            };
+            let Some(first) = best[line.label] else { continue };
+            let gain = problem.gain(given, v).0;
+            for curve in best.iter_mut().flatten() {
+                let Shape::Polynomial { along, over, low: 2, .. } = library.variants[curve.variant].shape
+                else {
+                    continue;
+                };
+                if along == a && over == b && gain > STRAIGHT_SHARE * curve.gain {
+                    curve.evidence = curve.evidence.min(first.evidence - 1.0);
+                }
+            }
+        }
+    }
+
+    /// A squareness that is no more than the slope of a straightness: the line from which a straightness is counted is a
+    /// choice (its ends, least squares), and the slope against it is no second cause. Nor is an angular error beside it that
+    /// says little but that slope.
+    pub fn absorb(&mut self, problem: &mut Problem, library: &Library) {
+        while let Some((place, slope, whole)) = self.slope(problem, library) {
+            self.chosen[place] = whole;
+            self.chosen.remove(slope);
+            problem.prepare(whole);
+        }
+    }
+
+    /// Takes straightnesses and their slopes apart: what stands beside them may have changed since they were one.
+    pub fn take_apart(&mut self, problem: &mut Problem, library: &Library) {
+        for place in 0..self.chosen.len() {
+            let Shape::Polynomial { along, over, .. } = library.variants[self.chosen[place]].shape else {
+                continue;
+            };
+            let whole = &library.variants[self.chosen[place]].shape;
+            let line =
+                if along == over { Shape::Scale { axis: along } } else { Shape::Squareness { along, over } };
+            let find = |shape: &Shape| library.variants.iter().position(|v| v.shape == *shape);
+            let (true, Some(curve), Some(line)) =
+                (whole.has_slope(), find(&whole.with_line(false)), find(&line))
+            else {
+                continue;
+            };
+            self.chosen[place] = curve;
+            if !self.has(library, library.variants[line].label) {
+                self.chosen.push(line);
+            }
+            self.chosen.iter().for_each(|v| problem.prepare(*v));
+        }
+    }
+
+    fn has(&self, library: &Library, label: usize) -> bool {
+        self.chosen.iter().any(|v| library.variants[*v].label == label)
+    }
+
+    /// A straightness, what beside it may be its slope, and the variant that says both.
+    fn slope(&self, problem: &mut Problem, library: &Library) -> Option<(usize, usize, usize)> {
+        let shape = |place: usize| &library.variants[self.chosen[place]].shape;
+        let of = |problem: &mut Problem, p: usize, beside: &[usize]| {
+            let given = Self::given(problem, beside);
+            problem.gain(&given, self.chosen[p]).0
+        };
+        for line in 0..self.chosen.len() {
+            for place in 0..self.chosen.len() {
+                let Shape::Polynomial { along: a, over: o, low: 2, .. } = *shape(place) else { continue };
+                let (along, over, share) = match *shape(line) {
+                    Shape::Squareness { along, over } => (along, over, SLOPE_SHARE),
+                    Shape::Scale { axis } => (axis, axis, SCALE_SHARE),
+                    Shape::Angular { over, .. } if over == o && a != o => {
+                        match self.slope_in_an_angle(problem, library, place, line) {
+                            Some(whole) => return Some((place, line, whole)),
+                            None => continue,
+                        }
+                    }
+                    _ => continue,
+                };
+                if !(a == along && o == over || a == over && o == along) {
+                    continue;
+                }
+                let wanted = shape(place).with_line(true);
+                let Some(whole) = library.variants.iter().position(|v| v.shape == wanted) else { continue };
+                let small = of(problem, line, &self.without(&[line]))
+                    <= share * of(problem, place, &self.without(&[place]));
+                let beside: Vec<usize> = self.without(&[place, line]).into_iter().chain([whole]).collect();
+                if small || Self::is_from_its_ends(&Self::terms(problem, &beside, whole)) {
+                    return Some((place, line, whole));
+                }
+            }
+        }
+        None
+    }
+
+    /// The straightness with its slope that takes the place of one without and an angular error, where that says little but
+    /// the slope.
+    fn slope_in_an_angle(
+        &self,
+        problem: &mut Problem,
+        library: &Library,
+        place: usize,
+        angle: usize,
+    ) -> Option<usize> {
+        let others = self.without(&[place, angle]);
+        let of = |problem: &mut Problem, v: usize, beside: &[usize]| {
+            let given = Self::given(problem, beside);
+            problem.gain(&given, v)
+        };
+        let beside = |v: usize| others.iter().copied().chain([v]).collect::<Vec<_>>();
+        let label = library.variants[self.chosen[place]].label;
+        let with_lines = (0..library.variants.len())
+            .filter(|v| library.variants[*v].label == label && library.variants[*v].shape.has_slope());
+        let (whole, _) = with_lines
+            .map(|v| {
+                let (gain, rank) = of(problem, v, &others);
+                (v, evidence(gain, rank, self.grid[label]))
+            })
+            .max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let before = of(problem, self.chosen[angle], &beside(self.chosen[place])).0;
+        let after = of(problem, self.chosen[angle], &beside(whole)).0;
+        let terms = Self::terms(problem, &beside(whole), whole);
+        let is_slope = Self::is_small(&terms) || Self::is_from_its_ends(&terms);
+        (after <= LITTLE * before && is_slope).then_some(whole)
+    }
+
+    /// Coefficients of a straightness beside others, from the first degree on, um.
+    fn terms(problem: &mut Problem, chosen: &[usize], whole: usize) -> Vec<f64> {
+        let given = Self::given(problem, chosen);
+        let beta = problem.fit(&given);
+        let (at, k) = problem.span[whole];
+        let value = |c: usize| {
+            let own = given.columns.iter().position(|g| *g == c).map_or(0.0, |j| beta[j]);
+            if problem.norm[c] > 0.0 { own / problem.norm[c] } else { 0.0 }
+        };
+        (at..at + k).map(value).collect()
+    }
+
+    /// True where the slope of a straightness is small against the rest of it.
+    fn is_small(terms: &[f64]) -> bool {
+        let square = |c: &f64, n: i32| c * c / f64::from(2 * n + 1);
+        let rest: f64 = terms.iter().zip(1..).skip(1).map(|(c, n)| square(c, n)).sum();
+        terms.first().is_some_and(|slope| square(slope, 1) < SLOPE_SHARE * rest)
+    }
+
+    /// True where a straightness with its slope is nearly as high at one end as at the other: it is then counted from the
+    /// line through its ends.
+    fn is_from_its_ends(terms: &[f64]) -> bool {
+        // Legendre polynomials from the first degree on: at both ends 1, or -1 and 1
+        let ends: f64 = 2.0 * terms.iter().step_by(2).sum::<f64>();
+        let size = terms.iter().zip(1..).map(|(c, n)| c * c / f64::from(2 * n + 1)).sum::<f64>().sqrt();
+        ends.abs() < ENDS_SHARE * size
+    }
+}
