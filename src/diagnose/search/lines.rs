@@ -7,7 +7,7 @@ use super::select::{Found, Selection, evidence};
 /// Share of a straightness that its slope may have.
 const SLOPE_SHARE: f64 = 0.4;
 /// Share of what an angular error says beside a straightness that it may say beside the same with its slope.
-const LITTLE: f64 = 0.15;
+const LITTLE: f64 = 0.1;
 /// Share of a table of positions that a scale beside it may have: it is the slope of the same curve.
 const SCALE_SHARE: f64 = 1.0;
 /// Height of one end over the other that a straightness may have, as a share of its RMS.

@@ -93,7 +93,7 @@ fn lines() -> (Library, Vec<Vec<DVector<f64>>>) {
         |x| 4.375 * x.powi(4) - 3.75 * x * x + 0.375,
     ];
     let whole: Vec<_> = legendre.into_iter().map(wave).collect();
-    let turns = |f: fn(f64) -> f64| DVector::from_fn(N, |i, _| wave(f)[i] * [1.3, 0.7][i % 2]);
+    let turns = |f: fn(f64) -> f64| DVector::from_fn(N, |i, _| wave(f)[i] * [1.4, 0.6][i % 2]);
     let columns = vec![
         whole[1..].to_vec(),
         whole.clone(),
@@ -123,7 +123,7 @@ fn an_angle_that_says_only_the_slope_of_a_straightness_is_that_slope() {
     let bow = |x: f64| 60.0 * (2.5 * x * x * x - 1.5 * x);
     assert_eq!(by_lines(&[0, 3], |_, x| bow(x) + 15.0 * x, Selection::absorb), [1]);
     // one that acts through both levers stays, and so does a squareness larger than the straightness
-    let lever = |i: usize, x: f64| bow(x) + 15.0 * x * [1.3, 0.7][i % 2];
+    let lever = |i: usize, x: f64| bow(x) + 15.0 * x * [1.4, 0.6][i % 2];
     assert_eq!(by_lines(&[0, 3], lever, Selection::absorb), [0, 3]);
     assert_eq!(by_lines(&[0, 2], |_, x| bow(x) + 90.0 * x, Selection::absorb), [0, 2]);
 }
