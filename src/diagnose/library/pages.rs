@@ -229,7 +229,7 @@ pub const PAGES: &[Page] = &[
         kind: Kind::Machine,
         subject: "error symbol",
         cause: "The carriage turns as it moves.",
-        formula: "d = eps(x_a) x lever, eps = SUM e_k (x/h)^k",
+        formula: "d = eps(x_a) x lever, eps = e_1 x/h + SUM e_k (P_k(x) - P_k(0)), zero at the zero of the axis",
         looks_like: "Straightness and positioning that change with the lever.",
         confused_with: "straightness and squareness, where the lever does not change",
         settles: "Lines at two levers: other axes moved, or two tool lengths.",
