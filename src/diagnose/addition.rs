@@ -180,9 +180,15 @@ impl Entry {
             return wrong("a constant of the formula is not finite");
         }
         let lengths = match &self.shape {
-            Shape::Polynomial { half_mm, low, high, .. } => *half_mm > 0.0 && low <= high,
-            Shape::Reverse { half_mm, high, .. } => *half_mm > 0.0 && *high >= 2,
-            Shape::Angular { half_mm, .. } => *half_mm > 0.0,
+            Shape::Polynomial { half_mm, low, high, centre_mm, .. } => {
+                *half_mm > 0.0 && low <= high && centre_mm.is_finite()
+            }
+            Shape::Reverse { half_mm, high, centre_mm, .. } => {
+                *half_mm > 0.0 && *high >= 2 && centre_mm.is_finite()
+            }
+            Shape::Angular { half_mm, centre_mm, .. } => {
+                *half_mm > 0.0 && centre_mm.is_none_or(f64::is_finite)
+            }
             Shape::Cyclic { pitch_mm, .. } => *pitch_mm > 0.0,
             Shape::Spike { rise_s, fall_s, .. } => *rise_s > 0.0 && *fall_s > 0.0,
             Shape::Wear { width_mm, .. } => *width_mm > 0.0,
@@ -190,7 +196,11 @@ impl Entry {
             Shape::Ram { reach_mm, .. } => *reach_mm > 0.0,
             _ => true,
         };
-        if lengths { Ok(()) } else { wrong("a length or time of the formula is not above zero") }
+        if lengths {
+            Ok(())
+        } else {
+            wrong("a length or time of the formula is not above zero, or a place is not finite")
+        }
     }
 }
 

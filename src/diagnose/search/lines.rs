@@ -48,13 +48,43 @@ impl Selection {
 
     /// A squareness that is no more than the slope of a straightness: the line from which a straightness is counted is a
     /// choice (its ends, least squares), and the slope against it is no second cause. Nor is an angular error beside it that
-    /// says little but that slope.
+    /// says little but that slope, or less than a straightness with its slope.
     pub fn absorb(&mut self, problem: &mut Problem, library: &Library) {
         while let Some((place, slope, whole)) = self.slope(problem, library) {
             self.chosen[place] = whole;
             self.chosen.remove(slope);
             problem.prepare(whole);
         }
+        for place in 0..self.chosen.len() {
+            if let Some(whole) = self.straightness_rather(problem, library, place) {
+                self.chosen[place] = whole;
+                problem.prepare(whole);
+            }
+        }
+    }
+
+    /// A straightness with its slope that says more than an angular error over the same axis, which has a slope anyhow.
+    fn straightness_rather(&self, problem: &mut Problem, library: &Library, place: usize) -> Option<usize> {
+        let variant = &library.variants[self.chosen[place]];
+        let Shape::Angular { over: axis, .. } = variant.shape else { return None };
+        let others = self.without(&[place]);
+        let given = Self::given(problem, &others);
+        let of = |v: usize| {
+            let (gain, rank) = problem.gain(&given, v);
+            evidence(gain, rank, self.grid[library.variants[v].label])
+        };
+        let own = of(self.chosen[place]);
+        let (whole, best) = (0..library.variants.len())
+            .filter(|v| match library.variants[*v].shape {
+                Shape::Polynomial { along, over, low: 1, .. } => along != over && over == axis,
+                _ => false,
+            })
+            .filter(|v| !self.has(library, library.variants[*v].label))
+            .map(|v| (v, of(v)))
+            .max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let beside: Vec<usize> = others.into_iter().chain([whole]).collect();
+        let terms = Self::terms(problem, &beside, whole);
+        (best > own && (Self::is_small(&terms) || Self::is_from_its_ends(&terms))).then_some(whole)
     }
 
     /// Takes straightnesses and their slopes apart: what stands beside them may have changed since they were one.

@@ -122,9 +122,12 @@ fn by_lines(
 fn an_angle_that_says_only_the_slope_of_a_straightness_is_that_slope() {
     let bow = |x: f64| 60.0 * (2.5 * x * x * x - 1.5 * x);
     assert_eq!(by_lines(&[0, 3], |_, x| bow(x) + 15.0 * x, Selection::absorb), [1]);
+    assert_eq!(by_lines(&[3], |_, x| bow(x) - 60.0 * x, Selection::absorb), [1]);
     // one that acts through both levers stays, and so does a squareness larger than the straightness
     let lever = |i: usize, x: f64| bow(x) + 15.0 * x * [1.4, 0.6][i % 2];
     assert_eq!(by_lines(&[0, 3], lever, Selection::absorb), [0, 3]);
+    let angle = |i: usize, x: f64| (60.0 * x * x - 50.0 * x) * [1.4, 0.6][i % 2];
+    assert_eq!(by_lines(&[3], angle, Selection::absorb), [3]);
     assert_eq!(by_lines(&[0, 2], |_, x| bow(x) + 90.0 * x, Selection::absorb), [0, 2]);
 }
 
