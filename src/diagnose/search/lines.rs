@@ -17,8 +17,8 @@ const ENDS_SHARE: f64 = 0.5;
 const STRAIGHT_SHARE: f64 = 0.9;
 
 impl Selection {
-    /// Puts a curve without a slope behind the scale or squareness that says nearly as much: series of odd degrees add up to
-    /// a line where the data are.
+    /// Puts a curve without a slope, or an angular error, behind the scale or squareness that says nearly as much: series of
+    /// odd degrees add up to a line where the data are.
     pub(super) fn straight_first(
         &self,
         problem: &Problem,
@@ -35,11 +35,13 @@ impl Selection {
             let Some(first) = best[line.label] else { continue };
             let gain = problem.gain(given, v).0;
             for curve in best.iter_mut().flatten() {
-                let Shape::Polynomial { along, over, low: 2, .. } = library.variants[curve.variant].shape
-                else {
-                    continue;
+                let stands_for_it = match library.variants[curve.variant].shape {
+                    Shape::Polynomial { along, over, low: 2, .. } => along == a && over == b,
+                    // an angle that comes up at once and stays is no angle
+                    Shape::Angular { .. } => a != b,
+                    _ => false,
                 };
-                if along == a && over == b && gain > STRAIGHT_SHARE * curve.gain {
+                if stands_for_it && gain > STRAIGHT_SHARE * curve.gain {
                     curve.evidence = curve.evidence.min(first.evidence - 1.0);
                 }
             }
