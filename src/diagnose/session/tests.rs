@@ -275,3 +275,21 @@ fn a_file_that_says_nothing_is_left_out_beside_one_that_does() {
     let e = Session::build(&[silent, other], History::default(), Machine::plain()).unwrap_err().to_string();
     assert!(e.starts_with("zero.csv: every deviation_um is 0; nothing was measured"), "{e}");
 }
+
+#[test]
+fn what_comes_back_with_every_pass_is_nothing_beside_its_repeats() {
+    let s = build(line()).unwrap();
+    let left: Vec<f64> = s
+        .readings
+        .iter()
+        .zip(&s.moments)
+        .map(|(r, m)| m.position[0].sin() * 9.0 + 0.5 * r.repeat as f64)
+        .collect();
+    let beside = super::super::noise::beside_repeats(&s, &vec![true; left.len()], &left);
+    // two passes half a um apart: a quarter each from their mean, and what the mean takes of the scatter given back
+    assert!(beside.iter().all(|b| (b.abs() - 0.25 * 2f64.sqrt()).abs() < 1e-9), "{beside:?}");
+    assert_eq!(
+        super::super::noise::beside_repeats(&s, &vec![false; left.len()], &left),
+        vec![0.0; left.len()]
+    );
+}
