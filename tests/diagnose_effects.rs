@@ -214,7 +214,7 @@ fn one_circle_at_one_feed_answers_with_a_set() {
 
 #[test]
 fn what_comes_back_on_a_moving_axis_is_no_vibration() {
-    // a coarse pattern that no effect knows; its whitened remainder swings at the start of the first of two passes
+    // a coarse pattern that no effect knows
     let truth = |s: &State| {
         let pattern = 9.0 * (s.p[0] / 11.0).sin() * (s.p[1] / 17.0).cos() + 30.0 * (s.p[2] / 60.0).sin();
         [pattern, -0.6 * pattern, 1.3 * pattern]

@@ -4,7 +4,7 @@
 mod candidates;
 mod pages;
 mod parameters;
-pub(super) mod polynomial;
+mod polynomial;
 mod shape;
 
 use core::fmt;
@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 pub use candidates::{Blind, Library, Variant};
 pub use pages::{PAGES, Page, page};
-pub(super) use polynomial::twist;
+pub(super) use polynomial::{legendre, twist};
 pub use shape::{Lever, REFERENCE_DEGC, RotaryFrame, STILL, Shape, WIDTH_MAX, line_of_sight};
 
 /// Who is to blame.

@@ -2,7 +2,7 @@
 
 use super::super::library::{Library, Shape};
 use super::problem::{Given, Problem};
-use super::select::{Found, Selection, evidence};
+use super::select::{Found, Selection};
 
 /// Share of a straightness that its slope may have.
 const SLOPE_SHARE: f64 = 0.4;
@@ -12,7 +12,6 @@ const LITTLE: f64 = 0.1;
 const SCALE_SHARE: f64 = 1.0;
 /// Height of one end over the other that a straightness may have, as a share of its RMS.
 const ENDS_SHARE: f64 = 0.5;
-
 /// Share of the gain of a curve with which the straight line is looked at first: what is left may be a curve.
 const STRAIGHT_SHARE: f64 = 0.9;
 
@@ -71,22 +70,30 @@ impl Selection {
         let Shape::Angular { over: axis, .. } = variant.shape else { return None };
         let others = self.without(&[place]);
         let given = Self::given(problem, &others);
-        let of = |v: usize| {
-            let (gain, rank) = problem.gain(&given, v);
-            evidence(gain, rank, self.grid[library.variants[v].label])
-        };
-        let own = of(self.chosen[place]);
-        let (whole, best) = (0..library.variants.len())
-            .filter(|v| match library.variants[*v].shape {
-                Shape::Polynomial { along, over, low: 1, .. } => along != over && over == axis,
-                _ => false,
-            })
-            .filter(|v| !self.has(library, library.variants[*v].label))
-            .map(|v| (v, of(v)))
-            .max_by(|a, b| a.1.total_cmp(&b.1))?;
+        let own = self.found(problem, library, &given, self.chosen[place]).evidence;
+        let crosses = |shape: &Shape| shape.over() == Some(axis) && shape.acts_along() != Some(axis);
+        let best = self.best_with_line(problem, library, &given, |label, shape| {
+            crosses(shape) && !self.has(library, label)
+        })?;
+        let (whole, best) = (best.variant, best.evidence);
         let beside: Vec<usize> = others.into_iter().chain([whole]).collect();
         let terms = Self::terms(problem, &beside, whole);
         (best > own && (Self::is_small(&terms) || Self::is_from_its_ends(&terms))).then_some(whole)
+    }
+
+    /// The curve with its slope, of those wanted (label and shape), that says most beside what is given.
+    fn best_with_line(
+        &self,
+        problem: &Problem,
+        library: &Library,
+        given: &Given,
+        wanted: impl Fn(usize, &Shape) -> bool,
+    ) -> Option<Found> {
+        let variants = library.variants.iter().enumerate();
+        variants
+            .filter(|(_, v)| v.shape.has_slope() && wanted(v.label, &v.shape))
+            .map(|(v, _)| self.found(problem, library, given, v))
+            .max_by(|a, b| a.evidence.total_cmp(&b.evidence))
     }
 
     /// Takes straightnesses and their slopes apart: what stands beside them may have changed since they were one.
@@ -165,20 +172,14 @@ impl Selection {
         let others = self.without(&[place, angle]);
         let of = |problem: &mut Problem, v: usize, beside: &[usize]| {
             let given = Self::given(problem, beside);
-            problem.gain(&given, v)
+            problem.gain(&given, v).0
         };
         let beside = |v: usize| others.iter().copied().chain([v]).collect::<Vec<_>>();
-        let label = library.variants[self.chosen[place]].label;
-        let with_lines = (0..library.variants.len())
-            .filter(|v| library.variants[*v].label == label && library.variants[*v].shape.has_slope());
-        let (whole, _) = with_lines
-            .map(|v| {
-                let (gain, rank) = of(problem, v, &others);
-                (v, evidence(gain, rank, self.grid[label]))
-            })
-            .max_by(|a, b| a.1.total_cmp(&b.1))?;
-        let before = of(problem, self.chosen[angle], &beside(self.chosen[place])).0;
-        let after = of(problem, self.chosen[angle], &beside(whole)).0;
+        let own = library.variants[self.chosen[place]].label;
+        let given = Self::given(problem, &others);
+        let whole = self.best_with_line(problem, library, &given, |label, _| label == own)?.variant;
+        let before = of(problem, self.chosen[angle], &beside(self.chosen[place]));
+        let after = of(problem, self.chosen[angle], &beside(whole));
         let terms = Self::terms(problem, &beside(whole), whole);
         let is_slope = Self::is_small(&terms) || Self::is_from_its_ends(&terms);
         (after <= LITTLE * before && is_slope).then_some(whole)

@@ -135,9 +135,7 @@ impl Selection {
             if not.contains(&variant.label) || variant.shape.has_slope() || self.banned.contains(&v) {
                 continue;
             }
-            let (gain, rank) = problem.gain(given, v);
-            let found =
-                Found { variant: v, gain, rank, evidence: evidence(gain, rank, self.grid[variant.label]) };
+            let found = self.found(problem, library, given, v);
             if best[variant.label].is_none_or(|b| found.evidence > b.evidence) {
                 best[variant.label] = Some(found);
             }
@@ -148,13 +146,19 @@ impl Selection {
         all
     }
 
+    /// What a variant brings beside what is given.
+    pub(super) fn found(&self, problem: &Problem, library: &Library, given: &Given, variant: usize) -> Found {
+        let (gain, rank) = problem.gain(given, variant);
+        let evidence = evidence(gain, rank, self.grid[library.variants[variant].label]);
+        Found { variant, gain, rank, evidence }
+    }
+
     /// Evidence of all that is chosen, each beside those before it.
     #[must_use]
     pub fn evidence(&self, problem: &mut Problem, library: &Library) -> f64 {
         let own = |(n, v): (usize, &usize)| {
             let given = Self::given(problem, &self.chosen[..n]);
-            let (gain, rank) = problem.gain(&given, *v);
-            evidence(gain, rank, self.grid[library.variants[*v].label])
+            self.found(problem, library, &given, *v).evidence
         };
         self.chosen.iter().enumerate().map(own).sum()
     }
@@ -332,10 +336,7 @@ impl Selection {
     /// The best variant of the effect of `own` beside what is given.
     fn best_of(&self, problem: &Problem, library: &Library, given: &Given, own: usize) -> usize {
         let label = library.variants[own].label;
-        let value = |v: usize| {
-            let (gain, rank) = problem.gain(given, v);
-            (evidence(gain, rank, self.grid[label]), v)
-        };
+        let value = |v: usize| (self.found(problem, library, given, v).evidence, v);
         let others = library
             .variants
             .iter()
@@ -414,9 +415,7 @@ impl Selection {
             let mut weakest: Option<(usize, f64)> = None;
             for place in 0..self.chosen.len() {
                 let given = Self::given(problem, &self.without(&[place]));
-                let v = self.chosen[place];
-                let (gain, rank) = problem.gain(&given, v);
-                let e = evidence(gain, rank, self.grid[library.variants[v].label]);
+                let e = self.found(problem, library, &given, self.chosen[place]).evidence;
                 if weakest.is_none_or(|w| e < w.1) {
                     weakest = Some((place, e));
                 }

@@ -136,3 +136,22 @@ fn a_straightness_with_its_slope_is_weighed_again_in_two_parts() {
     assert_eq!(by_lines(&[1], |_, x| 60.0 * x, Selection::take_apart), [0, 2]);
     assert_eq!(by_lines(&[2, 1], |_, x| 60.0 * x, Selection::take_apart), [2, 0]);
 }
+
+#[test]
+fn a_line_is_looked_at_before_a_curve_or_an_angle_that_says_hardly_more() {
+    let first = |(library, columns): (Library, Vec<Vec<DVector<f64>>>), y: DVector<f64>| {
+        let problem = Problem::made_up(&columns, y);
+        let selection = Selection { threshold: 10.0, grid: vec![1; 3], ..Selection::default() };
+        let given = problem.given(&[]);
+        let more = problem.gain(&given, 0).0.max(problem.gain(&given, columns.len() - 1).0);
+        let found = selection.ranking(&problem, &library, &given, &[])[0];
+        (library.labels[library.variants[found.variant].label].effect, more > found.gain)
+    };
+    let near_both = wave(|x| 60.0 * x + 135.0 * (x - x * x * x));
+    assert_eq!(first(library(), near_both), ("scale", true));
+    let turned = DVector::from_fn(N, |i, _| wave(|x| 60.0 * x)[i] * [1.2, 0.8][i % 2]);
+    assert_eq!(first(lines(), turned), ("squareness", true));
+    // with all of its lever an angle stays one
+    let angle = DVector::from_fn(N, |i, _| wave(|x| 60.0 * x)[i] * [1.4, 0.6][i % 2]);
+    assert_eq!(first(lines(), angle), ("angular", false));
+}

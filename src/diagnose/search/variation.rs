@@ -8,7 +8,7 @@
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
-use super::super::library::polynomial::legendre;
+use super::super::library::legendre;
 use super::super::moment::Axis;
 use super::super::noise::Filter;
 use super::super::session::Session;
