@@ -239,9 +239,10 @@ impl Truth {
             }
             Self::Trunnion(t) => {
                 let m = formulas::measure(t, day)?;
+                let text = |s: formulas::files::Sheet| Text { name: s.name, text: s.text };
                 Files {
-                    sessions: formulas::files::sessions(&m),
-                    history: formulas::files::history(&m),
+                    sessions: formulas::files::sessions(&m).into_iter().map(text).collect(),
+                    history: text(formulas::files::history(&m)),
                     model: model(formulas::machine::nominal_model()),
                 }
             }

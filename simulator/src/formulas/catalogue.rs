@@ -41,7 +41,7 @@ pub const CATALOGUE: &[Entry] = &[
     ),
     entry_of(
         "angular",
-        &["eax", "ebx", "ecx", "eay", "eby", "ecy", "eaz", "ebz"],
+        &["eax", "ebx", "ecx", "eay", "eby", "eaz", "ebz"],
         "the carriage turned, exactly, by kinks or a line through knots, zero at home",
     ),
     entry_of(
@@ -95,7 +95,11 @@ pub const CATALOGUE: &[Entry] = &[
     entry_of("outside-joint", NONE, "a joint that slips by chance from pass to pass, with a lever in x"),
     entry_of("outside-warm-speed", NONE, "speed squared times the warmth of the hall"),
     entry_of("outside-unbalance", NONE, "the table droops with sin 2A cos C"),
-    entry_of("outside-spindle-shift", NONE, "the spindle shifts at once with the square of its speed"),
+    entry_of(
+        "outside-spindle-whirl",
+        NONE,
+        "the spindle whirls at one of its speeds, and not at a higher one",
+    ),
     entry_of("outside-stick", NONE, "a staircase of the way since the reversal"),
     entry_of("outside-root", NONE, "the root of |x z|"),
 ];

@@ -4,7 +4,6 @@ use std::fmt::Write;
 
 use super::course::Row;
 use super::{Measurement, Reading};
-use crate::campaign::files::Text;
 
 /// The columns of a session file.
 const COLUMNS: &str = "t_s,instrument,setup,run,repeat,pair,u_x,u_y,u_z,deviation_um,x_mm,y_mm,z_mm,a_deg,c_deg,\
@@ -13,14 +12,23 @@ since_reversal_y_mm,since_reversal_y_s,vz_mm_per_s,az_mm_per_s2,dir_z,since_reve
 dir_c,tool_length_mm,range_mm,target_x_mm,target_y_mm,target_z_mm,station_x_mm,station_y_mm,station_z_mm,force_x_n,\
 force_y_n,force_z_n,spindle_rpm\n";
 
+/// A file by name.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Sheet {
+    /// Its name.
+    pub name: String,
+    /// What stands in it.
+    pub text: String,
+}
+
 /// One session file per instrument, in the order of their first use.
 #[must_use]
-pub fn sessions(measurement: &Measurement) -> Vec<Text> {
-    let mut files: Vec<Text> = Vec::new();
+pub fn sessions(measurement: &Measurement) -> Vec<Sheet> {
+    let mut files: Vec<Sheet> = Vec::new();
     for (row, reading) in measurement.rows.iter().zip(&measurement.readings) {
         let name = format!("{}.csv", row.instrument);
         let at = files.iter().position(|f| f.name == name).unwrap_or_else(|| {
-            files.push(Text { name, text: COLUMNS.to_owned() });
+            files.push(Sheet { name, text: COLUMNS.to_owned() });
             files.len() - 1
         });
         if let Some(file) = files.get_mut(at) {
@@ -70,7 +78,7 @@ fn line(text: &mut String, r: &Row, reading: &Reading) {
 
 /// The machine's log.
 #[must_use]
-pub fn history(measurement: &Measurement) -> Text {
+pub fn history(measurement: &Measurement) -> Sheet {
     let mut text = String::from(
         "t_s,spindle_rpm,temp_screw_x_degc,temp_screw_y_degc,temp_screw_z_degc,temp_spindle_nose_degc,temp_room_degc\n",
     );
@@ -81,5 +89,5 @@ pub fn history(measurement: &Measurement) -> Text {
         }
         text.push('\n');
     }
-    Text { name: "history.csv".to_owned(), text }
+    Sheet { name: "history.csv".to_owned(), text }
 }

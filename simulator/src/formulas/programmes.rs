@@ -117,11 +117,14 @@ fn flights(c: &mut Course, setup: i64) {
 
 /// A tracker over a grid of unequal steps, two tools in one mounting.
 fn grid(c: &mut Course, setup: i64) {
-    const CELLS: [[f64; 4]; 3] =
-        [[-270.0, -85.0, 150.0, 345.0], [-215.0, -60.0, 95.0, 270.0], [15.0, 140.0, 310.0, 430.0]];
+    // no two places of X alike: what is even about the middle must not hide
+    const X_MM: [f64; 5] = [-270.0, -160.0, -35.0, 120.0, 345.0];
+    const Y_MM: [f64; 4] = [-215.0, -60.0, 95.0, 270.0];
+    const Z_MM: [f64; 3] = [15.0, 190.0, 430.0];
+    const POINTS: usize = X_MM.len() * Y_MM.len() * Z_MM.len();
     c.mount("tracker", setup);
     c.station(STATION_MM);
-    let first = c.pairs(128);
+    let first = c.pairs(2 * POINTS);
     for repeat in 1..=REPEATS {
         for (t, tool) in [75.0, 205.0].into_iter().enumerate() {
             c.tool(tool);
@@ -129,15 +132,15 @@ fn grid(c: &mut Course, setup: i64) {
             // every pass comes from the same corner
             c.go([-285.0, -228.0, 2.0], [0.0; 2], QUICK);
             c.run(repeat);
-            for m in 0..64 {
+            for m in 0..POINTS {
                 // Z to and fro inside, then X, then Y
-                let (layer, row, column) = (m / 16, (m / 4) % 4, m % 4);
-                let row = if layer % 2 == 1 { 3 - row } else { row };
-                let column = if (m / 4) % 2 == 1 { 3 - column } else { column };
-                let p = [CELLS[0][row], CELLS[1][layer], CELLS[2][column]];
+                let (layer, row, column) = (m / 15, (m / 3) % 5, m % 3);
+                let row = if layer % 2 == 1 { 4 - row } else { row };
+                let column = if (m / 3) % 2 == 1 { 2 - column } else { column };
+                let p = [X_MM[row], Y_MM[layer], Z_MM[column]];
                 c.go(p, [0.0; 2], QUICK);
                 c.dwell(1.2, 2.6);
-                c.read(&ALL, first + (64 * t + m) as i64);
+                c.read(&ALL, first + (POINTS * t + m) as i64);
             }
         }
     }
@@ -195,7 +198,7 @@ fn probe(c: &mut Course, setup: i64) {
 fn table(c: &mut Course, setup: i64) {
     let balls = [
         ([88.0, 12.0, 115.0], &[-72.0, -38.0, 0.0, 21.0][..]),
-        ([-30.0, 132.0, 62.0], &[-55.0, -12.0, 28.0][..]),
+        ([-30.0, 132.0, 98.0], &[-55.0, -12.0, 28.0][..]),
     ];
     let n = 12;
     for (ball, (from_axis, tilts)) in balls.into_iter().enumerate() {
@@ -234,9 +237,8 @@ fn table(c: &mut Course, setup: i64) {
 
 /// Starts and stops of each axis at two speeds, at two places of the others.
 fn moves(c: &mut Course, setup: i64) {
-    for axis in 0..3 {
+    for (axis, [low, high]) in TRAVEL_MM.into_iter().enumerate() {
         c.mount("dynamic", setup + axis as i64);
-        let [low, high] = TRAVEL_MM[axis];
         let elsewhere = [MIDDLE_MM, [-180.0, 190.0, 370.0]];
         for ([speed, ramp], place) in [([65.0, 0.26], elsewhere[0]), ([170.0, 0.36], elsewhere[1])] {
             let ends = [low + 70.0, low + 70.0 + (high - low) * 0.55];
@@ -322,9 +324,8 @@ mod tests {
             }
         }
         for r in &course.rows {
-            for k in 0..3 {
-                let [low, high] = TRAVEL_MM[k];
-                assert!(r.position[k] >= low && r.position[k] <= high, "{r:?}");
+            for (q, [low, high]) in r.position.into_iter().zip(TRAVEL_MM) {
+                assert!(q >= low && q <= high, "{r:?}");
             }
         }
     }

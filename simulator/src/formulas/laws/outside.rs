@@ -81,9 +81,9 @@ pub(super) fn law(name: &str, m: &mut Making<'_, '_>) -> Option<Law> {
                 along(2) * (4.0 * size * (2.0 * a).sin() * (c + begin).cos())
             })
         }
-        "outside-spindle-shift" => {
+        "outside-spindle-whirl" => {
             let way = m.chance.direction();
-            Box::new(move |r| way * (6.0 * size * (r.rpm / 8500.0).powi(2)))
+            Box::new(move |r| way * (6.0 * size * (-((r.rpm - 5500.0) / 900.0).powi(2)).exp()))
         }
         "outside-stick" => {
             let step = m.chance.within(11.0, 23.0);

@@ -12,7 +12,7 @@ fn seen_by(name: &str) -> &'static [&'static str] {
         "tracker-scale" | "range-noise" | "spindle-tilt" | "tool-length" => &["tracker"],
         "dead-path" => &["laser", "laser-flight"],
         "spindle-growth" => &["probe"],
-        "outside-spindle-shift" => &["probe"],
+        "outside-spindle-whirl" => &["probe"],
         "latency" | "servo-mismatch" => &["dynamic", "laser-flight"],
         "reversal-spike" => &["ballbar"],
         "inertial" | "inertial-cross" | "outside-ringing" => &["dynamic"],
