@@ -31,8 +31,18 @@ pub type Law = Box<dyn Fn(&Row) -> Vector3<f64>>;
 
 /// Effects of chance: [`super::instrument`] has them.
 pub const OF_CHANCE: [&str; 4] = ["vibration", "outliers", "quantisation", "range-noise"];
-/// Effects of the instruments: they do not vary with the place of the machine.
-const OF_INSTRUMENTS: [&str; 3] = ["dead-path", "tracker-scale", "clock-skew"];
+/// Effects that do not vary with the place: those of instruments and control, and shifts of the whole volume. Of a shift the
+/// mounting takes nearly all, so that its variation would be the larger part of what is seen.
+const ALIKE_EVERYWHERE: [&str; 8] = [
+    "dead-path",
+    "tracker-scale",
+    "clock-skew",
+    "latency",
+    "spindle-tilt",
+    "tool-length",
+    "spindle-growth",
+    "ambient-drift",
+];
 /// Share by which effects vary over the volume in hard mode.
 const VARIATION: f64 = 0.2;
 
@@ -67,7 +77,7 @@ pub fn all(truth: &FormulaTruth, world: &World<'_>) -> Result<Vec<Law>, FormulaE
         .map(|fault| {
             let law =
                 law(fault, truth.seed, world).ok_or_else(|| FormulaError::Effect { label: fault.label() })?;
-            if !truth.hard || OF_INSTRUMENTS.contains(&fault.name.as_str()) {
+            if !truth.hard || ALIKE_EVERYWHERE.contains(&fault.name.as_str()) {
                 return Ok(law);
             }
             let field = Field::new(&mut Chance::new(truth.seed, &format!("varies {}", fault.label())));
