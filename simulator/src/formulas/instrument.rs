@@ -103,8 +103,8 @@ impl ByChance {
         let size = |name: &str| truth.faults.iter().find(|f| f.name == name).map(|f| f.size_um);
         let mut chance = Chance::new(truth.seed, "by chance");
         let way = chance.direction();
-        // off the multiples of the capture's own rhythm
-        let (hertz, swell) = (chance.within(14.0, 120.0), chance.within(1.0, 4.0));
+        // within what the capture can see: four periods of it, and half its rhythm
+        let (hertz, swell) = (chance.within(16.0, 85.0), chance.within(1.0, 4.0));
         let share = chance.within(0.008, 0.025);
         Self {
             vibration: size("vibration").map(|um| (way * (2.4 * um), hertz, swell)),

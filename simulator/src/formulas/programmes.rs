@@ -296,7 +296,7 @@ fn still(c: &mut Course, setup: i64) {
     for repeat in 1..=REPEATS {
         c.dwell(3.0, 8.0);
         c.run(repeat);
-        c.capture(310.0, n, first);
+        c.capture(190.0, n, first);
     }
 }
 
