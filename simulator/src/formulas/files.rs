@@ -2,7 +2,7 @@
 
 use std::fmt::Write;
 
-use super::course::Row;
+use super::row::Row;
 use super::{Measurement, Reading};
 
 /// The columns of a session file.

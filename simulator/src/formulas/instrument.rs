@@ -6,8 +6,8 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 
 use super::chance::Chance;
-use super::course::Row;
 use super::laws::{Law, World};
+use super::row::Row;
 use super::truth::FormulaTruth;
 
 /// White noise of the instruments, um.

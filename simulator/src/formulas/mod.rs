@@ -3,7 +3,7 @@
 //! A tool that is only tested on one generator learns that generator. Here nothing moves in time: the states of the axes
 //! and of the heat follow from closed formulas, every effect is one formula of the state, and none of these formulas is in
 //! the tool's library. The machine is `[w C' A' b X Y Z t]`, a swivelling table under three linear axes.
-//! Reading order: [`truth`] (what is wrong), [`catalogue`] (what there is), [`machine`], [`course`] and [`programmes`] (what is
+//! Reading order: [`truth`] (what is wrong), [`catalogue`] (what there is), [`machine`], [`mod@row`], [`course`] and [`programmes`] (what is
 //! measured), [`heat`], [`laws`] (the effects), [`instrument`] (noise and mountings), [`files`].
 //! Deterministic: truth and day give the same bytes.
 
@@ -17,10 +17,11 @@ pub mod instrument;
 pub mod laws;
 pub mod machine;
 pub mod programmes;
+pub mod row;
 pub mod truth;
 
-pub use course::Row;
 pub use instrument::Reading;
+pub use row::Row;
 pub use truth::{Fault, FormulaError, FormulaTruth};
 
 use course::Course;

@@ -10,9 +10,9 @@ mod warmth;
 use nalgebra::Vector3;
 
 use super::chance::Chance;
-use super::course::Row;
 use super::curve::Field;
 use super::heat::Heat;
+use super::row::Row;
 use super::truth::{Fault, FormulaError, FormulaTruth};
 
 /// What a law may know of the day.

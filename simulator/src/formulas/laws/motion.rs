@@ -3,7 +3,7 @@
 use nalgebra::{Rotation3, Unit, Vector3};
 
 use super::super::chance::Chance;
-use super::super::course::Row;
+use super::super::row::Row;
 use super::{Law, Making, UM, along};
 
 /// Speed at which lags have their size, mm/s.

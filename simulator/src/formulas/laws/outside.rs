@@ -6,7 +6,7 @@ use std::f64::consts::TAU;
 use nalgebra::Vector3;
 
 use super::super::chance::Chance;
-use super::super::course::Row;
+use super::super::row::Row;
 use super::{Law, Making, along};
 
 pub(super) fn law(name: &str, m: &mut Making<'_, '_>) -> Option<Law> {

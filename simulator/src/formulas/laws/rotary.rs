@@ -4,8 +4,8 @@ use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Rotation3, Unit, Vector3};
 
-use super::super::course::Row;
 use super::super::machine::{SWIVEL_MM, TABLE_MM, on_table, swivel};
+use super::super::row::Row;
 use super::{Law, Making, UM, along};
 
 /// The point on the table that the row looks at, at home, mm: the target, or what the tool stands over.
