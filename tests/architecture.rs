@@ -219,6 +219,19 @@ fn the_simulated_machine_shares_no_model_code() {
 }
 
 #[test]
+fn the_second_generator_shares_nothing_with_the_first() {
+    let mut files = Vec::new();
+    sources(&root().join("simulator/src/formulas"), &mut files);
+    assert!(!files.is_empty());
+    for file in files {
+        for prefix in ["crate", "volcomp", "simulator"] {
+            let found = paths(&code(&file), prefix);
+            assert!(found.is_empty(), "{} uses {prefix}::{}", file.display(), found.join(", "));
+        }
+    }
+}
+
+#[test]
 fn the_front_room_of_the_simulator_starts_programs_and_no_models() {
     let src = root().join("simulator/src");
     let mut wrong = Vec::new();

@@ -4,6 +4,7 @@
 //! - [`instruments`]: what a ballbar, an interferometer or a diagonal measurement sees of it.
 //! - [`twin`]: that machine in time: servo, friction, heat, bending, each switched by a truth file.
 //! - [`campaign`]: a standard measurement campaign on the twin, as session files.
+//! - [`formulas`]: a second generator of session files, with another machine, plan, formulas and noise.
 //! - [`blind`]: machines with sealed faults, and how often the diagnosis names them.
 //! - [`motion`]: part programmes and recorded motion to positions per cycle.
 //! - [`control`]: the control's end of the link.
@@ -22,6 +23,7 @@ pub mod certificates;
 pub mod cli;
 pub mod control;
 pub mod demo;
+pub mod formulas;
 pub mod instruments;
 pub mod motion;
 pub mod scenarios;

@@ -10,7 +10,7 @@ fn blind(args: &[&str]) -> serde_json::Value {
     let folder = tempfile::tempdir().unwrap();
     let out = folder.path().join("blind");
     let done = Command::new(env!("CARGO_BIN_EXE_cncsim"))
-        .args(["blind", "--plan", "small", "--json", "--out", out.to_str().unwrap()])
+        .args(["blind", "--json", "--out", out.to_str().unwrap()])
         .args(args)
         .output()
         .unwrap();
@@ -21,7 +21,7 @@ fn blind(args: &[&str]) -> serde_json::Value {
     // the tool saw no label: what it was given lies apart from what is sealed
     for case in fs::read_dir(out.join("cases")).unwrap() {
         let report = fs::read_to_string(case.unwrap().path().join("gap/report.json")).unwrap();
-        assert!(!report.contains("volcomp-twin"));
+        assert!(!report.contains("volcomp-twin") && !report.contains("volcomp-formulas"));
     }
     assert!(fs::read_dir(out.join("sealed")).unwrap().count() > 0);
     written
@@ -33,7 +33,20 @@ fn hits(score: &serde_json::Value, what: &str) -> (u64, u64) {
 
 #[test]
 fn faults_are_named_and_nothing_is_made_up() {
-    let found = blind(&["--seed", "1", "--singles", "8", "--pairs", "0", "--nulls", "4", "--outside", "0"]);
+    let found = blind(&[
+        "--plan",
+        "small",
+        "--seed",
+        "1",
+        "--singles",
+        "8",
+        "--pairs",
+        "0",
+        "--nulls",
+        "4",
+        "--outside",
+        "0",
+    ]);
     let score = &found["score"];
     assert_eq!(hits(score, "null_alarms"), (0, 4), "{score:#}");
     let (named, of) = hits(score, "single_in_group");
@@ -43,10 +56,44 @@ fn faults_are_named_and_nothing_is_made_up() {
 
 #[test]
 fn plain_forward_selection_fails_where_the_method_does_not() {
-    let found = blind(&["--seed", "2", "--nulls", "2", "--outside", "2", "--ablation"]);
+    let found = blind(&["--plan", "small", "--seed", "2", "--nulls", "2", "--outside", "2", "--ablation"]);
     let alarms = |a: &serde_json::Value| hits(a, "null_alarms").0 + hits(a, "outside_named").0;
     let all = found["ablations"].as_array().unwrap();
     let plain = all.iter().find(|a| a["what"] == "plain").unwrap();
     assert!(alarms(plain) >= 2, "{plain:#}");
     assert!(hits(&found["score"], "null_alarms").0 == 0, "{:#}", found["score"]);
+}
+
+#[test]
+fn another_generator_asks_the_same() {
+    let found = blind(&[
+        "--generator",
+        "trunnion",
+        "--seed",
+        "7",
+        "--singles",
+        "2",
+        "--pairs",
+        "0",
+        "--nulls",
+        "1",
+        "--outside",
+        "1",
+    ]);
+    let score = &found["score"];
+    assert_eq!(found["generator"], "trunnion");
+    assert_eq!(hits(score, "null_alarms"), (0, 1), "{score:#}");
+    assert_eq!(hits(score, "single_in_group"), (2, 2), "{score:#}");
+    assert_eq!(hits(score, "outside_named").0, 0, "{score:#}");
+}
+
+#[test]
+fn another_generator_has_one_plan() {
+    let done = Command::new(env!("CARGO_BIN_EXE_cncsim"))
+        .args(["blind", "--generator", "trunnion", "--plan", "small", "--out", "never"])
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert_eq!(done.status.code(), Some(64), "{said}");
+    assert!(said.contains("--plan full"), "{said}");
 }

@@ -8,9 +8,9 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use crate::campaign::{Campaign, Plan, run_campaign};
-use crate::twin::catalogue::CATALOGUE;
-use crate::twin::{Dice, Effect, InstrumentTruth, TwinError, TwinTruth};
+use super::generator::{Generator, GeneratorError, Truth, whole};
+use crate::campaign::Plan;
+use crate::twin::Dice;
 
 /// Levels that are drawn, in units of the noise.
 pub const LEVELS: [f64; 4] = [0.5, 1.0, 2.0, 5.0];
@@ -62,7 +62,18 @@ pub struct Case {
     /// Seeds of the day and of another day.
     pub days: [u64; 2],
     /// The machine.
-    pub truth: TwinTruth,
+    pub truth: Truth,
+}
+
+/// Where cases come from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Origin {
+    /// The generator.
+    pub generator: Generator,
+    /// What is measured.
+    pub plan: Plan,
+    /// How nature behaves.
+    pub mode: Mode,
 }
 
 /// How many cases of each kind.
@@ -78,24 +89,14 @@ pub struct Draw {
     pub outside: usize,
 }
 
-/// Every effect with every subject, those of libraries or those outside.
-#[must_use]
-pub fn pool(outside: bool) -> Vec<(&'static str, &'static str)> {
-    CATALOGUE
-        .iter()
-        .filter(|e| e.outside == outside)
-        .flat_map(|e| e.subjects.list().iter().map(|s| (e.name, *s)))
-        .collect()
-}
-
 /// Draws the cases; effects go round, so that all come up before one comes twice.
 ///
 /// # Errors
 /// An effect without physics.
-pub fn draw(draw: Draw, plan: Plan, mode: Mode, seed: u64) -> Result<Vec<Case>, TwinError> {
+pub fn draw(draw: Draw, from: Origin, seed: u64) -> Result<Vec<Case>, GeneratorError> {
     let mut dice = Dice::new(seed, "cases");
-    let mut inside = Rounds::new(false);
-    let mut beyond = Rounds::new(true);
+    let mut inside = Rounds::new(from.generator, false);
+    let mut beyond = Rounds::new(from.generator, true);
     let mut cases = Vec::new();
     let kinds = [
         (Kind::Single, draw.singles),
@@ -110,7 +111,7 @@ pub fn draw(draw: Draw, plan: Plan, mode: Mode, seed: u64) -> Result<Vec<Case>, 
                 Kind::Pair => {
                     let first = inside.next(&mut dice);
                     let mut second = inside.next(&mut dice);
-                    while second == first {
+                    while from.generator.alike(first, second) {
                         second = inside.next(&mut dice);
                     }
                     vec![first, second]
@@ -118,7 +119,7 @@ pub fn draw(draw: Draw, plan: Plan, mode: Mode, seed: u64) -> Result<Vec<Case>, 
                 Kind::Outside => vec![beyond.next(&mut dice)],
                 _ => Vec::new(),
             };
-            cases.push(case(cases.len(), kind, &wanted, plan, mode, &mut dice)?);
+            cases.push(case(cases.len(), kind, &wanted, from, &mut dice)?);
         }
     }
     Ok(cases)
@@ -131,8 +132,8 @@ struct Rounds {
 }
 
 impl Rounds {
-    fn new(outside: bool) -> Self {
-        Self { all: pool(outside), left: Vec::new() }
+    fn new(generator: Generator, outside: bool) -> Self {
+        Self { all: generator.pool(outside), left: Vec::new() }
     }
 
     fn next(&mut self, dice: &mut Dice) -> (&'static str, &'static str) {
@@ -149,81 +150,74 @@ fn case(
     number: usize,
     kind: Kind,
     wanted: &[(&str, &str)],
-    plan: Plan,
-    mode: Mode,
+    from: Origin,
     dice: &mut Dice,
-) -> Result<Case, TwinError> {
-    let whole = |dice: &mut Dice| (dice.between(1.0, 9.0e8)) as u64;
-    let instruments = InstrumentTruth {
-        drift: dice.between(0.3, 1.0),
-        drift_s: dice.between(200.0, 1500.0),
-        dropouts: if dice.between(0.0, 1.0) > 0.7 { 0.02 } else { 0.0 },
-        ..InstrumentTruth::default()
-    };
-    let instruments = match mode {
-        Mode::Plain => instruments,
-        Mode::Hard => InstrumentTruth {
-            heavy_tails: true,
-            waves: dice.between(0.3, 0.8),
-            trend_per_h: dice.between(0.2, 0.8),
-            ..instruments
-        },
-    };
-    let mut truth = TwinTruth {
-        variation: if mode == Mode::Hard { 0.15 } else { 0.0 },
-        instruments,
-        ..TwinTruth::perfect(whole(dice))
-    };
+) -> Result<Case, GeneratorError> {
+    let empty = from.generator.machine(from.mode, dice);
     let days = [whole(dice), whole(dice)];
     let (mut labels, mut levels, mut visible) = (Vec::new(), Vec::new(), true);
-    let mut effects = Vec::new();
+    let mut alone = Vec::new();
     for (name, subject) in wanted {
         let level = dice.one_of(&LEVELS);
-        let (effect, seen) = scaled(&truth, &Effect::new(name, subject, dice.sign()), plan, level, days[0])?;
+        let (truth, seen) = scaled(&empty, (name, subject), dice.sign(), from.plan, level, days[0])?;
         visible &= seen;
-        labels.push(effect.label());
+        labels.push(label(name, subject));
         levels.push(level);
-        effects.push(effect);
+        alone.push(truth);
     }
-    truth.effects = effects;
+    let truth = empty.with_effects_of(&alone);
     Ok(Case { number, kind, labels, levels, visible, days, truth })
 }
 
-/// An effect of such a size that it shows at a level; false where the plan does not see it.
+/// `name:subject`, as the contract writes it.
+fn label(name: &str, subject: &str) -> String {
+    if subject.is_empty() { name.to_owned() } else { format!("{name}:{subject}") }
+}
+
+/// A machine with one effect of such a size that it shows at a level; false where the plan does not see it.
 ///
 /// # Errors
 /// No physics for it.
 pub fn scaled(
-    machine: &TwinTruth,
-    unit: &Effect,
+    machine: &Truth,
+    (name, subject): (&str, &str),
+    sign: f64,
     plan: Plan,
     level: f64,
     day: u64,
-) -> Result<(Effect, bool), TwinError> {
-    let mut effect = unit.clone();
+) -> Result<(Truth, bool), GeneratorError> {
+    let mut size_um = sign;
     for round in 0..3 {
-        let alone = TwinTruth { effects: vec![effect.clone()], ..machine.clone() };
-        let shown = shown(&run_campaign(&alone, plan, day)?);
+        let shown = machine.only(name, subject, size_um).shown(plan, day)?;
         if round == 0 && shown < INVISIBLE {
-            effect.size_um *= 3.0 * level;
-            return Ok((effect, false));
+            return Ok((machine.only(name, subject, size_um * 3.0 * level), false));
         }
         let factor = level / shown.max(1e-9);
         if (factor - 1.0).abs() < 0.03 {
             break;
         }
-        effect.size_um *= factor;
+        size_um *= factor;
     }
-    Ok((effect, true))
+    Ok((machine.only(name, subject, size_um), true))
+}
+
+/// What an instrument sees of the effects at one reading, in units of its noise.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Sight {
+    /// The setup.
+    pub setup: i64,
+    /// Direction of sensitivity over the noise, 1/um.
+    pub u: Vector3<f64>,
+    /// What the effects show over the noise.
+    pub effects: f64,
 }
 
 /// RMS of what the effects show, in units of the noise, without the offset of each setup.
 #[must_use]
-pub fn shown(campaign: &Campaign) -> f64 {
+pub fn shown(sights: impl Iterator<Item = Sight>) -> f64 {
     let mut setups: BTreeMap<i64, Vec<(Vector3<f64>, f64)>> = BTreeMap::new();
-    for (s, m) in campaign.taken.states.iter().zip(&campaign.measured) {
-        let row = (Vector3::from(s.u) / m.noise_um, m.effects_um / m.noise_um);
-        setups.entry(s.place[0]).or_default().push(row);
+    for s in sights {
+        setups.entry(s.setup).or_default().push((s.u, s.effects));
     }
     let (mut sum, mut n) = (0.0, 0usize);
     for rows in setups.values() {
@@ -240,41 +234,24 @@ pub fn shown(campaign: &Campaign) -> f64 {
     (sum / n.max(1) as f64).sqrt()
 }
 
-/// The effects of a machine that has many at once, for leaving out one of them.
-const MANY: &[(&str, &str)] = &[
-    ("squareness", "xy"),
-    ("scale", "z"),
-    ("positioning", "x"),
-    ("cyclic", "y"),
-    ("straightness", "eyx"),
-    ("angular", "eay"),
-    ("backlash", "x"),
-    ("servo-mismatch", "y"),
-    ("inertial", "z"),
-    ("thermal-expansion", "y"),
-    ("spindle-growth", ""),
-    ("rotary-location", "c"),
-    ("load", "x"),
-];
-
 /// Machines with one of many effects each and the machine with all of them; the machine is the same, so that what is found
 /// of the single ones holds for the whole.
 ///
 /// # Errors
 /// No physics for an effect.
-pub fn many(plan: Plan, mode: Mode, seed: u64) -> Result<Vec<Case>, TwinError> {
+pub fn many(from: Origin, seed: u64) -> Result<Vec<Case>, GeneratorError> {
     let mut dice = Dice::new(seed, "many");
-    let empty = case(0, Kind::LeftOut, &[], plan, mode, &mut dice)?;
+    let empty = case(0, Kind::LeftOut, &[], from, &mut dice)?;
     let mut cases: Vec<Case> = Vec::new();
-    for (name, subject) in MANY {
-        let unit = Effect::new(name, subject, dice.sign());
-        let (effect, visible) = scaled(&empty.truth, &unit, plan, 2.0, empty.days[0])?;
+    for (name, subject) in from.generator.many() {
+        let sign = dice.sign();
+        let (truth, visible) = scaled(&empty.truth, (name, subject), sign, from.plan, 2.0, empty.days[0])?;
         cases.push(Case {
             number: cases.len(),
-            labels: vec![effect.label()],
+            labels: vec![label(name, subject)],
             levels: vec![2.0],
             visible,
-            truth: TwinTruth { effects: vec![effect], ..empty.truth.clone() },
+            truth,
             ..empty.clone()
         });
     }

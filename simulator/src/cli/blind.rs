@@ -6,13 +6,12 @@ use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};
 
 use super::tool::Tool;
-use super::{EX_DATAERR, EX_IOERR, EX_SOFTWARE, Failure, campaign};
-use crate::blind::cases::{many, pool};
+use super::{EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure};
+use crate::blind::cases::many;
 use crate::blind::judge::Report;
 use crate::blind::score::Of;
-use crate::blind::{Case, Draw, Judged, Kind, Mode, Score, judge};
-use crate::campaign::{Plan, run_campaign};
-use crate::twin::{InstrumentTruth, TwinTruth};
+use crate::blind::{Case, Draw, Generator, Judged, Kind, Mode, Origin, Score, Truth, judge};
+use crate::campaign::Plan;
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -22,6 +21,7 @@ use crate::twin::{InstrumentTruth, TwinTruth};
     cncsim blind --out hard --hard                         heavy tails, drift with waves and trend, varying effects\n  \
     cncsim blind --out removed --without-truth             the true effect taken out of the tool's library\n  \
     cncsim blind --out all-but-one --leave-one-out         the model is given all effects but one\n  \
+    cncsim blind --out other --generator trunnion          another machine, plan, formulas and noise\n  \
     cncsim blind --out plan --plan one-feed-ballbar        a plan that cannot see everything\n  \
     cncsim blind --out ablation --ablation                 proof that the tests can fail\n\n\
     Exit code 70 with --check where a bar is not reached."
@@ -33,7 +33,10 @@ pub(super) struct Args {
     /// Seed of all draws; the same seed gives the same cases.
     #[arg(long, value_name = "N", default_value_t = 1)]
     seed: u64,
-    /// What is measured.
+    /// Where the machines come from.
+    #[arg(long, value_enum, default_value = "twin")]
+    generator: Generator,
+    /// What is measured; the trunnion has one plan of its own, full.
     #[arg(long, value_enum, default_value = "full")]
     plan: Plan,
     /// Cases with one effect [default: each effect once].
@@ -92,6 +95,7 @@ fn diagnose(tool: &Tool, folder: &Path, out: &str, more: &[String]) -> Result<St
 struct Outcome {
     format: &'static str,
     seed: u64,
+    generator: Generator,
     plan: String,
     mode: Mode,
     score: Score,
@@ -112,6 +116,13 @@ struct Ablated {
 const ABLATIONS: [&str; 3] = ["no-gates", "no-drift", "plain"];
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    if args.generator == Generator::Trunnion && args.plan != Plan::Full {
+        return Err(Failure::new(
+            EX_USAGE,
+            "--generator trunnion has one plan of its own: leave --plan out, or give --plan full; the other plans \
+             are the twin's",
+        ));
+    }
     let tool = Tool::new(args.tool.as_deref())?;
     let mode = if args.hard { Mode::Hard } else { Mode::Plain };
     let mut cases = draw(args, mode)?;
@@ -143,6 +154,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let outcome = Outcome {
         format: "volcomp-blind/1",
         seed: args.seed,
+        generator: args.generator,
         plan: format!("{:?}", args.plan),
         mode,
         score,
@@ -165,10 +177,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 fn draw(args: &Args, mode: Mode) -> Result<Vec<Case>, Failure> {
     let failed = |e| Failure::new(EX_SOFTWARE, e);
+    let origin = Origin { generator: args.generator, plan: args.plan, mode };
     if args.leave_one_out {
-        return many(args.plan, mode, args.seed).map_err(failed);
+        return many(origin, args.seed).map_err(failed);
     }
-    let singles = args.singles.unwrap_or_else(|| pool(false).len());
+    let singles = args.singles.unwrap_or_else(|| args.generator.pool(false).len());
     let counts = if args.without_truth {
         Draw { singles, pairs: 0, nulls: 0, outside: 0 }
     } else if args.ablation {
@@ -176,7 +189,7 @@ fn draw(args: &Args, mode: Mode) -> Result<Vec<Case>, Failure> {
     } else {
         Draw { singles, pairs: args.pairs, nulls: args.nulls, outside: args.outside }
     };
-    crate::blind::cases::draw(counts, args.plan, mode, args.seed).map_err(failed)
+    crate::blind::cases::draw(counts, origin, args.seed).map_err(failed)
 }
 
 /// Runs something for all cases, several at a time; progress on stderr.
@@ -226,7 +239,7 @@ fn play(
     let name = format!("{:04}", case.number);
     if let Some(additions) = additions {
         let mut whole = case.clone();
-        whole.truth.effects = cases.iter().flat_map(|c| c.truth.effects.clone()).collect();
+        whole.truth = case.truth.with_effects_of(cases.iter().map(|c| &c.truth));
         let mut more = Vec::new();
         for (other, path) in cases.iter().zip(additions) {
             if other.number != case.number {
@@ -261,15 +274,11 @@ fn answer(
     more: &[String],
     with_fresh: bool,
 ) -> Result<Judged, Failure> {
-    let failed = |e| Failure::new(EX_SOFTWARE, e);
     let folder = args.out.join("cases").join(name);
-    let measured = run_campaign(&case.truth, args.plan, case.days[0]).map_err(failed)?;
-    let files = campaign::write(&folder, &measured)?;
+    let files = write(&folder, &case.truth, args.plan, case.days[0])?;
     let mut words: Vec<String> = files.iter().flat_map(|f| ["--data".to_owned(), f.clone()]).collect();
     if with_fresh {
-        let fresh = run_campaign(&case.truth, args.plan, case.days[1]).map_err(failed)?;
-        let other = folder.join("fresh");
-        for f in campaign::write(&other, &fresh)? {
+        for f in write(&folder.join("fresh"), &case.truth, args.plan, case.days[1])? {
             words.extend(["--fresh".to_owned(), format!("fresh/{f}")]);
         }
     }
@@ -299,17 +308,11 @@ fn answer(
 
 /// What a careful workshop knows of its machine: each effect measured alone, with little noise, as an addition.
 fn calibrate(args: &Args, tool: &Tool, cases: &[Case]) -> Result<Vec<PathBuf>, Failure> {
-    let quiet = |truth: &TwinTruth| TwinTruth {
-        instruments: InstrumentTruth { noise: 0.1, drift: 0.1, ..InstrumentTruth::default() },
-        ..truth.clone()
-    };
     cases
         .iter()
         .map(|case| {
             let folder = args.out.join("known").join(format!("{:04}", case.number));
-            let measured = run_campaign(&quiet(&case.truth), args.plan, case.days[1])
-                .map_err(|e| Failure::new(EX_SOFTWARE, e))?;
-            let files = campaign::write(&folder, &measured)?;
+            let files = write(&folder, &case.truth.quiet(), args.plan, case.days[1])?;
             let words: Vec<String> = files.iter().flat_map(|f| ["--data".to_owned(), f.clone()]).collect();
             diagnose(tool, &folder, "gap", &words)?;
             let path = folder.join("gap").join("addition.toml");
@@ -318,13 +321,23 @@ fn calibrate(args: &Args, tool: &Tool, cases: &[Case]) -> Result<Vec<PathBuf>, F
         .collect()
 }
 
+/// Measures a machine on a day and writes what the tool is given; the names of the session files.
+fn write(folder: &Path, truth: &Truth, plan: Plan, day: u64) -> Result<Vec<String>, Failure> {
+    let files = truth.files(plan, day).map_err(|e| Failure::new(EX_SOFTWARE, e))?;
+    std::fs::create_dir_all(folder).map_err(|e| Failure::in_file(EX_IOERR, folder, e))?;
+    for file in files.sessions.iter().chain([&files.history, &files.model]) {
+        save(&folder.join(&file.name), &file.text)?;
+    }
+    Ok(files.sessions.into_iter().map(|f| f.name).collect())
+}
+
 fn save(path: &Path, text: &str) -> Result<(), Failure> {
     std::fs::write(path, text).map_err(|e| Failure::in_file(EX_IOERR, path, e))
 }
 
 fn report(outcome: &Outcome, cases: usize) {
     let s = &outcome.score;
-    say!("{cases} cases, plan {}, seed {}", outcome.plan, outcome.seed);
+    say!("{cases} cases of the {}, plan {}, seed {}", outcome.generator, outcome.plan, outcome.seed);
     for why in outcome.cases.iter().filter_map(|j| j.refused.as_deref()) {
         say!("  refused, no answer: {why}");
     }
