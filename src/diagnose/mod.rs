@@ -112,12 +112,7 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
     for i in &outlying {
         used[*i] = false;
     }
-    let by_class: Vec<Vec<f64>> = (0..session.instruments.len())
-        .map(|class| {
-            session.readings.iter().filter(|r| r.instrument == class).map(|r| r.deviation_um).collect()
-        })
-        .collect();
-    let lattice_um = noise::lattices(&by_class);
+    let lattice_um = noise::lattices(session);
     let ablation = options.ablation;
     let steady = |mut classes: Vec<ClassNoise>| {
         if !ablation.has_drift() {
@@ -238,8 +233,7 @@ fn raw_of(session: &Session, library: &Library, chosen: &[usize]) -> Vec<Vec<f64
         labels: library.labels.clone(),
         kinds: library.kinds.clone(),
         variants: chosen.iter().map(|v| library.variants[*v].clone()).collect(),
-        blind: Vec::new(),
-        one_lever: Vec::new(),
+        ..Library::default()
     };
     let rows: Vec<usize> = (0..session.readings.len()).collect();
     let width = some.width();

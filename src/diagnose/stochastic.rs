@@ -8,14 +8,17 @@ use super::noise::{ClassNoise, angle_noise, pair_residuals, range_noise, tails, 
 use super::report::{Cause, Value};
 use super::session::Session;
 
-/// Fewest outliers that are a cause, and their least share.
-const OUTLIERS: (usize, f64) = (8, 0.003);
-/// Outliers must be this many times as many as heavy tails of the noise would bring, and this many standard deviations.
-const BEYOND_TAILS: (f64, f64) = (2.0, 3.0);
+/// Fewest outliers that are a cause, and their least share: 0.3 % of the pairs of repeats.
+const OUTLIERS: (usize, f64) = (8, 0.0015);
+/// Outliers must be this many times as many as heavy tails of the noise would bring, this many standard deviations, and so
+/// many of them.
+const BEYOND_TAILS: (f64, f64, f64) = (2.0, 3.0, 8.0);
 /// Share of the readings left out that look along one axis, and share of all others, from which to which that axis is to blame.
 const ONE_AXIS: [f64; 2] = [0.9, 0.6];
 /// Probability of outliers that look along one axis.
 const ONE_AXIS_PROBABILITY: f64 = 0.3;
+/// Share of the readings left out that follow a jump from which they are no single ones.
+const IN_BLOCKS: f64 = 0.5;
 /// Rounding is a cause where its own scatter is at least this share of the noise.
 const ROUNDING: f64 = 0.5;
 /// Least step that is called rounding, um, and its least share of the gap.
@@ -28,8 +31,8 @@ const AMPLITUDE: f64 = 0.2;
 const AMPLITUDE_STEPS: f64 = 0.5;
 /// Standard deviations by which noise must grow with the range, and the least power.
 const GROWTH: (f64, f64) = (6.0, 0.2);
-/// Evidence from which the noise of a tracker's angles is a cause: five standard deviations and a half.
-const ANGLE_EVIDENCE: f64 = 30.0;
+/// Evidence from which the noise of a tracker's angles is a cause: five standard deviations.
+const ANGLE_EVIDENCE: f64 = 24.0;
 
 /// What the tests look at.
 pub(super) struct Evidence<'a> {
@@ -75,10 +78,32 @@ fn cause(effect: &'static str, probability: f64, parameters: &[(&str, f64, f64)]
     }
 }
 
-/// False where the noise is merely heavy-tailed: then single wild readings are its tails and no cause of their own.
+/// False where the noise is merely heavy-tailed, of all readings and of each class: then single wild readings are its tails
+/// and no cause of their own.
 fn beyond_tails(e: &Evidence<'_>) -> bool {
-    let t = tails(e.session, e.gap);
-    t.beyond > (BEYOND_TAILS.0 * t.expected).max(t.expected + BEYOND_TAILS.1 * t.expected.sqrt())
+    let (times, deviations, least) = BEYOND_TAILS;
+    tails(e.session, e.gap).iter().any(|t| {
+        t.beyond >= least && t.beyond > (times * t.expected).max(t.expected + deviations * t.expected.sqrt())
+    })
+}
+
+/// A reading is no single one where it differs from one neighbour by less than this share of what it differs from the other.
+const ONE_SIDED: f64 = 0.4;
+
+/// Share of the readings left out that one of their neighbours in the same run and direction resembles: what differs from its
+/// repeats jumps there and stays.
+fn in_blocks(e: &Evidence<'_>) -> f64 {
+    let apart = pair_residuals(e.session, e.gap, &vec![true; e.gap.len()]);
+    let mut rows: BTreeMap<(usize, usize), Vec<usize>> = BTreeMap::new();
+    for (i, r) in e.session.readings.iter().enumerate().filter(|(i, _)| apart[*i].is_finite()) {
+        rows.entry((r.run, e.session.moments[i].u.iamax())).or_default().push(i);
+    }
+    let is_jump = |w: &&[usize]| {
+        let [before, after] = [w[0], w[2]].map(|j| (apart[w[1]] - apart[j]).abs());
+        !e.used[w[1]] && before.min(after) < ONE_SIDED * before.max(after)
+    };
+    let jumps = rows.values().flat_map(|r| r.windows(3)).filter(is_jump).count();
+    jumps as f64 / e.outlying.len().max(1) as f64
 }
 
 /// The direction of nearly all readings that were left out, where those that were kept look elsewhere, too: it is then the
@@ -104,7 +129,11 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
         let share = outlying as f64 / n as f64;
         let std = (share / n as f64).sqrt();
         let mut wild = cause("outliers", 0.95, &[("share_percent", 100.0 * share, 100.0 * std)]);
-        if let Some(axis) = along_one(e) {
+        if in_blocks(e) > IN_BLOCKS {
+            (wild.declared, wild.probability) = (false, ONE_AXIS_PROBABILITY);
+            wild.remark =
+                "most of them follow each other: something jumps and stays, no wild readings".to_owned();
+        } else if let Some(axis) = along_one(e) {
             (wild.declared, wild.probability) = (false, ONE_AXIS_PROBABILITY);
             wild.remark = format!("nearly all along {axis}: an axis that does not repeat, no wild readings");
         }

@@ -1,9 +1,18 @@
 //! Rounding: readings that are whole multiples of one step.
 
+use super::super::session::Session;
+use super::pair_residuals;
+
 /// Readings looked at.
 const LOOKED_AT: usize = 4000;
 /// Least number of different readings that prove a step.
 const DIFFERENT: usize = 4;
+/// The same where repeats differ, and how often each of them must have been read: what has noise and still gives one of two
+/// values is rounded.
+const DIFFERENT_OF_MANY: usize = 2;
+const READ_EACH: usize = 40;
+/// Readings that must differ from their repeats for that.
+const RESTLESS: usize = 4;
 /// What the last decimal of a file may hide, um.
 const DECIMALS_UM: f64 = 1.5e-4;
 /// Least step, in such decimals: below, everything is a multiple.
@@ -11,13 +20,36 @@ const LEAST: f64 = 20.0;
 /// A step may be the smallest difference between readings over a whole number up to this one.
 const DIVISOR_MAX: usize = 4;
 
+/// The readings of one instrument class.
+#[derive(Debug, Clone, Default, PartialEq)]
+struct Class {
+    deviations_um: Vec<f64>,
+    /// Some differ from their repeats.
+    is_restless: bool,
+}
+
 /// The step of every instrument class of which all its readings are multiples (from any origin), um; 0 where there is none.
 /// Classes that show too few different readings to prove a step have that of the others where it fits them: the readings of
 /// one control are rounded alike.
 #[must_use]
-pub fn lattices(classes: &[Vec<f64>]) -> Vec<f64> {
-    let levels: Vec<Vec<f64>> = classes.iter().map(|values| levels(values)).collect();
-    let mut steps: Vec<f64> = levels.iter().map(|l| step(l).unwrap_or(0.0)).collect();
+pub fn lattices(session: &Session) -> Vec<f64> {
+    let deviations: Vec<f64> = session.readings.iter().map(|r| r.deviation_um).collect();
+    let apart = pair_residuals(session, &deviations, &vec![true; deviations.len()]);
+    let mut classes = vec![(Class::default(), 0); session.instruments.len()];
+    for (r, apart) in session.readings.iter().zip(apart) {
+        let (class, differing) = &mut classes[r.instrument];
+        class.deviations_um.push(r.deviation_um);
+        *differing += usize::from(apart.abs() > DECIMALS_UM);
+        class.is_restless = *differing >= RESTLESS;
+    }
+    let classes: Vec<Class> = classes.into_iter().map(|(class, _)| class).collect();
+    steps(&classes)
+}
+
+fn steps(classes: &[Class]) -> Vec<f64> {
+    let levels: Vec<Vec<f64>> = classes.iter().map(|c| levels(&c.deviations_um)).collect();
+    let mut steps: Vec<f64> =
+        classes.iter().zip(&levels).map(|(c, l)| step(l, needed(c, l.len())).unwrap_or(0.0)).collect();
     let coarsest = steps.iter().copied().fold(0.0, f64::max);
     for (own, levels) in steps.iter_mut().zip(&levels) {
         if *own == 0.0 && coarsest > 0.0 && !levels.is_empty() && fit(levels, coarsest).is_some() {
@@ -25,6 +57,12 @@ pub fn lattices(classes: &[Vec<f64>]) -> Vec<f64> {
         }
     }
     steps
+}
+
+/// How many different readings prove a step.
+fn needed(class: &Class, levels: usize) -> usize {
+    let is_read_often = class.deviations_um.len() >= READ_EACH * levels;
+    if class.is_restless && is_read_often { DIFFERENT_OF_MANY } else { DIFFERENT }
 }
 
 /// The different readings in order; those that differ by decimals only are one.
@@ -35,8 +73,8 @@ fn levels(values: &[f64]) -> Vec<f64> {
     sorted
 }
 
-fn step(levels: &[f64]) -> Option<f64> {
-    if levels.len() < DIFFERENT {
+fn step(levels: &[f64], needed: usize) -> Option<f64> {
+    if levels.len() < needed {
         return None;
     }
     let least = levels.windows(2).map(|w| w[1] - w[0]).fold(f64::INFINITY, f64::min);
@@ -71,13 +109,17 @@ fn fit(levels: &[f64], guess: f64) -> Option<f64> {
 mod tests {
     use super::*;
 
+    fn class(values: &[f64]) -> Class {
+        Class { deviations_um: values.to_vec(), is_restless: false }
+    }
+
     #[test]
     fn steps_are_found_and_free_numbers_have_none() {
         let coarse: Vec<f64> = (0..50).map(|i| f64::from((i * 7) % 23) * 0.5 + 3.1).collect();
         let mixed: Vec<f64> = [0.0, 4.0, 6.0, 10.0, 16.0].to_vec();
         let free: Vec<f64> = (0..50).map(|i| (f64::from(i) * 1.234_567).sin()).collect();
         for (values, wanted) in [(coarse, 0.5), (mixed, 2.0), (free, 0.0)] {
-            let found = lattices(&[values])[0];
+            let found = steps(&[class(&values)])[0];
             assert!((found - wanted).abs() < 1e-6, "{found}, not {wanted}");
         }
     }
@@ -85,13 +127,23 @@ mod tests {
     #[test]
     fn a_step_is_known_better_than_the_decimals_of_the_file() {
         let values: Vec<f64> = (-9..30).map(|k| (f64::from(k) * 5.559_32 * 1e4).round() / 1e4).collect();
-        assert!((lattices(&[values])[0] - 5.559_32).abs() < 1e-4);
+        assert!((steps(&[class(&values)])[0] - 5.559_32).abs() < 1e-4);
     }
 
     #[test]
     fn readings_that_prove_no_step_have_that_of_the_others_where_it_fits() {
         let many: Vec<f64> = (0..30).map(|k| f64::from(k) * 0.25).collect();
-        let steps = lattices(&[many, vec![1.5, 2.0, 2.0], vec![1.5, 1.9, 1.5]]);
+        let steps = steps(&[class(&many), class(&[1.5, 2.0, 2.0]), class(&[1.5, 1.9, 1.5])]);
         assert!((steps[1] - 0.25).abs() < 1e-9 && steps[2] == 0.0, "{steps:?}");
+    }
+
+    #[test]
+    fn noise_that_gives_one_of_two_values_is_rounded_and_a_clean_reversal_is_not() {
+        let two: Vec<f64> = (0..100).map(|i| if i % 9 == 0 { 21.7 } else { 0.0 }).collect();
+        let noisy = Class { deviations_um: two.clone(), is_restless: true };
+        assert!((steps(&[noisy])[0] - 21.7).abs() < 1e-9);
+        assert!(steps(&[class(&two)])[0] == 0.0, "no repeat differs: this may be lost motion without noise");
+        let few = Class { deviations_um: two[..60].to_vec(), is_restless: true };
+        assert!(steps(&[few])[0] == 0.0);
     }
 }

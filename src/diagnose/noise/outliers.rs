@@ -63,24 +63,30 @@ fn round(session: &Session, gap: &[f64], used: &[bool]) -> Vec<usize> {
 
 /// How far readings lie from their partners beyond the slow part, in robust standard deviations of their class.
 fn standardised(session: &Session, gap: &[f64], used: &[bool]) -> Vec<(usize, f64)> {
+    by_class(session, gap, used).into_iter().flatten().collect()
+}
+
+/// The same, class by class.
+fn by_class(session: &Session, gap: &[f64], used: &[bool]) -> Vec<Vec<(usize, f64)>> {
     let apart = from_partners(session, gap, used);
-    let mut all = Vec::new();
-    for class in 0..session.instruments.len() {
+    let of = |class: usize| {
         let rows: Vec<usize> = (0..gap.len())
             .filter(|i| session.readings[*i].instrument == class && apart[*i].is_finite())
             .collect();
         if rows.len() < 24 {
-            continue;
+            return Vec::new();
         }
         let detrended: Vec<f64> =
             (0..rows.len()).map(|k| apart[rows[k]] - slow(session, &apart, &rows, k)).collect();
         let mut sizes: Vec<f64> = detrended.iter().map(|v| v.abs()).collect();
         let sigma = MAD * median(&mut sizes);
         if sigma > 0.0 {
-            all.extend(rows.iter().zip(&detrended).map(|(i, d)| (*i, d / sigma)));
+            rows.into_iter().zip(detrended.iter().map(|d| d / sigma)).collect()
+        } else {
+            Vec::new()
         }
-    }
-    all
+    };
+    (0..session.instruments.len()).map(of).collect()
 }
 
 /// Beginning of the shoulders of the noise, in robust standard deviations: from here to [`LIMIT`] they tell how heavy its
@@ -98,10 +104,20 @@ pub struct Tails {
     pub expected: f64,
 }
 
-/// The tails of what differs between repeats.
+/// The tails of what differs between repeats: of all readings together, then of each class: wild readings of the same size
+/// stand far out of the noise of one instrument and in the shoulders of another's.
 #[must_use]
-pub fn tails(session: &Session, gap: &[f64]) -> Tails {
-    let all = standardised(session, gap, &vec![true; gap.len()]);
+pub fn tails(session: &Session, gap: &[f64]) -> Vec<Tails> {
+    let classes = by_class(session, gap, &vec![true; gap.len()]);
+    let all: Vec<(usize, f64)> = classes.concat();
+    core::iter::once(&all)
+        .chain(&classes)
+        .filter(|some| !some.is_empty())
+        .map(|some| tails_of(some))
+        .collect()
+}
+
+fn tails_of(all: &[(usize, f64)]) -> Tails {
     let n = all.len() as f64;
     let beyond = all.iter().filter(|(_, d)| d.abs() > LIMIT).count() as f64;
     let shoulder = all.iter().filter(|(_, d)| (SHOULDER..=LIMIT).contains(&d.abs())).count() as f64;
@@ -158,5 +174,32 @@ fn bend(session: &Session, gap: &[f64], i: usize) -> f64 {
         (Some(a), Some(b)) => (gap[i] - 0.5 * (gap[a] + gap[b])).abs(),
         (Some(a), None) | (None, Some(a)) => (gap[i] - gap[a]).abs(),
         (None, None) => 0.0,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use statrs::distribution::{ContinuousCDF, StudentsT};
+
+    use super::{LIMIT, Tails, tails_of};
+
+    /// Quantiles of Student's distribution in robust standard deviations, some of them replaced by `wild`.
+    fn noise(freedom: f64, n: usize, wild: &[f64]) -> Tails {
+        let d = StudentsT::new(0.0, 1.0, freedom).unwrap();
+        let unit = super::MAD * d.inverse_cdf(0.75);
+        let of = |i: usize| d.inverse_cdf((i as f64 + 0.5) / n as f64) / unit;
+        let mut all: Vec<(usize, f64)> = (0..n).map(|i| (i, of(i))).collect();
+        all.iter_mut().skip(n / 3).zip(wild).for_each(|(a, w)| a.1 = *w);
+        tails_of(&all)
+    }
+
+    #[test]
+    fn heavy_tails_explain_themselves_and_wild_readings_are_beyond_them() {
+        for freedom in [3.0, 4.0, 50.0] {
+            let t = noise(freedom, 2000, &[]);
+            assert!(t.beyond <= 1.2 * t.expected + 1.0, "{freedom}: {t:?}");
+        }
+        let t = noise(50.0, 400, &[2.0 * LIMIT; 10]);
+        assert!(t.beyond >= 10.0 && t.expected < 3.0, "{t:?}");
     }
 }

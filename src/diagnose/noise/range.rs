@@ -22,10 +22,10 @@ pub struct RangeNoise {
 pub fn range_noise(session: &Session, residuals: &[f64]) -> Option<RangeNoise> {
     let mut found: Option<RangeNoise> = None;
     for class in 0..session.instruments.len() {
-        let points: Vec<(f64, f64)> = (0..residuals.len())
-            .filter(|i| session.readings[*i].instrument == class && residuals[*i].is_finite())
-            .filter(|i| session.moments[*i].range_mm > 0.0)
-            .map(|i| (session.moments[i].range_mm.ln(), (residuals[i].abs() + 1e-9).ln()))
+        let points: Vec<(f64, f64)> = neighbours(session, residuals, class, |m| m.range_mm)
+            .into_iter()
+            .filter(|n| n.of_both > 0.0)
+            .map(|n| (n.of_both.ln(), 0.5 * (n.square + 1e-18).ln()))
             .collect();
         let n = points.len() as f64;
         if n < 60.0 {
@@ -53,6 +53,40 @@ pub fn range_noise(session: &Session, residuals: &[f64]) -> Option<RangeNoise> {
     found
 }
 
+/// Two readings that follow each other in a run and look the same way.
+struct Neighbours {
+    /// Half the square of the difference of their residuals: a drift is no noise, and what changes between repeats neither.
+    square: f64,
+    /// The mean of what was asked of both.
+    of_both: f64,
+    /// The direction in which they look.
+    axis: usize,
+}
+
+/// Neighbours of one class whose residuals are known; `of` is asked of both, NaN leaves a reading out.
+fn neighbours(
+    session: &Session,
+    residuals: &[f64],
+    class: usize,
+    of: impl Fn(&Moment) -> f64,
+) -> Vec<Neighbours> {
+    let mut last: BTreeMap<(usize, i64, usize), (f64, f64)> = BTreeMap::new();
+    let mut all = Vec::new();
+    let of_class = |i: &usize| session.readings[*i].instrument == class && residuals[*i].is_finite();
+    for i in (0..residuals.len()).filter(of_class) {
+        let (r, m) = (&session.readings[i], &session.moments[i]);
+        let (axis, own) = (m.u.iamax(), of(m));
+        if own.is_nan() {
+            continue;
+        }
+        if let Some((residual, other)) = last.insert((r.run, r.repeat, axis), (residuals[i], own)) {
+            let square = 0.5 * (residuals[i] - residual).powi(2);
+            all.push(Neighbours { square, of_both: 0.5 * (own + other), axis });
+        }
+    }
+    all
+}
+
 /// Noise across the line of sight that goes with the distance: that of the angles of a tracker.
 #[derive(Debug, Clone, PartialEq)]
 pub struct AngleNoise {
@@ -70,35 +104,36 @@ const READINGS: usize = 60;
 const SHARE: f64 = 0.3;
 /// What a direction may explain better by a noise of its own, in units of `AngleNoise::evidence`: then it is no line of sight.
 const DIRECTIONS: f64 = 0.5;
+/// Least square of a distance across as a share of the largest, in one direction, from which an instrument saw one place only.
+const ELSEWHERE: f64 = 0.8;
 /// Largest residual, as a multiple of the scatter: heavy tails say little of a direction.
 const CLIP: f64 = 4.0;
 
-/// What differs between repeats, by the angle to the line of sight and the distance. Neighbours of a run are taken from each
-/// other: a drift is no noise.
+/// What differs between repeats, by the angle to the line of sight and the distance.
 #[must_use]
 pub fn angle_noise(session: &Session, residuals: &[f64]) -> Option<AngleNoise> {
     (0..session.instruments.len())
         .filter_map(|class| {
-            let (mut rows, mut axes) = (Vec::new(), Vec::new());
-            let mut last: BTreeMap<(usize, i64, usize), (f64, f64)> = BTreeMap::new();
-            let of_class = |i: &usize| session.readings[*i].instrument == class && residuals[*i].is_finite();
-            for i in (0..residuals.len()).filter(of_class) {
-                let (r, m) = (&session.readings[i], &session.moments[i]);
-                let Some(across) = across_m2(m) else { continue };
-                let axis = m.u.iamax();
-                let neighbour = last.insert((r.run, r.repeat, axis), (residuals[i], across));
-                if let Some((residual, q)) = neighbour {
-                    rows.push((0.5 * (residuals[i] - residual).powi(2), 0.5 * (across + q)));
-                    axes.push(axis);
-                }
-            }
-            if rows.len() < READINGS {
+            let all = neighbours(session, residuals, class, |m| across_m2(m).unwrap_or(f64::NAN));
+            let rows: Vec<(f64, f64)> = all.iter().map(|n| (n.square, n.of_both)).collect();
+            let axes: Vec<usize> = all.iter().map(|n| n.axis).collect();
+            if rows.len() < READINGS || !is_elsewhere(&rows, &axes) {
                 return None;
             }
             let (um_per_m, evidence) = by_angle(&rows, &axes)?;
             Some(AngleNoise { instrument: class, um_per_m, evidence })
         })
         .max_by(|a, b| a.evidence.total_cmp(&b.evidence))
+}
+
+/// False where the distance across hardly changes in any direction: at one place a vibration along the direction of an axis
+/// looks the same.
+fn is_elsewhere(rows: &[(f64, f64)], axes: &[usize]) -> bool {
+    (0..3).any(|axis| {
+        let of: Vec<f64> = rows.iter().zip(axes).filter(|(_, a)| **a == axis).map(|(r, _)| r.1).collect();
+        let (low, high) = of.iter().fold((f64::INFINITY, 0.0f64), |(l, h), q| (l.min(*q), h.max(*q)));
+        low < ELSEWHERE * high
+    })
 }
 
 /// Square of the distance, times the share of the direction that lies across the line of sight.
@@ -144,7 +179,7 @@ fn by_angle(rows: &[(f64, f64)], axes: &[usize]) -> Option<(f64, f64)> {
 #[cfg(test)]
 mod tests {
     use super::super::Random;
-    use super::by_angle;
+    use super::{by_angle, is_elsewhere};
 
     /// Readings along three axes at three distances from a station; noise of the angles per metre, of the length, of one axis.
     fn readings(angles: f64, length: f64, one_axis: f64) -> (Vec<(f64, f64)>, Vec<usize>) {
@@ -166,6 +201,15 @@ mod tests {
         let (rows, axes) = readings(5.0, 1.0, 0.0);
         let (um_per_m, evidence) = by_angle(&rows, &axes).unwrap();
         assert!((um_per_m - 5.0).abs() < 0.5 && evidence > 30.0, "{um_per_m} {evidence}");
+    }
+
+    #[test]
+    fn an_instrument_that_looks_at_one_place_shows_no_angles() {
+        let here: Vec<(f64, f64)> = (0..90).map(|i| (1.0, [0.02, 0.9, 1.0][i % 3])).collect();
+        let axes: Vec<usize> = (0..90).map(|i| i % 3).collect();
+        assert!(!is_elsewhere(&here, &axes));
+        let (rows, axes) = readings(5.0, 1.0, 0.0);
+        assert!(is_elsewhere(&rows, &axes));
     }
 
     #[test]

@@ -40,12 +40,8 @@ fn even_runs(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64
         runs[session.readings[*i].run].push((session.moments[*i].t_s, e, *i));
     }
     let mut even = Vec::new();
-    for run in runs.iter().filter(|r| r.len() >= SAMPLES_MIN) {
-        let u = session.moments[run[0].2].u;
-        let line: Vec<&(f64, f64, usize)> =
-            run.iter().filter(|(_, _, i)| session.moments[*i].u.dot(&u) > 0.99).take(SAMPLES_MAX).collect();
-        // a circle turns its direction with it: then every reading counts
-        let line = if line.len() < SAMPLES_MIN { run.iter().take(SAMPLES_MAX).collect() } else { line };
+    let lines = runs.iter().filter(|r| r.len() >= SAMPLES_MIN).flat_map(|run| directions(session, run));
+    for line in lines {
         let mut steps: Vec<f64> = line.windows(2).map(|w| w[1].0 - w[0].0).collect();
         let step = super::median(&mut steps);
         let regular = line.windows(2).filter(|w| (w[1].0 - w[0].0 - step).abs() < 0.05 * step).count();
@@ -54,6 +50,28 @@ fn even_runs(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64
         }
     }
     even
+}
+
+/// The samples of a run by the direction in which they look; all of them where no direction has enough.
+fn directions<'a>(session: &Session, run: &'a [(f64, f64, usize)]) -> Vec<Vec<&'a (f64, f64, usize)>> {
+    let mut lines: Vec<Vec<&(f64, f64, usize)>> = Vec::new();
+    for sample in run {
+        let u = session.moments[sample.2].u;
+        let same = lines.iter().position(|l| session.moments[l[0].2].u.dot(&u) > 0.99);
+        match same {
+            Some(line) => lines[line].push(sample),
+            // a capture looks along three
+            None if lines.len() < 3 => lines.push(vec![sample]),
+            None => {}
+        }
+    }
+    lines.retain(|l| l.len() >= SAMPLES_MIN);
+    // a circle turns its direction with it: then every reading counts
+    if lines.is_empty() {
+        lines.push(run.iter().collect());
+    }
+    lines.iter_mut().for_each(|l| l.truncate(SAMPLES_MAX));
+    lines
 }
 
 /// What does not come back with the repeats of each reading, um; 0 for readings without repeats.
