@@ -152,7 +152,7 @@ impl Entry {
             }
             Shape::SpindleTilt | Shape::ToolLength => vec!["tool_length_mm".to_owned()],
             Shape::Load { axis, .. } => vec![format!("force_{axis}_n")],
-            Shape::RotaryLocation { frame } | Shape::RotaryEccentricity { frame } => {
+            Shape::RotaryLocation { frame } | Shape::RotaryEccentricity { frame, .. } => {
                 vec![frame.axis.column()]
             }
             Shape::RotaryBacklash { frame } => vec![frame.axis.column(), format!("dir_{}", frame.axis)],

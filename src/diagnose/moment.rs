@@ -85,6 +85,32 @@ impl fmt::Display for Axis {
     }
 }
 
+/// An instrument that measures lengths by light through air; each kind has an air of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Light {
+    /// A laser interferometer.
+    Laser,
+    /// A laser tracker.
+    Tracker,
+}
+
+impl Light {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Laser, Self::Tracker];
+
+    /// By the name of the instrument.
+    #[must_use]
+    pub fn of(instrument: &str) -> Option<Self> {
+        let name = instrument.to_ascii_lowercase();
+        if name.contains("tracker") || name.contains("tracer") {
+            Some(Self::Tracker)
+        } else {
+            ["laser", "interferom"].iter().any(|w| name.contains(w)).then_some(Self::Laser)
+        }
+    }
+}
+
 /// One reading's state.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moment {
@@ -114,8 +140,10 @@ pub struct Moment {
     pub target_mm: Vec3,
     /// Where the instrument stands, mm.
     pub station_mm: Vec3,
-    /// The instrument measures lengths by light through air.
-    pub optical: bool,
+    /// What it looks at, mm; known where it has a station.
+    pub reflector_mm: Vec3,
+    /// The instrument measures lengths by light through air: which one.
+    pub light: Option<Light>,
     /// Forces per linear axis, N.
     pub force_n: [f64; 3],
     /// Lagged signals, in the order of the library's list of signals.
@@ -139,9 +167,22 @@ impl Default for Moment {
             range_mm: f64::NAN,
             target_mm: Vec3::repeat(f64::NAN),
             station_mm: Vec3::repeat(f64::NAN),
-            optical: false,
+            reflector_mm: Vec3::repeat(f64::NAN),
+            light: None,
             force_n: [f64::NAN; 3],
             signals: Vec::new(),
+        }
+    }
+}
+
+impl Moment {
+    /// What the instrument looks at, mm: the carriage where nothing tells more.
+    #[must_use]
+    pub fn seen_mm(&self) -> Vec3 {
+        if self.reflector_mm.iter().all(|v| v.is_finite()) {
+            self.reflector_mm
+        } else {
+            Vec3::new(self.position[0], self.position[1], self.position[2])
         }
     }
 }
@@ -207,6 +248,8 @@ pub struct MachineAxis {
     pub workpiece_side: bool,
     /// A point on a rotary axis, mm.
     pub point_mm: Vec3,
+    /// Its travel, mm or rad, where the model says it.
+    pub travel: Option<[f64; 2]>,
 }
 
 impl Machine {
@@ -215,7 +258,7 @@ impl Machine {
     pub fn plain() -> Self {
         let axes = Axis::ALL
             .into_iter()
-            .map(|axis| MachineAxis { axis, workpiece_side: false, point_mm: Vec3::zeros() })
+            .map(|axis| MachineAxis { axis, workpiece_side: false, point_mm: Vec3::zeros(), travel: None })
             .collect();
         Self { axes, tool_tip_mm: Vec3::zeros(), gauge_point_mm: None }
     }

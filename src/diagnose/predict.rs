@@ -19,6 +19,7 @@ pub fn machine_of(spec: &ModelSpec, model: &Model) -> Machine {
                 axis,
                 workpiece_side: a.side == Side::Workpiece,
                 point_mm: spec.axis(a.name).point,
+                travel: spec.axis(a.name).travel,
             })
         })
         .collect();

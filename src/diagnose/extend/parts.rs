@@ -52,8 +52,14 @@ pub(super) fn candidate(spec: &ModelSpec, entry: &Entry) -> Result<Candidate, &'
             let angle = |_: f64, direction: f64| -0.5 * direction * value(entry, 0);
             vec![rotation(spec, entry, frame.axis, frame.axis, &angle)?]
         }
-        Shape::RotaryEccentricity { frame } => {
-            let angle = |q: f64, _: f64| value(entry, 0) * (q.cos() - 1.0) + value(entry, 1) * q.sin();
+        Shape::RotaryEccentricity { frame, harmonics } => {
+            let angle = |q: f64, _: f64| {
+                let wave = |n: usize| {
+                    let (s, c) = ((n + 1) as f64 * q).sin_cos();
+                    value(entry, 2 * n) * (c - 1.0) + value(entry, 2 * n + 1) * s
+                };
+                (0..*harmonics).map(wave).sum()
+            };
             vec![rotation(spec, entry, frame.axis, frame.axis, &angle)?]
         }
         Shape::RotaryLocation { frame } => location(entry, frame.axis),

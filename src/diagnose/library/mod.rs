@@ -2,6 +2,7 @@
 //! page of text for each ([`pages`]).
 
 mod candidates;
+mod frame;
 mod pages;
 mod parameters;
 mod polynomial;
@@ -12,9 +13,10 @@ use core::fmt;
 use serde::{Deserialize, Serialize};
 
 pub use candidates::{Blind, Library, Variant};
+pub use frame::RotaryFrame;
 pub use pages::{PAGES, Page, page};
 pub(super) use polynomial::{legendre, twist};
-pub use shape::{Lever, REFERENCE_DEGC, RotaryFrame, STILL, Shape, WIDTH_MAX, line_of_sight};
+pub use shape::{Lever, REFERENCE_DEGC, STILL, Shape, WIDTH_MAX, line_of_sight};
 
 /// Who is to blame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
@@ -143,7 +145,9 @@ impl Without {
 
 #[cfg(test)]
 mod tests {
+    use super::super::moment::{Axis, Light, Moment, Signal, Source};
     use super::*;
+    use crate::core::geometry::Vec3;
 
     #[test]
     fn a_label_has_an_effect_and_a_subject_that_it_can_have() {
@@ -171,5 +175,72 @@ mod tests {
             let message = known(text).unwrap_err().to_string();
             assert!(message.contains(said), "{text}: {message}");
         }
+    }
+
+    fn evaluated(shape: &Shape, m: &Moment) -> Vec<Vec3> {
+        let mut out = vec![Vec3::zeros(); shape.width()];
+        shape.evaluate_with(m, &|_| None, &mut out);
+        out
+    }
+
+    #[test]
+    fn the_run_of_a_table_on_a_swivel_turns_with_the_swivel() {
+        let frame = RotaryFrame {
+            axis: Axis::C,
+            workpiece_side: true,
+            point_mm: [0.0; 3],
+            outer: vec![Axis::A],
+            outer_points_mm: vec![[0.0; 3]],
+            inner: vec![],
+            inner_points_mm: vec![],
+            tip_mm: [0.0; 3],
+        };
+        let runs =
+            |frame| Shape::RotaryMotion { axis: Axis::C, along: vec![Axis::Z], low: 2, high: 2, frame };
+        let quarter = core::f64::consts::FRAC_PI_2;
+        let m = Moment { position: [0.0, 0.0, 0.0, quarter, 0.0, quarter], ..Moment::default() };
+        // a table turns against its coordinate: what pointed up points along plus y
+        let turned = evaluated(&runs(Some(frame)), &m)[0];
+        assert!((turned - Vec3::new(0.0, -2.0, 0.0)).norm() < 1e-12, "{turned}");
+        assert!((evaluated(&runs(None), &m)[0] - Vec3::new(0.0, 0.0, -2.0)).norm() < 1e-12);
+    }
+
+    #[test]
+    fn each_kind_of_light_has_its_own_air_and_a_laser_no_scale_of_a_tracker() {
+        let at = |light| Moment {
+            light: Some(light),
+            range_mm: 2000.0,
+            station_mm: Vec3::new(-2000.0, 0.0, 0.0),
+            reflector_mm: Vec3::zeros(),
+            u: Vec3::x(),
+            ..Moment::default()
+        };
+        let scale = Shape::TrackerScale { signal: None, zero: true };
+        assert_eq!(evaluated(&scale, &at(Light::Tracker)), [Vec3::new(2.0, 0.0, 0.0), Vec3::x()]);
+        assert_eq!(evaluated(&scale, &at(Light::Laser)), [Vec3::zeros(); 2]);
+        let signal = Signal { source: Source::Temperature("air".to_owned()), tau_s: 0.0 };
+        for (own, other) in [(Light::Laser, Light::Tracker), (Light::Tracker, Light::Laser)] {
+            let path = Shape::DeadPath { signal: signal.clone(), light: Some(own), station: None };
+            let mut out = [Vec3::zeros(); 2];
+            let seen = |light, out: &mut [Vec3]| {
+                let m = Moment { signals: vec![21.0], ..at(light) };
+                path.evaluate_with(&m, &|_| Some(0), out);
+            };
+            seen(own, &mut out);
+            assert_eq!(out[1], Vec3::x());
+            out.fill(Vec3::zeros());
+            seen(other, &mut out);
+            assert_eq!(out, [Vec3::zeros(); 2]);
+        }
+    }
+
+    #[test]
+    fn a_moment_bends_a_ram_with_the_square_of_its_reach() {
+        let lever = Lever { axes: [false; 3], home_mm: [0.0; 3], tool: false };
+        let ram = Shape::Ram { axis: Axis::Y, start_mm: 0.0, reach_mm: 100.0, lever, moment: true };
+        let mut m = Moment::default();
+        m.position[1] = 50.0;
+        let drops: Vec<f64> = evaluated(&ram, &m).iter().map(|d| d.z).collect();
+        assert_eq!(drops, [-0.125, -0.0625, -0.25]);
     }
 }

@@ -63,11 +63,15 @@ impl Shape {
             }
             Self::Sag { tool: false, .. } => plain(&["sag_um"]),
             Self::Sag { .. } => plain(&["sag_um", "tip_slope_um"]),
-            Self::Ram { .. } => plain(&["sag_of_end_weight_um", "sag_of_own_weight_um"]),
+            Self::Ram { moment: false, .. } => plain(&["sag_of_end_weight_um", "sag_of_own_weight_um"]),
+            Self::Ram { .. } => {
+                plain(&["sag_of_end_weight_um", "sag_of_own_weight_um", "sag_of_end_moment_um"])
+            }
             Self::SpindleTilt => plain(&["tilt_x_arcsec", "tilt_y_arcsec"]),
             Self::ToolLength => plain(&["tool_length_ppm"]),
             Self::DeadPath { .. } => plain(&["refraction_ppm_per_k", "dead_path_um_per_k"]),
-            Self::TrackerScale { signal: None } => plain(&["range_scale_ppm"]),
+            Self::TrackerScale { signal: None, zero: false } => plain(&["range_scale_ppm"]),
+            Self::TrackerScale { signal: None, .. } => plain(&["range_scale_ppm", "range_zero_um"]),
             Self::TrackerScale { .. } => plain(&["range_scale_ppm_per_k"]),
             Self::ClockSkew { files, drift, .. } => files
                 .iter()
@@ -109,7 +113,10 @@ impl Shape {
                     (*low..=*high).flat_map(move |n| [format!("cos{n}_{a}_um"), format!("sin{n}_{a}_um")])
                 })
                 .collect(),
-            Self::RotaryEccentricity { .. } => vec!["cos_arcsec".to_owned(), "sin_arcsec".to_owned()],
+            Self::RotaryEccentricity { harmonics, .. } => (1..=*harmonics)
+                .map(|n| if n == 1 { String::new() } else { n.to_string() })
+                .flat_map(|n| [format!("cos{n}_arcsec"), format!("sin{n}_arcsec")])
+                .collect(),
             _ => vec!["width_arcsec".to_owned()],
         }
     }

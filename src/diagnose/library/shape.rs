@@ -8,9 +8,10 @@
 
 use serde::{Deserialize, Serialize};
 
-use super::super::moment::{Axis, Moment, Signal};
+use super::super::moment::{Axis, Light, Moment, Signal};
+use super::frame::RotaryFrame;
 use super::polynomial::{legendre, twist};
-use crate::core::geometry::{Mat3, Vec3, rotation_about, unit};
+use crate::core::geometry::{Mat3, Vec3, unit};
 use crate::core::units::{RAD_PER_ARCSEC, UM_PER_MM};
 
 /// Most parameters of one shape.
@@ -50,60 +51,6 @@ impl Lever {
             r.z -= m.tool_length_mm;
         }
         r
-    }
-}
-
-/// Where a rotary axis stands in the machine.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct RotaryFrame {
-    /// The axis.
-    pub axis: Axis,
-    /// It carries the workpiece.
-    pub workpiece_side: bool,
-    /// A point on it, mm.
-    pub point_mm: [f64; 3],
-    /// Rotary axes between the bed and it, from the bed outwards.
-    pub outer: Vec<Axis>,
-    /// Rotary axes beyond it.
-    pub inner: Vec<Axis>,
-    /// Tool tip at home from the origin, mm: the point where no target is given.
-    pub tip_mm: [f64; 3],
-}
-
-impl RotaryFrame {
-    /// Physical rotation by an axis: a table turns the other way than its coordinate counts.
-    fn turn(&self, axis: Axis, m: &Moment) -> Mat3 {
-        let q = m.position[axis.slot()];
-        rotation_about(axis.direction(), if self.workpiece_side { -q } else { q })
-    }
-
-    fn product(&self, axes: &[Axis], m: &Moment) -> Mat3 {
-        axes.iter().fold(Mat3::identity(), |r, a| r * self.turn(*a, m))
-    }
-
-    /// Rotation of what lies between bed and axis, own rotation, and the point before own rotation, from the axis.
-    fn state(&self, m: &Moment) -> (Mat3, Mat3, Vec3) {
-        let (outer, own) = (self.product(&self.outer, m), self.turn(self.axis, m));
-        let point = Vec3::from(self.point_mm);
-        let home = if self.workpiece_side && m.target_mm.iter().all(|v| v.is_finite()) {
-            self.product(&self.inner, m) * m.target_mm - point
-        } else if self.workpiece_side {
-            let tip = Vec3::from(self.tip_mm) + Vec3::new(m.position[0], m.position[1], m.position[2]);
-            own.transpose() * (outer.transpose() * tip - point)
-        } else {
-            let mut tip = Vec3::from(self.tip_mm);
-            if m.tool_length_mm.is_finite() {
-                tip.z -= m.tool_length_mm;
-            }
-            self.product(&self.inner, m) * tip - point
-        };
-        (outer, own, home)
-    }
-
-    /// Motion of tool against workpiece for a motion of what the axis carries.
-    fn sign(&self) -> f64 {
-        if self.workpiece_side { -1.0 } else { 1.0 }
     }
 }
 
@@ -152,29 +99,54 @@ pub enum Shape {
     /// Bending of a cantilever: `d_z = w s^2 (3 L - s)/(2 L^3)`, `s = x - start`, and its slope times the tool length.
     Sag { axis: Axis, start_mm: f64, length_mm: f64, tool: bool },
     /// A ram that moves out by s: weight at its end and own weight, `d_z = -(w1 s^3 + w2 s^4)` over powers of its reach, and
-    /// the slope of that times the lever to the tool.
-    Ram { axis: Axis, start_mm: f64, reach_mm: f64, lever: Lever },
+    /// the slope of that times the lever to the tool; with a moment at its end, too, `w3 s^2`.
+    Ram {
+        axis: Axis,
+        start_mm: f64,
+        reach_mm: f64,
+        lever: Lever,
+        #[serde(default, skip_serializing_if = "core::ops::Not::not")]
+        moment: bool,
+    },
     /// `d = (b L, -a L)`.
     SpindleTilt,
     /// `d_z = c L`.
     ToolLength,
-    /// Along the beam: `c (T - 20) (range + q)`; of all instruments that measure by light, or only of those with (true) or
-    /// without (false) a station.
+    /// Along the beam: `c (T - 20) (range + q)`; of all instruments that measure by light, or only of one kind, or (additions
+    /// of before) only of those with (true) or without (false) a station.
     DeadPath {
         signal: Signal,
         #[serde(default, skip_serializing_if = "Option::is_none")]
+        light: Option<Light>,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
         station: Option<bool>,
     },
-    /// Along the line from station to target: `c range`, or `c range (T - 20)`.
-    TrackerScale { signal: Option<Signal> },
+    /// Along the line from station to target: `c range`, or `c range (T - 20)`; with a wrong zero of the range, too.
+    TrackerScale {
+        signal: Option<Signal>,
+        #[serde(default, skip_serializing_if = "core::ops::Not::not")]
+        zero: bool,
+    },
     /// Delay and drift of the clock of each file: `-v (d + r (t - start))`.
     ClockSkew { files: Vec<usize>, start_s: Vec<f64>, span_s: Vec<f64>, drift: bool },
     /// Two shifts and two tilts of a rotary axis; no deviation at zero.
     RotaryLocation { frame: RotaryFrame },
-    /// Harmonics of the rotation: shifts `cos(n q) - 1`, `sin(n q)` along the directions listed.
-    RotaryMotion { axis: Axis, along: Vec<Axis>, low: usize, high: usize },
-    /// Angular error `c (cos q - 1) + s sin q` about the axis itself, times the radius.
-    RotaryEccentricity { frame: RotaryFrame },
+    /// Harmonics of the rotation: shifts `cos(n q) - 1`, `sin(n q)` along the directions listed, of the machine or of what the
+    /// axis stands on (with `frame`).
+    RotaryMotion {
+        axis: Axis,
+        along: Vec<Axis>,
+        low: usize,
+        high: usize,
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        frame: Option<RotaryFrame>,
+    },
+    /// Angular error `SUM c_n (cos n q - 1) + s_n sin n q` about the axis itself, times the radius.
+    RotaryEccentricity {
+        frame: RotaryFrame,
+        #[serde(default = "one", skip_serializing_if = "is_one")]
+        harmonics: usize,
+    },
     /// `-w/2 dir` about the axis itself, times the radius.
     RotaryBacklash { frame: RotaryFrame },
     /// `d_along = c sign(F) |F|^power` of one axis.
@@ -183,6 +155,15 @@ pub enum Shape {
     Wear { axis: Axis, centre_mm: f64, width_mm: f64 },
     /// A constant shift of everything after a time, until the end of the file.
     Step { file: usize, after_s: f64 },
+}
+
+const fn one() -> usize {
+    1
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks so")]
+const fn is_one(n: &usize) -> bool {
+    *n == 1
 }
 
 fn put(out: &mut [Vec3], at: usize, v: Vec3) {
@@ -209,11 +190,11 @@ impl Shape {
             Self::Cyclic { harmonics, .. } => 2 * harmonics,
             Self::InertialTilt { about, .. } => about.len(),
             Self::Sag { tool, .. } => 1 + usize::from(*tool),
-            Self::Ram { .. }
-            | Self::SpindleTilt
-            | Self::DeadPath { .. }
-            | Self::RotaryEccentricity { .. } => 2,
-            Self::TrackerScale { .. } | Self::RotaryBacklash { .. } | Self::Load { .. } => 1,
+            Self::Ram { moment, .. } => 2 + usize::from(*moment),
+            Self::RotaryEccentricity { harmonics, .. } => 2 * harmonics,
+            Self::TrackerScale { zero, .. } => 1 + usize::from(*zero),
+            Self::SpindleTilt | Self::DeadPath { .. } => 2,
+            Self::RotaryBacklash { .. } | Self::Load { .. } => 1,
             Self::ClockSkew { files, drift, .. } => files.len() * (1 + usize::from(*drift)),
             Self::RotaryLocation { .. } => 4,
             Self::RotaryMotion { along, low, high, .. } => 2 * along.len() * (high + 1 - low),
@@ -270,7 +251,9 @@ impl Shape {
                 }
             }
             Self::Sag { axis, start_mm, length_mm, tool } => sag(*axis, *start_mm, *length_mm, *tool, m, out),
-            Self::Ram { axis, start_mm, reach_mm, lever } => ram(*axis, *start_mm, *reach_mm, lever, m, out),
+            Self::Ram { axis, start_mm, reach_mm, lever, moment } => {
+                ram(*axis, *start_mm, *reach_mm, lever, m, &mut out[..2 + usize::from(*moment)]);
+            }
             Self::Wear { axis, centre_mm, width_mm } => {
                 let s = (m.position[axis.slot()] - centre_mm) / width_mm;
                 put(out, 0, unit(axis.direction()) * (-0.5 * s * s).exp());
@@ -383,18 +366,24 @@ impl Shape {
                     }
                 }
             }
-            Self::DeadPath { signal, station } => {
+            Self::DeadPath { signal, light, station } => {
                 let dt = value(signal) - REFERENCE_DEGC;
                 let own = line_of_sight(m);
-                let counts = m.optical && station.is_none_or(|wanted| own.is_some() == wanted);
+                let counts = m.light.is_some_and(|own| light.is_none_or(|wanted| own == wanted))
+                    && station.is_none_or(|wanted| own.is_some() == wanted);
                 let line = if counts { own.unwrap_or(m.u) } else { Vec3::zeros() };
                 put(out, 0, line * (dt * m.range_mm * 1e-3));
                 put(out, 1, line * dt);
             }
-            Self::TrackerScale { signal } => {
-                let r = line_of_sight(m).unwrap_or_else(Vec3::zeros);
+            Self::TrackerScale { signal, zero } => {
+                // a laser on a tripod has a station, too
+                let r =
+                    line_of_sight(m).filter(|_| m.light != Some(Light::Laser)).unwrap_or_else(Vec3::zeros);
                 let dt = signal.as_ref().map_or(1.0, |s| value(s) - REFERENCE_DEGC);
                 put(out, 0, r * (m.range_mm * 1e-3 * dt));
+                if *zero {
+                    put(out, 1, r);
+                }
             }
             Self::RotaryLocation { .. }
             | Self::RotaryMotion { .. }
@@ -417,29 +406,33 @@ impl Shape {
                     put(out, 2 + i, outer * d * (frame.sign() * UM_PER_ARCSEC_MM));
                 }
             }
-            Self::RotaryMotion { axis, along, low, high } => {
+            Self::RotaryMotion { axis, along, low, high, frame } => {
                 let q = m.position[axis.slot()];
+                let turned = frame.as_ref().map_or_else(Mat3::identity, |f| f.product(&f.outer, m));
                 let orders = high + 1 - low;
                 for (j, a) in along.iter().enumerate() {
                     for n in 0..orders {
                         let (s, c) = ((low + n) as f64 * q).sin_cos();
-                        put(out, 2 * (j * orders + n), unit(a.direction()) * (c - 1.0));
-                        put(out, 2 * (j * orders + n) + 1, unit(a.direction()) * s);
+                        let way = turned * unit(a.direction());
+                        put(out, 2 * (j * orders + n), way * (c - 1.0));
+                        put(out, 2 * (j * orders + n) + 1, way * s);
                     }
                 }
             }
-            Self::RotaryEccentricity { frame } | Self::RotaryBacklash { frame } => {
+            Self::RotaryEccentricity { frame, .. } | Self::RotaryBacklash { frame } => {
                 let (outer, own, p) = frame.state(m);
                 let axis = unit(frame.axis.direction());
                 // a table turns against its coordinate, so the sign cancels in the angle of tool against workpiece
                 let arm = outer * axis.cross(&(own * p)) * UM_PER_ARCSEC_MM;
-                if matches!(self, Self::RotaryBacklash { .. }) {
+                let Self::RotaryEccentricity { harmonics, .. } = self else {
                     put(out, 0, arm * (-0.5 * m.direction[frame.axis.slot()]));
                     return;
+                };
+                for n in 0..*harmonics {
+                    let (s, c) = ((n + 1) as f64 * m.position[frame.axis.slot()]).sin_cos();
+                    put(out, 2 * n, arm * (c - 1.0));
+                    put(out, 2 * n + 1, arm * s);
                 }
-                let (s, c) = m.position[frame.axis.slot()].sin_cos();
-                put(out, 0, arm * (c - 1.0));
-                put(out, 1, arm * s);
             }
             _ => {}
         }
@@ -519,7 +512,7 @@ impl Shape {
             | Self::Ram { axis, .. }
             | Self::RotaryMotion { axis, .. }
             | Self::Wear { axis, .. } => Some(*axis),
-            Self::RotaryLocation { frame } | Self::RotaryEccentricity { frame } => Some(frame.axis),
+            Self::RotaryLocation { frame } | Self::RotaryEccentricity { frame, .. } => Some(frame.axis),
             _ => None,
         }
     }
@@ -530,7 +523,7 @@ impl Shape {
         match self {
             Self::Thermal { signal, .. } | Self::DeadPath { signal, .. } => vec![signal],
             Self::Growth { signals, .. } => signals.iter().collect(),
-            Self::TrackerScale { signal: Some(signal) } => vec![signal],
+            Self::TrackerScale { signal: Some(signal), .. } => vec![signal],
             _ => Vec::new(),
         }
     }
@@ -539,8 +532,7 @@ impl Shape {
 /// The unit vector from station to target, where an instrument has a station.
 #[must_use]
 pub fn line_of_sight(m: &Moment) -> Option<Vec3> {
-    let tip = Vec3::new(m.position[0], m.position[1], m.position[2]);
-    let line = tip - m.station_mm;
+    let line = m.reflector_mm - m.station_mm;
     let length = line.norm();
     (length > 0.0 && length.is_finite()).then(|| line / length)
 }
@@ -555,8 +547,8 @@ fn sag(axis: Axis, start: f64, length: f64, tool: bool, m: &Moment, out: &mut [V
     }
 }
 
-/// A cantilever of length s: a weight at its end bends it by `s^3`, its own by `s^4`; slopes are 3/2 and 4/3 of the drop per
-/// length.
+/// A cantilever of length s: a weight at its end bends it by `s^3`, its own by `s^4`, a moment by `s^2`; slopes are 3/2, 4/3 and
+/// 2 of the drop per length.
 fn ram(axis: Axis, start: f64, reach: f64, lever: &Lever, m: &Moment, out: &mut [Vec3]) {
     let s = (m.position[axis.slot()] - start).max(0.0) / reach;
     // turns what points along the axis down
@@ -564,6 +556,9 @@ fn ram(axis: Axis, start: f64, reach: f64, lever: &Lever, m: &Moment, out: &mut 
     let arm = about.cross(&lever.at(m));
     put(out, 0, unit(2) * -s.powi(3) - arm * (1.5 * s * s / reach));
     put(out, 1, unit(2) * -s.powi(4) - arm * (4.0 / 3.0 * s.powi(3) / reach));
+    if let Some(by_moment) = out.get_mut(2) {
+        *by_moment = unit(2) * -s.powi(2) - arm * (2.0 * s / reach);
+    }
 }
 
 fn backlash(axis: Axis, along: &[Axis], length: f64, slope: bool, m: &Moment, out: &mut [Vec3]) {

@@ -3,7 +3,7 @@
 mod programme;
 
 use self::programme::{Motion, Programme};
-use super::library::{Blind, page};
+use super::library::{Library, page};
 use super::report::{Cause, Next, Unexplained};
 use super::session::Session;
 
@@ -20,7 +20,7 @@ struct Measurement {
     moves: &'static [&'static str],
 }
 
-const CATALOGUE: [Measurement; 10] = [
+const CATALOGUE: [Measurement; 11] = [
     Measurement {
         action: "repeat the circles of each plane at a second feed, three times as high, in both directions",
         motion: Motion::Circles,
@@ -71,6 +71,11 @@ const CATALOGUE: [Measurement; 10] = [
         motion: Motion::Turn,
         moves: &["rotary-eccentricity", "rotary-location"],
     },
+    Measurement {
+        action: "measure the lines over the whole travel: over a part of it the slope of a curve is a straight line",
+        motion: Motion::WholeTravel,
+        moves: &["straightness", "positioning", "angular"],
+    },
 ];
 
 fn name(label: &str) -> &str {
@@ -88,7 +93,7 @@ pub(super) fn next(
     session: &Session,
     causes: &[Cause],
     unexplained: &Unexplained,
-    blind: &[Blind],
+    library: &Library,
 ) -> Vec<Next> {
     let mut pairs: Vec<(String, String, f64)> = Vec::new();
     for c in causes.iter().filter(|c| c.probability > 0.02) {
@@ -109,8 +114,10 @@ pub(super) fn next(
         }
     }
     let programme = Programme::of(session);
+    let is_new = |m: &&Measurement| m.motion != Motion::WholeTravel || library.partly.contains(&true);
     let mut all: Vec<Next> = CATALOGUE
         .iter()
+        .filter(is_new)
         .filter_map(|m| {
             let told: Vec<&(String, String, f64)> = pairs
                 .iter()
@@ -138,9 +145,13 @@ pub(super) fn next(
     }
     if unexplained.significant {
         // the measurement that would bring most of what is not seen yet
-        for m in &CATALOGUE {
-            let unseen: Vec<String> =
-                blind.iter().map(|b| b.label.clone()).filter(|l| m.moves.contains(&name(l))).collect();
+        for m in CATALOGUE.iter().filter(is_new) {
+            let unseen: Vec<String> = library
+                .blind
+                .iter()
+                .map(|b| b.label.clone())
+                .filter(|l| m.moves.contains(&name(l)))
+                .collect();
             if !unseen.is_empty() && !all.iter().any(|n| n.action == m.action) {
                 let information = 0.1 * ONE_OF_TWO * unseen.len() as f64;
                 all.push(Next {

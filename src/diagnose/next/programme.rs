@@ -51,6 +51,8 @@ pub(super) enum Motion {
     SecondInstrument,
     /// A rotary axis in uneven steps.
     Turn,
+    /// A line from one end of the travel to the other.
+    WholeTravel,
 }
 
 impl Programme {
@@ -81,6 +83,10 @@ impl Programme {
         match motion {
             Motion::Circles => return self.circles(),
             Motion::Turn => return self.turn(about),
+            Motion::WholeTravel => {
+                return "(by hand: a line from one end of the travel to the other, way still free?)"
+                    .to_owned();
+            }
             Motion::Spindle => {
                 return "(by hand, with a probe at the tool, a reading a second:)\n(spindle on for an hour at a usual \
                         speed, off for an hour, on for an hour)"
@@ -222,7 +228,7 @@ mod tests {
         high: [500.0, 400.0, -197.6, 0.0, 0.0, 90.0],
         feed: 1500.0,
     };
-    const ALL: [Motion; 10] = [
+    const ALL: [Motion; 11] = [
         Motion::Circles,
         Motion::Points,
         Motion::FineSteps,
@@ -233,6 +239,7 @@ mod tests {
         Motion::StartAndStop,
         Motion::SecondInstrument,
         Motion::Turn,
+        Motion::WholeTravel,
     ];
 
     /// The blocks that a control carries out.

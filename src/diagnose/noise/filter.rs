@@ -89,10 +89,7 @@ impl Filter {
         let each = if one_line { 1 } else { 3 };
         let d = if drifts { each } else { 0 };
         let n = d + each + if rotates { 3 } else { 0 };
-        let centre = rows.iter().fold(Vec3::zeros(), |c, i| {
-            let p = &session.moments[*i].position;
-            c + Vec3::new(p[0], p[1], p[2])
-        }) / rows.len() as f64;
+        let centre = rows.iter().map(|i| session.moments[*i].seen_mm()).sum::<Vec3>() / rows.len() as f64;
         let mut p = [[0.0; STATES]; STATES];
         let start = noise[session.readings[rows[0]].instrument];
         for (i, row) in p.iter_mut().enumerate().take(n) {
@@ -117,7 +114,7 @@ impl Filter {
                 }
             }
             if rotates {
-                let arm = (Vec3::new(m.position[0], m.position[1], m.position[2]) - centre) * 1e-3;
+                let arm = (m.seen_mm() - centre) * 1e-3;
                 let c = arm.cross(&m.u);
                 h[d + each..d + each + 3].copy_from_slice(&[c.x, c.y, c.z]);
             }

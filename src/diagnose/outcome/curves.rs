@@ -84,7 +84,7 @@ fn abscissa(shape: &Shape) -> (String, Abscissa) {
         | Shape::Backlash { axis, .. }
         | Shape::RotaryMotion { axis, .. } => position(*axis),
         Shape::RotaryLocation { frame }
-        | Shape::RotaryEccentricity { frame }
+        | Shape::RotaryEccentricity { frame, .. }
         | Shape::RotaryBacklash { frame } => position(frame.axis),
         Shape::Spike { axis, .. } => {
             let i = axis.slot();

@@ -2,9 +2,10 @@
 
 use std::collections::BTreeMap;
 
-use super::super::moment::{Axis, Machine, Moment, Source};
+use super::super::moment::{Axis, Light, Machine, Moment, Source};
 use super::motion;
 use super::pairs::{self, Place};
+use super::sight;
 use super::{Extra, History, Note, ROWS_MAX, ROWS_MIN, Raw, Reading, Session, SessionError, check, copies};
 use crate::core::geometry::Vec3;
 use crate::core::units::RAD_PER_DEG;
@@ -103,6 +104,7 @@ impl Session {
             .into_iter()
             .filter_map(|s| if let Source::Temperature(n) = s { Some(n) } else { None })
             .collect();
+        sight::aim(&mut session.moments, &session.machine);
         session.drop_copies();
         session.thin();
         if session.readings.len() < ROWS_MIN {
@@ -212,12 +214,6 @@ impl Session {
     }
 }
 
-/// True for instruments that measure lengths by light through air.
-fn is_optical(instrument: &str) -> bool {
-    let name = instrument.to_ascii_lowercase();
-    ["laser", "tracker", "interferom"].iter().any(|w| name.contains(w))
-}
-
 fn is_extra(name: &str) -> bool {
     let stems = ["dir_", "since_reversal_", "target_", "station_", "force_", "temp_"];
     let ends = ["_mm_per_s", "_mm_per_s2", "_deg_per_s", "_deg_per_s2"];
@@ -283,7 +279,7 @@ impl<'a> Part<'a> {
                 tool_length_mm: at(tool, i),
                 range_mm: at(range, i),
                 target_mm: vector(target, i),
-                optical: raw.instruments.get(i).is_some_and(|n| is_optical(n)),
+                light: raw.instruments.get(i).and_then(|n| Light::of(n)),
                 station_mm: vector(station, i),
                 force_n: [at(force[0], i), at(force[1], i), at(force[2], i)],
                 ..Moment::default()

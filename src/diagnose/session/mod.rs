@@ -10,6 +10,7 @@ mod doubts;
 mod history;
 mod motion;
 mod pairs;
+mod sight;
 #[cfg(test)]
 mod tests;
 

@@ -1,5 +1,7 @@
 //! Effects of the geometry: squareness, scales, curves over a position, sag, the tool.
 
+use core::f64::consts::PI;
+
 use super::super::super::moment::Axis;
 use super::super::shape::Shape;
 use super::super::{Kind, Label};
@@ -7,10 +9,44 @@ use super::Builder;
 use crate::core::geometry::{Vec3, unit};
 
 /// Pitches of screws, racks and scales, mm.
-const PITCHES: [f64; 23] = [
-    0.008, 0.01, 0.02, 0.04, 0.1, 0.2, 0.5, 1.0, 2.0, 2.5, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 16.0, 20.0,
-    25.0, 30.0, 32.0, 40.0,
+const PITCHES: [f64; 33] = [
+    0.008,
+    0.01,
+    0.02,
+    0.04,
+    0.1,
+    0.2,
+    0.5,
+    1.0,
+    2.0,
+    2.5,
+    2.54,
+    3.0,
+    PI,
+    4.0,
+    5.0,
+    5.08,
+    6.0,
+    2.0 * PI,
+    6.35,
+    8.0,
+    3.0 * PI,
+    10.0,
+    12.0,
+    4.0 * PI,
+    12.7,
+    15.0,
+    16.0,
+    20.0,
+    25.0,
+    25.4,
+    30.0,
+    32.0,
+    40.0,
 ];
+
+/// Steps shorter than a quarter of a period that show it.
+const FINE_STEPS: usize = 24;
 
 /// Shortest lever through which an angle is said to act, mm.
 const LEVER_MM: f64 = 1.0;
@@ -85,7 +121,8 @@ impl Builder<'_> {
                     })
                     .collect()
             };
-            let different = self.different_positions(axis);
+            let positions = self.positions(axis);
+            let different = positions.len();
             let degrees = |all: &[usize]| all.iter().copied().filter(|d| *d < different).collect::<Vec<_>>();
             let mut table = with_slopes(poly(axis, &degrees(&[3, 4, 5, 8, 13, 20])));
             // with more than one setup, other programmes tell lost motion from a table: then the two stay apart
@@ -107,14 +144,16 @@ impl Builder<'_> {
                 self.add(Kind::Machine, Label::new("straightness", format!("e{along}{axis}")), shapes);
             }
             self.angular(axis, centre, half, &degrees(&[1, 2, 3, 5, 8]));
-            self.periodic(axis, half, different);
+            self.periodic(axis, half, &positions);
             self.bumps(axis, [*low, *high], different);
             if axis != Axis::Z {
-                let ram = Shape::Ram {
+                let lever = self.lever(axis);
+                let ram = |moment: bool| Shape::Ram {
                     axis,
                     start_mm: low.min(0.0),
                     reach_mm: 2.0 * half,
-                    lever: self.lever(axis),
+                    lever,
+                    moment,
                 };
                 let mut shapes: Vec<Shape> =
                     [1.0, 1.5, 2.5]
@@ -127,7 +166,7 @@ impl Builder<'_> {
                                 .map(move |tool| Shape::Sag { axis, start_mm: *low, length_mm, tool })
                         })
                         .collect();
-                shapes.push(ram);
+                shapes.extend([false, true].map(ram));
                 self.add(Kind::Machine, Label::new("sag", axis), shapes);
             }
         }
@@ -141,12 +180,13 @@ impl Builder<'_> {
         }
     }
 
-    fn different_positions(&self, axis: Axis) -> usize {
+    /// The positions of an axis, mm, in order, each once.
+    fn positions(&self, axis: Axis) -> Vec<f64> {
         let mut seen: Vec<i64> =
             self.session.moments.iter().map(|m| (m.position[axis.slot()] * 1e3).round() as i64).collect();
         seen.sort_unstable();
         seen.dedup();
-        seen.len()
+        seen.into_iter().map(|um| um as f64 * 1e-3).collect()
     }
 
     fn angular(&mut self, axis: Axis, centre_mm: f64, half_mm: f64, degrees: &[usize]) {
@@ -181,9 +221,12 @@ impl Builder<'_> {
         }
     }
 
-    fn periodic(&mut self, axis: Axis, half: f64, different: usize) {
+    fn periodic(&mut self, axis: Axis, half: f64, positions: &[f64]) {
         let label = Label::new("cyclic", axis);
-        let step = 2.0 * half / different.max(2) as f64;
+        let mut steps: Vec<f64> = positions.windows(2).map(|w| w[1] - w[0]).collect();
+        steps.sort_by(f64::total_cmp);
+        // some of the positions must lie close together, wherever
+        let step = steps.get(FINE_STEPS).copied().unwrap_or(f64::INFINITY);
         let shapes: Vec<Shape> = PITCHES
             .into_iter()
             .filter(|p| *p < 0.8 * half && *p > 4.0 * step)

@@ -1,6 +1,6 @@
 //! Effects of heat, and of the instruments that measure through air.
 
-use super::super::super::moment::{Axis, Signal, Source};
+use super::super::super::moment::{Axis, Light, Signal, Source};
 use super::super::shape::{REFERENCE_DEGC, Shape};
 use super::super::{Kind, Label};
 use super::Builder;
@@ -107,15 +107,18 @@ impl Builder<'_> {
             .filter(|s| matches!(s, Source::Temperature(n) if ["air", "ambient", "lab", "room"].iter().any(|w| n.contains(w))))
             .collect();
         let label = Label::new("dead-path", "");
+        let both = Light::ALL.iter().all(|l| self.session.moments.iter().any(|m| m.light == Some(*l)));
         if self.facts.ranges && !air.is_empty() {
             let shapes = air
                 .iter()
                 .flat_map(|s| {
-                    [None, Some(false), Some(true)].map(|station| Shape::DeadPath {
+                    [None, Some(Light::Laser), Some(Light::Tracker)].map(|light| Shape::DeadPath {
                         signal: Signal { source: s.clone(), tau_s: 0.0 },
-                        station,
+                        light,
+                        station: None,
                     })
                 })
+                .filter(|s| matches!(s, Shape::DeadPath { light, .. } if light.is_none() || both))
                 .collect();
             self.add(Kind::Instrument, label, shapes);
         } else {
@@ -124,10 +127,11 @@ impl Builder<'_> {
         let label = Label::new("tracker-scale", "");
         let stations = self.session.moments.iter().any(|m| m.station_mm.iter().all(|v| v.is_finite()));
         if self.facts.ranges && stations {
-            let mut shapes = vec![Shape::TrackerScale { signal: None }];
+            let mut shapes = [false, true].map(|zero| Shape::TrackerScale { signal: None, zero }).to_vec();
             shapes.extend(
                 air.iter()
-                    .map(|s| Shape::TrackerScale { signal: Some(Signal { source: s.clone(), tau_s: 0.0 }) }),
+                    .map(|s| Signal { source: s.clone(), tau_s: 0.0 })
+                    .map(|s| Shape::TrackerScale { signal: Some(s), zero: false }),
             );
             self.add(Kind::Instrument, label, shapes);
         } else {

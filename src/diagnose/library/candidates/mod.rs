@@ -41,7 +41,7 @@ pub struct OneLever {
 }
 
 /// All candidates for a session.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, Default, PartialEq)]
 pub struct Library {
     /// The effects.
     pub labels: Vec<Label>,
@@ -53,7 +53,12 @@ pub struct Library {
     pub blind: Vec<Blind>,
     /// Angular errors that act in these data, but always with one lever.
     pub one_lever: Vec<OneLever>,
+    /// Linear axes of which these data show no more than a part of the travel.
+    pub partly: [bool; 3],
 }
+
+/// Share of the travel below which an axis is seen in part only.
+const WHOLE: f64 = 0.75;
 
 /// Effects of the structure, which the encoders of the axes do not see.
 const BEYOND_ENCODERS: [&str; 14] = [
@@ -125,14 +130,14 @@ impl Library {
     /// Every effect that the session's columns allow, without those taken out.
     #[must_use]
     pub fn new(session: &Session, without: &[Without]) -> Self {
-        let mut library = Self {
-            labels: Vec::new(),
-            kinds: Vec::new(),
-            variants: Vec::new(),
-            blind: Vec::new(),
-            one_lever: Vec::new(),
-        };
+        let mut library = Self::default();
         let facts = Facts::of(session);
+        for axis in Axis::LINEAR {
+            let travel = session.machine.axis(axis).and_then(|a| a.travel);
+            let seen = facts.range[axis.slot()];
+            library.partly[axis.direction()] =
+                travel.zip(seen).is_some_and(|([l, h], [a, b])| b - a < WHOLE * (h - l));
+        }
         let mut b = Builder { library: &mut library, session, facts: &facts, without };
         b.geometry();
         b.reversals();
@@ -172,6 +177,19 @@ impl Library {
                 pair.is_some_and(|p| p.iter().any(|(d, q)| *q == o.over && o.along[d.direction()]))
             })
             .map(|o| &o.label)
+    }
+
+    /// True for a straight line over a part of the travel: it may be the slope that a curve has there.
+    #[must_use]
+    pub fn may_be_a_slope(&self, shape: &Shape) -> bool {
+        match shape {
+            // a squareness may be seen from either axis
+            Shape::Squareness { along, over } => {
+                self.partly[along.direction()] || self.partly[over.direction()]
+            }
+            Shape::Scale { axis } => self.partly[axis.direction()],
+            _ => false,
+        }
     }
 
     /// The lagged signals that its variants read.
@@ -244,7 +262,7 @@ mod tests {
     fn an_angle_with_one_lever_stands_behind_the_displacements_that_it_makes() {
         let behind = Label::new("angular", "eaz");
         let one_lever = vec![OneLever { label: behind.clone(), over: Axis::Z, along: [false, true, false] }];
-        let library = Library { labels: vec![], kinds: vec![], variants: vec![], blind: vec![], one_lever };
+        let library = Library { one_lever, ..Library::default() };
         let curve =
             |along, over| Shape::Polynomial { along, over, low: 2, high: 5, centre_mm: 0.0, half_mm: 1.0 };
         let square = |along, over| Shape::Squareness { along, over };
@@ -258,6 +276,21 @@ mod tests {
             (Shape::Scale { axis: Axis::Y }, false),
         ] {
             assert_eq!(library.behind(&shape).eq([&behind]), is_behind, "{shape:?}");
+        }
+    }
+
+    #[test]
+    fn a_straight_line_over_a_part_of_the_travel_may_be_the_slope_of_a_curve() {
+        let library = Library { partly: [false, false, true], ..Library::default() };
+        let square = |along, over| Shape::Squareness { along, over };
+        for (shape, may) in [
+            (square(Axis::Y, Axis::Z), true),
+            (square(Axis::X, Axis::Y), false),
+            (Shape::Scale { axis: Axis::Z }, true),
+            (Shape::Scale { axis: Axis::X }, false),
+            (Shape::ToolLength, false),
+        ] {
+            assert_eq!(library.may_be_a_slope(&shape), may, "{shape:?}");
         }
     }
 }

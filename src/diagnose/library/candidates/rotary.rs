@@ -1,7 +1,8 @@
 //! Effects of the rotary axes.
 
 use super::super::super::moment::Axis;
-use super::super::shape::{RotaryFrame, Shape};
+use super::super::frame::RotaryFrame;
+use super::super::shape::Shape;
 use super::super::{Kind, Label};
 use super::Builder;
 
@@ -17,11 +18,14 @@ impl Builder<'_> {
             }
             let entry = machine.axis(axis);
             let (outer, inner) = machine.around(axis);
+            let point = |a: &Axis| machine.axis(*a).map_or([0.0; 3], |e| e.point_mm.into());
             let frame = RotaryFrame {
                 axis,
                 workpiece_side: entry.is_some_and(|e| e.workpiece_side),
-                point_mm: entry.map_or([0.0; 3], |e| e.point_mm.into()),
+                point_mm: point(&axis),
+                outer_points_mm: outer.iter().map(point).collect(),
                 outer,
+                inner_points_mm: inner.iter().map(point).collect(),
                 inner,
                 tip_mm: machine.tool_tip_mm.into(),
             };
@@ -31,16 +35,26 @@ impl Builder<'_> {
                 vec![Shape::RotaryLocation { frame: frame.clone() }],
             );
             let mut shapes = Vec::new();
+            // what stands on another rotary axis turns with it
+            let turns = Some(frame.clone()).filter(|f| !f.outer.is_empty());
             for along in [vec![Axis::X], vec![Axis::Y], vec![Axis::Z], Axis::LINEAR.to_vec()] {
                 for (low, high) in [(2, 2), (2, 3), (2, 5)] {
-                    shapes.push(Shape::RotaryMotion { axis, along: along.clone(), low, high });
+                    shapes.push(Shape::RotaryMotion {
+                        axis,
+                        along: along.clone(),
+                        low,
+                        high,
+                        frame: turns.clone(),
+                    });
                 }
             }
             self.add(Kind::Machine, Label::new("rotary-motion", axis), shapes);
             self.add(
                 Kind::Machine,
                 Label::new("rotary-eccentricity", axis),
-                vec![Shape::RotaryEccentricity { frame: frame.clone() }],
+                [1, 2]
+                    .map(|harmonics| Shape::RotaryEccentricity { frame: frame.clone(), harmonics })
+                    .to_vec(),
             );
             if self.facts.reverses[axis.slot()] {
                 self.add(Kind::Machine, Label::new("backlash", axis), vec![Shape::RotaryBacklash { frame }]);

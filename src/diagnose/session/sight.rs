@@ -1,0 +1,72 @@
+//! Where the reflector is that an instrument looks at: the range that it states tells.
+
+use super::super::moment::{Machine, Moment};
+use super::super::noise::median;
+use crate::core::geometry::Vec3;
+
+/// Sets the place of the reflector of every reading of an instrument with a station: the axis positions, or the tip of the
+/// tool that is in; which of them, the stated ranges say.
+pub(super) fn aim(moments: &mut [Moment], machine: &Machine) {
+    let places: [&dyn Fn(&Moment) -> Vec3; 2] = [&carriage, &|m| carriage(m) + tip(m, machine)];
+    let miss = |place: &dyn Fn(&Moment) -> Vec3| {
+        let mut misses: Vec<f64> = moments
+            .iter()
+            .map(|m| ((place(m) - m.station_mm).norm() - m.range_mm).abs())
+            .filter(|v| v.is_finite())
+            .collect();
+        if misses.is_empty() { f64::INFINITY } else { median(&mut misses) }
+    };
+    // without ranges the axes alone count
+    let place = if miss(places[1]) < miss(places[0]) { places[1] } else { places[0] };
+    for m in moments.iter_mut().filter(|m| m.station_mm.iter().all(|v| v.is_finite())) {
+        m.reflector_mm = place(m);
+    }
+}
+
+fn carriage(m: &Moment) -> Vec3 {
+    Vec3::new(m.position[0], m.position[1], m.position[2])
+}
+
+/// The tip at home with the tool of a reading.
+fn tip(m: &Moment, machine: &Machine) -> Vec3 {
+    match machine.gauge_point_mm {
+        Some(nose) if m.tool_length_mm.is_finite() => nose - Vec3::new(0.0, 0.0, m.tool_length_mm),
+        _ => machine.tool_tip_mm,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_stated_range_says_whether_it_goes_to_the_carriage_or_to_the_tip() {
+        let machine = Machine { gauge_point_mm: Some(Vec3::new(0.0, 0.0, 120.0)), ..Machine::plain() };
+        let at = |x: f64, long: f64, to_tip: bool| {
+            let mut m = Moment {
+                station_mm: Vec3::new(-900.0, 300.0, 500.0),
+                tool_length_mm: long,
+                ..Moment::default()
+            };
+            m.position[..3].copy_from_slice(&[x, 20.0, 30.0]);
+            let target = carriage(&m) + if to_tip { tip(&m, &machine) } else { Vec3::zeros() };
+            m.range_mm = (target - m.station_mm).norm();
+            (m, target)
+        };
+        for to_tip in [false, true] {
+            let (mut moments, targets): (Vec<Moment>, Vec<Vec3>) =
+                [(0.0, 70.0), (150.0, 200.0), (300.0, 70.0)]
+                    .map(|(x, l)| at(x, l, to_tip))
+                    .into_iter()
+                    .unzip();
+            aim(&mut moments, &machine);
+            for (m, target) in moments.iter().zip(targets) {
+                assert!((m.reflector_mm - target).norm() < 1e-9, "{to_tip}");
+            }
+        }
+        let mut without = vec![at(10.0, 70.0, true).0];
+        without[0].range_mm = f64::NAN;
+        aim(&mut without, &machine);
+        assert_eq!(without[0].reflector_mm, carriage(&without[0]));
+    }
+}
