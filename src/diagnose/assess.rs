@@ -43,32 +43,49 @@ struct Calibration {
     /// Per unit by which it varies over the volume, within `varies_range`: no effect is the same everywhere.
     varies: f64,
     varies_range: [f64; 2],
+    /// Per decade by which doubtful company grows from a tenth of it, up to `company_most` times.
+    company: f64,
+    company_most: f64,
+    /// Per decade of the programmes in which it shows, up to `breadth_most`.
+    breadth: f64,
+    breadth_most: f64,
+    /// Per unit that is missing where it must show, above `absent_least`: no effect is the same everywhere.
+    absent: f64,
+    absent_least: f64,
     /// Models are never exact: evidence counts less the larger an effect is; the second where it was asked how it varies.
     temper: [f64; 2],
 }
 
 const CALIBRATION: Calibration = Calibration {
-    base: 3.2,
-    invariance: 18.0,
-    place: 14.0,
+    base: 3.0,
+    invariance: 42.0,
+    place: 7.0,
     full: 0.99,
-    held_out: 3.0,
+    held_out: 7.0,
     held_out_full: 0.97,
     held_out_least: 0.87,
     misfit: 3.4,
-    weight: 2.6,
+    weight: 2.2,
     weight_least: 0.01,
-    grows: 2.2,
+    grows: 0.4,
     grows_most: 1.5,
-    size: 1.9,
+    size: 1.55,
     size_range: [-2.0, 0.3],
-    varies: 4.5,
+    varies: 7.0,
     varies_range: [0.15, 1.0],
+    company: 2.3,
+    company_most: 3.0,
+    breadth: 0.6,
+    breadth_most: 20.0,
+    absent: 8.0,
+    absent_least: 0.3,
     temper: [0.008, 0.001],
 };
 
-/// Growth along another axis from which a function of one axis is none; the second where effects vary anyhow.
+/// Growth along another axis from which a function of one axis is none; the second where effects vary anyhow, and this one
+/// varies by more than an effect does by chance.
 const GROWS: [f64; 2] = [0.4, 0.7];
+const VARIES: f64 = 0.34;
 
 /// Said of curves that nothing shows twice.
 const ONE_PASS: &str =
@@ -133,7 +150,7 @@ fn is_overshadowed(library: &Library, all: &[Assessed], x: &Assessed) -> bool {
     let own = direction(x);
     let failed: f64 = all
         .iter()
-        .filter(|o| !o.declared && !o.remark.is_empty() && o.remark != ONE_PASS)
+        .filter(|o| !o.declared && !o.remark.is_empty() && !o.is_one_pass())
         .filter(|o| own.is_none() || direction(o).is_none() || direction(o) == own)
         .map(|o| o.found.gain)
         .sum();
@@ -175,7 +192,8 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
     }
     let ranking = selection.ranking(problem, library, &given, &taken);
     let shape = &library.variants[variant].shape;
-    let largest = largest_gains(problem, library, &given, &taken, shape.needs_no_line());
+    let with_lines = shape.needs_no_line() || library.may_be_a_slope(shape);
+    let largest = largest_gains(problem, library, &given, &taken, with_lines);
     let g = gates(problem, library, selection, place, &own, &ranking);
     let mut same: Vec<Label> = largest
         .iter()
@@ -310,11 +328,20 @@ fn logistic(g: &Gates) -> f64 {
         + c.weight * g.weight.clamp(c.weight_least, 1.0).log10()
         - c.grows * g.grows.clamp(0.0, c.grows_most)
         + c.size * g.size.clamp(c.size_range[0], c.size_range[1])
-        - c.varies * (g.varies.clamp(c.varies_range[0], c.varies_range[1]) - c.varies_range[0]);
+        - c.varies * (g.varies.clamp(c.varies_range[0], c.varies_range[1]) - c.varies_range[0])
+        - c.company * (1.0 + 10.0 * g.company.clamp(0.0, c.company_most)).log10()
+        + c.breadth * g.breadth.clamp(1.0, c.breadth_most).log10()
+        - c.absent * (g.missing() - c.absent_least).max(0.0);
     1.0 / (1.0 + (-z).exp())
 }
 
 impl Assessed {
+    /// All that speaks against it is that nothing shows it twice.
+    #[must_use]
+    pub fn is_one_pass(&self) -> bool {
+        self.remark == ONE_PASS
+    }
+
     /// Takes back what was declared.
     pub fn doubt(&mut self, why: String) {
         self.declared = false;
@@ -326,8 +353,9 @@ impl Assessed {
 
     /// The position of another axis changes it, as [`Gates::grows`] says: what is a function of one axis alone is not at work.
     pub fn reject_growing(&mut self, along: &str) {
-        let limit = GROWS[usize::from(self.gates.varies > 0.0)];
-        if self.gates.grows > limit && self.remark.is_empty() {
+        let varies = self.gates.varies > 0.0;
+        let by_chance = varies && self.gates.varies <= VARIES;
+        if self.gates.grows > GROWS[usize::from(varies)] && !by_chance && self.remark.is_empty() {
             let percent = 100.0 * self.gates.grows;
             self.remark = format!(
                 "is not the same wherever {along} stands: {percent:.0} % more or less at its ends than in its middle"
@@ -348,13 +376,20 @@ impl Assessed {
 }
 
 fn why_not(g: &Gates) -> String {
-    use super::search::{AGAINST, HELD_OUT, INVARIANCE, PLACE, RIVAL, RUN_T};
+    use super::search::{ABSENT, AGAINST, HELD_OUT, INVARIANCE, PLACE, RIVAL, RUN_T};
     let mut why = Vec::new();
     if g.invariance < INVARIANCE {
         why.push(format!("not the same in all programmes ({:.2}, needed {INVARIANCE})", g.invariance));
     }
     if g.place < PLACE {
         why.push(format!("not the same at all places ({:.2}, needed {PLACE})", g.place));
+    }
+    if g.missing() > ABSENT {
+        let percent = 100.0 * g.missing().min(1.0);
+        why.push(format!(
+            "{percent:.0} % of it are missing where it must show, limit {:.0} %",
+            100.0 * ABSENT
+        ));
     }
     if g.run_t < RUN_T {
         why.push(format!("not the same in all runs (t {:.1}, needed {RUN_T})", g.run_t));
@@ -384,11 +419,14 @@ mod tests {
         against: 0.0,
         alone: 1.0,
         concentration: 0.2,
+        breadth: 10.0,
+        absent: [0.0; 2],
         misfit: 0.0,
         weight: 1.0,
         grows: 0.0,
         size: 0.0,
         varies: 0.0,
+        company: 0.0,
     };
 
     #[test]
@@ -404,6 +442,9 @@ mod tests {
             Gates { grows: 0.5, ..GOOD },
             Gates { size: -1.0, ..GOOD },
             Gates { varies: 0.4, ..GOOD },
+            Gates { company: 0.2, ..GOOD },
+            Gates { breadth: 2.0, ..GOOD },
+            Gates { absent: [0.0, 0.6], ..GOOD },
         ] {
             assert!(logistic(&worse) < best - 0.005, "{worse:?}");
         }

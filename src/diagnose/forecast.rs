@@ -14,9 +14,9 @@ use super::session::Session;
 /// Draws of the bootstrap.
 const DRAWS: usize = 400;
 /// The interval of the bootstrap is widened by this: new data scatter as much as the old.
-const WIDEN: f64 = 1.5;
+const WIDEN: f64 = 1.25;
 /// Least half width of the interval: no programme repeats better.
-const LEAST_HALF: f64 = 0.016;
+const LEAST_HALF: f64 = 0.013;
 
 /// What some columns contribute to every reading of the session, um, fitted without the reading's own fold.
 pub(super) struct Contributions {

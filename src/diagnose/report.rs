@@ -183,6 +183,14 @@ pub struct Tests {
     pub size: f64,
     /// How far it varies over the volume, relative, RMS; 0 where the data ask for no variation.
     pub varies: f64,
+    /// What nobody stands by in its direction, as a multiple of what it explains.
+    pub company: f64,
+    /// Share that is surely missing in the programme, and at the place, that shows least of what is expected there.
+    pub absent: [f64; 2],
+    /// In how many programmes it shows, each counted by its share.
+    pub breadth: f64,
+    /// Share of its gain that the most telling tenth of the runs brings.
+    pub concentration: f64,
     /// Its share among the effects that explain nearly as much.
     pub share: f64,
 }

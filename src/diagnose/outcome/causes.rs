@@ -127,6 +127,10 @@ fn tests(x: &Assessed, a: &Analysis) -> Tests {
         grows: x.gates.grows,
         size: x.gates.size,
         varies: x.gates.varies,
+        company: x.gates.company,
+        breadth: x.gates.breadth,
+        absent: x.gates.absent,
+        concentration: x.gates.concentration,
         share: x.share,
     }
 }

@@ -2,6 +2,7 @@
 
 mod again;
 mod causes;
+mod company;
 mod curves;
 mod handover;
 mod left;
@@ -126,6 +127,7 @@ pub(super) fn conclude(
         if !a.problem.precise {
             product::weigh(session, &a, &parts, &owner, &mut assessed);
             overshadow(&a.library, &mut assessed);
+            company::weigh(&a, &mut assessed);
         }
         worth::keep(session, &a, &parts, &owner, &mut assessed);
     }
@@ -204,7 +206,7 @@ pub(super) fn conclude(
         (false, false) => Verdict::NoGap,
     };
     let curves = curves(session, &a, &assessed, &parts, &owner);
-    let next_measurement = super::next::next(session, &causes, &unexplained, &a.library.blind);
+    let next_measurement = super::next::next(session, &causes, &unexplained, &a.library);
     let report = Report {
         format: "volcomp-gap/1",
         rows: session.rows_read,

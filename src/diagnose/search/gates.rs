@@ -36,6 +36,10 @@ pub struct Gates {
     pub alone: f64,
     /// Share of its gain that the most telling tenth of the blocks brings.
     pub concentration: f64,
+    /// Share that is surely missing in the programme, and at the place, that shows least of what is expected there.
+    pub absent: [f64; 2],
+    /// In how many programmes it shows, each counted by its share (inverse of the sum of the squared shares).
+    pub breadth: f64,
     /// What repeats and stays where it acts, as a share of what it explains; found after the gates.
     pub misfit: f64,
     /// Its share of what is explained where it acts; found after the gates.
@@ -47,27 +51,46 @@ pub struct Gates {
     pub size: f64,
     /// How far it varies over the volume, relative, RMS; 0 where it was not asked.
     pub varies: f64,
+    /// What nobody stands by in its direction, as a multiple of what it explains; found after the gates.
+    pub company: f64,
 }
 
 /// Least invariance.
 pub const INVARIANCE: f64 = 0.8;
 /// Least agreement of the places.
 pub const PLACE: f64 = 0.85;
+/// Largest share that may be missing in a programme or at a place: effects vary over the volume, but do not vanish.
+pub const ABSENT: f64 = 0.75;
 /// Least t of the runs.
 pub const RUN_T: f64 = 4.5;
 /// Least share on runs left out.
 pub const HELD_OUT: f64 = 0.4;
 /// Least cosine with the others: nearer to -1 two large effects cancel each other to look like a third.
 pub const AGAINST: f64 = -0.85;
+/// Squares of standard deviations by which a part of the readings must be expected to show an effect, to miss it there.
+const EXPECTED: f64 = 25.0;
 /// Largest gain of another effect.
 pub const RIVAL: f64 = 1.6;
 
 impl Gates {
+    /// Its gain per reading.
+    #[must_use]
+    pub fn gain_per_reading(&self) -> f64 {
+        10f64.powf(self.size)
+    }
+
+    /// The larger of the shares that are missing.
+    #[must_use]
+    pub fn missing(&self) -> f64 {
+        self.absent[0].max(self.absent[1])
+    }
+
     /// True where all are passed.
     #[must_use]
     pub fn pass(&self) -> bool {
         self.invariance >= INVARIANCE
             && self.place >= PLACE
+            && self.missing() <= ABSENT
             && self.run_t >= RUN_T
             && self.held_out >= HELD_OUT
             && self.rival <= RIVAL
@@ -203,11 +226,16 @@ pub fn gates(
         against: against(&fit, &problem.contribution(&others, &other_beta)),
         alone: problem.gain(&problem.given(&[]), selection.chosen[place]).0 / own.gain.max(1e-9),
         concentration: concentration(problem, &fit),
+        breadth: breadth(problem, &fit),
+        absent: [(&problem.cell, problem.cells), (&places.of, places.count)]
+            // beside the servo's thousandfold effects every misform looks like something missing
+            .map(|(of, count)| if problem.precise { 0.0 } else { absent(&fit, &partial, of, count) }),
         misfit: 0.0,
         weight: 1.0,
         grows: 0.0,
         size: (gain.max(1e-9) / problem.len().max(1) as f64).log10(),
         varies: varying.map_or(0.0, |e| e.rms),
+        company: 0.0,
     }
 }
 
@@ -290,6 +318,26 @@ fn against(fit: &DVector<f64>, others: &DVector<f64>) -> f64 {
     if size > 0.0 { fit.dot(others) / size } else { 0.0 }
 }
 
+/// Largest share of the effect that is surely (two standard deviations) missing in one part of the readings.
+fn absent(fit: &DVector<f64>, partial: &DVector<f64>, of: &[usize], count: usize) -> f64 {
+    let mut sums = vec![(0.0, 0.0); count];
+    for ((part, f), y) in of.iter().zip(fit.iter()).zip(partial.iter()) {
+        let s = &mut sums[*part];
+        *s = (s.0 + f * f, s.1 + f * y);
+    }
+    let told = sums.into_iter().filter(|(ff, _)| *ff > EXPECTED);
+    told.map(|(ff, fy)| 1.0 - fy / ff - 2.0 / ff.sqrt()).fold(0.0, f64::max)
+}
+
+fn breadth(problem: &Problem, fit: &DVector<f64>) -> f64 {
+    let mut energy = vec![0.0; problem.cells];
+    for (cell, f) in problem.cell.iter().zip(fit.iter()) {
+        energy[*cell] += f * f;
+    }
+    let squares: f64 = energy.iter().map(|e| e * e).sum();
+    if squares > 0.0 { energy.iter().sum::<f64>().powi(2) / squares } else { 0.0 }
+}
+
 fn concentration(problem: &Problem, fit: &DVector<f64>) -> f64 {
     let mut energy = vec![0.0; problem.blocks];
     for i in 0..problem.len() {
@@ -299,4 +347,25 @@ fn concentration(problem: &Problem, fit: &DVector<f64>) -> f64 {
     let top = problem.blocks.div_ceil(10);
     let total: f64 = energy.iter().sum();
     if total > 0.0 { energy[..top].iter().sum::<f64>() / total } else { 0.0 }
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::DVector;
+
+    use super::absent;
+
+    #[test]
+    fn what_does_not_show_where_it_must_is_missing_and_noise_is_not() {
+        // one part in four of the readings
+        let of: Vec<usize> = (0..200).map(|i| i % 4).collect();
+        let fit = DVector::from_fn(200, |i, _| 2.0 * (0.3 * i as f64).sin());
+        let noise = DVector::from_fn(200, |i, _| (5.3 * (i * i) as f64).sin());
+        assert!(absent(&fit, &(&fit + &noise), &of, 4) < 0.2);
+        let gone = DVector::from_fn(200, |i, _| if of[i] == 1 { 0.0 } else { fit[i] });
+        let missing = absent(&fit, &(gone + &noise), &of, 4);
+        assert!((0.6..1.1).contains(&missing), "{missing}");
+        // where little is expected nothing is said
+        assert!(absent(&(fit * 0.1), &noise, &of, 4) == 0.0);
+    }
 }

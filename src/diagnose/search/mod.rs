@@ -12,7 +12,7 @@ mod tests;
 mod variation;
 
 pub use gates::{
-    AGAINST, FOLD_RIDGE, FOLDS, Gates, HELD_OUT, INVARIANCE, PLACE, RIVAL, RUN_T, fold_of, gates,
+    ABSENT, AGAINST, FOLD_RIDGE, FOLDS, Gates, HELD_OUT, INVARIANCE, PLACE, RIVAL, RUN_T, fold_of, gates,
 };
 pub use problem::{Given, Problem, raw_columns};
 pub use refine::{challenge, refine};

@@ -402,7 +402,7 @@ impl Selection {
             let (at, _) = problem.span[variant];
             let Some(j) = given.columns.iter().position(|c| *c == at) else { return false };
             let is_sure = |k: usize| beta[k].abs() > IMPOSSIBLE_T * covariance[k * n + k].max(0.0).sqrt();
-            matches!(library.variants[variant].shape, Shape::Ram { .. })
+            matches!(library.variants[variant].shape, Shape::Ram { moment: false, .. })
                 && beta[j] * beta[j + 1] < 0.0
                 && is_sure(j)
                 && is_sure(j + 1)

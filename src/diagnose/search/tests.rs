@@ -26,8 +26,7 @@ fn library() -> (Library, Vec<Vec<DVector<f64>>>) {
         labels: ["positioning", "wear", "scale"].map(label).to_vec(),
         kinds: vec![Kind::Machine; 3],
         variants,
-        blind: Vec::new(),
-        one_lever: Vec::new(),
+        ..Library::default()
     };
     let worn = wave(|x| (-((x - 0.3) / 0.1).powi(2) / 2.0).exp());
     let table = (2..=4).map(|n| wave(|x| x.powi(n) - x.powi(n - 2))).collect();
@@ -83,8 +82,7 @@ fn lines() -> (Library, Vec<Vec<DVector<f64>>>) {
         labels: labels.map(|(effect, subject)| Label { effect, subject: subject.to_owned() }).to_vec(),
         kinds: vec![Kind::Machine; 3],
         variants: shapes.map(|(label, shape)| Variant { label, shape }).to_vec(),
-        blind: Vec::new(),
-        one_lever: Vec::new(),
+        ..Library::default()
     };
     let legendre: [fn(f64) -> f64; 4] = [
         |x| x,
