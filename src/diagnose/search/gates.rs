@@ -67,8 +67,9 @@ pub const RUN_T: f64 = 4.5;
 pub const HELD_OUT: f64 = 0.4;
 /// Least cosine with the others: nearer to -1 two large effects cancel each other to look like a third.
 pub const AGAINST: f64 = -0.85;
-/// Squares of standard deviations by which a part of the readings must be expected to show an effect, to miss it there.
-const EXPECTED: f64 = 25.0;
+/// Squares of standard deviations by which a part of the readings must be expected to show an effect, to miss it there, and
+/// their least share of all of them: what a large effect leaves in its tails is its misform.
+const EXPECTED: (f64, f64) = (25.0, 0.02);
 /// Largest gain of another effect.
 pub const RIVAL: f64 = 1.6;
 
@@ -325,7 +326,8 @@ fn absent(fit: &DVector<f64>, partial: &DVector<f64>, of: &[usize], count: usize
         let s = &mut sums[*part];
         *s = (s.0 + f * f, s.1 + f * y);
     }
-    let told = sums.into_iter().filter(|(ff, _)| *ff > EXPECTED);
+    let all: f64 = sums.iter().map(|(ff, _)| ff).sum();
+    let told = sums.into_iter().filter(|(ff, _)| *ff > EXPECTED.0.max(EXPECTED.1 * all));
     told.map(|(ff, fy)| 1.0 - fy / ff - 2.0 / ff.sqrt()).fold(0.0, f64::max)
 }
 
