@@ -65,8 +65,12 @@ fn directions<'a>(session: &Session, run: &'a [(f64, f64, usize)]) -> Vec<Vec<&'
             None => {}
         }
     }
-    lines.retain(|l| l.len() >= SAMPLES_MIN);
     // a circle turns its direction with it: then every reading counts
+    let held: usize = lines.iter().map(Vec::len).sum();
+    if held < run.len() {
+        lines.truncate(1);
+    }
+    lines.retain(|l| l.len() >= SAMPLES_MIN);
     if lines.is_empty() {
         lines.push(run.iter().collect());
     }
