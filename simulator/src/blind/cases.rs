@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::generator::{Generator, GeneratorError, Truth, whole};
+use super::generator::{Generator, GeneratorError, MANY, Truth, whole};
 use crate::campaign::Plan;
 use crate::twin::Dice;
 
@@ -170,7 +170,7 @@ fn case(
 }
 
 /// `name:subject`, as the contract writes it.
-fn label(name: &str, subject: &str) -> String {
+pub(super) fn label(name: &str, subject: &str) -> String {
     if subject.is_empty() { name.to_owned() } else { format!("{name}:{subject}") }
 }
 
@@ -243,7 +243,7 @@ pub fn many(from: Origin, seed: u64) -> Result<Vec<Case>, GeneratorError> {
     let mut dice = Dice::new(seed, "many");
     let empty = case(0, Kind::LeftOut, &[], from, &mut dice)?;
     let mut cases: Vec<Case> = Vec::new();
-    for (name, subject) in from.generator.many() {
+    for (name, subject) in MANY {
         let sign = dice.sign();
         let (truth, visible) = scaled(&empty.truth, (name, subject), sign, from.plan, 2.0, empty.days[0])?;
         cases.push(Case {

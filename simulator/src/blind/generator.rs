@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
 
-use super::cases::{Mode, Sight, shown};
-use crate::campaign::files::{self, Text};
+use super::cases::{Mode, Sight, label, shown};
+use crate::campaign::files::{Files, Text};
 use crate::campaign::{Plan, run_campaign};
 use crate::formulas::{self, FormulaError, FormulaTruth};
 use crate::twin::{Dice, Effect, InstrumentTruth, TwinError, TwinTruth};
@@ -49,19 +49,8 @@ pub enum Truth {
     Trunnion(FormulaTruth),
 }
 
-/// What a day's measurement gives the tool.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub struct Files {
-    /// One session file per instrument.
-    pub sessions: Vec<Text>,
-    /// The machine's log.
-    pub history: Text,
-    /// The nominal model.
-    pub model: Text,
-}
-
 /// The effects of a machine that has many at once, for leaving out one of them.
-const MANY: &[(&str, &str)] = &[
+pub(super) const MANY: &[(&str, &str)] = &[
     ("squareness", "xy"),
     ("scale", "z"),
     ("positioning", "x"),
@@ -98,18 +87,8 @@ impl Generator {
 
     /// True where two effects make no pair.
     pub(super) fn alike(self, first: (&str, &str), second: (&str, &str)) -> bool {
-        let label = |(name, subject): (&str, &str)| {
-            if subject.is_empty() { name.to_owned() } else { format!("{name}:{subject}") }
-        };
-        first == second
-            || (self == Self::Trunnion && formulas::catalogue::alike(&label(first), &label(second)))
-    }
-
-    /// The effects of a machine that has many at once.
-    pub(super) const fn many(self) -> &'static [(&'static str, &'static str)] {
-        match self {
-            Self::Twin | Self::Trunnion => MANY,
-        }
+        let [one, other] = [first, second].map(|(name, subject)| label(name, subject));
+        first == second || (self == Self::Trunnion && formulas::catalogue::alike(&one, &other))
     }
 
     /// Draws a machine without effects.
@@ -227,23 +206,15 @@ impl Truth {
     /// # Errors
     /// An effect that the generator does not have.
     pub fn files(&self, plan: Plan, day: u64) -> Result<Files, GeneratorError> {
-        let model = |text: String| Text { name: "model.toml".to_owned(), text };
         Ok(match self {
-            Self::Twin(t) => {
-                let c = run_campaign(t, plan, day)?;
-                Files {
-                    sessions: files::sessions(&c),
-                    history: files::history(&c),
-                    model: model(crate::twin::machine::nominal_model()),
-                }
-            }
+            Self::Twin(t) => Files::of(&run_campaign(t, plan, day)?),
             Self::Trunnion(t) => {
                 let m = formulas::measure(t, day)?;
                 let text = |s: formulas::files::Sheet| Text { name: s.name, text: s.text };
                 Files {
                     sessions: formulas::files::sessions(&m).into_iter().map(text).collect(),
                     history: text(formulas::files::history(&m)),
-                    model: model(formulas::machine::nominal_model()),
+                    model: Text::model(formulas::machine::nominal_model()),
                 }
             }
         })
@@ -268,7 +239,7 @@ mod tests {
     fn every_effect_that_can_be_left_out_is_in_the_pool() {
         for generator in [Generator::Twin, Generator::Trunnion] {
             let pool = generator.pool(false);
-            assert!(generator.many().iter().all(|e| pool.contains(e)));
+            assert!(MANY.iter().all(|e| pool.contains(e)));
             assert!(generator.pool(true).iter().all(|e| e.0.starts_with("outside-")));
         }
     }

@@ -4,6 +4,7 @@ use std::fmt::Write;
 
 use super::Campaign;
 use super::run::State;
+use crate::twin::machine::nominal_model;
 
 /// The columns of a session file.
 const COLUMNS: &str = "t_s,instrument,setup,run,repeat,pair,x_mm,y_mm,z_mm,c_deg,u_x,u_y,u_z,deviation_um,\
@@ -19,6 +20,33 @@ pub struct Text {
     pub name: String,
     /// What stands in it.
     pub text: String,
+}
+
+impl Text {
+    /// The nominal model of a machine.
+    #[must_use]
+    pub fn model(text: String) -> Self {
+        Self { name: "model.toml".to_owned(), text }
+    }
+}
+
+/// What a day's measurement gives the tool.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Files {
+    /// One session file per instrument.
+    pub sessions: Vec<Text>,
+    /// The machine's log.
+    pub history: Text,
+    /// The nominal model.
+    pub model: Text,
+}
+
+impl Files {
+    /// Those of a campaign on the twin.
+    #[must_use]
+    pub fn of(campaign: &Campaign) -> Self {
+        Self { sessions: sessions(campaign), history: history(campaign), model: Text::model(nominal_model()) }
+    }
 }
 
 /// One session file per instrument, in the order of their first use.

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
 use std::sync::{Mutex, PoisonError};
 
+use super::campaign::{save, write_all};
 use super::tool::Tool;
 use super::{EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure};
 use crate::blind::cases::many;
@@ -324,15 +325,7 @@ fn calibrate(args: &Args, tool: &Tool, cases: &[Case]) -> Result<Vec<PathBuf>, F
 /// Measures a machine on a day and writes what the tool is given; the names of the session files.
 fn write(folder: &Path, truth: &Truth, plan: Plan, day: u64) -> Result<Vec<String>, Failure> {
     let files = truth.files(plan, day).map_err(|e| Failure::new(EX_SOFTWARE, e))?;
-    std::fs::create_dir_all(folder).map_err(|e| Failure::in_file(EX_IOERR, folder, e))?;
-    for file in files.sessions.iter().chain([&files.history, &files.model]) {
-        save(&folder.join(&file.name), &file.text)?;
-    }
-    Ok(files.sessions.into_iter().map(|f| f.name).collect())
-}
-
-fn save(path: &Path, text: &str) -> Result<(), Failure> {
-    std::fs::write(path, text).map_err(|e| Failure::in_file(EX_IOERR, path, e))
+    write_all(folder, files)
 }
 
 fn report(outcome: &Outcome, cases: usize) {

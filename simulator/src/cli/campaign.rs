@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use super::tool::Tool;
 use super::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, read};
+use crate::campaign::files::Files;
 use crate::campaign::points::points;
-use crate::campaign::{Campaign, Plan, files, run_campaign};
+use crate::campaign::{Campaign, Plan, run_campaign};
 use crate::twin::catalogue::CATALOGUE;
 use crate::twin::machine::nominal_model;
 use crate::twin::{TwinError, TwinTruth};
@@ -73,7 +74,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if !args.add.is_empty() {
         add(args, out, &mut campaign)?;
     }
-    let names = write(out, &campaign)?;
+    let names = write_all(out, Files::of(&campaign))?;
     let first = campaign.taken.states.first().map_or(0.0, |s| s.t_s);
     let last = campaign.taken.states.last().map_or(0.0, |s| s.t_s);
     let summary = serde_json::json!({
@@ -137,21 +138,17 @@ fn add(args: &Args, out: &Path, campaign: &mut Campaign) -> Result<(), Failure> 
     Ok(())
 }
 
-/// Writes a campaign into a folder; the names of its session files.
-pub(super) fn write(out: &Path, campaign: &Campaign) -> Result<Vec<String>, Failure> {
+/// Writes what a day's measurement gives into a folder, made where it is missing; the names of its session files.
+pub(super) fn write_all(out: &Path, files: Files) -> Result<Vec<String>, Failure> {
     std::fs::create_dir_all(out).map_err(|e| Failure::in_file(EX_IOERR, out, e))?;
-    let mut names = Vec::new();
-    for file in files::sessions(campaign) {
+    for file in files.sessions.iter().chain([&files.history, &files.model]) {
         save(&out.join(&file.name), &file.text)?;
-        names.push(file.name);
     }
-    let history = files::history(campaign);
-    save(&out.join(&history.name), &history.text)?;
-    save(&out.join("model.toml"), &nominal_model())?;
-    Ok(names)
+    Ok(files.sessions.into_iter().map(|f| f.name).collect())
 }
 
-fn save(path: &Path, text: &str) -> Result<(), Failure> {
+/// Writes a text file.
+pub(super) fn save(path: &Path, text: &str) -> Result<(), Failure> {
     std::fs::write(path, text).map_err(|e| Failure::in_file(EX_IOERR, path, e))
 }
 
