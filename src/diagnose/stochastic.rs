@@ -11,8 +11,8 @@ use super::session::Session;
 /// Fewest outliers that are a cause, and their least share: 0.3 % of the pairs of repeats.
 const OUTLIERS: (usize, f64) = (8, 0.0015);
 /// Outliers must be this many times as many as heavy tails of the noise would bring, this many standard deviations, and so
-/// many of them.
-const BEYOND_TAILS: (f64, f64, f64) = (2.0, 3.0, 8.0);
+/// many of them (of two repeats one counts).
+const BEYOND_TAILS: (f64, f64, f64) = (2.0, 3.0, 5.0);
 /// Share of the readings left out that look along one axis, and share of all others, from which to which that axis is to blame.
 const ONE_AXIS: [f64; 2] = [0.9, 0.6];
 /// Probability of outliers that look along one axis.

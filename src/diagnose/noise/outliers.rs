@@ -1,6 +1,6 @@
 //! Single wild readings, from repeats or from neighbours.
 
-use statrs::distribution::{ContinuousCDF, StudentsT};
+use std::collections::BTreeMap;
 
 use super::super::session::Session;
 use super::{MAD, median};
@@ -92,15 +92,30 @@ fn by_class(session: &Session, gap: &[f64], used: &[bool]) -> Vec<Vec<(usize, f6
 /// Beginning of the shoulders of the noise, in robust standard deviations: from here to [`LIMIT`] they tell how heavy its
 /// tails are.
 const SHOULDER: f64 = 2.75;
-/// Degrees of freedom of Student's distribution that are tried: almost Cauchy to almost normal.
-const FREEDOM: [f64; 2] = [1.0, 200.0];
+/// Shares of the differences of two readings of Student's noise in the shoulders and beyond [`LIMIT`], for 1 to 200 degrees
+/// of freedom (by quadrature). Their far tails are heavier than those of Student's distribution with the same shoulders.
+const TAILS: [[f64; 2]; 13] = [
+    [0.075_42, 0.077_68],
+    [0.063_08, 0.034_53],
+    [0.051_60, 0.016_95],
+    [0.042_67, 0.008_989],
+    [0.035_95, 0.005_068],
+    [0.027_03, 0.001_860],
+    [0.021_69, 0.000_791_7],
+    [0.018_27, 0.000_378_1],
+    [0.014_33, 0.000_112_2],
+    [0.010_90, 2.015e-5],
+    [0.008_612, 2.946e-6],
+    [0.006_914, 2.895e-7],
+    [0.006_186, 6.647e-8],
+];
 
 /// Readings beyond the limit: how many there are, and how many heavy tails with the same shoulders would have.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Tails {
     /// Beyond the limit.
     pub beyond: f64,
-    /// Expected there of Student's distribution with the same shoulders, two standard deviations to the safe side.
+    /// Expected there of Student's noise with the same shoulders, two standard deviations to the safe side.
     pub expected: f64,
 }
 
@@ -108,7 +123,19 @@ pub struct Tails {
 /// stand far out of the noise of one instrument and in the shoulders of another's.
 #[must_use]
 pub fn tails(session: &Session, gap: &[f64]) -> Vec<Tails> {
-    let classes = by_class(session, gap, &vec![true; gap.len()]);
+    let mut classes = by_class(session, gap, &vec![true; gap.len()]);
+    // two repeats lie equally far apart: one of them counts
+    let mut members: BTreeMap<usize, (usize, usize)> = BTreeMap::new();
+    for (i, r) in session.readings.iter().enumerate() {
+        if let Some(pair) = r.pair {
+            members.entry(pair).or_insert((i, 0)).1 += 1;
+        }
+    }
+    let counts = |i: usize| {
+        let of = session.readings[i].pair.and_then(|p| members.get(&p));
+        of.is_none_or(|(first, n)| *n != 2 || *first == i)
+    };
+    classes.iter_mut().for_each(|c| c.retain(|(i, _)| counts(*i)));
     let all: Vec<(usize, f64)> = classes.concat();
     core::iter::once(&all)
         .chain(&classes)
@@ -122,22 +149,18 @@ fn tails_of(all: &[(usize, f64)]) -> Tails {
     let beyond = all.iter().filter(|(_, d)| d.abs() > LIMIT).count() as f64;
     let shoulder = all.iter().filter(|(_, d)| (SHOULDER..=LIMIT).contains(&d.abs())).count() as f64;
     let share = (shoulder + 2.0 * shoulder.sqrt()) / n.max(1.0);
-    let (mut heavy, mut light) = (FREEDOM[0], FREEDOM[1]);
-    // shoulders shrink as the degrees of freedom grow
-    for _ in 0..40 {
-        let middle = (heavy * light).sqrt();
-        let [wide, far] = beyond_of(middle);
-        if wide - far > share { heavy = middle } else { light = middle }
-    }
-    Tails { beyond, expected: n * beyond_of(light)[1] }
+    Tails { beyond, expected: n * beyond_of(share) }
 }
 
-/// Shares of Student's distribution, scaled to the normal one's quartiles, beyond [`SHOULDER`] and [`LIMIT`].
-fn beyond_of(freedom: f64) -> [f64; 2] {
-    StudentsT::new(0.0, 1.0, freedom).map_or([0.0; 2], |d| {
-        let unit = MAD * d.inverse_cdf(0.75);
-        [SHOULDER, LIMIT].map(|limit| 2.0 * d.sf(limit * unit))
-    })
+/// The share beyond [`LIMIT`] that goes with a share in the shoulders, between those of [`TAILS`].
+fn beyond_of(shoulder: f64) -> f64 {
+    let between = |w: &[[f64; 2]]| {
+        let [heavy, light] = [w[0], w[1]];
+        let at = (shoulder / light[0]).ln() / (heavy[0] / light[0]).ln();
+        light[1] * (heavy[1] / light[1]).powf(at.clamp(0.0, 1.0))
+    };
+    let pair = TAILS.windows(2).find(|w| shoulder >= w[1][0]).unwrap_or(&TAILS[TAILS.len() - 2..]);
+    between(pair)
 }
 
 /// Median of what the neighbours in the same run and direction show.
@@ -179,27 +202,30 @@ fn bend(session: &Session, gap: &[f64], i: usize) -> f64 {
 
 #[cfg(test)]
 mod tests {
-    use statrs::distribution::{ContinuousCDF, StudentsT};
+    use super::super::Random;
+    use super::{LIMIT, MAD, Tails, median, tails_of};
 
-    use super::{LIMIT, Tails, tails_of};
-
-    /// Quantiles of Student's distribution in robust standard deviations, some of them replaced by `wild`.
-    fn noise(freedom: f64, n: usize, wild: &[f64]) -> Tails {
-        let d = StudentsT::new(0.0, 1.0, freedom).unwrap();
-        let unit = super::MAD * d.inverse_cdf(0.75);
-        let of = |i: usize| d.inverse_cdf((i as f64 + 0.5) / n as f64) / unit;
-        let mut all: Vec<(usize, f64)> = (0..n).map(|i| (i, of(i))).collect();
-        all.iter_mut().skip(n / 3).zip(wild).for_each(|(a, w)| a.1 = *w);
-        tails_of(&all)
+    /// Differences of two draws of Student's noise in robust standard deviations, some of them replaced by `wild`.
+    fn noise(freedom: usize, n: usize, wild: &[f64]) -> Tails {
+        let mut random = Random::new(freedom as u64);
+        let mut draw = || {
+            let square: f64 = (0..freedom).map(|_| random.normal().powi(2)).sum();
+            random.normal() / (square / freedom as f64).sqrt()
+        };
+        let mut values: Vec<f64> = (0..n).map(|_| draw() - draw()).collect();
+        let sigma = MAD * median(&mut values.iter().map(|v| v.abs()).collect::<Vec<f64>>());
+        values.iter_mut().for_each(|v| *v /= sigma);
+        values.iter_mut().skip(n / 3).zip(wild).for_each(|(v, w)| *v = *w);
+        tails_of(&values.into_iter().enumerate().collect::<Vec<_>>())
     }
 
     #[test]
     fn heavy_tails_explain_themselves_and_wild_readings_are_beyond_them() {
-        for freedom in [3.0, 4.0, 50.0] {
-            let t = noise(freedom, 2000, &[]);
-            assert!(t.beyond <= 1.2 * t.expected + 1.0, "{freedom}: {t:?}");
+        for freedom in [3, 4, 6, 50] {
+            let t = noise(freedom, 40_000, &[]);
+            assert!((0.8 * t.beyond - 1.0..1.5 * t.beyond + 3.0).contains(&t.expected), "{freedom}: {t:?}");
         }
-        let t = noise(50.0, 400, &[2.0 * LIMIT; 10]);
-        assert!(t.beyond >= 10.0 && t.expected < 3.0, "{t:?}");
+        let t = noise(50, 400, &[2.0 * LIMIT; 10]);
+        assert!(t.beyond >= 10.0 && t.beyond > t.expected + 3.0 * t.expected.sqrt(), "{t:?}");
     }
 }

@@ -3,6 +3,7 @@
 use core::f64::consts::TAU;
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::super::moment::SLOTS;
 use super::super::session::{Session, is_encoder};
 use crate::core::statistics::chi_square_upper;
 
@@ -27,10 +28,15 @@ const WORK: usize = 40_000_000;
 /// Slower than this is standstill, mm/s and rad/s.
 const STANDSTILL: f64 = 0.05;
 
-/// A run whose samples follow each other evenly: times and values.
+/// Periods of the slowest line in a run, and for each turn of its motion: what comes back differently in the next pass
+/// of a circle (it has grown warm) has the waves of the circle.
+const PERIODS: f64 = 4.0;
+
+/// A run whose samples follow each other evenly: times and values, and the slowest line that it can hold.
 struct Even {
     step: f64,
     values: Vec<f64>,
+    slowest_hz: f64,
 }
 
 fn even_runs(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]) -> Vec<Even> {
@@ -46,10 +52,21 @@ fn even_runs(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64
         let step = super::median(&mut steps);
         let regular = line.windows(2).filter(|w| (w[1].0 - w[0].0 - step).abs() < 0.05 * step).count();
         if step > 0.0 && regular * 20 >= 19 * (line.len() - 1) {
-            even.push(Even { step, values: line.iter().map(|p| p.1).collect() });
+            let slowest_hz = (PERIODS + turns(session, &line) * PERIODS) / (line.len() as f64 * step);
+            even.push(Even { step, values: line.iter().map(|p| p.1).collect(), slowest_hz });
         }
     }
     even
+}
+
+/// How often a motion goes forth and back, by the axis that turns round most.
+fn turns(session: &Session, line: &[&(f64, f64, usize)]) -> f64 {
+    let reversals = (0..SLOTS).map(|slot| {
+        let ways = line.iter().map(|s| session.moments[s.2].velocity[slot]);
+        let signs: Vec<bool> = ways.filter(|v| v.abs() > STANDSTILL).map(|v| v > 0.0).collect();
+        signs.windows(2).filter(|w| w[0] != w[1]).count()
+    });
+    reversals.max().unwrap_or(0) as f64 / 2.0
 }
 
 /// The samples of a run by the direction in which they look; all of them where no direction has enough.
@@ -133,7 +150,12 @@ pub fn tone(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]
     let step = runs.iter().map(|r| r.step).fold(f64::INFINITY, f64::min);
     runs.retain(|r| r.step < 1.5 * step);
     let longest = runs.iter().map(|r| r.values.len()).max()?;
-    let (low, high) = (4.0 / (longest as f64 * step), 0.5 / step);
+    let long = runs.iter().filter(|r| 2 * r.values.len() >= longest);
+    let low = long.map(|r| r.slowest_hz).fold(0.0, f64::max);
+    let high = 0.5 / step;
+    if low >= high {
+        return None;
+    }
     let total: usize = runs.iter().map(|r| r.values.len()).sum();
     let count = longest.min(WORK / total.max(1)).max(16);
     let frequency = |k: usize| low + (high - low) * k as f64 / count as f64;
