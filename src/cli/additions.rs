@@ -7,11 +7,11 @@ use super::diagnose::read_addition;
 use super::table::Table;
 use super::{EX_CONFIG, EX_DATAERR, Failure};
 use crate::core::geometry::Vec3;
-use crate::core::model::Model;
+use crate::core::model::{Model, ModelSpec};
 use crate::core::units::{RAD_PER_DEG, mm_from_um};
 use crate::diagnose::addition::{Addition, Evaluator};
-use crate::diagnose::moment::{Axis, Moment, Source};
-use crate::diagnose::workpiece_to_machine;
+use crate::diagnose::moment::{Axis, Machine, Moment, Source};
+use crate::diagnose::{machine_of, workpiece_to_machine};
 
 /// Where a column goes.
 #[derive(Debug, Clone, Copy)]
@@ -32,6 +32,7 @@ enum Field {
 /// Additions bound to the columns of a table.
 pub(super) struct Additions {
     evaluator: Evaluator,
+    machine: Machine,
     fields: Vec<(usize, Field, f64)>,
     /// Column and factor of each source, in the order of the evaluator.
     sources: Vec<(usize, f64)>,
@@ -42,7 +43,7 @@ impl Additions {
     /// Reads the files; `None` without one.
     pub(super) fn read<R: BufRead>(
         paths: &[PathBuf],
-        model: &Model,
+        (spec, model): (&ModelSpec, &Model),
         table: &Table<R>,
     ) -> Result<Option<Self>, Failure> {
         if paths.is_empty() {
@@ -70,7 +71,8 @@ impl Additions {
             .iter()
             .flat_map(Addition::machine_effects)
             .any(|e| e.columns().iter().any(|c| c == "tool_length_mm"));
-        Ok(Some(Self { evaluator, fields: fields(table), sources, takes_length }))
+        let machine = machine_of(spec, model);
+        Ok(Some(Self { evaluator, machine, fields: fields(table), sources, takes_length }))
     }
 
     /// True where some effect depends on the length of the tool: then the column is of use beside any model.
@@ -97,6 +99,7 @@ impl Additions {
                 Field::Force(i) => m.force_n[i] = value,
             }
         }
+        m.head = self.machine.head(&m.position);
         let mut sources = Vec::with_capacity(self.sources.len());
         for (column, factor) in &self.sources {
             sources.push(table.number(*column)? * factor);

@@ -71,10 +71,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             format_args!("error: --out {}: is the file of points; name another", args.out.display()),
         ));
     }
-    let (_, model) = read_model(&args.model)?;
+    let (spec, model) = read_model(&args.model)?;
     let mut table = table::open(&args.points)?;
     let columns = Columns::find(&table, &model)?;
-    let mut additions = Additions::read(&args.add, &model, &table)?;
+    let mut additions = Additions::read(&args.add, (&spec, &model), &table)?;
     columns.check_length(&table, &model, additions.as_ref())?;
     let mut output = Output::create(&args.out)?;
     let mut block = Vec::with_capacity(BLOCK + 4096);

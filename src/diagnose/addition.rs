@@ -152,7 +152,7 @@ impl Entry {
             }
             Shape::SpindleTilt | Shape::ToolLength => vec!["tool_length_mm".to_owned()],
             Shape::Load { axis, .. } => vec![format!("force_{axis}_n")],
-            Shape::RotaryLocation { frame } | Shape::RotaryEccentricity { frame, .. } => {
+            Shape::RotaryLocation { frame, .. } | Shape::RotaryEccentricity { frame, .. } => {
                 vec![frame.axis.column()]
             }
             Shape::RotaryBacklash { frame } => vec![frame.axis.column(), format!("dir_{}", frame.axis)],
@@ -191,7 +191,7 @@ impl Entry {
             }
             Shape::Cyclic { pitch_mm, .. } => *pitch_mm > 0.0,
             Shape::Spike { rise_s, fall_s, .. } => *rise_s > 0.0 && *fall_s > 0.0,
-            Shape::Wear { width_mm, .. } => *width_mm > 0.0,
+            Shape::Wear { width_mm, power, .. } => *width_mm > 0.0 && *power > 0.0,
             Shape::Sag { length_mm, .. } => *length_mm > 0.0,
             Shape::Ram { reach_mm, .. } => *reach_mm > 0.0,
             _ => true,

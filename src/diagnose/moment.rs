@@ -8,7 +8,7 @@ use core::fmt;
 use serde::{Deserialize, Serialize};
 
 use crate::core::axes::{AxisKind, AxisName};
-use crate::core::geometry::Vec3;
+use crate::core::geometry::{Mat3, Vec3, rotation_about};
 
 /// Number of axes that session files know.
 pub const SLOTS: usize = 6;
@@ -146,6 +146,8 @@ pub struct Moment {
     pub light: Option<Light>,
     /// Forces per linear axis, N.
     pub force_n: [f64; 3],
+    /// Where the rotary axes that carry the tool have taken it.
+    pub head: Head,
     /// Lagged signals, in the order of the library's list of signals.
     pub signals: Vec<f64>,
 }
@@ -170,6 +172,7 @@ impl Default for Moment {
             reflector_mm: Vec3::repeat(f64::NAN),
             light: None,
             force_n: [f64::NAN; 3],
+            head: Head::default(),
             signals: Vec::new(),
         }
     }
@@ -179,11 +182,40 @@ impl Moment {
     /// What the instrument looks at, mm: the carriage where nothing tells more.
     #[must_use]
     pub fn seen_mm(&self) -> Vec3 {
-        if self.reflector_mm.iter().all(|v| v.is_finite()) {
-            self.reflector_mm
-        } else {
-            Vec3::new(self.position[0], self.position[1], self.position[2])
-        }
+        if self.reflector_mm.iter().all(|v| v.is_finite()) { self.reflector_mm } else { self.carriage_mm() }
+    }
+
+    /// Positions of the linear axes, mm.
+    #[must_use]
+    pub fn carriage_mm(&self) -> Vec3 {
+        Vec3::new(self.position[0], self.position[1], self.position[2])
+    }
+}
+
+/// What the rotary axes that carry the tool do to a point at home, without the linear axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Head {
+    rotation: Mat3,
+    shift_mm: Vec3,
+}
+
+impl Default for Head {
+    fn default() -> Self {
+        Self { rotation: Mat3::identity(), shift_mm: Vec3::zeros() }
+    }
+}
+
+impl Head {
+    /// Where a point at home is now, mm.
+    #[must_use]
+    pub fn carries(&self, home_mm: Vec3) -> Vec3 {
+        self.rotation * home_mm + self.shift_mm
+    }
+
+    /// Where a direction at home points now.
+    #[must_use]
+    pub fn turns(&self, home: Vec3) -> Vec3 {
+        self.rotation * home
     }
 }
 
@@ -276,6 +308,31 @@ impl Machine {
             lever[beyond.axis.slot()] = true;
         }
         lever
+    }
+
+    /// The tip at home of the tool that is in, mm; of the model's own where no length is stated.
+    #[must_use]
+    pub fn tip_of(&self, m: &Moment) -> Vec3 {
+        match self.gauge_point_mm {
+            Some(nose) if m.tool_length_mm.is_finite() => nose - Vec3::new(0.0, 0.0, m.tool_length_mm),
+            _ => self.tool_tip_mm,
+        }
+    }
+
+    /// The rotary axes that carry the tool, from the bed outwards; none where nothing says where they stand.
+    pub fn head_axes(&self) -> impl DoubleEndedIterator<Item = &MachineAxis> {
+        let known = self.gauge_point_mm.is_some() || self.tool_tip_mm != Vec3::zeros();
+        self.axes.iter().filter(move |a| known && !a.axis.is_linear() && !a.workpiece_side)
+    }
+
+    /// What the head does to the tool at some positions of the axes (mm, rad).
+    #[must_use]
+    pub fn head(&self, position: &[f64; SLOTS]) -> Head {
+        self.head_axes().rev().fold(Head::default(), |beyond, a| {
+            let turn = rotation_about(a.axis.direction(), position[a.axis.slot()]);
+            let about = a.point_mm;
+            Head { rotation: turn * beyond.rotation, shift_mm: about + turn * (beyond.shift_mm - about) }
+        })
     }
 
     /// The entry of an axis.

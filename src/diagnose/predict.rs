@@ -127,3 +127,29 @@ pub struct PredictError {
     /// The effect that cannot be evaluated; none where it is the model.
     pub source: Option<AdditionError>,
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::core::model::{AxisSpec, Chain};
+
+    #[test]
+    fn the_head_takes_the_tool_where_the_model_does() {
+        let mut spec = ModelSpec::new("fork", Chain::parse("[w b X Z Y C A t]").unwrap());
+        spec.tool_tip = Vec3::new(3.0, -2.0, -180.0);
+        spec.gauge_point = Some(Vec3::new(3.0, -2.0, 10.0));
+        let points = [(Axis::C, Vec3::new(20.0, -10.0, 0.0)), (Axis::A, Vec3::new(0.0, 35.0, 300.0))];
+        spec.axes = points.map(|(axis, point)| AxisSpec { point, ..AxisSpec::new(axis.name()) }).into();
+        let model = Model::new(&spec).unwrap();
+        let machine = machine_of(&spec, &model);
+        for turns in [[0.0, 0.0], [0.7, -1.1], [-2.0, 0.4]] {
+            let mut m =
+                Moment { position: [500.0, -40.0, 75.0, turns[1], 0.0, turns[0]], ..Moment::default() };
+            m.head = machine.head(&m.position);
+            let tip = Vec3::new(500.0, -40.0, 75.0) + m.head.carries(machine.tool_tip_mm);
+            let nominal = model.nominal_tool(&pose(&model, &m));
+            assert!((tip - nominal.tip).norm() < 1e-9, "{tip} {}", nominal.tip);
+            assert!((m.head.turns(Vec3::z()) - nominal.direction).norm() < 1e-12);
+        }
+    }
+}

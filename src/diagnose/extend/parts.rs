@@ -62,7 +62,7 @@ pub(super) fn candidate(spec: &ModelSpec, entry: &Entry) -> Result<Candidate, &'
             };
             vec![rotation(spec, entry, frame.axis, frame.axis, &angle)?]
         }
-        Shape::RotaryLocation { frame } => location(entry, frame.axis),
+        Shape::RotaryLocation { frame, .. } => location(entry, frame.axis),
         _ => return Err("it does not follow from position and direction of travel"),
     };
     if parts.is_empty() {
@@ -162,13 +162,15 @@ fn rotation(
 fn location(entry: &Entry, axis: Axis) -> Vec<Part> {
     let (b, c) = ((axis.direction() + 1) % 3, (axis.direction() + 2) % 3);
     let places = [b, c, b + 3, c + 3];
+    // two values are the tilts alone
+    let places = &places[4 - entry.shape.width().min(4)..];
     let constant = |(k, place): (usize, usize)| {
         let v = value(entry, k);
         let v = if place < 3 { mm_from_um(v) } else { v * RAD_PER_ARCSEC };
         let symbol = ErrorSymbol::Location { component: Component::ALL[place], axis: axis.name() };
         Part { symbol, curve: Some(Curve::Constant(v)), live: None }
     };
-    places.into_iter().enumerate().map(|(k, place)| constant((k, place))).collect()
+    places.iter().copied().enumerate().map(constant).collect()
 }
 
 fn positions([low, high]: [f64; 2], points: usize) -> Vec<f64> {

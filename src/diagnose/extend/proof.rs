@@ -2,7 +2,7 @@
 
 use super::super::addition::{Addition, Entry, Evaluator, FORMAT};
 use super::super::moment::{Axis, Moment, SLOTS, Source};
-use super::super::predict::deviation_with_live_um;
+use super::super::predict::{deviation_with_live_um, machine_of};
 use super::Candidate;
 use crate::core::estimate::ThermalState;
 use crate::core::geometry::Vec3;
@@ -90,6 +90,7 @@ fn places(spec: &ModelSpec, model: &Model, entry: &Entry) -> Vec<Place> {
         sense: String::new(),
         effects: vec![entry.clone()],
     };
+    let machine = machine_of(spec, model);
     let chain: Vec<Axis> = model.axes().filter_map(|a| Axis::from_name(a.name)).collect();
     let place = |n: u32| {
         let share = |k: usize| (0.5 + STEPS[k % SLOTS] * f64::from(n)).fract();
@@ -107,6 +108,7 @@ fn places(spec: &ModelSpec, model: &Model, entry: &Entry) -> Vec<Place> {
         if let Some(gauge) = spec.gauge_point {
             moment.tool_length_mm = gauge.z - spec.tool_tip.z;
         }
+        moment.head = machine.head(&moment.position);
         let mut evaluator = Evaluator::new([&addition]);
         let sources = evaluator.sources();
         let valid = |source: &Source| entry.valid.get(&source.to_string()).copied().unwrap_or([0.0, 1.0]);

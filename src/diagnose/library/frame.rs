@@ -27,6 +27,9 @@ pub struct RotaryFrame {
     pub inner_points_mm: Vec<[f64; 3]>,
     /// Tool tip at home from the origin, mm: the point where no target is given.
     pub tip_mm: [f64; 3],
+    /// Spindle nose at home, mm, from which stated tool lengths are counted.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub nose_mm: Option<[f64; 3]>,
 }
 
 impl RotaryFrame {
@@ -63,10 +66,10 @@ impl RotaryFrame {
         let home = if self.workpiece_side && m.target_mm.iter().all(|v| v.is_finite()) {
             self.carried(m.target_mm, m) - point
         } else if self.workpiece_side {
-            let tip = Vec3::from(self.tip_mm) + Vec3::new(m.position[0], m.position[1], m.position[2]);
+            let tip = m.head.carries(Vec3::from(self.tip_mm)) + m.carriage_mm();
             own.transpose() * (self.before_outer(tip, m) - point)
         } else {
-            let mut tip = Vec3::from(self.tip_mm);
+            let mut tip = Vec3::from(self.nose_mm.unwrap_or(self.tip_mm));
             if m.tool_length_mm.is_finite() {
                 tip.z -= m.tool_length_mm;
             }
@@ -104,6 +107,7 @@ mod tests {
             inner: if of_table { vec![] } else { vec![Axis::C] },
             inner_points_mm: if of_table { vec![] } else { vec![table] },
             tip_mm: [0.0, 0.0, -10.0],
+            nose_mm: None,
         }
     }
 

@@ -194,6 +194,7 @@ mod tests {
             inner: vec![],
             inner_points_mm: vec![],
             tip_mm: [0.0; 3],
+            nose_mm: None,
         };
         let runs =
             |frame| Shape::RotaryMotion { axis: Axis::C, along: vec![Axis::Z], low: 2, high: 2, frame };
@@ -237,7 +238,8 @@ mod tests {
     #[test]
     fn a_moment_bends_a_ram_with_the_square_of_its_reach() {
         let lever = Lever { axes: [false; 3], home_mm: [0.0; 3], tool: false };
-        let ram = Shape::Ram { axis: Axis::Y, start_mm: 0.0, reach_mm: 100.0, lever, moment: true };
+        let ram =
+            Shape::Ram { axis: Axis::Y, start_mm: 0.0, reach_mm: 100.0, lever, moment: true, beam: false };
         let mut m = Moment::default();
         m.position[1] = 50.0;
         let drops: Vec<f64> = evaluated(&ram, &m).iter().map(|d| d.z).collect();

@@ -97,15 +97,16 @@ impl Shape {
     fn rotary_parameters(&self) -> Vec<String> {
         const LETTERS: [&str; 3] = ["x", "y", "z"];
         match self {
-            Self::RotaryLocation { frame } => {
+            Self::RotaryLocation { frame, .. } => {
                 let a = frame.axis.direction();
                 let (b, c) = (LETTERS[(a + 1) % 3], LETTERS[(a + 2) % 3]);
-                vec![
+                let all = [
                     format!("shift_{b}_um"),
                     format!("shift_{c}_um"),
                     format!("tilt_{b}_arcsec"),
                     format!("tilt_{c}_arcsec"),
-                ]
+                ];
+                all[4 - self.width()..].to_vec()
             }
             Self::RotaryMotion { along, low, high, .. } => along
                 .iter()
@@ -147,8 +148,10 @@ impl Shape {
             Self::Sag { length_mm, start_mm, .. } => {
                 vec![("length_mm".to_owned(), *length_mm), ("start_mm".to_owned(), *start_mm)]
             }
-            Self::Wear { centre_mm, width_mm, .. } => {
-                vec![("centre_mm".to_owned(), *centre_mm), ("width_mm".to_owned(), *width_mm)]
+            Self::Wear { centre_mm, width_mm, power, .. } => {
+                [("centre_mm", centre_mm), ("width_mm", width_mm), ("exponent_1", power)]
+                    .map(|(name, v)| (name.to_owned(), *v))
+                    .into()
             }
             Self::Load { power, .. } => one("exponent_1", *power),
             Self::Step { after_s, .. } => one("after_s", *after_s),

@@ -38,17 +38,18 @@ pub struct Lever {
 }
 
 impl Lever {
-    /// The vector to the tool tip, mm.
+    /// The vector to the tool tip as the head has turned it, mm.
     #[must_use]
     pub fn at(&self, m: &Moment) -> Vec3 {
-        let mut r = Vec3::from(self.home_mm);
+        let mut home = Vec3::from(self.home_mm);
+        if self.tool && m.tool_length_mm.is_finite() {
+            home.z -= m.tool_length_mm;
+        }
+        let mut r = m.head.carries(home);
         for (i, counts) in self.axes.iter().enumerate() {
             if *counts {
                 r[i] += m.position[i];
             }
-        }
-        if self.tool && m.tool_length_mm.is_finite() {
-            r.z -= m.tool_length_mm;
         }
         r
     }
@@ -97,7 +98,15 @@ pub enum Shape {
     /// `d = k a_axis (e_about x lever)` for each direction listed.
     InertialTilt { axis: Axis, about: Vec<Axis>, lever: Lever },
     /// Bending of a cantilever: `d_z = w s^2 (3 L - s)/(2 L^3)`, `s = x - start`, and its slope times the tool length.
-    Sag { axis: Axis, start_mm: f64, length_mm: f64, tool: bool },
+    Sag {
+        axis: Axis,
+        start_mm: f64,
+        length_mm: f64,
+        tool: bool,
+        /// What the slope turns under a head; the tool length alone where nothing is said.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        lever: Option<Lever>,
+    },
     /// A ram that moves out by s: weight at its end and own weight, `d_z = -(w1 s^3 + w2 s^4)` over powers of its reach, and
     /// the slope of that times the lever to the tool; with a moment at its end, too, `w3 s^2`.
     Ram {
@@ -107,6 +116,9 @@ pub enum Shape {
         lever: Lever,
         #[serde(default, skip_serializing_if = "core::ops::Not::not")]
         moment: bool,
+        /// The axis runs along a beam that stays where it is: the slope is the derivative of the drop.
+        #[serde(default, skip_serializing_if = "core::ops::Not::not")]
+        beam: bool,
     },
     /// `d = (b L, -a L)`.
     SpindleTilt,
@@ -130,7 +142,13 @@ pub enum Shape {
     /// Delay and drift of the clock of each file: `-v (d + r (t - start))`.
     ClockSkew { files: Vec<usize>, start_s: Vec<f64>, span_s: Vec<f64>, drift: bool },
     /// Two shifts and two tilts of a rotary axis; no deviation at zero.
-    RotaryLocation { frame: RotaryFrame },
+    RotaryLocation {
+        frame: RotaryFrame,
+        /// What the axis carries is wrong with it, at its zero, too (equations 1.9); shifts then show only on an axis that
+        /// another one turns.
+        #[serde(default, skip_serializing_if = "core::ops::Not::not")]
+        tied: bool,
+    },
     /// Harmonics of the rotation: shifts `cos(n q) - 1`, `sin(n q)` along the directions listed, of the machine or of what the
     /// axis stands on (with `frame`).
     RotaryMotion {
@@ -152,7 +170,14 @@ pub enum Shape {
     /// `d_along = c sign(F) |F|^power` of one axis.
     Load { axis: Axis, along: Axis, power: f64 },
     /// A worn place: `d_a = h exp(-((x - centre)/width)^2/2)`.
-    Wear { axis: Axis, centre_mm: f64, width_mm: f64 },
+    Wear {
+        axis: Axis,
+        centre_mm: f64,
+        width_mm: f64,
+        /// 2 is a bell, more has a flat bottom.
+        #[serde(default = "bell", skip_serializing_if = "is_bell")]
+        power: f64,
+    },
     /// A constant shift of everything after a time, until the end of the file.
     Step { file: usize, after_s: f64 },
 }
@@ -164,6 +189,18 @@ const fn one() -> usize {
 #[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks so")]
 const fn is_one(n: &usize) -> bool {
     *n == 1
+}
+
+/// Power of a worn place that is a bell.
+pub(super) const BELL: f64 = 2.0;
+
+const fn bell() -> f64 {
+    BELL
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde passes references")]
+fn is_bell(power: &f64) -> bool {
+    (power - BELL).abs() < 1e-12
 }
 
 fn put(out: &mut [Vec3], at: usize, v: Vec3) {
@@ -196,6 +233,7 @@ impl Shape {
             Self::SpindleTilt | Self::DeadPath { .. } => 2,
             Self::RotaryBacklash { .. } | Self::Load { .. } => 1,
             Self::ClockSkew { files, drift, .. } => files.len() * (1 + usize::from(*drift)),
+            Self::RotaryLocation { frame, tied: true } if frame.outer.is_empty() => 2,
             Self::RotaryLocation { .. } => 4,
             Self::RotaryMotion { along, low, high, .. } => 2 * along.len() * (high + 1 - low),
             Self::Wear { .. } => 1,
@@ -250,20 +288,26 @@ impl Shape {
                     put(out, 2 * n + 1, unit(along.direction()) * s);
                 }
             }
-            Self::Sag { axis, start_mm, length_mm, tool } => sag(*axis, *start_mm, *length_mm, *tool, m, out),
-            Self::Ram { axis, start_mm, reach_mm, lever, moment } => {
-                ram(*axis, *start_mm, *reach_mm, lever, m, &mut out[..2 + usize::from(*moment)]);
+            Self::Sag { axis, start_mm, length_mm, tool, lever } => {
+                let arm = lever.map_or_else(|| unit(2) * -m.tool_length_mm, |l| l.at(m));
+                sag(*axis, *start_mm, *length_mm, tool.then_some(arm), m, out);
             }
-            Self::Wear { axis, centre_mm, width_mm } => {
+            Self::Ram { axis, start_mm, reach_mm, lever, moment, beam } => {
+                let slopes = if *beam { [3.0, 4.0, 2.0] } else { [1.5, 4.0 / 3.0, 2.0] };
+                ram(*axis, *start_mm, *reach_mm, lever, slopes, m, &mut out[..2 + usize::from(*moment)]);
+            }
+            Self::Wear { axis, centre_mm, width_mm, power } => {
                 let s = (m.position[axis.slot()] - centre_mm) / width_mm;
-                put(out, 0, unit(axis.direction()) * (-0.5 * s * s).exp());
+                put(out, 0, unit(axis.direction()) * (-0.5 * s.abs().powf(*power)).exp());
             }
             Self::SpindleTilt => {
                 let l = m.tool_length_mm * UM_PER_ARCSEC_MM;
-                put(out, 0, Vec3::new(0.0, l, 0.0));
-                put(out, 1, Vec3::new(-l, 0.0, 0.0));
+                put(out, 0, m.head.turns(Vec3::new(0.0, l, 0.0)));
+                put(out, 1, m.head.turns(Vec3::new(-l, 0.0, 0.0)));
             }
-            Self::ToolLength => put(out, 0, Vec3::new(0.0, 0.0, -m.tool_length_mm * 1e-3)),
+            Self::ToolLength => {
+                put(out, 0, m.head.turns(Vec3::new(0.0, 0.0, -m.tool_length_mm * 1e-3)));
+            }
             Self::Load { axis, along, power } => {
                 let f = m.force_n[axis.direction()];
                 put(out, 0, unit(along.direction()) * (f.signum() * f.abs().powf(*power)));
@@ -395,15 +439,20 @@ impl Shape {
 
     fn evaluate_rotary(&self, m: &Moment, out: &mut [Vec3]) {
         match self {
-            Self::RotaryLocation { frame } => {
+            Self::RotaryLocation { frame, tied } => {
                 let (outer, own, p) = frame.state(m);
                 let a = frame.axis.direction();
                 let (b, c) = ((a + 1) % 3, (a + 2) % 3);
+                let tilts = out.len() - 2;
+                // what is right at the zero of the axis is wrong by the same in the turned frame
+                let at_zero = if *tied { Mat3::zeros() } else { own };
                 for (i, k) in [b, c].into_iter().enumerate() {
                     let l = unit(k);
-                    put(out, i, outer * (l - own * l) * frame.sign());
-                    let d = l.cross(&(own * p)) - own * l.cross(&p);
-                    put(out, 2 + i, outer * d * (frame.sign() * UM_PER_ARCSEC_MM));
+                    if tilts > 0 {
+                        put(out, i, outer * (l - at_zero * l) * frame.sign());
+                    }
+                    let d = l.cross(&(own * p)) - at_zero * l.cross(&p);
+                    put(out, tilts + i, outer * d * (frame.sign() * UM_PER_ARCSEC_MM));
                 }
             }
             Self::RotaryMotion { axis, along, low, high, frame } => {
@@ -491,10 +540,24 @@ impl Shape {
         shape
     }
 
-    /// True for curves that are not counted from a line of their own: one that is may stand for them with any line.
+    /// True for what a curve with a slope of its own may stand for: neither a line, which every such curve could say, nor a
+    /// curve that is counted from a line.
     #[must_use]
-    pub const fn needs_no_line(&self) -> bool {
-        matches!(self, Self::Angular { .. } | Self::Wear { .. })
+    pub const fn allows_lines(&self) -> bool {
+        let is_line = matches!(self, Self::Squareness { .. } | Self::Scale { .. });
+        let is_counted = matches!(self, Self::Polynomial { .. } | Self::Reverse { .. } | Self::Cyclic { .. });
+        !is_line && !is_counted
+    }
+
+    /// True for a straight line in the direction and over the axis of a curve; a squareness is one in both directions.
+    #[must_use]
+    pub fn may_be_the_slope_of(&self, curve: &Self) -> bool {
+        let Self::Polynomial { along, over, .. } = curve else { return false };
+        match self {
+            Self::Squareness { along: a, over: b } => [(a, b), (b, a)].contains(&(along, over)),
+            Self::Scale { axis } => axis == along && axis == over,
+            _ => false,
+        }
     }
 
     /// The axis of whose position it is a function, where there is one.
@@ -512,7 +575,7 @@ impl Shape {
             | Self::Ram { axis, .. }
             | Self::RotaryMotion { axis, .. }
             | Self::Wear { axis, .. } => Some(*axis),
-            Self::RotaryLocation { frame } | Self::RotaryEccentricity { frame, .. } => Some(frame.axis),
+            Self::RotaryLocation { frame, .. } | Self::RotaryEccentricity { frame, .. } => Some(frame.axis),
             _ => None,
         }
     }
@@ -537,27 +600,26 @@ pub fn line_of_sight(m: &Moment) -> Option<Vec3> {
     (length > 0.0 && length.is_finite()).then(|| line / length)
 }
 
-fn sag(axis: Axis, start: f64, length: f64, tool: bool, m: &Moment, out: &mut [Vec3]) {
+fn sag(axis: Axis, start: f64, length: f64, arm: Option<Vec3>, m: &Moment, out: &mut [Vec3]) {
     let s = m.position[axis.slot()] - start;
     let cube = 2.0 * length.powi(3);
     put(out, 0, Vec3::new(0.0, 0.0, -s * s * (3.0 * length - s) / cube));
-    if tool {
+    if let Some(arm) = arm {
         let slope = (6.0 * length * s - 3.0 * s * s) / cube;
-        put(out, 1, unit(axis.direction()) * (slope * m.tool_length_mm));
+        let about = unit(axis.direction()).cross(&unit(2));
+        put(out, 1, about.cross(&arm) * slope);
     }
 }
 
-/// A cantilever of length s: a weight at its end bends it by `s^3`, its own by `s^4`, a moment by `s^2`; slopes are 3/2, 4/3 and
-/// 2 of the drop per length.
-fn ram(axis: Axis, start: f64, reach: f64, lever: &Lever, m: &Moment, out: &mut [Vec3]) {
+/// A cantilever of length s: a weight at its end bends it by `s^3`, its own by `s^4`, a moment by `s^2`; `slopes` are those of its
+/// end as multiples of the drop per length: 3/2, 4/3 and 2.
+fn ram(axis: Axis, start: f64, reach: f64, lever: &Lever, slopes: [f64; 3], m: &Moment, out: &mut [Vec3]) {
     let s = (m.position[axis.slot()] - start).max(0.0) / reach;
     // turns what points along the axis down
     let about = unit(axis.direction()).cross(&unit(2));
     let arm = about.cross(&lever.at(m));
-    put(out, 0, unit(2) * -s.powi(3) - arm * (1.5 * s * s / reach));
-    put(out, 1, unit(2) * -s.powi(4) - arm * (4.0 / 3.0 * s.powi(3) / reach));
-    if let Some(by_moment) = out.get_mut(2) {
-        *by_moment = unit(2) * -s.powi(2) - arm * (2.0 * s / reach);
+    for (k, (power, slope)) in [3, 4, 2].into_iter().zip(slopes).enumerate().take(out.len()) {
+        put(out, k, unit(2) * -s.powi(power) - arm * (slope * s.powi(power - 1) / reach));
     }
 }
 

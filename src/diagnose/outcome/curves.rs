@@ -83,7 +83,7 @@ fn abscissa(shape: &Shape) -> (String, Abscissa) {
         | Shape::Thermal { axis, .. }
         | Shape::Backlash { axis, .. }
         | Shape::RotaryMotion { axis, .. } => position(*axis),
-        Shape::RotaryLocation { frame }
+        Shape::RotaryLocation { frame, .. }
         | Shape::RotaryEccentricity { frame, .. }
         | Shape::RotaryBacklash { frame } => position(frame.axis),
         Shape::Spike { axis, .. } => {

@@ -104,6 +104,9 @@ impl Session {
             .into_iter()
             .filter_map(|s| if let Source::Temperature(n) = s { Some(n) } else { None })
             .collect();
+        for m in &mut session.moments {
+            m.head = session.machine.head(&m.position);
+        }
         sight::aim(&mut session.moments, &session.machine);
         session.drop_copies();
         session.thin();

@@ -7,7 +7,8 @@ use crate::core::geometry::Vec3;
 /// Sets the place of the reflector of every reading of an instrument with a station: the axis positions, or the tip of the
 /// tool that is in; which of them, the stated ranges say.
 pub(super) fn aim(moments: &mut [Moment], machine: &Machine) {
-    let places: [&dyn Fn(&Moment) -> Vec3; 2] = [&carriage, &|m| carriage(m) + tip(m, machine)];
+    let places: [&dyn Fn(&Moment) -> Vec3; 2] =
+        [&Moment::carriage_mm, &|m| m.carriage_mm() + m.head.carries(machine.tip_of(m))];
     let miss = |place: &dyn Fn(&Moment) -> Vec3| {
         let mut misses: Vec<f64> = moments
             .iter()
@@ -20,18 +21,6 @@ pub(super) fn aim(moments: &mut [Moment], machine: &Machine) {
     let place = if miss(places[1]) < miss(places[0]) { places[1] } else { places[0] };
     for m in moments.iter_mut().filter(|m| m.station_mm.iter().all(|v| v.is_finite())) {
         m.reflector_mm = place(m);
-    }
-}
-
-fn carriage(m: &Moment) -> Vec3 {
-    Vec3::new(m.position[0], m.position[1], m.position[2])
-}
-
-/// The tip at home with the tool of a reading.
-fn tip(m: &Moment, machine: &Machine) -> Vec3 {
-    match machine.gauge_point_mm {
-        Some(nose) if m.tool_length_mm.is_finite() => nose - Vec3::new(0.0, 0.0, m.tool_length_mm),
-        _ => machine.tool_tip_mm,
     }
 }
 
@@ -49,7 +38,7 @@ mod tests {
                 ..Moment::default()
             };
             m.position[..3].copy_from_slice(&[x, 20.0, 30.0]);
-            let target = carriage(&m) + if to_tip { tip(&m, &machine) } else { Vec3::zeros() };
+            let target = m.carriage_mm() + if to_tip { machine.tip_of(&m) } else { Vec3::zeros() };
             m.range_mm = (target - m.station_mm).norm();
             (m, target)
         };
@@ -67,6 +56,6 @@ mod tests {
         let mut without = vec![at(10.0, 70.0, true).0];
         without[0].range_mm = f64::NAN;
         aim(&mut without, &machine);
-        assert_eq!(without[0].reflector_mm, carriage(&without[0]));
+        assert_eq!(without[0].reflector_mm, without[0].carriage_mm());
     }
 }

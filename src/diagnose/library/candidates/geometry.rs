@@ -3,7 +3,7 @@
 use core::f64::consts::PI;
 
 use super::super::super::moment::Axis;
-use super::super::shape::Shape;
+use super::super::shape::{BELL, Shape};
 use super::super::{Kind, Label};
 use super::Builder;
 use crate::core::geometry::{Vec3, unit};
@@ -148,29 +148,36 @@ impl Builder<'_> {
             self.bumps(axis, [*low, *high], different);
             if axis != Axis::Z {
                 let lever = self.lever(axis);
-                let ram = |moment: bool| Shape::Ram {
+                let ram = |(moment, beam): (bool, bool)| Shape::Ram {
                     axis,
                     start_mm: low.min(0.0),
                     reach_mm: 2.0 * half,
                     lever,
                     moment,
+                    beam,
                 };
-                let mut shapes: Vec<Shape> =
-                    [1.0, 1.5, 2.5]
-                        .into_iter()
-                        .flat_map(|f| {
-                            let (length_mm, tools) = (2.0 * half * f, self.facts.tools);
-                            [false, true]
-                                .into_iter()
-                                .filter(move |t| !t || tools)
-                                .map(move |tool| Shape::Sag { axis, start_mm: *low, length_mm, tool })
-                        })
-                        .collect();
-                shapes.extend([false, true].map(ram));
+                let mut shapes: Vec<Shape> = [1.0, 1.5, 2.5]
+                    .into_iter()
+                    .flat_map(|f| {
+                        let (length_mm, tools) = (2.0 * half * f, self.facts.tools);
+                        // under a head the slope turns all that hangs on it
+                        let under = self.facts.head.then_some(lever);
+                        [false, true].into_iter().filter(move |t| !t || tools || under.is_some()).map(
+                            move |tool| Shape::Sag {
+                                axis,
+                                start_mm: *low,
+                                length_mm,
+                                tool,
+                                lever: under.filter(|_| tool),
+                            },
+                        )
+                    })
+                    .collect();
+                shapes.extend([(false, false), (true, false), (true, true)].map(ram));
                 self.add(Kind::Machine, Label::new("sag", axis), shapes);
             }
         }
-        if self.facts.tools {
+        if self.facts.tools || self.facts.head && self.facts.lengths {
             self.add(Kind::Machine, Label::new("spindle-tilt", ""), vec![Shape::SpindleTilt]);
             self.add(Kind::Machine, Label::new("tool-length", ""), vec![Shape::ToolLength]);
         } else {
@@ -194,7 +201,7 @@ impl Builder<'_> {
         for (letter, about) in [('a', Axis::X), ('b', Axis::Y), ('c', Axis::Z)] {
             let crosses = (0..3).filter(|i| *i != about.direction());
             let arm = crosses.clone().any(|i| lever.axes[i] && self.facts.range[i].is_some());
-            let tool = lever.tool && about != Axis::Z;
+            let tool = lever.tool && about != Axis::Z || self.facts.head;
             let label = Label::new("angular", format!("e{letter}{axis}"));
             if !(arm || tool) {
                 let at = self.session.moments.first().map_or_else(Vec3::zeros, |m| lever.at(m));
@@ -260,7 +267,7 @@ impl Builder<'_> {
             let count = (1.7 / width).round() as usize;
             for k in 0..=count {
                 let centre_mm = low + span * (0.08 + 0.84 * k as f64 / count as f64);
-                shapes.push(Shape::Wear { axis, centre_mm, width_mm: width * span });
+                shapes.push(Shape::Wear { axis, centre_mm, width_mm: width * span, power: BELL });
             }
         }
         self.add(Kind::Machine, label, shapes);

@@ -85,6 +85,10 @@ struct Facts {
     accelerates: [bool; 6],
     reverses: [bool; 6],
     tools: bool,
+    /// A tool length is stated.
+    lengths: bool,
+    /// A rotary axis turns the tool.
+    head: bool,
     ranges: bool,
     forces: [bool; 3],
 }
@@ -97,6 +101,8 @@ impl Facts {
             accelerates: [false; 6],
             reverses: [false; 6],
             tools: false,
+            lengths: false,
+            head: false,
             ranges: false,
             forces: [false; 3],
         };
@@ -109,7 +115,10 @@ impl Facts {
             let signs = spread(s, |m| m.direction[i]);
             f.reverses[i] = signs.is_some_and(|[l, h]| l < 0.0 && h > 0.0);
         }
-        f.tools = spread(s, |m| m.tool_length_mm).is_some_and(|[l, h]| h - l > 1.0);
+        let lengths = spread(s, |m| m.tool_length_mm);
+        f.lengths = lengths.is_some();
+        f.tools = lengths.is_some_and(|[l, h]| h - l > 1.0);
+        f.head = s.machine.head_axes().any(|a| f.range[a.axis.slot()].is_some());
         f.ranges = spread(s, |m| m.range_mm).is_some_and(|[l, h]| h - l > 1.0);
         for (i, known) in f.forces.iter_mut().enumerate() {
             *known = spread(s, |m| m.force_n[i]).is_some_and(|[l, h]| h - l > 1e-6);

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use super::super::super::moment::Axis;
 use super::super::super::session::is_encoder;
-use super::super::shape::{STILL, Shape};
+use super::super::shape::{Lever, STILL, Shape};
 use super::super::{Kind, Label};
 use super::Builder;
 
@@ -84,20 +84,17 @@ impl Builder<'_> {
             let shapes = [false, true].map(|slope| Shape::Inertial { axis, along: axis, slope }).into();
             self.add(Kind::Machine, Label::new("inertial", axis), shapes);
             let others: Vec<Axis> = Axis::LINEAR.into_iter().filter(|a| *a != axis).collect();
-            let mut lever = self.lever(axis);
-            // a tilt of the structure turns whatever the travels are, so all of them are levers
-            lever.axes = [true; 3];
-            let mut shapes: Vec<Shape> =
-                others.iter().map(|a| Shape::InertialTilt { axis, about: vec![*a], lever }).collect();
-            shapes.push(Shape::InertialTilt { axis, about: others.clone(), lever });
-            // or the carriage itself turns, and only what lies behind it is a lever
+            // a tilt of the structure turns whatever the travels are, so all of them are levers; or the carriage itself
+            // turns, and only what lies behind it is a lever
             let carriage = self.lever(axis);
-            if carriage != lever {
-                shapes.extend(others.iter().map(|a| Shape::InertialTilt {
-                    axis,
-                    about: vec![*a],
-                    lever: carriage,
-                }));
+            let mut levers = vec![Lever { axes: [true; 3], ..carriage }];
+            if levers[0] != carriage {
+                levers.push(carriage);
+            }
+            let mut shapes = Vec::new();
+            for lever in levers {
+                shapes.extend(others.iter().map(|a| Shape::InertialTilt { axis, about: vec![*a], lever }));
+                shapes.push(Shape::InertialTilt { axis, about: others.clone(), lever });
             }
             shapes.extend(others.iter().map(|along| Shape::Inertial { axis, along: *along, slope: false }));
             self.add(Kind::Machine, Label::new("inertial-cross", axis), shapes);

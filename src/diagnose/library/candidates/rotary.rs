@@ -5,6 +5,7 @@ use super::super::frame::RotaryFrame;
 use super::super::shape::Shape;
 use super::super::{Kind, Label};
 use super::Builder;
+use crate::core::geometry::Vec3;
 
 impl Builder<'_> {
     pub(super) fn rotary(&mut self) {
@@ -28,12 +29,14 @@ impl Builder<'_> {
                 inner_points_mm: inner.iter().map(point).collect(),
                 inner,
                 tip_mm: machine.tool_tip_mm.into(),
+                nose_mm: machine.gauge_point_mm.filter(|_| self.facts.lengths).map(Vec3::into),
             };
-            self.add(
-                Kind::Machine,
-                Label::new("rotary-location", axis),
-                vec![Shape::RotaryLocation { frame: frame.clone() }],
-            );
+            let mut shapes = vec![Shape::RotaryLocation { frame: frame.clone(), tied: false }];
+            // where the head stands at the zero of the axis either counts as right, or is wrong with the axis
+            if !frame.workpiece_side {
+                shapes.push(Shape::RotaryLocation { frame: frame.clone(), tied: true });
+            }
+            self.add(Kind::Machine, Label::new("rotary-location", axis), shapes);
             let mut shapes = Vec::new();
             // what stands on another rotary axis turns with it
             let turns = Some(frame.clone()).filter(|f| !f.outer.is_empty());
