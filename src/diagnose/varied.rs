@@ -2,8 +2,9 @@
 
 use super::assess::cancels;
 use super::contributions_um;
-use super::library::Library;
+use super::library::{Library, Shape};
 use super::noise::Filter;
+use super::offsets::rms;
 use super::search::{self, Problem, Selection, Variation};
 use super::session::Session;
 
@@ -17,6 +18,10 @@ pub(super) fn find_causes(
 ) {
     selection.take_apart(problem, library);
     selection.search(problem, library);
+    if !selection.is_plain && search::find_pitches(problem, session, filter, library, selection) {
+        selection.swap(problem, library);
+        selection.search(problem, library);
+    }
     if !selection.is_plain {
         selection.single_out(problem, library);
     }
@@ -28,6 +33,7 @@ pub(super) fn find_causes(
         for place in 0..selection.chosen.len() {
             search::challenge(problem, session, filter, library, selection, place);
         }
+        search::one_tilt(problem, session, filter, library, selection);
         selection.swap(problem, library);
         selection.search(problem, library);
         selection.single_out(problem, library);
@@ -80,7 +86,8 @@ pub(super) fn allow_for_variation(
             let variant = &library.variants[v];
             (variant.label, variant.shape.over().filter(|_| variant.shape.is_free_curve()))
         };
-        let Some(found) = Variation::find(session, filter, problem, &core, &parts, &of) else {
+        let zeros = zeros(session, problem, library, &core, &parts);
+        let Some(found) = Variation::find(session, filter, problem, &core, &parts, &zeros, &of) else {
             // beside what was found with the variation before nothing asks for another one
             problem.vary(best.variation.clone());
             break;
@@ -100,6 +107,24 @@ pub(super) fn allow_for_variation(
         core.clone_from(&selection.chosen);
     }
     selection.chosen.iter().for_each(|v| problem.prepare(*v));
+}
+
+/// The zeros of curves among the first of the effects chosen, one for each of the `parts`: the mounting hides where a
+/// straightness or a positioning error is zero, but not once it varies. They are as large as the curve itself.
+fn zeros(
+    session: &Session,
+    problem: &Problem,
+    library: &Library,
+    chosen: &[usize],
+    parts: &[Vec<f64>],
+) -> Vec<(usize, Vec<f64>)> {
+    let of = |(place, part): (usize, &Vec<f64>)| {
+        let Shape::Polynomial { along, .. } = library.variants[chosen[place]].shape else { return None };
+        let rows = problem.rows.iter().map(|i| part[*i]).collect::<Vec<f64>>();
+        let size_um = rms(&rows);
+        Some((place, session.moments.iter().map(|m| size_um * m.u[along.slot()]).collect()))
+    };
+    parts.iter().enumerate().filter_map(of).collect()
 }
 
 /// What was found, to come back to.

@@ -34,8 +34,6 @@ pub struct Gates {
     pub against: f64,
     /// What it explains by itself, as a share of what it explains beside the others.
     pub alone: f64,
-    /// Share of its gain that the most telling tenth of the blocks brings.
-    pub concentration: f64,
     /// Share that is surely missing in the programme, and at the place, that shows least of what is expected there.
     pub absent: [f64; 2],
     /// In how many programmes it shows, each counted by its share (inverse of the sum of the squared shares).
@@ -226,7 +224,6 @@ pub fn gates(
         rival,
         against: against(&fit, &problem.contribution(&others, &other_beta)),
         alone: problem.gain(&problem.given(&[]), selection.chosen[place]).0 / own.gain.max(1e-9),
-        concentration: concentration(problem, &fit),
         breadth: breadth(problem, &fit),
         absent: [(&problem.cell, problem.cells), (&places.of, places.count)]
             // beside the servo's thousandfold effects every misform looks like something missing
@@ -338,17 +335,6 @@ fn breadth(problem: &Problem, fit: &DVector<f64>) -> f64 {
     }
     let squares: f64 = energy.iter().map(|e| e * e).sum();
     if squares > 0.0 { energy.iter().sum::<f64>().powi(2) / squares } else { 0.0 }
-}
-
-fn concentration(problem: &Problem, fit: &DVector<f64>) -> f64 {
-    let mut energy = vec![0.0; problem.blocks];
-    for i in 0..problem.len() {
-        energy[problem.block[i]] += fit[i] * fit[i];
-    }
-    energy.sort_by(|a, b| b.total_cmp(a));
-    let top = problem.blocks.div_ceil(10);
-    let total: f64 = energy.iter().sum();
-    if total > 0.0 { energy[..top].iter().sum::<f64>() / total } else { 0.0 }
 }
 
 #[cfg(test)]

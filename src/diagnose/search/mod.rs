@@ -5,6 +5,7 @@ mod lines;
 mod pieces;
 mod problem;
 mod refine;
+mod screw;
 mod select;
 mod small;
 #[cfg(test)]
@@ -15,6 +16,7 @@ pub use gates::{
     ABSENT, AGAINST, FOLD_RIDGE, FOLDS, Gates, HELD_OUT, INVARIANCE, PLACE, RIVAL, RUN_T, fold_of, gates,
 };
 pub use problem::{Given, Problem, raw_columns};
-pub use refine::{challenge, refine};
+pub use refine::{challenge, one_tilt, refine};
+pub use screw::find_pitches;
 pub use select::{CURVES, Found, Selection, evidence, threshold};
 pub use variation::Variation;

@@ -65,6 +65,20 @@ fn neighbours(shape: &Shape, step: f64) -> Vec<Shape> {
                     *centre_mm += width * (f - 1.0) * 2.0;
                 }
             });
+            with(&|s, f| {
+                if let Shape::Wear { power, .. } = s {
+                    *power *= f;
+                }
+            });
+        }
+        Shape::InertialTilt { about, .. } => {
+            for slot in (0..3).filter(|k| about.iter().any(|b| b.direction() != *k)) {
+                with(&|s, f| {
+                    if let Shape::InertialTilt { lever, .. } = s {
+                        lever.home_mm[slot] += PIVOT_STEP_MM * (f - 1.0);
+                    }
+                });
+            }
         }
         _ => {}
     }
@@ -72,10 +86,17 @@ fn neighbours(shape: &Shape, step: f64) -> Vec<Shape> {
     all
 }
 
+/// Step with which the point about which a structure tilts is looked for, mm, and how far from the tool it may lie, as a
+/// multiple of the longest travel: about a point far away everything moves alike, which is another effect.
+const PIVOT_STEP_MM: f64 = 1000.0;
+const PIVOT_MAX: f64 = 0.5;
+
 /// Longest decay of a reversal spike, s: a longer one is lost motion under another name.
 const SPIKE_MAX_S: f64 = 0.8;
 /// Longest rise of a spike, as a share of its decay.
 const RISE_SHARE: f64 = 0.6;
+/// How flat the bottom of a worn place may be: from a dent to a trough.
+const WEAR_POWERS: [f64; 2] = [1.2, 6.0];
 /// Longest transition of lost motion, mm.
 const TRANSITION_MAX_MM: f64 = 15.0;
 
@@ -84,6 +105,7 @@ fn is_itself(shape: &Shape) -> bool {
     match shape {
         Shape::Spike { rise_s, fall_s, .. } => *fall_s <= SPIKE_MAX_S && *rise_s <= RISE_SHARE * *fall_s,
         Shape::Backlash { length_mm, .. } => *length_mm <= TRANSITION_MAX_MM,
+        Shape::Wear { power, .. } => (WEAR_POWERS[0]..=WEAR_POWERS[1]).contains(power),
         _ => true,
     }
 }
@@ -123,14 +145,20 @@ const WIDTH_RANGE: [f64; 2] = [0.022, 0.16];
 /// Longest beam, as a multiple of the travel: a longer one is a parabola under another name.
 const BEAM_MAX: f64 = 3.0;
 
-/// False where a worn place is as wide as the travel or as narrow as a wave, or a beam far longer than the travel.
+/// False where a worn place is as wide as the travel or as narrow as a wave, a beam far longer than the travel, or a
+/// structure tilts about a point far away.
 fn is_local(session: &Session, shape: &Shape) -> bool {
+    let span = |axis: &Axis| {
+        let all = session.moments.iter().map(|m| m.position[axis.slot()]);
+        all.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(v), h.max(v)])
+    };
+    if let Shape::InertialTilt { lever, .. } = shape {
+        let longest = Axis::LINEAR.iter().map(span).map(|[low, high]| high - low).fold(0.0, f64::max);
+        let tip: [f64; 3] = session.machine.tool_tip_mm.into();
+        return (0..3).all(|k| (lever.home_mm[k] - tip[k]).abs() <= PIVOT_MAX * longest);
+    }
     let (Shape::Wear { axis, .. } | Shape::Sag { axis, .. }) = shape else { return true };
-    let (low, high) = session
-        .moments
-        .iter()
-        .map(|m| m.position[axis.slot()])
-        .fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+    let [low, high] = span(axis);
     match shape {
         Shape::Wear { width_mm, .. } => {
             (WIDTH_RANGE[0]..=WIDTH_RANGE[1]).contains(&(width_mm / (high - low)))
@@ -204,7 +232,10 @@ pub fn challenge(
         .ranking(problem, library, &given, &not)
         .into_iter()
         .filter(|f| {
-            f.gain > NEAR * gain && !neighbours(&library.variants[f.variant].shape, STEPS[0]).is_empty()
+            let shape = &library.variants[f.variant].shape;
+            // about a point that nobody knows a structure tilts like anything
+            let is_tilt = matches!(shape, Shape::InertialTilt { .. });
+            f.gain > NEAR * gain && !is_tilt && !neighbours(shape, STEPS[0]).is_empty()
         })
         .take(RIVALS)
         .map(|f| f.variant)
@@ -226,6 +257,59 @@ pub fn challenge(
         problem.replace(session, filter, v, &shape);
         library.variants[v].shape = shape;
         selection.chosen[place] = v;
+    }
+}
+
+/// Share of the evidence of a tilt and a compliance of the same axis with which the tilt alone, about another point, is
+/// believed rather.
+const RATHER: f64 = 0.95;
+
+/// A structure that tilts about a point other than the one first thought of seems to give way in the direction of its axis, too:
+/// one tilt in the place of both, where it says nearly as much.
+pub fn one_tilt(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    selection: &mut Selection,
+) {
+    let axis_of = |library: &Library, v: usize| match &library.variants[v].shape {
+        Shape::InertialTilt { axis, .. } => Some((true, *axis)),
+        Shape::Inertial { axis, along, .. } if axis == along => Some((false, *axis)),
+        _ => None,
+    };
+    let find = |library: &Library, chosen: &[usize], wanted| {
+        chosen.iter().position(|v| axis_of(library, *v) == Some(wanted))
+    };
+    for axis in Axis::LINEAR {
+        let chosen = selection.chosen.clone();
+        let (Some(tilt), Some(compliance)) =
+            (find(library, &chosen, (true, axis)), find(library, &chosen, (false, axis)))
+        else {
+            continue;
+        };
+        let evidence_of = |gain: f64, v: usize, library: &Library| {
+            let variant = &library.variants[v];
+            evidence(gain, variant.shape.width(), selection.grid[variant.label])
+        };
+        let others: Vec<usize> =
+            chosen.iter().copied().filter(|v| ![chosen[tilt], chosen[compliance]].contains(v)).collect();
+        let base = columns(problem, &others);
+        let y: Vec<f64> = problem.y.iter().copied().collect();
+        let ground = joint_gain(&base, &[], &y);
+        let own = columns(problem, &[chosen[tilt]]);
+        let with_both = columns(problem, &[chosen[tilt], chosen[compliance]]);
+        let first = joint_gain(&base, &own, &y) - ground;
+        let second = joint_gain(&base, &with_both, &y) - ground - first;
+        let both =
+            evidence_of(first, chosen[tilt], library) + evidence_of(second, chosen[compliance], library);
+        let (joint, shape) =
+            improve(problem, session, filter, &base, &y, library.variants[chosen[tilt]].shape.clone());
+        if evidence_of(joint - ground, chosen[tilt], library) > RATHER * both {
+            problem.replace(session, filter, chosen[tilt], &shape);
+            library.variants[chosen[tilt]].shape = shape;
+            selection.chosen.remove(compliance);
+        }
     }
 }
 

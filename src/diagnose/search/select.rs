@@ -176,7 +176,8 @@ impl Selection {
     }
 
     /// Everything chosen but some places.
-    pub(super) fn without(&self, places: &[usize]) -> Vec<usize> {
+    #[must_use]
+    pub fn without(&self, places: &[usize]) -> Vec<usize> {
         self.chosen.iter().enumerate().filter(|(i, _)| !places.contains(i)).map(|(_, v)| *v).collect()
     }
 

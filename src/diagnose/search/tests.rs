@@ -18,7 +18,7 @@ fn library() -> (Library, Vec<Vec<DVector<f64>>>) {
     let label = |effect| Label { effect, subject: "x".to_owned() };
     let shapes = [
         Shape::Polynomial { along: axis, over: axis, low: 2, high: 4, centre_mm: 0.0, half_mm: 1.0 },
-        Shape::Wear { axis, centre_mm: 0.3, width_mm: 0.1 },
+        Shape::Wear { axis, centre_mm: 0.3, width_mm: 0.1, power: 2.0 },
         Shape::Scale { axis },
     ];
     let variants = shapes.into_iter().enumerate().map(|(label, shape)| Variant { label, shape }).collect();

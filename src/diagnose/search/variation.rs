@@ -52,7 +52,8 @@ pub struct Variation {
 impl Variation {
     /// The most likely variation of effects that contribute `parts` (per effect, per row of the session, um; the first ones of
     /// `chosen`) beside the columns of `chosen`, in a problem that knows of none; `None` where the likelihood does not ask
-    /// for one. `of` gives the label of a variant and the axis over whose positions it is a curve.
+    /// for one. `of` gives the label of a variant and the axis over whose positions it is a curve. `zeros` (place in
+    /// `chosen`, per row of the session, um) is what may stand beside a part without showing, as long as it does not vary.
     #[must_use]
     pub fn find(
         session: &Session,
@@ -60,15 +61,17 @@ impl Variation {
         problem: &Problem,
         chosen: &[usize],
         parts: &[Vec<f64>],
+        zeros: &[(usize, Vec<f64>)],
         of: &dyn Fn(usize) -> (usize, Option<Axis>),
     ) -> Option<Self> {
         let ways = ways(session, problem);
         let powers = powers(ways.len());
-        let mut products = products(session, filter, problem, parts, (&ways, &powers))?;
+        let all: Vec<&[f64]> = parts.iter().chain(zeros.iter().map(|z| &z.1)).map(Vec::as_slice).collect();
+        let mut products = products(session, filter, problem, &all, (&ways, &powers))?;
         // what its own parameters can say is no variation of an effect
-        for (k, v) in chosen[..parts.len()].iter().enumerate() {
+        for (k, place) in (0..parts.len()).chain(zeros.iter().map(|z| z.0)).enumerate() {
             let own = products.columns(k * powers.len(), powers.len()).into_owned();
-            let rest = problem.beside(&problem.given(&[*v]), &own);
+            let rest = problem.beside(&problem.given(&chosen[place..=place]), &own);
             products.columns_mut(k * powers.len(), powers.len()).copy_from(&rest);
         }
         let left = Left::new(problem, chosen, &products);
@@ -188,7 +191,7 @@ fn products(
     session: &Session,
     filter: &Filter,
     problem: &Problem,
-    parts: &[Vec<f64>],
+    parts: &[&[f64]],
     (ways, powers): (&[Way], &[Vec<usize>]),
 ) -> Option<DMatrix<f64>> {
     let each = powers.len();
