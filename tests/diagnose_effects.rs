@@ -173,6 +173,29 @@ fn an_effect_that_varies_over_the_volume_is_one_effect() {
 }
 
 #[test]
+fn the_unseen_zero_of_a_curve_that_varies_is_no_squareness() {
+    // its mean over the travel is 25 um, which every mounting hides; what varies of it does not hide
+    let varying = |s: &State| {
+        let curve = 25.0 + 12.0 * (s.p[2] / 70.0).sin();
+        [0.0, curve * (1.0 + 0.15 * ((s.p[0] - 0.6 * s.p[1] + 40.0) / 210.0).sin()), 0.0]
+    };
+    let d = run(&Campaign::full(), &varying, NOISE, &[]);
+    assert_eq!(declared(&d.report), ["straightness:eyz"], "{}", table(&d.report));
+}
+
+#[test]
+fn a_curve_that_comes_with_the_warmth_is_no_positioning_error() {
+    // flat in the morning
+    let bend = |s: &State| {
+        let along = (s.p[0] - 220.0) / 200.0;
+        [3.0 * (temperatures(s.t)[0] - 20.6) * along * along, 0.0, 0.0]
+    };
+    let d = run(&Campaign::full(), &bend, NOISE, &[]);
+    assert!(declared(&d.report).is_empty(), "{}", table(&d.report));
+    assert!(d.report.unexplained.significant, "{}", table(&d.report));
+}
+
+#[test]
 fn an_effect_that_is_taken_out_is_not_pinned_on_an_innocent_one() {
     let campaign = Campaign::full();
     let lagged = Lagged::of_the_campaign();
@@ -220,6 +243,10 @@ fn what_comes_back_on_a_moving_axis_is_no_vibration() {
         [pattern, -0.6 * pattern, 1.3 * pattern]
     };
     let d = run(&Campaign::ballbar_only(), &truth, NOISE, &[]);
+    assert!(!declared(&d.report).contains(&"vibration".to_owned()), "{}", table(&d.report));
+    // the second pass of each circle is another ellipse: a wave of the circle itself, and none of time
+    let warmer = |s: &State| [if s.repeat == 2 { 40e-3 * (s.p[0] - 250.0) } else { 0.0 }, 0.0, 0.0];
+    let d = run(&Campaign::ballbar_only(), &warmer, NOISE, &[]);
     assert!(!declared(&d.report).contains(&"vibration".to_owned()), "{}", table(&d.report));
 }
 

@@ -12,7 +12,7 @@ pub const SAME: f64 = 0.97;
 /// The same for a table of positions and a worn place of one axis: what a worn place looks like nobody knows so well.
 const CURVE_SAME: f64 = 0.85;
 /// An effect is declared from this probability of its group.
-pub const DECLARED: f64 = 0.5;
+pub const DECLARED: f64 = 0.6;
 /// And from this one of its own: below, its name is one of many.
 pub const NAMED: f64 = 0.22;
 
@@ -57,7 +57,7 @@ struct Calibration {
 }
 
 const CALIBRATION: Calibration = Calibration {
-    base: 3.0,
+    base: 3.5,
     invariance: 42.0,
     place: 7.0,
     full: 0.99,
@@ -86,6 +86,8 @@ const CALIBRATION: Calibration = Calibration {
 /// varies by more than an effect does by chance.
 const GROWS: [f64; 2] = [0.4, 0.7];
 const VARIES: f64 = 0.34;
+/// Growth with a temperature from which a function of a position is none.
+const WARMS: f64 = 0.5;
 
 /// Said of curves that nothing shows twice.
 const ONE_PASS: &str =
@@ -143,6 +145,13 @@ pub fn overshadow(library: &Library, all: &mut [Assessed]) {
 
 /// What is left of a probability where a gate says no.
 const UNSURE: f64 = 0.1;
+/// Least probability of what was chosen: in blind cases one in thirty of those that fail is at work.
+const LEAST: f64 = 0.03;
+
+/// Probability that an effect of these figures is at work, whatever may stand for it.
+fn real(g: &Gates, passes: bool) -> f64 {
+    LEAST + (1.0 - LEAST) * logistic(g) * if passes { 1.0 } else { UNSURE }
+}
 
 /// True where effects that failed a gate explain more than this one, in its own direction: it then lives on their misfit.
 fn is_overshadowed(library: &Library, all: &[Assessed], x: &Assessed) -> bool {
@@ -192,7 +201,7 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
     }
     let ranking = selection.ranking(problem, library, &given, &taken);
     let shape = &library.variants[variant].shape;
-    let with_lines = shape.needs_no_line() || library.may_be_a_slope(shape);
+    let with_lines = shape.allows_lines() || library.may_be_a_slope(shape);
     let largest = largest_gains(problem, library, &given, &taken, with_lines);
     let g = gates(problem, library, selection, place, &own, &ranking);
     let mut same: Vec<Label> = largest
@@ -207,6 +216,7 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
         .map(|(l, _)| library.labels[l].clone())
         .collect();
     same.extend(library.behind(shape).cloned());
+    same.extend(slope_of(problem, library, selection, place, gain));
     // where its variation stands among the noise, evidence has been discounted already
     let is_varied = problem.variation().is_some_and(|v| v.of(label).is_some());
     let inexact = CALIBRATION.temper[usize::from(is_varied)];
@@ -220,7 +230,6 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
         .collect();
     let total = 1.0 + rivals.iter().map(|(_, w)| w).sum::<f64>();
     let in_group = 1.0 + rivals.iter().filter(|(l, _)| same.contains(l)).map(|(_, w)| w).sum::<f64>();
-    let real = logistic(&g);
     let mut remark = why_not(&g);
     if remark.is_empty() && problem.is_single_pass && shape.is_free_curve() {
         remark = ONE_PASS.to_owned();
@@ -231,7 +240,11 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
     if remark.is_empty() && turn_share(problem, library, selection, place) > TURN_SHARE {
         remark = "is the same at every position: a lost motion, not a table of positions".to_owned();
     }
-    let group_probability = if remark.is_empty() { 1.0 } else { UNSURE } * real * in_group / total;
+    if remark.is_empty() && only_shifts(problem, library, selection, place) {
+        remark =
+            "shifts with the temperature, but does not expand: something else that grows warm".to_owned();
+    }
+    let group_probability = real(&g, remark.is_empty()) * in_group / total;
     let probability = group_probability / in_group;
     let alternatives = rivals.into_iter().map(|(l, w)| (l, group_probability / in_group * w)).collect();
     Assessed {
@@ -291,6 +304,42 @@ fn turn_share(problem: &Problem, library: &Library, selection: &Selection, place
     if all > 0.0 { constant / all } else { 0.0 }
 }
 
+/// The curves chosen whose slope a straight line may be: it was measured over a part of the travel, or says less than they do;
+/// from which line a curve is counted is a choice.
+fn slope_of(
+    problem: &Problem,
+    library: &Library,
+    selection: &Selection,
+    place: usize,
+    gain: f64,
+) -> Vec<Label> {
+    let shape = &library.variants[selection.chosen[place]].shape;
+    let is_part = library.may_be_a_slope(shape);
+    let curves = (0..selection.chosen.len())
+        .filter(|p| shape.may_be_the_slope_of(&library.variants[selection.chosen[*p]].shape));
+    let more = |p: &usize| {
+        is_part || problem.gain(&problem.given(&selection.without(&[*p])), selection.chosen[*p]).0 > gain
+    };
+    curves.filter(more).map(|p| library.labels[library.variants[selection.chosen[p]].label].clone()).collect()
+}
+
+/// Standard deviations from which an expansion is sure.
+const EXPANDS_T: f64 = 3.0;
+
+/// True for an expansion of which only the shift of its reference is sure.
+fn only_shifts(problem: &Problem, library: &Library, selection: &Selection, place: usize) -> bool {
+    let variant = selection.chosen[place];
+    if !matches!(library.variants[variant].shape, Shape::Thermal { with_offset: true, .. }) {
+        return false;
+    }
+    let given = problem.given(&selection.chosen);
+    let (beta, covariance) = (problem.fit(&given), given.covariance(problem));
+    let (at, _) = problem.span[variant];
+    let Some(j) = given.columns.iter().position(|c| *c == at) else { return false };
+    let t = |k: usize| beta[k].abs() / covariance[k * beta.len() + k].max(1e-300).sqrt();
+    t(j) < EXPANDS_T && t(j + 1) > EXPANDS_T
+}
+
 /// True for two names of a curve over the position of one axis.
 fn one_curve(a: &Label, b: &Label) -> bool {
     a.subject == b.subject && CURVES.contains(&a.effect) && CURVES.contains(&b.effect)
@@ -344,11 +393,8 @@ impl Assessed {
 
     /// Takes back what was declared.
     pub fn doubt(&mut self, why: String) {
-        self.declared = false;
         self.remark = why;
-        self.probability *= UNSURE;
-        self.group_probability *= UNSURE;
-        self.alternatives.iter_mut().for_each(|(_, p)| *p *= UNSURE);
+        self.settle();
     }
 
     /// The position of another axis changes it, as [`Gates::grows`] says: what is a function of one axis alone is not at work.
@@ -363,10 +409,20 @@ impl Assessed {
         }
     }
 
+    /// A temperature changes it, by a share from the middle to the ends: what is a function of a position alone is not at work.
+    pub fn reject_warming(&mut self, share: f64) {
+        if share > WARMS && self.remark.is_empty() {
+            let percent = 100.0 * share;
+            self.remark = format!(
+                "is not the same at every temperature: {percent:.0} % more or less at the ends than in the middle"
+            );
+        }
+    }
+
     /// Sets the probability by the figures of the gates, with the misfit that was found meanwhile.
     pub fn settle(&mut self) {
         let before = self.probability;
-        let real = logistic(&self.gates) * if self.remark.is_empty() { 1.0 } else { UNSURE };
+        let real = real(&self.gates, self.remark.is_empty());
         (self.probability, self.group_probability) = (real * self.share, real * self.group_share);
         self.declared =
             self.remark.is_empty() && self.group_probability >= DECLARED && self.probability >= NAMED;
@@ -418,7 +474,6 @@ mod tests {
         rival: 0.5,
         against: 0.0,
         alone: 1.0,
-        concentration: 0.2,
         breadth: 10.0,
         absent: [0.0; 2],
         misfit: 0.0,
@@ -446,7 +501,7 @@ mod tests {
             Gates { breadth: 2.0, ..GOOD },
             Gates { absent: [0.0, 0.6], ..GOOD },
         ] {
-            assert!(logistic(&worse) < best - 0.005, "{worse:?}");
+            assert!(logistic(&worse) < best - 0.003, "{worse:?}");
         }
         let bad = Gates { invariance: 0.85, place: 0.9, misfit: 0.3, ..GOOD };
         assert!(logistic(&bad) < 0.2);

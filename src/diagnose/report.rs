@@ -189,8 +189,6 @@ pub struct Tests {
     pub absent: [f64; 2],
     /// In how many programmes it shows, each counted by its share.
     pub breadth: f64,
-    /// Share of its gain that the most telling tenth of the runs brings.
-    pub concentration: f64,
     /// Its share among the effects that explain nearly as much.
     pub share: f64,
 }

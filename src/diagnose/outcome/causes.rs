@@ -130,7 +130,6 @@ fn tests(x: &Assessed, a: &Analysis) -> Tests {
         company: x.gates.company,
         breadth: x.gates.breadth,
         absent: x.gates.absent,
-        concentration: x.gates.concentration,
         share: x.share,
     }
 }

@@ -14,7 +14,9 @@ pub(super) fn weigh(a: &Analysis, assessed: &mut [Assessed]) {
             // a group may be at work of which no member has a name
             let stands = x.declared || (x.remark.is_empty() && x.group_probability >= DECLARED);
             let wrong = if stands || x.is_one_pass() { 0.0 } else { 1.0 - x.group_probability };
-            (a.library.variants[x.variant].shape.acts_along(), wrong * x.gates.gain_per_reading())
+            // beside all the others: what they explain as well says nothing about them
+            let gain = x.found.gain / a.problem.len().max(1) as f64;
+            (a.library.variants[x.variant].shape.acts_along(), wrong * gain)
         })
         .collect();
     for (place, x) in assessed.iter_mut().enumerate() {

@@ -6,11 +6,13 @@ use nalgebra::{DMatrix, DVector};
 use super::super::Analysis;
 use super::super::assess::Assessed;
 use super::super::forecast::Contributions;
-use super::super::moment::Axis;
+use super::super::moment::{Axis, Signal, Source};
 use super::super::session::Session;
 
 /// Standard deviations that are taken off before an effect is said to grow.
 const SURE: f64 = 2.0;
+/// Least range of a temperature that says anything, K.
+const WARMER_K: f64 = 2.0;
 /// Added to the products of columns, as a share of their size.
 const RIDGE: f64 = 1e-9;
 
@@ -24,7 +26,14 @@ pub(super) fn weigh(
 ) {
     let fit = Fit::new(a);
     for (place, x) in assessed.iter_mut().enumerate() {
-        let over = a.library.variants[x.variant].shape.over();
+        let shape = &a.library.variants[x.variant].shape;
+        let over = shape.over();
+        let part: Vec<f64> = (0..session.readings.len())
+            .map(|i| (0..owner.len()).filter(|j| owner[*j] == place).map(|j| parts.in_sample[j][i]).sum())
+            .collect();
+        if over.is_some() && shape.signals().is_empty() {
+            x.reject_warming(fit.warmth(session, a, &part));
+        }
         let varying = a.problem.variation().and_then(|v| v.of(a.library.variants[x.variant].label));
         let most = match (varying, a.problem.variation()) {
             (Some(v), _) => {
@@ -33,14 +42,7 @@ pub(super) fn weigh(
             }
             // beside something much larger that varies nobody can tell
             (None, Some(_)) => None,
-            (None, None) => {
-                let part: Vec<f64> = (0..session.readings.len())
-                    .map(|i| {
-                        (0..owner.len()).filter(|j| owner[*j] == place).map(|j| parts.in_sample[j][i]).sum()
-                    })
-                    .collect();
-                fit.most(session, a, &part, over)
-            }
+            (None, None) => fit.most(session, a, &part, over),
         };
         x.gates.grows = most.map_or(0.0, |m| m.1);
         let most = most.filter(|m| m.1 > 0.0).map(|m| m.0);
@@ -87,6 +89,35 @@ impl Fit {
         };
         let axes = Axis::ALL.into_iter().filter(|axis| axis.is_linear() && Some(*axis) != over);
         axes.filter_map(growth).max_by(|a, b| a.1.total_cmp(&b.1))
+    }
+
+    /// By how much an effect that contributes `part` grows from the middle of the temperatures to their ends, of that sensor with
+    /// which it grows most.
+    fn warmth(&self, session: &Session, a: &Analysis, part: &[f64]) -> f64 {
+        let plain = session.signals.iter().enumerate().filter(|(_, s)| {
+            matches!(s.source, Source::Temperature(_))
+                && session.signals.iter().all(|o| o.source != s.source || o.tau_s >= s.tau_s)
+        });
+        let growth = |(at, _): (usize, &Signal)| {
+            let degc = |i: &usize| session.moments[*i].signals[at];
+            let seen = a.filter.order().iter().map(degc);
+            let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], t| [l.min(t), h.max(t)]);
+            if !(high - low).is_finite() || high - low < WARMER_K {
+                return 0.0;
+            }
+            let along = |i: &usize| part[*i] * (2.0 * degc(i) - low - high) / (high - low);
+            let mut product: Vec<f64> = a.filter.order().iter().map(along).collect();
+            if product.iter().any(|v| !v.is_finite()) {
+                return 0.0;
+            }
+            a.filter.apply(&mut product, 1);
+            let mut product = DVector::from_vec(product);
+            if let Some(variation) = a.problem.variation() {
+                variation.apply(&mut product);
+            }
+            self.share(&product)
+        };
+        plain.map(growth).fold(0.0, f64::max)
     }
 
     /// The value of one more column, drawn towards zero by what it is not sure of.
