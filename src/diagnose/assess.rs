@@ -14,7 +14,7 @@ const CURVE_SAME: f64 = 0.85;
 /// An effect is declared from this probability of its group.
 pub const DECLARED: f64 = 0.6;
 /// And from this one of its own: below, its name is one of many.
-pub const NAMED: f64 = 0.22;
+pub const NAMED: f64 = 0.15;
 
 /// Constants of the probability, near a logistic regression on blind cases (docs/diagnosis.md says on which).
 #[derive(Debug, Clone, Copy)]

@@ -114,7 +114,8 @@ pub fn beside_repeats(session: &Session, used: &[bool], left_um: &[f64]) -> Vec<
 }
 
 /// What may hold a vibration: readings at rest as they are; of moving ones only what does not come back with their repeats,
-/// because a motion has lines of its own. `None` for moving readings without repeats.
+/// because a motion has lines of its own, and of two repeats, which then say the same, the first. `None` for moving readings
+/// without repeats.
 fn restless(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]) -> Vec<Option<f64>> {
     let moves = |i: usize| session.moments[i].velocity.iter().any(|v| !v.is_nan() && v.abs() > STANDSTILL);
     // an encoder at rest between two moves shows how its servo settles
@@ -123,12 +124,17 @@ fn restless(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]
         .filter(|i| is_encoder(&session.instruments[session.readings[**i].instrument]) && moves(**i))
         .map(|i| session.readings[*i].run)
         .collect();
-    let mut repeats: BTreeMap<usize, usize> = BTreeMap::new();
-    for p in order.iter().filter_map(|i| session.readings[*i].pair) {
-        *repeats.entry(p).or_default() += 1;
+    // how many there are, and the first of them
+    let mut repeats: BTreeMap<usize, (usize, usize)> = BTreeMap::new();
+    for i in order {
+        if let Some(p) = session.readings[*i].pair {
+            repeats.entry(p).or_insert((0, *i)).0 += 1;
+        }
     }
-    let repeated =
-        |i: usize| session.readings[i].pair.is_some_and(|p| repeats.get(&p).is_some_and(|n| *n > 1));
+    let tells = |i: usize| {
+        let of = session.readings[i].pair.and_then(|p| repeats.get(&p));
+        of.is_some_and(|(n, first)| *n > 2 || *n == 2 && *first == i)
+    };
     filtered
         .iter()
         .zip(beside)
@@ -136,7 +142,7 @@ fn restless(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]
         .map(|((e, beside), i)| match (servo.contains(&session.readings[*i].run), moves(*i)) {
             (true, _) => None,
             (false, false) => Some(*e),
-            (false, true) => repeated(*i).then_some(*beside),
+            (false, true) => tells(*i).then_some(*beside),
         })
         .collect()
 }
