@@ -23,6 +23,7 @@ pub(super) fn find_causes(
         selection.search(problem, library);
     }
     if !selection.is_plain {
+        refine_worn(problem, session, filter, library, selection);
         selection.single_out(problem, library);
     }
     for place in 0..selection.chosen.len() {
@@ -41,6 +42,30 @@ pub(super) fn find_causes(
         selection.absorb(problem, library);
     }
     // what was refined has new columns
+    selection.chosen.iter().for_each(|v| problem.prepare(*v));
+}
+
+/// Gives worn places the form that they have without the table of the same axis, which can say any of them: the grid's must not
+/// decide between the two.
+fn refine_worn(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    selection: &Selection,
+) {
+    for worn in selection.chosen.clone() {
+        let Shape::Wear { axis, .. } = library.variants[worn].shape else { continue };
+        let is_table = |v: &usize| {
+            let shape = &library.variants[*v].shape;
+            matches!(shape, Shape::Polynomial { along, over, .. } if *along == axis && *over == axis)
+        };
+        let beside: Vec<usize> = selection.chosen.iter().copied().filter(|v| !is_table(v)).collect();
+        let place = beside.iter().position(|v| *v == worn).filter(|_| beside.len() < selection.chosen.len());
+        if let Some(place) = place {
+            search::refine(problem, session, filter, library, &beside, place);
+        }
+    }
     selection.chosen.iter().for_each(|v| problem.prepare(*v));
 }
 

@@ -96,7 +96,7 @@ const SPIKE_MAX_S: f64 = 0.8;
 /// Longest rise of a spike, as a share of its decay.
 const RISE_SHARE: f64 = 0.6;
 /// How flat the bottom of a worn place may be: from a dent to a trough.
-const WEAR_POWERS: [f64; 2] = [1.2, 6.0];
+const WEAR_POWERS: [f64; 2] = [1.5, 6.0];
 /// Longest transition of lost motion, mm.
 const TRANSITION_MAX_MM: f64 = 15.0;
 
@@ -145,7 +145,7 @@ const WIDTH_RANGE: [f64; 2] = [0.022, 0.16];
 /// Longest beam, as a multiple of the travel: a longer one is a parabola under another name.
 const BEAM_MAX: f64 = 3.0;
 
-/// False where a worn place is as wide as the travel or as narrow as a wave, a beam far longer than the travel, or a
+/// False where a worn place lies beyond the data, is as wide as the travel or as narrow as a wave, a beam far longer than the travel, or a
 /// structure tilts about a point far away.
 fn is_local(session: &Session, shape: &Shape) -> bool {
     let span = |axis: &Axis| {
@@ -160,8 +160,9 @@ fn is_local(session: &Session, shape: &Shape) -> bool {
     let (Shape::Wear { axis, .. } | Shape::Sag { axis, .. }) = shape else { return true };
     let [low, high] = span(axis);
     match shape {
-        Shape::Wear { width_mm, .. } => {
-            (WIDTH_RANGE[0]..=WIDTH_RANGE[1]).contains(&(width_mm / (high - low)))
+        Shape::Wear { centre_mm, width_mm, .. } => {
+            (low..=high).contains(centre_mm)
+                && (WIDTH_RANGE[0]..=WIDTH_RANGE[1]).contains(&(width_mm / (high - low)))
         }
         Shape::Sag { length_mm, .. } => *length_mm <= BEAM_MAX * (high - low),
         _ => true,
