@@ -147,7 +147,8 @@ impl Entry {
                 let tool = lever.tool.then(|| "tool_length_mm".to_owned());
                 [axis.column()].into_iter().chain(tool).collect()
             }
-            Shape::Sag { axis, tool, .. } => {
+            Shape::Sag { axis, tool, lever, .. } => {
+                let tool = *tool && lever.is_none_or(|l| l.tool);
                 [axis.column()].into_iter().chain(tool.then(|| "tool_length_mm".to_owned())).collect()
             }
             Shape::SpindleTilt | Shape::ToolLength => vec!["tool_length_mm".to_owned()],
