@@ -3,6 +3,7 @@
 
 mod candidates;
 mod frame;
+mod lever;
 mod pages;
 mod parameters;
 mod polynomial;
@@ -14,9 +15,10 @@ use serde::{Deserialize, Serialize};
 
 pub use candidates::{Blind, Library, Variant};
 pub use frame::RotaryFrame;
+pub use lever::Lever;
 pub use pages::{PAGES, Page, page};
 pub(super) use polynomial::{legendre, twist};
-pub use shape::{Lever, REFERENCE_DEGC, STILL, Shape, WIDTH_MAX, line_of_sight};
+pub use shape::{REFERENCE_DEGC, STILL, Shape, WIDTH_MAX, line_of_sight};
 
 /// Who is to blame.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]

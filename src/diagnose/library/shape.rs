@@ -10,6 +10,7 @@ use serde::{Deserialize, Serialize};
 
 use super::super::moment::{Axis, Light, Moment, Signal};
 use super::frame::RotaryFrame;
+use super::lever::{Lever, ram, sag};
 use super::polynomial::{legendre, twist};
 use crate::core::geometry::{Mat3, Vec3, unit};
 use crate::core::units::{RAD_PER_ARCSEC, UM_PER_MM};
@@ -24,36 +25,6 @@ const CREEP_MM_PER_S: f64 = 0.1;
 const UM_PER_ARCSEC_MM: f64 = RAD_PER_ARCSEC * UM_PER_MM;
 /// Reference temperature of lengths, ISO 1.
 pub const REFERENCE_DEGC: f64 = 20.0;
-
-/// What lies between an angular error and the tool tip.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
-#[serde(rename_all = "kebab-case")]
-pub struct Lever {
-    /// The linear axes whose travel counts.
-    pub axes: [bool; 3],
-    /// Tool tip (or spindle nose, where the tool length is known) at home, mm.
-    pub home_mm: [f64; 3],
-    /// The tool length counts, too.
-    pub tool: bool,
-}
-
-impl Lever {
-    /// The vector to the tool tip as the head has turned it, mm.
-    #[must_use]
-    pub fn at(&self, m: &Moment) -> Vec3 {
-        let mut home = Vec3::from(self.home_mm);
-        if self.tool && m.tool_length_mm.is_finite() {
-            home.z -= m.tool_length_mm;
-        }
-        let mut r = m.head.carries(home);
-        for (i, counts) in self.axes.iter().enumerate() {
-            if *counts {
-                r[i] += m.position[i];
-            }
-        }
-        r
-    }
-}
 
 /// A formula with its non-linear parameters.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -598,29 +569,6 @@ pub fn line_of_sight(m: &Moment) -> Option<Vec3> {
     let line = m.reflector_mm - m.station_mm;
     let length = line.norm();
     (length > 0.0 && length.is_finite()).then(|| line / length)
-}
-
-fn sag(axis: Axis, start: f64, length: f64, arm: Option<Vec3>, m: &Moment, out: &mut [Vec3]) {
-    let s = m.position[axis.slot()] - start;
-    let cube = 2.0 * length.powi(3);
-    put(out, 0, Vec3::new(0.0, 0.0, -s * s * (3.0 * length - s) / cube));
-    if let Some(arm) = arm {
-        let slope = (6.0 * length * s - 3.0 * s * s) / cube;
-        let about = unit(axis.direction()).cross(&unit(2));
-        put(out, 1, about.cross(&arm) * slope);
-    }
-}
-
-/// A cantilever of length s: a weight at its end bends it by `s^3`, its own by `s^4`, a moment by `s^2`; `slopes` are those of its
-/// end as multiples of the drop per length: 3/2, 4/3 and 2.
-fn ram(axis: Axis, start: f64, reach: f64, lever: &Lever, slopes: [f64; 3], m: &Moment, out: &mut [Vec3]) {
-    let s = (m.position[axis.slot()] - start).max(0.0) / reach;
-    // turns what points along the axis down
-    let about = unit(axis.direction()).cross(&unit(2));
-    let arm = about.cross(&lever.at(m));
-    for (k, (power, slope)) in [3, 4, 2].into_iter().zip(slopes).enumerate().take(out.len()) {
-        put(out, k, unit(2) * -s.powi(power) - arm * (slope * s.powi(power - 1) / reach));
-    }
 }
 
 fn backlash(axis: Axis, along: &[Axis], length: f64, slope: bool, m: &Moment, out: &mut [Vec3]) {

@@ -7,7 +7,8 @@ mod rotary;
 
 use super::super::moment::{Axis, Moment, Signal};
 use super::super::session::{Session, is_encoder};
-use super::shape::{Lever, STILL, Shape};
+use super::lever::Lever;
+use super::shape::{STILL, Shape};
 use super::{Kind, Label, Without};
 
 /// One way in which an effect may show.

@@ -4,7 +4,8 @@ use std::collections::BTreeMap;
 
 use super::super::super::moment::Axis;
 use super::super::super::session::is_encoder;
-use super::super::shape::{Lever, STILL, Shape};
+use super::super::lever::Lever;
+use super::super::shape::{STILL, Shape};
 use super::super::{Kind, Label};
 use super::Builder;
 
