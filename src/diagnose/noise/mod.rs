@@ -10,6 +10,10 @@ mod range;
 mod space;
 mod tones;
 
+use std::collections::BTreeMap;
+
+use super::session::Session;
+
 pub use classes::{from_remainder, from_repeats, pair_residuals};
 pub use filter::{ClassNoise, Filter};
 pub use lattice::lattices;
@@ -21,6 +25,17 @@ pub use tones::{Tone, beside_repeats, tone};
 
 /// Factor between the median of absolute deviations and the standard deviation of a normal distribution.
 pub const MAD: f64 = 1.482_602_218_505_602;
+
+/// How many of some readings each pair has, and the first of them.
+fn repeats_of(session: &Session, rows: impl IntoIterator<Item = usize>) -> BTreeMap<usize, (usize, usize)> {
+    let mut repeats: BTreeMap<usize, (usize, usize)> = BTreeMap::new();
+    for i in rows {
+        if let Some(pair) = session.readings[i].pair {
+            repeats.entry(pair).or_insert((0, i)).0 += 1;
+        }
+    }
+    repeats
+}
 
 /// The median; NaN of nothing.
 #[must_use]

@@ -1,9 +1,7 @@
 //! Single wild readings, from repeats or from neighbours.
 
-use std::collections::BTreeMap;
-
 use super::super::session::Session;
-use super::{MAD, median};
+use super::{MAD, median, repeats_of};
 
 /// Robust standard deviations beyond which a reading is an outlier.
 const LIMIT: f64 = 5.5;
@@ -125,15 +123,10 @@ pub struct Tails {
 pub fn tails(session: &Session, gap: &[f64]) -> Vec<Tails> {
     let mut classes = by_class(session, gap, &vec![true; gap.len()]);
     // two repeats lie equally far apart: one of them counts
-    let mut members: BTreeMap<usize, (usize, usize)> = BTreeMap::new();
-    for (i, r) in session.readings.iter().enumerate() {
-        if let Some(pair) = r.pair {
-            members.entry(pair).or_insert((i, 0)).1 += 1;
-        }
-    }
+    let repeats = repeats_of(session, 0..session.readings.len());
     let counts = |i: usize| {
-        let of = session.readings[i].pair.and_then(|p| members.get(&p));
-        of.is_none_or(|(first, n)| *n != 2 || *first == i)
+        let of = session.readings[i].pair.and_then(|p| repeats.get(&p));
+        of.is_none_or(|(n, first)| *n != 2 || *first == i)
     };
     classes.iter_mut().for_each(|c| c.retain(|(i, _)| counts(*i)));
     let all: Vec<(usize, f64)> = classes.concat();

@@ -124,13 +124,7 @@ fn restless(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]
         .filter(|i| is_encoder(&session.instruments[session.readings[**i].instrument]) && moves(**i))
         .map(|i| session.readings[*i].run)
         .collect();
-    // how many there are, and the first of them
-    let mut repeats: BTreeMap<usize, (usize, usize)> = BTreeMap::new();
-    for i in order {
-        if let Some(p) = session.readings[*i].pair {
-            repeats.entry(p).or_insert((0, *i)).0 += 1;
-        }
-    }
+    let repeats = super::repeats_of(session, order.iter().copied());
     let tells = |i: usize| {
         let of = session.readings[i].pair.and_then(|p| repeats.get(&p));
         of.is_some_and(|(n, first)| *n > 2 || *n == 2 && *first == i)

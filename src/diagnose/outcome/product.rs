@@ -83,9 +83,7 @@ impl Fit {
         let growth = |axis: Axis| {
             let (middle, half) = a.problem.way(session, axis)?;
             let along = |i: &usize| part[*i] * (session.moments[*i].position[axis.slot()] - middle) / half;
-            let mut product: Vec<f64> = a.filter.order().iter().map(along).collect();
-            a.filter.apply(&mut product, 1);
-            Some((axis, self.share(&DVector::from_vec(product))))
+            Some((axis, self.share(&whitened(a, a.filter.order().iter().map(along).collect()))))
         };
         let axes = Axis::ALL.into_iter().filter(|axis| axis.is_linear() && Some(*axis) != over);
         axes.filter_map(growth).max_by(|a, b| a.1.total_cmp(&b.1))
@@ -106,16 +104,8 @@ impl Fit {
                 return 0.0;
             }
             let along = |i: &usize| part[*i] * (2.0 * degc(i) - low - high) / (high - low);
-            let mut product: Vec<f64> = a.filter.order().iter().map(along).collect();
-            if product.iter().any(|v| !v.is_finite()) {
-                return 0.0;
-            }
-            a.filter.apply(&mut product, 1);
-            let mut product = DVector::from_vec(product);
-            if let Some(variation) = a.problem.variation() {
-                variation.apply(&mut product);
-            }
-            self.share(&product)
+            let product: Vec<f64> = a.filter.order().iter().map(along).collect();
+            if product.iter().all(|v| v.is_finite()) { self.share(&whitened(a, product)) } else { 0.0 }
         };
         plain.map(growth).fold(0.0, f64::max)
     }
@@ -132,6 +122,16 @@ impl Fit {
         let std = (self.variance / size).sqrt();
         ((own.dot(&self.left) / size).abs() - SURE * std).max(0.0)
     }
+}
+
+/// A column whitened as those of the problem are: for drift and for what varies.
+fn whitened(a: &Analysis, mut column: Vec<f64>) -> DVector<f64> {
+    a.filter.apply(&mut column, 1);
+    let mut column = DVector::from_vec(column);
+    if let Some(variation) = a.problem.variation() {
+        variation.apply(&mut column);
+    }
+    column
 }
 
 #[cfg(test)]
