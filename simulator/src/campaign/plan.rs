@@ -65,6 +65,13 @@ pub enum Step {
 /// Speed of moves between readings, mm/s.
 const RAPID: f64 = 150.0;
 
+/// Whether the laser reads in flight, too.
+#[derive(Clone, Copy, PartialEq, Eq)]
+enum Flight {
+    Yes,
+    No,
+}
+
 struct Builder {
     steps: Vec<Step>,
     /// Share of the points of the full plan.
@@ -86,20 +93,20 @@ impl Plan {
             }
             Self::BallbarLaser => {
                 b.all_circles();
-                b.lines(1);
+                b.lines(1, Flight::No);
                 b.steps.extend([Step::Busy(true), Step::Wait(7200.0)]);
-                b.lines(41);
+                b.lines(41, Flight::No);
             }
             Self::Full | Self::Small => {
                 b.all_circles();
-                b.lines(1);
+                b.lines(1, Flight::Yes);
                 b.grid(30);
                 b.dynamics(50);
                 b.steps.push(Step::Busy(true));
                 b.warm_up(31);
                 b.table(32);
                 b.loads(34);
-                b.lines(41);
+                b.lines(41, Flight::No);
             }
         }
         b.steps
@@ -157,8 +164,9 @@ impl Builder {
         }
     }
 
-    /// Targets of each axis at rest and in unequal steps, both ways, twice; then once over at speed.
-    fn lines(&mut self, first_setup: i64) {
+    /// Targets of each axis at rest and in unequal steps, both ways, twice; in flight, too, where a second instrument is to
+    /// see moving axes: a delay of the control is the same to all of them, the clock of each is its own.
+    fn lines(&mut self, first_setup: i64, flight: Flight) {
         let n = self.count(33);
         for axis in 0..3 {
             self.steps.push(Step::Mount { instrument: "laser", setup: first_setup + axis as i64 });
@@ -187,6 +195,24 @@ impl Builder {
                     }
                 }
                 self.steps.push(Step::Wait(60.0));
+            }
+            if flight == Flight::Yes {
+                self.flights(axis, at(low), at(high));
+            }
+        }
+    }
+
+    /// The laser reads while its axis moves, both ways, twice.
+    fn flights(&mut self, axis: usize, low: [f64; 4], high: [f64; 4]) {
+        let n = self.count(16);
+        let pairs = self.pairs(2 * n);
+        for repeat in 1..=2 {
+            for (way, [from, to]) in [[low, high], [high, low]].into_iter().enumerate() {
+                self.steps.push(Step::Go(from, RAPID));
+                self.steps.push(Step::Run(repeat));
+                let first = pairs + (way * n) as i64;
+                self.steps.push(Step::Glide(to, 80.0, n, Look::Along(axis), first));
+                self.steps.push(Step::Wait(2.0));
             }
         }
     }

@@ -81,7 +81,7 @@ pub struct Taken {
 struct Skew {
     late_s: f64,
     rate: f64,
-    own: [(&'static str, f64); 2],
+    own: [(&'static str, f64); 3],
 }
 
 struct Runner {
@@ -118,7 +118,7 @@ pub fn take(
         let mut dice = Dice::new(truth.seed, "clock");
         let late = e.size_um * 1e-3 / 30.0;
         let rate = e.constant("rate", dice.between(-0.3, 0.3)) * late / 3600.0;
-        let own = ["ballbar", "dynamic"].map(|i| (i, dice.sign() * dice.between(0.5, 1.3)));
+        let own = ["ballbar", "dynamic", "laser"].map(|i| (i, dice.sign() * dice.between(0.5, 1.3)));
         Skew { late_s: late, rate, own }
     });
     let mut r = Runner {
