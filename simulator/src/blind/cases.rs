@@ -16,6 +16,10 @@ use crate::twin::Dice;
 pub const LEVELS: [f64; 4] = [0.5, 1.0, 2.0, 5.0];
 /// An effect that shows less than this per um of size is invisible to a plan.
 const INVISIBLE: f64 = 0.015;
+/// Rounds in which the size is found.
+const ROUNDS: usize = 3;
+/// Share of a level that counts as reached.
+const REACHED: f64 = 0.8;
 
 /// What a case asks.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
@@ -89,14 +93,33 @@ pub struct Draw {
     pub outside: usize,
 }
 
-/// Draws the cases; effects go round, so that all come up before one comes twice.
+/// The effects of the library that are drawn: those named (`name` or `name:subject`), or all where none is.
 ///
 /// # Errors
-/// An effect without physics.
-pub fn draw(draw: Draw, from: Origin, seed: u64) -> Result<Vec<Case>, GeneratorError> {
+/// A name that no effect has.
+pub fn pool(
+    generator: Generator,
+    only: &[String],
+) -> Result<Vec<(&'static str, &'static str)>, GeneratorError> {
+    let is =
+        |wanted: &String, (name, subject): &(&str, &str)| wanted == name || *wanted == label(name, subject);
+    let mut all = generator.pool(false);
+    if let Some(name) = only.iter().find(|o| !all.iter().any(|e| is(o, e))) {
+        return Err(GeneratorError::Unknown { name: name.clone(), generator });
+    }
+    all.retain(|e| only.is_empty() || only.iter().any(|o| is(o, e)));
+    Ok(all)
+}
+
+/// Draws the cases; effects go round, so that all come up before one comes twice. Those of the library come from
+/// [`pool`].
+///
+/// # Errors
+/// An effect without physics, or a name that no effect has.
+pub fn draw(draw: Draw, from: Origin, only: &[String], seed: u64) -> Result<Vec<Case>, GeneratorError> {
     let mut dice = Dice::new(seed, "cases");
-    let mut inside = Rounds::new(from.generator, false);
-    let mut beyond = Rounds::new(from.generator, true);
+    let mut inside = Rounds::new(pool(from.generator, only)?);
+    let mut beyond = Rounds::new(from.generator.pool(true));
     let mut cases = Vec::new();
     let kinds = [
         (Kind::Single, draw.singles),
@@ -132,8 +155,8 @@ struct Rounds {
 }
 
 impl Rounds {
-    fn new(generator: Generator, outside: bool) -> Self {
-        Self { all: generator.pool(outside), left: Vec::new() }
+    const fn new(all: Vec<(&'static str, &'static str)>) -> Self {
+        Self { all, left: Vec::new() }
     }
 
     fn next(&mut self, dice: &mut Dice) -> (&'static str, &'static str) {
@@ -159,11 +182,11 @@ fn case(
     let mut alone = Vec::new();
     for (name, subject) in wanted {
         let level = dice.one_of(&LEVELS);
-        let (truth, seen) = scaled(&empty, (name, subject), dice.sign(), from.plan, level, days[0])?;
-        visible &= seen;
+        let one = scaled(&empty, (name, subject), dice.sign(), from.plan, level, days[0])?;
+        visible &= one.visible;
         labels.push(label(name, subject));
-        levels.push(level);
-        alone.push(truth);
+        levels.push(one.level);
+        alone.push(one.truth);
     }
     let truth = empty.with_effects_of(&alone);
     Ok(Case { number, kind, labels, levels, visible, days, truth })
@@ -174,7 +197,19 @@ pub(super) fn label(name: &str, subject: &str) -> String {
     if subject.is_empty() { name.to_owned() } else { format!("{name}:{subject}") }
 }
 
-/// A machine with one effect of such a size that it shows at a level; false where the plan does not see it.
+/// A machine with one effect.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scaled {
+    /// The machine.
+    pub truth: Truth,
+    /// The level at which the effect shows.
+    pub level: f64,
+    /// False where the plan does not see it.
+    pub visible: bool,
+}
+
+/// A machine with one effect of such a size that it shows at a level, or at the highest one below that it can reach: a display
+/// that shows the same digit for everything hides no more than the noise.
 ///
 /// # Errors
 /// No physics for it.
@@ -185,12 +220,14 @@ pub fn scaled(
     plan: Plan,
     level: f64,
     day: u64,
-) -> Result<(Truth, bool), GeneratorError> {
+) -> Result<Scaled, GeneratorError> {
     let mut size_um = sign;
-    for round in 0..3 {
-        let shown = machine.only(name, subject, size_um).shown(plan, day)?;
+    let mut shown = 0.0;
+    for round in 0..ROUNDS {
+        shown = machine.only(name, subject, size_um).shown(plan, day)?;
         if round == 0 && shown < INVISIBLE {
-            return Ok((machine.only(name, subject, size_um * 3.0 * level), false));
+            let truth = machine.only(name, subject, size_um * 3.0 * level);
+            return Ok(Scaled { truth, level, visible: false });
         }
         let factor = level / shown.max(1e-9);
         if (factor - 1.0).abs() < 0.03 {
@@ -198,7 +235,11 @@ pub fn scaled(
         }
         size_um *= factor;
     }
-    Ok((machine.only(name, subject, size_um), true))
+    let lower = LEVELS.iter().rev().find(|l| **l < level);
+    match lower {
+        Some(lower) if shown < REACHED * level => scaled(machine, (name, subject), sign, plan, *lower, day),
+        _ => Ok(Scaled { truth: machine.only(name, subject, size_um), level, visible: true }),
+    }
 }
 
 /// What an instrument sees of the effects at one reading, in units of its noise.
@@ -245,15 +286,43 @@ pub fn many(from: Origin, seed: u64) -> Result<Vec<Case>, GeneratorError> {
     let mut cases: Vec<Case> = Vec::new();
     for (name, subject) in MANY {
         let sign = dice.sign();
-        let (truth, visible) = scaled(&empty.truth, (name, subject), sign, from.plan, 2.0, empty.days[0])?;
+        let one = scaled(&empty.truth, (name, subject), sign, from.plan, 2.0, empty.days[0])?;
         cases.push(Case {
             number: cases.len(),
             labels: vec![label(name, subject)],
-            levels: vec![2.0],
-            visible,
-            truth,
+            levels: vec![one.level],
+            visible: one.visible,
+            truth: one.truth,
             ..empty.clone()
         });
     }
     Ok(cases)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn only_the_effects_named_are_drawn() {
+        let of =
+            |only: &[&str]| pool(Generator::Twin, &only.iter().map(|o| (*o).to_owned()).collect::<Vec<_>>());
+        assert_eq!(of(&["wear"]).unwrap(), [("wear", "x"), ("wear", "y"), ("wear", "z")]);
+        assert_eq!(of(&["latency", "scale:y"]).unwrap(), [("scale", "y"), ("latency", "")]);
+        assert_eq!(of(&[]).unwrap(), Generator::Twin.pool(false));
+        let unknown = of(&["wear:q"]).unwrap_err().to_string();
+        assert!(unknown.contains("the twin has no effect 'wear:q'"), "{unknown}");
+    }
+
+    #[test]
+    fn a_display_is_never_so_coarse_that_it_shows_nothing() {
+        let mut dice = Dice::new(5, "machines");
+        let machine = Generator::Twin.machine(Mode::Plain, &mut dice);
+        let coarse = scaled(&machine, ("quantisation", ""), 1.0, Plan::Small, 5.0, 9).unwrap();
+        assert!(coarse.visible && coarse.level < 5.0, "{}", coarse.level);
+        let shown = coarse.truth.shown(Plan::Small, 9).unwrap();
+        assert!((0.8..1.3).contains(&(shown / coarse.level)), "{shown} instead of {}", coarse.level);
+        let scale = scaled(&machine, ("scale", "x"), 1.0, Plan::Small, 5.0, 9).unwrap();
+        assert_eq!(scale.level, 5.0);
+    }
 }

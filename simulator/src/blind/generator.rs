@@ -37,6 +37,14 @@ pub enum GeneratorError {
     /// The formulas say why.
     #[error(transparent)]
     Formulas(#[from] FormulaError),
+    /// No effect of that name.
+    #[error("the {generator} has no effect '{name}'; cncsim campaign --list-effects lists those of the twin")]
+    Unknown {
+        /// What was asked for.
+        name: String,
+        /// Of whom.
+        generator: Generator,
+    },
 }
 
 /// A machine as it really is.

@@ -8,7 +8,8 @@ use std::sync::{Mutex, PoisonError};
 use super::campaign::{save, write_all};
 use super::tool::Tool;
 use super::{EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure};
-use crate::blind::cases::many;
+use crate::blind::cases::{many, pool};
+use crate::blind::generator::GeneratorError;
 use crate::blind::judge::Report;
 use crate::blind::score::Of;
 use crate::blind::{Case, Draw, Generator, Judged, Kind, Mode, Origin, Score, Truth, judge};
@@ -23,6 +24,7 @@ use crate::campaign::Plan;
     cncsim blind --out removed --without-truth             the true effect taken out of the tool's library\n  \
     cncsim blind --out all-but-one --leave-one-out         the model is given all effects but one\n  \
     cncsim blind --out other --generator trunnion          another machine, plan, formulas and noise\n  \
+    cncsim blind --out some --effect wear --effect positioning --singles 24\n                                                         how sure a few names are\n  \
     cncsim blind --out plan --plan one-feed-ballbar        a plan that cannot see everything\n  \
     cncsim blind --out ablation --ablation                 proof that the tests can fail\n\n\
     Exit code 70 with --check where a bar is not reached."
@@ -43,6 +45,9 @@ pub(super) struct Args {
     /// Cases with one effect [default: each effect once].
     #[arg(long, value_name = "N")]
     singles: Option<usize>,
+    /// Draw cases with one effect from these only (name or name:subject); no pairs, may be repeated.
+    #[arg(long = "effect", value_name = "EFFECT", conflicts_with_all = ["leave_one_out", "ablation"])]
+    effects: Vec<String>,
     /// Cases with two effects.
     #[arg(long, value_name = "N", default_value_t = 30)]
     pairs: usize,
@@ -177,20 +182,25 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn draw(args: &Args, mode: Mode) -> Result<Vec<Case>, Failure> {
-    let failed = |e| Failure::new(EX_SOFTWARE, e);
+    let failed =
+        |e| Failure::new(if matches!(e, GeneratorError::Unknown { .. }) { EX_USAGE } else { EX_SOFTWARE }, e);
     let origin = Origin { generator: args.generator, plan: args.plan, mode };
     if args.leave_one_out {
         return many(origin, args.seed).map_err(failed);
     }
-    let singles = args.singles.unwrap_or_else(|| args.generator.pool(false).len());
+    let pool = pool(args.generator, &args.effects).map_err(failed)?;
+    let singles = args.singles.unwrap_or(pool.len());
     let counts = if args.without_truth {
         Draw { singles, pairs: 0, nulls: 0, outside: 0 }
     } else if args.ablation {
         Draw { singles: 0, pairs: 0, nulls: args.nulls, outside: args.outside }
-    } else {
+    } else if args.effects.is_empty() {
         Draw { singles, pairs: args.pairs, nulls: args.nulls, outside: args.outside }
+    } else {
+        // what is asked of some effects says nothing of the others
+        Draw { singles, pairs: 0, nulls: 0, outside: 0 }
     };
-    crate::blind::cases::draw(counts, origin, args.seed).map_err(failed)
+    crate::blind::cases::draw(counts, origin, &args.effects, args.seed).map_err(failed)
 }
 
 /// Runs something for all cases, several at a time; progress on stderr.
