@@ -107,12 +107,12 @@ pub fn diagnose(
 fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &str)) -> Analysis {
     tell(0.0, "noise from repeats");
     let gap = session.gap();
-    let outlying = noise::outliers(session, &gap);
+    let lattice_um = noise::lattices(session);
+    let outlying = noise::outliers(session, &gap, &lattice_um);
     let mut used = vec![true; gap.len()];
     for i in &outlying {
         used[*i] = false;
     }
-    let lattice_um = noise::lattices(session);
     let ablation = options.ablation;
     let steady = |mut classes: Vec<ClassNoise>| {
         if !ablation.has_drift() {

@@ -20,7 +20,7 @@ const ONE_AXIS_PROBABILITY: f64 = 0.3;
 /// Share of the readings left out that follow a jump from which they are no single ones.
 const IN_BLOCKS: f64 = 0.5;
 /// Rounding is a cause where its own scatter is at least this share of the noise.
-const ROUNDING: f64 = 0.5;
+const ROUNDING: f64 = 0.4;
 /// Least step that is called rounding, um, and its least share of the gap.
 const STEP: (f64, f64) = (0.02, 0.02);
 /// Largest chance of a line in the spectrum.
@@ -82,7 +82,7 @@ fn cause(effect: &'static str, probability: f64, parameters: &[(&str, f64, f64)]
 /// and no cause of their own.
 fn beyond_tails(e: &Evidence<'_>) -> bool {
     let (times, deviations, least) = BEYOND_TAILS;
-    tails(e.session, e.gap).iter().any(|t| {
+    tails(e.session, e.gap, e.lattice_um).iter().any(|t| {
         t.beyond >= least && t.beyond > (times * t.expected).max(t.expected + deviations * t.expected.sqrt())
     })
 }

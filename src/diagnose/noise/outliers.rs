@@ -10,13 +10,14 @@ const NEIGHBOURS: usize = 4;
 /// Rounds of search.
 const ROUNDS: usize = 3;
 
-/// Readings that lie apart from their partners in other repeats, beyond the slow drift between repeats.
+/// Readings that lie apart from their partners in other repeats, beyond the slow drift between repeats. `lattice_um` is the
+/// rounding of each class: what lies a step apart is rounded, not wild.
 #[must_use]
-pub fn outliers(session: &Session, gap: &[f64]) -> Vec<usize> {
+pub fn outliers(session: &Session, gap: &[f64], lattice_um: &[f64]) -> Vec<usize> {
     let mut used = vec![true; gap.len()];
     let mut found = Vec::new();
     for _ in 0..ROUNDS {
-        let new = round(session, gap, &used);
+        let new = round(session, gap, lattice_um, &used);
         if new.is_empty() {
             break;
         }
@@ -48,8 +49,10 @@ fn from_partners(session: &Session, gap: &[f64], used: &[bool]) -> Vec<f64> {
     out
 }
 
-fn round(session: &Session, gap: &[f64], used: &[bool]) -> Vec<usize> {
-    let mut found: Vec<usize> = standardised(session, gap, used)
+fn round(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -> Vec<usize> {
+    let mut found: Vec<usize> = by_class(session, gap, lattice_um, used)
+        .into_iter()
+        .flatten()
         .into_iter()
         .filter(|(_, d)| d.abs() > LIMIT)
         .map(|(i, _)| i)
@@ -59,13 +62,8 @@ fn round(session: &Session, gap: &[f64], used: &[bool]) -> Vec<usize> {
     found
 }
 
-/// How far readings lie from their partners beyond the slow part, in robust standard deviations of their class.
-fn standardised(session: &Session, gap: &[f64], used: &[bool]) -> Vec<(usize, f64)> {
-    by_class(session, gap, used).into_iter().flatten().collect()
-}
-
-/// The same, class by class.
-fn by_class(session: &Session, gap: &[f64], used: &[bool]) -> Vec<Vec<(usize, f64)>> {
+/// How far readings lie from their partners beyond the slow part, in robust standard deviations of their class, class by class.
+fn by_class(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -> Vec<Vec<(usize, f64)>> {
     let apart = from_partners(session, gap, used);
     let of = |class: usize| {
         let rows: Vec<usize> = (0..gap.len())
@@ -77,7 +75,7 @@ fn by_class(session: &Session, gap: &[f64], used: &[bool]) -> Vec<Vec<(usize, f6
         let detrended: Vec<f64> =
             (0..rows.len()).map(|k| apart[rows[k]] - slow(session, &apart, &rows, k)).collect();
         let mut sizes: Vec<f64> = detrended.iter().map(|v| v.abs()).collect();
-        let sigma = MAD * median(&mut sizes);
+        let sigma = (MAD * median(&mut sizes)).max(lattice_um[class] / 6f64.sqrt());
         if sigma > 0.0 {
             rows.into_iter().zip(detrended.iter().map(|d| d / sigma)).collect()
         } else {
@@ -120,8 +118,8 @@ pub struct Tails {
 /// The tails of what differs between repeats: of all readings together, then of each class: wild readings of the same size
 /// stand far out of the noise of one instrument and in the shoulders of another's.
 #[must_use]
-pub fn tails(session: &Session, gap: &[f64]) -> Vec<Tails> {
-    let mut classes = by_class(session, gap, &vec![true; gap.len()]);
+pub fn tails(session: &Session, gap: &[f64], lattice_um: &[f64]) -> Vec<Tails> {
+    let mut classes = by_class(session, gap, lattice_um, &vec![true; gap.len()]);
     // two repeats lie equally far apart: one of them counts
     let repeats = repeats_of(session, 0..session.readings.len());
     let counts = |i: usize| {
