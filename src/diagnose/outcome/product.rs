@@ -13,6 +13,8 @@ use super::super::session::Session;
 const SURE: f64 = 2.0;
 /// Least range of a temperature that says anything, K.
 const WARMER_K: f64 = 2.0;
+/// Share of the mean square of an effect from which it acts at a reading.
+const ACTS_SHARE: f64 = 0.05;
 /// Added to the products of columns, as a share of their size.
 const RIDGE: f64 = 1e-9;
 
@@ -96,9 +98,12 @@ impl Fit {
             matches!(s.source, Source::Temperature(_))
                 && session.signals.iter().all(|o| o.source != s.source || o.tau_s >= s.tau_s)
         });
+        // a test that took minutes says nothing of what a day's warmth would do
+        let mean_square = part.iter().map(|p| p * p).sum::<f64>() / part.len().max(1) as f64;
+        let acts = |i: &&usize| part[**i] * part[**i] > ACTS_SHARE * mean_square;
         let growth = |(at, _): (usize, &Signal)| {
             let degc = |i: &usize| session.moments[*i].signals[at];
-            let seen = a.filter.order().iter().map(degc);
+            let seen = a.filter.order().iter().filter(acts).map(degc);
             let [low, high] = seen.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], t| [l.min(t), h.max(t)]);
             if !(high - low).is_finite() || high - low < WARMER_K {
                 return 0.0;
