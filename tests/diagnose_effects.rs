@@ -196,6 +196,41 @@ fn a_curve_that_comes_with_the_warmth_is_no_positioning_error() {
 }
 
 #[test]
+fn a_worn_place_ends_and_a_wide_hill_is_a_table_of_positions() {
+    let campaign = Campaign::full();
+    let worn = |s: &State| {
+        let way = (s.p[0] - 190.0) / 55.0;
+        [14.0 * (1.0 - way * way).max(0.0).powi(2), 0.0, 0.0]
+    };
+    let hill = |s: &State| {
+        let way: f64 = (s.p[0] - 230.0) / 210.0;
+        [7.0 * (1.0 - way * way).max(0.0).powi(2), 0.0, 0.0]
+    };
+    let d = run(&campaign, &worn, NOISE, &[]);
+    assert_eq!(declared(&d.report), ["wear:x"], "{}", table(&d.report));
+    let d = run(&campaign, &hill, NOISE, &[]);
+    assert_eq!(declared(&d.report), ["positioning:x"], "{}", table(&d.report));
+}
+
+#[test]
+fn a_test_of_minutes_says_nothing_of_the_warmth_of_a_day() {
+    let campaign = Campaign::full();
+    let rtest = |s: &&State| s.instrument == "rtest";
+    let [from, to] = campaign
+        .states
+        .iter()
+        .filter(rtest)
+        .fold([f64::INFINITY, 0.0], |[l, h]: [f64; 2], s| [l.min(s.t), h.max(s.t)]);
+    // a little larger at its end than at its beginning, as nothing is quite the same twice
+    let lifts = |s: &State| {
+        let more = if s.instrument == "rtest" { 0.06 * (s.t - from) / (to - from) } else { 0.0 };
+        [0.0, 0.0, 9.0 * (2.0 * s.c).sin() * (1.0 + more)]
+    };
+    let d = run(&campaign, &lifts, NOISE, &[]);
+    assert_eq!(declared(&d.report), ["rotary-motion:c"], "{}", table(&d.report));
+}
+
+#[test]
 fn an_effect_that_is_taken_out_is_not_pinned_on_an_innocent_one() {
     let campaign = Campaign::full();
     let lagged = Lagged::of_the_campaign();

@@ -192,7 +192,9 @@ impl Entry {
             }
             Shape::Cyclic { pitch_mm, .. } => *pitch_mm > 0.0,
             Shape::Spike { rise_s, fall_s, .. } => *rise_s > 0.0 && *fall_s > 0.0,
-            Shape::Wear { width_mm, power, .. } => *width_mm > 0.0 && *power > 0.0,
+            Shape::Wear { width_mm, power, order, .. } => {
+                *width_mm > 0.0 && *power > 0.0 && order.is_none_or(|o| o > 0.0)
+            }
             Shape::Sag { length_mm, .. } => *length_mm > 0.0,
             Shape::Ram { reach_mm, .. } => *reach_mm > 0.0,
             _ => true,

@@ -71,7 +71,7 @@ const CALIBRATION: Calibration = Calibration {
     grows_most: 1.5,
     size: 1.55,
     size_range: [-2.0, 0.3],
-    varies: 7.0,
+    varies: 12.0,
     varies_range: [0.15, 1.0],
     company: 2.3,
     company_most: 3.0,

@@ -24,6 +24,8 @@ pub(super) fn find_causes(
     }
     if !selection.is_plain {
         refine_worn(problem, session, filter, library, selection);
+        search::one_worn_place(problem, session, filter, library, selection);
+        search::one_delay(problem, library, selection);
         selection.single_out(problem, library);
     }
     for place in 0..selection.chosen.len() {

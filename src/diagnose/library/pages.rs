@@ -328,7 +328,7 @@ pub const PAGES: &[Page] = &[
         kind: Kind::Machine,
         subject: "axis",
         cause: "A worn place of guide or screw.",
-        formula: "d_a = h exp(-|(x - c)/w|^p/2), p = 2 for a bell, more for a flat bottom",
+        formula: "d_a = h (1 - |(x - c)/w|^p/(2 n))^n; p = 2 for a bell, more for a flat bottom; n: how it ends",
         looks_like: "A local hill or hollow at one place of an axis.",
         confused_with: "a positioning table (same correction, another name)",
         settles: "A fine line over the place.",

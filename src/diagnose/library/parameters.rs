@@ -148,10 +148,12 @@ impl Shape {
             Self::Sag { length_mm, start_mm, .. } => {
                 vec![("length_mm".to_owned(), *length_mm), ("start_mm".to_owned(), *start_mm)]
             }
-            Self::Wear { centre_mm, width_mm, power, .. } => {
-                [("centre_mm", centre_mm), ("width_mm", width_mm), ("exponent_1", power)]
-                    .map(|(name, v)| (name.to_owned(), *v))
-                    .into()
+            Self::Wear { centre_mm, width_mm, power, order, .. } => {
+                [("centre_mm", Some(centre_mm)), ("width_mm", Some(width_mm)), ("exponent_1", Some(power))]
+                    .into_iter()
+                    .chain([("order_1", order.as_ref())])
+                    .filter_map(|(name, v)| Some((name.to_owned(), *v?)))
+                    .collect()
             }
             Self::Load { power, .. } => one("exponent_1", *power),
             Self::Step { after_s, .. } => one("after_s", *after_s),

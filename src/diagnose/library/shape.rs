@@ -140,7 +140,8 @@ pub enum Shape {
     RotaryBacklash { frame: RotaryFrame },
     /// `d_along = c sign(F) |F|^power` of one axis.
     Load { axis: Axis, along: Axis, power: f64 },
-    /// A worn place: `d_a = h exp(-((x - centre)/width)^2/2)`.
+    /// A worn place: `d_a = h (1 - |(x - centre)/width|^power / (2 order))^order` where that is above zero, or
+    /// `h exp(-|(x - centre)/width|^power / 2)`, its limit, without an order.
     Wear {
         axis: Axis,
         centre_mm: f64,
@@ -148,6 +149,9 @@ pub enum Shape {
         /// 2 is a bell, more has a flat bottom.
         #[serde(default = "bell", skip_serializing_if = "is_bell")]
         power: f64,
+        /// A place with an end: the lower, the sharper it ends.
+        #[serde(default, skip_serializing_if = "Option::is_none")]
+        order: Option<f64>,
     },
     /// A constant shift of everything after a time, until the end of the file.
     Step { file: usize, after_s: f64 },
@@ -267,9 +271,11 @@ impl Shape {
                 let slopes = if *beam { [3.0, 4.0, 2.0] } else { [1.5, 4.0 / 3.0, 2.0] };
                 ram(*axis, *start_mm, *reach_mm, lever, slopes, m, &mut out[..2 + usize::from(*moment)]);
             }
-            Self::Wear { axis, centre_mm, width_mm, power } => {
-                let s = (m.position[axis.slot()] - centre_mm) / width_mm;
-                put(out, 0, unit(axis.direction()) * (-0.5 * s.abs().powf(*power)).exp());
+            Self::Wear { axis, centre_mm, width_mm, power, order } => {
+                let s = ((m.position[axis.slot()] - centre_mm) / width_mm).abs().powf(*power);
+                let depth = order
+                    .map_or_else(|| (-0.5 * s).exp(), |order| (1.0 - 0.5 * s / order).max(0.0).powf(order));
+                put(out, 0, unit(axis.direction()) * depth);
             }
             Self::SpindleTilt => {
                 let l = m.tool_length_mm * UM_PER_ARCSEC_MM;

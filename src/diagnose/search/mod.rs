@@ -1,6 +1,7 @@
 //! The search for causes in the whitened problem.
 
 mod gates;
+mod instead;
 mod lines;
 mod pieces;
 mod problem;
@@ -15,8 +16,9 @@ mod variation;
 pub use gates::{
     ABSENT, AGAINST, FOLD_RIDGE, FOLDS, Gates, HELD_OUT, INVARIANCE, PLACE, RIVAL, RUN_T, fold_of, gates,
 };
+pub use instead::{challenge, one_delay, one_tilt, one_worn_place};
 pub use problem::{Given, Problem, raw_columns};
-pub use refine::{challenge, one_tilt, refine};
+pub use refine::refine;
 pub use screw::find_pitches;
 pub use select::{CURVES, Found, Selection, evidence, threshold};
 pub use variation::Variation;

@@ -5,14 +5,13 @@ use super::super::moment::Axis;
 use super::super::noise::Filter;
 use super::super::session::Session;
 use super::problem::Problem;
-use super::select::{SWAP_GAIN, Selection, evidence};
 use super::small::Factor;
 
 /// First and last relative step.
-const STEPS: [f64; 5] = [0.25, 0.12, 0.05, 0.02, 0.008];
+pub(super) const STEPS: [f64; 5] = [0.25, 0.12, 0.05, 0.02, 0.008];
 
 /// Copies of a shape whose non-linear parameters are a little larger or smaller.
-fn neighbours(shape: &Shape, step: f64) -> Vec<Shape> {
+pub(super) fn neighbours(shape: &Shape, step: f64) -> Vec<Shape> {
     let mut all = Vec::new();
     let up = 1.0 + step;
     let mut with = |change: &dyn Fn(&mut Shape, f64)| {
@@ -70,6 +69,12 @@ fn neighbours(shape: &Shape, step: f64) -> Vec<Shape> {
                     *power *= f;
                 }
             });
+            with(&|s, f| {
+                if let Shape::Wear { order, .. } = s {
+                    // a bell has no end; from here on one is looked for
+                    *order = Some(order.map_or(WEAR_ORDERS[1], |order| order * f * f));
+                }
+            });
         }
         Shape::InertialTilt { about, .. } => {
             for slot in (0..3).filter(|k| about.iter().any(|b| b.direction() != *k)) {
@@ -97,6 +102,8 @@ const SPIKE_MAX_S: f64 = 0.8;
 const RISE_SHARE: f64 = 0.6;
 /// How flat the bottom of a worn place may be: from a dent to a trough.
 const WEAR_POWERS: [f64; 2] = [1.5, 6.0];
+/// How sharply it may end: from a step at its rim to nearly a bell.
+const WEAR_ORDERS: [f64; 2] = [0.5, 8.0];
 /// Longest transition of lost motion, mm.
 const TRANSITION_MAX_MM: f64 = 15.0;
 
@@ -105,7 +112,10 @@ fn is_itself(shape: &Shape) -> bool {
     match shape {
         Shape::Spike { rise_s, fall_s, .. } => *fall_s <= SPIKE_MAX_S && *rise_s <= RISE_SHARE * *fall_s,
         Shape::Backlash { length_mm, .. } => *length_mm <= TRANSITION_MAX_MM,
-        Shape::Wear { power, .. } => (WEAR_POWERS[0]..=WEAR_POWERS[1]).contains(power),
+        Shape::Wear { power, order, .. } => {
+            let is_within = |range: [f64; 2], v: &f64| (range[0]..=range[1]).contains(v);
+            is_within(WEAR_POWERS, power) && order.as_ref().is_none_or(|o| is_within(WEAR_ORDERS, o))
+        }
         _ => true,
     }
 }
@@ -139,8 +149,8 @@ pub fn refine(
     }
 }
 
-/// Width of a worn place as a share of the travel: wider it is a table, narrower a wave.
-const WIDTH_RANGE: [f64; 2] = [0.022, 0.16];
+/// Half the width of a worn place at half its depth, as a share of the travel: wider it is a table, narrower a wave.
+const WIDTH_RANGE: [f64; 2] = [0.026, 0.142];
 
 /// Longest beam, as a multiple of the travel: a longer one is a parabola under another name.
 const BEAM_MAX: f64 = 3.0;
@@ -160,9 +170,11 @@ fn is_local(session: &Session, shape: &Shape) -> bool {
     let (Shape::Wear { axis, .. } | Shape::Sag { axis, .. }) = shape else { return true };
     let [low, high] = span(axis);
     match shape {
-        Shape::Wear { centre_mm, width_mm, .. } => {
+        Shape::Wear { centre_mm, width_mm, power, order, .. } => {
+            let depth = order.map_or(std::f64::consts::LN_2, |n| n * (1.0 - 0.5f64.powf(1.0 / n)));
+            let half_mm = width_mm * (2.0 * depth).powf(1.0 / power);
             (low..=high).contains(centre_mm)
-                && (WIDTH_RANGE[0]..=WIDTH_RANGE[1]).contains(&(width_mm / (high - low)))
+                && (WIDTH_RANGE[0]..=WIDTH_RANGE[1]).contains(&(half_mm / (high - low)))
         }
         Shape::Sag { length_mm, .. } => *length_mm <= BEAM_MAX * (high - low),
         _ => true,
@@ -170,7 +182,7 @@ fn is_local(session: &Session, shape: &Shape) -> bool {
 }
 
 /// Whitened columns of some variants.
-fn columns(problem: &mut Problem, variants: &[usize]) -> Vec<Vec<f64>> {
+pub(super) fn columns(problem: &mut Problem, variants: &[usize]) -> Vec<Vec<f64>> {
     for v in variants {
         problem.prepare(*v);
     }
@@ -179,7 +191,7 @@ fn columns(problem: &mut Problem, variants: &[usize]) -> Vec<Vec<f64>> {
 }
 
 /// The best values near those of a shape, and the drop of the sum of squares by it together with `base`.
-fn improve(
+pub(super) fn improve(
     problem: &Problem,
     session: &Session,
     filter: &Filter,
@@ -202,116 +214,6 @@ fn improve(
         }
     }
     (best, shape)
-}
-
-/// Rivals that come this near are worth a search between the values of their grid.
-const NEAR: f64 = 0.8;
-/// Most rivals searched.
-const RIVALS: usize = 4;
-
-/// Gives the place to another effect whose non-linear parameters, once found between the values of the grid, explain more:
-/// a coarse grid must not decide between names.
-pub fn challenge(
-    problem: &mut Problem,
-    session: &Session,
-    filter: &Filter,
-    library: &mut Library,
-    selection: &mut Selection,
-    place: usize,
-) {
-    let own = selection.chosen[place];
-    let others: Vec<usize> =
-        selection.chosen.iter().enumerate().filter(|(i, _)| *i != place).map(|(_, v)| *v).collect();
-    let base = columns(problem, &others);
-    let given = problem.given(&others);
-    let (gain, rank) = problem.gain(&given, own);
-    let own_label = library.variants[own].label;
-    let now = evidence(gain, rank, selection.grid[own_label]);
-    let mut not: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
-    not.push(own_label);
-    let rivals: Vec<usize> = selection
-        .ranking(problem, library, &given, &not)
-        .into_iter()
-        .filter(|f| {
-            let shape = &library.variants[f.variant].shape;
-            // about a point that nobody knows a structure tilts like anything
-            let is_tilt = matches!(shape, Shape::InertialTilt { .. });
-            f.gain > NEAR * gain && !is_tilt && !neighbours(shape, STEPS[0]).is_empty()
-        })
-        .take(RIVALS)
-        .map(|f| f.variant)
-        .collect();
-    let y: Vec<f64> = problem.y.iter().copied().collect();
-    let ground = joint_gain(&base, &[], &y);
-    let best = rivals
-        .into_iter()
-        .map(|v| {
-            let (joint, shape) =
-                improve(problem, session, filter, &base, &y, library.variants[v].shape.clone());
-            let label = library.variants[v].label;
-            (evidence(joint - ground, shape.width(), selection.grid[label]), v, shape)
-        })
-        .max_by(|a, b| a.0.total_cmp(&b.0));
-    if let Some((e, v, shape)) = best
-        && e > now + SWAP_GAIN
-    {
-        problem.replace(session, filter, v, &shape);
-        library.variants[v].shape = shape;
-        selection.chosen[place] = v;
-    }
-}
-
-/// Share of the evidence of a tilt and a compliance of the same axis with which the tilt alone, about another point, is
-/// believed rather.
-const RATHER: f64 = 0.95;
-
-/// A structure that tilts about a point other than the one first thought of seems to give way in the direction of its axis, too:
-/// one tilt in the place of both, where it says nearly as much.
-pub fn one_tilt(
-    problem: &mut Problem,
-    session: &Session,
-    filter: &Filter,
-    library: &mut Library,
-    selection: &mut Selection,
-) {
-    let axis_of = |library: &Library, v: usize| match &library.variants[v].shape {
-        Shape::InertialTilt { axis, .. } => Some((true, *axis)),
-        Shape::Inertial { axis, along, .. } if axis == along => Some((false, *axis)),
-        _ => None,
-    };
-    let find = |library: &Library, chosen: &[usize], wanted| {
-        chosen.iter().position(|v| axis_of(library, *v) == Some(wanted))
-    };
-    for axis in Axis::LINEAR {
-        let chosen = selection.chosen.clone();
-        let (Some(tilt), Some(compliance)) =
-            (find(library, &chosen, (true, axis)), find(library, &chosen, (false, axis)))
-        else {
-            continue;
-        };
-        let evidence_of = |gain: f64, v: usize, library: &Library| {
-            let variant = &library.variants[v];
-            evidence(gain, variant.shape.width(), selection.grid[variant.label])
-        };
-        let others: Vec<usize> =
-            chosen.iter().copied().filter(|v| ![chosen[tilt], chosen[compliance]].contains(v)).collect();
-        let base = columns(problem, &others);
-        let y: Vec<f64> = problem.y.iter().copied().collect();
-        let ground = joint_gain(&base, &[], &y);
-        let own = columns(problem, &[chosen[tilt]]);
-        let with_both = columns(problem, &[chosen[tilt], chosen[compliance]]);
-        let first = joint_gain(&base, &own, &y) - ground;
-        let second = joint_gain(&base, &with_both, &y) - ground - first;
-        let both =
-            evidence_of(first, chosen[tilt], library) + evidence_of(second, chosen[compliance], library);
-        let (joint, shape) =
-            improve(problem, session, filter, &base, &y, library.variants[chosen[tilt]].shape.clone());
-        if evidence_of(joint - ground, chosen[tilt], library) > RATHER * both {
-            problem.replace(session, filter, chosen[tilt], &shape);
-            library.variants[chosen[tilt]].shape = shape;
-            selection.chosen.remove(compliance);
-        }
-    }
 }
 
 /// A lag is a delay (its second term is half its square) or a filter (its square), or neither; a free second term would
@@ -357,7 +259,7 @@ fn tie(
 }
 
 /// Drop of the sum of squares by all columns together.
-fn joint_gain(base: &[Vec<f64>], more: &[Vec<f64>], y: &[f64]) -> f64 {
+pub(super) fn joint_gain(base: &[Vec<f64>], more: &[Vec<f64>], y: &[f64]) -> f64 {
     let all: Vec<&Vec<f64>> = base.iter().chain(more).collect();
     let n = all.len();
     let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();

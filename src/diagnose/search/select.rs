@@ -38,6 +38,8 @@ pub const CURVES: [&str; 2] = ["positioning", "wear"];
 /// nothing is straight to the last share.
 const STRAIGHT: &str = "scale";
 const CURVE_SHARE: f64 = 0.1;
+/// Share of what a worn place says that a table may say beside it: more, and it was no worn place.
+const WORN_SHARE: f64 = 0.05;
 /// Names of what happens at a reversal of an axis, and the share of the larger that the smaller must have: how lost motion
 /// builds up and friction breaks loose is known no better.
 const REVERSALS: [&str; 2] = ["backlash", "reversal-spike"];
@@ -320,8 +322,7 @@ impl Selection {
     pub fn single_out(&mut self, problem: &mut Problem, library: &Library) {
         while let Some((stays, goes)) = self.doubled(problem, library) {
             let label = library.variants[self.chosen[goes]].label;
-            let variants = library.variants.iter().enumerate().filter(|(_, v)| v.label == label);
-            self.banned.extend(variants.map(|(v, _)| v));
+            self.ban(library, label);
             let kept = library.variants[self.chosen[stays]].label;
             if [kept, label].iter().all(|l| CURVES.contains(&library.labels[*l].effect)) {
                 self.one_curve.push((kept, label));
@@ -332,6 +333,12 @@ impl Selection {
             self.chosen.remove(goes);
             self.search(problem, library);
         }
+    }
+
+    /// Looks for an effect no more.
+    pub(super) fn ban(&mut self, library: &Library, label: usize) {
+        let variants = library.variants.iter().enumerate().filter(|(_, v)| v.label == label);
+        self.banned.extend(variants.map(|(v, _)| v));
     }
 
     /// The best variant of the effect of `own` beside what is given.
@@ -353,7 +360,7 @@ impl Selection {
         let alone = problem.gain(&given, self.chosen[worn]).0;
         let given = Self::given(problem, &self.without(&[table]));
         let more = problem.gain(&given, self.chosen[table]).0;
-        if more < CURVE_SHARE * alone { (worn, table) } else { (table, worn) }
+        if more < WORN_SHARE * alone { (worn, table) } else { (table, worn) }
     }
 
     /// Two names for one thing: the place that stays and the place that goes.
@@ -385,7 +392,8 @@ impl Selection {
         None
     }
 
-    /// Takes out what no body can do, and searches on without it: a ram whose two weights pull against each other.
+    /// Takes out what no body can do, and searches on without it: a ram whose two weights pull
+    /// against each other, a beam that turns its end and does not drop.
     pub fn expel(&mut self, problem: &mut Problem, library: &Library) {
         while let Some(place) = self.impossible(problem, library) {
             self.banned.push(self.chosen.remove(place));
@@ -403,10 +411,13 @@ impl Selection {
             let (at, _) = problem.span[variant];
             let Some(j) = given.columns.iter().position(|c| *c == at) else { return false };
             let is_sure = |k: usize| beta[k].abs() > IMPOSSIBLE_T * covariance[k * n + k].max(0.0).sqrt();
-            matches!(library.variants[variant].shape, Shape::Ram { moment: false, .. })
-                && beta[j] * beta[j + 1] < 0.0
-                && is_sure(j)
-                && is_sure(j + 1)
+            match library.variants[variant].shape {
+                Shape::Ram { moment: false, .. } => {
+                    beta[j] * beta[j + 1] < 0.0 && is_sure(j) && is_sure(j + 1)
+                }
+                Shape::Sag { tool: true, .. } => is_sure(j + 1) && !is_sure(j),
+                _ => false,
+            }
         })
     }
 

@@ -18,7 +18,7 @@ fn library() -> (Library, Vec<Vec<DVector<f64>>>) {
     let label = |effect| Label { effect, subject: "x".to_owned() };
     let shapes = [
         Shape::Polynomial { along: axis, over: axis, low: 2, high: 4, centre_mm: 0.0, half_mm: 1.0 },
-        Shape::Wear { axis, centre_mm: 0.3, width_mm: 0.1, power: 2.0 },
+        Shape::Wear { axis, centre_mm: 0.3, width_mm: 0.1, power: 2.0, order: None },
         Shape::Scale { axis },
     ];
     let variants = shapes.into_iter().enumerate().map(|(label, shape)| Variant { label, shape }).collect();
@@ -152,4 +152,61 @@ fn a_line_is_looked_at_before_a_curve_or_an_angle_that_says_hardly_more() {
     // with all of its lever an angle stays one
     let angle = DVector::from_fn(N, |i, _| wave(|x| 60.0 * x)[i] * [1.4, 0.6][i % 2]);
     assert_eq!(first(lines(), angle), ("angular", false));
+}
+
+/// What two shapes with these columns leave chosen, from the first on.
+fn kept(
+    shapes: Vec<(&'static str, Shape)>,
+    columns: Vec<Vec<DVector<f64>>>,
+    y: DVector<f64>,
+    act: fn(&mut Selection, &mut Problem, &Library),
+) -> Vec<&'static str> {
+    let names: Vec<&'static str> = shapes.iter().map(|(name, _)| *name).collect();
+    let library = Library {
+        labels: names.iter().map(|effect| Label { effect, subject: String::new() }).collect(),
+        kinds: vec![Kind::Machine; shapes.len()],
+        variants: shapes
+            .into_iter()
+            .enumerate()
+            .map(|(label, (_, shape))| Variant { label, shape })
+            .collect(),
+        ..Library::default()
+    };
+    let grid = vec![1; names.len()];
+    let mut selection = Selection { chosen: vec![0], threshold: 10.0, grid, ..Selection::default() };
+    let mut problem = Problem::made_up(&columns, y);
+    act(&mut selection, &mut problem, &library);
+    selection.chosen.iter().map(|v| names[*v]).collect()
+}
+
+#[test]
+fn clocks_that_are_equally_late_are_one_delay() {
+    let clocks =
+        Shape::ClockSkew { files: vec![0, 1], start_s: vec![0.0; 2], span_s: vec![1.0; 2], drift: false };
+    let delay = Shape::Lag { axes: Axis::LINEAR.into(), tie_ms: 0.0 };
+    let half =
+        |first: bool| DVector::from_fn(N, |i, _| if (i < N / 2) == first { wave(|x| x)[i] } else { 0.0 });
+    let said = |second: f64| {
+        let noise = DVector::from_fn(N, |i, _| 1.4 * (1.3 * (i * i) as f64).sin());
+        let y = half(true) * 40.0 + half(false) * second + noise;
+        let shapes = vec![("clock-skew", clocks.clone()), ("latency", delay.clone())];
+        let columns = vec![vec![half(true), half(false)], vec![wave(|x| x)]];
+        kept(shapes, columns, y, |s, p, l| super::one_delay(p, l, s))
+    };
+    assert_eq!(said(41.0), ["latency"]);
+    assert_eq!(said(30.0), ["clock-skew"]);
+    assert_eq!(said(-40.0), ["clock-skew"]);
+}
+
+#[test]
+fn a_beam_that_turns_its_end_and_does_not_drop_is_no_beam() {
+    let beam = Shape::Sag { axis: Axis::Y, start_mm: 0.0, length_mm: 500.0, tool: true, lever: None };
+    let said = |drop: f64| {
+        let noise = DVector::from_fn(N, |i, _| 1.4 * (1.3 * (i * i) as f64).sin());
+        let y = wave(|x| x * x) * drop + wave(|x| x) * 30.0 + noise;
+        let columns = vec![vec![wave(|x| x * x), wave(|x| x)]];
+        kept(vec![("sag", beam.clone())], columns, y, |s, p, l| s.expel(p, l))
+    };
+    assert_eq!(said(20.0), ["sag"]);
+    assert!(said(0.0).is_empty());
 }

@@ -267,7 +267,13 @@ impl Builder<'_> {
             let count = (1.7 / width).round() as usize;
             for k in 0..=count {
                 let centre_mm = low + span * (0.08 + 0.84 * k as f64 / count as f64);
-                shapes.push(Shape::Wear { axis, centre_mm, width_mm: width * span, power: BELL });
+                shapes.push(Shape::Wear {
+                    axis,
+                    centre_mm,
+                    width_mm: width * span,
+                    power: BELL,
+                    order: None,
+                });
             }
         }
         self.add(Kind::Machine, label, shapes);

@@ -1,0 +1,204 @@
+//! Other effects in the place of chosen ones, compared between the values of their grids: a coarse grid must not decide between
+//! names.
+
+use super::super::library::{Library, Shape};
+use super::super::moment::Axis;
+use super::super::noise::Filter;
+use super::super::session::Session;
+use super::problem::Problem;
+use super::refine::{STEPS, columns, improve, joint_gain, neighbours};
+use super::select::{SWAP_GAIN, Selection, evidence};
+
+/// Rivals that come this near are worth a search between the values of their grid.
+const NEAR: f64 = 0.8;
+/// Most rivals searched.
+const RIVALS: usize = 4;
+
+/// Gives the place to another effect whose non-linear parameters, once found between the values of the grid, explain more:
+/// a coarse grid must not decide between names.
+pub fn challenge(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    selection: &mut Selection,
+    place: usize,
+) {
+    let own = selection.chosen[place];
+    let others: Vec<usize> =
+        selection.chosen.iter().enumerate().filter(|(i, _)| *i != place).map(|(_, v)| *v).collect();
+    let base = columns(problem, &others);
+    let given = problem.given(&others);
+    let (gain, rank) = problem.gain(&given, own);
+    let own_label = library.variants[own].label;
+    let now = evidence(gain, rank, selection.grid[own_label]);
+    let mut not: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
+    not.push(own_label);
+    let rivals: Vec<usize> = selection
+        .ranking(problem, library, &given, &not)
+        .into_iter()
+        .filter(|f| {
+            let shape = &library.variants[f.variant].shape;
+            // about a point that nobody knows a structure tilts like anything
+            let is_tilt = matches!(shape, Shape::InertialTilt { .. });
+            f.gain > NEAR * gain && !is_tilt && !neighbours(shape, STEPS[0]).is_empty()
+        })
+        .take(RIVALS)
+        .map(|f| f.variant)
+        .collect();
+    let y: Vec<f64> = problem.y.iter().copied().collect();
+    let ground = joint_gain(&base, &[], &y);
+    let best = rivals
+        .into_iter()
+        .map(|v| {
+            let (joint, shape) =
+                improve(problem, session, filter, &base, &y, library.variants[v].shape.clone());
+            let label = library.variants[v].label;
+            (evidence(joint - ground, shape.width(), selection.grid[label]), v, shape)
+        })
+        .max_by(|a, b| a.0.total_cmp(&b.0));
+    if let Some((e, v, shape)) = best
+        && e > now + SWAP_GAIN
+    {
+        problem.replace(session, filter, v, &shape);
+        library.variants[v].shape = shape;
+        selection.chosen[place] = v;
+    }
+}
+
+/// Share of the evidence of several effects with which one in their place, between the values of its grid, is believed rather.
+const RATHER: f64 = 0.95;
+
+/// A structure that tilts about a point other than the one first thought of seems to give way in the direction of its axis, too:
+/// one tilt in the place of both, where it says nearly as much.
+pub fn one_tilt(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    selection: &mut Selection,
+) {
+    let axis_of = |library: &Library, v: usize| match &library.variants[v].shape {
+        Shape::InertialTilt { axis, .. } => Some((true, *axis)),
+        Shape::Inertial { axis, along, .. } if axis == along => Some((false, *axis)),
+        _ => None,
+    };
+    let find = |library: &Library, chosen: &[usize], wanted| {
+        chosen.iter().position(|v| axis_of(library, *v) == Some(wanted))
+    };
+    for axis in Axis::LINEAR {
+        let chosen = selection.chosen.clone();
+        let (Some(tilt), Some(compliance)) =
+            (find(library, &chosen, (true, axis)), find(library, &chosen, (false, axis)))
+        else {
+            continue;
+        };
+        let evidence_of = |gain: f64, v: usize, library: &Library| {
+            let variant = &library.variants[v];
+            evidence(gain, variant.shape.width(), selection.grid[variant.label])
+        };
+        let others: Vec<usize> =
+            chosen.iter().copied().filter(|v| ![chosen[tilt], chosen[compliance]].contains(v)).collect();
+        let base = columns(problem, &others);
+        let y: Vec<f64> = problem.y.iter().copied().collect();
+        let ground = joint_gain(&base, &[], &y);
+        let own = columns(problem, &[chosen[tilt]]);
+        let with_both = columns(problem, &[chosen[tilt], chosen[compliance]]);
+        let first = joint_gain(&base, &own, &y) - ground;
+        let second = joint_gain(&base, &with_both, &y) - ground - first;
+        let both =
+            evidence_of(first, chosen[tilt], library) + evidence_of(second, chosen[compliance], library);
+        let (joint, shape) =
+            improve(problem, session, filter, &base, &y, library.variants[chosen[tilt]].shape.clone());
+        if evidence_of(joint - ground, chosen[tilt], library) > RATHER * both {
+            problem.replace(session, filter, chosen[tilt], &shape);
+            library.variants[chosen[tilt]].shape = shape;
+            selection.chosen.remove(compliance);
+        }
+    }
+}
+
+/// Worn places that are looked at between the values of their grid.
+const PLACES: usize = 3;
+
+/// A table of positions may be a worn place that none of the grid looks like: one worn place in the place of all curves over
+/// that axis, where it says nearly as much. The table is not looked for any more.
+pub fn one_worn_place(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    selection: &mut Selection,
+) {
+    for axis in Axis::LINEAR {
+        let is_table = |v: &usize| matches!(library.variants[*v].shape, Shape::Polynomial { along, over, .. } if along == axis && over == axis);
+        let is_curve = |v: &usize| {
+            let shape = &library.variants[*v].shape;
+            is_table(v)
+                || shape.over() == Some(axis)
+                    && matches!(
+                        shape,
+                        Shape::Scale { .. } | Shape::Sag { .. } | Shape::Ram { .. } | Shape::Wear { .. }
+                    )
+        };
+        let (curves, others): (Vec<usize>, Vec<usize>) = selection.chosen.iter().partition(|v| is_curve(v));
+        let Some(table) = curves.iter().copied().find(is_table) else { continue };
+        let with_curves: Vec<usize> = others.iter().chain(&curves).copied().collect();
+        let sum = Selection { chosen: with_curves, ..selection.clone() }.evidence(problem, library)
+            - Selection { chosen: others.clone(), ..selection.clone() }.evidence(problem, library);
+        let given = Selection::given(problem, &others);
+        let mut places: Vec<(f64, usize)> = (0..library.variants.len())
+            .filter(|v| matches!(library.variants[*v].shape, Shape::Wear { axis: own, .. } if own == axis))
+            .filter(|v| !selection.banned.contains(v))
+            .map(|v| (problem.gain(&given, v).0, v))
+            .collect();
+        places.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+        let base = columns(problem, &others);
+        let y: Vec<f64> = problem.y.iter().copied().collect();
+        let ground = joint_gain(&base, &[], &y);
+        let best = places
+            .into_iter()
+            .take(PLACES)
+            .map(|(_, v)| {
+                let shape = library.variants[v].shape.clone();
+                let (joint, shape) = improve(problem, session, filter, &base, &y, shape);
+                (joint - ground, v, shape)
+            })
+            .max_by(|a, b| a.0.total_cmp(&b.0));
+        let Some((gain, worn, shape)) = best else { continue };
+        let label = library.variants[worn].label;
+        if evidence(gain, 1, selection.grid[label]) > RATHER * sum {
+            let table = library.variants[table].label;
+            problem.replace(session, filter, worn, &shape);
+            library.variants[worn].shape = shape;
+            selection.chosen = others;
+            selection.chosen.push(worn);
+            selection.ban(library, table);
+            selection.one_curve.push((label, table));
+        }
+    }
+    selection.chosen.iter().for_each(|v| problem.prepare(*v));
+}
+
+/// Share of what a clock of each file says with which one delay of all is believed rather.
+const ONE_DELAY: f64 = 0.995;
+
+/// Clocks that are all equally late are a delay of the control: the same to every instrument.
+pub fn one_delay(problem: &mut Problem, library: &Library, selection: &mut Selection) {
+    let is_common = |v: &usize| library.labels[library.variants[*v].label].effect == "latency";
+    let is_clock = |v: &usize| matches!(library.variants[*v].shape, Shape::ClockSkew { .. });
+    let clock = selection.chosen.iter().copied().find(is_clock);
+    let delay = (0..library.variants.len()).find(|v| is_common(v) && !selection.banned.contains(v));
+    let (Some(clock), Some(delay)) = (clock, delay) else { return };
+    if selection.chosen.iter().any(is_common) {
+        return;
+    }
+    let others: Vec<usize> = selection.chosen.iter().copied().filter(|v| *v != clock).collect();
+    let given = Selection::given(problem, &others);
+    if problem.gain(&given, delay).0 >= ONE_DELAY * problem.gain(&given, clock).0 {
+        selection.ban(library, library.variants[clock].label);
+        selection.chosen = others;
+        selection.chosen.push(delay);
+        problem.prepare(delay);
+    }
+}
