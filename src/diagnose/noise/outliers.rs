@@ -53,7 +53,6 @@ fn round(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -> V
     let mut found: Vec<usize> = by_class(session, gap, lattice_um, used)
         .into_iter()
         .flatten()
-        .into_iter()
         .filter(|(_, d)| d.abs() > LIMIT)
         .map(|(i, _)| i)
         .collect();
