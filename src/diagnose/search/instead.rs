@@ -6,13 +6,41 @@ use super::super::moment::Axis;
 use super::super::noise::Filter;
 use super::super::session::Session;
 use super::problem::Problem;
-use super::refine::{STEPS, columns, improve, joint_gain, neighbours};
+use super::refine::{STEPS, columns, improve, joint_gain, neighbours, put};
 use super::select::{SWAP_GAIN, Selection, evidence};
 
 /// Rivals that come this near are worth a search between the values of their grid.
 const NEAR: f64 = 0.8;
 /// Most rivals searched.
 const RIVALS: usize = 4;
+
+/// The effects that stay, for what is compared beside them.
+struct Beside {
+    base: Vec<Vec<f64>>,
+    y: Vec<f64>,
+    /// Drop of the sum of squares by them alone.
+    ground: f64,
+}
+
+impl Beside {
+    fn new(problem: &mut Problem, others: &[usize]) -> Self {
+        let base = columns(problem, others);
+        let y: Vec<f64> = problem.y.iter().copied().collect();
+        let ground = joint_gain(&base, &[], &y);
+        Self { base, y, ground }
+    }
+
+    /// What some variants bring together.
+    fn gain(&self, problem: &mut Problem, variants: &[usize]) -> f64 {
+        joint_gain(&self.base, &columns(problem, variants), &self.y) - self.ground
+    }
+
+    /// What a shape brings with the best values near its own, and that shape.
+    fn best(&self, problem: &Problem, session: &Session, filter: &Filter, shape: &Shape) -> (f64, Shape) {
+        let (joint, shape) = improve(problem, session, filter, &self.base, &self.y, shape.clone());
+        (joint - self.ground, shape)
+    }
+}
 
 /// Gives the place to another effect whose non-linear parameters, once found between the values of the grid, explain more:
 /// a coarse grid must not decide between names.
@@ -27,7 +55,7 @@ pub fn challenge(
     let own = selection.chosen[place];
     let others: Vec<usize> =
         selection.chosen.iter().enumerate().filter(|(i, _)| *i != place).map(|(_, v)| *v).collect();
-    let base = columns(problem, &others);
+    let beside = Beside::new(problem, &others);
     let given = problem.given(&others);
     let (gain, rank) = problem.gain(&given, own);
     let own_label = library.variants[own].label;
@@ -46,22 +74,18 @@ pub fn challenge(
         .take(RIVALS)
         .map(|f| f.variant)
         .collect();
-    let y: Vec<f64> = problem.y.iter().copied().collect();
-    let ground = joint_gain(&base, &[], &y);
     let best = rivals
         .into_iter()
         .map(|v| {
-            let (joint, shape) =
-                improve(problem, session, filter, &base, &y, library.variants[v].shape.clone());
+            let (gain, shape) = beside.best(problem, session, filter, &library.variants[v].shape);
             let label = library.variants[v].label;
-            (evidence(joint - ground, shape.width(), selection.grid[label]), v, shape)
+            (evidence(gain, shape.width(), selection.grid[label]), v, shape)
         })
         .max_by(|a, b| a.0.total_cmp(&b.0));
     if let Some((e, v, shape)) = best
         && e > now + SWAP_GAIN
     {
-        problem.replace(session, filter, v, &shape);
-        library.variants[v].shape = shape;
+        put(problem, session, filter, library, v, shape);
         selection.chosen[place] = v;
     }
 }
@@ -99,20 +123,14 @@ pub fn one_tilt(
         };
         let others: Vec<usize> =
             chosen.iter().copied().filter(|v| ![chosen[tilt], chosen[compliance]].contains(v)).collect();
-        let base = columns(problem, &others);
-        let y: Vec<f64> = problem.y.iter().copied().collect();
-        let ground = joint_gain(&base, &[], &y);
-        let own = columns(problem, &[chosen[tilt]]);
-        let with_both = columns(problem, &[chosen[tilt], chosen[compliance]]);
-        let first = joint_gain(&base, &own, &y) - ground;
-        let second = joint_gain(&base, &with_both, &y) - ground - first;
-        let both =
-            evidence_of(first, chosen[tilt], library) + evidence_of(second, chosen[compliance], library);
-        let (joint, shape) =
-            improve(problem, session, filter, &base, &y, library.variants[chosen[tilt]].shape.clone());
-        if evidence_of(joint - ground, chosen[tilt], library) > RATHER * both {
-            problem.replace(session, filter, chosen[tilt], &shape);
-            library.variants[chosen[tilt]].shape = shape;
+        let beside = Beside::new(problem, &others);
+        let pair = [chosen[tilt], chosen[compliance]];
+        let first = beside.gain(problem, &pair[..1]);
+        let second = beside.gain(problem, &pair) - first;
+        let both = evidence_of(first, pair[0], library) + evidence_of(second, pair[1], library);
+        let (gain, shape) = beside.best(problem, session, filter, &library.variants[pair[0]].shape);
+        if evidence_of(gain, pair[0], library) > RATHER * both {
+            put(problem, session, filter, library, pair[0], shape);
             selection.chosen.remove(compliance);
         }
     }
@@ -153,24 +171,20 @@ pub fn one_worn_place(
             .map(|v| (problem.gain(&given, v).0, v))
             .collect();
         places.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-        let base = columns(problem, &others);
-        let y: Vec<f64> = problem.y.iter().copied().collect();
-        let ground = joint_gain(&base, &[], &y);
+        let beside = Beside::new(problem, &others);
         let best = places
             .into_iter()
             .take(PLACES)
             .map(|(_, v)| {
-                let shape = library.variants[v].shape.clone();
-                let (joint, shape) = improve(problem, session, filter, &base, &y, shape);
-                (joint - ground, v, shape)
+                let (gain, shape) = beside.best(problem, session, filter, &library.variants[v].shape);
+                (gain, v, shape)
             })
             .max_by(|a, b| a.0.total_cmp(&b.0));
         let Some((gain, worn, shape)) = best else { continue };
         let label = library.variants[worn].label;
         if evidence(gain, 1, selection.grid[label]) > RATHER * sum {
             let table = library.variants[table].label;
-            problem.replace(session, filter, worn, &shape);
-            library.variants[worn].shape = shape;
+            put(problem, session, filter, library, worn, shape);
             selection.chosen = others;
             selection.chosen.push(worn);
             selection.ban(library, table);

@@ -143,6 +143,18 @@ pub fn refine(
     let base = columns(problem, &others);
     let y: Vec<f64> = problem.y.iter().copied().collect();
     (_, shape) = improve(problem, session, filter, &base, &y, shape);
+    put(problem, session, filter, library, variant, shape);
+}
+
+/// Gives a variant another shape, and the problem its columns.
+pub(super) fn put(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    variant: usize,
+    shape: Shape,
+) {
     if shape != library.variants[variant].shape {
         problem.replace(session, filter, variant, &shape);
         library.variants[variant].shape = shape;
@@ -250,11 +262,8 @@ fn tie(
         .map(|tie_ms| Shape::Lag { axes: axes.clone(), tie_ms })
         .map(|s| (joint_gain(&base, &problem.whitened(session, filter, &s), &y), s))
         .max_by(|a, b| a.0.total_cmp(&b.0));
-    if let Some((_, shape)) = best
-        && shape != library.variants[variant].shape
-    {
-        problem.replace(session, filter, variant, &shape);
-        library.variants[variant].shape = shape;
+    if let Some((_, shape)) = best {
+        put(problem, session, filter, library, variant, shape);
     }
 }
 
