@@ -6,41 +6,13 @@ use super::super::moment::Axis;
 use super::super::noise::Filter;
 use super::super::session::Session;
 use super::problem::Problem;
-use super::refine::{STEPS, columns, improve, joint_gain, neighbours, put};
+use super::refine::{Beside, STEPS, neighbours, put};
 use super::select::{SWAP_GAIN, Selection, evidence};
 
 /// Rivals that come this near are worth a search between the values of their grid.
 const NEAR: f64 = 0.8;
 /// Most rivals searched.
 const RIVALS: usize = 4;
-
-/// The effects that stay, for what is compared beside them.
-struct Beside {
-    base: Vec<Vec<f64>>,
-    y: Vec<f64>,
-    /// Drop of the sum of squares by them alone.
-    ground: f64,
-}
-
-impl Beside {
-    fn new(problem: &mut Problem, others: &[usize]) -> Self {
-        let base = columns(problem, others);
-        let y: Vec<f64> = problem.y.iter().copied().collect();
-        let ground = joint_gain(&base, &[], &y);
-        Self { base, y, ground }
-    }
-
-    /// What some variants bring together.
-    fn gain(&self, problem: &mut Problem, variants: &[usize]) -> f64 {
-        joint_gain(&self.base, &columns(problem, variants), &self.y) - self.ground
-    }
-
-    /// What a shape brings with the best values near its own, and that shape.
-    fn best(&self, problem: &Problem, session: &Session, filter: &Filter, shape: &Shape) -> (f64, Shape) {
-        let (joint, shape) = improve(problem, session, filter, &self.base, &self.y, shape.clone());
-        (joint - self.ground, shape)
-    }
-}
 
 /// Gives the place to another effect whose non-linear parameters, once found between the values of the grid, explain more:
 /// a coarse grid must not decide between names.

@@ -140,9 +140,8 @@ pub fn refine(
     }
     let others: Vec<usize> =
         chosen.iter().enumerate().filter(|(i, _)| *i != place).map(|(_, v)| *v).collect();
-    let base = columns(problem, &others);
-    let y: Vec<f64> = problem.y.iter().copied().collect();
-    (_, shape) = improve(problem, session, filter, &base, &y, shape);
+    let beside = Beside::new(problem, &others);
+    (_, shape) = beside.best(problem, session, filter, &shape);
     put(problem, session, filter, library, variant, shape);
 }
 
@@ -194,7 +193,7 @@ fn is_local(session: &Session, shape: &Shape) -> bool {
 }
 
 /// Whitened columns of some variants.
-pub(super) fn columns(problem: &mut Problem, variants: &[usize]) -> Vec<Vec<f64>> {
+fn columns(problem: &mut Problem, variants: &[usize]) -> Vec<Vec<f64>> {
     for v in variants {
         problem.prepare(*v);
     }
@@ -202,30 +201,89 @@ pub(super) fn columns(problem: &mut Problem, variants: &[usize]) -> Vec<Vec<f64>
     given.columns.iter().map(|c| problem.w.row(*c).iter().copied().collect()).collect()
 }
 
-/// The best values near those of a shape, and the drop of the sum of squares by it together with `base`.
-pub(super) fn improve(
-    problem: &Problem,
-    session: &Session,
-    filter: &Filter,
-    base: &[Vec<f64>],
-    y: &[f64],
-    mut shape: Shape,
-) -> (f64, Shape) {
-    let score = |shape: &Shape| joint_gain(base, &problem.whitened(session, filter, shape), y);
-    let mut best = score(&shape);
-    for step in STEPS {
-        for _ in 0..6 {
-            let better = neighbours(&shape, step)
-                .into_iter()
-                .filter(|s| is_local(session, s))
-                .map(|s| (score(&s), s))
-                .filter(|(g, _)| *g > best + 1e-6)
-                .max_by(|a, b| a.0.total_cmp(&b.0));
-            let Some((gain, s)) = better else { break };
-            (best, shape) = (gain, s);
-        }
+/// The effects that stay, for what is compared beside them.
+pub(super) struct Beside {
+    /// Their whitened columns.
+    columns: Vec<Vec<f64>>,
+    /// Products of all pairs of them, row by row.
+    products: Vec<Vec<f64>>,
+    /// Products with what is explained.
+    right: Vec<f64>,
+    y: Vec<f64>,
+    /// Drop of the sum of squares by them alone.
+    ground: f64,
+}
+
+impl Beside {
+    pub(super) fn new(problem: &mut Problem, others: &[usize]) -> Self {
+        let columns = columns(problem, others);
+        Self::of(columns, problem)
     }
-    (best, shape)
+
+    fn of(columns: Vec<Vec<f64>>, problem: &Problem) -> Self {
+        let y: Vec<f64> = problem.y.iter().copied().collect();
+        let products =
+            (0..columns.len()).map(|i| columns[..=i].iter().map(|c| dot(&columns[i], c)).collect()).collect();
+        let right = columns.iter().map(|c| dot(c, &y)).collect();
+        let mut beside = Self { columns, products, right, y, ground: 0.0 };
+        beside.ground = beside.joint(&[]);
+        beside
+    }
+
+    /// Drop of the sum of squares by these columns and more together.
+    fn joint(&self, more: &[Vec<f64>]) -> f64 {
+        let (k, n) = (self.columns.len(), self.columns.len() + more.len());
+        let mut g = vec![0.0; n * n];
+        let mut set = |i: usize, j: usize, v: f64| {
+            g[i * n + j] = v;
+            g[j * n + i] = v;
+        };
+        for (i, row) in self.products.iter().enumerate() {
+            row.iter().enumerate().for_each(|(j, v)| set(i, j, *v));
+        }
+        for (i, column) in more.iter().enumerate() {
+            let known = self.columns.iter().chain(&more[..=i]);
+            known.enumerate().for_each(|(j, c)| set(k + i, j, dot(column, c)));
+        }
+        let full: Vec<f64> = (0..n).map(|i| g[i * n + i]).collect();
+        let b: Vec<f64> = self.right.iter().copied().chain(more.iter().map(|c| dot(c, &self.y))).collect();
+        Factor::new(n, &g, &full).gain(&b)
+    }
+
+    /// What some variants bring together.
+    pub(super) fn gain(&self, problem: &mut Problem, variants: &[usize]) -> f64 {
+        self.joint(&columns(problem, variants)) - self.ground
+    }
+
+    /// What a shape brings with the best values near its own, and that shape.
+    pub(super) fn best(
+        &self,
+        problem: &Problem,
+        session: &Session,
+        filter: &Filter,
+        shape: &Shape,
+    ) -> (f64, Shape) {
+        let score = |shape: &Shape| self.joint(&problem.whitened(session, filter, shape));
+        let mut shape = shape.clone();
+        let mut best = score(&shape);
+        for step in STEPS {
+            for _ in 0..6 {
+                let better = neighbours(&shape, step)
+                    .into_iter()
+                    .filter(|s| is_local(session, s))
+                    .map(|s| (score(&s), s))
+                    .filter(|(g, _)| *g > best + 1e-6)
+                    .max_by(|a, b| a.0.total_cmp(&b.0));
+                let Some((gain, s)) = better else { break };
+                (best, shape) = (gain, s);
+            }
+        }
+        (best - self.ground, shape)
+    }
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(x, y)| x * y).sum()
 }
 
 /// A lag is a delay (its second term is half its square) or a filter (its square), or neither; a free second term would
@@ -255,32 +313,14 @@ fn tie(
         .filter(|c| **c != at)
         .map(|c| problem.w.row(*c).iter().copied().collect())
         .collect();
-    let y: Vec<f64> = problem.y.iter().copied().collect();
+    let beside = Beside::of(base, problem);
     let best = [0.0, 0.5 * lag_ms, lag_ms]
         .into_iter()
         .filter(|t| *t >= 0.0)
         .map(|tie_ms| Shape::Lag { axes: axes.clone(), tie_ms })
-        .map(|s| (joint_gain(&base, &problem.whitened(session, filter, &s), &y), s))
+        .map(|s| (beside.joint(&problem.whitened(session, filter, &s)), s))
         .max_by(|a, b| a.0.total_cmp(&b.0));
     if let Some((_, shape)) = best {
         put(problem, session, filter, library, variant, shape);
     }
-}
-
-/// Drop of the sum of squares by all columns together.
-pub(super) fn joint_gain(base: &[Vec<f64>], more: &[Vec<f64>], y: &[f64]) -> f64 {
-    let all: Vec<&Vec<f64>> = base.iter().chain(more).collect();
-    let n = all.len();
-    let dot = |a: &[f64], b: &[f64]| a.iter().zip(b).map(|(x, y)| x * y).sum::<f64>();
-    let mut g = vec![0.0; n * n];
-    for i in 0..n {
-        for j in 0..=i {
-            let v = dot(all[i], all[j]);
-            g[i * n + j] = v;
-            g[j * n + i] = v;
-        }
-    }
-    let full: Vec<f64> = (0..n).map(|i| g[i * n + i]).collect();
-    let b: Vec<f64> = all.iter().map(|c| dot(c, y)).collect();
-    Factor::new(n, &g, &full).gain(&b)
 }
