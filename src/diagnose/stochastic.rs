@@ -59,6 +59,11 @@ impl Evidence<'_> {
     }
 }
 
+/// True where something shakes the machine, by what is left of its readings beside all that was found.
+pub(super) fn vibrates(session: &Session, rows: &[usize], left: &[f64], beside: &[f64]) -> bool {
+    tone(session, rows, left, beside).is_some_and(|t| t.chance < CHANCE && t.amplitude > AMPLITUDE)
+}
+
 fn cause(effect: &'static str, probability: f64, parameters: &[(&str, f64, f64)]) -> Cause {
     Cause {
         effect: effect.to_owned(),
