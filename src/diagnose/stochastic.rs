@@ -4,7 +4,7 @@
 use std::collections::BTreeMap;
 
 use super::library::{Kind, Label, Without};
-use super::noise::{ClassNoise, angle_noise, pair_residuals, range_noise, tails, tone};
+use super::noise::{ClassNoise, Tone, angle_noise, pair_residuals, range_noise, tails, tone};
 use super::report::{Cause, Value};
 use super::session::Session;
 
@@ -59,9 +59,9 @@ impl Evidence<'_> {
     }
 }
 
-/// True where something shakes the machine, by what is left of its readings beside all that was found.
-pub(super) fn vibrates(session: &Session, rows: &[usize], left: &[f64], beside: &[f64]) -> bool {
-    tone(session, rows, left, beside).is_some_and(|t| t.chance < CHANCE && t.amplitude > AMPLITUDE)
+/// What shakes the machine, by what is left of its readings beside all that was found.
+pub(super) fn shaking(session: &Session, rows: &[usize], left: &[f64], beside: &[f64]) -> Option<Tone> {
+    tone(session, rows, left, beside).filter(|t| t.chance < CHANCE && t.amplitude > AMPLITUDE)
 }
 
 fn cause(effect: &'static str, probability: f64, parameters: &[(&str, f64, f64)]) -> Cause {
@@ -158,9 +158,7 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
     let white = e.noise.iter().map(|c| c.white_um).fold(0.0, f64::max);
     let rounding =
         found.iter().filter_map(|c| c.parameters.get("step_um")).map(|v| v.value).fold(0.0, f64::max);
-    if let Some(t) = tone(e.session, e.rows, e.left, e.beside)
-        && t.chance < CHANCE
-        && t.amplitude > AMPLITUDE
+    if let Some(t) = shaking(e.session, e.rows, e.left, e.beside)
         && t.amplitude * white > AMPLITUDE_STEPS * rounding
     {
         let probability = if t.chance < 1e-8 { 0.95 } else { 0.85 };

@@ -197,22 +197,24 @@ impl Builder {
                 self.steps.push(Step::Wait(60.0));
             }
             if flight == Flight::Yes {
-                self.flights(axis, at(low), at(high));
+                let n = self.count(16);
+                self.to_and_fro([low, high].map(at), 80.0, n, Look::Along(axis));
             }
         }
     }
 
-    /// The laser reads while its axis moves, both ways, twice.
-    fn flights(&mut self, axis: usize, low: [f64; 4], high: [f64; 4]) {
-        let n = self.count(16);
+    /// From end to end and back at one speed (mm/s), twice; `n` readings on each way.
+    fn to_and_fro(&mut self, [low, high]: [[f64; 4]; 2], speed: f64, n: usize, look: Look) {
         let pairs = self.pairs(2 * n);
         for repeat in 1..=2 {
             for (way, [from, to]) in [[low, high], [high, low]].into_iter().enumerate() {
-                self.steps.push(Step::Go(from, RAPID));
-                self.steps.push(Step::Run(repeat));
                 let first = pairs + (way * n) as i64;
-                self.steps.push(Step::Glide(to, 80.0, n, Look::Along(axis), first));
-                self.steps.push(Step::Wait(2.0));
+                self.steps.extend([
+                    Step::Go(from, RAPID),
+                    Step::Run(repeat),
+                    Step::Glide(to, speed, n, look, first),
+                    Step::Wait(2.0),
+                ]);
             }
         }
     }
@@ -252,19 +254,10 @@ impl Builder {
         let n = self.count(24);
         for axis in 0..3 {
             self.steps.push(Step::Mount { instrument: "dynamic", setup: setup + axis as i64 });
-            let pairs = self.pairs(2 * n);
             let mut ends = [place(MIDDLE), place(MIDDLE)];
             ends[0][axis] = LOW[axis];
             ends[1][axis] = HIGH[axis];
-            for repeat in 1..=2 {
-                for (way, [from, to]) in [[ends[0], ends[1]], [ends[1], ends[0]]].into_iter().enumerate() {
-                    self.steps.push(Step::Go(from, RAPID));
-                    self.steps.push(Step::Run(repeat));
-                    let first = pairs + (way * n) as i64;
-                    self.steps.push(Step::Glide(to, 120.0, n, Look::All, first));
-                    self.steps.push(Step::Wait(2.0));
-                }
-            }
+            self.to_and_fro(ends, 120.0, n, Look::All);
         }
         let n = self.count(128);
         self.steps.push(Step::Mount { instrument: "capture", setup: setup + 3 });

@@ -4,6 +4,7 @@ use super::super::Analysis;
 use super::super::assess::Assessed;
 use super::super::forecast::{Contributions, minus};
 use super::super::library::STILL;
+use super::super::moment::Moment;
 use super::super::noise::beside_repeats;
 use super::super::session::Session;
 use super::super::stochastic;
@@ -13,14 +14,14 @@ const ONE_FEED: f64 = 1.5;
 
 /// Takes back the waves of a screw where something shakes the machine and every axis was seen at one feed only.
 pub(super) fn doubt(session: &Session, a: &Analysis, parts: &Contributions, assessed: &mut [Assessed]) {
-    let speed = |m: &super::super::moment::Moment| m.velocity[..3].iter().map(|v| v * v).sum::<f64>().sqrt();
+    let speed = |m: &Moment| m.velocity[..3].iter().map(|v| v * v).sum::<f64>().sqrt();
     if !assessed.iter().any(is_wave) || !is_one_feed(session.moments.iter().map(speed)) {
         return;
     }
     let found = minus(&a.gap, &parts.in_sample, |_| true);
     let beside = a.filter.column(&beside_repeats(session, &a.used, &found));
     let left = super::left_whitened(a, &a.selection.chosen);
-    if stochastic::vibrates(session, &a.problem.rows, &left, &beside) {
+    if stochastic::shaking(session, &a.problem.rows, &left, &beside).is_some() {
         for x in assessed.iter_mut().filter(|x| is_wave(x)) {
             x.doubt(
                 "something shakes the machine, which at one feed looks alike: measure at another feed"

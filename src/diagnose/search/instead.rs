@@ -28,12 +28,10 @@ pub fn challenge(
     let others: Vec<usize> =
         selection.chosen.iter().enumerate().filter(|(i, _)| *i != place).map(|(_, v)| *v).collect();
     let beside = Beside::new(problem, &others);
-    let given = problem.given(&others);
-    let (gain, rank) = problem.gain(&given, own);
-    let own_label = library.variants[own].label;
-    let now = evidence(gain, rank, selection.grid[own_label]);
+    let given = Selection::given(problem, &others);
+    let now = selection.found(problem, library, &given, own);
     let mut not: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
-    not.push(own_label);
+    not.push(library.variants[own].label);
     let rivals: Vec<usize> = selection
         .ranking(problem, library, &given, &not)
         .into_iter()
@@ -41,7 +39,7 @@ pub fn challenge(
             let shape = &library.variants[f.variant].shape;
             // about a point that nobody knows a structure tilts like anything
             let is_tilt = matches!(shape, Shape::InertialTilt { .. });
-            f.gain > NEAR * gain && !is_tilt && !neighbours(shape, STEPS[0]).is_empty()
+            f.gain > NEAR * now.gain && !is_tilt && !neighbours(shape, STEPS[0]).is_empty()
         })
         .take(RIVALS)
         .map(|f| f.variant)
@@ -55,7 +53,7 @@ pub fn challenge(
         })
         .max_by(|a, b| a.0.total_cmp(&b.0));
     if let Some((e, v, shape)) = best
-        && e > now + SWAP_GAIN
+        && e > now.evidence + SWAP_GAIN
     {
         put(problem, session, filter, library, v, shape);
         selection.chosen[place] = v;
@@ -89,19 +87,12 @@ pub fn one_tilt(
         else {
             continue;
         };
-        let evidence_of = |gain: f64, v: usize, library: &Library| {
-            let variant = &library.variants[v];
-            evidence(gain, variant.shape.width(), selection.grid[variant.label])
-        };
-        let others: Vec<usize> =
-            chosen.iter().copied().filter(|v| ![chosen[tilt], chosen[compliance]].contains(v)).collect();
-        let beside = Beside::new(problem, &others);
         let pair = [chosen[tilt], chosen[compliance]];
-        let first = beside.gain(problem, &pair[..1]);
-        let second = beside.gain(problem, &pair) - first;
-        let both = evidence_of(first, pair[0], library) + evidence_of(second, pair[1], library);
-        let (gain, shape) = beside.best(problem, session, filter, &library.variants[pair[0]].shape);
-        if evidence_of(gain, pair[0], library) > RATHER * both {
+        let others = selection.without(&[tilt, compliance]);
+        let both = selection.evidence_beside(problem, library, &others, &pair);
+        let variant = &library.variants[pair[0]];
+        let (gain, shape) = Beside::new(problem, &others).best(problem, session, filter, &variant.shape);
+        if evidence(gain, shape.width(), selection.grid[variant.label]) > RATHER * both {
             put(problem, session, filter, library, pair[0], shape);
             selection.chosen.remove(compliance);
         }
@@ -133,9 +124,7 @@ pub fn one_worn_place(
         };
         let (curves, others): (Vec<usize>, Vec<usize>) = selection.chosen.iter().partition(|v| is_curve(v));
         let Some(table) = curves.iter().copied().find(is_table) else { continue };
-        let with_curves: Vec<usize> = others.iter().chain(&curves).copied().collect();
-        let sum = Selection { chosen: with_curves, ..selection.clone() }.evidence(problem, library)
-            - Selection { chosen: others.clone(), ..selection.clone() }.evidence(problem, library);
+        let sum = selection.evidence_beside(problem, library, &others, &curves);
         let given = Selection::given(problem, &others);
         let mut places: Vec<(f64, usize)> = (0..library.variants.len())
             .filter(|v| matches!(library.variants[*v].shape, Shape::Wear { axis: own, .. } if own == axis))

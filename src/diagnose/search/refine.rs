@@ -192,15 +192,6 @@ fn is_local(session: &Session, shape: &Shape) -> bool {
     }
 }
 
-/// Whitened columns of some variants.
-fn columns(problem: &mut Problem, variants: &[usize]) -> Vec<Vec<f64>> {
-    for v in variants {
-        problem.prepare(*v);
-    }
-    let given = problem.given(variants);
-    given.columns.iter().map(|c| problem.w.row(*c).iter().copied().collect()).collect()
-}
-
 /// The effects that stay, for what is compared beside them.
 pub(super) struct Beside {
     /// Their whitened columns.
@@ -215,9 +206,9 @@ pub(super) struct Beside {
 }
 
 impl Beside {
-    pub(super) fn new(problem: &mut Problem, others: &[usize]) -> Self {
-        let columns = columns(problem, others);
-        Self::of(columns, problem)
+    pub(super) fn new(problem: &Problem, others: &[usize]) -> Self {
+        let columns = others.iter().flat_map(|v| problem.span[*v].0..problem.span[*v].0 + problem.span[*v].1);
+        Self::of(columns.map(|c| problem.w.row(c).iter().copied().collect()).collect(), problem)
     }
 
     fn of(columns: Vec<Vec<f64>>, problem: &Problem) -> Self {
@@ -248,11 +239,6 @@ impl Beside {
         let full: Vec<f64> = (0..n).map(|i| g[i * n + i]).collect();
         let b: Vec<f64> = self.right.iter().copied().chain(more.iter().map(|c| dot(c, &self.y))).collect();
         Factor::new(n, &g, &full).gain(&b)
-    }
-
-    /// What some variants bring together.
-    pub(super) fn gain(&self, problem: &mut Problem, variants: &[usize]) -> f64 {
-        self.joint(&columns(problem, variants)) - self.ground
     }
 
     /// What a shape brings with the best values near its own, and that shape.

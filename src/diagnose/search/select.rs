@@ -158,11 +158,23 @@ impl Selection {
     /// Evidence of all that is chosen, each beside those before it.
     #[must_use]
     pub fn evidence(&self, problem: &mut Problem, library: &Library) -> f64 {
-        let own = |(n, v): (usize, &usize)| {
-            let given = Self::given(problem, &self.chosen[..n]);
-            self.found(problem, library, &given, *v).evidence
+        self.evidence_beside(problem, library, &[], &self.chosen)
+    }
+
+    /// Evidence of some variants, each beside what is known and those before it.
+    pub(super) fn evidence_beside(
+        &self,
+        problem: &mut Problem,
+        library: &Library,
+        known: &[usize],
+        some: &[usize],
+    ) -> f64 {
+        let all = [known, some].concat();
+        let own = |n: usize| {
+            let given = Self::given(problem, &all[..n]);
+            self.found(problem, library, &given, all[n]).evidence
         };
-        self.chosen.iter().enumerate().map(own).sum()
+        (known.len()..all.len()).map(own).sum()
     }
 
     /// Begins again with some variants, less those that are superfluous beside the others.
@@ -265,8 +277,7 @@ impl Selection {
                 let given = Self::given(problem, &others);
                 let labels: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
                 let own = self.chosen[place];
-                let (gain, rank) = problem.gain(&given, own);
-                let now = evidence(gain, rank, self.grid[library.variants[own].label]);
+                let now = self.found(problem, library, &given, own).evidence;
                 if let Some(best) = self.ranking(problem, library, &given, &labels).first()
                     && best.evidence > now + SWAP_GAIN
                     && best.variant != own
@@ -289,12 +300,7 @@ impl Selection {
                 let others = self.without(&[a, b]);
                 let given = Self::given(problem, &others);
                 let (first, second) = (self.chosen[a], self.chosen[b]);
-                let (gain, rank) = problem.gain(&given, first);
-                let with_first: Vec<usize> = others.iter().copied().chain([first]).collect();
-                let both = Self::given(problem, &with_first);
-                let (more, more_rank) = problem.gain(&both, second);
-                let grid = |v: usize| self.grid[library.variants[v].label];
-                let now = evidence(gain, rank, grid(first)) + evidence(more, more_rank, grid(second));
+                let now = self.evidence_beside(problem, library, &others, &[first, second]);
                 let labels: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
                 if let Some(best) = self.ranking(problem, library, &given, &labels).first()
                     && (best.evidence > now
