@@ -446,7 +446,55 @@ fn a_log_on_another_clock_is_not_used() {
     let said = text(&done.stderr);
     assert!(
         done.status.code() == Some(65)
-            && said.contains("same.csv: temp_air_degc at the same times as in h.csv"),
+            && said.contains("same.csv: temp_air_degc at the same times as in h.csv")
+            && said.contains("--fresh-history"),
         "{said}"
     );
+    // of two logs that contradict each other the one beside the session is its own
+    std::fs::create_dir(d.join("day2")).unwrap();
+    std::fs::rename(d.join("same.csv"), d.join("day2/same.csv")).unwrap();
+    for logs in [["h.csv", "day2/same.csv"], ["day2/same.csv", "h.csv"]] {
+        let done = with(&logs);
+        assert!(done.status.success(), "{}", text(&done.stderr));
+        assert!(!text(&done.stdout).contains(COLD), "{}", text(&done.stdout));
+    }
+    // rows know their own temperature
+    let rows =
+        line(&|_, r| r.push("25.0".to_owned())).replace("deviation_um\n", "deviation_um,temp_air_degc\n");
+    std::fs::write(d.join("s.csv"), rows).unwrap();
+    let said = text(&with(&["h.csv"]).stdout);
+    assert!(said.contains("h.csv: temp_air_degc contradicts the rows of s.csv"), "{said}");
+    assert!(said.contains(COLD), "{said}");
+}
+
+#[test]
+fn fresh_data_of_another_day_have_a_log_of_their_own() {
+    use volcomp::diagnose::library::Shape;
+    use volcomp::diagnose::moment::{Axis, Signal, Source};
+    let directory = tempfile::tempdir().unwrap();
+    let d = directory.path();
+    let signal = Signal { source: Source::Temperature("air".to_owned()), tau_s: 0.0 };
+    let shape = Shape::Thermal { axis: Axis::X, signal, reference_degc: 20.0, with_offset: false };
+    std::fs::write(d.join("a.toml"), addition("test", "thermal-expansion", shape)).unwrap();
+    // the two days have clocks that begin alike, and only their temperatures differ
+    for (name, start) in [("cold", 20.0), ("warm", 60.0)] {
+        let readings = line(&|n, r| {
+            let [x, noise] = [5, 9].map(|c: usize| r[c].parse::<f64>().unwrap());
+            r[9] = format!("{:.4}", noise + 1e-3 * x * (start + 0.05 * n as f64 - 20.0));
+        });
+        let log: Vec<String> =
+            (0..41).map(|k| format!("{},{}", 10 * k, start + 0.1 * f64::from(k))).collect();
+        std::fs::write(d.join(format!("{name}.csv")), readings).unwrap();
+        std::fs::write(d.join(format!("{name}-log.csv")), format!("t_s,temp_air_degc\n{}\n", log.join("\n")))
+            .unwrap();
+    }
+    let before = |more: &[&str]| {
+        let args = ["diagnose", "--add", "a.toml", "--data", "cold.csv", "--history", "cold-log.csv"];
+        let fresh = ["--fresh", "warm.csv", "--out", "out", "--json"];
+        let done = volcomp(d, &[&args[..], &fresh, more].concat());
+        assert!(done.status.success(), "{}", text(&done.stderr));
+        number(&serde_json::from_str::<Value>(&text(&done.stdout)).unwrap()["fresh"], "rms_before_um")
+    };
+    let (own, other) = (before(&["--fresh-history", "warm-log.csv"]), before(&[]));
+    assert!(own < 1.0 && other > 3.0, "the expansion of the day is known: {own}, {other}");
 }

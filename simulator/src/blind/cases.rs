@@ -293,6 +293,7 @@ pub fn many(from: Origin, seed: u64) -> Result<Vec<Case>, GeneratorError> {
             levels: vec![one.level],
             visible: one.visible,
             truth: one.truth,
+            days: [whole(&mut dice), whole(&mut dice)],
             ..empty.clone()
         });
     }

@@ -131,13 +131,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     let tool = Tool::new(args.tool.as_deref())?;
     let mode = if args.hard { Mode::Hard } else { Mode::Plain };
-    let mut cases = draw(args, mode)?;
-    if let Some(n) = args.only {
-        cases.retain(|c| c.number == n);
-    }
-    let additions = if args.leave_one_out { Some(calibrate(args, &tool, &cases)?) } else { None };
+    let drawn = draw(args, mode)?;
+    let cases: Vec<Case> =
+        drawn.iter().filter(|c| args.only.is_none_or(|n| c.number == n)).cloned().collect();
+    let additions = if args.leave_one_out { Some(calibrate(args, &tool, &drawn)?) } else { None };
     let started = cases.len();
-    let judged = all(args, &cases, &|case| play(args, &tool, case, &cases, additions.as_deref()))?;
+    let judged = all(args, &cases, &|case| play(args, &tool, case, &drawn, additions.as_deref()))?;
     let mut ablations = Vec::new();
     if args.ablation {
         for what in ABLATIONS {
@@ -289,6 +288,7 @@ fn answer(
     let files = write(&folder, &case.truth, args.plan, case.days[0])?;
     let mut words: Vec<String> = files.iter().flat_map(|f| ["--data".to_owned(), f.clone()]).collect();
     if with_fresh {
+        words.extend(["--fresh-history", "fresh/history.csv"].map(str::to_owned));
         for f in write(&folder.join("fresh"), &case.truth, args.plan, case.days[1])? {
             words.extend(["--fresh".to_owned(), format!("fresh/{f}")]);
         }

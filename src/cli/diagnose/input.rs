@@ -7,8 +7,8 @@ use crate::cli::files::read_bytes;
 use crate::cli::table::{self, Table};
 use crate::cli::{EX_DATAERR, Failure};
 use crate::core::model::Model;
-use crate::diagnose::moment::{Axis, Source};
-use crate::diagnose::session::{History, Note, Raw, Session, is_encoder};
+use crate::diagnose::moment::Axis;
+use crate::diagnose::session::{Raw, Session, is_encoder};
 
 /// Bytes looked at to tell a format.
 const HEAD: usize = 4096;
@@ -124,118 +124,4 @@ pub(super) fn chain(session: &Session, model: Option<&Model>) -> Result<(), Fail
     };
     let file = session.files.join(", ");
     Err(Failure::new(EX_DATAERR, format_args!("error: {file}: axis {axis} {what}")))
-}
-
-/// A log that ends this long before the first reading still tells how things stood, s.
-const BEFORE_S: f64 = 3600.0;
-
-/// One source of one log.
-struct Series {
-    log: String,
-    source: Source,
-    points: Vec<(f64, f64)>,
-}
-
-impl Series {
-    fn span(&self) -> [f64; 2] {
-        [self.points.first().map_or(0.0, |p| p.0), self.points.last().map_or(0.0, |p| p.0)]
-    }
-}
-
-/// Logs, joined by time. A log belongs to the files whose readings it touches in time: others have another clock. Notes say
-/// what is not used.
-pub(super) fn history(paths: &[PathBuf], raws: &[Raw]) -> Result<(History, Vec<Note>), Failure> {
-    let (mut all, mut notes) = (Vec::new(), Vec::new());
-    for path in paths {
-        all.extend(log(path, &mut notes)?);
-    }
-    let mut history = History::default();
-    for (file, raw) in raws.iter().enumerate() {
-        let t = raw.column("t_s").unwrap_or(&[]);
-        let (first, last) =
-            t.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-        let mut taken: Vec<&Series> = Vec::new();
-        for series in &all {
-            let [from, to] = series.span();
-            if from > last || to + BEFORE_S < first {
-                notes.push(Note::new(format!(
-                    "{}: {} from {from} to {to} s does not touch the readings of {}, {first} to {last} s, and is not used there: is it on another clock?",
-                    series.log, series.source, raw.file
-                )));
-                continue;
-            }
-            if let Some(other) = taken.iter().find(|o| contradict(o, series)) {
-                return Err(Failure::new(
-                    EX_DATAERR,
-                    format_args!(
-                        "error: {}: {} at the same times as in {}, with other values, beside the readings of {}; each seems to have a clock of its own: diagnose the sessions one by one, or write the values into the columns of their files",
-                        series.log, series.source, other.log, raw.file
-                    ),
-                ));
-            }
-            history.add(file, series.source.clone(), series.points.iter().copied());
-            taken.push(series);
-        }
-    }
-    Ok((history, notes))
-}
-
-/// Values of two logs that differ by more are not those of one sensor, degC or 1000 per minute.
-const SAME_SENSOR: f64 = 0.5;
-
-/// True where two logs of one source say different things of the same time.
-fn contradict(a: &Series, b: &Series) -> bool {
-    if a.source != b.source {
-        return false;
-    }
-    let mut at = 0;
-    let (mut apart, mut both) = (0usize, 0usize);
-    for (t, v) in &b.points {
-        while a.points.get(at + 1).is_some_and(|p| p.0 <= *t) {
-            at += 1;
-        }
-        let (Some(p), Some(q)) = (a.points.get(at), a.points.get(at + 1)) else { break };
-        if p.0 <= *t && p.1.is_finite() && v.is_finite() {
-            both += 1;
-            let (low, high) = (p.1.min(q.1) - SAME_SENSOR, p.1.max(q.1) + SAME_SENSOR);
-            apart += usize::from(!(low..=high).contains(v));
-        }
-    }
-    both > 2 && 5 * apart > both
-}
-
-/// One log.
-fn log(path: &Path, notes: &mut Vec<Note>) -> Result<Vec<Series>, Failure> {
-    let name = path.display().to_string();
-    let mut table = table::open(path)?;
-    let t = table.require("t_s")?;
-    let (mut columns, mut unused) = (Vec::new(), Vec::new());
-    for (i, column) in table.columns().iter().enumerate().filter(|(i, _)| *i != t) {
-        let sensor = column.strip_prefix("temp_").and_then(|n| n.strip_suffix("_degc"));
-        match sensor {
-            _ if column == "spindle_rpm" => columns.push((i, Source::Spindle, 1e-3)),
-            Some(sensor) => columns.push((i, Source::Temperature(sensor.to_owned()), 1.0)),
-            None => unused.push(column.clone()),
-        }
-    }
-    if !unused.is_empty() {
-        notes.push(Note::new(format!(
-            "{name}: {} not used: of a log spindle_rpm and temp_<name>_degc are; positions and forces stand in the rows of a session",
-            unused.join(", ")
-        )));
-    }
-    let mut points: Vec<Vec<(f64, f64)>> = vec![Vec::new(); columns.len()];
-    let mut before = f64::NEG_INFINITY;
-    while table.advance()? {
-        let at = table.number(t)?;
-        if at < before {
-            return Err(table.fail(t, format_args!("time goes back from {before} to {at}; sort the log")));
-        }
-        before = at;
-        for (p, (i, _, unit)) in points.iter_mut().zip(&columns) {
-            p.push((at, table.number_or_empty(*i)? * unit));
-        }
-    }
-    let series = points.into_iter().zip(columns);
-    Ok(series.map(|(points, (_, source, _))| Series { log: name.clone(), source, points }).collect())
 }

@@ -1,6 +1,7 @@
 //! `volcomp diagnose`: where the gap between measurement and prediction lies, what causes it, and how far it shrinks.
 
 mod input;
+mod logs;
 mod page;
 mod sources;
 mod words;
@@ -53,6 +54,10 @@ pub(super) struct Args {
     /// A log of the machine on the clock of the sessions; may be repeated.
     #[arg(long, value_name = "CSV")]
     history: Vec<PathBuf>,
+    /// A log of the machine on the clock of the fresh data, where that is another day; may be repeated. Without one those of
+    /// --history count there, too.
+    #[arg(long, value_name = "CSV", requires = "fresh")]
+    fresh_history: Vec<PathBuf>,
     /// Take an effect out of the library, such as backlash or backlash:x; may be repeated.
     #[arg(long, value_name = "EFFECT[:SUBJECT]", value_parser = without)]
     without: Vec<Without>,
@@ -107,7 +112,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             same_machine(path, addition, model)?;
         }
     }
-    let mut session = load(args, &args.data, model.as_ref(), &additions, &machine)?;
+    let mut session = load(args, &args.data, &args.history, model.as_ref(), &additions, &machine)?;
     if args.plan {
         let seen = plan(&mut session, &args.without);
         bar.end();
@@ -116,7 +121,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut fresh = match args.fresh.as_slice() {
         [] => None,
         files => {
-            let fresh = load(args, files, model.as_ref(), &additions, &machine)?;
+            let logs = if args.fresh_history.is_empty() { &args.history } else { &args.fresh_history };
+            let fresh = load(args, files, logs, model.as_ref(), &additions, &machine)?;
             let new: Vec<_> = fresh.notes.iter().filter(|n| !session.notes.contains(n)).cloned().collect();
             session.notes.extend(new);
             Some(fresh)
@@ -157,6 +163,7 @@ pub(in crate::cli) fn read_addition(path: &Path) -> Result<Addition, Failure> {
 fn load(
     args: &Args,
     files: &[PathBuf],
+    logs: &[PathBuf],
     model: Option<&Model>,
     additions: &[Addition],
     machine: &Machine,
@@ -165,7 +172,7 @@ fn load(
     for path in files {
         raws.push(input::session(path, &args.sources, args.plan)?);
     }
-    let (history, notes) = input::history(&args.history, &raws)?;
+    let (history, notes) = logs::history(logs, &raws)?;
     let mut session = Session::build(&raws, history, machine.clone())
         .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {e}")))?;
     session.notes.extend(notes);
