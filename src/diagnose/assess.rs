@@ -7,8 +7,11 @@
 use super::library::{Kind, Label, Library, Shape};
 use super::search::{CURVES, Found, Gates, Problem, Selection, evidence, gates};
 
-/// Share of its gain that a swapped effect must keep to count as the same.
-pub const SAME: f64 = 0.97;
+/// Share of its gain that a swapped effect must keep to count as the same, what noise takes of it, and the share that noise
+/// must not take.
+const SAME: f64 = 0.97;
+const SAME_NOISE: f64 = 4.0;
+const SAME_LEAST: f64 = 0.5;
 /// The same for a table of positions and a worn place of one axis: what a worn place looks like nobody knows so well.
 const CURVE_SAME: f64 = 0.85;
 /// An effect is declared from this probability of its group.
@@ -210,8 +213,7 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
         .filter(|(l, gain)| {
             let share =
                 if one_curve(&library.labels[label], &library.labels[*l]) { CURVE_SAME } else { SAME };
-            let is_same = **gain >= share * own.gain - 4.0 && **gain > 0.5 * own.gain;
-            *l != label && (is_same || selection.one_curve.contains(&(label, *l)))
+            *l != label && (is_same(**gain, own.gain, share) || selection.one_curve.contains(&(label, *l)))
         })
         .map(|(l, _)| library.labels[l].clone())
         .collect();
@@ -340,6 +342,11 @@ fn only_shifts(problem: &Problem, library: &Library, selection: &Selection, plac
     t(j) < EXPANDS_T && t(j + 1) > EXPANDS_T
 }
 
+/// True where an effect in the place of another one explains as much as it but for a share of it and what noise takes.
+pub fn is_same(gain: f64, own: f64, share: f64) -> bool {
+    gain >= share * own - SAME_NOISE && gain > SAME_LEAST * own
+}
+
 /// True for two names of a curve over the position of one axis.
 fn one_curve(a: &Label, b: &Label) -> bool {
     a.subject == b.subject && CURVES.contains(&a.effect) && CURVES.contains(&b.effect)
@@ -411,11 +418,19 @@ impl Assessed {
 
     /// A temperature changes it, by a share from the middle to the ends: what is a function of a position alone is not at work.
     pub fn reject_warming(&mut self, share: f64) {
+        self.reject_warmth(share, "is not the same at every temperature");
+    }
+
+    /// The same for an expansion, beside what its temperature already says: what is there whether it is warm or cold, a scale
+    /// of its axis, is no expansion.
+    pub fn reject_staying(&mut self, share: f64) {
+        self.reject_warmth(share, "does not come and go with the temperature");
+    }
+
+    fn reject_warmth(&mut self, share: f64, what: &str) {
         if share > WARMS && self.remark.is_empty() {
             let percent = 100.0 * share;
-            self.remark = format!(
-                "is not the same at every temperature: {percent:.0} % more or less at the ends than in the middle"
-            );
+            self.remark = format!("{what}: {percent:.0} % more or less at the ends than in the middle");
         }
     }
 

@@ -6,6 +6,7 @@ use nalgebra::{DMatrix, DVector};
 use super::super::Analysis;
 use super::super::assess::Assessed;
 use super::super::forecast::Contributions;
+use super::super::library::Shape;
 use super::super::moment::{Axis, Signal, Source};
 use super::super::session::Session;
 
@@ -33,7 +34,9 @@ pub(super) fn weigh(
         let part: Vec<f64> = (0..session.readings.len())
             .map(|i| (0..owner.len()).filter(|j| owner[*j] == place).map(|j| parts.in_sample[j][i]).sum())
             .collect();
-        if over.is_some() && shape.signals().is_empty() {
+        if matches!(shape, Shape::Thermal { .. }) {
+            x.reject_staying(fit.warmth(session, a, &part));
+        } else if over.is_some() && shape.signals().is_empty() {
             x.reject_warming(fit.warmth(session, a, &part));
         }
         let varying = a.problem.variation().and_then(|v| v.of(a.library.variants[x.variant].label));
