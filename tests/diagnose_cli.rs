@@ -450,20 +450,32 @@ fn a_log_on_another_clock_is_not_used() {
             && said.contains("--fresh-history"),
         "{said}"
     );
-    // of two logs that contradict each other the one beside the session is its own
-    std::fs::create_dir(d.join("day2")).unwrap();
-    std::fs::rename(d.join("same.csv"), d.join("day2/same.csv")).unwrap();
-    for logs in [["h.csv", "day2/same.csv"], ["day2/same.csv", "h.csv"]] {
+    // of logs that contradict each other those beside the session are its own, whatever their order
+    for (day, text) in
+        [("day2", "t_s,temp_air_degc\n0,35\n200,35\n400,35\n".to_owned()), ("day3", log(10, 50.0))]
+    {
+        std::fs::create_dir(d.join(day)).unwrap();
+        std::fs::write(d.join(day).join("log.csv"), text).unwrap();
+    }
+    for logs in [["day2/log.csv", "day3/log.csv", "./h.csv"], ["h.csv", "day3/log.csv", "day2/log.csv"]] {
         let done = with(&logs);
         assert!(done.status.success(), "{}", text(&done.stderr));
-        assert!(!text(&done.stdout).contains(COLD), "{}", text(&done.stdout));
+        let said = text(&done.stdout);
+        assert!(!said.contains(COLD), "{said}");
+        assert!(said.contains("day2/log.csv: temp_air_degc contradicts"), "{said}");
     }
+    std::fs::copy(d.join("s.csv"), d.join("day2/s.csv")).unwrap();
+    let args =
+        ["diagnose", "--data", "day2/s.csv", "--plan", "--history", "h.csv", "--history", "day2/log.csv"];
+    let said = text(&volcomp(d, &args).stdout);
+    assert!(said.contains(COLD), "a day of one temperature: {said}");
     // rows know their own temperature
     let rows =
         line(&|_, r| r.push("25.0".to_owned())).replace("deviation_um\n", "deviation_um,temp_air_degc\n");
     std::fs::write(d.join("s.csv"), rows).unwrap();
     let said = text(&with(&["h.csv"]).stdout);
     assert!(said.contains("h.csv: temp_air_degc contradicts the rows of s.csv"), "{said}");
+    assert!(said.contains("the log is not used there"), "{said}");
     assert!(said.contains(COLD), "{said}");
 }
 

@@ -38,10 +38,13 @@ pub(super) struct Table<R> {
     progress: Progress,
 }
 
+/// What stands for the name of standard input.
+pub(super) const STDIN: &str = "<stdin>";
+
 /// Opens a file, or standard input for `-`.
 pub(super) fn open(path: &Path) -> Result<Table<Box<dyn BufRead>>, Failure> {
     let (source, file): (Box<dyn BufRead>, String) = if path.as_os_str() == "-" {
-        (Box::new(std::io::stdin().lock()), "<stdin>".to_owned())
+        (Box::new(std::io::stdin().lock()), STDIN.to_owned())
     } else {
         let file = File::open(path).map_err(|e| Failure::io(path, &e))?;
         (Box::new(BufReader::with_capacity(1 << 16, file)), path.display().to_string())

@@ -284,16 +284,18 @@ pub fn many(from: Origin, seed: u64) -> Result<Vec<Case>, GeneratorError> {
     let mut dice = Dice::new(seed, "many");
     let empty = case(0, Kind::LeftOut, &[], from, &mut dice)?;
     let mut cases: Vec<Case> = Vec::new();
+    let mut calendar = Dice::new(seed, "days");
     for (name, subject) in MANY {
         let sign = dice.sign();
-        let one = scaled(&empty.truth, (name, subject), sign, from.plan, 2.0, empty.days[0])?;
+        let days = [whole(&mut calendar), whole(&mut calendar)];
+        let one = scaled(&empty.truth, (name, subject), sign, from.plan, 2.0, days[0])?;
         cases.push(Case {
             number: cases.len(),
             labels: vec![label(name, subject)],
             levels: vec![one.level],
             visible: one.visible,
             truth: one.truth,
-            days: [whole(&mut dice), whole(&mut dice)],
+            days,
             ..empty.clone()
         });
     }

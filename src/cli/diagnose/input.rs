@@ -1,6 +1,6 @@
 //! Session files and logs from disk.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use super::sources::{self, SourceArgs};
 use crate::cli::files::read_bytes;

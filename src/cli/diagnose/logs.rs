@@ -11,76 +11,114 @@ use crate::diagnose::session::{History, Note, Raw};
 const BEFORE_S: f64 = 3600.0;
 /// Values of one source at one time that differ by more are not those of one sensor, degC or 1000 per minute.
 const SAME_SENSOR: f64 = 0.5;
+/// Fewest times at which two series are compared, and the share of them at which they must differ to contradict each other.
+const CONTRADICT: (usize, f64) = (3, 0.2);
 
-/// One source of one log, or of the rows of a session.
-struct Series {
+/// Logs as they were read.
+pub(super) struct Logs {
+    logs: Vec<Log>,
+    notes: Vec<Note>,
+}
+
+struct Log {
     file: String,
+    folder: Option<PathBuf>,
+    series: Vec<Series>,
+}
+
+/// One source of a log, or of the rows of a session; its values are finite and there are some.
+struct Series {
     source: Source,
     points: Vec<(f64, f64)>,
 }
 
-impl Series {
-    fn span(&self) -> [f64; 2] {
-        [self.points.first().map_or(0.0, |p| p.0), self.points.last().map_or(0.0, |p| p.0)]
+impl Logs {
+    /// Reads logs.
+    pub(super) fn read(paths: &[PathBuf]) -> Result<Self, Failure> {
+        let mut notes = Vec::new();
+        let logs = paths.iter().map(|path| Log::read(path, &mut notes)).collect::<Result<_, _>>()?;
+        Ok(Self { logs, notes })
     }
 
-    fn is_beside(&self, file: &str) -> bool {
-        Path::new(&self.file).parent() == Path::new(file).parent()
+    /// The logs of each session file, joined by time. A log belongs to the files whose readings it touches in time and whose
+    /// own temperatures it does not contradict: others have another clock. Of logs that contradict each other those in the
+    /// folder of the session are its own. Notes say what is not used.
+    pub(super) fn of(&self, raws: &[Raw]) -> Result<(History, Vec<Note>), Failure> {
+        let (mut history, mut notes) = (History::default(), self.notes.clone());
+        for (file, raw) in raws.iter().enumerate() {
+            for log in self.own(raw, &mut notes)? {
+                for series in log.series.iter().filter(|s| touches(s, raw)) {
+                    history.add(file, series.source.clone(), series.points.iter().copied());
+                }
+            }
+        }
+        Ok((history, notes))
     }
-}
 
-/// Logs, joined by time. A log belongs to the files whose readings it touches in time and whose own columns it does not
-/// contradict: others have another clock. Of logs that contradict each other the one beside the file is its own. Notes say
-/// what is not used.
-pub(super) fn history(paths: &[PathBuf], raws: &[Raw]) -> Result<(History, Vec<Note>), Failure> {
-    let (mut all, mut notes) = (Vec::new(), Vec::new());
-    for path in paths {
-        all.extend(log(path, &mut notes)?);
-    }
-    let mut history = History::default();
-    for (file, raw) in raws.iter().enumerate() {
-        let t = raw.column("t_s").unwrap_or(&[]);
-        let (first, last) =
-            t.iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(*v), h.max(*v)));
-        let rows = of_rows(raw);
-        let mut taken: Vec<&Series> = Vec::new();
-        for series in &all {
-            let [from, to] = series.span();
-            if from > last || to + BEFORE_S < first {
+    /// The logs of one session file.
+    fn own(&self, raw: &Raw, notes: &mut Vec<Note>) -> Result<Vec<&Log>, Failure> {
+        let folder = folder_of(&raw.file);
+        let is_beside = |log: &Log| folder.is_some() && log.folder == folder;
+        let mut logs: Vec<&Log> = self.logs.iter().collect();
+        logs.sort_by_key(|log| !is_beside(log));
+        let rows = temperatures(raw);
+        let mut own: Vec<&Log> = Vec::new();
+        for log in logs {
+            for s in log.series.iter().filter(|s| !touches(s, raw)) {
+                let ([from, to], [first, last]) = (s.span(), span(raw));
                 notes.push(Note::new(format!(
                     "{}: {} from {from} to {to} s does not touch the readings of {}, {first} to {last} s, and is not used there: is it on another clock?",
-                    series.file, series.source, raw.file
+                    log.file, s.source, raw.file
                 )));
-                continue;
             }
-            if rows.iter().any(|own| contradict(series, own)) {
+            if let Some(source) = contradicted(&log.series, &rows) {
                 notes.push(Note::new(format!(
-                    "{}: {} contradicts the rows of {} and is not used there: is it of another day?",
-                    series.file, series.source, raw.file
+                    "{}: {source} contradicts the rows of {}; the log is not used there: is it of another day?",
+                    log.file, raw.file
                 )));
                 continue;
             }
-            let other = taken.iter().position(|o| contradict(o, series));
-            match other.map(|at| (at, taken[at].is_beside(&raw.file), series.is_beside(&raw.file))) {
-                None => taken.push(series),
-                Some((_, true, false)) => {}
-                Some((at, false, true)) => taken[at] = series,
-                Some((at, ..)) => {
+            // those beside the session come first, so that the first one found decides
+            let other = own.iter().find_map(|o| contradicted(&o.series, &log.series).map(|s| (*o, s)));
+            match other {
+                None => own.push(log),
+                Some((other, source)) if is_beside(other) && !is_beside(log) => {
+                    notes.push(Note::new(format!(
+                        "{}: {source} contradicts {}, which lies beside {}; the log is not used there",
+                        log.file, other.file, raw.file
+                    )))
+                }
+                Some((other, source)) => {
                     return Err(Failure::new(
                         EX_DATAERR,
                         format_args!(
-                            "error: {}: {} at the same times as in {}, with other values, beside the readings of {}; each seems to have a clock of its own: give those of --fresh files with --fresh-history, diagnose the sessions one by one, or write the values into the columns of their files",
-                            series.file, series.source, taken[at].file, raw.file
+                            "error: {}: {source} at the same times as in {}, with other values, beside the readings of {}; each seems to have a clock of its own: give those of --fresh files with --fresh-history, diagnose the sessions one by one, or write the values into the columns of their files",
+                            log.file, other.file, raw.file
                         ),
                     ));
                 }
             }
         }
-        for series in taken {
-            history.add(file, series.source.clone(), series.points.iter().copied());
-        }
+        Ok(own)
     }
-    Ok((history, notes))
+}
+
+/// The folder in which a file lies, by its one name; none of what comes from a pipe.
+fn folder_of(file: &str) -> Option<PathBuf> {
+    let parent = Path::new(file).parent().filter(|_| ![table::STDIN, "-"].contains(&file))?;
+    let parent = if parent.as_os_str().is_empty() { Path::new(".") } else { parent };
+    parent.canonicalize().ok()
+}
+
+/// First and last time of the readings, s.
+fn span(raw: &Raw) -> [f64; 2] {
+    let t = raw.column("t_s").unwrap_or(&[]);
+    t.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(*v), h.max(*v)])
+}
+
+fn touches(series: &Series, raw: &Raw) -> bool {
+    let ([from, to], [first, last]) = (series.span(), span(raw));
+    from <= last && to + BEFORE_S >= first
 }
 
 /// A column of a log or of a session that tells of a source, and what one of its units is of that source.
@@ -93,69 +131,95 @@ fn source_of(column: &str) -> Option<(Source, f64)> {
     }
 }
 
-/// What the rows of a session say themselves.
-fn of_rows(raw: &Raw) -> Vec<Series> {
+/// What the rows of a session say of temperatures themselves; a spindle that stops for each reading contradicts no log.
+fn temperatures(raw: &Raw) -> Vec<Series> {
     let t = raw.column("t_s").unwrap_or(&[]);
     let columns = raw.names.iter().zip(&raw.columns);
-    let known = columns.filter_map(|(name, values)| source_of(name).map(|known| (known, values)));
-    let series = known.map(|((source, unit), values)| {
-        let points = t.iter().copied().zip(values.iter().map(|v| v * unit)).collect();
-        Series { file: raw.file.clone(), source, points }
-    });
-    series.collect()
+    let known = columns.filter_map(|(name, values)| source_of(name).map(|(source, _)| (source, values)));
+    known
+        .filter(|(source, _)| matches!(source, Source::Temperature(_)))
+        .filter_map(|(source, values)| Series::new(source, t.iter().copied().zip(values.iter().copied())))
+        .collect()
 }
 
-/// True where the second says other things of one source than the first at the same times.
-fn contradict(a: &Series, b: &Series) -> bool {
-    if a.source != b.source {
-        return false;
-    }
-    let mut at = 0;
-    let (mut apart, mut both) = (0usize, 0usize);
-    for (t, v) in &b.points {
-        while a.points.get(at + 1).is_some_and(|p| p.0 <= *t) {
-            at += 1;
-        }
-        let (Some(p), Some(q)) = (a.points.get(at), a.points.get(at + 1)) else { break };
-        if p.0 <= *t && p.1.is_finite() && v.is_finite() {
-            both += 1;
-            let (low, high) = (p.1.min(q.1) - SAME_SENSOR, p.1.max(q.1) + SAME_SENSOR);
-            apart += usize::from(!(low..=high).contains(v));
-        }
-    }
-    both > 2 && 5 * apart > both
+/// A source of which one side says other things than the other at the same times.
+fn contradicted(a: &[Series], b: &[Series]) -> Option<Source> {
+    let pairs = a.iter().flat_map(|a| b.iter().map(move |b| (a, b)));
+    pairs
+        .into_iter()
+        .find(|(a, b)| a.is_contradicted_by(b) || b.is_contradicted_by(a))
+        .map(|(a, _)| a.source.clone())
 }
 
-/// One log.
-fn log(path: &Path, notes: &mut Vec<Note>) -> Result<Vec<Series>, Failure> {
-    let name = path.display().to_string();
-    let mut table = table::open(path)?;
-    let t = table.require("t_s")?;
-    let (mut columns, mut unused) = (Vec::new(), Vec::new());
-    for (i, column) in table.columns().iter().enumerate().filter(|(i, _)| *i != t) {
-        match source_of(column) {
-            Some((source, unit)) => columns.push((i, source, unit)),
-            None => unused.push(column.clone()),
-        }
+impl Series {
+    /// The values that are there; nothing where there are none.
+    fn new(source: Source, points: impl Iterator<Item = (f64, f64)>) -> Option<Self> {
+        let points: Vec<(f64, f64)> = points.filter(|(t, v)| t.is_finite() && v.is_finite()).collect();
+        (!points.is_empty()).then_some(Self { source, points })
     }
-    if !unused.is_empty() {
-        notes.push(Note::new(format!(
-            "{name}: {} not used: of a log spindle_rpm and temp_<name>_degc are; positions and forces stand in the rows of a session",
-            unused.join(", ")
-        )));
+
+    fn span(&self) -> [f64; 2] {
+        [self.points[0].0, self.points[self.points.len() - 1].0]
     }
-    let mut points: Vec<Vec<(f64, f64)>> = vec![Vec::new(); columns.len()];
-    let mut before = f64::NEG_INFINITY;
-    while table.advance()? {
-        let at = table.number(t)?;
-        if at < before {
-            return Err(table.fail(t, format_args!("time goes back from {before} to {at}; sort the log")));
+
+    fn is_contradicted_by(&self, other: &Self) -> bool {
+        if self.source != other.source {
+            return false;
         }
-        before = at;
-        for (p, (i, _, unit)) in points.iter_mut().zip(&columns) {
-            p.push((at, table.number_or_empty(*i)? * unit));
+        let mut at = 0;
+        let (mut apart, mut both) = (0usize, 0usize);
+        for (t, v) in &other.points {
+            while self.points.get(at + 1).is_some_and(|p| p.0 <= *t) {
+                at += 1;
+            }
+            let (Some(p), Some(q)) = (self.points.get(at), self.points.get(at + 1)) else { break };
+            if p.0 <= *t {
+                both += 1;
+                let (low, high) = (p.1.min(q.1) - SAME_SENSOR, p.1.max(q.1) + SAME_SENSOR);
+                apart += usize::from(!(low..=high).contains(v));
+            }
         }
+        both >= CONTRADICT.0 && apart as f64 > CONTRADICT.1 * both as f64
     }
-    let series = points.into_iter().zip(columns);
-    Ok(series.map(|(points, (_, source, _))| Series { file: name.clone(), source, points }).collect())
+}
+
+impl Log {
+    fn read(path: &Path, notes: &mut Vec<Note>) -> Result<Self, Failure> {
+        let mut table = table::open(path)?;
+        let file = table.file().to_owned();
+        let t = table.require("t_s")?;
+        let (mut columns, mut unused) = (Vec::new(), Vec::new());
+        for (i, column) in table.columns().iter().enumerate().filter(|(i, _)| *i != t) {
+            match source_of(column) {
+                Some((source, unit)) => columns.push((i, source, unit)),
+                None => unused.push(column.clone()),
+            }
+        }
+        if !unused.is_empty() {
+            notes.push(Note::new(format!(
+                "{file}: {} not used: of a log spindle_rpm and temp_<name>_degc are; positions and forces stand in the rows of a session",
+                unused.join(", ")
+            )));
+        }
+        let mut points: Vec<Vec<(f64, f64)>> = vec![Vec::new(); columns.len()];
+        let mut before = f64::NEG_INFINITY;
+        while table.advance()? {
+            let at = table.number(t)?;
+            if at < before {
+                return Err(table.fail(t, format_args!("time goes back from {before} to {at}; sort the log")));
+            }
+            before = at;
+            for (p, (i, _, unit)) in points.iter_mut().zip(&columns) {
+                p.push((at, table.number_or_empty(*i)? * unit));
+            }
+        }
+        let mut series = Vec::with_capacity(columns.len());
+        for (points, (_, source, _)) in points.into_iter().zip(columns) {
+            match Series::new(source.clone(), points.into_iter()) {
+                Some(s) => series.push(s),
+                None => notes.push(Note::new(format!("{file}: {source} has no values"))),
+            }
+        }
+        Ok(Self { folder: folder_of(&file), file, series })
+    }
 }

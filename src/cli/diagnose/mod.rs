@@ -12,6 +12,7 @@ use std::path::{Path, PathBuf};
 
 use clap::Parser;
 
+use self::logs::Logs;
 use super::additions::same_machine;
 use super::files::{read_model, read_text, write_text};
 use super::values::axis_letter;
@@ -112,7 +113,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             same_machine(path, addition, model)?;
         }
     }
-    let mut session = load(args, &args.data, &args.history, model.as_ref(), &additions, &machine)?;
+    let logs = Logs::read(&args.history)?;
+    let mut session = load(args, &args.data, &logs, model.as_ref(), &additions, &machine)?;
     if args.plan {
         let seen = plan(&mut session, &args.without);
         bar.end();
@@ -121,7 +123,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut fresh = match args.fresh.as_slice() {
         [] => None,
         files => {
-            let logs = if args.fresh_history.is_empty() { &args.history } else { &args.fresh_history };
+            let own = Logs::read(&args.fresh_history)?;
+            let logs = if args.fresh_history.is_empty() { &logs } else { &own };
             let fresh = load(args, files, logs, model.as_ref(), &additions, &machine)?;
             let new: Vec<_> = fresh.notes.iter().filter(|n| !session.notes.contains(n)).cloned().collect();
             session.notes.extend(new);
@@ -163,7 +166,7 @@ pub(in crate::cli) fn read_addition(path: &Path) -> Result<Addition, Failure> {
 fn load(
     args: &Args,
     files: &[PathBuf],
-    logs: &[PathBuf],
+    logs: &Logs,
     model: Option<&Model>,
     additions: &[Addition],
     machine: &Machine,
@@ -172,7 +175,7 @@ fn load(
     for path in files {
         raws.push(input::session(path, &args.sources, args.plan)?);
     }
-    let (history, notes) = logs::history(logs, &raws)?;
+    let (history, notes) = logs.of(&raws)?;
     let mut session = Session::build(&raws, history, machine.clone())
         .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {e}")))?;
     session.notes.extend(notes);
