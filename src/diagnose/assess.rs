@@ -43,9 +43,11 @@ struct Calibration {
     /// Per decade of its gain per reading, within `size_range`: what is small everywhere may be a large effect's misform.
     size: f64,
     size_range: [f64; 2],
-    /// Per unit by which it varies over the volume, within `varies_range`: no effect is the same everywhere.
+    /// Per unit by which it varies over the volume, up to `varies_most`, beyond `varies_least` (the second of an expansion): no
+    /// effect is the same everywhere.
     varies: f64,
-    varies_range: [f64; 2],
+    varies_least: [f64; 2],
+    varies_most: f64,
     /// Per decade by which doubtful company grows from a tenth of it, up to `company_most` times.
     company: f64,
     company_most: f64,
@@ -75,7 +77,8 @@ const CALIBRATION: Calibration = Calibration {
     size: 1.55,
     size_range: [-2.0, 0.3],
     varies: 12.0,
-    varies_range: [0.15, 1.0],
+    varies_least: [0.15, 0.5],
+    varies_most: 1.0,
     company: 2.3,
     company_most: 3.0,
     breadth: 0.6,
@@ -91,6 +94,8 @@ const GROWS: [f64; 2] = [0.4, 0.7];
 const VARIES: f64 = 0.34;
 /// Growth with a temperature from which a function of a position is none.
 const WARMS: f64 = 0.5;
+/// Share of an expansion that a scale may say in its place.
+const STAYS: f64 = 0.5;
 
 /// Said of curves that nothing shows twice.
 const ONE_PASS: &str =
@@ -384,7 +389,7 @@ fn logistic(g: &Gates) -> f64 {
         + c.weight * g.weight.clamp(c.weight_least, 1.0).log10()
         - c.grows * g.grows.clamp(0.0, c.grows_most)
         + c.size * g.size.clamp(c.size_range[0], c.size_range[1])
-        - c.varies * (g.varies.clamp(c.varies_range[0], c.varies_range[1]) - c.varies_range[0])
+        - c.varies * (g.varies.min(c.varies_most) - c.varies_least[usize::from(g.is_heat)]).max(0.0)
         - c.company * (1.0 + 10.0 * g.company.clamp(0.0, c.company_most)).log10()
         + c.breadth * g.breadth.clamp(1.0, c.breadth_most).log10()
         - c.absent * (g.missing() - c.absent_least).max(0.0);
@@ -418,19 +423,19 @@ impl Assessed {
 
     /// A temperature changes it, by a share from the middle to the ends: what is a function of a position alone is not at work.
     pub fn reject_warming(&mut self, share: f64) {
-        self.reject_warmth(share, "is not the same at every temperature");
-    }
-
-    /// The same for an expansion, beside what its temperature already says: what is there whether it is warm or cold, a scale
-    /// of its axis, is no expansion.
-    pub fn reject_staying(&mut self, share: f64) {
-        self.reject_warmth(share, "does not come and go with the temperature");
-    }
-
-    fn reject_warmth(&mut self, share: f64, what: &str) {
         if share > WARMS && self.remark.is_empty() {
             let percent = 100.0 * share;
-            self.remark = format!("{what}: {percent:.0} % more or less at the ends than in the middle");
+            self.remark = format!(
+                "is not the same at every temperature: {percent:.0} % more or less at the ends than in the middle"
+            );
+        }
+    }
+
+    /// A share of an expansion is there whether it is warm or cold: a scale of its axis.
+    pub fn reject_staying(&mut self, share: f64) {
+        if share > STAYS && self.remark.is_empty() {
+            let percent = 100.0 * share;
+            self.remark = format!("does not come and go with the temperature: {percent:.0} % of it stay");
         }
     }
 
@@ -496,6 +501,7 @@ mod tests {
         grows: 0.0,
         size: 0.0,
         varies: 0.0,
+        is_heat: false,
         company: 0.0,
     };
 
@@ -512,6 +518,7 @@ mod tests {
             Gates { grows: 0.5, ..GOOD },
             Gates { size: -1.0, ..GOOD },
             Gates { varies: 0.4, ..GOOD },
+            Gates { varies: 0.7, is_heat: true, ..GOOD },
             Gates { company: 0.2, ..GOOD },
             Gates { breadth: 2.0, ..GOOD },
             Gates { absent: [0.0, 0.6], ..GOOD },

@@ -64,6 +64,12 @@ pub(super) fn shaking(session: &Session, rows: &[usize], left: &[f64], beside: &
     tone(session, rows, left, beside).filter(|t| t.chance < CHANCE && t.amplitude > AMPLITUDE)
 }
 
+/// Scatter by the rounding of a display with this step, um, where it is a cause beside the noise.
+pub(super) fn rounding(step_um: f64, noise: &ClassNoise) -> Option<f64> {
+    let own = step_um / 12f64.sqrt();
+    (step_um >= STEP.0 && own >= ROUNDING * noise.white_um).then_some(own)
+}
+
 fn cause(effect: &'static str, probability: f64, parameters: &[(&str, f64, f64)]) -> Cause {
     Cause {
         effect: effect.to_owned(),
@@ -145,12 +151,7 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
         found.push(wild);
     }
     for (class, step) in e.lattice_um.iter().enumerate() {
-        let own = step / 12f64.sqrt();
-        if e.varies(class)
-            && *step >= STEP.0
-            && *step >= STEP.1 * e.rms_um
-            && own >= ROUNDING * e.noise[class].white_um
-        {
+        if e.varies(class) && *step >= STEP.1 * e.rms_um && rounding(*step, &e.noise[class]).is_some() {
             found.push(cause("quantisation", 0.95, &[("step_um", *step, 0.0)]));
             break;
         }

@@ -198,13 +198,13 @@ impl Builder {
             }
             if flight == Flight::Yes {
                 let n = self.count(16);
-                self.to_and_fro([low, high].map(at), 80.0, n, Look::Along(axis));
+                self.back_and_forth([low, high].map(at), 80.0, n, Look::Along(axis));
             }
         }
     }
 
     /// From end to end and back at one speed (mm/s), twice; `n` readings on each way.
-    fn to_and_fro(&mut self, [low, high]: [[f64; 4]; 2], speed: f64, n: usize, look: Look) {
+    fn back_and_forth(&mut self, [low, high]: [[f64; 4]; 2], speed: f64, n: usize, look: Look) {
         let pairs = self.pairs(2 * n);
         for repeat in 1..=2 {
             for (way, [from, to]) in [[low, high], [high, low]].into_iter().enumerate() {
@@ -257,7 +257,7 @@ impl Builder {
             let mut ends = [place(MIDDLE), place(MIDDLE)];
             ends[0][axis] = LOW[axis];
             ends[1][axis] = HIGH[axis];
-            self.to_and_fro(ends, 120.0, n, Look::All);
+            self.back_and_forth(ends, 120.0, n, Look::All);
         }
         let n = self.count(128);
         self.steps.push(Step::Mount { instrument: "capture", setup: setup + 3 });

@@ -14,7 +14,7 @@ use super::super::{Analysis, take_signals};
 const AGAIN: f64 = 0.97 * 0.97;
 /// Most causes in a sum.
 const TOGETHER: usize = 4;
-/// Share of what a sum says beyond the effect that a further cause must leave of it at most.
+/// Share of a sum that is not said: a further cause must leave this share of it at most.
 const NEARER: f64 = 0.9;
 /// Least energy of a sum, as a share of what its parts have.
 const LEAST: f64 = 0.02;
@@ -95,12 +95,15 @@ fn said_again(columns: &[DVector<f64>], parts: &[DVector<f64>]) -> Vec<usize> {
         sums.retain(|sum| !said.iter().any(|s| s.iter().all(|i| sum.contains(i))));
         said.extend(sums.iter().filter(|sum| is_said(sum)).cloned());
     }
-    let unsaid = |some: &[usize]| energy(&whole, some) - energy(&seen, some);
+    let unsaid = |some: &[usize]| 1.0 - energy(&seen, some) / energy(&whole, some);
     for sum in &mut said {
-        while let Some(next) =
-            (0..n).filter(|i| !sum.contains(i)).find(|i| unsaid(&with(sum, *i)) < NEARER * unsaid(sum))
-        {
-            sum.push(next);
+        let nearer = |sum: &[usize]| {
+            let more = (0..n).filter(|i| !sum.contains(i)).map(|i| with(sum, i)).filter(|s| is_said(s));
+            let nearest = more.min_by(|a, b| unsaid(a).total_cmp(&unsaid(b)))?;
+            (unsaid(&nearest) < NEARER * unsaid(sum)).then_some(nearest)
+        };
+        while let Some(more) = nearer(sum) {
+            *sum = more;
         }
     }
     let mut all = said.concat();
@@ -149,13 +152,16 @@ mod tests {
 
     #[test]
     fn each_that_is_the_effect_is_found_and_what_completes_it() {
-        let (x, y) = (wave(f64::sin), wave(|t| (3.0 * t).cos()));
-        let other = wave(|t| (7.0 * t).sin());
-        let (nearly, rest) = (&x + &y * 0.2, &y * -0.15);
-        let column = [x.clone()];
-        assert_eq!(said_again(&column, &[x, other.clone(), nearly.clone()]), [0, 2]);
+        let part = |x: f64, y: f64, z: f64| DVector::from_vec(vec![100.0 * x, 100.0 * y, 100.0 * z]);
+        let column = [part(1.0, 0.0, 0.0)];
+        let (nearly, other) = (part(1.0, 0.2, 0.0), part(0.0, 0.0, 1.0));
+        assert_eq!(said_again(&column, &[part(1.0, 0.0, 0.0), other.clone(), nearly.clone()]), [0, 2]);
         // a drop is a squareness and a little straightness
-        assert_eq!(said_again(&column, &[nearly.clone(), other.clone(), rest]), [0, 2]);
-        assert_eq!(said_again(&column, &[nearly, other]), [0]);
+        assert_eq!(said_again(&column, &[nearly.clone(), other.clone(), part(0.0, -0.15, 0.0)]), [0, 2]);
+        assert_eq!(said_again(&column, &[nearly.clone(), other]), [0]);
+        // what cancels it leaves nothing that the effect says
+        assert_eq!(said_again(&column, &[nearly, part(-1.0, -0.3, 0.0)]), [0]);
+        let overlap = |c: f64| said_again(&column, &[part(c, (1.0 - c * c).sqrt(), 0.0)]).len();
+        assert_eq!([overlap(0.975), overlap(0.965)], [1, 0]);
     }
 }

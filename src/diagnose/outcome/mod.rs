@@ -2,13 +2,13 @@
 
 mod again;
 mod causes;
+mod chance;
 mod company;
 mod curves;
 mod handover;
 mod left;
 mod misfit;
 mod product;
-mod waves;
 mod worth;
 
 use super::addition::Addition;
@@ -131,7 +131,7 @@ pub(super) fn conclude(
             company::weigh(&a, &mut assessed);
         }
         worth::keep(session, &a, &parts, &owner, &mut assessed);
-        waves::doubt(session, &a, &parts, &mut assessed);
+        chance::doubt(session, &a, &parts, &owner, &mut assessed);
     }
     let declared = |j: usize| assessed[owner[j]].declared;
     let day = day(session, &a, &parts, &owner, &assessed);

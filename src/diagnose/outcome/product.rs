@@ -1,5 +1,6 @@
 //! The product of an effect with the position of another axis: a cause is the same wherever the other axes stand, a part of
-//! something that acts through two axes at once grows along the other one.
+//! something that acts through two axes at once grows along the other one. The same with temperatures: a function of a position
+//! is the same when it is warm, an expansion is not.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -34,8 +35,13 @@ pub(super) fn weigh(
         let part: Vec<f64> = (0..session.readings.len())
             .map(|i| (0..owner.len()).filter(|j| owner[*j] == place).map(|j| parts.in_sample[j][i]).sum())
             .collect();
-        if matches!(shape, Shape::Thermal { .. }) {
-            x.reject_staying(fit.warmth(session, a, &part));
+        if let Shape::Thermal { axis, .. } = shape {
+            let scale = Shape::Scale { axis: *axis };
+            let own = owner.iter().position(|o| *o == place);
+            let column = a.problem.whitened(session, &a.filter, &scale).swap_remove(0);
+            if let Some(own) = own {
+                x.reject_staying(fit.stays(own, &DVector::from_vec(column)));
+            }
         } else if over.is_some() && shape.signals().is_empty() {
             x.reject_warming(fit.warmth(session, a, &part));
         }
@@ -63,6 +69,8 @@ pub(super) fn weigh(
 struct Fit {
     columns: DMatrix<f64>,
     factor: Option<nalgebra::Cholesky<f64, nalgebra::Dyn>>,
+    /// What was found of each column.
+    values: DVector<f64>,
     left: DVector<f64>,
     /// Variance of what is left, at least that of the noise.
     variance: f64,
@@ -80,7 +88,7 @@ impl Fit {
         let gram = columns.tr_mul(&columns);
         let ridge = DMatrix::from_diagonal(&gram.diagonal().map(|d| RIDGE * d + 1e-12));
         let variance = (left.norm_squared() / left.len().max(1) as f64).max(1.0);
-        Self { columns, factor: (gram + ridge).cholesky(), left, variance }
+        Self { columns, factor: (gram + ridge).cholesky(), values: DVector::from_vec(beta), left, variance }
     }
 
     /// The axis along which an effect that contributes `part` grows most, and by how much.
@@ -120,16 +128,37 @@ impl Fit {
 
     /// The value of one more column, drawn towards zero by what it is not sure of.
     fn share(&self, column: &DVector<f64>) -> f64 {
-        let Some(factor) = &self.factor else { return 0.0 };
-        let known = factor.solve(&self.columns.tr_mul(column));
-        let own = column - &self.columns * known;
-        let size = own.norm_squared();
-        if size < 1e-6 * column.norm_squared() || size <= 0.0 {
-            return 0.0;
-        }
-        let std = (self.variance / size).sqrt();
-        ((own.dot(&self.left) / size).abs() - SURE * std).max(0.0)
+        let Some(more) = self.more(column) else { return 0.0 };
+        (more.value.abs() - SURE * (self.variance / more.size).sqrt()).max(0.0)
     }
+
+    /// The share of a column that one more column says in its place, at most 1, less what it is not sure of.
+    fn stays(&self, own: usize, column: &DVector<f64>) -> f64 {
+        let (Some(factor), Some(more)) = (&self.factor, self.more(column)) else { return 0.0 };
+        let unit = DVector::from_fn(self.values.len(), |i, _| f64::from(u8::from(i == own)));
+        let (moved, size) = (more.known[own], self.values[own].abs());
+        let variance = self.variance * (factor.solve(&unit)[own] + moved * moved / more.size);
+        let now = self.values[own] - moved * more.value;
+        (1.0 - (now * self.values[own].signum() + SURE * variance.sqrt()) / size.max(1e-300)).clamp(0.0, 1.0)
+    }
+
+    /// One more column fitted beside all; nothing where they say it already.
+    fn more(&self, column: &DVector<f64>) -> Option<More> {
+        let known = self.factor.as_ref()?.solve(&self.columns.tr_mul(column));
+        let own = column - &self.columns * &known;
+        let size = own.norm_squared();
+        let is_new = size >= 1e-6 * column.norm_squared() && size > 0.0;
+        is_new.then(|| More { value: own.dot(&self.left) / size, known, size })
+    }
+}
+
+/// One more column beside those chosen.
+struct More {
+    value: f64,
+    /// What of each column it takes per unit.
+    known: DVector<f64>,
+    /// Energy of what is new in it.
+    size: f64,
 }
 
 /// A column whitened as those of the problem are: for drift and for what varies.
@@ -157,7 +186,8 @@ mod tests {
         let known = effect.dot(&y) / effect.norm_squared();
         let columns = DMatrix::from_columns(std::slice::from_ref(&effect));
         let factor = columns.tr_mul(&columns).cholesky();
-        Fit { columns, factor, left: y - effect * known, variance: 1.0 }.share(&product)
+        let values = DVector::from_element(1, known);
+        Fit { columns, factor, values, left: y - effect * known, variance: 1.0 }.share(&product)
     }
 
     #[test]
@@ -165,5 +195,35 @@ mod tests {
         assert_eq!(growth(0.0), 0.0);
         assert!((0.35..0.5).contains(&growth(0.5)), "{}", growth(0.5));
         assert!((0.85..1.0).contains(&growth(-1.0)), "{}", growth(-1.0));
+    }
+
+    /// What stays of an expansion about 20 degC whether it is warm or cold: readings along an axis on a day on which it gets
+    /// warmer by `range` from 21 degC on, of what `truth` says at a position (-1 to 1) and a temperature.
+    fn staying(range: f64, truth: impl Fn(f64, f64) -> f64) -> f64 {
+        let n = 400;
+        let degc = |i: usize| 21.0 + range * i as f64 / n as f64;
+        let x = |i: usize| (0.7 * i as f64).sin();
+        let expansion = DVector::from_fn(n, |i, _| x(i) * (degc(i) - 20.0));
+        let scale = DVector::from_fn(n, |i, _| x(i));
+        let y = DVector::from_fn(n, |i, _| truth(x(i), degc(i)) + 1.4 * (2.9 * (i * i) as f64).sin());
+        let known = expansion.dot(&y) / expansion.norm_squared();
+        let columns = DMatrix::from_columns(std::slice::from_ref(&expansion));
+        let factor = columns.tr_mul(&columns).cholesky();
+        let values = DVector::from_element(1, known);
+        Fit { columns, factor, values, left: y - expansion * known, variance: 1.0 }.stays(0, &scale)
+    }
+
+    #[test]
+    fn an_expansion_comes_and_goes_and_a_scale_stays() {
+        let expands = staying(4.0, |x, t| 3.0 * x * (t - 20.0));
+        assert!(expands < 0.05, "{expands}");
+        // about another temperature, or more than in proportion: it does come and go
+        assert!(staying(4.0, |x, t| 3.0 * x * (t - 22.0)) < 0.05);
+        assert!(staying(4.0, |x, t| x * (t - 20.0).powi(2)) < 0.05);
+        let stays = staying(4.0, |x, _| 9.0 * x);
+        assert!(stays > 0.8, "{stays}");
+        assert!(staying(4.0, |x, _| -9.0 * x) > 0.8, "of either sign");
+        // some hundredths of a kelvin cannot tell
+        assert_eq!(staying(0.02, |x, _| 9.0 * x), 0.0);
     }
 }

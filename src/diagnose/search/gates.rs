@@ -5,7 +5,7 @@
 
 use nalgebra::DVector;
 
-use super::super::library::Library;
+use super::super::library::{Library, Shape};
 use super::super::moment::{Axis, SLOTS};
 use super::problem::Problem;
 use super::select::{Found, Selection};
@@ -49,6 +49,8 @@ pub struct Gates {
     pub size: f64,
     /// How far it varies over the volume, relative, RMS; 0 where it was not asked.
     pub varies: f64,
+    /// A temperature drives it: heat comes with more than one time constant, and places are measured at different times.
+    pub is_heat: bool,
     /// What nobody stands by in its direction, as a multiple of what it explains; found after the gates.
     pub company: f64,
 }
@@ -233,6 +235,7 @@ pub fn gates(
         grows: 0.0,
         size: (gain.max(1e-9) / problem.len().max(1) as f64).log10(),
         varies: varying.map_or(0.0, |e| e.rms),
+        is_heat: matches!(library.variants[selection.chosen[place]].shape, Shape::Thermal { .. }),
         company: 0.0,
     }
 }

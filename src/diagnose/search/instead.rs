@@ -47,9 +47,9 @@ pub fn challenge(
     let best = rivals
         .into_iter()
         .map(|v| {
-            let (gain, shape) = beside.best(problem, session, filter, &library.variants[v].shape);
+            let (gain, rank, shape) = beside.best(problem, session, filter, &library.variants[v].shape);
             let label = library.variants[v].label;
-            (evidence(gain, shape.width(), selection.grid[label]), v, shape)
+            (evidence(gain, rank, selection.grid[label]), v, shape)
         })
         .max_by(|a, b| a.0.total_cmp(&b.0));
     if let Some((e, v, shape)) = best
@@ -91,8 +91,9 @@ pub fn one_tilt(
         let others = selection.without(&[tilt, compliance]);
         let both = selection.evidence_beside(problem, library, &others, &pair);
         let variant = &library.variants[pair[0]];
-        let (gain, shape) = Beside::new(problem, &others).best(problem, session, filter, &variant.shape);
-        if evidence(gain, shape.width(), selection.grid[variant.label]) > RATHER * both {
+        let (gain, rank, shape) =
+            Beside::new(problem, &others).best(problem, session, filter, &variant.shape);
+        if evidence(gain, rank, selection.grid[variant.label]) > RATHER * both {
             put(problem, session, filter, library, pair[0], shape);
             selection.chosen.remove(compliance);
         }
@@ -137,7 +138,7 @@ pub fn one_worn_place(
             .into_iter()
             .take(PLACES)
             .map(|(_, v)| {
-                let (gain, shape) = beside.best(problem, session, filter, &library.variants[v].shape);
+                let (gain, _, shape) = beside.best(problem, session, filter, &library.variants[v].shape);
                 (gain, v, shape)
             })
             .max_by(|a, b| a.0.total_cmp(&b.0));

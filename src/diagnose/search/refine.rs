@@ -141,7 +141,7 @@ pub fn refine(
     let others: Vec<usize> =
         chosen.iter().enumerate().filter(|(i, _)| *i != place).map(|(_, v)| *v).collect();
     let beside = Beside::new(problem, &others);
-    (_, shape) = beside.best(problem, session, filter, &shape);
+    (.., shape) = beside.best(problem, session, filter, &shape);
     put(problem, session, filter, library, variant, shape);
 }
 
@@ -201,8 +201,8 @@ pub(super) struct Beside {
     /// Products with what is explained.
     right: Vec<f64>,
     y: Vec<f64>,
-    /// Drop of the sum of squares by them alone.
-    ground: f64,
+    /// Drop of the sum of squares by them alone, and how many of them are independent.
+    ground: (f64, usize),
 }
 
 impl Beside {
@@ -216,13 +216,13 @@ impl Beside {
         let products =
             (0..columns.len()).map(|i| columns[..=i].iter().map(|c| dot(&columns[i], c)).collect()).collect();
         let right = columns.iter().map(|c| dot(c, &y)).collect();
-        let mut beside = Self { columns, products, right, y, ground: 0.0 };
+        let mut beside = Self { columns, products, right, y, ground: (0.0, 0) };
         beside.ground = beside.joint(&[]);
         beside
     }
 
-    /// Drop of the sum of squares by these columns and more together.
-    fn joint(&self, more: &[Vec<f64>]) -> f64 {
+    /// Drop of the sum of squares by these columns and more together, and the number of independent ones.
+    fn joint(&self, more: &[Vec<f64>]) -> (f64, usize) {
         let (k, n) = (self.columns.len(), self.columns.len() + more.len());
         let mut g = vec![0.0; n * n];
         let mut set = |i: usize, j: usize, v: f64| {
@@ -238,17 +238,18 @@ impl Beside {
         }
         let full: Vec<f64> = (0..n).map(|i| g[i * n + i]).collect();
         let b: Vec<f64> = self.right.iter().copied().chain(more.iter().map(|c| dot(c, &self.y))).collect();
-        Factor::new(n, &g, &full).gain(&b)
+        let factor = Factor::new(n, &g, &full);
+        (factor.gain(&b), factor.rank())
     }
 
-    /// What a shape brings with the best values near its own, and that shape.
+    /// What a shape brings with the best values near its own, the number of its independent columns, and that shape.
     pub(super) fn best(
         &self,
         problem: &Problem,
         session: &Session,
         filter: &Filter,
         shape: &Shape,
-    ) -> (f64, Shape) {
+    ) -> (f64, usize, Shape) {
         let score = |shape: &Shape| self.joint(&problem.whitened(session, filter, shape));
         let mut shape = shape.clone();
         let mut best = score(&shape);
@@ -258,13 +259,13 @@ impl Beside {
                     .into_iter()
                     .filter(|s| is_local(session, s))
                     .map(|s| (score(&s), s))
-                    .filter(|(g, _)| *g > best + 1e-6)
-                    .max_by(|a, b| a.0.total_cmp(&b.0));
+                    .filter(|(g, _)| g.0 > best.0 + 1e-6)
+                    .max_by(|a, b| a.0.0.total_cmp(&b.0.0));
                 let Some((gain, s)) = better else { break };
                 (best, shape) = (gain, s);
             }
         }
-        (best - self.ground, shape)
+        (best.0 - self.ground.0, best.1 - self.ground.1, shape)
     }
 }
 
@@ -304,7 +305,7 @@ fn tie(
         .into_iter()
         .filter(|t| *t >= 0.0)
         .map(|tie_ms| Shape::Lag { axes: axes.clone(), tie_ms })
-        .map(|s| (beside.joint(&problem.whitened(session, filter, &s)), s))
+        .map(|s| (beside.joint(&problem.whitened(session, filter, &s)).0, s))
         .max_by(|a, b| a.0.total_cmp(&b.0));
     if let Some((_, shape)) = best {
         put(problem, session, filter, library, variant, shape);

@@ -300,7 +300,10 @@ impl Selection {
                 let others = self.without(&[a, b]);
                 let given = Self::given(problem, &others);
                 let (first, second) = (self.chosen[a], self.chosen[b]);
-                let now = self.evidence_beside(problem, library, &others, &[first, second]);
+                let with_first: Vec<usize> = others.iter().copied().chain([first]).collect();
+                let both = Self::given(problem, &with_first);
+                let now = self.found(problem, library, &given, first).evidence
+                    + self.found(problem, library, &both, second).evidence;
                 let labels: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
                 if let Some(best) = self.ranking(problem, library, &given, &labels).first()
                     && (best.evidence > now
