@@ -75,7 +75,7 @@ const CALIBRATION: Calibration = Calibration {
     grows: 0.4,
     grows_most: 1.5,
     size: 1.55,
-    size_range: [-2.0, 0.3],
+    size_range: [-2.5, 0.3],
     varies: 12.0,
     varies_least: [0.15, 0.5],
     varies_most: 1.0,
