@@ -223,7 +223,7 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
         .map(|(l, _)| library.labels[l].clone())
         .collect();
     same.extend(library.behind(shape).cloned());
-    same.extend(slope_of(problem, library, selection, place, gain));
+    same.extend(slope_of(problem, library, selection, place, gain, &same));
     // where its variation stands among the noise, evidence has been discounted already
     let is_varied = problem.variation().is_some_and(|v| v.of(label).is_some());
     let inexact = CALIBRATION.temper[usize::from(is_varied)];
@@ -311,19 +311,23 @@ fn turn_share(problem: &Problem, library: &Library, selection: &Selection, place
     if all > 0.0 { constant / all } else { 0.0 }
 }
 
-/// The curves chosen whose slope a straight line may be: it was measured over a part of the travel, or says less than they do;
-/// from which line a curve is counted is a choice.
+/// The curves chosen whose slope an effect may be, or a straight line that is the same as it (`same`): it was measured over a
+/// part of the travel, or says less than they do; from which line a curve is counted is a choice.
 fn slope_of(
     problem: &Problem,
     library: &Library,
     selection: &Selection,
     place: usize,
     gain: f64,
+    same: &[Label],
 ) -> Vec<Label> {
     let shape = &library.variants[selection.chosen[place]].shape;
     let is_part = library.may_be_a_slope(shape);
-    let curves = (0..selection.chosen.len())
-        .filter(|p| shape.may_be_the_slope_of(&library.variants[selection.chosen[*p]].shape));
+    let alike = library.variants.iter().filter(|v| same.contains(&library.labels[v.label])).map(|v| &v.shape);
+    let lines: Vec<&Shape> = std::iter::once(shape).chain(alike).collect();
+    let curve = |p: usize| &library.variants[selection.chosen[p]].shape;
+    let is_slope_of = |p: usize| lines.iter().any(|line| line.may_be_the_slope_of(curve(p)));
+    let curves = (0..selection.chosen.len()).filter(|p| *p != place && is_slope_of(*p));
     let more = |p: &usize| {
         is_part || problem.gain(&problem.given(&selection.without(&[*p])), selection.chosen[*p]).0 > gain
     };
