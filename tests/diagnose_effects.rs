@@ -223,7 +223,7 @@ fn a_test_of_minutes_says_nothing_of_the_warmth_of_a_day() {
         .fold([f64::INFINITY, 0.0], |[l, h]: [f64; 2], s| [l.min(s.t), h.max(s.t)]);
     // a little larger at its end than at its beginning, as nothing is quite the same twice
     let lifts = |s: &State| {
-        let more = if s.instrument == "rtest" { 0.06 * (s.t - from) / (to - from) } else { 0.0 };
+        let more = if s.instrument == "rtest" { 0.2 * (s.t - from) / (to - from) } else { 0.0 };
         [0.0, 0.0, 9.0 * (2.0 * s.c).sin() * (1.0 + more)]
     };
     let d = run(&campaign, &lifts, NOISE, &[]);
