@@ -229,6 +229,19 @@ pub enum Source {
     Temperature(String),
 }
 
+impl Source {
+    /// The source that a column of a log or of a session tells of, and what one of the column's units is of it.
+    #[must_use]
+    pub fn of_column(name: &str) -> Option<(Self, f64)> {
+        let sensor = name.strip_prefix("temp_").and_then(|n| n.strip_suffix("_degc"));
+        match sensor {
+            _ if name == "spindle_rpm" => Some((Self::Spindle, 1e-3)),
+            Some(sensor) => Some((Self::Temperature(sensor.to_owned()), 1.0)),
+            None => None,
+        }
+    }
+}
+
 impl fmt::Display for Source {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {

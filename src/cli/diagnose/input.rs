@@ -1,4 +1,4 @@
-//! Session files and logs from disk.
+//! Session files from disk.
 
 use std::path::Path;
 

@@ -46,8 +46,9 @@ impl Logs {
     pub(super) fn of(&self, raws: &[Raw]) -> Result<(History, Vec<Note>), Failure> {
         let (mut history, mut notes) = (History::default(), self.notes.clone());
         for (file, raw) in raws.iter().enumerate() {
-            for log in self.own(raw, &mut notes)? {
-                for series in log.series.iter().filter(|s| touches(s, raw)) {
+            let readings = span(raw);
+            for log in self.own(raw, readings, &mut notes)? {
+                for series in log.series.iter().filter(|s| s.touches(readings)) {
                     history.add(file, series.source.clone(), series.points.iter().copied());
                 }
             }
@@ -56,7 +57,7 @@ impl Logs {
     }
 
     /// The logs of one session file.
-    fn own(&self, raw: &Raw, notes: &mut Vec<Note>) -> Result<Vec<&Log>, Failure> {
+    fn own(&self, raw: &Raw, readings: [f64; 2], notes: &mut Vec<Note>) -> Result<Vec<&Log>, Failure> {
         let folder = folder_of(&raw.file);
         let is_beside = |log: &Log| folder.is_some() && log.folder == folder;
         let mut logs: Vec<&Log> = self.logs.iter().collect();
@@ -64,8 +65,8 @@ impl Logs {
         let rows = temperatures(raw);
         let mut own: Vec<&Log> = Vec::new();
         for log in logs {
-            for s in log.series.iter().filter(|s| !touches(s, raw)) {
-                let ([from, to], [first, last]) = (s.span(), span(raw));
+            for s in log.series.iter().filter(|s| !s.touches(readings)) {
+                let ([from, to], [first, last]) = (s.span(), readings);
                 notes.push(Note::new(format!(
                     "{}: {} from {from} to {to} s does not touch the readings of {}, {first} to {last} s, and is not used there: is it on another clock?",
                     log.file, s.source, raw.file
@@ -116,26 +117,12 @@ fn span(raw: &Raw) -> [f64; 2] {
     t.iter().fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(*v), h.max(*v)])
 }
 
-fn touches(series: &Series, raw: &Raw) -> bool {
-    let ([from, to], [first, last]) = (series.span(), span(raw));
-    from <= last && to + BEFORE_S >= first
-}
-
-/// A column of a log or of a session that tells of a source, and what one of its units is of that source.
-fn source_of(column: &str) -> Option<(Source, f64)> {
-    let sensor = column.strip_prefix("temp_").and_then(|n| n.strip_suffix("_degc"));
-    match sensor {
-        _ if column == "spindle_rpm" => Some((Source::Spindle, 1e-3)),
-        Some(sensor) => Some((Source::Temperature(sensor.to_owned()), 1.0)),
-        None => None,
-    }
-}
-
 /// What the rows of a session say of temperatures themselves; a spindle that stops for each reading contradicts no log.
 fn temperatures(raw: &Raw) -> Vec<Series> {
     let t = raw.column("t_s").unwrap_or(&[]);
     let columns = raw.names.iter().zip(&raw.columns);
-    let known = columns.filter_map(|(name, values)| source_of(name).map(|(source, _)| (source, values)));
+    let known =
+        columns.filter_map(|(name, values)| Source::of_column(name).map(|(source, _)| (source, values)));
     known
         .filter(|(source, _)| matches!(source, Source::Temperature(_)))
         .filter_map(|(source, values)| Series::new(source, t.iter().copied().zip(values.iter().copied())))
@@ -160,6 +147,12 @@ impl Series {
 
     fn span(&self) -> [f64; 2] {
         [self.points[0].0, self.points[self.points.len() - 1].0]
+    }
+
+    /// True where it tells of some of the readings between two times.
+    fn touches(&self, [first, last]: [f64; 2]) -> bool {
+        let [from, to] = self.span();
+        from <= last && to + BEFORE_S >= first
     }
 
     fn is_contradicted_by(&self, other: &Self) -> bool {
@@ -190,7 +183,7 @@ impl Log {
         let t = table.require("t_s")?;
         let (mut columns, mut unused) = (Vec::new(), Vec::new());
         for (i, column) in table.columns().iter().enumerate().filter(|(i, _)| *i != t) {
-            match source_of(column) {
+            match Source::of_column(column) {
                 Some((source, unit)) => columns.push((i, source, unit)),
                 None => unused.push(column.clone()),
             }

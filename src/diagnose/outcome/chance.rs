@@ -9,13 +9,12 @@ use super::super::moment::Moment;
 use super::super::noise::beside_repeats;
 use super::super::session::Session;
 use super::super::stochastic;
+use super::product::ACTS_SHARE;
 
 /// Speeds within this factor are one feed.
 const ONE_FEED: f64 = 1.5;
 /// What shows in fewer programmes (`breadth`) nothing but the passes of one shows.
 const ONE_PROGRAMME: f64 = 2.0;
-/// Share of the mean square of an effect from which it acts at a reading.
-const ACTS_SHARE: f64 = 0.05;
 
 /// Takes back what chance may have made.
 pub(super) fn doubt(

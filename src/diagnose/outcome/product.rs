@@ -16,7 +16,7 @@ const SURE: f64 = 2.0;
 /// Least range of a temperature that says anything, K.
 const WARMER_K: f64 = 2.0;
 /// Share of the mean square of an effect from which it acts at a reading.
-const ACTS_SHARE: f64 = 0.05;
+pub(super) const ACTS_SHARE: f64 = 0.05;
 /// Added to the products of columns, as a share of their size.
 const RIDGE: f64 = 1e-9;
 

@@ -230,11 +230,8 @@ fn is_extra(name: &str) -> bool {
 fn sources(raw: &Raw, file: usize, history: &mut History) {
     let Some(t) = raw.column("t_s") else { return };
     for (name, values) in raw.names.iter().zip(&raw.columns) {
-        let points = t.iter().copied().zip(values.iter().copied());
-        if name == "spindle_rpm" {
-            history.add(file, Source::Spindle, points.map(|(t, v)| (t, v * 1e-3)));
-        } else if let Some(sensor) = name.strip_prefix("temp_").and_then(|n| n.strip_suffix("_degc")) {
-            history.add(file, Source::Temperature(sensor.to_owned()), points);
+        if let Some((source, unit)) = Source::of_column(name) {
+            history.add(file, source, t.iter().copied().zip(values.iter().map(|v| v * unit)));
         }
     }
 }
