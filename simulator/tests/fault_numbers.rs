@@ -14,15 +14,19 @@ use volcomp::core::fault::{CATALOGUE, Code, reason_code};
 const TESTED: &[(u16, &str, &str)] = &[
     (
         5001,
-        "src/core/engine/tests/sequences/every_rule.rs",
+        "src/engine/tests/sequences/every_rule.rs",
         "every_rule_is_met_and_no_other_change_of_state_occurs",
     ),
-    (8001, "src/core/engine/tests/aiming.rs", "a_sensor_that_falls_silent_fades_to_the_static_model"),
+    (8001, "src/engine/tests/aiming.rs", "a_sensor_that_falls_silent_fades_to_the_static_model"),
     (8014, "tests/daemon_thermal.rs", "temperatures_and_speeds_on_a_sensor_link_move_the_axes"),
-    (8016, "src/core/live/estimator/tests.rs", "a_direction_that_points_the_other_way_is_refused_by_name"),
+    (
+        8016,
+        "src/estimate/live/estimator/tests.rs",
+        "a_direction_that_points_the_other_way_is_refused_by_name",
+    ),
     (8017, "tests/daemon_sensors.rs", "what_is_no_reading_is_answered_and_costs_nothing_else"),
     (8018, "tests/daemon_sensors.rs", "an_estimator_that_does_not_keep_up_says_so_and_blames_no_sensor"),
-    (8019, "src/core/live/estimator/tests.rs", "what_is_larger_than_its_limit_is_told"),
+    (8019, "src/estimate/live/estimator/tests.rs", "what_is_larger_than_its_limit_is_told"),
     (8020, "tests/daemon_sensors.rs", "a_model_without_live_values_leaves_the_sensors_listed_as_unused"),
     (8015, "tests/daemon_thermal.rs", "temperatures_and_speeds_on_a_sensor_link_move_the_axes"),
 ];

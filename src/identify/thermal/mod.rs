@@ -185,7 +185,7 @@ pub fn fit(
     }
     let (lambda, rolling_rms) = strength(&sums.parts, request.lambda);
     let of_training = training.ridge(lambda).ok_or(ThermalFitError::NothingChanges)?;
-    let foretelling = Thermal { std: Some(rolling_rms), ..trained }.with(&of_training);
+    let foretelling = with_coefficients(Thermal { std: Some(rolling_rms), ..trained }, &of_training);
     let predicted = log.predict(&foretelling);
     let forecast = (training_rows < rows).then(|| log.forecast(&foretelling, &predicted, training_rows));
     // what is written knows all rows, about the same references
@@ -197,7 +197,7 @@ pub fn fit(
     let line = all.ridge(lambda).ok_or(ThermalFitError::NothingChanges)?;
     let fit_rms = (all.left(&line) / all.rows()).sqrt();
     Ok(ThermalFit {
-        thermal: whole.with(&line),
+        thermal: with_coefficients(whole, &line),
         lambda,
         rows,
         training_rows,
@@ -404,16 +404,14 @@ impl Log<'_> {
     }
 }
 
-impl Thermal {
-    /// The growth with the coefficients of a regression on its terms.
-    fn with(mut self, line: &Line) -> Self {
-        self.offset = line.constant;
-        let mut coefficients = line.coefficients.iter();
-        for c in self.inputs.iter_mut().flat_map(|i| &mut i.coefficients) {
-            *c = coefficients.next().copied().unwrap_or_default();
-        }
-        self
+/// The thermal displacement with the coefficients of a regression on its terms.
+fn with_coefficients(mut thermal: Thermal, line: &Line) -> Thermal {
+    thermal.offset = line.constant;
+    let mut coefficients = line.coefficients.iter();
+    for c in thermal.inputs.iter_mut().flat_map(|i| &mut i.coefficients) {
+        *c = coefficients.next().copied().unwrap_or_default();
     }
+    thermal
 }
 
 #[cfg(test)]

@@ -1,0 +1,560 @@
+//! The state machine between positions and corrections.
+//!
+//! The output is always `limiter(blend(from, to, s))`: `from` is the offset at the last change of plan, `to` the
+//! correction (or zero), `s` a smooth share that grows from 0 to 1 over the ramp. So nothing ever steps, from
+//! whatever offset and in whatever state a change of plan comes; the limiter bounds what is left.
+
+mod held;
+mod orders;
+
+use super::aim::{Aim, Target};
+use super::config::{AfterLoss, AxisLimits, EngineConfig, EngineError, OutOfTravel, RestOffset};
+use super::intake::Intake;
+use super::limiter::Limiter;
+use super::output::{CycleOutput, Detail, Event, Reason, State};
+use super::ramp::Ramp;
+use super::read_back::ReadBack;
+use volcomp_model::Model;
+use volcomp_model::axes::{AxisArray, AxisKind, MAX_AXES};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::units::{MonoTime, RAD_PER_DEG};
+use volcomp_protocol::{Correction, MachineState, Position};
+
+/// The most control time that one output may use, in cycles: a late frame must not become a long step.
+const STEP_CYCLES_MAX: f64 = 2.0;
+
+/// Turns positions into bounded corrections.
+#[derive(Debug, Clone)]
+pub struct Compensator {
+    config: EngineConfig,
+    axes: usize,
+    /// mm or rad per wire unit.
+    scale: AxisArray,
+    intake: Intake,
+    aim: Aim,
+    read_back: ReadBack,
+    limiters: [Limiter; MAX_AXES],
+    state: State,
+    /// The wish of the operator.
+    enabled: bool,
+    stopping: bool,
+    stopped: bool,
+    gain: f64,
+    gain_wanted: f64,
+    from: AxisArray,
+    ramp: Ramp,
+    /// False until the first believable frame of a link has told which offset the control holds.
+    synchronised: bool,
+    /// The machine is not ready: no offset is moved, and the control may change its own meanwhile.
+    frozen: bool,
+    /// Drives off or emergency stop: the control cannot move any offset.
+    immobile: bool,
+    /// How long the present hold has lasted, s.
+    held_s: f64,
+    /// The offset is on its way to zero because positions were lost.
+    lost: bool,
+    /// When the last frame came.
+    heard: Option<MonoTime>,
+    /// The numbers behind what this cycle has found.
+    detail: Option<Detail>,
+    last_sequence: u32,
+    last_control_ns: i64,
+    /// Control cycles from the frame before to this one.
+    gap_cycles: u32,
+    /// The same in control time, s.
+    gap_s: f64,
+    /// Frames that were old or repeated.
+    strays: u64,
+    next_deadline: Option<MonoTime>,
+    /// When a frame or a deadline was answered last.
+    told: Option<MonoTime>,
+    /// Not yet told.
+    event: Option<Event>,
+    /// Every single change of state, for the tests that hold them against the rules.
+    #[cfg(test)]
+    pub(super) trace: Vec<(State, State, Reason)>,
+}
+
+/// What one cycle found out before it moves anything.
+struct Plan<'a> {
+    target: &'a Target,
+    /// Time that the offset may use, s: control time of the frame, one cycle without one.
+    dt: f64,
+    /// Time that has passed, s: ramps and gain go by it.
+    elapsed_s: f64,
+}
+
+impl Compensator {
+    /// An engine that is off.
+    ///
+    /// # Errors
+    /// The configuration is incomplete or does not fit the model.
+    pub fn new(config: &EngineConfig, model: &Model) -> Result<Self, EngineError> {
+        config.validate()?;
+        let axes = config.axes.len();
+        let mut scale = [1.0; MAX_AXES];
+        let mut tolerance = [0.0; MAX_AXES];
+        let mut limiters = [Limiter::new(NO_LIMITS); MAX_AXES];
+        for (k, name) in config.axes.iter().enumerate() {
+            scale[k] = if name.kind() == AxisKind::Rotary { RAD_PER_DEG } else { 1.0 };
+            tolerance[k] = config.read_back_tolerance[k];
+            limiters[k] = Limiter::new(config.limits[k]);
+        }
+        Ok(Self {
+            intake: Intake::new(config, &scale),
+            aim: Aim::new(config, scale, model)?,
+            read_back: ReadBack::new(config.read_back_cycles as usize, tolerance),
+            ramp: Ramp::start(config.ramp_s),
+            gain: config.gain,
+            gain_wanted: config.gain,
+            config: config.clone(),
+            axes,
+            scale,
+            limiters,
+            state: State::Off,
+            enabled: false,
+            stopping: false,
+            stopped: false,
+            from: [0.0; MAX_AXES],
+            synchronised: false,
+            frozen: false,
+            immobile: false,
+            held_s: 0.0,
+            lost: false,
+            heard: None,
+            detail: None,
+            last_sequence: 0,
+            last_control_ns: 0,
+            gap_cycles: 0,
+            gap_s: 0.0,
+            strays: 0,
+            next_deadline: None,
+            told: None,
+            event: None,
+            #[cfg(test)]
+            trace: Vec::new(),
+        })
+    }
+
+    /// A new link: the control may hold any offset; the first position frame tells which, and the engine starts there.
+    pub fn on_link_up(&mut self, _now: MonoTime) {
+        self.intake.restart();
+        self.read_back.restart();
+        self.aim.lag.restart();
+        self.synchronised = false;
+        self.next_deadline = None;
+        self.event = None;
+        // the control tells its tool anew on every link
+        self.aim.tool_tip = None;
+        if self.state != State::Faulted {
+            self.state = if self.enabled { State::Armed } else { State::Off };
+        }
+    }
+
+    /// The link is gone: nothing can be sent until [`Compensator::on_link_up`].
+    pub fn on_link_down(&mut self, now: MonoTime) {
+        self.on_link_up(now);
+        if self.stopping {
+            // nobody listens any more; the control's own watchdog takes the offset out
+            self.stopped = true;
+        }
+    }
+
+    /// A live value, mm or rad, for channel `channel` of [`Model::sensors`]; counts until it is too old.
+    pub fn on_live(&mut self, now: MonoTime, channel: usize, value: f64) {
+        self.aim.live.tell(now, channel, value);
+    }
+
+    /// Goes on with a lag that was measured elsewhere: for an engine that takes up a recording in its middle.
+    pub const fn assume_lag(&mut self, cycles: Option<u32>) {
+        self.aim.lag.assume(cycles);
+    }
+
+    /// One position frame (wire units) received at `now`; returns the correction that answers it.
+    ///
+    /// `None` until the control has told, in finite numbers, which offset it holds: whatever was sent before that
+    /// could be a step.
+    ///
+    /// # Cycle   no allocation, no panic, bounded time
+    #[must_use]
+    pub fn on_position(&mut self, now: MonoTime, frame: &Position, model: &Model) -> Option<CycleOutput> {
+        let position = self.aim.position(&self.config, frame);
+        let verdict = self.intake.accept(frame, &position);
+        if verdict == Err(Reason::Sequence) {
+            // old or repeated: says nothing new, and does not count as a sign of life
+            self.strays = self.strays.saturating_add(1);
+            if !self.is_held(frame) {
+                return None;
+            }
+            let output = self.move_on(&Plan { target: &self.stay(), dt: 0.0, elapsed_s: 0.0 });
+            return Some(CycleOutput { out_of_order: true, ..output });
+        }
+        self.count_gap(frame);
+        self.next_deadline = Some(now.plus_seconds(self.config.stale_s));
+        (self.told, self.heard) = (Some(now), Some(now));
+        self.detail = self.intake.detail;
+        // the clock of a bad frame is not to be trusted; time that was used for a bad frame is not used again
+        let dt =
+            verdict.unwrap_or(self.config.cycle_s).min(self.gap_s).min(STEP_CYCLES_MAX * self.config.cycle_s);
+        let told = frame.applied[..self.axes].iter().all(|v| v.is_finite());
+        if told {
+            self.synchronise(frame);
+        } else if self.gap_cycles > held::GAP_CYCLES || self.immobile || held::is_immobile(frame.state) {
+            // the control may have acted on its own and does not say what it holds
+            self.synchronised = false;
+        }
+        if !self.synchronised {
+            return None;
+        }
+        if told {
+            self.check_read_back(frame);
+        }
+        let target = match verdict {
+            Ok(_) => self.aim.at(&self.config, &self.intake, model, &position, (now, dt), self.gain),
+            Err(_) => Target::NONE,
+        };
+        self.detail = self.detail.or(target.detail);
+        let bad = verdict.err().or((!target.finite).then_some(Reason::ModelNotFinite));
+        self.decide(frame.state, bad, &target, dt);
+        let output = self.move_on(&Plan { target: &target, dt, elapsed_s: dt });
+        self.aim.lag.sent(frame.sequence, &output.offset);
+        Some(output)
+    }
+
+    /// When [`Compensator::on_deadline`] wants to be called if no position arrives; `None` while nothing is due.
+    #[must_use]
+    pub const fn next_deadline(&self) -> Option<MonoTime> {
+        self.next_deadline
+    }
+
+    /// No position has arrived by the deadline: holds, then ramps out. Calling early is harmless and gives `None`.
+    #[must_use]
+    pub fn on_deadline(&mut self, now: MonoTime) -> Option<CycleOutput> {
+        let due = self.next_deadline?;
+        if now < due {
+            return None;
+        }
+        if !self.synchronised {
+            // what the control holds is not known: nothing may be sent
+            self.next_deadline = None;
+            return None;
+        }
+        self.intake.unsettle();
+        let dt = self.config.cycle_s;
+        // what is waited for goes by the clock, however late this call is; the offset moves by one cycle's worth
+        let elapsed_s = self.told.map_or(dt, |then| now.seconds_since(then).max(0.0));
+        self.told = Some(now);
+        let silent_s = self.heard.map_or(elapsed_s, |then| now.seconds_since(then));
+        self.detail = Some(Detail::of_time(silent_s, self.config.stale_s));
+        self.hold_or_give_up(Reason::Stale, elapsed_s);
+        let output = self.move_on(&Plan { target: &self.stay(), dt, elapsed_s });
+        let resting = self.is_at_rest();
+        let faulted = self.state == State::Faulted && !self.is_zero();
+        let waiting = matches!(self.state, State::Holding | State::RampingOut) || faulted || !resting;
+        self.next_deadline = waiting.then(|| now.plus_seconds(dt));
+        Some(output)
+    }
+
+    /// The present state.
+    #[must_use]
+    pub const fn state(&self) -> State {
+        self.state
+    }
+
+    /// Frames so far that were old or repeated, answered or not.
+    #[must_use]
+    pub const fn strays(&self) -> u64 {
+        self.strays
+    }
+
+    /// True where the operator wants compensation.
+    #[must_use]
+    pub const fn is_enabled(&self) -> bool {
+        self.enabled
+    }
+
+    /// True once a [`super::output::Command::Stop`] has been carried out.
+    #[must_use]
+    pub const fn is_stopped(&self) -> bool {
+        self.stopped
+    }
+
+    /// The present offsets in wire order, mm or rad.
+    #[must_use]
+    pub fn offset(&self) -> AxisArray {
+        core::array::from_fn(|k| self.limiters[k].position())
+    }
+
+    /// The target that is the present offset.
+    fn stay(&self) -> Target {
+        Target { offset: self.offset(), ..Target::NONE }
+    }
+
+    /// The wire message for an output: mm and deg.
+    #[must_use]
+    pub fn message(&self, output: &CycleOutput) -> Correction {
+        Correction {
+            sequence: output.sequence,
+            state: output.state,
+            limited: output.limited,
+            offset: self.wire(&output.offset),
+        }
+    }
+
+    /// Values of the engine, mm and rad, as they go over the wire: mm and deg.
+    #[must_use]
+    pub fn wire(&self, values: &AxisArray) -> AxisArray {
+        core::array::from_fn(|k| values[k] / self.scale[k])
+    }
+
+    /// True while the offset follows the correction or goes to or from it.
+    const fn is_moving(&self) -> bool {
+        matches!(self.state, State::Active | State::FadingToStatic | State::RampingIn | State::RampingOut)
+    }
+
+    /// Which state this cycle belongs to.
+    fn decide(&mut self, machine: MachineState, bad: Option<Reason>, target: &Target, dt: f64) {
+        self.frozen = !machine.is_ready();
+        if self.frozen {
+            self.wait_for_machine(machine);
+            return;
+        }
+        if let Some(reason) = bad {
+            self.hold_or_give_up(reason, dt);
+            return;
+        }
+        if matches!(self.state, State::Off | State::Armed) {
+            self.held_s = 0.0;
+        }
+        if target.beyond_stop != 0 && self.follows_target() {
+            self.enabled = false;
+            self.plan(State::Faulted, Reason::StopLimit);
+            return;
+        }
+        let outside = target.out_of_travel && self.config.out_of_travel == OutOfTravel::RampOut;
+        let wanted = self.enabled && !outside;
+        let reason = if outside { Reason::OutOfTravel } else { Reason::Command };
+        match self.state {
+            State::Faulted => {}
+            State::Off | State::Armed if wanted && self.intake.is_settled() => {
+                self.plan(State::RampingIn, Reason::MachineReady);
+            }
+            State::Off | State::Armed
+                if !self.is_zero() && self.intake.is_settled() && !self.keeps_offset() =>
+            {
+                self.plan(State::RampingOut, Reason::FoundOffset);
+            }
+            State::Off | State::Armed => self.rest(Reason::Command),
+            State::RampingIn if !wanted => self.leave(reason),
+            State::RampingIn if self.ramp.is_done() => self.enter(State::Active, Reason::RampDone),
+            State::RampingIn => {}
+            State::Active | State::FadingToStatic if !wanted => self.leave(reason),
+            State::Active if self.aim.live.is_fading() => {
+                self.enter(State::FadingToStatic, Reason::LiveLost);
+            }
+            State::FadingToStatic if !self.aim.live.is_fading() => {
+                self.enter(State::Active, Reason::RampDone)
+            }
+            State::Active | State::FadingToStatic => {}
+            State::Holding if self.stopping && self.keeps_offset() => self.rest(Reason::Command),
+            State::Holding if self.intake.is_settled() => {
+                if wanted {
+                    self.plan(State::RampingIn, Reason::DataGood);
+                } else {
+                    self.leave(reason);
+                }
+            }
+            State::Holding => {}
+            State::RampingOut if wanted && self.intake.is_settled() => {
+                self.plan(State::RampingIn, Reason::Command);
+            }
+            State::RampingOut => self.rest_where_done(),
+        }
+    }
+
+    /// Ramps out, or keeps the offset where the stop is configured so.
+    fn leave(&mut self, reason: Reason) {
+        if self.keeps_offset() {
+            self.plan(State::Holding, reason);
+        } else {
+            self.plan(State::RampingOut, reason);
+        }
+    }
+
+    /// Nothing to do: off or armed.
+    fn rest(&mut self, reason: Reason) {
+        self.enter(if self.enabled { State::Armed } else { State::Off }, reason);
+    }
+
+    /// A stop has been carried out where nothing moves any more and the offset is the one that is to stay.
+    fn note_stop(&mut self) {
+        self.stopped |= self.stopping && self.is_at_rest() && (self.is_zero() || self.keeps_offset());
+    }
+
+    /// Drives off or emergency stop: the offset stays where it is, for moving it would move nothing, or jump later.
+    fn wait_for_machine(&mut self, machine: MachineState) {
+        let reason = if machine.has(MachineState::ESTOP) {
+            Reason::EmergencyStop
+        } else if !machine.has(MachineState::ENABLED) {
+            Reason::NotEnabled
+        } else {
+            Reason::NotHomed
+        };
+        self.intake.unsettle();
+        self.held_s = 0.0;
+        self.stopped |= self.stopping;
+        if self.is_moving() {
+            self.plan(State::Holding, reason);
+        }
+    }
+
+    /// Stale or implausible data: hold, and when that lasts, ramp out.
+    fn hold_or_give_up(&mut self, reason: Reason, dt: f64) {
+        match self.state {
+            State::RampingIn | State::Active | State::FadingToStatic => self.plan(State::Holding, reason),
+            State::Holding => {
+                self.held_s += dt;
+                if (self.held_s >= self.config.hold_s || self.stopping) && !self.frozen {
+                    self.leave(reason);
+                    self.lost = true;
+                }
+            }
+            State::RampingOut => self.rest_where_done(),
+            // an offset that somebody else has left
+            State::Off | State::Armed if !self.is_zero() && !self.keeps_offset() => {
+                self.held_s += dt;
+                if self.held_s >= self.config.hold_s || self.stopping {
+                    self.plan(State::RampingOut, reason);
+                }
+            }
+            State::Off | State::Armed | State::Faulted => {}
+        }
+    }
+
+    /// The end of a way to zero: at rest, or latched where lost positions were the cause of it.
+    fn rest_where_done(&mut self) {
+        if !(self.ramp.is_done() && self.is_zero()) {
+            return;
+        }
+        if self.lost && self.enabled && !self.stopping && self.config.after_loss == AfterLoss::Latch {
+            self.enabled = false;
+            self.plan(State::Faulted, Reason::DataLost);
+        } else {
+            self.rest(Reason::RampDone);
+        }
+    }
+
+    /// True where a stop leaves the last offset in place.
+    fn keeps_offset(&self) -> bool {
+        self.stopping && self.config.rest == RestOffset::Hold
+    }
+
+    /// A change of plan: everything starts again from the present offset.
+    fn plan(&mut self, state: State, reason: Reason) {
+        self.from = self.offset();
+        self.ramp = Ramp::start(self.config.ramp_s);
+        self.held_s = 0.0;
+        self.lost = false;
+        self.enter(state, reason);
+    }
+
+    fn enter(&mut self, state: State, reason: Reason) {
+        if state != self.state {
+            #[cfg(test)]
+            self.trace.push((self.state, state, reason));
+            // what happened between two frames and was not told yet becomes one change with this one
+            let from = match self.event {
+                Some(Event::StateChanged { from, .. }) => from,
+                None => self.state,
+            };
+            let detail = self.detail.filter(|_| reason.has_numbers());
+            self.event = (from != state).then_some(Event::StateChanged { from, to: state, reason, detail });
+            self.state = state;
+        }
+    }
+
+    /// True where the offset is on the correction or on its way there.
+    const fn follows_target(&self) -> bool {
+        matches!(self.state, State::Active | State::FadingToStatic | State::RampingIn)
+    }
+
+    /// Moves the offset for one cycle and reports.
+    fn move_on(&mut self, plan: &Plan<'_>) -> CycleOutput {
+        let dt = plan.dt;
+        let gain_step = plan.elapsed_s / self.config.ramp_s;
+        self.gain += (self.gain_wanted - self.gain).clamp(-gain_step, gain_step);
+        self.ramp.advance(plan.elapsed_s);
+        let share = self.ramp.share();
+        let mut at_soft_limit = if self.follows_target() { plan.target.at_soft_limit } else { 0 };
+        let mut limited = 0;
+        let mut warning = 0;
+        for (k, limiter) in self.limiters.iter_mut().enumerate().take(self.axes) {
+            let blend = |to: f64| self.from[k] + (to - self.from[k]) * share;
+            let held_back = match self.state {
+                _ if self.frozen => {
+                    limiter.brake(dt);
+                    false
+                }
+                State::RampingIn => limiter.step(blend(plan.target.offset[k]), dt),
+                State::Active | State::FadingToStatic => limiter.step(plan.target.offset[k], dt),
+                State::RampingOut | State::Faulted => {
+                    // on its way to zero, too, an offset must not carry an axis over its soft limit
+                    let [low, high] = plan.target.room[k];
+                    let wanted = blend(0.0);
+                    let kept = wanted.min(high).max(low);
+                    at_soft_limit |= u8::from(kept != wanted) << k;
+                    limiter.step(kept, dt)
+                }
+                State::Off | State::Armed | State::Holding => {
+                    limiter.brake(dt);
+                    false
+                }
+            };
+            limited |= u8::from(held_back && dt > 0.0) << k;
+            warning |= u8::from(limiter.is_warning()) << k;
+        }
+        limited |= at_soft_limit;
+        let offset = self.offset();
+        if dt > 0.0 {
+            self.read_back.sent(&offset);
+        }
+        self.detail = None;
+        self.note_stop();
+        CycleOutput {
+            sequence: self.last_sequence,
+            state: self.state,
+            offset,
+            limited,
+            at_soft_limit,
+            warning,
+            out_of_order: false,
+            out_of_range: plan.target.out_of_range,
+            faded: plan.target.faded,
+            wanted: plan.target.offset,
+            lag_cycles: self.aim.lag.measured(),
+            // what a command, a tool or a model has changed since the last cycle is told with this one
+            event: self.event.take(),
+            stopped: self.stopped,
+        }
+    }
+
+    /// True where no offset is changing.
+    fn is_at_rest(&self) -> bool {
+        self.limiters[..self.axes].iter().all(Limiter::is_at_rest)
+    }
+
+    /// True where every axis that may be moved is at zero.
+    fn is_zero(&self) -> bool {
+        (0..self.axes).all(|k| self.config.limits[k].size <= 0.0 || self.limiters[k].position() == 0.0)
+    }
+}
+
+/// Limits of a slot without an axis.
+const NO_LIMITS: AxisLimits = AxisLimits {
+    warning: 0.0,
+    size: 0.0,
+    stop: f64::INFINITY,
+    rate: 0.0,
+    acceleration: 0.0,
+    step: f64::INFINITY,
+};

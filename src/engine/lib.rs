@@ -1,0 +1,27 @@
+//! The cyclic engine: positions and commands in, bounded corrections out.
+//!
+//! Pure: time is an argument, every output is a fixed-size value. States and reactions: `docs/safety.md`.
+
+mod aim;
+mod compensator;
+mod config;
+pub mod fault;
+mod intake;
+mod limiter;
+mod live;
+mod lookahead;
+mod output;
+mod ramp;
+mod read_back;
+mod shadow;
+#[cfg(test)]
+mod tests;
+pub mod transitions;
+
+pub use compensator::Compensator;
+pub use config::{AfterLoss, AxisLimits, EngineConfig, EngineError, OutOfTravel, PositionSource, RestOffset};
+pub use limiter::Limiter;
+pub use lookahead::{LAG_CYCLES_MAX, Lag};
+pub use output::{Command, CycleOutput, Detail, Event, Quantity, Reason, State};
+pub use read_back::READ_BACK_CYCLES_MAX;
+pub use shadow::{AxisScore, Shadow, ShadowScore};

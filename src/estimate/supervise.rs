@@ -1,0 +1,414 @@
+//! Whether what a sensor says can be: silent, too old, frozen, jumping, out of range, too fast, with a clock that steps.
+//!
+//! A sensor that does any of that is excluded by name and cause; single readings that jump or cannot be are outliers and
+//! only left out. It comes back by rule: when it has said something
+//! plausible for [`Plausibility::return_s`], in at least [`RETURN_READINGS`] readings; outliers do not count, and do not
+//! make it begin anew. A sensor that jumped comes
+//! back at its new level; whether that level is right is for the comparison with the map to say
+//! ([`super::acquaint`]), not for plausibility.
+
+use volcomp_model::units::MonoTime;
+
+/// Numbers of a reading that are looked at.
+pub const VALUES_MAX: usize = 16;
+/// Fewest plausible readings before a sensor comes back.
+pub const RETURN_READINGS: u32 = 5;
+/// Readings on end that jump, race or are out of range before a sensor counts as doing that; fewer are outliers.
+pub const SUSPECT_READINGS: u32 = 3;
+/// Equal readings that make a frozen sensor, beside the time.
+const FROZEN_READINGS: u32 = 5;
+
+/// What is plausible. Infinite: not looked at.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Plausibility {
+    /// Age at which a reading is too old, and silence at which the sensor is silent, s.
+    pub age_limit_s: f64,
+    /// Largest absolute value of each number.
+    pub range: [f64; VALUES_MAX],
+    /// Largest change from one reading to the next.
+    pub jump: [f64; VALUES_MAX],
+    /// Largest rate of change, per second.
+    pub rate: [f64; VALUES_MAX],
+    /// Time for which all numbers may stay exactly the same, s.
+    pub frozen_s: f64,
+    /// Lowest quality that is believed, 0 to 1.
+    pub quality_min: f64,
+    /// Time for which an excluded sensor must be plausible before it is believed again, s.
+    pub return_s: f64,
+}
+
+/// What is wrong with a sensor.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Trouble {
+    /// Nothing came for the age limit.
+    Silent,
+    /// Its readings come, but too late.
+    Late,
+    /// All numbers stay the same.
+    Frozen,
+    /// A number jumped.
+    Jump,
+    /// A number is too large, or none.
+    Range,
+    /// A number changes too fast.
+    Rate,
+    /// Its clock stepped.
+    Clock,
+    /// It says itself that it cannot be believed.
+    Quality,
+    /// It contradicts the map again and again.
+    Disagrees,
+    /// The tool's direction points the other way.
+    Reversed,
+    /// It says something of another kind or unit than its own.
+    Kind,
+}
+
+impl Trouble {
+    /// Its name in status, log and documentation.
+    #[must_use]
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Silent => "silent",
+            Self::Late => "late",
+            Self::Frozen => "frozen",
+            Self::Jump => "jump",
+            Self::Range => "range",
+            Self::Rate => "rate",
+            Self::Clock => "clock",
+            Self::Quality => "quality",
+            Self::Disagrees => "disagrees",
+            Self::Reversed => "reversed",
+            Self::Kind => "kind",
+        }
+    }
+}
+
+/// How a sensor stands.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Standing {
+    /// It has not said anything yet.
+    Waiting,
+    /// Believed.
+    Good,
+    /// Not believed.
+    Excluded(Trouble),
+}
+
+/// What is looked at of a reading.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Said<'a> {
+    /// When it was taken.
+    pub at: MonoTime,
+    /// The sensor's clock has stepped.
+    pub stepped: bool,
+    /// Quality, 0 to 1.
+    pub quality: f64,
+    /// Numbers to judge by range, jump and rate.
+    pub values: &'a [f64],
+    /// Numbers as the sensor gave them: where they stay the same it is frozen.
+    pub raw: &'a [f64],
+}
+
+/// Watches one sensor.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Supervisor {
+    rules: Plausibility,
+    standing: Standing,
+    /// When the standing changed.
+    since: MonoTime,
+    heard: Option<MonoTime>,
+    /// The newest plausible reading: when, its numbers.
+    last: Option<(MonoTime, [f64; VALUES_MAX])>,
+    /// The newest reading as it was given.
+    raw: Option<[f64; VALUES_MAX]>,
+    /// Readings on end that could be outliers.
+    suspects: u32,
+    /// Since when, and for how many readings, all numbers are the same.
+    same: (MonoTime, u32),
+    /// Since when, and for how many readings, an excluded sensor is plausible.
+    plausible: Option<(MonoTime, u32)>,
+}
+
+impl Supervisor {
+    /// A sensor that has not said anything yet.
+    #[must_use]
+    pub const fn new(rules: Plausibility) -> Self {
+        Self {
+            rules,
+            standing: Standing::Waiting,
+            since: MonoTime::ZERO,
+            heard: None,
+            last: None,
+            raw: None,
+            suspects: 0,
+            same: (MonoTime::ZERO, 0),
+            plausible: None,
+        }
+    }
+
+    /// How it stands.
+    #[must_use]
+    pub const fn standing(&self) -> Standing {
+        self.standing
+    }
+
+    /// Since when.
+    #[must_use]
+    pub const fn since(&self) -> MonoTime {
+        self.since
+    }
+
+    /// When it was heard last.
+    #[must_use]
+    pub const fn heard(&self) -> Option<MonoTime> {
+        self.heard
+    }
+
+    /// Time has passed.
+    pub fn tick(&mut self, now: MonoTime) {
+        let silent = self.heard.is_some_and(|at| now.seconds_since(at) > self.rules.age_limit_s);
+        if silent && self.standing != Standing::Excluded(Trouble::Silent) {
+            self.exclude(now, Trouble::Silent);
+            (self.last, self.raw) = (None, None);
+        }
+    }
+
+    /// It was heard, but what it said could not be judged.
+    pub fn hear(&mut self, now: MonoTime) {
+        self.tick(now);
+        self.heard = Some(now);
+    }
+
+    /// A reading that arrived at `now`; true where it may be believed.
+    pub fn accept(&mut self, now: MonoTime, said: &Said<'_>) -> bool {
+        self.hear(now);
+        let (numbers, raw) = (array(said.values), array(said.raw));
+        let trouble = self.trouble(now, said, &numbers, &raw);
+        self.raw = Some(raw);
+        if let Some(trouble) = trouble {
+            let outlier = matches!(trouble, Trouble::Jump | Trouble::Rate | Trouble::Range);
+            self.suspects += 1;
+            if outlier && self.suspects < SUSPECT_READINGS && self.standing != Standing::Waiting {
+                return false;
+            }
+            self.last = Some((said.at, numbers));
+            self.exclude(now, trouble);
+            return false;
+        }
+        self.suspects = 0;
+        self.last = Some((said.at, numbers));
+        match self.standing {
+            Standing::Good => true,
+            Standing::Waiting => {
+                self.stand(now, Standing::Good);
+                true
+            }
+            // what contradicts the map is plausible: somebody else decides about its return
+            Standing::Excluded(Trouble::Disagrees) => true,
+            Standing::Excluded(_) => {
+                let (since, count) = self.plausible.unwrap_or((now, 0));
+                self.plausible = Some((since, count + 1));
+                let back = now.seconds_since(since) >= self.rules.return_s && count + 1 >= RETURN_READINGS;
+                if back {
+                    self.stand(now, Standing::Good);
+                }
+                back
+            }
+        }
+    }
+
+    fn trouble(
+        &mut self,
+        now: MonoTime,
+        said: &Said<'_>,
+        numbers: &[f64; VALUES_MAX],
+        raw: &[f64; VALUES_MAX],
+    ) -> Option<Trouble> {
+        let rules = &self.rules;
+        let frozen = match &self.raw {
+            Some(before) if before == raw => {
+                self.same.1 += 1;
+                now.seconds_since(self.same.0) > rules.frozen_s && self.same.1 > FROZEN_READINGS
+            }
+            _ => {
+                self.same = (now, 1);
+                false
+            }
+        };
+        if frozen {
+            return Some(Trouble::Frozen);
+        }
+        if !numbers.iter().zip(&rules.range).all(|(v, range)| v.abs() <= *range && v.is_finite()) {
+            return Some(Trouble::Range);
+        }
+        if said.stepped {
+            return Some(Trouble::Clock);
+        }
+        if now.seconds_since(said.at) > rules.age_limit_s {
+            return Some(Trouble::Late);
+        }
+        if said.quality.is_nan() || said.quality < rules.quality_min {
+            return Some(Trouble::Quality);
+        }
+        let (before, last) = self.last.as_ref()?;
+        let change = |k: usize| (numbers[k] - last[k]).abs();
+        if (0..VALUES_MAX).any(|k| change(k) > rules.jump[k]) {
+            return Some(Trouble::Jump);
+        }
+        let dt = said.at.seconds_since(*before);
+        if dt > 0.0 && (0..VALUES_MAX).any(|k| change(k) > rules.rate[k] * dt) {
+            return Some(Trouble::Rate);
+        }
+        None
+    }
+
+    /// It is not believed any more.
+    pub fn exclude(&mut self, now: MonoTime, trouble: Trouble) {
+        self.plausible = None;
+        self.stand(now, Standing::Excluded(trouble));
+    }
+
+    /// Believed again: for a sensor that disagreed and agrees now.
+    pub fn reinstate(&mut self, now: MonoTime) {
+        self.stand(now, Standing::Good);
+    }
+
+    fn stand(&mut self, now: MonoTime, standing: Standing) {
+        if self.standing != standing {
+            self.standing = standing;
+            self.since = now;
+        }
+    }
+}
+
+fn array(values: &[f64]) -> [f64; VALUES_MAX] {
+    let mut out = [0.0; VALUES_MAX];
+    out.iter_mut().zip(values).for_each(|(slot, value)| *slot = *value);
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    const RULES: Plausibility = Plausibility {
+        age_limit_s: 0.5,
+        range: [1.0; VALUES_MAX],
+        jump: [0.2; VALUES_MAX],
+        rate: [f64::INFINITY; VALUES_MAX],
+        frozen_s: 0.3,
+        quality_min: 0.5,
+        return_s: 1.0,
+    };
+
+    /// Readings every 0.1 s; `value(k)` is what it says, `None` nothing. Gives the standing after each step.
+    fn watch(rules: Plausibility, steps: i64, value: impl Fn(i64) -> Option<(f64, f64)>) -> Vec<Standing> {
+        let mut s = Supervisor::new(rules);
+        (0..steps)
+            .map(|k| {
+                let now = MonoTime::from_ns(k * 100_000_000);
+                s.tick(now);
+                if let Some((v, quality)) = value(k) {
+                    let wobble = (k as f64 * 1.7).sin() * 0.01;
+                    // a number that is exactly zero stays so
+                    let v = if v == 0.0 { 0.5 } else { v + wobble };
+                    let values = [v, wobble * f64::from(u8::from(v != 0.5))];
+                    s.accept(now, &said(now, false, quality, &values));
+                }
+                s.standing()
+            })
+            .collect()
+    }
+
+    fn said(at: MonoTime, stepped: bool, quality: f64, values: &[f64]) -> Said<'_> {
+        Said { at, stepped, quality, values, raw: values }
+    }
+
+    fn excluded(standings: &[Standing], trouble: Trouble) -> (usize, usize) {
+        let is = |s: &Standing| *s == Standing::Excluded(trouble);
+        let first = standings.iter().position(is).unwrap_or(usize::MAX);
+        let last = standings.iter().rposition(is).unwrap_or(usize::MAX);
+        (first, last)
+    }
+
+    #[test]
+    fn every_trouble_excludes_by_name_and_the_sensor_comes_back_by_rule() {
+        let s = watch(RULES, 60, |k| (!(20..30).contains(&k)).then_some((0.1, 1.0)));
+        assert_eq!(excluded(&s, Trouble::Silent), (25, 39), "silent: heard again at 30, back a second later");
+        assert_eq!(s[59], Standing::Good);
+
+        let s = watch(RULES, 60, |k| Some((if (20..23).contains(&k) { 5.0 } else { 0.1 }, 1.0)));
+        assert_eq!(excluded(&s, Trouble::Range).0, 22);
+        assert_eq!(s[59], Standing::Good);
+
+        let s = watch(RULES, 60, |k| Some((if k >= 20 { 0.6 } else { 0.1 }, 1.0)));
+        assert_eq!(excluded(&s, Trouble::Jump), (22, 32), "at the new level it is plausible again");
+        let s = watch(RULES, 60, |k| Some((if k % 10 == 5 { 0.7 } else { 0.1 }, 1.0)));
+        assert!(s[1..].iter().all(|s| *s == Standing::Good), "outliers are left out: {s:?}");
+
+        let s = watch(RULES, 60, |k| Some((if (20..40).contains(&k) { 0.0 } else { 0.45 }, 1.0)));
+        assert_eq!(excluded(&s, Trouble::Frozen).0, 25);
+        assert_eq!(s[59], Standing::Good);
+
+        let s = watch(RULES, 60, |k| Some((0.1, if k == 20 { 0.1 } else { 1.0 })));
+        assert_eq!(excluded(&s, Trouble::Quality).0, 20);
+
+        let s = watch(RULES, 60, |k| Some((if (20..23).contains(&k) { f64::NAN } else { 0.1 }, 1.0)));
+        assert_eq!(excluded(&s, Trouble::Range).0, 22);
+
+        let slow = Plausibility { rate: [0.5; VALUES_MAX], jump: [f64::INFINITY; VALUES_MAX], ..RULES };
+        let s = watch(slow, 60, |k| Some((0.1 + if k > 20 { 0.1 * (k - 20) as f64 } else { 0.0 }, 1.0)));
+        assert_eq!(excluded(&s, Trouble::Rate).0, 23);
+    }
+
+    #[test]
+    fn an_outlier_on_the_way_back_does_not_begin_it_anew() {
+        // silent until 30; then every fourth reading is off by half a millimetre
+        let s = watch(RULES, 60, |k| {
+            let outlier = if k % 4 == 1 { 0.6 } else { 0.0 };
+            (!(20..30).contains(&k)).then_some((0.1 + outlier, 1.0))
+        });
+        assert_eq!(excluded(&s, Trouble::Silent), (25, 39), "{s:?}");
+        assert_eq!(s[59], Standing::Good);
+        // three on end do
+        let s = watch(RULES, 80, |k| {
+            let off = if (35..38).contains(&k) { 0.6 } else { 0.0 };
+            (!(20..30).contains(&k)).then_some((0.1 + off, 1.0))
+        });
+        assert_eq!(excluded(&s, Trouble::Jump).0, 37, "{s:?}");
+        assert!(s[45] != Standing::Good && s[79] == Standing::Good, "{s:?}");
+    }
+
+    #[test]
+    fn clocks_and_lateness_count() {
+        let mut s = Supervisor::new(RULES);
+        let at = |ms: i64| MonoTime::from_ns(ms * 1_000_000);
+        assert_eq!(s.standing(), Standing::Waiting);
+        assert!(s.accept(at(0), &said(at(0), false, 1.0, &[0.1])));
+        assert!(!s.accept(at(100), &said(at(100), true, 1.0, &[0.11])));
+        assert_eq!(s.standing(), Standing::Excluded(Trouble::Clock));
+        assert!(!s.accept(at(200), &said(at(-400), false, 1.0, &[0.12])));
+        assert_eq!(s.standing(), Standing::Excluded(Trouble::Late));
+        assert_eq!(s.since(), at(200));
+    }
+
+    #[test]
+    fn one_that_disagrees_stays_out_until_somebody_reinstates_it() {
+        let mut s = Supervisor::new(RULES);
+        for k in 0..100 {
+            let now = MonoTime::from_ns(k * 100_000_000);
+            if k == 10 {
+                s.exclude(now, Trouble::Disagrees);
+            }
+            let plausible = s.accept(now, &said(now, false, 1.0, &[(k as f64 * 1.1).sin() * 0.05]));
+            assert!(plausible, "it may be looked at");
+            if k == 60 {
+                s.reinstate(now);
+            }
+            let wanted =
+                if (10..60).contains(&k) { Standing::Excluded(Trouble::Disagrees) } else { Standing::Good };
+            assert_eq!(s.standing(), wanted, "{k}");
+        }
+    }
+}

@@ -1,0 +1,147 @@
+//! Two models of one machine: what changed, each curve by how much, and by how much in the working volume.
+//!
+//! Differences are second minus first, in relative sense. The volume is the hull of both travels: where one model
+//! ends, its end value is held, as it would be on the machine. Largest values are attained by the pose given with
+//! them (grid and search); [`VolumeDifference::bound_position`] is never exceeded, whatever the search has missed.
+//!
+//! Source: equations section 2 (the deviation is linear in the errors). Reading order: this file, `curves`
+//! (error by error), `volume` (in the working volume), `bound`.
+
+mod bound;
+mod curves;
+mod volume;
+
+pub use curves::{ErrorDifference, relative_values};
+pub use volume::{Difference, VolumeDifference};
+
+use super::chain::Chain;
+use super::spec::{ModelError, ModelSpec, ReferencePoint, Sense};
+use super::symbol::Component;
+use super::volumetric::Model;
+use crate::axes::AxisName;
+use crate::geometry::Vec3;
+
+/// What is different between two models.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Comparison {
+    /// Changes of the chain, the frame and the axes.
+    pub changes: Vec<Change>,
+    /// Errors that only one has, or that have other values.
+    pub errors: Vec<ErrorDifference>,
+    /// The difference in the working volume; `None` where the chains have different axes.
+    pub volume: Option<VolumeDifference>,
+}
+
+/// Something that changed beside the errors: before, after.
+#[derive(Debug, Clone, PartialEq)]
+#[expect(missing_docs, reason = "the variants are their own description")]
+pub enum Change {
+    Machine([String; 2]),
+    Chain([Chain; 2]),
+    WorkpieceOrigin([Vec3; 2]),
+    ToolTip([Vec3; 2]),
+    GaugePoint([Option<Vec3>; 2]),
+    Datum([Vec<(AxisName, f64)>; 2]),
+    Travel { axis: AxisName, values: [Option<[f64; 2]>; 2] },
+    AxisPoint { axis: AxisName, values: [Vec3; 2] },
+    Sense { axis: AxisName, values: [Sense; 2] },
+    Reference { axis: AxisName, component: Component, values: [ReferencePoint; 2] },
+}
+
+impl Comparison {
+    /// True where both say the same.
+    #[must_use]
+    pub fn is_same(&self) -> bool {
+        self.changes.is_empty() && self.errors.is_empty()
+    }
+}
+
+/// Compares two models; `progress` is told how many of about how many poses are done.
+///
+/// # Errors
+/// One of the models breaks a rule.
+pub fn compare(
+    first: &ModelSpec,
+    second: &ModelSpec,
+    progress: impl FnMut(u64, u64),
+) -> Result<Comparison, ModelError> {
+    let models = [Model::new(first)?, Model::new(second)?];
+    let specs = [first, second];
+    let pair = Pair::new(specs, &models);
+    Ok(Comparison {
+        changes: changes(specs),
+        errors: curves::differences(&pair),
+        volume: pair.same_axes().then(|| volume::difference(&pair, progress)),
+    })
+}
+
+/// Two models, and which axis of the one is which of the other.
+struct Pair<'a> {
+    specs: [&'a ModelSpec; 2],
+    models: &'a [Model; 2],
+    /// For every axis of the first chain its index in the second.
+    index: Vec<Option<usize>>,
+}
+
+impl<'a> Pair<'a> {
+    fn new(specs: [&'a ModelSpec; 2], models: &'a [Model; 2]) -> Self {
+        let index = specs[0].chain.axes().iter().map(|a| specs[1].chain.index_of(a.name)).collect();
+        Self { specs, models, index }
+    }
+
+    /// True where both chains have the same axes, in whatever order.
+    fn same_axes(&self) -> bool {
+        self.index.iter().all(Option::is_some) && self.index.len() == self.specs[1].chain.axes().len()
+    }
+
+    /// The hull of both travels of an axis.
+    fn travel(&self, axis: AxisName) -> Option<[f64; 2]> {
+        let travels = self.specs.iter().filter_map(|s| s.axis(axis).travel);
+        travels.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
+    }
+}
+
+fn changes([a, b]: [&ModelSpec; 2]) -> Vec<Change> {
+    let mut out = Vec::new();
+    if a.machine != b.machine {
+        out.push(Change::Machine([a.machine.clone(), b.machine.clone()]));
+    }
+    if a.chain != b.chain {
+        out.push(Change::Chain([a.chain.clone(), b.chain.clone()]));
+    }
+    if a.workpiece_origin != b.workpiece_origin {
+        out.push(Change::WorkpieceOrigin([a.workpiece_origin, b.workpiece_origin]));
+    }
+    if a.tool_tip != b.tool_tip {
+        out.push(Change::ToolTip([a.tool_tip, b.tool_tip]));
+    }
+    if a.gauge_point != b.gauge_point {
+        out.push(Change::GaugePoint([a.gauge_point, b.gauge_point]));
+    }
+    if a.datum != b.datum {
+        out.push(Change::Datum([a.datum.clone(), b.datum.clone()]));
+    }
+    for entry in a.chain.axes().iter().filter(|x| b.chain.index_of(x.name).is_some()) {
+        let axis = entry.name;
+        let (x, y) = (a.axis(axis), b.axis(axis));
+        if x.travel != y.travel {
+            out.push(Change::Travel { axis, values: [x.travel, y.travel] });
+        }
+        if x.point != y.point {
+            out.push(Change::AxisPoint { axis, values: [x.point, y.point] });
+        }
+        if x.sense != y.sense {
+            out.push(Change::Sense { axis, values: [x.sense, y.sense] });
+        }
+        for i in 0..3 {
+            let values = [x.reference_points[i], y.reference_points[i]];
+            if values[0] != values[1] {
+                out.push(Change::Reference { axis, component: Component::ALL[i], values });
+            }
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests;

@@ -1,0 +1,186 @@
+//! The axis corrections that oppose a deviation.
+//!
+//! Rotary axes first turn the tool back to its direction (rotation about the tool axis itself is irrelevant),
+//! then the linear axes bring the tip back. What the chain cannot control is reported, not hidden.
+//!
+//! Source: equations 2.2 (five-axis correction with its singularity guard) and 2.4.
+
+use super::volumetric::{Deviation, Model, Nominal, Pose};
+use crate::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
+use crate::geometry::{Mat3, Vec3, unit};
+
+/// Largest correction of a rotary axis, rad; where it would be exceeded (close to a pole) that axis is left alone.
+pub const ROTARY_CORRECTION_LIMIT: f64 = 1e-3;
+
+/// Corrections to add to the programmed coordinates, one per axis in chain order.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AxisCorrection {
+    /// mm or rad, opposing the deviation.
+    pub offset: AxisArray,
+    /// Position error that stays, to first order, mm, in W.
+    pub residual: Vec3,
+    /// Tilt of the tool direction that stays, to first order, rad, in W.
+    pub residual_tilt: Vec3,
+    /// Bit k: rotary axis k was left alone because the pose is close to a pole.
+    pub singular: u16,
+}
+
+/// One axis that can be used: its index and what a unit of it does.
+#[derive(Clone, Copy)]
+struct Lever {
+    index: usize,
+    effect: Vec3,
+}
+
+impl Model {
+    /// Deviation at `pose` and the corrections that oppose it, first order.
+    ///
+    /// # Cycle   no allocation
+    #[must_use]
+    pub fn correct(&self, pose: &Pose) -> (Deviation, AxisCorrection) {
+        if !self.rotary {
+            let deviation = self.deviation_without_rotation(pose);
+            return (deviation, self.oppose_without_rotation(&deviation));
+        }
+        let nominal = self.nominal(pose);
+        let deviation = self.deviation_at(&nominal, pose);
+        (deviation, self.oppose(&nominal, &deviation))
+    }
+
+    /// Where no axis turns, X Y Z act along x y z: the correction is the deviation with its sign changed.
+    fn oppose_without_rotation(&self, deviation: &Deviation) -> AxisCorrection {
+        let mut out = AxisCorrection {
+            offset: [0.0; MAX_AXES],
+            residual: deviation.position,
+            residual_tilt: deviation.rotation.cross(&unit(2)),
+            singular: 0,
+        };
+        for (k, joint) in self.joints.iter().enumerate() {
+            if matches!(joint.axis.name, AxisName::X | AxisName::Y | AxisName::Z) {
+                let direction = joint.axis.name.direction();
+                out.offset[k] = -deviation.position[direction];
+                out.residual[direction] = 0.0;
+            }
+        }
+        out
+    }
+
+    /// The same with the deviation of full rotations; the corrections oppose it to first order. Not for the cycle.
+    #[must_use]
+    pub fn correct_exact(&self, pose: &Pose) -> (Deviation, AxisCorrection) {
+        let deviation = self.deviation_exact(pose);
+        (deviation, self.oppose(&self.nominal(pose), &deviation))
+    }
+
+    /// The corrections that oppose a deviation at `pose` that was found elsewhere, first order. Not for the cycle.
+    #[must_use]
+    pub fn opposing(&self, pose: &Pose, deviation: &Deviation) -> AxisCorrection {
+        if self.rotary {
+            self.oppose(&self.nominal(pose), deviation)
+        } else {
+            self.oppose_without_rotation(deviation)
+        }
+    }
+
+    fn oppose(&self, nominal: &Nominal, deviation: &Deviation) -> AxisCorrection {
+        let mut out = AxisCorrection {
+            offset: [0.0; MAX_AXES],
+            residual: deviation.position,
+            residual_tilt: Vec3::zeros(),
+            singular: 0,
+        };
+        self.turn_back(nominal, deviation, &mut out);
+        self.bring_back(nominal, &mut out);
+        out
+    }
+
+    /// Rotary axes: `[w_k x a] d = -theta x a` by least squares, with the singularity guard.
+    fn turn_back(&self, nominal: &Nominal, deviation: &Deviation, out: &mut AxisCorrection) {
+        let tool = nominal.left[self.joints.len()] * unit(2);
+        out.residual_tilt = deviation.rotation.cross(&tool);
+        let mut levers = [Lever { index: 0, effect: Vec3::zeros() }; 2];
+        let mut used = 0;
+        for (k, joint) in self.joints.iter().enumerate() {
+            if joint.axis.kind() == AxisKind::Rotary && !joint.axis.spindle && used < 2 {
+                let about = nominal.left[k] * unit(joint.axis.name.direction());
+                levers[used] = Lever { index: k, effect: about.cross(&tool) };
+                used += 1;
+            }
+        }
+        let target = -out.residual_tilt;
+        let mut angles = match used {
+            0 => return,
+            1 => [along(&levers[0], &target), 0.0],
+            _ => both(&levers, &target),
+        };
+        // the axis with the smaller effect is the one that runs away at a pole
+        let weak = if used == 1 || levers[0].effect.norm_squared() < levers[1].effect.norm_squared() {
+            0
+        } else {
+            1
+        };
+        // not finite counts as too large
+        if !angles.iter().all(|a| a.abs() <= ROTARY_CORRECTION_LIMIT) {
+            out.singular |= 1 << levers[weak].index;
+            let strong = 1 - weak;
+            angles = [0.0; 2];
+            if used == 2 {
+                let angle = along(&levers[strong], &target);
+                if angle.abs() <= ROTARY_CORRECTION_LIMIT {
+                    angles[strong] = angle;
+                } else {
+                    out.singular |= 1 << levers[strong].index;
+                }
+            }
+        }
+        for (lever, angle) in levers.iter().zip(angles).take(used) {
+            out.offset[lever.index] = angle;
+            out.residual_tilt += lever.effect * angle;
+            let joint = &self.joints[lever.index];
+            let swing = unit(joint.axis.name.direction()).cross(&(nominal.tip[lever.index] - joint.point));
+            out.residual += nominal.left[lever.index] * swing * angle;
+        }
+    }
+
+    /// Linear axes X Y Z: least squares on the directions that the chain has.
+    fn bring_back(&self, nominal: &Nominal, out: &mut AxisCorrection) {
+        let mut effects = Mat3::zeros();
+        let mut indices = [None; 3];
+        for (k, joint) in self.joints.iter().enumerate() {
+            let slot = joint.axis.name.direction();
+            if matches!(joint.axis.name, AxisName::X | AxisName::Y | AxisName::Z) {
+                effects.set_column(slot, &(nominal.left[k] * unit(slot)));
+                indices[slot] = Some(k);
+            }
+        }
+        let mut normal = effects.transpose() * effects;
+        for slot in 0..3 {
+            if indices[slot].is_none() {
+                normal[(slot, slot)] = 1.0;
+            }
+        }
+        let Some(inverse) = normal.try_inverse() else { return };
+        let solution = inverse * (effects.transpose() * -out.residual);
+        for (slot, index) in indices.iter().enumerate() {
+            if let Some(k) = *index {
+                out.offset[k] = solution[slot];
+            }
+        }
+        out.residual += effects * solution;
+    }
+}
+
+/// Least squares with one axis; zero where it has no effect.
+fn along(lever: &Lever, target: &Vec3) -> f64 {
+    let size = lever.effect.norm_squared();
+    if size > 1e-24 { lever.effect.dot(target) / size } else { 0.0 }
+}
+
+/// Least squares with two axes; not finite where they do the same or nothing.
+fn both(levers: &[Lever; 2], target: &Vec3) -> [f64; 2] {
+    let [a, b] = [levers[0].effect, levers[1].effect];
+    let (aa, ab, bb) = (a.norm_squared(), a.dot(&b), b.norm_squared());
+    let (at, bt) = (a.dot(target), b.dot(target));
+    let determinant = aa * bb - ab * ab;
+    [(at * bb - bt * ab) / determinant, (bt * aa - at * ab) / determinant]
+}

@@ -1,0 +1,30 @@
+//! Axes, units, rigid geometry, and the error model: symbols, curves, kinematic chain, volumetric deviation and the
+//! corrections that oppose it. Pure: no I/O, no clock.
+//!
+//! Conventions, signs and formulas: `docs/conventions.md`. Reading order: [`symbol`], [`curve`], [`chain`],
+//! [`spec`] (what a model is made of), [`volumetric`] (first order), [`exact`] (full rotations), [`correction`],
+//! [`gauge`] (the normal form), [`search`] (the largest values in a volume), [`compare`] (two models).
+
+pub mod axes;
+mod bank;
+pub mod chain;
+pub mod compare;
+pub mod correction;
+pub mod curve;
+pub mod exact;
+pub mod gauge;
+pub mod geometry;
+pub mod search;
+pub mod spec;
+pub mod statistics;
+pub mod symbol;
+pub mod units;
+pub mod volumetric;
+
+pub use chain::{Chain, ChainAxis, Side};
+pub use correction::AxisCorrection;
+pub use curve::{Curve, ErrorFunction};
+pub use gauge::{Gauged, normalise};
+pub use spec::{AxisSpec, ModelError, ModelSpec, ReferencePoint, SENSORS_MAX, Sense};
+pub use symbol::{Component, ErrorSymbol};
+pub use volumetric::{Deviation, Model, PointFlags, Pose};
