@@ -4,8 +4,10 @@
 //! correction (or zero), `s` a smooth share that grows from 0 to 1 over the ramp. So nothing ever steps, from
 //! whatever offset and in whatever state a change of plan comes; the limiter bounds what is left.
 
-mod held;
+mod offset_resync;
 mod orders;
+
+use offset_resync::{GAP_CYCLES, Sending, is_immobile};
 
 use super::aim::{Aim, Target};
 use super::config::{AfterLoss, AxisLimits, EngineConfig, EngineError, OutOfTravel, RestOffset};
@@ -45,6 +47,12 @@ pub struct Compensator {
     ramp: Ramp,
     /// False until the first believable frame of a link has told which offset the control holds.
     synchronised: bool,
+    /// What is sent on the present link.
+    sending: Sending,
+    /// A latched fault forbids every correction.
+    silenced: bool,
+    /// The newest finite offset that the control has reported on this link, mm and rad.
+    reported: Option<AxisArray>,
     /// The machine is not ready: no offset is moved, and the control may change its own meanwhile.
     frozen: bool,
     /// Drives off or emergency stop: the control cannot move any offset.
@@ -117,6 +125,9 @@ impl Compensator {
             stopped: false,
             from: [0.0; MAX_AXES],
             synchronised: false,
+            sending: Sending::NotYet,
+            silenced: false,
+            reported: None,
             frozen: false,
             immobile: false,
             held_s: 0.0,
@@ -142,11 +153,16 @@ impl Compensator {
         self.read_back.restart();
         self.aim.lag.restart();
         self.synchronised = false;
+        self.sending = Sending::NotYet;
+        self.reported = None;
         self.next_deadline = None;
         self.event = None;
         // the control tells its tool anew on every link
         self.aim.tool_tip = None;
-        if self.state != State::Faulted {
+        if self.state == State::Faulted {
+            // the control has been left to its own rule meanwhile: no correction until a person has looked
+            self.silenced = true;
+        } else {
             self.state = if self.enabled { State::Armed } else { State::Off };
         }
     }
@@ -190,25 +206,25 @@ impl Compensator {
             return Some(CycleOutput { out_of_order: true, ..output });
         }
         self.count_gap(frame);
-        self.next_deadline = Some(now.plus_seconds(self.config.stale_s));
         (self.told, self.heard) = (Some(now), Some(now));
         self.detail = self.intake.detail;
         // the clock of a bad frame is not to be trusted; time that was used for a bad frame is not used again
         let dt =
             verdict.unwrap_or(self.config.cycle_s).min(self.gap_s).min(STEP_CYCLES_MAX * self.config.cycle_s);
         let told = frame.applied[..self.axes].iter().all(|v| v.is_finite());
+        let mut resynchronised = false;
         if told {
-            self.synchronise(frame);
-        } else if self.gap_cycles > held::GAP_CYCLES || self.immobile || held::is_immobile(frame.state) {
+            resynchronised = self.resynchronise(frame, dt);
+            self.check_read_back(frame);
+        } else if self.gap_cycles > GAP_CYCLES || self.immobile || is_immobile(frame.state) {
             // the control may have acted on its own and does not say what it holds
             self.synchronised = false;
         }
-        if !self.synchronised {
+        if !self.may_send() {
             return None;
         }
-        if told {
-            self.check_read_back(frame);
-        }
+        self.sending = Sending::Running;
+        self.next_deadline = Some(now.plus_seconds(self.config.stale_s));
         let target = match verdict {
             Ok(_) => self.aim.at(&self.config, &self.intake, model, &position, (now, dt), self.gain),
             Err(_) => Target::NONE,
@@ -216,7 +232,9 @@ impl Compensator {
         self.detail = self.detail.or(target.detail);
         let bad = verdict.err().or((!target.finite).then_some(Reason::ModelNotFinite));
         self.decide(frame.state, bad, &target, dt);
-        let output = self.move_on(&Plan { target: &target, dt, elapsed_s: dt });
+        // a resynchronisation has used the time of this frame for its own step
+        let moving_s = if resynchronised { 0.0 } else { dt };
+        let output = self.move_on(&Plan { target: &target, dt: moving_s, elapsed_s: dt });
         self.aim.lag.sent(frame.sequence, &output.offset);
         Some(output)
     }
@@ -234,8 +252,8 @@ impl Compensator {
         if now < due {
             return None;
         }
-        if !self.synchronised {
-            // what the control holds is not known: nothing may be sent
+        if !self.may_send() {
+            // what the control holds is not known, or a fault forbids it: nothing may be sent
             self.next_deadline = None;
             return None;
         }

@@ -3,6 +3,14 @@
 use super::lookahead::{LAG_CYCLES_MAX, Lag};
 use volcomp_model::axes::{AxisName, MAX_AXES};
 
+/// An offset found on a new link is led back where it is at most so many times the size limit (a limit that was
+/// lowered, a restart); a larger one is a fault (VC-4007) and nothing is sent.
+pub const FOUND_FACTOR: f64 = 2.0;
+/// The largest offset of a linear axis without limits in the machine file that is answered unchanged, mm.
+pub const UNLISTED_MAX_MM: f64 = 1.0;
+/// The same for a rotary axis, degrees.
+pub const UNLISTED_MAX_DEG: f64 = 0.1;
+
 /// Limits of the offset of one axis: mm, mm/s, mm/s^2 (rotary: rad, rad/s, rad/s^2).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AxisLimits {

@@ -19,7 +19,10 @@ mod tests;
 pub mod transitions;
 
 pub use compensator::Compensator;
-pub use config::{AfterLoss, AxisLimits, EngineConfig, EngineError, OutOfTravel, PositionSource, RestOffset};
+pub use config::{
+    AfterLoss, AxisLimits, EngineConfig, EngineError, FOUND_FACTOR, OutOfTravel, PositionSource, RestOffset,
+    UNLISTED_MAX_DEG, UNLISTED_MAX_MM,
+};
 pub use limiter::Limiter;
 pub use lookahead::{LAG_CYCLES_MAX, Lag};
 pub use output::{Command, CycleOutput, Detail, Event, Quantity, Reason, State};

@@ -54,6 +54,9 @@ pub enum Reason {
     DataGood,
     /// The offset read back is not the one that was sent.
     ReadBack,
+    /// The control reports an offset that it cannot have been sent: beyond the limits, or beyond twice the limits on a
+    /// new link.
+    ImplausibleOffset,
     /// The control holds an offset that was left by somebody else.
     FoundOffset,
     /// The control has been taking the offset back by itself.
@@ -76,7 +79,7 @@ pub enum Reason {
 
 impl Reason {
     /// Every reason.
-    pub const ALL: [Self; 23] = [
+    pub const ALL: [Self; 24] = [
         Self::Command,
         Self::MachineReady,
         Self::NotHomed,
@@ -91,6 +94,7 @@ impl Reason {
         Self::OutOfTravel,
         Self::DataGood,
         Self::ReadBack,
+        Self::ImplausibleOffset,
         Self::FoundOffset,
         Self::ControlTookOver,
         Self::Frozen,
@@ -114,6 +118,7 @@ impl Reason {
                 | Self::Frozen
                 | Self::OutOfTravel
                 | Self::ReadBack
+                | Self::ImplausibleOffset
                 | Self::StopLimit
                 | Self::ModelNotFinite
                 | Self::DataLost

@@ -120,7 +120,7 @@ pub const RULES: &[Rule] = &[
         from: &[RampingIn, Active, FadingToStatic, RampingOut],
         to: Holding,
         causes: &[By(Reason::ControlTookOver)],
-        reaction: "goes on, at rest, from what the control holds",
+        reaction: "goes on, at rest, from what the control holds; beyond one step on a new link",
     },
     Rule {
         from: &[Holding],
@@ -171,8 +171,8 @@ pub const RULES: &[Rule] = &[
     Rule {
         from: &[Off, Armed, RampingIn, Active, FadingToStatic, Holding, RampingOut],
         to: Faulted,
-        causes: &[By(Reason::ReadBack)],
-        reaction: "blended to zero from what the control really holds, and latched there",
+        causes: &[By(Reason::ReadBack), By(Reason::ImplausibleOffset)],
+        reaction: "latched; nothing more is sent: the control removes what it really holds by its own rule",
     },
     Rule {
         from: &[RampingOut],
@@ -184,13 +184,13 @@ pub const RULES: &[Rule] = &[
         from: &[Off, Armed],
         to: Faulted,
         causes: &[Cause::Link],
-        reaction: "blended to zero; the control has come back with another hello: the fault of before stays",
+        reaction: "the control has come back with another hello: the fault of before stays, and nothing is sent",
     },
     Rule {
         from: &[Faulted],
         to: Off,
         causes: &[Cause::Command],
-        reaction: "none; a fault is cleared at zero only",
+        reaction: "none; a fault is cleared only where the control holds no offset",
     },
     Rule {
         from: &[RampingIn, Active, FadingToStatic, Holding, RampingOut],

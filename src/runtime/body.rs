@@ -8,7 +8,8 @@ use std::sync::Arc;
 use super::recorder::{Tap, answer_of, request_of};
 use crate::core::axes::AxisArray;
 use crate::core::engine::{
-    Command, Compensator, CycleOutput, EngineConfig, EngineError, RestOffset, Shadow, ShadowScore, State,
+    Command, Compensator, CycleOutput, EngineConfig, EngineError, Event, RestOffset, Shadow, ShadowScore,
+    State,
 };
 use crate::core::geometry::Vec3;
 use crate::core::model::{Model, SENSORS_MAX};
@@ -73,6 +74,8 @@ pub enum Reaction {
     Refused(ErrorReport),
     /// A message that a control may not send during a link; its name.
     Unexpected(&'static str),
+    /// A message with a value that the protocol does not allow; which one.
+    Malformed(&'static str),
 }
 
 impl CycleBody {
@@ -244,6 +247,9 @@ impl CycleBody {
                 // none where the control has not told yet which offset it holds
                 correction.map_or(Reaction::Nothing, Reaction::Answer)
             }
+            Message::Tool(tool) if tool.tip.iter().any(|v| !v.is_finite()) => {
+                Reaction::Malformed("tool tip not finite")
+            }
             Message::Tool(tool) => {
                 let tip = Vec3::new(tool.tip[0], tool.tip[1], tool.tip[2]);
                 self.engine.on_tool(tip);
@@ -337,6 +343,17 @@ impl CycleBody {
         self.engine.is_enabled()
     }
 
+    /// The change of state that no answer has reported, because none was sent.
+    pub const fn take_event(&mut self) -> Option<Event> {
+        self.engine.take_event()
+    }
+
+    /// True where this link must end, so that the next one starts from the offset that the control then reports.
+    #[must_use]
+    pub fn needs_new_link(&self) -> bool {
+        self.engine.needs_new_link()
+    }
+
     /// True once a [`Command::Stop`] has been carried out, as far as this link and the machine's state allow.
     #[must_use]
     pub const fn is_stopped(&self) -> bool {
@@ -348,6 +365,10 @@ impl CycleBody {
     #[must_use]
     pub fn is_at_rest(&self) -> bool {
         let Some(output) = &self.output else { return false };
+        if self.engine.is_silenced() || self.engine.needs_new_link() {
+            // the control holds something else than what was sent
+            return false;
+        }
         let zero = |(k, offset): (usize, &f64)| self.moved >> k & 1 == 0 || *offset == 0.0;
         self.is_stopped() && (self.rest == RestOffset::Hold || output.offset.iter().enumerate().all(zero))
     }

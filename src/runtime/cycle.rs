@@ -21,7 +21,7 @@ use super::link::{Link, Received};
 use super::ports::{CycleRecord, Progress, Report};
 use super::worker::{Control, Stop};
 use crate::config::LinkConfig;
-use crate::core::engine::State;
+use crate::core::engine::{Event, State};
 use crate::core::fault::Code;
 use crate::core::protocol::{CloseReason, ErrorCode, ErrorReport, FrameError, Message, Position};
 use crate::core::units::{MonoTime, NS_PER_S};
@@ -48,6 +48,12 @@ pub(super) enum LinkEnd {
     Silent { limit_s: f64 },
     #[error("the connection failed: {0}")]
     Io(ErrorKind),
+    #[error("the control sent a frame with a value that is not allowed: {0}")]
+    Malformed(&'static str),
+    #[error("the control holds another offset than the last one sent; the next link starts from it")]
+    OffsetMoved,
+    #[error("a fault is latched and nothing more is sent; the control removes its offset by its own rule")]
+    Silenced,
     #[error("this daemon stops")]
     Stopped { at_rest: bool },
 }
@@ -149,7 +155,7 @@ impl Cycle<'_> {
     fn frames(&mut self, link: &mut Link, mut at: MonoTime, mut more: bool) -> io::Result<Option<LinkEnd>> {
         let mut batch = Batch::default();
         // a peer that never stops sending must not keep timers and requests from their turn
-        for _ in 0..READS_MAX {
+        for reads in 0.. {
             loop {
                 let message = match link.reader.next() {
                     Ok(Some(message)) => message,
@@ -157,11 +163,12 @@ impl Cycle<'_> {
                     Err(e) => return Ok(Some(LinkEnd::BadFrame(e))),
                 };
                 link.received = at;
-                if let Some(end) = self.message(at, &message, &mut batch) {
+                if let Some(end) = self.message(link, at, &message, &mut batch)? {
                     return Ok(Some(end));
                 }
             }
-            if !more {
+            // what is left stays in the socket until the next turn: a read now would find the buffer full
+            if !more || reads == READS_MAX {
                 break;
             }
             // the buffer was full: newer frames may be waiting, and they make these ones old
@@ -174,30 +181,44 @@ impl Cycle<'_> {
         if let Some((frame, received)) = batch.newest {
             self.answer(link, frame, received, batch.skipped)?;
         }
-        Ok(None)
+        Ok(self.new_link())
     }
 
-    fn message(&mut self, at: MonoTime, message: &Message, batch: &mut Batch) -> Option<LinkEnd> {
+    /// Why the link must end so that the next one can start from what the control holds.
+    fn new_link(&self) -> Option<LinkEnd> {
+        let silenced = self.body.state() == State::Faulted;
+        self.body.needs_new_link().then_some(if silenced { LinkEnd::Silenced } else { LinkEnd::OffsetMoved })
+    }
+
+    fn message(
+        &mut self,
+        link: &mut Link,
+        at: MonoTime,
+        message: &Message,
+        batch: &mut Batch,
+    ) -> io::Result<Option<LinkEnd>> {
         if let Message::Position(frame) = message {
             self.cycles += 1;
-            if let Some((older, received)) = batch.newest.replace((*frame, at)) {
-                batch.skipped += 1;
-                if !older.state.is_ready() {
-                    let _ = self.body.handle(received, &Message::Position(older));
-                    self.tell_event();
+            match batch.newest.replace((*frame, at)) {
+                // an answer that is computed is sent, or the next one would be two steps away from the last
+                Some((older, received)) if !older.state.is_ready() => {
+                    self.answer(link, older, received, 0)?;
                 }
+                Some(_) => batch.skipped += 1,
+                None => {}
             }
-            return None;
+            return Ok(None);
         }
         if let (Message::Tool(tool), Some(live)) = (message, &mut self.control.live) {
             live.tool(tool);
         }
-        match self.body.handle(at, message) {
+        Ok(match self.body.handle(at, message) {
             Reaction::Answer(_) | Reaction::Nothing => None,
             Reaction::Closed(reason) => Some(LinkEnd::ClosedByControl(reason)),
             Reaction::Refused(report) => Some(LinkEnd::Refused(report)),
             Reaction::Unexpected(found) => Some(LinkEnd::Unexpected(found)),
-        }
+            Reaction::Malformed(what) => Some(LinkEnd::Malformed(what)),
+        })
     }
 
     fn answer(
@@ -213,7 +234,9 @@ impl Cycle<'_> {
         let strays = self.body.strays().saturating_sub(strays);
         Progress::add(&self.control.ports.progress.out_of_order, strays);
         let Reaction::Answer(correction) = reaction else {
+            self.body.tell();
             self.live(received, &frame);
+            self.tell_silent_event();
             return Ok(());
         };
         let computed = self.clock.now();
@@ -265,13 +288,25 @@ impl Cycle<'_> {
         }
     }
 
+    /// A change of state in a cycle that was not answered.
+    fn tell_silent_event(&mut self) {
+        if let Some(event) = self.body.take_event() {
+            self.control.ports.progress.set_state(self.body.state());
+            self.report(event);
+        }
+    }
+
     fn tell_event(&self) {
         if let Some(event) = self.body.output().and_then(|output| output.event) {
-            self.control.ports.report(Report::Engine(event));
-            // a fault ends the wish to compensate, until it is cleared and enabled again
-            if self.body.state() == State::Faulted {
-                self.control.ports.progress.wanted.store(false, Relaxed);
-            }
+            self.report(event);
+        }
+    }
+
+    fn report(&self, event: Event) {
+        self.control.ports.report(Report::Engine(event));
+        // a fault ends the wish to compensate, until it is cleared and enabled again
+        if self.body.state() == State::Faulted {
+            self.control.ports.progress.wanted.store(false, Relaxed);
         }
     }
 }
@@ -280,7 +315,8 @@ impl LinkEnd {
     /// Its number.
     pub(super) const fn fault(&self) -> Code {
         match self {
-            Self::BadFrame(_) | Self::Unexpected(_) => Code::BAD_FRAME,
+            Self::BadFrame(_) | Self::Unexpected(_) | Self::Malformed(_) => Code::BAD_FRAME,
+            Self::OffsetMoved => Code::CONTROL_TOOK_OVER,
             _ => Code::LINK_LOST,
         }
     }
@@ -290,6 +326,9 @@ impl LinkEnd {
         match self {
             Self::BadFrame(_) => Some((Some((ErrorCode::BadFrame, "not a frame")), CloseReason::Error)),
             Self::Unexpected(found) => Some((Some((ErrorCode::Unexpected, found)), CloseReason::Error)),
+            Self::Malformed(what) => Some((Some((ErrorCode::BadFrame, what)), CloseReason::Error)),
+            // after `Error` the control takes its offset out
+            Self::OffsetMoved | Self::Silenced => Some((None, CloseReason::Error)),
             // after `Shutdown` the control keeps the offset, after `Error` it takes it out
             Self::Stopped { at_rest: true } => Some((None, CloseReason::Shutdown)),
             Self::Stopped { at_rest: false } => Some((None, CloseReason::Error)),

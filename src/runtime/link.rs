@@ -277,6 +277,8 @@ impl Link {
 
     fn taken(&mut self, result: io::Result<usize>, room: usize) -> io::Result<Received> {
         match result {
+            // no room is no end of the stream: the frames in the buffer come first
+            Ok(0) if room == 0 => Ok(Received::Bytes { at: self.clock.now(), more: true }),
             Ok(0) => Ok(Received::Closed),
             Ok(count) => {
                 let at = self.clock.now();

@@ -49,19 +49,24 @@ impl Compensator {
             Command::Stop => {
                 self.enabled = false;
                 self.stopping = true;
-                self.stopped |= !self.synchronised;
+                self.stopped |= !self.may_send();
                 self.note_stop();
             }
             Command::KeepFault => {
                 if matches!(self.state, State::Off | State::Armed) {
                     self.enabled = false;
                     self.state = State::Faulted;
+                    self.silenced = true;
                 }
             }
             Command::ClearFault => {
-                if self.state == State::Faulted && self.is_zero() {
+                if self.state == State::Faulted && self.may_clear() {
                     self.state = State::Off;
                     self.enabled = false;
+                    if core::mem::replace(&mut self.silenced, false) {
+                        // what the control holds now is where it starts
+                        self.synchronised = false;
+                    }
                 }
             }
         }

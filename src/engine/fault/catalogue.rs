@@ -164,8 +164,8 @@ pub const CATALOGUE: &[Entry] = &[
         severity: Fault,
         text: "the control has applied another offset than the one sent",
         cause: "somebody else writes the offset, the control clamps it, or it is lost on the way",
-        reaction: "compensation ends; the offset is taken back to zero from what the control really holds, and stays there until the fault is cleared",
-        remedy: "find the other writer (a second daemon, a part programme, a limit of the control), then clear the fault and enable again",
+        reaction: "compensation ends and no further correction is sent; the control misses them and removes what it holds by its own rule; latched until it reports zero and the fault is cleared",
+        remedy: "find the other writer (a second daemon, a part program, a limit of the control) or the unit or sign error in the read-back, then clear the fault and enable again",
     },
     Entry {
         code: Code(4002),
@@ -182,7 +182,7 @@ pub const CATALOGUE: &[Entry] = &[
         severity: Warning,
         text: "the control has been taking the offset back by itself",
         cause: "its own watchdog missed corrections for longer than its hold time",
-        reaction: "the engine follows and blends in again from where the control is",
+        reaction: "within one step of the last answer the engine goes on from what the control holds; else the link is closed, and the next one starts from there",
         remedy: "look for a hung or starved daemon; volcomp status shows late cycles",
     },
     Entry {
@@ -211,6 +211,15 @@ pub const CATALOGUE: &[Entry] = &[
         cause: "with the whole offset the axis would pass its soft-limit-mm",
         reaction: "the offset is taken back ahead of the limit",
         remedy: "nothing to do, or move the work away from the limit",
+    },
+    Entry {
+        code: Code(4007),
+        name: "implausible-offset",
+        severity: Fault,
+        text: "the control reports an offset that it cannot hold",
+        cause: "the read-back is beyond the limit (on a new link: beyond twice the limit): a wrong unit or sign, a foreign writer, memory that was not cleared",
+        reaction: "compensation ends and no further correction is sent; the control misses them and removes what it holds by its own rule; latched until it reports zero and the fault is cleared",
+        remedy: "compare `applied` in a recording with what the control really holds; correct the adapter or the limits, then `volcomp enable --clear-fault`",
     },
     Entry {
         code: Code(5001),

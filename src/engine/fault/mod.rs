@@ -68,6 +68,8 @@ impl Code {
     pub const CONNECT_FAILED: Self = Self(6001);
     /// The link to the control has ended.
     pub const LINK_LOST: Self = Self(6002);
+    /// The control has moved its offset on its own.
+    pub const CONTROL_TOOK_OVER: Self = Self(4003);
     /// Bytes from the control are no frame, or none that belongs there.
     pub const BAD_FRAME: Self = Self(6003);
     /// The control is not the one of the machine file.
@@ -166,6 +168,7 @@ pub const fn reason_code(reason: Reason) -> Code {
         Reason::FoundOffset => 4002,
         Reason::ControlTookOver => 4003,
         Reason::StopLimit => 4004,
+        Reason::ImplausibleOffset => 4007,
         Reason::ModelNotFinite => 5001,
         Reason::LiveLost => 8001,
     })

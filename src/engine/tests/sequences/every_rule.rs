@@ -71,6 +71,8 @@ fn happenings() -> Vec<Vec<Op>> {
         vec![Op::Hang(160)],
         vec![Op::Hang(400)],
         vec![Op::Foreign(0.003, 40)],
+        // after a gap the report counts, and this one cannot be right
+        vec![Op::Lose(5), Op::Foreign(1.0, 3)],
         vec![Op::Link(5)],
         vec![Op::Link(400)],
         vec![Op::Tool(-50.0)],

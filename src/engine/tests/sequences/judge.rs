@@ -5,6 +5,8 @@ use volcomp_model::axes::AxisArray;
 
 /// Good frames after which the control is known not to have acted on its own, and strays before them.
 const IN_DOUBT: u32 = 20;
+/// The most control time that one answer may use, s.
+const LONGEST_S: f64 = 2.0 * CYCLE_S;
 /// Rounding, relative and in mm.
 const RELATIVE: f64 = 1e-9;
 const ABSOLUTE: f64 = 1e-12;
@@ -52,30 +54,26 @@ impl Judge {
     pub(super) fn check(&mut self, out: &CycleOutput, seen: Circumstances<'_>) {
         let axes = self.limits.len();
         assert!(out.offset[..axes].iter().all(|v| v.is_finite()), "{:?}", out.offset);
-        let restart = seen.frame.filter(|frame| self.may_start_anew(frame, out)).map(|f| f.applied);
-        let mut why = String::new();
-        // both may fit, and then both count
-        let mut rates: Option<Vec<Vec<f64>>> = None;
-        for (from, anew) in [(self.last, false), (restart, true)] {
-            let Some(from) = from else { continue };
-            let mut found = Vec::with_capacity(axes);
-            for (k, from) in from.iter().enumerate().take(axes) {
-                let before: &[f64] = if anew { &[0.0] } else { &self.rates[k] };
-                match self.goes_on(k, *from, out.offset[k], before, seen.intervals) {
-                    Ok(now) => found.push(now),
-                    Err(text) => why.push_str(&text),
+        let first = self.last.is_none();
+        let from = self.last.or(seen.frame.map(|f| f.applied)).unwrap_or(out.offset);
+        let in_doubt = seen.frame.is_some_and(|frame| self.may_follow(frame));
+        let mut rates = Vec::with_capacity(axes);
+        for (k, from) in from.iter().enumerate().take(axes) {
+            let before: &[f64] = if first { &[0.0] } else { &self.rates[k] };
+            let followed = seen.frame.filter(|_| in_doubt).map(|frame| frame.applied[k]);
+            let on = self.goes_on(k, *from, out.offset[k], before, seen.intervals);
+            // both may fit, and then both count
+            match (on, followed.is_some_and(|held| self.follows(k, *from, out.offset[k], held))) {
+                (Ok(mut now), also) => {
+                    now.extend(also.then_some(0.0));
+                    rates.push(now);
                 }
-            }
-            if found.len() == axes {
-                match &mut rates {
-                    Some(rates) => rates.iter_mut().zip(found).for_each(|(all, more)| all.extend(more)),
-                    None => rates = Some(found),
+                (Err(_), true) => rates.push(vec![0.0]),
+                (Err(why), false) => {
+                    panic!("{:?} -> {:?} (interval {:?}):{why}", self.state, out, seen.intervals)
                 }
             }
         }
-        let Some(rates) = rates else {
-            panic!("{:?} -> {:?} (interval {:?}):{why}", self.state, out, seen.intervals);
-        };
         self.rates = rates;
         self.last = Some(out.offset);
         self.state = out.state;
@@ -129,17 +127,27 @@ impl Judge {
         Ok(now)
     }
 
-    /// Whether the engine may go on from what the control holds instead of from its own last answer: only where the
-    /// control may have moved the offset by itself, or could not move it.
-    fn may_start_anew(&mut self, frame: &Position, out: &CycleOutput) -> bool {
+    /// Whether an answer may go towards what the control holds: by one step, and not beyond it.
+    fn follows(&self, k: usize, from: f64, to: f64, held: f64) -> bool {
+        let limits = &self.limits[k];
+        if limits.size <= 0.0 {
+            return to == held;
+        }
+        let most = limits.step.min(limits.rate * LONGEST_S);
+        (to - from).abs() <= most * (1.0 + RELATIVE) + ABSOLUTE
+            && (to - from.min(held)) >= -ABSOLUTE
+            && (to - from.max(held)) <= ABSOLUTE
+    }
+
+    /// Whether the control may have moved the offset by itself, or cannot move it.
+    fn may_follow(&mut self, frame: &Position) -> bool {
         let bits = frame.state;
         let immobile = bits.has(MachineState::ESTOP) || !bits.has(MachineState::ENABLED);
         let was_immobile = core::mem::replace(&mut self.immobile, immobile);
         if !bits.is_ready() || bits.has(MachineState::OFFSET_RAMPING_OUT) {
             self.in_doubt = IN_DOUBT;
         }
-        let new_fault = matches!(out.event, Some(Event::StateChanged { to: State::Faulted, .. }));
-        let told = frame.applied.iter().all(|v| v.is_finite());
-        told && (self.last.is_none() || self.in_doubt > 0 || immobile || was_immobile || new_fault)
+        let reported = frame.applied.iter().all(|v| v.is_finite());
+        reported && (self.in_doubt > 0 || immobile || was_immobile)
     }
 }

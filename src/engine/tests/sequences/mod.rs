@@ -163,6 +163,11 @@ fn damages() -> impl Strategy<Value = Damage> {
     ]
 }
 
+/// Offsets that the control reports without having been sent them, mm.
+fn foreign_offsets() -> impl Strategy<Value = f64> {
+    prop_oneof![6 => -0.06..0.06, 2 => -0.3..0.3, 1 => -2.0..2.0, 1 => Just(1e308), 1 => Just(0.0)]
+}
+
 fn ops() -> impl Strategy<Value = Op> {
     let commands = prop_oneof![
         6 => Just(Command::Enable), 2 => Just(Command::Disable), 2 => Just(Command::ClearFault),
@@ -188,7 +193,7 @@ fn ops() -> impl Strategy<Value = Op> {
         1 => prop_oneof![8 => Just(0.0), 1 => Just(f64::MAX), 1 => Just(f64::MIN)].prop_map(Op::Far),
         2 => ((-0.08..0.08), any::<u8>()).prop_map(|(v, n)| Op::Live(v, n)),
         1 => (0.0..20_000.0).prop_map(Op::Feed),
-        1 => ((-0.06..0.06), any::<u8>()).prop_map(|(v, n)| Op::Foreign(v, n)),
+        2 => (foreign_offsets(), any::<u8>()).prop_map(|(v, n)| Op::Foreign(v, n)),
         1 => (0..800u16).prop_map(Op::Link),
     ]
 }

@@ -12,6 +12,8 @@ use volcomp_model::axes::AxisArray;
 const HOLD_CYCLES: u32 = 100;
 /// What it takes back per cycle, mm.
 const TAKE_BACK_MM: f64 = 1e-4;
+/// Cycles until the daemon has connected again.
+const RECONNECT_CYCLES: u16 = 20;
 /// The most control time that one answer may use, cycles.
 const STEP_CYCLES: f64 = 2.0;
 /// Nanoseconds of a cycle.
@@ -208,7 +210,12 @@ impl Plant {
         let out = self.engine.on_position(self.now, frame, &self.model);
         self.last_delivered = Some(*frame);
         let Some(out) = out else {
-            assert!(from == self.engine.state(), "a change of state that nobody is told");
+            let event = self.engine.take_event();
+            self.note_event(event);
+            assert!(event.is_some() || from == self.engine.state(), "a change of state that nobody is told");
+            if self.engine.needs_new_link() {
+                self.link(RECONNECT_CYCLES);
+            }
             return;
         };
         // a frame that told nothing leaves its time to the next one
@@ -296,17 +303,22 @@ impl Plant {
     /// Every change of state is told, and told in one row.
     fn note(&mut self, out: &CycleOutput) {
         assert_eq!(out.state, self.engine.state());
-        match out.event {
-            Some(Event::StateChanged { from, to, reason, .. }) => {
-                assert_eq!((from, to), (self.told, out.state), "{reason:?}");
-            }
-            None => assert_eq!(self.told, out.state, "a change of state that nobody is told"),
-        }
-        self.told = out.state;
-        let single = self.engine.trace.drain(..);
-        self.transitions.extend(single.map(|(from, to, reason)| (from, to, Cause::Reason(reason))));
+        self.note_event(out.event);
         if !self.ever_enabled {
             assert_eq!(out.offset, [0.0; MAX_AXES], "default off");
         }
+    }
+
+    fn note_event(&mut self, event: Option<Event>) {
+        let state = self.engine.state();
+        match event {
+            Some(Event::StateChanged { from, to, reason, .. }) => {
+                assert_eq!((from, to), (self.told, state), "{reason:?}");
+            }
+            None => assert_eq!(self.told, state, "a change of state that nobody is told"),
+        }
+        self.told = state;
+        let single = self.engine.trace.drain(..);
+        self.transitions.extend(single.map(|(from, to, reason)| (from, to, Cause::Reason(reason))));
     }
 }

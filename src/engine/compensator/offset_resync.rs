@@ -1,0 +1,215 @@
+//! The offset that the control reports: where the engine starts from, and when it must not believe the report.
+//!
+//! Rules (`docs/safety.md`, "What is always true"): a reported offset never makes an answer larger than the size limit
+//! nor a step between two answers larger than the limits allow. A link starts at the reported offset, up to
+//! [`FOUND_FACTOR`] times the limit. Later on the link the engine follows a report only within one step, or in bounded
+//! steps while the machine cannot move; a larger difference ends the link, and the next one starts anew. A report that
+//! cannot be right latches a fault, after which nothing is sent: the control then removes its offset by its own rule.
+
+use super::{Compensator, Detail, Event, Position, Reason, State};
+use crate::config::{FOUND_FACTOR, UNLISTED_MAX_DEG, UNLISTED_MAX_MM};
+use volcomp_model::axes::{AxisArray, AxisKind, MAX_AXES};
+use volcomp_model::units::{NS_PER_S, RAD_PER_DEG};
+use volcomp_protocol::MachineState;
+
+/// So many cycles without a frame, and the control may have acted on its own.
+pub(super) const GAP_CYCLES: u32 = 2;
+
+/// Drives off or emergency stop: what is sent never acts.
+pub(super) const fn is_immobile(machine: MachineState) -> bool {
+    machine.has(MachineState::ESTOP) || !machine.has(MachineState::ENABLED)
+}
+
+/// Whether corrections are sent on the present link.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Sending {
+    /// Nothing was sent on this link yet: it may start at any plausible offset.
+    NotYet,
+    /// Corrections are sent; each starts from the one before.
+    Running,
+    /// The control holds another offset than the last one sent: a new link must start from it.
+    NeedsNewLink,
+}
+
+impl Compensator {
+    /// Cycles since the frame before, by its number or by its time, whichever is more: the control may have acted on
+    /// its own. In those that both agree on it has had no answer, and the last offset sent has long taken effect.
+    pub(super) fn count_gap(&mut self, frame: &Position) {
+        let numbers = frame.sequence.wrapping_sub(self.last_sequence);
+        let passed_s = frame.control_ns.saturating_sub(self.last_control_ns) as f64 / NS_PER_S;
+        let passed = (passed_s / self.config.cycle_s).round() as u32;
+        self.gap_cycles = numbers.max(passed);
+        self.gap_s = passed_s.max(f64::from(numbers) * self.config.cycle_s);
+        self.read_back.pass(numbers.min(passed).saturating_sub(1));
+        (self.last_sequence, self.last_control_ns) = (frame.sequence, frame.control_ns);
+    }
+
+    /// True where corrections may be sent: the offset in force is known, and no fault forbids it.
+    pub(super) fn may_send(&self) -> bool {
+        self.synchronised && !self.silenced && self.sending != Sending::NeedsNewLink
+    }
+
+    /// True where the control holds what it was sent, as far as a frame that is not used otherwise tells.
+    pub(super) fn is_held(&self, frame: &Position) -> bool {
+        let applied = self.reported_offset(frame);
+        self.may_send()
+            && !frame.state.has(MachineState::OFFSET_RAMPING_OUT)
+            && self.read_back.knows(&applied, self.axes)
+    }
+
+    /// Takes over the offset that the control reports (finite values): at the first frame of a link, after it has acted
+    /// on its own, while it cannot move any offset, and where it has changed its offset while the machine was not ready.
+    /// `dt`: control time that the answer may use, s. True where the offset was changed by it.
+    pub(super) fn resynchronise(&mut self, frame: &Position, dt: f64) -> bool {
+        let applied = self.reported_offset(frame);
+        self.reported = Some(applied);
+        // braking past the offset that an immobile machine holds would be a step when it moves again
+        let immobile = is_immobile(frame.state);
+        let was_immobile = core::mem::replace(&mut self.immobile, immobile);
+        let took_over = frame.state.has(MachineState::OFFSET_RAMPING_OUT);
+        // after a gap the control may have acted on its own and be done with it
+        let unseen = self.frozen || self.gap_cycles > GAP_CYCLES || !self.intake.is_settled();
+        let moved = unseen && !immobile && !self.read_back.knows_after(self.gap_cycles, &applied, self.axes);
+        let unchanged = self.synchronised && !took_over && !moved && !immobile && !was_immobile;
+        if unchanged || self.silenced || self.sending == Sending::NeedsNewLink {
+            return false;
+        }
+        if let Some(detail) = self.implausible(&applied) {
+            self.silence(Reason::ImplausibleOffset, Some(detail));
+            return false;
+        }
+        let within_a_step = (0..self.axes).all(|k| {
+            let difference = (applied[k] - self.limiters[k].position()).abs();
+            !self.is_listed(k) || difference <= self.allowance(k, dt)
+        });
+        if self.sending == Sending::NotYet || within_a_step {
+            self.start_at(&applied);
+        } else if immobile {
+            // nothing moves: the answers approach what the control holds, in steps that would be allowed anyway
+            for k in 0..self.axes {
+                let at = self.limiters[k].position();
+                let most = if self.is_listed(k) { self.allowance(k, dt) } else { f64::INFINITY };
+                self.limiters[k].start_at(at + (applied[k] - at).clamp(-most, most));
+            }
+        } else {
+            self.sending = Sending::NeedsNewLink;
+            self.next_deadline = None;
+        }
+        self.read_back.restart();
+        self.read_back.sent(&self.offset());
+        if (took_over || moved || self.sending == Sending::NeedsNewLink) && self.is_moving() {
+            self.intake.unsettle();
+            self.plan(State::Holding, Reason::ControlTookOver);
+        }
+        if self.state == State::Faulted || !self.synchronised {
+            // the way to zero starts from here, not from an offset that the control no longer holds
+            self.plan(self.state, Reason::ReadBack);
+        }
+        self.synchronised = true;
+        true
+    }
+
+    /// The largest change of axis `k` within `dt` seconds, mm or rad.
+    fn allowance(&self, k: usize, dt: f64) -> f64 {
+        let limits = &self.config.limits[k];
+        limits.step.min(limits.rate * dt)
+    }
+
+    /// True where the machine file has limits for the axis: only then is it ever moved.
+    fn is_listed(&self, k: usize) -> bool {
+        self.config.limits[k].size > 0.0
+    }
+
+    /// The first axis whose reported offset cannot be right, with the bound it exceeds.
+    fn implausible(&self, applied: &AxisArray) -> Option<Detail> {
+        (0..self.axes).find_map(|k| {
+            let bound = self.bound(k);
+            let beyond = applied[k].abs() > bound;
+            beyond.then(|| Detail::of_axis(k, applied[k] / self.scale[k], bound / self.scale[k]))
+        })
+    }
+
+    /// The largest offset of axis `k` that is believed, mm or rad.
+    fn bound(&self, k: usize) -> f64 {
+        let size = self.config.limits[k].size;
+        match (self.is_listed(k), self.sending) {
+            (false, _) if self.config.axes[k].kind() == AxisKind::Rotary => UNLISTED_MAX_DEG * RAD_PER_DEG,
+            (false, _) => UNLISTED_MAX_MM,
+            (true, Sending::NotYet) => FOUND_FACTOR * size,
+            // one that is being led back may be beyond the limit, but never grows
+            (true, _) => size.max(self.limiters[k].position().abs()) + self.config.read_back_tolerance[k],
+        }
+    }
+
+    /// The offset that the control reports, mm and rad.
+    fn reported_offset(&self, frame: &Position) -> AxisArray {
+        core::array::from_fn(|k| if k < self.axes { frame.applied[k] * self.scale[k] } else { 0.0 })
+    }
+
+    /// At rest at an offset that the control holds.
+    fn start_at(&mut self, held: &AxisArray) {
+        for (limiter, held) in self.limiters.iter_mut().zip(held).take(self.axes) {
+            limiter.start_at(*held);
+        }
+    }
+
+    /// Compares the read-back of a frame (finite values) with what was sent; a lasting difference is a fault.
+    pub(super) fn check_read_back(&mut self, frame: &Position) {
+        let applied = self.reported_offset(frame);
+        self.aim.lag.read_back(frame.sequence, &applied);
+        let watched =
+            self.may_send() && self.state != State::Faulted && frame.state.is_ready() && !self.frozen;
+        if watched && self.read_back.is_foreign(&applied, self.axes) {
+            let detail = self
+                .read_back
+                .foreign(&applied, self.axes)
+                .map(|(k, by, tolerance)| Detail::of_axis(k, by / self.scale[k], tolerance / self.scale[k]));
+            // once cleared, the next fault needs a whole window of its own
+            self.read_back.restart();
+            self.silence(Reason::ReadBack, detail);
+        }
+    }
+
+    /// A fault after which nothing is sent: what the control holds is not known, so any offset could be a step. The
+    /// control misses its corrections and removes what it really holds (`docs/protocol.md`, section 7, rule 4).
+    fn silence(&mut self, reason: Reason, detail: Option<Detail>) {
+        self.enabled = false;
+        self.detail = detail;
+        self.plan(State::Faulted, reason);
+        self.detail = None;
+        self.silenced = true;
+        self.stopped |= self.stopping;
+        self.next_deadline = None;
+        if self.sending == Sending::Running {
+            self.sending = Sending::NeedsNewLink;
+        }
+    }
+
+    /// True where the control must be left to its own rule: a latched fault forbids every correction.
+    #[must_use]
+    pub const fn is_silenced(&self) -> bool {
+        self.silenced
+    }
+
+    /// True where this link must end, so that the next one starts from what the control then reports.
+    #[must_use]
+    pub fn needs_new_link(&self) -> bool {
+        self.sending == Sending::NeedsNewLink
+    }
+
+    /// The change of state that no answer has reported, because none was sent.
+    pub const fn take_event(&mut self) -> Option<Event> {
+        self.event.take()
+    }
+
+    /// A silenced fault may be cleared once the control reports that it holds nothing (or before it reports anything,
+    /// for a new link is judged by itself); any other one once the offset is back at zero.
+    pub(super) fn may_clear(&self) -> bool {
+        if !self.silenced {
+            return self.is_zero();
+        }
+        let reported = self.reported.unwrap_or([0.0; MAX_AXES]);
+        let limits = &self.config;
+        (0..self.axes).all(|k| !self.is_listed(k) || reported[k].abs() <= limits.read_back_tolerance[k])
+    }
+}

@@ -1,0 +1,162 @@
+//! A control whose read-back is wrong: no answer beyond the limits, no step, a latched fault, and silence.
+
+use super::*;
+use crate::FOUND_FACTOR;
+
+/// What the control reports instead of the offset it was sent, mm.
+type Lie = fn(f64) -> f64;
+
+/// Runs an enabled machine whose control reports `lie` of what it was sent from `begin` cycles on.
+fn deceived(lie: Lie, begin: usize) -> World {
+    let mut w = World::new(&config());
+    w.engine.on_command(MonoTime::ZERO, Command::Enable);
+    w.run(begin);
+    for _ in 0..400 {
+        w.now = w.now.plus_seconds(CYCLE_S);
+        w.frame.sequence += 1;
+        w.frame.control_ns += 1_000_000;
+        w.frame.applied = w.last.offset.map(lie);
+        // holds every answer against size and step
+        w.send();
+        if w.engine.is_silenced() {
+            break;
+        }
+    }
+    w
+}
+
+#[test]
+fn a_wrong_read_back_is_a_latched_fault_and_silence() {
+    let lies: [(&str, Lie); 7] = [
+        ("um for mm", |v| v * 1e3),
+        ("ten times, which fed back would grow without bound", |v| v * 10.0),
+        ("sign flipped", |v| -v),
+        ("always zero", |_| 0.0),
+        ("always 1e308", |_| 1e308),
+        ("always 5 mm", |_| 5.0),
+        ("always 40 um", |_| 0.04),
+    ];
+    for (name, lie) in lies {
+        for begin in [1, 100, 300] {
+            let mut w = deceived(lie, begin);
+            assert!(w.engine.is_silenced(), "{name} from cycle {begin}");
+            assert_eq!(w.engine.state(), State::Faulted, "{name}");
+            // no command and no frame lifts it while the control claims to hold something
+            w.engine.on_command(w.now, Command::Enable);
+            for _ in 0..50 {
+                w.frame.sequence += 1;
+                w.frame.control_ns += 1_000_000;
+                w.frame.applied[0] = 5.0;
+                assert_eq!(w.engine.on_position(w.now, &w.frame, &w.model), None, "{name}");
+                w.engine.on_command(w.now, Command::ClearFault);
+            }
+            assert_eq!(w.engine.state(), State::Faulted, "{name}");
+            assert_eq!(w.engine.next_deadline(), None, "{name}: silence is no reason to send");
+        }
+    }
+}
+
+#[test]
+fn after_such_a_fault_a_control_at_zero_and_a_person_lead_back() {
+    let mut w = deceived(|_| 0.04, 300);
+    w.last.offset = [0.0; MAX_AXES];
+    w.frame.applied = [0.0; MAX_AXES];
+    w.run(30);
+    assert_eq!(w.engine.state(), State::Faulted);
+    w.engine.on_command(w.now, Command::ClearFault);
+    assert_eq!(w.engine.state(), State::Off);
+    w.engine.on_command(w.now, Command::Enable);
+    w.fresh = true;
+    assert_eq!(w.run(400).state, State::Active);
+}
+
+#[test]
+fn an_offset_found_on_a_new_link_is_led_back_up_to_twice_the_limit() {
+    for (found, led_back) in [(0.049, true), (0.051, true), (0.0999, true), (0.1001, false), (5.0, false)] {
+        for (sign, enabled) in [(1.0, false), (-1.0, false), (1.0, true), (-1.0, true)] {
+            let mut w = World::new(&config());
+            if enabled {
+                w.engine.on_command(MonoTime::ZERO, Command::Enable);
+            }
+            w.last.offset[0] = sign * found;
+            let mut last = found;
+            for _ in 0..600 {
+                w.cycle();
+                if !led_back {
+                    assert!(w.engine.is_silenced(), "{found} mm is beyond {FOUND_FACTOR} times the limit");
+                    break;
+                }
+                let now = w.last.offset[0].abs();
+                assert!(now <= last.max(LIMITS.size) + 1e-15, "grew from {last} to {now}");
+                last = now;
+            }
+            let state = if enabled { State::Active } else { State::Off };
+            let expected = if led_back { state } else { State::Faulted };
+            assert_eq!(w.engine.state(), expected, "{found} mm, enabled {enabled}");
+        }
+    }
+}
+
+#[test]
+fn an_emergency_stop_with_another_offset_is_followed_in_allowed_steps() {
+    let mut w = World::active(&config());
+    w.frame.state = MachineState::from_bits(READY.bits | MachineState::ESTOP);
+    // the control has taken 10 um into its axis position; every answer is checked for its step
+    for _ in 0..50 {
+        w.last.offset = [0.0; MAX_AXES];
+        let held = w.last;
+        w.last.offset = w.engine.offset();
+        w.frame.applied = held.offset;
+        w.now = w.now.plus_seconds(CYCLE_S);
+        w.frame.sequence += 1;
+        w.frame.control_ns += 1_000_000;
+        w.send();
+    }
+    assert_eq!(w.last.offset[0], 0.0, "arrived, without a step");
+    w.frame.state = READY;
+    assert_eq!(w.run(400).state, State::Active);
+    // and one that cannot be is no offset at all
+    w.frame.state = MachineState::from_bits(READY.bits | MachineState::ESTOP);
+    w.last.offset[0] = 1e308;
+    w.now = w.now.plus_seconds(CYCLE_S);
+    w.frame.sequence += 1;
+    w.frame.control_ns += 1_000_000;
+    w.frame.applied = w.last.offset;
+    assert_eq!(w.engine.on_position(w.now, &w.frame, &w.model), None);
+    assert!(matches!(
+        w.engine.take_event(),
+        Some(Event::StateChanged { to: State::Faulted, reason: Reason::ImplausibleOffset, .. })
+    ));
+}
+
+#[test]
+fn an_axis_without_limits_is_never_moved_and_echoed_up_to_its_bound() {
+    let never = AxisLimits { size: 0.0, ..LIMITS };
+    let config = EngineConfig { limits: vec![LIMITS, never, LIMITS], ..config() };
+    let mut w = World::new(&config);
+    w.last.offset[1] = 0.4;
+    for _ in 0..30 {
+        w.cycle();
+        assert_eq!(w.last.offset[1], 0.4);
+        w.fresh = true;
+    }
+    let mut w = World::new(&config);
+    w.last.offset[1] = 1.5;
+    w.cycle();
+    assert!(w.engine.is_silenced(), "more than any control can have been sent");
+}
+
+#[test]
+fn a_stop_after_such_a_fault_ends_at_once() {
+    let mut w = World::active(&config());
+    w.engine.on_command(w.now, Command::Stop);
+    w.frame.applied[0] = 5.0;
+    for _ in 0..12 {
+        w.now = w.now.plus_seconds(CYCLE_S);
+        w.frame.sequence += 1;
+        w.frame.control_ns += 1_000_000;
+        w.frame.applied[0] = 5.0;
+        w.send();
+    }
+    assert!(w.engine.is_silenced() && w.engine.is_stopped());
+}
