@@ -46,6 +46,8 @@ pub(super) enum LinkEnd {
     Unexpected(&'static str),
     #[error("nothing from the control for {limit_s} s")]
     Silent { limit_s: f64 },
+    #[error("the control does not read: its receive buffer is full")]
+    Congested,
     #[error("the connection failed: {0}")]
     Io(ErrorKind),
     #[error("the control sent a frame with a value that is not allowed: {0}")]
@@ -90,6 +92,8 @@ impl Cycle<'_> {
             match turn {
                 Ok(None) => turn = self.turn(link),
                 Ok(Some(end)) => return end,
+                // a correction that waits would arrive late, and the cycle must not wait for it
+                Err(e) if e.kind() == ErrorKind::WouldBlock => return LinkEnd::Congested,
                 Err(e) => return LinkEnd::Io(e.kind()),
             }
         }
@@ -157,7 +161,13 @@ impl Cycle<'_> {
         // a peer that never stops sending must not keep timers and requests from their turn
         for reads in 0.. {
             loop {
-                let message = match link.reader.next() {
+                let skipped = link.reader.skipped();
+                let next = link.reader.next();
+                if link.reader.skipped() != skipped {
+                    // an optional frame that is not known is a life sign all the same
+                    link.received = at;
+                }
+                let message = match next {
                     Ok(Some(message)) => message,
                     Ok(None) => break,
                     Err(e) => return Ok(Some(LinkEnd::BadFrame(e))),
@@ -333,7 +343,7 @@ impl LinkEnd {
             Self::Stopped { at_rest: true } => Some((None, CloseReason::Shutdown)),
             Self::Stopped { at_rest: false } => Some((None, CloseReason::Error)),
             Self::Silent { .. } | Self::ClosedByControl(_) => None,
-            Self::Closed | Self::Refused(_) | Self::Io(_) => None,
+            Self::Closed | Self::Congested | Self::Refused(_) | Self::Io(_) => None,
         }
     }
 }

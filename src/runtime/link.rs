@@ -12,7 +12,7 @@ use std::time::Duration;
 
 use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
-use rustix::net::{RecvFlags, recv};
+use rustix::net::{RecvFlags, SendFlags, recv, send};
 use socket2::{Domain, Protocol, SockRef, Socket, TcpKeepalive, Type};
 
 use super::arrivals::{Arrivals, Wait};
@@ -24,7 +24,7 @@ use crate::core::protocol::{
 };
 use crate::core::units::MonoTime;
 
-/// Longest blocking write: a control that has not read for that long is gone.
+/// Longest blocking write outside the cycle: a control that has not read for that long is gone.
 const WRITE_LIMIT: Duration = Duration::from_secs(1);
 /// Read timeouts are multiples of this, so that a steady link asks for the same one every cycle.
 const TIMEOUT_STEP: Duration = Duration::from_millis(1);
@@ -150,12 +150,16 @@ impl Link {
 
     /// Sends one message.
     ///
-    /// # Cycle   no allocation without TLS; blocks at most [`WRITE_LIMIT`] where the control does not read
+    /// # Cycle   no allocation without TLS, no wait
+    ///
+    /// # Errors
+    /// `WouldBlock` where the send buffer is full: the frame may have been begun, so the link must end.
     pub(super) fn send(&mut self, message: &Message) -> io::Result<()> {
         let length = encode(message, &mut self.out);
+        let mut socket = at_once(&self.stream);
         match &mut self.tls {
-            None => self.stream.write_all(&self.out[..length])?,
-            Some(tls) => tls.write_all(&mut waiting(&self.stream), &self.out[..length])?,
+            None => socket.write_all(&self.out[..length])?,
+            Some(tls) => tls.write_all(&mut socket, &self.out[..length])?,
         }
         self.sent = self.clock.now();
         Ok(())
@@ -256,7 +260,7 @@ impl Link {
     fn read_at_once(&mut self) -> io::Result<Received> {
         let space = self.reader.space();
         let room = space.len();
-        let mut socket = Lent { stream: &self.stream, flags: RecvFlags::DONTWAIT };
+        let mut socket = at_once(&self.stream);
         let result = match &mut self.tls {
             None => socket.read(space),
             Some(tls) => tls.read(&mut socket, space),
@@ -308,12 +312,19 @@ impl Read for Lent<'_> {
 
 impl Write for Lent<'_> {
     fn write(&mut self, bytes: &[u8]) -> io::Result<usize> {
-        self.stream.write(bytes)
+        let wait =
+            if self.flags.contains(RecvFlags::DONTWAIT) { SendFlags::DONTWAIT } else { SendFlags::empty() };
+        send(self.stream, bytes, wait | SendFlags::NOSIGNAL).map_err(io::Error::from)
     }
 
     fn flush(&mut self) -> io::Result<()> {
         Ok(())
     }
+}
+
+/// Neither reads nor writes wait.
+const fn at_once(stream: &TcpStream) -> Lent<'_> {
+    Lent { stream, flags: RecvFlags::DONTWAIT }
 }
 
 /// Reads wait at most the socket's read timeout.

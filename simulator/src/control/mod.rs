@@ -509,7 +509,7 @@ impl Control {
     fn message(&mut self, message: &Message) -> Option<Correction> {
         match message {
             Message::Correction(correction) => {
-                match self.newest.map(|n| self.offset.receive(correction, n, sequence(n))) {
+                match self.newest.map(|_| self.offset.receive(correction, self.cycle, sequence(self.cycle))) {
                     Some(Verdict::Good) => self.summary.corrections += 1,
                     Some(Verdict::NotFinite | Verdict::WrongAge | Verdict::OutOfOrder) | None => {
                         self.summary.rejected += 1;

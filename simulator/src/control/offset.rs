@@ -111,12 +111,13 @@ impl OffsetStage {
         }
     }
 
-    /// A correction has come; the newest position sent is that of cycle `now` with the sequence number `newest`.
-    pub(super) fn receive(&mut self, correction: &Correction, now: u64, newest: u32) -> Verdict {
+    /// Judges a correction that was received in cycle `now`, whose number is `present`, whether its position was sent or
+    /// not: a control that was silent must not accept corrections older than the hold time.
+    pub(super) fn receive(&mut self, correction: &Correction, now: u64, present: u32) -> Verdict {
         if correction.offset[..self.axes.len()].iter().any(|v| !v.is_finite()) {
             return Verdict::NotFinite;
         }
-        let age = i64::from(newest.wrapping_sub(correction.sequence).cast_signed());
+        let age = i64::from(present.wrapping_sub(correction.sequence).cast_signed());
         let Some(age) = u64::try_from(age).ok().filter(|a| *a <= self.hold_cycles.max(1) && *a <= now) else {
             return Verdict::WrongAge;
         };
