@@ -43,7 +43,8 @@ pub enum Invariant {
     /// No offset beyond `limit-um`, except one found on a new link (at most [`Settings::found_factor`] limits), which
     /// never grows and is led back in time.
     Size,
-    /// No change from one answer to the next beyond `step-um`, except to the offset that the control moved by itself.
+    /// No change from one answer to the next beyond `step-um`, except to the offset that the control moved by itself, or
+    /// that it still holds of several answers to one position.
     Step,
     /// No change faster than `rate-um-per-s` in control time, of which one answer uses at most two cycles.
     Rate,
@@ -147,6 +148,9 @@ struct Answer {
     control_ns: i64,
     state: CorrectionState,
     offset: AxisArray,
+    /// Range of the offsets in all answers to this position, where there were several: with no new position, none of
+    /// them is known to have taken effect.
+    unconfirmed: Option<[AxisArray; 2]>,
 }
 
 /// How an answer follows on the one before.
@@ -280,12 +284,22 @@ impl Monitor {
         }
         // an offset that is not finite is none to go on from
         let offset = if finite { correction.offset } else { self.last.map_or([0.0; MAX_AXES], |l| l.offset) };
+        let repeated = self.last.filter(|last| last.index == sent.index);
+        let unconfirmed = repeated.map(|last| {
+            let [low, high] = last.unconfirmed.unwrap_or([last.offset; 2]);
+            core::array::from_fn(|end| {
+                core::array::from_fn(
+                    |k| if end == 0 { low[k].min(offset[k]) } else { high[k].max(offset[k]) },
+                )
+            })
+        });
         self.last = Some(Answer {
             index: sent.index,
             sequence: sent.sequence,
             control_ns: sent.control_ns,
             state: correction.state,
             offset,
+            unconfirmed,
         });
     }
 
@@ -350,6 +364,15 @@ impl Monitor {
         sent.index != last.index && cycles_s.min(clock_s) > self.settings.hold_s
     }
 
+    /// True where answers without a new position came before, and the control holds one of them: the way starts there.
+    fn is_unconfirmed(&self, last: &Answer, sent: &Sent) -> bool {
+        let (Some([low, high]), Some(applied)) = (last.unconfirmed, sent.applied) else { return false };
+        let within = |(k, l): (usize, &AxisLimits)| {
+            applied[k] >= low[k] - l.step - ABSOLUTE && applied[k] <= high[k] + l.step + ABSOLUTE
+        };
+        sent.index != last.index && self.settings.limits.iter().enumerate().all(within)
+    }
+
     fn transition(&self, sent: &Sent) -> Transition {
         let immobile = is_immobile(sent.state);
         let Some(last) = self.last else {
@@ -361,7 +384,9 @@ impl Monitor {
         let dt = cycles_s.max(clock_s).clamp(cycle, STEP_CYCLES_MAX * cycle);
         let own_way = |s: &Sent| !s.state.is_ready() || s.state.has(MachineState::OFFSET_RAMPING_OUT);
         let newer = self.sent.iter().rev().skip_while(|s| s.index > sent.index);
-        let moved = self.is_resumed(&last, sent) || newer.take_while(|s| s.index >= last.index).any(own_way);
+        let moved = self.is_resumed(&last, sent)
+            || self.is_unconfirmed(&last, sent)
+            || newer.take_while(|s| s.index >= last.index).any(own_way);
         Transition { dt, moved_to: sent.applied.filter(|_| moved), immobile }
     }
 
@@ -467,12 +492,18 @@ impl Monitor {
         track.rest.follow(offset, from);
         track.note_change(offset - from, moved_to.is_some(), &limits, cycle_s);
         let slack = ABSOLUTE + RELATIVE * offset.abs();
-        if never_grows(state) && offset.abs() > rest.ceiling + slack {
+        let away = (offset - rest.from).abs();
+        let grows = never_grows(state) && offset.abs() > rest.ceiling + slack;
+        let moves_on = state == CorrectionState::Holding && away > rest.braking + slack;
+        if grows || moves_on {
+            // one violation for one movement
+            track.rest = rules::Rest::at(offset, 0.0);
+        }
+        if grows {
             let what = "offset grows while off, armed or faulted";
             self.violation(Invariant::State, correction, Some(k), [offset, rest.ceiling], what);
         }
-        let away = (offset - rest.from).abs();
-        if state == CorrectionState::Holding && away > rest.braking + slack {
+        if moves_on {
             let what = "offset moves on while holding";
             self.violation(Invariant::State, correction, Some(k), [away, rest.braking], what);
         }

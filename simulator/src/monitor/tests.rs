@@ -228,6 +228,21 @@ fn i2_step() {
 }
 
 #[test]
+fn i2_step_after_a_silence() {
+    // ramped out without a new position: the control may still hold the offset of before, and nothing else
+    for (held, clean) in [(0.01, true), (0.005, true), (0.02, false), (5.0, false)] {
+        let mut t = Trace::active();
+        t.answer(Holding, 0.01);
+        for n in (0..100).rev() {
+            t.answer(RampingOut, f64::from(n) * SLOW);
+        }
+        t.applied[0] = held;
+        t.cycle(RampingOut, held);
+        assert_eq!(t.monitor.report().is_clean(), clean, "{held}: {:?}", t.monitor.report());
+    }
+}
+
+#[test]
 fn i3_rate() {
     let mut t = Trace::active();
     t.cycle(Active, 0.01 + 2.1e-3);
