@@ -366,3 +366,38 @@ impl Lane {
 fn millis(ms: f64) -> Duration {
     Duration::from_secs_f64((ms / 1e3).max(0.0))
 }
+
+#[cfg(test)]
+mod tests {
+    use volcomp::core::protocol::Position;
+
+    use super::*;
+
+    fn told(lane: &mut Lane, kind: FaultKind, x: f64, y: f64) -> [f64; 2] {
+        let mut position = Position::default();
+        [position.applied[0], position.applied[1]] = [x, y];
+        let Message::Position(p) = lane.false_message(kind, Message::Position(position)) else {
+            return [f64::NAN; 2];
+        };
+        [p.applied[0], p.applied[1]]
+    }
+
+    #[test]
+    fn a_read_back_lies_as_its_fault_says() {
+        let mut lane = Lane::default();
+        assert_eq!(told(&mut lane, FaultKind::ReadBackTimes { by: 1000.0 }, 0.01, -0.02), [10.0, -20.0]);
+        assert_eq!(told(&mut lane, FaultKind::ReadBackTimes { by: 0.0 }, 0.01, 0.02), [0.0, 0.0]);
+        assert_eq!(told(&mut lane, FaultKind::ReadBackIs { mm: 1e308 }, 0.01, 0.02), [1e308, 0.02]);
+        assert_eq!(told(&mut lane, FaultKind::ReadBackSwapped, 0.01, 0.02), [0.02, 0.01]);
+        lane.asked[0] = 0.5;
+        assert_eq!(told(&mut lane, FaultKind::ReadBackFeedback { by: 10.0 }, 0.01, 0.02), [5.0, 0.0]);
+        for (held, stuck, late) in
+            [(0.01, 0.01, 0.01), (0.02, 0.01, 0.01), (0.03, 0.01, 0.01), (0.04, 0.01, 0.02)]
+        {
+            assert_eq!(told(&mut lane, FaultKind::ReadBackStuck, held, 0.0)[0], stuck);
+            assert_eq!(told(&mut lane, FaultKind::ReadBackLate { cycles: 2 }, held, 0.0)[0], late);
+        }
+        lane.renew();
+        assert_eq!(told(&mut lane, FaultKind::ReadBackStuck, 0.04, 0.0)[0], 0.04);
+    }
+}
