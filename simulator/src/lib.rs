@@ -8,6 +8,7 @@
 //! - [`blind`]: machines with sealed faults, and how often the diagnosis names them.
 //! - [`motion`]: part programmes and recorded motion to positions per cycle.
 //! - [`control`]: the control's end of the link.
+//! - [`monitor`]: an invariant monitor at the socket, for every correction of the daemon.
 //! - [`certificates`]: an authority and its certificates, to try the secure link with.
 //! - [`demo`]: the main job end to end; starts the product's own programs as processes.
 //! - [`mod@bench`]: the daemon's round trips beside a bare echo's.
@@ -25,6 +26,7 @@ pub mod control;
 pub mod demo;
 pub mod formulas;
 pub mod instruments;
+pub mod monitor;
 pub mod motion;
 pub mod scenarios;
 pub mod truth;

@@ -18,6 +18,7 @@ const PART: &[u32] = &[
     212, // time
     302, 304, 314, 322, // bytes
     402, 405, 407, 409, 422, // what the control says
+    424, 425, 426, 427, 428, 429, 430, 431, 432, 433, 434, 435, 436, 437, 438, // a read-back that lies
     502, 507, 514, // states and limits
     601, 609, 611, 618, // orders and models
     702, 703, 706, 709, 710, // the computer

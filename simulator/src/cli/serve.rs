@@ -6,15 +6,16 @@ use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
-use volcomp::core::axes::AxisArray;
+use volcomp::core::axes::{AxisArray, AxisName};
 use volcomp::core::protocol::Tool;
 
 use super::sensors::{SensorArgs, Sensors};
-use super::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_USAGE, Failure, read};
+use super::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, read};
 use crate::control::{
     Absent, Control, ControlConfig, ControlError, ControlIdentity, CycleRecord, Flow, Happening,
     IdentityError, Pacing, RunSummary, ScriptedEvent, TraceWriter,
 };
+use crate::monitor::{Figures, Settings, SharedMonitor};
 use crate::motion::gcode::interpret;
 use crate::motion::profile::checked_cycle_s;
 use crate::motion::recorded::{self, Description, Interpolation, Replay};
@@ -80,6 +81,9 @@ struct Common {
     /// Write every cycle to this CSV file.
     #[arg(long, value_name = "FILE")]
     out: Option<PathBuf>,
+    /// Check every correction against the limits of this machine file (the daemon's); exit code 70 on a violation.
+    #[arg(long, value_name = "FILE")]
+    monitor: Option<PathBuf>,
     #[command(flatten)]
     sensors: SensorArgs,
 }
@@ -115,6 +119,7 @@ struct Shop {
     cycle_s: f64,
     seed: u64,
     trace: Trace,
+    monitor: Option<SharedMonitor>,
     sensors: Option<Sensors>,
     /// The machine as the lasers on its carriages see it.
     seen: TruthMachine,
@@ -139,6 +144,7 @@ pub(super) fn serve(args: &ServeArgs) -> Result<(), Failure> {
         match &programme {
             None => {
                 shop.stand(STANDSTILL_S)?;
+                shop.check_monitor()?;
                 continue;
             }
             Some((path, text)) => {
@@ -290,7 +296,11 @@ impl Shop {
                 Some((path.clone(), writer))
             }
         };
+        let monitor = common.monitor.as_deref().map(|path| open_monitor(path, &axes, cycle_s)).transpose()?;
         let mut control = Control::bind(config).map_err(|e| failure(&e))?;
+        if let Some(monitor) = &monitor {
+            control.set_monitor(monitor.clone());
+        }
         control.set_listener(|event| eprintln!("{event}"));
         control.set_position(start);
         let seed = common.seed.unwrap_or_else(|| machine.seed());
@@ -299,7 +309,7 @@ impl Shop {
         let sensors = common.sensors.open(&machine, seed);
         eprintln!("listening on {}", control.address());
         let seen = machine.clone();
-        Ok(Self { control, machine, axes, cycle_s, seed, trace, sensors, seen })
+        Ok(Self { control, machine, axes, cycle_s, seed, trace, monitor, sensors, seen })
     }
 
     fn wait(&mut self, common: &Common) -> Result<(), Failure> {
@@ -314,7 +324,25 @@ impl Shop {
         let summary = self.move_along(motion)?;
         self.stand(common.settle_s)?;
         eprintln!("{}", describe(&summary, self.seed, &self.axes));
-        Ok(())
+        self.check_monitor()
+    }
+
+    /// Fails where a correction has broken an invariant.
+    fn check_monitor(&self) -> Result<(), Failure> {
+        let Some(monitor) = &self.monitor else { return Ok(()) };
+        let report = monitor.report();
+        let Figures { answers, unanswered, .. } = report.figures;
+        eprintln!(
+            "monitor: {answers} corrections, {unanswered} positions unanswered, {} violations",
+            report.total
+        );
+        if report.is_clean() {
+            return Ok(());
+        }
+        Err(Failure::new(
+            EX_SOFTWARE,
+            format_args!("the monitor found violations:\n{}", report.lines().join("\n")),
+        ))
     }
 
     fn move_along(&mut self, motion: &mut dyn MotionSource) -> Result<RunSummary, Failure> {
@@ -351,6 +379,14 @@ fn observe(
         writer.write(record).map_err(|e| io::Error::other(format!("{}: {e}", path.display())))?;
     }
     Ok(Flow::GoOn)
+}
+
+/// A monitor with the limits of a machine file.
+fn open_monitor(path: &Path, axes: &MachineAxes, cycle_s: f64) -> Result<SharedMonitor, Failure> {
+    let names: Vec<AxisName> = axes.as_slice().iter().map(|a| a.name).collect();
+    let settings = Settings::from_machine_file(&read(path)?, &names)
+        .map_err(|e| Failure::in_file(EX_DATAERR, path, e))?;
+    Ok(SharedMonitor::new(Settings { cycle_s, ..settings }))
 }
 
 fn script(common: &Common, cycle_s: f64) -> Result<Vec<ScriptedEvent>, Failure> {

@@ -29,6 +29,7 @@ use volcomp::core::protocol::{
     Position, Tool,
 };
 
+use crate::monitor::SharedMonitor;
 use crate::motion::{MotionCycle, MotionSource};
 use link::Link;
 use offset::{OffsetStage, Verdict};
@@ -58,6 +59,8 @@ pub struct Control {
     link: Option<Link>,
     offset: OffsetStage,
     listener: Option<Listener>,
+    monitor: Option<SharedMonitor>,
+    links: u64,
     state: MachineState,
     next_event: usize,
     cycle: u64,
@@ -88,6 +91,8 @@ impl Control {
             link: None,
             offset: OffsetStage::new(&config.offset, &config.axes, config.cycle_s),
             listener: None,
+            monitor: None,
+            links: 0,
             state: MachineState::from_bits(ready),
             next_event: 0,
             cycle: 0,
@@ -110,6 +115,14 @@ impl Control {
     /// Has every link event told to a function, from within the run.
     pub fn set_listener(&mut self, listener: impl FnMut(&LinkEvent) + 'static) {
         self.listener = Some(Box::new(listener));
+    }
+
+    /// Has every position sent and every correction received from now on checked by a monitor.
+    pub fn set_monitor(&mut self, monitor: SharedMonitor) {
+        if self.link.is_some() {
+            monitor.link_opened(self.links);
+        }
+        self.monitor = Some(monitor);
     }
 
     /// Puts the machine's commanded position somewhere, before the first run; the machine must stand there too.
@@ -436,6 +449,10 @@ impl Control {
     fn adopt(&mut self, link: Link) {
         self.offset.link_opened();
         self.stalled = false;
+        self.links += 1;
+        if let Some(monitor) = &self.monitor {
+            monitor.link_opened(self.links);
+        }
         self.link = Some(link);
     }
 
@@ -461,7 +478,12 @@ impl Control {
     fn send(&mut self, message: &Message) {
         let before = self.link.as_ref().map_or(0, |l| l.left_out);
         self.on_link(|link| link.send(message));
-        self.summary.left_out += self.link.as_ref().map_or(0, |l| l.left_out - before);
+        let Some(link) = &self.link else { return };
+        let left_out = link.left_out - before;
+        self.summary.left_out += left_out;
+        if let (Message::Position(frame), Some(monitor), 0) = (message, &self.monitor, left_out) {
+            monitor.position(self.links, frame);
+        }
     }
 
     /// Takes all messages that are there; the last correction.
@@ -509,6 +531,9 @@ impl Control {
     fn message(&mut self, message: &Message) -> Option<Correction> {
         match message {
             Message::Correction(correction) => {
+                if let Some(monitor) = &self.monitor {
+                    monitor.correction(self.links, correction);
+                }
                 match self.newest.map(|_| self.offset.receive(correction, self.cycle, sequence(self.cycle))) {
                     Some(Verdict::Good) => self.summary.corrections += 1,
                     Some(Verdict::NotFinite | Verdict::WrongAge | Verdict::OutOfOrder) | None => {

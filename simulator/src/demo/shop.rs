@@ -4,11 +4,12 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Context, bail};
-use volcomp::core::axes::AxisArray;
+use volcomp::core::axes::{AxisArray, AxisName};
 use volcomp::core::protocol::CorrectionState;
 
 use super::programs::{Daemon, Programs};
 use crate::control::{Control, ControlConfig, CycleRecord, Flow, Observer, Pacing, RunSummary};
+use crate::monitor::{Settings, SharedMonitor};
 use crate::motion::gcode::interpret;
 use crate::motion::{Dynamics, MachineAxes, MotionSource, Trajectory};
 use crate::truth::TruthMachine;
@@ -23,6 +24,7 @@ pub struct Shop {
     machine: TruthMachine,
     axes: MachineAxes,
     control: Control,
+    monitor: Option<SharedMonitor>,
     cycle_s: f64,
 }
 
@@ -56,7 +58,7 @@ impl Shop {
         let (axes, cycle_s) = (config.axes.clone(), config.cycle_s);
         let mut control = Control::bind(config)?;
         control.set_position(*start);
-        Ok(Self { machine, axes, control, cycle_s })
+        Ok(Self { machine, axes, control, monitor: None, cycle_s })
     }
 
     /// Address of the control.
@@ -93,11 +95,34 @@ impl Shop {
         self.control.vanish();
     }
 
-    /// Starts a daemon and waits until it compensates.
+    /// Has every correction from now on checked against the limits of a daemon's machine file; a motion in which one
+    /// breaks an invariant fails.
+    ///
+    /// # Errors
+    /// The file holds no limits.
+    pub fn monitor(&mut self, machine_file: &str) -> anyhow::Result<SharedMonitor> {
+        let names: Vec<AxisName> = self.axes.as_slice().iter().map(|a| a.name).collect();
+        let settings = Settings::from_machine_file(machine_file, &names)?;
+        let monitor = SharedMonitor::new(Settings { cycle_s: self.cycle_s, ..settings });
+        self.control.set_monitor(monitor.clone());
+        self.monitor = Some(monitor.clone());
+        Ok(monitor)
+    }
+
+    fn check_monitor(&self) -> anyhow::Result<()> {
+        let report = self.monitor.as_ref().map(SharedMonitor::report).unwrap_or_default();
+        if !report.is_clean() {
+            bail!("the monitor found violations:\n{}", report.lines().join("\n"));
+        }
+        Ok(())
+    }
+
+    /// Starts a daemon and waits until it compensates; its corrections are monitored from its start on.
     ///
     /// # Errors
     /// It does not start, does not connect, or does not become active; the message says where its log is.
     pub fn start_daemon(&mut self, programs: &Programs, config: &Path, log: &Path) -> anyhow::Result<Daemon> {
+        self.monitor(&std::fs::read_to_string(config)?)?;
         let daemon = programs.volcompd(config, log)?;
         let see = || format!("see {}", log.display());
         self.control.wait_for_daemon(CONNECT_LIMIT).with_context(see)?;
@@ -118,7 +143,7 @@ impl Shop {
     /// The control's.
     pub fn dwell(&mut self, seconds: f64) -> anyhow::Result<()> {
         self.control.dwell(&mut self.machine, seconds)?;
-        Ok(())
+        self.check_monitor()
     }
 
     /// Runs a part programme and returns the cycles that count.
@@ -163,6 +188,7 @@ impl Shop {
             }
             Ok(Flow::GoOn)
         })?;
+        self.check_monitor()?;
         Ok(cycles)
     }
 
@@ -175,7 +201,9 @@ impl Shop {
         motion: &mut dyn MotionSource,
         observer: Observer<'_>,
     ) -> anyhow::Result<RunSummary> {
-        Ok(self.control.run(motion, &mut self.machine, observer)?)
+        let summary = self.control.run(motion, &mut self.machine, observer)?;
+        self.check_monitor()?;
+        Ok(summary)
     }
 
     /// Stands still until the observer has seen enough, at most so long.
@@ -183,7 +211,9 @@ impl Shop {
     /// # Errors
     /// The control's.
     pub fn watch_standing(&mut self, limit_s: f64, observer: Observer<'_>) -> anyhow::Result<RunSummary> {
-        Ok(self.control.run_until(&mut self.machine, limit_s, observer)?)
+        let summary = self.control.run_until(&mut self.machine, limit_s, observer)?;
+        self.check_monitor()?;
+        Ok(summary)
     }
 
     /// The middle of every travel.

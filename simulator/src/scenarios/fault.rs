@@ -3,9 +3,11 @@
 //! A fault acts on whole frames of one direction or both, from the moment it is set until it has met so many frames
 //! (or until it is cleared). Random choices come from a seed.
 
+use std::collections::VecDeque;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
+use volcomp::core::axes::AxisArray;
 use volcomp::core::protocol::{Message, decode, encode};
 
 /// Which frames are met.
@@ -100,6 +102,30 @@ pub enum FaultKind {
         /// By so much.
         um: f64,
     },
+    /// The read-back is the true one times a factor: another unit, another sign, none at all.
+    ReadBackTimes {
+        /// The factor.
+        by: f64,
+    },
+    /// The read-back of the first axis is always the same.
+    ReadBackIs {
+        /// The value.
+        mm: f64,
+    },
+    /// The read-back stays as it was in the first frame that was met.
+    ReadBackStuck,
+    /// The read-back is the offset that the daemon asked for last, times a factor.
+    ReadBackFeedback {
+        /// The factor.
+        by: f64,
+    },
+    /// The read-back is that of so many frames before.
+    ReadBackLate {
+        /// Frames.
+        cycles: usize,
+    },
+    /// The read-backs of the first two axes are exchanged.
+    ReadBackSwapped,
     /// The control has another number of axes (in its hello).
     AxisCount {
         /// So many.
@@ -164,7 +190,11 @@ pub struct Lane {
     waiting: Vec<u8>,
     waiting_frames: usize,
     held: Option<Vec<u8>>,
-    frozen: Option<[f64; volcomp::core::axes::MAX_AXES]>,
+    frozen: Option<AxisArray>,
+    /// Read-backs of the frames before, the oldest first.
+    read_backs: VecDeque<AxisArray>,
+    /// The offset that the daemon asked for last.
+    pub(super) asked: AxisArray,
 }
 
 impl Lane {
@@ -243,6 +273,7 @@ impl Lane {
     /// Another fault begins.
     pub fn renew(&mut self) {
         self.frozen = None;
+        self.read_backs.clear();
     }
 
     /// The frame, behind whatever was kept back.
@@ -295,8 +326,8 @@ impl Lane {
                 p.commanded = *self.frozen.get_or_insert(p.commanded);
                 Message::Position(p)
             }
-            (FaultKind::ReadBack { um }, Message::Position(mut p)) => {
-                p.applied[0] += um / 1e3;
+            (_, Message::Position(mut p)) => {
+                p.applied = self.false_read_back(kind, p.applied);
                 Message::Position(p)
             }
             (FaultKind::AxisCount { count }, Message::ControlHello(mut h)) => {
@@ -308,6 +339,65 @@ impl Lane {
     }
 }
 
+impl Lane {
+    /// What a control reports whose read-back lies, where it holds `applied`.
+    fn false_read_back(&mut self, kind: FaultKind, applied: AxisArray) -> AxisArray {
+        let mut told = applied;
+        match kind {
+            FaultKind::ReadBack { um } => told[0] += um / 1e3,
+            FaultKind::ReadBackTimes { by } => told = applied.map(|v| v * by),
+            FaultKind::ReadBackIs { mm } => told[0] = mm,
+            FaultKind::ReadBackStuck => told = *self.frozen.get_or_insert(applied),
+            FaultKind::ReadBackFeedback { by } => told = self.asked.map(|v| v * by),
+            FaultKind::ReadBackLate { cycles } => {
+                self.read_backs.push_back(applied);
+                if self.read_backs.len() > cycles + 1 {
+                    self.read_backs.pop_front();
+                }
+                told = self.read_backs.front().copied().unwrap_or(applied);
+            }
+            FaultKind::ReadBackSwapped => told.swap(0, 1),
+            _ => {}
+        }
+        told
+    }
+}
+
 fn millis(ms: f64) -> Duration {
     Duration::from_secs_f64((ms / 1e3).max(0.0))
+}
+
+#[cfg(test)]
+mod tests {
+    use volcomp::core::protocol::Position;
+
+    use super::*;
+
+    fn told(lane: &mut Lane, kind: FaultKind, x: f64, y: f64) -> [f64; 2] {
+        let mut position = Position::default();
+        [position.applied[0], position.applied[1]] = [x, y];
+        let Message::Position(p) = lane.false_message(kind, Message::Position(position)) else {
+            return [f64::NAN; 2];
+        };
+        [p.applied[0], p.applied[1]]
+    }
+
+    #[test]
+    fn a_read_back_lies_as_its_fault_says() {
+        let mut lane = Lane::default();
+        assert_eq!(told(&mut lane, FaultKind::ReadBackTimes { by: 1000.0 }, 0.01, -0.02), [10.0, -20.0]);
+        assert_eq!(told(&mut lane, FaultKind::ReadBackTimes { by: 0.0 }, 0.01, 0.02), [0.0, 0.0]);
+        assert_eq!(told(&mut lane, FaultKind::ReadBackIs { mm: 1e308 }, 0.01, 0.02), [1e308, 0.02]);
+        assert_eq!(told(&mut lane, FaultKind::ReadBackSwapped, 0.01, 0.02), [0.02, 0.01]);
+        lane.asked[0] = 0.5;
+        assert_eq!(told(&mut lane, FaultKind::ReadBackFeedback { by: 10.0 }, 0.01, 0.02), [5.0, 0.0]);
+        for (held, stuck, late) in
+            [(0.01, 0.01, 0.01), (0.02, 0.01, 0.01), (0.03, 0.01, 0.01), (0.04, 0.01, 0.02)]
+        {
+            assert_eq!(told(&mut lane, FaultKind::ReadBackStuck, held, 0.0)[0], stuck);
+            assert_eq!(told(&mut lane, FaultKind::ReadBackLate { cycles: 2 }, held, 0.0)[0], late);
+        }
+        lane.renew();
+        assert_eq!(told(&mut lane, FaultKind::ReadBackStuck, 0.04, 0.0)[0], 0.04);
+    }
 }

@@ -251,7 +251,7 @@ pub struct Accept {
     pub settle_s: f64,
     /// Cycles without an answer or with a late one.
     pub unanswered: u64,
-    /// State at the end: a correction state, or `none` without a daemon.
+    /// State at the end: a correction state, `none` without a daemon, `any` where it is not judged.
     pub state: String,
     /// Largest offset of any axis over the whole run.
     pub offset_um: f64,

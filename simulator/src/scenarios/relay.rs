@@ -11,9 +11,12 @@ use std::time::{Duration, Instant};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
+use volcomp::core::axes::{AxisArray, MAX_AXES};
 use volcomp::core::protocol::frame::{HEADER_LEN, Header};
+use volcomp::core::protocol::{Message, decode};
 
 use super::fault::{Direction, FaultKind, Lane, LinkFault, Passage};
+use crate::monitor::{DirectionTap, SharedMonitor};
 
 /// Longest wait of a pump before it looks whether the relay has ended.
 const SLICE: Duration = Duration::from_millis(20);
@@ -29,6 +32,10 @@ struct Shared {
     ended: AtomicBool,
     links: AtomicU64,
     seed: u64,
+    /// Watches the daemon's end: what the daemon receives and what it sends.
+    monitor: Option<SharedMonitor>,
+    /// The offset in the daemon's newest correction.
+    asked: Mutex<AxisArray>,
 }
 
 /// A relay in front of a control.
@@ -39,11 +46,12 @@ pub struct Relay {
 }
 
 impl Relay {
-    /// Listens on a free port of loopback and passes every connection on to `control`.
+    /// Listens on a free port of loopback and passes every connection on to `control`; a monitor sees the frames as the
+    /// daemon does, behind whatever damage the relay has done.
     ///
     /// # Errors
     /// It cannot listen.
-    pub fn open(control: SocketAddr, seed: u64) -> io::Result<Self> {
+    pub fn open(control: SocketAddr, seed: u64, monitor: Option<SharedMonitor>) -> io::Result<Self> {
         let listener = TcpListener::bind(("127.0.0.1", 0))?;
         listener.set_nonblocking(true)?;
         let address = listener.local_addr()?;
@@ -52,6 +60,8 @@ impl Relay {
             ended: AtomicBool::new(false),
             links: AtomicU64::new(0),
             seed,
+            monitor,
+            asked: Mutex::new([0.0; MAX_AXES]),
         });
         let inside = Arc::clone(&shared);
         let acceptor = std::thread::Builder::new().name("relay".to_owned()).spawn(move || {
@@ -124,8 +134,9 @@ fn connect(daemon: TcpStream, control: SocketAddr, shared: &Arc<Shared>) -> io::
         .map(|(from, to, to_control)| {
             let (shared, dead) = (Arc::clone(shared), Arc::clone(&dead));
             let seed = shared.seed ^ (link << 1 | u64::from(to_control));
+            let tap = shared.monitor.clone().map(|monitor| DirectionTap::new(monitor, link));
             std::thread::Builder::new().name("relay pump".to_owned()).spawn(move || {
-                let _ = pump(&from, &to, to_control, (&shared, &dead), seed);
+                let _ = pump(&from, &to, to_control, (&shared, &dead), (seed, tap));
                 if !dead.load(Relaxed) {
                     // the other direction ends, too
                     let _ = from.shutdown(Shutdown::Both);
@@ -142,8 +153,10 @@ fn pump(
     to: &TcpStream,
     to_control: bool,
     (shared, dead): (&Shared, &AtomicBool),
-    seed: u64,
+    (seed, tap): (u64, Option<DirectionTap>),
 ) -> io::Result<()> {
+    // the daemon's end: frames are seen as they come from it, and as they are written to it
+    let (mut incoming, outgoing) = if to_control { (tap, None) } else { (None, tap) };
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut random = move || random.random::<f64>();
     let (mut bytes, mut chunk) = (Vec::new(), [0; 4096]);
@@ -152,12 +165,17 @@ fn pump(
     let writer = to.try_clone()?;
     std::thread::Builder::new()
         .name("relay writer".to_owned())
-        .spawn(move || write_in_time(&writer, &due))?;
+        .spawn(move || write_in_time(&writer, &due, outgoing))?;
     let mut free = Instant::now();
     while !shared.ended.load(Relaxed) && !dead.load(Relaxed) {
         match from.read(&mut chunk) {
             Ok(0) => break,
-            Ok(n) => bytes.extend_from_slice(&chunk[..n]),
+            Ok(n) => {
+                bytes.extend_from_slice(&chunk[..n]);
+                if let Some(tap) = &mut incoming {
+                    tap.feed(&chunk[..n]);
+                }
+            }
             Err(e) if matches!(e.kind(), ErrorKind::WouldBlock | ErrorKind::TimedOut) => {}
             Err(e) => return Err(e),
         }
@@ -174,6 +192,12 @@ fn pump(
             if silent {
                 continue;
             }
+            let mut asked = shared.asked.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Ok(Message::Correction(correction)) = decode(&frame) {
+                *asked = correction.offset;
+            }
+            lane.asked = *asked;
+            drop(asked);
             let concerned = fault.direction.meets(to_control);
             let fault = if concerned { fault } else { LinkFault { kind: FaultKind::None, ..fault } };
             for passage in lane.pass(&fault, met, &frame, &mut random) {
@@ -205,11 +229,18 @@ fn pump(
 }
 
 /// Writes each piece when it is due.
-fn write_in_time(mut to: &TcpStream, due: &mpsc::Receiver<(Instant, Vec<u8>)>) {
+fn write_in_time(
+    mut to: &TcpStream,
+    due: &mpsc::Receiver<(Instant, Vec<u8>)>,
+    mut tap: Option<DirectionTap>,
+) {
     while let Ok((at, piece)) = due.recv() {
         let wait = at.saturating_duration_since(Instant::now());
         if !wait.is_zero() {
             std::thread::sleep(wait);
+        }
+        if let Some(tap) = &mut tap {
+            tap.feed(&piece);
         }
         if to.write_all(&piece).is_err() {
             return;

@@ -15,7 +15,7 @@ use volcomp::core::protocol::MachineState;
 use super::plan::{Action, Scenario};
 use super::relay::Relay;
 use super::stage::{CENTRE_MM, PATIENCE, RADIUS_MM, Stage, scaled_model, write};
-use super::verdict::{Verdict, judge};
+use super::verdict::{Seen, Verdict, judge};
 use crate::control::{CycleRecord, Happening};
 use crate::demo::figures;
 use crate::demo::programs::{Daemon, Programs};
@@ -59,7 +59,8 @@ fn run_once(scenario: &Scenario, programs: &Programs) -> anyhow::Result<Verdict>
         stage.exit = ended(&mut stage.daemon)?;
     }
     let residual = residual_um(&stage)?;
-    let mut verdict = judge(scenario, &stage.records, &residual, last_action, CYCLE_S, &stage.all_words());
+    let seen = Seen { records: &stage.records, residual_um: &residual, monitor: stage.monitor.report() };
+    let mut verdict = judge(scenario, &seen, last_action, CYCLE_S, &stage.all_words());
     let second = if scenario.accept.second_exit.is_some() { ended(&mut stage.second)? } else { None };
     for (which, found, wanted) in
         [("daemon", stage.exit, scenario.accept.exit), ("second daemon", second, scenario.accept.second_exit)]

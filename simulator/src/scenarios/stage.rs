@@ -18,9 +18,10 @@ use crate::certificates::{Authority, Issued, Role, Validity};
 use crate::control::{Absent, ControlConfig, ControlIdentity, CycleRecord, Flow, OffsetConfig, Pacing};
 use crate::demo::programs::{Daemon, Programs};
 use crate::demo::shop::Shop;
+use crate::monitor::{Settings, SharedMonitor};
 use crate::motion::{MachineAxes, MotionCycle, MotionSource, Trajectory};
 use crate::truth::{TruthMachine, VMC_850};
-use volcomp::core::axes::AxisArray;
+use volcomp::core::axes::{AxisArray, AxisName};
 
 const MACHINE_FILE: &str = include_str!("../../../config/examples/vmc-850/machine.toml");
 const MODEL_FILE: &str = include_str!("../../../config/examples/vmc-850/model.toml");
@@ -39,6 +40,9 @@ pub(super) struct Stage {
     pub(super) daemon: Option<Daemon>,
     pub(super) second: Option<Daemon>,
     pub(super) records: Vec<CycleRecord>,
+    /// Checks every correction: at the relay's end towards the daemon, else in the control.
+    pub(super) monitor: SharedMonitor,
+    watch_control: bool,
     /// Faults of the link that no frame has met.
     pub(super) idle_faults: Vec<LinkFault>,
     /// The exit code of a daemon that has ended by itself.
@@ -62,13 +66,23 @@ impl Stage {
         if scenario.certificates {
             write_certificates(folder.path())?;
         }
-        let shop = open(scenario, folder.path(), 0, &start, scenario.ready)?;
+        let mut shop = open(scenario, folder.path(), 0, &start, scenario.ready)?;
         let control: SocketAddr = shop.address().parse()?;
-        let relay = if scenario.relay { Some(Relay::open(control, scenario.seed)?) } else { None };
+        let names: Vec<AxisName> = shop.axes().as_slice().iter().map(|a| a.name).collect();
+        let monitor = SharedMonitor::new(Settings::from_machine_file(MACHINE_FILE, &names)?);
+        // a relay cannot read what is encrypted
+        let watch_control = !scenario.relay || scenario.control.tls;
+        let at_relay = (!watch_control).then(|| monitor.clone());
+        if watch_control {
+            shop.control().set_monitor(monitor.clone());
+        }
+        let relay = if scenario.relay { Some(Relay::open(control, scenario.seed, at_relay)?) } else { None };
         let motion = shop.trajectory(&circles(scenario.turns, scenario.feed_mm_per_min))?;
         let stage = Self {
             shop,
             relay,
+            monitor,
+            watch_control,
             tracker: scenario.sensors.map(|part| Tracker::new(part, scenario.seed)).transpose()?,
             daemon: None,
             second: None,
@@ -166,6 +180,11 @@ impl Stage {
     }
 
     fn spawn_with(&self, config: &Path) -> anyhow::Result<Daemon> {
+        // the limits that this daemon reads; where it cannot read them, it does not start
+        let names: Vec<AxisName> = self.shop.axes().as_slice().iter().map(|a| a.name).collect();
+        if let Ok(settings) = Settings::from_machine_file(&std::fs::read_to_string(config)?, &names) {
+            self.monitor.set_settings(settings);
+        }
         let log = self.file("volcompd.log");
         match self.scenario.file_limit_kib {
             Some(kib) => self.programs.cramped_volcompd(config, &log, kib),
@@ -246,6 +265,9 @@ impl Stage {
                 Err(_) => std::thread::sleep(Duration::from_millis(10)),
             }
         };
+        if self.watch_control {
+            self.shop.control().set_monitor(self.monitor.clone());
+        }
         self.wait_for_daemon()
     }
 

@@ -7,6 +7,10 @@ use volcomp::core::units::UM_PER_MM;
 
 use super::plan::{Accept, Scenario};
 use crate::control::CycleRecord;
+use crate::monitor::Report;
+
+/// The state at the end where a scenario does not judge it: a daemon that sends nothing tells none.
+const ANY_STATE: &str = "any";
 
 /// The outcome of a scenario.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -39,6 +43,8 @@ pub struct Verdict {
     pub state: String,
     /// Cycles run.
     pub cycles: usize,
+    /// What the monitor at the daemon's end of the link has seen.
+    pub monitor: Report,
     /// What did not hold.
     pub failures: Vec<String>,
     /// Runs that it took.
@@ -66,6 +72,7 @@ impl Verdict {
             unanswered: 0,
             state: "none".to_owned(),
             cycles: 0,
+            monitor: Report::default(),
             failures: vec![format!("{error:#}")],
             runs: 0,
             last_words: Vec::new(),
@@ -99,11 +106,20 @@ fn state_of(r: &CycleRecord) -> Option<&'static str> {
     if r.connected { r.correction.map(|c| state_name(c.state)) } else { Some("none") }
 }
 
-/// Judges the cycles of a scenario. `residual_um` are the radial deviations of the last second.
+/// What is judged.
+pub(super) struct Seen<'a> {
+    /// Every cycle.
+    pub(super) records: &'a [CycleRecord],
+    /// Radial deviations of the last second.
+    pub(super) residual_um: &'a [f64],
+    /// Of every correction that the daemon has sent.
+    pub(super) monitor: Report,
+}
+
+/// Judges the cycles of a scenario.
 pub(super) fn judge(
     scenario: &Scenario,
-    records: &[CycleRecord],
-    residual_um: &[f64],
+    &Seen { records, residual_um, ref monitor }: &Seen<'_>,
     last_action: u64,
     cycle_s: f64,
     log: &str,
@@ -124,6 +140,7 @@ pub(super) fn judge(
         unanswered: records.iter().filter(|r| r.connected && r.correction.is_none()).count() as u64,
         state: records.iter().rev().find_map(state_of).unwrap_or("none").to_owned(),
         cycles: records.len(),
+        monitor: monitor.clone(),
         failures: Vec::new(),
         runs: 1,
         last_words: Vec::new(),
@@ -131,12 +148,12 @@ pub(super) fn judge(
     let settled = records.iter().rposition(|r| state_of(r).is_some_and(|s| s != verdict.state));
     let settled = settled.and_then(|at| records.get(at + 1)).map_or(0, |r| r.cycle);
     verdict.settle_s = settled.saturating_sub(last_action) as f64 * cycle_s;
-    verdict.failures = failures(&verdict, accept, records, log);
+    verdict.failures = failures(&verdict, accept, log);
     verdict.ok = verdict.failures.is_empty();
     verdict
 }
 
-fn failures(v: &Verdict, accept: &Accept, records: &[CycleRecord], log: &str) -> Vec<String> {
+fn failures(v: &Verdict, accept: &Accept, log: &str) -> Vec<String> {
     let mut found = Vec::new();
     let mut at_most = |what: &str, value: Option<f64>, limit: f64| {
         if let Some(value) = value
@@ -152,7 +169,7 @@ fn failures(v: &Verdict, accept: &Accept, records: &[CycleRecord], log: &str) ->
     at_most("lines of the log", Some(v.lines as f64), accept.lines as f64);
     at_most("settling (s)", Some(v.settle_s), accept.settle_s);
     at_most("cycles without an answer", Some(v.unanswered as f64), accept.unanswered as f64);
-    if v.state != accept.state {
+    if accept.state != ANY_STATE && v.state != accept.state {
         found.push(format!("state {} at the end, not {}", v.state, accept.state));
     }
     if (v.limited > accept.limited_cycles) != accept.limited {
@@ -165,9 +182,7 @@ fn failures(v: &Verdict, accept: &Accept, records: &[CycleRecord], log: &str) ->
             found.push(format!("the log does not say \"{words}\""));
         }
     }
-    if let Some(r) = records.iter().find(|r| r.applied.iter().any(|v| !v.is_finite())) {
-        found.push(format!("an offset that is no number in cycle {}", r.cycle));
-    }
+    found.extend(v.monitor.lines());
     found
 }
 

@@ -125,6 +125,7 @@ impl Bench {
         shop.control().set_listener(move |event| heard.borrow_mut().push(event.clone()));
         let motion = shop.trajectory(&circles(turns, setup.feed)).unwrap();
         let files = Files::new(&shop.address(), setup.edit);
+        shop.monitor(&std::fs::read_to_string(files.config()).unwrap()).unwrap();
         Self { files, shop, records: Vec::new(), events, motion, at: start }
     }
 
@@ -213,6 +214,7 @@ impl Bench {
         drop(shop);
         meanwhile(&files, port);
         let mut new = Self::new(Setup { port, start: Some(at), ..Setup::default() }, 1);
+        new.shop.monitor(&std::fs::read_to_string(files.config()).unwrap()).unwrap();
         new.files = files;
         new.motion = motion;
         new.at = at;

@@ -8,8 +8,7 @@ use volcomp::core::protocol::{CorrectionState, MachineState};
 
 use super::{Bench, CENTRE_MM, RADIUS_MM, Setup, ramping_out};
 
-/// Limits of every axis in the shipped machine file, mm and mm/s.
-const SIZE: f64 = 0.15;
+/// Rate limit of every axis in the shipped machine file, mm/s.
 const RATE: f64 = 2.0;
 /// The control's hold time, cycles of 1 ms.
 pub(crate) const HOLD_CYCLES: usize = 100;
@@ -26,7 +25,7 @@ fn deltas(pair: &[CycleRecord]) -> [f64; AXES] {
     core::array::from_fn(|k| pair[1].applied[k] - pair[0].applied[k])
 }
 
-/// The offset stays within its limits, moves smoothly and is always a number.
+/// The offset moves smoothly, and every value is finite; the monitor of the bench checks the limits.
 pub(crate) fn assert_smooth(records: &[CycleRecord]) {
     assert_bounded(records, SMOOTH);
 }
@@ -40,7 +39,6 @@ fn assert_bounded(records: &[CycleRecord], limit: f64) {
     for r in records {
         let axes = r.applied.iter().chain(&r.sample.axis).chain(&r.sample.tip_mm);
         assert!(axes.copied().all(f64::is_finite), "cycle {}: {r:?}", r.cycle);
-        assert!(r.applied.iter().all(|v| v.abs() <= SIZE), "cycle {}: {:?}", r.cycle, r.applied);
     }
     for pair in records.windows(2) {
         assert_eq!(pair[1].cycle, pair[0].cycle + 1);

@@ -1,0 +1,92 @@
+//! Permitted changes of state on the wire, and how far an offset that is braked may still go.
+
+use volcomp::core::protocol::CorrectionState::{
+    self, Active, Armed, FadingToStatic, Faulted, Holding, Off, RampingIn, RampingOut,
+};
+
+use super::AxisLimits;
+
+/// States of a first answer on a link, and of the first one after a silence: nothing is ramped in yet.
+pub(super) const fn may_be_first(to: CorrectionState) -> bool {
+    matches!(to, Off | Armed | Faulted | RampingOut)
+}
+
+/// States in which an offset never grows.
+pub(super) const fn never_grows(state: CorrectionState) -> bool {
+    matches!(state, Off | Armed | Faulted)
+}
+
+/// Changes of state from one answer to the next. A command takes effect between two answers, so that the state behind it
+/// (off, armed) need not be seen: `enable` leads from off to ramping in, `enable --clear-fault` from faulted to ramping
+/// in. Active and fading are reached through ramping in only; so nothing leads from a fault to them.
+pub(super) const fn may_follow(from: CorrectionState, to: CorrectionState) -> bool {
+    match from {
+        Off | Armed => matches!(to, Off | Armed | RampingIn | RampingOut | Faulted),
+        RampingIn => matches!(to, RampingIn | Active | Holding | RampingOut | Faulted),
+        Active | FadingToStatic => {
+            matches!(to, Active | FadingToStatic | RampingIn | Holding | RampingOut | Faulted)
+        }
+        Holding => matches!(to, Holding | RampingIn | RampingOut | Off | Faulted),
+        RampingOut => matches!(to, RampingOut | RampingIn | Holding | Off | Armed | Faulted),
+        Faulted => matches!(to, Faulted | Off | Armed | RampingIn),
+    }
+}
+
+/// What is known of one axis. mm or deg, s.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct AxisTrack {
+    /// Largest offset permitted at present.
+    pub(super) ceiling: f64,
+    /// Control time beyond the limit, s.
+    pub(super) beyond_s: f64,
+    /// Bounds of the state that was entered last.
+    pub(super) rest: Rest,
+    /// Upper bound of the present rate of change, per s.
+    speed: f64,
+}
+
+/// Bounds of an offset that is no longer to move, from the change of state on.
+#[derive(Debug, Clone, Copy, Default)]
+pub(super) struct Rest {
+    /// The offset in the answer before the change of state.
+    pub(super) from: f64,
+    /// Distance that braking takes.
+    pub(super) braking: f64,
+    /// Largest offset while off, armed or faulted.
+    pub(super) ceiling: f64,
+}
+
+impl AxisTrack {
+    /// Distance in which the present rate is braked to rest, with two cycles of room.
+    pub(super) fn braking_distance(&self, limits: &AxisLimits, cycle_s: f64) -> f64 {
+        self.speed * self.speed / (2.0 * limits.acceleration) + 2.0 * self.speed * cycle_s
+    }
+
+    /// An answer has changed the offset; `by_control`: from where the control had moved it, at rest.
+    pub(super) fn note_change(&mut self, change: f64, by_control: bool, limits: &AxisLimits, cycle_s: f64) {
+        let bound = limits.rate.min(change.abs() / cycle_s);
+        let braked = self.speed - limits.acceleration * cycle_s;
+        // an answer that repeats the one before says nothing about the rate
+        self.speed = if by_control { bound.min(limits.acceleration * cycle_s) } else { bound.max(braked) };
+    }
+}
+
+impl Rest {
+    /// Rest from `from` on, after braking.
+    pub(super) fn at(from: f64, braking: f64) -> Self {
+        Self { from, braking, ceiling: from.abs() + braking }
+    }
+
+    /// The control has moved the offset to `moved_to`, and the answer has gone along.
+    pub(super) fn move_to(&mut self, offset: f64, moved_to: f64) {
+        self.from = offset;
+        self.ceiling = self.ceiling.max(moved_to.abs());
+    }
+
+    /// What has become smaller does not grow again.
+    pub(super) fn follow(&mut self, offset: f64, before: f64) {
+        if offset.abs() < before.abs() {
+            self.ceiling = self.ceiling.min(offset.abs());
+        }
+    }
+}
