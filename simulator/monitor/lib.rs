@@ -16,9 +16,9 @@ use core::fmt;
 use std::collections::VecDeque;
 
 use serde::Serialize;
-use volcomp::core::axes::{AxisArray, AxisName, MAX_AXES};
-use volcomp::core::protocol::{Correction, CorrectionState, MachineState, Position};
-use volcomp::core::units::NS_PER_S;
+use volcomp_model::axes::{AxisArray, AxisName, MAX_AXES};
+use volcomp_protocol::{Correction, CorrectionState, MachineState, Position};
+use volcomp_model::units::NS_PER_S;
 
 use rules::{AxisTrack, may_be_first, may_follow, never_grows};
 pub use settings::{AxisLimits, Settings, SettingsError};

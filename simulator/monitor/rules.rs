@@ -1,6 +1,6 @@
 //! Permitted changes of state on the wire, and how far an offset that is braked may still go.
 
-use volcomp::core::protocol::CorrectionState::{
+use volcomp_protocol::CorrectionState::{
     self, Active, Armed, FadingToStatic, Faulted, Holding, Off, RampingIn, RampingOut,
 };
 

@@ -2,7 +2,7 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
-use volcomp::core::protocol::{Correction, FrameReader, Message, Position};
+use volcomp_protocol::{Correction, FrameReader, Message, Position};
 
 use super::{Monitor, Report, Settings};
 
