@@ -1,5 +1,6 @@
 use volcomp::core::protocol::CorrectionState::{Active, Armed, Faulted, Holding, Off, RampingIn, RampingOut};
 
+use volcomp::core::axes::AxisName;
 use volcomp::core::protocol::Message;
 
 use super::*;
