@@ -1,5 +1,6 @@
 use volcomp_protocol::CorrectionState::{Active, Armed, Faulted, Holding, Off, RampingIn, RampingOut};
 
+use volcomp_model::axes::AxisName;
 use volcomp_protocol::Message;
 
 use super::*;
@@ -394,10 +395,8 @@ fn the_monitor_reads_frames_from_bytes() {
         software: volcomp_protocol::Name::default(),
         cycle_ns: 1_000_000,
         axis_count: 1,
-        axes: [volcomp_protocol::Axis {
-            name: AxisName::X,
-            unit: volcomp_protocol::AxisUnit::Millimetre,
-        }; MAX_AXES],
+        axes: [volcomp_protocol::Axis { name: AxisName::X, unit: volcomp_protocol::AxisUnit::Millimetre };
+            MAX_AXES],
     };
     let mut stream = bytes(&Message::ControlHello(hello));
     stream.extend(bytes(&Message::Position(Position { sequence: 1, ..Position::default() })));

@@ -26,8 +26,9 @@ pub mod control;
 pub mod demo;
 pub mod formulas;
 pub mod instruments;
-pub mod monitor;
 pub mod motion;
 pub mod scenarios;
 pub mod truth;
 pub mod twin;
+
+pub use volcomp_monitor as monitor;

@@ -6,6 +6,8 @@
 
 mod control_support;
 
+use std::io::{BufRead, BufReader};
+use std::process::{Command, Stdio};
 use std::time::Duration;
 
 use control_support::{Client, Reply, axes, config, control};
@@ -13,7 +15,7 @@ use simulator::control::{Flow, IdealMachine};
 use simulator::monitor::{Invariant, Report, Settings, SharedMonitor};
 use simulator::scenarios::fault::{Direction, FaultKind, LinkFault};
 use simulator::scenarios::relay::Relay;
-use volcomp::core::protocol::Position;
+use volcomp::core::protocol::{CorrectionState, Message, Position};
 
 const WAIT: Duration = Duration::from_secs(5);
 const CYCLES: usize = 200;
@@ -105,4 +107,46 @@ fn positive_feedback_grows_by_its_factor_with_every_answer() {
     let (report, _) = run(fault, |p| Reply::Offset(p.applied[0].clamp(1e-6, 1e300)));
     let largest = found(&report, Invariant::Size).unwrap();
     assert!(largest > 1e150, "{largest}: {report:?}");
+}
+
+/// `cncsim serve --monitor` with a daemon that asks for this offset; its exit code and what it said.
+fn served(offset: f64) -> (Option<i32>, String) {
+    let folder = tempfile::tempdir().unwrap();
+    let program = folder.path().join("p.nc");
+    std::fs::write(&program, "F6000 G1 X435\n").unwrap();
+    let mut child = Command::new(env!("CARGO_BIN_EXE_cncsim"))
+        .args([
+            "serve",
+            "--listen",
+            "127.0.0.1:0",
+            "--as-fast-as-possible",
+            "--wait-s",
+            "20",
+            "--settle-s",
+            "0.1",
+        ])
+        .args(["--monitor", concat!(env!("CARGO_MANIFEST_DIR"), "/../config/examples/vmc-850/machine.toml")])
+        .arg("--program")
+        .arg(&program)
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
+    let address = lines.find_map(|l| l.strip_prefix("listening on ").map(str::to_owned)).unwrap();
+    let mut client = Client::connect(address.parse().unwrap());
+    assert!(client.send(&Client::hello(1, "vmc-850")));
+    assert!(matches!(client.receive(), Some(Message::ControlHello(_))));
+    client.serve(|_| Reply::Correction(CorrectionState::Off, offset));
+    let said = lines.collect::<Vec<_>>().join("\n");
+    (child.wait().unwrap().code(), said)
+}
+
+#[test]
+fn serve_fails_where_the_monitor_finds_a_violation() {
+    let (code, said) = served(0.2);
+    assert_eq!(code, Some(70), "{said}");
+    assert!(said.contains("I1 size: offset beyond the limit: X 2.000000e-1"), "{said}");
+    let (code, said) = served(0.0);
+    assert_eq!(code, Some(0), "{said}");
+    assert!(said.contains(" 0 violations"), "{said}");
 }

@@ -4,7 +4,9 @@ use core::net::{IpAddr, Ipv4Addr, SocketAddr};
 use core::time::Duration;
 
 use volcomp::core::axes::AxisKind;
-use volcomp::core::protocol::{DEFAULT_PORT, MachineState, Tool};
+use volcomp::core::protocol::{
+    Axis, AxisUnit, ControlHello, DEFAULT_PORT, MachineState, Name, PROTOCOL_VERSION, Tool,
+};
 
 use super::wire::ControlIdentity;
 use crate::motion::MachineAxes;
@@ -174,6 +176,27 @@ impl ControlConfig {
         }
     }
 
+    /// What the control says of itself to a daemon.
+    pub(super) fn hello(&self, cycle_ns: u64) -> ControlHello {
+        let axes = self.axes.as_slice();
+        let axis = |k: usize| {
+            let name = axes.get(k).map_or(axes[0].name, |a| a.name);
+            let unit = match name.kind() {
+                AxisKind::Linear => AxisUnit::Millimetre,
+                AxisKind::Rotary => AxisUnit::Degree,
+            };
+            Axis { name, unit }
+        };
+        ControlHello {
+            version: PROTOCOL_VERSION,
+            machine: Name::new(&self.machine),
+            software: Name::new(concat!("cncsim ", env!("CARGO_PKG_VERSION"))),
+            cycle_ns,
+            axis_count: u8::try_from(axes.len()).unwrap_or(u8::MAX),
+            axes: core::array::from_fn(axis),
+        }
+    }
+
     /// Checks every number.
     ///
     /// # Errors
@@ -204,8 +227,7 @@ impl ControlConfig {
             }
         }
         let id = &self.machine;
-        if id.is_empty() || id.len() > volcomp::core::protocol::Name::MAX || id.chars().any(char::is_control)
-        {
+        if id.is_empty() || id.len() > Name::MAX || id.chars().any(char::is_control) {
             return Err(ConfigError::Machine { id: id.clone() });
         }
         Ok(())

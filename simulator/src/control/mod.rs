@@ -24,10 +24,7 @@ use std::sync::PoisonError;
 use std::time::Instant;
 
 use volcomp::core::axes::{AxisArray, MAX_AXES};
-use volcomp::core::protocol::{
-    Axis, AxisUnit, CloseReason, ControlHello, Correction, MachineState, Message, Name, PROTOCOL_VERSION,
-    Position, Tool,
-};
+use volcomp::core::protocol::{CloseReason, Correction, MachineState, Message, Position, Tool};
 
 use crate::monitor::SharedMonitor;
 use crate::motion::{MotionCycle, MotionSource};
@@ -82,7 +79,7 @@ impl Control {
         config.check()?;
         config.script.sort_by_key(|e| e.cycle);
         let cycle_ns = (config.cycle_s * 1e9).round() as i64;
-        let hello = hello(&config, cycle_ns.unsigned_abs());
+        let hello = config.hello(cycle_ns.unsigned_abs());
         let (identity, silence) = (config.identity.clone(), config.silence);
         let server = Server::bind(config.listen, hello, config.peer, identity, config.tool, silence)?;
         let ready = if config.ready { MachineState::HOMED | MachineState::ENABLED } else { 0 };
@@ -589,26 +586,6 @@ fn sequence(cycle: u64) -> u32 {
 /// The cycle after the last of a motion: same place, nothing moves.
 fn standstill(last: &MotionCycle) -> MotionCycle {
     MotionCycle { commanded: last.commanded, ..MotionCycle::default() }
-}
-
-fn hello(config: &ControlConfig, cycle_ns: u64) -> ControlHello {
-    let axes = config.axes.as_slice();
-    let axis = |k: usize| {
-        let name = axes.get(k).map_or(axes[0].name, |a| a.name);
-        let unit = match name.kind() {
-            volcomp::core::axes::AxisKind::Linear => AxisUnit::Millimetre,
-            volcomp::core::axes::AxisKind::Rotary => AxisUnit::Degree,
-        };
-        Axis { name, unit }
-    };
-    ControlHello {
-        version: PROTOCOL_VERSION,
-        machine: Name::new(&config.machine),
-        software: Name::new(concat!("cncsim ", env!("CARGO_PKG_VERSION"))),
-        cycle_ns,
-        axis_count: u8::try_from(axes.len()).unwrap_or(u8::MAX),
-        axes: core::array::from_fn(axis),
-    }
 }
 
 impl Drop for Control {
