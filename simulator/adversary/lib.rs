@@ -281,7 +281,7 @@ fn models() -> Vec<Model> {
         vec![("eax", constant(1e-4)), ("ebx", constant(-1e-4))],
     ];
     let build = |errors: Vec<Error>| {
-        let mut spec = ModelSpec::new("m", Chain::parse("[w C b X Y Z t]").ok()?);
+        let mut spec = ModelSpec::new("m", Chain::parse("[w C' b X Y Z t]").ok()?);
         let mut x = AxisSpec::new(AxisName::X);
         x.travel = Some([0.0, 500.0]);
         spec.axes.push(x);

@@ -14,7 +14,7 @@ fn no_random_script_breaks_an_invariant() {
         let mut bytes = vec![0; rng.random_range(4..160)];
         rng.fill_bytes(&mut bytes);
         let outcome = run(&bytes).expect("a configuration that fits");
-        assert!(outcome.is_clean(), "script {n}: {bytes:?}\n{:#?}", outcome.report);
+        assert!(outcome.is_clean(), "script {n}: {bytes:?}\n{:?}", outcome.report);
         cycles += outcome.cycles;
         answers += outcome.report.figures.answers;
     }
@@ -32,4 +32,18 @@ fn the_monitor_sees_a_limit_that_is_not_kept() {
     world.carry_out(Operation::Command(Command::Enable));
     world.carry_out(Operation::Cycles { count: 255, speed: 0.0 });
     assert!(!world.monitor.report().is_clean(), "10 um are beyond 4 um");
+}
+
+#[test]
+fn every_configuration_and_every_model_fits() {
+    let models = models();
+    assert_eq!(models.len(), 5);
+    for choices in 0..=u8::MAX {
+        let config = config(&mut Script::new(&[choices]));
+        for model in &models {
+            if let Err(e) = Compensator::new(&config, model) {
+                panic!("{choices}: {e}");
+            }
+        }
+    }
 }

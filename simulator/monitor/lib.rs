@@ -15,7 +15,7 @@ pub mod tap;
 
 use std::collections::VecDeque;
 
-use volcomp_model::axes::{AxisArray, MAX_AXES};
+use volcomp_model::axes::{AxisArray, AxisKind, MAX_AXES};
 use volcomp_model::units::NS_PER_S;
 use volcomp_protocol::{Correction, CorrectionState, MachineState, Position};
 
@@ -31,6 +31,12 @@ const ABSOLUTE: f64 = 1e-9;
 const STEP_CYCLES_MAX: f64 = 2.0;
 /// Positions out of order that follow one another and then are the valid count.
 const NEW_COUNT: u32 = 5;
+/// Bounds of an axis without limits: mm, deg.
+const UNLISTED_MAX_MM: f64 = 1.0;
+const UNLISTED_MAX_DEG: f64 = 0.1;
+/// Answers that may start from the read-back without an own way of the control; one more for every so many answers.
+const FOLLOWS_MAX: u32 = 10;
+const FOLLOW_EVERY: u64 = 10;
 /// Positions kept for answers to come.
 const SENT_MAX: usize = 8192;
 
@@ -40,8 +46,10 @@ struct Sent {
     index: u64,
     sequence: u32,
     control_ns: i64,
-    /// Positions in unbroken order up to this one.
+    /// Positions that followed each other, since the count last went back.
     run: u32,
+    /// It belongs to a count that is proven.
+    proven: bool,
     state: MachineState,
     /// The read-back in it, where it is finite in every used axis.
     applied: Option<AxisArray>,
@@ -71,6 +79,8 @@ struct Transition {
     moved_to: Option<AxisArray>,
     /// Drives off or emergency stop in the answered position.
     immobile: bool,
+    /// The answer is to a newer position, or to none since the answer before.
+    makes_time: bool,
 }
 
 /// Checks corrections against the invariants.
@@ -79,6 +89,8 @@ pub struct Monitor {
     settings: Settings,
     link: Option<u64>,
     sent: VecDeque<Sent>,
+    /// The newest number of a count that at least [`NEW_COUNT`] positions have proven.
+    count: Option<u32>,
     last: Option<Answer>,
     axes: [AxisTrack; MAX_AXES],
     /// Control time since ramping out or a fault began, s; `None` in other states.
@@ -94,6 +106,7 @@ impl Monitor {
             settings,
             link: None,
             sent: VecDeque::with_capacity(SENT_MAX),
+            count: None,
             last: None,
             axes: [AxisTrack::default(); MAX_AXES],
             to_zero_s: None,
@@ -110,6 +123,7 @@ impl Monitor {
     pub fn link_opened(&mut self, link: u64) {
         self.link = Some(link);
         self.sent.clear();
+        self.count = None;
         self.last = None;
         self.axes = [AxisTrack::default(); MAX_AXES];
         self.to_zero_s = None;
@@ -128,18 +142,37 @@ impl Monitor {
             return;
         }
         let before = self.sent.back();
-        let follows = before.is_some_and(|b| b.sequence.wrapping_add(1) == frame.sequence);
+        let step = before.map_or(-1, |b| frame.sequence.wrapping_sub(b.sequence).cast_signed());
+        if step == 0 && self.last.is_some_and(|last| last.sequence == frame.sequence) {
+            // a number that was answered says nothing new when it is repeated, whatever else the frame carries
+            self.report.figures.positions += 1;
+            return;
+        }
         let used = &frame.applied[..self.settings.axes.len()];
         let applied = used.iter().all(|v| v.is_finite()).then_some(frame.applied);
         let sent = Sent {
             index: before.map_or(0, |b| b.index + 1),
             sequence: frame.sequence,
             control_ns: frame.control_ns,
-            run: if follows { before.map_or(1, |b| b.run.saturating_add(1)) } else { 1 },
+            run: match step {
+                1 => before.map_or(1, |b| b.run.saturating_add(1)),
+                // a repeated frame or a gap proves nothing and disproves nothing
+                0.. => before.map_or(1, |b| b.run),
+                _ => 1,
+            },
+            proven: false,
             state: frame.state,
             applied,
             held: applied.or(before.and_then(|b| b.held)),
         };
+        let sent = Sent {
+            proven: sent.run >= NEW_COUNT
+                || self.count.is_some_and(|c| frame.sequence.wrapping_sub(c).cast_signed() > 0),
+            ..sent
+        };
+        if sent.run >= NEW_COUNT {
+            self.count = Some(frame.sequence);
+        }
         if self.sent.len() == SENT_MAX {
             self.sent.pop_front();
         }
@@ -205,7 +238,11 @@ impl Monitor {
         self.last = Some(Answer {
             index: sent.index,
             sequence: sent.sequence,
-            control_ns: sent.control_ns,
+            // a repeated number has not used the time of its frame
+            control_ns: match self.last {
+                Some(last) if last.sequence == sent.sequence => last.control_ns,
+                _ => sent.control_ns,
+            },
             state: correction.state,
             offset,
             unconfirmed,
@@ -216,7 +253,7 @@ impl Monitor {
     fn check_sequence(&mut self, correction: &Correction, sent: &Sent) {
         let Some(last) = self.last else { return };
         let older = sent.sequence.wrapping_sub(last.sequence).cast_signed() < 0;
-        if older && (sent.run < NEW_COUNT || sent.index < last.index) {
+        if older && (!sent.proven || sent.index < last.index) {
             let values = [sent.sequence, last.sequence].map(f64::from);
             let what = "answers an older position than the answer before";
             self.violation(Invariant::Sequence, correction, None, values, what);
@@ -285,7 +322,7 @@ impl Monitor {
     fn transition(&self, sent: &Sent) -> Transition {
         let immobile = is_immobile(sent.state);
         let Some(last) = self.last else {
-            return Transition { dt: 0.0, moved_to: sent.held, immobile };
+            return Transition { dt: 0.0, moved_to: sent.held, immobile, makes_time: false };
         };
         let cycle = self.settings.cycle_s;
         // an answer without a new position holds or ramps out by one cycle at a time
@@ -296,7 +333,9 @@ impl Monitor {
         let moved = self.is_resumed(&last, sent)
             || self.is_unconfirmed(&last, sent)
             || newer.take_while(|s| s.index >= last.index).any(own_way);
-        Transition { dt, moved_to: sent.applied.filter(|_| moved), immobile }
+        let newer = sent.sequence.wrapping_sub(last.sequence).cast_signed() > 0;
+        let makes_time = newer || self.sent.back().is_some_and(|newest| newest.index == last.index);
+        Transition { dt, moved_to: sent.applied.filter(|_| moved), immobile, makes_time }
     }
 
     fn check_axis(&mut self, k: usize, correction: &Correction, sent: &Sent, transition: &Transition) {
@@ -305,12 +344,16 @@ impl Monitor {
         let before = self.last.map(|l| (l.offset[k], l.state));
         let moved_to = transition.moved_to.map(|applied| applied[k]);
         if limits.size <= 0.0 {
-            // never touched: what the control holds there goes back to it
-            let mut kept = before.map(|(o, _)| o).into_iter().chain(sent.held.map(|a| a[k])).peekable();
-            let reference = kept.peek().copied();
-            if let Some(reference) = reference.filter(|_| !kept.any(|v| near(v, offset))) {
-                let what = "an axis without limits is moved (found, read-back)";
-                self.violation(Invariant::Size, correction, Some(k), [offset, reference], what);
+            // never touched: what the control reports there goes back to it, within what it can have been sent
+            let reported = self.sent.iter().rev().any(|s| s.applied.is_some_and(|a| near(a[k], offset)));
+            let kept = before.is_some_and(|(o, _)| near(o, offset));
+            let bound = match self.settings.axes[k].kind() {
+                AxisKind::Linear => UNLISTED_MAX_MM,
+                AxisKind::Rotary => UNLISTED_MAX_DEG,
+            };
+            if !(kept || reported) || offset.abs() > bound {
+                let what = "an axis without limits is moved";
+                self.violation(Invariant::Size, correction, Some(k), [offset, bound], what);
             }
             return;
         }
@@ -346,7 +389,9 @@ impl Monitor {
             let what = "moved with drives off or emergency stop";
             self.violation(Invariant::ReadBack, correction, Some(k), [change, 0.0], what);
         }
-        self.check_rest(k, correction, before, moved_to);
+        let followed = moved_to.or_else(|| self.follows(k, offset, sent));
+        let repeated = self.last.is_some_and(|l| l.sequence == sent.sequence);
+        self.check_rest(k, correction, before, (followed, repeated));
     }
 
     fn check_size(&mut self, k: usize, correction: &Correction, moved_to: Option<f64>, dt: f64) {
@@ -363,8 +408,10 @@ impl Monitor {
         }
         let ceiling = track.ceiling;
         track.ceiling = limits.size.max(ceiling.min(size));
-        let allowed = ramp_s + ceiling / limits.rate + 2.0 * limits.rate / limits.acceleration + margin_s;
-        let moves = !matches!(correction.state, CorrectionState::Holding | CorrectionState::Armed);
+        let rate = limits.rate.min(limits.step / self.settings.cycle_s);
+        let allowed = ramp_s + ceiling / rate + 2.0 * limits.rate / limits.acceleration + margin_s;
+        use CorrectionState::{Armed, Holding, Off};
+        let moves = !matches!(correction.state, Off | Armed | Holding);
         track.beyond_s =
             if size <= limits.size { 0.0 } else { track.beyond_s + if moves { dt } else { 0.0 } };
         let late = track.beyond_s > allowed;
@@ -378,13 +425,28 @@ impl Monitor {
         }
     }
 
+    /// Frames that could not be used leave a gap of their own: answers after it may start from the read-back, a few times.
+    fn follows(&mut self, k: usize, offset: f64, sent: &Sent) -> Option<f64> {
+        let applied = sent.applied.map(|a| a[k]).filter(|a| near(*a, offset))?;
+        let answers = self.report.figures.answers;
+        let moves = self.last.is_some_and(|l| !near(l.offset[k], offset));
+        let track = &mut self.axes[k];
+        if answers >= track.followed + FOLLOW_EVERY {
+            (track.follows, track.followed) = (track.follows.saturating_sub(1), answers);
+        }
+        if moves {
+            track.follows += 1;
+        }
+        (track.follows <= FOLLOWS_MAX).then_some(applied)
+    }
+
     /// No growth while off, armed or faulted, and rest while holding: but for the distance that braking takes.
     fn check_rest(
         &mut self,
         k: usize,
         correction: &Correction,
         before: Option<(f64, CorrectionState)>,
-        moved_to: Option<f64>,
+        (moved_to, repeated): (Option<f64>, bool),
     ) {
         let limits = self.settings.limits[k];
         let cycle_s = self.settings.cycle_s;
@@ -401,7 +463,9 @@ impl Monitor {
         }
         let rest = track.rest;
         track.rest.follow(offset, from);
-        track.note_change(offset - from, moved_to.is_some(), &limits, cycle_s);
+        if !(repeated && near(offset, from)) {
+            track.note_change(offset - from, &limits, cycle_s);
+        }
         let slack = ABSOLUTE + RELATIVE * offset.abs();
         let away = (offset - rest.from).abs();
         let grows = never_grows(state) && offset.abs() > rest.ceiling + slack;
@@ -429,10 +493,13 @@ impl Monitor {
         }
         // after a violation: not again until the next change of state
         let Some(time_s) = &mut self.to_zero_s else { return };
-        *time_s += transition.dt;
+        // frames that are not used make no time
+        *time_s += if transition.makes_time { transition.dt } else { 0.0 };
         let time_s = *time_s;
         let moved = self.settings.limits.iter().enumerate().filter(|(_, l)| l.size > 0.0);
-        let way_s = |size: f64, l: &AxisLimits| size.max(l.size) / l.rate + 2.0 * l.rate / l.acceleration;
+        let cycle_s = self.settings.cycle_s;
+        let rate = |l: &AxisLimits| l.rate.min(l.step / cycle_s);
+        let way_s = |size: f64, l: &AxisLimits| size.max(l.size) / rate(l) + 2.0 * l.rate / l.acceleration;
         let slowest = moved.clone().map(|(k, l)| way_s(self.axes[k].ceiling, l)).fold(0.0, f64::max);
         let allowed_s = self.settings.ramp_s + slowest + self.settings.margin_s;
         let open = moved.map(|(k, _)| k).find(|k| correction.offset[*k].abs() > ABSOLUTE);

@@ -6,9 +6,9 @@ use volcomp_protocol::CorrectionState::{
 
 use super::AxisLimits;
 
-/// States of a first answer on a link, and of the first one after a silence: nothing is ramped in yet.
+/// States of a first answer on a link, and of the first one after a silence: nothing is compensated yet.
 pub(super) const fn may_be_first(to: CorrectionState) -> bool {
-    matches!(to, Off | Armed | Faulted | RampingOut)
+    matches!(to, Off | Armed | Faulted | RampingIn | RampingOut)
 }
 
 /// States in which an offset never grows.
@@ -41,6 +41,9 @@ pub(super) struct AxisTrack {
     pub(super) beyond_s: f64,
     /// Bounds of the state that was entered last.
     pub(super) rest: Rest,
+    /// Answers that started from the read-back, and the count of answers at which one was last forgiven.
+    pub(super) follows: u32,
+    pub(super) followed: u64,
     /// Upper bound of the present rate of change, per s.
     speed: f64,
 }
@@ -59,15 +62,16 @@ pub(super) struct Rest {
 impl AxisTrack {
     /// Distance in which the present rate is braked to rest, with two cycles of room.
     pub(super) fn braking_distance(&self, limits: &AxisLimits, cycle_s: f64) -> f64 {
-        self.speed * self.speed / (2.0 * limits.acceleration) + 2.0 * self.speed * cycle_s
+        // it may have sped up within the last cycle
+        let speed = self.speed + limits.acceleration * cycle_s;
+        speed * speed / (2.0 * limits.acceleration) + 2.0 * speed * cycle_s
     }
 
-    /// An answer has changed the offset; `by_control`: from where the control had moved it, at rest.
-    pub(super) fn note_change(&mut self, change: f64, by_control: bool, limits: &AxisLimits, cycle_s: f64) {
+    /// An answer has changed the offset: at what rate is not known exactly, for the control may have moved a part of it.
+    pub(super) fn note_change(&mut self, change: f64, limits: &AxisLimits, cycle_s: f64) {
         let bound = limits.rate.min(change.abs() / cycle_s);
-        let braked = self.speed - limits.acceleration * cycle_s;
-        // an answer that repeats the one before says nothing about the rate
-        self.speed = if by_control { bound.min(limits.acceleration * cycle_s) } else { bound.max(braked) };
+        // braked by one cycle at most
+        self.speed = bound.max(self.speed - limits.acceleration * cycle_s);
     }
 }
 

@@ -51,6 +51,10 @@ pub struct Compensator {
     sending: Sending,
     /// A latched fault forbids every correction.
     silenced: bool,
+    /// Frames were missing, or said nothing: the control may have acted on its own.
+    unobserved: bool,
+    /// Answers since then that started anew from the read-back.
+    follows: u32,
     /// The newest finite offset that the control has reported on this link, mm and rad.
     reported: Option<AxisArray>,
     /// The machine is not ready: no offset is moved, and the control may change its own meanwhile.
@@ -127,6 +131,8 @@ impl Compensator {
             synchronised: false,
             sending: Sending::NotYet,
             silenced: false,
+            unobserved: false,
+            follows: 0,
             reported: None,
             frozen: false,
             immobile: false,
@@ -150,6 +156,7 @@ impl Compensator {
     /// A new link: the control may hold any offset; the first position frame tells which, and the engine starts there.
     pub fn on_link_up(&mut self, _now: MonoTime) {
         self.intake.restart();
+        (self.unobserved, self.follows) = (false, 0);
         self.read_back.restart();
         self.aim.lag.restart();
         self.synchronised = false;
@@ -219,6 +226,8 @@ impl Compensator {
         } else if self.gap_cycles > GAP_CYCLES || self.immobile || is_immobile(frame.state) {
             // the control may have acted on its own and does not say what it holds
             self.synchronised = false;
+        } else {
+            self.unobserved = true;
         }
         if !self.may_send() {
             return None;
@@ -258,6 +267,7 @@ impl Compensator {
             return None;
         }
         self.intake.unsettle();
+        self.unobserved = true;
         let dt = self.config.cycle_s;
         // what is waited for goes by the clock, however late this call is; the offset moves by one cycle's worth
         let elapsed_s = self.told.map_or(dt, |then| now.seconds_since(then).max(0.0));
@@ -439,7 +449,7 @@ impl Compensator {
             }
             State::RampingOut => self.rest_where_done(),
             // an offset that somebody else has left
-            State::Off | State::Armed if !self.is_zero() && !self.keeps_offset() => {
+            State::Off | State::Armed if !self.is_zero() && !self.keeps_offset() && !self.frozen => {
                 self.held_s += dt;
                 if self.held_s >= self.config.hold_s || self.stopping {
                     self.plan(State::RampingOut, reason);
@@ -518,10 +528,12 @@ impl Compensator {
                 State::RampingOut | State::Faulted => {
                     // on its way to zero, too, an offset must not carry an axis over its soft limit
                     let [low, high] = plan.target.room[k];
-                    let wanted = blend(0.0);
+                    // one that moved inwards when the way began must not be taken out again to where it began
+                    let at = limiter.position();
+                    let wanted = blend(0.0).abs().min(at.abs()).copysign(at);
                     let kept = wanted.min(high).max(low);
                     at_soft_limit |= u8::from(kept != wanted) << k;
-                    limiter.step(kept, dt)
+                    limiter.step_to_zero(kept, dt)
                 }
                 State::Off | State::Armed | State::Holding => {
                     limiter.brake(dt);

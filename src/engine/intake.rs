@@ -26,6 +26,8 @@ pub(super) struct Intake {
     jump_limit: AxisArray,
     deadband: AxisArray,
     last: Option<Last>,
+    /// Number of the newest frame in order, used or not.
+    newest: Option<u32>,
     travel: [Travel; MAX_AXES],
     /// Furthest position in the present direction of travel.
     turning_point: AxisArray,
@@ -47,6 +49,12 @@ struct Last {
     position: AxisArray,
 }
 
+/// Wraps at 2^32: anything in the upper half lies in the past.
+const fn is_not_after(newest: u32, sequence: u32) -> bool {
+    let ahead = sequence.wrapping_sub(newest);
+    ahead == 0 || ahead > u32::MAX / 2
+}
+
 impl Intake {
     pub(super) fn new(config: &EngineConfig, scale: &AxisArray) -> Self {
         let mut jump_limit = [0.0; MAX_AXES];
@@ -62,6 +70,7 @@ impl Intake {
             jump_limit,
             deadband,
             last: None,
+            newest: None,
             travel: [Travel::Forward; MAX_AXES],
             turning_point: [0.0; MAX_AXES],
             good: 0,
@@ -74,7 +83,7 @@ impl Intake {
 
     /// A new link: nothing of the old one may be compared with it.
     pub(super) fn restart(&mut self) {
-        self.last = None;
+        (self.last, self.newest) = (None, None);
         self.good = 0;
         self.speed = [0.0; MAX_AXES];
         self.unmoved_mm = 0.0;
@@ -109,7 +118,24 @@ impl Intake {
         self.detail = None;
         let used = ..self.axes;
         let bad = |v: &AxisArray| v[used].iter().position(|x| !x.is_finite()).map(|k| (k, v[k]));
-        if let Some((axis, value)) = bad(position).or_else(|| bad(&frame.applied)) {
+        let not_finite = bad(position).or_else(|| bad(&frame.applied));
+        if self.newest.is_some_and(|newest| is_not_after(newest, frame.sequence)) {
+            self.good = 0;
+            self.speed = [0.0; MAX_AXES];
+            // an old or repeated frame is no new reference, but several in good order among themselves are
+            if self.is_new_count(frame) {
+                if not_finite.is_none() {
+                    self.remember(frame, position);
+                    self.follow(position);
+                } else {
+                    (self.last, self.newest) = (None, Some(frame.sequence));
+                }
+            }
+            return Err(Reason::Sequence);
+        }
+        if let Some((axis, value)) = not_finite {
+            self.newest = Some(frame.sequence);
+            self.stray = None;
             self.good = 0;
             self.detail = Some(Detail::of_axis(axis, value, f64::NAN));
             return Err(Reason::NotFinite);
@@ -133,7 +159,7 @@ impl Intake {
                 self.speed = [0.0; MAX_AXES];
             }
         }
-        // an old or repeated frame is no new reference, but several in good order among themselves are
+        // a number ahead of its time is no new reference, but several in good order among themselves are
         if verdict != Err(Reason::Sequence) || self.is_new_count(frame) {
             self.remember(frame, position);
             self.follow(position);
@@ -153,16 +179,13 @@ impl Intake {
 
     fn remember(&mut self, frame: &Position, position: &AxisArray) {
         self.stray = None;
+        self.newest = Some(frame.sequence);
         self.last =
             Some(Last { sequence: frame.sequence, control_ns: frame.control_ns, position: *position });
     }
 
     fn compare(&mut self, last: &Last, frame: &Position, position: &AxisArray) -> Result<f64, Reason> {
-        // wraps at 2^32: anything in the upper half lies in the past
         let ahead = frame.sequence.wrapping_sub(last.sequence);
-        if ahead == 0 || ahead > u32::MAX / 2 {
-            return Err(Reason::Sequence);
-        }
         let dt = frame.control_ns.saturating_sub(last.control_ns) as f64 / NS_PER_S;
         let cycles = dt / self.cycle_s;
         // a number that runs ahead of its own time is a stray: an answer that names it would be in the future, and it must

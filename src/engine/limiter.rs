@@ -56,6 +56,21 @@ impl Limiter {
     ///
     /// # Cycle   no allocation, no panic; a target that is not finite brakes instead
     pub fn step(&mut self, target: f64, dt: f64) -> bool {
+        let size = self.limits.size;
+        self.step_between([-size, size], target, dt)
+    }
+
+    /// The same on the way to zero: brakes in time for it, however fast the target goes there itself.
+    ///
+    /// # Cycle   no allocation, no panic; a target that is not finite brakes instead
+    pub fn step_to_zero(&mut self, target: f64, dt: f64) -> bool {
+        let size = self.limits.size;
+        let side = if self.position > 0.0 { [0.0, size] } else { [-size, 0.0] };
+        self.step_between(side, target, dt)
+    }
+
+    /// One step that can always be braked before either wall.
+    fn step_between(&mut self, [low, high]: [f64; 2], target: f64, dt: f64) -> bool {
         let AxisLimits { size, rate, acceleration, step, .. } = self.limits;
         if size <= 0.0 {
             return target != self.position;
@@ -79,11 +94,11 @@ impl Limiter {
         let lowest = (self.velocity - acceleration * dt).max(-rate);
         let highest = (self.velocity + acceleration * dt).min(rate);
         let velocity = (along + closing).clamp(lowest, highest);
-        // the walls at +-size: never faster than still allows a stop before them
-        let velocity = if is_too_fast(velocity, size - self.position, dt, acceleration) {
-            velocity.min(wall_speed(size - self.position, dt, acceleration).max(lowest))
-        } else if is_too_fast(-velocity, size + self.position, dt, acceleration) {
-            velocity.max((-wall_speed(size + self.position, dt, acceleration)).min(highest))
+        // never faster than still allows a stop before the walls
+        let velocity = if is_too_fast(velocity, high - self.position, dt, acceleration) {
+            velocity.min(wall_speed(high - self.position, dt, acceleration).max(lowest))
+        } else if is_too_fast(-velocity, self.position - low, dt, acceleration) {
+            velocity.max((-wall_speed(self.position - low, dt, acceleration)).min(highest))
         } else {
             velocity
         };
@@ -233,6 +248,24 @@ mod tests {
                 prop_assert!((l.position() - before).abs() <= step * (1.0 + 1e-9) + 1e-15);
                 prop_assert!(l.position().abs() <= LIMITS.size + 1e-12);
             }
+        }
+
+        #[test]
+        fn on_the_way_to_zero_nothing_passes_it(
+            start in -0.1..0.1f64, step in 1e-4..1e-2f64, shares in prop::collection::vec(0.0..1.0f64, 1..300),
+        ) {
+            let mut l = Limiter::new(AxisLimits { step, ..LIMITS });
+            l.start_at(start);
+            let mut last = start.abs();
+            let mut target = start;
+            for share in shares {
+                // targets that only go to zero, at any speed
+                target *= share;
+                l.step_to_zero(target, 1e-3);
+                prop_assert!(l.position() * start >= -1e-18, "{start} -> {}", l.position());
+                last = last.max(l.position().abs());
+            }
+            prop_assert!(last <= start.abs() + 1e-12, "{start} grew to {last}");
         }
 
         #[test]

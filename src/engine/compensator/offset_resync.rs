@@ -15,6 +15,9 @@ use volcomp_protocol::MachineState;
 /// So many cycles without a frame, and the control may have acted on its own.
 pub(super) const GAP_CYCLES: u32 = 2;
 
+/// So often in a row an answer may start anew from the read-back after a gap: corrections that were late may still act.
+const FOLLOWS_MAX: u32 = 10;
+
 /// Drives off or emergency stop: what is sent never acts.
 pub(super) const fn is_immobile(machine: MachineState) -> bool {
     machine.has(MachineState::ESTOP) || !machine.has(MachineState::ENABLED)
@@ -66,10 +69,19 @@ impl Compensator {
         // braking past the offset that an immobile machine holds would be a step when it moves again
         let immobile = is_immobile(frame.state);
         let was_immobile = core::mem::replace(&mut self.immobile, immobile);
-        let took_over = frame.state.has(MachineState::OFFSET_RAMPING_OUT);
-        // after a gap the control may have acted on its own and be done with it
-        let unseen = self.frozen || self.gap_cycles > GAP_CYCLES || !self.intake.is_settled();
-        let moved = unseen && !immobile && !self.read_back.knows_after(self.gap_cycles, &applied, self.axes);
+        let took_over = frame.state.has(MachineState::OFFSET_RAMPING_OUT) && self.shrinks(&applied);
+        if self.frozen || self.gap_cycles > GAP_CYCLES {
+            self.unobserved = true;
+        } else if self.intake.is_settled() {
+            self.unobserved = false;
+            self.follows = 0;
+        }
+        // a control that keeps changing its offset without a gap is left to the read-back watch
+        let moved = self.unobserved
+            && !immobile
+            && self.follows < FOLLOWS_MAX
+            && !self.read_back.knows_after(self.gap_cycles, &applied, self.axes);
+        self.follows += u32::from(moved);
         let unchanged = self.synchronised && !took_over && !moved && !immobile && !was_immobile;
         if unchanged || self.silenced || self.sending == Sending::NeedsNewLink {
             return false;
@@ -82,14 +94,23 @@ impl Compensator {
             let difference = (applied[k] - self.limiters[k].position()).abs();
             !self.is_listed(k) || difference <= self.allowance(k, dt)
         });
+        // one that is being led back never grows, not even by the delay of the read-back
+        let held: AxisArray = core::array::from_fn(|k| {
+            if self.sending == Sending::NotYet || k >= self.axes || !self.is_listed(k) {
+                return applied[k];
+            }
+            let most = self.config.limits[k].size.max(self.limiters[k].position().abs());
+            applied[k].clamp(-most, most)
+        });
         if self.sending == Sending::NotYet || within_a_step {
-            self.start_at(&applied);
+            self.start_at(&held);
         } else if immobile {
             // nothing moves: the answers approach what the control holds, in steps that would be allowed anyway
             for k in 0..self.axes {
                 let at = self.limiters[k].position();
-                let most = if self.is_listed(k) { self.allowance(k, dt) } else { f64::INFINITY };
-                self.limiters[k].start_at(at + (applied[k] - at).clamp(-most, most));
+                let most = self.allowance(k, dt);
+                let next = if self.is_listed(k) { at + (held[k] - at).clamp(-most, most) } else { held[k] };
+                self.limiters[k].start_at(next);
             }
         } else {
             self.sending = Sending::NeedsNewLink;
@@ -107,6 +128,14 @@ impl Compensator {
         }
         self.synchronised = true;
         true
+    }
+
+    /// True where no axis is further out than the last answer: what a control that takes its offset back reports.
+    fn shrinks(&self, applied: &AxisArray) -> bool {
+        (0..self.axes).all(|k| {
+            let most = self.limiters[k].position().abs() + self.config.read_back_tolerance[k];
+            !self.synchronised || !self.is_listed(k) || applied[k].abs() <= most
+        })
     }
 
     /// The largest change of axis `k` within `dt` seconds, mm or rad.

@@ -107,9 +107,12 @@ fn carry_out(plant: &mut Plant, op: Op) {
         }
         Op::Swap => {
             plant.cycle(Damage::Lost);
-            let older = plant.sent;
+            let (older, link) = (plant.sent, plant.links);
             plant.cycle(Damage::None);
-            plant.deliver(&older);
+            // a new link carries no frame of the old one
+            if plant.links == link {
+                plant.deliver(&older);
+            }
         }
         Op::Lose(cycles) => (0..cycles).for_each(|_| plant.cycle(Damage::Lost)),
         Op::Hang(cycles) => {

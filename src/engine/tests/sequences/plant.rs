@@ -55,6 +55,8 @@ pub(super) struct Plant {
     delay: u32,
     cycle: u64,
     linked: bool,
+    /// Links so far.
+    pub(super) links: u32,
     answers: VecDeque<(u64, AxisArray)>,
     missing: u32,
     /// Cycles in which an offset may jump without the engine's doing.
@@ -89,6 +91,7 @@ impl Plant {
             delay,
             cycle: 0,
             linked: true,
+            links: 1,
             answers: VecDeque::new(),
             missing: 0,
             disturbed: 0,
@@ -284,6 +287,7 @@ impl Plant {
         self.engine.on_link_up(self.now);
         self.silent_change(from, Cause::Link);
         self.linked = true;
+        self.links += 1;
         (self.last_delivered, self.last_used_ns) = (None, None);
         self.judge.link_up();
     }
