@@ -44,8 +44,11 @@ impl Failure {
         Self::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()))
     }
 
-    /// A file that could not be read or written.
+    /// A file that could not be read or written; one that is too large is bad data.
     pub fn io(path: &std::path::Path, error: &std::io::Error) -> Self {
+        if super::input::is_too_large(error) {
+            return Self::data(path, error);
+        }
         Self::new(EX_IOERR, format_args!("error: {}: {error}", path.display()))
     }
 }
@@ -68,6 +71,17 @@ pub fn line(text: fmt::Arguments<'_>) {
         Err(e) if e.kind() != ErrorKind::BrokenPipe => OUTPUT_LOST.store(true, Ordering::Relaxed),
         _ => {}
     }
+}
+
+/// Writes a line to stderr. A reader that has seen enough, or a full disk, is no failure: the exit code still tells.
+pub fn note(text: fmt::Arguments<'_>) {
+    note_text(format_args!("{text}\n"));
+}
+
+/// Writes text to stderr without an end of line; see [`note`].
+pub fn note_text(text: fmt::Arguments<'_>) {
+    // there is nowhere left to say that stderr cannot be written
+    let _ = std::io::stderr().lock().write_fmt(text);
 }
 
 /// The failure of a program that could not write all it had to say.
@@ -102,7 +116,7 @@ pub(super) fn run<A: Parser>(
         Err(failure) => {
             // an exit code alone can be the answer, as of `diff`
             if !failure.message.is_empty() {
-                eprintln!("{}", failure.message.trim_end());
+                note(format_args!("{}", failure.message.trim_end()));
             }
             ExitCode::from(failure.code)
         }

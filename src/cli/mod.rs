@@ -1,12 +1,16 @@
 //! Arguments, human and JSON output, exit codes. Data goes to stdout, all else to stderr.
 
-#![expect(clippy::disallowed_methods, reason = "the command line is the shell: it reads and writes files")]
-#![expect(clippy::print_stderr, reason = "messages go to stderr")]
+#![cfg_attr(test, expect(clippy::disallowed_methods, reason = "tests read and write files"))]
 
 /// Like `println!`, but never panics: see [`exit::line`].
 macro_rules! say {
     () => { $crate::cli::line(format_args!("")) };
     ($($text:tt)*) => { $crate::cli::line(format_args!($($text)*)) };
+}
+
+/// Like `eprintln!`, but never panics: see [`exit::note`].
+macro_rules! note {
+    ($($text:tt)*) => { $crate::cli::note(format_args!($($text)*)) };
 }
 
 mod additions;
@@ -26,6 +30,7 @@ mod fit;
 mod identify;
 mod identity;
 mod import;
+pub mod input;
 mod model;
 mod model_out;
 mod orders;
@@ -42,9 +47,11 @@ mod values;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
-pub use exit::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, line, output_complete};
+pub use exit::{
+    EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, line, note, note_text, output_complete,
+};
 
 /// Geometric-error compensation for machine tools: check, predict, fit, identify, evaluate, exchange files with
 /// instruments and controls, and talk to the daemon.
@@ -78,6 +85,12 @@ enum Verb {
     Replay(replay::Args),
     Audit(audit::Args),
     Filter(filter::Args),
+}
+
+/// The command tree of `volcomp`, for tests that go through every command form.
+#[must_use]
+pub fn command() -> clap::Command {
+    Cli::command()
 }
 
 /// The program `volcomp`: runs it on `args` (the first is the program's name).

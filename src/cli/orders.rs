@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
+use super::input::{self, InputKind};
 use super::service::{Which, failure, json, socket};
-use super::{EX_DATAERR, EX_IOERR, Failure};
+use super::{EX_DATAERR, Failure};
 use crate::runtime::client::{self, ClientError};
 use crate::runtime::socket::{Answer, Ask, SentModel, Verb};
 
@@ -116,8 +117,7 @@ pub(super) fn gain(args: &GainArgs) -> Result<(), Failure> {
 
 pub(super) fn load(args: &LoadArgs) -> Result<(), Failure> {
     let name = args.model.display();
-    let bytes =
-        std::fs::read(&args.model).map_err(|e| Failure::new(EX_IOERR, format_args!("error: {name}: {e}")))?;
+    let bytes = input::read(&args.model, InputKind::Model)?;
     let text = String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
         Failure::new(
@@ -162,10 +162,10 @@ fn send(ask: Ask, common: &Common) -> Result<(), Failure> {
         say!("{}", answer.state.as_deref().unwrap_or("?"));
     }
     for note in &answer.notes {
-        eprintln!("note: {note}");
+        note!("note: {note}");
     }
     if answer.state.as_deref() == Some("faulted") {
-        eprintln!("hint: `volcomp status` names the fault; --clear-fault acknowledges it");
+        note!("hint: `volcomp status` names the fault; --clear-fault acknowledges it");
     }
     Ok(())
 }

@@ -62,14 +62,13 @@ pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOpt
             return Err(Failure::new(EX_USAGE, format_args!("error: {name} must be a finite number")));
         }
     }
-    let bytes = recordings::read(files)?;
-    let parsed = recordings::parse(&bytes)?;
+    let mut parsed = recordings::read(files)?;
     let mut output = Output::create(out)?;
-    let (rows, notes) = match to {
+    let (rows, walked) = match to {
         Format::Csv => {
             let mut sink =
                 Csv { out: std::io::BufWriter::with_capacity(1 << 16, &mut output), line: String::new() };
-            let done = convert(args, &parsed, &mut sink)?;
+            let done = convert(args, &mut parsed, &mut sink)?;
             sink.out.flush().map_err(|e| Failure::io(out, &e))?;
             drop(sink);
             done
@@ -82,17 +81,17 @@ pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOpt
                 ));
             };
             let file = file.try_clone().map_err(|e| Failure::io(out, &e))?;
-            let mut sink = parquet::Table::new(file, out, recordings::first(&parsed)?.1);
-            let done = convert(args, &parsed, &mut sink)?;
+            let mut sink = parquet::Table::new(file, out, &recordings::first(&parsed)?.meta);
+            let done = convert(args, &mut parsed, &mut sink)?;
             sink.finish()?;
             done
         }
     };
     output.finish()?;
-    for note in notes {
-        eprintln!("note: {note}");
+    for note in walked.notes {
+        note!("note: {note}");
     }
-    eprintln!(
+    note!(
         "{rows} rows; deviation_um is empty: a recording knows positions and offsets, it measures no deviation"
     );
     Ok(())
@@ -101,20 +100,20 @@ pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOpt
 /// Turns items into rows; gives their number and what was noted.
 fn convert(
     args: &RecordingOptions,
-    parsed: &[recordings::Parsed<'_>],
+    parsed: &mut [recordings::Parsed],
     sink: &mut dyn Sink,
-) -> Result<(u64, Vec<String>), Failure> {
-    let first = recordings::first(parsed)?.0;
+) -> Result<(u64, recordings::Walked), Failure> {
+    let first = recordings::first(parsed)?;
+    let name = first.path.display().to_string();
     // the dead band decides what a reversal is; without the machine file every change of sign is one
-    let config = recordings::machine(first.path, &first.recording).ok();
+    let config = recordings::machine(first).ok();
     // without the models nobody knows whose values the live ones are
     let models = recordings::models(parsed).unwrap_or_default();
     let mut rows = Rows::new(config, Sensors::new(&models));
     let (mut cycles, mut written, mut begun) = (0_u64, 0, false);
-    let notes = recordings::walk(parsed, |item| {
-        let told = rows.feed(item).map_err(|why| {
-            Failure::new(EX_DATAERR, format_args!("error: {}: {why}", first.path.display()))
-        })?;
+    let walked = recordings::walk(parsed, |item| {
+        let told =
+            rows.feed(item).map_err(|why| Failure::new(EX_DATAERR, format_args!("error: {name}: {why}")))?;
         if !told {
             return Ok(());
         }
@@ -134,7 +133,7 @@ fn convert(
     if !begun {
         sink.begin(rows.columns())?;
     }
-    Ok((written, notes))
+    Ok((written, walked))
 }
 
 /// CSV; no cell of ours needs quotes.
