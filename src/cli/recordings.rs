@@ -8,8 +8,13 @@ use super::input::{self, InputKind};
 use super::{EX_CONFIG, EX_DATAERR, Failure};
 use crate::config::{self, MachineConfig};
 use crate::core::model::{Model, ModelSpec};
-use crate::core::record::{Item, Meta, Note, Recording, block};
+use crate::core::record::{BlockKind, Item, Meta, Note, Recording, block};
 use crate::core::units::MonoTime;
+
+/// First bytes of a block.
+const BLOCK_MAGIC: &[u8] = b"VCBK";
+/// Bytes of a row of the index: place, number and time of the first entry, entries.
+const INDEX_ROW: usize = 28;
 
 /// A recording with its entries, before they are gone through.
 pub(super) struct Parsed {
@@ -109,7 +114,7 @@ pub(super) struct Walked {
     pub(super) notes: Vec<String>,
     /// What is not there.
     pub(super) missing: Vec<Missing>,
-    /// Damaged places: blocks and bytes that could not be read, and ends that are not there.
+    /// Damaged places: blocks and bytes that could not be read.
     pub(super) damaged: usize,
 }
 
@@ -176,14 +181,15 @@ pub(super) fn walk(
         let notes = || recording.notes.iter().chain(&reader.notes);
         found.notes.extend(notes().map(|note| format!("{file}: {note}")));
         found.damaged += notes().filter(|note| !matches!(note, Note::UnknownBlock { .. })).count();
+        // what is missing between two files shows in front of the second one
+        if k + 1 < count {
+            continue;
+        }
         let ends_at = end(&recording, &bytes, notes());
         if let Err(why) = &ends_at {
-            found.damaged += 1;
             found.notes.push(format!("{file}: {why}"));
         }
-        // what is missing between two files shows in front of the second one
-        let is_short = !matches!(ends_at, Ok(end) if end <= expected);
-        if k + 1 == count && is_short {
+        if !matches!(ends_at, Ok(end) if end <= expected) {
             let known = known_end(notes()).max(ends_at.unwrap_or_default());
             found.missing.push(Missing {
                 file,
@@ -206,9 +212,27 @@ fn end<'n>(
     if !recording.closed {
         return Err("it was not closed: its end is missing, or it is still being written");
     }
-    let rows = block::read_index(bytes).ok_or("its index is damaged, so its end is not known")?;
-    let last = rows.last().map_or(0, |row| row.first_record.saturating_add(u64::from(row.records)));
+    let last = index_end(bytes).ok_or("its index is damaged, so its end is not known")?;
     Ok(last.max(known_end(notes)))
+}
+
+/// Number behind the last entry, by the last row of the index; found from the end, because bytes that are gone move the
+/// place that the trailer names.
+fn index_end(bytes: &[u8]) -> Option<u64> {
+    let mut rest = bytes;
+    loop {
+        let at = rest.windows(BLOCK_MAGIC.len()).rposition(|w| w == BLOCK_MAGIC)?;
+        if let block::Found::Block(found, _) = block::look(&bytes[at..])
+            && found.kind == BlockKind::Index
+        {
+            let content = found.content().ok()?;
+            let Some(row) = content.last_chunk::<INDEX_ROW>() else { return Some(0) };
+            let first = u64::from_le_bytes(*row[8..].first_chunk()?);
+            let records = u32::from_le_bytes(*row[24..].first_chunk()?);
+            return Some(first.saturating_add(records.into()));
+        }
+        rest = &rest[..at];
+    }
 }
 
 /// Number behind the last entry of the damaged blocks.
