@@ -105,6 +105,27 @@ fn what_was_recorded_replays_bit_for_bit_and_exports() {
     assert!(first["sequence"].is_u64() && first["recorded"] != first["replayed"], "{first}");
 
     exports_agree(&daemon, &files[0]);
+    empty_selections_are_refused(&daemon, &files[0]);
+}
+
+/// An export that selects nothing is an error, and makes no file.
+fn empty_selections_are_refused(daemon: &Daemon, file: &Path) {
+    let out = daemon.dir.path().join("nothing");
+    for format in ["csv", "parquet"] {
+        for (range, code, said) in [
+            (["5", "1"], 64, "--from-s 5 is behind --to-s 1"),
+            (["1e6", "2e6"], 65, "no row selected; the cycles are between 0 s and"),
+            (["-9", "-1"], 65, "no row selected"),
+        ] {
+            let [from, to] = range;
+            let from_to = [&format!("--from-s={from}"), &format!("--to-s={to}")];
+            let words = ["export", name(file), "--to", format, "--out", name(&out), from_to[0], from_to[1]];
+            let output = volcomp(&words);
+            assert_eq!(output.status.code(), Some(code), "{}", text(&output.stderr));
+            assert!(text(&output.stderr).contains(said), "{}", text(&output.stderr));
+            assert!(!out.exists(), "{words:?}");
+        }
+    }
 }
 
 /// EXX = `um` everywhere, for the machine of these tests.

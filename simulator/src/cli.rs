@@ -144,14 +144,9 @@ pub fn command() -> clap::Command {
 /// Runs the program on `args` (the first is the program's name).
 #[must_use]
 pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let parsed = match Cli::try_parse_from(args) {
+    let parsed: Cli = match volcomp::cli::parse(args) {
         Ok(parsed) => parsed,
-        Err(e) => {
-            let code = if e.use_stderr() { EX_USAGE } else { 0 };
-            // nothing can be done where even the message cannot be written
-            let _ = e.print();
-            return ExitCode::from(code);
-        }
+        Err(e) => return volcomp::cli::not_parsed(&e),
     };
     let result = match parsed.verb {
         Verb::BenchLink(args) => bench_link::bench_link(&args),

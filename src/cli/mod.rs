@@ -37,6 +37,7 @@ mod orders;
 mod positioning_data;
 mod predict;
 mod progress;
+mod ranges;
 mod recordings;
 mod replay;
 mod report;
@@ -49,8 +50,11 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
+pub use ranges::parse;
+
 pub use exit::{
-    EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, line, note, note_text, output_complete,
+    EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, line, not_parsed, note, note_text,
+    output_complete,
 };
 
 /// Geometric-error compensation for machine tools: check, predict, fit, identify, evaluate, exchange files with

@@ -13,8 +13,8 @@ use crate::runtime::socket::{Answer, Ask, SentModel, Verb};
 struct Common {
     #[command(flatten)]
     which: Which,
-    /// Why, for the audit log.
-    #[arg(long, value_name = "TEXT")]
+    /// Why, for the audit log; at most 1 KiB.
+    #[arg(long, value_name = "TEXT", value_parser = super::values::reason)]
     reason: Option<String>,
     /// Print one JSON object instead of text.
     #[arg(long)]
@@ -33,7 +33,7 @@ pub(super) struct EnableArgs {
     /// Acknowledge a latched fault first; its cause must be gone.
     #[arg(long)]
     clear_fault: bool,
-    /// Temperature of the machine, degrees Celsius; the daemon remembers it.
+    /// Temperature of the machine, -50 to 150 degrees Celsius; the daemon remembers it.
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     temperature_degc: Option<f64>,
     /// Although the model has expired; needs a --reason.
@@ -81,7 +81,7 @@ pub(super) struct LoadArgs {
     #[arg(value_name = "MODEL")]
     model: PathBuf,
     /// Name of the person who confirms a large change; needs a --reason.
-    #[arg(long, value_name = "NAME", requires = "reason")]
+    #[arg(long, value_name = "NAME", requires = "reason", value_parser = super::values::reason)]
     confirm: Option<String>,
     #[command(flatten)]
     common: Common,

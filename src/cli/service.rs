@@ -59,7 +59,7 @@ pub(super) fn status(args: &StatusArgs) -> Result<(), Failure> {
             }
             say!("{}", render(&status).trim_end());
         }
-        if !args.watch {
+        if !args.watch || super::exit::reader_gone() {
             return Ok(());
         }
         std::thread::sleep(WATCH_INTERVAL);

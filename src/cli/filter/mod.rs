@@ -54,8 +54,8 @@ struct ForgetArgs {
     /// The map.
     #[arg(value_name = "MAP")]
     map: String,
-    /// Why, for the audit log.
-    #[arg(long, value_name = "TEXT")]
+    /// Why, for the audit log; at most 1 KiB.
+    #[arg(long, value_name = "TEXT", value_parser = super::values::reason)]
     reason: Option<String>,
 }
 

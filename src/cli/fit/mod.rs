@@ -176,9 +176,19 @@ impl core::str::FromStr for Pitches {
 
 /// A number, or the word `auto`.
 #[derive(Debug, Clone, Copy)]
-enum AutoOr<T> {
+pub(super) enum AutoOr<T> {
     Auto,
     Given(T),
+}
+
+impl AutoOr<f64> {
+    /// The number, where one is given.
+    pub(super) const fn number(self) -> Option<f64> {
+        match self {
+            Self::Auto => None,
+            Self::Given(value) => Some(value),
+        }
+    }
 }
 
 impl<T: core::str::FromStr> core::str::FromStr for AutoOr<T> {

@@ -57,17 +57,20 @@ trait Sink {
 }
 
 pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOptions) -> Result<(), Failure> {
-    for (name, value) in [("--from-s", args.from_s), ("--to-s", args.to_s)] {
-        if value.is_some_and(|v| !v.is_finite()) {
-            return Err(Failure::new(EX_USAGE, format_args!("error: {name} must be a finite number")));
-        }
+    if let (Some(from), Some(to)) = (args.from_s, args.to_s)
+        && from > to
+    {
+        return Err(Failure::usage(format_args!("--from-s {from} is behind --to-s {to}; exchange them")));
     }
     let mut parsed = recordings::read(files)?;
     let mut output = Output::create(out)?;
     let (rows, walked) = match to {
         Format::Csv => {
-            let mut sink =
-                Csv { out: std::io::BufWriter::with_capacity(1 << 16, &mut output), line: String::new() };
+            let mut sink = Csv {
+                out: std::io::BufWriter::with_capacity(1 << 16, &mut output),
+                path: out.to_owned(),
+                line: String::new(),
+            };
             let done = convert(args, &mut parsed, &mut sink)?;
             sink.out.flush().map_err(|e| Failure::io(out, &e))?;
             drop(sink);
@@ -111,6 +114,7 @@ fn convert(
     let models = recordings::models(parsed).unwrap_or_default();
     let mut rows = Rows::new(config, Sensors::new(&models));
     let (mut cycles, mut written, mut begun) = (0_u64, 0, false);
+    let mut last_s = 0.0;
     let walked = recordings::walk(parsed, |item| {
         let told =
             rows.feed(item).map_err(|why| Failure::new(EX_DATAERR, format_args!("error: {name}: {why}")))?;
@@ -122,6 +126,7 @@ fn convert(
             begun = true;
         }
         let t_s = rows.t_s();
+        last_s = t_s;
         let wanted = args.from_s.is_none_or(|from| t_s >= from) && args.to_s.is_none_or(|to| t_s <= to);
         if wanted && cycles % args.every.unwrap_or(1) == 0 {
             sink.row(rows.cells())?;
@@ -130,8 +135,16 @@ fn convert(
         cycles += 1;
         Ok(())
     })?;
-    if !begun {
-        sink.begin(rows.columns())?;
+    if written == 0 {
+        // the file is not made: an empty one would look like a machine that did nothing
+        let why = if cycles == 0 {
+            "holds no cycle".to_owned()
+        } else {
+            format!(
+                "no row selected; the cycles are between 0 s and {last_s:.3} s: correct --from-s and --to-s"
+            )
+        };
+        return Err(Failure::new(EX_DATAERR, format_args!("error: {name}: {why}")));
     }
     Ok((written, walked))
 }
@@ -139,13 +152,14 @@ fn convert(
 /// CSV; no cell of ours needs quotes.
 struct Csv<W: Write> {
     out: W,
+    path: PathBuf,
     line: String,
 }
 
 impl<W: Write> Csv<W> {
     fn write(&mut self) -> Result<(), Failure> {
         self.line.push('\n');
-        self.out.write_all(self.line.as_bytes()).map_err(|e| Failure::io(Path::new("output"), &e))?;
+        self.out.write_all(self.line.as_bytes()).map_err(|e| Failure::io(&self.path, &e))?;
         self.line.clear();
         Ok(())
     }
