@@ -63,7 +63,7 @@ impl From<volcomp::cli::Failure> for Failure {
 
 /// A simulated CNC control and machine tool to run volcomp against.
 #[derive(Debug, Parser)]
-#[command(name = "cncsim", version, arg_required_else_help = true)]
+#[command(name = "cncsim", version, arg_required_else_help = true, after_help = volcomp::cli::EXIT_CODES)]
 struct Cli {
     #[command(subcommand)]
     verb: Verb,

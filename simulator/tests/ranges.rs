@@ -1,5 +1,7 @@
 //! Numbers outside their range are refused, and streams that cannot be written end no command with a panic.
 
+#![expect(clippy::unwrap_used, reason = "a test stops where its own set-up is wrong")]
+
 use std::process::{Command, Output, Stdio};
 
 fn cncsim(words: &str) -> Output {

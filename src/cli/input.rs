@@ -80,7 +80,7 @@ impl InputKind {
             Self::Case => 16 * MIB,
             Self::Instrument | Self::PartProgram => 64 * MIB,
             Self::Table | Self::AuditLog => 256 * MIB,
-            Self::Capture => GIB,
+            Self::Capture => 512 * MIB,
             // the largest `file-max-mb` is 4000
             Self::Recording => 4 * GIB,
             Self::Stream => 64 * GIB,

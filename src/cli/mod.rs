@@ -57,10 +57,16 @@ pub use exit::{
     output_complete,
 };
 
+/// The end of the help of every program.
+pub const EXIT_CODES: &str = "Exit codes: 0 done; 1 differs (diff, replay); 2 incomplete (replay); \
+    64 wrong command line; 65 bad data, or a file beyond its limit; 70 error of the program; \
+    74 file, socket or stdout not usable; 78 mistake in a machine or model file.\n\
+    Largest files, ranges of numbers, closed streams: docs/limits.md";
+
 /// Geometric-error compensation for machine tools: check, predict, fit, identify, evaluate, exchange files with
 /// instruments and controls, and talk to the daemon.
 #[derive(Debug, Parser)]
-#[command(name = "volcomp", version, arg_required_else_help = true)]
+#[command(name = "volcomp", version, arg_required_else_help = true, after_help = EXIT_CODES)]
 struct Cli {
     #[command(subcommand)]
     verb: Verb,
