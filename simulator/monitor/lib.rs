@@ -170,7 +170,7 @@ impl Monitor {
                 || self.count.is_some_and(|c| frame.sequence.wrapping_sub(c).cast_signed() > 0),
             ..sent
         };
-        if sent.run >= NEW_COUNT {
+        if step == 1 && sent.run >= NEW_COUNT {
             self.count = Some(frame.sequence);
         }
         if self.sent.len() == SENT_MAX {

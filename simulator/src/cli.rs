@@ -1,12 +1,15 @@
 //! The program `cncsim`: arguments, files, exit codes. Data goes to stdout, all else to stderr.
 
-#![expect(clippy::disallowed_methods, reason = "the command line is the shell: it reads and writes files")]
-#![expect(clippy::print_stderr, reason = "messages go to stderr")]
-
 /// Like `println!`, but never panics: a reader that has seen enough is no failure, a full disk is one at the end.
 macro_rules! say {
     () => { volcomp::cli::line(format_args!("")) };
     ($($text:tt)*) => { volcomp::cli::line(format_args!($($text)*)) };
+}
+
+/// Like `eprintln!`, but never panics.
+macro_rules! note {
+    () => { volcomp::cli::note(format_args!("")) };
+    ($($text:tt)*) => { volcomp::cli::note(format_args!($($text)*)) };
 }
 
 mod bench_link;
@@ -26,8 +29,9 @@ use std::ffi::OsString;
 use std::path::Path;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
+use volcomp::cli::input::InputKind;
 pub use volcomp::cli::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE};
 
 /// Why the program ends without having done its work.
@@ -51,9 +55,15 @@ impl Failure {
     }
 }
 
+impl From<volcomp::cli::Failure> for Failure {
+    fn from(failure: volcomp::cli::Failure) -> Self {
+        Self { code: failure.code, message: failure.message }
+    }
+}
+
 /// A simulated CNC control and machine tool to run volcomp against.
 #[derive(Debug, Parser)]
-#[command(name = "cncsim", version, arg_required_else_help = true)]
+#[command(name = "cncsim", version, arg_required_else_help = true, after_help = volcomp::cli::EXIT_CODES)]
 struct Cli {
     #[command(subcommand)]
     verb: Verb,
@@ -125,17 +135,18 @@ impl Program {
     }
 }
 
+/// The command tree, for tests that go through every command form.
+#[must_use]
+pub fn command() -> clap::Command {
+    Cli::command()
+}
+
 /// Runs the program on `args` (the first is the program's name).
 #[must_use]
 pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let parsed = match Cli::try_parse_from(args) {
+    let parsed: Cli = match volcomp::cli::parse(args) {
         Ok(parsed) => parsed,
-        Err(e) => {
-            let code = if e.use_stderr() { EX_USAGE } else { 0 };
-            // nothing can be done where even the message cannot be written
-            let _ = e.print();
-            return ExitCode::from(code);
-        }
+        Err(e) => return volcomp::cli::not_parsed(&e),
     };
     let result = match parsed.verb {
         Verb::BenchLink(args) => bench_link::bench_link(&args),
@@ -154,12 +165,11 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Certificates(args) => certificates::run(&args),
         Verb::Path(args) => path::run(&args),
     };
-    let complete =
-        || volcomp::cli::output_complete().map_err(|f| Failure { code: f.code, message: f.message });
+    let complete = || volcomp::cli::output_complete().map_err(Failure::from);
     match result.and_then(|()| complete()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            eprintln!("{}", failure.message.trim_end());
+            note!("{}", failure.message.trim_end());
             ExitCode::from(failure.code)
         }
     }
@@ -170,16 +180,19 @@ fn humble_volcompd(program: Program) -> ExitCode {
     match scenarios::renounce() {
         Ok(()) => volcomp::cli::volcompd(program.named("volcompd")),
         Err(e) => {
-            eprintln!("error: permissions could not be given up: {e}");
+            note!("error: permissions could not be given up: {e}");
             ExitCode::from(EX_SOFTWARE)
         }
     }
 }
 
-/// The text of a file.
-fn read(path: &Path) -> Result<String, Failure> {
-    std::fs::read_to_string(path).map_err(|e| {
-        let code = if e.kind() == std::io::ErrorKind::InvalidData { EX_DATAERR } else { EX_IOERR };
-        Failure::in_file(code, path, e)
-    })
+/// Writes a whole file.
+#[expect(clippy::disallowed_methods, reason = "the one place that writes files")]
+fn write_file(path: impl AsRef<Path>, content: impl AsRef<[u8]>) -> std::io::Result<()> {
+    std::fs::write(path, content)
+}
+
+/// The text of a file, no larger than its kind allows.
+fn read(path: &Path, kind: InputKind) -> Result<String, Failure> {
+    Ok(volcomp::cli::input::read_text(path, kind)?)
 }

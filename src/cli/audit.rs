@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use serde_json::json;
 
+use super::input::{self, InputKind};
 use super::{EX_DATAERR, Failure, service};
-use crate::runtime::audit::{AUDIT_FILE, Line, verify_file};
+use crate::runtime::audit::{AUDIT_FILE, Line, head_path, verify_with};
 
 /// Where the daemon of the shipped unit keeps it.
 const DEFAULT_FILE: &str = "/var/lib/volcomp/audit.jsonl";
@@ -81,7 +82,10 @@ fn log_of(which: &WhichLog) -> Result<PathBuf, Failure> {
 fn verify(args: &VerifyArgs) -> Result<(), Failure> {
     let path = log_of(&args.which)?;
     let file = path.display();
-    match verify_file(&path).map_err(|e| Failure::io(&path, &e))? {
+    let text = input::read(&path, InputKind::AuditLog)?;
+    let beside = head_path(&path);
+    let head = if beside.exists() { Some(input::read(&beside, InputKind::Description)?) } else { None };
+    match verify_with(&text, head.as_deref()) {
         Ok(summary) => {
             if args.json {
                 say!(
@@ -127,7 +131,7 @@ fn verify(args: &VerifyArgs) -> Result<(), Failure> {
 
 fn show(args: &ShowArgs) -> Result<(), Failure> {
     let path = log_of(&args.which)?;
-    let text = super::files::read_text(&path)?;
+    let text = input::read_text(&path, InputKind::AuditLog)?;
     let lines: Vec<&str> = text.lines().collect();
     let skip = args.last.map_or(0, |last| lines.len().saturating_sub(last));
     for (number, line) in lines.iter().enumerate().skip(skip) {

@@ -2,6 +2,7 @@
 
 use std::path::PathBuf;
 
+use super::input::{self, InputKind};
 use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure};
 use crate::runtime::{self, RehearsalError};
 
@@ -33,6 +34,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         let message = format_args!("error: --cycles {}; give 1 to {CYCLES_MAX}", args.cycles);
         return Err(Failure::new(EX_USAGE, message));
     }
+    input::check(&args.config, InputKind::Machine)?;
     let loaded = runtime::load(&args.config)
         .map_err(|e| Failure::new(if e.is_io() { EX_IOERR } else { EX_CONFIG }, &e))?;
     let rehearsal = runtime::rehearse(&loaded, args.cycles).map_err(|e| {

@@ -44,14 +44,33 @@ impl Failure {
         Self::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()))
     }
 
-    /// A file that could not be read or written.
+    /// A file that could not be read or written; one that is too large is bad data.
     pub fn io(path: &std::path::Path, error: &std::io::Error) -> Self {
+        if super::input::is_too_large(error) {
+            return Self::data(path, error);
+        }
+        if error.kind() == ErrorKind::BrokenPipe && STDOUT_NAMES.iter().any(|name| path.as_os_str() == *name)
+        {
+            // `| head`: the work ends quietly
+            return Self::new(0, "");
+        }
         Self::new(EX_IOERR, format_args!("error: {}: {error}", path.display()))
     }
 }
 
 /// Something could not be written to stdout.
 static OUTPUT_LOST: AtomicBool = AtomicBool::new(false);
+/// The reader of stdout has ended.
+static READER_GONE: AtomicBool = AtomicBool::new(false);
+
+const OUTPUT_INCOMPLETE: &str = "error: stdout could not be written; the output is incomplete";
+/// Names that stand for stdout in errors.
+const STDOUT_NAMES: [&str; 3] = ["-", "<stdout>", "stdout"];
+
+/// True where the reader of stdout has ended (`| head`), so that further output is in vain.
+pub(super) fn reader_gone() -> bool {
+    READER_GONE.load(Ordering::Relaxed)
+}
 
 /// Writes text to stdout; a reader that has seen enough (`| head`) is no failure.
 pub(super) fn print(text: &str) -> Result<(), Failure> {
@@ -65,9 +84,21 @@ pub(super) fn print(text: &str) -> Result<(), Failure> {
 /// the end of the program.
 pub fn line(text: fmt::Arguments<'_>) {
     match writeln!(std::io::stdout().lock(), "{text}") {
-        Err(e) if e.kind() != ErrorKind::BrokenPipe => OUTPUT_LOST.store(true, Ordering::Relaxed),
-        _ => {}
+        Ok(()) => {}
+        Err(e) if e.kind() == ErrorKind::BrokenPipe => READER_GONE.store(true, Ordering::Relaxed),
+        Err(_) => OUTPUT_LOST.store(true, Ordering::Relaxed),
     }
+}
+
+/// Writes a line to stderr. A reader that has seen enough, or a full disk, is no failure: the exit code still tells.
+pub fn note(text: fmt::Arguments<'_>) {
+    note_text(format_args!("{text}\n"));
+}
+
+/// Writes text to stderr without an end of line; see [`note`].
+pub fn note_text(text: fmt::Arguments<'_>) {
+    // there is nowhere left to say that stderr cannot be written
+    let _ = std::io::stderr().lock().write_fmt(text);
 }
 
 /// The failure of a program that could not write all it had to say.
@@ -78,9 +109,24 @@ pub fn output_complete() -> Result<(), Failure> {
     let flushed = std::io::stdout().lock().flush();
     let lost = flushed.is_err_and(|e| e.kind() != ErrorKind::BrokenPipe);
     if lost || OUTPUT_LOST.load(Ordering::Relaxed) {
-        return Err(Failure::new(EX_IOERR, "error: stdout could not be written; the output is incomplete"));
+        return Err(Failure::new(EX_IOERR, OUTPUT_INCOMPLETE));
     }
     Ok(())
+}
+
+/// Prints what the parser of the command line has to say: a mistake to stderr, the help to stdout.
+pub fn not_parsed(error: &clap::Error) -> ExitCode {
+    let printed = error.print();
+    if error.use_stderr() {
+        // a message that cannot be written is lost; the exit code still tells
+        return ExitCode::from(EX_USAGE);
+    }
+    let lost = printed.is_err_and(|e| e.kind() != ErrorKind::BrokenPipe);
+    if lost || output_complete().is_err() {
+        note(format_args!("{OUTPUT_INCOMPLETE}"));
+        return ExitCode::from(EX_IOERR);
+    }
+    ExitCode::SUCCESS
 }
 
 /// Parses arguments, runs, prints what went wrong, and turns it into an exit code.
@@ -88,21 +134,16 @@ pub(super) fn run<A: Parser>(
     args: impl IntoIterator<Item = OsString>,
     body: impl FnOnce(A) -> Result<(), Failure>,
 ) -> ExitCode {
-    let parsed = match A::try_parse_from(args) {
+    let parsed = match super::ranges::parse::<A>(args) {
         Ok(parsed) => parsed,
-        Err(e) => {
-            let code = if e.use_stderr() { EX_USAGE } else { 0 };
-            // nothing can be done where even the message cannot be written
-            let _ = e.print();
-            return ExitCode::from(code);
-        }
+        Err(e) => return not_parsed(&e),
     };
     match body(parsed).and_then(|()| output_complete()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             // an exit code alone can be the answer, as of `diff`
             if !failure.message.is_empty() {
-                eprintln!("{}", failure.message.trim_end());
+                note(format_args!("{}", failure.message.trim_end()));
             }
             ExitCode::from(failure.code)
         }

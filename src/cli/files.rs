@@ -1,50 +1,28 @@
-//! Whole files in and out. A file is replaced only when its new content is complete.
+//! Model files in, whole files out. A file is replaced only when its new content is complete.
 
 use std::ffi::OsString;
 use std::fs::{self, File};
-use std::io::{self, Read, Write};
+use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
-use super::{EX_CONFIG, EX_DATAERR, Failure};
+use super::input::{self, InputKind};
+use super::{EX_CONFIG, Failure};
 use crate::config;
 use crate::core::model::{Model, ModelSpec};
 
-/// A whole file, or standard input for `-`.
-pub(super) fn read_bytes(path: &Path) -> Result<Vec<u8>, Failure> {
-    let mut bytes = Vec::new();
-    let read = if path.as_os_str() == "-" {
-        io::stdin().lock().read_to_end(&mut bytes)
-    } else {
-        File::open(path).and_then(|mut f| f.read_to_end(&mut bytes))
-    };
-    read.map_err(|e| Failure::io(path, &e))?;
-    Ok(bytes)
-}
-
-/// A text file, or standard input for `-`.
-pub(super) fn read_text(path: &Path) -> Result<String, Failure> {
-    text_of(path, read_bytes(path)?)
-}
-
-/// The text of a file that was read.
-pub(super) fn text_of(path: &Path, bytes: Vec<u8>) -> Result<String, Failure> {
-    String::from_utf8(bytes).map_err(|e| {
-        let line = e.as_bytes()[..e.utf8_error().valid_up_to()].iter().filter(|b| **b == b'\n').count() + 1;
-        Failure::new(
-            EX_DATAERR,
-            format_args!("error: {}:{line}: not UTF-8 text; save the file as UTF-8", path.display()),
-        )
-    })
-}
-
 /// Reads and compiles a model file.
 pub(super) fn read_model(path: &Path) -> Result<(ModelSpec, Model), Failure> {
-    let text = read_text(path)?;
+    read_hashed_model(path).map(|(spec, model, _)| (spec, model))
+}
+
+/// Reads and compiles a model file; with the BLAKE3 of the file as hexadecimal digits.
+pub(super) fn read_hashed_model(path: &Path) -> Result<(ModelSpec, Model, String), Failure> {
+    let text = input::read_text(path, InputKind::Model)?;
     let spec =
         config::model::parse(&path.display().to_string(), &text).map_err(|e| Failure::new(EX_CONFIG, e))?;
     let model = Model::new(&spec)
         .map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {}: {e}", path.display())))?;
-    Ok((spec, model))
+    Ok((spec, model, blake3::hash(text.as_bytes()).to_hex().to_string()))
 }
 
 /// An output that appears under its name only when finished; `-` is standard output, as is anything written
@@ -58,6 +36,7 @@ pub(super) enum Output {
 
 impl Output {
     /// Opens the output.
+    #[expect(clippy::disallowed_methods, reason = "the one place that creates files")]
     pub(super) fn create(path: &Path) -> Result<Self, Failure> {
         if path.as_os_str() == "-" {
             return Ok(Self::Through(Box::new(io::stdout().lock()), PathBuf::from("<stdout>")));

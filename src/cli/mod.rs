@@ -1,12 +1,16 @@
 //! Arguments, human and JSON output, exit codes. Data goes to stdout, all else to stderr.
 
-#![expect(clippy::disallowed_methods, reason = "the command line is the shell: it reads and writes files")]
-#![expect(clippy::print_stderr, reason = "messages go to stderr")]
+#![cfg_attr(test, expect(clippy::disallowed_methods, reason = "tests read and write files"))]
 
 /// Like `println!`, but never panics: see [`exit::line`].
 macro_rules! say {
     () => { $crate::cli::line(format_args!("")) };
     ($($text:tt)*) => { $crate::cli::line(format_args!($($text)*)) };
+}
+
+/// Like `eprintln!`, but never panics: see [`exit::note`].
+macro_rules! note {
+    ($($text:tt)*) => { $crate::cli::note(format_args!($($text)*)) };
 }
 
 mod additions;
@@ -26,12 +30,14 @@ mod fit;
 mod identify;
 mod identity;
 mod import;
+pub mod input;
 mod model;
 mod model_out;
 mod orders;
 mod positioning_data;
 mod predict;
 mod progress;
+mod ranges;
 mod recordings;
 mod replay;
 mod report;
@@ -42,14 +48,25 @@ mod values;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-use clap::{Parser, Subcommand};
+use clap::{CommandFactory, Parser, Subcommand};
 
-pub use exit::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, line, output_complete};
+pub use ranges::parse;
+
+pub use exit::{
+    EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, line, not_parsed, note, note_text,
+    output_complete,
+};
+
+/// The end of the help of every program.
+pub const EXIT_CODES: &str = "Exit codes: 0 done; 1 differs (diff, replay); 2 incomplete (replay); \
+    64 wrong command line; 65 bad data, or a file beyond its limit; 70 error of the program; \
+    74 file, socket or stdout not usable; 78 mistake in a machine or model file.\n\
+    Largest files, ranges of numbers, closed streams: docs/limits.md";
 
 /// Geometric-error compensation for machine tools: check, predict, fit, identify, evaluate, exchange files with
 /// instruments and controls, and talk to the daemon.
 #[derive(Debug, Parser)]
-#[command(name = "volcomp", version, arg_required_else_help = true)]
+#[command(name = "volcomp", version, arg_required_else_help = true, after_help = EXIT_CODES)]
 struct Cli {
     #[command(subcommand)]
     verb: Verb,
@@ -78,6 +95,12 @@ enum Verb {
     Replay(replay::Args),
     Audit(audit::Args),
     Filter(filter::Args),
+}
+
+/// The command tree of `volcomp`, for tests that go through every command form.
+#[must_use]
+pub fn command() -> clap::Command {
+    Cli::command()
 }
 
 /// The program `volcomp`: runs it on `args` (the first is the program's name).

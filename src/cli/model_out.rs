@@ -2,7 +2,8 @@
 
 use std::path::{Path, PathBuf};
 
-use super::files::{read_text, write_text};
+use super::files::write_text;
+use super::input::{self, InputKind};
 use super::{EX_CONFIG, EX_DATAERR, EX_USAGE, Failure};
 use crate::config::{self, ModelFile, Provenance, SourceEntry};
 use crate::core::axes::AxisName;
@@ -40,12 +41,15 @@ impl ModelOut {
     /// --chain, else `default_chain`.
     pub(super) fn base(&self, default_chain: impl FnOnce() -> String) -> Result<ModelFile, Failure> {
         let mut file = match &self.into {
-            Some(path) => config::model::parse_file(&path.display().to_string(), &read_text(path)?)
-                .map_err(|e| Failure::new(EX_CONFIG, e))?,
+            Some(path) => config::model::parse_file(
+                &path.display().to_string(),
+                &input::read_text(path, InputKind::Model)?,
+            )
+            .map_err(|e| Failure::new(EX_CONFIG, e))?,
             None => {
                 let text = self.chain.clone().unwrap_or_else(|| {
                     let chain = default_chain();
-                    eprintln!("note: no --chain given, {chain} written; lever arms depend on it");
+                    note!("note: no --chain given, {chain} written; lever arms depend on it");
                     chain
                 });
                 let chain = Chain::parse(&text)
@@ -67,7 +71,7 @@ impl ModelOut {
             return Err(Failure::new(EX_USAGE, "error: neither --out nor --into is given"));
         };
         write_text(out, &config::model::write_file(model, comment))?;
-        eprintln!("model written: {}", out.display());
+        note!("model written: {}", out.display());
         Ok(())
     }
 }
@@ -119,7 +123,7 @@ impl Sources {
         let entry = |path: &PathBuf| {
             let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
             // stdin cannot be read twice
-            let hash = std::fs::read(path).ok().map(|b| format!("blake3:{}", blake3::hash(&b).to_hex()));
+            let hash = input::hash(path, InputKind::Stream).map(|hash| format!("blake3:{hash}"));
             SourceEntry { source: Some(name.into_owned()), source_hash: hash, ..SourceEntry::default() }
         };
         Self(files.iter().map(entry).collect())

@@ -2,8 +2,9 @@
 
 use std::path::PathBuf;
 
+use super::input::{self, InputKind};
 use super::service::{Which, failure, json, socket};
-use super::{EX_DATAERR, EX_IOERR, Failure};
+use super::{EX_DATAERR, Failure};
 use crate::runtime::client::{self, ClientError};
 use crate::runtime::socket::{Answer, Ask, SentModel, Verb};
 
@@ -12,8 +13,8 @@ use crate::runtime::socket::{Answer, Ask, SentModel, Verb};
 struct Common {
     #[command(flatten)]
     which: Which,
-    /// Why, for the audit log.
-    #[arg(long, value_name = "TEXT")]
+    /// Why, for the audit log; at most 1 KiB.
+    #[arg(long, value_name = "TEXT", value_parser = super::values::reason)]
     reason: Option<String>,
     /// Print one JSON object instead of text.
     #[arg(long)]
@@ -32,7 +33,7 @@ pub(super) struct EnableArgs {
     /// Acknowledge a latched fault first; its cause must be gone.
     #[arg(long)]
     clear_fault: bool,
-    /// Temperature of the machine, degrees Celsius; the daemon remembers it.
+    /// Temperature of the machine, -50 to 150 degrees Celsius; the daemon remembers it.
     #[arg(long, value_name = "T", allow_negative_numbers = true)]
     temperature_degc: Option<f64>,
     /// Although the model has expired; needs a --reason.
@@ -80,7 +81,7 @@ pub(super) struct LoadArgs {
     #[arg(value_name = "MODEL")]
     model: PathBuf,
     /// Name of the person who confirms a large change; needs a --reason.
-    #[arg(long, value_name = "NAME", requires = "reason")]
+    #[arg(long, value_name = "NAME", requires = "reason", value_parser = super::values::reason)]
     confirm: Option<String>,
     #[command(flatten)]
     common: Common,
@@ -116,8 +117,7 @@ pub(super) fn gain(args: &GainArgs) -> Result<(), Failure> {
 
 pub(super) fn load(args: &LoadArgs) -> Result<(), Failure> {
     let name = args.model.display();
-    let bytes =
-        std::fs::read(&args.model).map_err(|e| Failure::new(EX_IOERR, format_args!("error: {name}: {e}")))?;
+    let bytes = input::read(&args.model, InputKind::Model)?;
     let text = String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
         Failure::new(
@@ -162,10 +162,10 @@ fn send(ask: Ask, common: &Common) -> Result<(), Failure> {
         say!("{}", answer.state.as_deref().unwrap_or("?"));
     }
     for note in &answer.notes {
-        eprintln!("note: {note}");
+        note!("note: {note}");
     }
     if answer.state.as_deref() == Some("faulted") {
-        eprintln!("hint: `volcomp status` names the fault; --clear-fault acknowledges it");
+        note!("hint: `volcomp status` names the fault; --clear-fault acknowledges it");
     }
     Ok(())
 }

@@ -5,7 +5,7 @@ use std::io::{BufRead, Cursor};
 use std::ops::RangeInclusive;
 use std::path::Path;
 
-use super::files::{read_bytes, text_of};
+use super::input::{self, InputKind, text_of};
 use super::table::Table;
 use super::{EX_DATAERR, EX_USAGE, Failure};
 use crate::core::axes::{AxisKind, AxisName};
@@ -123,7 +123,7 @@ impl Cycles {
 
 /// Reads a positioning test.
 pub(super) fn read_test(path: &Path, format: TestFormat) -> Result<PositioningTest, Failure> {
-    let bytes = read_bytes(path)?;
+    let bytes = input::read(path, InputKind::Instrument)?;
     let file = path.display().to_string();
     if format == TestFormat::Auto
         && let Some(test) = instrument_test(&file, &bytes)?

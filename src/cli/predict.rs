@@ -72,7 +72,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         ));
     }
     let (spec, model) = read_model(&args.model)?;
-    let mut table = table::open(&args.points)?;
+    let mut table = table::open_stream(&args.points)?;
     let columns = Columns::find(&table, &model)?;
     let mut additions = Additions::read(&args.add, (&spec, &model), &table)?;
     columns.check_length(&table, &model, additions.as_ref())?;
@@ -246,7 +246,7 @@ impl Columns {
                 Err(format!("unknown column; columns are {}", known.join(", ")))
             }
             None => {
-                eprintln!("note: column {column} is copied, not used");
+                note!("note: column {column} is copied, not used");
                 Ok(())
             }
         }

@@ -25,6 +25,7 @@ impl Drop for Progress {
 
 impl Progress {
     /// For work on this file from now on.
+    #[expect(clippy::disallowed_methods, reason = "the bar appears only where the work takes long")]
     pub(super) fn new(points: &Path) -> Self {
         let total = std::fs::metadata(points).ok().filter(std::fs::Metadata::is_file).map(|m| m.len());
         Self { started: Instant::now(), total, shown: io::stderr().is_terminal(), bar: None }

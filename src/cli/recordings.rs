@@ -1,43 +1,45 @@
 //! Recordings from the command line: several files of one run, in their order.
 
+use core::fmt;
+use std::io::Read;
 use std::path::{Path, PathBuf};
 
+use super::input::{self, InputKind};
 use super::{EX_CONFIG, EX_DATAERR, Failure};
 use crate::config::{self, MachineConfig};
 use crate::core::model::{Model, ModelSpec};
-use crate::core::record::{Item, Meta, Note, Recording};
+use crate::core::record::{BlockKind, Item, Meta, Note, Recording, block};
+use crate::core::units::MonoTime;
 
-/// One file.
-pub(super) struct RecordingFile {
+/// First bytes of a block.
+const BLOCK_MAGIC: &[u8] = b"VCBK";
+/// Bytes of a row of the index: place, number and time of the first entry, entries.
+const INDEX_ROW: usize = 28;
+
+/// A recording with its entries, before they are gone through.
+pub(super) struct Parsed {
     pub(super) path: PathBuf,
-    pub(super) bytes: Vec<u8>,
+    pub(super) meta: Meta,
+    /// Hash and text of the models, the first one first.
+    pub(super) models: Vec<([u8; 32], String)>,
+    machine: Option<([u8; 32], String)>,
+    pub(super) health: Vec<(i64, String)>,
+    /// The content, where it cannot be read again or is the only one.
+    bytes: Option<Vec<u8>>,
 }
 
-/// Reads files whole.
-pub(super) fn read(paths: &[PathBuf]) -> Result<Vec<RecordingFile>, Failure> {
-    let read = |path: &PathBuf| {
-        let bytes = std::fs::read(path).map_err(|e| Failure::io(path, &e))?;
-        Ok(RecordingFile { path: path.clone(), bytes })
-    };
-    paths.iter().map(read).collect()
-}
-
-/// A file with its blocks found.
-pub(super) struct Parsed<'a> {
-    pub(super) path: &'a Path,
-    pub(super) recording: Recording<'a>,
-}
-
-/// Finds the blocks of files of one run and puts them into their order.
-pub(super) fn parse(files: &[RecordingFile]) -> Result<Vec<Parsed<'_>>, Failure> {
+/// Reads the descriptions of files of one run and puts the files into their order. Of several files no more than one is
+/// in memory at a time.
+pub(super) fn read(paths: &[PathBuf]) -> Result<Vec<Parsed>, Failure> {
     let mut parsed = Vec::new();
-    for RecordingFile { path, bytes } in files {
-        let recording = Recording::parse(bytes)
-            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))?;
-        parsed.push(Parsed { path, recording });
+    for path in paths {
+        let bytes = content(path)?;
+        let Recording { meta, models, machine, health, .. } = recording(path, &bytes)?;
+        let bytes = (paths.len() == 1 || !input::is_regular(path)).then_some(bytes);
+        parsed.push(Parsed { path: path.clone(), meta, models, machine, health, bytes });
     }
-    parsed.sort_by_key(|file| file.recording.meta.first_record);
-    let runs = parsed.windows(2).find(|w| w[0].recording.meta.run != w[1].recording.meta.run);
+    parsed.sort_by_key(|file| file.meta.first_record);
+    let runs = parsed.windows(2).find(|w| w[0].meta.run != w[1].meta.run);
     if let Some([a, b]) = runs {
         return Err(Failure::new(
             EX_DATAERR,
@@ -45,37 +47,207 @@ pub(super) fn parse(files: &[RecordingFile]) -> Result<Vec<Parsed<'_>>, Failure>
                 "error: {} and {} are of two runs of the daemon ({} and {}): give the files of one run at a time",
                 a.path.display(),
                 b.path.display(),
-                a.recording.meta.run,
-                b.recording.meta.run
+                a.meta.run,
+                b.meta.run
             ),
         ));
     }
     Ok(parsed)
 }
 
-/// Goes through every item of every file; gives what was noted about the files, each with its name.
+/// A whole file. One that does not begin like a recording is refused before the rest is read.
+fn content(path: &Path) -> Result<Vec<u8>, Failure> {
+    let mut source = input::open(path, InputKind::Recording)?;
+    let mut first = Vec::new();
+    (&mut source)
+        .take(block::FILE_HEADER as u64)
+        .read_to_end(&mut first)
+        .map_err(|e| Failure::io(path, &e))?;
+    block::check_file_header(&first).map_err(|e| Failure::data(path, e))?;
+    input::read_rest(path, source, first)
+}
+
+fn recording<'a>(path: &Path, bytes: &'a [u8]) -> Result<Recording<'a>, Failure> {
+    Recording::parse(bytes).map_err(|e| Failure::data(path, e))
+}
+
+/// Entries that a run had and the files have not.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Missing {
+    /// The file that should hold them or that follows them.
+    pub(super) file: String,
+    /// How many, where that is known.
+    pub(super) records: Option<u64>,
+    /// Number of the next entry; `None` at the end of the last file.
+    pub(super) before: Option<u64>,
+    /// Time of the last entry before and of the first one after them, s since the first entry of the files.
+    pub(super) from_s: Option<f64>,
+    /// See `from_s`.
+    pub(super) to_s: Option<f64>,
+}
+
+impl fmt::Display for Missing {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self.records {
+            Some(1) => write!(f, "1 record")?,
+            Some(records) => write!(f, "{records} records")?,
+            None => write!(f, "an unknown number of records")?,
+        }
+        match self.before {
+            Some(before) => write!(f, " before record {before}")?,
+            None => write!(f, " at the end")?,
+        }
+        write!(f, " of {}", self.file)?;
+        match (self.from_s, self.to_s) {
+            (Some(from), Some(to)) => write!(f, ", from {from:.3} s to {to:.3} s"),
+            (Some(from), None) => write!(f, ", from {from:.3} s on"),
+            (None, Some(to)) => write!(f, ", up to {to:.3} s"),
+            (None, None) => Ok(()),
+        }
+    }
+}
+
+/// What was found beside the entries.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Walked {
+    /// Damage and oddities, each with the name of its file.
+    pub(super) notes: Vec<String>,
+    /// What is not there.
+    pub(super) missing: Vec<Missing>,
+    /// Damaged places: blocks and bytes that could not be read.
+    pub(super) damaged: usize,
+}
+
+/// Where a walk through the entries is.
+#[derive(Debug, Default)]
+struct Clock {
+    first: Option<MonoTime>,
+    last: Option<MonoTime>,
+}
+
+impl Clock {
+    fn s(&self, time: Option<MonoTime>) -> Option<f64> {
+        Some(time?.seconds_since(self.first?))
+    }
+
+    fn is(&mut self, now: MonoTime) {
+        self.first.get_or_insert(now);
+        self.last = Some(now);
+    }
+}
+
+/// Goes through every item of every file; gives what was noted about the files.
 pub(super) fn walk(
-    files: &[Parsed<'_>],
+    files: &mut [Parsed],
     mut each: impl FnMut(&Item) -> Result<(), Failure>,
-) -> Result<Vec<String>, Failure> {
+) -> Result<Walked, Failure> {
+    let (mut found, mut clock) = (Walked::default(), Clock::default());
     let mut expected = 0;
-    let mut notes = Vec::new();
-    for Parsed { path, recording } in files {
+    let count = files.len();
+    for (k, Parsed { path, bytes, .. }) in files.iter_mut().enumerate() {
+        let bytes = match bytes.take() {
+            Some(bytes) => bytes,
+            None => content(path)?,
+        };
+        let recording = recording(path, &bytes)?;
+        let file = path.display().to_string();
         let mut reader = recording.reader(expected);
+        // the gap whose end is the next entry
+        let mut open = None;
         for item in reader.by_ref() {
+            match &item {
+                Item::Gap { record, dropped, .. } => {
+                    open = Some(found.missing.len());
+                    found.missing.push(Missing {
+                        file: file.clone(),
+                        records: Some(*dropped),
+                        before: Some(*record),
+                        from_s: clock.s(clock.last),
+                        to_s: None,
+                    });
+                }
+                Item::Entry { entry, .. } => {
+                    clock.is(entry.now());
+                    let to_s = clock.s(clock.last);
+                    if let Some(missing) = open.take().and_then(|k| found.missing.get_mut(k)) {
+                        missing.to_s = to_s;
+                    }
+                }
+                Item::Unknown { .. } => {}
+            }
             each(&item)?;
         }
         expected = reader.next_record();
-        let name = |note: &Note| format!("{}: {note}", path.display());
-        notes.extend(recording.notes.iter().chain(&reader.notes).map(name));
+        let notes = || recording.notes.iter().chain(&reader.notes);
+        found.notes.extend(notes().map(|note| format!("{file}: {note}")));
+        found.damaged += notes().filter(|note| !matches!(note, Note::UnknownBlock { .. })).count();
+        // what is missing between two files shows in front of the second one
+        if k + 1 < count {
+            continue;
+        }
+        let ends_at = end(&recording, &bytes, notes());
+        if let Err(why) = &ends_at {
+            found.notes.push(format!("{file}: {why}"));
+        }
+        if !matches!(ends_at, Ok(end) if end <= expected) {
+            let known = known_end(notes()).max(ends_at.unwrap_or_default());
+            found.missing.push(Missing {
+                file,
+                records: known.checked_sub(expected).filter(|records| *records > 0),
+                before: None,
+                from_s: clock.s(clock.last),
+                to_s: None,
+            });
+        }
     }
-    Ok(notes)
+    Ok(found)
+}
+
+/// Number behind the last entry of a file, from its index; why it is not known.
+fn end<'n>(
+    recording: &Recording<'_>,
+    bytes: &[u8],
+    notes: impl Iterator<Item = &'n Note>,
+) -> Result<u64, &'static str> {
+    if !recording.closed {
+        return Err("it was not closed: its end is missing, or it is still being written");
+    }
+    let last = index_end(bytes).ok_or("its index is damaged, so its end is not known")?;
+    Ok(last.max(known_end(notes)))
+}
+
+/// Number behind the last entry, by the last row of the index; found from the end, because bytes that are gone move the
+/// place that the trailer names.
+fn index_end(bytes: &[u8]) -> Option<u64> {
+    let mut rest = bytes;
+    loop {
+        let at = rest.windows(BLOCK_MAGIC.len()).rposition(|w| w == BLOCK_MAGIC)?;
+        if let block::Found::Block(found, _) = block::look(&bytes[at..])
+            && found.kind == BlockKind::Index
+        {
+            let content = found.content().ok()?;
+            let Some(row) = content.last_chunk::<INDEX_ROW>() else { return Some(0) };
+            let first = u64::from_le_bytes(*row[8..].first_chunk()?);
+            let records = u32::from_le_bytes(*row[24..].first_chunk()?);
+            return Some(first.saturating_add(records.into()));
+        }
+        rest = &rest[..at];
+    }
+}
+
+/// Number behind the last entry of the damaged blocks.
+fn known_end<'n>(notes: impl Iterator<Item = &'n Note>) -> u64 {
+    let end = |note: &Note| match note {
+        Note::Content { first_record, records, .. } => first_record.saturating_add(u64::from(*records)),
+        _ => 0,
+    };
+    notes.map(end).max().unwrap_or_default()
 }
 
 /// The machine file inside a recording.
-pub(super) fn machine(path: &Path, recording: &Recording<'_>) -> Result<MachineConfig, Failure> {
-    let inside = format!("{} (machine file inside)", path.display());
-    let Some((_, text)) = &recording.machine else {
+pub(super) fn machine(file: &Parsed) -> Result<MachineConfig, Failure> {
+    let inside = format!("{} (machine file inside)", file.path.display());
+    let Some((_, text)) = &file.machine else {
         return Err(Failure::new(
             EX_DATAERR,
             format_args!("error: {inside}: missing or damaged\n  hint: name it with --config"),
@@ -92,11 +264,11 @@ pub(super) struct Inside {
 }
 
 /// The models inside recordings, each once, in the order of their use.
-pub(super) fn models(files: &[Parsed<'_>]) -> Result<Vec<Inside>, Failure> {
+pub(super) fn models(files: &[Parsed]) -> Result<Vec<Inside>, Failure> {
     let mut found: Vec<Inside> = Vec::new();
-    for Parsed { path, recording } in files {
+    for Parsed { path, models, .. } in files {
         let inside = format!("{} (model inside)", path.display());
-        for (hash, text) in &recording.models {
+        for (hash, text) in models {
             if found.iter().any(|known| known.hash == *hash) {
                 continue;
             }
@@ -109,10 +281,7 @@ pub(super) fn models(files: &[Parsed<'_>]) -> Result<Vec<Inside>, Failure> {
     Ok(found)
 }
 
-/// The first file's description; there is always one.
-pub(super) fn first<'p, 'a>(files: &'p [Parsed<'a>]) -> Result<(&'p Parsed<'a>, &'p Meta), Failure> {
-    let first = files.first();
-    first
-        .map(|file| (file, &file.recording.meta))
-        .ok_or_else(|| Failure::new(super::EX_USAGE, "error: no recording was named"))
+/// The first file; there is always one.
+pub(super) fn first(files: &[Parsed]) -> Result<&Parsed, Failure> {
+    files.first().ok_or_else(|| Failure::new(super::EX_USAGE, "error: no recording was named"))
 }

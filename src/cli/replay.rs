@@ -5,19 +5,23 @@ use std::sync::Arc;
 
 use serde_json::json;
 
-use super::recordings::{self, Parsed};
+use super::recordings::{self, Missing, Parsed, Walked};
 use super::{EX_DATAERR, Failure, files, service};
 use crate::runtime::replay::{Difference, Gap, Replay, Report};
 
 /// Exit code where a correction came out otherwise.
 const EX_DIFFERS: u8 = 1;
+/// Exit code where nothing differs, but part of the recording is missing, damaged or could not be compared.
+const EX_INCOMPLETE: u8 = 2;
 /// Differences shown as text.
 const SHOWN: usize = 10;
 
 /// Runs a recording of volcompd through the same engine; every correction must come out the same, bit for bit.
 ///
-/// Exit code 0: all the same; 1: something differs; 65: nothing could be compared. After missing records the engine has
-/// to catch up first; cycles until then are not compared, and the report says how many.
+/// Exit code 0: every cycle was compared and is the same; 1: something differs; 2: nothing differs, but records are
+/// missing or damaged, or cycles could not be compared; 65: nothing could be compared, or the model of the beginning is
+/// missing. After missing records the engine has to catch up first; cycles until then are not compared, and the report
+/// says how many.
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {
     /// Recordings of one run of the daemon, in any order.
@@ -36,27 +40,40 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    let bytes = recordings::read(&args.recordings)?;
-    let parsed = recordings::parse(&bytes)?;
+    let mut parsed = recordings::read(&args.recordings)?;
     let mut replay = prepare(args, &parsed)?;
-    let notes = recordings::walk(&parsed, |item| {
+    let walked = recordings::walk(&mut parsed, |item| {
         replay.feed(item);
         Ok(())
     })?;
     let report = replay.finish();
-    for note in &notes {
-        eprintln!("note: {note}");
+    for note in &walked.notes {
+        note!("note: {note}");
     }
     if args.json {
-        say!("{}", to_json(&report, &notes));
+        say!("{}", to_json(&report, &walked));
     } else {
-        print(&report);
+        print(&report, &walked);
     }
+    judge(&report, &walked)
+}
+
+/// True where every cycle of the recordings was there and compared.
+fn is_complete(report: &Report, walked: &Walked) -> bool {
+    walked.missing.is_empty()
+        && walked.damaged == 0
+        && report.refused.is_empty()
+        && report.compared == report.cycles
+}
+
+fn judge(report: &Report, walked: &Walked) -> Result<(), Failure> {
+    let complete = is_complete(report, walked);
+    let part = if complete { "" } else { "; the recording is incomplete, too" };
     if report.differing > 0 {
         return Err(Failure::new(
             EX_DIFFERS,
             format_args!(
-                "error: {} of {} cycles differ from the recording",
+                "error: {} of {} cycles differ from the recording{part}",
                 report.differing, report.compared
             ),
         ));
@@ -67,48 +84,69 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             "error: nothing could be compared: no cycle, or the engine never caught up after a gap",
         ));
     }
+    if !complete {
+        return Err(Failure::new(
+            EX_INCOMPLETE,
+            format_args!(
+                "error: not everything could be replayed: {}, {}, {} of {} cycles compared (all the same)\n  \
+                 hint: give all files of the run; the lines above name what is missing",
+                counted(walked.missing.len(), "gap"),
+                counted(walked.damaged, "damaged place"),
+                report.compared,
+                report.cycles
+            ),
+        ));
+    }
     Ok(())
 }
 
-fn prepare(args: &Args, parsed: &[Parsed<'_>]) -> Result<Replay, Failure> {
-    let (Parsed { path, recording }, meta) = recordings::first(parsed)?;
+fn counted(n: usize, what: &str) -> String {
+    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
+}
+
+fn prepare(args: &Args, parsed: &[Parsed]) -> Result<Replay, Failure> {
+    let file = recordings::first(parsed)?;
+    let (path, meta) = (file.path.display(), &file.meta);
     let config = match &args.config {
-        None => recordings::machine(path, recording)?,
+        None => recordings::machine(file)?,
         Some(path) => service::machine(path)?,
     };
-    let mut inside = recordings::models(parsed)?.into_iter().map(|m| (m.hash, Arc::new(m.model)));
-    let first = recording.models.first().and_then(|_| inside.next());
+    let inside: Vec<_> =
+        recordings::models(parsed)?.into_iter().map(|m| (m.hash, Arc::new(m.model))).collect();
     let model = match &args.model {
-        None => match &first {
-            Some((_, model)) => Arc::clone(model),
-            None => {
-                let path = path.display();
+        // a later model may be there where the first one is damaged
+        None => inside
+            .iter()
+            .find(|(hash, _)| blake3::Hash::from(*hash).to_hex().as_str() == meta.model_hash)
+            .map(|(_, model)| Arc::clone(model))
+            .ok_or_else(|| {
                 let why = format_args!(
-                    "error: {path} (model inside): missing or damaged\n  hint: name it with --model"
+                    "error: {path} (model inside): the model of its beginning, {} (blake3 {}), is missing or damaged\n  \
+                     hint: name that file with --model",
+                    meta.model, meta.model_hash
                 );
-                return Err(Failure::new(EX_DATAERR, why));
-            }
-        },
+                Failure::new(EX_DATAERR, why)
+            })?,
         Some(path) => {
-            let hash = blake3::hash(files::read_text(path)?.as_bytes()).to_hex();
+            let (_, model, hash) = files::read_hashed_model(path)?;
             if hash.as_str() != meta.model_hash {
-                eprintln!(
+                note!(
                     "note: {} is not the model of the recording (blake3 {hash}, there {})",
                     path.display(),
                     meta.model_hash
                 );
             }
-            Arc::new(files::read_model(path)?.1)
+            Arc::new(model)
         }
     };
     let mut replay = Replay::new(config, model);
-    for (hash, model) in first.into_iter().chain(inside) {
+    for (hash, model) in inside {
         replay.add_model(hash, model);
     }
     Ok(replay)
 }
 
-fn print(report: &Report) {
+fn print(report: &Report, walked: &Walked) {
     say!("records     {}, of these {} cycles", report.records, report.cycles);
     say!("compared    {} cycles, {} differ", report.compared, report.differing);
     for Gap { record, dropped, caught_up } in &report.gaps {
@@ -122,6 +160,9 @@ fn print(report: &Report) {
                 "gap         {dropped} records missing before record {record}; not resynchronised: nothing after it is compared until the next gap or link"
             ),
         }
+    }
+    for missing in &walked.missing {
+        say!("not replayed {missing}");
     }
     for (record, why) in &report.refused {
         say!("not repeated from record {record} on: {why}");
@@ -143,7 +184,12 @@ fn print(report: &Report) {
     }
 }
 
-fn to_json(report: &Report, notes: &[String]) -> serde_json::Value {
+fn to_json(report: &Report, walked: &Walked) -> serde_json::Value {
+    let missing = |m: &Missing| {
+        json!({
+            "file": m.file, "records": m.records, "before_record": m.before, "from_s": m.from_s, "to_s": m.to_s,
+        })
+    };
     let gap = |g: &Gap| json!({"record": g.record, "dropped": g.dropped, "caught_up_cycles": g.caught_up});
     let difference = |d: &Difference| {
         json!({
@@ -160,6 +206,9 @@ fn to_json(report: &Report, notes: &[String]) -> serde_json::Value {
         "differences": report.differences.iter().map(difference).collect::<Vec<_>>(),
         "gaps": report.gaps.iter().map(gap).collect::<Vec<_>>(),
         "refused": report.refused.iter().map(|(r, why)| json!({"record": r, "why": why})).collect::<Vec<_>>(),
-        "notes": notes,
+        "notes": walked.notes,
+        "missing": walked.missing.iter().map(missing).collect::<Vec<_>>(),
+        "damaged": walked.damaged,
+        "complete": is_complete(report, walked),
     })
 }

@@ -5,10 +5,11 @@ use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
+use super::input::{self, InputKind};
 use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
 use crate::config::MachineConfig;
+use crate::runtime::Status;
 use crate::runtime::client::{self, ClientError};
-use crate::runtime::{self, Status};
 
 /// Where the daemon of the shipped unit listens.
 const DEFAULT_SOCKET: &str = "/run/volcomp/volcompd.sock";
@@ -42,6 +43,7 @@ pub(super) struct StatusArgs {
     watch: bool,
 }
 
+#[expect(clippy::disallowed_methods, reason = "--watch waits between two prints")]
 pub(super) fn status(args: &StatusArgs) -> Result<(), Failure> {
     let socket = socket(&args.which)?;
     loop {
@@ -57,7 +59,7 @@ pub(super) fn status(args: &StatusArgs) -> Result<(), Failure> {
             }
             say!("{}", render(&status).trim_end());
         }
-        if !args.watch {
+        if !args.watch || super::exit::reader_gone() {
             return Ok(());
         }
         std::thread::sleep(WATCH_INTERVAL);
@@ -86,7 +88,8 @@ pub(super) fn socket(which: &Which) -> Result<PathBuf, Failure> {
 
 /// The machine file of a daemon.
 pub(super) fn machine(config: &Path) -> Result<MachineConfig, Failure> {
-    runtime::load_config(config).map_err(|e| Failure::new(if e.is_io() { EX_IOERR } else { EX_CONFIG }, &e))
+    let text = input::read_text(config, InputKind::Machine)?;
+    MachineConfig::parse(&config.display().to_string(), &text).map_err(|e| Failure::new(EX_CONFIG, e))
 }
 
 pub(super) fn failure(error: &ClientError) -> Failure {

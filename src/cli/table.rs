@@ -3,11 +3,11 @@
 //! A BOM, CRLF, blank lines and `#` comments are accepted (contract section 1). Lines are split here, because every
 //! error must name the physical line and `predict` copies it; lines with quotes go through the csv crate.
 
-use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
+use std::io::{BufRead, Read};
 use std::ops::Range;
 use std::path::Path;
 
+use super::input::{self, InputKind, ROWS_MAX};
 use super::progress::Progress;
 use super::{EX_DATAERR, Failure};
 use crate::core::axes::Travel;
@@ -36,20 +36,28 @@ pub(super) struct Table<R> {
     fields: Vec<Range<usize>>,
     has_quotes: bool,
     progress: Progress,
+    /// Rows that may still come.
+    rows_left: u64,
 }
 
 /// What stands for the name of standard input.
 pub(super) const STDIN: &str = "<stdin>";
 
-/// Opens a file, or standard input for `-`.
+/// Opens a file whose rows are kept in memory, or standard input for `-`.
 pub(super) fn open(path: &Path) -> Result<Table<Box<dyn BufRead>>, Failure> {
-    let (source, file): (Box<dyn BufRead>, String) = if path.as_os_str() == "-" {
-        (Box::new(std::io::stdin().lock()), STDIN.to_owned())
-    } else {
-        let file = File::open(path).map_err(|e| Failure::io(path, &e))?;
-        (Box::new(BufReader::with_capacity(1 << 16, file)), path.display().to_string())
-    };
-    Table::new(source, file)
+    open_as(path, InputKind::Table)
+}
+
+/// Opens a file whose rows are not kept, or standard input for `-`.
+pub(super) fn open_stream(path: &Path) -> Result<Table<Box<dyn BufRead>>, Failure> {
+    let mut table = open_as(path, InputKind::Stream)?;
+    table.rows_left = u64::MAX;
+    Ok(table)
+}
+
+fn open_as(path: &Path, kind: InputKind) -> Result<Table<Box<dyn BufRead>>, Failure> {
+    let file = if path.as_os_str() == "-" { STDIN.to_owned() } else { path.display().to_string() };
+    Table::new(Box::new(input::open(path, kind)?.buffered()), file)
 }
 
 impl<R: BufRead> Table<R> {
@@ -67,6 +75,7 @@ impl<R: BufRead> Table<R> {
             fields: Vec::new(),
             has_quotes: false,
             progress,
+            rows_left: ROWS_MAX,
         };
         if !table.next_line()? {
             return Err(Failure::new(
@@ -143,6 +152,16 @@ impl<R: BufRead> Table<R> {
         if self.line.is_multiple_of(LINES_PER_LOOK) {
             self.progress.update(self.bytes);
         }
+        let Some(left) = self.rows_left.checked_sub(1) else {
+            return Err(Failure::new(
+                EX_DATAERR,
+                format_args!(
+                    "error: {}:{}: more than {ROWS_MAX} rows; split the table, or keep every n-th row",
+                    self.file, self.line
+                ),
+            ));
+        };
+        self.rows_left = left;
         self.split();
         let (found, expected) = (self.fields.len(), self.columns.len());
         if found != expected {

@@ -34,6 +34,17 @@ pub(super) fn point(text: &str) -> Result<Vec3, String> {
         .ok_or_else(|| format!("'{text}' is no point; write three finite numbers in mm, such as 0,250,-120"))
 }
 
+/// Longest text for the audit log, bytes; the daemon accepts no longer one.
+const REASON_MAX: usize = 1024;
+
+/// A reason or a name for the audit log.
+pub(super) fn reason(text: &str) -> Result<String, String> {
+    if text.len() > REASON_MAX {
+        return Err(format!("{} bytes; the limit is {REASON_MAX} bytes: shorten it", text.len()));
+    }
+    Ok(text.to_owned())
+}
+
 /// A finite number.
 pub(super) fn number(text: &str) -> Result<f64, String> {
     finite(text.trim()).ok_or_else(|| format!("'{text}' is not a finite number"))

@@ -65,7 +65,15 @@ pub(super) struct Reader {
 
 impl Reader {
     pub(super) fn report(&self, diagnostic: Diagnostic) {
-        self.found.borrow_mut().push(diagnostic);
+        let mut found = self.found.borrow_mut();
+        if found.len() < FOUND_MAX {
+            found.push(diagnostic);
+        }
+    }
+
+    /// True where no further mistake is kept.
+    fn is_full(&self) -> bool {
+        self.found.borrow().len() >= FOUND_MAX
     }
 
     pub(super) fn is_clean(&self) -> bool {
@@ -87,23 +95,36 @@ pub(super) fn without_mark(text: &str) -> &str {
     text.strip_prefix('\u{feff}').unwrap_or(text)
 }
 
+/// Longest text whose mistakes in syntax are all looked for, bytes; in a longer one the first is reported. Each costs
+/// several hundred bytes of memory, and two bytes of text can make one.
+const RECOVERED_MAX: usize = 256 << 10;
+/// Most mistakes kept of one file.
+const FOUND_MAX: usize = 1000;
+
 /// The document, or every mistake in its syntax.
 pub(super) fn document<'t>(file: &str, text: &'t str) -> Result<DeTable<'t>, ConfigErrors> {
-    let (table, errors) = DeTable::parse_recoverable(text);
+    let (table, errors) = if text.len() <= RECOVERED_MAX {
+        DeTable::parse_recoverable(text)
+    } else {
+        match DeTable::parse(text) {
+            Ok(table) => (table, Vec::new()),
+            Err(first) => return Err(ConfigErrors::new(file, text, vec![not_toml(&first)])),
+        }
+    };
     if errors.is_empty() {
         return Ok(table.into_inner());
     }
-    let diagnostics = errors
-        .iter()
-        .map(|e| Diagnostic {
-            span: e.span(),
-            message: format!("not TOML: {}", e.message()),
-            remedy: Some(
-                "write key = value; text in \"quotes\", lists in [brackets], # before a comment".to_owned(),
-            ),
-        })
-        .collect();
-    Err(ConfigErrors::new(file, text, diagnostics))
+    Err(ConfigErrors::new(file, text, errors.iter().take(FOUND_MAX).map(not_toml).collect()))
+}
+
+fn not_toml(error: &toml::de::Error) -> Diagnostic {
+    Diagnostic {
+        span: error.span(),
+        message: format!("not TOML: {}", error.message()),
+        remedy: Some(
+            "write key = value; text in \"quotes\", lists in [brackets], # before a comment".to_owned(),
+        ),
+    }
 }
 
 /// The place of the value of `path`, for mistakes that only show when files are compared; a key that has no value
@@ -492,6 +513,9 @@ impl<'r> Section<'r> {
         for name in self.names() {
             if asked.contains(&name.value) {
                 continue;
+            }
+            if self.reader.is_full() {
+                break;
             }
             let other_unit = asked.iter().find(|k| unit_of(k).is_some() && stem(k) == stem(name.value));
             let place = name.place.clone();

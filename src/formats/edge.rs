@@ -9,7 +9,7 @@
 //! The payload is read row by row in bounded memory. Source: a public capture of an 840D sl and a public reader.
 
 use core::fmt;
-use std::io::Read;
+use std::io::{ErrorKind, Read};
 
 use serde::Deserialize;
 use serde::de::{DeserializeSeed, Deserializer, Error as _, IgnoredAny, MapAccess, SeqAccess, Visitor};
@@ -132,15 +132,20 @@ pub fn recognises(text: &str) -> bool {
 /// The source fails, the JSON is broken or not a capture, a row of another length, a counter that goes back; or
 /// `sink` returns false, which ends the reading with an error of the kind `Syntax`.
 pub fn read(source: impl Read, sink: &mut dyn Sink) -> Result<Summary, ReadError> {
-    let mut deserializer = serde_json::Deserializer::from_reader(source);
+    let mut deserializer = serde_json::Deserializer::from_reader(Tokens::new(source));
     let mut state =
         State { sink, header: None, clock: Clock::default(), row: Vec::new(), events: Vec::new() };
     let done = TopSeed(&mut state).deserialize(&mut deserializer).and_then(|()| deserializer.end());
     done.map_err(|e| {
-        if e.is_io() {
-            return ReadError::Io(e.into());
-        }
         let (line, column) = (e.line(), e.column());
+        if e.is_io() {
+            let error = std::io::Error::from(e);
+            if error.kind() != ErrorKind::InvalidData {
+                return ReadError::Io(error);
+            }
+            let message = error.to_string();
+            return FormatError::at(line, column, FormatErrorKind::Syntax { message }).into();
+        }
         let message = e.to_string();
         // the place stands in front already
         let message = message.rsplit_once(" at line ").map_or(message.as_str(), |(text, _)| text).to_owned();
@@ -153,6 +158,53 @@ pub fn read(source: impl Read, sink: &mut dyn Sink) -> Result<Summary, ReadError
         return Err(missing("a row of HFData", "the capture holds no data").into());
     }
     Ok(Summary { header, rows: clock.rows, duration_s: clock.t_s, gaps: clock.gaps, events })
+}
+
+/// Longest text or number accepted, bytes: the parser keeps each of them whole.
+const TOKEN_MAX: usize = 64 << 10;
+
+/// JSON on its way to the parser, none of whose texts and numbers is longer than [`TOKEN_MAX`].
+struct Tokens<R> {
+    source: R,
+    in_text: bool,
+    escaped: bool,
+    length: usize,
+}
+
+impl<R> Tokens<R> {
+    const fn new(source: R) -> Self {
+        Self { source, in_text: false, escaped: false, length: 0 }
+    }
+
+    fn take(&mut self, byte: u8) {
+        match byte {
+            _ if self.escaped => self.escaped = false,
+            b'\\' if self.in_text => self.escaped = true,
+            b'"' => {
+                self.in_text = !self.in_text;
+                self.length = 0;
+            }
+            b'[' | b']' | b'{' | b'}' | b',' | b':' | b' ' | b'\n' | b'\r' | b'\t' if !self.in_text => {
+                self.length = 0;
+            }
+            _ => {}
+        }
+        self.length += 1;
+    }
+}
+
+impl<R: Read> Read for Tokens<R> {
+    fn read(&mut self, buffer: &mut [u8]) -> std::io::Result<usize> {
+        let read = self.source.read(buffer)?;
+        for byte in &buffer[..read] {
+            self.take(*byte);
+            if self.length > TOKEN_MAX {
+                let what = format!("a text or number of more than {TOKEN_MAX} bytes");
+                return Err(std::io::Error::new(ErrorKind::InvalidData, what));
+            }
+        }
+        Ok(read)
+    }
 }
 
 /// Who takes the rows.
@@ -451,6 +503,24 @@ mod tests {
         let mut stop = Keep { stop: true, ..Keep::default() };
         assert!(read(GOOD.as_bytes(), &mut stop).is_err());
         assert_eq!(stop.rows.len(), 1);
+    }
+
+    #[test]
+    fn a_text_or_number_without_an_end_is_refused() {
+        struct Nobody;
+        impl Sink for Nobody {
+            fn header(&mut self, _: &Header) -> bool {
+                true
+            }
+            fn row(&mut self, _: Row<'_>) -> bool {
+                true
+            }
+        }
+        for head in ["{\"", "{\"Header\": \"", "{\"Header\": 1", "{\"Header\": \"\\\""] {
+            let endless = head.as_bytes().chain(std::io::repeat(b'1'));
+            let error = read(endless, &mut Nobody).expect_err("refused").to_string();
+            assert!(error.contains("a text or number of more than 65536 bytes"), "{head}: {error}");
+        }
     }
 
     proptest! {

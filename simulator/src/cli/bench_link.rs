@@ -133,7 +133,7 @@ pub(super) fn bench_link(args: &Args) -> Result<(), Failure> {
         if beyond.is_empty() || attempt >= attempts {
             break report;
         }
-        eprintln!("measurement {attempt} of at most {attempts}: {}", beyond.join("; "));
+        note!("measurement {attempt} of at most {attempts}: {}", beyond.join("; "));
         attempt += 1;
     };
     print(args, &report, attempt)?;
@@ -148,7 +148,8 @@ fn print(args: &Args, report: &Report, attempt: u32) -> Result<(), Failure> {
     let mut object = report.json();
     object["attempts"] = attempt.into();
     if let Some(path) = &args.out {
-        std::fs::write(path, format!("{object:#}\n")).map_err(|e| Failure::in_file(EX_IOERR, path, e))?;
+        crate::cli::write_file(path, format!("{object:#}\n"))
+            .map_err(|e| Failure::in_file(EX_IOERR, path, e))?;
     }
     if args.json {
         say!("{object}");

@@ -220,9 +220,9 @@ fn all(
                     let result = one(case);
                     let n = done.fetch_add(1, Relaxed) + 1;
                     if terminal {
-                        eprint!("\r{n} of {} cases", cases.len());
+                        volcomp::cli::note_text(format_args!("\r{n} of {} cases", cases.len()));
                     } else if n % 20 == 0 || n == cases.len() {
-                        eprintln!("{n} of {} cases", cases.len());
+                        note!("{n} of {} cases", cases.len());
                     }
                     results.lock().unwrap_or_else(PoisonError::into_inner).push(result);
                 }
@@ -230,7 +230,7 @@ fn all(
         }
     });
     if terminal {
-        eprintln!();
+        note!();
     }
     let mut judged: Vec<Judged> =
         results.into_inner().unwrap_or_else(PoisonError::into_inner).into_iter().collect::<Result<_, _>>()?;
@@ -302,7 +302,7 @@ fn answer(
         Err(f) if f.code == EX_DATAERR => Err(f.message),
         said => Ok(serde_json::from_str(&said?).map_err(|e| Failure::new(EX_SOFTWARE, e))?),
     };
-    let opened = std::fs::read_to_string(&sealed).map_err(|e| Failure::in_file(EX_IOERR, &sealed, e))?;
+    let opened = super::read(&sealed, super::InputKind::Description)?;
     let truth: Case = toml::from_str(&opened).map_err(|e| Failure::in_file(EX_SOFTWARE, &sealed, e))?;
     if !args.keep {
         // the reports stay, the readings can be made again from the label

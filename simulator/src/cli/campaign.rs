@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::tool::Tool;
-use super::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, read};
+use super::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, InputKind, read};
 use crate::campaign::files::Files;
 use crate::campaign::points::points;
 use crate::campaign::{Campaign, Plan, run_campaign};
@@ -63,7 +63,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         return Err(Failure::new(EX_USAGE, "--out DIR is missing"));
     };
     let truth = match &args.truth {
-        Some(path) => TwinTruth::read(&read(path)?).map_err(|e| Failure::in_file(EX_CONFIG, path, e))?,
+        Some(path) => TwinTruth::read(&read(path, InputKind::Description)?)
+            .map_err(|e| Failure::in_file(EX_CONFIG, path, e))?,
         None => TwinTruth::perfect(0),
     };
     let campaign = run_campaign(&truth, args.plan, args.seed).map_err(|e| match e {
@@ -149,7 +150,7 @@ pub(super) fn write_all(out: &Path, files: Files) -> Result<Vec<String>, Failure
 
 /// Writes a text file.
 pub(super) fn save(path: &Path, text: &str) -> Result<(), Failure> {
-    std::fs::write(path, text).map_err(|e| Failure::in_file(EX_IOERR, path, e))
+    crate::cli::write_file(path, text).map_err(|e| Failure::in_file(EX_IOERR, path, e))
 }
 
 fn list() {

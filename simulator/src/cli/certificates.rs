@@ -49,7 +49,7 @@ fn tell(dir: &Path, name: &str) {
     say!(
         "# cncsim serve --tls-ca {dir}/ca.pem --tls-certificate {dir}/control.pem --tls-key {dir}/control.key"
     );
-    eprintln!(
+    note!(
         "certificates for trying and testing; ca.key can make more of them: take it away from this computer"
     );
 }

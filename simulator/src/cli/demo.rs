@@ -55,7 +55,7 @@ pub(super) fn demo(args: &DemoArgs) -> Result<(), Failure> {
     let mut step = 0;
     let mut say = |what: &str| {
         step += 1;
-        eprintln!("[{step:2}] {what}");
+        note!("[{step:2}] {what}");
     };
     let outcome = run(&options, &mut say).map_err(|e| Failure::new(EX_SOFTWARE, format_args!("{e:#}")))?;
     if args.json {
@@ -107,7 +107,7 @@ pub(super) fn survey(args: &SurveyArgs) -> Result<(), Failure> {
     let files =
         survey_to(&machine, &plan, &args.out).map_err(|e| Failure::new(EX_DATAERR, format_args!("{e:#}")))?;
     let fit = files.fit_arguments(&args.out.join("model.toml"));
-    eprintln!("surveyed {}; now fit a model with", machine.machine());
+    note!("surveyed {}; now fit a model with", machine.machine());
     say!("volcomp {}", fit.join(" "));
     Ok(())
 }

@@ -7,7 +7,7 @@ use std::sync::{Mutex, PoisonError};
 use rustix::process::{Resource, Rlimit, setrlimit};
 use rustix::thread::{CapabilitySet, capabilities, set_capabilities};
 
-use super::{EX_DATAERR, EX_SOFTWARE, EX_USAGE, Failure, read};
+use super::{EX_DATAERR, EX_SOFTWARE, EX_USAGE, Failure, InputKind, read};
 use crate::demo::programs::Programs;
 use crate::scenarios::{Pacing, Plan, Scenario, Verdict, run};
 
@@ -87,7 +87,7 @@ pub(super) fn run_all(args: &Args) -> Result<(), Failure> {
 /// The scenarios that are asked for.
 fn choose(args: &Args) -> Result<Vec<Scenario>, Failure> {
     let plan = match &args.file {
-        Some(path) => Plan::parse(&read(path)?)
+        Some(path) => Plan::parse(&read(path, InputKind::Description)?)
             .map_err(|e| Failure::in_file(EX_DATAERR, path, format_args!("{e:#}")))?,
         None => Plan::shipped().map_err(|e| Failure::new(EX_SOFTWARE, format_args!("{e:#}")))?,
     };
@@ -138,7 +138,7 @@ fn play(chosen: &[&Scenario], programs: &Programs, jobs: usize) -> Vec<Verdict> 
 }
 
 fn tell(v: &Verdict) {
-    eprintln!(
+    note!(
         "{} {:>4}  {}{}\n           largest {} um, rms {} um, step {:.3} um, settled in {:.2} s, {}",
         if v.ok { "ok  " } else { "FAIL" },
         v.number,
@@ -151,7 +151,7 @@ fn tell(v: &Verdict) {
         v.state
     );
     for failure in &v.failures {
-        eprintln!("           does not hold: {failure} (seed {})", v.seed);
+        note!("           does not hold: {failure} (seed {})", v.seed);
     }
 }
 

@@ -10,7 +10,7 @@ use volcomp::core::axes::{AxisArray, AxisName};
 use volcomp::core::protocol::Tool;
 
 use super::sensors::{SensorArgs, Sensors};
-use super::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, read};
+use super::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, InputKind, read};
 use crate::control::{
     Absent, Control, ControlConfig, ControlError, ControlIdentity, CycleRecord, Flow, Happening,
     IdentityError, Pacing, RunSummary, ScriptedEvent, TraceWriter,
@@ -131,7 +131,7 @@ pub(super) fn serve(args: &ServeArgs) -> Result<(), Failure> {
     let start = axes.middle();
     let programme = match &args.program {
         Some(path) => {
-            let text = read(path)?;
+            let text = read(path, InputKind::PartProgram)?;
             // mistakes come out before anything listens
             interpret(&text, &axes, start).map_err(|e| Failure::in_file(EX_DATAERR, path, e))?;
             Some((path, text))
@@ -176,10 +176,10 @@ pub(super) fn replay(args: &ReplayArgs) -> Result<(), Failure> {
             (PathBuf::from("shipped recording"), description, recorded::SHIPPED_DATA.to_owned())
         }
         Some(path) => {
-            let description =
-                Description::from_toml(&read(path)?).map_err(|e| Failure::in_file(EX_CONFIG, path, e))?;
+            let description = Description::from_toml(&read(path, InputKind::Description)?)
+                .map_err(|e| Failure::in_file(EX_CONFIG, path, e))?;
             let file = path.parent().unwrap_or(Path::new("")).join(&description.file);
-            let data = read(&file)?;
+            let data = read(&file, InputKind::Table)?;
             (file, description, data)
         }
     };
@@ -213,7 +213,7 @@ fn peer(common: &Common) -> Result<Option<IpAddr>, Failure> {
         return Err(Failure::new(EX_USAGE, message));
     }
     if common.tls_ca.is_none() {
-        eprintln!(
+        note!(
             "warning: the link on {} has neither authentication nor encryption; see cncsim certificates",
             common.listen
         );
@@ -241,7 +241,7 @@ pub(super) fn built_in_or_file(path: &Path) -> Result<TruthMachine, Failure> {
         Some("vmc-850") => VMC_850.to_owned(),
         Some("gantry-5ax") => GANTRY_5AX.to_owned(),
         Some("grinder-ab") => GRINDER_AB.to_owned(),
-        _ => read(path)?,
+        _ => read(path, InputKind::Description)?,
     };
     TruthMachine::from_toml(&text).map_err(|e| Failure::in_file(EX_CONFIG, path, e))
 }
@@ -261,6 +261,7 @@ fn seconds(what: &str, value: f64) -> Result<f64, Failure> {
 }
 
 impl Shop {
+    #[expect(clippy::disallowed_methods, reason = "the trace is written while the control runs")]
     fn open(
         common: &Common,
         mut machine: TruthMachine,
@@ -301,13 +302,13 @@ impl Shop {
         if let Some(monitor) = &monitor {
             control.set_monitor(monitor.clone());
         }
-        control.set_listener(|event| eprintln!("{event}"));
+        control.set_listener(|event| note!("{event}"));
         control.set_position(start);
         let seed = common.seed.unwrap_or_else(|| machine.seed());
         machine.reset(seed, &start);
         common.sensors.disturb(&mut machine, seed);
         let sensors = common.sensors.open(&machine, seed);
-        eprintln!("listening on {}", control.address());
+        note!("listening on {}", control.address());
         let seen = machine.clone();
         Ok(Self { control, machine, axes, cycle_s, seed, trace, monitor, sensors, seen })
     }
@@ -323,7 +324,7 @@ impl Shop {
         self.stand(common.settle_s)?;
         let summary = self.move_along(motion)?;
         self.stand(common.settle_s)?;
-        eprintln!("{}", describe(&summary, self.seed, &self.axes));
+        note!("{}", describe(&summary, self.seed, &self.axes));
         self.check_monitor()
     }
 
@@ -332,7 +333,7 @@ impl Shop {
         let Some(monitor) = &self.monitor else { return Ok(()) };
         let report = monitor.report();
         let Figures { answers, unanswered, .. } = report.figures;
-        eprintln!(
+        note!(
             "monitor: {answers} corrections, {unanswered} positions unanswered, {} violations",
             report.total
         );
@@ -384,7 +385,7 @@ fn observe(
 /// A monitor with the limits of a machine file.
 fn open_monitor(path: &Path, axes: &MachineAxes, cycle_s: f64) -> Result<SharedMonitor, Failure> {
     let names: Vec<AxisName> = axes.as_slice().iter().map(|a| a.name).collect();
-    let settings = Settings::from_machine_file(&read(path)?, &names)
+    let settings = Settings::from_machine_file(&read(path, InputKind::MachineFile)?, &names)
         .map_err(|e| Failure::in_file(EX_DATAERR, path, e))?;
     Ok(SharedMonitor::new(Settings { cycle_s, ..settings }))
 }

@@ -4,6 +4,7 @@
 //! authorities gets no further than the handshake.
 
 use core::fmt;
+use std::fs::File;
 use std::io::{self, ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::path::{Path, PathBuf};
@@ -81,8 +82,19 @@ impl ControlIdentity {
     }
 }
 
+/// Largest PEM file, bytes.
+const PEM_MAX: u64 = 1 << 20;
+
+/// A whole file of at most [`PEM_MAX`] bytes.
 fn read(path: &Path) -> Result<Vec<u8>, IdentityError> {
-    std::fs::read(path).map_err(|source| IdentityError::Read { path: path.to_owned(), source })
+    let failed = |source| IdentityError::Read { path: path.to_owned(), source };
+    let mut bytes = Vec::new();
+    File::open(path).and_then(|f| f.take(PEM_MAX + 1).read_to_end(&mut bytes)).map_err(failed)?;
+    if bytes.len() as u64 > PEM_MAX {
+        let what = format!("more than {} KiB; name a PEM file", PEM_MAX >> 10);
+        return Err(failed(io::Error::new(io::ErrorKind::FileTooLarge, what)));
+    }
+    Ok(bytes)
 }
 
 fn certificates(path: &Path) -> Result<Vec<CertificateDer<'static>>, IdentityError> {

@@ -6,7 +6,7 @@
 use nalgebra::{Matrix3, Vector3};
 use volcomp::core::axes::{AxisArray, AxisName};
 
-use super::{InstrumentError, Noise};
+use super::{InstrumentError, Noise, at_most};
 use crate::truth::TruthMachine;
 
 /// A ballbar set up around a circle in a plane of two machine axes.
@@ -141,6 +141,9 @@ impl Ballbar {
     }
 }
 
+/// Most control cycles of one circle: some three hours at 1 ms.
+const CYCLES_MAX: f64 = 1e7;
+
 impl Run {
     /// Runs the circle; what the drives do is part of it.
     /// # Errors
@@ -178,6 +181,12 @@ impl Run {
         };
         let step = self.feed_mm_per_min / 60.0 / self.radius_mm * self.cycle_s;
         machine.reset(seed, &at(begin));
+        at_most(
+            way / step,
+            CYCLES_MAX,
+            "cycles on a circle",
+            "choose a smaller radius or arc, or a higher feed",
+        )?;
         let cycles = (way / step).floor() as usize;
         let mut points = Vec::with_capacity(cycles / self.every.max(1) + 1);
         for i in 0..=cycles {

@@ -31,6 +31,20 @@ pub mod sixd;
 pub mod survey;
 pub mod tracker;
 
+/// Refuses a plan with more points than its instrument takes.
+///
+/// # Errors
+/// [`InstrumentError::TooMany`].
+pub(crate) fn at_most(
+    count: f64,
+    limit: f64,
+    what: &'static str,
+    remedy: &'static str,
+) -> Result<(), InstrumentError> {
+    // a NaN is no number of points
+    if count <= limit { Ok(()) } else { Err(InstrumentError::TooMany { count, what, limit, remedy }) }
+}
+
 /// Why a measurement is not possible.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum InstrumentError {
@@ -53,6 +67,18 @@ pub enum InstrumentError {
     NoLinearAxis {
         /// The axis.
         axis: AxisName,
+    },
+    /// The plan has more points than a measurement can have.
+    #[error("{count:.0} {what}; the limit is {limit:.0}: {remedy}")]
+    TooMany {
+        /// How many there would be.
+        count: f64,
+        /// Of what.
+        what: &'static str,
+        /// How many there may be.
+        limit: f64,
+        /// What to change.
+        remedy: &'static str,
     },
     /// A number of the measuring plan is out of range.
     #[error("{what} = {value} is out of range; it must be {limit}")]

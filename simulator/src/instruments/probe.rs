@@ -6,7 +6,7 @@
 use volcomp::core::axes::{AxisArray, AxisName, MAX_AXES};
 use volcomp::core::units::{deg_from_rad, mm_from_um};
 
-use super::{InstrumentError, Noise};
+use super::{InstrumentError, Noise, at_most};
 use crate::truth::TruthMachine;
 
 /// Bar and ball.
@@ -78,6 +78,9 @@ impl Arm {
     }
 }
 
+/// Most contacts from the top of the bar to one side.
+const CONTACTS_MAX: f64 = 100_000.0;
+
 impl GaugeBar {
     /// Contacts from one side of the bar to the other, above and (where wanted) below.
     /// # Errors
@@ -89,6 +92,7 @@ impl GaugeBar {
         }
         let arm = Arm::of(machine)?;
         let reach = self.bar_radius_mm + self.ball_radius_mm;
+        at_most(INSIDE * reach / self.spacing_mm, CONTACTS_MAX, "contacts on a side", "enlarge the spacing")?;
         let steps = (INSIDE * reach / self.spacing_mm).floor() as i64;
         let mut noise = Noise::new(self.seed);
         let sides: &[f64] = if self.both_sides { &[1.0, -1.0] } else { &[1.0] };

@@ -16,7 +16,7 @@ use nalgebra::{DMatrix, DVector, Matrix4, Vector3};
 use volcomp::core::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
 use volcomp::core::units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm};
 
-use super::{InstrumentError, Noise};
+use super::{InstrumentError, Noise, at_most};
 use crate::truth::TruthMachine;
 use crate::truth::chain::Side;
 use crate::truth::kinematics::{Deviation, Joint, JointState, Kinematics, Sense, Squareness};
@@ -113,6 +113,9 @@ impl AxisSurvey {
     }
 }
 
+/// Most positions on an axis.
+const POSITIONS_MAX: f64 = 100_000.0;
+
 impl Survey {
     /// Measures a machine at rest.
     /// # Errors
@@ -125,6 +128,11 @@ impl Survey {
         }
         let mut noise = Noise::new(plan.seed);
         let mut setup = Setup::new(machine);
+        for k in 0..setup.axes.len() {
+            let [low, high] = machine.travel(k);
+            let step = if setup.axes[k].kind() == AxisKind::Linear { plan.step_mm } else { plan.step_deg };
+            at_most((high - low) / step, POSITIONS_MAX, "positions on an axis", "enlarge the step")?;
+        }
         setup.find_locations(plan, &mut noise)?;
         let mut axes = Vec::with_capacity(setup.axes.len());
         for k in 0..setup.axes.len() {

@@ -10,6 +10,7 @@ use serde_json::{Value, json};
 
 pub(super) use self::words::{Size, kinds_of, offset_out, offset_unit, position_out, position_unit, rounded};
 use self::words::{describe_machine, describe_model, machine_notes, model_as_json, model_notes};
+use super::input::{self, InputKind};
 use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
 use crate::config::{self, ConfigErrors, Diagnostic, FileKind, MachineConfig, ModelFile};
 use crate::core::live::{LiveEstimator, LiveModel};
@@ -110,6 +111,12 @@ impl Problem {
     }
 }
 
+impl From<Failure> for Problem {
+    fn from(failure: Failure) -> Self {
+        Self::Io { code: failure.code, message: failure.message }
+    }
+}
+
 impl From<ConfigErrors> for Problem {
     fn from(errors: ConfigErrors) -> Self {
         Self::Config(errors)
@@ -118,10 +125,7 @@ impl From<ConfigErrors> for Problem {
 
 /// Reads a text file; what is not UTF-8 is a mistake in the file, not of the system.
 fn read(path: &Path) -> Result<String, Problem> {
-    let bytes = std::fs::read(path).map_err(|e| {
-        let failure = Failure::io(path, &e);
-        Problem::Io { code: failure.code, message: failure.message }
-    })?;
+    let bytes = input::read(path, InputKind::Model)?;
     String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
         let line = e.as_bytes()[..at].iter().filter(|b| **b == b'\n').count() + 1;
@@ -162,6 +166,7 @@ fn look(path: &Path, file: &str) -> Result<(Found, Option<Problem>), Problem> {
     if config::kind_of_file(file, &text)? == FileKind::Model {
         return Ok((Found::Model(Box::new(config::model::parse_file(file, &text)?)), None));
     }
+    InputKind::Machine.check_length(path, text.len())?;
     let machine = Box::new(MachineConfig::parse(file, &text)?);
     let (model, fates, problem) = match look_at_model(path, file, &text, &machine) {
         Ok((model, fates)) => {
@@ -182,8 +187,10 @@ fn look_at_model(
     let named = path.parent().unwrap_or(Path::new("")).join(&machine.model);
     let model_text = read(&named).map_err(|problem| match problem {
         Problem::Io { code, message } => {
-            let (message, remedy) =
-                (message.trim_start_matches("error: "), "the path is seen from the machine file");
+            let message = message.trim_start_matches("error: ");
+            let (message, remedy) = message
+                .split_once("\n  hint: ")
+                .unwrap_or((message, "the path is seen from the machine file"));
             let errors = mistakes_at(
                 file,
                 text,

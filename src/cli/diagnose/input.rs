@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use super::sources::{self, SourceArgs};
-use crate::cli::files::read_bytes;
+use crate::cli::input::{self, InputKind};
 use crate::cli::table::{self, Table};
 use crate::cli::{EX_DATAERR, Failure};
 use crate::core::model::Model;
@@ -11,14 +11,15 @@ use crate::diagnose::moment::Axis;
 use crate::diagnose::session::{Raw, Session, is_encoder};
 
 /// Bytes looked at to tell a format.
-const HEAD: usize = 4096;
+const HEAD: u64 = 4096;
 /// A rotary axis that moves less stands still, rad.
 const TURNED_RAD: f64 = 1e-6;
 
 /// A session from a session file or one of the known sources. A plan may lack deviations.
 pub(super) fn session(path: &Path, args: &SourceArgs, plan: bool) -> Result<Raw, Failure> {
-    if path.as_os_str() != "-" {
-        let bytes = head(path)?;
+    // what cannot be read twice is a table
+    if input::is_regular(path) {
+        let bytes = input::head(path, InputKind::Capture, HEAD)?;
         if let Some(raw) = sources::recognised(path, &bytes, args)? {
             return Ok(raw);
         }
@@ -31,18 +32,9 @@ pub(super) fn session(path: &Path, args: &SourceArgs, plan: bool) -> Result<Raw,
     Ok(raw)
 }
 
-fn head(path: &Path) -> Result<Vec<u8>, Failure> {
-    use std::io::Read;
-    let mut bytes = Vec::new();
-    std::fs::File::open(path)
-        .and_then(|f| f.take(HEAD as u64).read_to_end(&mut bytes))
-        .map_err(|e| Failure::io(path, &e))?;
-    Ok(bytes)
-}
-
 /// A whole file as text.
 pub(super) fn text(path: &Path) -> Result<String, Failure> {
-    super::super::files::text_of(path, read_bytes(path)?)
+    input::read_text(path, InputKind::Instrument)
 }
 
 /// Reads a session table; empty fields become NaN.

@@ -14,9 +14,10 @@ use clap::Parser;
 
 use self::logs::Logs;
 use super::additions::same_machine;
-use super::files::{read_model, read_text, write_text};
+use super::files::{read_model, write_text};
 use super::values::axis_letter;
 use super::{EX_DATAERR, Failure, exit};
+use crate::cli::input::{InputKind, read_text};
 use crate::core::axes::AxisName;
 use crate::core::model::Model;
 use crate::diagnose::addition::Addition;
@@ -158,7 +159,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 /// Reads an addition.
 pub(in crate::cli) fn read_addition(path: &Path) -> Result<Addition, Failure> {
-    Addition::parse(&read_text(path)?)
+    Addition::parse(&read_text(path, InputKind::Model)?)
         .map_err(|e| Failure::new(super::EX_CONFIG, format_args!("error: {}: {e}", path.display())))
 }
 
@@ -204,13 +205,13 @@ impl Bar {
 
     fn tell(&mut self, share: f64, what: &str) {
         if self.shown {
-            eprint!("\r{:3.0} % {what:<40}", 100.0 * share);
+            crate::cli::note_text(format_args!("\r{:3.0} % {what:<40}", 100.0 * share));
         }
     }
 
     fn end(&mut self) {
         if self.shown {
-            eprint!("\r{:50}\r", "");
+            crate::cli::note_text(format_args!("\r{:50}\r", ""));
         }
     }
 }

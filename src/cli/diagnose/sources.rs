@@ -306,9 +306,9 @@ impl Sink for CaptureSink<'_> {
 /// A capture as the control writes it, in JSON; lines are counted as rows of data.
 fn capture_json(path: &Path, args: &SourceArgs) -> Result<Raw, Failure> {
     needs_axes(path, args)?;
-    let file = std::fs::File::open(path).map_err(|e| Failure::io(path, &e))?;
+    let source = crate::cli::input::open(path, crate::cli::input::InputKind::Capture)?;
     let mut sink = CaptureSink { path, args, found: None, count: 0 };
-    let read = edge::read(std::io::BufReader::new(file), &mut sink);
+    let read = edge::read(source.buffered(), &mut sink);
     if let Some(Err(signal)) = &sink.found {
         return Err(Failure::data(
             path,

@@ -10,7 +10,8 @@ mod words;
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
 
-use super::files::{read_text, write_text};
+use super::files::write_text;
+use super::input::{self, InputKind};
 use super::report::Page;
 use super::report::page::Cell;
 use super::{EX_CONFIG, EX_SOFTWARE, EX_USAGE, Failure};
@@ -59,7 +60,7 @@ struct Diff {
 }
 
 fn load(path: &Path) -> Result<ModelFile, Failure> {
-    config::model::parse_file(&path.display().to_string(), &read_text(path)?)
+    config::model::parse_file(&path.display().to_string(), &input::read_text(path, InputKind::Model)?)
         .map_err(|e| Failure::new(EX_CONFIG, e))
 }
 

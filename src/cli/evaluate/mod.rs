@@ -82,11 +82,11 @@ impl Output {
             |e: Box<dyn std::error::Error>| Failure::new(EX_SOFTWARE, format_args!("error: picture: {e}"));
         if let Some(path) = &self.svg {
             write_text(path, &svg().map_err(drawn)?)?;
-            eprintln!("plot written: {}", path.display());
+            note!("plot written: {}", path.display());
         }
         if let Some(path) = &self.report {
             write_text(path, &page().map_err(drawn)?)?;
-            eprintln!("report written: {}", path.display());
+            note!("report written: {}", path.display());
         }
         Ok(())
     }

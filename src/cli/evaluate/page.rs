@@ -4,6 +4,7 @@
 use std::path::Path;
 
 use super::{Figure, change, percent, show};
+use crate::cli::input::{self, InputKind};
 use crate::cli::report::Page;
 use crate::cli::report::page::Cell;
 
@@ -21,7 +22,7 @@ impl Origin {
     pub(super) fn of(what: &'static str, path: &Path) -> Self {
         let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
         // stdin cannot be read twice
-        let hash = std::fs::read(path).ok().map(|bytes| blake3::hash(&bytes).to_hex().to_string());
+        let hash = input::hash(path, InputKind::Table);
         Self { what, name: if name == "-" { "standard input".to_owned() } else { name }, hash }
     }
 }

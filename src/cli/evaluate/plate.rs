@@ -9,7 +9,7 @@ use serde_json::{Map, Value, json};
 use super::page::{self, Origin};
 use super::picture::plate::{self as drawing, Shown};
 use super::{Output, bad_data, only};
-use crate::cli::files::read_text;
+use crate::cli::input::{self, InputKind};
 use crate::cli::positioning_data::no_rows;
 use crate::cli::report::page::Cell;
 use crate::cli::table::Table;
@@ -73,7 +73,7 @@ struct Plate {
 
 fn read(args: &Args) -> Result<Plate, Failure> {
     let path = &args.data;
-    let text = read_text(path)?;
+    let text = input::read_text(path, InputKind::Table)?;
     let keep = |diameter: Option<f64>| match (args.nominal_diameter_mm, diameter) {
         (Some(wanted), Some(d)) => (d - wanted).abs() < 5e-4,
         _ => true,

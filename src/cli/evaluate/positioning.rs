@@ -174,7 +174,7 @@ fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
         .collect();
     let result = Positioning::evaluate(&readings).map_err(|e| bad_data(path, e))?;
     if result.cycles < 5 {
-        eprintln!("note: {}: {} cycles; ISO 230-2 asks for 5", path.display(), result.cycles);
+        note!("note: {}: {} cycles; ISO 230-2 asks for 5", path.display(), result.cycles);
     }
     let conditions = args.uncertainty.conditions(test.kind)?;
     let ends = result.targets.first().zip(result.targets.last());

@@ -3,11 +3,11 @@
 mod model;
 mod recording;
 
-use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use clap::{Parser, ValueEnum};
 
+use super::input::{self, InputKind};
 use super::{EX_USAGE, Failure};
 use crate::core::record::{EXTENSION, block};
 
@@ -93,14 +93,12 @@ fn refuse_options(given: Option<&str>, of: &str, files: &str) -> Result<(), Fail
 
 /// By its first bytes; one that is called so but is damaged is one all the same, and the reader says what is wrong.
 fn is_recording(path: &Path) -> Result<bool, Failure> {
-    let mut first = [0; block::FILE_MAGIC.len()];
-    let mut file = std::fs::File::open(path).map_err(|e| Failure::io(path, &e))?;
-    let whole = match file.read_exact(&mut first) {
-        Ok(()) => true,
-        Err(e) if e.kind() == std::io::ErrorKind::UnexpectedEof => false,
-        Err(e) => return Err(Failure::io(path, &e)),
-    };
-    Ok(whole && first == *block::FILE_MAGIC || path.extension().is_some_and(|e| e == EXTENSION))
+    // a pipe cannot be looked at first; recordings are files
+    if !input::is_regular(path) {
+        return Ok(path.extension().is_some_and(|e| e == EXTENSION));
+    }
+    let first = input::head(path, InputKind::Recording, block::FILE_MAGIC.len() as u64)?;
+    Ok(first == block::FILE_MAGIC || path.extension().is_some_and(|e| e == EXTENSION))
 }
 
 #[cfg(test)]

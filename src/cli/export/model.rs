@@ -72,7 +72,7 @@ pub(super) fn run(path: &Path, format: FormatArg, out: &Path, options: &ModelOpt
     std::io::Write::write_all(&mut output, written.text.as_bytes())
         .map_err(|e| Failure::io(output.path(), &e))?;
     output.finish()?;
-    eprintln!("written: {}", out.display());
+    note!("written: {}", out.display());
     not_held(format, options, &spec, &written.symbols);
     Ok(())
 }
@@ -161,12 +161,9 @@ fn write_isg(args: &ModelOptions, spec: &ModelSpec) -> Result<Written, ExportErr
     let (text, report) =
         isg::write(spec, &args.axis, args.control.sense.map(isg::Body::from), &args.sampling(kind))?;
     for (axis, rows, error) in &report.blocks {
-        eprintln!(
-            "axis {axis}: {rows} rows, at most {:.3} um from the model between them",
-            um_from_mm(*error)
-        );
+        note!("axis {axis}: {rows} rows, at most {:.3} um from the model between them", um_from_mm(*error));
     }
-    eprintln!("{} constants", report.constants);
+    note!("{} constants", report.constants);
     let written = |s: &ErrorSymbol| {
         report.blocks.iter().any(|(a, ..)| *a == s.axis()) || (s.is_constant() && report.constants > 0)
     };
@@ -180,7 +177,7 @@ fn describe(table: &AxisTable) {
         AxisKind::Linear => (low, high, "mm"),
         AxisKind::Rotary => (deg_from_rad(low), deg_from_rad(high), "deg"),
     };
-    eprintln!(
+    note!(
         "axis {}: {} points from {low} to {high} {unit}, at most {:.3} um from the model between them",
         table.axis,
         table.positions.len(),
@@ -193,10 +190,10 @@ fn not_held(format: FormatArg, args: &ModelOptions, spec: &ModelSpec, written: &
     let missing: Vec<String> =
         spec.errors.iter().filter(|(s, _)| !written.contains(s)).map(|(s, _)| s.to_string()).collect();
     if !missing.is_empty() {
-        eprintln!("not in this file: {}", missing.join(" "));
+        note!("not in this file: {}", missing.join(" "));
     }
     if spec.errors.iter().any(|(s, f)| written.contains(s) && f.std.is_some()) && format != FormatArg::Csv {
-        eprintln!("not in this file: the stated uncertainties");
+        note!("not in this file: the stated uncertainties");
     }
     let angles = |axis: AxisName| {
         spec.errors.iter().any(|(s, _)| s.axis() == axis && s.is_angle() && !s.is_constant())
@@ -204,7 +201,7 @@ fn not_held(format: FormatArg, args: &ModelOptions, spec: &ModelSpec, written: &
     if let (false, Some(axis)) = (format == FormatArg::Isg || format == FormatArg::Csv, args.axis.first())
         && angles(*axis)
     {
-        eprintln!(
+        note!(
             "note: axis {axis} has angular errors, so away from its reference points its linear errors are others; the table holds those at the reference points"
         );
     }

@@ -54,8 +54,8 @@ struct ForgetArgs {
     /// The map.
     #[arg(value_name = "MAP")]
     map: String,
-    /// Why, for the audit log.
-    #[arg(long, value_name = "TEXT")]
+    /// Why, for the audit log; at most 1 KiB.
+    #[arg(long, value_name = "TEXT", value_parser = super::values::reason)]
     reason: Option<String>,
 }
 
@@ -106,12 +106,11 @@ fn show(args: &ShowArgs) -> Result<(), Failure> {
 
 /// Time (s, from the first) and health as a recording has it, the newest last.
 fn recorded(path: &Path) -> Result<Vec<(f64, FilterStatus)>, Failure> {
-    let files = recordings::read(&[path.to_owned()])?;
-    let parsed = recordings::parse(&files)?;
+    let parsed = recordings::read(&[path.to_owned()])?;
     let wrong = |what: String| Failure::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()));
     let mut course: Vec<(f64, FilterStatus)> = Vec::new();
     let mut first = None;
-    for (ns, text) in parsed.iter().flat_map(|file| &file.recording.health) {
+    for (ns, text) in parsed.iter().flat_map(|file| &file.health) {
         let health = serde_json::from_str(text).map_err(|e| wrong(format!("health at {ns} ns: {e}")))?;
         let begin = *first.get_or_insert(*ns);
         course.push((ns.saturating_sub(begin) as f64 / NS_PER_S, health));

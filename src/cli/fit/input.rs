@@ -1,12 +1,12 @@
 //! What `volcomp fit` reads: motion tables and positioning tests, turned into readings per error symbol.
 
 use std::collections::BTreeMap;
-use std::fs::File;
-use std::io::{BufRead, BufReader, Cursor, Read};
+use std::io::{BufRead, Cursor, Read};
 use std::path::Path;
 
+use crate::cli::input::{self, InputKind};
 use crate::cli::positioning_data::{Cycles, instrument_test, is_instrument, no_rows, parse_csv, parse_dat};
-use crate::cli::table::{Table, nearest};
+use crate::cli::table::{STDIN, Table, nearest};
 use crate::cli::{EX_DATAERR, Failure};
 use crate::core::axes::{AxisKind, AxisName, Travel};
 use crate::core::model::{Component, ErrorSymbol};
@@ -108,12 +108,8 @@ pub(in crate::cli) fn read(
     into: &mut BySymbol,
 ) -> Result<(), Failure> {
     let io = |e: &std::io::Error| Failure::io(path, e);
-    let (file, mut source): (String, Box<dyn BufRead>) = if path.as_os_str() == "-" {
-        ("<stdin>".to_owned(), Box::new(std::io::stdin().lock()))
-    } else {
-        let open = File::open(path).map_err(|e| io(&e))?;
-        (path.display().to_string(), Box::new(BufReader::with_capacity(1 << 16, open)))
-    };
+    let file = if path.as_os_str() == "-" { STDIN.to_owned() } else { path.display().to_string() };
+    let mut source = input::open(path, InputKind::Table)?.buffered();
     let mut head = Vec::new();
     (&mut source).take(HEAD).read_to_end(&mut head).map_err(|e| io(&e))?;
     let whole = format == Format::Iso230Dat || format == Format::Auto && is_instrument(&head);

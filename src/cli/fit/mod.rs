@@ -176,9 +176,19 @@ impl core::str::FromStr for Pitches {
 
 /// A number, or the word `auto`.
 #[derive(Debug, Clone, Copy)]
-enum AutoOr<T> {
+pub(super) enum AutoOr<T> {
     Auto,
     Given(T),
+}
+
+impl AutoOr<f64> {
+    /// The number, where one is given.
+    pub(super) const fn number(self) -> Option<f64> {
+        match self {
+            Self::Auto => None,
+            Self::Given(value) => Some(value),
+        }
+    }
 }
 
 impl<T: core::str::FromStr> core::str::FromStr for AutoOr<T> {
@@ -250,10 +260,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     for f in &fitted {
         for note in &f.fit.notes {
-            eprintln!("note: {}: {}", f.symbol, note_text(f.symbol, *note));
+            note!("note: {}: {}", f.symbol, note_text(f.symbol, *note));
         }
         for line in outlier_lines(f) {
-            eprintln!("outlier: {line}");
+            note!("outlier: {line}");
         }
     }
     let stdout_taken = args.model.takes_stdout() || args.json.as_ref().is_some_and(|p| p.as_os_str() == "-");
@@ -292,7 +302,7 @@ impl Args {
             seen.push(axis);
             let Some(positions) = few_positions(measured) else { continue };
             if let Some(text) = hidden_text(&curve::hidden(&positions, &self.screw_pitch_mm.0)) {
-                eprintln!("note: {axis}: {text}");
+                note!("note: {axis}: {text}");
             }
         }
     }
@@ -396,9 +406,10 @@ impl Args {
         for f in fitted {
             let axis = model.spec.axis(f.symbol.axis());
             if axis.sense == Sense::Carriage {
-                eprintln!(
+                note!(
                     "note: {}: axis {} of the model is in the carriage sense; the data are taken as the carriage's own motion over its own displacement",
-                    f.symbol, axis.name
+                    f.symbol,
+                    axis.name
                 );
             }
             axis_entry(&mut model.spec, axis.name);

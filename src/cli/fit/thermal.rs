@@ -112,7 +112,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let found = fit(&recording.time_s, &recording.inputs, &recording.displacement_mm, &request)
         .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {file}: {}: {e}", args.displacement)))?;
     for sensor in &found.constant {
-        eprintln!("note: {sensor} never changes and is left out");
+        note!("note: {sensor} never changes and is left out");
     }
     if args.model.target().is_some() {
         write_model(args, &name, &found)?;

@@ -6,7 +6,7 @@ use std::path::{Path, PathBuf};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::cli::files::read_text;
+use crate::cli::input::{self, InputKind};
 use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
 
 /// Where a case comes from and how the result is printed, the same for every method.
@@ -63,7 +63,7 @@ impl<'a> CaseFile<'a> {
 
     /// Reads the case; of a file with several, the one that was named.
     pub(super) fn read<T: DeserializeOwned>(&self) -> Result<T, Failure> {
-        let text = read_text(self.path)?;
+        let text = input::read_text(self.path, InputKind::Case)?;
         let text = text.strip_prefix('\u{feff}').unwrap_or(&text);
         let mut file: Value = serde_json::from_str(text).map_err(|e| self.at(&e))?;
         let Some(Value::Array(cases)) = file.get_mut("cases").map(Value::take) else {

@@ -6,7 +6,8 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value, json};
 
 use super::case;
-use crate::cli::files::{Output, read_text};
+use crate::cli::files::Output;
+use crate::cli::input::{self, InputKind};
 use crate::cli::model_out::{ModelOut, Sources, put};
 use crate::cli::table::{self, nearest};
 use crate::cli::{EX_CONFIG, EX_USAGE, Failure};
@@ -133,7 +134,7 @@ fn drawing(args: &Args) -> Result<ModelFile, Failure> {
     let Some(path) = &args.drawing else {
         return args.out.base(|| "[w A' b X Y B t]".to_owned());
     };
-    config::model::parse_file(&path.display().to_string(), &read_text(path)?)
+    config::model::parse_file(&path.display().to_string(), &input::read_text(path, InputKind::Model)?)
         .map_err(|e| Failure::new(EX_CONFIG, e))
 }
 
@@ -244,7 +245,7 @@ fn write_poses(chain: &Chain, axis: AxisName, path: &Path, args: &Args) -> Resul
     let mut output = Output::create(path)?;
     output.write_all(text.as_bytes()).map_err(|e| Failure::io(path, &e))?;
     output.finish()?;
-    eprintln!("poses written: {} ({} for axis {axis})", path.display(), planned.len());
+    note!("poses written: {} ({} for axis {axis})", path.display(), planned.len());
     Ok(())
 }
 

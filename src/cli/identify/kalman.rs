@@ -523,16 +523,16 @@ fn report(
         outcome.mean_ratio
     );
     if outcome.alarm {
-        eprintln!(
+        note!(
             "warning: five readings in a row were rejected: the instrument or --sigma and --noise are wrong"
         );
     }
     if outcome.outside > 0 {
-        eprintln!("note: {} readings lie beyond the grid and count at its edge", outcome.outside);
+        note!("note: {} readings lie beyond the grid and count at its edge", outcome.outside);
     }
     // 1.5: beyond it the stated noise explains too little, whatever the number of readings
     if outcome.mean_ratio > 1.5 {
-        eprintln!(
+        note!(
             "note: readings scatter more than --noise and --sigma say (nu^2/S should be about 1); --adaptive learns the noise"
         );
     }

@@ -118,7 +118,7 @@ impl CurveArgs {
         )?;
         for f in &fitted {
             for note in &f.fit.notes {
-                eprintln!("note: {}: {}", f.symbol, note_text(f.symbol, *note));
+                note!("note: {}: {}", f.symbol, note_text(f.symbol, *note));
             }
         }
         if say && !self.model.takes_stdout() {

@@ -346,7 +346,7 @@ impl Registered {
         );
         match self.p_value() {
             Some(p) if p < SIGNIFICANT => {
-                eprintln!(
+                note!(
                     "warning: registration: the residuals are larger than the stated noise allows (chi2 {:.1}, {} degrees of freedom, p {p:.1e}); check reference point {}",
                     self.fit.chi2,
                     self.fit.dof,

@@ -236,10 +236,10 @@ fn print(found: &Calibration, args: &Args, contacts: usize) {
             .iter()
             .map(|&i| format!("{} ({:+.2} um)", i + 1, um_from_mm(found.residuals[i])))
             .collect();
-        eprintln!("note: contacts off the circle by more than noise: {} ({what})", list.join(", "));
+        note!("note: contacts off the circle by more than noise: {} ({what})", list.join(", "));
     }
     for n in &found.notes {
-        eprintln!("note: {}", note(n, found));
+        note!("note: {}", note(n, found));
     }
 }
 
@@ -259,7 +259,7 @@ fn write_model(args: &Args, path: &Path, found: &Calibration) -> Result<(), Fail
     }
     if let Some(arm) = args.arm_mm {
         let arcsec = arcsec_from_rad(mm_from_um(1.0) / arm);
-        eprintln!("note: ez0a holds the zero of B, too: 1 um is {arcsec:.2} arcsec of B on this arm");
+        note!("note: ez0a holds the zero of B, too: 1 um is {arcsec:.2} arcsec of B on this arm");
     }
     args.out.write(&model, &sources.comments(), &path.display().to_string())
 }

@@ -6,14 +6,13 @@ mod positioning;
 mod series;
 mod tables;
 
-use std::fs::File;
-use std::io::{BufRead, BufReader, Read};
+use std::io::BufRead;
 use std::path::{Path, PathBuf};
 
 use clap::{Parser, ValueEnum};
 
 use super::Failure;
-use super::files::read_bytes;
+use super::input::{self, InputKind};
 use super::model_out::ModelOut;
 use super::positioning_data::format_failure;
 use crate::cli::values::axis_letter;
@@ -263,10 +262,7 @@ fn detected(path: &Path) -> Result<FormatArg, Failure> {
     if path.as_os_str() == "-" {
         return Err(Failure::usage("stdin cannot be looked at first; give its --format"));
     }
-    let mut head = Vec::new();
-    File::open(path)
-        .and_then(|f| f.take(detect::HEAD as u64).read_to_end(&mut head))
-        .map_err(|e| Failure::io(path, &e))?;
+    let head = input::head(path, InputKind::Stream, detect::HEAD as u64)?;
     Ok(match detect::format(&head) {
         Some(detect::Format::Rtl) => FormatArg::Rtl,
         Some(detect::Format::Rtx) => FormatArg::Rtx,
@@ -292,7 +288,7 @@ impl Args {
         let (mut map, name) = match &self.map {
             Some(path) => {
                 let file = path.display().to_string();
-                let bytes = read_bytes(path)?;
+                let bytes = input::read(path, InputKind::Description)?;
                 let map = ColumnMap::from_toml(&text::decode(&bytes).text);
                 (map.map_err(|e| format_failure(&file, &e))?, file)
             }
@@ -343,12 +339,8 @@ impl Args {
 }
 
 /// A file or stdin, buffered.
-fn open(path: &Path) -> Result<Box<dyn BufRead>, Failure> {
-    if path.as_os_str() == "-" {
-        return Ok(Box::new(std::io::stdin().lock()));
-    }
-    let file = File::open(path).map_err(|e| Failure::io(path, &e))?;
-    Ok(Box::new(BufReader::with_capacity(1 << 16, file)))
+fn open(path: &Path, kind: InputKind) -> Result<impl BufRead, Failure> {
+    Ok(input::open(path, kind)?.buffered())
 }
 
 /// ` (cp1252 text, guessed)` where a file is not plain UTF-8.

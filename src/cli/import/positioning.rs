@@ -4,7 +4,8 @@ use std::io::Write;
 use std::path::Path;
 
 use super::{Args, FormatArg, encoding_note, open};
-use crate::cli::files::{Output, read_bytes};
+use crate::cli::files::Output;
+use crate::cli::input::{self, InputKind};
 use crate::cli::positioning_data::{format_failure, parse_dat};
 use crate::cli::predict::push_number;
 use crate::cli::progress::Progress;
@@ -57,7 +58,7 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
 
 /// Reads a whole test and says what was found.
 fn read(args: &Args, format: FormatArg, path: &Path, file: &str) -> Result<PositioningTest, Failure> {
-    let bytes = read_bytes(path)?;
+    let bytes = input::read(path, InputKind::Instrument)?;
     let decoded = args.decode(file, &bytes)?;
     let encoding = encoding_note(&decoded);
     let test = match format {
@@ -66,24 +67,24 @@ fn read(args: &Args, format: FormatArg, path: &Path, file: &str) -> Result<Posit
             let unit = args.deviation_unit(&rtl, file)?;
             let (test, more) = rtl.test(unit);
             notes.extend(more);
-            eprintln!("{file}: Renishaw laser test (.rtl){encoding}");
+            note!("{file}: Renishaw laser test (.rtl){encoding}");
             describe_rtl(&rtl);
             for note in &notes {
-                eprintln!("  note: {note}");
+                note!("  note: {note}");
             }
             test
         }
         FormatArg::ApiPos => {
             let means = api_pos::parse(&decoded.text).map_err(|e| format_failure(file, &e))?;
-            eprintln!("{file}: API laser test (.pos){encoding}");
-            eprintln!("  note: the file holds means, so repeatability cannot be judged from it");
+            note!("{file}: API laser test (.pos){encoding}");
+            note!("  note: the file holds means, so repeatability cannot be judged from it");
             if means.bidirectional_only {
-                eprintln!("  note: means of both directions only, written as direction 1");
+                note!("  note: means of both directions only, written as direction 1");
             }
             means.test
         }
         _ => {
-            eprintln!("{file}: ISO 230-2 test (.dat){encoding}");
+            note!("{file}: ISO 230-2 test (.dat){encoding}");
             parse_dat(file, &decoded.text)?
         }
     };
@@ -125,10 +126,10 @@ fn describe_rtl(rtl: &Rtl) {
         .filter_map(|k| rtl.user(k).map(|v| format!("{} {v}", k.to_lowercase())))
         .collect();
     if !about.is_empty() {
-        eprintln!("  {}", about.join(", "));
+        note!("  {}", about.join(", "));
     }
     let way = if rtl.is_one_way() { "one way" } else { "both ways" };
-    eprintln!("  {} targets, {} runs, {way}", rtl.targets.len(), rtl.run_count);
+    note!("  {} targets, {} runs, {way}", rtl.targets.len(), rtl.run_count);
     let known = [
         ("Air temp", "air", "degC"),
         ("Air press", "pressure", "kPa"),
@@ -146,11 +147,11 @@ fn describe_rtl(rtl: &Rtl) {
         })
         .collect();
     if !environment.is_empty() {
-        eprintln!("  {}", environment.join(", "));
+        note!("  {}", environment.join(", "));
     }
     let absent: Vec<&str> = rtl.absent_sensors().collect();
     if !absent.is_empty() {
-        eprintln!("  sensors that were not there: {}", absent.join(", "));
+        note!("  sensors that were not there: {}", absent.join(", "));
     }
 }
 
@@ -164,7 +165,7 @@ fn describe(test: &PositioningTest) {
     };
     let cycles: std::collections::BTreeSet<u32> = test.readings.iter().map(|r| r.cycle).collect();
     let reverse = test.readings.iter().filter(|r| r.travel == Travel::Reverse).count();
-    eprintln!(
+    note!(
         "  {} readings at {} positions from {low} to {high} {unit}, {} cycles, {reverse} of them towards minus",
         test.readings.len(),
         positions.len(),
@@ -199,7 +200,7 @@ fn columns(
         )));
     }
     let fail = |e: ReadError| read_failure(path, &e);
-    let mut table = Columns::new(open(path)?, map).map_err(fail)?;
+    let mut table = Columns::new(open(path, InputKind::Table)?, map).map_err(fail)?;
     let mut progress = Progress::new(path);
     let mut runs = Runs::default();
     let mut rows = 0u64;
@@ -234,7 +235,7 @@ fn columns(
         (Some(_), None) => "; directions from the order of the positions",
         _ => "",
     };
-    eprintln!("{file}: {rows} readings{derived}");
+    note!("{file}: {rows} readings{derived}");
     Ok(())
 }
 

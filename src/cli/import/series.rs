@@ -8,7 +8,8 @@ use std::rc::Rc;
 
 use super::positioning::read_failure;
 use super::{Args, encoding_note, open};
-use crate::cli::files::{Output, read_bytes};
+use crate::cli::files::Output;
+use crate::cli::input::{self, InputKind};
 use crate::cli::positioning_data::format_failure;
 use crate::cli::progress::Progress;
 use crate::cli::{EX_DATAERR, Failure};
@@ -73,7 +74,8 @@ impl TableOut {
 }
 
 pub(super) fn rtx(args: &Args, path: &Path) -> Result<(), Failure> {
-    let mut samples = dynamic::Samples::new(open(path)?).map_err(|e| read_failure(path, &e))?;
+    let mut samples =
+        dynamic::Samples::new(open(path, InputKind::Stream)?).map_err(|e| read_failure(path, &e))?;
     let mut table = TableOut::create(args)?;
     let mut progress = Progress::new(path);
     let name = if args.angular { "angle_mrad" } else { "displacement_mm" };
@@ -93,19 +95,17 @@ pub(super) fn rtx(args: &Args, path: &Path) -> Result<(), Failure> {
     progress.finish();
     table.finish()?;
     let header = samples.header();
-    eprintln!("{}: Renishaw dynamic laser test (.rtx)", path.display());
+    note!("{}: Renishaw dynamic laser test (.rtx)", path.display());
     let about: Vec<String> = ["Machine", "Axis", "Date", "By", "Owner"]
         .into_iter()
         .filter_map(|k| header.text(k).map(|v| format!("{} {v}", k.to_lowercase())))
         .collect();
     if !about.is_empty() {
-        eprintln!("  {}", about.join(", "));
+        note!("  {}", about.join(", "));
     }
-    eprintln!("  {done} samples at {rate} Hz, {:.3} s", done.saturating_sub(1) as f64 / rate);
+    note!("  {done} samples at {rate} Hz, {:.3} s", done.saturating_sub(1) as f64 / rate);
     if !args.angular {
-        eprintln!(
-            "  note: taken as mm; the file does not say whether it was an angular optic (--angular: mrad)"
-        );
+        note!("  note: taken as mm; the file does not say whether it was an angular optic (--angular: mrad)");
     }
     Ok(())
 }
@@ -199,7 +199,7 @@ impl Sink for Capture<'_> {
 }
 
 pub(super) fn edge(args: &Args, path: &Path) -> Result<(), Failure> {
-    let mut source = open(path)?;
+    let mut source = open(path, InputKind::Capture)?;
     if source.fill_buf().map_err(|e| Failure::io(path, &e))?.starts_with(b"\xef\xbb\xbf") {
         source.consume(3);
     }
@@ -226,14 +226,14 @@ pub(super) fn edge(args: &Args, path: &Path) -> Result<(), Failure> {
 
 fn describe_edge(args: &Args, path: &Path, summary: &Summary) {
     let header = &summary.header;
-    eprintln!("{}: SINUMERIK Edge capture", path.display());
+    note!("{}: SINUMERIK Edge capture", path.display());
     if let Some(machine) = header.machine() {
-        eprintln!(
+        note!(
             "  machine {machine}, recorded {}",
             header.time_stamp.as_deref().unwrap_or("at an unknown time")
         );
     }
-    eprintln!(
+    note!(
         "  {} rows of {} signals every {} ms, {:.3} s from first to last",
         summary.rows,
         header.signals.len(),
@@ -245,30 +245,31 @@ fn describe_edge(args: &Args, path: &Path, summary: &Summary) {
     axes.sort_unstable();
     axes.dedup();
     let axes: Vec<String> = axes.iter().map(|(n, name)| format!("{n} ({name})")).collect();
-    eprintln!("  axes {}", axes.join(", "));
+    note!("  axes {}", axes.join(", "));
     for gap in &summary.gaps {
         let lost = gap.missing_cycles as f64 * header.cycle_ms / 1e3;
-        eprintln!(
+        note!(
             "  gap: {} cycles ({lost:.3} s) missing after row {}; never differentiate across it, segment goes up there",
-            gap.missing_cycles, gap.after_rows
+            gap.missing_cycles,
+            gap.after_rows
         );
     }
     if header.cycle_column().is_none() {
-        eprintln!("  note: no signal CYCLE, so gaps cannot be seen; time counts rows");
+        note!("  note: no signal CYCLE, so gaps cannot be seen; time counts rows");
     }
     if args.axes.is_empty() {
-        eprintln!(
+        note!(
             "  note: the letters of the axes need not say how they move; name those you want with --axes, such as --axes x=1,c=4"
         );
     }
     let events: Vec<String> = summary.events.iter().map(|(name, n)| format!("{n} {name}")).collect();
     if !events.is_empty() {
-        eprintln!("  not kept: {}", events.join(", "));
+        note!("  not kept: {}", events.join(", "));
     }
 }
 
 pub(super) fn camonitor(args: &Args, path: &Path) -> Result<(), Failure> {
-    let mut log = epics::Log::new(open(path)?);
+    let mut log = epics::Log::new(open(path, InputKind::Stream)?);
     let mut table = TableOut::create(args)?;
     let mut progress = Progress::new(path);
     table.header(["t_s", "pv", "value", "alarm"].into_iter());
@@ -296,19 +297,17 @@ pub(super) fn camonitor(args: &Args, path: &Path) -> Result<(), Failure> {
         ));
     }
     table.finish()?;
-    eprintln!("{}: EPICS camonitor log, {rows} changes of {} values", path.display(), pvs.len());
+    note!("{}: EPICS camonitor log, {rows} changes of {} values", path.display(), pvs.len());
     if log.unconnected > 0 {
-        eprintln!("  note: {} lines about connections left out", log.unconnected);
+        note!("  note: {} lines about connections left out", log.unconnected);
     }
-    eprintln!(
-        "  note: t_s counts from the first line; the first stamp of each value may be older than the log"
-    );
+    note!("  note: t_s counts from the first line; the first stamp of each value may be older than the log");
     Ok(())
 }
 
 pub(super) fn columns(args: &Args, path: &Path) -> Result<(), Failure> {
     let map = args.column_map()?;
-    let mut source = Columns::new(open(path)?, map).map_err(|e| read_failure(path, &e))?;
+    let mut source = Columns::new(open(path, InputKind::Stream)?, map).map_err(|e| read_failure(path, &e))?;
     let mut table = TableOut::create(args)?;
     let mut progress = Progress::new(path);
     table.header(source.names());
@@ -334,13 +333,13 @@ pub(super) fn columns(args: &Args, path: &Path) -> Result<(), Failure> {
         ));
     }
     table.finish()?;
-    eprintln!("{}: {rows} rows", path.display());
+    note!("{}: {rows} rows", path.display());
     Ok(())
 }
 
 pub(super) fn b5r(args: &Args, path: &Path) -> Result<(), Failure> {
     let file = path.display().to_string();
-    let bytes = read_bytes(path)?;
+    let bytes = input::read(path, InputKind::Instrument)?;
     let decoded = args.decode(&file, &bytes)?;
     let test = ballbar::parse(&decoded.text).map_err(|e| format_failure(&file, &e))?;
     let Some(out) = args.model.out.as_deref() else {
@@ -366,18 +365,18 @@ pub(super) fn b5r(args: &Args, path: &Path) -> Result<(), Failure> {
         text
     };
     crate::cli::files::write_text(out, &text)?;
-    eprintln!("{file}: Renishaw ballbar test (.b5r){}", encoding_note(&decoded));
+    note!("{file}: Renishaw ballbar test (.b5r){}", encoding_note(&decoded));
     if let Some(plane) = &test.plane {
-        eprintln!("  plane {plane}");
+        note!("  plane {plane}");
     }
     let about: Vec<String> = test.about.iter().map(|(k, v)| format!("{k} {v}")).collect();
     if !about.is_empty() {
-        eprintln!("  {}", about.join(", "));
+        note!("  {}", about.join(", "));
     }
-    eprintln!("  {} figures; raw samples are not read", test.features.len());
+    note!("  {} figures; raw samples are not read", test.features.len());
     let unknown = test.features.iter().filter(|f| f.unit.is_none()).count();
     if unknown > 0 {
-        eprintln!("  note: {unknown} figures of a type whose unit is not known");
+        note!("  note: {unknown} figures of a type whose unit is not known");
     }
     Ok(())
 }

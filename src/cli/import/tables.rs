@@ -1,7 +1,7 @@
 //! Tables of controls to a model.
 
 use super::{Args, FormatArg, encoding_note};
-use crate::cli::files::read_bytes;
+use crate::cli::input::{self, InputKind};
 use crate::cli::model_out::{Sources, default_chain, put};
 use crate::cli::positioning_data::format_failure;
 use crate::cli::{EX_DATAERR, Failure};
@@ -25,7 +25,7 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
     let sources = Sources::of(&args.files);
     for (index, path) in args.files.iter().enumerate() {
         let file = path.display().to_string();
-        let bytes = read_bytes(path)?;
+        let bytes = input::read(path, InputKind::Instrument)?;
         let decoded = args.decode(&file, &bytes)?;
         let errors = read(args, format, &model, &file, &decoded.text, &encoding_note(&decoded))?;
         for (symbol, function) in errors {
@@ -62,9 +62,9 @@ fn read(
         FormatArg::Isg => {
             let body = args.control.sense.map(isg::Body::from);
             let tables = isg::parse(text, &model.spec.chain, body).map_err(fail)?;
-            eprintln!("{file}: ISG volumetric compensation{encoding}, {} errors", tables.errors.len());
+            note!("{file}: ISG volumetric compensation{encoding}, {} errors", tables.errors.len());
             if !tables.kinematics.is_empty() {
-                eprintln!(
+                note!(
                     "  note: {} describe the control's kinematics and are no errors; left out",
                     tables.kinematics.join(" ")
                 );
@@ -76,15 +76,15 @@ fn read(
             // um to mm; for a rotary axis thousandths of a degree
             let increment = args.increment_um.map(|um| um / 1e3);
             let found = isg_lis::parse(text, axis.kind(), increment).map_err(fail)?;
-            eprintln!("{file}: ISG leadscrew compensation{encoding}");
+            note!("{file}: ISG leadscrew compensation{encoding}");
             Ok(vec![(positioning_symbol(axis), found)])
         }
         FormatArg::Heidenhain => {
             let table = heidenhain::parse(text, axis()?, args.control.sign.map(heidenhain::Sign::from))
                 .map_err(fail)?;
-            eprintln!("{file}: Heidenhain compensation table (.COM){encoding}");
+            note!("{file}: Heidenhain compensation table (.COM){encoding}");
             if table.backlash_empty {
-                eprintln!("  note: BACKLASH holds zeros only and is taken as not filled in");
+                note!("  note: BACKLASH holds zeros only and is taken as not filled in");
             }
             Ok(table.errors)
         }
@@ -94,7 +94,7 @@ fn read(
                 Failure::usage(format_args!("{file}: the file does not say what its columns are; give --comp-type 0 (actual positions) or 1 (trims), as COMP_FILE_TYPE of the INI file"))
             })?;
             let found = linuxcnc::parse(text, axis.kind(), kind, args.control.linear_unit()).map_err(fail)?;
-            eprintln!("{file}: LinuxCNC screw compensation{encoding}");
+            note!("{file}: LinuxCNC screw compensation{encoding}");
             Ok(vec![(positioning_symbol(axis), found)])
         }
     }
@@ -141,18 +141,14 @@ fn describe(symbol: ErrorSymbol, function: &ErrorFunction) {
                 let (positions, _, reverse) = t.columns();
                 let ways = if reverse.is_some() { ", both directions" } else { "" };
                 let [low, high] = t.range();
-                eprintln!(
-                    "  {symbol}: {} points, {}{ways}",
-                    positions.len(),
-                    range(symbol.axis(), low, high)
-                );
+                note!("  {symbol}: {} points, {}{ways}", positions.len(), range(symbol.axis(), low, high));
             }
-            _ => eprintln!("  {symbol}: constant"),
+            _ => note!("  {symbol}: constant"),
         }
     }
     for grid in &function.grids {
         let axes: Vec<String> =
             grid.axes().enumerate().map(|(i, a)| format!("{} along {a}", grid.positions(i).len())).collect();
-        eprintln!("  {symbol}: grid, {}", axes.join(", "));
+        note!("  {symbol}: grid, {}", axes.join(", "));
     }
 }

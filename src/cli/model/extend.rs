@@ -83,7 +83,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 /// Where the model goes to stdout, words go beside it.
 fn say(args: &Args, text: &str) -> Result<(), Failure> {
     if args.out.as_os_str() == "-" {
-        eprint!("{text}");
+        crate::cli::note_text(format_args!("{text}"));
         return Ok(());
     }
     crate::cli::exit::print(text)

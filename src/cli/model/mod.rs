@@ -13,6 +13,7 @@ mod worst;
 
 use std::path::Path;
 
+use super::input::{self, InputKind};
 use super::{EX_CONFIG, Failure};
 use crate::config::{self, ModelFile};
 
@@ -43,7 +44,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 /// Reads a model file with its provenance.
 fn load(path: &Path) -> Result<ModelFile, Failure> {
-    let bytes = std::fs::read(path).map_err(|e| Failure::io(path, &e))?;
+    let bytes = input::read(path, InputKind::Model)?;
     let file = path.display().to_string();
     let text = String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
@@ -54,5 +55,5 @@ fn load(path: &Path) -> Result<ModelFile, Failure> {
 
 /// Writes a file.
 fn save(path: &Path, text: &str) -> Result<(), Failure> {
-    std::fs::write(path, text).map_err(|e| Failure::io(path, &e))
+    super::files::write_text(path, text)
 }

@@ -135,7 +135,11 @@ pub fn verify_file(path: &Path) -> io::Result<Result<Summary, Broken>> {
     Ok(verify_with(&text, head.as_deref()))
 }
 
-fn verify_with(text: &[u8], head: Option<&[u8]>) -> Result<Summary, Broken> {
+/// Checks the text of an audit log against that of its head file, where there is one.
+///
+/// # Errors
+/// The first line that cannot be relied upon.
+pub fn verify_with(text: &[u8], head: Option<&[u8]>) -> Result<Summary, Broken> {
     let Some(head) = head else { return verify(text) };
     let head: Option<Head> = serde_json::from_slice(head).ok();
     let summary = check(text, |seq, hash| match &head {
@@ -175,7 +179,9 @@ fn check(text: &[u8], mut each: impl FnMut(u64, &str) -> Result<(), Fault>) -> R
     Ok(summary)
 }
 
-fn head_path(path: &Path) -> PathBuf {
+/// The head file beside a log: number and hash of its last line.
+#[must_use]
+pub fn head_path(path: &Path) -> PathBuf {
     path.with_extension("head")
 }
 

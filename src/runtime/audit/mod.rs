@@ -13,7 +13,7 @@ use serde::{Deserialize, Serialize};
 
 use super::keeper::Job;
 
-pub use chain::{Broken, Line, Summary, verify, verify_file};
+pub use chain::{Broken, Line, Summary, head_path, verify, verify_file, verify_with};
 
 /// Name of the audit log in the state directory.
 pub const AUDIT_FILE: &str = "audit.jsonl";

@@ -85,11 +85,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         let (name, axes) = plane.name_and_axes();
         let text = circles(args, &mut machine, centre, axes, args.seed.wrapping_add(1000 * index as u64))?;
         let path = args.out.join(format!("ballbar-{name}.csv"));
-        std::fs::write(&path, text).map_err(|e| Failure::in_file(EX_IOERR, &path, e))?;
+        crate::cli::write_file(&path, text).map_err(|e| Failure::in_file(EX_IOERR, &path, e))?;
         // writing into a string cannot fail
         let _ = write!(command, " --data {name}={}", path.display());
     }
-    eprintln!("circles run; now rank their causes with");
+    note!("circles run; now rank their causes with");
     let [x, y, z] = centre;
     let cut =
         if args.arc_deg < 360.0 { format!(" --overshoot-deg {}", args.overshoot_deg) } else { String::new() };

@@ -90,8 +90,8 @@ impl AxisPlan {
 pub(super) fn write(folder: &Path, name: &str, text: &str) -> Result<(), Failure> {
     std::fs::create_dir_all(folder).map_err(|e| Failure::in_file(EX_IOERR, folder, e))?;
     let path = folder.join(name);
-    std::fs::write(&path, text).map_err(|e| Failure::in_file(EX_IOERR, &path, e))?;
-    eprintln!("written: {}", path.display());
+    crate::cli::write_file(&path, text).map_err(|e| Failure::in_file(EX_IOERR, &path, e))?;
+    note!("written: {}", path.display());
     Ok(())
 }
 

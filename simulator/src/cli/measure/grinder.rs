@@ -49,7 +49,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     if let Some(path) = &args.drawing {
         write(path, &drawing(&machine))?;
-        eprintln!("drawing written: {}", path.display());
+        note!("drawing written: {}", path.display());
     }
     let (Some(poses), Some(out)) = (&args.poses, &args.out) else { return Ok(()) };
     let plan = read(poses, &machine)?;
@@ -61,12 +61,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     };
     let seen = artefact.measure(&machine, &plan);
     write(out, &table(&machine, &plan, &seen))?;
-    eprintln!("{} points measured: {}", plan.len(), out.display());
+    note!("{} points measured: {}", plan.len(), out.display());
     Ok(())
 }
 
 fn write(path: &Path, text: &str) -> Result<(), Failure> {
-    std::fs::write(path, text).map_err(|e| Failure::in_file(EX_IOERR, path, e))
+    crate::cli::write_file(path, text).map_err(|e| Failure::in_file(EX_IOERR, path, e))
 }
 
 /// Names of the columns of position and correction of an axis, and what a correction is divided by.
@@ -82,7 +82,7 @@ const TOOL: [&str; 3] = ["tool_x_mm", "tool_y_mm", "tool_z_mm"];
 
 fn read(path: &Path, machine: &TruthMachine) -> Result<Vec<ArtefactPose>, Failure> {
     let bad = |what: &dyn core::fmt::Display| Failure::in_file(EX_DATAERR, path, what);
-    let text = crate::cli::read(path)?;
+    let text = crate::cli::read(path, crate::cli::InputKind::Table)?;
     let mut reader =
         csv::ReaderBuilder::new().comment(Some(b'#')).trim(csv::Trim::All).from_reader(text.as_bytes());
     let header = reader.headers().map_err(|e| bad(&e))?.clone();

@@ -56,8 +56,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     std::fs::create_dir_all(&args.out).map_err(|e| Failure::in_file(EX_IOERR, &args.out, e))?;
     let path = args.out.join("contacts.csv");
-    std::fs::write(&path, text).map_err(|e| Failure::in_file(EX_IOERR, &path, e))?;
-    eprintln!("{} contacts; now calibrate the probe with", touches.len());
+    crate::cli::write_file(&path, text).map_err(|e| Failure::in_file(EX_IOERR, &path, e))?;
+    note!("{} contacts; now calibrate the probe with", touches.len());
     say!(
         "volcomp identify probe --data {} --arm-mm {:.7} --arm-zero-deg={:.9} --bar-radius-mm {} --nominal-mm={},{} --out {}",
         path.display(),

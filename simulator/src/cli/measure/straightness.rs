@@ -111,9 +111,9 @@ pub(super) fn point(text: &str) -> Result<[f64; 3], String> {
 pub(super) fn write(folder: &Path, name: &str, text: &str) -> Result<(), Failure> {
     let path = folder.join(name);
     std::fs::create_dir_all(folder)
-        .and_then(|()| std::fs::write(&path, text))
+        .and_then(|()| crate::cli::write_file(&path, text))
         .map_err(|e| Failure::in_file(EX_IOERR, &path, e))?;
-    eprintln!("written: {}", path.display());
+    note!("written: {}", path.display());
     Ok(())
 }
 

@@ -57,19 +57,21 @@ trait Sink {
 }
 
 pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOptions) -> Result<(), Failure> {
-    for (name, value) in [("--from-s", args.from_s), ("--to-s", args.to_s)] {
-        if value.is_some_and(|v| !v.is_finite()) {
-            return Err(Failure::new(EX_USAGE, format_args!("error: {name} must be a finite number")));
-        }
+    if let (Some(from), Some(to)) = (args.from_s, args.to_s)
+        && from > to
+    {
+        return Err(Failure::usage(format_args!("--from-s {from} is behind --to-s {to}; exchange them")));
     }
-    let bytes = recordings::read(files)?;
-    let parsed = recordings::parse(&bytes)?;
+    let mut parsed = recordings::read(files)?;
     let mut output = Output::create(out)?;
-    let (rows, notes) = match to {
+    let (rows, walked) = match to {
         Format::Csv => {
-            let mut sink =
-                Csv { out: std::io::BufWriter::with_capacity(1 << 16, &mut output), line: String::new() };
-            let done = convert(args, &parsed, &mut sink)?;
+            let mut sink = Csv {
+                out: std::io::BufWriter::with_capacity(1 << 16, &mut output),
+                path: out.to_owned(),
+                line: String::new(),
+            };
+            let done = convert(args, &mut parsed, &mut sink)?;
             sink.out.flush().map_err(|e| Failure::io(out, &e))?;
             drop(sink);
             done
@@ -82,17 +84,17 @@ pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOpt
                 ));
             };
             let file = file.try_clone().map_err(|e| Failure::io(out, &e))?;
-            let mut sink = parquet::Table::new(file, out, recordings::first(&parsed)?.1);
-            let done = convert(args, &parsed, &mut sink)?;
+            let mut sink = parquet::Table::new(file, out, &recordings::first(&parsed)?.meta);
+            let done = convert(args, &mut parsed, &mut sink)?;
             sink.finish()?;
             done
         }
     };
     output.finish()?;
-    for note in notes {
-        eprintln!("note: {note}");
+    for note in walked.notes {
+        note!("note: {note}");
     }
-    eprintln!(
+    note!(
         "{rows} rows; deviation_um is empty: a recording knows positions and offsets, it measures no deviation"
     );
     Ok(())
@@ -101,20 +103,21 @@ pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOpt
 /// Turns items into rows; gives their number and what was noted.
 fn convert(
     args: &RecordingOptions,
-    parsed: &[recordings::Parsed<'_>],
+    parsed: &mut [recordings::Parsed],
     sink: &mut dyn Sink,
-) -> Result<(u64, Vec<String>), Failure> {
-    let first = recordings::first(parsed)?.0;
+) -> Result<(u64, recordings::Walked), Failure> {
+    let first = recordings::first(parsed)?;
+    let name = first.path.display().to_string();
     // the dead band decides what a reversal is; without the machine file every change of sign is one
-    let config = recordings::machine(first.path, &first.recording).ok();
+    let config = recordings::machine(first).ok();
     // without the models nobody knows whose values the live ones are
     let models = recordings::models(parsed).unwrap_or_default();
     let mut rows = Rows::new(config, Sensors::new(&models));
     let (mut cycles, mut written, mut begun) = (0_u64, 0, false);
-    let notes = recordings::walk(parsed, |item| {
-        let told = rows.feed(item).map_err(|why| {
-            Failure::new(EX_DATAERR, format_args!("error: {}: {why}", first.path.display()))
-        })?;
+    let mut last_s = 0.0;
+    let walked = recordings::walk(parsed, |item| {
+        let told =
+            rows.feed(item).map_err(|why| Failure::new(EX_DATAERR, format_args!("error: {name}: {why}")))?;
         if !told {
             return Ok(());
         }
@@ -123,6 +126,7 @@ fn convert(
             begun = true;
         }
         let t_s = rows.t_s();
+        last_s = t_s;
         let wanted = args.from_s.is_none_or(|from| t_s >= from) && args.to_s.is_none_or(|to| t_s <= to);
         if wanted && cycles % args.every.unwrap_or(1) == 0 {
             sink.row(rows.cells())?;
@@ -131,22 +135,31 @@ fn convert(
         cycles += 1;
         Ok(())
     })?;
-    if !begun {
-        sink.begin(rows.columns())?;
+    if written == 0 {
+        // the file is not made: an empty one would look like a machine that did nothing
+        let why = if cycles == 0 {
+            "holds no cycle".to_owned()
+        } else {
+            format!(
+                "no row selected; the cycles are between 0 s and {last_s:.3} s: correct --from-s and --to-s"
+            )
+        };
+        return Err(Failure::new(EX_DATAERR, format_args!("error: {name}: {why}")));
     }
-    Ok((written, notes))
+    Ok((written, walked))
 }
 
 /// CSV; no cell of ours needs quotes.
 struct Csv<W: Write> {
     out: W,
+    path: PathBuf,
     line: String,
 }
 
 impl<W: Write> Csv<W> {
     fn write(&mut self) -> Result<(), Failure> {
         self.line.push('\n');
-        self.out.write_all(self.line.as_bytes()).map_err(|e| Failure::io(Path::new("output"), &e))?;
+        self.out.write_all(self.line.as_bytes()).map_err(|e| Failure::io(&self.path, &e))?;
         self.line.clear();
         Ok(())
     }

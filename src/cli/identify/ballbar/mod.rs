@@ -170,7 +170,7 @@ fn write_model(args: &Args, plans: &[Plan]) -> Result<(), Failure> {
     let bad = |e: CurveError| Failure::new(EX_DATAERR, format_args!("error: {names}: {e}"));
     let found = assemble(&analyses, args.length_std_um.map(mm_from_um)).map_err(bad)?;
     if found.is_empty() {
-        eprintln!("note: no squareness, scale, straightness, backlash or cyclic error is significant");
+        note!("note: no squareness, scale, straightness, backlash or cyclic error is significant");
     }
     let axes = plans.iter().flat_map(|p| p.circles.plane.axes());
     let mut model = args.out.base(|| default_chain(axes))?;
@@ -178,7 +178,7 @@ fn write_model(args: &Args, plans: &[Plan]) -> Result<(), Failure> {
     let sources = Sources::of(&files);
     for one in &found {
         if let Some(apart) = one.disagreement.filter(|d| *d > 3.0) {
-            eprintln!(
+            note!(
                 "note: {}: the planes disagree by {apart:.1} standard deviations; their mean was written",
                 one.symbol
             );
@@ -187,7 +187,7 @@ fn write_model(args: &Args, plans: &[Plan]) -> Result<(), Failure> {
     }
     let angular = model.spec.errors.iter().any(|(s, _)| s.is_angle() && !s.is_constant());
     if angular {
-        eprintln!(
+        note!(
             "note: the model holds angular errors; what they do at the place of the circles is in the values found, too"
         );
     }

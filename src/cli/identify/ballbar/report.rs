@@ -262,13 +262,13 @@ pub(super) fn print(plan: &Plan) {
     for e in a.estimates.iter().filter(|e| !e.confounded.is_empty()) {
         let others: Vec<String> =
             e.confounded.iter().map(|(o, c)| format!("{} (correlation {c:.2})", o.name(a.plane))).collect();
-        eprintln!("note: {} is hardly told from {}", e.effect.name(a.plane), others.join(", "));
+        note!("note: {} is hardly told from {}", e.effect.name(a.plane), others.join(", "));
     }
     for (effect, reason) in &a.missing {
-        eprintln!("note: {}: {}", effect.name(a.plane), reason_text(reason, a.plane));
+        note!("note: {}: {}", effect.name(a.plane), reason_text(reason, a.plane));
     }
     for n in &a.notes {
-        eprintln!("note: {}", note_text(n));
+        note!("note: {}", note_text(n));
     }
     let loud: Vec<String> = a
         .harmonics
@@ -277,7 +277,7 @@ pub(super) fn print(plan: &Plan) {
         .map(|h| format!("{} waves per turn: {:.2} um", h.order, um_from_mm(h.residual)))
         .collect();
     if !loud.is_empty() {
-        eprintln!("note: not explained by any effect: {}", loud.join(", "));
+        note!("note: not explained by any effect: {}", loud.join(", "));
     }
     say!();
 }

@@ -145,7 +145,7 @@ fn between(args: &Args, frame: &Frame, second: Option<&Frame>, circles: &[Vec<Ve
     };
     let g = at(frame, &circles[0]).hypot(at(second, &circles[1]));
     if g == 0.0 {
-        eprintln!(
+        note!(
             "note: two trackers, but nothing is known of the offset between their frames; give --between-um or both registrations"
         );
     }
@@ -268,7 +268,7 @@ fn print(found: &ToolAxis, stated: bool) {
             um_from_mm((joint.tip - found.tip).norm())
         );
         if let Some(p) = joint.p_value.filter(|p| *p < SIGNIFICANT) {
-            eprintln!(
+            note!(
                 "warning: the planes of the circles are not across the line of their centres (p {p:.1e}): does the target wobble, or is the noise larger than stated?"
             );
         }

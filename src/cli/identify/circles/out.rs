@@ -4,8 +4,9 @@ use std::path::{Path, PathBuf};
 
 use super::Args;
 use crate::cli::Failure;
-use crate::cli::files::{read_text, write_text};
+use crate::cli::files::write_text;
 use crate::cli::identify::motion_curves::names;
+use crate::cli::input::{self, InputKind};
 use crate::cli::model_out::{Sources, axis_entry, default_chain, put};
 use crate::core::axes::AxisName;
 use crate::core::geometry::Vec3;
@@ -22,7 +23,8 @@ pub(super) fn add_pose(path: &Path, args: &Args, found: &ToolAxis) -> Result<(),
     let (Some(tip), Some(c), Some(a)) = (args.nominal_tip_mm, args.c_deg, args.a_deg) else {
         return Err(Failure::usage("--add-pose needs --nominal-tip-mm, --c-deg and --a-deg"));
     };
-    let mut text = if path.exists() { read_text(path)? } else { format!("{POSES}\n") };
+    let mut text =
+        if path.exists() { input::read_text(path, InputKind::Table)? } else { format!("{POSES}\n") };
     if !text.lines().any(|l| l == POSES) {
         return Err(Failure::usage(format_args!(
             "{} is no file of poses; its header must be {POSES}",
@@ -40,7 +42,7 @@ pub(super) fn add_pose(path: &Path, args: &Args, found: &ToolAxis) -> Result<(),
         args.z_mm, dp.x, dp.y, dp.z, da.x, da.y, da.z
     ));
     write_text(path, &text)?;
-    eprintln!("pose added: {}", path.display());
+    note!("pose added: {}", path.display());
     Ok(())
 }
 

@@ -396,7 +396,7 @@ fn notes(args: &Args, o: &Outcome) {
         say!("bias up to {bound:.2} arcsec accepted: no data of {}; added to the interval", names.join(" "));
     }
     if o.ends.open_runs > 0 {
-        eprintln!(
+        note!(
             "warning: {} runs do not return to their start: a drift of laser and machine is in the result; measure out and back, or read once more at 0",
             o.ends.open_runs
         );

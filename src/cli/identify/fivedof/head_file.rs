@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::cli::files::read_text;
+use crate::cli::input::{self, InputKind};
 use crate::cli::{EX_CONFIG, Failure};
 use crate::core::units::{mm_from_um, um_from_mm};
 use crate::identify::fivedof::resting::{Calibration, Estimate};
@@ -74,7 +74,7 @@ pub(super) struct HeadFile {
 
 impl HeadFile {
     pub(super) fn read(path: &Path) -> Result<Self, Failure> {
-        let text = read_text(path)?;
+        let text = input::read_text(path, InputKind::Description)?;
         Self::parse(path, text.strip_prefix('\u{feff}').unwrap_or(&text))
     }
 

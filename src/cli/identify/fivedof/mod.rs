@@ -10,6 +10,7 @@ use self::head_file::HeadFile;
 use super::case::{CaseArgs, CaseFile, print_json};
 use super::straightness::axis_out::{AxisOut, Measured, Origin};
 use crate::cli::files::write_text;
+use crate::cli::input::{self, InputKind};
 use crate::cli::positioning_data::no_rows;
 use crate::cli::values::linear_axis;
 use crate::cli::{EX_USAGE, Failure, table};
@@ -252,13 +253,13 @@ fn run_resting(
     let calibration = calibrate(&file.head, &log).map_err(|e| Failure::data(path, e))?;
     file.head = calibration.head;
     let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
-    file.calibrated_from = Some(match std::fs::read(path) {
-        Ok(bytes) => format!("{name}, blake3 {}", blake3::hash(&bytes).to_hex()),
-        Err(_) => name,
+    file.calibrated_from = Some(match input::hash(path, InputKind::Table) {
+        Some(hash) => format!("{name}, blake3 {hash}"),
+        None => name,
     });
     if let Some(out) = &args.write_calibration {
         write_text(out, &file.text(Some(&calibration)))?;
-        eprintln!("calibration written: {}", out.display());
+        note!("calibration written: {}", out.display());
     }
     Ok(calibration)
 }
@@ -313,7 +314,7 @@ fn report_calibration(args: &Args, axis: AxisName, c: &Calibration) {
     }
     for (pushed, letter) in c.pushed.iter().zip(letters) {
         if !pushed {
-            eprintln!(
+            note!(
                 "note: signs of the quadrant detectors in {letter} are those of the instrument file; pushes of known size in the log would prove them"
             );
         }
@@ -398,7 +399,7 @@ fn level_of(path: &Path, rows: &[Reading], levels: &[(f64, f64)]) -> Result<Leve
 fn run_data(args: &Args, axis: AxisName, path: &Path, file: &HeadFile) -> Result<(), Failure> {
     let run = read_run(path, axis)?;
     if file.calibrated_from.is_none() {
-        eprintln!(
+        note!(
             "warning: signs and gains of the drift compensation are nominal; a log of the resting carriage at two distances (--resting) proves them"
         );
     }
@@ -408,7 +409,7 @@ fn run_data(args: &Args, axis: AxisName, path: &Path, file: &HeadFile) -> Result
     let with_roll = match (args.roll, run.level) {
         (RollArg::Skip, _) => false,
         (RollArg::Auto, Level::None) => {
-            eprintln!(
+            note!(
                 "note: roll is left out: beams that are not parallel look like roll that grows, and only a level read at both ends tells (level_arcsec); --roll detrended keeps its shape"
             );
             false

@@ -304,9 +304,10 @@ impl Misfit {
 
     fn warn(&self) {
         if self.p_value().is_some_and(|p| p < SIGNIFICANT) {
-            eprintln!(
+            note!(
                 "warning: the readings contradict each other by more than their noise (chi2 {:.1}, {} degrees of freedom); is a line misplaced, or --sigma-um too small?",
-                self.chi2, self.dof
+                self.chi2,
+                self.dof
             );
         }
     }

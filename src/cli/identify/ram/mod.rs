@@ -184,14 +184,14 @@ fn misfit(fit: &RamFit) -> f64 {
 fn warn(fits: &[RamFit]) {
     let failing = fits.iter().filter(|f| f.p_value < SIGNIFICANT).count();
     if failing > 0 {
-        eprintln!(
+        note!(
             "warning: at {failing} of {} stops the poses contradict each other by more than their noise: has the head errors of its own (--head), or is the noise larger than stated? the uncertainties given are enlarged",
             fits.len()
         );
     }
     let short = fits.iter().filter(|f| f.rank < 6).count();
     if short > 0 {
-        eprintln!(
+        note!(
             "note: at {short} of {} stops the poses alone determine fewer than six ram errors; the rest is the prior's",
             fits.len()
         );

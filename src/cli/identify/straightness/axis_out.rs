@@ -186,7 +186,7 @@ impl AxisOut {
         self.place(&mut model.spec, axis, &fitted, moved, stored);
         for f in &fitted {
             for note in &f.fit.notes {
-                eprintln!("note: {}: {}", f.symbol, note_text(f.symbol, *note));
+                note!("note: {}: {}", f.symbol, note_text(f.symbol, *note));
             }
         }
         let mut comment =
@@ -262,7 +262,7 @@ impl AxisOut {
             let i = f.symbol.component().index();
             match points[i] {
                 Some(point) => entry.reference_points[i] = ReferencePoint { point, body },
-                None => eprintln!(
+                None => note!(
                     "note: {}: no --point-mm: the reference point stays at {:?} mm; 100 mm beside it cost 5 um for every 10 arcsec",
                     f.symbol,
                     entry.reference_points[i].point.as_slice()
@@ -302,16 +302,16 @@ pub(super) fn note_reversal(symbol: ErrorSymbol, judged: Reversal) {
     };
     match judged {
         Reversal::OneDirection => {}
-        Reversal::NotRepeated { rms } => eprintln!(
+        Reversal::NotRepeated { rms } => note!(
             "note: {symbol}: reversal {} rms, not repeated: cannot be judged, both directions are kept",
             show(rms)
         ),
-        Reversal::Insignificant { rms, repeatability } => eprintln!(
+        Reversal::Insignificant { rms, repeatability } => note!(
             "note: {symbol}: reversal {} rms is within the repeatability of {}: both directions are averaged",
             show(rms),
             show(repeatability)
         ),
-        Reversal::Significant { rms, repeatability } => eprintln!(
+        Reversal::Significant { rms, repeatability } => note!(
             "note: {symbol}: reversal {} rms against a repeatability of {}: forward and reverse are kept",
             show(rms),
             show(repeatability)

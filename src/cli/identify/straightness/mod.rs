@@ -154,7 +154,7 @@ fn confirm(
     for (channel, f) in Channel::ALL.into_iter().zip(found) {
         if let Some(f) = f {
             let (name, gain, std) = (channel.name(), f.gain, f.gain_std);
-            eprintln!("tilt test: {name} = \"{}\", gain {gain:.3} +- {std:.3} (k = 1)", f.assignment);
+            note!("tilt test: {name} = \"{}\", gain {gain:.3} +- {std:.3} (k = 1)", f.assignment);
         }
     }
     let known = file.set_ups.iter().find(|s| s.axis == axis).map(|s| s.table);
@@ -181,13 +181,13 @@ fn confirm(
     table.check(axis).map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {tilt_name}: {e}")))?;
     file.put(SetUp { axis, table, tilt_test: Some(tilt_name) });
     if !table.is_right_handed() {
-        eprintln!(
+        note!(
             "note: the angles of this instrument are not those of a right-handed frame (as in table 2 of paper 004); the tilt test shows that it is so"
         );
     }
     if let Some(path) = &args.write_signs {
         write_text(path, &file.text())?;
-        eprintln!("sign table written: {}", path.display());
+        note!("sign table written: {}", path.display());
     }
     Ok(())
 }
@@ -221,7 +221,7 @@ fn table_for(args: &Args, axis: AxisName, signs: Option<&SignFile>) -> Result<Si
             ),
         ));
     }
-    eprintln!(
+    note!(
         "warning: the signs of [{}] are right-handed, but no tilt test has confirmed them: a mirrored table looks the same; apply known tilts and give --tilt-test",
         axis.lower()
     );

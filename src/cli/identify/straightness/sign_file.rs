@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::cli::files::read_text;
+use crate::cli::input::{self, InputKind};
 use crate::cli::{EX_CONFIG, EX_DATAERR, Failure, table};
 use crate::core::axes::AxisName;
 use crate::core::units::{mm_from_um, rad_from_arcsec};
@@ -61,7 +61,7 @@ fn bad(path: &Path, what: impl core::fmt::Display) -> Failure {
 impl SignFile {
     /// Reads and checks a file; every set-up must be a proper mapping and all must have the parity of one instrument.
     pub(super) fn read(path: &Path) -> Result<Self, Failure> {
-        let text = read_text(path)?;
+        let text = input::read_text(path, InputKind::Description)?;
         Self::parse(path, text.strip_prefix('\u{feff}').unwrap_or(&text))
     }
 

@@ -148,6 +148,6 @@ fn print(pose: &PoseErrors) {
         pose.geometry.condition_centroid
     );
     if let Some(warning) = pose.geometry.warning() {
-        eprintln!("warning: {warning}");
+        note!("warning: {warning}");
     }
 }

@@ -107,24 +107,24 @@ impl Report<'_> {
     /// What needs attention.
     pub(super) fn warn(&self) {
         if let Some(warning) = self.fit.poses[0].geometry.warning() {
-            eprintln!("warning: {warning}");
+            note!("warning: {warning}");
         }
         if self.p_value().is_some_and(|p| p < SIGNIFICANT)
             && let (Some((name, lead)), Some(factor)) = (self.suspect(), self.fit.noise_factor)
         {
             let rows = self.gauged.rows.len();
             if lead > 1.5 {
-                eprintln!(
+                note!(
                     "warning: the points do not move as a rigid body ({} of {rows} rows fail): point {name} explains most of it (without it {lead:.1} times less is left than without the next one); is it loose, or its line of sight disturbed?",
                     self.failing()
                 );
             } else {
-                eprintln!(
+                note!(
                     "warning: the residuals are {factor:.2} times the stated noise ({} of {rows} rows fail), spread over the points (most at {name}): is the noise stated too small?",
                     self.failing()
                 );
             }
-            eprintln!("note: the uncertainties given are enlarged by that factor");
+            note!("note: the uncertainties given are enlarged by that factor");
         }
     }
 

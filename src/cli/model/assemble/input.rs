@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::Args;
 use crate::cli::fit::input::{BySymbol, Direction, Format, read};
+use crate::cli::input::{self, InputKind};
 use crate::cli::{EX_CONFIG, EX_DATAERR, Failure};
 use crate::config::{self, Provenance, SourceEntry};
 use crate::core::axes::{AxisKind, AxisName};
@@ -128,13 +129,13 @@ fn note_common_data(list: &[Loaded]) {
             for (whole, part) in [(a, b), (b, a)] {
                 if whole.made_from().any(|h| h == part.entry().source_hash.as_deref()) {
                     let (whole, part) = (&whole.source.name, &part.source.name);
-                    eprintln!("note: {whole} was made from {part}; they are not independent");
+                    note!("note: {whole} was made from {part}; they are not independent");
                 }
             }
             let common = a.made_from().flatten().find(|h| b.made_from().any(|other| other == Some(h)));
             if let Some(hash) = common {
                 let (a, b) = (&a.source.name, &b.source.name);
-                eprintln!("note: {a} and {b} were both made from the data {hash}; they are not independent");
+                note!("note: {a} and {b} were both made from the data {hash}; they are not independent");
             }
         }
     }
@@ -144,14 +145,9 @@ fn short_name(path: &Path) -> String {
     path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
 }
 
-fn hash_of(path: &Path) -> Result<String, Failure> {
-    let bytes = std::fs::read(path).map_err(|e| Failure::io(path, &e))?;
-    Ok(blake3::hash(&bytes).to_hex().to_string())
-}
-
 fn model(path: &Path, absolute: bool) -> Result<Loaded, Failure> {
-    let hash = hash_of(path)?;
-    let text = crate::cli::files::read_text(path)?;
+    let text = input::read_text(path, InputKind::Model)?;
+    let hash = blake3::hash(text.as_bytes()).to_hex().to_string();
     let file = config::model::parse_file(&path.display().to_string(), &text)
         .map_err(|e| Failure::new(EX_CONFIG, e))?;
     Ok(Loaded {
@@ -166,7 +162,11 @@ fn model(path: &Path, absolute: bool) -> Result<Loaded, Failure> {
 
 /// A table of motions, fitted as `volcomp fit` does by default, on the axis of the base.
 fn table(axis: AxisName, path: &Path, at: Option<[f64; 3]>, base: &ModelSpec) -> Result<Loaded, Failure> {
-    let hash = hash_of(path)?;
+    let Some(hash) = input::hash(path, InputKind::Table) else {
+        // opening it says what is wrong with it, where something is
+        input::open(path, InputKind::Table)?;
+        return Err(Failure::data(path, "is read twice; name a regular file"));
+    };
     if base.chain.index_of(axis).is_none() {
         return Err(Failure::usage(format_args!(
             "--motion {}={}: the chain {} has no such axis",
@@ -183,7 +183,7 @@ fn table(axis: AxisName, path: &Path, at: Option<[f64; 3]>, base: &ModelSpec) ->
         entry.reference_points = [point; 3];
     }
     if entry.sense == Sense::Carriage && base.is_workpiece_side(axis) {
-        eprintln!(
+        note!(
             "note: {}: axis {axis} of the base is in the carriage sense; the table is taken as the carriage's own motion over its own displacement",
             path.display()
         );

@@ -77,7 +77,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let names: Vec<&str> = loaded.iter().map(|l| l.source.name.as_str()).collect();
     let comment = format!("Assembled from {} by volcomp model assemble.", names.join(", "));
     write_text(&args.out, &config::model::write_file(&file, &[comment]))?;
-    eprintln!("model written: {}", args.out.display());
+    note!("model written: {}", args.out.display());
     if args.out.as_os_str() == "-" {
         return Ok(());
     }
