@@ -29,6 +29,7 @@ pub mod audit;
 mod backoff;
 mod board;
 mod body;
+pub mod bounded_read;
 pub mod client;
 mod clock;
 mod counters;
