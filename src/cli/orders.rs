@@ -4,16 +4,17 @@ use std::path::PathBuf;
 
 use super::service::{Which, failure, json, socket};
 use super::{EX_DATAERR, EX_IOERR, Failure};
+use crate::runtime::bounded_read::{MODEL_BYTES_MAX, read_bounded};
 use crate::runtime::client::{self, ClientError};
-use crate::runtime::socket::{Answer, Ask, SentModel, Verb};
+use crate::runtime::socket::{Answer, Ask, SentModel, Verb, check_reason, check_temperature};
 
 /// What every order has.
 #[derive(Debug, clap::Args)]
 struct Common {
     #[command(flatten)]
     which: Which,
-    /// Why, for the audit log.
-    #[arg(long, value_name = "TEXT")]
+    /// Why, for the audit log; at most 1024 bytes.
+    #[arg(long, value_name = "TEXT", value_parser = reason)]
     reason: Option<String>,
     /// Print one JSON object instead of text.
     #[arg(long)]
@@ -32,8 +33,8 @@ pub(super) struct EnableArgs {
     /// Acknowledge a latched fault first; its cause must be gone.
     #[arg(long)]
     clear_fault: bool,
-    /// Temperature of the machine, degrees Celsius; the daemon remembers it.
-    #[arg(long, value_name = "T", allow_negative_numbers = true)]
+    /// Temperature of the machine, -50 to 150 degrees Celsius; the daemon remembers it.
+    #[arg(long, value_name = "T", value_parser = temperature, allow_negative_numbers = true)]
     temperature_degc: Option<f64>,
     /// Although the model has expired; needs a --reason.
     #[arg(long, requires = "reason")]
@@ -116,8 +117,8 @@ pub(super) fn gain(args: &GainArgs) -> Result<(), Failure> {
 
 pub(super) fn load(args: &LoadArgs) -> Result<(), Failure> {
     let name = args.model.display();
-    let bytes =
-        std::fs::read(&args.model).map_err(|e| Failure::new(EX_IOERR, format_args!("error: {name}: {e}")))?;
+    let bytes = read_bounded(&args.model, MODEL_BYTES_MAX)
+        .map_err(|e| Failure::new(EX_IOERR, format_args!("error: {name}: {e}")))?;
     let text = String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
         Failure::new(
@@ -188,6 +189,15 @@ fn refusal(error: &ClientError) -> Failure {
         ClientError::Refused { .. } => Failure::new(EX_DATAERR, error),
         other => failure(other),
     }
+}
+
+fn reason(text: &str) -> Result<String, String> {
+    check_reason(text).map(|()| text.to_owned())
+}
+
+fn temperature(text: &str) -> Result<f64, String> {
+    let degc = text.parse().map_err(|_| format!("{text} is no number"))?;
+    check_temperature(degc).map(|()| degc)
 }
 
 fn share(text: &str) -> Result<f64, String> {
