@@ -62,6 +62,7 @@ mod real {
 
     /// A place where a simulation may let another thread run.
     #[inline]
+    #[cfg(not(test))]
     pub(in crate::runtime) const fn point() {}
 
     /// Sleeps on a thread of its own.

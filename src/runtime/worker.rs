@@ -137,8 +137,8 @@ impl Control {
                 Command::ClearFault => {
                     if std::mem::take(&mut self.kept_fault) {
                         progress.set_state(State::Off);
+                        progress.wanted.store(false, Relaxed);
                     }
-                    progress.wanted.store(false, Relaxed);
                 }
                 Command::Disable | Command::Stop => progress.wanted.store(false, Relaxed),
                 Command::SetGain(_) => {}
@@ -572,3 +572,6 @@ impl Worker {
 fn same_machine(a: &ControlHello, b: &ControlHello) -> bool {
     a.machine == b.machine && a.cycle_ns == b.cycle_ns && handshake::announced(a) == handshake::announced(b)
 }
+
+#[cfg(test)]
+mod tests;

@@ -307,4 +307,32 @@ mod tests {
             assert!(fresh.kept()[0].values.iter().all(|(x, _)| *x == 0.0));
         }
     }
+
+    #[test]
+    fn a_file_cut_at_any_byte_or_without_its_data_teaches_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let now = SystemTime::now();
+        let mut it = estimator();
+        let mut kept = it.kept();
+        kept[0].values[2] = (3e-6, 1e-6);
+        assert!(it.restore(&kept, 0.0).is_empty());
+        let good = text("m", "abc", &it, now).unwrap();
+        let path = folder.path().join(FILE);
+        let cuts = (0..good.len()).map(|k| good[..k].to_vec());
+        let lost = [vec![0; good.len()], vec![0; 4096]];
+        for (k, bytes) in cuts.chain(lost).enumerate() {
+            fs::write(&path, &bytes).unwrap();
+            // what a write that was cut off leaves beside it
+            fs::write(folder.path().join("live.json.tmp"), &good).unwrap();
+            let mut fresh = estimator();
+            let notes = restore(folder.path(), "m", "abc", &mut fresh, now);
+            if bytes.len() + 1 == good.len() && k + 1 == good.len() {
+                // without its line feed it is whole
+                assert!(notes[0].contains("goes on"), "{notes:?}");
+                continue;
+            }
+            assert!(notes[0].starts_with("VC-8013"), "{k}: {notes:?}");
+            assert!(fresh.kept()[0].values.iter().all(|(x, _)| *x == 0.0), "{k}");
+        }
+    }
 }

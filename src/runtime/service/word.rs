@@ -146,11 +146,14 @@ impl Service {
                 self.tally.enabled();
                 self.change(|word| (word.off, word.hold) = (false, None));
             }
-            // another fault may have been latched since
-            Request::Engine(Command::ClearFault) if !self.ports.progress.is_faulted() => {
-                self.word.switched = self.word.switched.max(number);
+            // where no fault was latched the engine goes on as it is; another one may have been latched since
+            Request::Engine(Command::ClearFault)
+                if self.tally.last_word().fault.is_some() && !self.ports.progress.is_faulted() =>
+            {
                 self.word.objection = None;
-                self.change(|word| (word.off, word.fault) = (true, None));
+                let newest = number > self.word.switched;
+                self.word.switched = self.word.switched.max(number);
+                self.change(|word| (word.off, word.fault) = (word.off || newest, None));
             }
             Request::Engine(Command::SetGain(gain)) if number > self.word.gain => {
                 self.word.gain = number;

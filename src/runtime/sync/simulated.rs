@@ -37,6 +37,8 @@ pub(in crate::runtime) fn simulate(
     config.stack_size = 1 << 20;
     config.max_steps = shuttle::MaxSteps::FailAfter(1_000_000);
     config.silence_warnings = true;
+    config.failure_persistence = shuttle::FailurePersistence::None;
+    config.ungraceful_shutdown_config.immediately_return_on_panic = true;
     let _simulation = Simulation;
     NOW_NS.set(Some(0));
     shuttle::Runner::new(scheduler, config).run(move || {
