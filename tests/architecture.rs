@@ -16,6 +16,8 @@ const ROOMS: &[(&str, &[&str])] = &[
     ("evaluate", &["evaluate", "core"]),
     ("diagnose", &["diagnose", "core"]),
     ("formats", &["formats", "identify", "evaluate", "core"]),
+    // a crate of its own: nothing of volcomp
+    ("state", &["audit", "bounded_read", "counters", "disk", "memory", "models", "utc"]),
     ("runtime", &["runtime", "config", "diagnose", "core"]),
     ("cli", &["cli", "runtime", "config", "formats", "identify", "evaluate", "diagnose", "core"]),
     ("bin", &["cli"]),

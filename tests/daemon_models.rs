@@ -230,3 +230,98 @@ fn a_recording_across_a_switch_replays_bit_for_bit() {
     assert_eq!(report["differing"], 0, "{report}");
     assert!(report["compared"].as_u64() > Some(900), "{report}");
 }
+
+/// A model that takes a while to be compared: tables on every axis.
+fn large_model(um: f64) -> String {
+    let positions: Vec<String> = (0..400).map(|k| k.to_string()).collect();
+    let mut text = "format = \"volcomp-model/1\"\nmachine = \"test-mill\"\nchain = \"[w X' b Y Z t]\"\n\
+        [axes.x]\ntravel-mm = [0, 399]\n[axes.y]\ntravel-mm = [0, 399]\n[axes.z]\ntravel-mm = [0, 399]\n\
+        [errors.exx.constant]\nvalue-um = "
+        .to_owned();
+    text.push_str(&format!("{um}\n"));
+    for symbol in ["eyx", "ezx", "exy", "ezy", "exz", "eyz"] {
+        let values: Vec<String> = (0..400).map(|k| format!("{}", (k * 7 % 13) as f64 * 0.01)).collect();
+        text.push_str(&format!(
+            "[errors.{symbol}.table]\nposition-mm = [{}]\nvalue-um = [{}]\n",
+            positions.join(","),
+            values.join(",")
+        ));
+    }
+    text
+}
+
+#[test]
+fn loads_that_overlap_are_refused_one_by_one_and_everything_goes_on() {
+    let port = Port::open();
+    let mut daemon = Daemon::start(&port.address(), setup(KEPT));
+    let mut session = port.link();
+    session.run_until_corrected();
+    let files: Vec<String> =
+        (0..4).map(|k| file(&daemon, &format!("m{k}.toml"), &large_model(11.0 + f64::from(k)))).collect();
+    let answers: Vec<Output> = std::thread::scope(|scope| {
+        let loads: Vec<_> =
+            files.iter().map(|file| scope.spawn(|| daemon.volcomp(&["load", file]))).collect();
+        while !loads.iter().all(|load| load.is_finished()) {
+            let _ = session.cycle();
+        }
+        loads.into_iter().map(|load| load.join().expect("an answer")).collect()
+    });
+    let done = answers.iter().filter(|answer| answer.status.success()).count();
+    let refused = answers.iter().filter(|answer| stderr(answer).contains("another model is being looked at"));
+    assert!(done >= 1 && done + refused.count() == 4, "{answers:?}");
+    assert_eq!(daemon.status()["state"], "active");
+    let disabled = cycle_while(&mut session, 600, || daemon.volcomp(&["disable"]));
+    assert!(disabled.status.success(), "{}", stderr(&disabled));
+    assert_eq!(session.applied[0], 0.0);
+    daemon.signal(Signal::TERM);
+    drop(session);
+    assert_eq!(daemon.wait().code(), Some(0));
+}
+
+#[test]
+fn a_refused_load_leaves_nothing_of_the_file_behind() {
+    let port = Port::open();
+    let more = "[state]\ndirectory = \"state\"\n[recording]\ndirectory = \"state/rec\"\nflush-ms = 20.0\n";
+    let mut daemon = Daemon::start(&port.address(), setup(more));
+    let mut session = port.link();
+    session.run_until_corrected();
+    let secret = "root:$6$abcdefgh:19000:0:99999:7:::";
+    let refused = [
+        file(&daemon, "shadow", &format!("{secret}\n")),
+        file(&daemon, "large.toml", &format!("{}# {secret}\n", model(120.0))),
+        file(&daemon, "foreign.toml", &format!("{}# {secret}\n", model(11.0)).replace("test-mill", "other")),
+        file(
+            &daemon,
+            "axes.toml",
+            &format!("{}# {secret}\n", model(11.0)).replace("[w X' b Y Z t]", "[w X' b Y t]"),
+        ),
+    ];
+    for path in &refused {
+        let answer = cycle_while(&mut session, 20, || daemon.volcomp(&["load", path]));
+        assert!(!answer.status.success(), "{path}");
+        let audit = daemon.dir.path().join("state/audit.jsonl");
+        let hash = blake3::hash(&fs::read(path).expect("there")).to_hex().to_string();
+        let told =
+            || fs::read_to_string(&audit).is_ok_and(|text| text.contains(&hash) && text.contains(path));
+        assert!(eventually(told), "path and hash are in the audit log");
+    }
+    daemon.signal(Signal::TERM);
+    drop(session);
+    assert_eq!(daemon.wait().code(), Some(0));
+    assert!(!daemon.log().contains("root:"), "{}", daemon.log());
+    let mut folders = vec![daemon.dir.path().join("state")];
+    let mut files = 0;
+    while let Some(folder) = folders.pop() {
+        for entry in fs::read_dir(folder).expect("folder") {
+            let path = entry.expect("entry").path();
+            if path.is_dir() {
+                folders.push(path);
+                continue;
+            }
+            files += 1;
+            let bytes = fs::read(&path).expect("file");
+            assert!(!bytes.windows(5).any(|window| window == b"root:"), "{}", path.display());
+        }
+    }
+    assert!(files >= 4, "{files} files were searched");
+}

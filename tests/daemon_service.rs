@@ -15,7 +15,7 @@ use std::time::Instant;
 use daemon_support::{Daemon, EXX_MM, PATIENCE, Port, Setup, eventually, hello};
 use rustix::process::Signal;
 use volcomp::core::axes::AxisName;
-use volcomp::core::protocol::{Axis, AxisUnit, Message};
+use volcomp::core::protocol::{Axis, AxisUnit, CloseReason, Message};
 
 /// Keys that the contract promises.
 const KEYS: [&str; 13] = [
@@ -330,4 +330,101 @@ fn the_watchdog_is_not_fed_by_a_stopped_process() {
     assert!(!fed(), "fed while stopped");
     daemon.signal(Signal::CONT);
     assert!(fed(), "fed again");
+}
+
+#[test]
+fn requests_beyond_their_limits_are_refused_by_tool_and_daemon() {
+    let port = Port::open();
+    let daemon = Daemon::start(&port.address(), Setup::default());
+    assert!(eventually(|| daemon.socket().exists()));
+    let ask = |request: &str| {
+        let mut stream = UnixStream::connect(daemon.socket()).expect("connected");
+        stream.write_all(request.as_bytes()).expect("sent");
+        stream.write_all(b"\n").expect("sent");
+        let mut answer = String::new();
+        BufReader::new(stream).read_line(&mut answer).expect("answered");
+        answer
+    };
+    let long = "x".repeat(1 << 20);
+    let answer = ask(&format!("{{\"command\":\"disable\",\"reason\":\"{long}\"}}"));
+    assert!(answer.contains("1048576 bytes, the limit is 1024"), "{answer}");
+    for degc in ["1e308", "-500"] {
+        let answer = ask(&format!("{{\"command\":\"enable\",\"temperature_degc\":{degc}}}"));
+        assert!(answer.contains("-50 to 150 degC"), "{answer}");
+        let refused = daemon.volcomp(&["enable", "--temperature-degc", degc]);
+        assert_eq!(refused.status.code(), Some(64), "{}", text(&refused.stderr));
+    }
+    let refused = daemon.volcomp(&["disable", "--reason", &long[..1025]]);
+    assert_eq!(refused.status.code(), Some(64), "{}", text(&refused.stderr));
+    assert!(daemon.status()["temperature_degc"].is_null());
+    // a request without an end is cut off at the limit of a line
+    let mut stream = UnixStream::connect(daemon.socket()).expect("connected");
+    let block = vec![b' '; 1 << 20];
+    let sent = (0..40).take_while(|_| stream.write_all(&block).is_ok()).count();
+    assert!((16..40).contains(&sent), "{sent} MiB taken");
+}
+
+#[test]
+fn the_socket_is_relative_to_the_machine_file() {
+    let port = Port::open();
+    let mut daemon = Daemon::start(&port.address(), Setup::default());
+    daemon.signal(Signal::KILL);
+    let _ = daemon.wait();
+    let config = daemon.dir.path().join("machine.toml");
+    let absolute = daemon.socket().display().to_string();
+    let machine = std::fs::read_to_string(&config).expect("there").replace(&absolute, "run/here.sock");
+    std::fs::write(&config, machine).expect("written");
+    daemon.restart();
+    assert!(eventually(|| daemon.dir.path().join("run/here.sock").exists()), "{}", daemon.log());
+    let status = Command::new(env!("CARGO_BIN_EXE_volcomp"))
+        .args(["status", "--json", "--config"])
+        .arg(&config)
+        .current_dir("/")
+        .output()
+        .expect("runs");
+    assert!(status.status.success(), "{}", text(&status.stderr));
+}
+
+#[test]
+fn a_service_that_hangs_is_seen_by_the_cycle_and_sigterm_works_all_the_same() {
+    // systemd's socket, which nobody reads: soon the service waits in it for ever
+    let folder = tempfile::tempdir().expect("directory");
+    let path = folder.path().join("notify");
+    let socket = std::os::unix::net::UnixDatagram::bind(&path).expect("socket");
+    let port = Port::open();
+    let environment =
+        vec![("NOTIFY_SOCKET", path.display().to_string()), ("WATCHDOG_USEC", "40000".to_owned())];
+    let more = "[state]\ndirectory = \"state\"\n";
+    let mut daemon = Daemon::start(&port.address(), Setup { environment, more, ..Setup::default() });
+    let mut session = port.link();
+    session.run_until_corrected();
+    // the limit counts the daemon's time, so a control of a loaded computer gives it that
+    let mut cycles = 0;
+    while session.applied[0] != 0.0 {
+        let _ = session.cycle();
+        std::thread::sleep(std::time::Duration::from_millis(1));
+        cycles += 1;
+        assert!(cycles < 100_000, "the offset stays although the service hangs");
+    }
+    assert!(cycles > 1000, "{cycles}: not before the service hangs");
+    daemon.signal(Signal::TERM);
+    loop {
+        match session.try_cycle() {
+            Message::Correction(_) => {}
+            Message::Close(close) => break assert_eq!(close.reason, CloseReason::Shutdown),
+            other => panic!("{other:?}"),
+        }
+    }
+    // the cycle thread has ended; the process goes when the service has had its time
+    let deadline = Instant::now() + std::time::Duration::from_secs(60);
+    let status = loop {
+        if let Some(status) = daemon.child.try_wait().expect("child") {
+            break status;
+        }
+        assert!(Instant::now() < deadline, "the process does not end:\n{}", daemon.log());
+        std::thread::sleep(std::time::Duration::from_millis(20));
+    };
+    assert_eq!(status.code(), Some(70), "{}", daemon.log());
+    drop(socket);
+    assert!(daemon.log().contains("the service does not end by itself"), "{}", daemon.log());
 }

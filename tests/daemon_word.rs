@@ -78,8 +78,139 @@ fn a_restart_does_not_clear_a_fault() {
     }
     daemon.wait_for_log("VC-4001");
     let mut session = power_cut(&mut daemon, &port, "VC-4001");
-    assert_eq!(run(&mut session, 600), CorrectionState::Off);
+    assert_eq!(run(&mut session, 600), CorrectionState::Faulted);
     daemon.wait_for_log("VC-4001 was latched before the restart");
+    assert_eq!(daemon.status()["faults"][0]["code"], "VC-4001");
+    // a restart is no acknowledgement: neither is a plain enable
+    let (done, said) = order(&mut session, &daemon, &["enable"]);
+    assert!(!done && said.contains("VC-4001") && said.contains("--clear-fault"), "{said}");
+    assert_eq!(run(&mut session, 100), CorrectionState::Faulted);
+    assert!(order(&mut session, &daemon, &["enable", "--clear-fault"]).0);
+    assert_eq!(run(&mut session, 600), CorrectionState::Active);
+    let mut session = power_cut(&mut daemon, &port, "\"off\": false");
+    assert_eq!(run(&mut session, 600), CorrectionState::Active, "what was acknowledged stays so");
+}
+
+#[test]
+fn a_fault_of_before_is_told_and_cleared_without_a_link() {
+    let dead = Port::open();
+    let mut daemon = Daemon::start(&dead.address(), setup());
+    assert!(eventually(|| counters(&daemon).contains("\"fault\": null")));
+    daemon.signal(Signal::KILL);
+    let _ = daemon.wait();
+    let text = counters(&daemon).replace("\"fault\": null", "\"fault\": \"VC-4004\"");
+    fs::write(daemon.dir.path().join("state/counters.json"), text).expect("written");
+    daemon.restart();
+    let status = daemon.status();
+    assert_eq!(status["faults"][0]["reason"], "stop-limit", "{status}");
+    assert!(status["start_inhibit"].as_str().expect("told").contains("VC-4004"), "{status}");
+    let refused = daemon.volcomp(&["enable"]);
+    assert!(!refused.status.success());
+    assert!(daemon.volcomp(&["enable", "--clear-fault", "--reason", "looked"]).status.success());
+    let status = daemon.status();
+    assert_eq!((&status["enabled"], status["faults"].as_array().map(Vec::len)), (&true.into(), Some(0)));
+    assert!(counters(&daemon).contains("\"fault\": null"), "durable before the answer");
+    let mut session = dead.link();
+    assert_eq!(run(&mut session, 600), CorrectionState::Active);
+}
+
+fn counters(daemon: &Daemon) -> String {
+    fs::read_to_string(daemon.dir.path().join("state/counters.json")).unwrap_or_default()
+}
+
+#[test]
+fn an_order_is_durable_before_it_is_answered() {
+    let port = Port::open();
+    let mut daemon = Daemon::start(&port.address(), setup());
+    let mut session = port.link();
+    session.run_until_corrected();
+    for (words, known) in
+        [(["disable"], "\"off\": true"), (["enable"], "\"off\": false"), (["disable"], "\"off\": true")]
+    {
+        assert!(order(&mut session, &daemon, &words).0);
+        assert!(counters(&daemon).contains(known), "{words:?}: {}", counters(&daemon));
+    }
+    daemon.signal(Signal::KILL);
+    let _ = daemon.wait();
+    daemon.restart();
+    assert_eq!(run(&mut port.link(), 600), CorrectionState::Off);
+}
+
+#[test]
+fn an_unknown_state_means_off_until_somebody_enables() {
+    type Damage = fn(&std::path::Path);
+    let cases: [(&str, Damage); 7] = [
+        ("EOF", |path| fs::write(path, &fs::read(path).expect("there")[..100]).expect("written")),
+        ("EOF", |path| fs::write(path, "").expect("written")),
+        ("expected value", |path| fs::write(path, [0; 300]).expect("written")),
+        ("is missing", |path| fs::remove_file(path).expect("removed")),
+        ("of machine", |path| {
+            let text = fs::read_to_string(path).expect("there").replace("test-mill", "test-lathe");
+            fs::write(path, text).expect("written");
+        }),
+        ("not a regular file", |path| {
+            fs::remove_file(path).expect("removed");
+            fs::create_dir(path).expect("made");
+        }),
+        ("names no model in use", |path| {
+            fs::remove_file(path.with_file_name("models.json")).expect("removed");
+        }),
+    ];
+    for (why, damage) in cases {
+        let port = Port::open();
+        let mut daemon = Daemon::start(&port.address(), setup());
+        port.link().run_until_corrected();
+        assert!(eventually(|| daemon.dir.path().join("state/models.json").exists()));
+        daemon.signal(Signal::KILL);
+        let _ = daemon.wait();
+        let path = daemon.dir.path().join("state/counters.json");
+        damage(&path);
+        // not at the first restart, and not at the next one either
+        for _ in 0..2 {
+            daemon.restart();
+            let mut session = port.link();
+            assert_eq!(run(&mut session, 300), CorrectionState::Off, "{why}");
+            let status = daemon.status();
+            let told = status["start_inhibit"].as_str().unwrap_or_default();
+            assert!(told.starts_with("state unknown: ") && told.contains(why), "{why}: {told}");
+            daemon.wait_for_log("compensation stays off until somebody enables it: state unknown");
+            let audit = daemon.dir.path().join("state/audit.jsonl");
+            assert!(eventually(
+                || fs::read_to_string(&audit).is_ok_and(|text| text.contains("state unknown"))
+            ));
+            if path.is_dir() {
+                // nothing can be kept there: the answer to an order says so
+                let (done, said) = order(&mut session, &daemon, &["disable"]);
+                assert!(done && said.contains("not kept"), "{said}");
+                fs::remove_dir(&path).expect("removed");
+                assert!(order(&mut session, &daemon, &["disable"]).0);
+            }
+            daemon.signal(Signal::KILL);
+            let _ = daemon.wait();
+        }
+        daemon.restart();
+        let mut session = port.link();
+        assert!(order(&mut session, &daemon, &["enable", "--reason", "looked at it"]).0, "{why}");
+        assert_eq!(run(&mut session, 600), CorrectionState::Active, "{why}");
+        assert!(daemon.status()["start_inhibit"].is_null(), "{why}");
+        daemon.signal(Signal::KILL);
+        let _ = daemon.wait();
+        daemon.restart();
+        assert_eq!(run(&mut port.link(), 600), CorrectionState::Active, "{why}: lifted for good");
+    }
+}
+
+#[test]
+fn a_state_directory_that_cannot_be_used_is_an_unknown_state() {
+    let port = Port::open();
+    let more = "[state]\ndirectory = \"machine.toml/state\"\n";
+    let daemon = Daemon::start(&port.address(), Setup { more, ..Setup::default() });
+    let mut session = port.link();
+    assert_eq!(run(&mut session, 300), CorrectionState::Off);
+    daemon.wait_for_log("VC-7006");
+    let (done, said) = order(&mut session, &daemon, &["enable"]);
+    assert!(done && said.contains("not kept"), "{said}");
+    assert_eq!(run(&mut session, 600), CorrectionState::Active);
 }
 
 #[test]

@@ -76,7 +76,7 @@ impl InputKind {
         match self {
             Self::Machine | Self::Description => MIB,
             // a parsed TOML text takes up to 80 times its length
-            Self::Model => 4 * MIB,
+            Self::Model => volcomp_state::bounded_read::MODEL_BYTES_MAX,
             Self::Case => 16 * MIB,
             Self::Instrument | Self::PartProgram => 64 * MIB,
             Self::Table | Self::AuditLog => 256 * MIB,

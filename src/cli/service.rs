@@ -75,7 +75,7 @@ pub(super) fn socket(which: &Which) -> Result<PathBuf, Failure> {
         return Ok(socket.clone());
     }
     let Some(config) = &which.config else { return Ok(PathBuf::from(DEFAULT_SOCKET)) };
-    machine(config)?.status.socket.ok_or_else(|| {
+    crate::runtime::socket_path(config, &machine(config)?).ok_or_else(|| {
         Failure::new(
             EX_CONFIG,
             format_args!(
@@ -122,6 +122,9 @@ fn write_head(f: &mut String, status: &Status) -> std::fmt::Result {
     writeln!(f, "{}: {} ({wanted})", status.machine, status.state)?;
     let hash = status.model_hash.get(..12).unwrap_or(&status.model_hash);
     writeln!(f, "model       {} (blake3 {hash})", status.model)?;
+    if let Some(why) = &status.start_inhibit {
+        writeln!(f, "not started {why}")?;
+    }
     write_choice(f, status)?;
     let link = &status.link;
     let since = duration(link.since_s);

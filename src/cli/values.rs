@@ -3,6 +3,7 @@
 use crate::core::axes::{AxisKind, AxisName};
 use crate::core::geometry::Vec3;
 use crate::formats::text::finite;
+use crate::runtime::socket::check_reason;
 
 /// An axis by its letter.
 pub(super) fn axis_letter(text: &str) -> Result<AxisName, String> {
@@ -34,15 +35,9 @@ pub(super) fn point(text: &str) -> Result<Vec3, String> {
         .ok_or_else(|| format!("'{text}' is no point; write three finite numbers in mm, such as 0,250,-120"))
 }
 
-/// Longest text for the audit log, bytes; the daemon accepts no longer one.
-const REASON_MAX: usize = 1024;
-
 /// A reason or a name for the audit log.
 pub(super) fn reason(text: &str) -> Result<String, String> {
-    if text.len() > REASON_MAX {
-        return Err(format!("{} bytes; the limit is {REASON_MAX} bytes: shorten it", text.len()));
-    }
-    Ok(text.to_owned())
+    check_reason(text).map(|()| text.to_owned())
 }
 
 /// A finite number.

@@ -2,6 +2,8 @@
 
 use std::path::Path;
 
+use volcomp_state::bounded_read::{MODEL_BYTES_MAX, read_bounded};
+
 use super::load::{LoadError, text};
 use crate::config::{MachineConfig, ModelFile};
 use crate::diagnose::addition::Addition;
@@ -21,7 +23,7 @@ pub fn with_additions(
         let path = config_path.with_file_name(name);
         let wrong =
             |why: String| LoadError::Addition { config: config_path.to_owned(), path: path.clone(), why };
-        let bytes = std::fs::read(&path).map_err(|source| LoadError::ReadAddition {
+        let bytes = read_bounded(&path, MODEL_BYTES_MAX).map_err(|source| LoadError::ReadAddition {
             config: config_path.to_owned(),
             path: path.clone(),
             source,

@@ -15,10 +15,20 @@ use super::status::{
     Fault, Lifetime, LinkStatus, ModelStatus, RealtimeStatus, ShadowAxis, ShadowStatus, Status,
 };
 use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
-use crate::core::engine::{Detail, Event, Quantity, Reason, ShadowScore, State};
-use crate::core::fault;
+use crate::core::engine::{Detail, Event, Quantity, ShadowScore, State};
+use crate::core::fault::{self, Code};
 use crate::core::protocol::{ControlHello, MachineState};
 use crate::core::units::{MonoTime, NS_PER_S, arcsec_from_rad, rad_from_deg, um_from_mm};
+
+/// A latched fault.
+#[derive(Debug, Clone)]
+struct Latched {
+    code: String,
+    reason: &'static str,
+    text: &'static str,
+    detail: Option<Detail>,
+    since: MonoTime,
+}
 
 /// Everything known about the daemon's work.
 #[derive(Debug)]
@@ -33,7 +43,7 @@ pub(super) struct Board {
     error: Option<String>,
     last: Option<CycleRecord>,
     latency: Latency,
-    fault: Option<(Reason, Option<Detail>, MonoTime)>,
+    fault: Option<Latched>,
     realtime: RealtimeStatus,
 }
 
@@ -86,10 +96,23 @@ impl Board {
     pub(super) fn event(&mut self, event: &Event) {
         match event {
             Event::StateChanged { to: State::Faulted, reason, detail, .. } => {
-                self.fault = Some((*reason, *detail, self.clock.now()));
+                let entry = fault::of_reason(*reason);
+                self.latch(entry.code.to_string(), entry.name, entry.text, *detail);
             }
             Event::StateChanged { .. } => self.fault = None,
         }
+    }
+
+    /// A fault of the run before is still latched.
+    pub(super) fn latched_before(&mut self, code: &str) {
+        let (name, text) = Code::parse(code)
+            .and_then(Code::entry)
+            .map_or(("unknown", "a fault of another version of volcomp"), |entry| (entry.name, entry.text));
+        self.latch(code.to_owned(), name, text, None);
+    }
+
+    fn latch(&mut self, code: String, reason: &'static str, text: &'static str, detail: Option<Detail>) {
+        self.fault = Some(Latched { code, reason, text, detail, since: self.clock.now() });
     }
 
     pub(super) fn record(&mut self, record: &CycleRecord) {
@@ -180,6 +203,7 @@ impl Board {
             model_choice: ModelStatus::default(),
             hindrances: Vec::new(),
             temperature_degc: None,
+            start_inhibit: None,
             shadow: None,
             recording: None,
             lifetime: Lifetime::default(),
@@ -229,15 +253,16 @@ impl Board {
     }
 
     fn faults(&self, now: MonoTime) -> Vec<Fault> {
-        let fault = |(reason, detail, since): (Reason, Option<Detail>, MonoTime)| Fault {
-            code: fault::of_reason(reason).code.to_string(),
-            reason: fault::of_reason(reason).name.to_owned(),
-            text: fault::of_reason(reason).text.to_owned(),
-            numbers: self.numbers(detail.as_ref()),
-            age_s: now.seconds_since(since),
-        };
         // an acknowledged fault leaves without an event
-        self.fault.filter(|_| self.progress.is_faulted()).map(fault).into_iter().collect()
+        let latched = self.fault.as_ref().filter(|_| self.progress.is_faulted());
+        let fault = latched.map(|latched| Fault {
+            code: latched.code.clone(),
+            reason: latched.reason.to_owned(),
+            text: latched.text.to_owned(),
+            numbers: self.numbers(latched.detail.as_ref()),
+            age_s: now.seconds_since(latched.since),
+        });
+        fault.into_iter().collect()
     }
 
     /// Axis, value and limit of a change of state, in words.

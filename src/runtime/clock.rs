@@ -1,21 +1,20 @@
 //! The daemon's own monotonic clock.
 
-use std::time::Instant;
-
+use super::sync;
 use crate::core::units::MonoTime;
 
 /// Nanoseconds since the daemon was started; the one clock of the process.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Clock {
-    origin: Instant,
+    origin_ns: i64,
 }
 
 impl Clock {
     pub(super) fn start() -> Self {
-        Self { origin: Instant::now() }
+        Self { origin_ns: sync::now_ns() }
     }
 
     pub(super) fn now(self) -> MonoTime {
-        MonoTime::from_ns(i64::try_from(self.origin.elapsed().as_nanos()).unwrap_or(i64::MAX))
+        MonoTime::from_ns(sync::now_ns().saturating_sub(self.origin_ns))
     }
 }

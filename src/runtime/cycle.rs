@@ -11,7 +11,6 @@
 //! (see [`super::age`]), or a skipped one.
 
 use std::io::{self, ErrorKind};
-use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
 use super::age::AgeEstimator;
@@ -21,7 +20,7 @@ use super::link::{Link, Received};
 use super::ports::{CycleRecord, Progress, Report};
 use super::worker::{Control, Stop};
 use crate::config::LinkConfig;
-use crate::core::engine::{Event, State};
+use crate::core::engine::State;
 use crate::core::fault::Code;
 use crate::core::protocol::{CloseReason, ErrorCode, ErrorReport, FrameError, Message, Position};
 use crate::core::units::{MonoTime, NS_PER_S};
@@ -134,8 +133,7 @@ impl Cycle<'_> {
         if self.body.next_deadline().is_some_and(|due| now >= due)
             && let Some(correction) = self.body.deadline(now)
         {
-            self.control.ports.progress.set_state(correction.state);
-            self.tell_event();
+            self.control.tell(self.body);
             link.send(&Message::Correction(correction))?;
             self.body.tell();
         }
@@ -246,14 +244,14 @@ impl Cycle<'_> {
         let Reaction::Answer(correction) = reaction else {
             self.body.tell();
             self.live(received, &frame);
-            self.tell_silent_event();
+            self.control.tell_silent(self.body);
             return Ok(());
         };
         let computed = self.clock.now();
         link.send(&Message::Correction(correction))?;
         self.body.tell();
         self.live(received, &frame);
-        self.tell_event();
+        self.control.tell(self.body);
         let turnaround_ns = link.sent.ns - received.ns;
         let age_ns = self.ages.age_ns(received, frame.control_ns).saturating_add(turnaround_ns);
         let late = u64::from(age_ns as f64 > self.limits.cycle_s * NS_PER_S);
@@ -262,7 +260,6 @@ impl Cycle<'_> {
         Progress::add(&progress.late, late + skipped);
         Progress::add(&progress.skipped, skipped);
         let Some(output) = self.body.output() else { return Ok(()) };
-        progress.set_state(output.state);
         Progress::add(&progress.limited, u64::from(output.limited & !output.at_soft_limit != 0));
         Progress::add(&progress.at_soft_limit, u64::from(output.at_soft_limit != 0));
         self.control.ports.record(CycleRecord {
@@ -295,28 +292,6 @@ impl Cycle<'_> {
         let Some((state, score)) = self.body.shadow() else { return };
         if score.cycles.is_multiple_of((1.0 / self.limits.cycle_s) as u64) {
             self.control.ports.report(Report::Shadow(Some((state, *score))));
-        }
-    }
-
-    /// A change of state in a cycle that was not answered.
-    fn tell_silent_event(&mut self) {
-        if let Some(event) = self.body.take_event() {
-            self.control.ports.progress.set_state(self.body.state());
-            self.report(event);
-        }
-    }
-
-    fn tell_event(&self) {
-        if let Some(event) = self.body.output().and_then(|output| output.event) {
-            self.report(event);
-        }
-    }
-
-    fn report(&self, event: Event) {
-        self.control.ports.report(Report::Engine(event));
-        // a fault ends the wish to compensate, until it is cleared and enabled again
-        if self.body.state() == State::Faulted {
-            self.control.ports.progress.wanted.store(false, Relaxed);
         }
     }
 }

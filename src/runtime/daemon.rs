@@ -2,17 +2,17 @@
 
 use std::io;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
-use std::sync::{Arc, Mutex};
 use std::thread::JoinHandle;
 use std::time::{Duration, SystemTime};
 
 use sd_notify::NotifyState;
-use tokio::signal::unix::{Signal, SignalKind, signal};
 use tokio::sync::oneshot;
 use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 use tracing::{error, info, warn};
+use volcomp_state::counters::Recalled;
 
 use super::clock::Clock;
 use super::keeper::Keeper;
@@ -20,20 +20,20 @@ use super::load::{LoadError, Loaded, load};
 use super::logging::{self, LogError};
 use super::models::{Models, guard};
 use super::notify::{Fed, Headline, Watchdog, tell};
-use super::ports::{CyclePorts, Request, ports};
+use super::ports::{CyclePorts, Progress, StopWish, ports};
 use super::recorder::{HealthSlot, Recorder};
 use super::sensors::{self, Listener, Sensors, live_ends};
-use super::server::{Server, SocketError, lock};
+use super::server::{Server, SocketError};
 use super::service::Service;
-use super::worker::{Start, Worker};
+use super::signals::{self, STOP_LIMIT};
+use super::sync::Mutex;
+use super::worker::{SERVICE_SILENT_S, Start, Worker};
 use crate::config::{MachineConfig, Policy};
 use crate::core::axes::AxisKind;
 use crate::core::units::{UM_PER_MM, arcsec_from_rad, deg_from_rad};
 
 /// Interval at which the service looks after the cycle thread's reports.
 const TICK: Duration = Duration::from_millis(20);
-/// Time for the cycle thread to end after its own limit for a clean stop has passed.
-const STOP_LIMIT: Duration = Duration::from_secs(65);
 /// Stack of the cycle thread, bytes; all of it may be locked into memory.
 const STACK_BYTES: usize = 1 << 20;
 
@@ -98,28 +98,12 @@ pub fn run(config: &Path) -> Result<(), DaemonError> {
         .unwrap_or(Err(DaemonError::Internal { what: "the service panicked" }))
 }
 
-/// Signals that mean something here.
-struct Signals {
-    terminate: Signal,
-    interrupt: Signal,
-    hangup: Signal,
-    /// A file that has reached the limit of its size is an error of that file and not the end of the daemon.
-    _file_size: Signal,
-}
+/// Says that the cycle thread has ended.
+struct Ended(Arc<Progress>);
 
-/// SIGXFSZ of Linux.
-const FILE_SIZE: i32 = 25;
-
-impl Signals {
-    fn install() -> Result<Self, DaemonError> {
-        let install =
-            |kind| signal(kind).map_err(|source| DaemonError::System { what: "a signal handler", source });
-        Ok(Self {
-            terminate: install(SignalKind::terminate())?,
-            interrupt: install(SignalKind::interrupt())?,
-            hangup: install(SignalKind::hangup())?,
-            _file_size: install(SignalKind::from_raw(FILE_SIZE))?,
-        })
+impl Drop for Ended {
+    fn drop(&mut self) {
+        self.0.cycle_ended.store(true, Relaxed);
     }
 }
 
@@ -131,7 +115,12 @@ struct CycleThread {
 
 impl CycleThread {
     fn spawn(loaded: Arc<Loaded>, how: Start, ports: CyclePorts, clock: Clock) -> io::Result<Self> {
-        Self::start(move || Worker::new(loaded, how, ports, clock).run())
+        let progress = Arc::clone(&ports.progress);
+        Self::start(move || {
+            // on return and on panic alike: the thread of the signals hears of both
+            let _ended = Ended(progress);
+            Worker::new(loaded, how, ports, clock).run();
+        })
     }
 
     fn start(body: impl FnOnce() + Send + 'static) -> io::Result<Self> {
@@ -154,12 +143,17 @@ impl CycleThread {
 }
 
 async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
-    let mut signals = Signals::install()?;
-    let server = loaded.config.status.socket.as_deref().map(Server::bind).transpose()?;
-    let clock = Clock::start();
     let (mut cycle_ports, service_ports) = ports();
+    let progress = Arc::clone(&service_ports.progress);
+    signals::watch(Arc::clone(&progress))
+        .map_err(|source| DaemonError::System { what: "the signal handlers", source })?;
+    let socket = socket_path(config, &loaded.config);
+    let server = socket.as_deref().map(Server::bind).transpose()?;
+    let clock = Clock::start();
     let keeper = Keeper::start(config, &loaded);
-    let models = Models::at_start(keeper.directory(), &loaded);
+    let place = keeper.directory().map(|directory| (keeper.disk(), directory));
+    let first = keeper.recalled() == Some(&Recalled::First);
+    let models = Models::at_start(place, first, &loaded);
     keeper.announce(&loaded, &models.active);
     let mut how = permit(&models, &loaded.config);
     let health = Arc::new(HealthSlot::default());
@@ -171,7 +165,7 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
     let mut service = Service::new(Arc::clone(&loaded), service_ports, keeper, recorder, models, clock)
         .map_err(|_| DaemonError::Internal { what: "the statistics could not be set up" })?;
     service.sensors = sensors;
-    let how = Start { permitted: service.begins(how.permitted), ..how };
+    let how = Start { permitted: service.begins(how.permitted), kept_fault: service.has_kept_fault(), ..how };
     let service = Arc::new(Mutex::new(service));
     log_start(config, &loaded);
     let mut thread = CycleThread::spawn(loaded, how, cycle_ports, clock)
@@ -180,7 +174,7 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
     let listener = listener.map(|listener| tokio::spawn(listener.run()));
     tell(&[NotifyState::Ready]);
 
-    let result = watch(&service, &mut signals, &mut thread, clock).await;
+    let result = watch(&service, &progress, &mut thread, clock).await;
     tell(&[NotifyState::Stopping]);
     if let Some(server) = server {
         server.abort();
@@ -191,7 +185,7 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
         listener.abort();
     }
     let result = result.and_then(|()| thread.join());
-    lock(&service).finish(if result.is_ok() { "ok" } else { "failed" });
+    service.lock().finish(if result.is_ok() { "ok" } else { "failed" });
     match &result {
         Ok(()) => info!("stopped"),
         Err(problem) => error!("{problem}"),
@@ -210,7 +204,8 @@ fn permit(models: &Models, config: &MachineConfig) -> Start {
         }
     }
     let permitted = against.iter().all(|(_, policy)| *policy == Policy::Warn);
-    Start { model: Arc::clone(&models.active.model), permitted, live: None }
+    let model = Arc::clone(&models.active.model);
+    Start { model, permitted, kept_fault: false, service_silent_s: SERVICE_SILENT_S, live: None }
 }
 
 /// The estimator and the socket of its sensors, where the machine file lists any.
@@ -256,7 +251,7 @@ async fn live(
 /// Looks after everything until the cycle thread ends.
 async fn watch(
     service: &Mutex<Service>,
-    signals: &mut Signals,
+    progress: &Progress,
     thread: &mut CycleThread,
     clock: Clock,
 ) -> Result<(), DaemonError> {
@@ -264,6 +259,7 @@ async fn watch(
     let mut headline = Headline::default();
     let mut stuck = false;
     let mut asked: Option<Instant> = None;
+    let mut told = StopWish::No;
     let mut tick = interval(TICK);
     tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
     loop {
@@ -271,11 +267,18 @@ async fn watch(
         tokio::select! {
             _ = &mut thread.ended => return Ok(()),
             _ = tick.tick() => {
-                let mut service = lock(service);
+                let mut service = service.lock();
                 service.drain();
+                progress.service_beat();
+                let stop = progress.stop();
+                if stop > told {
+                    told = stop;
+                    asked.get_or_insert_with(Instant::now);
+                    log_stop(stop);
+                }
                 let now = clock.now();
                 headline.show(now, || service.headline());
-                let fed = watchdog.look(now, service.progress().beats.load(Relaxed));
+                let fed = watchdog.look(now, progress.beats.load(Relaxed));
                 if fed == Fed::Yes {
                     tell(&[NotifyState::Watchdog]);
                 } else if fed == Fed::Stuck && !stuck {
@@ -283,12 +286,6 @@ async fn watch(
                 }
                 stuck = fed == Fed::Stuck || stuck && fed == Fed::NotDue;
             }
-            _ = signals.terminate.recv() => stop(service, &mut asked, "SIGTERM"),
-            _ = signals.interrupt.recv() => stop(service, &mut asked, "SIGINT"),
-            _ = signals.hangup.recv() => warn!(
-                "SIGHUP: nothing is re-read and nothing changes; configuration and model are read at start only. \
-                 After `volcomp check`, restart the daemon: the offset is ramped out, then the new files apply"
-            ),
             () = sleep_until(give_up), if asked.is_some() => {
                 return Err(DaemonError::CycleThread { how: "does not stop" });
             }
@@ -296,20 +293,22 @@ async fn watch(
     }
 }
 
-/// The first signal asks for a clean stop, the next one for an immediate stop.
-fn stop(service: &Mutex<Service>, asked: &mut Option<Instant>, signal: &'static str) {
-    let again = asked.is_some();
-    let request = if again { Request::StopNow } else { Request::Stop };
-    if again {
-        warn!(signal, "stopping at once; the control's watchdog takes the offset out");
-    } else {
-        info!(signal, "stopping: the offset is taken to its rest value, then the link is closed");
+fn log_stop(stop: StopWish) {
+    match stop {
+        StopWish::No => {}
+        StopWish::Clean => {
+            info!("stopping: the offset is taken to its rest value, then the link is closed");
+        }
+        StopWish::Now => {
+            warn!("stopping at once after another signal; the control's watchdog takes the offset out");
+        }
     }
-    if lock(service).request(request).is_none() {
-        error!("the cycle thread does not take requests; send the signal again");
-        return;
-    }
-    asked.get_or_insert_with(Instant::now);
+}
+
+/// Path of the status socket: relative to the machine file, like every other path in it.
+#[must_use]
+pub fn socket_path(config_path: &Path, config: &MachineConfig) -> Option<PathBuf> {
+    config.status.socket.as_ref().map(|socket| config_path.with_file_name(socket))
 }
 
 fn log_start(config: &Path, loaded: &Loaded) {

@@ -1,49 +1,151 @@
 //! What has to reach the disk and may take its time: the audit log and the counters, on a thread of their own.
 //!
-//! A disk that hangs stops this thread and nobody else: the queue fills, audit entries are counted as lost, counters
-//! are saved the next time.
+//! A disk that hangs stops this thread and nobody else: the queue fills, audit entries are counted as lost, and of the
+//! counters only the newest wait. Whoever must not answer before an order is durable asks [`Keeper::saved`].
 
+use std::collections::VecDeque;
 use std::fs::File;
+use std::io;
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
-use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use crossbeam_channel::{Receiver, RecvTimeoutError, Sender, bounded};
 use tracing::{error, info, warn};
+use volcomp_state::counters::{Counters, LOCK_FILE, Recalled, recall};
+use volcomp_state::disk::{Disk, real};
 
 use super::audit::chain::AuditFile;
 use super::audit::{AUDIT_FILE, Audit, AuditEntry, Who};
-use super::counters::Counters;
 use super::load::Loaded;
 use super::models::Prepared;
+use super::sync::{self, Condvar, Mutex};
+use crate::config::StartMode;
 use crate::core::fault::Code;
 
-/// Jobs in flight.
+/// Audit entries that wait for the disk.
 const QUEUE: usize = 256;
-/// Time for the last jobs when the daemon ends.
+/// Time for the last entries when the daemon ends.
 const FINISH_LIMIT: Duration = Duration::from_secs(3);
-/// Locked by the daemon that keeps its things here.
-const LOCK_FILE: &str = "lock";
+/// Interval at which the end is looked for.
+const POLL: Duration = Duration::from_millis(2);
+
+/// What waits for the disk.
+#[derive(Debug, Default)]
+pub(super) struct Inbox {
+    waiting: Mutex<Waiting>,
+    wake: Condvar,
+    lost: AtomicU64,
+}
+
+#[derive(Debug, Default)]
+struct Waiting {
+    /// The newest counters; older ones are superseded.
+    counters: Option<Box<Counters>>,
+    /// Number of the newest counters handed over.
+    asked: u64,
+    /// Number of the newest counters that are durable.
+    saved: u64,
+    /// Number of the newest counters that the disk refused, and why.
+    refused: (u64, String),
+    audit: VecDeque<AuditEntry>,
+    /// Nothing more comes.
+    end: bool,
+    ended: bool,
+    /// Why audit log and counters are not kept at present.
+    problems: [Option<String>; 2],
+}
+
+/// What has become of counters that were handed over.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Saved {
+    /// They are durable.
+    Yes,
+    /// They are on their way.
+    Waiting,
+    /// They are not kept: why.
+    No(String),
+    /// There is no state directory.
+    Nowhere,
+}
+
+impl Inbox {
+    /// Queues an entry; false and counted where the queue is full.
+    pub(super) fn audit(&self, entry: AuditEntry) -> bool {
+        let mut waiting = self.waiting.lock();
+        if waiting.audit.len() >= QUEUE || waiting.end {
+            self.lost.fetch_add(1, Relaxed);
+            return false;
+        }
+        waiting.audit.push_back(entry);
+        drop(waiting);
+        self.wake.notify_all();
+        true
+    }
+
+    /// Entries that were not written.
+    pub(super) fn lost(&self) -> u64 {
+        self.lost.load(Relaxed)
+    }
+
+    fn save(&self, counters: Counters) -> u64 {
+        let mut waiting = self.waiting.lock();
+        waiting.asked += 1;
+        waiting.counters = Some(Box::new(counters));
+        let number = waiting.asked;
+        drop(waiting);
+        self.wake.notify_all();
+        number
+    }
+
+    fn saved(&self, number: u64) -> Saved {
+        let waiting = self.waiting.lock();
+        if waiting.saved >= number {
+            Saved::Yes
+        } else if waiting.refused.0 >= number {
+            Saved::No(waiting.refused.1.clone())
+        } else if waiting.ended {
+            Saved::No("the thread that writes has ended".to_owned())
+        } else {
+            Saved::Waiting
+        }
+    }
+
+    /// The next job; counters first, because orders and faults wait for them.
+    fn next(&self) -> Option<Job> {
+        let mut waiting = self.waiting.lock();
+        loop {
+            if let Some(counters) = waiting.counters.take() {
+                return Some(Job::Counters(waiting.asked, counters));
+            }
+            if let Some(entry) = waiting.audit.pop_front() {
+                return Some(Job::Audit(entry));
+            }
+            if waiting.end {
+                return None;
+            }
+            waiting = self.wake.wait(waiting);
+        }
+    }
+}
 
 /// Something to be kept.
-#[derive(Debug)]
-pub(super) enum Job {
-    /// A line of the audit log.
-    Audit(Box<AuditEntry>),
-    /// The counters as they are now.
-    Counters(Box<Counters>),
-    /// Nothing more comes.
-    End,
+enum Job {
+    Audit(AuditEntry),
+    Counters(u64, Box<Counters>),
 }
 
 /// The keeper's thread, seen from the service.
-#[derive(Debug, Default)]
+#[derive(Debug)]
 pub(super) struct Keeper {
     pub(super) audit: Audit,
-    jobs: Option<(Sender<Job>, Receiver<()>)>,
-    problem: Arc<Mutex<Option<String>>>,
+    inbox: Option<Arc<Inbox>>,
+    /// Why nothing is kept in a directory that was asked for.
+    unusable: Option<String>,
+    disk: Arc<dyn Disk>,
     directory: Option<PathBuf>,
+    /// What the run before has left; `None` where there is no state directory.
+    recalled: Option<Recalled>,
     /// Hash of the model that the audit log named last.
     known_model: Option<String>,
     /// Held while this daemon runs, so that no second one keeps its things in the same place.
@@ -61,50 +163,89 @@ fn directory(config_path: &Path, loaded: &Loaded) -> Option<PathBuf> {
 }
 
 impl Keeper {
-    /// Starts to keep, where there is a directory to keep things in. One that cannot be used is told and done without.
+    /// Starts to keep, where there is a directory to keep things in. One that cannot be used is an unknown state.
     pub(super) fn start(config_path: &Path, loaded: &Loaded) -> Self {
         let Some(directory) = directory(config_path, loaded) else {
-            info!("no state directory: counters and audit log are not kept ([state] directory)");
-            return Self::default();
+            let lost = "no state directory ([state] directory): orders, a latched fault, counters and audit log do not \
+                        outlive the daemon";
+            match loaded.config.engine.start {
+                StartMode::OnConnect => {
+                    warn!(
+                        "{lost}; with start = \"on-connect\" a restart undoes `disable` and a latched fault"
+                    );
+                }
+                StartMode::OnCommand => info!("{lost}"),
+            }
+            return Self::nowhere(None, None);
         };
-        match Self::open(&directory) {
+        match Self::open(&directory, &loaded.config.machine) {
             Ok(keeper) => keeper,
             Err(problem) => {
                 let directory = directory.display();
                 warn!(%directory, code = %Code::COUNTERS_NOT_SAVED, "counters and audit log are not kept: {problem}");
                 let problem = format!("{directory}: {problem}");
-                Self { problem: Arc::new(Mutex::new(Some(problem))), ..Self::default() }
+                Self::nowhere(Some(Recalled::Unknown(problem.clone())), Some(problem))
             }
         }
     }
 
-    fn open(directory: &Path) -> std::io::Result<Self> {
+    fn nowhere(recalled: Option<Recalled>, unusable: Option<String>) -> Self {
+        Self {
+            audit: Audit::default(),
+            inbox: None,
+            unusable,
+            disk: real(),
+            directory: None,
+            recalled,
+            known_model: None,
+            _owner: None,
+        }
+    }
+
+    fn open(directory: &Path, machine: &str) -> io::Result<Self> {
         std::fs::create_dir_all(directory)?;
         let owner = File::create(directory.join(LOCK_FILE))?;
         // two daemons would write their lines into one chain
         owner.try_lock().map_err(|_| {
-            std::io::Error::other("in use by another volcompd; give each its own [state] directory")
+            io::Error::other("in use by another volcompd; give each its own [state] directory")
         })?;
+        Ok(Self { _owner: Some(owner), ..Self::on(real(), directory, machine)? })
+    }
+
+    /// Keeps things in a directory that is nobody else's.
+    pub(super) fn on(disk: Arc<dyn Disk>, directory: &Path, machine: &str) -> io::Result<Self> {
+        // before anything else is written: whatever is in the directory later is of an earlier run
+        let mut recalled = recall(&*disk, directory, machine);
+        if recalled == Recalled::First
+            && let Err(e) = Counters::new(machine).save(&*disk, directory)
+        {
+            recalled = Recalled::Unknown(format!("{} cannot be written: {e}", directory.display()));
+        }
         let path = directory.join(AUDIT_FILE);
-        let (file, broken) = AuditFile::open(&path)?;
+        let (file, broken) = AuditFile::open(Arc::clone(&disk), &path)?;
         if let Some(broken) = broken {
             let path = path.display();
             error!(%path, code = %Code::AUDIT_BROKEN, "the audit log is broken: {broken}; it was set aside and a new one names it");
         }
         let known_model = file.model().map(str::to_owned);
-        let (sender, jobs) = bounded(QUEUE);
-        let (end, ended) = bounded::<()>(1);
-        let problem = Arc::new(Mutex::new(None));
-        let shared = Arc::clone(&problem);
-        let folder = directory.to_owned();
-        let audit = Audit::new(sender.clone());
-        let lost = audit.losses();
-        std::thread::Builder::new().name("volcomp-keep".to_owned()).spawn(move || {
-            let _end = end;
-            run(&jobs, file, &folder, &shared, &lost);
-        })?;
-        let directory = Some(directory.to_owned());
-        Ok(Self { audit, jobs: Some((sender, ended)), problem, directory, known_model, _owner: Some(owner) })
+        let inbox = Arc::new(Inbox::default());
+        let (theirs, folder, its_disk) = (Arc::clone(&inbox), directory.to_owned(), Arc::clone(&disk));
+        sync::spawn("volcomp-keep", move || run(&Running(theirs), file, &*its_disk, &folder))?;
+        Ok(Self {
+            audit: Audit::new(Arc::clone(&inbox)),
+            inbox: Some(inbox),
+            unusable: None,
+            disk,
+            directory: Some(directory.to_owned()),
+            recalled: Some(recalled),
+            known_model,
+            _owner: None,
+        })
+    }
+
+    /// What the run before has left; `None` where there is no state directory.
+    pub(super) const fn recalled(&self) -> Option<&Recalled> {
+        self.recalled.as_ref()
     }
 
     /// The first lines of a run: the start, and the model where it is another one than before.
@@ -141,63 +282,84 @@ impl Keeper {
         self.directory.as_deref()
     }
 
-    /// Saves the counters; skipped where the disk does not keep up.
-    pub(super) fn save(&self, counters: Counters) {
-        if let Some((sender, _)) = &self.jobs {
-            let _ = sender.try_send(Job::Counters(Box::new(counters)));
+    /// The disk that they are kept on.
+    pub(super) fn disk(&self) -> Arc<dyn Disk> {
+        Arc::clone(&self.disk)
+    }
+
+    /// Hands the counters over to be saved; gives a number to ask [`Keeper::saved`] with.
+    pub(super) fn save(&self, counters: Counters) -> u64 {
+        self.inbox.as_ref().map_or(0, |inbox| inbox.save(counters))
+    }
+
+    /// What has become of counters that were handed over.
+    pub(super) fn saved(&self, number: u64) -> Saved {
+        match (&self.inbox, &self.unusable) {
+            (Some(inbox), _) => inbox.saved(number),
+            (None, Some(problem)) => Saved::No(problem.clone()),
+            (None, None) => Saved::Nowhere,
         }
     }
 
     /// Why things are not kept.
     pub(super) fn problem(&self) -> Option<String> {
-        self.problem.lock().unwrap_or_else(PoisonError::into_inner).clone()
+        let Some(inbox) = &self.inbox else { return self.unusable.clone() };
+        inbox.waiting.lock().problems.iter().flatten().next().cloned()
     }
 
     /// Waits until everything is kept; gives up where the disk does not answer.
     pub(super) fn finish(&self) {
-        let Some((sender, ended)) = &self.jobs else { return };
-        let asked = sender.send_timeout(Job::End, FINISH_LIMIT).is_ok();
-        if !asked || ended.recv_timeout(FINISH_LIMIT) == Err(RecvTimeoutError::Timeout) {
-            warn!("the disk does not take counters and audit log within {} s", FINISH_LIMIT.as_secs());
+        let Some(inbox) = &self.inbox else { return };
+        inbox.waiting.lock().end = true;
+        inbox.wake.notify_all();
+        let mut left = FINISH_LIMIT;
+        while !inbox.waiting.lock().ended {
+            if left.is_zero() {
+                warn!("the disk does not take counters and audit log within {} s", FINISH_LIMIT.as_secs());
+                return;
+            }
+            sync::pause(POLL);
+            left = left.saturating_sub(POLL);
         }
     }
 }
 
-fn run(
-    jobs: &Receiver<Job>,
-    mut file: AuditFile,
-    directory: &Path,
-    problem: &Mutex<Option<String>>,
-    lost: &AtomicU64,
-) {
-    let mut failing = [false; 2];
-    while let Ok(job) = jobs.recv() {
-        let (slot, result) = match job {
-            Job::End => return,
+/// The thread's inbox; says on return and on panic alike that the thread has ended.
+struct Running(Arc<Inbox>);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        self.0.waiting.lock().ended = true;
+    }
+}
+
+fn run(inbox: &Running, mut file: AuditFile, disk: &dyn Disk, directory: &Path) {
+    let inbox = &inbox.0;
+    while let Some(job) = inbox.next() {
+        let (slot, result) = match &job {
             Job::Audit(entry) => (
                 0,
-                file.write(&entry).map(|(seq, hash)| {
+                file.write(entry).map(|(seq, hash)| {
                     info!(seq, hash, what = entry.what, result = entry.result, "audit");
                 }),
             ),
-            Job::Counters(counters) => (1, counters.save(directory)),
+            Job::Counters(_, counters) => (1, counters.save(disk, directory)),
         };
         let what = ["audit log", "counters"][slot];
-        match result {
-            Ok(()) => failing[slot] = false,
-            Err(e) => {
-                if slot == 0 {
-                    lost.fetch_add(1, Relaxed);
-                }
-                let text = format!("{what} in {}: {e}", directory.display());
-                if !std::mem::replace(&mut failing[slot], true) {
-                    warn!(code = %Code::COUNTERS_NOT_SAVED, "not kept: {text}");
-                }
-                *problem.lock().unwrap_or_else(PoisonError::into_inner) = Some(text);
+        let text = result.err().map(|e| format!("{what} in {}: {e}", directory.display()));
+        let mut waiting = inbox.waiting.lock();
+        match (&job, &text) {
+            (Job::Counters(number, _), None) => waiting.saved = *number,
+            (Job::Counters(number, _), Some(text)) => waiting.refused = (*number, text.clone()),
+            (Job::Audit(_), None) => {}
+            (Job::Audit(_), Some(_)) => {
+                inbox.lost.fetch_add(1, Relaxed);
             }
         }
-        if failing == [false; 2] {
-            *problem.lock().unwrap_or_else(PoisonError::into_inner) = None;
+        let before = std::mem::replace(&mut waiting.problems[slot], text.clone());
+        drop(waiting);
+        if let (Some(text), None) = (text, before) {
+            warn!(code = %Code::COUNTERS_NOT_SAVED, "not kept: {text}");
         }
     }
 }

@@ -1,7 +1,8 @@
 //! Whether the files of a state directory would be believed: their text alone, nothing is used or changed.
 //! The audit log is checked by [`super::audit::verify`].
 
-use super::counters::Counters;
+use volcomp_state::counters::Counters;
+
 use super::models::store;
 
 /// `counters.json` of machine `machine`.

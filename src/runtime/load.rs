@@ -4,6 +4,8 @@ use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use volcomp_state::bounded_read::{MACHINE_BYTES_MAX, MODEL_BYTES_MAX, read_bounded};
+
 use super::additions::with_additions;
 use super::tls::{self, Identity, TlsFileError};
 use crate::config::machine::ModelMismatch;
@@ -188,7 +190,8 @@ pub fn load_config(path: &Path) -> Result<MachineConfig, LoadError> {
 
 /// The machine file and its text.
 fn read_config(path: &Path) -> Result<(MachineConfig, String), LoadError> {
-    let bytes = std::fs::read(path).map_err(|source| LoadError::Read { path: path.to_owned(), source })?;
+    let bytes = read_bounded(path, MACHINE_BYTES_MAX)
+        .map_err(|source| LoadError::Read { path: path.to_owned(), source })?;
     let text = text(path, &bytes)?;
     let config = MachineConfig::parse(&path.display().to_string(), text)
         .map_err(|e| LoadError::Config(Box::new(e)))?;
@@ -202,7 +205,7 @@ fn read_config(path: &Path) -> Result<(MachineConfig, String), LoadError> {
 pub fn load(path: &Path) -> Result<Loaded, LoadError> {
     let (config, config_text) = read_config(path)?;
     let model_path = path.with_file_name(&config.model);
-    let bytes = std::fs::read(&model_path).map_err(|source| LoadError::ReadModel {
+    let bytes = read_bounded(&model_path, MODEL_BYTES_MAX).map_err(|source| LoadError::ReadModel {
         config: path.to_owned(),
         path: model_path.clone(),
         source,

@@ -55,15 +55,18 @@ mod sealed;
 pub mod sensors;
 mod server;
 mod service;
+mod signals;
+#[cfg(test)]
+mod simulation;
 pub mod socket;
 mod status;
+mod sync;
 mod tls;
-mod utc;
 mod worker;
 
 pub use additions::with_additions;
 pub use body::{CycleBody, Reaction};
-pub use daemon::{DaemonError, run};
+pub use daemon::{DaemonError, run, socket_path};
 pub use latency::{Bins, Histograms};
 pub use load::{LoadError, Loaded, load, load_config};
 pub use logging::LogError;
@@ -75,3 +78,4 @@ pub use sensors::{
 pub use server::SocketError;
 pub use status::{Fault, Lifetime, LinkStatus, RealtimeStatus, RecordingStatus, Status};
 pub use tls::{Identity, TlsFileError, identity};
+pub use volcomp_state::bounded_read;

@@ -3,7 +3,10 @@
 //! The cycle thread only ever uses `try_send`, `try_recv` and relaxed atomics. The service must never block on
 //! these channels: a sleeping receiver would make the sender take the channel's wake-up lock; it polls instead.
 
-use core::sync::atomic::{AtomicBool, AtomicU8, AtomicU64, Ordering::Relaxed};
+use core::sync::atomic::{
+    AtomicBool, AtomicU8, AtomicU64,
+    Ordering::{Acquire, Relaxed, Release},
+};
 use std::net::SocketAddr;
 use std::sync::Arc;
 use std::time::Duration;
@@ -18,6 +21,7 @@ use crate::core::axes::AxisArray;
 use crate::core::engine::{Command, Event, ShadowScore, State};
 use crate::core::model::Model;
 use crate::core::protocol::{ControlHello, MachineState};
+use crate::core::units::MonoTime;
 
 /// Records in flight: two seconds at 4 kHz.
 const RECORDS: usize = 8192;
@@ -41,10 +45,16 @@ pub(super) enum Request {
     },
     /// Work the correction out beside the machine without applying it, or stop that.
     Shadow(bool),
-    /// Ramp to the rest offset, close the link, end the thread.
-    Stop,
-    /// Close the link and end the thread at once.
-    StopNow,
+}
+
+impl Request {
+    /// True for an order that takes compensation out: it is carried out however late it comes.
+    pub(super) const fn is_safe(&self) -> bool {
+        matches!(
+            self,
+            Self::Engine(Command::Disable | Command::KeepFault | Command::Stop) | Self::Shadow(false)
+        )
+    }
 }
 
 /// A request with its number.
@@ -52,6 +62,19 @@ pub(super) enum Request {
 pub(super) struct Ticket {
     pub(super) number: u64,
     pub(super) request: Request,
+    /// Not carried out any more from then on: its client has been told so. [`Request::is_safe`] ones always are.
+    pub(super) expires: MonoTime,
+}
+
+/// A stop that was asked for by a signal.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub(super) enum StopWish {
+    /// None.
+    No,
+    /// Ramp to the rest offset, close the link, end the thread.
+    Clean,
+    /// Close the link and end the thread at once.
+    Now,
 }
 
 /// Something rare that belongs into the log.
@@ -71,6 +94,8 @@ pub(super) enum Report {
     /// What the shadow engine would have done so far and the state it would be in; `None` where it has just been
     /// switched on or off.
     Shadow(Option<(State, ShadowScore)>),
+    /// The service gives no sign of life: compensation was switched off.
+    ServiceSilent,
     /// The thread ends as it was asked to.
     Stopped { offset: LastOffset },
 }
@@ -129,10 +154,16 @@ pub(super) struct Progress {
     pub(super) records_dropped: AtomicU64,
     /// Reports that found the queue full.
     pub(super) reports_dropped: AtomicU64,
-    /// Number of the newest request carried out.
-    pub(super) requests_done: AtomicU64,
-    /// Number of the newest request that the engine refused.
-    pub(super) request_refused: AtomicU64,
+    /// Number of the newest request that was looked at.
+    requests_done: AtomicU64,
+    /// Bit k: the newest request whose number is k modulo 64 was refused.
+    requests_refused: AtomicU64,
+    /// Counts turns of the service's loop: its sign of life for the cycle thread.
+    pub(super) service_beats: AtomicU64,
+    /// The stop that signals have asked for, as [`StopWish`].
+    stop: AtomicU8,
+    /// The cycle thread has ended.
+    pub(super) cycle_ended: AtomicBool,
     /// State of the engine, as [`state_code`].
     state: AtomicU8,
     /// Whether the link is up.
@@ -145,6 +176,43 @@ impl Progress {
     pub(super) fn beat(&self) {
         // the cycle thread is the only writer: a plain add needs no locked instruction
         self.beats.store(self.beats.load(Relaxed).wrapping_add(1), Relaxed);
+    }
+
+    /// A sign of life of the service.
+    pub(super) fn service_beat(&self) {
+        self.service_beats.fetch_add(1, Relaxed);
+    }
+
+    /// Asks for a stop; a stop at once is never taken back.
+    pub(super) fn ask_stop(&self, wish: StopWish) {
+        self.stop.fetch_max(wish as u8, Relaxed);
+    }
+
+    /// The stop that was asked for.
+    pub(super) fn stop(&self) -> StopWish {
+        match self.stop.load(Relaxed) {
+            0 => StopWish::No,
+            1 => StopWish::Clean,
+            _ => StopWish::Now,
+        }
+    }
+
+    /// A request was looked at. Everything stored before is seen by whoever sees this.
+    pub(super) fn done(&self, number: u64, refused: bool) {
+        let bit = 1 << (number % 64);
+        let bits = self.requests_refused.load(Relaxed);
+        self.requests_refused.store(if refused { bits | bit } else { bits & !bit }, Relaxed);
+        self.requests_done.store(number, Release);
+    }
+
+    /// Whether a request was looked at.
+    pub(super) fn is_done(&self, number: u64) -> bool {
+        self.requests_done.load(Acquire) >= number
+    }
+
+    /// Whether a request that was looked at was refused.
+    pub(super) fn is_refused(&self, number: u64) -> bool {
+        self.requests_refused.load(Relaxed) >> (number % 64) & 1 == 1
     }
 
     pub(super) fn add(counter: &AtomicU64, count: u64) {
@@ -275,6 +343,35 @@ mod tests {
         progress.set_link(false);
         assert_eq!(progress.state(), None);
         assert!(progress.is_faulted(), "a fault outlives the link");
+    }
+
+    #[test]
+    fn each_request_has_its_own_verdict() {
+        let progress = Progress::default();
+        progress.done(5, true);
+        progress.done(6, false);
+        progress.done(7, true);
+        assert_eq!(
+            [5, 6, 7].map(|n| (progress.is_done(n), progress.is_refused(n))),
+            [(true, true), (true, false), (true, true)]
+        );
+        assert!(!progress.is_done(8));
+        progress.done(5 + 64, false);
+        assert!(!progress.is_refused(5 + 64));
+    }
+
+    #[test]
+    fn a_stop_at_once_is_not_taken_back() {
+        let progress = Progress::default();
+        assert_eq!(progress.stop(), StopWish::No);
+        for (wish, then) in [
+            (StopWish::Clean, StopWish::Clean),
+            (StopWish::Now, StopWish::Now),
+            (StopWish::Clean, StopWish::Now),
+        ] {
+            progress.ask_stop(wish);
+            assert_eq!(progress.stop(), then);
+        }
     }
 
     #[test]

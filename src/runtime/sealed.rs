@@ -258,8 +258,13 @@ impl Stage {
         let config = loaded.config.engine_config(&hello).expect("the hello fits");
         let mut body = CycleBody::new(&config, Arc::clone(&loaded.model)).expect("an engine");
         let control = {
-            let start =
-                super::worker::Start { model: Arc::clone(&loaded.model), permitted: true, live: None };
+            let start = super::worker::Start {
+                model: Arc::clone(&loaded.model),
+                permitted: true,
+                kept_fault: false,
+                service_silent_s: 0.0,
+                live: None,
+            };
             Control::new(ports, &loaded.config, start)
         };
         let clock = Clock::start();

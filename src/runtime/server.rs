@@ -8,7 +8,7 @@
 use std::io;
 use std::os::unix::fs::PermissionsExt;
 use std::path::{Path, PathBuf};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::sync::Arc;
 use std::time::Duration;
 
 use tokio::io::{AsyncBufReadExt, AsyncReadExt, AsyncWriteExt, BufReader};
@@ -16,15 +16,17 @@ use tokio::net::{UnixListener, UnixStream};
 use tokio::sync::Semaphore;
 use tokio::time::{sleep, timeout};
 use tracing::warn;
+use volcomp_state::bounded_read::MODEL_BYTES_MAX;
 
 use super::orders::carry_out;
 use super::service::Service;
 use super::socket::{Answer, Ask};
+use super::sync::Mutex;
 
 /// Clients served at the same time.
 const CLIENTS: usize = 8;
-/// Longest request line, bytes: room for a model with large grids.
-const LINE_MAX: u64 = 32 << 20;
+/// Longest request line, bytes: room for the largest model, of which every second byte may be escaped.
+const LINE_MAX: u64 = 2 * MODEL_BYTES_MAX + (64 << 10);
 /// Patience with a client that sends or takes nothing.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Why the socket cannot be offered.
@@ -126,11 +128,6 @@ impl Drop for Server {
     }
 }
 
-/// Locks the service; a task that panicked while it held the lock does not stop the others.
-pub(super) fn lock(service: &Mutex<Service>) -> MutexGuard<'_, Service> {
-    service.lock().unwrap_or_else(PoisonError::into_inner)
-}
-
 async fn refuse(mut stream: UnixStream) -> io::Result<()> {
     let line = line(&Answer::refused(format!("{CLIENTS} clients are being served; try again")));
     stream.try_write(&line)?;
@@ -150,6 +147,11 @@ async fn converse(mut stream: UnixStream, service: &Mutex<Service>) -> io::Resul
             Ok(Err(error)) => return Err(error),
         }
         let complete = request.ends_with(b"\n");
+        if request.len() as u64 >= LINE_MAX && !complete {
+            let line = line(&Answer::refused(format!("the request is longer than {LINE_MAX} bytes")));
+            let _ = timeout(PATIENCE, writer.write_all(&line)).await;
+            return Ok(());
+        }
         let answer = match serde_json::from_slice::<Ask>(&request) {
             Ok(ask) if complete => carry_out(ask, service, peer).await,
             Ok(_) => Answer::refused("the request does not end with a line feed".to_owned()),

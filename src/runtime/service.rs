@@ -1,15 +1,19 @@
 //! The service's side of the channels: drains, logs with bounds, passes requests on.
 
+mod logs;
+mod word;
+
 use std::sync::Arc;
-use std::sync::atomic::Ordering::Relaxed;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, SystemTime};
 
 use tracing::{info, warn};
+use volcomp_state::counters::FILE;
 
 use super::audit::{Audit, AuditEntry, Who};
-use super::board::{Board, state_name};
+use super::board::Board;
 use super::clock::Clock;
-use super::counters::Tally;
+use super::counters::{Tally, unknown};
 use super::cycle::LinkEnd;
 use super::handshake;
 use super::keeper::Keeper;
@@ -19,16 +23,18 @@ use super::logging::LogLimiter;
 use super::models::guard::{self, Hindrance};
 use super::models::{Keeping, Models, Prepared};
 use super::notices::Notices;
-use super::ports::{LastOffset, Progress, Report, Request, ServicePorts, Ticket};
-use super::realtime::{self, RealtimeReport};
+use super::ports::{LastOffset, Report, Request, ServicePorts};
+use super::realtime;
 use super::recorder::Recorder;
 use super::sensors::{MapStatus, Sensors};
 use super::status::Status;
-use crate::config::{MachineConfig, Policy, StartMode};
+use crate::config::{MachineConfig, Policy};
 use crate::core::engine::{Command, Event, ShadowScore, State};
-use crate::core::fault::{self, Code};
-use crate::core::protocol::ControlHello;
-use crate::core::units::{MonoTime, NS_PER_S};
+use crate::core::fault::Code;
+use crate::core::model::Model;
+use crate::core::units::MonoTime;
+use logs::{log_event, log_link_up, log_realtime};
+use word::WordState;
 
 /// Records taken in one go, so that requests are never kept waiting by statistics.
 const RECORDS_AT_ONCE: usize = 4096;
@@ -55,18 +61,20 @@ pub(super) struct Service {
     expired_accepted: bool,
     shadowing: bool,
     /// A model is being read and compared.
-    loading: bool,
+    loading: Arc<AtomicBool>,
     shadow: Option<(State, ShadowScore)>,
     clock: Clock,
     saved: MonoTime,
     looked: MonoTime,
+    /// Number of the newest request.
     ticket: u64,
+    word: WordState,
+    /// A model that was sent to the cycle thread: kept until it has been looked at, so that it is not freed there.
+    on_the_way: Option<(u64, Arc<Model>)>,
     failures: LogLimiter,
     links: LogLimiter,
     events: LogLimiter,
     notices: Notices,
-    /// Why compensation does not begin by itself.
-    objection: Option<String>,
 }
 
 impl Service {
@@ -79,11 +87,15 @@ impl Service {
         clock: Clock,
     ) -> Result<Self, hdrhistogram::CreationError> {
         let config = &loaded.config;
-        let mut tally = Tally::open(keeper.directory(), &config.machine, config.link.cycle_s);
-        if let Some(note) = tally.note().filter(|_| keeper.directory().is_some()) {
+        let file = keeper.directory().map(|directory| directory.join(FILE).display().to_string());
+        let mut tally = Tally::open(keeper.recalled(), file, &config.machine, config.link.cycle_s);
+        if let Some(note) = tally.note().filter(|_| keeper.recalled().is_some()) {
             warn!("{note}");
         }
-        let (objection, ordered_gain) = (tally.last_word().objection(), tally.last_word().gain);
+        if let Some(why) = &models.unknown {
+            tally.last_word_mut().hold.get_or_insert_with(|| unknown(why));
+        }
+        let word = WordState::new(tally.last_word());
         let gain = config.engine.gain;
         let config = Arc::new(config.clone());
         let board = Board::new(loaded, Arc::clone(&ports.progress), clock)?;
@@ -95,7 +107,7 @@ impl Service {
             temperature: None,
             expired_accepted: false,
             shadowing: false,
-            loading: false,
+            loading: Arc::default(),
             shadow: None,
             looked: clock.now(),
             ports,
@@ -106,83 +118,16 @@ impl Service {
             clock,
             saved: clock.now(),
             ticket: 0,
+            word,
+            on_the_way: None,
             failures: LogLimiter::new(3, Duration::from_secs(60)),
             links: LogLimiter::new(10, Duration::from_secs(10)),
             events: LogLimiter::new(20, Duration::from_secs(1)),
             notices: Notices::new(clock.now()),
-            objection,
         };
-        if let Some(gain) = ordered_gain.filter(|g| *g != service.gain) {
-            info!(gain, "the gain ordered before the restart");
-            service.request(Request::Engine(Command::SetGain(gain)));
-        }
+        service.recall();
         service.save();
         Ok(service)
-    }
-
-    /// Whether compensation begins by itself; `permitted` where the model allows it.
-    pub(super) fn begins(&mut self, permitted: bool) -> bool {
-        if self.config.engine.start != StartMode::OnConnect || !permitted {
-            return false;
-        }
-        let begins = self.objection.is_none();
-        match &self.objection {
-            Some(why) => warn!("compensation stays off until somebody enables it: {why}"),
-            None => self.tally.enabled(),
-        }
-        self.keeper.audit.write(AuditEntry {
-            who: Who::daemon(),
-            what: "enable".to_owned(),
-            why: Some(self.objection.clone().unwrap_or_else(|| "start = \"on-connect\"".to_owned())),
-            new_model: Some(self.model_hash().to_owned()),
-            result: if begins { "ordered" } else { "not done" }.to_owned(),
-            ..AuditEntry::default()
-        });
-        begins
-    }
-
-    /// Keeps what a restart must not undo.
-    fn remember(&mut self, request: &Request) {
-        let word = self.tally.last_word();
-        match request {
-            Request::Engine(Command::Enable) => (word.off, word.fault) = (false, None),
-            Request::Engine(Command::Disable) => word.off = true,
-            Request::Engine(Command::ClearFault) => (word.off, word.fault) = (true, None),
-            Request::Engine(Command::SetGain(gain)) => word.gain = Some(*gain),
-            _ => return,
-        }
-        self.objection = None;
-        self.save();
-    }
-
-    pub(super) fn progress(&self) -> &Arc<Progress> {
-        &self.ports.progress
-    }
-
-    /// Passes a request to the cycle thread; gives its number, `None` where the queue is full.
-    pub(super) fn request(&mut self, request: Request) -> Option<u64> {
-        let number = self.ticket + 1;
-        let kept = request.clone();
-        let (enables, gain, shadow) = match &request {
-            Request::Engine(Command::Enable) => (true, None, None),
-            Request::Engine(Command::SetGain(gain)) => (false, Some(*gain), None),
-            Request::Shadow(on) => (false, None, Some(*on)),
-            _ => (false, None, None),
-        };
-        self.ports.requests.try_send(Ticket { number, request }).ok()?;
-        self.ticket = number;
-        if enables {
-            self.tally.enabled();
-        }
-        self.gain = gain.unwrap_or(self.gain);
-        self.shadowing = shadow.unwrap_or(self.shadowing);
-        self.remember(&kept);
-        Some(number)
-    }
-
-    /// Whether the engine has refused a request that was carried out.
-    pub(super) fn is_refused(&self, number: u64) -> bool {
-        self.ports.progress.request_refused.load(Relaxed) == number
     }
 
     /// Whether compensation is wanted.
@@ -190,14 +135,9 @@ impl Service {
         self.ports.progress.wanted.load(Relaxed)
     }
 
-    /// Takes the one place for a model that is being read; false where it is taken.
-    pub(super) const fn begin_load(&mut self) -> bool {
-        !std::mem::replace(&mut self.loading, true)
-    }
-
-    /// Gives it back.
-    pub(super) const fn end_load(&mut self) {
-        self.loading = false;
+    /// The one place for a model that is being read.
+    pub(super) fn loading(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.loading)
     }
 
     /// The fault that is latched now, in a line.
@@ -298,17 +238,22 @@ impl Service {
         });
     }
 
-    /// Whether the cycle thread has carried out a request.
-    pub(super) fn is_done(&self, number: u64) -> bool {
-        self.ports.progress.requests_done.load(Relaxed) >= number
+    /// Takes in what the cycle thread has reported.
+    fn drain_reports(&mut self) {
+        while let Ok(report) = self.ports.reports.try_recv() {
+            self.report(report);
+        }
+        if let Some((number, _)) = &self.on_the_way
+            && self.is_done(*number)
+        {
+            self.on_the_way = None;
+        }
     }
 
     /// Takes in what the cycle thread has said since the last call.
     pub(super) fn drain(&mut self) {
         // reports first: a link that came up resets the statistics before its first record
-        while let Ok(report) = self.ports.reports.try_recv() {
-            self.report(report);
-        }
+        self.drain_reports();
         for _ in 0..RECORDS_AT_ONCE {
             let Ok(record) = self.ports.records.try_recv() else { break };
             self.board.record(&record);
@@ -334,6 +279,7 @@ impl Service {
         (status.model, status.model_hash) = (active.origin.clone(), active.hash.clone());
         status.model_choice = self.models.status();
         status.gain = self.gain;
+        status.start_inhibit = self.start_inhibit();
         status.temperature_degc = self.temperature.map(|(degc, _)| degc);
         status.hindrances = self.hindrances(false).iter().map(|(h, _)| h.to_string()).collect();
         status.shadow = self.shadow.filter(|_| self.shadowing).map(|(s, score)| self.board.shadow(s, &score));
@@ -364,11 +310,11 @@ impl Service {
     }
 
     /// Has the counters kept.
-    fn save(&mut self) {
+    fn save(&mut self) -> u64 {
         self.saved = self.clock.now();
         let progress = &self.ports.progress;
         let (cycles, late) = (progress.cycles.load(Relaxed), progress.late.load(Relaxed));
-        self.keeper.save(self.tally.counters(cycles, late));
+        self.keeper.save(self.tally.counters(cycles, late))
     }
 
     /// The last words before the daemon ends: what is left of the recording, the counters, a line in the audit log.
@@ -446,6 +392,7 @@ impl Service {
                 self.board.event(&event);
             }
             Report::Shadow(score) => self.shadow = score,
+            Report::ServiceSilent => self.was_silent(),
             Report::Stopped { offset: LastOffset::AtRest } => info!("the offset is at its rest value"),
             Report::Stopped { offset: LastOffset::NoLink } => {
                 info!("there is no link; a control that still holds an offset takes it out by itself");
@@ -454,75 +401,5 @@ impl Service {
                 warn!("stopped before the offset was at its rest value; the control takes it out by itself");
             }
         }
-    }
-}
-
-impl Service {
-    /// A fault is counted and goes into the audit log; it is latched, so it cannot come often.
-    fn fault(&mut self, event: &Event) {
-        let Event::StateChanged { from, to: State::Faulted, reason, detail } = event else { return };
-        let entry = fault::of_reason(*reason);
-        self.tally.fault(entry.name);
-        self.tally.last_word().fault = Some(entry.code.to_string());
-        self.save();
-        self.keeper.audit.write(AuditEntry {
-            who: Who::daemon(),
-            what: "fault".to_owned(),
-            why: Some(entry.text.to_owned()),
-            new_model: Some(self.model_hash().to_owned()),
-            result: "faulted".to_owned(),
-            detail: Some(format!(
-                "{} {}, in state {}{}",
-                entry.code,
-                entry.name,
-                state_name(*from),
-                self.board
-                    .numbers(detail.as_ref())
-                    .map_or_else(String::new, |numbers| format!(": {numbers}"))
-            )),
-            ..AuditEntry::default()
-        });
-    }
-}
-
-fn log_realtime(report: &RealtimeReport) {
-    let (fifo, affinity) = (report.fifo.text(), report.affinity.text());
-    let memory_lock = report.memory_lock.text();
-    let (priority, cpu) = (report.priority, report.cpu);
-    if report.has_refusal() {
-        warn!(
-            priority,
-            fifo,
-            cpu,
-            affinity,
-            memory_lock,
-            code = %Code::REALTIME_REFUSED,
-            "real-time settings not fully granted; cycles may be late under load \
-             (set LimitRTPRIO= and LimitMEMLOCK= in the unit)"
-        );
-    } else {
-        info!(priority, fifo, cpu, affinity, memory_lock, "real-time settings");
-    }
-}
-
-fn log_link_up(address: &std::net::SocketAddr, hello: &ControlHello, held_back: u64) {
-    let mut axes = String::new();
-    for axis in handshake::announced(hello) {
-        axes.push(axis.name.letter());
-    }
-    let cycle_s = hello.cycle_ns as f64 / NS_PER_S;
-    info!(%address, control = %hello.software, machine = %hello.machine, axes, cycle_s, held_back, "link up");
-}
-
-fn log_event(event: &Event, held_back: u64, board: &Board) {
-    let Event::StateChanged { from, to, reason, detail } = event;
-    let numbers = board.numbers(detail.as_ref());
-    let (from, to_name, entry) = (state_name(*from), state_name(*to), fault::of_reason(*reason));
-    let code = entry.code;
-    match (to, reason) {
-        (State::Faulted | State::Holding, _) => {
-            warn!(from, to = to_name, reason = entry.name, %code, numbers, held_back, "{}", entry.text);
-        }
-        _ => info!(from, to = to_name, reason = entry.name, %code, numbers, held_back, "{}", entry.text),
     }
 }

@@ -4,10 +4,47 @@
 //! belongs to it. Answers: `{"ok": true, "state": ..}` with more for some, or `{"ok": false, "error": ".."}`.
 
 use serde::{Deserialize, Serialize};
+use volcomp_state::bounded_read::MODEL_BYTES_MAX;
 
 use super::latency::Histograms;
 use super::sensors::FilterStatus;
 use super::status::Status;
+
+/// Longest reason, bytes.
+pub const REASON_BYTES_MAX: usize = 1024;
+/// Longest name of a person or a map, bytes.
+pub const NAME_BYTES_MAX: usize = 256;
+/// Longest path of a model, bytes.
+pub const ORIGIN_BYTES_MAX: usize = 4096;
+/// Temperatures that a machine may have, degrees Celsius.
+pub const TEMPERATURE_DEGC: [f64; 2] = [-50.0, 150.0];
+
+/// Whether a reason is short enough.
+///
+/// # Errors
+/// In words, with the limit.
+pub fn check_reason(text: &str) -> Result<(), String> {
+    check_length("the reason", text, REASON_BYTES_MAX)
+}
+
+/// Whether a machine may have this temperature.
+///
+/// # Errors
+/// In words, with the range.
+pub fn check_temperature(degc: f64) -> Result<(), String> {
+    let [low, high] = TEMPERATURE_DEGC;
+    if (low..=high).contains(&degc) {
+        return Ok(());
+    }
+    Err(format!("temperature {degc:?} is outside of {low} to {high} degC"))
+}
+
+fn check_length(what: &str, text: &str, limit: usize) -> Result<(), String> {
+    if text.len() <= limit {
+        return Ok(());
+    }
+    Err(format!("{what} has {} bytes, the limit is {limit}", text.len()))
+}
 
 /// What a client asks for.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -104,6 +141,34 @@ pub struct Answer {
     /// Why it was not done.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub error: Option<String>,
+    /// What the audit log says instead of `error`.
+    #[serde(skip)]
+    pub(super) record: Option<String>,
+}
+
+impl Ask {
+    /// Whether every part of it is within its limits.
+    ///
+    /// # Errors
+    /// In words, with the limit.
+    pub(super) fn check(&self) -> Result<(), String> {
+        if let Some(reason) = &self.reason {
+            check_reason(reason)?;
+        }
+        if let Some(degc) = self.temperature_degc {
+            check_temperature(degc)?;
+        }
+        if let Some(name) = &self.confirm {
+            check_length("the name", name, NAME_BYTES_MAX)?;
+        }
+        if let Some(map) = &self.map {
+            check_length("the name of the map", map, NAME_BYTES_MAX)?;
+        }
+        let Some(SentModel { origin, text }) = &self.model else { return Ok(()) };
+        check_length("the path of the model", origin, ORIGIN_BYTES_MAX)?;
+        let limit = usize::try_from(MODEL_BYTES_MAX).unwrap_or(usize::MAX);
+        check_length("the model", text, limit)
+    }
 }
 
 /// How far a new model is from the one before.
@@ -147,5 +212,31 @@ mod tests {
         for wrong in [r#"{"command": "Enable"}"#, r#"{"command": "enable", "force": true}"#, "{}", "[]"] {
             assert!(serde_json::from_str::<Ask>(wrong).is_err(), "{wrong}");
         }
+    }
+
+    #[test]
+    fn every_part_of_a_request_has_its_limit() {
+        let reason = |length| Ask { reason: Some("x".repeat(length)), ..Ask::default() };
+        assert_eq!(reason(REASON_BYTES_MAX).check(), Ok(()));
+        let error = reason(REASON_BYTES_MAX + 1).check().expect_err("too long");
+        assert_eq!(error, "the reason has 1025 bytes, the limit is 1024");
+        let warm = |degc| Ask { temperature_degc: Some(degc), ..Ask::default() };
+        for degc in [-50.0, 20.0, 150.0] {
+            assert_eq!(warm(degc).check(), Ok(()));
+        }
+        for degc in [-50.1, 150.1, -500.0, 1e308, f64::INFINITY, f64::NAN] {
+            let error = warm(degc).check().expect_err("outside");
+            assert!(error.contains("-50 to 150 degC"), "{error}");
+        }
+        let model = |origin: usize, text: usize| Ask {
+            model: Some(SentModel { origin: "o".repeat(origin), text: "t".repeat(text) }),
+            ..Ask::default()
+        };
+        let most = usize::try_from(MODEL_BYTES_MAX).expect("fits");
+        assert_eq!(model(ORIGIN_BYTES_MAX, most).check(), Ok(()));
+        assert!(model(ORIGIN_BYTES_MAX + 1, 1).check().is_err() && model(1, most + 1).check().is_err());
+        let long = Some("n".repeat(NAME_BYTES_MAX + 1));
+        assert!(Ask { confirm: long.clone(), ..Ask::default() }.check().is_err());
+        assert!(Ask { map: long, ..Ask::default() }.check().is_err());
     }
 }

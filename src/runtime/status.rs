@@ -82,6 +82,9 @@ pub struct Status {
     /// What speaks against compensating now: code and words.
     #[serde(default)]
     pub hindrances: Vec<String>,
+    /// Why compensation does not begin by itself although `start = "on-connect"`; lifted by an operator's enable.
+    #[serde(default)]
+    pub start_inhibit: Option<String>,
     /// Temperature of the machine as it was told, degrees Celsius.
     #[serde(default)]
     pub temperature_degc: Option<f64>,

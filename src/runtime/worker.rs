@@ -13,11 +13,11 @@ use super::cycle::{Cycle, LinkEnd, SLICE};
 use super::handshake::{self, LinkError};
 use super::link::{Connecting, Link, Received, seconds};
 use super::load::Loaded;
-use super::ports::{CyclePorts, LastOffset, Report, Request};
+use super::ports::{CyclePorts, LastOffset, Report, Request, StopWish};
 use super::realtime;
 use super::sensors::LiveEnd;
 use crate::config::{MachineConfig, StartMode};
-use crate::core::engine::{Command, State};
+use crate::core::engine::{Command, EngineConfig, EngineError, State};
 use crate::core::model::Model;
 use crate::core::protocol::{CloseReason, ControlHello, Message, PROTOCOL_VERSION};
 use crate::core::record::Entry;
@@ -53,6 +53,9 @@ pub(super) struct Control {
     gain: Option<f64>,
     /// Whether the operator wants a shadow engine.
     shadow: bool,
+    /// A fault of an earlier run that is latched in the first engine.
+    kept_fault: bool,
+    service: ServiceWatch,
     /// The model for the next engine.
     model: Arc<Model>,
     /// The cycle's end of live estimation.
@@ -62,80 +65,140 @@ pub(super) struct Control {
 impl Control {
     /// `permitted`: nothing speaks against compensating from the start, where that is configured.
     pub(super) fn new(ports: CyclePorts, config: &MachineConfig, start: Start) -> Self {
-        let Start { model, permitted, live } = start;
-        ports.progress.wanted.store(config.engine.start == StartMode::OnConnect && permitted, Relaxed);
+        let Start { model, permitted, kept_fault, live, service_silent_s } = start;
+        let begins = config.engine.start == StartMode::OnConnect && permitted && !kept_fault;
+        ports.progress.wanted.store(begins, Relaxed);
+        if kept_fault {
+            ports.progress.set_state(State::Faulted);
+        }
         let stop_limit_s = stop_limit_s(config);
-        Self { ports, stop: Stop::No, stop_limit_s, gain: None, shadow: false, model, live }
-    }
-
-    /// Carries out what the service has asked for. Without an engine, wishes are remembered for the next one.
-    pub(super) fn take_requests(&mut self, now: MonoTime, mut body: Option<&mut CycleBody>) {
-        while let Ok(ticket) = self.ports.requests.try_recv() {
-            match ticket.request {
-                Request::Engine(command) => {
-                    self.remember(command);
-                    if let Some(body) = body.as_deref_mut() {
-                        body.command(now, command);
-                        self.ports.progress.set_state(body.state());
-                        // the engine has the last word: a fault is not enabled, and only a fault can be cleared
-                        self.ports.progress.wanted.store(body.is_enabled(), Relaxed);
-                    }
-                }
-                Request::Model { model, hash } => {
-                    self.take_model(now, ticket.number, (model, hash), body.as_deref_mut())
-                }
-                Request::Shadow(on) => {
-                    self.shadow = on;
-                    if let Some(body) = body.as_deref_mut() {
-                        body.set_shadow(now, on);
-                    }
-                    self.ports.report(Report::Shadow(None));
-                }
-                Request::Stop => {
-                    self.stop = Stop::By(now.plus_seconds(self.stop_limit_s));
-                    if let Some(body) = body.as_deref_mut() {
-                        body.command(now, Command::Stop);
-                    }
-                }
-                Request::StopNow => self.stop = Stop::Now,
-            }
-            self.ports.progress.requests_done.store(ticket.number, Relaxed);
+        let service = ServiceWatch::new(service_silent_s);
+        Self {
+            ports,
+            stop: Stop::No,
+            stop_limit_s,
+            gain: None,
+            shadow: false,
+            kept_fault,
+            service,
+            model,
+            live,
         }
     }
 
-    /// The engine of now, and those to come, go on with another model.
+    /// Carries out what signals and the service have asked for. Without an engine, orders are kept for the next one.
+    ///
+    /// # Cycle   no allocation, no lock, no panic
+    pub(super) fn take_requests(&mut self, now: MonoTime, mut body: Option<&mut CycleBody>) {
+        self.look_for_stop(now, body.as_deref_mut());
+        self.look_after_service(now, body.as_deref_mut());
+        while let Ok(ticket) = self.ports.requests.try_recv() {
+            let late = now >= ticket.expires || self.service.is_silent();
+            let refused = if late && !ticket.request.is_safe() {
+                true
+            } else {
+                self.carry_out(now, ticket.request, body.as_deref_mut())
+            };
+            self.ports.progress.done(ticket.number, refused);
+        }
+    }
+
+    /// True where the request was refused.
+    fn carry_out(&mut self, now: MonoTime, request: Request, body: Option<&mut CycleBody>) -> bool {
+        match request {
+            Request::Engine(command) => self.order(now, command, body),
+            Request::Model { model, hash } => self.take_model(now, (model, hash), body),
+            Request::Shadow(on) => {
+                self.shadow = on;
+                if let Some(body) = body {
+                    body.set_shadow(now, on);
+                }
+                self.ports.report(Report::Shadow(None));
+                false
+            }
+        }
+    }
+
+    /// A command for the engine; true where it was refused.
+    fn order(&mut self, now: MonoTime, command: Command, body: Option<&mut CycleBody>) -> bool {
+        if let Command::SetGain(gain) = command {
+            self.gain = Some(gain);
+        }
+        let progress = &self.ports.progress;
+        let Some(body) = body else {
+            // a new engine is off and at zero: what it would do is known
+            match command {
+                Command::Enable => progress.wanted.store(!self.kept_fault, Relaxed),
+                Command::KeepFault => {
+                    self.kept_fault = true;
+                    progress.set_state(State::Faulted);
+                    progress.wanted.store(false, Relaxed);
+                }
+                Command::ClearFault => {
+                    if std::mem::take(&mut self.kept_fault) {
+                        progress.set_state(State::Off);
+                        progress.wanted.store(false, Relaxed);
+                    }
+                }
+                Command::Disable | Command::Stop => progress.wanted.store(false, Relaxed),
+                Command::SetGain(_) => {}
+            }
+            return command == Command::Enable && self.kept_fault;
+        };
+        body.command(now, command);
+        self.kept_fault = body.state() == State::Faulted;
+        progress.set_state(body.state());
+        // the engine has the last word: a fault is not enabled, and only a fault at zero can be cleared
+        progress.wanted.store(body.is_enabled(), Relaxed);
+        match command {
+            Command::Enable => !body.is_enabled(),
+            Command::ClearFault => self.kept_fault,
+            _ => false,
+        }
+    }
+
+    /// A stop asked for by a signal: read here, so that it works whatever the service does.
+    fn look_for_stop(&mut self, now: MonoTime, body: Option<&mut CycleBody>) {
+        match (self.ports.progress.stop(), self.stop) {
+            (StopWish::Now, _) => self.stop = Stop::Now,
+            (StopWish::Clean, Stop::No) => {
+                self.stop = Stop::By(now.plus_seconds(self.stop_limit_s));
+                self.order(now, Command::Stop, body);
+            }
+            (StopWish::Clean | StopWish::No, _) => {}
+        }
+    }
+
+    /// Nobody could switch compensation off while the service is silent: so it is switched off here.
+    fn look_after_service(&mut self, now: MonoTime, body: Option<&mut CycleBody>) {
+        let beats = self.ports.progress.service_beats.load(Relaxed);
+        if self.service.look(now, beats) && self.ports.progress.wanted.load(Relaxed) {
+            self.order(now, Command::Disable, body);
+            self.ports.report(Report::ServiceSilent);
+        }
+    }
+
+    /// The engine of now, and those to come, go on with another model; true where it does not fit.
     fn take_model(
         &mut self,
         now: MonoTime,
-        number: u64,
         (model, hash): (Arc<Model>, [u8; 32]),
         body: Option<&mut CycleBody>,
-    ) {
+    ) -> bool {
         let next = Arc::clone(&model);
         if body.is_none()
             && let Some(tap) = &mut self.ports.tap
         {
             tap.send(&Entry::Model { now, hash });
         }
-        match body.map(|body| body.switch_model(now, model, hash)) {
-            None | Some(Ok(_)) => {
-                self.model = next;
-                if let Some(live) = &mut self.live {
-                    live.model(hash);
-                }
-            }
-            Some(Err(_)) => self.ports.progress.request_refused.store(number, Relaxed),
+        if body.is_some_and(|body| body.switch_model(now, model, hash).is_err()) {
+            return true;
         }
-    }
-
-    fn remember(&mut self, command: Command) {
-        match command {
-            Command::Enable => self.ports.progress.wanted.store(true, Relaxed),
-            Command::Disable | Command::Stop => self.ports.progress.wanted.store(false, Relaxed),
-            // a fault that is acknowledged leaves the engine off until it is enabled again
-            Command::ClearFault | Command::KeepFault => self.ports.progress.wanted.store(false, Relaxed),
-            Command::SetGain(gain) => self.gain = Some(gain),
+        self.model = next;
+        if let Some(live) = &mut self.live {
+            live.model(hash);
         }
+        false
     }
 
     /// Tells a new engine what is wanted of it.
@@ -149,6 +212,87 @@ impl Control {
         if self.shadow {
             body.set_shadow(now, true);
         }
+        if self.kept_fault {
+            body.command(now, Command::KeepFault);
+        }
+    }
+
+    /// An engine for the control that says `hello`: the present one where nothing about the control has changed.
+    pub(super) fn prepare(
+        &mut self,
+        now: MonoTime,
+        config: &EngineConfig,
+        hello: &ControlHello,
+        seat: &mut Option<(ControlHello, CycleBody)>,
+    ) -> Result<(), EngineError> {
+        if seat.as_ref().is_some_and(|(known, _)| same_machine(known, hello)) {
+            return Ok(());
+        }
+        let mut body = CycleBody::new(config, Arc::clone(&self.model))?;
+        let of_the_old = seat.as_mut().and_then(|(_, body)| body.take_tap());
+        if let Some(tap) = of_the_old.or_else(|| self.ports.tap.take()) {
+            body.record_to(tap, now, hello);
+        }
+        self.kept_fault |= seat.as_ref().is_some_and(|(_, old)| old.state() == State::Faulted);
+        self.brief(now, &mut body);
+        *seat = Some((*hello, body));
+        Ok(())
+    }
+
+    /// Passes on what the newest cycle has changed. The state first: whoever has read the event sees no older state.
+    ///
+    /// # Cycle   no allocation, no lock, no panic
+    pub(super) fn tell(&self, body: &CycleBody) {
+        let progress = &self.ports.progress;
+        progress.set_state(body.state());
+        // a fault ends the wish to compensate, until it is cleared and enabled again
+        if body.state() == State::Faulted {
+            progress.wanted.store(false, Relaxed);
+        }
+        if let Some(event) = body.output().and_then(|output| output.event) {
+            self.ports.report(Report::Engine(event));
+        }
+    }
+
+    /// The same after a cycle that was not answered.
+    ///
+    /// # Cycle   no allocation, no lock, no panic
+    pub(super) fn tell_silent(&self, body: &mut CycleBody) {
+        let event = body.take_event();
+        let progress = &self.ports.progress;
+        progress.set_state(body.state());
+        if body.state() == State::Faulted {
+            progress.wanted.store(false, Relaxed);
+        }
+        if let Some(event) = event {
+            self.ports.report(Report::Engine(event));
+        }
+    }
+
+    /// A link has come up.
+    pub(super) fn link_up(&mut self, now: MonoTime, hello: &ControlHello, body: &mut CycleBody) {
+        body.link_up(now);
+        if let Some(live) = &mut self.live {
+            live.link_up(hello);
+        }
+        self.ports.progress.set_state(body.state());
+        self.ports.progress.set_link(true);
+    }
+
+    /// The link is gone.
+    pub(super) fn link_down(&mut self, now: MonoTime, body: &mut CycleBody) {
+        body.link_down(now);
+        if let Some(live) = &mut self.live {
+            live.link_down();
+        }
+        self.ports.progress.set_link(false);
+        self.ports.progress.set_state(body.state());
+    }
+
+    /// The model for the next engine.
+    #[cfg(test)]
+    pub(super) const fn model(&self) -> &Arc<Model> {
+        &self.model
     }
 
     fn stopping(&self) -> bool {
@@ -162,6 +306,44 @@ fn stop_limit_s(config: &MachineConfig) -> f64 {
     (config.engine.ramp_s.max(slowest) + STOP_MARGIN_S).min(STOP_LIMIT_S)
 }
 
+/// Control time without a sign of life of the service after which compensation is switched off, s.
+pub(super) const SERVICE_SILENT_S: f64 = 2.0;
+/// The most that one turn counts as silence, s: a process that was stopped as a whole was not silent.
+const SILENCE_STEP_S: f64 = 0.1;
+
+/// The cycle thread's look at the service.
+#[derive(Debug)]
+struct ServiceWatch {
+    /// s; 0 never.
+    limit_s: f64,
+    beats: u64,
+    looked: Option<MonoTime>,
+    silent_s: f64,
+}
+
+impl ServiceWatch {
+    const fn new(limit_s: f64) -> Self {
+        Self { limit_s, beats: 0, looked: None, silent_s: 0.0 }
+    }
+
+    /// True where the limit is passed at this look.
+    fn look(&mut self, now: MonoTime, beats: u64) -> bool {
+        let passed = self.looked.map_or(0.0, |looked| now.seconds_since(looked));
+        self.looked = Some(now);
+        if beats != self.beats {
+            (self.beats, self.silent_s) = (beats, 0.0);
+            return false;
+        }
+        let before = self.is_silent();
+        self.silent_s += passed.clamp(0.0, SILENCE_STEP_S);
+        !before && self.is_silent()
+    }
+
+    const fn is_silent(&self) -> bool {
+        self.limit_s > 0.0 && self.silent_s >= self.limit_s
+    }
+}
+
 /// How the cycle thread starts.
 #[derive(Debug)]
 pub(super) struct Start {
@@ -169,6 +351,10 @@ pub(super) struct Start {
     pub(super) model: Arc<Model>,
     /// Nothing speaks against compensating from the start.
     pub(super) permitted: bool,
+    /// A fault of an earlier run is still latched.
+    pub(super) kept_fault: bool,
+    /// [`SERVICE_SILENT_S`]; 0 where nobody beats.
+    pub(super) service_silent_s: f64,
     /// The cycle's end of live estimation, where there are sensors.
     pub(super) live: Option<LiveEnd>,
 }
@@ -330,22 +516,9 @@ impl Worker {
             .config
             .engine_config(hello)
             .map_err(|source| LinkError::Mismatch { address, source })?;
-        if self.body.as_ref().is_some_and(|(known, _)| same_machine(known, hello)) {
-            return Ok(());
-        }
-        let engine = |source| LinkError::Engine { address, source };
-        let mut body = CycleBody::new(&config, Arc::clone(&self.control.model)).map_err(engine)?;
-        let now = self.clock.now();
-        let of_the_old = self.body.as_mut().and_then(|(_, body)| body.take_tap());
-        if let Some(tap) = of_the_old.or_else(|| self.control.ports.tap.take()) {
-            body.record_to(tap, now, hello);
-        }
-        self.control.brief(now, &mut body);
-        if self.body.as_ref().is_some_and(|(_, old)| old.state() == State::Faulted) {
-            body.command(now, Command::KeepFault);
-        }
-        self.body = Some((*hello, body));
-        Ok(())
+        self.control
+            .prepare(self.clock.now(), &config, hello, &mut self.body)
+            .map_err(|source| LinkError::Engine { address, source })
     }
 
     /// One link from up to down; says whether the offset was at rest where the link ended by a stop.
@@ -354,12 +527,7 @@ impl Worker {
         let config = &self.loaded.config;
         self.control.ports.report(Report::LinkUp { address: config.link.address, hello: *hello });
         let up = self.clock.now();
-        body.link_up(up);
-        if let Some(live) = &mut self.control.live {
-            live.link_up(hello);
-        }
-        self.control.ports.progress.set_state(body.state());
-        self.control.ports.progress.set_link(true);
+        self.control.link_up(up, hello, body);
         let mut cycle = Cycle {
             control: &mut self.control,
             body,
@@ -373,12 +541,7 @@ impl Worker {
         if let Some((error, reason)) = end.farewell() {
             link.close(error, reason);
         }
-        body.link_down(self.clock.now());
-        if let Some(live) = &mut self.control.live {
-            live.link_down();
-        }
-        self.control.ports.progress.set_link(false);
-        self.control.ports.progress.set_state(body.state());
+        cycle.control.link_down(self.clock.now(), cycle.body);
         self.control.ports.report(Report::LinkDown { end, cycles });
         if let LinkEnd::Stopped { at_rest } = end {
             return Some(at_rest);
@@ -424,3 +587,6 @@ impl Worker {
 fn same_machine(a: &ControlHello, b: &ControlHello) -> bool {
     a.machine == b.machine && a.cycle_ns == b.cycle_ns && handshake::announced(a) == handshake::announced(b)
 }
+
+#[cfg(test)]
+mod tests;

@@ -385,7 +385,7 @@ fn observe(
 /// A monitor with the limits of a machine file.
 fn open_monitor(path: &Path, axes: &MachineAxes, cycle_s: f64) -> Result<SharedMonitor, Failure> {
     let names: Vec<AxisName> = axes.as_slice().iter().map(|a| a.name).collect();
-    let settings = Settings::from_machine_file(&read(path, InputKind::MachineFile)?, &names)
+    let settings = Settings::from_machine_file(&read(path, InputKind::Machine)?, &names)
         .map_err(|e| Failure::in_file(EX_DATAERR, path, e))?;
     Ok(SharedMonitor::new(Settings { cycle_s, ..settings }))
 }

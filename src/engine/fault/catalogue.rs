@@ -402,6 +402,15 @@ pub const CATALOGUE: &[Entry] = &[
         remedy: "check [state] in the machine file",
     },
     Entry {
+        code: Code(7007),
+        name: "service-silent",
+        severity: Fault,
+        text: "the service of the daemon gives no sign of life",
+        cause: "its event loop has hung for 2 s: a defect of volcompd, or a system that does not schedule it",
+        reaction: "the cycle thread switches compensation off: ramped to zero over ramp-s; it stays off, over restarts too",
+        remedy: "keep the log and report it; restart the daemon where volcomp status does not answer, then volcomp enable",
+    },
+    Entry {
         code: Code(8001),
         name: "live-lost",
         severity: Warning,

@@ -108,6 +108,8 @@ impl Code {
     pub const AUDIT_BROKEN: Self = Self(7004);
     /// The counters cannot be saved.
     pub const COUNTERS_NOT_SAVED: Self = Self(7006);
+    /// The service gives no sign of life.
+    pub const SERVICE_SILENT: Self = Self(7007);
     /// Real-time scheduling or memory lock is not permitted.
     pub const REALTIME_REFUSED: Self = Self(7005);
 

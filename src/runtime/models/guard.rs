@@ -2,12 +2,13 @@
 
 use std::time::SystemTime;
 
+use volcomp_state::utc;
+
 use crate::config::{GuardConfig, Policy};
 use crate::core::fault::Code;
 use crate::core::model::compare::{Change, compare};
 use crate::core::model::{ModelError, ModelSpec};
 use crate::core::units::{arcsec_from_rad, um_from_mm};
-use crate::runtime::utc;
 
 /// By how much two models differ in the working volume.
 #[derive(Debug, Clone, Copy, PartialEq)]

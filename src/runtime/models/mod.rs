@@ -3,21 +3,24 @@
 //! [`guard`] decides, [`store`] remembers; the switch itself is done by the cycle thread. Reading order: this file.
 
 pub mod guard;
-pub mod store;
 
 use std::path::Path;
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::Arc;
 use std::time::SystemTime;
 
 use tracing::{info, warn};
+use volcomp_state::disk::Disk;
+use volcomp_state::utc;
 
 use super::load::{LoadError, Loaded, number};
 use super::status::ModelStatus;
-use super::utc;
+use super::sync::Mutex;
 use crate::config::{MachineConfig, model};
 use crate::core::estimate::Thermal;
 use crate::core::fault::Code;
 use crate::core::model::{Model, ModelSpec};
+pub use volcomp_state::models as store;
+
 use store::{Choice, Store};
 
 /// A model that is ready to be used.
@@ -83,15 +86,21 @@ pub struct Models {
     /// Hash of the model that the machine file names.
     configured: String,
     /// Locked by whoever may wait for the disk, never by the service.
-    store: Option<Arc<Mutex<Store>>>,
+    store: Option<Arc<Mutex<Kept>>>,
+    /// Switches so far.
+    switches: u64,
     /// What the operator should know about the choice.
     pub notes: Vec<String>,
+    /// Why nobody knows which model was in use before: compensation must not begin by itself.
+    pub unknown: Option<String>,
 }
 
 impl Models {
     /// Decides with which model the daemon starts: the one that was in use, where the machine file still names the
     /// same one as then; the machine file's, where it does not differ by more than the guard allows.
-    pub(super) fn at_start(directory: Option<&Path>, loaded: &Loaded) -> Self {
+    ///
+    /// `place`: the state directory and its disk. `first`: there was no run before, so nothing can be missing.
+    pub(super) fn at_start(place: Option<(Arc<dyn Disk>, &Path)>, first: bool, loaded: &Loaded) -> Self {
         let text = loaded.model_text.clone();
         let origin = loaded.model_path.display().to_string();
         let configured = Prepared {
@@ -116,10 +125,18 @@ impl Models {
             previous: None,
             choice,
             store: None,
+            switches: 0,
             notes: Vec::new(),
+            unknown: None,
         };
-        if let Some(directory) = directory {
-            let (store, problem) = Store::open(directory, &loaded.config.machine);
+        if let Some((disk, directory)) = place {
+            let (store, problem) = Store::open(disk, directory, &loaded.config.machine);
+            models.unknown = match &problem {
+                None if store.active().is_none() && !first => {
+                    Some(format!("{} names no model in use", directory.join(store::FILE).display()))
+                }
+                _ => problem.clone(),
+            };
             models.notes.extend(problem);
             models.remember(&store, &loaded.config);
             models.keep(store);
@@ -145,7 +162,11 @@ impl Models {
         let Some(chosen) = store.active().cloned() else { return };
         let was_active = read(&chosen);
         self.previous = store.previous().and_then(&mut read);
-        let Some(was_active) = was_active else { return };
+        let Some(was_active) = was_active else {
+            self.unknown =
+                Some(format!("the model in use before, {}, cannot be used any more", chosen.origin));
+            return;
+        };
         if chosen.hash == self.configured {
             self.choice = chosen;
             return;
@@ -192,7 +213,7 @@ impl Models {
         if !known && let Err(e) = store.choose(self.choice.clone(), &self.active.text, &self.configured) {
             self.notes.push(format!("which model is in use is not kept: {e}"));
         }
-        self.store = Some(Arc::new(Mutex::new(store)));
+        self.store = Some(Arc::new(Mutex::new(Kept { store, switch: 0 })));
     }
 
     /// For the status.
@@ -227,8 +248,10 @@ impl Models {
         self.previous = Some(core::mem::replace(&mut self.active, Arc::clone(&new)));
         self.choice = choice.clone();
         self.notes.clear();
+        self.switches += 1;
         Keeping {
             store: self.store.clone(),
+            switch: self.switches,
             choice,
             text: new.text.clone(),
             configured: self.configured.clone(),
@@ -237,10 +260,19 @@ impl Models {
     }
 }
 
+/// The store, and the newest switch that it knows of.
+#[derive(Debug)]
+struct Kept {
+    store: Store,
+    switch: u64,
+}
+
 /// A choice on its way to the disk.
 #[derive(Debug)]
 pub(super) struct Keeping {
-    store: Option<Arc<Mutex<Store>>>,
+    store: Option<Arc<Mutex<Kept>>>,
+    /// Number of the switch.
+    switch: u64,
     choice: Choice,
     text: String,
     configured: String,
@@ -253,7 +285,13 @@ impl Keeping {
         let Some(store) = self.store else {
             return Some("no state directory: after a restart the machine file's model is used".to_owned());
         };
-        let mut store = store.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut kept = store.lock();
+        if self.switch <= kept.switch {
+            // a disk that was slow has kept this one waiting until after the next
+            return None;
+        }
+        kept.switch = self.switch;
+        let store = &mut kept.store;
         let kept = if self.back && store.previous().is_some_and(|p| p.hash == self.choice.hash) {
             store.swap(self.choice)
         } else {

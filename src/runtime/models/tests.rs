@@ -23,8 +23,9 @@ fn start(folder: &Path, size_um: f64) -> Models {
     std::fs::write(folder.join("model.toml"), text(size_um)).expect("written");
     let loaded = load(&folder.join("machine.toml")).expect("loads");
     let state = folder.join("state");
+    let first = !state.exists();
     std::fs::create_dir_all(&state).expect("made");
-    Models::at_start(Some(&state), &loaded)
+    Models::at_start(Some((volcomp_state::disk::real(), &state)), first, &loaded)
 }
 
 fn prepared(folder: &Path, size_um: f64) -> Arc<Prepared> {
@@ -95,6 +96,7 @@ fn a_model_that_was_meddled_with_is_not_used() {
     let models = start(dir.path(), 10.0);
     assert!((size_of(&models) - 10.0).abs() < 1e-9, "the machine file's model instead");
     assert!(models.notes[0].contains("hash"), "{:?}", models.notes);
+    assert!(models.unknown.expect("held").contains("loaded.toml"));
 }
 
 #[test]
@@ -109,4 +111,20 @@ fn models_of_another_machine_and_other_content_than_pinned_are_refused() {
     let error = load(&dir.path().join("machine.toml")).expect_err("refused");
     assert!(error.to_string().contains("VC-5005"), "{error}");
     assert!(!error.is_io());
+}
+
+#[test]
+fn a_lost_or_damaged_choice_is_an_unknown_state_and_a_first_start_is_not() {
+    let dir = tempfile::tempdir().expect("directory");
+    assert_eq!(start(dir.path(), 10.0).unknown, None);
+    assert_eq!(start(dir.path(), 10.0).unknown, None);
+    let book = dir.path().join("state/models.json");
+    for damage in [None, Some(""), Some("{"), Some("\0\0\0\0")] {
+        match damage {
+            Some(text) => std::fs::write(&book, text).expect("written"),
+            None => std::fs::remove_file(&book).expect("removed"),
+        }
+        let models = start(dir.path(), 10.0);
+        assert!(models.unknown.expect("held").contains("models.json"), "{damage:?}");
+    }
 }

@@ -2,16 +2,17 @@
 
 use std::fs::{self, File};
 use std::io::{self, Write};
+use std::os::unix::fs::MetadataExt;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 use std::time::SystemTime;
 
 use tracing::warn;
+use volcomp_state::utc;
 
 use super::super::clock::Clock;
 use super::super::load::Loaded;
 use super::super::models::Prepared;
-use super::super::utc;
 use super::texts::ModelTexts;
 use super::writer::{Disk, DiskFile, NewFile};
 use crate::config::{RecordingConfig, WhenFull};
@@ -224,6 +225,10 @@ impl DiskFile for File {
     fn cut(&mut self, length: u64) -> io::Result<()> {
         self.set_len(length).and_then(|()| self.sync_data())
     }
+
+    fn is_deleted(&self) -> io::Result<bool> {
+        Ok(self.metadata()?.nlink() == 0)
+    }
 }
 
 #[cfg(test)]
@@ -291,5 +296,17 @@ mod tests {
         // the same block is for the file that is open
         let both = [&bytes[..], &block].concat();
         assert_eq!(crate::core::record::Recording::parse(&both).expect("sound").models.len(), 2);
+    }
+
+    #[test]
+    fn a_deleted_file_is_noticed() {
+        let dir = tempfile::tempdir().expect("directory");
+        let recordings = dir.path().join("recordings");
+        let begun = folder(&recordings, WhenFull::Stop).begin(0, "").expect("room");
+        assert!(!begun.file.is_deleted().expect("known"));
+        fs::remove_dir_all(&recordings).expect("removed");
+        assert!(begun.file.is_deleted().expect("known"));
+        let again = folder(&recordings, WhenFull::Stop).begin(0, "").expect("the folder is made again");
+        assert!(!again.file.is_deleted().expect("known"));
     }
 }

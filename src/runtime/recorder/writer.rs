@@ -2,7 +2,8 @@
 //!
 //! A file only ever grows by whole blocks, each followed by a sync; a block that did not make it is cut off again, or,
 //! where even that fails, the file is left and a new one begun. While the disk refuses, entries are counted and let
-//! go, and it is tried again every second.
+//! go, and it is tried again every second. A file that was deleted is left and a new one begun, in a new folder where
+//! that is gone, too.
 
 use std::io;
 use std::sync::Arc;
@@ -41,6 +42,8 @@ pub(super) trait DiskFile {
     fn sync(&mut self) -> io::Result<()>;
     /// Takes off what was added behind `length` and never became safe.
     fn cut(&mut self, length: u64) -> io::Result<()>;
+    /// Whether the file has been deleted: what is written to it is lost when it is closed.
+    fn is_deleted(&self) -> io::Result<bool>;
 }
 
 /// A file just begun.
@@ -201,6 +204,12 @@ impl<D: Disk> Writer<D> {
         self.models.extend_from_slice(bytes);
         let written = open.file.append(&self.models).and_then(|()| open.file.sync());
         self.models.truncate(models as usize);
+        if open.file.is_deleted()? {
+            let text = format!("{} was deleted while it was written", open.name);
+            self.leave();
+            self.stats.set_file(None);
+            return Err(io::Error::new(io::ErrorKind::NotFound, text));
+        }
         match written {
             Ok(()) => {
                 open.rows.push(IndexRow { at: open.length + before, ..row });

@@ -4,7 +4,6 @@
 //! numbers are right; the uncertainty grows by the time that passed. What cannot be put back is set aside under a name
 //! with the date and reported: a map that is wrong is worse than none.
 
-use std::fs;
 use std::io::{self, ErrorKind};
 use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -13,14 +12,17 @@ use std::time::{Duration, SystemTime, UNIX_EPOCH};
 
 use crossbeam_channel::{Sender, bounded};
 use serde::{Deserialize, Serialize};
+use volcomp_state::bounded_read::read_regular;
+use volcomp_state::disk::{RealDisk, replace, set_aside};
+use volcomp_state::utc;
 
-use super::super::counters::{replace, set_aside};
-use super::super::utc;
 use crate::core::live::{KeptGrowth, KeptMap, LiveEstimator};
 
 const FORMAT: &str = "volcomp-live/1";
 /// Its name in the state directory.
 pub(super) const FILE: &str = "live.json";
+/// Largest file, bytes.
+const BYTES_MAX: u64 = 64 << 20;
 /// A state from the future by more than this is of a clock that was wrong, s.
 const FUTURE_S: f64 = 3600.0;
 
@@ -86,7 +88,9 @@ impl Writer {
             for job in receiver {
                 match job {
                     Job::Write(text) => {
-                        let why = replace(&path, &text).err().map(|e| format!("{}: {e}", path.display()));
+                        let why = replace(&RealDisk, &path, &text)
+                            .err()
+                            .map(|e| format!("{}: {e}", path.display()));
                         *found.lock().unwrap_or_else(PoisonError::into_inner) = why;
                     }
                     Job::Told(done) => {
@@ -163,13 +167,13 @@ pub(super) fn restore(
     now: SystemTime,
 ) -> Vec<String> {
     let path = directory.join(FILE);
-    let text = match fs::read(&path) {
+    let text = match read_regular(&path, BYTES_MAX) {
         Ok(text) => text,
         Err(e) if e.kind() == ErrorKind::NotFound => return Vec::new(),
         Err(e) => return vec![format!("{}: {e}; maps begin at the offline map", path.display())],
     };
     let aside = |why: &str, word: &str| {
-        let kept = match set_aside(&path, word) {
+        let kept = match set_aside(&RealDisk, &path, word) {
             Ok(aside) => format!("kept as {}", aside.display()),
             Err(e) => format!("and could not be set aside: {e}"),
         };
@@ -235,6 +239,8 @@ fn parse(text: &[u8], now: SystemTime) -> Result<Kept, String> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
     use crate::core::live::{LiveModel, LiveSpec, MapSpec};
     use crate::core::model::curve::Live;
@@ -299,6 +305,34 @@ mod tests {
             let notes = restore(folder.path(), machine, model, &mut fresh, now);
             assert!(notes[0].contains(words) && !path.exists(), "{words}: {notes:?}");
             assert!(fresh.kept()[0].values.iter().all(|(x, _)| *x == 0.0));
+        }
+    }
+
+    #[test]
+    fn a_file_cut_at_any_byte_or_without_its_data_teaches_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let now = SystemTime::now();
+        let mut it = estimator();
+        let mut kept = it.kept();
+        kept[0].values[2] = (3e-6, 1e-6);
+        assert!(it.restore(&kept, 0.0).is_empty());
+        let good = text("m", "abc", &it, now).unwrap();
+        let path = folder.path().join(FILE);
+        let cuts = (0..good.len()).map(|k| good[..k].to_vec());
+        let lost = [vec![0; good.len()], vec![0; 4096]];
+        for (k, bytes) in cuts.chain(lost).enumerate() {
+            fs::write(&path, &bytes).unwrap();
+            // what a write that was cut off leaves beside it
+            fs::write(folder.path().join("live.json.tmp"), &good).unwrap();
+            let mut fresh = estimator();
+            let notes = restore(folder.path(), "m", "abc", &mut fresh, now);
+            if bytes.len() + 1 == good.len() && k + 1 == good.len() {
+                // without its line feed it is whole
+                assert!(notes[0].contains("goes on"), "{notes:?}");
+                continue;
+            }
+            assert!(notes[0].starts_with("VC-8013"), "{k}: {notes:?}");
+            assert!(fresh.kept()[0].values.iter().all(|(x, _)| *x == 0.0), "{k}");
         }
     }
 }

@@ -2,7 +2,6 @@
 
 use core::fmt;
 use std::fs::{File, Metadata};
-use std::io::Read;
 use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::sync::Arc;
@@ -14,8 +13,13 @@ use rustls::pki_types::{CertificateDer, PrivateKeyDer, ServerName};
 use rustls::version::TLS13;
 use rustls::{ClientConfig, RootCertStore};
 
+use volcomp_state::bounded_read::read_open;
+
 use super::TlsFileError;
 use crate::config::TlsConfig;
+
+/// Largest file, bytes.
+const BYTES_MAX: u64 = 1 << 20;
 
 /// Whom the daemon trusts, who it is, and how it proves that.
 #[derive(Clone)]
@@ -71,11 +75,9 @@ fn read(
     judge: impl FnOnce(&Metadata) -> Result<(), TlsFileError>,
 ) -> Result<Vec<u8>, TlsFileError> {
     let failed = |source| TlsFileError::Read { key, path: path.to_owned(), source };
-    let mut file = File::open(path).map_err(failed)?;
+    let file = File::open(path).map_err(failed)?;
     judge(&file.metadata().map_err(failed)?)?;
-    let mut bytes = Vec::new();
-    file.read_to_end(&mut bytes).map_err(failed)?;
-    Ok(bytes)
+    read_open(&file, BYTES_MAX).map_err(failed)
 }
 
 fn certificates(key: &'static str, path: &Path) -> Result<Vec<CertificateDer<'static>>, TlsFileError> {

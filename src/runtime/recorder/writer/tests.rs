@@ -30,6 +30,7 @@ struct Shelf(Rc<RefCell<Inside>>);
 #[derive(Debug, Default)]
 struct Inside {
     files: BTreeMap<String, Vec<u8>>,
+    begun: usize,
     mood: Option<Mood>,
 }
 
@@ -68,7 +69,11 @@ impl Disk for Shelf {
         let mut bytes = block::file_header().to_vec();
         let text = meta.to_text().expect("text");
         bytes.extend(block::seal(BlockKind::Meta, 0, 0, 0, text.as_bytes()).expect("short"));
-        let name = format!("{:03}", self.0.borrow().files.len());
+        let name = {
+            let mut inside = self.0.borrow_mut();
+            inside.begun += 1;
+            format!("{:03}", inside.begun - 1)
+        };
         let length = bytes.len() as u64;
         self.0.borrow_mut().files.insert(name.clone(), bytes);
         Ok(NewFile { file: Sheet { shelf: self.clone(), name: name.clone() }, name, length })
@@ -84,7 +89,8 @@ impl DiskFile for Sheet {
         let mood = self.shelf.mood();
         let taken = if matches!(mood, Mood::Half | Mood::Stuck) { bytes.len() / 2 } else { bytes.len() };
         let mut inside = self.shelf.0.borrow_mut();
-        inside.files.get_mut(&self.name).expect("begun").extend(&bytes[..taken]);
+        // a deleted file takes everything
+        inside.files.entry(self.name.clone()).and_modify(|file| file.extend(&bytes[..taken]));
         if taken == bytes.len() { Ok(()) } else { Err(Shelf::full()) }
     }
 
@@ -92,12 +98,16 @@ impl DiskFile for Sheet {
         if self.shelf.mood() == Mood::NoSync { Err(io::Error::other("input/output error")) } else { Ok(()) }
     }
 
+    fn is_deleted(&self) -> io::Result<bool> {
+        Ok(!self.shelf.0.borrow().files.contains_key(&self.name))
+    }
+
     fn cut(&mut self, length: u64) -> io::Result<()> {
         if self.shelf.mood() == Mood::Stuck {
             return Err(Shelf::full());
         }
         let length = usize::try_from(length).expect("small");
-        self.shelf.0.borrow_mut().files.get_mut(&self.name).expect("begun").truncate(length);
+        self.shelf.0.borrow_mut().files.entry(self.name.clone()).and_modify(|file| file.truncate(length));
         Ok(())
     }
 }
@@ -186,6 +196,37 @@ fn a_full_disk_costs_records_that_are_counted_and_nothing_that_was_there() {
         assert_eq!(torn, notes.len(), "{mood:?}: {notes:?}");
         assert!(torn == 0 || mood == Mood::Stuck, "{mood:?}: {notes:?}");
     }
+}
+
+#[test]
+fn a_recording_that_is_deleted_is_told_counted_and_begun_anew() {
+    let (shelf, stats) = (Shelf::default(), Arc::new(Stats::default()));
+    let limits = Limits { file_bytes: 1 << 20, ..LIMITS };
+    let mut writer = Writer::new(shelf.clone(), limits, Arc::clone(&stats));
+    for k in 0..10_000 {
+        if k == 5_000 {
+            shelf.0.borrow_mut().files.clear();
+        }
+        let now = entry(k).now();
+        writer.take(&entry(k), now);
+        writer.tick(now);
+        if k == 6_000 {
+            let status = stats.status();
+            assert!(status.error.expect("told").contains("000 was deleted"), "{:?}", status.file);
+            assert_eq!(status.file, None);
+        }
+    }
+    writer.finish(entry(10_000).now());
+    let dropped = stats.dropped.load(Relaxed);
+    assert!(
+        (1_000..=2_000).contains(&dropped),
+        "{dropped} dropped: one block and a second until the next attempt"
+    );
+    assert_eq!(stats.records.load(Relaxed) + dropped, 10_000, "every record was safe once or is counted");
+    let bytes = &shelf.0.borrow().files["001"];
+    let recording = Recording::parse(bytes).expect("a recording");
+    assert_eq!(recording.meta.continues, "000");
+    assert!(recording.meta.first_record > 5_000 && recording.closed && stats.status().error.is_none());
 }
 
 #[test]

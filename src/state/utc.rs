@@ -19,13 +19,13 @@ struct Fields {
 }
 
 /// `2026-11-21T05:52:34.123Z`.
-pub(super) fn text(time: SystemTime) -> String {
+pub fn text(time: SystemTime) -> String {
     let Fields { year, month, day, hour, minute, second, milli } = fields(time);
     format!("{year:04}-{month:02}-{day:02}T{hour:02}:{minute:02}:{second:02}.{milli:03}Z")
 }
 
 /// `20261121T055234Z`.
-pub(super) fn stamp(time: SystemTime) -> String {
+pub fn stamp(time: SystemTime) -> String {
     let Fields { year, month, day, hour, minute, second, .. } = fields(time);
     format!("{year:04}{month:02}{day:02}T{hour:02}{minute:02}{second:02}Z")
 }

@@ -8,21 +8,25 @@
 //! A file that is broken when the daemon starts is set aside as it is, and a new one begins with a line that names
 //! it: its last good number and hash, the line where it breaks, and the hash of all its bytes.
 
-use std::fs::{self, File};
-use std::io::{self, ErrorKind, Write};
+use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::SystemTime;
 
 use serde::{Deserialize, Serialize};
 
-use super::super::counters::{replace, set_aside};
-use super::super::utc;
 use super::{AuditEntry, Who};
+use crate::disk::{Append, Disk, RealDisk, replace, set_aside};
+use crate::utc;
 
 /// What the first line carries where there is no line before.
 const NO_LINE: &str = "0000000000000000000000000000000000000000000000000000000000000000";
 /// What the first line of a file that follows a broken one says in `what`.
 const SEGMENT: &str = "segment";
+/// Largest log that is read, bytes; one that has grown beyond is set aside at the next start and a new one begun.
+pub const BYTES_MAX: u64 = 64 << 20;
+/// Largest head file, bytes.
+const HEAD_BYTES_MAX: u64 = 4096;
 
 /// One line.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
@@ -111,6 +115,9 @@ pub enum Fault {
     /// The head file is no head file.
     #[error("the head file beside the log is not understood")]
     HeadFile,
+    /// It cannot be read as a whole.
+    #[error("the log is too large to be checked: {0}")]
+    TooLarge(String),
 }
 
 /// Checks the text of an audit log, without its head file.
@@ -126,8 +133,12 @@ pub fn verify(text: &[u8]) -> Result<Summary, Broken> {
 /// # Errors
 /// It cannot be read; inside, the first line that cannot be relied upon.
 pub fn verify_file(path: &Path) -> io::Result<Result<Summary, Broken>> {
-    let text = fs::read(path)?;
-    let head = match fs::read(head_path(path)) {
+    verify_on(&RealDisk, path)
+}
+
+fn verify_on(disk: &dyn Disk, path: &Path) -> io::Result<Result<Summary, Broken>> {
+    let text = disk.read(path, BYTES_MAX)?;
+    let head = match disk.read(&head_path(path), HEAD_BYTES_MAX) {
         Ok(head) => Some(head),
         Err(e) if e.kind() == ErrorKind::NotFound => None,
         Err(e) => return Err(e),
@@ -188,8 +199,9 @@ pub fn head_path(path: &Path) -> PathBuf {
 /// An audit log being written.
 #[derive(Debug)]
 pub struct AuditFile {
+    disk: Arc<dyn Disk>,
     path: PathBuf,
-    file: File,
+    file: Box<dyn Append>,
     length: u64,
     lines: u64,
     hash: String,
@@ -201,22 +213,26 @@ impl AuditFile {
     ///
     /// # Errors
     /// The file system refuses.
-    pub fn open(path: &Path) -> io::Result<(Self, Option<Broken>)> {
-        let verdict = match verify_file(path) {
+    pub fn open(disk: Arc<dyn Disk>, path: &Path) -> io::Result<(Self, Option<Broken>)> {
+        let verdict = match verify_on(&*disk, path) {
             Ok(verdict) => verdict,
             Err(e) if e.kind() == ErrorKind::NotFound => {
                 // a head without its log: the whole log was taken away
-                let head = fs::read(head_path(path)).ok();
+                let head = disk.read(&head_path(path), HEAD_BYTES_MAX).ok();
                 verify_with(b"", head.as_deref())
+            }
+            Err(e) if e.kind() == ErrorKind::FileTooLarge => {
+                let good = (0, NO_LINE.to_owned());
+                Err(Broken { line: 1, fault: Fault::TooLarge(e.to_string()), good })
             }
             Err(e) => return Err(e),
         };
         match verdict {
-            Ok(summary) => Ok((Self::append_to(path, summary)?, None)),
+            Ok(summary) => Ok((Self::append_to(disk, path, summary)?, None)),
             Err(broken) => {
-                let detail = Self::retire(path, &broken)?;
+                let detail = Self::retire(&*disk, path, &broken)?;
                 let empty = Summary { lines: 0, hash: broken.good.1.clone(), model: None, head: false };
-                let mut file = Self::append_to(path, empty)?;
+                let mut file = Self::append_to(disk, path, empty)?;
                 file.write(&AuditEntry {
                     who: Who::daemon(),
                     what: SEGMENT.to_owned(),
@@ -229,22 +245,22 @@ impl AuditFile {
         }
     }
 
-    fn append_to(path: &Path, summary: Summary) -> io::Result<Self> {
-        let file = File::options().create(true).append(true).open(path)?;
-        let length = file.metadata()?.len();
+    fn append_to(disk: Arc<dyn Disk>, path: &Path, summary: Summary) -> io::Result<Self> {
+        let file = disk.open_append(path)?;
+        let length = file.length()?;
         let Summary { lines, hash, model, .. } = summary;
-        Ok(Self { path: path.to_owned(), file, length, lines, hash, model })
+        Ok(Self { disk, path: path.to_owned(), file, length, lines, hash, model })
     }
 
     /// Sets a broken log and its head aside; says in words what they were.
-    fn retire(path: &Path, broken: &Broken) -> io::Result<String> {
-        let whole = fs::read(path).map(|bytes| blake3::hash(&bytes).to_hex().to_string());
-        let aside = match set_aside(path, "broken") {
+    fn retire(disk: &dyn Disk, path: &Path, broken: &Broken) -> io::Result<String> {
+        let whole = disk.hash(path);
+        let aside = match set_aside(disk, path, "broken") {
             Ok(aside) => aside.display().to_string(),
             Err(e) if e.kind() == ErrorKind::NotFound => "nowhere: the log is gone".to_owned(),
             Err(e) => return Err(e),
         };
-        match set_aside(&head_path(path), "broken") {
+        match set_aside(disk, &head_path(path), "broken") {
             Err(e) if e.kind() != ErrorKind::NotFound => return Err(e),
             _ => {}
         }
@@ -275,9 +291,9 @@ impl AuditFile {
         let mut bytes = serde_json::to_vec(&line)?;
         let hash = blake3::hash(&bytes).to_hex().to_string();
         bytes.push(b'\n');
-        if let Err(e) = self.file.write_all(&bytes).and_then(|()| self.file.sync_data()) {
+        if let Err(e) = self.file.append(&bytes) {
             // half a line would break the chain for everything after it
-            let _ = self.file.set_len(self.length);
+            let _ = self.file.cut(self.length);
             return Err(e);
         }
         self.length += bytes.len() as u64;
@@ -287,7 +303,7 @@ impl AuditFile {
             self.model = line.new_model;
         }
         let head = serde_json::to_vec(&Head { seq: self.lines, hash: hash.clone() })?;
-        replace(&head_path(&self.path), &head)?;
+        replace(&*self.disk, &head_path(&self.path), &head)?;
         Ok((self.lines, hash))
     }
 
@@ -300,7 +316,10 @@ impl AuditFile {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
+    use crate::disk::real;
 
     fn entry(what: &str) -> AuditEntry {
         AuditEntry {
@@ -316,7 +335,7 @@ mod tests {
     fn log(lines: u64) -> (tempfile::TempDir, PathBuf) {
         let dir = tempfile::tempdir().expect("directory");
         let path = dir.path().join("audit.jsonl");
-        let (mut file, broken) = AuditFile::open(&path).expect("opens");
+        let (mut file, broken) = AuditFile::open(real(), &path).expect("opens");
         assert_eq!(broken, None);
         for k in 0..lines {
             assert_eq!(file.write(&entry("enable")).expect("written").0, k + 1);
@@ -331,7 +350,7 @@ mod tests {
     #[test]
     fn a_log_goes_on_over_restarts_and_proves_itself() {
         let (_dir, path) = log(3);
-        let (mut again, broken) = AuditFile::open(&path).expect("opens");
+        let (mut again, broken) = AuditFile::open(real(), &path).expect("opens");
         assert_eq!(broken, None);
         assert_eq!(again.model(), Some("abc"));
         let (seq, hash) = again.write(&entry("disable")).expect("written");
@@ -400,7 +419,7 @@ mod tests {
                 _ => bytes.clear(),
             }
             fs::write(&path, &bytes).expect("written");
-            let (mut file, broken) = AuditFile::open(&path).expect("opens");
+            let (mut file, broken) = AuditFile::open(real(), &path).expect("opens");
             let broken = broken.expect("reported");
             file.write(&entry("enable")).expect("written");
             let summary = verify_file(&path).expect("readable").expect("the new one is intact");

@@ -1,17 +1,14 @@
 //! Who did what, when, why, and with which model: one line each, chained by hashes, never changed.
 //!
-//! [`chain`] is the file and its proof; this is what the daemon writes through: [`Audit::write`] passes an entry to
-//! the [`super::keeper`], which appends and syncs off every thread that must not wait.
+//! [`chain`] is the file and its proof.
 
 pub mod chain;
 
-use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::path::Path;
 
-use crossbeam_channel::Sender;
 use serde::{Deserialize, Serialize};
 
-use super::keeper::Job;
+use crate::bounded_read::read_regular;
 
 pub use chain::{Broken, Line, Summary, head_path, verify, verify_file, verify_with};
 
@@ -48,13 +45,6 @@ pub struct AuditEntry {
     pub detail: Option<String>,
 }
 
-/// The way into the audit log.
-#[derive(Debug, Clone, Default)]
-pub struct Audit {
-    sender: Option<Sender<Job>>,
-    lost: Arc<AtomicU64>,
-}
-
 impl Who {
     /// A client of the status socket by its credentials.
     #[must_use]
@@ -69,37 +59,13 @@ impl Who {
     }
 }
 
-impl Audit {
-    pub(super) fn new(sender: Sender<Job>) -> Self {
-        Self { sender: Some(sender), lost: Arc::default() }
-    }
-
-    /// Passes an entry on to be written; false (and counted) where there is no audit log or its queue is full. Never
-    /// waits.
-    pub fn write(&self, entry: AuditEntry) -> bool {
-        let Some(sender) = &self.sender else { return false };
-        let sent = sender.try_send(Job::Audit(Box::new(entry))).is_ok();
-        if !sent {
-            self.lost.fetch_add(1, Relaxed);
-        }
-        sent
-    }
-
-    /// Entries that found the queue full, or that the disk did not take.
-    #[must_use]
-    pub fn lost(&self) -> u64 {
-        self.lost.load(Relaxed)
-    }
-
-    /// The counter of them, for the thread that writes.
-    pub(super) fn losses(&self) -> Arc<AtomicU64> {
-        Arc::clone(&self.lost)
-    }
-}
+/// Largest user list that is searched, bytes.
+const USERS_BYTES_MAX: u64 = 1 << 20;
 
 /// Name of a user id in the system's user list.
 fn user_name(uid: u32) -> Option<String> {
-    let text = std::fs::read_to_string("/etc/passwd").ok()?;
+    let bytes = read_regular(Path::new("/etc/passwd"), USERS_BYTES_MAX).ok()?;
+    let text = String::from_utf8_lossy(&bytes);
     text.lines().find_map(|line| {
         let mut fields = line.split(':');
         let (name, _, id) = (fields.next()?, fields.next()?, fields.next()?);

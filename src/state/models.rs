@@ -3,18 +3,22 @@
 //! A model file is written under its hash before the book names it, and the book is replaced as a whole, so that a
 //! power loss leaves the old choice or the new one.
 
-use std::fs;
 use std::io::{self, ErrorKind};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 
 use serde::{Deserialize, Serialize};
 
-use crate::runtime::counters::{replace, set_aside};
+use crate::bounded_read::MODEL_BYTES_MAX;
+use crate::disk::{Disk, replace, set_aside};
 
 /// The book's format.
 const FORMAT: &str = "volcomp-models/1";
-const FILE: &str = "models.json";
+/// Its name in the state directory.
+pub const FILE: &str = "models.json";
 const FOLDER: &str = "models";
+/// Largest `models.json`, bytes.
+pub const BYTES_MAX: u64 = 1 << 20;
 
 /// A model that was chosen.
 #[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
@@ -44,6 +48,7 @@ struct Book {
 /// The models of one daemon on the disk.
 #[derive(Debug, Clone)]
 pub struct Store {
+    disk: Arc<dyn Disk>,
     directory: PathBuf,
     machine: String,
     book: Option<Book>,
@@ -51,18 +56,19 @@ pub struct Store {
 
 impl Store {
     /// Reads the book, where there is one; a damaged one is kept aside, and the reason given.
-    pub fn open(directory: &Path, machine: &str) -> (Self, Option<String>) {
+    pub fn open(disk: Arc<dyn Disk>, directory: &Path, machine: &str) -> (Self, Option<String>) {
         let path = directory.join(FILE);
-        let mut store = Self { directory: directory.to_owned(), machine: machine.to_owned(), book: None };
-        let problem = match fs::read(&path) {
+        let (directory, machine) = (directory.to_owned(), machine.to_owned());
+        let mut store = Self { disk, directory, machine, book: None };
+        let problem = match store.disk.read(&path, BYTES_MAX) {
             Err(e) if e.kind() == ErrorKind::NotFound => return (store, None),
             Err(e) => e.to_string(),
-            Ok(bytes) => match parse(&bytes, machine) {
+            Ok(bytes) => match parse(&bytes, &store.machine) {
                 Ok(book) => {
                     store.book = Some(book);
                     return (store, None);
                 }
-                Err(why) => match set_aside(&path, "damaged") {
+                Err(why) => match set_aside(&*store.disk, &path, "damaged") {
                     Ok(aside) => format!("{why}; kept as {}", aside.display()),
                     Err(e) => format!("{why}; it could not be set aside: {e}"),
                 },
@@ -95,13 +101,15 @@ impl Store {
     /// The file cannot be read, or is not the one that was written.
     pub fn text(&self, choice: &Choice) -> io::Result<String> {
         let path = self.file_of(&choice.hash);
-        let text = fs::read_to_string(&path)
+        let bytes = self
+            .disk
+            .read(&path, MODEL_BYTES_MAX)
             .map_err(|e| io::Error::new(e.kind(), format!("{}: {e}", path.display())))?;
-        if blake3::hash(text.as_bytes()).to_hex().as_str() != choice.hash {
+        if blake3::hash(&bytes).to_hex().as_str() != choice.hash {
             let why = format!("{}: its content does not have the hash of its name", path.display());
             return Err(io::Error::new(ErrorKind::InvalidData, why));
         }
-        Ok(text)
+        String::from_utf8(bytes).map_err(|e| io::Error::new(ErrorKind::InvalidData, e))
     }
 
     /// Makes `choice` the model in use; the one in use becomes the previous one. `configured` is the hash of the
@@ -134,12 +142,12 @@ impl Store {
     /// # Errors
     /// The disk refuses.
     pub fn write_text(&self, hash: &str, text: &str) -> io::Result<()> {
-        fs::create_dir_all(self.directory.join(FOLDER))?;
+        self.disk.create_folder(&self.directory.join(FOLDER))?;
         let path = self.file_of(hash);
-        if fs::read(&path).is_ok_and(|found| found == text.as_bytes()) {
+        if self.disk.read(&path, MODEL_BYTES_MAX).is_ok_and(|found| found == text.as_bytes()) {
             return Ok(());
         }
-        replace(&path, text.as_bytes())
+        replace(&*self.disk, &path, text.as_bytes())
     }
 
     fn put(&mut self, active: Choice, previous: Option<Choice>, configured: &str) -> io::Result<()> {
@@ -148,7 +156,7 @@ impl Store {
             Book { format: FORMAT.to_owned(), machine: self.machine.clone(), configured, active, previous };
         let mut bytes = serde_json::to_vec_pretty(&book)?;
         bytes.push(b'\n');
-        replace(&self.directory.join(FILE), &bytes)?;
+        replace(&*self.disk, &self.directory.join(FILE), &bytes)?;
         self.book = Some(book);
         Ok(())
     }
@@ -187,7 +195,10 @@ fn parse(bytes: &[u8], machine: &str) -> Result<Book, String> {
 
 #[cfg(test)]
 mod tests {
+    use std::fs;
+
     use super::*;
+    use crate::disk::real;
 
     fn choice(text: &str, why: &str) -> Choice {
         Choice {
@@ -202,12 +213,12 @@ mod tests {
     #[test]
     fn the_choice_and_the_one_before_survive() {
         let dir = tempfile::tempdir().expect("directory");
-        let (mut store, problem) = Store::open(dir.path(), "m");
+        let (mut store, problem) = Store::open(real(), dir.path(), "m");
         assert_eq!((problem, store.active()), (None, None));
         let (a, b) = (choice("first", "a"), choice("second", "b"));
         store.choose(a.clone(), "first", "0").expect("kept");
         store.choose(b.clone(), "second", "0").expect("kept");
-        let (mut store, problem) = Store::open(dir.path(), "m");
+        let (mut store, problem) = Store::open(real(), dir.path(), "m");
         assert_eq!((problem, store.active(), store.previous()), (None, Some(&b), Some(&a)));
         assert_eq!(store.text(&a).expect("there"), "first");
         store.swap(a.clone()).expect("kept");
@@ -220,17 +231,17 @@ mod tests {
     #[test]
     fn what_was_changed_by_somebody_else_is_not_used() {
         let dir = tempfile::tempdir().expect("directory");
-        let (mut store, _) = Store::open(dir.path(), "m");
+        let (mut store, _) = Store::open(real(), dir.path(), "m");
         let a = choice("first", "a");
         store.choose(a.clone(), "first", "0").expect("kept");
         let file = dir.path().join(FOLDER).join(format!("{}.toml", a.hash));
         fs::write(&file, "meddled").expect("written");
         assert!(store.text(&a).expect_err("refused").to_string().contains("hash"));
-        let (store, problem) = Store::open(dir.path(), "other");
+        let (store, problem) = Store::open(real(), dir.path(), "other");
         assert!(problem.expect("told").contains("machine"), "of another machine");
         assert_eq!(store.active(), None);
         fs::write(dir.path().join(FILE), "{").expect("written");
-        let (_, problem) = Store::open(dir.path(), "m");
+        let (_, problem) = Store::open(real(), dir.path(), "m");
         assert!(problem.expect("told").contains("kept as"));
     }
 }

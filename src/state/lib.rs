@@ -1,0 +1,20 @@
+//! The state directory: what outlives a restart of the daemon, and how it is read back fail-closed.
+//!
+//! - [`counters`]: `counters.json` with the operator's last orders and the latched fault ([`counters::LastWord`]), and
+//!   [`counters::recall`], which tells a first start from a known and an unknown state.
+//! - [`models`]: `models.json` and the model files in `models/`.
+//! - [`audit`]: `audit.jsonl`, chained by hashes.
+//! - [`disk`]: the file operations behind all of them; [`memory`] is a disk with faults for tests.
+//! - [`bounded_read`]: files of a bounded size. [`utc`]: time as text.
+//!
+//! Nothing here depends on the rest of volcomp. Reading order: `disk`, `counters`, `models`, `audit`.
+
+#![expect(clippy::disallowed_methods, reason = "files and the clock are this crate's subject")]
+
+pub mod audit;
+pub mod bounded_read;
+pub mod counters;
+pub mod disk;
+pub mod memory;
+pub mod models;
+pub mod utc;
