@@ -22,9 +22,10 @@ pub(super) const fn never_grows(state: CorrectionState) -> bool {
 pub(super) const fn may_follow(from: CorrectionState, to: CorrectionState) -> bool {
     match from {
         Off | Armed => matches!(to, Off | Armed | RampingIn | RampingOut | Faulted),
-        RampingIn => matches!(to, RampingIn | Active | Holding | RampingOut | Faulted),
+        // a stop that keeps the offset, in the cycle in which the control took over: through holding to off at once
+        RampingIn => matches!(to, RampingIn | Active | Holding | RampingOut | Off | Faulted),
         Active | FadingToStatic => {
-            matches!(to, Active | FadingToStatic | RampingIn | Holding | RampingOut | Faulted)
+            matches!(to, Active | FadingToStatic | RampingIn | Holding | RampingOut | Off | Faulted)
         }
         Holding => matches!(to, Holding | RampingIn | RampingOut | Off | Faulted),
         RampingOut => matches!(to, RampingOut | RampingIn | Holding | Off | Armed | Faulted),
