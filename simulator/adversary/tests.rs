@@ -3,18 +3,19 @@ use rand_chacha::ChaCha8Rng;
 
 use super::*;
 
-/// Random scripts; how many is chosen for the gate, `VOLCOMP_ADVERSARY_SCRIPTS` for longer runs.
+/// Random scripts: some for the gate; `VOLCOMP_ADVERSARY_SCRIPTS` and `VOLCOMP_ADVERSARY_SEED` choose longer runs.
 #[test]
 fn no_random_script_breaks_an_invariant() {
     let scripts =
         std::env::var("VOLCOMP_ADVERSARY_SCRIPTS").ok().and_then(|n| n.parse().ok()).unwrap_or(1500);
-    let mut rng = ChaCha8Rng::seed_from_u64(22);
+    let seed = std::env::var("VOLCOMP_ADVERSARY_SEED").ok().and_then(|n| n.parse().ok()).unwrap_or(22);
+    let mut rng = ChaCha8Rng::seed_from_u64(seed);
     let (mut cycles, mut answers) = (0, 0);
     for n in 0..scripts {
         let mut bytes = vec![0; rng.random_range(4..160)];
         rng.fill_bytes(&mut bytes);
         let outcome = run(&bytes).expect("a configuration that fits");
-        assert!(outcome.is_clean(), "script {n}: {bytes:?}\n{:?}", outcome.report);
+        assert!(outcome.is_clean(), "seed {seed}, script {n}: {bytes:?}\n{:?}", outcome.report);
         cycles += outcome.cycles;
         answers += outcome.report.figures.answers;
     }
