@@ -150,10 +150,11 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
     let socket = socket_path(config, &loaded.config);
     let server = socket.as_deref().map(Server::bind).transpose()?;
     let clock = Clock::start();
-    let keeper = Keeper::start(config, &loaded);
-    let place = keeper.directory().map(|directory| (keeper.disk(), directory));
+    let mut keeper = Keeper::start(config, &loaded);
+    let directory = keeper.directory().map(Path::to_owned);
+    let place = directory.as_deref().map(|directory| (keeper.disk(), directory));
     let first = keeper.recalled() == Some(&Recalled::First);
-    let models = Models::at_start(place, first, &loaded);
+    let models = Models::at_start(place, first, &loaded, |why| keeper.hold(why));
     keeper.announce(&loaded, &models.active);
     let mut how = permit(&models, &loaded.config);
     let health = Arc::new(HealthSlot::default());

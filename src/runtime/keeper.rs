@@ -17,6 +17,7 @@ use volcomp_state::disk::{Disk, real};
 
 use super::audit::chain::AuditFile;
 use super::audit::{AUDIT_FILE, Audit, AuditEntry, Who};
+use super::counters::unknown;
 use super::load::Loaded;
 use super::models::Prepared;
 use super::sync::{self, Condvar, Mutex};
@@ -246,6 +247,15 @@ impl Keeper {
     /// What the run before has left; `None` where there is no state directory.
     pub(super) const fn recalled(&self) -> Option<&Recalled> {
         self.recalled.as_ref()
+    }
+
+    /// Makes durable that compensation must not begin by itself, before anything is written that would hide why.
+    pub(super) fn hold(&mut self, why: &str) -> io::Result<()> {
+        let (Some(Recalled::Known(counters)), Some(directory)) = (&mut self.recalled, &self.directory) else {
+            return Ok(());
+        };
+        counters.last_word.hold.get_or_insert_with(|| unknown(why));
+        counters.save(&*self.disk, directory)
     }
 
     /// The first lines of a run: the start, and the model where it is another one than before.

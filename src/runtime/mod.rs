@@ -17,6 +17,8 @@
 //! [`ports`] is everything that passes between the two. [`body`] is the cycle without its socket and clock, for
 //! tests that count allocations. Reading order: `ports`, `body`, `link`, `cycle`, `worker`, `service`, `daemon`.
 
+// eager arguments with a cost or an effect; for `then_some` no lint exists
+#![warn(clippy::or_fun_call)]
 #![expect(
     clippy::disallowed_methods,
     reason = "the runtime is the shell: clocks, files, sockets and threads"

@@ -229,7 +229,8 @@ async fn enable(ask: &Ask, service: &Mutex<Service>) -> Answer {
         }
         return order(Request::Shadow(true), service).await;
     }
-    if let Some(fault) = service.lock().latched() {
+    let latched = service.lock().latched();
+    if let Some(fault) = latched {
         return Answer::refused(format!("{fault}; once its cause is gone: `volcomp enable --clear-fault`"));
     }
     let against = service.lock().hindrances(ask.accept_expired);

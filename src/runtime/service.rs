@@ -385,7 +385,7 @@ impl Service {
                 // a fault is latched, so it cannot flood the log, and must not be held back by what came before
                 let Event::StateChanged { to, .. } = event;
                 let admitted = self.events.admit(self.clock.now());
-                if let Some(held_back) = admitted.or((to == State::Faulted).then_some(0)) {
+                if let Some(held_back) = admitted.or_else(|| (to == State::Faulted).then_some(0)) {
                     log_event(&event, held_back, &self.board);
                 }
                 self.fault(&event);

@@ -166,7 +166,7 @@ pub fn replace(disk: &dyn Disk, path: &Path, bytes: &[u8]) -> io::Result<()> {
 /// The disk refuses.
 pub fn set_aside(disk: &dyn Disk, path: &Path, why: &str) -> io::Result<PathBuf> {
     let file = path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or(Path::new("."));
+    let folder = path.parent().filter(|p| !p.as_os_str().is_empty()).unwrap_or_else(|| Path::new("."));
     let taken = match disk.list(folder) {
         Ok(names) => names,
         Err(e) if e.kind() == ErrorKind::NotFound => Vec::new(),

@@ -9,6 +9,8 @@
 //!
 //! Nothing here depends on the rest of volcomp. Reading order: `disk`, `counters`, `models`, `audit`.
 
+// eager arguments with a cost or an effect; for `then_some` no lint exists
+#![warn(clippy::or_fun_call)]
 #![expect(clippy::disallowed_methods, reason = "files and the clock are this crate's subject")]
 
 pub mod audit;

@@ -4,6 +4,7 @@
 
 pub mod guard;
 
+use std::io;
 use std::path::Path;
 use std::sync::Arc;
 use std::time::SystemTime;
@@ -100,7 +101,13 @@ impl Models {
     /// same one as then; the machine file's, where it does not differ by more than the guard allows.
     ///
     /// `place`: the state directory and its disk. `first`: there was no run before, so nothing can be missing.
-    pub(super) fn at_start(place: Option<(Arc<dyn Disk>, &Path)>, first: bool, loaded: &Loaded) -> Self {
+    /// `hold` makes an unknown state durable: without that the store is left as it is.
+    pub(super) fn at_start(
+        place: Option<(Arc<dyn Disk>, &Path)>,
+        first: bool,
+        loaded: &Loaded,
+        hold: impl FnOnce(&str) -> io::Result<()>,
+    ) -> Self {
         let text = loaded.model_text.clone();
         let origin = loaded.model_path.display().to_string();
         let configured = Prepared {
@@ -139,7 +146,10 @@ impl Models {
             };
             models.notes.extend(problem);
             models.remember(&store, &loaded.config);
-            models.keep(store);
+            match models.unknown.as_deref().map_or(Ok(()), hold) {
+                Ok(()) => models.keep(store),
+                Err(e) => models.notes.push(format!("which model is in use is not kept: {e}")),
+            }
         }
         for note in &models.notes {
             warn!("{note}");

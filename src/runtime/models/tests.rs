@@ -25,7 +25,7 @@ fn start(folder: &Path, size_um: f64) -> Models {
     let state = folder.join("state");
     let first = !state.exists();
     std::fs::create_dir_all(&state).expect("made");
-    Models::at_start(Some((volcomp_state::disk::real(), &state)), first, &loaded)
+    Models::at_start(Some((volcomp_state::disk::real(), &state)), first, &loaded, |_| Ok(()))
 }
 
 fn prepared(folder: &Path, size_um: f64) -> Arc<Prepared> {
@@ -127,4 +127,22 @@ fn a_lost_or_damaged_choice_is_an_unknown_state_and_a_first_start_is_not() {
         let models = start(dir.path(), 10.0);
         assert!(models.unknown.expect("held").contains("models.json"), "{damage:?}");
     }
+}
+
+#[test]
+fn a_store_is_not_mended_before_the_unknown_state_is_durable() {
+    let dir = tempfile::tempdir().expect("directory");
+    let _ = start(dir.path(), 10.0);
+    let (state, book) = (dir.path().join("state"), dir.path().join("state/models.json"));
+    std::fs::remove_file(&book).expect("removed");
+    let loaded = load(&dir.path().join("machine.toml")).expect("loads");
+    let place = || Some((volcomp_state::disk::real(), state.as_path()));
+    let refuse = |_: &str| Err(io::Error::other("full"));
+    assert!(Models::at_start(place(), false, &loaded, refuse).unknown.is_some());
+    assert!(!book.exists(), "the next start must see it as well");
+    let models = Models::at_start(place(), false, &loaded, |_| {
+        assert!(!book.exists(), "first the word, then the store");
+        Ok(())
+    });
+    assert!(models.unknown.is_some() && book.exists());
 }

@@ -37,7 +37,7 @@ impl OwnOffsets {
             let ahead = frame.sequence.wrapping_sub(of);
             ahead >= lag.max(1) && ahead < u32::MAX / 2
         };
-        let applied = self.sent.iter().rev().find(|(of, _)| late(*of)).or(self.sent.front());
+        let applied = self.sent.iter().rev().find(|(of, _)| late(*of)).or_else(|| self.sent.front());
         let Some((_, applied)) = applied.filter(|_| frame.state.is_ready() && !by_itself) else {
             return *frame;
         };

@@ -7,7 +7,6 @@ use crate::runtime::sync::{Mutex, pause};
 struct FaultyTurn<'a>(&'a Mutex<Service>);
 
 impl<'a> FaultyTurn<'a> {
-    #[expect(clippy::unnecessary_lazy_evaluations, reason = "the defect is that it is not lazy")]
     fn take(service: &'a Mutex<Service>) -> Option<Self> {
         (!service.lock().loading().swap(true, std::sync::atomic::Ordering::Relaxed)).then_some(Self(service))
     }

@@ -95,11 +95,14 @@ impl History {
     }
 
     /// Whether compensation must not begin by itself after what was answered.
-    pub(super) fn forbids(&self) -> bool {
+    pub(super) fn forbids(&self) -> Option<String> {
         let log = self.0.lock().expect("notes");
         let off = log.orders.iter().rev().find(|order| order.verb == Verb::Disable && order.durable);
-        off.is_some_and(|off| !log.enabled_after(off.begin, false))
-            || log.damaged.is_some_and(|time| !log.enabled_after(time, false))
+        if let Some(off) = off.filter(|off| !log.enabled_after(off.begin, false)) {
+            return Some(format!("{off:?} was answered: {:#?}", log.orders));
+        }
+        let damaged = log.damaged.filter(|time| !log.enabled_after(*time, false));
+        damaged.map(|time| format!("the disk was damaged at {time}: {:#?}", log.orders))
     }
 
     /// Nothing is under way, and compensation is wanted or not.
@@ -123,11 +126,13 @@ pub(super) fn word_on(disk: &MemoryDisk) -> Option<LastWord> {
 }
 
 /// Whether what is on the disk forbids to begin: an order, a fault, or a state that nobody knows.
-pub(super) fn must_not_begin(disk: &MemoryDisk) -> bool {
+pub(super) fn must_not_begin(disk: &MemoryDisk) -> Option<String> {
     if disk.files().is_empty() {
-        return false;
+        return None;
     }
-    word_on(disk).is_none_or(|word| word.off || word.hold.is_some() || word.fault.is_some())
+    let Some(word) = word_on(disk) else { return Some("nobody knows the state".to_owned()) };
+    let held = word.off || word.hold.is_some() || word.fault.is_some();
+    held.then(|| format!("the disk has {word:?}"))
 }
 
 /// The book of the models names the one in use.

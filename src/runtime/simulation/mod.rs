@@ -4,7 +4,8 @@
 //! `shuttle`, on a disk in memory and in virtual time. What must hold: no deadlock; every request is answered; what was
 //! ordered or latched is neither lost by a restart nor contradicted by the engine; one load at a time.
 //!
-//! `VOLCOMP_SCHEDULES` sets the number of schedules, `VOLCOMP_SCHEDULE_SEED` the first seed. A failure prints the seed.
+//! `VOLCOMP_SCHEDULES` sets the number of schedules, `VOLCOMP_SCHEDULE_SEED` the first seed. A failure prints the seed of
+//! its schedule; `VOLCOMP_ONE_SCHEDULE` runs that one alone.
 
 mod control;
 mod faulty;
@@ -104,7 +105,8 @@ fn meddle(world: &World) -> MemoryDisk {
         }
         1 => {
             if let Some(bytes) = files.get_mut(&counters) {
-                bytes.truncate(random.gen_range(0..bytes.len().max(1)));
+                // without its line feed alone the file is whole
+                bytes.truncate(random.gen_range(0..bytes.len().saturating_sub(1).max(1)));
             }
         }
         2 => {
@@ -122,7 +124,7 @@ fn meddle(world: &World) -> MemoryDisk {
         }
         _ => return MemoryDisk::with(files),
     }
-    if !files.is_empty() {
+    if files != world.disk.files() {
         world.history.damaged();
     }
     MemoryDisk::with(files)
@@ -137,6 +139,10 @@ fn no_order_of_events_loses_an_order_or_locks_the_service() {
     let schedules = usize::try_from(number("VOLCOMP_SCHEDULES", SCHEDULES as u64)).expect("a number");
     let seed = number("VOLCOMP_SCHEDULE_SEED", 22);
     let begun = std::time::Instant::now();
+    if let Ok(one) = std::env::var("VOLCOMP_ONE_SCHEDULE") {
+        simulate(RandomScheduler::new_from_seed(one.parse().expect("a seed"), 1), || schedule(Plan::Product));
+        return;
+    }
     let random = schedules - schedules / 4;
     let mut done = simulate(RandomScheduler::new_from_seed(seed, random), || schedule(Plan::Product));
     done += simulate(PctScheduler::new_from_seed(seed, 3, schedules - random), || schedule(Plan::Product));
@@ -155,8 +161,9 @@ fn the_deadlock_of_overlapping_loads_is_found() {
         })
     }));
     let tried = tried.load(std::sync::atomic::Ordering::Relaxed);
+    assert!(outcome.is_err(), "{tried} schedules, and the defect was not found");
     println!("found in schedule {tried}");
-    let problem = outcome.expect_err("the defect is found");
-    let text = problem.downcast_ref::<String>().cloned().unwrap_or_default();
-    assert!(text.contains("deadlock"), "found in schedule {tried}: {text}");
+    // it is the turn: the same schedules with that of the product end well
+    let done = simulate(RandomScheduler::new_from_seed(22, tried), || schedule(Plan::Product));
+    assert_eq!(done, tried);
 }

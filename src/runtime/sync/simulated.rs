@@ -135,7 +135,8 @@ pub(in crate::runtime) async fn spawn_blocking<T: Send + 'static>(
         *theirs.lock().expect("not poisoned") = Some(done);
     }));
     loop {
-        if let Some(done) = slot.lock().expect("not poisoned").take() {
+        let done = slot.lock().expect("not poisoned").take();
+        if let Some(done) = done {
             return Ok(done);
         }
         advance(POINT_NS);

@@ -185,7 +185,7 @@ fn check(text: &[u8], mut each: impl FnMut(u64, &str) -> Result<(), Fault>) -> R
         each(number, &hash).map_err(broken)?;
         summary.lines = number;
         summary.hash = hash;
-        summary.model = parsed.new_model.or(summary.model.take());
+        summary.model = parsed.new_model.or_else(|| summary.model.take());
     }
     Ok(summary)
 }
