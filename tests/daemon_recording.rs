@@ -513,10 +513,49 @@ fn without_a_place_for_its_state_the_daemon_works_and_says_so() {
     let port = Port::open();
     let daemon = Daemon::start(&port.address(), kept("[state]\ndirectory = \"model.toml/state\"\n"));
     let mut session = port.link();
-    session.run_until_corrected();
     work(&mut session, 300);
     daemon.wait_for_log("counters and audit log are not kept");
     let status = daemon.status();
-    assert_eq!(status["state"], "active");
+    // nobody knows what was ordered before: an operator has to say that it may begin
+    assert_eq!(status["state"], "off");
+    assert!(status["start_inhibit"].is_string(), "{status}");
     assert!(status["lifetime"]["note"].is_string() && status["recording"].is_null(), "{status}");
+    let enabled = daemon.volcomp(&["enable"]);
+    assert!(
+        enabled.status.success() && text(&enabled.stderr).contains("not kept"),
+        "{}",
+        text(&enabled.stderr)
+    );
+    session.run_until_corrected();
+}
+
+#[test]
+fn a_recording_whose_folder_is_deleted_is_told_and_goes_on_in_a_new_one() {
+    let port = Port::open();
+    let daemon = Daemon::start(&port.address(), kept(KEPT));
+    let mut session = port.link();
+    session.run_until_corrected();
+    let folder = daemon.dir.path().join("rec");
+    assert!(eventually(|| {
+        work(&mut session, 20);
+        daemon.status()["recording"]["records"].as_u64() > Some(0)
+    }));
+    fs::remove_dir_all(&folder).expect("removed");
+    assert!(eventually(|| {
+        work(&mut session, 20);
+        daemon.status()["records_dropped"].as_u64() > Some(0)
+    }));
+    daemon.wait_for_log("VC-7002");
+    daemon.wait_for_log("was deleted while it was written");
+    assert!(eventually(|| {
+        work(&mut session, 20);
+        folder.exists() && daemon.status()["recording"]["error"].is_null()
+    }));
+    work(&mut session, 200);
+    assert!(eventually(|| {
+        work(&mut session, 20);
+        let found = recordings(&daemon);
+        let bytes = found.first().map(|path| fs::read(path).expect("recording")).unwrap_or_default();
+        Recording::parse(&bytes).is_ok_and(|recording| recording.records() > 0)
+    }));
 }

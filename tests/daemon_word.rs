@@ -100,6 +100,7 @@ fn a_fault_of_before_is_told_and_cleared_without_a_link() {
     let _ = daemon.wait();
     let text = counters(&daemon).replace("\"fault\": null", "\"fault\": \"VC-4004\"");
     fs::write(daemon.dir.path().join("state/counters.json"), text).expect("written");
+    fs::remove_file(daemon.socket()).expect("the socket of the one before");
     daemon.restart();
     let status = daemon.status();
     assert_eq!(status["faults"][0]["reason"], "stop-limit", "{status}");

@@ -167,7 +167,7 @@ async fn order(request: Request, service: &Mutex<Service>) -> Answer {
         }
         return Answer { notes: note.into_iter().collect(), ..Answer::refused(error) };
     }
-    if !service.lock().settle(number, &request) {
+    if !service.lock().is_carried_out(number) {
         return Answer::refused(refusal(&request, &service.lock()));
     }
     let note = durable(&request, service).await;

@@ -3,6 +3,7 @@
 mod logs;
 mod word;
 
+use std::collections::VecDeque;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, SystemTime};
@@ -31,7 +32,6 @@ use super::status::Status;
 use crate::config::{MachineConfig, Policy};
 use crate::core::engine::{Command, Event, ShadowScore, State};
 use crate::core::fault::Code;
-use crate::core::model::Model;
 use crate::core::units::MonoTime;
 use logs::{log_event, log_link_up, log_realtime};
 use word::WordState;
@@ -69,8 +69,8 @@ pub(super) struct Service {
     /// Number of the newest request.
     ticket: u64,
     word: WordState,
-    /// A model that was sent to the cycle thread: kept until it has been looked at, so that it is not freed there.
-    on_the_way: Option<(u64, Arc<Model>)>,
+    /// Requests that the cycle thread has not looked at, oldest first; a model among them is not freed there.
+    waiting: VecDeque<(u64, Request)>,
     failures: LogLimiter,
     links: LogLimiter,
     events: LogLimiter,
@@ -119,7 +119,7 @@ impl Service {
             saved: clock.now(),
             ticket: 0,
             word,
-            on_the_way: None,
+            waiting: VecDeque::new(),
             failures: LogLimiter::new(3, Duration::from_secs(60)),
             links: LogLimiter::new(10, Duration::from_secs(10)),
             events: LogLimiter::new(20, Duration::from_secs(1)),
@@ -243,17 +243,12 @@ impl Service {
         while let Ok(report) = self.ports.reports.try_recv() {
             self.report(report);
         }
-        if let Some((number, _)) = &self.on_the_way
-            && self.is_done(*number)
-        {
-            self.on_the_way = None;
-        }
     }
 
     /// Takes in what the cycle thread has said since the last call.
     pub(super) fn drain(&mut self) {
         // reports first: a link that came up resets the statistics before its first record
-        self.drain_reports();
+        self.settle_all();
         for _ in 0..RECORDS_AT_ONCE {
             let Ok(record) = self.ports.records.try_recv() else { break };
             self.board.record(&record);

@@ -370,9 +370,9 @@ pub const CATALOGUE: &[Entry] = &[
         name: "counters-damaged",
         severity: Warning,
         text: "the saved counters could not be read",
-        cause: "the file was damaged, for example by a power cut",
-        reaction: "the damaged file is kept aside, counting starts again from zero",
-        remedy: "nothing to do; the file kept aside may tell more",
+        cause: "the file was damaged, for example by a power cut, is missing beside other files, or of another machine",
+        reaction: "counting starts again from zero; with start = on-connect compensation stays off until an operator enables it",
+        remedy: "look at what was compensated last, then volcomp enable; the file kept aside may tell more",
     },
     Entry {
         code: Code(7004),

@@ -32,15 +32,13 @@ pub(super) struct WordState {
     objection: Option<String>,
     /// Number of the newest request that switches off or on.
     switched: u64,
-    /// Number of the newest gain.
-    gain: u64,
     /// Number by which the keeper knows the newest change.
     saved: AtomicU64,
 }
 
 impl WordState {
     pub(super) fn new(word: &LastWord) -> Self {
-        Self { objection: word.objection(), switched: 0, gain: 0, saved: AtomicU64::new(0) }
+        Self { objection: word.objection(), switched: 0, saved: AtomicU64::new(0) }
     }
 }
 
@@ -116,29 +114,40 @@ impl Service {
     /// Passes a request to the cycle thread; gives its number, `None` where the queue is full.
     pub(in crate::runtime) fn request(&mut self, request: Request) -> Option<u64> {
         // what has happened before this request must not count as having happened after it
-        self.drain_reports();
+        self.settle_all();
         let number = self.ticket + 1;
         let expires = self.clock.now().plus_seconds(REQUEST_LIFE_S);
         self.ports.requests.try_send(Ticket { number, request: request.clone(), expires }).ok()?;
         self.ticket = number;
-        match request {
-            Request::Engine(Command::Disable) => {
-                self.word.switched = number;
-                self.change(|word| word.off = true);
-                self.word.objection = None;
-            }
-            Request::Model { model, .. } => self.on_the_way = Some((number, model)),
-            _ => {}
+        if matches!(request, Request::Engine(Command::Disable)) {
+            self.word.switched = number;
+            self.word.objection = None;
+            self.change(|word| word.off = true);
         }
+        self.waiting.push_back((number, request));
         Some(number)
     }
 
-    /// Takes over what has become of a request that was looked at; false where it was refused.
-    pub(in crate::runtime) fn settle(&mut self, number: u64, request: &Request) -> bool {
+    /// Takes over what has become of every request that was looked at, in their order.
+    pub(super) fn settle_all(&mut self) {
+        // the number first: what was reported before is then in the queue of the reports
+        let done = self.waiting.iter().take_while(|(number, _)| self.is_done(*number)).count();
         self.drain_reports();
-        if self.ports.progress.is_refused(number) {
-            return false;
+        for (number, request) in self.waiting.drain(..done).collect::<Vec<_>>() {
+            if !self.ports.progress.is_refused(number) {
+                self.settle(number, &request);
+            }
         }
+    }
+
+    /// Whether a request that was looked at was carried out.
+    pub(in crate::runtime) fn is_carried_out(&mut self, number: u64) -> bool {
+        self.settle_all();
+        !self.ports.progress.is_refused(number)
+    }
+
+    /// Takes over that a request was carried out.
+    fn settle(&mut self, number: u64, request: &Request) {
         match request {
             Request::Engine(Command::Enable) if number > self.word.switched => {
                 self.word.switched = number;
@@ -155,8 +164,7 @@ impl Service {
                 self.word.switched = self.word.switched.max(number);
                 self.change(|word| (word.off, word.fault) = (word.off || newest, None));
             }
-            Request::Engine(Command::SetGain(gain)) if number > self.word.gain => {
-                self.word.gain = number;
+            Request::Engine(Command::SetGain(gain)) => {
                 self.gain = *gain;
                 let gain = Some(*gain);
                 self.change(|word| word.gain = gain);
@@ -164,7 +172,6 @@ impl Service {
             Request::Shadow(on) => self.shadowing = *on,
             _ => {}
         }
-        true
     }
 
     /// Changes the word and has it written.
