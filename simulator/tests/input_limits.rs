@@ -20,6 +20,8 @@ const INPUTS: &[(&str, &str, &str)] = &[
     ),
     ("serve", "tls_certificate", ""),
     ("serve", "tls_key", ""),
+    ("serve", "monitor", "serve --monitor /dev/zero --listen 127.0.0.1:0"),
+    ("replay", "monitor", ""),
     ("replay", "recording", "replay --recording /dev/zero --listen 127.0.0.1:0"),
     ("replay", "tls_ca", ""),
     ("replay", "tls_certificate", ""),
