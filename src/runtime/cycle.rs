@@ -133,7 +133,7 @@ impl Cycle<'_> {
         if self.body.next_deadline().is_some_and(|due| now >= due)
             && let Some(correction) = self.body.deadline(now)
         {
-            self.control.tell(self.body);
+            self.control.tell(self.body, true);
             link.send(&Message::Correction(correction))?;
             self.body.tell();
         }
@@ -244,14 +244,14 @@ impl Cycle<'_> {
         let Reaction::Answer(correction) = reaction else {
             self.body.tell();
             self.live(received, &frame);
-            self.control.tell_silent(self.body);
+            self.control.tell(self.body, false);
             return Ok(());
         };
         let computed = self.clock.now();
         link.send(&Message::Correction(correction))?;
         self.body.tell();
         self.live(received, &frame);
-        self.control.tell(self.body);
+        self.control.tell(self.body, true);
         let turnaround_ns = link.sent.ns - received.ns;
         let age_ns = self.ages.age_ns(received, frame.control_ns).saturating_add(turnaround_ns);
         let late = u64::from(age_ns as f64 > self.limits.cycle_s * NS_PER_S);

@@ -239,28 +239,14 @@ impl Control {
         Ok(())
     }
 
-    /// Passes on what the newest cycle has changed. The state first: whoever has read the event sees no older state.
+    /// Passes on what the newest cycle has changed, answered or not. The state first: whoever has read the event sees no older state.
     ///
     /// # Cycle   no allocation, no lock, no panic
-    pub(super) fn tell(&self, body: &CycleBody) {
+    pub(super) fn tell(&self, body: &mut CycleBody, answered: bool) {
+        let event = if answered { body.output().and_then(|output| output.event) } else { body.take_event() };
         let progress = &self.ports.progress;
         progress.set_state(body.state());
         // a fault ends the wish to compensate, until it is cleared and enabled again
-        if body.state() == State::Faulted {
-            progress.wanted.store(false, Relaxed);
-        }
-        if let Some(event) = body.output().and_then(|output| output.event) {
-            self.ports.report(Report::Engine(event));
-        }
-    }
-
-    /// The same after a cycle that was not answered.
-    ///
-    /// # Cycle   no allocation, no lock, no panic
-    pub(super) fn tell_silent(&self, body: &mut CycleBody) {
-        let event = body.take_event();
-        let progress = &self.ports.progress;
-        progress.set_state(body.state());
         if body.state() == State::Faulted {
             progress.wanted.store(false, Relaxed);
         }

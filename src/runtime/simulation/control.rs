@@ -108,10 +108,15 @@ pub(super) fn cycle(instance: &Instance, loaded: &Loaded, mut control: Control, 
         }
         let frames = if peer.meddled > 0 { 20 } else { 1 };
         for _ in 0..frames {
-            if let Reaction::Answer(correction) = body.handle(clock.now(), &Message::Position(peer.frame())) {
+            let reaction = body.handle(clock.now(), &Message::Position(peer.frame()));
+            if let Reaction::Answer(correction) = reaction {
                 peer.applied = correction.offset;
             }
-            control.tell(body);
+            control.tell(body, matches!(reaction, Reaction::Answer(_)));
+        }
+        if body.needs_new_link() {
+            control.link_down(now, body);
+            peer = Peer::default();
         }
         instance.stall(&mut random);
     }
