@@ -351,7 +351,7 @@ impl Monitor {
                 AxisKind::Linear => UNLISTED_MAX_MM,
                 AxisKind::Rotary => UNLISTED_MAX_DEG,
             };
-            if !(kept || reported) || offset.abs() > bound {
+            if sent.held.is_some() && !(kept || reported) || offset.abs() > bound {
                 let what = "an axis without limits is moved";
                 self.violation(Invariant::Size, correction, Some(k), [offset, bound], what);
             }
@@ -462,10 +462,11 @@ impl Monitor {
             track.rest.move_to(offset, moved_to);
         }
         let rest = track.rest;
-        track.rest.follow(offset, from);
         if !(repeated && near(offset, from)) {
             track.note_change(offset - from, &limits, cycle_s);
         }
+        let braking = track.braking_distance(&limits, cycle_s);
+        track.rest.follow(offset, from, braking);
         let slack = ABSOLUTE + RELATIVE * offset.abs();
         let away = (offset - rest.from).abs();
         let grows = never_grows(state) && offset.abs() > rest.ceiling + slack;

@@ -88,10 +88,10 @@ impl Rest {
         self.ceiling = self.ceiling.max(moved_to.abs());
     }
 
-    /// What has become smaller does not grow again.
-    pub(super) fn follow(&mut self, offset: f64, before: f64) {
+    /// What has become smaller does not grow again, but for the distance that braking still takes beyond zero.
+    pub(super) fn follow(&mut self, offset: f64, before: f64, braking: f64) {
         if offset.abs() < before.abs() {
-            self.ceiling = self.ceiling.min(offset.abs());
+            self.ceiling = self.ceiling.min(offset.abs().max(braking - offset.abs()));
         }
     }
 }
