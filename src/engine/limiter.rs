@@ -206,6 +206,33 @@ mod tests {
     }
 
     #[test]
+    fn a_warning_begins_above_its_limit_on_either_side() {
+        let mut l = Limiter::new(LIMITS);
+        for (position, warned) in [(0.0, false), (0.08, false), (-0.08, false), (0.081, true), (-0.081, true)]
+        {
+            l.start_at(position);
+            assert_eq!(l.is_warning(), warned, "{position}");
+        }
+    }
+
+    #[test]
+    fn a_target_that_stops_at_zero_faster_than_allowed_is_not_followed_past_it() {
+        // 0.9 mm/s until zero; 20 mm/s^2 need 20 um to stop
+        let way = |step: fn(&mut Limiter, f64, f64) -> bool, sign: f64| {
+            let mut l = Limiter::new(LIMITS);
+            l.start_at(0.09 * sign);
+            (0..400).fold(0.0_f64, |past, k| {
+                step(&mut l, sign * (0.09 - 0.9e-3 * f64::from(k)).max(0.0), 1e-3);
+                past.max(-sign * l.position())
+            })
+        };
+        for sign in [1.0, -1.0] {
+            assert!(way(Limiter::step, sign) > 0.005, "followed as any other target, it passes zero");
+            assert!(way(Limiter::step_to_zero, sign) <= 1e-15, "{sign}");
+        }
+    }
+
+    #[test]
     fn an_axis_with_size_limit_zero_is_never_moved() {
         let mut l = Limiter::new(AxisLimits { size: 0.0, ..LIMITS });
         l.start_at(0.02);
