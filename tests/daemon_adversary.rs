@@ -25,6 +25,9 @@ fn linked() -> (Port, Daemon, Session) {
     (port, daemon, session)
 }
 
+/// What is reported instead of the offset sent, mm.
+type Lie = fn(f64) -> f64;
+
 /// Sends positions that report `lie` of what was sent, until the daemon ends the link; every answer is held against the
 /// limits. Gives the reason of the Close.
 fn deceive(session: &mut Session, lie: impl Fn(f64) -> f64) -> CloseReason {
@@ -54,7 +57,7 @@ fn deceive(session: &mut Session, lie: impl Fn(f64) -> f64) -> CloseReason {
 
 #[test]
 fn a_wrong_read_back_ends_the_link_without_a_step_and_stays_latched() {
-    let lies: [(&str, fn(f64) -> f64); 4] =
+    let lies: [(&str, Lie); 4] =
         [("um for mm", |v| v * 1e3), ("sign", |v| -v), ("zero", |_| 0.0), ("5 mm", |_| 5.0)];
     for (name, lie) in lies {
         let (port, daemon, mut session) = linked();

@@ -101,8 +101,8 @@ impl Control {
                 Lie::Exchanged => held[k],
             };
         }
-        for k in 0..self.axes {
-            self.frame.actual[k] = self.frame.commanded[k] + held[k];
+        for (k, held) in held.iter().enumerate().take(self.axes) {
+            self.frame.actual[k] = self.frame.commanded[k] + held;
         }
     }
 }

@@ -95,7 +95,7 @@ pub fn note(text: fmt::Arguments<'_>) {
     note_text(format_args!("{text}\n"));
 }
 
-/// Writes text to stderr without an end of line; see [`note`].
+/// Writes text to stderr without an end of line; see [`note!`].
 pub fn note_text(text: fmt::Arguments<'_>) {
     // there is nowhere left to say that stderr cannot be written
     let _ = std::io::stderr().lock().write_fmt(text);

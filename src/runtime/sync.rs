@@ -1,6 +1,6 @@
 //! Locks, threads, waiting and the clock of the service: the one door to what decides the order of its threads.
 //!
-//! In a test the same calls run under the scheduler of `shuttle` where [`simulated`] is switched on, so that orders,
+//! In a test the same calls run under the scheduler of `shuttle` where `simulated` is switched on, so that orders,
 //! links, stops, kills and disk faults are tried in many orders that can be repeated.
 
 #[cfg(test)]

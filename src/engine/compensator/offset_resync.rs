@@ -106,10 +106,10 @@ impl Compensator {
             self.start_at(&held);
         } else if immobile {
             // nothing moves: the answers approach what the control holds, in steps that would be allowed anyway
-            for k in 0..self.axes {
+            for (k, held) in held.iter().enumerate().take(self.axes) {
                 let at = self.limiters[k].position();
                 let most = self.allowance(k, dt);
-                let next = if self.is_listed(k) { at + (held[k] - at).clamp(-most, most) } else { held[k] };
+                let next = if self.is_listed(k) { at + (held - at).clamp(-most, most) } else { *held };
                 self.limiters[k].start_at(next);
             }
         } else {
