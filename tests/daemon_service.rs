@@ -132,13 +132,8 @@ fn a_foreign_offset_is_a_fault_that_has_to_be_acknowledged() {
     let mut session = port.link();
     session.run_until_corrected();
     // the control claims another offset than it was sent, for longer than the read-back may take
-    for _ in 0..400 {
-        let mut position = session.position();
-        position.applied[0] = 0.05;
-        session.send(&Message::Position(position));
-        let _ = session.next_word();
-    }
-    assert_eq!(daemon.status()["state"], "faulted");
+    session.deceive(0.05);
+    assert!(eventually(|| daemon.status()["state"] == "faulted"), "{}", daemon.status());
     let fault = daemon.status()["faults"][0].clone();
     assert_eq!(fault["reason"], "read-back");
     assert_eq!(fault["numbers"], "x: 60.0000 um, limit 0.5000 um", "axis, value and limit");
@@ -151,11 +146,7 @@ fn a_foreign_offset_is_a_fault_that_has_to_be_acknowledged() {
     larger.axis_count = 4;
     let mut session = port.accept();
     session.greet(&larger);
-    for _ in 0..50 {
-        let position = session.position();
-        session.send(&Message::Position(position));
-        let _ = session.next_word();
-    }
+    session.run_unanswered(50);
     assert_eq!(daemon.status()["state"], "faulted");
     refused_as_faulted(&daemon);
     assert_eq!(text(&daemon.volcomp(&["enable", "--clear-fault"]).stdout).trim(), "armed");
@@ -361,7 +352,7 @@ fn requests_beyond_their_limits_are_refused_by_tool_and_daemon() {
     let mut stream = UnixStream::connect(daemon.socket()).expect("connected");
     let block = vec![b' '; 1 << 20];
     let sent = (0..40).take_while(|_| stream.write_all(&block).is_ok()).count();
-    assert!((16..40).contains(&sent), "{sent} MiB taken");
+    assert!((8..40).contains(&sent), "{sent} MiB taken");
 }
 
 #[test]

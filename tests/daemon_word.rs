@@ -70,22 +70,22 @@ fn a_restart_does_not_clear_a_fault() {
     let mut session = port.link();
     session.run_until_corrected();
     // somebody else writes the offset
-    for _ in 0..400 {
-        session.applied[0] = 0.005;
-        let position = session.position();
-        session.send(&Message::Position(position));
-        let _ = session.next_word();
-    }
+    session.deceive(0.005);
     daemon.wait_for_log("VC-4001");
     let mut session = power_cut(&mut daemon, &port, "VC-4001");
-    assert_eq!(run(&mut session, 600), CorrectionState::Faulted);
+    session.run_unanswered(100);
+    assert_eq!(daemon.status()["state"], "faulted");
     daemon.wait_for_log("VC-4001 was latched before the restart");
     assert_eq!(daemon.status()["faults"][0]["code"], "VC-4001");
     // a restart is no acknowledgement: neither is a plain enable
-    let (done, said) = order(&mut session, &daemon, &["enable"]);
-    assert!(!done && said.contains("VC-4001") && said.contains("--clear-fault"), "{said}");
-    assert_eq!(run(&mut session, 100), CorrectionState::Faulted);
-    assert!(order(&mut session, &daemon, &["enable", "--clear-fault"]).0);
+    let refused = daemon.volcomp(&["enable"]);
+    let said = String::from_utf8_lossy(&refused.stderr).into_owned();
+    assert!(
+        !refused.status.success() && said.contains("VC-4001") && said.contains("--clear-fault"),
+        "{said}"
+    );
+    session.run_unanswered(100);
+    assert!(daemon.volcomp(&["enable", "--clear-fault"]).status.success());
     assert_eq!(run(&mut session, 600), CorrectionState::Active);
     let mut session = power_cut(&mut daemon, &port, "\"off\": false");
     assert_eq!(run(&mut session, 600), CorrectionState::Active, "what was acknowledged stays so");

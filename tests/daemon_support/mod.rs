@@ -385,6 +385,42 @@ impl Session {
         panic!("no full correction after 2000 cycles: {} mm", self.applied[0]);
     }
 
+    /// Reports an offset of X that was never sent, mm, until the daemon closes the link.
+    #[allow(dead_code, reason = "each test program uses a part of this module")]
+    pub(crate) fn deceive(&mut self, x_mm: f64) {
+        for _ in 0..400 {
+            let mut position = self.position();
+            position.applied[0] = x_mm;
+            self.send(&Message::Position(position));
+            match self.next_word() {
+                Some(Message::Correction(_)) => {}
+                Some(Message::Close(close)) => {
+                    assert_eq!(close.reason, CloseReason::Error);
+                    return;
+                }
+                other => panic!("expected a correction or the end, found {other:?}"),
+            }
+        }
+        panic!("the daemon goes on with a control that does not hold what it is sent");
+    }
+
+    /// Cycles of which none may be answered: a latched fault sends nothing.
+    #[allow(dead_code, reason = "each test program uses a part of this module")]
+    pub(crate) fn run_unanswered(&mut self, cycles: u32) {
+        for _ in 0..cycles {
+            let position = self.position();
+            self.send(&Message::Position(position));
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        self.stream.set_nonblocking(true).expect("option");
+        let count = self.stream.read(self.reader.space()).map_or(0, |count| count);
+        self.reader.advance(count);
+        self.stream.set_nonblocking(false).expect("option");
+        while let Some(message) = self.reader.next().expect("frames") {
+            assert!(matches!(message, Message::Heartbeat(_)), "{message:?}");
+        }
+    }
+
     pub(crate) fn close(mut self) {
         self.send(&Message::Close(Close { reason: CloseReason::Shutdown }));
     }
