@@ -162,7 +162,7 @@ fn a_long_reason_is_refused_before_it_is_sent() {
     for form in [&["enable"][..], &["disable"], &["gain", "1"], &["rollback"], &["filter", "forget", "m"]] {
         let words = [form, &["--socket", "/none", "--reason"]].concat();
         let said = refused(&[&words[..], &[&more]].concat());
-        assert!(said.contains("1025 bytes; the limit is 1024 bytes"), "{said}");
+        assert!(said.contains("1025 bytes, the limit is 1024"), "{said}");
         let sent = run(&[&words[..], &[&most]].concat(), Stdio::null(), Stdio::null());
         assert_eq!(sent.status.code(), Some(74));
     }
