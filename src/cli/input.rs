@@ -74,7 +74,8 @@ impl InputKind {
     #[must_use]
     pub const fn limit(self) -> u64 {
         match self {
-            Self::Machine | Self::Description => MIB,
+            Self::Machine => volcomp_state::bounded_read::MACHINE_BYTES_MAX,
+            Self::Description => MIB,
             // a parsed TOML text takes up to 80 times its length
             Self::Model => volcomp_state::bounded_read::MODEL_BYTES_MAX,
             Self::Case => 16 * MIB,
