@@ -216,10 +216,11 @@ impl Monitor {
         self.check_transition(correction, &sent);
         if finite {
             let transition = self.transition(&sent);
+            let mut anew = transition.moved_to.is_some();
             for k in 0..self.settings.axes.len() {
-                self.check_axis(k, correction, &sent, &transition);
+                anew |= self.check_axis(k, correction, &sent, &transition);
             }
-            self.check_time_to_zero(correction, &transition);
+            self.check_time_to_zero(correction, &transition, anew);
         }
         if self.last.is_none_or(|last| last.index != sent.index) {
             self.report.figures.unanswered = self.report.figures.unanswered.saturating_sub(1);
@@ -338,7 +339,14 @@ impl Monitor {
         Transition { dt, moved_to: sent.applied.filter(|_| moved), immobile, makes_time }
     }
 
-    fn check_axis(&mut self, k: usize, correction: &Correction, sent: &Sent, transition: &Transition) {
+    /// True where the way to zero starts anew: the answer has gone further out, to what the control reports.
+    fn check_axis(
+        &mut self,
+        k: usize,
+        correction: &Correction,
+        sent: &Sent,
+        transition: &Transition,
+    ) -> bool {
         let limits = self.settings.limits[k];
         let offset = correction.offset[k];
         let before = self.last.map(|l| (l.offset[k], l.state));
@@ -355,7 +363,7 @@ impl Monitor {
                 let what = "an axis without limits is moved";
                 self.violation(Invariant::Size, correction, Some(k), [offset, bound], what);
             }
-            return;
+            return false;
         }
         self.check_size(k, correction, moved_to, transition.dt);
         // the way from the offset before, or from where the control has moved it, or from between them
@@ -363,7 +371,7 @@ impl Monitor {
         let low = ends.iter().flatten().copied().fold(f64::INFINITY, f64::min);
         let high = ends.iter().flatten().copied().fold(f64::NEG_INFINITY, f64::max);
         if low > high {
-            return;
+            return false;
         }
         let change = (low - offset).max(offset - high).max(0.0);
         let slack = ABSOLUTE + RELATIVE * low.abs().max(high.abs());
@@ -392,6 +400,7 @@ impl Monitor {
         let followed = moved_to.or_else(|| self.follows(k, offset, sent));
         let repeated = self.last.is_some_and(|l| l.sequence == sent.sequence);
         self.check_rest(k, correction, before, (followed, repeated));
+        followed.is_some() && before.is_some_and(|(o, _)| offset.abs() > o.abs() + ABSOLUTE)
     }
 
     fn check_size(&mut self, k: usize, correction: &Correction, moved_to: Option<f64>, dt: f64) {
@@ -485,10 +494,10 @@ impl Monitor {
         }
     }
 
-    fn check_time_to_zero(&mut self, correction: &Correction, transition: &Transition) {
+    fn check_time_to_zero(&mut self, correction: &Correction, transition: &Transition, anew: bool) {
         let leaves = matches!(correction.state, CorrectionState::RampingOut | CorrectionState::Faulted);
         let same = self.last.is_some_and(|l| l.state == correction.state);
-        if !leaves || !same || transition.immobile || transition.moved_to.is_some() {
+        if !leaves || !same || transition.immobile || anew {
             self.to_zero_s = leaves.then_some(0.0);
             return;
         }

@@ -347,6 +347,28 @@ fn i7_time_to_zero() {
     t.assert_clean();
 }
 
+/// A fault that has long led the offset to zero, and a control that then reports another one: the way starts anew.
+#[test]
+fn i7_time_to_zero_counts_from_the_last_way() {
+    let reported = |to: f64| {
+        let mut t = Trace::active();
+        t.go(Faulted, 0.0);
+        for _ in 0..1000 {
+            t.cycle(Faulted, 0.0);
+        }
+        t.applied[0] = 0.001;
+        t.cycle(Faulted, 0.001);
+        t.go(Faulted, to);
+        t
+    };
+    reported(0.0).assert_clean();
+    let mut stays = reported(0.0005);
+    for _ in 0..1000 {
+        stays.cycle(Faulted, 0.0005);
+    }
+    assert_eq!(stays.found(), [Invariant::TimeToZero]);
+}
+
 #[test]
 fn i8_read_back() {
     let mut t = Trace::new();
