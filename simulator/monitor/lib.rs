@@ -15,8 +15,8 @@ pub mod tap;
 
 use std::collections::VecDeque;
 
-use volcomp_model::axes::{AxisArray, AxisKind, MAX_AXES};
-use volcomp_model::units::NS_PER_S;
+use volcomp_units::axes::{AxisArray, AxisKind, MAX_AXES};
+use volcomp_units::NS_PER_S;
 use volcomp_protocol::{Correction, CorrectionState, MachineState, Position};
 
 pub use report::{Figures, Invariant, Report, Violation};

@@ -3,7 +3,7 @@
 //! The file is read here on its own: a monitor that took the limits from the daemon's reader would share its mistakes.
 
 use toml::{Table, Value};
-use volcomp_model::axes::{AxisKind, AxisName};
+use volcomp_units::axes::{AxisKind, AxisName};
 
 /// Time allowed beyond ramp and rate until zero is reached, s.
 const MARGIN_S: f64 = 0.2;

@@ -1,6 +1,6 @@
 use volcomp_protocol::CorrectionState::{Active, Armed, Faulted, Holding, Off, RampingIn, RampingOut};
 
-use volcomp_model::axes::AxisName;
+use volcomp_units::axes::AxisName;
 use volcomp_protocol::Message;
 
 use super::*;

@@ -5,7 +5,6 @@
 //! [`spec`] (what a model is made of), [`volumetric`] (first order), [`exact`] (full rotations), [`correction`],
 //! [`gauge`] (the normal form), [`search`] (the largest values in a volume), [`compare`] (two models).
 
-pub mod axes;
 mod bank;
 pub mod chain;
 pub mod compare;
@@ -18,8 +17,10 @@ pub mod search;
 pub mod spec;
 pub mod statistics;
 pub mod symbol;
-pub mod units;
 pub mod volumetric;
+
+pub use volcomp_units as units;
+pub use volcomp_units::axes;
 
 pub use chain::{Chain, ChainAxis, Side};
 pub use correction::AxisCorrection;

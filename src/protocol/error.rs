@@ -1,7 +1,7 @@
 //! Why bytes are no frame: the reason is kept, typed, and small enough to travel through the cycle.
 
 use super::message::{ErrorCode, ErrorReport, Name};
-use volcomp_model::axes::{AxisName, MAX_AXES};
+use volcomp_units::axes::{AxisName, MAX_AXES};
 
 /// Why bytes are no frame. After any of these the byte stream has lost its meaning: close the link.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]

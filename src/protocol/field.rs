@@ -213,7 +213,7 @@ pub mod close {
 /// [`Position`](super::Position).
 pub mod position {
     use super::Field;
-    use volcomp_model::axes::AxisArray;
+    use volcomp_units::axes::AxisArray;
 
     fields! {
         /// Counts control cycles.
@@ -238,7 +238,7 @@ pub mod position {
 /// [`Correction`](super::Correction).
 pub mod correction {
     use super::Field;
-    use volcomp_model::axes::AxisArray;
+    use volcomp_units::axes::AxisArray;
 
     fields! {
         /// The sequence answered.

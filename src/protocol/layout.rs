@@ -10,7 +10,7 @@ use super::message::{
     Axis, AxisUnit, Close, CloseReason, ControlHello, Correction, CorrectionState, DaemonHello, ErrorCode,
     ErrorReport, Heartbeat, MachineState, Name, Position, Tool,
 };
-use volcomp_model::axes::{AxisName, MAX_AXES};
+use volcomp_units::axes::{AxisName, MAX_AXES};
 
 /// A message that has a frame.
 pub trait Payload: Sized {

@@ -3,7 +3,7 @@
 use core::fmt;
 
 use super::error::NameFault;
-use volcomp_model::axes::{AxisArray, AxisName, MAX_AXES};
+use volcomp_units::axes::{AxisArray, AxisName, MAX_AXES};
 
 /// A short name on the wire: up to 32 bytes of UTF-8, padded with zeros.
 #[derive(Clone, Copy, PartialEq, Eq, Default)]

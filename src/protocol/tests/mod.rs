@@ -10,7 +10,7 @@ use proptest::prelude::*;
 use super::field;
 use super::frame::{Frame, Kind};
 use super::*;
-use volcomp_model::axes::{AxisArray, AxisName, MAX_AXES};
+use volcomp_units::axes::{AxisArray, AxisName, MAX_AXES};
 
 /// Names, offsets and sizes of the fields of a type, header and check sum apart.
 pub(super) const fn fields_of(kind: Kind) -> &'static [(&'static str, usize, usize)] {

@@ -13,7 +13,7 @@ pub use encode::Encoder;
 use super::entry::{Answer, LIVE_MAX};
 use super::error::RecordError;
 use crate::Position;
-use volcomp_model::axes::MAX_AXES;
+use volcomp_units::axes::MAX_AXES;
 
 /// Tags of entries. From 128 on an entry is an input of the engine; all but cycles, deadlines and live values carry
 /// their length.

@@ -1,5 +1,8 @@
-//! Units at the edges. Inside the core every length is in mm, every angle in rad, every time in s;
-//! a name without a suffix means one of these. Conversions live here and nowhere else.
+//! Units at the edges, and the axes that values belong to ([`axes`]). Inside the core every length is in mm, every angle
+//! in rad, every time in s; a name without a suffix means one of these. Conversions live here and nowhere else. The
+//! simulated machine shares nothing with the compensator but this crate and the protocol.
+
+pub mod axes;
 
 /// Micrometres in a millimetre.
 pub const UM_PER_MM: f64 = 1e3;
