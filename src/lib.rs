@@ -1,29 +1,23 @@
 //! volcomp takes the geometric errors of a machine tool out while it runs.
 //!
-//! The rooms, from the inside out (arrows point down this list only):
+//! Its crates under one name, for the tests and for whoever builds upon it. What may use what is a fact of their manifests
+//! (`cargo tree -p volcomp -e normal`); the reasons stand in `docs/architecture.md`. From the inside out:
 //!
-//! - [`core`]: pure mathematics and rules: units, model, engine, protocol. No I/O, no clock, no threads. Crates of
-//!   their own: `volcomp-model`, `volcomp-protocol`, `volcomp-engine`, `volcomp-estimate`.
-//! - [`config`]: text to validated types, with errors that point at the line. Takes `&str`, reads no file.
-//! - [`identify`]: instrument data to error models (offline, pure).
-//! - [`formats`]: files of instruments and controls, text to readings and back (offline, pure).
-//! - [`diagnose`]: the gap between measurement and prediction to its causes (offline, pure).
-//! - [`evaluate`]: the figures of ISO 230 from measured deviations (offline, pure).
-//! - `runtime`: sockets, the real-time thread, the service around it (feature `daemon`).
-//! - `cli`: arguments, human and JSON output, exit codes (feature `daemon`).
-//!
-//! The dependency rule is checked by `tests/architecture.rs`; the reasons stand in `docs/architecture.md`.
+//! - [`core`]: pure mathematics and rules: units, model, protocol, engine, estimate. No I/O, no clock, no threads.
+//! - [`effects`], [`identify`], [`evaluate`], [`diagnose`]: offline mathematics, pure.
+//! - [`config`], [`formats`]: text to validated types and back, with errors that point at the line. They read no file.
+//! - [`runtime`]: the daemon: sockets, the real-time thread, the service around it.
+//! - [`cli`]: arguments, human and JSON output, exit codes.
 
-pub mod config;
-pub mod diagnose;
-pub mod evaluate;
-pub mod formats;
-pub mod identify;
-
-#[cfg(feature = "daemon")]
-pub mod cli;
-#[cfg(feature = "daemon")]
-pub mod runtime;
+pub use volcomp_cli as cli;
+pub use volcomp_config as config;
+pub use volcomp_daemon as runtime;
+#[cfg(feature = "diagnosis")]
+pub use volcomp_diagnose as diagnose;
+pub use volcomp_effects as effects;
+pub use volcomp_evaluate as evaluate;
+pub use volcomp_formats as formats;
+pub use volcomp_identify as identify;
 
 /// The pure crates under one name.
 pub mod core {

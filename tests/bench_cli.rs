@@ -1,6 +1,5 @@
 //! `volcomp bench` as its user meets it.
 
-#![cfg(feature = "daemon")]
 #![allow(clippy::expect_used, reason = "a test program: it fails by panicking")]
 
 use std::path::Path;

@@ -1,6 +1,5 @@
 //! `volcompd` against a control that is broken or hostile: wrong read-backs, backlogs, values that are not allowed.
 
-#![cfg(feature = "daemon")]
 #![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
 
 mod daemon_support;

@@ -1,6 +1,5 @@
 //! `volcompd` against a small control over TCP: connecting, cycling, losing the link, and stopping.
 
-#![cfg(feature = "daemon")]
 #![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
 
 mod daemon_support;

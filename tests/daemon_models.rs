@@ -1,6 +1,5 @@
 //! Orders to a running `volcompd`: another model, back again, gain, shadow mode, and what speaks against enabling.
 
-#![cfg(feature = "daemon")]
 #![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
 
 mod daemon_support;

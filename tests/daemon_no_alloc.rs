@@ -1,6 +1,5 @@
 //! A million cycles of the daemon's body, from message to correction, without one allocation.
 
-#![cfg(feature = "daemon")]
 #![allow(clippy::expect_used, reason = "a test program: it fails by panicking")]
 
 use std::path::Path;

@@ -1,6 +1,5 @@
 //! What a real `volcompd` leaves on the disk: recordings, counters, audit log; and what the tools make of them.
 
-#![cfg(feature = "daemon")]
 #![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
 
 mod daemon_support;

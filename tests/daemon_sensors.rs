@@ -1,6 +1,5 @@
 //! Sensors that talk to a real `volcompd`: what they teach reaches the axes, the status, the recording and the disk.
 
-#![cfg(feature = "daemon")]
 #![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
 
 mod daemon_support;

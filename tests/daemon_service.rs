@@ -1,6 +1,5 @@
 //! `volcompd` seen by its operator: status, commands, systemd, and mistakes at the start.
 
-#![cfg(feature = "daemon")]
 #![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
 
 mod daemon_support;

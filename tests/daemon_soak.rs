@@ -3,7 +3,6 @@
 //! `cargo test --test daemon_soak -- --ignored --nocapture` takes an hour; `SOAK_S` sets another time. A short run of
 //! the same is part of the ordinary tests.
 
-#![cfg(feature = "daemon")]
 #![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
 #![allow(clippy::print_stdout, reason = "progress of an hour")]
 

@@ -1,6 +1,5 @@
 //! Growth by heat through a real `volcompd`: temperatures and a speed on a sensor link reach the axes.
 
-#![cfg(feature = "daemon")]
 #![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
 
 mod daemon_support;

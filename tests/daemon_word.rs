@@ -1,6 +1,5 @@
 //! What an operator has ordered stays ordered: over restarts, and against models that could not be enabled.
 
-#![cfg(feature = "daemon")]
 #![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
 
 mod daemon_support;

@@ -1,6 +1,5 @@
 //! Damaged recordings: `volcomp replay` compares what is there, and never says that all is the same.
 
-#![cfg(feature = "daemon")]
 #![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
 
 mod daemon_support;

@@ -15,9 +15,9 @@ pub mod tap;
 
 use std::collections::VecDeque;
 
-use volcomp_units::axes::{AxisArray, AxisKind, MAX_AXES};
-use volcomp_units::NS_PER_S;
 use volcomp_protocol::{Correction, CorrectionState, MachineState, Position};
+use volcomp_units::NS_PER_S;
+use volcomp_units::axes::{AxisArray, AxisKind, MAX_AXES};
 
 pub use report::{Figures, Invariant, Report, Violation};
 use rules::{AxisTrack, may_be_first, may_follow, never_grows};

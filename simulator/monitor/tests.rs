@@ -1,7 +1,7 @@
 use volcomp_protocol::CorrectionState::{Active, Armed, Faulted, Holding, Off, RampingIn, RampingOut};
 
-use volcomp_units::axes::AxisName;
 use volcomp_protocol::Message;
+use volcomp_units::axes::AxisName;
 
 use super::*;
 

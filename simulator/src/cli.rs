@@ -2,17 +2,18 @@
 
 /// Like `println!`, but never panics: a reader that has seen enough is no failure, a full disk is one at the end.
 macro_rules! say {
-    () => { volcomp::cli::line(format_args!("")) };
-    ($($text:tt)*) => { volcomp::cli::line(format_args!($($text)*)) };
+    () => { volcomp_cli::line(format_args!("")) };
+    ($($text:tt)*) => { volcomp_cli::line(format_args!($($text)*)) };
 }
 
 /// Like `eprintln!`, but never panics.
 macro_rules! note {
-    () => { volcomp::cli::note(format_args!("")) };
-    ($($text:tt)*) => { volcomp::cli::note(format_args!($($text)*)) };
+    () => { volcomp_cli::note(format_args!("")) };
+    ($($text:tt)*) => { volcomp_cli::note(format_args!($($text)*)) };
 }
 
 mod bench_link;
+#[cfg(feature = "diagnosis")]
 mod blind;
 mod campaign;
 mod certificates;
@@ -31,8 +32,8 @@ use std::process::ExitCode;
 
 use clap::{CommandFactory, Parser, Subcommand};
 
-use volcomp::cli::input::InputKind;
-pub use volcomp::cli::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE};
+use volcomp_cli::input::InputKind;
+pub use volcomp_cli::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE};
 
 /// Why the program ends without having done its work.
 #[derive(Debug)]
@@ -55,15 +56,15 @@ impl Failure {
     }
 }
 
-impl From<volcomp::cli::Failure> for Failure {
-    fn from(failure: volcomp::cli::Failure) -> Self {
+impl From<volcomp_cli::Failure> for Failure {
+    fn from(failure: volcomp_cli::Failure) -> Self {
         Self { code: failure.code, message: failure.message }
     }
 }
 
 /// A simulated CNC control and machine tool to run volcomp against.
 #[derive(Debug, Parser)]
-#[command(name = "cncsim", version, arg_required_else_help = true, after_help = volcomp::cli::EXIT_CODES)]
+#[command(name = "cncsim", version, arg_required_else_help = true, after_help = volcomp_cli::EXIT_CODES)]
 struct Cli {
     #[command(subcommand)]
     verb: Verb,
@@ -93,6 +94,7 @@ enum Verb {
     ///
     /// Draws machines with one effect, two, none, and effects outside the library, seals the labels, runs volcomp
     /// diagnose on the session files alone, and only then compares.
+    #[cfg(feature = "diagnosis")]
     Blind(blind::Args),
     /// Let everything go wrong that can, by number, and check that the real daemon reacts as it must.
     Scenarios(scenarios::Args),
@@ -144,18 +146,19 @@ pub fn command() -> clap::Command {
 /// Runs the program on `args` (the first is the program's name).
 #[must_use]
 pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
-    let parsed: Cli = match volcomp::cli::parse(args) {
+    let parsed: Cli = match volcomp_cli::parse(args) {
         Ok(parsed) => parsed,
-        Err(e) => return volcomp::cli::not_parsed(&e),
+        Err(e) => return volcomp_cli::not_parsed(&e),
     };
     let result = match parsed.verb {
         Verb::BenchLink(args) => bench_link::bench_link(&args),
         Verb::BenchEcho(args) => bench_link::echo(&args),
         Verb::Demo(args) => demo::demo(&args),
         Verb::Survey(args) => demo::survey(&args),
-        Verb::Volcompd(program) => return volcomp::cli::volcompd(program.named("volcompd")),
+        Verb::Volcompd(program) => return volcomp_cli::volcompd(program.named("volcompd")),
         Verb::HumbleVolcompd(program) => return humble_volcompd(program),
-        Verb::Volcomp(program) => return volcomp::cli::volcomp(program.named("volcomp")),
+        Verb::Volcomp(program) => return volcomp_cli::volcomp(program.named("volcomp")),
+        #[cfg(feature = "diagnosis")]
         Verb::Blind(args) => blind::run(&args),
         Verb::Campaign(args) => campaign::run(&args),
         Verb::Measure(args) => measure::run(&args),
@@ -165,7 +168,7 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Certificates(args) => certificates::run(&args),
         Verb::Path(args) => path::run(&args),
     };
-    let complete = || volcomp::cli::output_complete().map_err(Failure::from);
+    let complete = || volcomp_cli::output_complete().map_err(Failure::from);
     match result.and_then(|()| complete()) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
@@ -178,7 +181,7 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
 /// Gives up what real time needs, then is the daemon.
 fn humble_volcompd(program: Program) -> ExitCode {
     match scenarios::renounce() {
-        Ok(()) => volcomp::cli::volcompd(program.named("volcompd")),
+        Ok(()) => volcomp_cli::volcompd(program.named("volcompd")),
         Err(e) => {
             note!("error: permissions could not be given up: {e}");
             ExitCode::from(EX_SOFTWARE)
@@ -194,5 +197,5 @@ fn write_file(path: impl AsRef<Path>, content: impl AsRef<[u8]>) -> std::io::Res
 
 /// The text of a file, no larger than its kind allows.
 fn read(path: &Path, kind: InputKind) -> Result<String, Failure> {
-    Ok(volcomp::cli::input::read_text(path, kind)?)
+    Ok(volcomp_cli::input::read_text(path, kind)?)
 }

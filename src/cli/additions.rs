@@ -3,15 +3,15 @@
 use std::io::BufRead;
 use std::path::{Path, PathBuf};
 
-use super::diagnose::read_addition;
+use super::input::{InputKind, read_text};
 use super::table::Table;
 use super::{EX_CONFIG, EX_DATAERR, Failure};
-use crate::core::geometry::Vec3;
-use crate::core::model::{Model, ModelSpec};
-use crate::core::units::{RAD_PER_DEG, mm_from_um};
-use crate::diagnose::addition::{Addition, Evaluator};
-use crate::diagnose::moment::{Axis, Machine, Moment, Source};
-use crate::diagnose::{machine_of, workpiece_to_machine};
+use volcomp_effects::addition::{Addition, Evaluator};
+use volcomp_effects::moment::{Axis, Machine, Moment, Source};
+use volcomp_effects::prediction::{machine_of, workpiece_to_machine};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::{Model, ModelSpec};
+use volcomp_units::{RAD_PER_DEG, mm_from_um};
 
 /// Where a column goes.
 #[derive(Debug, Clone, Copy)]
@@ -37,6 +37,12 @@ pub(super) struct Additions {
     /// Column and factor of each source, in the order of the evaluator.
     sources: Vec<(usize, f64)>,
     takes_length: bool,
+}
+
+/// Reads an addition.
+pub(crate) fn read_addition(path: &Path) -> Result<Addition, Failure> {
+    Addition::parse(&read_text(path, InputKind::Model)?)
+        .map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {}: {e}", path.display())))
 }
 
 impl Additions {

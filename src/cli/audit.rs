@@ -6,7 +6,7 @@ use serde_json::json;
 
 use super::input::{self, InputKind};
 use super::{EX_DATAERR, Failure, service};
-use crate::runtime::audit::{AUDIT_FILE, Line, head_path, verify_with};
+use volcomp_daemon::audit::{AUDIT_FILE, Line, head_path, verify_with};
 
 /// Where the daemon of the shipped unit keeps it.
 const DEFAULT_FILE: &str = "/var/lib/volcomp/audit.jsonl";

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::input::{self, InputKind};
 use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure};
-use crate::runtime::{self, RehearsalError};
+use volcomp_daemon::RehearsalError;
 
 /// Nanoseconds in a microsecond.
 const NS_PER_US: f64 = 1e3;
@@ -35,9 +35,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         return Err(Failure::new(EX_USAGE, message));
     }
     input::check(&args.config, InputKind::Machine)?;
-    let loaded = runtime::load(&args.config)
+    let loaded = volcomp_daemon::load(&args.config)
         .map_err(|e| Failure::new(if e.is_io() { EX_IOERR } else { EX_CONFIG }, &e))?;
-    let rehearsal = runtime::rehearse(&loaded, args.cycles).map_err(|e| {
+    let rehearsal = volcomp_daemon::rehearse(&loaded, args.cycles).map_err(|e| {
         let code = match e {
             RehearsalError::Hello(_) | RehearsalError::Engine(_) => EX_CONFIG,
             RehearsalError::NotActive(_) | RehearsalError::Histogram(_) | RehearsalError::Panicked => {

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
-use crate::runtime::{self, DaemonError, LogError};
+use volcomp_daemon::{DaemonError, LogError};
 
 /// Compensates the geometric errors of one machine tool: connects to its control and answers every position with
 /// the origin offset that takes the error out. A quality function, not a safety function.
@@ -18,7 +18,7 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    runtime::run(&args.config).map_err(|error| Failure::new(exit_code(&error), &error))
+    volcomp_daemon::run(&args.config).map_err(|error| Failure::new(exit_code(&error), &error))
 }
 
 const fn exit_code(error: &DaemonError) -> u8 {

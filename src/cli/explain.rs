@@ -3,7 +3,7 @@
 use serde_json::json;
 
 use super::{EX_USAGE, Failure};
-use crate::core::fault::{CATALOGUE, Code, Entry, named};
+use volcomp_engine::fault::{CATALOGUE, Code, Entry, named};
 
 /// Explain a number or name from status, log or audit: cause, reaction, remedy.
 ///

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use super::input::{self, InputKind};
 use super::{EX_CONFIG, Failure};
-use crate::config;
-use crate::core::model::{Model, ModelSpec};
+use volcomp_config as config;
+use volcomp_model::{Model, ModelSpec};
 
 /// Reads and compiles a model file.
 pub(super) fn read_model(path: &Path) -> Result<(ModelSpec, Model), Failure> {

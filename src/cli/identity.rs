@@ -2,8 +2,8 @@
 
 use std::path::Path;
 
-use crate::config::MachineConfig;
-use crate::runtime;
+use volcomp_config::MachineConfig;
+use volcomp_daemon as runtime;
 
 /// Something wrong with the files of `[link.tls]`.
 pub(super) struct Mistake {

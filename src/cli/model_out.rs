@@ -5,9 +5,10 @@ use std::path::{Path, PathBuf};
 use super::files::write_text;
 use super::input::{self, InputKind};
 use super::{EX_CONFIG, EX_DATAERR, EX_USAGE, Failure};
-use crate::config::{self, ModelFile, Provenance, SourceEntry};
-use crate::core::axes::AxisName;
-use crate::core::model::{AxisSpec, Chain, ErrorFunction, ErrorSymbol, Model, ModelSpec};
+use volcomp_config as config;
+use volcomp_config::{ModelFile, Provenance, SourceEntry};
+use volcomp_model::{AxisSpec, Chain, ErrorFunction, ErrorSymbol, Model, ModelSpec};
+use volcomp_units::axes::AxisName;
 
 /// Where the model goes and what it starts from.
 #[derive(Debug, clap::Args)]

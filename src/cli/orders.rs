@@ -5,8 +5,8 @@ use std::path::PathBuf;
 use super::input::{self, InputKind};
 use super::service::{Which, failure, json, socket};
 use super::{EX_DATAERR, Failure};
-use crate::runtime::client::{self, ClientError};
-use crate::runtime::socket::{Answer, Ask, SentModel, Verb};
+use volcomp_daemon::client::{self, ClientError};
+use volcomp_daemon::socket::{Answer, Ask, SentModel, Verb};
 
 /// What every order has.
 #[derive(Debug, clap::Args)]

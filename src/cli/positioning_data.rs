@@ -8,13 +8,13 @@ use std::path::Path;
 use super::input::{self, InputKind, text_of};
 use super::table::Table;
 use super::{EX_DATAERR, EX_USAGE, Failure};
-use crate::core::axes::{AxisKind, AxisName};
-use crate::core::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
-use crate::formats::detect;
-use crate::formats::iso230_dat::{self, PositioningTest};
-use crate::formats::rtl::DeviationUnit;
-use crate::formats::{FormatError, FormatErrorKind, Place, api_pos, rtl, text};
-use crate::identify::Reading;
+use volcomp_formats::detect;
+use volcomp_formats::iso230_dat::{self, PositioningTest};
+use volcomp_formats::rtl::DeviationUnit;
+use volcomp_formats::{FormatError, FormatErrorKind, Place, api_pos, rtl, text};
+use volcomp_identify::Reading;
+use volcomp_units::axes::{AxisKind, AxisName};
+use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
 /// How the data file is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
@@ -221,7 +221,7 @@ pub(super) fn no_rows(file: &str) -> Failure {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::axes::Travel;
+    use volcomp_units::axes::Travel;
 
     #[test]
     fn cycles_are_selected() {

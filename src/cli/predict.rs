@@ -11,10 +11,10 @@ use super::additions::Additions;
 use super::files::{Output, read_model};
 use super::table::{self, Table, nearest};
 use super::{EX_DATAERR, EX_USAGE, Failure};
-use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
-use crate::core::geometry::Vec3;
-use crate::core::model::{AxisCorrection, Deviation, Model, Pose};
-use crate::core::units::{RAD_PER_DEG, arcsec_from_rad, um_from_mm};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::{AxisCorrection, Deviation, Model, Pose};
+use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
+use volcomp_units::{RAD_PER_DEG, arcsec_from_rad, um_from_mm};
 
 /// Predict the error of the tool, and the corrections of the axes, at every point of a table.
 #[derive(Debug, Parser)]

@@ -5,9 +5,9 @@ use clap::builder::ValueParser;
 use clap::error::ErrorKind;
 use clap::{Arg, ArgMatches, Command, Parser};
 
-use crate::core::axes::AxisName;
-use crate::core::geometry::Vec3;
-use crate::core::model::ErrorSymbol;
+use volcomp_model::ErrorSymbol;
+use volcomp_model::geometry::Vec3;
+use volcomp_units::axes::AxisName;
 
 /// Smallest and largest value.
 type Range = [f64; 2];
@@ -196,6 +196,6 @@ mod tests {
             }
             command.get_subcommands().for_each(check);
         }
-        check(&crate::cli::command());
+        check(&crate::command());
     }
 }

@@ -6,10 +6,11 @@ use std::path::{Path, PathBuf};
 
 use super::input::{self, InputKind};
 use super::{EX_CONFIG, EX_DATAERR, Failure};
-use crate::config::{self, MachineConfig};
-use crate::core::model::{Model, ModelSpec};
-use crate::core::record::{BlockKind, Item, Meta, Note, Recording, block};
-use crate::core::units::MonoTime;
+use volcomp_config as config;
+use volcomp_config::MachineConfig;
+use volcomp_model::{Model, ModelSpec};
+use volcomp_protocol::record::{BlockKind, Item, Meta, Note, Recording, block};
+use volcomp_units::MonoTime;
 
 /// First bytes of a block.
 const BLOCK_MAGIC: &[u8] = b"VCBK";

@@ -7,7 +7,7 @@ use serde_json::json;
 
 use super::recordings::{self, Missing, Parsed, Walked};
 use super::{EX_DATAERR, Failure, files, service};
-use crate::runtime::replay::{Difference, Gap, Replay, Report};
+use volcomp_daemon::replay::{Difference, Gap, Replay, Report};
 
 /// Exit code where a correction came out otherwise.
 const EX_DIFFERS: u8 = 1;

@@ -7,9 +7,9 @@ use std::time::Duration;
 
 use super::input::{self, InputKind};
 use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
-use crate::config::MachineConfig;
-use crate::runtime::Status;
-use crate::runtime::client::{self, ClientError};
+use volcomp_config::MachineConfig;
+use volcomp_daemon::Status;
+use volcomp_daemon::client::{self, ClientError};
 
 /// Where the daemon of the shipped unit listens.
 const DEFAULT_SOCKET: &str = "/run/volcomp/volcompd.sock";
@@ -75,7 +75,7 @@ pub(super) fn socket(which: &Which) -> Result<PathBuf, Failure> {
         return Ok(socket.clone());
     }
     let Some(config) = &which.config else { return Ok(PathBuf::from(DEFAULT_SOCKET)) };
-    crate::runtime::socket_path(config, &machine(config)?).ok_or_else(|| {
+    volcomp_daemon::socket_path(config, &machine(config)?).ok_or_else(|| {
         Failure::new(
             EX_CONFIG,
             format_args!(

@@ -10,8 +10,8 @@ use std::path::Path;
 use super::input::{self, InputKind, ROWS_MAX};
 use super::progress::Progress;
 use super::{EX_DATAERR, Failure};
-use crate::core::axes::Travel;
-use crate::formats::text::finite;
+use volcomp_formats::text::finite;
+use volcomp_units::axes::Travel;
 
 /// Longest line accepted; bounds the memory whatever the input is.
 const LINE_LIMIT: u64 = 1 << 20;
@@ -185,6 +185,7 @@ impl<R: BufRead> Table<R> {
     }
 
     /// A finite number, or NaN where the field is empty.
+    #[cfg(feature = "diagnosis")]
     pub(super) fn number_or_empty(&self, column: usize) -> Result<f64, Failure> {
         if self.field(column).is_empty() { Ok(f64::NAN) } else { self.number(column) }
     }

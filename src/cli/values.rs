@@ -1,9 +1,9 @@
 //! Values of options: axes, points, numbers, as they stand on a command line.
 
-use crate::core::axes::{AxisKind, AxisName};
-use crate::core::geometry::Vec3;
-use crate::formats::text::finite;
-use crate::runtime::socket::check_reason;
+use volcomp_daemon::socket::check_reason;
+use volcomp_formats::text::finite;
+use volcomp_model::geometry::Vec3;
+use volcomp_units::axes::{AxisKind, AxisName};
 
 /// An axis by its letter.
 pub(super) fn axis_letter(text: &str) -> Result<AxisName, String> {

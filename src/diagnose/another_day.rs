@@ -4,7 +4,7 @@
 use super::noise::ClassNoise;
 use super::offsets::without_offsets;
 use super::session::Session;
-use crate::core::geometry::Vec3;
+use volcomp_model::geometry::Vec3;
 
 /// Standard deviations on either side of 90 %.
 const NINETY: f64 = 1.645;

@@ -9,8 +9,8 @@ use super::moment::{Axis, Moment};
 use super::report::Place;
 use super::search::Problem;
 use super::session::Session;
-use crate::core::axes::AxisKind;
-use crate::core::units::RAD_PER_DEG;
+use volcomp_units::RAD_PER_DEG;
+use volcomp_units::axes::AxisKind;
 
 /// Bins of a factor.
 const BINS: usize = 10;

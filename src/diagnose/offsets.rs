@@ -1,8 +1,8 @@
 //! The offsets of the mountings: removed before a gap is called large or small, because they say nothing of the machine.
 
 use super::session::{Session, has_rotation};
-use crate::core::geometry::Vec3;
 use nalgebra::{DMatrix, DVector};
+use volcomp_model::geometry::Vec3;
 
 /// `values` without the best offset of each setup (and rotation of a tracker), um.
 #[must_use]

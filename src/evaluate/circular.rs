@@ -14,8 +14,8 @@ use core::f64::consts::TAU;
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::core::axes::Travel;
-use crate::core::geometry::largest_gap;
+use volcomp_model::geometry::largest_gap;
+use volcomp_units::axes::Travel;
 
 /// One reading on the circle.
 #[derive(Debug, Clone, Copy, PartialEq)]

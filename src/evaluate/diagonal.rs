@@ -106,7 +106,7 @@ impl DiagonalTest {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::axes::Travel;
+    use volcomp_units::axes::Travel;
 
     #[test]
     fn the_worst_diagonal_is_named() {

@@ -11,7 +11,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix2xX, Vector2};
 
-use crate::core::statistics::chi_square_upper;
+use volcomp_model::statistics::chi_square_upper;
 
 /// One hole or ball.
 #[derive(Debug, Clone, Copy, PartialEq)]

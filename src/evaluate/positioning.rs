@@ -7,7 +7,7 @@
 //!
 //! Source: ISO 230-2:2014, clauses 3 and 7; contract section 6.
 
-use crate::core::axes::Travel;
+use volcomp_units::axes::Travel;
 
 /// One reading at a target.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -199,8 +199,8 @@ fn repeatability_variance(targets: &[AtTarget]) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::axes::Travel;
-    use crate::evaluate::PositioningReading;
+    use crate::PositioningReading;
+    use volcomp_units::axes::Travel;
 
     /// Normal numbers from a fixed sequence (Box-Muller on an LCG), enough for a check of variances.
     struct Noise(u64);

@@ -8,8 +8,8 @@
 use super::error::{FormatError, FormatErrorKind};
 use super::iso230_dat::PositioningTest;
 use super::text::{lines, words};
-use crate::core::axes::{AxisKind, Travel};
-use crate::identify::Reading;
+use volcomp_identify::Reading;
+use volcomp_units::axes::{AxisKind, Travel};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Block {

@@ -1,10 +1,10 @@
 //! What the tables of one axis have in common: positions with one value per direction.
 
 use super::error::{FormatError, FormatErrorKind};
-use crate::core::axes::{AxisKind, AxisName};
-use crate::core::model::curve::{Curve, Interpolation, Table};
-use crate::core::model::spec::{ANGLE_LIMIT, LENGTH_LIMIT};
-use crate::core::model::{Component, ErrorFunction, ErrorSymbol};
+use volcomp_model::curve::{Curve, Interpolation, Table};
+use volcomp_model::spec::{ANGLE_LIMIT, LENGTH_LIMIT};
+use volcomp_model::{Component, ErrorFunction, ErrorSymbol};
+use volcomp_units::axes::{AxisKind, AxisName};
 
 /// The component that is the positioning error of an axis.
 #[must_use]

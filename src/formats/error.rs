@@ -2,7 +2,7 @@
 
 use core::fmt;
 
-use crate::core::model::curve::CurveError;
+use volcomp_model::curve::CurveError;
 
 /// Where a mistake stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -13,9 +13,9 @@ use super::axis_table::{Row, curve, equidistant, positioning};
 use super::error::{FormatError, FormatErrorKind};
 use super::sample::{AxisTable, ExportError, Limits, Motions, Sampling, sample_axis};
 use super::text::{Word, lines, rounded, words};
-use crate::core::axes::{AxisKind, AxisName};
-use crate::core::model::{Component, ErrorFunction, ErrorSymbol, ModelSpec};
-use crate::core::units::{deg_from_rad, rad_from_deg};
+use volcomp_model::{Component, ErrorFunction, ErrorSymbol, ModelSpec};
+use volcomp_units::axes::{AxisKind, AxisName};
+use volcomp_units::{deg_from_rad, rad_from_deg};
 
 /// What the values of a table are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -279,9 +279,9 @@ pub fn write(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::axes::Travel;
-    use crate::core::model::Chain;
     use proptest::prelude::*;
+    use volcomp_model::Chain;
+    use volcomp_units::axes::Travel;
 
     const GOOD: &str = "BEGIN Y.COM MM\r\nNR AXISPOS BACKLASH Y Z\r\n0 -90 0.002 0.001 0.01\r\n1 -85 0.003 0.002 0.02\r\n2 -80 0.001 -0.001 0.03\r\n[END]\r\n";
 

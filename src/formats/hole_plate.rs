@@ -6,7 +6,7 @@
 //! error columns must be measured minus nominal to the rounding of the file, or the columns are not what they seem.
 
 use super::text::finite;
-use crate::evaluate::PlatePoint;
+use volcomp_evaluate::PlatePoint;
 
 /// A measured plate.
 #[derive(Debug, Clone, PartialEq)]

@@ -14,9 +14,9 @@ use super::axis_table::{Row, curve};
 use super::error::{FormatError, FormatErrorKind};
 use super::sample::{AxisTable, ExportError, Limits, Sampling, sample_positioning};
 use super::text::{Word, lines, words};
-use crate::core::axes::{AxisKind, AxisName};
-use crate::core::model::{ErrorFunction, ModelSpec};
-use crate::core::units::{deg_from_rad, rad_from_deg};
+use volcomp_model::{ErrorFunction, ModelSpec};
+use volcomp_units::axes::{AxisKind, AxisName};
+use volcomp_units::{deg_from_rad, rad_from_deg};
 
 /// Most points of a table, the control's own default.
 pub const POINTS_MAX: usize = 1500;
@@ -215,9 +215,9 @@ pub fn write(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::axes::Travel;
-    use crate::core::model::{Chain, ErrorSymbol};
     use proptest::prelude::*;
+    use volcomp_model::{Chain, ErrorSymbol};
+    use volcomp_units::axes::Travel;
 
     const GOOD: &str = "kopf.log_achs_nr 2 # axis\nkw.ssfk.interval 20000\nkw.ssfk.kw_startpos -909000\nkw.ssfk.kw_nr_max 3\nkw.ssfk.unit 1\nkw.ssfk.bilateral 1\nkw.ssfk.table[0].pos 0\nkw.ssfk.table[1].pos 24\nkw.ssfk.table[2].pos -102\nkw.ssfk.table[0].neg 0\nkw.ssfk.table[1].neg 67\nkw.ssfk.table[2].neg 80\n";
 

@@ -7,9 +7,9 @@
 use std::collections::BTreeMap;
 
 use super::text::finite;
-use crate::core::axes::{AxisKind, Travel};
-use crate::core::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
-use crate::identify::Reading;
+use volcomp_identify::Reading;
+use volcomp_units::axes::{AxisKind, Travel};
+use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
 /// A positioning test.
 #[derive(Debug, Clone, PartialEq)]

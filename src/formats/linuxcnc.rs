@@ -13,9 +13,9 @@ use super::axis_table::{Row, curve};
 use super::error::{FormatError, FormatErrorKind};
 use super::sample::{AxisTable, ExportError, Limits, Sampling, sample_positioning};
 use super::text::{lines, rounded, words};
-use crate::core::axes::{AxisKind, AxisName};
-use crate::core::model::{ErrorFunction, ModelSpec};
-use crate::core::units::{deg_from_rad, rad_from_deg};
+use volcomp_model::{ErrorFunction, ModelSpec};
+use volcomp_units::axes::{AxisKind, AxisName};
+use volcomp_units::{deg_from_rad, rad_from_deg};
 
 /// `COMP_FILE_TYPE`.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -141,10 +141,10 @@ pub fn write(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::axes::Travel;
-    use crate::core::model::curve::Curve;
-    use crate::core::model::{Chain, ErrorSymbol};
     use proptest::prelude::*;
+    use volcomp_model::curve::Curve;
+    use volcomp_model::{Chain, ErrorSymbol};
+    use volcomp_units::axes::Travel;
 
     fn read(text: &str, file: CompType) -> Result<ErrorFunction, FormatError> {
         parse(text, AxisKind::Linear, file, LinearUnit::Mm)

@@ -10,8 +10,8 @@ use nalgebra::{Matrix6, Vector6};
 
 use super::Reading;
 use super::reading::group_by_position;
-use crate::core::axes::{AxisName, Travel};
-use crate::core::model::{Component, ErrorSymbol};
+use volcomp_model::{Component, ErrorSymbol};
+use volcomp_units::axes::{AxisName, Travel};
 
 /// The error motions at one position, once.
 #[derive(Debug, Clone, PartialEq)]

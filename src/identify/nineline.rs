@@ -11,7 +11,7 @@ use nalgebra::{Matrix6, Vector6};
 
 use super::primitives::jacobi;
 use super::twist::{self, Row};
-use crate::core::geometry::{Vec3, unit};
+use volcomp_model::geometry::{Vec3, unit};
 
 /// One reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -127,8 +127,8 @@ mod tests {
     use rand_distr::{Distribution, StandardNormal};
 
     use super::*;
-    use crate::core::geometry::Mat3;
-    use crate::identify::threepoint::{Seen, solve as solve_points};
+    use crate::threepoint::{Seen, solve as solve_points};
+    use volcomp_model::geometry::Mat3;
 
     const TARGETS: [[f64; 3]; 3] = [[40.0, -150.0, -90.0], [40.0, 150.0, -90.0], [40.0, 0.0, 160.0]];
     const TRUTH: [f64; 6] = [0.014, -0.006, 0.009, 3e-5, -7e-5, 5e-5];

@@ -11,8 +11,8 @@
 use nalgebra::{Matrix6, Vector6};
 
 use super::twist::{self, Row, Sighting};
-use crate::core::geometry::{Mat3, Vec3, rotation_about};
-use crate::core::statistics::chi_square_upper;
+use volcomp_model::geometry::{Mat3, Vec3, rotation_about};
+use volcomp_model::statistics::chi_square_upper;
 
 /// The head.
 #[derive(Debug, Clone, Copy, PartialEq)]

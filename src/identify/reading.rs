@@ -1,6 +1,6 @@
 //! One measured value of an error along one axis, and the grouping of readings by position.
 
-use crate::core::axes::Travel;
+use volcomp_units::axes::Travel;
 
 /// One reading. Positions and values are mm or rad: the axis and the symbol decide.
 #[derive(Debug, Clone, Copy, PartialEq)]

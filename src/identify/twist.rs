@@ -10,7 +10,7 @@
 use nalgebra::{DMatrix, DVector, Matrix6, Vector6};
 
 use super::primitives::jacobi;
-use crate::core::geometry::{Mat3, Vec3};
+use volcomp_model::geometry::{Mat3, Vec3};
 
 /// One equation, whitened: its noise has unit variance.
 #[derive(Debug, Clone, Copy, PartialEq)]

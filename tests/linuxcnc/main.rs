@@ -4,7 +4,6 @@
 //! Everything is counted in servo cycles. Skipped with a line that says why where LinuxCNC or the right to make namespaces
 //! is missing; `VOLCOMP_LINUXCNC_REQUIRED=1` makes that a failure.
 
-#![cfg(feature = "daemon")]
 #![expect(clippy::expect_used, reason = "a test stops where its own set-up is wrong")]
 #![expect(clippy::disallowed_methods, reason = "a test with processes, sockets and files")]
 #![expect(clippy::print_stdout, reason = "measured figures, and why a test was skipped")]

@@ -15,7 +15,7 @@ use rustix::event::{PollFd, PollFlags, Timespec, poll};
 use rustix::io::Errno;
 use rustix::net::{RecvFlags, recv};
 use socket2::{SockRef, TcpKeepalive};
-use volcomp::core::protocol::{Correction, MAX_FRAME, Message, encode};
+use volcomp_protocol::{Correction, MAX_FRAME, Message, encode};
 
 use super::thread::ThreadSettings;
 

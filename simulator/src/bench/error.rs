@@ -3,7 +3,7 @@
 use std::io;
 use std::path::PathBuf;
 
-use volcomp::core::protocol::{CorrectionState, FrameError};
+use volcomp_protocol::{CorrectionState, FrameError};
 
 /// Why a measurement cannot be made.
 #[derive(Debug, thiserror::Error)]

@@ -8,7 +8,7 @@ use core::fmt::Write;
 use core::net::SocketAddr;
 use std::path::Path;
 
-use volcomp::core::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
+use volcomp_units::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
 
 /// Harmonics of each error motion.
 const ORDER: usize = 5;

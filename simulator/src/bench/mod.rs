@@ -27,7 +27,7 @@ use core::time::Duration;
 use std::path::{Path, PathBuf};
 use std::time::Instant;
 
-use volcomp::core::protocol::CorrectionState;
+use volcomp_protocol::CorrectionState;
 
 use echo::EchoSettings;
 use error::BenchError;

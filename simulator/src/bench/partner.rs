@@ -7,11 +7,11 @@ use std::net::TcpListener;
 use std::time::Instant;
 
 use hdrhistogram::Histogram;
-use volcomp::core::axes::{AxisArray, AxisKind, MAX_AXES};
-use volcomp::core::protocol::{
+use volcomp_protocol::{
     Axis, AxisUnit, Close, CloseReason, ControlHello, Correction, FrameReader, MAX_FRAME, MachineState,
     Message, Name, PROTOCOL_VERSION, Position, encode,
 };
+use volcomp_units::axes::{AxisArray, AxisKind, MAX_AXES};
 
 use super::error::BenchError;
 use super::files::Axes;

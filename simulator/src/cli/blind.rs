@@ -220,7 +220,7 @@ fn all(
                     let result = one(case);
                     let n = done.fetch_add(1, Relaxed) + 1;
                     if terminal {
-                        volcomp::cli::note_text(format_args!("\r{n} of {} cases", cases.len()));
+                        volcomp_cli::note_text(format_args!("\r{n} of {} cases", cases.len()));
                     } else if n % 20 == 0 || n == cases.len() {
                         note!("{n} of {} cases", cases.len());
                     }

@@ -2,7 +2,7 @@
 
 use core::net::SocketAddr;
 
-use volcomp::core::axes::AxisName;
+use volcomp_units::axes::AxisName;
 
 use crate::control::CycleRecord;
 use crate::instruments::link::SensorLink;

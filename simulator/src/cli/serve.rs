@@ -6,8 +6,8 @@ use std::fs::File;
 use std::io::{self, BufWriter};
 use std::path::{Path, PathBuf};
 
-use volcomp::core::axes::{AxisArray, AxisName};
-use volcomp::core::protocol::Tool;
+use volcomp_protocol::Tool;
+use volcomp_units::axes::{AxisArray, AxisName};
 
 use super::sensors::{SensorArgs, Sensors};
 use super::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, InputKind, read};
@@ -419,8 +419,8 @@ fn describe(s: &RunSummary, seed: u64, axes: &MachineAxes) -> String {
         .iter()
         .zip(&s.largest_offset)
         .map(|(axis, offset)| match axis.name.kind() {
-            volcomp::core::axes::AxisKind::Linear => format!("{} {:.2} um", axis.name, offset * 1e3),
-            volcomp::core::axes::AxisKind::Rotary => format!("{} {:.3} arcsec", axis.name, offset * 3600.0),
+            volcomp_units::axes::AxisKind::Linear => format!("{} {:.2} um", axis.name, offset * 1e3),
+            volcomp_units::axes::AxisKind::Rotary => format!("{} {:.3} arcsec", axis.name, offset * 3600.0),
         })
         .collect();
     format!(

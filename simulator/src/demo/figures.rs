@@ -38,7 +38,7 @@ pub fn ballbar(
     radius_mm: f64,
     cycles: &[CycleRecord],
 ) -> Result<Trace, InstrumentError> {
-    let mut at = [0.0; volcomp::core::axes::MAX_AXES];
+    let mut at = [0.0; volcomp_units::axes::MAX_AXES];
     at[..3].copy_from_slice(&centre_commanded);
     let centre_mm = machine.nominal(&at).tip_mm;
     let points: Vec<CirclePoint> = cycles

@@ -4,8 +4,8 @@ use std::path::Path;
 use std::time::Duration;
 
 use anyhow::{Context, bail};
-use volcomp::core::axes::{AxisArray, AxisName};
-use volcomp::core::protocol::CorrectionState;
+use volcomp_protocol::CorrectionState;
+use volcomp_units::axes::{AxisArray, AxisName};
 
 use super::programs::{Daemon, Programs};
 use crate::control::{Control, ControlConfig, CycleRecord, Flow, Observer, Pacing, RunSummary};

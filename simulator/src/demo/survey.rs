@@ -5,7 +5,7 @@ use std::fs;
 use std::path::{Path, PathBuf};
 
 use anyhow::Context;
-use volcomp::core::axes::{AxisKind, AxisName};
+use volcomp_units::axes::{AxisKind, AxisName};
 
 use crate::instruments::survey::{Survey, SurveyPlan};
 use crate::truth::TruthMachine;

@@ -7,8 +7,8 @@ use std::collections::VecDeque;
 use std::time::Duration;
 
 use serde::{Deserialize, Serialize};
-use volcomp::core::axes::AxisArray;
-use volcomp::core::protocol::{Message, decode, encode};
+use volcomp_protocol::{Message, decode, encode};
+use volcomp_units::axes::AxisArray;
 
 /// Which frames are met.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, Serialize, Deserialize)]
@@ -287,7 +287,7 @@ impl Lane {
     /// The same frame with something false in it and a right check sum.
     fn falsify(&mut self, kind: FaultKind, frame: &[u8]) -> Vec<u8> {
         let Ok(message) = decode(frame) else { return frame.to_vec() };
-        let mut bytes = [0; volcomp::core::protocol::MAX_FRAME];
+        let mut bytes = [0; volcomp_protocol::MAX_FRAME];
         let length = encode(&self.false_message(kind, message), &mut bytes);
         bytes[..length].to_vec()
     }
@@ -369,7 +369,7 @@ fn millis(ms: f64) -> Duration {
 
 #[cfg(test)]
 mod tests {
-    use volcomp::core::protocol::Position;
+    use volcomp_protocol::Position;
 
     use super::*;
 

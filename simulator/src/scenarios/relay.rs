@@ -11,9 +11,9 @@ use std::time::{Duration, Instant};
 
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
-use volcomp::core::axes::{AxisArray, MAX_AXES};
-use volcomp::core::protocol::frame::{HEADER_LEN, Header};
-use volcomp::core::protocol::{Message, decode};
+use volcomp_protocol::frame::{HEADER_LEN, Header};
+use volcomp_protocol::{Message, decode};
+use volcomp_units::axes::{AxisArray, MAX_AXES};
 
 use super::fault::{Direction, FaultKind, Lane, LinkFault, Passage};
 use crate::monitor::{DirectionTap, SharedMonitor};

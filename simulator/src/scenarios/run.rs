@@ -10,7 +10,7 @@ use std::time::{Duration, Instant};
 use anyhow::{Context, bail};
 use rustix::fs::{FileType, Mode};
 use rustix::process::Signal;
-use volcomp::core::protocol::MachineState;
+use volcomp_protocol::MachineState;
 
 use super::plan::{Action, Scenario};
 use super::relay::Relay;

@@ -21,7 +21,7 @@ use crate::demo::shop::Shop;
 use crate::monitor::{Settings, SharedMonitor};
 use crate::motion::{MachineAxes, MotionCycle, MotionSource, Trajectory};
 use crate::truth::{TruthMachine, VMC_850};
-use volcomp::core::axes::{AxisArray, AxisName};
+use volcomp_units::axes::{AxisArray, AxisName};
 
 const MACHINE_FILE: &str = include_str!("../../../config/examples/vmc-850/machine.toml");
 const MODEL_FILE: &str = include_str!("../../../config/examples/vmc-850/model.toml");

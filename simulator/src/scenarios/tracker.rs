@@ -7,7 +7,7 @@ use std::collections::VecDeque;
 use std::net::TcpListener;
 
 use serde::{Deserialize, Serialize};
-use volcomp::core::units::{mm_from_um, rad_from_arcsec};
+use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 use crate::control::CycleRecord;
 use crate::instruments::link::SensorLink;

@@ -1,9 +1,9 @@
 //! What came of a scenario, against what must hold.
 
 use serde::Serialize;
-use volcomp::core::axes::MAX_AXES;
-use volcomp::core::protocol::CorrectionState;
-use volcomp::core::units::UM_PER_MM;
+use volcomp_protocol::CorrectionState;
+use volcomp_units::UM_PER_MM;
+use volcomp_units::axes::MAX_AXES;
 
 use super::plan::{Accept, Scenario};
 use crate::control::CycleRecord;

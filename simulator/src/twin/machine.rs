@@ -1,6 +1,6 @@
 //! The twin: drives, heat and bodies along the exact chain.
 
-use volcomp::core::axes::{AxisArray, MAX_AXES};
+use volcomp_units::axes::{AxisArray, MAX_AXES};
 
 use super::bodies::{Bodies, State};
 use super::drive::{Drive, SetPoint};

@@ -12,11 +12,12 @@ pub(super) use self::words::{Size, kinds_of, offset_out, offset_unit, position_o
 use self::words::{describe_machine, describe_model, machine_notes, model_as_json, model_notes};
 use super::input::{self, InputKind};
 use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
-use crate::config::{self, ConfigErrors, Diagnostic, FileKind, MachineConfig, ModelFile};
-use crate::core::live::{LiveEstimator, LiveModel};
-use crate::core::model::Model;
-use crate::diagnose::extend::Fate;
-use crate::runtime::with_additions;
+use volcomp_config as config;
+use volcomp_config::{ConfigErrors, Diagnostic, FileKind, MachineConfig, ModelFile};
+use volcomp_daemon::with_additions;
+use volcomp_effects::extend::Fate;
+use volcomp_estimate::live::{LiveEstimator, LiveModel};
+use volcomp_model::Model;
 
 /// Check machine and model files: every mistake with file, line and remedy, or a summary of what is in them
 ///

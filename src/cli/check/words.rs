@@ -2,38 +2,38 @@
 
 use serde_json::{Value, json};
 
-use crate::cli::identity;
-use crate::cli::model::gauge;
-use crate::config::model::kind_of;
-use crate::config::{MachineConfig, ModelFile};
-use crate::core::axes::{AxisKind, AxisName, Travel};
-use crate::core::estimate::Thermal;
-use crate::core::model::spec::{ModelSpec, Sense};
-use crate::core::model::{ErrorFunction, ErrorSymbol, Side};
-use crate::core::units::{arcsec_from_rad, deg_from_rad, um_from_mm};
+use crate::identity;
+use crate::model::gauge;
+use volcomp_config::model::kind_of;
+use volcomp_config::{MachineConfig, ModelFile};
+use volcomp_estimate::Thermal;
+use volcomp_model::spec::{ModelSpec, Sense};
+use volcomp_model::{ErrorFunction, ErrorSymbol, Side};
+use volcomp_units::axes::{AxisKind, AxisName, Travel};
+use volcomp_units::{arcsec_from_rad, deg_from_rad, um_from_mm};
 
-pub(in crate::cli) const fn offset_unit(axis: AxisName) -> &'static str {
+pub(crate) const fn offset_unit(axis: AxisName) -> &'static str {
     match axis.kind() {
         AxisKind::Linear => "um",
         AxisKind::Rotary => "arcsec",
     }
 }
 
-pub(in crate::cli) fn offset_out(axis: AxisName, v: f64) -> f64 {
+pub(crate) fn offset_out(axis: AxisName, v: f64) -> f64 {
     match axis.kind() {
         AxisKind::Linear => rounded(um_from_mm(v)),
         AxisKind::Rotary => rounded(arcsec_from_rad(v)),
     }
 }
 
-pub(in crate::cli) const fn position_unit(axis: AxisName) -> &'static str {
+pub(crate) const fn position_unit(axis: AxisName) -> &'static str {
     match axis.kind() {
         AxisKind::Linear => "mm",
         AxisKind::Rotary => "deg",
     }
 }
 
-pub(in crate::cli) fn position_out(axis: AxisName, v: f64) -> f64 {
+pub(crate) fn position_out(axis: AxisName, v: f64) -> f64 {
     match axis.kind() {
         AxisKind::Linear => rounded(v),
         AxisKind::Rotary => rounded(deg_from_rad(v)),
@@ -41,7 +41,7 @@ pub(in crate::cli) fn position_out(axis: AxisName, v: f64) -> f64 {
 }
 
 /// Without the last digits that a conversion leaves behind.
-pub(in crate::cli) fn rounded(v: f64) -> f64 {
+pub(crate) fn rounded(v: f64) -> f64 {
     // adding zero turns -0 into 0
     (v * 1e6).round() / 1e6 + 0.0
 }
@@ -174,17 +174,17 @@ pub(super) fn model_as_json(file: &ModelFile) -> Value {
 }
 
 /// Bounds of an error over its range, for people: curves sampled, extremes of grids added, in the unit of the file.
-pub(in crate::cli) struct Size {
-    pub(in crate::cli) range: Option<[f64; 2]>,
-    pub(in crate::cli) low: f64,
-    pub(in crate::cli) high: f64,
-    pub(in crate::cli) unit: &'static str,
+pub(crate) struct Size {
+    pub(crate) range: Option<[f64; 2]>,
+    pub(crate) low: f64,
+    pub(crate) high: f64,
+    pub(crate) unit: &'static str,
 }
 
 impl Size {
     const SAMPLES: u32 = 2000;
 
-    pub(in crate::cli) fn of(symbol: ErrorSymbol, function: &ErrorFunction, model: &ModelSpec) -> Self {
+    pub(crate) fn of(symbol: ErrorSymbol, function: &ErrorFunction, model: &ModelSpec) -> Self {
         let range = widest(function);
         let [start, end] = range.or(model.axis(symbol.axis()).travel).unwrap_or([0.0, 0.0]);
         let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
@@ -208,7 +208,7 @@ impl Size {
 }
 
 /// The kinds of the terms of an error.
-pub(in crate::cli) fn kinds_of(function: &ErrorFunction) -> Vec<&'static str> {
+pub(crate) fn kinds_of(function: &ErrorFunction) -> Vec<&'static str> {
     let grids = function.grids.iter().map(|_| "grid");
     let live = function.live.iter().map(|_| "live");
     function.curves.iter().map(kind_of).chain(grids).chain(live).collect()

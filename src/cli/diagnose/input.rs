@@ -3,12 +3,12 @@
 use std::path::Path;
 
 use super::sources::{self, SourceArgs};
-use crate::cli::input::{self, InputKind};
-use crate::cli::table::{self, Table};
-use crate::cli::{EX_DATAERR, Failure};
-use crate::core::model::Model;
-use crate::diagnose::moment::Axis;
-use crate::diagnose::session::{Raw, Session, is_encoder};
+use crate::input::{self, InputKind};
+use crate::table::{self, Table};
+use crate::{EX_DATAERR, Failure};
+use volcomp_diagnose::moment::Axis;
+use volcomp_diagnose::session::{Raw, Session, is_encoder};
+use volcomp_model::Model;
 
 /// Bytes looked at to tell a format.
 const HEAD: u64 = 4096;

@@ -2,10 +2,10 @@
 
 use std::path::{Path, PathBuf};
 
-use crate::cli::table;
-use crate::cli::{EX_DATAERR, Failure};
-use crate::diagnose::moment::Source;
-use crate::diagnose::session::{History, Note, Raw};
+use crate::table;
+use crate::{EX_DATAERR, Failure};
+use volcomp_diagnose::moment::Source;
+use volcomp_diagnose::session::{History, Note, Raw};
 
 /// A log that ends this long before the first reading still tells how things stood, s.
 const BEFORE_S: f64 = 3600.0;

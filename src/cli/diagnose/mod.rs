@@ -8,23 +8,23 @@ mod words;
 
 use std::fs;
 use std::io::{self, IsTerminal};
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Parser;
 
 use self::logs::Logs;
-use super::additions::same_machine;
+use super::additions::{read_addition, same_machine};
 use super::files::{read_model, write_text};
 use super::values::axis_letter;
 use super::{EX_DATAERR, Failure, exit};
-use crate::cli::input::{InputKind, read_text};
-use crate::core::axes::AxisName;
-use crate::core::model::Model;
-use crate::diagnose::addition::Addition;
-use crate::diagnose::library::{Label, Without};
-use crate::diagnose::moment::Machine;
-use crate::diagnose::session::{Raw, Session};
-use crate::diagnose::{Ablation, Options, diagnose, machine_of, plan, predict};
+use volcomp_diagnose::library::{Label, Without};
+use volcomp_diagnose::session::{Raw, Session};
+use volcomp_diagnose::{Ablation, Options, diagnose, plan, predict};
+use volcomp_effects::addition::Addition;
+use volcomp_effects::moment::Machine;
+use volcomp_effects::prediction::machine_of;
+use volcomp_model::Model;
+use volcomp_units::axes::AxisName;
 
 /// Find out where the gap between measurement and prediction lies, which effects cause it, and how far it shrinks.
 ///
@@ -157,12 +157,6 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
 }
 
-/// Reads an addition.
-pub(in crate::cli) fn read_addition(path: &Path) -> Result<Addition, Failure> {
-    Addition::parse(&read_text(path, InputKind::Model)?)
-        .map_err(|e| Failure::new(super::EX_CONFIG, format_args!("error: {}: {e}", path.display())))
-}
-
 /// Sessions with their predictions.
 fn load(
     args: &Args,
@@ -205,13 +199,13 @@ impl Bar {
 
     fn tell(&mut self, share: f64, what: &str) {
         if self.shown {
-            crate::cli::note_text(format_args!("\r{:3.0} % {what:<40}", 100.0 * share));
+            crate::note_text(format_args!("\r{:3.0} % {what:<40}", 100.0 * share));
         }
     }
 
     fn end(&mut self) {
         if self.shown {
-            crate::cli::note_text(format_args!("\r{:50}\r", ""));
+            crate::note_text(format_args!("\r{:50}\r", ""));
         }
     }
 }

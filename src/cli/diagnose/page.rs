@@ -2,17 +2,17 @@
 
 use plotters::prelude::*;
 
-use crate::cli::report::Page;
-use crate::cli::report::page::Cell;
-use crate::cli::report::plot::{
+use crate::report::Page;
+use crate::report::page::Cell;
+use crate::report::plot::{
     Area, Axes, BLUE, Drawn, GREY, INK, Key, SHEET_WIDTH, VERMILLION, legend, svg_of, with_room,
 };
-use crate::cli::{EX_SOFTWARE, Failure};
-use crate::diagnose::Diagnosis;
-use crate::diagnose::library::page as effect_page;
-use crate::diagnose::moment::Moment;
-use crate::diagnose::report::{Cause, Place, Report};
-use crate::diagnose::session::Session;
+use crate::{EX_SOFTWARE, Failure};
+use volcomp_diagnose::Diagnosis;
+use volcomp_diagnose::library::page as effect_page;
+use volcomp_diagnose::moment::Moment;
+use volcomp_diagnose::report::{Cause, Place, Report};
+use volcomp_diagnose::session::Session;
 
 /// Points of one series of a picture: at most, at least, and on the whole page, so that a browser stays fast.
 const POINTS: [usize; 3] = [1200, 100, 24_000];
@@ -337,7 +337,7 @@ fn before_after(
     })
 }
 
-fn fitted(curve: &crate::diagnose::Curve) -> Result<String, Box<dyn std::error::Error>> {
+fn fitted(curve: &volcomp_diagnose::Curve) -> Result<String, Box<dyn std::error::Error>> {
     let data: Vec<(f64, f64)> = curve.points.iter().map(|p| (p[0], p[1])).collect();
     let fit: Vec<(f64, f64)> = curve.points.iter().map(|p| (p[0], p[2])).collect();
     svg_of((SHEET_WIDTH, 240), |area| {
@@ -350,14 +350,14 @@ fn fitted(curve: &crate::diagnose::Curve) -> Result<String, Box<dyn std::error::
 fn bars(rows: &[(String, f64, bool)], title: &str) -> Result<String, Box<dyn std::error::Error>> {
     let height = 34 + 22 * rows.len() as u32;
     svg_of((SHEET_WIDTH, height), |area| {
-        crate::cli::report::plot::words(area, title, (8, 6), 14)?;
+        crate::report::plot::words(area, title, (8, 6), 14)?;
         for (i, (label, share, strong)) in rows.iter().enumerate() {
             let y = 30 + 22 * i as i32;
-            crate::cli::report::plot::words(area, label, (8, y), 13)?;
+            crate::report::plot::words(area, label, (8, y), 13)?;
             let colour = if *strong { BLUE } else { GREY };
             let end = 300 + (480.0 * share.clamp(0.0, 1.0)) as i32;
             area.draw(&Rectangle::new([(300, y), (end.max(301), y + 15)], colour.filled()))?;
-            crate::cli::report::plot::words(area, &format!("{:.0} %", 100.0 * share), (end + 6, y), 13)?;
+            crate::report::plot::words(area, &format!("{:.0} %", 100.0 * share), (end + 6, y), 13)?;
         }
         Ok(())
     })
@@ -395,7 +395,7 @@ fn shrink(r: &Report) -> Result<String, Box<dyn std::error::Error>> {
         let pixels = |v: f64| 200 + (540.0 * (v / most).clamp(0.0, 1.0)) as i32;
         for (i, (label, value, colour)) in rows.iter().enumerate() {
             let y = 10 + 26 * i as i32;
-            crate::cli::report::plot::words(area, label, (8, y), 13)?;
+            crate::report::plot::words(area, label, (8, y), 13)?;
             area.draw(&Rectangle::new(
                 [(200, y), (pixels(*value).max(201), y + 17)],
                 colour.mix(0.8).filled(),
@@ -406,7 +406,7 @@ fn shrink(r: &Report) -> Result<String, Box<dyn std::error::Error>> {
                 right = right.max(ends[0]).max(ends[1]);
                 area.draw(&PathElement::new(vec![(ends[0], y + 8), (ends[1], y + 8)], INK.stroke_width(3)))?;
             }
-            crate::cli::report::plot::words(area, &format!("{value:.2} um"), (right + 8, y), 13)?;
+            crate::report::plot::words(area, &format!("{value:.2} um"), (right + 8, y), 13)?;
         }
         let y = 16 + 26 * rows.len() as i32;
         legend(area, &[Key::line(INK, 3, "90 % interval of what is left")], 200, y)

@@ -6,17 +6,17 @@ use std::path::Path;
 use clap::Args;
 
 use super::input;
-use crate::cli::table;
-use crate::cli::{EX_USAGE, Failure};
-use crate::core::axes::{AxisKind, AxisName, Travel};
-use crate::core::units::um_from_mm;
-use crate::diagnose::session::Raw;
-use crate::formats::edge::{self, Header, Row, Sink};
-use crate::formats::{hole_plate, iso230_dat};
+use crate::table;
+use crate::{EX_USAGE, Failure};
+use volcomp_diagnose::session::Raw;
+use volcomp_formats::edge::{self, Header, Row, Sink};
+use volcomp_formats::{hole_plate, iso230_dat};
+use volcomp_units::axes::{AxisKind, AxisName, Travel};
+use volcomp_units::um_from_mm;
 
 /// How files of other programs are read.
 #[derive(Debug, Clone, Args)]
-pub(in crate::cli) struct SourceArgs {
+pub(crate) struct SourceArgs {
     /// Axis of a positioning test (.dat).
     #[arg(long, value_name = "LETTER", value_parser = super::letter, default_value = "x")]
     axis: AxisName,
@@ -109,8 +109,8 @@ fn positioning(path: &Path, axis: AxisName) -> Result<Raw, Failure> {
     let mut readings = test.readings;
     // in the order in which it was measured: cycle by cycle, up and down again
     readings.sort_by(|a, b| {
-        let way = |r: &crate::identify::Reading| r.travel == Travel::Reverse;
-        let place = |r: &crate::identify::Reading| if way(r) { -r.position } else { r.position };
+        let way = |r: &volcomp_identify::Reading| r.travel == Travel::Reverse;
+        let place = |r: &volcomp_identify::Reading| if way(r) { -r.position } else { r.position };
         a.cycle.cmp(&b.cycle).then(way(a).cmp(&way(b))).then(place(a).total_cmp(&place(b)))
     });
     let column = format!("{}_mm", axis.lower());
@@ -306,7 +306,7 @@ impl Sink for CaptureSink<'_> {
 /// A capture as the control writes it, in JSON; lines are counted as rows of data.
 fn capture_json(path: &Path, args: &SourceArgs) -> Result<Raw, Failure> {
     needs_axes(path, args)?;
-    let source = crate::cli::input::open(path, crate::cli::input::InputKind::Capture)?;
+    let source = crate::input::open(path, crate::input::InputKind::Capture)?;
     let mut sink = CaptureSink { path, args, found: None, count: 0 };
     let read = edge::read(source.buffered(), &mut sink);
     if let Some(Err(signal)) = &sink.found {

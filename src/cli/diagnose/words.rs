@@ -3,10 +3,10 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::cli::{EX_USAGE, Failure, exit};
-use crate::diagnose::library::{Kind, PAGES, page};
-use crate::diagnose::plan::PlanReport;
-use crate::diagnose::report::Report;
+use crate::{EX_USAGE, Failure, exit};
+use volcomp_diagnose::library::{Kind, PAGES, page};
+use volcomp_diagnose::plan::PlanReport;
+use volcomp_diagnose::report::Report;
 
 /// Drift below this share of the noise hides nothing.
 const DRIFT_TOLD: f64 = 0.1;
@@ -136,7 +136,7 @@ pub(super) fn summary(r: &Report, out: Option<&Path>) -> Result<(), Failure> {
 pub(super) fn plan(p: &PlanReport, json: bool) -> Result<(), Failure> {
     if json {
         let text = serde_json::to_string_pretty(p)
-            .map_err(|e| Failure::new(crate::cli::EX_SOFTWARE, format_args!("error: {e}")))?;
+            .map_err(|e| Failure::new(crate::EX_SOFTWARE, format_args!("error: {e}")))?;
         return exit::print(&format!("{text}\n"));
     }
     say!("{} rows in {} setups; {} effects can be seen", p.rows, p.setups, p.seen.len());

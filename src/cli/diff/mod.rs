@@ -15,9 +15,10 @@ use super::input::{self, InputKind};
 use super::report::Page;
 use super::report::page::Cell;
 use super::{EX_CONFIG, EX_SOFTWARE, EX_USAGE, Failure};
-use crate::config::{self, ModelFile};
-use crate::core::model::compare::{Comparison, compare};
-use crate::core::units::{mm_from_um, rad_from_arcsec};
+use volcomp_config as config;
+use volcomp_config::ModelFile;
+use volcomp_model::compare::{Comparison, compare};
+use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 /// Exit code where the models differ.
 const DIFFERENT: u8 = 1;

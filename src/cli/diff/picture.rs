@@ -3,14 +3,14 @@
 use plotters::prelude::*;
 
 use super::Diff;
-use crate::cli::check::{position_out, position_unit};
-use crate::cli::report::plot::{
+use crate::check::{position_out, position_unit};
+use crate::report::plot::{
     Area, Axes, BLUE, Drawn, GREY, Key, SHEET_WIDTH, Svg, legend, svg_of, with_room, words,
 };
-use crate::core::axes::Travel;
-use crate::core::model::Model;
-use crate::core::model::compare::{ErrorDifference, relative_values};
-use crate::core::units::{arcsec_from_rad, um_from_mm};
+use volcomp_model::Model;
+use volcomp_model::compare::{ErrorDifference, relative_values};
+use volcomp_units::axes::Travel;
+use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 const COLUMNS: usize = 2;
 const ROW: u32 = 250;

@@ -3,14 +3,14 @@
 use serde_json::{Map, Value, json};
 
 use super::Diff;
-use crate::cli::check::{offset_out, offset_unit, position_out, position_unit, rounded};
-use crate::config::Provenance;
-use crate::core::axes::{AxisArray, AxisName, Travel};
-use crate::core::geometry::Vec3;
-use crate::core::model::compare::{Change, Difference, ErrorDifference, VolumeDifference};
-use crate::core::model::spec::{ReferenceBody, ReferencePoint, Sense};
-use crate::core::model::{ErrorSymbol, Pose};
-use crate::core::units::{arcsec_from_rad, um_from_mm};
+use crate::check::{offset_out, offset_unit, position_out, position_unit, rounded};
+use volcomp_config::Provenance;
+use volcomp_model::compare::{Change, Difference, ErrorDifference, VolumeDifference};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::spec::{ReferenceBody, ReferencePoint, Sense};
+use volcomp_model::{ErrorSymbol, Pose};
+use volcomp_units::axes::{AxisArray, AxisName, Travel};
+use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// One error that differs.
 pub(super) struct Row {

@@ -8,10 +8,10 @@ use serde_json::{Map, Value, json};
 use super::page::{self, Origin};
 use super::picture::circular::{self as drawing, Shown};
 use super::{Figure, Output, bad_data, change, only, percent, put_before};
-use crate::cli::positioning_data::no_rows;
-use crate::cli::{Failure, table};
-use crate::core::units::{mm_from_um, rad_from_deg, um_from_mm};
-use crate::evaluate::{Centring, CircularReading, Circularity};
+use crate::positioning_data::no_rows;
+use crate::{Failure, table};
+use volcomp_evaluate::{Centring, CircularReading, Circularity};
+use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum CentringArg {

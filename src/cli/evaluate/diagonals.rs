@@ -8,13 +8,13 @@ use super::page::{self, Origin};
 use super::picture::positioning::{self as drawing, Shown};
 use super::positioning::{as_json, print};
 use super::{Figure, Output, bad_data, change, percent, put_before, show};
-use crate::cli::positioning_data::{TestColumns, no_rows};
-use crate::cli::report::page::Cell;
-use crate::cli::report::plot::{Drawn, SHEET_WIDTH, Svg, svg_of, words};
-use crate::cli::{Failure, table};
-use crate::core::axes::AxisKind;
-use crate::core::units::um_from_mm;
-use crate::evaluate::{Diagonal, DiagonalTest, Positioning, PositioningReading};
+use crate::positioning_data::{TestColumns, no_rows};
+use crate::report::page::Cell;
+use crate::report::plot::{Drawn, SHEET_WIDTH, Svg, svg_of, words};
+use crate::{Failure, table};
+use volcomp_evaluate::{Diagonal, DiagonalTest, Positioning, PositioningReading};
+use volcomp_units::axes::AxisKind;
+use volcomp_units::um_from_mm;
 
 /// Four body diagonals by ISO 230-6, each like a positioning test
 ///
@@ -149,7 +149,7 @@ const HEIGHT: u32 = 360;
 const TITLE: u32 = 34;
 
 /// The four diagonals of a test, two in a row.
-fn four(test: &Evaluated, y: [f64; 2], area: &crate::cli::report::plot::Area<'_>) -> Drawn {
+fn four(test: &Evaluated, y: [f64; 2], area: &crate::report::plot::Area<'_>) -> Drawn {
     for (place, (diagonal, result)) in area.split_evenly((2, 2)).iter().zip(&test.result.diagonals) {
         let readings = of(test, *diagonal);
         let both = result.both.map_or(String::new(), |b| format!(": E {:.2}, A {:.2} µm", b.e, b.a));
@@ -220,7 +220,7 @@ fn report(
     Ok(page.finish())
 }
 
-fn each(page: &mut crate::cli::report::Page, after: &Evaluated, before: Option<&Evaluated>) {
+fn each(page: &mut crate::report::Page, after: &Evaluated, before: Option<&Evaluated>) {
     let mut head = vec![Cell::head("diagonal")];
     let mut rows: Vec<Vec<Cell>> = after
         .result

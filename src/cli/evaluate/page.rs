@@ -4,9 +4,9 @@
 use std::path::Path;
 
 use super::{Figure, change, percent, show};
-use crate::cli::input::{self, InputKind};
-use crate::cli::report::Page;
-use crate::cli::report::page::Cell;
+use crate::input::{self, InputKind};
+use crate::report::Page;
+use crate::report::page::Cell;
 
 /// Where the data of a report came from.
 pub(super) struct Origin {

@@ -9,16 +9,16 @@ use serde_json::{Map, Value, json};
 use super::page::{self, Origin};
 use super::picture::plate::{self as drawing, Shown};
 use super::{Output, bad_data, only};
-use crate::cli::input::{self, InputKind};
-use crate::cli::positioning_data::no_rows;
-use crate::cli::report::page::Cell;
-use crate::cli::table::Table;
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
-use crate::core::statistics::normal_two_sided;
-use crate::core::units::{arcsec_from_rad, deg_from_rad, mm_from_um, um_from_mm};
-use crate::evaluate::plate::Estimate;
-use crate::evaluate::{PlateFit, PlateModel, PlateNorm, PlatePoint};
-use crate::formats::hole_plate;
+use crate::input::{self, InputKind};
+use crate::positioning_data::no_rows;
+use crate::report::page::Cell;
+use crate::table::Table;
+use crate::{EX_DATAERR, EX_USAGE, Failure};
+use volcomp_evaluate::plate::Estimate;
+use volcomp_evaluate::{PlateFit, PlateModel, PlateNorm, PlatePoint};
+use volcomp_formats::hole_plate;
+use volcomp_model::statistics::normal_two_sided;
+use volcomp_units::{arcsec_from_rad, deg_from_rad, mm_from_um, um_from_mm};
 
 /// A hole plate or ball plate: offset, rotation, scale and squareness in a plane
 ///

@@ -7,13 +7,13 @@ use serde_json::{Map, Value, json};
 use super::page::{self, Origin};
 use super::picture::positioning::Shown;
 use super::{Figure, Output, bad_data, change, percent, picture, put_before, show};
-use crate::cli::positioning_data::{Cycles, TestFormat, read_test};
-use crate::cli::report::page::Cell;
-use crate::cli::{EX_USAGE, Failure};
-use crate::core::axes::AxisKind;
-use crate::core::units::{arcsec_from_rad, deg_from_rad, um_from_mm};
-use crate::evaluate::uncertainty::Expanded;
-use crate::evaluate::{Conditions, Positioning, PositioningReading, Spread, Uncertainties};
+use crate::positioning_data::{Cycles, TestFormat, read_test};
+use crate::report::page::Cell;
+use crate::{EX_USAGE, Failure};
+use volcomp_evaluate::uncertainty::Expanded;
+use volcomp_evaluate::{Conditions, Positioning, PositioningReading, Spread, Uncertainties};
+use volcomp_units::axes::AxisKind;
+use volcomp_units::{arcsec_from_rad, deg_from_rad, um_from_mm};
 
 /// Positioning of one axis by ISO 230-2: reversal, repeatability, systematic deviation, accuracy
 ///
@@ -393,7 +393,7 @@ fn report(
     Ok(page.finish())
 }
 
-fn uncertainty_section(page: &mut crate::cli::report::Page, u: &Uncertainties, unit: &str) {
+fn uncertainty_section(page: &mut crate::report::Page, u: &Uncertainties, unit: &str) {
     page.heading("Uncertainty");
     let stated = !u.contributions.is_empty();
     if stated {
@@ -426,7 +426,7 @@ fn uncertainty_section(page: &mut crate::cli::report::Page, u: &Uncertainties, u
     );
 }
 
-fn targets(page: &mut crate::cli::report::Page, p: &Positioning, unit: &str, target_unit: &str) {
+fn targets(page: &mut crate::report::Page, p: &Positioning, unit: &str, target_unit: &str) {
     let head: Vec<Cell> = [
         format!("target / {target_unit}"),
         format!("mean forward / {unit}"),

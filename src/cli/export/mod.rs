@@ -9,7 +9,7 @@ use clap::{Parser, ValueEnum};
 
 use super::input::{self, InputKind};
 use super::{EX_USAGE, Failure};
-use crate::core::record::{EXTENSION, block};
+use volcomp_protocol::record::{EXTENSION, block};
 
 /// Write a model as a table that a control loads, or a recording of volcompd as CSV or Parquet.
 ///

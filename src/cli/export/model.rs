@@ -5,18 +5,18 @@ use std::path::Path;
 use clap::{Args, ValueEnum};
 
 use super::FormatArg;
-use crate::cli::files::{Output, read_model};
-use crate::cli::import::ControlArgs;
-use crate::cli::values::{axis_letter, number};
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
-use crate::core::axes::{AxisKind, AxisName};
-use crate::core::model::{Component, ErrorSymbol, ModelSpec};
-use crate::core::units::{arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_deg, um_from_mm};
-use crate::formats::axis_table::positioning;
-use crate::formats::rtl::{Deviation, Entry, Rtl};
-use crate::formats::sample::{AxisTable, ExportError, Limits, Motions, Sampling, Way, sample_axis};
-use crate::formats::text::rounded;
-use crate::formats::{heidenhain, isg, isg_lis, linuxcnc, rtl};
+use crate::files::{Output, read_model};
+use crate::import::ControlArgs;
+use crate::values::{axis_letter, number};
+use crate::{EX_DATAERR, EX_USAGE, Failure};
+use volcomp_formats::axis_table::positioning;
+use volcomp_formats::rtl::{Deviation, Entry, Rtl};
+use volcomp_formats::sample::{AxisTable, ExportError, Limits, Motions, Sampling, Way, sample_axis};
+use volcomp_formats::text::rounded;
+use volcomp_formats::{heidenhain, isg, isg_lis, linuxcnc, rtl};
+use volcomp_model::{Component, ErrorSymbol, ModelSpec};
+use volcomp_units::axes::{AxisKind, AxisName};
+use volcomp_units::{arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_deg, um_from_mm};
 
 /// Straight lines between points stay this close to the model where nothing else is asked for, um.
 const TOLERANCE_UM: f64 = 0.05;

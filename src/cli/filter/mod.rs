@@ -8,10 +8,10 @@ use std::path::{Path, PathBuf};
 use super::files::write_text;
 use super::service::{Which, failure, json, socket};
 use super::{EX_DATAERR, EX_IOERR, EX_SOFTWARE, Failure, recordings};
-use crate::core::units::NS_PER_S;
-use crate::runtime::client;
-use crate::runtime::socket::{Ask, Verb};
-use crate::runtime::{FilterStatus, GrowthStatus, MapStatus, SensorStatus};
+use volcomp_daemon::client;
+use volcomp_daemon::socket::{Ask, Verb};
+use volcomp_daemon::{FilterStatus, GrowthStatus, MapStatus, SensorStatus};
+use volcomp_units::NS_PER_S;
 
 /// Live estimation: what was learned from sensors, with its uncertainty.
 #[derive(Debug, clap::Parser)]
@@ -236,7 +236,7 @@ fn write_nodes(f: &mut String, map: &MapStatus) -> std::fmt::Result {
 mod tests {
     use super::picture::{lines, picture};
     use super::*;
-    use crate::runtime::NodeStatus;
+    use volcomp_daemon::NodeStatus;
 
     fn filter() -> FilterStatus {
         let node = |k: usize| NodeStatus {

@@ -3,7 +3,7 @@
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use crate::runtime::{FilterStatus, MapStatus, NodeStatus, SensorStatus};
+use volcomp_daemon::{FilterStatus, MapStatus, NodeStatus, SensorStatus};
 
 const PANEL: (u32, u32) = (900, 260);
 const INK: RGBColor = RGBColor(60, 60, 60);

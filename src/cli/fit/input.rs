@@ -4,19 +4,19 @@ use std::collections::BTreeMap;
 use std::io::{BufRead, Cursor, Read};
 use std::path::Path;
 
-use crate::cli::input::{self, InputKind};
-use crate::cli::positioning_data::{Cycles, instrument_test, is_instrument, no_rows, parse_csv, parse_dat};
-use crate::cli::table::{STDIN, Table, nearest};
-use crate::cli::{EX_DATAERR, Failure};
-use crate::core::axes::{AxisKind, AxisName, Travel};
-use crate::core::model::{Component, ErrorSymbol};
-use crate::core::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
-use crate::formats::iso230_dat;
-use crate::identify::Reading;
+use crate::input::{self, InputKind};
+use crate::positioning_data::{Cycles, instrument_test, is_instrument, no_rows, parse_csv, parse_dat};
+use crate::table::{STDIN, Table, nearest};
+use crate::{EX_DATAERR, Failure};
+use volcomp_formats::iso230_dat;
+use volcomp_identify::Reading;
+use volcomp_model::{Component, ErrorSymbol};
+use volcomp_units::axes::{AxisKind, AxisName, Travel};
+use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
 /// How a data file is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub(in crate::cli) enum Format {
+pub(crate) enum Format {
     /// Look at the file.
     Auto,
     /// Columns position_mm (or position_deg) and symbols such as `exx_um`, `eax_arcsec`; optional cycle, direction.
@@ -30,7 +30,7 @@ pub(in crate::cli) enum Format {
 
 /// Which direction of travel is used.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub(in crate::cli) enum Direction {
+pub(crate) enum Direction {
     /// Both.
     Both,
     /// Towards plus.
@@ -41,8 +41,8 @@ pub(in crate::cli) enum Direction {
 
 /// The readings of one symbol, and where they stood.
 #[derive(Debug, Default)]
-pub(in crate::cli) struct Measured {
-    pub(in crate::cli) readings: Vec<Reading>,
+pub(crate) struct Measured {
+    pub(crate) readings: Vec<Reading>,
     /// 1-based lines of the file, where a row is a reading; else empty or 0.
     lines: Vec<u32>,
     /// Index of the first reading of each file.
@@ -81,25 +81,25 @@ impl Measured {
     }
 
     /// True where readings came from this file.
-    pub(in crate::cli) fn is_from(&self, file: &str) -> bool {
+    pub(crate) fn is_from(&self, file: &str) -> bool {
         self.files.iter().any(|(_, f)| f == file)
     }
 
     /// File and line of a reading; line 0 where the file has no row per reading.
-    pub(in crate::cli) fn place(&self, index: usize) -> (&str, u32) {
+    pub(crate) fn place(&self, index: usize) -> (&str, u32) {
         let file = self.files.iter().rev().find(|(first, _)| *first <= index).map_or("", |(_, f)| f.as_str());
         (file, self.lines.get(index).copied().unwrap_or(0))
     }
 }
 
 /// The readings of each symbol.
-pub(in crate::cli) type BySymbol = BTreeMap<ErrorSymbol, Measured>;
+pub(crate) type BySymbol = BTreeMap<ErrorSymbol, Measured>;
 
 /// Bytes looked at to tell the formats apart.
 const HEAD: u64 = 1 << 16;
 
 /// Reads one file for one axis and adds its readings; tables row by row.
-pub(in crate::cli) fn read(
+pub(crate) fn read(
     path: &Path,
     axis: AxisName,
     format: Format,

@@ -16,13 +16,13 @@ use super::files::write_text;
 use super::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
 use super::positioning_data::Cycles;
 use super::{EX_DATAERR, Failure};
-use crate::cli::values::{axis_letter, number};
-use crate::config::{ModelFile, Provenance};
-use crate::core::axes::{AxisKind, AxisName};
-use crate::core::model::curve::Interpolation;
-use crate::core::model::{Curve, ErrorFunction, ErrorSymbol, Sense};
-use crate::core::units::{rad_from_arcsec, rad_from_deg};
-use crate::identify::curve::{self, Basis, Period, Request, Reversal, Smoothing};
+use crate::values::{axis_letter, number};
+use volcomp_config::{ModelFile, Provenance};
+use volcomp_identify::curve::{self, Basis, Period, Request, Reversal, Smoothing};
+use volcomp_model::curve::Interpolation;
+use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Sense};
+use volcomp_units::axes::{AxisKind, AxisName};
+use volcomp_units::{rad_from_arcsec, rad_from_deg};
 
 /// Fit error curves to measured error motions and write them into a model file.
 #[derive(Debug, Parser)]

@@ -8,9 +8,9 @@ use plotters::coord::Shift;
 use plotters::prelude::*;
 
 use super::report::{Fitted, Units, note_text, outlier_lines};
-use crate::cli::files::write_text;
-use crate::cli::{EX_SOFTWARE, Failure};
-use crate::core::axes::Travel;
+use crate::files::write_text;
+use crate::{EX_SOFTWARE, Failure};
+use volcomp_units::axes::Travel;
 
 const FORWARD: RGBColor = RGBColor(0, 114, 178);
 const REVERSE: RGBColor = RGBColor(213, 94, 0);

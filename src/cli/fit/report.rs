@@ -3,26 +3,26 @@
 use serde_json::{Map, Value, json};
 
 use super::input::Measured;
-use crate::cli::model_out::Sources;
-use crate::core::axes::{AxisKind, Travel};
-use crate::core::model::ErrorSymbol;
-use crate::core::model::curve::Curve;
-use crate::core::units::{arcsec_from_rad, deg_from_rad, um_from_mm};
-use crate::identify::curve::{Basis, CurveFit, Hidden, Note};
+use crate::model_out::Sources;
+use volcomp_identify::curve::{Basis, CurveFit, Hidden, Note};
+use volcomp_model::ErrorSymbol;
+use volcomp_model::curve::Curve;
+use volcomp_units::axes::{AxisKind, Travel};
+use volcomp_units::{arcsec_from_rad, deg_from_rad, um_from_mm};
 
 /// Positions of the band in the report.
 const BAND_POINTS: u32 = 100;
 
 /// One error motion, its readings and its curve.
-pub(in crate::cli) struct Fitted {
-    pub(in crate::cli) symbol: ErrorSymbol,
-    pub(in crate::cli) measured: Measured,
-    pub(in crate::cli) fit: CurveFit,
+pub(crate) struct Fitted {
+    pub(crate) symbol: ErrorSymbol,
+    pub(crate) measured: Measured,
+    pub(crate) fit: CurveFit,
     raw_rms: f64,
 }
 
 impl Fitted {
-    pub(in crate::cli) fn new(symbol: ErrorSymbol, measured: Measured, fit: CurveFit) -> Self {
+    pub(crate) fn new(symbol: ErrorSymbol, measured: Measured, fit: CurveFit) -> Self {
         let readings = &measured.readings;
         let squares: f64 = readings.iter().map(|r| r.value * r.value).sum();
         let raw_rms = (squares / readings.len() as f64).sqrt();
@@ -30,22 +30,22 @@ impl Fitted {
     }
 
     /// True where the curve differs between the directions of travel.
-    pub(in crate::cli) fn is_directed(&self) -> bool {
+    pub(crate) fn is_directed(&self) -> bool {
         let directed = |c: &Curve| matches!(c, Curve::Table(t) if t.columns().2.is_some());
         directed(&self.fit.curve) || self.fit.more.iter().any(directed)
     }
 }
 
 /// Units of a symbol at the boundary.
-pub(in crate::cli) struct Units {
-    pub(in crate::cli) value: &'static str,
-    pub(in crate::cli) position: &'static str,
-    pub(in crate::cli) of_value: fn(f64) -> f64,
-    pub(in crate::cli) of_position: fn(f64) -> f64,
+pub(crate) struct Units {
+    pub(crate) value: &'static str,
+    pub(crate) position: &'static str,
+    pub(crate) of_value: fn(f64) -> f64,
+    pub(crate) of_position: fn(f64) -> f64,
 }
 
 impl Units {
-    pub(in crate::cli) fn of(symbol: ErrorSymbol) -> Self {
+    pub(crate) fn of(symbol: ErrorSymbol) -> Self {
         let (value, of_value): (_, fn(f64) -> f64) =
             if symbol.is_angle() { ("arcsec", arcsec_from_rad) } else { ("um", um_from_mm) };
         let (position, of_position): (_, fn(f64) -> f64) = match symbol.axis().kind() {
@@ -70,7 +70,7 @@ impl Units {
 }
 
 /// The report of contract section 5: one object per symbol.
-pub(in crate::cli) fn json_report(fitted: &[Fitted]) -> String {
+pub(crate) fn json_report(fitted: &[Fitted]) -> String {
     let report: Map<String, Value> =
         fitted.iter().map(|f| (f.symbol.to_string().to_lowercase(), Value::Object(one_report(f)))).collect();
     format!("{:#}\n", Value::Object(report))
@@ -176,7 +176,7 @@ fn outliers(f: &Fitted, units: &Units) -> Vec<Value> {
 }
 
 /// One line per outlier, for people.
-pub(in crate::cli) fn outlier_lines(f: &Fitted) -> Vec<String> {
+pub(crate) fn outlier_lines(f: &Fitted) -> Vec<String> {
     let units = Units::of(f.symbol);
     f.fit
         .outliers
@@ -199,7 +199,7 @@ pub(in crate::cli) fn outlier_lines(f: &Fitted) -> Vec<String> {
 }
 
 /// What the targets of an axis cannot show, in words.
-pub(in crate::cli) fn hidden_text(hidden: &Hidden) -> Option<String> {
+pub(crate) fn hidden_text(hidden: &Hidden) -> Option<String> {
     let list = |pitches: &[f64]| pitches.iter().map(f64::to_string).collect::<Vec<_>>().join(", ");
     let mut parts = Vec::new();
     if !hidden.constant.is_empty() {
@@ -218,7 +218,7 @@ pub(in crate::cli) fn hidden_text(hidden: &Hidden) -> Option<String> {
 }
 
 /// A note in words.
-pub(in crate::cli) fn note_text(symbol: ErrorSymbol, note: Note) -> String {
+pub(crate) fn note_text(symbol: ErrorSymbol, note: Note) -> String {
     let units = Units::of(symbol);
     match note {
         Note::IllConditioned { condition } => format!(
@@ -251,7 +251,7 @@ pub(in crate::cli) fn note_text(symbol: ErrorSymbol, note: Note) -> String {
 }
 
 /// One line per error motion on stdout.
-pub(in crate::cli) fn print_table(fitted: &[Fitted]) {
+pub(crate) fn print_table(fitted: &[Fitted]) {
     say!(
         "{:<7}{:<11}{:>6}{:>10}{:>6}{:>4}{:>11}{:>11}{:>11}{:>11}{:>15}  unit",
         "error",
@@ -291,7 +291,7 @@ pub(in crate::cli) fn print_table(fitted: &[Fitted]) {
 }
 
 /// Comment lines that say where the curves came from; `command` is that of volcomp.
-pub(in crate::cli) fn comments(command: &str, sources: &Sources, fitted: &[Fitted]) -> Vec<String> {
+pub(crate) fn comments(command: &str, sources: &Sources, fitted: &[Fitted]) -> Vec<String> {
     let mut lines = vec![format!("written by volcomp {command} {}", env!("CARGO_PKG_VERSION"))];
     lines.extend(sources.comments());
     for f in fitted {

@@ -7,19 +7,19 @@ use plotters::prelude::*;
 use serde_json::{Value, json};
 
 use super::picture::PicturePath;
-use crate::cli::files::write_text;
-use crate::cli::model_out::{ModelOut, Sources};
-use crate::cli::report::Page;
-use crate::cli::report::page::Cell;
-use crate::cli::report::plot::{self, Axes, Key};
-use crate::cli::table::{self, Table};
-use crate::cli::values::{above_zero, not_negative};
-use crate::cli::{EX_DATAERR, EX_SOFTWARE, Failure};
-use crate::core::estimate::Quantity;
-use crate::core::model::ErrorSymbol;
-use crate::core::model::curve::Live;
-use crate::core::units::{mm_from_um, um_from_mm};
-use crate::identify::thermal::{Input, Request, ThermalFit, fit};
+use crate::files::write_text;
+use crate::model_out::{ModelOut, Sources};
+use crate::report::Page;
+use crate::report::page::Cell;
+use crate::report::plot::{self, Axes, Key};
+use crate::table::{self, Table};
+use crate::values::{above_zero, not_negative};
+use crate::{EX_DATAERR, EX_SOFTWARE, Failure};
+use volcomp_estimate::Quantity;
+use volcomp_identify::thermal::{Input, Request, ThermalFit, fit};
+use volcomp_model::ErrorSymbol;
+use volcomp_model::curve::Live;
+use volcomp_units::{mm_from_um, um_from_mm};
 
 /// Fit growth by heat to a recording.
 ///
@@ -200,7 +200,7 @@ fn write_model(args: &Args, name: &str, found: &ThermalFit) -> Result<(), Failur
                 function.live.push(live);
             }
             None => {
-                let function = crate::core::model::ErrorFunction { live: vec![live], ..Default::default() };
+                let function = volcomp_model::ErrorFunction { live: vec![live], ..Default::default() };
                 errors.push((symbol, function));
                 errors.sort_by_key(|(symbol, _)| *symbol);
             }

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
-use crate::cli::input::{self, InputKind};
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
+use crate::input::{self, InputKind};
+use crate::{EX_DATAERR, EX_USAGE, Failure};
 
 /// Where a case comes from and how the result is printed, the same for every method.
 #[derive(Debug, clap::Args)]

@@ -7,12 +7,12 @@ use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
 use super::case::{CaseArgs, print_json};
-use crate::cli::table;
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
-use crate::core::axes::Travel;
-use crate::identify::Reading;
-use crate::identify::curve::monomial::polynomial;
-use crate::identify::curve::{Basis, CurveFit, Figures, Period, Request, fit, highest_order};
+use crate::table;
+use crate::{EX_DATAERR, EX_USAGE, Failure};
+use volcomp_identify::Reading;
+use volcomp_identify::curve::monomial::polynomial;
+use volcomp_identify::curve::{Basis, CurveFit, Figures, Period, Request, fit, highest_order};
+use volcomp_units::axes::Travel;
 
 /// Error curves through plain numbers.
 ///

@@ -6,19 +6,17 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value, json};
 
 use super::case;
-use crate::cli::files::Output;
-use crate::cli::input::{self, InputKind};
-use crate::cli::model_out::{ModelOut, Sources, put};
-use crate::cli::table::{self, nearest};
-use crate::cli::{EX_CONFIG, EX_USAGE, Failure};
-use crate::config;
-use crate::config::ModelFile;
-use crate::core::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
-use crate::core::model::{Component, ErrorSymbol, Model, ModelSpec, Pose};
-use crate::core::units::{
-    arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm,
-};
-use crate::identify::grinder::{Chain, Found, Measured, Request, Row, SetUp, plan};
+use crate::files::Output;
+use crate::input::{self, InputKind};
+use crate::model_out::{ModelOut, Sources, put};
+use crate::table::{self, nearest};
+use crate::{EX_CONFIG, EX_USAGE, Failure};
+use volcomp_config as config;
+use volcomp_config::ModelFile;
+use volcomp_identify::grinder::{Chain, Found, Measured, Request, Row, SetUp, plan};
+use volcomp_model::{Component, ErrorSymbol, Model, ModelSpec, Pose};
+use volcomp_units::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
+use volcomp_units::{arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm};
 
 /// The error motions of a chain, measured axis by axis: each axis is corrected before the next one is measured.
 ///
@@ -300,7 +298,7 @@ fn step_json(found: &Found) -> Value {
     for m in &found.motions {
         let (unit, scale) = unit_of(m.symbol);
         let name = m.symbol.to_string().to_lowercase();
-        let part = |f: &dyn Fn(&crate::identify::grinder::Shares) -> f64| -> Option<Vec<f64>> {
+        let part = |f: &dyn Fn(&volcomp_identify::grinder::Shares) -> f64| -> Option<Vec<f64>> {
             known.then(|| m.std.iter().map(|s| scale(f(s))).collect())
         };
         motions.insert(

@@ -6,19 +6,19 @@ use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
 use super::case::{CaseArgs, print_json};
-use crate::cli::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
-use crate::cli::table::{self, Table};
-use crate::cli::values::linear_axis;
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
-use crate::config::ModelFile;
-use crate::core::axes::{AxisName, Travel};
-use crate::core::estimate::filter::COMPONENTS_MAX;
-use crate::core::estimate::{
+use crate::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
+use crate::table::{self, Table};
+use crate::values::linear_axis;
+use crate::{EX_DATAERR, EX_USAGE, Failure};
+use volcomp_config::ModelFile;
+use volcomp_estimate::filter::COMPONENTS_MAX;
+use volcomp_estimate::{
     Adaptation, MeasurementNoise, NodeFilter, NodeGrid, Observation, Process, Rules, Verdict,
 };
-use crate::core::model::curve::{ErrorFunction, Grid};
-use crate::core::model::{ErrorSymbol, Sense};
-use crate::core::units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
+use volcomp_model::curve::{ErrorFunction, Grid};
+use volcomp_model::{ErrorSymbol, Sense};
+use volcomp_units::axes::{AxisName, Travel};
+use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
 
 /// Kalman filter on the node values of a grid of hexahedral cells.
 ///
@@ -452,7 +452,7 @@ fn with_grid(
     axes: &[AxisName; 3],
     grid: &NodeGrid,
     filter: &NodeFilter,
-) -> Result<ErrorFunction, crate::core::model::curve::CurveError> {
+) -> Result<ErrorFunction, volcomp_model::curve::CurveError> {
     // the grid of the model has its last axis fastest, the filter its first
     let edges = |i: usize| (axes[i], grid.positions(i).to_vec());
     let mut values: Vec<f64> = filter.map().collect();

@@ -6,18 +6,18 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use crate::cli::files::write_text;
-use crate::cli::fit::report::{Fitted, comments, note_text, print_table};
-use crate::cli::model_out::{ModelOut, Sources, axis_entry, put};
-use crate::cli::{EX_DATAERR, Failure};
-use crate::config::ModelFile;
-use crate::core::axes::{AxisName, Travel};
-use crate::core::geometry::Vec3;
-use crate::core::model::spec::{ReferenceBody, ReferencePoint};
-use crate::core::model::{Component, ErrorFunction, Sense};
-use crate::core::units::{arcsec_from_rad, um_from_mm};
-use crate::identify::curve::{self, Basis, Request};
-use crate::identify::motion::{Gauged, Line, MotionRow, gauge, means, symbols};
+use crate::files::write_text;
+use crate::fit::report::{Fitted, comments, note_text, print_table};
+use crate::model_out::{ModelOut, Sources, axis_entry, put};
+use crate::{EX_DATAERR, Failure};
+use volcomp_config::ModelFile;
+use volcomp_identify::curve::{self, Basis, Request};
+use volcomp_identify::motion::{Gauged, Line, MotionRow, gauge, means, symbols};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::spec::{ReferenceBody, ReferencePoint};
+use volcomp_model::{Component, ErrorFunction, Sense};
+use volcomp_units::axes::{AxisName, Travel};
+use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// What becomes of the error motions.
 #[derive(Debug, clap::Args)]
@@ -261,7 +261,7 @@ pub(super) fn motions_json(gauged: &Gauged, origin: &Origin<'_>) -> Value {
 
 /// A motion table written by another method, one row per reading: positions and the six motions (mm, rad).
 pub(super) fn read_motions(path: &Path, axis: AxisName) -> Result<Vec<(f64, [f64; 6])>, Failure> {
-    let mut table = crate::cli::table::open(path)?;
+    let mut table = crate::table::open(path)?;
     let position = table.require("position_mm")?;
     let mut columns = Vec::with_capacity(6);
     for symbol in symbols(axis) {

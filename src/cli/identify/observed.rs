@@ -6,14 +6,14 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use crate::cli::table::{Table, open};
-use crate::cli::values::{above_zero, not_negative, point};
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
-use crate::core::geometry::{Mat3, Vec3};
-use crate::core::statistics::{SIGNIFICANT, chi_square_upper};
-use crate::core::units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm};
-use crate::identify::primitives::{RigidFit, register};
-use crate::identify::threepoint::{Observation, TrackerNoise};
+use crate::table::{Table, open};
+use crate::values::{above_zero, not_negative, point};
+use crate::{EX_DATAERR, EX_USAGE, Failure};
+use volcomp_identify::primitives::{RigidFit, register};
+use volcomp_identify::threepoint::{Observation, TrackerNoise};
+use volcomp_model::geometry::{Mat3, Vec3};
+use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper};
+use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm};
 
 /// What is known of the instrument.
 #[derive(Debug, clap::Args)]
@@ -195,7 +195,7 @@ impl TrackerArgs {
             covariance.push(noise + own);
         }
         // the covariance belongs into M, which the unweighted fit knows well enough
-        if let Some((rotation, _)) = crate::identify::primitives::procrustes(&from, &to) {
+        if let Some((rotation, _)) = volcomp_identify::primitives::procrustes(&from, &to) {
             for c in &mut covariance {
                 *c = rotation * *c * rotation.transpose();
             }

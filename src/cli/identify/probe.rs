@@ -5,13 +5,13 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::case::{CaseArgs, CaseFile, print_json};
-use crate::cli::model_out::{ModelOut, Sources, put};
-use crate::cli::values::numbers;
-use crate::cli::{EX_DATAERR, Failure, table};
-use crate::core::axes::AxisName;
-use crate::core::model::{Component, Curve, ErrorFunction, ErrorSymbol};
-use crate::core::units::{arcsec_from_rad, mm_from_um, rad_from_deg, um_from_mm};
-use crate::identify::probe::{Arm, Calibration, Contact, Note, Request, calibrate};
+use crate::model_out::{ModelOut, Sources, put};
+use crate::values::numbers;
+use crate::{EX_DATAERR, Failure, table};
+use volcomp_identify::probe::{Arm, Calibration, Contact, Note, Request, calibrate};
+use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol};
+use volcomp_units::axes::AxisName;
+use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_deg, um_from_mm};
 
 /// Effective radius of a touch probe and the place of a gauge bar, from contacts around the bar.
 ///
@@ -166,7 +166,7 @@ fn from_table(path: &Path, args: &Args) -> Result<Vec<Contact>, Failure> {
 
 /// The keys of the vectors, and more. mm and rad.
 fn as_json(found: &Calibration) -> Value {
-    let circle = |c: &crate::identify::probe::Circle| json!({"Y0": c.y0, "Z0": c.z0, "R_c": c.radius});
+    let circle = |c: &volcomp_identify::probe::Circle| json!({"Y0": c.y0, "Z0": c.z0, "R_c": c.radius});
     let covariance = found.covariance().map(|c| {
         let row = |i: usize| [c[(i, 0)], c[(i, 1)], c[(i, 2)]];
         [row(0), row(1), row(2)]

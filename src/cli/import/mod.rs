@@ -15,11 +15,11 @@ use super::Failure;
 use super::input::{self, InputKind};
 use super::model_out::ModelOut;
 use super::positioning_data::format_failure;
-use crate::cli::values::axis_letter;
-use crate::core::axes::AxisName;
-use crate::formats::columns::{ColumnMap, Delimiter};
-use crate::formats::text::{self, Decoded, Encoding};
-use crate::formats::{detect, heidenhain, isg, linuxcnc, rtl};
+use crate::values::axis_letter;
+use volcomp_formats::columns::{ColumnMap, Delimiter};
+use volcomp_formats::text::{self, Decoded, Encoding};
+use volcomp_formats::{detect, heidenhain, isg, linuxcnc, rtl};
+use volcomp_units::axes::AxisName;
 
 /// Read files of instruments and controls into volcomp's own tables and models.
 ///

@@ -4,19 +4,19 @@ use std::io::Write;
 use std::path::Path;
 
 use super::{Args, FormatArg, encoding_note, open};
-use crate::cli::files::Output;
-use crate::cli::input::{self, InputKind};
-use crate::cli::positioning_data::{format_failure, parse_dat};
-use crate::cli::predict::push_number;
-use crate::cli::progress::Progress;
-use crate::cli::{EX_DATAERR, Failure};
-use crate::core::axes::{AxisKind, AxisName, Travel};
-use crate::core::units::{arcsec_from_rad, deg_from_rad, um_from_mm};
-use crate::formats::columns::{Columns, Runs};
-use crate::formats::iso230_dat::PositioningTest;
-use crate::formats::rtl::{self, DeviationUnit, Rtl};
-use crate::formats::{ReadError, api_pos};
-use crate::identify::Reading;
+use crate::files::Output;
+use crate::input::{self, InputKind};
+use crate::positioning_data::{format_failure, parse_dat};
+use crate::predict::push_number;
+use crate::progress::Progress;
+use crate::{EX_DATAERR, Failure};
+use volcomp_formats::columns::{Columns, Runs};
+use volcomp_formats::iso230_dat::PositioningTest;
+use volcomp_formats::rtl::{self, DeviationUnit, Rtl};
+use volcomp_formats::{ReadError, api_pos};
+use volcomp_identify::Reading;
+use volcomp_units::axes::{AxisKind, AxisName, Travel};
+use volcomp_units::{arcsec_from_rad, deg_from_rad, um_from_mm};
 
 pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
     let Some(out) = args.model.out.as_deref() else {
@@ -157,7 +157,7 @@ fn describe_rtl(rtl: &Rtl) {
 
 /// Range, cycles and directions of a test.
 fn describe(test: &PositioningTest) {
-    let (positions, _) = crate::identify::reading::group_by_position(&test.readings);
+    let (positions, _) = volcomp_identify::reading::group_by_position(&test.readings);
     let (Some(low), Some(high)) = (positions.first(), positions.last()) else { return };
     let (low, high, unit) = match test.kind {
         AxisKind::Linear => (*low, *high, "mm"),

@@ -8,15 +8,15 @@ use std::rc::Rc;
 
 use super::positioning::read_failure;
 use super::{Args, encoding_note, open};
-use crate::cli::files::Output;
-use crate::cli::input::{self, InputKind};
-use crate::cli::positioning_data::format_failure;
-use crate::cli::progress::Progress;
-use crate::cli::{EX_DATAERR, Failure};
-use crate::core::axes::AxisKind;
-use crate::formats::columns::Columns;
-use crate::formats::edge::{self, Header, Row, Sink, Summary};
-use crate::formats::{b5r as ballbar, camonitor as epics, rtx as dynamic};
+use crate::files::Output;
+use crate::input::{self, InputKind};
+use crate::positioning_data::format_failure;
+use crate::progress::Progress;
+use crate::{EX_DATAERR, Failure};
+use volcomp_formats::columns::Columns;
+use volcomp_formats::edge::{self, Header, Row, Sink, Summary};
+use volcomp_formats::{b5r as ballbar, camonitor as epics, rtx as dynamic};
+use volcomp_units::axes::AxisKind;
 
 /// Bytes gathered before they are written.
 const BLOCK: usize = 1 << 16;
@@ -364,7 +364,7 @@ pub(super) fn b5r(args: &Args, path: &Path) -> Result<(), Failure> {
         }
         text
     };
-    crate::cli::files::write_text(out, &text)?;
+    crate::files::write_text(out, &text)?;
     note!("{file}: Renishaw ballbar test (.b5r){}", encoding_note(&decoded));
     if let Some(plane) = &test.plane {
         note!("  plane {plane}");

@@ -1,18 +1,18 @@
 //! Tables of controls to a model.
 
 use super::{Args, FormatArg, encoding_note};
-use crate::cli::input::{self, InputKind};
-use crate::cli::model_out::{Sources, default_chain, put};
-use crate::cli::positioning_data::format_failure;
-use crate::cli::{EX_DATAERR, Failure};
-use crate::config::ModelFile;
-use crate::core::axes::{AxisKind, AxisName};
-use crate::core::geometry::Vec3;
-use crate::core::model::curve::Curve;
-use crate::core::model::{ErrorFunction, ErrorSymbol, Sense};
-use crate::core::units::deg_from_rad;
-use crate::formats::axis_table::positioning_symbol;
-use crate::formats::{heidenhain, isg, isg_lis, linuxcnc};
+use crate::input::{self, InputKind};
+use crate::model_out::{Sources, default_chain, put};
+use crate::positioning_data::format_failure;
+use crate::{EX_DATAERR, Failure};
+use volcomp_config::ModelFile;
+use volcomp_formats::axis_table::positioning_symbol;
+use volcomp_formats::{heidenhain, isg, isg_lis, linuxcnc};
+use volcomp_model::curve::Curve;
+use volcomp_model::geometry::Vec3;
+use volcomp_model::{ErrorFunction, ErrorSymbol, Sense};
+use volcomp_units::axes::{AxisKind, AxisName};
+use volcomp_units::deg_from_rad;
 
 pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
     if args.model.target().is_none() {

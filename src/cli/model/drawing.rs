@@ -1,8 +1,8 @@
 //! The chain as a small text drawing, from the workpiece over the bed to the tool.
 
 use super::super::check::{position_out, position_unit};
-use crate::core::axes::AxisKind;
-use crate::core::model::{ModelSpec, Side};
+use volcomp_model::{ModelSpec, Side};
+use volcomp_units::axes::AxisKind;
 
 /// One station of the drawing, from top to bottom of its column.
 struct Station {
@@ -81,7 +81,7 @@ fn centred(text: &str, width: usize, fill: char) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::model::{AxisSpec, Chain};
+    use volcomp_model::{AxisSpec, Chain};
 
     #[test]
     fn the_drawing_shows_sides_kinds_and_travel() {

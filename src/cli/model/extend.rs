@@ -2,11 +2,11 @@
 
 use std::path::{Path, PathBuf};
 
-use super::super::diagnose::read_addition;
 use super::super::{EX_CONFIG, EX_DATAERR, Failure};
-use crate::cli::files::write_text;
-use crate::config;
-use crate::diagnose::extend::{Fate, extend};
+use crate::additions::read_addition;
+use crate::files::write_text;
+use volcomp_config as config;
+use volcomp_effects::extend::{Fate, extend};
 
 /// Put effects that `volcomp diagnose` has found into a model, so that volcompd takes them out
 ///
@@ -83,10 +83,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 /// Where the model goes to stdout, words go beside it.
 fn say(args: &Args, text: &str) -> Result<(), Failure> {
     if args.out.as_os_str() == "-" {
-        crate::cli::note_text(format_args!("{text}"));
+        crate::note_text(format_args!("{text}"));
         return Ok(());
     }
-    crate::cli::exit::print(text)
+    crate::exit::print(text)
 }
 
 fn line((effect, fate): &(String, Fate)) -> String {

@@ -3,14 +3,14 @@
 use serde_json::{Value, json};
 
 use super::super::check::{position_out, position_unit, rounded};
-use crate::core::geometry::Vec3;
-use crate::core::model::gauge::{Effect, Gauged, Moved, Part, RigidShare, Untouched, normalise};
-use crate::core::model::spec::ModelSpec;
-use crate::core::model::{ErrorFunction, ErrorSymbol};
-use crate::core::units::{arcsec_from_rad, um_from_mm};
+use volcomp_model::gauge::{Effect, Gauged, Moved, Part, RigidShare, Untouched, normalise};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::spec::ModelSpec;
+use volcomp_model::{ErrorFunction, ErrorSymbol};
+use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// The report in lines, without indentation of its own heading.
-pub(in crate::cli) fn lines(model: &ModelSpec) -> Vec<String> {
+pub(crate) fn lines(model: &ModelSpec) -> Vec<String> {
     let gauged = match normalise(model) {
         Ok(gauged) => gauged,
         Err(e) => return vec![format!("gauge: the normal form of this model breaks a rule: {e}")],
@@ -36,7 +36,7 @@ pub(in crate::cli) fn lines(model: &ModelSpec) -> Vec<String> {
 }
 
 /// The report for programs.
-pub(in crate::cli) fn as_json(model: &ModelSpec) -> Value {
+pub(crate) fn as_json(model: &ModelSpec) -> Value {
     let gauged = match normalise(model) {
         Ok(gauged) => gauged,
         Err(e) => return json!({"normal": false, "error": e.to_string()}),

@@ -2,9 +2,9 @@
 
 use super::report::{ErrorRow, Fact, Report};
 use super::{drawing, gauge, picture};
-use crate::cli::report::Page;
-use crate::cli::report::page::Cell;
-use crate::core::model::Model;
+use crate::report::Page;
+use crate::report::page::Cell;
+use volcomp_model::Model;
 
 /// The page.
 ///

@@ -15,7 +15,8 @@ use std::path::Path;
 
 use super::input::{self, InputKind};
 use super::{EX_CONFIG, Failure};
-use crate::config::{self, ModelFile};
+use volcomp_config as config;
+use volcomp_config::ModelFile;
 
 /// Show what is in a model file, write its normal form, put measurements together, or add what a diagnosis has found
 #[derive(Debug, clap::Parser)]

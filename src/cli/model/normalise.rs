@@ -3,8 +3,8 @@
 use std::path::PathBuf;
 
 use super::super::{EX_CONFIG, Failure};
-use crate::config;
-use crate::core::model::normalise;
+use volcomp_config as config;
+use volcomp_model::normalise;
 
 /// Write the normal form of a model: no constants, no slopes, the same predictions up to one rigid motion
 ///
@@ -42,5 +42,5 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let name = args.file.file_name().unwrap_or_default().to_string_lossy();
     let comment = format!("Normal form of {name}, written by volcomp model normalise.");
     super::save(&args.out, &config::model::write_file(&model, &[comment]))?;
-    crate::cli::exit::print(&report)
+    crate::exit::print(&report)
 }

@@ -5,13 +5,13 @@ use serde_json::{Map, Value, json};
 use super::super::check::{Size, kinds_of, offset_out, offset_unit, position_out, position_unit, rounded};
 use super::worst::{Extreme, Found, kept_in_place};
 use super::{drawing, gauge};
-use crate::config::model::FORMAT;
-use crate::config::{ModelFile, Provenance};
-use crate::core::axes::{AxisKind, AxisName, Travel};
-use crate::core::geometry::Vec3;
-use crate::core::model::spec::ReferenceBody;
-use crate::core::model::{AxisSpec, ErrorFunction, ErrorSymbol, ModelSpec, Sense, Side};
-use crate::core::units::{arcsec_from_rad, um_from_mm};
+use volcomp_config::model::FORMAT;
+use volcomp_config::{ModelFile, Provenance};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::spec::ReferenceBody;
+use volcomp_model::{AxisSpec, ErrorFunction, ErrorSymbol, ModelSpec, Sense, Side};
+use volcomp_units::axes::{AxisKind, AxisName, Travel};
+use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// A model with what was found out about it.
 pub(super) struct Report<'a> {

@@ -9,7 +9,7 @@ use super::super::{EX_CONFIG, EX_SOFTWARE, Failure};
 use super::report::Report;
 use super::worst::search;
 use super::{html, picture};
-use crate::core::model::Model;
+use volcomp_model::Model;
 
 /// Show a model: chain, errors, worst error in the working volume, corrections; with --html or --svg as a picture
 #[derive(Debug, clap::Parser)]
@@ -49,7 +49,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         let path = |p: &Option<PathBuf>| p.as_ref().map(|p| p.display().to_string());
         json["html"] = path(&args.html).into();
         json["svg"] = path(&args.svg).into();
-        return crate::cli::exit::print(&format!("{json:#}\n"));
+        return crate::exit::print(&format!("{json:#}\n"));
     }
     let mut lines = report.lines();
     for out in [&args.html, &args.svg].into_iter().flatten() {
@@ -62,7 +62,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             hint.display()
         ));
     }
-    crate::cli::exit::print(&(lines.join("\n") + "\n"))
+    crate::exit::print(&(lines.join("\n") + "\n"))
 }
 
 /// A progress bar on the terminal that appears only where the search takes longer than a second.

@@ -1,8 +1,8 @@
 //! The largest deviations and corrections in the working volume of a model.
 
-use crate::core::axes::AxisKind;
-use crate::core::model::search::Volume;
-use crate::core::model::{AxisCorrection, Deviation, Model, ModelSpec, Pose};
+use volcomp_model::search::Volume;
+use volcomp_model::{AxisCorrection, Deviation, Model, ModelSpec, Pose};
+use volcomp_units::axes::AxisKind;
 
 /// What is to be as large as possible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -88,9 +88,9 @@ pub(super) fn kept_in_place(spec: &ModelSpec) -> Vec<String> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::axes::{AxisName, Travel};
-    use crate::core::model::curve::{ErrorFunction, Fourier, Interpolation, Table};
-    use crate::core::model::{AxisSpec, Chain, Curve, ErrorSymbol};
+    use volcomp_model::curve::{ErrorFunction, Fourier, Interpolation, Table};
+    use volcomp_model::{AxisSpec, Chain, Curve, ErrorSymbol};
+    use volcomp_units::axes::{AxisName, Travel};
 
     fn spec() -> ModelSpec {
         let mut spec = ModelSpec::new("m", Chain::parse("[w b X Y t]").unwrap());

@@ -17,13 +17,13 @@ h1,h2,h3{break-after:avoid}figure,table.keep,svg{break-inside:avoid}tr{break-ins
 
 /// A page under construction.
 #[derive(Debug)]
-pub(in crate::cli) struct Page {
+pub(crate) struct Page {
     text: String,
 }
 
 /// A cell of a table.
 #[derive(Debug, Clone)]
-pub(in crate::cli) enum Cell {
+pub(crate) enum Cell {
     /// Words.
     Text(String),
     /// Words that name the row.
@@ -36,29 +36,29 @@ pub(in crate::cli) enum Cell {
 
 impl Cell {
     /// Words.
-    pub(in crate::cli) fn text(words: impl Display) -> Self {
+    pub(crate) fn text(words: impl Display) -> Self {
         Self::Text(words.to_string())
     }
 
     /// Words in small print, such as a hash.
-    pub(in crate::cli) fn small(words: impl Display) -> Self {
+    pub(crate) fn small(words: impl Display) -> Self {
         Self::Small(words.to_string())
     }
 
     /// Words that name the row.
-    pub(in crate::cli) fn head(words: impl Display) -> Self {
+    pub(crate) fn head(words: impl Display) -> Self {
         Self::Head(words.to_string())
     }
 
     /// A number, to the right.
-    pub(in crate::cli) fn number(number: impl Display) -> Self {
+    pub(crate) fn number(number: impl Display) -> Self {
         Self::Number(number.to_string())
     }
 }
 
 impl Page {
     /// A page with its title.
-    pub(in crate::cli) fn new(title: &str) -> Self {
+    pub(crate) fn new(title: &str) -> Self {
         let title = escape(title);
         Self {
             text: format!(
@@ -74,32 +74,32 @@ impl Page {
     }
 
     /// A heading.
-    pub(in crate::cli) fn heading(&mut self, words: impl Display) {
+    pub(crate) fn heading(&mut self, words: impl Display) {
         self.put(format_args!("<h2>{}</h2>\n", escape(&words.to_string())));
     }
 
     /// A heading that starts a sheet of paper.
-    pub(in crate::cli) fn sheet(&mut self, words: impl Display) {
+    pub(crate) fn sheet(&mut self, words: impl Display) {
         self.put(format_args!("<h2 class=\"sheet\">{}</h2>\n", escape(&words.to_string())));
     }
 
     /// A paragraph.
-    pub(in crate::cli) fn paragraph(&mut self, words: impl Display) {
+    pub(crate) fn paragraph(&mut self, words: impl Display) {
         self.put(format_args!("<p>{}</p>\n", escape(&words.to_string())));
     }
 
     /// A remark in small print.
-    pub(in crate::cli) fn note(&mut self, words: impl Display) {
+    pub(crate) fn note(&mut self, words: impl Display) {
         self.put(format_args!("<p class=\"note\">{}</p>\n", escape(&words.to_string())));
     }
 
     /// Text whose lines stay as they are.
-    pub(in crate::cli) fn lines(&mut self, lines: &[String]) {
+    pub(crate) fn lines(&mut self, lines: &[String]) {
         self.put(format_args!("<pre>{}</pre>\n", escape(&lines.join("\n"))));
     }
 
     /// A table; no head where `head` is empty. Short ones are not cut at the end of a sheet.
-    pub(in crate::cli) fn table(&mut self, head: &[Cell], rows: &[Vec<Cell>]) {
+    pub(crate) fn table(&mut self, head: &[Cell], rows: &[Vec<Cell>]) {
         self.text.push_str(if rows.len() <= 30 { "<table class=\"keep\">" } else { "<table>" });
         if !head.is_empty() {
             self.text.push_str("<thead>");
@@ -129,18 +129,18 @@ impl Page {
     }
 
     /// A picture with what it shows; `svg` is markup.
-    pub(in crate::cli) fn figure(&mut self, svg: &str, caption: impl Display) {
+    pub(crate) fn figure(&mut self, svg: &str, caption: impl Display) {
         let caption = escape(&caption.to_string());
         self.put(format_args!("<figure>{svg}<figcaption>{caption}</figcaption></figure>\n"));
     }
 
     /// A picture without caption; `svg` is markup.
-    pub(in crate::cli) fn picture(&mut self, svg: &str) {
+    pub(crate) fn picture(&mut self, svg: &str) {
         self.put(format_args!("<figure>{svg}</figure>\n"));
     }
 
     /// The finished page.
-    pub(in crate::cli) fn finish(mut self) -> String {
+    pub(crate) fn finish(mut self) -> String {
         self.text.push_str("</body></html>\n");
         self.text
     }

@@ -6,40 +6,39 @@ use plotters::coord::types::RangedCoordf64;
 use plotters::prelude::*;
 
 /// The first series.
-pub(in crate::cli) const BLUE: RGBColor = RGBColor(0, 114, 178);
+pub(crate) const BLUE: RGBColor = RGBColor(0, 114, 178);
 /// The second series.
-pub(in crate::cli) const VERMILLION: RGBColor = RGBColor(213, 94, 0);
+pub(crate) const VERMILLION: RGBColor = RGBColor(213, 94, 0);
 /// Text and axes.
-pub(in crate::cli) const INK: RGBColor = RGBColor(60, 60, 60);
+pub(crate) const INK: RGBColor = RGBColor(60, 60, 60);
 /// Grid lines.
-pub(in crate::cli) const FAINT: RGBColor = RGBColor(205, 205, 205);
+pub(crate) const FAINT: RGBColor = RGBColor(205, 205, 205);
 /// What the rest is compared with.
-pub(in crate::cli) const GREY: RGBColor = RGBColor(150, 150, 150);
+pub(crate) const GREY: RGBColor = RGBColor(150, 150, 150);
 /// The font of everything.
-pub(in crate::cli) const FONT: &str = "sans-serif";
+pub(crate) const FONT: &str = "sans-serif";
 /// Width of a picture that fills a page.
-pub(in crate::cli) const WIDTH: u32 = 1200;
+pub(crate) const WIDTH: u32 = 1200;
 
 /// Width of a plot that stays legible where a page is printed on A4 (13 pixels are 8 points).
-pub(in crate::cli) const SHEET_WIDTH: u32 = 840;
+pub(crate) const SHEET_WIDTH: u32 = 840;
 
 /// A part of a picture.
-pub(in crate::cli) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
+pub(crate) type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 /// The result of drawing.
-pub(in crate::cli) type Drawn = Result<(), Box<dyn std::error::Error>>;
+pub(crate) type Drawn = Result<(), Box<dyn std::error::Error>>;
 /// A finished picture.
-pub(in crate::cli) type Svg = Result<String, Box<dyn std::error::Error>>;
+pub(crate) type Svg = Result<String, Box<dyn std::error::Error>>;
 /// A chart with straight axes.
-pub(in crate::cli) type Chart<'a, 'b> =
-    ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
+pub(crate) type Chart<'a, 'b> = ChartContext<'a, SVGBackend<'b>, Cartesian2d<RangedCoordf64, RangedCoordf64>>;
 
 /// A picture of the width of a page.
-pub(in crate::cli) fn svg(height: u32, draw: impl FnOnce(&Area<'_>) -> Drawn) -> Svg {
+pub(crate) fn svg(height: u32, draw: impl FnOnce(&Area<'_>) -> Drawn) -> Svg {
     svg_of((WIDTH, height), draw)
 }
 
 /// A picture.
-pub(in crate::cli) fn svg_of(size: (u32, u32), draw: impl FnOnce(&Area<'_>) -> Drawn) -> Svg {
+pub(crate) fn svg_of(size: (u32, u32), draw: impl FnOnce(&Area<'_>) -> Drawn) -> Svg {
     let mut text = String::new();
     {
         let area = SVGBackend::with_string(&mut text, size).into_drawing_area();
@@ -52,26 +51,26 @@ pub(in crate::cli) fn svg_of(size: (u32, u32), draw: impl FnOnce(&Area<'_>) -> D
 
 /// Axes of a chart.
 #[derive(Debug, Clone)]
-pub(in crate::cli) struct Axes<'a> {
+pub(crate) struct Axes<'a> {
     /// Above the chart; none where empty.
-    pub(in crate::cli) title: &'a str,
+    pub(crate) title: &'a str,
     /// Quantity and unit.
-    pub(in crate::cli) x_label: &'a str,
+    pub(crate) x_label: &'a str,
     /// Quantity and unit.
-    pub(in crate::cli) y_label: &'a str,
+    pub(crate) y_label: &'a str,
     /// Lowest and highest value.
-    pub(in crate::cli) x: [f64; 2],
+    pub(crate) x: [f64; 2],
     /// Lowest and highest value.
-    pub(in crate::cli) y: [f64; 2],
+    pub(crate) y: [f64; 2],
     /// Room to the right of the chart, pixels.
-    pub(in crate::cli) right: u32,
+    pub(crate) right: u32,
     /// Ticks of x at these values instead of round numbers.
-    pub(in crate::cli) x_ticks: usize,
+    pub(crate) x_ticks: usize,
 }
 
 impl Axes<'_> {
     /// Draws the axes with grid and labels.
-    pub(in crate::cli) fn draw<'a, 'b>(
+    pub(crate) fn draw<'a, 'b>(
         &self,
         area: &'a Area<'b>,
     ) -> Result<Chart<'a, 'b>, Box<dyn std::error::Error>> {
@@ -108,14 +107,14 @@ impl Axes<'_> {
 }
 
 /// A tick label with as many decimals as the length of the scale needs.
-pub(in crate::cli) fn tick(v: f64, length: f64) -> String {
+pub(crate) fn tick(v: f64, length: f64) -> String {
     let decimals = (1.0 - length.log10()).ceil().clamp(0.0, 6.0) as usize;
     let text = format!("{v:.decimals$}");
     if text.trim_start_matches('-').chars().all(|c| c == '0' || c == '.') { "0".to_owned() } else { text }
 }
 
 /// A range with some room at both ends; around zero where all is zero.
-pub(in crate::cli) fn with_room(values: impl IntoIterator<Item = f64>, share: f64) -> [f64; 2] {
+pub(crate) fn with_room(values: impl IntoIterator<Item = f64>, share: f64) -> [f64; 2] {
     let (low, high) =
         values.into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
     if !(low.is_finite() && high.is_finite()) {
@@ -126,7 +125,7 @@ pub(in crate::cli) fn with_room(values: impl IntoIterator<Item = f64>, share: f6
 }
 
 /// The round number (1, 2 or 5 times a power of ten) that is at most `v`.
-pub(in crate::cli) fn round_below(v: f64) -> f64 {
+pub(crate) fn round_below(v: f64) -> f64 {
     if !(v.is_finite() && v > 0.0) {
         return 1.0;
     }
@@ -135,41 +134,41 @@ pub(in crate::cli) fn round_below(v: f64) -> f64 {
 }
 
 /// Words at a place of an area, from its upper left corner.
-pub(in crate::cli) fn words(area: &Area<'_>, text: &str, at: (i32, i32), size: u32) -> Drawn {
+pub(crate) fn words(area: &Area<'_>, text: &str, at: (i32, i32), size: u32) -> Drawn {
     area.draw(&Text::new(text.to_owned(), at, (FONT, size).into_font().color(&INK)))?;
     Ok(())
 }
 
 /// An entry of a legend.
 #[derive(Debug, Clone)]
-pub(in crate::cli) struct Key {
+pub(crate) struct Key {
     /// Colour.
-    pub(in crate::cli) colour: RGBAColor,
+    pub(crate) colour: RGBAColor,
     /// Width of the line; 0 is a dot, 255 a filled band.
-    pub(in crate::cli) width: u32,
+    pub(crate) width: u32,
     /// Words.
-    pub(in crate::cli) label: String,
+    pub(crate) label: String,
 }
 
 impl Key {
     /// A line.
-    pub(in crate::cli) fn line(colour: impl Into<RGBAColor>, width: u32, label: impl Into<String>) -> Self {
+    pub(crate) fn line(colour: impl Into<RGBAColor>, width: u32, label: impl Into<String>) -> Self {
         Self { colour: colour.into(), width, label: label.into() }
     }
 
     /// A dot.
-    pub(in crate::cli) fn dot(colour: impl Into<RGBAColor>, label: impl Into<String>) -> Self {
+    pub(crate) fn dot(colour: impl Into<RGBAColor>, label: impl Into<String>) -> Self {
         Self::line(colour, 0, label)
     }
 
     /// A band.
-    pub(in crate::cli) fn band(colour: impl Into<RGBAColor>, label: impl Into<String>) -> Self {
+    pub(crate) fn band(colour: impl Into<RGBAColor>, label: impl Into<String>) -> Self {
         Self::line(colour, u32::from(u8::MAX), label)
     }
 }
 
 /// A legend in one row, from `x` on; widths are estimated from the letters.
-pub(in crate::cli) fn legend(area: &Area<'_>, keys: &[Key], mut x: i32, y: i32) -> Drawn {
+pub(crate) fn legend(area: &Area<'_>, keys: &[Key], mut x: i32, y: i32) -> Drawn {
     for key in keys {
         match key.width {
             0 => area.draw(&Circle::new((x + 13, y), 3, key.colour.filled()))?,

@@ -13,13 +13,11 @@ use core::net::SocketAddr;
 use std::path::PathBuf;
 
 use super::diagnostic::ConfigErrors;
-use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
-use crate::core::engine::{
-    AfterLoss, AxisLimits, EngineConfig, Lag, OutOfTravel, PositionSource, RestOffset,
-};
-use crate::core::model::{Chain, ModelSpec};
-use crate::core::protocol::{AxisUnit, ControlHello};
-use crate::core::units::NS_PER_S;
+use volcomp_engine::{AfterLoss, AxisLimits, EngineConfig, Lag, OutOfTravel, PositionSource, RestOffset};
+use volcomp_model::{Chain, ModelSpec};
+use volcomp_protocol::{AxisUnit, ControlHello};
+use volcomp_units::NS_PER_S;
+use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
 
 /// The `format` of a machine file.
 pub const FORMAT: &str = "volcomp-machine/1";

@@ -9,13 +9,11 @@ use super::{
     AxisConfig, EngineSettings, FORMAT, GuardConfig, LinkConfig, LogConfig, LogTarget, MachineConfig,
     NO_SOFT_LIMITS, Policy, RealtimeConfig, RecordingConfig, StartMode, StateConfig, StatusConfig, WhenFull,
 };
-use crate::config::diagnostic::{ConfigErrors, Diagnostic};
-use crate::config::reader::{self, Allowed, Placed, Reader, Section};
-use crate::core::axes::{AxisKind, AxisName, MAX_AXES};
-use crate::core::engine::{
-    AfterLoss, AxisLimits, LAG_CYCLES_MAX, Lag, OutOfTravel, PositionSource, RestOffset,
-};
-use crate::core::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
+use crate::diagnostic::{ConfigErrors, Diagnostic};
+use crate::reader::{self, Allowed, Placed, Reader, Section};
+use volcomp_engine::{AfterLoss, AxisLimits, LAG_CYCLES_MAX, Lag, OutOfTravel, PositionSource, RestOffset};
+use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
+use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
 pub(super) fn parse(file: &str, text: &str) -> Result<MachineConfig, ConfigErrors> {
     let text = reader::without_mark(text);
@@ -40,10 +38,10 @@ pub fn known_keys() -> Vec<String> {
 }
 
 fn read(top: &Section<'_>) -> Option<MachineConfig> {
-    if !crate::config::read_format(top, FORMAT) {
+    if !crate::read_format(top, FORMAT) {
         return None;
     }
-    let machine = crate::config::read_machine_id(top).map(|m| m.value.to_owned());
+    let machine = crate::read_machine_id(top).map(|m| m.value.to_owned());
     let model = read_model_path(top);
     let additions = read_additions(top);
     let link = read_link(&top.section("link"));
@@ -293,7 +291,7 @@ fn read_axes(top: &Section<'_>, cycle_s: f64) -> Vec<AxisConfig> {
     names
         .iter()
         .filter_map(|name| {
-            let axis = crate::config::axis_of_key(&axes, name)?;
+            let axis = crate::axis_of_key(&axes, name)?;
             if axis == AxisName::S {
                 let why = "axes.s: the spindle is never offset";
                 axes.report(Diagnostic::at(name.place.clone(), why, "take [axes.s] out"));

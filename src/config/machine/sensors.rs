@@ -2,12 +2,12 @@
 
 use core::net::SocketAddr;
 
-use crate::config::diagnostic::Diagnostic;
-use crate::config::reader::{Allowed, Placed, Section};
-use crate::core::axes::{AxisKind, AxisName};
-use crate::core::estimate::fivedof::Head;
-use crate::core::live::{LiveSpec, MapSpec, SensorKind, SensorSpec};
-use crate::core::units::{mm_from_um, rad_from_arcsec};
+use crate::diagnostic::Diagnostic;
+use crate::reader::{Allowed, Placed, Section};
+use volcomp_estimate::fivedof::Head;
+use volcomp_estimate::live::{LiveSpec, MapSpec, SensorKind, SensorSpec};
+use volcomp_units::axes::{AxisKind, AxisName};
+use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 /// Live estimation.
 #[derive(Debug, Clone, PartialEq, Default)]
@@ -365,8 +365,8 @@ fn read_nodes(section: &Section<'_>, key: &'static str) -> Option<Vec<f64>> {
 
 #[cfg(test)]
 mod tests {
-    use crate::config::MachineConfig;
-    use crate::core::live::SensorKind;
+    use crate::MachineConfig;
+    use volcomp_estimate::live::SensorKind;
 
     const BASE: &str = "format = \"volcomp-machine/1\"\nmachine = \"m\"\nmodel = \"model.toml\"\n\
         [axes.x]\nlimit-um = 50\nrate-um-per-s = 100\nacceleration-um-per-s2 = 1000\n";

@@ -1,5 +1,5 @@
 use super::*;
-use crate::core::protocol::{Axis, Name};
+use volcomp_protocol::{Axis, Name};
 
 const TEXT: &str = "format = \"volcomp-machine/1\"\nmachine = \"m\"\nmodel = \"model.toml\"\n\
     [axes.x]\nlimit-um = 50\nrate-um-per-s = 100\nacceleration-um-per-s2 = 1000\nread-back-tolerance-um = 2\n\

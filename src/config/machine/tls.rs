@@ -4,8 +4,8 @@
 use core::net::{IpAddr, SocketAddr};
 use std::path::PathBuf;
 
-use crate::config::diagnostic::Diagnostic;
-use crate::config::reader::{Placed, Section};
+use crate::diagnostic::Diagnostic;
+use crate::reader::{Placed, Section};
 
 /// Mutual TLS on the link: files as written (relative to the machine file), all of them PEM.
 #[derive(Debug, Clone, PartialEq, Eq)]

@@ -4,11 +4,11 @@ use toml::de::DeValue;
 
 use super::keys::PositionKeys;
 use super::{point, remedy};
-use crate::config::diagnostic::Diagnostic;
-use crate::config::reader::{Placed, Section};
-use crate::core::axes::{AxisKind, AxisName};
-use crate::core::model::spec::ReferenceBody;
-use crate::core::model::{AxisSpec, Chain, ModelError, ModelSpec, Sense};
+use crate::diagnostic::Diagnostic;
+use crate::reader::{Placed, Section};
+use volcomp_model::spec::ReferenceBody;
+use volcomp_model::{AxisSpec, Chain, ModelError, ModelSpec, Sense};
+use volcomp_units::axes::{AxisKind, AxisName};
 
 const COMPONENTS: [&str; 3] = ["x", "y", "z"];
 const BODIES: [(&str, ReferenceBody); 2] =
@@ -18,7 +18,7 @@ const SENSES: [(&str, Sense); 2] = [("relative", Sense::Relative), ("carriage", 
 /// Reads all axes; `chain` is absent where it could not be read.
 pub(super) fn read(axes: &Section<'_>, chain: Option<&Placed<Chain>>, spec: &mut ModelSpec) {
     for name in axes.names() {
-        let Some(axis) = crate::config::axis_of_key(axes, &name) else { continue };
+        let Some(axis) = crate::axis_of_key(axes, &name) else { continue };
         let Some(section) = axes.named(&name) else { continue };
         if let Some(chain) = chain.filter(|c| c.value.index_of(axis).is_none()) {
             let e = ModelError::AxisNotInChain { axis };
@@ -30,7 +30,7 @@ pub(super) fn read(axes: &Section<'_>, chain: Option<&Placed<Chain>>, spec: &mut
     let Some(chain) = chain else { return };
     for axis in chain.value.axes().iter().filter(|a| a.kind() == AxisKind::Rotary && !a.spindle) {
         let name = axis.name;
-        if !axes.names().iter().any(|n| crate::config::key_axis(n.value) == Some(name)) {
+        if !axes.names().iter().any(|n| crate::key_axis(n.value) == Some(name)) {
             axes.report(Diagnostic::at(
                 chain.place.clone(),
                 format!(

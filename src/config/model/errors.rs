@@ -4,14 +4,12 @@ use core::ops::Range;
 
 use super::keys::{PositionKeys, ValueKeys, grid_key};
 use super::{Provenance, provenance, remedy};
-use crate::config::diagnostic::Diagnostic;
-use crate::config::reader::{Allowed, Placed, Section};
-use crate::config::words::{suggestion, unit_of};
-use crate::core::axes::{AxisKind, AxisName};
-use crate::core::model::curve::{
-    Chebyshev, CurveError, Fourier, Grid, HalfRange, Interpolation, Live, Table,
-};
-use crate::core::model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelError, ModelSpec};
+use crate::diagnostic::Diagnostic;
+use crate::reader::{Allowed, Placed, Section};
+use crate::words::{suggestion, unit_of};
+use volcomp_model::curve::{Chebyshev, CurveError, Fourier, Grid, HalfRange, Interpolation, Live, Table};
+use volcomp_model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelError, ModelSpec};
+use volcomp_units::axes::{AxisKind, AxisName};
 
 /// Largest standard uncertainty taken for real, um or arcsec.
 const STD: Allowed = Allowed::Within { low: 0.0, high: 5000.0 };
@@ -40,7 +38,7 @@ pub(super) struct DefaultStd {
 impl DefaultStd {
     /// From `[provenance]`.
     pub(super) fn read(section: &Section<'_>) -> Self {
-        use crate::core::units::{mm_from_um, rad_from_arcsec};
+        use volcomp_units::{mm_from_um, rad_from_arcsec};
         Self {
             length: section.number("std-um", STD).map(|n| mm_from_um(n.value)),
             angle: section.number("std-arcsec", STD).map(|n| rad_from_arcsec(n.value)),
@@ -473,7 +471,7 @@ fn read_grid(kind: &mut Kind<'_, '_>) -> Option<Grid> {
 
 /// The positions of a grid along one of its axes.
 fn read_edge(kind: &Kind<'_, '_>, name: &Placed<&str>) -> Option<(AxisName, Vec<f64>)> {
-    let Some(axis) = crate::config::key_axis(name.value) else {
+    let Some(axis) = crate::key_axis(name.value) else {
         let message = format!("{} does not know \"{}\"", kind.section.named_key("axes"), name.value);
         kind.section.report(Diagnostic::at(name.place.clone(), message, "axes are x y z u v w a b c"));
         return None;

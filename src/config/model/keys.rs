@@ -1,10 +1,8 @@
 //! Keys of the model file that carry a unit: which one applies, and the way to and from mm and rad.
 
-use crate::core::axes::{AxisKind, AxisName};
-use crate::core::model::ErrorSymbol;
-use crate::core::units::{
-    arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm,
-};
+use volcomp_model::ErrorSymbol;
+use volcomp_units::axes::{AxisKind, AxisName};
+use volcomp_units::{arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm};
 
 /// Keys of positions along an axis.
 #[derive(Debug)]

@@ -17,12 +17,12 @@ pub use write::{kind_of, write, write_file};
 
 use super::diagnostic::{ConfigErrors, Diagnostic};
 use super::reader::{self, Allowed, Placed, Reader, Section};
-use crate::core::axes::AxisName;
-use crate::core::estimate::Thermal;
-use crate::core::geometry::Vec3;
-use crate::core::model::chain::ChainError;
-use crate::core::model::{Chain, ErrorSymbol, ModelError, ModelSpec};
-use crate::core::protocol::Name;
+use volcomp_estimate::Thermal;
+use volcomp_model::chain::ChainError;
+use volcomp_model::geometry::Vec3;
+use volcomp_model::{Chain, ErrorSymbol, ModelError, ModelSpec};
+use volcomp_protocol::Name;
+use volcomp_units::axes::AxisName;
 
 /// The `format` of a model file.
 pub const FORMAT: &str = "volcomp-model/1";

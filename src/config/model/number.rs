@@ -26,8 +26,8 @@ pub(super) fn plain(number: f64) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::units::{mm_from_um, rad_from_arcsec, um_from_mm};
     use proptest::prelude::*;
+    use volcomp_units::{mm_from_um, rad_from_arcsec, um_from_mm};
 
     #[test]
     fn numbers_come_back_as_they_were_written() {
@@ -37,7 +37,7 @@ mod tests {
             let mm = mm_from_um(um);
             assert_eq!(shortest(mm, um_from_mm(mm), mm_from_um), text);
             let rad = rad_from_arcsec(um);
-            assert_eq!(shortest(rad, crate::core::units::arcsec_from_rad(rad), rad_from_arcsec), text);
+            assert_eq!(shortest(rad, volcomp_units::arcsec_from_rad(rad), rad_from_arcsec), text);
         }
     }
 

@@ -3,8 +3,8 @@
 use toml::de::DeValue;
 use toml::value::Datetime;
 
-use crate::config::diagnostic::Diagnostic;
-use crate::config::reader::{Allowed, Section};
+use crate::diagnostic::Diagnostic;
+use crate::reader::{Allowed, Section};
 
 /// Where numbers come from; everything is optional.
 #[derive(Debug, Clone, PartialEq, Default)]

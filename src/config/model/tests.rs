@@ -1,10 +1,10 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::core::axes::{AxisKind, AxisName, Travel};
-use crate::core::model::curve::{Chebyshev, Fourier, Grid, HalfRange, Interpolation, Live, Table};
-use crate::core::model::spec::{ANGLE_LIMIT, LENGTH_LIMIT, ReferenceBody, ReferencePoint};
-use crate::core::model::{AxisSpec, Curve, ErrorFunction, Sense};
+use volcomp_model::curve::{Chebyshev, Fourier, Grid, HalfRange, Interpolation, Live, Table};
+use volcomp_model::spec::{ANGLE_LIMIT, LENGTH_LIMIT, ReferenceBody, ReferencePoint};
+use volcomp_model::{AxisSpec, Curve, ErrorFunction, Sense};
+use volcomp_units::axes::{AxisKind, AxisName, Travel};
 
 /// The example of the contract, to the letter.
 const CONTRACT: &str = r#"format = "volcomp-model/1"

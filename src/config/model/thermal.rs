@@ -2,11 +2,11 @@
 
 use super::number::{plain, shortest};
 use super::write::{heading, line_of};
-use crate::config::diagnostic::Diagnostic;
-use crate::config::reader::{Allowed, Section};
-use crate::core::estimate::{Quantity, Thermal, ThermalInput};
-use crate::core::model::ModelSpec;
-use crate::core::units::{mm_from_um, um_from_mm};
+use crate::diagnostic::Diagnostic;
+use crate::reader::{Allowed, Section};
+use volcomp_estimate::{Quantity, Thermal, ThermalInput};
+use volcomp_model::ModelSpec;
+use volcomp_units::{mm_from_um, um_from_mm};
 
 /// Reference temperature of ISO 1, degC.
 const REFERENCE_DEGC: f64 = 20.0;

@@ -5,11 +5,11 @@ use std::fmt::Write as _;
 use super::keys::{PositionKeys, ValueKeys, grid_key};
 use super::number::{plain, shortest};
 use super::{FORMAT, ModelFile, Provenance, thermal};
-use crate::core::axes::AxisKind;
-use crate::core::geometry::Vec3;
-use crate::core::model::curve::{Grid, Interpolation};
-use crate::core::model::spec::ReferenceBody;
-use crate::core::model::{AxisSpec, Curve, ErrorFunction, ErrorSymbol, ModelSpec, Sense};
+use volcomp_model::curve::{Grid, Interpolation};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::spec::ReferenceBody;
+use volcomp_model::{AxisSpec, Curve, ErrorFunction, ErrorSymbol, ModelSpec, Sense};
+use volcomp_units::axes::AxisKind;
 
 /// Numbers of a list per line.
 const PER_LINE: usize = 10;

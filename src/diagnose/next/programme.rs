@@ -6,7 +6,7 @@ use std::fmt::Write as _;
 
 use super::super::moment::{Axis, SLOTS};
 use super::super::session::Session;
-use crate::core::units::RAD_PER_DEG;
+use volcomp_units::RAD_PER_DEG;
 
 /// Feed where none is known from the readings, mm/min, and the least and most that is asked for.
 const FEED: f64 = 1000.0;

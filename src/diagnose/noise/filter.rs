@@ -6,7 +6,7 @@
 //! Source: the diagnosis section 4; equations section of the filter.
 
 use super::super::session::{Session, has_rotation};
-use crate::core::geometry::Vec3;
+use volcomp_model::geometry::Vec3;
 
 /// Most states: drift, offset, rotation in three directions each.
 const STATES: usize = 9;

@@ -5,7 +5,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use super::super::moment::SLOTS;
 use super::super::session::{Session, is_encoder};
-use crate::core::statistics::chi_square_upper;
+use volcomp_model::statistics::chi_square_upper;
 
 /// A vibration.
 #[derive(Debug, Clone, Copy, PartialEq)]

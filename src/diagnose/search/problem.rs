@@ -11,7 +11,7 @@ use super::super::session::{Session, is_encoder};
 use super::pieces::{BLOCKS_MIN, PIECE_ROWS, PIECES_MIN, Places, blocks, programmes};
 use super::small::Factor;
 use super::variation::Variation;
-use crate::core::geometry::Vec3;
+use volcomp_model::geometry::Vec3;
 
 /// Share of its size that a column must keep beside offsets and drift to count as seen.
 const SEEN: f64 = 1e-4;

@@ -7,8 +7,8 @@ use super::motion;
 use super::pairs::{self, Place};
 use super::sight;
 use super::{Extra, History, Note, ROWS_MAX, ROWS_MIN, Raw, Reading, Session, SessionError, check, copies};
-use crate::core::geometry::Vec3;
-use crate::core::units::RAD_PER_DEG;
+use volcomp_model::geometry::Vec3;
+use volcomp_units::RAD_PER_DEG;
 
 /// Columns with a meaning; others are kept for localisation.
 const KNOWN: [&str; 17] = [

@@ -2,7 +2,7 @@
 
 use super::super::moment::{Machine, Moment};
 use super::super::noise::median;
-use crate::core::geometry::Vec3;
+use volcomp_model::geometry::Vec3;
 
 /// Sets the place of the reflector of every reading of an instrument with a station: the axis positions, or the tip of the
 /// tool that is in; which of them, the stated ranges say.

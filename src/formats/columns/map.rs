@@ -4,9 +4,9 @@ use serde::Deserialize;
 
 use super::Delimiter;
 use super::stamp;
-use crate::core::units::{RAD_PER_ARCSEC, RAD_PER_DEG};
-use crate::formats::error::{FormatError, FormatErrorKind, short};
-use crate::formats::text::{Encoding, Word};
+use crate::error::{FormatError, FormatErrorKind, short};
+use crate::text::{Encoding, Word};
+use volcomp_units::{RAD_PER_ARCSEC, RAD_PER_DEG};
 
 /// Which column of a table means what.
 #[derive(Debug, Clone, PartialEq, Default)]

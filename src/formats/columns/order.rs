@@ -5,7 +5,7 @@
 //! a jump back that is longer than the next step (a return without readings). Cycles count the passes that go the
 //! way of the first.
 
-use crate::core::axes::Travel;
+use volcomp_units::axes::Travel;
 
 /// A reading with its direction and cycle.
 #[derive(Debug, Clone, Copy, PartialEq)]

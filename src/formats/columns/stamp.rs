@@ -1,7 +1,7 @@
 //! Time stamps to ticks of 100 ns, so that differences are exact.
 
-use crate::formats::error::FormatError;
-use crate::formats::text::Word;
+use crate::error::FormatError;
+use crate::text::Word;
 
 /// How a stamp is written.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -18,11 +18,11 @@ use super::axis_table::possible;
 use super::error::{FormatError, FormatErrorKind};
 use super::sample::{ExportError, Limits, Motions, Sampling, Way, positions};
 use super::text::{Word, lines, rounded, words};
-use crate::core::axes::{AxisKind, AxisName};
-use crate::core::model::chain::Side;
-use crate::core::model::curve::{Curve, Grid, Interpolation, Table};
-use crate::core::model::{Chain, Component, ErrorFunction, ErrorSymbol, ModelSpec};
-use crate::core::units::{deg_from_rad, rad_from_deg};
+use volcomp_model::chain::Side;
+use volcomp_model::curve::{Curve, Grid, Interpolation, Table};
+use volcomp_model::{Chain, Component, ErrorFunction, ErrorSymbol, ModelSpec};
+use volcomp_units::axes::{AxisKind, AxisName};
+use volcomp_units::{deg_from_rad, rad_from_deg};
 
 /// Whose motion the values of a workpiece-side axis are.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

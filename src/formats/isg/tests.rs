@@ -1,7 +1,7 @@
 use super::*;
-use crate::core::axes::Travel;
-use crate::core::model::curve::Chebyshev;
 use proptest::prelude::*;
+use volcomp_model::curve::Chebyshev;
+use volcomp_units::axes::Travel;
 
 const GOOD: &str = "// Errors of X, measured 2020\nX EXX EYX EZX EAX EBX ECX // header\n0.0 0.02 0.01 0.07 0.00 0.0042 0.003\n\n10.0 0.00 -0.1 0.01 0.00 0.0011 0.002\n#\nY0C C0Y A0Z P0Z\n0.1 1e-5 -2e-5 120\n# sag\nZ Y EZY\n0 0 0.001\n0 100 0.002\n100 0 0.003\n100 100 0.005\n";
 

@@ -25,9 +25,9 @@ pub use read::{parse, recognises};
 pub use write::write;
 
 use super::iso230_dat::PositioningTest;
-use crate::core::axes::{AxisKind, Travel};
-use crate::core::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
-use crate::identify::Reading;
+use volcomp_identify::Reading;
+use volcomp_units::axes::{AxisKind, Travel};
+use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
 /// A file, section by section.
 #[derive(Debug, Clone, PartialEq, Default)]

@@ -3,8 +3,8 @@
 use std::collections::HashMap;
 
 use super::{Deviation, Entry, Note, Rtl};
-use crate::formats::error::{FormatError, FormatErrorKind};
-use crate::formats::text::{Word, lines, words};
+use crate::error::{FormatError, FormatErrorKind};
+use crate::text::{Word, lines, words};
 
 /// Most targets and runs taken for real.
 const TARGETS_MAX: usize = 100_000;

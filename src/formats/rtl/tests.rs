@@ -1,6 +1,6 @@
 use super::*;
-use crate::formats::error::FormatErrorKind;
-use crate::formats::text::{Encoding, decode};
+use crate::error::FormatErrorKind;
+use crate::text::{Encoding, decode};
 use proptest::prelude::*;
 
 /// Rows of run 2 before those of run 1, a missed target, a negative target, sensors 2 and 3 absent.

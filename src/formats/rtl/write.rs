@@ -3,7 +3,7 @@
 use core::fmt::Write as _;
 
 use super::{Entry, Rtl};
-use crate::formats::text::number;
+use crate::text::number;
 
 /// Targets per line.
 const PER_LINE: usize = 6;

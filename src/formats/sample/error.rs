@@ -1,7 +1,7 @@
 //! Why a model cannot be written in a format.
 
-use crate::core::axes::AxisName;
-use crate::core::model::ErrorSymbol;
+use volcomp_model::ErrorSymbol;
+use volcomp_units::axes::AxisName;
 
 /// Why a model cannot be written in a format.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -12,12 +12,12 @@ pub use error::ExportError;
 use std::collections::BTreeSet;
 
 use super::axis_table::positioning;
-use crate::core::axes::{AxisKind, AxisName, Travel};
-use crate::core::geometry::Vec3;
-use crate::core::model::chain::Side;
-use crate::core::model::curve::{Curve, Interpolation};
-use crate::core::model::spec::ReferenceBody;
-use crate::core::model::{AxisSpec, Component, ErrorFunction, ErrorSymbol, ModelSpec, Sense};
+use volcomp_model::chain::Side;
+use volcomp_model::curve::{Curve, Interpolation};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::spec::ReferenceBody;
+use volcomp_model::{AxisSpec, Component, ErrorFunction, ErrorSymbol, ModelSpec, Sense};
+use volcomp_units::axes::{AxisKind, AxisName, Travel};
 
 /// Which values go into a table.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -114,7 +114,7 @@ impl<'a> Motions<'a> {
     /// True where a reference point makes the values at the origin others than the stored ones.
     fn is_moved(&self) -> bool {
         let elsewhere =
-            |r: &crate::core::model::ReferencePoint| r.point != Vec3::zeros() || r.body == ReferenceBody::Bed;
+            |r: &volcomp_model::ReferencePoint| r.point != Vec3::zeros() || r.body == ReferenceBody::Bed;
         self.at_origin
             && self.axis.name.kind() == AxisKind::Linear
             && self.axis.reference_points.iter().any(elsewhere)

@@ -1,7 +1,7 @@
 use super::*;
-use crate::core::model::Chain;
-use crate::core::model::curve::{Chebyshev, Fourier, Table};
 use proptest::prelude::*;
+use volcomp_model::Chain;
+use volcomp_model::curve::{Chebyshev, Fourier, Table};
 
 const ONE_AXIS: Limits = Limits { format: "test", equidistant: false, points: 256, two_directions: true };
 

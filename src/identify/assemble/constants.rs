@@ -1,10 +1,10 @@
 //! Squareness and location from several sources, each transferred to the lines of the result.
 
 use super::{AssembleError, Candidate, Check, How, Job, Origin, curves, result_error};
-use crate::core::axes::{AxisKind, Travel};
-use crate::core::model::gauge::normalise;
-use crate::core::model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
-use crate::core::statistics::normal_two_sided;
+use volcomp_model::gauge::normalise;
+use volcomp_model::statistics::normal_two_sided;
+use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
+use volcomp_units::axes::{AxisKind, Travel};
 
 /// A constant as a source states it, transferred.
 struct Value {

@@ -2,10 +2,10 @@
 
 use core::f64::consts::TAU;
 
-use crate::core::axes::{AxisName, Travel};
-use crate::core::model::curve::{Chebyshev, ErrorFunction, Fourier, Grid, HalfRange, Interpolation, Table};
-use crate::core::model::spec::{ReferenceBody, ReferencePoint};
-use crate::core::model::{Component, Curve, ErrorSymbol};
+use volcomp_model::curve::{Chebyshev, ErrorFunction, Fourier, Grid, HalfRange, Interpolation, Table};
+use volcomp_model::spec::{ReferenceBody, ReferencePoint};
+use volcomp_model::{Component, Curve, ErrorSymbol};
+use volcomp_units::axes::{AxisName, Travel};
 
 /// Places of a product of curve and coordinate, which no kind of curve holds exactly.
 const PLACES: usize = 401;
@@ -235,7 +235,7 @@ mod tests {
         let symbol = |t: &str| ErrorSymbol::parse(t).unwrap();
         let e = ErrorFunction { std: Some(3e-4), ..ErrorFunction::single(Curve::Constant(0.01)) };
         let at = |x: f64, y: f64, z: f64, body| ReferencePoint {
-            point: crate::core::geometry::Vec3::new(x, y, z),
+            point: volcomp_model::geometry::Vec3::new(x, y, z),
             body,
         };
         let from = at(0.0, 0.0, 0.0, ReferenceBody::Carriage);

@@ -1,10 +1,10 @@
 //! Why sources do not make a model, with the numbers and what to do.
 
 use super::Check;
-use crate::core::axes::AxisName;
-use crate::core::geometry::Vec3;
-use crate::core::model::{Chain, ErrorSymbol, ModelError};
-use crate::core::units::{arcsec_from_rad, um_from_mm};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::{Chain, ErrorSymbol, ModelError};
+use volcomp_units::axes::AxisName;
+use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// Why sources do not make a model.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]

@@ -28,10 +28,10 @@ mod overlap;
 
 pub use error::AssembleError;
 
-use crate::core::axes::{AxisKind, AxisName};
-use crate::core::model::gauge::{Gauged, Part, normalise};
-use crate::core::model::spec::{ReferencePoint, Sense};
-use crate::core::model::{AxisSpec, Component, ErrorFunction, ErrorSymbol, ModelError, ModelSpec};
+use volcomp_model::gauge::{Gauged, Part, normalise};
+use volcomp_model::spec::{ReferencePoint, Sense};
+use volcomp_model::{AxisSpec, Component, ErrorFunction, ErrorSymbol, ModelError, ModelSpec};
+use volcomp_units::axes::{AxisKind, AxisName};
 
 /// One measurement, as a model that states some errors.
 #[derive(Debug, Clone, PartialEq)]

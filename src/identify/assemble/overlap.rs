@@ -1,10 +1,10 @@
 //! An error motion that several sources state: comparison where they overlap, and their mean.
 
 use super::{AssembleError, Candidate, Check, How, Job, Origin};
-use crate::core::axes::{AxisKind, Travel};
-use crate::core::model::curve::{ErrorFunction, Interpolation, Table};
-use crate::core::model::{Curve, ErrorSymbol};
-use crate::core::statistics::chi_square_upper;
+use volcomp_model::curve::{ErrorFunction, Interpolation, Table};
+use volcomp_model::statistics::chi_square_upper;
+use volcomp_model::{Curve, ErrorSymbol};
+use volcomp_units::axes::{AxisKind, Travel};
 
 /// Least places of a curve that is sampled.
 const PLACES_MIN: usize = 33;

@@ -1,12 +1,12 @@
 use proptest::prelude::*;
 
 use super::*;
-use crate::core::geometry::Vec3;
-use crate::core::model::Chain;
-use crate::core::model::Curve;
-use crate::core::model::compare::compare;
-use crate::core::model::curve::{Chebyshev, Fourier, Interpolation, Table};
-use crate::core::model::spec::ReferenceBody;
+use volcomp_model::Chain;
+use volcomp_model::Curve;
+use volcomp_model::compare::compare;
+use volcomp_model::curve::{Chebyshev, Fourier, Interpolation, Table};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::spec::ReferenceBody;
 
 fn symbol(text: &str) -> ErrorSymbol {
     ErrorSymbol::parse(text).unwrap()

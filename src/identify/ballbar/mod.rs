@@ -36,7 +36,7 @@ pub use model::{Assembled, assemble};
 pub use runs::{cut_overshoot, travelled};
 pub use solve::analyse;
 
-use crate::core::axes::{AxisName, Travel};
+use volcomp_units::axes::{AxisName, Travel};
 
 /// Plane of a circle.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]

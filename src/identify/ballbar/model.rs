@@ -6,9 +6,9 @@
 use core::f64::consts::TAU;
 
 use super::{Analysis, Effect, End, Plane};
-use crate::core::axes::AxisName;
-use crate::core::model::curve::{CurveError, Interpolation, Table};
-use crate::core::model::{Component, Curve, ErrorSymbol};
+use volcomp_model::curve::{CurveError, Interpolation, Table};
+use volcomp_model::{Component, Curve, ErrorSymbol};
+use volcomp_units::axes::AxisName;
 
 /// An error that the circles give.
 #[derive(Debug, Clone, PartialEq)]

@@ -6,7 +6,7 @@ use nalgebra::DVector;
 
 use super::Circles;
 use super::columns::of_cyclic;
-use crate::core::geometry::largest_gap;
+use volcomp_model::geometry::largest_gap;
 
 /// Natural logarithm of the odds against a pitch in white noise: e^-7 is one in a thousand.
 const CERTAINTY: f64 = 7.0;

@@ -3,7 +3,7 @@
 use core::f64::consts::{PI, TAU};
 
 use super::Sample;
-use crate::core::axes::Travel;
+use volcomp_units::axes::Travel;
 
 /// More than a turn by this much counts as overshoot, rad.
 const MORE_THAN_A_TURN: f64 = 1e-3;

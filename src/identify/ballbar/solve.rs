@@ -8,9 +8,9 @@ use super::columns::{self, Column, What};
 use super::{
     Analysis, BallbarError, Circles, Effect, Estimate, Harmonic, Note, Pitch, Reason, Request, Value, pitch,
 };
-use crate::core::axes::Travel;
-use crate::core::geometry::largest_gap;
-use crate::identify::primitives::jacobi;
+use crate::primitives::jacobi;
+use volcomp_model::geometry::largest_gap;
+use volcomp_units::axes::Travel;
 
 /// Fewest readings.
 const READINGS_NEEDED: usize = 120;

@@ -3,7 +3,7 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::*;
-use crate::core::model::{Curve, ErrorSymbol};
+use volcomp_model::{Curve, ErrorSymbol};
 
 const R: f64 = 150.0;
 const CENTRE: [f64; 2] = [300.0, 200.0];

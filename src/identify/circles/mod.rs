@@ -11,8 +11,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::primitives::{SpaceCircle, SpaceCircleError, jacobi, space_circle};
-use crate::core::geometry::{Mat3, Vec3};
-use crate::core::statistics::chi_square_upper;
+use volcomp_model::geometry::{Mat3, Vec3};
+use volcomp_model::statistics::chi_square_upper;
 
 /// What is measured and known.
 #[derive(Debug, Clone, PartialEq)]

@@ -8,8 +8,8 @@ use nalgebra::{DMatrix, DVector};
 
 use super::basis::Shape;
 use super::solve::Design;
-use crate::core::axes::Travel;
-use crate::core::statistics::student_95;
+use volcomp_model::statistics::student_95;
+use volcomp_units::axes::Travel;
 
 /// Confidence band of a curve.
 #[derive(Debug, Clone, PartialEq)]

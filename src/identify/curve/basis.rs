@@ -3,8 +3,8 @@
 use core::f64::consts::PI;
 
 use super::{Basis, FitError};
-use crate::core::model::Curve;
-use crate::core::model::curve::{Chebyshev, Fourier, HalfRange};
+use volcomp_model::Curve;
+use volcomp_model::curve::{Chebyshev, Fourier, HalfRange};
 
 /// One member of a family: everything but the coefficients.
 #[derive(Debug, Clone, PartialEq)]
@@ -159,7 +159,7 @@ fn waves(phase: f64, row: &mut [f64], stride: usize) {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::axes::Travel;
+    use volcomp_units::axes::Travel;
 
     fn shape(basis: Basis, order: usize, linear: bool) -> Shape {
         Shape { basis, order, range: [-30.0, 270.0], periods: vec![111.0, 37.0], linear }

@@ -7,8 +7,8 @@
 //! (4e-6 of the range) are replaced by their mean, which moves a wave of 64 periods by 1e-7 of its amplitude.
 
 use super::FitError;
-use crate::core::axes::Travel;
-use crate::identify::reading::{Reading, group_by_position};
+use crate::reading::{Reading, group_by_position};
+use volcomp_units::axes::Travel;
 
 /// More readings than this are gathered in bins instead of being sorted.
 const MANY: usize = 1 << 18;

@@ -2,8 +2,8 @@
 
 use super::Basis;
 use super::solve::CONDITION_LIMIT;
-use crate::core::axes::Travel;
-use crate::core::model::curve::CurveError;
+use volcomp_model::curve::CurveError;
+use volcomp_units::axes::Travel;
 
 /// Why no curve could be fitted.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]

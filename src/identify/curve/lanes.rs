@@ -61,8 +61,8 @@ pub(super) fn chebyshev_lanes(s: &Lane, factor: &Lane, columns: &mut [Lane]) {
 mod tests {
     use super::super::basis::chebyshev;
     use super::*;
-    use crate::core::axes::Travel;
-    use crate::identify::Reading;
+    use crate::Reading;
+    use volcomp_units::axes::Travel;
 
     #[test]
     fn every_cell_comes_once_and_positions_stay_whole() {

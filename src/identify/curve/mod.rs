@@ -36,9 +36,9 @@ pub use robust::Outlier;
 pub use sampling::{COMMON_PITCHES, Hidden, hidden};
 pub use select::highest_order;
 
-use crate::core::axes::Travel;
-use crate::core::model::Curve;
-use crate::core::model::curve::{ErrorFunction, Interpolation};
+use volcomp_model::Curve;
+use volcomp_model::curve::{ErrorFunction, Interpolation};
+use volcomp_units::axes::Travel;
 
 use super::reading::Reading;
 use data::Data;

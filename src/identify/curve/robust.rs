@@ -13,8 +13,8 @@ use super::basis::Shape;
 use super::data::Data;
 use super::solve::dot;
 use super::{Basis, CurveFit, FitError, Request};
-use crate::core::axes::Travel;
-use crate::identify::reading::{Reading, group_by_position};
+use crate::reading::{Reading, group_by_position};
+use volcomp_units::axes::Travel;
 
 /// A reading farther from the curve than this many standard deviations is an outlier: one of 16 000 honest ones.
 const LIMIT: f64 = 4.0;

@@ -7,9 +7,9 @@ use super::solve::{CONDITION_LIMIT, Design, Factor};
 use super::{
     Band, Basis, CurveFit, FitError, Note, Period, Request, Reversal, ReversalFit, periods, support,
 };
-use crate::core::axes::Travel;
-use crate::core::model::Curve;
-use crate::core::model::curve::{Chebyshev, Interpolation, MAX_TERMS, Table};
+use volcomp_model::Curve;
+use volcomp_model::curve::{Chebyshev, Interpolation, MAX_TERMS, Table};
+use volcomp_units::axes::Travel;
 
 /// A richer family must lower AICc by more than this.
 const AICC_STEP: f64 = 4.0;

@@ -220,8 +220,8 @@ pub(super) fn dot(a: &[f64], b: &[f64]) -> f64 {
 mod tests {
     use super::super::Basis;
     use super::*;
-    use crate::core::axes::Travel;
-    use crate::identify::Reading;
+    use crate::Reading;
+    use volcomp_units::axes::Travel;
 
     fn readings(n: usize) -> Vec<Reading> {
         (0..n)

@@ -5,9 +5,9 @@ use super::data::{Cell, Data};
 use super::figures::{Figures, Sums};
 use super::smooth::{Sequence, Smoothed, smooth};
 use super::{Basis, CurveFit, FitError, Smoothing};
-use crate::core::axes::Travel;
-use crate::core::model::Curve;
-use crate::core::model::curve::{Interpolation, Table};
+use volcomp_model::Curve;
+use volcomp_model::curve::{Interpolation, Table};
+use volcomp_units::axes::Travel;
 
 /// Steps per decade and decades of the search for the strength of smoothing.
 const SEARCH: (i32, i32) = (4, 16);

@@ -19,10 +19,10 @@ pub mod runs;
 
 use nalgebra::{Matrix3, Matrix4, Vector4};
 
-use crate::core::axes::{AxisName, Travel};
-use crate::core::geometry::Vec3;
-use crate::core::model::curve::{Interpolation, Table};
-use crate::core::model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec};
+use volcomp_model::curve::{Interpolation, Table};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec};
+use volcomp_units::axes::{AxisName, Travel};
 
 /// The three linear axes that span the box.
 pub const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
@@ -312,7 +312,7 @@ impl Setup {
         let mut positions = vec![self.low[i], self.low[i] + self.size[i]];
         let mut values = ends.to_vec();
         // a model in the carriage sense keeps its curves over the carriage's own displacement
-        let carriage = spec.axis(symbol.axis()).sense == crate::core::model::Sense::Carriage;
+        let carriage = spec.axis(symbol.axis()).sense == volcomp_model::Sense::Carriage;
         if carriage && spec.is_workpiece_side(symbol.axis()) {
             positions = vec![-positions[1], -positions[0]];
             values = vec![-values[1], -values[0]];

@@ -8,9 +8,9 @@
 //! Source: equations 5.3 d.
 
 use super::NAMES;
-use crate::core::axes::Travel;
-use crate::identify::Reading;
-use crate::identify::reading::group_by_position;
+use crate::Reading;
+use crate::reading::group_by_position;
+use volcomp_units::axes::Travel;
 
 /// One reading along a diagonal.
 #[derive(Debug, Clone, Copy, PartialEq)]

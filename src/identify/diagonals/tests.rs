@@ -4,8 +4,8 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::*;
-use crate::core::statistics::student_95;
-use crate::core::units::{arcsec_from_rad, rad_from_arcsec};
+use volcomp_model::statistics::student_95;
+use volcomp_units::{arcsec_from_rad, rad_from_arcsec};
 
 const CHAINS: [&str; 4] = ["[w b X Y Z t]", "[w X' b Y Z t]", "[w X' Y' b Z t]", "[w X' Y' Z' b t]"];
 
@@ -144,7 +144,7 @@ fn the_stated_interval_holds_the_truth() {
             for cycle in 1..=3 {
                 for (position, value) in [(0.0, 0.0), (s.length(), d + 0.03)] {
                     let noise: f64 = StandardNormal.sample(&mut random);
-                    let reading = crate::identify::Reading {
+                    let reading = crate::Reading {
                         cycle,
                         travel: Travel::Forward,
                         position,

@@ -1,6 +1,6 @@
 //! Runs of a 5-DOF laser: calibration of the instrument, alignment of whole runs.
 //!
-//! The reduction of one reading, and what the numbers of the instrument mean, stand in [`crate::core::estimate::fivedof`]:
+//! The reduction of one reading, and what the numbers of the instrument mean, stand in [`volcomp_estimate::fivedof`]:
 //! the live evaluation uses the same.
 //!
 //! Source: equations 5.2 with the errata of 002 (11). Reading order: `core::estimate::fivedof`, [`align`] (end points
@@ -9,7 +9,7 @@
 pub mod align;
 pub mod resting;
 
-pub use crate::core::estimate::fivedof::{
+pub use volcomp_estimate::fivedof::{
     BEAM_DISTANCE_MIN_MM, Channels, Detector, FiveDof, Head, HeadError, Readings, lateral, to_machine,
 };
 

@@ -6,7 +6,7 @@ use rand_distr::{Distribution, StandardNormal};
 use super::align::{Level, align};
 use super::resting::{RestingError, RestingReading, calibrate};
 use super::*;
-use crate::core::axes::AxisName;
+use volcomp_units::axes::AxisName;
 
 const FOCAL: [f64; 3] = [230.0, 250.0, 210.0];
 const BEAMS: [[f64; 2]; 2] = [[-35.0, 8.0], [33.0, 8.0]];

@@ -6,11 +6,11 @@
 use nalgebra::{DMatrix, Matrix3xX, Vector3};
 
 use super::{Found, Row};
-use crate::core::axes::{AxisArray, AxisKind, AxisName};
-use crate::core::geometry::{Vec3, rotation_about, unit};
-use crate::core::model::{
+use volcomp_model::geometry::{Vec3, rotation_about, unit};
+use volcomp_model::{
     Component, Curve, ErrorFunction, ErrorSymbol, Model, ModelError, ModelSpec, Pose, Sense,
 };
+use volcomp_units::axes::{AxisArray, AxisKind, AxisName};
 
 /// Size of the only error, within the limits of a model: mm or rad.
 const UNIT: f64 = 1e-3;

@@ -27,10 +27,10 @@ pub use plan::{Planned, plan};
 
 use nalgebra::{DMatrix, Matrix3};
 
-use crate::core::axes::{AxisArray, AxisName};
-use crate::core::geometry::Vec3;
-use crate::core::model::curve::{CurveError, Interpolation, Table};
-use crate::core::model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelError, ModelSpec};
+use volcomp_model::curve::{CurveError, Interpolation, Table};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelError, ModelSpec};
+use volcomp_units::axes::{AxisArray, AxisName};
 
 /// A measured point. Lengths mm, angles rad; axes in chain order.
 #[derive(Debug, Clone, Copy, PartialEq)]

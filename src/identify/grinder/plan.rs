@@ -5,8 +5,8 @@
 //! refers to the reference position: it is visited several times.
 
 use super::{Chain, GrinderError};
-use crate::core::axes::{AxisArray, AxisName, MAX_AXES};
-use crate::core::geometry::{Vec3, unit};
+use volcomp_model::geometry::{Vec3, unit};
+use volcomp_units::axes::{AxisArray, AxisName, MAX_AXES};
 
 /// One point of a plan.
 #[derive(Debug, Clone, Copy, PartialEq)]

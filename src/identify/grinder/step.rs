@@ -4,12 +4,12 @@ use nalgebra::{DMatrix, DVector};
 
 use super::effects::{self, Effects};
 use super::{Chain, Found, GrinderError, Measured, Motion, Request, Row, SetUp, Shares, write_into};
-use crate::core::axes::{AxisKind, AxisName};
-use crate::core::geometry::Vec3;
-use crate::core::model::{ErrorSymbol, Model, ModelSpec, Pose};
-use crate::core::statistics::chi_square_upper;
-use crate::core::units::deg_from_rad;
-use crate::identify::primitives::jacobi;
+use crate::primitives::jacobi;
+use volcomp_model::geometry::Vec3;
+use volcomp_model::statistics::chi_square_upper;
+use volcomp_model::{ErrorSymbol, Model, ModelSpec, Pose};
+use volcomp_units::axes::{AxisKind, AxisName};
+use volcomp_units::deg_from_rad;
 
 /// Condition number above which the motions of a position are refused (equations 5.1).
 const CONDITION_LIMIT: f64 = 1e3;

@@ -4,9 +4,9 @@ use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
 use super::*;
-use crate::core::axes::AxisName::{A, B, X, Y};
-use crate::core::axes::MAX_AXES;
-use crate::core::model::{AxisSpec, Chain as KinematicChain, Model, Pose};
+use volcomp_model::{AxisSpec, Chain as KinematicChain, Model, Pose};
+use volcomp_units::axes::AxisName::{A, B, X, Y};
+use volcomp_units::axes::MAX_AXES;
 
 const CHAIN: &str = "[w A' b X Y B t]";
 const W0: [f64; 3] = [40.0, 0.0, 0.0];
@@ -239,7 +239,7 @@ fn what_is_not_corrected_on_the_machine_is_taken_out_by_calculation() {
 #[test]
 fn the_carriage_sense_is_kept() {
     let mut chain = Chain::new(drawing());
-    chain.spec.axes[0].sense = crate::core::model::Sense::Carriage;
+    chain.spec.axes[0].sense = volcomp_model::Sense::Carriage;
     let mut random = ChaCha8Rng::seed_from_u64(1);
     let planned = plan(&chain, A, 9, 60.0).unwrap();
     let rows = measure(chain.spec(), &planned, 0.0, &mut random);

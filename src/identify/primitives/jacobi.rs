@@ -7,20 +7,20 @@
 use nalgebra::{DMatrix, DVector};
 
 /// `A = U diag(s) V^T`, values falling, `U` with as many columns as `A`.
-pub(in crate::identify) struct Svd {
+pub(crate) struct Svd {
     /// Columns of unit length; zero where the value is zero.
-    pub(in crate::identify) u: DMatrix<f64>,
+    pub(crate) u: DMatrix<f64>,
     /// Falling.
-    pub(in crate::identify) values: DVector<f64>,
+    pub(crate) values: DVector<f64>,
     /// Orthogonal.
-    pub(in crate::identify) v: DMatrix<f64>,
+    pub(crate) v: DMatrix<f64>,
 }
 
 /// Sweeps after which the rotation stops; four to eight are usual.
 const SWEEPS: usize = 60;
 
 /// Decomposes a finite matrix.
-pub(in crate::identify) fn svd(a: &DMatrix<f64>) -> Svd {
+pub(crate) fn svd(a: &DMatrix<f64>) -> Svd {
     let n = a.ncols();
     let mut w = a.clone();
     let mut v = DMatrix::identity(n, n);
@@ -72,13 +72,13 @@ fn orthogonalise(w: &mut DMatrix<f64>, v: &mut DMatrix<f64>, p: usize, q: usize)
 
 impl Svd {
     /// Largest over smallest value.
-    pub(in crate::identify) fn condition(&self) -> f64 {
+    pub(crate) fn condition(&self) -> f64 {
         let n = self.values.len();
         if n == 0 { 1.0 } else { self.values[0] / self.values[n - 1] }
     }
 
     /// Least-squares solution; directions below `tolerance` times the largest value are left at zero.
-    pub(in crate::identify) fn solve(&self, right: &DVector<f64>, tolerance: f64) -> DVector<f64> {
+    pub(crate) fn solve(&self, right: &DVector<f64>, tolerance: f64) -> DVector<f64> {
         let limit = tolerance * self.values.iter().fold(0.0f64, |m, s| m.max(*s));
         let mut turned = self.u.tr_mul(right);
         for (t, s) in turned.iter_mut().zip(self.values.iter()) {
@@ -88,7 +88,7 @@ impl Svd {
     }
 
     /// `(A^T A)^-1`, entry by entry.
-    pub(in crate::identify) fn cofactor(&self, i: usize, j: usize) -> f64 {
+    pub(crate) fn cofactor(&self, i: usize, j: usize) -> f64 {
         (0..self.values.len()).map(|k| self.v[(i, k)] * self.v[(j, k)] / self.values[k].powi(2)).sum()
     }
 }

@@ -7,7 +7,7 @@
 //! Source: equations 5.4. Reading order: [`mod@ball`], [`mod@plane`], [`mod@space_circle`], [`mod@rigid`].
 
 pub mod ball;
-pub(in crate::identify) mod jacobi;
+pub(crate) mod jacobi;
 pub mod plane;
 pub mod rigid;
 pub mod space_circle;

@@ -3,7 +3,7 @@
 //! Source: equations 5.4.
 
 use super::jacobi;
-use crate::core::geometry::Vec3;
+use volcomp_model::geometry::Vec3;
 
 /// A plane `normal . x = distance`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -85,7 +85,7 @@ pub fn plane(points: &[Vec3]) -> Result<Plane, PlaneError> {
 /// Directions of largest to smallest spread about a centre, and the rms spread along each.
 ///
 /// By SVD of the coordinates, not of their squares: half of the digits would be lost.
-pub(in crate::identify) fn spread(points: &[Vec3], centre: &Vec3) -> ([Vec3; 3], [f64; 3]) {
+pub(crate) fn spread(points: &[Vec3], centre: &Vec3) -> ([Vec3; 3], [f64; 3]) {
     let matrix = nalgebra::DMatrix::from_fn(points.len(), 3, |i, j| points[i][j] - centre[j]);
     let svd = jacobi::svd(&matrix);
     let n = (points.len().max(1) as f64).sqrt();

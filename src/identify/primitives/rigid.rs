@@ -8,8 +8,8 @@
 use nalgebra::{Matrix6, Vector6};
 
 use super::jacobi;
-use crate::core::geometry::{Mat3, Vec3, small_rotation};
-use crate::identify::twist::{self, Deficient, Sighting};
+use crate::twist::{self, Deficient, Sighting};
+use volcomp_model::geometry::{Mat3, Vec3, small_rotation};
 
 /// A rigid motion `x -> rotation x + translation` found from points.
 #[derive(Debug, Clone, PartialEq)]
@@ -84,7 +84,7 @@ impl RigidFit {
 }
 
 /// `[v]x`: the matrix of the cross product `v x`.
-pub(in crate::identify) fn cross_matrix(v: &Vec3) -> Mat3 {
+pub(crate) fn cross_matrix(v: &Vec3) -> Mat3 {
     Mat3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
 }
 

@@ -6,7 +6,7 @@ use core::f64::consts::TAU;
 
 use super::ball::{Ball, BallError, circle_2d};
 use super::plane::{Plane, PlaneError, plane};
-use crate::core::geometry::{Mat3, Vec3, largest_gap};
+use volcomp_model::geometry::{Mat3, Vec3, largest_gap};
 
 /// A circle in space. Lengths in mm.
 #[derive(Debug, Clone, PartialEq)]

@@ -16,8 +16,8 @@ use core::f64::consts::TAU;
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
 use super::primitives::{BallError, Circle2, circle_2d, jacobi};
-use crate::core::geometry::largest_gap;
-use crate::core::statistics::{chi_square_upper, student_95};
+use volcomp_model::geometry::largest_gap;
+use volcomp_model::statistics::{chi_square_upper, student_95};
 
 /// The arm and the bar. Lengths mm, angles rad.
 #[derive(Debug, Clone, Copy, PartialEq)]

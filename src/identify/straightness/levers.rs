@@ -7,7 +7,7 @@
 //!
 //! Source: equations 1.5; errata of 004 (base-point simplification).
 
-use crate::core::geometry::Vec3;
+use volcomp_model::geometry::Vec3;
 
 /// The linear components of `motion` (EX EY EZ in mm, EA EB EC in rad) at the point `to` instead of `from[i]`; all points in
 /// home-frame coordinates at this pose.
@@ -20,7 +20,7 @@ pub fn moved(motion: &[f64; 6], from: &[Vec3; 3], to: &[Vec3; 3]) -> [f64; 3] {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::geometry::small_rotation;
+    use volcomp_model::geometry::small_rotation;
 
     #[test]
     fn moving_agrees_with_the_exact_rotation() {
@@ -41,7 +41,7 @@ mod tests {
 
     #[test]
     fn ten_arcsec_at_a_hundred_millimetres_are_five_micrometres() {
-        let motion = [0.0, 0.0, 0.0, 0.0, 10.0 * crate::core::units::RAD_PER_ARCSEC, 0.0];
+        let motion = [0.0, 0.0, 0.0, 0.0, 10.0 * volcomp_units::RAD_PER_ARCSEC, 0.0];
         let moved = moved(&motion, &[Vec3::zeros(); 3], &[Vec3::new(0.0, 0.0, 100.0); 3]);
         assert!((moved[0] - 4.85e-3).abs() < 1e-5 && moved[1] == 0.0);
     }

@@ -5,10 +5,10 @@
 //!
 //! Source: analysis of variance.
 
-use crate::core::axes::Travel;
-use crate::core::statistics::f_upper;
-use crate::identify::Reading;
-use crate::identify::reading::{group_by_position, repeatability};
+use crate::Reading;
+use crate::reading::{group_by_position, repeatability};
+use volcomp_model::statistics::f_upper;
+use volcomp_units::axes::Travel;
 
 /// Probability of a scatter like the reversal below which both directions are kept.
 const SIGNIFICANCE: f64 = 0.01;

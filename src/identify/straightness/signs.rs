@@ -15,8 +15,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::core::axes::AxisName;
-use crate::core::model::Component;
+use volcomp_model::Component;
+use volcomp_units::axes::AxisName;
 
 /// A channel of the instrument.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -362,7 +362,7 @@ pub fn tilt_test(readings: &[TiltReading], has: [bool; 6]) -> Result<[Option<Til
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::units::RAD_PER_ARCSEC;
+    use volcomp_units::RAD_PER_ARCSEC;
 
     fn table(text: [&str; 6]) -> SignTable {
         SignTable { channels: text.map(Assignment::parse) }

@@ -7,9 +7,9 @@
 
 mod ridge;
 
-use crate::core::estimate::thermal::TERMS_MAX;
-use crate::core::estimate::{Quantity, Thermal, ThermalInput, ThermalState};
 use ridge::{Line, Sums};
+use volcomp_estimate::thermal::TERMS_MAX;
+use volcomp_estimate::{Quantity, Thermal, ThermalInput, ThermalState};
 
 /// A recorded input.
 #[derive(Debug, Clone, PartialEq)]

@@ -5,9 +5,9 @@
 use nalgebra::DMatrix;
 
 use super::ThreePointError;
-use crate::core::geometry::{Vec3, unit};
-use crate::identify::primitives::{jacobi, plane};
-use crate::identify::twist;
+use crate::primitives::{jacobi, plane};
+use crate::twist;
+use volcomp_model::geometry::{Vec3, unit};
 
 /// Rank, conditioning and shape of a set of points.
 #[derive(Debug, Clone, PartialEq)]

@@ -24,8 +24,8 @@ pub use tracker::{Observation, TrackerNoise};
 
 use super::primitives::{procrustes, rigid};
 use super::twist::{self, Sighting};
-use crate::core::geometry::{Mat3, Vec3};
-use crate::core::statistics::chi_square_upper;
+use volcomp_model::geometry::{Mat3, Vec3};
+use volcomp_model::statistics::chi_square_upper;
 
 /// One point seen once.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -3,10 +3,10 @@
 //! Source: equations 5.1 per position; 1.2 for the displacement of a carriage on the workpiece side.
 
 use super::{PoseErrors, Seen, ThreePointError, solve as solve_pose, suspect};
-use crate::core::axes::{AxisName, Travel};
-use crate::core::geometry::{Vec3, unit};
-use crate::core::statistics::chi_square_upper;
-use crate::identify::motion::MotionRow;
+use crate::motion::MotionRow;
+use volcomp_model::geometry::{Vec3, unit};
+use volcomp_model::statistics::chi_square_upper;
+use volcomp_units::axes::{AxisName, Travel};
 
 /// The points seen once at one position.
 #[derive(Debug, Clone, PartialEq)]

@@ -4,7 +4,7 @@
 //! The standard deviation of a side holds the noise of its two ends along it. A loose point spoils every side that ends
 //! in it: leaving it out makes the others quiet.
 
-use crate::core::geometry::Vec3;
+use volcomp_model::geometry::Vec3;
 
 /// The distance between two points.
 #[derive(Debug, Clone, Copy, PartialEq)]

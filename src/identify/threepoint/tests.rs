@@ -170,7 +170,7 @@ fn a_far_platform_origin_is_no_lack_of_points() {
 
 #[test]
 fn a_carriage_on_the_workpiece_side_moves_the_other_way() {
-    use crate::core::axes::{AxisName, Travel};
+    use volcomp_units::axes::{AxisName, Travel};
     let shot = |position: f64, sign: f64| {
         let mut seen = exact(&TRIANGLE, &TRUTH, Mat3::identity() * 1e-6);
         for s in &mut seen {

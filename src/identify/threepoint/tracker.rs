@@ -5,7 +5,7 @@
 //!
 //! Source: equations 4 (000, ten) and 5.1.
 
-use crate::core::geometry::{Mat3, Vec3};
+use volcomp_model::geometry::{Mat3, Vec3};
 
 /// One observation.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -1,8 +1,8 @@
 //! What is recorded: every input of the engine with its exact time, and what the engine answered.
 
 use crate::{ControlHello, CorrectionState, Position, Tool};
-use volcomp_units::axes::AxisArray;
 use volcomp_units::MonoTime;
+use volcomp_units::axes::AxisArray;
 
 /// Channels of live values that an entry can carry.
 pub const LIVE_MAX: usize = 16;

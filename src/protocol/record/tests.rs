@@ -7,8 +7,8 @@ use super::entry::request;
 use super::reader::hashed;
 use super::*;
 use crate::{Axis, AxisUnit, ControlHello, CorrectionState, MachineState, Name, Position, Tool};
-use volcomp_units::axes::{AxisName, MAX_AXES};
 use volcomp_units::MonoTime;
+use volcomp_units::axes::{AxisName, MAX_AXES};
 
 fn hello() -> ControlHello {
     let axis = |name| Axis { name, unit: AxisUnit::Millimetre };

@@ -98,7 +98,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn centre(args: &Args, machine: &TruthMachine) -> [f64; 3] {
-    use volcomp::core::axes::AxisName;
+    use volcomp_units::axes::AxisName;
     if let Some(&[x, y, z]) = args.centre_mm.as_deref() {
         return [x, y, z];
     }
@@ -161,7 +161,7 @@ fn circles(
 
 /// Nominal place of the tip in the workpiece frame with the axes at the centre.
 fn machine_centre(machine: &TruthMachine, centre_mm: [f64; 3]) -> [f64; 3] {
-    use volcomp::core::axes::{AxisArray, AxisName};
+    use volcomp_units::axes::{AxisArray, AxisName};
     let mut q = AxisArray::default();
     for (axis, value) in [AxisName::X, AxisName::Y, AxisName::Z].into_iter().zip(centre_mm) {
         if let Some(k) = machine.index_of(axis) {

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 use std::path::PathBuf;
 
 use nalgebra::Vector3;
-use volcomp::core::axes::{AxisArray, AxisName, MAX_AXES};
+use volcomp_units::axes::{AxisArray, AxisName, MAX_AXES};
 
 use super::common::{not_negative, write};
 use crate::cli::serve::built_in_or_file;

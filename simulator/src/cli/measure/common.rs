@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use crate::cli::serve::built_in_or_file;
 use crate::cli::{EX_IOERR, EX_USAGE, Failure};
 use crate::truth::TruthMachine;
-use volcomp::core::axes::{AxisKind, AxisName};
+use volcomp_units::axes::{AxisKind, AxisName};
 
 /// A linear axis, its stops and where the files go.
 #[derive(Debug, clap::Args)]

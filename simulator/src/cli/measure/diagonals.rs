@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use volcomp::core::axes::AxisName;
+use volcomp_units::axes::AxisName;
 
 use super::straightness::{point, write};
 use crate::cli::serve::built_in_or_file;

@@ -3,7 +3,7 @@
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use volcomp::core::axes::{AxisArray, AxisKind, AxisName};
+use volcomp_units::axes::{AxisArray, AxisKind, AxisName};
 
 use crate::cli::serve::built_in_or_file;
 use crate::cli::{EX_DATAERR, EX_IOERR, EX_USAGE, Failure};

@@ -2,8 +2,8 @@
 
 use std::fmt::Write as _;
 
-use volcomp::core::axes::{AxisArray, AxisName, MAX_AXES};
-use volcomp::core::units::{arcsec_from_rad, um_from_mm};
+use volcomp_units::axes::{AxisArray, AxisName, MAX_AXES};
+use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 use super::common::{AxisPlan, not_negative};
 use crate::cli::{EX_USAGE, Failure};

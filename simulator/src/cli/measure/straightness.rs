@@ -2,7 +2,7 @@
 
 use std::path::{Path, PathBuf};
 
-use volcomp::core::axes::{AxisKind, AxisName};
+use volcomp_units::axes::{AxisKind, AxisName};
 
 use crate::cli::serve::built_in_or_file;
 use crate::cli::{EX_DATAERR, EX_IOERR, Failure};

@@ -2,13 +2,13 @@
 
 use plotters::prelude::*;
 
-use crate::cli::report::plot::{
+use crate::report::plot::{
     Area, BLUE, Drawn, FAINT, INK, Key, SHEET_WIDTH, Svg, VERMILLION, legend, round_below, svg_of, tick,
     words,
 };
-use crate::core::axes::Travel;
-use crate::core::units::um_from_mm;
-use crate::evaluate::{CircularReading, Circularity};
+use volcomp_evaluate::{CircularReading, Circularity};
+use volcomp_units::axes::Travel;
+use volcomp_units::um_from_mm;
 
 const HEIGHT: u32 = 516;
 const TITLE: u32 = 34;
@@ -21,18 +21,18 @@ const CENTRE: f64 = 275.0;
 
 /// A test to be drawn, deviations in mm.
 #[derive(Clone, Copy)]
-pub(in crate::cli::evaluate) struct Shown<'a> {
+pub(in crate::evaluate) struct Shown<'a> {
     /// Above the plot; none where empty.
-    pub(in crate::cli::evaluate) title: &'a str,
-    pub(in crate::cli::evaluate) result: &'a Circularity,
-    pub(in crate::cli::evaluate) readings: &'a [CircularReading],
+    pub(in crate::evaluate) title: &'a str,
+    pub(in crate::evaluate) result: &'a Circularity,
+    pub(in crate::evaluate) readings: &'a [CircularReading],
     /// First and second axis.
-    pub(in crate::cli::evaluate) plane: [char; 2],
-    pub(in crate::cli::evaluate) radius_mm: Option<f64>,
+    pub(in crate::evaluate) plane: [char; 2],
+    pub(in crate::evaluate) radius_mm: Option<f64>,
 }
 
 /// um per division, so that all tests fit: two divisions inside and outside the nominal circle.
-pub(in crate::cli::evaluate) fn scale(shown: &[Shown<'_>]) -> f64 {
+pub(in crate::evaluate) fn scale(shown: &[Shown<'_>]) -> f64 {
     let all = shown.iter().flat_map(|s| [s.result.f_max, s.result.f_min]);
     let largest = um_from_mm(all.fold(0.0f64, |m, v| m.max(v.abs())));
     // the round number above half of the largest
@@ -48,7 +48,7 @@ pub(in crate::cli::evaluate) fn scale(shown: &[Shown<'_>]) -> f64 {
 ///
 /// # Errors
 /// The drawing library could not draw it.
-pub(in crate::cli::evaluate) fn single(shown: &Shown<'_>, division: f64) -> Svg {
+pub(in crate::evaluate) fn single(shown: &Shown<'_>, division: f64) -> Svg {
     let head = if shown.title.is_empty() { 0 } else { TITLE };
     svg_of((SHEET_WIDTH, HEIGHT + head), |area| draw(area, shown, division))
 }
@@ -57,7 +57,7 @@ pub(in crate::cli::evaluate) fn single(shown: &Shown<'_>, division: f64) -> Svg 
 ///
 /// # Errors
 /// The drawing library could not draw it.
-pub(in crate::cli::evaluate) fn whole(title: &str, shown: &[Shown<'_>]) -> Svg {
+pub(in crate::evaluate) fn whole(title: &str, shown: &[Shown<'_>]) -> Svg {
     let division = scale(shown);
     if let [one] = shown {
         return single(one, division);

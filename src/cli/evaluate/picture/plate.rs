@@ -2,11 +2,11 @@
 
 use plotters::prelude::*;
 
-use crate::cli::report::plot::{
+use crate::report::plot::{
     Area, Axes, BLUE, Drawn, GREY, INK, SHEET_WIDTH, Svg, VERMILLION, round_below, svg_of, with_room, words,
 };
-use crate::core::units::um_from_mm;
-use crate::evaluate::{PlateFit, PlatePoint};
+use volcomp_evaluate::{PlateFit, PlatePoint};
+use volcomp_units::um_from_mm;
 
 const TITLE: u32 = 34;
 const HEIGHT: u32 = 430;
@@ -18,18 +18,18 @@ const LABELS: (f64, f64) = (66.0 + 8.0 + 16.0, 40.0 + 8.0 + 8.0);
 const ARROW: f64 = 0.12;
 
 /// A plate to be drawn.
-pub(in crate::cli::evaluate) struct Shown<'a> {
+pub(in crate::evaluate) struct Shown<'a> {
     /// Above the plot; none where empty.
-    pub(in crate::cli::evaluate) title: &'a str,
-    pub(in crate::cli::evaluate) points: &'a [PlatePoint],
-    pub(in crate::cli::evaluate) fit: &'a PlateFit,
+    pub(in crate::evaluate) title: &'a str,
+    pub(in crate::evaluate) points: &'a [PlatePoint],
+    pub(in crate::evaluate) fit: &'a PlateFit,
 }
 
 /// Both pictures beside each other.
 ///
 /// # Errors
 /// The drawing library could not draw it.
-pub(in crate::cli::evaluate) fn whole(shown: &Shown<'_>) -> Svg {
+pub(in crate::evaluate) fn whole(shown: &Shown<'_>) -> Svg {
     let head = if shown.title.is_empty() { 0 } else { TITLE };
     svg_of((SHEET_WIDTH, HEIGHT + head), |area| {
         let (top, body) = area.split_vertically(head);

@@ -3,33 +3,33 @@
 
 use plotters::prelude::*;
 
-use crate::cli::report::plot::{
+use crate::report::plot::{
     Area, Axes, BLUE, Chart, Drawn, GREY, INK, Key, SHEET_WIDTH, Svg, VERMILLION, legend, svg_of, with_room,
     words,
 };
-use crate::core::axes::Travel;
-use crate::evaluate::{AtTarget, Positioning, PositioningReading, Spread};
+use volcomp_evaluate::{AtTarget, Positioning, PositioningReading, Spread};
+use volcomp_units::axes::Travel;
 
-pub(in crate::cli::evaluate) const HEIGHT: u32 = 370;
+pub(in crate::evaluate) const HEIGHT: u32 = 370;
 /// Height of one of two plots that share a sheet.
-pub(in crate::cli::evaluate) const HALF_HEIGHT: u32 = 285;
+pub(in crate::evaluate) const HALF_HEIGHT: u32 = 285;
 const TITLE: u32 = 34;
 const LEGEND: u32 = 30;
 /// Room at the right for the ranges, pixels.
 const RANGES: u32 = 164;
 
 /// What is drawn, in the units of the report.
-pub(in crate::cli::evaluate) struct Shown<'a> {
+pub(in crate::evaluate) struct Shown<'a> {
     /// Above the plot; none where empty.
-    pub(in crate::cli::evaluate) title: &'a str,
-    pub(in crate::cli::evaluate) result: &'a Positioning,
-    pub(in crate::cli::evaluate) readings: &'a [PositioningReading],
-    pub(in crate::cli::evaluate) unit: &'a str,
-    pub(in crate::cli::evaluate) target_unit: &'a str,
+    pub(in crate::evaluate) title: &'a str,
+    pub(in crate::evaluate) result: &'a Positioning,
+    pub(in crate::evaluate) readings: &'a [PositioningReading],
+    pub(in crate::evaluate) unit: &'a str,
+    pub(in crate::evaluate) target_unit: &'a str,
 }
 
 /// The range of deviations that holds every test to be compared.
-pub(in crate::cli::evaluate) fn scale<'a>(
+pub(in crate::evaluate) fn scale<'a>(
     results: impl IntoIterator<Item = Option<&'a Positioning>>,
     readings: impl IntoIterator<Item = &'a [PositioningReading]>,
 ) -> [f64; 2] {
@@ -46,7 +46,7 @@ pub(in crate::cli::evaluate) fn scale<'a>(
 ///
 /// # Errors
 /// The drawing library could not draw it.
-pub(in crate::cli::evaluate) fn single(shown: &Shown<'_>, y: [f64; 2], height: u32) -> Svg {
+pub(in crate::evaluate) fn single(shown: &Shown<'_>, y: [f64; 2], height: u32) -> Svg {
     let head = if shown.title.is_empty() { 0 } else { TITLE };
     svg_of((SHEET_WIDTH, height + head), |area| draw(area, shown, y))
 }
@@ -55,7 +55,7 @@ pub(in crate::cli::evaluate) fn single(shown: &Shown<'_>, y: [f64; 2], height: u
 ///
 /// # Errors
 /// The drawing library could not draw it.
-pub(in crate::cli::evaluate) fn whole(after: &Shown<'_>, before: Option<&Shown<'_>>) -> Svg {
+pub(in crate::evaluate) fn whole(after: &Shown<'_>, before: Option<&Shown<'_>>) -> Svg {
     let y = scale(
         [Some(after.result), before.map(|b| b.result)],
         [after.readings, before.map_or(&[][..], |b| b.readings)],
@@ -72,7 +72,7 @@ pub(in crate::cli::evaluate) fn whole(after: &Shown<'_>, before: Option<&Shown<'
 }
 
 /// A test in an area; also used small, for the diagonals.
-pub(in crate::cli::evaluate) fn draw(area: &Area<'_>, shown: &Shown<'_>, y: [f64; 2]) -> Drawn {
+pub(in crate::evaluate) fn draw(area: &Area<'_>, shown: &Shown<'_>, y: [f64; 2]) -> Drawn {
     let body = if shown.title.is_empty() {
         area.clone()
     } else {
@@ -88,7 +88,7 @@ pub(in crate::cli::evaluate) fn draw(area: &Area<'_>, shown: &Shown<'_>, y: [f64
 }
 
 /// The axes with readings, bands and means.
-pub(in crate::cli::evaluate) fn draw_deviations<'a, 'b>(
+pub(in crate::evaluate) fn draw_deviations<'a, 'b>(
     area: &'a Area<'b>,
     shown: &Shown<'_>,
     y: [f64; 2],

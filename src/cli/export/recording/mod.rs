@@ -3,6 +3,7 @@
 //! A recording holds positions and offsets, no measured deviation: `deviation_um` and the direction of sensitivity are
 //! there and empty, so that a reading can be joined by time.
 
+#[cfg(feature = "parquet")]
 mod parquet;
 mod rows;
 mod sensors;
@@ -10,8 +11,8 @@ mod sensors;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crate::cli::files::Output;
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure, recordings};
+use crate::files::Output;
+use crate::{EX_DATAERR, EX_USAGE, Failure, recordings};
 use rows::{Cell, Column, Rows};
 use sensors::Sensors;
 
@@ -76,6 +77,7 @@ pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOpt
             drop(sink);
             done
         }
+        #[cfg(feature = "parquet")]
         Format::Parquet => {
             let Output::Beside { file, .. } = &output else {
                 return Err(Failure::new(
@@ -88,6 +90,13 @@ pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOpt
             let done = convert(args, &mut parsed, &mut sink)?;
             sink.finish()?;
             done
+        }
+        #[cfg(not(feature = "parquet"))]
+        Format::Parquet => {
+            return Err(Failure::new(
+                EX_USAGE,
+                "error: this program was built without Parquet\n  hint: build it with the feature parquet, or use --format csv",
+            ));
         }
     };
     output.finish()?;

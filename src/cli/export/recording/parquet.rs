@@ -15,8 +15,8 @@ use parquet::schema::types::Type;
 
 use super::Sink;
 use super::rows::{Cell, Column, Kind};
-use crate::cli::{EX_IOERR, Failure};
-use crate::core::record::Meta;
+use crate::{EX_IOERR, Failure};
+use volcomp_protocol::record::Meta;
 
 /// Rows kept before they are written.
 const GROUP: usize = 65_536;

@@ -1,12 +1,12 @@
 //! Entries to rows: time on one clock, velocities, directions, distances since the last reversal.
 
 use super::sensors::Sensors;
-use crate::config::MachineConfig;
-use crate::core::axes::{AxisKind, AxisName};
-use crate::core::fault;
-use crate::core::protocol::{ControlHello, CorrectionState, MachineState, Tool};
-use crate::core::record::{Change, Cycle, Entry, Item};
-use crate::core::units::{MonoTime, NS_PER_S, arcsec_from_rad, deg_from_rad, rad_from_deg, um_from_mm};
+use volcomp_config::MachineConfig;
+use volcomp_engine::fault;
+use volcomp_protocol::record::{Change, Cycle, Entry, Item};
+use volcomp_protocol::{ControlHello, CorrectionState, MachineState, Tool};
+use volcomp_units::axes::{AxisKind, AxisName};
+use volcomp_units::{MonoTime, NS_PER_S, arcsec_from_rad, deg_from_rad, rad_from_deg, um_from_mm};
 
 /// Kind of a column.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -1,9 +1,9 @@
 //! Columns of live values: one for every sensor that a model of the recording names.
 
-use crate::cli::recordings::Inside;
-use crate::core::model::ErrorFunction;
-use crate::core::record::LIVE_MAX;
-use crate::core::units::{arcsec_from_rad, um_from_mm};
+use crate::recordings::Inside;
+use volcomp_model::ErrorFunction;
+use volcomp_protocol::record::LIVE_MAX;
+use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// A sensor, and what it last told.
 #[derive(Debug, Clone, PartialEq)]
@@ -86,8 +86,8 @@ fn column_part(name: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::config;
-    use crate::core::model::Model;
+    use volcomp_config as config;
+    use volcomp_model::Model;
 
     fn inside(hash: u8, errors: &str) -> Inside {
         let text = format!(

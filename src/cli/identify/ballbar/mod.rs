@@ -4,19 +4,19 @@ mod report;
 
 use std::path::{Path, PathBuf};
 
-use crate::cli::identify::case;
-use crate::cli::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
-use crate::cli::values::{numbers, point};
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure, table};
-use crate::config::{ModelFile, Provenance};
-use crate::core::axes::AxisName;
-use crate::core::geometry::Vec3;
-use crate::core::model::curve::{CurveError, Table};
-use crate::core::model::{Curve, ErrorFunction, ErrorSymbol, Sense};
-use crate::core::units::{mm_from_um, rad_from_deg};
-use crate::identify::ballbar::{
+use crate::identify::case;
+use crate::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
+use crate::values::{numbers, point};
+use crate::{EX_DATAERR, EX_USAGE, Failure, table};
+use volcomp_config::{ModelFile, Provenance};
+use volcomp_identify::ballbar::{
     Analysis, Assembled, Circles, Pitch, Plane, Request, Sample, analyse, assemble, cut_overshoot,
 };
+use volcomp_model::curve::{CurveError, Table};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Sense};
+use volcomp_units::axes::AxisName;
+use volcomp_units::{mm_from_um, rad_from_deg};
 
 /// Causes of the deviations on ballbar circles, all at once and ranked by what they add to the circularity.
 ///
@@ -218,8 +218,8 @@ fn mirrored(table: &Table) -> Result<Table, CurveError> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::axes::Travel;
-    use crate::core::model::curve::Interpolation;
+    use volcomp_model::curve::Interpolation;
+    use volcomp_units::axes::Travel;
 
     #[test]
     fn arguments_are_read() {

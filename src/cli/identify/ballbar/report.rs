@@ -3,9 +3,9 @@
 use serde_json::{Map, Value, json};
 
 use super::Plan;
-use crate::core::units::{deg_from_rad, mm_from_um, um_from_mm};
-use crate::evaluate::{Centring, CircularReading, Circularity};
-use crate::identify::ballbar::{Analysis, Effect, End, Estimate, Note, Plane, Reason, Sample};
+use volcomp_evaluate::{Centring, CircularReading, Circularity};
+use volcomp_identify::ballbar::{Analysis, Effect, End, Estimate, Note, Plane, Reason, Sample};
+use volcomp_units::{deg_from_rad, mm_from_um, um_from_mm};
 
 /// A feature in the vocabulary of ballbar result files.
 struct Feature {

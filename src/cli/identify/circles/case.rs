@@ -2,10 +2,10 @@
 
 use serde::Deserialize;
 
-use crate::cli::Failure;
-use crate::cli::identify::case::{CaseFile, print_json};
-use crate::core::geometry::Vec3;
-use crate::identify::circles::{CirclesInput, solve};
+use crate::Failure;
+use crate::identify::case::{CaseFile, print_json};
+use volcomp_identify::circles::{CirclesInput, solve};
+use volcomp_model::geometry::Vec3;
 
 #[derive(Debug, Deserialize)]
 struct Case {

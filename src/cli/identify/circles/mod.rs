@@ -10,14 +10,14 @@ use serde_json::{Value, json};
 use super::case::{CaseArgs, print_json};
 use super::motion_curves::names;
 use super::observed::{Columns, Frame, TrackerArgs};
-use crate::cli::model_out::ModelOut;
-use crate::cli::table::open;
-use crate::cli::values::{not_negative, point};
-use crate::cli::{EX_DATAERR, Failure};
-use crate::core::geometry::Vec3;
-use crate::core::statistics::SIGNIFICANT;
-use crate::core::units::{arcsec_from_rad, mm_from_um, um_from_mm};
-use crate::identify::circles::{CirclesInput, ToolAxis, solve};
+use crate::model_out::ModelOut;
+use crate::table::open;
+use crate::values::{not_negative, point};
+use crate::{EX_DATAERR, Failure};
+use volcomp_identify::circles::{CirclesInput, ToolAxis, solve};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::statistics::SIGNIFICANT;
+use volcomp_units::{arcsec_from_rad, mm_from_um, um_from_mm};
 
 /// Tool axis and tip from two circles that a target on the turning tool draws at two heights.
 ///

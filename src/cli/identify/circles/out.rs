@@ -3,19 +3,19 @@
 use std::path::{Path, PathBuf};
 
 use super::Args;
-use crate::cli::Failure;
-use crate::cli::files::write_text;
-use crate::cli::identify::motion_curves::names;
-use crate::cli::input::{self, InputKind};
-use crate::cli::model_out::{Sources, axis_entry, default_chain, put};
-use crate::core::axes::AxisName;
-use crate::core::geometry::Vec3;
-use crate::core::model::{Component, Curve, ErrorFunction, ErrorSymbol};
-use crate::core::units::{arcsec_from_rad, um_from_mm};
-use crate::identify::circles::ToolAxis;
+use crate::Failure;
+use crate::files::write_text;
+use crate::identify::motion_curves::names;
+use crate::input::{self, InputKind};
+use crate::model_out::{Sources, axis_entry, default_chain, put};
+use volcomp_identify::circles::ToolAxis;
+use volcomp_model::geometry::Vec3;
+use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol};
+use volcomp_units::axes::AxisName;
+use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// The header of a file of poses.
-pub(in crate::cli::identify) const POSES: &str =
+pub(in crate::identify) const POSES: &str =
     "z_mm,c_deg,a_deg,tip_x_um,tip_y_um,tip_z_um,dir_x_arcsec,dir_y_arcsec,dir_z_arcsec";
 
 /// Adds a row; a new file gets its header.

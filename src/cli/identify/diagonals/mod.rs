@@ -7,22 +7,22 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value, json};
 
 use super::case::{CaseArgs, print_json};
-use crate::cli::files::read_model;
-use crate::cli::model_out::{ModelOut, Sources, default_chain, put};
-use crate::cli::positioning_data::{TestColumns, no_rows};
-use crate::cli::values::{above_zero, point};
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure, table};
-use crate::config::model::Provenance;
-use crate::core::axes::{AxisKind, AxisName, Travel};
-use crate::core::geometry::Vec3;
-use crate::core::model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
-use crate::core::statistics::student_95;
-use crate::core::units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
-use crate::identify::Reading;
-use crate::identify::diagonals::runs::{EndToEnd, RunReading, end_to_end};
-use crate::identify::diagonals::{
+use crate::files::read_model;
+use crate::model_out::{ModelOut, Sources, default_chain, put};
+use crate::positioning_data::{TestColumns, no_rows};
+use crate::values::{above_zero, point};
+use crate::{EX_DATAERR, EX_USAGE, Failure, table};
+use volcomp_config::model::Provenance;
+use volcomp_identify::Reading;
+use volcomp_identify::diagonals::runs::{EndToEnd, RunReading, end_to_end};
+use volcomp_identify::diagonals::{
     MissingAngle, NAMES, SIGNS, SQUARENESS, Setup, Squareness, without_squareness,
 };
+use volcomp_model::geometry::Vec3;
+use volcomp_model::statistics::student_95;
+use volcomp_model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
+use volcomp_units::axes::{AxisKind, AxisName, Travel};
+use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
 
 /// What the help says beside the options.
 const HELP: &str = "A laser along each body diagonal of a box reads how much too long it is. From the four end-to-end \
@@ -198,7 +198,7 @@ fn steps_residual(
     o: &Outcome,
     model: &ModelSpec,
     directions: &[Travel],
-) -> Result<Option<f64>, crate::identify::diagonals::DiagonalsError> {
+) -> Result<Option<f64>, volcomp_identify::diagonals::DiagonalsError> {
     let mut spec = model.clone();
     for (symbol, value) in SQUARENESS.into_iter().zip(o.found.value) {
         spec.errors.push((symbol, ErrorFunction::single(Curve::Constant(value))));

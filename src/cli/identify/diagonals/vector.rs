@@ -5,14 +5,14 @@ use std::collections::BTreeMap;
 use serde_json::{Map, Value, json};
 
 use super::Args;
-use crate::cli::Failure;
-use crate::cli::identify::case::{CaseFile, print_json};
-use crate::core::axes::{AxisName, Travel};
-use crate::core::geometry::Vec3;
-use crate::core::model::curve::{Interpolation, Table};
-use crate::core::model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
-use crate::core::units::{arcsec_from_rad, mm_from_um};
-use crate::identify::diagonals::{NAMES, SQUARENESS, Setup};
+use crate::Failure;
+use crate::identify::case::{CaseFile, print_json};
+use volcomp_identify::diagonals::{NAMES, SQUARENESS, Setup};
+use volcomp_model::curve::{Interpolation, Table};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
+use volcomp_units::axes::{AxisName, Travel};
+use volcomp_units::{arcsec_from_rad, mm_from_um};
 
 #[derive(serde::Deserialize)]
 struct Case {

@@ -2,11 +2,11 @@
 
 use std::path::Path;
 
-use crate::cli::input::{self, InputKind};
-use crate::cli::{EX_CONFIG, Failure};
-use crate::core::units::{mm_from_um, um_from_mm};
-use crate::identify::fivedof::resting::{Calibration, Estimate};
-use crate::identify::fivedof::{Channels, Detector, Head};
+use crate::input::{self, InputKind};
+use crate::{EX_CONFIG, Failure};
+use volcomp_identify::fivedof::resting::{Calibration, Estimate};
+use volcomp_identify::fivedof::{Channels, Detector, Head};
+use volcomp_units::{mm_from_um, um_from_mm};
 
 /// The `format` of an instrument file.
 const FORMAT: &str = "volcomp-fivedof/1";

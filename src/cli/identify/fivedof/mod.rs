@@ -9,19 +9,19 @@ use serde_json::{Map, Value, json};
 use self::head_file::HeadFile;
 use super::case::{CaseArgs, CaseFile, print_json};
 use super::straightness::axis_out::{AxisOut, Measured, Origin};
-use crate::cli::files::write_text;
-use crate::cli::input::{self, InputKind};
-use crate::cli::positioning_data::no_rows;
-use crate::cli::values::linear_axis;
-use crate::cli::{EX_USAGE, Failure, table};
-use crate::core::axes::{AxisName, Travel};
-use crate::core::model::{Component, ErrorSymbol};
-use crate::core::units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
-use crate::identify::Reading;
-use crate::identify::fivedof::align::{Aligned, Level, align};
-use crate::identify::fivedof::resting::{Calibration, RestingReading, calibrate};
-use crate::identify::fivedof::{Channels, Detector, FiveDof, Head, Readings, lateral, to_machine};
-use crate::identify::straightness::{Line, Rule};
+use crate::files::write_text;
+use crate::input::{self, InputKind};
+use crate::positioning_data::no_rows;
+use crate::values::linear_axis;
+use crate::{EX_USAGE, Failure, table};
+use volcomp_identify::Reading;
+use volcomp_identify::fivedof::align::{Aligned, Level, align};
+use volcomp_identify::fivedof::resting::{Calibration, RestingReading, calibrate};
+use volcomp_identify::fivedof::{Channels, Detector, FiveDof, Head, Readings, lateral, to_machine};
+use volcomp_identify::straightness::{Line, Rule};
+use volcomp_model::{Component, ErrorSymbol};
+use volcomp_units::axes::{AxisName, Travel};
+use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
 
 /// What the help says beside the options.
 const HELP: &str = "A head sends two parallel beams to the carriage. PSD1 sees its pitch and yaw, the quadrant detectors \
@@ -266,8 +266,8 @@ fn run_resting(
 
 fn report_calibration(args: &Args, axis: AxisName, c: &Calibration) {
     if args.case.json {
-        let pair = |e: &[crate::identify::fivedof::resting::Estimate; 2]| json!(e.map(|e| e.value));
-        let std = |e: &[crate::identify::fivedof::resting::Estimate; 2]| json!(e.map(|e| e.std));
+        let pair = |e: &[volcomp_identify::fivedof::resting::Estimate; 2]| json!(e.map(|e| e.value));
+        let std = |e: &[volcomp_identify::fivedof::resting::Estimate; 2]| json!(e.map(|e| e.std));
         let signs: Map<String, Value> =
             Detector::ALL.iter().zip(c.head.signs).map(|(d, s)| (d.name().to_owned(), json!(s))).collect();
         print_json(&json!({

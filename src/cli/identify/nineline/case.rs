@@ -4,12 +4,12 @@ use serde::Deserialize;
 use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
-use crate::cli::Failure;
-use crate::cli::identify::case::{CaseFile, print_json};
-use crate::cli::identify::motion_curves::in_print_units;
-use crate::core::geometry::Vec3;
-use crate::core::model::Component;
-use crate::identify::nineline::{LineReading, NineLine, NineLineError, solve};
+use crate::Failure;
+use crate::identify::case::{CaseFile, print_json};
+use crate::identify::motion_curves::in_print_units;
+use volcomp_identify::nineline::{LineReading, NineLine, NineLineError, solve};
+use volcomp_model::Component;
+use volcomp_model::geometry::Vec3;
 
 #[derive(Debug, Deserialize)]
 struct Case {

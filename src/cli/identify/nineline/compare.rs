@@ -4,11 +4,11 @@ use std::path::Path;
 
 use serde_json::{Value, json};
 
-use crate::cli::identify::motion_curves::{in_print_units, read_motions};
-use crate::cli::{EX_DATAERR, Failure};
-use crate::core::axes::AxisName;
-use crate::core::model::Component;
-use crate::identify::motion::{Gauged, means, symbols};
+use crate::identify::motion_curves::{in_print_units, read_motions};
+use crate::{EX_DATAERR, Failure};
+use volcomp_identify::motion::{Gauged, means, symbols};
+use volcomp_model::Component;
+use volcomp_units::axes::AxisName;
 
 /// Differences over the positions that both have, own minus other, about their mean.
 pub(super) struct Comparison {

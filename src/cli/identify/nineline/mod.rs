@@ -8,17 +8,17 @@ use std::path::{Path, PathBuf};
 
 use super::case::{CaseArgs, print_json};
 use super::motion_curves::{CurveArgs, Origin, motions_json, names, print_motions};
-use crate::cli::model_out::default_chain;
-use crate::cli::table::{nearest, open};
-use crate::cli::values::{above_zero, linear_axis, point};
-use crate::cli::{EX_DATAERR, Failure};
-use crate::core::axes::{AxisName, Travel};
-use crate::core::geometry::Vec3;
-use crate::core::statistics::{SIGNIFICANT, chi_square_upper};
-use crate::core::units::mm_from_um;
-use crate::identify::motion::MotionRow;
-use crate::identify::nineline::{LineReading, NineLine, solve};
-use crate::identify::twist::moved;
+use crate::model_out::default_chain;
+use crate::table::{nearest, open};
+use crate::values::{above_zero, linear_axis, point};
+use crate::{EX_DATAERR, Failure};
+use volcomp_identify::motion::MotionRow;
+use volcomp_identify::nineline::{LineReading, NineLine, solve};
+use volcomp_identify::twist::moved;
+use volcomp_model::geometry::Vec3;
+use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper};
+use volcomp_units::axes::{AxisName, Travel};
+use volcomp_units::mm_from_um;
 
 /// Six error motions of a linear axis from displacement and straightness along lines parallel to it.
 ///

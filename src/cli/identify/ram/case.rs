@@ -3,10 +3,10 @@
 use serde::Deserialize;
 use serde_json::json;
 
-use crate::cli::Failure;
-use crate::cli::identify::case::{CaseFile, print_json};
-use crate::core::geometry::Vec3;
-use crate::identify::ram::{Head, HeadPose, Prior, RamError, RamNoise, solve};
+use crate::Failure;
+use crate::identify::case::{CaseFile, print_json};
+use volcomp_identify::ram::{Head, HeadPose, Prior, RamError, RamNoise, solve};
+use volcomp_model::geometry::Vec3;
 
 #[derive(Debug, Deserialize)]
 struct Case {

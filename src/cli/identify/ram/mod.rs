@@ -9,17 +9,17 @@ use serde_json::{Value, json};
 
 use super::case::{CaseArgs, print_json};
 use super::motion_curves::{CurveArgs, Origin, in_print_units, motions_json, names, print_motions};
-use crate::cli::files::read_model;
-use crate::cli::model_out::default_chain;
-use crate::cli::values::{above_zero, linear_axis, point};
-use crate::cli::{EX_DATAERR, Failure};
-use crate::core::axes::{AxisName, Travel};
-use crate::core::geometry::Vec3;
-use crate::core::model::{Component, ModelSpec};
-use crate::core::statistics::SIGNIFICANT;
-use crate::core::units::{mm_from_um, rad_from_arcsec};
-use crate::identify::motion::MotionRow;
-use crate::identify::ram::{Head, Prior, RamFit, RamNoise, solve};
+use crate::files::read_model;
+use crate::model_out::default_chain;
+use crate::values::{above_zero, linear_axis, point};
+use crate::{EX_DATAERR, Failure};
+use volcomp_identify::motion::MotionRow;
+use volcomp_identify::ram::{Head, Prior, RamFit, RamNoise, solve};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::statistics::SIGNIFICANT;
+use volcomp_model::{Component, ModelSpec};
+use volcomp_units::axes::{AxisName, Travel};
+use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 /// Errors of the ram from tool poses at several positions of its two-axis head.
 ///
@@ -83,7 +83,7 @@ struct Stop {
     position: f64,
     cycle: u32,
     travel: Travel,
-    poses: Vec<crate::identify::ram::HeadPose>,
+    poses: Vec<volcomp_identify::ram::HeadPose>,
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {

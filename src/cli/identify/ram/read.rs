@@ -3,14 +3,14 @@
 use std::path::Path;
 
 use super::Stop;
-use crate::cli::files::read_model;
-use crate::cli::table::open;
-use crate::cli::{EX_CONFIG, EX_DATAERR, Failure};
-use crate::core::axes::{AxisKind, AxisName, Travel};
-use crate::core::geometry::Vec3;
-use crate::core::model::Model;
-use crate::core::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
-use crate::identify::ram::{Head, HeadPose};
+use crate::files::read_model;
+use crate::table::open;
+use crate::{EX_CONFIG, EX_DATAERR, Failure};
+use volcomp_identify::ram::{Head, HeadPose};
+use volcomp_model::Model;
+use volcomp_model::geometry::Vec3;
+use volcomp_units::axes::{AxisKind, AxisName, Travel};
+use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
 pub(super) fn poses(path: &Path, stops: &mut Vec<Stop>) -> Result<(), Failure> {
     let mut table = open(path)?;

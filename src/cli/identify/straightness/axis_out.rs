@@ -3,24 +3,24 @@
 
 use std::path::PathBuf;
 
-use crate::cli::fit::report::{Fitted, note_text, print_table};
-use crate::cli::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
-use crate::cli::values::point;
-use crate::cli::{EX_DATAERR, EX_USAGE, Failure};
-use crate::config::model::Provenance;
-use crate::core::axes::AxisName;
-use crate::core::geometry::Vec3;
-use crate::core::model::spec::ReferenceBody;
-use crate::core::model::{Component, ErrorFunction, ErrorSymbol, ReferencePoint, Sense};
-use crate::identify::Reading;
-use crate::identify::curve::{self, Basis, Request};
-use crate::identify::reading::group_by_position;
-use crate::identify::straightness::runs::{Reversal, as_one_direction, reversal};
-use crate::identify::straightness::{Line, Rule};
+use crate::fit::report::{Fitted, note_text, print_table};
+use crate::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
+use crate::values::point;
+use crate::{EX_DATAERR, EX_USAGE, Failure};
+use volcomp_config::model::Provenance;
+use volcomp_identify::Reading;
+use volcomp_identify::curve::{self, Basis, Request};
+use volcomp_identify::reading::group_by_position;
+use volcomp_identify::straightness::runs::{Reversal, as_one_direction, reversal};
+use volcomp_identify::straightness::{Line, Rule};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::spec::ReferenceBody;
+use volcomp_model::{Component, ErrorFunction, ErrorSymbol, ReferencePoint, Sense};
+use volcomp_units::axes::AxisName;
 
 /// How a run becomes curves of a model.
 #[derive(Debug, clap::Args)]
-pub(in crate::cli::identify) struct AxisOut {
+pub(in crate::identify) struct AxisOut {
     #[command(flatten)]
     pub(super) model: ModelOut,
     /// Whose motion the readings show. carriage: the optics ride on the carriage and the instrument stands on the bed
@@ -91,33 +91,33 @@ impl From<SenseArg> for Sense {
 }
 
 /// Readings of one error motion over the programmed coordinate, in the sense in which they were measured.
-pub(in crate::cli::identify) struct Measured {
-    pub(in crate::cli::identify) component: Component,
-    pub(in crate::cli::identify) readings: Vec<Reading>,
+pub(in crate::identify) struct Measured {
+    pub(in crate::identify) component: Component,
+    pub(in crate::identify) readings: Vec<Reading>,
     /// Standard uncertainty of one reading from the instrument, where known.
-    pub(in crate::cli::identify) std: Option<f64>,
+    pub(in crate::identify) std: Option<f64>,
 }
 
 /// Where the readings came from.
-pub(in crate::cli::identify) struct Origin<'a> {
-    pub(in crate::cli::identify) method: &'static str,
-    pub(in crate::cli::identify) files: &'a [PathBuf],
-    pub(in crate::cli::identify) instrument: Option<String>,
+pub(in crate::identify) struct Origin<'a> {
+    pub(in crate::identify) method: &'static str,
+    pub(in crate::identify) files: &'a [PathBuf],
+    pub(in crate::identify) instrument: Option<String>,
 }
 
 impl AxisOut {
     /// True where a model is wanted.
-    pub(in crate::cli::identify) fn is_wanted(&self) -> bool {
+    pub(in crate::identify) fn is_wanted(&self) -> bool {
         self.model.target().is_some()
     }
 
     /// True where the model goes to stdout.
-    pub(in crate::cli::identify) fn takes_stdout(&self) -> bool {
+    pub(in crate::identify) fn takes_stdout(&self) -> bool {
         self.model.takes_stdout()
     }
 
     /// The rule of the reference line.
-    pub(in crate::cli::identify) const fn rule(&self) -> Rule {
+    pub(in crate::identify) const fn rule(&self) -> Rule {
         match self.rule {
             RuleArg::EndPoint => Rule::EndPoint,
             RuleArg::LeastSquares => Rule::LeastSquares,
@@ -126,7 +126,7 @@ impl AxisOut {
     }
 
     /// The points at which the three linear components of a run were measured, where stated.
-    pub(in crate::cli::identify) fn points(&self, axis: AxisName) -> [Option<Vec3>; 3] {
+    pub(in crate::identify) fn points(&self, axis: AxisName) -> [Option<Vec3>; 3] {
         std::array::from_fn(|i| {
             let own = if i == axis.direction() { self.abbe_mm } else { self.bryan_mm };
             own.or(self.point_mm)
@@ -134,13 +134,13 @@ impl AxisOut {
     }
 
     /// True where the points stay with the bed side.
-    pub(in crate::cli::identify) const fn on_bed(&self) -> bool {
+    pub(in crate::identify) const fn on_bed(&self) -> bool {
         matches!(self.body, BodyArg::Bed)
     }
 
     /// Fits the readings and writes the model, where one is wanted. `moved` are the points at which the components hold
     /// after a change of reference point.
-    pub(in crate::cli::identify) fn write(
+    pub(in crate::identify) fn write(
         &self,
         axis: AxisName,
         measured: Vec<Measured>,
@@ -207,7 +207,7 @@ impl AxisOut {
     /// Measured and stored sense; for a tool-side axis they are the same thing.
     fn senses(
         &self,
-        spec: &crate::core::model::ModelSpec,
+        spec: &volcomp_model::ModelSpec,
         axis: AxisName,
         primed: bool,
         replaced: &[ErrorSymbol],
@@ -247,7 +247,7 @@ impl AxisOut {
     /// Sense and reference points of the axis.
     fn place(
         &self,
-        spec: &mut crate::core::model::ModelSpec,
+        spec: &mut volcomp_model::ModelSpec,
         axis: AxisName,
         fitted: &[Fitted],
         moved: Option<Vec3>,
@@ -295,9 +295,9 @@ const fn name_of(sense: Sense) -> &'static str {
 pub(super) fn note_reversal(symbol: ErrorSymbol, judged: Reversal) {
     let show = |v: f64| {
         if symbol.is_angle() {
-            format!("{:.2} arcsec", crate::core::units::arcsec_from_rad(v))
+            format!("{:.2} arcsec", volcomp_units::arcsec_from_rad(v))
         } else {
-            format!("{:.2} um", crate::core::units::um_from_mm(v))
+            format!("{:.2} um", volcomp_units::um_from_mm(v))
         }
     };
     match judged {
@@ -324,7 +324,7 @@ pub(super) fn means(readings: &[Reading]) -> (Vec<f64>, Vec<f64>) {
     let (positions, group) = group_by_position(readings);
     let mut sums = vec![[(0.0, 0usize); 2]; positions.len()];
     for (r, &g) in readings.iter().zip(&group) {
-        let slot = &mut sums[g][usize::from(r.travel == crate::core::axes::Travel::Reverse)];
+        let slot = &mut sums[g][usize::from(r.travel == volcomp_units::axes::Travel::Reverse)];
         slot.0 += r.value;
         slot.1 += 1;
     }
@@ -372,7 +372,7 @@ fn stored_readings(readings: Vec<Reading>, measured: Sense, stored: Sense) -> Ve
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::axes::Travel;
+    use volcomp_units::axes::Travel;
 
     fn at(position: f64, value: f64, travel: Travel) -> Reading {
         Reading { cycle: 1, travel, position, value }

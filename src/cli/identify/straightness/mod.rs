@@ -10,16 +10,16 @@ use serde_json::{Map, Value, json};
 use self::axis_out::{AxisOut, Measured, Origin, means};
 use self::sign_file::{ChannelColumns, SetUp, SignFile, read_tilt_test};
 use super::case::{CaseArgs, CaseFile, print_json};
-use crate::cli::files::write_text;
-use crate::cli::values::{linear_axis, point};
-use crate::cli::{EX_CONFIG, EX_DATAERR, Failure, table};
-use crate::core::axes::{AxisName, Travel};
-use crate::core::geometry::Vec3;
-use crate::core::model::{Component, ErrorSymbol};
-use crate::core::units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
-use crate::identify::Reading;
-use crate::identify::straightness::signs::{Channel, SignTable, TiltFound};
-use crate::identify::straightness::{Line, Rule, levers};
+use crate::files::write_text;
+use crate::values::{linear_axis, point};
+use crate::{EX_CONFIG, EX_DATAERR, Failure, table};
+use volcomp_identify::Reading;
+use volcomp_identify::straightness::signs::{Channel, SignTable, TiltFound};
+use volcomp_identify::straightness::{Line, Rule, levers};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::{Component, ErrorSymbol};
+use volcomp_units::axes::{AxisName, Travel};
+use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
 
 /// What the help says beside the options.
 const HELP: &str = "The instrument reads distance, horizontal and vertical straightness, roll, pitch and yaw in its own \
@@ -323,7 +323,7 @@ fn read_run(
         rows.push(columns.read(&table)?);
     }
     if rows.is_empty() {
-        return Err(crate::cli::positioning_data::no_rows(table.file()));
+        return Err(crate::positioning_data::no_rows(table.file()));
     }
     if let Some(base) = args.base_point_mm {
         move_to_base(args, axis, base, &mut rows)?;

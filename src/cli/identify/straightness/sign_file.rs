@@ -2,13 +2,13 @@
 
 use std::path::Path;
 
-use crate::cli::input::{self, InputKind};
-use crate::cli::{EX_CONFIG, EX_DATAERR, Failure, table};
-use crate::core::axes::AxisName;
-use crate::core::units::{mm_from_um, rad_from_arcsec};
-use crate::identify::straightness::signs::{
+use crate::input::{self, InputKind};
+use crate::{EX_CONFIG, EX_DATAERR, Failure, table};
+use volcomp_identify::straightness::signs::{
     Assignment, Channel, SignTable, TiltFound, TiltReading, tilt_test,
 };
+use volcomp_units::axes::AxisName;
+use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 /// The `format` of a sign table.
 const FORMAT: &str = "volcomp-6d/1";

@@ -3,13 +3,13 @@
 use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
-use crate::cli::Failure;
-use crate::cli::identify::case::{CaseFile, print_json};
-use crate::core::geometry::{Mat3, Vec3};
-use crate::core::model::Component;
-use crate::identify::threepoint::{
+use crate::Failure;
+use crate::identify::case::{CaseFile, print_json};
+use volcomp_identify::threepoint::{
     Geometry, Observation, PoseErrors, Seen, ThreePointError, TrackerNoise, geometry, solve,
 };
+use volcomp_model::Component;
+use volcomp_model::geometry::{Mat3, Vec3};
 
 #[derive(Debug, Deserialize)]
 struct Case {
@@ -129,7 +129,7 @@ fn print(pose: &PoseErrors) {
     say!("{:<6}{:>14}{:>12}{:>14}", "", "linear", "std (k=1)", "rigid");
     for c in Component::ALL {
         let i = c.index();
-        let show = |v: f64| crate::cli::identify::motion_curves::in_print_units(c, v);
+        let show = |v: f64| crate::identify::motion_curves::in_print_units(c, v);
         say!(
             "E{:<5}{:>14.4}{:>12.4}{:>14.4}  {}",
             c.letter(),

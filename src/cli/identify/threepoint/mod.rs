@@ -9,13 +9,13 @@ use std::path::PathBuf;
 use super::case::{CaseArgs, print_json};
 use super::motion_curves::{CurveArgs, Origin, names};
 use super::observed::TrackerArgs;
-use crate::cli::model_out::default_chain;
-use crate::cli::values::{linear_axis, point};
-use crate::cli::{EX_DATAERR, Failure};
-use crate::core::axes::AxisName;
-use crate::core::geometry::Vec3;
-use crate::identify::motion::to_relative;
-use crate::identify::threepoint::{Series, sides, solve_series};
+use crate::model_out::default_chain;
+use crate::values::{linear_axis, point};
+use crate::{EX_DATAERR, Failure};
+use volcomp_identify::motion::to_relative;
+use volcomp_identify::threepoint::{Series, sides, solve_series};
+use volcomp_model::geometry::Vec3;
+use volcomp_units::axes::AxisName;
 
 /// Six error motions of a linear axis from three or more points on its carriage, seen by a laser tracker.
 ///

@@ -2,12 +2,12 @@
 
 use std::path::Path;
 
-use crate::cli::identify::observed::{Columns, Frame, TrackerArgs};
-use crate::cli::table::{nearest, open};
-use crate::cli::{EX_DATAERR, Failure};
-use crate::core::axes::Travel;
-use crate::core::geometry::Vec3;
-use crate::identify::threepoint::{Seen, Shot};
+use crate::identify::observed::{Columns, Frame, TrackerArgs};
+use crate::table::{nearest, open};
+use crate::{EX_DATAERR, Failure};
+use volcomp_identify::threepoint::{Seen, Shot};
+use volcomp_model::geometry::Vec3;
+use volcomp_units::axes::Travel;
 
 /// Endings of the columns of a point.
 const ENDINGS: [&str; 6] = ["_x_mm", "_y_mm", "_z_mm", "_range_mm", "_azimuth_deg", "_elevation_deg"];

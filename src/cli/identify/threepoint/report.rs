@@ -2,12 +2,12 @@
 
 use serde_json::{Value, json};
 
-use crate::cli::identify::motion_curves::{Origin, motions_json, print_motions};
-use crate::cli::identify::observed::Frame;
-use crate::core::statistics::SIGNIFICANT;
-use crate::core::units::{arcsec_from_rad, um_from_mm};
-use crate::identify::motion::Gauged;
-use crate::identify::threepoint::{SeriesFit, Sides};
+use crate::identify::motion_curves::{Origin, motions_json, print_motions};
+use crate::identify::observed::Frame;
+use volcomp_identify::motion::Gauged;
+use volcomp_identify::threepoint::{SeriesFit, Sides};
+use volcomp_model::statistics::SIGNIFICANT;
+use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// Everything there is to say.
 pub(super) struct Report<'a> {

@@ -3,16 +3,17 @@
 use std::path::{Path, PathBuf};
 
 use super::Args;
-use crate::cli::fit::input::{BySymbol, Direction, Format, read};
-use crate::cli::input::{self, InputKind};
-use crate::cli::{EX_CONFIG, EX_DATAERR, Failure};
-use crate::config::{self, Provenance, SourceEntry};
-use crate::core::axes::{AxisKind, AxisName};
-use crate::core::geometry::Vec3;
-use crate::core::model::spec::{ReferenceBody, ReferencePoint, Sense};
-use crate::core::model::{AxisSpec, ErrorFunction, ErrorSymbol, ModelSpec};
-use crate::identify::assemble::Source;
-use crate::identify::curve::{self, Request};
+use crate::fit::input::{BySymbol, Direction, Format, read};
+use crate::input::{self, InputKind};
+use crate::{EX_CONFIG, EX_DATAERR, Failure};
+use volcomp_config as config;
+use volcomp_config::{Provenance, SourceEntry};
+use volcomp_identify::assemble::Source;
+use volcomp_identify::curve::{self, Request};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::spec::{ReferenceBody, ReferencePoint, Sense};
+use volcomp_model::{AxisSpec, ErrorFunction, ErrorSymbol, ModelSpec};
+use volcomp_units::axes::{AxisKind, AxisName};
 
 /// One input.
 pub(super) struct Loaded {

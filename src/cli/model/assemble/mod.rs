@@ -7,13 +7,14 @@ use std::path::PathBuf;
 
 use input::Loaded;
 
-use crate::cli::files::write_text;
-use crate::cli::{EX_DATAERR, Failure};
-use crate::config::{self, ModelFile, Provenance, SourceEntry};
-use crate::core::axes::AxisName;
-use crate::core::model::{AxisSpec, ErrorSymbol, ModelSpec};
-use crate::core::units::{mm_from_um, rad_from_arcsec};
-use crate::identify::assemble::{Assembled, Options, assemble};
+use crate::files::write_text;
+use crate::{EX_DATAERR, Failure};
+use volcomp_config as config;
+use volcomp_config::{ModelFile, Provenance, SourceEntry};
+use volcomp_identify::assemble::{Assembled, Options, assemble};
+use volcomp_model::{AxisSpec, ErrorSymbol, ModelSpec};
+use volcomp_units::axes::AxisName;
+use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 /// Put several measurements together: one model, gauge applied once, overlaps tested, sources kept
 ///
@@ -85,9 +86,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.json {
         let mut json = report.as_json();
         json["out"] = args.out.display().to_string().into();
-        return crate::cli::exit::print(&format!("{json:#}\n"));
+        return crate::exit::print(&format!("{json:#}\n"));
     }
-    crate::cli::exit::print(&(report.lines().join("\n") + "\n"))
+    crate::exit::print(&(report.lines().join("\n") + "\n"))
 }
 
 fn options(args: &Args, loaded: &[Loaded]) -> Result<Options, Failure> {

@@ -3,12 +3,12 @@
 use serde_json::{Value, json};
 
 use super::input::Loaded;
-use crate::cli::check::{position_out, position_unit, rounded};
-use crate::cli::model::gauge;
-use crate::core::model::ErrorSymbol;
-use crate::core::model::gauge::Part;
-use crate::core::units::{arcsec_from_rad, um_from_mm};
-use crate::identify::assemble::{Assembled, Check, Dropped, How, Origin};
+use crate::check::{position_out, position_unit, rounded};
+use crate::model::gauge;
+use volcomp_identify::assemble::{Assembled, Check, Dropped, How, Origin};
+use volcomp_model::ErrorSymbol;
+use volcomp_model::gauge::Part;
+use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// The result with its inputs.
 pub(super) struct Report<'a> {

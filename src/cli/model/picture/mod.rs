@@ -6,9 +6,9 @@ mod volume;
 
 use plotters::prelude::*;
 
-use crate::cli::report::plot::{Area, BLUE, Drawn, FAINT, FONT, INK, Svg, VERMILLION, WIDTH, svg};
-use crate::core::axes::AxisName;
-use crate::core::model::{Model, ModelSpec};
+use crate::report::plot::{Area, BLUE, Drawn, FAINT, FONT, INK, Svg, VERMILLION, WIDTH, svg};
+use volcomp_model::{Model, ModelSpec};
+use volcomp_units::axes::AxisName;
 
 const TITLE: u32 = 34;
 const AXIS_HEIGHT: u32 = TITLE + 2 * 230;
@@ -66,8 +66,8 @@ pub(super) fn whole(spec: &ModelSpec, model: &Model) -> Svg {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::core::model::curve::{Curve, ErrorFunction, Grid, Interpolation, Table};
-    use crate::core::model::{AxisSpec, Chain, ErrorSymbol};
+    use volcomp_model::curve::{Curve, ErrorFunction, Grid, Interpolation, Table};
+    use volcomp_model::{AxisSpec, Chain, ErrorSymbol};
 
     fn spec(chain: &str) -> ModelSpec {
         let mut spec = ModelSpec::new("m", Chain::parse(chain).unwrap());

@@ -3,12 +3,12 @@
 use plotters::prelude::*;
 
 use super::{Area, BLUE, Drawn, FAINT, FONT, INK, TITLE, VERMILLION};
-use crate::cli::check::{position_out, position_unit};
-use crate::cli::model::report::{error_out, kinds_words};
-use crate::cli::report::plot::tick;
-use crate::core::axes::{AxisName, Travel};
-use crate::core::model::search::reference_pose;
-use crate::core::model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec, Sense};
+use crate::check::{position_out, position_unit};
+use crate::model::report::{error_out, kinds_words};
+use crate::report::plot::tick;
+use volcomp_model::search::reference_pose;
+use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec, Sense};
+use volcomp_units::axes::{AxisName, Travel};
 
 const SAMPLES: u32 = 600;
 
@@ -107,7 +107,7 @@ fn grids(spec: &ModelSpec, symbol: ErrorSymbol, function: &ErrorFunction, x: f64
         Some([low, high]) => low + share * (high - low),
         None => spec.chain.index_of(axis).map_or(0.0, |k| home.position[k]),
     };
-    let value = |grid: &crate::core::model::curve::Grid| {
+    let value = |grid: &volcomp_model::curve::Grid| {
         let at: Vec<f64> = grid.axes().map(|a| if a == symbol.axis() { x } else { other(a) }).collect();
         grid.value(&at).0
     };
@@ -116,7 +116,7 @@ fn grids(spec: &ModelSpec, symbol: ErrorSymbol, function: &ErrorFunction, x: f64
 
 /// What an error motion is called.
 fn meaning(symbol: ErrorSymbol) -> &'static str {
-    use crate::core::axes::AxisKind::{Linear, Rotary};
+    use volcomp_units::axes::AxisKind::{Linear, Rotary};
     let own = symbol.component().index() % 3 == symbol.axis().direction();
     match (symbol.axis().kind(), symbol.is_angle(), own) {
         (Linear, false, true) => "positioning",

@@ -4,11 +4,11 @@
 use plotters::prelude::*;
 
 use super::{Area, BLUE, Drawn, FONT, INK, TITLE, VERMILLION, VOLUME_HEIGHT, WIDTH};
-use crate::core::axes::AxisName;
-use crate::core::geometry::{Vec3, unit};
-use crate::core::model::search::reference_pose;
-use crate::core::model::{Model, ModelSpec};
-use crate::core::units::um_from_mm;
+use volcomp_model::geometry::{Vec3, unit};
+use volcomp_model::search::reference_pose;
+use volcomp_model::{Model, ModelSpec};
+use volcomp_units::axes::AxisName;
+use volcomp_units::um_from_mm;
 
 /// Wires per direction.
 const WIRES: usize = 5;
@@ -59,7 +59,7 @@ pub(super) fn draw(area: &Area<'_>, spec: &ModelSpec, model: &Model) -> Drawn {
     let magnification = magnification(&edges.iter().map(Edge::length).collect::<Vec<_>>(), largest);
     let view = View::around(all().flat_map(|(p, e)| [*p, p + e * magnification]));
 
-    let turned = spec.chain.axes().iter().any(|a| a.kind() == crate::core::axes::AxisKind::Rotary);
+    let turned = spec.chain.axes().iter().any(|a| a.kind() == volcomp_units::axes::AxisKind::Rotary);
     let home = if turned { ", rotary axes at home" } else { "" };
     let title = format!(
         "Distorted volume: deviation of the tool tip magnified {magnification:.0} times, largest on the grid {:.1} um{home}",

@@ -3,10 +3,10 @@
 use core::f64::consts::PI;
 
 use super::super::super::moment::Axis;
-use super::super::shape::{BELL, Shape};
 use super::super::{Kind, Label};
 use super::Builder;
-use crate::core::geometry::{Vec3, unit};
+use volcomp_effects::{BELL, Shape};
+use volcomp_model::geometry::{Vec3, unit};
 
 /// Pitches of screws, racks and scales, mm.
 const PITCHES: [f64; 33] = [

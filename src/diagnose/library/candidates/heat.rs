@@ -1,9 +1,9 @@
 //! Effects of heat, and of the instruments that measure through air.
 
 use super::super::super::moment::{Axis, Light, Signal, Source};
-use super::super::shape::{REFERENCE_DEGC, Shape};
 use super::super::{Kind, Label};
 use super::Builder;
+use volcomp_effects::{REFERENCE_DEGC, Shape};
 
 /// Time constants of structures and spindles, s.
 const TAUS: [f64; 10] = [0.0, 120.0, 300.0, 600.0, 1200.0, 2400.0, 3600.0, 5400.0, 9000.0, 14400.0];

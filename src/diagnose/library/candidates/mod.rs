@@ -7,9 +7,9 @@ mod rotary;
 
 use super::super::moment::{Axis, Moment, Signal};
 use super::super::session::{Session, is_encoder};
-use super::lever::Lever;
-use super::shape::{STILL, Shape};
 use super::{Kind, Label, Without};
+use volcomp_effects::Lever;
+use volcomp_effects::{STILL, Shape};
 
 /// One way in which an effect may show.
 #[derive(Debug, Clone, PartialEq)]

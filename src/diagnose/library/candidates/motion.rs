@@ -4,10 +4,10 @@ use std::collections::BTreeMap;
 
 use super::super::super::moment::Axis;
 use super::super::super::session::is_encoder;
-use super::super::lever::Lever;
-use super::super::shape::{STILL, Shape};
 use super::super::{Kind, Label};
 use super::Builder;
+use volcomp_effects::Lever;
+use volcomp_effects::{STILL, Shape};
 
 /// Transition lengths of backlash, mm.
 const LENGTHS: [f64; 6] = [0.0, 0.05, 0.2, 0.6, 2.0, 6.0];

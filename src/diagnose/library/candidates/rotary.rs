@@ -1,11 +1,11 @@
 //! Effects of the rotary axes.
 
 use super::super::super::moment::Axis;
-use super::super::frame::RotaryFrame;
-use super::super::shape::Shape;
 use super::super::{Kind, Label};
 use super::Builder;
-use crate::core::geometry::Vec3;
+use volcomp_effects::RotaryFrame;
+use volcomp_effects::Shape;
+use volcomp_model::geometry::Vec3;
 
 impl Builder<'_> {
     pub(super) fn rotary(&mut self) {

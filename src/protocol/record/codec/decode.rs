@@ -4,8 +4,8 @@ use super::{Past, Port, Status, bit, tag, usable};
 use crate::record::bytes::{Cursor, unzigzag};
 use crate::record::{Answer, Change, Context, Cycle, Entry, LIVE_MAX, RecordError, Request};
 use crate::{ControlHello, CorrectionState, MachineState, Message, Position, Tool, decode};
-use volcomp_units::axes::MAX_AXES;
 use volcomp_units::MonoTime;
+use volcomp_units::axes::MAX_AXES;
 
 /// An entry, or what is known of one that this version does not know.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -5,8 +5,8 @@ use crate::record::block::{self, BlockKind};
 use crate::record::bytes::{put_varint, zigzag};
 use crate::record::{Answer, Context, Cycle, Entry, LIVE_MAX, RecordError};
 use crate::{ControlHello, MAX_FRAME, Message, Position, Tool, encode};
-use volcomp_units::axes::{AxisArray, MAX_AXES};
 use volcomp_units::MonoTime;
+use volcomp_units::axes::{AxisArray, MAX_AXES};
 
 /// Packs entries into the content of a block.
 #[derive(Debug, Default)]

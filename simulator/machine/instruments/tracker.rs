@@ -1,0 +1,187 @@
+//! A laser tracker beside the machine: range, azimuth and elevation to targets on a carriage, on the tool or on the bed.
+//!
+//! The tracker stands in M at a place and turned about its standing axis; neither is known to who evaluates. Targets on a
+//! carriage follow from the pose of the tool relative to the workpiece while that axis moves alone.
+
+use nalgebra::{Matrix4, Vector3, Vector4};
+use volcomp_units::axes::{AxisArray, MAX_AXES};
+use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
+
+use super::Noise;
+use crate::truth::TruthMachine;
+use crate::truth::chain::Side;
+use crate::truth::transform::{inverse, translation};
+
+/// The instrument.
+#[derive(Debug, Clone)]
+pub struct Tracker {
+    /// Where it stands, in M.
+    station_mm: [f64; 3],
+    /// How it is turned about z.
+    turn_rad: f64,
+    range_mm: f64,
+    angle_rad: f64,
+    noise: Noise,
+}
+
+/// One reading.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Observation {
+    /// Distance.
+    pub range_mm: f64,
+    /// Angle about the standing axis.
+    pub azimuth_deg: f64,
+    /// Angle above the horizontal.
+    pub elevation_deg: f64,
+}
+
+impl Tracker {
+    /// A tracker with the standard deviations of its readings.
+    #[must_use]
+    pub fn new(
+        station_mm: [f64; 3],
+        turn_deg: f64,
+        noise_range_um: f64,
+        noise_angle_arcsec: f64,
+        seed: u64,
+    ) -> Self {
+        Self {
+            station_mm,
+            turn_rad: rad_from_deg(turn_deg),
+            range_mm: mm_from_um(noise_range_um),
+            angle_rad: rad_from_arcsec(noise_angle_arcsec),
+            noise: Noise::new(seed),
+        }
+    }
+
+    /// Aims at a point of M.
+    pub fn observe(&mut self, point_mm: [f64; 3]) -> Observation {
+        let beam = Vector3::from(point_mm) - Vector3::from(self.station_mm);
+        let (sine, cosine) = self.turn_rad.sin_cos();
+        let (x, y) = (cosine * beam.x + sine * beam.y, cosine * beam.y - sine * beam.x);
+        let range = beam.norm() + self.noise.draw(self.range_mm);
+        let azimuth = y.atan2(x) + self.noise.draw(self.angle_rad);
+        let elevation = beam.z.atan2(x.hypot(y)) + self.noise.draw(self.angle_rad);
+        Observation {
+            range_mm: range,
+            azimuth_deg: azimuth.to_degrees(),
+            elevation_deg: elevation.to_degrees(),
+        }
+    }
+}
+
+/// Seeded normal noise on the coordinates of a point, or on other readings of equal noise.
+#[derive(Debug, Clone)]
+pub struct PointNoise {
+    noise: Noise,
+    std: f64,
+}
+
+impl PointNoise {
+    /// Noise with a standard deviation per coordinate.
+    #[must_use]
+    pub fn new(std_um: f64, seed: u64) -> Self {
+        Self::with_std(mm_from_um(std_um), seed)
+    }
+
+    /// Noise in any unit.
+    #[must_use]
+    pub fn with_std(std: f64, seed: u64) -> Self {
+        Self { noise: Noise::new(seed), std }
+    }
+
+    /// The point as it is read.
+    pub fn read(&mut self, point_mm: [f64; 3]) -> [f64; 3] {
+        point_mm.map(|v| v + self.noise.draw(self.std))
+    }
+
+    /// One number as it is read.
+    pub fn draw(&mut self) -> f64 {
+        self.noise.draw(self.std)
+    }
+}
+
+/// Where points that ride on the carriage of axis `k` are, in M, with axis `k` at `q` and the others at home.
+///
+/// `points_mm` are their places at home on the machine without errors.
+#[must_use]
+pub fn on_carriage(
+    machine: &TruthMachine,
+    k: usize,
+    q: f64,
+    direction: i8,
+    points_mm: &[[f64; 3]],
+) -> Vec<[f64; 3]> {
+    let mut position = AxisArray::default();
+    position[k] = q;
+    let mut directions = [0i8; MAX_AXES];
+    directions[k] = direction;
+    let seen = machine.pose(&position, &directions).matrix;
+    let origin = translation(machine.workpiece_origin_mm());
+    let tip = translation(machine.tool_tip_mm());
+    // the tool side of the machine relative to the workpiece side, both as bodies whose coordinates are those of M at home
+    let relative = origin * seen * inverse(&tip);
+    let body = if on_workpiece_side(machine, k) { inverse(&relative) } else { relative };
+    points_mm.iter().map(|p| apply(&body, *p)).collect()
+}
+
+/// True where axis `k` carries the workpiece: its carriage moves by minus the programmed coordinate.
+#[must_use]
+pub fn on_workpiece_side(machine: &TruthMachine, k: usize) -> bool {
+    machine.drawing(k).is_some_and(|joint| joint.side == Side::Workpiece)
+}
+
+/// Where points of the tool are relative to the workpiece, in M at home; `points_mm` are relative to the tip, z towards
+/// the spindle.
+#[must_use]
+pub fn on_tool(
+    machine: &TruthMachine,
+    q: &AxisArray,
+    direction: &[i8; MAX_AXES],
+    points_mm: &[[f64; 3]],
+) -> Vec<[f64; 3]> {
+    let body = translation(machine.workpiece_origin_mm()) * machine.pose(q, direction).matrix;
+    points_mm.iter().map(|p| apply(&body, *p)).collect()
+}
+
+fn apply(body: &Matrix4<f64>, p: [f64; 3]) -> [f64; 3] {
+    let image = body * Vector4::new(p[0], p[1], p[2], 1.0);
+    [image.x, image.y, image.z]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::truth::VMC_850;
+
+    #[test]
+    fn a_point_is_where_range_and_angles_say() {
+        let mut tracker = Tracker::new([2000.0, -500.0, 100.0], 30.0, 0.0, 0.0, 1);
+        let o = tracker.observe([100.0, 900.0, 400.0]);
+        let (azimuth, elevation) = ((o.azimuth_deg + 30.0).to_radians(), o.elevation_deg.to_radians());
+        let point = [
+            2000.0 + o.range_mm * elevation.cos() * azimuth.cos(),
+            -500.0 + o.range_mm * elevation.cos() * azimuth.sin(),
+            100.0 + o.range_mm * elevation.sin(),
+        ];
+        for (found, wanted) in point.iter().zip([100.0, 900.0, 400.0]) {
+            assert!((found - wanted).abs() < 1e-9);
+        }
+    }
+
+    #[test]
+    fn carriages_move_their_way() {
+        let machine = TruthMachine::from_toml(VMC_850).unwrap();
+        for (name, sign) in [("X", -1.0), ("Y", -1.0), ("Z", 1.0)] {
+            let k = machine.axes().iter().position(|a| a.to_string() == name).unwrap();
+            let q = machine.travel(k).iter().sum::<f64>() / 2.0;
+            let direction = machine.axes()[k].direction();
+            let home = on_carriage(&machine, k, 0.0, 0, &[[10.0, 20.0, 30.0]])[0];
+            let there = on_carriage(&machine, k, q, 0, &[[10.0, 20.0, 30.0]])[0];
+            for i in 0..3 {
+                let expected = if i == direction { sign * q } else { 0.0 };
+                assert!((there[i] - home[i] - expected).abs() < 0.2, "{name} {i}: {}", there[i] - home[i]);
+            }
+        }
+    }
+}

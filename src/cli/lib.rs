@@ -1,0 +1,141 @@
+//! Arguments, human and JSON output, exit codes. Data goes to stdout, all else to stderr.
+
+#![cfg_attr(test, expect(clippy::disallowed_methods, reason = "tests read and write files"))]
+
+/// Like `println!`, but never panics: see [`exit::line`].
+macro_rules! say {
+    () => { $crate::line(format_args!("")) };
+    ($($text:tt)*) => { $crate::line(format_args!($($text)*)) };
+}
+
+/// Like `eprintln!`, but never panics: see [`exit::note`].
+macro_rules! note {
+    ($($text:tt)*) => { $crate::note(format_args!($($text)*)) };
+}
+
+mod additions;
+mod audit;
+mod bench;
+mod check;
+mod daemon;
+#[cfg(feature = "diagnosis")]
+mod diagnose;
+mod diff;
+mod evaluate;
+mod exit;
+mod explain;
+mod export;
+mod files;
+mod filter;
+mod fit;
+mod identify;
+mod identity;
+mod import;
+pub mod input;
+mod model;
+mod model_out;
+mod orders;
+mod positioning_data;
+mod predict;
+mod progress;
+mod ranges;
+mod recordings;
+mod replay;
+mod report;
+mod service;
+mod table;
+mod values;
+
+use std::ffi::OsString;
+use std::process::ExitCode;
+
+use clap::{CommandFactory, Parser, Subcommand};
+
+pub use ranges::parse;
+
+pub use exit::{
+    EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, line, not_parsed, note, note_text,
+    output_complete,
+};
+
+/// The end of the help of every program.
+pub const EXIT_CODES: &str = "Exit codes: 0 done; 1 differs (diff, replay); 2 incomplete (replay); \
+    64 wrong command line; 65 bad data, or a file beyond its limit; 70 error of the program; \
+    74 file, socket or stdout not usable; 78 mistake in a machine or model file.\n\
+    Largest files, ranges of numbers, closed streams: docs/limits.md";
+
+/// Geometric-error compensation for machine tools: check, predict, fit, identify, evaluate, exchange files with
+/// instruments and controls, and talk to the daemon.
+#[derive(Debug, Parser)]
+#[command(name = "volcomp", version, arg_required_else_help = true, after_help = EXIT_CODES)]
+struct Cli {
+    #[command(subcommand)]
+    verb: Verb,
+}
+
+#[derive(Debug, Subcommand)]
+enum Verb {
+    Bench(bench::Args),
+    Check(check::Args),
+    Predict(predict::Args),
+    Fit(Box<fit::Args>),
+    Identify(identify::Args),
+    Import(Box<import::Args>),
+    Export(Box<export::Args>),
+    Evaluate(evaluate::Args),
+    #[cfg(feature = "diagnosis")]
+    Diagnose(Box<diagnose::Args>),
+    Model(model::Args),
+    Explain(explain::Args),
+    Diff(diff::Args),
+    Status(service::StatusArgs),
+    Enable(orders::EnableArgs),
+    Disable(orders::DisableArgs),
+    Gain(orders::GainArgs),
+    Load(orders::LoadArgs),
+    Rollback(orders::RollbackArgs),
+    Replay(replay::Args),
+    Audit(audit::Args),
+    Filter(filter::Args),
+}
+
+/// The command tree of `volcomp`, for tests that go through every command form.
+#[must_use]
+pub fn command() -> clap::Command {
+    Cli::command()
+}
+
+/// The program `volcomp`: runs it on `args` (the first is the program's name).
+#[must_use]
+pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    exit::run(args, |cli: Cli| match cli.verb {
+        Verb::Bench(a) => bench::run(&a),
+        Verb::Check(a) => check::run(&a),
+        Verb::Predict(a) => predict::run(&a),
+        Verb::Fit(a) => fit::run(&a),
+        Verb::Identify(a) => identify::run(&a),
+        Verb::Import(a) => import::run(&a),
+        Verb::Export(a) => export::run(&a),
+        Verb::Evaluate(a) => evaluate::run(&a),
+        #[cfg(feature = "diagnosis")]
+        Verb::Diagnose(a) => diagnose::run(&a),
+        Verb::Explain(a) => explain::run(&a),
+        Verb::Model(a) => model::run(&a),
+        Verb::Diff(a) => diff::run(&a),
+        Verb::Status(a) => service::status(&a),
+        Verb::Enable(a) => orders::enable(&a),
+        Verb::Disable(a) => orders::disable(&a),
+        Verb::Gain(a) => orders::gain(&a),
+        Verb::Load(a) => orders::load(&a),
+        Verb::Rollback(a) => orders::rollback(&a),
+        Verb::Replay(a) => replay::run(&a),
+        Verb::Audit(a) => audit::run(&a),
+        Verb::Filter(a) => filter::run(&a),
+    })
+}
+
+/// The program `volcompd`: runs it on `args` (the first is the program's name).
+#[must_use]
+pub fn volcompd(args: impl IntoIterator<Item = OsString>) -> ExitCode {
+    exit::run(args, |args: daemon::Args| daemon::run(&args))
+}

@@ -1,0 +1,43 @@
+//! Additions of a diagnosis that the machine file names: part of the model from the start.
+
+use std::path::Path;
+
+use volcomp_state::bounded_read::{MODEL_BYTES_MAX, read_bounded};
+
+use super::load::{LoadError, text};
+use volcomp_config::{MachineConfig, ModelFile};
+use volcomp_effects::addition::Addition;
+use volcomp_effects::extend::{Fate, extend};
+
+/// Puts what the additions of the machine file `config_path` say into its model; gives the fate of each effect.
+///
+/// # Errors
+/// An addition that cannot be read, is of another machine, or of which nothing can be part of a model.
+pub fn with_additions(
+    config_path: &Path,
+    config: &MachineConfig,
+    model: &mut ModelFile,
+) -> Result<Vec<(String, Fate)>, LoadError> {
+    let mut fates = Vec::new();
+    for name in &config.additions {
+        let path = config_path.with_file_name(name);
+        let wrong =
+            |why: String| LoadError::Addition { config: config_path.to_owned(), path: path.clone(), why };
+        let bytes = read_bounded(&path, MODEL_BYTES_MAX).map_err(|source| LoadError::ReadAddition {
+            config: config_path.to_owned(),
+            path: path.clone(),
+            source,
+        })?;
+        let addition = Addition::parse(text(&path, &bytes)?).map_err(wrong)?;
+        addition.is_of(&model.spec.machine).map_err(|e| wrong(e.to_string()))?;
+        let extended = extend(&model.spec, &model.thermal, &addition).map_err(|e| wrong(e.to_string()))?;
+        if !extended.fates.iter().any(|(_, fate)| fate.is_taken()) {
+            let each: Vec<String> =
+                extended.fates.iter().map(|(of, fate)| format!("\n  {of}: {fate}")).collect();
+            return Err(wrong(format!("nothing in it can be part of a model{}", each.concat())));
+        }
+        (model.spec, model.thermal) = (extended.spec, extended.thermal);
+        fates.extend(extended.fates);
+    }
+    Ok(fates)
+}

@@ -1,0 +1,386 @@
+//! The daemon as a whole: from the machine file to the last frame.
+
+use std::io;
+use std::panic::{AssertUnwindSafe, catch_unwind};
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+use std::thread::JoinHandle;
+use std::time::{Duration, SystemTime};
+
+use sd_notify::NotifyState;
+use tokio::sync::oneshot;
+use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
+use tracing::{error, info, warn};
+use volcomp_state::counters::Recalled;
+
+use super::clock::Clock;
+use super::keeper::Keeper;
+use super::load::{LoadError, Loaded, load};
+use super::logging::{self, LogError};
+use super::models::{Models, guard};
+use super::notify::{Fed, Headline, Watchdog, tell};
+use super::ports::{CyclePorts, Progress, StopWish, ports};
+use super::recorder::{HealthSlot, Recorder};
+use super::sensors::{self, Listener, Sensors, live_ends};
+use super::server::{Server, SocketError};
+use super::service::Service;
+use super::signals::{self, STOP_LIMIT};
+use super::sync::Mutex;
+use super::worker::{SERVICE_SILENT_S, Start, Worker};
+use volcomp_config::{MachineConfig, Policy};
+use volcomp_units::axes::AxisKind;
+use volcomp_units::{UM_PER_MM, arcsec_from_rad, deg_from_rad};
+
+/// Interval at which the service looks after the cycle thread's reports.
+const TICK: Duration = Duration::from_millis(20);
+/// Stack of the cycle thread, bytes; all of it may be locked into memory.
+const STACK_BYTES: usize = 1 << 20;
+
+/// Why the daemon ends without having been asked to.
+#[derive(Debug, thiserror::Error)]
+pub enum DaemonError {
+    /// The files.
+    #[error(transparent)]
+    Load(#[from] LoadError),
+    /// Logging.
+    #[error("error: {0}")]
+    Log(#[from] LogError),
+    /// The status socket.
+    #[error(transparent)]
+    Socket(#[from] SocketError),
+    /// The socket of the sensors.
+    #[error(
+        "error: sensors.listen {address}: {source}\n  hint: another program has this port, or this computer has no such address"
+    )]
+    SensorSocket {
+        /// Where sensors were to connect.
+        address: std::net::SocketAddr,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The system refuses a thread, a signal handler or the like.
+    #[error("error: {what}: {source}")]
+    System {
+        /// What was asked for.
+        what: &'static str,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The cycle thread panicked or hangs.
+    #[error("error: the cycle thread {how}; this is a bug in volcompd, please report it with the log")]
+    CycleThread {
+        /// How it ended.
+        how: &'static str,
+    },
+    /// Anything else that must not happen.
+    #[error("error: internal: {what}; this is a bug in volcompd, please report it with the log")]
+    Internal {
+        /// What.
+        what: &'static str,
+    },
+}
+
+/// Runs the daemon until it is asked to stop.
+///
+/// # Errors
+/// See [`DaemonError`]; after a clean stop there is none.
+pub fn run(config: &Path) -> Result<(), DaemonError> {
+    let loaded = Arc::new(load(config)?);
+    logging::init(&loaded.config.log)?;
+    let system = |what| move |source| DaemonError::System { what, source };
+    let runtime = tokio::runtime::Builder::new_current_thread()
+        .enable_all()
+        .build()
+        .map_err(system("the service's event loop"))?;
+    // a panic of the service must end the process: nobody would watch the cycle any more
+    catch_unwind(AssertUnwindSafe(|| runtime.block_on(serve(config, loaded))))
+        .unwrap_or(Err(DaemonError::Internal { what: "the service panicked" }))
+}
+
+/// Says that the cycle thread has ended.
+struct Ended(Arc<Progress>);
+
+impl Drop for Ended {
+    fn drop(&mut self) {
+        self.0.cycle_ended.store(true, Relaxed);
+    }
+}
+
+/// The cycle thread and the news of its end.
+struct CycleThread {
+    handle: JoinHandle<()>,
+    ended: oneshot::Receiver<()>,
+}
+
+impl CycleThread {
+    fn spawn(loaded: Arc<Loaded>, how: Start, ports: CyclePorts, clock: Clock) -> io::Result<Self> {
+        let progress = Arc::clone(&ports.progress);
+        Self::start(move || {
+            // on return and on panic alike: the thread of the signals hears of both
+            let _ended = Ended(progress);
+            Worker::new(loaded, how, ports, clock).run();
+        })
+    }
+
+    fn start(body: impl FnOnce() + Send + 'static) -> io::Result<Self> {
+        let (end, ended) = oneshot::channel();
+        let handle = std::thread::Builder::new()
+            .name("volcomp-cycle".to_owned())
+            .stack_size(STACK_BYTES)
+            .spawn(move || {
+                // dropped on return and on panic alike: the service hears of both
+                let _end: oneshot::Sender<()> = end;
+                body();
+            })?;
+        Ok(Self { handle, ended })
+    }
+
+    /// Tells a clean end from a panic.
+    fn join(self) -> Result<(), DaemonError> {
+        self.handle.join().map_err(|_| DaemonError::CycleThread { how: "panicked" })
+    }
+}
+
+async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
+    let (mut cycle_ports, service_ports) = ports();
+    let progress = Arc::clone(&service_ports.progress);
+    signals::watch(Arc::clone(&progress))
+        .map_err(|source| DaemonError::System { what: "the signal handlers", source })?;
+    let socket = socket_path(config, &loaded.config);
+    let server = socket.as_deref().map(Server::bind).transpose()?;
+    let clock = Clock::start();
+    let mut keeper = Keeper::start(config, &loaded);
+    let directory = keeper.directory().map(Path::to_owned);
+    let place = directory.as_deref().map(|directory| (keeper.disk(), directory));
+    let first = keeper.recalled() == Some(&Recalled::First);
+    let models = Models::at_start(place, first, &loaded, |why| keeper.hold(why));
+    keeper.announce(&loaded, &models.active);
+    let mut how = permit(&models, &loaded.config);
+    let health = Arc::new(HealthSlot::default());
+    let (sensors, listener) = live(&loaded, &models, &keeper, &mut how, (&health, clock)).await?;
+    let recorder = Recorder::start(config, &loaded, &models.active, health, clock)
+        .map_err(|source| DaemonError::System { what: "the recorder's thread", source })?;
+    let (tap, recorder) = recorder.unzip();
+    cycle_ports.tap = tap;
+    let mut service = Service::new(Arc::clone(&loaded), service_ports, keeper, recorder, models, clock)
+        .map_err(|_| DaemonError::Internal { what: "the statistics could not be set up" })?;
+    service.sensors = sensors;
+    let how = Start { permitted: service.begins(how.permitted), kept_fault: service.has_kept_fault(), ..how };
+    let service = Arc::new(Mutex::new(service));
+    log_start(config, &loaded);
+    let mut thread = CycleThread::spawn(loaded, how, cycle_ports, clock)
+        .map_err(|source| DaemonError::System { what: "the cycle thread", source })?;
+    let server = server.map(|server| tokio::spawn(server.run(Arc::clone(&service))));
+    let listener = listener.map(|listener| tokio::spawn(listener.run()));
+    tell(&[NotifyState::Ready]);
+
+    let result = watch(&service, &progress, &mut thread, clock).await;
+    tell(&[NotifyState::Stopping]);
+    if let Some(server) = server {
+        server.abort();
+        // wait for the abort, which removes the socket's file
+        let _ = server.await;
+    }
+    if let Some(listener) = listener {
+        listener.abort();
+    }
+    let result = result.and_then(|()| thread.join());
+    service.lock().finish(if result.is_ok() { "ok" } else { "failed" });
+    match &result {
+        Ok(()) => info!("stopped"),
+        Err(problem) => error!("{problem}"),
+    }
+    result
+}
+
+/// The model to start with, and whether compensation may be on from the start.
+fn permit(models: &Models, config: &MachineConfig) -> Start {
+    let expiry = models.active.expiry.as_deref();
+    let against = guard::hindrances(&config.guard, expiry, SystemTime::now(), None);
+    for (hindrance, policy) in &against {
+        match policy {
+            Policy::Warn => warn!("{hindrance}"),
+            Policy::Refuse | Policy::RampOut => warn!("compensation stays off: {hindrance}"),
+        }
+    }
+    let permitted = against.iter().all(|(_, policy)| *policy == Policy::Warn);
+    let model = Arc::clone(&models.active.model);
+    Start { model, permitted, kept_fault: false, service_silent_s: SERVICE_SILENT_S, live: None }
+}
+
+/// The estimator and the socket of its sensors, where the machine file lists any.
+async fn live(
+    loaded: &Loaded,
+    models: &Models,
+    keeper: &Keeper,
+    how: &mut Start,
+    (health, clock): (&Arc<HealthSlot>, Clock),
+) -> Result<(Option<Sensors>, Option<Listener>), DaemonError> {
+    let config = &loaded.config.sensors;
+    if config.spec.sensors.is_empty() {
+        let named = models.active.spec.sensors();
+        if models.active.thermal.iter().any(|t| named.contains(&t.name.as_str())) {
+            warn!("the model has growths by heat, and the machine file lists no [[sensor]]: they stay zero");
+        }
+        return Ok((None, None));
+    }
+    let (cycle, end) = live_ends(*blake3::hash(models.active.text.as_bytes()).as_bytes());
+    how.live = Some(cycle);
+    let sensors = Sensors::start(sensors::Start {
+        config: config.clone(),
+        machine: loaded.config.machine.clone(),
+        model: Arc::clone(&models.active),
+        directory: keeper.directory().map(Path::to_owned),
+        record: loaded.config.recording.directory.is_some().then(|| Arc::clone(health)),
+        end,
+        clock,
+    })
+    .map_err(|source| DaemonError::System { what: "the estimator's thread", source })?;
+    let Some(address) = config.listen else { return Ok((Some(sensors), None)) };
+    let (readings, dropped) = (sensors.readings.clone(), Arc::clone(&sensors.dropped));
+    let (known, idle) = (Arc::clone(&sensors.known), Duration::from_secs_f64(config.idle_s));
+    let listener = Listener::bind(address, readings, dropped, known, clock, idle)
+        .await
+        .map_err(|source| DaemonError::SensorSocket { address, source })?;
+    if config.plain_remote && !address.ip().to_canonical().is_loopback() {
+        warn!(%address, "plain-remote: whoever reaches this port can tell what the machine's errors are, within the limits of the model");
+    }
+    Ok((Some(sensors), Some(listener)))
+}
+
+/// Looks after everything until the cycle thread ends.
+async fn watch(
+    service: &Mutex<Service>,
+    progress: &Progress,
+    thread: &mut CycleThread,
+    clock: Clock,
+) -> Result<(), DaemonError> {
+    let mut watchdog = Watchdog::from_environment();
+    let mut headline = Headline::default();
+    let mut stuck = false;
+    let mut asked: Option<Instant> = None;
+    let mut told = StopWish::No;
+    let mut tick = interval(TICK);
+    tick.set_missed_tick_behavior(MissedTickBehavior::Delay);
+    loop {
+        let give_up = asked.map_or_else(|| Instant::now() + STOP_LIMIT, |asked| asked + STOP_LIMIT);
+        tokio::select! {
+            _ = &mut thread.ended => return Ok(()),
+            _ = tick.tick() => {
+                let mut service = service.lock();
+                service.drain();
+                progress.service_beat();
+                let stop = progress.stop();
+                if stop > told {
+                    told = stop;
+                    asked.get_or_insert_with(Instant::now);
+                    log_stop(stop);
+                }
+                let now = clock.now();
+                headline.show(now, || service.headline());
+                let fed = watchdog.look(now, progress.beats.load(Relaxed));
+                if fed == Fed::Yes {
+                    tell(&[NotifyState::Watchdog]);
+                } else if fed == Fed::Stuck && !stuck {
+                    error!("the cycle thread does not move; the watchdog is not fed any more");
+                }
+                stuck = fed == Fed::Stuck || stuck && fed == Fed::NotDue;
+            }
+            () = sleep_until(give_up), if asked.is_some() => {
+                return Err(DaemonError::CycleThread { how: "does not stop" });
+            }
+        }
+    }
+}
+
+fn log_stop(stop: StopWish) {
+    match stop {
+        StopWish::No => {}
+        StopWish::Clean => {
+            info!("stopping: the offset is taken to its rest value, then the link is closed");
+        }
+        StopWish::Now => {
+            warn!("stopping at once after another signal; the control's watchdog takes the offset out");
+        }
+    }
+}
+
+/// Path of the status socket: relative to the machine file, like every other path in it.
+#[must_use]
+pub fn socket_path(config_path: &Path, config: &MachineConfig) -> Option<PathBuf> {
+    config.status.socket.as_ref().map(|socket| config_path.with_file_name(socket))
+}
+
+fn log_start(config: &Path, loaded: &Loaded) {
+    let machine = &loaded.config;
+    info!(
+        version = env!("CARGO_PKG_VERSION"),
+        config = %config.display(),
+        machine = machine.machine,
+        model = %loaded.model_path.display(),
+        model_hash = loaded.model_hash,
+        control = %machine.link.address,
+        tls = loaded.identity.is_some(),
+        cycle_s = machine.link.cycle_s,
+        start = ?machine.engine.start,
+        "volcompd starts"
+    );
+    if machine.link.is_exposed() {
+        warn!(
+            control = %machine.link.address,
+            "plain-remote: the link leaves this computer without authentication and encryption; whoever reaches that \
+             wire can move the axes within the control's limits"
+        );
+    }
+    for (effect, fate) in &loaded.fates {
+        if fate.is_taken() {
+            info!(effect, %fate, "an addition of the machine file");
+        } else {
+            warn!(effect, %fate, "an effect of an addition stays uncorrected");
+        }
+    }
+    for axis in &loaded.uncorrected {
+        warn!(%axis, "an axis of the model without limits in the machine file: it is never offset");
+    }
+    for axis in &machine.axes {
+        let limits = &axis.limits;
+        match axis.name.kind() {
+            AxisKind::Linear => info!(
+                axis = %axis.name,
+                size_um = limits.size * UM_PER_MM,
+                rate_mm_per_s = limits.rate,
+                acceleration_mm_per_s2 = limits.acceleration,
+                "limits of the offset"
+            ),
+            AxisKind::Rotary => info!(
+                axis = %axis.name,
+                size_arcsec = arcsec_from_rad(limits.size),
+                rate_deg_per_s = deg_from_rad(limits.rate),
+                acceleration_deg_per_s2 = deg_from_rad(limits.acceleration),
+                "limits of the offset"
+            ),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_panic_of_the_cycle_thread_is_told_from_its_end() {
+        let thread = CycleThread::start(|| {}).expect("starts");
+        assert!(thread.join().is_ok());
+        let thread = CycleThread::start(|| panic!("on purpose")).expect("starts");
+        let error = thread.join().expect_err("told");
+        assert!(matches!(error, DaemonError::CycleThread { how: "panicked" }), "{error}");
+    }
+
+    #[test]
+    fn the_service_hears_of_a_panic_without_asking() {
+        let thread = CycleThread::start(|| panic!("on purpose")).expect("starts");
+        let ended = thread.ended;
+        assert!(ended.blocking_recv().is_err(), "the sender is dropped");
+    }
+}

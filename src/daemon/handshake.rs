@@ -1,0 +1,143 @@
+//! Who is at the other end: what can go wrong between connecting and cycling, and what the control is told.
+
+use std::io;
+use std::net::SocketAddr;
+
+use super::tls::TlsError;
+use volcomp_config::MachineConfig;
+use volcomp_config::machine::HelloMismatch;
+use volcomp_engine::EngineError;
+use volcomp_engine::fault::Code;
+use volcomp_protocol::{
+    Axis, ControlHello, DaemonHello, ErrorCode, ErrorReport, FrameError, Name, PROTOCOL_VERSION,
+};
+use volcomp_units::axes::MAX_AXES;
+
+/// Why there is no link.
+#[derive(Debug, thiserror::Error)]
+pub(super) enum LinkError {
+    #[error("control {address}: {source}")]
+    Connect { address: SocketAddr, source: io::Error },
+    #[error("control {address}: {source}")]
+    Tls { address: SocketAddr, source: TlsError },
+    #[error(
+        "control {address}: closed the connection during the TLS handshake; does it speak TLS, and may this computer \
+         connect?"
+    )]
+    ClosedBeforeTls { address: SocketAddr },
+    #[error("control {address}: speaks TLS; add [link.tls] to the machine file")]
+    WantsTls { address: SocketAddr },
+    #[error("control {address}: no {waiting_for} within {limit_s} s")]
+    Timeout { address: SocketAddr, waiting_for: &'static str, limit_s: f64 },
+    #[error("control {address}: closed the connection before its hello")]
+    Closed { address: SocketAddr },
+    #[error("control {address}: {source}; is this the compensation port of a control?")]
+    Frame { address: SocketAddr, source: FrameError },
+    #[error("control {address}: sent a {found} where its hello was due")]
+    Unexpected { address: SocketAddr, found: &'static str },
+    #[error(
+        "control {address}: refused this daemon, which is for machine \"{machine}\": {code:?} ({detail})"
+    )]
+    Refused { address: SocketAddr, machine: String, code: ErrorCode, detail: Name },
+    #[error(
+        "control {address}: speaks protocol version {found}, this daemon {PROTOCOL_VERSION}; \
+         install matching versions"
+    )]
+    Version { address: SocketAddr, found: u8 },
+    #[error("control {address}: {source}")]
+    Mismatch { address: SocketAddr, source: HelloMismatch },
+    #[error("control {address}: {source}")]
+    Engine { address: SocketAddr, source: EngineError },
+}
+
+/// First bytes of what an end that speaks TLS says to one that does not: an alert, or a handshake.
+const TLS_RECORDS: [u8; 2] = [0x15, 0x16];
+
+impl LinkError {
+    /// A failure of the connection.
+    pub(super) fn of_stream(address: SocketAddr, source: io::Error) -> Self {
+        match TlsError::of(&source) {
+            Some(source) => Self::Tls { address, source },
+            None => Self::Connect { address, source },
+        }
+    }
+
+    /// Bytes that are no frame.
+    pub(super) fn of_frame(address: SocketAddr, source: FrameError) -> Self {
+        match source {
+            FrameError::Magic { at: 0, found, .. } if TLS_RECORDS.contains(&found) => {
+                Self::WantsTls { address }
+            }
+            source => Self::Frame { address, source },
+        }
+    }
+
+    /// True where waiting does not help: somebody has to change something.
+    pub(super) const fn needs_a_person(&self) -> bool {
+        match self {
+            Self::Connect { .. }
+            | Self::Timeout { .. }
+            | Self::Closed { .. }
+            | Self::ClosedBeforeTls { .. } => false,
+            Self::Tls { source, .. } => source.needs_a_person(),
+            Self::Refused { code, .. } => matches!(
+                code,
+                ErrorCode::Version | ErrorCode::WrongMachine | ErrorCode::WrongAxes | ErrorCode::WrongCycle
+            ),
+            _ => true,
+        }
+    }
+
+    /// Its number.
+    pub(super) fn fault(&self) -> Code {
+        match self {
+            Self::Connect { .. } | Self::Timeout { .. } | Self::Closed { .. } => Code::CONNECT_FAILED,
+            Self::Frame { source, .. } => match ErrorReport::from(*source).code {
+                ErrorCode::BadFrame => Code::BAD_FRAME,
+                _ => Code::HELLO_MISMATCH,
+            },
+            Self::Tls { .. } | Self::ClosedBeforeTls { .. } | Self::WantsTls { .. } => Code::TLS_FAILED,
+            Self::Unexpected { .. } => Code::BAD_FRAME,
+            Self::Refused { code: ErrorCode::Busy, .. } => Code::CONTROL_BUSY,
+            Self::Refused { .. } | Self::Version { .. } | Self::Mismatch { .. } | Self::Engine { .. } => {
+                Code::HELLO_MISMATCH
+            }
+        }
+    }
+
+    /// What to tell the control before closing, where it is worth telling.
+    pub(super) const fn code(&self) -> Option<ErrorCode> {
+        match self {
+            Self::Frame { .. } => Some(ErrorCode::BadFrame),
+            Self::Unexpected { .. } => Some(ErrorCode::Unexpected),
+            Self::Version { .. } => Some(ErrorCode::Version),
+            Self::Mismatch { source, .. } => Some(match source {
+                HelloMismatch::Machine { .. } => ErrorCode::WrongMachine,
+                HelloMismatch::Cycle { .. } => ErrorCode::WrongCycle,
+                HelloMismatch::AxisMissing { .. }
+                | HelloMismatch::AxisUnit { .. }
+                | HelloMismatch::AxisTwice { .. }
+                | HelloMismatch::AxisCount { .. } => ErrorCode::WrongAxes,
+            }),
+            Self::Engine { .. } => Some(ErrorCode::WrongAxes),
+            Self::Connect { .. } | Self::Timeout { .. } | Self::Closed { .. } | Self::Refused { .. } => None,
+            // there is no common language to say it in
+            Self::Tls { .. } | Self::ClosedBeforeTls { .. } | Self::WantsTls { .. } => None,
+        }
+    }
+}
+
+/// The hello of this daemon.
+pub(super) fn daemon_hello(config: &MachineConfig) -> DaemonHello {
+    DaemonHello {
+        version_min: PROTOCOL_VERSION,
+        version_max: PROTOCOL_VERSION,
+        machine: Name::new(&config.machine),
+        software: Name::new(concat!("volcompd ", env!("CARGO_PKG_VERSION"))),
+    }
+}
+
+/// The axes that a control announced.
+pub(super) fn announced(hello: &ControlHello) -> &[Axis] {
+    &hello.axes[..usize::from(hello.axis_count).min(MAX_AXES)]
+}

@@ -1,0 +1,137 @@
+//! The cycle's end of live estimation: positions out, tables in, live values to the engine.
+
+use std::sync::Arc;
+
+use crossbeam_channel::{Receiver, Sender, bounded};
+
+use super::super::body::CycleBody;
+use volcomp_estimate::live::{LiveEvaluator, LiveTable};
+use volcomp_protocol::{AxisUnit, ControlHello, Position, Tool};
+use volcomp_units::MonoTime;
+use volcomp_units::axes::{AxisArray, AxisName, MAX_AXES};
+
+/// Positions in flight: two seconds at 4 kHz.
+const MOTIONS: usize = 8192;
+/// Tables in flight.
+const TABLES: usize = 4;
+
+/// What the cycle tells the estimator. `Copy`: it crosses the queue as it is.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Motion {
+    /// A link came up with these axes.
+    Axes {
+        /// In wire order.
+        axes: [Option<AxisName>; MAX_AXES],
+    },
+    /// The link is gone.
+    Down,
+    /// A tool: its tip in M at home, mm.
+    Tool([f64; 3]),
+    /// A position frame; mm and deg, wire order.
+    At {
+        /// When it was received.
+        now: MonoTime,
+        /// When the control took it, on its own clock, ns.
+        control_ns: i64,
+        /// Commanded.
+        commanded: AxisArray,
+        /// Encoders, with the applied offset.
+        actual: AxisArray,
+    },
+}
+
+/// The cycle's end.
+#[derive(Debug)]
+pub struct LiveEnd {
+    motions: Sender<Motion>,
+    tables: Receiver<Arc<LiveTable>>,
+    evaluator: LiveEvaluator,
+    /// Wire index of X, Y, Z.
+    linear: [Option<usize>; 3],
+    /// Hash of the model in use.
+    model: [u8; 32],
+}
+
+/// The estimator's end.
+#[derive(Debug)]
+pub struct EstimatorEnd {
+    /// What the cycle tells.
+    pub motions: Receiver<Motion>,
+    /// What it evaluates. Whoever sends a table keeps a copy until it is out of use, so that nothing is freed on the
+    /// cycle.
+    pub tables: Sender<Arc<LiveTable>>,
+}
+
+/// Both ends; `model` is the hash of the model in use.
+#[must_use]
+pub fn live_ends(model: [u8; 32]) -> (LiveEnd, EstimatorEnd) {
+    let (motion_sender, motions) = bounded(MOTIONS);
+    let (tables, table_receiver) = bounded(TABLES);
+    let cycle = LiveEnd {
+        motions: motion_sender,
+        tables: table_receiver,
+        evaluator: LiveEvaluator::default(),
+        linear: [None; 3],
+        model,
+    };
+    (cycle, EstimatorEnd { motions, tables })
+}
+
+impl LiveEnd {
+    /// A link has come up.
+    pub fn link_up(&mut self, hello: &ControlHello) {
+        let mut axes = [None; MAX_AXES];
+        for (slot, axis) in axes.iter_mut().zip(hello.used_axes()) {
+            *slot = Some(axis.name);
+        }
+        self.linear = [AxisName::X, AxisName::Y, AxisName::Z].map(|name| {
+            let used = hello.used_axes();
+            used.iter().position(|axis| axis.name == name && axis.unit == AxisUnit::Millimetre)
+        });
+        let _ = self.motions.try_send(Motion::Axes { axes });
+    }
+
+    /// The link is gone.
+    pub fn link_down(&mut self) {
+        let _ = self.motions.try_send(Motion::Down);
+    }
+
+    /// Another tool.
+    ///
+    /// # Cycle   no allocation, no wait, no panic
+    pub fn tool(&mut self, tool: &Tool) {
+        let _ = self.motions.try_send(Motion::Tool(tool.tip));
+    }
+
+    /// Another model is in use.
+    ///
+    /// # Cycle   no allocation, no wait, no panic
+    pub const fn model(&mut self, hash: [u8; 32]) {
+        self.model = hash;
+    }
+
+    /// What comes after the answer to a frame: its position goes out, live values for the next one come in.
+    ///
+    /// # Cycle   no allocation, no wait, no panic, bounded time
+    pub fn after(&mut self, now: MonoTime, frame: &Position, body: &mut CycleBody) {
+        // a full queue costs the estimator a position, and nobody else anything
+        let _ = self.motions.try_send(Motion::At {
+            now,
+            control_ns: frame.control_ns,
+            commanded: frame.commanded,
+            actual: frame.actual,
+        });
+        let at = self.linear.map(|k| k.map_or(0.0, |k| frame.commanded[k]));
+        // no more than the queue holds, whatever comes in meanwhile
+        for table in self.tables.try_iter().take(TABLES) {
+            // the sender holds every table that is in use here
+            drop(self.evaluator.swap(Some(table), at));
+        }
+        let Some(told) = self.evaluator.evaluate(now, &self.model, at) else { return };
+        for (channel, value) in told.values.iter().enumerate() {
+            if told.told >> channel & 1 == 1 {
+                body.live(now, channel, *value);
+            }
+        }
+    }
+}

@@ -1,0 +1,227 @@
+//! Connections of sensors, on the service's event loop.
+//!
+//! A sensor connects, sends messages and listens for sentences about those that are wrong (`{"error": ".."}`, one line
+//! each, a few per second). Few connections, bounded messages; a full queue drops a reading and counts it.
+
+use std::io;
+use std::net::SocketAddr;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use crossbeam_channel::Sender;
+use socket2::{SockRef, TcpKeepalive};
+use tokio::io::{AsyncReadExt, AsyncWriteExt};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::Semaphore;
+use tokio::time::{Instant, sleep, timeout};
+use tracing::{info, warn};
+
+use super::super::clock::Clock;
+use super::super::logging::LogLimiter;
+use super::Arrived;
+use super::known::Known;
+use super::wire::{Said, Stream};
+use volcomp_units::MonoTime;
+
+/// Connections at the same time.
+const CONNECTIONS: usize = 32;
+/// Lines in the log about connections, and about what they send: so many at once, then one in each pause. A sensor that
+/// connects for every reading must not flood it.
+const LINES: u32 = 12;
+const LINES_PAUSE: Duration = Duration::from_secs(10);
+/// Silence of a connection after which its other end is asked whether it is still there.
+const KEEPALIVE: Duration = Duration::from_secs(30);
+/// Sentences about mistakes per second and connection.
+const COMPLAINTS_PER_S: u32 = 5;
+/// Patience with a sensor that does not read them.
+const PATIENCE: Duration = Duration::from_millis(100);
+
+/// Lines in the log of all connections together.
+#[derive(Debug, Clone)]
+struct Lines {
+    connections: Arc<Mutex<LogLimiter>>,
+    mistakes: Arc<Mutex<LogLimiter>>,
+}
+
+impl Lines {
+    fn new() -> Self {
+        let limiter = || Arc::new(Mutex::new(LogLimiter::new(LINES, LINES_PAUSE)));
+        Self { connections: limiter(), mistakes: limiter() }
+    }
+}
+
+/// Whether a line may be written now; with the number of lines held back since the last one.
+fn admit(limiter: &Mutex<LogLimiter>, clock: Clock) -> Option<u64> {
+    limiter.lock().unwrap_or_else(PoisonError::into_inner).admit(clock.now())
+}
+
+/// The bound socket.
+#[derive(Debug)]
+pub(crate) struct Listener {
+    listener: TcpListener,
+    readings: Sender<Arrived>,
+    dropped: Arc<AtomicU64>,
+    known: Arc<[Known]>,
+    clock: Clock,
+    idle: Duration,
+}
+
+impl Listener {
+    /// Binds `address`; needs the event loop. A connection that says nothing for `idle` is closed.
+    pub(crate) async fn bind(
+        address: SocketAddr,
+        readings: Sender<Arrived>,
+        dropped: Arc<AtomicU64>,
+        known: Arc<[Known]>,
+        clock: Clock,
+        idle: Duration,
+    ) -> io::Result<Self> {
+        let listener = TcpListener::bind(address).await?;
+        info!(%address, "sensors connect here");
+        Ok(Self { listener, readings, dropped, known, clock, idle })
+    }
+
+    /// Serves until dropped.
+    pub(crate) async fn run(self) {
+        let places = Arc::new(Semaphore::new(CONNECTIONS));
+        let lines = Lines::new();
+        loop {
+            let (mut stream, peer) = match self.listener.accept().await {
+                Ok(accepted) => accepted,
+                Err(error) => {
+                    // once a second at most
+                    warn!(%error, "a sensor's connection could not be accepted");
+                    sleep(Duration::from_secs(1)).await;
+                    continue;
+                }
+            };
+            let Ok(place) = Arc::clone(&places).try_acquire_owned() else {
+                if let Some(held_back) = admit(&lines.connections, self.clock) {
+                    warn!(%peer, held_back, "more than {CONNECTIONS} connections of sensors; this one is closed");
+                }
+                let why =
+                    format!("there are {CONNECTIONS} connections of sensors already; this one is closed");
+                tokio::spawn(async move { tell(&mut stream, &why).await });
+                continue;
+            };
+            let connection = Connection {
+                readings: self.readings.clone(),
+                dropped: Arc::clone(&self.dropped),
+                known: Arc::clone(&self.known),
+                clock: self.clock,
+                idle: self.idle,
+                lines: lines.clone(),
+                complaints: (Instant::now(), 0),
+            };
+            let (lines, clock) = (lines.connections.clone(), self.clock);
+            tokio::spawn(async move {
+                if let Some(held_back) = admit(&lines, clock) {
+                    info!(%peer, held_back, "a sensor's connection is open");
+                }
+                let end = connection.converse(stream).await;
+                if let Some(held_back) = admit(&lines, clock) {
+                    info!(%peer, held_back, "a sensor's connection is closed: {end}");
+                }
+                drop(place);
+            });
+        }
+    }
+}
+
+struct Connection {
+    readings: Sender<Arrived>,
+    dropped: Arc<AtomicU64>,
+    known: Arc<[Known]>,
+    clock: Clock,
+    idle: Duration,
+    lines: Lines,
+    /// Begin of the present second, and sentences in it.
+    complaints: (Instant, u32),
+}
+
+impl Connection {
+    /// Takes readings until the connection ends; says why it did.
+    async fn converse(mut self, mut stream: TcpStream) -> String {
+        let _ = stream.set_nodelay(true);
+        // a sensor that lost its power is noticed within a minute, one that only says nothing by `idle`
+        let keepalive = TcpKeepalive::new().with_time(KEEPALIVE).with_interval(KEEPALIVE / 3).with_retries(3);
+        let _ = SockRef::from(&stream).set_tcp_keepalive(&keepalive);
+        let mut said = Stream::default();
+        let mut buffer = vec![0; 16 * 1024];
+        loop {
+            let count = match timeout(self.idle, stream.read(&mut buffer)).await {
+                Ok(Ok(0)) => return "by the sensor".to_owned(),
+                Ok(Ok(count)) => count,
+                Ok(Err(e)) => return e.to_string(),
+                Err(_) => {
+                    let why = format!(
+                        "nothing was said for {} s (idle-s); the connection is closed",
+                        self.idle.as_secs_f64()
+                    );
+                    tell(&mut stream, &why).await;
+                    return why;
+                }
+            };
+            let now = self.clock.now();
+            said.push(&buffer[..count]);
+            while let Some(message) = said.next() {
+                let problem = match message {
+                    Ok(message) => match self.pass_on(now, message) {
+                        None => continue,
+                        Some(problem) => problem,
+                    },
+                    Err(e) => {
+                        let text = e.to_string();
+                        if e.is_fatal() {
+                            self.complain(&mut stream, &text).await;
+                            return text;
+                        }
+                        text
+                    }
+                };
+                self.complain(&mut stream, &problem).await;
+            }
+        }
+    }
+
+    /// A message goes to the estimator; gives what is wrong with it.
+    fn pass_on(&self, now: MonoTime, said: Said) -> Option<String> {
+        let Said { sensor, reading } = said;
+        let Some(known) = self.known.iter().find(|known| known.name == sensor) else {
+            let names: Vec<&str> = self.known.iter().map(|known| known.name.as_str()).collect();
+            let names = names.join(", ");
+            return Some(format!("sensor \"{sensor}\" is not in the machine file; it has {names}"));
+        };
+        // one of another kind is passed on, too: the status names the sensor that says it
+        let objection = known.objection(&reading);
+        if self.readings.try_send(Arrived { now, sensor, reading }).is_err() {
+            self.dropped.fetch_add(1, Relaxed);
+        }
+        objection
+    }
+
+    /// Tells the sensor what is wrong, not too often.
+    async fn complain(&mut self, stream: &mut TcpStream, problem: &str) {
+        let (since, count) = &mut self.complaints;
+        if since.elapsed() >= Duration::from_secs(1) {
+            (*since, *count) = (Instant::now(), 0);
+        }
+        *count += 1;
+        if *count > COMPLAINTS_PER_S {
+            return;
+        }
+        if let Some(held_back) = admit(&self.lines.mistakes, self.clock) {
+            warn!(held_back, "a sensor sends what cannot be used: {problem}");
+        }
+        tell(stream, problem).await;
+    }
+}
+
+/// One sentence to a sensor.
+async fn tell(stream: &mut TcpStream, problem: &str) {
+    let mut line = serde_json::json!({ "error": problem }).to_string();
+    line.push('\n');
+    // one that does not listen is its own affair
+    let _ = timeout(PATIENCE, stream.write_all(line.as_bytes())).await;
+}

@@ -1,0 +1,69 @@
+//! Live estimation in the daemon: sensors connect over TCP, a thread beside the cycle learns, the cycle evaluates.
+//!
+//! - [`listener`]: connections of sensors, on the service's event loop; bytes become readings ([`wire`]).
+//! - [`worker`]: the estimator thread. Positions come from the cycle, readings from the listener; finished tables go to
+//!   the cycle, health to the status, what was learned to the disk ([`keep`]).
+//! - [`known`]: what each sensor is to say, for answers on the link.
+//! - [`cycle_end`]: what the cycle does for it: a copy into a queue, and the evaluation of a table.
+//! - [`report`]: health as the status tells it.
+
+mod cycle_end;
+mod keep;
+mod known;
+mod listener;
+mod report;
+mod wire;
+mod worker;
+
+pub use cycle_end::{EstimatorEnd, LiveEnd, Motion, live_ends};
+pub use report::{FilterStatus, GrowthStatus, MapStatus, NodeStatus, SensorStatus};
+
+pub(super) use listener::Listener;
+pub(super) use worker::{Sensors, Start};
+
+use std::time::SystemTime;
+
+use volcomp_estimate::live::{LiveEstimator, Reading};
+use volcomp_units::MonoTime;
+
+/// A reading on its way to the estimator.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct Arrived {
+    /// When its bytes were in hand.
+    now: MonoTime,
+    /// Name of the sensor.
+    sensor: String,
+    reading: Reading,
+}
+
+/// What would be heard of bytes that arrive in these pieces: each message, or what is wrong with it, in words. Nothing
+/// more after what ends a connection.
+#[must_use]
+pub fn heard<'a>(pieces: impl IntoIterator<Item = &'a [u8]>) -> Vec<Result<(String, Reading), String>> {
+    let (mut stream, mut heard) = (wire::Stream::default(), Vec::new());
+    for piece in pieces {
+        stream.push(piece);
+        while let Some(said) = stream.next() {
+            let lost = said.as_ref().is_err_and(wire::WireError::is_fatal);
+            heard.push(said.map(|s| (s.sensor, s.reading)).map_err(|e| e.to_string()));
+            if lost {
+                return heard;
+            }
+        }
+    }
+    heard
+}
+
+/// Puts the text of a `live.json` back into an estimator, as a start of the daemon does.
+///
+/// # Errors
+/// Why it is not believed, in words.
+pub fn put_back(
+    text: &[u8],
+    machine: &str,
+    model_hash: &str,
+    estimator: &mut LiveEstimator,
+    now: SystemTime,
+) -> Result<String, String> {
+    keep::put_back(text, machine, model_hash, estimator, now).map_err(|(why, _)| why)
+}

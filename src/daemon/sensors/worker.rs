@@ -1,0 +1,576 @@
+//! The estimator thread: beside the cycle, never in its way.
+
+use std::path::PathBuf;
+use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::{Duration, SystemTime};
+
+use crossbeam_channel::{Receiver, Sender, bounded};
+use tracing::{info, warn};
+
+use super::super::clock::Clock;
+use super::super::models::Prepared;
+use super::super::recorder::HealthSlot;
+use super::cycle_end::{EstimatorEnd, Motion};
+use super::known::Known;
+use super::report::{FilterStatus, code_of, growth_code};
+use super::{Arrived, keep};
+use volcomp_config::SensorsConfig;
+use volcomp_estimate::live::{
+    GrowthStanding, LiveError, LiveEstimator, LiveModel, LiveSpec, LiveTable, MapStanding, Moment,
+};
+use volcomp_estimate::{SensorClock, Standing};
+use volcomp_model::geometry::Vec3;
+use volcomp_units::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
+use volcomp_units::{MonoTime, rad_from_deg};
+
+/// Readings in flight.
+const READINGS: usize = 4096;
+/// Orders in flight.
+const ORDERS: usize = 16;
+/// Pause between two looks at the queues.
+const POLL: Duration = Duration::from_millis(4);
+/// Time for readings in one round; what comes on top of it is left out, so that tables, states and positions never wait
+/// for readings.
+const ROUND_S: f64 = 0.02;
+/// An overload counts as over after this time without a reading that was left out, s.
+const RELIEF_S: f64 = 10.0;
+/// Patience with the disk where another model is loaded.
+const SWITCH_LIMIT: Duration = Duration::from_secs(1);
+/// Interval of new tables, s.
+const TABLE_S: f64 = 0.05;
+/// Interval of health reports, s.
+const HEALTH_S: f64 = 0.2;
+/// Interval at which health goes into the recording, s.
+const RECORD_S: f64 = 1.0;
+/// Time for the last word when the daemon ends.
+const FINISH_LIMIT: Duration = Duration::from_secs(3);
+
+/// What the service asks of the estimator.
+#[derive(Debug)]
+pub(crate) enum Order {
+    /// Another model is in use.
+    Model(Arc<Prepared>),
+    /// A map goes back to the offline map; the answer says whether there is one of the name.
+    Forget(String, Sender<bool>),
+    /// The daemon ends.
+    End,
+}
+
+/// The estimator, seen from the service.
+#[derive(Debug)]
+pub(crate) struct Sensors {
+    orders: Sender<Order>,
+    ended: Receiver<()>,
+    health: Arc<Mutex<FilterStatus>>,
+    pub(crate) readings: Sender<Arrived>,
+    pub(crate) dropped: Arc<AtomicU64>,
+    pub(crate) known: Arc<[Known]>,
+}
+
+/// What the estimator starts with.
+#[derive(Debug)]
+pub(crate) struct Start {
+    pub(crate) config: SensorsConfig,
+    pub(crate) machine: String,
+    pub(crate) model: Arc<Prepared>,
+    /// The state directory.
+    pub(crate) directory: Option<PathBuf>,
+    /// Where health goes into the recording.
+    pub(crate) record: Option<Arc<HealthSlot>>,
+    pub(crate) end: EstimatorEnd,
+    pub(crate) clock: Clock,
+}
+
+/// An estimator for a model in use.
+pub(crate) fn estimator(spec: &LiveSpec, model: &Prepared) -> Result<LiveEstimator, LiveError> {
+    let of = LiveModel {
+        spec: &model.spec,
+        thermal: &model.thermal,
+        model: Arc::clone(&model.model),
+        hash: hash_of(model),
+    };
+    LiveEstimator::new(spec, of)
+}
+
+/// Hash of a model's file, as the cycle knows it.
+pub(crate) fn hash_of(model: &Prepared) -> [u8; 32] {
+    *blake3::hash(model.text.as_bytes()).as_bytes()
+}
+
+impl Sensors {
+    /// Starts the thread. Sensors that do not fit the model are told and done without.
+    pub(crate) fn start(start: Start) -> std::io::Result<Self> {
+        let (orders, order_receiver) = bounded(ORDERS);
+        let (readings, reading_receiver) = bounded(READINGS);
+        let (end, ended) = bounded::<()>(1);
+        let health = Arc::new(Mutex::new(FilterStatus::default()));
+        let dropped = Arc::new(AtomicU64::new(0));
+        let known: Arc<[Known]> = start.config.spec.sensors.iter().map(Known::new).collect();
+        let shared =
+            Shared { known: Arc::clone(&known), health: Arc::clone(&health), dropped: Arc::clone(&dropped) };
+        let worker = Worker::new(start, order_receiver, reading_receiver, shared)?;
+        std::thread::Builder::new().name("volcomp-live".to_owned()).spawn(move || {
+            let _end = end;
+            worker.run();
+        })?;
+        Ok(Self { orders, ended, health, readings, dropped, known })
+    }
+
+    /// How it goes.
+    pub(crate) fn health(&self) -> FilterStatus {
+        let mut health = self.health.lock().unwrap_or_else(PoisonError::into_inner).clone();
+        health.dropped = self.dropped.load(Relaxed);
+        health
+    }
+
+    /// Another model is in use.
+    pub(crate) fn model(&self, model: &Arc<Prepared>) {
+        if self.orders.try_send(Order::Model(Arc::clone(model))).is_err() {
+            warn!(
+                "the estimator does not take orders; live estimation stays with the model before and is not used"
+            );
+        }
+    }
+
+    /// Has a map forgotten; `None` where the estimator does not answer.
+    pub(crate) fn forget(&self, name: &str) -> Option<Receiver<bool>> {
+        let (answer, answered) = bounded(1);
+        self.orders.try_send(Order::Forget(name.to_owned(), answer)).ok()?;
+        Some(answered)
+    }
+
+    /// Waits until what was learned is kept; gives up where the disk does not answer.
+    pub(crate) fn finish(&self) {
+        let _ = self.orders.try_send(Order::End);
+        if self.ended.recv_timeout(FINISH_LIMIT) == Err(crossbeam_channel::RecvTimeoutError::Timeout) {
+            warn!("what sensors taught is not kept within {} s", FINISH_LIMIT.as_secs());
+        }
+    }
+}
+
+/// Where the machine stands, from frames in wire order to moments in chain order.
+#[derive(Debug, Default)]
+struct Follower {
+    /// Wire index and kind of each axis of the model.
+    axes: Vec<Option<(usize, AxisKind)>>,
+    wire: [Option<AxisName>; MAX_AXES],
+    tip: Option<Vec3>,
+    clock: Option<SensorClock>,
+}
+
+impl Follower {
+    fn fit(&mut self, names: &[AxisName]) {
+        let find = |name: &AxisName| {
+            let k = self.wire.iter().position(|wire| *wire == Some(*name))?;
+            Some((k, name.kind()))
+        };
+        self.axes = names.iter().map(find).collect();
+    }
+
+    fn chain(&self, wire: &AxisArray) -> AxisArray {
+        let mut out = [0.0; MAX_AXES];
+        for (slot, axis) in out.iter_mut().zip(&self.axes) {
+            *slot = match axis {
+                Some((k, AxisKind::Linear)) => wire[*k],
+                Some((k, AxisKind::Rotary)) => rad_from_deg(wire[*k]),
+                None => 0.0,
+            };
+        }
+        out
+    }
+
+    fn moment(
+        &mut self,
+        now: MonoTime,
+        control_ns: i64,
+        commanded: &AxisArray,
+        actual: &AxisArray,
+    ) -> Option<Moment> {
+        if !commanded.iter().chain(actual).all(|v| v.is_finite()) {
+            return None;
+        }
+        let clock = self.clock.get_or_insert_with(|| SensorClock::new(0.0));
+        let at = clock.stamp(now, control_ns).at;
+        Some(Moment { at, commanded: self.chain(commanded), actual: self.chain(actual), tool_tip: self.tip })
+    }
+}
+
+/// What the service and the listener see, too.
+struct Shared {
+    known: Arc<[Known]>,
+    health: Arc<Mutex<FilterStatus>>,
+    dropped: Arc<AtomicU64>,
+}
+
+/// More readings than there is time for.
+#[derive(Debug, Default)]
+struct Overload {
+    /// Readings that found the queue full, as counted last.
+    dropped: u64,
+    /// When one was left out last, while that is going on.
+    since: Option<MonoTime>,
+}
+
+struct Worker {
+    start: Start,
+    orders: Receiver<Order>,
+    readings: Receiver<Arrived>,
+    shared: Shared,
+    writer: Option<keep::Writer>,
+    overload: Overload,
+    estimator: Option<LiveEstimator>,
+    follower: Follower,
+    /// Tables that the cycle may still hold.
+    sent: Vec<Arc<LiveTable>>,
+    notes: Vec<String>,
+    standings: Vec<Standing>,
+    map_states: Vec<MapStanding>,
+    growths: Vec<GrowthStanding>,
+    tabled: MonoTime,
+    recorded: MonoTime,
+    told: MonoTime,
+    kept: MonoTime,
+}
+
+impl Worker {
+    fn new(
+        start: Start,
+        orders: Receiver<Order>,
+        readings: Receiver<Arrived>,
+        shared: Shared,
+    ) -> std::io::Result<Self> {
+        let now = start.clock.now();
+        let writer = start.directory.as_deref().map(keep::Writer::start).transpose()?;
+        let mut worker = Self {
+            orders,
+            readings,
+            shared,
+            writer,
+            overload: Overload::default(),
+            estimator: None,
+            follower: Follower::default(),
+            sent: Vec::new(),
+            notes: Vec::new(),
+            standings: Vec::new(),
+            map_states: Vec::new(),
+            growths: Vec::new(),
+            tabled: now,
+            recorded: now,
+            told: now,
+            kept: now,
+            start,
+        };
+        worker.take_model();
+        worker.show(now);
+        Ok(worker)
+    }
+
+    /// Begins anew with the model that is in use.
+    fn take_model(&mut self) {
+        let model = &self.start.model;
+        self.notes.clear();
+        self.standings.clear();
+        self.map_states.clear();
+        self.growths.clear();
+        match estimator(&self.start.config.spec, model) {
+            Ok(mut estimator) => {
+                if let Some(directory) = &self.start.directory {
+                    let (machine, now) = (&self.start.machine, SystemTime::now());
+                    self.notes = keep::restore(directory, machine, &model.hash, &mut estimator, now);
+                } else if estimator.learns() {
+                    self.notes
+                        .push("no state directory: what is learned does not outlive the daemon".to_owned());
+                }
+                for note in &self.notes {
+                    // one with a number is about something that is wrong
+                    if note.starts_with("VC-") { warn!("{note}") } else { info!("{note}") }
+                }
+                for known in self.shared.known.iter() {
+                    known
+                        .tells(estimator.units().find(|(name, _)| *name == known.name).map(|(_, unit)| unit));
+                }
+                self.estimator = Some(estimator);
+            }
+            Err(problem) => {
+                let note = format!("VC-8020: no live estimation with this model: {problem}");
+                warn!("{note}");
+                self.notes.push(note);
+                self.shared.known.iter().for_each(|known| known.tells(None));
+                self.estimator = None;
+            }
+        }
+        self.fit();
+    }
+
+    fn fit(&mut self) {
+        let names: Vec<AxisName> = self.start.model.model.axes().map(|a| a.name).collect();
+        self.follower.fit(&names);
+    }
+
+    fn run(mut self) {
+        loop {
+            let ends = self.take_orders();
+            self.take_motions();
+            self.take_readings();
+            let now = self.start.clock.now();
+            if let Some(estimator) = &mut self.estimator {
+                estimator.tick(now);
+            }
+            self.tell_changes();
+            if now.seconds_since(self.tabled) >= TABLE_S {
+                self.tabled = now;
+                self.hand_over(now);
+            }
+            if now.seconds_since(self.told) >= HEALTH_S {
+                self.told = now;
+                self.show(now);
+            }
+            if now.seconds_since(self.recorded) >= RECORD_S {
+                self.recorded = now;
+                self.record(now);
+            }
+            if ends {
+                self.finish();
+                return;
+            }
+            if now.seconds_since(self.kept) >= self.start.config.keep_s {
+                self.kept = now;
+                self.keep();
+            }
+            std::thread::sleep(POLL);
+        }
+    }
+
+    /// True where the daemon ends.
+    fn take_orders(&mut self) -> bool {
+        while let Ok(order) = self.orders.try_recv() {
+            match order {
+                Order::End => return true,
+                Order::Model(model) => {
+                    self.keep();
+                    // what is put back next is read from the same file
+                    if self.writer.as_ref().is_some_and(|writer| !writer.wait(SWITCH_LIMIT)) {
+                        warn!("what sensors taught with the model before is not on the disk yet");
+                    }
+                    self.start.model = model;
+                    self.take_model();
+                }
+                Order::Forget(name, answer) => {
+                    let found = self.estimator.as_mut().is_some_and(|e| e.forget(&name));
+                    let _ = answer.try_send(found);
+                }
+            }
+        }
+        false
+    }
+
+    fn take_motions(&mut self) {
+        while let Ok(motion) = self.start.end.motions.try_recv() {
+            match motion {
+                Motion::Axes { axes } => {
+                    self.follower = Follower { wire: axes, ..Follower::default() };
+                    self.fit();
+                }
+                Motion::Down => {
+                    if let Some(estimator) = &mut self.estimator {
+                        estimator.on_link_down();
+                    }
+                }
+                Motion::Tool(tip) => {
+                    self.follower.tip = Some(Vec3::from(tip)).filter(|t| t.iter().all(|v| v.is_finite()));
+                }
+                Motion::At { now, control_ns, commanded, actual } => {
+                    let moment = self.follower.moment(now, control_ns, &commanded, &actual);
+                    if let Some((moment, estimator)) = moment.zip(self.estimator.as_mut()) {
+                        estimator.on_motion(moment);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Readings for as long as this round has time; the others only count as heard, whichever sensor they are of.
+    fn take_readings(&mut self) {
+        let begin = self.start.clock.now();
+        let mut left_out = false;
+        for Arrived { now, sensor, reading } in self.readings.try_iter().take(READINGS) {
+            let Some(estimator) = &mut self.estimator else { continue };
+            let Some(sensor) = estimator.sensor(&sensor) else { continue };
+            if left_out || self.start.clock.now().seconds_since(begin) > ROUND_S {
+                left_out = true;
+                estimator.skip(now, sensor);
+            } else {
+                estimator.on_reading(now, sensor, &reading);
+            }
+        }
+        self.tell_overload(begin, left_out);
+    }
+
+    fn tell_overload(&mut self, now: MonoTime, left_out: bool) {
+        let dropped = self.shared.dropped.load(Relaxed);
+        let left_out = left_out || dropped > self.overload.dropped;
+        self.overload.dropped = dropped;
+        match self.overload.since {
+            None if left_out => {
+                warn!(
+                    code = "VC-8018",
+                    "the estimator does not keep up with its sensors; readings are left out"
+                );
+            }
+            Some(since) if !left_out && now.seconds_since(since) > RELIEF_S => {
+                info!("the estimator keeps up with its sensors again");
+                self.overload.since = None;
+            }
+            _ => {}
+        }
+        if left_out {
+            self.overload.since = Some(now);
+        }
+    }
+
+    /// Changes of sensors and maps go into the log.
+    fn tell_changes(&mut self) {
+        let Some(estimator) = &self.estimator else { return };
+        let standings: Vec<Standing> = estimator.standings().map(|(_, s)| s).collect();
+        for (k, (name, standing)) in estimator.standings().enumerate() {
+            let before = self.standings.get(k).copied().unwrap_or(Standing::Waiting);
+            match standing {
+                _ if before == standing => {}
+                Standing::Good => info!(sensor = name, "the sensor is believed"),
+                Standing::Waiting => {}
+                Standing::Excluded(trouble) => {
+                    let (code, cause) = (code_of(trouble).to_string(), trouble.name());
+                    warn!(sensor = name, cause, code, "the sensor is excluded");
+                }
+            }
+        }
+        let states: Vec<MapStanding> = estimator.map_states().map(|(_, standing)| standing).collect();
+        for (k, (name, standing)) in estimator.map_states().enumerate() {
+            tell_map(name, self.map_states.get(k).copied().unwrap_or_default(), standing);
+        }
+        let growths: Vec<GrowthStanding> = estimator.growth_standings().map(|(_, s, _)| s).collect();
+        for (k, (name, standing, input)) in estimator.growth_standings().enumerate() {
+            let before = self.growths.get(k).copied().unwrap_or(GrowthStanding::Waiting(0));
+            if before != standing {
+                tell_growth(name, standing, input.unwrap_or_default());
+            }
+        }
+        (self.standings, self.map_states, self.growths) = (standings, states, growths);
+    }
+
+    /// A new table for the cycle.
+    fn hand_over(&mut self, now: MonoTime) {
+        // a table that only this thread holds is out of use; the newest may still be on its way
+        self.sent.retain(|table| Arc::strong_count(table) > 1);
+        let Some(estimator) = &mut self.estimator else { return };
+        let table = Arc::new(estimator.table(now));
+        if self.start.end.tables.try_send(Arc::clone(&table)).is_ok() {
+            self.sent.push(table);
+        }
+    }
+
+    fn show(&self, now: MonoTime) {
+        let mut status = match &self.estimator {
+            Some(estimator) => FilterStatus::new(&estimator.health(now)),
+            None => FilterStatus::unused(&self.start.config.spec),
+        };
+        status.notes.clone_from(&self.notes);
+        if self.overload.since.is_some() {
+            status.notes.push("VC-8018: the estimator does not keep up with its sensors".to_owned());
+        }
+        *self.shared.health.lock().unwrap_or_else(PoisonError::into_inner) = status;
+    }
+
+    /// How it goes, for the recording.
+    fn record(&self, now: MonoTime) {
+        let Some((slot, estimator)) = self.start.record.as_ref().zip(self.estimator.as_ref()) else { return };
+        // numbers and names always become text
+        let text = serde_json::to_string(&FilterStatus::new(&estimator.health(now))).unwrap_or_default();
+        slot.put(now, text);
+    }
+
+    /// What is to be kept; nothing where there is nothing.
+    fn kept_text(&self) -> Option<Vec<u8>> {
+        let estimator = self.estimator.as_ref().filter(|estimator| estimator.learns())?;
+        let (machine, hash) = (&self.start.machine, &self.start.model.hash);
+        // numbers and names always become text
+        keep::text(machine, hash, estimator, SystemTime::now()).ok()
+    }
+
+    fn keep(&mut self) {
+        let Some((writer, text)) = self.writer.as_ref().zip(self.kept_text()) else { return };
+        let problem = if writer.write(text) {
+            // of the one before, for this one is on its way
+            writer.problem()
+        } else {
+            Some(format!("{}: the disk does not answer", keep::FILE))
+        };
+        if let Some(problem) = problem {
+            let note = format!("what is learned is not kept: {problem}");
+            if !self.notes.contains(&note) {
+                warn!("{note}");
+                self.notes.push(note);
+            }
+        }
+    }
+
+    /// The last word to the disk, however long that takes: the service does not wait for ever.
+    fn finish(&mut self) {
+        let last = self.kept_text();
+        if let Some(writer) = self.writer.take() {
+            writer.finish(last);
+        }
+    }
+}
+
+/// A map stands otherwise than before.
+fn tell_map(map: &str, before: MapStanding, now: MapStanding) {
+    if now.limited && !before.limited {
+        warn!(map, code = "VC-8019", "what the map has learned is larger than its limit; the limit is used");
+    } else if before.limited && !now.limited {
+        info!(map, "the map is within its limit again");
+    }
+    match (now.alarm, now.is_static) {
+        of if of == (before.alarm, before.is_static) => {}
+        (_, true) => warn!(map, code = "VC-8012", "the map is given up for the static model"),
+        (true, false) => warn!(map, code = "VC-8011", "a sensor contradicts the map"),
+        (false, false) => info!(map, "the map is learned again"),
+    }
+}
+
+/// A growth stands otherwise than before.
+fn tell_growth(growth: &str, standing: GrowthStanding, input: &str) {
+    let code = growth_code(standing).map(|code| code.to_string());
+    match standing {
+        GrowthStanding::Waiting(_) => {}
+        GrowthStanding::Used => info!(growth, "the growth by heat is used"),
+        GrowthStanding::Outside(_) => {
+            warn!(growth, input, code, "an input is outside of what the fit has seen; the growth fades");
+        }
+        GrowthStanding::Lost(_) => {
+            warn!(growth, input, code, "an input is lost; the growth is held, then taken back");
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn frames_become_moments_in_chain_order() {
+        let mut follower = Follower::default();
+        let mut wire = [None; MAX_AXES];
+        wire[..3].copy_from_slice(&[Some(AxisName::C), Some(AxisName::Y), Some(AxisName::X)]);
+        follower.wire = wire;
+        follower.fit(&[AxisName::X, AxisName::Y, AxisName::Z, AxisName::C, AxisName::S]);
+        let mut frame = [0.0; MAX_AXES];
+        frame[..3].copy_from_slice(&[180.0, 20.0, 10.0]);
+        let moment = follower.moment(MonoTime::ZERO, 5, &frame, &frame).unwrap();
+        assert_eq!(&moment.commanded[..3], &[10.0, 20.0, 0.0]);
+        assert!((moment.commanded[3] - core::f64::consts::PI).abs() < 1e-12);
+        frame[1] = f64::NAN;
+        assert!(follower.moment(MonoTime::ZERO, 5, &frame, &frame).is_none());
+    }
+}

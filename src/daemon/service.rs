@@ -1,0 +1,400 @@
+//! The service's side of the channels: drains, logs with bounds, passes requests on.
+
+mod logs;
+mod word;
+
+use std::collections::VecDeque;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::time::{Duration, SystemTime};
+
+use tracing::{info, warn};
+use volcomp_state::counters::FILE;
+
+use super::audit::{Audit, AuditEntry, Who};
+use super::board::Board;
+use super::clock::Clock;
+use super::counters::{Tally, unknown};
+use super::cycle::LinkEnd;
+use super::handshake;
+use super::keeper::Keeper;
+use super::latency::Histograms;
+use super::load::Loaded;
+use super::logging::LogLimiter;
+use super::models::guard::{self, Hindrance};
+use super::models::{Keeping, Models, Prepared};
+use super::notices::Notices;
+use super::ports::{LastOffset, Report, Request, ServicePorts};
+use super::realtime;
+use super::recorder::Recorder;
+use super::sensors::{MapStatus, Sensors};
+use super::status::Status;
+use logs::{log_event, log_link_up, log_realtime};
+use volcomp_config::{MachineConfig, Policy};
+use volcomp_engine::fault::Code;
+use volcomp_engine::{Command, Event, ShadowScore, State};
+use volcomp_units::MonoTime;
+use word::WordState;
+
+/// Records taken in one go, so that requests are never kept waiting by statistics.
+const RECORDS_AT_ONCE: usize = 4096;
+/// Interval at which the counters are kept, s.
+const SAVE_S: f64 = 5.0;
+/// Interval at which it is looked whether the model may still be used, s.
+const LOOK_S: f64 = 1.0;
+
+/// The service's view of the cycle thread.
+#[derive(Debug)]
+pub(super) struct Service {
+    ports: ServicePorts,
+    board: Board,
+    tally: Tally,
+    keeper: Keeper,
+    recorder: Option<Recorder>,
+    /// Live estimation, where there are sensors.
+    pub(super) sensors: Option<Sensors>,
+    models: Models,
+    config: Arc<MachineConfig>,
+    gain: f64,
+    temperature: Option<(f64, MonoTime)>,
+    /// An expired model was accepted by somebody.
+    expired_accepted: bool,
+    shadowing: bool,
+    /// A model is being read and compared.
+    loading: Arc<AtomicBool>,
+    shadow: Option<(State, ShadowScore)>,
+    clock: Clock,
+    saved: MonoTime,
+    looked: MonoTime,
+    /// Number of the newest request.
+    ticket: u64,
+    word: WordState,
+    /// Requests that the cycle thread has not looked at, oldest first; a model among them is not freed there.
+    waiting: VecDeque<(u64, Request)>,
+    failures: LogLimiter,
+    links: LogLimiter,
+    events: LogLimiter,
+    notices: Notices,
+}
+
+impl Service {
+    pub(super) fn new(
+        loaded: Arc<Loaded>,
+        ports: ServicePorts,
+        keeper: Keeper,
+        recorder: Option<Recorder>,
+        models: Models,
+        clock: Clock,
+    ) -> Result<Self, hdrhistogram::CreationError> {
+        let config = &loaded.config;
+        let file = keeper.directory().map(|directory| directory.join(FILE).display().to_string());
+        let mut tally = Tally::open(keeper.recalled(), file, &config.machine, config.link.cycle_s);
+        if let Some(note) = tally.note().filter(|_| keeper.recalled().is_some()) {
+            warn!("{note}");
+        }
+        if let Some(why) = &models.unknown {
+            tally.last_word_mut().hold.get_or_insert_with(|| unknown(why));
+        }
+        let word = WordState::new(tally.last_word());
+        let gain = config.engine.gain;
+        let config = Arc::new(config.clone());
+        let board = Board::new(loaded, Arc::clone(&ports.progress), clock)?;
+        let mut service = Self {
+            models,
+            config,
+            gain,
+            sensors: None,
+            temperature: None,
+            expired_accepted: false,
+            shadowing: false,
+            loading: Arc::default(),
+            shadow: None,
+            looked: clock.now(),
+            ports,
+            board,
+            tally,
+            keeper,
+            recorder,
+            clock,
+            saved: clock.now(),
+            ticket: 0,
+            word,
+            waiting: VecDeque::new(),
+            failures: LogLimiter::new(3, Duration::from_secs(60)),
+            links: LogLimiter::new(10, Duration::from_secs(10)),
+            events: LogLimiter::new(20, Duration::from_secs(1)),
+            notices: Notices::new(clock.now()),
+        };
+        service.recall();
+        service.save();
+        Ok(service)
+    }
+
+    /// Whether compensation is wanted.
+    pub(super) fn is_wanted(&self) -> bool {
+        self.ports.progress.wanted.load(Relaxed)
+    }
+
+    /// The one place for a model that is being read.
+    pub(super) fn loading(&self) -> Arc<AtomicBool> {
+        Arc::clone(&self.loading)
+    }
+
+    /// The fault that is latched now, in a line.
+    pub(super) fn latched(&self) -> Option<String> {
+        self.board.latched()
+    }
+
+    /// Whether shadow mode is on.
+    pub(super) const fn is_shadowing(&self) -> bool {
+        self.shadowing
+    }
+
+    /// The machine file.
+    pub(super) fn config(&self) -> Arc<MachineConfig> {
+        Arc::clone(&self.config)
+    }
+
+    /// The models in use and before.
+    pub(super) const fn models(&self) -> &Models {
+        &self.models
+    }
+
+    /// The temperature of the machine, degrees Celsius.
+    pub(super) fn tell_temperature(&mut self, degc: f64) {
+        self.temperature = Some((degc, self.clock.now()));
+    }
+
+    /// What speaks against compensating now.
+    pub(super) fn hindrances(&self, accept_expired: bool) -> Vec<(Hindrance, Policy)> {
+        self.hindrances_of(&self.models.active, accept_expired || self.expired_accepted)
+    }
+
+    /// What speaks against compensating with a model.
+    pub(super) fn hindrances_of(&self, model: &Prepared, accept_expired: bool) -> Vec<(Hindrance, Policy)> {
+        let now = self.clock.now();
+        let temperature = self.temperature.map(|(degc, at)| (degc, now.seconds_since(at)));
+        let expiry = model.expiry.as_deref().filter(|_| !accept_expired);
+        guard::hindrances(&self.config.guard, expiry, SystemTime::now(), temperature)
+    }
+
+    /// That the model in use has expired was accepted; remembered only where it has.
+    pub(super) fn accept_expiry(&mut self) {
+        let expired = self.hindrances_of(&self.models.active, false).len();
+        self.expired_accepted |= expired > self.hindrances_of(&self.models.active, true).len();
+    }
+
+    /// Another model may be taken into use: the recording has to know its text before.
+    pub(super) fn announce(&self, model: &Prepared) {
+        if let Some(recorder) = &self.recorder {
+            recorder.models.put(&model.origin, &model.text);
+        }
+    }
+
+    /// Another model is in use; gives what is to be written down about it, off this thread.
+    pub(super) fn switched(
+        &mut self,
+        new: Arc<Prepared>,
+        who: Option<String>,
+        why: Option<String>,
+    ) -> Keeping {
+        info!(model = new.origin, hash = new.hash, who, why, "another model is in use");
+        self.expired_accepted = false;
+        if let Some(sensors) = &self.sensors {
+            sensors.model(&new);
+        }
+        if realtime::lock_again(&self.config.realtime).is_refused() {
+            warn!(code = %Code::REALTIME_REFUSED, "the new model could not be locked into memory (LimitMEMLOCK=)");
+        }
+        self.models.switched(new, who, why)
+    }
+
+    /// Something that should be known about the model in use.
+    pub(super) fn note_model(&mut self, note: String) {
+        warn!("{note}");
+        self.models.notes.push(note);
+    }
+
+    /// Takes compensation out where the model may not be used any more and that is what was configured for it.
+    fn look_after_the_model(&mut self) {
+        self.looked = self.clock.now();
+        if !self.is_wanted() {
+            return;
+        }
+        let against = self.hindrances(false);
+        let Some((hindrance, _)) = against.iter().find(|(_, policy)| *policy == Policy::RampOut) else {
+            return;
+        };
+        warn!("compensation is ramped out: {hindrance}");
+        let result =
+            if self.request(Request::Engine(Command::Disable)).is_some() { "ordered" } else { "queue full" };
+        self.keeper.audit.write(AuditEntry {
+            who: Who::daemon(),
+            what: "disable".to_owned(),
+            why: Some(hindrance.to_string()),
+            new_model: Some(self.model_hash().to_owned()),
+            result: result.to_owned(),
+            ..AuditEntry::default()
+        });
+    }
+
+    /// Takes in what the cycle thread has reported.
+    fn drain_reports(&mut self) {
+        while let Ok(report) = self.ports.reports.try_recv() {
+            self.report(report);
+        }
+    }
+
+    /// Takes in what the cycle thread has said since the last call.
+    pub(super) fn drain(&mut self) {
+        // reports first: a link that came up resets the statistics before its first record
+        self.settle_all();
+        for _ in 0..RECORDS_AT_ONCE {
+            let Ok(record) = self.ports.records.try_recv() else { break };
+            self.board.record(&record);
+            self.tally.record(&record);
+        }
+        if self.clock.now().seconds_since(self.saved) >= SAVE_S {
+            self.save();
+        }
+        if self.clock.now().seconds_since(self.looked) >= LOOK_S {
+            self.look_after_the_model();
+        }
+        self.notices.look(self.clock.now(), &self.ports.progress);
+        if let Some(recorder) = &self.recorder {
+            let lost = recorder.stats.dropped.load(std::sync::atomic::Ordering::Relaxed);
+            self.notices.look_at_recording(self.clock.now(), lost);
+        }
+    }
+
+    pub(super) fn status(&mut self) -> Status {
+        self.drain();
+        let mut status = self.board.status();
+        let active = &self.models.active;
+        (status.model, status.model_hash) = (active.origin.clone(), active.hash.clone());
+        status.model_choice = self.models.status();
+        status.gain = self.gain;
+        status.start_inhibit = self.start_inhibit();
+        status.temperature_degc = self.temperature.map(|(degc, _)| degc);
+        status.hindrances = self.hindrances(false).iter().map(|(h, _)| h.to_string()).collect();
+        status.shadow = self.shadow.filter(|_| self.shadowing).map(|(s, score)| self.board.shadow(s, &score));
+        status.lifetime = self.tally.lifetime(status.cycles, status.late_cycles);
+        status.lifetime.audit_lines_lost = self.keeper.audit.lost();
+        // a disk that refuses now is told before what was found at the start
+        status.lifetime.note = self.keeper.problem().or(status.lifetime.note);
+        if let Some(sensors) = &self.sensors {
+            let health = sensors.health();
+            status.maps = health.maps.iter().map(MapStatus::brief).collect();
+            (status.sensors, status.growths) = (health.sensors, health.growths);
+            status.sensor_notes = health.notes;
+            status.readings_dropped = health.dropped;
+        }
+        status.recording = self.recorder.as_ref().map(|recorder| recorder.stats.status());
+        status.records_dropped += status.recording.as_ref().map_or(0, |recording| recording.records_dropped);
+        status
+    }
+
+    /// Hash of the model in use.
+    pub(super) fn model_hash(&self) -> &str {
+        &self.models.active.hash
+    }
+
+    /// The audit log, for whoever does something that belongs into it.
+    pub(super) const fn audit(&self) -> &Audit {
+        &self.keeper.audit
+    }
+
+    /// Has the counters kept.
+    fn save(&mut self) -> u64 {
+        self.saved = self.clock.now();
+        let progress = &self.ports.progress;
+        let (cycles, late) = (progress.cycles.load(Relaxed), progress.late.load(Relaxed));
+        self.keeper.save(self.tally.counters(cycles, late))
+    }
+
+    /// The last words before the daemon ends: what is left of the recording, the counters, a line in the audit log.
+    pub(super) fn finish(&mut self, result: &str) {
+        self.drain();
+        if let Some(sensors) = &self.sensors {
+            sensors.finish();
+        }
+        if let Some(recorder) = &self.recorder {
+            recorder.finish();
+        }
+        self.save();
+        self.keeper.audit.write(AuditEntry {
+            who: Who::daemon(),
+            what: "stop".to_owned(),
+            result: result.to_owned(),
+            ..AuditEntry::default()
+        });
+        self.keeper.finish();
+    }
+
+    pub(super) fn histograms(&mut self) -> Histograms {
+        self.drain();
+        self.board.histograms()
+    }
+
+    pub(super) fn headline(&self) -> String {
+        self.board.headline()
+    }
+
+    pub(super) fn state(&self) -> &'static str {
+        self.board.state()
+    }
+
+    fn report(&mut self, report: Report) {
+        match report {
+            Report::Realtime(report) => {
+                self.board.realtime(&report);
+                log_realtime(&report);
+            }
+            Report::ConnectFailed { error, pause } => {
+                let text = error.to_string();
+                if let Some(held_back) = self.failures.admit(self.clock.now()) {
+                    let (retry_s, code) = (pause.as_secs_f64(), error.fault());
+                    warn!(retry_s, %code, held_back, "no link: {text}");
+                }
+                self.board.connect_failed(text);
+            }
+            Report::LinkUp { address, hello } => {
+                if let Some(held_back) = self.links.admit(self.clock.now()) {
+                    log_link_up(&address, &hello, held_back);
+                }
+                self.tally.set_axes(handshake::announced(&hello).iter().map(|axis| axis.name).collect());
+                self.board.link_up(&hello);
+            }
+            Report::LinkDown { end, cycles } => {
+                match end {
+                    LinkEnd::Stopped { .. } => info!(cycles, "link closed: {end}"),
+                    _ => {
+                        if let Some(held_back) = self.links.admit(self.clock.now()) {
+                            warn!(cycles, code = %end.fault(), held_back, "link down: {end}");
+                        }
+                    }
+                }
+                self.board.link_down(end.to_string());
+            }
+            Report::Engine(event) => {
+                // a fault is latched, so it cannot flood the log, and must not be held back by what came before
+                let Event::StateChanged { to, .. } = event;
+                let admitted = self.events.admit(self.clock.now());
+                if let Some(held_back) = admitted.or_else(|| (to == State::Faulted).then_some(0)) {
+                    log_event(&event, held_back, &self.board);
+                }
+                self.fault(&event);
+                self.board.event(&event);
+            }
+            Report::Shadow(score) => self.shadow = score,
+            Report::ServiceSilent => self.was_silent(),
+            Report::Stopped { offset: LastOffset::AtRest } => info!("the offset is at its rest value"),
+            Report::Stopped { offset: LastOffset::NoLink } => {
+                info!("there is no link; a control that still holds an offset takes it out by itself");
+            }
+            Report::Stopped { offset: LastOffset::OnItsWay } => {
+                warn!("stopped before the offset was at its rest value; the control takes it out by itself");
+            }
+        }
+    }
+}

@@ -1,0 +1,245 @@
+//! Diagnosis of the gap between simulation and reality: where it lies, which unmodelled effects cause it, and how far it
+//! shrinks once they are added.
+//!
+//! Gap = measured deviation minus predicted one, per reading, along the direction in which the instrument measures.
+//! Assumption: it is a sum of effects of the library ([`library`]), the offset of each mounting, a drift and noise
+//! ([`noise`]). Effects are searched in whitened space ([`search`]), pass gates and get a probability ([`assess`]); what
+//! is left is tested against what repeats show of the noise ([`leftover`]). Pure: no files, no clock; random draws have a
+//! seed. Source: docs/diagnosis.md.
+
+mod another_day;
+pub mod assess;
+mod forecast;
+mod leftover;
+pub mod library;
+mod localise;
+mod next;
+pub mod noise;
+mod offsets;
+mod outcome;
+pub mod plan;
+mod predict;
+pub mod report;
+pub mod search;
+pub mod session;
+mod stochastic;
+mod varied;
+
+use library::{Kind, Library, Without};
+use noise::{ClassNoise, Filter};
+use search::{Problem, Selection};
+use session::Session;
+
+pub use outcome::{Curve, Diagnosis};
+pub use plan::plan;
+pub use predict::{PredictError, predict};
+pub use volcomp_effects::{addition, moment};
+
+/// Something taken away from the method, to prove that tests of it can fail.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Ablation {
+    /// Nothing.
+    #[default]
+    None,
+    /// No gates: whatever the search finds is declared.
+    NoGates,
+    /// No drift: mountings are taken to stand still.
+    NoDrift,
+    /// Neither, and forward selection without swap, merge, backward steps and threshold.
+    Plain,
+}
+
+impl Ablation {
+    const fn has_gates(self) -> bool {
+        matches!(self, Self::None | Self::NoDrift)
+    }
+
+    const fn has_drift(self) -> bool {
+        matches!(self, Self::None | Self::NoGates)
+    }
+}
+
+/// Choices of the user.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Options {
+    /// Effects taken out of the library.
+    pub without: Vec<Without>,
+    /// Seed of the random draws.
+    pub seed: u64,
+    /// The machine of the model, for the addition.
+    pub machine: String,
+    /// What the method does without.
+    pub ablation: Ablation,
+}
+
+/// Rounds of noise, search and noise again.
+const ROUNDS: usize = 3;
+/// The noise has settled when it changes by less than this share.
+const SETTLED: f64 = 0.15;
+
+/// Everything that the search has found.
+struct Analysis {
+    library: Library,
+    problem: Problem,
+    filter: Filter,
+    selection: Selection,
+    noise: Vec<ClassNoise>,
+    used: Vec<bool>,
+    outlying: Vec<usize>,
+    lattice_um: Vec<f64>,
+    gap: Vec<f64>,
+}
+
+/// Diagnoses a session whose predictions are filled in; `tell` hears of the progress (share done, what is done).
+pub fn diagnose(
+    session: &mut Session,
+    fresh: Option<&mut Session>,
+    options: &Options,
+    tell: &mut dyn FnMut(f64, &str),
+) -> Diagnosis {
+    let analysis = analyse(session, options, tell);
+    tell(0.85, "tests of the causes");
+    outcome::conclude(session, fresh, options, analysis, tell)
+}
+
+fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &str)) -> Analysis {
+    tell(0.0, "noise from repeats");
+    let gap = session.gap();
+    let lattice_um = noise::lattices(session);
+    let outlying = noise::outliers(session, &gap, &lattice_um);
+    let mut used = vec![true; gap.len()];
+    for i in &outlying {
+        used[*i] = false;
+    }
+    let ablation = options.ablation;
+    let steady = |mut classes: Vec<ClassNoise>| {
+        if !ablation.has_drift() {
+            classes.iter_mut().for_each(|c| c.drift_um = 0.0);
+        }
+        classes
+    };
+    let mut class_noise = steady(noise::from_repeats(session, &gap, &used, &lattice_um));
+    let mut library = Library::new(session, &options.without);
+    take_signals(session, &mut library);
+    let by_label = library.by_label();
+    let grid: Vec<usize> = by_label.iter().map(Vec::len).collect();
+    let mut round = 0;
+    loop {
+        tell(0.1 + 0.25 * round as f64, "columns of all effects");
+        let filter = Filter::new(session, &class_noise, &used);
+        let white: Vec<f64> = class_noise.iter().map(|c| c.white_um).collect();
+        let mut problem = Problem::new(session, &library, &filter, &gap, &white);
+        let is_plain = ablation == Ablation::Plain;
+        let threshold =
+            if is_plain { 0.0 } else { search::threshold(&problem, &library, &grid, options.seed) };
+        tell(0.2 + 0.25 * round as f64, "search for causes");
+        let mut selection =
+            Selection { chosen: Vec::new(), threshold, grid: grid.clone(), is_plain, ..Selection::default() };
+        varied::find_causes(&mut problem, session, &filter, &mut library, &mut selection);
+        round += 1;
+        let next = {
+            let left = remainder(session, &problem, &library, &selection, &gap);
+            steady(noise::from_remainder(session, &left, &used, &class_noise))
+        };
+        let settled = class_noise.iter().zip(&next).all(|(a, b)| alike(a, b));
+        if settled || round >= ROUNDS {
+            // the control's own encoders see the servo, which depends on no place
+            if !is_plain && !problem.precise {
+                tell(0.8, "effects that vary over the volume");
+                varied::allow_for_variation(&mut problem, session, &filter, &mut library, &mut selection);
+            }
+            let blind = problem.unseen(&library);
+            library.blind.extend(blind);
+            return Analysis {
+                library,
+                problem,
+                filter,
+                selection,
+                noise: class_noise,
+                used,
+                outlying,
+                lattice_um,
+                gap,
+            };
+        }
+        class_noise = next;
+    }
+}
+
+fn alike(a: &ClassNoise, b: &ClassNoise) -> bool {
+    (a.drift_um - b.drift_um).abs() <= SETTLED * a.white_um.max(a.drift_um.min(b.drift_um))
+        && (a.drift_um < 0.1 * a.white_um || (a.drift_s / b.drift_s).ln().abs() < 0.5)
+}
+
+/// Lagged signals of the library; variants whose source some file lacks are left out.
+fn take_signals(session: &mut Session, library: &mut Library) {
+    let known: Vec<_> = library.signals().into_iter().filter(|s| session.add_signal(s)).collect();
+    let before = library.by_label();
+    library.variants.retain(|v| v.shape.signals().iter().all(|s| known.contains(s)));
+    let after = library.by_label();
+    for (l, variants) in after.iter().enumerate() {
+        if variants.is_empty() && !before[l].is_empty() {
+            library.blind.push(library::Blind {
+                label: library.labels[l].to_string(),
+                because: "a file lacks the temperature or speed that it needs".to_owned(),
+            });
+        }
+    }
+}
+
+/// What each of some effects, fitted together, contributes to every row of the session, um.
+fn contributions_um(
+    session: &Session,
+    problem: &Problem,
+    library: &Library,
+    chosen: &[usize],
+) -> Vec<Vec<f64>> {
+    let given = problem.given(chosen);
+    let beta = problem.fit(&given);
+    let raw = raw_of(session, library, chosen);
+    let mut columns = given.columns.iter().zip(&beta).zip(&raw);
+    let sum = |v: &usize| {
+        let mut out = vec![0.0; session.readings.len()];
+        for ((column, b), values) in columns.by_ref().take(problem.span[*v].1) {
+            let norm = problem.norm[*column];
+            let scale = if norm > 0.0 { b / norm } else { 0.0 };
+            out.iter_mut().zip(values).for_each(|(o, v)| *o += scale * v);
+        }
+        out
+    };
+    chosen.iter().map(sum).collect()
+}
+
+/// The gap without the effects chosen, um.
+fn remainder(
+    session: &Session,
+    problem: &Problem,
+    library: &Library,
+    selection: &Selection,
+    gap: &[f64],
+) -> Vec<f64> {
+    let mut left = gap.to_vec();
+    for part in contributions_um(session, problem, library, &selection.chosen) {
+        left.iter_mut().zip(part).for_each(|(l, p)| *l -= p);
+    }
+    left
+}
+
+/// Raw columns of some variants, for every row of the session, um per unit of parameter.
+fn raw_of(session: &Session, library: &Library, chosen: &[usize]) -> Vec<Vec<f64>> {
+    let some = Library {
+        labels: library.labels.clone(),
+        kinds: library.kinds.clone(),
+        variants: chosen.iter().map(|v| library.variants[*v].clone()).collect(),
+        ..Library::default()
+    };
+    let rows: Vec<usize> = (0..session.readings.len()).collect();
+    let width = some.width();
+    let data = search::raw_columns(session, &some, &rows);
+    (0..width).map(|j| data.iter().skip(j).step_by(width).copied().collect()).collect()
+}
+
+/// True for effects that a prediction can take over.
+fn is_predictable(kind: Kind) -> bool {
+    kind != Kind::Stochastic
+}

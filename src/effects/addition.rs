@@ -1,0 +1,335 @@
+//! `volcomp-addition/1`: the effects found, with everything that is needed to predict them.
+//!
+//! Only effects of kind `machine` change a prediction; those of the instrument and of chance stand in the file for the
+//! simulator and for people. Lagged signals start in equilibrium with their first value.
+
+use std::collections::BTreeMap;
+
+use serde::{Deserialize, Serialize};
+
+use crate::moment::{Axis, Moment, Signal, Source};
+use crate::{Kind, Shape, WIDTH_MAX};
+use volcomp_model::geometry::Vec3;
+
+/// The format's name.
+pub const FORMAT: &str = "volcomp-addition/1";
+
+/// A file of effects.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Addition {
+    /// `volcomp-addition/1`.
+    pub format: String,
+    /// The machine of the model beside which it was found.
+    pub machine: String,
+    /// Sign: actual minus nominal of the tool against the workpiece, in machine axes.
+    pub sense: String,
+    /// The effects.
+    #[serde(default, rename = "effect", skip_serializing_if = "Vec::is_empty")]
+    pub effects: Vec<Entry>,
+}
+
+/// One effect.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case", deny_unknown_fields)]
+pub struct Entry {
+    /// Name of the contract.
+    pub name: String,
+    /// Axis, pair or symbol; empty where it has none.
+    pub subject: String,
+    /// Who is to blame.
+    pub kind: Kind,
+    /// That it is this effect.
+    pub probability: f64,
+    /// What the data could not tell apart from it.
+    pub confounded_with: Vec<String>,
+    /// Names of the parameters, each with its unit.
+    pub parameter_names: Vec<String>,
+    /// Their values.
+    pub values: Vec<f64>,
+    /// Their covariance.
+    pub covariance: Vec<Vec<f64>>,
+    /// Ranges of the data, by column.
+    pub valid: BTreeMap<String, [f64; 2]>,
+    /// The formula.
+    pub shape: Shape,
+}
+
+/// An addition beside the model of another machine.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error(
+    "found on machine '{found}', the model is of '{expected}'; diagnose this machine with its own model (--model)"
+)]
+pub struct Foreign {
+    found: String,
+    expected: String,
+}
+
+/// An effect that cannot be evaluated.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum AdditionError {
+    /// Not this format.
+    #[error("format is '{found}', expected {FORMAT}")]
+    Format {
+        /// What stands there.
+        found: String,
+    },
+    /// Values and formula do not belong together.
+    #[error("effect {effect}: {found} values, the formula takes {expected}")]
+    Width {
+        /// The effect.
+        effect: String,
+        /// Number of values.
+        found: usize,
+        /// Number of parameters.
+        expected: usize,
+    },
+    /// A number that is not finite or a length that is not positive.
+    #[error("effect {effect}: {what}")]
+    Value {
+        /// The effect.
+        effect: String,
+        /// What is wrong.
+        what: &'static str,
+    },
+    /// A column is missing.
+    #[error("effect {effect} needs column {column}; add it to the points, or leave the addition out")]
+    Column {
+        /// The effect.
+        effect: String,
+        /// The column.
+        column: String,
+    },
+}
+
+impl Entry {
+    /// `name:subject`.
+    #[must_use]
+    pub fn label(&self) -> String {
+        if self.subject.is_empty() { self.name.clone() } else { format!("{}:{}", self.name, self.subject) }
+    }
+
+    /// Columns of the contract that it needs beside the positions.
+    #[must_use]
+    pub fn columns(&self) -> Vec<String> {
+        let v = |a: &Axis| if a.is_linear() { format!("v{a}_mm_per_s") } else { format!("v{a}_deg_per_s") };
+        let acceleration = |a: &Axis| format!("a{a}_mm_per_s2");
+        match &self.shape {
+            Shape::Squareness { along: _, over } => vec![over.column()],
+            Shape::Scale { axis } | Shape::Cyclic { axis, .. } | Shape::Wear { axis, .. } => {
+                vec![axis.column()]
+            }
+            Shape::Polynomial { over, .. } => vec![over.column()],
+            Shape::Reverse { axis, .. } => vec![axis.column(), format!("dir_{axis}")],
+            Shape::Angular { over, lever, .. } => {
+                let tool = lever.tool.then(|| "tool_length_mm".to_owned());
+                [over.column()].into_iter().chain(tool).collect()
+            }
+            Shape::Thermal { axis, signal, .. } => vec![axis.column(), signal.source.to_string()],
+            Shape::Growth { signals, .. } => signals.iter().map(|s| s.source.to_string()).collect(),
+            Shape::Backlash { axis, length_mm, .. } => {
+                let since = (*length_mm > 0.0).then(|| format!("since_reversal_{axis}_mm"));
+                [format!("dir_{axis}")].into_iter().chain(since).collect()
+            }
+            Shape::Spike { axis, .. } => {
+                vec![format!("dir_{axis}"), v(axis), format!("since_reversal_{axis}_s")]
+            }
+            Shape::Friction { axis } => vec![v(axis)],
+            Shape::Lag { axes, tie_ms } => {
+                let mut all: Vec<String> = axes.iter().map(v).collect();
+                if *tie_ms > 0.0 {
+                    all.extend(axes.iter().map(acceleration));
+                }
+                all
+            }
+            Shape::Inertial { axis, .. } | Shape::InertialTilt { axis, .. } => vec![acceleration(axis)],
+            Shape::Ram { axis, lever, .. } => {
+                let tool = lever.tool.then(|| "tool_length_mm".to_owned());
+                [axis.column()].into_iter().chain(tool).collect()
+            }
+            Shape::Sag { axis, tool, lever, .. } => {
+                let tool = *tool && lever.is_none_or(|l| l.tool);
+                [axis.column()].into_iter().chain(tool.then(|| "tool_length_mm".to_owned())).collect()
+            }
+            Shape::SpindleTilt | Shape::ToolLength => vec!["tool_length_mm".to_owned()],
+            Shape::Load { axis, .. } => vec![format!("force_{axis}_n")],
+            Shape::RotaryLocation { frame, .. } | Shape::RotaryEccentricity { frame, .. } => {
+                vec![frame.axis.column()]
+            }
+            Shape::RotaryBacklash { frame } => vec![frame.axis.column(), format!("dir_{}", frame.axis)],
+            Shape::RotaryMotion { axis, .. } => vec![axis.column()],
+            Shape::DeadPath { .. }
+            | Shape::TrackerScale { .. }
+            | Shape::ClockSkew { .. }
+            | Shape::Step { .. } => {
+                vec!["t_s".to_owned()]
+            }
+        }
+    }
+
+    fn check(&self) -> Result<(), AdditionError> {
+        let expected = self.shape.width();
+        if self.values.len() != expected || expected > WIDTH_MAX {
+            let found = self.values.len();
+            return Err(AdditionError::Width { effect: self.label(), found, expected });
+        }
+        let wrong = |what| Err(AdditionError::Value { effect: self.label(), what });
+        if self.values.iter().any(|v| !v.is_finite()) {
+            return wrong("a value is not finite");
+        }
+        if self.shape.fixed().iter().any(|(_, v)| !v.is_finite()) {
+            return wrong("a constant of the formula is not finite");
+        }
+        let lengths = match &self.shape {
+            Shape::Polynomial { half_mm, low, high, centre_mm, .. } => {
+                *half_mm > 0.0 && low <= high && centre_mm.is_finite()
+            }
+            Shape::Reverse { half_mm, high, centre_mm, .. } => {
+                *half_mm > 0.0 && *high >= 2 && centre_mm.is_finite()
+            }
+            Shape::Angular { half_mm, centre_mm, .. } => {
+                *half_mm > 0.0 && centre_mm.is_none_or(f64::is_finite)
+            }
+            Shape::Cyclic { pitch_mm, .. } => *pitch_mm > 0.0,
+            Shape::Spike { rise_s, fall_s, .. } => *rise_s > 0.0 && *fall_s > 0.0,
+            Shape::Wear { width_mm, power, order, .. } => {
+                *width_mm > 0.0 && *power > 0.0 && order.is_none_or(|o| o > 0.0)
+            }
+            Shape::Sag { length_mm, .. } => *length_mm > 0.0,
+            Shape::Ram { reach_mm, .. } => *reach_mm > 0.0,
+            _ => true,
+        };
+        if lengths {
+            Ok(())
+        } else {
+            wrong("a length or time of the formula is not above zero, or a place is not finite")
+        }
+    }
+}
+
+impl Addition {
+    /// # Errors
+    /// It was not found beside the model of `machine`; found beside none it is of no machine.
+    pub fn is_of(&self, machine: &str) -> Result<(), Foreign> {
+        if self.machine == machine {
+            return Ok(());
+        }
+        Err(Foreign { found: self.machine.clone(), expected: machine.to_owned() })
+    }
+
+    /// Reads an addition and refuses what cannot be evaluated.
+    ///
+    /// # Errors
+    /// What is wrong, in words.
+    pub fn parse(text: &str) -> Result<Self, String> {
+        let addition: Self = toml::from_str(text).map_err(|e| e.to_string())?;
+        addition.check().map_err(|e| e.to_string())?;
+        Ok(addition)
+    }
+
+    /// Refuses what cannot be evaluated.
+    ///
+    /// # Errors
+    /// Another format, values that do not fit the formula, numbers that are not finite.
+    pub fn check(&self) -> Result<(), AdditionError> {
+        if self.format != FORMAT {
+            return Err(AdditionError::Format { found: self.format.clone() });
+        }
+        self.effects.iter().try_for_each(Entry::check)
+    }
+
+    /// The effects that change a prediction.
+    pub fn machine_effects(&self) -> impl Iterator<Item = &Entry> {
+        self.effects.iter().filter(|e| e.kind == Kind::Machine)
+    }
+
+    /// The first column that an effect of the machine needs and `has` does not know.
+    ///
+    /// # Errors
+    /// Names effect and column.
+    pub fn require(&self, has: &dyn Fn(&str) -> bool) -> Result<(), AdditionError> {
+        for entry in self.machine_effects() {
+            let lags = entry.shape.signals().iter().any(|s| s.tau_s > 0.0).then(|| "t_s".to_owned());
+            for column in entry.columns().into_iter().chain(lags) {
+                if !has(&column) {
+                    return Err(AdditionError::Column { effect: entry.label(), column });
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Evaluates the effects of the machine of some additions, row after row.
+#[derive(Debug, Clone)]
+pub struct Evaluator {
+    entries: Vec<Entry>,
+    signals: Vec<Signal>,
+    /// State of each signal: time, source and lagged value of the row before.
+    states: Vec<Option<(f64, f64, f64)>>,
+}
+
+impl Evaluator {
+    /// An evaluator that has seen no row.
+    #[must_use]
+    pub fn new<'a>(additions: impl IntoIterator<Item = &'a Addition>) -> Self {
+        let entries: Vec<Entry> =
+            additions.into_iter().flat_map(Addition::machine_effects).cloned().collect();
+        let mut signals: Vec<Signal> = Vec::new();
+        for s in entries.iter().flat_map(|e| e.shape.signals()) {
+            if !signals.contains(s) {
+                signals.push(s.clone());
+            }
+        }
+        let states = vec![None; signals.len()];
+        Self { entries, signals, states }
+    }
+
+    /// The sources whose values [`Evaluator::next`] takes, in order.
+    #[must_use]
+    pub fn sources(&self) -> Vec<Source> {
+        self.signals.iter().map(|s| s.source.clone()).collect()
+    }
+
+    /// The deviation at the next row, um in machine axes; `sources` in the order of [`Evaluator::sources`] (speeds of
+    /// the spindle in 1000 per minute).
+    pub fn next(&mut self, moment: &mut Moment, sources: &[f64]) -> Vec3 {
+        moment.signals.clear();
+        for ((signal, state), now) in self.signals.iter().zip(&mut self.states).zip(sources) {
+            let value = match state {
+                Some((t, before, lagged)) => signal.step(*lagged, moment.t_s - *t, *before, *now),
+                None => *now,
+            };
+            *state = Some((moment.t_s, *now, value));
+            moment.signals.push(value);
+        }
+        self.at(moment)
+    }
+
+    /// The first effect that has no value at a moment, and a column that it lacks there; none where all have one.
+    #[must_use]
+    pub fn lacks(&self, moment: &Moment) -> Option<AdditionError> {
+        let place = |s: &Signal| self.signals.iter().position(|o| o == s);
+        self.entries
+            .iter()
+            .find(|e| !e.shape.is_known_at(moment, &place))
+            .map(|e| AdditionError::Column { effect: e.label(), column: e.columns().join(", ") })
+    }
+
+    /// The deviation at a moment whose signals are filled in.
+    #[must_use]
+    pub fn at(&self, moment: &Moment) -> Vec3 {
+        let mut out = [Vec3::zeros(); WIDTH_MAX];
+        let place = |s: &Signal| self.signals.iter().position(|o| o == s);
+        let mut sum = Vec3::zeros();
+        for e in &self.entries {
+            let k = e.shape.width();
+            out[..k].fill(Vec3::zeros());
+            e.shape.evaluate_with(moment, &place, &mut out[..k]);
+            for (d, v) in out[..k].iter().zip(&e.values) {
+                sum += d * *v;
+            }
+        }
+        sum
+    }
+}

@@ -1,0 +1,195 @@
+//! Effects of position and direction as curves of error motions.
+
+use super::{Candidate, Part};
+use crate::addition::Entry;
+use crate::moment::{Axis, Moment, SLOTS};
+use crate::{Shape, WIDTH_MAX, twist};
+use volcomp_model::curve::{Interpolation, Table};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::{Component, Curve, ErrorSymbol, ModelSpec};
+use volcomp_units::axes::AxisKind;
+use volcomp_units::{RAD_PER_ARCSEC, mm_from_um, rad_from_deg};
+
+/// Points of a table; of a straight line two are enough.
+const POINTS: usize = 201;
+/// Points in the shortest wave: straight lines between them are right to half a percent.
+const PER_WAVE: f64 = 32.0;
+/// Most points of a table.
+const POINTS_MAX: usize = 8001;
+/// Values below this are no part of a model, mm or rad.
+const NOTHING: f64 = 1e-12;
+
+const NO_TRAVEL: &str = "the model does not say how far its axis travels, nor the addition where it was seen; add travel-mm to [axes]";
+
+/// The candidate of an effect of position and direction.
+pub(super) fn candidate(spec: &ModelSpec, entry: &Entry) -> Result<Candidate, &'static str> {
+    let parts = match &entry.shape {
+        Shape::Squareness { over, .. } => displacements(spec, entry, *over, 2)?,
+        Shape::Scale { axis } => displacements(spec, entry, *axis, 2)?,
+        Shape::Cyclic { axis, pitch_mm, harmonics, .. } => {
+            let [low, high] = travel(spec, entry, *axis).ok_or(NO_TRAVEL)?;
+            let points = (PER_WAVE * *harmonics as f64 * (high - low) / pitch_mm).ceil() as usize + 1;
+            if points > POINTS_MAX {
+                return Err("its waves are too short for a table over the whole travel");
+            }
+            displacements(spec, entry, *axis, points.max(POINTS))?
+        }
+        Shape::Polynomial { over, .. } => displacements(spec, entry, *over, POINTS)?,
+        Shape::Reverse { axis, .. }
+        | Shape::Wear { axis, .. }
+        | Shape::Sag { axis, .. }
+        | Shape::Backlash { axis, .. }
+        | Shape::RotaryMotion { axis, .. } => displacements(spec, entry, *axis, POINTS)?,
+        Shape::Angular { about, over, degree, half_mm, centre_mm, .. } => {
+            let angle = |q: f64, _: f64| {
+                let mut values = [0.0; WIDTH_MAX];
+                twist(q, *half_mm, *centre_mm, &mut values[..*degree]);
+                values.iter().zip(&entry.values).map(|(v, e)| v * e).sum()
+            };
+            vec![rotation(spec, entry, *over, *about, &angle)?]
+        }
+        Shape::RotaryBacklash { frame } => {
+            let angle = |_: f64, direction: f64| -0.5 * direction * value(entry, 0);
+            vec![rotation(spec, entry, frame.axis, frame.axis, &angle)?]
+        }
+        Shape::RotaryEccentricity { frame, harmonics } => {
+            let angle = |q: f64, _: f64| {
+                let wave = |n: usize| {
+                    let (s, c) = ((n + 1) as f64 * q).sin_cos();
+                    value(entry, 2 * n) * (c - 1.0) + value(entry, 2 * n + 1) * s
+                };
+                (0..*harmonics).map(wave).sum()
+            };
+            vec![rotation(spec, entry, frame.axis, frame.axis, &angle)?]
+        }
+        Shape::RotaryLocation { frame, .. } => location(entry, frame.axis),
+        _ => return Err("it does not follow from position and direction of travel"),
+    };
+    if parts.is_empty() {
+        return Err("it is zero all over the travel");
+    }
+    Ok(Candidate { parts, thermal: Vec::new() })
+}
+
+fn value(entry: &Entry, k: usize) -> f64 {
+    entry.values.get(k).copied().unwrap_or(0.0)
+}
+
+/// A curve times a sign; `None` where it cannot be one.
+pub(super) fn scaled(curve: &Curve, sign: f64) -> Option<Curve> {
+    Some(match curve {
+        Curve::Constant(value) => Curve::Constant(value * sign),
+        Curve::Table(table) => {
+            let (positions, forward, reverse) = table.columns();
+            let times = |values: &[f64]| values.iter().map(|v| v * sign).collect::<Vec<f64>>();
+            let reverse = reverse.map(times);
+            let table = Table::new(positions.to_vec(), times(forward), reverse, table.interpolation());
+            Curve::Table(table.ok()?)
+        }
+        _ => return None,
+    })
+}
+
+/// Where an axis may be: its travel in the model, else where the data were; mm or rad.
+pub(super) fn travel(spec: &ModelSpec, entry: &Entry, axis: Axis) -> Option<[f64; 2]> {
+    spec.axis(axis.name()).travel.or_else(|| seen(entry, axis)).filter(|[low, high]| low < high)
+}
+
+/// Where the data were, mm or rad.
+pub(super) fn seen(entry: &Entry, axis: Axis) -> Option<[f64; 2]> {
+    let range = entry.valid.get(&axis.column())?;
+    Some(match axis.name().kind() {
+        AxisKind::Linear => *range,
+        AxisKind::Rotary => range.map(rad_from_deg),
+    })
+}
+
+/// The displacement in each direction as a table over one axis. Straight lines go on to the end of the travel, anything
+/// else is held where the data end.
+fn displacements(
+    spec: &ModelSpec,
+    entry: &Entry,
+    over: Axis,
+    points: usize,
+) -> Result<Vec<Part>, &'static str> {
+    let range = travel(spec, entry, over).ok_or(NO_TRAVEL)?;
+    let at = positions(range, points);
+    let kept = |q: f64| match seen(entry, over) {
+        Some([low, high]) if points > 2 && low < high => q.clamp(low, high),
+        _ => q,
+    };
+    let along = |direction: f64| -> Vec<Vec3> {
+        at.iter().map(|q| displacement_um(entry, over, kept(*q), direction).map(mm_from_um)).collect()
+    };
+    let [forward, reverse] = [1.0, -1.0].map(along);
+    let mut parts = Vec::new();
+    for (k, component) in [Component::X, Component::Y, Component::Z].into_iter().enumerate() {
+        let [forward, reverse] = [&forward, &reverse].map(|d| d.iter().map(|d| d[k]).collect::<Vec<f64>>());
+        parts.extend(table(ErrorSymbol::Motion { component, axis: over.name() }, &at, forward, reverse)?);
+    }
+    Ok(parts)
+}
+
+/// The displacement at one place of one axis, all others at zero, um.
+fn displacement_um(entry: &Entry, over: Axis, q: f64, direction: f64) -> Vec3 {
+    let mut m = Moment { since_mm: [f64::INFINITY; SLOTS], direction: [1.0; SLOTS], ..Moment::default() };
+    m.position[over.slot()] = q;
+    m.direction[over.slot()] = direction;
+    let mut out = [Vec3::zeros(); WIDTH_MAX];
+    entry.shape.evaluate_with(&m, &|_| None, &mut out);
+    out.iter().zip(&entry.values).map(|(d, v)| d * *v).sum()
+}
+
+/// An angle over one axis (value in arcsec by position and direction) as a table.
+fn rotation(
+    spec: &ModelSpec,
+    entry: &Entry,
+    over: Axis,
+    about: Axis,
+    angle_arcsec: &dyn Fn(f64, f64) -> f64,
+) -> Result<Part, &'static str> {
+    let range = travel(spec, entry, over).ok_or(NO_TRAVEL)?;
+    let at = positions(range, POINTS);
+    let kept = |q: f64| seen(entry, over).map_or(q, |[low, high]| q.clamp(low, high));
+    let [forward, reverse] = [1.0, -1.0]
+        .map(|d| at.iter().map(|q| angle_arcsec(kept(*q), d) * RAD_PER_ARCSEC).collect::<Vec<f64>>());
+    let component = [Component::A, Component::B, Component::C][about.direction()];
+    table(ErrorSymbol::Motion { component, axis: over.name() }, &at, forward, reverse)?
+        .ok_or("it is zero all over the travel")
+}
+
+/// Two shifts and two tilts of a rotary axis as constants.
+fn location(entry: &Entry, axis: Axis) -> Vec<Part> {
+    let (b, c) = ((axis.direction() + 1) % 3, (axis.direction() + 2) % 3);
+    let places = [b, c, b + 3, c + 3];
+    // two values are the tilts alone
+    let places = &places[4 - entry.shape.width().min(4)..];
+    let constant = |(k, place): (usize, usize)| {
+        let v = value(entry, k);
+        let v = if place < 3 { mm_from_um(v) } else { v * RAD_PER_ARCSEC };
+        let symbol = ErrorSymbol::Location { component: Component::ALL[place], axis: axis.name() };
+        Part { symbol, curve: Some(Curve::Constant(v)), live: None }
+    };
+    places.iter().copied().enumerate().map(constant).collect()
+}
+
+fn positions([low, high]: [f64; 2], points: usize) -> Vec<f64> {
+    let steps = (points.max(2) - 1) as f64;
+    (0..points.max(2)).map(|i| low + (high - low) * i as f64 / steps).collect()
+}
+
+/// A table, with a column for the way back where it differs; `None` where it is zero.
+fn table(
+    symbol: ErrorSymbol,
+    at: &[f64],
+    forward: Vec<f64>,
+    reverse: Vec<f64>,
+) -> Result<Option<Part>, &'static str> {
+    if forward.iter().chain(&reverse).all(|v| v.abs() < NOTHING) {
+        return Ok(None);
+    }
+    let differs = forward.iter().zip(&reverse).any(|(f, r)| (f - r).abs() >= NOTHING);
+    let table = Table::new(at.to_vec(), forward, differs.then_some(reverse), Interpolation::Linear)
+        .map_err(|_| "its values make no table")?;
+    Ok(Some(Part { symbol, curve: Some(Curve::Table(table)), live: None }))
+}

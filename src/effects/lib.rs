@@ -1,0 +1,24 @@
+//! Effects beyond the error model: pure, may allocate.
+//!
+//! [`shape`] their formulas, [`moment`] what they depend on at a reading, [`pages`] a page of text for each, [`addition`]
+//! the file of diagnosed effects and its evaluation, [`extend`] what of it a model can take over, [`prediction`] what a
+//! model says at a moment. Effects are found by `volcomp-diagnose`; the daemon needs what is here without that search.
+
+pub mod addition;
+pub mod extend;
+mod frame;
+mod label;
+mod lever;
+pub mod moment;
+pub mod pages;
+mod parameters;
+mod polynomial;
+pub mod prediction;
+pub mod shape;
+
+pub use frame::RotaryFrame;
+pub use label::{Kind, Label, LabelError, Without};
+pub use lever::Lever;
+pub use pages::{PAGES, Page, page};
+pub use polynomial::{legendre, twist};
+pub use shape::{BELL, REFERENCE_DEGC, STILL, Shape, WIDTH_MAX, line_of_sight};

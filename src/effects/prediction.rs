@@ -1,0 +1,98 @@
+//! What a model says at a moment, in machine axes.
+
+use crate::moment::{Axis, Machine, MachineAxis, Moment};
+use volcomp_model::geometry::{Mat3, Vec3, rotation_about};
+use volcomp_model::{Model, ModelSpec, Pose, Side};
+use volcomp_units::axes::{AxisKind, MAX_AXES, Travel};
+use volcomp_units::um_from_mm;
+
+/// The chain of a model, as far as effects need it.
+#[must_use]
+pub fn machine_of(spec: &ModelSpec, model: &Model) -> Machine {
+    let axes = model
+        .axes()
+        .filter_map(|a| {
+            let axis = Axis::from_name(a.name)?;
+            Some(MachineAxis {
+                axis,
+                workpiece_side: a.side == Side::Workpiece,
+                point_mm: spec.axis(a.name).point,
+                travel: spec.axis(a.name).travel,
+            })
+        })
+        .collect();
+    Machine { axes, tool_tip_mm: model.tool_tip(), gauge_point_mm: spec.gauge_point }
+}
+
+/// The pose of a moment.
+#[must_use]
+pub fn pose(model: &Model, m: &Moment) -> Pose {
+    let mut pose = Pose::at([0.0; MAX_AXES]);
+    for (k, a) in model.axes().enumerate() {
+        if let Some(axis) = Axis::from_name(a.name) {
+            pose.position[k] = m.position[axis.slot()];
+            if m.direction[axis.slot()] < 0.0 {
+                pose.travel[k] = Travel::Reverse;
+            }
+        }
+    }
+    if m.tool_length_mm.is_finite() {
+        pose.tool_tip = model.tool_tip_for_length(m.tool_length_mm);
+    }
+    pose
+}
+
+/// Turns a vector of W into machine axes: out of the rotations of the axes that carry the workpiece.
+#[must_use]
+pub fn workpiece_to_machine(model: &Model, m: &Moment) -> Mat3 {
+    let mut left = Mat3::identity();
+    for a in model.axes().filter(|a| a.side == Side::Workpiece && a.name.kind() == AxisKind::Rotary) {
+        if let Some(axis) = Axis::from_name(a.name) {
+            left *= rotation_about(a.name.direction(), m.position[axis.slot()]);
+        }
+    }
+    left.transpose()
+}
+
+/// The model's deviation in machine axes, um.
+#[must_use]
+pub fn deviation_um(model: &Model, m: &Moment) -> Vec3 {
+    deviation_with_live_um(model, m, &[])
+}
+
+/// The same with live values of the model's sensors, mm or strain; those that are not given are zero.
+#[must_use]
+pub fn deviation_with_live_um(model: &Model, m: &Moment, live: &[f64]) -> Vec3 {
+    let mut pose = pose(model, m);
+    for (slot, value) in pose.live.iter_mut().zip(live) {
+        *slot = *value;
+    }
+    let d = model.deviation(&pose).position;
+    (workpiece_to_machine(model, m) * d).map(um_from_mm)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use volcomp_model::{AxisSpec, Chain};
+
+    #[test]
+    fn the_head_takes_the_tool_where_the_model_does() {
+        let mut spec = ModelSpec::new("fork", Chain::parse("[w b X Z Y C A t]").unwrap());
+        spec.tool_tip = Vec3::new(3.0, -2.0, -180.0);
+        spec.gauge_point = Some(Vec3::new(3.0, -2.0, 10.0));
+        let points = [(Axis::C, Vec3::new(20.0, -10.0, 0.0)), (Axis::A, Vec3::new(0.0, 35.0, 300.0))];
+        spec.axes = points.map(|(axis, point)| AxisSpec { point, ..AxisSpec::new(axis.name()) }).into();
+        let model = Model::new(&spec).unwrap();
+        let machine = machine_of(&spec, &model);
+        for turns in [[0.0, 0.0], [0.7, -1.1], [-2.0, 0.4]] {
+            let mut m =
+                Moment { position: [500.0, -40.0, 75.0, turns[1], 0.0, turns[0]], ..Moment::default() };
+            m.head = machine.head(&m.position);
+            let tip = Vec3::new(500.0, -40.0, 75.0) + m.head.carries(machine.tool_tip_mm);
+            let nominal = model.nominal_tool(&pose(&model, &m));
+            assert!((tip - nominal.tip).norm() < 1e-9, "{tip} {}", nominal.tip);
+            assert!((m.head.turns(Vec3::z()) - nominal.direction).norm() < 1e-12);
+        }
+    }
+}
