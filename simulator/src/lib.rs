@@ -1,4 +1,5 @@
-//! A simulated control, machine tool and instruments, written independently of volcomp's own model.
+//! A simulated control, machine tool and instruments, written independently of volcomp's own model. Equations:
+//! `docs/reference/equations.md`.
 //!
 //! - [`truth`]: the machine as it really is: exact rotations, own error shapes, servo, sensors. No model code of volcomp.
 //! - [`instruments`]: what a ballbar, an interferometer or a diagonal measurement sees of it.

@@ -6,7 +6,7 @@ use crate::core::model::curve::{Chebyshev, Fourier, Grid, HalfRange, Interpolati
 use crate::core::model::spec::{ANGLE_LIMIT, LENGTH_LIMIT, ReferenceBody, ReferencePoint};
 use crate::core::model::{AxisSpec, Curve, ErrorFunction, Sense};
 
-/// The example of the contract, to the letter.
+/// A model file with every kind of curve of `docs/model-files.md`.
 const CONTRACT: &str = r#"format = "volcomp-model/1"
 machine = "vmc-850"                     # the daemon refuses a model of another machine
 chain = "[w X' b Y Z t]"                # workpiece through bed to tool

@@ -35,7 +35,7 @@ pub enum Kind {
 /// An effect by name, with the axis, pair or symbol that has it.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Label {
-    /// The name of the contract.
+    /// Its name (`docs/reference/session-files.md` 4.1).
     pub effect: &'static str,
     /// Axis, axis pair, error symbol, or empty.
     pub subject: String,
@@ -58,7 +58,7 @@ impl Label {
         let page = page(&effect.to_ascii_lowercase())
             .ok_or_else(|| LabelError::Effect { effect: effect.to_owned() })?;
         let Some(subject) = subject.filter(|s| !s.is_empty()) else { return Ok((page.effect, None)) };
-        // a pair is named in the order of the contract
+        // a pair is named in the order of `docs/reference/session-files.md` 4.1
         let turned: String = subject.chars().rev().collect();
         let known = subjects(page);
         let found = known.iter().find(|k| **k == subject || (page.subject == PAIR && **k == turned));
