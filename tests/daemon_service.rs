@@ -16,7 +16,7 @@ use rustix::process::Signal;
 use volcomp::core::axes::AxisName;
 use volcomp::core::protocol::{Axis, AxisUnit, CloseReason, Message};
 
-/// Keys that the contract promises.
+/// Keys that scripts may rely on (`docs/reference/json-output.md` 1).
 const KEYS: [&str; 13] = [
     "state",
     "model_hash",

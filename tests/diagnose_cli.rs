@@ -1,4 +1,4 @@
-//! `volcomp diagnose` from the outside: files in, report, page and addition out, key by key as the contract has them; bad
+//! `volcomp diagnose` from the outside: files in, report, page and addition out, key by key (`docs/reference/session-files.md`); bad
 //! input one by one.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
@@ -105,7 +105,7 @@ fn places(v: &Value) {
     }
 }
 
-/// Every key of contract section 7.
+/// Every key of `docs/reference/session-files.md` 4.
 fn is_a_report(r: &Value) {
     assert_eq!(r["format"], "volcomp-gap/1");
     assert!(r["rows"].as_u64().unwrap() > 0);

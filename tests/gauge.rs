@@ -316,7 +316,7 @@ fn amount(gauged: &Gauged, symbol: &str) -> f64 {
     gauged.total.errors.iter().find(|(s, _)| *s == symbol).map_or(0.0, |(_, a)| *a)
 }
 
-/// The signs of equations 1.8, one slope at a time.
+/// The signs of equations 1.8 (`docs/reference/equations.md`), one slope at a time.
 #[test]
 fn slopes_go_to_squareness_with_the_signs_of_the_specification() {
     let s = 1e-5;

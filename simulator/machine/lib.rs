@@ -1,5 +1,7 @@
 //! A simulated machine tool with its control and instruments: the independent truth beside which volcomp is measured.
 //!
+//! Equations: `docs/reference/equations.md`.
+//!
 //! - [`truth`]: the machine as it really is: exact rotations, own error shapes, servo, sensors.
 //! - [`instruments`]: what a ballbar, an interferometer or a diagonal measurement sees of it.
 //! - [`motion`]: part programs and recorded motion to positions per cycle.

@@ -11,7 +11,7 @@
 //! - [`mod@bench`]: the daemon's round trips beside a bare echo's.
 //! - [`cli`]: the program `cncsim`.
 //!
-//! From volcomp it uses units and protocol, and the front rooms (`demo`, `cli`) start its programs.
+//! Equations: `docs/reference/equations.md`. From volcomp it uses units and protocol, and the front rooms (`demo`, `cli`) start its programs.
 
 pub mod bench;
 pub mod blind;

@@ -1,4 +1,4 @@
-//! `cncsim campaign`: the files are the contract's, a day is a day, and nothing of the truth is in them.
+//! `cncsim campaign`: files as in `docs/reference/session-files.md`, a day is a day, and nothing of the truth is in them.
 
 #![expect(clippy::disallowed_methods, reason = "a test of processes and files")]
 #![expect(clippy::unwrap_used, reason = "helpers of tests")]

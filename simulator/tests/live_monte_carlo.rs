@@ -255,6 +255,7 @@ impl Run {
 }
 
 /// Every run of a plan, on both processors.
+#[expect(clippy::disallowed_methods, reason = "runs on several threads")]
 fn runs(seeds: std::ops::Range<u64>, plan: impl Fn(u64) -> Plan + Sync) -> Vec<Outcome> {
     let seeds: Vec<u64> = seeds.collect();
     let halves: Vec<&[u64]> = seeds.chunks(seeds.len().div_ceil(2)).collect();

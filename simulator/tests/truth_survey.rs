@@ -1,4 +1,4 @@
-//! A survey of a machine is a complete model of it: its rows, put into the first-order formulas of equations 2.1 as
+//! A survey of a machine is a complete model of it: its rows, put into equations 2.1 (`docs/reference/equations.md`) as
 //! they are printed there, give the deviations that the exact machine has.
 #![expect(clippy::unwrap_used, reason = "a failure here is a failed test")]
 

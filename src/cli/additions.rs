@@ -126,7 +126,7 @@ pub(super) fn same_machine(path: &Path, addition: &Addition, model: &Model) -> R
         .map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {}: {e}", path.display())))
 }
 
-/// Positions of axes that the points lack are zero, as the contract says of them.
+/// Positions of axes that the points lack are zero (`docs/reference/tables.md` 1).
 fn is_still<R: BufRead>(column: &str, table: &Table<R>) -> bool {
     Axis::ALL.iter().any(|a| a.column() == column) && table.find(column).is_none()
 }

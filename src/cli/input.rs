@@ -217,6 +217,7 @@ impl Read for Input {
 ///
 /// # Errors
 /// The file cannot be opened, is a directory, is a FIFO that nobody writes, or is larger than its kind allows.
+#[expect(clippy::disallowed_methods, reason = "the one place that opens files to read")]
 pub fn open(path: &Path, kind: InputKind) -> Result<Input, Failure> {
     if path.as_os_str() == "-" {
         return Ok(Input::new(Box::new(io::stdin().lock()), kind, None));

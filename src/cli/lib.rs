@@ -1,4 +1,5 @@
-//! Arguments, human and JSON output, exit codes. Data goes to stdout, all else to stderr.
+//! Arguments, human and JSON output, exit codes. Data goes to stdout, all else to stderr. Equations:
+//! `docs/reference/equations.md`.
 
 #![cfg_attr(test, expect(clippy::disallowed_methods, reason = "tests read and write files"))]
 

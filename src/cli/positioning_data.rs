@@ -1,4 +1,4 @@
-//! Positioning tests from files: the CSV of contract section 6 and the formats of instruments that their beginning
+//! Positioning tests from files: the CSV of `docs/reference/tables.md` 3 and the formats of instruments that their beginning
 //! gives away (`.dat` of ecmc loggers, Renishaw `.rtl`, API `.pos`).
 
 use std::io::{BufRead, Cursor};
@@ -200,7 +200,7 @@ impl TestColumns {
     }
 }
 
-/// The CSV of contract section 6.
+/// The CSV of `docs/reference/tables.md` 3.
 pub(super) fn parse_csv<R: BufRead>(mut table: Table<R>) -> Result<PositioningTest, Failure> {
     let columns = TestColumns::find(&table, &[])?;
     let mut readings = Vec::new();

@@ -38,7 +38,7 @@ pub(super) struct Args {
 
 /// Bytes gathered before they are written.
 const BLOCK: usize = 1 << 16;
-/// Columns that session files have and that are kept without a word (contract section 7).
+/// Columns that session files have and that are kept without a word (`docs/reference/session-files.md` 1).
 const KEPT: [&str; 17] = [
     "t_s",
     "instrument",

@@ -1,6 +1,6 @@
 //! CSV tables, row by row in bounded memory, with errors that name file, line, column, value and remedy.
 //!
-//! A BOM, CRLF, blank lines and `#` comments are accepted (contract section 1). Lines are split here, because every
+//! A BOM, CRLF, blank lines and `#` comments are accepted (`docs/reference/files.md` 2). Lines are split here, because every
 //! error must name the physical line and `predict` copies it; lines with quotes go through the csv crate.
 
 use std::io::{BufRead, Read};

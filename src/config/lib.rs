@@ -5,6 +5,9 @@
 //! places, because a derived deserialiser stops at the first mistake. Unknown keys are errors. What comes out is a
 //! validated type; the rest of the program never sees the text.
 
+#![forbid(unsafe_code)]
+#![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
+
 pub mod diagnostic;
 pub mod machine;
 pub mod model;

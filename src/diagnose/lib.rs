@@ -5,7 +5,10 @@
 //! Assumption: it is a sum of effects of the library ([`library`]), the offset of each mounting, a drift and noise
 //! ([`noise`]). Effects are searched in whitened space ([`search`]), pass gates and get a probability ([`assess`]); what
 //! is left is tested against what repeats show of the noise ([`leftover`]). Pure: no files, no clock; random draws have a
-//! seed. Source: docs/diagnosis.md.
+//! seed. Source: docs/diagnosis.md; equations: `docs/reference/equations.md`.
+
+#![forbid(unsafe_code)]
+#![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
 
 mod another_day;
 pub mod assess;

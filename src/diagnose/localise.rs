@@ -2,7 +2,7 @@
 //! explains (bins, whitened, minus what as many bins explain of noise).
 //!
 //! Shares by axis, instrument and setup add up to 1; those by position, direction, speed and the like overlap, because
-//! factors move together. Source: the diagnosis, section 4 number 10.
+//! factors move together. Source: `docs/diagnosis.md` (where).
 
 use super::library::STILL;
 use super::moment::{Axis, Moment};

@@ -112,7 +112,7 @@ pub struct Value {
 /// An effect.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Cause {
-    /// Name of the contract.
+    /// Name (`docs/reference/session-files.md` 4.1).
     pub effect: String,
     /// Axis, pair or symbol.
     pub subject: String,

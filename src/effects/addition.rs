@@ -33,7 +33,7 @@ pub struct Addition {
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 #[serde(rename_all = "kebab-case", deny_unknown_fields)]
 pub struct Entry {
-    /// Name of the contract.
+    /// Name (`docs/reference/session-files.md` 4.1).
     pub name: String,
     /// Axis, pair or symbol; empty where it has none.
     pub subject: String,
@@ -109,7 +109,7 @@ impl Entry {
         if self.subject.is_empty() { self.name.clone() } else { format!("{}:{}", self.name, self.subject) }
     }
 
-    /// Columns of the contract that it needs beside the positions.
+    /// Columns (`docs/reference/session-files.md` 1) that it needs beside the positions.
     #[must_use]
     pub fn columns(&self) -> Vec<String> {
         let v = |a: &Axis| if a.is_linear() { format!("v{a}_mm_per_s") } else { format!("v{a}_deg_per_s") };

@@ -21,7 +21,7 @@ pub enum Kind {
 /// An effect by name, with the axis, pair or symbol that has it.
 #[derive(Debug, Clone, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Label {
-    /// The name of the contract.
+    /// Its name (`docs/reference/session-files.md` 4.1).
     pub effect: &'static str,
     /// Axis, axis pair, error symbol, or empty.
     pub subject: String,

@@ -1,7 +1,7 @@
 //! The state of the machine and of the instrument at one reading.
 //!
 //! Positions are commanded ones, mm and rad; a quantity that is not known is NaN, and no effect that needs it is tried
-//! (contract section 7 lists the columns).
+//! (`docs/reference/session-files.md` 1 lists the columns).
 
 use core::fmt;
 

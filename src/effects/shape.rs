@@ -4,7 +4,7 @@
 //! Assumptions: small errors, so that effects add; references at zero (angular and rotary errors vanish at the zero of
 //! their axis), so that none of them carries a squareness or a location error. Everything is linear in the parameters;
 //! what is not (time constants, lengths, pitches) belongs to the shape itself and is searched over a grid.
-//! Source: the catalogue of the diagnosis; equations section 1 for squareness, angular errors and locations.
+//! Source: the catalogue of the diagnosis; equations 1 for squareness, angular errors and locations.
 
 use serde::{Deserialize, Serialize};
 

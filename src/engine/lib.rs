@@ -2,6 +2,9 @@
 //!
 //! Pure: time is an argument, every output is a fixed-size value. States and reactions: `docs/safety.md`.
 
+#![forbid(unsafe_code)]
+#![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
+
 mod aim;
 mod compensator;
 mod config;

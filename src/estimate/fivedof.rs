@@ -19,7 +19,7 @@
 //!
 //! Shared by the offline evaluation (`identify::fivedof`) and the live one.
 //!
-//! Source: equations 5.2 with the errata of 002 (1) to (6); section 8 decision 7.
+//! Source: equations 5.2, 4.2 ((1) to (6)), 8 (decision 7).
 
 use nalgebra::SMatrix;
 

@@ -1,7 +1,7 @@
 //! A grid of hexahedral cells with trilinear shape functions in natural coordinates.
 //!
 //! `N_i = (1 + xi_i xi)(1 + eta_i eta)(1 + zeta_i zeta)/8` with the natural coordinates in [-1, 1] over the cell and
-//! the nodes at +-1 (equations 5.8; errata of 003). Node order: x fastest, then y, then z.
+//! the nodes at +-1 (equations 5.8, 4.3). Node order: x fastest, then y, then z.
 
 /// Most nodes of a grid: the covariance of one component has the square of this many numbers.
 pub const NODES_MAX: usize = 4096;

@@ -8,7 +8,7 @@
 //! Without a nominal radius the distances are linear in the eccentricity (`dev = r0 + a cos + b sin`), which for an
 //! eccentricity `e` is short by `e^2/(2 radius)`: 0.03 um for 0.1 mm on 150 mm.
 //!
-//! Source: ISO 230-4:2005, 3.2 to 3.5; contract section 6.
+//! Source: ISO 230-4:2005, 3.2 to 3.5; `docs/reference/json-output.md` 3.
 
 use core::f64::consts::TAU;
 

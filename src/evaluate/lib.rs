@@ -2,7 +2,10 @@
 //!
 //! [`positioning`] ISO 230-2 (its [`uncertainty`]), [`circular`] ISO 230-4, [`diagonal`] ISO 230-6, [`plate`] for hole and
 //! ball plates. Deviations are actual minus nominal;
-//! every figure has the unit of the deviations that went in.
+//! every figure has the unit of the deviations that went in. Equations: `docs/reference/equations.md`.
+
+#![forbid(unsafe_code)]
+#![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
 
 pub mod circular;
 pub mod diagonal;

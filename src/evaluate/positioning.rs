@@ -5,7 +5,7 @@
 //! `E` = range of all directional means, `M` = range of the means of both directions,
 //! `A = max(mean + 2 s) - min(mean - 2 s)` over both directions.
 //!
-//! Source: ISO 230-2:2014, clauses 3 and 7; contract section 6.
+//! Source: ISO 230-2:2014, clauses 3 and 7; `docs/reference/json-output.md` 3.
 
 use volcomp_units::axes::Travel;
 

@@ -1,7 +1,11 @@
 //! Files of instruments and controls: text or bytes to readings, and models to the tables that controls load.
 //!
 //! Pure: the shell reads and writes the files. A damaged file gives line, column and what was expected, never a
-//! partial result. One file per format; what is known of each format stands in its head.
+//! partial result. One file per format; what is known of each format stands in its head. Equations:
+//! `docs/reference/equations.md`.
+
+#![forbid(unsafe_code)]
+#![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
 
 pub mod api_pos;
 pub mod axis_table;

@@ -1,7 +1,10 @@
 //! Instrument data to error models: offline, pure, may allocate.
 //!
 //! Reading order: [`reading`] (what every instrument delivers), [`curve`] (readings of one error
-//! motion to a curve of the model), then one room per measuring method.
+//! motion to a curve of the model), then one room per measuring method. Equations: `docs/reference/equations.md`.
+
+#![forbid(unsafe_code)]
+#![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
 
 pub mod assemble;
 pub mod ballbar;

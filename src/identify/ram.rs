@@ -6,7 +6,7 @@
 //!
 //! Assumptions: the head's own errors are taken off before; noise is isotropic. Of `da` only the two components across
 //! a carry information, the third is left out.
-//! Source: equations 5.5, 2.2 (003 (3), (4)).
+//! Source: equations 5.5, 2.2, 4.3 ((3), (4)).
 
 use nalgebra::{Matrix6, Vector6};
 

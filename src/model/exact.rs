@@ -3,7 +3,7 @@
 //! `T_wt = Trans(-w0) PROD_k Trans(P_k) J_k Trans(-P_k) Trans(t0)`; linear tool side `J = Trans(q d) e`,
 //! workpiece side `J = e Trans(q d)`; rotary tool side `J = L e Rot(q)`, workpiece side `J = Rot(q) e L^-1`.
 //!
-//! Source: equations section 2; `e` of 1.5, `d` of 1.7, `L` of 1.9.
+//! Source: equations 2; `e` of 1.5, `d` of 1.7, `L` of 1.9.
 
 use super::chain::Side;
 use super::volumetric::{Deviation, Joint, Model, MotionValues, PointFlags, Pose};

@@ -1,9 +1,12 @@
 //! Axes, units, rigid geometry, and the error model: symbols, curves, kinematic chain, volumetric deviation and the
 //! corrections that oppose it. Pure: no I/O, no clock.
 //!
-//! Conventions, signs and formulas: `docs/conventions.md`. Reading order: [`symbol`], [`curve`], [`chain`],
+//! Conventions, signs and formulas: `docs/reference/equations.md`. Reading order: [`symbol`], [`curve`], [`chain`],
 //! [`spec`] (what a model is made of), [`volumetric`] (first order), [`exact`] (full rotations), [`correction`],
 //! [`gauge`] (the normal form), [`search`] (the largest values in a volume), [`compare`] (two models).
+
+#![forbid(unsafe_code)]
+#![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
 
 mod bank;
 pub mod chain;

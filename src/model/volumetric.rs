@@ -6,7 +6,7 @@
 //! `e     = SUM G_k [E_k + eps_k x (v_k - r_k)] + SUM_lin q_k G_k (s_k x u_k) + SUM_rot (+-) G_k [l_k + Lam_k x (v_k - P_k)]`
 //! `theta = SUM G_k eps_k + SUM_rot (+-) G_k Lam_k`                      (+ tool side, - workpiece side)
 //!
-//! Source: equations section 2 (general chain), 1.4 to 1.9 for the terms.
+//! Source: equations 2 (general chain), 1.4 to 1.9 for the terms.
 
 use super::bank::{Lanes, MotionBank};
 use super::chain::{ChainAxis, Side};
@@ -264,7 +264,7 @@ impl Model {
 
     /// Deviation of the tool at `pose`, first order in the errors.
     ///
-    /// # Source  equations section 2
+    /// # Source  equations 2
     /// # Cycle   no allocation
     #[must_use]
     pub fn deviation(&self, pose: &Pose) -> Deviation {
@@ -337,7 +337,7 @@ impl Model {
         nominal
     }
 
-    /// The sum of section 2 over the joints.
+    /// The sum of equations 2 over the joints.
     pub(super) fn deviation_at(&self, nominal: &Nominal, pose: &Pose) -> Deviation {
         let mut position = Vec3::zeros();
         let mut rotation = Vec3::zeros();

@@ -5,6 +5,9 @@
 //! stands), [`layout`] (struct to bytes and back), [`frame`] (header and check sum around it), [`stream`]
 //! (frames out of a byte stream), [`error`] (why bytes are no frame).
 
+#![forbid(unsafe_code)]
+#![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
+
 pub mod error;
 pub mod field;
 pub mod frame;

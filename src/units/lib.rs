@@ -2,6 +2,9 @@
 //! in rad, every time in s; a name without a suffix means one of these. Conversions live here and nowhere else. The
 //! simulated machine shares nothing with the compensator but this crate and the protocol.
 
+#![forbid(unsafe_code)]
+#![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
+
 pub mod axes;
 
 /// Micrometres in a millimetre.

@@ -1,7 +1,7 @@
 //! The chain string, read into joints from the workpiece through the bed to the tool.
 //!
 //! `[w X' Y' b Z t]`: `w` workpiece, `b` bed, `t` tool; a prime marks an axis on the workpiece side; the spindle
-//! stands in parentheses, `(S)`. Source: equations, section 2.
+//! stands in parentheses, `(S)`. Source: equations 2.
 
 use volcomp_units::axes::{AxisName, MAX_AXES};
 

@@ -192,7 +192,7 @@ fn case(
     Ok(Case { number, kind, labels, levels, visible, days, truth })
 }
 
-/// `name:subject`, as the contract writes it.
+/// `name:subject` (`docs/reference/session-files.md` 4.1).
 pub(super) fn label(name: &str, subject: &str) -> String {
     if subject.is_empty() { name.to_owned() } else { format!("{name}:{subject}") }
 }

@@ -1,4 +1,4 @@
-//! Session files and logs as text (contract section 7).
+//! Session files and logs as text (`docs/reference/session-files.md`).
 
 use std::fmt::Write;
 

@@ -1,4 +1,4 @@
-//! A standard measurement campaign on the twin, written as session files (contract section 7).
+//! A standard measurement campaign on the twin, written as session files (`docs/reference/session-files.md`).
 //!
 //! Reading order: [`plan`] (what is measured), [`legs`] (how the axes move), [`run`] (the machine moves, states are
 //! taken), [`beside`] (what may offset the set points), [`instrument`] (what the instruments make of it), [`files`] (tables), [`points`] (the same for `volcomp predict`).

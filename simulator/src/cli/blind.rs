@@ -203,6 +203,7 @@ fn draw(args: &Args, mode: Mode) -> Result<Vec<Case>, Failure> {
 }
 
 /// Runs something for all cases, several at a time; progress on stderr.
+#[expect(clippy::disallowed_methods, reason = "cases run on several threads")]
 fn all(
     args: &Args,
     cases: &[Case],

@@ -119,6 +119,7 @@ pub(super) fn renounce() -> rustix::io::Result<()> {
 }
 
 /// Runs the scenarios, `jobs` at a time, and tells of each on stderr when it ends.
+#[expect(clippy::disallowed_methods, reason = "scenarios run on several threads")]
 fn play(chosen: &[&Scenario], programs: &Programs, jobs: usize) -> Vec<Verdict> {
     let next = AtomicUsize::new(0);
     let verdicts = Mutex::new(Vec::with_capacity(chosen.len()));

@@ -3,7 +3,7 @@
 /// An effect.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Entry {
-    /// Its name; that of the contract, or `outside-..` where no library knows it.
+    /// Its name; that of `docs/reference/session-files.md` 4.1, or `outside-..` where no library knows it.
     pub name: &'static str,
     /// Its subjects.
     pub subjects: &'static [&'static str],

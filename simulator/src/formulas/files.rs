@@ -1,4 +1,4 @@
-//! Session files and log as text (contract section 7).
+//! Session files and log as text (`docs/reference/session-files.md`).
 
 use std::fmt::Write;
 

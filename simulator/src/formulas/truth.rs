@@ -42,7 +42,7 @@ pub struct Fault {
 }
 
 impl Fault {
-    /// `name:subject`, as the contract writes it.
+    /// `name:subject` (`docs/reference/session-files.md` 4.1).
     #[must_use]
     pub fn label(&self) -> String {
         if self.subject.is_empty() { self.name.clone() } else { format!("{}:{}", self.name, self.subject) }

@@ -92,7 +92,7 @@ impl Effect {
         Self { name: name.to_owned(), subject: subject.to_owned(), size_um, constants: BTreeMap::new() }
     }
 
-    /// `name:subject`, as the contract writes it.
+    /// `name:subject` (`docs/reference/session-files.md` 4.1).
     #[must_use]
     pub fn label(&self) -> String {
         if self.subject.is_empty() { self.name.clone() } else { format!("{}:{}", self.name, self.subject) }

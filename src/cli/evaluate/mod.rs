@@ -104,7 +104,7 @@ fn only<R: std::io::BufRead>(table: &table::Table<R>, known: &[&str]) -> Result<
     }
 }
 
-/// One figure of a test: key of the contract, words, and value where the data have it.
+/// One figure of a test: key of `docs/reference/json-output.md` 3, words, and value where the data have it.
 struct Figure {
     key: &'static str,
     name: &'static str,

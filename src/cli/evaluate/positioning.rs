@@ -254,7 +254,7 @@ fn figures(p: &Positioning) -> [Figure; 12] {
     ]
 }
 
-/// The keys of contract section 6.
+/// The keys of `docs/reference/json-output.md` 3.
 pub(super) fn as_json(p: &Positioning, unit: &str, scale: fn(f64) -> f64) -> Map<String, Value> {
     let mut map: Map<String, Value> =
         figures(p).into_iter().map(|f| (format!("{}_{unit}", f.key), json!(f.value.map(scale)))).collect();

@@ -69,7 +69,7 @@ impl Units {
     }
 }
 
-/// The report of contract section 5: one object per symbol.
+/// The report of `docs/reference/json-output.md` 2: one object per symbol.
 pub(crate) fn json_report(fitted: &[Fitted]) -> String {
     let report: Map<String, Value> =
         fitted.iter().map(|f| (f.symbol.to_string().to_lowercase(), Value::Object(one_report(f)))).collect();

@@ -1,7 +1,7 @@
 //! Gates that an effect passes before it is called a cause: the same in all programmes, at all places (an effect that is
 //! no function of a position must not depend on it), in all runs, it holds on runs that were left out, and nothing else explains clearly more. What fails is shown, but never a cause.
 //!
-//! Source: the diagnosis, section 4 number 6; the first is invariant causal prediction (Peters, Buhlmann, Meinshausen).
+//! Source: `docs/diagnosis.md` (gates); the first is invariant causal prediction (Peters, Buhlmann, Meinshausen).
 
 use nalgebra::DVector;
 

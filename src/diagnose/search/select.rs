@@ -2,7 +2,7 @@
 //!
 //! Evidence is twice the logarithm of a Bayes factor with a locally fitted g-prior, less a price for the grid of the
 //! non-linear parameters. The threshold is what the library finds in pure noise.
-//! Source: the diagnosis, section 4 numbers 4 and 5.
+//! Source: `docs/diagnosis.md` (search, one name).
 
 use nalgebra::DMatrix;
 

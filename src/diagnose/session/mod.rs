@@ -1,4 +1,4 @@
-//! Session files: rows of the contract's columns to readings with their full state.
+//! Session files (`docs/reference/session-files.md`): rows to readings with their full state.
 //!
 //! Pure: the caller reads the files. Several files have a clock, setups and runs of their own each. What is missing is
 //! derived where the sampling allows ([`motion`]) and said in the notes; what looks wrong is refused ([`check`]).
@@ -181,7 +181,7 @@ pub enum SessionError {
 pub struct Note {
     /// In words.
     pub text: String,
-    /// Effects that become unidentifiable, as the contract names them.
+    /// Effects that become unidentifiable, as `effect:subject`.
     pub unidentifiable: Vec<String>,
 }
 

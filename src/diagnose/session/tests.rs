@@ -3,7 +3,7 @@
 use super::super::moment::Machine;
 use super::*;
 
-/// A line along x, up and down, twice: rows of the contract.
+/// A line along x, up and down, twice: rows of `docs/reference/session-files.md` 1.
 fn line() -> Raw {
     let names = ["t_s", "setup", "run", "repeat", "x_mm", "u_x", "u_y", "u_z", "deviation_um"];
     let mut raw = Raw { file: "s.csv".into(), names: names.map(String::from).into(), ..Raw::default() };

@@ -6,7 +6,7 @@
 //! it is better where `r > D/sqrt(2)`.
 //!
 //! Assumptions: the spindle turns truly within the noise; noise is isotropic and equal for all points of a circle.
-//! Source: equations 5.4 (003).
+//! Source: equations 5.4, 4.3.
 
 use nalgebra::{DMatrix, DVector};
 

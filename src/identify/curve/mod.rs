@@ -8,7 +8,7 @@
 //! Assumptions: errors of the readings are independent and of equal size. Where they are not (drift from
 //! cycle to cycle), AICc finds too much; therefore a simpler curve wins where leaving out whole positions says so.
 //!
-//! Source: equations 5.9; figures as in contract section 5. Reading order: this file, `data`, `basis`, `solve`,
+//! Source: equations 5.9; figures: `docs/reference/json-output.md` 2. Reading order: this file, `data`, `basis`, `solve`,
 //! `figures`, `select` (orders and reversal), `periods`, `support` and `smooth` (tables), `band`, `robust`;
 //! `sampling` (what targets cannot show) and `monomial` (polynomials as others write them) stand beside.
 

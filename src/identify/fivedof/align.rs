@@ -5,7 +5,7 @@
 //! grows. Without a level, roll has no slope: it is either left out or stated about its end points. The straightnesses are
 //! about the end points in any case.
 //!
-//! Source: equations 5.2 (alignment), errata of 002 (6) and (11).
+//! Source: equations 5.2 (alignment), 4.2 ((6) and (11)).
 
 use super::{FiveDof, Head};
 

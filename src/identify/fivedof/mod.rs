@@ -3,7 +3,7 @@
 //! The reduction of one reading, and what the numbers of the instrument mean, stand in [`volcomp_estimate::fivedof`]:
 //! the live evaluation uses the same.
 //!
-//! Source: equations 5.2 with the errata of 002 (11). Reading order: `core::estimate::fivedof`, [`align`] (end points
+//! Source: equations 5.2, 4.2 ((11)). Reading order: `core::estimate::fivedof`, [`align`] (end points
 //! and level), [`resting`] (calibration).
 
 pub mod align;

@@ -80,7 +80,7 @@ fn the_printed_factor_leaves_half_of_the_drift() {
         head.reduce(&Readings { distance: 3000.0, change }).motion[0]
     };
     assert!(with(1.0).abs() < 1e-15);
-    // 1.5 um per urad at 3 m, as in the table of section 6
+    // 1.5 um per urad at 3 m, as in equations 4.2, (4)
     assert!((with(0.5) + 1.5e-3).abs() < 1e-9 && (with(0.0) + 3e-3).abs() < 1e-9);
 }
 

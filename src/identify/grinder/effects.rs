@@ -134,7 +134,7 @@ fn hat(positions: &[f64], q: f64) -> [(usize, f64); 2] {
 
 /// Nominal place of the tip in W.
 ///
-/// # Source  equations section 2: Trans(-w0) PROD Trans(P) J Trans(-P) Trans(t0)
+/// # Source  equations 2: Trans(-w0) PROD Trans(P) J Trans(-P) Trans(t0)
 pub(super) fn nominal_tip(spec: &ModelSpec, position: &AxisArray, tip: &Vec3) -> Vec3 {
     let mut p = *tip;
     for (k, axis) in spec.chain.axes().iter().enumerate().rev() {

@@ -4,7 +4,7 @@
 //! A, B, X, Y), right for any chain. One file per step: deviations of the tool tip relative to the workpiece, seen
 //! with several tips (or probe styli) while the axis of the step goes through its positions. Three tips that do not
 //! lie on a line give all six error motions of a position; one positioning value per position, as 001 measured, gives
-//! one (equations section 4, (18) to (21): rank 1 of 6).
+//! one (equations 4.1, (18) to (21): rank 1 of 6).
 //!
 //! `deviation = axis of this step + set-up + [axes before: true - corrected] + noise`
 //! - axis of this step: six motions per position, zero at the reference position (equations 1.8), by least squares;
@@ -17,7 +17,7 @@
 //! keep the rest. Uncertainties of all steps are carried as one covariance with all correlations.
 //!
 //! Assumptions: first order; between positions straight lines; noise independent and equal; tips known.
-//! Source: equations 2, 2.3, 5.1, errata of 001. Reading order: this file, `effects`, `step`, `plan`.
+//! Source: equations 2, 2.3, 4.1, 5.1. Reading order: this file, `effects`, `step`, `plan`.
 
 mod effects;
 mod plan;

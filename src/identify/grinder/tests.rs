@@ -45,7 +45,7 @@ fn truth(k: usize, q: f64) -> [f64; 6] {
 const AT_A: [f64; 6] = [0.0, 0.004, -0.006, 0.0, 24e-6, -20e-6];
 const AT_B: [f64; 6] = [0.009, 0.0, -0.007, 20e-6, 0.0, 15e-6];
 
-/// The machine by full rotations, equations 2 and README of the vectors: place of the tip in W.
+/// The machine by full rotations, equations 2 and `docs/reference/cases.md`: place of the tip in W.
 fn place(with_errors: bool, q: &AxisArray, tip: Vec3) -> Vec3 {
     let s = if with_errors { 1.0 } else { 0.0 };
     let e = |k: usize, at: f64| motion(truth(k, at).map(|v| s * v));

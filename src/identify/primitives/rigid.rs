@@ -3,7 +3,7 @@
 //! Unweighted: orthogonal Procrustes (Kabsch), exact. Weighted: Gauss-Newton from there; rotation is updated from the
 //! left, so the covariance belongs to (translation of the centroid's image, small rotation vector in the target frame).
 //!
-//! Source: equations 5.1 (exact alternative); registration of a tracker to the machine: 4, errata of 000.
+//! Source: equations 5.1 (exact alternative); registration of a tracker to the machine: equations 4.0.
 
 use nalgebra::{Matrix6, Vector6};
 

@@ -9,7 +9,7 @@
 //! the probe reaches one side of the bar only, centre and radius hang together: 1 um of noise becomes 4 um and more,
 //! which the covariance says and a note repeats.
 //!
-//! Source: equations section 4 (errata of 001, (4) to (9)), table 6 (001), 5.4.
+//! Source: equations 4.1 ((4) to (9), the arc), 5.4.
 
 use core::f64::consts::TAU;
 
@@ -182,7 +182,7 @@ const UNLIKELY: f64 = 0.01;
 impl Arm {
     /// The place of the ball's centre at contact, from the readings of Y (mm) and B (rad).
     ///
-    /// # Source  equations section 4, 001 (4): B right-handed about +y, arm towards -x
+    /// # Source  equations 4.1, (4): B right-handed about +y, arm towards -x
     #[must_use]
     pub fn contact(&self, y: f64, b: f64) -> Contact {
         Contact { y, z: self.length * (b - self.zero).sin() }
@@ -208,7 +208,7 @@ impl Calibration {
 /// # Errors
 /// Fewer than three contacts, contacts on too short an arc, a bar that is larger than the circle of contact.
 ///
-/// # Source  equations section 4 (001), 5.4
+/// # Source  equations 4.1, 5.4
 pub fn calibrate(
     contacts: &[Contact],
     bar_radius: f64,

@@ -5,7 +5,7 @@
 //! calling every point of a set-up "the base point", costs 5 um per 100 mm and 10 arcsec. A point that stays with
 //! the bed side moves on the carriage: `r_i + sigma q u`, sigma = +1 for a primed, -1 for an unprimed axis.
 //!
-//! Source: equations 1.5; errata of 004 (base-point simplification).
+//! Source: equations 1.5, 4.4 (base-point simplification).
 
 use volcomp_model::geometry::Vec3;
 

@@ -11,7 +11,7 @@
 //! A tilt test applies known small rotations (and, where wanted, displacements) and compares: each channel must follow
 //! one of them with a gain near +1 or -1.
 //!
-//! Source: errata of 004 (table 2), section 8 decision 11.
+//! Source: equations 4.4 (table 2), 8 (decision 11).
 
 use nalgebra::{DMatrix, DVector};
 

@@ -3,7 +3,7 @@
 //! `P = l (cos el cos az, cos el sin az, sin el)` in the frame of the tracker; `Sigma = J diag(sl^2, sa^2, sa^2) J^T`.
 //! Beyond 2 m the angles dominate: across the beam the noise is about `l sa`.
 //!
-//! Source: equations 4 (000, ten) and 5.1.
+//! Source: equations 4.0 ((10)) and 5.1.
 
 use volcomp_model::geometry::{Mat3, Vec3};
 

@@ -114,7 +114,7 @@ fn constants(first: &Joint, second: &Joint, place: &Box3, range: [f64; 2]) -> f6
     }
 }
 
-/// Where the error of joint k meets the tool tip: behind its own motion or before it (equations section 2).
+/// Where the error of joint k meets the tool tip: behind its own motion or before it (equations 2).
 fn error_place(joint: &Joint, boxes: &[Box3], k: usize) -> Box3 {
     match (joint.axis.kind(), joint.axis.side) {
         (AxisKind::Linear, Side::Tool) | (AxisKind::Rotary, Side::Workpiece) => boxes[k + 1],

@@ -4,7 +4,7 @@
 //! ends, its end value is held, as it would be on the machine. Largest values are attained by the pose given with
 //! them (grid and search); [`VolumeDifference::bound_position`] is never exceeded, whatever the search has missed.
 //!
-//! Source: equations section 2 (the deviation is linear in the errors). Reading order: this file, `curves`
+//! Source: equations 2 (the deviation is linear in the errors). Reading order: this file, `curves`
 //! (error by error), `volume` (in the working volume), `bound`.
 
 mod bound;

@@ -13,7 +13,7 @@
 //! location error (angles) of `b` with `V_0` on its axis, or a turn of the tool; `d, R` the location error of `a`
 //! with the sign of the workpiece side, or a rigid motion of W. A shift along the axis of `a` passes through it.
 //!
-//! Source: equations section 2 with 1.5, 1.7, 1.9.
+//! Source: equations 2, 1.5, 1.7, 1.9.
 
 use core::ops::Range;
 

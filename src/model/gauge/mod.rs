@@ -13,7 +13,7 @@
 //! Assumptions: first order. Where a table has a reverse branch, the forward branch decides and both are moved
 //! alike. Reference points stay as given: the slope is that of the line on which the straightness was measured.
 //!
-//! Source: equations 1.8; where constants go follows from the sum of section 2, see `effect`.
+//! Source: equations 1.8; where constants go follows from the sum of equations 2, see `effect`.
 
 mod effect;
 mod line;

@@ -1,4 +1,4 @@
-//! Effects of the geometry. Angles act through exact rotations; signs as the conventions of the project have them.
+//! Effects of the geometry. Angles act through exact rotations; signs as in equations 1.
 
 use std::f64::consts::{PI, TAU};
 
