@@ -60,7 +60,7 @@ fn constant(name: &str) -> String {
 /// name, by number, or in the words of a message.
 fn raised() -> BTreeSet<Code> {
     let mut text = String::new();
-    for room in ["src/runtime", "src/cli"] {
+    for room in ["src/daemon", "src/cli"] {
         sources(&root().join(room), &mut text);
     }
     let named = |name: &str, code: Code| {

@@ -1,6 +1,6 @@
 //! The bare limit: a process that answers every position frame with bytes of a correction's size, and nothing else.
 //!
-//! Socket options, thread, reads and writes are those of volcompd (`src/runtime/link.rs` there): one blocking read
+//! Socket options, thread, reads and writes are those of volcompd (`src/daemon/link.rs` there): one blocking read
 //! with a time limit that is set once, one write; with busy polling, a sleep in `poll` until shortly before the next
 //! frame is expected and reads that do not wait from then on. It does not look at what it reads, checks no check sum
 //! and computes nothing: whatever volcompd takes longer is its own.
