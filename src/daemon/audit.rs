@@ -2,7 +2,7 @@
 
 use std::sync::Arc;
 
-use super::keeper::Inbox;
+use super::inbox::Inbox;
 
 pub use volcomp_state::audit::*;
 

@@ -15,6 +15,7 @@ use tracing::{error, info, warn};
 use volcomp_state::counters::Recalled;
 
 use super::clock::Clock;
+use super::control::{SERVICE_SILENT_S, Start};
 use super::keeper::Keeper;
 use super::load::{LoadError, Loaded, load};
 use super::logging::{self, LogError};
@@ -27,7 +28,7 @@ use super::server::{Server, SocketError};
 use super::service::Service;
 use super::signals::{self, STOP_LIMIT};
 use super::sync::Mutex;
-use super::worker::{SERVICE_SILENT_S, Start, Worker};
+use super::worker::Worker;
 use volcomp_config::{MachineConfig, Policy};
 use volcomp_units::axes::AxisKind;
 use volcomp_units::{UM_PER_MM, arcsec_from_rad, deg_from_rad};

@@ -3,12 +3,11 @@
 //! A disk that hangs stops this thread and nobody else: the queue fills, audit entries are counted as lost, and of the
 //! counters only the newest wait. Whoever must not answer before an order is durable asks [`Keeper::saved`].
 
-use std::collections::VecDeque;
 use std::fs::File;
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
-use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
+use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
 use tracing::{error, info, warn};
@@ -18,123 +17,17 @@ use volcomp_state::disk::{Disk, real};
 use super::audit::chain::AuditFile;
 use super::audit::{AUDIT_FILE, Audit, AuditEntry, Who};
 use super::counters::unknown;
+use super::inbox::{Inbox, Job, Saved};
 use super::load::Loaded;
 use super::models::Prepared;
-use super::sync::{self, Condvar, Mutex};
+use super::sync;
 use volcomp_config::StartMode;
 use volcomp_engine::fault::Code;
 
-/// Audit entries that wait for the disk.
-const QUEUE: usize = 256;
 /// Time for the last entries when the daemon ends.
 const FINISH_LIMIT: Duration = Duration::from_secs(3);
 /// Interval at which the end is looked for.
 const POLL: Duration = Duration::from_millis(2);
-
-/// What waits for the disk.
-#[derive(Debug, Default)]
-pub(super) struct Inbox {
-    waiting: Mutex<Waiting>,
-    wake: Condvar,
-    lost: AtomicU64,
-}
-
-#[derive(Debug, Default)]
-struct Waiting {
-    /// The newest counters; older ones are superseded.
-    counters: Option<Box<Counters>>,
-    /// Number of the newest counters handed over.
-    asked: u64,
-    /// Number of the newest counters that are durable.
-    saved: u64,
-    /// Number of the newest counters that the disk refused, and why.
-    refused: (u64, String),
-    audit: VecDeque<AuditEntry>,
-    /// Nothing more comes.
-    end: bool,
-    ended: bool,
-    /// Why audit log and counters are not kept at present.
-    problems: [Option<String>; 2],
-}
-
-/// What has become of counters that were handed over.
-#[derive(Debug, Clone, PartialEq, Eq)]
-pub(super) enum Saved {
-    /// They are durable.
-    Yes,
-    /// They are on their way.
-    Waiting,
-    /// They are not kept: why.
-    No(String),
-    /// There is no state directory.
-    Nowhere,
-}
-
-impl Inbox {
-    /// Queues an entry; false and counted where the queue is full.
-    pub(super) fn audit(&self, entry: AuditEntry) -> bool {
-        let mut waiting = self.waiting.lock();
-        if waiting.audit.len() >= QUEUE || waiting.end {
-            self.lost.fetch_add(1, Relaxed);
-            return false;
-        }
-        waiting.audit.push_back(entry);
-        drop(waiting);
-        self.wake.notify_all();
-        true
-    }
-
-    /// Entries that were not written.
-    pub(super) fn lost(&self) -> u64 {
-        self.lost.load(Relaxed)
-    }
-
-    fn save(&self, counters: Counters) -> u64 {
-        let mut waiting = self.waiting.lock();
-        waiting.asked += 1;
-        waiting.counters = Some(Box::new(counters));
-        let number = waiting.asked;
-        drop(waiting);
-        self.wake.notify_all();
-        number
-    }
-
-    fn saved(&self, number: u64) -> Saved {
-        let waiting = self.waiting.lock();
-        if waiting.saved >= number {
-            Saved::Yes
-        } else if waiting.refused.0 >= number {
-            Saved::No(waiting.refused.1.clone())
-        } else if waiting.ended {
-            Saved::No("the thread that writes has ended".to_owned())
-        } else {
-            Saved::Waiting
-        }
-    }
-
-    /// The next job; counters first, because orders and faults wait for them.
-    fn next(&self) -> Option<Job> {
-        let mut waiting = self.waiting.lock();
-        loop {
-            if let Some(counters) = waiting.counters.take() {
-                return Some(Job::Counters(waiting.asked, counters));
-            }
-            if let Some(entry) = waiting.audit.pop_front() {
-                return Some(Job::Audit(entry));
-            }
-            if waiting.end {
-                return None;
-            }
-            waiting = self.wake.wait(waiting);
-        }
-    }
-}
-
-/// Something to be kept.
-enum Job {
-    Audit(AuditEntry),
-    Counters(u64, Box<Counters>),
-}
 
 /// The keeper's thread, seen from the service.
 #[derive(Debug)]

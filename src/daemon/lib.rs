@@ -24,7 +24,6 @@
     reason = "the runtime is the shell: clocks, files, sockets and threads"
 )]
 
-mod additions;
 mod age;
 mod arrivals;
 pub mod audit;
@@ -33,14 +32,17 @@ mod board;
 mod body;
 pub mod client;
 mod clock;
+mod control;
 mod counters;
 mod cycle;
 mod daemon;
 mod handshake;
+mod inbox;
 mod keeper;
 pub mod kept;
 mod latency;
 mod link;
+mod link_end;
 mod load;
 mod logging;
 pub mod models;
@@ -54,6 +56,7 @@ mod rehearsal;
 pub mod replay;
 #[cfg(test)]
 mod sealed;
+mod sensor_status;
 pub mod sensors;
 mod server;
 mod service;
@@ -66,11 +69,10 @@ mod sync;
 mod tls;
 mod worker;
 
-pub use additions::with_additions;
 pub use body::{CycleBody, Reaction};
 pub use daemon::{DaemonError, run, socket_path};
 pub use latency::{Bins, Histograms};
-pub use load::{LoadError, Loaded, load, load_config};
+pub use load::{LoadError, Loaded, load, load_config, with_additions};
 pub use logging::LogError;
 pub use recorder::{ModelTexts, Tap, answer_of, command_of, request_of, tap};
 pub use rehearsal::{Rehearsal, RehearsalError, rehearse};

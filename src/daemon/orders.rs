@@ -8,7 +8,7 @@ use std::time::Duration;
 use tracing::info;
 
 use super::audit::{AuditEntry, Who};
-use super::keeper::Saved;
+use super::inbox::Saved;
 use super::models::{Prepared, guard};
 use super::ports::Request;
 use super::service::Service;

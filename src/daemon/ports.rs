@@ -13,8 +13,8 @@ use std::time::Duration;
 
 use crossbeam_channel::{Receiver, Sender, bounded};
 
-use super::cycle::LinkEnd;
 use super::handshake::LinkError;
+use super::link_end::LinkEnd;
 use super::realtime::RealtimeReport;
 use super::recorder::Tap;
 use volcomp_engine::{Command, Event, ShadowScore, State};

@@ -25,13 +25,14 @@ use seccompiler::{
 use super::age::AgeEstimator;
 use super::body::CycleBody;
 use super::clock::Clock;
-use super::cycle::{Cycle, LinkEnd};
+use super::control::Control;
+use super::cycle::Cycle;
 use super::link::{Connecting, Link};
+use super::link_end::LinkEnd;
 use super::load::{Loaded, load};
 use super::ports::{CyclePorts, ServicePorts, ports};
 use super::recorder::{Tap, tap};
 use super::tls::trial::{Server, Trial, Wire};
-use super::worker::Control;
 use volcomp_engine::Command as EngineCommand;
 use volcomp_protocol::record::Entry;
 use volcomp_protocol::{
@@ -258,7 +259,7 @@ impl Stage {
         let config = loaded.config.engine_config(&hello).expect("the hello fits");
         let mut body = CycleBody::new(&config, Arc::clone(&loaded.model)).expect("an engine");
         let control = {
-            let start = super::worker::Start {
+            let start = super::control::Start {
                 model: Arc::clone(&loaded.model),
                 permitted: true,
                 kept_fault: false,

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::sensors::{GrowthStatus, MapStatus, SensorStatus};
+use super::sensor_status::{GrowthStatus, MapStatus, SensorStatus};
 
 /// State of the daemon.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]

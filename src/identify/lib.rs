@@ -22,6 +22,6 @@ pub mod reading;
 pub mod straightness;
 pub mod thermal;
 pub mod threepoint;
-pub mod twist;
 
+pub use primitives::twist;
 pub use reading::Reading;

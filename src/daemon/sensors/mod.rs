@@ -11,12 +11,11 @@ mod cycle_end;
 mod keep;
 mod known;
 mod listener;
-mod report;
 mod wire;
 mod worker;
 
+pub use crate::sensor_status::{FilterStatus, GrowthStatus, MapStatus, NodeStatus, SensorStatus};
 pub use cycle_end::{EstimatorEnd, LiveEnd, Motion, live_ends};
-pub use report::{FilterStatus, GrowthStatus, MapStatus, NodeStatus, SensorStatus};
 
 pub(super) use listener::Listener;
 pub(super) use worker::{Sensors, Start};

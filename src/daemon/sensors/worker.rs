@@ -13,8 +13,8 @@ use super::super::models::Prepared;
 use super::super::recorder::HealthSlot;
 use super::cycle_end::{EstimatorEnd, Motion};
 use super::known::Known;
-use super::report::{FilterStatus, code_of, growth_code};
 use super::{Arrived, keep};
+use crate::sensor_status::{FilterStatus, code_of, growth_code};
 use volcomp_config::SensorsConfig;
 use volcomp_estimate::live::{
     GrowthStanding, LiveError, LiveEstimator, LiveModel, LiveSpec, LiveTable, MapStanding, Moment,

@@ -12,7 +12,7 @@ use super::Service;
 use crate::audit::{AuditEntry, Who};
 use crate::board::state_name;
 use crate::counters::unknown;
-use crate::keeper::Saved;
+use crate::inbox::Saved;
 use crate::ports::{Request, Ticket};
 use crate::sync;
 use volcomp_config::StartMode;

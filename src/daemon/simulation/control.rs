@@ -7,9 +7,9 @@ use shuttle::rand::Rng;
 use super::instance::Instance;
 use crate::body::{CycleBody, Reaction};
 use crate::clock::Clock;
+use crate::control::{Control, Stop};
 use crate::load::Loaded;
 use crate::sync::point;
-use crate::worker::{Control, Stop};
 use volcomp_protocol::{
     Axis, AxisUnit, ControlHello, MachineState, Message, Name, PROTOCOL_VERSION, Position,
 };

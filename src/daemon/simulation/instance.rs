@@ -16,14 +16,15 @@ use super::control::cycle;
 use super::history::{History, must_not_begin};
 use super::{Plan, World, faulty};
 use crate::clock::Clock;
-use crate::keeper::{Keeper, Saved};
+use crate::control::{Control, SERVICE_SILENT_S, Start};
+use crate::inbox::Saved;
+use crate::keeper::Keeper;
 use crate::models::Models;
 use crate::orders::carry_out;
 use crate::ports::{StopWish, ports};
 use crate::service::Service;
 use crate::socket::{Ask, SentModel, Verb};
 use crate::sync::{Mutex, pause, point};
-use crate::worker::{Control, SERVICE_SILENT_S, Start};
 
 /// Interval of the service's loop.
 const TICK: Duration = Duration::from_millis(20);

@@ -2,7 +2,8 @@
 
 use core::f64::consts::PI;
 
-use super::{Basis, FitError};
+use super::error::FitError;
+use super::request::Basis;
 use volcomp_model::Curve;
 use volcomp_model::curve::{Chebyshev, Fourier, HalfRange};
 

@@ -6,7 +6,7 @@
 //! Records of more than [`MANY`] readings are gathered in `MANY` equal bins of the range: positions inside a bin
 //! (4e-6 of the range) are replaced by their mean, which moves a wave of 64 periods by 1e-7 of its amplitude.
 
-use super::FitError;
+use super::error::FitError;
 use crate::reading::{Reading, group_by_position};
 use volcomp_units::axes::Travel;
 

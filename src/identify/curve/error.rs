@@ -1,9 +1,11 @@
 //! Why no curve could be fitted.
 
-use super::Basis;
-use super::solve::CONDITION_LIMIT;
+use super::request::Basis;
 use volcomp_model::curve::CurveError;
 use volcomp_units::axes::Travel;
+
+/// Condition number above which the terms count as indistinguishable.
+pub(super) const CONDITION_LIMIT: f64 = 1e10;
 
 /// Why no curve could be fitted.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]

@@ -18,9 +18,11 @@ mod climb;
 mod data;
 mod error;
 mod figures;
+mod fitted;
 mod lanes;
 pub mod monomial;
 mod periods;
+mod request;
 mod robust;
 mod sampling;
 mod select;
@@ -31,227 +33,16 @@ mod support;
 pub use band::Band;
 pub use error::FitError;
 pub use figures::Figures;
+pub use fitted::{CurveFit, Note, Outlier, ReversalFit};
 pub use periods::period_range;
-pub use robust::Outlier;
+pub use request::{Basis, Period, Request, Reversal, Smoothing};
 pub use sampling::{COMMON_PITCHES, Hidden, hidden};
 pub use select::highest_order;
 
-use volcomp_model::Curve;
-use volcomp_model::curve::{ErrorFunction, Interpolation};
 use volcomp_units::axes::Travel;
 
 use super::reading::Reading;
 use data::Data;
-
-/// A family of curves.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Basis {
-    /// Mean, linear part and sine half waves over the range (B1).
-    HalfRange,
-    /// Chebyshev polynomials (B2).
-    Chebyshev,
-    /// Mean, linear part where wanted, and harmonics of a period (B3).
-    Fourier,
-    /// Support points at the targets.
-    Table,
-}
-
-impl Basis {
-    /// The name used in arguments and reports.
-    #[must_use]
-    pub const fn name(self) -> &'static str {
-        match self {
-            Self::HalfRange => "half-range",
-            Self::Chebyshev => "chebyshev",
-            Self::Fourier => "fourier",
-            Self::Table => "table",
-        }
-    }
-}
-
-/// The period of a Fourier series.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Period {
-    /// Fitted, anywhere the data can show it; a whole turn where a rotary axis was measured over one.
-    #[default]
-    Auto,
-    /// Fitted, inside these limits.
-    Within([f64; 2]),
-    /// Given.
-    Given(f64),
-}
-
-/// What happens to the difference between the directions of travel.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Reversal {
-    /// It is kept where the readings show it.
-    #[default]
-    Auto,
-    /// The curve holds the mean of both directions.
-    Mean,
-}
-
-/// Smoothing of a table.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub enum Smoothing {
-    /// The mean of the readings at every target.
-    #[default]
-    None,
-    /// As much as generalised cross-validation asks for.
-    Auto,
-    /// This much: `alpha` of `SUM n_i (mean_i - g_i)^2 + alpha INT g''^2`.
-    Given(f64),
-}
-
-/// What to fit; `None` leaves the choice to the data.
-#[derive(Debug, Clone, PartialEq, Default)]
-pub struct Request {
-    /// Family of curves.
-    pub basis: Option<Basis>,
-    /// Half waves, polynomial degree or harmonics.
-    pub order: Option<usize>,
-    /// Period of a Fourier series.
-    pub period: Period,
-    /// Further periods of it, each with as many harmonics.
-    pub further_periods: Vec<Period>,
-    /// Whether a Fourier series has a linear part.
-    pub linear: Option<bool>,
-    /// Penalty `lambda SUM k^4 c_k^2` on the terms of order k; `None` fits without.
-    pub ridge: Option<f64>,
-    /// Penalties `SUM p_j c_j^2` coefficient by coefficient, instead of a ridge; with an order only.
-    pub penalties: Option<Vec<f64>>,
-    /// Range of the basis instead of first to last position.
-    pub range: Option<[f64; 2]>,
-    /// Interpolation of a table.
-    pub interpolation: Interpolation,
-    /// Smoothing of a table.
-    pub smoothing: Smoothing,
-    /// The difference between the directions.
-    pub reversal: Reversal,
-    /// Outliers are found, named and left out.
-    pub robust: bool,
-    /// The full turn of a rotary axis, rad: readings over all of it give a curve that closes.
-    pub turn: Option<f64>,
-}
-
-/// Something the user should know about a fit that was made.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Note {
-    /// Terms nearly cancel: the curve is right on the data, its coefficients mean little.
-    IllConditioned {
-        /// Condition number of the basis on these positions.
-        condition: f64,
-    },
-    /// Both directions were measured, and this curve holds their mean only.
-    ReversalLeftOut {
-        /// Mean difference forward minus reverse.
-        mean: f64,
-    },
-    /// Both directions were measured, and the curve tells them apart.
-    ReversalKept {
-        /// Mean difference forward minus reverse.
-        mean: f64,
-    },
-    /// The positions are too far apart for what the error does between them.
-    SparseTargets {
-        /// RMS error with which left-out positions are predicted.
-        error: f64,
-        /// The order that predicts them better, but loses what the measured positions show.
-        lower: usize,
-    },
-    /// AICc preferred a higher order that predicts left-out positions worse.
-    OrderLowered {
-        /// The order of lowest AICc.
-        from: usize,
-        /// The order taken.
-        to: usize,
-    },
-    /// A whole turn was measured, and this basis does not come back to where it began.
-    TurnLeftOpen {
-        /// Difference of the curve between its ends.
-        step: f64,
-    },
-}
-
-/// The difference between the directions of travel.
-#[derive(Debug, Clone, PartialEq)]
-pub struct ReversalFit {
-    /// Half of forward minus reverse as Chebyshev polynomials over the range.
-    pub coefficients: Vec<f64>,
-}
-
-/// A fitted curve.
-#[derive(Debug, Clone, PartialEq)]
-pub struct CurveFit {
-    /// Family of curves.
-    pub basis: Basis,
-    /// Half waves, degree or harmonics; `None` for a table.
-    pub order: Option<usize>,
-    /// Period of a Fourier series; of several the first that was fitted.
-    pub period: Option<f64>,
-    /// All its periods: given ones, then fitted ones, longest first.
-    pub periods: Vec<f64>,
-    /// True where a period came from the data.
-    pub period_fitted: bool,
-    /// Half-range: mean, linear, sines. Chebyshev: `T_0` and up. Fourier: mean, linear where present, then
-    /// cosine and sine of each harmonic of each period. Table: forward values, then reverse values where present.
-    pub coefficients: Vec<f64>,
-    /// The difference between the directions, where a smooth curve holds it.
-    pub reversal: Option<ReversalFit>,
-    /// The curve without [`more`](Self::more).
-    pub curve: Curve,
-    /// What adds to it: further periods, the reversal.
-    pub more: Vec<Curve>,
-    /// How well it fits.
-    pub figures: Figures,
-    /// How well the curve is known; `None` without degrees of freedom.
-    pub band: Option<Band>,
-    /// Strength of smoothing of a table, where smoothed.
-    pub smoothing: Option<f64>,
-    /// Readings left out.
-    pub outliers: Vec<Outlier>,
-    /// Condition number of the basis on these positions (1 for a table).
-    pub condition: f64,
-    /// What the user should know.
-    pub notes: Vec<Note>,
-}
-
-impl CurveFit {
-    /// A fit with everything else absent; `curves` is not empty.
-    fn new(basis: Basis, coefficients: Vec<f64>, curves: Vec<Curve>, figures: Figures) -> Self {
-        let mut curves = curves.into_iter();
-        Self {
-            basis,
-            order: None,
-            period: None,
-            periods: Vec::new(),
-            period_fitted: false,
-            coefficients,
-            reversal: None,
-            curve: curves.next().unwrap_or(Curve::Constant(0.0)),
-            more: curves.collect(),
-            figures,
-            band: None,
-            smoothing: None,
-            outliers: Vec::new(),
-            condition: 1.0,
-            notes: Vec::new(),
-        }
-    }
-
-    /// The value at `position`, travelling in direction `travel`.
-    #[must_use]
-    pub fn value(&self, position: f64, travel: Travel) -> f64 {
-        self.curve.value(position, travel) + self.more.iter().map(|c| c.value(position, travel)).sum::<f64>()
-    }
-
-    /// The error function of a model, with the residual standard deviation as its uncertainty.
-    #[must_use]
-    pub fn function(&self) -> ErrorFunction {
-        let curves = core::iter::once(&self.curve).chain(&self.more).cloned().collect();
-        ErrorFunction { curves, std: self.figures.rmse_dof, ..ErrorFunction::default() }
-    }
-}
 
 /// Condition number above which coefficients are reported as ill-determined.
 const CONDITION_NOTE: f64 = 1e4;

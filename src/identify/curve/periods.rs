@@ -7,8 +7,9 @@ use nalgebra::{DMatrix, DVector};
 
 use super::basis::Shape;
 use super::data::Data;
+use super::error::FitError;
+use super::request::{Period, Request};
 use super::solve::{Design, Factor};
-use super::{FitError, Period, Request};
 
 /// Positions are averaged down to about this number, or to four per shortest wave, while the grid is searched.
 const SEARCH_POSITIONS: usize = 256;

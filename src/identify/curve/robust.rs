@@ -11,8 +11,10 @@ use nalgebra::{DMatrix, DVector};
 
 use super::basis::Shape;
 use super::data::Data;
+use super::error::FitError;
+use super::fitted::{CurveFit, Outlier};
+use super::request::{Basis, Request};
 use super::solve::dot;
-use super::{Basis, CurveFit, FitError, Request};
 use crate::reading::{Reading, group_by_position};
 use volcomp_units::axes::Travel;
 
@@ -34,15 +36,6 @@ const READINGS_PER_TERM: usize = 5;
 /// Readings that the first curve is made from at most; scattered by the golden ratio, so that no cycle is met in step.
 const FIRST_READINGS: usize = 1 << 15;
 const GOLDEN: f64 = 0.618_033_988_749_894_9;
-
-/// A reading that was left out.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Outlier {
-    /// Index among the readings given.
-    pub index: usize,
-    /// Reading minus curve, mm or rad.
-    pub deviation: f64,
-}
 
 /// Fits to what remains without outliers.
 pub(super) fn fit(

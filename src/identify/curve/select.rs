@@ -1,12 +1,15 @@
 //! Which order, which period, which basis, which reversal: AICc proposes, leaving out whole positions checks.
 
+use super::band::Band;
 use super::basis::Shape;
 use super::data::Data;
+use super::error::CONDITION_LIMIT;
+use super::error::FitError;
 use super::figures::Figures;
-use super::solve::{CONDITION_LIMIT, Design, Factor};
-use super::{
-    Band, Basis, CurveFit, FitError, Note, Period, Request, Reversal, ReversalFit, periods, support,
-};
+use super::fitted::{CurveFit, Note, ReversalFit};
+use super::request::{Basis, Period, Request, Reversal};
+use super::solve::{Design, Factor};
+use super::{periods, support};
 use volcomp_model::Curve;
 use volcomp_model::curve::{Chebyshev, Interpolation, MAX_TERMS, Table};
 use volcomp_units::axes::Travel;

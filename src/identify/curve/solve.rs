@@ -7,13 +7,12 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::Basis;
 use super::basis::{Shape, chebyshev};
 use super::data::Data;
+use super::error::CONDITION_LIMIT;
 use super::lanes::{LANES, Lane, blocks, chebyshev_lanes};
+use super::request::Basis;
 
-/// Condition number above which the terms count as indistinguishable.
-pub(super) const CONDITION_LIMIT: f64 = 1e10;
 /// Up to this many cells the orthogonal factor is kept.
 const FEW: usize = 128;
 /// Condition (by pivots) up to which `A^T A` is trusted: its square costs four digits.

@@ -2,9 +2,11 @@
 
 use super::band::Band;
 use super::data::{Cell, Data};
+use super::error::FitError;
 use super::figures::{Figures, Sums};
+use super::fitted::CurveFit;
+use super::request::{Basis, Smoothing};
 use super::smooth::{Sequence, Smoothed, smooth};
-use super::{Basis, CurveFit, FitError, Smoothing};
 use volcomp_model::Curve;
 use volcomp_model::curve::{Interpolation, Table};
 use volcomp_units::axes::Travel;

@@ -11,6 +11,7 @@ pub(crate) mod jacobi;
 pub mod plane;
 pub mod rigid;
 pub mod space_circle;
+pub mod twist;
 
 pub use ball::{Ball, BallError, Circle2, Sphere, circle_2d, sphere};
 pub use plane::{Plane, PlaneError, plane};

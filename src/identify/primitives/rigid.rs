@@ -8,7 +8,7 @@
 use nalgebra::{Matrix6, Vector6};
 
 use super::jacobi;
-use crate::twist::{self, Deficient, Sighting};
+use super::twist::{self, Deficient, Sighting, cross_matrix};
 use volcomp_model::geometry::{Mat3, Vec3, small_rotation};
 
 /// A rigid motion `x -> rotation x + translation` found from points.
@@ -81,11 +81,6 @@ impl RigidFit {
         // displacement = d + eps x r = d - [r]x eps
         tt - tr * lever.transpose() - lever * tr.transpose() + lever * rr * lever.transpose()
     }
-}
-
-/// `[v]x`: the matrix of the cross product `v x`.
-pub(crate) fn cross_matrix(v: &Vec3) -> Mat3 {
-    Mat3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
 }
 
 /// Best rigid motion without weights: orthogonal Procrustes. `None` where the points do not determine the rotation.

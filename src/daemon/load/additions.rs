@@ -4,7 +4,7 @@ use std::path::Path;
 
 use volcomp_state::bounded_read::{MODEL_BYTES_MAX, read_bounded};
 
-use super::load::{LoadError, text};
+use super::{LoadError, text};
 use volcomp_config::{MachineConfig, ModelFile};
 use volcomp_effects::addition::Addition;
 use volcomp_effects::extend::{Fate, extend};

@@ -1,12 +1,15 @@
 //! The machine file and the model it names, read once at start.
 
+mod additions;
+
 use std::io;
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
 use volcomp_state::bounded_read::{MACHINE_BYTES_MAX, MODEL_BYTES_MAX, read_bounded};
 
-use super::additions::with_additions;
+pub use additions::with_additions;
+
 use super::tls::{self, Identity, TlsFileError};
 use volcomp_config::machine::ModelMismatch;
 use volcomp_config::{ConfigErrors, MachineConfig, model};

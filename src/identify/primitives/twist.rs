@@ -9,7 +9,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix6, Vector6};
 
-use super::primitives::jacobi;
+use super::jacobi;
 use volcomp_model::geometry::{Mat3, Vec3};
 
 /// One equation, whitened: its noise has unit variance.
@@ -144,7 +144,7 @@ fn equilibrated(rows: &[Row]) -> (DMatrix<f64>, Vector6<f64>) {
 pub fn moved(value: &Vector6<f64>, covariance: &Matrix6<f64>, lever: &Vec3) -> (Vector6<f64>, Matrix6<f64>) {
     let mut step = Matrix6::identity();
     // eps x lever = -[lever]x eps
-    step.fixed_view_mut::<3, 3>(0, 3).copy_from(&-super::primitives::rigid::cross_matrix(lever));
+    step.fixed_view_mut::<3, 3>(0, 3).copy_from(&-cross_matrix(lever));
     (step * value, step * covariance * step.transpose())
 }
 
@@ -175,6 +175,11 @@ pub fn words(v: &Vector6<f64>) -> String {
         return turn;
     }
     format!("{turn} together with {} mm per rad", letters(&shift, ["EX", "EY", "EZ"]))
+}
+
+/// `[v]x`: the matrix of the cross product `v x`.
+pub(crate) fn cross_matrix(v: &Vec3) -> Mat3 {
+    Mat3::new(0.0, -v.z, v.y, v.z, 0.0, -v.x, -v.y, v.x, 0.0)
 }
 
 #[cfg(test)]

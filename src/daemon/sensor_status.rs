@@ -153,7 +153,7 @@ pub struct FilterStatus {
 }
 
 /// Number of a trouble in the catalogue of faults.
-pub(super) const fn code_of(trouble: Trouble) -> fault::Code {
+pub(crate) const fn code_of(trouble: Trouble) -> fault::Code {
     fault::Code(match trouble {
         Trouble::Silent => 8002,
         Trouble::Late => 8003,
@@ -170,7 +170,7 @@ pub(super) const fn code_of(trouble: Trouble) -> fault::Code {
 }
 
 /// Number of what is wrong with a growth, in the catalogue of faults.
-pub(super) const fn growth_code(standing: GrowthStanding) -> Option<fault::Code> {
+pub(crate) const fn growth_code(standing: GrowthStanding) -> Option<fault::Code> {
     match standing {
         GrowthStanding::Waiting(_) | GrowthStanding::Used => None,
         GrowthStanding::Outside(_) => Some(fault::Code(8014)),
@@ -293,7 +293,7 @@ impl MapStatus {
 
 impl FilterStatus {
     /// Sensors and maps that are listed and cannot be used with the model.
-    pub(super) fn unused(spec: &LiveSpec) -> Self {
+    pub(crate) fn unused(spec: &LiveSpec) -> Self {
         let code = Some(fault::Code(8020).to_string());
         let sensor = |s: &SensorSpec| SensorStatus {
             name: s.name.clone(),
@@ -314,7 +314,7 @@ impl FilterStatus {
         }
     }
 
-    pub(super) fn new(health: &LiveHealth) -> Self {
+    pub(crate) fn new(health: &LiveHealth) -> Self {
         Self {
             sensors: health.sensors.iter().map(SensorStatus::new).collect(),
             maps: health.maps.iter().map(MapStatus::new).collect(),
