@@ -12,7 +12,7 @@
 //! - `runtime`: sockets, the real-time thread, the service around it (feature `daemon`).
 //! - `cli`: arguments, human and JSON output, exit codes (feature `daemon`).
 //!
-//! The dependency rule is checked by `tests/architecture.rs`; the reasons stand in `docs/architecture.md`.
+//! The dependency rule is checked by `tests/repository/architecture.rs`; the reasons stand in `docs/architecture.md`.
 
 pub mod config;
 pub mod diagnose;

@@ -15,7 +15,7 @@
 //! - [`cli`]: the program `cncsim`.
 //!
 //! From volcomp only `core::{axes, units, protocol}` may be used here, and `cli` in the front rooms (`demo`, `cli`), to
-//! start its programs; `tests/architecture.rs` checks it.
+//! start its programs; `tests/repository/architecture.rs` checks it.
 
 pub mod bench;
 pub mod blind;

@@ -1,0 +1,15 @@
+//! `volcompd` as a process, with a control and sensors on loopback.
+
+#![cfg(feature = "daemon")]
+
+mod adversary;
+mod link;
+mod models;
+mod recording;
+mod replay_damage;
+mod sensors;
+mod service;
+mod soak;
+mod support;
+mod thermal;
+mod word;
