@@ -44,14 +44,13 @@ pub(crate) struct Campaign {
     pub(crate) states: Vec<State>,
     t: f64,
     run: i64,
-    pair: i64,
 }
 
 const BIG: f64 = 1e6;
 
 impl Campaign {
     fn new(start: f64) -> Self {
-        Self { states: Vec::new(), t: start, run: 0, pair: 0 }
+        Self { states: Vec::new(), t: start, run: 0 }
     }
 
     fn base(&self, instrument: &'static str, setup: i64, repeat: i64) -> State {

@@ -1,7 +1,6 @@
 //! The reference vectors of curve fits.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-#![expect(clippy::disallowed_methods, reason = "the test reads its reference data")]
 
 use serde_json::Value;
 use volcomp::core::axes::Travel;

@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 #![expect(clippy::disallowed_methods, reason = "the test reads and writes files")]
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 use std::process::{Command, Output};
 
 use serde_json::{Value, json};
@@ -105,7 +105,7 @@ fn a_case_is_taken_from_a_file_of_cases() {
     assert!(String::from_utf8_lossy(&output.stdout).contains("chebyshev of order 5: n 31, m 6"));
     let output = volcomp(&["identify", "fits", "--input", path, "--case", "FIT-x"]);
     assert_eq!(output.status.code(), Some(65));
-    assert!(String::from_utf8_lossy(&output.stderr).contains("no case FIT-x; there are: FIT-o2"));
+    assert!(String::from_utf8_lossy(&output.stderr).contains("no case FIT-x; there are: FIT-o1, FIT-o2"));
 }
 
 /// Correct decimal digits.

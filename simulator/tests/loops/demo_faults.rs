@@ -141,6 +141,7 @@ fn stopped_in_order_it_keeps_the_offset_where_that_is_configured() {
 
 #[test]
 fn hung_for_a_while_it_goes_on() {
+    let _alone = crate::processors();
     // 0.3 s: the control takes the offset back; 3 s: it gives the link up, too. So slow that a late answer is no step
     let mut bench = Bench::new(Setup { pacing: Pacing::RealTime, feed: FEED / 4, ..Setup::default() }, 2);
     let daemon = bench.connected_daemon();
