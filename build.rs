@@ -7,8 +7,6 @@
 //! A missing folder is not watched, because cargo would then run this script, and compile the package, in every build:
 //! `tests/repository/data_sets.rs` reports a set that has appeared since.
 
-#![expect(clippy::print_stdout, reason = "cargo reads the output of a build script")]
-
 use std::env;
 use std::path::{Path, PathBuf};
 

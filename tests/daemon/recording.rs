@@ -396,14 +396,32 @@ fn a_disk_without_room_costs_records_and_never_a_cycle() {
     assert!(Recording::parse(&bytes).expect("a recording").records() > 0);
 }
 
+/// A tmpfs of 200 KiB, unmounted when dropped.
+struct SmallDisk(tempfile::TempDir);
+
+impl SmallDisk {
+    fn mount() -> Self {
+        let place = tempfile::tempdir().expect("directory");
+        let options = ["-t", "tmpfs", "-o", "size=200k", "tmpfs"];
+        ok(&Command::new("mount").args(options).arg(place.path()).output().expect("mount runs"));
+        Self(place)
+    }
+}
+
+impl Drop for SmallDisk {
+    fn drop(&mut self) {
+        let released = Command::new("umount").arg(self.0.path()).status().is_ok_and(|s| s.success());
+        assert!(released || std::thread::panicking(), "{} stays mounted", self.0.path().display());
+    }
+}
+
 #[test]
 #[ignore = "needs the right to mount a tmpfs"]
 fn a_small_tmpfs_that_runs_full_costs_records_only() {
-    let place = tempfile::tempdir().expect("directory");
-    let options = ["-t", "tmpfs", "-o", "size=200k", "tmpfs"];
-    ok(&Command::new("mount").args(options).arg(place.path()).output().expect("mount runs"));
+    let disk = SmallDisk::mount();
+    let place = disk.0.path();
     let port = Port::open();
-    let more = format!("[recording]\ndirectory = \"{}\"\nflush-ms = 20.0\n", place.path().display());
+    let more = format!("[recording]\ndirectory = \"{}\"\nflush-ms = 20.0\n", place.display());
     let daemon = Daemon::start(&port.address(), kept(Box::leak(more.into_boxed_str())));
     let mut session = port.link();
     session.run_until_corrected();
@@ -414,11 +432,11 @@ fn a_small_tmpfs_that_runs_full_costs_records_only() {
     // somebody else's file goes, and there is room again
     let status = daemon.status();
     let files: Vec<PathBuf> =
-        fs::read_dir(place.path()).expect("tmpfs").filter_map(Result::ok).map(|e| e.path()).collect();
+        fs::read_dir(place).expect("tmpfs").filter_map(Result::ok).map(|e| e.path()).collect();
     let bytes: Vec<Vec<u8>> = files.iter().map(|f| fs::read(f).expect("recording")).collect();
     drop(daemon);
-    let released = Command::new("umount").arg(place.path()).status().is_ok_and(|s| s.success());
-    assert!(filled && released, "{status}");
+    drop(disk);
+    assert!(filled, "{status}");
     assert_eq!(status["state"], "active", "{status}");
     let text = status["recording"]["error"].as_str().expect("told").to_owned();
     assert!(text.contains("No space left"), "{text}");

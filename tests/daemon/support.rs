@@ -1,5 +1,7 @@
 //! A small control and a daemon to test against each other: the real `volcompd`, real TCP on loopback, lock step.
 
+#![expect(clippy::disallowed_methods, reason = "helpers of tests with processes, sockets and files")]
+#![expect(clippy::expect_used, reason = "helpers of tests")]
 #![allow(clippy::print_stdout, reason = "the log of a daemon that failed a test")]
 
 use std::fs;

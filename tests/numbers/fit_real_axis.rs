@@ -1,7 +1,6 @@
 //! A real axis: fit on four cycles, judge on the fifth, which the model has not seen.
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-#![expect(clippy::print_stderr, reason = "the figures are the result")]
 #![expect(clippy::disallowed_methods, reason = "the test reads files")]
 
 use std::path::Path;

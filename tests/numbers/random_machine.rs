@@ -1,5 +1,7 @@
 //! Random machines of every type, for tests of what must hold for all of them.
 
+#![expect(clippy::unwrap_used, reason = "helpers of tests")]
+
 use volcomp::core::axes::{AxisKind, AxisName, MAX_AXES};
 use volcomp::core::geometry::Vec3;
 use volcomp::core::model::curve::{Curve, ErrorFunction, Interpolation, Table};

@@ -3,6 +3,8 @@
 //! Each millisecond the engine sees the set points that the control tells, and its offset is added to those of the next
 //! millisecond, as `docs/protocol.md` says. It knows the model file that it was given and nothing of the truth.
 
+#![expect(clippy::unwrap_used, reason = "helpers of tests")]
+
 use volcomp::config::model::parse_file;
 use volcomp::core::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
 use volcomp::core::engine::{

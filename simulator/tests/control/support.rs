@@ -1,5 +1,8 @@
 //! A tiny daemon for the tests of the control: real sockets, no model.
 
+#![expect(clippy::disallowed_methods, reason = "helpers of tests with processes, sockets and files")]
+#![expect(clippy::unwrap_used, reason = "helpers of tests")]
+
 use std::io::{ErrorKind, Read, Write};
 use std::net::{SocketAddr, TcpStream};
 use std::thread::JoinHandle;

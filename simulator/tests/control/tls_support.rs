@@ -1,5 +1,8 @@
 //! A control, a daemon as a process, and the certificates between them.
 
+#![expect(clippy::disallowed_methods, reason = "helpers of tests with processes, sockets and files")]
+#![expect(clippy::unwrap_used, reason = "helpers of tests")]
+
 use std::cell::RefCell;
 use std::fs;
 use std::os::unix::fs::PermissionsExt;

@@ -4,7 +4,7 @@
 //! The real daemon runs as a process of its own, on the shipped machine with its own model, over TCP on loopback.
 
 #![expect(clippy::disallowed_methods, reason = "a test of processes and sockets")]
-#![expect(clippy::unwrap_used, clippy::expect_used, reason = "helpers of tests")]
+#![expect(clippy::unwrap_used, reason = "helpers of tests")]
 
 use std::io::BufRead;
 

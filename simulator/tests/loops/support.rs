@@ -2,6 +2,9 @@
 //!
 //! Lock step: simulated time stands still while a test waits for a process, so moments are counted in control cycles.
 
+#![expect(clippy::disallowed_methods, reason = "helpers of tests with processes, sockets and files")]
+#![expect(clippy::unwrap_used, clippy::expect_used, reason = "helpers of tests")]
+
 pub(crate) mod rules;
 
 use std::cell::RefCell;

@@ -1,7 +1,5 @@
 //! The machine of the simulator and the model of the product, written by two hands, on random machines of every type.
 
-#![expect(clippy::unwrap_used, reason = "a test stops where its own set-up is wrong")]
-
 use crate::random_machine::{CHAINS, compile, machine, pose};
 use proptest::prelude::*;
 use simulator::truth::chain::Side as TruthSide;
