@@ -72,6 +72,7 @@ fn daemon_killed(wiring: Wiring) {
 }
 
 #[test]
+#[ignore = "needs LinuxCNC and the right to make namespaces"]
 fn daemon_killed_and_restarted_on_external_offsets() {
     in_namespaces("faults::daemon_killed_and_restarted_on_external_offsets", || {
         daemon_killed(Wiring::ExternalOffsets)
@@ -79,6 +80,7 @@ fn daemon_killed_and_restarted_on_external_offsets() {
 }
 
 #[test]
+#[ignore = "needs LinuxCNC and the right to make namespaces"]
 fn daemon_killed_and_restarted_behind_the_motion_controller() {
     in_namespaces("faults::daemon_killed_and_restarted_behind_the_motion_controller", || {
         daemon_killed(Wiring::Injection)
@@ -141,6 +143,7 @@ fn emergency_stop(wiring: Wiring) {
 }
 
 #[test]
+#[ignore = "needs LinuxCNC and the right to make namespaces"]
 fn emergency_stop_in_mid_circle_on_external_offsets() {
     in_namespaces("faults::emergency_stop_in_mid_circle_on_external_offsets", || {
         emergency_stop(Wiring::ExternalOffsets)
@@ -148,6 +151,7 @@ fn emergency_stop_in_mid_circle_on_external_offsets() {
 }
 
 #[test]
+#[ignore = "needs LinuxCNC and the right to make namespaces"]
 fn emergency_stop_in_mid_circle_behind_the_motion_controller() {
     in_namespaces("faults::emergency_stop_in_mid_circle_behind_the_motion_controller", || {
         emergency_stop(Wiring::Injection)
@@ -185,6 +189,7 @@ fn emergency_stop_without_daemon(wiring: Wiring) {
 }
 
 #[test]
+#[ignore = "needs LinuxCNC and the right to make namespaces"]
 fn emergency_stop_without_daemon_on_external_offsets() {
     in_namespaces("faults::emergency_stop_without_daemon_on_external_offsets", || {
         emergency_stop_without_daemon(Wiring::ExternalOffsets)
@@ -192,6 +197,7 @@ fn emergency_stop_without_daemon_on_external_offsets() {
 }
 
 #[test]
+#[ignore = "needs LinuxCNC and the right to make namespaces"]
 fn emergency_stop_without_daemon_behind_the_motion_controller() {
     in_namespaces("faults::emergency_stop_without_daemon_behind_the_motion_controller", || {
         emergency_stop_without_daemon(Wiring::Injection)
@@ -219,6 +225,7 @@ fn soft_limit_known_to_the_daemon(wiring: Wiring) {
 }
 
 #[test]
+#[ignore = "needs LinuxCNC and the right to make namespaces"]
 fn soft_limit_known_to_the_daemon_on_external_offsets() {
     in_namespaces("faults::soft_limit_known_to_the_daemon_on_external_offsets", || {
         soft_limit_known_to_the_daemon(Wiring::ExternalOffsets);
@@ -226,6 +233,7 @@ fn soft_limit_known_to_the_daemon_on_external_offsets() {
 }
 
 #[test]
+#[ignore = "needs LinuxCNC and the right to make namespaces"]
 fn soft_limit_known_to_the_daemon_behind_the_motion_controller() {
     in_namespaces("faults::soft_limit_known_to_the_daemon_behind_the_motion_controller", || {
         soft_limit_known_to_the_daemon(Wiring::Injection);
@@ -234,6 +242,7 @@ fn soft_limit_known_to_the_daemon_behind_the_motion_controller() {
 
 /// LinuxCNC holds the offset back without a word; the read-back shows it.
 #[test]
+#[ignore = "needs LinuxCNC and the right to make namespaces"]
 fn soft_limit_that_only_the_control_knows() {
     in_namespaces("faults::soft_limit_that_only_the_control_knows", || {
         let mut cnc = Cnc::start(Wiring::ExternalOffsets, |_| {});
@@ -312,6 +321,7 @@ fn bridge_restarted(wiring: Wiring) {
 }
 
 #[test]
+#[ignore = "needs LinuxCNC and the right to make namespaces"]
 fn bridge_restarted_on_external_offsets() {
     in_namespaces("faults::bridge_restarted_on_external_offsets", || {
         bridge_restarted(Wiring::ExternalOffsets)
@@ -319,6 +329,7 @@ fn bridge_restarted_on_external_offsets() {
 }
 
 #[test]
+#[ignore = "needs LinuxCNC and the right to make namespaces"]
 fn bridge_restarted_behind_the_motion_controller() {
     in_namespaces("faults::bridge_restarted_behind_the_motion_controller", || {
         bridge_restarted(Wiring::Injection)
@@ -327,6 +338,7 @@ fn bridge_restarted_behind_the_motion_controller() {
 
 /// What a killed bridge leaves in HAL keeps its name: another name takes over its signals.
 #[test]
+#[ignore = "needs LinuxCNC and the right to make namespaces"]
 fn bridge_killed() {
     in_namespaces("faults::bridge_killed", || {
         let wiring = Wiring::ExternalOffsets;

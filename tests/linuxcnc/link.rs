@@ -162,6 +162,7 @@ fn refusals() {
 }
 
 #[test]
+#[ignore = "needs LinuxCNC and the right to make namespaces"]
 fn the_bridge_keeps_to_the_protocol() {
     in_namespaces("link::the_bridge_keeps_to_the_protocol", || {
         let mut cnc = Cnc::start(Wiring::ExternalOffsets, |_| {});
@@ -235,6 +236,7 @@ fn the_bridge_keeps_to_the_protocol() {
 
 /// What the README tells to put into the INI file, as LinuxCNC reads it.
 #[test]
+#[ignore = "needs LinuxCNC and the right to make namespaces"]
 fn the_lines_of_the_readme_are_read_as_they_are_meant() {
     in_namespaces("link::the_lines_of_the_readme_are_read_as_they_are_meant", || {
         let readme = concat!(env!("CARGO_MANIFEST_DIR"), "/adapters/linuxcnc/README.md");

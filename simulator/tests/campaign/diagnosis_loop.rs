@@ -1,0 +1,136 @@
+//! From a machine that is not as its model says to a machine that is corrected: a campaign is measured, diagnosed, what was
+//! found becomes part of the model, and the same machine is measured anew, on another day, with volcompd's engine beside its
+//! control.
+
+#![expect(clippy::unwrap_used, reason = "a test stops where its own set-up is wrong")]
+#![expect(clippy::disallowed_methods, reason = "a test with processes and files")]
+#![allow(clippy::print_stdout, reason = "measured figures")]
+
+use std::path::Path;
+use std::process::Command;
+
+use crate::support::Corrected;
+use serde_json::Value;
+use simulator::campaign::{Plan, files, run_corrected};
+use simulator::motion::axes::MachineAxes;
+use simulator::motion::gcode::interpret;
+use simulator::twin::TwinTruth;
+
+const TRUTH: &str = r#"
+format = "volcomp-twin/1"
+seed = 11
+[[effect]]
+name = "backlash"
+subject = "z"
+size-um = 6.0
+with = { length-mm = 0.0 }
+[[effect]]
+name = "scale"
+subject = "y"
+size-um = 8.0
+[[effect]]
+name = "squareness"
+subject = "xy"
+size-um = 7.0
+"#;
+
+fn run(dir: &Path, args: &[&str]) -> String {
+    let out = Command::new(env!("CARGO_BIN_EXE_cncsim")).args(args).current_dir(dir).output().unwrap();
+    assert!(out.status.success(), "{args:?}: {}", String::from_utf8_lossy(&out.stderr));
+    String::from_utf8(out.stdout).unwrap()
+}
+
+/// The same machine on another day, with volcompd's engine beside its control.
+fn tuesday(dir: &Path) {
+    let truth = TwinTruth::read(TRUTH).unwrap();
+    let engine = Corrected::new(&std::fs::read_to_string(dir.join("better.toml")).unwrap());
+    let campaign = run_corrected(&truth, Plan::Full, 2, Box::new(engine)).unwrap();
+    let out = dir.join("tuesday");
+    std::fs::create_dir(&out).unwrap();
+    let sessions = files::sessions(&campaign);
+    let data: Vec<_> = sessions.iter().map(|s| out.join(&s.name)).collect();
+    for text in sessions.iter().chain([&files::history(&campaign)]) {
+        std::fs::write(out.join(&text.name), &text.text).unwrap();
+    }
+    std::fs::copy(dir.join("monday/model.toml"), out.join("model.toml")).unwrap();
+    std::fs::write(out.join("campaign.json"), serde_json::json!({ "data": data }).to_string()).unwrap();
+}
+
+/// Diagnoses the sessions of a folder; the report.
+fn diagnose(dir: &Path, campaign: &str, out: &str) -> Value {
+    let model = format!("{campaign}/model.toml");
+    let history = format!("{campaign}/history.csv");
+    let mut args = vec!["volcomp", "diagnose", "--model", &model, "--history", &history, "--out", out];
+    let listed: Value =
+        serde_json::from_str(&std::fs::read_to_string(dir.join(campaign).join("campaign.json")).unwrap())
+            .unwrap();
+    let data: Vec<String> =
+        listed["data"].as_array().unwrap().iter().map(|p| p.as_str().unwrap().to_owned()).collect();
+    for file in &data {
+        args.extend(["--data", file]);
+    }
+    run(dir, &args);
+    serde_json::from_str(&std::fs::read_to_string(dir.join(out).join("report.json")).unwrap()).unwrap()
+}
+
+#[test]
+fn what_was_found_is_taken_out_of_the_machine_as_far_as_the_report_said() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    std::fs::write(dir.join("twin.toml"), TRUTH).unwrap();
+    run(dir, &["campaign", "--truth", "twin.toml", "--seed", "1", "--out", "monday"]);
+    let before = diagnose(dir, "monday", "gap");
+    let declared: Vec<String> = before["causes"]
+        .as_array()
+        .unwrap()
+        .iter()
+        .filter(|c| c["declared"] == true)
+        .map(|c| c["effect"].as_str().unwrap().to_owned())
+        .collect();
+    println!("declared: {declared:?}; shrink {}", before["shrink"]);
+    for effect in ["backlash", "scale", "squareness"] {
+        assert!(declared.iter().any(|d| d.starts_with(effect)), "{effect} among {declared:?}");
+    }
+    assert_eq!(declared.len(), 3, "{declared:?}");
+    let add = ["--add", "gap/addition.toml", "--out", "better.toml"];
+    let said =
+        run(dir, &[&["volcomp", "model", "extend", "--model", "monday/model.toml"][..], &add].concat());
+    println!("{said}");
+    tuesday(dir);
+    let after = diagnose(dir, "tuesday", "rest");
+    let rms = |r: &Value, key: &str| r["gap"][key].as_f64().unwrap();
+    let (gap, left) = (rms(&before, "rms_um"), rms(&after, "rms_um"));
+    let shrink = 1.0 - left / gap;
+    let [low, high] = [0, 1].map(|k| before["shrink"]["ci90"][k].as_f64().unwrap());
+    println!("gap {gap:.2} um, corrected {left:.2} um: shrink {shrink:.3}, forecast {low:.3} to {high:.3}");
+    // nine times out of ten inside; what is drawn by chance is the same in every run of this test
+    assert!((low..=high).contains(&shrink), "shrink {shrink}, forecast {low} to {high}");
+    assert_eq!(after["verdict"], "no-gap", "{:#}", after["causes"]);
+    assert!(left < 0.5 * gap, "{left} um of {gap}");
+}
+
+/// What is to be measured next can be run: every programme is G-code that a control takes, on a machine that goes no further
+/// than the circles went.
+#[test]
+fn programmes_of_the_next_measurement_run_on_the_simulated_control() {
+    let dir = tempfile::tempdir().unwrap();
+    let dir = dir.path();
+    // one feed, one plane at a time: much cannot be told apart
+    let truth = "format = \"volcomp-twin/1\"\nseed = 5\n[[effect]]\nname = \"scale\"\nsubject = \"y\"\nsize-um = 20.0\n";
+    std::fs::write(dir.join("twin.toml"), truth).unwrap();
+    run(
+        dir,
+        &["campaign", "--truth", "twin.toml", "--plan", "one-feed-ballbar", "--seed", "1", "--out", "monday"],
+    );
+    let report = diagnose(dir, "monday", "gap");
+    let next = report["next_measurement"].as_array().unwrap();
+    assert!(!next.is_empty(), "{:#}", report["causes"]);
+    let axes = MachineAxes::three_axis([129.9, 370.1], [79.9, 320.1], [99.9, 340.1]).unwrap();
+    let mut moves = 0;
+    for n in next {
+        let text = n["gcode"].as_str().unwrap();
+        let programme = interpret(text, &axes, axes.middle()).unwrap_or_else(|e| panic!("{e}:\n{text}"));
+        moves += programme.segments.len();
+    }
+    assert!(moves > 10, "{next:#?}");
+}

@@ -1,0 +1,15 @@
+//! `volcomp` from the outside: commands, files, messages, limits of what is read.
+
+mod assemble_cli;
+mod bench_cli;
+mod config_files;
+mod config_messages;
+mod evaluate_cli;
+mod fit_cli;
+mod identify_cases;
+mod import_export;
+mod input_limits;
+mod model_extend;
+mod model_show;
+mod predict_cli;
+mod streams_and_ranges;

@@ -1,0 +1,13 @@
+//! `volcompd` as a process, with a control and sensors on loopback.
+
+mod adversary;
+mod link;
+mod models;
+mod recording;
+mod replay_damage;
+mod sensors;
+mod service;
+mod soak;
+mod support;
+mod thermal;
+mod word;

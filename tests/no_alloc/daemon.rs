@@ -1,0 +1,186 @@
+//! A million cycles of the daemon's body, from message to correction, without one allocation.
+
+#![allow(clippy::expect_used, reason = "a test program: it fails by panicking")]
+
+use std::path::Path;
+use std::sync::Arc;
+
+use assert_no_alloc::assert_no_alloc;
+use volcomp::core::axes::MAX_AXES;
+use volcomp::core::engine::Command;
+use volcomp::core::estimate::NodeGrid;
+use volcomp::core::live::LiveTable;
+use volcomp::core::live::table::{Source, TableMap};
+use volcomp::core::model::SENSORS_MAX;
+use volcomp::core::protocol::{
+    Axis, AxisUnit, ControlHello, CorrectionState, FrameReader, Heartbeat, MAX_FRAME, MachineState, Message,
+    Name, PROTOCOL_VERSION, Position, Tool, encode,
+};
+use volcomp::core::units::MonoTime;
+use volcomp::runtime::{CycleBody, Loaded, Reaction, live_ends, load, tap};
+
+const CYCLES: u32 = 1_000_000;
+const CYCLE_NS: i64 = 1_000_000;
+
+fn hello(loaded: &Loaded) -> ControlHello {
+    let axis = |k: usize| {
+        let name = loaded.config.axes[k.min(loaded.config.axes.len() - 1)].name;
+        Axis { name, unit: AxisUnit::Millimetre }
+    };
+    ControlHello {
+        version: PROTOCOL_VERSION,
+        machine: Name::new(&loaded.config.machine),
+        software: Name::new("test"),
+        cycle_ns: CYCLE_NS.unsigned_abs(),
+        axis_count: u8::try_from(loaded.config.axes.len()).expect("few axes"),
+        axes: std::array::from_fn(axis),
+    }
+}
+
+/// A slow tour through the working volume, with everything that can go wrong now and then.
+fn message(cycle: u32, applied: [f64; MAX_AXES]) -> Message {
+    let phase = f64::from(cycle) * 1e-4;
+    let mut commanded = [0.0; MAX_AXES];
+    commanded[0] = 200.0 + 150.0 * phase.sin();
+    commanded[1] = 200.0 + 150.0 * (0.7 * phase).sin();
+    commanded[2] = -250.0 + 150.0 * (0.3 * phase).sin();
+    let mut bits = MachineState::HOMED | MachineState::ENABLED;
+    match cycle {
+        c if c % 100_003 < 50 => bits |= MachineState::ESTOP,
+        c if c % 70_001 == 0 => commanded[0] = f64::NAN,
+        c if c % 50_021 == 0 => {
+            return Message::Tool(Tool { number: c, tip: [0.0, 0.0, f64::from(c % 7)] });
+        }
+        c if c % 997 == 0 => return Message::Heartbeat(Heartbeat::default()),
+        _ => {}
+    }
+    Message::Position(Position {
+        sequence: cycle,
+        control_ns: i64::from(cycle) * CYCLE_NS,
+        state: MachineState::from_bits(bits),
+        feed_mm_per_min: 1000.0,
+        commanded,
+        actual: commanded,
+        applied,
+    })
+}
+
+#[test]
+fn a_million_cycles_allocate_nothing() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/examples/vmc-850/machine.toml");
+    let loaded = load(&file).expect("the example loads");
+    let hello = hello(&loaded);
+    let config = loaded.config.engine_config(&hello).expect("the hello fits");
+    let mut other = Arc::new((*loaded.model).clone());
+    let mut body = CycleBody::new(&config, loaded.model).expect("an engine");
+    let mut reader = FrameReader::default();
+    let mut buffer = [0; MAX_FRAME];
+    let mut applied = [0.0; MAX_AXES];
+    // the recording is on the cycle, too: its queue is emptied now and then, so that both full and not are met
+    let (tap, entries) = tap(64);
+    body.record_to(tap, MonoTime::ZERO, &hello);
+    let mut recorded = 0_u32;
+    let (mut answers, mut active, mut stale) = (0_u32, 0_u32, 0_u32);
+    assert_no_alloc(|| {
+        body.command(MonoTime::ZERO, Command::Enable);
+        body.link_up(MonoTime::ZERO);
+        for cycle in 1..=CYCLES {
+            let now = MonoTime::from_ns(i64::from(cycle) * CYCLE_NS);
+            if cycle % 30_011 == 0 {
+                // a silence: hold and ramp out on the daemon's own clock
+                let mut silent = now;
+                for _ in 0..50 {
+                    silent = body.next_deadline().map_or(silent, |due| due.max(silent));
+                    if let Some(correction) = body.deadline(silent) {
+                        applied = correction.offset;
+                        stale += 1;
+                    }
+                }
+            }
+            // over the wire format, as in the daemon
+            let length = encode(&message(cycle, applied), &mut buffer);
+            reader.space()[..length].copy_from_slice(&buffer[..length]);
+            reader.advance(length);
+            let Ok(Some(received)) = reader.next() else { continue };
+            if cycle % 3 == 0 {
+                body.live(now, 0, 1e-6);
+            }
+            if cycle % 40_009 == 0 {
+                let old = body.switch_model(now, Arc::clone(&other), [1; 32]).expect("the same axes");
+                other = old;
+            }
+            if let Reaction::Answer(correction) = body.handle(now, &received) {
+                applied = correction.offset;
+                answers += 1;
+                active += u32::from(correction.state == CorrectionState::Active);
+            }
+            body.tell();
+            if let Some(correction) = body.deadline(now) {
+                applied = correction.offset;
+            }
+            if cycle % 100 == 0 {
+                while entries.try_recv().is_ok() {
+                    recorded += 1;
+                }
+            }
+        }
+    });
+    assert!(recorded > CYCLES / 2, "{recorded} entries recorded");
+    assert!(answers > CYCLES / 100 * 99, "{answers} answers");
+    assert!(active > CYCLES / 2, "{active} cycles active: the model must have been at work");
+    assert!(stale > 500, "{stale} answers to silence");
+    assert!(applied.iter().any(|offset| *offset != 0.0));
+}
+
+/// A table of a map and of single values, made at `made`.
+fn table(made: MonoTime, level: f64) -> Arc<LiveTable> {
+    let grid = NodeGrid::new(vec![0.0, 200.0, 400.0], vec![0.0, 400.0], vec![-500.0, 0.0]).expect("a grid");
+    let values = (0..6 * grid.nodes()).map(|n| level * n as f64).collect();
+    let mut sources = [Source::Value(level); SENSORS_MAX];
+    for (component, source) in sources.iter_mut().enumerate().take(6) {
+        *source = Source::Map { map: 0, component };
+    }
+    sources[15] = Source::None;
+    let maps = vec![Arc::new(TableMap { grid, values })];
+    Arc::new(LiveTable { model: [1; 32], made, sources, maps })
+}
+
+#[test]
+fn live_tables_are_swapped_and_evaluated_without_allocation() {
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/examples/vmc-850/machine.toml");
+    let loaded = load(&file).expect("the example loads");
+    let hello = hello(&loaded);
+    let config = loaded.config.engine_config(&hello).expect("the hello fits");
+    let mut body = CycleBody::new(&config, loaded.model).expect("an engine");
+    let (mut live, estimator) = live_ends([1; 32]);
+    let (tap, entries) = tap(64);
+    body.record_to(tap, MonoTime::ZERO, &hello);
+    live.link_up(&hello);
+    let second = |k: u32| MonoTime::from_ns(i64::from(k) * 1_000_000_000);
+    // the estimator's side: tables made beside the cycle and kept until they are out of use
+    let tables: Vec<Arc<LiveTable>> = (0..100).map(|k| table(second(k), 1e-6 * f64::from(k))).collect();
+    let (mut told, mut positions) = (0_u32, 0_u32);
+    assert_no_alloc(|| {
+        body.link_up(MonoTime::ZERO);
+        for cycle in 1..100_000_u32 {
+            let now = MonoTime::from_ns(i64::from(cycle) * CYCLE_NS);
+            if cycle % 1000 == 1 {
+                let table = &tables[(cycle / 1000) as usize];
+                estimator.tables.try_send(Arc::clone(table)).expect("room");
+            }
+            let Message::Position(frame) = message(cycle, [0.0; MAX_AXES]) else { continue };
+            let _ = body.handle(now, &Message::Position(frame));
+            body.tell();
+            live.after(now, &frame, &mut body);
+            while estimator.motions.try_recv().is_ok() {
+                positions += 1;
+            }
+            while let Ok(entry) = entries.try_recv() {
+                told += u32::from(matches!(entry, volcomp::core::record::Entry::Live { .. }));
+            }
+        }
+    });
+    assert!(positions > 99_000, "{positions}");
+    assert!(told > 9_000, "{told} times live values were told");
+    assert!(tables.iter().filter(|table| Arc::strong_count(table) > 1).count() == 1, "one is in use");
+}
