@@ -95,7 +95,7 @@ fn bytes_of(name: &str, simulated: &Simulated) -> Vec<u8> {
 }
 
 /// Every answer in its order, with the number of its entry and the control's time, s; that of deadlines is not known.
-pub(crate) fn answers(entries: &[Entry]) -> impl Iterator<Item = (usize, Option<f64>, Answer)> + '_ {
+fn answers(entries: &[Entry]) -> impl Iterator<Item = (usize, Option<f64>, Answer)> + '_ {
     entries.iter().enumerate().filter_map(|(record, entry)| match entry {
         Entry::Cycle(cycle) => Some((record, Some(cycle.frame.control_ns as f64 * 1e-9), cycle.answer?)),
         Entry::Deadline { answer, .. } => Some((record, None, (*answer)?)),

@@ -1,5 +1,6 @@
 //! Entries as recorded against entries as they come out now.
 
+use std::collections::BTreeMap;
 use std::fmt;
 
 use volcomp_daemon::{CycleBody, command_of, tap};
@@ -7,7 +8,7 @@ use volcomp_protocol::Message;
 use volcomp_protocol::record::{Answer, Entry, LIVE_MAX};
 use volcomp_units::axes::AxisName;
 
-use crate::committed::{Committed, answers, shown, unit};
+use crate::committed::{Committed, shown, unit};
 
 /// Whether every bit counts: x86_64 Linux with glibc on a processor with FMA and AVX2. Elsewhere, and in the variants of
 /// glibc for older processors, sines and cosines round otherwise in the last bit.
@@ -21,7 +22,7 @@ pub(crate) fn is_bit_for_bit() -> bool {
 /// Largest difference elsewhere, um or arcsec.
 const TOLERANCE: f64 = 1e-9;
 
-/// Runs the recorded inputs through the daemon's cycle; gives what is recorded of that.
+/// Runs the recorded inputs through the daemon's cycle; returns one entry for each of the recording.
 pub(crate) fn replay(committed: &Committed) -> Vec<Entry> {
     let [Entry::Engine { now, hello }, rest @ ..] = committed.entries.as_slice() else {
         panic!("a recording begins with an engine")
@@ -31,6 +32,7 @@ pub(crate) fn replay(committed: &Committed) -> Vec<Entry> {
     let mut body = CycleBody::new(&config, machine.model.clone()).expect("an engine");
     let (tap, recorded) = tap(2 * committed.entries.len());
     body.record_to(tap, *now, hello);
+    let mut replayed: Vec<Entry> = recorded.try_iter().collect();
     for entry in rest {
         match entry {
             Entry::Cycle(cycle) => drop(body.handle(cycle.now, &Message::Position(cycle.frame))),
@@ -50,9 +52,14 @@ pub(crate) fn replay(committed: &Committed) -> Vec<Entry> {
             Entry::Engine { .. } | Entry::Gap { .. } => panic!("an entry that no recording here has"),
         }
         body.tell();
+        // a deadline that was not due is not recorded
+        let none = match entry {
+            Entry::Deadline { now, .. } => Entry::Deadline { now: *now, enabled: false, answer: None },
+            other => *other,
+        };
+        replayed.push(recorded.try_iter().last().unwrap_or(none));
     }
-    drop(body);
-    recorded.try_iter().collect()
+    replayed
 }
 
 /// An offset that differs.
@@ -164,9 +171,19 @@ fn difference(axes: &[AxisName], record: usize, a: &Answer, b: &Answer) -> Optio
 
 /// What a control that applies the offsets of now would see: the largest difference in a closed loop.
 pub(crate) fn closed_loop(axes: &[AxisName], recorded: &[Entry], simulated: &[Entry]) -> String {
+    // deadlines may have changed in number; frames have the same sequence
+    let answer_of = |entry: &Entry| match entry {
+        Entry::Cycle(cycle) => Some((cycle.frame.sequence, cycle.answer?)),
+        _ => None,
+    };
+    let by_sequence: BTreeMap<u32, Answer> = simulated.iter().filter_map(answer_of).collect();
     let mut largest = None;
-    for ((record, _, a), (_, _, b)) in answers(recorded).zip(answers(simulated)) {
-        larger(&mut largest, record, axes, &a, &b);
+    for (record, entry) in recorded.iter().enumerate() {
+        let Entry::Cycle(cycle) = entry else { continue };
+        let now = by_sequence.get(&cycle.frame.sequence);
+        if let Some((a, b)) = cycle.answer.as_ref().zip(now) {
+            larger(&mut largest, record, axes, a, b);
+        }
     }
     described(largest)
 }
