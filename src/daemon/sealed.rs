@@ -248,7 +248,7 @@ struct Stage {
 
 impl Stage {
     fn open(address: SocketAddr, ports: CyclePorts, tap: Tap, case: Case) -> (Self, Link) {
-        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/examples/vmc-850/machine.toml");
+        let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/examples/vmc-850/machine.toml");
         let mut loaded = load(&file).expect("the example loads");
         loaded.config.link.address = address;
         loaded.config.link.heartbeat_s = 0.01;

@@ -49,7 +49,7 @@ fn sources() -> Vec<PathBuf> {
         files(&root().join(folder), "rs", &mut all);
     }
     // its examples of citations are no citations
-    all.retain(|path| !path.ends_with("tests/reference_pages.rs"));
+    all.retain(|path| !path.ends_with("repository/reference_pages.rs"));
     all
 }
 

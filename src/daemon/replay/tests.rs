@@ -13,7 +13,7 @@ use volcomp_units::axes::{AxisArray, MAX_AXES};
 const CYCLE_NS: i64 = 1_000_000;
 
 fn loaded() -> Loaded {
-    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/examples/vmc-850/machine.toml");
+    let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/examples/vmc-850/machine.toml");
     load(&file).expect("the example loads")
 }
 
