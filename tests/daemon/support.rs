@@ -154,8 +154,16 @@ impl Daemon {
     }
 
     pub(crate) fn status(&self) -> serde_json::Value {
-        assert!(eventually(|| self.socket().exists()), "no socket:\n{}", self.log());
-        let output = self.volcomp(&["status", "--json"]);
+        let mut output = self.volcomp(&["status", "--json"]);
+        // the socket appears, and refuses connections until the daemon listens
+        let runs = eventually(|| {
+            let running = !String::from_utf8_lossy(&output.stderr).contains("is not running");
+            if !running {
+                output = self.volcomp(&["status", "--json"]);
+            }
+            running
+        });
+        assert!(runs, "no socket:\n{}", self.log());
         let text = String::from_utf8_lossy(&output.stdout);
         assert!(output.status.success(), "{text}{}", String::from_utf8_lossy(&output.stderr));
         serde_json::from_str(&text).expect("JSON")
