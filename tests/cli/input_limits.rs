@@ -288,11 +288,11 @@ fn stderr(output: &Output) -> String {
 /// Every argument of the command tree that names a file: command and argument.
 fn file_arguments(command: &clap::Command, path: &str, found: &mut BTreeSet<(String, String)>) {
     for argument in command.get_arguments() {
-        let kind = format!("{:?}", argument.get_value_parser().type_id());
+        let is_path = argument.get_value_parser().type_id() == std::any::TypeId::of::<std::path::PathBuf>();
         let names = argument.get_value_names().unwrap_or_default().iter();
         let said = names.map(|n| n.as_str()).collect::<String>();
         let is_file = ["FILE", "CSV", "TOML", "RECORDING"].iter().any(|word| said.contains(word));
-        if kind.contains("Path") || is_file && argument.get_action().takes_values() {
+        if is_path || is_file && argument.get_action().takes_values() {
             found.insert((path.to_owned(), argument.get_id().to_string()));
         }
     }

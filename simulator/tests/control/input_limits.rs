@@ -34,7 +34,7 @@ const OTHERS: &[&str] = &["out", "folder", "volcompd", "tool", "drawing"];
 
 fn file_arguments(command: &clap::Command, path: &str, found: &mut BTreeSet<(String, String)>) {
     for argument in command.get_arguments() {
-        let is_path = format!("{:?}", argument.get_value_parser().type_id()).contains("PathBuf");
+        let is_path = argument.get_value_parser().type_id() == std::any::TypeId::of::<std::path::PathBuf>();
         if is_path && !OTHERS.contains(&argument.get_id().as_str()) {
             found.insert((path.to_owned(), argument.get_id().to_string()));
         }
