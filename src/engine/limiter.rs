@@ -95,10 +95,11 @@ impl Limiter {
         let highest = (self.velocity + acceleration * dt).min(rate);
         let velocity = (along + closing).clamp(lowest, highest);
         // never faster than still allows a stop before the walls
-        let velocity = if is_too_fast(velocity, high - self.position, dt, acceleration) {
-            velocity.min(wall_speed(high - self.position, dt, acceleration).max(lowest))
-        } else if is_too_fast(-velocity, self.position - low, dt, acceleration) {
-            velocity.max((-wall_speed(self.position - low, dt, acceleration)).min(highest))
+        let (above, below) = (high - self.position, self.position - low);
+        let velocity = if is_too_fast(velocity, above, dt, acceleration) {
+            velocity.min(wall_speed(above, dt, acceleration).max(lowest))
+        } else if is_too_fast(-velocity, below, dt, acceleration) {
+            velocity.max((-wall_speed(below, dt, acceleration)).min(highest))
         } else {
             velocity
         };
