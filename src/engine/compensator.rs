@@ -384,7 +384,7 @@ impl Compensator {
                 self.enter(State::Active, Reason::RampDone)
             }
             State::Active | State::FadingToStatic => {}
-            State::Holding if self.stopping && self.keeps_offset() => self.rest(Reason::Command),
+            State::Holding if self.keeps_offset() => self.rest(Reason::Command),
             State::Holding if self.intake.is_settled() => {
                 if wanted {
                     self.plan(State::RampingIn, Reason::DataGood);

@@ -95,10 +95,11 @@ impl Limiter {
         let highest = (self.velocity + acceleration * dt).min(rate);
         let velocity = (along + closing).clamp(lowest, highest);
         // never faster than still allows a stop before the walls
-        let velocity = if is_too_fast(velocity, high - self.position, dt, acceleration) {
-            velocity.min(wall_speed(high - self.position, dt, acceleration).max(lowest))
-        } else if is_too_fast(-velocity, self.position - low, dt, acceleration) {
-            velocity.max((-wall_speed(self.position - low, dt, acceleration)).min(highest))
+        let (above, below) = (high - self.position, self.position - low);
+        let velocity = if is_too_fast(velocity, above, dt, acceleration) {
+            velocity.min(wall_speed(above, dt, acceleration).max(lowest))
+        } else if is_too_fast(-velocity, below, dt, acceleration) {
+            velocity.max((-wall_speed(below, dt, acceleration)).min(highest))
         } else {
             velocity
         };
@@ -143,7 +144,7 @@ fn is_too_fast(speed: f64, distance: f64, dt: f64, acceleration: f64) -> bool {
 
 /// Like [`braking_speed`]; zero beyond the wall.
 fn wall_speed(distance: f64, dt: f64, acceleration: f64) -> f64 {
-    if distance > 0.0 { braking_speed(distance, dt, acceleration) } else { 0.0 }
+    braking_speed(distance.max(0.0), dt, acceleration)
 }
 
 #[cfg(test)]
@@ -240,7 +241,110 @@ mod tests {
         assert_eq!(l.position(), 0.02);
     }
 
+    #[test]
+    fn no_time_is_no_movement_and_no_memory() {
+        let mut l = Limiter::new(LIMITS);
+        l.step(0.09, 1e-3);
+        let before = l;
+        assert!(l.step(0.05, 0.0), "has not arrived");
+        assert!(!l.step(l.position(), 0.0), "is there already");
+        l.brake(0.0);
+        assert_eq!(l, before);
+    }
+
+    #[test]
+    fn an_axis_without_size_says_whether_it_is_where_it_should_be() {
+        let mut l = Limiter::new(AxisLimits { size: 0.0, ..LIMITS });
+        assert!(l.step(0.05, 1e-3) && !l.step(0.0, 1e-3));
+    }
+
+    #[test]
+    fn it_is_at_rest_only_where_it_does_not_move() {
+        let mut l = Limiter::new(LIMITS);
+        assert!(l.is_at_rest());
+        l.step(0.09, 1e-3);
+        assert!(!l.is_at_rest());
+        l.brake(1e-3);
+        assert!(l.is_at_rest());
+    }
+
+    #[test]
+    fn both_directions_are_limited_alike() {
+        for step in [Limiter::step, Limiter::step_to_zero] {
+            let mut pair = [Limiter::new(LIMITS); 2];
+            pair[0].start_at(0.05);
+            pair[1].start_at(-0.05);
+            for k in 0..400 {
+                // 4 mm/s out and back between 20 um and 80 um: both walls and every limit are met, zero is not
+                let phase = f64::from(k % 30);
+                let target = 0.02 + 0.004 * if phase < 15.0 { phase } else { 30.0 - phase };
+                assert_eq!(step(&mut pair[0], target, 1e-3), step(&mut pair[1], -target, 1e-3));
+                assert_eq!(pair[0].position(), -pair[1].position(), "cycle {k}");
+            }
+        }
+    }
+
+    #[test]
+    fn a_target_running_towards_a_wall_is_left_only_as_late_as_it_can_be_braked() {
+        for sign in [1.0, -1.0] {
+            let mut l = Limiter::new(LIMITS);
+            // up to 0.9 mm/s; 20 mm/s^2 need 20 um to stop, so up to some 80 um it is followed
+            l.start_at(-0.09 * sign);
+            let (mut target, mut speed, mut last_followed) = (-0.09, 0.0_f64, 0.0);
+            for _ in 0..300 {
+                speed = (speed + 0.01).min(0.9);
+                target += speed * 1e-3;
+                l.step(sign * target, 1e-3);
+                if (l.position() - sign * target).abs() < 1e-12 {
+                    last_followed = target;
+                }
+                assert!(l.position() * sign <= LIMITS.size);
+            }
+            assert!((0.076..0.082).contains(&last_followed), "{last_followed}");
+            assert!(l.position() * sign > 0.0999, "and the wall is reached all the same");
+        }
+    }
+
+    #[test]
+    fn a_small_axis_does_not_jump_the_last_part_of_its_way() {
+        // a rotary axis: one microradian, and 0.1 nrad per cycle within reach of the acceleration
+        let mut l =
+            Limiter::new(AxisLimits { warning: 1e-6, size: 1e-6, rate: 1e-3, acceleration: 1e-4, ..LIMITS });
+        for _ in 0..20 {
+            let before = l.position();
+            l.step(5e-10, 1e-3);
+            assert!((l.position() - before - l.velocity() * 1e-3).abs() <= 1e-21);
+        }
+        assert_eq!(l.position(), 5e-10);
+    }
+
+    #[test]
+    fn the_speed_of_a_stop_at_the_wall_is_not_too_fast() {
+        // 1 mm/s for 1 s, then 0.5 mm of braking
+        assert_eq!(wall_speed(1.5, 1.0, 1.0), 1.0);
+        assert!(!is_too_fast(1.0, 1.5, 1.0, 1.0));
+        assert!(is_too_fast(1.0, 1.499, 1.0, 1.0) && is_too_fast(1.001, 1.5, 1.0, 1.0));
+        for away_or_resting in [0.0, -0.5, -10.0] {
+            assert!(!is_too_fast(away_or_resting, -0.1, 1.0, 1.0));
+            assert!(!is_too_fast(away_or_resting, 0.1, 1.0, 1.0));
+        }
+    }
+
     proptest! {
+        #[test]
+        fn too_fast_is_what_is_above_the_speed_at_the_wall(
+            distance in prop_oneof![4 => 1e-9..0.2f64, 1 => -0.1..0.0f64],
+            (dt, acceleration) in (1e-4..2.0f64, 0.1..50.0f64),
+            factor in prop_oneof![Just(0.5), Just(0.999), Just(1.001), Just(2.0)],
+        ) {
+            let most = wall_speed(distance, dt, acceleration);
+            if most > 0.0 {
+                prop_assert_eq!(is_too_fast(most * factor, distance, dt, acceleration), factor > 1.0);
+            } else {
+                prop_assert!(is_too_fast(factor, distance, dt, acceleration));
+            }
+        }
+
         #[test]
         fn the_limits_hold_whatever_is_asked(
             steps in prop::collection::vec((prop_oneof![

@@ -136,6 +136,24 @@ mod tests {
     }
 
     #[test]
+    fn what_cannot_be_read_as_a_whole_is_refused_by_its_kind() {
+        let dir = tempfile::tempdir().expect("directory");
+        let folder = File::open(dir.path()).expect("opens");
+        let (socket, other_end) = std::os::unix::net::UnixStream::pair().expect("made");
+        // reading would end at once, and not wait
+        drop(other_end);
+        let socket = File::from(std::os::fd::OwnedFd::from(socket));
+        for file in [folder, socket] {
+            assert_eq!(read_open(&file, 10).expect_err("refused").kind(), ErrorKind::InvalidInput);
+        }
+    }
+
+    #[test]
+    fn the_largest_files_are_those_of_the_documentation() {
+        assert_eq!((binary(MODEL_BYTES_MAX), binary(MACHINE_BYTES_MAX)), ("4 MiB".into(), "1 MiB".into()));
+    }
+
+    #[test]
     fn sizes_are_told_in_binary_units() {
         for (bytes, text) in
             [(0, "0 B"), (1000, "1000 B"), (1024, "1 KiB"), (8 << 20, "8 MiB"), (3 << 40, "3072 GiB")]

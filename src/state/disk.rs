@@ -183,3 +183,67 @@ pub fn set_aside(disk: &dyn Disk, path: &Path, why: &str) -> io::Result<PathBuf>
     disk.rename(path, &aside)?;
     Ok(aside)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::memory::{MemoryDisk, Operation};
+
+    #[test]
+    fn a_real_file_grows_at_its_end_and_is_cut_off() {
+        let dir = tempfile::tempdir().expect("directory");
+        let path = dir.path().join("file");
+        let mut file = RealDisk.open_append(&path).expect("opens");
+        assert_eq!(file.length().expect("told"), 0);
+        file.append(b"first second").expect("written");
+        assert_eq!(file.length().expect("told"), 12);
+        file.cut(5).expect("cut");
+        assert_eq!((file.length().expect("told"), fs::read(&path).expect("there")), (5, b"first".to_vec()));
+    }
+
+    #[test]
+    fn a_folder_that_is_not_there_cannot_be_made_durable() {
+        let dir = tempfile::tempdir().expect("directory");
+        assert!(RealDisk.sync_folder(dir.path()).is_ok());
+        let error = RealDisk.sync_folder(&dir.path().join("missing")).expect_err("missing");
+        assert_eq!(error.kind(), ErrorKind::NotFound);
+    }
+
+    #[test]
+    fn a_file_is_replaced_only_once_its_name_is_durable() {
+        let disk = MemoryDisk::new();
+        disk.refuse(Operation::SyncFolder, Path::new("/state"), ErrorKind::Other);
+        // a bare name has no folder to make durable
+        disk.refuse(Operation::SyncFolder, Path::new(""), ErrorKind::Other);
+        assert!(replace(&disk, Path::new("/state/file"), b"x").is_err());
+        assert!(replace(&disk, Path::new("/other/file"), b"x").is_ok());
+        assert!(replace(&disk, Path::new("file"), b"x").is_ok());
+    }
+
+    #[test]
+    fn every_file_set_aside_is_kept_under_a_name_of_its_own() {
+        let disk = MemoryDisk::new();
+        let path = Path::new("/state/file");
+        for k in 0..5_u8 {
+            disk.write(path, &[k]).expect("written");
+            set_aside(&disk, path, "damaged").expect("set aside");
+        }
+        let mut kept: Vec<Vec<u8>> = disk.files().into_values().collect();
+        kept.sort();
+        assert_eq!(kept, [[0], [1], [2], [3], [4]]);
+    }
+
+    #[test]
+    fn a_folder_that_cannot_be_listed_keeps_a_file_from_being_set_aside_unless_it_is_missing() {
+        let path = Path::new("/state/file");
+        for (kind, refused) in [(ErrorKind::PermissionDenied, true), (ErrorKind::NotFound, false)] {
+            let disk = MemoryDisk::new();
+            disk.write(path, b"x").expect("written");
+            disk.refuse(Operation::List, Path::new("/state"), kind);
+            let error = set_aside(&disk, path, "damaged").err().map(|e| e.kind());
+            assert_eq!(error, refused.then_some(kind));
+            // a name that is taken would be overwritten
+            assert_eq!(disk.files().contains_key(path), refused);
+        }
+    }
+}

@@ -34,10 +34,24 @@ pub enum Health {
     Off,
 }
 
+/// An operation that a disk may refuse for a path; see [`MemoryDisk::refuse`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Operation {
+    /// Reading a file.
+    Read,
+    /// Renaming a file that has this name.
+    Rename,
+    /// Making the names in a folder durable.
+    SyncFolder,
+    /// Listing a folder.
+    List,
+}
+
 #[derive(Debug, Default)]
 struct Inner {
     files: BTreeMap<PathBuf, Vec<u8>>,
     changes: Vec<Change>,
+    refused: BTreeMap<(Operation, PathBuf), ErrorKind>,
 }
 
 /// Called before every operation that writes: a test may wait here, and says what happens.
@@ -75,6 +89,18 @@ impl MemoryDisk {
         let disk = Self::default();
         disk.lock().files = files;
         disk
+    }
+
+    /// From now on `operation` on `path` fails with an error of this kind and without effect.
+    pub fn refuse(&self, operation: Operation, path: &Path, kind: ErrorKind) {
+        self.lock().refused.insert((operation, path.to_owned()), kind);
+    }
+
+    fn permit(&self, operation: Operation, path: &Path) -> io::Result<()> {
+        match self.lock().refused.get(&(operation, path.to_owned())) {
+            Some(kind) => Err(io::Error::from(*kind)),
+            None => Ok(()),
+        }
     }
 
     /// Every file.
@@ -132,6 +158,7 @@ fn missing() -> io::Error {
 
 impl Disk for MemoryDisk {
     fn read(&self, path: &Path, limit_bytes: u64) -> io::Result<Vec<u8>> {
+        self.permit(Operation::Read, path)?;
         let bytes = self.lock().files.get(path).cloned().ok_or_else(missing)?;
         if bytes.len() as u64 > limit_bytes {
             return Err(io::Error::new(ErrorKind::FileTooLarge, format!("{} bytes", bytes.len())));
@@ -148,6 +175,7 @@ impl Disk for MemoryDisk {
     }
 
     fn rename(&self, from: &Path, to: &Path) -> io::Result<()> {
+        self.permit(Operation::Rename, from)?;
         if !self.lock().files.contains_key(from) {
             return Err(missing());
         }
@@ -156,8 +184,8 @@ impl Disk for MemoryDisk {
         Ok(())
     }
 
-    fn sync_folder(&self, _folder: &Path) -> io::Result<()> {
-        Ok(())
+    fn sync_folder(&self, folder: &Path) -> io::Result<()> {
+        self.permit(Operation::SyncFolder, folder)
     }
 
     fn create_folder(&self, _folder: &Path) -> io::Result<()> {
@@ -165,6 +193,7 @@ impl Disk for MemoryDisk {
     }
 
     fn list(&self, folder: &Path) -> io::Result<Vec<String>> {
+        self.permit(Operation::List, folder)?;
         let inner = self.lock();
         let mut names: Vec<String> = inner
             .files

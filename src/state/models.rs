@@ -199,6 +199,7 @@ mod tests {
 
     use super::*;
     use crate::disk::real;
+    use crate::memory::{MemoryDisk, Operation};
 
     fn choice(text: &str, why: &str) -> Choice {
         Choice {
@@ -226,6 +227,45 @@ mod tests {
         // choosing what is in use does not forget the one before
         store.choose(a.clone(), "first", "1").expect("kept");
         assert_eq!((store.previous(), store.configured()), (Some(&b), Some("1")));
+    }
+
+    #[test]
+    fn a_store_that_cannot_be_read_is_told_and_not_taken_for_an_empty_one() {
+        let disk = MemoryDisk::new();
+        let open = || Store::open(Arc::new(disk.clone()), Path::new("/state"), "m");
+        assert_eq!(open().1, None, "there is none");
+        open().0.choose(choice("first", "a"), "first", "0").expect("kept");
+        disk.refuse(Operation::Read, &Path::new("/state").join(FILE), ErrorKind::PermissionDenied);
+        let (store, problem) = open();
+        assert!(problem.expect("told").contains(FILE) && store.active().is_none());
+    }
+
+    #[test]
+    fn the_text_of_a_model_is_written_where_it_is_not_there_yet_and_only_there() {
+        let disk = MemoryDisk::new();
+        let (store, _) = Store::open(Arc::new(disk.clone()), Path::new("/state"), "m");
+        let a = choice("first", "a");
+        store.write_text(&a.hash, "first").expect("kept");
+        let written = disk.changes().len();
+        store.write_text(&a.hash, "first").expect("is there");
+        assert_eq!(disk.changes().len(), written);
+        disk.write(&store.file_of(&a.hash), b"meddled").expect("written");
+        store.write_text(&a.hash, "first").expect("kept");
+        assert_eq!(store.text(&a).expect("there"), "first");
+    }
+
+    #[test]
+    fn a_book_is_believed_where_its_hashes_are_hashes() {
+        let dir = tempfile::tempdir().expect("directory");
+        let (mut store, _) = Store::open(real(), dir.path(), "m");
+        let a = choice("first", "a");
+        store.choose(a.clone(), "first", "0").expect("kept");
+        let text = fs::read_to_string(dir.path().join(FILE)).expect("there");
+        assert_eq!(check(text.as_bytes(), "m"), Ok(()));
+        for hash in [&a.hash[1..], &format!("{}0", a.hash), &"/".repeat(64), "../x", ""] {
+            let bad = text.replace(&a.hash, hash);
+            assert!(check(bad.as_bytes(), "m").expect_err("refused").contains("64"), "{hash}");
+        }
     }
 
     #[test]

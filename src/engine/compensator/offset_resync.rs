@@ -170,9 +170,9 @@ impl Compensator {
         }
     }
 
-    /// The offset that the control reports, mm and rad.
+    /// The offset that the control reports, mm and rad; slots without an axis are not looked at.
     fn reported_offset(&self, frame: &Position) -> AxisArray {
-        core::array::from_fn(|k| if k < self.axes { frame.applied[k] * self.scale[k] } else { 0.0 })
+        core::array::from_fn(|k| frame.applied[k] * self.scale[k])
     }
 
     /// At rest at an offset that the control holds.

@@ -42,7 +42,8 @@ fn positions_lost_until_the_offset_is_zero_are_a_fault_that_stays_until_cleared(
 fn data_that_come_back_before_zero_turn_the_ramp_round() {
     let mut w = World::active(&config());
     w.frame.commanded[1] = f64::NAN;
-    while w.cycle().state != State::RampingOut {}
+    assert_eq!(next_change(&mut w).0, State::Holding);
+    assert_eq!(next_change(&mut w).0, State::RampingOut);
     w.run(50);
     w.frame.commanded[1] = 0.0;
     assert_eq!(w.run(400).state, State::Active);
@@ -120,6 +121,7 @@ fn a_change_of_state_tells_axis_value_and_limit() {
         if out.event.is_some() {
             break change(&out);
         }
+        assert!(w.frame.sequence < 400, "is never a fault");
     };
     let detail = found.2.unwrap();
     assert_eq!((found.0, found.1, detail.axis), (State::Faulted, Reason::ReadBack, Some(0)));

@@ -1,16 +1,21 @@
 //! The engine against a small control: frames at 1 ms, offsets applied one cycle later.
 
 mod aiming;
+mod answers;
+mod commands;
 mod gaps;
+mod holding;
 mod loss;
 mod lying_control;
+mod reported_offset;
 mod sequences;
 mod shadow;
+mod silence;
 
 use proptest::prelude::*;
 
 use super::*;
-use volcomp_model::axes::{AxisName, MAX_AXES};
+use volcomp_model::axes::{AxisArray, AxisName, MAX_AXES};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::units::MonoTime;
 use volcomp_model::{AxisSpec, Chain, Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec};
@@ -48,6 +53,33 @@ fn config() -> EngineConfig {
 /// EXX = +10 um everywhere, travel of X 0 to 500 mm.
 fn model() -> Model {
     constant_model(0.010)
+}
+
+/// The reason of the change of state that an answer tells.
+fn reason(out: &CycleOutput) -> Option<Reason> {
+    out.event.map(|Event::StateChanged { reason, .. }| reason)
+}
+
+/// An offset of X alone, mm.
+fn x_only(mm: f64) -> AxisArray {
+    let mut offset = [0.0; MAX_AXES];
+    offset[0] = mm;
+    offset
+}
+
+/// Five axes, two of them rotary, at rest at zero.
+fn five_axes(limits: [AxisLimits; 5]) -> (EngineConfig, Model) {
+    let spec = ModelSpec::new("m", Chain::parse("[w b X Y Z C A t]").unwrap());
+    let config = EngineConfig {
+        axes: vec![AxisName::X, AxisName::Y, AxisName::Z, AxisName::A, AxisName::C],
+        limits: limits.to_vec(),
+        jump_limit: vec![1.0; 5],
+        reversal_deadband: vec![0.001; 5],
+        read_back_tolerance: vec![1e-4; 5],
+        soft_limits: vec![[f64::NEG_INFINITY, f64::INFINITY]; 5],
+        ..config()
+    };
+    (config, Model::new(&spec).unwrap())
 }
 
 /// EXX = `size` mm everywhere, travel of X 0 to 500 mm.
@@ -117,6 +149,28 @@ impl World {
             self.new_link();
         }
         self.last
+    }
+
+    /// The next frame of the control, which reports `applied`: the answer as it is, unchecked.
+    fn reports(&mut self, applied: AxisArray) -> Option<CycleOutput> {
+        self.lost_cycles(1);
+        self.frame.applied = applied;
+        let answer = self.engine.on_position(self.now, &self.frame, &self.model);
+        self.last = answer.unwrap_or(self.last);
+        answer
+    }
+
+    /// So many cycles of the control; no frame is seen.
+    fn lost_cycles(&mut self, cycles: u32) {
+        self.now = self.now.plus_seconds(f64::from(cycles) * CYCLE_S);
+        self.frame.sequence += cycles;
+        self.frame.control_ns += 1_000_000 * i64::from(cycles);
+    }
+
+    /// Another model, which the engine takes at the next cycle.
+    fn use_model(&mut self, model: Model) {
+        self.engine.on_model(&model).unwrap();
+        self.model = model;
     }
 
     /// No answer: the control removes its offset by its own rule.

@@ -317,9 +317,11 @@ impl AuditFile {
 #[cfg(test)]
 mod tests {
     use std::fs;
+    use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 
     use super::*;
     use crate::disk::real;
+    use crate::memory::{Health, MemoryDisk, Operation};
 
     fn entry(what: &str) -> AuditEntry {
         AuditEntry {
@@ -428,11 +430,114 @@ mod tests {
                 serde_json::from_slice(text(&path).split(|b| *b == b'\n').next().expect("line"))
                     .expect("line");
             assert_eq!((first.what.as_str(), &first.previous), (SEGMENT, &broken.good.1));
+            assert_eq!((&first.who, first.result.contains("broken")), (&Who::daemon(), true));
             assert!(first.detail.expect("named").contains(&blake3::hash(&bytes).to_hex().to_string()));
             let kept = fs::read_dir(dir.path()).expect("folder").filter_map(Result::ok).map(|e| e.path());
             let kept: Vec<_> = kept.filter(|p| p.to_string_lossy().contains("audit.jsonl.broken-")).collect();
             assert_eq!(kept.len(), 1);
             assert_eq!(text(&kept[0]), bytes, "not one byte is changed");
         }
+    }
+
+    /// A log of some lines in memory, `/state/audit.jsonl`.
+    fn in_memory(lines: usize) -> (MemoryDisk, &'static Path) {
+        let (disk, path) = (MemoryDisk::new(), Path::new("/state/audit.jsonl"));
+        let (mut file, _) = open(&disk, path).expect("opens");
+        (0..lines).for_each(|_| assert!(file.write(&entry("enable")).is_ok()));
+        (disk, path)
+    }
+
+    fn open(disk: &MemoryDisk, path: &Path) -> io::Result<(AuditFile, Option<Broken>)> {
+        AuditFile::open(Arc::new(disk.clone()), path)
+    }
+
+    #[test]
+    fn a_log_or_head_that_cannot_be_read_is_neither_missing_nor_broken() {
+        for refused in [PathBuf::from("/state/audit.jsonl"), PathBuf::from("/state/audit.head")] {
+            let (disk, path) = in_memory(2);
+            let before = disk.files();
+            disk.refuse(Operation::Read, &refused, ErrorKind::PermissionDenied);
+            let error = open(&disk, path).map(|_| ()).expect_err("refused");
+            assert_eq!(error.kind(), ErrorKind::PermissionDenied, "{refused:?}");
+            assert_eq!(disk.files(), before, "nothing is set aside");
+        }
+    }
+
+    #[test]
+    fn a_log_that_has_grown_too_large_is_set_aside() {
+        let (disk, path) = in_memory(2);
+        disk.refuse(Operation::Read, path, ErrorKind::FileTooLarge);
+        let (_, broken) = open(&disk, path).expect("opens");
+        assert!(matches!(broken.expect("told").fault, Fault::TooLarge(_)));
+        let names = disk.list(Path::new("/state")).expect("listed");
+        assert!(names.iter().any(|name| name.starts_with("audit.jsonl.broken-")), "{names:?}");
+    }
+
+    #[test]
+    fn a_log_that_was_taken_away_is_told_by_its_head() {
+        let (disk, path) = in_memory(2);
+        disk.rename(path, Path::new("/elsewhere")).expect("renamed");
+        let (_, broken) = open(&disk, path).expect("opens");
+        assert_eq!(broken.expect("told").fault, Fault::CutOff(2));
+        let text = disk.read(path, BYTES_MAX).expect("a new one");
+        assert!(String::from_utf8_lossy(&text).contains("nowhere: the log is gone"));
+    }
+
+    #[test]
+    fn a_broken_log_or_head_that_cannot_be_set_aside_is_not_written_over() {
+        for refused in [PathBuf::from("/state/audit.jsonl"), PathBuf::from("/state/audit.head")] {
+            let (disk, path) = in_memory(2);
+            disk.open_append(path).expect("opens").append(b"x").expect("written");
+            disk.refuse(Operation::Rename, &refused, ErrorKind::PermissionDenied);
+            let kept = disk.files()[&refused].clone();
+            let error = open(&disk, path).map(|_| ()).expect_err("refused");
+            assert_eq!(error.kind(), ErrorKind::PermissionDenied, "{refused:?}");
+            assert_eq!(disk.files()[&refused], kept);
+        }
+    }
+
+    #[test]
+    fn half_a_line_is_cut_off_again() {
+        let (disk, path) = in_memory(2);
+        let torn = Arc::new(AtomicBool::new(false));
+        let failing = Arc::clone(&torn);
+        let gated = disk.behind(move || match failing.swap(false, Relaxed) {
+            true => Health::Torn(9),
+            false => Health::Well,
+        });
+        let (mut file, _) = open(&gated, path).expect("opens");
+        file.write(&entry("enable")).expect("written");
+        let before = disk.files();
+        torn.store(true, Relaxed);
+        assert!(file.write(&entry("disable")).is_err());
+        assert_eq!(disk.files(), before, "as it was");
+        assert_eq!(file.write(&entry("disable")).expect("written").0, 4);
+    }
+
+    #[test]
+    fn only_the_first_line_may_follow_from_another_log_and_only_where_it_says_so() {
+        let line = |seq, what: &str, previous: &str| {
+            let line = Line {
+                seq,
+                time: String::new(),
+                who: Who::default(),
+                what: what.to_owned(),
+                why: None,
+                old_model: None,
+                new_model: None,
+                result: String::new(),
+                detail: None,
+                previous: previous.to_owned(),
+            };
+            serde_json::to_string(&line).expect("text") + "\n"
+        };
+        let other = "1".repeat(64);
+        let lines = |text: String| verify(text.as_bytes()).map(|s| s.lines).map_err(|b| (b.line, b.fault));
+        assert_eq!(lines(line(1, SEGMENT, &other)), Ok(1));
+        assert_eq!(lines(line(1, "start", &other)), Err((1, Fault::Chain)));
+        let begun = line(1, "start", NO_LINE);
+        assert_eq!(lines(begun.clone() + &line(2, SEGMENT, &other)), Err((2, Fault::Chain)));
+        let hash = blake3::hash(begun.trim_end().as_bytes()).to_hex();
+        assert_eq!(lines(begun + &line(2, SEGMENT, &hash)), Ok(2));
     }
 }

@@ -72,3 +72,25 @@ fn user_name(uid: u32) -> Option<String> {
         (id.parse() == Ok(uid)).then(|| name.to_owned())
     })
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_user_is_named_as_in_the_list_of_the_system() {
+        let list = std::fs::read_to_string("/etc/passwd").expect("a list of users");
+        let first: Vec<&str> = list.lines().next().expect("a user").split(':').collect();
+        let uid = first[2].parse().expect("a number");
+        let who = Who::client(Some(uid), Some(7));
+        assert_eq!((who.uid, who.name.as_deref(), who.pid), (Some(uid), Some(first[0]), Some(7)));
+        assert_eq!(Who::client(None, None), Who::default());
+    }
+
+    #[test]
+    fn the_daemon_names_itself_and_its_process() {
+        let who = Who::daemon();
+        assert_eq!((who.uid, who.name.as_deref()), (None, Some("volcompd")));
+        assert_eq!(who.pid, i32::try_from(std::process::id()).ok());
+    }
+}

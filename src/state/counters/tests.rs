@@ -23,6 +23,7 @@ fn an_empty_directory_is_a_first_start_and_what_was_saved_is_known() {
     counters.save(&*disk, dir.path()).expect("saved");
     let Recalled::Known(found) = recall(&*disk, dir.path(), "m") else { panic!("known") };
     assert_eq!(found.last_word, counters.last_word);
+    assert!(!found.since.is_empty() && found.saved >= found.since, "saved when: {:?}", found.saved);
 }
 
 #[test]
