@@ -128,11 +128,15 @@ fn the_filter_kills_whoever_does_anything_else() {
 
 /// This test program again, for one test under the filter.
 fn run(case: &str) -> ExitStatus {
-    Command::new(std::env::current_exe().expect("own file"))
-        .args(["--exact", "runtime::sealed::under_the_filter", "--ignored", "--test-threads=1", "--quiet"])
+    let (_, module) = module_path!().split_once("::").expect("a module of the crate");
+    let output = Command::new(std::env::current_exe().expect("own file"))
+        .args(["--exact", &format!("{module}::under_the_filter"), "--ignored", "--test-threads=1"])
         .env(CASE, case)
-        .status()
-        .expect("starts")
+        .output()
+        .expect("starts");
+    let said = String::from_utf8_lossy(&output.stdout);
+    assert!(said.contains("running 1 test"), "{case}: {said}");
+    output.status
 }
 
 /// One case in a process of its own, started by [`run`].
