@@ -35,7 +35,7 @@ fn what_is_not_ready_is_named() {
 
 #[test]
 fn an_offset_found_with_bad_data_is_held_for_the_hold_time_and_on_a_new_link_anew() {
-    // hold-s is 0.1 s; until the last links in turn have lasted 80 ms each
+    // hold-s is 0.1 s, and each of the first three links lasts 80 ms
     let mut w = World::new(&config());
     w.frame.commanded[0] = f64::NAN;
     w.last.offset = x_only(-0.010);
