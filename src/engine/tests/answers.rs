@@ -39,7 +39,7 @@ fn each_axis_has_its_own_flag_of_warning_and_limit() {
 
 #[test]
 fn a_soft_limit_on_the_way_to_zero_is_flagged_for_its_axis() {
-    // Z stands 4 um below its upper limit with an offset of -10 um, and moves beyond it while that is taken back
+    // Z has an offset of -10 um and runs to its lower limit while that is taken back
     let limits = EngineConfig {
         soft_limits: vec![[f64::NEG_INFINITY, f64::INFINITY], [-500.0, 500.0], [-1.0, 500.0]],
         ..config()

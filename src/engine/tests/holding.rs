@@ -35,7 +35,7 @@ fn what_is_not_ready_is_named() {
 
 #[test]
 fn an_offset_found_with_bad_data_is_held_for_the_hold_time_and_on_a_new_link_anew() {
-    // hold-s is 0.1 s; until the last links in turn have lasted 80 ms each
+    // hold-s is 0.1 s, and each of the first three links lasts 80 ms
     let mut w = World::new(&config());
     w.frame.commanded[0] = f64::NAN;
     w.last.offset = x_only(-0.010);
@@ -52,16 +52,21 @@ fn an_offset_found_with_bad_data_is_held_for_the_hold_time_and_on_a_new_link_ane
     assert_eq!(w.run(400).offset[0], 0.0);
 }
 
-#[test]
-fn a_bad_frame_makes_no_time_that_the_next_one_could_use() {
-    // 1 mm/s at most, reached at once; the way to zero is longer than that allows
-    let fast = AxisLimits { acceleration: 1e4, ..LIMITS };
+/// On a way to zero that takes longer than the rate of 1 mm/s allows; that rate is reached at once.
+fn at_full_rate() -> World {
+    let fast = AxisLimits { acceleration: 1e4, step: f64::INFINITY, ..LIMITS };
     let mut w = World::new(&EngineConfig { limits: vec![fast; 3], ramp_s: 0.01, ..config() });
     w.use_model(constant_model(0.045));
     w.engine.on_command(w.now, Command::Enable);
     assert_eq!(w.run(300).state, State::Active);
     w.engine.on_command(w.now, Command::Disable);
     w.run(10);
+    w
+}
+
+#[test]
+fn a_bad_frame_makes_no_time_that_the_next_one_could_use() {
+    let mut w = at_full_rate();
     for n in 0..20 {
         w.frame.commanded[1] = if n % 2 == 0 { f64::NAN } else { 0.0 };
         let before = w.last.offset[0];
@@ -69,6 +74,17 @@ fn a_bad_frame_makes_no_time_that_the_next_one_could_use() {
         let step = (out.offset[0] - before).abs();
         assert!(out.state == State::RampingOut && out.offset[0] < -0.01);
         assert!(step > 0.0 && step <= LIMITS.rate * CYCLE_S * 1.000_001, "{step} mm in frame {n}");
+    }
+}
+
+#[test]
+fn a_late_frame_moves_the_offset_by_two_cycles_at_most() {
+    for (lost, cycles) in [(0, 1.0), (1, 2.0), (2, 2.0), (10, 2.0)] {
+        let mut w = at_full_rate();
+        let before = w.last.offset;
+        w.lost_cycles(lost);
+        let step = w.reports(before).unwrap().offset[0] - before[0];
+        assert!((step - LIMITS.rate * cycles * CYCLE_S).abs() < 1e-12, "{step} mm after {lost} lost");
     }
 }
 

@@ -67,7 +67,7 @@ fn x_only(mm: f64) -> AxisArray {
     offset
 }
 
-/// Five axes, two of them rotary, at rest at zero.
+/// Five axes, two of them rotary, and a model without errors.
 fn five_axes(limits: [AxisLimits; 5]) -> (EngineConfig, Model) {
     let spec = ModelSpec::new("m", Chain::parse("[w b X Y Z C A t]").unwrap());
     let config = EngineConfig {
@@ -556,16 +556,7 @@ fn wire_units_of_rotary_axes_are_degrees() {
     spec.tool_tip.z = -100.0;
     spec.errors.push((ErrorSymbol::parse("eax").unwrap(), ErrorFunction::single(Curve::Constant(1e-4))));
     let model = Model::new(&spec).unwrap();
-    let axes = vec![AxisName::X, AxisName::Y, AxisName::Z, AxisName::A, AxisName::C];
-    let config = EngineConfig {
-        axes,
-        limits: vec![LIMITS; 5],
-        jump_limit: vec![1.0; 5],
-        reversal_deadband: vec![0.001; 5],
-        read_back_tolerance: vec![1e-4; 5],
-        soft_limits: vec![[f64::NEG_INFINITY, f64::INFINITY]; 5],
-        ..config()
-    };
+    let (config, _) = five_axes([LIMITS; 5]);
     let mut engine = Compensator::new(&config, &model).unwrap();
     engine.on_command(MonoTime::ZERO, Command::Enable);
     let mut frame = Position { state: READY, ..Position::default() };
