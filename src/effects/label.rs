@@ -44,7 +44,7 @@ impl Label {
         let page = page(&effect.to_ascii_lowercase())
             .ok_or_else(|| LabelError::Effect { effect: effect.to_owned() })?;
         let Some(subject) = subject.filter(|s| !s.is_empty()) else { return Ok((page.effect, None)) };
-        // a pair is named in the order of the contract
+        // a pair is named in one order only
         let turned: String = subject.chars().rev().collect();
         let known = subjects(page);
         let found = known.iter().find(|k| **k == subject || (page.subject == PAIR && **k == turned));

@@ -47,6 +47,11 @@ pub(crate) fn in_namespaces(test: &str, body: impl FnOnce()) {
     }
     let _alone = ONE_AT_A_TIME.lock().unwrap_or_else(PoisonError::into_inner);
     let compiled = compile();
+    let known = Command::new(std::env::current_exe().expect("this test's own path"))
+        .args(["--exact", test, "--list", "--include-ignored"])
+        .output()
+        .expect("this test program lists its tests");
+    assert!(String::from_utf8_lossy(&known.stdout).contains(": test"), "no test has the name {test}");
     for attempt in 1.. {
         let stalls = Stalls::watch();
         let status = Command::new("unshare")

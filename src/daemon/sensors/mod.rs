@@ -5,7 +5,7 @@
 //!   the cycle, health to the status, what was learned to the disk ([`keep`]).
 //! - [`known`]: what each sensor is to say, for answers on the link.
 //! - [`cycle_end`]: what the cycle does for it: a copy into a queue, and the evaluation of a table.
-//! - [`report`]: health as the status tells it.
+//! - `crate::sensor_status`: health as the status tells it.
 
 mod cycle_end;
 mod keep;

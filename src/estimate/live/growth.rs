@@ -5,7 +5,7 @@
 //! After a stop the lags that were kept go on as if the first readings had held all the while: short stops are
 //! bridged, long ones end where a machine at rest would be.
 //!
-//! Source: `core/estimate/thermal` (the lags, the fading outside of what the fit has seen).
+//! Source: `src/estimate/thermal.rs` (the lags, the fading outside of what the fit has seen).
 
 use super::sensor::SensorState;
 use super::spec::{LiveError, LiveSpec, SensorKind};
