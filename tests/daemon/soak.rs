@@ -7,6 +7,7 @@
 #![allow(clippy::print_stdout, reason = "progress of an hour")]
 
 use std::fs;
+use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
 use crate::support::{Daemon, Port, STEP_MM_MAX, Session, Setup};
@@ -38,7 +39,7 @@ fn held(daemon: &Daemon) -> Held {
 }
 
 /// One cycle of the round: motion all the time, now and then a tool, an emergency stop, an order.
-fn cycle(session: &mut Session, daemon: &Daemon, k: u64) {
+fn cycle(session: &mut Session, daemon: &Daemon, k: u64, order_due: &mut Option<Child>) {
     let at = k % ROUND;
     let t = k as f64 * 1e-3;
     session.commanded[0] = 200.0 + 150.0 * (0.7 * t).sin();
@@ -70,8 +71,17 @@ fn cycle(session: &mut Session, daemon: &Daemon, k: u64) {
     if order == ["load"] {
         order.push(&model);
     }
-    let done = daemon.volcomp(&order);
-    assert!(done.status.success(), "{order:?}: {}", String::from_utf8_lossy(&done.stderr));
+    // an order waits for the disk; the control goes on meanwhile
+    finish(order_due.take());
+    let child = daemon.command(&order).stderr(Stdio::piped()).stdout(Stdio::null()).spawn();
+    *order_due = Some(child.expect("volcomp runs"));
+}
+
+/// Waits for the end of an order, which must have been carried out.
+fn finish(order: Option<Child>) {
+    let Some(order) = order else { return };
+    let done = order.wait_with_output().expect("volcomp ends");
+    assert!(done.status.success(), "{}", String::from_utf8_lossy(&done.stderr));
 }
 
 fn soak(seconds: f64) {
@@ -81,6 +91,7 @@ fn soak(seconds: f64) {
         [errors.exx.constant]\nvalue-um = 20.0\n";
     fs::write(daemon.dir.path().join("other.toml"), other).expect("written");
     let mut session = port.link();
+    let mut order_due = None;
     let start = Instant::now();
     let cycles = (seconds / CYCLE.as_secs_f64()) as u64;
     // until then queues, histograms and the first files have found their size
@@ -90,11 +101,11 @@ fn soak(seconds: f64) {
     let mut due = start;
     for k in 0..cycles {
         due += CYCLE;
-        // after an order the control catches up, as a control does not: these frames are early, never lost
+        // after a pause the control catches up, as a control does not: these frames are early, never lost
         if let Some(wait) = due.checked_duration_since(Instant::now()) {
             std::thread::sleep(wait);
         }
-        cycle(&mut session, &daemon, k);
+        cycle(&mut session, &daemon, k, &mut order_due);
         if k == settled {
             reference = Some(held(&daemon));
         }
@@ -106,6 +117,7 @@ fn soak(seconds: f64) {
             }
         }
     }
+    finish(order_due);
     let (reference, end) = (reference.expect("long enough"), held(&daemon));
     let status = daemon.status();
     println!(

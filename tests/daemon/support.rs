@@ -145,12 +145,14 @@ impl Daemon {
 
     /// `volcomp VERB --socket ..`.
     pub(crate) fn volcomp(&self, arguments: &[&str]) -> Output {
-        Command::new(env!("CARGO_BIN_EXE_volcomp"))
-            .args(arguments)
-            .arg("--socket")
-            .arg(self.socket())
-            .output()
-            .expect("volcomp runs")
+        self.command(arguments).output().expect("volcomp runs")
+    }
+
+    /// The same, to be started by the caller.
+    pub(crate) fn command(&self, arguments: &[&str]) -> Command {
+        let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp"));
+        command.args(arguments).arg("--socket").arg(self.socket());
+        command
     }
 
     pub(crate) fn status(&self) -> serde_json::Value {
