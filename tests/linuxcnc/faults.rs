@@ -5,7 +5,7 @@ use std::time::Duration;
 
 use crate::control::{Cnc, Rsh, Wiring};
 use crate::daemon::Daemon;
-use crate::namespaces::{in_namespaces, load_component, run};
+use crate::namespaces::{in_namespaces, load_component, must_hold, run};
 use crate::trace::{Row, Trace};
 
 const START: &str = "G0 X100 Y0 Z0";
@@ -27,7 +27,7 @@ const ZERO_MM: f64 = 2e-6;
 fn no_step(trace: &Trace, what: &str) {
     let step = trace.largest_step_um();
     println!("{what}: largest step of the offset {step:.3} um");
-    assert!(step <= STEP_UM_MAX, "{what}: the offset was stepped by {step} um");
+    must_hold(step <= STEP_UM_MAX, format_args!("{what}: the offset was stepped by {step} um"));
 }
 
 fn is_zero(row: &Row) -> bool {
@@ -65,7 +65,7 @@ fn daemon_killed(wiring: Wiring) {
         .windows(11)
         .map(|r| (0..3).map(|k| (r[10].applied[k] - r[0].applied[k]).abs()).fold(0.0, f64::max));
     let rate = rate.fold(0.0, f64::max) * 100.0;
-    assert!(rate <= 2.0 * RAMP_UM, "taken back at {rate} um per cycle");
+    must_hold(rate <= 2.0 * RAMP_UM, format_args!("taken back at {rate} um per cycle"));
     assert!(is_zero(gone.last()), "the offset is not zero: {:?}", gone.last());
     assert!(trace.marked(3).rows.iter().any(|r| !is_zero(r)), "compensates again");
     assert!(daemon.log().contains("VC-1003"), "blended in again");
@@ -109,7 +109,7 @@ fn emergency_stop(wiring: Wiring) {
     assert!(stopped.rows.iter().all(|r| !r.enabled && !r.estop_released), "the emergency stop was told");
     let (first, last) = (stopped.rows[0], stopped.last());
     assert!(!is_zero(&first), "an offset was in force");
-    assert_eq!(first.motor, last.motor, "nothing moves in an emergency stop");
+    must_hold(first.motor == last.motor, format_args!("nothing moves in an emergency stop"));
     // LinuxCNC may make the offset part of the axis position: the motor stays where it is, and is blended from there
     let on = trace.marked(3);
     let mut largest = 0.0_f64;
@@ -124,8 +124,8 @@ fn emergency_stop(wiring: Wiring) {
     assert_eq!(start.len(), START_CYCLES, "the machine was switched on");
     let away = Trace { rows: start }.farthest_um(last);
     println!("a motor goes {away:.3} um in the first {START_CYCLES} cycles");
-    assert!(away <= START_UM_MAX, "what was held is put back at once: {away} um");
-    assert!(largest <= STEP_UM_MAX, "a motor was stepped by {largest} um");
+    must_hold(away <= START_UM_MAX, format_args!("what was held is put back at once: {away} um"));
+    must_hold(largest <= STEP_UM_MAX, format_args!("a motor was stepped by {largest} um"));
     assert!(trace.marked(4).rows.iter().any(|r| !is_zero(r)), "compensates again");
     daemon.wait_for_state("active");
     // in order: ramped to zero, then gone
@@ -181,7 +181,7 @@ fn emergency_stop_without_daemon(wiring: Wiring) {
         |pair: &[Row]| (0..3).map(|k| (pair[1].motor[k] - pair[0].motor[k]).abs()).fold(0.0, f64::max);
     let fastest = on.rows.windows(11).map(|rows| moved(&[rows[0], rows[10]])).fold(0.0, f64::max) * 100.0;
     println!("fastest motor {fastest:.3} um per cycle");
-    assert!(fastest <= 2.0 * RAMP_UM, "a motor was moved by {fastest} um per cycle");
+    must_hold(fastest <= 2.0 * RAMP_UM, format_args!("a motor was moved by {fastest} um per cycle"));
     if wiring == Wiring::ExternalOffsets {
         let away = on.farthest_um(&stopped);
         assert!(away < 0.01, "the offset has become part of the position, yet a motor goes {away} um");
@@ -215,7 +215,7 @@ fn soft_limit_known_to_the_daemon(wiring: Wiring) {
     let highest = trace.rows.iter().map(|r| r.motor[1]).fold(f64::MIN, f64::max);
     let approach = trace.rows.iter().map(|r| r.applied[1]).fold(f64::MIN, f64::max);
     println!("highest motor position {highest:.6} mm, largest offset on the way {:.3} um", approach * 1000.0);
-    assert!(highest <= 250.0 + 1e-5, "carried over the soft limit: {highest} mm");
+    must_hold(highest <= 250.0 + 1e-5, format_args!("carried over the soft limit: {highest} mm"));
     assert!(approach > 0.005, "there was an offset to be taken back");
     let farthest = trace.rows.iter().map(|r| r.nominal[1]).fold(f64::MIN, f64::max);
     assert!((farthest - 250.0).abs() < 1e-6, "the axis gets to its limit: {farthest}");
@@ -259,7 +259,7 @@ fn soft_limit_that_only_the_control_knows() {
         let trace = cnc.trace().marked(1);
         no_step(&trace, "soft limit of the control alone");
         let highest = trace.rows.iter().map(|r| r.motor[1]).fold(f64::MIN, f64::max);
-        assert!(highest <= 250.0 + 1e-5, "LinuxCNC keeps its limit: {highest} mm");
+        must_hold(highest <= 250.0 + 1e-5, format_args!("LinuxCNC keeps its limit: {highest} mm"));
         assert!(is_zero(trace.last()), "taken back: {:?}", trace.last());
         assert!(daemon.log().contains("VC-4001"), "{}", daemon.log());
     });

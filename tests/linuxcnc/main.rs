@@ -19,8 +19,7 @@ mod trace;
 
 use control::{Cnc, Wiring};
 use daemon::Daemon;
-use namespaces::{DISTURBED, in_namespaces};
-use stalls::Stalls;
+use namespaces::in_namespaces;
 use trace::{Size, Trace, example_model};
 use volcomp::core::model::Model;
 
@@ -31,9 +30,6 @@ const SHARE_REMOVED: f64 = 0.95;
 /// After a reversal the offset takes out the play: 20 ms at the limits of the example, and as long again to be sure.
 const REVERSAL_CYCLES: usize = 60;
 
-/// A host that takes the processors away for longer than the example's `stale-ms` makes volcompd hold and blend in again, as
-/// it should: then a motion is run once more, so often at most.
-const ATTEMPTS: i32 = 5;
 /// Share of the cycles of a motion in which volcompd must compensate for it to be judged.
 const JUDGED: f64 = 0.6;
 
@@ -100,22 +96,11 @@ fn compensates(wiring: Wiring) {
     for (number, (what, motion)) in (1..).zip(MOTIONS) {
         let without = trace.moving(number).error(lag);
         report(&format!("{what}, without"), without);
-        for attempt in 1.. {
-            daemon.wait_for_state("active");
-            let mark = 10 * number + attempt;
-            let stalls = Stalls::watch();
-            run_motion(&mut cnc, motion, mark);
-            let longest = stalls.longest();
-            let shown = shown(what, &cnc.trace().moving(mark), lag, &model, without);
-            if shown.holds(without) {
-                break;
-            }
-            println!(
-                "{what}: run {attempt} is not good enough; a processor was away for {longest:.1?} at most"
-            );
-            let again = attempt < ATTEMPTS && longest >= DISTURBED;
-            assert!(again, "{what}, daemon: {}\n{}", daemon.status(), daemon.log());
-        }
+        daemon.wait_for_state("active");
+        let mark = 10 + number;
+        run_motion(&mut cnc, motion, mark);
+        let shown = shown(what, &cnc.trace().moving(mark), lag, &model, without);
+        assert!(shown.holds(without), "{what}, daemon: {}\n{}", daemon.status(), daemon.log());
     }
     println!(
         "{wiring:?}: nominal to motor {lag} cycles; {} cycles, {} coalesced",

@@ -38,8 +38,15 @@ pub fn run(scenario: &Scenario, programs: &Programs) -> anyhow::Result<Verdict> 
         if verdict.ok || runs >= scenario.tries || !verdict.monitor.is_clean() {
             return Ok(Verdict { runs, ..verdict });
         }
+        retried(scenario, &verdict);
         runs += 1;
     }
+}
+
+/// Reports a repetition past the capture of tests: the gate lists every line that begins with `retried:`.
+fn retried(scenario: &Scenario, verdict: &Verdict) {
+    let failures = verdict.failures.join("; ");
+    let _ = writeln!(std::io::stderr(), "retried: scenario {} ({failures})", scenario.number);
 }
 
 fn run_once(scenario: &Scenario, programs: &Programs) -> anyhow::Result<Verdict> {
