@@ -12,6 +12,7 @@
 
 mod another_day;
 pub mod assess;
+pub mod evidence;
 mod forecast;
 mod leftover;
 pub mod library;
@@ -245,4 +246,12 @@ fn raw_of(session: &Session, library: &Library, chosen: &[usize]) -> Vec<Vec<f64
 /// True for effects that a prediction can take over.
 fn is_predictable(kind: Kind) -> bool {
     kind != Kind::Stochastic
+}
+
+/// The library of a session with its lagged signals.
+#[doc(hidden)]
+pub fn prepared_library(session: &mut Session, without: &[Without]) -> Library {
+    let mut library = Library::new(session, without);
+    take_signals(session, &mut library);
+    library
 }

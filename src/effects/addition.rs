@@ -153,9 +153,10 @@ impl Entry {
             }
             Shape::SpindleTilt | Shape::ToolLength => vec!["tool_length_mm".to_owned()],
             Shape::Load { axis, .. } => vec![format!("force_{axis}_n")],
-            Shape::RotaryLocation { frame, .. } | Shape::RotaryEccentricity { frame, .. } => {
-                vec![frame.axis.column()]
-            }
+            Shape::RotaryLocation { frame, .. }
+            | Shape::RotaryEccentricity { frame, .. }
+            | Shape::RotaryScale { frame } => vec![frame.axis.column()],
+            Shape::RotaryLag { frame } => vec![frame.axis.column(), v(&frame.axis)],
             Shape::RotaryBacklash { frame } => vec![frame.axis.column(), format!("dir_{}", frame.axis)],
             Shape::RotaryMotion { axis, .. } => vec![axis.column()],
             Shape::DeadPath { .. }

@@ -138,6 +138,10 @@ pub enum Shape {
     },
     /// `-w/2 dir` about the axis itself, times the radius.
     RotaryBacklash { frame: RotaryFrame },
+    /// `-tau omega` about the axis itself, times the radius.
+    RotaryLag { frame: RotaryFrame },
+    /// `s q` about the axis itself, times the radius.
+    RotaryScale { frame: RotaryFrame },
     /// `d_along = c sign(F) |F|^power` of one axis.
     Load { axis: Axis, along: Axis, power: f64 },
     /// A worn place: `d_a = h (1 - |(x - centre)/width|^power / (2 order))^order` where that is above zero, or
@@ -206,7 +210,10 @@ impl Shape {
             Self::RotaryEccentricity { harmonics, .. } => 2 * harmonics,
             Self::TrackerScale { zero, .. } => 1 + usize::from(*zero),
             Self::SpindleTilt | Self::DeadPath { .. } => 2,
-            Self::RotaryBacklash { .. } | Self::Load { .. } => 1,
+            Self::RotaryBacklash { .. }
+            | Self::RotaryLag { .. }
+            | Self::RotaryScale { .. }
+            | Self::Load { .. } => 1,
             Self::ClockSkew { files, drift, .. } => files.len() * (1 + usize::from(*drift)),
             Self::RotaryLocation { frame, tied: true } if frame.outer.is_empty() => 2,
             Self::RotaryLocation { .. } => 4,
@@ -409,7 +416,9 @@ impl Shape {
             Self::RotaryLocation { .. }
             | Self::RotaryMotion { .. }
             | Self::RotaryEccentricity { .. }
-            | Self::RotaryBacklash { .. } => self.evaluate_rotary(m, out),
+            | Self::RotaryBacklash { .. }
+            | Self::RotaryLag { .. }
+            | Self::RotaryScale { .. } => self.evaluate_rotary(m, out),
             _ => self.evaluate(m, out),
         }
     }
@@ -445,14 +454,30 @@ impl Shape {
                     }
                 }
             }
-            Self::RotaryEccentricity { frame, .. } | Self::RotaryBacklash { frame } => {
+            Self::RotaryEccentricity { frame, .. }
+            | Self::RotaryBacklash { frame }
+            | Self::RotaryLag { frame }
+            | Self::RotaryScale { frame } => {
                 let (outer, own, p) = frame.state(m);
                 let axis = unit(frame.axis.direction());
                 // a table turns against its coordinate, so the sign cancels in the angle of tool against workpiece
-                let arm = outer * axis.cross(&(own * p)) * UM_PER_ARCSEC_MM;
-                let Self::RotaryEccentricity { harmonics, .. } = self else {
-                    put(out, 0, arm * (-0.5 * m.direction[frame.axis.slot()]));
-                    return;
+                let um_per_rad = outer * axis.cross(&(own * p)) * UM_PER_MM;
+                let arm = um_per_rad * RAD_PER_ARCSEC;
+                let slot = frame.axis.slot();
+                let harmonics = match self {
+                    Self::RotaryEccentricity { harmonics, .. } => harmonics,
+                    Self::RotaryLag { .. } => {
+                        put(out, 0, um_per_rad * (-1e-3 * m.velocity[slot]));
+                        return;
+                    }
+                    Self::RotaryScale { .. } => {
+                        put(out, 0, um_per_rad * (1e-6 * m.position[slot]));
+                        return;
+                    }
+                    _ => {
+                        put(out, 0, arm * (-0.5 * m.direction[slot]));
+                        return;
+                    }
                 };
                 for n in 0..*harmonics {
                     let (s, c) = ((n + 1) as f64 * m.position[frame.axis.slot()]).sin_cos();
@@ -552,7 +577,9 @@ impl Shape {
             | Self::Ram { axis, .. }
             | Self::RotaryMotion { axis, .. }
             | Self::Wear { axis, .. } => Some(*axis),
-            Self::RotaryLocation { frame, .. } | Self::RotaryEccentricity { frame, .. } => Some(frame.axis),
+            Self::RotaryLocation { frame, .. }
+            | Self::RotaryEccentricity { frame, .. }
+            | Self::RotaryScale { frame } => Some(frame.axis),
             _ => None,
         }
     }

@@ -158,7 +158,7 @@ fn reason_against(entry: &Entry) -> Option<&'static str> {
         Kind::Machine => {}
     }
     match &entry.shape {
-        Shape::Lag { .. } => Some(
+        Shape::Lag { .. } | Shape::RotaryLag { .. } => Some(
             "it follows the speed: the control's feed-forward takes it out, or the delay of the recording is its cause",
         ),
         Shape::Inertial { .. } | Shape::InertialTilt { .. } => {
