@@ -4,8 +4,8 @@
 #![expect(clippy::disallowed_methods, reason = "the macro of libFuzzer reads its input file")]
 
 use libfuzzer_sys::fuzz_target;
-use volcomp::core::axes::{AxisKind, AxisName};
-use volcomp::core::model::{Chain, ErrorFunction, ErrorSymbol, ModelSpec};
+use volcomp::model::axes::{AxisKind, AxisName};
+use volcomp::model::{Chain, ErrorFunction, ErrorSymbol, ModelSpec};
 use volcomp::formats::linuxcnc::{CompType, LinearUnit};
 use volcomp::formats::sample::Sampling;
 use volcomp::formats::text::decode;

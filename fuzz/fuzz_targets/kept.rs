@@ -5,18 +5,18 @@
 #![expect(clippy::disallowed_methods, reason = "the macro of libFuzzer reads its input file")]
 
 use libfuzzer_sys::fuzz_target;
-use volcomp::runtime::socket::Ask;
-use volcomp::runtime::{audit, kept};
+use volcomp::daemon::socket::Ask;
+use volcomp::daemon::{audit, state_validation};
 
 fuzz_target!(|data: &[u8]| {
     let Some((kind, text)) = data.split_first() else { return };
     match kind % 4 {
         0 => request(text),
         1 => {
-            let _ = kept::counters(text, "m");
+            let _ = state_validation::counters(text, "m");
         }
         2 => {
-            let _ = kept::models(text, "m");
+            let _ = state_validation::models(text, "m");
         }
         _ => log(text),
     }

@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::sensor_status::{GrowthStatus, MapStatus, SensorStatus};
+use super::sensor_status::{MapStatus, SensorStatus, ThermalDisplacementStatus};
 
 /// State of the daemon.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -100,7 +100,7 @@ pub struct Status {
     pub maps: Vec<MapStatus>,
     /// Growths by heat that the model takes from temperatures and speeds.
     #[serde(default)]
-    pub growths: Vec<GrowthStatus>,
+    pub growths: Vec<ThermalDisplacementStatus>,
     /// What should be known about live estimation.
     #[serde(default)]
     pub sensor_notes: Vec<String>,

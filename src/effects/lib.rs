@@ -1,6 +1,6 @@
 //! Effects beyond the error model: pure, may allocate.
 //!
-//! Equations: `docs/reference/equations.md`. [`shape`] their formulas, [`moment`] what they depend on at a reading, [`pages`] a page of text for each, [`addition`]
+//! Equations: `docs/reference/equations.md`. [`shape`] their formulas, [`machine_state`] what they depend on at a reading, [`pages`] a page of text for each, [`addition`]
 //! the file of diagnosed effects and its evaluation, [`extend`] what of it a model can take over, [`prediction`] what a
 //! model says at a moment. Effects are found by `volcomp-diagnose`; the daemon needs what is here without that search.
 
@@ -12,7 +12,7 @@ pub mod extend;
 mod frame;
 mod label;
 mod lever;
-pub mod moment;
+pub mod machine_state;
 pub mod pages;
 mod parameters;
 mod polynomial;

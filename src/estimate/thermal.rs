@@ -197,7 +197,7 @@ impl Thermal {
 
 /// A growth at a moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Growth {
+pub struct ThermalDisplacement {
     /// The growth, mm, with its share.
     pub value: f64,
     /// 1 where all inputs are where the fit has seen them, falling to 0 outside.
@@ -283,7 +283,7 @@ impl ThermalState {
 
     /// The growth now; zero share until every input has spoken.
     #[must_use]
-    pub fn growth(&self, thermal: &Thermal) -> Growth {
+    pub fn growth(&self, thermal: &Thermal) -> ThermalDisplacement {
         let mut lagged = self.lagged.iter();
         let mut sum = thermal.offset;
         let mut share = 1.0;
@@ -300,7 +300,7 @@ impl ThermalState {
             }
         }
         let value = if sum.is_finite() { share * sum } else { 0.0 };
-        Growth { value, share, outside }
+        ThermalDisplacement { value, share, outside }
     }
 }
 
@@ -344,7 +344,7 @@ mod tests {
         let mut state = ThermalState::new(&thermal);
         assert!(state.growth(&thermal).share == 0.0, "nothing has spoken yet");
         state.advance(&thermal, 0.0, &[20.0, 0.0]);
-        assert_eq!(state.growth(&thermal), Growth { value: 0.0, share: 1.0, outside: None });
+        assert_eq!(state.growth(&thermal), ThermalDisplacement { value: 0.0, share: 1.0, outside: None });
         // the same moment in one step or in many
         let mut coarse = state.clone();
         coarse.advance(&thermal, 900.0, &[30.0, -4000.0]);

@@ -22,7 +22,7 @@ use daemon::Daemon;
 use namespaces::{DISTURBED, in_namespaces};
 use stalls::Stalls;
 use trace::{Size, Trace, example_model};
-use volcomp::core::model::Model;
+use volcomp::model::Model;
 
 /// The bars of this test; what the way of the correction leaves is judged with the reversals, where limits of rate and
 /// acceleration take the play out within 7 ms: the diagonal begins with three of them at once.

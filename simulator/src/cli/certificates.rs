@@ -32,11 +32,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     for (stem, issued) in [("ca", authority.own()), ("control", control), ("daemon", daemon)] {
         issued.write(&args.out, stem).map_err(|(path, e)| Failure::in_file(EX_IOERR, &path, e))?;
     }
-    tell(&args.out, names[0]);
+    report(&args.out, names[0]);
     Ok(())
 }
 
-fn tell(dir: &Path, name: &str) {
+fn report(dir: &Path, name: &str) {
     let dir = dir.canonicalize().unwrap_or_else(|_| dir.to_owned());
     let dir = dir.display();
     say!("# for the machine file of volcompd");

@@ -7,8 +7,8 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use simulator::scenarios::Plan;
-use volcomp::core::engine::Reason;
-use volcomp::core::fault::{CATALOGUE, Code, reason_code};
+use volcomp::engine::Reason;
+use volcomp::engine::fault::{CATALOGUE, Code, reason_code};
 
 /// Numbers that no scenario can reach with the programs as they are, and where they are tried instead: file and test.
 const TESTED: &[(u16, &str, &str)] = &[

@@ -3,7 +3,7 @@
 use super::{Candidate, Extended, Part};
 use crate::Shape;
 use crate::addition::Entry;
-use crate::moment::{Axis, Signal, Source};
+use crate::machine_state::{Axis, Signal, Source};
 use volcomp_estimate::{Quantity, Thermal, ThermalInput};
 use volcomp_model::curve::Live;
 use volcomp_model::{Component, ErrorSymbol};

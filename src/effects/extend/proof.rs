@@ -2,7 +2,7 @@
 
 use super::Candidate;
 use crate::addition::{Addition, Entry, Evaluator, FORMAT};
-use crate::moment::{Axis, Moment, SLOTS, Source};
+use crate::machine_state::{Axis, MachineState, SLOTS, Source};
 use crate::prediction::{deviation_with_live_um, machine_of};
 use volcomp_estimate::ThermalState;
 use volcomp_model::geometry::Vec3;
@@ -22,7 +22,7 @@ const SETTLED_S: f64 = 1e9;
 
 /// One place and what the addition says there.
 struct Place {
-    moment: Moment,
+    moment: MachineState,
     sources: Vec<f64>,
     said_um: Vec3,
 }
@@ -94,8 +94,11 @@ fn places(spec: &ModelSpec, model: &Model, entry: &Entry) -> Vec<Place> {
     let chain: Vec<Axis> = model.axes().filter_map(|a| Axis::from_name(a.name)).collect();
     let place = |n: u32| {
         let share = |k: usize| (0.5 + STEPS[k % SLOTS] * f64::from(n)).fract();
-        let mut moment =
-            Moment { since_mm: [f64::INFINITY; SLOTS], direction: [1.0; SLOTS], ..Moment::default() };
+        let mut moment = MachineState {
+            since_mm: [f64::INFINITY; SLOTS],
+            direction: [1.0; SLOTS],
+            ..MachineState::default()
+        };
         for axis in &chain {
             let slot = axis.slot();
             let [low, high] = super::parts::travel(spec, entry, *axis).unwrap_or([-1.0, 1.0]);

@@ -69,7 +69,7 @@ pub struct SensorSpec {
     /// Whether its noise is learned from what its readings leave behind.
     pub adapt: bool,
     /// Readings looked at before any is used.
-    pub acquaintance: usize,
+    pub initialisation: usize,
     /// Shortest time from measurement to arrival.
     pub latency_s: f64,
     /// Age at which a reading is too old, and silence at which the sensor is silent.
@@ -98,7 +98,7 @@ impl SensorSpec {
             std_mm: 0.01,
             std_rad: 1e-5,
             adapt: true,
-            acquaintance: 25,
+            initialisation: 25,
             latency_s: 0.0,
             age_limit_s: 0.5,
             range: [1.0, 1e-3],

@@ -5,11 +5,11 @@ use std::sync::atomic::Ordering::Relaxed;
 
 use hdrhistogram::CreationError;
 
+use super::channels::{CycleRecord, Progress};
 use super::clock::Clock;
 use super::handshake;
 use super::latency::{Histograms, Latency, Sample, percentile_us};
 use super::load::Loaded;
-use super::ports::{CycleRecord, Progress};
 use super::realtime::RealtimeReport;
 use super::status::{
     Fault, Lifetime, LinkStatus, ModelStatus, RealtimeStatus, ShadowAxis, ShadowStatus, Status,
@@ -32,7 +32,7 @@ struct Latched {
 
 /// Everything known about the daemon's work.
 #[derive(Debug)]
-pub(super) struct Board {
+pub(super) struct StatusCollector {
     loaded: Arc<Loaded>,
     progress: Arc<Progress>,
     clock: Clock,
@@ -47,7 +47,7 @@ pub(super) struct Board {
     realtime: RealtimeStatus,
 }
 
-impl Board {
+impl StatusCollector {
     pub(super) fn new(
         loaded: Arc<Loaded>,
         progress: Arc<Progress>,

@@ -2,7 +2,7 @@
 //! gain, inside the machine's soft limits.
 
 use super::config::{AxisLimits, EngineConfig, EngineError, PositionSource};
-use super::intake::Intake;
+use super::input_validation::InputValidation;
 use super::live::LiveInputs;
 use super::lookahead::LagMeter;
 use super::output::Detail;
@@ -17,7 +17,7 @@ const RETREAT: f64 = 0.25;
 
 /// What a frame asks for. Wire order, mm and rad.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(super) struct Target {
+pub(super) struct Setpoint {
     pub(super) offset: AxisArray,
     /// Bit k: a soft limit of axis k left no room for more.
     pub(super) at_soft_limit: u8,
@@ -37,7 +37,7 @@ pub(super) struct Target {
     pub(super) detail: Option<Detail>,
 }
 
-impl Target {
+impl Setpoint {
     /// Nothing is asked for.
     pub(super) const NONE: Self = Self {
         offset: [0.0; MAX_AXES],
@@ -54,7 +54,7 @@ impl Target {
 
 /// From frames to targets.
 #[derive(Debug, Clone)]
-pub(super) struct Aim {
+pub(super) struct SetpointGenerator {
     /// mm or rad per wire unit.
     scale: AxisArray,
     /// Wire index of each axis of the model; MAX_AXES for the spindle.
@@ -65,9 +65,9 @@ pub(super) struct Aim {
     pub(super) tool_tip: Option<Vec3>,
 }
 
-impl Aim {
+impl SetpointGenerator {
     pub(super) fn new(config: &EngineConfig, scale: AxisArray, model: &Model) -> Result<Self, EngineError> {
-        let mut aim = Self {
+        let mut generator = Self {
             scale,
             wire_index: [0; MAX_AXES],
             joints: 0,
@@ -75,8 +75,8 @@ impl Aim {
             live: LiveInputs::new(model.sensors().len(), config.live_max_age_s, config.ramp_s),
             tool_tip: None,
         };
-        aim.take(config, model)?;
-        Ok(aim)
+        generator.take(config, model)?;
+        Ok(generator)
     }
 
     /// Another model: its axes must be those of the control.
@@ -110,29 +110,29 @@ impl Aim {
     pub(super) fn at(
         &mut self,
         config: &EngineConfig,
-        intake: &Intake,
+        input: &InputValidation,
         model: &Model,
         position: &AxisArray,
         time: (MonoTime, f64),
         gain: f64,
-    ) -> Target {
+    ) -> Setpoint {
         let mut pose = Pose { tool_tip: self.tool_tip, ..Pose::at([0.0; MAX_AXES]) };
         self.live.advance(time.0, time.1, &mut pose.live);
         let ahead_s = self.lag.cycles() * config.cycle_s;
         let unsure_s = config.lag_uncertainty_cycles * config.cycle_s;
-        let speed = intake.speed();
+        let speed = input.speed();
         for (k, &wire) in self.wire_index.iter().enumerate().take(self.joints) {
             if wire < MAX_AXES {
                 let scale = self.scale[wire];
                 pose.position[k] = (position[wire] + speed[wire] * ahead_s) * scale;
                 pose.spread[k] = (speed[wire] * unsure_s * scale).abs();
-                pose.travel[k] = intake.travel()[wire];
+                pose.travel[k] = input.travel()[wire];
             }
         }
         let (deviation, correction) = model.correct(&pose);
         let flags = deviation.flags;
         let outside = flags.out_of_travel | flags.out_of_range;
-        let mut target = Target { out_of_travel: flags.out_of_travel != 0, ..Target::NONE };
+        let mut target = Setpoint { out_of_travel: flags.out_of_travel != 0, ..Setpoint::NONE };
         for (k, &wire) in self.wire_index.iter().enumerate().take(self.joints) {
             if wire < MAX_AXES {
                 let wanted = gain * correction.offset[k];
@@ -144,7 +144,7 @@ impl Aim {
                 target.beyond_stop |= u8::from(beyond) << wire;
                 if !wanted.is_finite() {
                     let detail = Some(Detail::of_axis(wire, wanted, f64::NAN));
-                    return Target { finite: false, detail, ..Target::NONE };
+                    return Setpoint { finite: false, detail, ..Setpoint::NONE };
                 }
                 let scale = self.scale[wire];
                 if beyond {
@@ -165,7 +165,7 @@ impl Aim {
         config: &EngineConfig,
         speed: &AxisArray,
         position: &AxisArray,
-        target: &mut Target,
+        target: &mut Setpoint,
     ) {
         let late_s = (self.lag.cycles() + 1.0) * config.cycle_s;
         for (k, [low, high]) in config.soft_limits.iter().enumerate() {

@@ -1,6 +1,6 @@
 //! What a cycle costs on this computer: frame in to frame out, without socket.
 //!
-//! The daemon's own frame reader, [`CycleBody`] and frame writer, fed with frames of an invented tour through the
+//! The daemon's own frame reader, [`LinkSession`] and frame writer, fed with frames of an invented tour through the
 //! travel of the model and, where the model names sensors, with a live value of each in every cycle. As in the daemon,
 //! live values for the next frame and the record of this one come behind the answer; they are measured apart. What the
 //! two readings of the clock cost is measured the same way and taken off. Caches are warm, as in a daemon that cycles
@@ -10,7 +10,7 @@ use std::time::Instant;
 
 use hdrhistogram::Histogram;
 
-use super::body::{CycleBody, Reaction};
+use super::link_session::{LinkSession, Reaction};
 use super::load::Loaded;
 use super::realtime;
 use super::recorder::tap;
@@ -40,7 +40,7 @@ const SETTLE_RAMPS: f64 = 2.0;
 
 /// What a cycle costs.
 #[derive(Debug, Clone)]
-pub struct Rehearsal {
+pub struct SelfBenchmark {
     /// Axes of the model, the spindle not among them.
     pub axes: usize,
     /// Sensors whose live values the model adds.
@@ -60,7 +60,7 @@ pub struct Rehearsal {
 
 /// Why no cycle can be rehearsed.
 #[derive(Debug, thiserror::Error)]
-pub enum RehearsalError {
+pub enum SelfBenchmarkError {
     /// The machine file and its own axes do not fit.
     #[error(transparent)]
     Hello(#[from] HelloMismatch),
@@ -81,25 +81,25 @@ pub enum RehearsalError {
 /// Measures `cycles` cycles of an active engine, on a thread with the real-time settings of the machine file.
 ///
 /// # Errors
-/// See [`RehearsalError`].
-pub fn rehearse(loaded: &Loaded, cycles: u64) -> Result<Rehearsal, RehearsalError> {
+/// See [`SelfBenchmarkError`].
+pub fn run_self_benchmark(loaded: &Loaded, cycles: u64) -> Result<SelfBenchmark, SelfBenchmarkError> {
     std::thread::scope(|scope| {
-        scope.spawn(|| on_this_thread(loaded, cycles)).join().unwrap_or(Err(RehearsalError::Panicked))
+        scope.spawn(|| on_this_thread(loaded, cycles)).join().unwrap_or(Err(SelfBenchmarkError::Panicked))
     })
 }
 
-fn on_this_thread(loaded: &Loaded, cycles: u64) -> Result<Rehearsal, RehearsalError> {
+fn on_this_thread(loaded: &Loaded, cycles: u64) -> Result<SelfBenchmark, SelfBenchmarkError> {
     let realtime = realtime::apply(&loaded.config.realtime).status();
     let hello = hello(loaded);
     let config = loaded.config.engine_config(&hello)?;
-    let mut body = CycleBody::new(&config, loaded.model.clone())?;
+    let mut session = LinkSession::new(&config, loaded.model.clone())?;
     let (tap, entries) = tap(ENTRIES);
-    body.record_to(tap, MonoTime::ZERO, &hello);
-    body.link_up(MonoTime::ZERO);
-    body.command(MonoTime::ZERO, Command::Enable);
+    session.record_to(tap, MonoTime::ZERO, &hello);
+    session.link_up(MonoTime::ZERO);
+    session.command(MonoTime::ZERO, Command::Enable);
     let sensors = loaded.model.sensors().len();
     let mut stage = Stage {
-        body,
+        session,
         sensors,
         reader: FrameReader::default(),
         out: [0; MAX_FRAME],
@@ -128,9 +128,9 @@ fn on_this_thread(loaded: &Loaded, cycles: u64) -> Result<Rehearsal, RehearsalEr
         while entries.try_recv().is_ok() {}
     }
     if state != CorrectionState::Active {
-        return Err(RehearsalError::NotActive(state));
+        return Err(SelfBenchmarkError::NotActive(state));
     }
-    Ok(Rehearsal {
+    Ok(SelfBenchmark {
         axes: usize::from(hello.axis_count),
         sensors,
         compute_ns,
@@ -168,7 +168,7 @@ impl Blocks {
 
 /// The daemon's cycle without its socket.
 struct Stage {
-    body: CycleBody,
+    session: LinkSession,
     sensors: usize,
     reader: FrameReader,
     out: [u8; MAX_FRAME],
@@ -190,7 +190,7 @@ impl Stage {
         self.reader.advance(length);
         let mut answer = None;
         if let Ok(Some(message)) = self.reader.next()
-            && let Reaction::Answer(correction) = self.body.handle(now, &message)
+            && let Reaction::Answer(correction) = self.session.handle(now, &message)
         {
             let length = encode(&Message::Correction(correction), &mut self.out);
             core::hint::black_box(&self.out[..length]);
@@ -198,9 +198,9 @@ impl Stage {
         }
         let ns = since(start);
         let start = Instant::now();
-        self.body.tell();
+        self.session.record();
         for channel in 0..self.sensors {
-            self.body.live(now, channel, live);
+            self.session.live(now, channel, live);
         }
         let behind_ns = since(start);
         if let Some(correction) = answer {

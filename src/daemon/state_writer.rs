@@ -1,7 +1,7 @@
 //! What has to reach the disk and may take its time: the audit log and the counters, on a thread of their own.
 //!
 //! A disk that hangs stops this thread and nobody else: the queue fills, audit entries are counted as lost, and of the
-//! counters only the newest wait. Whoever must not answer before an order is durable asks [`Keeper::saved`].
+//! counters only the newest wait. Whoever must not answer before an order is durable asks [`StateWriter::saved`].
 
 use std::fs::File;
 use std::io;
@@ -17,10 +17,10 @@ use volcomp_state::disk::{Disk, real};
 use super::audit::chain::AuditFile;
 use super::audit::{AUDIT_FILE, Audit, AuditEntry, Who};
 use super::counters::unknown;
-use super::inbox::{Inbox, Job, Saved};
 use super::load::Loaded;
 use super::models::Prepared;
 use super::sync;
+use super::write_queue::{Saved, WriteQueue, WriteRequest};
 use volcomp_config::StartMode;
 use volcomp_engine::fault::Code;
 
@@ -31,9 +31,9 @@ const POLL: Duration = Duration::from_millis(2);
 
 /// The keeper's thread, seen from the service.
 #[derive(Debug)]
-pub(super) struct Keeper {
+pub(super) struct StateWriter {
     pub(super) audit: Audit,
-    inbox: Option<Arc<Inbox>>,
+    write_queue: Option<Arc<WriteQueue>>,
     /// Why nothing is kept in a directory that was asked for.
     unusable: Option<String>,
     disk: Arc<dyn Disk>,
@@ -56,7 +56,7 @@ fn directory(config_path: &Path, loaded: &Loaded) -> Option<PathBuf> {
     given.split(':').next().filter(|d| !d.is_empty()).map(PathBuf::from)
 }
 
-impl Keeper {
+impl StateWriter {
     /// Starts to keep, where there is a directory to keep things in. One that cannot be used is an unknown state.
     pub(super) fn start(config_path: &Path, loaded: &Loaded) -> Self {
         let Some(directory) = directory(config_path, loaded) else {
@@ -73,7 +73,7 @@ impl Keeper {
             return Self::nowhere(None, None);
         };
         match Self::open(&directory, &loaded.config.machine) {
-            Ok(keeper) => keeper,
+            Ok(state_writer) => state_writer,
             Err(problem) => {
                 let directory = directory.display();
                 warn!(%directory, code = %Code::COUNTERS_NOT_SAVED, "counters and audit log are not kept: {problem}");
@@ -86,7 +86,7 @@ impl Keeper {
     fn nowhere(recalled: Option<Recalled>, unusable: Option<String>) -> Self {
         Self {
             audit: Audit::default(),
-            inbox: None,
+            write_queue: None,
             unusable,
             disk: real(),
             directory: None,
@@ -122,12 +122,12 @@ impl Keeper {
             error!(%path, code = %Code::AUDIT_BROKEN, "the audit log is broken: {broken}; it was set aside and a new one names it");
         }
         let known_model = file.model().map(str::to_owned);
-        let inbox = Arc::new(Inbox::default());
-        let (theirs, folder, its_disk) = (Arc::clone(&inbox), directory.to_owned(), Arc::clone(&disk));
+        let write_queue = Arc::new(WriteQueue::default());
+        let (theirs, folder, its_disk) = (Arc::clone(&write_queue), directory.to_owned(), Arc::clone(&disk));
         sync::spawn("volcomp-keep", move || run(&Running(theirs), file, &*its_disk, &folder))?;
         Ok(Self {
-            audit: Audit::new(Arc::clone(&inbox)),
-            inbox: Some(inbox),
+            audit: Audit::new(Arc::clone(&write_queue)),
+            write_queue: Some(write_queue),
             unusable: None,
             disk,
             directory: Some(directory.to_owned()),
@@ -147,7 +147,7 @@ impl Keeper {
         let (Some(Recalled::Known(counters)), Some(directory)) = (&mut self.recalled, &self.directory) else {
             return Ok(());
         };
-        counters.last_word.hold.get_or_insert_with(|| unknown(why));
+        counters.retained.hold.get_or_insert_with(|| unknown(why));
         counters.save(&*self.disk, directory)
     }
 
@@ -190,15 +190,15 @@ impl Keeper {
         Arc::clone(&self.disk)
     }
 
-    /// Hands the counters over to be saved; gives a number to ask [`Keeper::saved`] with.
+    /// Hands the counters over to be saved; gives a number to ask [`StateWriter::saved`] with.
     pub(super) fn save(&self, counters: Counters) -> u64 {
-        self.inbox.as_ref().map_or(0, |inbox| inbox.save(counters))
+        self.write_queue.as_ref().map_or(0, |write_queue| write_queue.save(counters))
     }
 
     /// What has become of counters that were handed over.
     pub(super) fn saved(&self, number: u64) -> Saved {
-        match (&self.inbox, &self.unusable) {
-            (Some(inbox), _) => inbox.saved(number),
+        match (&self.write_queue, &self.unusable) {
+            (Some(write_queue), _) => write_queue.saved(number),
             (None, Some(problem)) => Saved::No(problem.clone()),
             (None, None) => Saved::Nowhere,
         }
@@ -206,17 +206,17 @@ impl Keeper {
 
     /// Why things are not kept.
     pub(super) fn problem(&self) -> Option<String> {
-        let Some(inbox) = &self.inbox else { return self.unusable.clone() };
-        inbox.waiting.lock().problems.iter().flatten().next().cloned()
+        let Some(write_queue) = &self.write_queue else { return self.unusable.clone() };
+        write_queue.waiting.lock().problems.iter().flatten().next().cloned()
     }
 
     /// Waits until everything is kept; gives up where the disk does not answer.
     pub(super) fn finish(&self) {
-        let Some(inbox) = &self.inbox else { return };
-        inbox.waiting.lock().end = true;
-        inbox.wake.notify_all();
+        let Some(write_queue) = &self.write_queue else { return };
+        write_queue.waiting.lock().end = true;
+        write_queue.wake.notify_all();
         let mut left = FINISH_LIMIT;
-        while !inbox.waiting.lock().ended {
+        while !write_queue.waiting.lock().ended {
             if left.is_zero() {
                 warn!("the disk does not take counters and audit log within {} s", FINISH_LIMIT.as_secs());
                 return;
@@ -228,7 +228,7 @@ impl Keeper {
 }
 
 /// The thread's inbox; says on return and on panic alike that the thread has ended.
-struct Running(Arc<Inbox>);
+struct Running(Arc<WriteQueue>);
 
 impl Drop for Running {
     fn drop(&mut self) {
@@ -236,27 +236,27 @@ impl Drop for Running {
     }
 }
 
-fn run(inbox: &Running, mut file: AuditFile, disk: &dyn Disk, directory: &Path) {
-    let inbox = &inbox.0;
-    while let Some(job) = inbox.next() {
-        let (slot, result) = match &job {
-            Job::Audit(entry) => (
+fn run(write_queue: &Running, mut file: AuditFile, disk: &dyn Disk, directory: &Path) {
+    let write_queue = &write_queue.0;
+    while let Some(request) = write_queue.next() {
+        let (slot, result) = match &request {
+            WriteRequest::Audit(entry) => (
                 0,
                 file.write(entry).map(|(seq, hash)| {
                     info!(seq, hash, what = entry.what, result = entry.result, "audit");
                 }),
             ),
-            Job::Counters(_, counters) => (1, counters.save(disk, directory)),
+            WriteRequest::Counters(_, counters) => (1, counters.save(disk, directory)),
         };
         let what = ["audit log", "counters"][slot];
         let text = result.err().map(|e| format!("{what} in {}: {e}", directory.display()));
-        let mut waiting = inbox.waiting.lock();
-        match (&job, &text) {
-            (Job::Counters(number, _), None) => waiting.saved = *number,
-            (Job::Counters(number, _), Some(text)) => waiting.refused = (*number, text.clone()),
-            (Job::Audit(_), None) => {}
-            (Job::Audit(_), Some(_)) => {
-                inbox.lost.fetch_add(1, Relaxed);
+        let mut waiting = write_queue.waiting.lock();
+        match (&request, &text) {
+            (WriteRequest::Counters(number, _), None) => waiting.saved = *number,
+            (WriteRequest::Counters(number, _), Some(text)) => waiting.refused = (*number, text.clone()),
+            (WriteRequest::Audit(_), None) => {}
+            (WriteRequest::Audit(_), Some(_)) => {
+                write_queue.lost.fetch_add(1, Relaxed);
             }
         }
         let before = std::mem::replace(&mut waiting.problems[slot], text.clone());

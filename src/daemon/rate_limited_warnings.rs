@@ -5,8 +5,8 @@ use std::time::Duration;
 
 use tracing::warn;
 
+use super::channels::Progress;
 use super::logging::LogLimiter;
-use super::ports::Progress;
 use volcomp_engine::fault::Code;
 use volcomp_units::MonoTime;
 
@@ -28,7 +28,7 @@ struct Counted {
 
 /// Looks after all of them.
 #[derive(Debug)]
-pub(super) struct Notices {
+pub(super) struct RateLimitedWarnings {
     counted: [Counted; 3],
     /// Beginning of the present window, with cycles and late cycles until then.
     window: (MonoTime, u64, u64),
@@ -37,7 +37,7 @@ pub(super) struct Notices {
     records_lost: u64,
 }
 
-impl Notices {
+impl RateLimitedWarnings {
     pub(super) fn new(now: MonoTime) -> Self {
         let counted = |code, counter| Counted { code, counter, seen: 0, lines: LogLimiter::new(1, PAUSE) };
         Self {
@@ -56,7 +56,7 @@ impl Notices {
     /// Tells of entries that the recording has lost; `lost` counts from the start.
     pub(super) fn look_at_recording(&mut self, now: MonoTime, lost: u64) {
         if lost > self.records_lost && self.records.admit(now).is_some() {
-            tell(Code::RECORDS_LOST, lost - self.records_lost);
+            warn_about(Code::RECORDS_LOST, lost - self.records_lost);
             self.records_lost = lost;
         }
     }
@@ -66,7 +66,7 @@ impl Notices {
         for counted in &mut self.counted {
             let count = (counted.counter)(progress).load(Relaxed);
             if count > counted.seen && counted.lines.admit(now).is_some() {
-                tell(counted.code, count - counted.seen);
+                warn_about(counted.code, count - counted.seen);
                 counted.seen = count;
             }
         }
@@ -77,12 +77,12 @@ impl Notices {
         self.window = (now, progress.cycles.load(Relaxed), progress.late.load(Relaxed));
         let (cycles, late) = (self.window.1.saturating_sub(cycles), self.window.2.saturating_sub(late));
         if late > cycles / LATE_ONE_IN && late > 0 && self.late.admit(now).is_some() {
-            tell(Code::LATE_CYCLES, late);
+            warn_about(Code::LATE_CYCLES, late);
         }
     }
 }
 
-fn tell(code: Code, cycles: u64) {
+fn warn_about(code: Code, cycles: u64) {
     let text = code.entry().map_or("", |entry| entry.text);
     warn!(cycles, code = %code, "{text}");
 }

@@ -7,9 +7,9 @@ use crate::sync;
 
 /// The place, held. It is given back on drop; no lock is taken there.
 #[derive(Debug)]
-pub(super) struct Turn(Arc<AtomicBool>);
+pub(super) struct ExclusiveAccess(Arc<AtomicBool>);
 
-impl Turn {
+impl ExclusiveAccess {
     /// Takes the place; `None` where somebody else has it.
     pub(super) fn take(taken: Arc<AtomicBool>) -> Option<Self> {
         sync::point();
@@ -21,7 +21,7 @@ impl Turn {
     }
 }
 
-impl Drop for Turn {
+impl Drop for ExclusiveAccess {
     fn drop(&mut self) {
         sync::point();
         self.0.store(false, Release);
@@ -37,11 +37,11 @@ mod tests {
     #[test]
     fn a_refused_turn_neither_waits_nor_ends_that_of_another() {
         let place = Arc::new(AtomicBool::new(false));
-        let first = Turn::take(Arc::clone(&place)).expect("free");
-        assert!(Turn::take(Arc::clone(&place)).is_none());
+        let first = ExclusiveAccess::take(Arc::clone(&place)).expect("free");
+        assert!(ExclusiveAccess::take(Arc::clone(&place)).is_none());
         assert!(place.load(Relaxed), "still the first one's");
-        assert!(Turn::take(Arc::clone(&place)).is_none());
+        assert!(ExclusiveAccess::take(Arc::clone(&place)).is_none());
         drop(first);
-        assert!(Turn::take(place).is_some());
+        assert!(ExclusiveAccess::take(place).is_some());
     }
 }

@@ -4,9 +4,9 @@ use std::io::{self, Read, Write};
 use std::net::TcpStream;
 
 #[cfg(feature = "tls")]
-pub(crate) use with_tls::{Server, Trial, Wire};
+pub(crate) use with_tls::{Server, TestIdentity, Wire};
 #[cfg(not(feature = "tls"))]
-pub(crate) use without_tls::{Server, Trial, Wire};
+pub(crate) use without_tls::{Server, TestIdentity, Wire};
 
 #[cfg(feature = "tls")]
 mod with_tls {
@@ -27,12 +27,12 @@ mod with_tls {
     pub(crate) type Server = Arc<ServerConfig>;
 
     /// An authority with both ends' certificates.
-    pub(crate) struct Trial {
+    pub(crate) struct TestIdentity {
         folder: TempDir,
         server: Server,
     }
 
-    impl Trial {
+    impl TestIdentity {
         pub(crate) fn new() -> Self {
             let mut params = CertificateParams::new(Vec::new()).expect("parameters");
             params.is_ca = IsCa::Ca(BasicConstraints::Constrained(0));
@@ -129,9 +129,9 @@ mod without_tls {
     pub(crate) enum Server {}
 
     /// Never there.
-    pub(crate) enum Trial {}
+    pub(crate) enum TestIdentity {}
 
-    impl Trial {
+    impl TestIdentity {
         pub(crate) fn new() -> Self {
             unreachable!("a program without TLS")
         }

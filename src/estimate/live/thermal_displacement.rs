@@ -9,7 +9,7 @@
 
 use super::sensor::SensorState;
 use super::spec::{LiveError, LiveSpec, SensorKind};
-use crate::{Growth, Quantity, Standing, Thermal, ThermalState, VALUES_MAX};
+use crate::{Quantity, SensorStatus, Thermal, ThermalDisplacement, ThermalState, VALUES_MAX};
 use volcomp_model::units::MonoTime;
 
 /// Interval at which the lags move, s.
@@ -23,7 +23,7 @@ const INSIDE_S: f64 = 60.0;
 
 /// How a growth stands; inputs by index.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum GrowthStanding {
+pub enum ThermalStatus {
     /// An input has not spoken yet.
     Waiting(usize),
     /// In use.
@@ -36,7 +36,7 @@ pub enum GrowthStanding {
 
 /// What is kept of a growth.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct KeptGrowth {
+pub struct SavedThermalState {
     /// Its name.
     pub name: String,
     /// Its lags, in order.
@@ -55,7 +55,7 @@ struct Origin {
 
 /// A growth and its lags.
 #[derive(Debug, Clone)]
-pub(super) struct GrowthState {
+pub(super) struct ThermalDisplacementState {
     pub(super) spec: Thermal,
     /// Live value of the model that it tells.
     pub(super) channel: usize,
@@ -71,11 +71,11 @@ pub(super) struct GrowthState {
     /// Input that is outside, and when it was seen there last.
     outside: Option<(usize, MonoTime)>,
     /// 1 where all inputs are there, 0 where it has been taken back.
-    trust: f64,
-    growth: Growth,
+    probation: f64,
+    growth: ThermalDisplacement,
 }
 
-impl GrowthState {
+impl ThermalDisplacementState {
     /// A growth that tells live value `channel` of the model.
     pub(super) fn new(spec: &Thermal, channel: usize, live: &LiveSpec) -> Result<Self, LiveError> {
         let origins: Result<Vec<Origin>, LiveError> =
@@ -89,8 +89,8 @@ impl GrowthState {
             rest_s: 0.0,
             lost: None,
             outside: None,
-            trust: 1.0,
-            growth: Growth { value: 0.0, share: 0.0, outside: None },
+            probation: 1.0,
+            growth: ThermalDisplacement { value: 0.0, share: 0.0, outside: None },
             spec: spec.clone(),
         })
     }
@@ -102,7 +102,7 @@ impl GrowthState {
         }
         let mut lost = None;
         for (k, (origin, reading)) in self.origins.iter().zip(&mut self.readings).enumerate() {
-            let sensor = sensors.get(origin.sensor).filter(|s| s.supervisor.standing() == Standing::Good);
+            let sensor = sensors.get(origin.sensor).filter(|s| s.supervisor.status() == SensorStatus::Good);
             match sensor.and_then(|s| s.believed.get(origin.number)) {
                 Some(value) => *reading = *value,
                 None => lost = lost.or(Some(k)),
@@ -119,7 +119,7 @@ impl GrowthState {
         self.lost = lost.map(|k| (k, self.lost.map_or(now, |(_, since)| since)));
         let gone = self.lost.is_some_and(|(_, since)| now.seconds_since(since) > HOLD_S);
         let step = dt_s.min(INTERVAL_S * 4.0) / FADE_S;
-        self.trust = (self.trust + if gone { -step } else { step }).clamp(0.0, 1.0);
+        self.probation = (self.probation + if gone { -step } else { step }).clamp(0.0, 1.0);
         self.outside = match self.growth.outside {
             Some(k) => Some((k, now)),
             None => self.outside.filter(|(_, seen)| now.seconds_since(*seen) < INSIDE_S),
@@ -133,41 +133,41 @@ impl GrowthState {
 
     /// What it tells, mm or a strain; `None` where it says nothing.
     pub(super) fn value(&self) -> Option<f64> {
-        (self.moved.is_some() && self.trust > 0.0).then_some(self.trust * self.growth.value)
+        (self.moved.is_some() && self.probation > 0.0).then_some(self.probation * self.growth.value)
     }
 
     /// Share of it that is used, 0 to 1.
     pub(super) fn share(&self) -> f64 {
-        if self.moved.is_some() { self.trust * self.growth.share } else { 0.0 }
+        if self.moved.is_some() { self.probation * self.growth.share } else { 0.0 }
     }
 
-    pub(super) fn standing(&self) -> GrowthStanding {
+    pub(super) fn status(&self) -> ThermalStatus {
         match (self.waits_for(), self.lost, self.outside) {
-            (Some(k), ..) => GrowthStanding::Waiting(k),
-            (_, Some((k, _)), _) => GrowthStanding::Lost(k),
-            (.., Some((k, _))) => GrowthStanding::Outside(k),
-            _ => GrowthStanding::Used,
+            (Some(k), ..) => ThermalStatus::Waiting(k),
+            (_, Some((k, _)), _) => ThermalStatus::Lost(k),
+            (.., Some((k, _))) => ThermalStatus::Outside(k),
+            _ => ThermalStatus::Used,
         }
     }
 
     /// Name of the input that the standing is about.
     pub(super) fn input(&self) -> Option<&str> {
-        let k = match self.standing() {
-            GrowthStanding::Used => return None,
-            GrowthStanding::Waiting(k) | GrowthStanding::Outside(k) | GrowthStanding::Lost(k) => k,
+        let k = match self.status() {
+            ThermalStatus::Used => return None,
+            ThermalStatus::Waiting(k) | ThermalStatus::Outside(k) | ThermalStatus::Lost(k) => k,
         };
         self.spec.inputs.get(k).map(|i| i.sensor.as_str())
     }
 
     /// What is to be kept, once it has begun.
-    pub(super) fn kept(&self) -> Option<KeptGrowth> {
+    pub(super) fn kept(&self) -> Option<SavedThermalState> {
         self.moved?;
         let (lagged, last) = self.lags.kept()?;
-        Some(KeptGrowth { name: self.spec.name.clone(), lagged, last })
+        Some(SavedThermalState { name: self.spec.name.clone(), lagged, last })
     }
 
     /// Puts back what was kept `age_s` ago; false where it cannot be.
-    pub(super) fn restore(&mut self, kept: &KeptGrowth, age_s: f64) -> bool {
+    pub(super) fn restore(&mut self, kept: &SavedThermalState, age_s: f64) -> bool {
         let Some(lags) = ThermalState::restored(&self.spec, &kept.lagged, &kept.last) else { return false };
         (self.lags, self.rest_s) = (lags, age_s.max(0.0));
         true
@@ -300,22 +300,22 @@ mod tests {
             }
         }
 
-        fn standing(&self) -> GrowthStanding {
-            self.estimator.health(self.now).growths[0].standing
+        fn status(&self) -> ThermalStatus {
+            self.estimator.health(self.now).growths[0].status
         }
     }
 
     #[test]
     fn readings_become_growth_with_its_lags() {
         let mut bench = Bench::new();
-        assert_eq!((bench.told_um(), bench.standing()), (None, GrowthStanding::Waiting(0)));
+        assert_eq!((bench.told_um(), bench.status()), (None, ThermalStatus::Waiting(0)));
         bench.run(2);
         assert!(bench.told_um().unwrap().abs() < 1e-9);
         (bench.degc, bench.rpm) = (30.0, -4000.0);
         bench.run(600);
         let wanted = 2.0 * 10.0 + 3.0 * 10.0 * (1.0 - (-1.0f64).exp()) - 4.0;
         assert!((bench.told_um().unwrap() - wanted).abs() < 0.06, "{:?} {wanted}", bench.told_um());
-        assert_eq!(bench.standing(), GrowthStanding::Used);
+        assert_eq!(bench.status(), ThermalStatus::Used);
     }
 
     #[test]
@@ -327,7 +327,7 @@ mod tests {
         bench.degc = 32.5;
         bench.run(2);
         let health = bench.estimator.health(bench.now).growths.remove(0);
-        assert_eq!(health.standing, GrowthStanding::Outside(0));
+        assert_eq!(health.status, ThermalStatus::Outside(0));
         assert_eq!(health.input.as_deref(), Some("box.2"));
         assert!((health.share - 0.5).abs() < 1e-9 && bench.told_um().unwrap() < 0.65 * inside);
         bench.degc = 36.0;
@@ -335,9 +335,9 @@ mod tests {
         assert!(bench.told_um().unwrap().abs() < 1e-9);
         bench.degc = 29.0;
         bench.run(30);
-        assert_eq!(bench.standing(), GrowthStanding::Outside(0), "not at the border to and fro");
+        assert_eq!(bench.status(), ThermalStatus::Outside(0), "not at the border to and fro");
         bench.run(40);
-        assert_eq!(bench.standing(), GrowthStanding::Used);
+        assert_eq!(bench.status(), ThermalStatus::Used);
     }
 
     #[test]
@@ -348,7 +348,7 @@ mod tests {
         let before = bench.told_um().unwrap();
         bench.box_there = false;
         bench.run(30);
-        assert_eq!(bench.standing(), GrowthStanding::Lost(0));
+        assert_eq!(bench.status(), ThermalStatus::Lost(0));
         assert!((bench.told_um().unwrap() - before).abs() < 1.0, "held");
         let mut last = bench.told_um().unwrap();
         for _ in 0..130 {
@@ -364,7 +364,7 @@ mod tests {
         assert!(back > 0.0 && back < 0.5 * before, "slowly: {back} {before}");
         bench.run(70);
         assert!(bench.told_um().unwrap() > 0.9 * before);
-        assert_eq!(bench.standing(), GrowthStanding::Used);
+        assert_eq!(bench.status(), ThermalStatus::Used);
     }
 
     #[test]
@@ -373,11 +373,11 @@ mod tests {
         bench.run(2);
         bench.degc = 30.0;
         bench.run(300);
-        let kept = bench.estimator.kept_growths();
+        let kept = bench.estimator.saved_thermal();
         let after = |age_s: f64| {
             let mut other = Bench::new();
             other.degc = 30.0;
-            assert_eq!(other.estimator.restore_growths(&kept, age_s), Vec::<String>::new());
+            assert_eq!(other.estimator.restore_thermal(&kept, age_s), Vec::<String>::new());
             other.run(2);
             other.told_um().unwrap()
         };
@@ -388,9 +388,9 @@ mod tests {
         assert!((after(1e5) - fresh.told_um().unwrap()).abs() < 0.1, "as a machine at rest");
         let mut bad = kept.clone();
         bad[0].lagged[0] = f64::NAN;
-        let said = Bench::new().estimator.restore_growths(&bad, 0.0);
+        let said = Bench::new().estimator.restore_thermal(&bad, 0.0);
         assert!(said[0].contains("spindle-z"), "{said:?}");
-        assert!(Bench::new().estimator.restore_growths(&[], 0.0).is_empty(), "nothing kept is no mistake");
+        assert!(Bench::new().estimator.restore_thermal(&[], 0.0).is_empty(), "nothing kept is no mistake");
     }
 
     #[test]

@@ -6,8 +6,8 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
+use crate::arg_parsers::{above_zero, not_negative, point};
 use crate::table::{Table, open};
-use crate::values::{above_zero, not_negative, point};
 use crate::{EX_DATAERR, EX_USAGE, Failure};
 use volcomp_identify::primitives::{RigidFit, register};
 use volcomp_identify::threepoint::{Observation, TrackerNoise};

@@ -3,7 +3,7 @@
 use std::path::PathBuf;
 
 use super::input::{self, InputKind};
-use super::service::{Which, failure, json, socket};
+use super::status::{Which, failure, json, socket};
 use super::{EX_DATAERR, Failure};
 use volcomp_daemon::client::{self, ClientError};
 use volcomp_daemon::socket::{Answer, Ask, SentModel, Verb};
@@ -14,7 +14,7 @@ struct Common {
     #[command(flatten)]
     which: Which,
     /// Why, for the audit log; at most 1 KiB.
-    #[arg(long, value_name = "TEXT", value_parser = super::values::reason)]
+    #[arg(long, value_name = "TEXT", value_parser = super::arg_parsers::reason)]
     reason: Option<String>,
     /// Print one JSON object instead of text.
     #[arg(long)]
@@ -81,7 +81,7 @@ pub(super) struct LoadArgs {
     #[arg(value_name = "MODEL")]
     model: PathBuf,
     /// Name of the person who confirms a large change; needs a --reason.
-    #[arg(long, value_name = "NAME", requires = "reason", value_parser = super::values::reason)]
+    #[arg(long, value_name = "NAME", requires = "reason", value_parser = super::arg_parsers::reason)]
     confirm: Option<String>,
     #[command(flatten)]
     common: Common,

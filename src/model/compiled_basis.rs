@@ -58,7 +58,7 @@ impl From<[f64; 6]> for Lanes {
 
 /// The compiled motions of an axis.
 #[derive(Debug, Clone, Default)]
-pub(super) struct MotionBank {
+pub(super) struct CompiledBasis {
     constant: Lanes,
     series: Vec<SeriesGroup>,
     polynomials: Vec<PolynomialGroup>,
@@ -94,20 +94,20 @@ struct TableGroup {
     lanes: Vec<(usize, Table)>,
 }
 
-impl MotionBank {
+impl CompiledBasis {
     /// Compiles the six functions of an axis.
     pub(super) fn new(functions: &[ErrorFunction; 6]) -> Self {
-        let mut bank = Self::default();
+        let mut basis = Self::default();
         for (lane, function) in functions.iter().enumerate() {
             for curve in &function.curves {
-                bank.add(lane, curve);
+                basis.add(lane, curve);
             }
             if let Some([low, high]) = function.range() {
-                let [a, b] = bank.range.unwrap_or([low, high]);
-                bank.range = Some([a.max(low), b.min(high)]);
+                let [a, b] = basis.range.unwrap_or([low, high]);
+                basis.range = Some([a.max(low), b.min(high)]);
             }
         }
-        bank
+        basis
     }
 
     fn add(&mut self, lane: usize, curve: &Curve) {
@@ -325,13 +325,13 @@ mod tests {
                 functions[lane].curves.push(curve);
             }
             let travel = if back { Travel::Reverse } else { Travel::Forward };
-            let bank = MotionBank::new(&functions);
-            let values = bank.values(x, travel, 0.0).to_array();
+            let basis = CompiledBasis::new(&functions);
+            let values = basis.values(x, travel, 0.0).to_array();
             for (value, function) in values.iter().zip(&functions) {
                 prop_assert!((value - function.value(x, travel)).abs() < 1e-14);
             }
             let outside = functions.iter().filter_map(ErrorFunction::range).any(|[l, h]| x < l || x > h);
-            prop_assert_eq!(bank.is_outside(x), outside);
+            prop_assert_eq!(basis.is_outside(x), outside);
         }
 
         #[test]
@@ -345,15 +345,15 @@ mod tests {
             functions[0] = ErrorFunction::single(Curve::Fourier(
                 Fourier::new(0.0, 500.0, 500.0, 0.0, 0.0, &[], &sines).unwrap(),
             ));
-            let bank = MotionBank::new(&functions);
-            prop_assert!((bank.shortest_wave() - wave).abs() < 1e-9);
+            let basis = CompiledBasis::new(&functions);
+            prop_assert!((basis.shortest_wave() - wave).abs() < 1e-9);
             let shift = share * wave;
             let phase = core::f64::consts::TAU * share;
             // the largest residual over a wave; the value is looked up behind by the shift
             let largest = (0..64).map(|i| {
                 let at = x.min(500.0 - wave) * 0.5 + wave * f64::from(i) / 64.0;
                 let truth = amplitude * (core::f64::consts::TAU * (at + shift) / wave).sin();
-                (truth - bank.values(at, Travel::Forward, shift).to_array()[0]).abs()
+                (truth - basis.values(at, Travel::Forward, shift).to_array()[0]).abs()
             }).fold(0.0, f64::max);
             prop_assert!(largest <= amplitude * (1.0 + 1e-9), "{largest} of {amplitude}");
             if share < 0.25 {

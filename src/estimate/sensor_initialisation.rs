@@ -20,7 +20,7 @@ const MEDIAN_COST: f64 = core::f64::consts::FRAC_PI_2;
 
 /// What was found out about a sensor.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Opinion {
+pub struct NoiseAssessment {
     /// Variance of its noise (lengths, angles), in units of the stated one: what changes from one reading to the next.
     /// 1 of what it does not measure.
     pub variance: [f64; 2],
@@ -32,7 +32,7 @@ pub struct Opinion {
 
 /// One number of a reading that is only looked at.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Glance {
+pub struct InnovationSample {
     /// What it differs by from the map, in units of the stated noise.
     pub innovation: f64,
     /// Variance of the map there, in the square of that.
@@ -45,7 +45,7 @@ pub struct Glance {
 
 /// Readings that are only looked at.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Acquaintance {
+pub struct SensorInitialisation {
     wanted: usize,
     /// What each row of a reading is.
     rows: Vec<Kind>,
@@ -55,7 +55,7 @@ pub struct Acquaintance {
     uncertainty: Vec<f64>,
 }
 
-impl Acquaintance {
+impl SensorInitialisation {
     /// Looks at `wanted` readings, at least three.
     #[must_use]
     pub fn new(wanted: usize) -> Self {
@@ -69,7 +69,7 @@ impl Acquaintance {
     }
 
     /// One more reading, row by row. The opinion, once there are enough; it then starts over.
-    pub fn add(&mut self, rows: &[Glance]) -> Option<Opinion> {
+    pub fn add(&mut self, rows: &[InnovationSample]) -> Option<NoiseAssessment> {
         if rows.is_empty() || rows.iter().any(|r| !(r.innovation.is_finite() && r.uncertainty.is_finite())) {
             return None;
         }
@@ -86,13 +86,13 @@ impl Acquaintance {
         if readings < self.wanted {
             return None;
         }
-        let opinion = self.opinion(readings);
+        let assessment = self.assessment(readings);
         self.innovations.clear();
         self.uncertainty.fill(0.0);
-        Some(opinion)
+        Some(assessment)
     }
 
-    fn opinion(&self, readings: usize) -> Opinion {
+    fn assessment(&self, readings: usize) -> NoiseAssessment {
         let row = |r: usize| -> Vec<f64> {
             self.innovations.chunks_exact(self.rows.len()).map(|line| line[r]).collect()
         };
@@ -115,7 +115,7 @@ impl Acquaintance {
                 middle * middle / (self.uncertainty[r] / n + MEDIAN_COST * noise / n)
             })
             .fold(0.0, f64::max);
-        Opinion { variance, begin_with, disagreement }
+        NoiseAssessment { variance, begin_with, disagreement }
     }
 }
 
@@ -132,20 +132,20 @@ mod tests {
     use rand_chacha::ChaCha8Rng;
     use rand_distr::{Distribution, StandardNormal};
 
-    fn look(seed: u64, sigma: f64, bias: f64, outliers: bool) -> Opinion {
+    fn look(seed: u64, sigma: f64, bias: f64, outliers: bool) -> NoiseAssessment {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
-        let mut it = Acquaintance::new(25);
+        let mut it = SensorInitialisation::new(25);
         for i in 0.. {
-            let rows: [Glance; 5] = core::array::from_fn(|r| {
+            let rows: [InnovationSample; 5] = core::array::from_fn(|r| {
                 let z: f64 = StandardNormal.sample(&mut random);
                 // angles are as much quieter as lengths are noisier
                 let (sigma, kind) = if r < 3 { (sigma, Kind::Length) } else { (1.0 / sigma, Kind::Angle) };
                 let wild = if outliers && i % 10 == 4 { 300.0 } else { 0.0 };
-                Glance { innovation: bias + sigma * z + wild, uncertainty: 4.0, prior: 4.0, kind }
+                InnovationSample { innovation: bias + sigma * z + wild, uncertainty: 4.0, prior: 4.0, kind }
             });
-            if let Some(opinion) = it.add(&rows) {
+            if let Some(assessment) = it.add(&rows) {
                 assert_eq!(i, 24);
-                return opinion;
+                return assessment;
             }
         }
         unreachable!()
@@ -172,8 +172,13 @@ mod tests {
 
     #[test]
     fn readings_of_another_shape_start_over_and_nonsense_is_left_out() {
-        let row = |innovation: f64| Glance { innovation, uncertainty: 1.0, prior: 1.0, kind: Kind::Length };
-        let mut it = Acquaintance::new(3);
+        let row = |innovation: f64| InnovationSample {
+            innovation,
+            uncertainty: 1.0,
+            prior: 1.0,
+            kind: Kind::Length,
+        };
+        let mut it = SensorInitialisation::new(3);
         assert_eq!(it.add(&[row(1.0); 2]), None);
         assert_eq!(it.add(&[row(1.0); 3]), None);
         assert_eq!(it.add(&[row(f64::NAN); 3]), None);

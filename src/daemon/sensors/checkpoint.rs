@@ -16,7 +16,7 @@ use volcomp_state::bounded_read::read_regular;
 use volcomp_state::disk::{RealDisk, replace, set_aside};
 use volcomp_state::utc;
 
-use volcomp_estimate::live::{KeptGrowth, KeptMap, LiveEstimator};
+use volcomp_estimate::live::{LiveEstimator, SavedMap, SavedThermalState};
 
 const FORMAT: &str = "volcomp-live/1";
 /// Its name in the state directory.
@@ -65,13 +65,13 @@ fn unix_s(now: SystemTime) -> f64 {
 /// The thread that writes.
 #[derive(Debug)]
 pub(super) struct Writer {
-    jobs: Sender<Job>,
+    jobs: Sender<WriteRequest>,
     problem: Arc<Mutex<Option<String>>>,
     thread: JoinHandle<()>,
 }
 
 #[derive(Debug)]
-enum Job {
+enum WriteRequest {
     Write(Vec<u8>),
     /// Everything before it is written.
     Told(Sender<()>),
@@ -82,18 +82,18 @@ impl Writer {
     pub(super) fn start(directory: &Path) -> io::Result<Self> {
         let path = directory.join(FILE);
         let problem = Arc::new(Mutex::new(None));
-        let (jobs, receiver) = bounded::<Job>(1);
+        let (jobs, receiver) = bounded::<WriteRequest>(1);
         let found = Arc::clone(&problem);
         let thread = std::thread::Builder::new().name("volcomp-keep".to_owned()).spawn(move || {
             for job in receiver {
                 match job {
-                    Job::Write(text) => {
+                    WriteRequest::Write(text) => {
                         let why = replace(&RealDisk, &path, &text)
                             .err()
                             .map(|e| format!("{}: {e}", path.display()));
                         *found.lock().unwrap_or_else(PoisonError::into_inner) = why;
                     }
-                    Job::Told(done) => {
+                    WriteRequest::Told(done) => {
                         let _ = done.try_send(());
                     }
                 }
@@ -104,13 +104,13 @@ impl Writer {
 
     /// Has it written; false where the one before is still on its way to the disk.
     pub(super) fn write(&self, text: Vec<u8>) -> bool {
-        self.jobs.try_send(Job::Write(text)).is_ok()
+        self.jobs.try_send(WriteRequest::Write(text)).is_ok()
     }
 
     /// Waits until everything is written, no longer than `limit`; false where it is not.
     pub(super) fn wait(&self, limit: Duration) -> bool {
         let (done, told) = bounded(1);
-        self.jobs.send_timeout(Job::Told(done), limit).is_ok() && told.recv_timeout(limit).is_ok()
+        self.jobs.send_timeout(WriteRequest::Told(done), limit).is_ok() && told.recv_timeout(limit).is_ok()
     }
 
     /// Why the last one could not be written.
@@ -122,7 +122,7 @@ impl Writer {
     pub(super) fn finish(self, last: Option<Vec<u8>>) {
         let Self { jobs, thread, .. } = self;
         if let Some(text) = last {
-            let _ = jobs.send(Job::Write(text));
+            let _ = jobs.send(WriteRequest::Write(text));
         }
         drop(jobs);
         let _ = thread.join();
@@ -136,14 +136,14 @@ pub(super) fn text(
     estimator: &LiveEstimator,
     now: SystemTime,
 ) -> io::Result<Vec<u8>> {
-    let map = |m: KeptMap| Map {
+    let map = |m: SavedMap| Map {
         name: m.name,
         components: m.components,
         nodes_mm: m.nodes,
         values: m.values,
         evidence: m.evidence,
     };
-    let growth = |g: KeptGrowth| Growth { name: g.name, lagged: g.lagged, last: g.last };
+    let growth = |g: SavedThermalState| Growth { name: g.name, lagged: g.lagged, last: g.last };
     let kept = Kept {
         format: FORMAT.to_owned(),
         machine: machine.to_owned(),
@@ -151,7 +151,7 @@ pub(super) fn text(
         saved: utc::text(now),
         saved_unix_s: unix_s(now),
         maps: estimator.kept().into_iter().map(map).collect(),
-        growths: estimator.kept_growths().into_iter().map(growth).collect(),
+        growths: estimator.saved_thermal().into_iter().map(growth).collect(),
     };
     let mut text = serde_json::to_vec(&kept)?;
     text.push(b'\n');
@@ -179,14 +179,14 @@ pub(super) fn restore(
         };
         vec![format!("VC-8013: {}: {why}; {kept}, maps begin at the offline map", path.display())]
     };
-    match put_back(&text, machine, model_hash, estimator, now) {
+    match restore_text(&text, machine, model_hash, estimator, now) {
         Ok(note) => vec![note],
         Err((why, word)) => aside(&why, word),
     }
 }
 
 /// Puts a kept text back into the estimator; gives a note, or why not and a word for it.
-pub(super) fn put_back(
+pub(super) fn restore_text(
     text: &[u8],
     machine: &str,
     model_hash: &str,
@@ -202,10 +202,10 @@ pub(super) fn put_back(
         return Err((format!("learned about another model (blake3 {})", kept.model_hash), "other-model"));
     }
     let age_s = unix_s(now) - kept.saved_unix_s;
-    let maps: Vec<KeptMap> = kept
+    let maps: Vec<SavedMap> = kept
         .maps
         .into_iter()
-        .map(|m| KeptMap {
+        .map(|m| SavedMap {
             name: m.name,
             components: m.components,
             nodes: m.nodes_mm,
@@ -213,13 +213,13 @@ pub(super) fn put_back(
             evidence: m.evidence,
         })
         .collect();
-    let growths: Vec<KeptGrowth> = kept
+    let growths: Vec<SavedThermalState> = kept
         .growths
         .into_iter()
-        .map(|g| KeptGrowth { name: g.name, lagged: g.lagged, last: g.last })
+        .map(|g| SavedThermalState { name: g.name, lagged: g.lagged, last: g.last })
         .collect();
     let mut problems = estimator.restore(&maps, age_s.max(0.0));
-    problems.extend(estimator.restore_growths(&growths, age_s.max(0.0)));
+    problems.extend(estimator.restore_thermal(&growths, age_s.max(0.0)));
     if problems.is_empty() {
         return Ok(format!("what was learned until {} goes on, {:.1} h older", kept.saved, age_s / 3600.0));
     }

@@ -32,7 +32,7 @@ impl Products {
 
 impl Factor {
     /// Goes through the data once; for each rung, in growing order, the sums of its residuals and left-out errors.
-    pub(super) fn climb(&self, data: &Data, design: &Design<'_>, rungs: &[usize]) -> Vec<Rung> {
+    pub(super) fn nested_fits(&self, data: &Data, design: &Design<'_>, rungs: &[usize]) -> Vec<Rung> {
         let k = rungs.iter().copied().max().unwrap_or(0);
         let mut found: Vec<Rung> =
             rungs.iter().map(|&columns| Rung { columns, sums: Sums::default() }).collect();

@@ -6,15 +6,15 @@
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 
 use tracing::{error, info, warn};
-use volcomp_state::counters::{LastWord, Recalled};
+use volcomp_state::counters::{Recalled, RetainedState};
 
 use super::Service;
 use crate::audit::{AuditEntry, Who};
-use crate::board::state_name;
+use crate::channels::{Request, Ticket};
 use crate::counters::unknown;
-use crate::inbox::Saved;
-use crate::ports::{Request, Ticket};
+use crate::status_collector::state_name;
 use crate::sync;
+use crate::write_queue::Saved;
 use volcomp_config::StartMode;
 use volcomp_engine::fault::{self, Code};
 use volcomp_engine::{Command, Event, State};
@@ -27,7 +27,7 @@ const FIRST_POLL: core::time::Duration = core::time::Duration::from_millis(2);
 
 /// What is known about the word.
 #[derive(Debug)]
-pub(super) struct WordState {
+pub(super) struct RetentionState {
     /// Why compensation does not begin by itself.
     objection: Option<String>,
     /// Number of the newest request that switches off or on.
@@ -36,20 +36,20 @@ pub(super) struct WordState {
     saved: AtomicU64,
 }
 
-impl WordState {
-    pub(super) fn new(word: &LastWord) -> Self {
-        Self { objection: word.objection(), switched: 0, saved: AtomicU64::new(0) }
+impl RetentionState {
+    pub(super) fn new(retained: &RetainedState) -> Self {
+        Self { objection: retained.objection(), switched: 0, saved: AtomicU64::new(0) }
     }
 }
 
 impl Service {
     /// Takes up what the run before has left.
     pub(super) fn recall(&mut self) {
-        let LastWord { fault, gain, .. } = self.tally.last_word().clone();
+        let RetainedState { fault, gain, .. } = self.tally.retained().clone();
         if let Some(code) = fault {
-            self.board.latched_before(&code);
+            self.status_collector.latched_before(&code);
             // known before the cycle thread runs
-            self.ports.progress.set_state(State::Faulted);
+            self.channels.progress.set_state(State::Faulted);
         }
         if let Some(gain) = gain.filter(|gain| *gain != self.gain) {
             info!(gain, "the gain ordered before the restart");
@@ -60,18 +60,18 @@ impl Service {
 
     /// What a restart must not undo.
     #[cfg(test)]
-    pub(crate) fn word(&self) -> LastWord {
-        self.tally.last_word().clone()
+    pub(crate) fn retained(&self) -> RetainedState {
+        self.tally.retained().clone()
     }
 
     /// Whether a fault of the run before is latched.
     pub(crate) fn has_kept_fault(&self) -> bool {
-        self.tally.last_word().fault.is_some()
+        self.tally.retained().fault.is_some()
     }
 
     /// Why compensation does not begin by itself, where it should.
     pub(super) fn start_inhibit(&self) -> Option<String> {
-        self.word.objection.clone().filter(|_| self.config.engine.start == StartMode::OnConnect)
+        self.retained.objection.clone().filter(|_| self.config.engine.start == StartMode::OnConnect)
     }
 
     /// Whether compensation begins by itself; `permitted` where the model allows it.
@@ -79,18 +79,18 @@ impl Service {
         if self.config.engine.start != StartMode::OnConnect || !permitted {
             return false;
         }
-        if self.word.objection.is_none() && self.keeper.recalled() == Some(&Recalled::First) {
-            self.word.objection = self.first_not_kept();
+        if self.retained.objection.is_none() && self.state_writer.recalled() == Some(&Recalled::First) {
+            self.retained.objection = self.first_not_kept();
         }
-        let begins = self.word.objection.is_none();
-        match &self.word.objection {
+        let begins = self.retained.objection.is_none();
+        match &self.retained.objection {
             Some(why) => warn!("compensation stays off until somebody enables it: {why}"),
             None => self.tally.enabled(),
         }
-        self.keeper.audit.write(AuditEntry {
+        self.state_writer.audit.write(AuditEntry {
             who: Who::daemon(),
             what: "enable".to_owned(),
-            why: Some(self.word.objection.clone().unwrap_or_else(|| "start = \"on-connect\"".to_owned())),
+            why: Some(self.retained.objection.clone().unwrap_or_else(|| "start = \"on-connect\"".to_owned())),
             new_model: Some(self.model_hash().to_owned()),
             result: if begins { "ordered" } else { "not done" }.to_owned(),
             ..AuditEntry::default()
@@ -102,7 +102,7 @@ impl Service {
     fn first_not_kept(&mut self) -> Option<String> {
         let number = self.save();
         for _ in 0..FIRST_POLLS {
-            match self.keeper.saved(number) {
+            match self.state_writer.saved(number) {
                 Saved::Yes | Saved::Nowhere => return None,
                 Saved::No(why) => return Some(unknown(&why)),
                 Saved::Waiting => sync::pause(FIRST_POLL),
@@ -117,12 +117,12 @@ impl Service {
         self.settle_all();
         let number = self.ticket + 1;
         let expires = self.clock.now().plus_seconds(REQUEST_LIFE_S);
-        self.ports.requests.try_send(Ticket { number, request: request.clone(), expires }).ok()?;
+        self.channels.requests.try_send(Ticket { number, request: request.clone(), expires }).ok()?;
         self.ticket = number;
         if matches!(request, Request::Engine(Command::Disable)) {
-            self.word.switched = number;
-            self.word.objection = None;
-            self.change(|word| word.off = true);
+            self.retained.switched = number;
+            self.retained.objection = None;
+            self.change(|retained| retained.off = true);
         }
         self.waiting.push_back((number, request));
         Some(number)
@@ -134,7 +134,7 @@ impl Service {
         let done = self.waiting.iter().take_while(|(number, _)| self.is_done(*number)).count();
         self.drain_reports();
         for (number, request) in self.waiting.drain(..done).collect::<Vec<_>>() {
-            if !self.ports.progress.is_refused(number) {
+            if !self.channels.progress.is_refused(number) {
                 self.settle(number, &request);
             }
         }
@@ -143,31 +143,31 @@ impl Service {
     /// Whether a request that was looked at was carried out.
     pub(crate) fn is_carried_out(&mut self, number: u64) -> bool {
         self.settle_all();
-        !self.ports.progress.is_refused(number)
+        !self.channels.progress.is_refused(number)
     }
 
     /// Takes over that a request was carried out.
     fn settle(&mut self, number: u64, request: &Request) {
         match request {
-            Request::Engine(Command::Enable) if number > self.word.switched => {
-                self.word.switched = number;
-                self.word.objection = None;
+            Request::Engine(Command::Enable) if number > self.retained.switched => {
+                self.retained.switched = number;
+                self.retained.objection = None;
                 self.tally.enabled();
-                self.change(|word| (word.off, word.hold) = (false, None));
+                self.change(|retained| (retained.off, retained.hold) = (false, None));
             }
             // where no fault was latched the engine goes on as it is; another one may have been latched since
             Request::Engine(Command::ClearFault)
-                if self.tally.last_word().fault.is_some() && !self.ports.progress.is_faulted() =>
+                if self.tally.retained().fault.is_some() && !self.channels.progress.is_faulted() =>
             {
-                self.word.objection = None;
-                let newest = number > self.word.switched;
-                self.word.switched = self.word.switched.max(number);
-                self.change(|word| (word.off, word.fault) = (word.off || newest, None));
+                self.retained.objection = None;
+                let newest = number > self.retained.switched;
+                self.retained.switched = self.retained.switched.max(number);
+                self.change(|retained| (retained.off, retained.fault) = (retained.off || newest, None));
             }
             Request::Engine(Command::SetGain(gain)) => {
                 self.gain = *gain;
                 let gain = Some(*gain);
-                self.change(|word| word.gain = gain);
+                self.change(|retained| retained.gain = gain);
             }
             Request::Shadow(on) => self.shadowing = *on,
             _ => {}
@@ -175,15 +175,15 @@ impl Service {
     }
 
     /// Changes the word and has it written.
-    fn change(&mut self, change: impl FnOnce(&mut LastWord)) {
-        change(self.tally.last_word_mut());
+    fn change(&mut self, change: impl FnOnce(&mut RetainedState)) {
+        change(self.tally.retained_mut());
         let number = self.save();
-        self.word.saved.store(number, Relaxed);
+        self.retained.saved.store(number, Relaxed);
     }
 
     /// Whether the newest change of the word is durable.
-    pub(crate) fn word_saved(&self) -> Saved {
-        self.keeper.saved(self.word.saved.load(Relaxed))
+    pub(crate) fn retained_state_saved(&self) -> Saved {
+        self.state_writer.saved(self.retained.saved.load(Relaxed))
     }
 
     /// Whether a restart of a daemon without a state directory would undo a request to the worse.
@@ -199,7 +199,7 @@ impl Service {
 
     /// Whether the cycle thread has looked at a request.
     pub(crate) fn is_done(&self, number: u64) -> bool {
-        self.ports.progress.is_done(number)
+        self.channels.progress.is_done(number)
     }
 
     /// The cycle thread has switched compensation off because this service gave no sign of life.
@@ -208,11 +208,11 @@ impl Service {
         let text = code.entry().map_or("", |entry| entry.text);
         error!(%code, "{text}; compensation was switched off until somebody enables it");
         // no request of before may lift this
-        self.word.switched = self.ticket;
+        self.retained.switched = self.ticket;
         let why = format!("{code}: {text}");
-        self.word.objection = Some(why.clone());
-        self.change(|word| word.hold = Some(why));
-        self.keeper.audit.write(AuditEntry {
+        self.retained.objection = Some(why.clone());
+        self.change(|retained| retained.hold = Some(why));
+        self.state_writer.audit.write(AuditEntry {
             who: Who::daemon(),
             what: "disable".to_owned(),
             why: Some(format!("{code} {text}")),
@@ -227,8 +227,8 @@ impl Service {
         let Event::StateChanged { from, to: State::Faulted, reason, detail } = event else { return };
         let entry = fault::of_reason(*reason);
         self.tally.fault(entry.name);
-        self.change(|word| word.fault = Some(entry.code.to_string()));
-        self.keeper.audit.write(AuditEntry {
+        self.change(|retained| retained.fault = Some(entry.code.to_string()));
+        self.state_writer.audit.write(AuditEntry {
             who: Who::daemon(),
             what: "fault".to_owned(),
             why: Some(entry.text.to_owned()),
@@ -239,7 +239,7 @@ impl Service {
                 entry.code,
                 entry.name,
                 state_name(*from),
-                self.board
+                self.status_collector
                     .numbers(detail.as_ref())
                     .map_or_else(String::new, |numbers| format!(": {numbers}"))
             )),

@@ -270,7 +270,7 @@ const fn state_code(state: State) -> u8 {
 
 /// The cycle thread's ends.
 #[derive(Debug)]
-pub(super) struct CyclePorts {
+pub(super) struct CycleChannels {
     pub(super) requests: Receiver<Ticket>,
     reports: Sender<Report>,
     records: Sender<CycleRecord>,
@@ -279,7 +279,7 @@ pub(super) struct CyclePorts {
     pub(super) tap: Option<Tap>,
 }
 
-impl CyclePorts {
+impl CycleChannels {
     /// Passes a report on, or counts it as dropped.
     pub(super) fn report(&self, report: Report) {
         if self.reports.try_send(report).is_err() {
@@ -297,7 +297,7 @@ impl CyclePorts {
 
 /// The service's ends.
 #[derive(Debug)]
-pub(super) struct ServicePorts {
+pub(super) struct ServiceChannels {
     pub(super) requests: Sender<Ticket>,
     pub(super) reports: Receiver<Report>,
     pub(super) records: Receiver<CycleRecord>,
@@ -305,19 +305,19 @@ pub(super) struct ServicePorts {
 }
 
 /// Both ends.
-pub(super) fn ports() -> (CyclePorts, ServicePorts) {
+pub(super) fn channels() -> (CycleChannels, ServiceChannels) {
     let (request_sender, request_receiver) = bounded(REQUESTS);
     let (report_sender, report_receiver) = bounded(REPORTS);
     let (record_sender, record_receiver) = bounded(RECORDS);
     let progress = Arc::new(Progress::default());
-    let cycle = CyclePorts {
+    let cycle = CycleChannels {
         requests: request_receiver,
         reports: report_sender,
         records: record_sender,
         progress: Arc::clone(&progress),
         tap: None,
     };
-    let service = ServicePorts {
+    let service = ServiceChannels {
         requests: request_sender,
         reports: report_receiver,
         records: record_receiver,
@@ -376,7 +376,7 @@ mod tests {
 
     #[test]
     fn a_full_queue_drops_and_counts() {
-        let (cycle, service) = ports();
+        let (cycle, service) = channels();
         for _ in 0..REPORTS + 3 {
             cycle.report(Report::Stopped { offset: LastOffset::AtRest });
         }

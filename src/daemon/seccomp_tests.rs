@@ -23,16 +23,16 @@ use seccompiler::{
 };
 
 use super::age::AgeEstimator;
-use super::body::CycleBody;
+use super::channels::{CycleChannels, ServiceChannels, channels};
 use super::clock::Clock;
 use super::control::Control;
 use super::cycle::Cycle;
 use super::link::{Connecting, Link};
 use super::link_end::LinkEnd;
+use super::link_session::LinkSession;
 use super::load::{Loaded, load};
-use super::ports::{CyclePorts, ServicePorts, ports};
 use super::recorder::{Tap, tap};
-use super::tls::trial::{Server, Trial, Wire};
+use super::tls::test_identity::{Server, TestIdentity, Wire};
 use volcomp_engine::Command as EngineCommand;
 use volcomp_protocol::record::Entry;
 use volcomp_protocol::{
@@ -147,10 +147,10 @@ fn under_the_filter() {
     let case = CASES.iter().find(|(n, _)| *n == name).expect("a known case").1;
     let listener = TcpListener::bind("127.0.0.1:0").expect("port");
     let address = listener.local_addr().expect("address");
-    let trial = case.is_tls().then(Trial::new);
-    let server = trial.as_ref().map(Trial::server);
+    let identity = case.is_tls().then(TestIdentity::new);
+    let server = identity.as_ref().map(TestIdentity::server);
     let control = std::thread::spawn(move || control(&listener, server));
-    let (cycle_ports, service) = ports();
+    let (cycle_channels, service) = channels();
     let (tap, entries) = tap(ENTRIES);
     let done = Arc::new(AtomicBool::new(false));
     let sign = Arc::clone(&done);
@@ -159,9 +159,9 @@ fn under_the_filter() {
     let contended = Arc::clone(&held);
     let _guard = held.lock().expect("lock");
     std::thread::spawn(move || {
-        let (mut stage, mut link) = Stage::open(address, cycle_ports, tap, case);
-        if let Some(trial) = trial {
-            link.secure(&trial.identity()).expect("TLS starts");
+        let (mut stage, mut link) = Stage::open(address, cycle_channels, tap, case);
+        if let Some(identity) = identity {
+            link.secure(&identity.identity()).expect("TLS starts");
             while !link.shake(Duration::from_millis(20)).expect("the handshake succeeds") {}
         }
         apply_filter(&filter(link.raw_fd())).expect("the filter is taken");
@@ -191,7 +191,7 @@ fn under_the_filter() {
 }
 
 /// What the service and the recorder do, until the cycle has ended; counts the records and the entries.
-fn drain_until(service: &ServicePorts, entries: &Receiver<Entry>, done: &AtomicBool) -> (u64, u64) {
+fn drain_until(service: &ServiceChannels, entries: &Receiver<Entry>, done: &AtomicBool) -> (u64, u64) {
     let deadline = Instant::now() + PATIENCE;
     let (mut records, mut recorded) = (0, 0);
     loop {
@@ -246,12 +246,12 @@ fn argument(index: u8, value: u64) -> SeccompCondition {
 struct Stage {
     loaded: Loaded,
     control: Control,
-    body: CycleBody,
+    session: LinkSession,
     clock: Clock,
 }
 
 impl Stage {
-    fn open(address: SocketAddr, ports: CyclePorts, tap: Tap, case: Case) -> (Self, Link) {
+    fn open(address: SocketAddr, channels: CycleChannels, tap: Tap, case: Case) -> (Self, Link) {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/examples/vmc-850/machine.toml");
         let mut loaded = load(&file).expect("the example loads");
         loaded.config.link.address = address;
@@ -262,7 +262,7 @@ impl Stage {
         }
         let hello = hello(&loaded.config.machine);
         let config = loaded.config.engine_config(&hello).expect("the hello fits");
-        let mut body = CycleBody::new(&config, Arc::clone(&loaded.model)).expect("an engine");
+        let mut session = LinkSession::new(&config, Arc::clone(&loaded.model)).expect("an engine");
         let control = {
             let start = super::control::Start {
                 model: Arc::clone(&loaded.model),
@@ -271,12 +271,12 @@ impl Stage {
                 service_silent_s: 0.0,
                 live: None,
             };
-            Control::new(ports, &loaded.config, start)
+            Control::new(channels, &loaded.config, start)
         };
         let clock = Clock::start();
-        body.record_to(tap, clock.now(), &hello);
-        body.link_up(clock.now());
-        body.command(clock.now(), EngineCommand::Enable);
+        session.record_to(tap, clock.now(), &hello);
+        session.link_up(clock.now());
+        session.command(clock.now(), EngineCommand::Enable);
         let connecting = Connecting::start(address).expect("a socket");
         while !connecting.poll().expect("connects") {
             std::thread::sleep(Duration::from_millis(1));
@@ -284,13 +284,13 @@ impl Stage {
         let link = connecting
             .finish(&loaded.config.link, &loaded.config.realtime, clock)
             .expect("the options are taken");
-        (Self { loaded, control, body, clock }, link)
+        (Self { loaded, control, session, clock }, link)
     }
 
     fn cycle(&mut self, link: &mut Link) -> LinkEnd {
         Cycle {
             control: &mut self.control,
-            body: &mut self.body,
+            session: &mut self.session,
             clock: self.clock,
             limits: &self.loaded.config.link,
             ages: AgeEstimator::new(),

@@ -1,6 +1,6 @@
 //! What the requests on the status socket lead to: each is checked, carried out, waited for, and audited.
 
-mod turn;
+mod exclusive_access;
 
 use std::sync::Arc;
 use std::time::Duration;
@@ -8,13 +8,13 @@ use std::time::Duration;
 use tracing::info;
 
 use super::audit::{AuditEntry, Who};
-use super::inbox::Saved;
+use super::channels::Request;
 use super::models::{Prepared, guard};
-use super::ports::Request;
 use super::service::Service;
 use super::socket::{Answer, Ask, ModelChange, SentModel, Verb};
 use super::sync::{Mutex, sleep, spawn_blocking, timeout};
-use turn::Turn;
+use super::write_queue::Saved;
+use exclusive_access::ExclusiveAccess;
 
 use volcomp_engine::Command;
 use volcomp_engine::fault::Code;
@@ -194,11 +194,11 @@ fn refusal(request: &Request, service: &Service) -> String {
 
 /// Waits until the newest order is durable; why it is not, where the disk does not take it in time.
 async fn durable(request: &Request, service: &Mutex<Service>) -> Option<String> {
-    let mut verdict = service.lock().word_saved();
+    let mut verdict = service.lock().retained_state_saved();
     let waited = async {
         while verdict == Saved::Waiting {
             sleep(POLL).await;
-            verdict = service.lock().word_saved();
+            verdict = service.lock().retained_state_saved();
         }
     };
     let _ = timeout(DISK_LIMIT, waited).await;
@@ -219,7 +219,7 @@ async fn enable(ask: &Ask, service: &Mutex<Service>) -> Answer {
         return Answer::refused("an expired model is only used for a reason: add --reason".to_owned());
     }
     if let Some(degc) = ask.temperature_degc {
-        service.lock().tell_temperature(degc);
+        service.lock().set_temperature(degc);
     }
     if ask.shadow {
         if service.lock().is_wanted() {
@@ -271,7 +271,7 @@ async fn load(ask: &mut Ask, who: &Who, service: &Mutex<Service>) -> Answer {
     let Some(sent) = ask.model.take() else {
         return Answer::refused("no model was sent".to_owned());
     };
-    let Some(_turn) = Turn::take(service.lock().loading()) else {
+    let Some(_turn) = ExclusiveAccess::take(service.lock().loading()) else {
         return Answer::refused(BUSY.to_owned());
     };
     let (config, active) = {
@@ -349,7 +349,9 @@ fn may_be_used(new: &Prepared, service: &Mutex<Service>) -> Result<(), String> {
 
 async fn rollback(ask: &Ask, who: &Who, service: &Mutex<Service>) -> Answer {
     // one model at a time: what a load has compared with must still be in use when it is switched to
-    let Some(_turn) = Turn::take(service.lock().loading()) else { return Answer::refused(BUSY.to_owned()) };
+    let Some(_turn) = ExclusiveAccess::take(service.lock().loading()) else {
+        return Answer::refused(BUSY.to_owned());
+    };
     let Some(previous) = service.lock().models().previous.clone() else {
         return Answer::refused("there is no model before this one".to_owned());
     };

@@ -20,7 +20,7 @@ const SECONDS_PER_MINUTE: f64 = 60.0;
 
 /// Judges frames by those before them.
 #[derive(Debug, Clone)]
-pub(super) struct Intake {
+pub(super) struct InputValidation {
     axes: usize,
     cycle_s: f64,
     jump_limit: AxisArray,
@@ -55,7 +55,7 @@ const fn is_not_after(newest: u32, sequence: u32) -> bool {
     ahead == 0 || ahead > u32::MAX / 2
 }
 
-impl Intake {
+impl InputValidation {
     pub(super) fn new(config: &EngineConfig, scale: &AxisArray) -> Self {
         let mut jump_limit = [0.0; MAX_AXES];
         let mut deadband = [0.0; MAX_AXES];

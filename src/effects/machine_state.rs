@@ -32,7 +32,7 @@ impl Axis {
     /// Those that move along a line.
     pub const LINEAR: [Self; 3] = [Self::X, Self::Y, Self::Z];
 
-    /// Place in the arrays of a [`Moment`].
+    /// Place in the arrays of a [`MachineState`].
     #[must_use]
     pub const fn slot(self) -> usize {
         self as usize
@@ -113,7 +113,7 @@ impl Light {
 
 /// One reading's state.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Moment {
+pub struct MachineState {
     /// Time on the clock of the file, s.
     pub t_s: f64,
     /// Which file of several.
@@ -152,7 +152,7 @@ pub struct Moment {
     pub signals: Vec<f64>,
 }
 
-impl Default for Moment {
+impl Default for MachineState {
     fn default() -> Self {
         let none = [f64::NAN; SLOTS];
         Self {
@@ -178,7 +178,7 @@ impl Default for Moment {
     }
 }
 
-impl Moment {
+impl MachineState {
     /// What the instrument looks at, mm: the carriage where nothing tells more.
     #[must_use]
     pub fn seen_mm(&self) -> Vec3 {
@@ -325,7 +325,7 @@ impl Machine {
 
     /// The tip at home of the tool that is in, mm; of the model's own where no length is stated.
     #[must_use]
-    pub fn tip_of(&self, m: &Moment) -> Vec3 {
+    pub fn tip_of(&self, m: &MachineState) -> Vec3 {
         match self.gauge_point_mm {
             Some(nose) if m.tool_length_mm.is_finite() => nose - Vec3::new(0.0, 0.0, m.tool_length_mm),
             _ => self.tool_tip_mm,

@@ -12,7 +12,7 @@ use volcomp_units::axes::AxisName;
 
 /// Where the model goes and what it starts from.
 #[derive(Debug, clap::Args)]
-pub(super) struct ModelOut {
+pub(super) struct ModelWriter {
     /// The model file to write; without it the file of --into is replaced. - is stdout.
     #[arg(long, value_name = "FILE")]
     pub(super) out: Option<PathBuf>,
@@ -27,7 +27,7 @@ pub(super) struct ModelOut {
     pub(super) chain: Option<String>,
 }
 
-impl ModelOut {
+impl ModelWriter {
     /// The file to write, where one is wanted.
     pub(super) fn target(&self) -> Option<&Path> {
         self.out.as_deref().or(self.into.as_deref())

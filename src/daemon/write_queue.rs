@@ -13,7 +13,7 @@ const QUEUE: usize = 256;
 
 /// What waits for the disk.
 #[derive(Debug, Default)]
-pub(super) struct Inbox {
+pub(super) struct WriteQueue {
     pub(super) waiting: Mutex<Waiting>,
     pub(super) wake: Condvar,
     pub(super) lost: AtomicU64,
@@ -50,7 +50,7 @@ pub(super) enum Saved {
     Nowhere,
 }
 
-impl Inbox {
+impl WriteQueue {
     /// Queues an entry; false and counted where the queue is full.
     pub(super) fn audit(&self, entry: AuditEntry) -> bool {
         let mut waiting = self.waiting.lock();
@@ -93,14 +93,14 @@ impl Inbox {
     }
 
     /// The next job; counters first, because orders and faults wait for them.
-    pub(super) fn next(&self) -> Option<Job> {
+    pub(super) fn next(&self) -> Option<WriteRequest> {
         let mut waiting = self.waiting.lock();
         loop {
             if let Some(counters) = waiting.counters.take() {
-                return Some(Job::Counters(waiting.asked, counters));
+                return Some(WriteRequest::Counters(waiting.asked, counters));
             }
             if let Some(entry) = waiting.audit.pop_front() {
-                return Some(Job::Audit(entry));
+                return Some(WriteRequest::Audit(entry));
             }
             if waiting.end {
                 return None;
@@ -111,7 +111,7 @@ impl Inbox {
 }
 
 /// Something to be kept.
-pub(super) enum Job {
+pub(super) enum WriteRequest {
     Audit(AuditEntry),
     Counters(u64, Box<Counters>),
 }

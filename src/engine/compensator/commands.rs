@@ -6,8 +6,8 @@ use crate::output::Command;
 impl Compensator {
     /// The tool changed: its tip in M at home, mm.
     pub fn on_tool(&mut self, tip: Vec3) {
-        if tip.iter().all(|v| v.is_finite()) && self.aim.tool_tip != Some(tip) {
-            self.aim.tool_tip = Some(tip);
+        if tip.iter().all(|v| v.is_finite()) && self.setpoints.tool_tip != Some(tip) {
+            self.setpoints.tool_tip = Some(tip);
             // another lever means another correction: go there smoothly
             self.blend_anew(Reason::ToolChanged);
         }
@@ -18,7 +18,7 @@ impl Compensator {
     /// # Errors
     /// The model has an axis that the control has not; the old model must go on being used.
     pub fn on_model(&mut self, model: &Model) -> Result<(), EngineError> {
-        self.aim.take(&self.config, model)?;
+        self.setpoints.take(&self.config, model)?;
         self.blend_anew(Reason::ModelChanged);
         Ok(())
     }

@@ -11,7 +11,7 @@ use volcomp_units::MonoTime;
 
 /// Times at which frames have come in.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Arrivals {
+pub(super) struct PollSchedule {
     cycle_ns: i64,
     margin_ns: i64,
     last: Option<MonoTime>,
@@ -27,7 +27,7 @@ pub(super) enum Wait {
     Poll,
 }
 
-impl Arrivals {
+impl PollSchedule {
     /// A control with this cycle; polling from `margin` before the expected arrival to `margin` after it.
     pub(super) fn new(cycle: Duration, margin: Duration) -> Self {
         let cycle_ns = ns(cycle);
@@ -81,57 +81,57 @@ mod tests {
         Some(Wait::Sleep(Duration::from_micros(us)))
     }
 
-    fn cyclic() -> Arrivals {
-        let mut arrivals = Arrivals::new(Duration::from_millis(1), Duration::from_micros(100));
-        arrivals.arrived(at(0));
-        arrivals.arrived(at(1000));
-        arrivals
+    fn cyclic() -> PollSchedule {
+        let mut poll_schedule = PollSchedule::new(Duration::from_millis(1), Duration::from_micros(100));
+        poll_schedule.arrived(at(0));
+        poll_schedule.arrived(at(1000));
+        poll_schedule
     }
 
     #[test]
     fn polls_only_around_the_expected_arrival() {
-        let arrivals = cyclic();
-        assert_eq!(arrivals.wait(at(1010), FAR), sleep(890));
-        assert_eq!(arrivals.wait(at(1899), FAR), sleep(1));
-        assert_eq!(arrivals.wait(at(1900), FAR), Some(Wait::Poll));
-        assert_eq!(arrivals.wait(at(2099), FAR), Some(Wait::Poll));
-        assert_eq!(arrivals.wait(at(2100), FAR), sleep(17_900), "the control has stopped: do not burn");
+        let poll_schedule = cyclic();
+        assert_eq!(poll_schedule.wait(at(1010), FAR), sleep(890));
+        assert_eq!(poll_schedule.wait(at(1899), FAR), sleep(1));
+        assert_eq!(poll_schedule.wait(at(1900), FAR), Some(Wait::Poll));
+        assert_eq!(poll_schedule.wait(at(2099), FAR), Some(Wait::Poll));
+        assert_eq!(poll_schedule.wait(at(2100), FAR), sleep(17_900), "the control has stopped: do not burn");
     }
 
     #[test]
     fn nothing_is_slept_over() {
-        let arrivals = cyclic();
-        assert_eq!(arrivals.wait(at(1010), at(1200)), sleep(190));
-        assert_eq!(arrivals.wait(at(1200), at(1200)), None);
-        assert_eq!(arrivals.wait(at(1950), at(1960)), Some(Wait::Poll), "the caller asks again");
-        assert_eq!(arrivals.wait(at(1960), at(1960)), None);
+        let poll_schedule = cyclic();
+        assert_eq!(poll_schedule.wait(at(1010), at(1200)), sleep(190));
+        assert_eq!(poll_schedule.wait(at(1200), at(1200)), None);
+        assert_eq!(poll_schedule.wait(at(1950), at(1960)), Some(Wait::Poll), "the caller asks again");
+        assert_eq!(poll_schedule.wait(at(1960), at(1960)), None);
     }
 
     #[test]
     fn a_control_in_lock_step_is_polled_at_once() {
-        let mut arrivals = cyclic();
-        arrivals.arrived(at(1010));
-        assert_eq!(arrivals.wait(at(1012), FAR), Some(Wait::Poll));
+        let mut poll_schedule = cyclic();
+        poll_schedule.arrived(at(1010));
+        assert_eq!(poll_schedule.wait(at(1012), FAR), Some(Wait::Poll));
     }
 
     #[test]
     fn after_a_pause_the_cycle_counts_again() {
-        let mut arrivals = cyclic();
-        arrivals.arrived(at(9000));
-        assert_eq!(arrivals.wait(at(9010), FAR), sleep(890));
+        let mut poll_schedule = cyclic();
+        poll_schedule.arrived(at(9000));
+        assert_eq!(poll_schedule.wait(at(9010), FAR), sleep(890));
     }
 
     #[test]
     fn before_the_first_frame_nothing_is_polled() {
-        let arrivals = Arrivals::new(Duration::from_millis(1), Duration::from_micros(100));
-        assert_eq!(arrivals.wait(at(0), at(500)), sleep(500));
+        let poll_schedule = PollSchedule::new(Duration::from_millis(1), Duration::from_micros(100));
+        assert_eq!(poll_schedule.wait(at(0), at(500)), sleep(500));
     }
 
     #[test]
     fn hostile_times_do_not_overflow() {
-        let mut arrivals = Arrivals::new(Duration::MAX, Duration::MAX);
-        arrivals.arrived(MonoTime::from_ns(i64::MAX));
-        arrivals.arrived(MonoTime::from_ns(i64::MIN));
-        let _ = arrivals.wait(MonoTime::from_ns(i64::MIN), MonoTime::from_ns(i64::MAX));
+        let mut poll_schedule = PollSchedule::new(Duration::MAX, Duration::MAX);
+        poll_schedule.arrived(MonoTime::from_ns(i64::MAX));
+        poll_schedule.arrived(MonoTime::from_ns(i64::MIN));
+        let _ = poll_schedule.wait(MonoTime::from_ns(i64::MIN), MonoTime::from_ns(i64::MAX));
     }
 }

@@ -5,7 +5,7 @@
 //! it. A sensor that contradicts the map in that time, or later with innovations that point one way, has what it taught
 //! last taken back, and is looked at again after a rest of a minute, twice as long each time, up to an hour.
 
-use crate::{Glance, Kind, Persistence, Window};
+use crate::{InnovationBias, InnovationSample, Kind, Window};
 use volcomp_model::units::MonoTime;
 
 /// Readings of a probation.
@@ -25,33 +25,33 @@ const REFERENCE_SHARE: f64 = 1e-4;
 
 /// The trust in one sensor.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Trust {
-    persistence: Persistence,
+pub(super) struct SensorProbation {
+    persistence: InnovationBias,
     /// Since when it is used, and for how many readings.
     met: Option<(MonoTime, u32)>,
     /// Contradictions that count.
-    strikes: u32,
+    contradictions: u32,
     rests_until: Option<MonoTime>,
     /// Variance of its noise over the stated one, as it was got to know, following slowly: lengths, angles.
     reference: [f64; 2],
 }
 
-impl Default for Trust {
+impl Default for SensorProbation {
     fn default() -> Self {
-        let persistence = Persistence::default();
-        Self { persistence, met: None, strikes: 0, rests_until: None, reference: [1.0; 2] }
+        let persistence = InnovationBias::default();
+        Self { persistence, met: None, contradictions: 0, rests_until: None, reference: [1.0; 2] }
     }
 }
 
-impl Trust {
+impl SensorProbation {
     /// It was got to know, with this noise.
     pub(super) fn met(&mut self, now: MonoTime, noise: [f64; 2]) {
-        (self.persistence, self.met, self.rests_until) = (Persistence::default(), Some((now, 0)), None);
+        (self.persistence, self.met, self.rests_until) = (InnovationBias::default(), Some((now, 0)), None);
         self.reference = noise;
     }
 
     /// A reading was used; `noise` is what is known of its noise by now.
-    pub(super) fn used(&mut self, now: MonoTime, rows: &[Glance], noise: [f64; 2]) -> Window {
+    pub(super) fn used(&mut self, now: MonoTime, rows: &[InnovationSample], noise: [f64; 2]) -> Window {
         if let Some((_, used)) = &mut self.met {
             *used = used.saturating_add(1);
         }
@@ -61,7 +61,7 @@ impl Trust {
         let relative = Kind::ALL.map(Kind::index).map(|k| self.reference[k] / noise[k]);
         let window = self.persistence.add(now, rows, relative);
         if self.met.is_some_and(|(since, _)| now.seconds_since(since) >= FORGIVEN_S) {
-            self.strikes = 0;
+            self.contradictions = 0;
         }
         window
     }
@@ -81,9 +81,9 @@ impl Trust {
     /// It contradicts the map: by readings beyond the gate, or by innovations that point one way (`persists`).
     pub(super) fn contradicts(&mut self, now: MonoTime, persists: bool) {
         if persists || self.met.is_some() && !self.has_proven(now) {
-            let rest_s = REST_S * f64::from(1_u32 << self.strikes.min(10));
+            let rest_s = REST_S * f64::from(1_u32 << self.contradictions.min(10));
             self.rests_until = Some(now.plus_seconds(rest_s.min(REST_MAX_S)));
-            self.strikes = self.strikes.saturating_add(1);
+            self.contradictions = self.contradictions.saturating_add(1);
         }
         self.met = None;
     }
@@ -104,27 +104,27 @@ mod tests {
 
     #[test]
     fn who_fails_on_probation_rests_longer_each_time_until_one_goes_well() {
-        let mut trust = Trust::default();
+        let mut probation = SensorProbation::default();
         let mut now = 0.0;
         for rest in [60.0, 120.0, 240.0] {
-            trust.met(at(now), [1.0; 2]);
-            trust.contradicts(at(now + 1.0), false);
-            assert!((trust.rests_s(at(now + 1.0)).unwrap() - rest).abs() < 1e-9);
+            probation.met(at(now), [1.0; 2]);
+            probation.contradicts(at(now + 1.0), false);
+            assert!((probation.rests_s(at(now + 1.0)).unwrap() - rest).abs() < 1e-9);
             now += 1.0 + rest;
-            assert_eq!(trust.rests_s(at(now)), None);
+            assert_eq!(probation.rests_s(at(now)), None);
         }
-        trust.met(at(now), [1.0; 2]);
-        let row = Glance { innovation: 0.1, uncertainty: 0.1, prior: 4.0, kind: Kind::Length };
+        probation.met(at(now), [1.0; 2]);
+        let row = InnovationSample { innovation: 0.1, uncertainty: 0.1, prior: 4.0, kind: Kind::Length };
         for _ in 0..600 {
             now += 0.01;
-            trust.used(at(now), &[row], [1.0; 2]);
+            probation.used(at(now), &[row], [1.0; 2]);
         }
-        assert!(trust.has_proven(at(now)));
-        trust.contradicts(at(now), false);
-        assert_eq!(trust.rests_s(at(now)), None, "it has proven itself: it comes back when it agrees");
-        trust.met(at(now), [1.0; 2]);
-        trust.used(at(now + 1900.0), &[row], [1.0; 2]);
-        trust.contradicts(at(now + 1900.0), true);
-        assert!((trust.rests_s(at(now + 1900.0)).unwrap() - 60.0).abs() < 1e-9, "the count began anew");
+        assert!(probation.has_proven(at(now)));
+        probation.contradicts(at(now), false);
+        assert_eq!(probation.rests_s(at(now)), None, "it has proven itself: it comes back when it agrees");
+        probation.met(at(now), [1.0; 2]);
+        probation.used(at(now + 1900.0), &[row], [1.0; 2]);
+        probation.contradicts(at(now + 1900.0), true);
+        assert!((probation.rests_s(at(now + 1900.0)).unwrap() - 60.0).abs() < 1e-9, "the count began anew");
     }
 }

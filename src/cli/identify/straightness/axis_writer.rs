@@ -3,9 +3,9 @@
 
 use std::path::PathBuf;
 
+use crate::arg_parsers::point;
 use crate::fit::report::{Fitted, note_text, print_table};
-use crate::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
-use crate::values::point;
+use crate::model_writer::{ModelWriter, Sources, axis_entry, default_chain, put};
 use crate::{EX_DATAERR, EX_USAGE, Failure};
 use volcomp_config::model::Provenance;
 use volcomp_identify::Reading;
@@ -20,9 +20,9 @@ use volcomp_units::axes::AxisName;
 
 /// How a run becomes curves of a model.
 #[derive(Debug, clap::Args)]
-pub(in crate::identify) struct AxisOut {
+pub(in crate::identify) struct AxisWriter {
     #[command(flatten)]
-    pub(super) model: ModelOut,
+    pub(super) model: ModelWriter,
     /// Whose motion the readings show. carriage: the optics ride on the carriage and the instrument stands on the bed
     /// side. relative: tool side against workpiece side. Needed where the axis carries the workpiece.
     #[arg(long, value_enum)]
@@ -105,7 +105,7 @@ pub(in crate::identify) struct Origin<'a> {
     pub(in crate::identify) instrument: Option<String>,
 }
 
-impl AxisOut {
+impl AxisWriter {
     /// True where a model is wanted.
     pub(in crate::identify) fn is_wanted(&self) -> bool {
         self.model.target().is_some()

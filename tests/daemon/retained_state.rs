@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 
 use crate::support::{Daemon, EXX_MM, Port, STEP_MM_MAX, Session, Setup, eventually};
 use rustix::process::Signal;
-use volcomp::core::protocol::{CorrectionState, Message};
+use volcomp::protocol::{CorrectionState, Message};
 
 const KEPT: &str = "[state]\ndirectory = \"state\"\n";
 

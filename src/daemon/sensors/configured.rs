@@ -8,20 +8,20 @@ use volcomp_estimate::live::{Body, Reading, SensorKind, SensorSpec};
 
 /// A sensor.
 #[derive(Debug)]
-pub(crate) struct Known {
+pub(crate) struct ConfiguredSensor {
     pub(crate) name: String,
     kind: SensorKind,
     /// What a sensor of kind value tells, by the model in use: 0 not known, 1 a length, 2 an angle.
     unit: AtomicU8,
 }
 
-impl Known {
+impl ConfiguredSensor {
     pub(super) fn new(spec: &SensorSpec) -> Self {
         Self { name: spec.name.clone(), kind: spec.kind, unit: AtomicU8::new(0) }
     }
 
     /// By the model in use it tells this; `None`: not known.
-    pub(super) fn tells(&self, unit: Option<Kind>) {
+    pub(super) fn set_unit(&self, unit: Option<Kind>) {
         let code = match unit {
             None => 0,
             Some(Kind::Length) => 1,
@@ -87,7 +87,7 @@ mod tests {
 
     #[test]
     fn what_does_not_belong_to_a_sensor_is_answered_with_what_does() {
-        let known = |kind| Known::new(&SensorSpec::new("s", kind));
+        let known = |kind| ConfiguredSensor::new(&SensorSpec::new("s", kind));
         let speed = reading(Body::Speed(100.0));
         assert_eq!(known(SensorKind::Speed).objection(&speed), None);
         let words = known(SensorKind::Temperature).objection(&speed).unwrap();
@@ -95,10 +95,10 @@ mod tests {
         let value = known(SensorKind::Value);
         let arcsec = reading(Body::Value { value: 1e-5, unit: Some(Kind::Angle) });
         assert_eq!(value.objection(&arcsec), None, "as long as no model says what it is");
-        value.tells(Some(Kind::Length));
+        value.set_unit(Some(Kind::Length));
         assert!(value.objection(&arcsec).unwrap().contains("value_um"));
         assert_eq!(value.objection(&reading(Body::Value { value: 1e-5, unit: None })), None);
-        value.tells(Some(Kind::Angle));
+        value.set_unit(Some(Kind::Angle));
         assert_eq!(value.objection(&arcsec), None);
     }
 }

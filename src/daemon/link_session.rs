@@ -22,7 +22,7 @@ const _: () = assert!(SENSORS_MAX <= LIVE_MAX && LIVE_MAX <= u16::BITS as usize)
 
 /// The engine and its model.
 #[derive(Debug, Clone)]
-pub struct CycleBody {
+pub struct LinkSession {
     model: Arc<Model>,
     engine: Compensator,
     /// What the engine would do, while it is off.
@@ -36,12 +36,12 @@ pub struct CycleBody {
     /// Live values of one moment, told in front of the newest entry.
     live: Option<Live>,
     /// The newest entry, told after the correction has been sent.
-    untold: Untold,
+    pending: Pending,
 }
 
 /// What is told behind the answer. A frame's entry is put together only there: it has copies of all that was computed.
 #[derive(Debug, Clone)]
-enum Untold {
+enum Pending {
     Nothing,
     Entry(Entry),
     /// A frame; its correction is that of the newest output, where it was answered.
@@ -78,7 +78,7 @@ pub enum Reaction {
     Malformed(&'static str),
 }
 
-impl CycleBody {
+impl LinkSession {
     /// An engine for the control that `config` was made for.
     ///
     /// # Errors
@@ -100,7 +100,7 @@ impl CycleBody {
             moved,
             tap: None,
             live: None,
-            untold: Untold::Nothing,
+            pending: Pending::Nothing,
         })
     }
 
@@ -117,7 +117,7 @@ impl CycleBody {
 
     /// Ends the recording of this engine.
     pub fn take_tap(&mut self) -> Option<Tap> {
-        self.tell();
+        self.record();
         self.tap.take()
     }
 
@@ -125,14 +125,14 @@ impl CycleBody {
     /// not told goes in front of the next one.
     ///
     /// # Cycle   no allocation, no wait, no panic
-    pub fn tell(&mut self) {
+    pub fn record(&mut self) {
         if self.tap.is_none() {
             return;
         }
-        let entry = match core::mem::replace(&mut self.untold, Untold::Nothing) {
-            Untold::Nothing => None,
-            Untold::Entry(entry) => Some(entry),
-            Untold::Frame { now, frame, enabled, answered } => {
+        let entry = match core::mem::replace(&mut self.pending, Pending::Nothing) {
+            Pending::Nothing => None,
+            Pending::Entry(entry) => Some(entry),
+            Pending::Frame { now, frame, enabled, answered } => {
                 let answer = if answered { self.recorded() } else { None };
                 Some(Entry::Cycle(record::Cycle { now, frame, enabled, answer }))
             }
@@ -147,16 +147,16 @@ impl CycleBody {
     }
 
     /// Tells what was not told yet, before anything that its entry depends on changes.
-    fn tell_older(&mut self) {
-        if !matches!(self.untold, Untold::Nothing) {
-            self.tell();
+    fn record_pending(&mut self) {
+        if !matches!(self.pending, Pending::Nothing) {
+            self.record();
         }
     }
 
     fn note(&mut self, entry: impl FnOnce(&Self) -> Entry) {
         if self.tap.is_some() {
-            self.tell_older();
-            self.untold = Untold::Entry(entry(self));
+            self.record_pending();
+            self.pending = Pending::Entry(entry(self));
         }
     }
 
@@ -164,9 +164,9 @@ impl CycleBody {
         if self.tap.is_none() || channel >= LIVE_MAX {
             return;
         }
-        self.tell_older();
+        self.record_pending();
         if self.live.is_some_and(|live| live.now != now) {
-            self.tell();
+            self.record();
         }
         let live = self.live.get_or_insert(Live { now, told: 0, values: [0.0; LIVE_MAX] });
         live.told |= 1 << channel;
@@ -175,7 +175,7 @@ impl CycleBody {
 
     /// A new link has come up.
     pub fn link_up(&mut self, now: MonoTime) {
-        self.tell_older();
+        self.record_pending();
         self.output = None;
         self.engine.on_link_up(now);
         self.shadow.on_link_up(now);
@@ -187,7 +187,7 @@ impl CycleBody {
         self.engine.on_link_down(now);
         self.shadow.on_link_down(now);
         self.note(|_| Entry::LinkDown { now });
-        self.tell();
+        self.record();
     }
 
     /// A command of the operator or the service.
@@ -237,12 +237,12 @@ impl CycleBody {
     pub fn handle(&mut self, now: MonoTime, message: &Message) -> Reaction {
         match message {
             Message::Position(frame) => {
-                self.tell_older();
+                self.record_pending();
                 let output = self.engine.on_position(now, frame, &self.model);
                 let correction = output.map(|output| self.answer(output));
                 if self.tap.is_some() {
                     let (enabled, answered) = (self.engine.is_enabled(), correction.is_some());
-                    self.untold = Untold::Frame { now, frame: *frame, enabled, answered };
+                    self.pending = Pending::Frame { now, frame: *frame, enabled, answered };
                 }
                 // none where the control has not told yet which offset it holds
                 correction.map_or(Reaction::Nothing, Reaction::Answer)
@@ -266,7 +266,7 @@ impl CycleBody {
         }
     }
 
-    /// When [`CycleBody::deadline`] wants to be called if no position arrives.
+    /// When [`LinkSession::deadline`] wants to be called if no position arrives.
     #[must_use]
     pub fn next_deadline(&self) -> Option<MonoTime> {
         self.engine.next_deadline()
@@ -278,14 +278,14 @@ impl CycleBody {
     pub fn deadline(&mut self, now: MonoTime) -> Option<Correction> {
         // an early call changes nothing and is no input
         let due = self.engine.next_deadline().is_some_and(|due| now >= due);
-        self.tell_older();
+        self.record_pending();
         let output = self.engine.on_deadline(now);
         let correction = output.map(|output| self.answer(output));
         let answered = correction.is_some();
         if due || answered {
-            self.note(|body| {
-                let answer = if answered { body.recorded() } else { None };
-                Entry::Deadline { now, enabled: body.engine.is_enabled(), answer }
+            self.note(|session| {
+                let answer = if answered { session.recorded() } else { None };
+                Entry::Deadline { now, enabled: session.engine.is_enabled(), answer }
             });
         }
         correction
@@ -302,14 +302,14 @@ impl CycleBody {
     /// The shadow engine's share of a cycle: to be called when the answer to `frame` has been sent.
     ///
     /// # Cycle   no allocation, no panic, bounded time
-    pub fn imagine(&mut self, now: MonoTime, frame: &Position) {
+    pub fn run_shadow(&mut self, now: MonoTime, frame: &Position) {
         let _ = self.shadow.on_position(now, frame, &self.model);
     }
 
     /// The same where no frame came in time; early calls are harmless.
     ///
     /// # Cycle   no allocation, no panic, bounded time
-    pub fn imagine_silence(&mut self, now: MonoTime) {
+    pub fn run_shadow_on_deadline(&mut self, now: MonoTime) {
         let _ = self.shadow.on_deadline(now);
     }
 

@@ -11,7 +11,7 @@
 //! is uncertain by does no harm and is allowed on top. A machine that changes by as much at once, without going beyond
 //! the gate, looks the same: it is told instead of followed.
 
-use super::acquaint::Glance;
+use super::sensor_initialisation::InnovationSample;
 use volcomp_model::units::MonoTime;
 
 /// Fewest readings of a window.
@@ -38,7 +38,7 @@ pub enum Window {
 
 /// Watches the innovations of one sensor.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Persistence {
+pub struct InnovationBias {
     began: Option<MonoTime>,
     readings: u32,
     /// Per row: sum of innovations, sum of squared limits.
@@ -47,10 +47,10 @@ pub struct Persistence {
     pointed: Vec<i8>,
 }
 
-impl Persistence {
+impl InnovationBias {
     /// A reading that was used, row by row in units of its present noise; `noise` is the variance of lengths and of
     /// angles as the sensor was got to know, in the same units.
-    pub fn add(&mut self, now: MonoTime, rows: &[Glance], noise: [f64; 2]) -> Window {
+    pub fn add(&mut self, now: MonoTime, rows: &[InnovationSample], noise: [f64; 2]) -> Window {
         if rows.len() != self.sums.len() {
             *self =
                 Self { sums: vec![[0.0; 2]; rows.len()], pointed: vec![0; rows.len()], ..Self::default() };
@@ -95,12 +95,17 @@ mod tests {
     /// Windows of a sensor with noise of one standard deviation and this mean at each reading; 100 readings a second.
     fn watch(readings: i64, memory: f64, mean: impl Fn(i64) -> f64) -> Vec<Window> {
         let mut random = ChaCha8Rng::seed_from_u64(5);
-        let (mut it, mut slow) = (Persistence::default(), 0.0);
+        let (mut it, mut slow) = (InnovationBias::default(), 0.0);
         (0..readings)
             .map(|k| {
                 let fresh: f64 = StandardNormal.sample(&mut random);
                 slow = memory * slow + (1.0 - memory * memory).sqrt() * fresh;
-                let row = |innovation: f64, kind| Glance { innovation, uncertainty: 0.1, prior: 4.0, kind };
+                let row = |innovation: f64, kind| InnovationSample {
+                    innovation,
+                    uncertainty: 0.1,
+                    prior: 4.0,
+                    kind,
+                };
                 let rows = [row(mean(k) + slow, Kind::Length), row(0.0, Kind::Angle)];
                 it.add(MonoTime::from_ns(k * 10_000_000), &rows, [1.0; 2])
             })
