@@ -1,4 +1,4 @@
-//! Values of options: axes, points, numbers, as they stand on a command line.
+//! Parsers of option values: axes, points, numbers.
 
 use volcomp_daemon::socket::check_reason;
 use volcomp_formats::text::finite;

@@ -1,4 +1,4 @@
-//! The model file that `fit` and `identify` write: a new one, or an existing one with some errors replaced.
+//! Writer of the model file of `fit` and `identify`: a new one, or an existing one with some errors replaced.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! `enable`, `disable`, `gain`, `load`, `rollback`: what a running daemon is told to do.
+//! `enable`, `disable`, `gain`, `load`, `rollback`: commands to a running daemon.
 
 use std::path::PathBuf;
 

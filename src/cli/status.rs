@@ -1,4 +1,4 @@
-//! `status`: what a running daemon is doing.
+//! `volcomp status`: state of a running daemon.
 
 use std::fmt::Write;
 use std::io::IsTerminal;

@@ -1,4 +1,4 @@
-//! What the requests on the status socket lead to: each is checked, carried out, waited for, and audited.
+//! Requests on the status socket: each is checked, carried out, awaited and audited.
 
 mod exclusive_access;
 

@@ -30,7 +30,7 @@ pub(super) enum Stop {
     Now,
 }
 
-/// What the service has asked for, and the ports to answer it.
+/// What the service has asked for, and the channels to answer it.
 #[derive(Debug)]
 pub(super) struct Control {
     pub(super) channels: CycleChannels,

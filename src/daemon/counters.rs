@@ -1,4 +1,5 @@
-//! Counting for the status and for `counters.json` ([`volcomp_state::counters`]), which the [`super::state_writer`] saves.
+//! Counting for the status and for `counters.json` ([`volcomp_state::counters`]), which the [`super::state_writer`]
+//! saves.
 
 use volcomp_state::counters::{Counters, Recalled, RetainedState};
 

@@ -6,16 +6,19 @@
 //!   on a blocking socket. Between link-up and link-down it allocates nothing, takes no lock, writes no log and
 //!   touches no disk; what it has to say goes by `try_send` into bounded channels, or is dropped and counted.
 //! - the **service thread** ([`daemon`], tokio) drains these channels ([`service`]), logs ([`logging`]), keeps the
-//!   statistics ([`status_collector`], [`latency`]), answers the status socket ([`server`], [`socket`], [`command_handler`]), looks after the models ([`models`]), handles signals and feeds systemd ([`notify`]).
+//!   statistics ([`status_collector`], [`latency`]), answers the status socket ([`server`], [`socket`],
+//!   [`command_handler`]), looks after the models ([`models`]), handles signals and feeds systemd ([`notify`]).
 //!
 //! - the **estimator** ([`sensors`]) is a thread that learns from sensors what the model does not know; the cycle only
 //!   evaluates what it has finished.
 //!
-//! - the **recorder** and the **keeper** ([`recorder`], [`state_writer`] with [`audit`] and [`counters`]) are threads that may
-//!   wait for the disk, so that nobody else has to. [`replay`] runs what was recorded through the same [`link_session`].
+//! - the **recorder** and the **state writer** ([`recorder`], [`state_writer`] with [`audit`] and [`counters`]) are
+//!   threads that may wait for the disk, so that nobody else has to. [`replay`] runs what was recorded through the
+//!   same [`link_session`].
 //!
-//! [`channels`] is everything that passes between the two. [`link_session`] is the cycle without its socket and clock, for
-//! tests that count allocations. Reading order: `channels`, `link_session`, `link`, `cycle`, `worker`, `service`, `daemon`.
+//! [`channels`] is everything that passes between the two. [`link_session`] is the cycle without its socket and
+//! clock, for tests that count allocations. Reading order: `channels`, `link_session`, `link`, `cycle`, `worker`,
+//! `service`, `daemon`.
 
 // eager arguments with a cost or an effect; for `then_some` no lint exists
 #![warn(clippy::or_fun_call)]

@@ -1,4 +1,4 @@
-//! One cycle without its socket and its clock: a message in, a correction out.
+//! One link without its socket and its clock: a message in, a correction out.
 //!
 //! Everything the cycle does between reading and writing bytes is here, so that a test can run a million cycles
 //! under a counting allocator.

@@ -1,4 +1,4 @@
-//! When the next frame is to be expected, for busy polling.
+//! Expected arrival of the next frame, for busy polling.
 //!
 //! A control sends at its cycle, or, in lock step, as soon as it has its answer. The next frame is therefore expected
 //! one interval after the last one, where the interval is the last one seen and at most the cycle: a pause says

@@ -1,4 +1,4 @@
-//! What the cycle only counts, told in the log: once when it begins, and then at most once a minute.
+//! Warnings about events that the cycle only counts: at the first occurrence, then at most once a minute.
 
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};
 use std::time::Duration;

@@ -1,4 +1,4 @@
-//! The cycle under a filter: from link-up to link-down the thread may only read and write its own socket.
+//! The cycle under a seccomp filter: from link-up to link-down the thread may only read and write its own socket.
 //!
 //! A seccomp filter on the cycle thread kills the process at any other system call, so each case runs in a process
 //! of its own: this test program started again for one test. Allowed are `recvfrom` and `sendto` on the link's

@@ -1,4 +1,4 @@
-//! What a cycle costs on this computer: frame in to frame out, without socket.
+//! Benchmark of one cycle on this computer: frame in to frame out, without socket.
 //!
 //! The daemon's own frame reader, [`LinkSession`] and frame writer, fed with frames of an invented tour through the
 //! travel of the model and, where the model names sensors, with a live value of each in every cycle. As in the daemon,
@@ -58,7 +58,7 @@ pub struct SelfBenchmark {
     pub realtime: RealtimeStatus,
 }
 
-/// Why no cycle can be rehearsed.
+/// Why the benchmark cannot run.
 #[derive(Debug, thiserror::Error)]
 pub enum SelfBenchmarkError {
     /// The machine file and its own axes do not fit.

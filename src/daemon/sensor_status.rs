@@ -114,7 +114,7 @@ pub struct NodeStatus {
     pub used: Vec<f64>,
 }
 
-/// A growth by heat.
+/// A thermal displacement.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct ThermalDisplacementStatus {
     /// Its name.
@@ -143,7 +143,7 @@ pub struct FilterStatus {
     pub sensors: Vec<SensorStatus>,
     /// The maps.
     pub maps: Vec<MapStatus>,
-    /// Growths by heat.
+    /// Thermal displacements.
     #[serde(default)]
     pub growths: Vec<ThermalDisplacementStatus>,
     /// What should be known: what was put back at the start, what could not be kept.
@@ -169,7 +169,7 @@ pub(crate) const fn code_of(sensor_fault: SensorFault) -> fault::Code {
     })
 }
 
-/// Number of what is wrong with a growth, in the catalogue of faults.
+/// Number of what is wrong with a thermal displacement, in the catalogue of faults.
 pub(crate) const fn growth_code(status: ThermalStatus) -> Option<fault::Code> {
     match status {
         ThermalStatus::Waiting(_) | ThermalStatus::Used => None,

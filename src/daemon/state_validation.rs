@@ -1,4 +1,4 @@
-//! Whether the files of a state directory would be believed: their text alone, nothing is used or changed.
+//! Validation of the files of a state directory from their text alone; nothing is used or changed.
 //! The audit log is checked by [`super::audit::verify`].
 
 use volcomp_state::counters::Counters;

@@ -1,4 +1,4 @@
-//! What has to reach the disk and may take its time: the audit log and the counters, on a thread of their own.
+//! Writes the audit log and the counters on a thread of its own.
 //!
 //! A disk that hangs stops this thread and nobody else: the queue fills, audit entries are counted as lost, and of the
 //! counters only the newest wait. Whoever must not answer before an order is durable asks [`StateWriter::saved`].
@@ -29,7 +29,7 @@ const FINISH_LIMIT: Duration = Duration::from_secs(3);
 /// Interval at which the end is looked for.
 const POLL: Duration = Duration::from_millis(2);
 
-/// The keeper's thread, seen from the service.
+/// The state writer thread, seen from the service.
 #[derive(Debug)]
 pub(super) struct StateWriter {
     pub(super) audit: Audit,
@@ -227,7 +227,7 @@ impl StateWriter {
     }
 }
 
-/// The thread's inbox; says on return and on panic alike that the thread has ended.
+/// The queue of the thread; says on return and on panic alike that the thread has ended.
 struct Running(Arc<WriteQueue>);
 
 impl Drop for Running {

@@ -98,7 +98,7 @@ pub struct Status {
     /// Maps that are learned, without their nodes (`volcomp filter show` has these).
     #[serde(default)]
     pub maps: Vec<MapStatus>,
-    /// Growths by heat that the model takes from temperatures and speeds.
+    /// Thermal displacements that the model takes from temperatures and speeds.
     #[serde(default)]
     pub growths: Vec<ThermalDisplacementStatus>,
     /// What should be known about live estimation.

@@ -1,4 +1,4 @@
-//! Collects what the cycle thread reports into the status. Belongs to the service thread.
+//! Collects the reports of the cycle thread into the status. Belongs to the service thread.
 
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;

@@ -1,4 +1,4 @@
-//! What waits for the disk, between the service and the keeper's thread.
+//! Queue of audit entries and counters between the service and the state writer thread.
 
 use std::collections::VecDeque;
 use std::sync::atomic::{AtomicU64, Ordering::Relaxed};

@@ -1,4 +1,4 @@
-//! A million cycles of the daemon's body, from message to correction, without one allocation.
+//! A million cycles of a link session, from message to correction, without one allocation.
 
 #![allow(clippy::expect_used, reason = "a test program: it fails by panicking")]
 

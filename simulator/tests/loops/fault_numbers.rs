@@ -22,7 +22,7 @@ const TESTED: &[(u16, &str, &str)] = &[
         "tests/daemon/service.rs",
         "a_service_that_hangs_is_seen_by_the_cycle_and_sigterm_works_all_the_same",
     ),
-    (8001, "src/engine/tests/aiming.rs", "a_sensor_that_falls_silent_fades_to_the_static_model"),
+    (8001, "src/engine/tests/setpoint.rs", "a_sensor_that_falls_silent_fades_to_the_static_model"),
     (8014, "tests/daemon/thermal.rs", "temperatures_and_speeds_on_a_sensor_link_move_the_axes"),
     (
         8016,

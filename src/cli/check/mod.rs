@@ -47,6 +47,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     super::exit::print(&report)?;
     let problems: Vec<&Problem> = outcomes.iter().filter_map(|o| o.problem.as_ref()).collect();
     let Some(code) = problems.iter().map(|p| p.code()).max() else { return Ok(()) };
+    #[expect(clippy::disallowed_methods, reason = "colours are for a terminal, and NO_COLOR is respected")]
     let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
     let message: Vec<String> = problems.iter().map(|p| p.as_text(color)).collect();
     Err(Failure::new(code, message.join("\n\n")))

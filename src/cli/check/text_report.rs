@@ -1,4 +1,4 @@
-//! What is in a machine or model file, in words and as JSON, and what is allowed but worth knowing.
+//! Text and JSON of `check`: contents of a machine or model file, and remarks on what is allowed but unusual.
 
 use serde_json::{Value, json};
 

@@ -145,6 +145,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let text = toml::to_string(&found.addition)
         .map_err(|e| Failure::new(super::EX_SOFTWARE, format_args!("error: addition.toml: {e}")))?;
     if let Some(out) = &args.out {
+        #[expect(clippy::disallowed_methods, reason = "the folder of the results is made")]
         fs::create_dir_all(out).map_err(|e| Failure::io(out, &e))?;
         write_text(&out.join("report.json"), &format!("{json}\n"))?;
         write_text(&out.join("addition.toml"), &text)?;
@@ -193,6 +194,7 @@ struct Bar {
 }
 
 impl Bar {
+    #[expect(clippy::disallowed_methods, reason = "progress is for a terminal")]
     fn new() -> Self {
         Self { shown: io::stderr().is_terminal() }
     }

@@ -1,4 +1,4 @@
-//! What is said on stdout: the summary, the effects, what a plan can see.
+//! Text of `diagnose` on stdout: the summary, the effects, what a plan can detect.
 
 use std::collections::BTreeMap;
 use std::path::Path;

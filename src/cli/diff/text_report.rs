@@ -1,4 +1,4 @@
-//! What is different, in words and for programs.
+//! Text and JSON of `diff`.
 
 use serde_json::{Map, Value, json};
 

@@ -238,7 +238,7 @@ const LIVE: &str = "\n[errors.exx.live]\nsensor = \"ram\"\nlimit-um = 50\n\
                     [errors.eyx.live]\nsensor = \"column\"\nlimit-um = 50\n";
 
 /// Two sensors at different rates; the second falls silent for a while.
-fn tell(turn: &mut Turn<'_>) {
+fn send_live_values(turn: &mut Turn<'_>) {
     let value = |rate: f64| 0.01 * (f64::from(turn.cycle) * rate).sin();
     turn.session.live(turn.now, 0, value(1e-3));
     if turn.cycle.is_multiple_of(3) && !(5_000..9_000).contains(&turn.cycle) {
@@ -253,7 +253,7 @@ fn tell(turn: &mut Turn<'_>) {
 #[test]
 fn live_values_and_the_fading_to_the_static_model_are_replayed() {
     let loaded = machine(|_| (), LIVE);
-    let items = play(&loaded, 14_000, 2, tell);
+    let items = play(&loaded, 14_000, 2, send_live_values);
     let fading = answers(&items).filter(|a| a.state == State::FadingToStatic).count();
     assert!(fading > 1_000, "{fading} cycles fading");
     assert!(causes(&items).contains(&8001), "{:?}", causes(&items));
@@ -348,7 +348,7 @@ fn after_a_gap_lag_live_values_and_model_are_taken_up_again() {
         let loaded = machine(|config| config.engine.position_source = source, LIVE);
         let other = ([5; 32], model(&loaded.model_text.replace("[-11.5, -5.5]", "[-3.5, 4.5]")));
         let items = play(&loaded, 20_000, 4, |turn| {
-            tell(turn);
+            send_live_values(turn);
             if turn.cycle == 2_000 {
                 let switched = turn.session.switch_model(turn.now, Arc::clone(&other.1), other.0);
                 let _ = switched.expect("the same axes");

@@ -34,7 +34,7 @@ struct Kept {
     saved: String,
     saved_unix_s: f64,
     maps: Vec<Map>,
-    /// Lags of growths by heat.
+    /// Lags of thermal displacements.
     #[serde(default)]
     growths: Vec<Growth>,
 }

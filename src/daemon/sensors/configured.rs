@@ -1,5 +1,5 @@
-//! The sensors of the machine file as the listener knows them: what each is to say, so that a message of another kind or
-//! unit is answered at once.
+//! The configured sensors as the listener knows them: kind and unit of each, so that a message of another kind or unit is
+//! rejected at once.
 
 use std::sync::atomic::{AtomicU8, Ordering::Relaxed};
 

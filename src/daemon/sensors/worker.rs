@@ -546,7 +546,7 @@ fn log_map(map: &str, before: MapCondition, now: MapCondition) {
     }
 }
 
-/// A growth stands otherwise than before.
+/// A thermal displacement stands otherwise than before.
 fn log_thermal(growth: &str, status: ThermalStatus, input: &str) {
     let code = growth_code(status).map(|code| code.to_string());
     match status {

@@ -1,4 +1,4 @@
-//! The operator's last orders and the latched fault: what a restart must not undo, and what the disk has of it.
+//! The operator's last commands and the latched fault: state that a restart must not undo, and its copy on the disk.
 //!
 //! An order that switches off is written down when it is given, one that switches on when the engine has taken it. Orders
 //! count by the number of their request, so that one that was overtaken changes nothing.
@@ -32,7 +32,7 @@ pub(super) struct RetentionState {
     objection: Option<String>,
     /// Number of the newest request that switches off or on.
     switched: u64,
-    /// Number by which the keeper knows the newest change.
+    /// Number by which the state writer knows the newest change.
     saved: AtomicU64,
 }
 

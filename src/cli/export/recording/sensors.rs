@@ -27,8 +27,8 @@ impl Sensors {
         let mut sensors = Self::default();
         for Inside { hash, spec, model } in models {
             let places = model.sensors().iter().map(|name| {
-                let tells = |f: &ErrorFunction| f.live.iter().any(|live| live.sensor == *name);
-                let mut errors = spec.errors.iter().filter(|(_, f)| tells(f)).peekable();
+                let is_live = |f: &ErrorFunction| f.live.iter().any(|live| live.sensor == *name);
+                let mut errors = spec.errors.iter().filter(|(_, f)| is_live(f)).peekable();
                 // one that tells lengths, too, is taken for one of lengths
                 let angle = errors.peek().is_some() && errors.all(|(symbol, _)| symbol.is_angle());
                 let sensor = Sensor { name: column_part(name), angle, told: None };

@@ -1,4 +1,4 @@
-//! What was put together, in words and for programs.
+//! Text and JSON of `model assemble`.
 
 use serde_json::{Value, json};
 
