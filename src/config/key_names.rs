@@ -1,4 +1,4 @@
-//! Words of the files: units at the end of keys, and the nearest known word for one that is not known.
+//! Names of keys: the unit at their end, and the nearest known name for an unknown one.
 
 /// The units that keys end in, longest first where one is the end of another.
 const UNITS: &[(&str, &str)] = &[

@@ -1,4 +1,4 @@
-//! What a model says at a moment, in machine axes.
+//! Deviation that a model predicts for a machine state, in machine axes.
 
 use crate::machine_state::{Axis, Machine, MachineAxis, MachineState};
 use volcomp_model::geometry::{Mat3, Vec3, rotation_about};
@@ -24,7 +24,7 @@ pub fn machine_of(spec: &ModelSpec, model: &Model) -> Machine {
     Machine { axes, tool_tip_mm: model.tool_tip(), gauge_point_mm: spec.gauge_point }
 }
 
-/// The pose of a moment.
+/// The pose of a machine state.
 #[must_use]
 pub fn pose(model: &Model, m: &MachineState) -> Pose {
     let mut pose = Pose::at([0.0; MAX_AXES]);

@@ -1,4 +1,4 @@
-//! Is this position frame believable? Finite, in order, in time, and no further away than an axis can go.
+//! Plausibility of a position frame: finite, in order, in time, and no further away than an axis can go.
 
 use super::config::EngineConfig;
 use super::output::{Detail, Quantity, Reason};

@@ -1,5 +1,5 @@
-//! What the offset ought to be for a frame: the model's correction at the place where the axes will be, times the
-//! gain, inside the machine's soft limits.
+//! Set point of the offset for a frame: the model's correction at the predicted position, times the gain, inside the soft
+//! limits of the machine.
 
 use super::config::{AxisLimits, EngineConfig, EngineError, PositionSource};
 use super::input_validation::InputValidation;

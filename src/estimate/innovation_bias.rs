@@ -1,4 +1,4 @@
-//! Whether what is left of a sensor's readings is noise, or points one way for longer than a right sensor can.
+//! Test of the innovations of a sensor for a mean that persists.
 //!
 //! A filter that learns takes away what its readings have in common: what is left has no mean. A sensor whose axes are
 //! exchanged or whose sign is wrong does not see the offset that is applied for what it said, or sees it in another

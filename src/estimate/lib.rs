@@ -1,13 +1,15 @@
 //! Estimation while the machine works: a map on the nodes of a grid, kept true by measurements.
 //!
 //! Reading order: [`grid`] (where a point lies among the nodes), [`noise`] (how far a sensor is believed), [`filter`]
-//! (the Kalman filter on node values), [`map`] (a live map of lengths and angles about the offline one), [`mod@whiten`]
-//! (readings with a covariance to rows of a batch), [`clock`] (when a reading was taken), [`supervise`] (whether it can
-//! be one), [`sensor_initialisation`] (how noisy a sensor is before anything is learned from it), [`fivedof`] (readings of a 5-DOF
-//! laser), [`thermal`] (growth by heat). Textbook letters as in equations 5.8 (`docs/reference/equations.md`): `x` state, `p` covariance, `h` row of
-//! the observation, `k` gain, `r` measurement variance, `nu` innovation, `s` its variance.
+//! (the Kalman filter on node values), [`map`] (a live map of lengths and angles about the offline one),
+//! [`mod@whiten`] (readings with a covariance to rows of a batch), [`clock`] (when a reading was taken),
+//! [`supervise`] (whether it can be one), [`sensor_initialisation`] (how noisy a sensor is before anything is learned
+//! from it), [`fivedof`] (readings of a 5-DOF laser), [`thermal`] (thermal displacement). Textbook letters as in
+//! equations 5.8 (`docs/reference/equations.md`): `x` state, `p` covariance, `h` row of the observation, `k` gain,
+//! `r` measurement variance, `nu` innovation, `s` its variance.
 //!
-//! Time is an argument (seconds that passed). The filter works in memory made at construction; none of this runs on the cycle.
+//! Time is an argument (seconds that passed). The filter works in memory made at construction; none of this runs on
+//! the cycle.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), forbid(clippy::disallowed_methods))]

@@ -1,4 +1,4 @@
-//! Getting to know a sensor before anything is learned from it: how noisy it is, and whether it agrees with the map.
+//! Initialisation of a sensor before anything is learned from it: its noise, and whether it agrees with the map.
 //!
 //! A filter that starts with a noise five times too small takes every honest reading for an outlier, and one that
 //! starts five times too large learns from lies. So the first readings are only looked at. What changes from one

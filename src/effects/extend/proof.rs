@@ -70,7 +70,7 @@ fn says_the_same(before: &Model, after: &Model, candidate: &Candidate, places: &
     largest > 0.0 && places.iter().all(|p| (added(p) - zero - (p.said_um - said_zero)).norm() <= allowed)
 }
 
-/// What a growth of the candidate tells for these readings once all lags have settled, mm or strain.
+/// What a thermal displacement of the candidate tells for these readings once all lags have settled, mm or strain.
 fn growth(candidate: &Candidate, channel: &str, sources: &[f64]) -> f64 {
     let Some(thermal) = candidate.thermal.iter().find(|t| t.name == channel) else { return 0.0 };
     let mut state = ThermalState::new(thermal);

@@ -1,4 +1,4 @@
-//! What is asked of the engine: commands, another tool, another model.
+//! Commands to the engine, changes of tool and of model.
 
 use super::{Compensator, EngineError, Model, MonoTime, Reason, State, Vec3};
 use crate::output::Command;

@@ -4,7 +4,7 @@
 //! differ from the static model by, can that be (plausibility), is the sensor known, does it agree (gate), and only
 //! then: update. A sensor that disagrees [`super::MapSpec::rejections_to_alarm`] times on end is excluded and the map
 //! raises an alarm instead of following; it holds what it learned for a while, then the static model takes over. The
-//! sensor comes back when a whole acquaintance agrees with the map as it stands.
+//! sensor comes back when a whole initialisation agrees with the map as it stands.
 //!
 //! Readings of the tool go through [`tool`].
 
@@ -32,7 +32,7 @@ use volcomp_model::{ErrorSymbol, Model, ModelSpec, SENSORS_MAX};
 pub struct LiveModel<'a> {
     /// What its file says.
     pub spec: &'a ModelSpec,
-    /// Growths by heat that it lists.
+    /// Thermal displacements that it lists.
     pub thermal: &'a [Thermal],
     /// Compiled.
     pub model: Arc<Model>,
@@ -227,7 +227,7 @@ impl LiveEstimator {
         })
     }
 
-    /// Live values that growths tell.
+    /// Live values that thermal displacements tell.
     fn grown(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
         self.growths.iter().filter_map(|g| Some((g.channel, g.value()?)))
     }
@@ -281,7 +281,7 @@ impl LiveEstimator {
         })
     }
 
-    /// How each growth stands: name, standing, the input that this is about.
+    /// How each thermal displacement stands: name, standing, the input that this is about.
     pub fn thermal_statuses(&self) -> impl Iterator<Item = (&str, ThermalStatus, Option<&str>)> + '_ {
         self.growths.iter().map(|g| (g.spec.name.as_str(), g.status(), g.input()))
     }
@@ -292,13 +292,13 @@ impl LiveEstimator {
         !self.maps.is_empty() || !self.growths.is_empty()
     }
 
-    /// What is to be kept of growths.
+    /// What is to be kept of thermal displacements.
     #[must_use]
     pub fn saved_thermal(&self) -> Vec<SavedThermalState> {
         self.growths.iter().filter_map(ThermalDisplacementState::kept).collect()
     }
 
-    /// Puts back lags that were kept `age_s` ago; gives a sentence for every growth that begins anew because what was
+    /// Puts back lags that were kept `age_s` ago; gives a sentence for every thermal displacement that begins anew because what was
     /// kept cannot be.
     pub fn restore_thermal(&mut self, kept: &[SavedThermalState], age_s: f64) -> Vec<String> {
         let mut problems = Vec::new();
@@ -403,7 +403,7 @@ fn new_sensor(
     Ok(state)
 }
 
-/// The growths that an error of the model names.
+/// The thermal displacements that an error of the model names.
 fn new_growths(
     thermal: &[Thermal],
     live: &LiveSpec,

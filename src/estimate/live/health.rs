@@ -11,11 +11,11 @@ pub struct LiveHealth {
     pub sensors: Vec<SensorHealth>,
     /// The maps.
     pub maps: Vec<MapHealth>,
-    /// Growths by heat.
+    /// Thermal displacements.
     pub growths: Vec<ThermalHealth>,
 }
 
-/// A growth by heat.
+/// A thermal displacement.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ThermalHealth {
     /// Its name.

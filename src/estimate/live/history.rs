@@ -11,7 +11,7 @@ const KEPT_S: f64 = 4.0;
 /// Positions further apart than this are not connected, s.
 const GAP_S: f64 = 0.1;
 
-/// Where the machine stood at a moment: axes in chain order, mm and rad.
+/// Positions of the machine at one time: axes in chain order, mm and rad.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MotionSample {
     /// When, on the daemon's time line.

@@ -8,8 +8,9 @@
 //! a live value of the model acts on a reading is asked of the model, so that this holds for any chain.
 //!
 //! Reading order: [`spec`] (what there is), [`reading`] (what sensors say), [`history`] (where the machine stood),
-//! [`rows`] (what a reading says about a map), [`axis`] (5-DOF lasers), [`thermal_displacement`] (heat), [`sensor`] and [`map`] (their states), `sensor_probation` (what a sensor has proven),
-//! [`estimator`] (all together), [`table`] (what the cycle evaluates), [`health`] (how it goes, as data).
+//! [`rows`] (what a reading says about a map), [`axis`] (5-DOF lasers), [`thermal_displacement`] (heat), [`sensor`]
+//! and [`map`] (their states), `sensor_probation` (what a sensor has proven), [`estimator`] (all together), [`table`]
+//! (what the cycle evaluates), [`health`] (how it goes, as data).
 
 pub mod axis;
 pub mod estimator;

@@ -21,7 +21,7 @@ use volcomp_model::{Model, Pose, SENSORS_MAX};
 /// Live value used to ask the model for effects, mm and rad: below every limit, far above rounding.
 const PROBE: f64 = 1e-7;
 
-/// What the model says about a moment.
+/// Prediction of the model for one motion sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Expected {
     commanded: NominalTool,

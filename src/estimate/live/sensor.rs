@@ -111,7 +111,7 @@ impl SensorState {
         believed
     }
 
-    /// A reading whose numbers are inputs of growths.
+    /// A reading whose numbers are inputs of thermal displacements.
     pub(super) fn believe(
         &mut self,
         now: MonoTime,

@@ -1,4 +1,4 @@
-//! How far a sensor of the tool has proven itself after it was got to know.
+//! Probation of a tool sensor after its initialisation.
 //!
 //! Whether a sensor sees what is applied for what it said shows only once that is applied: so it is on **probation** for
 //! 200 readings and 5 s. Meanwhile its map remembers what it knew before, and what it knew while nothing spoke against
@@ -23,7 +23,7 @@ const FORGIVEN_S: f64 = 1800.0;
 /// Share of each row in the noise that means are compared with.
 const REFERENCE_SHARE: f64 = 1e-4;
 
-/// The trust in one sensor.
+/// Probation of one sensor.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct SensorProbation {
     persistence: InnovationBias,

@@ -35,9 +35,9 @@ pub enum SensorKind {
     },
     /// A live value of the model of the sensor's own name, worked out by somebody else.
     Value,
-    /// Temperatures: inputs of growths.
+    /// Temperatures: inputs of thermal displacements.
     Temperature,
-    /// The speed of a spindle: an input of growths.
+    /// The speed of a spindle: an input of thermal displacements.
     Speed,
 }
 
@@ -200,12 +200,12 @@ pub enum LiveError {
         /// The axis.
         axis: AxisName,
     },
-    /// A growth whose input nobody measures.
+    /// A thermal displacement whose input nobody measures.
     #[error(
         "thermal {growth} depends on \"{sensor}\", and no sensor is called so; add [[sensor]] with name = \"{name}\" and kind = \"{kind}\""
     )]
     NoInput {
-        /// The growth.
+        /// The thermal displacement.
         growth: String,
         /// The input.
         sensor: String,
@@ -214,14 +214,14 @@ pub enum LiveError {
         /// Its kind.
         kind: &'static str,
     },
-    /// A growth whose input is something else.
+    /// A thermal displacement whose input is something else.
     #[error("thermal {growth} takes \"{sensor}\" for a {wanted}, but the sensor is of kind \"{found}\"")]
     InputKind {
-        /// The growth.
+        /// The thermal displacement.
         growth: String,
         /// The input.
         sensor: String,
-        /// What the growth wants.
+        /// What the thermal displacement wants.
         wanted: &'static str,
         /// What the sensor is.
         found: &'static str,

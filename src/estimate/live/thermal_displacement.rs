@@ -1,9 +1,9 @@
-//! Growth by heat while the machine works: what sensors of temperature and speed say, lagged, becomes a live value.
+//! Thermal displacement during operation: readings of temperature and speed, lagged, become a live value.
 //!
-//! Heat is slow: an input that is lost leaves its last word standing for [`HOLD_S`], then the growth is taken back over
-//! [`FADE_S`], and comes back at the same pace. A growth says nothing until each of its inputs has spoken in this run.
-//! After a stop the lags that were kept go on as if the first readings had held all the while: short stops are
-//! bridged, long ones end where a machine at rest would be.
+//! Heat is slow: an input that is lost leaves its last word standing for [`HOLD_S`], then the thermal displacement is
+//! taken back over [`FADE_S`], and comes back at the same pace. A thermal displacement says nothing until each of its
+//! inputs has spoken in this run. After a stop the lags that were kept go on as if the first readings had held all
+//! the while: short stops are bridged, long ones end where a machine at rest would be.
 //!
 //! Source: `src/estimate/thermal.rs` (the lags, the fading outside of what the fit has seen).
 
@@ -16,12 +16,12 @@ use volcomp_model::units::MonoTime;
 const INTERVAL_S: f64 = 0.5;
 /// Time for which the last word of an input that is lost stands, s.
 pub const HOLD_S: f64 = 60.0;
-/// Time over which a growth with a lost input is taken back, s.
+/// Time over which a thermal displacement with a lost input is taken back, s.
 pub const FADE_S: f64 = 60.0;
 /// An input must be within its range for so long before it counts as inside again, s.
 const INSIDE_S: f64 = 60.0;
 
-/// How a growth stands; inputs by index.
+/// How a thermal displacement stands; inputs by index.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum ThermalStatus {
     /// An input has not spoken yet.
@@ -34,7 +34,7 @@ pub enum ThermalStatus {
     Lost(usize),
 }
 
-/// What is kept of a growth.
+/// What is kept of a thermal displacement.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct SavedThermalState {
     /// Its name.
@@ -53,7 +53,7 @@ struct Origin {
     number: usize,
 }
 
-/// A growth and its lags.
+/// A thermal displacement and its lags.
 #[derive(Debug, Clone)]
 pub(super) struct ThermalDisplacementState {
     pub(super) spec: Thermal,
@@ -76,7 +76,7 @@ pub(super) struct ThermalDisplacementState {
 }
 
 impl ThermalDisplacementState {
-    /// A growth that tells live value `channel` of the model.
+    /// A thermal displacement that tells live value `channel` of the model.
     pub(super) fn new(spec: &Thermal, channel: usize, live: &LiveSpec) -> Result<Self, LiveError> {
         let origins: Result<Vec<Origin>, LiveError> =
             spec.inputs.iter().map(|i| origin(&spec.name, &i.sensor, i.quantity, live)).collect();

@@ -1,4 +1,4 @@
-//! From a factorisation to the figures of every leading set of columns: residuals and left-out errors in one pass.
+//! Figures of every leading set of columns from one factorisation: residuals and left-out errors in one pass.
 
 use super::data::{Cell, Data};
 use super::figures::Sums;
