@@ -7,10 +7,10 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use libfuzzer_sys::fuzz_target;
+use volcomp::daemon::sensors::restore_text;
 use volcomp::estimate::live::{LiveEstimator, LiveModel, LiveSpec, MapSpec};
 use volcomp::model::curve::Live;
 use volcomp::model::{Chain, ErrorFunction, ErrorSymbol, Model, ModelSpec};
-use volcomp::daemon::sensors::restore_text;
 
 /// Components of the map, and how far any of them may be from the offline map, mm or rad: far beyond its limit.
 const COMPONENTS: usize = 6;
@@ -38,5 +38,6 @@ fn estimator() -> LiveEstimator {
     let nodes = [vec![0.0, 1.0], vec![0.0, 1.0], vec![0.0, 1.0]];
     let live = LiveSpec { sensors: Vec::new(), maps: vec![MapSpec::new("ram", nodes)] };
     let model = Arc::new(Model::new(&spec).expect("a model"));
-    LiveEstimator::new(&live, LiveModel { spec: &spec, thermal: &[], model, hash: [3; 32] }).expect("an estimator")
+    LiveEstimator::new(&live, LiveModel { spec: &spec, thermal: &[], model, hash: [3; 32] })
+        .expect("an estimator")
 }
