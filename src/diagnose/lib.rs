@@ -37,7 +37,12 @@ use session::Session;
 pub use outcome::{Curve, Diagnosis};
 pub use plan::plan;
 pub use predict::{PredictError, predict};
-pub use volcomp_effects::{addition, moment};
+pub use volcomp_effects::{addition, machine_state};
+
+/// The machine state under the name that this crate uses.
+mod moment {
+    pub(crate) use volcomp_effects::machine_state::{MachineState as Moment, *};
+}
 
 /// Something taken away from the method, to prove that tests of it can fail.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]

@@ -1,7 +1,7 @@
 //! Names of the parameters; each ends in its unit.
 
 use super::shape::Shape;
-use crate::moment::{Signal, Source};
+use crate::machine_state::{Signal, Source};
 
 fn per(source: &Source) -> &'static str {
     match source {

@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::frame::RotaryFrame;
 use super::lever::{Lever, ram, sag};
 use super::polynomial::{legendre, twist};
-use crate::moment::{Axis, Light, Moment, Signal};
+use crate::machine_state::{Axis, Light, MachineState, Signal};
 use volcomp_model::geometry::{Mat3, Vec3, unit};
 use volcomp_units::{RAD_PER_ARCSEC, UM_PER_MM};
 
@@ -224,7 +224,7 @@ impl Shape {
     }
 
     /// The deviation per unit of each parameter, um.
-    pub fn evaluate(&self, m: &Moment, out: &mut [Vec3]) {
+    pub fn evaluate(&self, m: &MachineState, out: &mut [Vec3]) {
         match self {
             Self::Squareness { along, over } => {
                 put(out, 0, unit(along.direction()) * (UM_PER_ARCSEC_MM * m.position[over.slot()]));
@@ -307,7 +307,7 @@ impl Shape {
     }
 
     /// Effects of motion, heat and instruments.
-    fn evaluate_dynamic(&self, m: &Moment, out: &mut [Vec3]) {
+    fn evaluate_dynamic(&self, m: &MachineState, out: &mut [Vec3]) {
         match self {
             Self::Backlash { axis, along, length_mm, slope } => {
                 backlash(*axis, along, *length_mm, *slope, m, out)
@@ -368,15 +368,15 @@ impl Shape {
 
     /// True where all that the effect needs is known: no part of its deviation is NaN.
     #[must_use]
-    pub fn is_known_at(&self, m: &Moment, at: &dyn Fn(&Signal) -> Option<usize>) -> bool {
+    pub fn is_known_at(&self, m: &MachineState, at: &dyn Fn(&Signal) -> Option<usize>) -> bool {
         let mut out = [Vec3::zeros(); WIDTH_MAX];
         let out = &mut out[..self.width()];
         self.evaluate_with(m, at, out);
         out.iter().flatten().all(|v| v.is_finite())
     }
 
-    /// Effects that read lagged signals; `at` gives the place of a signal in [`Moment::signals`].
-    pub fn evaluate_with(&self, m: &Moment, at: &dyn Fn(&Signal) -> Option<usize>, out: &mut [Vec3]) {
+    /// Effects that read lagged signals; `at` gives the place of a signal in [`MachineState::signals`].
+    pub fn evaluate_with(&self, m: &MachineState, at: &dyn Fn(&Signal) -> Option<usize>, out: &mut [Vec3]) {
         let value = |s: &Signal| at(s).and_then(|i| m.signals.get(i)).copied().unwrap_or(f64::NAN);
         match self {
             Self::Thermal { axis, signal, reference_degc, with_offset } => {
@@ -423,7 +423,7 @@ impl Shape {
         }
     }
 
-    fn evaluate_rotary(&self, m: &Moment, out: &mut [Vec3]) {
+    fn evaluate_rotary(&self, m: &MachineState, out: &mut [Vec3]) {
         match self {
             Self::RotaryLocation { frame, tied } => {
                 let (outer, own, p) = frame.state(m);
@@ -598,13 +598,13 @@ impl Shape {
 
 /// The unit vector from station to target, where an instrument has a station.
 #[must_use]
-pub fn line_of_sight(m: &Moment) -> Option<Vec3> {
+pub fn line_of_sight(m: &MachineState) -> Option<Vec3> {
     let line = m.reflector_mm - m.station_mm;
     let length = line.norm();
     (length > 0.0 && length.is_finite()).then(|| line / length)
 }
 
-fn backlash(axis: Axis, along: &[Axis], length: f64, slope: bool, m: &Moment, out: &mut [Vec3]) {
+fn backlash(axis: Axis, along: &[Axis], length: f64, slope: bool, m: &MachineState, out: &mut [Vec3]) {
     let i = axis.slot();
     let since = m.since_mm[i];
     let share = if length > 0.0 && since.is_finite() { 1.0 - (-since.abs() / length).exp() } else { 1.0 };
