@@ -213,12 +213,10 @@ fn compared(
             drift_s: comparison.drift.1,
         })
         .collect();
-    let filter =
-        Filter::dense(comparison.covariance.clone(), comparison.groups.clone(), comparison.white_um);
+    let filter = Filter::dense(comparison.covariance.clone(), comparison.groups.clone(), comparison.white_um);
     let white: Vec<f64> = noise.iter().map(|c| c.white_um).collect();
     let mut problem = Problem::new(session, &library, &filter, &gap, &white);
-    let chosen: Vec<usize> =
-        comparison.contenders.iter().filter(|c| c.chosen).map(|c| c.variant).collect();
+    let chosen: Vec<usize> = comparison.contenders.iter().filter(|c| c.chosen).map(|c| c.variant).collect();
     chosen.iter().for_each(|v| problem.prepare(*v));
     for place in 0..chosen.len() {
         search::refine(&mut problem, session, &filter, &mut library, &chosen, place);

@@ -264,8 +264,14 @@ pub(super) fn compare(
         let label = library.variants.iter().map(|v| v.label).collect();
         let rank = ranks(library);
         let (columns, _) = Columns::new(&raw, n, span, label, &rank, &white);
-        let mut search =
-            Search { structure: base.clone(), columns, y: y.clone(), weights: weights.clone(), visited: BTreeMap::new(), beside: BTreeMap::new() };
+        let mut search = Search {
+            structure: base.clone(),
+            columns,
+            y: y.clone(),
+            weights: weights.clone(),
+            visited: BTreeMap::new(),
+            beside: BTreeMap::new(),
+        };
         let (rungs, members) = search.run()?;
         let tails = tails(&search, &rungs, &members)?;
         if round < 2 && !tails.is_empty() && outlying != tails {

@@ -120,7 +120,8 @@ impl Target<'_> {
         let mut most = value(&best);
         for _ in 0..STEPS_MAX {
             let Some(slopes) = self.slopes(&best) else { break };
-            let mut steep: Vec<usize> = (0..best.len()).filter(|c| best[*c] == 0 && slopes[*c] > 0.0).collect();
+            let mut steep: Vec<usize> =
+                (0..best.len()).filter(|c| best[*c] == 0 && slopes[*c] > 0.0).collect();
             steep.sort_by(|a, b| slopes[*b].total_cmp(&slopes[*a]));
             steep.truncate(TRIED);
             let mut tried: Vec<(usize, usize)> = Vec::new();

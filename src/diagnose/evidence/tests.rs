@@ -8,7 +8,8 @@ use super::{Comparison, compare};
 
 /// An ISO 230-2 test: 9 targets over 400 mm, 5 cycles, both directions; `deviation_um` of position, direction, cycle and time.
 fn iso_test(mut deviation_um: impl FnMut(f64, f64, usize, f64) -> f64) -> Raw {
-    let names = ["t_s", "setup", "run", "repeat", "x_mm", "u_x", "u_y", "u_z", "deviation_um", "dir_x", "moving"];
+    let names =
+        ["t_s", "setup", "run", "repeat", "x_mm", "u_x", "u_y", "u_z", "deviation_um", "dir_x", "moving"];
     let mut raw = Raw {
         file: "iso".to_owned(),
         names: names.map(str::to_owned).into(),
@@ -43,7 +44,8 @@ fn compared(raw: Raw) -> (Comparison, Vec<Label>) {
     library.variants.retain(|v| v.shape.has_own_name());
     let gap = session.gap();
     let used = vec![true; gap.len()];
-    let c = compare(&session, &library, &gap, &used, &vec![1.0; session.instruments.len()]).expect("compared");
+    let c =
+        compare(&session, &library, &gap, &used, &vec![1.0; session.instruments.len()]).expect("compared");
     (c, library.labels)
 }
 
@@ -57,7 +59,8 @@ fn others(found: &(Comparison, Vec<Label>), but: &[&str]) -> (f64, String) {
     let (c, labels) = found;
     let name = |x: &super::Contender| labels[x.label].to_string();
     let all = c.contenders.iter().map(|x| (x.probability, name(x)));
-    all.filter(|(_, n)| !but.contains(&n.as_str())).fold((0.0, String::new()), |a, b| if b.0 > a.0 { b } else { a })
+    all.filter(|(_, n)| !but.contains(&n.as_str()))
+        .fold((0.0, String::new()), |a, b| if b.0 > a.0 { b } else { a })
 }
 
 #[test]
@@ -68,7 +71,7 @@ fn a_reversal_error_is_named_beside_a_drift() {
         let found = compared(raw);
         assert!(probability(&found, "backlash:x") > 0.95, "{seed}: {:?}", found.0.contenders);
         assert!(others(&found, &["backlash:x"]).0 < 0.5, "{seed}: {:?}", found.0.contenders);
-        assert!(found.0.drift.0 > 2.0, "{seed}: drift {:?}", found.0.drift);
+        assert!(found.0.shares.drift_um2 > 4.0, "{seed}: {:?}", found.0.shares);
     }
 }
 

@@ -13,7 +13,7 @@ use super::super::offsets::{peak99, rms, without_offsets};
 use super::super::report::{Shrink, Unexplained};
 use super::super::search::{Found, Gates};
 use super::super::session::Session;
-use super::left::drifting;
+use super::left::LARGE_DRIFT;
 
 /// An effect is named from this probability of its own, or where it is the likeliest of a group that is declared.
 const NAMED: f64 = 0.3;
@@ -122,14 +122,14 @@ pub(super) fn forecast(
     let fit_um2 = (&gram * &own).trace().max(0.0);
     let rest_um2 = rms(&left).powi(2) + fit_um2;
     let named_um2 = (mean.transpose() * &gram * &mean)[(0, 0)].max(0.0);
-    let shrink = |rest: f64, error: f64, named: f64| 1.0 - ((rest + error) / (rest + named).max(1e-300)).sqrt();
+    let shrink =
+        |rest: f64, error: f64, named: f64| 1.0 - ((rest + error) / (rest + named).max(1e-300)).sqrt();
     let fraction = if k == 0 { 0.0 } else { shrink(rest_um2, fit_um2, named_um2) };
     let ci90 = if k == 0 {
         [0.0, 0.0]
     } else {
         let half = own.clone().symmetric_eigen();
-        let root = &half.eigenvectors
-            * DMatrix::from_diagonal(&half.eigenvalues.map(|v| v.max(0.0).sqrt()));
+        let root = &half.eigenvectors * DMatrix::from_diagonal(&half.eigenvalues.map(|v| v.max(0.0).sqrt()));
         let mut random = Random::new(seed ^ 0x9057);
         // few independent readings: another run's drift and discrepancy may be larger or smaller
         let scatter = (2.0 / c.effective.max(2.0)).sqrt();
@@ -173,20 +173,19 @@ fn mean_product(a: &[f64], b: &[f64]) -> f64 {
 
 /// What no effect explains.
 pub(super) fn unexplained(session: &Session, a: &Analysis, c: &Comparison, left: &[f64]) -> Unexplained {
-    let drifting = drifting(a);
+    let drifts = c.scales.iter().any(|(k, scale)| !k.is_discrepancy() && *scale > LARGE_DRIFT);
     let discrepant = c.discrepancy > DISCREPANT && c.shares.discrepancy_um2 > 0.0;
-    let significant = discrepant || !drifting.is_empty();
+    let significant = discrepant || drifts;
     let s = &c.shares;
-    let drift_um2 = if drifting.is_empty() { 0.0 } else { s.drift_um2 };
+    let drift_um2 = if drifts { s.drift_um2 } else { 0.0 };
     let structured = s.discrepancy_um2 + drift_um2;
     let whole = s.named_um2 + s.discrepancy_um2 + s.drift_um2;
     let whiten = |data: &mut [f64], width: usize| a.problem.whiten(&a.filter, data, width);
     let places = if significant { localise(session, &a.problem, &whiten, left) } else { Vec::new() };
     let mut words = Vec::new();
     if discrepant {
-        let over = |wanted: &dyn Fn(&Component) -> bool| {
-            c.scales.iter().any(|(k, scale)| *scale > 0.0 && wanted(k))
-        };
+        let over =
+            |wanted: &dyn Fn(&Component) -> bool| c.scales.iter().any(|(k, scale)| *scale > 0.0 && wanted(k));
         let mut kinds = Vec::new();
         if over(&|k| matches!(k, Component::LackOfFit)) {
             kinds.push("comes back at each programmed point");
@@ -206,11 +205,15 @@ pub(super) fn unexplained(session: &Session, a: &Analysis, c: &Comparison, left:
             if kinds.is_empty() { "has no effect in the library".to_owned() } else { kinds.join(" and ") }
         ));
     }
-    if !drifting.is_empty() {
+    if drifts {
+        let time = if c.drift.1 > 0.0 {
+            format!(" over {:.0} s", c.drift.1)
+        } else {
+            " from cycle to cycle".to_owned()
+        };
         words.push(format!(
-            "drift of {:.2} um RMS, correlation time {:.0} s, of unknown source: machine, instrument and air cannot be told apart without a temperature",
-            s.drift_um2.sqrt(),
-            c.drift.1
+            "slow drift of {:.2} um RMS{time}, of unknown source: machine, instrument and air cannot be told apart without a temperature",
+            s.drift_um2.sqrt()
         ));
     }
     Unexplained {

@@ -144,7 +144,15 @@ pub(super) fn conclude(
     let declared = |j: usize| assessed[owner[j]].declared;
     let day = day(session, &a, &parts, &owner, &assessed);
     let shrink = match &a.comparison {
-        Some(c) => compared::forecast(session, &a, c, &parts, &declared, (&beta, &given.covariance(&a.problem)), options.seed),
+        Some(c) => compared::forecast(
+            session,
+            &a,
+            c,
+            &parts,
+            &declared,
+            (&beta, &given.covariance(&a.problem)),
+            options.seed,
+        ),
         None => forecast(&a.problem, &a.gap, &parts, &declared, &day, options.seed),
     };
     let before = without_offsets(session, &a.gap, &a.used);
