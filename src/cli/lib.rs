@@ -44,6 +44,7 @@ mod recordings;
 mod replay;
 mod report;
 mod service;
+mod start_up;
 mod table;
 mod values;
 

@@ -9,9 +9,10 @@ use crate::input::{self, InputKind};
 use crate::positioning_data::{format_failure, parse_dat};
 use crate::predict::push_number;
 use crate::progress::Progress;
+use crate::start_up;
 use crate::{EX_DATAERR, Failure};
 use volcomp_formats::columns::{Columns, Runs};
-use volcomp_formats::iso230_dat::PositioningTest;
+use volcomp_formats::positioning_test::{Order, PositioningTest};
 use volcomp_formats::rtl::{self, DeviationUnit, Rtl};
 use volcomp_formats::{ReadError, api_pos};
 use volcomp_identify::Reading;
@@ -50,6 +51,7 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
         } else {
             let test = read(args, format, path, &file)?;
             test.readings.iter().try_for_each(|r| sink(test.kind, r))?;
+            start_up::report(&file, &test);
         }
     }
     writer.finish()?;
@@ -171,6 +173,13 @@ fn describe(test: &PositioningTest) {
         positions.len(),
         cycles.len()
     );
+    let order = match test.order {
+        Order::Rows => "rows stand in the order measured",
+        Order::StandardCycle => {
+            "the file does not state the order between directions: rows stand in the order of the standard test cycle"
+        }
+    };
+    note!("  note: {order}; no time per reading, so that volcomp diagnose takes the times as ordinal");
 }
 
 /// A table with a column map, row by row.

@@ -5,7 +5,7 @@
 //! slower rows are readings at standstill. Nothing is differentiated across a gap.
 
 /// Samples further apart than this are readings at standstill, s, unless the rows say that they move.
-const FAST_S: f64 = 0.12;
+pub(super) const FAST_S: f64 = 0.12;
 /// The same where a column says that the machine moves.
 const FAST_MOVING_S: f64 = 0.6;
 /// A step of time above so many medians is a gap.

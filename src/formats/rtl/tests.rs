@@ -160,7 +160,7 @@ prop_compose! {
             for k in 0..n {
                 let target = if run % 2 == 1 { n - 1 - k } else { k };
                 if mask[run * n + k] || (run == 0 && k == 0) {
-                    deviations.push(Deviation { run: run as u32 + 1, target: target as u32 + 1, value: values[run * n + k] });
+                    deviations.push(Deviation { run: run as u32 + 1, target: target as u32 + 1, value: values[run * n + k], line: 0 });
                 }
             }
         }
