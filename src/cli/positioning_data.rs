@@ -94,7 +94,8 @@ pub(super) fn instrument_test(
             let (test, more) = rtl.test(unit.unwrap_or(DeviationUnit::Um));
             notes.extend(more);
             let mut notes: Vec<String> = notes.iter().map(ToString::to_string).collect();
-            if let (Some(start), Some(length)) = (rtl.environment("Mat temp 1"), rtl.environment("Exp coeff")) {
+            if let (Some(start), Some(length)) = (rtl.environment("Mat temp 1"), rtl.environment("Exp coeff"))
+            {
                 notes.push(format!(
                     "material at {:.2} to {:.2} degC, compensated to 20 degC by the instrument with {} µm/(m degC)",
                     start.start, start.end, length.start
@@ -110,7 +111,8 @@ pub(super) fn instrument_test(
         Some(detect::Format::ApiPos) => {
             let decoded = text::decode(bytes);
             let means = api_pos::parse(&decoded.text).map_err(fail)?;
-            let notes = vec!["the file holds means: repeatability and drift cannot be judged from it".to_owned()];
+            let notes =
+                vec!["the file holds means: repeatability and drift cannot be judged from it".to_owned()];
             Ok(Some(Test { notes, ..Test::new(means.test, "API laser test (.pos)") }))
         }
         _ => Ok(None),

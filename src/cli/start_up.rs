@@ -106,12 +106,13 @@ pub(crate) fn report(file: &str, test: &PositioningTest) {
     for m in &start_up.marked {
         note!("warning: {file}:{}: {}", m.line, m.words(test.kind));
     }
-    let all: Vec<PositioningReading> =
-        test.readings.iter().map(|r| in_report_units(test.kind, r)).collect();
+    let all: Vec<PositioningReading> = test.readings.iter().map(|r| in_report_units(test.kind, r)).collect();
     let accuracy = |p: &Positioning| p.both.map(|b| b.a).or(p.forward.or(p.backward).map(|d| d.a));
     let (_, unit) = units(test.kind);
     let with = Positioning::evaluate(&all).ok().as_ref().and_then(accuracy);
     if let (Some(with), Some(without)) = (with, start_up.without.as_ref().and_then(accuracy)) {
-        note!("  kept; accuracy A {with:.1} {unit} with them, {without:.1} {unit} without; repeat the test after a warm-up");
+        note!(
+            "  kept; accuracy A {with:.1} {unit} with them, {without:.1} {unit} without; repeat the test after a warm-up"
+        );
     }
 }

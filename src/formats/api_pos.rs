@@ -67,7 +67,8 @@ pub fn parse(text: &str) -> Result<Means, FormatError> {
         let (Some(position), Some(value)) = (first, second) else {
             return Err(line.unexpected("a row of two: position and mean deviation, mm"));
         };
-        let (position, value) = (position.number("a position in mm")?, value.number("a mean deviation in mm")?);
+        let (position, value) =
+            (position.number("a position in mm")?, value.number("a mean deviation in mm")?);
         rows.push((block, position, value, line.line as u64));
     }
     let apart = rows.iter().any(|(b, ..)| matches!(b, Block::Forward | Block::Reverse));

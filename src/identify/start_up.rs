@@ -138,7 +138,10 @@ mod tests {
         assert!(start_up_outliers(&cycles(|cycle, _, _| -0.03 * f64::from(cycle == 1))).is_empty());
         assert!(start_up_outliers(&cycles(|cycle, _, _| -0.011 * f64::from(cycle))).is_empty());
         // an outlier of another cycle is none of the start
-        assert!(start_up_outliers(&cycles(|cycle, target, _| 0.1 * f64::from(cycle == 3 && target == 2))).is_empty());
+        assert!(
+            start_up_outliers(&cycles(|cycle, target, _| 0.1 * f64::from(cycle == 3 && target == 2)))
+                .is_empty()
+        );
         assert!(start_up_outliers(&[]).is_empty());
     }
 

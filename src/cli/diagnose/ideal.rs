@@ -33,12 +33,8 @@ pub(super) fn rotary_machine(rotary: Rotary) -> Result<(Machine, Model), Failure
 
 /// The ideal machine of a session as a model file; `None` where none of its axes has a known place in a chain.
 pub(super) fn model_file(session: &Session, rotary: Option<Rotary>) -> Result<Option<String>, Failure> {
-    let axes: Vec<(AxisName, Option<[f64; 2]>)> = session
-        .axes
-        .iter()
-        .filter(|a| a.is_linear())
-        .map(|a| (a.name(), travel(session, *a)))
-        .collect();
+    let axes: Vec<(AxisName, Option<[f64; 2]>)> =
+        session.axes.iter().filter(|a| a.is_linear()).map(|a| (a.name(), travel(session, *a))).collect();
     if axes.is_empty() && rotary.is_none() {
         return Ok(None);
     }
@@ -73,7 +69,6 @@ fn spec(axes: &[(AxisName, Option<[f64; 2]>)], rotary: Option<Rotary>) -> Result
 /// Range of the positions of an axis; none where it stands still.
 fn travel(session: &Session, axis: Axis) -> Option<[f64; 2]> {
     let positions = session.moments.iter().map(|m| m.position[axis.slot()]);
-    let [low, high] =
-        positions.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(v), h.max(v)]);
+    let [low, high] = positions.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(v), h.max(v)]);
     (low < high).then_some([low, high])
 }

@@ -38,7 +38,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     for path in &args.add {
         let addition = read_addition(path)?;
         // found without a model it holds the whole deviation: that of a model without errors
-        let beside_none = addition.machine.is_empty() && model.spec.errors.is_empty() && model.thermal.is_empty();
+        let beside_none =
+            addition.machine.is_empty() && model.spec.errors.is_empty() && model.thermal.is_empty();
         if !beside_none {
             addition
                 .is_of(&model.spec.machine)

@@ -7,7 +7,8 @@ use super::motion;
 use super::pairs::{self, Place};
 use super::sight;
 use super::{
-    Extra, History, Note, ROWS_MAX, ROWS_MIN, Raw, Reading, Session, SessionError, Times, check, copies, times,
+    Extra, History, Note, ROWS_MAX, ROWS_MIN, Raw, Reading, Session, SessionError, Times, check, copies,
+    times,
 };
 use volcomp_model::geometry::Vec3;
 use volcomp_units::RAD_PER_DEG;

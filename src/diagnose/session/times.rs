@@ -77,10 +77,8 @@ fn judged(raw: &Raw) -> (Times, &'static str) {
     let positions: Vec<&[f64]> = Axis::ALL.iter().filter_map(|a| raw.column(&a.column())).collect();
     let samples = motion::samples(t, 0, t.len());
     let distance = |a: usize, b: usize| positions.iter().map(|p| (p[b] - p[a]).abs()).fold(0.0, f64::max);
-    let steps: Vec<(f64, f64)> = samples
-        .windows(2)
-        .map(|w| (w[1].t - w[0].t, distance(w[0].first, w[1].first)))
-        .collect();
+    let steps: Vec<(f64, f64)> =
+        samples.windows(2).map(|w| (w[1].t - w[0].t, distance(w[0].first, w[1].first))).collect();
     let moved: Vec<(f64, f64)> = steps.iter().copied().filter(|(_, d)| *d > 1e-6).collect();
     // a log at one position is sampled evenly, and so are fast samples on the way
     let fast = |dt: f64| dt <= motion::FAST_S;

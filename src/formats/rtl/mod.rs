@@ -24,8 +24,8 @@ mod write;
 pub use read::{parse, recognises};
 pub use write::write;
 
-use super::positioning_test::PositioningTest;
 use super::columns::date_time_ticks;
+use super::positioning_test::PositioningTest;
 use volcomp_identify::Reading;
 use volcomp_units::axes::{AxisKind, Travel};
 use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};

@@ -119,7 +119,10 @@ impl Survey {
                     let lost = if desired.is_none() { "DES_POS" } else { "ENC_POS" };
                     return Err(Failure::data(
                         path,
-                        format_args!("no signal {lost}|{number}; --axes names axes of the capture: {}", known()),
+                        format_args!(
+                            "no signal {lost}|{number}; --axes names axes of the capture: {}",
+                            known()
+                        ),
                     ));
                 }
             }

@@ -21,10 +21,22 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
     let centre = args.centre_mm.unwrap_or_else(Vec3::zeros);
     let axes = plane.axes().map(|a| a.direction());
     let fed = samples.iter().all(|s| s.feed.is_some());
-    let mut names: Vec<String> =
-        ["t_s", "setup", "run", "repeat", "moving", "x_mm", "y_mm", "z_mm", "u_x", "u_y", "u_z", "deviation_um"]
-            .map(str::to_owned)
-            .into();
+    let mut names: Vec<String> = [
+        "t_s",
+        "setup",
+        "run",
+        "repeat",
+        "moving",
+        "x_mm",
+        "y_mm",
+        "z_mm",
+        "u_x",
+        "u_y",
+        "u_z",
+        "deviation_um",
+    ]
+    .map(str::to_owned)
+    .into();
     if fed {
         for k in axes {
             let letter = ["x", "y", "z"][k];
@@ -70,7 +82,9 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
     let mut found = Measurement::new(rows, times, "circular test (angle, deviation, direction)");
     let both = [Travel::Forward, Travel::Reverse].iter().all(|w| samples.iter().any(|s| s.travel == *w));
     let ways = if both { "both directions" } else { "one direction" };
-    let stated = |given: bool, option: &str| if given { String::new() } else { format!(" (assumed; {option} states it)") };
+    let stated = |given: bool, option: &str| {
+        if given { String::new() } else { format!(" (assumed; {option} states it)") }
+    };
     found.note(format!("{}, {}, {ways}", counted(samples.len(), "reading"), counted(run as usize, "run")));
     found.note(format!("plane {plane}{}", stated(args.plane.is_some(), "--plane")));
     found.note(format!("radius {radius} mm{}", stated(args.radius_mm.is_some(), "--radius-mm")));

@@ -35,7 +35,9 @@ fn directions(path: &Path, channels: &[String]) -> Result<(Vec<(usize, String)>,
     let by_name: Option<Vec<usize>> = channels.iter().map(named).collect();
     let (found, how) = match (by_name, channels.len()) {
         (Some(all), _) => (all, "by their names"),
-        (None, 5) => (vec![0, 0, 1, 1, 2], "as the five probes of ISO 230-3 (two along x, two along y, one along z)"),
+        (None, 5) => {
+            (vec![0, 0, 1, 1, 2], "as the five probes of ISO 230-3 (two along x, two along y, one along z)")
+        }
         (None, 3) => (vec![0, 1, 2], "as three probes along x, y and z"),
         (None, 1) => (vec![2], "as an axial probe"),
         (None, n) => {
@@ -49,7 +51,8 @@ fn directions(path: &Path, channels: &[String]) -> Result<(Vec<(usize, String)>,
             )));
         }
     };
-    let list: Vec<String> = channels.iter().zip(&found).map(|(c, d)| format!("{c} along {}", ["x", "y", "z"][*d])).collect();
+    let list: Vec<String> =
+        channels.iter().zip(&found).map(|(c, d)| format!("{c} along {}", ["x", "y", "z"][*d])).collect();
     let note = format!("directions assumed {how}: {}; --series states them", list.join(", "));
     Ok((found.into_iter().zip(channels.iter().cloned()).collect(), note))
 }
@@ -78,7 +81,8 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
             sources.push((i, format!("temp_{sensor}_degc")));
         }
     }
-    let mut names = vec!["t_s", "setup", "run", "repeat", "x_mm", "moving", "u_x", "u_y", "u_z", "deviation_um"];
+    let mut names =
+        vec!["t_s", "setup", "run", "repeat", "x_mm", "moving", "u_x", "u_y", "u_z", "deviation_um"];
     names.extend(sources.iter().map(|(_, n)| n.as_str()));
     let mut rows = Rows::new(path, &names);
     while table.advance()? {

@@ -10,8 +10,20 @@ use volcomp_evaluate::PlatePoint;
 use volcomp_formats::hole_plate;
 use volcomp_units::um_from_mm;
 
-const COLUMNS: [&str; 12] =
-    ["t_s", "setup", "run", "repeat", "moving", "x_mm", "y_mm", "u_x", "u_y", "u_z", "deviation_um", "hole_mm"];
+const COLUMNS: [&str; 12] = [
+    "t_s",
+    "setup",
+    "run",
+    "repeat",
+    "moving",
+    "x_mm",
+    "y_mm",
+    "u_x",
+    "u_y",
+    "u_z",
+    "deviation_um",
+    "hole_mm",
+];
 
 /// The list of a CMM with its nine columns.
 pub(super) fn cmm_list(path: &Path) -> Result<Measurement, Failure> {
@@ -20,7 +32,14 @@ pub(super) fn cmm_list(path: &Path) -> Result<Measurement, Failure> {
     let mut rows = Rows::new(path, &COLUMNS);
     let mut repeats = Repeats::default();
     for (i, hole) in plate.holes.iter().enumerate() {
-        hole_rows(&mut rows, i, hole.line as u64, repeats.next(hole.place.nominal), &hole.place, hole.diameter);
+        hole_rows(
+            &mut rows,
+            i,
+            hole.line as u64,
+            repeats.next(hole.place.nominal),
+            &hole.place,
+            hole.diameter,
+        );
     }
     let title = if plate.title.is_empty() { String::new() } else { format!(" ({})", plate.title) };
     Ok(finished(rows, plate.holes.len(), &format!("plate measured on a CMM{title}")))

@@ -53,7 +53,17 @@ fn session(path: &Path, args: &InstrumentArgs, found: Test) -> Result<Measuremen
     let column = if linear { format!("{letter}_mm") } else { format!("{letter}_deg") };
     let direction = format!("dir_{letter}");
     let names = [
-        "t_s", "setup", "run", "repeat", "moving", &column, &direction, "u_x", "u_y", "u_z", "deviation_um",
+        "t_s",
+        "setup",
+        "run",
+        "repeat",
+        "moving",
+        &column,
+        &direction,
+        "u_x",
+        "u_y",
+        "u_z",
+        "deviation_um",
         "outlier",
     ];
     let mut rows = Rows::new(path, &names);
@@ -70,9 +80,8 @@ fn session(path: &Path, args: &InstrumentArgs, found: Test) -> Result<Measuremen
         let deviation = um_from_mm(if linear { r.value } else { r.value * RADIUS_MM });
         let outlier = f64::from(u8::from(outliers.iter().any(|o| o.reading == i)));
         let [x, y, z] = u;
-        let values = [
-            clock(i), 1.0, run, f64::from(r.cycle), 0.0, position, sign, x, y, z, deviation, outlier,
-        ];
+        let values =
+            [clock(i), 1.0, run, f64::from(r.cycle), 0.0, position, sign, x, y, z, deviation, outlier];
         rows.push(test.line(i), "laser", &values);
     }
     let mut found = Measurement::new(rows, times, format);
@@ -106,11 +115,7 @@ fn session(path: &Path, args: &InstrumentArgs, found: Test) -> Result<Measuremen
 }
 
 /// The axis tested: that of --axis, that of the file, else X, with what was assumed.
-fn axis_of(
-    path: &Path,
-    args: &InstrumentArgs,
-    found: &Test,
-) -> Result<(AxisName, Vec<String>), Failure> {
+fn axis_of(path: &Path, args: &InstrumentArgs, found: &Test) -> Result<(AxisName, Vec<String>), Failure> {
     let default = if found.test.kind == AxisKind::Linear { AxisName::X } else { AxisName::C };
     let (axis, notes) = match (args.axis, found.axis) {
         (Some(axis), _) => (axis, Vec::new()),
@@ -133,7 +138,9 @@ fn axis_of(
         ));
     }
     if volcomp_diagnose::moment::Axis::from_name(axis).is_none() {
-        return Err(Failure::usage(format_args!("--axis {axis}: a session has the axes x, y, z, a, b and c")));
+        return Err(Failure::usage(format_args!(
+            "--axis {axis}: a session has the axes x, y, z, a, b and c"
+        )));
     }
     Ok((axis, notes))
 }
@@ -153,7 +160,8 @@ fn clock(test: &PositioningTest, span_s: Option<f64>) -> (Times, Box<dyn Fn(usiz
 fn describe(found: &mut Measurement, test: &PositioningTest, axis: AxisName) {
     let (positions, _) = volcomp_identify::reading::group_by_position(&test.readings);
     let cycles: std::collections::BTreeSet<u32> = test.readings.iter().map(|r| r.cycle).collect();
-    let both = [Travel::Forward, Travel::Reverse].iter().all(|t| test.readings.iter().any(|r| r.travel == *t));
+    let both =
+        [Travel::Forward, Travel::Reverse].iter().all(|t| test.readings.iter().any(|r| r.travel == *t));
     let ways = if both { "both directions" } else { "one direction" };
     found.notes.insert(
         0,

@@ -66,11 +66,15 @@ fn ballbar_figures(path: &Path) -> Failure {
     let mut figures: Vec<String> = Vec::new();
     for f in &test.features {
         if let Some((_, name)) = NAMES.iter().find(|(n, _)| *n == f.name) {
-            let unit = f.unit.map_or(f.data_type.as_str(), |u| if u == "um" { "µm" } else { u }).replace("um/m", "µm/m");
+            let unit = f
+                .unit
+                .map_or(f.data_type.as_str(), |u| if u == "um" { "µm" } else { u })
+                .replace("um/m", "µm/m");
             figures.push(format!("\n    {name}: {} {unit}", f.value));
         }
     }
-    let listed = if figures.is_empty() { String::new() } else { format!("\n  its figures:{}", figures.concat()) };
+    let listed =
+        if figures.is_empty() { String::new() } else { format!("\n  its figures:{}", figures.concat()) };
     Failure::new(
         EX_DATAERR,
         format_args!(
@@ -101,7 +105,8 @@ pub(super) fn reflector_triples(start: &str) -> Option<Poses> {
         lines.pop();
     }
     let row = |line: &&str| -> Option<Vec<f64>> {
-        let fields = line.split(|c: char| c.is_whitespace() || c == ',' || c == ';').filter(|f| !f.is_empty());
+        let fields =
+            line.split(|c: char| c.is_whitespace() || c == ',' || c == ';').filter(|f| !f.is_empty());
         fields.map(|f| f.parse::<f64>().ok().filter(|v| v.is_finite())).collect()
     };
     let rows: Vec<Vec<f64>> = lines.iter().map(row).collect::<Option<_>>()?;
@@ -125,7 +130,8 @@ pub(super) fn reflector_triples(start: &str) -> Option<Poses> {
 
 /// Joint angles of a robot are no axes of a machine tool.
 pub(super) fn robot(path: &Path, poses: &Poses) -> Failure {
-    let sides: Vec<String> = poses.sides.iter().map(|[mean, std]| format!("{mean:.3} ± {std:.3} mm")).collect();
+    let sides: Vec<String> =
+        poses.sides.iter().map(|[mean, std]| format!("{mean:.3} ± {std:.3} mm")).collect();
     Failure::new(
         EX_DATAERR,
         format_args!(
@@ -148,7 +154,9 @@ mod tests {
         let mut text = String::new();
         for k in 0..8 {
             let (s, c) = (f64::from(k) * 0.7).sin_cos();
-            let at = |x: f64, y: f64| format!("{} {} {}", 100.0 + x * c - y * s, x * s + y * c, 5.0 * f64::from(k));
+            let at = |x: f64, y: f64| {
+                format!("{} {} {}", 100.0 + x * c - y * s, x * s + y * c, 5.0 * f64::from(k))
+            };
             text += &format!("{} {} {} {} 0 0 0\n", at(0.0, 0.0), at(200.0, 0.0), at(0.0, 150.0), k);
         }
         let poses = reflector_triples(&text).unwrap();
