@@ -6,9 +6,9 @@
 use crate::{EX_SOFTWARE, Failure};
 use volcomp_config as config;
 use volcomp_config::ModelFile;
-use volcomp_diagnose::moment::Axis;
+use volcomp_diagnose::machine_state::Axis;
 use volcomp_diagnose::session::Session;
-use volcomp_effects::moment::Machine;
+use volcomp_effects::machine_state::Machine;
 use volcomp_effects::prediction::machine_of;
 use volcomp_model::{AxisSpec, Chain, Model, ModelSpec};
 use volcomp_units::axes::AxisName;

@@ -77,7 +77,7 @@ impl Survey {
                 _ => None,
             });
             let axis = letter.and_then(AxisName::from_letter).filter(|a| {
-                a.kind() == AxisKind::Linear && volcomp_diagnose::moment::Axis::from_name(*a).is_some()
+                a.kind() == AxisKind::Linear && volcomp_diagnose::machine_state::Axis::from_name(*a).is_some()
             });
             let name = if seen.name.is_empty() { String::new() } else { format!(" ({})", seen.name) };
             let span = seen.range.map_or(0.0, |[low, high]| high.abs().max(low.abs()).max(high - low));

@@ -40,7 +40,7 @@ pub(super) struct InstrumentArgs {
     #[arg(long, value_name = "MM", value_parser = positive)]
     radius_mm: Option<f64>,
     /// Programmed X, Y, Z at the centre of a circular test.
-    #[arg(long, value_name = "X,Y,Z", value_parser = crate::values::point, allow_hyphen_values = true)]
+    #[arg(long, value_name = "X,Y,Z", value_parser = crate::arg_parsers::point, allow_hyphen_values = true)]
     centre_mm: Option<Vec3>,
     /// Feed of a circular test without a column for it.
     #[arg(long, value_name = "MM/MIN", value_parser = positive)]

@@ -137,7 +137,7 @@ fn axis_of(path: &Path, args: &InstrumentArgs, found: &Test) -> Result<(AxisName
             ),
         ));
     }
-    if volcomp_diagnose::moment::Axis::from_name(axis).is_none() {
+    if volcomp_diagnose::machine_state::Axis::from_name(axis).is_none() {
         return Err(Failure::usage(format_args!(
             "--axis {axis}: a session has the axes x, y, z, a, b and c"
         )));
