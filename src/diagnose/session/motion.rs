@@ -111,6 +111,10 @@ pub(super) fn travel(samples: &[Sample], position: &[f64], given: Option<&[f64]>
     let n = samples.len();
     let mut t =
         Travel { direction: vec![0.0; n], since: vec![f64::INFINITY; n], since_s: vec![f64::INFINITY; n] };
+    // a file that states no direction anywhere does not know them: the order of its rows is not that of the machine
+    if given.is_some_and(|g| g.iter().all(|d| *d == 0.0)) {
+        return t;
+    }
     let first_move = position.windows(2).map(|w| w[1] - w[0]).find(|d| d.abs() > MOVED);
     let mut direction = match given {
         Some(g) if g.first().is_some_and(|d| *d != 0.0) => g[0].signum(),

@@ -3,8 +3,9 @@
 use std::collections::{BTreeMap, BTreeSet};
 use std::path::Path;
 
-use super::{InstrumentArgs, Measurement, Rows, along, counted};
+use super::{InstrumentArgs, Measurement, Rows, along};
 use crate::input::{self, InputKind};
+use crate::numerals::counted;
 use crate::{Failure, table};
 use volcomp_diagnose::session::Times;
 use volcomp_formats::ReadError;
@@ -182,7 +183,7 @@ impl Following {
             "following errors (encoder minus set point) of {}: {}, {times}, {}",
             self.only.map_or(axes.join(", "), |a| a.lower().to_string()),
             counted(samples, "reading"),
-            counted(stretches, "stretch").replace("stretchs", "stretches")
+            counted(stretches, "uninterrupted part")
         ));
         found
     }
@@ -212,6 +213,7 @@ pub(super) fn table(path: &Path, args: &InstrumentArgs) -> Result<Measurement, F
     let columns: Vec<usize> = following.channels.iter().flat_map(|c| [c.desired, c.actual]).collect();
     let mut values = vec![f64::NAN; table.columns().len()];
     let (mut before, mut run) = (f64::NAN, 1);
+    let mut origin = None;
     while table.advance()? {
         let count = table.number(cycle)?;
         if count - before > 1.5 {
@@ -221,7 +223,8 @@ pub(super) fn table(path: &Path, args: &InstrumentArgs) -> Result<Measurement, F
         for c in &columns {
             values[*c] = table.number(*c)?;
         }
-        following.sample(table.line(), count * CYCLE_S, run, |c| values[c]);
+        let t_s = (count - *origin.get_or_insert(count)) * CYCLE_S;
+        following.sample(table.line(), t_s, run, |c| values[c]);
     }
     notes.push(format!("interpolation cycle of {} ms assumed: the table does not state it", CYCLE_S * 1e3));
     Ok(following.finish("capture of a SINUMERIK Edge as a table".to_owned(), notes, "clock of the control"))

@@ -3,7 +3,8 @@
 use core::f64::consts::PI;
 use std::path::Path;
 
-use super::{InstrumentArgs, Measurement, Rows, counted};
+use super::{InstrumentArgs, Measurement, Rows};
+use crate::numerals::counted;
 use crate::{EX_DATAERR, Failure, table};
 use volcomp_diagnose::session::Times;
 use volcomp_identify::ballbar::{Plane, Sample, cut_overshoot};

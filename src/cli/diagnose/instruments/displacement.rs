@@ -3,7 +3,8 @@
 
 use std::path::Path;
 
-use super::{InstrumentArgs, Measurement, Rows, along, counted};
+use super::{InstrumentArgs, Measurement, Rows, along};
+use crate::numerals::counted;
 use crate::{Failure, table};
 use volcomp_diagnose::session::Times;
 

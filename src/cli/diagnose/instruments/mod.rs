@@ -193,8 +193,3 @@ impl Rows {
 fn along(direction: usize) -> [f64; 3] {
     std::array::from_fn(|k| f64::from(u8::from(k == direction)))
 }
-
-/// `1 reading`, `2 readings`.
-pub(super) fn counted(n: usize, what: &str) -> String {
-    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
-}

@@ -2,15 +2,16 @@
 
 use std::path::Path;
 
-use super::{Measurement, Rows, along, counted};
+use super::{Measurement, Rows, along};
 use crate::input::{self, InputKind};
+use crate::numerals::counted;
 use crate::{Failure, table};
 use volcomp_diagnose::session::Times;
 use volcomp_evaluate::PlatePoint;
 use volcomp_formats::hole_plate;
 use volcomp_units::um_from_mm;
 
-const COLUMNS: [&str; 12] = [
+const COLUMNS: [&str; 14] = [
     "t_s",
     "setup",
     "run",
@@ -18,6 +19,8 @@ const COLUMNS: [&str; 12] = [
     "moving",
     "x_mm",
     "y_mm",
+    "dir_x",
+    "dir_y",
     "u_x",
     "u_y",
     "u_z",
@@ -90,7 +93,8 @@ fn hole_rows(rows: &mut Rows, count: usize, line: u64, repeat: f64, place: &Plat
         let [x, y, z] = along(axis);
         let d = um_from_mm(place.measured[axis] - place.nominal[axis]);
         let [nx, ny] = place.nominal;
-        let values = [count as f64, 1.0, 1.0, repeat, 0.0, nx, ny, x, y, z, d, diameter];
+        // the list does not tell from which side the machine approached a hole
+        let values = [count as f64, 1.0, 1.0, repeat, 0.0, nx, ny, 0.0, 0.0, x, y, z, d, diameter];
         rows.push(line, "cmm", &values);
     }
 }
@@ -102,6 +106,6 @@ fn finished(rows: Rows, holes: usize, format: &str) -> Measurement {
         "the machine made or measured the plate along its X and Y, parallel to those of the list; position and rotation of the \
          plate in the list are those of its clamping",
     );
-    found.note("the order of the list is taken as the order measured; the order of machining is not known");
+    found.note("the order of the list is taken as the order measured; the order of machining and the directions of approach are not known");
     found
 }

@@ -4,8 +4,9 @@
 use std::io::Cursor;
 use std::path::Path;
 
-use super::{InstrumentArgs, Measurement, Rotary, Rows, along, counted};
+use super::{InstrumentArgs, Measurement, Rotary, Rows, along};
 use crate::input::{self, InputKind, text_of};
+use crate::numerals::counted;
 use crate::positioning_data::{Test, instrument_test, parse_csv};
 use crate::table::Table;
 use crate::{EX_DATAERR, Failure};
