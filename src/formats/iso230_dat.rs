@@ -265,11 +265,12 @@ mod tests {
             found,
             [
                 (-5.0, 0.001, Travel::Forward),
-                (-5.0, -0.001, Travel::Reverse),
                 (0.0, -0.002, Travel::Forward),
                 (0.0, 0.003, Travel::Reverse),
+                (-5.0, -0.001, Travel::Reverse),
             ]
         );
+        assert_eq!((test.lines.as_slice(), test.order), (&[9, 11, 13, 12][..], Order::StandardCycle));
     }
 
     #[test]

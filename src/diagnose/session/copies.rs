@@ -42,11 +42,6 @@ pub(super) fn no_file_twice(raws: &[Raw]) -> Result<(), SessionError> {
     Ok(())
 }
 
-/// `1 row was`, `2 rows were`.
-fn were(n: usize, what: &str) -> String {
-    if n == 1 { format!("1 {what} was") } else { format!("{n} {what}s were") }
-}
-
 /// True where a reading repeats the one before it in all but the time.
 fn repeats(before: (&Reading, &Moment), now: (&Reading, &Moment)) -> bool {
     let ((r, m), (s, n)) = (before, now);
@@ -69,7 +64,10 @@ impl Session {
         let twice = keep.iter().filter(|k| !**k).count();
         if twice > 0 {
             self.retain(&keep);
-            self.notes.push(Note::new(format!("{} there twice and count once", were(twice, "row"))));
+            self.notes.push(Note::new(match twice {
+                1 => "1 row was there twice and counts once".to_owned(),
+                _ => format!("{twice} rows were there twice and count once"),
+            }));
         }
         self.drop_echoes();
     }
@@ -93,8 +91,7 @@ impl Session {
         }
         self.retain(&keep);
         self.notes.push(Note::new(format!(
-            "{} copies of the one before in all but the time and count once: copies say nothing of the noise",
-            were(echoes, "reading")
+            "{echoes} readings repeat the one before them in all but the time and count once: copies say nothing of the noise"
         )));
     }
 }
