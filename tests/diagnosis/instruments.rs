@@ -355,6 +355,15 @@ fn what_is_found_without_a_model_can_be_applied() {
 }
 
 #[test]
+fn a_session_file_that_lacks_a_column_stays_a_session_file() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("s.csv");
+    std::fs::write(&path, "t_s,setup,run,repeat,x_mm,deviation_um,temp_x_degc\n0,1,1,1,0,1.5,20\n").unwrap();
+    let said = refused(&path, 65);
+    assert!(said.contains("column u_x is missing"), "{said}");
+}
+
+#[test]
 fn help_names_the_formats_and_their_page() {
     let help = Command::new(env!("CARGO_BIN_EXE_volcomp")).args(["diagnose", "--help"]).output().unwrap();
     let help = text(&help.stdout);

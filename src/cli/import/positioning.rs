@@ -182,6 +182,9 @@ fn describe(test: &PositioningTest) {
     note!("  note: {order}; no time per reading, so that volcomp diagnose takes the times as ordinal");
 }
 
+/// Readings of a table that are kept to look for start-up outliers; longer tables are no positioning tests of a standard.
+const START_UP_ROWS: usize = 100_000;
+
 /// A table with a column map, row by row.
 fn columns(
     args: &Args,
@@ -213,18 +216,28 @@ fn columns(
     let mut progress = Progress::new(path);
     let mut runs = Runs::default();
     let mut rows = 0u64;
-    let mut put = |cycle, travel, position, value| sink(kind, &Reading { cycle, travel, position, value });
+    let mut test = PositioningTest::new(kind, Vec::new(), Vec::new());
+    let mut put = |line: u64, cycle, travel, position, value| {
+        let reading = Reading { cycle, travel, position, value };
+        if test.readings.len() < START_UP_ROWS {
+            test.readings.push(reading);
+            test.lines.push(line);
+        }
+        sink(kind, &reading)
+    };
+    let mut before = 0;
     while table.advance().map_err(fail)? {
         let row = table.values();
         let deviation = if is_actual { row[value] - row[target] } else { row[value] };
         let (cycle, travel) = given(&file, &table, cycle, direction)?;
         if let (Some(cycle), Some(travel)) = (cycle, travel) {
-            put(cycle, travel, row[target], deviation)?;
+            put(table.line() as u64, cycle, travel, row[target], deviation)?;
         } else {
             // what is not given follows from the order; a given part wins over a derived one
             if let Some(placed) = runs.push_with(row[target], deviation, cycle, travel) {
-                put(placed.cycle, placed.travel, placed.position, placed.value)?;
+                put(before, placed.cycle, placed.travel, placed.position, placed.value)?;
             }
+            before = table.line() as u64;
         }
         rows += 1;
         if rows.is_multiple_of(4096) {
@@ -232,7 +245,7 @@ fn columns(
         }
     }
     if let Some(placed) = runs.finish() {
-        put(placed.cycle, placed.travel, placed.position, placed.value)?;
+        put(before, placed.cycle, placed.travel, placed.position, placed.value)?;
     }
     progress.finish();
     if rows == 0 {
@@ -245,6 +258,12 @@ fn columns(
         _ => "",
     };
     note!("{file}: {rows} readings{derived}");
+    note!(
+        "  note: rows stand in the order of the file; no time per reading, so that volcomp diagnose takes the times as ordinal"
+    );
+    if rows <= START_UP_ROWS as u64 {
+        start_up::report(&file, &test);
+    }
     Ok(())
 }
 

@@ -192,15 +192,16 @@ impl Session {
             return;
         }
         let every = n.div_ceil(ROWS_MAX);
-        // a sample (rows of equal time) and all its partners stay or go together; the count runs over programmed points
+        // a sample (rows of equal time in a file, of all instruments read together) and all its partners stay or go together;
+        // the count runs over programmed points
         let mut chosen: BTreeMap<usize, bool> = BTreeMap::new();
         let mut keep = Vec::with_capacity(n);
         let (mut count, mut last, mut state) = (0usize, (usize::MAX, f64::NAN), false);
         for (r, m) in self.readings.iter().zip(&self.moments) {
-            if last != (r.run, m.t_s) {
+            if last != (m.file, m.t_s) {
                 state = count.is_multiple_of(every);
                 count += 1;
-                last = (r.run, m.t_s);
+                last = (m.file, m.t_s);
             }
             keep.push(match r.pair {
                 Some(p) => *chosen.entry(p).or_insert(state),

@@ -361,3 +361,30 @@ fn directions_that_a_file_does_not_know_are_not_made_up() {
     raw.columns.push(vec![0.0; 40]);
     assert!(build(raw).unwrap().moments.iter().all(|m| m.direction[0] == 0.0));
 }
+
+#[test]
+fn instruments_read_together_are_thinned_together() {
+    let mut raw = line();
+    for c in &mut raw.columns {
+        c.clear();
+    }
+    (raw.instruments, raw.lines) = (Vec::new(), Vec::new());
+    // five probes read together, each with a setup of its own
+    for k in 0..4000u64 {
+        for probe in 0..5u64 {
+            let d = 2.0 + (0.01 * k as f64).sin() + 0.1 * probe as f64;
+            let row = [15.0 * k as f64, probe as f64 + 1.0, 1.0, 1.0, 0.0, 1.0, 0.0, 0.0, d];
+            for (c, v) in raw.columns.iter_mut().zip(row) {
+                c.push(v);
+            }
+            raw.instruments.push(format!("probe {probe}"));
+            raw.lines.push(5 * k + probe + 2);
+        }
+    }
+    let s = build(raw).unwrap();
+    assert!(s.readings.len() <= ROWS_MAX, "{}", s.readings.len());
+    for probe in 0..5 {
+        let kept = s.readings.iter().filter(|r| r.instrument == probe).count();
+        assert_eq!(5 * kept, s.readings.len(), "probe {probe}");
+    }
+}

@@ -25,7 +25,7 @@ use volcomp_units::axes::AxisName;
 
 /// What files of instruments do not state.
 #[derive(Debug, Clone, Args)]
-#[command(next_help_heading = "Files of instruments and controls (docs/reference/session-files.md 1.6)")]
+#[command(next_help_heading = "Files of instruments and controls (docs/reference/session-files.md 1.7)")]
 pub(super) struct InstrumentArgs {
     /// Axis of a positioning test that does not name it [default: x].
     #[arg(long, value_name = "LETTER", value_parser = super::letter)]
@@ -37,13 +37,13 @@ pub(super) struct InstrumentArgs {
     #[arg(long, value_name = "PLANE", value_parser = plane)]
     plane: Option<Plane>,
     /// Nominal radius of a circular test [default: 150].
-    #[arg(long, value_name = "MM", value_parser = positive)]
+    #[arg(long, value_name = "MM")]
     radius_mm: Option<f64>,
     /// Programmed X, Y, Z at the centre of a circular test.
     #[arg(long, value_name = "X,Y,Z", value_parser = crate::arg_parsers::point, allow_hyphen_values = true)]
     centre_mm: Option<Vec3>,
     /// Feed of a circular test without a column for it.
-    #[arg(long, value_name = "MM/MIN", value_parser = positive)]
+    #[arg(long, value_name = "MM/MIN")]
     feed_mm_per_min: Option<f64>,
     /// Axes of an Edge capture by number, such as x=1,y=2,z=6 [default: by their names].
     #[arg(long, value_delimiter = ',', value_name = "AXIS=NUMBER", value_parser = numbered)]
@@ -71,11 +71,6 @@ fn directed(text: &str) -> Result<(usize, String), String> {
 
 fn plane(text: &str) -> Result<Plane, String> {
     Plane::parse(text).ok_or_else(|| format!("'{text}' is no plane; write xy, yz or zx"))
-}
-
-fn positive(text: &str) -> Result<f64, String> {
-    let value = text.parse::<f64>().ok().filter(|v| v.is_finite() && *v > 0.0 && *v <= 1e6);
-    value.ok_or_else(|| format!("'{text}' is not a number above 0 and up to 1e6"))
 }
 
 /// A file of an instrument or a control as a session.
@@ -125,6 +120,12 @@ pub(super) fn recognised(
     }
     let decoded = text::decode(head);
     let start = decoded.text.as_ref();
+    let header = header(start);
+    let has = |name: &str| header.contains(&name);
+    // a session file, complete or not
+    if has("u_x") || has("setup") {
+        return Ok(None);
+    }
     use detect::Format::{ApiPos, Edge, Iso230Dat, Rtl};
     match detect::format(head) {
         Some(Iso230Dat | Rtl | ApiPos) => return positioning::read(path, args).map(Some),
@@ -137,11 +138,6 @@ pub(super) fn recognised(
     }
     if let Some(poses) = unsuitable::reflector_triples(start) {
         return Err(unsuitable::robot(path, &poses));
-    }
-    let header = header(start);
-    let has = |name: &str| header.iter().any(|c| *c == name);
-    if has("u_x") {
-        return Ok(None);
     }
     if has("cycle") && (has("target_mm") || has("target_deg")) {
         return positioning::table(path, args).map(Some);
