@@ -149,7 +149,7 @@ fn rows_that_are_there_twice_count_once() {
     raw.lines.push(42);
     let s = build(raw).unwrap();
     assert_eq!(s.readings.len(), 40);
-    assert!(s.notes.iter().any(|n| n.text.contains("1 rows were there twice")));
+    assert!(s.notes.iter().any(|n| n.text.contains("1 row was there twice and counts once")));
 }
 
 #[test]
