@@ -437,7 +437,7 @@ fn start_up_section(page: &mut crate::report::Page, test: &Evaluated, unit: &str
     page.heading("Start-up outliers");
     let list: Vec<String> =
         start_up.marked.iter().map(|m| format!("Line {}: {}.", m.line, m.words(test.kind))).collect();
-    page.note(&list.join(" "));
+    page.note(list.join(" "));
     if let Some(without) = &start_up.without {
         let head = [
             Cell::head("figure"),

@@ -71,7 +71,7 @@ impl Survey {
         let (mut axes, mut taken, mut left) = (Vec::new(), Vec::new(), Vec::new());
         for (number, seen) in &self.0 {
             // without names the order of the control is X, Y, Z
-            let letter = seen.name.chars().next().or_else(|| match number {
+            let letter = seen.name.chars().next().or(match number {
                 1 => Some('X'),
                 2 => Some('Y'),
                 3 => Some('Z'),
