@@ -24,7 +24,7 @@ fn the_index_decides_not_the_order_of_rows() {
     assert_eq!(found[8], (2, Travel::Reverse, 50.0, -1.4));
     assert_eq!(found[9], (2, Travel::Reverse, 0.0, -0.2));
     let lines = rtl.test(DeviationUnit::Um).0.lines;
-    assert_eq!(lines, [30, 31, 32, 27, 28, 29, 34, 33, 37, 36, 35]);
+    assert_eq!(lines, [31, 32, 33, 28, 29, 30, 35, 34, 38, 37, 36]);
     assert_eq!(rtl.test(DeviationUnit::Um).1, [Note::Missed { readings: 1 }]);
 }
 
