@@ -142,7 +142,9 @@ fn a_rotary_laser_test_needs_its_unit() {
             .contains("volcomp import --axis c --deviation-unit")
     );
     ok(&["import", &c, "--deviation-unit", "arcsec", "--out", &out]);
-    assert!(s.read("c.csv").starts_with("cycle,direction,target_deg,deviation_arcsec\n1,-1,100,4.2\n"));
+    let table = s.read("c.csv");
+    assert!(table.starts_with("cycle,direction,target_deg,deviation_arcsec\n1,1,-100,"), "{table}");
+    assert!(table.contains("\n1,-1,100,4.2\n"), "{table}");
 }
 
 #[test]
