@@ -12,8 +12,13 @@
 use std::env;
 use std::path::{Path, PathBuf};
 
-const SETS: [&str; 4] =
-    ["cnc_drilled_plates", "iso230_2_linear_axes", "laser_tracker_3smr_robot", "sinumerik_edge_capture"];
+const SETS: [&str; 5] = [
+    "cnc_drilled_plates",
+    "iso230_2_linear_axes",
+    "laser_tracker_3smr_robot",
+    "real_sessions",
+    "sinumerik_edge_capture",
+];
 
 fn main() {
     println!("cargo::rerun-if-env-changed=VOLCOMP_DATA");

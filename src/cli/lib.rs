@@ -36,6 +36,8 @@ mod import;
 pub mod input;
 mod model;
 mod model_writer;
+#[cfg(feature = "diagnosis")]
+mod numerals;
 mod operator_commands;
 mod positioning_data;
 mod predict;
@@ -44,6 +46,7 @@ mod ranges;
 mod recordings;
 mod replay;
 mod report;
+mod start_up;
 mod status;
 mod table;
 

@@ -9,7 +9,8 @@ use super::input::{self, InputKind, text_of};
 use super::table::Table;
 use super::{EX_DATAERR, EX_USAGE, Failure};
 use volcomp_formats::detect;
-use volcomp_formats::iso230_dat::{self, PositioningTest};
+use volcomp_formats::iso230_dat;
+use volcomp_formats::positioning_test::PositioningTest;
 use volcomp_formats::rtl::DeviationUnit;
 use volcomp_formats::{FormatError, FormatErrorKind, Place, api_pos, rtl, text};
 use volcomp_identify::Reading;
@@ -42,19 +43,45 @@ pub(super) fn is_instrument(head: &[u8]) -> bool {
     matches!(detect::format(head), Some(Iso230Dat | Rtl | ApiPos))
 }
 
-/// The positioning test of an instrument's file; `None` where its beginning gives no such format away.
-pub(super) fn instrument_test(file: &str, bytes: &[u8]) -> Result<Option<PositioningTest>, Failure> {
+/// A positioning test with what its file states beside the readings.
+pub(super) struct Test {
+    pub(super) test: PositioningTest,
+    /// The format, in words.
+    pub(super) format: &'static str,
+    /// The axis, where the file names it.
+    pub(super) axis: Option<AxisName>,
+    /// What is worth knowing.
+    pub(super) notes: Vec<String>,
+    /// Time from start to end, s, where the file states it.
+    pub(super) span_s: Option<f64>,
+}
+
+impl Test {
+    const fn new(test: PositioningTest, format: &'static str) -> Self {
+        Self { test, format, axis: None, notes: Vec::new(), span_s: None }
+    }
+}
+
+/// The positioning test of an instrument's file; `None` where its beginning gives no such format away. `axis` and `unit` are
+/// those of the user, where stated: an .rtl of a rotary axis does not say the unit of its deviations.
+pub(super) fn instrument_test(
+    file: &str,
+    bytes: &[u8],
+    axis: Option<AxisName>,
+    unit: Option<DeviationUnit>,
+) -> Result<Option<Test>, Failure> {
     let fail = |e: FormatError| format_failure(file, &e);
     match detect::format(bytes) {
         Some(detect::Format::Iso230Dat) => {
             let decoded = text::decode(bytes);
-            parse_dat(file, &decoded.text).map(Some)
+            Ok(Some(Test::new(parse_dat(file, &decoded.text)?, "ISO 230-2 test (.dat)")))
         }
         Some(detect::Format::Rtl) => {
             let decoded = text::decode(bytes);
-            let (rtl, _) = rtl::parse(&decoded.text).map_err(fail)?;
-            let letter = rtl.user("Axis").and_then(|a| a.chars().next()).and_then(AxisName::from_letter);
-            if let Some(axis) = letter.filter(|a| a.kind() == AxisKind::Rotary) {
+            let (rtl, mut notes) = rtl::parse(&decoded.text).map_err(fail)?;
+            let named = rtl.user("Axis").and_then(|a| a.chars().next()).and_then(AxisName::from_letter);
+            let rotary = axis.or(named).filter(|a| a.kind() == AxisKind::Rotary);
+            if let (Some(axis), None) = (rotary, unit) {
                 return Err(Failure::new(
                     EX_USAGE,
                     format_args!(
@@ -64,11 +91,29 @@ pub(super) fn instrument_test(file: &str, bytes: &[u8]) -> Result<Option<Positio
                     ),
                 ));
             }
-            Ok(Some(rtl.test(DeviationUnit::Um).0))
+            let (test, more) = rtl.test(unit.unwrap_or(DeviationUnit::Um));
+            notes.extend(more);
+            let mut notes: Vec<String> = notes.iter().map(ToString::to_string).collect();
+            if let (Some(start), Some(length)) = (rtl.environment("Mat temp 1"), rtl.environment("Exp coeff"))
+            {
+                notes.push(format!(
+                    "material at {:.2} to {:.2} degC, compensated to 20 degC by the instrument with {} µm/(m degC)",
+                    start.start, start.end, length.start
+                ));
+            }
+            Ok(Some(Test {
+                axis: named,
+                notes,
+                span_s: rtl.duration_s(),
+                ..Test::new(test, "Renishaw laser test (.rtl)")
+            }))
         }
         Some(detect::Format::ApiPos) => {
             let decoded = text::decode(bytes);
-            Ok(Some(api_pos::parse(&decoded.text).map_err(fail)?.test))
+            let means = api_pos::parse(&decoded.text).map_err(fail)?;
+            let notes =
+                vec!["the file holds means: repeatability and drift cannot be judged from it".to_owned()];
+            Ok(Some(Test { notes, ..Test::new(means.test, "API laser test (.pos)") }))
         }
         _ => Ok(None),
     }
@@ -102,7 +147,14 @@ impl Cycles {
     }
 
     /// Keeps the readings of the selected cycles.
-    pub(super) fn select(&self, file: &str, readings: &mut Vec<Reading>) -> Result<(), Failure> {
+    pub(super) fn select(&self, file: &str, test: &mut PositioningTest) -> Result<(), Failure> {
+        self.check(file, &test.readings)?;
+        test.retain(|r| self.contains(r.cycle));
+        Ok(())
+    }
+
+    /// Refuses a selection of cycles that the readings do not have.
+    pub(super) fn check(&self, file: &str, readings: &[Reading]) -> Result<(), Failure> {
         let mut present: Vec<u32> = readings.iter().map(|r| r.cycle).collect();
         present.sort_unstable();
         present.dedup();
@@ -116,7 +168,6 @@ impl Cycles {
                 ));
             }
         }
-        readings.retain(|r| self.contains(r.cycle));
         Ok(())
     }
 }
@@ -126,9 +177,9 @@ pub(super) fn read_test(path: &Path, format: TestFormat) -> Result<PositioningTe
     let bytes = input::read(path, InputKind::Instrument)?;
     let file = path.display().to_string();
     if format == TestFormat::Auto
-        && let Some(test) = instrument_test(&file, &bytes)?
+        && let Some(found) = instrument_test(&file, &bytes, None, None)?
     {
-        return Ok(test);
+        return Ok(found.test);
     }
     let text = text_of(path, bytes)?;
     match format {
@@ -202,15 +253,20 @@ impl TestColumns {
 
 /// The CSV of `docs/reference/tables.md` 3.
 pub(super) fn parse_csv<R: BufRead>(mut table: Table<R>) -> Result<PositioningTest, Failure> {
-    let columns = TestColumns::find(&table, &[])?;
-    let mut readings = Vec::new();
+    let columns = TestColumns::find(&table, &["t_s"])?;
+    let time = table.find("t_s");
+    let (mut readings, mut lines, mut times_s) = (Vec::new(), Vec::new(), Vec::new());
     while table.advance()? {
         readings.push(columns.reading(&table)?);
+        lines.push(table.line());
+        if let Some(time) = time {
+            times_s.push(table.number(time)?);
+        }
     }
     if readings.is_empty() {
         return Err(no_rows(table.file()));
     }
-    Ok(PositioningTest { kind: columns.kind, readings })
+    Ok(PositioningTest { times_s, ..PositioningTest::new(columns.kind, readings, lines) }.of_rows())
 }
 
 /// The error for a table that has a header only.
@@ -225,12 +281,14 @@ mod tests {
 
     #[test]
     fn cycles_are_selected() {
-        let mut readings: Vec<Reading> = (1..=5)
+        let readings: Vec<Reading> = (1..=5)
             .map(|cycle| Reading { cycle, travel: Travel::Forward, position: 0.0, value: 0.0 })
             .collect();
-        "1-2,5".parse::<Cycles>().unwrap().select("f", &mut readings).unwrap();
-        assert_eq!(readings.iter().map(|r| r.cycle).collect::<Vec<_>>(), [1, 2, 5]);
-        let missing = "7".parse::<Cycles>().unwrap().select("f", &mut readings).unwrap_err();
+        let mut test = PositioningTest::new(AxisKind::Linear, readings, (1..=5).collect());
+        "1-2,5".parse::<Cycles>().unwrap().select("f", &mut test).unwrap();
+        assert_eq!(test.readings.iter().map(|r| r.cycle).collect::<Vec<_>>(), [1, 2, 5]);
+        assert_eq!(test.lines, [1, 2, 5]);
+        let missing = "7".parse::<Cycles>().unwrap().select("f", &mut test).unwrap_err();
         assert!(missing.message.contains("cycle 7 selected, but the file has cycles [1, 2, 5]"));
         for bad in ["", "a", "4-1", "1-", "1;2"] {
             assert!(bad.parse::<Cycles>().is_err(), "{bad}");

@@ -225,6 +225,8 @@ fn share_of(
 
 /// A number with some three digits that count.
 fn short(value: f64) -> String {
+    // what rounds to zero has no sign
+    let value = if value.abs() < 5e-5 { 0.0 } else { value };
     match value.abs() {
         size if size >= 100.0 => format!("{value:.0}"),
         size if size >= 10.0 => format!("{value:.1}"),
@@ -240,8 +242,8 @@ mod tests {
     #[test]
     fn a_place_is_told_with_the_digits_that_count() {
         assert_eq!(
-            [214.4621, -17.2203, 1.234, 0.01234, 0.0].map(short),
-            ["214", "-17.2", "1.23", "0.0123", "0.0000"]
+            [214.4621, -17.2203, 1.234, 0.01234, 0.0, -0.00004].map(short),
+            ["214", "-17.2", "1.23", "0.0123", "0.0000", "0.0000"]
         );
     }
 }

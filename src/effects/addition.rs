@@ -57,12 +57,22 @@ pub struct Entry {
 
 /// An addition beside the model of another machine.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
-#[error(
-    "found on machine '{found}', the model is of '{expected}'; diagnose this machine with its own model (--model)"
-)]
+#[error("{}", foreign(.found, .expected))]
 pub struct Foreign {
     found: String,
     expected: String,
+}
+
+fn foreign(found: &str, expected: &str) -> String {
+    if found.is_empty() {
+        return format!(
+            "found without a model: what the model of '{expected}' corrects already would be corrected twice; diagnose again with \
+             --model, or extend the ideal model.toml that the diagnosis wrote beside the addition"
+        );
+    }
+    format!(
+        "found on machine '{found}', the model is of '{expected}'; diagnose this machine with its own model (--model)"
+    )
 }
 
 /// An effect that cannot be evaluated.

@@ -6,7 +6,7 @@
 //! mean of both, as one direction. Repeatability cannot be had from means.
 
 use super::error::{FormatError, FormatErrorKind};
-use super::iso230_dat::PositioningTest;
+use super::positioning_test::PositioningTest;
 use super::text::{lines, words};
 use volcomp_identify::Reading;
 use volcomp_units::axes::{AxisKind, Travel};
@@ -40,7 +40,7 @@ pub fn recognises(text: &str) -> bool {
 /// The first mistake, with its line and column.
 pub fn parse(text: &str) -> Result<Means, FormatError> {
     let mut block = Block::Other;
-    let mut rows: Vec<(Block, f64, f64)> = Vec::new();
+    let mut rows: Vec<(Block, f64, f64, u64)> = Vec::new();
     for line in lines(text).filter(|l| !l.text.is_empty()) {
         if line.text.starts_with("Position") {
             block = match line.text {
@@ -67,7 +67,9 @@ pub fn parse(text: &str) -> Result<Means, FormatError> {
         let (Some(position), Some(value)) = (first, second) else {
             return Err(line.unexpected("a row of two: position and mean deviation, mm"));
         };
-        rows.push((block, position.number("a position in mm")?, value.number("a mean deviation in mm")?));
+        let (position, value) =
+            (position.number("a position in mm")?, value.number("a mean deviation in mm")?);
+        rows.push((block, position, value, line.line as u64));
     }
     let apart = rows.iter().any(|(b, ..)| matches!(b, Block::Forward | Block::Reverse));
     rows.retain(|(b, ..)| if apart { *b != Block::Both } else { *b == Block::Both });
@@ -76,16 +78,17 @@ pub fn parse(text: &str) -> Result<Means, FormatError> {
         let kind = FormatErrorKind::Missing { what: "a block 'Position .. Avg Error' with rows", remedy };
         return Err(FormatError::at(1, 1, kind));
     }
-    let readings = rows
+    let (readings, lines) = rows
         .into_iter()
-        .map(|(block, position, value)| Reading {
-            cycle: 1,
-            travel: if block == Block::Reverse { Travel::Reverse } else { Travel::Forward },
-            position,
-            value,
+        .map(|(block, position, value, line)| {
+            let travel = if block == Block::Reverse { Travel::Reverse } else { Travel::Forward };
+            (Reading { cycle: 1, travel, position, value }, line)
         })
-        .collect();
-    Ok(Means { test: PositioningTest { kind: AxisKind::Linear, readings }, bidirectional_only: !apart })
+        .unzip();
+    Ok(Means {
+        test: PositioningTest::new(AxisKind::Linear, readings, lines).in_standard_cycle(),
+        bidirectional_only: !apart,
+    })
 }
 
 #[cfg(test)]

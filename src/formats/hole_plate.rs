@@ -24,6 +24,8 @@ pub struct Hole {
     pub place: PlatePoint,
     /// Nominal diameter.
     pub diameter: f64,
+    /// Line in the file, from 1.
+    pub line: usize,
 }
 
 /// What is wrong, and where: 1-based line and column, in characters.
@@ -96,19 +98,20 @@ pub fn parse(text: &str) -> Result<HolePlate, HolePlateError> {
     let text = text.strip_prefix('\u{feff}').unwrap_or(text);
     let mut title: Vec<&str> = Vec::new();
     let mut holes: Option<Vec<Hole>> = None;
-    for (i, line) in text.lines().enumerate() {
-        let trimmed = line.trim();
+    for (i, text) in text.lines().enumerate() {
+        let trimmed = text.trim();
         if trimmed.is_empty() || trimmed.starts_with('#') {
             continue;
         }
         match &mut holes {
             None if is_heading(trimmed) => holes = Some(Vec::new()),
             None => title.push(trimmed),
-            Some(holes) => holes.push(hole(line).map_err(|(column, kind)| HolePlateError {
-                line: i + 1,
-                column,
-                kind,
-            })?),
+            Some(holes) => {
+                let line = i + 1;
+                let (place, diameter) =
+                    hole(text).map_err(|(column, kind)| HolePlateError { line, column, kind })?;
+                holes.push(Hole { place, diameter, line });
+            }
         }
     }
     let whole = |kind| HolePlateError { line: 0, column: 0, kind };
@@ -119,7 +122,7 @@ pub fn parse(text: &str) -> Result<HolePlate, HolePlateError> {
     Ok(HolePlate { title: title.join(", "), holes })
 }
 
-fn hole(line: &str) -> Result<Hole, (usize, HolePlateErrorKind)> {
+fn hole(line: &str) -> Result<(PlatePoint, f64), (usize, HolePlateErrorKind)> {
     let mut values = [0.0; 9];
     let mut columns = [0; 9];
     let mut found = 0;
@@ -145,7 +148,7 @@ fn hole(line: &str) -> Result<Hole, (usize, HolePlateErrorKind)> {
             return Err((column, HolePlateErrorKind::Contradiction { difference, stated }));
         }
     }
-    Ok(Hole { place: PlatePoint { nominal: [nx, ny], measured: [mx, my] }, diameter })
+    Ok((PlatePoint { nominal: [nx, ny], measured: [mx, my] }, diameter))
 }
 
 #[cfg(test)]
@@ -164,8 +167,8 @@ mod tests {
         assert_eq!(plate.title, "Plate: 7, Date: 2020-01-01");
         let [hole] = plate.holes[..] else { panic!("{plate:?}") };
         assert_eq!(
-            (hole.place.nominal, hole.place.measured, hole.diameter),
-            ([11.65, -10.184], [11.61, -10.09], 2.845)
+            (hole.place.nominal, hole.place.measured, hole.diameter, hole.line),
+            ([11.65, -10.184], [11.61, -10.09], 2.845, 5)
         );
         // joined words of the heading
         assert!(recognises("MeasX MeasY NomX NomY ErrX ErrY MeasD NomD Round"));

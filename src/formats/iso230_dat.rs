@@ -2,23 +2,16 @@
 //!
 //! `TGT_DATA[i]=` target, `REF_DATA_FWD[i,j]=` and `REF_DATA_BWD[i,j]=` reference position approached forward and
 //! backward, `i` target, `j` cycle (both from 1), `UNIT=` (mm where missing), `CYCLES=` and `POSITIONS=` as counts.
-//! Deviation = reference - target. Other keys are ignored; `#` starts a comment.
+//! Deviation = reference - target. Other keys are ignored; `#` starts a comment. The file does not state the order between the
+//! directions: the readings are given in the order of the standard test cycle of ISO 230-2.
 
 use std::collections::BTreeMap;
 
+use super::positioning_test::{Order, PositioningTest};
 use super::text::finite;
 use volcomp_identify::Reading;
 use volcomp_units::axes::{AxisKind, Travel};
 use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
-
-/// A positioning test.
-#[derive(Debug, Clone, PartialEq)]
-pub struct PositioningTest {
-    /// Linear (mm) or rotary (rad), from the unit of the file.
-    pub kind: AxisKind,
-    /// Target by target, cycle by cycle; `value` is the deviation.
-    pub readings: Vec<Reading>,
-}
 
 /// What is wrong, and where: 1-based line and column; line 0 where the file as a whole is wrong.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
@@ -183,6 +176,7 @@ impl Raw {
             }
         }
         let mut readings = Vec::with_capacity(self.references.len());
+        let mut lines = Vec::with_capacity(self.references.len());
         for ((position, cycle, direction), entry) in &self.references {
             let Some(target) = self.targets.get(position) else {
                 let kind = DatErrorKind::NoTarget { position: *position };
@@ -194,8 +188,10 @@ impl Raw {
                 position: scale(target.value),
                 value: scale(entry.value - target.value),
             });
+            lines.push(entry.line as u64);
         }
-        Ok(PositioningTest { kind, readings })
+        let test = PositioningTest::new(kind, readings, lines).in_standard_cycle();
+        Ok(PositioningTest { order: Order::StandardCycle, ..test })
     }
 
     fn scale(&self) -> Result<(AxisKind, ToInner), DatError> {
@@ -269,11 +265,12 @@ mod tests {
             found,
             [
                 (-5.0, 0.001, Travel::Forward),
-                (-5.0, -0.001, Travel::Reverse),
                 (0.0, -0.002, Travel::Forward),
                 (0.0, 0.003, Travel::Reverse),
+                (-5.0, -0.001, Travel::Reverse),
             ]
         );
+        assert_eq!((test.lines.as_slice(), test.order), (&[9, 11, 13, 12][..], Order::StandardCycle));
     }
 
     #[test]

@@ -19,6 +19,7 @@ pub mod primitives;
 pub mod probe;
 pub mod ram;
 pub mod reading;
+pub mod start_up;
 pub mod straightness;
 pub mod thermal;
 pub mod threepoint;

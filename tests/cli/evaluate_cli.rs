@@ -48,6 +48,41 @@ fn real_axes_have_their_textbook_figures() {
 }
 
 #[test]
+fn start_up_outliers_are_reported_with_and_without_them() {
+    let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/formats/sessions/stage.dat");
+    let directory = tempfile::tempdir().unwrap();
+    let report = directory.path().join("r.html").display().to_string();
+    let output = evaluate("iso230-2", &data, &["--json", "--report", &report]);
+    let said = String::from_utf8_lossy(&output.stderr).into_owned();
+    assert!(
+        said.contains("stage.dat:12: start-up outlier at 5 mm forward, cycle 1: 84.1 µm, +89.8 µm"),
+        "{said}"
+    );
+    assert!(
+        said.contains("stage.dat:13: start-up outlier") && said.contains("kept in the results"),
+        "{said}"
+    );
+    let r: Value = serde_json::from_slice(&output.stdout).unwrap();
+    let lines: Vec<u64> =
+        r["start_up_outliers"].as_array().unwrap().iter().map(|o| o["line"].as_u64().unwrap()).collect();
+    assert_eq!(lines, [12, 13]);
+    let a = |v: &Value| v["a_um"].as_f64().unwrap();
+    assert!(a(&r) > 150.0 && a(&r["without_start_up_outliers"]) < 25.0, "{r:#}");
+    let page = std::fs::read_to_string(&report).unwrap();
+    assert!(
+        page.contains("Start-up outliers") && page.contains("Line 12: start-up outlier at 5 mm"),
+        "{page}"
+    );
+    let people = evaluate("iso230-2", &data, &[]);
+    let people = String::from_utf8_lossy(&people.stdout).into_owned();
+    assert!(people.contains("without 2 start-up outliers (lines 12, 13)"), "{people}");
+    // later cycles alone have no start
+    let rest = evaluate("iso230-2", &data, &["--json", "--cycles", "2-5"]);
+    let rest: Value = serde_json::from_slice(&rest.stdout).unwrap();
+    assert!(rest.get("start_up_outliers").is_none(), "{rest:#}");
+}
+
+#[test]
 #[cfg_attr(
     not(data_iso230_2_linear_axes),
     ignore = "needs ../shared/data/iso230_2_linear_axes or VOLCOMP_DATA"

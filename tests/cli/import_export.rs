@@ -71,14 +71,15 @@ fn a_laser_test_becomes_the_products_table() {
         "air 20.34 to 20.38 degC",
         "sensors that were not there: Mat temp 2, Mat temp 3",
         "20 readings at 5 positions from -100 to 100 mm, 2 cycles, 10 of them towards minus",
+        "rows stand in the order measured; no time per reading",
     ] {
         assert!(said.contains(expected), "{expected}: {said}");
     }
     let table = s.read("x.csv");
-    assert!(
-        table.starts_with("cycle,direction,target_mm,deviation_um\n1,-1,100,4.2\n1,-1,50,3.1\n"),
-        "{table}"
-    );
+    // the runs in their order, though the second stands first in the file
+    let runs: Vec<&str> = table.lines().collect();
+    assert_eq!(runs[..3], ["cycle,direction,target_mm,deviation_um", "1,1,-100,0", "1,1,-50,1.2"], "{table}");
+    assert_eq!(runs[5..8], ["1,1,100,4.7", "1,-1,100,4.2", "1,-1,50,3.1"], "{table}");
     // the same figures straight from the file, through the table, and through a fit
     let direct = volcomp(&["evaluate", "iso230-2", "--data", &fixture("laser-x.rtl"), "--json"]);
     let through = volcomp(&["evaluate", "iso230-2", "--data", &s.path("x.csv"), "--json"]);
@@ -107,6 +108,29 @@ fn a_laser_test_becomes_the_products_table() {
 }
 
 #[test]
+fn a_logger_test_keeps_the_order_measured_and_its_start_up_outliers() {
+    let s = Scratch::new();
+    let said = ok(&["import", &fixture("sessions/stage.dat"), "--out", &s.path("x.csv")]);
+    for expected in [
+        "rows stand in the order of the standard test cycle; no time per reading",
+        "stage.dat:12: start-up outlier at 5 mm forward, cycle 1: 84.1 µm, +89.8 µm from the median of the other cycles",
+        "stage.dat:13: start-up outlier at 17.5 mm forward, cycle 1",
+        "kept; accuracy A ",
+    ] {
+        assert!(said.contains(expected), "{expected}: {said}");
+    }
+    let rows: Vec<Vec<f64>> =
+        s.read("x.csv").lines().skip(1).map(|l| l.split(',').map(|f| f.parse().unwrap()).collect()).collect();
+    assert_eq!(rows.len(), 50, "no reading is removed");
+    assert!(rows.windows(2).all(|w| w[1][0] >= w[0][0]), "cycle by cycle");
+    for pass in rows.chunks(5) {
+        assert!(pass.windows(2).all(|w| (w[1][2] - w[0][2]) * w[0][1] > 0.0), "along the travel: {pass:?}");
+    }
+    // a test without them has no warning
+    assert!(!ok(&["import", &fixture("laser-x.rtl"), "--out", &s.path("y.csv")]).contains("start-up"));
+}
+
+#[test]
 fn a_rotary_laser_test_needs_its_unit() {
     let s = Scratch::new();
     let text = fs::read_to_string(fixture("laser-x.rtl")).unwrap().replace("Axis: X", "Axis: C");
@@ -118,7 +142,9 @@ fn a_rotary_laser_test_needs_its_unit() {
             .contains("volcomp import --axis c --deviation-unit")
     );
     ok(&["import", &c, "--deviation-unit", "arcsec", "--out", &out]);
-    assert!(s.read("c.csv").starts_with("cycle,direction,target_deg,deviation_arcsec\n1,-1,100,4.2\n"));
+    let table = s.read("c.csv");
+    assert!(table.starts_with("cycle,direction,target_deg,deviation_arcsec\n1,1,-100,"), "{table}");
+    assert!(table.contains("\n1,-1,100,4.2\n"), "{table}");
 }
 
 #[test]

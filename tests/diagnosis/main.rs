@@ -3,5 +3,6 @@
 mod cli;
 mod effects;
 mod head;
+mod instruments;
 mod real;
 mod support;

@@ -146,6 +146,9 @@ fn the_first_readings_of_the_demo_stage_are_outliers_and_no_cause() {
     for line in [":23", ":25"] {
         assert!(named.iter().any(|n| n.ends_with(line)), "{named:?}");
     }
+    let notes = r["notes"].to_string();
+    assert!(notes.contains("line 23: start-up outlier at 15 mm forward, cycle 1: +114.5"), "{notes}");
+    assert!(notes.contains("line 25: start-up outlier at 25.2 mm forward, cycle 1: +48.0"), "{notes}");
     assert!(declared(&r).iter().all(|c| c != "outliers" && !c.starts_with("backlash")), "{:?}", declared(&r));
 }
 
@@ -163,6 +166,77 @@ fn the_drilled_plate_shows_a_difference_of_scales_and_much_that_nothing_explains
     assert!((of("x") - of("y") + 33.0).abs() < 4.0, "{} {}", of("x"), of("y"));
     assert_eq!(r["unexplained"]["significant"], true);
     assert!(number(&r["unexplained"], "share") > 0.5, "{}", r["unexplained"]);
+}
+
+#[test]
+#[cfg_attr(not(data_real_sessions), ignore = "needs ../shared/data/real_sessions or VOLCOMP_DATA")]
+fn times_of_real_sessions_are_known_and_no_vibration_is_made_of_an_order() {
+    for (name, times) in [
+        ("muts42_back_y", Some("times are nominal")),
+        ("plate1597a_redrilled", Some("times are ordinal")),
+        ("resolver_divider", None),
+    ] {
+        let folder = external("real_sessions").join(name);
+        let model = folder.join("m.toml").display().to_string();
+        let r = diagnose(&folder.join("s.csv"), &["--model", &model]);
+        let notes = r["notes"].to_string();
+        assert_eq!(notes.contains("times are"), times.is_some(), "{name}: {notes}");
+        assert!(times.is_none_or(|t| notes.contains(t)), "{name}: {notes}");
+        let causes = r["causes"].as_array().unwrap();
+        assert!(causes.iter().all(|c| c["effect"] != "vibration"), "{name}: {causes:?}");
+    }
+}
+
+#[test]
+#[cfg_attr(not(data_cnc_drilled_plates), ignore = "needs ../shared/data/cnc_drilled_plates or VOLCOMP_DATA")]
+fn a_plate_of_82_holes_is_read_as_it_is() {
+    let r = diagnose(&external("cnc_drilled_plates/D8131_1"), &[]);
+    let notes = r["notes"].to_string();
+    assert!(notes.contains("82 holes in the xy plane") && notes.contains("times are ordinal"), "{notes}");
+    assert!(
+        declared(&r).iter().all(|c| !c.starts_with("backlash") && c != "vibration"),
+        "{:?}",
+        declared(&r)
+    );
+}
+
+#[test]
+#[cfg_attr(
+    not(data_laser_tracker_3smr_robot),
+    ignore = "needs ../shared/data/laser_tracker_3smr_robot or VOLCOMP_DATA"
+)]
+fn poses_of_a_robot_are_no_session_of_a_machine_tool() {
+    let directory = tempfile::tempdir().unwrap();
+    let done = Command::new(env!("CARGO_BIN_EXE_volcomp"))
+        .current_dir(directory.path())
+        .args(["diagnose", "--out", "out", "--data"])
+        .arg(external("laser_tracker_3smr_robot/N1N2N3Jval.csv"))
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&done.stderr);
+    assert_eq!(done.status.code(), Some(65), "{said}");
+    assert!(said.contains("36 poses of three reflectors (sides 244.055 ± 0.039 mm"), "{said}");
+}
+
+#[test]
+#[cfg_attr(
+    not(data_sinumerik_edge_capture),
+    ignore = "needs ../shared/data/sinumerik_edge_capture or VOLCOMP_DATA"
+)]
+fn a_capture_gives_its_linear_axes_by_name_and_behaviour() {
+    let r = diagnose(&external("sinumerik_edge_capture/capture_840Dsl.json"), &[]);
+    let notes = r["notes"].to_string();
+    assert!(notes.contains("axes x=1 (X1), y=2 (Y1) assumed"), "{notes}");
+    assert!(notes.contains("3 (Z1): it turns") && notes.contains("6 (SP1)"), "{notes}");
+}
+
+#[test]
+fn a_thermal_log_takes_its_five_probes() {
+    let r = diagnose(&vendored("fl_thermal_spindle/fl_thermal.csv"), &[]);
+    let notes = r["notes"].to_string();
+    assert!(notes.contains("11115 samples of 5 probes, 16 temperatures, spindle speed"), "{notes}");
+    assert!(!notes.contains("times are"), "{notes}");
+    assert!(declared(&r).iter().any(|c| c == "spindle-growth"), "{:?}", declared(&r));
 }
 
 #[test]

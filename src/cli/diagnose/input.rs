@@ -2,26 +2,33 @@
 
 use std::path::Path;
 
-use super::sources::{self, SourceArgs};
+use super::instruments::{self, InstrumentArgs, Measurement};
 use crate::input::{self, InputKind};
 use crate::table::{self, Table};
 use crate::{EX_DATAERR, Failure};
 use volcomp_diagnose::machine_state::Axis;
 use volcomp_diagnose::session::{Raw, Session, is_encoder};
+use volcomp_formats::detect;
 use volcomp_model::Model;
 
-/// Bytes looked at to tell a format.
-const HEAD: u64 = 4096;
 /// A rotary axis that moves less stands still, rad.
 const TURNED_RAD: f64 = 1e-6;
 
-/// A session from a session file or one of the known sources. A plan may lack deviations.
-pub(super) fn session(path: &Path, args: &SourceArgs, plan: bool) -> Result<Raw, Failure> {
-    // what cannot be read twice is a table
+/// What a file holds: a session file, or a file of an instrument or a control by its content.
+pub(super) enum Source {
+    /// A session file.
+    Table(Raw),
+    /// A file of an instrument or a control.
+    Instrument(Box<Measurement>),
+}
+
+/// Reads a file. A plan may lack deviations.
+pub(super) fn session(path: &Path, args: &InstrumentArgs, plan: bool) -> Result<Source, Failure> {
+    // what cannot be read twice is a session file
     if input::is_regular(path) {
-        let bytes = input::head(path, InputKind::Capture, HEAD)?;
-        if let Some(raw) = sources::recognised(path, &bytes, args)? {
-            return Ok(raw);
+        let bytes = input::head(path, InputKind::Capture, detect::HEAD as u64)?;
+        if let Some(found) = instruments::recognised(path, &bytes, args)? {
+            return Ok(Source::Instrument(Box::new(found)));
         }
     }
     let mut table = table::open(path)?;
@@ -29,12 +36,7 @@ pub(super) fn session(path: &Path, args: &SourceArgs, plan: bool) -> Result<Raw,
     if plan {
         as_plan(&mut raw);
     }
-    Ok(raw)
-}
-
-/// A whole file as text.
-pub(super) fn text(path: &Path) -> Result<String, Failure> {
-    input::read_text(path, InputKind::Instrument)
+    Ok(Source::Table(raw))
 }
 
 /// Reads a session table; empty fields become NaN.

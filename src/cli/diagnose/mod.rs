@@ -1,9 +1,10 @@
 //! `volcomp diagnose`: where the gap between measurement and prediction lies, what causes it, and how far it shrinks.
 
+mod ideal;
 mod input;
+mod instruments;
 mod logs;
 mod page;
-mod sources;
 mod text_report;
 
 use std::fs;
@@ -12,6 +13,8 @@ use std::path::PathBuf;
 
 use clap::Parser;
 
+use self::ideal::Rotary;
+use self::input::Source;
 use self::logs::Logs;
 use super::additions::{read_addition, same_machine};
 use super::arg_parsers::axis_letter;
@@ -28,30 +31,38 @@ use volcomp_units::axes::AxisName;
 
 /// Find out where the gap between measurement and prediction lies, which effects cause it, and how far it shrinks.
 ///
-/// Sessions are tables with one scalar reading per row: t_s, instrument, setup, run, repeat, positions, u_x u_y u_z,
-/// deviation_um; docs/diagnosis.md has all columns. Positioning tests (.dat), tables of holes, Edge captures and logs of
-/// displacement are read as they are.
+/// Files of instruments and controls are read as they are: ISO 230-2 tests (.dat, .rtl, .pos, CSV), circular tests (CSV),
+/// plates measured on a CMM, captures of a SINUMERIK Edge (JSON, CSV), logs of displacement. The format is detected from the
+/// content; stderr and the notes of the report state what was detected and assumed.
+///
+/// Session files are CSV tables with one scalar reading per row in the order measured: t_s, instrument, setup, run, repeat,
+/// positions, u_x u_y u_z, deviation_um; all columns: docs/reference/session-files.md.
+///
+/// Without --model the machine is ideal, with the axes of the data; it is written to model.toml in --out, ready for volcomp
+/// model extend.
 #[derive(Debug, Parser)]
 #[command(after_help = "Examples:\n  \
     volcomp diagnose --model m.toml --data lines.csv --data circles.csv --history log.csv --out gap\n  \
     volcomp diagnose --model m.toml --data s.csv --fresh tomorrow.csv --out gap --json\n  \
     volcomp diagnose --model m.toml --plan --data programme.csv\n  \
     volcomp diagnose --data test.dat --axis y --out gap\n  \
+    volcomp diagnose --data circle.csv --plane xy --radius-mm 100 --out gap\n  \
+    volcomp diagnose --data plate.txt --out gap\n  \
     volcomp diagnose --data capture.csv --axes x=1,y=2,z=6 --only y --out gap\n  \
     volcomp diagnose --data spindle.csv --series z=ch5_um --out gap\n  \
     volcomp diagnose --list-effects backlash")]
 pub(super) struct Args {
-    /// The model file; without one the prediction is zero.
+    /// The model file; without one an ideal machine with the axes of the data.
     #[arg(long, value_name = "FILE")]
     model: Option<PathBuf>,
     /// An addition found earlier; may be repeated.
     #[arg(long, value_name = "FILE")]
     add: Vec<PathBuf>,
-    /// A session file; may be repeated, each has a clock of its own.
-    #[arg(long, value_name = "CSV", required_unless_present = "list_effects")]
+    /// A session file, or a file of an instrument or a control; may be repeated, each has a clock of its own.
+    #[arg(long, value_name = "FILE", required_unless_present = "list_effects")]
     data: Vec<PathBuf>,
-    /// New data of the same programme, to see how far the gap really shrinks; may be repeated.
-    #[arg(long, value_name = "CSV")]
+    /// New data of the same program, to see how far the gap really shrinks; may be repeated.
+    #[arg(long, value_name = "FILE")]
     fresh: Vec<PathBuf>,
     /// A log of the machine on the clock of the sessions; may be repeated.
     #[arg(long, value_name = "CSV")]
@@ -82,7 +93,7 @@ pub(super) struct Args {
     #[arg(long, hide = true, value_name = "WHAT", value_parser = ablation)]
     ablate: Option<Ablation>,
     #[command(flatten)]
-    sources: sources::SourceArgs,
+    instruments: instruments::InstrumentArgs,
 }
 
 fn ablation(text: &str) -> Result<Ablation, String> {
@@ -115,7 +126,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         }
     }
     let logs = Logs::read(&args.history)?;
-    let mut session = load(args, &args.data, &logs, model.as_ref(), &additions, &machine)?;
+    let (mut session, rotary) = load(args, &args.data, &logs, model.as_ref(), &additions, &machine)?;
     if args.plan {
         let seen = plan(&mut session, &args.without);
         bar.end();
@@ -126,7 +137,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         files => {
             let own = Logs::read(&args.fresh_history)?;
             let logs = if args.fresh_history.is_empty() { &logs } else { &own };
-            let fresh = load(args, files, logs, model.as_ref(), &additions, &machine)?;
+            let (fresh, _) = load(args, files, logs, model.as_ref(), &additions, &machine)?;
             let new: Vec<_> = fresh.notes.iter().filter(|n| !session.notes.contains(n)).cloned().collect();
             session.notes.extend(new);
             Some(fresh)
@@ -149,6 +160,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         fs::create_dir_all(out).map_err(|e| Failure::io(out, &e))?;
         write_text(&out.join("report.json"), &format!("{json}\n"))?;
         write_text(&out.join("addition.toml"), &text)?;
+        if model.is_none()
+            && let Some(ideal) = ideal::model_file(&session, rotary)?
+        {
+            write_text(&out.join("model.toml"), &ideal)?;
+        }
         write_text(&out.join("report.html"), &page::page(&session, &found)?)?;
     }
     if args.json {
@@ -158,7 +174,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
 }
 
-/// Sessions with their predictions.
+/// A session with its predictions, and the rotary axis of a test without a model.
 fn load(
     args: &Args,
     files: &[PathBuf],
@@ -166,21 +182,32 @@ fn load(
     model: Option<&Model>,
     additions: &[Addition],
     machine: &Machine,
-) -> Result<Session, Failure> {
+) -> Result<(Session, Option<Rotary>), Failure> {
     let mut raws: Vec<Raw> = Vec::with_capacity(files.len());
+    let (mut detected, mut rotary) = (Vec::new(), None);
     for path in files {
-        raws.push(input::session(path, &args.sources, args.plan)?);
+        match input::session(path, &args.instruments, args.plan)? {
+            Source::Table(raw) => raws.push(raw),
+            Source::Instrument(found) => {
+                detected.extend(found.announce(path));
+                rotary = rotary.or(found.rotary);
+                raws.push(found.raw);
+            }
+        }
     }
     let (history, notes) = logs.of(&raws)?;
+    let ideal = rotary.filter(|_| model.is_none()).map(ideal::rotary_machine).transpose()?;
+    let machine = ideal.as_ref().map_or(machine, |(machine, _)| machine);
     let mut session = Session::build(&raws, history, machine.clone())
         .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {e}")))?;
+    session.notes.splice(0..0, detected);
     session.notes.extend(notes);
-    input::chain(&session, model)?;
+    input::chain(&session, model.or(ideal.as_ref().map(|(_, model)| model)))?;
     if model.is_some() || !additions.is_empty() {
         predict(&mut session, model, additions)
             .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {e}")))?;
     }
-    Ok(session)
+    Ok((session, rotary))
 }
 
 /// An axis letter of `--only` or `--axis`.

@@ -2,6 +2,7 @@
 
 use plotters::prelude::*;
 
+use crate::numerals::{fixed, percent};
 use crate::report::Page;
 use crate::report::page::Cell;
 use crate::report::plot::{
@@ -88,9 +89,9 @@ fn values(c: &Cause) -> String {
         .iter()
         .map(|(n, v)| {
             if v.std > 0.0 {
-                format!("{n} {:.4} ± {:.4}", v.value, v.std)
+                format!("{n} {} ± {}", fixed(v.value, 4), fixed(v.std, 4))
             } else {
-                format!("{n} {:.4}", v.value)
+                format!("{n} {}", fixed(v.value, 4))
             }
         })
         .collect();
@@ -125,7 +126,7 @@ fn causes(page: &mut Page, r: &Report) {
                 Cell::head(c.label()),
                 Cell::number(format!("{:.2}", c.probability)),
                 Cell::text(if c.declared { "yes" } else { "no" }),
-                Cell::number(format!("{:.0} %", 100.0 * c.shrink)),
+                Cell::number(format!("{} %", percent(c.shrink))),
                 Cell::small(values(c)),
                 Cell::small(remarks.join("; ")),
             ]
@@ -154,18 +155,18 @@ fn places(page: &mut Page, places: &[Place]) {
 fn shrink_words(page: &mut Page, r: &Report) {
     let s = &r.shrink;
     page.paragraph(format!(
-        "Expected on new data of the same programme: {:.2} um to {:.2} um, {:.0} % less (90 % interval {:.0} to {:.0} %), by {}. \
-         On the data of the fit it would be {:.0} %: too good. 99 % of the readings: {:.2} um to {:.2} um.",
-        s.rms_before_um, s.rms_after_um, 100.0 * s.fraction, 100.0 * s.ci90[0], 100.0 * s.ci90[1], s.how,
-        100.0 * s.in_sample_fraction, s.peak99_before_um, s.peak99_after_um
+        "Expected on new data of the same programme: {:.2} um to {:.2} um, {} % less (90 % interval {} to {} %), by {}. \
+         On the data of the fit it would be {} %: too good. 99 % of the readings: {:.2} um to {:.2} um.",
+        s.rms_before_um, s.rms_after_um, percent(s.fraction), percent(s.ci90[0]), percent(s.ci90[1]), s.how,
+        percent(s.in_sample_fraction), s.peak99_before_um, s.peak99_after_um
     ));
     if let Some(f) = &r.fresh {
         let inside = if f.within_forecast { "inside the interval" } else { "outside the interval" };
         page.paragraph(format!(
-            "Seen on fresh data: {:.2} um to {:.2} um, {:.0} % less, {inside}.",
+            "Seen on fresh data: {:.2} um to {:.2} um, {} % less, {inside}.",
             f.rms_before_um,
             f.rms_after_um,
-            100.0 * f.fraction
+            percent(f.fraction)
         ));
     }
 }

@@ -3,10 +3,11 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
+use crate::numerals::{counted, fixed, percent};
 use crate::{EX_USAGE, Failure, exit};
 use volcomp_diagnose::library::{Kind, PAGES, page};
 use volcomp_diagnose::plan::PlanReport;
-use volcomp_diagnose::report::Report;
+use volcomp_diagnose::report::{Report, Value};
 
 /// Drift below this share of the noise hides nothing.
 const DRIFT_TOLD: f64 = 0.1;
@@ -55,17 +56,17 @@ pub(super) fn list_effects(name: &str) -> Result<(), Failure> {
 /// The report in a few lines.
 pub(super) fn summary(r: &Report, out: Option<&Path>) -> Result<(), Failure> {
     say!(
-        "{}: gap {:.2} um RMS, noise {:.2} um, {} of {} rows used",
+        "{}: gap {} µm RMS, noise {} µm, {} of {} used",
         r.verdict.words(),
-        r.gap.rms_um,
-        r.gap.noise_um,
+        fixed(r.gap.rms_um, 2),
+        fixed(r.gap.noise_um, 2),
         r.rows_used,
-        r.rows
+        counted(r.rows, "row")
     );
     for c in &r.causes {
         let mark = if c.declared { "*" } else { " " };
-        let values: Vec<String> =
-            c.parameters.iter().take(4).map(|(n, v)| format!("{n} {:.4} +- {:.4}", v.value, v.std)).collect();
+        let value = |(n, v): (&String, &Value)| format!("{n} {} +- {}", fixed(v.value, 4), fixed(v.std, 4));
+        let values: Vec<String> = c.parameters.iter().take(4).map(value).collect();
         say!("{mark} {:24} probability {:.2}  {}", c.label(), c.probability, values.join(", "));
         if !c.confounded_with.is_empty() {
             say!("    cannot be told from {}", c.confounded_with.join(", "));
@@ -79,39 +80,39 @@ pub(super) fn summary(r: &Report, out: Option<&Path>) -> Result<(), Failure> {
     }
     if r.causes.iter().any(|c| c.declared) {
         say!(
-            "expected on new data: {:.2} -> {:.2} um, {:.0} % less (90 %: {:.0} to {:.0} %)",
-            r.shrink.rms_before_um,
-            r.shrink.rms_after_um,
-            100.0 * r.shrink.fraction,
-            100.0 * r.shrink.ci90[0],
-            100.0 * r.shrink.ci90[1]
+            "expected on new data: {} -> {} µm, {} % less (90 %: {} to {} %)",
+            fixed(r.shrink.rms_before_um, 2),
+            fixed(r.shrink.rms_after_um, 2),
+            percent(r.shrink.fraction),
+            percent(r.shrink.ci90[0]),
+            percent(r.shrink.ci90[1])
         );
     }
     if let Some(f) = &r.fresh {
         say!(
-            "seen on fresh data: {:.2} -> {:.2} um, {:.0} % less",
-            f.rms_before_um,
-            f.rms_after_um,
-            100.0 * f.fraction
+            "seen on fresh data: {} -> {} µm, {} % less",
+            fixed(f.rms_before_um, 2),
+            fixed(f.rms_after_um, 2),
+            percent(f.fraction)
         );
     }
     for n in r.noise.iter().filter(|n| n.drift_um > DRIFT_TOLD * n.white_um) {
         say!(
-            "  drift of {}: {:.2} um over {:.0} s beside noise of {:.2} um; a slow effect may hide in it",
+            "  drift of {}: {} µm over {} s beside noise of {} µm; a slow effect may hide in it",
             n.instrument,
-            n.drift_um,
-            n.drift_s,
-            n.white_um
+            fixed(n.drift_um, 2),
+            fixed(n.drift_s, 0),
+            fixed(n.white_um, 2)
         );
     }
     for p in r.places.iter().take(6) {
-        say!("  where: {} {} {:.0} % ({})", p.by, p.of, 100.0 * p.share, p.detail);
+        say!("  where: {} {} {} % ({})", p.by, p.of, percent(p.share), p.detail);
     }
     if r.unexplained.significant {
-        say!("unexplained: {:.2} um RMS; {}", r.unexplained.rms_um, r.unexplained.looks_like);
+        say!("unexplained: {} µm RMS; {}", fixed(r.unexplained.rms_um, 2), r.unexplained.looks_like);
     }
     for o in r.outlying_readings.iter().take(6) {
-        say!("  left out: {} lies {:.1} um apart from its repeats", o.at, o.apart_um);
+        say!("  left out: {} lies {} µm apart from its repeats", o.at, fixed(o.apart_um, 1));
     }
     for n in r.next_measurement.iter().take(3) {
         say!("  next: {} (separates {})", n.action, n.separates.join(", "));
@@ -139,7 +140,9 @@ pub(super) fn plan(p: &PlanReport, json: bool) -> Result<(), Failure> {
             .map_err(|e| Failure::new(crate::EX_SOFTWARE, format_args!("error: {e}")))?;
         return exit::print(&format!("{text}\n"));
     }
-    say!("{} rows in {} setups; {} effects can be seen", p.rows, p.setups, p.seen.len());
+    let (rows, setups, seen) =
+        (counted(p.rows, "row"), counted(p.setups, "setup"), counted(p.seen.len(), "effect"));
+    say!("{rows} in {setups}; {seen} can be seen");
     for class in &p.confounded {
         say!("cannot be told apart: {}", class.join(" = "));
     }

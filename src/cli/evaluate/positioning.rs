@@ -9,11 +9,11 @@ use super::picture::positioning::Shown;
 use super::{Figure, Output, bad_data, change, percent, picture, put_before, show};
 use crate::positioning_data::{Cycles, TestFormat, read_test};
 use crate::report::page::Cell;
+use crate::start_up::{StartUp, in_report_units};
 use crate::{EX_USAGE, Failure};
 use volcomp_evaluate::uncertainty::Expanded;
 use volcomp_evaluate::{Conditions, Positioning, PositioningReading, Spread, Uncertainties};
-use volcomp_units::axes::AxisKind;
-use volcomp_units::{arcsec_from_rad, deg_from_rad, um_from_mm};
+use volcomp_units::axes::{AxisKind, Travel};
 
 /// Positioning of one axis by ISO 230-2: reversal, repeatability, systematic deviation, accuracy
 ///
@@ -136,6 +136,8 @@ pub(super) struct Evaluated {
     pub(super) readings: Vec<PositioningReading>,
     pub(super) result: Positioning,
     pub(super) uncertainties: Uncertainties,
+    /// Readings of the first cycle that the others contradict, and the figures without them.
+    pub(super) start_up: Option<StartUp>,
 }
 
 impl Evaluated {
@@ -156,22 +158,10 @@ impl Evaluated {
 fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
     let mut test = read_test(path, args.format)?;
     if let Some(cycles) = &args.cycles {
-        cycles.select(&path.display().to_string(), &mut test.readings)?;
+        cycles.select(&path.display().to_string(), &mut test)?;
     }
-    type Convert = fn(f64) -> f64;
-    let (to_target, to_value): (Convert, Convert) = match test.kind {
-        AxisKind::Linear => (|v| v, um_from_mm),
-        AxisKind::Rotary => (deg_from_rad, arcsec_from_rad),
-    };
-    let readings: Vec<PositioningReading> = test
-        .readings
-        .iter()
-        .map(|r| PositioningReading {
-            travel: r.travel,
-            target: to_target(r.position),
-            deviation: to_value(r.value),
-        })
-        .collect();
+    let readings: Vec<PositioningReading> =
+        test.readings.iter().map(|r| in_report_units(test.kind, r)).collect();
     let result = Positioning::evaluate(&readings).map_err(|e| bad_data(path, e))?;
     if result.cycles < 5 {
         note!("note: {}: {} cycles; ISO 230-2 asks for 5", path.display(), result.cycles);
@@ -180,7 +170,11 @@ fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
     let ends = result.targets.first().zip(result.targets.last());
     let length = ends.map_or(0.0, |(a, b)| b.target - a.target);
     let uncertainties = Uncertainties::of(&result, &conditions, length);
-    Ok(Evaluated { kind: test.kind, readings, result, uncertainties })
+    let start_up = StartUp::of(&test);
+    for m in start_up.iter().flat_map(|s| &s.marked) {
+        note!("warning: {}:{}: {}; kept in the results", path.display(), m.line, m.words(test.kind));
+    }
+    Ok(Evaluated { kind: test.kind, readings, result, uncertainties, start_up })
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
@@ -208,6 +202,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.output.json {
         let mut out = as_json(&after.result, key, |v| v);
         put_uncertainties(&mut out, &after.uncertainties, key);
+        put_start_up(&mut out, &after, key);
         if let Some(before) = &before {
             put_before(&mut out, as_json(&before.result, key, |v| v));
         }
@@ -221,6 +216,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         say!("ISO 230-2 of {file}: {} targets, {} cycles", p.targets.len(), p.cycles);
         print(p, key, |v| v);
         print_uncertainties(&after.uncertainties, key);
+        print_start_up(&after, key);
         if let Some(before) = &before {
             print_change(&before.result, p, key);
         }
@@ -306,6 +302,47 @@ pub(super) fn print(p: &Positioning, unit: &str, scale: fn(f64) -> f64) {
     row("accuracy A", [f.map(|x| x.a), b.map(|x| x.a), both.map(|x| x.a)]);
 }
 
+/// The start-up outliers and the figures without them.
+fn put_start_up(out: &mut Map<String, Value>, test: &Evaluated, unit: &str) {
+    let Some(start_up) = &test.start_up else { return };
+    let target = if test.kind == AxisKind::Linear { "target_mm" } else { "target_deg" };
+    let marked: Vec<Value> = start_up
+        .marked
+        .iter()
+        .map(|m| {
+            json!({
+                "line": m.line,
+                target: m.target,
+                "direction": if m.travel == Travel::Forward { 1 } else { -1 },
+                "cycle": m.cycle,
+                format!("deviation_{unit}"): m.deviation,
+                format!("apart_{unit}"): m.apart,
+                format!("limit_{unit}"): m.limit,
+            })
+        })
+        .collect();
+    out.insert("start_up_outliers".to_owned(), Value::Array(marked));
+    let without = start_up.without.as_ref().map(|p| Value::Object(as_json(p, unit, |v| v)));
+    out.insert("without_start_up_outliers".to_owned(), without.unwrap_or(Value::Null));
+}
+
+fn print_start_up(test: &Evaluated, unit: &str) {
+    let Some(start_up) = &test.start_up else { return };
+    say!();
+    say!("without {}", outliers_in_words(start_up));
+    match &start_up.without {
+        Some(p) => print(p, unit, |v| v),
+        None => say!("too few readings are left at a target"),
+    }
+}
+
+/// `2 start-up outliers (lines 23, 25)`.
+fn outliers_in_words(start_up: &StartUp) -> String {
+    let lines: Vec<String> = start_up.marked.iter().map(|m| m.line.to_string()).collect();
+    let (s, line) = if lines.len() == 1 { ("", "line") } else { ("s", "lines") };
+    format!("{} start-up outlier{s} ({line} {})", lines.len(), lines.join(", "))
+}
+
 fn print_uncertainties(u: &Uncertainties, unit: &str) {
     let Some(both) = u.both else { return };
     let stated = !u.contributions.is_empty();
@@ -380,6 +417,7 @@ fn report(
         page.sheet("After, own scale");
         page.picture(&picture::positioning::single(&after.shown(""), own, picture::positioning::HEIGHT)?);
     }
+    start_up_section(&mut page, after, unit);
     page.heading("Each direction");
     let each = figures(&after.result);
     page::figures(&mut page, unit, &each[BOTH..], old(BOTH..each.len()));
@@ -391,6 +429,32 @@ fn report(
         targets(&mut page, &before.result, unit, target_unit);
     }
     Ok(page.finish())
+}
+
+/// Start-up outliers with the figures with and without them.
+fn start_up_section(page: &mut crate::report::Page, test: &Evaluated, unit: &str) {
+    let Some(start_up) = &test.start_up else { return };
+    page.heading("Start-up outliers");
+    let list: Vec<String> =
+        start_up.marked.iter().map(|m| format!("Line {}: {}.", m.line, m.words(test.kind))).collect();
+    page.note(list.join(" "));
+    if let Some(without) = &start_up.without {
+        let head = [
+            Cell::head("figure"),
+            Cell::number(format!("with them / {unit}")),
+            Cell::number(format!("without / {unit}")),
+        ];
+        let rows: Vec<Vec<Cell>> = figures(&test.result)
+            .into_iter()
+            .zip(figures(without))
+            .filter(|(f, _)| f.value.is_some())
+            .map(|(with, without)| {
+                vec![Cell::head(with.name), Cell::number(show(with.value)), Cell::number(show(without.value))]
+            })
+            .collect();
+        page.table(&head, &rows);
+    }
+    page.note("The results of this report hold all readings. Repeat the test after a warm-up.");
 }
 
 fn uncertainty_section(page: &mut crate::report::Page, u: &Uncertainties, unit: &str) {

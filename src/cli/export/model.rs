@@ -270,7 +270,7 @@ fn write_rtl(
     let entry = |key: &str, text: String| Entry { key: key.to_owned(), text };
     // as written: without the rounding of the curve's evaluation
     let um = |v: f64| rounded(um_from_mm(v), 3).parse::<f64>().unwrap_or(v);
-    let row = |run, i: usize, v: f64| Deviation { run, target: i as u32 + 1, value: um(v) };
+    let row = |run, i: usize, v: f64| Deviation { run, target: i as u32 + 1, value: um(v), line: 0 };
     let mut deviations: Vec<Deviation> =
         column.forward.iter().enumerate().map(|(i, v)| row(1, i, *v)).collect();
     let one_way = column.reverse.is_none();

@@ -8,7 +8,7 @@ use crate::input::{self, InputKind};
 use crate::positioning_data::{Cycles, instrument_test, is_instrument, no_rows, parse_csv, parse_dat};
 use crate::table::{STDIN, Table, nearest};
 use crate::{EX_DATAERR, Failure};
-use volcomp_formats::iso230_dat;
+use volcomp_formats::positioning_test::PositioningTest;
 use volcomp_identify::Reading;
 use volcomp_model::{Component, ErrorSymbol};
 use volcomp_units::axes::{AxisKind, AxisName, Travel};
@@ -116,8 +116,8 @@ pub(crate) fn read(
     let found = if whole {
         // files of instruments are small; tables may be long and are read row by row
         source.read_to_end(&mut head).map_err(|e| io(&e))?;
-        let test = if format == Format::Auto { instrument_test(&file, &head)? } else { None };
-        let test = test.map_or_else(|| parse_dat(&file, &utf8(&file, head)?), Ok)?;
+        let found = if format == Format::Auto { instrument_test(&file, &head, None, None)? } else { None };
+        let test = found.map(|f| f.test).map_or_else(|| parse_dat(&file, &utf8(&file, head)?), Ok)?;
         positioning(&file, axis, test)?
     } else {
         let table = Table::new(Cursor::new(head).chain(source), file.clone())?;
@@ -130,7 +130,7 @@ pub(crate) fn read(
     };
     for (symbol, mut measured) in found {
         if let Some(cycles) = cycles {
-            cycles.select(&file, &mut measured.readings.clone())?;
+            cycles.check(&file, &measured.readings)?;
             measured.retain(|r| cycles.contains(r.cycle));
         }
         measured.retain(|r| match direction {
@@ -157,7 +157,7 @@ fn utf8(file: &str, bytes: Vec<u8>) -> Result<String, Failure> {
 }
 
 /// A positioning test is the positioning error of the axis itself.
-fn positioning(file: &str, axis: AxisName, test: iso230_dat::PositioningTest) -> Result<BySymbol, Failure> {
+fn positioning(file: &str, axis: AxisName, test: PositioningTest) -> Result<BySymbol, Failure> {
     if test.kind != axis.kind() {
         let (is, has) = match axis.kind() {
             AxisKind::Linear => ("linear", "degrees"),

@@ -9,9 +9,10 @@ use crate::input::{self, InputKind};
 use crate::positioning_data::{format_failure, parse_dat};
 use crate::predict::push_number;
 use crate::progress::Progress;
+use crate::start_up;
 use crate::{EX_DATAERR, Failure};
 use volcomp_formats::columns::{Columns, Runs};
-use volcomp_formats::iso230_dat::PositioningTest;
+use volcomp_formats::positioning_test::{Order, PositioningTest};
 use volcomp_formats::rtl::{self, DeviationUnit, Rtl};
 use volcomp_formats::{ReadError, api_pos};
 use volcomp_identify::Reading;
@@ -50,6 +51,7 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
         } else {
             let test = read(args, format, path, &file)?;
             test.readings.iter().try_for_each(|r| sink(test.kind, r))?;
+            start_up::report(&file, &test);
         }
     }
     writer.finish()?;
@@ -171,7 +173,17 @@ fn describe(test: &PositioningTest) {
         positions.len(),
         cycles.len()
     );
+    let order = match test.order {
+        Order::Rows => "rows stand in the order measured",
+        Order::StandardCycle => {
+            "the file does not state the order between directions: rows stand in the order of the standard test cycle"
+        }
+    };
+    note!("  note: {order}; no time per reading, so that volcomp diagnose takes the times as ordinal");
 }
+
+/// Readings of a table that are kept to look for start-up outliers; longer tables are no positioning tests of a standard.
+const START_UP_ROWS: usize = 100_000;
 
 /// A table with a column map, row by row.
 fn columns(
@@ -204,18 +216,28 @@ fn columns(
     let mut progress = Progress::new(path);
     let mut runs = Runs::default();
     let mut rows = 0u64;
-    let mut put = |cycle, travel, position, value| sink(kind, &Reading { cycle, travel, position, value });
+    let mut test = PositioningTest::new(kind, Vec::new(), Vec::new());
+    let mut put = |line: u64, cycle, travel, position, value| {
+        let reading = Reading { cycle, travel, position, value };
+        if test.readings.len() < START_UP_ROWS {
+            test.readings.push(reading);
+            test.lines.push(line);
+        }
+        sink(kind, &reading)
+    };
+    let mut before = 0;
     while table.advance().map_err(fail)? {
         let row = table.values();
         let deviation = if is_actual { row[value] - row[target] } else { row[value] };
         let (cycle, travel) = given(&file, &table, cycle, direction)?;
         if let (Some(cycle), Some(travel)) = (cycle, travel) {
-            put(cycle, travel, row[target], deviation)?;
+            put(table.line() as u64, cycle, travel, row[target], deviation)?;
         } else {
             // what is not given follows from the order; a given part wins over a derived one
             if let Some(placed) = runs.push_with(row[target], deviation, cycle, travel) {
-                put(placed.cycle, placed.travel, placed.position, placed.value)?;
+                put(before, placed.cycle, placed.travel, placed.position, placed.value)?;
             }
+            before = table.line() as u64;
         }
         rows += 1;
         if rows.is_multiple_of(4096) {
@@ -223,7 +245,7 @@ fn columns(
         }
     }
     if let Some(placed) = runs.finish() {
-        put(placed.cycle, placed.travel, placed.position, placed.value)?;
+        put(before, placed.cycle, placed.travel, placed.position, placed.value)?;
     }
     progress.finish();
     if rows == 0 {
@@ -236,6 +258,12 @@ fn columns(
         _ => "",
     };
     note!("{file}: {rows} readings{derived}");
+    note!(
+        "  note: rows stand in the order of the file; no time per reading, so that volcomp diagnose takes the times as ordinal"
+    );
+    if rows <= START_UP_ROWS as u64 {
+        start_up::report(&file, &test);
+    }
     Ok(())
 }
 

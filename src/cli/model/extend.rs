@@ -37,9 +37,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut fates: Vec<(String, Fate)> = Vec::new();
     for path in &args.add {
         let addition = read_addition(path)?;
-        addition
-            .is_of(&model.spec.machine)
-            .map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {}: {e}", path.display())))?;
+        // found without a model it holds the whole deviation: that of a model without errors
+        let beside_none =
+            addition.machine.is_empty() && model.spec.errors.is_empty() && model.thermal.is_empty();
+        if !beside_none {
+            addition
+                .is_of(&model.spec.machine)
+                .map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {}: {e}", path.display())))?;
+        }
         let extended = extend(&model.spec, &model.thermal, &addition).map_err(|e| {
             Failure::new(
                 EX_CONFIG,

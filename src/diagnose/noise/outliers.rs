@@ -14,8 +14,9 @@ const ROUNDS: usize = 3;
 /// rounding of each class: what lies a step apart is rounded, not wild.
 #[must_use]
 pub fn outliers(session: &Session, gap: &[f64], lattice_um: &[f64]) -> Vec<usize> {
-    let mut used = vec![true; gap.len()];
-    let mut found = Vec::new();
+    // those marked in the file come first: beside them the others are judged
+    let mut found: Vec<usize> = (0..gap.len()).filter(|i| session.readings[*i].is_marked).collect();
+    let mut used: Vec<bool> = session.readings.iter().map(|r| !r.is_marked).collect();
     for _ in 0..ROUNDS {
         let new = round(session, gap, lattice_um, &used);
         if new.is_empty() {

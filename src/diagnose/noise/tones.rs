@@ -4,7 +4,7 @@ use core::f64::consts::TAU;
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::super::moment::SLOTS;
-use super::super::session::{Session, is_encoder};
+use super::super::session::{Session, Times, is_encoder};
 use volcomp_model::statistics::chi_square_upper;
 
 /// A vibration.
@@ -25,6 +25,10 @@ const SAMPLES_MIN: usize = 48;
 /// Times samples and frequencies at most: bounds the work.
 const WORK: usize = 40_000_000;
 
+/// Lowest frequency of a vibration of a machine, Hz: the rigid-body modes of its mounts lie at 2 to 30 Hz. What is slower is
+/// drift, and readings too slow for it show vibration as noise.
+const LOWEST_HZ: f64 = 1.0;
+
 /// Slower than this is standstill, mm/s and rad/s.
 const STANDSTILL: f64 = 0.05;
 
@@ -42,7 +46,8 @@ struct Even {
 fn even_runs(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]) -> Vec<Even> {
     let mut runs: Vec<Vec<(f64, f64, usize)>> = vec![Vec::new(); session.runs];
     for (e, i) in restless(session, order, filtered, beside).into_iter().zip(order) {
-        let Some(e) = e else { continue };
+        // without a clock there is no frequency
+        let Some(e) = e.filter(|_| session.times_of(*i) == Times::Measured) else { continue };
         runs[session.readings[*i].run].push((session.moments[*i].t_s, e, *i));
     }
     let mut even = Vec::new();
@@ -51,7 +56,8 @@ fn even_runs(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64
         let mut steps: Vec<f64> = line.windows(2).map(|w| w[1].0 - w[0].0).collect();
         let step = super::median(&mut steps);
         let regular = line.windows(2).filter(|w| (w[1].0 - w[0].0 - step).abs() < 0.05 * step).count();
-        if step > 0.0 && regular * 20 >= 19 * (line.len() - 1) {
+        let fast = step > 0.0 && 0.5 / step > LOWEST_HZ;
+        if fast && regular * 20 >= 19 * (line.len() - 1) {
             let slowest_hz = (PERIODS + turns(session, &line) * PERIODS) / (line.len() as f64 * step);
             even.push(Even { step, values: line.iter().map(|p| p.1).collect(), slowest_hz });
         }
@@ -151,7 +157,7 @@ pub fn tone(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]
     runs.retain(|r| r.step < 1.5 * step);
     let longest = runs.iter().map(|r| r.values.len()).max()?;
     let long = runs.iter().filter(|r| 2 * r.values.len() >= longest);
-    let low = long.map(|r| r.slowest_hz).fold(0.0, f64::max);
+    let low = long.map(|r| r.slowest_hz).fold(LOWEST_HZ, f64::max);
     let high = 0.5 / step;
     if low >= high {
         return None;

@@ -6,12 +6,15 @@ use super::super::moment::{Axis, Light, Machine, Moment, Source};
 use super::motion;
 use super::pairs::{self, Place};
 use super::sight;
-use super::{Extra, History, Note, ROWS_MAX, ROWS_MIN, Raw, Reading, Session, SessionError, check, copies};
+use super::{
+    Extra, History, Note, ROWS_MAX, ROWS_MIN, Raw, Reading, Session, SessionError, Times, check, copies,
+    times,
+};
 use volcomp_model::geometry::Vec3;
 use volcomp_units::RAD_PER_DEG;
 
 /// Columns with a meaning; others are kept for localisation.
-const KNOWN: [&str; 17] = [
+const KNOWN: [&str; 18] = [
     "t_s",
     "instrument",
     "setup",
@@ -29,6 +32,7 @@ const KNOWN: [&str; 17] = [
     "spindle_rpm",
     "line",
     "id",
+    "outlier",
 ];
 
 /// One file while it is built.
@@ -40,6 +44,7 @@ struct Part<'a> {
     moments: Vec<Moment>,
     notes: Vec<Note>,
     moving: bool,
+    times: Times,
 }
 
 impl Session {
@@ -52,6 +57,7 @@ impl Session {
             readings: Vec::new(),
             moments: Vec::new(),
             files: raws.iter().map(|r| r.file.clone()).collect(),
+            times: Vec::with_capacity(raws.len()),
             instruments: Vec::new(),
             setups: Vec::new(),
             runs: 0,
@@ -72,8 +78,10 @@ impl Session {
         let mut places = Vec::new();
         let mut extra: BTreeMap<String, Vec<f64>> = BTreeMap::new();
         for (file, raw) in raws.iter().enumerate() {
+            let (times, note) = times::of(raw);
+            session.times.push(times);
             match check::file(raw) {
-                Ok(notes) => session.notes.extend(notes),
+                Ok(notes) => session.notes.extend(notes.into_iter().chain(note)),
                 // the others say something
                 Err(SessionError::Constant { file, value })
                     if raws.iter().any(|r| check::constant(r).is_none()) =>
@@ -122,6 +130,7 @@ impl Session {
         let deviation = raw.column("deviation_um").unwrap_or(&[]);
         let repeat = raw.column("repeat").unwrap_or(&[]);
         let pair = raw.column("pair");
+        let marked = raw.column("outlier");
         let before = self.readings.len();
         let mut lost = 0;
         for (i, m) in part.moments.into_iter().enumerate() {
@@ -154,6 +163,7 @@ impl Session {
                 deviation_um: deviation[i],
                 predicted_um: 0.0,
                 line: raw.lines[i],
+                is_marked: marked.is_some_and(|m| m[i] == 1.0),
             });
             self.moments.push(m);
             for (name, values) in raw.names.iter().zip(&raw.columns).filter(|(n, _)| is_extra(n)) {
@@ -182,15 +192,16 @@ impl Session {
             return;
         }
         let every = n.div_ceil(ROWS_MAX);
-        // a sample (rows of equal time) and all its partners stay or go together; the count runs over programmed points
+        // a sample (rows of equal time in a file, of all instruments read together) and all its partners stay or go together;
+        // the count runs over programmed points
         let mut chosen: BTreeMap<usize, bool> = BTreeMap::new();
         let mut keep = Vec::with_capacity(n);
         let (mut count, mut last, mut state) = (0usize, (usize::MAX, f64::NAN), false);
         for (r, m) in self.readings.iter().zip(&self.moments) {
-            if last != (r.run, m.t_s) {
+            if last != (m.file, m.t_s) {
                 state = count.is_multiple_of(every);
                 count += 1;
-                last = (r.run, m.t_s);
+                last = (m.file, m.t_s);
             }
             keep.push(match r.pair {
                 Some(p) => *chosen.entry(p).or_insert(state),
@@ -256,7 +267,8 @@ impl<'a> Part<'a> {
             setup.push(s);
             run.push(r);
         }
-        Self { raw, file, setup, run, moments: Vec::new(), notes: Vec::new(), moving: false }
+        let times = session.times.get(file).copied().unwrap_or_default();
+        Self { raw, file, setup, run, moments: Vec::new(), notes: Vec::new(), moving: false, times }
     }
 
     /// The state of every row: stated columns first, what is missing from the motion.
@@ -340,7 +352,10 @@ impl<'a> Part<'a> {
                     m.acceleration[slot] = given_or(acceleration, i, if still { 0.0 } else { a[k] }) * unit;
                     m.direction[slot] = travel.direction[k];
                     m.since_mm[slot] = given_or(since, i, travel.since[k]) * unit;
-                    m.since_s[slot] = given_or(since_s, i, travel.since_s[k]);
+                    // no duration holds in ordinal times: a reading at rest was taken long after the reversal
+                    let ordinal = self.times == Times::Ordinal;
+                    let derived_s = if ordinal { f64::INFINITY } else { travel.since_s[k] };
+                    m.since_s[slot] = given_or(since_s, i, derived_s);
                 }
             }
             first = end;

@@ -47,6 +47,7 @@ pub(super) fn file(raw: &Raw) -> Result<Vec<Note>, SessionError> {
         }
     }
     whole(raw)?;
+    marks(raw)?;
     travel(raw)?;
     in_order(raw)?;
     directions(raw)?;
@@ -70,6 +71,21 @@ fn whole(raw: &Raw) -> Result<(), SessionError> {
         }
     }
     Ok(())
+}
+
+/// An outlier is marked or not.
+fn marks(raw: &Raw) -> Result<(), SessionError> {
+    let values = raw.column("outlier").unwrap_or(&[]);
+    let bad = values.iter().position(|v| v.is_finite() && ![0.0, 1.0].contains(v));
+    bad.map_or(Ok(()), |i| {
+        Err(SessionError::Value {
+            file: raw.file.clone(),
+            line: raw.lines[i],
+            column: "outlier".to_owned(),
+            value: values[i],
+            what: "marks a reading as an outlier; write 1, or 0 or nothing for an ordinary reading",
+        })
+    })
 }
 
 /// A direction of travel is a sign.

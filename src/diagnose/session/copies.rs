@@ -64,7 +64,10 @@ impl Session {
         let twice = keep.iter().filter(|k| !**k).count();
         if twice > 0 {
             self.retain(&keep);
-            self.notes.push(Note::new(format!("{twice} rows were there twice and count once")));
+            self.notes.push(Note::new(match twice {
+                1 => "1 row was there twice and counts once".to_owned(),
+                _ => format!("{twice} rows were there twice and count once"),
+            }));
         }
         self.drop_echoes();
     }

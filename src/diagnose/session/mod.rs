@@ -13,10 +13,12 @@ mod pairs;
 mod sight;
 #[cfg(test)]
 mod tests;
+mod times;
 
 use super::moment::{Axis, Machine, Moment, Signal};
 
 pub use history::History;
+pub use times::Times;
 
 /// A session file as it was read: a number per row and column, NaN where a field is empty.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -31,6 +33,8 @@ pub struct Raw {
     pub instruments: Vec<String>,
     /// Line of every row in the file.
     pub lines: Vec<u64>,
+    /// Meaning of `t_s` where the format states it; without it the steps decide.
+    pub times: Option<Times>,
 }
 
 impl Raw {
@@ -212,6 +216,8 @@ pub struct Reading {
     pub predicted_um: f64,
     /// Line in the file.
     pub line: u64,
+    /// Marked as an outlier in the file (column `outlier`), such as a start-up outlier of a positioning test.
+    pub is_marked: bool,
 }
 
 /// Columns that are not understood, kept for localisation.
@@ -232,6 +238,8 @@ pub struct Session {
     pub moments: Vec<Moment>,
     /// Names of the files.
     pub files: Vec<String>,
+    /// Meaning of the times of each file.
+    pub times: Vec<Times>,
     /// Names of the instrument classes.
     pub instruments: Vec<String>,
     /// Name of each setup, `file:setup`.
@@ -283,6 +291,12 @@ impl Session {
     #[must_use]
     pub fn gap(&self) -> Vec<f64> {
         self.readings.iter().map(|r| r.deviation_um - r.predicted_um).collect()
+    }
+
+    /// Meaning of the time of a reading.
+    #[must_use]
+    pub fn times_of(&self, reading: usize) -> Times {
+        self.times.get(self.moments[reading].file).copied().unwrap_or_default()
     }
 
     /// Place of a signal in [`Moment::signals`].

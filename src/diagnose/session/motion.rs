@@ -5,7 +5,7 @@
 //! slower rows are readings at standstill. Nothing is differentiated across a gap.
 
 /// Samples further apart than this are readings at standstill, s, unless the rows say that they move.
-const FAST_S: f64 = 0.12;
+pub(super) const FAST_S: f64 = 0.12;
 /// The same where a column says that the machine moves.
 const FAST_MOVING_S: f64 = 0.6;
 /// A step of time above so many medians is a gap.
@@ -111,6 +111,10 @@ pub(super) fn travel(samples: &[Sample], position: &[f64], given: Option<&[f64]>
     let n = samples.len();
     let mut t =
         Travel { direction: vec![0.0; n], since: vec![f64::INFINITY; n], since_s: vec![f64::INFINITY; n] };
+    // a file that states no direction anywhere does not know them: the order of its rows is not that of the machine
+    if given.is_some_and(|g| g.iter().all(|d| *d == 0.0)) {
+        return t;
+    }
     let first_move = position.windows(2).map(|w| w[1] - w[0]).find(|d| d.abs() > MOVED);
     let mut direction = match given {
         Some(g) if g.first().is_some_and(|d| *d != 0.0) => g[0].signum(),

@@ -149,7 +149,7 @@ fn rows_that_are_there_twice_count_once() {
     raw.lines.push(42);
     let s = build(raw).unwrap();
     assert_eq!(s.readings.len(), 40);
-    assert!(s.notes.iter().any(|n| n.text.contains("1 rows were there twice")));
+    assert!(s.notes.iter().any(|n| n.text.contains("1 row was there twice and counts once")));
 }
 
 #[test]
@@ -292,4 +292,99 @@ fn what_comes_back_with_every_pass_is_nothing_beside_its_repeats() {
         super::super::noise::beside_repeats(&s, &vec![false; left.len()], &left),
         vec![0.0; left.len()]
     );
+}
+
+/// Times of a line whose readings at rest are `clock(reading, distance from the one before)` seconds apart.
+fn times_of(clock: impl Fn(usize, f64) -> f64) -> Times {
+    let mut raw = line();
+    // targets at uneven distances
+    let places = [0.0, 10.0, 40.0, 60.0, 140.0, 150.0, 200.0, 260.0, 270.0, 300.0];
+    let (mut t, mut before) = (0.0, 0.0);
+    for i in 0..40 {
+        let x = if (i / 10) % 2 == 0 { places[i % 10] } else { places[9 - i % 10] };
+        t += if i > 0 { clock(i, f64::abs(x - before)) } else { 0.0 };
+        (column(&mut raw, "x_mm")[i], column(&mut raw, "t_s")[i]) = (x, t);
+        before = x;
+    }
+    let session = build(raw).unwrap();
+    let told = session.notes.iter().any(|n| n.text.contains("times are"));
+    assert_eq!(told, session.times[0] != Times::Measured, "{:?}", session.notes);
+    session.times_of(0)
+}
+
+#[test]
+fn times_that_no_clock_has_shown_are_known() {
+    assert_eq!(times_of(|_, _| 1.0), Times::Ordinal, "t_s counts the readings");
+    assert_eq!(times_of(|_, _| 28.5), Times::Ordinal, "the same step whatever the distance");
+    assert_eq!(times_of(|_, d| if d > 0.0 { 28.5 } else { 16.6 }), Times::Ordinal, "and another at the turn");
+    assert_eq!(times_of(|_, d| 5.0 + d / 50.0), Times::Measured, "as the machine moves");
+    assert_eq!(times_of(|i, _| 20.0 + 0.01 * (i as f64).sin()), Times::Measured, "a clock shows its jitter");
+    // targets at equal distances: a schedule or a clock of whole seconds
+    let s = build(line()).unwrap();
+    assert_eq!(s.times, [Times::Nominal]);
+}
+
+#[test]
+fn a_log_at_one_position_and_moving_axes_have_a_clock() {
+    let mut log = line();
+    column(&mut log, "x_mm").fill(0.0);
+    assert_eq!(build(log).unwrap().times, [Times::Measured]);
+    let mut moving = line();
+    moving.names.push("moving".into());
+    moving.columns.push(vec![1.0; 40]);
+    assert_eq!(build(moving).unwrap().times, [Times::Measured]);
+    let stated = Raw { times: Some(Times::Ordinal), ..line() };
+    let s = build(stated).unwrap();
+    assert_eq!(s.times, [Times::Ordinal]);
+    assert!(s.moments.iter().all(|m| m.since_s[0] == f64::INFINITY), "no duration holds");
+}
+
+#[test]
+fn marked_readings_are_kept_and_known() {
+    let mut raw = line();
+    raw.names.push("outlier".into());
+    raw.columns.push((0..40).map(|i| f64::from(u8::from(i == 3))).collect());
+    let s = build(raw.clone()).unwrap();
+    let marked: Vec<u64> = s.readings.iter().filter(|r| r.is_marked).map(|r| r.line).collect();
+    assert_eq!((s.readings.len(), marked), (40, vec![5]));
+    assert!(s.extra.iter().all(|e| e.name != "outlier"), "no regressor");
+    assert!(super::super::noise::outliers(&s, &s.gap(), &[0.0]).contains(&3));
+    column(&mut raw, "outlier")[7] = 2.0;
+    let message = build(raw).unwrap_err().to_string();
+    assert!(message.starts_with("s.csv:9: outlier is 2; it marks a reading as an outlier"), "{message}");
+}
+
+#[test]
+fn directions_that_a_file_does_not_know_are_not_made_up() {
+    let mut raw = line();
+    raw.names.push("dir_x".into());
+    raw.columns.push(vec![0.0; 40]);
+    assert!(build(raw).unwrap().moments.iter().all(|m| m.direction[0] == 0.0));
+}
+
+#[test]
+fn instruments_read_together_are_thinned_together() {
+    let mut raw = line();
+    for c in &mut raw.columns {
+        c.clear();
+    }
+    (raw.instruments, raw.lines) = (Vec::new(), Vec::new());
+    // five probes read together, each with a setup of its own
+    for k in 0..4000u64 {
+        for probe in 0..5u64 {
+            let d = 2.0 + (0.01 * k as f64).sin() + 0.1 * probe as f64;
+            let row = [15.0 * k as f64, probe as f64 + 1.0, 1.0, 1.0, 0.0, 1.0, 0.0, 0.0, d];
+            for (c, v) in raw.columns.iter_mut().zip(row) {
+                c.push(v);
+            }
+            raw.instruments.push(format!("probe {probe}"));
+            raw.lines.push(5 * k + probe + 2);
+        }
+    }
+    let s = build(raw).unwrap();
+    assert!(s.readings.len() <= ROWS_MAX, "{}", s.readings.len());
+    for probe in 0..5 {
+        let kept = s.readings.iter().filter(|r| r.instrument == probe).count();
+        assert_eq!(5 * kept, s.readings.len(), "probe {probe}");
+    }
 }

@@ -225,7 +225,7 @@ fn split(line: Word<'_>, delimiter: Delimiter) -> Vec<Word<'_>> {
 }
 
 /// A stamp such as `2022-11-08 15:23:24.953` in steps of 100 ns.
-pub(super) fn date_time_ticks(text: &str) -> Option<i128> {
+pub(crate) fn date_time_ticks(text: &str) -> Option<i128> {
     stamp::date_time(text, false)
 }
 

@@ -24,7 +24,8 @@ mod write;
 pub use read::{parse, recognises};
 pub use write::write;
 
-use super::iso230_dat::PositioningTest;
+use super::columns::date_time_ticks;
+use super::positioning_test::PositioningTest;
 use volcomp_identify::Reading;
 use volcomp_units::axes::{AxisKind, Travel};
 use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
@@ -61,8 +62,8 @@ pub struct Entry {
     pub text: String,
 }
 
-/// A row of `DEVIATIONS::`.
-#[derive(Debug, Clone, Copy, PartialEq)]
+/// A row of `DEVIATIONS::`. Equality ignores the line.
+#[derive(Debug, Clone, Copy)]
 pub struct Deviation {
     /// Run from 1 up.
     pub run: u32,
@@ -70,6 +71,14 @@ pub struct Deviation {
     pub target: u32,
     /// Measured - target, in the unit of the file.
     pub value: f64,
+    /// Line in the file; 0 where there is none.
+    pub line: u64,
+}
+
+impl PartialEq for Deviation {
+    fn eq(&self, other: &Self) -> bool {
+        (self.run, self.target, self.value) == (other.run, other.target, other.value)
+    }
 }
 
 /// What is worth knowing about a file and its test.
@@ -178,6 +187,15 @@ impl Rtl {
         (!absent || start != ABSENT_DEGC || end != ABSENT_DEGC).then_some(Span { start, end })
     }
 
+    /// Time from the start to the end of the test by `Date Time`, s; `None` where it is missing or not above zero.
+    #[must_use]
+    pub fn duration_s(&self) -> Option<f64> {
+        let text = text_of(&self.environment, "Date Time")?;
+        let mut stamps = text.split('"').map(str::trim).filter(|t| !t.is_empty()).map(minutes);
+        let (start, end) = (stamps.next()??, stamps.next()??);
+        (end > start).then(|| 60.0 * (end - start) as f64)
+    }
+
     /// Keys of temperature sensors that were absent.
     pub fn absent_sensors(&self) -> impl Iterator<Item = &str> {
         let temperature = self.environment.iter().filter(|e| e.key.contains("temp"));
@@ -219,7 +237,16 @@ impl Rtl {
             if upwards { (Travel::Forward, Travel::Reverse) } else { (Travel::Reverse, Travel::Forward) };
         let kind = unit.kind();
         let mut readings = Vec::with_capacity(self.deviations.len());
-        for d in self.deviations.iter().filter(|d| !(empty && is_return(d.run))) {
+        let mut lines = Vec::with_capacity(self.deviations.len());
+        // runs follow each other, and the even ones go back: whatever the order of the rows, that is the order measured
+        let mut measured: Vec<&Deviation> =
+            self.deviations.iter().filter(|d| !(empty && is_return(d.run))).collect();
+        let along = |d: &Deviation| {
+            let target = i64::from(d.target);
+            if all_forward || !is_return(d.run) { target } else { -target }
+        };
+        measured.sort_by_key(|d| (d.run, along(d)));
+        for d in measured {
             let Some(target) = self.targets.get(d.target.saturating_sub(1) as usize) else { continue };
             readings.push(Reading {
                 cycle: if all_forward { d.run } else { d.run.div_ceil(2) },
@@ -227,9 +254,10 @@ impl Rtl {
                 position: if kind == AxisKind::Rotary { rad_from_deg(*target) } else { *target },
                 value: unit.to_inner(d.value),
             });
+            lines.push(d.line);
         }
         self.count_missing(&runs, &mut notes);
-        (PositioningTest { kind, readings }, notes)
+        (PositioningTest::new(kind, readings, lines), notes)
     }
 
     fn count_missing(&self, runs: &std::collections::BTreeSet<u32>, notes: &mut Vec<Note>) {
@@ -244,6 +272,19 @@ impl Rtl {
             notes.push(Note::NoEnvironment);
         }
     }
+}
+
+/// Minutes of a stamp such as `10:46 Dec 12 2016` since 1970.
+fn minutes(stamp: &str) -> Option<i64> {
+    const MONTHS: [&str; 12] =
+        ["jan", "feb", "mar", "apr", "may", "jun", "jul", "aug", "sep", "oct", "nov", "dec"];
+    let mut words = stamp.split_whitespace();
+    let (time, month, day, year) = (words.next()?, words.next()?, words.next()?, words.next()?);
+    let name = month.get(..3)?.to_ascii_lowercase();
+    let month = 1 + MONTHS.iter().position(|m| *m == name)?;
+    let stamp = format!("{year}-{month}-{} {time}", day.trim_end_matches(','));
+    // ticks of 100 ns
+    i64::try_from(date_time_ticks(&stamp)? / 600_000_000).ok()
 }
 
 fn text_of<'a>(entries: &'a [Entry], key: &str) -> Option<&'a str> {

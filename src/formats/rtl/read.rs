@@ -173,7 +173,8 @@ impl<'a> Reader<'a> {
             let what = format!("run {run_number}, target {target_number}");
             return Err(line.fail(FormatErrorKind::Twice { what, first }));
         }
-        self.rtl.deviations.push(Deviation { run: run_number, target: target_number, value });
+        let line = line.line as u64;
+        self.rtl.deviations.push(Deviation { run: run_number, target: target_number, value, line });
         Ok(())
     }
 

@@ -18,9 +18,13 @@ fn the_index_decides_not_the_order_of_rows() {
     assert_eq!(rtl.targets, [-50.0, 0.0, 50.0]);
     assert_eq!((rtl.user("Axis"), rtl.user("Serial No"), rtl.user("By")), (Some("X"), Some("17:4"), None));
     let found = readings(GOOD);
-    assert_eq!(found[0], (1, Travel::Reverse, 50.0, -1.5));
-    assert_eq!(found[3], (1, Travel::Forward, -50.0, 0.0));
+    // the runs in their order, each along its travel
+    assert_eq!(found[0], (1, Travel::Forward, -50.0, 0.0));
+    assert_eq!(found[3], (1, Travel::Reverse, 50.0, -1.5));
+    assert_eq!(found[8], (2, Travel::Reverse, 50.0, -1.4));
     assert_eq!(found[9], (2, Travel::Reverse, 0.0, -0.2));
+    let lines = rtl.test(DeviationUnit::Um).0.lines;
+    assert_eq!(lines, [31, 32, 33, 28, 29, 30, 35, 34, 38, 37, 36]);
     assert_eq!(rtl.test(DeviationUnit::Um).1, [Note::Missed { readings: 1 }]);
 }
 
@@ -31,6 +35,16 @@ fn the_environment_knows_absent_sensors() {
     assert_eq!(rtl.environment("Mat temp 2"), None);
     assert_eq!(rtl.absent_sensors().collect::<Vec<_>>(), ["Mat temp 2", "Mat temp 3"]);
     assert_eq!(rtl.environment("Exp coeff").unwrap().end, 8.0);
+}
+
+#[test]
+fn the_duration_is_that_of_the_stamps() {
+    let of = |from: &str, to: &str| parse(&GOOD.replace(from, to)).unwrap().0.duration_s();
+    assert_eq!(of("", ""), Some(900.0));
+    assert_eq!(of("11:01 Dec 12", "00:10 Dec 13"), Some(48_240.0));
+    assert_eq!(of("11:01", "10:46"), None, "no time has passed");
+    assert_eq!(of("Dec 12 2016", "sometime"), None);
+    assert_eq!(of("Date Time", "Date"), None);
 }
 
 #[test]
@@ -79,13 +93,13 @@ fn one_way_files() {
     assert_eq!(readings(&zeros.replace("0 1 2 0", "0 0 2 0")).len(), 4);
     // a one-way file whose even runs hold readings
     let real = zeros.replace("2 2 0\n2 1 0", "2 2 1\n2 1 2").replace("4 2 0\n4 1 0", "4 2 1\n4 1 1");
-    assert_eq!(readings(&real)[2], (2, Travel::Forward, 10.0, 1.0));
+    assert_eq!(readings(&real)[2..4], [(2, Travel::Forward, 0.0, 2.0), (2, Travel::Forward, 10.0, 1.0)]);
 }
 
 #[test]
 fn targets_may_fall() {
     let falling = GOOD.replace("-50.000000  0.000000\r\n  50.000000", "50 0 -50");
-    assert_eq!(readings(&falling)[3], (1, Travel::Reverse, 50.0, 0.0));
+    assert_eq!(readings(&falling)[0], (1, Travel::Reverse, 50.0, 0.0));
 }
 
 #[test]
@@ -93,8 +107,8 @@ fn rotary_units() {
     let (rtl, _) = parse(GOOD).unwrap();
     let (test, _) = rtl.test(DeviationUnit::Mrad);
     assert_eq!(test.kind, AxisKind::Rotary);
-    assert!((test.readings[0].position - 50f64.to_radians()).abs() < 1e-15);
-    assert!((test.readings[0].value + 1.5e-3).abs() < 1e-18);
+    assert!((test.readings[3].position - 50f64.to_radians()).abs() < 1e-15);
+    assert!((test.readings[3].value + 1.5e-3).abs() < 1e-18);
     assert!((DeviationUnit::Arcsec.to_inner(3600.0) - 1f64.to_radians()).abs() < 1e-12);
     assert_eq!(DeviationUnit::Urad.to_inner(2.0), 2e-6);
 }
@@ -160,7 +174,7 @@ prop_compose! {
             for k in 0..n {
                 let target = if run % 2 == 1 { n - 1 - k } else { k };
                 if mask[run * n + k] || (run == 0 && k == 0) {
-                    deviations.push(Deviation { run: run as u32 + 1, target: target as u32 + 1, value: values[run * n + k] });
+                    deviations.push(Deviation { run: run as u32 + 1, target: target as u32 + 1, value: values[run * n + k], line: 0 });
                 }
             }
         }

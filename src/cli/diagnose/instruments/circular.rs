@@ -1,0 +1,156 @@
+//! Circular tests (ballbar, grid encoder): the table `angle_deg,deviation_um,direction`, optionally with the feed and the run.
+
+use core::f64::consts::PI;
+use std::path::Path;
+
+use super::{InstrumentArgs, Measurement, Rows};
+use crate::numerals::counted;
+use crate::{EX_DATAERR, Failure, table};
+use volcomp_diagnose::session::Times;
+use volcomp_identify::ballbar::{Plane, Sample, cut_overshoot};
+use volcomp_model::geometry::Vec3;
+use volcomp_units::axes::Travel;
+use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
+
+/// Length of the most common ballbar, mm.
+const RADIUS_MM: f64 = 150.0;
+
+pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Failure> {
+    let (samples, lines) = samples(path, args)?;
+    let plane = args.plane.unwrap_or(Plane::Xy);
+    let radius = args.radius_mm.unwrap_or(RADIUS_MM);
+    let centre = args.centre_mm.unwrap_or_else(Vec3::zeros);
+    let axes = plane.axes().map(|a| a.direction());
+    let fed = samples.iter().all(|s| s.feed.is_some());
+    let mut names: Vec<String> = [
+        "t_s",
+        "setup",
+        "run",
+        "repeat",
+        "moving",
+        "x_mm",
+        "y_mm",
+        "z_mm",
+        "u_x",
+        "u_y",
+        "u_z",
+        "deviation_um",
+    ]
+    .map(str::to_owned)
+    .into();
+    if fed {
+        for k in axes {
+            let letter = ["x", "y", "z"][k];
+            names.extend([format!("v{letter}_mm_per_s"), format!("a{letter}_mm_per_s2")]);
+        }
+    }
+    let names: Vec<&str> = names.iter().map(String::as_str).collect();
+    let mut rows = Rows::new(path, &names);
+    let (mut run, mut runs_before) = (0.0, Vec::<(bool, u64)>::new());
+    let (mut t, mut repeat) = (0.0, 1.0);
+    let mut last: Option<&Sample> = None;
+    for (i, s) in samples.iter().enumerate() {
+        let ccw = s.travel == Travel::Forward;
+        let begins = last.is_none_or(|l| l.travel != s.travel || l.run != s.run || l.feed != s.feed);
+        if begins {
+            run += 1.0;
+            // the same direction and feed again is the same program again
+            let program = (ccw, s.feed.map_or(0, f64::to_bits));
+            repeat = 1.0 + runs_before.iter().filter(|p| **p == program).count() as f64;
+            runs_before.push(program);
+        }
+        t += match (last.filter(|_| !begins), s.feed) {
+            (Some(l), Some(feed)) => radius * turned(l.angle, s.angle).abs() / feed,
+            _ => 1.0,
+        };
+        last = Some(s);
+        let (sine, cosine) = s.angle.sin_cos();
+        let mut place = centre;
+        place[axes[0]] += radius * cosine;
+        place[axes[1]] += radius * sine;
+        let mut u = Vec3::zeros();
+        (u[axes[0]], u[axes[1]]) = (cosine, sine);
+        let mut values = vec![t, 1.0, run, repeat, 1.0, place.x, place.y, place.z];
+        values.extend([u.x, u.y, u.z, um_from_mm(s.deviation)]);
+        if let Some(feed) = s.feed.filter(|_| fed) {
+            let v = if ccw { feed } else { -feed };
+            let a = -feed * feed / radius;
+            values.extend([-v * sine, a * cosine, v * cosine, a * sine]);
+        }
+        rows.push(lines[i], "ballbar", &values);
+    }
+    let times = if fed { Times::Nominal } else { Times::Ordinal };
+    let mut found = Measurement::new(rows, times, "circular test (angle, deviation, direction)");
+    let both = [Travel::Forward, Travel::Reverse].iter().all(|w| samples.iter().any(|s| s.travel == *w));
+    let ways = if both { "both directions" } else { "one direction" };
+    let stated = |given: bool, option: &str| {
+        if given { String::new() } else { format!(" (assumed; {option} states it)") }
+    };
+    found.note(format!("{}, {}, {ways}", counted(samples.len(), "reading"), counted(run as usize, "run")));
+    found.note(format!("plane {plane}{}", stated(args.plane.is_some(), "--plane")));
+    found.note(format!("radius {radius} mm{}", stated(args.radius_mm.is_some(), "--radius-mm")));
+    found.note(format!(
+        "centre at {}, {}, {} mm{}",
+        centre.x,
+        centre.y,
+        centre.z,
+        stated(args.centre_mm.is_some(), "--centre-mm")
+    ));
+    found.note(if fed {
+        "velocities and times from angle and feed"
+    } else {
+        "no feed: velocities are not known, so that neither lag nor servo mismatch is identifiable; --feed-mm-per-min or a \
+         column feed_mm_per_min states it"
+    });
+    Ok(found)
+}
+
+/// The readings without overshoot, and the line of each.
+fn samples(path: &Path, args: &InstrumentArgs) -> Result<(Vec<Sample>, Vec<u64>), Failure> {
+    let mut table = table::open(path)?;
+    let (angle, deviation, direction) =
+        (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);
+    let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
+    let known = ["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"];
+    if let Some(i) = table.columns().iter().position(|c| !known.contains(&c.as_str())) {
+        return Err(table.fail(i, format_args!("unknown column; columns are {}", known.join(", "))));
+    }
+    let (mut all, mut lines) = (Vec::new(), Vec::new());
+    while table.advance()? {
+        let feed_mm_per_min = feed.map(|c| table.number(c)).transpose()?.or(args.feed_mm_per_min);
+        if let (Some(bad), Some(c)) = (feed_mm_per_min.filter(|f| *f <= 0.0), feed) {
+            return Err(table.fail(c, format_args!("{bad} is no feed; it is above 0 mm/min")));
+        }
+        all.push(Sample {
+            angle: rad_from_deg(table.number(angle)?),
+            deviation: mm_from_um(table.number(deviation)?),
+            travel: table.travel(direction)?,
+            feed: feed_mm_per_min.map(|f| f / 60.0),
+            run: run.map_or(Ok(0), |c| table.count(c))?,
+        });
+        lines.push(table.line());
+    }
+    let kept = cut_overshoot(&all, None);
+    if kept.is_empty() {
+        return Err(Failure::new(
+            EX_DATAERR,
+            format_args!("error: {}: no data rows below the header", path.display()),
+        ));
+    }
+    // what is kept keeps its order
+    let mut at = 0;
+    let mut kept_lines = Vec::with_capacity(kept.len());
+    for s in &kept {
+        while all.get(at).is_some_and(|other| other != s) {
+            at += 1;
+        }
+        kept_lines.push(lines.get(at).copied().unwrap_or_default());
+        at += 1;
+    }
+    Ok((kept, kept_lines))
+}
+
+/// From one angle to another the short way, rad.
+fn turned(from: f64, to: f64) -> f64 {
+    (to - from + PI).rem_euclid(2.0 * PI) - PI
+}
