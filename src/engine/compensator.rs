@@ -9,7 +9,7 @@ mod orders;
 
 use offset_resync::{GAP_CYCLES, Sending, is_immobile};
 
-use super::aim::{Aim, Target};
+use super::aim::{Aim, Moment, Target};
 use super::config::{AfterLoss, AxisLimits, EngineConfig, EngineError, OutOfTravel, RestOffset};
 use super::intake::Intake;
 use super::limiter::Limiter;
@@ -45,6 +45,10 @@ pub struct Compensator {
     gain_wanted: f64,
     from: AxisArray,
     ramp: Ramp,
+    /// The part of the present offset that returns to zero when the axes come to rest.
+    transient: AxisArray,
+    /// What of it is still to be taken out while the rest is held.
+    unwinding: AxisArray,
     /// False until the first believable frame of a link has told which offset the control holds.
     synchronised: bool,
     /// What is sent on the present link.
@@ -128,6 +132,8 @@ impl Compensator {
             stopping: false,
             stopped: false,
             from: [0.0; MAX_AXES],
+            transient: [0.0; MAX_AXES],
+            unwinding: [0.0; MAX_AXES],
             synchronised: false,
             sending: Sending::NotYet,
             silenced: false,
@@ -158,14 +164,13 @@ impl Compensator {
         self.intake.restart();
         (self.unobserved, self.follows) = (false, 0);
         self.read_back.restart();
-        self.aim.lag.restart();
+        self.aim.restart();
+        self.forget_transients();
         self.synchronised = false;
         self.sending = Sending::NotYet;
         self.reported = None;
         self.next_deadline = None;
         self.event = None;
-        // the control tells its tool anew on every link
-        self.aim.tool_tip = None;
         if self.state == State::Faulted {
             // the control has been left to its own rule meanwhile: no correction until a person has looked
             self.silenced = true;
@@ -235,7 +240,11 @@ impl Compensator {
         self.sending = Sending::Running;
         self.next_deadline = Some(now.plus_seconds(self.config.stale_s));
         let target = match verdict {
-            Ok(_) => self.aim.at(&self.config, &self.intake, model, &position, (now, dt), self.gain),
+            Ok(_) => {
+                let moment =
+                    Moment { position: &position, time: now, dt, gain: self.gain, offset: self.offset() };
+                self.aim.at(&self.config, &self.intake, model, &moment)
+            }
             Err(_) => Target::NONE,
         };
         self.detail = self.detail.or(target.detail);
@@ -480,10 +489,19 @@ impl Compensator {
     /// A change of plan: everything starts again from the present offset.
     fn plan(&mut self, state: State, reason: Reason) {
         self.from = self.offset();
+        // what follows velocity and acceleration must not be held when nobody tells them any more
+        self.unwinding = if state == State::Holding { self.transient } else { [0.0; MAX_AXES] };
+        self.transient = [0.0; MAX_AXES];
         self.ramp = Ramp::start(self.config.ramp_s);
         self.held_s = 0.0;
         self.lost = false;
         self.enter(state, reason);
+    }
+
+    /// The offset is another one: nothing is known of the parts of it.
+    const fn forget_transients(&mut self) {
+        self.transient = [0.0; MAX_AXES];
+        self.unwinding = [0.0; MAX_AXES];
     }
 
     fn enter(&mut self, state: State, reason: Reason) {
@@ -516,6 +534,7 @@ impl Compensator {
         let mut at_soft_limit = if self.follows_target() { plan.target.at_soft_limit } else { 0 };
         let mut limited = 0;
         let mut warning = 0;
+        let crowded = if self.follows_target() { plan.target.limited } else { 0 };
         for (k, limiter) in self.limiters.iter_mut().enumerate().take(self.axes) {
             let blend = |to: f64| self.from[k] + (to - self.from[k]) * share;
             let held_back = match self.state {
@@ -535,15 +554,30 @@ impl Compensator {
                     at_soft_limit |= u8::from(kept != wanted) << k;
                     limiter.step_to_zero(kept, dt)
                 }
+                State::Holding if self.unwinding[k] != 0.0 => {
+                    let rest = limiter.position() - self.unwinding[k];
+                    limiter.step(rest, dt);
+                    self.unwinding[k] = limiter.position() - rest;
+                    false
+                }
                 State::Off | State::Armed | State::Holding => {
                     limiter.brake(dt);
                     false
                 }
             };
+            if dt > 0.0 {
+                let in_force = match self.state {
+                    State::RampingIn => share * plan.target.transient[k],
+                    State::Active | State::FadingToStatic => plan.target.transient[k],
+                    _ => 0.0,
+                };
+                // an offset that lags behind its target holds an unknown part of it
+                self.transient[k] = if held_back { 0.0 } else { in_force };
+            }
             limited |= u8::from(held_back && dt > 0.0) << k;
             warning |= u8::from(limiter.is_warning()) << k;
         }
-        limited |= at_soft_limit;
+        limited |= at_soft_limit | crowded;
         let offset = self.offset();
         if dt > 0.0 {
             self.read_back.sent(&offset);

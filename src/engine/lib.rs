@@ -13,6 +13,7 @@ mod intake;
 mod limiter;
 mod live;
 mod lookahead;
+mod motion;
 mod output;
 mod ramp;
 mod read_back;
