@@ -20,8 +20,8 @@ const RETREAT: f64 = 0.25;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Target {
     pub(super) offset: AxisArray,
-    /// The part of it that returns to zero when the axes come to rest.
-    pub(super) transient: AxisArray,
+    /// The part of it that returns to zero when the axes come to rest; none where the model has no such part.
+    pub(super) transient: Option<AxisArray>,
     /// Bit k: the size limit left no room for all of the transient part of axis k.
     pub(super) limited: u8,
     /// Bit k: a soft limit of axis k left no room for more.
@@ -46,7 +46,7 @@ impl Target {
     /// Nothing is asked for.
     pub(super) const NONE: Self = Self {
         offset: [0.0; MAX_AXES],
-        transient: [0.0; MAX_AXES],
+        transient: None,
         limited: 0,
         at_soft_limit: 0,
         out_of_range: 0,
@@ -238,6 +238,7 @@ impl Aim {
         gain: f64,
         target: &mut Target,
     ) {
+        let mut transient = [0.0; MAX_AXES];
         for (k, &wire) in self.wire_index.iter().enumerate().take(self.joints) {
             if wire >= MAX_AXES {
                 continue;
@@ -251,9 +252,10 @@ impl Aim {
                 return;
             }
             target.limited |= u8::from(total != at_rest + wanted) << wire;
-            target.transient[wire] = total - at_rest;
+            transient[wire] = total - at_rest;
             target.offset[wire] = total;
         }
+        target.transient = Some(transient);
     }
 
     /// Leaves no offset that would carry an axis over its soft limit; where the axis runs towards it, early enough to

@@ -565,14 +565,14 @@ impl Compensator {
                     false
                 }
             };
-            if dt > 0.0 {
-                let in_force = match self.state {
-                    State::RampingIn => share * plan.target.transient[k],
-                    State::Active | State::FadingToStatic => plan.target.transient[k],
+            if let Some(transient) = plan.target.transient {
+                // what a limit still keeps from its target at rest is to go there, too
+                let at_rest = plan.target.offset[k] - transient[k];
+                self.transient[k] = match self.state {
+                    State::RampingIn => limiter.position() - blend(at_rest),
+                    State::Active | State::FadingToStatic => limiter.position() - at_rest,
                     _ => 0.0,
                 };
-                // an offset that lags behind its target holds an unknown part of it
-                self.transient[k] = if held_back { 0.0 } else { in_force };
             }
             limited |= u8::from(held_back && dt > 0.0) << k;
             warning |= u8::from(limiter.is_warning()) << k;

@@ -36,6 +36,9 @@ const NOISE_LEAST: f64 = 1e-6;
 const NOISE_DEAD_BAND: f64 = 4.0;
 /// A gap of so many cycles begins the filter anew.
 const GAP_CYCLES: f64 = 3.5;
+/// An axis moves where it has gone so many dead bands in the last so many cycles.
+const ACTIVE: f64 = 30.0;
+const ACTIVITY_CYCLES: f64 = 32.0;
 /// Speeds below so many dead bands per second are standstill.
 const STANDSTILL_PER_S: f64 = 0.1;
 
@@ -64,6 +67,8 @@ struct AxisState {
     since_s: f64,
     /// Way of command plus offset in the last cycle.
     step: f64,
+    /// Way of the last [`ACTIVITY_CYCLES`] cycles or so.
+    activity: f64,
     /// Command plus offset at the moment of effect, in the cycle before.
     ahead: Option<f64>,
 }
@@ -84,6 +89,7 @@ impl AxisState {
             reversed_at: f64::NAN,
             since_s: f64::INFINITY,
             step: 0.0,
+            activity: 0.0,
             ahead: None,
         }
     }
@@ -151,14 +157,18 @@ impl AxisState {
         self.position + (self.velocity + 0.5 * self.acceleration * ahead_s) * ahead_s
     }
 
-    /// Turns the direction where command plus offset has come back by more than the dead band.
-    fn follow(&mut self, at: f64, dt: f64) {
+    /// Turns the direction where command plus offset has come back by more than the dead band. The position of an axis that
+    /// moves is extrapolated to the moment of effect; that of one that stands, or dithers, is taken as it is reported.
+    fn follow(&mut self, offset: f64, ahead_s: f64, dt: f64) {
+        let is_moving = self.activity > ACTIVE * self.dead_band;
+        let at = offset + if is_moving { self.predicted(ahead_s) } else { self.last[0] };
         self.since_s += dt;
         let Some(before) = self.ahead.replace(at) else {
             self.turning_point = at;
             return;
         };
         self.step = (at - before).abs();
+        self.activity += (self.last[0] - self.last[1]).abs() - self.activity / ACTIVITY_CYCLES;
         let beyond = at - self.turning_point;
         // what noise may do is no reversal
         let dead_band = self.dead_band + NOISE_DEAD_BAND * self.noise;
@@ -267,7 +277,7 @@ impl MotionEstimator {
                 axis.rest();
             }
             axis.sample(sample.position[k], sample.elapsed_s, self.cycle_s);
-            axis.follow(axis.predicted(sample.ahead_s) + sample.offset[k], sample.elapsed_s);
+            axis.follow(sample.offset[k], sample.ahead_s, sample.elapsed_s);
         }
         for (built, d) in self.built_up.iter_mut().zip(model.dynamics()) {
             let Law::Reversal { build_up } = d.term.law else { continue };

@@ -263,7 +263,7 @@ fn heat_becomes_growths_that_sensors_tell() {
 
 #[test]
 fn what_no_offset_takes_out_is_named_and_where_nothing_is_left_no_model_is_written() {
-    let lag = effect("servo-lag", "x", "2", "form = \"lag\"\naxes = [\"x\"]\ntie-ms = 0");
+    let load = effect("load", "x", "2", "form = \"load\"\naxis = \"x\"\nalong = \"x\"\npower = 1");
     let tracker = kind(
         "dead-path",
         "",
@@ -272,16 +272,16 @@ fn what_no_offset_takes_out_is_named_and_where_nothing_is_left_no_model_is_writt
         "form = \"dead-path\"\nsignal = { source = { temperature = \"x\" }, tau-s = 0 }",
     );
     let scale = effect("scale", "z", "5", "form = \"scale\"\naxis = \"z\"");
-    let (_, said) = extended(&[lag.clone(), tracker.clone(), scale]);
+    let (_, said) = extended(&[load.clone(), tracker.clone(), scale]);
     let said: serde_json::Value = serde_json::from_str(&said).unwrap();
     let taken: Vec<bool> = (0..3).map(|k| said["effects"][k]["taken"].as_bool().unwrap()).collect();
     assert_eq!(taken, [false, false, true], "{said}");
-    assert!(said["effects"][0]["why"].as_str().unwrap().contains("feed-forward"));
+    assert!(said["effects"][0]["why"].as_str().unwrap().contains("forces"));
     assert_eq!(said["effects"][2]["symbols"], serde_json::json!(["EZZ"]));
 
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("m.toml"), MODEL).unwrap();
-    std::fs::write(dir.path().join("a.toml"), addition("m", &[lag])).unwrap();
+    std::fs::write(dir.path().join("a.toml"), addition("m", &[load])).unwrap();
     std::fs::write(dir.path().join("other.toml"), addition("lathe", &[tracker])).unwrap();
     let run = |add: &str| {
         let out =
@@ -289,7 +289,7 @@ fn what_no_offset_takes_out_is_named_and_where_nothing_is_left_no_model_is_writt
         (out.status.code().unwrap(), String::from_utf8(out.stderr).unwrap())
     };
     let (code, message) = run("a.toml");
-    assert!(code == 65 && message.contains("servo-lag:x: not in the model"), "{code}: {message}");
+    assert!(code == 65 && message.contains("load:x: not in the model"), "{code}: {message}");
     let (code, message) = run("other.toml");
     assert!(code == 78 && message.contains("machine 'lathe'"), "{code}: {message}");
     assert_eq!(run("missing.toml").0, 74);
@@ -310,11 +310,11 @@ fn a_machine_file_may_name_additions_and_the_daemon_starts_with_them_in_its_mode
         "3",
         "form = \"backlash\"\naxis = \"y\"\nalong = [\"y\"]\nlength-mm = 0\nslope = false",
     );
-    let lag = effect("servo-lag", "x", "2", "form = \"lag\"\naxes = [\"x\"]\ntie-ms = 0");
+    let load = effect("load", "x", "2", "form = \"load\"\naxis = \"x\"\nalong = \"x\"\npower = 1");
     write("m.toml", MODEL);
-    write("one.toml", &addition("m", &[scale, lag.clone()]));
+    write("one.toml", &addition("m", &[scale, load.clone()]));
     write("two.toml", &addition("m", &[backlash]));
-    write("lag.toml", &addition("m", &[lag]));
+    write("load.toml", &addition("m", &[load]));
     write("lathe.toml", &addition("lathe", &[effect("scale", "z", "5", "form = \"scale\"\naxis = \"z\"")]));
     let axes = ["x", "y", "z"].map(|axis| format!("[axes.{axis}]\n{LIMITS}")).concat();
     let machine =
@@ -345,11 +345,11 @@ fn a_machine_file_may_name_additions_and_the_daemon_starts_with_them_in_its_mode
     assert_eq!(taken, [true, false, true], "{said}");
     let check = volcomp(dir.path(), &["check", "machine.toml"]);
     let text = String::from_utf8(check.stdout).unwrap();
-    assert!(text.contains("addition servo-lag:x: not in the model"), "{text}");
+    assert!(text.contains("addition load:x: not in the model"), "{text}");
 
     for (additions, code, wanted) in [
         (r#"["lathe.toml"]"#, 78, "found on machine 'lathe', the model is of 'm'"),
-        (r#"["lag.toml"]"#, 78, "nothing in it can be part of a model"),
+        (r#"["load.toml"]"#, 78, "nothing in it can be part of a model"),
         (r#"["m.toml"]"#, 78, "m.toml"),
         (r#"["missing.toml"]"#, 74, "are taken relative to the machine file"),
         (r#"[""]"#, 78, "an addition has an empty name"),
