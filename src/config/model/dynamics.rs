@@ -183,7 +183,9 @@ pub(super) fn write(out: &mut String, symbol: ErrorSymbol, terms: &[DynamicTerm]
     }
 }
 
-const fn section_of(law: &Law) -> &'static str {
+/// The section of a law: `reversal`, `friction-peak`, `friction`, `velocity`, `acceleration`.
+#[must_use]
+pub const fn section_of(law: &Law) -> &'static str {
     match law {
         Law::Reversal { .. } => SECTIONS[0],
         Law::FrictionPeak { .. } => SECTIONS[1],

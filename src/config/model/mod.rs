@@ -13,6 +13,7 @@ mod thermal;
 mod write;
 
 use self::keys::{PositionKeys, grid_key};
+pub use dynamics::section_of;
 pub use provenance::{Provenance, SourceEntry};
 pub use write::{kind_of, write, write_file};
 

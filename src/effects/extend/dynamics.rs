@@ -4,10 +4,10 @@ use super::parts::{seen, travel};
 use super::{Candidate, Part};
 use crate::Shape;
 use crate::addition::Entry;
-use crate::moment::Axis;
+use crate::machine_state::Axis;
 use volcomp_model::geometry::{Vec3, unit};
 use volcomp_model::{Component, DynamicTerm, ErrorSymbol, Law, ModelSpec, ToolErrors};
-use volcomp_units::{RAD_PER_ARCSEC, mm_from_um};
+use volcomp_units::{RAD_PER_ARCSEC, mm_from_um, rad_from_deg};
 
 /// A term is kept within so many times what it reaches inside the range of the data.
 const ROOM: f64 = 1.5;
@@ -43,6 +43,16 @@ pub(super) fn candidate(spec: &ModelSpec, entry: &Entry) -> Option<Result<Candid
             let mut made = Candidate::default();
             let (symbol, law) = (turn(frame.axis, frame.axis), Law::Reversal { build_up: 0.0 });
             push(&mut made, spec, entry, frame.axis, symbol, law, 0.5, (0, false), RAD_PER_ARCSEC);
+            Ok(made)
+        }
+        Shape::RotaryLag { frame } => {
+            let Some(range) = entry.valid.get(&format!("v{}_deg_per_s", frame.axis)) else {
+                return Some(Err(NO_SPEEDS));
+            };
+            let most = range.iter().fold(0.0f64, |m, v| m.max(rad_from_deg(*v).abs()));
+            let mut made = Candidate::default();
+            let symbol = turn(frame.axis, frame.axis);
+            push(&mut made, spec, entry, frame.axis, symbol, Law::Velocity, most, (0, false), -PER_MS);
             Ok(made)
         }
         Shape::Spike { rise_s, fall_s, .. } if rise_s.max(*fall_s) < PEAK_MIN_S => {

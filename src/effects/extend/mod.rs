@@ -2,7 +2,7 @@
 //!
 //! What follows from position and direction of travel becomes a table or a constant of the error motion that acts alike;
 //! what follows from the motion of an axis becomes a dynamic term of it; what follows from the length of the tool stands
-//! with the tool; what follows from heat becomes a growth. The rest stays out, each with the reason. Nothing is trusted: the model is
+//! with the tool; what follows from heat becomes a thermal displacement. The rest stays out, each with the reason. The model is
 //! compared with the addition all over the volume, and what does not say the same there stays out, too.
 
 mod dynamics;
@@ -25,7 +25,7 @@ use volcomp_model::{
 pub struct Extended {
     /// The model.
     pub spec: ModelSpec,
-    /// Its growths by heat, those that it had first.
+    /// Its thermal displacements, those that it had first.
     pub thermal: Vec<Thermal>,
     /// What became of each effect, in the order of the addition: its label and its fate.
     pub fates: Vec<(String, Fate)>,
@@ -70,7 +70,7 @@ struct Part {
 #[derive(Debug, Clone, PartialEq, Default)]
 struct Candidate {
     parts: Vec<Part>,
-    /// The growths that the live values of the parts are told by.
+    /// The thermal displacements that the live values of the parts are told by.
     thermal: Vec<Thermal>,
     /// What is wrong with tool and spindle.
     tool: Option<ToolErrors>,

@@ -3,11 +3,13 @@
 use super::Candidate;
 use crate::Shape;
 use crate::addition::{Addition, Entry, Evaluator, FORMAT};
-use crate::moment::{Axis, Moment, SLOTS, Source};
+use crate::machine_state::{Axis, MachineState, SLOTS, Source};
 use crate::prediction::{deviation_with_live_um, machine_of};
 use volcomp_estimate::ThermalState;
 use volcomp_model::geometry::Vec3;
 use volcomp_model::{Model, ModelError, ModelSpec};
+use volcomp_units::axes::AxisKind;
+use volcomp_units::rad_from_deg;
 
 /// Places that are compared.
 const PLACES: u32 = 64;
@@ -23,7 +25,7 @@ const SETTLED_S: f64 = 1e9;
 
 /// One place and what the addition says there.
 struct Place {
-    moment: Moment,
+    moment: MachineState,
     sources: Vec<f64>,
     said_um: Vec3,
 }
@@ -71,7 +73,7 @@ fn says_the_same(before: &Model, after: &Model, candidate: &Candidate, places: &
     largest > 0.0 && places.iter().all(|p| (added(p) - zero - (p.said_um - said_zero)).norm() <= allowed)
 }
 
-/// What a growth of the candidate tells for these readings once all lags have settled, mm or strain.
+/// What a thermal displacement of the candidate tells for these readings once all lags have settled, mm or strain.
 fn growth(candidate: &Candidate, channel: &str, sources: &[f64]) -> f64 {
     let Some(thermal) = candidate.thermal.iter().find(|t| t.name == channel) else { return 0.0 };
     let mut state = ThermalState::new(thermal);
@@ -84,7 +86,7 @@ fn growth(candidate: &Candidate, channel: &str, sources: &[f64]) -> f64 {
 }
 
 /// Gives every axis a velocity in its direction of travel, an acceleration, and a distance and time since its reversal.
-fn set_in_motion(moment: &mut Moment, entry: &Entry, chain: &[Axis], share: &dyn Fn(usize) -> f64) {
+fn set_in_motion(state: &mut MachineState, entry: &Entry, chain: &[Axis], share: &dyn Fn(usize) -> f64) {
     let (length_mm, time_s) = match &entry.shape {
         Shape::Backlash { length_mm, .. } if *length_mm > 0.0 => (*length_mm, f64::INFINITY),
         Shape::Spike { fall_s, .. } => (f64::INFINITY, *fall_s),
@@ -93,12 +95,16 @@ fn set_in_motion(moment: &mut Moment, entry: &Entry, chain: &[Axis], share: &dyn
     let most = |column: String| {
         entry.valid.get(&column).map_or(1.0, |range| range.iter().fold(0.0f64, |m, v| m.max(v.abs())))
     };
+    let speed = |axis: Axis| match axis.name().kind() {
+        AxisKind::Linear => most(format!("v{axis}_mm_per_s")),
+        AxisKind::Rotary => rad_from_deg(most(format!("v{axis}_deg_per_s"))),
+    };
     for (k, axis) in chain.iter().enumerate() {
         let slot = axis.slot();
-        moment.velocity[slot] = moment.direction[slot] * share(k + 1) * most(format!("v{axis}_mm_per_s"));
-        moment.acceleration[slot] = (2.0 * share(k + 2) - 1.0) * most(format!("a{axis}_mm_per_s2"));
-        moment.since_mm[slot] = 3.0 * share(k + 3) * length_mm;
-        moment.since_s[slot] = 3.0 * share(k + 3) * time_s;
+        state.velocity[slot] = state.direction[slot] * share(k + 1) * speed(*axis);
+        state.acceleration[slot] = (2.0 * share(k + 2) - 1.0) * most(format!("a{axis}_mm_per_s2"));
+        state.since_mm[slot] = 3.0 * share(k + 3) * length_mm;
+        state.since_s[slot] = 3.0 * share(k + 3) * time_s;
     }
 }
 
@@ -114,8 +120,11 @@ fn places(spec: &ModelSpec, model: &Model, entry: &Entry) -> Vec<Place> {
     let chain: Vec<Axis> = model.axes().filter_map(|a| Axis::from_name(a.name)).collect();
     let place = |n: u32| {
         let share = |k: usize| (0.5 + STEPS[k % SLOTS] * f64::from(n)).fract();
-        let mut moment =
-            Moment { since_mm: [f64::INFINITY; SLOTS], direction: [1.0; SLOTS], ..Moment::default() };
+        let mut moment = MachineState {
+            since_mm: [f64::INFINITY; SLOTS],
+            direction: [1.0; SLOTS],
+            ..MachineState::default()
+        };
         for axis in &chain {
             let slot = axis.slot();
             let [low, high] = super::parts::travel(spec, entry, *axis).unwrap_or([-1.0, 1.0]);

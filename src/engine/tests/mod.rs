@@ -1,6 +1,5 @@
 //! The engine against a small control: frames at 1 ms, offsets applied one cycle later.
 
-mod aiming;
 mod answers;
 mod commands;
 mod gaps;
@@ -10,6 +9,7 @@ mod lying_control;
 mod motion;
 mod reported_offset;
 mod sequences;
+mod setpoint;
 mod shadow;
 mod silence;
 
