@@ -6,8 +6,8 @@
 //! memory is as short as the noise of the positions allows (quantisation, encoder): the noise is the median of the third
 //! differences, and the memory follows from the noise that a correction may have ([`CORRECTION_NOISE_MM`]).
 //!
-//! Assumptions: frames are regular up to missing ones; after a gap or an implausible frame the filter begins anew with
-//! the velocity and acceleration at rest, so that transient signals return to zero. The direction of travel is kept.
+//! Assumptions: frames are regular up to missing ones. After a gap the velocity is that over the gap; after an implausible
+//! frame or a silence the filter begins anew at rest, so that transient signals return to zero. The direction is kept.
 //!
 //! Source: Morrison, Introduction to Sequential Smoothing and Prediction, 1969, ch. 9 (fading-memory polynomial filters).
 
@@ -18,6 +18,8 @@ use volcomp_model::{AxisMotion, DYNAMIC_MAX, Law, Model};
 const CORRECTION_NOISE_MM: f64 = 0.3e-3;
 /// The same for angles, rad: 0.3 um at 0.3 m.
 const CORRECTION_NOISE_RAD: f64 = 1e-6;
+/// The dead band of reversals is so many standard deviations of the extrapolated position.
+const DIRECTION_NOISE: f64 = 8.0;
 /// Shortest and longest memory: share of a sample in the estimate.
 const SHARE_MAX: f64 = 0.7;
 const SHARE_MIN: f64 = 0.04;
@@ -65,12 +67,14 @@ struct AxisState {
     reversed_at: f64,
     /// Time since then, s.
     since_s: f64,
-    /// Way of command plus offset in the last cycle.
+    /// Time since command plus offset was at the turning point, s.
+    behind_s: f64,
+    /// Way that command plus offset has gone on, or back from the turning point, in the last cycle.
     step: f64,
     /// Way of the last [`ACTIVITY_CYCLES`] cycles or so.
     activity: f64,
-    /// Command plus offset at the moment of effect, in the cycle before.
-    ahead: Option<f64>,
+    /// Command plus offset is known.
+    started: bool,
 }
 
 impl AxisState {
@@ -88,9 +92,10 @@ impl AxisState {
             turning_point: 0.0,
             reversed_at: f64::NAN,
             since_s: f64::INFINITY,
+            behind_s: 0.0,
             step: 0.0,
             activity: 0.0,
-            ahead: None,
+            started: false,
         }
     }
 
@@ -101,14 +106,20 @@ impl AxisState {
         self.acceleration = 0.0;
     }
 
+    /// Frames are missing: the velocity is that between the position before and the next one.
+    fn bridge(&mut self) {
+        self.samples = self.samples.min(1);
+        self.acceleration = 0.0;
+    }
+
     /// One sample after `dt` seconds; `share`-wise as the noise allows.
-    fn sample(&mut self, position: f64, dt: f64, cycle_s: f64) {
+    fn sample(&mut self, position: f64, dt: f64, ahead_s: f64, cycle_s: f64) {
         if self.samples == 0 || dt <= 0.0 {
             (self.position, self.last, self.samples) = (position, [position; 3], 1);
             return;
         }
         self.measure_noise(position);
-        let share = self.share(dt);
+        let share = self.share(dt, ahead_s);
         let kept = 1.0 - share;
         let predicted = self.position + (self.velocity + 0.5 * self.acceleration * dt) * dt;
         let residual = position - predicted;
@@ -143,9 +154,12 @@ impl AxisState {
         self.noise = (self.noise * step).clamp(NOISE_LEAST, 100.0 * NOISE_FIRST);
     }
 
-    /// The share of a sample at which velocity and acceleration are as quiet as the corrections ask for.
-    fn share(&self, dt: f64) -> f64 {
-        let [per_velocity, per_acceleration] = self.gains;
+    /// The share of a sample at which velocity and acceleration are as quiet as the corrections ask for, and the position
+    /// ahead as quiet as reversals do.
+    fn share(&self, dt: f64, ahead_s: f64) -> f64 {
+        let per_length = DIRECTION_NOISE / self.dead_band.max(NOISE_LEAST);
+        let per_velocity = self.gains[0] + per_length * ahead_s;
+        let per_acceleration = self.gains[1] + 0.5 * per_length * ahead_s * ahead_s;
         let by_velocity = (VELOCITY * self.noise * per_velocity / dt).max(1e-9).powf(-1.0 / 1.5);
         let by_acceleration =
             (ACCELERATION * self.noise * per_acceleration / (dt * dt)).max(1e-9).powf(-1.0 / 2.5);
@@ -163,11 +177,12 @@ impl AxisState {
         let is_moving = self.activity > ACTIVE * self.dead_band;
         let at = offset + if is_moving { self.predicted(ahead_s) } else { self.last[0] };
         self.since_s += dt;
-        let Some(before) = self.ahead.replace(at) else {
-            self.turning_point = at;
+        self.behind_s += dt;
+        self.step = 0.0;
+        if !self.started {
+            (self.started, self.turning_point) = (true, at);
             return;
-        };
-        self.step = (at - before).abs();
+        }
         self.activity += (self.last[0] - self.last[1]).abs() - self.activity / ACTIVITY_CYCLES;
         let beyond = at - self.turning_point;
         // what noise may do is no reversal
@@ -175,18 +190,19 @@ impl AxisState {
         if self.direction == 0.0 {
             if beyond.abs() > dead_band {
                 self.direction = beyond.signum();
-                self.turning_point = at;
+                (self.turning_point, self.behind_s) = (at, 0.0);
             }
             return;
         }
         let onward = beyond * self.direction;
         if onward < -dead_band {
+            // the reversal was at the turning point, when it was there
             self.direction = -self.direction;
-            self.reversed_at = self.turning_point;
-            self.since_s = 0.0;
-            self.turning_point = at;
+            (self.reversed_at, self.since_s, self.step) = (self.turning_point, self.behind_s, -onward);
+            (self.turning_point, self.behind_s) = (at, 0.0);
         } else if onward > 0.0 {
-            self.turning_point = at;
+            self.step = onward;
+            (self.turning_point, self.behind_s) = (at, 0.0);
         }
     }
 
@@ -271,12 +287,13 @@ impl MotionEstimator {
     ///
     /// # Cycle   no allocation, no panic
     pub(super) fn advance(&mut self, model: &Model, wire_index: &[usize; MAX_AXES], sample: &Sample<'_>) {
-        let gap = sample.interrupted || sample.elapsed_s > GAP_CYCLES * self.cycle_s;
         for (k, axis) in self.axes.iter_mut().enumerate() {
-            if gap || sample.elapsed_s <= 0.0 {
+            if sample.interrupted || sample.elapsed_s <= 0.0 {
                 axis.rest();
+            } else if sample.elapsed_s > GAP_CYCLES * self.cycle_s {
+                axis.bridge();
             }
-            axis.sample(sample.position[k], sample.elapsed_s, self.cycle_s);
+            axis.sample(sample.position[k], sample.elapsed_s, sample.ahead_s, self.cycle_s);
             axis.follow(sample.offset[k], sample.ahead_s, sample.elapsed_s);
         }
         for (built, d) in self.built_up.iter_mut().zip(model.dynamics()) {

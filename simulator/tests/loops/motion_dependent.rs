@@ -211,7 +211,7 @@ fn backlash_is_removed_by_the_direction_of_command_and_offset() {
                 "structure = { wind-up-um = 6, wind-up-length-mm = 0.3 }",
                 "",
             ],
-            backlash("x", "x", 8.8, 0.0) + &backlash("y", "y", 5.4, 0.0),
+            backlash("x", "x", 8.8, 0.1) + &backlash("y", "y", 5.4, 0.2),
         )
     };
     let hard = gap("backlash, hard", &hard);
@@ -223,7 +223,7 @@ fn lost_motion_is_removed_as_it_builds_up() {
     let half = "backlash-um = 4\nstructure = { wind-up-um = 4, wind-up-length-mm = 1.0 }";
     let kind = gap(
         "lost motion, kind",
-        &Case::new([half, "", half], { backlash("x", "x", 8.0, 1.0) + &backlash("z", "z", 8.0, 1.0) }),
+        &Case::new([half, "", half], backlash("x", "x", 8.0, 1.0) + &backlash("z", "z", 8.0, 1.0)),
     );
     let all = "structure = { wind-up-um = 8, wind-up-length-mm = 0.8 }";
     let hard = Case {
