@@ -36,11 +36,13 @@ struct Case {
     tip_mm: Option<[f64; 3]>,
     /// Corrections come three cycles late and positions from encoders.
     hard: bool,
+    /// Dead band of reversals, um.
+    dead_band_um: f64,
 }
 
 impl Case {
     fn new(axes: [&'static str; 3], effects: String) -> Self {
-        Self { axes, tables: "", effects, feed: 2000, tip_mm: None, hard: false }
+        Self { axes, tables: "", effects, feed: 2000, tip_mm: None, hard: false, dead_band_um: 1.0 }
     }
 
     /// The truth of the machine: nothing but the effect is wrong with it.
@@ -96,8 +98,8 @@ const MODEL: &str = "format = \"volcomp-model/1\"\nmachine = \"bench\"\nchain = 
     [frame]\nworkpiece-origin-mm = [0, 0, 0]\ntool-tip-mm = [0, 0, -150]\ngauge-point-mm = [0, 0, 0]\n\
     [axes.x]\ntravel-mm = [-300, 300]\n[axes.y]\ntravel-mm = [-300, 300]\n[axes.z]\ntravel-mm = [-300, 300]\n";
 
-fn machine_file(address: &str, hard: bool) -> String {
-    let source = if hard { "actual" } else { "commanded" };
+fn machine_file(address: &str, case: &Case) -> String {
+    let source = if case.hard { "actual" } else { "commanded" };
     let mut text = format!(
         "format = \"volcomp-machine/1\"\nmachine = \"bench\"\nmodel = \"better.toml\"\n[link]\naddress = \"{address}\"\n\
          [engine]\nstart = \"on-connect\"\nramp-s = 0.5\nstale-ms = 10000.0\nposition-source = \"{source}\"\n\
@@ -106,7 +108,9 @@ fn machine_file(address: &str, hard: bool) -> String {
     for axis in ["x", "y", "z"] {
         write!(
             text,
-            "[axes.{axis}]\nlimit-um = 600.0\nrate-um-per-s = 2000.0\nacceleration-um-per-s2 = 200000.0\nstep-um = 4.0\n"
+            "[axes.{axis}]\nlimit-um = 600.0\nrate-um-per-s = 2000.0\nacceleration-um-per-s2 = 200000.0\nstep-um = 4.0\n\
+             reversal-deadband-um = {:?}\n",
+            case.dead_band_um
         )
         .unwrap();
     }
@@ -181,7 +185,7 @@ fn gap(what: &str, case: &Case) -> f64 {
     let mut without = shop(case);
     let before = rms_um(&shop(case).machine().clone(), &without.programme(&text).unwrap());
     let mut with = shop(case);
-    write("machine.toml", &machine_file(&with.address(), case.hard));
+    write("machine.toml", &machine_file(&with.address(), case));
     programs.volcomp(&["check", &at("machine.toml")]).unwrap();
     let daemon = with
         .start_daemon(&programs, Path::new(&at("machine.toml")), Path::new(&at("log")))
@@ -215,7 +219,7 @@ fn backlash_is_removed_by_the_direction_of_command_and_offset() {
         )
     };
     let hard = gap("backlash, hard", &hard);
-    assert!(kind > 0.80 && hard > 0.50, "{kind} {hard}");
+    assert!(kind > 0.90 && hard > 0.65, "{kind} {hard}");
 }
 
 #[test]
@@ -231,7 +235,7 @@ fn lost_motion_is_removed_as_it_builds_up() {
         ..Case::new([all, "", all], backlash("x", "x", 8.8, 1.0) + &backlash("z", "z", 7.2, 1.0))
     };
     let hard = gap("lost motion, hard", &hard);
-    assert!(kind > 0.80 && hard > 0.50, "{kind} {hard}");
+    assert!(kind > 0.90 && hard > 0.60, "{kind} {hard}");
 }
 
 #[test]
@@ -251,7 +255,7 @@ fn lateral_play_is_removed_by_the_axis_across() {
         )
     };
     let hard = gap("lateral play, hard", &hard);
-    assert!(kind > 0.80 && hard > 0.50, "{kind} {hard}");
+    assert!(kind > 0.75 && hard > 0.50, "{kind} {hard}");
 }
 
 #[test]
@@ -274,7 +278,13 @@ fn a_friction_peak_is_removed_as_far_as_the_limits_allow() {
         ..Case::new([truth, truth, ""], spike("x", -33.0, 0.012, 0.055) + &spike("y", -27.0, 0.008, 0.070))
     };
     let hard = gap("friction peak, hard", &hard);
-    assert!(kind > 0.60 && hard > 0.40, "{kind} {hard}");
+    // a control whose positions are exact needs no wide dead band, and the reversal is seen earlier
+    let narrow = Case {
+        dead_band_um: 0.1,
+        ..Case::new([truth, truth, ""], spike("x", -30.0, 0.010, 0.060) + &spike("y", -30.0, 0.010, 0.060))
+    };
+    let narrow = gap("friction peak, kind, dead band 0.1 um", &narrow);
+    assert!(kind > 0.40 && narrow > 0.50 && hard > 0.30, "{kind} {narrow} {hard}");
 }
 
 #[test]
@@ -285,7 +295,7 @@ fn a_delay_is_led_by_the_velocity() {
     let truth = "servo = { delay-ms = 2, lag-ms = 2 }";
     let hard = Case { hard: true, ..Case::new([truth; 3], lag("latency", axes, 4.4)) };
     let hard = gap("latency, hard", &hard);
-    assert!(kind > 0.90 && hard > 0.70, "{kind} {hard}");
+    assert!(kind > 0.93 && hard > 0.75, "{kind} {hard}");
 }
 
 #[test]
@@ -302,7 +312,7 @@ fn a_servo_that_lags_more_than_the_others_is_led_by_its_velocity() {
         )
     };
     let hard = gap("servo mismatch, hard", &hard);
-    assert!(kind > 0.90 && hard > 0.60, "{kind} {hard}");
+    assert!(kind > 0.95 && hard > 0.75, "{kind} {hard}");
 }
 
 #[test]
@@ -324,7 +334,7 @@ fn a_compliance_is_met_by_the_acceleration() {
         ..Case::new([soft, soft, ""], inertial("x", "x", -44.0) + &inertial("y", "y", -36.0))
     };
     let hard = gap("compliance, hard", &hard);
-    assert!(kind > 0.85 && hard > 0.50, "{kind} {hard}");
+    assert!(kind > 0.75 && hard > 0.55, "{kind} {hard}");
 }
 
 #[test]
@@ -340,7 +350,7 @@ fn a_tilt_under_acceleration_is_met_at_the_tool() {
     let truth = "structure = { tilt-arcsec-per-m-per-s2 = [0, 60, 0], frequency-hz = 15, damping = 0.2 }";
     let hard = Case { hard: true, feed: 4000, ..Case::new([truth, "", ""], tilt(66.0)) };
     let hard = gap("tilt, hard", &hard);
-    assert!(kind > 0.85 && hard > 0.50, "{kind} {hard}");
+    assert!(kind > 0.90 && hard > 0.65, "{kind} {hard}");
 }
 
 #[test]

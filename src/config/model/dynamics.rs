@@ -217,3 +217,37 @@ pub(super) fn write_tool(out: &mut String, tool: &ToolErrors) {
     let length = shortest(tool.length, tool.length / PER_MILLION, |v| v * PER_MILLION);
     line_of(out, format_args!("length-error-um-per-m = {length}"));
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::parse;
+
+    const HEAD: &str = "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w b X Y Z C t]\"\n[axes.c]\npoint-mm = [0, 0, 0]\n";
+
+    fn wrong(text: &str) -> String {
+        parse("m.toml", &format!("{HEAD}{text}")).map(|_| String::new()).unwrap_or_else(|e| e.to_string())
+    }
+
+    #[test]
+    fn terms_are_read_in_mm_rad_and_s() {
+        let text = format!(
+            "{HEAD}[errors.exx.reversal]\nwidth-um = 8\nbuild-up-mm = 0.3\nlimit-um = 6\n\
+             [errors.ecc.velocity]\ngain-arcsec-s-per-deg = 3.6\nlimit-arcsec = 20\n"
+        );
+        let spec = parse("m.toml", &text).unwrap();
+        let term = |k: usize| spec.errors[k].1.dynamics[0];
+        assert!((term(0).gain - 0.008).abs() < 1e-15 && (term(0).limit - 0.006).abs() < 1e-15);
+        // 3.6 arcsec s/deg are a lag of 1 ms
+        assert!((term(1).gain - 1e-3).abs() < 1e-12, "{:?}", term(1));
+    }
+
+    #[test]
+    fn mistakes_are_named_with_their_remedy() {
+        assert!(wrong("[errors.exx.reversal]\nlimit-um = 6\n").contains("width-um"));
+        assert!(
+            wrong("[errors.exx.velocity]\ngain-um-s-per-deg = 1\nlimit-um = 6\n")
+                .contains("gain-um-s-per-mm")
+        );
+        assert!(wrong("[tool]\nlength-error-um-per-m = 10\n").contains("gauge-point-mm"));
+    }
+}

@@ -3,7 +3,7 @@ use proptest::prelude::*;
 use super::*;
 use volcomp_model::curve::{Chebyshev, Fourier, Grid, HalfRange, Interpolation, Live, Table};
 use volcomp_model::spec::{ANGLE_LIMIT, LENGTH_LIMIT, ReferenceBody, ReferencePoint};
-use volcomp_model::{AxisSpec, Curve, DynamicTerm, ErrorFunction, Law, Sense};
+use volcomp_model::{AxisSpec, Curve, DynamicTerm, ErrorFunction, Law, Sense, ToolErrors};
 use volcomp_units::axes::{AxisKind, AxisName, Travel};
 
 /// A model file with every kind of curve of `docs/model-files.md`.
@@ -340,7 +340,8 @@ fn any_model() -> impl Strategy<Value = ModelSpec> {
             move |(axes, errors, gauge)| {
                 let mut spec = ModelSpec::new("any-machine", chain.clone());
                 spec.gauge_point = gauge.map(Vec3::from);
-                if gauge.is_some() {
+                if let Some([x, y, z]) = gauge {
+                    spec.tool = ToolErrors { tilt: [x * 1e-6, y * 1e-6], length: z * 1e-6 };
                     spec.datum = spec.chain.axes().iter().map(|a| (a.name, 0.25)).collect();
                 }
                 spec.axes = axes;
