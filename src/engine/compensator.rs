@@ -241,8 +241,14 @@ impl Compensator {
         self.next_deadline = Some(now.plus_seconds(self.config.stale_s));
         let target = match verdict {
             Ok(_) => {
-                let input =
-                    CycleInput { position: &position, time: now, dt, gain: self.gain, offset: self.offset() };
+                let input = CycleInput {
+                    position: &position,
+                    commanded: &frame.commanded,
+                    time: now,
+                    dt,
+                    gain: self.gain,
+                    offset: self.offset(),
+                };
                 self.setpoints.at(&self.config, &self.input, model, &input)
             }
             Err(_) => Setpoint::NONE,

@@ -1,4 +1,4 @@
-//! The motion of each axis, estimated from the positions that the control reports: velocity, acceleration, direction of
+//! The motion of each axis, estimated from the commanded positions that the control reports: velocity, acceleration, direction of
 //! travel of command plus offset, distance and time since the last reversal; and from that the signals of a model's
 //! dynamic terms at the moment at which a correction takes effect.
 //!
@@ -114,6 +114,8 @@ impl AxisState {
 
     /// One sample after `dt` seconds; `share`-wise as the noise allows.
     fn sample(&mut self, position: f64, dt: f64, ahead_s: f64, cycle_s: f64) {
+        // a position that is no number says nothing: the axis counts as at rest where it was
+        let position = if position.is_finite() { position } else { self.last[0] };
         if self.samples == 0 || dt <= 0.0 {
             (self.position, self.last, self.samples) = (position, [position; 3], 1);
             return;

@@ -64,6 +64,9 @@ impl Setpoint {
 pub(super) struct CycleInput<'a> {
     /// Position that counts, wire units.
     pub(super) position: &'a AxisArray,
+    /// Commanded position, wire units: motion is estimated from it whatever the position source, for in actual positions the
+    /// offset comes back late, which would make a feedback loop of the feed-forward.
+    pub(super) commanded: &'a AxisArray,
     /// When it came.
     pub(super) time: MonoTime,
     /// Control time that the answer may use, s.
@@ -211,13 +214,13 @@ impl SetpointGenerator {
         ahead_s: f64,
         pose: &mut Pose,
     ) {
-        let position: AxisArray = core::array::from_fn(|k| now.position[k] * self.scale[k]);
+        let position: AxisArray = core::array::from_fn(|k| now.commanded[k] * self.scale[k]);
         let sample = Sample {
             position: &position,
             offset: &now.offset,
             elapsed_s: input.elapsed_s(),
             ahead_s,
-            interrupted: input.was_interrupted(),
+            interrupted: input.was_interrupted() || position.iter().any(|v| !v.is_finite()),
         };
         self.motion.advance(model, &self.wire_index, &sample);
         for (k, &wire) in self.wire_index.iter().enumerate().take(self.joints) {

@@ -89,7 +89,7 @@ fn a_correction_that_turns_a_standing_axis_is_a_reversal_and_dither_is_none() {
     assert_eq!(w.last.state, State::Active);
     assert!((w.last.offset[0] + 0.025).abs() < 1e-9, "{}", w.last.offset[0]);
     // half the dead band to and fro
-    let offsets = along(&mut w, 2000, |t| if (t * 100.0) as u32 % 2 == 0 { 0.0 } else { 5e-4 });
+    let offsets = along(&mut w, 2000, |t| if ((t * 100.0) as u32).is_multiple_of(2) { 0.0 } else { 5e-4 });
     assert!(offsets.iter().all(|o| (o + 0.025).abs() < 1e-9));
 }
 
