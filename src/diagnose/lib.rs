@@ -29,6 +29,7 @@ pub mod session;
 mod stochastic;
 mod varied;
 
+use evidence::Comparison;
 use library::{Kind, Library, Without};
 use noise::{ClassNoise, Filter};
 use search::{Problem, Selection};
@@ -97,6 +98,8 @@ struct Analysis {
     outlying: Vec<usize>,
     lattice_um: Vec<f64>,
     gap: Vec<f64>,
+    /// Where few programs allow all sets of effects to be compared.
+    comparison: Option<Comparison>,
 }
 
 /// Diagnoses a session whose predictions are filled in; `tell` hears of the progress (share done, what is done).
@@ -130,6 +133,17 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
     let mut class_noise = steady(noise::from_repeats(session, &gap, &used, &lattice_um));
     let mut library = Library::new(session, &options.without);
     take_signals(session, &mut library);
+    if ablation == Ablation::None && evidence::applies(session) {
+        tell(0.2, "comparison of all sets of effects");
+        let white: Vec<f64> = class_noise.iter().map(|c| c.white_um).collect();
+        let all = vec![true; gap.len()];
+        let mut named = library.clone();
+        // a slope is a squareness or a scale and a reversal is a backlash: each has its own name
+        named.variants.retain(|v| v.shape.has_own_name());
+        if let Some(comparison) = evidence::compare(session, &named, &gap, &all, &white) {
+            return compared(session, named, comparison, (gap, lattice_um, &white));
+        }
+    }
     let by_label = library.by_label();
     let grid: Vec<usize> = by_label.iter().map(Vec::len).collect();
     let mut round = 0;
@@ -169,9 +183,59 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
                 outlying,
                 lattice_um,
                 gap,
+                comparison: None,
             };
         }
         class_noise = next;
+    }
+}
+
+/// Weight from which a reading of the comparison is listed as outlying: five standard deviations.
+const OUTLYING: f64 = 2.0;
+
+/// The analysis that a comparison of all sets of effects gives.
+fn compared(
+    session: &Session,
+    mut library: Library,
+    comparison: Comparison,
+    (gap, lattice_um, white_um): (Vec<f64>, Vec<f64>, &[f64]),
+) -> Analysis {
+    let outlying: Vec<usize> =
+        comparison.outlying.iter().filter(|(_, w)| *w > OUTLYING).map(|(i, _)| *i).collect();
+    let mut used = vec![true; gap.len()];
+    outlying.iter().for_each(|i| used[*i] = false);
+    let least = white_um.iter().copied().fold(f64::INFINITY, f64::min);
+    let noise: Vec<ClassNoise> = white_um
+        .iter()
+        .map(|w| ClassNoise {
+            white_um: comparison.white_um * w / least,
+            drift_um: comparison.drift.0,
+            drift_s: comparison.drift.1,
+        })
+        .collect();
+    let filter = Filter::dense(comparison.covariance.clone(), comparison.groups.clone(), comparison.white_um);
+    let white: Vec<f64> = noise.iter().map(|c| c.white_um).collect();
+    let mut problem = Problem::new(session, &library, &filter, &gap, &white);
+    let chosen: Vec<usize> = comparison.contenders.iter().filter(|c| c.chosen).map(|c| c.variant).collect();
+    chosen.iter().for_each(|v| problem.prepare(*v));
+    for place in 0..chosen.len() {
+        search::refine(&mut problem, session, &filter, &mut library, &chosen, place);
+    }
+    chosen.iter().for_each(|v| problem.prepare(*v));
+    let grid = library.by_label().iter().map(Vec::len).collect();
+    let blind = problem.unseen(&library);
+    library.blind.extend(blind);
+    Analysis {
+        selection: Selection { chosen, grid, ..Selection::default() },
+        library,
+        problem,
+        filter,
+        noise,
+        used,
+        outlying,
+        lattice_um,
+        gap,
+        comparison: Some(comparison),
     }
 }
 
@@ -251,12 +315,4 @@ fn raw_of(session: &Session, library: &Library, chosen: &[usize]) -> Vec<Vec<f64
 /// True for effects that a prediction can take over.
 fn is_predictable(kind: Kind) -> bool {
     kind != Kind::Stochastic
-}
-
-/// The library of a session with its lagged signals.
-#[doc(hidden)]
-pub fn prepared_library(session: &mut Session, without: &[Without]) -> Library {
-    let mut library = Library::new(session, without);
-    take_signals(session, &mut library);
-    library
 }

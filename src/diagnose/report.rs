@@ -15,6 +15,9 @@ pub struct Report {
     pub rows: usize,
     /// Rows that were used.
     pub rows_used: usize,
+    /// Root mean square of what is structured and has no name, um; only where all sets of effects were compared.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub discrepancy_um: Option<f64>,
     /// The answer in one word.
     pub verdict: Verdict,
     /// Size of the gap.

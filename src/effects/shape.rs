@@ -532,6 +532,12 @@ impl Shape {
         matches!(self, Self::Polynomial { low: 1, .. })
     }
 
+    /// False for a curve that brings the slope of a squareness or scale, or the reversal of a backlash, as its own.
+    #[must_use]
+    pub const fn has_own_name(&self) -> bool {
+        !self.has_slope() && !matches!(self, Self::Reverse { .. })
+    }
+
     /// The same curve with (true) or without the slope of its own; other effects as they are.
     #[must_use]
     pub fn with_line(&self, line: bool) -> Self {

@@ -4,7 +4,7 @@
 pub const PROGRAMS_MAX: usize = 3;
 /// Readings that carry the comparison. Halved: effects below some 3 standard deviations are lost in long captures. Doubled:
 /// eight times the time.
-pub const ROWS_MAX: usize = 300;
+pub const ROWS_MAX: usize = 200;
 /// Correlation lengths of the discrepancy, as shares of the travel seen. At most a quarter: a longer one is itself a scale or
 /// a straightness and takes the cause's place.
 pub const LENGTHS: [f64; 2] = [0.08, 0.25];
@@ -19,12 +19,14 @@ pub const EFFECT_SCALES: [f64; 5] = [1.0, 4.0, 16.0, 64.0, 256.0];
 /// Distinct places of an axis from which direction and place together may form a discrepancy: with fewer, a width per place is
 /// a backlash that varies, and stays among lack of fit.
 pub const PLACES_MIN: usize = 12;
-/// Sweeps over the scales of the covariance.
-pub const SWEEPS: usize = 3;
+/// Steps of the ascent over the scales of the covariance.
+pub const STEPS_MAX: usize = 12;
+/// Components at zero that are tried in one step, those whose likelihood rises most steeply.
+pub const TRIED: usize = 3;
 /// Log evidence below the best at which a set of effects no longer counts.
 pub const WINDOW: f64 = 7.0;
 /// Sets of effects whose neighbours are visited.
-pub const EXPANDED: usize = 40;
+pub const EXPANDED: usize = 12;
 /// Effects in one set.
 pub const EFFECTS_MAX: usize = 8;
 /// Standard deviations of a leave-one-out residual from which a reading counts less.
@@ -35,3 +37,11 @@ pub const TAIL_SHARE: f64 = 0.05;
 pub const SEEN: f64 = 1e-4;
 /// One minus the cosine below which two columns are one.
 pub const ALIKE: f64 = 1e-6;
+/// Probability from which another effect is named as one that the data do not exclude.
+pub const RIVAL: f64 = 0.03;
+/// Size of an effect, in standard deviations of the white noise, from which its own form is asked.
+pub const LARGE: f64 = 5.0;
+/// Rounds of sets and scales in turn.
+pub const ROUNDS: usize = 4;
+/// Repetitions from which each may have an offset of its own.
+pub const CYCLES_MIN: usize = 3;

@@ -1,12 +1,12 @@
 //! The covariance of what is no effect: white noise, drift, discrepancy, lack of fit; and the offsets of the mountings.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::super::moment::{Moment, SLOTS};
 use super::super::session::{Session, has_rotation};
-use super::constants::{LENGTHS, PLACES_MIN, TIMES};
+use super::constants::{CYCLES_MIN, LENGTHS, PLACES_MIN, TIMES};
 use super::grouping;
 use volcomp_model::geometry::Vec3;
 
@@ -15,7 +15,7 @@ use volcomp_model::geometry::Vec3;
 pub enum Component {
     /// Ornstein-Uhlenbeck drift of a setup with the correlation time of this index.
     Drift(usize),
-    /// An offset of each run.
+    /// An offset of each repetition of the program.
     Run,
     /// Discrepancy over the place with the correlation length of this index.
     Place(usize),
@@ -25,6 +25,8 @@ pub enum Component {
     Speed(usize),
     /// Lack of fit: the same at every visit of a programmed point.
     LackOfFit,
+    /// The effect of this label is not the same everywhere, or not of the form of its formula.
+    Misform(usize),
 }
 
 impl Component {
@@ -36,6 +38,7 @@ impl Component {
 }
 
 /// Readings of the comparison and the components that their plan allows.
+#[derive(Debug, Clone)]
 pub struct Structure {
     /// Rows of the session behind each reading or mean of readings, in order.
     pub groups: Vec<Vec<usize>>,
@@ -47,9 +50,21 @@ pub struct Structure {
     pub offsets: DMatrix<f64>,
     /// Longest setup, s.
     pub duration_s: f64,
+    /// Correlation over the place with the longest length.
+    near: DMatrix<f64>,
 }
 
 impl Structure {
+    /// Allows an effect that does `part` at each reading to differ from it, smoothly over the place.
+    pub fn misform(&mut self, label: usize, part: &DVector<f64>) {
+        let n = part.len();
+        let size = part.norm() / (n as f64).sqrt();
+        if size > 0.0 {
+            let m = DMatrix::from_fn(n, n, |i, j| part[i] * part[j] * self.near[(i, j)] / (size * size));
+            self.components.push((Component::Misform(label), m));
+        }
+    }
+
     /// The components that the readings can show.
     #[must_use]
     pub fn new(session: &Session, groups: Vec<Vec<usize>>, white_um: &[f64]) -> Self {
@@ -110,9 +125,12 @@ impl Structure {
                 ));
             }
         }
-        let runs: std::collections::BTreeSet<usize> = (0..n).map(|k| reading(k).run).collect();
-        if runs.len() > 3 {
-            let same = |i: usize, j: usize| if reading(i).run == reading(j).run { u(i, j) } else { 0.0 };
+        // repetitions hold both directions; passes of their own would take a reversal for offsets
+        let cycles: BTreeSet<(usize, i64)> = (0..n).map(|k| (reading(k).setup, reading(k).repeat)).collect();
+        if cycles.len() > CYCLES_MIN {
+            let same = |i: usize, j: usize| {
+                if same_setup(i, j) && reading(i).repeat == reading(j).repeat { u(i, j) } else { 0.0 }
+            };
             components.push((Component::Run, build(&same)));
         }
         // one axis seen along itself: what goes with its place is positioning and has a name
@@ -163,7 +181,8 @@ impl Structure {
             components.push((Component::LackOfFit, build(&same)));
         }
         let offsets = offsets(session, &groups);
-        Self { groups, white, components, offsets, duration_s }
+        let near = build(&|i, j| (-distance(i, j) / LENGTHS[LENGTHS.len() - 1]).exp());
+        Self { groups, white, components, offsets, duration_s, near }
     }
 }
 
@@ -190,7 +209,7 @@ fn points(session: &Session, groups: &[Vec<usize>], means: &[Moment]) -> Vec<usi
 fn places(means: &[Moment], moving: &[usize]) -> usize {
     let place =
         |m: &Moment| -> Vec<i64> { moving.iter().map(|s| (m.position[*s] * 1e3).round() as i64).collect() };
-    means.iter().map(place).collect::<std::collections::BTreeSet<_>>().len()
+    means.iter().map(place).collect::<BTreeSet<_>>().len()
 }
 
 /// Columns of the offsets of every setup, three or one along a common line, and three of a small rotation where the mounting of

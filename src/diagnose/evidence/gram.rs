@@ -1,7 +1,8 @@
 //! Products of all columns and the gap under one covariance, and the evidence of a set of effects from them.
 
 use std::cell::RefCell;
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
+use std::rc::Rc;
 
 use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 
@@ -29,7 +30,7 @@ pub(super) struct Columns {
 /// Products under one covariance; those between variants when first needed.
 pub(super) struct Gram {
     w: DMatrix<f64>,
-    cross: RefCell<BTreeMap<usize, DVector<f64>>>,
+    cross: RefCell<BTreeMap<usize, Rc<DVector<f64>>>>,
     b: DVector<f64>,
     /// Gram matrix of each variant.
     own: Vec<DMatrix<f64>>,
@@ -54,7 +55,7 @@ pub struct Member {
 pub(super) struct Conditioned {
     columns: Vec<usize>,
     /// Products of each of them with all columns.
-    products: Vec<DVector<f64>>,
+    products: Vec<Rc<DVector<f64>>>,
     factors: Vec<f64>,
     chol: Option<Cholesky<f64, nalgebra::Dyn>>,
     /// `A^-1 Z'y`.
@@ -86,9 +87,9 @@ impl Gram {
     }
 
     /// Products of one column with all of them.
-    fn products(&self, column: usize) -> DVector<f64> {
+    fn products(&self, column: usize) -> Rc<DVector<f64>> {
         let mut known = self.cross.borrow_mut();
-        known.entry(column).or_insert_with(|| self.w.tr_mul(&self.w.column(column))).clone()
+        known.entry(column).or_insert_with(|| Rc::new(self.w.tr_mul(&self.w.column(column)))).clone()
     }
 
     /// Scale of the columns of a member: standard deviation of each of its coefficients in units of the white noise.
@@ -120,7 +121,7 @@ impl Gram {
                 log_volume: 0.0,
             };
         }
-        let products: Vec<DVector<f64>> = at.iter().map(|c| self.products(*c)).collect();
+        let products: Vec<Rc<DVector<f64>>> = at.iter().map(|c| self.products(*c)).collect();
         let a = DMatrix::from_fn(k, k, |i, j| {
             products[i][at[j]] * factors[i] * factors[j] + f64::from(u8::from(i == j))
         });
@@ -199,6 +200,26 @@ impl Gram {
 }
 
 impl Columns {
+    /// The same with the columns of some variants only.
+    pub(super) fn only(&self, variants: &BTreeSet<usize>) -> Self {
+        let mut span = vec![(0, 0); self.span.len()];
+        let mut kept = Vec::new();
+        for v in variants {
+            let (at, k) = self.span[*v];
+            span[*v] = (kept.len(), k);
+            kept.extend(at..at + k);
+        }
+        Self {
+            values: self.values.select_columns(&kept),
+            span,
+            label: self.label.clone(),
+            labels: self.labels,
+            variants: self.variants.clone(),
+            visible: self.visible,
+            aliases: self.aliases.clone(),
+        }
+    }
+
     /// Scales raw columns (a row of `width` values per reading) and finds those that offsets leave under white noise.
     pub(super) fn new(
         raw: &[f64],

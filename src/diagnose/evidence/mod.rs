@@ -12,17 +12,26 @@ mod grouping;
 mod posterior;
 mod scales;
 mod sets;
+#[cfg(test)]
+mod tests;
 
-use super::library::Library;
-use super::session::Session;
+use super::library::{Library, STILL};
+use super::moment::SLOTS;
+use super::session::{Session, is_encoder};
 
 pub use covariance::{Component, Covariance, Structure};
+pub(crate) use posterior::mean_of_members;
 pub use posterior::{Comparison, Contender, Shares};
 
-/// Programs of a session (axes that move, feed, tool) up to which all of it is compared exactly; with more of them the
-/// agreement between programs decides.
+/// True for sessions of one or few programs. A capture of the control's encoders along a free path is no program: nothing in it
+/// comes back, and its formulas hold to a share that the servo's own search knows.
 #[must_use]
 pub fn applies(session: &Session) -> bool {
+    let encoders = session.instruments.iter().all(|n| is_encoder(n));
+    let moving = (0..SLOTS).filter(|k| session.moments.iter().any(|m| m.velocity[*k].abs() > STILL));
+    if encoders && moving.count() > 1 {
+        return false;
+    }
     grouping::programs(session) <= constants::PROGRAMS_MAX
 }
 
@@ -37,5 +46,5 @@ pub fn compare(
     white_um: &[f64],
 ) -> Option<Comparison> {
     let structure = Structure::new(session, grouping::groups(session, used), white_um);
-    posterior::compare(session, library, gap, &structure)
+    posterior::compare(session, library, gap, structure)
 }

@@ -1,13 +1,13 @@
 //! From all sets of effects under all scales to what is believed.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{DMatrix, DVector};
 
 use super::super::library::{Kind, Library};
 use super::super::search::raw_columns;
 use super::super::session::Session;
-use super::constants::{EFFECT_SCALES, SCALES, TAIL, TAIL_SHARE, TIMES, WINDOW};
+use super::constants::{EFFECT_SCALES, LARGE, RIVAL, ROUNDS, SCALES, TAIL, TAIL_SHARE, TIMES, WINDOW};
 use super::covariance::{Component, Covariance, Structure};
 use super::gram::{Columns, Gram, Member};
 use super::scales::{self, Rungs, Target};
@@ -66,6 +66,8 @@ pub struct Comparison {
     pub white_um: f64,
     /// Drift, um, and its correlation time, s.
     pub drift: (f64, f64),
+    /// Independent readings that the covariance amounts to.
+    pub effective: f64,
     /// Rows of the session that count less, with their weight.
     pub outlying: Vec<(usize, f64)>,
     /// Whitening of the likeliest case, in units of the white noise.
@@ -73,20 +75,22 @@ pub struct Comparison {
 }
 
 /// The state of the search under one set of weights.
-struct Search<'a> {
-    structure: &'a Structure,
+struct Search {
+    structure: Structure,
     columns: Columns,
     y: DVector<f64>,
     weights: Vec<f64>,
     /// Every pair of scales that was looked at.
     visited: BTreeMap<Rungs, (Gram, Sets)>,
+    /// Log weights of the likely sets under these and neighbouring scales.
+    beside: BTreeMap<Rungs, BTreeMap<Vec<usize>, f64>>,
 }
 
-impl Search<'_> {
+impl Search {
     /// Climbs under some scales; returns the likeliest set there and its log weight.
     fn climb(&mut self, rungs: &Rungs, start: &[Member]) -> Option<(Vec<Member>, f64)> {
         if !self.visited.contains_key(rungs) {
-            let covariance = Covariance::new(self.structure, &scales::values(rungs), &self.weights)?;
+            let covariance = Covariance::new(&self.structure, &scales::values(rungs), &self.weights)?;
             let gram = Gram::new(&covariance, &self.columns, &self.y);
             self.visited.insert(rungs.clone(), (gram, Sets::new()));
         }
@@ -104,75 +108,125 @@ impl Search<'_> {
             let factor = EFFECT_SCALES[m.scale] / (k as f64).sqrt();
             data.extend((at..at + k).map(|c| self.columns.values.column(c) * factor));
         }
-        Target { structure: self.structure, weights: &self.weights, data: DMatrix::from_columns(&data) }
+        Target { structure: &self.structure, weights: &self.weights, data: DMatrix::from_columns(&data) }
     }
 
     /// The likeliest scales and set.
     fn run(&mut self) -> Option<(Rungs, Vec<Member>)> {
         let zero = vec![0; self.structure.components.len()];
         let alone = self.target(&[]).ascend(&zero);
-        let mut best: Option<(Rungs, Vec<Member>, f64)> = None;
-        for start in [zero, alone] {
-            let (mut rungs, mut members) = (start, Vec::new());
-            for _ in 0..4 {
-                let (found, weight) = self.climb(&rungs, &members)?;
-                if best.as_ref().is_none_or(|b| weight > b.2) {
-                    best = Some((rungs.clone(), found.clone(), weight));
-                }
-                let next = self.target(&found).ascend(&rungs);
-                members = found;
-                if next == rungs {
-                    break;
-                }
-                rungs = next;
-            }
+        let mut best = self.settle(zero, Vec::new())?;
+        let other = self.settle(alone, Vec::new())?;
+        if other.2 > best.2 {
+            best = other;
         }
-        let (rungs, members, _) = best?;
-        // the neighbours on the ladder: a cause may win by making the discrepancy small
-        for c in 0..rungs.len() {
-            let now = rungs[c];
-            let mut tried = vec![0, now.saturating_sub(1), (now + 1).min(SCALES.len() - 1)];
-            tried.dedup();
-            for rung in tried.into_iter().filter(|r| *r != now && (now > 0 || *r == 1)) {
-                let mut next = rungs.clone();
-                next[c] = rung;
-                self.climb(&next, &members)?;
-            }
+        // no formula is exact: what a large effect leaves of its own form must not pass for small ones
+        if self.allow_misform(&best.0, &best.1) {
+            self.visited.clear();
+            best.0.resize(self.structure.components.len(), 0);
+            let start = self.target(&best.1).ascend(&best.0);
+            best = self.settle(start, best.1)?;
         }
+        let (rungs, members, _) = best;
         if let Some((gram, sets)) = self.visited.get_mut(&rungs) {
             sets::explore(gram, &self.columns, sets);
         }
+        self.ladder(&rungs)?;
         Some((rungs, members))
+    }
+
+    /// Set and scales in turn, until neither changes; with the log weight.
+    fn settle(&mut self, start: Rungs, set: Vec<Member>) -> Option<(Rungs, Vec<Member>, f64)> {
+        let (mut rungs, mut members) = (start, set);
+        let mut best: Option<(Rungs, Vec<Member>, f64)> = None;
+        for _ in 0..ROUNDS {
+            let (found, weight) = self.climb(&rungs, &members)?;
+            if best.as_ref().is_none_or(|b| weight > b.2) {
+                best = Some((rungs.clone(), found.clone(), weight));
+            }
+            let next = self.target(&found).ascend(&rungs);
+            members = found;
+            if next == rungs {
+                break;
+            }
+            rungs = next;
+        }
+        best
+    }
+
+    /// Adds a component for each effect of a set that is large against the noise; false where there is none.
+    fn allow_misform(&mut self, rungs: &Rungs, members: &[Member]) -> bool {
+        let Some((gram, _)) = self.visited.get(rungs) else { return false };
+        let set = gram.condition(&self.columns, members);
+        let sigma = gram.sigma(&set);
+        let (at, mean, _) = gram.coefficients(&set);
+        let mut parts: Vec<(usize, DVector<f64>)> = Vec::new();
+        for m in members {
+            let (first, k) = self.columns.span[m.variant];
+            let mut part = DVector::zeros(self.y.len());
+            for (c, b) in at.iter().zip(mean.iter()).filter(|(c, _)| (first..first + k).contains(*c)) {
+                part.axpy(*b, &self.columns.values.column(*c), 1.0);
+            }
+            if part.norm() > LARGE * sigma * (part.len() as f64).sqrt() {
+                parts.push((self.columns.label[m.variant], part));
+            }
+        }
+        for (label, part) in &parts {
+            self.structure.misform(*label, part);
+        }
+        !parts.is_empty()
+    }
+
+    /// Likely sets under the scales beside the likeliest: a cause may win by making the discrepancy small.
+    fn ladder(&mut self, rungs: &Rungs) -> Option<()> {
+        let (_, sets) = self.visited.get(rungs)?;
+        let most = sets.values().map(|v| v.log_weight).fold(f64::NEG_INFINITY, f64::max);
+        let likely: Vec<Vec<Member>> =
+            sets.values().filter(|v| v.log_weight > most - WINDOW).map(|v| v.members.clone()).collect();
+        let variants = likely.iter().flatten().map(|m| m.variant).collect();
+        let columns = self.columns.only(&variants);
+        let mut cases: BTreeSet<Rungs> = self.visited.keys().cloned().collect();
+        for c in 0..rungs.len() {
+            let now = rungs[c];
+            let beside = [0, now.saturating_sub(1), (now + 1).min(SCALES.len() - 1)];
+            for rung in beside.into_iter().filter(|r| *r != now) {
+                let mut next = rungs.clone();
+                next[c] = rung;
+                cases.insert(next);
+            }
+        }
+        for case in cases {
+            let covariance = Covariance::new(&self.structure, &scales::values(&case), &self.weights)?;
+            let gram = Gram::new(&covariance, &columns, &self.y);
+            let prior = scales::log_prior(&case);
+            let each = likely.iter().map(|set| sets::own_weight(&gram, &columns, set) + prior);
+            let sums = likely.iter().map(|set| sets::key(&columns, set)).zip(each).collect();
+            self.beside.insert(case, sums);
+        }
+        Some(())
     }
 
     /// Log weights of all sets, summed over the scales.
     fn weights_of_sets(&self) -> BTreeMap<Vec<usize>, (Vec<Member>, f64)> {
-        let mut members: BTreeMap<Vec<usize>, (Vec<Member>, f64)> = BTreeMap::new();
+        let mut all: BTreeMap<Vec<usize>, (Vec<Member>, f64)> = BTreeMap::new();
         for (rungs, (_, sets)) in &self.visited {
             for (labels, v) in sets {
                 let w = v.log_weight + scales::log_prior(rungs);
-                let e = members.entry(labels.clone()).or_insert((v.members.clone(), w));
+                let e = all.entry(labels.clone()).or_insert((v.members.clone(), w));
                 if w > e.1 {
                     *e = (v.members.clone(), w);
                 }
             }
         }
-        let best = members.values().map(|v| v.1).fold(f64::NEG_INFINITY, f64::max);
-        members.retain(|_, v| v.1 > best - 2.0 * WINDOW);
-        // each of them under all scales
-        for (labels, (set, weight)) in &mut members {
-            let all: Vec<f64> = self
-                .visited
-                .iter()
-                .map(|(rungs, (gram, sets))| {
-                    let known = sets.get(labels).map(|v| v.log_weight);
-                    known.unwrap_or_else(|| sets::own_weight(gram, &self.columns, set))
-                        + scales::log_prior(rungs)
-                })
-                .collect();
-            *weight = log_sum(&all);
+        for (labels, (_, weight)) in &mut all {
+            let each: Vec<f64> = self.beside.values().filter_map(|sums| sums.get(labels).copied()).collect();
+            if !each.is_empty() {
+                *weight = weight.max(log_sum(&each));
+            }
         }
-        members
+        let best = all.values().map(|v| v.1).fold(f64::NEG_INFINITY, f64::max);
+        all.retain(|_, v| v.1 > best - 2.0 * WINDOW);
+        all
     }
 }
 
@@ -186,18 +240,19 @@ pub(super) fn compare(
     session: &Session,
     library: &Library,
     gap: &[f64],
-    structure: &Structure,
+    structure: Structure,
 ) -> Option<Comparison> {
-    let n = structure.groups.len();
-    let mut weights = structure.white.clone();
-    let y = DVector::from_vec(mean_rows(&structure.groups, gap, 1));
-    let white = Covariance::new(structure, &vec![0.0; structure.components.len()], &weights)?;
+    let base = structure;
+    let n = base.groups.len();
+    let mut weights = base.white.clone();
+    let y = DVector::from_vec(mean_rows(&base.groups, gap, 1));
+    let white = Covariance::new(&base, &vec![0.0; base.components.len()], &weights)?;
     if white.freedom() < 8 {
         return None;
     }
-    let members: Vec<usize> = structure.groups.concat();
+    let members: Vec<usize> = base.groups.concat();
     let raw = raw_columns(session, library, &members);
-    let raw = mean_of_members(&structure.groups, &raw, library.width());
+    let raw = mean_of_members(&base.groups, &raw, library.width());
     let mut outlying: Vec<(usize, f64)> = Vec::new();
     for round in 0.. {
         let mut span = Vec::with_capacity(library.variants.len());
@@ -209,20 +264,26 @@ pub(super) fn compare(
         let label = library.variants.iter().map(|v| v.label).collect();
         let rank = ranks(library);
         let (columns, _) = Columns::new(&raw, n, span, label, &rank, &white);
-        let mut search =
-            Search { structure, columns, y: y.clone(), weights: weights.clone(), visited: BTreeMap::new() };
+        let mut search = Search {
+            structure: base.clone(),
+            columns,
+            y: y.clone(),
+            weights: weights.clone(),
+            visited: BTreeMap::new(),
+            beside: BTreeMap::new(),
+        };
         let (rungs, members) = search.run()?;
         let tails = tails(&search, &rungs, &members)?;
         if round < 2 && !tails.is_empty() && outlying != tails {
-            weights.clone_from(&structure.white);
+            weights.clone_from(&base.white);
             for (k, w) in &tails {
                 weights[*k] *= w;
             }
             outlying = tails;
             continue;
         }
-        let single = outlying.iter().filter(|(k, _)| structure.groups[*k].len() == 1);
-        let outlying = single.map(|(k, w)| (structure.groups[*k][0], *w)).collect();
+        let single = outlying.iter().filter(|(k, _)| base.groups[*k].len() == 1);
+        let outlying = single.map(|(k, w)| (base.groups[*k][0], *w)).collect();
         return conclude(&search, rungs, outlying);
     }
     None
@@ -239,8 +300,8 @@ fn ranks(library: &Library) -> Vec<usize> {
 }
 
 /// Rows with leave-one-out residuals out of the tails, with the weight that makes them ordinary.
-fn tails(search: &Search<'_>, rungs: &Rungs, members: &[Member]) -> Option<Vec<(usize, f64)>> {
-    let covariance = Covariance::new(search.structure, &scales::values(rungs), &search.structure.white)?;
+fn tails(search: &Search, rungs: &Rungs, members: &[Member]) -> Option<Vec<(usize, f64)>> {
+    let covariance = Covariance::new(&search.structure, &scales::values(rungs), &search.structure.white)?;
     let gram = Gram::new(&covariance, &search.columns, &search.y);
     let set = gram.condition(&search.columns, members);
     let sigma = gram.sigma(&set);
@@ -282,7 +343,7 @@ fn tails(search: &Search<'_>, rungs: &Rungs, members: &[Member]) -> Option<Vec<(
     Some(all.into_iter().map(|(k, t)| (k, (t / TAIL).powi(2).max(1.0))).collect())
 }
 
-fn conclude(search: &Search<'_>, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Option<Comparison> {
+fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Option<Comparison> {
     let sets = search.weights_of_sets();
     let total = log_sum(&sets.values().map(|v| v.1).collect::<Vec<_>>());
     let share = |w: f64| (w - total).exp();
@@ -293,6 +354,7 @@ fn conclude(search: &Search<'_>, rungs: Rungs, outlying: Vec<(usize, f64)>) -> O
             *probability.entry(*l).or_default() += share(*w);
         }
     }
+    let (gram, _) = search.visited.get(&rungs)?;
     let mut contenders: Vec<Contender> = Vec::new();
     for (label, p) in &probability {
         let chosen = best_labels.contains(label);
@@ -301,23 +363,12 @@ fn conclude(search: &Search<'_>, rungs: Rungs, outlying: Vec<(usize, f64)>) -> O
             .filter(|(labels, _)| labels.contains(label))
             .max_by(|a, b| a.1.1.total_cmp(&b.1.1))?;
         let member = holder.1.0.iter().find(|m| search.columns.label[m.variant] == *label)?;
-        // sets that differ from the best ones with this label by what stands in its place
-        let mut rivals: BTreeMap<usize, f64> = BTreeMap::new();
-        for (labels, (_, w)) in sets.iter().filter(|(l, _)| !l.contains(label)) {
-            let swapped: Vec<usize> = labels.iter().copied().filter(|l| !holder.0.contains(l)).collect();
-            for s in swapped {
-                *rivals.entry(s).or_default() += share(*w);
-            }
-        }
-        let rivals: Vec<(usize, f64)> = rivals.into_iter().filter(|(_, p)| *p > 0.0).collect();
-        let group: f64 = sets
-            .iter()
-            .filter(|(labels, _)| {
-                labels.contains(label)
-                    || rivals.iter().any(|(r, _)| labels.contains(r) && !holder.0.contains(r))
-            })
-            .map(|(_, (_, w))| share(*w))
-            .sum();
+        let rivals = if chosen { rivals(search, gram, best, *label, &probability) } else { Vec::new() };
+        let stands = |labels: &[usize]| {
+            labels.contains(label)
+                || rivals.iter().any(|(r, _)| labels.contains(r) && !best_labels.contains(r))
+        };
+        let group: f64 = sets.iter().filter(|(l, _)| stands(l)).map(|(_, (_, w))| share(*w)).sum();
         let without = sets
             .iter()
             .filter(|(labels, _)| !labels.contains(label))
@@ -344,19 +395,11 @@ fn conclude(search: &Search<'_>, rungs: Rungs, outlying: Vec<(usize, f64)>) -> O
     contenders.sort_by(|a, b| {
         b.chosen.cmp(&a.chosen).then(b.probability.total_cmp(&a.probability)).then(a.label.cmp(&b.label))
     });
-    let covariance = Covariance::new(search.structure, &scales::values(&rungs), &search.weights)?;
-    let gram = Gram::new(&covariance, &search.columns, &search.y);
+    let covariance = Covariance::new(&search.structure, &scales::values(&rungs), &search.weights)?;
     let set = gram.condition(&search.columns, best);
     let white_um = gram.sigma(&set);
-    let by_scales: Vec<(&Rungs, f64)> = search
-        .visited
-        .iter()
-        .map(|(rungs, (gram, sets))| {
-            let w = sets.get(best_labels).map(|v| v.log_weight);
-            let w = w.unwrap_or_else(|| sets::own_weight(gram, &search.columns, best));
-            (rungs, w + scales::log_prior(rungs))
-        })
-        .collect();
+    let by_scales: Vec<(&Rungs, f64)> =
+        search.beside.iter().filter_map(|(r, sums)| Some((r, *sums.get(best_labels)?))).collect();
     let all = log_sum(&by_scales.iter().map(|v| v.1).collect::<Vec<_>>());
     let kinds: Vec<Component> = search.structure.components.iter().map(|c| c.0).collect();
     let has = |rungs: &Rungs| kinds.iter().zip(rungs).any(|(c, r)| *r > 0 && c.is_discrepancy());
@@ -376,18 +419,47 @@ fn conclude(search: &Search<'_>, rungs: Rungs, outlying: Vec<(usize, f64)>) -> O
         contenders,
         none: sets.get(&Vec::new()).map_or(0.0, |v| share(v.1)),
         discrepancy,
-        shares: shares(search, &covariance, &gram, best, &scales),
-        scales,
+        shares: shares(search, &covariance, gram, best, &scales),
+        scales: scales.clone(),
         white_um,
         drift,
+        effective: effective(&search.structure, &scales),
         outlying,
         covariance,
     })
 }
 
+/// Labels that explain a member of the likeliest set away: with them in its place it brings less than half of its evidence.
+fn rivals(
+    search: &Search,
+    gram: &Gram,
+    best: &[Member],
+    label: usize,
+    probability: &BTreeMap<usize, f64>,
+) -> Vec<(usize, f64)> {
+    let columns = &search.columns;
+    let (own, rest): (Vec<Member>, Vec<Member>) =
+        best.iter().copied().partition(|m| columns.label[m.variant] == label);
+    let weight = |members: &[Member]| gram.log_evidence(&gram.condition(columns, members));
+    let alone = weight(best) - weight(&rest);
+    let base = gram.condition(columns, &rest);
+    let taken: Vec<usize> = best.iter().map(|m| columns.label[m.variant]).collect();
+    let mut all = Vec::new();
+    for (other, p) in probability.iter().filter(|(l, p)| !taken.contains(l) && **p > RIVAL) {
+        let Some(addition) = gram.addition(columns, &base, *other) else { continue };
+        let with: Vec<Member> = rest.iter().copied().chain([addition.member]).collect();
+        let both: Vec<Member> = with.iter().copied().chain(own.iter().copied()).collect();
+        if addition.log_evidence > gram.log_evidence(&base) && weight(&both) - weight(&with) < 0.5 * alone {
+            all.push((*other, *p));
+        }
+    }
+    all.sort_by(|a, b| b.1.total_cmp(&a.1).then(a.0.cmp(&b.0)));
+    all
+}
+
 /// Posterior means of the parts of the gap.
 fn shares(
-    search: &Search<'_>,
+    search: &Search,
     covariance: &Covariance,
     gram: &Gram,
     members: &[Member],
@@ -409,7 +481,7 @@ fn shares(
             parts[usize::from(!component.is_discrepancy())].gemv(s * s, m, &pulled, 1.0);
         }
     }
-    let plain = Covariance::new(search.structure, &vec![0.0; scales.len()], &search.structure.white);
+    let plain = Covariance::new(&search.structure, &vec![0.0; scales.len()], &vec![1.0; n]);
     let size = |v: &DVector<f64>| {
         let w = plain.as_ref().map(|p| p.whiten(&DMatrix::from_column_slice(n, 1, v.as_slice())));
         w.map_or(0.0, |w| w.norm_squared() / n as f64)
@@ -444,4 +516,13 @@ pub(crate) fn mean_of_members(groups: &[Vec<usize>], data: &[f64], width: usize)
         }
     }
     out
+}
+
+/// `tr(C)^2 / |C|^2`: independent readings with the same scatter of their mean square.
+fn effective(structure: &Structure, scales: &[(Component, f64)]) -> f64 {
+    let mut c = DMatrix::from_diagonal(&DVector::from_column_slice(&structure.white));
+    for ((_, m), (_, s)) in structure.components.iter().zip(scales).filter(|(_, s)| s.1 > 0.0) {
+        c.zip_apply(m, |a, b| *a += s * s * b);
+    }
+    c.trace().powi(2) / c.norm_squared()
 }

@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use super::constants::{PRESENT, SCALES, SWEEPS};
+use super::constants::{PRESENT, SCALES, STEPS_MAX, TRIED};
 use super::covariance::Structure;
 
 /// Place of the scale of each component in [`SCALES`].
@@ -28,9 +28,28 @@ pub(super) struct Target<'a> {
     pub(super) data: DMatrix<f64>,
 }
 
+/// The covariance of a target, decomposed.
+struct Decomposed {
+    l: DMatrix<f64>,
+    /// Orthonormal basis of the whitened offsets.
+    basis: Vec<DVector<f64>>,
+    /// The gap, whitened, without the offsets.
+    left: DVector<f64>,
+    log_determinant: f64,
+}
+
+impl Decomposed {
+    fn freedom(&self) -> f64 {
+        (self.l.nrows() - self.basis.len()) as f64
+    }
+
+    fn log_evidence(&self) -> f64 {
+        -0.5 * self.log_determinant - self.freedom() * self.left.norm().max(f64::MIN_POSITIVE).ln()
+    }
+}
+
 impl Target<'_> {
-    /// Log evidence of the set under some scales.
-    fn log_evidence(&self, rungs: &[usize]) -> f64 {
+    fn decompose(&self, rungs: &[usize]) -> Option<Decomposed> {
         let mut c = DMatrix::from_diagonal(&DVector::from_column_slice(self.weights));
         for ((_, m), s) in self.structure.components.iter().zip(values(rungs)).filter(|(_, s)| *s > 0.0) {
             c.zip_apply(m, |a, b| *a += s * s * b);
@@ -38,19 +57,15 @@ impl Target<'_> {
         // the prior of the effects is a part of the covariance
         let columns = self.data.columns(1, self.data.ncols() - 1);
         c.gemm(1.0, &columns, &columns.transpose(), 1.0);
-        let Some(chol) = Cholesky::new(c) else { return f64::NEG_INFINITY };
-        let l = chol.l_dirty();
-        let n = l.nrows();
-        let width = self.structure.offsets.ncols() + 1;
-        let mut both = DMatrix::zeros(n, width);
-        both.columns_mut(0, width - 1).copy_from(&self.structure.offsets);
-        both.column_mut(width - 1).copy_from(&self.data.column(0));
-        if !l.solve_lower_triangular_mut(&mut both) {
-            return f64::NEG_INFINITY;
-        }
-        let mut log = 2.0 * l.diagonal().iter().map(|d| d.ln()).sum::<f64>();
+        let l = Cholesky::new(c)?.unpack();
+        let width = self.structure.offsets.ncols();
+        let mut both = DMatrix::zeros(l.nrows(), width + 1);
+        both.columns_mut(0, width).copy_from(&self.structure.offsets);
+        both.column_mut(width).copy_from(&self.data.column(0));
+        l.solve_lower_triangular_mut(&mut both).then_some(())?;
+        let mut log_determinant = 2.0 * l.diagonal().iter().map(|d| d.ln()).sum::<f64>();
         let mut basis: Vec<DVector<f64>> = Vec::new();
-        for k in 0..width {
+        for k in 0..=width {
             let mut v = both.column(k).into_owned();
             let before = v.norm();
             for _ in 0..2 {
@@ -59,50 +74,76 @@ impl Target<'_> {
                     v.axpy(-p, b, 1.0);
                 }
             }
-            let own = v.norm();
-            if k + 1 == width {
-                let freedom = (n - basis.len()) as f64;
-                return -0.5 * log - freedom * own.max(f64::MIN_POSITIVE).ln();
+            if k == width {
+                return Some(Decomposed { l, basis, left: v, log_determinant });
             }
+            let own = v.norm();
             if own > 1e-6 * before && own > 0.0 {
-                log += 2.0 * own.ln();
+                log_determinant += 2.0 * own.ln();
                 basis.push(v / own);
             }
         }
-        f64::NEG_INFINITY
+        None
     }
 
-    /// The likeliest scales from a start on, one component after the other.
+    fn log_posterior(&self, rungs: &[usize]) -> f64 {
+        self.decompose(rungs).map_or(f64::NEG_INFINITY, |d| d.log_evidence()) + log_prior(rungs)
+    }
+
+    /// Derivative of the log evidence by the variance of each component, over the curvature that noise alone gives it.
+    fn slopes(&self, rungs: &[usize]) -> Option<Vec<f64>> {
+        let d = self.decompose(rungs)?;
+        let n = d.l.nrows();
+        let mut half = d.l.solve_lower_triangular(&DMatrix::identity(n, n))?;
+        if !d.basis.is_empty() {
+            let basis = DMatrix::from_columns(&d.basis);
+            let known = basis.tr_mul(&half);
+            half.gemm(-1.0, &basis, &known, 1.0);
+        }
+        let precision = half.tr_mul(&half);
+        let pulled = half.tr_mul(&d.left);
+        let scale = d.freedom() / d.left.norm_squared().max(f64::MIN_POSITIVE);
+        let slope = |m: &DMatrix<f64>| {
+            let trace = precision.dot(m);
+            (scale * pulled.dot(&(m * &pulled)) - trace) / trace.max(f64::MIN_POSITIVE)
+        };
+        Some(self.structure.components.iter().map(|(_, m)| slope(m)).collect())
+    }
+
+    /// The likeliest scales from a start on, one component at a time.
     pub(super) fn ascend(&self, start: &[usize]) -> Rungs {
         let mut known: BTreeMap<Rungs, f64> = BTreeMap::new();
         let mut value = |rungs: &Rungs| -> f64 {
-            if let Some(v) = known.get(rungs) {
-                return *v;
-            }
-            let v = self.log_evidence(rungs) + log_prior(rungs);
-            known.insert(rungs.clone(), v);
-            v
+            *known.entry(rungs.clone()).or_insert_with(|| self.log_posterior(rungs))
         };
         let mut best = start.to_vec();
         let mut most = value(&best);
-        for _ in 0..SWEEPS {
-            let before = best.clone();
+        for _ in 0..STEPS_MAX {
+            let Some(slopes) = self.slopes(&best) else { break };
+            let mut steep: Vec<usize> =
+                (0..best.len()).filter(|c| best[*c] == 0 && slopes[*c] > 0.0).collect();
+            steep.sort_by(|a, b| slopes[*b].total_cmp(&slopes[*a]));
+            steep.truncate(TRIED);
+            let mut tried: Vec<(usize, usize)> = Vec::new();
             for c in 0..best.len() {
                 let now = best[c];
-                let mut tried = vec![0, now.saturating_sub(1), (now + 1).min(SCALES.len() - 1)];
-                if now == 0 {
-                    tried.extend([3, 5]);
-                }
-                for rung in tried {
-                    let mut next = best.clone();
-                    next[c] = rung;
-                    let v = value(&next);
-                    if v > most + 1e-9 {
-                        (best, most) = (next, v);
-                    }
+                if now > 0 {
+                    tried.extend([(c, 0), (c, now - 1), (c, (now + 1).min(SCALES.len() - 1))]);
+                } else if steep.contains(&c) {
+                    tried.extend([(c, 1), (c, 3), (c, 5)]);
                 }
             }
-            if best == before {
+            let before = most;
+            let from = best.clone();
+            for (c, rung) in tried {
+                let mut next = from.clone();
+                next[c] = rung;
+                let v = value(&next);
+                if v > most + 1e-9 {
+                    (best, most) = (next, v);
+                }
+            }
+            if most <= before {
                 break;
             }
         }

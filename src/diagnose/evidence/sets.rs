@@ -21,7 +21,7 @@ fn price(columns: &Columns) -> f64 {
     -(columns.visible.saturating_sub(1).max(2) as f64).ln()
 }
 
-fn key(columns: &Columns, members: &[Member]) -> Vec<usize> {
+pub(super) fn key(columns: &Columns, members: &[Member]) -> Vec<usize> {
     let mut labels: Vec<usize> = members.iter().map(|m| columns.label[m.variant]).collect();
     labels.sort_unstable();
     labels
@@ -45,7 +45,7 @@ fn visit(sets: &mut Sets, columns: &Columns, members: &[Member], log_weight: f64
 }
 
 /// Visits every set that has one more label than `members`.
-fn grow(gram: &Gram, columns: &Columns, members: &[Member], sets: &mut Sets) -> Option<Vec<Member>> {
+fn grow(gram: &Gram, columns: &Columns, members: &[Member], sets: &mut Sets) -> Option<(Vec<Member>, f64)> {
     let set = gram.condition(columns, members);
     let prior = extra(columns, members) + price(columns);
     let taken = key(columns, members);
@@ -60,37 +60,35 @@ fn grow(gram: &Gram, columns: &Columns, members: &[Member], sets: &mut Sets) -> 
             best = Some((with, weight));
         }
     }
-    best.map(|b| b.0)
+    best
 }
 
-/// Forward search with exchanges of single members; the highest log weight.
+/// Forward search, then exchanges and removals of single members, until nothing is better; the highest log weight.
 pub(super) fn climb(gram: &Gram, columns: &Columns, start: &[Member], sets: &mut Sets) -> f64 {
     let mut members = start.to_vec();
     visit(sets, columns, &[], gram.none);
     let mut weight = own_weight(gram, columns, &members);
+    visit(sets, columns, &members, weight);
     loop {
-        let mut best = (members.clone(), weight);
-        if members.len() < EFFECTS_MAX
-            && let Some(with) = grow(gram, columns, &members, sets)
+        while members.len() < EFFECTS_MAX
+            && let Some((with, w)) = grow(gram, columns, &members, sets)
+            && w > weight + 1e-6
         {
-            let w = sets[&key(columns, &with)].log_weight;
-            if w > best.1 + 1e-9 {
-                best = (with, w);
-            }
+            (members, weight) = (with, w);
         }
+        let mut best = (members.clone(), weight);
         for k in 0..members.len() {
             let mut rest = members.clone();
             rest.remove(k);
             let w = own_weight(gram, columns, &rest);
             visit(sets, columns, &rest, w);
-            if w > best.1 + 1e-9 {
+            if w > best.1 {
                 best = (rest.clone(), w);
             }
-            if let Some(with) = grow(gram, columns, &rest, sets) {
-                let w = sets[&key(columns, &with)].log_weight;
-                if w > best.1 + 1e-9 {
-                    best = (with, w);
-                }
+            if let Some((with, w)) = grow(gram, columns, &rest, sets)
+                && w > best.1
+            {
+                best = (with, w);
             }
         }
         if best.1 <= weight + 1e-6 {

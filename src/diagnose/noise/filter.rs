@@ -5,6 +5,9 @@
 //! unit variance in one pass: the cost is rows times columns. The gains do not depend on the data and are computed once.
 //! Source: `docs/diagnosis.md` (whitening); equations 5.8.
 
+use nalgebra::DMatrix;
+
+use super::super::evidence::{Covariance, mean_of_members};
 use super::super::session::{Session, has_rotation};
 use volcomp_model::geometry::Vec3;
 
@@ -44,6 +47,16 @@ pub struct Filter {
     states: Vec<usize>,
     /// Sum of the logarithms of the innovations' variances.
     log_variance: f64,
+    /// A dense covariance in the place of the gains.
+    dense: Option<Dense>,
+}
+
+/// Whitening by a dense covariance of readings or of means of them.
+#[derive(Debug, Clone)]
+struct Dense {
+    covariance: Covariance,
+    groups: Vec<Vec<usize>>,
+    white_um: f64,
 }
 
 /// How far a mounting may be off, um, and um per m for its rotation: large against anything measured.
@@ -67,11 +80,40 @@ impl Filter {
             drift_states: Vec::new(),
             states: Vec::new(),
             log_variance: 0.0,
+            dense: None,
         };
         for rows in by_setup.iter().filter(|r| !r.is_empty()) {
             filter.setup(session, noise, rows);
         }
         filter
+    }
+
+    /// Whitening by the covariance of a comparison, white noise `white_um`; each place stands for the mean of a group of rows.
+    #[must_use]
+    pub fn dense(covariance: Covariance, groups: Vec<Vec<usize>>, white_um: f64) -> Self {
+        Self {
+            gains: Vec::new(),
+            order: groups.iter().map(|g| g[0]).collect(),
+            drift_states: Vec::new(),
+            states: Vec::new(),
+            log_variance: 0.0,
+            dense: Some(Dense { covariance, groups, white_um }),
+        }
+    }
+
+    /// Rows of the session whose values [`Filter::mean`] takes, in order.
+    #[must_use]
+    pub fn members(&self) -> Vec<usize> {
+        self.dense.as_ref().map_or_else(|| self.order.clone(), |d| d.groups.concat())
+    }
+
+    /// Rows of `width` values of every member to one row per place.
+    #[must_use]
+    pub fn mean(&self, data: Vec<f64>, width: usize) -> Vec<f64> {
+        match &self.dense {
+            Some(d) => mean_of_members(&d.groups, &data, width),
+            None => data,
+        }
     }
 
     /// Row of the session at each place of the filtered columns.
@@ -134,6 +176,12 @@ impl Filter {
 
     /// Filters columns in place: `data` holds a row of `width` values per place of [`Filter::order`].
     pub fn apply(&self, data: &mut [f64], width: usize) {
+        if let Some(d) = &self.dense {
+            let columns = DMatrix::from_row_slice(self.order.len(), width, data);
+            let w = d.covariance.whiten(&columns) / d.white_um;
+            data.copy_from_slice(w.transpose().as_slice());
+            return;
+        }
         let mut state = vec![0.0; STATES * BLOCK];
         let mut innovation = [0.0; BLOCK];
         let mut from = 0;
@@ -172,7 +220,7 @@ impl Filter {
     /// One column in the order of the session's rows, filtered; in the filter's order.
     #[must_use]
     pub fn column(&self, values: &[f64]) -> Vec<f64> {
-        let mut data: Vec<f64> = self.order.iter().map(|i| values[*i]).collect();
+        let mut data = self.mean(self.members().into_iter().map(|i| values[i]).collect(), 1);
         self.apply(&mut data, 1);
         data
     }

@@ -16,7 +16,7 @@ const LOCAL_Z: f64 = 5.0;
 /// Least structured variance that is called unexplained: in units of the noise, and as a share of what was there.
 const LEFT_VARIANCE: (f64, f64) = (0.02, 0.012);
 /// Drift above this many standard deviations of the noise is something to explain.
-const LARGE_DRIFT: f64 = 1.7;
+pub(super) const LARGE_DRIFT: f64 = 1.7;
 /// RMS of effects that failed a gate, in units of the noise, from which they count as unexplained.
 const PROXY: f64 = 0.15;
 

@@ -4,6 +4,7 @@ mod again;
 mod causes;
 mod chance;
 mod company;
+mod compared;
 mod curves;
 mod handover;
 mod left;
@@ -30,6 +31,8 @@ use curves::curves;
 use handover::{addition, not_seen_on, seen_on};
 use left::unexplained;
 
+/// Least forecast shrink that explains anything.
+const LEAST_SHRINK: f64 = 0.05;
 /// Most outlying readings listed.
 const OUTLYING_LISTED: usize = 40;
 
@@ -99,10 +102,15 @@ pub(super) fn conclude(
     mut a: Analysis,
     tell: &mut dyn FnMut(f64, &str),
 ) -> Diagnosis {
-    let gated = options.ablation.has_gates();
+    let gated = options.ablation.has_gates() && a.comparison.is_none();
     let pruned = if gated { prune(&mut a.problem, &a.library, &mut a.selection) } else { Vec::new() };
-    let mut assessed = assess(&mut a.problem, &a.library, &a.selection);
-    if gated {
+    let mut assessed = match &a.comparison {
+        Some(c) => compared::assessed(&a, c),
+        None => assess(&mut a.problem, &a.library, &a.selection),
+    };
+    if a.comparison.is_some() {
+        // evidence has taken everything into account
+    } else if gated {
         misfit::weigh(session, &a, &mut assessed);
     } else {
         for x in &mut assessed {
@@ -135,7 +143,18 @@ pub(super) fn conclude(
     }
     let declared = |j: usize| assessed[owner[j]].declared;
     let day = day(session, &a, &parts, &owner, &assessed);
-    let shrink = forecast(&a.problem, &a.gap, &parts, &declared, &day, options.seed);
+    let shrink = match &a.comparison {
+        Some(c) => compared::forecast(
+            session,
+            &a,
+            c,
+            &parts,
+            &declared,
+            (&beta, &given.covariance(&a.problem)),
+            options.seed,
+        ),
+        None => forecast(&a.problem, &a.gap, &parts, &declared, &day, options.seed),
+    };
     let before = without_offsets(session, &a.gap, &a.used);
     let after = without_offsets(session, &minus(&a.gap, &parts.held_out, declared), &a.used);
     let keep: Vec<usize> = assessed.iter().filter(|x| x.declared).map(|x| x.variant).collect();
@@ -177,14 +196,17 @@ pub(super) fn conclude(
     });
     tell(0.94, "where the gap lies");
     let places = localise(session, &a.problem, &|data, width| a.filter.apply(data, width), &y);
-    let unexplained = unexplained(
-        session,
-        &a,
-        &assessed,
-        &left,
-        (&total, &leftover),
-        (shrink.rms_before_um, shrink.rms_after_um),
-    );
+    let unexplained = match &a.comparison {
+        Some(c) => compared::unexplained(session, &a, c, &left),
+        None => unexplained(
+            session,
+            &a,
+            &assessed,
+            &left,
+            (&total, &leftover),
+            (shrink.rms_before_um, shrink.rms_after_um),
+        ),
+    };
     let addition = addition(session, &a, &assessed, options, &owner, &beta, &covariance);
     let mut notes = notes(session);
     notes.extend(varying(&a, &assessed));
@@ -200,7 +222,8 @@ pub(super) fn conclude(
         }
     });
     // what does not repeat explains nothing of a gap that does
-    let any = causes.iter().any(|c| c.declared && c.kind != Kind::Stochastic);
+    let any = causes.iter().any(|c| c.declared && c.kind != Kind::Stochastic)
+        && (a.comparison.is_none() || shrink.fraction > LEAST_SHRINK);
     let verdict = match (any, unexplained.significant) {
         (true, false) => Verdict::Explained,
         (true, true) => Verdict::PartlyExplained,
@@ -212,7 +235,8 @@ pub(super) fn conclude(
     let report = Report {
         format: "volcomp-gap/1",
         rows: session.rows_read,
-        rows_used: a.problem.len(),
+        rows_used: a.used.iter().filter(|u| **u).count(),
+        discrepancy_um: a.comparison.as_ref().map(|c| c.shares.discrepancy_um2.sqrt()),
         verdict,
         gap: size(session, &a, &before, shrink.rms_after_um),
         places,

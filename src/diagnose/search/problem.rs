@@ -92,7 +92,7 @@ impl Problem {
     pub fn new(session: &Session, library: &Library, filter: &Filter, gap: &[f64], white_um: &[f64]) -> Self {
         let rows = filter.order().to_vec();
         let width = library.width();
-        let mut data = raw_columns(session, library, &rows);
+        let mut data = filter.mean(raw_columns(session, library, &filter.members()), width);
         let mut before = vec![0.0; width];
         for (row, i) in data.chunks_exact(width.max(1)).zip(&rows) {
             let s = white_um[session.readings[*i].instrument];
@@ -275,7 +275,7 @@ impl Problem {
     #[must_use]
     pub fn whitened(&self, session: &Session, filter: &Filter, shape: &Shape) -> Vec<Vec<f64>> {
         let k = shape.width();
-        let mut data = raw(session, &self.rows, shape);
+        let mut data = filter.mean(raw(session, &filter.members(), shape), k);
         self.whiten(filter, &mut data, k);
         (0..k).map(|j| data.iter().skip(j).step_by(k).copied().collect()).collect()
     }

@@ -1,0 +1,137 @@
+//! Sessions of one program, made here: what is in them is found, and what is not is not named.
+
+use super::super::library::{Label, Library};
+use super::super::machine_state::Machine;
+use super::super::noise::Random;
+use super::super::session::{History, Raw, Session};
+use super::{Comparison, compare};
+
+/// An ISO 230-2 test: 9 targets over 400 mm, 5 cycles, both directions; `deviation_um` of position, direction, cycle and time.
+fn iso_test(mut deviation_um: impl FnMut(f64, f64, usize, f64) -> f64) -> Raw {
+    let names =
+        ["t_s", "setup", "run", "repeat", "x_mm", "u_x", "u_y", "u_z", "deviation_um", "dir_x", "moving"];
+    let mut raw = Raw {
+        file: "iso".to_owned(),
+        names: names.map(str::to_owned).into(),
+        columns: vec![Vec::new(); names.len()],
+        ..Raw::default()
+    };
+    let mut t = 0.0;
+    for cycle in 0..5 {
+        for direction in [1.0, -1.0] {
+            for k in 0..9 {
+                let target = f64::from(if direction > 0.0 { k } else { 8 - k });
+                // uneven steps, as the standard asks
+                let x = 50.0 * target + 3.0 * (2.3 * target).sin();
+                let run = (2 * cycle + usize::from(direction < 0.0)) as f64;
+                let d = deviation_um(x, direction, cycle, t);
+                let row = [t, 0.0, run, cycle as f64, x, 1.0, 0.0, 0.0, d, direction, 0.0];
+                raw.columns.iter_mut().zip(row).for_each(|(c, v)| c.push(v));
+                raw.instruments.push("laser".to_owned());
+                raw.lines.push(raw.lines.len() as u64 + 2);
+                t += 20.0;
+            }
+            t += 15.0;
+        }
+    }
+    raw
+}
+
+fn compared(raw: Raw) -> (Comparison, Vec<Label>) {
+    let mut session = Session::build(&[raw], History::default(), Machine::plain()).expect("a session");
+    let mut library = Library::new(&session, &[]);
+    super::super::take_signals(&mut session, &mut library);
+    library.variants.retain(|v| v.shape.has_own_name());
+    let gap = session.gap();
+    let used = vec![true; gap.len()];
+    let c =
+        compare(&session, &library, &gap, &used, &vec![1.0; session.instruments.len()]).expect("compared");
+    (c, library.labels)
+}
+
+/// Probability of a label, 0 where no likely set holds it.
+fn probability((c, labels): &(Comparison, Vec<Label>), name: &str) -> f64 {
+    c.contenders.iter().find(|x| labels[x.label].to_string() == name).map_or(0.0, |x| x.probability)
+}
+
+/// The largest probability of any label but those listed.
+fn others(found: &(Comparison, Vec<Label>), but: &[&str]) -> (f64, String) {
+    let (c, labels) = found;
+    let name = |x: &super::Contender| labels[x.label].to_string();
+    let all = c.contenders.iter().map(|x| (x.probability, name(x)));
+    all.filter(|(_, n)| !but.contains(&n.as_str()))
+        .fold((0.0, String::new()), |a, b| if b.0 > a.0 { b } else { a })
+}
+
+#[test]
+fn a_reversal_error_is_named_beside_a_drift() {
+    for seed in 0..4 {
+        let mut random = Random::new(seed);
+        let raw = iso_test(|_, d, cycle, _| 4.0 * d - 3.0 * cycle as f64 + random.normal());
+        let found = compared(raw);
+        assert!(probability(&found, "backlash:x") > 0.95, "{seed}: {:?}", found.0.contenders);
+        assert!(others(&found, &["backlash:x"]).0 < 0.5, "{seed}: {:?}", found.0.contenders);
+        assert!(found.0.shares.drift_um2 > 4.0, "{seed}: {:?}", found.0.shares);
+    }
+}
+
+#[test]
+fn a_scale_and_a_position_error_are_told_apart() {
+    for seed in 10..14 {
+        let mut random = Random::new(seed);
+        let scale = compared(iso_test(|x, _, _, _| 0.02 * x + random.normal()));
+        assert!(probability(&scale, "scale:x") > 0.95, "{seed}: {:?}", scale.0.contenders);
+        let table = compared(iso_test(|x, _, _, _| 5.0 * (x / 70.0).sin() + random.normal()));
+        assert!(probability(&table, "positioning:x") > 0.95, "{seed}: {:?}", table.0.contenders);
+    }
+}
+
+/// White noise, drift, heavy tails, a random walk, steps from cycle to cycle, scatter per point.
+#[test]
+fn noise_of_six_kinds_has_no_mechanical_name() {
+    for seed in 0..24u64 {
+        let mut random = Random::new(100 + seed);
+        let mut walk = 0.0;
+        let steps: Vec<f64> = (0..5).map(|_| 4.0 * random.normal()).collect();
+        let points: Vec<f64> = (0..18).map(|_| 3.0 * random.normal()).collect();
+        let raw = iso_test(|x, d, cycle, t| {
+            let white = random.normal();
+            walk += 0.8 * random.normal();
+            match seed % 6 {
+                0 => white,
+                1 => white + 8.0 * (t / 900.0).sin(),
+                // Student's t with two degrees of freedom
+                2 => white / ((random.normal().powi(2) + random.normal().powi(2)) / 2.0).sqrt(),
+                3 => white + walk,
+                4 => white + steps[cycle],
+                _ => white + points[(x / 49.0) as usize % 9 + if d > 0.0 { 0 } else { 9 }],
+            }
+        });
+        let found = compared(raw);
+        let (p, name) = others(&found, &[]);
+        assert!(p < 0.6, "{seed}: {name} {p}");
+    }
+}
+
+#[test]
+fn wild_readings_count_less_and_hide_nothing() {
+    let mut random = Random::new(77);
+    let mut k = 0;
+    let raw = iso_test(|_, d, _, _| {
+        k += 1;
+        let wild = if k == 21 || k == 60 { 100.0 } else { 0.0 };
+        4.0 * d + wild + random.normal()
+    });
+    let found = compared(raw);
+    assert_eq!(found.0.outlying.iter().map(|(i, _)| *i).collect::<Vec<_>>(), [20, 59]);
+    assert!(probability(&found, "backlash:x") > 0.95, "{:?}", found.0.contenders);
+}
+
+#[test]
+fn the_same_input_gives_the_same_answer() {
+    let make = || {
+        let mut random = Random::new(5);
+        compared(iso_test(|x, d, _, _| 2.0 * d + 0.01 * x + random.normal())).0
+    };
+    assert_eq!(make(), make());
+}

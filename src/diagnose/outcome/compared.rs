@@ -1,0 +1,227 @@
+//! Causes, forecast and remainder where all sets of effects were compared by their evidence.
+
+use nalgebra::{DMatrix, DVector};
+
+use super::super::Analysis;
+use super::super::assess::{Assessed, DECLARED};
+use super::super::evidence::{Comparison, Component, Contender};
+use super::super::forecast::{Contributions, minus};
+use super::super::library::Label;
+use super::super::localise::localise;
+use super::super::noise::Random;
+use super::super::offsets::{peak99, rms, without_offsets};
+use super::super::report::{Shrink, Unexplained};
+use super::super::search::{Found, Gates};
+use super::super::session::Session;
+use super::left::LARGE_DRIFT;
+
+/// An effect is named from this probability of its own, or where it is the likeliest of a group that is declared.
+const NAMED: f64 = 0.3;
+/// Evidence for a discrepancy from which something is left unexplained.
+const DISCREPANT: f64 = 0.95;
+/// Draws of the posterior.
+const DRAWS: usize = 400;
+
+/// Figures of gates that were not asked.
+const UNASKED: Gates = Gates {
+    invariance: 1.0,
+    place: 1.0,
+    run_t: 0.0,
+    held_out: 1.0,
+    rival: 0.0,
+    against: 0.0,
+    alone: 1.0,
+    breadth: 1.0,
+    absent: [0.0; 2],
+    misfit: 0.0,
+    weight: 1.0,
+    grows: 0.0,
+    size: 0.0,
+    varies: 0.0,
+    is_heat: false,
+    company: 0.0,
+};
+
+/// The members of the likeliest set, in the order of the selection.
+pub(super) fn assessed(a: &Analysis, c: &Comparison) -> Vec<Assessed> {
+    let label = |l: usize| a.library.labels[l].clone();
+    let chosen: Vec<&Contender> = c.contenders.iter().filter(|x| x.chosen).collect();
+    let mut all: Vec<Assessed> = chosen
+        .iter()
+        .map(|x| {
+            let mut same: Vec<Label> = Vec::new();
+            for l in x.aliases.iter().copied().chain(x.rivals.iter().map(|(r, _)| *r)).map(label) {
+                if !same.contains(&l) {
+                    same.push(l);
+                }
+            }
+            let top = x.rivals.iter().all(|(_, p)| *p <= x.probability);
+            let declared = x.group_probability >= DECLARED && x.probability >= NAMED && top;
+            let remark = if declared {
+                String::new()
+            } else {
+                format!("posterior probability {:.2}, of its group {:.2}", x.probability, x.group_probability)
+            };
+            Assessed {
+                variant: x.variant,
+                label: label(x.label),
+                kind: a.library.kinds[x.label],
+                found: Found {
+                    variant: x.variant,
+                    gain: 2.0 * x.log_evidence.max(0.0),
+                    rank: a.problem.span[x.variant].1,
+                    evidence: 2.0 * x.log_evidence,
+                },
+                gates: UNASKED,
+                same,
+                group_probability: x.group_probability,
+                probability: x.probability,
+                share: x.probability,
+                group_share: x.group_probability,
+                alternatives: x.rivals.iter().map(|(r, p)| (label(*r), *p)).collect(),
+                declared,
+                remark,
+            }
+        })
+        .collect();
+    // whatever else some likely set holds is listed beside the likeliest effect
+    if let Some(first) = all.first_mut() {
+        let others = c.contenders.iter().filter(|x| !x.chosen).map(|x| (label(x.label), x.probability));
+        let known: Vec<Label> = first.alternatives.iter().map(|(l, _)| l.clone()).collect();
+        first.alternatives.extend(others.filter(|(l, _)| !known.contains(l)));
+    }
+    all
+}
+
+/// The forecast for new data of the same program, from the posterior: what is no cause comes again, in another course.
+pub(super) fn forecast(
+    session: &Session,
+    a: &Analysis,
+    c: &Comparison,
+    parts: &Contributions,
+    take: &dyn Fn(usize) -> bool,
+    (beta, covariance): (&[f64], &[f64]),
+    seed: u64,
+) -> Shrink {
+    let before = without_offsets(session, &a.gap, &a.used);
+    let left = without_offsets(session, &minus(&a.gap, &parts.in_sample, take), &a.used);
+    let n = beta.len();
+    let taken: Vec<usize> = (0..n).filter(|j| take(*j)).collect();
+    let columns: Vec<Vec<f64>> = taken
+        .iter()
+        .map(|j| {
+            let unit: Vec<f64> = parts.in_sample[*j].iter().map(|v| v / nonzero(beta[*j])).collect();
+            without_offsets(session, &unit, &a.used)
+        })
+        .collect();
+    let k = taken.len();
+    let gram = DMatrix::from_fn(k, k, |i, j| mean_product(&columns[i], &columns[j]));
+    let own = DMatrix::from_fn(k, k, |i, j| covariance[taken[i] * n + taken[j]]);
+    let mean = DVector::from_iterator(k, taken.iter().map(|j| beta[*j]));
+    // what the fit took of the noise is missing in what is left
+    let fit_um2 = (&gram * &own).trace().max(0.0);
+    let rest_um2 = rms(&left).powi(2) + fit_um2;
+    let named_um2 = (mean.transpose() * &gram * &mean)[(0, 0)].max(0.0);
+    let shrink =
+        |rest: f64, error: f64, named: f64| 1.0 - ((rest + error) / (rest + named).max(1e-300)).sqrt();
+    let fraction = if k == 0 { 0.0 } else { shrink(rest_um2, fit_um2, named_um2) };
+    let ci90 = if k == 0 {
+        [0.0, 0.0]
+    } else {
+        let half = own.clone().symmetric_eigen();
+        let root = &half.eigenvectors * DMatrix::from_diagonal(&half.eigenvalues.map(|v| v.max(0.0).sqrt()));
+        let mut random = Random::new(seed ^ 0x9057);
+        // few independent readings: another run's drift and discrepancy may be larger or smaller
+        let scatter = (2.0 / c.effective.max(2.0)).sqrt();
+        let mut draws: Vec<f64> = (0..DRAWS)
+            .map(|_| {
+                let error = &root * DVector::from_fn(k, |_, _| random.normal());
+                let truth = &mean + &error;
+                let square = |v: &DVector<f64>| (v.transpose() * &gram * v)[(0, 0)].max(0.0);
+                let rest = rest_um2 * (scatter * random.normal()).exp();
+                shrink(rest, square(&error), square(&truth))
+            })
+            .collect();
+        draws.sort_by(f64::total_cmp);
+        [draws[DRAWS / 20].min(fraction), draws[DRAWS - 1 - DRAWS / 20].max(fraction).min(1.0)]
+    };
+    let rms_before = rms(&before);
+    Shrink {
+        rms_before_um: rms_before,
+        rms_after_um: rms_before * (1.0 - fraction),
+        fraction,
+        ci90,
+        how: "posterior of the effects, drift and discrepancy".to_owned(),
+        in_sample_fraction: if k == 0 { 0.0 } else { 1.0 - rms(&left) / rms_before.max(1e-12) },
+        peak99_before_um: peak99(&before),
+        peak99_after_um: peak99(&left),
+    }
+}
+
+fn nonzero(v: f64) -> f64 {
+    if v == 0.0 { f64::INFINITY } else { v }
+}
+
+fn mean_product(a: &[f64], b: &[f64]) -> f64 {
+    let (sum, n) = a
+        .iter()
+        .zip(b)
+        .filter(|(a, b)| a.is_finite() && b.is_finite())
+        .fold((0.0, 0usize), |(s, n), (a, b)| (s + a * b, n + 1));
+    sum / n.max(1) as f64
+}
+
+/// What no effect explains.
+pub(super) fn unexplained(session: &Session, a: &Analysis, c: &Comparison, left: &[f64]) -> Unexplained {
+    let drifts = c.scales.iter().any(|(k, scale)| !k.is_discrepancy() && *scale > LARGE_DRIFT);
+    let discrepant = c.discrepancy > DISCREPANT && c.shares.discrepancy_um2 > 0.0;
+    let significant = discrepant || drifts;
+    let s = &c.shares;
+    let drift_um2 = if drifts { s.drift_um2 } else { 0.0 };
+    let structured = s.discrepancy_um2 + drift_um2;
+    let whole = s.named_um2 + s.discrepancy_um2 + s.drift_um2;
+    let whiten = |data: &mut [f64], width: usize| a.problem.whiten(&a.filter, data, width);
+    let places = if significant { localise(session, &a.problem, &whiten, left) } else { Vec::new() };
+    let mut words = Vec::new();
+    if discrepant {
+        let over =
+            |wanted: &dyn Fn(&Component) -> bool| c.scales.iter().any(|(k, scale)| *scale > 0.0 && wanted(k));
+        let mut kinds = Vec::new();
+        if over(&|k| matches!(k, Component::LackOfFit)) {
+            kinds.push("comes back at each programmed point");
+        }
+        if over(&|k| matches!(k, Component::Place(_))) {
+            kinds.push("varies smoothly over the place");
+        }
+        if over(&|k| matches!(k, Component::Direction(_))) {
+            kinds.push("depends on place and direction of travel");
+        }
+        if over(&|k| matches!(k, Component::Speed(_))) {
+            kinds.push("depends on place and velocity");
+        }
+        words.push(format!(
+            "a discrepancy of {:.2} um RMS that {}",
+            s.discrepancy_um2.sqrt(),
+            if kinds.is_empty() { "has no effect in the library".to_owned() } else { kinds.join(" and ") }
+        ));
+    }
+    if drifts {
+        let time = if c.drift.1 > 0.0 {
+            format!(" over {:.0} s", c.drift.1)
+        } else {
+            " from cycle to cycle".to_owned()
+        };
+        words.push(format!(
+            "slow drift of {:.2} um RMS{time}, of unknown source: machine, instrument and air cannot be told apart without a temperature",
+            s.drift_um2.sqrt()
+        ));
+    }
+    Unexplained {
+        significant,
+        rms_um: structured.sqrt(),
+        share: if significant { (structured / whole.max(1e-12)).clamp(0.0, 1.0) } else { 0.0 },
+        z: 0.0,
+        looks_like: if words.is_empty() { "nothing above the noise".to_owned() } else { words.join("; ") },
+        places,
+    }
+}
