@@ -12,7 +12,7 @@ use super::files::{Output, read_model};
 use super::table::{self, Table, nearest};
 use super::{EX_DATAERR, EX_USAGE, Failure};
 use volcomp_model::geometry::Vec3;
-use volcomp_model::{AxisCorrection, Deviation, Model, Pose};
+use volcomp_model::{AxisCorrection, AxisMotion, DYNAMIC_MAX, Deviation, Model, Pose};
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
 use volcomp_units::{RAD_PER_DEG, arcsec_from_rad, um_from_mm};
 
@@ -114,6 +114,36 @@ fn write_block(output: &mut Output, block: &mut Vec<u8>, least: usize) -> Result
     }
 }
 
+/// A column of the motion of an axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum MotionColumn {
+    Velocity,
+    Acceleration,
+    Since,
+    SinceTime,
+}
+
+impl MotionColumn {
+    const ALL: [Self; 4] = [Self::Velocity, Self::Acceleration, Self::Since, Self::SinceTime];
+
+    /// Its name, and the unit inside of one of the file's.
+    fn of(self, name: AxisName) -> (String, f64) {
+        let (axis, (length, unit)) = (
+            name.lower(),
+            match name.kind() {
+                AxisKind::Linear => ("mm", 1.0),
+                AxisKind::Rotary => ("deg", RAD_PER_DEG),
+            },
+        );
+        match self {
+            Self::Velocity => (format!("v{axis}_{length}_per_s"), unit),
+            Self::Acceleration => (format!("a{axis}_{length}_per_s2"), unit),
+            Self::Since => (format!("since_reversal_{axis}_{length}"), unit),
+            Self::SinceTime => (format!("since_reversal_{axis}_s"), 1.0),
+        }
+    }
+}
+
 /// Which column of the input means what, and which axes are corrected.
 #[derive(Debug, Default)]
 struct Columns {
@@ -121,6 +151,8 @@ struct Columns {
     axes: Vec<(usize, usize, f64)>,
     /// Column, index in the chain.
     directions: Vec<(usize, usize)>,
+    /// Column, index in the chain, what of the motion, unit in mm or rad; only where the model has dynamic terms.
+    motion: Vec<(usize, usize, MotionColumn, f64)>,
     /// Column, component.
     tool: Vec<(usize, usize)>,
     tool_length: Option<usize>,
@@ -142,7 +174,7 @@ impl Columns {
             if outputs.contains(column) {
                 return Err(table.fail(i, "predict writes this column itself; rename or remove it"));
             }
-            if !found.take(i, column) {
+            if !(found.take(i, column) || found.take_motion(i, column, model)) {
                 found.check_kept(column, &known).map_err(|what| table.fail(i, what))?;
             }
         }
@@ -204,6 +236,47 @@ impl Columns {
             }
         }
         true
+    }
+
+    /// Uses a column of motion, where the model has dynamic terms.
+    fn take_motion(&mut self, i: usize, column: &str, model: &Model) -> bool {
+        if model.dynamics().is_empty() {
+            return false;
+        }
+        for (k, name) in self.names.iter().enumerate() {
+            for kind in MotionColumn::ALL {
+                let (wanted, unit) = kind.of(*name);
+                if column == wanted {
+                    self.motion.push((i, k, kind, unit));
+                    return true;
+                }
+            }
+        }
+        false
+    }
+
+    /// The signals of the dynamic terms at a row; of what has no column, those of an axis at rest after long travel.
+    fn signals<R: BufRead>(
+        &self,
+        table: &Table<R>,
+        model: &Model,
+        pose: &Pose,
+    ) -> Result<[f64; DYNAMIC_MAX], Failure> {
+        let mut motions = pose.travel.map(AxisMotion::after);
+        for (column, k, kind, unit) in &self.motion {
+            let value = table.number(*column)? * unit;
+            match kind {
+                MotionColumn::Velocity => motions[*k].velocity = value,
+                MotionColumn::Acceleration => motions[*k].acceleration = value,
+                MotionColumn::Since => motions[*k].since = value,
+                MotionColumn::SinceTime => motions[*k].since_s = value,
+            }
+        }
+        let mut out = [0.0; DYNAMIC_MAX];
+        for (signal, d) in out.iter_mut().zip(model.dynamics()) {
+            *signal = motions.get(d.axis).map_or(0.0, |m| d.term.law.signal(m));
+        }
+        Ok(out)
     }
 
     /// Columns that are understood.
@@ -292,6 +365,9 @@ impl Columns {
             pose.tool_tip = Some(tip);
         } else if let Some(column) = self.tool_length {
             pose.tool_tip = model.tool_tip_for_length(table.number(column)?);
+        }
+        if !self.motion.is_empty() {
+            pose.dynamic = Some(self.signals(table, model, &pose)?);
         }
         Ok(pose)
     }

@@ -2,7 +2,7 @@
 
 use crate::machine_state::{Axis, Machine, MachineAxis, MachineState};
 use volcomp_model::geometry::{Mat3, Vec3, rotation_about};
-use volcomp_model::{Model, ModelSpec, Pose, Side};
+use volcomp_model::{AxisMotion, DYNAMIC_MAX, Model, ModelSpec, Pose, Side};
 use volcomp_units::axes::{AxisKind, MAX_AXES, Travel};
 use volcomp_units::um_from_mm;
 
@@ -39,7 +39,28 @@ pub fn pose(model: &Model, m: &MachineState) -> Pose {
     if m.tool_length_mm.is_finite() {
         pose.tool_tip = model.tool_tip_for_length(m.tool_length_mm);
     }
+    if !model.dynamics().is_empty() {
+        pose.dynamic = Some(signals(model, m));
+    }
     pose
+}
+
+/// The signals of the dynamic terms of a model; of what is not known, those of an axis at rest.
+fn signals(model: &Model, m: &MachineState) -> [f64; DYNAMIC_MAX] {
+    let mut out = [0.0; DYNAMIC_MAX];
+    let axes: Vec<Option<Axis>> = model.axes().map(|a| Axis::from_name(a.name)).collect();
+    for (signal, d) in out.iter_mut().zip(model.dynamics()) {
+        let Some(slot) = axes.get(d.axis).copied().flatten().map(Axis::slot) else { continue };
+        let known = |v: f64, otherwise: f64| if v.is_nan() { otherwise } else { v };
+        *signal = d.term.law.signal(&AxisMotion {
+            velocity: known(m.velocity[slot], 0.0),
+            acceleration: known(m.acceleration[slot], 0.0),
+            direction: known(m.direction[slot], 0.0),
+            since: known(m.since_mm[slot], f64::INFINITY),
+            since_s: known(m.since_s[slot], f64::INFINITY),
+        });
+    }
+    out
 }
 
 /// Turns a vector of W into machine axes: out of the rotations of the axes that carry the workpiece.

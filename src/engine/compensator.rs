@@ -15,7 +15,7 @@ use super::limiter::Limiter;
 use super::output::{CycleOutput, Detail, Event, Reason, State};
 use super::ramp::Ramp;
 use super::read_back::ReadBack;
-use super::setpoint::{Setpoint, SetpointGenerator};
+use super::setpoint::{CycleInput, Setpoint, SetpointGenerator};
 use volcomp_model::Model;
 use volcomp_model::axes::{AxisArray, AxisKind, MAX_AXES};
 use volcomp_model::geometry::Vec3;
@@ -45,6 +45,10 @@ pub struct Compensator {
     gain_wanted: f64,
     from: AxisArray,
     ramp: Ramp,
+    /// The part of the present offset that returns to zero when the axes come to rest.
+    transient: AxisArray,
+    /// What of it is still to be taken out while the rest is held.
+    unwinding: AxisArray,
     /// False until the first believable frame of a link has told which offset the control holds.
     synchronised: bool,
     /// What is sent on the present link.
@@ -128,6 +132,8 @@ impl Compensator {
             stopping: false,
             stopped: false,
             from: [0.0; MAX_AXES],
+            transient: [0.0; MAX_AXES],
+            unwinding: [0.0; MAX_AXES],
             synchronised: false,
             sending: Sending::NotYet,
             silenced: false,
@@ -158,14 +164,13 @@ impl Compensator {
         self.input.restart();
         (self.unobserved, self.follows) = (false, 0);
         self.read_back.restart();
-        self.setpoints.lag.restart();
+        self.setpoints.restart();
+        self.forget_transients();
         self.synchronised = false;
         self.sending = Sending::NotYet;
         self.reported = None;
         self.next_deadline = None;
         self.event = None;
-        // the control tells its tool anew on every link
-        self.setpoints.tool_tip = None;
         if self.state == State::Faulted {
             // the control has been left to its own rule meanwhile: no correction until a person has looked
             self.silenced = true;
@@ -235,7 +240,17 @@ impl Compensator {
         self.sending = Sending::Running;
         self.next_deadline = Some(now.plus_seconds(self.config.stale_s));
         let target = match verdict {
-            Ok(_) => self.setpoints.at(&self.config, &self.input, model, &position, (now, dt), self.gain),
+            Ok(_) => {
+                let input = CycleInput {
+                    position: &position,
+                    commanded: &frame.commanded,
+                    time: now,
+                    dt,
+                    gain: self.gain,
+                    offset: self.offset(),
+                };
+                self.setpoints.at(&self.config, &self.input, model, &input)
+            }
             Err(_) => Setpoint::NONE,
         };
         self.detail = self.detail.or(target.detail);
@@ -480,10 +495,19 @@ impl Compensator {
     /// A change of plan: everything starts again from the present offset.
     fn plan(&mut self, state: State, reason: Reason) {
         self.from = self.offset();
+        // what follows velocity and acceleration must not be held when nobody tells them any more
+        self.unwinding = if state == State::Holding { self.transient } else { [0.0; MAX_AXES] };
+        self.transient = [0.0; MAX_AXES];
         self.ramp = Ramp::start(self.config.ramp_s);
         self.held_s = 0.0;
         self.lost = false;
         self.enter(state, reason);
+    }
+
+    /// The offset is another one: nothing is known of the parts of it.
+    const fn forget_transients(&mut self) {
+        self.transient = [0.0; MAX_AXES];
+        self.unwinding = [0.0; MAX_AXES];
     }
 
     fn enter(&mut self, state: State, reason: Reason) {
@@ -516,6 +540,7 @@ impl Compensator {
         let mut at_soft_limit = if self.follows_target() { plan.target.at_soft_limit } else { 0 };
         let mut limited = 0;
         let mut warning = 0;
+        let crowded = if self.follows_target() { plan.target.limited } else { 0 };
         for (k, limiter) in self.limiters.iter_mut().enumerate().take(self.axes) {
             let blend = |to: f64| self.from[k] + (to - self.from[k]) * share;
             let held_back = match self.state {
@@ -535,15 +560,30 @@ impl Compensator {
                     at_soft_limit |= u8::from(kept != wanted) << k;
                     limiter.step_to_zero(kept, dt)
                 }
+                State::Holding if self.unwinding[k] != 0.0 => {
+                    let rest = limiter.position() - self.unwinding[k];
+                    limiter.step(rest, dt);
+                    self.unwinding[k] = limiter.position() - rest;
+                    false
+                }
                 State::Off | State::Armed | State::Holding => {
                     limiter.brake(dt);
                     false
                 }
             };
+            if let Some(transient) = plan.target.transient {
+                // what a limit still keeps from its target at rest is to go there, too
+                let at_rest = plan.target.offset[k] - transient[k];
+                self.transient[k] = match self.state {
+                    State::RampingIn => limiter.position() - blend(at_rest),
+                    State::Active | State::FadingToStatic => limiter.position() - at_rest,
+                    _ => 0.0,
+                };
+            }
             limited |= u8::from(held_back && dt > 0.0) << k;
             warning |= u8::from(limiter.is_warning()) << k;
         }
-        limited |= at_soft_limit;
+        limited |= at_soft_limit | crowded;
         let offset = self.offset();
         if dt > 0.0 {
             self.read_back.sent(&offset);

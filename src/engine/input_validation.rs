@@ -34,6 +34,8 @@ pub(super) struct InputValidation {
     good: u32,
     /// Wire units per second between the last two good frames.
     speed: AxisArray,
+    /// Control time between the last two good frames, s.
+    elapsed_s: f64,
     /// The last frame that was out of order: number, time, and how many before it followed each other.
     stray: Option<(u32, i64, u32)>,
     /// Path that the feed says was travelled while no axis moved, mm.
@@ -75,6 +77,7 @@ impl InputValidation {
             turning_point: [0.0; MAX_AXES],
             good: 0,
             speed: [0.0; MAX_AXES],
+            elapsed_s: 0.0,
             stray: None,
             unmoved_mm: 0.0,
             detail: None,
@@ -86,6 +89,7 @@ impl InputValidation {
         (self.last, self.newest) = (None, None);
         self.good = 0;
         self.speed = [0.0; MAX_AXES];
+        self.elapsed_s = 0.0;
         self.unmoved_mm = 0.0;
     }
 
@@ -102,6 +106,16 @@ impl InputValidation {
     /// Speed of each axis between the last two good frames, wire units per second.
     pub(super) const fn speed(&self) -> &AxisArray {
         &self.speed
+    }
+
+    /// Control time from the good frame before to the newest good one, s; 0 where there is none.
+    pub(super) const fn elapsed_s(&self) -> f64 {
+        self.elapsed_s
+    }
+
+    /// True where the frame before the newest good one was not good.
+    pub(super) const fn was_interrupted(&self) -> bool {
+        self.good <= 1
     }
 
     /// Direction of travel of each axis.
@@ -150,6 +164,7 @@ impl InputValidation {
         match verdict {
             Ok(dt) => {
                 self.good = self.good.saturating_add(1);
+                self.elapsed_s = dt;
                 for (k, speed) in self.speed.iter_mut().enumerate().take(self.axes) {
                     *speed = (position[k] - last.position[k]) / dt;
                 }

@@ -12,6 +12,7 @@ mod input_validation;
 mod limiter;
 mod live;
 mod lookahead;
+mod motion;
 mod output;
 mod ramp;
 mod read_back;

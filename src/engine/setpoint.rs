@@ -5,11 +5,12 @@ use super::config::{AxisLimits, EngineConfig, EngineError, PositionSource};
 use super::input_validation::InputValidation;
 use super::live::LiveInputs;
 use super::lookahead::LagMeter;
+use super::motion::{MotionEstimator, Sample};
 use super::output::Detail;
 use volcomp_model::axes::{AxisArray, MAX_AXES};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::units::MonoTime;
-use volcomp_model::{Model, Pose};
+use volcomp_model::{AxisCorrection, Model, Pose};
 use volcomp_protocol::Position;
 
 /// Share of the offset's limits that is used to retreat from a soft limit ahead of the axis; the rest is for following.
@@ -19,6 +20,10 @@ const RETREAT: f64 = 0.25;
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Setpoint {
     pub(super) offset: AxisArray,
+    /// The part of it that returns to zero when the axes come to rest; none where the model has no such part.
+    pub(super) transient: Option<AxisArray>,
+    /// Bit k: the size limit left no room for all of the transient part of axis k.
+    pub(super) limited: u8,
     /// Bit k: a soft limit of axis k left no room for more.
     pub(super) at_soft_limit: u8,
     /// Bit k: outside the travel or a curve's range.
@@ -41,6 +46,8 @@ impl Setpoint {
     /// Nothing is asked for.
     pub(super) const NONE: Self = Self {
         offset: [0.0; MAX_AXES],
+        transient: None,
+        limited: 0,
         at_soft_limit: 0,
         out_of_range: 0,
         faded: 0,
@@ -50,6 +57,24 @@ impl Setpoint {
         room: [[f64::NEG_INFINITY, f64::INFINITY]; MAX_AXES],
         detail: None,
     };
+}
+
+/// What a frame says, and what was sent before it. Wire order.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct CycleInput<'a> {
+    /// Position that counts, wire units.
+    pub(super) position: &'a AxisArray,
+    /// Commanded position, wire units: motion is estimated from it whatever the position source, for in actual positions the
+    /// offset comes back late, which would make a feedback loop of the feed-forward.
+    pub(super) commanded: &'a AxisArray,
+    /// When it came.
+    pub(super) time: MonoTime,
+    /// Control time that the answer may use, s.
+    pub(super) dt: f64,
+    /// Share of the correction.
+    pub(super) gain: f64,
+    /// The offset sent last, mm and rad.
+    pub(super) offset: AxisArray,
 }
 
 /// From frames to targets.
@@ -62,17 +87,23 @@ pub(super) struct SetpointGenerator {
     joints: usize,
     pub(super) lag: LagMeter,
     pub(super) live: LiveInputs,
+    motion: MotionEstimator,
     pub(super) tool_tip: Option<Vec3>,
 }
 
 impl SetpointGenerator {
     pub(super) fn new(config: &EngineConfig, scale: AxisArray, model: &Model) -> Result<Self, EngineError> {
+        let mut dead_band = [0.0; MAX_AXES];
+        for (slot, band) in dead_band.iter_mut().zip(&config.reversal_deadband) {
+            *slot = *band;
+        }
         let mut generator = Self {
             scale,
             wire_index: [0; MAX_AXES],
             joints: 0,
             lag: LagMeter::new(config.lag, config.axes.len()),
             live: LiveInputs::new(model.sensors().len(), config.live_max_age_s, config.ramp_s),
+            motion: MotionEstimator::new(config.cycle_s, &dead_band),
             tool_tip: None,
         };
         generator.take(config, model)?;
@@ -93,7 +124,15 @@ impl SetpointGenerator {
         self.wire_index = wire_index;
         self.joints = model.axes().len();
         self.live = LiveInputs::new(model.sensors().len(), config.live_max_age_s, config.ramp_s);
+        self.motion.take(model, &self.wire_index);
         Ok(())
+    }
+
+    /// A new link: lag and motion are measured anew, and the control tells its tool.
+    pub(super) fn restart(&mut self) {
+        self.lag.restart();
+        self.motion.restart();
+        self.tool_tip = None;
     }
 
     /// The position that counts, in wire units.
@@ -104,7 +143,7 @@ impl SetpointGenerator {
         }
     }
 
-    /// The correction for `position` (wire units).
+    /// The correction for a position.
     ///
     /// # Cycle   no allocation
     pub(super) fn at(
@@ -112,12 +151,11 @@ impl SetpointGenerator {
         config: &EngineConfig,
         input: &InputValidation,
         model: &Model,
-        position: &AxisArray,
-        time: (MonoTime, f64),
-        gain: f64,
+        now: &CycleInput<'_>,
     ) -> Setpoint {
+        let CycleInput { position, gain, .. } = *now;
         let mut pose = Pose { tool_tip: self.tool_tip, ..Pose::at([0.0; MAX_AXES]) };
-        self.live.advance(time.0, time.1, &mut pose.live);
+        self.live.advance(now.time, now.dt, &mut pose.live);
         let ahead_s = self.lag.cycles() * config.cycle_s;
         let unsure_s = config.lag_uncertainty_cycles * config.cycle_s;
         let speed = input.speed();
@@ -128,6 +166,10 @@ impl SetpointGenerator {
                 pose.spread[k] = (speed[wire] * unsure_s * scale).abs();
                 pose.travel[k] = input.travel()[wire];
             }
+        }
+        let moving = !model.dynamics().is_empty();
+        if moving {
+            self.follow_motion(model, input, now, ahead_s, &mut pose);
         }
         let (deviation, correction) = model.correct(&pose);
         let flags = deviation.flags;
@@ -154,8 +196,69 @@ impl SetpointGenerator {
                 }
             }
         }
+        if moving && model.has_transients() {
+            pose.dynamic = Some(self.motion.signals(model, &self.wire_index, ahead_s, true));
+            let (_, with_transients) = model.correct(&pose);
+            self.add_transients(config, &correction, &with_transients, gain, &mut target);
+        }
         self.keep_inside(config, speed, position, &mut target);
         target
+    }
+
+    /// Takes the frame into the estimate of motion; direction of travel and reversal terms of the pose follow from it.
+    fn follow_motion(
+        &mut self,
+        model: &Model,
+        input: &InputValidation,
+        now: &CycleInput<'_>,
+        ahead_s: f64,
+        pose: &mut Pose,
+    ) {
+        let position: AxisArray = core::array::from_fn(|k| now.commanded[k] * self.scale[k]);
+        let sample = Sample {
+            position: &position,
+            offset: &now.offset,
+            elapsed_s: input.elapsed_s(),
+            ahead_s,
+            interrupted: input.was_interrupted() || position.iter().any(|v| !v.is_finite()),
+        };
+        self.motion.advance(model, &self.wire_index, &sample);
+        for (k, &wire) in self.wire_index.iter().enumerate().take(self.joints) {
+            if wire < MAX_AXES {
+                pose.travel[k] = self.motion.travel(wire);
+            }
+        }
+        pose.dynamic = Some(self.motion.signals(model, &self.wire_index, ahead_s, false));
+    }
+
+    /// Adds what follows velocity and acceleration, as far as the size limit leaves room for it: it never asks for more than
+    /// the limit, so that it cannot trip the stop limit.
+    fn add_transients(
+        &self,
+        config: &EngineConfig,
+        rest: &AxisCorrection,
+        with_transients: &AxisCorrection,
+        gain: f64,
+        target: &mut Setpoint,
+    ) {
+        let mut transient = [0.0; MAX_AXES];
+        for (k, &wire) in self.wire_index.iter().enumerate().take(self.joints) {
+            if wire >= MAX_AXES {
+                continue;
+            }
+            let wanted = gain * (with_transients.offset[k] - rest.offset[k]);
+            let at_rest = target.offset[wire];
+            let size = config.limits[wire].size.max(at_rest.abs());
+            let total = (at_rest + wanted).clamp(-size, size);
+            if !total.is_finite() {
+                target.finite = false;
+                return;
+            }
+            target.limited |= u8::from(total != at_rest + wanted) << wire;
+            transient[wire] = total - at_rest;
+            target.offset[wire] = total;
+        }
+        target.transient = Some(transient);
     }
 
     /// Leaves no offset that would carry an axis over its soft limit; where the axis runs towards it, early enough to

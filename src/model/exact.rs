@@ -24,9 +24,14 @@ impl Model {
             actual = actual.then_inner(&joint.transform(q, Some(&values)));
             nominal = nominal.then_inner(&joint.transform(q, None));
         }
+        let end = nominal.apply(&tip);
+        let (shift, turn) = self.tool_error(pose).unwrap_or_default();
+        let tip = tip + shift;
         Deviation {
-            position: actual.apply(&tip) - nominal.apply(&tip) - self.datum_exact(),
-            rotation: rotation_vector(&(actual.rotation * nominal.rotation.transpose())),
+            position: actual.apply(&tip) - end - self.datum_exact(),
+            rotation: rotation_vector(
+                &(actual.rotation * small_rotation(&turn) * nominal.rotation.transpose()),
+            ),
             flags,
         }
     }

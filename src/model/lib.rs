@@ -2,7 +2,7 @@
 //! corrections that oppose it. Pure: no I/O, no clock.
 //!
 //! Conventions, signs and formulas: `docs/reference/equations.md`. Reading order: [`symbol`], [`curve`], [`chain`],
-//! [`spec`] (what a model is made of), [`volumetric`] (first order), [`exact`] (full rotations), [`correction`],
+//! [`dynamics`] (what follows motion), [`spec`] (what a model is made of), [`volumetric`] (first order), [`exact`] (full rotations), [`correction`],
 //! [`gauge`] (the normal form), [`search`] (the largest values in a volume), [`compare`] (two models).
 
 #![forbid(unsafe_code)]
@@ -13,6 +13,7 @@ pub mod compare;
 mod compiled_basis;
 pub mod correction;
 pub mod curve;
+pub mod dynamics;
 pub mod exact;
 pub mod gauge;
 pub mod geometry;
@@ -28,6 +29,7 @@ pub use volcomp_units::axes;
 pub use chain::{Chain, ChainAxis, Side};
 pub use correction::AxisCorrection;
 pub use curve::{Curve, ErrorFunction};
+pub use dynamics::{AxisMotion, DYNAMIC_MAX, DynamicTerm, Law, ToolErrors};
 pub use gauge::{Gauged, normalise};
 pub use spec::{AxisSpec, ModelError, ModelSpec, ReferencePoint, SENSORS_MAX, Sense};
 pub use symbol::{Component, ErrorSymbol};

@@ -5,6 +5,7 @@
 //! line scans; what is reported is reached by the pose that is reported with it.
 
 use super::curve::Curve;
+use super::dynamics::{DynamicTerm, Law};
 use super::spec::ModelSpec;
 use super::volumetric::Pose;
 use crate::axes::{MAX_AXES, Travel};
@@ -62,7 +63,9 @@ impl Volume {
         let ranges: Vec<_> = (0..axes.len()).map(|k| travel(k).unwrap_or([home.position[k]; 2])).collect();
         let directed = |k: &usize| {
             spec.errors.iter().filter(|(s, _)| s.axis() == axes[*k].name).any(|(_, f)| {
+                let reversal = |d: &DynamicTerm| matches!(d.law, Law::Reversal { .. });
                 f.curves.iter().any(|c| matches!(c, Curve::Table(t) if t.columns().2.is_some()))
+                    || f.dynamics.iter().any(reversal)
             })
         };
         let directed = (0..axes.len()).filter(directed).collect();

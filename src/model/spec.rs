@@ -4,6 +4,7 @@ use super::chain::{Chain, Side};
 use super::curve::{Curve, ErrorFunction, Grid};
 use super::symbol::{Component, ErrorSymbol};
 use crate::axes::AxisName;
+use crate::dynamics::{DYNAMIC_MAX, ToolErrors};
 use crate::geometry::Vec3;
 
 /// In which sense the error motions of an axis are stored (equations 1.4).
@@ -77,6 +78,8 @@ pub struct ModelSpec {
     pub tool_tip: Vec3,
     /// Spindle nose in M at home, mm; the tip is this point minus the tool length along z.
     pub gauge_point: Option<Vec3>,
+    /// Tilt of the spindle and error of the tool length; they need the gauge point.
+    pub tool: ToolErrors,
     /// Coordinates at which the workpiece datum was touched, mm and rad (equations 1.9): deviations are then relative to
     /// the one at this pose. An axis that is not named stands at 0; none named: no datum.
     pub datum: Vec<(AxisName, f64)>,
@@ -96,6 +99,7 @@ impl ModelSpec {
             workpiece_origin: Vec3::zeros(),
             tool_tip: Vec3::zeros(),
             gauge_point: None,
+            tool: ToolErrors::default(),
             datum: Vec::new(),
             axes: Vec::new(),
             errors: Vec::new(),
@@ -147,6 +151,17 @@ impl ModelSpec {
         if found > SENSORS_MAX {
             return Err(ModelError::TooManySensors { found });
         }
+        let found = self.errors.iter().map(|(_, f)| f.dynamics.len()).sum();
+        if found > DYNAMIC_MAX {
+            return Err(ModelError::TooManyDynamicTerms { found });
+        }
+        if !self.tool.is_zero() && self.gauge_point.is_none() {
+            return Err(ModelError::ToolWithoutGaugePoint);
+        }
+        let [a, b] = self.tool.tilt;
+        if !(a.abs() <= ANGLE_LIMIT && b.abs() <= ANGLE_LIMIT && self.tool.length.abs() <= ANGLE_LIMIT) {
+            return Err(ModelError::ToolTooLarge);
+        }
         for (i, (symbol, function)) in self.errors.iter().enumerate() {
             if self.chain.index_of(symbol.axis()).is_none() {
                 return Err(ModelError::ErrorOfMissingAxis { symbol: *symbol, axis: symbol.axis() });
@@ -154,7 +169,11 @@ impl ModelSpec {
             if self.errors[..i].iter().any(|(s, _)| s == symbol) {
                 return Err(ModelError::ErrorTwice { symbol: *symbol });
             }
+            if function.dynamics.iter().any(|d| !d.is_valid()) {
+                return Err(ModelError::NotFinite { symbol: *symbol });
+            }
             let varies = !function.grids.is_empty()
+                || !function.dynamics.is_empty()
                 || function.curves.iter().any(|c| !matches!(c, Curve::Constant(_)));
             if symbol.is_constant() && varies {
                 return Err(ModelError::NotConstant { symbol: *symbol });
@@ -216,8 +235,9 @@ fn bound(curve: &Curve) -> f64 {
 fn check_size(symbol: ErrorSymbol, function: &ErrorFunction) -> Result<(), ModelError> {
     let grid = |g: &Grid| g.values().iter().fold(0.0f64, |m, v| m.max(v.abs()));
     let live = function.live.iter().map(|l| l.limit.abs());
-    let size =
-        function.curves.iter().map(bound).chain(function.grids.iter().map(grid)).chain(live).sum::<f64>();
+    let dynamics = function.dynamics.iter().map(|d| d.limit.abs());
+    let parts = function.curves.iter().map(bound).chain(function.grids.iter().map(grid));
+    let size = parts.chain(live).chain(dynamics).sum::<f64>();
     let limit = if symbol.is_angle() { ANGLE_LIMIT } else { LENGTH_LIMIT };
     if !size.is_finite() {
         return Err(ModelError::NotFinite { symbol });
@@ -285,6 +305,18 @@ pub enum ModelError {
         /// Sensors named.
         found: usize,
     },
+    /// More dynamic terms than the cycle is built for.
+    #[error("{found} dynamic terms; the limit is {limit}", limit = DYNAMIC_MAX)]
+    TooManyDynamicTerms {
+        /// Terms found.
+        found: usize,
+    },
+    /// Errors of tool and spindle follow the tool length, which counts from the gauge point.
+    #[error("[tool] needs gauge-point-mm in [frame]: the tool length counts from there")]
+    ToolWithoutGaugePoint,
+    /// Errors of tool and spindle beyond what is believed.
+    #[error("[tool] exceeds 2063 arcsec (10 mrad) or 10000 um/m")]
+    ToolTooLarge,
     /// The same error twice.
     #[error("{symbol} is given twice")]
     ErrorTwice {

@@ -11,6 +11,7 @@
 use super::chain::{ChainAxis, Side};
 use super::compiled_basis::{CompiledBasis, Lanes};
 use super::curve::{ErrorFunction, Grid};
+use super::dynamics::{AxisMotion, DYNAMIC_MAX, DynamicTerm, ToolErrors};
 use super::spec::{ModelError, ModelSpec, ReferenceBody, ReferencePoint, SENSORS_MAX, Sense};
 use super::symbol::{Component, ErrorSymbol};
 use crate::axes::{AxisArray, AxisKind, AxisName, MAX_AXES, Travel};
@@ -30,6 +31,9 @@ pub struct Pose {
     pub tool_tip: Option<Vec3>,
     /// Values of the sensors in the order of [`Model::sensors`], mm or rad; zero where there is none.
     pub live: [f64; SENSORS_MAX],
+    /// Signals of the dynamic terms in the order of [`Model::dynamics`]; where there are none, those of an axis at rest after
+    /// long travel in its direction.
+    pub dynamic: Option<[f64; DYNAMIC_MAX]>,
     /// Distance by which each position may be off, mm or rad: harmonics too short for it fade. Zero: all in full.
     pub spread: AxisArray,
 }
@@ -43,6 +47,7 @@ impl Pose {
             travel: [Travel::Forward; MAX_AXES],
             tool_tip: None,
             live: [0.0; SENSORS_MAX],
+            dynamic: None,
             spread: [0.0; MAX_AXES],
         }
     }
@@ -89,6 +94,8 @@ pub struct Model {
     tool_tip: Vec3,
     gauge_point: Option<Vec3>,
     sensors: Vec<String>,
+    dynamics: Vec<AxisTerm>,
+    tool: Option<ToolErrors>,
     /// Deviation at the workpiece datum, first order and exact; zero without one.
     datum: [Vec3; 2],
 }
@@ -112,6 +119,8 @@ pub(super) struct Joint {
     grids: Vec<JointGrid>,
     /// Parts of them that sensors tell.
     live: Vec<JointLive>,
+    /// Parts of them that follow the motion of the axis.
+    dynamics: Vec<JointDynamic>,
     pub(super) reference_points: [ReferencePoint; 3],
     /// Rotation of the line of motion (linear).
     pub(super) squareness: Vec3,
@@ -142,6 +151,26 @@ struct JointLive {
     channel: usize,
     limit: f64,
     reference: Option<f64>,
+}
+
+/// A dynamic term of a model.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct AxisTerm {
+    /// Index of its axis in the chain.
+    pub axis: usize,
+    /// The error motion that it is part of.
+    pub component: Component,
+    /// The term.
+    pub term: DynamicTerm,
+}
+
+/// A dynamic term that adds to one motion of a joint.
+#[derive(Debug, Clone, Copy)]
+struct JointDynamic {
+    lane: usize,
+    /// Index in [`Model::dynamics`].
+    channel: usize,
+    term: DynamicTerm,
 }
 
 /// Where the tool nominally is, in W.
@@ -187,8 +216,9 @@ impl Model {
                 sensors.push(live.sensor.clone());
             }
         }
+        let mut dynamics = Vec::new();
         let joints: Vec<Joint> =
-            spec.chain.axes().iter().map(|axis| Joint::new(*axis, spec, &sensors)).collect();
+            spec.chain.axes().iter().map(|axis| Joint::new(*axis, spec, &sensors, &mut dynamics)).collect();
         let mut model = Self {
             rotary: joints.iter().any(|j| j.axis.kind() == AxisKind::Rotary),
             joints,
@@ -197,6 +227,8 @@ impl Model {
             tool_tip: spec.tool_tip,
             gauge_point: spec.gauge_point,
             sensors,
+            dynamics,
+            tool: (!spec.tool.is_zero()).then_some(spec.tool),
             datum: [Vec3::zeros(); 2],
         };
         if !spec.datum.is_empty() {
@@ -220,6 +252,26 @@ impl Model {
     #[must_use]
     pub fn sensors(&self) -> &[String] {
         &self.sensors
+    }
+
+    /// The terms that follow the motion of an axis; [`Pose::dynamic`] is indexed alike.
+    #[must_use]
+    pub fn dynamics(&self) -> &[AxisTerm] {
+        &self.dynamics
+    }
+
+    /// True where some term returns to zero when its axis comes to rest.
+    #[must_use]
+    pub fn has_transients(&self) -> bool {
+        self.dynamics.iter().any(|d| d.term.law.is_transient())
+    }
+
+    /// Shift of the tool tip and turn of the tool by the errors of tool and spindle, in M at home.
+    pub(super) fn tool_error(&self, pose: &Pose) -> Option<(Vec3, Vec3)> {
+        let (errors, gauge) = (self.tool?, self.gauge_point?);
+        let tool = pose.tool_tip.unwrap_or(self.tool_tip) - gauge;
+        let turn = Vec3::new(errors.tilt[0], errors.tilt[1], 0.0);
+        Some((turn.cross(&tool) + tool * errors.length, turn))
     }
 
     /// Deviation at the workpiece datum with full rotations.
@@ -287,6 +339,10 @@ impl Model {
             tip += joint.direction * q;
             let v = if joint.axis.side == Side::Tool { &right } else { &tip };
             let (shift, turn) = joint.linear_error(k, pose, v, &mut flags);
+            position += shift;
+            rotation += turn;
+        }
+        if let Some((shift, turn)) = self.tool_error(pose) {
             position += shift;
             rotation += turn;
         }
@@ -362,12 +418,17 @@ impl Model {
             position += g * shift;
             rotation += g * turn;
         }
+        if let Some((shift, turn)) = self.tool_error(pose) {
+            let g = &nominal.left[self.joints.len()];
+            position += g * shift;
+            rotation += g * turn;
+        }
         Deviation { position: position - self.datum[0], rotation, flags }
     }
 }
 
 impl Joint {
-    fn new(axis: ChainAxis, spec: &ModelSpec, sensors: &[String]) -> Self {
+    fn new(axis: ChainAxis, spec: &ModelSpec, sensors: &[String], dynamics: &mut Vec<AxisTerm>) -> Self {
         let entry = spec.axis(axis.name);
         let function = |wanted: ErrorSymbol| {
             spec.errors.iter().find(|(s, _)| *s == wanted).map(|(_, f)| f.clone()).unwrap_or_default()
@@ -389,6 +450,7 @@ impl Joint {
             inverted: entry.sense == Sense::Carriage && axis.side == Side::Workpiece,
             grids: joint_grids(&motions, spec),
             live: joint_live(&motions, sensors),
+            dynamics: joint_dynamics(&motions, spec.chain.index_of(name).unwrap_or_default(), dynamics),
             shortest_wave: basis.shortest_wave(),
             motions: basis,
             reference_points: match axis.kind() {
@@ -447,14 +509,14 @@ impl Joint {
             flags.faded |= 1 << index;
         }
         let mut v = self.motions.values(x, travel, spread);
-        if !(self.grids.is_empty() && self.live.is_empty()) {
+        if !(self.grids.is_empty() && self.live.is_empty() && self.dynamics.is_empty()) {
             self.add_grids_and_live(&mut v, index, x, pose, flags);
         }
         let [ex, ey, ez, ea, eb, ec] = v.to_array();
         MotionValues { shift: Vec3::new(ex, ey, ez), turn: Vec3::new(ea, eb, ec) }
     }
 
-    /// What depends on other axes or on sensors; apart, so that the usual case stays in registers.
+    /// What depends on other axes, on sensors or on motion; apart, so that the usual case stays in registers.
     #[inline(never)]
     fn add_grids_and_live(&self, v: &mut Lanes, index: usize, x: f64, pose: &Pose, flags: &mut PointFlags) {
         for g in &self.grids {
@@ -463,10 +525,19 @@ impl Joint {
             v.add_to_lane(g.lane, value);
             flags.out_of_range |= u16::from(outside) << index;
         }
-        if self.live.is_empty() {
+        if self.live.is_empty() && self.dynamics.is_empty() {
             return;
         }
         let mut sum = v.to_array();
+        // signals are odd in the direction of motion, and the carriage of a primed axis goes the other way
+        let sign = if self.inverted { -1.0 } else { 1.0 };
+        for d in &self.dynamics {
+            let signal = match &pose.dynamic {
+                Some(signals) => signals[d.channel],
+                None => d.term.law.signal(&AxisMotion::after(pose.travel[index])),
+            };
+            sum[d.lane] += d.term.value(x, sign * signal);
+        }
         for l in &self.live {
             let told = pose.live[l.channel] * l.reference.map_or(1.0, |at| x - at);
             // a sensor that tells nonsense tells nothing
@@ -513,6 +584,17 @@ fn joint_live(motions: &[ErrorFunction; 6], sensors: &[String]) -> Vec<JointLive
             // every sensor was listed from these very functions
             let channel = sensors.iter().position(|s| *s == live.sensor).unwrap_or_default();
             out.push(JointLive { lane, channel, limit: live.limit.abs(), reference: live.reference });
+        }
+    }
+    out
+}
+
+fn joint_dynamics(motions: &[ErrorFunction; 6], axis: usize, all: &mut Vec<AxisTerm>) -> Vec<JointDynamic> {
+    let mut out = Vec::new();
+    for (lane, (function, component)) in motions.iter().zip(Component::ALL).enumerate() {
+        for term in &function.dynamics {
+            out.push(JointDynamic { lane, channel: all.len(), term: *term });
+            all.push(AxisTerm { axis, component, term: *term });
         }
     }
     out

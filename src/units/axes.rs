@@ -112,4 +112,13 @@ impl Travel {
             Self::Reverse => Self::Forward,
         }
     }
+
+    /// +1 towards plus, -1 towards minus.
+    #[must_use]
+    pub const fn sign(self) -> f64 {
+        match self {
+            Self::Forward => 1.0,
+            Self::Reverse => -1.0,
+        }
+    }
 }

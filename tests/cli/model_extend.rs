@@ -263,7 +263,7 @@ fn heat_becomes_growths_that_sensors_tell() {
 
 #[test]
 fn what_no_offset_takes_out_is_named_and_where_nothing_is_left_no_model_is_written() {
-    let lag = effect("servo-lag", "x", "2", "form = \"lag\"\naxes = [\"x\"]\ntie-ms = 0");
+    let load = effect("load", "x", "2", "form = \"load\"\naxis = \"x\"\nalong = \"x\"\npower = 1");
     let tracker = kind(
         "dead-path",
         "",
@@ -272,16 +272,16 @@ fn what_no_offset_takes_out_is_named_and_where_nothing_is_left_no_model_is_writt
         "form = \"dead-path\"\nsignal = { source = { temperature = \"x\" }, tau-s = 0 }",
     );
     let scale = effect("scale", "z", "5", "form = \"scale\"\naxis = \"z\"");
-    let (_, said) = extended(&[lag.clone(), tracker.clone(), scale]);
+    let (_, said) = extended(&[load.clone(), tracker.clone(), scale]);
     let said: serde_json::Value = serde_json::from_str(&said).unwrap();
     let taken: Vec<bool> = (0..3).map(|k| said["effects"][k]["taken"].as_bool().unwrap()).collect();
     assert_eq!(taken, [false, false, true], "{said}");
-    assert!(said["effects"][0]["why"].as_str().unwrap().contains("feed-forward"));
+    assert!(said["effects"][0]["why"].as_str().unwrap().contains("forces"));
     assert_eq!(said["effects"][2]["symbols"], serde_json::json!(["EZZ"]));
 
     let dir = tempfile::tempdir().unwrap();
     std::fs::write(dir.path().join("m.toml"), MODEL).unwrap();
-    std::fs::write(dir.path().join("a.toml"), addition("m", &[lag])).unwrap();
+    std::fs::write(dir.path().join("a.toml"), addition("m", &[load])).unwrap();
     std::fs::write(dir.path().join("other.toml"), addition("lathe", &[tracker])).unwrap();
     let run = |add: &str| {
         let out =
@@ -289,7 +289,7 @@ fn what_no_offset_takes_out_is_named_and_where_nothing_is_left_no_model_is_writt
         (out.status.code().unwrap(), String::from_utf8(out.stderr).unwrap())
     };
     let (code, message) = run("a.toml");
-    assert!(code == 65 && message.contains("servo-lag:x: not in the model"), "{code}: {message}");
+    assert!(code == 65 && message.contains("load:x: not in the model"), "{code}: {message}");
     let (code, message) = run("other.toml");
     assert!(code == 78 && message.contains("machine 'lathe'"), "{code}: {message}");
     assert_eq!(run("missing.toml").0, 74);
@@ -310,11 +310,11 @@ fn a_machine_file_may_name_additions_and_the_daemon_starts_with_them_in_its_mode
         "3",
         "form = \"backlash\"\naxis = \"y\"\nalong = [\"y\"]\nlength-mm = 0\nslope = false",
     );
-    let lag = effect("servo-lag", "x", "2", "form = \"lag\"\naxes = [\"x\"]\ntie-ms = 0");
+    let load = effect("load", "x", "2", "form = \"load\"\naxis = \"x\"\nalong = \"x\"\npower = 1");
     write("m.toml", MODEL);
-    write("one.toml", &addition("m", &[scale, lag.clone()]));
+    write("one.toml", &addition("m", &[scale, load.clone()]));
     write("two.toml", &addition("m", &[backlash]));
-    write("lag.toml", &addition("m", &[lag]));
+    write("load.toml", &addition("m", &[load]));
     write("lathe.toml", &addition("lathe", &[effect("scale", "z", "5", "form = \"scale\"\naxis = \"z\"")]));
     let axes = ["x", "y", "z"].map(|axis| format!("[axes.{axis}]\n{LIMITS}")).concat();
     let machine =
@@ -345,11 +345,11 @@ fn a_machine_file_may_name_additions_and_the_daemon_starts_with_them_in_its_mode
     assert_eq!(taken, [true, false, true], "{said}");
     let check = volcomp(dir.path(), &["check", "machine.toml"]);
     let text = String::from_utf8(check.stdout).unwrap();
-    assert!(text.contains("addition servo-lag:x: not in the model"), "{text}");
+    assert!(text.contains("addition load:x: not in the model"), "{text}");
 
     for (additions, code, wanted) in [
         (r#"["lathe.toml"]"#, 78, "found on machine 'lathe', the model is of 'm'"),
-        (r#"["lag.toml"]"#, 78, "nothing in it can be part of a model"),
+        (r#"["load.toml"]"#, 78, "nothing in it can be part of a model"),
         (r#"["m.toml"]"#, 78, "m.toml"),
         (r#"["missing.toml"]"#, 74, "are taken relative to the machine file"),
         (r#"[""]"#, 78, "an addition has an empty name"),
@@ -362,4 +362,102 @@ fn a_machine_file_may_name_additions_and_the_daemon_starts_with_them_in_its_mode
         assert!(message.contains(wanted), "{additions}: {message}");
         assert!(volcomp::daemon::load(&dir.path().join("machine.toml")).is_err(), "{additions}");
     }
+}
+
+/// Ranges of the motion that the data have seen.
+const MOTION: &str = "vx_mm_per_s = [-100, 80]\nvy_mm_per_s = [-100, 80]\nvz_mm_per_s = [-50, 50]\n\
+                      vc_deg_per_s = [-90, 90]\nax_mm_per_s2 = [-900, 1000]\ntool_length_mm = [60, 240]\n";
+
+fn moving(name: &str, subject: &str, values: &str, shape: &str) -> String {
+    effect(name, subject, values, shape).replace("[effect.valid]\n", &format!("[effect.valid]\n{MOTION}"))
+}
+
+/// The model's own kinematics checks every entry against the formula of the addition before it is written.
+#[test]
+fn effects_of_motion_and_tool_become_terms_on_both_sides_of_the_bed() {
+    let lever = "lever = { axes = [true, true, true], home-mm = [0, 0, -60], tool = false }";
+    let frame = "frame = { axis = \"c\", workpiece-side = true, point-mm = [250, 200, 0], outer = [], inner = [], \
+                 tip-mm = [0, 0, -100], nose-mm = [0, 0, 0] }";
+    let (model, said) = extended(&[
+        moving(
+            "backlash",
+            "x",
+            "5, 2",
+            "form = \"backlash\"\naxis = \"x\"\nalong = [\"x\"]\nlength-mm = 0.4\nslope = true",
+        ),
+        moving(
+            "lateral-play",
+            "y",
+            "3, -2",
+            "form = \"backlash\"\naxis = \"y\"\nalong = [\"x\", \"z\"]\nlength-mm = 0\nslope = false",
+        ),
+        moving("latency", "", "4", "form = \"lag\"\naxes = [\"x\", \"y\", \"z\"]\ntie-ms = 0"),
+        moving("inertial", "x", "6", "form = \"inertial\"\naxis = \"x\"\nalong = \"y\"\nslope = false"),
+        moving(
+            "inertial-cross",
+            "x",
+            "9",
+            &format!("form = \"inertial-tilt\"\naxis = \"x\"\nabout = [\"b\"]\n{lever}"),
+        ),
+        moving(
+            "reversal-spike",
+            "y",
+            "4",
+            "form = \"spike\"\naxis = \"y\"\nrise-s = 0.002\nfall-s = 0.03\nslope = false",
+        ),
+        moving("friction", "z", "1", "form = \"friction\"\naxis = \"z\""),
+        moving("tool-length", "", "150", "form = \"tool-length\""),
+        moving("spindle-tilt", "", "12, -9", "form = \"spindle-tilt\""),
+        moving("rotary-backlash", "c", "3", &format!("form = \"rotary-backlash\"\n{frame}")),
+    ]);
+    assert!(!said.contains("\"taken\": false"), "{said}");
+    assert!(said.contains("\"tool\""), "{said}");
+    assert!(model.has_transients());
+    // after long travel, at rest: play of X with its slope and of Y in X, the tool of the model 100 mm long
+    let at = [300.0, 200.0, -50.0, 0.0];
+    let tilt = |arcsec: f64| arcsec * 100.0 * std::f64::consts::PI / 648.0;
+    let tool = [tilt(9.0), tilt(12.0), -15.0];
+    let half = |direction: f64| {
+        let turned = 3.0 * 0.5 * std::f64::consts::PI / 648.0;
+        let arm = [at[0] - 250.0, at[1] - 200.0];
+        [
+            -direction * (0.5 * (5.0 + 2.0 * 0.3) + 1.5) + tool[0] + direction * turned * arm[1],
+            4.0 + tool[1] - direction * turned * arm[0],
+            direction + tool[2],
+        ]
+    };
+    near(deviation_um(&model, at, Travel::Forward), half(1.0));
+    near(deviation_um(&model, at, Travel::Reverse), half(-1.0));
+}
+
+#[test]
+fn each_effect_states_its_part_of_the_forecast_shrink() {
+    let dir = tempfile::tempdir().unwrap();
+    let write = |name: &str, text: &str| std::fs::write(dir.path().join(name), text).unwrap();
+    write("m.toml", MODEL);
+    let load = effect("load", "x", "2", "form = \"load\"\naxis = \"x\"\nalong = \"x\"\npower = 1");
+    write(
+        "addition.toml",
+        &addition("m", &[effect("scale", "z", "5", "form = \"scale\"\naxis = \"z\""), load]),
+    );
+    let cause = |effect: &str, subject: &str, shrink: f64| serde_json::json!({ "effect": effect, "subject": subject, "kind": "machine", "declared": true, "shrink": shrink });
+    let report = serde_json::json!({
+        "causes": [cause("scale", "z", 0.4), cause("load", "x", 0.1)],
+        "shrink": { "rms_before_um": 5.0, "rms_after_um": 1.0 },
+    });
+    let args = ["model", "extend", "--model", "m.toml", "--add", "addition.toml", "--out", "n.toml"];
+    let plain = String::from_utf8(volcomp(dir.path(), &args).stdout).unwrap();
+    assert!(!plain.contains("shrink"), "no report: {plain}");
+    write("report.json", &report.to_string());
+    let text = String::from_utf8(volcomp(dir.path(), &args).stdout).unwrap();
+    assert!(text.contains("scale:z: in the model, EZZ; shrink 0.40 of 0.40"), "{text}");
+    assert!(text.contains("shrink 0.00 of 0.10"), "{text}");
+    assert!(text.contains("shrink of the gap: 0.49 of 0.80 forecast"), "{text}");
+    let out = volcomp(dir.path(), &[&args[..], &["--json"]].concat());
+    let said: serde_json::Value = serde_json::from_slice(&out.stdout).unwrap();
+    assert_eq!(said["effects"][1]["shrink_deliverable"], 0.0);
+    assert!((said["shrink"]["deliverable"].as_f64().unwrap() - 0.4903).abs() < 1e-3, "{said}");
+    write("wrong.json", "{}");
+    let out = volcomp(dir.path(), &[&args[..], &["--report", "wrong.json"]].concat());
+    assert_eq!(out.status.code(), Some(65));
 }

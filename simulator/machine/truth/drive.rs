@@ -1,11 +1,13 @@
-//! What moves and measures one axis: servo lag, lost motion, slow non-repeatability, encoder.
+//! What moves and measures one axis: delay, servo lag, lost motion, slow non-repeatability, encoder, yielding structure.
 //!
 //! Coordinates in mm or deg. The order along the axis: set point -> servo -> drive position (what the encoder
-//! reads) -> lost motion and non-repeatability -> carriage.
+//! reads) -> lost motion, non-repeatability and structure -> carriage.
 
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+
+use super::structure::{Delay, Structure, StructureSpec};
 
 /// The drive train of one axis; lengths in the axis' own unit (mm or deg).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -26,6 +28,8 @@ pub struct DriveSpec {
     pub encoder_step: f64,
     /// Standard deviation of the encoder noise.
     pub encoder_noise: f64,
+    /// What lies behind the drive.
+    pub structure: StructureSpec,
 }
 
 /// Where one axis is now.
@@ -38,6 +42,8 @@ pub struct Drive {
     slack: f64,
     wander: f64,
     random: ChaCha8Rng,
+    delay: Delay,
+    structure: Structure,
 }
 
 impl DriveSpec {
@@ -51,6 +57,7 @@ impl DriveSpec {
         repeatability_s: 5.0,
         encoder_step: 0.0,
         encoder_noise: 0.0,
+        structure: StructureSpec::RIGID,
     };
 }
 
@@ -61,7 +68,8 @@ impl Drive {
         let mut random = ChaCha8Rng::seed_from_u64(seed);
         random.set_stream(stream);
         let wander = spec.repeatability * normal(&mut random);
-        Self { spec, set_point: start, position: start, slack: 0.0, wander, random }
+        let (delay, structure) = (Delay::new(start), Structure::new(spec.structure, start));
+        Self { spec, set_point: start, position: start, slack: 0.0, wander, random, delay, structure }
     }
 
     /// One cycle towards a set point that moves evenly through the cycle (drives interpolate finely).
@@ -69,6 +77,7 @@ impl Drive {
     /// Exact solution of `lag x' = u + feed_forward lag u' - x` for a ramp u; steady following error
     /// `(1 - feed_forward) lag v`.
     pub fn follow(&mut self, dt_s: f64, set_point: f64) {
+        let set_point = self.delay.step(dt_s, self.spec.structure.delay_s, set_point);
         let next = if self.spec.lag_s > 0.0 && dt_s > 0.0 {
             let rate = (set_point - self.set_point) / dt_s;
             let behind = (1.0 - self.spec.feed_forward) * rate * self.spec.lag_s;
@@ -93,6 +102,7 @@ impl Drive {
             self.slack = (self.slack + (position - self.position) / half_way).clamp(-1.0, 1.0);
         }
         self.position = position;
+        self.structure.step(dt_s, position);
         if self.spec.repeatability > 0.0 && self.spec.repeatability_s > 0.0 {
             let kept = (-dt_s / self.spec.repeatability_s).exp();
             let fresh = (1.0 - kept * kept).sqrt() * self.spec.repeatability;
@@ -112,10 +122,16 @@ impl Drive {
         self.slack
     }
 
-    /// Position of the carriage: the drive's, less lost motion, plus what does not repeat.
+    /// What the structure does beside the shift along the axis: EX EY EZ in mm, EA EB EC in rad.
+    #[must_use]
+    pub const fn structure_motion(&self) -> &[f64; 6] {
+        &self.structure.motion
+    }
+
+    /// Position of the carriage: the drive's, less lost motion, plus what does not repeat and what yields.
     #[must_use]
     pub fn carriage(&self) -> f64 {
-        self.position - self.slack * self.spec.backlash / 2.0 + self.wander
+        self.position - self.slack * self.spec.backlash / 2.0 + self.wander + self.structure.along
     }
 
     /// What the encoder reports now; draws noise.

@@ -15,6 +15,8 @@ use super::error::{Place, TruthError};
 use super::kinematics::{Joint, Kinematics, Sense, Squareness};
 use super::params::Params;
 use super::shape::{Curve, Reference, Shape};
+use super::structure::StructureSpec;
+use super::tool::ToolTruth;
 
 /// A machine as its file describes it.
 #[derive(Debug, Clone)]
@@ -23,6 +25,7 @@ pub(super) struct Plan {
     pub(super) chain: Chain,
     pub(super) seed: u64,
     pub(super) kinematics: Kinematics,
+    pub(super) tool: ToolTruth,
     pub(super) axes: Vec<AxisPlan>,
 }
 
@@ -62,6 +65,8 @@ struct FileWire {
     #[serde(default)]
     squareness: SquarenessWire,
     #[serde(default)]
+    tool: ToolWire,
+    #[serde(default)]
     location: toml::Table,
     axes: Vec<AxisWire>,
     #[serde(default)]
@@ -75,6 +80,14 @@ struct FrameWire {
     workpiece_origin_mm: [f64; 3],
     #[serde(default)]
     tool_tip_mm: [f64; 3],
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case", default)]
+struct ToolWire {
+    gauge_point_mm: [f64; 3],
+    length_error_um_per_m: f64,
+    lean_arcsec: [f64; 2],
 }
 
 #[derive(Deserialize, Default)]
@@ -109,6 +122,8 @@ struct AxisWire {
     repeatability_um: Option<f64>,
     repeatability_arcsec: Option<f64>,
     repeatability_s: Option<f64>,
+    #[serde(default)]
+    structure: StructureWire,
 }
 
 #[derive(Deserialize, Default, Clone, Copy)]
@@ -134,6 +149,23 @@ struct ServoWire {
     lag_ms: f64,
     #[serde(default)]
     feed_forward: f64,
+    #[serde(default)]
+    delay_ms: f64,
+}
+
+#[derive(Deserialize, Default)]
+#[serde(deny_unknown_fields, rename_all = "kebab-case", default)]
+struct StructureWire {
+    wind_up_um: f64,
+    wind_up_length_mm: f64,
+    lateral_um: [f64; 3],
+    peak_um: f64,
+    rise_ms: Option<f64>,
+    fall_ms: Option<f64>,
+    compliance_um_per_m_per_s2: f64,
+    tilt_arcsec_per_m_per_s2: [f64; 3],
+    frequency_hz: Option<f64>,
+    damping: Option<f64>,
 }
 
 impl Plan {
@@ -180,7 +212,8 @@ impl Plan {
             workpiece_origin_mm: wire.frame.workpiece_origin_mm,
             tool_tip_mm: wire.frame.tool_tip_mm,
         };
-        Ok(Self { machine: wire.machine, chain, seed: wire.seed, kinematics, axes })
+        let tool = tool(&wire.tool)?;
+        Ok(Self { machine: wire.machine, chain, seed: wire.seed, kinematics, tool, axes })
     }
 }
 
@@ -275,6 +308,27 @@ fn check_locations(location: &toml::Table, joints: &[Joint]) -> Result<(), Truth
     }
 }
 
+fn tool(wire: &ToolWire) -> Result<ToolTruth, TruthError> {
+    let place = || Place::Table("tool");
+    finite(place(), "gauge-point-mm", &wire.gauge_point_mm)?;
+    let length = wire.length_error_um_per_m;
+    within(place(), "length-error-um-per-m", length, length.abs() <= 10_000.0, "within 10000")?;
+    for lean in wire.lean_arcsec {
+        within(
+            place(),
+            "lean-arcsec",
+            lean,
+            lean.abs() <= ANGLE_ARCSEC_MAX,
+            "within 2062.6 arcsec (10 mrad)",
+        )?;
+    }
+    Ok(ToolTruth {
+        gauge_point_mm: wire.gauge_point_mm,
+        length_error: length * 1e-6,
+        lean_rad: wire.lean_arcsec.map(rad_from_arcsec),
+    })
+}
+
 fn squareness(wire: &SquarenessWire) -> Result<Squareness, TruthError> {
     let rad = |key: &'static str, arcsec: f64| {
         let believable = arcsec.abs() <= ANGLE_ARCSEC_MAX;
@@ -357,6 +411,55 @@ fn drive(axis: AxisName, wire: &AxisWire) -> Result<DriveSpec, TruthError> {
         repeatability_s,
         encoder_step: size("encoder-step", wire.encoder_step_um, wire.encoder_step_arcsec)?,
         encoder_noise: size("encoder-noise", wire.encoder_noise_um, wire.encoder_noise_arcsec)?,
+        structure: structure(axis, wire)?,
+    })
+}
+
+fn structure(axis: AxisName, wire: &AxisWire) -> Result<StructureSpec, TruthError> {
+    let (own, rigid) = (&wire.structure, StructureSpec::RIGID);
+    let checked = |key: &'static str, value: f64, low: f64, high: f64, limit: &'static str| {
+        within(Place::Axis(axis), key, value, (low..=high).contains(&value), limit)
+    };
+    for (key, um) in [
+        ("structure.wind-up-um", own.wind_up_um),
+        ("structure.peak-um", own.peak_um),
+        ("structure.compliance-um-per-m-per-s2", own.compliance_um_per_m_per_s2),
+    ] {
+        checked(key, um, -1000.0, 1000.0, "within 1000")?;
+    }
+    for um in own.lateral_um {
+        checked("structure.lateral-um", um, -1000.0, 1000.0, "within 1000")?;
+    }
+    for arcsec in own.tilt_arcsec_per_m_per_s2 {
+        checked("structure.tilt-arcsec-per-m-per-s2", arcsec, -1000.0, 1000.0, "within 1000")?;
+    }
+    checked("structure.wind-up-length-mm", own.wind_up_length_mm, 0.0, 100.0, "0 to 100")?;
+    checked("servo.delay-ms", wire.servo.delay_ms, 0.0, 1000.0, "0 to 1000")?;
+    let positive = |key: &'static str, value: Option<f64>, default: f64, high: f64, limit: &'static str| {
+        let value = value.unwrap_or(default);
+        checked(key, value, f64::MIN_POSITIVE, high, limit).map(|()| value)
+    };
+    Ok(StructureSpec {
+        delay_s: wire.servo.delay_ms / 1e3,
+        wind_up: mm_from_um(own.wind_up_um),
+        wind_up_length: own.wind_up_length_mm,
+        lateral_mm: own.lateral_um.map(mm_from_um),
+        peak: mm_from_um(own.peak_um),
+        rise_s: positive("structure.rise-ms", own.rise_ms, 1e3 * rigid.rise_s, 1e4, "above 0, at most 1e4")?
+            / 1e3,
+        fall_s: positive("structure.fall-ms", own.fall_ms, 1e3 * rigid.fall_s, 1e4, "above 0, at most 1e4")?
+            / 1e3,
+        // um per m/s^2 are 1e-6 mm per mm/s^2
+        compliance_s2: own.compliance_um_per_m_per_s2 * 1e-6,
+        tilt: own.tilt_arcsec_per_m_per_s2.map(|v| rad_from_arcsec(v) * 1e-3),
+        frequency_hz: positive(
+            "structure.frequency-hz",
+            own.frequency_hz,
+            rigid.frequency_hz,
+            1e4,
+            "above 0, at most 1e4",
+        )?,
+        damping: positive("structure.damping", own.damping, rigid.damping, 10.0, "above 0, at most 10")?,
     })
 }
 

@@ -150,19 +150,30 @@ impl Kinematics {
     /// The pose at the given joint states, one per joint and in their order.
     #[must_use]
     pub fn pose(&self, states: &[JointState]) -> Pose {
-        self.product(states, |joint, state| joint.transform(state, self.squareness))
+        self.pose_with_tip(states, self.tool_tip_mm)
+    }
+
+    /// The same with the tool tip elsewhere in the machine frame at home.
+    #[must_use]
+    pub fn pose_with_tip(&self, states: &[JointState], tip_mm: [f64; 3]) -> Pose {
+        self.product(states, tip_mm, |joint, state| joint.transform(state, self.squareness))
     }
 
     /// The pose of the same joints without any error.
     #[must_use]
     pub fn nominal(&self, states: &[JointState]) -> Pose {
-        self.product(states, |joint, state| {
+        self.product(states, self.tool_tip_mm, |joint, state| {
             let plain = Joint { point_mm: joint.point_mm, ..Joint::plain(joint.axis, joint.side) };
             plain.transform(&JointState { q: state.q, motion: [0.0; 6] }, Squareness::default())
         })
     }
 
-    fn product(&self, states: &[JointState], factor: impl Fn(&Joint, &JointState) -> Matrix4<f64>) -> Pose {
+    fn product(
+        &self,
+        states: &[JointState],
+        tip_mm: [f64; 3],
+        factor: impl Fn(&Joint, &JointState) -> Matrix4<f64>,
+    ) -> Pose {
         debug_assert_eq!(states.len(), self.joints.len(), "one state per joint");
         let start = translation(self.workpiece_origin_mm.map(|v| -v));
         let branch = self
@@ -170,7 +181,7 @@ impl Kinematics {
             .iter()
             .zip(states)
             .fold(start, |so_far, (joint, state)| so_far * factor(joint, state));
-        Pose::from(branch * translation(self.tool_tip_mm))
+        Pose::from(branch * translation(tip_mm))
     }
 }
 

@@ -103,6 +103,12 @@ impl TruthMachine {
         Some(Joint { location: [0.0; 6], ..joint.clone() })
     }
 
+    /// The spindle nose in the machine frame at home, from which the length of the tool counts.
+    #[must_use]
+    pub const fn gauge_point_mm(&self) -> [f64; 3] {
+        self.plan.tool.gauge_point_mm
+    }
+
     /// Puts the machine at rest at `start` and restarts its randomness.
     pub fn reset(&mut self, seed: u64, start: &AxisArray) {
         self.time_s = 0.0;
@@ -148,10 +154,13 @@ impl TruthMachine {
     /// The exact pose at rest at `q` (mm or deg) after arriving in `direction` (-1, +1; 0: lost motion not taken up).
     #[must_use]
     pub fn pose(&self, q: &AxisArray, direction: &[i8; MAX_AXES]) -> Pose {
-        self.pose_of(|k, axis| {
-            let slack = f64::from(direction[k].signum());
-            (q[k] - slack * axis.drive.backlash / 2.0, slack)
-        })
+        self.pose_of(
+            |k, axis| {
+                let slack = f64::from(direction[k].signum());
+                (q[k] - slack * axis.drive.backlash / 2.0, slack)
+            },
+            |_| &[0.0; 6],
+        )
     }
 
     /// The pose at `q` of the machine without errors.
@@ -213,10 +222,15 @@ impl TruthMachine {
     }
 
     fn sample(&self) -> Sample {
-        let pose = self.pose_of(|k, _| {
-            let drive = &self.drives[k];
-            (drive.carriage(), drive.slack())
-        });
+        let still = [0.0; 6];
+        let structure = |k: usize| self.drives.get(k).map_or(&still, Drive::structure_motion);
+        let pose = self.pose_of(
+            |k, _| {
+                let drive = &self.drives[k];
+                (drive.carriage(), drive.slack())
+            },
+            |k| structure(k),
+        );
         let mut axis = [0.0; MAX_AXES];
         for (value, drive) in axis.iter_mut().zip(&self.drives) {
             *value = drive.position();
@@ -224,13 +238,19 @@ impl TruthMachine {
         Sample { axis, encoder: [0.0; MAX_AXES], tip_mm: pose.tip_mm, direction: pose.direction }
     }
 
-    /// The pose with each axis at the carriage coordinate and slack that `place` names.
-    fn pose_of(&self, place: impl Fn(usize, &AxisPlan) -> (f64, f64)) -> Pose {
+    /// The pose with each axis at the carriage coordinate and slack that `place` names, plus the motions of its structure.
+    fn pose_of<'a>(
+        &self,
+        place: impl Fn(usize, &AxisPlan) -> (f64, f64),
+        structure: impl Fn(usize) -> &'a [f64; 6],
+    ) -> Pose {
         let kinematics: &Kinematics = &self.plan.kinematics;
         let mut states = [JointState::default(); MAX_AXES];
         for (k, axis) in self.plan.axes.iter().enumerate() {
             let (q, slack) = place(k, axis);
-            states[axis.joint] = JointState { q: internal(axis.name, q), motion: motion(axis, q, slack) };
+            let mut sum = motion(axis, q, slack);
+            sum.iter_mut().zip(structure(k)).for_each(|(own, more)| *own += more);
+            states[axis.joint] = JointState { q: internal(axis.name, q), motion: sum };
         }
         if let (Some(ram), Some(z)) = (&self.ram, self.index_of(AxisName::Z)) {
             let at = |name| self.index_of(name).map_or(0.0, |k| states[self.plan.axes[k].joint].q);
@@ -238,7 +258,8 @@ impl TruthMachine {
             let motion = &mut states[self.plan.axes[z].joint].motion;
             motion.iter_mut().zip(extra).for_each(|(own, more)| *own += more);
         }
-        kinematics.pose(&states[..kinematics.joints.len()])
+        kinematics
+            .pose_with_tip(&states[..kinematics.joints.len()], self.plan.tool.tip_mm(kinematics.tool_tip_mm))
     }
 }
 

@@ -2,7 +2,7 @@
 //! own units (mm and deg at the boundary).
 //!
 //! Reading order: [`chain`] (the string), [`kinematics`] (the exact product), [`shape`] (the errors), [`drive`]
-//! (what moves and measures an axis), [`machine`] (all of it together). The file format is described in
+//! (what moves and measures an axis), [`structure`] (what yields and winds up behind it), [`machine`] (all of it together). The file format is described in
 //! `simulator/machines/vmc-850.toml`, which uses most of its keys.
 
 pub mod chain;
@@ -14,6 +14,8 @@ pub mod kinematics;
 pub mod machine;
 mod params;
 pub mod shape;
+pub mod structure;
+pub mod tool;
 pub mod transform;
 
 pub use error::TruthError;

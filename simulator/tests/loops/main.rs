@@ -6,6 +6,7 @@ mod demo_faults;
 mod fault_numbers;
 mod live_monte_carlo;
 mod live_s_part;
+mod motion_dependent;
 mod scenarios;
 mod support;
 

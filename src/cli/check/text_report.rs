@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use crate::identity;
 use crate::model::gauge;
-use volcomp_config::model::kind_of;
+use volcomp_config::model::{kind_of, section_of};
 use volcomp_config::{MachineConfig, ModelFile};
 use volcomp_estimate::Thermal;
 use volcomp_model::spec::{ModelSpec, Sense};
@@ -200,6 +200,10 @@ impl Size {
             low += grid.values().iter().copied().fold(f64::INFINITY, f64::min);
             high += grid.values().iter().copied().fold(f64::NEG_INFINITY, f64::max);
         }
+        for term in &function.dynamics {
+            low -= term.limit;
+            high += term.limit;
+        }
         let (unit, out): (_, fn(f64) -> f64) =
             if symbol.is_angle() { ("arcsec", arcsec_from_rad) } else { ("um", um_from_mm) };
         let range = range.map(|r| r.map(|v| position_out(symbol.axis(), v)));
@@ -211,7 +215,8 @@ impl Size {
 pub(crate) fn kinds_of(function: &ErrorFunction) -> Vec<&'static str> {
     let grids = function.grids.iter().map(|_| "grid");
     let live = function.live.iter().map(|_| "live");
-    function.curves.iter().map(kind_of).chain(grids).chain(live).collect()
+    let dynamics = function.dynamics.iter().map(|d| section_of(&d.law));
+    function.curves.iter().map(kind_of).chain(grids).chain(live).chain(dynamics).collect()
 }
 
 /// The range that any curve covers.
@@ -257,6 +262,19 @@ pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<St
         ));
     }
     for axis in &machine.axes {
+        let terms = model.errors.iter().filter(|(s, _)| s.axis() == axis.name && !s.is_angle());
+        let transient = terms.flat_map(|(_, f)| &f.dynamics).filter(|d| d.law.is_transient());
+        let asked: f64 = transient.map(|d| d.limit).sum();
+        if axis.limits.size > 0.0 && asked > axis.limits.size {
+            out.push(format!(
+                "axis {}: terms that follow velocity and acceleration may ask for {} {unit}; the limit is {} {unit}: beyond it \
+                 they are cut and the correction is reported as limited",
+                axis.name,
+                offset_out(axis.name, asked),
+                offset_out(axis.name, axis.limits.size),
+                unit = offset_unit(axis.name),
+            ));
+        }
         // the largest offset that positioning alone asks for must fit below the limit
         let positioning = model.errors.iter().find(|(s, _)| {
             matches!(s, ErrorSymbol::Motion { .. })

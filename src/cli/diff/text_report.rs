@@ -68,6 +68,13 @@ fn change_words(change: &Change) -> String {
             let words = p.each_ref().map(|p| p.as_ref().map_or_else(|| "none".to_owned(), point));
             of("gauge point".to_owned(), words)
         }
+        Change::Tool(t) => {
+            let words = t.map(|t| {
+                let [a, b] = t.tilt.map(|v| rounded(arcsec_from_rad(v)));
+                format!("spindle tilt ({a}, {b}) arcsec, length error {} um/m", rounded(t.length * 1e6))
+            });
+            of("tool".to_owned(), words)
+        }
         Change::Datum(d) => {
             let words = d.each_ref().map(|d| {
                 let at = |(axis, v): &(AxisName, f64)| {

@@ -3,6 +3,7 @@
 use std::path::{Path, PathBuf};
 
 use super::super::{EX_CONFIG, EX_DATAERR, Failure};
+use super::forecast::Forecast;
 use crate::additions::read_addition;
 use crate::files::write_text;
 use volcomp_config as config;
@@ -10,10 +11,12 @@ use volcomp_effects::extend::{Fate, extend};
 
 /// Put effects that `volcomp diagnose` has found into a model, so that volcompd takes them out
 ///
-/// What follows from position and direction of travel becomes a table or a constant of the error motion that acts alike,
-/// what follows from temperatures or the spindle's speed a growth ([thermal.NAME]; volcompd needs a sensor of that name).
-/// Effects that no offset from these can take out are named, each with the reason. The model is compared with the
-/// addition all over the volume before it is written. volcompd takes the new model through its change guard.
+/// Effects of position become tables or constants of an error motion; effects of direction, velocity and acceleration become
+/// dynamic terms of it ([errors.exx.reversal], .velocity, ..); effects of the tool length go to [tool]; effects of
+/// temperature or spindle speed become growths ([thermal.NAME]; volcompd needs a sensor of that name). The model is
+/// compared with the addition over the working volume before it is written. Effects that stay out are listed with the
+/// reason. With the report of the diagnosis (report.json beside the addition, or --report) each line states how much of
+/// the forecast shrink the model can deliver. volcompd takes the new model through its change guard.
 ///
 ///   volcomp model extend --model model.toml --add diagnosis/addition.toml --out better.toml
 #[derive(Debug, clap::Parser)]
@@ -24,6 +27,9 @@ pub(super) struct Args {
     /// An addition (volcomp-addition/1); may be repeated
     #[arg(long, value_name = "ADDITION.toml", required = true)]
     add: Vec<PathBuf>,
+    /// The report of the diagnosis (default: report.json beside the first addition, where there is one)
+    #[arg(long, value_name = "REPORT.json")]
+    report: Option<PathBuf>,
     /// Where to write the model; - is stdout
     #[arg(long, value_name = "OUT.toml")]
     out: PathBuf,
@@ -66,6 +72,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             ),
         ));
     }
+    let forecast = args.add.first().map(|path| Forecast::read(args.report.as_ref(), path));
+    let forecast = forecast.transpose()?.flatten();
+    let delivered = forecast.as_ref().map(|f| f.delivered(&fates));
     let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
     let added: Vec<String> = args.add.iter().map(|p| name(p)).collect();
     let comment =
@@ -73,14 +82,17 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     write_text(&args.out, &config::model::write_file(&model, &[comment]))?;
     if args.json {
         let report = serde_json::json!({
-            "effects": fates.iter().map(as_json).collect::<Vec<_>>(),
+            "effects": fates.iter().map(|fate| as_json(fate, forecast.as_ref())).collect::<Vec<_>>(),
+            "shrink": delivered.map(|d| d.json()),
             "sensors": model.growths_in_use().flat_map(|t| t.inputs.iter().map(|i| i.sensor.clone()))
                 .collect::<std::collections::BTreeSet<_>>(),
             "out": args.out.display().to_string(),
         });
         return say(args, &format!("{report:#}\n"));
     }
-    let mut lines: Vec<String> = fates.iter().map(line).collect();
+    let mut lines: Vec<String> = fates.iter().map(|fate| with_shrink(fate, forecast.as_ref())).collect();
+    lines.extend(fates.iter().any(is_delay).then(|| DELAY.to_owned()));
+    lines.extend(delivered.map(|d| d.line()));
     lines.push(format!("written: {}", args.out.display()));
     say(args, &(lines.join("\n") + "\n"))
 }
@@ -98,10 +110,37 @@ fn line((effect, fate): &(String, Fate)) -> String {
     format!("{effect}: {fate}")
 }
 
-fn as_json((effect, fate): &(String, Fate)) -> serde_json::Value {
+/// A delay of the machine and one of the recording look the same.
+const DELAY: &str = "note: a delay of the recording looks like one of the machine; measure again with the new model before use";
+
+fn is_delay((effect, fate): &(String, Fate)) -> bool {
+    effect == "latency" && fate.is_taken()
+}
+
+/// The line of an effect with its part of the forecast shrink.
+fn with_shrink(one: &(String, Fate), forecast: Option<&Forecast>) -> String {
+    let (effect, fate) = one;
+    match forecast.and_then(|f| f.of_effect(effect)) {
+        Some(shrink) => {
+            let deliverable = if fate.is_taken() { shrink } else { 0.0 };
+            format!("{}; shrink {deliverable:.2} of {shrink:.2}", line(one))
+        }
+        None => line(one),
+    }
+}
+
+fn as_json((effect, fate): &(String, Fate), forecast: Option<&Forecast>) -> serde_json::Value {
     let why = match fate {
         Fate::Taken(_) => None,
         Fate::Left(why) => Some(why),
     };
-    serde_json::json!({ "effect": effect, "taken": fate.is_taken(), "symbols": fate.symbols(), "why": why })
+    let shrink = forecast.and_then(|f| f.of_effect(effect));
+    serde_json::json!({
+        "effect": effect,
+        "taken": fate.is_taken(),
+        "symbols": fate.symbols(),
+        "why": why,
+        "shrink_forecast": shrink,
+        "shrink_deliverable": shrink.map(|s| if fate.is_taken() { s } else { 0.0 }),
+    })
 }

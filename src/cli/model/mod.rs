@@ -3,6 +3,7 @@
 mod assemble;
 mod drawing;
 mod extend;
+mod forecast;
 pub(super) mod gauge;
 mod html;
 mod normalise;

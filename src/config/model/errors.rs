@@ -3,7 +3,7 @@
 use core::ops::Range;
 
 use super::keys::{PositionKeys, ValueKeys, grid_key};
-use super::{Provenance, provenance, remedy};
+use super::{Provenance, dynamics, provenance, remedy};
 use crate::diagnostic::Diagnostic;
 use crate::key_names::{suggestion, unit_of};
 use crate::reader::{Allowed, Placed, Section};
@@ -187,11 +187,13 @@ fn read_error(
     }
     let own = section.number(ValueKeys::of(symbol).std, STD).map(|n| (ValueKeys::of(symbol).read)(n.value));
     let origin = provenance::read(&section);
-    if curves.is_empty() && grids.is_empty() && live.is_empty() {
+    let dynamics = dynamics::read(&section, symbol);
+    let no_dynamics = dynamics.as_ref().is_some_and(Vec::is_empty);
+    if curves.is_empty() && grids.is_empty() && live.is_empty() && no_dynamics {
         let name = symbol.to_string().to_lowercase();
         section.report_here(
             format!("errors.{name} has no curve"),
-            format!("add [errors.{name}.table], .fourier, .half-range, .chebyshev, .grid, .live or .constant; a missing error is zero"),
+            format!("add [errors.{name}.table], .fourier, .half-range, .chebyshev, .grid, .live, .reversal, .velocity, .acceleration or .constant; a missing error is zero"),
         );
     }
     section.finish();
@@ -199,10 +201,12 @@ fn read_error(
     let curves: Option<Vec<Curve>> = curves.into_iter().map(|(_, curve)| curve).collect();
     let grids: Option<Vec<Grid>> = grids.into_iter().collect();
     let live: Option<Vec<Live>> = live.into_iter().collect();
-    let function = curves.zip(grids).zip(live).map(|((curves, grids), live)| ErrorFunction {
+    let parts = curves.zip(grids).zip(live).zip(dynamics);
+    let function = parts.map(|(((curves, grids), live), dynamics)| ErrorFunction {
         curves,
         grids,
         live,
+        dynamics,
         std: own.or(std.of(symbol)),
     });
     (function, origin, largest.map(|l| l.place))

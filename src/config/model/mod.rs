@@ -4,6 +4,7 @@
 //! origin of its numbers is kept in a [`Provenance`]; the rest is a [`ModelSpec`].
 
 mod axes;
+mod dynamics;
 mod errors;
 mod keys;
 mod number;
@@ -12,6 +13,7 @@ mod thermal;
 mod write;
 
 use self::keys::{PositionKeys, grid_key};
+pub use dynamics::section_of;
 pub use provenance::{Provenance, SourceEntry};
 pub use write::{kind_of, write, write_file};
 
@@ -87,8 +89,10 @@ pub fn parse_file(file: &str, text: &str) -> Result<ModelFile, ConfigErrors> {
 #[must_use]
 pub fn known_keys() -> Vec<String> {
     let text = "axes = {x = {}, c = {}}\n[errors]\n\
-        exx = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}, live = {}}\n\
-        eac = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}, live = {}}\n\
+        exx = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}, live = {}, \
+        reversal = {}, friction-peak = {}, friction = {}, velocity = {}, acceleration = {}}\n\
+        eac = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}, live = {}, \
+        reversal = {}, friction-peak = {}, friction = {}, velocity = {}, acceleration = {}}\n\
         [thermal]\nname = {input = {}}\n";
     let reader = Reader::default();
     if let Ok(document) = reader::document("", text) {
@@ -110,6 +114,7 @@ fn read(top: &Section<'_>, text: &str) -> Option<ModelFile> {
     );
     let known_chain = chain.as_ref().map(|c| &c.value);
     read_frame(&top.section("frame"), &mut spec);
+    dynamics::read_tool(&top.section("tool"), &mut spec);
     axes::read(&top.section("axes"), chain.as_ref(), &mut spec);
     let provenance = top.section("provenance");
     let origin = provenance::read(&provenance);
@@ -216,6 +221,9 @@ fn remedy(error: &ModelError, chain: &str) -> String {
         ModelError::Datum { axis } => {
             format!("the chain is {chain}: add {axis} to it or take it out of [frame.datum]")
         }
+        ModelError::TooManyDynamicTerms { .. } => "take some out".to_owned(),
+        ModelError::ToolWithoutGaugePoint => "add gauge-point-mm = [x, y, z] to [frame]".to_owned(),
+        ModelError::ToolTooLarge => "give angles in arcsec and the length error in um/m".to_owned(),
         ModelError::TooManySensors { .. } => "let several errors share a sensor, or take some out".to_owned(),
         ModelError::SquarenessWithoutPartner { partner, .. } => {
             format!("the chain is {chain}: add {partner} to it or take this entry out")

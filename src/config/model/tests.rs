@@ -3,7 +3,7 @@ use proptest::prelude::*;
 use super::*;
 use volcomp_model::curve::{Chebyshev, Fourier, Grid, HalfRange, Interpolation, Live, Table};
 use volcomp_model::spec::{ANGLE_LIMIT, LENGTH_LIMIT, ReferenceBody, ReferencePoint};
-use volcomp_model::{AxisSpec, Curve, ErrorFunction, Sense};
+use volcomp_model::{AxisSpec, Curve, DynamicTerm, ErrorFunction, Law, Sense, ToolErrors};
 use volcomp_units::axes::{AxisKind, AxisName, Travel};
 
 /// A model file with every kind of curve of `docs/model-files.md`.
@@ -300,8 +300,29 @@ fn any_error(symbol: ErrorSymbol) -> impl Strategy<Value = (ErrorSymbol, ErrorFu
             reference: reference.filter(|_| symbol.axis().kind() == AxisKind::Linear),
         });
     let live = prop::collection::vec(live, if symbol.is_constant() { 0..1 } else { 0..3usize });
-    (curves, grids, live, prop::option::of(0.0..limit))
-        .prop_map(move |(curves, grids, live, std)| (symbol, ErrorFunction { curves, grids, live, std }))
+    let law = prop_oneof![
+        prop_oneof![Just(0.0), 1e-3..1.0f64].prop_map(|build_up| Law::Reversal { build_up }),
+        (1e-4..0.1f64, 1e-4..1.0f64).prop_map(|(rise_s, fall_s)| Law::FrictionPeak { rise_s, fall_s }),
+        (1e-3..1.0f64).prop_map(|speed| Law::Friction { speed }),
+        Just(Law::Velocity),
+        Just(Law::Acceleration),
+    ];
+    let term = (law, -limit..limit, prop_oneof![Just(0.0), -0.1..0.1f64], 1e-9..limit)
+        .prop_map(|(law, gain, growth, limit)| DynamicTerm { law, gain, growth, limit });
+    let dynamics = prop::collection::vec(term, if symbol.is_constant() { 0..1 } else { 0..3usize });
+    (curves, grids, live, dynamics, prop::option::of(0.0..limit)).prop_map(
+        move |(curves, grids, live, mut dynamics, std)| {
+            // the file lists them law by law
+            dynamics.sort_by_key(|d| match d.law {
+                Law::Reversal { .. } => 0,
+                Law::FrictionPeak { .. } => 1,
+                Law::Friction { .. } => 2,
+                Law::Velocity => 3,
+                Law::Acceleration => 4,
+            });
+            (symbol, ErrorFunction { curves, grids, live, dynamics, std })
+        },
+    )
 }
 
 fn any_model() -> impl Strategy<Value = ModelSpec> {
@@ -319,7 +340,8 @@ fn any_model() -> impl Strategy<Value = ModelSpec> {
             move |(axes, errors, gauge)| {
                 let mut spec = ModelSpec::new("any-machine", chain.clone());
                 spec.gauge_point = gauge.map(Vec3::from);
-                if gauge.is_some() {
+                if let Some([x, y, z]) = gauge {
+                    spec.tool = ToolErrors { tilt: [x * 1e-6, y * 1e-6], length: z * 1e-6 };
                     spec.datum = spec.chain.axes().iter().map(|a| (a.name, 0.25)).collect();
                 }
                 spec.axes = axes;

@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::keys::{PositionKeys, ValueKeys, grid_key};
 use super::number::{plain, shortest};
-use super::{FORMAT, ModelFile, Provenance, thermal};
+use super::{FORMAT, ModelFile, Provenance, dynamics, thermal};
 use volcomp_model::curve::{Grid, Interpolation};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::ReferenceBody;
@@ -56,6 +56,7 @@ fn write_model(spec: &ModelSpec, origin: Option<&ModelFile>, comment: &[String])
             );
         }
     }
+    dynamics::write_tool(&mut out, &spec.tool);
     for axis in &spec.axes {
         write_axis(&mut out, axis);
     }
@@ -119,7 +120,8 @@ fn write_reference_points(out: &mut String, axis: &AxisSpec) {
 }
 
 fn write_error(out: &mut String, symbol: ErrorSymbol, function: &ErrorFunction, origin: Option<&Provenance>) {
-    if function.curves.is_empty() && function.grids.is_empty() && function.live.is_empty() {
+    let is_empty = function.curves.is_empty() && function.grids.is_empty() && function.live.is_empty();
+    if is_empty && function.dynamics.is_empty() {
         return;
     }
     let (at, of) = (PositionKeys::of(symbol.axis()), ValueKeys::of(symbol));
@@ -164,6 +166,7 @@ fn write_error(out: &mut String, symbol: ErrorSymbol, function: &ErrorFunction, 
             line_of(out, format_args!("reference-mm = {}", plain(at)));
         }
     }
+    dynamics::write(out, symbol, &function.dynamics);
 }
 
 fn write_grid(out: &mut String, grid: &Grid, of: &ValueKeys) {

@@ -79,13 +79,19 @@ pub fn size(old: &ModelSpec, new: &ModelSpec) -> Result<Size, ModelError> {
             bound_arcsec: None,
             other_axes: true,
         },
-        Some(volume) => Size {
-            largest_um: um_from_mm(volume.position.position.norm()),
-            largest_arcsec: arcsec_from_rad(volume.rotation.rotation.norm()),
-            bound_um: volume.bound_position.filter(|_| !geometry).map(um_from_mm),
-            bound_arcsec: volume.bound_rotation.filter(|_| !geometry).map(arcsec_from_rad),
-            other_axes: false,
-        },
+        Some(volume) => {
+            // terms that follow speed and acceleration count with all that they may add
+            let [length, angle] = found.transients;
+            let lever: f64 = volume.ranges.iter().map(|[low, high]| high - low).sum();
+            let shift = length + angle * (lever + new.tool_tip.norm());
+            Size {
+                largest_um: um_from_mm(volume.position.position.norm() + shift),
+                largest_arcsec: arcsec_from_rad(volume.rotation.rotation.norm() + angle),
+                bound_um: volume.bound_position.filter(|_| !geometry).map(|b| um_from_mm(b + shift)),
+                bound_arcsec: volume.bound_rotation.filter(|_| !geometry).map(|b| arcsec_from_rad(b + angle)),
+                other_axes: false,
+            }
+        }
     })
 }
 

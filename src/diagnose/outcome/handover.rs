@@ -26,6 +26,9 @@ fn valid(session: &Session) -> BTreeMap<String, [f64; 2]> {
         add(axis.column(), &mut session.moments.iter().map(|m| m.position[i] * unit));
         if axis.is_linear() {
             add(format!("v{axis}_mm_per_s"), &mut session.moments.iter().map(|m| m.velocity[i]));
+            add(format!("a{axis}_mm_per_s2"), &mut session.moments.iter().map(|m| m.acceleration[i]));
+        } else {
+            add(format!("v{axis}_deg_per_s"), &mut session.moments.iter().map(|m| m.velocity[i] * unit));
         }
     }
     add("tool_length_mm".to_owned(), &mut session.moments.iter().map(|m| m.tool_length_mm));

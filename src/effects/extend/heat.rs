@@ -111,7 +111,7 @@ fn expansion(
             let limit = (ROOM * reach(&input) * arm_mm).max(LIMIT_MIN_MM);
             let thermal = thermal(model, &made.thermal, name, strain, vec![input]);
             let live = Live { sensor: thermal.name.clone(), limit, reference: strain.then_some(0.0) };
-            made.parts.push(Part { symbol, curve: None, live: Some(live) });
+            made.parts.push(Part { symbol, curve: None, live: Some(live), dynamic: None });
             made.thermal.push(thermal);
             Ok(())
         };
@@ -141,7 +141,7 @@ fn growth(
         let stem = if entry.name.starts_with("spindle") { "spindle" } else { "drift" };
         let thermal = thermal(model, &made.thermal, &format!("{stem}-{axis}"), false, inputs);
         let live = Live { sensor: thermal.name.clone(), limit, reference: None };
-        made.parts.push(Part { symbol: own(*axis), curve: None, live: Some(live) });
+        made.parts.push(Part { symbol: own(*axis), curve: None, live: Some(live), dynamic: None });
         made.thermal.push(thermal);
     }
     Ok(made)

@@ -1,9 +1,11 @@
 //! An addition as part of a model, so that a daemon can take out what a diagnosis has found.
 //!
 //! What follows from position and direction of travel becomes a table or a constant of the error motion that acts alike;
-//! what follows from heat becomes a thermal displacement. The rest stays out, each with the reason. Nothing is trusted: the model is
+//! what follows from the motion of an axis becomes a dynamic term of it; what follows from the length of the tool stands
+//! with the tool; what follows from heat becomes a thermal displacement. The rest stays out, each with the reason. The model is
 //! compared with the addition all over the volume, and what does not say the same there stays out, too.
 
+mod dynamics;
 mod heat;
 mod parts;
 mod proof;
@@ -14,7 +16,9 @@ use crate::Shape;
 use crate::addition::{Addition, Entry};
 use volcomp_estimate::Thermal;
 use volcomp_model::curve::Live;
-use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Model, ModelError, ModelSpec};
+use volcomp_model::{
+    Curve, DynamicTerm, ErrorFunction, ErrorSymbol, Model, ModelError, ModelSpec, ToolErrors,
+};
 
 /// A model with an addition in it.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,8 +34,8 @@ pub struct Extended {
 /// What became of an effect.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Fate {
-    /// It is in the model, by these symbols.
-    Taken(Vec<ErrorSymbol>),
+    /// It is in the model, by these symbols, or as `tool`.
+    Taken(Vec<String>),
     /// It is not, for this reason.
     Left(&'static str),
 }
@@ -47,7 +51,7 @@ impl Fate {
     #[must_use]
     pub fn symbols(&self) -> Vec<String> {
         let Self::Taken(symbols) = self else { return Vec::new() };
-        let mut names: Vec<String> = symbols.iter().map(ToString::to_string).collect();
+        let mut names = symbols.clone();
         names.dedup();
         names
     }
@@ -59,6 +63,7 @@ struct Part {
     symbol: ErrorSymbol,
     curve: Option<Curve>,
     live: Option<Live>,
+    dynamic: Option<DynamicTerm>,
 }
 
 /// What an effect becomes; the sign of each part is found by the proof.
@@ -67,6 +72,8 @@ struct Candidate {
     parts: Vec<Part>,
     /// The thermal displacements that the live values of the parts are told by.
     thermal: Vec<Thermal>,
+    /// What is wrong with tool and spindle.
+    tool: Option<ToolErrors>,
 }
 
 impl Candidate {
@@ -76,6 +83,9 @@ impl Candidate {
         for (part, sign) in out.parts.iter_mut().zip(signs) {
             if let Some(curve) = &mut part.curve {
                 *curve = parts::scaled(curve, *sign)?;
+            }
+            if let Some(term) = &mut part.dynamic {
+                term.gain *= sign;
             }
             let told = |t: &&mut Thermal| part.live.as_ref().is_some_and(|live| live.sensor == t.name);
             for input in out.thermal.iter_mut().filter(told).flat_map(|t| &mut t.inputs) {
@@ -100,7 +110,12 @@ impl Candidate {
                     None => {}
                 }
                 function.live.extend(part.live.clone());
+                function.dynamics.extend(part.dynamic);
             }
+        }
+        if let Some(errors) = self.tool {
+            spec.tool.length += errors.length;
+            spec.tool.tilt.iter_mut().zip(errors.tilt).for_each(|(sum, v)| *sum += v);
         }
         spec
     }
@@ -130,7 +145,8 @@ pub fn extend(spec: &ModelSpec, thermal: &[Thermal], addition: &Addition) -> Res
                 Some(candidate) => {
                     out.spec = candidate.added_to(&out.spec);
                     out.thermal.extend(candidate.thermal);
-                    Fate::Taken(candidate.parts.iter().map(|p| p.symbol).collect())
+                    let tool = candidate.tool.map(|_| "tool".to_owned());
+                    Fate::Taken(candidate.parts.iter().map(|p| p.symbol.to_string()).chain(tool).collect())
                 }
             },
         };
@@ -145,7 +161,7 @@ fn candidate(model: &Extended, entry: &Entry) -> Result<Candidate, &'static str>
     }
     match &entry.shape {
         Shape::Thermal { .. } | Shape::Growth { .. } => heat::candidate(model, entry),
-        _ => parts::candidate(&model.spec, entry),
+        _ => dynamics::candidate(&model.spec, entry).unwrap_or_else(|| parts::candidate(&model.spec, entry)),
     }
 }
 
@@ -158,22 +174,10 @@ fn reason_against(entry: &Entry) -> Option<&'static str> {
         Kind::Machine => {}
     }
     match &entry.shape {
-        Shape::Lag { .. } | Shape::RotaryLag { .. } => Some(
-            "it follows the speed: the control's feed-forward takes it out, or the delay of the recording is its cause",
-        ),
-        Shape::Inertial { .. } | Shape::InertialTilt { .. } => {
-            Some("it follows the acceleration, which the control does not tell")
+        Shape::Sag { tool: true, .. } => {
+            Some("it follows position and tool length together, for which the model has no term")
         }
-        Shape::Friction { .. } | Shape::Spike { .. } => {
-            Some("it lasts milliseconds after a reversal: the control's friction compensation takes it out")
-        }
-        Shape::Backlash { length_mm, .. } if *length_mm > 0.0 => {
-            Some("it builds up over a distance after the reversal; a model knows play that is there at once")
-        }
-        Shape::SpindleTilt | Shape::ToolLength | Shape::Sag { tool: true, .. } => {
-            Some("it follows the length of the tool, over which a model has no curve")
-        }
-        Shape::Load { .. } => Some("it follows forces, which nobody tells while the machine works"),
+        Shape::Load { .. } => Some("it follows forces, which are not reported while the machine works"),
         Shape::Step { .. } => Some("it is a step in the time of one recording"),
         Shape::DeadPath { .. } | Shape::TrackerScale { .. } | Shape::ClockSkew { .. } => {
             Some("it belongs to the instrument, not to the machine")

@@ -38,7 +38,6 @@ pub(super) fn candidate(spec: &ModelSpec, entry: &Entry) -> Result<Candidate, &'
         Shape::Reverse { axis, .. }
         | Shape::Wear { axis, .. }
         | Shape::Sag { axis, .. }
-        | Shape::Backlash { axis, .. }
         | Shape::RotaryMotion { axis, .. } => displacements(spec, entry, *axis, POINTS)?,
         Shape::Angular { about, over, degree, half_mm, centre_mm, .. } => {
             let angle = |q: f64, _: f64| {
@@ -47,10 +46,6 @@ pub(super) fn candidate(spec: &ModelSpec, entry: &Entry) -> Result<Candidate, &'
                 values.iter().zip(&entry.values).map(|(v, e)| v * e).sum()
             };
             vec![rotation(spec, entry, *over, *about, &angle)?]
-        }
-        Shape::RotaryBacklash { frame } => {
-            let angle = |_: f64, direction: f64| -0.5 * direction * value(entry, 0);
-            vec![rotation(spec, entry, frame.axis, frame.axis, &angle)?]
         }
         Shape::RotaryEccentricity { frame, harmonics } => {
             let angle = |q: f64, _: f64| {
@@ -68,7 +63,7 @@ pub(super) fn candidate(spec: &ModelSpec, entry: &Entry) -> Result<Candidate, &'
     if parts.is_empty() {
         return Err("it is zero all over the travel");
     }
-    Ok(Candidate { parts, thermal: Vec::new() })
+    Ok(Candidate { parts, ..Candidate::default() })
 }
 
 fn value(entry: &Entry, k: usize) -> f64 {
@@ -169,7 +164,7 @@ fn location(entry: &Entry, axis: Axis) -> Vec<Part> {
         let v = value(entry, k);
         let v = if place < 3 { mm_from_um(v) } else { v * RAD_PER_ARCSEC };
         let symbol = ErrorSymbol::Location { component: Component::ALL[place], axis: axis.name() };
-        Part { symbol, curve: Some(Curve::Constant(v)), live: None }
+        Part { symbol, curve: Some(Curve::Constant(v)), live: None, dynamic: None }
     };
     places.iter().copied().enumerate().map(constant).collect()
 }
@@ -192,5 +187,5 @@ fn table(
     let differs = forward.iter().zip(&reverse).any(|(f, r)| (f - r).abs() >= NOTHING);
     let table = Table::new(at.to_vec(), forward, differs.then_some(reverse), Interpolation::Linear)
         .map_err(|_| "its values make no table")?;
-    Ok(Some(Part { symbol, curve: Some(Curve::Table(table)), live: None }))
+    Ok(Some(Part { symbol, curve: Some(Curve::Table(table)), live: None, dynamic: None }))
 }

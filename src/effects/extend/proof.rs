@@ -1,12 +1,15 @@
 //! Whether a model with an effect in it says what the addition says.
 
 use super::Candidate;
+use crate::Shape;
 use crate::addition::{Addition, Entry, Evaluator, FORMAT};
 use crate::machine_state::{Axis, MachineState, SLOTS, Source};
 use crate::prediction::{deviation_with_live_um, machine_of};
 use volcomp_estimate::ThermalState;
 use volcomp_model::geometry::Vec3;
 use volcomp_model::{Model, ModelError, ModelSpec};
+use volcomp_units::axes::AxisKind;
+use volcomp_units::rad_from_deg;
 
 /// Places that are compared.
 const PLACES: u32 = 64;
@@ -82,6 +85,29 @@ fn growth(candidate: &Candidate, channel: &str, sources: &[f64]) -> f64 {
     state.growth(thermal).value
 }
 
+/// Gives every axis a velocity in its direction of travel, an acceleration, and a distance and time since its reversal.
+fn set_in_motion(state: &mut MachineState, entry: &Entry, chain: &[Axis], share: &dyn Fn(usize) -> f64) {
+    let (length_mm, time_s) = match &entry.shape {
+        Shape::Backlash { length_mm, .. } if *length_mm > 0.0 => (*length_mm, f64::INFINITY),
+        Shape::Spike { fall_s, .. } => (f64::INFINITY, *fall_s),
+        _ => (f64::INFINITY, f64::INFINITY),
+    };
+    let most = |column: String| {
+        entry.valid.get(&column).map_or(1.0, |range| range.iter().fold(0.0f64, |m, v| m.max(v.abs())))
+    };
+    let speed = |axis: Axis| match axis.name().kind() {
+        AxisKind::Linear => most(format!("v{axis}_mm_per_s")),
+        AxisKind::Rotary => rad_from_deg(most(format!("v{axis}_deg_per_s"))),
+    };
+    for (k, axis) in chain.iter().enumerate() {
+        let slot = axis.slot();
+        state.velocity[slot] = state.direction[slot] * share(k + 1) * speed(*axis);
+        state.acceleration[slot] = (2.0 * share(k + 2) - 1.0) * most(format!("a{axis}_mm_per_s2"));
+        state.since_mm[slot] = 3.0 * share(k + 3) * length_mm;
+        state.since_s[slot] = 3.0 * share(k + 3) * time_s;
+    }
+}
+
 /// Places all over the volume, to and fro, warm and cold; the first one is where all stands at the reference.
 fn places(spec: &ModelSpec, model: &Model, entry: &Entry) -> Vec<Place> {
     let addition = Addition {
@@ -110,7 +136,11 @@ fn places(spec: &ModelSpec, model: &Model, entry: &Entry) -> Vec<Place> {
         }
         if let Some(gauge) = spec.gauge_point {
             moment.tool_length_mm = gauge.z - spec.tool_tip.z;
+            if matches!(entry.shape, Shape::ToolLength | Shape::SpindleTilt) {
+                moment.tool_length_mm *= 0.5 + share(1);
+            }
         }
+        set_in_motion(&mut moment, entry, &chain, &share);
         moment.head = machine.head(&moment.position);
         let mut evaluator = Evaluator::new([&addition]);
         let sources = evaluator.sources();

@@ -116,6 +116,7 @@ impl Compensator {
             self.sending = Sending::NeedsNewLink;
             self.next_deadline = None;
         }
+        self.forget_transients();
         self.read_back.restart();
         self.read_back.sent(&self.offset());
         if (took_over || moved || self.sending == Sending::NeedsNewLink) && self.is_moving() {

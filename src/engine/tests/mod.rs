@@ -6,6 +6,7 @@ mod gaps;
 mod holding;
 mod loss;
 mod lying_control;
+mod motion;
 mod reported_offset;
 mod sequences;
 mod setpoint;

@@ -4,7 +4,7 @@ use core::f64::consts::TAU;
 
 use volcomp_model::curve::{Chebyshev, ErrorFunction, Fourier, Grid, HalfRange, Interpolation, Table};
 use volcomp_model::spec::{ReferenceBody, ReferencePoint};
-use volcomp_model::{Component, Curve, ErrorSymbol};
+use volcomp_model::{Component, Curve, DynamicTerm, ErrorSymbol};
 use volcomp_units::axes::{AxisName, Travel};
 
 /// Places of a product of curve and coordinate, which no kind of curve holds exactly.
@@ -18,6 +18,8 @@ pub(super) fn mirrored(f: &ErrorFunction, axis: AxisName) -> ErrorFunction {
         grids: f.grids.iter().map(|g| mirrored_grid(g, axis)).collect(),
         // a sensor tells the same body's motion: only its sign would change, which its owner has to say
         live: f.live.clone(),
+        // signals are odd, as the error is, so that only the slope changes its sign
+        dynamics: f.dynamics.iter().map(|d| DynamicTerm { growth: -d.growth, ..*d }).collect(),
         std: f.std,
     }
 }

@@ -102,8 +102,8 @@ fn difference(pair: &Pair<'_>, symbol: ErrorSymbol) -> Option<ErrorDifference> {
         out.rms = f64::sqrt(sum / f64::max(count, 1.0));
     }
     let moved = out.largest.abs() > zero;
-    let sensors = functions.map(|f| f.map(|f| &f.live));
-    (moved || stated[0] != stated[1] || std[0] != std[1] || sensors[0] != sensors[1]).then_some(out)
+    let signals = functions.map(|f| f.map(|f| (&f.live, &f.dynamics)));
+    (moved || stated[0] != stated[1] || std[0] != std[1] || signals[0] != signals[1]).then_some(out)
 }
 
 fn same_sense(pair: &Pair<'_>, axis: AxisName) -> bool {

@@ -16,9 +16,11 @@ pub use volume::{Difference, VolumeDifference};
 
 use super::chain::Chain;
 use super::spec::{ModelError, ModelSpec, ReferencePoint, Sense};
-use super::symbol::Component;
+use super::symbol::{Component, ErrorSymbol};
 use super::volumetric::Model;
 use crate::axes::AxisName;
+use crate::curve::ErrorFunction;
+use crate::dynamics::{DynamicTerm, ToolErrors};
 use crate::geometry::Vec3;
 
 /// What is different between two models.
@@ -30,6 +32,8 @@ pub struct Comparison {
     pub errors: Vec<ErrorDifference>,
     /// The difference in the working volume; `None` where the chains have different axes.
     pub volume: Option<VolumeDifference>,
+    /// What the transient terms that only one of them has may add, mm and rad: the sum of their limits.
+    pub transients: [f64; 2],
 }
 
 /// Something that changed beside the errors: before, after.
@@ -41,6 +45,7 @@ pub enum Change {
     WorkpieceOrigin([Vec3; 2]),
     ToolTip([Vec3; 2]),
     GaugePoint([Option<Vec3>; 2]),
+    Tool([ToolErrors; 2]),
     Datum([Vec<(AxisName, f64)>; 2]),
     Travel { axis: AxisName, values: [Option<[f64; 2]>; 2] },
     AxisPoint { axis: AxisName, values: [Vec3; 2] },
@@ -71,8 +76,30 @@ pub fn compare(
     Ok(Comparison {
         changes: changes(specs),
         errors: curves::differences(&pair),
+        transients: transients(specs),
         volume: pair.same_axes().then(|| volume::difference(&pair, progress)),
     })
+}
+
+/// The limits of the transient terms that only one of two models has, lengths and angles.
+fn transients([a, b]: [&ModelSpec; 2]) -> [f64; 2] {
+    let terms = |spec: &ModelSpec| -> Vec<(ErrorSymbol, DynamicTerm)> {
+        let of = |(symbol, f): &(ErrorSymbol, ErrorFunction)| {
+            f.dynamics.iter().map(|d| (*symbol, *d)).collect::<Vec<_>>()
+        };
+        spec.errors.iter().flat_map(of).filter(|(_, d)| d.law.is_transient()).collect()
+    };
+    let (first, second) = (terms(a), terms(b));
+    let mut sum = [0.0; 2];
+    let only =
+        |some: &[(ErrorSymbol, DynamicTerm)], others: &[(ErrorSymbol, DynamicTerm)], sum: &mut [f64; 2]| {
+            for (symbol, term) in some.iter().filter(|t| !others.contains(t)) {
+                sum[usize::from(symbol.is_angle())] += term.limit;
+            }
+        };
+    only(&first, &second, &mut sum);
+    only(&second, &first, &mut sum);
+    sum
 }
 
 /// Two models, and which axis of the one is which of the other.
@@ -117,6 +144,9 @@ fn changes([a, b]: [&ModelSpec; 2]) -> Vec<Change> {
     }
     if a.gauge_point != b.gauge_point {
         out.push(Change::GaugePoint([a.gauge_point, b.gauge_point]));
+    }
+    if a.tool != b.tool {
+        out.push(Change::Tool([a.tool, b.tool]));
     }
     if a.datum != b.datum {
         out.push(Change::Datum([a.datum.clone(), b.datum.clone()]));

@@ -14,6 +14,7 @@ pub use polynomial::Chebyshev;
 pub use table::{Interpolation, Table};
 
 use crate::axes::{AxisName, Travel};
+use crate::dynamics::DynamicTerm;
 
 /// Why a curve cannot be built.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
@@ -144,6 +145,8 @@ pub struct ErrorFunction {
     pub grids: Vec<Grid>,
     /// Values from sensors, to add up.
     pub live: Vec<Live>,
+    /// Terms that follow the motion of the axis, to add up.
+    pub dynamics: Vec<DynamicTerm>,
     /// Standard uncertainty (k = 1), mm or rad, where stated.
     pub std: Option<f64>,
 }
