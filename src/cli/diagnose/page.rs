@@ -10,7 +10,7 @@ use crate::report::plot::{
 use crate::{EX_SOFTWARE, Failure};
 use volcomp_diagnose::Diagnosis;
 use volcomp_diagnose::library::page as effect_page;
-use volcomp_diagnose::moment::Moment;
+use volcomp_diagnose::machine_state::MachineState;
 use volcomp_diagnose::report::{Cause, Place, Report};
 use volcomp_diagnose::session::Session;
 
@@ -238,7 +238,7 @@ fn data(page: &mut Page, r: &Report) {
 /// Quantities over which the gap is drawn.
 fn quantities(session: &Session) -> Vec<(String, Vec<f64>)> {
     let mut all: Vec<(String, Vec<f64>)> = Vec::new();
-    let mut add = |label: String, of: &dyn Fn(&Moment) -> f64| {
+    let mut add = |label: String, of: &dyn Fn(&MachineState) -> f64| {
         let values: Vec<f64> = session.moments.iter().map(of).collect();
         let [low, high] = range(&values);
         if high - low > 1e-9 {

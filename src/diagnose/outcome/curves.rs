@@ -85,7 +85,15 @@ fn abscissa(shape: &Shape) -> (String, Abscissa) {
         | Shape::RotaryMotion { axis, .. } => position(*axis),
         Shape::RotaryLocation { frame, .. }
         | Shape::RotaryEccentricity { frame, .. }
+        | Shape::RotaryScale { frame }
         | Shape::RotaryBacklash { frame } => position(frame.axis),
+        Shape::RotaryLag { frame } => {
+            let i = frame.axis.slot();
+            (
+                format!("velocity of {}, deg/s", frame.axis),
+                Box::new(move |m, _| m.velocity[i] / volcomp_units::RAD_PER_DEG),
+            )
+        }
         Shape::Spike { axis, .. } => {
             let i = axis.slot();
             (format!("time since {axis} turned round, s"), Box::new(move |m, _| m.since_s[i].min(2.0)))
