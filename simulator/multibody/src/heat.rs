@@ -37,7 +37,7 @@ pub struct State {
 }
 
 /// Names of the sensors.
-pub const SENSORS: [&str; 5] = ["scale_x", "scale_y", "scale_z", "headstock", "hall"];
+pub const SENSORS: [&str; 5] = ["scale_x", "scale_y", "scale_z", "headstock", "air"];
 
 /// The heat of a day.
 #[derive(Debug, Clone)]
