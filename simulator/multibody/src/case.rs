@@ -120,7 +120,8 @@ impl Bench {
                 state = heat.at(s.t_s).map(|h| (s.t_s, h));
             }
             let tool = self.program.segments.get(s.segment).map_or(0.0, |g| g.tool_mm);
-            let mut um = 1e3 * m.dot(&s.u) * if varying.is_some() { vary("drives", s.command.q) } else { 1.0 };
+            let mut um =
+                1e3 * m.dot(&s.u) * if varying.is_some() { vary("drives", s.command.q) } else { 1.0 };
             if let Some((_, heat)) = &state {
                 for f in &still {
                     um += f.at(s, tool, heat).dot(&s.u) * vary(&f.label, s.command.q);
@@ -184,7 +185,12 @@ impl Bench {
             shown = self.shown(&make(size)?, request.days[0])?;
         }
         let made = make(size)?;
-        let effect = Effect { label: made.label.clone(), size_um: size, level: if visible { wanted.level } else { shown }, visible };
+        let effect = Effect {
+            label: made.label.clone(),
+            size_um: size,
+            level: if visible { wanted.level } else { shown },
+            visible,
+        };
         Ok((made, effect))
     }
 }

@@ -4,9 +4,12 @@
 //! of the sampling instants. Everything that deviates comes from a body, a joint or a parameter of the servo.
 
 use nalgebra::Vector3;
-use rapier3d_f64::prelude as rapier;
-use rapier::{JointAxis, MassProperties, MultibodyJointHandle, PhysicsWorld, PrismaticJointBuilder, RevoluteJointBuilder};
+use rapier::{
+    JointAxis, MassProperties, MultibodyJointHandle, PhysicsWorld, PrismaticJointBuilder,
+    RevoluteJointBuilder,
+};
 use rapier::{RigidBodyBuilder, RigidBodyHandle};
+use rapier3d_f64::prelude as rapier;
 
 use crate::path::Shape;
 use crate::program::{Program, STEP_S};
@@ -83,14 +86,17 @@ struct World {
     ram: RigidBodyHandle,
     tool: RigidBodyHandle,
     loads: Vec<MultibodyJointHandle>,
-    latency_s: f64,
 }
 
 fn body(world: &mut PhysicsWorld, kg: f64, centre: rapier::Vector) -> RigidBodyHandle {
     let inertia = 0.02 * kg;
     world.insert_body(
         RigidBodyBuilder::dynamic()
-            .additional_mass_properties(MassProperties::new(centre, kg, rapier::Vector::new(inertia, inertia, inertia)))
+            .additional_mass_properties(MassProperties::new(
+                centre,
+                kg,
+                rapier::Vector::new(inertia, inertia, inertia),
+            ))
             .can_sleep(false),
     )
 }
@@ -103,13 +109,28 @@ const DIRECTIONS: [rapier::Vector; 3] = [
     rapier::Vector::new(0.0, 0.0, 1.0),
 ];
 /// Where play across the guideway shows.
-const SIDEWAYS: [rapier::Vector; 3] =
-    [rapier::Vector::new(0.0, 0.0, 1.0), rapier::Vector::new(1.0, 0.0, 0.0), rapier::Vector::new(0.0, 1.0, 0.0)];
+const SIDEWAYS: [rapier::Vector; 3] = [
+    rapier::Vector::new(0.0, 0.0, 1.0),
+    rapier::Vector::new(1.0, 0.0, 0.0),
+    rapier::Vector::new(0.0, 1.0, 0.0),
+];
 /// Axis about which what an axis carries tilts, pivot and centre of mass, m.
 const TILTS: [(rapier::Vector, rapier::Vector, rapier::Vector); 3] = [
-    (rapier::Vector::new(0.0, 0.0, 1.0), rapier::Vector::new(0.3, -0.25, 0.08), rapier::Vector::new(0.3, 0.0, 0.08)),
-    (rapier::Vector::new(1.0, 0.0, 0.0), rapier::Vector::new(0.0, 0.0, 0.3), rapier::Vector::new(0.0, 0.0, 0.05)),
-    (rapier::Vector::new(1.0, 0.0, 0.0), rapier::Vector::new(0.0, -0.2, 0.1), rapier::Vector::new(0.0, 0.05, 0.1)),
+    (
+        rapier::Vector::new(0.0, 0.0, 1.0),
+        rapier::Vector::new(0.3, -0.25, 0.08),
+        rapier::Vector::new(0.3, 0.0, 0.08),
+    ),
+    (
+        rapier::Vector::new(1.0, 0.0, 0.0),
+        rapier::Vector::new(0.0, 0.0, 0.3),
+        rapier::Vector::new(0.0, 0.0, 0.05),
+    ),
+    (
+        rapier::Vector::new(1.0, 0.0, 0.0),
+        rapier::Vector::new(0.0, -0.2, 0.1),
+        rapier::Vector::new(0.0, 0.05, 0.1),
+    ),
 ];
 
 impl World {
@@ -163,7 +184,7 @@ impl World {
                 }
             })?;
         }
-        Some(Self { world, axes, table, ram, tool, loads, latency_s: d.latency_s })
+        Some(Self { world, axes, table, ram, tool, loads })
     }
 
     fn spring(world: &mut PhysicsWorld, joint: MultibodyJointHandle, axis: usize, stiffness: f64) {
@@ -195,7 +216,8 @@ impl World {
         let (direction, sideways) = (*DIRECTIONS.get(k)?, *SIDEWAYS.get(k)?);
         let (about, pivot, centre) = *TILTS.get(k)?;
         let guide_body = body(world, 5.0, ORIGIN);
-        let guide = world.insert_multibody_joint(parent, guide_body, PrismaticJointBuilder::new(direction))?;
+        let guide =
+            world.insert_multibody_joint(parent, guide_body, PrismaticJointBuilder::new(direction))?;
         let (mut last, mut slide_body, mut slide, mut side) = (guide_body, guide_body, None, None);
         if drive.gap_mm != 0.0 {
             let half = 0.5e-3 * drive.gap_mm.abs();
@@ -207,7 +229,11 @@ impl World {
         if drive.side_mm != 0.0 {
             let half = 0.5e-3 * drive.side_mm.abs();
             let next = body(world, 5.0, ORIGIN);
-            world.insert_multibody_joint(last, next, PrismaticJointBuilder::new(sideways).limits([-half, half]))?;
+            world.insert_multibody_joint(
+                last,
+                next,
+                PrismaticJointBuilder::new(sideways).limits([-half, half]),
+            )?;
             side = Some(next);
             last = next;
         }
@@ -346,7 +372,7 @@ pub fn run(program: &Program, d: &Drives) -> Option<Vec<Vector3<f64>>> {
         if rest {
             settle -= steps;
         }
-        let command = |t: f64| s.motion.at(t - world_latency(d)).q;
+        let command = |t: f64| s.motion.at(t - d.latency_s).q;
         let metres = |t: f64| {
             let q = command(t);
             [0, 1, 2].map(|k| 1e-3 * q[k])
@@ -396,6 +422,43 @@ pub fn run(program: &Program, d: &Drives) -> Option<Vec<Vector3<f64>>> {
     Some(out)
 }
 
-fn world_latency(d: &Drives) -> f64 {
-    d.latency_s
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::program::program;
+
+    fn rms(d: &Drives, of: impl Fn(&crate::program::Sample, Vector3<f64>) -> Option<f64>) -> f64 {
+        let program = program();
+        let errors = run(&program, d).unwrap();
+        let values: Vec<f64> = program.samples.iter().zip(errors).filter_map(|(s, e)| of(s, e)).collect();
+        assert!(values.len() > 20);
+        (values.iter().map(|v| v * v).sum::<f64>() / values.len() as f64).sqrt()
+    }
+
+    #[test]
+    fn drives_without_faults_follow_to_a_nanometre_and_a_gap_shows_half_of_itself() {
+        // a spring as stiff as steel: the tree is simulated and shows nothing
+        let mut stiff = Drives::default();
+        stiff.axes[1].carry_um_per_n = 1e-9;
+        assert!(rms(&stiff, |_, e| Some(e.norm())) < 1e-6);
+        let mut loose = Drives::default();
+        loose.axes[0].gap_mm = 8e-3;
+        let moving = |s: &crate::program::Sample, e: Vector3<f64>| {
+            (s.instrument == "flight" && s.command.v[0].abs() > 1.0).then_some(e.x)
+        };
+        let shown = rms(&loose, moving);
+        assert!((shown - 4e-3).abs() < 2e-4, "{shown}");
+    }
+
+    #[test]
+    fn missing_feed_forward_lags_by_the_speed_over_the_gain() {
+        let mut late = Drives::default();
+        late.axes[1].lag = 0.01;
+        let at_speed = |s: &crate::program::Sample, e: Vector3<f64>| {
+            (s.instrument == "flight" && s.command.v[1].abs() > 39.9 && s.command.a[1] == 0.0)
+                .then(|| e.y * POSITION_GAIN / (0.01 * s.command.v[1]))
+        };
+        let shown = rms(&late, at_speed);
+        assert!((shown - 1.0).abs() < 0.05, "{shown}");
+    }
 }

@@ -31,17 +31,45 @@ const fn entry(name: &'static str, subjects: &'static [&'static str], physics: &
 
 /// All effects.
 pub const CATALOGUE: &[Entry] = &[
-    entry("squareness", &["xy", "yz", "zx"], "a guideway is mounted at an angle; exact rotation of its frame"),
+    entry(
+        "squareness",
+        &["xy", "yz", "zx"],
+        "a guideway is mounted at an angle; exact rotation of its frame",
+    ),
     entry("scale", AXES, "the scale is stretched by its mounting"),
-    entry("positioning", AXES, "lead errors of a ground screw add up along it; the nut averages over its length"),
-    entry("cyclic", AXES, "a tilted bearing face pushes the screw once per turn, a Cardan coupling turns it unevenly twice"),
+    entry(
+        "positioning",
+        AXES,
+        "lead errors of a ground screw add up along it; the nut averages over its length",
+    ),
+    entry(
+        "cyclic",
+        AXES,
+        "a tilted bearing face pushes the screw once per turn, a Cardan coupling turns it unevenly twice",
+    ),
     entry("wear", AXES, "visits around a favourite place wear the screw; the nut averages over its length"),
-    entry("straightness", &["eyx", "ezx", "exy", "ezy", "exz", "eyz"], "a ground guideway; the mean of four shoes follows it"),
-    entry("angular", &["eax", "ebx", "ecx", "eay", "eby", "eaz", "ebz"], "two guideways ground apart from each other; the shoes turn the carriage"),
+    entry(
+        "straightness",
+        &["eyx", "ezx", "exy", "ezy", "exz", "eyz"],
+        "a ground guideway; the mean of four shoes follows it",
+    ),
+    entry(
+        "angular",
+        &["eax", "ebx", "ecx", "eay", "eby", "eaz", "ebz"],
+        "two guideways ground apart from each other; the shoes turn the carriage",
+    ),
     entry("sag", &["z"], "the ram and its head bend as they come out: beam elements on two elastic bearings"),
-    entry("thermal-expansion", AXES, "a screw warms along its length: conduction from bearing and nut, convection"),
+    entry(
+        "thermal-expansion",
+        AXES,
+        "a screw warms along its length: conduction from bearing and nut, convection",
+    ),
     entry("spindle-growth", NONE, "bearing heat flows along the spindle and into the headstock"),
-    entry("ambient-drift", NONE, "the column takes the hall's temperature from its faces inwards, bends and rises"),
+    entry(
+        "ambient-drift",
+        NONE,
+        "the column takes the hall's temperature from its faces inwards, bends and rises",
+    ),
     entry("backlash", AXES, "clearance between screw and slide; friction holds the slide"),
     entry("lateral-play", AXES, "clearance across a guideway; the drive pushes to one side"),
     entry("reversal-spike", AXES, "friction that the drive does not know turns; its integral needs its time"),
@@ -62,8 +90,16 @@ pub const CATALOGUE: &[Entry] = &[
     entry("outliers", NONE, "single readings are far off"),
     entry("quantisation", NONE, "the display has few digits"),
     entry("range-noise", NONE, "noise grows with the range of the tracker"),
-    entry("outside-warm-bed", NONE, "the bed bends with a temperature difference that nobody measures, as the square of X"),
-    entry("outside-carried-weight", NONE, "the bed gives way under table and ram together: product of X and Z"),
+    entry(
+        "outside-warm-bed",
+        NONE,
+        "the bed bends with a temperature difference that nobody measures, as the square of X",
+    ),
+    entry(
+        "outside-carried-weight",
+        NONE,
+        "the bed gives way under table and ram together: product of X and Z",
+    ),
     entry("outside-oil", NONE, "oil lifts the headstock with its speed and saturates"),
     entry("outside-coolant", NONE, "coolant under a thermostat warms the table's screw"),
     entry("outside-foundation", NONE, "the foundation yields to the table's weight within ten minutes"),
@@ -122,12 +158,14 @@ impl Curve {
 
     fn mean_over(&self, nut_mm: usize) -> Self {
         let n = self.0.len();
-        Self((0..n)
-            .map(|k| {
-                let part = &self.0[k.saturating_sub(nut_mm / 2)..(k + nut_mm / 2 + 1).min(n)];
-                part.iter().sum::<f64>() / part.len() as f64
-            })
-            .collect())
+        Self(
+            (0..n)
+                .map(|k| {
+                    let part = &self.0[k.saturating_sub(nut_mm / 2)..(k + nut_mm / 2 + 1).min(n)];
+                    part.iter().sum::<f64>() / part.len() as f64
+                })
+                .collect(),
+        )
     }
 
     /// Unit RMS, without mean (and slope).
@@ -188,11 +226,15 @@ impl Fault {
         let mut chance = Stream::new(seed, &label);
         let axis = axis(subject);
         let curve = match entry.name {
-            "positioning" => Some(Curve::ground(axis, chance.uniform(30.0, 90.0) as usize, true, &mut chance).mean_over(40)),
-            "straightness" => {
-                Some(Curve::ground(axis, chance.uniform(60.0, 120.0) as usize, true, &mut chance).mean_over(90))
-            }
-            "angular" => Some(Curve::ground(axis, chance.uniform(50.0, 110.0) as usize, true, &mut chance).mean_over(90)),
+            "positioning" => Some(
+                Curve::ground(axis, chance.uniform(30.0, 90.0) as usize, true, &mut chance).mean_over(40),
+            ),
+            "straightness" => Some(
+                Curve::ground(axis, chance.uniform(60.0, 120.0) as usize, true, &mut chance).mean_over(90),
+            ),
+            "angular" => Some(
+                Curve::ground(axis, chance.uniform(50.0, 110.0) as usize, true, &mut chance).mean_over(90),
+            ),
             "wear" => {
                 let travel = TRAVEL_MM[axis][1];
                 let (place, width) = (chance.uniform(0.25, 0.75) * travel, chance.uniform(14.0, 32.0));
@@ -227,8 +269,15 @@ impl Fault {
     pub fn is_dynamic(&self) -> bool {
         matches!(
             self.name,
-            "backlash" | "lateral-play" | "reversal-spike" | "servo-mismatch" | "latency" | "clock-skew" | "inertial"
-                | "inertial-cross" | "load"
+            "backlash"
+                | "lateral-play"
+                | "reversal-spike"
+                | "servo-mismatch"
+                | "latency"
+                | "clock-skew"
+                | "inertial"
+                | "inertial-cross"
+                | "load"
         )
     }
 
@@ -326,14 +375,17 @@ impl Fault {
             "tool-length" => b.tool_mm = mm * tool_mm / 25.0,
             "rotary-location" => {
                 b.axis.shift = Vector3::new(self.share(0, -1.0, 1.0), 0.0, self.share(1, -1.0, 1.0)) * mm;
-                b.axis.turn = Vector3::new(self.share(2, -1.0, 1.0), 0.0, self.share(3, -1.0, 1.0)) * (mm / 200.0);
+                b.axis.turn =
+                    Vector3::new(self.share(2, -1.0, 1.0), 0.0, self.share(3, -1.0, 1.0)) * (mm / 200.0);
             }
             "rotary-motion" => {
                 let wave = |n: f64, k: usize| {
                     let phase = self.share(k, 0.0, TAU);
                     (n * q[3] + phase).cos() - phase.cos()
                 };
-                b.table.shift = Vector3::new(0.5 * wave(2.0, 0), wave(2.0, 1) + 0.4 * wave(3.0, 2), 0.5 * wave(3.0, 3)) * mm;
+                b.table.shift =
+                    Vector3::new(0.5 * wave(2.0, 0), wave(2.0, 1) + 0.4 * wave(3.0, 2), 0.5 * wave(3.0, 3))
+                        * mm;
                 b.table.turn = Vector3::new(wave(2.0, 4), 0.0, wave(3.0, 5)) * (mm / 500.0);
             }
             "rotary-eccentricity" => {
@@ -379,7 +431,9 @@ impl Fault {
                 // one in a million per kelvin
                 let warm = self.size_um * heat.air_k;
                 return match (s.station, s.range_mm) {
-                    (Some(station), Some(_)) => (Vector3::new(q[0], q[1], q[2] - tool_mm) - station) * (1e-3 * warm),
+                    (Some(station), Some(_)) => {
+                        (Vector3::new(q[0], q[1], q[2] - tool_mm) - station) * (1e-3 * warm)
+                    }
                     (None, Some(range)) => s.u * (1e-3 * warm * range),
                     _ => Vector3::zeros(),
                 };
@@ -391,7 +445,8 @@ impl Fault {
 
     /// Amplitude, direction, frequency for a vibration.
     pub fn shake(&self) -> Option<(Vector3<f64>, f64)> {
-        (self.name == "vibration").then(|| (self.direction(0) * (2.5 * self.size_um), self.share(4, 14.0, 90.0)))
+        (self.name == "vibration")
+            .then(|| (self.direction(0) * (2.5 * self.size_um), self.share(4, 14.0, 90.0)))
     }
 
     /// Share and size of outliers, um.

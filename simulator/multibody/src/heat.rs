@@ -55,8 +55,7 @@ impl Heat {
         let rise = chance.uniform(0.8, 1.8);
         let heat = chance.uniform(0.8, 1.25);
         let air_s = [2600.0, 3400.0, 2100.0].map(|s| s * chance.uniform(0.85, 1.2));
-        let mut screws: Vec<Rod> =
-            air_s.iter().map(|s| Rod::new(0.6, 16, 1.6e-5, *s, base)).collect();
+        let mut screws: Vec<Rod> = air_s.iter().map(|s| Rod::new(0.6, 16, 1.6e-5, *s, base)).collect();
         let mut nose = Rod::new(0.35, 14, 4.5e-5, 5200.0, base);
         let mut head = Rod::new(0.5, 10, 9e-5, 4800.0, base);
         let mut column = Rod::new(0.4, 10, 1.3e-5, 2.5e4, base);
@@ -79,7 +78,15 @@ impl Heat {
             for (k, screw) in screws.iter_mut().enumerate() {
                 let rate = heat * [1.25e-3, 1.0e-3, 1.6e-3][k] * busy;
                 // the nut warms the middle, the bearing one end
-                screw.advance(STEP_S, air, |c| rate * if c == 0 { 2.2 } else if (3..14).contains(&c) { 1.0 } else { 0.3 });
+                screw.advance(STEP_S, air, |c| {
+                    rate * if c == 0 {
+                        2.2
+                    } else if (3..14).contains(&c) {
+                        1.0
+                    } else {
+                        0.3
+                    }
+                });
             }
             let bearing = heat * 9e-3 * (rpm / 5000.0_f64).powf(1.5);
             let warm = nose.cells[10];
@@ -87,7 +94,13 @@ impl Heat {
             head.advance(STEP_S, air, |c| if c < 4 { 2.5e-4 * (warm - air) } else { 0.0 });
             column.advance(STEP_S, air, |c| if c == 0 { 4e-4 * (air - base) } else { 0.0 });
             bed.advance(STEP_S, air, |c| if c == 0 { 1.4e-3 * busy * heat } else { 0.0 });
-            cooling = if coolant > 1.4 { true } else if coolant < 0.2 { false } else { cooling };
+            cooling = if coolant > 1.4 {
+                true
+            } else if coolant < 0.2 {
+                false
+            } else {
+                cooling
+            };
             coolant += STEP_S * if cooling { -2.2e-3 } else { 5e-4 };
             settled += (at - settled) * (1.0 - (-STEP_S / 600.0).exp());
             let mut read = |k: f64| 20.0 + k + 0.02 * chance.normal();
@@ -124,7 +137,10 @@ impl Heat {
     pub fn at(&self, t_s: f64) -> Option<State> {
         let first = self.states.first()?;
         let place = ((t_s - first.t_s) / STEP_S).clamp(0.0, (self.states.len() - 1) as f64);
-        let (a, b) = (self.states.get(place as usize)?, self.states.get((place as usize + 1).min(self.states.len() - 1))?);
+        let (a, b) = (
+            self.states.get(place as usize)?,
+            self.states.get((place as usize + 1).min(self.states.len() - 1))?,
+        );
         let f = place.fract();
         let mix = |x: f64, y: f64| x + f * (y - x);
         let mut s = a.clone();

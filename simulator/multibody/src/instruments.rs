@@ -43,7 +43,13 @@ struct Mounting {
 }
 
 /// What is written for each reading, um; `None` where it is lost. `effects` is what the machine does along u, um.
-pub fn read(program: &Program, effects: &[f64], faults: &[Fault], nature: Nature, day: u64) -> Vec<Option<f64>> {
+pub fn read(
+    program: &Program,
+    effects: &[f64],
+    faults: &[Fault],
+    nature: Nature,
+    day: u64,
+) -> Vec<Option<f64>> {
     let mut white = Stream::new(day, "white noise");
     let mut slow = Stream::new(day, "mountings");
     let mut rare = Stream::new(day, "chance");
@@ -63,7 +69,11 @@ pub fn read(program: &Program, effects: &[f64], faults: &[Fault], nature: Nature
                     wander: slow.normals() * (nature.drift.0 * sigma),
                     last_s: s.t_s,
                     begin_s: s.t_s,
-                    wave: (slow.normals() * (0.5 * hard), slow.uniform(600.0, 2500.0), slow.uniform(0.0, TAU)),
+                    wave: (
+                        slow.normals() * (0.5 * hard),
+                        slow.uniform(600.0, 2500.0),
+                        slow.uniform(0.0, TAU),
+                    ),
                     trend: slow.normals() * (0.4 * hard / 3600.0),
                 }
             });

@@ -354,7 +354,7 @@ impl Builder {
         let n = 72;
         self.mount("ballbar", setup);
         let pairs = self.pairs(2 * n);
-        let mut centre4 = [centre[0], centre[1], centre[2], 0.0];
+        let centre4 = [centre[0], centre[1], centre[2], 0.0];
         for repeat in 1..=2 {
             for (way, sense) in [1.0, -1.0].into_iter().enumerate() {
                 let motion = Motion::circle(plane, centre4, radius, sense, speed);
@@ -366,7 +366,6 @@ impl Builder {
                 self.wait(3.0);
             }
         }
-        centre4[3] = 0.0;
     }
 
     /// Starts and stops in space at two places along each axis.
@@ -391,9 +390,8 @@ impl Builder {
                         self.pass(repeat);
                         let motion = Motion::line(ends[back], ends[1 - back], 150.0);
                         // half of the readings in the two ramps
-                        let mut reads: Vec<f64> = (0..n / 4)
-                            .map(|k| motion.ramp_s() * (k as f64 + 0.5) / (n / 4) as f64)
-                            .collect();
+                        let mut reads: Vec<f64> =
+                            (0..n / 4).map(|k| motion.ramp_s() * (k as f64 + 0.5) / (n / 4) as f64).collect();
                         let begins: Vec<f64> = reads.iter().map(|t| motion.duration - t).rev().collect();
                         reads.extend(Self::evenly(&motion, n - 2 * (n / 4), false));
                         reads.extend(begins);

@@ -37,15 +37,4 @@ impl Stream {
     pub fn heavy(&mut self) -> f64 {
         StudentT::new(4.0).map_or(0.0, |t: StudentT<f64>| t.sample(&mut self.0)) / 2.0_f64.sqrt()
     }
-
-    /// One of a list.
-    pub fn pick(&mut self, of: &[f64]) -> f64 {
-        let at = (self.uniform(0.0, of.len() as f64) as usize).min(of.len().saturating_sub(1));
-        of.get(at).copied().unwrap_or_default()
-    }
-
-    /// Unit vector.
-    pub fn direction(&mut self) -> nalgebra::Vector3<f64> {
-        self.normals().normalize()
-    }
 }

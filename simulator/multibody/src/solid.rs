@@ -135,7 +135,8 @@ impl Rod {
                 let left = old[k.saturating_sub(1)];
                 let right = old[(k + 1).min(count - 1)];
                 *cell += dt
-                    * (self.exchange * (left + right - 2.0 * old[k]) - self.loss * (old[k] - air) + heating(k));
+                    * (self.exchange * (left + right - 2.0 * old[k]) - self.loss * (old[k] - air)
+                        + heating(k));
             }
         }
     }
