@@ -51,9 +51,9 @@ impl Beam {
     /// An elastic support, N/m.
     pub fn support(&mut self, at: f64, stiffness: f64) {
         let (e, n) = self.shape(at);
-        for i in 0..4 {
-            for j in 0..4 {
-                self.stiffness[(e + i, e + j)] += stiffness * n[i] * n[j];
+        for (i, a) in n.iter().enumerate() {
+            for (j, b) in n.iter().enumerate() {
+                self.stiffness[(e + i, e + j)] += stiffness * a * b;
             }
         }
     }
@@ -61,8 +61,8 @@ impl Beam {
     /// A force, N.
     pub fn force(&mut self, at: f64, newton: f64) {
         let (e, n) = self.shape(at);
-        for i in 0..4 {
-            self.load[e + i] += newton * n[i];
+        for (i, a) in n.iter().enumerate() {
+            self.load[e + i] += newton * a;
         }
     }
 

@@ -353,12 +353,8 @@ mod tests {
     #[test]
     fn only_the_effects_named_are_drawn() {
         let effects = Generator::Twin.effects();
-        let from = Origin {
-            generator: Generator::Twin,
-            effects: &effects,
-            plan: Plan::Small,
-            mode: Mode::Plain,
-        };
+        let from =
+            Origin { generator: Generator::Twin, effects: &effects, plan: Plan::Small, mode: Mode::Plain };
         let of = |only: &[&str]| -> Result<Vec<String>, GeneratorError> {
             let only: Vec<String> = only.iter().map(|o| (*o).to_owned()).collect();
             Ok(pool(from, &only)?.iter().map(Named::label).collect())

@@ -103,11 +103,13 @@ impl Rows {
     pub fn points(&self) -> Points {
         const LEFT_OUT: [&str; 9] =
             ["instrument", "setup", "run", "repeat", "pair", "deviation_um", "moving", "u_x", "u_y"];
-        let mut columns: BTreeSet<&str> = self.tables.iter().flat_map(|t| t.head.keys()).map(String::as_str).collect();
+        let mut columns: BTreeSet<&str> =
+            self.tables.iter().flat_map(|t| t.head.keys()).map(String::as_str).collect();
         columns.retain(|c| !LEFT_OUT.contains(c) && *c != "u_z" && *c != "t_s" && !c.starts_with("station_"));
         columns.extend(self.history.head.keys().map(String::as_str).filter(|c| *c != "t_s"));
-        let mut order: Vec<(f64, Option<(usize, usize)>, usize)> =
-            (0..self.history.rows.len()).map(|r| (self.history.get(r, "t_s").unwrap_or_default(), None, r)).collect();
+        let mut order: Vec<(f64, Option<(usize, usize)>, usize)> = (0..self.history.rows.len())
+            .map(|r| (self.history.get(r, "t_s").unwrap_or_default(), None, r))
+            .collect();
         order.extend(self.each().map(|at| (self.value(at, "t_s"), Some(at), 0)));
         order.sort_by(|a, b| a.0.total_cmp(&b.0));
         let mut text = String::from("t_s");
@@ -123,7 +125,8 @@ impl Rows {
             let _ = write!(text, "{t}");
             for c in &columns {
                 let own = at.and_then(|(f, r)| self.tables.get(f).and_then(|t| t.get(r, c)));
-                let value = own.or_else(|| self.history.get(log, c)).filter(|v| v.is_finite()).unwrap_or_default();
+                let value =
+                    own.or_else(|| self.history.get(log, c)).filter(|v| v.is_finite()).unwrap_or_default();
                 // before it has moved, an axis counts as moving forward
                 let value = if c.starts_with("dir_") && value == 0.0 { 1.0 } else { value };
                 let _ = write!(text, ",{value}");
@@ -141,12 +144,18 @@ impl Rows {
     pub fn predicted(&self, points: &Points, prediction: &Text) -> Result<Column, String> {
         let table = Table::read(prediction)?;
         if table.rows.len() != points.rows.len() {
-            return Err(format!("{}: {} rows for {} points", prediction.name, table.rows.len(), points.rows.len()));
+            return Err(format!(
+                "{}: {} rows for {} points",
+                prediction.name,
+                table.rows.len(),
+                points.rows.len()
+            ));
         }
         let mut by_row: BTreeMap<(usize, usize), f64> = BTreeMap::new();
         for (n, at) in points.rows.iter().enumerate() {
             let Some(at) = *at else { continue };
-            let in_w = Vector3::from(["dx_um", "dy_um", "dz_um"].map(|c| table.get(n, c).unwrap_or_default()));
+            let in_w =
+                Vector3::from(["dx_um", "dy_um", "dz_um"].map(|c| table.get(n, c).unwrap_or_default()));
             by_row.insert(at, (self.turn(at) * in_w).dot(&self.u(at)));
         }
         Ok(self.each().map(|at| by_row.get(&at).copied().unwrap_or_default()).collect())
@@ -169,7 +178,10 @@ impl Rows {
     #[must_use]
     pub fn of_instrument(&self, effect: &str) -> Vec<Column> {
         let all = |f: &dyn Fn((usize, usize)) -> f64| self.each().map(f).collect::<Column>();
-        let speed = |at| Vector3::from(["vx_mm_per_s", "vy_mm_per_s", "vz_mm_per_s"].map(|c| self.value(at, c))).dot(&self.u(at));
+        let speed = |at| {
+            Vector3::from(["vx_mm_per_s", "vy_mm_per_s", "vz_mm_per_s"].map(|c| self.value(at, c)))
+                .dot(&self.u(at))
+        };
         let path = |at: (usize, usize)| {
             let station = ["station_x_mm", "station_y_mm", "station_z_mm"];
             let known = self.tables.get(at.0).is_some_and(|t| t.get(at.1, station[0]).is_some());
@@ -231,9 +243,10 @@ impl Rows {
             .into_iter()
             .map(|(k, (normal, right))| (k, normal.try_inverse().map_or_else(Vector3::zeros, |i| i * right)))
             .collect();
-        let values = self.each().zip(column).map(|(at, v)| {
-            v - offsets.get(&key(at)).map_or(0.0, |offset| offset.dot(&self.u(at)))
-        });
+        let values = self
+            .each()
+            .zip(column)
+            .map(|(at, v)| v - offsets.get(&key(at)).map_or(0.0, |offset| offset.dot(&self.u(at))));
         DVector::from_vec(values.collect())
     }
 
@@ -350,7 +363,8 @@ mod tests {
                 ("wear:x".to_owned(), vec![third]),
             ])
         };
-        let found = rows.re_expressions(&truth, &causes(of(&rows, |x, _| (-(x - 100.0).powi(2) / 900.0).exp())));
+        let found =
+            rows.re_expressions(&truth, &causes(of(&rows, |x, _| (-(x - 100.0).powi(2) / 900.0).exp())));
         assert_eq!(found.into_iter().collect::<Vec<_>>(), ["servo-mismatch:x", "servo-mismatch:y"]);
     }
 

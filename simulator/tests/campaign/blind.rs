@@ -88,8 +88,18 @@ fn plain_forward_selection_fails_where_the_method_does_not() {
 fn one_feed_makes_no_innocent_of_rounding_and_of_the_slope_of_a_curve() {
     // a display of 5 um; a table of positions whose slope a circle cannot tell from a compliance
     for (seed, case) in [("967", "41"), ("982", "17")] {
-        let draw =
-            ["--plan", "one-feed-ballbar", "--pairs", "0", "--several", "0", "--nulls", "10", "--outside", "0"];
+        let draw = [
+            "--plan",
+            "one-feed-ballbar",
+            "--pairs",
+            "0",
+            "--several",
+            "0",
+            "--nulls",
+            "10",
+            "--outside",
+            "0",
+        ];
         let found = blind(&[&draw[..], &["--seed", seed, "--only", case]].concat());
         let (false_attributions, of) = hits(&found["score"], "claims_outside_group");
         assert!(false_attributions == 0 && of > 0, "{:#}", found["cases"]);

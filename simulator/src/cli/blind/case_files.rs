@@ -51,7 +51,8 @@ impl Source {
     ) -> Result<(Case, Written), Failure> {
         let folder = &outputs.folder;
         if let (Some(program), Truth::Multibody(wanted)) = (&self.program, &case.truth) {
-            let at = |path: &Path| std::path::absolute(path).map_err(|e| Failure::in_file(EX_SOFTWARE, path, e));
+            let at =
+                |path: &Path| std::path::absolute(path).map_err(|e| Failure::in_file(EX_SOFTWARE, path, e));
             let request = at(&outputs.sealed.with_extension("request.json"))?;
             let truth = at(&outputs.sealed.with_extension("truth.json"))?;
             let text = serde_json::to_string(wanted).map_err(|e| Failure::new(EX_SOFTWARE, e))?;

@@ -146,7 +146,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         ));
     }
     if args.generator == Generator::Multibody && args.leave_one_out {
-        let why = "--leave-one-out needs machines without noise, which --generator multibody does not simulate";
+        let why =
+            "--leave-one-out needs machines without noise, which --generator multibody does not simulate";
         return Err(Failure::new(EX_USAGE, why));
     }
     let tool = Tool::new(args.tool.as_deref())?;
@@ -215,13 +216,7 @@ fn draw(args: &Args, source: &Source, mode: Mode) -> Result<Vec<Case>, Failure> 
     } else if args.ablation {
         Draw { singles: 0, pairs: 0, several: 0, nulls: args.nulls, outside: args.outside }
     } else if args.effects.is_empty() {
-        Draw {
-            singles,
-            pairs: args.pairs,
-            several: args.several,
-            nulls: args.nulls,
-            outside: args.outside,
-        }
+        Draw { singles, pairs: args.pairs, several: args.several, nulls: args.nulls, outside: args.outside }
     } else {
         // what is asked of some effects says nothing of the others
         Draw { singles, pairs: 0, several: 0, nulls: 0, outside: 0 }
@@ -379,4 +374,3 @@ fn calibrate(args: &Args, tool: &Tool, cases: &[Case]) -> Result<Vec<PathBuf>, F
         })
         .collect()
 }
-

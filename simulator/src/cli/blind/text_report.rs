@@ -106,7 +106,8 @@ const fn name(kind: Kind) -> &'static str {
 
 /// Case, truth, and what was said.
 fn failure(j: &Judged) -> String {
-    let truth: Vec<String> = j.labels.iter().zip(&j.levels).map(|(l, level)| format!("{l} ({level:.1})")).collect();
+    let truth: Vec<String> =
+        j.labels.iter().zip(&j.levels).map(|(l, level)| format!("{l} ({level:.1})")).collect();
     let said: Vec<String> = j
         .said
         .iter()
