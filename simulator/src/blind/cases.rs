@@ -8,10 +8,16 @@ use std::collections::BTreeMap;
 use nalgebra::{Matrix3, Vector3};
 use serde::{Deserialize, Serialize};
 
-use super::generator::{Generator, GeneratorError, MANY, Truth, whole};
+use super::generator::{Generator, GeneratorError, MANY, Named, Truth, Wanted, WantedEffect, whole};
 use crate::campaign::Plan;
 use crate::twin::Dice;
 
+/// Levels of several effects at once.
+const SEVERAL_LEVELS: [f64; 3] = [0.5, 1.0, 2.0];
+/// How many effects several are, at least and at most.
+const SEVERAL: [usize; 2] = [5, 8];
+/// Effects that only chance in single readings shows: at most one of them among several.
+const OF_CHANCE: [&str; 4] = ["vibration", "outliers", "quantisation", "range-noise"];
 /// Levels that are drawn, in units of the noise.
 pub const LEVELS: [f64; 4] = [0.5, 1.0, 2.0, 5.0];
 /// An effect that shows less than this per um of size is invisible to a plan.
@@ -29,6 +35,8 @@ pub enum Kind {
     Single,
     /// Two.
     Pair,
+    /// Five to eight at once, none of them large: a machine as it is.
+    Several,
     /// None.
     Null,
     /// One that no library knows.
@@ -70,10 +78,12 @@ pub struct Case {
 }
 
 /// Where cases come from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub struct Origin {
+#[derive(Debug, Clone, Copy)]
+pub struct Origin<'a> {
     /// The generator.
     pub generator: Generator,
+    /// Its effects.
+    pub effects: &'a [Named],
     /// What is measured.
     pub plan: Plan,
     /// How nature behaves.
@@ -87,6 +97,8 @@ pub struct Draw {
     pub singles: usize,
     /// Two effects.
     pub pairs: usize,
+    /// Five to eight effects.
+    pub several: usize,
     /// No effect.
     pub nulls: usize,
     /// Effects outside the library.
@@ -97,15 +109,11 @@ pub struct Draw {
 ///
 /// # Errors
 /// A name that no effect has.
-pub fn pool(
-    generator: Generator,
-    only: &[String],
-) -> Result<Vec<(&'static str, &'static str)>, GeneratorError> {
-    let is =
-        |wanted: &String, (name, subject): &(&str, &str)| wanted == name || *wanted == label(name, subject);
-    let mut all = generator.pool(false);
+pub fn pool(from: Origin<'_>, only: &[String]) -> Result<Vec<Named>, GeneratorError> {
+    let is = |wanted: &String, e: &Named| *wanted == e.name || *wanted == e.label();
+    let mut all: Vec<Named> = from.effects.iter().filter(|e| !e.outside).cloned().collect();
     if let Some(name) = only.iter().find(|o| !all.iter().any(|e| is(o, e))) {
-        return Err(GeneratorError::Unknown { name: name.clone(), generator });
+        return Err(GeneratorError::Unknown { name: name.clone(), generator: from.generator });
     }
     all.retain(|e| only.is_empty() || only.iter().any(|o| is(o, e)));
     Ok(all)
@@ -116,30 +124,29 @@ pub fn pool(
 ///
 /// # Errors
 /// An effect without physics, or a name that no effect has.
-pub fn draw(draw: Draw, from: Origin, only: &[String], seed: u64) -> Result<Vec<Case>, GeneratorError> {
+pub fn draw(draw: Draw, from: Origin<'_>, only: &[String], seed: u64) -> Result<Vec<Case>, GeneratorError> {
     let mut dice = Dice::new(seed, "cases");
-    let mut inside = Rounds::new(pool(from.generator, only)?);
-    let mut beyond = Rounds::new(from.generator.pool(true));
+    let mut inside = Rounds::new(pool(from, only)?);
+    let mut beyond = Rounds::new(from.effects.iter().filter(|e| e.outside).cloned().collect());
     let mut cases = Vec::new();
     let kinds = [
         (Kind::Single, draw.singles),
         (Kind::Pair, draw.pairs),
         (Kind::Null, draw.nulls),
         (Kind::Outside, draw.outside),
+        // last, so that the cases of the other kinds do not depend on their number
+        (Kind::Several, draw.several),
     ];
     for (kind, count) in kinds {
         for _ in 0..count {
             let wanted = match kind {
-                Kind::Single => vec![inside.next(&mut dice)],
-                Kind::Pair => {
-                    let first = inside.next(&mut dice);
-                    let mut second = inside.next(&mut dice);
-                    while from.generator.alike(first, second) {
-                        second = inside.next(&mut dice);
-                    }
-                    vec![first, second]
+                Kind::Single => vec![inside.next(&mut dice)?],
+                Kind::Pair => together(2, &mut inside, from.generator, &mut dice)?,
+                Kind::Several => {
+                    let more = dice.below(SEVERAL[1] - SEVERAL[0] + 1);
+                    together(SEVERAL[0] + more, &mut inside, from.generator, &mut dice)?
                 }
-                Kind::Outside => vec![beyond.next(&mut dice)],
+                Kind::Outside => vec![beyond.next(&mut dice)?],
                 _ => Vec::new(),
             };
             cases.push(case(cases.len(), kind, &wanted, from, &mut dice)?);
@@ -148,23 +155,48 @@ pub fn draw(draw: Draw, from: Origin, only: &[String], seed: u64) -> Result<Vec<
     Ok(cases)
 }
 
+/// Effects for one machine, no two of them alike; fewer where the pool has no more.
+fn together(
+    count: usize,
+    pool: &mut Rounds,
+    generator: Generator,
+    dice: &mut Dice,
+) -> Result<Vec<Named>, GeneratorError> {
+    let of_chance = |e: &Named| OF_CHANCE.contains(&e.name.as_str());
+    let mut chosen = vec![pool.next(dice)?];
+    let mut tries = 0;
+    while chosen.len() < count && tries < 1000 {
+        tries += 1;
+        let next = pool.next(dice)?;
+        let clashes =
+            |e: &Named| generator.alike(e, &next) || (count > 2 && of_chance(e) && of_chance(&next));
+        if !chosen.iter().any(clashes) {
+            chosen.push(next);
+        }
+    }
+    Ok(chosen)
+}
+
 /// Goes round a shuffled pool.
 struct Rounds {
-    all: Vec<(&'static str, &'static str)>,
-    left: Vec<(&'static str, &'static str)>,
+    all: Vec<Named>,
+    left: Vec<Named>,
 }
 
 impl Rounds {
-    const fn new(all: Vec<(&'static str, &'static str)>) -> Self {
+    const fn new(all: Vec<Named>) -> Self {
         Self { all, left: Vec::new() }
     }
 
-    fn next(&mut self, dice: &mut Dice) -> (&'static str, &'static str) {
+    fn next(&mut self, dice: &mut Dice) -> Result<Named, GeneratorError> {
         if self.left.is_empty() {
             self.left.clone_from(&self.all);
         }
+        if self.left.is_empty() {
+            return Err(GeneratorError::NoEffects);
+        }
         let at = dice.below(self.left.len());
-        self.left.swap_remove(at)
+        Ok(self.left.swap_remove(at))
     }
 }
 
@@ -172,28 +204,40 @@ impl Rounds {
 fn case(
     number: usize,
     kind: Kind,
-    wanted: &[(&str, &str)],
-    from: Origin,
+    wanted: &[Named],
+    from: Origin<'_>,
     dice: &mut Dice,
 ) -> Result<Case, GeneratorError> {
     let empty = from.generator.machine(from.mode, dice);
     let days = [whole(dice), whole(dice)];
     let (mut labels, mut levels, mut visible) = (Vec::new(), Vec::new(), true);
     let mut alone = Vec::new();
-    for (name, subject) in wanted {
-        let level = dice.one_of(&LEVELS);
-        let one = scaled(&empty, (name, subject), dice.sign(), from.plan, level, days[0])?;
+    for named in wanted {
+        let level = if kind == Kind::Several { dice.one_of(&SEVERAL_LEVELS) } else { dice.one_of(&LEVELS) };
+        let sign = dice.sign();
+        labels.push(named.label());
+        if let Truth::Multibody(w) = &empty {
+            // its program scales them
+            let (name, subject) = (named.name.clone(), named.subject.clone());
+            let effects = vec![WantedEffect { name, subject, sign, level }];
+            alone.push(Truth::Multibody(Wanted { effects, ..w.clone() }));
+            levels.push(level);
+            continue;
+        }
+        let one = scaled(&empty, (&named.name, &named.subject), sign, from.plan, level, days[0])?;
         visible &= one.visible;
-        labels.push(label(name, subject));
         levels.push(one.level);
         alone.push(one.truth);
     }
-    let truth = empty.with_effects_of(&alone);
+    let mut truth = empty.with_effects_of(&alone);
+    if let Truth::Multibody(w) = &mut truth {
+        w.days = days;
+    }
     Ok(Case { number, kind, labels, levels, visible, days, truth })
 }
 
 /// `name:subject` (`docs/reference/session-files.md` 4.1).
-pub(super) fn label(name: &str, subject: &str) -> String {
+pub(crate) fn label(name: &str, subject: &str) -> String {
     if subject.is_empty() { name.to_owned() } else { format!("{name}:{subject}") }
 }
 
@@ -280,7 +324,7 @@ pub fn shown(sights: impl Iterator<Item = Sight>) -> f64 {
 ///
 /// # Errors
 /// No physics for an effect.
-pub fn many(from: Origin, seed: u64) -> Result<Vec<Case>, GeneratorError> {
+pub fn many(from: Origin<'_>, seed: u64) -> Result<Vec<Case>, GeneratorError> {
     let mut dice = Dice::new(seed, "many");
     let empty = case(0, Kind::LeftOut, &[], from, &mut dice)?;
     let mut cases: Vec<Case> = Vec::new();
@@ -308,13 +352,38 @@ mod tests {
 
     #[test]
     fn only_the_effects_named_are_drawn() {
-        let of =
-            |only: &[&str]| pool(Generator::Twin, &only.iter().map(|o| (*o).to_owned()).collect::<Vec<_>>());
-        assert_eq!(of(&["wear"]).unwrap(), [("wear", "x"), ("wear", "y"), ("wear", "z")]);
-        assert_eq!(of(&["latency", "scale:y"]).unwrap(), [("scale", "y"), ("latency", "")]);
-        assert_eq!(of(&[]).unwrap(), Generator::Twin.pool(false));
+        let effects = Generator::Twin.effects();
+        let from =
+            Origin { generator: Generator::Twin, effects: &effects, plan: Plan::Small, mode: Mode::Plain };
+        let of = |only: &[&str]| -> Result<Vec<String>, GeneratorError> {
+            let only: Vec<String> = only.iter().map(|o| (*o).to_owned()).collect();
+            Ok(pool(from, &only)?.iter().map(Named::label).collect())
+        };
+        assert_eq!(of(&["wear"]).unwrap(), ["wear:x", "wear:y", "wear:z"]);
+        assert_eq!(of(&["latency", "scale:y"]).unwrap(), ["scale:y", "latency"]);
+        assert_eq!(of(&[]).unwrap().len(), effects.iter().filter(|e| !e.outside).count());
         let unknown = of(&["wear:q"]).unwrap_err().to_string();
         assert!(unknown.contains("the twin has no effect 'wear:q'"), "{unknown}");
+    }
+
+    #[test]
+    fn several_effects_are_small_different_and_few_of_them_of_chance() {
+        let effects = Generator::Trunnion.effects();
+        let plan = Plan::Full;
+        let from = Origin { generator: Generator::Trunnion, effects: &effects, plan, mode: Mode::Plain };
+        let none = Draw { singles: 0, pairs: 0, several: 6, nulls: 0, outside: 0 };
+        let cases = draw(none, from, &[], 3).unwrap();
+        assert_eq!(cases.len(), 6);
+        for case in &cases {
+            assert!((SEVERAL[0]..=SEVERAL[1]).contains(&case.labels.len()), "{:?}", case.labels);
+            assert!(case.levels.iter().all(|l| *l <= 2.0));
+            let of_chance = case.labels.iter().filter(|l| OF_CHANCE.contains(&l.as_str())).count();
+            assert!(of_chance <= 1, "{:?}", case.labels);
+            let mut different = case.labels.clone();
+            different.sort();
+            different.dedup();
+            assert_eq!(different.len(), case.labels.len());
+        }
     }
 
     #[test]

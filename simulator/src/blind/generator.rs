@@ -1,4 +1,6 @@
-//! Where the machines of blind cases come from: two generators that share no physics, plan or noise.
+//! Where the machines of blind cases come from: three generators that share no physics, plan or noise.
+
+use std::collections::BTreeMap;
 
 use nalgebra::Vector3;
 use serde::{Deserialize, Serialize};
@@ -17,6 +19,17 @@ pub enum Generator {
     Twin,
     /// A machine with a swivelling table, from closed formulas; it has a plan of its own.
     Trunnion,
+    /// A boring mill from multibody dynamics, conduction on grids and beam elements: a program of its own
+    /// (`simulator/multibody`) with a plan of its own.
+    Multibody,
+}
+
+impl Generator {
+    /// True where it measures one plan only.
+    #[must_use]
+    pub const fn has_its_own_plan(self) -> bool {
+        matches!(self, Self::Trunnion | Self::Multibody)
+    }
 }
 
 impl core::fmt::Display for Generator {
@@ -24,6 +37,7 @@ impl core::fmt::Display for Generator {
         f.write_str(match self {
             Self::Twin => "twin",
             Self::Trunnion => "trunnion",
+            Self::Multibody => "multibody",
         })
     }
 }
@@ -37,6 +51,12 @@ pub enum GeneratorError {
     /// The formulas say why.
     #[error(transparent)]
     Formulas(#[from] FormulaError),
+    /// The program of its own has to be asked.
+    #[error("the cases of the {0} are simulated by a program of its own")]
+    Elsewhere(Generator),
+    /// It has no effects to draw from.
+    #[error("no effects to draw from")]
+    NoEffects,
     /// No effect of that name.
     #[error("the {generator} has no effect '{name}'; cncsim campaign --list-effects lists those of the twin")]
     Unknown {
@@ -55,6 +75,8 @@ pub enum Truth {
     Twin(TwinTruth),
     /// Of [`Generator::Trunnion`].
     Trunnion(FormulaTruth),
+    /// Of [`Generator::Multibody`]: what its program is asked for.
+    Multibody(Wanted),
 }
 
 /// The effects of a machine that has many at once, for leaving out one of them.
@@ -75,28 +97,30 @@ pub(super) const MANY: &[(&str, &str)] = &[
 ];
 
 impl Generator {
-    /// Every effect with every subject, those of libraries or those outside.
+    /// Every effect with every subject; none where a program of its own has to be asked.
     #[must_use]
-    pub fn pool(self, outside: bool) -> Vec<(&'static str, &'static str)> {
-        let with = |name, subjects: &'static [&'static str]| subjects.iter().map(move |s| (name, *s));
+    pub fn effects(self) -> Vec<Named> {
+        let with = |name: &str, subjects: &'static [&'static str], outside: bool| -> Vec<Named> {
+            subjects.iter().map(|s| Named::new(name, s, outside)).collect()
+        };
         match self {
             Self::Twin => crate::twin::catalogue::CATALOGUE
                 .iter()
-                .filter(|e| e.outside == outside)
-                .flat_map(|e| with(e.name, e.subjects.list()))
+                .flat_map(|e| with(e.name, e.subjects.list(), e.outside))
                 .collect(),
             Self::Trunnion => formulas::catalogue::CATALOGUE
                 .iter()
-                .filter(|e| e.outside() == outside)
-                .flat_map(|e| with(e.name, e.subjects))
+                .flat_map(|e| with(e.name, e.subjects, e.outside()))
                 .collect(),
+            Self::Multibody => Vec::new(),
         }
     }
 
-    /// True where two effects make no pair.
-    pub(super) fn alike(self, first: (&str, &str), second: (&str, &str)) -> bool {
-        let [one, other] = [first, second].map(|(name, subject)| label(name, subject));
-        first == second || (self == Self::Trunnion && formulas::catalogue::alike(&one, &other))
+    /// True where two effects are not drawn together.
+    pub(super) fn alike(self, first: &Named, second: &Named) -> bool {
+        first == second
+            || first.families.iter().any(|f| second.families.contains(f))
+            || (self == Self::Trunnion && formulas::catalogue::alike(&first.label(), &second.label()))
     }
 
     /// Draws a machine without effects.
@@ -108,6 +132,12 @@ impl Generator {
                 drift_s: dice.between(250.0, 1800.0),
                 hard: mode == Mode::Hard,
                 ..FormulaTruth::perfect(whole(dice))
+            }),
+            Self::Multibody => Truth::Multibody(Wanted {
+                effects: Vec::new(),
+                seed: whole(dice),
+                days: [1, 2],
+                hard: mode == Mode::Hard,
             }),
         }
     }
@@ -150,6 +180,7 @@ impl Truth {
                 Self::Twin(TwinTruth { effects: vec![Effect::new(name, subject, size_um)], ..t.clone() })
             }
             Self::Trunnion(t) => Self::Trunnion(t.only(name, subject, size_um)),
+            Self::Multibody(w) => Self::Multibody(w.clone()),
         }
     }
 
@@ -160,11 +191,13 @@ impl Truth {
         match &mut whole {
             Self::Twin(t) => t.effects.clear(),
             Self::Trunnion(t) => t.faults.clear(),
+            Self::Multibody(w) => w.effects.clear(),
         }
         for other in others {
             match (&mut whole, other) {
                 (Self::Twin(t), Self::Twin(o)) => t.effects.extend(o.effects.iter().cloned()),
                 (Self::Trunnion(t), Self::Trunnion(o)) => t.faults.extend(o.faults.iter().cloned()),
+                (Self::Multibody(w), Self::Multibody(o)) => w.effects.extend(o.effects.iter().cloned()),
                 _ => {}
             }
         }
@@ -182,6 +215,7 @@ impl Truth {
             Self::Trunnion(t) => {
                 Self::Trunnion(FormulaTruth { noise: 0.1, drift: 0.1, hard: false, ..t.clone() })
             }
+            Self::Multibody(w) => Self::Multibody(w.clone()),
         }
     }
 
@@ -206,6 +240,7 @@ impl Truth {
                 let rows = c.rows.iter().zip(&c.readings);
                 shown(rows.map(|(r, d)| sight(r.place[0], r.u, d.effects_um, d.noise_um)))
             }
+            Self::Multibody(_) => return Err(GeneratorError::Elsewhere(Generator::Multibody)),
         })
     }
 
@@ -225,8 +260,117 @@ impl Truth {
                     model: Text::model(formulas::machine::nominal_model()),
                 }
             }
+            Self::Multibody(_) => return Err(GeneratorError::Elsewhere(Generator::Multibody)),
         })
     }
+
+    /// What its effects do together at each row of each session file of a day, um along u.
+    ///
+    /// # Errors
+    /// An effect that the generator does not have.
+    pub fn along_u(&self, plan: Plan, day: u64) -> Result<BTreeMap<String, Vec<f64>>, GeneratorError> {
+        let mut files: BTreeMap<String, Vec<f64>> = BTreeMap::new();
+        let mut put = |instrument: &str, um: f64| {
+            files.entry(format!("{instrument}.csv")).or_default().push(um);
+        };
+        match self {
+            Self::Twin(t) => {
+                let c = run_campaign(t, plan, day)?;
+                c.taken.states.iter().zip(&c.measured).for_each(|(s, m)| put(s.instrument, m.effects_um));
+            }
+            Self::Trunnion(t) => {
+                let c = formulas::measure(t, day)?;
+                c.rows.iter().zip(&c.readings).for_each(|(r, d)| put(r.instrument, d.effects_um));
+            }
+            Self::Multibody(_) => return Err(GeneratorError::Elsewhere(Generator::Multibody)),
+        }
+        Ok(files)
+    }
+
+    /// The same machine with those of its effects that have a label.
+    #[must_use]
+    pub fn alone(&self, wanted: &str) -> Self {
+        let mut one = self.clone();
+        match &mut one {
+            Self::Twin(t) => t.effects.retain(|e| label(&e.name, &e.subject) == wanted),
+            Self::Trunnion(t) => t.faults.retain(|f| label(&f.name, &f.subject) == wanted),
+            Self::Multibody(w) => w.effects.retain(|e| label(&e.name, &e.subject) == wanted),
+        }
+        one
+    }
+}
+
+/// An effect that a generator has.
+#[derive(Debug, Clone, PartialEq, Eq, Deserialize)]
+pub struct Named {
+    /// Name.
+    pub name: String,
+    /// Subject, or empty.
+    pub subject: String,
+    /// No library of causes knows it.
+    pub outside: bool,
+    /// Two effects with one in common are not drawn together.
+    pub families: Vec<String>,
+}
+
+impl Named {
+    /// An effect that belongs to no family.
+    #[must_use]
+    pub fn new(name: &str, subject: &str, outside: bool) -> Self {
+        Self { name: name.to_owned(), subject: subject.to_owned(), outside, families: Vec::new() }
+    }
+
+    /// `name:subject`.
+    #[must_use]
+    pub fn label(&self) -> String {
+        label(&self.name, &self.subject)
+    }
+}
+
+/// What the program of a generator is asked for, as JSON.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct Wanted {
+    /// Effects of the machine.
+    pub effects: Vec<WantedEffect>,
+    /// Seed of the machine.
+    pub seed: u64,
+    /// Seeds of the day and of another day.
+    pub days: [u64; 2],
+    /// Heavy tails, waves and trends; effects that vary over the volume.
+    pub hard: bool,
+}
+
+/// An effect that is asked for.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+pub struct WantedEffect {
+    /// Name.
+    pub name: String,
+    /// Subject, or empty.
+    pub subject: String,
+    /// +1 or -1.
+    pub sign: f64,
+    /// RMS over all readings in units of the noise, without the offsets of the setups.
+    pub level: f64,
+}
+
+/// The truth that the program writes, `volcomp-case-truth/1`.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct CaseTruth {
+    /// Effects, in the order of the request.
+    pub effects: Vec<TrueEffect>,
+    /// What each effect alone does, um along u: session file, label, row.
+    pub columns: BTreeMap<String, BTreeMap<String, Vec<f64>>>,
+}
+
+/// A true effect.
+#[derive(Debug, Clone, PartialEq, Deserialize)]
+pub struct TrueEffect {
+    /// `name:subject`.
+    pub label: String,
+    /// The level reached.
+    pub level: f64,
+    /// The plan shows it.
+    pub visible: bool,
 }
 
 #[cfg(test)]
@@ -246,9 +390,10 @@ mod tests {
     #[test]
     fn every_effect_that_can_be_left_out_is_in_the_pool() {
         for generator in [Generator::Twin, Generator::Trunnion] {
-            let pool = generator.pool(false);
-            assert!(MANY.iter().all(|e| pool.contains(e)));
-            assert!(generator.pool(true).iter().all(|e| e.0.starts_with("outside-")));
+            let effects = generator.effects();
+            let has = |(name, subject): &(&str, &str)| effects.contains(&Named::new(name, subject, false));
+            assert!(MANY.iter().all(has));
+            assert!(effects.iter().all(|e| e.outside == e.name.starts_with("outside-")));
         }
     }
 }

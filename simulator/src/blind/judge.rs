@@ -1,4 +1,12 @@
 //! What the tool said, beside what is true.
+//!
+//! The words, as in `docs/diagnosis.md`: a cause is *declared* where report.json says so (`declared`) and nowhere else. It is
+//! *right* where its label is true, a *set answer* where it lists a true label in `confounded_with`, a *re-expression* where the judge
+//! computes one ([`super::columns`]). A declared cause that is none of these is *misattributed*. A case without a nameable cause is
+//! *honest* where nothing is misattributed and the report says that something is unexplained (or re-expresses it), *silent* where
+//! neither is.
+
+use std::collections::BTreeSet;
 
 use serde::{Deserialize, Serialize};
 
@@ -12,8 +20,6 @@ struct Cause {
     probability: f64,
     declared: bool,
     confounded_with: Vec<String>,
-    #[serde(default)]
-    re_expression_of: Vec<String>,
     tests: Option<serde_json::Value>,
 }
 
@@ -54,9 +60,11 @@ pub struct Said {
     pub declared: bool,
     /// It is true.
     pub right: bool,
-    /// It is true of what the tool says it cannot tell apart.
+    /// It is true, or of what the tool says it cannot tell apart one is true.
     pub in_group: bool,
-    /// What it said it cannot tell apart, and sums that say the same.
+    /// The judge finds that it says again what is true.
+    pub re_expression: bool,
+    /// What it said it cannot tell apart.
     pub group: Vec<String>,
     /// Figures of the tests, for training.
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -89,25 +97,36 @@ pub struct Judged {
     pub refused: Option<String>,
 }
 
-/// Judges a report.
+impl Report {
+    /// Labels of the causes that are declared.
+    pub fn declared(&self) -> impl Iterator<Item = String> {
+        self.causes.iter().filter(|c| c.declared).map(Cause::label)
+    }
+}
+
+impl Cause {
+    fn label(&self) -> String {
+        super::cases::label(&self.effect, &self.subject)
+    }
+}
+
+/// Judges a report; which declared causes are re-expressions was computed before.
 #[must_use]
-pub fn judge(case: &Case, report: &Report) -> Judged {
+pub fn judge(case: &Case, report: &Report, re_expressions: &BTreeSet<String>) -> Judged {
     let said: Vec<Said> = report
         .causes
         .iter()
         .map(|c| {
-            let label =
-                if c.subject.is_empty() { c.effect.clone() } else { format!("{}:{}", c.effect, c.subject) };
+            let label = c.label();
             let right = case.labels.contains(&label);
-            let group: Vec<String> = c.confounded_with.iter().chain(&c.re_expression_of).cloned().collect();
-            let in_group = right || case.labels.iter().any(|l| group.contains(l));
             Said {
+                right,
+                in_group: right || case.labels.iter().any(|l| c.confounded_with.contains(l)),
+                re_expression: re_expressions.contains(&label),
                 label,
                 probability: c.probability,
                 declared: c.declared,
-                right,
-                in_group,
-                group,
+                group: c.confounded_with.clone(),
                 tests: c.tests.clone(),
             }
         })
@@ -158,9 +177,40 @@ impl Judged {
         self.said.iter().filter(|s| s.declared)
     }
 
-    /// Declared causes outside the truth, its group and exact re-expressions.
-    pub fn false_attributions(&self) -> impl Iterator<Item = &Said> {
-        self.declared().filter(|s| !s.in_group)
+    /// Declared causes that are neither right, nor a set answer, nor a re-expression.
+    pub fn misattributed(&self) -> impl Iterator<Item = &Said> {
+        self.declared().filter(|s| !s.in_group && !s.re_expression)
+    }
+
+    /// Nothing is misattributed, and the report says that something is unexplained or re-expresses it.
+    #[must_use]
+    pub fn honest(&self) -> bool {
+        let told = self.unexplained || self.declared().any(|s| s.in_group || s.re_expression);
+        self.refused.is_none() && told && self.misattributed().next().is_none()
+    }
+
+    /// Nothing is declared, and nothing is said to be unexplained.
+    #[must_use]
+    pub fn silent(&self) -> bool {
+        self.refused.is_none() && !self.unexplained && self.declared().next().is_none()
+    }
+
+    /// The case did not end as its kind wants it.
+    #[must_use]
+    pub fn failed(&self) -> bool {
+        if self.refused.is_some() {
+            return true;
+        }
+        let misattributed = self.misattributed().next().is_some();
+        match self.kind {
+            _ if !self.visible && !matches!(self.kind, Kind::Pair | Kind::Several) => {
+                self.declared().next().is_some()
+            }
+            Kind::Single | Kind::LeftOut => !self.top_right() || misattributed,
+            Kind::Pair | Kind::Several => !self.exact(),
+            Kind::Null => self.declared().next().is_some(),
+            Kind::Outside | Kind::Removed => !self.honest(),
+        }
     }
 
     /// The most probable cause is true.
@@ -169,10 +219,10 @@ impl Judged {
         self.said.first().is_some_and(|s| s.right && s.declared)
     }
 
-    /// The most probable cause is true, or says that it cannot be told from the truth.
+    /// The most probable cause is right, a set answer or a re-expression.
     #[must_use]
     pub fn top_in_group(&self) -> bool {
-        self.said.first().is_some_and(|s| s.in_group && s.declared)
+        self.said.first().is_some_and(|s| (s.in_group || s.re_expression) && s.declared)
     }
 
     /// All of the truth is declared, and nothing else.
@@ -182,10 +232,74 @@ impl Judged {
         right == self.labels.len() && self.declared().count() == right
     }
 
-    /// The same up to groups.
+    /// All of the truth is declared or in a set answer, and nothing is misattributed.
     #[must_use]
     pub fn exact_in_group(&self) -> bool {
         let found = |l: &String| self.declared().any(|s| s.label == *l || s.group.contains(l));
-        self.labels.iter().all(found) && self.false_attributions().count() == 0
+        self.labels.iter().all(found) && self.misattributed().next().is_none()
+    }
+
+    /// True labels that are declared.
+    pub fn found(&self) -> impl Iterator<Item = (&String, f64)> {
+        let levels = self.levels.iter().copied().chain(std::iter::repeat(0.0));
+        self.labels.iter().zip(levels).filter(|(l, _)| self.declared().any(|s| s.label == **l))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::blind::{Generator, Mode};
+    use crate::twin::Dice;
+
+    fn case(kind: Kind, labels: &[&str]) -> Case {
+        Case {
+            number: 3,
+            kind,
+            labels: labels.iter().map(|l| (*l).to_owned()).collect(),
+            levels: vec![2.0; labels.len()],
+            visible: true,
+            days: [1, 2],
+            truth: Generator::Twin.machine(Mode::Plain, &mut Dice::new(1, "machines")),
+        }
+    }
+
+    fn report(causes: &[(&str, bool, &[&str])], unexplained: bool) -> Report {
+        let causes = causes
+            .iter()
+            .map(|(label, declared, group)| {
+                let (effect, subject) = label.split_once(':').unwrap_or((label, ""));
+                serde_json::json!({"effect": effect, "subject": subject, "probability": 0.9, "declared": declared,
+                    "confounded_with": group})
+            })
+            .collect::<Vec<_>>();
+        serde_json::from_value(serde_json::json!({"verdict": "explained", "causes": causes,
+            "unexplained": {"significant": unexplained}, "shrink": {"fraction": 0.5, "ci90": [0.4, 0.6]}}))
+        .unwrap()
+    }
+
+    #[test]
+    fn what_is_not_declared_does_not_count_and_a_set_answer_is_no_misattribution() {
+        let none = BTreeSet::new();
+        let single = case(Kind::Single, &["backlash:x"]);
+        assert!(!judge(&single, &report(&[("backlash:x", true, &[])], false), &none).failed());
+        assert!(judge(&single, &report(&[("backlash:x", false, &[])], false), &none).failed());
+        let group = judge(&single, &report(&[("latency", true, &["backlash:x"])], false), &none);
+        assert!(group.top_in_group() && !group.top_right() && group.misattributed().next().is_none());
+        let null = case(Kind::Null, &[]);
+        assert!(!judge(&null, &report(&[("backlash:x", false, &[])], true), &none).failed());
+        assert!(judge(&null, &report(&[("backlash:x", true, &[])], true), &none).failed());
+    }
+
+    #[test]
+    fn only_the_judge_says_what_is_a_re_expression() {
+        let outside = case(Kind::Outside, &["outside-oil"]);
+        let said = report(&[("sag:z", true, &[])], true);
+        assert!(judge(&outside, &said, &BTreeSet::new()).failed());
+        let expressed = judge(&outside, &said, &BTreeSet::from(["sag:z".to_owned()]));
+        assert!(expressed.honest() && !expressed.failed());
+        let nothing = judge(&outside, &report(&[], false), &BTreeSet::new());
+        assert!(nothing.silent() && !nothing.honest());
+        assert!(judge(&outside, &report(&[], true), &BTreeSet::new()).honest());
     }
 }

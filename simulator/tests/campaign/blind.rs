@@ -19,7 +19,9 @@ fn blind(args: &[&str]) -> serde_json::Value {
         serde_json::from_str(&fs::read_to_string(out.join("blind.json")).unwrap()).unwrap();
     assert_eq!(written, serde_json::from_slice::<serde_json::Value>(&done.stdout).unwrap());
     // the tool saw no label: what it was given lies apart from what is sealed
-    for case in fs::read_dir(out.join("cases")).unwrap() {
+    let cases: Vec<_> = fs::read_dir(out.join("cases")).unwrap().collect();
+    assert!(!cases.is_empty());
+    for case in cases {
         let report = fs::read_to_string(case.unwrap().path().join("gap/report.json")).unwrap();
         assert!(!report.contains("volcomp-twin") && !report.contains("volcomp-formulas"));
     }
@@ -42,6 +44,8 @@ fn faults_are_named_and_nothing_is_made_up() {
         "8",
         "--pairs",
         "0",
+        "--several",
+        "0",
         "--nulls",
         "4",
         "--outside",
@@ -50,8 +54,24 @@ fn faults_are_named_and_nothing_is_made_up() {
     let score = &found["score"];
     assert_eq!(hits(score, "null_alarms"), (0, 4), "{score:#}");
     let (named, of) = hits(score, "single_in_group");
-    // the bar of the whole set is higher; eight cases scatter
-    assert!(of >= 6 && 2 * named >= of, "{score:#}");
+    // deterministic: this seed, this tool; the whole set may miss one in thirty
+    assert!(of >= 6 && named == of, "{named} of {of}: {:#}", found["cases"]);
+    assert_eq!(hits(score, "misattributed").0, 0, "{:#}", found["cases"]);
+}
+
+#[test]
+fn a_machine_with_several_small_causes_is_counted_cause_by_cause() {
+    let none = ["--singles", "0", "--pairs", "0", "--nulls", "0", "--outside", "0"];
+    let found = blind(&[&none[..], &["--plan", "small", "--seed", "3", "--several", "1"]].concat());
+    let row = &found["score"]["kinds"][0];
+    assert_eq!(row["kind"], "several", "{row:#}");
+    assert_eq!(found["score"]["kinds"].as_array().unwrap().len(), 1);
+    let case = &found["cases"][0];
+    let causes = case["labels"].as_array().unwrap();
+    assert!((5..=8).contains(&causes.len()), "{causes:?}");
+    let (named, of) = hits(row, "found");
+    assert_eq!(of as usize, causes.len());
+    assert!(2 * named > of, "{named} of {of}: {case:#}");
 }
 
 #[test]
@@ -68,7 +88,18 @@ fn plain_forward_selection_fails_where_the_method_does_not() {
 fn one_feed_makes_no_innocent_of_rounding_and_of_the_slope_of_a_curve() {
     // a display of 5 um; a table of positions whose slope a circle cannot tell from a compliance
     for (seed, case) in [("967", "41"), ("982", "17")] {
-        let draw = ["--plan", "one-feed-ballbar", "--pairs", "0", "--nulls", "10", "--outside", "0"];
+        let draw = [
+            "--plan",
+            "one-feed-ballbar",
+            "--pairs",
+            "0",
+            "--several",
+            "0",
+            "--nulls",
+            "10",
+            "--outside",
+            "0",
+        ];
         let found = blind(&[&draw[..], &["--seed", seed, "--only", case]].concat());
         let (false_attributions, of) = hits(&found["score"], "claims_outside_group");
         assert!(false_attributions == 0 && of > 0, "{:#}", found["cases"]);
@@ -87,6 +118,8 @@ fn another_generator_asks_the_same() {
         "2",
         "--pairs",
         "0",
+        "--several",
+        "0",
         "--nulls",
         "1",
         "--outside",
@@ -100,12 +133,23 @@ fn another_generator_asks_the_same() {
 }
 
 #[test]
-fn another_generator_has_one_plan() {
-    let done = Command::new(env!("CARGO_BIN_EXE_cncsim"))
-        .args(["blind", "--generator", "trunnion", "--plan", "small", "--out", "never"])
-        .output()
-        .unwrap();
-    let said = String::from_utf8_lossy(&done.stderr);
-    assert_eq!(done.status.code(), Some(64), "{said}");
-    assert!(said.contains("--plan full"), "{said}");
+fn other_generators_have_one_plan_and_the_third_is_a_program_of_its_own() {
+    let refused = |args: &[&str]| {
+        let done = Command::new(env!("CARGO_BIN_EXE_cncsim"))
+            .args(["blind", "--out", "never", "--generator"])
+            .args(args)
+            .output()
+            .unwrap();
+        let said = String::from_utf8_lossy(&done.stderr).into_owned();
+        assert_eq!(done.status.code(), Some(64), "{said}");
+        said
+    };
+    for generator in ["trunnion", "multibody"] {
+        let said = refused(&[generator, "--plan", "small"]);
+        assert!(said.contains("--plan full"), "{said}");
+    }
+    let said = refused(&["multibody"]);
+    assert!(said.contains("simulator/multibody/Cargo.toml"), "{said}");
+    let said = refused(&["multibody", "--generator-program", "/no/such/program"]);
+    assert!(said.contains("/no/such/program"), "{said}");
 }

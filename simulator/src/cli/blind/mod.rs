@@ -1,5 +1,6 @@
 //! `cncsim blind`: does the diagnosis find what it was not told?
 
+use std::collections::BTreeSet;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
@@ -12,8 +13,13 @@ use crate::blind::cases::{many, pool};
 use crate::blind::generator::GeneratorError;
 use crate::blind::judge::Report;
 use crate::blind::score::Of;
-use crate::blind::{Case, Draw, Generator, Judged, Kind, Mode, Origin, Score, Truth, judge};
+use crate::blind::{Case, Draw, Generator, Judged, Kind, Mode, Origin, Score, judge};
 use crate::campaign::Plan;
+
+mod case_files;
+mod text_report;
+
+use case_files::Source;
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -24,6 +30,7 @@ use crate::campaign::Plan;
     cncsim blind --out removed --without-truth             the true effect taken out of the tool's library\n  \
     cncsim blind --out all-but-one --leave-one-out         the model is given all effects but one\n  \
     cncsim blind --out other --generator trunnion          another machine, plan, formulas and noise\n  \
+    cncsim blind --out third --generator multibody         a third one, simulated by a program of its own\n  \
     cncsim blind --out some --effect wear --effect positioning --singles 24\n                                                         how sure a few names are\n  \
     cncsim blind --out plan --plan one-feed-ballbar        a plan that cannot see everything\n  \
     cncsim blind --out ablation --ablation                 proof that the tests can fail\n\n\
@@ -39,7 +46,10 @@ pub(super) struct Args {
     /// Where the machines come from.
     #[arg(long, value_enum, default_value = "twin")]
     generator: Generator,
-    /// What is measured; the trunnion has one plan of its own, full.
+    /// The program of the multibody generator [default: multibody beside this program].
+    #[arg(long, value_name = "PROGRAM")]
+    generator_program: Option<PathBuf>,
+    /// What is measured; trunnion and multibody have one plan of their own, full.
     #[arg(long, value_enum, default_value = "full")]
     plan: Plan,
     /// Cases with one effect [default: each effect once].
@@ -51,6 +61,9 @@ pub(super) struct Args {
     /// Cases with two effects.
     #[arg(long, value_name = "N", default_value_t = 30)]
     pairs: usize,
+    /// Cases with five to eight effects at once, at most twice the noise each.
+    #[arg(long, value_name = "N", default_value_t = 20)]
+    several: usize,
     /// Cases without an effect.
     #[arg(long, value_name = "N", default_value_t = 50)]
     nulls: usize,
@@ -122,27 +135,36 @@ struct Ablated {
 const ABLATIONS: [&str; 3] = ["no-gates", "no-drift", "plain"];
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if args.generator == Generator::Trunnion && args.plan != Plan::Full {
+    if args.generator.has_its_own_plan() && args.plan != Plan::Full {
         return Err(Failure::new(
             EX_USAGE,
-            "--generator trunnion has one plan of its own: leave --plan out, or give --plan full; the other plans \
-             are the twin's",
+            format_args!(
+                "--generator {} has one plan of its own: leave --plan out, or give --plan full; the other plans \
+                 are the twin's",
+                args.generator
+            ),
         ));
+    }
+    if args.generator == Generator::Multibody && args.leave_one_out {
+        let why =
+            "--leave-one-out needs machines without noise, which --generator multibody does not simulate";
+        return Err(Failure::new(EX_USAGE, why));
     }
     let tool = Tool::new(args.tool.as_deref())?;
     let mode = if args.hard { Mode::Hard } else { Mode::Plain };
-    let drawn = draw(args, mode)?;
+    let source = Source::open(args)?;
+    let drawn = draw(args, &source, mode)?;
     let cases: Vec<Case> =
         drawn.iter().filter(|c| args.only.is_none_or(|n| c.number == n)).cloned().collect();
     let additions = if args.leave_one_out { Some(calibrate(args, &tool, &drawn)?) } else { None };
     let started = cases.len();
-    let judged = all(args, &cases, &|case| play(args, &tool, case, &drawn, additions.as_deref()))?;
+    let judged = all(args, &cases, &|case| play(args, &tool, &source, case, &drawn, additions.as_deref()))?;
     let mut ablations = Vec::new();
     if args.ablation {
         for what in ABLATIONS {
             let some = all(args, &cases, &|case| {
                 let more = vec!["--ablate".to_owned(), what.to_owned()];
-                answer(args, &tool, case, &format!("{what}-{:04}", case.number), &more, false)
+                answer(args, &tool, &source, case, &format!("{what}-{:04}", case.number), &more, false)
             })?;
             let score = Score::of(&some, args.hard);
             let any = Of {
@@ -171,7 +193,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.json {
         say!("{text}");
     } else {
-        report(&outcome, started);
+        text_report::report(&outcome, started);
     }
     let missed: Vec<&str> = outcome.score.bars.iter().filter(|b| !b.holds).map(|b| b.what).collect();
     if args.check && !missed.is_empty() {
@@ -180,24 +202,24 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-fn draw(args: &Args, mode: Mode) -> Result<Vec<Case>, Failure> {
+fn draw(args: &Args, source: &Source, mode: Mode) -> Result<Vec<Case>, Failure> {
     let failed =
         |e| Failure::new(if matches!(e, GeneratorError::Unknown { .. }) { EX_USAGE } else { EX_SOFTWARE }, e);
-    let origin = Origin { generator: args.generator, plan: args.plan, mode };
+    let origin = Origin { generator: args.generator, effects: &source.effects, plan: args.plan, mode };
     if args.leave_one_out {
         return many(origin, args.seed).map_err(failed);
     }
-    let pool = pool(args.generator, &args.effects).map_err(failed)?;
+    let pool = pool(origin, &args.effects).map_err(failed)?;
     let singles = args.singles.unwrap_or(pool.len());
     let counts = if args.without_truth {
-        Draw { singles, pairs: 0, nulls: 0, outside: 0 }
+        Draw { singles, pairs: 0, several: 0, nulls: 0, outside: 0 }
     } else if args.ablation {
-        Draw { singles: 0, pairs: 0, nulls: args.nulls, outside: args.outside }
+        Draw { singles: 0, pairs: 0, several: 0, nulls: args.nulls, outside: args.outside }
     } else if args.effects.is_empty() {
-        Draw { singles, pairs: args.pairs, nulls: args.nulls, outside: args.outside }
+        Draw { singles, pairs: args.pairs, several: args.several, nulls: args.nulls, outside: args.outside }
     } else {
         // what is asked of some effects says nothing of the others
-        Draw { singles, pairs: 0, nulls: 0, outside: 0 }
+        Draw { singles, pairs: 0, several: 0, nulls: 0, outside: 0 }
     };
     crate::blind::cases::draw(counts, origin, &args.effects, args.seed).map_err(failed)
 }
@@ -243,6 +265,7 @@ fn all(
 fn play(
     args: &Args,
     tool: &Tool,
+    source: &Source,
     case: &Case,
     cases: &[Case],
     additions: Option<&[PathBuf]>,
@@ -257,47 +280,59 @@ fn play(
                 more.extend(["--add".to_owned(), path.display().to_string()]);
             }
         }
-        return answer(args, tool, &whole, &name, &more, true);
+        return answer(args, tool, source, &whole, &name, &more, true);
     }
     if args.without_truth {
-        let full = answer(args, tool, case, &format!("{name}-full"), &[], false)?;
+        let full = answer(args, tool, source, case, &format!("{name}-full"), &[], false)?;
         let more: Vec<String> =
             case.labels.iter().flat_map(|l| ["--without".to_owned(), l.clone()]).collect();
         let removed = Case { kind: Kind::Removed, ..case.clone() };
-        let mut judged = answer(args, tool, &removed, &name, &more, false)?;
-        // what the whole library cannot tell from the truth is no innocent
-        let group: Vec<&String> = full.said.iter().filter(|s| s.in_group).flat_map(|s| &s.group).collect();
+        let mut judged = answer(args, tool, source, &removed, &name, &more, false)?;
+        // with the effect in its library the tool answers with a set: any member of it is a set answer
+        let group: Vec<&String> = full.said.iter().filter(|s| s.right).flat_map(|s| &s.group).collect();
         for s in &mut judged.said {
-            s.in_group |=
-                group.contains(&&s.label) || full.said.iter().any(|f| f.in_group && f.label == s.label);
+            s.in_group |= group.contains(&&s.label)
+                || full.said.iter().any(|f| f.in_group && !f.right && f.label == s.label);
         }
         return Ok(judged);
     }
-    answer(args, tool, case, &name, &[], true)
+    answer(args, tool, source, case, &name, &[], true)
+}
+
+/// Where a case goes.
+struct Outputs {
+    /// Its session files.
+    folder: PathBuf,
+    /// Its label.
+    sealed: PathBuf,
 }
 
 /// Measures, seals the label, asks the tool, and only then opens the label again.
 fn answer(
     args: &Args,
     tool: &Tool,
+    source: &Source,
     case: &Case,
     name: &str,
     more: &[String],
     with_fresh: bool,
 ) -> Result<Judged, Failure> {
     let folder = args.out.join("cases").join(name);
-    let files = write(&folder, &case.truth, args.plan, case.days[0])?;
+    let sealed = args.out.join("sealed").join(format!("{name}.toml"));
+    for made in [folder.as_path(), &args.out.join("sealed")] {
+        crate::cli::make_folder(made).map_err(|e| Failure::in_file(EX_IOERR, made, e))?;
+    }
+    let outputs = Outputs { folder, sealed };
+    let (case, written) = source.write(args, case, &outputs, with_fresh)?;
+    let Outputs { folder, sealed } = outputs;
+    let files = &written.sessions;
     let mut words: Vec<String> = files.iter().flat_map(|f| ["--data".to_owned(), f.clone()]).collect();
     if with_fresh {
         words.extend(["--fresh-history", "fresh/history.csv"].map(str::to_owned));
-        for f in write(&folder.join("fresh"), &case.truth, args.plan, case.days[1])? {
-            words.extend(["--fresh".to_owned(), format!("fresh/{f}")]);
-        }
+        words.extend(files.iter().flat_map(|f| ["--fresh".to_owned(), format!("fresh/{f}")]));
     }
     words.extend(more.iter().cloned());
-    let sealed = args.out.join("sealed").join(format!("{name}.toml"));
-    let label = toml::to_string(case).map_err(|e| Failure::new(EX_SOFTWARE, e))?;
-    crate::cli::make_folder(args.out.join("sealed")).map_err(|e| Failure::in_file(EX_IOERR, &sealed, e))?;
+    let label = toml::to_string(&case).map_err(|e| Failure::new(EX_SOFTWARE, e))?;
     save(&sealed, &label)?;
     let answer: Result<Report, String> = match diagnose(tool, &folder, "gap", &words) {
         Err(f) if f.code == EX_DATAERR => Err(f.message),
@@ -305,15 +340,23 @@ fn answer(
     };
     let opened = super::read(&sealed, super::InputKind::Description)?;
     let truth: Case = toml::from_str(&opened).map_err(|e| Failure::in_file(EX_SOFTWARE, &sealed, e))?;
+    let again = match &answer {
+        Ok(report) => {
+            let declared: Vec<String> = report.declared().collect();
+            case_files::re_expressions(args, tool, &truth, &written, &folder, &declared)?
+        }
+        Err(_) => BTreeSet::new(),
+    };
     if !args.keep {
         // the reports stay, the readings can be made again from the label
-        let other = with_fresh.then_some("fresh");
-        for f in files.iter().map(String::as_str).chain(["history.csv"]).chain(other) {
+        for f in files.iter().map(String::as_str).chain(["history.csv", "fresh"]) {
             let path = folder.join(f);
-            crate::cli::remove(&path).map_err(|e| Failure::in_file(EX_IOERR, &path, e))?;
+            if path.exists() {
+                crate::cli::remove(&path).map_err(|e| Failure::in_file(EX_IOERR, &path, e))?;
+            }
         }
     }
-    Ok(answer.map_or_else(|why| Judged::refused(&truth, why), |r| judge(&truth, &r)))
+    Ok(answer.map_or_else(|why| Judged::refused(&truth, why), |r| judge(&truth, &r, &again)))
 }
 
 /// What a careful workshop knows of its machine: each effect measured alone, with little noise, as an addition.
@@ -322,59 +365,12 @@ fn calibrate(args: &Args, tool: &Tool, cases: &[Case]) -> Result<Vec<PathBuf>, F
         .iter()
         .map(|case| {
             let folder = args.out.join("known").join(format!("{:04}", case.number));
-            let files = write(&folder, &case.truth.quiet(), args.plan, case.days[1])?;
+            let quiet = case.truth.quiet().files(args.plan, case.days[1]);
+            let files = write_all(&folder, quiet.map_err(|e| Failure::new(EX_SOFTWARE, e))?)?;
             let words: Vec<String> = files.iter().flat_map(|f| ["--data".to_owned(), f.clone()]).collect();
             diagnose(tool, &folder, "gap", &words)?;
             let path = folder.join("gap").join("addition.toml");
             path.canonicalize().map_err(|e| Failure::in_file(EX_IOERR, &path, e))
         })
         .collect()
-}
-
-/// Measures a machine on a day and writes what the tool is given; the names of the session files.
-fn write(folder: &Path, truth: &Truth, plan: Plan, day: u64) -> Result<Vec<String>, Failure> {
-    let files = truth.files(plan, day).map_err(|e| Failure::new(EX_SOFTWARE, e))?;
-    write_all(folder, files)
-}
-
-fn report(outcome: &Outcome, cases: usize) {
-    let s = &outcome.score;
-    say!("{cases} cases of the {}, plan {}, seed {}", outcome.generator, outcome.plan, outcome.seed);
-    for why in outcome.cases.iter().filter_map(|j| j.refused.as_deref()) {
-        say!("  refused, no answer: {why}");
-    }
-    for b in &s.bars {
-        let holds = if b.holds { "holds" } else { "MISSED" };
-        let [low, high] = b.limits;
-        say!("  {:46} {:6.3}  of {:4}  limits {low:.2} to {high:.2}  {holds}", b.what, b.value, b.of);
-    }
-    let of = |what: &str, o: Of| {
-        if o.of > 0 {
-            say!("  {what:46} {} of {}", o.hits, o.of);
-        }
-    };
-    of("single: declared alone", s.single_exact);
-    for (level, o) in &s.by_level {
-        of(&format!("single named first at {level} times the noise"), *o);
-    }
-    of("pairs: both found", s.pair_both);
-    of("pairs: both found up to groups, nothing else", s.pair_in_group);
-    of("outside: given a name", s.outside_named);
-    of("outside: silent", s.outside_silent);
-    of("removed: nothing declared with confidence", s.removed_honest);
-    of("all but one: inside its group", s.left_out_in_group);
-    of("claims outside the group of the truth", s.claims_outside_group);
-    if s.coverage.of > 0 {
-        say!("  mean half width of the shrink interval         {:.3}", s.half_width);
-    }
-    for a in &outcome.ablations {
-        of(&format!("{}: no effect, declared anyway", a.what), a.null_alarms);
-        of(&format!("{}: outside, given a name", a.what), a.outside_named);
-    }
-    if !s.confusion.is_empty() {
-        say!("what was taken for what (everything else is right):");
-    }
-    for c in &s.confusion {
-        say!("  {:34} said {:28} {}", c.truth, c.said, c.count);
-    }
 }
