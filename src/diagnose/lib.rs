@@ -136,11 +136,11 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
     if ablation == Ablation::None && evidence::applies(session) {
         tell(0.2, "comparison of all sets of effects");
         let white: Vec<f64> = class_noise.iter().map(|c| c.white_um).collect();
-        let all = vec![true; gap.len()];
+        let ordinary: Vec<bool> = session.readings.iter().map(|r| !r.is_marked).collect();
         let mut named = library.clone();
         // a slope is a squareness or a scale and a reversal is a backlash: each has its own name
         named.variants.retain(|v| v.shape.has_own_name());
-        if let Some(comparison) = evidence::compare(session, &named, &gap, &all, &white) {
+        if let Some(comparison) = evidence::compare(session, &named, &gap, &ordinary, &white) {
             return compared(session, named, comparison, (gap, lattice_um, &white));
         }
     }
@@ -200,8 +200,10 @@ fn compared(
     comparison: Comparison,
     (gap, lattice_um, white_um): (Vec<f64>, Vec<f64>, &[f64]),
 ) -> Analysis {
-    let outlying: Vec<usize> =
-        comparison.outlying.iter().filter(|(_, w)| *w > OUTLYING).map(|(i, _)| *i).collect();
+    let marked = (0..gap.len()).filter(|i| session.readings[*i].is_marked);
+    let found = comparison.outlying.iter().filter(|(_, w)| *w > OUTLYING).map(|(i, _)| *i);
+    let mut outlying: Vec<usize> = marked.chain(found).collect();
+    outlying.sort_unstable();
     let mut used = vec![true; gap.len()];
     outlying.iter().for_each(|i| used[*i] = false);
     let least = white_um.iter().copied().fold(f64::INFINITY, f64::min);

@@ -257,7 +257,8 @@ fn one_circle_at_one_feed_answers_with_a_set() {
     let d = run(&Campaign::ballbar_only(), &truth, NOISE, &[]);
     let r = &d.report;
     // declared or shown: the set is the answer, and there has to be one
-    let named: Vec<_> = r.causes.iter().filter(|c| ["scale:y", "inertial:y"].contains(&c.label().as_str())).collect();
+    let named: Vec<_> =
+        r.causes.iter().filter(|c| ["scale:y", "inertial:y"].contains(&c.label().as_str())).collect();
     assert!(!named.is_empty(), "{}", table(r));
     for c in r.causes.iter().filter(|c| c.declared).chain(named) {
         let class: Vec<String> = c.confounded_with.iter().cloned().chain([c.label()]).collect();

@@ -42,13 +42,13 @@ pub(super) struct Gram {
 
 /// One effect of a set: its variant, and the place of its scale among [`EFFECT_SCALES`].
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Member {
+pub(super) struct Member {
     /// The variant.
-    pub variant: usize,
+    pub(super) variant: usize,
     /// Place of its scale.
-    pub scale: usize,
+    pub(super) scale: usize,
     /// Log evidence averaged over all variants and scales of its label, against that of this one.
-    pub average: f64,
+    pub(super) average: f64,
 }
 
 /// A set of effects prepared for comparison with those that differ by one.
