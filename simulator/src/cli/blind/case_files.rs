@@ -59,7 +59,7 @@ impl Source {
             save(&request, &text)?;
             let words = [Path::new("case"), &request, &at(folder)?, &truth];
             program.run(Path::new("."), &words.map(|w| w.display().to_string()))?;
-            let truth: CaseTruth = serde_json::from_str(&read(&truth, InputKind::Description)?)
+            let truth: CaseTruth = serde_json::from_str(&read(&truth, InputKind::Table)?)
                 .map_err(|e| Failure::in_file(EX_SOFTWARE, &truth, e))?;
             let became = Case {
                 labels: truth.effects.iter().map(|e| e.label.clone()).collect(),
@@ -119,7 +119,7 @@ pub(super) fn re_expressions(
         return Ok(BTreeSet::new());
     }
     let text = |name: &str| -> Result<Text, Failure> {
-        let text = read(&folder.join(name), InputKind::Description)?;
+        let text = read(&folder.join(name), InputKind::Table)?;
         Ok(Text { name: name.to_owned(), text })
     };
     let sessions = written.sessions.iter().map(|n| text(n)).collect::<Result<Vec<_>, _>>()?;
@@ -175,7 +175,7 @@ fn causes(
             let words: Vec<String> = words.split_whitespace().map(str::to_owned).collect();
             tool.run(folder, &words)?;
             let out = folder.join("gap").join("judge-prediction.csv");
-            let text = Text { name: "prediction".to_owned(), text: read(&out, InputKind::Description)? };
+            let text = Text { name: "prediction".to_owned(), text: read(&out, InputKind::Table)? };
             let predicted =
                 rows.predicted(&points, &text).map_err(|e| Failure::in_file(EX_SOFTWARE, &out, e))?;
             columns.push(predicted);
