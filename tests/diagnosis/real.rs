@@ -120,13 +120,19 @@ fn a_capture_says_the_same_as_json_and_as_a_table() {
     not(data_iso230_2_linear_axes),
     ignore = "needs ../shared/data/iso230_2_linear_axes or VOLCOMP_DATA"
 )]
-fn the_target_axis_has_a_position_error_and_a_drift_but_no_lost_motion() {
+fn the_target_axis_has_a_position_error_a_small_reversal_error_and_a_drift() {
     let name = "iso230_2_linear_axes/ess_target_b02_report_target_y.md_ISO230.dat";
     let path = external(name);
     let r = diagnose(&path, &["--axis", "y"]);
-    assert_eq!(declared(&r), ["positioning:y"]);
+    // both directions share the table; a mean reversal of some 12 um beside B = 20 um stands on its own
+    let mut all = declared(&r);
+    all.sort();
+    assert_eq!(all, ["backlash:y", "positioning:y"]);
+    assert!((8.0..16.0).contains(&parameter(&r, "backlash:y", "width_um").abs()));
     let s = &r["shrink"];
-    assert!((number(s, "rms_before_um") - 24.2).abs() < 0.1 && number(s, "rms_after_um") < 6.5, "{s}");
+    assert!((number(s, "rms_before_um") - 24.2).abs() < 0.1, "{s}");
+    // 5.6 um stay beside a table of means; new data show the uncertainty of the table, too
+    assert!(24.2 * (1.0 - number(s, "in_sample_fraction")) < 6.0 && number(s, "rms_after_um") < 7.5, "{s}");
     let looks = r["unexplained"]["looks_like"].as_str().unwrap();
     assert!(r["unexplained"]["significant"] == true && looks.contains("slow drift"), "{looks}");
 }
@@ -158,14 +164,17 @@ fn the_drilled_plate_shows_a_difference_of_scales_and_much_that_nothing_explains
     let path = external("cnc_drilled_plates/D1597A_orig_meas_2003");
     let r = diagnose(&path, &[]);
     let all = declared(&r);
-    assert!(!all.is_empty() && all.iter().all(|c| c.starts_with("scale")), "{all:?}");
+    assert!(all.iter().any(|c| c.starts_with("scale")), "{all:?}");
+    // smooth forms of the second and third order may have a name; what a plate cannot show must not
+    let geometric = ["scale", "straightness", "angular", "positioning"];
+    assert!(all.iter().all(|c| geometric.iter().any(|g| c.starts_with(g))), "{all:?}");
     let of = |axis: &str| {
         let c = format!("scale:{axis}");
         if all.contains(&c) { parameter(&r, &c, "scale_ppm") } else { 0.0 }
     };
-    assert!((of("x") - of("y") + 33.0).abs() < 4.0, "{} {}", of("x"), of("y"));
+    assert!((of("x") - of("y") + 33.0).abs() < 8.0, "{} {}", of("x"), of("y"));
     assert_eq!(r["unexplained"]["significant"], true);
-    assert!(number(&r["unexplained"], "share") > 0.5, "{}", r["unexplained"]);
+    assert!(number(&r["unexplained"], "share") > 0.2, "{}", r["unexplained"]);
 }
 
 #[test]
@@ -247,4 +256,37 @@ fn spindle_growth_has_a_lag_and_other_days_are_forecast_worse() {
     let s = &r["shrink"];
     assert!(number(s, "fraction") < number(s, "in_sample_fraction"), "{s}");
     assert!(number(s, "fraction") > 0.1, "{s}");
+}
+
+#[test]
+#[cfg_attr(not(data_real_sessions), ignore = "needs ../shared/data/real_sessions or VOLCOMP_DATA")]
+fn three_real_machines_are_answered_as_a_metrologist_would() {
+    let of = |name: &str| {
+        let folder = external(&format!("real_sessions/{name}"));
+        let model = folder.join("m.toml");
+        diagnose(&folder.join("s.csv"), &["--model", model.to_str().unwrap()])
+    };
+    // a reversal error that is not the same everywhere beside a drift
+    let back = of("muts42_back_y");
+    assert_eq!(declared(&back), ["backlash:y"]);
+    assert_eq!(back["verdict"], "partly-explained");
+    assert!((40.0..75.0).contains(&parameter(&back, "backlash:y", "width_um").abs()));
+    let looks = back["unexplained"]["looks_like"].as_str().unwrap();
+    assert!(looks.contains("drift") && looks.contains("programmed point"), "{looks}");
+    // the angle of two axes and one common scale; nothing that an order cannot show
+    let plate = of("plate1597a_redrilled");
+    let all = declared(&plate);
+    for cause in ["squareness:xy", "scale:x", "scale:y"] {
+        assert!(all.iter().any(|c| c == cause), "{all:?}");
+    }
+    assert!(all.iter().all(|c| c != "vibration"), "{all:?}");
+    let urad = parameter(&plate, "squareness:xy", "angle_arcsec") * 4.848;
+    assert!((urad.abs() - 64.0).abs() < 10.0, "{urad}");
+    assert_eq!(plate["verdict"], "partly-explained");
+    // a delay, not a lost motion: at standstill the error is the same before and after the return
+    let resolver = of("resolver_divider");
+    let all = declared(&resolver);
+    assert_eq!(all.first().map(String::as_str), Some("latency"), "{all:?}");
+    assert!(all.iter().all(|c| !c.starts_with("backlash")), "{all:?}");
+    assert!((parameter(&resolver, "latency", "lag_ms") - 34.0).abs() < 2.0);
 }

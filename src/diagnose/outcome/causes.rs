@@ -75,7 +75,8 @@ pub(super) fn causes(
             probability: p,
             declared: false,
             confounded_with: if instead.same.contains(label) {
-                vec![instead.label.to_string()]
+                let others = instead.same.iter().filter(|l| *l != label);
+                std::iter::once(&instead.label).chain(others).map(ToString::to_string).collect()
             } else {
                 Vec::new()
             },

@@ -55,6 +55,7 @@ pub(super) fn assessed(a: &Analysis, c: &Comparison) -> Vec<Assessed> {
                     same.push(l);
                 }
             }
+            same.extend(a.library.behind(&a.library.variants[x.variant].shape).cloned());
             let top = x.rivals.iter().all(|(_, p)| *p <= x.probability);
             let declared = x.group_probability >= DECLARED && x.probability >= NAMED && top;
             let remark = if declared {
@@ -124,7 +125,10 @@ pub(super) fn forecast(
     let named_um2 = (mean.transpose() * &gram * &mean)[(0, 0)].max(0.0);
     let shrink =
         |rest: f64, error: f64, named: f64| 1.0 - ((rest + error) / (rest + named).max(1e-300)).sqrt();
-    let fraction = if k == 0 { 0.0 } else { shrink(rest_um2, fit_um2, named_um2) };
+    let rms_before = rms(&before);
+    // against the gap that was seen: drift may have hidden a part of the effects, or shown more of them
+    let fraction = if k == 0 { 0.0 } else { 1.0 - (rest_um2 + fit_um2).sqrt() / rms_before.max(1e-12) };
+    let shift = fraction - shrink(rest_um2, fit_um2, named_um2);
     let ci90 = if k == 0 {
         [0.0, 0.0]
     } else {
@@ -143,9 +147,9 @@ pub(super) fn forecast(
             })
             .collect();
         draws.sort_by(f64::total_cmp);
-        [draws[DRAWS / 20].min(fraction), draws[DRAWS - 1 - DRAWS / 20].max(fraction).min(1.0)]
+        let [low, high] = [draws[DRAWS / 20], draws[DRAWS - 1 - DRAWS / 20]].map(|d| d + shift);
+        [low.min(fraction), high.max(fraction).min(1.0)]
     };
-    let rms_before = rms(&before);
     Shrink {
         rms_before_um: rms_before,
         rms_after_um: rms_before * (1.0 - fraction),
