@@ -7,7 +7,12 @@
 //! where a million take more than [`GROWTH`] times what ten times fewer take, or more than [`MEMORY_GB`].
 
 #![expect(clippy::disallowed_methods, reason = "a benchmark reads the clock")]
-#![expect(clippy::expect_used, clippy::print_stdout, reason = "a benchmark is a program for people")]
+#![expect(
+    clippy::expect_used,
+    clippy::print_stdout,
+    clippy::print_stderr,
+    reason = "a benchmark is a program for people"
+)]
 
 use std::hint::black_box;
 use std::process::ExitCode;

@@ -1,7 +1,5 @@
 //! Effects made by formulas written here are found again by the diagnosis, alone, in pairs and not at all.
 
-#![expect(clippy::disallowed_methods, reason = "a case is chosen by the environment")]
-
 use crate::support::*;
 
 const ARCSEC_UM_PER_MM: f64 = 4.848_136_811e-3;

@@ -24,6 +24,9 @@ struct Table {
     rows: Vec<Vec<Option<f64>>>,
 }
 
+/// Time, s; file and row of a reading, none for an entry of the log; place among the entries.
+type Instant = (f64, Option<(usize, usize)>, usize);
+
 impl Table {
     fn read(file: &Text) -> Result<Self, String> {
         let mut reader = csv::Reader::from_reader(file.text.as_bytes());
@@ -107,7 +110,7 @@ impl Rows {
             self.tables.iter().flat_map(|t| t.head.keys()).map(String::as_str).collect();
         columns.retain(|c| !LEFT_OUT.contains(c) && *c != "u_z" && *c != "t_s" && !c.starts_with("station_"));
         columns.extend(self.history.head.keys().map(String::as_str).filter(|c| *c != "t_s"));
-        let mut order: Vec<(f64, Option<(usize, usize)>, usize)> = (0..self.history.rows.len())
+        let mut order: Vec<Instant> = (0..self.history.rows.len())
             .map(|r| (self.history.get(r, "t_s").unwrap_or_default(), None, r))
             .collect();
         order.extend(self.each().map(|at| (self.value(at, "t_s"), Some(at), 0)));

@@ -125,8 +125,7 @@ impl Target<'_> {
             steep.sort_by(|a, b| slopes[*b].total_cmp(&slopes[*a]));
             steep.truncate(TRIED);
             let mut tried: Vec<(usize, usize)> = Vec::new();
-            for c in 0..best.len() {
-                let now = best[c];
+            for (c, now) in best.iter().copied().enumerate() {
                 if now > 0 {
                     tried.extend([(c, 0), (c, now - 1), (c, (now + 1).min(SCALES.len() - 1))]);
                 } else if steep.contains(&c) {
