@@ -1,7 +1,7 @@
 //! Constants of the comparison, each with its meaning and what moves when it is halved or doubled.
 
 /// Programs up to which the comparison is exact.
-pub const PROGRAMS_MAX: usize = 3;
+pub const PROGRAMS_MAX: usize = 1;
 /// Readings that carry the comparison. Halved: effects below some 3 standard deviations are lost in long captures. Doubled:
 /// eight times the time.
 pub const ROWS_MAX: usize = 200;
@@ -40,8 +40,10 @@ pub const ALIKE: f64 = 1e-6;
 /// Probability from which another effect is named as one that the data do not exclude.
 pub const RIVAL: f64 = 0.03;
 /// Size of an effect, in standard deviations of the white noise, from which its own form is asked.
-pub const LARGE: f64 = 5.0;
+pub const LARGE: f64 = 2.0;
 /// Rounds of sets and scales in turn.
 pub const ROUNDS: usize = 4;
 /// Repetitions from which each may have an offset of its own.
 pub const CYCLES_MIN: usize = 3;
+/// Place among the scales at which the misform of effects begins in a search of its own.
+pub const MISFORM_RUNG: usize = 2;

@@ -4,6 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
+use super::super::library::Shape;
 use super::super::moment::{Moment, SLOTS};
 use super::super::session::{Session, has_rotation};
 use super::constants::{CYCLES_MIN, LENGTHS, PLACES_MIN, TIMES};
@@ -52,17 +53,31 @@ pub struct Structure {
     pub duration_s: f64,
     /// Correlation over the place with the longest length.
     near: DMatrix<f64>,
+    /// Mean state of each group.
+    means: Vec<Moment>,
 }
 
 impl Structure {
-    /// Allows an effect that does `part` at each reading to differ from it, smoothly over the place.
-    pub fn misform(&mut self, label: usize, part: &DVector<f64>) {
+    /// Allows an effect to differ from its formula: a free curve by any rougher function of the same position in the same
+    /// direction, anything else by a factor that varies smoothly over the place. `part` is what it does at each reading.
+    pub fn misform(&mut self, label: usize, shape: &Shape, part: &DVector<f64>) {
         let n = part.len();
-        let size = part.norm() / (n as f64).sqrt();
-        if size > 0.0 {
-            let m = DMatrix::from_fn(n, n, |i, j| part[i] * part[j] * self.near[(i, j)] / (size * size));
-            self.components.push((Component::Misform(label), m));
-        }
+        let curve = shape.acts_along().zip(shape.over()).filter(|_| shape.is_free_curve());
+        let m = if let Some((along, over)) = curve {
+            let at = |k: usize| self.means[k].position[over.slot()];
+            let (low, high) =
+                (0..n).map(at).fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+            let length = LENGTHS[0] * (high - low).max(f64::MIN_POSITIVE);
+            let u = |k: usize| self.means[k].u[along.direction()];
+            DMatrix::from_fn(n, n, |i, j| u(i) * u(j) * (-(at(i) - at(j)).abs() / length).exp())
+        } else {
+            let size = part.norm() / (n as f64).sqrt();
+            if size <= 0.0 {
+                return;
+            }
+            DMatrix::from_fn(n, n, |i, j| part[i] * part[j] * self.near[(i, j)] / (size * size))
+        };
+        self.components.push((Component::Misform(label), m));
     }
 
     /// The components that the readings can show.
@@ -182,7 +197,7 @@ impl Structure {
         }
         let offsets = offsets(session, &groups);
         let near = build(&|i, j| (-distance(i, j) / LENGTHS[LENGTHS.len() - 1]).exp());
-        Self { groups, white, components, offsets, duration_s, near }
+        Self { groups, white, components, offsets, duration_s, near, means }
     }
 }
 

@@ -4,10 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{DMatrix, DVector};
 
-use super::super::library::{Kind, Library};
+use super::super::library::{Kind, Library, Shape};
 use super::super::search::raw_columns;
 use super::super::session::Session;
-use super::constants::{EFFECT_SCALES, LARGE, RIVAL, ROUNDS, SCALES, TAIL, TAIL_SHARE, TIMES, WINDOW};
+use super::constants::{
+    EFFECT_SCALES, LARGE, MISFORM_RUNG, RIVAL, ROUNDS, SCALES, TAIL, TAIL_SHARE, TIMES, WINDOW,
+};
 use super::covariance::{Component, Covariance, Structure};
 use super::gram::{Columns, Gram, Member};
 use super::scales::{self, Rungs, Target};
@@ -77,6 +79,8 @@ pub struct Comparison {
 /// The state of the search under one set of weights.
 struct Search {
     structure: Structure,
+    /// Formula of each variant.
+    shapes: Vec<Shape>,
     columns: Columns,
     y: DVector<f64>,
     weights: Vec<f64>,
@@ -125,7 +129,14 @@ impl Search {
             self.visited.clear();
             best.0.resize(self.structure.components.len(), 0);
             let start = self.target(&best.1).ascend(&best.0);
-            best = self.settle(start, best.1)?;
+            // beside what was named for the misform of a curve that misform has nothing to say: begin without it, too
+            let mut open = vec![0; self.structure.components.len()];
+            for (rung, (component, _)) in open.iter_mut().zip(&self.structure.components) {
+                *rung = if matches!(component, Component::Misform(_)) { MISFORM_RUNG } else { 0 };
+            }
+            let first = self.settle(start, best.1)?;
+            let second = self.settle(open, Vec::new())?;
+            best = if second.2 > first.2 { second } else { first };
         }
         let (rungs, members, _) = best;
         if let Some((gram, sets)) = self.visited.get_mut(&rungs) {
@@ -160,7 +171,7 @@ impl Search {
         let set = gram.condition(&self.columns, members);
         let sigma = gram.sigma(&set);
         let (at, mean, _) = gram.coefficients(&set);
-        let mut parts: Vec<(usize, DVector<f64>)> = Vec::new();
+        let mut parts: Vec<(usize, usize, DVector<f64>)> = Vec::new();
         for m in members {
             let (first, k) = self.columns.span[m.variant];
             let mut part = DVector::zeros(self.y.len());
@@ -168,11 +179,11 @@ impl Search {
                 part.axpy(*b, &self.columns.values.column(*c), 1.0);
             }
             if part.norm() > LARGE * sigma * (part.len() as f64).sqrt() {
-                parts.push((self.columns.label[m.variant], part));
+                parts.push((self.columns.label[m.variant], m.variant, part));
             }
         }
-        for (label, part) in &parts {
-            self.structure.misform(*label, part);
+        for (label, variant, part) in &parts {
+            self.structure.misform(*label, &self.shapes[*variant], part);
         }
         !parts.is_empty()
     }
@@ -266,6 +277,7 @@ pub(super) fn compare(
         let (columns, _) = Columns::new(&raw, n, span, label, &rank, &white);
         let mut search = Search {
             structure: base.clone(),
+            shapes: library.variants.iter().map(|v| v.shape.clone()).collect(),
             columns,
             y: y.clone(),
             weights: weights.clone(),
