@@ -40,7 +40,7 @@ pub const ALIKE: f64 = 1e-6;
 /// Probability from which another effect is named as one that the data do not exclude.
 pub const RIVAL: f64 = 0.03;
 /// Size of an effect, in standard deviations of the white noise, from which its own form is asked.
-pub const LARGE: f64 = 2.0;
+pub const LARGE: f64 = 5.0;
 /// Rounds of sets and scales in turn.
 pub const ROUNDS: usize = 4;
 /// Repetitions from which each may have an offset of its own.
