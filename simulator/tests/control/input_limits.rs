@@ -32,7 +32,7 @@ const INPUTS: &[(&str, &str, &str)] = &[
 ];
 
 /// Arguments that name what is written, a folder, or a program.
-const OTHERS: &[&str] = &["out", "folder", "volcompd", "tool", "drawing"];
+const OTHERS: &[&str] = &["out", "folder", "volcompd", "tool", "drawing", "generator_program"];
 
 fn file_arguments(command: &clap::Command, path: &str, found: &mut BTreeSet<(String, String)>) {
     for argument in command.get_arguments() {
