@@ -1,9 +1,10 @@
 //! `volcomp diagnose`: where the gap between measurement and prediction lies, what causes it, and how far it shrinks.
 
+mod html_report;
 mod input;
 mod logs;
-mod page;
 mod sources;
+mod terms;
 mod words;
 
 use std::fs;
@@ -13,13 +14,14 @@ use std::path::PathBuf;
 use clap::Parser;
 
 use self::logs::Logs;
+use self::terms::Compensable;
 use super::additions::{read_addition, same_machine};
 use super::files::{read_model, write_text};
 use super::values::axis_letter;
 use super::{EX_DATAERR, Failure, exit};
 use volcomp_diagnose::library::{Label, Without};
 use volcomp_diagnose::session::{Raw, Session};
-use volcomp_diagnose::{Ablation, Options, diagnose, plan, predict};
+use volcomp_diagnose::{Ablation, Dialect, Options, diagnose, plan, predict};
 use volcomp_effects::addition::Addition;
 use volcomp_effects::moment::Machine;
 use volcomp_effects::prediction::machine_of;
@@ -81,6 +83,9 @@ pub(super) struct Args {
     /// Take something away from the method, to prove that tests of it can fail.
     #[arg(long, hide = true, value_name = "WHAT", value_parser = ablation)]
     ablate: Option<Ablation>,
+    /// The control for which part programs of the next measurement are written.
+    #[arg(long, value_name = "CONTROL", default_value = "linuxcnc", value_parser = dialect)]
+    dialect: Dialect,
     #[command(flatten)]
     sources: sources::SourceArgs,
 }
@@ -91,6 +96,15 @@ fn ablation(text: &str) -> Result<Ablation, String> {
         "no-drift" => Ok(Ablation::NoDrift),
         "plain" => Ok(Ablation::Plain),
         _ => Err(format!("'{text}' is none of no-gates, no-drift, plain")),
+    }
+}
+
+fn dialect(text: &str) -> Result<Dialect, String> {
+    match text {
+        "linuxcnc" => Ok(Dialect::LinuxCnc),
+        "fanuc" => Ok(Dialect::Fanuc),
+        "sinumerik" => Ok(Dialect::Sinumerik),
+        _ => Err(format!("unknown control '{text}'; expected one of linuxcnc, fanuc, sinumerik")),
     }
 }
 
@@ -108,7 +122,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let machine = model.as_ref().map_or_else(Machine::plain, |(spec, model)| machine_of(spec, model));
     let mut bar = Bar::new();
     bar.tell(0.0, "reading");
-    let model = model.map(|(_, m)| m);
+    let (spec, model) = model.unzip();
     for (path, addition) in args.add.iter().zip(&additions) {
         if let Some(model) = &model {
             same_machine(path, addition, model)?;
@@ -137,6 +151,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         seed: args.seed,
         machine: model.as_ref().map_or_else(String::new, |m| m.machine().to_owned()),
         ablation: args.ablate.unwrap_or_default(),
+        dialect: args.dialect,
     };
     let found = diagnose(&mut session, fresh.as_mut(), &options, &mut |share, what| bar.tell(share, what));
     bar.end();
@@ -144,16 +159,17 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         .map_err(|e| Failure::new(super::EX_SOFTWARE, format_args!("error: report.json: {e}")))?;
     let text = toml::to_string(&found.addition)
         .map_err(|e| Failure::new(super::EX_SOFTWARE, format_args!("error: addition.toml: {e}")))?;
+    let compensable = Compensable::of(&found, spec.as_ref());
     if let Some(out) = &args.out {
         fs::create_dir_all(out).map_err(|e| Failure::io(out, &e))?;
         write_text(&out.join("report.json"), &format!("{json}\n"))?;
         write_text(&out.join("addition.toml"), &text)?;
-        write_text(&out.join("report.html"), &page::page(&session, &found)?)?;
+        write_text(&out.join("report.html"), &html_report::page(&session, &found, &compensable))?;
     }
     if args.json {
         exit::print(&format!("{json}\n"))
     } else {
-        words::summary(&found.report, args.out.as_deref())
+        words::summary(&found, &compensable, args.out.as_deref())
     }
 }
 
