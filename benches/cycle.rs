@@ -11,10 +11,10 @@
 use std::hint::black_box;
 use std::time::Instant;
 
-use volcomp::core::axes::{AxisName, MAX_AXES};
-use volcomp::core::geometry::Vec3;
-use volcomp::core::model::curve::{Curve, ErrorFunction, Fourier, Interpolation, Table};
-use volcomp::core::model::{AxisSpec, Chain, Component, ErrorSymbol, Model, ModelSpec, Pose};
+use volcomp::model::axes::{AxisName, MAX_AXES};
+use volcomp::model::curve::{Curve, ErrorFunction, Fourier, Interpolation, Table};
+use volcomp::model::geometry::Vec3;
+use volcomp::model::{AxisSpec, Chain, Component, ErrorSymbol, Model, ModelSpec, Pose};
 
 const ORDER: usize = 5;
 const SPAN: f64 = 500.0;

@@ -15,7 +15,7 @@ use std::time::Instant;
 
 use nalgebra::DMatrix;
 use volcomp::diagnose::library::Library;
-use volcomp::diagnose::moment::{Machine, Source};
+use volcomp::diagnose::machine_state::{Machine, Source};
 use volcomp::diagnose::search::raw_columns;
 use volcomp::diagnose::session::{History, Raw, Session};
 use volcomp::diagnose::{Options, diagnose};

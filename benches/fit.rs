@@ -19,9 +19,9 @@ use std::path::Path;
 use std::process::{Command, ExitCode};
 use std::time::Instant;
 
-use volcomp::core::axes::Travel;
 use volcomp::identify::Reading;
 use volcomp::identify::curve::{Basis, Request, fit};
+use volcomp::model::axes::Travel;
 
 const ORDER: usize = 10;
 /// With `--check`, a size fails when ours is slower this many times in a row.

@@ -4,12 +4,12 @@
 #![expect(clippy::disallowed_methods, reason = "the macro of libFuzzer reads its input file")]
 
 use libfuzzer_sys::fuzz_target;
-use volcomp::core::axes::{AxisKind, AxisName};
-use volcomp::core::model::{Chain, ErrorFunction, ErrorSymbol, ModelSpec};
 use volcomp::formats::linuxcnc::{CompType, LinearUnit};
 use volcomp::formats::sample::Sampling;
 use volcomp::formats::text::decode;
 use volcomp::formats::{axis_table, heidenhain, isg_lis, linuxcnc};
+use volcomp::model::axes::{AxisKind, AxisName};
+use volcomp::model::{Chain, ErrorFunction, ErrorSymbol, ModelSpec};
 
 fn spec(errors: Vec<(ErrorSymbol, ErrorFunction)>) -> ModelSpec {
     let mut spec = ModelSpec::new("m", Chain::parse("[w b X Y Z t]").expect("a chain"));

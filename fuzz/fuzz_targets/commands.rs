@@ -48,7 +48,10 @@ const BESIDE: [(&str, &str); 6] = [
         "model.toml",
         "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w b X Y Z t]\"\n[errors.exx.constant]\nvalue-um = 1\n",
     ),
-    ("tilt.csv", "applied_ea_arcsec,applied_eb_arcsec,applied_ec_arcsec,pitch_arcsec\n9,0,0,0\n-9,0,0,0\n0,9,0,9\n0,-9,0,-9\n0,0,9,0\n0,0,-9,0\n"),
+    (
+        "tilt.csv",
+        "applied_ea_arcsec,applied_eb_arcsec,applied_ec_arcsec,pitch_arcsec\n9,0,0,0\n-9,0,0,0\n0,9,0,9\n0,-9,0,-9\n0,0,9,0\n0,0,-9,0\n",
+    ),
     ("rest.csv", "distance_mm,psd1_y_um\n100,1\n200,2\n"),
     ("lines.csv", "line,x_mm,y_mm,z_mm\n1,0,100,10\n2,0,-100,0\n3,0,0,150\n"),
     (
@@ -73,7 +76,9 @@ fn word(folder: &Path, text: &str) -> std::ffi::OsString {
         "@" => path("in"),
         "!" => path("out"),
         _ if BESIDE.iter().any(|(name, _)| *name == text) => path(text),
-        _ if text.ends_with("=@") => format!("{}{}", &text[..text.len() - 1], folder.join("in").display()).into(),
+        _ if text.ends_with("=@") => {
+            format!("{}{}", &text[..text.len() - 1], folder.join("in").display()).into()
+        }
         _ => text.into(),
     }
 }

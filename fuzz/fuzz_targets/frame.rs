@@ -4,7 +4,7 @@
 #![expect(clippy::disallowed_methods, reason = "the macro of libFuzzer reads its input file")]
 
 use libfuzzer_sys::fuzz_target;
-use volcomp::core::protocol::{Frame, MAX_FRAME, decode, encode};
+use volcomp::protocol::{Frame, MAX_FRAME, decode, encode};
 use volcomp_fuzz::repair;
 
 fuzz_target!(|data: &[u8]| {

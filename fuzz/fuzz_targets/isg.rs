@@ -4,10 +4,10 @@
 #![expect(clippy::disallowed_methods, reason = "the macro of libFuzzer reads its input file")]
 
 use libfuzzer_sys::fuzz_target;
-use volcomp::core::model::{Chain, ModelSpec};
 use volcomp::formats::isg::{Body, parse, recognises, write};
 use volcomp::formats::sample::Sampling;
 use volcomp::formats::text::decode;
+use volcomp::model::{Chain, ModelSpec};
 
 fuzz_target!(|data: &[u8]| {
     let decoded = decode(data);

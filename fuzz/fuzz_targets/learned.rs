@@ -7,10 +7,10 @@ use std::sync::Arc;
 use std::time::{Duration, SystemTime};
 
 use libfuzzer_sys::fuzz_target;
-use volcomp::core::live::{LiveEstimator, LiveModel, LiveSpec, MapSpec};
-use volcomp::core::model::curve::Live;
-use volcomp::core::model::{Chain, ErrorFunction, ErrorSymbol, Model, ModelSpec};
-use volcomp::runtime::sensors::put_back;
+use volcomp::daemon::sensors::restore_text;
+use volcomp::estimate::live::{LiveEstimator, LiveModel, LiveSpec, MapSpec};
+use volcomp::model::curve::Live;
+use volcomp::model::{Chain, ErrorFunction, ErrorSymbol, Model, ModelSpec};
 
 /// Components of the map, and how far any of them may be from the offline map, mm or rad: far beyond its limit.
 const COMPONENTS: usize = 6;
@@ -19,7 +19,7 @@ const FAR: f64 = 1.0;
 fuzz_target!(|data: &[u8]| {
     let mut estimator = estimator();
     let now = SystemTime::UNIX_EPOCH + Duration::from_secs(2_000_000_000);
-    let told = put_back(data, "m", "abc", &mut estimator, now);
+    let told = restore_text(data, "m", "abc", &mut estimator, now);
     assert!(!told.unwrap_or_else(|why| why).is_empty());
     for component in 0..COMPONENTS {
         for place in [[0.0; 3], [0.5; 3], [1.0, 0.0, 2.0]] {
@@ -38,5 +38,6 @@ fn estimator() -> LiveEstimator {
     let nodes = [vec![0.0, 1.0], vec![0.0, 1.0], vec![0.0, 1.0]];
     let live = LiveSpec { sensors: Vec::new(), maps: vec![MapSpec::new("ram", nodes)] };
     let model = Arc::new(Model::new(&spec).expect("a model"));
-    LiveEstimator::new(&live, LiveModel { spec: &spec, thermal: &[], model, hash: [3; 32] }).expect("an estimator")
+    LiveEstimator::new(&live, LiveModel { spec: &spec, thermal: &[], model, hash: [3; 32] })
+        .expect("an estimator")
 }

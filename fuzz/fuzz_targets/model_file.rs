@@ -5,7 +5,7 @@
 
 use libfuzzer_sys::fuzz_target;
 use volcomp::config;
-use volcomp::core::model::Model;
+use volcomp::model::Model;
 
 fuzz_target!(|data: &[u8]| {
     let Ok(text) = core::str::from_utf8(data) else { return };

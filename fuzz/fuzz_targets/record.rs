@@ -5,7 +5,7 @@
 #![expect(clippy::disallowed_methods, reason = "the macro of libFuzzer reads its input file")]
 
 use libfuzzer_sys::fuzz_target;
-use volcomp::core::record::{BlockKind, Decoded, Decoder, Encoder, Item, Meta, Recording, block};
+use volcomp::protocol::record::{BlockKind, Decoded, Decoder, Encoder, Item, Meta, Recording, block};
 
 fuzz_target!(|data: &[u8]| {
     // as a file, torn and damaged as it is

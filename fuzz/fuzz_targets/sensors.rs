@@ -6,7 +6,7 @@
 #![expect(clippy::disallowed_methods, reason = "the macro of libFuzzer reads its input file")]
 
 use libfuzzer_sys::fuzz_target;
-use volcomp::runtime::sensors::heard;
+use volcomp::daemon::sensors::parse_stream;
 
 /// Bytes of a binary message before its name, and its check sum behind the numbers.
 const HEAD: usize = 20;
@@ -39,7 +39,7 @@ fn read(bytes: &[u8], sizes: &[u8]) -> String {
         (piece, rest) = rest.split_at(n);
         (n > 0).then_some(piece)
     });
-    format!("{:?}", heard(pieces.collect::<Vec<_>>()))
+    format!("{:?}", parse_stream(pieces.collect::<Vec<_>>()))
 }
 
 /// Sets the check sum of every whole binary message right, so that the fuzzer gets behind it.

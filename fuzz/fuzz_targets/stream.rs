@@ -7,7 +7,7 @@
 #![expect(clippy::disallowed_methods, reason = "the macro of libFuzzer reads its input file")]
 
 use libfuzzer_sys::fuzz_target;
-use volcomp::core::protocol::{FrameError, FrameReader, MAX_FRAME, encode};
+use volcomp::protocol::{FrameError, FrameReader, MAX_FRAME, encode};
 use volcomp_fuzz::repair;
 
 fuzz_target!(|data: &[u8]| {

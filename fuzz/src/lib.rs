@@ -1,6 +1,6 @@
 //! What the targets of the link share.
 
-use volcomp::core::protocol::{Frame, field, frame};
+use volcomp::protocol::{Frame, field, frame};
 
 /// Writes the check sum that the bytes of a frame ask for, so that the fuzzer gets behind it.
 /// Returns the length of the frame, `None` where the bytes are not the beginning of a whole one.

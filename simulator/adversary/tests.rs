@@ -5,6 +5,7 @@ use super::*;
 
 /// Random scripts: some for the gate; `VOLCOMP_ADVERSARY_SCRIPTS` and `VOLCOMP_ADVERSARY_SEED` choose longer runs.
 #[test]
+#[expect(clippy::disallowed_methods, reason = "longer runs are chosen by the environment")]
 fn no_random_script_breaks_an_invariant() {
     let scripts =
         std::env::var("VOLCOMP_ADVERSARY_SCRIPTS").ok().and_then(|n| n.parse().ok()).unwrap_or(1500);

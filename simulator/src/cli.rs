@@ -195,6 +195,18 @@ fn write_file(path: impl AsRef<Path>, content: impl AsRef<[u8]>) -> std::io::Res
     std::fs::write(path, content)
 }
 
+/// Makes a folder and those above it.
+#[expect(clippy::disallowed_methods, reason = "the one place that makes folders")]
+fn make_folder(path: impl AsRef<Path>) -> std::io::Result<()> {
+    std::fs::create_dir_all(path)
+}
+
+/// Removes a file, or a folder with its content.
+#[expect(clippy::disallowed_methods, reason = "the one place that removes files")]
+fn remove(path: &Path) -> std::io::Result<()> {
+    if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) }
+}
+
 /// The text of a file, no larger than its kind allows.
 fn read(path: &Path, kind: InputKind) -> Result<String, Failure> {
     Ok(volcomp_cli::input::read_text(path, kind)?)

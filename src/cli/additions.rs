@@ -7,7 +7,7 @@ use super::input::{InputKind, read_text};
 use super::table::Table;
 use super::{EX_CONFIG, EX_DATAERR, Failure};
 use volcomp_effects::addition::{Addition, Evaluator};
-use volcomp_effects::moment::{Axis, Machine, Moment, Source};
+use volcomp_effects::machine_state::{Axis, Machine, MachineState, Source};
 use volcomp_effects::prediction::{machine_of, workpiece_to_machine};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::{Model, ModelSpec};
@@ -88,7 +88,7 @@ impl Additions {
 
     /// What the additions say at the current row: deviation in W, mm.
     pub(super) fn next<R: BufRead>(&mut self, table: &Table<R>, model: &Model) -> Result<Vec3, Failure> {
-        let mut m = Moment::default();
+        let mut m = MachineState::default();
         for (column, field, factor) in &self.fields {
             let value = table.number(*column)? * factor;
             match *field {

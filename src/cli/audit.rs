@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::json;
 
 use super::input::{self, InputKind};
-use super::{EX_DATAERR, Failure, service};
+use super::{EX_DATAERR, Failure, status};
 use volcomp_daemon::audit::{AUDIT_FILE, Line, head_path, verify_with};
 
 /// Where the daemon of the shipped unit keeps it.
@@ -73,7 +73,7 @@ fn log_of(which: &WhichLog) -> Result<PathBuf, Failure> {
         return Ok(file.clone());
     }
     let Some(config) = &which.config else { return Ok(PathBuf::from(DEFAULT_FILE)) };
-    let Some(directory) = service::machine(config)?.state.directory else {
+    let Some(directory) = status::machine(config)?.state.directory else {
         return Ok(PathBuf::from(DEFAULT_FILE));
     };
     Ok(config.with_file_name(directory).join(AUDIT_FILE))

@@ -4,7 +4,7 @@ use std::path::PathBuf;
 
 use super::input::{self, InputKind};
 use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure};
-use volcomp_daemon::RehearsalError;
+use volcomp_daemon::SelfBenchmarkError;
 
 /// Nanoseconds in a microsecond.
 const NS_PER_US: f64 = 1e3;
@@ -37,32 +37,32 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     input::check(&args.config, InputKind::Machine)?;
     let loaded = volcomp_daemon::load(&args.config)
         .map_err(|e| Failure::new(if e.is_io() { EX_IOERR } else { EX_CONFIG }, &e))?;
-    let rehearsal = volcomp_daemon::rehearse(&loaded, args.cycles).map_err(|e| {
+    let benchmark = volcomp_daemon::run_self_benchmark(&loaded, args.cycles).map_err(|e| {
         let code = match e {
-            RehearsalError::Hello(_) | RehearsalError::Engine(_) => EX_CONFIG,
-            RehearsalError::NotActive(_) | RehearsalError::Histogram(_) | RehearsalError::Panicked => {
-                EX_SOFTWARE
-            }
+            SelfBenchmarkError::Hello(_) | SelfBenchmarkError::Engine(_) => EX_CONFIG,
+            SelfBenchmarkError::NotActive(_)
+            | SelfBenchmarkError::Histogram(_)
+            | SelfBenchmarkError::Panicked => EX_SOFTWARE,
         };
         Failure::new(code, format_args!("error: {}: {e}", args.config.display()))
     })?;
-    let us = |quantile: f64| rehearsal.compute_ns.value_at_quantile(quantile) as f64 / NS_PER_US;
-    let max_us = rehearsal.compute_ns.max() as f64 / NS_PER_US;
-    let calm_us = rehearsal.calm_p99_ns as f64 / NS_PER_US;
-    let clock_us = rehearsal.clock_ns as f64 / NS_PER_US;
-    let behind_us = |quantile: f64| rehearsal.behind_ns.value_at_quantile(quantile) as f64 / NS_PER_US;
+    let us = |quantile: f64| benchmark.compute_ns.value_at_quantile(quantile) as f64 / NS_PER_US;
+    let max_us = benchmark.compute_ns.max() as f64 / NS_PER_US;
+    let calm_us = benchmark.calm_p99_ns as f64 / NS_PER_US;
+    let clock_us = benchmark.clock_ns as f64 / NS_PER_US;
+    let behind_us = |quantile: f64| benchmark.behind_ns.value_at_quantile(quantile) as f64 / NS_PER_US;
     if args.json {
         let object = serde_json::json!({
-            "axes": rehearsal.axes, "sensors": rehearsal.sensors, "cycles": rehearsal.compute_ns.len(),
+            "axes": benchmark.axes, "sensors": benchmark.sensors, "cycles": benchmark.compute_ns.len(),
             "compute_us_p50": us(0.5), "compute_us_p90": us(0.9), "compute_us_p99": us(0.99),
             "compute_us_p999": us(0.999), "compute_us_max": max_us,
             "compute_us_p99_calm": calm_us, "behind_us_p50": behind_us(0.5), "behind_us_p99": behind_us(0.99),
-            "clock_us": clock_us, "realtime": rehearsal.realtime,
+            "clock_us": clock_us, "realtime": benchmark.realtime,
         });
         say!("{object}");
         return Ok(());
     }
-    say!("frame in to frame out, {} axes, {} live values", rehearsal.axes, rehearsal.sensors);
+    say!("frame in to frame out, {} axes, {} live values", benchmark.axes, benchmark.sensors);
     say!(
         "compute     p50 {:.2} us, p90 {:.2} us, p99 {:.2} us, p99.9 {:.2} us, max {max_us:.2} us",
         us(0.5),
@@ -76,6 +76,6 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         behind_us(0.5),
         behind_us(0.99)
     );
-    say!("cycles      {}, the clock's own {clock_us:.3} us taken off each", rehearsal.compute_ns.len());
+    say!("cycles      {}, the clock's own {clock_us:.3} us taken off each", benchmark.compute_ns.len());
     Ok(())
 }

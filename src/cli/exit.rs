@@ -1,5 +1,7 @@
 //! Exit codes, and how a failure becomes one.
 
+#![expect(clippy::disallowed_methods, reason = "the one place that writes to stdout and stderr")]
+
 use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
 use std::ffi::OsString;

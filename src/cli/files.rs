@@ -1,5 +1,7 @@
 //! Model files in, whole files out. A file is replaced only when its new content is complete.
 
+#![expect(clippy::disallowed_methods, reason = "the one place that creates and replaces files")]
+
 use std::ffi::OsString;
 use std::fs::{self, File};
 use std::io::{self, Write};
@@ -36,7 +38,6 @@ pub(super) enum Output {
 
 impl Output {
     /// Opens the output.
-    #[expect(clippy::disallowed_methods, reason = "the one place that creates files")]
     pub(super) fn create(path: &Path) -> Result<Self, Failure> {
         if path.as_os_str() == "-" {
             return Ok(Self::Through(Box::new(io::stdout().lock()), PathBuf::from("<stdout>")));

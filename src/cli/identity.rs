@@ -3,7 +3,7 @@
 use std::path::Path;
 
 use volcomp_config::MachineConfig;
-use volcomp_daemon as runtime;
+use volcomp_daemon::identity;
 
 /// Something wrong with the files of `[link.tls]`.
 pub(super) struct Mistake {
@@ -17,7 +17,7 @@ pub(super) struct Mistake {
 
 /// Reads the files as the daemon would.
 pub(super) fn mistake(path: &Path, machine: &MachineConfig) -> Option<Mistake> {
-    let error = runtime::identity(path, machine).err()?;
+    let error = identity(path, machine).err()?;
     let said = error.to_string();
     let (message, remedy) =
         said.split_once("\n  hint: ").unwrap_or((&said, "the path is seen from the machine file"));

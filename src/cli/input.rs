@@ -349,6 +349,7 @@ pub(super) fn head(path: &Path, kind: InputKind, most: u64) -> Result<Vec<u8>, F
 }
 
 /// True for what can be read twice: a regular file.
+#[expect(clippy::disallowed_methods, reason = "metadata distinguish regular files from streams")]
 pub(super) fn is_regular(path: &Path) -> bool {
     path.as_os_str() != "-" && std::fs::metadata(path).is_ok_and(|m| m.is_file())
 }

@@ -15,6 +15,7 @@ macro_rules! note {
 }
 
 mod additions;
+mod arg_parsers;
 mod audit;
 mod bench;
 mod check;
@@ -34,8 +35,8 @@ mod identity;
 mod import;
 pub mod input;
 mod model;
-mod model_out;
-mod orders;
+mod model_writer;
+mod operator_commands;
 mod positioning_data;
 mod predict;
 mod progress;
@@ -43,9 +44,8 @@ mod ranges;
 mod recordings;
 mod replay;
 mod report;
-mod service;
+mod status;
 mod table;
-mod values;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -89,12 +89,12 @@ enum Verb {
     Model(model::Args),
     Explain(explain::Args),
     Diff(diff::Args),
-    Status(service::StatusArgs),
-    Enable(orders::EnableArgs),
-    Disable(orders::DisableArgs),
-    Gain(orders::GainArgs),
-    Load(orders::LoadArgs),
-    Rollback(orders::RollbackArgs),
+    Status(status::StatusArgs),
+    Enable(operator_commands::EnableArgs),
+    Disable(operator_commands::DisableArgs),
+    Gain(operator_commands::GainArgs),
+    Load(operator_commands::LoadArgs),
+    Rollback(operator_commands::RollbackArgs),
     Replay(replay::Args),
     Audit(audit::Args),
     Filter(filter::Args),
@@ -123,12 +123,12 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Explain(a) => explain::run(&a),
         Verb::Model(a) => model::run(&a),
         Verb::Diff(a) => diff::run(&a),
-        Verb::Status(a) => service::status(&a),
-        Verb::Enable(a) => orders::enable(&a),
-        Verb::Disable(a) => orders::disable(&a),
-        Verb::Gain(a) => orders::gain(&a),
-        Verb::Load(a) => orders::load(&a),
-        Verb::Rollback(a) => orders::rollback(&a),
+        Verb::Status(a) => status::status(&a),
+        Verb::Enable(a) => operator_commands::enable(&a),
+        Verb::Disable(a) => operator_commands::disable(&a),
+        Verb::Gain(a) => operator_commands::gain(&a),
+        Verb::Load(a) => operator_commands::load(&a),
+        Verb::Rollback(a) => operator_commands::rollback(&a),
         Verb::Replay(a) => replay::run(&a),
         Verb::Audit(a) => audit::run(&a),
         Verb::Filter(a) => filter::run(&a),

@@ -6,7 +6,7 @@ use std::sync::Arc;
 use serde_json::json;
 
 use super::recordings::{self, Missing, Parsed, Walked};
-use super::{EX_DATAERR, Failure, files, service};
+use super::{EX_DATAERR, Failure, files, status};
 use volcomp_daemon::replay::{Difference, Gap, Replay, Report};
 
 /// Exit code where a correction came out otherwise.
@@ -109,7 +109,7 @@ fn prepare(args: &Args, parsed: &[Parsed]) -> Result<Replay, Failure> {
     let (path, meta) = (file.path.display(), &file.meta);
     let config = match &args.config {
         None => recordings::machine(file)?,
-        Some(path) => service::machine(path)?,
+        Some(path) => status::machine(path)?,
     };
     let inside: Vec<_> =
         recordings::models(parsed)?.into_iter().map(|m| (m.hash, Arc::new(m.model))).collect();

@@ -9,10 +9,10 @@
 #![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
 
 pub mod diagnostic;
+mod key_names;
 pub mod machine;
 pub mod model;
 mod reader;
-mod words;
 
 pub use diagnostic::{ConfigErrors, Diagnostic, Place};
 pub use machine::{

@@ -12,7 +12,7 @@ use std::ops::Range;
 use toml::de::{DeTable, DeValue};
 
 use super::diagnostic::{ConfigErrors, Diagnostic};
-use super::words::{in_words, stem, suggestion, unit_of};
+use super::key_names::{in_words, stem, suggestion, unit_of};
 
 /// A value and where it stands.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,31 +1,31 @@
-//! The way into the audit log for whoever has something to write; [`super::keeper`] appends and syncs.
+//! The way into the audit log for whoever has something to write; [`super::state_writer`] appends and syncs.
 
 use std::sync::Arc;
 
-use super::inbox::Inbox;
+use super::write_queue::WriteQueue;
 
 pub use volcomp_state::audit::*;
 
 /// The way into the audit log.
 #[derive(Debug, Clone, Default)]
 pub struct Audit {
-    inbox: Option<Arc<Inbox>>,
+    write_queue: Option<Arc<WriteQueue>>,
 }
 
 impl Audit {
-    pub(super) const fn new(inbox: Arc<Inbox>) -> Self {
-        Self { inbox: Some(inbox) }
+    pub(super) const fn new(write_queue: Arc<WriteQueue>) -> Self {
+        Self { write_queue: Some(write_queue) }
     }
 
     /// Passes an entry on to be written; false (and counted) where there is no audit log or its queue is full. Never
     /// waits for the disk.
     pub(super) fn write(&self, entry: AuditEntry) -> bool {
-        self.inbox.as_ref().is_some_and(|inbox| inbox.audit(entry))
+        self.write_queue.as_ref().is_some_and(|write_queue| write_queue.audit(entry))
     }
 
     /// Entries that found the queue full, or that the disk did not take.
     #[must_use]
     pub(super) fn lost(&self) -> u64 {
-        self.inbox.as_ref().map_or(0, |inbox| inbox.lost())
+        self.write_queue.as_ref().map_or(0, |write_queue| write_queue.lost())
     }
 }

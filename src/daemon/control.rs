@@ -3,9 +3,9 @@
 use std::sync::Arc;
 use std::sync::atomic::Ordering::Relaxed;
 
-use super::body::CycleBody;
+use super::channels::{CycleChannels, Report, Request, StopWish};
 use super::handshake;
-use super::ports::{CyclePorts, Report, Request, StopWish};
+use super::link_session::LinkSession;
 use super::sensors::LiveEnd;
 use volcomp_config::{MachineConfig, StartMode};
 use volcomp_engine::{Command, EngineConfig, EngineError, State};
@@ -30,10 +30,10 @@ pub(super) enum Stop {
     Now,
 }
 
-/// What the service has asked for, and the ports to answer it.
+/// What the service has asked for, and the channels to answer it.
 #[derive(Debug)]
 pub(super) struct Control {
-    pub(super) ports: CyclePorts,
+    pub(super) channels: CycleChannels,
     pub(super) stop: Stop,
     stop_limit_s: f64,
     /// Gain asked for by the operator, where it is not the configured one.
@@ -51,17 +51,17 @@ pub(super) struct Control {
 
 impl Control {
     /// `permitted`: nothing speaks against compensating from the start, where that is configured.
-    pub(super) fn new(ports: CyclePorts, config: &MachineConfig, start: Start) -> Self {
+    pub(super) fn new(channels: CycleChannels, config: &MachineConfig, start: Start) -> Self {
         let Start { model, permitted, kept_fault, live, service_silent_s } = start;
         let begins = config.engine.start == StartMode::OnConnect && permitted && !kept_fault;
-        ports.progress.wanted.store(begins, Relaxed);
+        channels.progress.wanted.store(begins, Relaxed);
         if kept_fault {
-            ports.progress.set_state(State::Faulted);
+            channels.progress.set_state(State::Faulted);
         }
         let stop_limit_s = stop_limit_s(config);
         let service = ServiceWatch::new(service_silent_s);
         Self {
-            ports,
+            channels,
             stop: Stop::No,
             stop_limit_s,
             gain: None,
@@ -76,43 +76,43 @@ impl Control {
     /// Carries out what signals and the service have asked for. Without an engine, orders are kept for the next one.
     ///
     /// # Cycle   no allocation, no lock, no panic
-    pub(super) fn take_requests(&mut self, now: MonoTime, mut body: Option<&mut CycleBody>) {
-        self.look_for_stop(now, body.as_deref_mut());
-        self.look_after_service(now, body.as_deref_mut());
-        while let Ok(ticket) = self.ports.requests.try_recv() {
+    pub(super) fn take_requests(&mut self, now: MonoTime, mut session: Option<&mut LinkSession>) {
+        self.look_for_stop(now, session.as_deref_mut());
+        self.look_after_service(now, session.as_deref_mut());
+        while let Ok(ticket) = self.channels.requests.try_recv() {
             let late = now >= ticket.expires || self.service.is_silent();
             let refused = if late && !ticket.request.is_safe() {
                 true
             } else {
-                self.carry_out(now, ticket.request, body.as_deref_mut())
+                self.carry_out(now, ticket.request, session.as_deref_mut())
             };
-            self.ports.progress.done(ticket.number, refused);
+            self.channels.progress.done(ticket.number, refused);
         }
     }
 
     /// True where the request was refused.
-    fn carry_out(&mut self, now: MonoTime, request: Request, body: Option<&mut CycleBody>) -> bool {
+    fn carry_out(&mut self, now: MonoTime, request: Request, session: Option<&mut LinkSession>) -> bool {
         match request {
-            Request::Engine(command) => self.order(now, command, body),
-            Request::Model { model, hash } => self.take_model(now, (model, hash), body),
+            Request::Engine(command) => self.order(now, command, session),
+            Request::Model { model, hash } => self.take_model(now, (model, hash), session),
             Request::Shadow(on) => {
                 self.shadow = on;
-                if let Some(body) = body {
-                    body.set_shadow(now, on);
+                if let Some(session) = session {
+                    session.set_shadow(now, on);
                 }
-                self.ports.report(Report::Shadow(None));
+                self.channels.report(Report::Shadow(None));
                 false
             }
         }
     }
 
     /// A command for the engine; true where it was refused.
-    fn order(&mut self, now: MonoTime, command: Command, body: Option<&mut CycleBody>) -> bool {
+    fn order(&mut self, now: MonoTime, command: Command, session: Option<&mut LinkSession>) -> bool {
         if let Command::SetGain(gain) = command {
             self.gain = Some(gain);
         }
-        let progress = &self.ports.progress;
-        let Some(body) = body else {
+        let progress = &self.channels.progress;
+        let Some(session) = session else {
             // a new engine is off and at zero: what it would do is known
             match command {
                 Command::Enable => progress.wanted.store(!self.kept_fault, Relaxed),
@@ -132,36 +132,36 @@ impl Control {
             }
             return command == Command::Enable && self.kept_fault;
         };
-        body.command(now, command);
-        self.kept_fault = body.state() == State::Faulted;
-        progress.set_state(body.state());
+        session.command(now, command);
+        self.kept_fault = session.state() == State::Faulted;
+        progress.set_state(session.state());
         // the engine has the last word: a fault is not enabled, and only a fault at zero can be cleared
-        progress.wanted.store(body.is_enabled(), Relaxed);
+        progress.wanted.store(session.is_enabled(), Relaxed);
         match command {
-            Command::Enable => !body.is_enabled(),
+            Command::Enable => !session.is_enabled(),
             Command::ClearFault => self.kept_fault,
             _ => false,
         }
     }
 
     /// A stop asked for by a signal: read here, so that it works whatever the service does.
-    fn look_for_stop(&mut self, now: MonoTime, body: Option<&mut CycleBody>) {
-        match (self.ports.progress.stop(), self.stop) {
+    fn look_for_stop(&mut self, now: MonoTime, session: Option<&mut LinkSession>) {
+        match (self.channels.progress.stop(), self.stop) {
             (StopWish::Now, _) => self.stop = Stop::Now,
             (StopWish::Clean, Stop::No) => {
                 self.stop = Stop::By(now.plus_seconds(self.stop_limit_s));
-                self.order(now, Command::Stop, body);
+                self.order(now, Command::Stop, session);
             }
             (StopWish::Clean | StopWish::No, _) => {}
         }
     }
 
     /// Nobody could switch compensation off while the service is silent: so it is switched off here.
-    fn look_after_service(&mut self, now: MonoTime, body: Option<&mut CycleBody>) {
-        let beats = self.ports.progress.service_beats.load(Relaxed);
-        if self.service.look(now, beats) && self.ports.progress.wanted.load(Relaxed) {
-            self.order(now, Command::Disable, body);
-            self.ports.report(Report::ServiceSilent);
+    fn look_after_service(&mut self, now: MonoTime, session: Option<&mut LinkSession>) {
+        let beats = self.channels.progress.service_beats.load(Relaxed);
+        if self.service.look(now, beats) && self.channels.progress.wanted.load(Relaxed) {
+            self.order(now, Command::Disable, session);
+            self.channels.report(Report::ServiceSilent);
         }
     }
 
@@ -170,15 +170,15 @@ impl Control {
         &mut self,
         now: MonoTime,
         (model, hash): (Arc<Model>, [u8; 32]),
-        body: Option<&mut CycleBody>,
+        session: Option<&mut LinkSession>,
     ) -> bool {
         let next = Arc::clone(&model);
-        if body.is_none()
-            && let Some(tap) = &mut self.ports.tap
+        if session.is_none()
+            && let Some(tap) = &mut self.channels.tap
         {
             tap.send(&Entry::Model { now, hash });
         }
-        if body.is_some_and(|body| body.switch_model(now, model, hash).is_err()) {
+        if session.is_some_and(|session| session.switch_model(now, model, hash).is_err()) {
             return true;
         }
         self.model = next;
@@ -189,18 +189,18 @@ impl Control {
     }
 
     /// Tells a new engine what is wanted of it.
-    fn brief(&self, now: MonoTime, body: &mut CycleBody) {
+    fn brief(&self, now: MonoTime, session: &mut LinkSession) {
         if let Some(gain) = self.gain {
-            body.command(now, Command::SetGain(gain));
+            session.command(now, Command::SetGain(gain));
         }
-        if self.ports.progress.wanted.load(Relaxed) {
-            body.command(now, Command::Enable);
+        if self.channels.progress.wanted.load(Relaxed) {
+            session.command(now, Command::Enable);
         }
         if self.shadow {
-            body.set_shadow(now, true);
+            session.set_shadow(now, true);
         }
         if self.kept_fault {
-            body.command(now, Command::KeepFault);
+            session.command(now, Command::KeepFault);
         }
     }
 
@@ -210,56 +210,57 @@ impl Control {
         now: MonoTime,
         config: &EngineConfig,
         hello: &ControlHello,
-        seat: &mut Option<(ControlHello, CycleBody)>,
+        seat: &mut Option<(ControlHello, LinkSession)>,
     ) -> Result<(), EngineError> {
         if seat.as_ref().is_some_and(|(known, _)| same_machine(known, hello)) {
             return Ok(());
         }
-        let mut body = CycleBody::new(config, Arc::clone(&self.model))?;
-        let of_the_old = seat.as_mut().and_then(|(_, body)| body.take_tap());
-        if let Some(tap) = of_the_old.or_else(|| self.ports.tap.take()) {
-            body.record_to(tap, now, hello);
+        let mut session = LinkSession::new(config, Arc::clone(&self.model))?;
+        let of_the_old = seat.as_mut().and_then(|(_, session)| session.take_tap());
+        if let Some(tap) = of_the_old.or_else(|| self.channels.tap.take()) {
+            session.record_to(tap, now, hello);
         }
         self.kept_fault |= seat.as_ref().is_some_and(|(_, old)| old.state() == State::Faulted);
-        self.brief(now, &mut body);
-        *seat = Some((*hello, body));
+        self.brief(now, &mut session);
+        *seat = Some((*hello, session));
         Ok(())
     }
 
     /// Passes on what the newest cycle has changed, answered or not. The state first: whoever has read the event sees no older state.
     ///
     /// # Cycle   no allocation, no lock, no panic
-    pub(super) fn tell(&self, body: &mut CycleBody, answered: bool) {
-        let event = if answered { body.output().and_then(|output| output.event) } else { body.take_event() };
-        let progress = &self.ports.progress;
-        progress.set_state(body.state());
+    pub(super) fn report(&self, session: &mut LinkSession, answered: bool) {
+        let event =
+            if answered { session.output().and_then(|output| output.event) } else { session.take_event() };
+        let progress = &self.channels.progress;
+        progress.set_state(session.state());
         // a fault ends the wish to compensate, until it is cleared and enabled again
-        if body.state() == State::Faulted {
+        if session.state() == State::Faulted {
             progress.wanted.store(false, Relaxed);
         }
         if let Some(event) = event {
-            self.ports.report(Report::Engine(event));
+            self.channels.report(Report::Engine(event));
         }
     }
 
     /// A link has come up.
-    pub(super) fn link_up(&mut self, now: MonoTime, hello: &ControlHello, body: &mut CycleBody) {
-        body.link_up(now);
+    pub(super) fn link_up(&mut self, now: MonoTime, hello: &ControlHello, session: &mut LinkSession) {
+        session.link_up(now);
         if let Some(live) = &mut self.live {
             live.link_up(hello);
         }
-        self.ports.progress.set_state(body.state());
-        self.ports.progress.set_link(true);
+        self.channels.progress.set_state(session.state());
+        self.channels.progress.set_link(true);
     }
 
     /// The link is gone.
-    pub(super) fn link_down(&mut self, now: MonoTime, body: &mut CycleBody) {
-        body.link_down(now);
+    pub(super) fn link_down(&mut self, now: MonoTime, session: &mut LinkSession) {
+        session.link_down(now);
         if let Some(live) = &mut self.live {
             live.link_down();
         }
-        self.ports.progress.set_link(false);
-        self.ports.progress.set_state(body.state());
+        self.channels.progress.set_link(false);
+        self.channels.progress.set_state(session.state());
     }
 
     /// The model for the next engine.

@@ -1,8 +1,9 @@
-//! Counting for the status and for `counters.json` ([`volcomp_state::counters`]), which the [`super::keeper`] saves.
+//! Counting for the status and for `counters.json` ([`volcomp_state::counters`]), which the [`super::state_writer`]
+//! saves.
 
-use volcomp_state::counters::{Counters, LastWord, Recalled};
+use volcomp_state::counters::{Counters, Recalled, RetainedState};
 
-use super::ports::CycleRecord;
+use super::channels::CycleRecord;
 use super::status::Lifetime;
 use volcomp_engine::fault::Code;
 use volcomp_units::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
@@ -37,7 +38,7 @@ impl Tally {
             Some(Recalled::Known(found)) => (Counters::clone(found), None),
             Some(Recalled::Unknown(why)) => {
                 let mut base = Counters::new(machine);
-                base.last_word.hold = Some(unknown(why));
+                base.retained.hold = Some(unknown(why));
                 let code = Code::COUNTERS_DAMAGED;
                 (base, Some(format!("{code}: {why}; counting begins anew")))
             }
@@ -48,13 +49,13 @@ impl Tally {
     }
 
     /// What a restart must not undo.
-    pub(super) const fn last_word(&self) -> &LastWord {
-        &self.base.last_word
+    pub(super) const fn retained(&self) -> &RetainedState {
+        &self.base.retained
     }
 
     /// The same, to change it.
-    pub(super) const fn last_word_mut(&mut self) -> &mut LastWord {
-        &mut self.base.last_word
+    pub(super) const fn retained_mut(&mut self) -> &mut RetainedState {
+        &mut self.base.retained
     }
 
     /// What was wrong with the file.
@@ -207,7 +208,7 @@ mod tests {
         let unknown = Recalled::Unknown("counters.json: EOF".to_owned());
         let tally = Tally::open(Some(&unknown), None, "m", 1e-3);
         assert!(tally.note().expect("told").starts_with("VC-7003: counters.json: EOF"));
-        let objection = tally.last_word().objection().expect("held");
+        let objection = tally.retained().objection().expect("held");
         assert!(objection.starts_with("state unknown: counters.json: EOF"), "{objection}");
     }
 }

@@ -14,12 +14,12 @@ use std::io::{self, ErrorKind};
 use std::time::Duration;
 
 use super::age::AgeEstimator;
-use super::body::{CycleBody, Reaction};
+use super::channels::{CycleRecord, Progress, Report};
 use super::clock::Clock;
 use super::control::{Control, Stop};
 use super::link::{Link, Received};
 use super::link_end::LinkEnd;
-use super::ports::{CycleRecord, Progress, Report};
+use super::link_session::{LinkSession, Reaction};
 use volcomp_config::LinkConfig;
 use volcomp_engine::State;
 use volcomp_engine::fault::Code;
@@ -44,7 +44,7 @@ struct Batch {
 #[derive(Debug)]
 pub(super) struct Cycle<'a> {
     pub(super) control: &'a mut Control,
-    pub(super) body: &'a mut CycleBody,
+    pub(super) session: &'a mut LinkSession,
     pub(super) clock: Clock,
     pub(super) limits: &'a LinkConfig,
     pub(super) ages: AgeEstimator,
@@ -71,9 +71,9 @@ impl Cycle<'_> {
     }
 
     fn turn(&mut self, link: &mut Link) -> io::Result<Option<LinkEnd>> {
-        self.control.ports.progress.beat();
+        self.control.channels.progress.beat();
         let now = self.clock.now();
-        self.control.take_requests(now, Some(self.body));
+        self.control.take_requests(now, Some(self.session));
         if let Some(end) = self.stopped(now) {
             return Ok(Some(end));
         }
@@ -91,10 +91,10 @@ impl Cycle<'_> {
     fn stopped(&self, now: MonoTime) -> Option<LinkEnd> {
         let done = match self.control.stop {
             Stop::No => false,
-            Stop::By(limit) => self.body.is_stopped() || now >= limit,
+            Stop::By(limit) => self.session.is_stopped() || now >= limit,
             Stop::Now => true,
         };
-        done.then(|| LinkEnd::Stopped { at_rest: self.body.is_at_rest() })
+        done.then(|| LinkEnd::Stopped { at_rest: self.session.is_at_rest() })
     }
 
     /// What is due because time has passed: the engine's deadline, the life sign, the end of patience.
@@ -102,14 +102,14 @@ impl Cycle<'_> {
         if now.seconds_since(link.received) >= self.limits.silence_s {
             return Ok(Some(LinkEnd::Silent { limit_s: self.limits.silence_s }));
         }
-        if self.body.next_deadline().is_some_and(|due| now >= due)
-            && let Some(correction) = self.body.deadline(now)
+        if self.session.next_deadline().is_some_and(|due| now >= due)
+            && let Some(correction) = self.session.deadline(now)
         {
-            self.control.tell(self.body, true);
+            self.control.report(self.session, true);
             link.send(&Message::Correction(correction))?;
-            self.body.tell();
+            self.session.record();
         }
-        self.body.imagine_silence(now);
+        self.session.run_shadow_on_deadline(now);
         if now.seconds_since(link.sent) >= self.limits.heartbeat_s {
             link.send_heartbeat()?;
         }
@@ -120,7 +120,7 @@ impl Cycle<'_> {
         let heartbeat = link.sent.plus_seconds(self.limits.heartbeat_s);
         let silence = link.received.plus_seconds(self.limits.silence_s);
         let due = heartbeat.min(silence);
-        let due = self.body.next_deadline().map_or(due, |deadline| due.min(deadline));
+        let due = self.session.next_deadline().map_or(due, |deadline| due.min(deadline));
         let wait = u64::try_from(due.ns.saturating_sub(now.ns)).unwrap_or(0);
         Duration::from_nanos(wait).min(SLICE)
     }
@@ -166,8 +166,12 @@ impl Cycle<'_> {
 
     /// Why the link must end so that the next one can start from what the control holds.
     fn new_link(&self) -> Option<LinkEnd> {
-        let silenced = self.body.state() == State::Faulted;
-        self.body.needs_new_link().then_some(if silenced { LinkEnd::Silenced } else { LinkEnd::OffsetMoved })
+        let silenced = self.session.state() == State::Faulted;
+        self.session.needs_new_link().then_some(if silenced {
+            LinkEnd::Silenced
+        } else {
+            LinkEnd::OffsetMoved
+        })
     }
 
     fn message(
@@ -192,7 +196,7 @@ impl Cycle<'_> {
         if let (Message::Tool(tool), Some(live)) = (message, &mut self.control.live) {
             live.tool(tool);
         }
-        Ok(match self.body.handle(at, message) {
+        Ok(match self.session.handle(at, message) {
             Reaction::Answer(_) | Reaction::Nothing => None,
             Reaction::Closed(reason) => Some(LinkEnd::ClosedByControl(reason)),
             Reaction::Refused(report) => Some(LinkEnd::Refused(report)),
@@ -209,32 +213,32 @@ impl Cycle<'_> {
         skipped: u64,
     ) -> io::Result<()> {
         let message = Message::Position(frame);
-        let strays = self.body.strays();
-        let reaction = self.body.handle(received, &message);
-        let strays = self.body.strays().saturating_sub(strays);
-        Progress::add(&self.control.ports.progress.out_of_order, strays);
+        let strays = self.session.strays();
+        let reaction = self.session.handle(received, &message);
+        let strays = self.session.strays().saturating_sub(strays);
+        Progress::add(&self.control.channels.progress.out_of_order, strays);
         let Reaction::Answer(correction) = reaction else {
-            self.body.tell();
+            self.session.record();
             self.live(received, &frame);
-            self.control.tell(self.body, false);
+            self.control.report(self.session, false);
             return Ok(());
         };
         let computed = self.clock.now();
         link.send(&Message::Correction(correction))?;
-        self.body.tell();
+        self.session.record();
         self.live(received, &frame);
-        self.control.tell(self.body, true);
+        self.control.report(self.session, true);
         let turnaround_ns = link.sent.ns - received.ns;
         let age_ns = self.ages.age_ns(received, frame.control_ns).saturating_add(turnaround_ns);
         let late = u64::from(age_ns as f64 > self.limits.cycle_s * NS_PER_S);
-        let progress = &self.control.ports.progress;
+        let progress = &self.control.channels.progress;
         Progress::add(&progress.cycles, 1 + skipped);
         Progress::add(&progress.late, late + skipped);
         Progress::add(&progress.skipped, skipped);
-        let Some(output) = self.body.output() else { return Ok(()) };
+        let Some(output) = self.session.output() else { return Ok(()) };
         Progress::add(&progress.limited, u64::from(output.limited & !output.at_soft_limit != 0));
         Progress::add(&progress.at_soft_limit, u64::from(output.at_soft_limit != 0));
-        self.control.ports.record(CycleRecord {
+        self.control.channels.record(CycleRecord {
             state: output.state,
             machine_state: frame.state,
             limited: output.limited,
@@ -247,23 +251,23 @@ impl Cycle<'_> {
             turnaround_ns,
             compute_ns: computed.ns - received.ns,
         });
-        self.imagine(received, &frame);
+        self.run_shadow(received, &frame);
         Ok(())
     }
 
     /// Live values for the next frame, and this one for the estimator.
     fn live(&mut self, received: MonoTime, frame: &Position) {
         if let Some(live) = &mut self.control.live {
-            live.after(received, frame, self.body);
+            live.after(received, frame, self.session);
         }
     }
 
     /// The shadow engine, when all else is done; its score goes out once a second.
-    fn imagine(&mut self, now: MonoTime, frame: &Position) {
-        self.body.imagine(now, frame);
-        let Some((state, score)) = self.body.shadow() else { return };
+    fn run_shadow(&mut self, now: MonoTime, frame: &Position) {
+        self.session.run_shadow(now, frame);
+        let Some((state, score)) = self.session.shadow() else { return };
         if score.cycles.is_multiple_of((1.0 / self.limits.cycle_s) as u64) {
-            self.control.ports.report(Report::Shadow(Some((state, *score))));
+            self.control.channels.report(Report::Shadow(Some((state, *score))));
         }
     }
 }
@@ -279,7 +283,7 @@ impl LinkEnd {
     }
 
     /// How to close the link: an error to name, and the reason; `None` where the other side is gone.
-    pub(super) const fn farewell(&self) -> Option<(Option<(ErrorCode, &'static str)>, CloseReason)> {
+    pub(super) const fn close_frame(&self) -> Option<(Option<(ErrorCode, &'static str)>, CloseReason)> {
         match self {
             Self::BadFrame(_) => Some((Some((ErrorCode::BadFrame, "not a frame")), CloseReason::Error)),
             Self::Unexpected(found) => Some((Some((ErrorCode::Unexpected, found)), CloseReason::Error)),

@@ -14,19 +14,19 @@ use tokio::time::{Instant, MissedTickBehavior, interval, sleep_until};
 use tracing::{error, info, warn};
 use volcomp_state::counters::Recalled;
 
+use super::channels::{CycleChannels, Progress, StopWish, channels};
 use super::clock::Clock;
 use super::control::{SERVICE_SILENT_S, Start};
-use super::keeper::Keeper;
 use super::load::{LoadError, Loaded, load};
 use super::logging::{self, LogError};
 use super::models::{Models, guard};
-use super::notify::{Fed, Headline, Watchdog, tell};
-use super::ports::{CyclePorts, Progress, StopWish, ports};
+use super::notify::{Fed, Headline, Watchdog, notify};
 use super::recorder::{HealthSlot, Recorder};
 use super::sensors::{self, Listener, Sensors, live_ends};
 use super::server::{Server, SocketError};
 use super::service::Service;
 use super::signals::{self, STOP_LIMIT};
+use super::state_writer::StateWriter;
 use super::sync::Mutex;
 use super::worker::Worker;
 use volcomp_config::{MachineConfig, Policy};
@@ -115,16 +115,16 @@ struct CycleThread {
 }
 
 impl CycleThread {
-    fn spawn(loaded: Arc<Loaded>, how: Start, ports: CyclePorts, clock: Clock) -> io::Result<Self> {
-        let progress = Arc::clone(&ports.progress);
+    fn spawn(loaded: Arc<Loaded>, how: Start, channels: CycleChannels, clock: Clock) -> io::Result<Self> {
+        let progress = Arc::clone(&channels.progress);
         Self::start(move || {
             // on return and on panic alike: the thread of the signals hears of both
             let _ended = Ended(progress);
-            Worker::new(loaded, how, ports, clock).run();
+            Worker::new(loaded, how, channels, clock).run();
         })
     }
 
-    fn start(body: impl FnOnce() + Send + 'static) -> io::Result<Self> {
+    fn start(session: impl FnOnce() + Send + 'static) -> io::Result<Self> {
         let (end, ended) = oneshot::channel();
         let handle = std::thread::Builder::new()
             .name("volcomp-cycle".to_owned())
@@ -132,7 +132,7 @@ impl CycleThread {
             .spawn(move || {
                 // dropped on return and on panic alike: the service hears of both
                 let _end: oneshot::Sender<()> = end;
-                body();
+                session();
             })?;
         Ok(Self { handle, ended })
     }
@@ -144,40 +144,41 @@ impl CycleThread {
 }
 
 async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
-    let (mut cycle_ports, service_ports) = ports();
-    let progress = Arc::clone(&service_ports.progress);
+    let (mut cycle_channels, service_channels) = channels();
+    let progress = Arc::clone(&service_channels.progress);
     signals::watch(Arc::clone(&progress))
         .map_err(|source| DaemonError::System { what: "the signal handlers", source })?;
     let socket = socket_path(config, &loaded.config);
     let server = socket.as_deref().map(Server::bind).transpose()?;
     let clock = Clock::start();
-    let mut keeper = Keeper::start(config, &loaded);
-    let directory = keeper.directory().map(Path::to_owned);
-    let place = directory.as_deref().map(|directory| (keeper.disk(), directory));
-    let first = keeper.recalled() == Some(&Recalled::First);
-    let models = Models::at_start(place, first, &loaded, |why| keeper.hold(why));
-    keeper.announce(&loaded, &models.active);
+    let mut state_writer = StateWriter::start(config, &loaded);
+    let directory = state_writer.directory().map(Path::to_owned);
+    let place = directory.as_deref().map(|directory| (state_writer.disk(), directory));
+    let first = state_writer.recalled() == Some(&Recalled::First);
+    let models = Models::at_start(place, first, &loaded, |why| state_writer.hold(why));
+    state_writer.announce(&loaded, &models.active);
     let mut how = permit(&models, &loaded.config);
     let health = Arc::new(HealthSlot::default());
-    let (sensors, listener) = live(&loaded, &models, &keeper, &mut how, (&health, clock)).await?;
+    let (sensors, listener) = live(&loaded, &models, &state_writer, &mut how, (&health, clock)).await?;
     let recorder = Recorder::start(config, &loaded, &models.active, health, clock)
         .map_err(|source| DaemonError::System { what: "the recorder's thread", source })?;
     let (tap, recorder) = recorder.unzip();
-    cycle_ports.tap = tap;
-    let mut service = Service::new(Arc::clone(&loaded), service_ports, keeper, recorder, models, clock)
-        .map_err(|_| DaemonError::Internal { what: "the statistics could not be set up" })?;
+    cycle_channels.tap = tap;
+    let mut service =
+        Service::new(Arc::clone(&loaded), service_channels, state_writer, recorder, models, clock)
+            .map_err(|_| DaemonError::Internal { what: "the statistics could not be set up" })?;
     service.sensors = sensors;
     let how = Start { permitted: service.begins(how.permitted), kept_fault: service.has_kept_fault(), ..how };
     let service = Arc::new(Mutex::new(service));
     log_start(config, &loaded);
-    let mut thread = CycleThread::spawn(loaded, how, cycle_ports, clock)
+    let mut thread = CycleThread::spawn(loaded, how, cycle_channels, clock)
         .map_err(|source| DaemonError::System { what: "the cycle thread", source })?;
     let server = server.map(|server| tokio::spawn(server.run(Arc::clone(&service))));
     let listener = listener.map(|listener| tokio::spawn(listener.run()));
-    tell(&[NotifyState::Ready]);
+    notify(&[NotifyState::Ready]);
 
     let result = watch(&service, &progress, &mut thread, clock).await;
-    tell(&[NotifyState::Stopping]);
+    notify(&[NotifyState::Stopping]);
     if let Some(server) = server {
         server.abort();
         // wait for the abort, which removes the socket's file
@@ -214,7 +215,7 @@ fn permit(models: &Models, config: &MachineConfig) -> Start {
 async fn live(
     loaded: &Loaded,
     models: &Models,
-    keeper: &Keeper,
+    state_writer: &StateWriter,
     how: &mut Start,
     (health, clock): (&Arc<HealthSlot>, Clock),
 ) -> Result<(Option<Sensors>, Option<Listener>), DaemonError> {
@@ -232,7 +233,7 @@ async fn live(
         config: config.clone(),
         machine: loaded.config.machine.clone(),
         model: Arc::clone(&models.active),
-        directory: keeper.directory().map(Path::to_owned),
+        directory: state_writer.directory().map(Path::to_owned),
         record: loaded.config.recording.directory.is_some().then(|| Arc::clone(health)),
         end,
         clock,
@@ -282,7 +283,7 @@ async fn watch(
                 headline.show(now, || service.headline());
                 let fed = watchdog.look(now, progress.beats.load(Relaxed));
                 if fed == Fed::Yes {
-                    tell(&[NotifyState::Watchdog]);
+                    notify(&[NotifyState::Watchdog]);
                 } else if fed == Fed::Stuck && !stuck {
                     error!("the cycle thread does not move; the watchdog is not fed any more");
                 }

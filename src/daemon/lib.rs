@@ -6,16 +6,19 @@
 //!   on a blocking socket. Between link-up and link-down it allocates nothing, takes no lock, writes no log and
 //!   touches no disk; what it has to say goes by `try_send` into bounded channels, or is dropped and counted.
 //! - the **service thread** ([`daemon`], tokio) drains these channels ([`service`]), logs ([`logging`]), keeps the
-//!   statistics ([`board`], [`latency`]), answers the status socket ([`server`], [`socket`], [`orders`]), looks after the models ([`models`]), handles signals and feeds systemd ([`notify`]).
+//!   statistics ([`status_collector`], [`latency`]), answers the status socket ([`server`], [`socket`],
+//!   [`command_handler`]), looks after the models ([`models`]), handles signals and feeds systemd ([`notify`]).
 //!
 //! - the **estimator** ([`sensors`]) is a thread that learns from sensors what the model does not know; the cycle only
 //!   evaluates what it has finished.
 //!
-//! - the **recorder** and the **keeper** ([`recorder`], [`keeper`] with [`audit`] and [`counters`]) are threads that may
-//!   wait for the disk, so that nobody else has to. [`replay`] runs what was recorded through the same [`body`].
+//! - the **recorder** and the **state writer** ([`recorder`], [`state_writer`] with [`audit`] and [`counters`]) are
+//!   threads that may wait for the disk, so that nobody else has to. [`replay`] runs what was recorded through the
+//!   same [`link_session`].
 //!
-//! [`ports`] is everything that passes between the two. [`body`] is the cycle without its socket and clock, for
-//! tests that count allocations. Reading order: `ports`, `body`, `link`, `cycle`, `worker`, `service`, `daemon`.
+//! [`channels`] is everything that passes between the two. [`link_session`] is the cycle without its socket and
+//! clock, for tests that count allocations. Reading order: `channels`, `link_session`, `link`, `cycle`, `worker`,
+//! `service`, `daemon`.
 
 // eager arguments with a cost or an effect; for `then_some` no lint exists
 #![warn(clippy::or_fun_call)]
@@ -25,37 +28,33 @@
 )]
 
 mod age;
-mod arrivals;
 pub mod audit;
 mod backoff;
-mod board;
-mod body;
+mod channels;
 pub mod client;
 mod clock;
+mod command_handler;
 mod control;
 mod counters;
 mod cycle;
 mod daemon;
 mod handshake;
-mod inbox;
-mod keeper;
-pub mod kept;
 mod latency;
 mod link;
 mod link_end;
+mod link_session;
 mod load;
 mod logging;
 pub mod models;
-mod notices;
 mod notify;
-mod orders;
-mod ports;
+mod poll_schedule;
+mod rate_limited_warnings;
 mod realtime;
 mod recorder;
-mod rehearsal;
 pub mod replay;
 #[cfg(test)]
-mod sealed;
+mod seccomp_tests;
+mod self_benchmark;
 mod sensor_status;
 pub mod sensors;
 mod server;
@@ -64,20 +63,25 @@ mod signals;
 #[cfg(test)]
 mod simulation;
 pub mod socket;
+pub mod state_validation;
+mod state_writer;
 mod status;
+mod status_collector;
 mod sync;
 mod tls;
 mod worker;
+mod write_queue;
 
-pub use body::{CycleBody, Reaction};
 pub use daemon::{DaemonError, run, socket_path};
 pub use latency::{Bins, Histograms};
+pub use link_session::{LinkSession, Reaction};
 pub use load::{LoadError, Loaded, load, load_config, with_additions};
 pub use logging::LogError;
 pub use recorder::{ModelTexts, Tap, answer_of, command_of, request_of, tap};
-pub use rehearsal::{Rehearsal, RehearsalError, rehearse};
+pub use self_benchmark::{SelfBenchmark, SelfBenchmarkError, run_self_benchmark};
 pub use sensors::{
-    EstimatorEnd, FilterStatus, GrowthStatus, LiveEnd, MapStatus, Motion, NodeStatus, SensorStatus, live_ends,
+    EstimatorEnd, FilterStatus, LiveEnd, MapStatus, Motion, NodeStatus, SensorStatus,
+    ThermalDisplacementStatus, live_ends,
 };
 pub use server::SocketError;
 pub use status::{Fault, Lifetime, LinkStatus, RealtimeStatus, RecordingStatus, Status};

@@ -3,7 +3,7 @@
 //! The socket blocks with a read timeout. The timeout is only handed to the kernel when it has to change, so that a
 //! steady link costs one `recv` and one `send` a cycle; the kernel rounds it up to its tick (1 to 10 ms), so shorter
 //! waits, as while no positions come, sleep in `poll`, which is exact. With busy
-//! polling the thread sleeps in `poll` until shortly before a frame is expected ([`super::arrivals`]) and then reads
+//! polling the thread sleeps in `poll` until shortly before a frame is expected ([`super::poll_schedule`]) and then reads
 //! without waiting until it is there.
 
 use std::io::{self, ErrorKind, Read, Write};
@@ -15,8 +15,8 @@ use rustix::io::Errno;
 use rustix::net::{RecvFlags, SendFlags, recv, send};
 use socket2::{Domain, Protocol, SockRef, Socket, TcpKeepalive, Type};
 
-use super::arrivals::{Arrivals, Wait};
 use super::clock::Clock;
+use super::poll_schedule::{PollSchedule, Wait};
 use super::tls::{Identity, TlsStream};
 use volcomp_config::{LinkConfig, RealtimeConfig};
 use volcomp_protocol::{
@@ -63,7 +63,7 @@ pub(super) struct Link {
     clock: Clock,
     read_timeout: Duration,
     /// When frames are expected; `None` without busy polling.
-    arrivals: Option<Arrivals>,
+    poll_schedule: Option<PollSchedule>,
     heartbeats: u32,
     /// When the last whole frame came in.
     pub(super) received: MonoTime,
@@ -122,8 +122,8 @@ impl Connecting {
             out: [0; MAX_FRAME],
             clock,
             read_timeout: Duration::ZERO,
-            arrivals: (realtime.busy_poll_s > 0.0)
-                .then(|| Arrivals::new(seconds(link.cycle_s), seconds(realtime.busy_poll_s))),
+            poll_schedule: (realtime.busy_poll_s > 0.0)
+                .then(|| PollSchedule::new(seconds(link.cycle_s), seconds(realtime.busy_poll_s))),
             heartbeats: 0,
             received: now,
             sent: now,
@@ -186,8 +186,8 @@ impl Link {
             // what has been decrypted is not on the socket any more, where a wait would look for it
             return self.read_at_once();
         }
-        if let Some(arrivals) = self.arrivals {
-            return self.poll_busily(arrivals, wait);
+        if let Some(poll_schedule) = self.poll_schedule {
+            return self.poll_busily(poll_schedule, wait);
         }
         if wait < EXACT {
             return if self.wait_for_data(wait)? { self.read_at_once() } else { Ok(Received::Nothing) };
@@ -229,10 +229,10 @@ impl Link {
     }
 
     /// Sleeps until a frame is expected, then reads again and again without sleeping.
-    fn poll_busily(&mut self, arrivals: Arrivals, wait: Duration) -> io::Result<Received> {
+    fn poll_busily(&mut self, poll_schedule: PollSchedule, wait: Duration) -> io::Result<Received> {
         let mut now = self.clock.now();
         let end = now.plus_seconds(wait.as_secs_f64());
-        while let Some(wait) = arrivals.wait(now, end) {
+        while let Some(wait) = poll_schedule.wait(now, end) {
             let received = match wait {
                 Wait::Sleep(limit) if !self.wait_for_data(limit)? => Received::Nothing,
                 Wait::Sleep(_) | Wait::Poll => self.read_at_once()?,
@@ -287,8 +287,8 @@ impl Link {
             Ok(count) => {
                 let at = self.clock.now();
                 self.reader.advance(count);
-                if let Some(arrivals) = &mut self.arrivals {
-                    arrivals.arrived(at);
+                if let Some(poll_schedule) = &mut self.poll_schedule {
+                    poll_schedule.arrived(at);
                 }
                 Ok(Received::Bytes { at, more: count == room })
             }

@@ -55,7 +55,7 @@ impl Watchdog {
 }
 
 /// Tells systemd; without `NOTIFY_SOCKET` nothing happens.
-pub(super) fn tell(states: &[NotifyState<'_>]) {
+pub(super) fn notify(states: &[NotifyState<'_>]) {
     if let Err(error) = sd_notify::notify(states) {
         tracing::debug!(%error, "the service manager could not be told");
     }
@@ -76,7 +76,7 @@ impl Headline {
         self.at = Some(now);
         let text = text();
         if text != self.text {
-            tell(&[NotifyState::Status(&text)]);
+            notify(&[NotifyState::Status(&text)]);
             self.text = text;
         }
     }

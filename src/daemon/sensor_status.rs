@@ -4,9 +4,9 @@ use serde::{Deserialize, Serialize};
 
 use volcomp_engine::fault;
 use volcomp_estimate::live::{
-    GrowthHealth, GrowthStanding, LiveHealth, LiveSpec, MapHealth, MapSpec, SensorHealth, SensorSpec,
+    LiveHealth, LiveSpec, MapHealth, MapSpec, SensorHealth, SensorSpec, ThermalHealth, ThermalStatus,
 };
-use volcomp_estimate::{Standing, Trouble};
+use volcomp_estimate::{self as estimate, SensorFault};
 use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// A sensor.
@@ -114,9 +114,9 @@ pub struct NodeStatus {
     pub used: Vec<f64>,
 }
 
-/// A growth by heat.
+/// A thermal displacement.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
-pub struct GrowthStatus {
+pub struct ThermalDisplacementStatus {
     /// Its name.
     pub name: String,
     /// `waiting` (an input has not spoken), `used`, `outside` (an input is outside of what the fit has seen: it fades),
@@ -143,9 +143,9 @@ pub struct FilterStatus {
     pub sensors: Vec<SensorStatus>,
     /// The maps.
     pub maps: Vec<MapStatus>,
-    /// Growths by heat.
+    /// Thermal displacements.
     #[serde(default)]
-    pub growths: Vec<GrowthStatus>,
+    pub growths: Vec<ThermalDisplacementStatus>,
     /// What should be known: what was put back at the start, what could not be kept.
     pub notes: Vec<String>,
     /// Readings that found the estimator's queue full.
@@ -153,46 +153,46 @@ pub struct FilterStatus {
 }
 
 /// Number of a trouble in the catalogue of faults.
-pub(crate) const fn code_of(trouble: Trouble) -> fault::Code {
-    fault::Code(match trouble {
-        Trouble::Silent => 8002,
-        Trouble::Late => 8003,
-        Trouble::Frozen => 8004,
-        Trouble::Jump => 8005,
-        Trouble::Range => 8006,
-        Trouble::Rate => 8007,
-        Trouble::Clock => 8008,
-        Trouble::Quality => 8009,
-        Trouble::Disagrees => 8010,
-        Trouble::Reversed => 8016,
-        Trouble::Kind => 8017,
+pub(crate) const fn code_of(sensor_fault: SensorFault) -> fault::Code {
+    fault::Code(match sensor_fault {
+        SensorFault::Silent => 8002,
+        SensorFault::Late => 8003,
+        SensorFault::Frozen => 8004,
+        SensorFault::Jump => 8005,
+        SensorFault::Range => 8006,
+        SensorFault::Rate => 8007,
+        SensorFault::Clock => 8008,
+        SensorFault::Quality => 8009,
+        SensorFault::Disagrees => 8010,
+        SensorFault::Reversed => 8016,
+        SensorFault::Kind => 8017,
     })
 }
 
-/// Number of what is wrong with a growth, in the catalogue of faults.
-pub(crate) const fn growth_code(standing: GrowthStanding) -> Option<fault::Code> {
-    match standing {
-        GrowthStanding::Waiting(_) | GrowthStanding::Used => None,
-        GrowthStanding::Outside(_) => Some(fault::Code(8014)),
-        GrowthStanding::Lost(_) => Some(fault::Code(8015)),
+/// Number of what is wrong with a thermal displacement, in the catalogue of faults.
+pub(crate) const fn growth_code(status: ThermalStatus) -> Option<fault::Code> {
+    match status {
+        ThermalStatus::Waiting(_) | ThermalStatus::Used => None,
+        ThermalStatus::Outside(_) => Some(fault::Code(8014)),
+        ThermalStatus::Lost(_) => Some(fault::Code(8015)),
     }
 }
 
-impl GrowthStatus {
-    fn new(h: &GrowthHealth) -> Self {
+impl ThermalDisplacementStatus {
+    fn new(h: &ThermalHealth) -> Self {
         // um of mm, or um/m of a strain
         let scale = if h.expansion { 1e6 } else { um_from_mm(1.0) };
-        let state = match h.standing {
-            GrowthStanding::Waiting(_) => "waiting",
-            GrowthStanding::Used => "used",
-            GrowthStanding::Outside(_) => "outside",
-            GrowthStanding::Lost(_) => "lost",
+        let state = match h.status {
+            ThermalStatus::Waiting(_) => "waiting",
+            ThermalStatus::Used => "used",
+            ThermalStatus::Outside(_) => "outside",
+            ThermalStatus::Lost(_) => "lost",
         };
         Self {
             name: h.name.clone(),
             state: state.to_owned(),
             input: h.input.clone(),
-            code: growth_code(h.standing).map(|code| code.to_string()),
+            code: growth_code(h.status).map(|code| code.to_string()),
             unit: if h.expansion { "um/m" } else { "um" }.to_owned(),
             value: scale * h.value,
             share: h.share,
@@ -203,22 +203,22 @@ impl GrowthStatus {
 
 impl SensorStatus {
     fn new(h: &SensorHealth) -> Self {
-        let trouble = match h.standing {
-            Standing::Excluded(trouble) => Some(trouble),
-            Standing::Waiting | Standing::Good => None,
+        let sensor_fault = match h.status {
+            estimate::SensorStatus::Excluded(sensor_fault) => Some(sensor_fault),
+            estimate::SensorStatus::Waiting | estimate::SensorStatus::Good => None,
         };
-        let state = match h.standing {
-            Standing::Waiting => "waiting",
-            Standing::Good => "good",
-            Standing::Excluded(_) => "excluded",
+        let state = match h.status {
+            estimate::SensorStatus::Waiting => "waiting",
+            estimate::SensorStatus::Good => "good",
+            estimate::SensorStatus::Excluded(_) => "excluded",
         };
         Self {
             name: h.name.clone(),
             kind: h.kind.to_owned(),
             state: state.to_owned(),
-            cause: trouble.map(|t| t.name().to_owned()),
-            code: trouble.map(|t| code_of(t).to_string()),
-            state_s: h.standing_s,
+            cause: sensor_fault.map(|t| t.name().to_owned()),
+            code: sensor_fault.map(|t| code_of(t).to_string()),
+            state_s: h.status_s,
             age_s: h.age_s,
             clock_offset_s: h.clock_offset_s,
             delay_ms: h.shift_s.map(|[value, _]| value * 1e3),
@@ -229,7 +229,7 @@ impl SensorStatus {
             without_position: h.without_position,
             skipped: h.skipped,
             rests_s: h.rests_s,
-            acquaintance_left: h.acquaintance.map(|(seen, wanted)| wanted.saturating_sub(seen)),
+            acquaintance_left: h.initialisation.map(|(seen, wanted)| wanted.saturating_sub(seen)),
             noise_factor: h.noise_factor.map(|[lengths, _]| lengths),
             noise_factor_angles: h.noise_factor.map(|[_, angles]| angles),
             innovation: h.innovation.map(|i| i[0]),
@@ -318,7 +318,7 @@ impl FilterStatus {
         Self {
             sensors: health.sensors.iter().map(SensorStatus::new).collect(),
             maps: health.maps.iter().map(MapStatus::new).collect(),
-            growths: health.growths.iter().map(GrowthStatus::new).collect(),
+            growths: health.growths.iter().map(ThermalDisplacementStatus::new).collect(),
             notes: Vec::new(),
             dropped: 0,
         }

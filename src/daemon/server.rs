@@ -3,7 +3,7 @@
 //! One JSON object per line in, one per line out. Who may open the socket may command: its mode is 0660, its
 //! directory belongs to the service. Few clients, short lines, short patience: nothing here can starve the rest.
 //!
-//! Requests and answers: [`super::socket`]; what they lead to: [`super::orders`].
+//! Requests and answers: [`super::socket`]; what they lead to: [`super::command_handler`].
 
 use std::io;
 use std::os::unix::fs::PermissionsExt;
@@ -18,7 +18,7 @@ use tokio::time::{sleep, timeout};
 use tracing::warn;
 use volcomp_state::bounded_read::MODEL_BYTES_MAX;
 
-use super::orders::carry_out;
+use super::command_handler::carry_out;
 use super::service::Service;
 use super::socket::{Answer, Ask};
 use super::sync::Mutex;

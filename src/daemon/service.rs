@@ -1,7 +1,7 @@
 //! The service's side of the channels: drains, logs with bounds, passes requests on.
 
 mod logs;
-mod word;
+mod retained_state;
 
 use std::collections::VecDeque;
 use std::sync::Arc;
@@ -12,29 +12,29 @@ use tracing::{info, warn};
 use volcomp_state::counters::FILE;
 
 use super::audit::{Audit, AuditEntry, Who};
-use super::board::Board;
+use super::channels::{LastOffset, Report, Request, ServiceChannels};
 use super::clock::Clock;
 use super::counters::{Tally, unknown};
 use super::handshake;
-use super::keeper::Keeper;
 use super::latency::Histograms;
 use super::link_end::LinkEnd;
 use super::load::Loaded;
 use super::logging::LogLimiter;
 use super::models::guard::{self, Hindrance};
 use super::models::{Keeping, Models, Prepared};
-use super::notices::Notices;
-use super::ports::{LastOffset, Report, Request, ServicePorts};
+use super::rate_limited_warnings::RateLimitedWarnings;
 use super::realtime;
 use super::recorder::Recorder;
 use super::sensors::{MapStatus, Sensors};
+use super::state_writer::StateWriter;
 use super::status::Status;
+use super::status_collector::StatusCollector;
 use logs::{log_event, log_link_up, log_realtime};
+use retained_state::RetentionState;
 use volcomp_config::{MachineConfig, Policy};
 use volcomp_engine::fault::Code;
 use volcomp_engine::{Command, Event, ShadowScore, State};
 use volcomp_units::MonoTime;
-use word::WordState;
 
 /// Records taken in one go, so that requests are never kept waiting by statistics.
 const RECORDS_AT_ONCE: usize = 4096;
@@ -46,10 +46,10 @@ const LOOK_S: f64 = 1.0;
 /// The service's view of the cycle thread.
 #[derive(Debug)]
 pub(super) struct Service {
-    ports: ServicePorts,
-    board: Board,
+    channels: ServiceChannels,
+    status_collector: StatusCollector,
     tally: Tally,
-    keeper: Keeper,
+    state_writer: StateWriter,
     recorder: Option<Recorder>,
     /// Live estimation, where there are sensors.
     pub(super) sensors: Option<Sensors>,
@@ -68,37 +68,37 @@ pub(super) struct Service {
     looked: MonoTime,
     /// Number of the newest request.
     ticket: u64,
-    word: WordState,
+    retained: RetentionState,
     /// Requests that the cycle thread has not looked at, oldest first; a model among them is not freed there.
     waiting: VecDeque<(u64, Request)>,
     failures: LogLimiter,
     links: LogLimiter,
     events: LogLimiter,
-    notices: Notices,
+    warnings: RateLimitedWarnings,
 }
 
 impl Service {
     pub(super) fn new(
         loaded: Arc<Loaded>,
-        ports: ServicePorts,
-        keeper: Keeper,
+        channels: ServiceChannels,
+        state_writer: StateWriter,
         recorder: Option<Recorder>,
         models: Models,
         clock: Clock,
     ) -> Result<Self, hdrhistogram::CreationError> {
         let config = &loaded.config;
-        let file = keeper.directory().map(|directory| directory.join(FILE).display().to_string());
-        let mut tally = Tally::open(keeper.recalled(), file, &config.machine, config.link.cycle_s);
-        if let Some(note) = tally.note().filter(|_| keeper.recalled().is_some()) {
+        let file = state_writer.directory().map(|directory| directory.join(FILE).display().to_string());
+        let mut tally = Tally::open(state_writer.recalled(), file, &config.machine, config.link.cycle_s);
+        if let Some(note) = tally.note().filter(|_| state_writer.recalled().is_some()) {
             warn!("{note}");
         }
         if let Some(why) = &models.unknown {
-            tally.last_word_mut().hold.get_or_insert_with(|| unknown(why));
+            tally.retained_mut().hold.get_or_insert_with(|| unknown(why));
         }
-        let word = WordState::new(tally.last_word());
+        let retained = RetentionState::new(tally.retained());
         let gain = config.engine.gain;
         let config = Arc::new(config.clone());
-        let board = Board::new(loaded, Arc::clone(&ports.progress), clock)?;
+        let status_collector = StatusCollector::new(loaded, Arc::clone(&channels.progress), clock)?;
         let mut service = Self {
             models,
             config,
@@ -110,20 +110,20 @@ impl Service {
             loading: Arc::default(),
             shadow: None,
             looked: clock.now(),
-            ports,
-            board,
+            channels,
+            status_collector,
             tally,
-            keeper,
+            state_writer,
             recorder,
             clock,
             saved: clock.now(),
             ticket: 0,
-            word,
+            retained,
             waiting: VecDeque::new(),
             failures: LogLimiter::new(3, Duration::from_secs(60)),
             links: LogLimiter::new(10, Duration::from_secs(10)),
             events: LogLimiter::new(20, Duration::from_secs(1)),
-            notices: Notices::new(clock.now()),
+            warnings: RateLimitedWarnings::new(clock.now()),
         };
         service.recall();
         service.save();
@@ -132,7 +132,7 @@ impl Service {
 
     /// Whether compensation is wanted.
     pub(super) fn is_wanted(&self) -> bool {
-        self.ports.progress.wanted.load(Relaxed)
+        self.channels.progress.wanted.load(Relaxed)
     }
 
     /// The one place for a model that is being read.
@@ -142,7 +142,7 @@ impl Service {
 
     /// The fault that is latched now, in a line.
     pub(super) fn latched(&self) -> Option<String> {
-        self.board.latched()
+        self.status_collector.latched()
     }
 
     /// Whether shadow mode is on.
@@ -161,7 +161,7 @@ impl Service {
     }
 
     /// The temperature of the machine, degrees Celsius.
-    pub(super) fn tell_temperature(&mut self, degc: f64) {
+    pub(super) fn set_temperature(&mut self, degc: f64) {
         self.temperature = Some((degc, self.clock.now()));
     }
 
@@ -228,7 +228,7 @@ impl Service {
         warn!("compensation is ramped out: {hindrance}");
         let result =
             if self.request(Request::Engine(Command::Disable)).is_some() { "ordered" } else { "queue full" };
-        self.keeper.audit.write(AuditEntry {
+        self.state_writer.audit.write(AuditEntry {
             who: Who::daemon(),
             what: "disable".to_owned(),
             why: Some(hindrance.to_string()),
@@ -240,7 +240,7 @@ impl Service {
 
     /// Takes in what the cycle thread has reported.
     fn drain_reports(&mut self) {
-        while let Ok(report) = self.ports.reports.try_recv() {
+        while let Ok(report) = self.channels.reports.try_recv() {
             self.report(report);
         }
     }
@@ -250,8 +250,8 @@ impl Service {
         // reports first: a link that came up resets the statistics before its first record
         self.settle_all();
         for _ in 0..RECORDS_AT_ONCE {
-            let Ok(record) = self.ports.records.try_recv() else { break };
-            self.board.record(&record);
+            let Ok(record) = self.channels.records.try_recv() else { break };
+            self.status_collector.record(&record);
             self.tally.record(&record);
         }
         if self.clock.now().seconds_since(self.saved) >= SAVE_S {
@@ -260,16 +260,16 @@ impl Service {
         if self.clock.now().seconds_since(self.looked) >= LOOK_S {
             self.look_after_the_model();
         }
-        self.notices.look(self.clock.now(), &self.ports.progress);
+        self.warnings.look(self.clock.now(), &self.channels.progress);
         if let Some(recorder) = &self.recorder {
             let lost = recorder.stats.dropped.load(std::sync::atomic::Ordering::Relaxed);
-            self.notices.look_at_recording(self.clock.now(), lost);
+            self.warnings.look_at_recording(self.clock.now(), lost);
         }
     }
 
     pub(super) fn status(&mut self) -> Status {
         self.drain();
-        let mut status = self.board.status();
+        let mut status = self.status_collector.status();
         let active = &self.models.active;
         (status.model, status.model_hash) = (active.origin.clone(), active.hash.clone());
         status.model_choice = self.models.status();
@@ -277,11 +277,12 @@ impl Service {
         status.start_inhibit = self.start_inhibit();
         status.temperature_degc = self.temperature.map(|(degc, _)| degc);
         status.hindrances = self.hindrances(false).iter().map(|(h, _)| h.to_string()).collect();
-        status.shadow = self.shadow.filter(|_| self.shadowing).map(|(s, score)| self.board.shadow(s, &score));
+        status.shadow =
+            self.shadow.filter(|_| self.shadowing).map(|(s, score)| self.status_collector.shadow(s, &score));
         status.lifetime = self.tally.lifetime(status.cycles, status.late_cycles);
-        status.lifetime.audit_lines_lost = self.keeper.audit.lost();
+        status.lifetime.audit_lines_lost = self.state_writer.audit.lost();
         // a disk that refuses now is told before what was found at the start
-        status.lifetime.note = self.keeper.problem().or(status.lifetime.note);
+        status.lifetime.note = self.state_writer.problem().or(status.lifetime.note);
         if let Some(sensors) = &self.sensors {
             let health = sensors.health();
             status.maps = health.maps.iter().map(MapStatus::brief).collect();
@@ -301,15 +302,15 @@ impl Service {
 
     /// The audit log, for whoever does something that belongs into it.
     pub(super) const fn audit(&self) -> &Audit {
-        &self.keeper.audit
+        &self.state_writer.audit
     }
 
     /// Has the counters kept.
     fn save(&mut self) -> u64 {
         self.saved = self.clock.now();
-        let progress = &self.ports.progress;
+        let progress = &self.channels.progress;
         let (cycles, late) = (progress.cycles.load(Relaxed), progress.late.load(Relaxed));
-        self.keeper.save(self.tally.counters(cycles, late))
+        self.state_writer.save(self.tally.counters(cycles, late))
     }
 
     /// The last words before the daemon ends: what is left of the recording, the counters, a line in the audit log.
@@ -322,32 +323,32 @@ impl Service {
             recorder.finish();
         }
         self.save();
-        self.keeper.audit.write(AuditEntry {
+        self.state_writer.audit.write(AuditEntry {
             who: Who::daemon(),
             what: "stop".to_owned(),
             result: result.to_owned(),
             ..AuditEntry::default()
         });
-        self.keeper.finish();
+        self.state_writer.finish();
     }
 
     pub(super) fn histograms(&mut self) -> Histograms {
         self.drain();
-        self.board.histograms()
+        self.status_collector.histograms()
     }
 
     pub(super) fn headline(&self) -> String {
-        self.board.headline()
+        self.status_collector.headline()
     }
 
     pub(super) fn state(&self) -> &'static str {
-        self.board.state()
+        self.status_collector.state()
     }
 
     fn report(&mut self, report: Report) {
         match report {
             Report::Realtime(report) => {
-                self.board.realtime(&report);
+                self.status_collector.realtime(&report);
                 log_realtime(&report);
             }
             Report::ConnectFailed { error, pause } => {
@@ -356,14 +357,14 @@ impl Service {
                     let (retry_s, code) = (pause.as_secs_f64(), error.fault());
                     warn!(retry_s, %code, held_back, "no link: {text}");
                 }
-                self.board.connect_failed(text);
+                self.status_collector.connect_failed(text);
             }
             Report::LinkUp { address, hello } => {
                 if let Some(held_back) = self.links.admit(self.clock.now()) {
                     log_link_up(&address, &hello, held_back);
                 }
                 self.tally.set_axes(handshake::announced(&hello).iter().map(|axis| axis.name).collect());
-                self.board.link_up(&hello);
+                self.status_collector.link_up(&hello);
             }
             Report::LinkDown { end, cycles } => {
                 match end {
@@ -374,17 +375,17 @@ impl Service {
                         }
                     }
                 }
-                self.board.link_down(end.to_string());
+                self.status_collector.link_down(end.to_string());
             }
             Report::Engine(event) => {
                 // a fault is latched, so it cannot flood the log, and must not be held back by what came before
                 let Event::StateChanged { to, .. } = event;
                 let admitted = self.events.admit(self.clock.now());
                 if let Some(held_back) = admitted.or_else(|| (to == State::Faulted).then_some(0)) {
-                    log_event(&event, held_back, &self.board);
+                    log_event(&event, held_back, &self.status_collector);
                 }
                 self.fault(&event);
-                self.board.event(&event);
+                self.status_collector.event(&event);
             }
             Report::Shadow(score) => self.shadow = score,
             Report::ServiceSilent => self.was_silent(),

@@ -13,7 +13,7 @@ use std::time::{Duration, Instant};
 use tokio::signal::unix::{Signal, SignalKind, signal};
 use tracing::{error, warn};
 
-use super::ports::{Progress, StopWish};
+use super::channels::{Progress, StopWish};
 
 /// Time for the cycle thread to end after its own limit for a clean stop (60 s) has passed.
 pub(super) const STOP_LIMIT: Duration = Duration::from_secs(65);

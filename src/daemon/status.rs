@@ -8,7 +8,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use super::sensor_status::{GrowthStatus, MapStatus, SensorStatus};
+use super::sensor_status::{MapStatus, SensorStatus, ThermalDisplacementStatus};
 
 /// State of the daemon.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -98,9 +98,9 @@ pub struct Status {
     /// Maps that are learned, without their nodes (`volcomp filter show` has these).
     #[serde(default)]
     pub maps: Vec<MapStatus>,
-    /// Growths by heat that the model takes from temperatures and speeds.
+    /// Thermal displacements that the model takes from temperatures and speeds.
     #[serde(default)]
-    pub growths: Vec<GrowthStatus>,
+    pub growths: Vec<ThermalDisplacementStatus>,
     /// What should be known about live estimation.
     #[serde(default)]
     pub sensor_notes: Vec<String>,

@@ -6,15 +6,15 @@ use std::time::Duration;
 
 use super::age::AgeEstimator;
 use super::backoff::Backoff;
-use super::body::CycleBody;
+use super::channels::{CycleChannels, LastOffset, Report};
 use super::clock::Clock;
 use super::control::{Control, Start};
 use super::cycle::{Cycle, SLICE};
 use super::handshake::{self, LinkError};
 use super::link::{Connecting, Link, Received, seconds};
 use super::link_end::LinkEnd;
+use super::link_session::LinkSession;
 use super::load::Loaded;
-use super::ports::{CyclePorts, LastOffset, Report};
 use super::realtime;
 use volcomp_protocol::{CloseReason, ControlHello, Message, PROTOCOL_VERSION};
 use volcomp_units::MonoTime;
@@ -31,20 +31,20 @@ pub(super) struct Worker {
     clock: Clock,
     backoff: Backoff,
     /// The engine lives on over links with the same control, and with it its faults.
-    body: Option<(ControlHello, CycleBody)>,
+    session: Option<(ControlHello, LinkSession)>,
 }
 
 impl Worker {
-    pub(super) fn new(loaded: Arc<Loaded>, start: Start, ports: CyclePorts, clock: Clock) -> Self {
-        let control = Control::new(ports, &loaded.config, start);
+    pub(super) fn new(loaded: Arc<Loaded>, start: Start, channels: CycleChannels, clock: Clock) -> Self {
+        let control = Control::new(channels, &loaded.config, start);
         let backoff = Backoff::new(loaded.config.link.reconnect_s);
-        Self { loaded, control, clock, backoff, body: None }
+        Self { loaded, control, clock, backoff, session: None }
     }
 
     /// The thread's life: returns when the service asked it to stop.
     pub(super) fn run(mut self) {
         let report = realtime::apply(&self.loaded.config.realtime);
-        self.control.ports.report(Report::Realtime(report));
+        self.control.channels.report(Report::Realtime(report));
         let offset = loop {
             match self.open() {
                 Ok(Some((link, hello))) => {
@@ -59,7 +59,7 @@ impl Worker {
                 break LastOffset::NoLink;
             }
         };
-        self.control.ports.report(Report::Stopped { offset });
+        self.control.channels.report(Report::Stopped { offset });
     }
 
     /// Connects and shakes hands; `None` where a stop came in between.
@@ -83,7 +83,7 @@ impl Worker {
         if !self.secure(&mut link, deadline)? {
             return Ok(None);
         }
-        match self.greet(&mut link, deadline) {
+        match self.handshake(&mut link, deadline) {
             Ok(Some(hello)) => Ok(Some((link, hello))),
             // no close frame: the control may hold an offset that it has to take out by itself
             Ok(None) => Ok(None),
@@ -119,7 +119,7 @@ impl Worker {
     }
 
     /// Exchanges hellos, checks them, and has an engine ready.
-    fn greet(&mut self, link: &mut Link, deadline: MonoTime) -> Result<Option<ControlHello>, LinkError> {
+    fn handshake(&mut self, link: &mut Link, deadline: MonoTime) -> Result<Option<ControlHello>, LinkError> {
         let loaded = Arc::clone(&self.loaded);
         let config = &loaded.config;
         let address = config.link.address;
@@ -181,20 +181,20 @@ impl Worker {
             .engine_config(hello)
             .map_err(|source| LinkError::Mismatch { address, source })?;
         self.control
-            .prepare(self.clock.now(), &config, hello, &mut self.body)
+            .prepare(self.clock.now(), &config, hello, &mut self.session)
             .map_err(|source| LinkError::Engine { address, source })
     }
 
     /// One link from up to down; says whether the offset was at rest where the link ended by a stop.
     fn serve(&mut self, mut link: Link, hello: &ControlHello) -> Option<bool> {
-        let (_, body) = self.body.as_mut()?;
+        let (_, session) = self.session.as_mut()?;
         let config = &self.loaded.config;
-        self.control.ports.report(Report::LinkUp { address: config.link.address, hello: *hello });
+        self.control.channels.report(Report::LinkUp { address: config.link.address, hello: *hello });
         let up = self.clock.now();
-        self.control.link_up(up, hello, body);
+        self.control.link_up(up, hello, session);
         let mut cycle = Cycle {
             control: &mut self.control,
-            body,
+            session,
             clock: self.clock,
             limits: &config.link,
             ages: AgeEstimator::new(),
@@ -202,11 +202,11 @@ impl Worker {
         };
         let end = cycle.run(&mut link);
         let cycles = cycle.cycles;
-        if let Some((error, reason)) = end.farewell() {
+        if let Some((error, reason)) = end.close_frame() {
             link.close(error, reason);
         }
-        cycle.control.link_down(self.clock.now(), cycle.body);
-        self.control.ports.report(Report::LinkDown { end, cycles });
+        cycle.control.link_down(self.clock.now(), cycle.session);
+        self.control.channels.report(Report::LinkDown { end, cycles });
         if let LinkEnd::Stopped { at_rest } = end {
             return Some(at_rest);
         }
@@ -220,7 +220,7 @@ impl Worker {
 
     fn failed(&mut self, error: LinkError) {
         let pause = if error.needs_a_person() { self.backoff.longest() } else { self.backoff.pause() };
-        self.control.ports.report(Report::ConnectFailed { error, pause });
+        self.control.channels.report(Report::ConnectFailed { error, pause });
         self.pause(pause);
     }
 
@@ -240,9 +240,9 @@ impl Worker {
         if !sleep.is_zero() {
             std::thread::sleep(sleep);
         }
-        self.control.ports.progress.beat();
+        self.control.channels.progress.beat();
         let now = self.clock.now();
-        self.control.take_requests(now, self.body.as_mut().map(|(_, body)| body));
+        self.control.take_requests(now, self.session.as_mut().map(|(_, session)| session));
         self.control.stopping()
     }
 }

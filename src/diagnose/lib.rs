@@ -12,6 +12,7 @@
 
 mod another_day;
 pub mod assess;
+pub mod evidence;
 mod forecast;
 mod leftover;
 pub mod library;
@@ -37,7 +38,12 @@ pub use next::Dialect;
 pub use outcome::{Budget, Correction, Curve, Diagnosis, FittedLine, Level, ProgramResidual};
 pub use plan::plan;
 pub use predict::{PredictError, predict};
-pub use volcomp_effects::{addition, moment};
+pub use volcomp_effects::{addition, machine_state};
+
+/// The machine state under the name that this crate uses.
+mod moment {
+    pub(crate) use volcomp_effects::machine_state::{MachineState as Moment, *};
+}
 
 /// Something taken away from the method, to prove that tests of it can fail.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
@@ -248,4 +254,12 @@ fn raw_of(session: &Session, library: &Library, chosen: &[usize]) -> Vec<Vec<f64
 /// True for effects that a prediction can take over.
 fn is_predictable(kind: Kind) -> bool {
     kind != Kind::Stochastic
+}
+
+/// The library of a session with its lagged signals.
+#[doc(hidden)]
+pub fn prepared_library(session: &mut Session, without: &[Without]) -> Library {
+    let mut library = Library::new(session, without);
+    take_signals(session, &mut library);
+    library
 }

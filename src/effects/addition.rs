@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::moment::{Axis, Moment, Signal, Source};
+use crate::machine_state::{Axis, MachineState, Signal, Source};
 use crate::{Kind, Shape, WIDTH_MAX};
 use volcomp_model::geometry::Vec3;
 
@@ -153,9 +153,10 @@ impl Entry {
             }
             Shape::SpindleTilt | Shape::ToolLength => vec!["tool_length_mm".to_owned()],
             Shape::Load { axis, .. } => vec![format!("force_{axis}_n")],
-            Shape::RotaryLocation { frame, .. } | Shape::RotaryEccentricity { frame, .. } => {
-                vec![frame.axis.column()]
-            }
+            Shape::RotaryLocation { frame, .. }
+            | Shape::RotaryEccentricity { frame, .. }
+            | Shape::RotaryScale { frame } => vec![frame.axis.column()],
+            Shape::RotaryLag { frame } => vec![frame.axis.column(), v(&frame.axis)],
             Shape::RotaryBacklash { frame } => vec![frame.axis.column(), format!("dir_{}", frame.axis)],
             Shape::RotaryMotion { axis, .. } => vec![axis.column()],
             Shape::DeadPath { .. }
@@ -293,7 +294,7 @@ impl Evaluator {
 
     /// The deviation at the next row, um in machine axes; `sources` in the order of [`Evaluator::sources`] (speeds of
     /// the spindle in 1000 per minute).
-    pub fn next(&mut self, moment: &mut Moment, sources: &[f64]) -> Vec3 {
+    pub fn next(&mut self, moment: &mut MachineState, sources: &[f64]) -> Vec3 {
         moment.signals.clear();
         for ((signal, state), now) in self.signals.iter().zip(&mut self.states).zip(sources) {
             let value = match state {
@@ -308,7 +309,7 @@ impl Evaluator {
 
     /// The first effect that has no value at a moment, and a column that it lacks there; none where all have one.
     #[must_use]
-    pub fn lacks(&self, moment: &Moment) -> Option<AdditionError> {
+    pub fn lacks(&self, moment: &MachineState) -> Option<AdditionError> {
         let place = |s: &Signal| self.signals.iter().position(|o| o == s);
         self.entries
             .iter()
@@ -318,7 +319,7 @@ impl Evaluator {
 
     /// The deviation at a moment whose signals are filled in.
     #[must_use]
-    pub fn at(&self, moment: &Moment) -> Vec3 {
+    pub fn at(&self, moment: &MachineState) -> Vec3 {
         let mut out = [Vec3::zeros(); WIDTH_MAX];
         let place = |s: &Signal| self.signals.iter().position(|o| o == s);
         let mut sum = Vec3::zeros();

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::moment::{Axis, Moment};
+use crate::machine_state::{Axis, MachineState};
 use volcomp_model::geometry::{Mat3, Vec3, rotation_about};
 
 /// Where a rotary axis stands in the machine.
@@ -34,17 +34,17 @@ pub struct RotaryFrame {
 
 impl RotaryFrame {
     /// Physical rotation by an axis: a table turns the other way than its coordinate counts.
-    fn turn(&self, axis: Axis, m: &Moment) -> Mat3 {
+    fn turn(&self, axis: Axis, m: &MachineState) -> Mat3 {
         let q = m.position[axis.slot()];
         rotation_about(axis.direction(), if self.workpiece_side { -q } else { q })
     }
 
-    pub(super) fn product(&self, axes: &[Axis], m: &Moment) -> Mat3 {
+    pub(super) fn product(&self, axes: &[Axis], m: &MachineState) -> Mat3 {
         axes.iter().fold(Mat3::identity(), |r, a| r * self.turn(*a, m))
     }
 
     /// A point at home, carried to where the axes beyond this one take it.
-    fn carried(&self, home: Vec3, m: &Moment) -> Vec3 {
+    fn carried(&self, home: Vec3, m: &MachineState) -> Vec3 {
         self.inner.iter().enumerate().rev().fold(home, |x, (i, a)| {
             let p = point(&self.inner_points_mm, i);
             p + self.turn(*a, m) * (x - p)
@@ -52,7 +52,7 @@ impl RotaryFrame {
     }
 
     /// A point in machine axes, taken back to where it was before the axes between the bed and this one turned.
-    fn before_outer(&self, now: Vec3, m: &Moment) -> Vec3 {
+    fn before_outer(&self, now: Vec3, m: &MachineState) -> Vec3 {
         self.outer.iter().enumerate().fold(now, |x, (i, a)| {
             let p = point(&self.outer_points_mm, i);
             p + self.turn(*a, m).transpose() * (x - p)
@@ -60,7 +60,7 @@ impl RotaryFrame {
     }
 
     /// Rotation of what lies between bed and axis, own rotation, and the point before own rotation, from the axis.
-    pub(super) fn state(&self, m: &Moment) -> (Mat3, Mat3, Vec3) {
+    pub(super) fn state(&self, m: &MachineState) -> (Mat3, Mat3, Vec3) {
         let (outer, own) = (self.product(&self.outer, m), self.turn(self.axis, m));
         let point = Vec3::from(self.point_mm);
         let home = if self.workpiece_side && m.target_mm.iter().all(|v| v.is_finite()) {
@@ -113,7 +113,7 @@ mod tests {
 
     #[test]
     fn what_a_table_on_a_swivel_carries_turns_about_its_own_point() {
-        let mut m = Moment { target_mm: Vec3::new(100.0, 40.0, 20.0), ..Moment::default() };
+        let mut m = MachineState { target_mm: Vec3::new(100.0, 40.0, 20.0), ..MachineState::default() };
         m.position = [0.0, 0.0, 0.0, 0.4, 0.0, FRAC_PI_2];
         let (_, _, from_swivel) = swivel(Axis::A).state(&m);
         // a table turns against its coordinate: 70 mm along x become -70 mm along y
@@ -125,7 +125,7 @@ mod tests {
     #[test]
     fn the_place_under_the_tool_is_the_target_that_stands_there() {
         let home = Vec3::new(80.0, -35.0, 47.0);
-        let mut m = Moment { target_mm: home, ..Moment::default() };
+        let mut m = MachineState { target_mm: home, ..MachineState::default() };
         m.position = [0.0, 0.0, 0.0, -0.7, 0.0, 1.1];
         let (outer, own, p) = swivel(Axis::C).state(&m);
         let a = Vec3::new(0.0, 25.0, 60.0);
@@ -135,7 +135,7 @@ mod tests {
         m.target_mm = Vec3::repeat(f64::NAN);
         for axis in [Axis::A, Axis::C] {
             let (_, _, seen) = swivel(axis).state(&m);
-            let (_, _, known) = swivel(axis).state(&Moment { target_mm: home, ..m.clone() });
+            let (_, _, known) = swivel(axis).state(&MachineState { target_mm: home, ..m.clone() });
             assert!((seen - known).norm() < 1e-9, "{axis}: {seen}, not {known}");
         }
     }

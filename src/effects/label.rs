@@ -134,7 +134,7 @@ impl Without {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::moment::{Axis, Light, Moment, Signal, Source};
+    use crate::machine_state::{Axis, Light, MachineState, Signal, Source};
     use crate::{Lever, RotaryFrame, Shape};
     use volcomp_model::geometry::Vec3;
 
@@ -166,7 +166,7 @@ mod tests {
         }
     }
 
-    fn evaluated(shape: &Shape, m: &Moment) -> Vec<Vec3> {
+    fn evaluated(shape: &Shape, m: &MachineState) -> Vec<Vec3> {
         let mut out = vec![Vec3::zeros(); shape.width()];
         shape.evaluate_with(m, &|_| None, &mut out);
         out
@@ -188,7 +188,7 @@ mod tests {
         let runs =
             |frame| Shape::RotaryMotion { axis: Axis::C, along: vec![Axis::Z], low: 2, high: 2, frame };
         let quarter = core::f64::consts::FRAC_PI_2;
-        let m = Moment { position: [0.0, 0.0, 0.0, quarter, 0.0, quarter], ..Moment::default() };
+        let m = MachineState { position: [0.0, 0.0, 0.0, quarter, 0.0, quarter], ..MachineState::default() };
         // a table turns against its coordinate: what pointed up points along plus y
         let turned = evaluated(&runs(Some(frame)), &m)[0];
         assert!((turned - Vec3::new(0.0, -2.0, 0.0)).norm() < 1e-12, "{turned}");
@@ -197,13 +197,13 @@ mod tests {
 
     #[test]
     fn each_kind_of_light_has_its_own_air_and_a_laser_no_scale_of_a_tracker() {
-        let at = |light| Moment {
+        let at = |light| MachineState {
             light: Some(light),
             range_mm: 2000.0,
             station_mm: Vec3::new(-2000.0, 0.0, 0.0),
             reflector_mm: Vec3::zeros(),
             u: Vec3::x(),
-            ..Moment::default()
+            ..MachineState::default()
         };
         let scale = Shape::TrackerScale { signal: None, zero: true };
         assert_eq!(evaluated(&scale, &at(Light::Tracker)), [Vec3::new(2.0, 0.0, 0.0), Vec3::x()]);
@@ -213,7 +213,7 @@ mod tests {
             let path = Shape::DeadPath { signal: signal.clone(), light: Some(own), station: None };
             let mut out = [Vec3::zeros(); 2];
             let seen = |light, out: &mut [Vec3]| {
-                let m = Moment { signals: vec![21.0], ..at(light) };
+                let m = MachineState { signals: vec![21.0], ..at(light) };
                 path.evaluate_with(&m, &|_| Some(0), out);
             };
             seen(own, &mut out);
@@ -229,7 +229,7 @@ mod tests {
         let lever = Lever { axes: [false; 3], home_mm: [0.0; 3], tool: false };
         let ram =
             Shape::Ram { axis: Axis::Y, start_mm: 0.0, reach_mm: 100.0, lever, moment: true, beam: false };
-        let mut m = Moment::default();
+        let mut m = MachineState::default();
         m.position[1] = 50.0;
         let drops: Vec<f64> = evaluated(&ram, &m).iter().map(|d| d.z).collect();
         assert_eq!(drops, [-0.125, -0.0625, -0.25]);

@@ -2,7 +2,7 @@
 
 use serde::{Deserialize, Serialize};
 
-use crate::moment::{Axis, Moment};
+use crate::machine_state::{Axis, MachineState};
 use volcomp_model::geometry::{Vec3, unit};
 
 /// What lies between an angular error and the tool tip.
@@ -20,7 +20,7 @@ pub struct Lever {
 impl Lever {
     /// The vector to the tool tip as the head has turned it, mm.
     #[must_use]
-    pub fn at(&self, m: &Moment) -> Vec3 {
+    pub fn at(&self, m: &MachineState) -> Vec3 {
         let mut home = Vec3::from(self.home_mm);
         if self.tool && m.tool_length_mm.is_finite() {
             home.z -= m.tool_length_mm;
@@ -36,7 +36,14 @@ impl Lever {
 }
 
 /// A beam from `start` on that is so long: its drop and, where there is an arm to the tool, what its slope does there.
-pub(super) fn sag(axis: Axis, start: f64, length: f64, arm: Option<Vec3>, m: &Moment, out: &mut [Vec3]) {
+pub(super) fn sag(
+    axis: Axis,
+    start: f64,
+    length: f64,
+    arm: Option<Vec3>,
+    m: &MachineState,
+    out: &mut [Vec3],
+) {
     let s = m.position[axis.slot()] - start;
     let cube = 2.0 * length.powi(3);
     out[0] = Vec3::new(0.0, 0.0, -s * s * (3.0 * length - s) / cube);
@@ -55,7 +62,7 @@ pub(super) fn ram(
     reach: f64,
     lever: &Lever,
     slopes: [f64; 3],
-    m: &Moment,
+    m: &MachineState,
     out: &mut [Vec3],
 ) {
     let s = (m.position[axis.slot()] - start).max(0.0) / reach;

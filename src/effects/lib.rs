@@ -1,8 +1,9 @@
 //! Effects beyond the error model: pure, may allocate.
 //!
-//! Equations: `docs/reference/equations.md`. [`shape`] their formulas, [`moment`] what they depend on at a reading, [`pages`] a page of text for each, [`addition`]
-//! the file of diagnosed effects and its evaluation, [`extend`] what of it a model can take over, [`prediction`] what a
-//! model says at a moment. Effects are found by `volcomp-diagnose`; the daemon needs what is here without that search.
+//! Equations: `docs/reference/equations.md`. [`shape`] their formulas, [`machine_state`] what they depend on at a
+//! reading, [`pages`] a page of text for each, [`addition`] the file of diagnosed effects and its evaluation,
+//! [`extend`] what of it a model can take over, [`prediction`] what a model predicts for it. Effects are found by
+//! `volcomp-diagnose`; the daemon needs what is here without that search.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
@@ -12,7 +13,7 @@ pub mod extend;
 mod frame;
 mod label;
 mod lever;
-pub mod moment;
+pub mod machine_state;
 pub mod pages;
 mod parameters;
 mod polynomial;

@@ -1,7 +1,7 @@
 //! Names of the parameters; each ends in its unit.
 
 use super::shape::Shape;
-use crate::moment::{Signal, Source};
+use crate::machine_state::{Signal, Source};
 
 fn per(source: &Source) -> &'static str {
     match source {
@@ -90,7 +90,9 @@ impl Shape {
             Self::RotaryLocation { .. }
             | Self::RotaryMotion { .. }
             | Self::RotaryEccentricity { .. }
-            | Self::RotaryBacklash { .. } => self.rotary_parameters(),
+            | Self::RotaryBacklash { .. }
+            | Self::RotaryLag { .. }
+            | Self::RotaryScale { .. } => self.rotary_parameters(),
         }
     }
 
@@ -118,6 +120,8 @@ impl Shape {
                 .map(|n| if n == 1 { String::new() } else { n.to_string() })
                 .flat_map(|n| [format!("cos{n}_arcsec"), format!("sin{n}_arcsec")])
                 .collect(),
+            Self::RotaryLag { .. } => vec!["lag_ms".to_owned()],
+            Self::RotaryScale { .. } => vec!["scale_ppm".to_owned()],
             _ => vec!["width_arcsec".to_owned()],
         }
     }

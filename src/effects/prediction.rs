@@ -1,6 +1,6 @@
-//! What a model says at a moment, in machine axes.
+//! Deviation that a model predicts for a machine state, in machine axes.
 
-use crate::moment::{Axis, Machine, MachineAxis, Moment};
+use crate::machine_state::{Axis, Machine, MachineAxis, MachineState};
 use volcomp_model::geometry::{Mat3, Vec3, rotation_about};
 use volcomp_model::{Model, ModelSpec, Pose, Side};
 use volcomp_units::axes::{AxisKind, MAX_AXES, Travel};
@@ -24,9 +24,9 @@ pub fn machine_of(spec: &ModelSpec, model: &Model) -> Machine {
     Machine { axes, tool_tip_mm: model.tool_tip(), gauge_point_mm: spec.gauge_point }
 }
 
-/// The pose of a moment.
+/// The pose of a machine state.
 #[must_use]
-pub fn pose(model: &Model, m: &Moment) -> Pose {
+pub fn pose(model: &Model, m: &MachineState) -> Pose {
     let mut pose = Pose::at([0.0; MAX_AXES]);
     for (k, a) in model.axes().enumerate() {
         if let Some(axis) = Axis::from_name(a.name) {
@@ -44,7 +44,7 @@ pub fn pose(model: &Model, m: &Moment) -> Pose {
 
 /// Turns a vector of W into machine axes: out of the rotations of the axes that carry the workpiece.
 #[must_use]
-pub fn workpiece_to_machine(model: &Model, m: &Moment) -> Mat3 {
+pub fn workpiece_to_machine(model: &Model, m: &MachineState) -> Mat3 {
     let mut left = Mat3::identity();
     for a in model.axes().filter(|a| a.side == Side::Workpiece && a.name.kind() == AxisKind::Rotary) {
         if let Some(axis) = Axis::from_name(a.name) {
@@ -56,13 +56,13 @@ pub fn workpiece_to_machine(model: &Model, m: &Moment) -> Mat3 {
 
 /// The model's deviation in machine axes, um.
 #[must_use]
-pub fn deviation_um(model: &Model, m: &Moment) -> Vec3 {
+pub fn deviation_um(model: &Model, m: &MachineState) -> Vec3 {
     deviation_with_live_um(model, m, &[])
 }
 
 /// The same with live values of the model's sensors, mm or strain; those that are not given are zero.
 #[must_use]
-pub fn deviation_with_live_um(model: &Model, m: &Moment, live: &[f64]) -> Vec3 {
+pub fn deviation_with_live_um(model: &Model, m: &MachineState, live: &[f64]) -> Vec3 {
     let mut pose = pose(model, m);
     for (slot, value) in pose.live.iter_mut().zip(live) {
         *slot = *value;
@@ -86,8 +86,10 @@ mod tests {
         let model = Model::new(&spec).unwrap();
         let machine = machine_of(&spec, &model);
         for turns in [[0.0, 0.0], [0.7, -1.1], [-2.0, 0.4]] {
-            let mut m =
-                Moment { position: [500.0, -40.0, 75.0, turns[1], 0.0, turns[0]], ..Moment::default() };
+            let mut m = MachineState {
+                position: [500.0, -40.0, 75.0, turns[1], 0.0, turns[0]],
+                ..MachineState::default()
+            };
             m.head = machine.head(&m.position);
             let tip = Vec3::new(500.0, -40.0, 75.0) + m.head.carries(machine.tool_tip_mm);
             let nominal = model.nominal_tool(&pose(&model, &m));

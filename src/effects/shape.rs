@@ -11,7 +11,7 @@ use serde::{Deserialize, Serialize};
 use super::frame::RotaryFrame;
 use super::lever::{Lever, ram, sag};
 use super::polynomial::{legendre, twist};
-use crate::moment::{Axis, Light, Moment, Signal};
+use crate::machine_state::{Axis, Light, MachineState, Signal};
 use volcomp_model::geometry::{Mat3, Vec3, unit};
 use volcomp_units::{RAD_PER_ARCSEC, UM_PER_MM};
 
@@ -138,6 +138,10 @@ pub enum Shape {
     },
     /// `-w/2 dir` about the axis itself, times the radius.
     RotaryBacklash { frame: RotaryFrame },
+    /// `-tau omega` about the axis itself, times the radius.
+    RotaryLag { frame: RotaryFrame },
+    /// `s q` about the axis itself, times the radius.
+    RotaryScale { frame: RotaryFrame },
     /// `d_along = c sign(F) |F|^power` of one axis.
     Load { axis: Axis, along: Axis, power: f64 },
     /// A worn place: `d_a = h (1 - |(x - centre)/width|^power / (2 order))^order` where that is above zero, or
@@ -206,7 +210,10 @@ impl Shape {
             Self::RotaryEccentricity { harmonics, .. } => 2 * harmonics,
             Self::TrackerScale { zero, .. } => 1 + usize::from(*zero),
             Self::SpindleTilt | Self::DeadPath { .. } => 2,
-            Self::RotaryBacklash { .. } | Self::Load { .. } => 1,
+            Self::RotaryBacklash { .. }
+            | Self::RotaryLag { .. }
+            | Self::RotaryScale { .. }
+            | Self::Load { .. } => 1,
             Self::ClockSkew { files, drift, .. } => files.len() * (1 + usize::from(*drift)),
             Self::RotaryLocation { frame, tied: true } if frame.outer.is_empty() => 2,
             Self::RotaryLocation { .. } => 4,
@@ -217,7 +224,7 @@ impl Shape {
     }
 
     /// The deviation per unit of each parameter, um.
-    pub fn evaluate(&self, m: &Moment, out: &mut [Vec3]) {
+    pub fn evaluate(&self, m: &MachineState, out: &mut [Vec3]) {
         match self {
             Self::Squareness { along, over } => {
                 put(out, 0, unit(along.direction()) * (UM_PER_ARCSEC_MM * m.position[over.slot()]));
@@ -300,7 +307,7 @@ impl Shape {
     }
 
     /// Effects of motion, heat and instruments.
-    fn evaluate_dynamic(&self, m: &Moment, out: &mut [Vec3]) {
+    fn evaluate_dynamic(&self, m: &MachineState, out: &mut [Vec3]) {
         match self {
             Self::Backlash { axis, along, length_mm, slope } => {
                 backlash(*axis, along, *length_mm, *slope, m, out)
@@ -361,15 +368,15 @@ impl Shape {
 
     /// True where all that the effect needs is known: no part of its deviation is NaN.
     #[must_use]
-    pub fn is_known_at(&self, m: &Moment, at: &dyn Fn(&Signal) -> Option<usize>) -> bool {
+    pub fn is_known_at(&self, m: &MachineState, at: &dyn Fn(&Signal) -> Option<usize>) -> bool {
         let mut out = [Vec3::zeros(); WIDTH_MAX];
         let out = &mut out[..self.width()];
         self.evaluate_with(m, at, out);
         out.iter().flatten().all(|v| v.is_finite())
     }
 
-    /// Effects that read lagged signals; `at` gives the place of a signal in [`Moment::signals`].
-    pub fn evaluate_with(&self, m: &Moment, at: &dyn Fn(&Signal) -> Option<usize>, out: &mut [Vec3]) {
+    /// Effects that read lagged signals; `at` gives the place of a signal in [`MachineState::signals`].
+    pub fn evaluate_with(&self, m: &MachineState, at: &dyn Fn(&Signal) -> Option<usize>, out: &mut [Vec3]) {
         let value = |s: &Signal| at(s).and_then(|i| m.signals.get(i)).copied().unwrap_or(f64::NAN);
         match self {
             Self::Thermal { axis, signal, reference_degc, with_offset } => {
@@ -409,12 +416,14 @@ impl Shape {
             Self::RotaryLocation { .. }
             | Self::RotaryMotion { .. }
             | Self::RotaryEccentricity { .. }
-            | Self::RotaryBacklash { .. } => self.evaluate_rotary(m, out),
+            | Self::RotaryBacklash { .. }
+            | Self::RotaryLag { .. }
+            | Self::RotaryScale { .. } => self.evaluate_rotary(m, out),
             _ => self.evaluate(m, out),
         }
     }
 
-    fn evaluate_rotary(&self, m: &Moment, out: &mut [Vec3]) {
+    fn evaluate_rotary(&self, m: &MachineState, out: &mut [Vec3]) {
         match self {
             Self::RotaryLocation { frame, tied } => {
                 let (outer, own, p) = frame.state(m);
@@ -445,14 +454,30 @@ impl Shape {
                     }
                 }
             }
-            Self::RotaryEccentricity { frame, .. } | Self::RotaryBacklash { frame } => {
+            Self::RotaryEccentricity { frame, .. }
+            | Self::RotaryBacklash { frame }
+            | Self::RotaryLag { frame }
+            | Self::RotaryScale { frame } => {
                 let (outer, own, p) = frame.state(m);
                 let axis = unit(frame.axis.direction());
                 // a table turns against its coordinate, so the sign cancels in the angle of tool against workpiece
-                let arm = outer * axis.cross(&(own * p)) * UM_PER_ARCSEC_MM;
-                let Self::RotaryEccentricity { harmonics, .. } = self else {
-                    put(out, 0, arm * (-0.5 * m.direction[frame.axis.slot()]));
-                    return;
+                let um_per_rad = outer * axis.cross(&(own * p)) * UM_PER_MM;
+                let arm = um_per_rad * RAD_PER_ARCSEC;
+                let slot = frame.axis.slot();
+                let harmonics = match self {
+                    Self::RotaryEccentricity { harmonics, .. } => harmonics,
+                    Self::RotaryLag { .. } => {
+                        put(out, 0, um_per_rad * (-1e-3 * m.velocity[slot]));
+                        return;
+                    }
+                    Self::RotaryScale { .. } => {
+                        put(out, 0, um_per_rad * (1e-6 * m.position[slot]));
+                        return;
+                    }
+                    _ => {
+                        put(out, 0, arm * (-0.5 * m.direction[slot]));
+                        return;
+                    }
                 };
                 for n in 0..*harmonics {
                     let (s, c) = ((n + 1) as f64 * m.position[frame.axis.slot()]).sin_cos();
@@ -552,7 +577,9 @@ impl Shape {
             | Self::Ram { axis, .. }
             | Self::RotaryMotion { axis, .. }
             | Self::Wear { axis, .. } => Some(*axis),
-            Self::RotaryLocation { frame, .. } | Self::RotaryEccentricity { frame, .. } => Some(frame.axis),
+            Self::RotaryLocation { frame, .. }
+            | Self::RotaryEccentricity { frame, .. }
+            | Self::RotaryScale { frame } => Some(frame.axis),
             _ => None,
         }
     }
@@ -571,13 +598,13 @@ impl Shape {
 
 /// The unit vector from station to target, where an instrument has a station.
 #[must_use]
-pub fn line_of_sight(m: &Moment) -> Option<Vec3> {
+pub fn line_of_sight(m: &MachineState) -> Option<Vec3> {
     let line = m.reflector_mm - m.station_mm;
     let length = line.norm();
     (length > 0.0 && length.is_finite()).then(|| line / length)
 }
 
-fn backlash(axis: Axis, along: &[Axis], length: f64, slope: bool, m: &Moment, out: &mut [Vec3]) {
+fn backlash(axis: Axis, along: &[Axis], length: f64, slope: bool, m: &MachineState, out: &mut [Vec3]) {
     let i = axis.slot();
     let since = m.since_mm[i];
     let share = if length > 0.0 && since.is_finite() { 1.0 - (-since.abs() / length).exp() } else { 1.0 };

@@ -4,18 +4,18 @@
 //! correction (or zero), `s` a smooth share that grows from 0 to 1 over the ramp. So nothing ever steps, from
 //! whatever offset and in whatever state a change of plan comes; the limiter bounds what is left.
 
+mod commands;
 mod offset_resync;
-mod orders;
 
 use offset_resync::{GAP_CYCLES, Sending, is_immobile};
 
-use super::aim::{Aim, Target};
 use super::config::{AfterLoss, AxisLimits, EngineConfig, EngineError, OutOfTravel, RestOffset};
-use super::intake::Intake;
+use super::input_validation::InputValidation;
 use super::limiter::Limiter;
 use super::output::{CycleOutput, Detail, Event, Reason, State};
 use super::ramp::Ramp;
 use super::read_back::ReadBack;
+use super::setpoint::{Setpoint, SetpointGenerator};
 use volcomp_model::Model;
 use volcomp_model::axes::{AxisArray, AxisKind, MAX_AXES};
 use volcomp_model::geometry::Vec3;
@@ -32,8 +32,8 @@ pub struct Compensator {
     axes: usize,
     /// mm or rad per wire unit.
     scale: AxisArray,
-    intake: Intake,
-    aim: Aim,
+    input: InputValidation,
+    setpoints: SetpointGenerator,
     read_back: ReadBack,
     limiters: [Limiter; MAX_AXES],
     state: State,
@@ -89,7 +89,7 @@ pub struct Compensator {
 
 /// What one cycle found out before it moves anything.
 struct Plan<'a> {
-    target: &'a Target,
+    target: &'a Setpoint,
     /// Time that the offset may use, s: control time of the frame, one cycle without one.
     dt: f64,
     /// Time that has passed, s: ramps and gain go by it.
@@ -113,8 +113,8 @@ impl Compensator {
             limiters[k] = Limiter::new(config.limits[k]);
         }
         Ok(Self {
-            intake: Intake::new(config, &scale),
-            aim: Aim::new(config, scale, model)?,
+            input: InputValidation::new(config, &scale),
+            setpoints: SetpointGenerator::new(config, scale, model)?,
             read_back: ReadBack::new(config.read_back_cycles as usize, tolerance),
             ramp: Ramp::start(config.ramp_s),
             gain: config.gain,
@@ -155,17 +155,17 @@ impl Compensator {
 
     /// A new link: the control may hold any offset; the first position frame tells which, and the engine starts there.
     pub fn on_link_up(&mut self, _now: MonoTime) {
-        self.intake.restart();
+        self.input.restart();
         (self.unobserved, self.follows) = (false, 0);
         self.read_back.restart();
-        self.aim.lag.restart();
+        self.setpoints.lag.restart();
         self.synchronised = false;
         self.sending = Sending::NotYet;
         self.reported = None;
         self.next_deadline = None;
         self.event = None;
         // the control tells its tool anew on every link
-        self.aim.tool_tip = None;
+        self.setpoints.tool_tip = None;
         if self.state == State::Faulted {
             // the control has been left to its own rule meanwhile: no correction until a person has looked
             self.silenced = true;
@@ -185,12 +185,12 @@ impl Compensator {
 
     /// A live value, mm or rad, for channel `channel` of [`Model::sensors`]; counts until it is too old.
     pub fn on_live(&mut self, now: MonoTime, channel: usize, value: f64) {
-        self.aim.live.tell(now, channel, value);
+        self.setpoints.live.update(now, channel, value);
     }
 
     /// Goes on with a lag that was measured elsewhere: for an engine that takes up a recording in its middle.
     pub const fn assume_lag(&mut self, cycles: Option<u32>) {
-        self.aim.lag.assume(cycles);
+        self.setpoints.lag.assume(cycles);
     }
 
     /// One position frame (wire units) received at `now`; returns the correction that answers it.
@@ -201,8 +201,8 @@ impl Compensator {
     /// # Cycle   no allocation, no panic, bounded time
     #[must_use]
     pub fn on_position(&mut self, now: MonoTime, frame: &Position, model: &Model) -> Option<CycleOutput> {
-        let position = self.aim.position(&self.config, frame);
-        let verdict = self.intake.accept(frame, &position);
+        let position = self.setpoints.position(&self.config, frame);
+        let verdict = self.input.accept(frame, &position);
         if verdict == Err(Reason::Sequence) {
             // old or repeated: says nothing new, and does not count as a sign of life
             self.strays = self.strays.saturating_add(1);
@@ -214,7 +214,7 @@ impl Compensator {
         }
         self.count_gap(frame);
         (self.told, self.heard) = (Some(now), Some(now));
-        self.detail = self.intake.detail;
+        self.detail = self.input.detail;
         // the clock of a bad frame is not to be trusted; time that was used for a bad frame is not used again
         let dt =
             verdict.unwrap_or(self.config.cycle_s).min(self.gap_s).min(STEP_CYCLES_MAX * self.config.cycle_s);
@@ -235,8 +235,8 @@ impl Compensator {
         self.sending = Sending::Running;
         self.next_deadline = Some(now.plus_seconds(self.config.stale_s));
         let target = match verdict {
-            Ok(_) => self.aim.at(&self.config, &self.intake, model, &position, (now, dt), self.gain),
-            Err(_) => Target::NONE,
+            Ok(_) => self.setpoints.at(&self.config, &self.input, model, &position, (now, dt), self.gain),
+            Err(_) => Setpoint::NONE,
         };
         self.detail = self.detail.or(target.detail);
         let bad = verdict.err().or((!target.finite).then_some(Reason::ModelNotFinite));
@@ -244,7 +244,7 @@ impl Compensator {
         // a resynchronisation has used the time of this frame for its own step
         let moving_s = if resynchronised { 0.0 } else { dt };
         let output = self.move_on(&Plan { target: &target, dt: moving_s, elapsed_s: dt });
-        self.aim.lag.sent(frame.sequence, &output.offset);
+        self.setpoints.lag.sent(frame.sequence, &output.offset);
         Some(output)
     }
 
@@ -266,7 +266,7 @@ impl Compensator {
             self.next_deadline = None;
             return None;
         }
-        self.intake.unsettle();
+        self.input.unsettle();
         self.unobserved = true;
         let dt = self.config.cycle_s;
         // what is waited for goes by the clock, however late this call is; the offset moves by one cycle's worth
@@ -314,8 +314,8 @@ impl Compensator {
     }
 
     /// The target that is the present offset.
-    fn stay(&self) -> Target {
-        Target { offset: self.offset(), ..Target::NONE }
+    fn stay(&self) -> Setpoint {
+        Setpoint { offset: self.offset(), ..Setpoint::NONE }
     }
 
     /// The wire message for an output: mm and deg.
@@ -341,7 +341,7 @@ impl Compensator {
     }
 
     /// Which state this cycle belongs to.
-    fn decide(&mut self, machine: MachineState, bad: Option<Reason>, target: &Target, dt: f64) {
+    fn decide(&mut self, machine: MachineState, bad: Option<Reason>, target: &Setpoint, dt: f64) {
         self.frozen = !machine.is_ready();
         if self.frozen {
             self.wait_for_machine(machine);
@@ -364,11 +364,11 @@ impl Compensator {
         let reason = if outside { Reason::OutOfTravel } else { Reason::Command };
         match self.state {
             State::Faulted => {}
-            State::Off | State::Armed if wanted && self.intake.is_settled() => {
+            State::Off | State::Armed if wanted && self.input.is_settled() => {
                 self.plan(State::RampingIn, Reason::MachineReady);
             }
             State::Off | State::Armed
-                if !self.is_zero() && self.intake.is_settled() && !self.keeps_offset() =>
+                if !self.is_zero() && self.input.is_settled() && !self.keeps_offset() =>
             {
                 self.plan(State::RampingOut, Reason::FoundOffset);
             }
@@ -377,15 +377,15 @@ impl Compensator {
             State::RampingIn if self.ramp.is_done() => self.enter(State::Active, Reason::RampDone),
             State::RampingIn => {}
             State::Active | State::FadingToStatic if !wanted => self.leave(reason),
-            State::Active if self.aim.live.is_fading() => {
+            State::Active if self.setpoints.live.is_fading() => {
                 self.enter(State::FadingToStatic, Reason::LiveLost);
             }
-            State::FadingToStatic if !self.aim.live.is_fading() => {
+            State::FadingToStatic if !self.setpoints.live.is_fading() => {
                 self.enter(State::Active, Reason::RampDone)
             }
             State::Active | State::FadingToStatic => {}
             State::Holding if self.keeps_offset() => self.rest(Reason::Command),
-            State::Holding if self.intake.is_settled() => {
+            State::Holding if self.input.is_settled() => {
                 if wanted {
                     self.plan(State::RampingIn, Reason::DataGood);
                 } else {
@@ -393,7 +393,7 @@ impl Compensator {
                 }
             }
             State::Holding => {}
-            State::RampingOut if wanted && self.intake.is_settled() => {
+            State::RampingOut if wanted && self.input.is_settled() => {
                 self.plan(State::RampingIn, Reason::Command);
             }
             State::RampingOut => self.rest_where_done(),
@@ -428,7 +428,7 @@ impl Compensator {
         } else {
             Reason::NotHomed
         };
-        self.intake.unsettle();
+        self.input.unsettle();
         self.held_s = 0.0;
         self.stopped |= self.stopping;
         if self.is_moving() {
@@ -561,7 +561,7 @@ impl Compensator {
             out_of_range: plan.target.out_of_range,
             faded: plan.target.faded,
             wanted: plan.target.offset,
-            lag_cycles: self.aim.lag.measured(),
+            lag_cycles: self.setpoints.lag.measured(),
             // what a command, a tool or a model has changed since the last cycle is told with this one
             event: self.event.take(),
             stopped: self.stopped,

@@ -5,17 +5,17 @@
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
 
-mod aim;
 mod compensator;
 mod config;
 pub mod fault;
-mod intake;
+mod input_validation;
 mod limiter;
 mod live;
 mod lookahead;
 mod output;
 mod ramp;
 mod read_back;
+mod setpoint;
 mod shadow;
 #[cfg(test)]
 mod tests;

@@ -37,7 +37,7 @@ impl LiveInputs {
 
     /// A value of a channel of the model, mm or rad. What is not finite says nothing.
     #[inline]
-    pub(super) fn tell(&mut self, now: MonoTime, channel: usize, value: f64) {
+    pub(super) fn update(&mut self, now: MonoTime, channel: usize, value: f64) {
         if let Some(channel) = self.channels[..self.used].get_mut(channel)
             && value.is_finite()
         {
@@ -86,7 +86,7 @@ mod tests {
         let mut largest_step = 0.0f64;
         for ms in 0..3000 {
             if !(1000..2000).contains(&ms) {
-                live.tell(at(ms), 0, 0.01);
+                live.update(at(ms), 0, 0.01);
             }
             let value = advanced(&mut live, at(ms));
             largest_step = largest_step.max((value - last).abs());
@@ -99,8 +99,8 @@ mod tests {
             }
         }
         assert!(largest_step <= 0.01 * 1e-3 / 0.5 * 1.0001);
-        live.tell(at(3000), 0, f64::NAN);
-        live.tell(at(3000), 7, 1.0);
+        live.update(at(3000), 0, f64::NAN);
+        live.update(at(3000), 7, 1.0);
         assert!(advanced(&mut live, at(3000)) == last);
     }
 }

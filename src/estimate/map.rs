@@ -22,12 +22,12 @@
 //!
 //! Source: equations 5.8 (Gauss-Markov); James and Stein 1961 for the weight.
 
-use super::acquaint::Glance;
 use super::filter::{
     COMPONENTS_MAX, FilterError, NodeFilter, Observation, Process, Rules, Snapshot, Update, Verdict,
 };
 use super::grid::{NodeGrid, NodePlace};
 use super::noise::{Kind, MeasurementNoise};
+use super::sensor_initialisation::InnovationSample;
 
 /// Most numbers in the state of one map: its covariance has the square of this many.
 pub const STATE_MAX: usize = 1536;
@@ -233,13 +233,13 @@ impl LiveMap {
     }
 
     /// What a batch differs by and how uncertain the map is there, row by row, in units of the rows' noise.
-    pub fn innovations(&mut self, sensor: usize, place: &NodePlace, rows: &[Row]) -> Vec<Glance> {
+    pub fn innovations(&mut self, sensor: usize, place: &NodePlace, rows: &[Row]) -> Vec<InnovationSample> {
         let mut found = Vec::with_capacity(rows.len());
         for row in rows {
             let observation = self.observation(sensor, place, row);
             let (innovation, uncertainty) = self.filter.expect(&observation);
             let prior = observation.weights.iter().map(|w| w * w).sum();
-            found.push(Glance { innovation, uncertainty, prior, kind: row.kind });
+            found.push(InnovationSample { innovation, uncertainty, prior, kind: row.kind });
         }
         found
     }

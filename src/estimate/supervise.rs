@@ -5,7 +5,7 @@
 //! plausible for [`Plausibility::return_s`], in at least [`RETURN_READINGS`] readings; outliers do not count, and do not
 //! make it begin anew. A sensor that jumped comes
 //! back at its new level; whether that level is right is for the comparison with the map to say
-//! ([`super::acquaint`]), not for plausibility.
+//! ([`super::sensor_initialisation`]), not for plausibility.
 
 use volcomp_model::units::MonoTime;
 
@@ -39,7 +39,7 @@ pub struct Plausibility {
 
 /// What is wrong with a sensor.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
-pub enum Trouble {
+pub enum SensorFault {
     /// Nothing came for the age limit.
     Silent,
     /// Its readings come, but too late.
@@ -64,7 +64,7 @@ pub enum Trouble {
     Kind,
 }
 
-impl Trouble {
+impl SensorFault {
     /// Its name in status, log and documentation.
     #[must_use]
     pub const fn name(self) -> &'static str {
@@ -86,13 +86,13 @@ impl Trouble {
 
 /// How a sensor stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Standing {
+pub enum SensorStatus {
     /// It has not said anything yet.
     Waiting,
     /// Believed.
     Good,
     /// Not believed.
-    Excluded(Trouble),
+    Excluded(SensorFault),
 }
 
 /// What is looked at of a reading.
@@ -114,7 +114,7 @@ pub struct Said<'a> {
 #[derive(Debug, Clone, PartialEq)]
 pub struct Supervisor {
     rules: Plausibility,
-    standing: Standing,
+    status: SensorStatus,
     /// When the standing changed.
     since: MonoTime,
     heard: Option<MonoTime>,
@@ -136,7 +136,7 @@ impl Supervisor {
     pub const fn new(rules: Plausibility) -> Self {
         Self {
             rules,
-            standing: Standing::Waiting,
+            status: SensorStatus::Waiting,
             since: MonoTime::ZERO,
             heard: None,
             last: None,
@@ -149,8 +149,8 @@ impl Supervisor {
 
     /// How it stands.
     #[must_use]
-    pub const fn standing(&self) -> Standing {
-        self.standing
+    pub const fn status(&self) -> SensorStatus {
+        self.status
     }
 
     /// Since when.
@@ -168,8 +168,8 @@ impl Supervisor {
     /// Time has passed.
     pub fn tick(&mut self, now: MonoTime) {
         let silent = self.heard.is_some_and(|at| now.seconds_since(at) > self.rules.age_limit_s);
-        if silent && self.standing != Standing::Excluded(Trouble::Silent) {
-            self.exclude(now, Trouble::Silent);
+        if silent && self.status != SensorStatus::Excluded(SensorFault::Silent) {
+            self.exclude(now, SensorFault::Silent);
             (self.last, self.raw) = (None, None);
         }
     }
@@ -184,47 +184,47 @@ impl Supervisor {
     pub fn accept(&mut self, now: MonoTime, said: &Said<'_>) -> bool {
         self.hear(now);
         let (numbers, raw) = (array(said.values), array(said.raw));
-        let trouble = self.trouble(now, said, &numbers, &raw);
+        let fault = self.fault(now, said, &numbers, &raw);
         self.raw = Some(raw);
-        if let Some(trouble) = trouble {
-            let outlier = matches!(trouble, Trouble::Jump | Trouble::Rate | Trouble::Range);
+        if let Some(fault) = fault {
+            let outlier = matches!(fault, SensorFault::Jump | SensorFault::Rate | SensorFault::Range);
             self.suspects += 1;
-            if outlier && self.suspects < SUSPECT_READINGS && self.standing != Standing::Waiting {
+            if outlier && self.suspects < SUSPECT_READINGS && self.status != SensorStatus::Waiting {
                 return false;
             }
             self.last = Some((said.at, numbers));
-            self.exclude(now, trouble);
+            self.exclude(now, fault);
             return false;
         }
         self.suspects = 0;
         self.last = Some((said.at, numbers));
-        match self.standing {
-            Standing::Good => true,
-            Standing::Waiting => {
-                self.stand(now, Standing::Good);
+        match self.status {
+            SensorStatus::Good => true,
+            SensorStatus::Waiting => {
+                self.stand(now, SensorStatus::Good);
                 true
             }
             // what contradicts the map is plausible: somebody else decides about its return
-            Standing::Excluded(Trouble::Disagrees) => true,
-            Standing::Excluded(_) => {
+            SensorStatus::Excluded(SensorFault::Disagrees) => true,
+            SensorStatus::Excluded(_) => {
                 let (since, count) = self.plausible.unwrap_or((now, 0));
                 self.plausible = Some((since, count + 1));
                 let back = now.seconds_since(since) >= self.rules.return_s && count + 1 >= RETURN_READINGS;
                 if back {
-                    self.stand(now, Standing::Good);
+                    self.stand(now, SensorStatus::Good);
                 }
                 back
             }
         }
     }
 
-    fn trouble(
+    fn fault(
         &mut self,
         now: MonoTime,
         said: &Said<'_>,
         numbers: &[f64; VALUES_MAX],
         raw: &[f64; VALUES_MAX],
-    ) -> Option<Trouble> {
+    ) -> Option<SensorFault> {
         let rules = &self.rules;
         let frozen = match &self.raw {
             Some(before) if before == raw => {
@@ -237,46 +237,46 @@ impl Supervisor {
             }
         };
         if frozen {
-            return Some(Trouble::Frozen);
+            return Some(SensorFault::Frozen);
         }
         if !numbers.iter().zip(&rules.range).all(|(v, range)| v.abs() <= *range && v.is_finite()) {
-            return Some(Trouble::Range);
+            return Some(SensorFault::Range);
         }
         if said.stepped {
-            return Some(Trouble::Clock);
+            return Some(SensorFault::Clock);
         }
         if now.seconds_since(said.at) > rules.age_limit_s {
-            return Some(Trouble::Late);
+            return Some(SensorFault::Late);
         }
         if said.quality.is_nan() || said.quality < rules.quality_min {
-            return Some(Trouble::Quality);
+            return Some(SensorFault::Quality);
         }
         let (before, last) = self.last.as_ref()?;
         let change = |k: usize| (numbers[k] - last[k]).abs();
         if (0..VALUES_MAX).any(|k| change(k) > rules.jump[k]) {
-            return Some(Trouble::Jump);
+            return Some(SensorFault::Jump);
         }
         let dt = said.at.seconds_since(*before);
         if dt > 0.0 && (0..VALUES_MAX).any(|k| change(k) > rules.rate[k] * dt) {
-            return Some(Trouble::Rate);
+            return Some(SensorFault::Rate);
         }
         None
     }
 
     /// It is not believed any more.
-    pub fn exclude(&mut self, now: MonoTime, trouble: Trouble) {
+    pub fn exclude(&mut self, now: MonoTime, fault: SensorFault) {
         self.plausible = None;
-        self.stand(now, Standing::Excluded(trouble));
+        self.stand(now, SensorStatus::Excluded(fault));
     }
 
     /// Believed again: for a sensor that disagreed and agrees now.
     pub fn reinstate(&mut self, now: MonoTime) {
-        self.stand(now, Standing::Good);
+        self.stand(now, SensorStatus::Good);
     }
 
-    fn stand(&mut self, now: MonoTime, standing: Standing) {
-        if self.standing != standing {
-            self.standing = standing;
+    fn stand(&mut self, now: MonoTime, status: SensorStatus) {
+        if self.status != status {
+            self.status = status;
             self.since = now;
         }
     }
@@ -303,7 +303,11 @@ mod tests {
     };
 
     /// Readings every 0.1 s; `value(k)` is what it says, `None` nothing. Gives the standing after each step.
-    fn watch(rules: Plausibility, steps: i64, value: impl Fn(i64) -> Option<(f64, f64)>) -> Vec<Standing> {
+    fn watch(
+        rules: Plausibility,
+        steps: i64,
+        value: impl Fn(i64) -> Option<(f64, f64)>,
+    ) -> Vec<SensorStatus> {
         let mut s = Supervisor::new(rules);
         (0..steps)
             .map(|k| {
@@ -316,7 +320,7 @@ mod tests {
                     let values = [v, wobble * f64::from(u8::from(v != 0.5))];
                     s.accept(now, &said(now, false, quality, &values));
                 }
-                s.standing()
+                s.status()
             })
             .collect()
     }
@@ -325,41 +329,45 @@ mod tests {
         Said { at, stepped, quality, values, raw: values }
     }
 
-    fn excluded(standings: &[Standing], trouble: Trouble) -> (usize, usize) {
-        let is = |s: &Standing| *s == Standing::Excluded(trouble);
-        let first = standings.iter().position(is).unwrap_or(usize::MAX);
-        let last = standings.iter().rposition(is).unwrap_or(usize::MAX);
+    fn excluded(statuses: &[SensorStatus], fault: SensorFault) -> (usize, usize) {
+        let is = |s: &SensorStatus| *s == SensorStatus::Excluded(fault);
+        let first = statuses.iter().position(is).unwrap_or(usize::MAX);
+        let last = statuses.iter().rposition(is).unwrap_or(usize::MAX);
         (first, last)
     }
 
     #[test]
     fn every_trouble_excludes_by_name_and_the_sensor_comes_back_by_rule() {
         let s = watch(RULES, 60, |k| (!(20..30).contains(&k)).then_some((0.1, 1.0)));
-        assert_eq!(excluded(&s, Trouble::Silent), (25, 39), "silent: heard again at 30, back a second later");
-        assert_eq!(s[59], Standing::Good);
+        assert_eq!(
+            excluded(&s, SensorFault::Silent),
+            (25, 39),
+            "silent: heard again at 30, back a second later"
+        );
+        assert_eq!(s[59], SensorStatus::Good);
 
         let s = watch(RULES, 60, |k| Some((if (20..23).contains(&k) { 5.0 } else { 0.1 }, 1.0)));
-        assert_eq!(excluded(&s, Trouble::Range).0, 22);
-        assert_eq!(s[59], Standing::Good);
+        assert_eq!(excluded(&s, SensorFault::Range).0, 22);
+        assert_eq!(s[59], SensorStatus::Good);
 
         let s = watch(RULES, 60, |k| Some((if k >= 20 { 0.6 } else { 0.1 }, 1.0)));
-        assert_eq!(excluded(&s, Trouble::Jump), (22, 32), "at the new level it is plausible again");
+        assert_eq!(excluded(&s, SensorFault::Jump), (22, 32), "at the new level it is plausible again");
         let s = watch(RULES, 60, |k| Some((if k % 10 == 5 { 0.7 } else { 0.1 }, 1.0)));
-        assert!(s[1..].iter().all(|s| *s == Standing::Good), "outliers are left out: {s:?}");
+        assert!(s[1..].iter().all(|s| *s == SensorStatus::Good), "outliers are left out: {s:?}");
 
         let s = watch(RULES, 60, |k| Some((if (20..40).contains(&k) { 0.0 } else { 0.45 }, 1.0)));
-        assert_eq!(excluded(&s, Trouble::Frozen).0, 25);
-        assert_eq!(s[59], Standing::Good);
+        assert_eq!(excluded(&s, SensorFault::Frozen).0, 25);
+        assert_eq!(s[59], SensorStatus::Good);
 
         let s = watch(RULES, 60, |k| Some((0.1, if k == 20 { 0.1 } else { 1.0 })));
-        assert_eq!(excluded(&s, Trouble::Quality).0, 20);
+        assert_eq!(excluded(&s, SensorFault::Quality).0, 20);
 
         let s = watch(RULES, 60, |k| Some((if (20..23).contains(&k) { f64::NAN } else { 0.1 }, 1.0)));
-        assert_eq!(excluded(&s, Trouble::Range).0, 22);
+        assert_eq!(excluded(&s, SensorFault::Range).0, 22);
 
         let slow = Plausibility { rate: [0.5; VALUES_MAX], jump: [f64::INFINITY; VALUES_MAX], ..RULES };
         let s = watch(slow, 60, |k| Some((0.1 + if k > 20 { 0.1 * (k - 20) as f64 } else { 0.0 }, 1.0)));
-        assert_eq!(excluded(&s, Trouble::Rate).0, 23);
+        assert_eq!(excluded(&s, SensorFault::Rate).0, 23);
     }
 
     #[test]
@@ -369,27 +377,27 @@ mod tests {
             let outlier = if k % 4 == 1 { 0.6 } else { 0.0 };
             (!(20..30).contains(&k)).then_some((0.1 + outlier, 1.0))
         });
-        assert_eq!(excluded(&s, Trouble::Silent), (25, 39), "{s:?}");
-        assert_eq!(s[59], Standing::Good);
+        assert_eq!(excluded(&s, SensorFault::Silent), (25, 39), "{s:?}");
+        assert_eq!(s[59], SensorStatus::Good);
         // three on end do
         let s = watch(RULES, 80, |k| {
             let off = if (35..38).contains(&k) { 0.6 } else { 0.0 };
             (!(20..30).contains(&k)).then_some((0.1 + off, 1.0))
         });
-        assert_eq!(excluded(&s, Trouble::Jump).0, 37, "{s:?}");
-        assert!(s[45] != Standing::Good && s[79] == Standing::Good, "{s:?}");
+        assert_eq!(excluded(&s, SensorFault::Jump).0, 37, "{s:?}");
+        assert!(s[45] != SensorStatus::Good && s[79] == SensorStatus::Good, "{s:?}");
     }
 
     #[test]
     fn clocks_and_lateness_count() {
         let mut s = Supervisor::new(RULES);
         let at = |ms: i64| MonoTime::from_ns(ms * 1_000_000);
-        assert_eq!(s.standing(), Standing::Waiting);
+        assert_eq!(s.status(), SensorStatus::Waiting);
         assert!(s.accept(at(0), &said(at(0), false, 1.0, &[0.1])));
         assert!(!s.accept(at(100), &said(at(100), true, 1.0, &[0.11])));
-        assert_eq!(s.standing(), Standing::Excluded(Trouble::Clock));
+        assert_eq!(s.status(), SensorStatus::Excluded(SensorFault::Clock));
         assert!(!s.accept(at(200), &said(at(-400), false, 1.0, &[0.12])));
-        assert_eq!(s.standing(), Standing::Excluded(Trouble::Late));
+        assert_eq!(s.status(), SensorStatus::Excluded(SensorFault::Late));
         assert_eq!(s.since(), at(200));
     }
 
@@ -399,16 +407,19 @@ mod tests {
         for k in 0..100 {
             let now = MonoTime::from_ns(k * 100_000_000);
             if k == 10 {
-                s.exclude(now, Trouble::Disagrees);
+                s.exclude(now, SensorFault::Disagrees);
             }
             let plausible = s.accept(now, &said(now, false, 1.0, &[(k as f64 * 1.1).sin() * 0.05]));
             assert!(plausible, "it may be looked at");
             if k == 60 {
                 s.reinstate(now);
             }
-            let wanted =
-                if (10..60).contains(&k) { Standing::Excluded(Trouble::Disagrees) } else { Standing::Good };
-            assert_eq!(s.standing(), wanted, "{k}");
+            let wanted = if (10..60).contains(&k) {
+                SensorStatus::Excluded(SensorFault::Disagrees)
+            } else {
+                SensorStatus::Good
+            };
+            assert_eq!(s.status(), wanted, "{k}");
         }
     }
 }

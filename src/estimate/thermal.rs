@@ -1,13 +1,14 @@
-//! Growth by heat: what temperatures and the spindle's speed of the last hours say about a displacement now.
+//! Thermal displacement: what temperatures and the spindle's speed of the last hours say about a displacement now.
 //!
-//! `y = offset + SUM_i SUM_l c_il (s_il - ref_i^p)`, `s_il` = input `i` (to the power `p`) behind a first-order lag of
-//! time constant `tau_l`. A body warms through as `1 - exp(-t / tau)`; several lags of one input stand for a body that
-//! warms in several steps. Assumes that the past before the first reading was at rest (a lag starts where its input
-//! does). Outside the range of inputs that the fit has seen, the growth fades to zero instead of being extrapolated.
+//! `y = offset + SUM_i SUM_l c_il (s_il - ref_i^p)`, `s_il` = input `i` (to the power `p`) behind a first-order lag
+//! of time constant `tau_l`. A body warms through as `1 - exp(-t / tau)`; several lags of one input stand for a body
+//! that warms in several steps. Assumes that the past before the first reading was at rest (a lag starts where its
+//! input does). Outside the range of inputs that the fit has seen, the thermal displacement fades to zero instead of
+//! being extrapolated.
 //!
 //! Time is an argument (seconds that passed); nothing is allocated after construction.
 
-/// The most inputs, and the most terms, of one growth.
+/// The most inputs, and the most terms, of one thermal displacement.
 pub const TERMS_MAX: usize = 256;
 
 /// What an input is.
@@ -38,7 +39,7 @@ pub struct ThermalInput {
     pub coefficients: Vec<f64>,
 }
 
-/// A growth.
+/// A thermal displacement.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Thermal {
     /// Its name; the live value of a model's error names the same.
@@ -55,19 +56,19 @@ pub struct Thermal {
     pub inputs: Vec<ThermalInput>,
 }
 
-/// Why a growth cannot be used.
+/// Why a thermal displacement cannot be used.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ThermalError {
     /// Without inputs it is a constant.
     #[error("thermal \"{name}\" has no input")]
     NoInput {
-        /// The growth.
+        /// The thermal displacement.
         name: String,
     },
     /// Too many of them.
     #[error("thermal \"{name}\" has {found} terms; the limit is {TERMS_MAX}")]
     TooMany {
-        /// The growth.
+        /// The thermal displacement.
         name: String,
         /// Terms.
         found: usize,
@@ -75,9 +76,9 @@ pub enum ThermalError {
     /// A number that cannot be.
     #[error("thermal \"{name}\", input \"{sensor}\": {what} {value} {rule}")]
     Value {
-        /// The growth.
+        /// The thermal displacement.
         name: String,
-        /// The input, empty for the growth itself.
+        /// The input, empty for the thermal displacement itself.
         sensor: String,
         /// Which number.
         what: &'static str,
@@ -89,7 +90,7 @@ pub enum ThermalError {
     /// One coefficient per lag.
     #[error("thermal \"{name}\", input \"{sensor}\": {lags} lags but {coefficients} coefficients")]
     Length {
-        /// The growth.
+        /// The thermal displacement.
         name: String,
         /// The input.
         sensor: String,
@@ -100,14 +101,14 @@ pub enum ThermalError {
     },
 }
 
-/// Shortest range over which a growth fades: a sensor that stood still in the fit may move by that much, degC or 1/min.
+/// Shortest range over which a thermal displacement fades: a sensor that stood still in the fit may move by that much, degC or 1/min.
 const FADE_MIN: [f64; 2] = [1.0, 50.0];
 /// Speeds count in thousands per minute.
 const SPEED_UNIT: f64 = 1000.0;
 /// Beyond this a number that was kept cannot be, degC and 1/min.
 const TEMPERATURE_MAX: f64 = 1000.0;
 const SPEED_MAX: f64 = 1e6;
-/// A growth beyond this is a mistake of units, mm.
+/// A thermal displacement beyond this is a mistake of units, mm.
 const COEFFICIENT_MAX: f64 = 100.0;
 
 impl ThermalInput {
@@ -195,10 +196,10 @@ impl Thermal {
     }
 }
 
-/// A growth at a moment.
+/// A thermal displacement at a moment.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Growth {
-    /// The growth, mm, with its share.
+pub struct ThermalDisplacement {
+    /// The thermal displacement, mm, with its share.
     pub value: f64,
     /// 1 where all inputs are where the fit has seen them, falling to 0 outside.
     pub share: f64,
@@ -206,7 +207,7 @@ pub struct Growth {
     pub outside: Option<usize>,
 }
 
-/// The lags of a growth while time passes.
+/// The lags of a thermal displacement while time passes.
 #[derive(Debug, Clone)]
 pub struct ThermalState {
     /// By input and lag, in order; empty of meaning until begun.
@@ -229,7 +230,7 @@ impl ThermalState {
         Some((self.lagged.clone(), last?))
     }
 
-    /// Puts back what was kept; `None` where it is of another growth or cannot be.
+    /// Puts back what was kept; `None` where it is of another thermal displacement or cannot be.
     #[must_use]
     pub fn restored(thermal: &Thermal, lagged: &[f64], last: &[f64]) -> Option<Self> {
         if lagged.len() != thermal.terms() || last.len() != thermal.inputs.len() {
@@ -281,9 +282,9 @@ impl ThermalState {
         }
     }
 
-    /// The growth now; zero share until every input has spoken.
+    /// The thermal displacement now; zero share until every input has spoken.
     #[must_use]
-    pub fn growth(&self, thermal: &Thermal) -> Growth {
+    pub fn growth(&self, thermal: &Thermal) -> ThermalDisplacement {
         let mut lagged = self.lagged.iter();
         let mut sum = thermal.offset;
         let mut share = 1.0;
@@ -300,7 +301,7 @@ impl ThermalState {
             }
         }
         let value = if sum.is_finite() { share * sum } else { 0.0 };
-        Growth { value, share, outside }
+        ThermalDisplacement { value, share, outside }
     }
 }
 
@@ -344,7 +345,7 @@ mod tests {
         let mut state = ThermalState::new(&thermal);
         assert!(state.growth(&thermal).share == 0.0, "nothing has spoken yet");
         state.advance(&thermal, 0.0, &[20.0, 0.0]);
-        assert_eq!(state.growth(&thermal), Growth { value: 0.0, share: 1.0, outside: None });
+        assert_eq!(state.growth(&thermal), ThermalDisplacement { value: 0.0, share: 1.0, outside: None });
         // the same moment in one step or in many
         let mut coarse = state.clone();
         coarse.advance(&thermal, 900.0, &[30.0, -4000.0]);

@@ -8,9 +8,9 @@
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
 
-mod bank;
 pub mod chain;
 pub mod compare;
+mod compiled_basis;
 pub mod correction;
 pub mod curve;
 pub mod exact;

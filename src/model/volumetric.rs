@@ -8,8 +8,8 @@
 //!
 //! Source: equations 2 (general chain), 1.4 to 1.9 for the terms.
 
-use super::bank::{Lanes, MotionBank};
 use super::chain::{ChainAxis, Side};
+use super::compiled_basis::{CompiledBasis, Lanes};
 use super::curve::{ErrorFunction, Grid};
 use super::spec::{ModelError, ModelSpec, ReferenceBody, ReferencePoint, SENSORS_MAX, Sense};
 use super::symbol::{Component, ErrorSymbol};
@@ -105,7 +105,7 @@ pub(super) struct Joint {
     /// True where the stored curves are carriage motions of a primed axis and change sign.
     pub(super) inverted: bool,
     /// EX EY EZ EA EB EC over the stored coordinate.
-    pub(super) motions: MotionBank,
+    pub(super) motions: CompiledBasis,
     /// Wavelength of the shortest harmonic among them, mm or rad.
     shortest_wave: f64,
     /// Parts of them that depend on other axes, too.
@@ -375,7 +375,7 @@ impl Joint {
         let constant = |wanted: ErrorSymbol| function(wanted).value(0.0, Travel::Forward);
         let name = axis.name;
         let motions = Component::ALL.map(|component| function(ErrorSymbol::Motion { component, axis: name }));
-        let bank = MotionBank::new(&motions);
+        let basis = CompiledBasis::new(&motions);
         let [sx, sy, sz] = [Component::X, Component::Y, Component::Z]
             .map(|component| constant(ErrorSymbol::Location { component, axis: name }));
         let turn = [Component::A, Component::B, Component::C];
@@ -389,8 +389,8 @@ impl Joint {
             inverted: entry.sense == Sense::Carriage && axis.side == Side::Workpiece,
             grids: joint_grids(&motions, spec),
             live: joint_live(&motions, sensors),
-            shortest_wave: bank.shortest_wave(),
-            motions: bank,
+            shortest_wave: basis.shortest_wave(),
+            motions: basis,
             reference_points: match axis.kind() {
                 AxisKind::Linear => entry.reference_points,
                 // ISO 230-7: the errors of a rotary axis act at the point on its axis

@@ -51,13 +51,14 @@ pub struct Counters {
     /// Largest offset per rotary axis, arcsec.
     pub largest_arcsec: BTreeMap<String, f64>,
     /// What a restart must not undo.
-    pub last_word: LastWord,
+    #[serde(rename = "last_word")]
+    pub retained: RetainedState,
 }
 
 /// What a restart must not undo.
 #[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 #[serde(deny_unknown_fields)]
-pub struct LastWord {
+pub struct RetainedState {
     /// An operator has switched compensation off.
     pub off: bool,
     /// The latched fault, by its number.
@@ -71,7 +72,7 @@ pub struct LastWord {
     pub hold: Option<String>,
 }
 
-impl LastWord {
+impl RetainedState {
     /// Why compensation does not begin by itself, where it does not.
     #[must_use]
     pub fn objection(&self) -> Option<String> {
@@ -150,7 +151,7 @@ impl Counters {
         if numbers.any(|v| !(v.is_finite() && *v >= 0.0)) {
             return Err("a time or an offset below zero".to_owned());
         }
-        if found.last_word.gain.is_some_and(|g| !(0.0..=1.0).contains(&g)) {
+        if found.retained.gain.is_some_and(|g| !(0.0..=1.0).contains(&g)) {
             return Err("a gain that is not from 0 to 1".to_owned());
         }
         Ok(found)

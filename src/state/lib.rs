@@ -1,6 +1,6 @@
 //! The state directory: what outlives a restart of the daemon, and how it is read back fail-closed.
 //!
-//! - [`counters`]: `counters.json` with the operator's last orders and the latched fault ([`counters::LastWord`]), and
+//! - [`counters`]: `counters.json` with the operator's last orders and the latched fault ([`counters::RetainedState`]), and
 //!   [`counters::recall`], which tells a first start from a known and an unknown state.
 //! - [`models`]: `models.json` and the model files in `models/`.
 //! - [`audit`]: `audit.jsonl`, chained by hashes.

@@ -1,5 +1,6 @@
 //! `volcomp bench` as its user meets it.
 
+#![expect(clippy::disallowed_methods, reason = "the test runs the program")]
 #![allow(clippy::expect_used, reason = "a test program: it fails by panicking")]
 
 use std::path::Path;

@@ -7,8 +7,8 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use serde_json::Value;
-use volcomp::core::axes::Travel;
-use volcomp::core::model::{ErrorSymbol, ModelSpec};
+use volcomp::model::axes::Travel;
+use volcomp::model::{ErrorSymbol, ModelSpec};
 
 fn volcomp(directory: &Path, args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_volcomp")).current_dir(directory).args(args).output().unwrap()
@@ -226,7 +226,7 @@ fn into_keeps_the_rest_of_the_model() {
         value_um(&second, "exx", 60.0, Travel::Forward),
         value_um(&first, "exx", 60.0, Travel::Forward)
     );
-    assert_eq!(second.axis(volcomp::core::axes::AxisName::X).travel, Some([0.0, 500.0]));
+    assert_eq!(second.axis(volcomp::model::axes::AxisName::X).travel, Some([0.0, 500.0]));
     assert_eq!(second.chain, first.chain);
 }
 

@@ -8,8 +8,8 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use volcomp::config::model::parse_file;
-use volcomp::core::axes::{MAX_AXES, Travel};
-use volcomp::core::model::{Model, Pose};
+use volcomp::model::axes::{MAX_AXES, Travel};
+use volcomp::model::{Model, Pose};
 
 /// X carries the workpiece, Y and Z the tool; C turns the workpiece.
 const MODEL: &str = r#"
@@ -320,7 +320,7 @@ fn a_machine_file_may_name_additions_and_the_daemon_starts_with_them_in_its_mode
     let machine =
         |additions: &str| write("machine.toml", &format!("{MACHINE}additions = {additions}\n{axes}"));
     machine(r#"["one.toml", "two.toml"]"#);
-    let loaded = volcomp::runtime::load(&dir.path().join("machine.toml")).unwrap();
+    let loaded = volcomp::daemon::load(&dir.path().join("machine.toml")).unwrap();
     let out = volcomp(
         dir.path(),
         &[
@@ -360,6 +360,6 @@ fn a_machine_file_may_name_additions_and_the_daemon_starts_with_them_in_its_mode
         let message = String::from_utf8(check.stderr).unwrap();
         assert_eq!(check.status.code(), Some(code), "{additions}: {message}");
         assert!(message.contains(wanted), "{additions}: {message}");
-        assert!(volcomp::runtime::load(&dir.path().join("machine.toml")).is_err(), "{additions}");
+        assert!(volcomp::daemon::load(&dir.path().join("machine.toml")).is_err(), "{additions}");
     }
 }

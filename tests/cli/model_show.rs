@@ -277,6 +277,6 @@ fn the_examples_of_the_guide_are_valid() {
     for chain in
         guide.lines().filter_map(|l| l.strip_prefix('|')?.split('`').nth(1)).filter(|c| c.starts_with("[w"))
     {
-        assert!(volcomp::core::model::Chain::parse(chain).is_ok(), "{chain}");
+        assert!(volcomp::model::Chain::parse(chain).is_ok(), "{chain}");
     }
 }

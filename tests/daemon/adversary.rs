@@ -5,10 +5,8 @@
 use std::io::Write;
 
 use crate::support::{Daemon, Port, Session, Setup};
-use volcomp::core::axes::MAX_AXES;
-use volcomp::core::protocol::{
-    CloseReason, Correction, ErrorCode, MAX_FRAME, MachineState, Message, Tool, encode,
-};
+use volcomp::model::axes::MAX_AXES;
+use volcomp::protocol::{CloseReason, Correction, ErrorCode, MAX_FRAME, MachineState, Message, Tool, encode};
 
 /// Limit of every axis of the machine file of these tests, mm.
 const LIMIT_MM: f64 = 0.15;

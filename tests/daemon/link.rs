@@ -9,8 +9,8 @@ use std::time::{Duration, Instant};
 
 use crate::support::{Daemon, EXX_MM, PATIENCE, Port, Session, Setup, eventually, hello};
 use rustix::process::Signal;
-use volcomp::core::axes::{AxisName, MAX_AXES};
-use volcomp::core::protocol::{
+use volcomp::model::axes::{AxisName, MAX_AXES};
+use volcomp::protocol::{
     CloseReason, ControlHello, CorrectionState, ErrorCode, MAX_FRAME, MachineState, Message, Name, encode,
 };
 
@@ -135,7 +135,7 @@ fn refused(hello: &ControlHello, code: ErrorCode, words: &str) {
     let port = Port::open();
     let mut daemon = Daemon::start(&port.address(), Setup { reconnect_max_s: 30.0, ..Setup::default() });
     let mut session = port.accept();
-    session.greet(hello);
+    session.handshake(hello);
     match session.next_word() {
         Some(Message::Error(report)) => assert_eq!(report.code, code),
         other => panic!("expected an error frame, found {other:?}"),

@@ -8,7 +8,7 @@ use std::process::{Command, Output};
 
 use crate::support::{Daemon, Port, Session, Setup, eventually};
 use rustix::process::Signal;
-use volcomp::core::record::{EXTENSION, Recording};
+use volcomp::protocol::record::{EXTENSION, Recording};
 
 fn text(bytes: &[u8]) -> String {
     String::from_utf8_lossy(bytes).into_owned()

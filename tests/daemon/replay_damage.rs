@@ -10,8 +10,8 @@ use std::time::Duration;
 use crate::support::{Daemon, Port, Session, Setup, eventually};
 use rustix::process::Signal;
 use serde_json::Value;
-use volcomp::core::record::block::{BLOCK_HEADER, FILE_HEADER, Found, look};
-use volcomp::core::record::{BlockKind, EXTENSION};
+use volcomp::protocol::record::block::{BLOCK_HEADER, FILE_HEADER, Found, look};
+use volcomp::protocol::record::{BlockKind, EXTENSION};
 
 const KEPT: &str = "[recording]\ndirectory = \"rec\"\nflush-ms = 20.0\n[state]\ndirectory = \"state\"\n";
 

@@ -11,8 +11,8 @@ use std::time::Instant;
 
 use crate::support::{Daemon, EXX_MM, PATIENCE, Port, Setup, eventually, hello};
 use rustix::process::Signal;
-use volcomp::core::axes::AxisName;
-use volcomp::core::protocol::{Axis, AxisUnit, CloseReason, Message};
+use volcomp::model::axes::AxisName;
+use volcomp::protocol::{Axis, AxisUnit, CloseReason, Message};
 
 /// Keys that scripts may rely on (`docs/reference/json-output.md` 1).
 const KEYS: [&str; 13] = [
@@ -142,7 +142,7 @@ fn a_foreign_offset_is_a_fault_that_has_to_be_acknowledged() {
     larger.axes[3] = Axis { name: AxisName::U, unit: AxisUnit::Millimetre };
     larger.axis_count = 4;
     let mut session = port.accept();
-    session.greet(&larger);
+    session.handshake(&larger);
     session.run_unanswered(50);
     assert_eq!(daemon.status()["state"], "faulted");
     refused_as_faulted(&daemon);
@@ -284,7 +284,7 @@ fn systemd_hears_ready_status_watchdog_and_stopping() {
     assert!(!heard.iter().any(|h| h.contains("WATCHDOG=1")), "{heard:?}");
     heard_until("WATCHDOG=1");
     let mut session = port.accept();
-    session.greet(&hello());
+    session.handshake(&hello());
     session.run_until_corrected();
     for _ in 0..200 {
         let _ = session.cycle();

@@ -11,7 +11,7 @@ use std::process::{Child, Stdio};
 use std::time::{Duration, Instant};
 
 use crate::support::{Daemon, Port, STEP_MM_MAX, Session, Setup};
-use volcomp::core::protocol::{MachineState, Message, Tool};
+use volcomp::protocol::{MachineState, Message, Tool};
 
 const CYCLE: Duration = Duration::from_millis(1);
 /// What a day brings comes round in so many cycles.

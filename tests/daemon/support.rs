@@ -13,8 +13,8 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use tempfile::TempDir;
-use volcomp::core::axes::{AxisArray, AxisName, MAX_AXES};
-use volcomp::core::protocol::{
+use volcomp::model::axes::{AxisArray, AxisName, MAX_AXES};
+use volcomp::protocol::{
     Axis, AxisUnit, Close, CloseReason, ControlHello, Correction, DaemonHello, FrameReader, MAX_FRAME,
     MachineState, Message, Name, PROTOCOL_VERSION, Position, encode,
 };
@@ -242,7 +242,7 @@ impl Port {
     /// A connection with the hellos exchanged.
     pub(crate) fn link(&self) -> Session {
         let mut session = self.accept();
-        session.greet(&hello());
+        session.handshake(&hello());
         session
     }
 }
@@ -333,7 +333,7 @@ impl Session {
         }
     }
 
-    pub(crate) fn greet(&mut self, hello: &ControlHello) {
+    pub(crate) fn handshake(&mut self, hello: &ControlHello) {
         let _ = self.read_hello();
         self.send(&Message::ControlHello(*hello));
     }

@@ -1,5 +1,7 @@
 //! Effects made by formulas written here are found again by the diagnosis, alone, in pairs and not at all.
 
+#![expect(clippy::disallowed_methods, reason = "a case is chosen by the environment")]
+
 use crate::support::*;
 
 const ARCSEC_UM_PER_MM: f64 = 4.848_136_811e-3;
@@ -304,7 +306,7 @@ fn the_same_input_gives_the_same_answer() {
 #[test]
 fn an_addition_says_what_the_effect_does() {
     use volcomp::diagnose::addition::{Addition, Evaluator};
-    use volcomp::diagnose::moment::Moment;
+    use volcomp::diagnose::machine_state::MachineState;
     let truth = |s: &State| [-2.5 * s.dir[0], 15e-3 * s.p[1], 0.0];
     let d = run(&Campaign::full(), &truth, NOISE, &[]);
     let text = toml::to_string(&d.addition).unwrap();
@@ -312,8 +314,11 @@ fn an_addition_says_what_the_effect_does() {
     read.check().unwrap();
     assert_eq!(read, d.addition);
     let mut e = Evaluator::new([&read]);
-    let mut m =
-        Moment { position: [100.0, 300.0, 0.0, 0.0, 0.0, 0.0], direction: [1.0; 6], ..Moment::default() };
+    let mut m = MachineState {
+        position: [100.0, 300.0, 0.0, 0.0, 0.0, 0.0],
+        direction: [1.0; 6],
+        ..MachineState::default()
+    };
     m.since_mm = [1e6; 6];
     let forward = e.next(&mut m, &[]);
     m.direction[0] = -1.0;

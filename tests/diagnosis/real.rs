@@ -1,5 +1,6 @@
 //! Real recordings through `volcomp diagnose`: what is known of them must come out, and nothing that is not there.
 
+#![expect(clippy::disallowed_methods, reason = "the test runs the program on files")]
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 #![expect(clippy::print_stderr, reason = "the figures are the result")]
 

@@ -5,7 +5,7 @@
 use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, Normal};
-use volcomp::diagnose::moment::{Machine, Source};
+use volcomp::diagnose::machine_state::{Machine, Source};
 use volcomp::diagnose::report::Report;
 use volcomp::diagnose::session::{History, Raw, Session};
 use volcomp::diagnose::{Diagnosis, Options, diagnose};
@@ -485,12 +485,12 @@ pub(crate) fn history() -> History {
 /// The machine of the campaign: X and C carry the workpiece.
 pub(crate) fn machine() -> Machine {
     let mut m = Machine::plain();
-    use volcomp::diagnose::moment::Axis;
+    use volcomp::diagnose::machine_state::Axis;
     let order = [(Axis::C, true), (Axis::X, true), (Axis::Y, false), (Axis::Z, false)];
     let entry = m.axes[0];
     m.axes = order
         .into_iter()
-        .map(|(axis, workpiece_side)| volcomp::diagnose::moment::MachineAxis {
+        .map(|(axis, workpiece_side)| volcomp::diagnose::machine_state::MachineAxis {
             axis,
             workpiece_side,
             ..entry

@@ -4,8 +4,8 @@ use std::io::{ErrorKind, Read, Write};
 use std::net::TcpStream;
 use std::time::{Duration, Instant};
 
-use volcomp::core::axes::MAX_AXES;
-use volcomp::core::protocol::{
+use volcomp::model::axes::MAX_AXES;
+use volcomp::protocol::{
     Correction, CorrectionState, DaemonHello, ErrorCode, FrameReader, Heartbeat, MAX_FRAME, Message, Name,
     Position, encode,
 };

@@ -21,7 +21,7 @@ use control::{Cnc, Wiring};
 use daemon::Daemon;
 use namespaces::in_namespaces;
 use trace::{Size, Trace, example_model};
-use volcomp::core::model::Model;
+use volcomp::model::Model;
 
 /// The bars of this test; what the way of the correction leaves is judged with the reversals, where limits of rate and
 /// acceleration take the play out within 7 ms: the diagonal begins with three of them at once.

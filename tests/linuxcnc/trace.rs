@@ -4,8 +4,8 @@ use std::fs;
 use std::path::Path;
 
 use volcomp::config::model::parse;
-use volcomp::core::axes::{MAX_AXES, Travel};
-use volcomp::core::model::{Model, Pose};
+use volcomp::model::axes::{MAX_AXES, Travel};
+use volcomp::model::{Model, Pose};
 
 const UM_PER_MM: f64 = 1000.0;
 /// Travel after which volcompd takes a reversal for one, mm.

@@ -1,4 +1,4 @@
-//! A million cycles of the daemon's body, from message to correction, without one allocation.
+//! A million cycles of a link session, from message to correction, without one allocation.
 
 #![allow(clippy::expect_used, reason = "a test program: it fails by panicking")]
 
@@ -6,18 +6,18 @@ use std::path::Path;
 use std::sync::Arc;
 
 use assert_no_alloc::assert_no_alloc;
-use volcomp::core::axes::MAX_AXES;
-use volcomp::core::engine::Command;
-use volcomp::core::estimate::NodeGrid;
-use volcomp::core::live::LiveTable;
-use volcomp::core::live::table::{Source, TableMap};
-use volcomp::core::model::SENSORS_MAX;
-use volcomp::core::protocol::{
+use volcomp::daemon::{LinkSession, Loaded, Reaction, live_ends, load, tap};
+use volcomp::engine::Command;
+use volcomp::estimate::NodeGrid;
+use volcomp::estimate::live::LiveTable;
+use volcomp::estimate::live::table::{Source, TableMap};
+use volcomp::model::SENSORS_MAX;
+use volcomp::model::axes::MAX_AXES;
+use volcomp::model::units::MonoTime;
+use volcomp::protocol::{
     Axis, AxisUnit, ControlHello, CorrectionState, FrameReader, Heartbeat, MAX_FRAME, MachineState, Message,
     Name, PROTOCOL_VERSION, Position, Tool, encode,
 };
-use volcomp::core::units::MonoTime;
-use volcomp::runtime::{CycleBody, Loaded, Reaction, live_ends, load, tap};
 
 const CYCLES: u32 = 1_000_000;
 const CYCLE_NS: i64 = 1_000_000;
@@ -72,26 +72,26 @@ fn a_million_cycles_allocate_nothing() {
     let hello = hello(&loaded);
     let config = loaded.config.engine_config(&hello).expect("the hello fits");
     let mut other = Arc::new((*loaded.model).clone());
-    let mut body = CycleBody::new(&config, loaded.model).expect("an engine");
+    let mut session = LinkSession::new(&config, loaded.model).expect("an engine");
     let mut reader = FrameReader::default();
     let mut buffer = [0; MAX_FRAME];
     let mut applied = [0.0; MAX_AXES];
     // the recording is on the cycle, too: its queue is emptied now and then, so that both full and not are met
     let (tap, entries) = tap(64);
-    body.record_to(tap, MonoTime::ZERO, &hello);
+    session.record_to(tap, MonoTime::ZERO, &hello);
     let mut recorded = 0_u32;
     let (mut answers, mut active, mut stale) = (0_u32, 0_u32, 0_u32);
     assert_no_alloc(|| {
-        body.command(MonoTime::ZERO, Command::Enable);
-        body.link_up(MonoTime::ZERO);
+        session.command(MonoTime::ZERO, Command::Enable);
+        session.link_up(MonoTime::ZERO);
         for cycle in 1..=CYCLES {
             let now = MonoTime::from_ns(i64::from(cycle) * CYCLE_NS);
             if cycle % 30_011 == 0 {
                 // a silence: hold and ramp out on the daemon's own clock
                 let mut silent = now;
                 for _ in 0..50 {
-                    silent = body.next_deadline().map_or(silent, |due| due.max(silent));
-                    if let Some(correction) = body.deadline(silent) {
+                    silent = session.next_deadline().map_or(silent, |due| due.max(silent));
+                    if let Some(correction) = session.deadline(silent) {
                         applied = correction.offset;
                         stale += 1;
                     }
@@ -103,19 +103,19 @@ fn a_million_cycles_allocate_nothing() {
             reader.advance(length);
             let Ok(Some(received)) = reader.next() else { continue };
             if cycle % 3 == 0 {
-                body.live(now, 0, 1e-6);
+                session.live(now, 0, 1e-6);
             }
             if cycle % 40_009 == 0 {
-                let old = body.switch_model(now, Arc::clone(&other), [1; 32]).expect("the same axes");
+                let old = session.switch_model(now, Arc::clone(&other), [1; 32]).expect("the same axes");
                 other = old;
             }
-            if let Reaction::Answer(correction) = body.handle(now, &received) {
+            if let Reaction::Answer(correction) = session.handle(now, &received) {
                 applied = correction.offset;
                 answers += 1;
                 active += u32::from(correction.state == CorrectionState::Active);
             }
-            body.tell();
-            if let Some(correction) = body.deadline(now) {
+            session.record();
+            if let Some(correction) = session.deadline(now) {
                 applied = correction.offset;
             }
             if cycle % 100 == 0 {
@@ -151,17 +151,17 @@ fn live_tables_are_swapped_and_evaluated_without_allocation() {
     let loaded = load(&file).expect("the example loads");
     let hello = hello(&loaded);
     let config = loaded.config.engine_config(&hello).expect("the hello fits");
-    let mut body = CycleBody::new(&config, loaded.model).expect("an engine");
+    let mut session = LinkSession::new(&config, loaded.model).expect("an engine");
     let (mut live, estimator) = live_ends([1; 32]);
     let (tap, entries) = tap(64);
-    body.record_to(tap, MonoTime::ZERO, &hello);
+    session.record_to(tap, MonoTime::ZERO, &hello);
     live.link_up(&hello);
     let second = |k: u32| MonoTime::from_ns(i64::from(k) * 1_000_000_000);
     // the estimator's side: tables made beside the cycle and kept until they are out of use
     let tables: Vec<Arc<LiveTable>> = (0..100).map(|k| table(second(k), 1e-6 * f64::from(k))).collect();
     let (mut told, mut positions) = (0_u32, 0_u32);
     assert_no_alloc(|| {
-        body.link_up(MonoTime::ZERO);
+        session.link_up(MonoTime::ZERO);
         for cycle in 1..100_000_u32 {
             let now = MonoTime::from_ns(i64::from(cycle) * CYCLE_NS);
             if cycle % 1000 == 1 {
@@ -169,14 +169,14 @@ fn live_tables_are_swapped_and_evaluated_without_allocation() {
                 estimator.tables.try_send(Arc::clone(table)).expect("room");
             }
             let Message::Position(frame) = message(cycle, [0.0; MAX_AXES]) else { continue };
-            let _ = body.handle(now, &Message::Position(frame));
-            body.tell();
-            live.after(now, &frame, &mut body);
+            let _ = session.handle(now, &Message::Position(frame));
+            session.record();
+            live.after(now, &frame, &mut session);
             while estimator.motions.try_recv().is_ok() {
                 positions += 1;
             }
             while let Ok(entry) = entries.try_recv() {
-                told += u32::from(matches!(entry, volcomp::core::record::Entry::Live { .. }));
+                told += u32::from(matches!(entry, volcomp::protocol::record::Entry::Live { .. }));
             }
         }
     });

@@ -1,7 +1,7 @@
 //! The filter on node values and the look-up of its map work in memory made at construction.
 
 use assert_no_alloc::assert_no_alloc;
-use volcomp::core::estimate::{
+use volcomp::estimate::{
     Adaptation, MeasurementNoise, NodeFilter, NodeGrid, Observation, Process, Rules, Verdict,
 };
 

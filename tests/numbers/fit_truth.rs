@@ -8,9 +8,9 @@
 
 use core::f64::consts::{PI, TAU};
 
-use volcomp::core::axes::Travel;
 use volcomp::identify::Reading;
 use volcomp::identify::curve::{Basis, FitError, Note, Period, Request, Reversal, Smoothing, fit};
+use volcomp::model::axes::Travel;
 
 /// SplitMix64 and Box-Muller: the same numbers everywhere.
 struct Random(u64);

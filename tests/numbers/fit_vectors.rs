@@ -3,9 +3,9 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
 use serde_json::Value;
-use volcomp::core::axes::Travel;
 use volcomp::identify::Reading;
 use volcomp::identify::curve::{Basis, Period, Request, fit};
+use volcomp::model::axes::Travel;
 
 fn vectors() -> Value {
     serde_json::from_str(include_str!("../vectors/fits.json")).unwrap()

@@ -4,14 +4,14 @@
 
 use proptest::prelude::*;
 use volcomp::config::model;
-use volcomp::core::axes::{AxisKind, AxisName, MAX_AXES, Travel};
-use volcomp::core::geometry::{Mat3, Vec3, rotation_about, unit};
-use volcomp::core::model::curve::{
+use volcomp::model::axes::{AxisKind, AxisName, MAX_AXES, Travel};
+use volcomp::model::curve::{
     Chebyshev, Curve, ErrorFunction, Fourier, Grid, HalfRange, Interpolation, Table,
 };
-use volcomp::core::model::gauge::{Gauged, Part, Untouched, normalise};
-use volcomp::core::model::spec::ReferenceBody;
-use volcomp::core::model::{
+use volcomp::model::gauge::{Gauged, Part, Untouched, normalise};
+use volcomp::model::geometry::{Mat3, Vec3, rotation_about, unit};
+use volcomp::model::spec::ReferenceBody;
+use volcomp::model::{
     AxisSpec, Chain, Component, Deviation, ErrorSymbol, Model, ModelSpec, Pose, Sense, Side,
 };
 

@@ -7,7 +7,7 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use serde_json::Value;
-use volcomp::core::model::ErrorSymbol;
+use volcomp::model::ErrorSymbol;
 
 fn volcomp(directory: &Path, args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_volcomp")).current_dir(directory).args(args).output().unwrap()

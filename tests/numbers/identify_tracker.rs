@@ -8,8 +8,8 @@ use std::path::Path;
 use std::process::{Command, Output};
 
 use serde_json::Value;
-use volcomp::core::geometry::Vec3;
 use volcomp::identify::primitives::{circle_2d, plane, sphere};
+use volcomp::model::geometry::Vec3;
 
 fn volcomp(directory: &Path, args: &[&str]) -> Output {
     Command::new(env!("CARGO_BIN_EXE_volcomp")).current_dir(directory).args(args).output().unwrap()
@@ -230,10 +230,10 @@ fn files_become_a_model_with_reference_points_and_uncertainty() {
     let text = std::fs::read_to_string(d.join("model.toml")).unwrap();
     let spec = volcomp::config::model::parse("model.toml", &text).unwrap();
     let of = |name: &str, x: f64| {
-        let symbol = volcomp::core::model::ErrorSymbol::parse(name).unwrap();
+        let symbol = volcomp::model::ErrorSymbol::parse(name).unwrap();
         let (_, f) = spec.errors.iter().find(|(s, _)| *s == symbol).unwrap();
         assert!(f.std.is_some(), "{name} has no standard uncertainty");
-        f.value(x, volcomp::core::axes::Travel::Forward)
+        f.value(x, volcomp::model::axes::Travel::Forward)
     };
     for x in [0.0, 140.0, 330.0, 500.0] {
         assert!((of("exx", x) - 1e-5 * x).abs() < 1e-4, "{x}");
@@ -262,9 +262,9 @@ fn files_become_a_model_with_reference_points_and_uncertainty() {
     succeed(d, &primed);
     let text = std::fs::read_to_string(d.join("model.toml")).unwrap();
     let spec = volcomp::config::model::parse("model.toml", &text).unwrap();
-    let exx = volcomp::core::model::ErrorSymbol::parse("exx").unwrap();
+    let exx = volcomp::model::ErrorSymbol::parse("exx").unwrap();
     let (_, f) = spec.errors.iter().find(|(s, _)| *s == exx).unwrap();
-    assert!((f.value(-300.0, volcomp::core::axes::Travel::Forward) + 3e-3).abs() < 1e-4);
+    assert!((f.value(-300.0, volcomp::model::axes::Travel::Forward) + 3e-3).abs() < 1e-4);
 }
 
 #[test]

@@ -4,10 +4,10 @@
 
 use crate::random_machine::{CHAINS, compile, machine, pose};
 use proptest::prelude::*;
-use volcomp::core::axes::{AxisKind, AxisName, MAX_AXES};
-use volcomp::core::geometry::Vec3;
-use volcomp::core::model::curve::{Curve, ErrorFunction, Grid, Interpolation, Live, Table};
-use volcomp::core::model::{
+use volcomp::model::axes::{AxisKind, AxisName, MAX_AXES};
+use volcomp::model::curve::{Curve, ErrorFunction, Grid, Interpolation, Live, Table};
+use volcomp::model::geometry::Vec3;
+use volcomp::model::{
     AxisSpec, Chain, Component, ErrorSymbol, Model, ModelError, ModelSpec, Pose, Sense, Side,
 };
 
@@ -157,7 +157,7 @@ proptest! {
     /// A chain is its workpiece side and its tool side in series: e = e_left(tip at the right's) + R_left e_right.
     #[test]
     fn chains_compose(seed in any::<u64>()) {
-        use volcomp::core::geometry::rotation_about;
+        use volcomp::model::geometry::rotation_about;
         let mut whole = machine("[w C' X' b Y Z A t]", seed, 1.0);
         whole.errors.retain(|(s, _)| !matches!(s, ErrorSymbol::Squareness { .. }));
         let (left, right) = (part(&whole, "[w C' X' b t]"), part(&whole, "[w b Y Z A t]"));
@@ -309,7 +309,7 @@ fn a_strain_adds_in_proportion_to_the_distance_from_its_reference() {
 
 /// Nominal tip in W from the definition, by a machine without errors whose tip is shifted: exact transforms only.
 fn nominal_tip(spec: &ModelSpec, pose: &Pose) -> Vec3 {
-    use volcomp::core::geometry::{rotation_about, unit};
+    use volcomp::model::geometry::{rotation_about, unit};
     let mut tip = spec.tool_tip;
     for (k, axis) in spec.chain.axes().iter().enumerate().rev() {
         let q = pose.position[k];

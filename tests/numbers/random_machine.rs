@@ -2,10 +2,10 @@
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests")]
 
-use volcomp::core::axes::{AxisKind, AxisName, MAX_AXES};
-use volcomp::core::geometry::Vec3;
-use volcomp::core::model::curve::{Curve, ErrorFunction, Interpolation, Table};
-use volcomp::core::model::{AxisSpec, Chain, Component, ErrorSymbol, Model, ModelSpec, Pose};
+use volcomp::model::axes::{AxisKind, AxisName, MAX_AXES};
+use volcomp::model::curve::{Curve, ErrorFunction, Interpolation, Table};
+use volcomp::model::geometry::Vec3;
+use volcomp::model::{AxisSpec, Chain, Component, ErrorSymbol, Model, ModelSpec, Pose};
 
 /// Machine types.
 pub(crate) const CHAINS: &[&str] = &[

@@ -9,10 +9,10 @@
 use std::path::Path;
 
 use serde_json::Value;
-use volcomp::core::axes::{AxisName, MAX_AXES};
-use volcomp::core::geometry::Vec3;
-use volcomp::core::model::spec::{ReferenceBody, ReferencePoint};
-use volcomp::core::model::{
+use volcomp::model::axes::{AxisName, MAX_AXES};
+use volcomp::model::geometry::Vec3;
+use volcomp::model::spec::{ReferenceBody, ReferencePoint};
+use volcomp::model::{
     AxisSpec, Chain, Component, Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec, Pose, Sense,
 };
 

@@ -14,10 +14,10 @@ use std::fmt::Write;
 use std::fs;
 use std::path::{Path, PathBuf};
 
-use volcomp::core::engine::transitions::{Cause, RULES, Rule, all};
-use volcomp::core::engine::{Reason, State};
-use volcomp::core::fault::{self, Code};
-use volcomp::core::protocol::CorrectionState::{
+use volcomp::engine::fault::{self, Code};
+use volcomp::engine::transitions::{Cause, RULES, Rule, all};
+use volcomp::engine::{Reason, State};
+use volcomp::protocol::CorrectionState::{
     Active, Armed, FadingToStatic, Faulted, Holding, Off, RampingIn, RampingOut,
 };
 

@@ -468,7 +468,7 @@ impl Control {
         if let Some(link) = self.link.take() {
             self.summary.links_ended += 1;
             link.end(end);
-            self.tell(&LinkEvent::Ended(end));
+            self.report(&LinkEvent::Ended(end));
         }
     }
 
@@ -561,11 +561,11 @@ impl Control {
         if let Some(link) = self.link.take() {
             self.summary.links_ended += 1;
             link.linger();
-            self.tell(event);
+            self.report(event);
         }
     }
 
-    fn tell(&mut self, event: &LinkEvent) {
+    fn report(&mut self, event: &LinkEvent) {
         if let Some(listener) = &mut self.listener {
             listener(event);
         }
@@ -573,7 +573,7 @@ impl Control {
 
     fn report_events(&mut self) {
         while let Some(event) = self.server.event() {
-            self.tell(&event);
+            self.report(&event);
         }
     }
 }

@@ -154,7 +154,7 @@ fn accept(
         }
         let (for_thread, links, events) = (Arc::clone(shared), links.clone(), events.clone());
         let spawned = std::thread::Builder::new().name("cnc-greet".into()).spawn(move || {
-            greet(stream, &for_thread, &links, &events);
+            handshake(stream, &for_thread, &links, &events);
             for_thread.greeting.fetch_sub(1, Ordering::AcqRel);
         });
         if spawned.is_err() {
@@ -177,7 +177,12 @@ fn options(stream: &TcpStream) -> std::io::Result<()> {
 }
 
 /// Greets one connection and hands it to the cycle, or tells it why not.
-fn greet(stream: TcpStream, shared: &Arc<Shared>, links: &SyncSender<Link>, events: &SyncSender<LinkEvent>) {
+fn handshake(
+    stream: TcpStream,
+    shared: &Arc<Shared>,
+    links: &SyncSender<Link>,
+    events: &SyncSender<LinkEvent>,
+) {
     let Ok(peer) = stream.peer_addr() else { return };
     if options(&stream).is_err() {
         return;

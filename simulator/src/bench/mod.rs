@@ -126,7 +126,7 @@ fn links(
     let mut daemon = daemon_place.accept(options.axes, origin, identity.as_ref())?;
     // not before both run: a process inherits class and processor of the thread that starts it
     let granted = control_thread(options).apply();
-    daemon.greet(options.cycle)?;
+    daemon.handshake(options.cycle)?;
     settle(&mut daemon, &mut echo, options.cycle, &log)?;
 
     let mut rounds = Vec::new();

@@ -153,8 +153,8 @@ impl Partner {
     /// Exchanges hellos.
     ///
     /// # Errors
-    /// The other side does not greet.
-    pub fn greet(&mut self, cycle: Duration) -> Result<(), BenchError> {
+    /// The other side does not handshake.
+    pub fn handshake(&mut self, cycle: Duration) -> Result<(), BenchError> {
         loop {
             self.read()?;
             match self.next()? {

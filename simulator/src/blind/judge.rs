@@ -159,7 +159,7 @@ impl Judged {
     }
 
     /// Declared causes outside the truth, its group and exact re-expressions.
-    pub fn strangers(&self) -> impl Iterator<Item = &Said> {
+    pub fn false_attributions(&self) -> impl Iterator<Item = &Said> {
         self.declared().filter(|s| !s.in_group)
     }
 
@@ -186,6 +186,6 @@ impl Judged {
     #[must_use]
     pub fn exact_in_group(&self) -> bool {
         let found = |l: &String| self.declared().any(|s| s.label == *l || s.group.contains(l));
-        self.labels.iter().all(found) && self.strangers().count() == 0
+        self.labels.iter().all(found) && self.false_attributions().count() == 0
     }
 }

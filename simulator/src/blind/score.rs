@@ -126,12 +126,12 @@ impl Score {
         }
         let inside = || all.iter().filter(|j| matches!(j.kind, Kind::Single | Kind::Pair | Kind::LeftOut));
         let claims = inside().flat_map(|j| j.declared()).count();
-        let strangers = inside().map(|j| j.strangers().count()).sum();
+        let false_attributions = inside().map(|j| j.false_attributions().count()).sum();
         let (ece, brier, counted) = calibration(all);
         let shrinks: Vec<[f64; 4]> = all.iter().filter_map(|j| j.shrink).collect();
         let held = shrinks.iter().filter(|[_, low, high, seen]| seen >= low && seen <= high).count();
         let half = shrinks.iter().map(|[_, low, high, _]| 0.5 * (high - low)).sum::<f64>();
-        let innocent = |j: &Judged| j.strangers().any(|s| s.probability >= CONFIDENT);
+        let innocent = |j: &Judged| j.false_attributions().any(|s| s.probability >= CONFIDENT);
         let mut score = Self {
             single_top1: Of::count(singles(), Judged::top_right),
             single_in_group: Of::count(singles(), Judged::top_in_group),
@@ -155,7 +155,7 @@ impl Score {
                 all.iter().filter(|j| !j.visible && j.kind != Kind::Pair && j.refused.is_none()),
                 |j| !confident(j),
             ),
-            claims_outside_group: Of { hits: strangers, of: claims },
+            claims_outside_group: Of { hits: false_attributions, of: claims },
             ece,
             brier,
             claims: counted,

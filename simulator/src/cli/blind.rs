@@ -297,7 +297,7 @@ fn answer(
     words.extend(more.iter().cloned());
     let sealed = args.out.join("sealed").join(format!("{name}.toml"));
     let label = toml::to_string(case).map_err(|e| Failure::new(EX_SOFTWARE, e))?;
-    std::fs::create_dir_all(args.out.join("sealed")).map_err(|e| Failure::in_file(EX_IOERR, &sealed, e))?;
+    crate::cli::make_folder(args.out.join("sealed")).map_err(|e| Failure::in_file(EX_IOERR, &sealed, e))?;
     save(&sealed, &label)?;
     let answer: Result<Report, String> = match diagnose(tool, &folder, "gap", &words) {
         Err(f) if f.code == EX_DATAERR => Err(f.message),
@@ -310,9 +310,7 @@ fn answer(
         let other = with_fresh.then_some("fresh");
         for f in files.iter().map(String::as_str).chain(["history.csv"]).chain(other) {
             let path = folder.join(f);
-            let gone =
-                if path.is_dir() { std::fs::remove_dir_all(&path) } else { std::fs::remove_file(&path) };
-            gone.map_err(|e| Failure::in_file(EX_IOERR, &path, e))?;
+            crate::cli::remove(&path).map_err(|e| Failure::in_file(EX_IOERR, &path, e))?;
         }
     }
     Ok(answer.map_or_else(|why| Judged::refused(&truth, why), |r| judge(&truth, &r)))

@@ -107,7 +107,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 /// Adds what `volcomp predict` says of additions to the readings; the twin itself knows nothing of them.
 fn add(args: &Args, out: &Path, campaign: &mut Campaign) -> Result<(), Failure> {
-    std::fs::create_dir_all(out).map_err(|e| Failure::in_file(EX_IOERR, out, e))?;
+    crate::cli::make_folder(out).map_err(|e| Failure::in_file(EX_IOERR, out, e))?;
     let points = points(campaign);
     save(&out.join("points.csv"), &points.text)?;
     save(&out.join("model.toml"), &nominal_model())?;
@@ -141,7 +141,7 @@ fn add(args: &Args, out: &Path, campaign: &mut Campaign) -> Result<(), Failure> 
 
 /// Writes what a day's measurement gives into a folder, made where it is missing; the names of its session files.
 pub(super) fn write_all(out: &Path, files: Files) -> Result<Vec<String>, Failure> {
-    std::fs::create_dir_all(out).map_err(|e| Failure::in_file(EX_IOERR, out, e))?;
+    crate::cli::make_folder(out).map_err(|e| Failure::in_file(EX_IOERR, out, e))?;
     for file in files.sessions.iter().chain([&files.history, &files.model]) {
         save(&out.join(&file.name), &file.text)?;
     }

@@ -28,15 +28,15 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let authority = Authority::new("trial authority", validity).map_err(|e| Failure::new(EX_SOFTWARE, e))?;
     let control = authority.issue(Role::Control, &names, validity).map_err(failed)?;
     let daemon = authority.issue(Role::Daemon, &["volcompd"], validity).map_err(failed)?;
-    std::fs::create_dir_all(&args.out).map_err(|e| Failure::in_file(EX_IOERR, &args.out, e))?;
+    crate::cli::make_folder(&args.out).map_err(|e| Failure::in_file(EX_IOERR, &args.out, e))?;
     for (stem, issued) in [("ca", authority.own()), ("control", control), ("daemon", daemon)] {
         issued.write(&args.out, stem).map_err(|(path, e)| Failure::in_file(EX_IOERR, &path, e))?;
     }
-    tell(&args.out, names[0]);
+    report(&args.out, names[0]);
     Ok(())
 }
 
-fn tell(dir: &Path, name: &str) {
+fn report(dir: &Path, name: &str) {
     let dir = dir.canonicalize().unwrap_or_else(|_| dir.to_owned());
     let dir = dir.display();
     say!("# for the machine file of volcompd");

@@ -103,7 +103,7 @@ pub(super) fn survey(args: &SurveyArgs) -> Result<(), Failure> {
         seed: args.seed,
         ..SurveyPlan::default()
     };
-    std::fs::create_dir_all(&args.out).map_err(|e| Failure::in_file(EX_IOERR, &args.out, e))?;
+    crate::cli::make_folder(&args.out).map_err(|e| Failure::in_file(EX_IOERR, &args.out, e))?;
     let files =
         survey_to(&machine, &plan, &args.out).map_err(|e| Failure::new(EX_DATAERR, format_args!("{e:#}")))?;
     let fit = files.fit_arguments(&args.out.join("model.toml"));

@@ -129,7 +129,7 @@ fn play(chosen: &[&Scenario], programs: &Programs, jobs: usize) -> Vec<Verdict> 
                 while let Some(scenario) = chosen.get(next.fetch_add(1, Relaxed)) {
                     let verdict =
                         run(scenario, programs).unwrap_or_else(|e| Verdict::impossible(scenario, &e));
-                    tell(&verdict);
+                    report(&verdict);
                     verdicts.lock().unwrap_or_else(PoisonError::into_inner).push(verdict);
                 }
             });
@@ -138,7 +138,7 @@ fn play(chosen: &[&Scenario], programs: &Programs, jobs: usize) -> Vec<Verdict> 
     verdicts.into_inner().unwrap_or_else(PoisonError::into_inner)
 }
 
-fn tell(v: &Verdict) {
+fn report(v: &Verdict) {
     note!(
         "{} {:>4}  {}{}\n           largest {} um, rms {} um, step {:.3} um, settled in {:.2} s, {}",
         if v.ok { "ok  " } else { "FAIL" },

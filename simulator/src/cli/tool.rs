@@ -28,6 +28,7 @@ impl Tool {
     }
 
     /// Runs a verb in a folder to its end; gives what it printed. A failure tells what it said.
+    #[expect(clippy::disallowed_methods, reason = "the tool is a program of its own")]
     pub(super) fn run(&self, folder: &Path, arguments: &[String]) -> Result<String, Failure> {
         let output = Command::new(&self.program)
             .args(self.verb)

@@ -70,8 +70,8 @@ fn one_feed_makes_no_innocent_of_rounding_and_of_the_slope_of_a_curve() {
     for (seed, case) in [("967", "41"), ("982", "17")] {
         let draw = ["--plan", "one-feed-ballbar", "--pairs", "0", "--nulls", "10", "--outside", "0"];
         let found = blind(&[&draw[..], &["--seed", seed, "--only", case]].concat());
-        let (strangers, of) = hits(&found["score"], "claims_outside_group");
-        assert!(strangers == 0 && of > 0, "{:#}", found["cases"]);
+        let (false_attributions, of) = hits(&found["score"], "claims_outside_group");
+        assert!(false_attributions == 0 && of > 0, "{:#}", found["cases"]);
         assert_eq!(hits(&found["score"], "single_in_group"), (1, 1), "{:#}", found["cases"]);
     }
 }

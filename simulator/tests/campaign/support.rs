@@ -6,15 +6,15 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests")]
 
 use volcomp::config::model::parse_file;
-use volcomp::core::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
-use volcomp::core::engine::{
+use volcomp::engine::{
     AfterLoss, AxisLimits, Command as Order, Compensator, EngineConfig, Lag, OutOfTravel, PositionSource,
     RestOffset,
 };
-use volcomp::core::estimate::{Quantity, Thermal, ThermalState};
-use volcomp::core::model::Model;
-use volcomp::core::protocol::{MachineState, Position};
-use volcomp::core::units::MonoTime;
+use volcomp::estimate::{Quantity, Thermal, ThermalState};
+use volcomp::model::Model;
+use volcomp::model::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
+use volcomp::model::units::MonoTime;
+use volcomp::protocol::{MachineState, Position};
 
 use simulator::campaign::Beside;
 use simulator::twin::Command;

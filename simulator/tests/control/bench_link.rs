@@ -3,6 +3,7 @@
 //! A test cannot ask for the ratios that a quiet computer shows (`cncsim bench-link --check` does that): other tests
 //! run at the same time. It asks that both sides answer everything and that the figures hang together.
 
+#![expect(clippy::disallowed_methods, reason = "the test runs the program")]
 #![expect(clippy::unwrap_used, reason = "helpers of tests")]
 
 use std::process::{Command, Output};

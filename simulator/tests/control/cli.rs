@@ -1,5 +1,6 @@
 //! The program `cncsim` as a user meets it: output, messages, exit codes.
 
+#![expect(clippy::disallowed_methods, reason = "the test runs the program on files")]
 #![expect(clippy::unwrap_used, reason = "helpers of tests")]
 
 use std::path::Path;
@@ -19,12 +20,10 @@ fn fails(args: &[&str], code: i32, says: &str) {
 
 fn file(dir: &Path, name: &str, text: &str) -> String {
     let path = dir.join(name);
-    #[expect(clippy::disallowed_methods, reason = "a test of files")]
     std::fs::write(&path, text).unwrap();
     path.to_str().unwrap().to_owned()
 }
 
-#[expect(clippy::disallowed_methods, reason = "a test of files")]
 fn contents(path: &Path) -> String {
     std::fs::read_to_string(path).unwrap()
 }

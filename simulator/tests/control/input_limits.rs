@@ -1,5 +1,7 @@
 //! Every form of `cncsim` that reads a file refuses one without an end, in bounded memory.
 
+#![expect(clippy::disallowed_methods, reason = "the test runs the program")]
+
 use std::collections::BTreeSet;
 use std::process::Command;
 

@@ -14,9 +14,7 @@ use simulator::motion::gcode::interpret;
 use simulator::motion::recorded::{self, Description, Interpolation, Replay};
 use simulator::motion::{Dynamics, MotionSource, Trajectory};
 use simulator::truth::{TruthMachine, VMC_850};
-use volcomp::core::protocol::{
-    Close, CloseReason, Correction, ErrorCode, MachineState, Message, Position, Tool,
-};
+use volcomp::protocol::{Close, CloseReason, Correction, ErrorCode, MachineState, Message, Position, Tool};
 
 const WAIT: Duration = Duration::from_secs(5);
 const CYCLE_S: f64 = 0.001;
@@ -166,7 +164,7 @@ fn what_does_not_fit_is_told_why() {
     assert!(matches!(client.receive(), Some(Message::Error(e)) if e.code == ErrorCode::Unexpected));
     assert!((900..2500).contains(&begin.elapsed().as_millis()));
     // and the place is still free
-    let (_, hello) = Client::greet(control.address());
+    let (_, hello) = Client::handshake(control.address());
     assert_eq!((hello.axis_count, hello.cycle_ns, hello.machine.as_str()), (3, 1_000_000, MACHINE));
 }
 
@@ -175,7 +173,7 @@ fn after(what: impl FnOnce(&mut Client) + Send + 'static) -> (Vec<CycleRecord>, 
     let mut control = control(config());
     let address = control.address();
     let daemon = std::thread::spawn(move || {
-        let mut client = Client::greet(address).0;
+        let mut client = Client::handshake(address).0;
         let mut n = 0.0_f64;
         client.serve(|p| {
             n += 1.0;
@@ -283,7 +281,7 @@ fn a_daemon_that_returns_goes_on_from_the_present_offset() {
     let address = control.address();
     let daemon = std::thread::spawn(move || {
         let mut n = 0.0_f64;
-        Client::greet(address).0.serve(|p| {
+        Client::handshake(address).0.serve(|p| {
             n += 1.0;
             if p.sequence >= 400 { Reply::Stop } else { Reply::Offset(0.02 * (n / 200.0).min(1.0)) }
         });
@@ -409,7 +407,7 @@ fn the_tool_is_told_after_the_hello_and_on_every_change() {
     let mut control = control(cfg);
     let address = control.address();
     let daemon = std::thread::spawn(move || {
-        let mut client = Client::greet(address).0;
+        let mut client = Client::handshake(address).0;
         let mut heard = Vec::new();
         while let Some(message) = client.receive() {
             heard.push(message);
@@ -431,7 +429,7 @@ fn heartbeats_keep_an_idle_link_alive() {
     let mut control = control(config());
     let address = control.address();
     let daemon = std::thread::spawn(move || {
-        let mut client = Client::greet(address).0;
+        let mut client = Client::handshake(address).0;
         let mut heartbeats = 0;
         while let Some(message) = client.receive() {
             if let Message::Heartbeat(beat) = message {

@@ -13,7 +13,7 @@ use rustls::pki_types::pem::PemObject;
 use rustls::pki_types::{CertificateDer, ServerName};
 use simulator::certificates::{Authority, Role, Validity};
 use simulator::control::{ControlIdentity, Flow, IdealMachine, LinkEvent};
-use volcomp::core::protocol::CloseReason;
+use volcomp::protocol::CloseReason;
 
 /// A control of the folder's own identity.
 fn secure(folder: &Folder) -> Machine {

@@ -12,7 +12,7 @@ use simulator::control::{Flow, IdealMachine};
 use simulator::monitor::{Invariant, Report, Settings, SharedMonitor};
 use simulator::scenarios::fault::{Direction, FaultKind, LinkFault};
 use simulator::scenarios::relay::Relay;
-use volcomp::core::protocol::{CorrectionState, Message, Position};
+use volcomp::protocol::{CorrectionState, Message, Position};
 
 const WAIT: Duration = Duration::from_secs(5);
 const CYCLES: usize = 200;
@@ -39,7 +39,7 @@ fn run(
         control.set_monitor(monitor.clone());
     }
     let address = relay.as_ref().map_or(control.address(), Relay::address);
-    let daemon = std::thread::spawn(move || Client::greet(address).0.serve(answer));
+    let daemon = std::thread::spawn(move || Client::handshake(address).0.serve(answer));
     control.wait_for_daemon(WAIT).unwrap();
     let mut left = CYCLES;
     let mut observer = |_: &simulator::control::CycleRecord| {

@@ -1,5 +1,6 @@
 //! Numbers outside their range are refused, and streams that cannot be written end no command with a panic.
 
+#![expect(clippy::disallowed_methods, reason = "the test runs the program")]
 #![expect(clippy::unwrap_used, reason = "a test stops where its own set-up is wrong")]
 
 use std::process::{Command, Output, Stdio};

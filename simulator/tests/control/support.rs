@@ -10,8 +10,8 @@ use std::time::Duration;
 
 use simulator::control::{Control, ControlConfig, CycleRecord, Flow, Pacing};
 use simulator::motion::MachineAxes;
-use volcomp::core::axes::AxisArray;
-use volcomp::core::protocol::{
+use volcomp::model::axes::AxisArray;
+use volcomp::protocol::{
     ControlHello, Correction, CorrectionState, DaemonHello, FrameReader, MAX_FRAME, Message, Name, Position,
     encode,
 };
@@ -91,7 +91,7 @@ impl Client {
         })
     }
 
-    pub(crate) fn greet(address: SocketAddr) -> (Self, ControlHello) {
+    pub(crate) fn handshake(address: SocketAddr) -> (Self, ControlHello) {
         let mut client = Self::connect(address);
         assert!(client.send(&Self::hello(1, MACHINE)));
         match client.receive() {
@@ -141,5 +141,5 @@ pub(crate) fn daemon(
     address: SocketAddr,
     answer: impl FnMut(&Position) -> Reply + Send + 'static,
 ) -> JoinHandle<Option<Message>> {
-    std::thread::spawn(move || Client::greet(address).0.serve(answer))
+    std::thread::spawn(move || Client::handshake(address).0.serve(answer))
 }

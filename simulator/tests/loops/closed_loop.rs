@@ -11,7 +11,7 @@ use simulator::demo::programs::Programs;
 use simulator::demo::shop::Shop;
 use simulator::motion::paths::{Targets, line_with_targets};
 use simulator::truth::{GANTRY_5AX, GRINDER_AB, TruthMachine};
-use volcomp::core::axes::{AxisArray, AxisKind, MAX_AXES};
+use volcomp::model::axes::{AxisArray, AxisKind, MAX_AXES};
 
 /// Support points of a table of the known model.
 const POINTS: usize = 1500;

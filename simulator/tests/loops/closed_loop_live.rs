@@ -11,7 +11,7 @@ use std::process::{Command, Stdio};
 
 use simulator::demo::programs::Programs;
 use simulator::truth::{TruthMachine, VMC_850};
-use volcomp::core::axes::MAX_AXES;
+use volcomp::model::axes::MAX_AXES;
 
 /// A port that is free.
 fn port() -> String {

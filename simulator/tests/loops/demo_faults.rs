@@ -14,11 +14,11 @@ use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rustix::process::Signal;
 use simulator::control::{Happening, LinkEnd, LinkEvent, Pacing, ScriptedEvent};
-use volcomp::core::protocol::{CloseReason, CorrectionState, MachineState};
+use volcomp::protocol::{CloseReason, CorrectionState, MachineState};
 
 /// When the daemon is killed.
 #[derive(Debug, Clone, Copy)]
-enum Moment {
+enum Phase {
     RampingIn,
     Active,
     RampingOut,
@@ -32,14 +32,14 @@ enum Return {
     AtZero,
 }
 
-fn run_to(bench: &mut Bench, moment: Moment, process: u32) {
-    match moment {
-        Moment::RampingIn => bench.run_until("a third of the ramp", |r| largest(&r.applied) > 0.005),
-        Moment::Active => {
+fn run_to(bench: &mut Bench, phase: Phase, process: u32) {
+    match phase {
+        Phase::RampingIn => bench.run_until("a third of the ramp", |r| largest(&r.applied) > 0.005),
+        Phase::Active => {
             bench.run_until_state(CorrectionState::Active);
             bench.run_cycles(700);
         }
-        Moment::RampingOut => {
+        Phase::RampingOut => {
             bench.run_until_state(CorrectionState::Active);
             bench.run_cycles(100);
             signal(process, Signal::TERM);
@@ -49,16 +49,16 @@ fn run_to(bench: &mut Bench, moment: Moment, process: u32) {
         }
     }
     let state = bench.last().correction.map(|c| format!("{:?}", c.state));
-    assert_eq!(state, Some(format!("{moment:?}")));
+    assert_eq!(state, Some(format!("{phase:?}")));
     assert!(largest(&bench.last().applied) > 0.004, "{:?}", bench.last().applied);
 }
 
-fn killed_and_started_again(moment: Moment) {
+fn killed_and_started_again(phase: Phase) {
     let undisturbed = undisturbed_um(2);
     for comes_back in [Return::WhileHeld, Return::WhileTakenBack, Return::AtZero] {
         let mut bench = Bench::new(Setup::default(), 2);
         let mut daemon = bench.connected_daemon();
-        run_to(&mut bench, moment, daemon.id());
+        run_to(&mut bench, phase, daemon.id());
         daemon.kill().unwrap();
         let killed = bench.records.len();
         let held = largest(&bench.last().applied);
@@ -83,17 +83,17 @@ fn killed_and_started_again(moment: Moment) {
 
 #[test]
 fn killed_while_it_ramps_in() {
-    killed_and_started_again(Moment::RampingIn);
+    killed_and_started_again(Phase::RampingIn);
 }
 
 #[test]
 fn killed_in_mid_circle() {
-    killed_and_started_again(Moment::Active);
+    killed_and_started_again(Phase::Active);
 }
 
 #[test]
 fn killed_while_it_ramps_out() {
-    killed_and_started_again(Moment::RampingOut);
+    killed_and_started_again(Phase::RampingOut);
 }
 
 #[test]

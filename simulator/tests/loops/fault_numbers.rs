@@ -7,8 +7,8 @@ use std::collections::BTreeSet;
 use std::path::{Path, PathBuf};
 
 use simulator::scenarios::Plan;
-use volcomp::core::engine::Reason;
-use volcomp::core::fault::{CATALOGUE, Code, reason_code};
+use volcomp::engine::Reason;
+use volcomp::engine::fault::{CATALOGUE, Code, reason_code};
 
 /// Numbers that no scenario can reach with the programs as they are, and where they are tried instead: file and test.
 const TESTED: &[(u16, &str, &str)] = &[
@@ -22,7 +22,7 @@ const TESTED: &[(u16, &str, &str)] = &[
         "tests/daemon/service.rs",
         "a_service_that_hangs_is_seen_by_the_cycle_and_sigterm_works_all_the_same",
     ),
-    (8001, "src/engine/tests/aiming.rs", "a_sensor_that_falls_silent_fades_to_the_static_model"),
+    (8001, "src/engine/tests/setpoint.rs", "a_sensor_that_falls_silent_fades_to_the_static_model"),
     (8014, "tests/daemon/thermal.rs", "temperatures_and_speeds_on_a_sensor_link_move_the_axes"),
     (
         8016,

@@ -19,15 +19,15 @@ use rand_distr::{Distribution, StandardNormal};
 use simulator::truth::chain::Side;
 use simulator::truth::drift::{DriftSize, RamDrift};
 use simulator::truth::kinematics::{Joint, JointState, Kinematics, Pose, Squareness};
-use volcomp::core::axes::{AxisName, MAX_AXES};
-use volcomp::core::geometry::Vec3;
-use volcomp::core::live::{
-    Body, LiveEstimator, LiveModel, LiveSpec, MapSpec, Moment, Reading, Seen, SensorKind, SensorSpec,
+use volcomp::estimate::live::{
+    Body, LiveEstimator, LiveModel, LiveSpec, MapSpec, MotionSample, Reading, Seen, SensorKind, SensorSpec,
     ToolReading,
 };
-use volcomp::core::model::curve::Live;
-use volcomp::core::model::{AxisSpec, Chain, ErrorFunction, ErrorSymbol, Model, ModelSpec};
-use volcomp::core::units::MonoTime;
+use volcomp::model::axes::{AxisName, MAX_AXES};
+use volcomp::model::curve::Live;
+use volcomp::model::geometry::Vec3;
+use volcomp::model::units::MonoTime;
+use volcomp::model::{AxisSpec, Chain, ErrorFunction, ErrorSymbol, Model, ModelSpec};
 
 const SYMBOLS: [&str; 6] = ["exz", "eyz", "ezz", "eaz", "ebz", "ecz"];
 const HOUR_S: f64 = 3600.0;
@@ -173,7 +173,7 @@ impl Run {
     fn errors(&self, t: f64) -> [f64; 2] {
         let truth = self.pose(t, true).minus(&self.pose(t, false)).tip_mm;
         let q = position(t);
-        let mut pose = volcomp::core::model::Pose::at(q);
+        let mut pose = volcomp::model::Pose::at(q);
         for c in 0..6 {
             pose.live[c] = self.estimator.estimate(0, c, [q[0], q[1], q[2]]).unwrap()[2];
         }
@@ -195,8 +195,8 @@ impl Run {
         let now = |t: f64| MonoTime::from_ns((t * 1e9) as i64);
         for offset in [-0.03, -0.02, -0.01, 0.0, 0.01, 0.02] {
             let at = position(t + offset);
-            let moment = Moment { at: now(t + offset), commanded: at, actual: at, tool_tip: None };
-            self.estimator.on_motion(moment);
+            let sample = MotionSample { at: now(t + offset), commanded: at, actual: at, tool_tip: None };
+            self.estimator.on_motion(sample);
         }
         let (outlier, lost) = (self.even() < 0.02, self.even() < 0.05);
         let seen = self.pose(t, true);
@@ -237,8 +237,8 @@ impl Run {
                 squares[1] += after * after;
             }
             self.read(t);
-            let standing = self.estimator.standings().next().unwrap().1;
-            excluded |= matches!(standing, volcomp::core::estimate::Standing::Excluded(_));
+            let standing = self.estimator.sensor_statuses().next().unwrap().1;
+            excluded |= matches!(standing, volcomp::estimate::SensorStatus::Excluded(_));
         }
         let health = self.estimator.health(MonoTime::from_ns((HOUR_S * 1e9) as i64));
         let sensor = &health.sensors[0];

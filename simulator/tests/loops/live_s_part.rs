@@ -25,17 +25,17 @@ use simulator::motion::gcode::interpret;
 use simulator::motion::paths::{Cone, RotaryTilt, SPath, Tilt, cone, s_path};
 use simulator::truth::drift::{DriftSize, RamDrift};
 use simulator::truth::{GANTRY_5AX, TruthMachine};
-use volcomp::core::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
-use volcomp::core::geometry::Vec3;
-use volcomp::core::live::{
-    Body, LiveEstimator, LiveEvaluator, LiveModel, LiveSpec, MapSpec, Moment, Reading, Seen, SensorKind,
-    SensorSpec, ToolReading,
+use volcomp::estimate::live::{
+    Body, LiveEstimator, LiveEvaluator, LiveModel, LiveSpec, MapSpec, MotionSample, Reading, Seen,
+    SensorKind, SensorSpec, ToolReading,
 };
-use volcomp::core::model::curve::{Interpolation, Live, Table};
-use volcomp::core::model::{
+use volcomp::model::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
+use volcomp::model::curve::{Interpolation, Live, Table};
+use volcomp::model::geometry::Vec3;
+use volcomp::model::units::MonoTime;
+use volcomp::model::{
     AxisSpec, Chain, Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec, Pose, SENSORS_MAX,
 };
-use volcomp::core::units::MonoTime;
 
 /// Cycle of the simulation, s.
 const CYCLE_S: f64 = 2e-3;
@@ -355,9 +355,13 @@ impl Shop {
                 }
             }
             let seen = seen.unwrap();
-            let moment =
-                Moment { at: now, commanded: inside, actual: self.inside(&seen.encoder), tool_tip: None };
-            self.estimator.on_motion(moment);
+            let sample = MotionSample {
+                at: now,
+                commanded: inside,
+                actual: self.inside(&seen.encoder),
+                tool_tip: None,
+            };
+            self.estimator.on_motion(sample);
             if self.watching && k % READ_EVERY == 0 {
                 let mut vector = |std: f64| Vec3::from_fn(|_, _| std * normal(&mut self.random));
                 let tip = Vec3::from(seen.tip_mm) + vector(NOISE[0]);
@@ -408,7 +412,7 @@ fn reductions(before: [f64; 3], after: [f64; 3]) -> [f64; 3] {
     core::array::from_fn(|k| 100.0 * (1.0 - after[k] / before[k]))
 }
 
-fn tell(name: &str, outcome: &Outcome) -> Told {
+fn report(name: &str, outcome: &Outcome) -> Told {
     let [nobody, model, live, truth] = outcome.s.each_ref().map(figures);
     let gone = reductions(model, live);
     let [a, b, c, d] = outcome.cone.each_ref().map(roundness);
@@ -428,7 +432,7 @@ fn tell(name: &str, outcome: &Outcome) -> Told {
 #[test]
 #[ignore = "minutes without optimisation; its figures stand in docs/live-estimation.md"]
 fn what_the_tracker_teaches_takes_the_drift_out_of_the_flank() {
-    let (gone, round) = tell("seed 1", &hour(1, true));
+    let (gone, round) = report("seed 1", &hour(1, true));
     assert!(gone[0] >= 68.0 && gone[1] >= 58.0 && gone[2] >= 76.0, "{gone:?}");
     // a drift that is a shift within the part is no roundness: the model alone is as good as one that knows the drift
     assert!(round[0] >= 48.0, "{round:?}");
@@ -498,7 +502,7 @@ fn twelve_seeds_and_the_picture() {
         let told: Vec<Told> = one
             .iter()
             .chain(&two)
-            .map(|(seed, o)| tell(&format!("seed {seed}, measured meanwhile: {watching}"), o))
+            .map(|(seed, o)| report(&format!("seed {seed}, measured meanwhile: {watching}"), o))
             .collect();
         let of = |f: &dyn Fn(&Told) -> f64| spread(told.iter().map(f).collect());
         let s = [0, 1, 2].map(|k| of(&|t| t.0[k]));

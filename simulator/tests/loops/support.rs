@@ -22,8 +22,8 @@ use simulator::demo::shop::Shop;
 use simulator::motion::{MachineAxes, MotionCycle, MotionSource, Trajectory};
 use simulator::truth::{TruthMachine, VMC_850};
 use tempfile::TempDir;
-use volcomp::core::axes::AxisArray;
-use volcomp::core::protocol::{CorrectionState, MachineState};
+use volcomp::model::axes::AxisArray;
+use volcomp::protocol::{CorrectionState, MachineState};
 
 /// The machine file that is shipped for this machine, and its model.
 const MACHINE_FILE: &str = include_str!("../../../config/examples/vmc-850/machine.toml");

@@ -4,9 +4,9 @@ use crate::random_machine::{CHAINS, compile, machine, pose};
 use proptest::prelude::*;
 use simulator::truth::chain::Side as TruthSide;
 use simulator::truth::kinematics::{Joint, JointState, Kinematics, Sense as TruthSense, Squareness};
-use volcomp::core::axes::AxisKind;
-use volcomp::core::geometry::Vec3;
-use volcomp::core::model::{Component, ErrorSymbol, ModelSpec, Pose, Sense, Side};
+use volcomp::model::axes::AxisKind;
+use volcomp::model::geometry::Vec3;
+use volcomp::model::{Component, ErrorSymbol, ModelSpec, Pose, Sense, Side};
 
 /// The simulator's machine, written independently, at the same pose with the same values of the error motions.
 fn truth_deviation(spec: &ModelSpec, pose: &Pose) -> ([f64; 3], [f64; 3]) {

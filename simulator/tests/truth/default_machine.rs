@@ -4,7 +4,7 @@
 
 use simulator::truth::{TruthMachine, VMC_850};
 use volcomp::config::model;
-use volcomp::core::model::{Model, Pose};
+use volcomp::model::{Model, Pose};
 
 /// The example of the vertical machining centre is the machine that cncsim simulates by default: what its model
 /// predicts is what that machine does, but for the fine waviness, the lost motion and the drift no map can hold.

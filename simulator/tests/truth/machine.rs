@@ -6,7 +6,7 @@ use simulator::instruments::diagonal::Diagonal;
 use simulator::instruments::interferometer::{self, Interferometer, Positioning};
 use simulator::instruments::{InstrumentError, no_offset};
 use simulator::truth::{GANTRY_5AX, GRINDER_AB, Sample, TruthMachine, VMC_850};
-use volcomp::core::axes::{AxisArray, AxisName, MAX_AXES};
+use volcomp::model::axes::{AxisArray, AxisName, MAX_AXES};
 
 const AT_REST: [i8; MAX_AXES] = [0; MAX_AXES];
 

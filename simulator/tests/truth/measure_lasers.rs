@@ -7,10 +7,10 @@ use std::process::Command;
 
 use serde_json::Value;
 use simulator::truth::{TruthMachine, VMC_850};
-use volcomp::core::axes::AxisName;
-use volcomp::core::geometry::Vec3;
-use volcomp::core::model::{Model, ModelSpec};
-use volcomp::core::units::{arcsec_from_rad, um_from_mm};
+use volcomp::model::axes::AxisName;
+use volcomp::model::geometry::Vec3;
+use volcomp::model::units::{arcsec_from_rad, um_from_mm};
+use volcomp::model::{Model, ModelSpec};
 
 fn cncsim(folder: &Path, args: &[&str]) -> (String, String) {
     let output = Command::new(env!("CARGO_BIN_EXE_cncsim")).args(args).current_dir(folder).output().unwrap();

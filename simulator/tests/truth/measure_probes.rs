@@ -11,9 +11,9 @@ use std::process::Command;
 use serde_json::Value;
 use simulator::truth::{GRINDER_AB, TruthMachine, VMC_850};
 use volcomp::config;
-use volcomp::core::axes::{AxisArray, AxisName, MAX_AXES};
-use volcomp::core::geometry::Vec3;
-use volcomp::core::model::{Model, ModelSpec, Pose};
+use volcomp::model::axes::{AxisArray, AxisName, MAX_AXES};
+use volcomp::model::geometry::Vec3;
+use volcomp::model::{Model, ModelSpec, Pose};
 
 /// Runs cncsim; its stdout.
 fn cncsim(args: &[&str]) -> String {
@@ -78,7 +78,7 @@ fn a_probe_is_calibrated_and_the_bar_is_where_the_axis_is() {
     assert!(found["p_value"].as_f64().unwrap() > 0.001 && found["outliers"].as_array().unwrap().is_empty());
     let spec = model(&out.join("model.toml"));
     for (name, truth) in [("ey0a", 0.004), ("ez0a", -0.006)] {
-        let symbol = volcomp::core::model::ErrorSymbol::parse(name).unwrap();
+        let symbol = volcomp::model::ErrorSymbol::parse(name).unwrap();
         let (_, f) = spec.errors.iter().find(|(s, _)| *s == symbol).unwrap();
         let off = f.value(0.0, Default::default()) - truth;
         assert!(off.abs() < 4.0 * f.std.unwrap(), "{name}: {off} {:?}", f.std);
@@ -269,7 +269,7 @@ fn a_ballbar_names_what_is_wrong_with_the_machine() {
         assert!(symbols.contains(&wanted.to_owned()), "{wanted} in {symbols:?}");
     }
     let of = |name: &str| {
-        let symbol = volcomp::core::model::ErrorSymbol::parse(name).unwrap();
+        let symbol = volcomp::model::ErrorSymbol::parse(name).unwrap();
         spec.errors.iter().find(|(s, _)| *s == symbol).unwrap().1.value(0.0, Default::default())
     };
     assert!((of("ec0y") - (-11.0f64 / 3600.0).to_radians()).abs() < 1e-6);

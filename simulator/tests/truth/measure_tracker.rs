@@ -10,9 +10,9 @@ use std::process::{Command, Output};
 use simulator::truth::chain::Side;
 use simulator::truth::kinematics::Sense;
 use simulator::truth::{GANTRY_5AX, TruthMachine, VMC_850};
-use volcomp::core::axes::{AxisName, Travel};
-use volcomp::core::model::{ErrorSymbol, ModelSpec};
-use volcomp::core::units::{arcsec_from_rad, um_from_mm};
+use volcomp::model::axes::{AxisName, Travel};
+use volcomp::model::units::{arcsec_from_rad, um_from_mm};
+use volcomp::model::{ErrorSymbol, ModelSpec};
 
 fn run(program: &str, directory: &Path, args: &[&str]) -> Output {
     let output = Command::new(program).current_dir(directory).args(args).output().unwrap();

@@ -6,8 +6,8 @@ use proptest::prelude::*;
 use simulator::instruments::survey::{AxisSurvey, Survey, SurveyPlan};
 use simulator::truth::kinematics::{Joint, JointState, Kinematics, Squareness};
 use simulator::truth::{GANTRY_5AX, GRINDER_AB, TruthMachine, VMC_850};
-use volcomp::core::axes::{AxisArray, AxisKind, MAX_AXES};
-use volcomp::core::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
+use volcomp::model::axes::{AxisArray, AxisKind, MAX_AXES};
+use volcomp::model::units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
 const NO_NOISE: SurveyPlan =
     SurveyPlan { step_mm: 5.0, step_deg: 2.0, noise_um: 0.0, noise_arcsec: 0.0, seed: 1, reference_mm: None };

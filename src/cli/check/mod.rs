@@ -1,6 +1,6 @@
 //! `check`: reads machine and model files as the daemon would, and says what is in them or what is wrong.
 
-mod words;
+mod text_report;
 
 use std::io::IsTerminal as _;
 use std::path::{Path, PathBuf};
@@ -8,8 +8,10 @@ use std::sync::Arc;
 
 use serde_json::{Value, json};
 
-pub(super) use self::words::{Size, kinds_of, offset_out, offset_unit, position_out, position_unit, rounded};
-use self::words::{describe_machine, describe_model, machine_notes, model_as_json, model_notes};
+pub(super) use self::text_report::{
+    Size, kinds_of, offset_out, offset_unit, position_out, position_unit, rounded,
+};
+use self::text_report::{describe_machine, describe_model, machine_notes, model_as_json, model_notes};
 use super::input::{self, InputKind};
 use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
 use volcomp_config as config;
@@ -45,6 +47,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     super::exit::print(&report)?;
     let problems: Vec<&Problem> = outcomes.iter().filter_map(|o| o.problem.as_ref()).collect();
     let Some(code) = problems.iter().map(|p| p.code()).max() else { return Ok(()) };
+    #[expect(clippy::disallowed_methods, reason = "colours are for a terminal, and NO_COLOR is respected")]
     let color = std::io::stderr().is_terminal() && std::env::var_os("NO_COLOR").is_none();
     let message: Vec<String> = problems.iter().map(|p| p.as_text(color)).collect();
     Err(Failure::new(code, message.join("\n\n")))

@@ -6,7 +6,7 @@ use super::sources::{self, SourceArgs};
 use crate::input::{self, InputKind};
 use crate::table::{self, Table};
 use crate::{EX_DATAERR, Failure};
-use volcomp_diagnose::moment::Axis;
+use volcomp_diagnose::machine_state::Axis;
 use volcomp_diagnose::session::{Raw, Session, is_encoder};
 use volcomp_model::Model;
 

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::table;
 use crate::{EX_DATAERR, Failure};
-use volcomp_diagnose::moment::Source;
+use volcomp_diagnose::machine_state::Source;
 use volcomp_diagnose::session::{History, Note, Raw};
 
 /// A log that ends this long before the first reading still tells how things stood, s.

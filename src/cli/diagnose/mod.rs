@@ -5,7 +5,7 @@ mod input;
 mod logs;
 mod sources;
 mod terms;
-mod words;
+mod text_report;
 
 use std::fs;
 use std::io::{self, IsTerminal};
@@ -16,14 +16,14 @@ use clap::Parser;
 use self::logs::Logs;
 use self::terms::Compensable;
 use super::additions::{read_addition, same_machine};
+use super::arg_parsers::axis_letter;
 use super::files::{read_model, write_text};
-use super::values::axis_letter;
 use super::{EX_DATAERR, Failure, exit};
 use volcomp_diagnose::library::{Label, Without};
 use volcomp_diagnose::session::{Raw, Session};
 use volcomp_diagnose::{Ablation, Dialect, Options, diagnose, plan, predict};
 use volcomp_effects::addition::Addition;
-use volcomp_effects::moment::Machine;
+use volcomp_effects::machine_state::Machine;
 use volcomp_effects::prediction::machine_of;
 use volcomp_model::Model;
 use volcomp_units::axes::AxisName;
@@ -115,13 +115,13 @@ fn without(text: &str) -> Result<Without, String> {
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(name) = &args.list_effects {
-        return words::list_effects(name);
+        return text_report::list_effects(name);
     }
     let model = args.model.as_deref().map(read_model).transpose()?;
     let additions = args.add.iter().map(|p| read_addition(p)).collect::<Result<Vec<_>, _>>()?;
     let machine = model.as_ref().map_or_else(Machine::plain, |(spec, model)| machine_of(spec, model));
     let mut bar = Bar::new();
-    bar.tell(0.0, "reading");
+    bar.report(0.0, "reading");
     let (spec, model) = model.unzip();
     for (path, addition) in args.add.iter().zip(&additions) {
         if let Some(model) = &model {
@@ -133,7 +133,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.plan {
         let seen = plan(&mut session, &args.without);
         bar.end();
-        return words::plan(&seen, args.json);
+        return text_report::plan(&seen, args.json);
     }
     let mut fresh = match args.fresh.as_slice() {
         [] => None,
@@ -153,7 +153,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         ablation: args.ablate.unwrap_or_default(),
         dialect: args.dialect,
     };
-    let found = diagnose(&mut session, fresh.as_mut(), &options, &mut |share, what| bar.tell(share, what));
+    let found = diagnose(&mut session, fresh.as_mut(), &options, &mut |share, what| bar.report(share, what));
     bar.end();
     let json = serde_json::to_string_pretty(&found.report)
         .map_err(|e| Failure::new(super::EX_SOFTWARE, format_args!("error: report.json: {e}")))?;
@@ -161,6 +161,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         .map_err(|e| Failure::new(super::EX_SOFTWARE, format_args!("error: addition.toml: {e}")))?;
     let compensable = Compensable::of(&found, spec.as_ref());
     if let Some(out) = &args.out {
+        #[expect(clippy::disallowed_methods, reason = "the folder of the results is made")]
         fs::create_dir_all(out).map_err(|e| Failure::io(out, &e))?;
         write_text(&out.join("report.json"), &format!("{json}\n"))?;
         write_text(&out.join("addition.toml"), &text)?;
@@ -169,7 +170,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.json {
         exit::print(&format!("{json}\n"))
     } else {
-        words::summary(&found, &compensable, args.out.as_deref())
+        text_report::summary(&found, &compensable, args.out.as_deref())
     }
 }
 
@@ -209,11 +210,12 @@ struct Bar {
 }
 
 impl Bar {
+    #[expect(clippy::disallowed_methods, reason = "progress is for a terminal")]
     fn new() -> Self {
         Self { shown: io::stderr().is_terminal() }
     }
 
-    fn tell(&mut self, share: f64, what: &str) {
+    fn report(&mut self, share: f64, what: &str) {
         if self.shown {
             crate::note_text(format_args!("\r{:3.0} % {what:<40}", 100.0 * share));
         }

@@ -5,7 +5,7 @@
 #![expect(clippy::disallowed_methods, reason = "progress is shown only when the search takes long")]
 
 mod picture;
-mod words;
+mod text_report;
 
 use std::path::{Path, PathBuf};
 use std::time::{Duration, Instant};
@@ -98,11 +98,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     let same = args.is_same(&diff.found);
     if args.json {
-        let mut json = words::as_json(&diff);
+        let mut json = text_report::as_json(&diff);
         json["same"] = same.into();
         super::exit::print(&format!("{json:#}\n"))?;
     } else {
-        super::exit::print(&(words::lines(&diff).join("\n") + "\n"))?;
+        super::exit::print(&(text_report::lines(&diff).join("\n") + "\n"))?;
     }
     if same { Ok(()) } else { Err(Failure::new(DIFFERENT, "")) }
 }
@@ -125,9 +125,9 @@ fn page(diff: &Diff) -> Result<String, Box<dyn std::error::Error>> {
     page.paragraph("What is different between two models. Differences are second minus first.");
     let rows = |list: &[String]| list.iter().map(|l| vec![Cell::text(l)]).collect::<Vec<_>>();
     for (title, lines) in [
-        ("Chain, frame and axes", words::changes(diff)),
-        ("In the working volume", words::volume(diff)),
-        ("Provenance", words::provenance(diff)),
+        ("Chain, frame and axes", text_report::changes(diff)),
+        ("In the working volume", text_report::volume(diff)),
+        ("Provenance", text_report::provenance(diff)),
     ] {
         page.heading(title);
         page.table(&[], &rows(&if lines.is_empty() { vec!["the same".to_owned()] } else { lines }));
@@ -144,7 +144,7 @@ fn page(diff: &Diff) -> Result<String, Box<dyn std::error::Error>> {
             Cell::head(""),
             Cell::head("where"),
         ];
-        let rows: Vec<Vec<Cell>> = words::errors(diff)
+        let rows: Vec<Vec<Cell>> = text_report::errors(diff)
             .into_iter()
             .map(|r| {
                 vec![

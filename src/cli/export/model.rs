@@ -5,9 +5,9 @@ use std::path::Path;
 use clap::{Args, ValueEnum};
 
 use super::FormatArg;
+use crate::arg_parsers::{axis_letter, number};
 use crate::files::{Output, read_model};
 use crate::import::ControlArgs;
-use crate::values::{axis_letter, number};
 use crate::{EX_DATAERR, EX_USAGE, Failure};
 use volcomp_formats::axis_table::positioning;
 use volcomp_formats::rtl::{Deviation, Entry, Rtl};

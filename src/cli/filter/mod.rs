@@ -6,11 +6,11 @@ use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
 
 use super::files::write_text;
-use super::service::{Which, failure, json, socket};
+use super::status::{Which, failure, json, socket};
 use super::{EX_DATAERR, EX_IOERR, EX_SOFTWARE, Failure, recordings};
 use volcomp_daemon::client;
 use volcomp_daemon::socket::{Ask, Verb};
-use volcomp_daemon::{FilterStatus, GrowthStatus, MapStatus, SensorStatus};
+use volcomp_daemon::{FilterStatus, MapStatus, SensorStatus, ThermalDisplacementStatus};
 use volcomp_units::NS_PER_S;
 
 /// Live estimation: what was learned from sensors, with its uncertainty.
@@ -55,7 +55,7 @@ struct ForgetArgs {
     #[arg(value_name = "MAP")]
     map: String,
     /// Why, for the audit log; at most 1 KiB.
-    #[arg(long, value_name = "TEXT", value_parser = super::values::reason)]
+    #[arg(long, value_name = "TEXT", value_parser = super::arg_parsers::reason)]
     reason: Option<String>,
 }
 
@@ -187,7 +187,7 @@ pub(super) fn write(
 }
 
 /// Growths by heat as a person reads them; nothing where there are none.
-pub(super) fn write_growths(f: &mut String, growths: &[GrowthStatus]) -> std::fmt::Result {
+pub(super) fn write_growths(f: &mut String, growths: &[ThermalDisplacementStatus]) -> std::fmt::Result {
     for (k, growth) in growths.iter().enumerate() {
         let label = if k == 0 { "growths     " } else { "            " };
         write!(f, "{label}{} {:+.2} {}", growth.name, growth.value, growth.unit)?;
@@ -275,7 +275,7 @@ mod tests {
             skipped: 5,
             ..SensorStatus::default()
         };
-        let growth = GrowthStatus {
+        let growth = ThermalDisplacementStatus {
             name: "spindle-z".to_owned(),
             state: "outside".to_owned(),
             input: Some("t4".to_owned()),

@@ -13,10 +13,10 @@ use self::input::{BySymbol, Direction, Format, Measured, read};
 use self::picture::PicturePath;
 use self::report::{Fitted, comments, hidden_text, json_report, note_text, outlier_lines, print_table};
 use super::files::write_text;
-use super::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
+use super::model_writer::{ModelWriter, Sources, axis_entry, default_chain, put};
 use super::positioning_data::Cycles;
 use super::{EX_DATAERR, Failure};
-use crate::values::{axis_letter, number};
+use crate::arg_parsers::{axis_letter, number};
 use volcomp_config::{ModelFile, Provenance};
 use volcomp_identify::curve::{self, Basis, Period, Request, Reversal, Smoothing};
 use volcomp_model::curve::Interpolation;
@@ -82,7 +82,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "MM|none", default_value = "5,6,8,10,12,16,20", allow_hyphen_values = true)]
     screw_pitch_mm: Pitches,
     #[command(flatten)]
-    model: ModelOut,
+    model: ModelWriter,
     /// Constant errors in arcsec, such as ec0y=-3.1,eb0z=22.3.
     #[arg(long, value_name = "SYMBOL=ARCSEC", value_delimiter = ',', value_parser = constant)]
     squareness: Vec<(ErrorSymbol, f64)>,

@@ -3,7 +3,7 @@
 use serde_json::{Map, Value, json};
 
 use super::input::Measured;
-use crate::model_out::Sources;
+use crate::model_writer::Sources;
 use volcomp_identify::curve::{Basis, CurveFit, Hidden, Note};
 use volcomp_model::ErrorSymbol;
 use volcomp_model::curve::Curve;

@@ -7,13 +7,13 @@ use plotters::prelude::*;
 use serde_json::{Value, json};
 
 use super::picture::PicturePath;
+use crate::arg_parsers::{above_zero, not_negative};
 use crate::files::write_text;
-use crate::model_out::{ModelOut, Sources};
+use crate::model_writer::{ModelWriter, Sources};
 use crate::report::Page;
 use crate::report::page::Cell;
 use crate::report::plot::{self, Axes, Key};
 use crate::table::{self, Table};
-use crate::values::{above_zero, not_negative};
 use crate::{EX_DATAERR, EX_SOFTWARE, Failure};
 use volcomp_estimate::Quantity;
 use volcomp_identify::thermal::{Input, Request, ThermalFit, fit};
@@ -73,7 +73,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "LAMBDA", value_parser = above_zero)]
     lambda: Option<f64>,
     #[command(flatten)]
-    model: ModelOut,
+    model: ModelWriter,
     /// Write the figures as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,

@@ -8,7 +8,7 @@ use serde_json::{Map, Value, json};
 use super::case;
 use crate::files::Output;
 use crate::input::{self, InputKind};
-use crate::model_out::{ModelOut, Sources, put};
+use crate::model_writer::{ModelWriter, Sources, put};
 use crate::table::{self, nearest};
 use crate::{EX_CONFIG, EX_USAGE, Failure};
 use volcomp_config as config;
@@ -60,7 +60,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "UM")]
     noise_um: Option<f64>,
     #[command(flatten)]
-    out: ModelOut,
+    out: ModelWriter,
     /// One JSON object on stdout.
     #[arg(long)]
     json: bool,

@@ -6,9 +6,9 @@ use serde::Deserialize;
 use serde_json::{Map, Value, json};
 
 use super::case::{CaseArgs, print_json};
-use crate::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
+use crate::arg_parsers::linear_axis;
+use crate::model_writer::{ModelWriter, Sources, axis_entry, default_chain, put};
 use crate::table::{self, Table};
-use crate::values::linear_axis;
 use crate::{EX_DATAERR, EX_USAGE, Failure};
 use volcomp_config::ModelFile;
 use volcomp_estimate::filter::COMPONENTS_MAX;
@@ -88,7 +88,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "SIZE")]
     limit: Option<f64>,
     #[command(flatten)]
-    model: ModelOut,
+    model: ModelWriter,
 }
 
 /// A case of the reference vectors: mm and rad, one step of the process before every observation.

@@ -13,11 +13,11 @@ mod grinder;
 mod kalman;
 mod motion_curves;
 mod nineline;
-mod observed;
 mod probe;
 mod ram;
 mod straightness;
 mod threepoint;
+mod tracker_points;
 
 use super::Failure;
 

@@ -8,7 +8,7 @@ use serde_json::{Value, json};
 
 use crate::files::write_text;
 use crate::fit::report::{Fitted, comments, note_text, print_table};
-use crate::model_out::{ModelOut, Sources, axis_entry, put};
+use crate::model_writer::{ModelWriter, Sources, axis_entry, put};
 use crate::{EX_DATAERR, Failure};
 use volcomp_config::ModelFile;
 use volcomp_identify::curve::{self, Basis, Request};
@@ -23,7 +23,7 @@ use volcomp_units::{arcsec_from_rad, um_from_mm};
 #[derive(Debug, clap::Args)]
 pub(super) struct CurveArgs {
     #[command(flatten)]
-    pub(super) model: ModelOut,
+    pub(super) model: ModelWriter,
     /// Family of the curves in the model.
     #[arg(long, value_enum, default_value = "auto")]
     basis: BasisArg,

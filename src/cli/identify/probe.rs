@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::case::{CaseArgs, CaseFile, print_json};
-use crate::model_out::{ModelOut, Sources, put};
-use crate::values::numbers;
+use crate::arg_parsers::numbers;
+use crate::model_writer::{ModelWriter, Sources, put};
 use crate::{EX_DATAERR, Failure, table};
 use volcomp_identify::probe::{Arm, Calibration, Contact, Note, Request, calibrate};
 use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol};
@@ -63,7 +63,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "Y,Z", value_parser = pair, allow_hyphen_values = true)]
     nominal_mm: Option<[f64; 2]>,
     #[command(flatten)]
-    out: ModelOut,
+    out: ModelWriter,
 }
 
 fn pair(text: &str) -> Result<[f64; 2], String> {

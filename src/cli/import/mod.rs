@@ -13,9 +13,9 @@ use clap::{Parser, ValueEnum};
 
 use super::Failure;
 use super::input::{self, InputKind};
-use super::model_out::ModelOut;
+use super::model_writer::ModelWriter;
 use super::positioning_data::format_failure;
-use crate::values::axis_letter;
+use crate::arg_parsers::axis_letter;
 use volcomp_formats::columns::{ColumnMap, Delimiter};
 use volcomp_formats::text::{self, Decoded, Encoding};
 use volcomp_formats::{detect, heidenhain, isg, linuxcnc, rtl};
@@ -42,7 +42,7 @@ pub(super) struct Args {
     #[arg(long, value_enum, default_value = "auto")]
     format: FormatArg,
     #[command(flatten)]
-    model: ModelOut,
+    model: ModelWriter,
     /// The axis that moved, or whose table it is.
     #[arg(long, value_name = "LETTER", value_parser = axis_letter)]
     axis: Option<AxisName>,

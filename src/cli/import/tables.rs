@@ -2,7 +2,7 @@
 
 use super::{Args, FormatArg, encoding_note};
 use crate::input::{self, InputKind};
-use crate::model_out::{Sources, default_chain, put};
+use crate::model_writer::{Sources, default_chain, put};
 use crate::positioning_data::format_failure;
 use crate::{EX_DATAERR, Failure};
 use volcomp_config::ModelFile;

@@ -218,9 +218,9 @@ fn read_trust(section: &Section<'_>, base: SensorSpec, kind: Option<Kind>) -> Se
         frozen_s: if frozen_s == 0.0 { f64::INFINITY } else { frozen_s },
         age_limit_s,
         adapt: section.flag("adapt").unwrap_or(base.adapt),
-        acquaintance: section
+        initialisation: section
             .whole("acquaintance", 3, 10_000)
-            .map_or(base.acquaintance, |n| n.value as usize),
+            .map_or(base.initialisation, |n| n.value as usize),
         latency_s: number(section, "latency-ms", within(0.0, 10_000.0), 0.0) / 1e3,
         quality_min: number(section, "quality-min", within(0.0, 1.0), base.quality_min),
         return_s: number(section, "return-s", within(0.0, 1e5), base.return_s),

@@ -1,11 +1,11 @@
 //! What the cycle thread does with requests, stops and the silence of the service, without a socket.
 
 use super::*;
-use crate::ports::{ServicePorts, Ticket, ports};
+use crate::channels::{ServiceChannels, Ticket, channels};
 use crate::simulation;
 
-fn control(kept_fault: bool) -> (Control, ServicePorts) {
-    let (cycle, service) = ports();
+fn control(kept_fault: bool) -> (Control, ServiceChannels) {
+    let (cycle, service) = channels();
     let loaded = simulation::loaded();
     let start = Start {
         model: Arc::clone(&loaded.model),
@@ -22,7 +22,7 @@ fn at(s: f64) -> MonoTime {
 }
 
 /// Sends a request that expires at 1.5 s; gives whether it was refused at `now_s`.
-fn refused(control: &mut Control, service: &ServicePorts, request: Request, now_s: f64) -> bool {
+fn refused(control: &mut Control, service: &ServiceChannels, request: Request, now_s: f64) -> bool {
     let number = 1 + (now_s * 1e3) as u64;
     service.requests.try_send(Ticket { number, request, expires: at(1.5) }).expect("room");
     control.take_requests(at(now_s), None);

@@ -30,7 +30,7 @@ pub struct Loaded {
     pub model_path: PathBuf,
     /// What the model file says.
     pub spec: ModelSpec,
-    /// Growths by heat that the model file lists.
+    /// Thermal displacements that the model file lists.
     pub thermal: Vec<Thermal>,
     /// Last day on which the model should be used, where it states one.
     pub expiry: Option<String>,

@@ -29,7 +29,7 @@ use store::{Choice, Store};
 pub struct Prepared {
     /// What it says.
     pub spec: ModelSpec,
-    /// Growths by heat that it lists.
+    /// Thermal displacements that it lists.
     pub thermal: Vec<Thermal>,
     /// Compiled.
     pub model: Arc<Model>,

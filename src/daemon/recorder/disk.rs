@@ -13,7 +13,7 @@ use volcomp_state::utc;
 use super::super::clock::Clock;
 use super::super::load::Loaded;
 use super::super::models::Prepared;
-use super::texts::ModelTexts;
+use super::model_texts::ModelTexts;
 use super::writer::{Disk, DiskFile, NewFile};
 use volcomp_config::{RecordingConfig, WhenFull};
 use volcomp_protocol::record::{BlockKind, EXTENSION, Meta, block, meta, reader};

@@ -8,7 +8,7 @@
 
 mod disk;
 mod health;
-mod texts;
+mod model_texts;
 mod writer;
 
 use std::io;
@@ -34,7 +34,7 @@ use volcomp_units::axes::AxisArray;
 
 use disk::{Description, Folder};
 pub(super) use health::HealthSlot;
-pub use texts::ModelTexts;
+pub use model_texts::ModelTexts;
 use writer::{Limits, Writer};
 
 /// Entries in flight: four seconds at 4 kHz.

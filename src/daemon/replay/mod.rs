@@ -1,17 +1,17 @@
 //! A recording through the same engine: does it give the same corrections, bit for bit?
 //!
-//! The engine is [`CycleBody`], as in the daemon, built from the machine file and the hello in the recording; every
+//! The engine is [`LinkSession`], as in the daemon, built from the machine file and the hello in the recording; every
 //! input comes with the time it had. Where entries are missing the engine's inner state cannot be known. A new engine
 //! is then told how things stand, and follows the recorded frames, with its own offsets as the read-back and the lag
-//! that was measured then ([`follow`]), until it has agreed with the recording for [`AGREEMENT`] cycles on end. Nothing
+//! that was measured then ([`own_offsets`]), until it has agreed with the recording for [`AGREEMENT`] cycles on end. Nothing
 //! before that is compared, and that is said.
 
-mod follow;
+mod own_offsets;
 
 use std::collections::BTreeMap;
 use std::sync::Arc;
 
-use super::body::{CycleBody, Reaction};
+use super::link_session::{LinkSession, Reaction};
 use super::recorder::command_of;
 use volcomp_config::MachineConfig;
 use volcomp_engine::fault;
@@ -22,7 +22,7 @@ use volcomp_protocol::{ControlHello, Correction, Message};
 use volcomp_units::MonoTime;
 use volcomp_units::axes::AxisName;
 
-use follow::OwnOffsets;
+use own_offsets::OwnOffsets;
 
 /// Cycles on end that must agree before an engine counts as caught up.
 pub const AGREEMENT: u32 = 100;
@@ -103,7 +103,7 @@ pub struct Replay {
     model: Arc<Model>,
     /// Models that the engine may go on with, by the hash of their files.
     models: BTreeMap<[u8; 32], Arc<Model>>,
-    body: Option<CycleBody>,
+    session: Option<LinkSession>,
     axes: Vec<AxisName>,
     trust: Trust,
     own: OwnOffsets,
@@ -134,7 +134,7 @@ impl Replay {
             first: Arc::clone(&model),
             model,
             models: BTreeMap::new(),
-            body: None,
+            session: None,
             axes: Vec::new(),
             trust: Trust::None,
             own: OwnOffsets::default(),
@@ -161,7 +161,7 @@ impl Replay {
             }
             Item::Gap { record, dropped, context } => {
                 self.report.gaps.push(Gap { record: *record, dropped: *dropped, caught_up: None });
-                self.body = None;
+                self.session = None;
                 self.trust = Trust::None;
                 self.resume = Some(*context);
             }
@@ -181,7 +181,7 @@ impl Replay {
     }
 
     fn refuse(&mut self, record: u64, why: String) {
-        self.body = None;
+        self.session = None;
         self.trust = Trust::None;
         self.report.refused.push((record, why));
     }
@@ -189,12 +189,12 @@ impl Replay {
     /// A new engine for a control.
     fn build(&mut self, record: u64, hello: &ControlHello) {
         let engine = self.config.engine_config(hello).map_err(|e| e.to_string());
-        let body = engine
-            .and_then(|engine| CycleBody::new(&engine, Arc::clone(&self.model)).map_err(|e| e.to_string()));
-        match body {
-            Ok(body) => {
+        let session = engine
+            .and_then(|engine| LinkSession::new(&engine, Arc::clone(&self.model)).map_err(|e| e.to_string()));
+        match session {
+            Ok(session) => {
                 self.axes = hello.used_axes().iter().map(|axis| axis.name).collect();
-                self.body = Some(body);
+                self.session = Some(session);
             }
             Err(why) => self.refuse(record, why),
         }
@@ -211,18 +211,18 @@ impl Replay {
             },
         };
         self.build(record, hello);
-        let Some(body) = &mut self.body else { return };
+        let Some(session) = &mut self.session else { return };
         if let Some(gain) = context.gain {
-            body.command(now, Command::SetGain(gain));
+            session.command(now, Command::SetGain(gain));
         }
         if context.enabled {
-            body.command(now, Command::Enable);
+            session.command(now, Command::Enable);
         }
         if context.link {
-            body.link_up(now);
+            session.link_up(now);
         }
         if let Some(tool) = context.tool {
-            let _ = body.handle(now, &Message::Tool(tool));
+            let _ = session.handle(now, &Message::Tool(tool));
         }
         self.trust = Trust::CatchingUp { agreed: 0, cycles: 0 };
         self.own.clear();
@@ -239,8 +239,8 @@ impl Replay {
     fn switch(&mut self, record: u64, now: MonoTime, hash: [u8; 32]) {
         let switched = self.known(&hash).and_then(|model| {
             self.model = Arc::clone(&model);
-            let Some(body) = &mut self.body else { return Ok(()) };
-            body.switch_model(now, model, hash).map(drop).map_err(|e| e.to_string())
+            let Some(session) = &mut self.session else { return Ok(()) };
+            session.switch_model(now, model, hash).map(drop).map_err(|e| e.to_string())
         });
         if let Err(why) = switched {
             self.refuse(record, why);
@@ -250,7 +250,7 @@ impl Replay {
     fn entry(&mut self, record: u64, entry: &Entry) {
         if let Entry::Engine { hello, .. } = entry {
             self.build(record, hello);
-            self.trust = if self.body.is_some() { Trust::Full } else { Trust::None };
+            self.trust = if self.session.is_some() { Trust::Full } else { Trust::None };
             self.lag_caught_up = None;
             return;
         }
@@ -261,18 +261,18 @@ impl Replay {
         if matches!(entry, Entry::Cycle(_) | Entry::Deadline { .. }) {
             self.report.cycles += 1;
         }
-        let Some(body) = &mut self.body else { return };
+        let Some(session) = &mut self.session else { return };
         match entry {
             Entry::Cycle(cycle) => self.cycle(record, cycle),
             Entry::Deadline { now, answer, .. } => {
-                let correction = body.deadline(*now);
+                let correction = session.deadline(*now);
                 self.judge(record, None, answer.as_ref(), correction.as_ref());
             }
             Entry::Tool { now, tool } => {
-                let _ = body.handle(*now, &Message::Tool(*tool));
+                let _ = session.handle(*now, &Message::Tool(*tool));
             }
             Entry::Request { now, request } => match command_of(*request) {
-                Some(command) => body.command(*now, command),
+                Some(command) => session.command(*now, command),
                 None => {
                     let why =
                         format!("a command with the code {} that this version does not know", request.code);
@@ -280,15 +280,15 @@ impl Replay {
                 }
             },
             Entry::LinkUp { now } => {
-                body.link_up(*now);
+                session.link_up(*now);
                 // measured anew, and every cycle of it is seen
                 self.lag_caught_up = None;
             }
-            Entry::LinkDown { now } => body.link_down(*now),
+            Entry::LinkDown { now } => session.link_down(*now),
             Entry::Live { now, told, values } => {
                 for (channel, value) in values.iter().enumerate().take(LIVE_MAX) {
                     if told >> channel & 1 == 1 {
-                        body.live(*now, channel, *value);
+                        session.live(*now, channel, *value);
                     }
                 }
             }
@@ -297,22 +297,22 @@ impl Replay {
     }
 
     fn cycle(&mut self, record: u64, cycle: &Cycle) {
-        let Some(body) = &mut self.body else { return };
+        let Some(session) = &mut self.session else { return };
         let recorded_lag = cycle.answer.map(|answer| answer.lag_cycles);
         let mut frame = cycle.frame;
         match (self.trust, recorded_lag) {
             (Trust::CatchingUp { agreed, .. }, _) if agreed < OWN_READ_BACK => {
                 let lag = recorded_lag.unwrap_or_default();
                 frame = self.own.read_back(&frame, lag.into());
-                body.assume_lag(measured(lag));
+                session.assume_lag(measured(lag));
             }
             (_, Some(lag)) if self.lag_caught_up.is_some_and(|known| known != lag) => {
-                body.assume_lag(measured(lag));
+                session.assume_lag(measured(lag));
                 self.lag_caught_up = None;
             }
             _ => {}
         }
-        let correction = match body.handle(cycle.now, &Message::Position(frame)) {
+        let correction = match session.handle(cycle.now, &Message::Position(frame)) {
             Reaction::Answer(correction) => Some(correction),
             _ => None,
         };
@@ -327,7 +327,7 @@ impl Replay {
         recorded: Option<&Answer>,
         correction: Option<&Correction>,
     ) {
-        let replayed = correction.and_then(|_| self.body.as_ref()?.recorded());
+        let replayed = correction.and_then(|_| self.session.as_ref()?.recorded());
         let place = Place { record, sequence, axes: &self.axes };
         let found = place.differences(recorded, replayed.as_ref());
         match &mut self.trust {

@@ -48,7 +48,7 @@ fn model(text: &str) -> Arc<Model> {
 struct Turn<'a> {
     cycle: u32,
     now: MonoTime,
-    body: &'a mut CycleBody,
+    session: &'a mut LinkSession,
     commanded: AxisArray,
     bits: u16,
     feed_mm_per_min: f64,
@@ -61,11 +61,11 @@ struct Turn<'a> {
 fn play(loaded: &Loaded, cycles: u32, lag: usize, mut script: impl FnMut(&mut Turn<'_>)) -> Vec<Item> {
     let hello = hello(loaded);
     let engine = loaded.config.engine_config(&hello).expect("fits");
-    let mut body = CycleBody::new(&engine, Arc::clone(&loaded.model)).expect("an engine");
+    let mut session = LinkSession::new(&engine, Arc::clone(&loaded.model)).expect("an engine");
     let (tap, entries) = tap(8 * cycles as usize);
-    body.record_to(tap, MonoTime::ZERO, &hello);
-    body.link_up(MonoTime::ZERO);
-    body.command(MonoTime::ZERO, Command::Enable);
+    session.record_to(tap, MonoTime::ZERO, &hello);
+    session.link_up(MonoTime::ZERO);
+    session.command(MonoTime::ZERO, Command::Enable);
     let mut applied = VecDeque::from(vec![[0.0; MAX_AXES]; lag]);
     for cycle in 1..=cycles {
         let phase = f64::from(cycle) * 1e-3;
@@ -76,7 +76,7 @@ fn play(loaded: &Loaded, cycles: u32, lag: usize, mut script: impl FnMut(&mut Tu
         let mut turn = Turn {
             cycle,
             now: MonoTime::from_ns(i64::from(cycle) * CYCLE_NS + i64::from(cycle % 17) * 1000),
-            body: &mut body,
+            session: &mut session,
             commanded,
             bits: MachineState::HOMED | MachineState::ENABLED,
             feed_mm_per_min: 9000.0,
@@ -94,14 +94,14 @@ fn play(loaded: &Loaded, cycles: u32, lag: usize, mut script: impl FnMut(&mut Tu
             actual: std::array::from_fn(|k| commanded[k] + read_back[k]),
             applied: read_back,
         };
-        let sent = match body.handle(now, &Message::Position(frame)) {
+        let sent = match session.handle(now, &Message::Position(frame)) {
             Reaction::Answer(correction) => correction.offset,
             _ => read_back,
         };
         applied.push_back(sent);
-        body.tell();
+        session.record();
     }
-    drop(body);
+    drop(session);
     through_bytes(&entries.try_iter().collect::<Vec<_>>())
 }
 
@@ -125,26 +125,26 @@ fn through_bytes(entries: &[Entry]) -> Vec<Item> {
 /// A link with emergency stop, bad positions, gain, tool, silence and a new link.
 fn record(loaded: &Loaded, cycles: u32) -> Vec<Item> {
     play(loaded, cycles, 1, |turn| {
-        let Turn { cycle, now, body, commanded, bits, applied, .. } = turn;
+        let Turn { cycle, now, session, commanded, bits, applied, .. } = turn;
         match cycle {
             7_000..7_050 => *bits |= MachineState::ESTOP,
             11_000 => commanded[0] = f64::NAN,
-            14_000 => body.command(*now, Command::SetGain(0.5)),
+            14_000 => session.command(*now, Command::SetGain(0.5)),
             16_000 => {
                 let tool = Tool { number: 2, tip: [0.0, 0.0, -80.0] };
-                let _ = body.handle(*now, &Message::Tool(tool));
+                let _ = session.handle(*now, &Message::Tool(tool));
             }
             18_000 => {
                 for _ in 0..30 {
-                    *now = body.next_deadline().map_or(*now, |due| due.max(*now));
-                    if let Some(correction) = body.deadline(*now) {
+                    *now = session.next_deadline().map_or(*now, |due| due.max(*now));
+                    if let Some(correction) = session.deadline(*now) {
                         applied[0] = correction.offset;
                     }
                 }
             }
             20_000 => {
-                body.link_down(*now);
-                body.link_up(*now);
+                session.link_down(*now);
+                session.link_up(*now);
             }
             _ => {}
         }
@@ -238,22 +238,22 @@ const LIVE: &str = "\n[errors.exx.live]\nsensor = \"ram\"\nlimit-um = 50\n\
                     [errors.eyx.live]\nsensor = \"column\"\nlimit-um = 50\n";
 
 /// Two sensors at different rates; the second falls silent for a while.
-fn tell(turn: &mut Turn<'_>) {
+fn send_live_values(turn: &mut Turn<'_>) {
     let value = |rate: f64| 0.01 * (f64::from(turn.cycle) * rate).sin();
-    turn.body.live(turn.now, 0, value(1e-3));
+    turn.session.live(turn.now, 0, value(1e-3));
     if turn.cycle.is_multiple_of(3) && !(5_000..9_000).contains(&turn.cycle) {
-        turn.body.live(turn.now, 1, value(2e-3));
+        turn.session.live(turn.now, 1, value(2e-3));
     }
     if turn.cycle == 4_000 {
-        turn.body.live(turn.now, 1, f64::NAN);
-        turn.body.live(turn.now, 99, 1.0);
+        turn.session.live(turn.now, 1, f64::NAN);
+        turn.session.live(turn.now, 99, 1.0);
     }
 }
 
 #[test]
 fn live_values_and_the_fading_to_the_static_model_are_replayed() {
     let loaded = machine(|_| (), LIVE);
-    let items = play(&loaded, 14_000, 2, tell);
+    let items = play(&loaded, 14_000, 2, send_live_values);
     let fading = answers(&items).filter(|a| a.state == State::FadingToStatic).count();
     assert!(fading > 1_000, "{fading} cycles fading");
     assert!(causes(&items).contains(&8001), "{:?}", causes(&items));
@@ -277,7 +277,7 @@ fn switches_to_another_model_are_replayed_with_its_text() {
             8_000 => &first,
             _ => return,
         };
-        let _ = turn.body.switch_model(turn.now, Arc::clone(&to.1), to.0).expect("the same axes");
+        let _ = turn.session.switch_model(turn.now, Arc::clone(&to.1), to.0).expect("the same axes");
     });
     assert_eq!(causes(&items).iter().filter(|cause| **cause == 1005).count(), 2, "{:?}", causes(&items));
     all_the_same(&replay_with(&loaded, &[first.clone(), other.clone()], &items));
@@ -302,7 +302,7 @@ fn soft_limits_and_changes_of_gain_are_replayed() {
             11_000 => 0.75,
             _ => return,
         };
-        turn.body.command(turn.now, Command::SetGain(gain));
+        turn.session.command(turn.now, Command::SetGain(gain));
     });
     let limited = answers(&items).filter(|answer| answer.limited & 1 == 1).count();
     assert!(limited > 100, "{limited} cycles at the soft limit");
@@ -348,9 +348,9 @@ fn after_a_gap_lag_live_values_and_model_are_taken_up_again() {
         let loaded = machine(|config| config.engine.position_source = source, LIVE);
         let other = ([5; 32], model(&loaded.model_text.replace("[-11.5, -5.5]", "[-3.5, 4.5]")));
         let items = play(&loaded, 20_000, 4, |turn| {
-            tell(turn);
+            send_live_values(turn);
             if turn.cycle == 2_000 {
-                let switched = turn.body.switch_model(turn.now, Arc::clone(&other.1), other.0);
+                let switched = turn.session.switch_model(turn.now, Arc::clone(&other.1), other.0);
                 let _ = switched.expect("the same axes");
             }
         });

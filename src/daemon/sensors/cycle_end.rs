@@ -4,7 +4,7 @@ use std::sync::Arc;
 
 use crossbeam_channel::{Receiver, Sender, bounded};
 
-use super::super::body::CycleBody;
+use super::super::link_session::LinkSession;
 use volcomp_estimate::live::{LiveEvaluator, LiveTable};
 use volcomp_protocol::{AxisUnit, ControlHello, Position, Tool};
 use volcomp_units::MonoTime;
@@ -113,7 +113,7 @@ impl LiveEnd {
     /// What comes after the answer to a frame: its position goes out, live values for the next one come in.
     ///
     /// # Cycle   no allocation, no wait, no panic, bounded time
-    pub fn after(&mut self, now: MonoTime, frame: &Position, body: &mut CycleBody) {
+    pub fn after(&mut self, now: MonoTime, frame: &Position, session: &mut LinkSession) {
         // a full queue costs the estimator a position, and nobody else anything
         let _ = self.motions.try_send(Motion::At {
             now,
@@ -130,7 +130,7 @@ impl LiveEnd {
         let Some(told) = self.evaluator.evaluate(now, &self.model, at) else { return };
         for (channel, value) in told.values.iter().enumerate() {
             if told.told >> channel & 1 == 1 {
-                body.live(now, channel, *value);
+                session.live(now, channel, *value);
             }
         }
     }

@@ -20,7 +20,7 @@ use tracing::{info, warn};
 use super::super::clock::Clock;
 use super::super::logging::LogLimiter;
 use super::Arrived;
-use super::known::Known;
+use super::configured::ConfiguredSensor;
 use super::wire::{Said, Stream};
 use volcomp_units::MonoTime;
 
@@ -62,7 +62,7 @@ pub(crate) struct Listener {
     listener: TcpListener,
     readings: Sender<Arrived>,
     dropped: Arc<AtomicU64>,
-    known: Arc<[Known]>,
+    known: Arc<[ConfiguredSensor]>,
     clock: Clock,
     idle: Duration,
 }
@@ -73,7 +73,7 @@ impl Listener {
         address: SocketAddr,
         readings: Sender<Arrived>,
         dropped: Arc<AtomicU64>,
-        known: Arc<[Known]>,
+        known: Arc<[ConfiguredSensor]>,
         clock: Clock,
         idle: Duration,
     ) -> io::Result<Self> {
@@ -102,7 +102,7 @@ impl Listener {
                 }
                 let why =
                     format!("there are {CONNECTIONS} connections of sensors already; this one is closed");
-                tokio::spawn(async move { tell(&mut stream, &why).await });
+                tokio::spawn(async move { reply(&mut stream, &why).await });
                 continue;
             };
             let connection = Connection {
@@ -132,7 +132,7 @@ impl Listener {
 struct Connection {
     readings: Sender<Arrived>,
     dropped: Arc<AtomicU64>,
-    known: Arc<[Known]>,
+    known: Arc<[ConfiguredSensor]>,
     clock: Clock,
     idle: Duration,
     lines: Lines,
@@ -159,7 +159,7 @@ impl Connection {
                         "nothing was said for {} s (idle-s); the connection is closed",
                         self.idle.as_secs_f64()
                     );
-                    tell(&mut stream, &why).await;
+                    reply(&mut stream, &why).await;
                     return why;
                 }
             };
@@ -214,12 +214,12 @@ impl Connection {
         if let Some(held_back) = admit(&self.lines.mistakes, self.clock) {
             warn!(held_back, "a sensor sends what cannot be used: {problem}");
         }
-        tell(stream, problem).await;
+        reply(stream, problem).await;
     }
 }
 
 /// One sentence to a sensor.
-async fn tell(stream: &mut TcpStream, problem: &str) {
+async fn reply(stream: &mut TcpStream, problem: &str) {
     let mut line = serde_json::json!({ "error": problem }).to_string();
     line.push('\n');
     // one that does not listen is its own affair

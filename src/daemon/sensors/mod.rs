@@ -2,19 +2,21 @@
 //!
 //! - [`listener`]: connections of sensors, on the service's event loop; bytes become readings ([`wire`]).
 //! - [`worker`]: the estimator thread. Positions come from the cycle, readings from the listener; finished tables go to
-//!   the cycle, health to the status, what was learned to the disk ([`keep`]).
-//! - [`known`]: what each sensor is to say, for answers on the link.
+//!   the cycle, health to the status, what was learned to the disk ([`checkpoint`]).
+//! - [`configured`]: what each sensor is to say, for answers on the link.
 //! - [`cycle_end`]: what the cycle does for it: a copy into a queue, and the evaluation of a table.
 //! - `crate::sensor_status`: health as the status tells it.
 
+mod checkpoint;
+mod configured;
 mod cycle_end;
-mod keep;
-mod known;
 mod listener;
 mod wire;
 mod worker;
 
-pub use crate::sensor_status::{FilterStatus, GrowthStatus, MapStatus, NodeStatus, SensorStatus};
+pub use crate::sensor_status::{
+    FilterStatus, MapStatus, NodeStatus, SensorStatus, ThermalDisplacementStatus,
+};
 pub use cycle_end::{EstimatorEnd, LiveEnd, Motion, live_ends};
 
 pub(super) use listener::Listener;
@@ -38,7 +40,9 @@ pub(super) struct Arrived {
 /// What would be heard of bytes that arrive in these pieces: each message, or what is wrong with it, in words. Nothing
 /// more after what ends a connection.
 #[must_use]
-pub fn heard<'a>(pieces: impl IntoIterator<Item = &'a [u8]>) -> Vec<Result<(String, Reading), String>> {
+pub fn parse_stream<'a>(
+    pieces: impl IntoIterator<Item = &'a [u8]>,
+) -> Vec<Result<(String, Reading), String>> {
     let (mut stream, mut heard) = (wire::Stream::default(), Vec::new());
     for piece in pieces {
         stream.push(piece);
@@ -57,12 +61,12 @@ pub fn heard<'a>(pieces: impl IntoIterator<Item = &'a [u8]>) -> Vec<Result<(Stri
 ///
 /// # Errors
 /// Why it is not believed, in words.
-pub fn put_back(
+pub fn restore_text(
     text: &[u8],
     machine: &str,
     model_hash: &str,
     estimator: &mut LiveEstimator,
     now: SystemTime,
 ) -> Result<String, String> {
-    keep::put_back(text, machine, model_hash, estimator, now).map_err(|(why, _)| why)
+    checkpoint::restore_text(text, machine, model_hash, estimator, now).map_err(|(why, _)| why)
 }

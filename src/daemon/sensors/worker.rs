@@ -11,15 +11,15 @@ use tracing::{info, warn};
 use super::super::clock::Clock;
 use super::super::models::Prepared;
 use super::super::recorder::HealthSlot;
+use super::configured::ConfiguredSensor;
 use super::cycle_end::{EstimatorEnd, Motion};
-use super::known::Known;
-use super::{Arrived, keep};
+use super::{Arrived, checkpoint};
 use crate::sensor_status::{FilterStatus, code_of, growth_code};
 use volcomp_config::SensorsConfig;
 use volcomp_estimate::live::{
-    GrowthStanding, LiveError, LiveEstimator, LiveModel, LiveSpec, LiveTable, MapStanding, Moment,
+    LiveError, LiveEstimator, LiveModel, LiveSpec, LiveTable, MapCondition, MotionSample, ThermalStatus,
 };
-use volcomp_estimate::{SensorClock, Standing};
+use volcomp_estimate::{self as estimate, SensorClock};
 use volcomp_model::geometry::Vec3;
 use volcomp_units::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
 use volcomp_units::{MonoTime, rad_from_deg};
@@ -65,7 +65,7 @@ pub(crate) struct Sensors {
     health: Arc<Mutex<FilterStatus>>,
     pub(crate) readings: Sender<Arrived>,
     pub(crate) dropped: Arc<AtomicU64>,
-    pub(crate) known: Arc<[Known]>,
+    pub(crate) known: Arc<[ConfiguredSensor]>,
 }
 
 /// What the estimator starts with.
@@ -106,7 +106,8 @@ impl Sensors {
         let (end, ended) = bounded::<()>(1);
         let health = Arc::new(Mutex::new(FilterStatus::default()));
         let dropped = Arc::new(AtomicU64::new(0));
-        let known: Arc<[Known]> = start.config.spec.sensors.iter().map(Known::new).collect();
+        let known: Arc<[ConfiguredSensor]> =
+            start.config.spec.sensors.iter().map(ConfiguredSensor::new).collect();
         let shared =
             Shared { known: Arc::clone(&known), health: Arc::clone(&health), dropped: Arc::clone(&dropped) };
         let worker = Worker::new(start, order_receiver, reading_receiver, shared)?;
@@ -180,25 +181,30 @@ impl Follower {
         out
     }
 
-    fn moment(
+    fn sample(
         &mut self,
         now: MonoTime,
         control_ns: i64,
         commanded: &AxisArray,
         actual: &AxisArray,
-    ) -> Option<Moment> {
+    ) -> Option<MotionSample> {
         if !commanded.iter().chain(actual).all(|v| v.is_finite()) {
             return None;
         }
         let clock = self.clock.get_or_insert_with(|| SensorClock::new(0.0));
         let at = clock.stamp(now, control_ns).at;
-        Some(Moment { at, commanded: self.chain(commanded), actual: self.chain(actual), tool_tip: self.tip })
+        Some(MotionSample {
+            at,
+            commanded: self.chain(commanded),
+            actual: self.chain(actual),
+            tool_tip: self.tip,
+        })
     }
 }
 
 /// What the service and the listener see, too.
 struct Shared {
-    known: Arc<[Known]>,
+    known: Arc<[ConfiguredSensor]>,
     health: Arc<Mutex<FilterStatus>>,
     dropped: Arc<AtomicU64>,
 }
@@ -217,16 +223,16 @@ struct Worker {
     orders: Receiver<Order>,
     readings: Receiver<Arrived>,
     shared: Shared,
-    writer: Option<keep::Writer>,
+    writer: Option<checkpoint::Writer>,
     overload: Overload,
     estimator: Option<LiveEstimator>,
     follower: Follower,
     /// Tables that the cycle may still hold.
     sent: Vec<Arc<LiveTable>>,
     notes: Vec<String>,
-    standings: Vec<Standing>,
-    map_states: Vec<MapStanding>,
-    growths: Vec<GrowthStanding>,
+    statuses: Vec<estimate::SensorStatus>,
+    map_states: Vec<MapCondition>,
+    growths: Vec<ThermalStatus>,
     tabled: MonoTime,
     recorded: MonoTime,
     told: MonoTime,
@@ -241,7 +247,7 @@ impl Worker {
         shared: Shared,
     ) -> std::io::Result<Self> {
         let now = start.clock.now();
-        let writer = start.directory.as_deref().map(keep::Writer::start).transpose()?;
+        let writer = start.directory.as_deref().map(checkpoint::Writer::start).transpose()?;
         let mut worker = Self {
             orders,
             readings,
@@ -252,7 +258,7 @@ impl Worker {
             follower: Follower::default(),
             sent: Vec::new(),
             notes: Vec::new(),
-            standings: Vec::new(),
+            statuses: Vec::new(),
             map_states: Vec::new(),
             growths: Vec::new(),
             tabled: now,
@@ -270,14 +276,14 @@ impl Worker {
     fn take_model(&mut self) {
         let model = &self.start.model;
         self.notes.clear();
-        self.standings.clear();
+        self.statuses.clear();
         self.map_states.clear();
         self.growths.clear();
         match estimator(&self.start.config.spec, model) {
             Ok(mut estimator) => {
                 if let Some(directory) = &self.start.directory {
                     let (machine, now) = (&self.start.machine, SystemTime::now());
-                    self.notes = keep::restore(directory, machine, &model.hash, &mut estimator, now);
+                    self.notes = checkpoint::restore(directory, machine, &model.hash, &mut estimator, now);
                 } else if estimator.learns() {
                     self.notes
                         .push("no state directory: what is learned does not outlive the daemon".to_owned());
@@ -287,8 +293,9 @@ impl Worker {
                     if note.starts_with("VC-") { warn!("{note}") } else { info!("{note}") }
                 }
                 for known in self.shared.known.iter() {
-                    known
-                        .tells(estimator.units().find(|(name, _)| *name == known.name).map(|(_, unit)| unit));
+                    known.set_unit(
+                        estimator.units().find(|(name, _)| *name == known.name).map(|(_, unit)| unit),
+                    );
                 }
                 self.estimator = Some(estimator);
             }
@@ -296,7 +303,7 @@ impl Worker {
                 let note = format!("VC-8020: no live estimation with this model: {problem}");
                 warn!("{note}");
                 self.notes.push(note);
-                self.shared.known.iter().for_each(|known| known.tells(None));
+                self.shared.known.iter().for_each(|known| known.set_unit(None));
                 self.estimator = None;
             }
         }
@@ -317,7 +324,7 @@ impl Worker {
             if let Some(estimator) = &mut self.estimator {
                 estimator.tick(now);
             }
-            self.tell_changes();
+            self.log_changes();
             if now.seconds_since(self.tabled) >= TABLE_S {
                 self.tabled = now;
                 self.hand_over(now);
@@ -381,9 +388,9 @@ impl Worker {
                     self.follower.tip = Some(Vec3::from(tip)).filter(|t| t.iter().all(|v| v.is_finite()));
                 }
                 Motion::At { now, control_ns, commanded, actual } => {
-                    let moment = self.follower.moment(now, control_ns, &commanded, &actual);
-                    if let Some((moment, estimator)) = moment.zip(self.estimator.as_mut()) {
-                        estimator.on_motion(moment);
+                    let sample = self.follower.sample(now, control_ns, &commanded, &actual);
+                    if let Some((sample, estimator)) = sample.zip(self.estimator.as_mut()) {
+                        estimator.on_motion(sample);
                     }
                 }
             }
@@ -404,10 +411,10 @@ impl Worker {
                 estimator.on_reading(now, sensor, &reading);
             }
         }
-        self.tell_overload(begin, left_out);
+        self.log_overload(begin, left_out);
     }
 
-    fn tell_overload(&mut self, now: MonoTime, left_out: bool) {
+    fn log_overload(&mut self, now: MonoTime, left_out: bool) {
         let dropped = self.shared.dropped.load(Relaxed);
         let left_out = left_out || dropped > self.overload.dropped;
         self.overload.dropped = dropped;
@@ -430,33 +437,33 @@ impl Worker {
     }
 
     /// Changes of sensors and maps go into the log.
-    fn tell_changes(&mut self) {
+    fn log_changes(&mut self) {
         let Some(estimator) = &self.estimator else { return };
-        let standings: Vec<Standing> = estimator.standings().map(|(_, s)| s).collect();
-        for (k, (name, standing)) in estimator.standings().enumerate() {
-            let before = self.standings.get(k).copied().unwrap_or(Standing::Waiting);
-            match standing {
-                _ if before == standing => {}
-                Standing::Good => info!(sensor = name, "the sensor is believed"),
-                Standing::Waiting => {}
-                Standing::Excluded(trouble) => {
-                    let (code, cause) = (code_of(trouble).to_string(), trouble.name());
+        let statuses: Vec<estimate::SensorStatus> = estimator.sensor_statuses().map(|(_, s)| s).collect();
+        for (k, (name, status)) in estimator.sensor_statuses().enumerate() {
+            let before = self.statuses.get(k).copied().unwrap_or(estimate::SensorStatus::Waiting);
+            match status {
+                _ if before == status => {}
+                estimate::SensorStatus::Good => info!(sensor = name, "the sensor is believed"),
+                estimate::SensorStatus::Waiting => {}
+                estimate::SensorStatus::Excluded(sensor_fault) => {
+                    let (code, cause) = (code_of(sensor_fault).to_string(), sensor_fault.name());
                     warn!(sensor = name, cause, code, "the sensor is excluded");
                 }
             }
         }
-        let states: Vec<MapStanding> = estimator.map_states().map(|(_, standing)| standing).collect();
-        for (k, (name, standing)) in estimator.map_states().enumerate() {
-            tell_map(name, self.map_states.get(k).copied().unwrap_or_default(), standing);
+        let states: Vec<MapCondition> = estimator.map_states().map(|(_, status)| status).collect();
+        for (k, (name, status)) in estimator.map_states().enumerate() {
+            log_map(name, self.map_states.get(k).copied().unwrap_or_default(), status);
         }
-        let growths: Vec<GrowthStanding> = estimator.growth_standings().map(|(_, s, _)| s).collect();
-        for (k, (name, standing, input)) in estimator.growth_standings().enumerate() {
-            let before = self.growths.get(k).copied().unwrap_or(GrowthStanding::Waiting(0));
-            if before != standing {
-                tell_growth(name, standing, input.unwrap_or_default());
+        let growths: Vec<ThermalStatus> = estimator.thermal_statuses().map(|(_, s, _)| s).collect();
+        for (k, (name, status, input)) in estimator.thermal_statuses().enumerate() {
+            let before = self.growths.get(k).copied().unwrap_or(ThermalStatus::Waiting(0));
+            if before != status {
+                log_thermal(name, status, input.unwrap_or_default());
             }
         }
-        (self.standings, self.map_states, self.growths) = (standings, states, growths);
+        (self.statuses, self.map_states, self.growths) = (statuses, states, growths);
     }
 
     /// A new table for the cycle.
@@ -495,7 +502,7 @@ impl Worker {
         let estimator = self.estimator.as_ref().filter(|estimator| estimator.learns())?;
         let (machine, hash) = (&self.start.machine, &self.start.model.hash);
         // numbers and names always become text
-        keep::text(machine, hash, estimator, SystemTime::now()).ok()
+        checkpoint::text(machine, hash, estimator, SystemTime::now()).ok()
     }
 
     fn keep(&mut self) {
@@ -504,7 +511,7 @@ impl Worker {
             // of the one before, for this one is on its way
             writer.problem()
         } else {
-            Some(format!("{}: the disk does not answer", keep::FILE))
+            Some(format!("{}: the disk does not answer", checkpoint::FILE))
         };
         if let Some(problem) = problem {
             let note = format!("what is learned is not kept: {problem}");
@@ -525,7 +532,7 @@ impl Worker {
 }
 
 /// A map stands otherwise than before.
-fn tell_map(map: &str, before: MapStanding, now: MapStanding) {
+fn log_map(map: &str, before: MapCondition, now: MapCondition) {
     if now.limited && !before.limited {
         warn!(map, code = "VC-8019", "what the map has learned is larger than its limit; the limit is used");
     } else if before.limited && !now.limited {
@@ -539,16 +546,16 @@ fn tell_map(map: &str, before: MapStanding, now: MapStanding) {
     }
 }
 
-/// A growth stands otherwise than before.
-fn tell_growth(growth: &str, standing: GrowthStanding, input: &str) {
-    let code = growth_code(standing).map(|code| code.to_string());
-    match standing {
-        GrowthStanding::Waiting(_) => {}
-        GrowthStanding::Used => info!(growth, "the growth by heat is used"),
-        GrowthStanding::Outside(_) => {
+/// A thermal displacement stands otherwise than before.
+fn log_thermal(growth: &str, status: ThermalStatus, input: &str) {
+    let code = growth_code(status).map(|code| code.to_string());
+    match status {
+        ThermalStatus::Waiting(_) => {}
+        ThermalStatus::Used => info!(growth, "the growth by heat is used"),
+        ThermalStatus::Outside(_) => {
             warn!(growth, input, code, "an input is outside of what the fit has seen; the growth fades");
         }
-        GrowthStanding::Lost(_) => {
+        ThermalStatus::Lost(_) => {
             warn!(growth, input, code, "an input is lost; the growth is held, then taken back");
         }
     }
@@ -567,10 +574,10 @@ mod tests {
         follower.fit(&[AxisName::X, AxisName::Y, AxisName::Z, AxisName::C, AxisName::S]);
         let mut frame = [0.0; MAX_AXES];
         frame[..3].copy_from_slice(&[180.0, 20.0, 10.0]);
-        let moment = follower.moment(MonoTime::ZERO, 5, &frame, &frame).unwrap();
-        assert_eq!(&moment.commanded[..3], &[10.0, 20.0, 0.0]);
-        assert!((moment.commanded[3] - core::f64::consts::PI).abs() < 1e-12);
+        let sample = follower.sample(MonoTime::ZERO, 5, &frame, &frame).unwrap();
+        assert_eq!(&sample.commanded[..3], &[10.0, 20.0, 0.0]);
+        assert!((sample.commanded[3] - core::f64::consts::PI).abs() < 1e-12);
         frame[1] = f64::NAN;
-        assert!(follower.moment(MonoTime::ZERO, 5, &frame, &frame).is_none());
+        assert!(follower.sample(MonoTime::ZERO, 5, &frame, &frame).is_none());
     }
 }

@@ -2,9 +2,9 @@
 
 use tracing::{info, warn};
 
-use crate::board::{Board, state_name};
 use crate::handshake;
 use crate::realtime::RealtimeReport;
+use crate::status_collector::{StatusCollector, state_name};
 use volcomp_engine::fault::{self, Code};
 use volcomp_engine::{Event, State};
 use volcomp_protocol::ControlHello;
@@ -39,9 +39,9 @@ pub(super) fn log_link_up(address: &std::net::SocketAddr, hello: &ControlHello, 
     info!(%address, control = %hello.software, machine = %hello.machine, axes, cycle_s, held_back, "link up");
 }
 
-pub(super) fn log_event(event: &Event, held_back: u64, board: &Board) {
+pub(super) fn log_event(event: &Event, held_back: u64, status_collector: &StatusCollector) {
     let Event::StateChanged { from, to, reason, detail } = event;
-    let numbers = board.numbers(detail.as_ref());
+    let numbers = status_collector.numbers(detail.as_ref());
     let (from, to_name, entry) = (state_name(*from), state_name(*to), fault::of_reason(*reason));
     let code = entry.code;
     match (to, reason) {

@@ -5,9 +5,9 @@ use std::sync::atomic::Ordering::Relaxed;
 use shuttle::rand::Rng;
 
 use super::instance::Instance;
-use crate::body::{CycleBody, Reaction};
 use crate::clock::Clock;
 use crate::control::{Control, Stop};
+use crate::link_session::{LinkSession, Reaction};
 use crate::load::Loaded;
 use crate::sync::point;
 use volcomp_protocol::{
@@ -66,19 +66,19 @@ impl Peer {
 
 /// The cycle thread's life, until it is stopped, killed or nobody has work for it.
 pub(super) fn cycle(instance: &Instance, loaded: &Loaded, mut control: Control, clock: Clock) -> Control {
-    let mut seat: Option<(ControlHello, CycleBody)> = None;
+    let mut seat: Option<(ControlHello, LinkSession)> = None;
     let mut peer = Peer::default();
     let mut random = shuttle::rand::thread_rng();
     while !instance.is_dead() {
         point();
         let now = clock.now();
-        control.ports.progress.beat();
-        let idle = control.ports.requests.is_empty();
-        control.take_requests(now, seat.as_mut().map(|(_, body)| body));
+        control.channels.progress.beat();
+        let idle = control.channels.requests.is_empty();
+        control.take_requests(now, seat.as_mut().map(|(_, session)| session));
         let stopped = match control.stop {
             Stop::No => false,
             Stop::By(limit) => {
-                now >= limit || !peer.up || seat.as_ref().is_none_or(|(_, body)| body.is_stopped())
+                now >= limit || !peer.up || seat.as_ref().is_none_or(|(_, session)| session.is_stopped())
             }
             Stop::Now => true,
         };
@@ -90,15 +90,15 @@ pub(super) fn cycle(instance: &Instance, loaded: &Loaded, mut control: Control, 
                 let hello = hello(random.gen_bool(0.2));
                 let config = loaded.config.engine_config(&hello).expect("the hello fits");
                 control.prepare(now, &config, &hello, &mut seat).expect("an engine");
-                let (_, body) = seat.as_mut().expect("an engine");
-                control.link_up(now, &hello, body);
+                let (_, session) = seat.as_mut().expect("an engine");
+                control.link_up(now, &hello, session);
                 peer = Peer { up: true, applied: peer.applied, ..Peer::default() };
             }
             continue;
         }
-        let (_, body) = seat.as_mut().expect("an engine");
+        let (_, session) = seat.as_mut().expect("an engine");
         if random.gen_bool(0.02) {
-            control.link_down(now, body);
+            control.link_down(now, session);
             // the control takes the offset out by itself
             peer = Peer::default();
             continue;
@@ -108,18 +108,18 @@ pub(super) fn cycle(instance: &Instance, loaded: &Loaded, mut control: Control, 
         }
         let frames = if peer.meddled > 0 { 20 } else { 1 };
         for _ in 0..frames {
-            let reaction = body.handle(clock.now(), &Message::Position(peer.frame()));
+            let reaction = session.handle(clock.now(), &Message::Position(peer.frame()));
             if let Reaction::Answer(correction) = reaction {
                 peer.applied = correction.offset;
             }
-            control.tell(body, matches!(reaction, Reaction::Answer(_)));
+            control.report(session, matches!(reaction, Reaction::Answer(_)));
         }
-        if body.needs_new_link() {
-            control.link_down(now, body);
+        if session.needs_new_link() {
+            control.link_down(now, session);
             peer = Peer::default();
         }
         instance.stall(&mut random);
     }
-    control.ports.progress.cycle_ended.store(true, Relaxed);
+    control.channels.progress.cycle_ended.store(true, Relaxed);
     control
 }

@@ -4,11 +4,11 @@ use std::path::Path;
 use std::sync::Mutex as Notes;
 use std::sync::atomic::Ordering::Relaxed;
 
-use volcomp_state::counters::{Counters, FILE, LastWord};
+use volcomp_state::counters::{Counters, FILE, RetainedState};
 use volcomp_state::memory::MemoryDisk;
 
+use crate::channels::Progress;
 use crate::models::Models;
-use crate::ports::Progress;
 use crate::socket::{Answer, Verb};
 
 #[derive(Debug, Clone)]
@@ -120,9 +120,9 @@ impl History {
 }
 
 /// The file of the counters as the next life would find it.
-pub(super) fn word_on(disk: &MemoryDisk) -> Option<LastWord> {
+pub(super) fn retained_on(disk: &MemoryDisk) -> Option<RetainedState> {
     let text = disk.files().remove(&Path::new(super::DIRECTORY).join(FILE))?;
-    Counters::parse(&text, super::MACHINE).ok().map(|counters| counters.last_word)
+    Counters::parse(&text, super::MACHINE).ok().map(|counters| counters.retained)
 }
 
 /// Whether what is on the disk forbids to begin: an order, a fault, or a state that nobody knows.
@@ -130,9 +130,9 @@ pub(super) fn must_not_begin(disk: &MemoryDisk) -> Option<String> {
     if disk.files().is_empty() {
         return None;
     }
-    let Some(word) = word_on(disk) else { return Some("nobody knows the state".to_owned()) };
-    let held = word.off || word.hold.is_some() || word.fault.is_some();
-    held.then(|| format!("the disk has {word:?}"))
+    let Some(retained) = retained_on(disk) else { return Some("nobody knows the state".to_owned()) };
+    let held = retained.off || retained.hold.is_some() || retained.fault.is_some();
+    held.then(|| format!("the disk has {retained:?}"))
 }
 
 /// The book of the models names the one in use.

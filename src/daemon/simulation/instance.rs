@@ -15,16 +15,16 @@ use volcomp_state::memory::Health;
 use super::control::cycle;
 use super::history::{History, must_not_begin};
 use super::{Plan, World, faulty};
+use crate::channels::{StopWish, channels};
 use crate::clock::Clock;
+use crate::command_handler::carry_out;
 use crate::control::{Control, SERVICE_SILENT_S, Start};
-use crate::inbox::Saved;
-use crate::keeper::Keeper;
 use crate::models::Models;
-use crate::orders::carry_out;
-use crate::ports::{StopWish, ports};
 use crate::service::Service;
 use crate::socket::{Ask, SentModel, Verb};
+use crate::state_writer::StateWriter;
 use crate::sync::{Mutex, pause, point};
+use crate::write_queue::Saved;
 
 /// Interval of the service's loop.
 const TICK: Duration = Duration::from_millis(20);
@@ -75,7 +75,7 @@ impl Instance {
     }
 
     /// Something goes wrong.
-    fn go_wrong(&self, service: &Mutex<Service>, progress: &crate::ports::Progress) {
+    fn go_wrong(&self, service: &Mutex<Service>, progress: &crate::channels::Progress) {
         let mut random = shuttle::rand::thread_rng();
         for _ in 0..random.gen_range(0..4) {
             pause(Duration::from_millis(random.gen_range(0..800)));
@@ -103,7 +103,7 @@ impl Instance {
 }
 
 /// A client's requests, one after the other.
-fn client(plan: Plan, service: &Mutex<Service>, history: &History, progress: &crate::ports::Progress) {
+fn client(plan: Plan, service: &Mutex<Service>, history: &History, progress: &crate::channels::Progress) {
     let mut random = shuttle::rand::thread_rng();
     for _ in 0..random.gen_range(1..4) {
         let ask = match random.gen_range(0..14) {
@@ -144,14 +144,14 @@ pub(super) fn live(plan: Plan, world: &World) {
     let clock = Clock::start();
     let directory = Path::new(super::DIRECTORY);
     let loaded = super::loaded();
-    let mut keeper =
-        Keeper::on(disk.clone(), directory, super::MACHINE).expect("the disk is well at the start");
-    let first = keeper.recalled() == Some(&Recalled::First);
-    let models = Models::at_start(Some((disk, directory)), first, &loaded, |why| keeper.hold(why));
-    let (cycle_ports, service_ports) = ports();
-    let progress = Arc::clone(&service_ports.progress);
-    let mut service =
-        Service::new(Arc::clone(&loaded), service_ports, keeper, None, models, clock).expect("set up");
+    let mut state_writer =
+        StateWriter::on(disk.clone(), directory, super::MACHINE).expect("the disk is well at the start");
+    let first = state_writer.recalled() == Some(&Recalled::First);
+    let models = Models::at_start(Some((disk, directory)), first, &loaded, |why| state_writer.hold(why));
+    let (cycle_channels, service_channels) = channels();
+    let progress = Arc::clone(&service_channels.progress);
+    let mut service = Service::new(Arc::clone(&loaded), service_channels, state_writer, None, models, clock)
+        .expect("set up");
     let permitted = service.begins(true);
     let kept_fault = service.has_kept_fault();
     if let Some(why) = forbidden.filter(|_| permitted) {
@@ -160,7 +160,7 @@ pub(super) fn live(plan: Plan, world: &World) {
     history.begins(permitted);
     let model = Arc::clone(&service.models().active.model);
     let start = Start { model, permitted, kept_fault, service_silent_s: SERVICE_SILENT_S, live: None };
-    let control = Control::new(cycle_ports, &loaded.config, start);
+    let control = Control::new(cycle_channels, &loaded.config, start);
     assert_eq!(progress.wanted.load(Relaxed), permitted && !kept_fault);
     assert_eq!(progress.is_faulted(), kept_fault);
     let service = Arc::new(Mutex::new(service));
@@ -217,18 +217,18 @@ pub(super) fn live(plan: Plan, world: &World) {
 fn agree(world: &World, service: &Mutex<Service>, control: &Control) {
     let mut service = service.lock();
     service.drain();
-    let progress = &control.ports.progress;
-    let word = service.word();
-    let off = word.off || word.hold.is_some() || word.fault.is_some();
+    let progress = &control.channels.progress;
+    let retained = service.retained();
+    let off = retained.off || retained.hold.is_some() || retained.fault.is_some();
     let wanted = progress.wanted.load(Relaxed);
     // a thread that was told to end at once leaves its last requests
     if progress.stop() == StopWish::No {
-        assert_eq!(wanted, !off, "the engine and a restart disagree: {word:?}");
-        assert_eq!(progress.is_faulted(), word.fault.is_some(), "{word:?}");
+        assert_eq!(wanted, !off, "the engine and a restart disagree: {retained:?}");
+        assert_eq!(progress.is_faulted(), retained.fault.is_some(), "{retained:?}");
         world.history.check(wanted);
     }
-    assert_eq!(service.word_saved(), Saved::Yes);
-    assert_eq!(super::history::word_on(&world.disk), Some(word), "the disk has the last word");
+    assert_eq!(service.retained_state_saved(), Saved::Yes);
+    assert_eq!(super::history::retained_on(&world.disk), Some(retained), "the disk has the last word");
     assert!(
         Arc::ptr_eq(&service.models().active.model, control.model()),
         "service and engine have one model"

@@ -1,6 +1,6 @@
 //! The service under a deterministic scheduler: requests, links, stops, kills and disk faults in random order.
 //!
-//! The product's own service, request handling, keeper, model store and the cycle thread's request handling run under
+//! The product's own service, request handling, state writer, model store and the cycle thread's request handling run under
 //! `shuttle`, on a disk in memory and in virtual time. What must hold: no deadlock; every request is answered; what was
 //! ordered or latched is neither lost by a restart nor contradicted by the engine; one load at a time.
 //!

@@ -23,7 +23,7 @@ mod files;
 #[cfg(feature = "tls")]
 mod stream;
 #[cfg(test)]
-pub(super) mod trial;
+pub(super) mod test_identity;
 
 use std::path::{Path, PathBuf};
 

@@ -86,7 +86,8 @@ impl View {
             Over::Period(a, pitch) => format!("{a} within one period of {pitch:.4} mm, mm"),
             Over::SinceReversal(a, _) => format!("distance since the reversal of {a}, mm"),
             Over::TimeSinceReversal(a, _) => format!("time since the reversal of {a}, s"),
-            Over::Velocity(a) => format!("velocity of {a}, mm/s"),
+            Over::Velocity(a) if a.is_linear() => format!("velocity of {a}, mm/s"),
+            Over::Velocity(a) => format!("velocity of {a}, °/s"),
             Over::VelocityAlongU => "velocity along the direction of measurement, mm/s".to_owned(),
             Over::Acceleration(a) => format!("acceleration of {a}, mm/s²"),
             Over::ToolLength => "tool length, mm".to_owned(),
@@ -104,7 +105,8 @@ impl View {
             Over::Period(a, pitch) => m.position[a.slot()].rem_euclid(pitch),
             Over::SinceReversal(a, most) => m.since_mm[a.slot()].abs().min(most),
             Over::TimeSinceReversal(a, most) => m.since_s[a.slot()].min(most),
-            Over::Velocity(a) => m.velocity[a.slot()],
+            Over::Velocity(a) if a.is_linear() => m.velocity[a.slot()],
+            Over::Velocity(a) => m.velocity[a.slot()].to_degrees(),
             Over::VelocityAlongU => (0..3).filter(|k| m.u[*k] != 0.0).map(|k| m.velocity[k] * m.u[k]).sum(),
             Over::Acceleration(a) => m.acceleration[a.slot()],
             Over::ToolLength => m.tool_length_mm,
@@ -193,9 +195,10 @@ fn parts(shape: &Shape) -> (Over, Branch, Weight) {
         Shape::Thermal { axis, signal, reference_degc, .. } => {
             (Over::Position(*axis), Branch::None, Weight::Warmth(signal.clone(), *reference_degc))
         }
-        Shape::RotaryLocation { frame, .. } | Shape::RotaryEccentricity { frame, .. } => {
-            plain(Over::Position(frame.axis))
-        }
+        Shape::RotaryLocation { frame, .. }
+        | Shape::RotaryEccentricity { frame, .. }
+        | Shape::RotaryScale { frame } => plain(Over::Position(frame.axis)),
+        Shape::RotaryLag { frame } => plain(Over::Velocity(frame.axis)),
         Shape::RotaryBacklash { frame } => {
             (Over::Position(frame.axis), Branch::Direction(frame.axis), Weight::One)
         }

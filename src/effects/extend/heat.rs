@@ -1,9 +1,9 @@
-//! Effects of heat as growths of the model.
+//! Effects of heat as thermal displacements of the model.
 
 use super::{Candidate, Extended, Part};
 use crate::Shape;
 use crate::addition::Entry;
-use crate::moment::{Axis, Signal, Source};
+use crate::machine_state::{Axis, Signal, Source};
 use volcomp_estimate::{Quantity, Thermal, ThermalInput};
 use volcomp_model::curve::Live;
 use volcomp_model::{Component, ErrorSymbol};
@@ -13,7 +13,7 @@ use volcomp_units::mm_from_um;
 const STRAIN_PER_UM_PER_M: f64 = 1e-6;
 /// Revolutions in the unit of a spindle's signal.
 const PER_THOUSAND: f64 = 1000.0;
-/// A growth fades to zero over this share of its range beyond either end.
+/// A thermal displacement fades to zero over this share of its range beyond either end.
 const FADE_SHARE: f64 = 0.25;
 /// A live value is kept within so many times what it reaches inside its range.
 const ROOM: f64 = 1.5;
@@ -22,7 +22,7 @@ const LIMIT_MIN_MM: f64 = 0.001;
 
 const NO_RANGE: &str = "the addition does not say which temperatures or speeds it was seen at";
 
-/// The candidate of an expansion or a growth.
+/// The candidate of an expansion or a thermal displacement.
 pub(super) fn candidate(model: &Extended, entry: &Entry) -> Result<Candidate, &'static str> {
     match &entry.shape {
         Shape::Thermal { axis, signal, reference_degc, .. } => {

@@ -1,7 +1,7 @@
 //! An addition as part of a model, so that a daemon can take out what a diagnosis has found.
 //!
 //! What follows from position and direction of travel becomes a table or a constant of the error motion that acts alike;
-//! what follows from heat becomes a growth. The rest stays out, each with the reason. Nothing is trusted: the model is
+//! what follows from heat becomes a thermal displacement. The rest stays out, each with the reason. Nothing is trusted: the model is
 //! compared with the addition all over the volume, and what does not say the same there stays out, too.
 
 mod heat;
@@ -21,7 +21,7 @@ use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Model, ModelError, ModelS
 pub struct Extended {
     /// The model.
     pub spec: ModelSpec,
-    /// Its growths by heat, those that it had first.
+    /// Its thermal displacements, those that it had first.
     pub thermal: Vec<Thermal>,
     /// What became of each effect, in the order of the addition: its label and its fate.
     pub fates: Vec<(String, Fate)>,
@@ -65,7 +65,7 @@ struct Part {
 #[derive(Debug, Clone, PartialEq, Default)]
 struct Candidate {
     parts: Vec<Part>,
-    /// The growths that the live values of the parts are told by.
+    /// The thermal displacements that the live values of the parts are told by.
     thermal: Vec<Thermal>,
 }
 
@@ -158,7 +158,7 @@ fn reason_against(entry: &Entry) -> Option<&'static str> {
         Kind::Machine => {}
     }
     match &entry.shape {
-        Shape::Lag { .. } => Some(
+        Shape::Lag { .. } | Shape::RotaryLag { .. } => Some(
             "it follows the speed: the control's feed-forward takes it out, or the delay of the recording is its cause",
         ),
         Shape::Inertial { .. } | Shape::InertialTilt { .. } => {

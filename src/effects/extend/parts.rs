@@ -2,7 +2,7 @@
 
 use super::{Candidate, Part};
 use crate::addition::Entry;
-use crate::moment::{Axis, Moment, SLOTS};
+use crate::machine_state::{Axis, MachineState, SLOTS};
 use crate::{Shape, WIDTH_MAX, twist};
 use volcomp_model::curve::{Interpolation, Table};
 use volcomp_model::geometry::Vec3;
@@ -132,7 +132,8 @@ fn displacements(
 
 /// The displacement at one place of one axis, all others at zero, um.
 fn displacement_um(entry: &Entry, over: Axis, q: f64, direction: f64) -> Vec3 {
-    let mut m = Moment { since_mm: [f64::INFINITY; SLOTS], direction: [1.0; SLOTS], ..Moment::default() };
+    let mut m =
+        MachineState { since_mm: [f64::INFINITY; SLOTS], direction: [1.0; SLOTS], ..MachineState::default() };
     m.position[over.slot()] = q;
     m.direction[over.slot()] = direction;
     let mut out = [Vec3::zeros(); WIDTH_MAX];

@@ -2,7 +2,7 @@
 
 use super::Candidate;
 use crate::addition::{Addition, Entry, Evaluator, FORMAT};
-use crate::moment::{Axis, Moment, SLOTS, Source};
+use crate::machine_state::{Axis, MachineState, SLOTS, Source};
 use crate::prediction::{deviation_with_live_um, machine_of};
 use volcomp_estimate::ThermalState;
 use volcomp_model::geometry::Vec3;
@@ -22,7 +22,7 @@ const SETTLED_S: f64 = 1e9;
 
 /// One place and what the addition says there.
 struct Place {
-    moment: Moment,
+    moment: MachineState,
     sources: Vec<f64>,
     said_um: Vec3,
 }
@@ -70,7 +70,7 @@ fn says_the_same(before: &Model, after: &Model, candidate: &Candidate, places: &
     largest > 0.0 && places.iter().all(|p| (added(p) - zero - (p.said_um - said_zero)).norm() <= allowed)
 }
 
-/// What a growth of the candidate tells for these readings once all lags have settled, mm or strain.
+/// What a thermal displacement of the candidate tells for these readings once all lags have settled, mm or strain.
 fn growth(candidate: &Candidate, channel: &str, sources: &[f64]) -> f64 {
     let Some(thermal) = candidate.thermal.iter().find(|t| t.name == channel) else { return 0.0 };
     let mut state = ThermalState::new(thermal);
@@ -94,8 +94,11 @@ fn places(spec: &ModelSpec, model: &Model, entry: &Entry) -> Vec<Place> {
     let chain: Vec<Axis> = model.axes().filter_map(|a| Axis::from_name(a.name)).collect();
     let place = |n: u32| {
         let share = |k: usize| (0.5 + STEPS[k % SLOTS] * f64::from(n)).fract();
-        let mut moment =
-            Moment { since_mm: [f64::INFINITY; SLOTS], direction: [1.0; SLOTS], ..Moment::default() };
+        let mut moment = MachineState {
+            since_mm: [f64::INFINITY; SLOTS],
+            direction: [1.0; SLOTS],
+            ..MachineState::default()
+        };
         for axis in &chain {
             let slot = axis.slot();
             let [low, high] = super::parts::travel(spec, entry, *axis).unwrap_or([-1.0, 1.0]);

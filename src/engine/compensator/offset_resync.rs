@@ -72,7 +72,7 @@ impl Compensator {
         let took_over = frame.state.has(MachineState::OFFSET_RAMPING_OUT) && self.shrinks(&applied);
         if self.frozen || self.gap_cycles > GAP_CYCLES {
             self.unobserved = true;
-        } else if self.intake.is_settled() {
+        } else if self.input.is_settled() {
             self.unobserved = false;
             self.follows = 0;
         }
@@ -119,7 +119,7 @@ impl Compensator {
         self.read_back.restart();
         self.read_back.sent(&self.offset());
         if (took_over || moved || self.sending == Sending::NeedsNewLink) && self.is_moving() {
-            self.intake.unsettle();
+            self.input.unsettle();
             self.plan(State::Holding, Reason::ControlTookOver);
         }
         if self.state == State::Faulted || !self.synchronised {
@@ -185,7 +185,7 @@ impl Compensator {
     /// Compares the read-back of a frame (finite values) with what was sent; a lasting difference is a fault.
     pub(super) fn check_read_back(&mut self, frame: &Position) {
         let applied = self.reported_offset(frame);
-        self.aim.lag.read_back(frame.sequence, &applied);
+        self.setpoints.lag.read_back(frame.sequence, &applied);
         let watched =
             self.may_send() && self.state != State::Faulted && frame.state.is_ready() && !self.frozen;
         if watched && self.read_back.is_foreign(&applied, self.axes) {

@@ -1,6 +1,5 @@
 //! The engine against a small control: frames at 1 ms, offsets applied one cycle later.
 
-mod aiming;
 mod answers;
 mod commands;
 mod gaps;
@@ -9,6 +8,7 @@ mod loss;
 mod lying_control;
 mod reported_offset;
 mod sequences;
+mod setpoint;
 mod shadow;
 mod silence;
 

@@ -4,7 +4,7 @@
 //! differ from the static model by, can that be (plausibility), is the sensor known, does it agree (gate), and only
 //! then: update. A sensor that disagrees [`super::MapSpec::rejections_to_alarm`] times on end is excluded and the map
 //! raises an alarm instead of following; it holds what it learned for a while, then the static model takes over. The
-//! sensor comes back when a whole acquaintance agrees with the map as it stands.
+//! sensor comes back when a whole initialisation agrees with the map as it stands.
 //!
 //! Readings of the tool go through [`tool`].
 
@@ -14,15 +14,15 @@ use std::sync::Arc;
 
 use self::tool::SPEED_S;
 use super::axis::{AxisLaser, sees};
-use super::growth::{GrowthStanding, GrowthState, KeptGrowth};
-use super::health::{GrowthHealth, LiveHealth};
-use super::history::{Moment, MotionHistory};
-use super::map::{Feeding, KeptMap, MapState, channels};
+use super::health::{LiveHealth, ThermalHealth};
+use super::history::{MotionHistory, MotionSample};
+use super::map::{Feeding, MapState, SavedMap, channels};
 use super::reading::{Body, Reading};
 use super::sensor::{SensorState, Stage};
 use super::spec::{LiveError, LiveSpec, SensorKind, SensorSpec};
 use super::table::{LiveTable, Source};
-use crate::{Kind, Standing, Thermal, Trouble, VALUES_MAX};
+use super::thermal_displacement::{SavedThermalState, ThermalDisplacementState, ThermalStatus};
+use crate::{Kind, SensorFault, SensorStatus, Thermal, VALUES_MAX};
 use volcomp_model::axes::{AxisKind, AxisName, Travel};
 use volcomp_model::units::MonoTime;
 use volcomp_model::{ErrorSymbol, Model, ModelSpec, SENSORS_MAX};
@@ -32,7 +32,7 @@ use volcomp_model::{ErrorSymbol, Model, ModelSpec, SENSORS_MAX};
 pub struct LiveModel<'a> {
     /// What its file says.
     pub spec: &'a ModelSpec,
-    /// Growths by heat that it lists.
+    /// Thermal displacements that it lists.
     pub thermal: &'a [Thermal],
     /// Compiled.
     pub model: Arc<Model>,
@@ -42,7 +42,7 @@ pub struct LiveModel<'a> {
 
 /// How a map stands.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub struct MapStanding {
+pub struct MapCondition {
     /// A sensor contradicts it.
     pub alarm: bool,
     /// Given up for the static model.
@@ -60,7 +60,7 @@ pub struct LiveEstimator {
     linear: [Option<usize>; 3],
     sensors: Vec<SensorState>,
     maps: Vec<MapState>,
-    growths: Vec<GrowthState>,
+    growths: Vec<ThermalDisplacementState>,
     history: MotionHistory,
 }
 
@@ -109,8 +109,8 @@ impl LiveEstimator {
     }
 
     /// The machine stood here.
-    pub fn on_motion(&mut self, moment: Moment) {
-        self.history.push(moment);
+    pub fn on_motion(&mut self, sample: MotionSample) {
+        self.history.push(sample);
     }
 
     /// The link is gone: nobody knows where the machine stands.
@@ -129,9 +129,9 @@ impl LiveEstimator {
         for (k, map) in self.maps.iter_mut().enumerate() {
             let mut feeding = Feeding::default();
             for sensor in self.sensors.iter().filter(|s| s.spec.kind == SensorKind::Tool { map: k }) {
-                let standing = sensor.supervisor.standing();
-                feeding.agrees |= sensor.stage == Stage::Used && standing == Standing::Good;
-                feeding.disagrees |= standing == Standing::Excluded(Trouble::Disagrees);
+                let status = sensor.supervisor.status();
+                feeding.agrees |= sensor.stage == Stage::Used && status == SensorStatus::Good;
+                feeding.disagrees |= status == SensorStatus::Excluded(SensorFault::Disagrees);
             }
             map.tick(now, &feeding);
         }
@@ -176,7 +176,7 @@ impl LiveEstimator {
             (SensorKind::Temperature, Body::Temperatures(list)) => state.believe(now, when, reading, list),
             (SensorKind::Speed, Body::Speed(speed)) => state.believe(now, when, reading, &[*speed]),
             // a sensor that says something of another kind says nothing
-            _ => state.refuse(now, Trouble::Kind),
+            _ => state.refuse(now, SensorFault::Kind),
         }
     }
 
@@ -188,19 +188,19 @@ impl LiveEstimator {
                 head.reduce(readings).motion
             }
             _ => {
-                state.refuse(now, Trouble::Kind);
+                state.refuse(now, SensorFault::Kind);
                 return;
             }
         };
         let believed = state.judge(now, when, reading, &motion);
-        let Some(moment) = self.history.at(when.0) else {
+        let Some(sample) = self.history.at(when.0) else {
             state.without_position += 1;
             return;
         };
         let dt = state.last_at.map_or(0.0, |before| when.0.seconds_since(before));
         state.last_at = Some(when.0);
         if let Some(laser) = state.laser.as_mut().filter(|_| believed) {
-            let q = moment.commanded[laser.index()];
+            let q = sample.commanded[laser.index()];
             let before =
                 self.history.at(when.0.plus_seconds(-SPEED_S)).map_or(q, |m| m.commanded[laser.index()]);
             let travel = if q < before { Travel::Reverse } else { Travel::Forward };
@@ -220,14 +220,14 @@ impl LiveEstimator {
 
     /// Live values that sensors tell by themselves, as far as these can be believed.
     fn direct(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
-        let good = |s: &&SensorState| s.supervisor.standing() == Standing::Good;
+        let good = |s: &&SensorState| s.supervisor.status() == SensorStatus::Good;
         self.sensors.iter().filter(good).flat_map(|s| {
             let own = s.channel.zip(s.value);
             own.into_iter().chain(s.laser.iter().flat_map(AxisLaser::values))
         })
     }
 
-    /// Live values that growths tell.
+    /// Live values that thermal displacements tell.
     fn grown(&self) -> impl Iterator<Item = (usize, f64)> + '_ {
         self.growths.iter().filter_map(|g| Some((g.channel, g.value()?)))
     }
@@ -268,22 +268,22 @@ impl LiveEstimator {
     }
 
     /// How each sensor stands, by name.
-    pub fn standings(&self) -> impl Iterator<Item = (&str, Standing)> + '_ {
-        self.sensors.iter().map(|s| (s.spec.name.as_str(), s.supervisor.standing()))
+    pub fn sensor_statuses(&self) -> impl Iterator<Item = (&str, SensorStatus)> + '_ {
+        self.sensors.iter().map(|s| (s.spec.name.as_str(), s.supervisor.status()))
     }
 
     /// How each map stands.
-    pub fn map_states(&self) -> impl Iterator<Item = (&str, MapStanding)> + '_ {
+    pub fn map_states(&self) -> impl Iterator<Item = (&str, MapCondition)> + '_ {
         self.maps.iter().map(|m| {
-            let standing =
-                MapStanding { alarm: m.alarm.is_some(), is_static: m.is_static, limited: m.limited };
-            (m.spec.name.as_str(), standing)
+            let status =
+                MapCondition { alarm: m.alarm.is_some(), is_static: m.is_static, limited: m.limited };
+            (m.spec.name.as_str(), status)
         })
     }
 
-    /// How each growth stands: name, standing, the input that this is about.
-    pub fn growth_standings(&self) -> impl Iterator<Item = (&str, GrowthStanding, Option<&str>)> + '_ {
-        self.growths.iter().map(|g| (g.spec.name.as_str(), g.standing(), g.input()))
+    /// How each thermal displacement stands: name, standing, the input that this is about.
+    pub fn thermal_statuses(&self) -> impl Iterator<Item = (&str, ThermalStatus, Option<&str>)> + '_ {
+        self.growths.iter().map(|g| (g.spec.name.as_str(), g.status(), g.input()))
     }
 
     /// True where there is something that is to outlive the daemon.
@@ -292,15 +292,15 @@ impl LiveEstimator {
         !self.maps.is_empty() || !self.growths.is_empty()
     }
 
-    /// What is to be kept of growths.
+    /// What is to be kept of thermal displacements.
     #[must_use]
-    pub fn kept_growths(&self) -> Vec<KeptGrowth> {
-        self.growths.iter().filter_map(GrowthState::kept).collect()
+    pub fn saved_thermal(&self) -> Vec<SavedThermalState> {
+        self.growths.iter().filter_map(ThermalDisplacementState::kept).collect()
     }
 
-    /// Puts back lags that were kept `age_s` ago; gives a sentence for every growth that begins anew because what was
+    /// Puts back lags that were kept `age_s` ago; gives a sentence for every thermal displacement that begins anew because what was
     /// kept cannot be.
-    pub fn restore_growths(&mut self, kept: &[KeptGrowth], age_s: f64) -> Vec<String> {
+    pub fn restore_thermal(&mut self, kept: &[SavedThermalState], age_s: f64) -> Vec<String> {
         let mut problems = Vec::new();
         for growth in &mut self.growths {
             let Some(found) = kept.iter().find(|k| k.name == growth.spec.name) else { continue };
@@ -314,12 +314,12 @@ impl LiveEstimator {
 
     /// What is to be kept.
     #[must_use]
-    pub fn kept(&self) -> Vec<KeptMap> {
+    pub fn kept(&self) -> Vec<SavedMap> {
         self.maps.iter().map(MapState::kept).collect()
     }
 
     /// Puts back what was kept `age_s` ago; gives a sentence for every map that starts from the offline map instead.
-    pub fn restore(&mut self, kept: &[KeptMap], age_s: f64) -> Vec<String> {
+    pub fn restore(&mut self, kept: &[SavedMap], age_s: f64) -> Vec<String> {
         let mut problems = Vec::new();
         for map in &mut self.maps {
             let name = &map.spec.name;
@@ -403,14 +403,14 @@ fn new_sensor(
     Ok(state)
 }
 
-/// The growths that an error of the model names.
+/// The thermal displacements that an error of the model names.
 fn new_growths(
     thermal: &[Thermal],
     live: &LiveSpec,
     model: &Model,
     sensors: &[SensorState],
     maps: &[MapState],
-) -> Result<Vec<GrowthState>, LiveError> {
+) -> Result<Vec<ThermalDisplacementState>, LiveError> {
     let mut growths = Vec::new();
     for growth in thermal {
         let Some(channel) = model.sensors().iter().position(|s| *s == growth.name) else { continue };
@@ -419,16 +419,16 @@ fn new_growths(
         if told {
             return Err(LiveError::TwoSources { channel: growth.name.clone() });
         }
-        growths.push(GrowthState::new(growth, channel, live)?);
+        growths.push(ThermalDisplacementState::new(growth, channel, live)?);
     }
     Ok(growths)
 }
 
-fn growth_health(growth: &GrowthState) -> GrowthHealth {
-    GrowthHealth {
+fn growth_health(growth: &ThermalDisplacementState) -> ThermalHealth {
+    ThermalHealth {
         name: growth.spec.name.clone(),
         expansion: growth.spec.expansion,
-        standing: growth.standing(),
+        status: growth.status(),
         input: growth.input().map(str::to_owned),
         value: growth.value().unwrap_or(0.0),
         share: growth.share(),

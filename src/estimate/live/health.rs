@@ -1,7 +1,7 @@
 //! How live estimation goes, as plain data: for status, recordings and pictures.
 
-use super::growth::GrowthStanding;
-use crate::Standing;
+use super::thermal_displacement::ThermalStatus;
+use crate::SensorStatus;
 use volcomp_model::ErrorSymbol;
 
 /// Everything.
@@ -11,19 +11,19 @@ pub struct LiveHealth {
     pub sensors: Vec<SensorHealth>,
     /// The maps.
     pub maps: Vec<MapHealth>,
-    /// Growths by heat.
-    pub growths: Vec<GrowthHealth>,
+    /// Thermal displacements.
+    pub growths: Vec<ThermalHealth>,
 }
 
-/// A growth by heat.
+/// A thermal displacement.
 #[derive(Debug, Clone, PartialEq)]
-pub struct GrowthHealth {
+pub struct ThermalHealth {
     /// Its name.
     pub name: String,
     /// True: a strain; false: a length.
     pub expansion: bool,
     /// How it stands.
-    pub standing: GrowthStanding,
+    pub status: ThermalStatus,
     /// The input that this is about.
     pub input: Option<String>,
     /// What is used of it, mm or a strain.
@@ -42,9 +42,9 @@ pub struct SensorHealth {
     /// What it measures.
     pub kind: &'static str,
     /// How it stands.
-    pub standing: Standing,
+    pub status: SensorStatus,
     /// For how long, s.
-    pub standing_s: f64,
+    pub status_s: f64,
     /// Time since it was heard, s.
     pub age_s: Option<f64>,
     /// Its clock minus the daemon's, s.
@@ -60,7 +60,7 @@ pub struct SensorHealth {
     /// It contradicted its map on probation: time until it is looked at again, s.
     pub rests_s: Option<f64>,
     /// Still being looked at: readings so far, and wanted.
-    pub acquaintance: Option<(usize, usize)>,
+    pub initialisation: Option<(usize, usize)>,
     /// Standard deviation of its noise over the stated one: lengths, angles.
     pub noise_factor: Option<[f64; 2]>,
     /// Of the last reading: RMS innovation and its expected value, in learned standard deviations, and the largest

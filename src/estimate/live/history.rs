@@ -11,9 +11,9 @@ const KEPT_S: f64 = 4.0;
 /// Positions further apart than this are not connected, s.
 const GAP_S: f64 = 0.1;
 
-/// Where the machine stood at a moment: axes in chain order, mm and rad.
+/// Positions of the machine at one time: axes in chain order, mm and rad.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Moment {
+pub struct MotionSample {
     /// When, on the daemon's time line.
     pub at: MonoTime,
     /// Commanded.
@@ -27,47 +27,47 @@ pub struct Moment {
 /// The last seconds.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct MotionHistory {
-    moments: VecDeque<Moment>,
+    samples: VecDeque<MotionSample>,
 }
 
 impl MotionHistory {
     /// One more. The time line may be corrected by a little: what was newer gives way; by more, and all is void.
-    pub fn push(&mut self, moment: Moment) {
-        if self.moments.back().is_some_and(|last| last.at.seconds_since(moment.at) > GAP_S) {
-            self.moments.clear();
+    pub fn push(&mut self, sample: MotionSample) {
+        if self.samples.back().is_some_and(|last| last.at.seconds_since(sample.at) > GAP_S) {
+            self.samples.clear();
         }
-        while self.moments.back().is_some_and(|last| moment.at <= last.at) {
-            self.moments.pop_back();
+        while self.samples.back().is_some_and(|last| sample.at <= last.at) {
+            self.samples.pop_back();
         }
-        self.moments.push_back(moment);
-        while self.moments.front().is_some_and(|first| moment.at.seconds_since(first.at) > KEPT_S) {
-            self.moments.pop_front();
+        self.samples.push_back(sample);
+        while self.samples.front().is_some_and(|first| sample.at.seconds_since(first.at) > KEPT_S) {
+            self.samples.pop_front();
         }
     }
 
     /// The newest.
     #[must_use]
-    pub fn newest(&self) -> Option<&Moment> {
-        self.moments.back()
+    pub fn newest(&self) -> Option<&MotionSample> {
+        self.samples.back()
     }
 
     /// Everything is void.
     pub fn clear(&mut self) {
-        self.moments.clear();
+        self.samples.clear();
     }
 
     /// Where the machine stood at `at`, between two positions on a line; `None` where it is not known.
     #[must_use]
-    pub fn at(&self, at: MonoTime) -> Option<Moment> {
-        let after = self.moments.partition_point(|m| m.at < at);
-        let Some(b) = self.moments.get(after) else {
+    pub fn at(&self, at: MonoTime) -> Option<MotionSample> {
+        let after = self.samples.partition_point(|m| m.at < at);
+        let Some(b) = self.samples.get(after) else {
             // a little ahead of the newest frame the machine is where it goes
             let (last, before) =
-                (self.moments.back()?, self.moments.get(self.moments.len().checked_sub(2)?)?);
+                (self.samples.back()?, self.samples.get(self.samples.len().checked_sub(2)?)?);
             return (at.seconds_since(last.at) < GAP_S).then(|| between(before, last, at));
         };
         let a = match after.checked_sub(1) {
-            Some(k) => self.moments.get(k)?,
+            Some(k) => self.samples.get(k)?,
             None if b.at == at => return Some(*b),
             None => return None,
         };
@@ -75,7 +75,7 @@ impl MotionHistory {
     }
 }
 
-fn between(a: &Moment, b: &Moment, at: MonoTime) -> Moment {
+fn between(a: &MotionSample, b: &MotionSample, at: MonoTime) -> MotionSample {
     let share = at.seconds_since(a.at) / b.at.seconds_since(a.at);
     let mix = |x: &AxisArray, y: &AxisArray| -> AxisArray {
         let mut out = [0.0; MAX_AXES];
@@ -84,7 +84,7 @@ fn between(a: &Moment, b: &Moment, at: MonoTime) -> Moment {
         }
         out
     };
-    Moment {
+    MotionSample {
         at,
         commanded: mix(&a.commanded, &b.commanded),
         actual: mix(&a.actual, &b.actual),
@@ -96,10 +96,10 @@ fn between(a: &Moment, b: &Moment, at: MonoTime) -> Moment {
 mod tests {
     use super::*;
 
-    fn moment(ms: i64, x: f64) -> Moment {
+    fn sample(ms: i64, x: f64) -> MotionSample {
         let mut commanded = [0.0; MAX_AXES];
         commanded[0] = x;
-        Moment { at: MonoTime::from_ns(ms * 1_000_000), commanded, actual: commanded, tool_tip: None }
+        MotionSample { at: MonoTime::from_ns(ms * 1_000_000), commanded, actual: commanded, tool_tip: None }
     }
 
     fn x_at(history: &MotionHistory, us: i64) -> Option<f64> {
@@ -110,15 +110,15 @@ mod tests {
     fn positions_are_found_between_frames_and_a_little_ahead() {
         let mut history = MotionHistory::default();
         assert_eq!(x_at(&history, 0), None);
-        (0..6000).for_each(|ms| history.push(moment(ms, 0.1 * ms as f64)));
+        (0..6000).for_each(|ms| history.push(sample(ms, 0.1 * ms as f64)));
         assert!((x_at(&history, 5_000_500).unwrap() - 500.05).abs() < 1e-9);
         assert!((x_at(&history, 6_020_000).unwrap() - 602.0).abs() < 1e-9);
         assert_eq!(x_at(&history, 6_200_000), None, "nobody knows");
         assert_eq!(x_at(&history, 1_000_000), None, "forgotten");
-        history.push(moment(6500, 7.0));
+        history.push(sample(6500, 7.0));
         assert_eq!(x_at(&history, 6_200_000), None, "not connected");
         assert_eq!(x_at(&history, 6_500_000), None, "no speed there");
-        history.push(moment(100, 1.0));
+        history.push(sample(100, 1.0));
         assert_eq!(history.newest().unwrap().commanded[0], 1.0);
         assert_eq!(x_at(&history, 5_000_500), None, "another time line");
     }

@@ -40,7 +40,7 @@ pub(super) fn channels(model: &Model, prefix: &str) -> Result<Vec<(usize, ErrorS
 
 /// What is kept of a map.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct KeptMap {
+pub struct SavedMap {
     /// Its name.
     pub name: String,
     /// Its components.
@@ -133,18 +133,18 @@ impl MapState {
     }
 
     /// Time has passed. A covariance is large: between readings it moves on in steps.
-    pub(super) fn tick(&mut self, now: MonoTime, standing: &Feeding) {
+    pub(super) fn tick(&mut self, now: MonoTime, status: &Feeding) {
         if self.ticked.is_none_or(|before| now.seconds_since(before) >= TICK_S) {
             self.ticked = Some(now);
             self.predict(now);
             let share = self.map.largest_share();
             self.limited = share > if self.limited { LIMITED_UNTIL } else { 1.0 };
         }
-        self.taught = standing.agrees;
-        if standing.agrees {
+        self.taught = status.agrees;
+        if status.agrees {
             self.is_static = false;
             // another sensor may still contradict it: that is told as long as it does
-            self.alarm = self.alarm.filter(|_| standing.disagrees);
+            self.alarm = self.alarm.filter(|_| status.disagrees);
         } else if self.alarm.is_some_and(|since| now.seconds_since(since) > self.spec.alarm_hold_s) {
             self.is_static = true;
         }
@@ -213,8 +213,8 @@ impl MapState {
         (self.alarm, self.is_static, self.limited, self.made) = (None, false, false, None);
     }
 
-    pub(super) fn kept(&self) -> KeptMap {
-        KeptMap {
+    pub(super) fn kept(&self) -> SavedMap {
+        SavedMap {
             name: self.spec.name.clone(),
             components: self.symbols.iter().map(|s| s.to_string().to_lowercase()).collect(),
             nodes: self.spec.nodes.clone(),
@@ -224,7 +224,7 @@ impl MapState {
     }
 
     /// Puts back what was kept `age_s` ago; in words why not.
-    pub(super) fn restore(&mut self, kept: &KeptMap, age_s: f64) -> Result<(), String> {
+    pub(super) fn restore(&mut self, kept: &SavedMap, age_s: f64) -> Result<(), String> {
         let own = self.kept();
         if kept.components != own.components {
             return Err(format!(

@@ -8,27 +8,28 @@
 //! a live value of the model acts on a reading is asked of the model, so that this holds for any chain.
 //!
 //! Reading order: [`spec`] (what there is), [`reading`] (what sensors say), [`history`] (where the machine stood),
-//! [`rows`] (what a reading says about a map), [`axis`] (5-DOF lasers), [`growth`] (heat), [`sensor`] and [`map`] (their states), `trust` (what a sensor has proven),
-//! [`estimator`] (all together), [`table`] (what the cycle evaluates), [`health`] (how it goes, as data).
+//! [`rows`] (what a reading says about a map), [`axis`] (5-DOF lasers), [`thermal_displacement`] (heat), [`sensor`]
+//! and [`map`] (their states), `sensor_probation` (what a sensor has proven), [`estimator`] (all together), [`table`]
+//! (what the cycle evaluates), [`health`] (how it goes, as data).
 
 pub mod axis;
 pub mod estimator;
-pub mod growth;
 pub mod health;
 pub mod history;
 pub mod map;
 pub mod reading;
 pub mod rows;
 pub mod sensor;
+mod sensor_probation;
 pub mod spec;
 pub mod table;
-mod trust;
+pub mod thermal_displacement;
 
-pub use estimator::{LiveEstimator, LiveModel, MapStanding};
-pub use growth::{GrowthStanding, KeptGrowth};
-pub use health::{GrowthHealth, LiveHealth, MapHealth, NodeHealth, SensorHealth};
-pub use history::{Moment, MotionHistory};
-pub use map::KeptMap;
+pub use estimator::{LiveEstimator, LiveModel, MapCondition};
+pub use health::{LiveHealth, MapHealth, NodeHealth, SensorHealth, ThermalHealth};
+pub use history::{MotionHistory, MotionSample};
+pub use map::SavedMap;
 pub use reading::{Body, PointReading, Reading, Seen, ToolReading};
 pub use spec::{LiveError, LiveSpec, MapSpec, SensorKind, SensorSpec};
 pub use table::{LiveEvaluator, LiveTable};
+pub use thermal_displacement::{SavedThermalState, ThermalStatus};

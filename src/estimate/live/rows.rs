@@ -10,7 +10,7 @@
 
 use nalgebra::Matrix6;
 
-use super::history::Moment;
+use super::history::MotionSample;
 use super::reading::{Body, PointReading, Seen, ToolReading};
 use crate::filter::COMPONENTS_MAX;
 use crate::{Kind, Row};
@@ -21,7 +21,7 @@ use volcomp_model::{Model, Pose, SENSORS_MAX};
 /// Live value used to ask the model for effects, mm and rad: below every limit, far above rounding.
 const PROBE: f64 = 1e-7;
 
-/// What the model says about a moment.
+/// Prediction of the model for one motion sample.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Expected {
     commanded: NominalTool,
@@ -74,9 +74,9 @@ pub struct DefaultStd {
 impl Expected {
     /// Asks the model: `live` are the values of everything but the map, `channels` those of the map.
     #[must_use]
-    pub fn new(model: &Model, moment: &Moment, live: &[f64; SENSORS_MAX], channels: &[usize]) -> Self {
-        let at = |position| Pose { tool_tip: moment.tool_tip, live: *live, ..Pose::at(position) };
-        let commanded = at(moment.commanded);
+    pub fn new(model: &Model, sample: &MotionSample, live: &[f64; SENSORS_MAX], channels: &[usize]) -> Self {
+        let at = |position| Pose { tool_tip: sample.tool_tip, live: *live, ..Pose::at(position) };
+        let commanded = at(sample.commanded);
         let mut base = commanded;
         channels.iter().for_each(|c| base.live[*c] = 0.0);
         let deviation = model.deviation(&base);
@@ -91,7 +91,7 @@ impl Expected {
             .collect();
         Self {
             commanded: model.nominal_tool(&commanded),
-            actual: model.nominal_tool(&at(moment.actual)),
+            actual: model.nominal_tool(&at(sample.actual)),
             shift: deviation.position,
             turn: deviation.rotation,
             effects,

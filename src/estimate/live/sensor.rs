@@ -4,11 +4,11 @@ use super::axis::AxisLaser;
 use super::health::SensorHealth;
 use super::reading::Reading;
 use super::rows::{DefaultStd, Gap};
+use super::sensor_probation::SensorProbation;
 use super::spec::{SensorKind, SensorSpec};
-use super::trust::Trust;
 use crate::{
-    Acquaintance, Adaptation, Batch, Kind, MeasurementNoise, Opinion, Plausibility, Said, SensorClock,
-    Standing, Supervisor, Trouble, VALUES_MAX,
+    Adaptation, Batch, Kind, MeasurementNoise, NoiseAssessment, Plausibility, Said, SensorClock, SensorFault,
+    SensorInitialisation, SensorStatus, Supervisor, VALUES_MAX,
 };
 use volcomp_model::units::MonoTime;
 
@@ -23,7 +23,7 @@ const NIS_SHARE: f64 = 0.02;
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Stage {
     /// Its readings are only looked at.
-    Acquainting(Acquaintance),
+    Initialising(SensorInitialisation),
     /// They are used.
     Used,
 }
@@ -40,7 +40,7 @@ pub(super) struct SensorState {
     noise: [f64; 2],
     pub(super) stage: Stage,
     pub(super) rejections: u32,
-    pub(super) trust: Trust,
+    pub(super) probation: SensorProbation,
     pub(super) laser: Option<AxisLaser>,
     /// Live value of the model that it tells, and the value.
     pub(super) channel: Option<usize>,
@@ -65,9 +65,9 @@ impl SensorState {
             clock: SensorClock::new(spec.latency_s),
             number: 0,
             noise: [1.0; 2],
-            stage: Stage::Acquainting(Acquaintance::new(spec.acquaintance)),
+            stage: Stage::Initialising(SensorInitialisation::new(spec.initialisation)),
             rejections: 0,
-            trust: Trust::default(),
+            probation: SensorProbation::default(),
             laser,
             channel,
             value: None,
@@ -98,11 +98,12 @@ impl SensorState {
         values: &[f64],
     ) -> bool {
         let raw = reading.numbers();
-        let was = self.supervisor.standing();
+        let was = self.supervisor.status();
         let said = Said { at, stepped, quality: reading.quality, values, raw: &raw };
         let believed = self.supervisor.accept(now, &said);
         self.values = raw;
-        if matches!(was, Standing::Excluded(_)) != matches!(self.supervisor.standing(), Standing::Excluded(_))
+        if matches!(was, SensorStatus::Excluded(_))
+            != matches!(self.supervisor.status(), SensorStatus::Excluded(_))
         {
             // whatever made it fail, it has to be got to know anew
             self.get_to_know();
@@ -110,7 +111,7 @@ impl SensorState {
         believed
     }
 
-    /// A reading whose numbers are inputs of growths.
+    /// A reading whose numbers are inputs of thermal displacements.
     pub(super) fn believe(
         &mut self,
         now: MonoTime,
@@ -125,22 +126,22 @@ impl SensorState {
     }
 
     /// What it said cannot be judged at all, for this reason.
-    pub(super) fn refuse(&mut self, now: MonoTime, trouble: Trouble) {
+    pub(super) fn refuse(&mut self, now: MonoTime, fault: SensorFault) {
         self.supervisor.hear(now);
-        let was = self.supervisor.standing();
-        self.supervisor.exclude(now, trouble);
-        if !matches!(was, Standing::Excluded(_)) {
+        let was = self.supervisor.status();
+        self.supervisor.exclude(now, fault);
+        if !matches!(was, SensorStatus::Excluded(_)) {
             self.get_to_know();
         }
     }
 
     /// Its readings are only looked at for a while.
     pub(super) fn get_to_know(&mut self) {
-        self.stage = Stage::Acquainting(Acquaintance::new(self.spec.acquaintance));
+        self.stage = Stage::Initialising(SensorInitialisation::new(self.spec.initialisation));
         self.rejections = 0;
         self.value = None;
         // a laser that jumped may have been moved; one that was silent has not
-        if self.supervisor.standing() == Standing::Excluded(Trouble::Jump)
+        if self.supervisor.status() == SensorStatus::Excluded(SensorFault::Jump)
             && let Some(laser) = &mut self.laser
         {
             laser.forget();
@@ -148,17 +149,17 @@ impl SensorState {
     }
 
     /// What was found out about it; true where it may be used.
-    pub(super) fn meet(&mut self, now: MonoTime, opinion: &Opinion, gate: f64) -> bool {
+    pub(super) fn meet(&mut self, now: MonoTime, assessment: &NoiseAssessment, gate: f64) -> bool {
         let [_, high] = NOISE_RANGE;
-        let plausible = opinion.variance.iter().all(|v| v.is_finite() && *v <= high);
-        if !plausible || opinion.disagreement > gate {
+        let plausible = assessment.variance.iter().all(|v| v.is_finite() && *v <= high);
+        if !plausible || assessment.disagreement > gate {
             return false;
         }
         if self.spec.adapt {
             let [low, high] = NOISE_RANGE;
-            self.noise = opinion.begin_with.map(|v| v.clamp(low, high));
+            self.noise = assessment.begin_with.map(|v| v.clamp(low, high));
         }
-        self.trust.met(now, self.noise);
+        self.probation.met(now, self.noise);
         self.stage = Stage::Used;
         true
     }
@@ -213,17 +214,17 @@ impl SensorState {
         SensorHealth {
             name: self.spec.name.clone(),
             kind: self.spec.kind.name(),
-            standing: self.supervisor.standing(),
-            standing_s: now.seconds_since(self.supervisor.since()),
+            status: self.supervisor.status(),
+            status_s: now.seconds_since(self.supervisor.since()),
             age_s: self.supervisor.heard().map(|at| now.seconds_since(at)),
             clock_offset_s: self.clock.offset_s(),
             shift_s: delay,
             readings: self.readings,
             without_position: self.without_position,
             skipped: self.skipped,
-            rests_s: self.trust.rests_s(now),
-            acquaintance: match &self.stage {
-                Stage::Acquainting(it) if is_tool => Some(it.progress()),
+            rests_s: self.probation.rests_s(now),
+            initialisation: match &self.stage {
+                Stage::Initialising(it) if is_tool => Some(it.progress()),
                 _ => None,
             },
             noise_factor: is_tool.then(|| Kind::ALL.map(|kind| self.noise_factor(kind))),

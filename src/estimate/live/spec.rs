@@ -35,9 +35,9 @@ pub enum SensorKind {
     },
     /// A live value of the model of the sensor's own name, worked out by somebody else.
     Value,
-    /// Temperatures: inputs of growths.
+    /// Temperatures: inputs of thermal displacements.
     Temperature,
-    /// The speed of a spindle: an input of growths.
+    /// The speed of a spindle: an input of thermal displacements.
     Speed,
 }
 
@@ -69,7 +69,7 @@ pub struct SensorSpec {
     /// Whether its noise is learned from what its readings leave behind.
     pub adapt: bool,
     /// Readings looked at before any is used.
-    pub acquaintance: usize,
+    pub initialisation: usize,
     /// Shortest time from measurement to arrival.
     pub latency_s: f64,
     /// Age at which a reading is too old, and silence at which the sensor is silent.
@@ -98,7 +98,7 @@ impl SensorSpec {
             std_mm: 0.01,
             std_rad: 1e-5,
             adapt: true,
-            acquaintance: 25,
+            initialisation: 25,
             latency_s: 0.0,
             age_limit_s: 0.5,
             range: [1.0, 1e-3],
@@ -200,12 +200,12 @@ pub enum LiveError {
         /// The axis.
         axis: AxisName,
     },
-    /// A growth whose input nobody measures.
+    /// A thermal displacement whose input nobody measures.
     #[error(
         "thermal {growth} depends on \"{sensor}\", and no sensor is called so; add [[sensor]] with name = \"{name}\" and kind = \"{kind}\""
     )]
     NoInput {
-        /// The growth.
+        /// The thermal displacement.
         growth: String,
         /// The input.
         sensor: String,
@@ -214,14 +214,14 @@ pub enum LiveError {
         /// Its kind.
         kind: &'static str,
     },
-    /// A growth whose input is something else.
+    /// A thermal displacement whose input is something else.
     #[error("thermal {growth} takes \"{sensor}\" for a {wanted}, but the sensor is of kind \"{found}\"")]
     InputKind {
-        /// The growth.
+        /// The thermal displacement.
         growth: String,
         /// The input.
         sensor: String,
-        /// What the growth wants.
+        /// What the thermal displacement wants.
         wanted: &'static str,
         /// What the sensor is.
         found: &'static str,

@@ -1,6 +1,6 @@
 //! Squareness and location from several sources, each transferred to the lines of the result.
 
-use super::{AssembleError, Candidate, Check, How, Job, Origin, curves, result_error};
+use super::{AssembleError, Assembly, Candidate, Check, How, Origin, curves, result_error};
 use volcomp_model::gauge::normalise;
 use volcomp_model::statistics::normal_two_sided;
 use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
@@ -13,7 +13,7 @@ struct Value {
     std: Option<f64>,
 }
 
-impl Job<'_> {
+impl Assembly<'_> {
     /// All constants of the result, for its `motions` in normal form.
     pub(super) fn constants(
         &mut self,

@@ -192,7 +192,7 @@ pub fn assemble(sources: &[Source], options: &Options) -> Result<Assembled, Asse
     }
     let mut motions = relative(&base);
     motions.errors.clear();
-    let mut job = Job {
+    let mut assembly = Assembly {
         sources,
         options,
         ready: &ready,
@@ -200,19 +200,19 @@ pub fn assemble(sources: &[Source], options: &Options) -> Result<Assembled, Asse
         errors: Vec::new(),
         conflicts: Vec::new(),
     };
-    job.motions(&mut motions)?;
+    assembly.motions(&mut motions)?;
     let motions = without_set_up(&motions)?;
-    let constants = job.constants(&motions)?;
-    if !job.conflicts.is_empty() {
+    let constants = assembly.constants(&motions)?;
+    if !assembly.conflicts.is_empty() {
         let names = sources.iter().map(|s| s.name.clone()).collect();
-        return Err(AssembleError::Inconsistent { checks: job.conflicts, names });
+        return Err(AssembleError::Inconsistent { checks: assembly.conflicts, names });
     }
     let mut whole = motions;
     whole.errors.extend(constants);
     let gauge = normalise(&whole).map_err(result_error)?;
     let spec = in_sense_of(&gauge.spec, &base);
     spec.validate().map_err(result_error)?;
-    let (errors, checks) = (job.errors, job.checks);
+    let (errors, checks) = (assembly.errors, assembly.checks);
     if errors.is_empty() {
         return Err(AssembleError::Empty);
     }
@@ -376,7 +376,7 @@ fn without_set_up(motions: &ModelSpec) -> Result<ModelSpec, AssembleError> {
 }
 
 /// The work on the errors.
-struct Job<'a> {
+struct Assembly<'a> {
     sources: &'a [Source],
     options: &'a Options,
     ready: &'a [Ready],
@@ -391,7 +391,7 @@ struct Candidate {
     function: ErrorFunction,
 }
 
-impl Job<'_> {
+impl Assembly<'_> {
     fn name(&self, source: usize) -> String {
         self.sources[source].name.clone()
     }

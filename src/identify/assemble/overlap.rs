@@ -1,6 +1,6 @@
 //! An error motion that several sources state: comparison where they overlap, and their mean.
 
-use super::{AssembleError, Candidate, Check, How, Job, Origin};
+use super::{AssembleError, Assembly, Candidate, Check, How, Origin};
 use volcomp_model::curve::{ErrorFunction, Interpolation, Table};
 use volcomp_model::statistics::chi_square_upper;
 use volcomp_model::{Curve, ErrorSymbol};
@@ -47,7 +47,7 @@ impl Stated {
     }
 }
 
-impl Job<'_> {
+impl Assembly<'_> {
     /// One function from all candidates.
     pub(super) fn combined(
         &mut self,

@@ -14,13 +14,13 @@
 
 mod band;
 mod basis;
-mod climb;
 mod data;
 mod error;
 mod figures;
 mod fitted;
 mod lanes;
 pub mod monomial;
+mod nested_models;
 mod periods;
 mod request;
 mod robust;

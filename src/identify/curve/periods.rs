@@ -237,7 +237,7 @@ fn solved(data: &Data, shape: &Shape, reversal: usize) -> (Vec<f64>, f64) {
     if factor.r.nrows() < k || !factor.is_sound(k) {
         return (vec![0.0; k], f64::INFINITY);
     }
-    let sse = factor.climb(data, &design, &[k])[0].sums.sse;
+    let sse = factor.nested_fits(data, &design, &[k])[0].sums.sse;
     factor.coefficients(k).map_or((vec![0.0; k], f64::INFINITY), |c| (c.as_slice().to_vec(), sse))
 }
 

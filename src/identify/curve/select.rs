@@ -247,7 +247,7 @@ fn ladder(
         return Err(FitError::Degenerate { basis: shape.basis, order: first, condition });
     }
     let columns: Vec<usize> = shapes.iter().map(|s| reversal + s.len()).collect();
-    let rungs = factor.climb(data, &design, &columns);
+    let rungs = factor.nested_fits(data, &design, &columns);
     let mut found: Vec<Candidate> = Vec::with_capacity(shapes.len());
     for (shape, rung) in shapes.into_iter().zip(rungs) {
         let periods = fitted.map_or(0, |first| shape.periods.len() - first);
@@ -316,7 +316,7 @@ fn with_reversal(data: &Data, taken: Candidate, saturated: usize, request: &Requ
         ..taken.clone()
     };
     let mut rungs = factor
-        .climb(data, &design, &columns)
+        .nested_fits(data, &design, &columns)
         .into_iter()
         .map(|rung| (rung.columns, Figures::new(data, &rung.sums, rung.columns + taken.fitted_periods())));
     let Some(none) = rungs.next() else { return taken };
@@ -364,7 +364,7 @@ fn finish(
     let ridge = penalty.iter().any(|p| *p > 0.0);
     let solution = if ridge { factor.coefficients(k) } else { factor.refined(data, &design) };
     let c = solution.ok_or_else(degenerate)?;
-    let sums = factor.climb(data, &design, &[k])[0].sums;
+    let sums = factor.nested_fits(data, &design, &[k])[0].sums;
     let fitted_periods = fitted.map_or(0, |first| shape.periods.len() - first);
     let figures = Figures::new(data, &sums, k + fitted_periods);
     let (own, turned) = c.as_slice().split_at(shape.len());

@@ -249,7 +249,7 @@ mod tests {
         let c = factor.refined(&data, &design).unwrap();
         // 5/6 + 1.5 x in s = x - 1
         assert!((c[0] - (5.0 / 6.0 + 1.5)).abs() < 1e-15 && (c[1] - 1.5).abs() < 1e-15);
-        let rungs = factor.climb(&data, &design, &[1, 2]);
+        let rungs = factor.nested_fits(&data, &design, &[1, 2]);
         assert!((rungs[1].sums.sse - 1.0 / 6.0).abs() < 1e-15);
         assert!((rungs[0].sums.sse - data.spread).abs() < 1e-14);
     }
@@ -274,7 +274,9 @@ mod tests {
             let k = design.len();
             let (ca, cb) = (a.refined(&data, &design).unwrap(), b.refined(&data, &design).unwrap());
             assert!((ca - &cb).abs().max() < 1e-13, "{basis:?}");
-            for (x, y) in a.climb(&data, &design, &[3, k]).iter().zip(b.climb(&data, &design, &[3, k])) {
+            for (x, y) in
+                a.nested_fits(&data, &design, &[3, k]).iter().zip(b.nested_fits(&data, &design, &[3, k]))
+            {
                 assert!((x.sums.sse - y.sums.sse).abs() < 1e-11 * y.sums.sse);
                 assert!((x.sums.loo - y.sums.loo).abs() < 1e-11 * y.sums.loo);
                 assert!((x.sums.position - y.sums.position).abs() < 1e-11 * y.sums.position);

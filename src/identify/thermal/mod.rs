@@ -321,7 +321,7 @@ impl Log<'_> {
     }
 
     /// Calls with every row: its index and its readings, one per input of the growth.
-    fn each(&self, thermal: &Thermal, mut tell: impl FnMut(usize, f64, &[f64])) {
+    fn each(&self, thermal: &Thermal, mut visit: impl FnMut(usize, f64, &[f64])) {
         // an input may occur several times, with several powers
         let columns: Vec<&[f64]> = thermal
             .inputs
@@ -335,7 +335,7 @@ impl Log<'_> {
                 *reading = column[k];
             }
             let dt_s = if k == 0 { 0.0 } else { t - self.time_s[k - 1] };
-            tell(k, dt_s, &readings);
+            visit(k, dt_s, &readings);
         }
     }
 

@@ -8,18 +8,18 @@
 //! Assumptions: the error motion is small (first order; [`PoseErrors::rigid`] is exact), noise is normal.
 //!
 //! Source: equations 5.1. Reading order: this file, `geometry` (can the points determine it), `series` (positions of
-//! an axis), `sides` (rigidity without any nominal geometry), `tracker` (observations to points).
+//! an axis), `rigidity` (rigidity without any nominal geometry), `tracker` (observations to points).
 
 mod geometry;
+mod rigidity;
 mod series;
-mod sides;
 mod tracker;
 
 use nalgebra::{Matrix6, Vector6};
 
 pub use geometry::{CONDITION_LIMIT, Geometry, geometry};
+pub use rigidity::{Side, Sides, sides};
 pub use series::{Series, SeriesError, SeriesFit, Shot, solve as solve_series};
-pub use sides::{Side, Sides, sides};
 pub use tracker::{Observation, TrackerNoise};
 
 use super::primitives::{procrustes, rigid};

@@ -5,8 +5,8 @@ use std::fs;
 use super::*;
 use crate::disk::real;
 
-fn word(off: bool, fault: Option<&str>) -> LastWord {
-    LastWord { off, fault: fault.map(str::to_owned), ..LastWord::default() }
+fn retained(off: bool, fault: Option<&str>) -> RetainedState {
+    RetainedState { off, fault: fault.map(str::to_owned), ..RetainedState::default() }
 }
 
 #[test]
@@ -19,10 +19,10 @@ fn an_empty_directory_is_a_first_start_and_what_was_saved_is_known() {
     }
     assert_eq!(recall(&*disk, dir.path(), "m"), Recalled::First, "a lock is no trace");
     let mut counters = Counters::new("m");
-    counters.last_word = word(true, Some("VC-4001"));
+    counters.retained = retained(true, Some("VC-4001"));
     counters.save(&*disk, dir.path()).expect("saved");
     let Recalled::Known(found) = recall(&*disk, dir.path(), "m") else { panic!("known") };
-    assert_eq!(found.last_word, counters.last_word);
+    assert_eq!(found.retained, counters.retained);
     assert!(!found.since.is_empty() && found.saved >= found.since, "saved when: {:?}", found.saved);
 }
 
@@ -76,11 +76,11 @@ fn what_is_damaged_foreign_or_unreadable_is_unknown_and_kept_aside() {
 
 #[test]
 fn faults_holds_and_orders_object_in_this_order() {
-    assert_eq!(word(false, None).objection(), None);
-    assert!(word(true, None).objection().expect("off").contains("switched off"));
-    let hold = LastWord { hold: Some("state unknown: x".to_owned()), ..word(true, None) };
+    assert_eq!(retained(false, None).objection(), None);
+    assert!(retained(true, None).objection().expect("off").contains("switched off"));
+    let hold = RetainedState { hold: Some("state unknown: x".to_owned()), ..retained(true, None) };
     assert_eq!(hold.objection().expect("held"), "state unknown: x");
-    let fault = LastWord { fault: Some("VC-4001".to_owned()), ..hold };
+    let fault = RetainedState { fault: Some("VC-4001".to_owned()), ..hold };
     assert!(fault.objection().expect("latched").contains("VC-4001"));
 }
 
@@ -92,8 +92,8 @@ fn what_is_unknown_after_a_failed_save_is_what_was_there_before() {
     // the temporary file cannot be written
     fs::create_dir(dir.path().join("counters.json.tmp")).expect("made");
     let mut other = Counters::new("m");
-    other.last_word = word(true, None);
+    other.retained = retained(true, None);
     assert!(other.save(&*disk, dir.path()).is_err());
     let Recalled::Known(found) = recall(&*disk, dir.path(), "m") else { panic!("known") };
-    assert_eq!(found.last_word, word(false, None));
+    assert_eq!(found.retained, retained(false, None));
 }

@@ -9,7 +9,7 @@ use std::sync::Arc;
 
 use volcomp_state::audit::chain::{AuditFile, verify};
 use volcomp_state::audit::{AUDIT_FILE, AuditEntry, Who};
-use volcomp_state::counters::{self, Counters, LastWord, Recalled, recall};
+use volcomp_state::counters::{self, Counters, Recalled, RetainedState, recall};
 use volcomp_state::disk::Disk;
 use volcomp_state::memory::{Change, MemoryDisk};
 use volcomp_state::models::{Choice, Store};
@@ -77,14 +77,21 @@ fn crashes(changes: &[Change], mut check: impl FnMut(usize, bool, Files)) -> usi
 #[test]
 fn a_torn_counters_file_never_loses_an_order_or_a_fault() {
     let disk = MemoryDisk::new();
-    let off = LastWord { off: true, ..LastWord::default() };
-    let fault = LastWord { fault: Some("VC-4001".to_owned()), ..LastWord::default() };
-    let words = [LastWord::default(), off.clone(), LastWord::default(), fault, off, LastWord::default()];
+    let off = RetainedState { off: true, ..RetainedState::default() };
+    let fault = RetainedState { fault: Some("VC-4001".to_owned()), ..RetainedState::default() };
+    let words = [
+        RetainedState::default(),
+        off.clone(),
+        RetainedState::default(),
+        fault,
+        off,
+        RetainedState::default(),
+    ];
     // the number of changes after which each word was answered as durable
     let mut durable = Vec::new();
-    for word in &words {
+    for retained in &words {
         let mut counters = Counters::new("m");
-        counters.last_word = word.clone();
+        counters.retained = retained.clone();
         counters.save(&disk, directory()).expect("saved");
         durable.push(disk.changes().len());
     }
@@ -100,8 +107,8 @@ fn a_torn_counters_file_never_loses_an_order_or_a_fault() {
             Recalled::Known(found) => {
                 let known = newest.checked_sub(1).map(|k| &words[k]);
                 let next = words.get(newest);
-                let is = |word: Option<&LastWord>| word == Some(&found.last_word);
-                assert!(!lost && (is(known) || is(next)), "{done}: {:?}", found.last_word);
+                let is = |retained: Option<&RetainedState>| retained == Some(&found.retained);
+                assert!(!lost && (is(known) || is(next)), "{done}: {:?}", found.retained);
             }
             Recalled::Unknown(why) => assert!(!why.is_empty()),
         }

@@ -79,7 +79,7 @@ const CYCLE_S: f64 = 0.001;
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut machine = built_in_or_file(&args.machine)?;
     let centre = centre(args, &machine);
-    std::fs::create_dir_all(&args.out).map_err(|e| Failure::in_file(EX_IOERR, &args.out, e))?;
+    crate::cli::make_folder(&args.out).map_err(|e| Failure::in_file(EX_IOERR, &args.out, e))?;
     let mut command = String::from("volcomp identify ballbar");
     for (index, plane) in args.plane.iter().enumerate() {
         let (name, axes) = plane.name_and_axes();

@@ -88,7 +88,7 @@ impl AxisPlan {
 
 /// Writes a file into a folder, which is made where it is missing.
 pub(super) fn write(folder: &Path, name: &str, text: &str) -> Result<(), Failure> {
-    std::fs::create_dir_all(folder).map_err(|e| Failure::in_file(EX_IOERR, folder, e))?;
+    crate::cli::make_folder(folder).map_err(|e| Failure::in_file(EX_IOERR, folder, e))?;
     let path = folder.join(name);
     crate::cli::write_file(&path, text).map_err(|e| Failure::in_file(EX_IOERR, &path, e))?;
     note!("written: {}", path.display());

@@ -54,7 +54,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         // writing into a string cannot fail
         let _ = writeln!(text, "{:.7},{:.10}", t.y_mm, t.b_deg);
     }
-    std::fs::create_dir_all(&args.out).map_err(|e| Failure::in_file(EX_IOERR, &args.out, e))?;
+    crate::cli::make_folder(&args.out).map_err(|e| Failure::in_file(EX_IOERR, &args.out, e))?;
     let path = args.out.join("contacts.csv");
     crate::cli::write_file(&path, text).map_err(|e| Failure::in_file(EX_IOERR, &path, e))?;
     note!("{} contacts; now calibrate the probe with", touches.len());

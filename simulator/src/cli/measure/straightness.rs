@@ -110,7 +110,7 @@ pub(super) fn point(text: &str) -> Result<[f64; 3], String> {
 /// Writes a file into a folder, which is made where it does not exist.
 pub(super) fn write(folder: &Path, name: &str, text: &str) -> Result<(), Failure> {
     let path = folder.join(name);
-    std::fs::create_dir_all(folder)
+    crate::cli::make_folder(folder)
         .and_then(|()| crate::cli::write_file(&path, text))
         .map_err(|e| Failure::in_file(EX_IOERR, &path, e))?;
     note!("written: {}", path.display());

@@ -3,8 +3,8 @@
 use simulator::control::CycleRecord;
 use simulator::demo::figures;
 use simulator::motion::{MotionSource, Trajectory};
-use volcomp::core::axes::AxisArray;
-use volcomp::core::protocol::{CorrectionState, MachineState};
+use volcomp::model::axes::AxisArray;
+use volcomp::protocol::{CorrectionState, MachineState};
 
 use super::{Bench, CENTRE_MM, RADIUS_MM, Setup, ramping_out};
 

@@ -162,7 +162,7 @@ impl Rows {
                     Entry::Engine { hello, .. } => self.control(hello, *record)?,
                     Entry::Tool { tool, .. } => self.tool = Some(*tool),
                     Entry::Model { hash, .. } => self.sensors.switch(Some(*hash)),
-                    Entry::Live { told, values, .. } => self.sensors.tell(*told, values),
+                    Entry::Live { told, values, .. } => self.sensors.update(*told, values),
                     Entry::LinkUp { .. } => {
                         self.links += 1;
                         self.tool = None;

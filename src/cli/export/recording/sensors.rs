@@ -27,8 +27,8 @@ impl Sensors {
         let mut sensors = Self::default();
         for Inside { hash, spec, model } in models {
             let places = model.sensors().iter().map(|name| {
-                let tells = |f: &ErrorFunction| f.live.iter().any(|live| live.sensor == *name);
-                let mut errors = spec.errors.iter().filter(|(_, f)| tells(f)).peekable();
+                let is_live = |f: &ErrorFunction| f.live.iter().any(|live| live.sensor == *name);
+                let mut errors = spec.errors.iter().filter(|(_, f)| is_live(f)).peekable();
                 // one that tells lengths, too, is taken for one of lengths
                 let angle = errors.peek().is_some() && errors.all(|(symbol, _)| symbol.is_angle());
                 let sensor = Sensor { name: column_part(name), angle, told: None };
@@ -61,7 +61,7 @@ impl Sensors {
     }
 
     /// Values by channel, mm or rad.
-    pub(super) fn tell(&mut self, told: u16, values: &[f64; LIVE_MAX]) {
+    pub(super) fn update(&mut self, told: u16, values: &[f64; LIVE_MAX]) {
         let Some((_, places)) = self.models.get(self.present) else { return };
         for (channel, (place, value)) in places.iter().zip(values).enumerate() {
             if told >> channel & 1 == 1
@@ -115,14 +115,14 @@ mod tests {
         assert_eq!(columns[1], "live_tilt_arcsec");
         let mut values = [0.0; LIVE_MAX];
         values[0] = 0.004;
-        sensors.tell(1, &values);
+        sensors.update(1, &values);
         let told = |s: &Sensors| s.values().collect::<Vec<_>>();
         assert_eq!(told(&sensors), [Some(4.0), None]);
         sensors.switch(Some([2; 32]));
         assert_eq!(told(&sensors), [None, None]);
         let ram = sensors.models[1].1.iter().position(|place| *place == 0).expect("in both models");
         values[ram] = 0.002;
-        sensors.tell(1 << ram, &values);
+        sensors.update(1 << ram, &values);
         assert_eq!(told(&sensors), [Some(2.0), None]);
     }
 }

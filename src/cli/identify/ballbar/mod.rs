@@ -4,9 +4,9 @@ mod report;
 
 use std::path::{Path, PathBuf};
 
+use crate::arg_parsers::{numbers, point};
 use crate::identify::case;
-use crate::model_out::{ModelOut, Sources, axis_entry, default_chain, put};
-use crate::values::{numbers, point};
+use crate::model_writer::{ModelWriter, Sources, axis_entry, default_chain, put};
 use crate::{EX_DATAERR, EX_USAGE, Failure, table};
 use volcomp_config::{ModelFile, Provenance};
 use volcomp_identify::ballbar::{
@@ -64,7 +64,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "UM")]
     length_std_um: Option<f64>,
     #[command(flatten)]
-    out: ModelOut,
+    out: ModelWriter,
     /// One JSON object on stdout.
     #[arg(long)]
     json: bool,

@@ -9,10 +9,10 @@ use serde_json::{Value, json};
 
 use super::case::{CaseArgs, print_json};
 use super::motion_curves::names;
-use super::observed::{Columns, Frame, TrackerArgs};
-use crate::model_out::ModelOut;
+use super::tracker_points::{Columns, Frame, TrackerArgs};
+use crate::arg_parsers::{not_negative, point};
+use crate::model_writer::ModelWriter;
 use crate::table::open;
-use crate::values::{not_negative, point};
 use crate::{EX_DATAERR, Failure};
 use volcomp_identify::circles::{CirclesInput, ToolAxis, solve};
 use volcomp_model::geometry::Vec3;
@@ -65,7 +65,7 @@ pub(super) struct Args {
     #[command(flatten)]
     tracker: TrackerArgs,
     #[command(flatten)]
-    model: ModelOut,
+    model: ModelWriter,
 }
 
 const HELP: &str = "\

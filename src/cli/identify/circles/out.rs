@@ -7,7 +7,7 @@ use crate::Failure;
 use crate::files::write_text;
 use crate::identify::motion_curves::names;
 use crate::input::{self, InputKind};
-use crate::model_out::{Sources, axis_entry, default_chain, put};
+use crate::model_writer::{Sources, axis_entry, default_chain, put};
 use volcomp_identify::circles::ToolAxis;
 use volcomp_model::geometry::Vec3;
 use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol};

@@ -7,10 +7,10 @@ use std::path::{Path, PathBuf};
 use serde_json::{Map, Value, json};
 
 use super::case::{CaseArgs, print_json};
+use crate::arg_parsers::{above_zero, point};
 use crate::files::read_model;
-use crate::model_out::{ModelOut, Sources, default_chain, put};
+use crate::model_writer::{ModelWriter, Sources, default_chain, put};
 use crate::positioning_data::{TestColumns, no_rows};
-use crate::values::{above_zero, point};
 use crate::{EX_DATAERR, EX_USAGE, Failure, table};
 use volcomp_config::model::Provenance;
 use volcomp_identify::Reading;
@@ -70,7 +70,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "UM", value_parser = above_zero)]
     noise_um: Option<f64>,
     #[command(flatten)]
-    out: ModelOut,
+    out: ModelWriter,
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {

@@ -8,11 +8,11 @@ use serde_json::{Map, Value, json};
 
 use self::head_file::HeadFile;
 use super::case::{CaseArgs, CaseFile, print_json};
-use super::straightness::axis_out::{AxisOut, Measured, Origin};
+use super::straightness::axis_writer::{AxisWriter, Measured, Origin};
+use crate::arg_parsers::linear_axis;
 use crate::files::write_text;
 use crate::input::{self, InputKind};
 use crate::positioning_data::no_rows;
-use crate::values::linear_axis;
 use crate::{EX_USAGE, Failure, table};
 use volcomp_identify::Reading;
 use volcomp_identify::fivedof::align::{Aligned, Level, align};
@@ -67,7 +67,7 @@ pub(super) struct Args {
     #[arg(long, value_enum, default_value = "auto")]
     roll: RollArg,
     #[command(flatten)]
-    out: AxisOut,
+    out: AxisWriter,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]

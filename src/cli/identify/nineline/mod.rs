@@ -8,9 +8,9 @@ use std::path::{Path, PathBuf};
 
 use super::case::{CaseArgs, print_json};
 use super::motion_curves::{CurveArgs, Origin, motions_json, names, print_motions};
-use crate::model_out::default_chain;
+use crate::arg_parsers::{above_zero, linear_axis, point};
+use crate::model_writer::default_chain;
 use crate::table::{nearest, open};
-use crate::values::{above_zero, linear_axis, point};
 use crate::{EX_DATAERR, Failure};
 use volcomp_identify::motion::MotionRow;
 use volcomp_identify::nineline::{LineReading, NineLine, solve};

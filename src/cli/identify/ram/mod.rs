@@ -9,9 +9,9 @@ use serde_json::{Value, json};
 
 use super::case::{CaseArgs, print_json};
 use super::motion_curves::{CurveArgs, Origin, in_print_units, motions_json, names, print_motions};
+use crate::arg_parsers::{above_zero, linear_axis, point};
 use crate::files::read_model;
-use crate::model_out::default_chain;
-use crate::values::{above_zero, linear_axis, point};
+use crate::model_writer::default_chain;
 use crate::{EX_DATAERR, Failure};
 use volcomp_identify::motion::MotionRow;
 use volcomp_identify::ram::{Head, Prior, RamFit, RamNoise, solve};

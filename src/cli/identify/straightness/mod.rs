@@ -1,17 +1,17 @@
 //! `volcomp identify straightness`: runs of a 6D interferometer, or plain straightness readings.
 
-pub(super) mod axis_out;
+pub(super) mod axis_writer;
 mod sign_file;
 
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use self::axis_out::{AxisOut, Measured, Origin, means};
+use self::axis_writer::{AxisWriter, Measured, Origin, means};
 use self::sign_file::{ChannelColumns, SetUp, SignFile, read_tilt_test};
 use super::case::{CaseArgs, CaseFile, print_json};
+use crate::arg_parsers::{linear_axis, point};
 use crate::files::write_text;
-use crate::values::{linear_axis, point};
 use crate::{EX_CONFIG, EX_DATAERR, Failure, table};
 use volcomp_identify::Reading;
 use volcomp_identify::straightness::signs::{Channel, SignTable, TiltFound};
@@ -68,7 +68,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     base_point_mm: Option<Vec3>,
     #[command(flatten)]
-    out: AxisOut,
+    out: AxisWriter,
 }
 
 #[derive(serde::Deserialize)]

@@ -8,9 +8,9 @@ use std::path::PathBuf;
 
 use super::case::{CaseArgs, print_json};
 use super::motion_curves::{CurveArgs, Origin, names};
-use super::observed::TrackerArgs;
-use crate::model_out::default_chain;
-use crate::values::{linear_axis, point};
+use super::tracker_points::TrackerArgs;
+use crate::arg_parsers::{linear_axis, point};
+use crate::model_writer::default_chain;
 use crate::{EX_DATAERR, Failure};
 use volcomp_identify::motion::to_relative;
 use volcomp_identify::threepoint::{Series, sides, solve_series};
@@ -121,7 +121,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// Distances between the points over all rows of all files.
-fn rigidity(args: &Args, frame: &super::observed::Frame) -> Result<(), Failure> {
+fn rigidity(args: &Args, frame: &super::tracker_points::Frame) -> Result<(), Failure> {
     let mut poses = Vec::new();
     let mut found: Vec<String> = Vec::new();
     for path in &args.data {

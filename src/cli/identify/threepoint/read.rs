@@ -2,7 +2,7 @@
 
 use std::path::Path;
 
-use crate::identify::observed::{Columns, Frame, TrackerArgs};
+use crate::identify::tracker_points::{Columns, Frame, TrackerArgs};
 use crate::table::{nearest, open};
 use crate::{EX_DATAERR, Failure};
 use volcomp_identify::threepoint::{Seen, Shot};

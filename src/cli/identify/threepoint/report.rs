@@ -3,7 +3,7 @@
 use serde_json::{Value, json};
 
 use crate::identify::motion_curves::{Origin, motions_json, print_motions};
-use crate::identify::observed::Frame;
+use crate::identify::tracker_points::Frame;
 use volcomp_identify::motion::Gauged;
 use volcomp_identify::threepoint::{SeriesFit, Sides};
 use volcomp_model::statistics::SIGNIFICANT;
@@ -152,7 +152,7 @@ impl Report<'_> {
                 "suspect_point": self.suspect().map(|s| s.0),
                 "suspect_lead": self.suspect().map(|s| s.1),
             },
-            "registration": self.frame.registered.as_ref().map(super::super::observed::Registered::json),
+            "registration": self.frame.registered.as_ref().map(super::super::tracker_points::Registered::json),
         })
     }
 }

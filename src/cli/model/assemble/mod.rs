@@ -1,7 +1,7 @@
 //! `model assemble`: several measurements into one model file, with a report of what agreed and where all came from.
 
 mod input;
-mod words;
+mod text_report;
 
 use std::path::PathBuf;
 
@@ -82,7 +82,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.out.as_os_str() == "-" {
         return Ok(());
     }
-    let report = words::Report { loaded: &loaded, done: &done, significance: options.significance };
+    let report = text_report::Report { loaded: &loaded, done: &done, significance: options.significance };
     if args.json {
         let mut json = report.as_json();
         json["out"] = args.out.display().to_string().into();

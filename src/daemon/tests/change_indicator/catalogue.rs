@@ -48,7 +48,7 @@ fn three_axes() -> Simulated {
     control.command(Command::SetGain(1.0));
     control.run(500);
     let now = control.now();
-    control.body.switch_model(now, model_of(&other), hash_of(&other)).expect("the same axes");
+    control.session.switch_model(now, model_of(&other), hash_of(&other)).expect("the same axes");
     control.run(700);
     control.command(Command::Disable);
     control.run(400);

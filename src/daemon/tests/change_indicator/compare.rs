@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 use std::fmt;
 
-use volcomp_daemon::{CycleBody, command_of, tap};
+use volcomp_daemon::{LinkSession, command_of, tap};
 use volcomp_protocol::Message;
 use volcomp_protocol::record::{Answer, Entry, LIVE_MAX};
 use volcomp_units::axes::AxisName;
@@ -29,29 +29,29 @@ pub(crate) fn replay(committed: &Committed) -> Vec<Entry> {
     };
     let machine = &committed.machine;
     let config = machine.config.engine_config(hello).expect("the hello fits the machine file");
-    let mut body = CycleBody::new(&config, machine.model.clone()).expect("an engine");
+    let mut session = LinkSession::new(&config, machine.model.clone()).expect("an engine");
     let (tap, recorded) = tap(2 * committed.entries.len());
-    body.record_to(tap, *now, hello);
+    session.record_to(tap, *now, hello);
     let mut replayed: Vec<Entry> = recorded.try_iter().collect();
     for entry in rest {
         match entry {
-            Entry::Cycle(cycle) => drop(body.handle(cycle.now, &Message::Position(cycle.frame))),
-            Entry::Deadline { now, .. } => drop(body.deadline(*now)),
-            Entry::Tool { now, tool } => drop(body.handle(*now, &Message::Tool(*tool))),
-            Entry::Request { now, request } => body.command(*now, command_of(*request).expect("known")),
-            Entry::LinkUp { now } => body.link_up(*now),
-            Entry::LinkDown { now } => body.link_down(*now),
+            Entry::Cycle(cycle) => drop(session.handle(cycle.now, &Message::Position(cycle.frame))),
+            Entry::Deadline { now, .. } => drop(session.deadline(*now)),
+            Entry::Tool { now, tool } => drop(session.handle(*now, &Message::Tool(*tool))),
+            Entry::Request { now, request } => session.command(*now, command_of(*request).expect("known")),
+            Entry::LinkUp { now } => session.link_up(*now),
+            Entry::LinkDown { now } => session.link_down(*now),
             Entry::Model { now, hash } => {
-                body.switch_model(*now, committed.models[hash].clone(), *hash).expect("the same axes");
+                session.switch_model(*now, committed.models[hash].clone(), *hash).expect("the same axes");
             }
             Entry::Live { now, told, values } => {
                 for channel in (0..LIVE_MAX).filter(|channel| told >> channel & 1 == 1) {
-                    body.live(*now, channel, values[channel]);
+                    session.live(*now, channel, values[channel]);
                 }
             }
             Entry::Engine { .. } | Entry::Gap { .. } => panic!("an entry that no recording here has"),
         }
-        body.tell();
+        session.record();
         // a deadline that was not due is not recorded
         let none = match entry {
             Entry::Deadline { now, .. } => Entry::Deadline { now: *now, enabled: false, answer: None },

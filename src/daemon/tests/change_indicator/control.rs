@@ -7,7 +7,7 @@ use std::sync::Arc;
 use crossbeam_channel::Receiver;
 use simulated_machine::motion::gcode::interpret;
 use simulated_machine::motion::{AxisSetup, Dynamics, MachineAxes, MotionCycle, MotionSource, Trajectory};
-use volcomp_daemon::{CycleBody, Reaction, tap};
+use volcomp_daemon::{LinkSession, Reaction, tap};
 use volcomp_engine::Command;
 use volcomp_protocol::record::Entry;
 use volcomp_protocol::{MachineState, Message, Position, Tool};
@@ -49,7 +49,7 @@ impl Noise {
 /// The control with the daemon's cycle on its link.
 #[derive(Debug)]
 pub(crate) struct Control {
-    pub(crate) body: CycleBody,
+    pub(crate) session: LinkSession,
     pub(crate) live: Option<LiveLoop>,
     /// The axes follow without a lag, and the encoders have no noise: a recording takes fewer bytes.
     pub(crate) ideal: bool,
@@ -81,13 +81,13 @@ impl Control {
             .expect("limits of a control");
         let hello = machine.hello();
         let config = machine.config.engine_config(&hello).expect("the hello fits the machine file");
-        let mut body = CycleBody::new(&config, Arc::clone(&machine.model)).expect("an engine");
+        let mut session = LinkSession::new(&config, Arc::clone(&machine.model)).expect("an engine");
         let (tap, entries) = tap(ENTRIES);
-        body.record_to(tap, MonoTime::ZERO, &hello);
-        body.link_up(MonoTime::ZERO);
-        body.command(MonoTime::ZERO, Command::Enable);
+        session.record_to(tap, MonoTime::ZERO, &hello);
+        session.link_up(MonoTime::ZERO);
+        session.command(MonoTime::ZERO, Command::Enable);
         Self {
-            body,
+            session,
             live: None,
             ideal: false,
             entries,
@@ -109,7 +109,7 @@ impl Control {
     }
 
     pub(crate) fn command(&mut self, command: Command) {
-        self.body.command(self.now(), command);
+        self.session.command(self.now(), command);
     }
 
     /// A tool whose tip is at `tip` in M, mm.
@@ -117,7 +117,7 @@ impl Control {
         if let Some(live) = &mut self.live {
             live.tool(&Tool { number, tip });
         }
-        assert_eq!(self.body.handle(self.now(), &Message::Tool(Tool { number, tip })), Reaction::Nothing);
+        assert_eq!(self.session.handle(self.now(), &Message::Tool(Tool { number, tip })), Reaction::Nothing);
     }
 
     /// So many ordinary cycles.
@@ -131,14 +131,14 @@ impl Control {
             let mut frame = self.next_frame();
             change(k, &mut frame);
             let now = self.now();
-            let answer = match self.body.handle(now, &Message::Position(frame)) {
+            let answer = match self.session.handle(now, &Message::Position(frame)) {
                 Reaction::Answer(correction) => Some(correction.offset),
                 _ => None,
             };
-            self.body.tell();
+            self.session.record();
             self.take(answer);
             if let Some(live) = &mut self.live {
-                live.after(now, &frame, &mut self.body);
+                live.after(now, &frame, &mut self.session);
             }
         }
     }
@@ -149,30 +149,30 @@ impl Control {
             let _ = self.next_frame();
             let now = self.now();
             let mut answer = None;
-            while let Some(due) = self.body.next_deadline().filter(|due| *due <= now) {
-                let Some(correction) = self.body.deadline(due) else { break };
+            while let Some(due) = self.session.next_deadline().filter(|due| *due <= now) {
+                let Some(correction) = self.session.deadline(due) else { break };
                 answer = Some(correction.offset);
-                self.body.tell();
+                self.session.record();
             }
-            self.body.tell();
+            self.session.record();
             self.take(answer);
         }
     }
 
     /// The link ends, and the next one begins some cycles later.
     pub(crate) fn new_link(&mut self, cycles: u32) {
-        self.body.link_down(self.now());
+        self.session.link_down(self.now());
         for _ in 0..cycles {
             let _ = self.next_frame();
             self.take(None);
         }
-        self.body.link_up(self.now());
+        self.session.link_up(self.now());
     }
 
     /// Everything that was recorded.
     pub(crate) fn finish(mut self) -> Vec<Entry> {
-        self.body.tell();
-        drop(self.body);
+        self.session.record();
+        drop(self.session);
         let entries: Vec<Entry> = self.entries.try_iter().collect();
         assert!(entries.len() < ENTRIES, "more entries than the queue holds");
         entries

@@ -2,9 +2,11 @@
 
 use std::sync::Arc;
 
-use volcomp_daemon::{CycleBody, EstimatorEnd, LiveEnd, Motion, live_ends};
+use volcomp_daemon::{EstimatorEnd, LinkSession, LiveEnd, Motion, live_ends};
 use volcomp_estimate::SensorClock;
-use volcomp_estimate::live::{Body, LiveEstimator, LiveModel, LiveTable, Moment, Reading, Seen, ToolReading};
+use volcomp_estimate::live::{
+    Body, LiveEstimator, LiveModel, LiveTable, MotionSample, Reading, Seen, ToolReading,
+};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::{Model, Pose};
 use volcomp_protocol::{Position, Tool};
@@ -77,14 +79,14 @@ impl LiveLoop {
     }
 
     /// What follows the answer to a frame on the cycle, and the estimator's share of that cycle.
-    pub(crate) fn after(&mut self, now: MonoTime, frame: &Position, body: &mut CycleBody) {
+    pub(crate) fn after(&mut self, now: MonoTime, frame: &Position, body: &mut LinkSession) {
         self.cycle_end.after(now, frame, body);
         let time_s = now.seconds_since(MonoTime::ZERO);
         for motion in self.estimator_end.motions.try_iter() {
             match motion {
                 Motion::At { now, control_ns, commanded, actual } => {
                     let at = self.clock.stamp(now, control_ns).at;
-                    self.estimator.on_motion(Moment { at, commanded, actual, tool_tip: self.tip });
+                    self.estimator.on_motion(MotionSample { at, commanded, actual, tool_tip: self.tip });
                 }
                 Motion::Tool([x, y, z]) => self.tip = Some(Vec3::new(x, y, z)),
                 Motion::Axes { .. } | Motion::Down => {}

@@ -227,7 +227,9 @@ impl Builder<'_> {
         if shapes.is_empty() || self.without.iter().any(|w| w.covers(&label)) {
             return;
         }
-        if BEYOND_ENCODERS.contains(&label.effect) && self.session.instruments.iter().all(|n| is_encoder(n)) {
+        let structural = BEYOND_ENCODERS.contains(&label.effect)
+            && !shapes.iter().any(|s| matches!(s, Shape::RotaryScale { .. }));
+        if structural && self.session.instruments.iter().all(|n| is_encoder(n)) {
             self.blind(&label, "the control's own encoders do not see the structure; measure at the tool");
             return;
         }

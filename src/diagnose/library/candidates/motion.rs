@@ -65,7 +65,7 @@ impl Builder<'_> {
 
     pub(super) fn dynamics(&mut self) {
         let moving: Vec<Axis> = Axis::LINEAR.into_iter().filter(|a| self.facts.moves[a.slot()]).collect();
-        if moving.is_empty() {
+        if moving.is_empty() && !self.facts.moves.contains(&true) {
             for effect in ["latency", "clock-skew"] {
                 self.blind(&Label::new(effect, ""), "no readings while an axis moves");
             }

@@ -59,6 +59,22 @@ impl Builder<'_> {
                     .map(|harmonics| Shape::RotaryEccentricity { frame: frame.clone(), harmonics })
                     .to_vec(),
             );
+            let lag = vec![Shape::RotaryLag { frame: frame.clone() }];
+            let label = Label::new("servo-mismatch", axis);
+            if self.facts.moves[axis.slot()] {
+                // alone in motion, it cannot be told from a delay of all axes
+                if self.facts.moves.iter().filter(|m| **m).count() == 1 {
+                    self.add(Kind::Machine, Label::new("latency", ""), lag.clone());
+                }
+                self.add(Kind::Machine, label, lag);
+            } else {
+                self.blind(&label, "no readings while the axis moves");
+            }
+            self.add(
+                Kind::Machine,
+                Label::new("scale", axis),
+                vec![Shape::RotaryScale { frame: frame.clone() }],
+            );
             if self.facts.reverses[axis.slot()] {
                 self.add(Kind::Machine, Label::new("backlash", axis), vec![Shape::RotaryBacklash { frame }]);
             }

@@ -125,8 +125,8 @@ impl Bench {
         for _ in 0..10 {
             self.ms += 1;
             let at = self.position(self.ms as f64);
-            let moment = Moment { at: self.now(), commanded: at, actual: at, tool_tip: None };
-            self.estimator.on_motion(moment);
+            let sample = MotionSample { at: self.now(), commanded: at, actual: at, tool_tip: None };
+            self.estimator.on_motion(sample);
         }
         if self.there {
             let mut pose = Pose::at(self.position(self.ms as f64 + self.delay_ms));
@@ -177,7 +177,7 @@ fn what_the_offline_map_does_not_know_is_learned_with_its_uncertainty() {
         assert!((used - truth).abs() < 4.0 * std + 0.2 * truth.abs(), "{c}: {used:e} {truth:e}");
     }
     let sensor = bench.sensor();
-    assert_eq!(sensor.standing, Standing::Good);
+    assert_eq!(sensor.status, SensorStatus::Good);
     assert!(sensor.noise_factor.unwrap().iter().all(|f| (f - 1.0).abs() < 0.1), "{sensor:?}");
     assert!((sensor.nis.unwrap() - 1.0).abs() < 0.25, "{sensor:?}");
     assert!((sensor.clock_offset_s.unwrap() - 5.0).abs() < 1e-9);
@@ -194,7 +194,7 @@ fn noise_stated_five_times_too_small_or_large_is_found() {
         bench.factor = factor;
         bench.run(2500);
         let sensor = bench.sensor();
-        assert_eq!(sensor.standing, Standing::Good, "{sensor:?}");
+        assert_eq!(sensor.status, SensorStatus::Good, "{sensor:?}");
         for (found, truth) in sensor.noise_factor.unwrap().iter().zip(factor) {
             assert!((found / truth - 1.0).abs() < 0.15, "{factor:?} {sensor:?}");
         }
@@ -234,7 +234,7 @@ fn outliers_are_left_out_and_a_sensor_that_lies_is_excluded_alarmed_and_comes_ba
     bench.run(3);
     bench.bias = 0.3;
     bench.run(8);
-    assert_eq!(bench.sensor().standing, Standing::Excluded(Trouble::Disagrees));
+    assert_eq!(bench.sensor().status, SensorStatus::Excluded(SensorFault::Disagrees));
     assert!(bench.map().alarm && !bench.map().is_static, "held first");
     bench.run(1100);
     assert!(bench.map().is_static, "given up for the static model");
@@ -244,7 +244,7 @@ fn outliers_are_left_out_and_a_sensor_that_lies_is_excluded_alarmed_and_comes_ba
     assert!((held[0][0] - before[0][0]).abs() < 2e-3, "nothing was learned from the lies: {held:?}");
     bench.bias = 0.0;
     bench.run(60);
-    assert_eq!(bench.sensor().standing, Standing::Good);
+    assert_eq!(bench.sensor().status, SensorStatus::Good);
     assert!(!bench.map().alarm && !bench.map().is_static);
 }
 
@@ -254,22 +254,22 @@ fn a_silent_or_frozen_sensor_a_step_and_a_clock_are_told_by_name() {
     bench.run(200);
     bench.there = false;
     bench.run(60);
-    assert_eq!(bench.sensor().standing, Standing::Excluded(Trouble::Silent));
+    assert_eq!(bench.sensor().status, SensorStatus::Excluded(SensorFault::Silent));
     bench.there = true;
     bench.run(400);
-    assert_eq!(bench.sensor().standing, Standing::Good);
+    assert_eq!(bench.sensor().status, SensorStatus::Good);
     bench.bias = 0.5;
     bench.run(3);
-    assert_eq!(bench.sensor().standing, Standing::Excluded(Trouble::Jump));
+    assert_eq!(bench.sensor().status, SensorStatus::Excluded(SensorFault::Jump));
     bench.bias = 0.0;
     bench.run(400);
-    assert_eq!(bench.sensor().standing, Standing::Good);
+    assert_eq!(bench.sensor().status, SensorStatus::Good);
     for skew_ms in [50, 0] {
         bench.skew_ms = skew_ms;
         bench.run(1);
-        assert_eq!(bench.sensor().standing, Standing::Excluded(Trouble::Clock), "{skew_ms}");
+        assert_eq!(bench.sensor().status, SensorStatus::Excluded(SensorFault::Clock), "{skew_ms}");
         bench.run(400);
-        assert_eq!(bench.sensor().standing, Standing::Good, "{:?}", bench.sensor());
+        assert_eq!(bench.sensor().status, SensorStatus::Good, "{:?}", bench.sensor());
     }
 }
 
@@ -318,10 +318,10 @@ fn a_covariance_and_points_say_the_same_as_a_pose() {
     by_pose.run(60);
     let spec = model_spec();
     let model = Model::new(&spec).unwrap();
-    let moment = by_pose.estimator.history.newest().copied().unwrap();
+    let sample = by_pose.estimator.history.newest().copied().unwrap();
     let channels: Vec<usize> = (0..6).collect();
-    let expected = Expected::new(&model, &moment, &[0.0; SENSORS_MAX], &channels);
-    let mut pose = Pose::at(moment.commanded);
+    let expected = Expected::new(&model, &sample, &[0.0; SENSORS_MAX], &channels);
+    let mut pose = Pose::at(sample.commanded);
     pose.live[..6].copy_from_slice(&RAM);
     let (deviation, nominal) = (model.deviation(&pose), model.nominal_tool(&pose));
     let points = [Vec3::zeros(), Vec3::new(0.0, 0.0, 150.0), Vec3::new(80.0, 0.0, 60.0)].map(|offset| {
@@ -357,15 +357,16 @@ fn a_covariance_and_points_say_the_same_as_a_pose() {
 #[test]
 fn an_applied_offset_is_no_error_of_the_machine() {
     let model = Model::new(&model_spec()).unwrap();
-    let mut moment = Moment { at: MonoTime::ZERO, commanded: [100.0; 8], actual: [100.0; 8], tool_tip: None };
-    moment.commanded[3..].fill(0.3);
-    moment.actual = moment.commanded;
-    moment.actual[0] += 0.05;
-    moment.actual[4] += 1e-4;
-    let expected = Expected::new(&model, &moment, &[0.0; SENSORS_MAX], &[]);
+    let mut sample =
+        MotionSample { at: MonoTime::ZERO, commanded: [100.0; 8], actual: [100.0; 8], tool_tip: None };
+    sample.commanded[3..].fill(0.3);
+    sample.actual = sample.commanded;
+    sample.actual[0] += 0.05;
+    sample.actual[4] += 1e-4;
+    let expected = Expected::new(&model, &sample, &[0.0; SENSORS_MAX], &[]);
     let at = |position| model.nominal_tool(&Pose::at(position));
-    let deviation = model.deviation(&Pose::at(moment.commanded));
-    let seen = at(moment.actual).tip + deviation.position - at(moment.commanded).tip;
+    let deviation = model.deviation(&Pose::at(sample.commanded));
+    let seen = at(sample.actual).tip + deviation.position - at(sample.commanded).tip;
     let std = crate::live::rows::DefaultStd { mm: 0.01, rad: 1e-5 };
     let tool = ToolReading { tip: Seen::Deviation(seen), direction: None, covariance: None };
     assert!(expected.gap(&Body::Tool(tool), std).rows.iter().all(|row| row.value.abs() < 1e-9));
@@ -397,13 +398,13 @@ fn a_direction_that_points_the_other_way_is_refused_by_name() {
     let before = bench.middle();
     bench.reversed = true;
     bench.run(100);
-    assert_eq!(bench.sensor().standing, Standing::Excluded(Trouble::Reversed));
+    assert_eq!(bench.sensor().status, SensorStatus::Excluded(SensorFault::Reversed));
     for (a, b) in before.iter().zip(bench.middle()) {
         assert!((a[0] - b[0]).abs() < 1e-5, "nothing was learned from it: {a:?} {b:?}");
     }
     bench.reversed = false;
     bench.run(400);
-    assert_eq!(bench.sensor().standing, Standing::Good);
+    assert_eq!(bench.sensor().status, SensorStatus::Good);
 }
 
 #[test]
@@ -418,12 +419,12 @@ fn a_value_in_the_unit_of_another_quantity_is_refused_by_name() {
         let now = MonoTime::from_ns(ms * 1_000_000);
         let body = Body::Value { value: 1e-5 + 1e-9 * ms as f64, unit };
         it.on_reading(now, sensor, &Reading { stamp_ns: now.ns, quality: 1.0, body });
-        it.standings().map(|(_, standing)| standing).collect::<Vec<_>>()[sensor]
+        it.sensor_statuses().map(|(_, status)| status).collect::<Vec<_>>()[sensor]
     };
     for (sensor, own, other) in [(0, Kind::Angle, Kind::Length), (1, Kind::Length, Kind::Angle)] {
-        assert_eq!(say(&mut it, 10, sensor, Some(own)), Standing::Good);
-        assert_eq!(say(&mut it, 20, sensor, None), Standing::Good, "binary messages name no unit");
-        assert_eq!(say(&mut it, 30, sensor, Some(other)), Standing::Excluded(Trouble::Kind));
+        assert_eq!(say(&mut it, 10, sensor, Some(own)), SensorStatus::Good);
+        assert_eq!(say(&mut it, 20, sensor, None), SensorStatus::Good, "binary messages name no unit");
+        assert_eq!(say(&mut it, 30, sensor, Some(other)), SensorStatus::Excluded(SensorFault::Kind));
     }
     assert!(it.table(MonoTime::from_ns(40_000_000)).sources.iter().all(|s| *s == Source::None));
 }
@@ -451,8 +452,13 @@ fn a_second_sensor_that_contradicts_is_told_and_the_first_goes_on() {
         bench.estimator.tick(bench.now());
     }
     let health = bench.estimator.health(bench.now());
-    assert_eq!(health.sensors[0].standing, Standing::Good);
-    assert_eq!(health.sensors[1].standing, Standing::Excluded(Trouble::Disagrees), "{:?}", health.sensors[1]);
+    assert_eq!(health.sensors[0].status, SensorStatus::Good);
+    assert_eq!(
+        health.sensors[1].status,
+        SensorStatus::Excluded(SensorFault::Disagrees),
+        "{:?}",
+        health.sensors[1]
+    );
     assert!(health.maps[0].alarm && health.maps[0].taught && !health.maps[0].is_static, "told");
     bench.run(1500);
     assert!(!bench.map().is_static, "the first one agrees with the map");
@@ -494,7 +500,7 @@ fn what_is_larger_than_its_limit_is_told() {
         "{:?}",
         bench.map().largest
     );
-    assert!(bench.estimator.map_states().all(|(_, standing)| standing.limited));
+    assert!(bench.estimator.map_states().all(|(_, status)| status.limited));
 }
 
 #[test]
@@ -506,7 +512,7 @@ fn a_poisoned_beginning_does_not_lock_an_honest_sensor_out() {
     bench.run(2);
     bench.bias = 0.0;
     bench.run(9000);
-    assert_eq!(bench.sensor().standing, Standing::Good, "{:?}", bench.sensor());
+    assert_eq!(bench.sensor().status, SensorStatus::Good, "{:?}", bench.sensor());
     for (c, ([value, ..], truth)) in bench.middle().into_iter().zip(RAM).enumerate() {
         assert!((value - truth).abs() < if c < 3 { 3e-3 } else { 4e-6 }, "{c}: {value:e} {truth:e}");
     }

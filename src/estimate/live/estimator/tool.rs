@@ -6,7 +6,7 @@ use super::super::rows::Expected;
 use super::super::sensor::{SensorState, Stage, judged};
 use super::super::spec::SensorKind;
 use super::LiveEstimator;
-use crate::{NodePlace, Row, Trouble, Window, whiten};
+use crate::{NodePlace, Row, SensorFault, Window, whiten};
 use volcomp_model::Pose;
 use volcomp_model::units::MonoTime;
 
@@ -22,7 +22,7 @@ impl LiveEstimator {
         let mut others = self.sensors.iter().enumerate().filter(|(k, s)| {
             *k != sensor && s.spec.kind == SensorKind::Tool { map } && s.stage == Stage::Used
         });
-        others.all(|(_, s)| s.trust.has_proven(now))
+        others.all(|(_, s)| s.probation.has_proven(now))
     }
 
     pub(super) fn on_tool(
@@ -38,31 +38,31 @@ impl LiveEstimator {
         let (Some(state), Some(map)) = (self.sensors.get_mut(sensor), self.maps.get_mut(map)) else { return };
         let [delay, _] = map.map.delay(state.number);
         let at = when.0.plus_seconds(delay);
-        let Some(moment) = self.history.at(at) else {
+        let Some(sample) = self.history.at(at) else {
             state.without_position += 1;
             state.supervisor.hear(now);
             return;
         };
         let tool = |seconds: f64| {
-            let moment = self.history.at(at.plus_seconds(seconds))?;
+            let sample = self.history.at(at.plus_seconds(seconds))?;
             let nominal =
-                |position| self.model.nominal_tool(&Pose { tool_tip: moment.tool_tip, ..Pose::at(position) });
-            Some((moment.at, [nominal(moment.actual), nominal(moment.commanded)]))
+                |position| self.model.nominal_tool(&Pose { tool_tip: sample.tool_tip, ..Pose::at(position) });
+            Some((sample.at, [nominal(sample.actual), nominal(sample.commanded)]))
         };
-        let mut expected = Expected::new(&self.model, &moment, &live, &map.channels);
+        let mut expected = Expected::new(&self.model, &sample, &live, &map.channels);
         if let Some((from, to)) = tool(-SPEED_S).zip(tool(SPEED_S)) {
             expected = expected.moving(&from.1, &to.1, to.0.seconds_since(from.0));
         }
         let gap = expected.gap(&reading.body, state.std());
         if gap.reversed {
-            state.refuse(now, Trouble::Reversed);
+            state.refuse(now, SensorFault::Reversed);
             return;
         }
         if !state.judge(now, when, reading, &judged(&gap)) {
             return;
         }
         map.predict(at);
-        let linear = self.linear.map(|k| k.map_or(0.0, |k| moment.commanded[k]));
+        let linear = self.linear.map(|k| k.map_or(0.0, |k| sample.commanded[k]));
         let place = map.map.place(linear);
         // while it is only looked at, what is stated is all that is known about its noise
         let used = state.stage == Stage::Used;
@@ -78,7 +78,7 @@ impl LiveEstimator {
         };
         let rows: Vec<Row> = gap.rows.iter().map(row).collect();
         let Some(rows) = whiten(&rows, &gap.covariance) else {
-            state.refuse(now, Trouble::Range);
+            state.refuse(now, SensorFault::Range);
             return;
         };
         use_rows(now, state, map, proven, (&place, &rows));
@@ -95,20 +95,20 @@ fn use_rows(
     (place, rows): Placed<'_>,
 ) {
     let gate = map.spec.gate;
-    let glances = map.map.innovations(state.number, place, rows);
-    if let Stage::Acquainting(acquaintance) = &mut state.stage {
-        if state.trust.rests_s(now).is_some() {
+    let samples = map.map.innovations(state.number, place, rows);
+    if let Stage::Initialising(initialisation) = &mut state.stage {
+        if state.probation.rests_s(now).is_some() {
             return;
         }
-        let Some(opinion) = acquaintance.add(&glances) else { return };
-        if state.meet(now, &opinion, gate) {
+        let Some(assessment) = initialisation.add(&samples) else { return };
+        if state.meet(now, &assessment, gate) {
             state.supervisor.reinstate(now);
             // what it is going to teach can be taken back
             if proven || !map.has_checkpoint() {
                 map.begin_probation(now);
             }
         } else {
-            state.supervisor.exclude(now, Trouble::Disagrees);
+            state.supervisor.exclude(now, SensorFault::Disagrees);
             map.alarm.get_or_insert(now);
         }
         return;
@@ -133,10 +133,10 @@ fn use_rows(
     state.learn_noise(&noise);
     state.note_used(&used);
     map.touched();
-    match state.trust.used(now, &glances, before) {
+    match state.probation.used(now, &samples, before) {
         Window::Contradicts => contradict(now, state, map, true),
         Window::Quiet if proven => {
-            if let Some(for_s) = state.trust.right_for_s(now) {
+            if let Some(for_s) = state.probation.right_for_s(now) {
                 map.seems_right(now, for_s);
             }
         }
@@ -147,9 +147,9 @@ fn use_rows(
 /// A sensor in use contradicts its map.
 fn contradict(now: MonoTime, state: &mut SensorState, map: &mut MapState, persists: bool) {
     // of one that has proven itself nothing was learned that was beyond the gate
-    let taught_wrong = persists || !state.trust.has_proven(now);
-    state.trust.contradicts(now, persists);
-    state.supervisor.exclude(now, Trouble::Disagrees);
+    let taught_wrong = persists || !state.probation.has_proven(now);
+    state.probation.contradicts(now, persists);
+    state.supervisor.exclude(now, SensorFault::Disagrees);
     state.get_to_know();
     if taught_wrong {
         map.take_back(now);

@@ -1,0 +1,75 @@
+//! Parsers of option values: axes, points, numbers.
+
+use volcomp_daemon::socket::check_reason;
+use volcomp_formats::text::finite;
+use volcomp_model::geometry::Vec3;
+use volcomp_units::axes::{AxisKind, AxisName};
+
+/// An axis by its letter.
+pub(super) fn axis_letter(text: &str) -> Result<AxisName, String> {
+    let mut letters = text.chars();
+    match (letters.next().and_then(AxisName::from_letter), letters.next()) {
+        (Some(axis), None) => Ok(axis),
+        _ => Err(format!("'{text}' is no axis; axes are x y z u v w a b c s")),
+    }
+}
+
+/// A linear axis by its letter.
+pub(super) fn linear_axis(text: &str) -> Result<AxisName, String> {
+    axis_letter(text)
+        .ok()
+        .filter(|axis| axis.kind() == AxisKind::Linear)
+        .ok_or_else(|| format!("'{text}' is no linear axis; they are x y z u v w"))
+}
+
+/// Numbers with commas between them.
+pub(super) fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
+    let list: Option<Vec<f64>> = text.split(',').map(|t| finite(t.trim())).collect();
+    list?.try_into().ok()
+}
+
+/// Three numbers in mm.
+pub(super) fn point(text: &str) -> Result<Vec3, String> {
+    numbers::<3>(text)
+        .map(Vec3::from)
+        .ok_or_else(|| format!("'{text}' is no point; write three finite numbers in mm, such as 0,250,-120"))
+}
+
+/// A reason or a name for the audit log.
+pub(super) fn reason(text: &str) -> Result<String, String> {
+    check_reason(text).map(|()| text.to_owned())
+}
+
+/// A finite number.
+pub(super) fn number(text: &str) -> Result<f64, String> {
+    finite(text.trim()).ok_or_else(|| format!("'{text}' is not a finite number"))
+}
+
+/// A finite number from 0 up.
+pub(super) fn not_negative(text: &str) -> Result<f64, String> {
+    number(text)
+        .ok()
+        .filter(|v| *v >= 0.0)
+        .ok_or_else(|| format!("'{text}' is not a finite number from 0 up"))
+}
+
+/// A finite number above 0.
+pub(super) fn above_zero(text: &str) -> Result<f64, String> {
+    number(text).ok().filter(|v| *v > 0.0).ok_or_else(|| format!("'{text}' is not a finite number above 0"))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_stands_on_command_lines() {
+        assert_eq!(axis_letter("C"), Ok(AxisName::C));
+        assert_eq!(linear_axis("y"), Ok(AxisName::Y));
+        assert!(axis_letter("xy").is_err() && axis_letter("").is_err() && linear_axis("c").is_err());
+        assert_eq!(point("0, 250,-120"), Ok(Vec3::new(0.0, 250.0, -120.0)));
+        assert!(point("1,2").is_err() && point("1,2,3,4").is_err() && point("1,2,nan").is_err());
+        assert_eq!((above_zero("0.5"), not_negative("0")), (Ok(0.5), Ok(0.0)));
+        assert!(above_zero("0").is_err() && not_negative("-1").is_err() && number("inf").is_err());
+    }
+}

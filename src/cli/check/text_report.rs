@@ -1,0 +1,313 @@
+//! Text and JSON of `check`: contents of a machine or model file, and remarks on what is allowed but unusual.
+
+use serde_json::{Value, json};
+
+use crate::identity;
+use crate::model::gauge;
+use volcomp_config::model::kind_of;
+use volcomp_config::{MachineConfig, ModelFile};
+use volcomp_estimate::Thermal;
+use volcomp_model::spec::{ModelSpec, Sense};
+use volcomp_model::{ErrorFunction, ErrorSymbol, Side};
+use volcomp_units::axes::{AxisKind, AxisName, Travel};
+use volcomp_units::{arcsec_from_rad, deg_from_rad, um_from_mm};
+
+pub(crate) const fn offset_unit(axis: AxisName) -> &'static str {
+    match axis.kind() {
+        AxisKind::Linear => "um",
+        AxisKind::Rotary => "arcsec",
+    }
+}
+
+pub(crate) fn offset_out(axis: AxisName, v: f64) -> f64 {
+    match axis.kind() {
+        AxisKind::Linear => rounded(um_from_mm(v)),
+        AxisKind::Rotary => rounded(arcsec_from_rad(v)),
+    }
+}
+
+pub(crate) const fn position_unit(axis: AxisName) -> &'static str {
+    match axis.kind() {
+        AxisKind::Linear => "mm",
+        AxisKind::Rotary => "deg",
+    }
+}
+
+pub(crate) fn position_out(axis: AxisName, v: f64) -> f64 {
+    match axis.kind() {
+        AxisKind::Linear => rounded(v),
+        AxisKind::Rotary => rounded(deg_from_rad(v)),
+    }
+}
+
+/// Without the last digits that a conversion leaves behind.
+pub(crate) fn rounded(v: f64) -> f64 {
+    // adding zero turns -0 into 0
+    (v * 1e6).round() / 1e6 + 0.0
+}
+
+pub(super) fn describe_machine(lines: &mut Vec<String>, machine: &MachineConfig) {
+    lines.push(format!(
+        "  machine {}, control at {}{}, cycle {} ms",
+        machine.machine,
+        machine.link.address,
+        identity::protection(machine),
+        rounded(machine.link.cycle_s * 1e3)
+    ));
+    for axis in &machine.axes {
+        let (name, unit) = (axis.name, offset_unit(axis.name));
+        lines.push(format!(
+            "  axis {name}: offset up to {} {unit}, warning at {} {unit}, {} {unit}/s, {} {unit}/s^2",
+            offset_out(name, axis.limits.size),
+            offset_out(name, axis.limits.warning),
+            offset_out(name, axis.limits.rate),
+            offset_out(name, axis.limits.acceleration),
+        ));
+    }
+}
+
+pub(super) fn describe_model(lines: &mut Vec<String>, file: &ModelFile) {
+    let model = &file.spec;
+    lines.push(format!("  model of {}, chain {}", model.machine, model.chain));
+    for axis in model.chain.axes() {
+        let spec = model.axis(axis.name);
+        let unit = position_unit(axis.name);
+        let travel = spec.travel.map(|t| t.map(|v| position_out(axis.name, v)));
+        let mut line = match travel {
+            Some([low, high]) => format!("  axis {}: travel {low} to {high} {unit}", axis.name),
+            None => format!("  axis {}: travel not stated", axis.name),
+        };
+        if axis.side == Side::Workpiece {
+            line.push_str(", workpiece side");
+        }
+        if axis.spindle {
+            line.push_str(", spindle");
+        }
+        if spec.sense == Sense::Carriage {
+            line.push_str(", errors in the carriage's own sense");
+        }
+        lines.push(line);
+    }
+    lines.push(match model.errors.len() {
+        0 => "  no errors: nothing will be corrected".to_owned(),
+        1 => "  1 error:".to_owned(),
+        n => format!("  {n} errors:"),
+    });
+    for (symbol, function) in &model.errors {
+        let size = Size::of(*symbol, function, model);
+        let kinds = kinds_of(function);
+        let range = size.range.map_or(String::new(), |[low, high]| {
+            format!(", {low} to {high} {}", position_unit(symbol.axis()))
+        });
+        lines.push(format!(
+            "    {:<5} {:<18} {:>9.2} to {:>8.2} {}{range}",
+            symbol.to_string().to_lowercase(),
+            kinds.join(" + "),
+            size.low,
+            size.high,
+            size.unit
+        ));
+    }
+    for thermal in &file.thermal {
+        lines.push(format!(
+            "  thermal {}: {} from {} terms of {}",
+            thermal.name,
+            if thermal.expansion { "expansion" } else { "growth" },
+            thermal.terms(),
+            sensors_of(thermal).join(", ")
+        ));
+    }
+    lines.extend(model_notes(file).into_iter().map(|n| format!("  note: {n}")));
+    lines.extend(gauge::lines(model).into_iter().map(|l| format!("  {l}")));
+}
+
+/// The sensors of a growth, each once.
+fn sensors_of(thermal: &Thermal) -> Vec<&str> {
+    let mut names: Vec<&str> = thermal.inputs.iter().map(|i| i.sensor.as_str()).collect();
+    names.dedup();
+    names
+}
+
+pub(super) fn model_as_json(file: &ModelFile) -> Value {
+    let model = &file.spec;
+    let thermal: Vec<Value> = file
+        .thermal
+        .iter()
+        .map(|t| json!({"name": t.name, "expansion": t.expansion, "terms": t.terms(), "sensors": sensors_of(t)}))
+        .collect();
+    let errors: Vec<Value> = model
+        .errors
+        .iter()
+        .map(|(symbol, function)| {
+            let size = Size::of(*symbol, function, model);
+            json!({
+                "symbol": symbol.to_string().to_lowercase(),
+                "kinds": kinds_of(function),
+                format!("range_{}", position_unit(symbol.axis())): size.range,
+                format!("lowest_{}", size.unit): size.low,
+                format!("highest_{}", size.unit): size.high,
+            })
+        })
+        .collect();
+    let axes: Vec<Value> = model
+        .chain
+        .axes()
+        .iter()
+        .map(|axis| {
+            let travel = model.axis(axis.name).travel.map(|t| t.map(|v| position_out(axis.name, v)));
+            json!({
+                "axis": axis.name.lower().to_string(),
+                "workpiece_side": axis.side == Side::Workpiece,
+                "spindle": axis.spindle,
+                format!("travel_{}", position_unit(axis.name)): travel,
+            })
+        })
+        .collect();
+    json!({
+        "machine": model.machine,
+        "chain": model.chain.to_string(),
+        "axes": axes,
+        "errors": errors,
+        "thermal": thermal,
+        "gauge": gauge::as_json(model),
+    })
+}
+
+/// Bounds of an error over its range, for people: curves sampled, extremes of grids added, in the unit of the file.
+pub(crate) struct Size {
+    pub(crate) range: Option<[f64; 2]>,
+    pub(crate) low: f64,
+    pub(crate) high: f64,
+    pub(crate) unit: &'static str,
+}
+
+impl Size {
+    const SAMPLES: u32 = 2000;
+
+    pub(crate) fn of(symbol: ErrorSymbol, function: &ErrorFunction, model: &ModelSpec) -> Self {
+        let range = widest(function);
+        let [start, end] = range.or(model.axis(symbol.axis()).travel).unwrap_or([0.0, 0.0]);
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for i in 0..=Self::SAMPLES {
+            let x = start + (end - start) * f64::from(i) / f64::from(Self::SAMPLES);
+            for travel in [Travel::Forward, Travel::Reverse] {
+                let v = function.value(x, travel);
+                (low, high) = (low.min(v), high.max(v));
+            }
+        }
+        // the extremes of a grid stand at its points
+        for grid in &function.grids {
+            low += grid.values().iter().copied().fold(f64::INFINITY, f64::min);
+            high += grid.values().iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        }
+        let (unit, out): (_, fn(f64) -> f64) =
+            if symbol.is_angle() { ("arcsec", arcsec_from_rad) } else { ("um", um_from_mm) };
+        let range = range.map(|r| r.map(|v| position_out(symbol.axis(), v)));
+        Self { range, low: rounded(out(low)), high: rounded(out(high)), unit }
+    }
+}
+
+/// The kinds of the terms of an error.
+pub(crate) fn kinds_of(function: &ErrorFunction) -> Vec<&'static str> {
+    let grids = function.grids.iter().map(|_| "grid");
+    let live = function.live.iter().map(|_| "live");
+    function.curves.iter().map(kind_of).chain(grids).chain(live).collect()
+}
+
+/// The range that any curve covers.
+fn widest(function: &ErrorFunction) -> Option<[f64; 2]> {
+    let ranges = function.curves.iter().filter_map(|c| c.range());
+    ranges.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
+}
+
+/// What is allowed but worth knowing about a machine file and its model.
+pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<String> {
+    let model = &file.spec;
+    let mut out: Vec<String> = machine
+        .uncorrected_axes(model)
+        .into_iter()
+        .map(|axis| {
+            format!("axis {axis} is in the chain but has no [axes.{}]: it is never offset", axis.lower())
+        })
+        .collect();
+    let ladder_s = machine.engine.stale_s + machine.engine.hold_s + machine.engine.ramp_s;
+    if machine.link.silence_s < ladder_s {
+        out.push(format!(
+            "link.silence-s {} s ends before stale-ms, hold-s and ramp-s together ({ladder_s} s): of a silent control the \
+             offset is then taken out by the control itself",
+            machine.link.silence_s
+        ));
+    }
+    let used: Vec<&str> = file.growths_in_use().map(|t| t.name.as_str()).collect();
+    if machine.sensors.spec.sensors.is_empty() && !used.is_empty() {
+        out.push(format!(
+            "thermal {} stays zero: the machine file lists no [[sensor]] for its temperatures and speeds",
+            used.join(", ")
+        ));
+    }
+    if machine.link.is_exposed() {
+        out.push(identity::exposed(machine));
+    }
+    for axis in machine.axes.iter().filter(|a| a.soft_limits.iter().all(|end| end.is_infinite())) {
+        out.push(format!(
+            "axis {} has no {}: nothing here keeps its offset from carrying it over a soft limit of the machine; the control \
+             has to",
+            axis.name,
+            if axis.name.kind() == AxisKind::Rotary { "soft-limit-deg" } else { "soft-limit-mm" }
+        ));
+    }
+    for axis in &machine.axes {
+        // the largest offset that positioning alone asks for must fit below the limit
+        let positioning = model.errors.iter().find(|(s, _)| {
+            matches!(s, ErrorSymbol::Motion { .. })
+                && s.axis() == axis.name
+                && s.component().index()
+                    == axis.name.direction() + 3 * usize::from(axis.name.kind() == AxisKind::Rotary)
+        });
+        if let Some((symbol, function)) = positioning {
+            let size = Size::of(*symbol, function, model);
+            let largest = size.low.abs().max(size.high.abs());
+            let limit = offset_out(axis.name, axis.limits.size);
+            if largest > limit {
+                out.push(format!(
+                    "{symbol} alone reaches {largest} {unit}, above the limit of {limit} {unit} of axis {}: it will be cut off",
+                    axis.name,
+                    unit = size.unit
+                ));
+            }
+        }
+    }
+    out
+}
+
+/// What is allowed but worth knowing about a model.
+pub(super) fn model_notes(file: &ModelFile) -> Vec<String> {
+    let model = &file.spec;
+    let mut out = Vec::new();
+    for thermal in file.thermal.iter().filter(|t| !model.sensors().contains(&t.name.as_str())) {
+        out.push(format!(
+            "thermal {name} is told to no error: add [errors.SYMBOL.live] with sensor = \"{name}\"",
+            name = thermal.name
+        ));
+    }
+    for (symbol, function) in &model.errors {
+        let spec = model.axis(symbol.axis());
+        let (Some(travel), Some(mut covered)) = (spec.travel, function.range()) else { continue };
+        if spec.sense == Sense::Carriage && model.is_workpiece_side(symbol.axis()) {
+            covered = [-covered[1], -covered[0]];
+        }
+        let slack = 1e-9 * (travel[1] - travel[0]);
+        if covered[0] > travel[0] + slack || covered[1] < travel[1] - slack {
+            let unit = position_unit(symbol.axis());
+            let [from, to] = covered.map(|v| position_out(symbol.axis(), v));
+            let [low, high] = travel.map(|v| position_out(symbol.axis(), v));
+            out.push(format!(
+                "{symbol} covers {from} to {to} {unit} of the travel {low} to {high} {unit}; beyond, its end value is held"
+            ));
+        }
+    }
+    for axis in model.chain.axes().iter().filter(|a| !a.spindle && model.axis(a.name).travel.is_none()) {
+        out.push(format!("axis {} has no travel, so leaving it cannot be noticed", axis.name));
+    }
+    out
+}

@@ -1,0 +1,205 @@
+//! Text of `diagnose` on stdout: the summary, the effects, what a plan can detect.
+
+use std::collections::BTreeMap;
+use std::path::Path;
+
+use crate::{EX_USAGE, Failure, exit};
+use volcomp_diagnose::Diagnosis;
+use volcomp_diagnose::library::{Kind, PAGES, page};
+use volcomp_diagnose::plan::PlanReport;
+use volcomp_diagnose::report::Cause;
+
+use super::terms::{
+    Compensable, Shares, count, headline, name, parameters, peak_to_valley, percent, remedy, um,
+    with_uncertainty,
+};
+
+/// Drift below this share of the noise hides nothing.
+const DRIFT_TOLD: f64 = 0.1;
+
+const fn kind(kind: Kind) -> &'static str {
+    match kind {
+        Kind::Machine => "machine",
+        Kind::Instrument => "instrument",
+        Kind::Stochastic => "stochastic",
+    }
+}
+
+/// All effects in a line each, or the page of one.
+pub(super) fn list_effects(name: &str) -> Result<(), Failure> {
+    if name.is_empty() {
+        for p in PAGES {
+            let subject = if p.subject.is_empty() { String::new() } else { format!(":<{}>", p.subject) };
+            say!("{:38} {:10} {}", format!("{}{subject}", p.effect), kind(p.kind), p.cause);
+        }
+        say!();
+        say!(
+            "volcomp diagnose --list-effects NAME explains one; synonyms count, such as {}.",
+            "ram-sag or pige"
+        );
+        return Ok(());
+    }
+    let stem = name.split(':').next().unwrap_or(name).to_ascii_lowercase();
+    let Some(p) = page(&stem) else {
+        let names: Vec<&str> = PAGES.iter().map(|p| p.effect).collect();
+        return Err(Failure::new(
+            EX_USAGE,
+            format_args!("error: --list-effects {name}: no such effect; effects are {}", names.join(", ")),
+        ));
+    };
+    say!("{}{}", p.effect, if p.subject.is_empty() { String::new() } else { format!(":<{}>", p.subject) });
+    say!("  also called     {}", p.synonyms.split(' ').collect::<Vec<_>>().join(", "));
+    say!("  kind            {}", kind(p.kind));
+    say!("  cause           {}", p.cause);
+    say!("  formula         {}", p.formula);
+    say!("  looks like      {}", p.looks_like);
+    say!("  confused with   {}", p.confused_with);
+    say!("  settled by      {}", p.settles);
+    Ok(())
+}
+
+/// Causes that are not established and are listed on stdout, at most.
+const CANDIDATES: usize = 5;
+/// Width of the column of names.
+const NAME: usize = 44;
+
+/// The report in a few lines.
+pub(super) fn summary(
+    found: &Diagnosis,
+    compensable: &Compensable,
+    out: Option<&Path>,
+) -> Result<(), Failure> {
+    let r = &found.report;
+    say!("{}: {}", r.verdict.words(), headline(r));
+    say!("{} of {} used", r.rows_used, count(r.rows, "reading"));
+    table(found, compensable);
+    if let Some(f) = &r.fresh {
+        say!(
+            "observed on fresh data: {} -> {} µm RMS, {} less",
+            um(f.rms_before_um),
+            um(f.rms_after_um),
+            percent(f.fraction)
+        );
+    }
+    for n in r.noise.iter().filter(|n| n.drift_um > DRIFT_TOLD * n.white_um) {
+        say!(
+            "drift of {}: {} µm over {:.0} s, noise {} µm; slow effects may be hidden by it",
+            n.instrument,
+            um(n.drift_um),
+            n.drift_s,
+            um(n.white_um)
+        );
+    }
+    for p in r.places.iter().take(4) {
+        let of = if p.of.is_empty() { String::new() } else { format!(" {}", p.of) };
+        say!("where: {}{of}, {} of the structured gap ({})", p.by, percent(p.share), p.detail);
+    }
+    if r.unexplained.significant {
+        say!("unexplained: {} µm RMS; {}", um(r.unexplained.rms_um), r.unexplained.looks_like);
+    }
+    for o in r.outlying_readings.iter().take(6) {
+        say!("outlier left out: {}, {} µm from its repeats", o.at, um(o.apart_um));
+    }
+    for n in r.next_measurement.iter().take(2) {
+        say!("next measurement, about {:.0} min: {}; it {}", n.minutes, n.action, n.decides);
+    }
+    let mut reasons: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
+    for u in &r.cannot_be_seen {
+        reasons.entry(&u.because).or_default().push(&u.effect);
+    }
+    for (because, effects) in reasons {
+        say!("not identifiable: {} ({because})", effects.join(", "));
+    }
+    for n in &r.notes {
+        say!("note: {n}");
+    }
+    if let Some(out) = out {
+        say!("written: {}", out.join("report.html").display());
+    }
+    Ok(())
+}
+
+/// Causes with size, share, probability and remedy, then what is left.
+fn table(found: &Diagnosis, compensable: &Compensable) {
+    let r = &found.report;
+    let shares = Shares::of(&found.budget);
+    let declared = || r.causes.iter().filter(|c| c.declared);
+    let others = || r.causes.iter().filter(|c| !c.declared).take(CANDIDATES);
+    if declared().next().is_some() {
+        say!();
+        say!("  {:NAME$} {:>15} {:>6}  {:>5}  remedy", "cause", "size, µm (k=2)", "share", "prob.");
+        for c in declared() {
+            let label = c.label();
+            let size = found.budget.corrections.iter().find(|x| x.label == label);
+            let size = size.map_or_else(|| "-".to_owned(), |x| with_uncertainty(x.size_um));
+            let share = shares.cause(&label).map_or_else(|| "-".to_owned(), percent);
+            say!(
+                "  {:NAME$} {size:>15} {share:>6}  {:>5.2}  {}",
+                format!("{} ({label})", name(&c.effect, &c.subject)),
+                c.probability,
+                remedy(&c.effect)
+            );
+            let mut values = parameters(c);
+            if let (true, Some(v)) = (values.is_empty(), peak_to_valley(found, &label)) {
+                values.push(format!("peak to valley {} µm", with_uncertainty(v)));
+            }
+            if !values.is_empty() {
+                say!("      {}", values.join(", "));
+            }
+            if c.kind != Kind::Stochastic {
+                say!("      volcompd: {}", compensable.words(c));
+            }
+            doubts(c);
+        }
+        let rest = [
+            ("not explained", found.budget.unexplained_um, shares.unexplained),
+            ("drift", found.budget.drift_um, shares.drift),
+            ("noise", found.budget.noise_um, shares.noise),
+        ];
+        for (what, size, share) in rest.into_iter().filter(|r| r.2 > 5e-4) {
+            say!("  {what:NAME$} {:>15} {:>6}", um(size), percent(share));
+        }
+        say!();
+    }
+    for c in others() {
+        say!(
+            "not established: {} ({}), probability {:.2}",
+            name(&c.effect, &c.subject),
+            c.label(),
+            c.probability
+        );
+        doubts(c);
+    }
+}
+
+fn doubts(c: &Cause) {
+    if !c.confounded_with.is_empty() {
+        say!("      not separable from {}", c.confounded_with.join(", "));
+    }
+    if !c.re_expression_of.is_empty() {
+        say!("      equivalent here to {}", c.re_expression_of.join(" or "));
+    }
+    if !c.remark.is_empty() {
+        say!("      {}", c.remark);
+    }
+}
+
+/// What a plan sees.
+pub(super) fn plan(p: &PlanReport, json: bool) -> Result<(), Failure> {
+    if json {
+        let text = serde_json::to_string_pretty(p)
+            .map_err(|e| Failure::new(crate::EX_SOFTWARE, format_args!("error: {e}")))?;
+        return exit::print(&format!("{text}\n"));
+    }
+    say!("{} rows in {} setups; {} effects can be seen", p.rows, p.setups, p.seen.len());
+    for class in &p.confounded {
+        say!("cannot be told apart: {}", class.join(" = "));
+    }
+    for b in &p.blind_spots {
+        say!("cannot be seen: {:28} {}", b.effect, b.because);
+    }
+    for n in &p.notes {
+        say!("note: {n}");
+    }
+    Ok(())
+}

@@ -1,0 +1,358 @@
+//! Text and JSON of `diff`.
+
+use serde_json::{Map, Value, json};
+
+use super::Diff;
+use crate::check::{offset_out, offset_unit, position_out, position_unit, rounded};
+use volcomp_config::Provenance;
+use volcomp_model::compare::{Change, Difference, ErrorDifference, VolumeDifference};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::spec::{ReferenceBody, ReferencePoint, Sense};
+use volcomp_model::{ErrorSymbol, Pose};
+use volcomp_units::axes::{AxisArray, AxisName, Travel};
+use volcomp_units::{arcsec_from_rad, um_from_mm};
+
+/// One error that differs.
+pub(super) struct Row {
+    pub(super) symbol: String,
+    pub(super) what: String,
+    pub(super) largest: String,
+    pub(super) rms: String,
+    pub(super) unit: &'static str,
+    pub(super) place: String,
+}
+
+/// Everything in lines.
+pub(super) fn lines(diff: &Diff) -> Vec<String> {
+    let [a, b] = &diff.names;
+    let mut out = vec![format!("{a} -> {b}")];
+    if diff.found.is_same() {
+        out.push("the same model".to_owned());
+    }
+    let mut section = |title: &str, lines: Vec<String>| {
+        if !lines.is_empty() {
+            out.push(title.to_owned());
+            out.extend(lines.into_iter().map(|l| format!("  {l}")));
+        }
+    };
+    section("chain, frame and axes", changes(diff));
+    let rows = errors(diff).into_iter().map(|r| {
+        let line = format!(
+            "{:<5} {:<16} largest {:>10} rms {:>9} {:<6}  {}",
+            r.symbol, r.what, r.largest, r.rms, r.unit, r.place
+        );
+        line.trim_end().to_owned()
+    });
+    section("errors, second minus first", rows.collect());
+    if !diff.found.is_same() {
+        section("in the working volume, second minus first", volume(diff));
+    }
+    section("provenance", provenance(diff));
+    out
+}
+
+/// Chain, frame and axes.
+pub(super) fn changes(diff: &Diff) -> Vec<String> {
+    diff.found.changes.iter().map(change_words).collect()
+}
+
+fn change_words(change: &Change) -> String {
+    let of = |what: String, [a, b]: [String; 2]| format!("{what}: {a} -> {b}");
+    let point = |p: &Vec3| format!("({}, {}, {}) mm", rounded(p.x), rounded(p.y), rounded(p.z));
+    match change {
+        Change::Machine(m) => of("machine".to_owned(), m.clone()),
+        Change::Chain(c) => of("chain".to_owned(), c.each_ref().map(ToString::to_string)),
+        Change::WorkpieceOrigin(p) => of("workpiece origin".to_owned(), p.each_ref().map(point)),
+        Change::ToolTip(p) => of("tool tip".to_owned(), p.each_ref().map(point)),
+        Change::GaugePoint(p) => {
+            let words = p.each_ref().map(|p| p.as_ref().map_or_else(|| "none".to_owned(), point));
+            of("gauge point".to_owned(), words)
+        }
+        Change::Datum(d) => {
+            let words = d.each_ref().map(|d| {
+                let at = |(axis, v): &(AxisName, f64)| {
+                    format!("{axis} {} {}", position_out(*axis, *v), position_unit(*axis))
+                };
+                if d.is_empty() { "none".to_owned() } else { d.iter().map(at).collect::<Vec<_>>().join(" ") }
+            });
+            of("datum".to_owned(), words)
+        }
+        Change::Travel { axis, values } => {
+            let words = values.map(|t| {
+                t.map_or_else(
+                    || "not stated".to_owned(),
+                    |t| {
+                        let [low, high] = t.map(|v| position_out(*axis, v));
+                        format!("{low} to {high} {}", position_unit(*axis))
+                    },
+                )
+            });
+            of(format!("travel of {axis}"), words)
+        }
+        Change::AxisPoint { axis, values } => {
+            of(format!("point on the axis of {axis}"), values.each_ref().map(point))
+        }
+        Change::Sense { axis, values } => of(format!("sense of {axis}"), values.map(|s| sense(s).to_owned())),
+        Change::Reference { axis, component, values } => {
+            let words = values.each_ref().map(|r: &ReferencePoint| {
+                format!(
+                    "{}{}",
+                    point(&r.point),
+                    if r.body == ReferenceBody::Bed { " on the bed" } else { "" }
+                )
+            });
+            of(format!("reference point of {axis} for {}", component.letter()), words)
+        }
+    }
+}
+
+const fn sense(s: Sense) -> &'static str {
+    match s {
+        Sense::Relative => "relative",
+        Sense::Carriage => "carriage",
+    }
+}
+
+/// The errors that differ.
+pub(super) fn errors(diff: &Diff) -> Vec<Row> {
+    diff.found.errors.iter().map(error_row).collect()
+}
+
+const fn what(e: &ErrorDifference) -> &'static str {
+    match e.stated {
+        [false, true] => "only in second",
+        [true, false] => "only in first",
+        _ => "changed",
+    }
+}
+
+fn error_row(e: &ErrorDifference) -> Row {
+    let unit = if e.symbol.is_angle() { "arcsec" } else { "um" };
+    let axis = e.symbol.axis();
+    let mut place = match e.over {
+        None => String::new(),
+        Some(_) => {
+            let back = if e.travel == Travel::Reverse { " (towards minus)" } else { "" };
+            format!("at {axis} {}{back}", short(position_out(axis, e.at)))
+        }
+    };
+    if e.std[0] != e.std[1] {
+        let std =
+            e.std.map(|s| s.map_or_else(|| "none".to_owned(), |s| format!("{:.3}", out_of(e.symbol, s))));
+        place = format!("{place}  u (k=1) {} -> {}", std[0], std[1]).trim_start().to_owned();
+    }
+    Row {
+        symbol: e.symbol.to_string(),
+        what: what(e).to_owned(),
+        largest: format!("{:+.3}", out_of(e.symbol, e.largest)),
+        rms: format!("{:.3}", out_of(e.symbol, e.rms)),
+        unit,
+        place,
+    }
+}
+
+/// The working volume.
+pub(super) fn volume(diff: &Diff) -> Vec<String> {
+    let Some(v) = &diff.found.volume else {
+        return vec!["the chains have different axes; there is no common working volume".to_owned()];
+    };
+    let axes = axes(diff);
+    let ranges = axes.iter().zip(&v.ranges).filter(|(_, [low, high])| low < high).map(|(axis, range)| {
+        let [low, high] = range.map(|q| position_out(*axis, q));
+        format!("{axis} {} to {} {}", short(low), short(high), position_unit(*axis))
+    });
+    let ranges: Vec<String> = ranges.collect();
+    let mut out = vec![if ranges.is_empty() {
+        "no axis has a travel: compared at home only".to_owned()
+    } else {
+        format!("searched {} ({} poses)", ranges.join(", "), v.poses)
+    }];
+    let bound = |b: Option<f64>, f: fn(f64) -> f64, unit: &str| {
+        b.map_or(String::new(), |b| format!("; nowhere above {:.2} {unit}", f(b)))
+    };
+    out.push(format!(
+        "position   largest {:.2} um {}, rms {:.2} um{}",
+        um_from_mm(v.position.position.norm()),
+        located(&axes, &v.position, &v.position.position.map(um_from_mm)),
+        um_from_mm(v.rms_position),
+        bound(v.bound_position, um_from_mm, "um")
+    ));
+    out.push(format!(
+        "direction  largest {:.2} arcsec {}, rms {:.2} arcsec{}",
+        arcsec_from_rad(v.rotation.rotation.norm()),
+        located(&axes, &v.rotation, &v.rotation.rotation.map(arcsec_from_rad)),
+        arcsec_from_rad(v.rms_rotation),
+        bound(v.bound_rotation, arcsec_from_rad, "arcsec")
+    ));
+    let [shift, turn] = v.rigid;
+    out.push(format!(
+        "without the best rigid motion of the workpiece: largest {:.2} um {}, rms {:.2} um; the motion: shift {} um, turn {} arcsec",
+        um_from_mm(v.without_rigid.without_rigid.norm()),
+        located(&axes, &v.without_rigid, &v.without_rigid.without_rigid.map(um_from_mm)),
+        um_from_mm(v.rms_without_rigid),
+        vector(&shift.map(um_from_mm)),
+        vector(&turn.map(arcsec_from_rad)),
+    ));
+    for (k, (axis, found)) in axes.iter().zip(&v.offsets).enumerate() {
+        let Some(found) = found.filter(|f| f.offset[k] != 0.0) else { continue };
+        out.push(format!(
+            "correction of {axis}  largest {:+.2} {} at {}",
+            offset_out(*axis, found.offset[k]),
+            offset_unit(*axis),
+            pose_words(&axes, &found.pose)
+        ));
+    }
+    out
+}
+
+fn axes(diff: &Diff) -> Vec<AxisName> {
+    diff.files[0].spec.chain.axes().iter().map(|a| a.name).collect()
+}
+
+fn located(axes: &[AxisName], d: &Difference, v: &Vec3) -> String {
+    format!("at {}: {}", pose_words(axes, &d.pose), vector(v))
+}
+
+fn pose_words(axes: &[AxisName], pose: &Pose) -> String {
+    let word = |(k, axis): (usize, &AxisName)| {
+        let back = if pose.travel[k] == Travel::Reverse { " (towards minus)" } else { "" };
+        format!("{axis} {}{back}", short(position_out(*axis, pose.position[k])))
+    };
+    axes.iter().enumerate().filter(|(_, a)| **a != AxisName::S).map(word).collect::<Vec<_>>().join("  ")
+}
+
+fn vector(v: &Vec3) -> String {
+    format!("({:.2}, {:.2}, {:.2})", v.x, v.y, v.z)
+}
+
+fn short(v: f64) -> f64 {
+    (v * 1e2).round() / 1e2 + 0.0
+}
+
+fn out_of(symbol: ErrorSymbol, v: f64) -> f64 {
+    if symbol.is_angle() { arcsec_from_rad(v) } else { um_from_mm(v) }
+}
+
+/// What the files say about where the numbers come from, where it differs.
+pub(super) fn provenance(diff: &Diff) -> Vec<String> {
+    let [a, b] = &diff.files;
+    let mut out = Vec::new();
+    describe(&mut out, "file", &a.provenance, &b.provenance);
+    let mut symbols: Vec<ErrorSymbol> = a.of_errors.iter().chain(&b.of_errors).map(|(s, _)| *s).collect();
+    symbols.sort_unstable();
+    symbols.dedup();
+    let none = Provenance::default();
+    for symbol in symbols {
+        let of = |list: &'_ [(ErrorSymbol, Provenance)]| {
+            list.iter().find(|(s, _)| *s == symbol).map(|(_, p)| p.clone()).unwrap_or_else(|| none.clone())
+        };
+        describe(&mut out, &symbol.to_string(), &of(&a.of_errors), &of(&b.of_errors));
+    }
+    out
+}
+
+fn describe(out: &mut Vec<String>, whose: &str, a: &Provenance, b: &Provenance) {
+    let fields = |p: &Provenance| -> Vec<(&'static str, String)> {
+        let text = |t: &Option<String>| t.clone().unwrap_or_else(|| "-".to_owned());
+        let sources = p.sources.iter().map(|s| s.to_string()).collect::<Vec<_>>().join("; ");
+        vec![
+            ("instrument", text(&p.instrument)),
+            ("date", text(&p.date)),
+            ("operator", text(&p.operator)),
+            ("temperature", p.temperature_degc.map_or_else(|| "-".to_owned(), |t| format!("{t} degC"))),
+            ("expiry", text(&p.expiry)),
+            ("source", text(&p.source)),
+            ("source hash", text(&p.source_hash)),
+            ("sources", if sources.is_empty() { "-".to_owned() } else { sources }),
+            ("note", text(&p.note)),
+        ]
+    };
+    for ((name, x), (_, y)) in fields(a).into_iter().zip(fields(b)) {
+        if x != y {
+            out.push(format!("{whose} {name}: {x} -> {y}"));
+        }
+    }
+}
+
+/// Everything for programs.
+pub(super) fn as_json(diff: &Diff) -> Value {
+    let errors: Vec<Value> = diff.found.errors.iter().map(error_json).collect();
+    json!({
+        "first": diff.names[0],
+        "second": diff.names[1],
+        "changes": changes(diff),
+        "errors": errors,
+        "volume": diff.found.volume.as_ref().map(|v| volume_json(diff, v)),
+        "provenance": provenance(diff),
+    })
+}
+
+fn error_json(e: &ErrorDifference) -> Value {
+    let axis = e.symbol.axis();
+    let unit = if e.symbol.is_angle() { "arcsec" } else { "um" };
+    let place = position_unit(axis);
+    json!({
+        "symbol": e.symbol.to_string().to_lowercase(),
+        "what": what(e),
+        format!("largest_{unit}"): rounded(out_of(e.symbol, e.largest)),
+        format!("rms_{unit}"): rounded(out_of(e.symbol, e.rms)),
+        format!("at_{place}"): e.over.map(|_| position_out(axis, e.at)),
+        "direction": if e.travel == Travel::Reverse { -1 } else { 1 },
+        format!("over_{place}"): e.over.map(|o| o.map(|q| position_out(axis, q))),
+        format!("std_{unit}"): e.std.map(|s| s.map(|s| rounded(out_of(e.symbol, s)))),
+    })
+}
+
+fn volume_json(diff: &Diff, v: &VolumeDifference) -> Value {
+    let axes = axes(diff);
+    let list = |v: Vec3| json!([rounded(v.x), rounded(v.y), rounded(v.z)]);
+    let pose = |pose: &Pose| {
+        let mut out = Map::new();
+        for (k, axis) in axes.iter().enumerate().filter(|(_, a)| **a != AxisName::S) {
+            let letter = axis.lower();
+            out.insert(
+                format!("{letter}_{}", position_unit(*axis)),
+                json!(position_out(*axis, pose.position[k])),
+            );
+            let back = pose.travel[k] == Travel::Reverse;
+            out.insert(format!("dir_{letter}"), json!(if back { -1 } else { 1 }));
+        }
+        Value::Object(out)
+    };
+    let um = |v: f64| rounded(um_from_mm(v));
+    let arcsec = |v: f64| rounded(arcsec_from_rad(v));
+    let mut corrections = Map::new();
+    for (k, (axis, found)) in axes.iter().zip(&v.offsets).enumerate() {
+        if let Some(found) = found {
+            let offset: &AxisArray = &found.offset;
+            let value = offset_out(*axis, offset[k]);
+            let entry = json!({format!("largest_{}", offset_unit(*axis)): value, "at": pose(&found.pose)});
+            corrections.insert(axis.lower().to_string(), entry);
+        }
+    }
+    json!({
+        "position": {
+            "largest_um": um(v.position.position.norm()),
+            "difference_um": list(v.position.position.map(um_from_mm)),
+            "at": pose(&v.position.pose),
+            "rms_um": um(v.rms_position),
+            "bound_um": v.bound_position.map(um),
+        },
+        "rotation": {
+            "largest_arcsec": arcsec(v.rotation.rotation.norm()),
+            "difference_arcsec": list(v.rotation.rotation.map(arcsec_from_rad)),
+            "at": pose(&v.rotation.pose),
+            "rms_arcsec": arcsec(v.rms_rotation),
+            "bound_arcsec": v.bound_rotation.map(arcsec),
+        },
+        "without_rigid": {
+            "largest_um": um(v.without_rigid.without_rigid.norm()),
+            "at": pose(&v.without_rigid.pose),
+            "rms_um": um(v.rms_without_rigid),
+            "shift_um": list(v.rigid[0].map(um_from_mm)),
+            "turn_arcsec": list(v.rigid[1].map(arcsec_from_rad)),
+        },
+        "corrections": corrections,
+        "poses": v.poses,
+    })
+}

@@ -1,0 +1,401 @@
+//! Readings of one axis into a model file: sense, reference points, reference line, curves. Used by every method that
+//! measures the error motions of one axis along a run.
+
+use std::path::PathBuf;
+
+use crate::arg_parsers::point;
+use crate::fit::report::{Fitted, note_text, print_table};
+use crate::model_writer::{ModelWriter, Sources, axis_entry, default_chain, put};
+use crate::{EX_DATAERR, EX_USAGE, Failure};
+use volcomp_config::model::Provenance;
+use volcomp_identify::Reading;
+use volcomp_identify::curve::{self, Basis, Request};
+use volcomp_identify::reading::group_by_position;
+use volcomp_identify::straightness::runs::{Reversal, as_one_direction, reversal};
+use volcomp_identify::straightness::{Line, Rule};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::spec::ReferenceBody;
+use volcomp_model::{Component, ErrorFunction, ErrorSymbol, ReferencePoint, Sense};
+use volcomp_units::axes::AxisName;
+
+/// How a run becomes curves of a model.
+#[derive(Debug, clap::Args)]
+pub(in crate::identify) struct AxisWriter {
+    #[command(flatten)]
+    pub(super) model: ModelWriter,
+    /// Whose motion the readings show. carriage: the optics ride on the carriage and the instrument stands on the bed
+    /// side. relative: tool side against workpiece side. Needed where the axis carries the workpiece.
+    #[arg(long, value_enum)]
+    sense: Option<SenseArg>,
+    /// In which sense the curves are stored; default: that of the axis in the model, else relative.
+    #[arg(long, value_enum)]
+    store: Option<SenseArg>,
+    /// Where the optics was: the point of all linear components, in M at home.
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    point_mm: Option<Vec3>,
+    /// The point of the positioning component alone (Abbe).
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    abbe_mm: Option<Vec3>,
+    /// The point of the straightness components alone (Bryan).
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    bryan_mm: Option<Vec3>,
+    /// The body on which these points ride: optics on the moving part, or standing with the bed side.
+    #[arg(long, value_enum, default_value = "carriage")]
+    body: BodyArg,
+    /// Line that the straightnesses refer to; all curves of a machine must use one rule.
+    #[arg(long, value_enum, default_value = "end-point")]
+    rule: RuleArg,
+    /// Family of curves.
+    #[arg(long, value_enum, default_value = "auto")]
+    basis: BasisArg,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum SenseArg {
+    Carriage,
+    Relative,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum BodyArg {
+    Carriage,
+    Bed,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum RuleArg {
+    EndPoint,
+    LeastSquares,
+    MinimumZone,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum BasisArg {
+    /// Half-range or Chebyshev, or a fitted period or table where the data call for it.
+    Auto,
+    /// The mean at every target, with a reverse curve where the reversal is significant.
+    Table,
+    /// Mean, linear part and sine half waves.
+    HalfRange,
+    /// Chebyshev polynomials.
+    Chebyshev,
+}
+
+impl From<SenseArg> for Sense {
+    fn from(arg: SenseArg) -> Self {
+        match arg {
+            SenseArg::Carriage => Self::Carriage,
+            SenseArg::Relative => Self::Relative,
+        }
+    }
+}
+
+/// Readings of one error motion over the programmed coordinate, in the sense in which they were measured.
+pub(in crate::identify) struct Measured {
+    pub(in crate::identify) component: Component,
+    pub(in crate::identify) readings: Vec<Reading>,
+    /// Standard uncertainty of one reading from the instrument, where known.
+    pub(in crate::identify) std: Option<f64>,
+}
+
+/// Where the readings came from.
+pub(in crate::identify) struct Origin<'a> {
+    pub(in crate::identify) method: &'static str,
+    pub(in crate::identify) files: &'a [PathBuf],
+    pub(in crate::identify) instrument: Option<String>,
+}
+
+impl AxisWriter {
+    /// True where a model is wanted.
+    pub(in crate::identify) fn is_wanted(&self) -> bool {
+        self.model.target().is_some()
+    }
+
+    /// True where the model goes to stdout.
+    pub(in crate::identify) fn takes_stdout(&self) -> bool {
+        self.model.takes_stdout()
+    }
+
+    /// The rule of the reference line.
+    pub(in crate::identify) const fn rule(&self) -> Rule {
+        match self.rule {
+            RuleArg::EndPoint => Rule::EndPoint,
+            RuleArg::LeastSquares => Rule::LeastSquares,
+            RuleArg::MinimumZone => Rule::MinimumZone,
+        }
+    }
+
+    /// The points at which the three linear components of a run were measured, where stated.
+    pub(in crate::identify) fn points(&self, axis: AxisName) -> [Option<Vec3>; 3] {
+        std::array::from_fn(|i| {
+            let own = if i == axis.direction() { self.abbe_mm } else { self.bryan_mm };
+            own.or(self.point_mm)
+        })
+    }
+
+    /// True where the points stay with the bed side.
+    pub(in crate::identify) const fn on_bed(&self) -> bool {
+        matches!(self.body, BodyArg::Bed)
+    }
+
+    /// Fits the readings and writes the model, where one is wanted. `moved` are the points at which the components hold
+    /// after a change of reference point.
+    pub(in crate::identify) fn write(
+        &self,
+        axis: AxisName,
+        measured: Vec<Measured>,
+        moved: Option<Vec3>,
+        origin: &Origin<'_>,
+    ) -> Result<(), Failure> {
+        let files = origin.files.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ");
+        let mut model = self.model.base(|| default_chain([axis]))?;
+        if model.spec.chain.index_of(axis).is_none() {
+            let chain = &model.spec.chain;
+            return Err(Failure::new(
+                EX_USAGE,
+                format_args!("error: axis {axis} is not in the chain {chain}; correct --axis or --chain"),
+            ));
+        }
+        let primed = model.spec.is_workpiece_side(axis);
+        let symbols: Vec<ErrorSymbol> =
+            measured.iter().map(|m| ErrorSymbol::Motion { component: m.component, axis }).collect();
+        let (measured_sense, stored) = self.senses(&model.spec, axis, primed, &symbols)?;
+        let sources = Sources::of(origin.files);
+        let mut fitted = Vec::with_capacity(measured.len());
+        for (m, symbol) in measured.into_iter().zip(symbols) {
+            let mut readings = gauged(m.readings, m.component, axis, self.rule());
+            if primed {
+                readings = stored_readings(readings, measured_sense, stored);
+            }
+            let judged = reversal(&readings);
+            note_reversal(symbol, judged);
+            if !judged.keeps_both() {
+                readings = as_one_direction(&readings);
+            }
+            let request = self.request(judged.keeps_both());
+            let fit = curve::fit(&readings, &request)
+                .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {files}: {symbol}: {e}")))?;
+            let std = fit.figures.rmse_dof.into_iter().chain(m.std).reduce(f64::max);
+            let function = ErrorFunction { std, ..ErrorFunction::single(fit.curve.clone()) };
+            // sign table and tilt test are no data of the curve
+            let from =
+                Provenance { instrument: origin.instrument.clone(), ..sources.only(|i| i == 0).provenance() };
+            put(&mut model, symbol, function, from);
+            fitted.push(Fitted::new(symbol, readings.into(), fit));
+        }
+        self.place(&mut model.spec, axis, &fitted, moved, stored);
+        for f in &fitted {
+            for note in &f.fit.notes {
+                note!("note: {}: {}", f.symbol, note_text(f.symbol, *note));
+            }
+        }
+        let mut comment =
+            vec![format!("written by volcomp identify {} {}", origin.method, env!("CARGO_PKG_VERSION"))];
+        comment.extend(sources.comments());
+        comment.push(format!(
+            "axis {axis}: measured in the {} sense, straightness about the {} line",
+            name_of(measured_sense),
+            self.rule().name().replace('_', "-")
+        ));
+        self.model.write(&model, &comment, &files)?;
+        if !self.takes_stdout() {
+            print_table(&fitted);
+        }
+        Ok(())
+    }
+
+    /// Measured and stored sense; for a tool-side axis they are the same thing.
+    fn senses(
+        &self,
+        spec: &volcomp_model::ModelSpec,
+        axis: AxisName,
+        primed: bool,
+        replaced: &[ErrorSymbol],
+    ) -> Result<(Sense, Sense), Failure> {
+        let measured = match self.sense {
+            Some(sense) => sense.into(),
+            None if !primed => Sense::Relative,
+            None => {
+                return Err(Failure::new(
+                    EX_USAGE,
+                    format_args!(
+                        "error: axis {axis} carries the workpiece, so its readings have opposite signs in the two senses; say --sense carriage (optics on the carriage, instrument on the bed side) or --sense relative (tool side against workpiece side)"
+                    ),
+                ));
+            }
+        };
+        let entry = spec.axis(axis);
+        let others = spec.errors.iter().any(|(s, _)| {
+            matches!(s, ErrorSymbol::Motion { axis: a, .. } if *a == axis) && !replaced.contains(s)
+        });
+        let stored: Sense = match self.store {
+            Some(store) => store.into(),
+            None => entry.sense,
+        };
+        if others && stored != entry.sense {
+            return Err(Failure::new(
+                EX_USAGE,
+                format_args!(
+                    "error: axis {axis} of the model has other error motions in the {} sense; all six share one sense: leave --store out",
+                    name_of(entry.sense)
+                ),
+            ));
+        }
+        Ok((measured, stored))
+    }
+
+    /// Sense and reference points of the axis.
+    fn place(
+        &self,
+        spec: &mut volcomp_model::ModelSpec,
+        axis: AxisName,
+        fitted: &[Fitted],
+        moved: Option<Vec3>,
+        stored: Sense,
+    ) {
+        let points = self.points(axis).map(|p| moved.or(p));
+        let body =
+            if self.on_bed() && moved.is_none() { ReferenceBody::Bed } else { ReferenceBody::Carriage };
+        let entry = axis_entry(spec, axis);
+        entry.sense = stored;
+        for f in fitted.iter().filter(|f| !f.symbol.is_angle()) {
+            let i = f.symbol.component().index();
+            match points[i] {
+                Some(point) => entry.reference_points[i] = ReferencePoint { point, body },
+                None => note!(
+                    "note: {}: no --point-mm: the reference point stays at {:?} mm; 100 mm beside it cost 5 um for every 10 arcsec",
+                    f.symbol,
+                    entry.reference_points[i].point.as_slice()
+                ),
+            }
+        }
+    }
+
+    fn request(&self, keeps_both: bool) -> Request {
+        let basis = match self.basis {
+            // only a table holds two directions
+            BasisArg::Auto if keeps_both => Some(Basis::Table),
+            BasisArg::Auto => None,
+            BasisArg::Table => Some(Basis::Table),
+            BasisArg::HalfRange => Some(Basis::HalfRange),
+            BasisArg::Chebyshev => Some(Basis::Chebyshev),
+        };
+        Request { basis, ..Request::default() }
+    }
+}
+
+const fn name_of(sense: Sense) -> &'static str {
+    match sense {
+        Sense::Relative => "relative",
+        Sense::Carriage => "carriage",
+    }
+}
+
+/// Says what was done with the two directions.
+pub(super) fn note_reversal(symbol: ErrorSymbol, judged: Reversal) {
+    let show = |v: f64| {
+        if symbol.is_angle() {
+            format!("{:.2} arcsec", volcomp_units::arcsec_from_rad(v))
+        } else {
+            format!("{:.2} um", volcomp_units::um_from_mm(v))
+        }
+    };
+    match judged {
+        Reversal::OneDirection => {}
+        Reversal::NotRepeated { rms } => note!(
+            "note: {symbol}: reversal {} rms, not repeated: cannot be judged, both directions are kept",
+            show(rms)
+        ),
+        Reversal::Insignificant { rms, repeatability } => note!(
+            "note: {symbol}: reversal {} rms is within the repeatability of {}: both directions are averaged",
+            show(rms),
+            show(repeatability)
+        ),
+        Reversal::Significant { rms, repeatability } => note!(
+            "note: {symbol}: reversal {} rms against a repeatability of {}: forward and reverse are kept",
+            show(rms),
+            show(repeatability)
+        ),
+    }
+}
+
+/// Mean of the readings at each position, both directions alike.
+pub(super) fn means(readings: &[Reading]) -> (Vec<f64>, Vec<f64>) {
+    let (positions, group) = group_by_position(readings);
+    let mut sums = vec![[(0.0, 0usize); 2]; positions.len()];
+    for (r, &g) in readings.iter().zip(&group) {
+        let slot = &mut sums[g][usize::from(r.travel == volcomp_units::axes::Travel::Reverse)];
+        slot.0 += r.value;
+        slot.1 += 1;
+    }
+    let values = sums
+        .iter()
+        .map(|both| {
+            let there: Vec<f64> = both.iter().filter(|(_, n)| *n > 0).map(|(s, n)| s / *n as f64).collect();
+            there.iter().sum::<f64>() / there.len() as f64
+        })
+        .collect();
+    (positions, values)
+}
+
+/// Takes the reference line out of a straightness, and lets every curve start from zero at the position nearest to home.
+fn gauged(mut readings: Vec<Reading>, component: Component, axis: AxisName, rule: Rule) -> Vec<Reading> {
+    let (x, mut y) = means(&readings);
+    let is_straightness = !component.is_angle() && component.index() != axis.direction();
+    if is_straightness && let Ok(line) = Line::fit(&x, &y, rule) {
+        y = line.deviations(&x, &y);
+        for r in &mut readings {
+            r.value -= line.intercept + line.slope * r.position;
+        }
+    }
+    let home = x.iter().zip(&y).min_by(|a, b| a.0.abs().total_cmp(&b.0.abs())).map_or(0.0, |(_, v)| *v);
+    for r in &mut readings {
+        r.value -= home;
+    }
+    readings
+}
+
+/// Readings of an axis that carries the workpiece in the sense in which they are stored (equations 1.4).
+fn stored_readings(readings: Vec<Reading>, measured: Sense, stored: Sense) -> Vec<Reading> {
+    let sign = if measured == stored { 1.0 } else { -1.0 };
+    readings
+        .into_iter()
+        .map(|r| match stored {
+            Sense::Relative => Reading { value: sign * r.value, ..r },
+            Sense::Carriage => {
+                Reading { value: sign * r.value, position: -r.position, travel: r.travel.reversed(), ..r }
+            }
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use volcomp_units::axes::Travel;
+
+    fn at(position: f64, value: f64, travel: Travel) -> Reading {
+        Reading { cycle: 1, travel, position, value }
+    }
+
+    #[test]
+    fn senses_of_an_axis_that_carries_the_workpiece() {
+        let readings = vec![at(100.0, 0.01, Travel::Forward)];
+        let of = |m, s| stored_readings(readings.clone(), m, s)[0];
+        assert_eq!(of(Sense::Carriage, Sense::Relative), at(100.0, -0.01, Travel::Forward));
+        assert_eq!(of(Sense::Carriage, Sense::Carriage), at(-100.0, 0.01, Travel::Reverse));
+        assert_eq!(of(Sense::Relative, Sense::Carriage), at(-100.0, -0.01, Travel::Reverse));
+        assert_eq!(of(Sense::Relative, Sense::Relative), at(100.0, 0.01, Travel::Forward));
+    }
+
+    #[test]
+    fn the_gauge_takes_slope_and_value_at_home() {
+        let line: Vec<Reading> =
+            [-100.0, 0.0, 100.0].map(|x| at(x, 0.5 + 1e-4 * x + x.abs() * 1e-3, Travel::Forward)).to_vec();
+        let straight = gauged(line.clone(), Component::Y, AxisName::X, Rule::EndPoint);
+        let expected = [0.1, 0.0, 0.1];
+        assert!(straight.iter().zip(expected).all(|(r, e)| (r.value - e).abs() < 1e-12), "{straight:?}");
+        let scale = gauged(line, Component::X, AxisName::X, Rule::EndPoint);
+        assert!((scale[2].value - 0.11).abs() < 1e-12 && scale[1].value == 0.0);
+    }
+}

@@ -1,0 +1,378 @@
+//! Points in CSV files: named points with coordinates, or with range, azimuth and elevation from a tracker, and the
+//! registration of the tracker's frame to the machine's.
+
+use std::io::BufRead;
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use crate::arg_parsers::{above_zero, not_negative, point};
+use crate::table::{Table, open};
+use crate::{EX_DATAERR, EX_USAGE, Failure};
+use volcomp_identify::primitives::{RigidFit, register};
+use volcomp_identify::threepoint::{Observation, TrackerNoise};
+use volcomp_model::geometry::{Mat3, Vec3};
+use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper};
+use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm};
+
+/// What is known of the instrument.
+#[derive(Debug, clap::Args)]
+pub(super) struct TrackerArgs {
+    /// Standard deviation of a Cartesian coordinate, um; without it the noise is estimated from the data.
+    #[arg(long, value_name = "UM", value_parser = above_zero)]
+    sigma_um: Option<f64>,
+    /// Standard deviation of a range, um.
+    #[arg(long, value_name = "UM", value_parser = above_zero)]
+    sigma_range_um: Option<f64>,
+    /// Part of the range's standard deviation that grows with it, um/m.
+    #[arg(long, value_name = "UM/M", default_value = "0", value_parser = not_negative)]
+    sigma_range_um_per_m: f64,
+    /// Standard deviation of azimuth and elevation, arcsec.
+    #[arg(long, value_name = "ARCSEC", value_parser = above_zero)]
+    sigma_angle_arcsec: Option<f64>,
+    /// Reference points seen by the instrument and known in the machine frame: CSV with point, machine_x_mm,
+    /// machine_y_mm, machine_z_mm and x_mm, y_mm, z_mm (or range_mm, azimuth_deg, elevation_deg).
+    #[arg(long, value_name = "FILE")]
+    registration: Option<PathBuf>,
+    /// Standard deviation of the machine coordinates of the reference points, um.
+    #[arg(long, value_name = "UM", default_value = "0", value_parser = not_negative)]
+    machine_sigma_um: f64,
+    /// Where the tracker stands in M, its axes parallel to those of M; for angles without --registration.
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, conflicts_with = "registration")]
+    tracker_mm: Option<Vec3>,
+}
+
+/// The three columns of a point.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Columns {
+    /// x, y, z.
+    Cartesian([usize; 3]),
+    /// Range, azimuth, elevation.
+    Spherical([usize; 3]),
+}
+
+/// A registration with its names.
+pub(super) struct Registered {
+    pub(super) fit: RigidFit,
+    points: Vec<String>,
+    /// True where the noise was stated, so that the residuals are a test.
+    stated: bool,
+}
+
+/// From the frame of the instrument to M.
+pub(super) struct Frame {
+    noise: Noise,
+    station: Vec3,
+    pub(super) registered: Option<Registered>,
+}
+
+#[derive(Debug, Clone, Copy)]
+struct Noise {
+    /// Variance of a Cartesian coordinate, mm2.
+    cartesian: f64,
+    /// Of observations; `None` where not stated.
+    tracker: Option<TrackerNoise>,
+    stated: bool,
+}
+
+impl Columns {
+    /// The columns `{prefix}x_mm` and so on, where they are there.
+    pub(super) fn find<R: BufRead>(table: &Table<R>, prefix: &str) -> Option<Self> {
+        let three = |names: [&str; 3]| -> Option<[usize; 3]> {
+            let [a, b, c] = names.map(|n| table.find(&format!("{prefix}{n}")));
+            Some([a?, b?, c?])
+        };
+        three(["x_mm", "y_mm", "z_mm"])
+            .map(Self::Cartesian)
+            .or_else(|| three(["range_mm", "azimuth_deg", "elevation_deg"]).map(Self::Spherical))
+    }
+
+    pub(super) const fn indices(self) -> [usize; 3] {
+        match self {
+            Self::Cartesian(c) | Self::Spherical(c) => c,
+        }
+    }
+
+    /// True where all three fields are empty: the point was not seen.
+    pub(super) fn is_empty<R: BufRead>(self, table: &Table<R>) -> bool {
+        self.indices().iter().all(|c| table.word(*c).is_empty())
+    }
+
+    /// Refuses angles where nothing says where the tracker stands.
+    pub(super) fn check_frame(
+        self,
+        tracker: &TrackerArgs,
+        frame: &Frame,
+        path: &Path,
+    ) -> Result<(), Failure> {
+        if matches!(self, Self::Spherical(_)) && frame.registered.is_none() && tracker.tracker_mm.is_none() {
+            return Err(Failure::new(
+                EX_USAGE,
+                format_args!(
+                    "error: {}: ranges and angles are in the tracker's frame; give --registration or --tracker-mm",
+                    path.display()
+                ),
+            ));
+        }
+        Ok(())
+    }
+
+    fn read<R: BufRead>(self, table: &Table<R>) -> Result<[f64; 3], Failure> {
+        let [a, b, c] = self.indices();
+        Ok([table.number(a)?, table.number(b)?, table.number(c)?])
+    }
+}
+
+impl TrackerArgs {
+    /// The files that the frame is made from.
+    pub(super) fn files(&self) -> impl Iterator<Item = &PathBuf> {
+        self.registration.iter()
+    }
+
+    /// Standard deviation of a Cartesian coordinate as stated, mm.
+    pub(super) fn cartesian_sigma(&self) -> Option<f64> {
+        self.sigma_um.map(mm_from_um)
+    }
+
+    /// The frame of --registration, if there is one.
+    pub(super) fn frame(&self) -> Result<Frame, Failure> {
+        self.frame_of(self.registration.as_deref())
+    }
+
+    /// The frame of a registration file.
+    pub(super) fn frame_of(&self, registration: Option<&Path>) -> Result<Frame, Failure> {
+        let tracker = match (self.sigma_range_um, self.sigma_angle_arcsec) {
+            (Some(range), Some(angle)) => Some(TrackerNoise {
+                range: mm_from_um(range),
+                range_share: self.sigma_range_um_per_m * 1e-6,
+                angle: rad_from_arcsec(angle),
+            }),
+            (None, None) => None,
+            _ => {
+                return Err(Failure::new(
+                    EX_USAGE,
+                    "error: --sigma-range-um and --sigma-angle-arcsec belong together; give both",
+                ));
+            }
+        };
+        let stated = self.sigma_um.is_some() || tracker.is_some();
+        let noise =
+            Noise { cartesian: self.sigma_um.map_or(1.0, |s| mm_from_um(s).powi(2)), tracker, stated };
+        let mut frame =
+            Frame { noise, station: self.tracker_mm.unwrap_or_else(Vec3::zeros), registered: None };
+        if let Some(path) = registration {
+            frame.registered = Some(self.register(path, &frame)?);
+        }
+        Ok(frame)
+    }
+
+    fn register(&self, path: &Path, frame: &Frame) -> Result<Registered, Failure> {
+        let mut table = open(path)?;
+        let name = table.require("point")?;
+        let machine =
+            [table.require("machine_x_mm")?, table.require("machine_y_mm")?, table.require("machine_z_mm")?];
+        let columns = Columns::find(&table, "").ok_or_else(|| {
+            Failure::new(
+                EX_DATAERR,
+                format_args!(
+                    "error: {}: the instrument's columns are missing: x_mm, y_mm, z_mm or range_mm, azimuth_deg, elevation_deg",
+                    path.display()
+                ),
+            )
+        })?;
+        let (mut points, mut from, mut to, mut covariance) = (Vec::new(), Vec::new(), Vec::new(), Vec::new());
+        let own = Mat3::identity() * mm_from_um(self.machine_sigma_um).powi(2);
+        while table.advance()? {
+            let seen = Place::read(&table, columns)?;
+            let noise = frame.covariance(&seen, table.file())?;
+            points.push(table.word(name));
+            from.push(seen.point());
+            to.push(Vec3::new(
+                table.number(machine[0])?,
+                table.number(machine[1])?,
+                table.number(machine[2])?,
+            ));
+            covariance.push(noise + own);
+        }
+        // the covariance belongs into M, which the unweighted fit knows well enough
+        if let Some((rotation, _)) = volcomp_identify::primitives::procrustes(&from, &to) {
+            for c in &mut covariance {
+                *c = rotation * *c * rotation.transpose();
+            }
+        }
+        let fit = register(&from, &to, &covariance)
+            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))?;
+        Ok(Registered { fit, points, stated: frame.noise.stated })
+    }
+}
+
+impl Frame {
+    /// True where the noise was stated.
+    pub(super) const fn noise_is_stated(&self) -> bool {
+        self.noise.stated
+    }
+
+    /// One point of the current row in M, with its covariance.
+    pub(super) fn read<R: BufRead>(
+        &self,
+        table: &Table<R>,
+        columns: Columns,
+    ) -> Result<(Vec3, Mat3), Failure> {
+        let place = Place::read(table, columns)?;
+        let covariance = self.covariance(&place, table.file())?;
+        let turned = self.registered.as_ref().map_or(covariance, |r| r.fit.turn(&covariance));
+        Ok((self.in_machine(&place), turned))
+    }
+
+    /// One point of the current row in M, whatever its noise.
+    pub(super) fn place<R: BufRead>(&self, table: &Table<R>, columns: Columns) -> Result<Vec3, Failure> {
+        Ok(self.in_machine(&Place::read(table, columns)?))
+    }
+
+    fn in_machine(&self, place: &Place) -> Vec3 {
+        match (&self.registered, place) {
+            (Some(r), place) => r.fit.apply(&place.point()),
+            (None, Place::Cartesian(point)) => *point,
+            (None, Place::Spherical(o)) => o.point() + self.station,
+        }
+    }
+
+    /// In the frame of the instrument.
+    fn covariance(&self, place: &Place, file: &str) -> Result<Mat3, Failure> {
+        match (place, self.noise.tracker) {
+            (Place::Cartesian(_), _) => Ok(Mat3::identity() * self.noise.cartesian),
+            (Place::Spherical(o), Some(noise)) => Ok(o.covariance(&noise)),
+            (Place::Spherical(_), None) => Err(Failure::new(
+                EX_USAGE,
+                format_args!(
+                    "error: {file}: ranges and angles need weights: give --sigma-range-um and --sigma-angle-arcsec"
+                ),
+            )),
+        }
+    }
+}
+
+/// A point as the instrument gave it.
+enum Place {
+    Cartesian(Vec3),
+    Spherical(Observation),
+}
+
+impl Place {
+    fn read<R: BufRead>(table: &Table<R>, columns: Columns) -> Result<Self, Failure> {
+        let values = columns.read(table)?;
+        let Columns::Spherical(c) = columns else { return Ok(Self::Cartesian(Vec3::from(values))) };
+        if values[0] <= 0.0 {
+            return Err(table.fail(c[0], format_args!("range {} mm is not above 0", values[0])));
+        }
+        if values[2].abs() > 89.0 {
+            return Err(table.fail(
+                c[2],
+                format_args!("elevation {} deg is beyond 89 deg, where the azimuth says nothing", values[2]),
+            ));
+        }
+        Ok(Self::Spherical(Observation {
+            range: values[0],
+            azimuth: rad_from_deg(values[1]),
+            elevation: rad_from_deg(values[2]),
+        }))
+    }
+
+    fn point(&self) -> Vec3 {
+        match self {
+            Self::Cartesian(point) => *point,
+            Self::Spherical(o) => o.point(),
+        }
+    }
+}
+
+impl Registered {
+    /// Probability of residuals this large, where the noise was stated.
+    fn p_value(&self) -> Option<f64> {
+        (self.stated && self.fit.dof > 0).then(|| chi_square_upper(self.fit.chi2, self.fit.dof))
+    }
+
+    /// Root mean square of a residual coordinate, mm.
+    fn rms(&self) -> f64 {
+        let sum: f64 = self.fit.residuals.iter().map(Vec3::norm_squared).sum();
+        (sum / (3.0 * self.fit.residuals.len() as f64)).sqrt()
+    }
+
+    fn worst(&self) -> (usize, f64) {
+        self.fit
+            .residuals
+            .iter()
+            .map(Vec3::norm)
+            .enumerate()
+            .fold((0, 0.0), |m, r| if r.1 > m.1 { r } else { m })
+    }
+
+    /// Variance of the residuals over the stated one where that was exceeded, or where none was stated.
+    fn scale(&self) -> f64 {
+        if self.fit.dof == 0 {
+            return 1.0;
+        }
+        let factor = (self.fit.chi2 / self.fit.dof as f64).sqrt();
+        if self.stated { factor.max(1.0) } else { factor }
+    }
+
+    /// Standard deviations: of the centre (mm) and of the three rotations (rad).
+    pub(super) fn std(&self) -> [f64; 6] {
+        core::array::from_fn(|i| self.scale() * self.fit.covariance[(i, i)].sqrt())
+    }
+
+    /// What the registration does to a point of M: standard deviation of its largest direction, mm.
+    pub(super) fn std_at(&self, point: &Vec3) -> f64 {
+        self.scale() * self.fit.covariance_at(point).symmetric_eigenvalues().max().sqrt()
+    }
+
+    pub(super) fn print(&self) {
+        let s = self.std();
+        say!(
+            "registration from {} points: residual rms {:.2} um, largest {:.2} um ({})",
+            self.points.len(),
+            um_from_mm(self.rms()),
+            um_from_mm(self.worst().1),
+            self.points[self.worst().0]
+        );
+        say!(
+            "  uncertainty (k=1): position {:.2} {:.2} {:.2} um, rotation {:.3} {:.3} {:.3} arcsec; a constant and a slope for all positions alike",
+            um_from_mm(s[0]),
+            um_from_mm(s[1]),
+            um_from_mm(s[2]),
+            arcsec_from_rad(s[3]),
+            arcsec_from_rad(s[4]),
+            arcsec_from_rad(s[5])
+        );
+        match self.p_value() {
+            Some(p) if p < SIGNIFICANT => {
+                note!(
+                    "warning: registration: the residuals are larger than the stated noise allows (chi2 {:.1}, {} degrees of freedom, p {p:.1e}); check reference point {}",
+                    self.fit.chi2,
+                    self.fit.dof,
+                    self.points[self.worst().0]
+                );
+            }
+            Some(p) => say!(
+                "  residual test passed: chi2 {:.1}, {} degrees of freedom, p {p:.3}",
+                self.fit.chi2,
+                self.fit.dof
+            ),
+            None => {}
+        }
+    }
+
+    pub(super) fn json(&self) -> Value {
+        json!({
+            "points": self.points,
+            "rotation": (0..3).map(|i| self.fit.rotation.row(i).iter().copied().collect::<Vec<f64>>()).collect::<Vec<_>>(),
+            "translation": self.fit.translation.as_slice(),
+            "residual_rms": self.rms(),
+            "worst_point": self.points[self.worst().0],
+            "std": self.std(),
+            "chi2": self.fit.chi2,
+            "dof": self.fit.dof,
+            "p_value": self.p_value(),
+        })
+    }
+}

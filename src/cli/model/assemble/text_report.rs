@@ -1,0 +1,181 @@
+//! Text and JSON of `model assemble`.
+
+use serde_json::{Value, json};
+
+use super::input::Loaded;
+use crate::check::{position_out, position_unit, rounded};
+use crate::model::gauge;
+use volcomp_identify::assemble::{Assembled, Check, Dropped, How, Origin};
+use volcomp_model::ErrorSymbol;
+use volcomp_model::gauge::Part;
+use volcomp_units::{arcsec_from_rad, um_from_mm};
+
+/// The result with its inputs.
+pub(super) struct Report<'a> {
+    pub(super) loaded: &'a [Loaded],
+    pub(super) done: &'a Assembled,
+    pub(super) significance: f64,
+}
+
+impl Report<'_> {
+    fn name(&self, source: usize) -> &str {
+        &self.loaded[source].source.name
+    }
+
+    pub(super) fn lines(&self) -> Vec<String> {
+        let spec = &self.done.spec;
+        let mut out = vec![format!("model of {}, chain {}", spec.machine, spec.chain), "sources".to_owned()];
+        for l in self.loaded {
+            let kind = if l.is_table { "table of motions" } else { "model" };
+            out.push(format!("  {:<28} {kind}, blake3 {}", l.source.name, &l.hash()[..16]));
+        }
+        out.push("errors".to_owned());
+        out.extend(
+            self.done.errors.iter().map(|o| format!("  {:<5} {}", o.symbol.to_string(), self.origin(o))),
+        );
+        if !self.done.checks.is_empty() {
+            out.push("overlaps".to_owned());
+            out.extend(self.done.checks.iter().map(|c| format!("  {}", self.check(c))));
+        }
+        if !self.done.dropped.is_empty() {
+            out.push("taken out, because it says how the instrument stood".to_owned());
+            out.extend(self.done.dropped.iter().map(|d| format!("  {}", self.dropped(d))));
+        }
+        out.extend(gauge::lines(spec));
+        out
+    }
+
+    fn origin(&self, o: &Origin) -> String {
+        let shares = || {
+            let list = o.from.iter().map(|(i, share)| format!("{} {:.0} %", self.name(*i), 100.0 * share));
+            list.collect::<Vec<_>>().join(", ")
+        };
+        let names = || o.from.iter().map(|(i, _)| self.name(*i)).collect::<Vec<_>>().join(", ");
+        match o.how {
+            How::Only => names(),
+            How::Same => format!("the same in {}", names()),
+            How::Mean => format!("mean of {}", shares()),
+            How::Joined => format!("ranges joined of {}", shares()),
+            How::Preferred => format!("{}, preferred", names()),
+        }
+    }
+
+    fn check(&self, c: &Check) -> String {
+        let axis = c.symbol.axis();
+        let over = c.over.map_or(String::new(), |o| {
+            let [low, high] = o.map(|q| (position_out(axis, q) * 1e3).round() / 1e3);
+            format!(" over {low} to {high} {}", position_unit(axis))
+        });
+        let unit = unit(c.symbol);
+        let tested = match (c.p, c.std) {
+            (Some(p), Some(std)) => {
+                let verdict = if p < self.significance { "they do not agree" } else { "they agree" };
+                format!(
+                    ", u (k=1) of a difference {:.3}, chi2 {:.1} for {}, p = {p:.2}: {verdict}",
+                    value(c.symbol, std),
+                    c.chi_square.unwrap_or(0.0),
+                    c.dof
+                )
+            }
+            _ if c.is_identical() => ": the same".to_owned(),
+            _ => ": not tested, no uncertainty is stated".to_owned(),
+        };
+        format!(
+            "{} {} and {}{over}: largest difference {:.3}, rms {:.3} {unit}{tested}",
+            c.symbol,
+            self.name(c.sources[0]),
+            self.name(c.sources[1]),
+            value(c.symbol, c.largest.abs()),
+            value(c.symbol, c.rms)
+        )
+    }
+
+    fn dropped(&self, d: &Dropped) -> String {
+        let what = match d.part {
+            Part::Slope { .. } => format!("slope {:.2} arcsec", arcsec_from_rad(d.amount)),
+            Part::Value { .. } => format!("constant {:.2} {}", value(d.symbol, d.amount), unit(d.symbol)),
+        };
+        let lost: Vec<String> = d.unstated.iter().map(|s| s.to_string().to_lowercase()).collect();
+        format!("{} {what} in {}, which does not state {}", d.symbol, self.name(d.source), lost.join(", "))
+    }
+
+    pub(super) fn as_json(&self) -> Value {
+        let sources: Vec<Value> = self
+            .loaded
+            .iter()
+            .map(|l| json!({"name": l.source.name, "blake3": l.hash(), "table": l.is_table}))
+            .collect();
+        let errors: Vec<Value> = self.done.errors.iter().map(|o| self.origin_json(o)).collect();
+        let checks: Vec<Value> = self.done.checks.iter().map(|c| self.check_json(c)).collect();
+        let dropped: Vec<Value> = self.done.dropped.iter().map(|d| self.dropped_json(d)).collect();
+        json!({
+            "machine": self.done.spec.machine,
+            "chain": self.done.spec.chain.to_string(),
+            "sources": sources,
+            "errors": errors,
+            "checks": checks,
+            "dropped": dropped,
+            "gauge": gauge::as_json(&self.done.spec),
+        })
+    }
+
+    fn origin_json(&self, o: &Origin) -> Value {
+        let how = match o.how {
+            How::Only => "only",
+            How::Same => "same",
+            How::Mean => "mean",
+            How::Joined => "joined",
+            How::Preferred => "preferred",
+        };
+        let from: Vec<Value> = o
+            .from
+            .iter()
+            .map(|(i, share)| json!({"source": self.name(*i), "share": rounded(*share)}))
+            .collect();
+        json!({"symbol": lower(o.symbol), "how": how, "from": from})
+    }
+
+    fn check_json(&self, c: &Check) -> Value {
+        let unit = unit(c.symbol);
+        let axis = c.symbol.axis();
+        json!({
+            "symbol": lower(c.symbol),
+            "sources": c.sources.map(|i| self.name(i)),
+            format!("over_{}", position_unit(axis)): c.over.map(|o| o.map(|q| position_out(axis, q))),
+            "places": c.places,
+            format!("largest_{unit}"): rounded(value(c.symbol, c.largest)),
+            format!("rms_{unit}"): rounded(value(c.symbol, c.rms)),
+            format!("std_{unit}"): c.std.map(|s| rounded(value(c.symbol, s))),
+            "chi_square": c.chi_square,
+            "dof": c.dof,
+            "p_value": c.p,
+            "agree": c.p.map(|p| p >= self.significance).or(c.is_identical().then_some(true)),
+        })
+    }
+
+    fn dropped_json(&self, d: &Dropped) -> Value {
+        let (part, amount, unit) = match d.part {
+            Part::Slope { .. } => ("slope", arcsec_from_rad(d.amount), "arcsec"),
+            Part::Value { .. } => ("value", value(d.symbol, d.amount), unit(d.symbol)),
+        };
+        json!({
+            "source": self.name(d.source),
+            "symbol": lower(d.symbol),
+            "part": part,
+            format!("amount_{unit}"): rounded(amount),
+            "unstated": d.unstated.iter().map(|s| lower(*s)).collect::<Vec<_>>(),
+        })
+    }
+}
+
+fn lower(symbol: ErrorSymbol) -> String {
+    symbol.to_string().to_lowercase()
+}
+
+const fn unit(symbol: ErrorSymbol) -> &'static str {
+    if symbol.is_angle() { "arcsec" } else { "um" }
+}
+
+fn value(symbol: ErrorSymbol, v: f64) -> f64 {
+    if symbol.is_angle() { arcsec_from_rad(v) } else { um_from_mm(v) }
+}

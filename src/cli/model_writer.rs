@@ -1,0 +1,161 @@
+//! Writer of the model file of `fit` and `identify`: a new one, or an existing one with some errors replaced.
+
+use std::path::{Path, PathBuf};
+
+use super::files::write_text;
+use super::input::{self, InputKind};
+use super::{EX_CONFIG, EX_DATAERR, EX_USAGE, Failure};
+use volcomp_config as config;
+use volcomp_config::{ModelFile, Provenance, SourceEntry};
+use volcomp_model::{AxisSpec, Chain, ErrorFunction, ErrorSymbol, Model, ModelSpec};
+use volcomp_units::axes::AxisName;
+
+/// Where the model goes and what it starts from.
+#[derive(Debug, clap::Args)]
+pub(super) struct ModelWriter {
+    /// The model file to write; without it the file of --into is replaced. - is stdout.
+    #[arg(long, value_name = "FILE")]
+    pub(super) out: Option<PathBuf>,
+    /// An existing model file to start from; the errors found here replace those in it.
+    #[arg(long, value_name = "FILE")]
+    pub(super) into: Option<PathBuf>,
+    /// Machine id of the model.
+    #[arg(long, value_name = "ID")]
+    pub(super) machine: Option<String>,
+    /// Kinematic chain of the model, such as "[w X' b Y Z t]".
+    #[arg(long, conflicts_with = "into")]
+    pub(super) chain: Option<String>,
+}
+
+impl ModelWriter {
+    /// The file to write, where one is wanted.
+    pub(super) fn target(&self) -> Option<&Path> {
+        self.out.as_deref().or(self.into.as_deref())
+    }
+
+    /// True where the model goes to stdout, which then belongs to it.
+    pub(super) fn takes_stdout(&self) -> bool {
+        self.target().is_some_and(|p| p.as_os_str() == "-")
+    }
+
+    /// The model before anything was found: that of --into with its provenance, or an empty one with the chain of
+    /// --chain, else `default_chain`.
+    pub(super) fn base(&self, default_chain: impl FnOnce() -> String) -> Result<ModelFile, Failure> {
+        let mut file = match &self.into {
+            Some(path) => config::model::parse_file(
+                &path.display().to_string(),
+                &input::read_text(path, InputKind::Model)?,
+            )
+            .map_err(|e| Failure::new(EX_CONFIG, e))?,
+            None => {
+                let text = self.chain.clone().unwrap_or_else(|| {
+                    let chain = default_chain();
+                    note!("note: no --chain given, {chain} written; lever arms depend on it");
+                    chain
+                });
+                let chain = Chain::parse(&text)
+                    .map_err(|e| Failure::new(EX_USAGE, format_args!("error: --chain \"{text}\": {e}")))?;
+                ModelFile::new(ModelSpec::new("unnamed", chain))
+            }
+        };
+        if let Some(machine) = &self.machine {
+            file.spec.machine.clone_from(machine);
+        }
+        Ok(file)
+    }
+
+    /// Checks the model and writes it to [`target`](Self::target); `comment` says where it came from, `files` names
+    /// the data in errors.
+    pub(super) fn write(&self, model: &ModelFile, comment: &[String], files: &str) -> Result<(), Failure> {
+        Model::new(&model.spec).map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {files}: {e}")))?;
+        let Some(out) = self.target() else {
+            return Err(Failure::new(EX_USAGE, "error: neither --out nor --into is given"));
+        };
+        write_text(out, &config::model::write_file(model, comment))?;
+        note!("model written: {}", out.display());
+        Ok(())
+    }
+}
+
+/// Puts an error in its place, with where it came from.
+pub(super) fn put(model: &mut ModelFile, symbol: ErrorSymbol, function: ErrorFunction, from: Provenance) {
+    model.of_errors.retain(|(s, _)| *s != symbol);
+    if !from.is_empty() {
+        model.of_errors.push((symbol, from));
+    }
+    match model.spec.errors.iter_mut().find(|(s, _)| *s == symbol) {
+        Some((_, old)) => *old = function,
+        None => model.spec.errors.push((symbol, function)),
+    }
+    model.spec.errors.sort_by_key(|(symbol, _)| *symbol);
+}
+
+/// The entry of an axis, made where it is missing.
+pub(super) fn axis_entry(spec: &mut ModelSpec, name: AxisName) -> &mut AxisSpec {
+    let index = spec.axes.iter().position(|a| a.name == name).unwrap_or_else(|| {
+        spec.axes.push(AxisSpec::new(name));
+        spec.axes.len() - 1
+    });
+    &mut spec.axes[index]
+}
+
+/// Three linear axes on the tool side, and whatever else was measured behind them.
+pub(super) fn default_chain(measured: impl IntoIterator<Item = AxisName>) -> String {
+    let mut axes = vec![AxisName::X, AxisName::Y, AxisName::Z];
+    for axis in measured {
+        if !axes.contains(&axis) {
+            axes.push(axis);
+        }
+    }
+    // the spindle is the last axis and stands in parentheses
+    axes.sort_by_key(|a| *a == AxisName::S);
+    let words: Vec<String> =
+        axes.iter().map(|a| if *a == AxisName::S { "(S)".to_owned() } else { a.to_string() }).collect();
+    format!("[w b {} t]", words.join(" "))
+}
+
+/// The data that errors are made from: names and hashes of the contents.
+#[derive(Debug, Clone)]
+pub(super) struct Sources(Vec<SourceEntry>);
+
+impl Sources {
+    /// Reads what the hashes need.
+    pub(super) fn of(files: &[PathBuf]) -> Self {
+        let entry = |path: &PathBuf| {
+            let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy();
+            // stdin cannot be read twice
+            let hash = input::hash(path, InputKind::Stream).map(|hash| format!("blake3:{hash}"));
+            SourceEntry { source: Some(name.into_owned()), source_hash: hash, ..SourceEntry::default() }
+        };
+        Self(files.iter().map(entry).collect())
+    }
+
+    /// Those of the files that `keep` accepts by their place in the list.
+    pub(super) fn only(&self, keep: impl Fn(usize) -> bool) -> Self {
+        Self(self.0.iter().enumerate().filter(|(i, _)| keep(*i)).map(|(_, s)| s.clone()).collect())
+    }
+
+    /// One comment line per file.
+    pub(super) fn comments(&self) -> Vec<String> {
+        let line = |s: &SourceEntry| {
+            let name = s.source.as_deref().unwrap_or("-");
+            match s.source_hash.as_deref().and_then(|h| h.strip_prefix("blake3:")) {
+                Some(hash) => format!("from {name}, blake3 {hash}"),
+                None => format!("from {name}"),
+            }
+        };
+        self.0.iter().map(line).collect()
+    }
+
+    /// What the model file says about an error made from them.
+    pub(super) fn provenance(&self) -> Provenance {
+        match &self.0[..] {
+            [one] => Provenance {
+                source: one.source.clone(),
+                source_hash: one.source_hash.clone(),
+                ..Provenance::default()
+            },
+            several => Provenance { sources: several.to_vec(), ..Provenance::default() },
+        }
+    }
+}

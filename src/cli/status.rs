@@ -1,0 +1,325 @@
+//! `volcomp status`: state of a running daemon.
+
+use std::fmt::Write;
+use std::io::IsTerminal;
+use std::path::{Path, PathBuf};
+use std::time::Duration;
+
+use super::input::{self, InputKind};
+use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
+use volcomp_config::MachineConfig;
+use volcomp_daemon::Status;
+use volcomp_daemon::client::{self, ClientError};
+
+/// Where the daemon of the shipped unit listens.
+const DEFAULT_SOCKET: &str = "/run/volcomp/volcompd.sock";
+/// Interval of `--watch`.
+const WATCH_INTERVAL: Duration = Duration::from_secs(1);
+
+/// Which daemon.
+#[derive(Debug, clap::Args)]
+pub(super) struct Which {
+    /// The daemon's machine file, which names its socket.
+    #[arg(long, value_name = "FILE", conflicts_with = "socket")]
+    config: Option<PathBuf>,
+    /// The daemon's socket [default: /run/volcomp/volcompd.sock].
+    #[arg(long, value_name = "PATH")]
+    socket: Option<PathBuf>,
+}
+
+/// Shows what the daemon is doing: state, offsets, lateness, faults.
+#[derive(Debug, clap::Parser)]
+pub(super) struct StatusArgs {
+    #[command(flatten)]
+    which: Which,
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    json: bool,
+    /// Print the latency of the present link as full histograms, one JSON object: age, round trip, compute, lateness.
+    #[arg(long)]
+    histograms: bool,
+    /// Print again every second until interrupted.
+    #[arg(long)]
+    watch: bool,
+}
+
+#[expect(clippy::disallowed_methods, reason = "--watch waits between two prints")]
+pub(super) fn status(args: &StatusArgs) -> Result<(), Failure> {
+    let socket = socket(&args.which)?;
+    loop {
+        if args.histograms {
+            say!("{}", json(&client::histograms(&socket).map_err(|e| failure(&e))?)?);
+        } else if args.json {
+            say!("{}", json(&client::status(&socket).map_err(|e| failure(&e))?)?);
+        } else {
+            let status = client::status(&socket).map_err(|e| failure(&e))?;
+            if args.watch && std::io::stdout().is_terminal() {
+                // clear the screen, cursor to the top
+                say!("\x1b[2J\x1b[H");
+            }
+            say!("{}", render(&status).trim_end());
+        }
+        if !args.watch || super::exit::reader_gone() {
+            return Ok(());
+        }
+        std::thread::sleep(WATCH_INTERVAL);
+    }
+}
+
+pub(super) fn json(object: &impl serde::Serialize) -> Result<String, Failure> {
+    serde_json::to_string(object).map_err(|e| Failure::new(EX_SOFTWARE, e))
+}
+
+pub(super) fn socket(which: &Which) -> Result<PathBuf, Failure> {
+    if let Some(socket) = &which.socket {
+        return Ok(socket.clone());
+    }
+    let Some(config) = &which.config else { return Ok(PathBuf::from(DEFAULT_SOCKET)) };
+    volcomp_daemon::socket_path(config, &machine(config)?).ok_or_else(|| {
+        Failure::new(
+            EX_CONFIG,
+            format_args!(
+                "error: {}: the status socket is switched off\n  hint: set `socket` in its `[status]`",
+                config.display()
+            ),
+        )
+    })
+}
+
+/// The machine file of a daemon.
+pub(super) fn machine(config: &Path) -> Result<MachineConfig, Failure> {
+    let text = input::read_text(config, InputKind::Machine)?;
+    MachineConfig::parse(&config.display().to_string(), &text).map_err(|e| Failure::new(EX_CONFIG, e))
+}
+
+pub(super) fn failure(error: &ClientError) -> Failure {
+    let code = match error {
+        ClientError::NotRunning { .. }
+        | ClientError::Denied { .. }
+        | ClientError::Io { .. }
+        | ClientError::Refused { .. } => EX_IOERR,
+        ClientError::NotUnderstood { .. } => EX_SOFTWARE,
+    };
+    Failure::new(code, error)
+}
+
+/// The status as a person reads it.
+fn render(status: &Status) -> String {
+    let mut text = String::new();
+    // writing to a string cannot fail
+    let _ = write_head(&mut text, status);
+    let _ = write_figures(&mut text, status);
+    let _ = write_axes(&mut text, status);
+    let _ = write_shadow(&mut text, status);
+    let _ = super::filter::write(&mut text, &status.sensors, &status.maps, &status.sensor_notes);
+    let _ = super::filter::write_growths(&mut text, &status.growths);
+    let _ = write_tail(&mut text, status);
+    text
+}
+
+fn write_head(f: &mut String, status: &Status) -> std::fmt::Result {
+    let wanted = if status.enabled { "compensation enabled" } else { "compensation disabled" };
+    writeln!(f, "{}: {} ({wanted})", status.machine, status.state)?;
+    let hash = status.model_hash.get(..12).unwrap_or(&status.model_hash);
+    writeln!(f, "model       {} (blake3 {hash})", status.model)?;
+    if let Some(why) = &status.start_inhibit {
+        writeln!(f, "not started {why}")?;
+    }
+    write_choice(f, status)?;
+    let link = &status.link;
+    let since = duration(link.since_s);
+    let control = link.control.as_deref().unwrap_or("control");
+    match (&link.error, link.up) {
+        (_, true) => writeln!(
+            f,
+            "link        {}{} up for {since}, {control}, cycle {} ms",
+            link.address,
+            if link.tls { " (TLS)" } else { "" },
+            link.cycle_s * 1e3
+        )?,
+        (Some(error), false) => writeln!(f, "link        {} down for {since}: {error}", link.address)?,
+        (None, false) => writeln!(f, "link        {} connecting for {since}", link.address)?,
+    }
+    if link.up {
+        writeln!(f, "machine     {}", list(&status.machine_state))?;
+    }
+    Ok(())
+}
+
+/// Who chose the model, and what speaks against using it.
+fn write_choice(f: &mut String, status: &Status) -> std::fmt::Result {
+    let choice = &status.model_choice;
+    if let Some(who) = &choice.who {
+        let why = choice.why.as_deref().unwrap_or("no reason given");
+        writeln!(f, "            loaded by {who} on {}: {why}", choice.since)?;
+    }
+    if let Some(expiry) = &choice.expiry {
+        writeln!(f, "            good until {expiry}")?;
+    }
+    for note in &choice.notes {
+        writeln!(f, "NOTE        {note}")?;
+    }
+    for hindrance in &status.hindrances {
+        writeln!(f, "AGAINST IT  {hindrance}")?;
+    }
+    if status.gain != 1.0 {
+        writeln!(f, "gain        {}", status.gain)?;
+    }
+    Ok(())
+}
+
+/// What shadow mode has found.
+fn write_shadow(f: &mut String, status: &Status) -> std::fmt::Result {
+    let Some(shadow) = &status.shadow else { return Ok(()) };
+    let share =
+        if shadow.cycles == 0 { 0.0 } else { 100.0 * shadow.active_cycles as f64 / shadow.cycles as f64 };
+    writeln!(
+        f,
+        "SHADOW      nothing is applied; compensation would be {}, was on for {share:.1} % of {} cycles, {} faults, {} holds",
+        shadow.state, shadow.cycles, shadow.faults, shadow.interruptions
+    )?;
+    for (axis, a) in &shadow.axes {
+        writeln!(
+            f,
+            "{axis:>4}        error known to the model {:.3} rms {:.3} max, would be left {:.3} rms {:.3} max {}, limited in {} cycles",
+            a.before_rms, a.before_max, a.after_rms, a.after_max, a.unit, a.limited_cycles
+        )?;
+    }
+    Ok(())
+}
+
+fn write_figures(f: &mut String, status: &Status) -> std::fmt::Result {
+    let share =
+        if status.cycles == 0 { 0.0 } else { 100.0 * status.late_cycles as f64 / status.cycles as f64 };
+    writeln!(
+        f,
+        "cycles      {}, late {} ({share:.4} %), skipped {}",
+        status.cycles, status.late_cycles, status.skipped_cycles
+    )?;
+    let rows = [
+        ("age", status.age_us_p50, status.age_us_p99),
+        ("round trip", status.roundtrip_us_p50, status.roundtrip_us_p99),
+        ("compute", status.compute_us_p50, status.compute_us_p99),
+        ("late by", status.lateness_us_p50, status.lateness_us_p99),
+    ];
+    for (name, p50, p99) in rows {
+        if let (Some(p50), Some(p99)) = (p50, p99) {
+            writeln!(f, "{name:<10}  p50 {p50:.1} us, p99 {p99:.1} us")?;
+        }
+    }
+    Ok(())
+}
+
+fn write_axes(f: &mut String, status: &Status) -> std::fmt::Result {
+    let groups = [
+        ("um", &status.correction_um, &status.applied_um),
+        ("arcsec", &status.correction_arcsec, &status.applied_arcsec),
+    ];
+    for (unit, asked, applied) in groups {
+        for (axis, value) in asked {
+            write!(f, "{axis:>4}        {value:+10.3} {unit}")?;
+            if let Some(applied) = applied.get(axis) {
+                write!(f, "   applied {applied:+10.3} {unit}")?;
+            }
+            for (axes, word) in [
+                (&status.limited, "LIMITED"),
+                (&status.warning, "WARNING"),
+                (&status.out_of_range, "OUT OF RANGE"),
+            ] {
+                if axes.contains(axis) {
+                    write!(f, "   {word}")?;
+                }
+            }
+            writeln!(f)?;
+        }
+    }
+    Ok(())
+}
+
+fn write_tail(f: &mut String, status: &Status) -> std::fmt::Result {
+    for fault in &status.faults {
+        writeln!(
+            f,
+            "FAULT       {} {}: {}{} ({} ago)",
+            fault.code,
+            fault.reason,
+            fault.text,
+            fault.numbers.as_ref().map_or_else(String::new, |numbers| format!(": {numbers}")),
+            duration(fault.age_s)
+        )?;
+    }
+    if status.faults.is_empty() {
+        writeln!(f, "faults      none")?;
+    }
+    let realtime = &status.realtime;
+    writeln!(
+        f,
+        "real time   SCHED_FIFO {}; processor {}; memory lock {}",
+        realtime.fifo, realtime.affinity, realtime.memory_lock
+    )?;
+    write_kept(f, status)?;
+    if status.records_dropped + status.reports_dropped > 0 {
+        writeln!(
+            f,
+            "dropped     {} records, {} log reports (queues were full)",
+            status.records_dropped, status.reports_dropped
+        )?;
+    }
+    writeln!(
+        f,
+        "daemon      volcompd {}, pid {}, up {}",
+        status.version,
+        status.pid,
+        duration(status.uptime_s)
+    )
+}
+
+/// The recording and the counters that outlive the daemon.
+fn write_kept(f: &mut String, status: &Status) -> std::fmt::Result {
+    if let Some(recording) = &status.recording {
+        let file = recording.file.as_deref().unwrap_or("no file yet");
+        let megabytes = recording.bytes as f64 / 1e6;
+        writeln!(f, "recording   {file}, {} records, {megabytes:.1} MB", recording.records)?;
+        if let Some(error) = &recording.error {
+            writeln!(f, "NOT RECORDED {error}")?;
+        }
+    }
+    let all = &status.lifetime;
+    let share = if all.cycles == 0 { 0.0 } else { 100.0 * all.late_cycles as f64 / all.cycles as f64 };
+    writeln!(
+        f,
+        "lifetime    {} cycles, late {} ({share:.4} %), enabled {} times, {} faults, {} starts since {}",
+        all.cycles,
+        all.late_cycles,
+        all.enables,
+        all.faults.values().sum::<u64>(),
+        all.starts,
+        all.since.split('T').next().unwrap_or("-")
+    )?;
+    for (unit, largest) in [("um", &all.largest_um), ("arcsec", &all.largest_arcsec)] {
+        for (axis, value) in largest {
+            let limited_s = all.limited_s.get(axis).copied().unwrap_or(0.0);
+            writeln!(f, "{axis:>4}        largest offset {value:.3} {unit}, limited for {limited_s:.3} s")?;
+        }
+    }
+    if all.audit_lines_lost > 0 {
+        writeln!(f, "AUDIT LOG   {} lines are missing: the disk did not take them", all.audit_lines_lost)?;
+    }
+    match &all.note {
+        Some(note) => writeln!(f, "counters    {note}"),
+        None => Ok(()),
+    }
+}
+
+fn list(words: &[String]) -> String {
+    if words.is_empty() { "-".to_owned() } else { words.join(", ") }
+}
+
+/// Seconds as `12.3 s` or `h:mm:ss`.
+fn duration(seconds: f64) -> String {
+    if seconds < 60.0 {
+        return format!("{seconds:.1} s");
+    }
+    let whole = seconds as u64;
+    format!("{}:{:02}:{:02}", whole / 3600, whole / 60 % 60, whole % 60)
+}

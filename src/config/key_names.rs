@@ -1,0 +1,141 @@
+//! Names of keys: the unit at their end, and the nearest known name for an unknown one.
+
+/// The units that keys end in, longest first where one is the end of another.
+const UNITS: &[(&str, &str)] = &[
+    ("um-per-m-krpm", "um/m per 1000/min"),
+    ("um-per-m-k", "um/m/K"),
+    ("um-per-m", "um/m"),
+    ("um-per-krpm", "um per 1000/min"),
+    ("um-per-k", "um/K"),
+    ("um-per-s2", "um/s^2"),
+    ("mm-per-s2", "mm/s^2"),
+    ("arcsec-per-s2", "arcsec/s^2"),
+    ("deg-per-s2", "deg/s^2"),
+    ("um-per-h", "um/h"),
+    ("arcsec-per-h", "arcsec/h"),
+    ("um-per-s", "um/s"),
+    ("mm-per-s", "mm/s"),
+    ("arcsec-per-s", "arcsec/s"),
+    ("deg-per-s", "deg/s"),
+    ("arcsec", "arcsec"),
+    ("urad", "urad"),
+    ("mrad", "mrad"),
+    ("rad", "rad"),
+    ("deg", "deg"),
+    ("degc", "degC"),
+    ("mm", "mm"),
+    ("um", "um"),
+    ("nm", "nm"),
+    ("rpm", "1/min"),
+    ("percent", "%"),
+    ("min", "min"),
+    ("ms", "ms"),
+    ("us", "us"),
+    ("ns", "ns"),
+    ("s", "s"),
+];
+
+/// The unit that a key ends in.
+pub(super) fn unit_of(key: &str) -> Option<&'static str> {
+    UNITS
+        .iter()
+        .map(|(unit, _)| *unit)
+        .find(|unit| key.strip_suffix(unit).is_some_and(|stem| stem.ends_with('-') && stem.len() > 1))
+}
+
+/// A key without its unit.
+pub(super) fn stem(key: &str) -> &str {
+    match unit_of(key) {
+        Some(unit) => &key[..key.len() - unit.len() - 1],
+        None => key,
+    }
+}
+
+/// A unit as people write it.
+pub(super) fn in_words(unit: &str) -> &str {
+    UNITS.iter().find(|(u, _)| *u == unit).map_or(unit, |(_, words)| words)
+}
+
+/// The nearest known word, or all of them behind `introduction`.
+pub(super) fn suggestion(written: &str, known: &[&str], introduction: &str) -> String {
+    let nearest = known.iter().map(|k| (distance(written, k), *k)).min();
+    match nearest {
+        // a third of the letters may differ
+        Some((d, word)) if d <= written.chars().count().max(word.chars().count()).div_ceil(3) => {
+            format!("did you mean {word}?")
+        }
+        _ => format!("{introduction}{}", known.join(", ")),
+    }
+}
+
+/// Edit distance: letters to insert, delete, replace or swap with their neighbour.
+fn distance(a: &str, b: &str) -> usize {
+    let (a, b): (Vec<char>, Vec<char>) =
+        (a.to_lowercase().chars().take(64).collect(), b.to_lowercase().chars().take(64).collect());
+    let mut rows = vec![vec![0usize; b.len() + 1]; a.len() + 1];
+    for (i, row) in rows.iter_mut().enumerate() {
+        row[0] = i;
+    }
+    for (j, cell) in rows[0].iter_mut().enumerate() {
+        *cell = j;
+    }
+    for i in 1..=a.len() {
+        for j in 1..=b.len() {
+            let replace = rows[i - 1][j - 1] + usize::from(a[i - 1] != b[j - 1]);
+            let mut best = replace.min(rows[i - 1][j] + 1).min(rows[i][j - 1] + 1);
+            if i > 1 && j > 1 && a[i - 1] == b[j - 2] && a[i - 2] == b[j - 1] {
+                best = best.min(rows[i - 2][j - 2] + 1);
+            }
+            rows[i][j] = best;
+        }
+    }
+    rows[a.len()][b.len()]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn distance_counts_edits_and_swaps() {
+        for (a, b, d) in [
+            ("", "", 0),
+            ("ramp-s", "ramp-s", 0),
+            ("rmap-s", "ramp-s", 1),
+            ("cycle", "cycel", 1),
+            ("abc", "", 3),
+            ("fourier", "furier", 1),
+        ] {
+            assert_eq!((distance(a, b), distance(b, a)), (d, d), "{a} {b}");
+        }
+    }
+
+    #[test]
+    fn suggestions_are_near_or_complete() {
+        assert_eq!(
+            suggestion("adress", &["address", "cycle-ms"], "keys here are: "),
+            "did you mean address?"
+        );
+        assert_eq!(
+            suggestion("zzz", &["address", "cycle-ms"], "keys here are: "),
+            "keys here are: address, cycle-ms"
+        );
+    }
+
+    #[test]
+    fn units_are_the_end_of_a_key() {
+        for (key, unit, bare) in [
+            ("position-mm", Some("mm"), "position"),
+            ("rate-um-per-s", Some("um-per-s"), "rate"),
+            ("acceleration-um-per-s2", Some("um-per-s2"), "acceleration"),
+            ("hold-s", Some("s"), "hold"),
+            ("stale-ms", Some("ms"), "stale"),
+            ("sense", None, "sense"),
+            ("temperature-degc", Some("degc"), "temperature"),
+            ("sin-um", Some("um"), "sin"),
+            ("mm", None, "mm"),
+        ] {
+            assert_eq!((unit_of(key), stem(key)), (unit, bare), "{key}");
+        }
+    }
+}

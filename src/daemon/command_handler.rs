@@ -1,0 +1,413 @@
+//! Requests on the status socket: each is checked, carried out, awaited and audited.
+
+mod exclusive_access;
+
+use std::sync::Arc;
+use std::time::Duration;
+
+use tracing::info;
+
+use super::audit::{AuditEntry, Who};
+use super::channels::Request;
+use super::models::{Prepared, guard};
+use super::service::Service;
+use super::socket::{Answer, Ask, ModelChange, SentModel, Verb};
+use super::sync::{Mutex, sleep, spawn_blocking, timeout};
+use super::write_queue::Saved;
+use exclusive_access::ExclusiveAccess;
+
+use volcomp_engine::Command;
+use volcomp_engine::fault::Code;
+
+/// Patience with the cycle thread to carry a command out.
+const COMMAND_LIMIT: Duration = Duration::from_secs(2);
+/// Patience with the disk.
+const DISK_LIMIT: Duration = Duration::from_secs(2);
+/// Interval at which it is looked whether something is done.
+const POLL: Duration = Duration::from_millis(2);
+/// Time for at least one cycle to show a command's effect.
+const SETTLE: Duration = Duration::from_millis(50);
+
+/// User and process id of a client.
+pub(super) type Peer = Option<(u32, Option<i32>)>;
+
+/// Carries a request out.
+pub(super) async fn carry_out(mut ask: Ask, service: &Mutex<Service>, peer: Peer) -> Answer {
+    match ask.command {
+        Verb::Status => {
+            let status = service.lock().status();
+            let state = Some(status.state.clone());
+            return Answer { ok: true, state, status: Some(Box::new(status)), ..Answer::default() };
+        }
+        Verb::Histograms => {
+            let mut service = service.lock();
+            let histograms = Some(Box::new(service.histograms()));
+            let state = Some(service.state().to_owned());
+            return Answer { ok: true, state, histograms, ..Answer::default() };
+        }
+        Verb::Filter => {
+            let service = service.lock();
+            let state = Some(service.state().to_owned());
+            return match &service.sensors {
+                Some(sensors) => {
+                    let filter = Some(Box::new(sensors.health()));
+                    Answer { ok: true, state, filter, ..Answer::default() }
+                }
+                None => Answer::refused(NO_SENSORS.to_owned()),
+            };
+        }
+        _ => {}
+    }
+    if let Err(problem) = ask.check() {
+        return Answer::refused(problem);
+    }
+    let (uid, pid) = peer.map_or((None, None), |(uid, pid)| (Some(uid), pid));
+    info!(command = ?ask.command, uid, pid, reason = ask.reason, "command");
+    let who = Who::client(uid, pid);
+    let before = service.lock().model_hash().to_owned();
+    let (what, detail) = described(&ask);
+    let answer = match ask.command {
+        Verb::Enable => enable(&ask, service).await,
+        Verb::Disable => disable(service).await,
+        Verb::ClearFault => order(Request::Engine(Command::ClearFault), service).await,
+        Verb::Gain => gain(ask.gain, service).await,
+        Verb::Load => load(&mut ask, &who, service).await,
+        Verb::Rollback => rollback(&ask, &who, service).await,
+        Verb::Forget => forget(&ask, service).await,
+        Verb::Status | Verb::Histograms | Verb::Filter => Answer::default(),
+    };
+    let service = service.lock();
+    // words about a file that was refused may quote it
+    let result = answer.state.as_ref().or(answer.record.as_ref()).or(answer.error.as_ref());
+    let after = service.model_hash().to_owned();
+    service.audit().write(AuditEntry {
+        who,
+        what: what.to_owned(),
+        why: ask.reason,
+        old_model: (before != after).then_some(before),
+        new_model: Some(after),
+        result: result.cloned().unwrap_or_default(),
+        detail,
+    });
+    answer
+}
+
+/// What the audit log calls a request.
+fn described(ask: &Ask) -> (&'static str, Option<String>) {
+    let sent = |model: &SentModel| {
+        let hash = blake3::hash(model.text.as_bytes()).to_hex();
+        format!("{}, {} bytes, blake3 {hash}", model.origin, model.text.len())
+    };
+    match ask.command {
+        Verb::Enable if ask.shadow => ("shadow", None),
+        Verb::Enable if ask.accept_expired => ("enable", Some("although the model has expired".to_owned())),
+        Verb::Enable => ("enable", None),
+        Verb::Disable => ("disable", None),
+        Verb::ClearFault => ("clear-fault", None),
+        Verb::Gain => ("gain", ask.gain.map(|gain| gain.to_string())),
+        Verb::Load => {
+            let sent = ask.model.as_ref().map_or_else(String::new, sent);
+            let confirmed = ask.confirm.as_ref().map(|name| format!(", change confirmed by {name}"));
+            ("load", Some(format!("{sent}{}", confirmed.unwrap_or_default())))
+        }
+        Verb::Rollback => ("rollback", None),
+        Verb::Forget => ("forget", ask.map.clone()),
+        Verb::Status | Verb::Histograms | Verb::Filter => ("status", None),
+    }
+}
+
+/// Where nothing is learned.
+const NO_SENSORS: &str = "the machine file lists no sensor; see docs/sensors.md";
+
+/// A map goes back to the offline map.
+async fn forget(ask: &Ask, service: &Mutex<Service>) -> Answer {
+    let Some(name) = &ask.map else { return Answer::refused("no map was named".to_owned()) };
+    let answered = match &service.lock().sensors {
+        Some(sensors) => sensors.forget(name),
+        None => return Answer::refused(NO_SENSORS.to_owned()),
+    };
+    let Some(answered) = answered else {
+        return Answer::refused("the estimator does not take orders; try again".to_owned());
+    };
+    let done = async {
+        loop {
+            if let Ok(found) = answered.try_recv() {
+                return found;
+            }
+            sleep(POLL).await;
+        }
+    };
+    match timeout(COMMAND_LIMIT, done).await {
+        Ok(true) => {
+            let state = Some(service.lock().state().to_owned());
+            Answer { ok: true, state, ..Answer::default() }
+        }
+        Ok(false) => Answer::refused(format!("there is no map called \"{name}\"")),
+        Err(_) => Answer::refused("the estimator did not answer".to_owned()),
+    }
+}
+
+/// Passes a request to the cycle thread, waits until it shows, and until what a restart must not undo is durable.
+async fn order(request: Request, service: &Mutex<Service>) -> Answer {
+    let Some(number) = service.lock().request(request.clone()) else {
+        return Answer::refused("too many commands are waiting; try again".to_owned());
+    };
+    let done = async {
+        while !service.lock().is_done(number) {
+            sleep(POLL).await;
+        }
+    };
+    let in_time = timeout(COMMAND_LIMIT, done).await.is_ok();
+    // what the operator has switched off stays off whether or not the cycle thread has answered
+    let note = durable(&request, service).await;
+    if !in_time && !service.lock().is_done(number) {
+        let mut error = format!("the cycle thread did not answer within {} s", COMMAND_LIMIT.as_secs());
+        if request.is_safe() {
+            error.push_str("; it will carry this out as soon as it does");
+        }
+        return Answer { notes: note.into_iter().collect(), ..Answer::refused(error) };
+    }
+    if !service.lock().is_carried_out(number) {
+        return Answer::refused(refusal(&request, &service.lock()));
+    }
+    let note = durable(&request, service).await;
+    sleep(SETTLE).await;
+    let mut service = service.lock();
+    service.drain();
+    let state = Some(service.state().to_owned());
+    Answer { ok: true, state, notes: note.into_iter().collect(), ..Answer::default() }
+}
+
+/// Why the cycle thread has refused a request.
+fn refusal(request: &Request, service: &Service) -> String {
+    match (request, service.latched()) {
+        (Request::Model { .. }, _) => {
+            "the engine refuses: it does not fit the axes of the control".to_owned()
+        }
+        (Request::Engine(Command::ClearFault), Some(fault)) => {
+            format!("{fault}; a fault is cleared at zero offset only, with the link up: try again")
+        }
+        (_, Some(fault)) => format!("{fault}; once its cause is gone: `volcomp enable --clear-fault`"),
+        (_, None) => "it was not carried out in time; try again".to_owned(),
+    }
+}
+
+/// Waits until the newest order is durable; why it is not, where the disk does not take it in time.
+async fn durable(request: &Request, service: &Mutex<Service>) -> Option<String> {
+    let mut verdict = service.lock().retained_state_saved();
+    let waited = async {
+        while verdict == Saved::Waiting {
+            sleep(POLL).await;
+            verdict = service.lock().retained_state_saved();
+        }
+    };
+    let _ = timeout(DISK_LIMIT, waited).await;
+    let why = match verdict {
+        Saved::Yes => return None,
+        Saved::Waiting => "the disk is slow".to_owned(),
+        Saved::No(why) => why,
+        Saved::Nowhere if service.lock().is_undone(request) => {
+            "no state directory ([state] directory)".to_owned()
+        }
+        Saved::Nowhere => return None,
+    };
+    Some(format!("not kept, so a restart may undo this: {why}"))
+}
+
+async fn enable(ask: &Ask, service: &Mutex<Service>) -> Answer {
+    if ask.accept_expired && is_blank(ask.reason.as_ref()) {
+        return Answer::refused("an expired model is only used for a reason: add --reason".to_owned());
+    }
+    if let Some(degc) = ask.temperature_degc {
+        service.lock().set_temperature(degc);
+    }
+    if ask.shadow {
+        if service.lock().is_wanted() {
+            return Answer::refused(
+                "shadow mode is for a machine that is not compensated: `volcomp disable` first".to_owned(),
+            );
+        }
+        return order(Request::Shadow(true), service).await;
+    }
+    let latched = service.lock().latched();
+    if let Some(fault) = latched {
+        return Answer::refused(format!("{fault}; once its cause is gone: `volcomp enable --clear-fault`"));
+    }
+    let against = service.lock().hindrances(ask.accept_expired);
+    if let Some((hindrance, _)) = against.iter().find(|(_, policy)| *policy != volcomp_config::Policy::Warn) {
+        return Answer::refused(hindrance.to_string());
+    }
+    if service.lock().is_shadowing() {
+        let _ = order(Request::Shadow(false), service).await;
+    }
+    if ask.accept_expired {
+        service.lock().accept_expiry();
+    }
+    let mut notes: Vec<String> = against.iter().map(|(hindrance, _)| hindrance.to_string()).collect();
+    let answer = order(Request::Engine(Command::Enable), service).await;
+    notes.extend(answer.notes.iter().cloned());
+    Answer { notes, ..answer }
+}
+
+async fn disable(service: &Mutex<Service>) -> Answer {
+    if service.lock().is_shadowing() {
+        let _ = order(Request::Shadow(false), service).await;
+    }
+    order(Request::Engine(Command::Disable), service).await
+}
+
+async fn gain(gain: Option<f64>, service: &Mutex<Service>) -> Answer {
+    match gain.filter(|g| (0.0..=1.0).contains(g)) {
+        Some(gain) => order(Request::Engine(Command::SetGain(gain)), service).await,
+        None => Answer::refused("a gain is a number from 0 to 1".to_owned()),
+    }
+}
+
+/// Where another load or rollback has the turn.
+const BUSY: &str = "another model is being looked at; try again when that is done";
+
+/// Reads, compares, asks for a confirmation where needed, switches, remembers.
+async fn load(ask: &mut Ask, who: &Who, service: &Mutex<Service>) -> Answer {
+    let Some(sent) = ask.model.take() else {
+        return Answer::refused("no model was sent".to_owned());
+    };
+    let Some(_turn) = ExclusiveAccess::take(service.lock().loading()) else {
+        return Answer::refused(BUSY.to_owned());
+    };
+    let (config, active) = {
+        let service = service.lock();
+        (service.config(), Arc::clone(&service.models().active))
+    };
+    let limits = config.guard.clone();
+    let old = Arc::clone(&active);
+    // reading and comparing takes up to seconds: not on the thread that serves everybody
+    let work = spawn_blocking(move || {
+        let new = Prepared::read(&sent.origin, sent.text, &config)?;
+        let size = guard::size(&old.spec, &new.spec).map_err(|e| e.to_string())?;
+        Ok::<_, String>((new, size))
+    });
+    let (new, size) = match work.await {
+        Ok(Ok(found)) => found,
+        Ok(Err(problem)) => {
+            let record = Some(format!("{}: refused, not a model for this machine", Code::MODEL_INVALID));
+            let error = format!("{}: the model is not used\n{problem}", Code::MODEL_INVALID);
+            return Answer { record, ..Answer::refused(error) };
+        }
+        Err(_) => {
+            return Answer::refused("internal: the comparison broke off; the model in use stays".to_owned());
+        }
+    };
+    if new.hash == active.hash {
+        let service = service.lock();
+        let notes = vec!["this model is in use already".to_owned()];
+        return Answer { ok: true, state: Some(service.state().to_owned()), notes, ..Answer::default() };
+    }
+    let finite = |value: f64| Some(value).filter(|v| v.is_finite());
+    let change = Some(ModelChange {
+        old_hash: active.hash.clone(),
+        new_hash: new.hash.clone(),
+        largest_um: finite(size.largest_um),
+        largest_arcsec: finite(size.largest_arcsec),
+    });
+    if let Err(too_different) = guard::judge(&size, &limits)
+        && (is_blank(ask.confirm.as_ref()) || is_blank(ask.reason.as_ref()))
+    {
+        let error = format!(
+            "{}: {too_different}\n  hint: look at `volcomp diff`; if it is right, load it with --confirm NAME and \
+             --reason TEXT",
+            Code::MODEL_CHANGE
+        );
+        return Answer { change, ..Answer::refused(error) };
+    }
+    if let Err(refusal) = may_be_used(&new, service) {
+        return Answer { change, ..Answer::refused(refusal) };
+    }
+    Answer {
+        change,
+        ..switch(Arc::new(new), ask.confirm.clone().or_else(|| who.name.clone()), ask.reason.clone(), service)
+            .await
+    }
+}
+
+/// While the machine is compensated, a model that could not be enabled must not slip in either.
+fn may_be_used(new: &Prepared, service: &Mutex<Service>) -> Result<(), String> {
+    let service = service.lock();
+    if !service.is_wanted() {
+        return Ok(());
+    }
+    match service
+        .hindrances_of(new, false)
+        .into_iter()
+        .find(|(_, policy)| *policy != volcomp_config::Policy::Warn)
+    {
+        Some((hindrance, _)) => Err(format!(
+            "{hindrance}\n  hint: `volcomp disable` first; enabling then asks for what is needed"
+        )),
+        None => Ok(()),
+    }
+}
+
+async fn rollback(ask: &Ask, who: &Who, service: &Mutex<Service>) -> Answer {
+    // one model at a time: what a load has compared with must still be in use when it is switched to
+    let Some(_turn) = ExclusiveAccess::take(service.lock().loading()) else {
+        return Answer::refused(BUSY.to_owned());
+    };
+    let Some(previous) = service.lock().models().previous.clone() else {
+        return Answer::refused("there is no model before this one".to_owned());
+    };
+    if let Err(refusal) = may_be_used(&previous, service) {
+        return Answer::refused(refusal);
+    }
+    let (limits, old) = {
+        let service = service.lock();
+        (service.config().guard.clone(), Arc::clone(&service.models().active))
+    };
+    let new = Arc::clone(&previous);
+    let size = spawn_blocking(move || guard::size(&old.spec, &new.spec).map_err(|e| e.to_string())).await;
+    let too_different = match size {
+        Ok(Ok(size)) => guard::judge(&size, &limits).err().map(|e| e.to_string()),
+        Ok(Err(problem)) => Some(problem),
+        Err(_) => {
+            return Answer::refused("internal: the comparison broke off; the model in use stays".to_owned());
+        }
+    };
+    if let Some(too_different) = too_different.filter(|_| is_blank(ask.reason.as_ref())) {
+        return Answer::refused(format!("VC-5006: {too_different}\n  hint: say why with --reason TEXT"));
+    }
+    switch(previous, who.name.clone(), ask.reason.clone(), service).await
+}
+
+/// Takes another model into use: first the engine, then the disk.
+async fn switch(
+    new: Arc<Prepared>,
+    who: Option<String>,
+    why: Option<String>,
+    service: &Mutex<Service>,
+) -> Answer {
+    let hash = blake3::hash(new.text.as_bytes());
+    let request = Request::Model { model: Arc::clone(&new.model), hash: *hash.as_bytes() };
+    // until the cycle thread has answered, the old model is held here: nothing is freed on the cycle
+    let _old = Arc::clone(&service.lock().models().active);
+    service.lock().announce(&new);
+    let answer = order(request, service).await;
+    if !answer.ok {
+        return answer;
+    }
+    let keeping = service.lock().switched(new, who, why);
+    // a disk that hangs must not keep anybody waiting but its own thread
+    let note = match timeout(DISK_LIMIT, spawn_blocking(move || keeping.write())).await {
+        Ok(Ok(note)) => note,
+        Ok(Err(_)) => Some("internal: writing the choice down broke off; a restart goes back".to_owned()),
+        Err(_) => Some(
+            "the disk is slow: the choice is being written down, until then a restart goes back".to_owned(),
+        ),
+    };
+    if let Some(note) = &note {
+        service.lock().note_model(note.clone());
+    }
+    Answer { notes: note.into_iter().collect(), ..answer }
+}
+
+fn is_blank(text: Option<&String>) -> bool {
+    text.is_none_or(|text| text.trim().is_empty())
+}

@@ -1,0 +1,338 @@
+//! What was learned, on the disk: `live.json` in the state directory.
+//!
+//! Replaced as a whole (temporary file, sync, rename) by a thread of its own ([`Writer`]), for a disk may be slow or hang. It is put back only where machine, model, components, nodes and
+//! numbers are right; the uncertainty grows by the time that passed. What cannot be put back is set aside under a name
+//! with the date and reported: a map that is wrong is worse than none.
+
+use std::io::{self, ErrorKind};
+use std::path::Path;
+use std::sync::{Arc, Mutex, PoisonError};
+use std::thread::JoinHandle;
+use std::time::{Duration, SystemTime, UNIX_EPOCH};
+
+use crossbeam_channel::{Sender, bounded};
+use serde::{Deserialize, Serialize};
+use volcomp_state::bounded_read::read_regular;
+use volcomp_state::disk::{RealDisk, replace, set_aside};
+use volcomp_state::utc;
+
+use volcomp_estimate::live::{LiveEstimator, SavedMap, SavedThermalState};
+
+const FORMAT: &str = "volcomp-live/1";
+/// Its name in the state directory.
+pub(super) const FILE: &str = "live.json";
+/// Largest file, bytes.
+const BYTES_MAX: u64 = 64 << 20;
+/// A state from the future by more than this is of a clock that was wrong, s.
+const FUTURE_S: f64 = 3600.0;
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Kept {
+    format: String,
+    machine: String,
+    model_hash: String,
+    saved: String,
+    saved_unix_s: f64,
+    maps: Vec<Map>,
+    /// Lags of thermal displacements.
+    #[serde(default)]
+    growths: Vec<Growth>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Growth {
+    name: String,
+    /// Inputs behind their lags, in the order of the model file.
+    lagged: Vec<f64>,
+    /// Last reading of each input, degC or 1/min.
+    last: Vec<f64>,
+}
+
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+struct Map {
+    name: String,
+    components: Vec<String>,
+    nodes_mm: [Vec<f64>; 3],
+    /// Component by component: difference from the offline map and standard deviation; mm or rad.
+    values: Vec<(f64, f64)>,
+    evidence: f64,
+}
+
+fn unix_s(now: SystemTime) -> f64 {
+    now.duration_since(UNIX_EPOCH).map_or(0.0, |d| d.as_secs_f64())
+}
+
+/// The thread that writes.
+#[derive(Debug)]
+pub(super) struct Writer {
+    jobs: Sender<WriteRequest>,
+    problem: Arc<Mutex<Option<String>>>,
+    thread: JoinHandle<()>,
+}
+
+#[derive(Debug)]
+enum WriteRequest {
+    Write(Vec<u8>),
+    /// Everything before it is written.
+    Told(Sender<()>),
+}
+
+impl Writer {
+    /// Starts it.
+    pub(super) fn start(directory: &Path) -> io::Result<Self> {
+        let path = directory.join(FILE);
+        let problem = Arc::new(Mutex::new(None));
+        let (jobs, receiver) = bounded::<WriteRequest>(1);
+        let found = Arc::clone(&problem);
+        let thread = std::thread::Builder::new().name("volcomp-keep".to_owned()).spawn(move || {
+            for job in receiver {
+                match job {
+                    WriteRequest::Write(text) => {
+                        let why = replace(&RealDisk, &path, &text)
+                            .err()
+                            .map(|e| format!("{}: {e}", path.display()));
+                        *found.lock().unwrap_or_else(PoisonError::into_inner) = why;
+                    }
+                    WriteRequest::Told(done) => {
+                        let _ = done.try_send(());
+                    }
+                }
+            }
+        })?;
+        Ok(Self { jobs, problem, thread })
+    }
+
+    /// Has it written; false where the one before is still on its way to the disk.
+    pub(super) fn write(&self, text: Vec<u8>) -> bool {
+        self.jobs.try_send(WriteRequest::Write(text)).is_ok()
+    }
+
+    /// Waits until everything is written, no longer than `limit`; false where it is not.
+    pub(super) fn wait(&self, limit: Duration) -> bool {
+        let (done, told) = bounded(1);
+        self.jobs.send_timeout(WriteRequest::Told(done), limit).is_ok() && told.recv_timeout(limit).is_ok()
+    }
+
+    /// Why the last one could not be written.
+    pub(super) fn problem(&self) -> Option<String> {
+        self.problem.lock().unwrap_or_else(PoisonError::into_inner).clone()
+    }
+
+    /// The last word; then everything is written and the thread has ended.
+    pub(super) fn finish(self, last: Option<Vec<u8>>) {
+        let Self { jobs, thread, .. } = self;
+        if let Some(text) = last {
+            let _ = jobs.send(WriteRequest::Write(text));
+        }
+        drop(jobs);
+        let _ = thread.join();
+    }
+}
+
+/// What the estimator has learned, as it is kept.
+pub(super) fn text(
+    machine: &str,
+    model_hash: &str,
+    estimator: &LiveEstimator,
+    now: SystemTime,
+) -> io::Result<Vec<u8>> {
+    let map = |m: SavedMap| Map {
+        name: m.name,
+        components: m.components,
+        nodes_mm: m.nodes,
+        values: m.values,
+        evidence: m.evidence,
+    };
+    let growth = |g: SavedThermalState| Growth { name: g.name, lagged: g.lagged, last: g.last };
+    let kept = Kept {
+        format: FORMAT.to_owned(),
+        machine: machine.to_owned(),
+        model_hash: model_hash.to_owned(),
+        saved: utc::text(now),
+        saved_unix_s: unix_s(now),
+        maps: estimator.kept().into_iter().map(map).collect(),
+        growths: estimator.saved_thermal().into_iter().map(growth).collect(),
+    };
+    let mut text = serde_json::to_vec(&kept)?;
+    text.push(b'\n');
+    Ok(text)
+}
+
+/// Puts back what was kept; gives what should be known about it.
+pub(super) fn restore(
+    directory: &Path,
+    machine: &str,
+    model_hash: &str,
+    estimator: &mut LiveEstimator,
+    now: SystemTime,
+) -> Vec<String> {
+    let path = directory.join(FILE);
+    let text = match read_regular(&path, BYTES_MAX) {
+        Ok(text) => text,
+        Err(e) if e.kind() == ErrorKind::NotFound => return Vec::new(),
+        Err(e) => return vec![format!("{}: {e}; maps begin at the offline map", path.display())],
+    };
+    let aside = |why: &str, word: &str| {
+        let kept = match set_aside(&RealDisk, &path, word) {
+            Ok(aside) => format!("kept as {}", aside.display()),
+            Err(e) => format!("and could not be set aside: {e}"),
+        };
+        vec![format!("VC-8013: {}: {why}; {kept}, maps begin at the offline map", path.display())]
+    };
+    match restore_text(&text, machine, model_hash, estimator, now) {
+        Ok(note) => vec![note],
+        Err((why, word)) => aside(&why, word),
+    }
+}
+
+/// Puts a kept text back into the estimator; gives a note, or why not and a word for it.
+pub(super) fn restore_text(
+    text: &[u8],
+    machine: &str,
+    model_hash: &str,
+    estimator: &mut LiveEstimator,
+    now: SystemTime,
+) -> Result<String, (String, &'static str)> {
+    let kept = parse(text, now).map_err(|why| (why, "damaged"))?;
+    if kept.machine != machine {
+        let why = format!("of machine \"{}\", this one is \"{machine}\"", kept.machine);
+        return Err((why, "other-machine"));
+    }
+    if kept.model_hash != model_hash {
+        return Err((format!("learned about another model (blake3 {})", kept.model_hash), "other-model"));
+    }
+    let age_s = unix_s(now) - kept.saved_unix_s;
+    let maps: Vec<SavedMap> = kept
+        .maps
+        .into_iter()
+        .map(|m| SavedMap {
+            name: m.name,
+            components: m.components,
+            nodes: m.nodes_mm,
+            values: m.values,
+            evidence: m.evidence,
+        })
+        .collect();
+    let growths: Vec<SavedThermalState> = kept
+        .growths
+        .into_iter()
+        .map(|g| SavedThermalState { name: g.name, lagged: g.lagged, last: g.last })
+        .collect();
+    let mut problems = estimator.restore(&maps, age_s.max(0.0));
+    problems.extend(estimator.restore_thermal(&growths, age_s.max(0.0)));
+    if problems.is_empty() {
+        return Ok(format!("what was learned until {} goes on, {:.1} h older", kept.saved, age_s / 3600.0));
+    }
+    Err((problems.join("; "), "refused"))
+}
+
+fn parse(text: &[u8], now: SystemTime) -> Result<Kept, String> {
+    let kept: Kept = serde_json::from_slice(text).map_err(|e| e.to_string())?;
+    if kept.format != FORMAT {
+        return Err(format!("format is \"{}\", not \"{FORMAT}\"", kept.format));
+    }
+    if !kept.saved_unix_s.is_finite() || kept.saved_unix_s > unix_s(now) + FUTURE_S {
+        return Err(format!("saved at {}, which is still to come", kept.saved));
+    }
+    Ok(kept)
+}
+
+#[cfg(test)]
+mod tests {
+    use std::fs;
+
+    use super::*;
+    use volcomp_estimate::live::{LiveModel, LiveSpec, MapSpec};
+    use volcomp_model::curve::Live;
+    use volcomp_model::{Chain, ErrorFunction, ErrorSymbol, Model, ModelSpec};
+
+    fn estimator() -> LiveEstimator {
+        let mut spec = ModelSpec::new("m", Chain::parse("[w b X Y Z t]").unwrap());
+        let live = vec![Live { sensor: "ram.eaz".to_owned(), limit: 1e-4, reference: None }];
+        let function = ErrorFunction { live, ..ErrorFunction::default() };
+        spec.errors.push((ErrorSymbol::parse("eaz").unwrap(), function));
+        let nodes = [vec![0.0, 1.0], vec![0.0, 1.0], vec![0.0, 1.0]];
+        let live = LiveSpec { sensors: Vec::new(), maps: vec![MapSpec::new("ram", nodes)] };
+        let model = Arc::new(Model::new(&spec).unwrap());
+        LiveEstimator::new(&live, LiveModel { spec: &spec, thermal: &[], model, hash: [3; 32] }).unwrap()
+    }
+
+    #[test]
+    fn a_disk_that_refuses_is_told_and_one_that_is_well_again_too() {
+        let folder = tempfile::tempdir().unwrap();
+        let directory = folder.path().join("state");
+        let writer = Writer::start(&directory).unwrap();
+        let limit = Duration::from_secs(10);
+        assert!(writer.write(b"{}".to_vec()) && writer.wait(limit));
+        assert!(writer.problem().unwrap().contains(FILE));
+        fs::create_dir(&directory).unwrap();
+        assert!(writer.write(b"{}".to_vec()) && writer.wait(limit));
+        assert_eq!(writer.problem(), None);
+        writer.finish(None);
+    }
+
+    #[test]
+    fn what_was_kept_comes_back_and_anything_else_is_set_aside_and_told() {
+        let folder = tempfile::tempdir().unwrap();
+        let now = SystemTime::now();
+        let hash = "abc";
+        let mut it = estimator();
+        assert!(restore(folder.path(), "m", hash, &mut it, now).is_empty(), "nothing there");
+        let mut kept = it.kept();
+        kept[0].values[2] = (3e-6, 1e-6);
+        assert!(it.restore(&kept, 0.0).is_empty());
+        let writer = Writer::start(folder.path()).unwrap();
+        assert!(writer.write(text("m", hash, &it, now).unwrap()) && writer.wait(Duration::from_secs(10)));
+        assert_eq!(writer.problem(), None);
+        writer.finish(Some(text("m", hash, &it, now).unwrap()));
+        let mut other = estimator();
+        let notes = restore(folder.path(), "m", hash, &mut other, now);
+        assert!(notes[0].contains("goes on"), "{notes:?}");
+        assert!((other.kept()[0].values[2].0 - 3e-6).abs() < 1e-15);
+
+        let path = folder.path().join(FILE);
+        let good = fs::read_to_string(&path).unwrap();
+        for (kept, machine, model, words) in [
+            (good.clone(), "n", hash, "other-machine"),
+            (good.clone(), "m", "def", "other-model"),
+            (good[..good.len() / 2].to_owned(), "m", hash, "damaged"),
+            (good.replace("volcomp-live/1", "volcomp-live/9"), "m", hash, "damaged"),
+            (good.replace("3e-6", "3e6"), "m", hash, "refused"),
+            (good.replace("\"saved_unix_s\":", "\"saved_unix_s\":9e9,\"x\":"), "m", hash, "damaged"),
+        ] {
+            fs::write(&path, &kept).unwrap();
+            let mut fresh = estimator();
+            let notes = restore(folder.path(), machine, model, &mut fresh, now);
+            assert!(notes[0].contains(words) && !path.exists(), "{words}: {notes:?}");
+            assert!(fresh.kept()[0].values.iter().all(|(x, _)| *x == 0.0));
+        }
+    }
+
+    #[test]
+    fn a_file_cut_at_any_byte_or_without_its_data_teaches_nothing() {
+        let folder = tempfile::tempdir().unwrap();
+        let now = SystemTime::now();
+        let mut it = estimator();
+        let mut kept = it.kept();
+        kept[0].values[2] = (3e-6, 1e-6);
+        assert!(it.restore(&kept, 0.0).is_empty());
+        let good = text("m", "abc", &it, now).unwrap();
+        let path = folder.path().join(FILE);
+        let cuts = (0..good.len()).map(|k| good[..k].to_vec());
+        let lost = [vec![0; good.len()], vec![0; 4096]];
+        for (k, bytes) in cuts.chain(lost).enumerate() {
+            fs::write(&path, &bytes).unwrap();
+            // what a write that was cut off leaves beside it
+            fs::write(folder.path().join("live.json.tmp"), &good).unwrap();
+            let mut fresh = estimator();
+            let notes = restore(folder.path(), "m", "abc", &mut fresh, now);
+            if bytes.len() + 1 == good.len() && k + 1 == good.len() {
+                // without its line feed it is whole
+                assert!(notes[0].contains("goes on"), "{notes:?}");
+                continue;
+            }
+            assert!(notes[0].starts_with("VC-8013"), "{k}: {notes:?}");
+            assert!(fresh.kept()[0].values.iter().all(|(x, _)| *x == 0.0), "{k}");
+        }
+    }
+}

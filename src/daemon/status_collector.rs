@@ -1,0 +1,358 @@
+//! Collects the reports of the cycle thread into the status. Belongs to the service thread.
+
+use std::sync::Arc;
+use std::sync::atomic::Ordering::Relaxed;
+
+use hdrhistogram::CreationError;
+
+use super::channels::{CycleRecord, Progress};
+use super::clock::Clock;
+use super::handshake;
+use super::latency::{Histograms, Latency, Sample, percentile_us};
+use super::load::Loaded;
+use super::realtime::RealtimeReport;
+use super::status::{
+    Fault, Lifetime, LinkStatus, ModelStatus, RealtimeStatus, ShadowAxis, ShadowStatus, Status,
+};
+use volcomp_engine::fault::{self, Code};
+use volcomp_engine::{Detail, Event, Quantity, ShadowScore, State};
+use volcomp_protocol::{ControlHello, MachineState};
+use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
+use volcomp_units::{MonoTime, NS_PER_S, arcsec_from_rad, rad_from_deg, um_from_mm};
+
+/// A latched fault.
+#[derive(Debug, Clone)]
+struct Latched {
+    code: String,
+    reason: &'static str,
+    text: &'static str,
+    detail: Option<Detail>,
+    since: MonoTime,
+}
+
+/// Everything known about the daemon's work.
+#[derive(Debug)]
+pub(super) struct StatusCollector {
+    loaded: Arc<Loaded>,
+    progress: Arc<Progress>,
+    clock: Clock,
+    hello: Option<ControlHello>,
+    up: bool,
+    changed: MonoTime,
+    links: u64,
+    error: Option<String>,
+    last: Option<CycleRecord>,
+    latency: Latency,
+    fault: Option<Latched>,
+    realtime: RealtimeStatus,
+}
+
+impl StatusCollector {
+    pub(super) fn new(
+        loaded: Arc<Loaded>,
+        progress: Arc<Progress>,
+        clock: Clock,
+    ) -> Result<Self, CreationError> {
+        Ok(Self {
+            loaded,
+            progress,
+            clock,
+            hello: None,
+            up: false,
+            changed: clock.now(),
+            links: 0,
+            error: None,
+            last: None,
+            latency: Latency::new()?,
+            fault: None,
+            realtime: RealtimeStatus::default(),
+        })
+    }
+
+    pub(super) fn realtime(&mut self, report: &RealtimeReport) {
+        self.realtime = report.status();
+    }
+
+    pub(super) fn link_up(&mut self, hello: &ControlHello) {
+        self.hello = Some(*hello);
+        self.up = true;
+        self.changed = self.clock.now();
+        self.links += 1;
+        self.error = None;
+        self.last = None;
+        self.latency.reset();
+    }
+
+    pub(super) fn link_down(&mut self, why: String) {
+        self.up = false;
+        self.changed = self.clock.now();
+        self.error = Some(why);
+    }
+
+    pub(super) fn connect_failed(&mut self, why: String) {
+        self.error = Some(why);
+    }
+
+    pub(super) fn event(&mut self, event: &Event) {
+        match event {
+            Event::StateChanged { to: State::Faulted, reason, detail, .. } => {
+                let entry = fault::of_reason(*reason);
+                self.latch(entry.code.to_string(), entry.name, entry.text, *detail);
+            }
+            Event::StateChanged { .. } => self.fault = None,
+        }
+    }
+
+    /// A fault of the run before is still latched.
+    pub(super) fn latched_before(&mut self, code: &str) {
+        let (name, text) = Code::parse(code)
+            .and_then(Code::entry)
+            .map_or(("unknown", "a fault of another version of volcomp"), |entry| (entry.name, entry.text));
+        self.latch(code.to_owned(), name, text, None);
+    }
+
+    fn latch(&mut self, code: String, reason: &'static str, text: &'static str, detail: Option<Detail>) {
+        self.fault = Some(Latched { code, reason, text, detail, since: self.clock.now() });
+    }
+
+    pub(super) fn record(&mut self, record: &CycleRecord) {
+        self.last = Some(*record);
+        self.latency.record(&Sample {
+            age_ns: record.age_ns,
+            turnaround_ns: record.turnaround_ns,
+            compute_ns: record.compute_ns,
+            cycle_ns: (self.loaded.config.link.cycle_s * NS_PER_S).round() as i64,
+        });
+    }
+
+    /// Every latency of the present link in full.
+    pub(super) fn histograms(&self) -> Histograms {
+        self.latency.histograms()
+    }
+
+    /// One line for `systemctl status`.
+    pub(super) fn headline(&self) -> String {
+        match (self.up, self.progress.state()) {
+            (true, Some(state)) => format!(
+                "{}, {} cycles, {} late",
+                state_name(state),
+                self.progress.cycles.load(Relaxed),
+                self.progress.late.load(Relaxed)
+            ),
+            _ => format!("disconnected, trying {}", self.loaded.config.link.address),
+        }
+    }
+
+    /// The present state, as in [`Status`].
+    pub(super) fn state(&self) -> &'static str {
+        self.progress.state().map_or("disconnected", state_name)
+    }
+
+    pub(super) fn status(&self) -> Status {
+        let now = self.clock.now();
+        let last = self.last.filter(|_| self.up);
+        let axes = self.axes();
+        let asked = last.map(|r| axis_maps(&axes, |k| internal(axes[k], r.offset[k])));
+        let applied = last.map(|r| axis_maps(&axes, |k| wire(axes[k], r.applied[k])));
+        let (correction_um, correction_arcsec) = asked.unwrap_or_default();
+        let (applied_um, applied_arcsec) = applied.unwrap_or_default();
+        let letters = |bits: u8| -> Vec<String> {
+            axes.iter().enumerate().filter(|(k, _)| bits >> k & 1 == 1).map(|(_, a)| letter(*a)).collect()
+        };
+        Status {
+            state: self.state().to_owned(),
+            enabled: self.progress.wanted.load(Relaxed),
+            machine: self.loaded.config.machine.clone(),
+            model: self.loaded.model_path.display().to_string(),
+            model_hash: self.loaded.model_hash.clone(),
+            version: env!("CARGO_PKG_VERSION").to_owned(),
+            pid: std::process::id(),
+            uptime_s: now.seconds_since(MonoTime::ZERO),
+            link: self.link_status(now),
+            cycles: self.progress.cycles.load(Relaxed),
+            late_cycles: self.progress.late.load(Relaxed),
+            skipped_cycles: self.progress.skipped.load(Relaxed),
+            age_us_p50: percentile_us(&self.latency.age, 50.0),
+            age_us_p99: percentile_us(&self.latency.age, 99.0),
+            roundtrip_us_p50: percentile_us(&self.latency.turnaround, 50.0),
+            roundtrip_us_p99: percentile_us(&self.latency.turnaround, 99.0),
+            compute_us_p50: percentile_us(&self.latency.compute, 50.0),
+            compute_us_p99: percentile_us(&self.latency.compute, 99.0),
+            lateness_us_p50: percentile_us(&self.latency.lateness, 50.0),
+            lateness_us_p99: percentile_us(&self.latency.lateness, 99.0),
+            correction_um,
+            correction_arcsec,
+            applied_um,
+            applied_arcsec,
+            limited: letters(last.map_or(0, |r| r.limited)),
+            warning: letters(last.map_or(0, |r| r.warning)),
+            out_of_range: letters(last.map_or(0, |r| r.out_of_range)),
+            lag_cycles: last.and_then(|r| r.lag_cycles),
+            machine_state: last.map_or_else(Vec::new, |r| machine_state(r.machine_state)),
+            faults: self.faults(now),
+            sensors: Vec::new(),
+            maps: Vec::new(),
+            growths: Vec::new(),
+            sensor_notes: Vec::new(),
+            readings_dropped: 0,
+            records_dropped: self.progress.records_dropped.load(Relaxed),
+            reports_dropped: self.progress.reports_dropped.load(Relaxed),
+            realtime: self.realtime.clone(),
+            // the service knows these
+            gain: 0.0,
+            model_choice: ModelStatus::default(),
+            hindrances: Vec::new(),
+            temperature_degc: None,
+            start_inhibit: None,
+            shadow: None,
+            recording: None,
+            lifetime: Lifetime::default(),
+        }
+    }
+
+    /// Shadow mode for the status.
+    pub(super) fn shadow(&self, state: State, score: &ShadowScore) -> ShadowStatus {
+        let axis = |(k, name): (usize, &AxisName)| {
+            let (unit, of): (_, fn(f64) -> f64) = match name.kind() {
+                AxisKind::Linear => ("um", um_from_mm),
+                AxisKind::Rotary => ("arcsec", arcsec_from_rad),
+            };
+            let found = score.axes[k];
+            let values = ShadowAxis {
+                unit: unit.to_owned(),
+                before_rms: of(score.before_rms(k)?),
+                before_max: of(found.before_max),
+                after_rms: of(score.after_rms(k)?),
+                after_max: of(found.after_max),
+                limited_cycles: found.limited_cycles,
+            };
+            Some((letter(*name), values))
+        };
+        ShadowStatus {
+            state: state_name(state).to_owned(),
+            cycles: score.cycles,
+            active_cycles: score.active_cycles,
+            faults: score.faults,
+            interruptions: score.interruptions,
+            axes: self.axes().iter().enumerate().filter_map(axis).collect(),
+        }
+    }
+
+    fn link_status(&self, now: MonoTime) -> LinkStatus {
+        LinkStatus {
+            tls: self.loaded.identity.is_some(),
+            address: self.loaded.config.link.address.to_string(),
+            up: self.up,
+            control: self.hello.map(|h| h.software.as_str().to_owned()),
+            axes: self.axes().into_iter().map(letter).collect(),
+            cycle_s: self.loaded.config.link.cycle_s,
+            since_s: now.seconds_since(self.changed),
+            links: self.links,
+            error: self.error.clone(),
+        }
+    }
+
+    fn faults(&self, now: MonoTime) -> Vec<Fault> {
+        // an acknowledged fault leaves without an event
+        let latched = self.fault.as_ref().filter(|_| self.progress.is_faulted());
+        let fault = latched.map(|latched| Fault {
+            code: latched.code.clone(),
+            reason: latched.reason.to_owned(),
+            text: latched.text.to_owned(),
+            numbers: self.numbers(latched.detail.as_ref()),
+            age_s: now.seconds_since(latched.since),
+        });
+        fault.into_iter().collect()
+    }
+
+    /// Axis, value and limit of a change of state, in words.
+    pub(super) fn numbers(&self, detail: Option<&Detail>) -> Option<String> {
+        let Detail { axis, quantity, value, limit } = *detail?;
+        let axis = axis.and_then(|k| self.axes().get(usize::from(k)).copied());
+        let (unit, small, factor) = match (quantity, axis.map(AxisName::kind)) {
+            (Quantity::Time, _) => ("s", "ms", 1e3),
+            (Quantity::Axis, Some(AxisKind::Rotary)) => ("deg", "arcsec", 3600.0),
+            _ => ("mm", "um", 1e3),
+        };
+        let words = |v: f64| match v.abs() {
+            size if size > 0.0 && size < 1.0 => format!("{:.4} {small}", v * factor),
+            _ => format!("{v:.4} {unit}"),
+        };
+        let place = axis.map_or_else(String::new, |axis| format!("{}: ", letter(axis)));
+        let bound = if limit.is_nan() { String::new() } else { format!(", limit {}", words(limit)) };
+        Some(format!("{place}{}{bound}", words(value)))
+    }
+
+    /// The fault that is latched now, in a line.
+    pub(super) fn latched(&self) -> Option<String> {
+        let fault = self.faults(self.clock.now()).pop()?;
+        let numbers = fault.numbers.map_or_else(String::new, |numbers| format!(" ({numbers})"));
+        Some(format!("faulted: {} {}: {}{numbers}", fault.code, fault.reason, fault.text))
+    }
+
+    fn axes(&self) -> Vec<AxisName> {
+        self.hello.as_ref().map_or_else(Vec::new, |hello| {
+            handshake::announced(hello).iter().map(|a| a.name).take(MAX_AXES).collect()
+        })
+    }
+}
+
+type AxisMap = std::collections::BTreeMap<String, f64>;
+
+/// Values of the linear axes and of the rotary ones.
+fn axis_maps(axes: &[AxisName], value: impl Fn(usize) -> f64) -> (AxisMap, AxisMap) {
+    let of = |kind: AxisKind| {
+        axes.iter()
+            .enumerate()
+            .filter(|(_, a)| a.kind() == kind)
+            .map(|(k, a)| (letter(*a), value(k)))
+            .collect()
+    };
+    (of(AxisKind::Linear), of(AxisKind::Rotary))
+}
+
+/// From mm or rad to um or arcsec.
+fn internal(axis: AxisName, value: f64) -> f64 {
+    match axis.kind() {
+        AxisKind::Linear => um_from_mm(value),
+        AxisKind::Rotary => arcsec_from_rad(value),
+    }
+}
+
+/// From mm or deg to um or arcsec.
+fn wire(axis: AxisName, value: f64) -> f64 {
+    match axis.kind() {
+        AxisKind::Linear => um_from_mm(value),
+        AxisKind::Rotary => arcsec_from_rad(rad_from_deg(value)),
+    }
+}
+
+fn letter(axis: AxisName) -> String {
+    axis.lower().to_string()
+}
+
+fn machine_state(state: MachineState) -> Vec<String> {
+    let names = [
+        (MachineState::HOMED, "homed"),
+        (MachineState::ENABLED, "enabled"),
+        (MachineState::ESTOP, "estop"),
+        (MachineState::MOVING, "moving"),
+        (MachineState::OFFSET_LIMITED, "offset-limited"),
+        (MachineState::OFFSET_RAMPING_OUT, "offset-ramping-out"),
+    ];
+    names.iter().filter(|(bit, _)| state.has(*bit)).map(|(_, name)| (*name).to_owned()).collect()
+}
+
+/// Name of a state in status and log.
+pub(super) const fn state_name(state: State) -> &'static str {
+    match state {
+        State::Off => "off",
+        State::Armed => "armed",
+        State::RampingIn => "ramping-in",
+        State::Active => "active",
+        State::Holding => "holding",
+        State::RampingOut => "ramping-out",
+        State::Faulted => "faulted",
+        State::FadingToStatic => "fading-to-static",
+    }
+}

@@ -1,0 +1,309 @@
+//! The covariance of what is no effect: white noise, drift, discrepancy, lack of fit; and the offsets of the mountings.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{Cholesky, DMatrix, DVector};
+
+use super::super::moment::{Moment, SLOTS};
+use super::super::session::{Session, has_rotation};
+use super::constants::{LENGTHS, PLACES_MIN, TIMES};
+use super::grouping;
+use volcomp_model::geometry::Vec3;
+
+/// A component of the covariance beside white noise.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, PartialOrd, Ord)]
+pub enum Component {
+    /// Ornstein-Uhlenbeck drift of a setup with the correlation time of this index.
+    Drift(usize),
+    /// An offset of each run.
+    Run,
+    /// Discrepancy over the place with the correlation length of this index.
+    Place(usize),
+    /// Discrepancy over place and direction of travel.
+    Direction(usize),
+    /// Discrepancy over place and velocity.
+    Speed(usize),
+    /// Lack of fit: the same at every visit of a programmed point.
+    LackOfFit,
+}
+
+impl Component {
+    /// What the component stands for in the shares of the gap: false for drift and offsets of runs.
+    #[must_use]
+    pub const fn is_discrepancy(self) -> bool {
+        !matches!(self, Self::Drift(_) | Self::Run)
+    }
+}
+
+/// Readings of the comparison and the components that their plan allows.
+pub struct Structure {
+    /// Rows of the session behind each reading or mean of readings, in order.
+    pub groups: Vec<Vec<usize>>,
+    /// Variance of the white noise of each, relative.
+    pub white: Vec<f64>,
+    /// Components with their matrices, unit variance.
+    pub components: Vec<(Component, DMatrix<f64>)>,
+    /// Offsets of the mountings, and rotations of those of a tracker or CMM, a column each.
+    pub offsets: DMatrix<f64>,
+    /// Longest setup, s.
+    pub duration_s: f64,
+}
+
+impl Structure {
+    /// The components that the readings can show.
+    #[must_use]
+    pub fn new(session: &Session, groups: Vec<Vec<usize>>, white_um: &[f64]) -> Self {
+        let n = groups.len();
+        let means = grouping::means(session, &groups);
+        let at = |k: usize| &means[k];
+        let reading = |k: usize| &session.readings[groups[k][0]];
+        let least = (0..n).map(|k| white_um[reading(k).instrument]).fold(f64::INFINITY, f64::min);
+        let white: Vec<f64> = (0..n)
+            .map(|k| (white_um[reading(k).instrument] / least).powi(2) / groups[k].len() as f64)
+            .collect();
+        let ranges: Vec<(f64, f64)> = (0..SLOTS)
+            .map(|s| {
+                (0..n).map(|k| at(k).position[s]).fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| {
+                    if v.is_finite() { (l.min(v), h.max(v)) } else { (l, h) }
+                })
+            })
+            .collect();
+        let moving: Vec<usize> = (0..SLOTS).filter(|s| ranges[*s].1 - ranges[*s].0 > 1e-6).collect();
+        let distance = |i: usize, j: usize| {
+            let square = |s: &usize| {
+                ((at(i).position[*s] - at(j).position[*s]) / (ranges[*s].1 - ranges[*s].0)).powi(2)
+            };
+            moving.iter().map(square).sum::<f64>().sqrt()
+        };
+        let same_setup = |i: usize, j: usize| reading(i).setup == reading(j).setup;
+        let u = |i: usize, j: usize| at(i).u.dot(&at(j).u);
+        let build = |f: &dyn Fn(usize, usize) -> f64| {
+            let mut m = DMatrix::zeros(n, n);
+            for i in 0..n {
+                for j in 0..=i {
+                    let v = f(i, j);
+                    m[(i, j)] = v;
+                    m[(j, i)] = v;
+                }
+            }
+            m
+        };
+        let mut components = Vec::new();
+        let mut spans: BTreeMap<usize, (f64, f64)> = BTreeMap::new();
+        for k in 0..n {
+            let e = spans.entry(reading(k).setup).or_insert((at(k).t_s, at(k).t_s));
+            *e = (e.0.min(at(k).t_s), e.1.max(at(k).t_s));
+        }
+        let duration_s = spans.values().map(|(a, b)| b - a).fold(0.0, f64::max);
+        if duration_s > 0.0 {
+            for (t, share) in TIMES.iter().enumerate() {
+                let tau = share * duration_s;
+                components.push((
+                    Component::Drift(t),
+                    build(&|i, j| {
+                        if same_setup(i, j) {
+                            u(i, j) * (-(at(i).t_s - at(j).t_s).abs() / tau).exp()
+                        } else {
+                            0.0
+                        }
+                    }),
+                ));
+            }
+        }
+        let runs: std::collections::BTreeSet<usize> = (0..n).map(|k| reading(k).run).collect();
+        if runs.len() > 3 {
+            let same = |i: usize, j: usize| if reading(i).run == reading(j).run { u(i, j) } else { 0.0 };
+            components.push((Component::Run, build(&same)));
+        }
+        // one axis seen along itself: what goes with its place is positioning and has a name
+        let along_itself = match moving.as_slice() {
+            [one] if *one < 3 => (0..n).all(|k| at(k).u[*one].abs() > 0.99),
+            [_] => true,
+            _ => false,
+        };
+        let point = points(session, &groups, &means);
+        let count = point.iter().max().map_or(0, |p| p + 1);
+        let places = places(&means, &moving);
+        for (l, length) in LENGTHS.iter().enumerate() {
+            let near = |i: usize, j: usize| (-distance(i, j) / length).exp();
+            if !along_itself && places > PLACES_MIN {
+                components.push((Component::Place(l), build(&|i, j| u(i, j) * near(i, j))));
+            }
+            let directed = |s: &usize| {
+                let signs: Vec<f64> = (0..n).map(|k| at(k).direction[*s]).collect();
+                signs.iter().any(|v| *v > 0.0) && signs.iter().any(|v| *v < 0.0)
+            };
+            let turning: Vec<usize> = moving.iter().copied().filter(directed).collect();
+            if !turning.is_empty() && places > PLACES_MIN {
+                let product = |i: usize, j: usize| {
+                    turning.iter().map(|s| at(i).direction[*s] * at(j).direction[*s]).sum::<f64>()
+                        / turning.len() as f64
+                };
+                components
+                    .push((Component::Direction(l), build(&|i, j| u(i, j) * product(i, j) * near(i, j))));
+            }
+            let fastest: Vec<(usize, f64)> = moving
+                .iter()
+                .map(|s| (*s, (0..n).map(|k| at(k).velocity[*s].abs()).fold(0.0, f64::max)))
+                .filter(|(_, v)| *v > 1e-6)
+                .collect();
+            if !fastest.is_empty() && places > PLACES_MIN {
+                let product = |i: usize, j: usize| {
+                    fastest
+                        .iter()
+                        .map(|(s, v)| at(i).velocity[*s] * at(j).velocity[*s] / (v * v))
+                        .sum::<f64>()
+                        / fastest.len() as f64
+                };
+                components.push((Component::Speed(l), build(&|i, j| u(i, j) * product(i, j) * near(i, j))));
+            }
+        }
+        if 2 * n >= 3 * count && count > 1 {
+            let same = |i: usize, j: usize| f64::from(u8::from(point[i] == point[j]));
+            components.push((Component::LackOfFit, build(&same)));
+        }
+        let offsets = offsets(session, &groups);
+        Self { groups, white, components, offsets, duration_s }
+    }
+}
+
+/// Programmed point of each row: position, directions of travel and direction of sensitivity.
+fn points(session: &Session, groups: &[Vec<usize>], means: &[Moment]) -> Vec<usize> {
+    let mut known: BTreeMap<Vec<i64>, usize> = BTreeMap::new();
+    let key = |k: usize| {
+        let m = &means[k];
+        let position = m.position.iter().map(|p| (p * 1e3).round() as i64);
+        let direction = m.direction.iter().map(|d| *d as i64);
+        let u = m.u.iter().map(|c| (c * 50.0).round() as i64);
+        let setup = session.readings[groups[k][0]].setup as i64;
+        position.chain(direction).chain(u).chain([setup]).collect::<Vec<_>>()
+    };
+    (0..means.len())
+        .map(|k| {
+            let next = known.len();
+            *known.entry(key(k)).or_insert(next)
+        })
+        .collect()
+}
+
+/// Number of distinct places.
+fn places(means: &[Moment], moving: &[usize]) -> usize {
+    let place =
+        |m: &Moment| -> Vec<i64> { moving.iter().map(|s| (m.position[*s] * 1e3).round() as i64).collect() };
+    means.iter().map(place).collect::<std::collections::BTreeSet<_>>().len()
+}
+
+/// Columns of the offsets of every setup, three or one along a common line, and three of a small rotation where the mounting of
+/// the instrument turns.
+fn offsets(session: &Session, groups: &[Vec<usize>]) -> DMatrix<f64> {
+    let mut setups: BTreeMap<usize, Vec<usize>> = BTreeMap::new();
+    for (k, rows) in groups.iter().enumerate() {
+        setups.entry(session.readings[rows[0]].setup).or_default().push(k);
+    }
+    let mut columns: Vec<DVector<f64>> = Vec::new();
+    for places in setups.values() {
+        let rows: Vec<usize> = places.iter().flat_map(|k| groups[*k].iter().copied()).collect();
+        let moment = |i: usize| &session.moments[i];
+        let mut add = |f: &dyn Fn(usize) -> f64| {
+            let mut c = DVector::zeros(groups.len());
+            for k in places {
+                c[*k] = groups[*k].iter().map(|i| f(*i)).sum::<f64>() / groups[*k].len() as f64;
+            }
+            columns.push(c);
+        };
+        let first = moment(rows[0]).u;
+        let one_line = rows.iter().all(|i| moment(*i).u.dot(&first).abs() > 0.9999);
+        if one_line {
+            add(&|i| moment(i).u.dot(&first).signum());
+            continue;
+        }
+        for d in 0..3 {
+            add(&|i| moment(i).u[d]);
+        }
+        let name = &session.instruments[session.readings[rows[0]].instrument];
+        if has_rotation(name) {
+            let centre = rows.iter().map(|i| moment(*i).seen_mm()).sum::<Vec3>() / rows.len() as f64;
+            for d in 0..3 {
+                add(&|i| ((moment(i).seen_mm() - centre) * 1e-3).cross(&moment(i).u)[d]);
+            }
+        }
+    }
+    DMatrix::from_columns(&columns)
+}
+
+/// A covariance with its whitening: `L^-1` and an orthonormal basis of the whitened offsets.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Covariance {
+    /// `L^-1`, lower triangular.
+    inverse: DMatrix<f64>,
+    basis: DMatrix<f64>,
+    /// `ln |C| + ln |F' C^-1 F|`.
+    pub log_determinant: f64,
+}
+
+impl Covariance {
+    /// `C = diag(weights) + SUM scale^2 component`, in units of the white variance; nothing where it is not positive definite.
+    #[must_use]
+    pub fn new(structure: &Structure, scales: &[f64], weights: &[f64]) -> Option<Self> {
+        let mut c = DMatrix::from_diagonal(&DVector::from_column_slice(weights));
+        for ((_, m), s) in structure.components.iter().zip(scales).filter(|(_, s)| **s > 0.0) {
+            c.zip_apply(m, |a, b| *a += s * s * b);
+        }
+        let n = c.nrows();
+        let l = Cholesky::new(c)?.unpack();
+        let mut log_determinant = 2.0 * l.diagonal().iter().map(|d| d.ln()).sum::<f64>();
+        let inverse = l.solve_lower_triangular(&DMatrix::identity(n, n))?;
+        let whitened = &inverse * &structure.offsets;
+        let mut basis: Vec<DVector<f64>> = Vec::new();
+        for column in whitened.column_iter() {
+            let mut v = column.into_owned();
+            let before = v.norm();
+            for _ in 0..2 {
+                for b in &basis {
+                    let p = b.dot(&v);
+                    v.axpy(-p, b, 1.0);
+                }
+            }
+            let own = v.norm();
+            if own > 1e-6 * before && own > 0.0 {
+                log_determinant += 2.0 * own.ln();
+                basis.push(v / own);
+            }
+        }
+        let basis = if basis.is_empty() { DMatrix::zeros(n, 0) } else { DMatrix::from_columns(&basis) };
+        Some(Self { inverse, basis, log_determinant })
+    }
+
+    /// Whitens columns and takes the offsets out of them.
+    #[must_use]
+    pub fn whiten(&self, columns: &DMatrix<f64>) -> DMatrix<f64> {
+        let mut w = &self.inverse * columns;
+        let known = self.basis.tr_mul(&w);
+        w -= &self.basis * known;
+        w
+    }
+
+    /// Degrees of freedom that the offsets leave.
+    #[must_use]
+    pub fn freedom(&self) -> usize {
+        self.inverse.nrows() - self.basis.ncols()
+    }
+
+    /// Diagonal of `C^-1` with the offsets projected out: precision of each reading given all others.
+    #[must_use]
+    pub fn precision(&self, beside: &DMatrix<f64>) -> DVector<f64> {
+        // rows of L^-T minus what offsets and effects span
+        let mut w = self.inverse.clone();
+        let known = self.basis.tr_mul(&w);
+        w -= &self.basis * known;
+        let known = beside.tr_mul(&w);
+        w -= beside * known;
+        DVector::from_iterator(w.ncols(), w.column_iter().map(|c| c.norm_squared()))
+    }
+
+    /// `L^-T v`: from whitened residuals to residuals times the precision matrix.
+    #[must_use]
+    pub fn back(&self, v: &DVector<f64>) -> DVector<f64> {
+        self.inverse.tr_mul(v)
+    }
+}

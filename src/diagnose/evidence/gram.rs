@@ -1,0 +1,264 @@
+//! Products of all columns and the gap under one covariance, and the evidence of a set of effects from them.
+
+use std::cell::RefCell;
+use std::collections::BTreeMap;
+
+use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
+
+use super::constants::{ALIKE, EFFECT_SCALES, SEEN};
+use super::covariance::Covariance;
+
+/// Columns of all variants before whitening, each scaled to a root mean square of 1 um.
+pub(super) struct Columns {
+    /// A column each; zero where the readings do not show it.
+    pub(super) values: DMatrix<f64>,
+    /// First column and number of columns of each variant.
+    pub(super) span: Vec<(usize, usize)>,
+    /// Label of each variant.
+    pub(super) label: Vec<usize>,
+    /// Number of labels.
+    pub(super) labels: usize,
+    /// Variants of each label that are seen at all.
+    pub(super) variants: Vec<Vec<usize>>,
+    /// Number of labels that are seen at all.
+    pub(super) visible: usize,
+    /// Labels whose only column is that of another label, with the label that stands for both.
+    pub(super) aliases: Vec<(usize, usize)>,
+}
+
+/// Products under one covariance; those between variants when first needed.
+pub(super) struct Gram {
+    w: DMatrix<f64>,
+    cross: RefCell<BTreeMap<usize, DVector<f64>>>,
+    b: DVector<f64>,
+    /// Gram matrix of each variant.
+    own: Vec<DMatrix<f64>>,
+    yy: f64,
+    freedom: f64,
+    /// Log evidence of "none".
+    pub(super) none: f64,
+}
+
+/// One effect of a set: its variant, and the place of its scale among [`EFFECT_SCALES`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Member {
+    /// The variant.
+    pub variant: usize,
+    /// Place of its scale.
+    pub scale: usize,
+    /// Log evidence averaged over all variants and scales of its label, against that of this one.
+    pub average: f64,
+}
+
+/// A set of effects prepared for comparison with those that differ by one.
+pub(super) struct Conditioned {
+    columns: Vec<usize>,
+    /// Products of each of them with all columns.
+    products: Vec<DVector<f64>>,
+    factors: Vec<f64>,
+    chol: Option<Cholesky<f64, nalgebra::Dyn>>,
+    /// `A^-1 Z'y`.
+    solved: DVector<f64>,
+    /// Whitened sum of squares that the set leaves.
+    pub(super) left: f64,
+    log_volume: f64,
+}
+
+/// What one label adds to a set.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Addition {
+    /// Best variant with its scale.
+    pub(super) member: Member,
+    /// Log evidence of the set with the label, averaged over its variants and scales.
+    pub(super) log_evidence: f64,
+}
+
+impl Gram {
+    pub(super) fn new(covariance: &Covariance, columns: &Columns, y: &DVector<f64>) -> Self {
+        let w = covariance.whiten(&columns.values);
+        let y =
+            covariance.whiten(&DMatrix::from_column_slice(y.len(), 1, y.as_slice())).column(0).into_owned();
+        let b = w.tr_mul(&y);
+        let (yy, freedom) = (y.norm_squared().max(f64::MIN_POSITIVE), covariance.freedom() as f64);
+        let none = -0.5 * covariance.log_determinant - 0.5 * freedom * yy.ln();
+        let own = columns.span.iter().map(|(at, k)| w.columns(*at, *k).tr_mul(&w.columns(*at, *k))).collect();
+        Self { w, cross: RefCell::default(), b, own, yy, freedom, none }
+    }
+
+    /// Products of one column with all of them.
+    fn products(&self, column: usize) -> DVector<f64> {
+        let mut known = self.cross.borrow_mut();
+        known.entry(column).or_insert_with(|| self.w.tr_mul(&self.w.column(column))).clone()
+    }
+
+    /// Scale of the columns of a member: standard deviation of each of its coefficients in units of the white noise.
+    fn factor(member: Member, width: usize) -> f64 {
+        EFFECT_SCALES[member.scale] / (width.max(1) as f64).sqrt()
+    }
+
+    /// White noise that is most likely beside a set, um.
+    pub(super) fn sigma(&self, set: &Conditioned) -> f64 {
+        (set.left / self.freedom.max(1.0)).sqrt()
+    }
+
+    pub(super) fn condition(&self, columns: &Columns, set: &[Member]) -> Conditioned {
+        let (mut at, mut factors) = (Vec::new(), Vec::new());
+        for m in set {
+            let (first, width) = columns.span[m.variant];
+            at.extend(first..first + width);
+            factors.extend(std::iter::repeat_n(Self::factor(*m, width), width));
+        }
+        let k = at.len();
+        if k == 0 {
+            return Conditioned {
+                columns: at,
+                products: Vec::new(),
+                factors,
+                chol: None,
+                solved: DVector::zeros(0),
+                left: self.yy,
+                log_volume: 0.0,
+            };
+        }
+        let products: Vec<DVector<f64>> = at.iter().map(|c| self.products(*c)).collect();
+        let a = DMatrix::from_fn(k, k, |i, j| {
+            products[i][at[j]] * factors[i] * factors[j] + f64::from(u8::from(i == j))
+        });
+        let b = DVector::from_fn(k, |i, _| self.b[at[i]] * factors[i]);
+        let chol = Cholesky::new(a);
+        let solved = chol.as_ref().map_or_else(|| DVector::zeros(k), |c| c.solve(&b));
+        let left = (self.yy - b.dot(&solved)).max(1e-12 * self.yy);
+        let log_volume =
+            chol.as_ref().map_or(0.0, |c| 2.0 * c.l_dirty().diagonal().iter().map(|d| d.ln()).sum::<f64>());
+        Conditioned { columns: at, products, factors, chol, solved, left, log_volume }
+    }
+
+    /// Log evidence of a set.
+    pub(super) fn log_evidence(&self, set: &Conditioned) -> f64 {
+        self.none - 0.5 * set.log_volume - 0.5 * self.freedom * (set.left / self.yy).ln()
+    }
+
+    /// Posterior mean and covariance (in units of the white variance) of the coefficients of a set, in the scale of
+    /// [`Columns`], in the order of its members.
+    pub(super) fn coefficients(&self, set: &Conditioned) -> (Vec<usize>, DVector<f64>, DMatrix<f64>) {
+        let k = set.columns.len();
+        let mean = DVector::from_fn(k, |i, _| set.solved[i] * set.factors[i]);
+        let inverse = set.chol.as_ref().map_or_else(|| DMatrix::identity(k, k), Cholesky::inverse);
+        let covariance = DMatrix::from_fn(k, k, |i, j| inverse[(i, j)] * set.factors[i] * set.factors[j]);
+        (set.columns.clone(), mean, covariance)
+    }
+
+    /// What a label adds to a set; nothing where none of its variants is seen.
+    pub(super) fn addition(&self, columns: &Columns, set: &Conditioned, label: usize) -> Option<Addition> {
+        let base = self.log_evidence(set);
+        let variants = &columns.variants[label];
+        let mut best: Option<(Member, f64)> = None;
+        let mut all = Vec::with_capacity(variants.len() * EFFECT_SCALES.len());
+        for variant in variants {
+            let (first, k) = columns.span[*variant];
+            let (w, t) = self.beside(set, *variant, (first, k));
+            for (scale, s) in EFFECT_SCALES.iter().enumerate() {
+                let factor = s * s / k as f64;
+                let (mut drop, mut volume) = (0.0, 0.0);
+                for (w, t) in w.iter().zip(t.iter()) {
+                    drop += factor * t * t / (1.0 + factor * w);
+                    volume += (factor * w).ln_1p();
+                }
+                let left = (set.left - drop).max(1e-12 * self.yy);
+                let e = base - 0.5 * volume - 0.5 * self.freedom * (left / set.left).ln();
+                all.push(e);
+                if best.is_none_or(|(_, b)| e > b) {
+                    best = Some((Member { variant: *variant, scale, average: 0.0 }, e));
+                }
+            }
+        }
+        let (member, most) = best?;
+        let average = (all.iter().map(|e| (e - most).exp()).sum::<f64>() / all.len() as f64).ln();
+        Some(Addition { member: Member { average, ..member }, log_evidence: most + average })
+    }
+
+    /// Eigenvalues of the conditional Gram matrix of some columns beside a set, and the gap along its directions.
+    fn beside(&self, set: &Conditioned, variant: usize, (first, k): (usize, usize)) -> (Vec<f64>, Vec<f64>) {
+        let mut own = self.own[variant].clone();
+        let mut seen = self.b.rows(first, k).into_owned();
+        if let Some(chol) = &set.chol {
+            let n = set.columns.len();
+            let cross = DMatrix::from_fn(n, k, |i, j| set.products[i][first + j] * set.factors[i]);
+            seen -= cross.tr_mul(&set.solved);
+            if let Some(half) = chol.l_dirty().solve_lower_triangular(&cross) {
+                own -= half.tr_mul(&half);
+            }
+        }
+        if k == 1 {
+            return (vec![own[(0, 0)].max(0.0)], vec![seen[0]]);
+        }
+        let eigen = SymmetricEigen::new(own);
+        let along = eigen.eigenvectors.tr_mul(&seen);
+        (eigen.eigenvalues.iter().map(|v| v.max(0.0)).collect(), along.iter().copied().collect())
+    }
+}
+
+impl Columns {
+    /// Scales raw columns (a row of `width` values per reading) and finds those that offsets leave under white noise.
+    pub(super) fn new(
+        raw: &[f64],
+        rows: usize,
+        span: Vec<(usize, usize)>,
+        label: Vec<usize>,
+        rank: &[usize],
+        white: &Covariance,
+    ) -> (Self, Vec<f64>) {
+        let labels = rank.len();
+        let width = span.last().map_or(0, |(at, k)| at + k);
+        let mut values = DMatrix::from_row_slice(rows, width, raw);
+        let mut norms = vec![0.0; width];
+        for (mut c, norm) in values.column_iter_mut().zip(&mut norms) {
+            *norm = (c.norm_squared() / rows.max(1) as f64).sqrt();
+            if *norm > 0.0 {
+                c /= *norm;
+            }
+        }
+        let seen = white.whiten(&values);
+        let is_seen = |(at, k): &(usize, usize)| {
+            let left: f64 = (*at..at + k).map(|c| seen.column(c).norm_squared()).sum();
+            left > SEEN * (rows * k) as f64 && left.is_finite()
+        };
+        let mut variants = vec![Vec::new(); labels];
+        for (v, s) in span.iter().enumerate() {
+            if is_seen(s) {
+                variants[label[v]].push(v);
+            }
+        }
+        let mut aliases = Vec::new();
+        // one column under two names: the name of all axes stands for that of one
+        for l in 0..labels {
+            let kept: Vec<usize> = variants[l]
+                .iter()
+                .copied()
+                .filter(|v| {
+                    let other = (0..labels)
+                        .filter(|o| rank[*o] < rank[l])
+                        .find(|o| variants[*o].iter().any(|w| is_alike(&seen, span[*v], span[*w])));
+                    if let Some(other) = other {
+                        aliases.push((l, other));
+                    }
+                    other.is_none()
+                })
+                .collect();
+            variants[l] = kept;
+        }
+        aliases.dedup();
+        let visible = variants.iter().filter(|v| !v.is_empty()).count();
+        (Self { values, span, label, labels, variants, visible, aliases }, norms)
+    }
+}
+
+/// True for two single columns that are the same but for their size.
+fn is_alike(seen: &DMatrix<f64>, (a, k): (usize, usize), (b, l): (usize, usize)) -> bool {
+    if k != 1 || l != 1 {
+        return false;
+    }
+    let (a, b) = (seen.column(a), seen.column(b));
+    let size = a.norm() * b.norm();
+    size > 0.0 && a.dot(&b).abs() > (1.0 - ALIKE) * size
+}

@@ -1,0 +1,159 @@
+//! Readings that carry the comparison: all of them, or means over short pieces of the path.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::super::library::STILL;
+use super::super::moment::{Moment, SLOTS};
+use super::super::session::Session;
+use super::constants::ROWS_MAX;
+
+/// Number of programs: axes that move within a run, feed (in steps of a factor 1.5), tool length.
+pub(super) fn programs(session: &Session) -> usize {
+    let mut runs = vec![([f64::INFINITY; SLOTS], [f64::NEG_INFINITY; SLOTS], 0.0f64, f64::NAN); session.runs];
+    for (r, m) in session.readings.iter().zip(&session.moments) {
+        let (low, high, speed, tool) = &mut runs[r.run];
+        let v = m.velocity.iter().take(3).map(|v| v * v).sum::<f64>().sqrt();
+        *speed = speed.max(if v.is_finite() { v } else { 0.0 });
+        *tool = m.tool_length_mm;
+        for k in 0..SLOTS {
+            low[k] = low[k].min(m.position[k]);
+            high[k] = high[k].max(m.position[k]);
+        }
+    }
+    let key = |(low, high, speed, tool): &([f64; SLOTS], [f64; SLOTS], f64, f64)| {
+        let moving: Vec<bool> =
+            (0..SLOTS).map(|k| high[k] - low[k] > if k < 3 { 1.0 } else { 0.01 }).collect();
+        let feed = if *speed > 1e-6 { (speed.ln() / 1.5f64.ln()).round() as i64 } else { i64::MIN };
+        let tool = if tool.is_finite() { tool.round() as i64 } else { i64::MIN };
+        (moving, feed, tool)
+    };
+    runs.iter().filter(|r| r.0[0] <= r.1[0] || r.0[5] <= r.1[5]).map(key).collect::<BTreeSet<_>>().len()
+}
+
+/// Range of some quantity over all readings, at least a tiny one.
+fn span(session: &Session, of: impl Fn(&Moment) -> f64) -> f64 {
+    let values = session.moments.iter().map(of).filter(|v| v.is_finite());
+    let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+    if high > low { high - low } else { f64::INFINITY }
+}
+
+/// Rows that look and travel alike, in order: only such are averaged.
+fn alike(session: &Session, rows: &[usize], moving: bool) -> Vec<Vec<usize>> {
+    let mut known: BTreeMap<Vec<i64>, usize> = BTreeMap::new();
+    let mut all: Vec<Vec<usize>> = Vec::new();
+    for i in rows {
+        let (r, m) = (&session.readings[*i], &session.moments[*i]);
+        let run = if moving { r.run } else { 0 };
+        let mut key = vec![r.setup as i64, run as i64, r.instrument as i64];
+        key.extend(m.u.iter().map(|c| (c * 1e4).round() as i64));
+        key.extend(m.direction.iter().map(|d| *d as i64));
+        let next = known.len();
+        let at = *known.entry(key).or_insert(next);
+        if at == all.len() {
+            all.push(Vec::new());
+        }
+        all[at].push(*i);
+    }
+    all
+}
+
+/// Readings averaged into at most [`ROWS_MAX`] groups: along the path in position, speed and time where an axis moves while it
+/// is read, else by place. Never by stride, which would lose the samples under acceleration that tell a latency from a
+/// backlash. The mean of readings is a linear function of them, so that effects are averaged alike and nothing is biased.
+pub(super) fn groups(session: &Session, used: &[bool]) -> Vec<Vec<usize>> {
+    let all: Vec<usize> = (0..used.len()).filter(|i| used[*i]).collect();
+    if all.len() <= ROWS_MAX {
+        return all.into_iter().map(|i| vec![i]).collect();
+    }
+    let moving = session.moments.iter().any(|m| m.velocity.iter().any(|v| v.abs() > STILL));
+    let position: Vec<f64> = (0..SLOTS).map(|k| span(session, |m| m.position[k])).collect();
+    let velocity: Vec<f64> = (0..SLOTS).map(|k| span(session, |m| m.velocity[k])).collect();
+    let time = span(session, |m| m.t_s);
+    let classes = alike(session, &all, moving);
+    let share = ROWS_MAX as f64 / all.len() as f64;
+    let mut groups: Vec<Vec<usize>> = Vec::new();
+    for rows in classes {
+        let wanted = ((rows.len() as f64 * share).floor() as usize).max(1);
+        let standing = !moving
+            && (0..SLOTS).all(|k| {
+                rows.iter().all(|i| {
+                    (session.moments[*i].position[k] - session.moments[rows[0]].position[k]).abs() < 1e-9
+                })
+            });
+        if moving || standing {
+            let step = |a: usize, b: usize| {
+                let (a, b) = (&session.moments[a], &session.moments[b]);
+                let far = |x: &[f64; SLOTS], y: &[f64; SLOTS], span: &[f64]| -> f64 {
+                    (0..SLOTS).map(|k| (x[k] - y[k]) / span[k]).filter(|d| d.is_finite()).map(f64::abs).sum()
+                };
+                far(&a.position, &b.position, &position)
+                    + far(&a.velocity, &b.velocity, &velocity)
+                    + (b.t_s - a.t_s).abs() / time
+            };
+            along(&rows, wanted, &step, &mut groups);
+        } else {
+            split(session, rows, wanted, &position, &mut groups);
+        }
+    }
+    groups.sort_by_key(|g| g[0]);
+    groups
+}
+
+/// Cuts rows into pieces of equal length along the path.
+fn along(rows: &[usize], wanted: usize, step: &dyn Fn(usize, usize) -> f64, out: &mut Vec<Vec<usize>>) {
+    let total: f64 = rows.windows(2).map(|w| step(w[0], w[1])).sum();
+    let piece = total.max(f64::MIN_POSITIVE) / wanted as f64;
+    let mut length = 0.0;
+    let mut group = vec![rows[0]];
+    for w in rows.windows(2) {
+        let before = (length / piece).floor();
+        length += step(w[0], w[1]);
+        if (length / piece).floor() > before {
+            out.push(std::mem::take(&mut group));
+        }
+        group.push(w[1]);
+    }
+    out.push(group);
+}
+
+/// Halves rows by place until there are as many groups as wanted.
+fn split(session: &Session, rows: Vec<usize>, wanted: usize, position: &[f64], out: &mut Vec<Vec<usize>>) {
+    if wanted < 2 || rows.len() < 2 {
+        out.push(rows);
+        return;
+    }
+    let range = |k: usize| {
+        let values = rows.iter().map(|i| session.moments[*i].position[k]);
+        let (low, high) = values.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+        (high - low) / position[k]
+    };
+    let axis = (0..SLOTS).max_by(|a, b| range(*a).total_cmp(&range(*b))).unwrap_or(0);
+    let mut sorted = rows;
+    sorted.sort_by(|a, b| {
+        let at = |i: usize| session.moments[i].position[axis];
+        at(*a).total_cmp(&at(*b)).then(a.cmp(b))
+    });
+    let half = sorted.split_off(sorted.len() / 2);
+    let first = wanted / 2;
+    split(session, sorted, first, position, out);
+    split(session, half, wanted - first, position, out);
+}
+
+/// Mean state of the readings of each group.
+pub(super) fn means(session: &Session, groups: &[Vec<usize>]) -> Vec<Moment> {
+    groups
+        .iter()
+        .map(|rows| {
+            let mut m = session.moments[rows[0]].clone();
+            let mean = |of: &dyn Fn(&Moment) -> f64| {
+                rows.iter().map(|i| of(&session.moments[*i])).sum::<f64>() / rows.len() as f64
+            };
+            m.t_s = mean(&|m| m.t_s);
+            for k in 0..SLOTS {
+                m.position[k] = mean(&|m| m.position[k]);
+                m.velocity[k] = mean(&|m| m.velocity[k]);
+            }
+            m
+        })
+        .collect()
+}

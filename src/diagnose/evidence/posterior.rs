@@ -1,0 +1,447 @@
+//! From all sets of effects under all scales to what is believed.
+
+use std::collections::BTreeMap;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::super::library::{Kind, Library};
+use super::super::search::raw_columns;
+use super::super::session::Session;
+use super::constants::{EFFECT_SCALES, SCALES, TAIL, TAIL_SHARE, TIMES, WINDOW};
+use super::covariance::{Component, Covariance, Structure};
+use super::gram::{Columns, Gram, Member};
+use super::scales::{self, Rungs, Target};
+use super::sets::{self, Sets};
+
+/// An effect that some likely set holds.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Contender {
+    /// Its label, an index into the library.
+    pub label: usize,
+    /// Its best variant.
+    pub variant: usize,
+    /// Posterior probability.
+    pub probability: f64,
+    /// Probability that it or one of its rivals is at work.
+    pub group_probability: f64,
+    /// Labels that take its place in a set, with the posterior probability of those sets.
+    pub rivals: Vec<(usize, f64)>,
+    /// Labels with the same column.
+    pub aliases: Vec<usize>,
+    /// A member of the likeliest set.
+    pub chosen: bool,
+    /// Log evidence that the likeliest set loses without it (or the best set with it lacks of the likeliest).
+    pub log_evidence: f64,
+}
+
+/// Mean squares of the parts of the gap, um^2: posterior means.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Shares {
+    /// Named effects.
+    pub named_um2: f64,
+    /// Discrepancy and lack of fit.
+    pub discrepancy_um2: f64,
+    /// Drift and offsets of runs.
+    pub drift_um2: f64,
+    /// The rest.
+    pub noise_um2: f64,
+}
+
+/// What the comparison says.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Comparison {
+    /// Rows of the session behind each reading or mean of readings that carried it.
+    pub groups: Vec<Vec<usize>>,
+    /// All effects in likely sets, the likeliest first.
+    pub contenders: Vec<Contender>,
+    /// Probability of "none".
+    pub none: f64,
+    /// Probability of a discrepancy.
+    pub discrepancy: f64,
+    /// Its parts.
+    pub shares: Shares,
+    /// Scales of the components in the likeliest case, in units of the white noise.
+    pub scales: Vec<(Component, f64)>,
+    /// White noise, um.
+    pub white_um: f64,
+    /// Drift, um, and its correlation time, s.
+    pub drift: (f64, f64),
+    /// Rows of the session that count less, with their weight.
+    pub outlying: Vec<(usize, f64)>,
+    /// Whitening of the likeliest case, in units of the white noise.
+    pub covariance: Covariance,
+}
+
+/// The state of the search under one set of weights.
+struct Search<'a> {
+    structure: &'a Structure,
+    columns: Columns,
+    y: DVector<f64>,
+    weights: Vec<f64>,
+    /// Every pair of scales that was looked at.
+    visited: BTreeMap<Rungs, (Gram, Sets)>,
+}
+
+impl Search<'_> {
+    /// Climbs under some scales; returns the likeliest set there and its log weight.
+    fn climb(&mut self, rungs: &Rungs, start: &[Member]) -> Option<(Vec<Member>, f64)> {
+        if !self.visited.contains_key(rungs) {
+            let covariance = Covariance::new(self.structure, &scales::values(rungs), &self.weights)?;
+            let gram = Gram::new(&covariance, &self.columns, &self.y);
+            self.visited.insert(rungs.clone(), (gram, Sets::new()));
+        }
+        let (gram, sets) = self.visited.get_mut(rungs)?;
+        sets::climb(gram, &self.columns, start, sets);
+        let best = sets.values().max_by(|a, b| a.log_weight.total_cmp(&b.log_weight))?;
+        Some((best.members.clone(), best.log_weight + scales::log_prior(rungs)))
+    }
+
+    /// The gap and the columns of a set with unit prior variance.
+    fn target(&self, members: &[Member]) -> Target<'_> {
+        let mut data = vec![self.y.clone()];
+        for m in members {
+            let (at, k) = self.columns.span[m.variant];
+            let factor = EFFECT_SCALES[m.scale] / (k as f64).sqrt();
+            data.extend((at..at + k).map(|c| self.columns.values.column(c) * factor));
+        }
+        Target { structure: self.structure, weights: &self.weights, data: DMatrix::from_columns(&data) }
+    }
+
+    /// The likeliest scales and set.
+    fn run(&mut self) -> Option<(Rungs, Vec<Member>)> {
+        let zero = vec![0; self.structure.components.len()];
+        let alone = self.target(&[]).ascend(&zero);
+        let mut best: Option<(Rungs, Vec<Member>, f64)> = None;
+        for start in [zero, alone] {
+            let (mut rungs, mut members) = (start, Vec::new());
+            for _ in 0..4 {
+                let (found, weight) = self.climb(&rungs, &members)?;
+                if best.as_ref().is_none_or(|b| weight > b.2) {
+                    best = Some((rungs.clone(), found.clone(), weight));
+                }
+                let next = self.target(&found).ascend(&rungs);
+                members = found;
+                if next == rungs {
+                    break;
+                }
+                rungs = next;
+            }
+        }
+        let (rungs, members, _) = best?;
+        // the neighbours on the ladder: a cause may win by making the discrepancy small
+        for c in 0..rungs.len() {
+            let now = rungs[c];
+            let mut tried = vec![0, now.saturating_sub(1), (now + 1).min(SCALES.len() - 1)];
+            tried.dedup();
+            for rung in tried.into_iter().filter(|r| *r != now && (now > 0 || *r == 1)) {
+                let mut next = rungs.clone();
+                next[c] = rung;
+                self.climb(&next, &members)?;
+            }
+        }
+        if let Some((gram, sets)) = self.visited.get_mut(&rungs) {
+            sets::explore(gram, &self.columns, sets);
+        }
+        Some((rungs, members))
+    }
+
+    /// Log weights of all sets, summed over the scales.
+    fn weights_of_sets(&self) -> BTreeMap<Vec<usize>, (Vec<Member>, f64)> {
+        let mut members: BTreeMap<Vec<usize>, (Vec<Member>, f64)> = BTreeMap::new();
+        for (rungs, (_, sets)) in &self.visited {
+            for (labels, v) in sets {
+                let w = v.log_weight + scales::log_prior(rungs);
+                let e = members.entry(labels.clone()).or_insert((v.members.clone(), w));
+                if w > e.1 {
+                    *e = (v.members.clone(), w);
+                }
+            }
+        }
+        let best = members.values().map(|v| v.1).fold(f64::NEG_INFINITY, f64::max);
+        members.retain(|_, v| v.1 > best - 2.0 * WINDOW);
+        // each of them under all scales
+        for (labels, (set, weight)) in &mut members {
+            let all: Vec<f64> = self
+                .visited
+                .iter()
+                .map(|(rungs, (gram, sets))| {
+                    let known = sets.get(labels).map(|v| v.log_weight);
+                    known.unwrap_or_else(|| sets::own_weight(gram, &self.columns, set))
+                        + scales::log_prior(rungs)
+                })
+                .collect();
+            *weight = log_sum(&all);
+        }
+        members
+    }
+}
+
+fn log_sum(values: &[f64]) -> f64 {
+    let most = values.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    most + values.iter().map(|v| (v - most).exp()).sum::<f64>().ln()
+}
+
+/// Compares all sets of effects.
+pub(super) fn compare(
+    session: &Session,
+    library: &Library,
+    gap: &[f64],
+    structure: &Structure,
+) -> Option<Comparison> {
+    let n = structure.groups.len();
+    let mut weights = structure.white.clone();
+    let y = DVector::from_vec(mean_rows(&structure.groups, gap, 1));
+    let white = Covariance::new(structure, &vec![0.0; structure.components.len()], &weights)?;
+    if white.freedom() < 8 {
+        return None;
+    }
+    let members: Vec<usize> = structure.groups.concat();
+    let raw = raw_columns(session, library, &members);
+    let raw = mean_of_members(&structure.groups, &raw, library.width());
+    let mut outlying: Vec<(usize, f64)> = Vec::new();
+    for round in 0.. {
+        let mut span = Vec::with_capacity(library.variants.len());
+        let mut at = 0;
+        for v in &library.variants {
+            span.push((at, v.shape.width()));
+            at += v.shape.width();
+        }
+        let label = library.variants.iter().map(|v| v.label).collect();
+        let rank = ranks(library);
+        let (columns, _) = Columns::new(&raw, n, span, label, &rank, &white);
+        let mut search =
+            Search { structure, columns, y: y.clone(), weights: weights.clone(), visited: BTreeMap::new() };
+        let (rungs, members) = search.run()?;
+        let tails = tails(&search, &rungs, &members)?;
+        if round < 2 && !tails.is_empty() && outlying != tails {
+            weights.clone_from(&structure.white);
+            for (k, w) in &tails {
+                weights[*k] *= w;
+            }
+            outlying = tails;
+            continue;
+        }
+        let single = outlying.iter().filter(|(k, _)| structure.groups[*k].len() == 1);
+        let outlying = single.map(|(k, w)| (structure.groups[*k][0], *w)).collect();
+        return conclude(&search, rungs, outlying);
+    }
+    None
+}
+
+/// Which of two labels with the same column stands for both: the machine before the instrument, all axes before one.
+fn ranks(library: &Library) -> Vec<usize> {
+    let of = |l: usize| {
+        let label = &library.labels[l];
+        let instrument = usize::from(library.kinds[l] != Kind::Machine);
+        (2 * instrument + usize::from(!label.subject.is_empty())) * library.labels.len() + l
+    };
+    (0..library.labels.len()).map(of).collect()
+}
+
+/// Rows with leave-one-out residuals out of the tails, with the weight that makes them ordinary.
+fn tails(search: &Search<'_>, rungs: &Rungs, members: &[Member]) -> Option<Vec<(usize, f64)>> {
+    let covariance = Covariance::new(search.structure, &scales::values(rungs), &search.structure.white)?;
+    let gram = Gram::new(&covariance, &search.columns, &search.y);
+    let set = gram.condition(&search.columns, members);
+    let sigma = gram.sigma(&set);
+    let (at, mean, _) = gram.coefficients(&set);
+    let columns: Vec<DVector<f64>> =
+        at.iter().map(|c| search.columns.values.column(*c).into_owned()).collect();
+    let mut left = search.y.clone();
+    for (c, b) in columns.iter().zip(mean.iter()) {
+        left.axpy(-b, c, 1.0);
+    }
+    let n = left.len();
+    let whitened = covariance.whiten(&DMatrix::from_column_slice(n, 1, left.as_slice()));
+    let beside = if columns.is_empty() {
+        DMatrix::zeros(n, 0)
+    } else {
+        let w = covariance.whiten(&DMatrix::from_columns(&columns));
+        let svd = w.svd(true, false);
+        let u = svd.u?;
+        let kept: Vec<DVector<f64>> = u
+            .column_iter()
+            .zip(svd.singular_values.iter())
+            .filter(|(_, s)| **s > 1e-8 * svd.singular_values.max())
+            .map(|(c, _)| c.into_owned())
+            .collect();
+        if kept.is_empty() { DMatrix::zeros(n, 0) } else { DMatrix::from_columns(&kept) }
+    };
+    let precision = covariance.precision(&beside);
+    let pulled = covariance.back(&whitened.column(0).into_owned());
+    let mut all: Vec<(usize, f64)> = (0..n)
+        .filter(|k| precision[*k] > 1e-9)
+        .map(|k| (k, (pulled[k] / precision[k].sqrt() / sigma).abs()))
+        .filter(|(_, t)| *t > TAIL)
+        .collect();
+    all.sort_by(|a, b| b.1.total_cmp(&a.1));
+    if all.len() > (TAIL_SHARE * n as f64).ceil() as usize {
+        return Some(Vec::new());
+    }
+    all.sort_by_key(|(k, _)| *k);
+    Some(all.into_iter().map(|(k, t)| (k, (t / TAIL).powi(2).max(1.0))).collect())
+}
+
+fn conclude(search: &Search<'_>, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Option<Comparison> {
+    let sets = search.weights_of_sets();
+    let total = log_sum(&sets.values().map(|v| v.1).collect::<Vec<_>>());
+    let share = |w: f64| (w - total).exp();
+    let (best_labels, (best, best_weight)) = sets.iter().max_by(|a, b| a.1.1.total_cmp(&b.1.1))?;
+    let mut probability: BTreeMap<usize, f64> = BTreeMap::new();
+    for (labels, (_, w)) in &sets {
+        for l in labels {
+            *probability.entry(*l).or_default() += share(*w);
+        }
+    }
+    let mut contenders: Vec<Contender> = Vec::new();
+    for (label, p) in &probability {
+        let chosen = best_labels.contains(label);
+        let holder = sets
+            .iter()
+            .filter(|(labels, _)| labels.contains(label))
+            .max_by(|a, b| a.1.1.total_cmp(&b.1.1))?;
+        let member = holder.1.0.iter().find(|m| search.columns.label[m.variant] == *label)?;
+        // sets that differ from the best ones with this label by what stands in its place
+        let mut rivals: BTreeMap<usize, f64> = BTreeMap::new();
+        for (labels, (_, w)) in sets.iter().filter(|(l, _)| !l.contains(label)) {
+            let swapped: Vec<usize> = labels.iter().copied().filter(|l| !holder.0.contains(l)).collect();
+            for s in swapped {
+                *rivals.entry(s).or_default() += share(*w);
+            }
+        }
+        let rivals: Vec<(usize, f64)> = rivals.into_iter().filter(|(_, p)| *p > 0.0).collect();
+        let group: f64 = sets
+            .iter()
+            .filter(|(labels, _)| {
+                labels.contains(label)
+                    || rivals.iter().any(|(r, _)| labels.contains(r) && !holder.0.contains(r))
+            })
+            .map(|(_, (_, w))| share(*w))
+            .sum();
+        let without = sets
+            .iter()
+            .filter(|(labels, _)| !labels.contains(label))
+            .map(|(_, (_, w))| *w)
+            .fold(f64::NEG_INFINITY, f64::max);
+        let log_evidence = if chosen { best_weight - without } else { holder.1.1 - best_weight };
+        contenders.push(Contender {
+            label: *label,
+            variant: member.variant,
+            probability: *p,
+            group_probability: group.min(1.0),
+            rivals,
+            aliases: search
+                .columns
+                .aliases
+                .iter()
+                .filter(|(_, other)| other == label)
+                .map(|(alias, _)| *alias)
+                .collect(),
+            chosen,
+            log_evidence,
+        });
+    }
+    contenders.sort_by(|a, b| {
+        b.chosen.cmp(&a.chosen).then(b.probability.total_cmp(&a.probability)).then(a.label.cmp(&b.label))
+    });
+    let covariance = Covariance::new(search.structure, &scales::values(&rungs), &search.weights)?;
+    let gram = Gram::new(&covariance, &search.columns, &search.y);
+    let set = gram.condition(&search.columns, best);
+    let white_um = gram.sigma(&set);
+    let by_scales: Vec<(&Rungs, f64)> = search
+        .visited
+        .iter()
+        .map(|(rungs, (gram, sets))| {
+            let w = sets.get(best_labels).map(|v| v.log_weight);
+            let w = w.unwrap_or_else(|| sets::own_weight(gram, &search.columns, best));
+            (rungs, w + scales::log_prior(rungs))
+        })
+        .collect();
+    let all = log_sum(&by_scales.iter().map(|v| v.1).collect::<Vec<_>>());
+    let kinds: Vec<Component> = search.structure.components.iter().map(|c| c.0).collect();
+    let has = |rungs: &Rungs| kinds.iter().zip(rungs).any(|(c, r)| *r > 0 && c.is_discrepancy());
+    let discrepancy = by_scales.iter().filter(|(r, _)| has(r)).map(|(_, w)| (w - all).exp()).sum();
+    let values = scales::values(&rungs);
+    let scales: Vec<(Component, f64)> = kinds.iter().copied().zip(values).collect();
+    let drift = scales
+        .iter()
+        .filter_map(|(c, s)| match c {
+            Component::Drift(t) if *s > 0.0 => Some((s * white_um, TIMES[*t] * search.structure.duration_s)),
+            _ => None,
+        })
+        .max_by(|a, b| a.0.total_cmp(&b.0))
+        .unwrap_or((0.0, 0.0));
+    Some(Comparison {
+        groups: search.structure.groups.clone(),
+        contenders,
+        none: sets.get(&Vec::new()).map_or(0.0, |v| share(v.1)),
+        discrepancy,
+        shares: shares(search, &covariance, &gram, best, &scales),
+        scales,
+        white_um,
+        drift,
+        outlying,
+        covariance,
+    })
+}
+
+/// Posterior means of the parts of the gap.
+fn shares(
+    search: &Search<'_>,
+    covariance: &Covariance,
+    gram: &Gram,
+    members: &[Member],
+    scales: &[(Component, f64)],
+) -> Shares {
+    let set = gram.condition(&search.columns, members);
+    let (at, mean, _) = gram.coefficients(&set);
+    let n = search.y.len();
+    let mut named = DVector::zeros(n);
+    for (c, b) in at.iter().zip(mean.iter()) {
+        named.axpy(*b, &search.columns.values.column(*c), 1.0);
+    }
+    let left = &search.y - &named;
+    let whitened = covariance.whiten(&DMatrix::from_column_slice(n, 1, left.as_slice()));
+    let pulled = covariance.back(&whitened.column(0).into_owned());
+    let mut parts = [DVector::zeros(n), DVector::zeros(n)];
+    for ((component, m), (_, s)) in search.structure.components.iter().zip(scales) {
+        if *s > 0.0 {
+            parts[usize::from(!component.is_discrepancy())].gemv(s * s, m, &pulled, 1.0);
+        }
+    }
+    let plain = Covariance::new(search.structure, &vec![0.0; scales.len()], &search.structure.white);
+    let size = |v: &DVector<f64>| {
+        let w = plain.as_ref().map(|p| p.whiten(&DMatrix::from_column_slice(n, 1, v.as_slice())));
+        w.map_or(0.0, |w| w.norm_squared() / n as f64)
+    };
+    let rest = &left - &parts[0] - &parts[1];
+    Shares {
+        named_um2: size(&named),
+        discrepancy_um2: size(&parts[0]),
+        drift_um2: size(&parts[1]),
+        noise_um2: size(&rest),
+    }
+}
+
+/// Mean of the values of the rows of each group; `data` holds a row of `width` values per row of the session.
+fn mean_rows(groups: &[Vec<usize>], data: &[f64], width: usize) -> Vec<f64> {
+    let mut out = vec![0.0; groups.len() * width];
+    for (to, rows) in out.chunks_exact_mut(width.max(1)).zip(groups) {
+        for i in rows {
+            to.iter_mut().zip(&data[i * width..]).for_each(|(t, v)| *t += v / rows.len() as f64);
+        }
+    }
+    out
+}
+
+/// The same where `data` holds a row per member of the groups, in their order.
+pub(crate) fn mean_of_members(groups: &[Vec<usize>], data: &[f64], width: usize) -> Vec<f64> {
+    let mut rows = data.chunks_exact(width.max(1));
+    let mut out = vec![0.0; groups.len() * width];
+    for (to, group) in out.chunks_exact_mut(width.max(1)).zip(groups) {
+        for row in rows.by_ref().take(group.len()) {
+            to.iter_mut().zip(row).for_each(|(t, v)| *t += v / group.len() as f64);
+        }
+    }
+    out
+}

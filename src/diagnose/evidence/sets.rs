@@ -1,0 +1,137 @@
+//! Sets of effects: search and the posterior over all that were visited.
+
+use std::collections::{BTreeMap, BTreeSet};
+
+use super::constants::{EFFECTS_MAX, EXPANDED, WINDOW};
+use super::gram::{Columns, Gram, Member};
+
+/// A set of labels with the best variant and scale of each.
+#[derive(Debug, Clone)]
+pub(super) struct Visited {
+    pub(super) members: Vec<Member>,
+    /// Log posterior, not normalised.
+    pub(super) log_weight: f64,
+}
+
+/// Sets by their labels, sorted.
+pub(super) type Sets = BTreeMap<Vec<usize>, Visited>;
+
+/// Log prior of each further effect: as likely as none of them together.
+fn price(columns: &Columns) -> f64 {
+    -(columns.visible.saturating_sub(1).max(2) as f64).ln()
+}
+
+fn key(columns: &Columns, members: &[Member]) -> Vec<usize> {
+    let mut labels: Vec<usize> = members.iter().map(|m| columns.label[m.variant]).collect();
+    labels.sort_unstable();
+    labels
+}
+
+/// Keeps what is new or better; returns true where the set was not known.
+fn visit(sets: &mut Sets, columns: &Columns, members: &[Member], log_weight: f64) -> bool {
+    let known = sets.entry(key(columns, members));
+    match known {
+        std::collections::btree_map::Entry::Vacant(e) => {
+            e.insert(Visited { members: members.to_vec(), log_weight });
+            true
+        }
+        std::collections::btree_map::Entry::Occupied(mut e) => {
+            if log_weight > e.get().log_weight {
+                e.insert(Visited { members: members.to_vec(), log_weight });
+            }
+            false
+        }
+    }
+}
+
+/// Visits every set that has one more label than `members`.
+fn grow(gram: &Gram, columns: &Columns, members: &[Member], sets: &mut Sets) -> Option<Vec<Member>> {
+    let set = gram.condition(columns, members);
+    let prior = extra(columns, members) + price(columns);
+    let taken = key(columns, members);
+    let mut best: Option<(Vec<Member>, f64)> = None;
+    for label in (0..columns.labels).filter(|l| !taken.contains(l)) {
+        let Some(addition) = gram.addition(columns, &set, label) else { continue };
+        let weight = addition.log_evidence + prior;
+        let mut with = members.to_vec();
+        with.push(addition.member);
+        visit(sets, columns, &with, weight);
+        if best.as_ref().is_none_or(|(_, b)| weight > *b) {
+            best = Some((with, weight));
+        }
+    }
+    best.map(|b| b.0)
+}
+
+/// Forward search with exchanges of single members; the highest log weight.
+pub(super) fn climb(gram: &Gram, columns: &Columns, start: &[Member], sets: &mut Sets) -> f64 {
+    let mut members = start.to_vec();
+    visit(sets, columns, &[], gram.none);
+    let mut weight = own_weight(gram, columns, &members);
+    loop {
+        let mut best = (members.clone(), weight);
+        if members.len() < EFFECTS_MAX
+            && let Some(with) = grow(gram, columns, &members, sets)
+        {
+            let w = sets[&key(columns, &with)].log_weight;
+            if w > best.1 + 1e-9 {
+                best = (with, w);
+            }
+        }
+        for k in 0..members.len() {
+            let mut rest = members.clone();
+            rest.remove(k);
+            let w = own_weight(gram, columns, &rest);
+            visit(sets, columns, &rest, w);
+            if w > best.1 + 1e-9 {
+                best = (rest.clone(), w);
+            }
+            if let Some(with) = grow(gram, columns, &rest, sets) {
+                let w = sets[&key(columns, &with)].log_weight;
+                if w > best.1 + 1e-9 {
+                    best = (with, w);
+                }
+            }
+        }
+        if best.1 <= weight + 1e-6 {
+            return weight;
+        }
+        (members, weight) = best;
+    }
+}
+
+/// Log weight of a set, its labels averaged over variants and scales as they were when each came in.
+pub(super) fn own_weight(gram: &Gram, columns: &Columns, members: &[Member]) -> f64 {
+    let set = gram.condition(columns, members);
+    gram.log_evidence(&set) + extra(columns, members)
+}
+
+/// Log prior of a set and the averages of its members.
+pub(super) fn extra(columns: &Columns, members: &[Member]) -> f64 {
+    members.iter().map(|m| m.average + price(columns)).sum()
+}
+
+/// Visits the neighbours of all sets that count, the likeliest first.
+pub(super) fn explore(gram: &Gram, columns: &Columns, sets: &mut Sets) {
+    let mut done: BTreeSet<Vec<usize>> = BTreeSet::new();
+    for _ in 0..EXPANDED {
+        let best = sets.values().map(|v| v.log_weight).fold(f64::NEG_INFINITY, f64::max);
+        let next = sets
+            .iter()
+            .filter(|(k, v)| v.log_weight > best - WINDOW && !done.contains(*k))
+            .max_by(|a, b| a.1.log_weight.total_cmp(&b.1.log_weight))
+            .map(|(k, v)| (k.clone(), v.members.clone()));
+        let Some((labels, members)) = next else { return };
+        done.insert(labels);
+        if members.len() < EFFECTS_MAX {
+            grow(gram, columns, &members, sets);
+        }
+        for k in 0..members.len() {
+            let mut rest = members.clone();
+            rest.remove(k);
+            let w = own_weight(gram, columns, &rest);
+            visit(sets, columns, &rest, w);
+            grow(gram, columns, &rest, sets);
+        }
+    }
+}

@@ -1,0 +1,373 @@
+//! The state of the machine and of the instrument at one reading.
+//!
+//! Positions are commanded ones, mm and rad; a quantity that is not known is NaN, and no effect that needs it is tried
+//! (`docs/reference/session-files.md` 1 lists the columns).
+
+use core::fmt;
+
+use serde::{Deserialize, Serialize};
+
+use volcomp_model::geometry::{Mat3, Vec3, rotation_about};
+use volcomp_units::axes::{AxisKind, AxisName};
+
+/// Number of axes that session files know.
+pub const SLOTS: usize = 6;
+
+/// An axis of a session file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "lowercase")]
+#[expect(missing_docs, reason = "the letters are their own description")]
+pub enum Axis {
+    X,
+    Y,
+    Z,
+    A,
+    B,
+    C,
+}
+
+impl Axis {
+    /// All of them, in the order of their slots.
+    pub const ALL: [Self; SLOTS] = [Self::X, Self::Y, Self::Z, Self::A, Self::B, Self::C];
+    /// Those that move along a line.
+    pub const LINEAR: [Self; 3] = [Self::X, Self::Y, Self::Z];
+
+    /// Place in the arrays of a [`MachineState`].
+    #[must_use]
+    pub const fn slot(self) -> usize {
+        self as usize
+    }
+
+    /// 0 = x, 1 = y, 2 = z: the direction along or about which it moves.
+    #[must_use]
+    pub const fn direction(self) -> usize {
+        self as usize % 3
+    }
+
+    /// True for X, Y, Z.
+    #[must_use]
+    pub const fn is_linear(self) -> bool {
+        (self as usize) < 3
+    }
+
+    /// The axis of the model.
+    #[must_use]
+    pub const fn name(self) -> AxisName {
+        match self {
+            Self::X => AxisName::X,
+            Self::Y => AxisName::Y,
+            Self::Z => AxisName::Z,
+            Self::A => AxisName::A,
+            Self::B => AxisName::B,
+            Self::C => AxisName::C,
+        }
+    }
+
+    /// The axis of a model, where session files know it.
+    #[must_use]
+    pub fn from_name(name: AxisName) -> Option<Self> {
+        Self::ALL.into_iter().find(|a| a.name() == name)
+    }
+
+    /// The column of its position.
+    #[must_use]
+    pub fn column(self) -> String {
+        match self.name().kind() {
+            AxisKind::Linear => format!("{self}_mm"),
+            AxisKind::Rotary => format!("{self}_deg"),
+        }
+    }
+}
+
+impl fmt::Display for Axis {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        write!(f, "{}", self.name().lower())
+    }
+}
+
+/// An instrument that measures lengths by light through air; each kind has an air of its own.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Light {
+    /// A laser interferometer.
+    Laser,
+    /// A laser tracker.
+    Tracker,
+}
+
+impl Light {
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Laser, Self::Tracker];
+
+    /// By the name of the instrument.
+    #[must_use]
+    pub fn of(instrument: &str) -> Option<Self> {
+        let name = instrument.to_ascii_lowercase();
+        if name.contains("tracker") || name.contains("tracer") {
+            Some(Self::Tracker)
+        } else {
+            ["laser", "interferom"].iter().any(|w| name.contains(w)).then_some(Self::Laser)
+        }
+    }
+}
+
+/// One reading's state.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MachineState {
+    /// Time on the clock of the file, s.
+    pub t_s: f64,
+    /// Which file of several.
+    pub file: usize,
+    /// Commanded positions, mm or rad.
+    pub position: [f64; SLOTS],
+    /// Commanded velocities, mm/s or rad/s.
+    pub velocity: [f64; SLOTS],
+    /// Commanded accelerations, mm/s^2 or rad/s^2.
+    pub acceleration: [f64; SLOTS],
+    /// Travel since the last reversal: +1, -1, or 0 before the axis has moved.
+    pub direction: [f64; SLOTS],
+    /// Distance since the last reversal, mm or rad; infinite where it was long ago.
+    pub since_mm: [f64; SLOTS],
+    /// Time since the last reversal, s; infinite where it was long ago.
+    pub since_s: [f64; SLOTS],
+    /// Direction of sensitivity, a unit vector in machine axes.
+    pub u: Vec3,
+    /// Tool length, mm.
+    pub tool_length_mm: f64,
+    /// Distance from instrument to target, mm.
+    pub range_mm: f64,
+    /// Target on the workpiece side at home, mm.
+    pub target_mm: Vec3,
+    /// Where the instrument stands, mm.
+    pub station_mm: Vec3,
+    /// What it looks at, mm; known where it has a station.
+    pub reflector_mm: Vec3,
+    /// The instrument measures lengths by light through air: which one.
+    pub light: Option<Light>,
+    /// Forces per linear axis, N.
+    pub force_n: [f64; 3],
+    /// Where the rotary axes that carry the tool have taken it.
+    pub head: Head,
+    /// Lagged signals, in the order of the library's list of signals.
+    pub signals: Vec<f64>,
+}
+
+impl Default for MachineState {
+    fn default() -> Self {
+        let none = [f64::NAN; SLOTS];
+        Self {
+            t_s: 0.0,
+            file: 0,
+            position: [0.0; SLOTS],
+            velocity: none,
+            acceleration: none,
+            direction: none,
+            since_mm: none,
+            since_s: none,
+            u: Vec3::zeros(),
+            tool_length_mm: f64::NAN,
+            range_mm: f64::NAN,
+            target_mm: Vec3::repeat(f64::NAN),
+            station_mm: Vec3::repeat(f64::NAN),
+            reflector_mm: Vec3::repeat(f64::NAN),
+            light: None,
+            force_n: [f64::NAN; 3],
+            head: Head::default(),
+            signals: Vec::new(),
+        }
+    }
+}
+
+impl MachineState {
+    /// What the instrument looks at, mm: the carriage where nothing tells more.
+    #[must_use]
+    pub fn seen_mm(&self) -> Vec3 {
+        if self.reflector_mm.iter().all(|v| v.is_finite()) { self.reflector_mm } else { self.carriage_mm() }
+    }
+
+    /// Positions of the linear axes, mm.
+    #[must_use]
+    pub fn carriage_mm(&self) -> Vec3 {
+        Vec3::new(self.position[0], self.position[1], self.position[2])
+    }
+}
+
+/// What the rotary axes that carry the tool do to a point at home, without the linear axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Head {
+    rotation: Mat3,
+    shift_mm: Vec3,
+}
+
+impl Default for Head {
+    fn default() -> Self {
+        Self { rotation: Mat3::identity(), shift_mm: Vec3::zeros() }
+    }
+}
+
+impl Head {
+    /// Where a point at home is now, mm.
+    #[must_use]
+    pub fn carries(&self, home_mm: Vec3) -> Vec3 {
+        self.rotation * home_mm + self.shift_mm
+    }
+
+    /// Where a direction at home points now.
+    #[must_use]
+    pub fn turns(&self, home: Vec3) -> Vec3 {
+        self.rotation * home
+    }
+}
+
+/// What moves or tells something beside the axes.
+#[derive(Debug, Clone, PartialEq, Eq, Hash, PartialOrd, Ord, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub enum Source {
+    /// Revolutions of the spindle, in 1000 per minute.
+    Spindle,
+    /// The column `temp_<name>_degc`.
+    Temperature(String),
+}
+
+impl Source {
+    /// The source that a column of a log or of a session tells of, and what one of the column's units is of it.
+    #[must_use]
+    pub fn of_column(name: &str) -> Option<(Self, f64)> {
+        let sensor = name.strip_prefix("temp_").and_then(|n| n.strip_suffix("_degc"));
+        match sensor {
+            _ if name == "spindle_rpm" => Some((Self::Spindle, 1e-3)),
+            Some(sensor) => Some((Self::Temperature(sensor.to_owned()), 1.0)),
+            None => None,
+        }
+    }
+}
+
+impl fmt::Display for Source {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::Spindle => write!(f, "spindle_rpm"),
+            Self::Temperature(name) => write!(f, "temp_{name}_degc"),
+        }
+    }
+}
+
+/// A source behind a first-order lag: `tau s' + s = source`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+pub struct Signal {
+    /// What drives it.
+    pub source: Source,
+    /// Time constant, s; 0 takes the source as it is.
+    pub tau_s: f64,
+}
+
+impl Signal {
+    /// One step of the lag over `dt_s` towards the mean of the source meanwhile; exact for a source that stays.
+    #[must_use]
+    pub fn step(&self, state: f64, dt_s: f64, before: f64, now: f64) -> f64 {
+        if self.tau_s <= 0.0 {
+            return now;
+        }
+        let keep = (-dt_s.max(0.0) / self.tau_s).exp();
+        keep * state + (1.0 - keep) * 0.5 * (before + now)
+    }
+}
+
+/// The machine's chain as far as effects need it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Machine {
+    /// Its axes from the workpiece through the bed to the tool.
+    pub axes: Vec<MachineAxis>,
+    /// Tool tip at home, mm.
+    pub tool_tip_mm: Vec3,
+    /// Spindle nose at home, mm, where known.
+    pub gauge_point_mm: Option<Vec3>,
+}
+
+/// An axis of the chain.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct MachineAxis {
+    /// Its letter.
+    pub axis: Axis,
+    /// It carries the workpiece.
+    pub workpiece_side: bool,
+    /// A point on a rotary axis, mm.
+    pub point_mm: Vec3,
+    /// Its travel, mm or rad, where the model says it.
+    pub travel: Option<[f64; 2]>,
+}
+
+impl Machine {
+    /// A machine whose axes all carry the tool, where no model says more.
+    #[must_use]
+    pub fn plain() -> Self {
+        let axes = Axis::ALL
+            .into_iter()
+            .map(|axis| MachineAxis { axis, workpiece_side: false, point_mm: Vec3::zeros(), travel: None })
+            .collect();
+        Self { axes, tool_tip_mm: Vec3::zeros(), gauge_point_mm: None }
+    }
+
+    /// The linear axes whose travel is a lever of the angular errors of `axis`: those between it and the tool, and itself
+    /// where it carries the workpiece, because its error then acts on the tool as it stands over the moved table.
+    #[must_use]
+    pub fn levers_of(&self, axis: Axis) -> [bool; 3] {
+        let mut lever = [false; 3];
+        let at = self.axes.iter().position(|a| a.axis == axis).unwrap_or(0);
+        if self.axes.get(at).is_some_and(|a| a.axis == axis && axis.is_linear() && a.workpiece_side) {
+            lever[axis.slot()] = true;
+        }
+        for beyond in self.axes.iter().skip(at + 1).filter(|a| a.axis.is_linear()) {
+            lever[beyond.axis.slot()] = true;
+        }
+        lever
+    }
+
+    /// The tip at home of the tool that is in, mm; of the model's own where no length is stated.
+    #[must_use]
+    pub fn tip_of(&self, m: &MachineState) -> Vec3 {
+        match self.gauge_point_mm {
+            Some(nose) if m.tool_length_mm.is_finite() => nose - Vec3::new(0.0, 0.0, m.tool_length_mm),
+            _ => self.tool_tip_mm,
+        }
+    }
+
+    /// The rotary axes that carry the tool, from the bed outwards; none where nothing says where they stand.
+    pub fn head_axes(&self) -> impl DoubleEndedIterator<Item = &MachineAxis> {
+        let known = self.gauge_point_mm.is_some() || self.tool_tip_mm != Vec3::zeros();
+        self.axes.iter().filter(move |a| known && !a.axis.is_linear() && !a.workpiece_side)
+    }
+
+    /// What the head does to the tool at some positions of the axes (mm, rad).
+    #[must_use]
+    pub fn head(&self, position: &[f64; SLOTS]) -> Head {
+        self.head_axes().rev().fold(Head::default(), |beyond, a| {
+            let turn = rotation_about(a.axis.direction(), position[a.axis.slot()]);
+            let about = a.point_mm;
+            Head { rotation: turn * beyond.rotation, shift_mm: about + turn * (beyond.shift_mm - about) }
+        })
+    }
+
+    /// The entry of an axis.
+    #[must_use]
+    pub fn axis(&self, axis: Axis) -> Option<&MachineAxis> {
+        self.axes.iter().find(|a| a.axis == axis)
+    }
+
+    /// Rotary axes between the bed and `axis`, from the bed outwards, and those beyond it.
+    #[must_use]
+    pub fn around(&self, axis: Axis) -> (Vec<Axis>, Vec<Axis>) {
+        let Some(at) = self.axes.iter().position(|a| a.axis == axis) else {
+            return (Vec::new(), Vec::new());
+        };
+        let side = self.axes[at].workpiece_side;
+        let rotary = |a: &&MachineAxis| !a.axis.is_linear() && a.workpiece_side == side;
+        let before: Vec<Axis> = self.axes[..at].iter().filter(rotary).map(|a| a.axis).rev().collect();
+        let after: Vec<Axis> = self.axes[at + 1..].iter().filter(rotary).map(|a| a.axis).collect();
+        if side {
+            (after.into_iter().rev().collect(), before)
+        } else {
+            (before.into_iter().rev().collect(), after)
+        }
+    }
+}

@@ -1,0 +1,209 @@
+//! Set point of the offset for a frame: the model's correction at the predicted position, times the gain, inside the soft
+//! limits of the machine.
+
+use super::config::{AxisLimits, EngineConfig, EngineError, PositionSource};
+use super::input_validation::InputValidation;
+use super::live::LiveInputs;
+use super::lookahead::LagMeter;
+use super::output::Detail;
+use volcomp_model::axes::{AxisArray, MAX_AXES};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::units::MonoTime;
+use volcomp_model::{Model, Pose};
+use volcomp_protocol::Position;
+
+/// Share of the offset's limits that is used to retreat from a soft limit ahead of the axis; the rest is for following.
+const RETREAT: f64 = 0.25;
+
+/// What a frame asks for. Wire order, mm and rad.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Setpoint {
+    pub(super) offset: AxisArray,
+    /// Bit k: a soft limit of axis k left no room for more.
+    pub(super) at_soft_limit: u8,
+    /// Bit k: outside the travel or a curve's range.
+    pub(super) out_of_range: u8,
+    /// Bit k: harmonics of axis k have faded at this feed.
+    pub(super) faded: u8,
+    /// An axis is outside the travel of the model.
+    pub(super) out_of_travel: bool,
+    /// Bit k: the correction of axis k is beyond its stop limit.
+    pub(super) beyond_stop: u8,
+    /// False where the model gave something that is no number.
+    pub(super) finite: bool,
+    /// The offsets, lowest and highest, that keep each axis inside its soft limits.
+    pub(super) room: [[f64; 2]; MAX_AXES],
+    /// The numbers behind the first of what is wrong.
+    pub(super) detail: Option<Detail>,
+}
+
+impl Setpoint {
+    /// Nothing is asked for.
+    pub(super) const NONE: Self = Self {
+        offset: [0.0; MAX_AXES],
+        at_soft_limit: 0,
+        out_of_range: 0,
+        faded: 0,
+        out_of_travel: false,
+        beyond_stop: 0,
+        finite: true,
+        room: [[f64::NEG_INFINITY, f64::INFINITY]; MAX_AXES],
+        detail: None,
+    };
+}
+
+/// From frames to targets.
+#[derive(Debug, Clone)]
+pub(super) struct SetpointGenerator {
+    /// mm or rad per wire unit.
+    scale: AxisArray,
+    /// Wire index of each axis of the model; MAX_AXES for the spindle.
+    wire_index: [usize; MAX_AXES],
+    joints: usize,
+    pub(super) lag: LagMeter,
+    pub(super) live: LiveInputs,
+    pub(super) tool_tip: Option<Vec3>,
+}
+
+impl SetpointGenerator {
+    pub(super) fn new(config: &EngineConfig, scale: AxisArray, model: &Model) -> Result<Self, EngineError> {
+        let mut generator = Self {
+            scale,
+            wire_index: [0; MAX_AXES],
+            joints: 0,
+            lag: LagMeter::new(config.lag, config.axes.len()),
+            live: LiveInputs::new(model.sensors().len(), config.live_max_age_s, config.ramp_s),
+            tool_tip: None,
+        };
+        generator.take(config, model)?;
+        Ok(generator)
+    }
+
+    /// Another model: its axes must be those of the control.
+    pub(super) fn take(&mut self, config: &EngineConfig, model: &Model) -> Result<(), EngineError> {
+        let mut wire_index = [MAX_AXES; MAX_AXES];
+        for (k, axis) in model.axes().enumerate() {
+            match config.axes.iter().position(|name| *name == axis.name) {
+                Some(index) => wire_index[k] = index,
+                // the spindle turns, but nothing depends on where it stands
+                None if axis.spindle => {}
+                None => return Err(EngineError::AxisMissing { axis: axis.name }),
+            }
+        }
+        self.wire_index = wire_index;
+        self.joints = model.axes().len();
+        self.live = LiveInputs::new(model.sensors().len(), config.live_max_age_s, config.ramp_s);
+        Ok(())
+    }
+
+    /// The position that counts, in wire units.
+    pub(super) fn position(&self, config: &EngineConfig, frame: &Position) -> AxisArray {
+        match config.position_source {
+            PositionSource::Commanded => frame.commanded,
+            PositionSource::Actual => core::array::from_fn(|k| frame.actual[k] - frame.applied[k]),
+        }
+    }
+
+    /// The correction for `position` (wire units).
+    ///
+    /// # Cycle   no allocation
+    pub(super) fn at(
+        &mut self,
+        config: &EngineConfig,
+        input: &InputValidation,
+        model: &Model,
+        position: &AxisArray,
+        time: (MonoTime, f64),
+        gain: f64,
+    ) -> Setpoint {
+        let mut pose = Pose { tool_tip: self.tool_tip, ..Pose::at([0.0; MAX_AXES]) };
+        self.live.advance(time.0, time.1, &mut pose.live);
+        let ahead_s = self.lag.cycles() * config.cycle_s;
+        let unsure_s = config.lag_uncertainty_cycles * config.cycle_s;
+        let speed = input.speed();
+        for (k, &wire) in self.wire_index.iter().enumerate().take(self.joints) {
+            if wire < MAX_AXES {
+                let scale = self.scale[wire];
+                pose.position[k] = (position[wire] + speed[wire] * ahead_s) * scale;
+                pose.spread[k] = (speed[wire] * unsure_s * scale).abs();
+                pose.travel[k] = input.travel()[wire];
+            }
+        }
+        let (deviation, correction) = model.correct(&pose);
+        let flags = deviation.flags;
+        let outside = flags.out_of_travel | flags.out_of_range;
+        let mut target = Setpoint { out_of_travel: flags.out_of_travel != 0, ..Setpoint::NONE };
+        for (k, &wire) in self.wire_index.iter().enumerate().take(self.joints) {
+            if wire < MAX_AXES {
+                let wanted = gain * correction.offset[k];
+                target.offset[wire] = wanted;
+                target.out_of_range |= u8::from(outside >> k & 1 == 1) << wire;
+                target.faded |= u8::from(flags.faded >> k & 1 == 1) << wire;
+                let limits = &config.limits[wire];
+                let beyond = limits.size > 0.0 && wanted.abs() > limits.stop;
+                target.beyond_stop |= u8::from(beyond) << wire;
+                if !wanted.is_finite() {
+                    let detail = Some(Detail::of_axis(wire, wanted, f64::NAN));
+                    return Setpoint { finite: false, detail, ..Setpoint::NONE };
+                }
+                let scale = self.scale[wire];
+                if beyond {
+                    target.detail = Some(Detail::of_axis(wire, wanted / scale, limits.stop / scale));
+                } else if flags.out_of_travel >> k & 1 == 1 && target.beyond_stop == 0 {
+                    target.detail = Some(Detail::of_axis(wire, position[wire], f64::NAN));
+                }
+            }
+        }
+        self.keep_inside(config, speed, position, &mut target);
+        target
+    }
+
+    /// Leaves no offset that would carry an axis over its soft limit; where the axis runs towards it, early enough to
+    /// retreat in time. An axis that is already outside may only be offset inwards.
+    fn keep_inside(
+        &self,
+        config: &EngineConfig,
+        speed: &AxisArray,
+        position: &AxisArray,
+        target: &mut Setpoint,
+    ) {
+        let late_s = (self.lag.cycles() + 1.0) * config.cycle_s;
+        for (k, [low, high]) in config.soft_limits.iter().enumerate() {
+            if *low == f64::NEG_INFINITY && *high == f64::INFINITY {
+                continue;
+            }
+            let (at, v) = (position[k] * self.scale[k], speed[k] * self.scale[k]);
+            let room_up = room(high - at, v, late_s, &config.limits[k]);
+            let room_down = room(at - low, -v, late_s, &config.limits[k]);
+            target.room[k] = [-room_down, room_up];
+            let wanted = target.offset[k];
+            let kept = wanted.min(room_up).max(-room_down);
+            if kept != wanted {
+                target.offset[k] = kept;
+                target.at_soft_limit |= 1 << k;
+            }
+        }
+    }
+}
+
+/// The offset that may be left towards a soft limit at `distance`, approached at `speed`: on the way there what is left
+/// when the offset takes effect, `late_s` from now, and no more than can still be taken back, with [`RETREAT`] of rate and
+/// acceleration, before the axis is there; on the way back what was left as long ago, for the motor may be as far behind.
+fn room(distance: f64, speed: f64, late_s: f64, limits: &AxisLimits) -> f64 {
+    if !distance.is_finite() {
+        return distance.max(0.0);
+    }
+    let left = (distance - speed.abs() * late_s).max(0.0);
+    if speed.is_nan() || speed <= 0.0 {
+        return left;
+    }
+    let left_s = left / speed;
+    let (rate, acceleration) = (RETREAT * limits.rate, RETREAT * limits.acceleration);
+    let to_full_rate_s = 2.0 * rate / acceleration;
+    let way = if left_s < to_full_rate_s {
+        acceleration * left_s * left_s / 4.0
+    } else {
+        rate * (left_s - to_full_rate_s / 2.0)
+    };
+    left.min(way)
+}
