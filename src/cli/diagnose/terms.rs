@@ -71,7 +71,7 @@ pub(super) fn count(n: usize, one: &str) -> String {
 }
 
 /// Units at the end of a parameter's name, longest first, as a person writes them.
-const UNITS: [(&str, &str); 17] = [
+const UNITS: [(&str, &str); 18] = [
     ("_um_per_m_per_s2_per_m", "µm per m/s² and m"),
     ("_arcsec_per_m_per_s2", "″ per m/s²"),
     ("_um_per_n_to_the_power", "µm/N^p"),
@@ -87,6 +87,7 @@ const UNITS: [(&str, &str); 17] = [
     ("_um", "µm"),
     ("_mm", "mm"),
     ("_ms", "ms"),
+    ("_hz", "Hz"),
     ("_s", "s"),
     ("_1", ""),
 ];
@@ -102,14 +103,17 @@ fn is_coefficient(name: &str) -> bool {
 
 /// Physical parameters of a cause with unit and expanded uncertainty (k = 2); coefficients of series are left out.
 pub(super) fn parameters(cause: &Cause) -> Vec<String> {
-    let physical = cause.parameters.iter().filter(|(name, _)| !is_coefficient(name));
+    // what neither has a value nor an uncertainty was not seen
+    let seen = |v: &Value| v.value != 0.0 || v.std > 0.0;
+    let physical = cause.parameters.iter().filter(|(name, v)| !is_coefficient(name) && seen(v));
     physical
         .map(|(name, v)| {
             let (stem, unit) = UNITS
                 .iter()
                 .find_map(|(end, unit)| name.strip_suffix(end).map(|stem| (stem, *unit)))
                 .unwrap_or((name, ""));
-            let mut text = format!("{} {} {unit}", stem.replace('_', " "), with_uncertainty(*v));
+            let mut text =
+                format!("{} {} {unit}", stem.trim_end_matches("_1").replace('_', " "), with_uncertainty(*v));
             if unit == "″" {
                 // 1 arcsec is 4.848 um/m
                 let um_per_m = Value { value: 4.848_136_8 * v.value, std: 4.848_136_8 * v.std };
@@ -124,6 +128,22 @@ pub(super) fn parameters(cause: &Cause) -> Vec<String> {
 pub(super) fn peak_to_valley(found: &Diagnosis, label: &str) -> Option<Value> {
     let curves = found.curves.iter().filter(|c| c.label == label && !c.lines.is_empty());
     curves.map(|c| c.range_um).max_by(|a, b| a.value.total_cmp(&b.value))
+}
+
+/// Text of the diagnosis with names in the place of labels, and the unit as it is written.
+pub(super) fn with_names(text: &str) -> String {
+    let word = |word: &str| {
+        let bare = word.trim_matches([',', ';', '.', '(', ')']);
+        let effect = bare.split(':').next().unwrap_or(bare);
+        let is_label =
+            (bare.contains(':') || bare.contains('-')) && page(effect).is_some_and(|p| p.effect == effect);
+        match bare {
+            "um" => word.replace("um", "µm"),
+            _ if is_label => word.replace(bare, &name_of_label(bare)),
+            _ => word.to_owned(),
+        }
+    };
+    text.split(' ').map(word).collect::<Vec<_>>().join(" ")
 }
 
 /// Shares of the mean square of the gap: each cause, then what is unexplained, drift and noise. They add up to 1; a cause that
@@ -281,6 +301,14 @@ mod tests {
         for name in ["pitch_mm", "width_um", "exponent_1", "expansion_ppm_per_k", "since_s", "p_um"] {
             assert!(!is_coefficient(name) || name == "p_um", "{name}");
         }
+    }
+
+    #[test]
+    fn labels_become_names_and_prose_stays() {
+        assert_eq!(
+            with_names("resembles scale:x, (ambient-drift) of 3 um; no load, scale or cold-start"),
+            "resembles linear positioning error (scale) of X, (thermal drift of the structure) of 3 µm; no load, scale or cold-start"
+        );
     }
 
     #[test]

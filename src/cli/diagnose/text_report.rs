@@ -92,7 +92,12 @@ pub(super) fn summary(
     }
     for p in r.places.iter().take(4) {
         let of = if p.of.is_empty() { String::new() } else { format!(" {}", p.of) };
-        say!("where: {}{of}, {} of the structured gap ({})", p.by, percent(p.share), p.detail);
+        say!(
+            "where (shares overlap): {}{of}, {} of the structured gap ({})",
+            p.by,
+            percent(p.share),
+            p.detail
+        );
     }
     if r.unexplained.significant {
         say!("unexplained: {} µm RMS; {}", um(r.unexplained.rms_um), r.unexplained.looks_like);

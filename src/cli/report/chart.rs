@@ -4,7 +4,7 @@
 use std::fmt::Write as _;
 
 use super::page::escape;
-use super::plot::{round_below, tick, with_room};
+use super::plot::{round_below, with_room};
 
 /// Size of a chart of which two stand side by side on A4, pixels.
 pub(crate) const HALF: (f64, f64) = (440.0, 270.0);
@@ -110,8 +110,8 @@ impl Scale {
         self.pixels[0] + (v - low) / (high - low) * (self.pixels[1] - self.pixels[0])
     }
 
-    /// Round numbers inside the range, `least` pixels apart.
-    fn ticks(&self, least: f64) -> Vec<f64> {
+    /// Round numbers inside the range, `least` pixels apart, with their labels.
+    fn ticks(&self, least: f64) -> Vec<(f64, String)> {
         let [low, high] = self.range;
         let most = ((self.pixels[1] - self.pixels[0]).abs() / least).max(1.0);
         let rough = (high - low) / most;
@@ -123,7 +123,9 @@ impl Scale {
         let step = step.unwrap_or(2.0 * below);
         let first = (low / step).ceil() as i64;
         let last = (high / step).floor() as i64;
-        (first..=last).map(|k| k as f64 * step).collect()
+        let decimals = (-(step * (1.0 + 1e-9)).log10().floor()).clamp(0.0, 9.0) as usize;
+        let label = |v: f64| if v == 0.0 { "0".to_owned() } else { minus(&format!("{v:.decimals$}")) };
+        (first..=last).map(|k| k as f64 * step).map(|v| (v, label(v))).collect()
     }
 }
 
@@ -157,8 +159,7 @@ impl Chart {
 
     fn axes(&mut self, height: f64, labels: Labels<'_>) {
         let (x, y) = (self.x, self.y);
-        let length = |s: &Scale| s.range[1] - s.range[0];
-        for v in x.ticks(TICK_PX[0]) {
+        for (v, label) in x.ticks(TICK_PX[0]) {
             let at = x.at(v);
             self.put(format_args!(
                 "<path class=\"grid\" d=\"M{at:.1} {:.1}V{:.1}\"/>",
@@ -167,10 +168,10 @@ impl Chart {
             self.put(format_args!(
                 "<text x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
                 y.pixels[0] + 15.0,
-                minus(&tick(v, length(&x)))
+                label
             ));
         }
-        for v in y.ticks(TICK_PX[1]) {
+        for (v, label) in y.ticks(TICK_PX[1]) {
             let at = y.at(v);
             let class = if v == 0.0 { "zero" } else { "grid" };
             self.put(format_args!(
@@ -181,7 +182,7 @@ impl Chart {
                 "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>",
                 x.pixels[0] - 6.0,
                 at + 4.0,
-                minus(&tick(v, length(&y)))
+                label
             ));
         }
         self.put(format_args!(
@@ -308,8 +309,10 @@ mod tests {
         for range in [[0.0, 1.0], [-3.2, 7.9], [1e5, 1.0001e5], [0.0, 0.013], [-47.0, -46.0]] {
             let scale = Scale { range, pixels: [58.0, 426.0] };
             let ticks = scale.ticks(TICK_PX[0]);
+            let labels: std::collections::BTreeSet<&String> = ticks.iter().map(|t| &t.1).collect();
+            assert_eq!(labels.len(), ticks.len(), "labels differ: {ticks:?}");
             assert!((2..=6).contains(&ticks.len()), "{range:?}: {ticks:?}");
-            assert!(ticks.iter().all(|t| (range[0]..=range[1]).contains(t)), "{range:?}: {ticks:?}");
+            assert!(ticks.iter().all(|(t, _)| (range[0]..=range[1]).contains(t)), "{range:?}: {ticks:?}");
         }
     }
 

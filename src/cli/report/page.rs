@@ -34,7 +34,7 @@ svg [stroke='#CDCDCD']{stroke:var(--line)}svg [fill='#0072B2']{fill:var(--a)}svg
 @media screen and (max-width:640px){body{margin:10px auto}h1{font-size:20px}p.lead{font-size:17px}table:not(.stack){display:block;overflow-x:auto}\
 table.stack,table.stack tbody,table.stack tr,table.stack td,table.stack th{display:block;border:0;text-align:left;padding:1px 0}table.stack thead{display:none}\
 table.stack tr{border-bottom:1px solid var(--line);padding:6px 0}table.stack td[data-l]:before{content:attr(data-l) ': ';color:var(--soft)}table.stack td:empty{display:none}\
-table.stack td.n{white-space:normal}.bars{grid-template-columns:1fr max-content}.bars .track{grid-column:1/3;grid-row:auto;order:0}td.s{font-size:13px}}\
+table.stack td.n{white-space:normal}.bars{grid-template-columns:1fr max-content;grid-auto-flow:row dense}.bars div:nth-child(3n+1){grid-column:1}.bars div:nth-child(3n){grid-column:2}.bars .track{grid-column:1/3}th:first-child{white-space:normal}td.s{font-size:13px}}\
 @page{size:A4;margin:14mm 14mm 16mm}\
 @media print{body{font-size:10pt;max-width:none;margin:0;padding:0}h1{font-size:16pt}h2{font-size:12.5pt;margin-top:14pt}h3{font-size:10.5pt}p.lead{font-size:12pt}\
 pre{font-size:8pt;white-space:pre-wrap}td,th{padding:2px 9px 2px 0}td.s{font-size:7.5pt}figcaption,p.note{font-size:8.5pt}\

@@ -13,6 +13,8 @@ use super::session::Session;
 const ONE_OF_TWO: f64 = core::f64::consts::LN_2;
 /// Preparation of a measurement that is no part of the catalogue, min.
 const PREPARE_MIN: f64 = 30.0;
+/// Effects named that a measurement shows and these data cannot.
+const UNSEEN_NAMED: usize = 4;
 /// Most measurements listed.
 const LISTED: usize = 8;
 
@@ -211,10 +213,11 @@ pub(super) fn next(
                 .collect();
             if !unseen.is_empty() && !all.iter().any(|n| n.action == m.action) {
                 let information = 0.1 * ONE_OF_TWO * unseen.len() as f64;
-                let decides = format!(
-                    "shows whether {} contributes, which these data cannot show",
-                    unseen.join(" or ")
-                );
+                let rest = unseen.len().saturating_sub(UNSEEN_NAMED);
+                let more = if rest > 0 { format!(" or {rest} more") } else { String::new() };
+                let named = unseen[..unseen.len() - rest].join(" or ");
+                let decides =
+                    format!("shows whether {named}{more} contributes, which these data cannot show");
                 all.push(asked(&programme, m.action, m.motion, m.prepare_min, unseen, information, decides));
             }
         }

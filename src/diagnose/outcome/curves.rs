@@ -64,12 +64,11 @@ pub(super) fn curves(
             curve.x_label = view.x_label();
             curve.y_label = match direction {
                 Some(d) => format!("along {}, µm", Axis::LINEAR[d]),
-                None => "along the direction of measurement, µm".to_owned(),
+                None => "in measuring direction, µm".to_owned(),
             };
-            if let Some((text, w)) = view.weight_text().zip(weight) {
-                let text = text.replace("{}", &w.to_string());
-                curve.note = if curve.note.is_empty() { text } else { format!("{text}; {}", curve.note) };
-            }
+            let scaled = view.weight_text().zip(weight).map(|(text, w)| text.replace("{}", &w.to_string()));
+            let notes = [scaled.unwrap_or_default(), view.end_text().to_owned(), curve.note];
+            curve.note = notes.into_iter().filter(|n| !n.is_empty()).collect::<Vec<_>>().join("; ");
             all.push(curve);
         }
     }
@@ -201,8 +200,13 @@ fn curve(
 fn groups(shown: &[Shown], mut members: Vec<usize>) -> Vec<Vec<usize>> {
     members.sort_by(|a, b| shown[*a].x.total_cmp(&shown[*b].x));
     let extent = members.last().map_or(0.0, |l| shown[*l].x) - members.first().map_or(0.0, |f| shown[*f].x);
-    let same = |a: &usize, b: &usize| (shown[*a].x - shown[*b].x).abs() <= 1e-3 * extent;
-    let equal: Vec<Vec<usize>> = members.chunk_by(same).map(<[usize]>::to_vec).collect();
+    let mut equal: Vec<Vec<usize>> = Vec::new();
+    for k in &members {
+        match equal.last_mut() {
+            Some(group) if shown[*k].x - shown[group[0]].x <= 1e-3 * extent => group.push(*k),
+            _ => equal.push(vec![*k]),
+        }
+    }
     if equal.len() <= PLACES {
         return equal;
     }

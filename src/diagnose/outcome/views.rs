@@ -83,7 +83,7 @@ impl View {
         match self.over {
             Over::Position(a) if a.is_linear() => format!("{a}, mm"),
             Over::Position(a) => format!("{a}, °"),
-            Over::Period(a, pitch) => format!("{a} within one period of {pitch:.4} mm, mm"),
+            Over::Period(a, pitch) => format!("{a} within one period of {} mm, mm", round_4(pitch)),
             Over::SinceReversal(a, _) => format!("distance since the reversal of {a}, mm"),
             Over::TimeSinceReversal(a, _) => format!("time since the reversal of {a}, s"),
             Over::Velocity(a) if a.is_linear() => format!("velocity of {a}, mm/s"),
@@ -136,6 +136,16 @@ impl View {
         }
     }
 
+    /// What is said of readings beyond the end of the abscissa.
+    pub(super) const fn end_text(&self) -> &'static str {
+        match self.over {
+            Over::SinceReversal(..) | Over::TimeSinceReversal(..) => {
+                "readings farther from the reversal stand at the right edge"
+            }
+            _ => "",
+        }
+    }
+
     /// Line of each reading.
     pub(super) fn lines(&self, session: &Session) -> Vec<i64> {
         let of = |m: &Moment| match self.branch {
@@ -164,6 +174,11 @@ impl View {
             }
         }
     }
+}
+
+/// Four decimals without trailing zeros.
+fn round_4(v: f64) -> f64 {
+    (1e4 * v).round() / 1e4
 }
 
 fn parts(shape: &Shape) -> (Over, Branch, Weight) {

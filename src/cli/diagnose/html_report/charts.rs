@@ -56,18 +56,36 @@ pub(super) fn fitted(curve: &Curve) -> Figure {
     };
     let mut keys = vec![key(Mark::Dot, Ink::Grey, &readings)];
     for (line, ink) in curve.lines.iter().zip(Ink::LINES) {
-        let band: Vec<[f64; 3]> = line.points.iter().map(|p| [p[0], p[2], p[3]]).collect();
-        chart.band(ink, &band);
-        if line.points.len() == 1 {
-            chart.marks(Mark::Cross, ink, line.points.iter().map(|p| (p[0], p[1])));
-        } else {
-            chart.line(ink, line.points.iter().map(|p| (p[0], p[1])));
+        for stretch in stretches(&line.points, curve.x_label.starts_with("time, ")) {
+            let band: Vec<[f64; 3]> = stretch.iter().map(|p| [p[0], p[2], p[3]]).collect();
+            let middle = stretch.iter().map(|p| (p[0], p[1]));
+            chart.band(ink, &band);
+            if stretch.len() == 1 {
+                chart.marks(Mark::Cross, ink, middle);
+            } else {
+                chart.line(ink, middle);
+            }
         }
-        let name = if line.name.is_empty() { "fitted" } else { &line.name };
+        let name = if line.name.is_empty() { "fitted" } else { file_name(&line.name) };
         keys.push(key(Mark::Line, ink, name));
     }
     keys.push(key(Mark::Band, Ink::Blue, "90 % band"));
     (chart.finish(), caption(&title, &keys, &curve.note))
+}
+
+/// Parts of a line over time between which nothing was measured for long: nothing is drawn there. Other lines are whole.
+fn stretches(points: &[[f64; 4]], is_time: bool) -> Vec<&[[f64; 4]]> {
+    if !is_time {
+        return vec![points];
+    }
+    let extent = points.last().zip(points.first()).map_or(0.0, |(l, f)| l[0] - f[0]);
+    let least = (0.15 * extent).max(5.0 * extent / points.len().max(1) as f64);
+    points.chunk_by(|a, b| b[0] - a[0] <= least).collect()
+}
+
+/// A path without its folders.
+pub(super) fn file_name(path: &str) -> &str {
+    path.rsplit('/').next().unwrap_or(path)
 }
 
 /// The gap as measured over the gap that the declared causes predict, each without the set-up offsets.

@@ -5,14 +5,13 @@ mod charts;
 use crate::report::Page;
 use crate::report::chart::{Bar, Ink, bars};
 use crate::report::page::{Cell, escape};
-use volcomp_diagnose::library::Kind;
 use volcomp_diagnose::report::{Cause, Report, Verdict};
 use volcomp_diagnose::session::Session;
 use volcomp_diagnose::{Diagnosis, Level};
 
 use super::terms::{
     Compensable, Shares, capital, count, headline, name, name_of_label, number, parameters, peak_to_valley,
-    percent, remedy, um, with_uncertainty,
+    percent, remedy, um, with_names, with_uncertainty,
 };
 
 /// Least probability of a cause that is not declared and gets a picture.
@@ -21,6 +20,8 @@ const CANDIDATE: f64 = 0.1;
 const CANDIDATES: usize = 2;
 /// Part programs listed, at most.
 const PROGRAMS: usize = 16;
+/// Measurements listed, at most.
+const NEXT: usize = 3;
 /// Outliers listed, at most.
 const OUTLIERS: usize = 10;
 
@@ -30,7 +31,7 @@ pub(super) fn page(session: &Session, found: &Diagnosis, compensable: &Compensab
     let mut page = Page::new("Diagnosis of the gap between measurement and model");
     page.lead(headline(r));
     summary(&mut page, found);
-    causes(&mut page, found, compensable);
+    causes(&mut page, found);
     waterfall(&mut page, found);
     fitted(&mut page, found);
     corrections(&mut page, found, compensable);
@@ -63,7 +64,7 @@ fn summary(page: &mut Page, found: &Diagnosis) {
         (
             "Measurement noise",
             format!(
-                "{} µm RMS, repeatable part {} of the mean square",
+                "{} µm RMS, {} of the mean square of the gap is neither noise nor drift",
                 um(r.gap.noise_um),
                 percent(r.gap.explainable)
             ),
@@ -99,7 +100,7 @@ fn summary(page: &mut Page, found: &Diagnosis) {
     page.table(&[], &rows);
 }
 
-fn causes(page: &mut Page, found: &Diagnosis, compensable: &Compensable) {
+fn causes(page: &mut Page, found: &Diagnosis) {
     let r = &found.report;
     page.heading("Causes");
     let shown: Vec<&Cause> =
@@ -110,33 +111,31 @@ fn causes(page: &mut Page, found: &Diagnosis, compensable: &Compensable) {
     }
     let shares = Shares::of(&found.budget);
     let head = ["cause", "size, µm RMS", "share", "probability", "physical parameters", "remedy"];
-    let rows: Vec<Vec<Cell>> = shown.iter().map(|c| cause_row(c, found, &shares, compensable)).collect();
+    let rows: Vec<Vec<Cell>> = shown.iter().map(|c| cause_row(c, found, &shares)).collect();
     page.stacked_table(&head, &rows);
     page.note(
-        "Uncertainties are expanded (k = 2). The share is that of the mean square of the gap which the cause takes out of readings \
+        "The size is the RMS of the effect over the readings. Uncertainties are expanded (k = 2). The share is that of the mean square of the gap which the cause takes out of readings \
          held out of its fit; the shares of all causes, of drift, of noise and of what is unexplained add up to 100 %. Causes in \
          grey are not established.",
     );
 }
 
-fn cause_row(c: &Cause, found: &Diagnosis, shares: &Shares, compensable: &Compensable) -> Vec<Cell> {
+fn cause_row(c: &Cause, found: &Diagnosis, shares: &Shares) -> Vec<Cell> {
     let label = c.label();
     let size = found.budget.corrections.iter().find(|x| x.label == label).map(|x| x.size_um);
     let mut values = parameters(c);
-    if let Some(v) = peak_to_valley(found, &label) {
+    let has_width = c.parameters.contains_key("width_um");
+    if let Some(v) = peak_to_valley(found, &label).filter(|_| !has_width) {
         values.insert(0, format!("peak to valley {} µm", with_uncertainty(v)));
     }
     let mut last = Vec::new();
     if c.declared {
         last.push(remedy(&c.effect).to_owned());
-        if c.kind != Kind::Stochastic {
-            last.push(format!("volcompd: {}", compensable.words(c)));
-        }
     } else {
         last.push(if c.remark.is_empty() {
             "not established".to_owned()
         } else {
-            format!("not established: {}", c.remark)
+            format!("not established: {}", with_names(&c.remark))
         });
     }
     if !c.confounded_with.is_empty() {
@@ -186,7 +185,7 @@ fn waterfall(page: &mut Page, found: &Diagnosis) {
         ("Drift", below, b.noise_um, shares.drift, Ink::Green),
         ("Noise", b.noise_um, 0.0, shares.noise, Ink::Grey),
     ];
-    for (label, from, to, share, ink) in rest.into_iter().filter(|r| r.3 > 5e-4) {
+    for (label, from, to, share, ink) in rest.into_iter().filter(|r| r.3 > 5e-4 || r.0 == "Noise") {
         let value = if to > 0.0 {
             format!("→ {} µm, {}", um(to), percent(share))
         } else {
@@ -316,7 +315,7 @@ fn programs(page: &mut Page, found: &Diagnosis) {
         .map(|p| {
             let optional = |v: Option<f64>| v.map_or_else(|| "–".to_owned(), |v| number(v, 0));
             vec![
-                Cell::head(&p.setup),
+                Cell::head(charts::file_name(&p.setup)),
                 Cell::text(&p.instrument),
                 Cell::text(if p.axes.is_empty() { "none" } else { &p.axes }),
                 Cell::number(optional(p.feed_mm_per_min)),
@@ -351,7 +350,7 @@ fn unexplained(page: &mut Page, r: &Report) {
         "{} µm RMS, {} of the structured gap: {}.",
         um(u.rms_um),
         percent(u.share),
-        u.looks_like
+        with_names(&u.looks_like)
     ));
     let places: Vec<String> = u
         .places
@@ -372,13 +371,13 @@ fn next(page: &mut Page, r: &Report) {
         return;
     }
     page.heading("Next measurement");
-    for (k, n) in r.next_measurement.iter().enumerate() {
+    for (k, n) in r.next_measurement.iter().take(NEXT).enumerate() {
         page.html(&format!(
-            "<p><b>{}. {}</b>, about {} min. {}</p>",
+            "<p><b>{}. {}</b>, about {} min. {}.</p>",
             k + 1,
-            escape(&capital(&n.action)),
+            escape(&capital(&with_names(&n.action))),
             number(n.minutes, 0),
-            escape(&capital(&n.decides))
+            escape(&capital(&with_names(&n.decides)))
         ));
         let lines: Vec<&str> = n.gcode.lines().collect();
         if lines.iter().all(|l| l.starts_with('(')) {
@@ -460,7 +459,7 @@ fn data(page: &mut Page, r: &Report) {
         ));
     }
     for n in &r.notes {
-        page.note(n);
+        page.note(with_names(n));
     }
     page.note(format!(
         "Forecast by {}; in-sample the reduction would be {} (optimistic). Seed {}. All figures: report.json.",
