@@ -3,5 +3,6 @@
 mod cli;
 mod effects;
 mod head;
+mod page;
 mod real;
 mod support;
