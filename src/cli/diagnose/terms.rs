@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use volcomp_diagnose::library::{Kind, page};
-use volcomp_diagnose::report::{Cause, Report, Value, Verdict};
+use volcomp_diagnose::report::{Cause, Value, Verdict};
 use volcomp_diagnose::{Budget, Diagnosis};
 use volcomp_effects::extend::{Fate, extend};
 use volcomp_model::{Chain, ModelSpec};
@@ -227,7 +227,8 @@ fn listed(names: &[String]) -> String {
 }
 
 /// The verdict in one sentence.
-pub(super) fn headline(r: &Report) -> String {
+pub(super) fn headline(found: &Diagnosis) -> String {
+    let r = &found.report;
     let repeating = |c: &&Cause| c.declared && c.kind != Kind::Stochastic;
     let names: Vec<String> = r.causes.iter().filter(repeating).map(|c| name(&c.effect, &c.subject)).collect();
     let (gap, noise) = (um(r.gap.rms_um), um(r.gap.noise_um));
@@ -256,7 +257,7 @@ pub(super) fn headline(r: &Report) -> String {
             capital(&format!(
                 "{} {verb} part of the gap of {gap} µm RMS; {after}, of which {} µm is unexplained.",
                 listed(&names),
-                um(r.unexplained.rms_um)
+                um(found.budget.unexplained_um)
             ))
         }
     }

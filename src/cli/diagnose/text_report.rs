@@ -70,7 +70,7 @@ pub(super) fn summary(
     out: Option<&Path>,
 ) -> Result<(), Failure> {
     let r = &found.report;
-    say!("{}: {}", r.verdict.words(), headline(r));
+    say!("{}: {}", r.verdict.words(), headline(found));
     say!("{} of {} used", r.rows_used, count(r.rows, "reading"));
     table(found, compensable);
     if let Some(f) = &r.fresh {
@@ -100,7 +100,7 @@ pub(super) fn summary(
         );
     }
     if r.unexplained.significant {
-        say!("unexplained: {} µm RMS; {}", um(r.unexplained.rms_um), r.unexplained.looks_like);
+        say!("unexplained: {} µm RMS; {}", um(found.budget.unexplained_um), r.unexplained.looks_like);
     }
     for o in r.outlying_readings.iter().take(6) {
         say!("outlier left out: {}, {} µm from its repeats", o.at, um(o.apart_um));

@@ -193,13 +193,13 @@ pub(super) fn next(
         .collect();
     if !session.readings.iter().any(|r| r.pair.is_some()) {
         all.push(Next {
-            action: "run every programme at least twice: only repeats show the noise".to_owned(),
+            action: "run every part program at least twice: only repeats show the noise".to_owned(),
             separates: vec!["outliers".to_owned(), "range-noise".to_owned()],
             information: ONE_OF_TWO,
             decides: "shows the noise, so that probabilities and the unexplained part no longer rest on neighbouring readings"
                 .to_owned(),
             minutes: (session_minutes(session)).max(1.0),
-            gcode: "(the same programmes again)".to_owned(),
+            gcode: "(the same part programs again)".to_owned(),
         });
     }
     if unexplained.significant {

@@ -140,7 +140,7 @@ impl Programme {
             _ => {}
         }
         let Some(axis) = self.axis(about, true) else {
-            return "(the same programmes again)".to_owned();
+            return "(the same part programs again)".to_owned();
         };
         let (line, letter) = (self.points(axis), word(axis));
         let halves = |first: &str, second: &str| {

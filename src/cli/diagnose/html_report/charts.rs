@@ -19,6 +19,8 @@ pub(super) const BEFORE_KEY: &str = "<span class=\"key\"><i class=\"bar g\"></i>
 /// Legend of a bar after correction.
 pub(super) const AFTER_KEY: &str = "<span class=\"key\"><i class=\"bar a\"></i> after</span>";
 
+/// Readings along one direction, or oblique ones.
+type Series = (Option<usize>, Vec<(f64, f64)>);
 /// A chart with its caption, both markup.
 pub(super) type Figure = (String, String);
 
@@ -184,11 +186,10 @@ fn residual(
     let all = [Some(0), Some(1), Some(2), None];
     let before: Vec<(f64, f64)> =
         thinned(&all.iter().flat_map(|d| along(*d, &found.before_um)).collect::<Vec<_>>());
-    let after: Vec<(Option<usize>, Vec<(f64, f64)>)> =
+    let after: Vec<Series> =
         all.iter().map(|d| (*d, along(*d, &found.after_um))).filter(|(_, p)| !p.is_empty()).collect();
     let most = POINTS / after.len().max(1);
-    let after: Vec<(Option<usize>, Vec<(f64, f64)>)> =
-        after.into_iter().map(|(d, p)| (d, thinned_to(&p, most))).collect();
+    let after: Vec<Series> = after.into_iter().map(|(d, p)| (d, thinned_to(&p, most))).collect();
     let shown = || before.iter().filter(|_| !is_gap).chain(after.iter().flat_map(|(_, p)| p));
     if shown().count() < 2 {
         return None;

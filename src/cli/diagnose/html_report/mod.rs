@@ -29,7 +29,7 @@ const OUTLIERS: usize = 10;
 pub(super) fn page(session: &Session, found: &Diagnosis, compensable: &Compensable) -> String {
     let r = &found.report;
     let mut page = Page::new("Diagnosis of the gap between measurement and model");
-    page.lead(headline(r));
+    page.lead(headline(found));
     summary(&mut page, found);
     causes(&mut page, found);
     waterfall(&mut page, found);
@@ -37,7 +37,7 @@ pub(super) fn page(session: &Session, found: &Diagnosis, compensable: &Compensab
     corrections(&mut page, found, compensable);
     agreement(&mut page, session, found);
     programs(&mut page, found);
-    unexplained(&mut page, r);
+    unexplained(&mut page, found);
     next(&mut page, r);
     limits(&mut page, r);
     data(&mut page, r);
@@ -70,7 +70,7 @@ fn summary(page: &mut Page, found: &Diagnosis) {
             ),
         ),
     ];
-    if r.causes.iter().any(|c| c.declared) {
+    if !found.budget.steps.is_empty() {
         rows.push((
             "Expected after correction",
             format!(
@@ -340,16 +340,16 @@ fn programs(page: &mut Page, found: &Diagnosis) {
     ));
 }
 
-fn unexplained(page: &mut Page, r: &Report) {
-    let u = &r.unexplained;
+fn unexplained(page: &mut Page, found: &Diagnosis) {
+    let (u, b) = (&found.report.unexplained, &found.budget);
     if !u.significant {
         return;
     }
     page.heading("What is not explained");
     page.paragraph(format!(
-        "{} µm RMS, {} of the structured gap: {}.",
-        um(u.rms_um),
-        percent(u.share),
+        "{} µm RMS, {} of the mean square of the gap: {}.",
+        um(b.unexplained_um),
+        percent(Shares::of(b).unexplained),
         with_names(&u.looks_like)
     ));
     let places: Vec<String> = u
@@ -380,6 +380,9 @@ fn next(page: &mut Page, r: &Report) {
             escape(&capital(&with_names(&n.decides)))
         ));
         let lines: Vec<&str> = n.gcode.lines().collect();
+        if n.gcode == "(the same part programs again)" {
+            continue;
+        }
         if lines.iter().all(|l| l.starts_with('(')) {
             let text: Vec<&str> = lines.iter().map(|l| l.trim_matches(['(', ')'])).collect();
             page.note(capital(&text.join("; ")));
