@@ -207,3 +207,32 @@ pub(super) fn lines(map: &MapStatus) -> Vec<Vec<usize>> {
     }
     lines
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn course(sensors: &[SensorStatus]) -> Vec<(f64, FilterStatus)> {
+        let status = FilterStatus { sensors: sensors.to_vec(), ..FilterStatus::default() };
+        vec![(0.0, status.clone()), (60.0, status)]
+    }
+
+    #[test]
+    fn panels_without_series_have_no_empty_legend_box() {
+        let svg = picture(&course(&[])).unwrap();
+        // the background is the only box
+        assert_eq!(svg.matches("<rect").count(), 1, "{svg}");
+        assert_eq!(svg.matches("no readings yet").count(), 3);
+    }
+
+    #[test]
+    fn the_legend_stands_below_its_panel() {
+        let sensor = SensorStatus { name: "probe".to_owned(), nis: Some(1.0), ..SensorStatus::default() };
+        let svg = picture(&course(&[sensor])).unwrap();
+        let (before, _) = svg.split_once("\nprobe\n").unwrap();
+        let line = before.rsplit("<text").next().unwrap();
+        let y: f64 = line.split(" y=\"").nth(1).unwrap().split('"').next().unwrap().parse().unwrap();
+        let height = f64::from(PANEL.1);
+        assert!(y > 2.0 * height - f64::from(LEGEND) && y < 2.0 * height, "{y}");
+    }
+}
