@@ -149,10 +149,7 @@ impl Structure {
                 .collect();
             if !fastest.is_empty() && places > PLACES_MIN {
                 let product = |i: usize, j: usize| {
-                    fastest
-                        .iter()
-                        .map(|(s, v)| at(i).velocity[*s] * at(j).velocity[*s] / (v * v))
-                        .sum::<f64>()
+                    fastest.iter().map(|(s, v)| at(i).velocity[*s] * at(j).velocity[*s] / (v * v)).sum::<f64>()
                         / fastest.len() as f64
                 };
                 components.push((Component::Speed(l), build(&|i, j| u(i, j) * product(i, j) * near(i, j))));
@@ -188,8 +185,9 @@ fn points(session: &Session, groups: &[Vec<usize>], means: &[Moment]) -> Vec<usi
 
 /// Number of distinct places.
 fn places(means: &[Moment], moving: &[usize]) -> usize {
-    let place =
-        |m: &Moment| -> Vec<i64> { moving.iter().map(|s| (m.position[*s] * 1e3).round() as i64).collect() };
+    let place = |m: &Moment| -> Vec<i64> {
+        moving.iter().map(|s| (m.position[*s] * 1e3).round() as i64).collect()
+    };
     means.iter().map(place).collect::<std::collections::BTreeSet<_>>().len()
 }
 

@@ -76,8 +76,7 @@ pub(super) struct Addition {
 impl Gram {
     pub(super) fn new(covariance: &Covariance, columns: &Columns, y: &DVector<f64>) -> Self {
         let w = covariance.whiten(&columns.values);
-        let y =
-            covariance.whiten(&DMatrix::from_column_slice(y.len(), 1, y.as_slice())).column(0).into_owned();
+        let y = covariance.whiten(&DMatrix::from_column_slice(y.len(), 1, y.as_slice())).column(0).into_owned();
         let b = w.tr_mul(&y);
         let (yy, freedom) = (y.norm_squared().max(f64::MIN_POSITIVE), covariance.freedom() as f64);
         let none = -0.5 * covariance.log_determinant - 0.5 * freedom * yy.ln();
@@ -144,7 +143,8 @@ impl Gram {
         let k = set.columns.len();
         let mean = DVector::from_fn(k, |i, _| set.solved[i] * set.factors[i]);
         let inverse = set.chol.as_ref().map_or_else(|| DMatrix::identity(k, k), Cholesky::inverse);
-        let covariance = DMatrix::from_fn(k, k, |i, j| inverse[(i, j)] * set.factors[i] * set.factors[j]);
+        let covariance =
+            DMatrix::from_fn(k, k, |i, j| inverse[(i, j)] * set.factors[i] * set.factors[j]);
         (set.columns.clone(), mean, covariance)
     }
 
@@ -236,9 +236,9 @@ impl Columns {
                 .iter()
                 .copied()
                 .filter(|v| {
-                    let other = (0..labels)
-                        .filter(|o| rank[*o] < rank[l])
-                        .find(|o| variants[*o].iter().any(|w| is_alike(&seen, span[*v], span[*w])));
+                    let other = (0..labels).filter(|o| rank[*o] < rank[l]).find(|o| {
+                        variants[*o].iter().any(|w| is_alike(&seen, span[*v], span[*w]))
+                    });
                     if let Some(other) = other {
                         aliases.push((l, other));
                     }

@@ -75,11 +75,9 @@ pub(super) fn groups(session: &Session, used: &[bool]) -> Vec<Vec<usize>> {
     for rows in classes {
         let wanted = ((rows.len() as f64 * share).floor() as usize).max(1);
         let standing = !moving
-            && (0..SLOTS).all(|k| {
-                rows.iter().all(|i| {
-                    (session.moments[*i].position[k] - session.moments[rows[0]].position[k]).abs() < 1e-9
-                })
-            });
+            && (0..SLOTS).all(|k| rows.iter().all(|i| {
+                (session.moments[*i].position[k] - session.moments[rows[0]].position[k]).abs() < 1e-9
+            }));
         if moving || standing {
             let step = |a: usize, b: usize| {
                 let (a, b) = (&session.moments[a], &session.moments[b]);

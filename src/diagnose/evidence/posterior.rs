@@ -313,8 +313,7 @@ fn conclude(search: &Search<'_>, rungs: Rungs, outlying: Vec<(usize, f64)>) -> O
         let group: f64 = sets
             .iter()
             .filter(|(labels, _)| {
-                labels.contains(label)
-                    || rivals.iter().any(|(r, _)| labels.contains(r) && !holder.0.contains(r))
+                labels.contains(label) || rivals.iter().any(|(r, _)| labels.contains(r) && !holder.0.contains(r))
             })
             .map(|(_, (_, w))| share(*w))
             .sum();
