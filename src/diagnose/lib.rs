@@ -35,7 +35,8 @@ use noise::{ClassNoise, Filter};
 use search::{Problem, Selection};
 use session::Session;
 
-pub use outcome::{Curve, Diagnosis};
+pub use next::Dialect;
+pub use outcome::{Budget, Correction, Curve, Diagnosis, FittedLine, Level, ProgramResidual};
 pub use plan::plan;
 pub use predict::{PredictError, predict};
 pub use volcomp_effects::{addition, machine_state};
@@ -80,6 +81,8 @@ pub struct Options {
     pub machine: String,
     /// What the method does without.
     pub ablation: Ablation,
+    /// The control for which part programs are written.
+    pub dialect: Dialect,
 }
 
 /// Rounds of noise, search and noise again.

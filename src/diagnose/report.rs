@@ -258,6 +258,10 @@ pub struct Next {
     pub separates: Vec<String>,
     /// Expected information, nats.
     pub information: f64,
+    /// What its result decides.
+    pub decides: String,
+    /// Estimate of its duration, preparation and motion, min.
+    pub minutes: f64,
     /// The programme to run.
     pub gcode: String,
 }

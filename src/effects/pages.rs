@@ -7,6 +7,10 @@ use super::Kind;
 pub struct Page {
     /// Name in reports.
     pub effect: &'static str,
+    /// Name in sentences; `{}` is its subject.
+    pub title: &'static str,
+    /// What removes or reduces it.
+    pub remedy: &'static str,
     /// Other names for it.
     pub synonyms: &'static str,
     /// Who is to blame.
@@ -38,6 +42,8 @@ pub fn page(name: &str) -> Option<&'static Page> {
 pub const PAGES: &[Page] = &[
     Page {
         effect: "squareness",
+        title: "squareness error of {}",
+        remedy: "align the guideways, or compensate the axis-to-axis error",
         synonyms: "ec0y eb0z ea0z perpendicularity",
         kind: Kind::Machine,
         subject: "axis pair",
@@ -49,6 +55,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "scale",
+        title: "linear positioning error (scale) of {}",
+        remedy: "correct the scale factor of the encoder or screw",
         synonyms: "positioning-scale linear-error pitch-error-linear",
         kind: Kind::Machine,
         subject: "axis",
@@ -60,6 +68,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "positioning",
+        title: "positioning error of {}",
+        remedy: "pitch-error compensation table",
         synonyms: "screw-table pitch-table",
         kind: Kind::Machine,
         subject: "axis",
@@ -71,6 +81,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "thermal-expansion",
+        title: "thermal expansion of {}",
+        remedy: "temperature sensor on the scale with thermal compensation; warm-up",
         synonyms: "thermal expansion",
         kind: Kind::Machine,
         subject: "axis",
@@ -82,6 +94,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "spindle-growth",
+        title: "thermal displacement of the spindle",
+        remedy: "warm-up cycle, spindle cooling, thermal compensation",
         synonyms: "spindle thermal-growth",
         kind: Kind::Machine,
         subject: "",
@@ -93,6 +107,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "ambient-drift",
+        title: "thermal drift of the structure",
+        remedy: "stabilise the ambient temperature; datum again before precise work",
         synonyms: "ambient structure-drift",
         kind: Kind::Machine,
         subject: "",
@@ -104,6 +120,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "backlash",
+        title: "reversal error (backlash) of {}",
+        remedy: "preload or renew nut and bearings; reversal compensation",
         synonyms: "lost-motion wind-up reversal-error",
         kind: Kind::Machine,
         subject: "axis",
@@ -115,6 +133,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "lateral-play",
+        title: "lateral play of {} at reversal",
+        remedy: "adjust gibs or carriage preload",
         synonyms: "play",
         kind: Kind::Machine,
         subject: "axis",
@@ -126,6 +146,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "reversal-spike",
+        title: "reversal spike of {}",
+        remedy: "friction compensation of the drive; lubrication of the guideway",
         synonyms: "friction quadrant-glitch stick",
         kind: Kind::Machine,
         subject: "axis",
@@ -137,6 +159,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "cyclic",
+        title: "periodic error of {}",
+        remedy: "align coupling, screw bearing or encoder; periodic compensation",
         synonyms: "screw-pitch encoder-subdivision periodic",
         kind: Kind::Machine,
         subject: "axis",
@@ -148,6 +172,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "servo-mismatch",
+        title: "servo lag of {}",
+        remedy: "match the velocity gains (Kv) of the axes",
         synonyms: "servo gain-mismatch following-lag",
         kind: Kind::Machine,
         subject: "axis",
@@ -159,6 +185,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "latency",
+        title: "latency between control and instrument",
+        remedy: "correct the time stamps; velocity feed-forward",
         synonyms: "delay common-delay",
         kind: Kind::Machine,
         subject: "",
@@ -170,6 +198,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "clock-skew",
+        title: "clock offset between control and instrument",
+        remedy: "one trigger for control and instrument",
         synonyms: "clock clock-offset",
         kind: Kind::Instrument,
         subject: "",
@@ -181,6 +211,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "inertial",
+        title: "compliance of {} under acceleration",
+        remedy: "lower acceleration and jerk; stiffen the drive; acceleration feed-forward",
         synonyms: "inertial-deflection acceleration",
         kind: Kind::Machine,
         subject: "axis",
@@ -192,6 +224,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "inertial-cross",
+        title: "tilt under acceleration of {}",
+        remedy: "lower acceleration and jerk; stiffen the structure",
         synonyms: "inertial-pitch cross-talk",
         kind: Kind::Machine,
         subject: "axis",
@@ -203,6 +237,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "sag",
+        title: "sag along {}",
+        remedy: "counterbalance or sag compensation",
         synonyms: "ram-sag beam-sag bending",
         kind: Kind::Machine,
         subject: "axis",
@@ -214,6 +250,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "straightness",
+        title: "straightness error {}",
+        remedy: "align the guideway, or compensate the error motion",
         synonyms: "eyx ezx exy ezy exz eyz guideway",
         kind: Kind::Machine,
         subject: "error symbol",
@@ -225,6 +263,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "angular",
+        title: "angular error motion {}",
+        remedy: "align or level the guideway; volumetric compensation",
         synonyms: "roll pitch yaw eax ebx ecx",
         kind: Kind::Machine,
         subject: "error symbol",
@@ -236,6 +276,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "spindle-tilt",
+        title: "tilt of the spindle",
+        remedy: "tram the spindle head",
         synonyms: "abbe bryan head-tilt",
         kind: Kind::Machine,
         subject: "",
@@ -247,6 +289,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "tool-length",
+        title: "tool length error",
+        remedy: "calibrate the tool setter",
         synonyms: "tool-length-scale",
         kind: Kind::Machine,
         subject: "",
@@ -258,6 +302,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "dead-path",
+        title: "refraction and dead path of the laser",
+        remedy: "weather station; zero the interferometer at the beam splitter",
         synonyms: "refraction edlen",
         kind: Kind::Instrument,
         subject: "",
@@ -269,6 +315,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "tracker-scale",
+        title: "scale error of the laser tracker",
+        remedy: "calibrate the tracker; atmospheric correction",
         synonyms: "range-scale",
         kind: Kind::Instrument,
         subject: "",
@@ -280,6 +328,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "rotary-location",
+        title: "location error of axis {}",
+        remedy: "measure the centre of rotation again (ISO 230-7, ISO 10791-6)",
         synonyms: "pige xoc yoc aoc boc position-independent",
         kind: Kind::Machine,
         subject: "rotary axis",
@@ -291,6 +341,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "rotary-motion",
+        title: "error motion of axis {}",
+        remedy: "adjust or renew the bearing; compensate the error motion",
         synonyms: "pdge wobble harmonics",
         kind: Kind::Machine,
         subject: "rotary axis",
@@ -302,6 +354,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "rotary-eccentricity",
+        title: "angular positioning error of axis {}",
+        remedy: "centre the encoder ring; angular compensation table",
         synonyms: "encoder-eccentricity exactness",
         kind: Kind::Machine,
         subject: "rotary axis",
@@ -313,6 +367,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "load",
+        title: "compliance of {} under load",
+        remedy: "stiffen the drive train; lower the load",
         synonyms: "cutting-load clamp-load compliance",
         kind: Kind::Machine,
         subject: "axis",
@@ -324,6 +380,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "wear",
+        title: "local wear of {}",
+        remedy: "renew the worn part; compensate the position table meanwhile",
         synonyms: "bump local-wear",
         kind: Kind::Machine,
         subject: "axis",
@@ -335,6 +393,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "vibration",
+        title: "vibration",
+        remedy: "find the source at this frequency; isolate, balance or damp it",
         synonyms: "tonal tone chatter",
         kind: Kind::Stochastic,
         subject: "",
@@ -346,6 +406,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "outliers",
+        title: "outliers",
+        remedy: "check mounting, beam and trigger; repeat these readings",
         synonyms: "dropouts spikes",
         kind: Kind::Stochastic,
         subject: "",
@@ -357,6 +419,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "quantisation",
+        title: "quantisation of the readings",
+        remedy: "finer resolution of display or file",
         synonyms: "quantization rounding resolution",
         kind: Kind::Stochastic,
         subject: "",
@@ -368,6 +432,8 @@ pub const PAGES: &[Page] = &[
     },
     Page {
         effect: "range-noise",
+        title: "noise that grows with the range",
+        remedy: "shorter range, longer averaging",
         synonyms: "tracker-noise angular-noise",
         kind: Kind::Stochastic,
         subject: "",

@@ -4,5 +4,6 @@ mod cli;
 mod effects;
 mod head;
 mod instruments;
+mod page;
 mod real;
 mod support;

@@ -45,7 +45,7 @@ pub(super) fn html(outcome: &Outcome, scene: &Scene, svg: &str) -> String {
 and the daemon corrected the machine over TCP while it moved.</p>
 {svg}
 <table>
-<tr><th>measured</th><th>without / um</th><th>with / um</th><th>gone</th></tr>
+<tr><th>measured</th><th>without / µm</th><th>with / µm</th><th>gone</th></tr>
 {rows}</table>
 <h2>What is left, and why</h2>
 <ul>

@@ -2,6 +2,7 @@
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
 
 /// Vermillion and blue: distinguishable for colour-blind readers and in grey.
 const BEFORE: RGBColor = RGBColor(213, 94, 0);
@@ -51,13 +52,13 @@ impl Picture {
             draw_lines(
                 &panels[1],
                 "Body diagonal (worst of four)",
-                ["distance along the diagonal / mm", "deviation / um"],
+                ["distance along the diagonal / mm", "deviation / µm"],
                 &self.diagonal,
             )?;
             draw_lines(
                 &panels[2],
-                "Recorded motion of a real part programme",
-                ["time / s", "deviation of the tool tip / um"],
+                "Recorded motion of a real part program",
+                ["time / s", "deviation of the tool tip / µm"],
                 &self.real_motion,
             )?;
             root.present()?;
@@ -75,26 +76,26 @@ impl Picture {
         let per_um = 0.55 / (rings * ring_step);
         let reach = 1.72;
         let below_title = panel.titled(&self.circle_title, (FONT, 20).into_font().color(&INK))?;
+        let note = format!("one ring is {} µm, the dark ring is the nominal circle", tick(ring_step));
+        let below_title = below_title.titled(&note, (FONT, 13).into_font().color(&INK))?;
         let below_title = below_title.margin(4, 40, 8, 8);
         let (width, height) = below_title.dim_in_pixel();
         // one unit must be as wide as it is high, or a circle would be drawn as an ellipse
         let wide = reach * f64::from(width) / f64::from(height);
         let mut chart = ChartBuilder::on(&below_title).build_cartesian_2d(-wide..wide, -reach..reach)?;
-        let ring = |deviation: f64| {
-            (0..=180).map(move |i| {
-                let angle = f64::from(i) * std::f64::consts::TAU / 180.0;
-                let r = 1.0 + deviation * per_um;
-                (r * angle.cos(), r * angle.sin())
-            })
-        };
+        let px_per_unit = f64::from(height) / (2.0 * reach);
         let count = rings as i32;
         for k in -count..=count {
-            let deviation = f64::from(k) * ring_step;
+            let radius = 1.0 + f64::from(k) * ring_step * per_um;
             let style = if k == 0 { INK.stroke_width(1) } else { FAINT.stroke_width(1) };
-            chart.draw_series(LineSeries::new(ring(deviation), style))?;
-            let label = format!("{deviation:+.0} um");
-            let at = (0.02, 1.0 + deviation * per_um + 0.02);
-            chart.draw_series([Text::new(label, at, (FONT, 11).into_font().color(&INK))])?;
+            chart.draw_series([Circle::new((0.0, 0.0), (radius * px_per_unit).round() as i32, style)])?;
+        }
+        // the outermost and the innermost ring enclose the traces: labels outside and inside of them cover nothing
+        for (k, pos) in [(rings, VPos::Bottom), (-rings, VPos::Top)] {
+            let label = format!("{}{} µm", if k > 0.0 { "+" } else { "" }, tick(k * ring_step));
+            let style = (FONT, 12).into_font().color(&INK).pos(Pos::new(HPos::Center, pos));
+            let gap = if k > 0.0 { 0.02 } else { -0.02 };
+            chart.draw_series([Text::new(label, (0.0, 1.0 + k * ring_step * per_um + gap), style)])?;
         }
         for (points, colour) in [(&self.circle.before, BEFORE), (&self.circle.after, AFTER)] {
             let line = points.iter().map(|(angle, deviation)| {
@@ -158,6 +159,13 @@ fn draw_legend(panel: &Panel<'_>) -> Drawn {
     Ok(())
 }
 
+/// A round figure without needless decimals.
+fn tick(v: f64) -> String {
+    let text = format!("{v:.3}");
+    let text = text.trim_end_matches('0').trim_end_matches('.');
+    if text == "-0" { "0".to_owned() } else { text.to_owned() }
+}
+
 /// A step of 1, 2 or 5 times a power of ten that puts two to four rings below `largest`.
 fn nice_step(largest: f64) -> f64 {
     let rough = largest / 3.0;
@@ -192,6 +200,9 @@ mod tests {
         assert!(svg.starts_with("<svg"));
         let lines = |colour: &str| svg.matches("<polyline").count().min(svg.matches(colour).count());
         assert!(lines("#D55E00") >= 3 && lines("#0072B2") >= 3);
+        // rings are circles, and only the two that enclose the traces carry a label
+        assert!(svg.matches("<circle").count() >= 5);
+        assert!(svg.contains("+20 µm") && svg.contains("-20 µm") && !svg.contains("+0"), "{svg}");
     }
 
     #[test]

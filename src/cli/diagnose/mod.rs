@@ -1,10 +1,11 @@
 //! `volcomp diagnose`: where the gap between measurement and prediction lies, what causes it, and how far it shrinks.
 
+mod html_report;
 mod ideal;
 mod input;
 mod instruments;
 mod logs;
-mod page;
+mod terms;
 mod text_report;
 
 use std::fs;
@@ -16,13 +17,14 @@ use clap::Parser;
 use self::ideal::Rotary;
 use self::input::Source;
 use self::logs::Logs;
+use self::terms::Compensable;
 use super::additions::{read_addition, same_machine};
 use super::arg_parsers::axis_letter;
 use super::files::{read_model, write_text};
 use super::{EX_DATAERR, Failure, exit};
 use volcomp_diagnose::library::{Label, Without};
 use volcomp_diagnose::session::{Raw, Session};
-use volcomp_diagnose::{Ablation, Options, diagnose, plan, predict};
+use volcomp_diagnose::{Ablation, Dialect, Options, diagnose, plan, predict};
 use volcomp_effects::addition::Addition;
 use volcomp_effects::machine_state::Machine;
 use volcomp_effects::prediction::machine_of;
@@ -92,6 +94,9 @@ pub(super) struct Args {
     /// Take something away from the method, to prove that tests of it can fail.
     #[arg(long, hide = true, value_name = "WHAT", value_parser = ablation)]
     ablate: Option<Ablation>,
+    /// The control for which part programs of the next measurement are written.
+    #[arg(long, value_name = "CONTROL", default_value = "linuxcnc", value_parser = dialect)]
+    dialect: Dialect,
     #[command(flatten)]
     instruments: instruments::InstrumentArgs,
 }
@@ -102,6 +107,15 @@ fn ablation(text: &str) -> Result<Ablation, String> {
         "no-drift" => Ok(Ablation::NoDrift),
         "plain" => Ok(Ablation::Plain),
         _ => Err(format!("'{text}' is none of no-gates, no-drift, plain")),
+    }
+}
+
+fn dialect(text: &str) -> Result<Dialect, String> {
+    match text {
+        "linuxcnc" => Ok(Dialect::LinuxCnc),
+        "fanuc" => Ok(Dialect::Fanuc),
+        "sinumerik" => Ok(Dialect::Sinumerik),
+        _ => Err(format!("unknown control '{text}'; expected one of linuxcnc, fanuc, sinumerik")),
     }
 }
 
@@ -119,7 +133,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let machine = model.as_ref().map_or_else(Machine::plain, |(spec, model)| machine_of(spec, model));
     let mut bar = Bar::new();
     bar.report(0.0, "reading");
-    let model = model.map(|(_, m)| m);
+    let (spec, model) = model.unzip();
     for (path, addition) in args.add.iter().zip(&additions) {
         if let Some(model) = &model {
             same_machine(path, addition, model)?;
@@ -148,6 +162,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         seed: args.seed,
         machine: model.as_ref().map_or_else(String::new, |m| m.machine().to_owned()),
         ablation: args.ablate.unwrap_or_default(),
+        dialect: args.dialect,
     };
     let found = diagnose(&mut session, fresh.as_mut(), &options, &mut |share, what| bar.report(share, what));
     bar.end();
@@ -155,6 +170,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         .map_err(|e| Failure::new(super::EX_SOFTWARE, format_args!("error: report.json: {e}")))?;
     let text = toml::to_string(&found.addition)
         .map_err(|e| Failure::new(super::EX_SOFTWARE, format_args!("error: addition.toml: {e}")))?;
+    let compensable = Compensable::of(&found, spec.as_ref());
     if let Some(out) = &args.out {
         #[expect(clippy::disallowed_methods, reason = "the folder of the results is made")]
         fs::create_dir_all(out).map_err(|e| Failure::io(out, &e))?;
@@ -165,12 +181,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         {
             write_text(&out.join("model.toml"), &ideal)?;
         }
-        write_text(&out.join("report.html"), &page::page(&session, &found)?)?;
+        write_text(&out.join("report.html"), &html_report::page(&session, &found, &compensable))?;
     }
     if args.json {
         exit::print(&format!("{json}\n"))
     } else {
-        text_report::summary(&found.report, args.out.as_deref())
+        text_report::summary(&found, &compensable, args.out.as_deref())
     }
 }
 

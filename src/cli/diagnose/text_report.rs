@@ -3,11 +3,17 @@
 use std::collections::BTreeMap;
 use std::path::Path;
 
-use crate::numerals::{counted, fixed, percent};
+use crate::numerals::counted;
 use crate::{EX_USAGE, Failure, exit};
+use volcomp_diagnose::Diagnosis;
 use volcomp_diagnose::library::{Kind, PAGES, page};
 use volcomp_diagnose::plan::PlanReport;
-use volcomp_diagnose::report::{Report, Value};
+use volcomp_diagnose::report::Cause;
+
+use super::terms::{
+    Compensable, Shares, count, headline, name, parameters, peak_to_valley, percent, remedy, um,
+    with_uncertainty,
+};
 
 /// Drift below this share of the noise hides nothing.
 const DRIFT_TOLD: f64 = 0.1;
@@ -53,84 +59,135 @@ pub(super) fn list_effects(name: &str) -> Result<(), Failure> {
     Ok(())
 }
 
+/// Causes that are not established and are listed on stdout, at most.
+const CANDIDATES: usize = 5;
+/// Width of the column of names.
+const NAME: usize = 44;
+
 /// The report in a few lines.
-pub(super) fn summary(r: &Report, out: Option<&Path>) -> Result<(), Failure> {
-    say!(
-        "{}: gap {} µm RMS, noise {} µm, {} of {} used",
-        r.verdict.words(),
-        fixed(r.gap.rms_um, 2),
-        fixed(r.gap.noise_um, 2),
-        r.rows_used,
-        counted(r.rows, "row")
-    );
-    for c in &r.causes {
-        let mark = if c.declared { "*" } else { " " };
-        let value = |(n, v): (&String, &Value)| format!("{n} {} +- {}", fixed(v.value, 4), fixed(v.std, 4));
-        let values: Vec<String> = c.parameters.iter().take(4).map(value).collect();
-        say!("{mark} {:24} probability {:.2}  {}", c.label(), c.probability, values.join(", "));
-        if !c.confounded_with.is_empty() {
-            say!("    cannot be told from {}", c.confounded_with.join(", "));
-        }
-        if !c.re_expression_of.is_empty() {
-            say!("    says here what {} would say", c.re_expression_of.join(" or "));
-        }
-        if !c.remark.is_empty() {
-            say!("    {}", c.remark);
-        }
-    }
-    if r.causes.iter().any(|c| c.declared) {
-        say!(
-            "expected on new data: {} -> {} µm, {} % less (90 %: {} to {} %)",
-            fixed(r.shrink.rms_before_um, 2),
-            fixed(r.shrink.rms_after_um, 2),
-            percent(r.shrink.fraction),
-            percent(r.shrink.ci90[0]),
-            percent(r.shrink.ci90[1])
-        );
-    }
+pub(super) fn summary(
+    found: &Diagnosis,
+    compensable: &Compensable,
+    out: Option<&Path>,
+) -> Result<(), Failure> {
+    let r = &found.report;
+    say!("{}: {}", r.verdict.words(), headline(found));
+    say!("{} of {} used", r.rows_used, count(r.rows, "reading"));
+    table(found, compensable);
     if let Some(f) = &r.fresh {
         say!(
-            "seen on fresh data: {} -> {} µm, {} % less",
-            fixed(f.rms_before_um, 2),
-            fixed(f.rms_after_um, 2),
+            "observed on fresh data: {} -> {} µm RMS, {} less",
+            um(f.rms_before_um),
+            um(f.rms_after_um),
             percent(f.fraction)
         );
     }
     for n in r.noise.iter().filter(|n| n.drift_um > DRIFT_TOLD * n.white_um) {
         say!(
-            "  drift of {}: {} µm over {} s beside noise of {} µm; a slow effect may hide in it",
+            "drift of {}: {} µm over {:.0} s, noise {} µm; slow effects may be hidden by it",
             n.instrument,
-            fixed(n.drift_um, 2),
-            fixed(n.drift_s, 0),
-            fixed(n.white_um, 2)
+            um(n.drift_um),
+            n.drift_s,
+            um(n.white_um)
         );
     }
-    for p in r.places.iter().take(6) {
-        say!("  where: {} {} {} % ({})", p.by, p.of, percent(p.share), p.detail);
+    for p in r.places.iter().take(4) {
+        let of = if p.of.is_empty() { String::new() } else { format!(" {}", p.of) };
+        say!(
+            "where (shares overlap): {}{of}, {} of the structured gap ({})",
+            p.by,
+            percent(p.share),
+            p.detail
+        );
     }
     if r.unexplained.significant {
-        say!("unexplained: {} µm RMS; {}", fixed(r.unexplained.rms_um, 2), r.unexplained.looks_like);
+        say!("unexplained: {} µm RMS; {}", um(found.budget.unexplained_um), r.unexplained.looks_like);
     }
     for o in r.outlying_readings.iter().take(6) {
-        say!("  left out: {} lies {} µm apart from its repeats", o.at, fixed(o.apart_um, 1));
+        say!("outlier left out: {}, {} µm from its repeats", o.at, um(o.apart_um));
     }
-    for n in r.next_measurement.iter().take(3) {
-        say!("  next: {} (separates {})", n.action, n.separates.join(", "));
+    for n in r.next_measurement.iter().take(2) {
+        say!("next measurement, about {:.0} min: {}; it {}", n.minutes, n.action, n.decides);
     }
     let mut reasons: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
     for u in &r.cannot_be_seen {
         reasons.entry(&u.because).or_default().push(&u.effect);
     }
     for (because, effects) in reasons {
-        say!("  cannot be seen: {} ({because})", effects.join(", "));
+        say!("not identifiable: {} ({because})", effects.join(", "));
     }
     for n in &r.notes {
-        say!("  note: {n}");
+        say!("note: {n}");
     }
     if let Some(out) = out {
         say!("written: {}", out.join("report.html").display());
     }
     Ok(())
+}
+
+/// Causes with size, share, probability and remedy, then what is left.
+fn table(found: &Diagnosis, compensable: &Compensable) {
+    let r = &found.report;
+    let shares = Shares::of(&found.budget);
+    let declared = || r.causes.iter().filter(|c| c.declared);
+    let others = || r.causes.iter().filter(|c| !c.declared).take(CANDIDATES);
+    if declared().next().is_some() {
+        say!();
+        say!("  {:NAME$} {:>15} {:>6}  {:>5}  remedy", "cause", "size, µm (k=2)", "share", "prob.");
+        for c in declared() {
+            let label = c.label();
+            let size = found.budget.corrections.iter().find(|x| x.label == label);
+            let size = size.map_or_else(|| "-".to_owned(), |x| with_uncertainty(x.size_um));
+            let share = shares.cause(&label).map_or_else(|| "-".to_owned(), percent);
+            say!(
+                "  {:NAME$} {size:>15} {share:>6}  {:>5.2}  {}",
+                format!("{} ({label})", name(&c.effect, &c.subject)),
+                c.probability,
+                remedy(&c.effect)
+            );
+            let mut values = parameters(c);
+            if let (true, Some(v)) = (values.is_empty(), peak_to_valley(found, &label)) {
+                values.push(format!("peak to valley {} µm", with_uncertainty(v)));
+            }
+            if !values.is_empty() {
+                say!("      {}", values.join(", "));
+            }
+            if c.kind != Kind::Stochastic {
+                say!("      volcompd: {}", compensable.words(c));
+            }
+            doubts(c);
+        }
+        let rest = [
+            ("not explained", found.budget.unexplained_um, shares.unexplained),
+            ("drift", found.budget.drift_um, shares.drift),
+            ("noise", found.budget.noise_um, shares.noise),
+        ];
+        for (what, size, share) in rest.into_iter().filter(|r| r.2 > 5e-4) {
+            say!("  {what:NAME$} {:>15} {:>6}", um(size), percent(share));
+        }
+        say!();
+    }
+    for c in others() {
+        say!(
+            "not established: {} ({}), probability {:.2}",
+            name(&c.effect, &c.subject),
+            c.label(),
+            c.probability
+        );
+        doubts(c);
+    }
+}
+
+fn doubts(c: &Cause) {
+    if !c.confounded_with.is_empty() {
+        say!("      not separable from {}", c.confounded_with.join(", "));
+    }
+    if !c.re_expression_of.is_empty() {
+        say!("      equivalent here to {}", c.re_expression_of.join(" or "));
+    }
+    if !c.remark.is_empty() {
+        say!("      {}", c.remark);
+    }
 }
 
 /// What a plan sees.

@@ -3,9 +3,12 @@
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
+use crate::report::plot::{Key, legend};
 use volcomp_daemon::{FilterStatus, MapStatus, NodeStatus, SensorStatus};
 
-const PANEL: (u32, u32) = (900, 260);
+const PANEL: (u32, u32) = (900, 280);
+/// Height of the legend below a panel: it never covers data.
+const LEGEND: i32 = 26;
 const INK: RGBColor = RGBColor(60, 60, 60);
 const BLUE_LINE: RGBColor = RGBColor(0, 114, 178);
 const USED: RGBColor = RGBColor(213, 94, 0);
@@ -78,6 +81,12 @@ fn component(area: &Area<'_>, map: &MapStatus, c: usize) -> Result<()> {
     let xs = map.nodes.iter().map(|n| n.position_mm[0]);
     let (low, high) = xs.fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(x), h.max(x)));
     let largest = map.nodes.iter().map(|n| n.value[c].abs() + n.std[c]).fold(1e-6, f64::max) * 1.1;
+    let keys = [
+        Key::line(BLUE_LINE, 2, "learned"),
+        Key::line(BLUE_LINE.mix(0.4), 2, "one standard deviation either way"),
+        Key::dot(USED, "what is used"),
+    ];
+    let area = &with_legend(area, &keys)?;
     let title = format!(
         "{}.{} ({}), difference from the offline map; used with weight {:.2}",
         map.name, map.components[c], map.units[c], map.weight
@@ -89,31 +98,32 @@ fn component(area: &Area<'_>, map: &MapStatus, c: usize) -> Result<()> {
         .y_label_area_size(60)
         .build_cartesian_2d(low..high.max(low + 1.0), -largest..largest)?;
     chart.configure_mesh().x_desc("X in mm").light_line_style(WHITE).draw()?;
-    let mark = |colour: RGBColor| move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], colour);
-    for (k, line) in lines(map).into_iter().enumerate() {
+    for line in lines(map) {
         let of = |values: fn(&NodeStatus) -> &Vec<f64>| {
             line.iter().map(|k| (map.nodes[*k].position_mm[0], values(&map.nodes[*k])[c])).collect::<Vec<_>>()
         };
         let (value, std, used) = (of(|n| &n.value), of(|n| &n.std), of(|n| &n.used));
-        let bars =
-            chart.draw_series(value.iter().zip(&std).map(|((x, v), (_, s))| {
-                PathElement::new(vec![(*x, v - s), (*x, v + s)], BLUE_LINE.mix(0.4))
-            }))?;
-        if k == 0 {
-            let faint = |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], BLUE_LINE.mix(0.4));
-            bars.label("one standard deviation either way").legend(faint);
-        }
-        let learned = chart.draw_series(LineSeries::new(value, &BLUE_LINE))?;
-        if k == 0 {
-            learned.label("learned").legend(mark(BLUE_LINE));
-        }
-        let dots = chart.draw_series(used.into_iter().map(|at| Circle::new(at, 2, USED.filled())))?;
-        if k == 0 {
-            dots.label("what is used").legend(|(x, y)| Circle::new((x + 9, y), 2, USED.filled()));
-        }
+        chart.draw_series(
+            value
+                .iter()
+                .zip(&std)
+                .map(|((x, v), (_, s))| PathElement::new(vec![(*x, v - s), (*x, v + s)], BLUE_LINE.mix(0.4))),
+        )?;
+        chart.draw_series(LineSeries::new(value, &BLUE_LINE))?;
+        chart.draw_series(used.into_iter().map(|at| Circle::new(at, 2, USED.filled())))?;
     }
-    chart.configure_series_labels().border_style(INK.mix(0.3)).background_style(WHITE.mix(0.9)).draw()?;
     Ok(())
+}
+
+/// The area above a legend, which is drawn; none where there are no series.
+fn with_legend<'a>(area: &Area<'a>, keys: &[Key]) -> Result<Area<'a>> {
+    let height = i32::try_from(area.dim_in_pixel().1)?;
+    let (chart, below) = area.split_vertically(height - LEGEND);
+    if keys.is_empty() {
+        below.draw_text("no readings yet", &("sans-serif", 14).into_font().color(&INK), (68, 2))?;
+    }
+    legend(&below, keys, 68, LEGEND / 2)?;
+    Ok(chart)
 }
 
 /// Running mean of squared innovation over variance of each sensor over time: about 1 where everything is right.
@@ -147,14 +157,7 @@ fn acceptance(area: &Area<'_>, course: &Course) -> Result<()> {
 type Of<'a> = &'a dyn Fn(Option<&SensorStatus>, &SensorStatus) -> Option<f64>;
 
 fn over_time(area: &Area<'_>, course: &Course, title: &str, curves: &[(&str, Of<'_>)]) -> Result<()> {
-    let end = course.last().map_or(1.0, |(t, _)| t.max(1.0));
-    let mut chart = ChartBuilder::on(area)
-        .caption(title, ("sans-serif", 15, &INK))
-        .margin(8)
-        .x_label_area_size(24)
-        .y_label_area_size(60)
-        .build_cartesian_2d(0.0..end, 0.0..TOP)?;
-    chart.configure_mesh().x_desc("time in s").light_line_style(WHITE).draw()?;
+    let (mut keys, mut drawn) = (Vec::new(), Vec::new());
     let names = course.last().map_or(&[][..], |(_, filter)| &filter.sensors[..]);
     for (k, name) in names.iter().map(|s| &s.name).enumerate() {
         let find = |filter: &'_ FilterStatus| filter.sensors.iter().position(|s| s.name == *name);
@@ -171,13 +174,22 @@ fn over_time(area: &Area<'_>, course: &Course, title: &str, curves: &[(&str, Of<
                 continue;
             }
             let colour = COLOURS[k % COLOURS.len()].mix(if c == 0 { 1.0 } else { 0.4 });
-            chart
-                .draw_series(LineSeries::new(line, &colour))?
-                .label(format!("{name}{suffix}"))
-                .legend(move |(x, y)| PathElement::new(vec![(x, y), (x + 18, y)], colour));
+            keys.push(Key::line(colour, 2, format!("{name}{suffix}")));
+            drawn.push((line, colour));
         }
     }
-    chart.configure_series_labels().border_style(INK.mix(0.3)).background_style(WHITE).draw()?;
+    let area = &with_legend(area, &keys)?;
+    let end = course.last().map_or(1.0, |(t, _)| t.max(1.0));
+    let mut chart = ChartBuilder::on(area)
+        .caption(title, ("sans-serif", 15, &INK))
+        .margin(8)
+        .x_label_area_size(24)
+        .y_label_area_size(60)
+        .build_cartesian_2d(0.0..end, 0.0..TOP)?;
+    chart.configure_mesh().x_desc("time in s").light_line_style(WHITE).draw()?;
+    for (line, colour) in drawn {
+        chart.draw_series(LineSeries::new(line, &colour))?;
+    }
     Ok(())
 }
 
@@ -194,4 +206,33 @@ pub(super) fn lines(map: &MapStatus) -> Vec<Vec<usize>> {
         }
     }
     lines
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn course(sensors: &[SensorStatus]) -> Vec<(f64, FilterStatus)> {
+        let status = FilterStatus { sensors: sensors.to_vec(), ..FilterStatus::default() };
+        vec![(0.0, status.clone()), (60.0, status)]
+    }
+
+    #[test]
+    fn panels_without_series_have_no_empty_legend_box() {
+        let svg = picture(&course(&[])).unwrap();
+        // the background is the only box
+        assert_eq!(svg.matches("<rect").count(), 1, "{svg}");
+        assert_eq!(svg.matches("no readings yet").count(), 3);
+    }
+
+    #[test]
+    fn the_legend_stands_below_its_panel() {
+        let sensor = SensorStatus { name: "probe".to_owned(), nis: Some(1.0), ..SensorStatus::default() };
+        let svg = picture(&course(&[sensor])).unwrap();
+        let (before, _) = svg.split_once("\nprobe\n").unwrap();
+        let line = before.rsplit("<text").next().unwrap();
+        let y: f64 = line.split(" y=\"").nth(1).unwrap().split('"').next().unwrap().parse().unwrap();
+        let height = f64::from(PANEL.1);
+        assert!(y > 2.0 * height - f64::from(LEGEND) && y < 2.0 * height, "{y}");
+    }
 }

@@ -2,6 +2,8 @@
 
 mod programme;
 
+pub use self::programme::Dialect;
+
 use self::programme::{Motion, Programme};
 use super::library::{Library, page};
 use super::report::{Cause, Next, Unexplained};
@@ -9,6 +11,10 @@ use super::session::Session;
 
 /// Information of a measurement that separates two equally probable causes, nats.
 const ONE_OF_TWO: f64 = core::f64::consts::LN_2;
+/// Preparation of a measurement that is no part of the catalogue, min.
+const PREPARE_MIN: f64 = 30.0;
+/// Effects named that a measurement shows and these data cannot.
+const UNSEEN_NAMED: usize = 4;
 /// Most measurements listed.
 const LISTED: usize = 8;
 
@@ -16,6 +22,8 @@ const LISTED: usize = 8;
 struct Measurement {
     action: &'static str,
     motion: Motion,
+    /// Preparation by somebody who has done it before: mounting, alignment, warm-up, min.
+    prepare_min: f64,
     /// Effects whose size it changes; it separates them from those whose size it leaves.
     moves: &'static [&'static str],
 }
@@ -24,56 +32,67 @@ const CATALOGUE: [Measurement; 11] = [
     Measurement {
         action: "repeat the circles of each plane at a second feed, three times as high, in both directions",
         motion: Motion::Circles,
+        prepare_min: 20.0,
         moves: &["inertial", "inertial-cross", "servo-mismatch", "latency", "clock-skew"],
     },
     Measurement {
-        action: "measure the same points at rest, approached from both directions, with 3 s of dwell",
+        action: "measure points of the line at rest, approached from both directions, with 3 s of dwell",
         motion: Motion::Points,
+        prepare_min: 30.0,
         moves: &["reversal-spike", "servo-mismatch", "latency", "inertial", "inertial-cross", "clock-skew"],
     },
     Measurement {
         action: "repeat the lines cold and after an hour of warm-up, at least 3 K apart",
         motion: Motion::ColdAndWarm,
+        prepare_min: 90.0,
         moves: &["thermal-expansion", "ambient-drift", "spindle-growth", "dead-path"],
     },
     Measurement {
         action: "repeat the grid with a second tool length in the same setup",
         motion: Motion::TwoTools,
+        prepare_min: 20.0,
         moves: &["angular", "spindle-tilt", "tool-length", "sag", "inertial-cross"],
     },
     Measurement {
         action: "repeat the line at a second place of the other axes",
         motion: Motion::SecondPlace,
+        prepare_min: 20.0,
         moves: &["angular", "inertial-cross", "squareness", "lateral-play"],
     },
     Measurement {
         action: "run a short line with steps below a tenth of the pitch, not equal",
         motion: Motion::FineSteps,
+        prepare_min: 30.0,
         moves: &["cyclic", "wear", "positioning", "quantisation"],
     },
     Measurement {
         action: "spindle on, off, on for an hour each with a probe at the tool",
         motion: Motion::Spindle,
+        prepare_min: 200.0,
         moves: &["spindle-growth"],
     },
     Measurement {
         action: "measure with a trigger shared by control and instrument, with a start and stop step in each file",
         motion: Motion::StartAndStop,
+        prepare_min: 20.0,
         moves: &["clock-skew"],
     },
     Measurement {
         action: "measure a known length with a second instrument, or from a second station",
         motion: Motion::SecondInstrument,
+        prepare_min: 45.0,
         moves: &["tracker-scale", "dead-path"],
     },
     Measurement {
         action: "repeat the R-test with the ball at a second radius and height, in uneven steps of the angle",
         motion: Motion::Turn,
+        prepare_min: 30.0,
         moves: &["rotary-eccentricity", "rotary-location"],
     },
     Measurement {
         action: "measure the lines over the whole travel: over a part of it the slope of a curve is a straight line",
         motion: Motion::WholeTravel,
+        prepare_min: 30.0,
         moves: &["straightness", "positioning", "angular"],
     },
 ];
@@ -87,6 +106,44 @@ fn axes(labels: &[String]) -> Vec<char> {
     labels.iter().filter_map(|l| l.split_once(':')?.1.chars().next_back()).collect()
 }
 
+/// A measurement with its part program and its duration.
+fn asked(
+    programme: &Programme,
+    action: &str,
+    motion: Motion,
+    prepare_min: f64,
+    separates: Vec<String>,
+    information: f64,
+    decides: String,
+) -> Next {
+    let gcode = programme.text(motion, &axes(&separates));
+    let minutes = (prepare_min + programme.minutes(motion, &gcode)).ceil();
+    Next { action: action.to_owned(), separates, information, decides, minutes, gcode }
+}
+
+/// What the result of a measurement decides between the pairs that it tells apart.
+fn decides(m: &Measurement, told: &[&(String, String, f64)]) -> String {
+    let mut groups: [Vec<&str>; 2] = Default::default();
+    for label in told.iter().flat_map(|p| [&p.0, &p.1]) {
+        let group = &mut groups[usize::from(!m.moves.contains(&name(label)))];
+        if !group.contains(&label.as_str()) {
+            group.push(label);
+        }
+    }
+    let [moved, stays] = groups.map(|g| g.join(" or "));
+    format!("decides between {moved}, which changes with it, and {stays}, which does not")
+}
+
+/// Duration of the session, min.
+fn session_minutes(session: &Session) -> f64 {
+    let mut spans = vec![[f64::INFINITY, f64::NEG_INFINITY]; session.files.len()];
+    for m in &session.moments {
+        let span = &mut spans[m.file];
+        *span = [span[0].min(m.t_s), span[1].max(m.t_s)];
+    }
+    (spans.iter().map(|[a, b]| (b - a).max(0.0)).sum::<f64>() / 60.0).ceil()
+}
+
 /// Measurements ranked by the information that they are expected to bring.
 #[must_use]
 pub(super) fn next(
@@ -94,6 +151,7 @@ pub(super) fn next(
     causes: &[Cause],
     unexplained: &Unexplained,
     library: &Library,
+    dialect: Dialect,
 ) -> Vec<Next> {
     let mut pairs: Vec<(String, String, f64)> = Vec::new();
     for c in causes.iter().filter(|c| c.probability > 0.02) {
@@ -113,7 +171,7 @@ pub(super) fn next(
             }
         }
     }
-    let programme = Programme::of(session);
+    let programme = Programme::of(session, dialect);
     let is_new = |m: &&Measurement| m.motion != Motion::WholeTravel || library.partly.contains(&true);
     let mut all: Vec<Next> = CATALOGUE
         .iter()
@@ -127,20 +185,21 @@ pub(super) fn next(
             let mut separates: Vec<String> = told.iter().flat_map(|p| [p.0.clone(), p.1.clone()]).collect();
             separates.sort();
             separates.dedup();
-            (!separates.is_empty()).then(|| Next {
-                action: m.action.to_owned(),
-                gcode: programme.text(m.motion, &axes(&separates)),
-                separates,
-                information,
+            (!separates.is_empty()).then(|| {
+                let decides = decides(m, &told);
+                asked(&programme, m.action, m.motion, m.prepare_min, separates, information, decides)
             })
         })
         .collect();
     if !session.readings.iter().any(|r| r.pair.is_some()) {
         all.push(Next {
-            action: "run every programme at least twice: only repeats show the noise".to_owned(),
+            action: "run every part program at least twice: only repeats show the noise".to_owned(),
             separates: vec!["outliers".to_owned(), "range-noise".to_owned()],
             information: ONE_OF_TWO,
-            gcode: "(the same programmes again)".to_owned(),
+            decides: "shows the noise, so that probabilities and the unexplained part no longer rest on neighbouring readings"
+                .to_owned(),
+            minutes: (session_minutes(session)).max(1.0),
+            gcode: "(the same part programs again)".to_owned(),
         });
     }
     if unexplained.significant {
@@ -154,12 +213,12 @@ pub(super) fn next(
                 .collect();
             if !unseen.is_empty() && !all.iter().any(|n| n.action == m.action) {
                 let information = 0.1 * ONE_OF_TWO * unseen.len() as f64;
-                all.push(Next {
-                    action: m.action.to_owned(),
-                    gcode: programme.text(m.motion, &axes(&unseen)),
-                    separates: unseen,
-                    information,
-                });
+                let rest = unseen.len().saturating_sub(UNSEEN_NAMED);
+                let more = if rest > 0 { format!(" or {rest} more") } else { String::new() };
+                let named = unseen[..unseen.len() - rest].join(" or ");
+                let decides =
+                    format!("shows whether {named}{more} contributes, which these data cannot show");
+                all.push(asked(&programme, m.action, m.motion, m.prepare_min, unseen, information, decides));
             }
         }
     }
@@ -167,8 +226,9 @@ pub(super) fn next(
         let settled = all.iter().any(|n| n.separates.contains(&c.label()));
         if let (false, Some(p)) = (settled, page(&c.effect)) {
             let separates: Vec<String> = [c.label()].into_iter().chain(c.confounded_with.clone()).collect();
-            let gcode = programme.text(Motion::Points, &axes(&separates));
-            all.push(Next { action: p.settles.to_owned(), separates, information: ONE_OF_TWO, gcode });
+            let decides = format!("decides which of {} it is", separates.join(", "));
+            let action = p.settles.trim_end_matches('.');
+            all.push(asked(&programme, action, Motion::Points, PREPARE_MIN, separates, ONE_OF_TWO, decides));
         }
     }
     all.sort_by(|a, b| b.information.total_cmp(&a.information).then(a.action.cmp(&b.action)));

@@ -1,4 +1,4 @@
-//! G-code of a measurement. It moves one linear axis, at feed, between positions where that axis was measured already: how the
+//! G-code of a measurement, in the dialect of a control. It moves one linear axis, at feed, between positions where that axis was measured already: how the
 //! machine gets to the beginning of the line is up to who stands beside it (`M0`). What moves several axes at once, turns a
 //! table or starts a spindle is said in words: the session does not tell what stands in the way.
 
@@ -15,17 +15,62 @@ const FEED_RANGE: [f64; 2] = [100.0, 10_000.0];
 const WAY: f64 = 2.0;
 /// Share of the way that the points take; the rest is for coming from outside.
 const LINE_SHARE: f64 = 0.98;
-/// Points of a line.
+/// Points of a line where the session was measured in motion, and most points where it was measured at rest.
 const POINTS: usize = 21;
+/// Positions that differ by less are one, mm or deg.
+const SAME: f64 = 0.01;
+/// Motions that are said in words, min: circles in three planes; a rotary axis; the spindle on, off and on.
+const WORDS_MIN: [f64; 3] = [15.0, 15.0, 0.0];
 /// Step of a fine line, mm, as a share of the way at most, and steps.
 const FINE_MM: f64 = 0.37;
 const FINE_STEPS: usize = 40;
+
+/// Control for which part programs are written; they differ in how a dwell is written.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub enum Dialect {
+    /// LinuxCNC and other controls on which `G4 P` is in seconds.
+    #[default]
+    LinuxCnc,
+    /// Fanuc and other controls on which `G4 P` is in milliseconds.
+    Fanuc,
+    /// SINUMERIK: `G4 F` in seconds.
+    Sinumerik,
+}
+
+impl Dialect {
+    /// What the head of a program says about it.
+    const fn words(self) -> &'static str {
+        match self {
+            Self::LinuxCnc => "dialect LinuxCNC: G4 P in seconds",
+            Self::Fanuc => "dialect Fanuc: G4 P in milliseconds",
+            Self::Sinumerik => "dialect SINUMERIK: G4 F in seconds",
+        }
+    }
+
+    /// The block of a dwell.
+    fn dwell(self, seconds: u32) -> String {
+        match self {
+            Self::LinuxCnc => format!("G4 P{seconds}"),
+            Self::Fanuc => format!("G4 P{}", 1000 * seconds),
+            Self::Sinumerik => format!("G4 F{seconds}"),
+        }
+    }
+
+    /// Seconds of a dwell block.
+    fn dwell_s(self, block: &str) -> Option<f64> {
+        let value: f64 = block.strip_prefix("G4 ")?.get(1..)?.parse().ok()?;
+        Some(if self == Self::Fanuc { 1e-3 * value } else { value })
+    }
+}
 
 /// Where and how fast the machine was measured.
 pub(super) struct Programme {
     low: [f64; SLOTS],
     high: [f64; SLOTS],
+    /// Positions of each axis at which it was measured, where they are few.
+    places: [Vec<f64>; SLOTS],
     feed: f64,
+    dialect: Dialect,
 }
 
 /// What a measurement runs.
@@ -57,7 +102,7 @@ pub(super) enum Motion {
 
 impl Programme {
     /// The places and the usual feed of a session.
-    pub(super) fn of(session: &Session) -> Self {
+    pub(super) fn of(session: &Session, dialect: Dialect) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; SLOTS], [f64::NEG_INFINITY; SLOTS]);
         let mut speeds: Vec<f64> = Vec::new();
         for m in &session.moments {
@@ -75,7 +120,7 @@ impl Programme {
         let usual = speeds.get(speeds.len() / 2).copied().unwrap_or(FEED);
         // a round figure
         let feed = ((usual / 100.0).round() * 100.0).clamp(FEED_RANGE[0], FEED_RANGE[1]);
-        Self { low, high, feed }
+        Self { low, high, places: places(session), feed, dialect }
     }
 
     /// The programme; `about` are the letters of the axes that it is about, the first that moves is taken.
@@ -95,7 +140,7 @@ impl Programme {
             _ => {}
         }
         let Some(axis) = self.axis(about, true) else {
-            return "(the same programmes again)".to_owned();
+            return "(the same part programs again)".to_owned();
         };
         let (line, letter) = (self.points(axis), word(axis));
         let halves = |first: &str, second: &str| {
@@ -147,8 +192,9 @@ impl Programme {
     fn head(&self, axis: Axis, what: &str) -> String {
         let (letter, low, high) = (word(axis), self.at(axis, 0.0), self.at(axis, 1.0));
         format!(
-            "({what})\n(positions as the control showed them in the session: same zero, same tool length?)\n(by hand to \
-             {letter}{low:.3}; {letter} alone will move, from {low:.3} to {high:.3}: is the way free?)\nG21 G90 G94\nM0"
+            "({what}; {})\n(positions as the control showed them in the session: same zero, same tool length?)\n(by hand to \
+             {letter}{low:.3}; {letter} alone will move, from {low:.3} to {high:.3}: is the way free?)\nG21 G90 G94\nM0",
+            self.dialect.words()
         )
     }
 
@@ -160,18 +206,54 @@ impl Programme {
         )
     }
 
+    /// Positions of a line: those of the session where it was measured at few, the outermost a little inside so that they can
+    /// be approached from both sides within the travel that was measured.
+    fn stops(&self, axis: Axis) -> Vec<f64> {
+        let inside = |share: f64| 0.5 + LINE_SHARE * (share - 0.5);
+        let places = &self.places[axis.slot()];
+        if places.len() < 2 {
+            return (0..POINTS).map(|i| self.at(axis, inside(i as f64 / (POINTS - 1) as f64))).collect();
+        }
+        let (first, last) = (self.at(axis, inside(0.0)), self.at(axis, inside(1.0)));
+        places.iter().map(|p| p.clamp(first, last)).collect()
+    }
+
     fn points(&self, axis: Axis) -> String {
         let letter = word(axis);
-        let share = |i: usize| 0.5 + LINE_SHARE * (i as f64 / (POINTS - 1) as f64 - 0.5);
+        let stops = self.stops(axis);
         let mut out = format!("G1 {letter}{:.3} F{:.0}", self.at(axis, 0.0), self.feed);
-        let mut stop = |s: f64| {
-            let _ = write!(out, "\nG1 {letter}{:.3}\nG4 P3", self.at(axis, s));
+        let dwell = self.dialect.dwell(3);
+        let mut stop = |p: f64| {
+            let _ = write!(out, "\nG1 {letter}{p:.3}\n{dwell}");
         };
-        (0..POINTS).for_each(|i| stop(share(i)));
+        stops.iter().for_each(|p| stop(*p));
         // past the last point, so that it is met from the other side, too
-        stop(1.0);
-        (0..POINTS).rev().for_each(|i| stop(share(i)));
+        stop(self.at(axis, 1.0));
+        stops.iter().rev().for_each(|p| stop(*p));
         out
+    }
+
+    /// Duration of a measurement as written, without its preparation, min.
+    pub(super) fn minutes(&self, motion: Motion, text: &str) -> f64 {
+        let mut at: Option<f64> = None;
+        let mut seconds = 0.0;
+        for block in text.lines() {
+            seconds += self.dialect.dwell_s(block).unwrap_or(0.0);
+            let target: Option<f64> =
+                block.strip_prefix("G1 ").and_then(|b| b.split(' ').next()?.get(1..)?.parse().ok());
+            if let Some(target) = target {
+                seconds += at.map_or(0.0, |from: f64| 60.0 * (target - from).abs() / self.feed);
+                at = Some(target);
+            }
+        }
+        let [circles, turn, spindle] = WORDS_MIN;
+        seconds / 60.0
+            + match motion {
+                Motion::Circles => circles,
+                Motion::Turn => turn,
+                Motion::Spindle => spindle,
+                _ => 0.0,
+            }
     }
 
     fn fine(&self, axis: Axis) -> String {
@@ -181,7 +263,8 @@ impl Programme {
         for i in 1..=FINE_STEPS {
             // uneven: even steps would show a period under another name
             let uneven = 0.3 * ((i * 7) % 5) as f64 / 5.0;
-            let _ = write!(out, "\nG1 {letter}{:.3}\nG4 P1", self.at(axis, 0.5 + step * (i as f64 + uneven)));
+            let (at, dwell) = (self.at(axis, 0.5 + step * (i as f64 + uneven)), self.dialect.dwell(1));
+            let _ = write!(out, "\nG1 {letter}{at:.3}\n{dwell}");
         }
         out
     }
@@ -190,9 +273,9 @@ impl Programme {
         let letter = word(axis);
         let mut out = format!("G1 {letter}{:.3} F{:.0}", self.at(axis, 0.25), self.feed);
         for share in [0.75, 0.25, 0.75, 0.25] {
-            let _ = write!(out, "\nG4 P2\nG1 {letter}{:.3}", self.at(axis, share));
+            let _ = write!(out, "\n{}\nG1 {letter}{:.3}", self.dialect.dwell(2), self.at(axis, share));
         }
-        out + "\nG4 P2"
+        format!("{out}\n{}", self.dialect.dwell(2))
     }
 
     fn turn(&self, about: &[char]) -> String {
@@ -214,6 +297,19 @@ impl Programme {
     }
 }
 
+/// Positions of each axis in their order, where there are no more than a line has points; none otherwise.
+fn places(session: &Session) -> [Vec<f64>; SLOTS] {
+    core::array::from_fn(|k| {
+        let Some(axis) = session.axes.iter().find(|a| a.slot() == k) else { return Vec::new() };
+        let unit = if axis.is_linear() { 1.0 } else { RAD_PER_DEG };
+        let mut all: Vec<f64> =
+            session.moments.iter().map(|m| m.position[k] / unit).filter(|p| p.is_finite()).collect();
+        all.sort_by(f64::total_cmp);
+        all.dedup_by(|b, a| (*b - *a).abs() < SAME);
+        if all.len() > POINTS { Vec::new() } else { all }
+    })
+}
+
 /// The word of an axis in a programme.
 fn word(axis: Axis) -> char {
     ['X', 'Y', 'Z', 'A', 'B', 'C'][axis.slot()]
@@ -221,12 +317,14 @@ fn word(axis: Axis) -> char {
 
 #[cfg(test)]
 mod tests {
-    use super::{Motion, Programme};
+    use super::{Dialect, Motion, Programme};
 
     const MILL: Programme = Programme {
         low: [0.0, 100.0, -200.0, 0.0, 0.0, -90.0],
         high: [500.0, 400.0, -197.6, 0.0, 0.0, 90.0],
+        places: [const { Vec::new() }; 6],
         feed: 1500.0,
+        dialect: Dialect::LinuxCnc,
     };
     const ALL: [Motion; 11] = [
         Motion::Circles,
@@ -286,6 +384,33 @@ mod tests {
     }
 
     #[test]
+    fn the_positions_of_the_session_are_measured_where_they_are_few() {
+        let places = [const { Vec::new() }; 6].map(|_: Vec<f64>| vec![0.0, 60.0, 130.0, 500.0]);
+        let mill = Programme { places, ..MILL };
+        let x = words(&mill.text(Motion::Points, &['x']), 'X');
+        assert_eq!(x[1..5], [5.0, 60.0, 130.0, 495.0], "{x:?}");
+        assert_eq!(x.len(), 1 + 4 + 1 + 4, "{x:?}");
+    }
+
+    #[test]
+    fn every_dialect_names_itself_and_waits_as_long() {
+        let mut minutes = Vec::new();
+        for (dialect, dwell) in
+            [(Dialect::LinuxCnc, "G4 P3"), (Dialect::Fanuc, "G4 P3000"), (Dialect::Sinumerik, "G4 F3")]
+        {
+            let mill = Programme { dialect, ..MILL };
+            let text = mill.text(Motion::Points, &['x']);
+            assert!(text.lines().any(|l| l == dwell) && text.contains(dialect.words()), "{text}");
+            minutes.push(mill.minutes(Motion::Points, &text));
+        }
+        // 43 dwells of 3 s, and 500 mm there and back at 1500 mm/min
+        assert!(
+            minutes.iter().all(|m| (m - (43.0 * 3.0 / 60.0 + 1000.0 / 1500.0)).abs() < 0.1),
+            "{minutes:?}"
+        );
+    }
+
+    #[test]
     fn halves_are_kept_apart_by_a_stop() {
         for motion in [Motion::SecondPlace, Motion::ColdAndWarm, Motion::TwoTools, Motion::SecondInstrument] {
             let text = MILL.text(motion, &['x']);
@@ -303,7 +428,7 @@ mod tests {
 
     #[test]
     fn nothing_measured_gives_words_and_no_motion() {
-        let nowhere = Programme { low: [f64::INFINITY; 6], high: [f64::NEG_INFINITY; 6], feed: 1000.0 };
+        let nowhere = Programme { low: [f64::INFINITY; 6], high: [f64::NEG_INFINITY; 6], ..MILL };
         for motion in ALL {
             assert!(blocks(&nowhere.text(motion, &['x'])).is_empty(), "{motion:?}");
         }

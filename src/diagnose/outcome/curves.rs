@@ -1,128 +1,228 @@
-//! Causes over the data, for pictures.
+//! Fitted effects over the quantity they depend on, with their band, for pictures.
+//!
+//! A picture shows the effect as fitted plus the residual of each reading (a component-plus-residual plot). The mean over the
+//! readings is set to zero, because the offsets of the mountings absorb it. The band is 90 % of the posterior of the
+//! parameters, of the curve against that mean.
+
+use std::collections::BTreeMap;
 
 use super::super::Analysis;
 use super::super::assess::Assessed;
-use super::super::forecast::{Contributions, minus};
-use super::super::library::Shape;
 use super::super::moment::{Axis, Moment};
 use super::super::noise::Random;
-use super::super::offsets::{rms, without_offsets};
+use super::super::report::Value;
 use super::super::session::Session;
-use super::Curve;
+use super::views::View;
+use super::{Curve, Fitted, FittedLine};
 
 /// Points of a picture at most.
-const POINTS: usize = 1500;
+const POINTS: usize = 600;
+/// Values of the abscissa that are drawn as they are; more are averaged in so many groups of equal size.
+const PLACES: usize = 60;
+/// Standard deviations of 90 %.
+const NINETY: f64 = 1.645;
+/// Least component of the direction of measurement along the direction drawn.
+const ALONG: f64 = 0.7;
+/// Least share of the energy of an effect that a direction must have for a picture of its own.
+const DIRECTION_SHARE: f64 = 0.05;
+/// Least weight of a reading as a share of the weight that is drawn: its residual is divided by it.
+const WEIGHT_LEAST: f64 = 0.4;
+/// Scatter of the fitted values about their line, as a share of the effect, that is worth a note.
+const SCATTER_NOTED: f64 = 0.25;
+/// Lines of a picture at most.
+const LINES: usize = 3;
+
+/// A reading of a picture: its index, abscissa, factor from um along `u` to the ordinate, and line.
+struct Shown {
+    at: usize,
+    x: f64,
+    factor: f64,
+    line: i64,
+}
 
 pub(super) fn curves(
     session: &Session,
     a: &Analysis,
     assessed: &[Assessed],
-    parts: &Contributions,
-    owner: &[usize],
+    fitted: &Fitted<'_>,
 ) -> Vec<Curve> {
     let mut random = Random::new(1);
-    assessed
-        .iter()
-        .enumerate()
-        .map(|(place, x)| {
-            let others = minus(&a.gap, &parts.in_sample, |j| owner[j] != place);
-            let partial = without_offsets(session, &others, &a.used);
-            let alone: Vec<f64> = (0..a.gap.len())
-                .map(|i| {
-                    parts.in_sample.iter().zip(owner).filter(|(_, o)| **o == place).map(|(p, _)| p[i]).sum()
-                })
-                .collect();
-            let fit = without_offsets(session, &alone, &a.used);
-            let (x_label, of) = abscissa(&a.library.variants[x.variant].shape);
-            let along = a.library.variants[x.variant].shape.acts_along();
-            // an effect of one direction is drawn in it, whichever way the instrument looked
-            let share_of_u = |i: usize| along.map_or(1.0, |a| session.moments[i].u[a.direction()]);
-            let y_label = along.map_or_else(|| "along u, um".to_owned(), |a| format!("along {a}, um"));
-            let size = rms(&fit);
-            let seen: Vec<usize> = (0..a.gap.len())
-                .filter(|i| {
-                    partial[*i].is_finite() && fit[*i].abs() > 0.05 * size && share_of_u(*i).abs() > 0.5
-                })
-                .collect();
-            let share = POINTS as f64 / seen.len().max(1) as f64;
-            let points = seen
-                .into_iter()
-                .filter(|_| random.uniform() < share)
-                .map(|i| {
-                    [of(&session.moments[i], session), partial[i] / share_of_u(i), fit[i] / share_of_u(i)]
-                })
-                .filter(|p| p[0].is_finite())
-                .collect();
-            Curve { label: x.label.to_string(), x_label, y_label, points }
-        })
-        .collect()
-}
-
-type Abscissa = Box<dyn Fn(&Moment, &Session) -> f64>;
-
-/// What an effect is drawn over.
-fn abscissa(shape: &Shape) -> (String, Abscissa) {
-    let position = |axis: Axis| -> (String, Abscissa) {
-        let i = axis.slot();
-        if axis.is_linear() {
-            (format!("{axis}, mm"), Box::new(move |m, _| m.position[i]))
-        } else {
-            (format!("{axis}, deg"), Box::new(move |m, _| m.position[i].to_degrees()))
-        }
-    };
-    match shape {
-        Shape::Squareness { over, .. } | Shape::Polynomial { over, .. } | Shape::Angular { over, .. } => {
-            position(*over)
-        }
-        Shape::Scale { axis }
-        | Shape::Reverse { axis, .. }
-        | Shape::Cyclic { axis, .. }
-        | Shape::Wear { axis, .. }
-        | Shape::Sag { axis, .. }
-        | Shape::Ram { axis, .. }
-        | Shape::Thermal { axis, .. }
-        | Shape::Backlash { axis, .. }
-        | Shape::RotaryMotion { axis, .. } => position(*axis),
-        Shape::RotaryLocation { frame, .. }
-        | Shape::RotaryEccentricity { frame, .. }
-        | Shape::RotaryScale { frame }
-        | Shape::RotaryBacklash { frame } => position(frame.axis),
-        Shape::RotaryLag { frame } => {
-            let i = frame.axis.slot();
-            (
-                format!("velocity of {}, deg/s", frame.axis),
-                Box::new(move |m, _| m.velocity[i] / volcomp_units::RAD_PER_DEG),
-            )
-        }
-        Shape::Spike { axis, .. } => {
-            let i = axis.slot();
-            (format!("time since {axis} turned round, s"), Box::new(move |m, _| m.since_s[i].min(2.0)))
-        }
-        Shape::Lag { axes, .. } => {
-            let i = axes.first().map_or(0, |a| a.slot());
-            let name = axes.first().map_or_else(String::new, ToString::to_string);
-            (format!("velocity of {name}, mm/s"), Box::new(move |m, _| m.velocity[i]))
-        }
-        Shape::Friction { axis } => {
-            let i = axis.slot();
-            (format!("velocity of {axis}, mm/s"), Box::new(move |m, _| m.velocity[i]))
-        }
-        Shape::Inertial { axis, .. } | Shape::InertialTilt { axis, .. } => {
-            let i = axis.slot();
-            (format!("acceleration of {axis}, mm/s2"), Box::new(move |m, _| m.acceleration[i]))
-        }
-        Shape::SpindleTilt | Shape::ToolLength => {
-            ("tool length, mm".to_owned(), Box::new(|m, _| m.tool_length_mm))
-        }
-        Shape::DeadPath { .. } | Shape::TrackerScale { .. } => {
-            ("range, mm".to_owned(), Box::new(|m, _| m.range_mm))
-        }
-        Shape::Load { axis, .. } => {
-            let i = axis.direction();
-            (format!("force along {axis}, N"), Box::new(move |m, _| m.force_n[i]))
-        }
-        Shape::Growth { .. } | Shape::ClockSkew { .. } | Shape::Step { .. } => {
-            ("time, s".to_owned(), Box::new(|m, _| m.t_s))
+    let declared: Vec<bool> = assessed.iter().map(|x| x.declared).collect();
+    let mut all = Vec::new();
+    for (place, x) in assessed.iter().enumerate() {
+        let shape = &a.library.variants[x.variant].shape;
+        let view = View::of(shape);
+        let residual = fitted.residual(session, a, |o| declared[o] || o == place);
+        let effect = fitted.effect(place);
+        for direction in directions(session, &view, &effect) {
+            let (shown, weight) = shown(session, &view, direction, &residual, &effect);
+            if shown.is_empty() {
+                continue;
+            }
+            let mut curve = curve(session, fitted, place, &shown, &residual, &mut random);
+            curve.label = x.label.to_string();
+            curve.x_label = view.x_label();
+            curve.y_label = match direction {
+                Some(d) => format!("along {}, µm", Axis::LINEAR[d]),
+                None => "in measuring direction, µm".to_owned(),
+            };
+            let scaled = view.weight_text().zip(weight).map(|(text, w)| text.replace("{}", &w.to_string()));
+            let notes = [scaled.unwrap_or_default(), view.end_text().to_owned(), curve.note];
+            curve.note = notes.into_iter().filter(|n| !n.is_empty()).collect::<Vec<_>>().join("; ");
+            all.push(curve);
         }
     }
+    all
+}
+
+/// Directions of which each gets a picture: one, or those in which the effect is seen.
+fn directions(session: &Session, view: &View, effect: &[f64]) -> Vec<Option<usize>> {
+    if view.along.is_some() || view.is_along_u {
+        return vec![view.along];
+    }
+    let energy = |d: usize| -> f64 {
+        let seen = session.moments.iter().zip(effect).filter(|(m, _)| m.u[d].abs() > ALONG);
+        seen.map(|(_, e)| e * e).sum()
+    };
+    let all = [0, 1, 2].map(energy);
+    let least = DIRECTION_SHARE * all.iter().sum::<f64>();
+    (0..3).filter(|d| all[*d] > least.max(1e-12)).map(Some).collect()
+}
+
+/// The readings that show an effect in a direction, and the weight that is drawn.
+fn shown(
+    session: &Session,
+    view: &View,
+    direction: Option<usize>,
+    residual: &[f64],
+    effect: &[f64],
+) -> (Vec<Shown>, Option<f64>) {
+    let share = |m: &Moment| direction.map_or(1.0, |d| m.u[d]);
+    let weights: Vec<f64> = session.moments.iter().map(|m| view.weight(m, session)).collect();
+    let reference = view.weight_text().map(|_| {
+        let mut sizes: Vec<f64> =
+            weights.iter().map(|w| w.abs()).filter(|w| w.is_finite() && *w > 1e-9).collect();
+        sizes.sort_by(f64::total_cmp);
+        rounded(sizes.get(sizes.len() / 2).copied().unwrap_or(1.0))
+    });
+    let weight = reference.unwrap_or(1.0);
+    let lines = view.lines(session);
+    let shown = session
+        .moments
+        .iter()
+        .enumerate()
+        .filter(|(i, m)| {
+            residual[*i].is_finite()
+                && effect[*i] != 0.0
+                && share(m).abs() > ALONG
+                && weights[*i].abs() >= WEIGHT_LEAST * weight
+        })
+        .map(|(at, m)| Shown { at, x: view.x(m), factor: weight / (weights[at] * share(m)), line: lines[at] })
+        .filter(|s| s.x.is_finite() && s.factor.is_finite())
+        .collect();
+    (shown, reference)
+}
+
+/// Two significant figures.
+fn rounded(v: f64) -> f64 {
+    let power = 10f64.powf(v.abs().max(1e-12).log10().floor() - 1.0);
+    let digits = (-power.log10()).ceil().max(0.0) as usize;
+    format!("{:.digits$}", (v / power).round() * power).parse().unwrap_or(v)
+}
+
+fn curve(
+    session: &Session,
+    fitted: &Fitted<'_>,
+    place: usize,
+    shown: &[Shown],
+    residual: &[f64],
+    random: &mut Random,
+) -> Curve {
+    let columns = fitted.columns_of(place);
+    let rows: Vec<Vec<f64>> =
+        shown.iter().map(|s| columns.iter().map(|j| fitted.raw[*j][s.at] * s.factor).collect()).collect();
+    let centre = mean(rows.iter(), columns.len());
+    let value = |h: &[f64]| fitted.value(&columns, &less(h, &centre));
+    let of_row: Vec<f64> = rows.iter().map(|h| value(h)).collect();
+    let mut lines: BTreeMap<i64, Vec<usize>> = BTreeMap::new();
+    for (k, s) in shown.iter().enumerate() {
+        lines.entry(s.line).or_default().push(k);
+    }
+    let (mut drawn, mut low, mut high) = (Vec::new(), None, None);
+    let mut scatter = 0.0;
+    for (line, members) in lines.into_iter().take(LINES) {
+        let mut points = Vec::new();
+        for group in groups(shown, members) {
+            let h = mean(group.iter().map(|k| &rows[*k]), columns.len());
+            let x = group.iter().map(|k| shown[*k].x).sum::<f64>() / group.len() as f64;
+            let (fit, half) = (value(&h), NINETY * fitted.std(&columns, &less(&h, &centre)));
+            scatter += group.iter().map(|k| (of_row[*k] - fit).powi(2)).sum::<f64>();
+            if low.as_ref().is_none_or(|(v, _)| fit < *v) {
+                low = Some((fit, h.clone()));
+            }
+            if high.as_ref().is_none_or(|(v, _)| fit > *v) {
+                high = Some((fit, h));
+            }
+            points.push([x, fit, fit - half, fit + half]);
+        }
+        drawn.push(FittedLine { name: View::line_name(session, line), points });
+    }
+    let range_um = low.zip(high).map_or(Value { value: 0.0, std: 0.0 }, |((l, hl), (h, hh))| Value {
+        value: h - l,
+        std: fitted.std(&columns, &less(&hh, &hl)),
+    });
+    let energy: f64 = of_row.iter().map(|v| v * v).sum();
+    let note = if scatter > SCATTER_NOTED.powi(2) * energy {
+        "depends on other quantities, too: the line is the mean over the readings"
+    } else {
+        ""
+    };
+    let share = POINTS as f64 / shown.len() as f64;
+    let points = shown
+        .iter()
+        .zip(&of_row)
+        .filter(|_| random.uniform() < share)
+        .map(|(s, fit)| [s.x, fit + residual[s.at] * s.factor, *fit])
+        .collect();
+    Curve {
+        label: String::new(),
+        x_label: String::new(),
+        y_label: String::new(),
+        points,
+        lines: drawn,
+        range_um,
+        readings: shown.len(),
+        note: note.to_owned(),
+    }
+}
+
+/// Readings of equal abscissa, or neighbouring ones where there are many values, in the order of the abscissa.
+fn groups(shown: &[Shown], mut members: Vec<usize>) -> Vec<Vec<usize>> {
+    members.sort_by(|a, b| shown[*a].x.total_cmp(&shown[*b].x));
+    let extent = members.last().map_or(0.0, |l| shown[*l].x) - members.first().map_or(0.0, |f| shown[*f].x);
+    let mut equal: Vec<Vec<usize>> = Vec::new();
+    for k in &members {
+        match equal.last_mut() {
+            Some(group) if shown[*k].x - shown[group[0]].x <= 1e-3 * extent => group.push(*k),
+            _ => equal.push(vec![*k]),
+        }
+    }
+    if equal.len() <= PLACES {
+        return equal;
+    }
+    members.chunks(members.len().div_ceil(PLACES)).map(<[usize]>::to_vec).collect()
+}
+
+fn mean<'a>(rows: impl Iterator<Item = &'a Vec<f64>>, width: usize) -> Vec<f64> {
+    let mut sum = vec![0.0; width];
+    let mut n = 0.0;
+    for row in rows {
+        sum.iter_mut().zip(row).for_each(|(s, v)| *s += v);
+        n += 1.0;
+    }
+    sum.into_iter().map(|s| s / f64::max(n, 1.0)).collect()
+}
+
+fn less(a: &[f64], b: &[f64]) -> Vec<f64> {
+    a.iter().zip(b).map(|(a, b)| a - b).collect()
 }

@@ -1,15 +1,18 @@
 //! From the analysis to the report, the addition and the curves for pictures.
 
 mod again;
+mod budget;
 mod causes;
 mod chance;
 mod company;
 mod compared;
 mod curves;
+mod fitted;
 mod handover;
 mod left;
 mod misfit;
 mod product;
+mod views;
 mod worth;
 
 use super::addition::Addition;
@@ -22,12 +25,16 @@ use super::localise::localise;
 use super::moment::Source;
 use super::noise::{beside_repeats, pair_residuals};
 use super::offsets::{rms, without_offsets};
-use super::report::{Fresh, InstrumentNoise, Outlying, Report, Size, Unseen, Verdict};
+use super::report::{Fresh, InstrumentNoise, Outlying, Report, Size, Unseen, Value, Verdict};
 use super::session::Session;
 use super::stochastic;
 use super::{Analysis, Options, raw_of};
 
+pub use budget::{Budget, Correction, Level, ProgramResidual};
+
+use budget::{budget, programs};
 use curves::curves;
+use fitted::Fitted;
 use handover::{addition, not_seen_on, seen_on};
 use left::unexplained;
 
@@ -36,7 +43,7 @@ const LEAST_SHRINK: f64 = 0.05;
 /// Most outlying readings listed.
 const OUTLYING_LISTED: usize = 40;
 
-/// A fitted effect over the data, for a picture.
+/// A fitted effect over the data, for a picture; an effect that is seen in several directions has a curve in each.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Curve {
     /// `effect:subject`.
@@ -45,8 +52,26 @@ pub struct Curve {
     pub x_label: String,
     /// Quantity and unit of the other two.
     pub y_label: String,
-    /// Where; the gap without the other effects, um; the effect fitted, um.
+    /// Where; the gap without the declared causes but with this effect, um; the effect fitted, um. At most some hundred of the
+    /// readings.
     pub points: Vec<[f64; 3]>,
+    /// The effect as fitted, one line per direction of travel, tool or file where it differs between them.
+    pub lines: Vec<FittedLine>,
+    /// Highest minus lowest fitted value on the lines.
+    pub range_um: Value,
+    /// Readings that show the effect.
+    pub readings: usize,
+    /// What is scaled or averaged in the picture; may be empty.
+    pub note: String,
+}
+
+/// A line of a [`Curve`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct FittedLine {
+    /// What tells it from the other lines; empty where there is only one.
+    pub name: String,
+    /// Where; the effect fitted; lower and upper end of its 90 % band, um.
+    pub points: Vec<[f64; 4]>,
 }
 
 /// Everything that a diagnosis gives.
@@ -62,6 +87,10 @@ pub struct Diagnosis {
     pub before_um: Vec<f64>,
     /// The same without the causes declared.
     pub after_um: Vec<f64>,
+    /// The gap from its size down to the noise.
+    pub budget: Budget,
+    /// The gap of each part program, the largest residual first.
+    pub programs: Vec<ProgramResidual>,
 }
 
 /// What is known of the day of the session, for the forecast of another one.
@@ -230,8 +259,12 @@ pub(super) fn conclude(
         (false, true) => Verdict::Unexplained,
         (false, false) => Verdict::NoGap,
     };
-    let curves = curves(session, &a, &assessed, &parts, &owner);
-    let next_measurement = super::next::next(session, &causes, &unexplained, &a.library);
+    let norm: Vec<f64> = given.columns.iter().map(|j| a.problem.norm[*j]).collect();
+    let fitted = Fitted::new(&raw, &parts, &owner, (&beta, &covariance), &norm);
+    let curves = curves(session, &a, &assessed, &fitted);
+    let budget = budget(session, &a, &assessed, &fitted);
+    let programs = programs(session, &a, &before, &after);
+    let next_measurement = super::next::next(session, &causes, &unexplained, &a.library, options.dialect);
     let report = Report {
         format: "volcomp-gap/1",
         rows: session.rows_read,
@@ -257,7 +290,7 @@ pub(super) fn conclude(
         seed: options.seed,
     };
     tell(1.0, "done");
-    Diagnosis { report, addition, curves, before_um: before, after_um: after }
+    Diagnosis { report, addition, curves, before_um: before, after_um: after, budget, programs }
 }
 
 fn notes(session: &Session) -> Vec<String> {

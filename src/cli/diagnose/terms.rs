@@ -1,0 +1,324 @@
+//! Names, values and sentences of the diagnosis as a metrologist reads them, for the page and for the text on stdout.
+
+use std::collections::BTreeMap;
+
+use volcomp_diagnose::library::{Kind, page};
+use volcomp_diagnose::report::{Cause, Value, Verdict};
+use volcomp_diagnose::{Budget, Diagnosis};
+use volcomp_effects::extend::{Fate, extend};
+use volcomp_model::{Chain, ModelSpec};
+
+/// Coverage factor of all uncertainties shown.
+pub(super) const COVERAGE: f64 = 2.0;
+
+/// Name of an effect with its subject: `reversal error (backlash) of X`.
+pub(super) fn name(effect: &str, subject: &str) -> String {
+    let letters = subject.to_uppercase();
+    let subject = match letters.as_bytes() {
+        [a, b] => format!("{} to {}", *a as char, *b as char),
+        _ => letters,
+    };
+    page(effect)
+        .map_or_else(|| format!("{effect} {subject}").trim().to_owned(), |p| p.title.replace("{}", &subject))
+}
+
+/// The same from a label `effect:subject`.
+pub(super) fn name_of_label(label: &str) -> String {
+    let (effect, subject) = label.split_once(':').unwrap_or((label, ""));
+    name(effect, subject)
+}
+
+/// A number with so many decimals and the sign of mathematics; never minus zero.
+pub(super) fn number(v: f64, decimals: usize) -> String {
+    let text = format!("{v:.decimals$}");
+    if text.bytes().all(|b| matches!(b, b'-' | b'0' | b'.')) {
+        text.trim_start_matches('-').to_owned()
+    } else {
+        text.replace('-', "\u{2212}")
+    }
+}
+
+/// A length in um: two decimals below 10, one below 100, none above.
+pub(super) fn um(v: f64) -> String {
+    let decimals = if v.abs() < 9.995 { 2 } else { usize::from(v.abs() < 99.95) };
+    number(v, decimals)
+}
+
+/// A share as percent without decimals; `< 1 %` where it rounds to nothing.
+pub(super) fn percent(share: f64) -> String {
+    if share > 0.0 && share < 0.005 { "< 1 %".to_owned() } else { format!("{} %", number(100.0 * share, 0)) }
+}
+
+/// A value and its expanded uncertainty (k = 2) with two significant figures.
+pub(super) fn with_uncertainty(v: Value) -> String {
+    let expanded = COVERAGE * v.std;
+    if !(expanded.is_finite() && expanded > 0.0) {
+        let decimals = (2.0 - v.value.abs().max(1e-9).log10().floor()).clamp(0.0, 6.0) as usize;
+        let text = number(v.value, decimals);
+        return if text.contains('.') {
+            text.trim_end_matches('0').trim_end_matches('.').to_owned()
+        } else {
+            text
+        };
+    }
+    let decimals = (1.0 - expanded.log10().floor()).clamp(0.0, 6.0) as usize;
+    format!("{} ± {}", number(v.value, decimals), number(expanded, decimals))
+}
+
+/// `n reading` or `n readings`.
+pub(super) fn count(n: usize, one: &str) -> String {
+    if n == 1 { format!("1 {one}") } else { format!("{n} {one}s") }
+}
+
+/// Units at the end of a parameter's name, longest first, as a person writes them.
+const UNITS: [(&str, &str); 18] = [
+    ("_um_per_m_per_s2_per_m", "µm per m/s² and m"),
+    ("_arcsec_per_m_per_s2", "″ per m/s²"),
+    ("_um_per_n_to_the_power", "µm/N^p"),
+    ("_um_per_m_per_s2", "µm per m/s²"),
+    ("_um_per_1000rpm", "µm per 1000 rpm"),
+    ("_ppm_per_k", "µm/(m K)"),
+    ("_um_per_k", "µm/K"),
+    ("_um_per_m", "µm/m"),
+    ("_um_per_n", "µm/N"),
+    ("_arcsec", "″"),
+    ("_degc", "°C"),
+    ("_ppm", "µm/m"),
+    ("_um", "µm"),
+    ("_mm", "mm"),
+    ("_ms", "ms"),
+    ("_hz", "Hz"),
+    ("_s", "s"),
+    ("_1", ""),
+];
+
+/// True for coefficients of a series, which say nothing without the curve.
+fn is_coefficient(name: &str) -> bool {
+    let stem = name.strip_prefix("reversal_").unwrap_or(name);
+    ["p", "e", "cos", "sin"].iter().any(|start| {
+        stem.strip_prefix(start)
+            .is_some_and(|rest| rest.starts_with(|c: char| c.is_ascii_digit() || c == '_'))
+    })
+}
+
+/// Physical parameters of a cause with unit and expanded uncertainty (k = 2); coefficients of series are left out.
+pub(super) fn parameters(cause: &Cause) -> Vec<String> {
+    // what neither has a value nor an uncertainty was not seen
+    let seen = |v: &Value| v.value != 0.0 || v.std > 0.0;
+    let physical = cause.parameters.iter().filter(|(name, v)| !is_coefficient(name) && seen(v));
+    physical
+        .map(|(name, v)| {
+            let (stem, unit) = UNITS
+                .iter()
+                .find_map(|(end, unit)| name.strip_suffix(end).map(|stem| (stem, *unit)))
+                .unwrap_or((name, ""));
+            let mut text =
+                format!("{} {} {unit}", stem.trim_end_matches("_1").replace('_', " "), with_uncertainty(*v));
+            if unit == "″" {
+                // 1 arcsec is 4.848 um/m
+                let um_per_m = Value { value: 4.848_136_8 * v.value, std: 4.848_136_8 * v.std };
+                text = format!("{text} ({} µm/m)", with_uncertainty(um_per_m));
+            }
+            text.trim().to_owned()
+        })
+        .collect()
+}
+
+/// Peak to valley of the fitted curves of a cause, with its uncertainty; the largest where there are several.
+pub(super) fn peak_to_valley(found: &Diagnosis, label: &str) -> Option<Value> {
+    let curves = found.curves.iter().filter(|c| c.label == label && !c.lines.is_empty());
+    curves.map(|c| c.range_um).max_by(|a, b| a.value.total_cmp(&b.value))
+}
+
+/// Text of the diagnosis with names in the place of labels, and the unit as it is written.
+pub(super) fn with_names(text: &str) -> String {
+    let word = |word: &str| {
+        let bare = word.trim_matches([',', ';', '.', '(', ')']);
+        let effect = bare.split(':').next().unwrap_or(bare);
+        let is_label =
+            (bare.contains(':') || bare.contains('-')) && page(effect).is_some_and(|p| p.effect == effect);
+        match bare {
+            "um" => word.replace("um", "µm"),
+            _ if is_label => word.replace(bare, &name_of_label(bare)),
+            _ => word.to_owned(),
+        }
+    };
+    text.split(' ').map(word).collect::<Vec<_>>().join(" ")
+}
+
+/// Shares of the mean square of the gap: each cause, then what is unexplained, drift and noise. They add up to 1; a cause that
+/// makes readings held out worse has a negative one.
+pub(super) struct Shares {
+    causes: BTreeMap<String, f64>,
+    /// Neither cause nor drift nor noise.
+    pub(super) unexplained: f64,
+    /// Drift.
+    pub(super) drift: f64,
+    /// Noise.
+    pub(super) noise: f64,
+}
+
+impl Shares {
+    pub(super) fn of(budget: &Budget) -> Self {
+        let whole = budget.before.rms_um.powi(2).max(1e-18);
+        let mut before = budget.before.rms_um;
+        let mut causes = BTreeMap::new();
+        for (label, left) in &budget.steps {
+            causes.insert(label.clone(), (before.powi(2) - left.rms_um.powi(2)) / whole);
+            before = left.rms_um;
+        }
+        Self {
+            causes,
+            unexplained: budget.unexplained_um.powi(2) / whole,
+            drift: budget.drift_um.powi(2) / whole,
+            noise: budget.noise_um.powi(2) / whole,
+        }
+    }
+
+    /// Share of a cause, by its label.
+    pub(super) fn cause(&self, label: &str) -> Option<f64> {
+        self.causes.get(label).copied()
+    }
+}
+
+/// What volcompd does with each cause declared.
+pub(super) struct Compensable {
+    fates: BTreeMap<String, Fate>,
+    /// No model was given: a chain of three linear axes is assumed.
+    pub(super) is_assumed: bool,
+}
+
+impl Compensable {
+    /// Asks the model, or a chain of three linear axes without one.
+    pub(super) fn of(found: &Diagnosis, spec: Option<&ModelSpec>) -> Self {
+        let plain =
+            || Chain::parse("[w b X Y Z t]").ok().map(|chain| ModelSpec::new(&found.addition.machine, chain));
+        let fates = spec
+            .cloned()
+            .or_else(plain)
+            .and_then(|spec| extend(&spec, &[], &found.addition).ok())
+            .map(|extended| extended.fates.into_iter().collect())
+            .unwrap_or_default();
+        Self { fates, is_assumed: spec.is_none() }
+    }
+
+    /// In words.
+    pub(super) fn words(&self, cause: &Cause) -> String {
+        match self.fates.get(&cause.label()) {
+            Some(fate @ Fate::Taken(_)) => format!("yes, as {}", fate.symbols().join(" ")),
+            Some(Fate::Left(why)) => format!("no: {why}"),
+            None if cause.kind == Kind::Machine => "no".to_owned(),
+            None => "no: not an error of the machine".to_owned(),
+        }
+    }
+}
+
+/// What to do about an effect; empty where the catalogue has nothing.
+pub(super) fn remedy(effect: &str) -> &'static str {
+    page(effect).map_or("", |p| p.remedy)
+}
+
+fn listed(names: &[String]) -> String {
+    match names {
+        [] => String::new(),
+        [one] => one.clone(),
+        [first @ .., last] => format!("{} and {last}", first.join(", ")),
+    }
+}
+
+/// The verdict in one sentence.
+pub(super) fn headline(found: &Diagnosis) -> String {
+    let r = &found.report;
+    let repeating = |c: &&Cause| c.declared && c.kind != Kind::Stochastic;
+    let names: Vec<String> = r.causes.iter().filter(repeating).map(|c| name(&c.effect, &c.subject)).collect();
+    let (gap, noise) = (um(r.gap.rms_um), um(r.gap.noise_um));
+    let s = &r.shrink;
+    let after = format!(
+        "correcting {} is expected to leave {} µm RMS ({} % less, 90 % interval {} to {} %)",
+        if names.len() == 1 { "it" } else { "them" },
+        um(s.rms_after_um),
+        number(100.0 * s.fraction, 0),
+        number(100.0 * s.ci90[0], 0),
+        number(100.0 * s.ci90[1], 0)
+    );
+    match r.verdict {
+        Verdict::NoGap => {
+            format!("No significant gap: {gap} µm RMS, with a measurement noise of {noise} µm.")
+        }
+        Verdict::Unexplained => {
+            format!("The gap of {gap} µm RMS exceeds the noise of {noise} µm, and no cause is established.")
+        }
+        Verdict::Explained => {
+            let verb = if names.len() == 1 { "explains" } else { "explain" };
+            capital(&format!("{} {verb} the gap of {gap} µm RMS; {after}.", listed(&names)))
+        }
+        Verdict::PartlyExplained => {
+            let verb = if names.len() == 1 { "explains" } else { "explain" };
+            capital(&format!(
+                "{} {verb} part of the gap of {gap} µm RMS; {after}, of which {} µm is unexplained.",
+                listed(&names),
+                um(found.budget.unexplained_um)
+            ))
+        }
+    }
+}
+
+/// With a capital letter at the beginning.
+pub(super) fn capital(text: &str) -> String {
+    let mut letters = text.chars();
+    letters.next().map_or_else(String::new, |c| c.to_uppercase().chain(letters).collect())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn numbers_are_never_minus_zero_and_keep_their_figures() {
+        for (v, text) in
+            [(-0.001, "0.00"), (-1.5, "\u{2212}1.50"), (12.34, "12.3"), (123.4, "123"), (9.999, "10.0")]
+        {
+            assert_eq!(um(v), text);
+        }
+        assert_eq!(percent(-0.001), "0 %");
+        assert_eq!(percent(0.001), "< 1 %");
+        assert_eq!(count(1, "reading"), "1 reading");
+    }
+
+    #[test]
+    fn uncertainties_have_two_figures_and_values_as_many_decimals() {
+        let value = |value: f64, std: f64| Value { value, std };
+        assert_eq!(with_uncertainty(value(55.1234, 1.61)), "55.1 ± 3.2");
+        assert_eq!(with_uncertainty(value(-0.001, 0.06)), "0.00 ± 0.12");
+        assert_eq!(with_uncertainty(value(1234.0, 40.0)), "1234 ± 80");
+        assert_eq!(with_uncertainty(value(5.0, 0.0)), "5");
+    }
+
+    #[test]
+    fn coefficients_of_series_are_no_parameters_for_a_person() {
+        for name in ["p2_um", "reversal_p8_um", "e1_arcsec", "cos1_um", "sin2_x_um", "cos_arcsec"] {
+            assert!(is_coefficient(name), "{name}");
+        }
+        for name in ["pitch_mm", "width_um", "exponent_1", "expansion_ppm_per_k", "since_s", "p_um"] {
+            assert!(!is_coefficient(name) || name == "p_um", "{name}");
+        }
+    }
+
+    #[test]
+    fn labels_become_names_and_prose_stays() {
+        assert_eq!(
+            with_names("resembles scale:x, (ambient-drift) of 3 um; no load, scale or cold-start"),
+            "resembles linear positioning error (scale) of X, (thermal drift of the structure) of 3 µm; no load, scale or cold-start"
+        );
+    }
+
+    #[test]
+    fn every_effect_has_a_name_and_a_remedy() {
+        for p in volcomp_diagnose::library::PAGES {
+            assert!(!p.title.is_empty() && !p.remedy.is_empty(), "{}", p.effect);
+            assert_eq!(p.title.contains("{}"), !p.subject.is_empty(), "{}", p.effect);
+        }
+        assert_eq!(name_of_label("backlash:x"), "reversal error (backlash) of X");
+        assert_eq!(name_of_label("squareness:xy"), "squareness error of X to Y");
+    }
+}

@@ -1,0 +1,170 @@
+//! The gap from its size down to the noise, cause by cause, and what the correction of each cause alone achieves.
+//!
+//! Rule of combination: mean squares of the readings held out are subtracted one after the other, the cause that reduces the
+//! gap most first. The steps add up to the mean square of the gap by construction; a step of two correlated causes depends on
+//! their order, the sum does not. What the causes leave is divided into noise, drift and the rest, in this order.
+
+use super::super::Analysis;
+use super::super::assess::Assessed;
+use super::super::forecast::minus;
+use super::super::offsets::{peak99, rms, without_offsets};
+use super::super::report::Value;
+use super::super::session::Session;
+use super::{Fitted, drift_rms, white_rms};
+
+/// RMS and 99th percentile of the size of some readings, um.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Level {
+    /// RMS.
+    pub rms_um: f64,
+    /// Size that 99 % of the readings do not exceed.
+    pub peak99_um: f64,
+}
+
+/// A declared cause: its size and what its correction achieves on readings held out.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Correction {
+    /// `effect:subject`.
+    pub label: String,
+    /// RMS of the effect over the readings, um.
+    pub size_um: Value,
+    /// The gap where this cause alone is corrected.
+    pub alone: Level,
+    /// The gap where all other declared causes are corrected and this one is not.
+    pub all_others: Level,
+}
+
+/// The gap from its size down to the noise.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Budget {
+    /// The gap as measured.
+    pub before: Level,
+    /// Declared causes in the order in which they are subtracted, with what is left after each.
+    pub steps: Vec<(String, Level)>,
+    /// The gap without all declared causes.
+    pub after: Level,
+    /// Part of `after` that is neither noise nor drift, RMS, um.
+    pub unexplained_um: f64,
+    /// Part that is drift, RMS, um.
+    pub drift_um: f64,
+    /// Part that is noise, RMS, um.
+    pub noise_um: f64,
+    /// Each declared cause.
+    pub corrections: Vec<Correction>,
+}
+
+/// A part program: readings of one setup, with the same moving axes, feed and tool.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ProgramResidual {
+    /// `file:setup`.
+    pub setup: String,
+    /// Instrument.
+    pub instrument: String,
+    /// Letters of the axes that move.
+    pub axes: String,
+    /// Fastest feed, mm/min; none at rest or where it is unknown.
+    pub feed_mm_per_min: Option<f64>,
+    /// Length of the tool, mm.
+    pub tool_length_mm: Option<f64>,
+    /// Readings used.
+    pub readings: usize,
+    /// RMS of the gap, um.
+    pub before_um: f64,
+    /// RMS of the gap without the declared causes, um.
+    pub after_um: f64,
+}
+
+pub(super) fn budget(session: &Session, a: &Analysis, assessed: &[Assessed], fitted: &Fitted<'_>) -> Budget {
+    let level = |corrected: &[usize]| {
+        let take = |j: usize| corrected.contains(&fitted.owner[j]);
+        let left = without_offsets(session, &minus(&a.gap, &fitted.parts.held_out, take), &a.used);
+        Level { rms_um: rms(&left), peak99_um: peak99(&left) }
+    };
+    let declared: Vec<usize> = (0..assessed.len()).filter(|p| assessed[*p].declared).collect();
+    let before = level(&[]);
+    let after = level(&declared);
+    let mut corrected: Vec<usize> = Vec::new();
+    let mut steps = Vec::new();
+    while corrected.len() < declared.len() {
+        let rest = declared.iter().filter(|p| !corrected.contains(p));
+        let next = rest
+            .map(|p| (*p, level(&[&corrected[..], &[*p]].concat())))
+            .min_by(|(_, a), (_, b)| a.rms_um.total_cmp(&b.rms_um));
+        let Some((place, left)) = next else { break };
+        corrected.push(place);
+        steps.push((assessed[place].label.to_string(), left));
+    }
+    let corrections = declared
+        .iter()
+        .map(|place| {
+            let others: Vec<usize> = declared.iter().copied().filter(|p| p != place).collect();
+            Correction {
+                label: assessed[*place].label.to_string(),
+                size_um: fitted.size_um(session, a, *place),
+                alone: level(&[*place]),
+                all_others: level(&others),
+            }
+        })
+        .collect();
+    let whole = after.rms_um.powi(2);
+    let noise = white_rms(session, a).powi(2).min(whole);
+    let drift = drift_rms(session, a).powi(2).min(whole - noise);
+    Budget {
+        before,
+        steps,
+        after,
+        unexplained_um: (whole - noise - drift).max(0.0).sqrt(),
+        drift_um: drift.max(0.0).sqrt(),
+        noise_um: noise.sqrt(),
+        corrections,
+    }
+}
+
+/// The gap of each part program before and after, the largest left first.
+pub(super) fn programs(
+    session: &Session,
+    a: &Analysis,
+    before: &[f64],
+    after: &[f64],
+) -> Vec<ProgramResidual> {
+    let mut members: Vec<Vec<usize>> = vec![Vec::new(); a.problem.cells];
+    for (row, cell) in a.problem.rows.iter().zip(&a.problem.cell) {
+        members[*cell].push(*row);
+    }
+    let mut all: Vec<ProgramResidual> = members
+        .iter()
+        .filter_map(|rows| {
+            let first = &session.readings[*rows.first()?];
+            let of = |values: &[f64]| rms(&rows.iter().map(|i| values[*i]).collect::<Vec<_>>());
+            let moves = |slot: usize, least: f64| {
+                let positions = rows.iter().map(|i| session.moments[*i].position[slot]);
+                let (low, high) =
+                    positions.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), p| (l.min(p), h.max(p)));
+                high - low > least
+            };
+            let axes =
+                session.axes.iter().filter(|x| moves(x.slot(), if x.is_linear() { 1.0 } else { 0.01 }));
+            let speed = |i: &usize| {
+                (0..3)
+                    .map(|k| session.moments[*i].velocity[k].powi(2))
+                    .filter(|v| v.is_finite())
+                    .sum::<f64>()
+                    .sqrt()
+            };
+            let feed = 60.0 * rows.iter().map(speed).fold(0.0, f64::max);
+            let tool = session.moments[rows[0]].tool_length_mm;
+            Some(ProgramResidual {
+                setup: session.setups[first.setup].clone(),
+                instrument: session.instruments[first.instrument].clone(),
+                axes: axes.map(|x| x.to_string().to_uppercase()).collect(),
+                feed_mm_per_min: (feed > 0.1).then_some(feed),
+                tool_length_mm: tool.is_finite().then_some(tool),
+                readings: rows.len(),
+                before_um: of(before),
+                after_um: of(after),
+            })
+        })
+        .collect();
+    all.sort_by(|x, y| y.after_um.total_cmp(&x.after_um));
+    all
+}

@@ -1,0 +1,236 @@
+//! The quantity over which each effect is drawn, and what is divided out so that it is one curve.
+
+use super::super::library::{Lever, REFERENCE_DEGC, Shape};
+use super::super::moment::{Axis, Moment, Signal};
+use super::super::session::Session;
+use volcomp_model::geometry::unit;
+
+/// Lengths of travel after a reversal that are drawn, in transition lengths.
+const LENGTHS: f64 = 6.0;
+/// Time after a reversal that is drawn, in fall times.
+const FALLS: f64 = 6.0;
+
+/// Quantity of an abscissa.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Over {
+    Position(Axis),
+    /// Position within one period, mm.
+    Period(Axis, f64),
+    /// Distance since the last reversal, no more than so many mm.
+    SinceReversal(Axis, f64),
+    /// Time since the last reversal, no more than so many s.
+    TimeSinceReversal(Axis, f64),
+    Velocity(Axis),
+    /// Velocity along the direction of measurement.
+    VelocityAlongU,
+    Acceleration(Axis),
+    ToolLength,
+    Range,
+    Force(Axis),
+    Time,
+}
+
+/// What tells the lines of one picture apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Branch {
+    /// One line.
+    None,
+    /// Direction of travel.
+    Direction(Axis),
+    /// Length of the tool.
+    Tool,
+    /// File of the session, each with a clock of its own.
+    File,
+}
+
+/// Factor of an effect that is no abscissa.
+#[derive(Debug, Clone, PartialEq)]
+enum Weight {
+    One,
+    /// Component of the lever that turns into a displacement along `u`, mm.
+    Lever(Axis, Lever),
+    /// Temperature above a reference, K.
+    Warmth(Signal, f64),
+}
+
+/// How an effect is drawn.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) struct View {
+    over: Over,
+    branch: Branch,
+    weight: Weight,
+    /// The only direction in which it acts.
+    pub(super) along: Option<usize>,
+    /// It is drawn along the direction of measurement.
+    pub(super) is_along_u: bool,
+}
+
+impl View {
+    /// The view of a formula.
+    pub(super) fn of(shape: &Shape) -> Self {
+        let (over, branch, weight) = parts(shape);
+        let along = match shape {
+            Shape::Thermal { axis, .. } => Some(axis.direction()),
+            _ => shape.acts_along().map(Axis::direction),
+        };
+        let is_along_u =
+            matches!(weight, Weight::Lever(..)) || matches!(over, Over::VelocityAlongU | Over::Range);
+        Self { over, branch, weight, along: along.filter(|_| !is_along_u), is_along_u }
+    }
+
+    /// Quantity and unit of the abscissa.
+    pub(super) fn x_label(&self) -> String {
+        match self.over {
+            Over::Position(a) if a.is_linear() => format!("{a}, mm"),
+            Over::Position(a) => format!("{a}, °"),
+            Over::Period(a, pitch) => format!("{a} within one period of {} mm, mm", round_4(pitch)),
+            Over::SinceReversal(a, _) => format!("distance since the reversal of {a}, mm"),
+            Over::TimeSinceReversal(a, _) => format!("time since the reversal of {a}, s"),
+            Over::Velocity(a) if a.is_linear() => format!("velocity of {a}, mm/s"),
+            Over::Velocity(a) => format!("velocity of {a}, °/s"),
+            Over::VelocityAlongU => "velocity along the direction of measurement, mm/s".to_owned(),
+            Over::Acceleration(a) => format!("acceleration of {a}, mm/s²"),
+            Over::ToolLength => "tool length, mm".to_owned(),
+            Over::Range => "range, mm".to_owned(),
+            Over::Force(a) => format!("force along {a}, N"),
+            Over::Time => "time, h".to_owned(),
+        }
+    }
+
+    /// The abscissa of a reading.
+    pub(super) fn x(&self, m: &Moment) -> f64 {
+        match self.over {
+            Over::Position(a) if a.is_linear() => m.position[a.slot()],
+            Over::Position(a) => m.position[a.slot()].to_degrees(),
+            Over::Period(a, pitch) => m.position[a.slot()].rem_euclid(pitch),
+            Over::SinceReversal(a, most) => m.since_mm[a.slot()].abs().min(most),
+            Over::TimeSinceReversal(a, most) => m.since_s[a.slot()].min(most),
+            Over::Velocity(a) if a.is_linear() => m.velocity[a.slot()],
+            Over::Velocity(a) => m.velocity[a.slot()].to_degrees(),
+            Over::VelocityAlongU => (0..3).filter(|k| m.u[*k] != 0.0).map(|k| m.velocity[k] * m.u[k]).sum(),
+            Over::Acceleration(a) => m.acceleration[a.slot()],
+            Over::ToolLength => m.tool_length_mm,
+            Over::Range => m.range_mm,
+            Over::Force(a) => m.force_n[a.direction()],
+            Over::Time => m.t_s / 3600.0,
+        }
+    }
+
+    /// Factor that is divided out.
+    pub(super) fn weight(&self, m: &Moment, session: &Session) -> f64 {
+        match &self.weight {
+            Weight::One => 1.0,
+            Weight::Lever(about, lever) => unit(about.direction()).cross(&lever.at(m)).dot(&m.u),
+            Weight::Warmth(signal, reference) => {
+                session.signal(signal).map_or(f64::NAN, |k| m.signals[k] - reference)
+            }
+        }
+    }
+
+    /// What is said of the factor; `{}` is its value.
+    pub(super) fn weight_text(&self) -> Option<String> {
+        match &self.weight {
+            Weight::One => None,
+            Weight::Lever(..) => Some("scaled to a lever of {} mm".to_owned()),
+            Weight::Warmth(_, reference) => Some(format!("scaled to {{}} K above {reference:.1} °C")),
+        }
+    }
+
+    /// What is said of readings beyond the end of the abscissa.
+    pub(super) const fn end_text(&self) -> &'static str {
+        match self.over {
+            Over::SinceReversal(..) | Over::TimeSinceReversal(..) => {
+                "readings farther from the reversal stand at the right edge"
+            }
+            _ => "",
+        }
+    }
+
+    /// Line of each reading.
+    pub(super) fn lines(&self, session: &Session) -> Vec<i64> {
+        let of = |m: &Moment| match self.branch {
+            Branch::None => 0,
+            Branch::Direction(a) if m.direction[a.slot()] > 0.0 => -1,
+            Branch::Direction(a) if m.direction[a.slot()] < 0.0 => -2,
+            Branch::Direction(_) => -3,
+            Branch::Tool if m.tool_length_mm.is_finite() => 1_000_000 + m.tool_length_mm.round() as i64,
+            Branch::Tool => 0,
+            Branch::File => 1 + m.file as i64,
+        };
+        session.moments.iter().map(of).collect()
+    }
+
+    /// Name of a line; empty where there is only one.
+    pub(super) fn line_name(session: &Session, line: i64) -> String {
+        match line {
+            0 => String::new(),
+            -1 => "travel in + direction".to_owned(),
+            -2 => "travel in − direction".to_owned(),
+            -3 => "before the first move".to_owned(),
+            l if l >= 1_000_000 => format!("tool of {} mm", l - 1_000_000),
+            l => {
+                let file = usize::try_from(l - 1).ok().and_then(|k| session.files.get(k));
+                if session.files.len() > 1 { file.cloned().unwrap_or_default() } else { String::new() }
+            }
+        }
+    }
+}
+
+/// Four decimals without trailing zeros.
+fn round_4(v: f64) -> f64 {
+    (1e4 * v).round() / 1e4
+}
+
+fn parts(shape: &Shape) -> (Over, Branch, Weight) {
+    let plain = |over| (over, Branch::None, Weight::One);
+    match shape {
+        Shape::Squareness { over, .. } | Shape::Polynomial { over, .. } => plain(Over::Position(*over)),
+        Shape::Angular { about, over, lever, .. } => {
+            (Over::Position(*over), Branch::None, Weight::Lever(*about, *lever))
+        }
+        Shape::Scale { axis } | Shape::Wear { axis, .. } | Shape::RotaryMotion { axis, .. } => {
+            plain(Over::Position(*axis))
+        }
+        Shape::Cyclic { axis, pitch_mm, .. } => plain(Over::Period(*axis, *pitch_mm)),
+        Shape::Reverse { axis, .. } => (Over::Position(*axis), Branch::Direction(*axis), Weight::One),
+        Shape::Backlash { axis, length_mm, .. } => {
+            let over = if *length_mm > 0.0 {
+                Over::SinceReversal(*axis, LENGTHS * length_mm)
+            } else {
+                Over::Position(*axis)
+            };
+            (over, Branch::Direction(*axis), Weight::One)
+        }
+        Shape::Spike { axis, fall_s, .. } => {
+            (Over::TimeSinceReversal(*axis, FALLS * fall_s), Branch::Direction(*axis), Weight::One)
+        }
+        Shape::Sag { axis, .. } | Shape::Ram { axis, .. } => {
+            (Over::Position(*axis), Branch::Tool, Weight::One)
+        }
+        Shape::Thermal { axis, signal, reference_degc, .. } => {
+            (Over::Position(*axis), Branch::None, Weight::Warmth(signal.clone(), *reference_degc))
+        }
+        Shape::RotaryLocation { frame, .. }
+        | Shape::RotaryEccentricity { frame, .. }
+        | Shape::RotaryScale { frame } => plain(Over::Position(frame.axis)),
+        Shape::RotaryLag { frame } => plain(Over::Velocity(frame.axis)),
+        Shape::RotaryBacklash { frame } => {
+            (Over::Position(frame.axis), Branch::Direction(frame.axis), Weight::One)
+        }
+        Shape::Lag { axes, .. } if axes.len() == 1 => plain(Over::Velocity(axes[0])),
+        Shape::Lag { .. } | Shape::ClockSkew { .. } => plain(Over::VelocityAlongU),
+        Shape::Friction { axis } => plain(Over::Velocity(*axis)),
+        Shape::Inertial { axis, .. } => plain(Over::Acceleration(*axis)),
+        Shape::InertialTilt { axis, about, lever } if about.len() == 1 => {
+            (Over::Acceleration(*axis), Branch::None, Weight::Lever(about[0], *lever))
+        }
+        Shape::InertialTilt { axis, .. } => plain(Over::Acceleration(*axis)),
+        Shape::SpindleTilt | Shape::ToolLength => plain(Over::ToolLength),
+        Shape::DeadPath { signal, .. } | Shape::TrackerScale { signal: Some(signal), .. } => {
+            (Over::Range, Branch::None, Weight::Warmth(signal.clone(), REFERENCE_DEGC))
+        }
+        Shape::TrackerScale { .. } => plain(Over::Range),
+        Shape::Load { axis, .. } => plain(Over::Force(*axis)),
+        Shape::Growth { .. } | Shape::Step { .. } => (Over::Time, Branch::File, Weight::One),
+    }
+}
