@@ -229,11 +229,14 @@ fn a_test_of_minutes_says_nothing_of_the_warmth_of_a_day() {
     assert_eq!(declared(&d.report), ["rotary-motion:c"], "{}", table(&d.report));
 }
 
+/// Instrument, setup and direction of sensitivity.
+type Mounting<'a> = (&'a str, i64, [i64; 3]);
+
 /// Share of what the machine does (sum of squares, without the offset of each setup along each direction) that the effects of an
 /// addition express, at the rows where the table stands at zero.
 fn expressed(campaign: &Campaign, truth: &dyn Fn(&State) -> [f64; 3], addition: &Addition) -> f64 {
     let mut evaluator = Evaluator::new([addition]);
-    let mut groups: BTreeMap<(&str, i64, [i64; 3]), Vec<[f64; 2]>> = BTreeMap::new();
+    let mut groups: BTreeMap<Mounting<'_>, Vec<[f64; 2]>> = BTreeMap::new();
     for s in campaign.states.iter().filter(|s| s.c == 0.0) {
         let wide = |v: [f64; 3], rest: f64| [v[0], v[1], v[2], rest, rest, rest];
         let mut m = MachineState {
