@@ -55,12 +55,18 @@ pub struct Structure {
     near: DMatrix<f64>,
     /// Mean state of each group.
     means: Vec<Moment>,
+    /// Number of distinct places.
+    places: usize,
 }
 
 impl Structure {
     /// Allows an effect to differ from its formula: a free curve by any rougher function of the same position in the same
     /// direction, anything else by a factor that varies smoothly over the place. `part` is what it does at each reading.
     pub fn misform(&mut self, label: usize, shape: &Shape, part: &DVector<f64>) {
+        // at one place a factor over the place is the size of the effect itself
+        if self.places <= PLACES_MIN {
+            return;
+        }
         let n = part.len();
         let curve = shape.acts_along().zip(shape.over()).filter(|_| shape.is_free_curve());
         let m = if let Some((along, over)) = curve {
@@ -197,7 +203,7 @@ impl Structure {
         }
         let offsets = offsets(session, &groups);
         let near = build(&|i, j| (-distance(i, j) / LENGTHS[LENGTHS.len() - 1]).exp());
-        Self { groups, white, components, offsets, duration_s, near, means }
+        Self { groups, white, components, offsets, duration_s, near, means, places }
     }
 }
 
