@@ -108,7 +108,15 @@ pub(super) fn budget(session: &Session, a: &Analysis, assessed: &[Assessed], fit
         .collect();
     let whole = after.rms_um.powi(2);
     let noise = white_rms(session, a).powi(2).min(whole);
-    let drift = drift_rms(session, a).powi(2).min(whole - noise);
+    let beyond = (whole - noise).max(0.0);
+    let drift = match &a.comparison {
+        // drift and discrepancy share what is left as their posterior means do
+        Some(c) => {
+            let structured = c.shares.drift_um2 + c.shares.discrepancy_um2;
+            if structured > 0.0 { beyond * c.shares.drift_um2 / structured } else { 0.0 }
+        }
+        None => drift_rms(session, a).powi(2).min(beyond),
+    };
     Budget {
         before,
         steps,
