@@ -271,12 +271,12 @@ fn expressed(campaign: &Campaign, truth: &dyn Fn(&State) -> [f64; 3], addition: 
     if tt * ss > 0.0 { ts * ts / (tt * ss) } else { 0.0 }
 }
 
-#[test]
-fn an_effect_that_is_taken_out_is_not_pinned_on_an_innocent_one() {
+/// Cases `range` in which the diagnosis, without the true effect in its library, declares an innocent one or no gap.
+fn pinned_on_an_innocent_one(range: std::ops::RangeInclusive<&str>) -> Vec<(&'static str, String)> {
     let campaign = Campaign::full();
     let lagged = Lagged::of_the_campaign();
     let mut wrong = Vec::new();
-    for (label, truth) in cases(&lagged) {
+    for (label, truth) in cases(&lagged).into_iter().filter(|(label, _)| range.contains(label)) {
         let effect = label.split(':').next().unwrap();
         let d = run(&campaign, &*truth, NOISE, &[effect]);
         let r = &d.report;
@@ -301,11 +301,22 @@ fn an_effect_that_is_taken_out_is_not_pinned_on_an_innocent_one() {
             wrong.push((label, format!("{label}: {innocent:?}, overlap {overlap:.3}\n{}", table(r))));
         }
     }
+    wrong
+}
+
+#[test]
+fn an_effect_that_is_taken_out_is_not_pinned_on_an_innocent_one_a_to_r() {
+    let wrong = pinned_on_an_innocent_one("a"..="s");
+    assert!(wrong.is_empty(), "{wrong:#?}");
+}
+
+#[test]
+fn an_effect_that_is_taken_out_is_not_pinned_on_an_innocent_one_s_to_z() {
+    let wrong = pinned_on_an_innocent_one("s"..="z");
     // open: its declared angular error expresses 0.83 of it (docs/development/third-generator.md)
     let open = ["squareness:zx"];
     let found: Vec<&str> = wrong.iter().map(|(label, _)| *label).collect();
-    let tables: Vec<&str> = wrong.iter().map(|(_, table)| table.as_str()).collect();
-    assert_eq!(found, open, "{}", tables.join("\n"));
+    assert_eq!(found, open, "{wrong:#?}");
 }
 
 #[test]

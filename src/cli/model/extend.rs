@@ -12,8 +12,8 @@ use volcomp_effects::extend::{Fate, extend};
 /// Put effects that `volcomp diagnose` has found into a model, so that volcompd takes them out
 ///
 /// Effects of position become tables or constants of an error motion; effects of direction, velocity and acceleration become
-/// dynamic terms of it ([errors.exx.reversal], .velocity, ..); effects of the tool length go to [tool]; effects of
-/// temperature or spindle speed become growths ([thermal.NAME]; volcompd needs a sensor of that name). The model is
+/// dynamic terms of it ([errors.exx.reversal], .velocity, ..); effects of the tool length go to the section `tool`; effects
+/// of temperature or spindle speed become growths ([thermal.NAME]; volcompd needs a sensor of that name). The model is
 /// compared with the addition over the working volume before it is written. Effects that stay out are listed with the
 /// reason. With the report of the diagnosis (report.json beside the addition, or --report) each line states how much of
 /// the forecast shrink the model can deliver. volcompd takes the new model through its change guard.
