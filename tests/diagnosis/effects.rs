@@ -277,7 +277,7 @@ fn pinned_on_an_innocent_one(range: std::ops::RangeInclusive<&str>) -> Vec<(&'st
     let lagged = Lagged::of_the_campaign();
     let mut wrong = Vec::new();
     for (label, truth) in cases(&lagged).into_iter().filter(|(label, _)| range.contains(label)) {
-        let effect = label.split(':').next().unwrap();
+        let effect = label.split_once(':').map_or(label, |(effect, _)| effect);
         let d = run(&campaign, &*truth, NOISE, &[effect]);
         let r = &d.report;
         // what says the same by another name, alone or as a sum, is no innocent: it is marked, or the columns tell
