@@ -155,42 +155,26 @@ impl Cause {
     }
 }
 
-/// Figures of the gates.
+/// Figures by which a cause was judged.
 #[derive(Debug, Clone, Copy, PartialEq, Serialize)]
 pub struct Tests {
     /// Twice the logarithm of the Bayes factor.
     pub evidence: f64,
     /// What noise alone reaches.
     pub threshold: f64,
-    /// Same in all programmes: 1 is perfect.
-    pub invariance: f64,
-    /// Same at all places: 1 is perfect.
-    pub place: f64,
-    /// Student's t of the runs.
-    pub run_t: f64,
+    /// Logarithm of the Bayes factor of one effect against effects of its form that differ between programs, places and runs.
+    pub agreement: f64,
+    /// Posterior mean of its deviation between them, as a share of itself.
+    pub between: f64,
     /// Share that holds on runs left out.
     pub held_out: f64,
     /// Cosine between what it does and what the others do.
     pub against: f64,
-    /// What it explains by itself, as a share of what it explains beside the others.
-    pub alone: f64,
-    /// Best other effect in its place, as a share of its gain.
-    pub rival: f64,
-    /// What repeats and stays where it acts, as a share of what it explains.
-    pub misfit: f64,
-    /// Its share of what is explained where it acts.
-    pub weight: f64,
     /// How much it surely grows from the middle of another axis to its end, as a share of itself.
     pub grows: f64,
-    /// Decades of its gain per reading.
-    pub size: f64,
     /// How far it varies over the volume, relative, RMS; 0 where the data ask for no variation.
     pub varies: f64,
-    /// What nobody stands by in its direction, as a multiple of what it explains.
-    pub company: f64,
-    /// Share that is surely missing in the programme, and at the place, that shows least of what is expected there.
-    pub absent: [f64; 2],
-    /// In how many programmes it shows, each counted by its share.
+    /// In how many programs it shows, each counted by its share.
     pub breadth: f64,
     /// Its share among the effects that explain nearly as much.
     pub share: f64,

@@ -554,16 +554,8 @@ pub(crate) fn table(r: &Report) -> String {
     for c in &r.causes {
         let t = c.tests.map_or(String::new(), |t| {
             format!(
-                "ev {:.0}/{:.0} inv {:.3} place {:.3} t {:.1} cv {:.2} rival {:.2} against {:.2} alone {:.2}",
-                t.evidence,
-                t.threshold,
-                t.invariance,
-                t.place,
-                t.run_t,
-                t.held_out,
-                t.rival,
-                t.against,
-                t.alone
+                "ev {:.0}/{:.0} agreement {:.1} between {:.2} cv {:.2} against {:.2} grows {:.2}",
+                t.evidence, t.threshold, t.agreement, t.between, t.held_out, t.against, t.grows
             )
         });
         let _ = writeln!(

@@ -49,7 +49,7 @@ pub(super) fn causes(
             re_expression_of: Vec::new(),
             parameters,
             shrink,
-            remark: x.remark.clone(),
+            remark: x.why_not(),
             tests: Some(tests(x, a)),
         });
     }
@@ -106,7 +106,7 @@ pub(super) fn rejected(pruned: &[Assessed], a: &Analysis, listed: &[Cause]) -> V
             re_expression_of: Vec::new(),
             parameters: BTreeMap::new(),
             shrink: 0.0,
-            remark: x.remark.clone(),
+            remark: x.why_not(),
             tests: Some(tests(x, a)),
         })
         .collect()
@@ -116,21 +116,13 @@ fn tests(x: &Assessed, a: &Analysis) -> Tests {
     Tests {
         evidence: x.found.evidence,
         threshold: a.selection.threshold,
-        invariance: x.gates.invariance,
-        place: x.gates.place,
-        run_t: x.gates.run_t,
+        agreement: x.gates.agreement.log_bayes,
+        between: x.gates.agreement.between,
         held_out: x.gates.held_out,
         against: x.gates.against,
-        alone: x.gates.alone,
-        rival: x.gates.rival,
-        misfit: x.gates.misfit,
-        weight: x.gates.weight,
         grows: x.gates.grows,
-        size: x.gates.size,
         varies: x.gates.varies,
-        company: x.gates.company,
         breadth: x.gates.breadth,
-        absent: x.gates.absent,
         share: x.share,
     }
 }

@@ -11,7 +11,7 @@ use super::super::localise::localise;
 use super::super::noise::Random;
 use super::super::offsets::{peak99, rms, without_offsets};
 use super::super::report::{Shrink, Unexplained};
-use super::super::search::{Found, Gates};
+use super::super::search::{Agreement, Found, Gates};
 use super::super::session::Session;
 use super::left::LARGE_DRIFT;
 
@@ -24,22 +24,12 @@ const DRAWS: usize = 400;
 
 /// Figures of gates that were not asked.
 const UNASKED: Gates = Gates {
-    invariance: 1.0,
-    place: 1.0,
-    run_t: 0.0,
+    agreement: Agreement { log_bayes: 0.0, between: 0.0 },
     held_out: 1.0,
-    rival: 0.0,
     against: 0.0,
-    alone: 1.0,
     breadth: 1.0,
-    absent: [0.0; 2],
-    misfit: 0.0,
-    weight: 1.0,
     grows: 0.0,
-    size: 0.0,
     varies: 0.0,
-    is_heat: false,
-    company: 0.0,
 };
 
 /// The members of the likeliest set, in the order of the selection.

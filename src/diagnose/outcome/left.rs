@@ -128,9 +128,7 @@ fn looks_like(
         words.push(format!("it goes with {}", factors.join(", with ")));
     }
     for x in proxies {
-        let why =
-            if x.remark.is_empty() { "the probability is too low".to_owned() } else { x.remark.clone() };
-        words.push(format!("resembles {}, but {why}", x.label));
+        words.push(format!("resembles {}, but {}", x.label, x.why_not()));
     }
     for c in drifting {
         let n = a.noise[*c];

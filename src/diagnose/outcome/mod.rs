@@ -4,20 +4,18 @@ mod again;
 mod budget;
 mod causes;
 mod chance;
-mod company;
 mod compared;
 mod curves;
 mod fitted;
 mod handover;
 mod left;
-mod misfit;
 mod product;
 mod views;
 mod worth;
 
 use super::addition::Addition;
 use super::another_day::Day;
-use super::assess::{Assessed, assess, overshadow, prune};
+use super::assess::{Assessed, assess, prune};
 use super::forecast::{Contributions, contributions, forecast, minus};
 use super::leftover::structure;
 use super::library::Kind;
@@ -137,11 +135,8 @@ pub(super) fn conclude(
         Some(c) => compared::assessed(&a, c),
         None => assess(&mut a.problem, &a.library, &a.selection),
     };
-    if a.comparison.is_some() {
-        // evidence has taken everything into account
-    } else if gated {
-        misfit::weigh(session, &a, &mut assessed);
-    } else {
+    // where sets were compared, evidence has taken everything into account
+    if a.comparison.is_none() && !gated {
         for x in &mut assessed {
             (x.declared, x.probability, x.group_probability) = (true, 1.0, 1.0);
             x.remark.clear();
@@ -164,8 +159,6 @@ pub(super) fn conclude(
         // the control's own encoders see the servo, which depends on no place
         if !a.problem.precise {
             product::weigh(session, &a, &parts, &owner, &mut assessed);
-            overshadow(&a.library, &mut assessed);
-            company::weigh(&a, &mut assessed);
         }
         worth::keep(session, &a, &parts, &owner, &mut assessed);
         chance::doubt(session, &a, &parts, &owner, &mut assessed);
