@@ -488,6 +488,7 @@ fn why_not(g: &Gates) -> String {
 
 #[cfg(test)]
 mod tests {
+    use super::super::search::Agreement;
     use super::{Gates, logistic};
 
     const GOOD: Gates = Gates {
@@ -507,6 +508,7 @@ mod tests {
         varies: 0.0,
         is_heat: false,
         company: 0.0,
+        agreement: Agreement { log_bayes: 10.0, between: 0.1 },
     };
 
     #[test]

@@ -149,12 +149,12 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
     }
     let by_label = library.by_label();
     let grid: Vec<usize> = by_label.iter().map(Vec::len).collect();
-    let mut round = 0;
+    let (mut round, mut raw) = (0, search::RawColumns::default());
     loop {
         tell(0.1 + 0.25 * round as f64, "columns of all effects");
         let filter = Filter::new(session, &class_noise, &used);
         let white: Vec<f64> = class_noise.iter().map(|c| c.white_um).collect();
-        let mut problem = Problem::new(session, &library, &filter, &gap, &white);
+        let mut problem = Problem::next(session, &library, &mut raw, &filter, &gap, &white);
         let is_plain = ablation == Ablation::Plain;
         let threshold =
             if is_plain { 0.0 } else { search::threshold(&problem, &library, &grid, options.seed) };

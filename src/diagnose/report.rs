@@ -194,6 +194,10 @@ pub struct Tests {
     pub breadth: f64,
     /// Its share among the effects that explain nearly as much.
     pub share: f64,
+    /// Logarithm of the Bayes factor of one effect against effects of its form that differ between programs, places and runs.
+    pub agreement: f64,
+    /// Posterior mean of its deviation between them, as a share of itself.
+    pub between: f64,
 }
 
 /// How far the gap shrinks.

@@ -132,6 +132,8 @@ fn tests(x: &Assessed, a: &Analysis) -> Tests {
         breadth: x.gates.breadth,
         absent: x.gates.absent,
         share: x.share,
+        agreement: x.gates.agreement.log_bayes,
+        between: x.gates.agreement.between,
     }
 }
 

@@ -11,7 +11,7 @@ use super::super::localise::localise;
 use super::super::noise::Random;
 use super::super::offsets::{peak99, rms, without_offsets};
 use super::super::report::{Shrink, Unexplained};
-use super::super::search::{Found, Gates};
+use super::super::search::{Agreement, Found, Gates};
 use super::super::session::Session;
 use super::left::LARGE_DRIFT;
 
@@ -40,6 +40,7 @@ const UNASKED: Gates = Gates {
     varies: 0.0,
     is_heat: false,
     company: 0.0,
+    agreement: Agreement { log_bayes: 0.0, between: 0.0 },
 };
 
 /// The members of the likeliest set, in the order of the selection.

@@ -7,6 +7,7 @@ use nalgebra::DVector;
 
 use super::super::library::{Library, Shape};
 use super::super::moment::{Axis, SLOTS};
+use super::agreement::{Agreement, agreement};
 use super::problem::Problem;
 use super::select::{Found, Selection};
 use super::small::Factor;
@@ -53,6 +54,8 @@ pub struct Gates {
     pub is_heat: bool,
     /// What nobody stands by in its direction, as a multiple of what it explains; found after the gates.
     pub company: f64,
+    /// Agreement between programs with the places within, and with the runs within: the lesser of both.
+    pub agreement: Agreement,
 }
 
 /// Least invariance.
@@ -101,19 +104,19 @@ impl Gates {
 
 /// Products of some columns and the gap over a part of the rows.
 #[derive(Clone)]
-struct Part {
-    g: Vec<f64>,
-    b: Vec<f64>,
+pub(super) struct Part {
+    pub(super) g: Vec<f64>,
+    pub(super) b: Vec<f64>,
     yy: f64,
-    rows: usize,
+    pub(super) rows: usize,
 }
 
 impl Part {
-    fn new(n: usize) -> Self {
+    pub(super) fn new(n: usize) -> Self {
         Self { g: vec![0.0; n * n], b: vec![0.0; n], yy: 0.0, rows: 0 }
     }
 
-    fn add(&mut self, x: &[f64], y: f64) {
+    pub(super) fn add(&mut self, x: &[f64], y: f64) {
         let n = self.b.len();
         for i in 0..n {
             for j in 0..n {
@@ -237,7 +240,25 @@ pub fn gates(
         varies: varying.map_or(0.0, |e| e.rms),
         is_heat: matches!(library.variants[selection.chosen[place]].shape, Shape::Thermal { .. }),
         company: 0.0,
+        agreement: {
+            let by_place = within(problem, &mine, &partial, (&places.of, places.count));
+            by_place.and(within(problem, &mine, &partial, (&problem.block, problem.blocks)))
+        },
     }
+}
+
+/// Agreement of an effect between programs and the parts within them.
+fn within(
+    problem: &Problem,
+    mine: &[usize],
+    partial: &DVector<f64>,
+    (of, count): (&[usize], usize),
+) -> Agreement {
+    let all = parts(problem, mine, partial, |i| of[i], count);
+    let mut program = vec![0; count];
+    of.iter().zip(&problem.cell).for_each(|(part, cell)| program[*part] = *cell);
+    let pairs: Vec<(usize, &Part)> = program.into_iter().zip(&all).collect();
+    agreement(&pairs).unwrap_or_default()
 }
 
 fn invariance(problem: &Problem, mine: &[usize], partial: &DVector<f64>, of: &[usize], count: usize) -> f64 {

@@ -1,5 +1,6 @@
 //! The search for causes in the whitened problem.
 
+mod agreement;
 mod gates;
 mod instead;
 mod lines;
@@ -13,11 +14,12 @@ mod small;
 mod tests;
 mod variation;
 
+pub use agreement::Agreement;
 pub use gates::{
     ABSENT, AGAINST, FOLD_RIDGE, FOLDS, Gates, HELD_OUT, INVARIANCE, PLACE, RIVAL, RUN_T, fold_of, gates,
 };
 pub use instead::{challenge, one_delay, one_tilt, one_worn_place};
-pub use problem::{Given, Problem, raw_columns};
+pub use problem::{Given, Problem, RawColumns, raw_columns};
 pub use refine::refine;
 pub use screw::find_pitches;
 pub use select::{CURVES, Found, Selection, evidence, threshold};

@@ -86,13 +86,76 @@ pub fn raw_columns(session: &Session, library: &Library, rows: &[usize]) -> Vec<
     data
 }
 
+/// Most values of raw columns that are kept: 256 MB.
+const KEPT_MAX: usize = 1 << 25;
+
+/// Raw columns that are the same from one round to the next.
+#[derive(Debug, Clone, Default)]
+pub struct RawColumns {
+    shapes: Vec<Shape>,
+    data: Vec<f64>,
+}
+
+impl RawColumns {
+    /// The columns of a library at the same rows as before; only those of new shapes are computed.
+    fn of(&mut self, session: &Session, library: &Library, rows: &[usize]) -> Vec<f64> {
+        let width = library.width();
+        if self.data.len() != rows.len() * width || self.shapes.len() != library.variants.len() {
+            let data = raw_columns(session, library, rows);
+            if data.len() <= KEPT_MAX {
+                self.shapes = library.variants.iter().map(|v| v.shape.clone()).collect();
+                self.data.clone_from(&data);
+            }
+            return data;
+        }
+        let mut at = 0;
+        for (known, v) in self.shapes.iter_mut().zip(&library.variants) {
+            let k = v.shape.width();
+            if *known != v.shape {
+                let own = raw(session, rows, &v.shape);
+                for (row, values) in self.data.chunks_exact_mut(width).zip(own.chunks_exact(k)) {
+                    row[at..at + k].copy_from_slice(values);
+                }
+                *known = v.shape.clone();
+            }
+            at += k;
+        }
+        self.data.clone()
+    }
+}
+
 impl Problem {
     /// Filters gap and columns.
     #[must_use]
     pub fn new(session: &Session, library: &Library, filter: &Filter, gap: &[f64], white_um: &[f64]) -> Self {
+        let raw = raw_columns(session, library, &filter.members());
+        Self::of_raw(raw, session, library, filter, (gap, white_um))
+    }
+
+    /// The same, with raw columns of a round before.
+    #[must_use]
+    pub fn next(
+        session: &Session,
+        library: &Library,
+        raw: &mut RawColumns,
+        filter: &Filter,
+        gap: &[f64],
+        white_um: &[f64],
+    ) -> Self {
+        let raw = raw.of(session, library, &filter.members());
+        Self::of_raw(raw, session, library, filter, (gap, white_um))
+    }
+
+    fn of_raw(
+        raw: Vec<f64>,
+        session: &Session,
+        library: &Library,
+        filter: &Filter,
+        (gap, white_um): (&[f64], &[f64]),
+    ) -> Self {
         let rows = filter.order().to_vec();
         let width = library.width();
-        let mut data = filter.mean(raw_columns(session, library, &filter.members()), width);
+        let mut data = filter.mean(raw, width);
         let mut before = vec![0.0; width];
         for (row, i) in data.chunks_exact(width.max(1)).zip(&rows) {
             let s = white_um[session.readings[*i].instrument];

@@ -50,6 +50,7 @@ impl Source {
         fresh: bool,
     ) -> Result<(Case, Written), Failure> {
         let folder = &outputs.folder;
+        let is_there = args.again && folder.join("model.toml").exists();
         if let (Some(program), Truth::Multibody(wanted)) = (&self.program, &case.truth) {
             let at =
                 |path: &Path| std::path::absolute(path).map_err(|e| Failure::in_file(EX_SOFTWARE, path, e));
@@ -58,7 +59,9 @@ impl Source {
             let text = serde_json::to_string(wanted).map_err(|e| Failure::new(EX_SOFTWARE, e))?;
             save(&request, &text)?;
             let words = [Path::new("case"), &request, &at(folder)?, &truth];
-            program.run(Path::new("."), &words.map(|w| w.display().to_string()))?;
+            if !is_there {
+                program.run(Path::new("."), &words.map(|w| w.display().to_string()))?;
+            }
             let truth: CaseTruth = serde_json::from_str(&read(&truth, InputKind::Table)?)
                 .map_err(|e| Failure::in_file(EX_SOFTWARE, &truth, e))?;
             let became = Case {
@@ -70,6 +73,10 @@ impl Source {
             let sessions = truth.columns.keys().cloned().collect::<BTreeSet<_>>();
             let sessions = if sessions.is_empty() { csv_files(folder)? } else { sessions };
             return Ok((became, Written { sessions: sessions.into_iter().collect(), truth: Some(truth) }));
+        }
+        if is_there {
+            let sessions = csv_files(folder)?.into_iter().collect();
+            return Ok((case.clone(), Written { sessions, truth: None }));
         }
         let write = |folder: &Path, day: u64| {
             let files = case.truth.files(args.plan, day).map_err(|e| Failure::new(EX_SOFTWARE, e))?;

@@ -94,6 +94,9 @@ pub(super) struct Args {
     /// Keep the session files of the cases.
     #[arg(long)]
     keep: bool,
+    /// Ask the tool again about cases whose session files were kept in OUT.
+    #[arg(long, requires = "keep")]
+    again: bool,
     /// Print the figures as JSON, too.
     #[arg(long)]
     json: bool,
