@@ -16,6 +16,7 @@ mod namespaces;
 mod peers;
 mod stalls;
 mod trace;
+mod withheld;
 
 use control::{Cnc, Wiring};
 use daemon::Daemon;
