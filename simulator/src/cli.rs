@@ -202,6 +202,7 @@ fn make_folder(path: impl AsRef<Path>) -> std::io::Result<()> {
 }
 
 /// Removes a file, or a folder with its content.
+#[cfg(feature = "diagnosis")]
 #[expect(clippy::disallowed_methods, reason = "the one place that removes files")]
 fn remove(path: &Path) -> std::io::Result<()> {
     if path.is_dir() { std::fs::remove_dir_all(path) } else { std::fs::remove_file(path) }

@@ -44,6 +44,10 @@ pub(super) fn is_instrument(head: &[u8]) -> bool {
 }
 
 /// A positioning test with what its file states beside the readings.
+#[cfg_attr(
+    not(feature = "diagnosis"),
+    expect(dead_code, reason = "the diagnosis tells where each reading comes from")
+)]
 pub(super) struct Test {
     pub(super) test: PositioningTest,
     /// The format, in words.
