@@ -59,30 +59,29 @@ struct Seen {
 }
 
 impl Seen {
+    fn new(upper: usize, precision: DMatrix<f64>, information: &DVector<f64>) -> Self {
+        let own = SymmetricEigen::new(precision);
+        let along = own.eigenvectors.tr_mul(information);
+        Self { upper, along, vectors: own.eigenvectors, values: own.eigenvalues }
+    }
+
     /// What it says of the mean of its parameters when they deviate by the variance `v`.
     fn message(&self, v: f64) -> Message {
-        message(&self.vectors, &self.values, &self.along, v)
-    }
-}
-
-fn message(vectors: &DMatrix<f64>, values: &DVector<f64>, along: &DVector<f64>, v: f64) -> Message {
-    let damped = values.map(|g| 1.0 / (1.0 + v * g.max(0.0)));
-    let mut scaled = vectors.clone();
-    for ((mut c, g), d) in scaled.column_iter_mut().zip(values.iter()).zip(damped.iter()) {
-        c *= g.max(0.0) * d;
-    }
-    let log_zero: f64 = values
-        .iter()
-        .zip(along.iter())
-        .map(|(g, a)| {
-            let d = 1.0 + v * g.max(0.0);
+        let (values, along) = (self.values.map(|g| g.max(0.0)), &self.along);
+        let damped = values.map(|g| 1.0 / (1.0 + v * g));
+        let mut scaled = self.vectors.clone();
+        for ((mut c, g), d) in scaled.column_iter_mut().zip(values.iter()).zip(damped.iter()) {
+            c *= g * d;
+        }
+        let log_zero = |(g, a): (&f64, &f64)| {
+            let d = 1.0 + v * g;
             0.5 * (v * a * a / d - d.ln())
-        })
-        .sum();
-    Message {
-        precision: scaled * vectors.transpose(),
-        information: vectors * along.component_mul(&damped),
-        log_zero,
+        };
+        Message {
+            precision: scaled * self.vectors.transpose(),
+            information: &self.vectors * along.component_mul(&damped),
+            log_zero: values.iter().zip(along.iter()).map(log_zero).sum(),
+        }
     }
 }
 
@@ -114,14 +113,7 @@ pub(super) fn agreement(parts: &[(usize, &Part)]) -> Option<Agreement> {
         .filter(|(_, p)| p.rows > 0)
         .map(|(upper, p)| {
             let g = turn.tr_mul(&(DMatrix::from_row_slice(n, n, &p.g) * &turn));
-            let own = SymmetricEigen::new(g);
-            let b = turn.tr_mul(&DVector::from_column_slice(&p.b));
-            Seen {
-                upper: *upper,
-                along: own.eigenvectors.tr_mul(&b),
-                vectors: own.eigenvectors,
-                values: own.eigenvalues,
-            }
+            Seen::new(*upper, g, &turn.tr_mul(&DVector::from_column_slice(&p.b)))
         })
         .collect();
     let uppers = seen.iter().map(|s| s.upper).max().map_or(0, |u| u + 1);
@@ -148,16 +140,7 @@ pub(super) fn agreement(parts: &[(usize, &Part)]) -> Option<Agreement> {
         let own: Vec<Seen> = sums
             .into_iter()
             .enumerate()
-            .filter_map(|(upper, sum)| {
-                let (p, h) = sum?;
-                let own = SymmetricEigen::new(p);
-                Some(Seen {
-                    upper,
-                    along: own.eigenvectors.tr_mul(&h),
-                    vectors: own.eigenvectors,
-                    values: own.eigenvalues,
-                })
-            })
+            .filter_map(|(upper, sum)| sum.map(|(p, h)| Seen::new(upper, p, &h)))
             .collect();
         for upper in &scales {
             let (mut p, mut h, mut zero) = (DMatrix::identity(m, m), DVector::zeros(m), zero);
