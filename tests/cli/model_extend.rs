@@ -167,6 +167,33 @@ fn waves_bends_and_leaning_carriages_become_curves() {
     }
 }
 
+/// A Legendre polynomial of degree n has a slope of n (n + 1) / 2 at the ends of the data, n (n + 1) / 4 spacings of a
+/// table with 200 equal ones.
+#[test]
+fn a_positioning_error_of_degree_thirteen_is_in_the_model_up_to_the_ends_of_the_data() {
+    let values = [2.10, 3.51, -3.96, 0.82, -1.57, 3.67, 2.05, -3.53, -0.49, -1.98, 3.02, -2.04];
+    let list = values.map(|v| v.to_string()).join(", ");
+    let shape = "form = \"polynomial\"\nalong = \"y\"\nover = \"y\"\nlow = 2\nhigh = 13\ncentre-mm = 200\nhalf-mm = 200";
+    let (model, said) = extended(&[effect("positioning", "y", &list, shape)]);
+    assert!(!said.contains("\"taken\": false"), "{said}");
+    let expected_um = |y: f64| {
+        let s = (y - 200.0) / 200.0;
+        let (mut before, mut here, mut sum) = (1.0, s, 0.0);
+        for (n, value) in (2..).zip(values) {
+            let n = f64::from(n);
+            (before, here) = (here, ((2.0 * n - 1.0) * s * here - (n - 1.0) * before) / n);
+            sum += value * here;
+        }
+        sum
+    };
+    let at = |y: f64| deviation_um(&model, [0.0, y, 0.0, 0.0], Travel::Forward)[1] - 0.02 * y;
+    for k in 0..=4000 {
+        let y = 0.1 * f64::from(k);
+        let difference = at(y) - at(200.0) - (expected_um(y) - expected_um(200.0));
+        assert!(difference.abs() < 0.05, "{difference} um at {y} mm");
+    }
+}
+
 #[test]
 fn what_turns_a_head_goes_through_the_lever_that_the_head_has() {
     // the model's own kinematics checks every entry: a lever that forgot the head would be refused

@@ -184,6 +184,30 @@ impl Cnc {
         }
     }
 
+    /// A part program, from its first line to its end.
+    pub(crate) fn run_program(&mut self, text: &str, longest: Duration) {
+        let file = self.dir.path().join("program.ngc");
+        fs::write(&file, text).expect("part program");
+        self.order("set mode auto");
+        self.order(&format!("set open {}", file.display()));
+        // the answer to the command does not wait for the end of the program
+        self.order("set set_wait received");
+        self.order("set run");
+        let deadline = Instant::now() + longest;
+        let mut running = false;
+        loop {
+            std::thread::sleep(Duration::from_millis(200));
+            let idle = self.say("get program_status").contains("IDLE");
+            if idle && running {
+                break;
+            }
+            running |= !idle;
+            assert!(Instant::now() < deadline, "the part program does not end:\n{}", self.log());
+        }
+        self.order("set set_wait done");
+        self.order("set mode mdi");
+    }
+
     /// The rows recorded from now on carry this number.
     pub(crate) fn mark(&self, number: i32) {
         run("halcmd", &["sets", "mark", &number.to_string()]);
@@ -265,7 +289,10 @@ fn hurry(program: &str) {
 /// Names the folder with what [`compile`] made, inside the namespaces.
 pub(crate) const COMPILED: &str = "VOLCOMP_LINUXCNC_COMPILED";
 
-/// The adapter compiled as its README says, and the plant; once for all tests.
+/// Components that simulate the machine.
+const MACHINES: [&str; 2] = ["volcomp_plant", "withheld_machine"];
+
+/// The adapter compiled as its README says, and the simulated machines; once for all tests.
 pub(crate) fn compile() -> &'static Path {
     static COMPILED: OnceLock<PathBuf> = OnceLock::new();
     COMPILED.get_or_init(|| {
@@ -278,20 +305,28 @@ pub(crate) fn compile() -> &'static Path {
         let line =
             source.lines().find(|l| l.trim_start().starts_with("gcc ")).expect("README has the build line");
         run("sh", &["-c", &format!("cd '{}' && {line} -Werror", text(&dir))]);
-        run("sh", &["-c", &format!("cd '{}' && halcompile --compile sim/volcomp_plant.comp", text(&dir))]);
+        let machine = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/linuxcnc/withheld/withheld_machine.comp");
+        run("cp", &[machine, &text(&dir.join("sim"))]);
+        for component in MACHINES {
+            let compile = format!("cd '{}' && halcompile --compile sim/{component}.comp", text(&dir));
+            run("sh", &["-c", &compile]);
+        }
         dir
     })
 }
 
-/// Puts a copy of what was compiled into `dir`, the plant beside LinuxCNC's own modules.
+/// Puts a copy of what was compiled into `dir`, the machines beside LinuxCNC's own modules.
 fn install(dir: &Path) {
     let compiled = std::env::var(COMPILED).expect("named by the test that started this one");
     run("cp", &["-r", &format!("{compiled}/."), &text(dir)]);
     // a private copy of the modules: nothing is installed outside this namespace
     let modules = dir.join("modules");
     run("cp", &["-r", MODULES, &text(&modules)]);
-    let plant = ["volcomp_plant.so", "sim/volcomp_plant.so"].map(|p| dir.join(p));
-    let plant = plant.iter().find(|p| p.exists()).expect("halcompile made the plant");
-    fs::copy(plant, modules.join("volcomp_plant.so")).expect("copied");
+    for component in MACHINES {
+        let module = format!("{component}.so");
+        let places = [dir.join(&module), dir.join("sim").join(&module)];
+        let made = places.iter().find(|p| p.exists()).expect("halcompile made the component");
+        fs::copy(made, modules.join(module)).expect("copied");
+    }
     run("mount", &["--bind", &text(&modules), MODULES]);
 }

@@ -21,6 +21,12 @@ pub(crate) struct Daemon {
 impl Daemon {
     /// With the example of a wiring, compensating as soon as the machine is ready. `adapt` may change the machine file.
     pub(crate) fn start(wiring: Wiring, adapt: impl FnOnce(String) -> String) -> Self {
+        let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/examples/linuxcnc/model.toml");
+        Self::start_with(wiring, &model, adapt)
+    }
+
+    /// The same with another model.
+    pub(crate) fn start_with(wiring: Wiring, model: &Path, adapt: impl FnOnce(String) -> String) -> Self {
         let dir = tempfile::tempdir().expect("directory");
         let example = Path::new(env!("CARGO_MANIFEST_DIR")).join(wiring.example());
         let text = fs::read_to_string(example.join("machine.toml")).expect("example");
@@ -30,7 +36,6 @@ impl Daemon {
         let text =
             format!("{text}\n[status]\nsocket = \"{}\"\n[log]\ntarget = \"stderr\"\n", socket.display());
         fs::write(dir.path().join("machine.toml"), adapt(text)).expect("written");
-        let model = example.parent().expect("folder").join("linuxcnc/model.toml");
         fs::copy(model, dir.path().join("model.toml")).expect("copied");
         let child = spawn(dir.path());
         Self { dir, child }

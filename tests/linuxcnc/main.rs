@@ -2,7 +2,8 @@
 //! `adapters/linuxcnc` and a machine with play, screw error and squareness behind its motors.
 //!
 //! Everything is counted in servo cycles. Ignored, because LinuxCNC and the right to make namespaces are needed:
-//! `cargo test --test linuxcnc -- --ignored --skip side_by_side` runs all but the measurement for `docs/linuxcnc.md`.
+//! `cargo test --test linuxcnc -- --ignored --skip side_by_side --skip withheld` runs all but the measurements for
+//! `docs/linuxcnc.md`.
 
 #![expect(clippy::expect_used, reason = "a test stops where its own set-up is wrong")]
 #![expect(clippy::disallowed_methods, reason = "a test with processes, sockets and files")]
@@ -16,6 +17,7 @@ mod namespaces;
 mod peers;
 mod stalls;
 mod trace;
+mod withheld;
 
 use control::{Cnc, Wiring};
 use daemon::Daemon;

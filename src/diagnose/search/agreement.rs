@@ -41,6 +41,14 @@ struct Message {
     log_zero: f64,
 }
 
+/// Logarithms of the likelihood with and without a common effect, under one pair of scales.
+struct Likelihood {
+    upper: f64,
+    lower: f64,
+    with: f64,
+    zero: f64,
+}
+
 /// A part in the coordinates in which all parts together have the precision 1.
 struct Seen {
     upper: usize,
@@ -51,30 +59,29 @@ struct Seen {
 }
 
 impl Seen {
+    fn new(upper: usize, precision: DMatrix<f64>, information: &DVector<f64>) -> Self {
+        let own = SymmetricEigen::new(precision);
+        let along = own.eigenvectors.tr_mul(information);
+        Self { upper, along, vectors: own.eigenvectors, values: own.eigenvalues }
+    }
+
     /// What it says of the mean of its parameters when they deviate by the variance `v`.
     fn message(&self, v: f64) -> Message {
-        message(&self.vectors, &self.values, &self.along, v)
-    }
-}
-
-fn message(vectors: &DMatrix<f64>, values: &DVector<f64>, along: &DVector<f64>, v: f64) -> Message {
-    let damped = values.map(|g| 1.0 / (1.0 + v * g.max(0.0)));
-    let mut scaled = vectors.clone();
-    for ((mut c, g), d) in scaled.column_iter_mut().zip(values.iter()).zip(damped.iter()) {
-        c *= g.max(0.0) * d;
-    }
-    let log_zero: f64 = values
-        .iter()
-        .zip(along.iter())
-        .map(|(g, a)| {
-            let d = 1.0 + v * g.max(0.0);
+        let (values, along) = (self.values.map(|g| g.max(0.0)), &self.along);
+        let damped = values.map(|g| 1.0 / (1.0 + v * g));
+        let mut scaled = self.vectors.clone();
+        for ((mut c, g), d) in scaled.column_iter_mut().zip(values.iter()).zip(damped.iter()) {
+            c *= g * d;
+        }
+        let log_zero = |(g, a): (&f64, &f64)| {
+            let d = 1.0 + v * g;
             0.5 * (v * a * a / d - d.ln())
-        })
-        .sum();
-    Message {
-        precision: scaled * vectors.transpose(),
-        information: vectors * along.component_mul(&damped),
-        log_zero,
+        };
+        Message {
+            precision: scaled * self.vectors.transpose(),
+            information: &self.vectors * along.component_mul(&damped),
+            log_zero: values.iter().zip(along.iter()).map(log_zero).sum(),
+        }
     }
 }
 
@@ -106,14 +113,7 @@ pub(super) fn agreement(parts: &[(usize, &Part)]) -> Option<Agreement> {
         .filter(|(_, p)| p.rows > 0)
         .map(|(upper, p)| {
             let g = turn.tr_mul(&(DMatrix::from_row_slice(n, n, &p.g) * &turn));
-            let own = SymmetricEigen::new(g);
-            let b = turn.tr_mul(&DVector::from_column_slice(&p.b));
-            Seen {
-                upper: *upper,
-                along: own.eigenvectors.tr_mul(&b),
-                vectors: own.eigenvectors,
-                values: own.eigenvalues,
-            }
+            Seen::new(*upper, g, &turn.tr_mul(&DVector::from_column_slice(&p.b)))
         })
         .collect();
     let uppers = seen.iter().map(|s| s.upper).max().map_or(0, |u| u + 1);
@@ -121,7 +121,7 @@ pub(super) fn agreement(parts: &[(usize, &Part)]) -> Option<Agreement> {
     scales.sort_by(f64::total_cmp);
     scales.dedup();
     // log likelihood with and without a common effect, by the scales of the upper parts and of the parts
-    let mut table: Vec<(f64, f64, f64, f64)> = Vec::new();
+    let mut table: Vec<Likelihood> = Vec::new();
     let m = kept.len();
     for lower in &scales {
         let mut sums: Vec<Option<(DMatrix<f64>, DVector<f64>)>> = vec![None; uppers];
@@ -140,16 +140,7 @@ pub(super) fn agreement(parts: &[(usize, &Part)]) -> Option<Agreement> {
         let own: Vec<Seen> = sums
             .into_iter()
             .enumerate()
-            .filter_map(|(upper, sum)| {
-                let (p, h) = sum?;
-                let own = SymmetricEigen::new(p);
-                Some(Seen {
-                    upper,
-                    along: own.eigenvectors.tr_mul(&h),
-                    vectors: own.eigenvectors,
-                    values: own.eigenvalues,
-                })
-            })
+            .filter_map(|(upper, sum)| sum.map(|(p, h)| Seen::new(upper, p, &h)))
             .collect();
         for upper in &scales {
             let (mut p, mut h, mut zero) = (DMatrix::identity(m, m), DVector::zeros(m), zero);
@@ -162,20 +153,20 @@ pub(super) fn agreement(parts: &[(usize, &Part)]) -> Option<Agreement> {
             let chol = Cholesky::new(p)?;
             let log_volume: f64 = chol.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
             let with = zero - log_volume + 0.5 * e2 * h.dot(&chol.solve(&h));
-            table.push((*upper, *lower, with, zero));
+            table.push(Likelihood { upper: *upper, lower: *lower, with, zero });
         }
     }
-    let mean = |of: &[f64], value: &dyn Fn(&(f64, f64, f64, f64)) -> f64| {
+    let mean = |of: &[f64], value: fn(&Likelihood) -> f64| {
         let all: Vec<f64> =
-            table.iter().filter(|t| of.contains(&t.0) && of.contains(&t.1)).map(value).collect();
+            table.iter().filter(|t| of.contains(&t.upper) && of.contains(&t.lower)).map(value).collect();
         let most = all.iter().copied().fold(f64::NEG_INFINITY, f64::max);
         most + (all.iter().map(|v| (v - most).exp()).sum::<f64>() / all.len() as f64).ln()
     };
-    let log_bayes = mean(&EFFECT, &|t| t.2) - mean(&DISCREPANCY, &|t| t.3);
-    let most = table.iter().map(|t| t.2).fold(f64::NEG_INFINITY, f64::max);
+    let log_bayes = mean(&EFFECT, |t| t.with) - mean(&DISCREPANCY, |t| t.zero);
+    let most = table.iter().map(|t| t.with).fold(f64::NEG_INFINITY, f64::max);
     let (sum, weight) = table.iter().fold((0.0, 0.0), |(s, w), t| {
-        let p = (t.2 - most - (t.0 + t.1) / EXPECTED).exp();
-        (s + p * t.0.max(t.1), w + p)
+        let p = (t.with - most - (t.upper + t.lower) / EXPECTED).exp();
+        (s + p * t.upper.max(t.lower), w + p)
     });
     Some(Agreement { log_bayes, between: sum / weight })
 }
