@@ -1,7 +1,7 @@
 //! From chosen effects to causes: alternatives, gates, probability.
 //!
 //! The log odds of an effect are linear in the logarithm of its evidence, in its deviation between programs, places and runs
-//! (random effects, [`Agreement`]), in how far it takes back what the others say, and in its growth along other axes; times
+//! (random effects, [`Gates::between`]), in how far it takes back what the others say, and in its growth along other axes; times
 //! its share among the effects that explain nearly as much. The five constants, all in [`Calibration`], were fitted to blind
 //! cases of two generators and judged on a third one (docs/development/ablation.md).
 
@@ -321,7 +321,7 @@ fn largest_gains(
 fn logistic(evidence: f64, g: &Gates) -> f64 {
     let c = CALIBRATION;
     let z = c.base + c.evidence * evidence.max(1.0).ln()
-        - c.between * g.agreement.between
+        - c.between * g.between
         - c.against * (-g.against).max(0.0)
         - c.grows * g.grows.clamp(0.0, c.grows_most);
     1.0 / (1.0 + (-z).exp())
@@ -395,8 +395,8 @@ impl Assessed {
             return self.remark.clone();
         }
         let mut why = Vec::new();
-        let percent = 100.0 * self.gates.agreement.between;
-        if self.gates.agreement.between > DEVIATES {
+        let percent = 100.0 * self.gates.between;
+        if self.gates.between > DEVIATES {
             why.push(format!("differs between programs, places or runs by {percent:.0} % of itself"));
         }
         if self.gates.against < TAKES_BACK {
@@ -411,32 +411,22 @@ impl Assessed {
 
 #[cfg(test)]
 mod tests {
-    use super::super::search::Agreement;
     use super::{Gates, logistic};
 
-    const GOOD: Gates = Gates {
-        agreement: Agreement { log_bayes: 10.0, between: 0.05 },
-        held_out: 1.0,
-        against: 0.0,
-        breadth: 10.0,
-        grows: 0.0,
-        varies: 0.0,
-    };
+    const GOOD: Gates = Gates { between: 0.05, breadth: 10.0, ..Gates::UNASKED };
 
     #[test]
     fn whatever_speaks_against_an_effect_lowers_its_probability() {
         let best = logistic(500.0, &GOOD);
         assert!(best > 0.9, "{best}");
-        for worse in [
-            Gates { agreement: Agreement { between: 0.5, ..GOOD.agreement }, ..GOOD },
-            Gates { against: -0.5, ..GOOD },
-            Gates { grows: 0.5, ..GOOD },
-        ] {
+        for worse in
+            [Gates { between: 0.5, ..GOOD }, Gates { against: -0.5, ..GOOD }, Gates { grows: 0.5, ..GOOD }]
+        {
             assert!(logistic(500.0, &worse) < best - 0.03, "{worse:?}");
         }
         assert!(logistic(30.0, &GOOD) < best - 0.03);
         // parts that differ as much as the effect is large
-        let bad = Gates { agreement: Agreement { between: 1.2, ..GOOD.agreement }, ..GOOD };
+        let bad = Gates { between: 1.2, ..GOOD };
         assert!(logistic(500.0, &bad) < 0.3);
     }
 }

@@ -162,9 +162,7 @@ pub struct Tests {
     pub evidence: f64,
     /// What noise alone reaches.
     pub threshold: f64,
-    /// Logarithm of the Bayes factor of one effect against effects of its form that differ between programs, places and runs.
-    pub agreement: f64,
-    /// Posterior mean of its deviation between them, as a share of itself.
+    /// Posterior mean of its deviation between programs, places and runs, as a share of itself.
     pub between: f64,
     /// Share that holds on runs left out.
     pub held_out: f64,

@@ -116,8 +116,7 @@ fn tests(x: &Assessed, a: &Analysis) -> Tests {
     Tests {
         evidence: x.found.evidence,
         threshold: a.selection.threshold,
-        agreement: x.gates.agreement.log_bayes,
-        between: x.gates.agreement.between,
+        between: x.gates.between,
         held_out: x.gates.held_out,
         against: x.gates.against,
         grows: x.gates.grows,

@@ -11,7 +11,7 @@ use super::super::localise::localise;
 use super::super::noise::Random;
 use super::super::offsets::{peak99, rms, without_offsets};
 use super::super::report::{Shrink, Unexplained};
-use super::super::search::{Agreement, Found, Gates};
+use super::super::search::{Found, Gates};
 use super::super::session::Session;
 use super::left::LARGE_DRIFT;
 
@@ -21,16 +21,6 @@ const NAMED: f64 = 0.3;
 const DISCREPANT: f64 = 0.95;
 /// Draws of the posterior.
 const DRAWS: usize = 400;
-
-/// Figures of gates that were not asked.
-const UNASKED: Gates = Gates {
-    agreement: Agreement { log_bayes: 0.0, between: 0.0 },
-    held_out: 1.0,
-    against: 0.0,
-    breadth: 1.0,
-    grows: 0.0,
-    varies: 0.0,
-};
 
 /// The members of the likeliest set, in the order of the selection.
 pub(super) fn assessed(a: &Analysis, c: &Comparison) -> Vec<Assessed> {
@@ -63,7 +53,7 @@ pub(super) fn assessed(a: &Analysis, c: &Comparison) -> Vec<Assessed> {
                     rank: a.problem.span[x.variant].1,
                     evidence: 2.0 * x.log_evidence,
                 },
-                gates: UNASKED,
+                gates: Gates::UNASKED,
                 same,
                 group_probability: x.group_probability,
                 probability: x.probability,

@@ -7,7 +7,7 @@ use nalgebra::DVector;
 
 use super::super::library::Library;
 use super::super::moment::{Axis, SLOTS};
-use super::agreement::{Agreement, agreement};
+use super::agreement::between;
 use super::problem::Problem;
 use super::select::Selection;
 use super::small::Factor;
@@ -21,8 +21,8 @@ pub const FOLD_RIDGE: f64 = 1e-5;
 /// What was measured of an effect.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Gates {
-    /// Between programs with the places within, and with the runs within: the lesser of both.
-    pub agreement: Agreement,
+    /// Its deviation between programs and the places within, or the runs within, relative to itself: the larger of both.
+    pub between: f64,
     /// Share of the gain that runs left out of the fit show.
     pub held_out: f64,
     /// Cosine between what it does and what all others do, whitened: near -1 where it takes back what they say.
@@ -36,12 +36,18 @@ pub struct Gates {
     pub varies: f64,
 }
 
+impl Gates {
+    /// Of an effect that was compared as a model and not asked further.
+    pub const UNASKED: Self =
+        Self { between: 0.0, held_out: 1.0, against: 0.0, breadth: 1.0, grows: 0.0, varies: 0.0 };
+}
+
 /// Products of some columns and the gap over a part of the rows.
 #[derive(Clone)]
 pub(super) struct Part {
     pub(super) g: Vec<f64>,
     pub(super) b: Vec<f64>,
-    yy: f64,
+    pub(super) yy: f64,
     pub(super) rows: usize,
 }
 
@@ -72,7 +78,7 @@ impl Part {
         }
     }
 
-    fn factor(&self) -> Factor {
+    pub(super) fn factor(&self) -> Factor {
         let n = self.b.len();
         let full: Vec<f64> = (0..n).map(|i| self.g[i * n + i].max(1e-12)).collect();
         Factor::new(n, &self.g, &full)
@@ -146,11 +152,10 @@ pub fn gates(problem: &Problem, library: &Library, selection: &Selection, place:
         let mut program = vec![0; count];
         of.iter().zip(&problem.cell).for_each(|(part, cell)| program[*part] = *cell);
         let pairs: Vec<(usize, &Part)> = program.into_iter().zip(&all).collect();
-        agreement(&pairs).unwrap_or_default()
+        between(&pairs).unwrap_or(0.0)
     };
-    let [by_place, by_run] = [within(&places.of, places.count), within(&problem.block, problem.blocks)];
     Gates {
-        agreement: by_place.and(by_run),
+        between: within(&places.of, places.count).max(within(&problem.block, problem.blocks)),
         held_out: held_out(problem, &given.columns, &mine, gain),
         against: against(&fit, &beside),
         breadth: breadth(problem, &fit),

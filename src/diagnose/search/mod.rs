@@ -14,7 +14,6 @@ mod small;
 mod tests;
 mod variation;
 
-pub use agreement::Agreement;
 pub use gates::{FOLD_RIDGE, FOLDS, Gates, fold_of, gates};
 pub use instead::{challenge, one_delay, one_tilt, one_worn_place};
 pub use problem::{Given, Problem, RawColumns, raw_columns};
