@@ -59,9 +59,9 @@ impl Seen {
     }
 }
 
-/// Variance of what parts leave beside fits of their own, as a multiple of the noise, at least 1: a model of a control is
-/// never exact to the resolution of its encoders.
-fn lack_of_fit(parts: &[(usize, &Part)]) -> f64 {
+/// Variance of what parts leave beside fits of their own, as a multiple of the noise, at least 1: no model of a drive is exact to
+/// the resolution of its encoder, which is all the noise that its readings have.
+pub(super) fn lack_of_fit(parts: &[(usize, &Part)]) -> f64 {
     let (left, free) = parts.iter().fold((0.0, 0.0), |(left, free), (_, p)| {
         let f = p.factor();
         (left + p.yy - f.gain(&p.b), free + p.rows as f64 - f.rank() as f64)
@@ -70,10 +70,10 @@ fn lack_of_fit(parts: &[(usize, &Part)]) -> f64 {
 }
 
 /// Posterior mean of the deviation of an effect between programs and between the parts within them (the larger counts),
-/// relative to the effect; of parts, each with the program that it belongs to. None where no part shows the effect.
-pub(super) fn between(parts: &[(usize, &Part)]) -> Option<f64> {
+/// relative to the effect; of parts, each with the program that it belongs to, under `lack` times the noise. None where no part
+/// shows the effect.
+pub(super) fn between(parts: &[(usize, &Part)], lack: f64) -> Option<f64> {
     let n = parts.first()?.1.b.len();
-    let lack = lack_of_fit(parts);
     let seen_by =
         |p: &Part| (DMatrix::from_row_slice(n, n, &p.g) / lack, DVector::from_column_slice(&p.b) / lack);
     let (mut total, mut information) = (DMatrix::zeros(n, n), DVector::zeros(n));
@@ -157,7 +157,7 @@ mod tests {
             })
             .collect();
         let parts: Vec<(usize, &Part)> = parts.iter().enumerate().collect();
-        between(&parts).expect("seen")
+        between(&parts, 1.0).expect("seen")
     }
 
     #[test]
@@ -179,7 +179,8 @@ mod tests {
         };
         let of = |scatter: f64| {
             let parts = [part(4.0, scatter), part(8.0, scatter), part(1.0, scatter)];
-            between(&parts.each_ref().map(|p| (0, p))).expect("seen")
+            let parts = parts.each_ref().map(|p| (0, p));
+            between(&parts, lack_of_fit(&parts)).expect("seen")
         };
         assert!(of(1.0) > of(20.0) + 0.2, "{} {}", of(1.0), of(20.0));
     }

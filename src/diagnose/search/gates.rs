@@ -7,7 +7,7 @@ use nalgebra::DVector;
 
 use super::super::library::Library;
 use super::super::moment::{Axis, SLOTS};
-use super::agreement::between;
+use super::agreement::{between, lack_of_fit};
 use super::problem::Problem;
 use super::select::Selection;
 use super::small::Factor;
@@ -152,7 +152,8 @@ pub fn gates(problem: &Problem, library: &Library, selection: &Selection, place:
         let mut program = vec![0; count];
         of.iter().zip(&problem.cell).for_each(|(part, cell)| program[*part] = *cell);
         let pairs: Vec<(usize, &Part)> = program.into_iter().zip(&all).collect();
-        between(&pairs).unwrap_or(0.0)
+        let lack = if problem.precise { lack_of_fit(&pairs) } else { 1.0 };
+        between(&pairs, lack).unwrap_or(0.0)
     };
     Gates {
         between: within(&places.of, places.count).max(within(&problem.block, problem.blocks)),
