@@ -7,6 +7,8 @@
 #![expect(clippy::disallowed_methods, reason = "the experiments write files and start programs")]
 
 pub mod figure;
+pub mod machine;
+pub mod paper000;
 pub mod report;
 
 use std::collections::BTreeMap;
@@ -117,7 +119,7 @@ pub trait Experiment: Sync {
 }
 
 /// All experiments that exist, by number.
-pub const EXPERIMENTS: &[&dyn Experiment] = &[];
+pub const EXPERIMENTS: &[&dyn Experiment] = &[&paper000::Paper000];
 
 /// Papers whose experiment does not exist yet.
 #[must_use]
