@@ -39,14 +39,14 @@ pub struct ConditionSizes {
 impl ConditionSizes {
     /// A machining centre in a shop without air conditioning: half a shift between survey and cut, a month of wear.
     pub const SHOP: Self = Self {
-        rise_k: 1.0,
-        gradient_k: 0.3,
-        column_arcsec: 1.0,
-        interaction_arcsec: 0.8,
+        rise_k: 1.5,
+        gradient_k: 0.5,
+        column_arcsec: 1.5,
+        interaction_arcsec: 1.5,
         load_share: 0.5,
-        sag_um: 0.8,
-        wear_um: 0.6,
-        lost_um: 0.2,
+        sag_um: 1.5,
+        wear_um: 1.0,
+        lost_um: 0.5,
     };
 }
 

@@ -18,10 +18,10 @@ pub(super) const CENTRE_MM: [f64; 3] = [343.507, -285.090, -286.430];
 pub(super) const RADIUS_MM: f64 = 100.0;
 /// Feed of the paper.
 const FEED: f64 = 200.0;
-/// Control cycle: at F200 the tool moves 13 um in it.
-const CYCLE_S: f64 = 0.004;
+/// Control cycle: at F200 the tool moves 27 um in it.
+const CYCLE_S: f64 = 0.008;
 /// One reading out of this many cycles.
-const EVERY: usize = 10;
+const EVERY: usize = 5;
 
 /// The machine under its control, with a ballbar on it.
 pub(super) struct Circle {

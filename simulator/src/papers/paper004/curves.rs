@@ -55,10 +55,13 @@ pub(super) fn compare(
         machine,
         "fourier",
         "eyy-mean.csv",
-        &["--basis", "fourier", "--order", "3", "--period-mm", "auto", "--linear", "no"],
+        &["--basis", "fourier", "--order", "3", "--period-mm", "auto", "--linear", "yes"],
     )?;
     let polynomial =
         fit(setting, machine, "polynomial", "eyy-mean.csv", &["--basis", "chebyshev", "--order", "7"])?;
+    // seven coefficients, line and period against nine
+    let equal =
+        fit(setting, machine, "polynomial8", "eyy-mean.csv", &["--basis", "chebyshev", "--order", "8"])?;
     let choice = fit(setting, machine, "choice", "eyy-all.csv", &[])?;
     let truth = true_curve(machine)?;
     let (of_polynomial, of_choice) = (error_on(&truth, &polynomial.curve), error_on(&truth, &choice.curve));
@@ -72,7 +75,7 @@ pub(super) fn compare(
         .with(Style::Line, "volcomp's choice", about(&choice.curve))
         .with(Style::Dots, "mean readings", about(&means));
     Ok(Curves {
-        fourier_percent: 100.0 * (1.0 - fourier.e_max_um / polynomial.e_max_um),
+        fourier_percent: 100.0 * (1.0 - fourier.e_max_um / equal.e_max_um),
         choice_percent: 100.0 * (1.0 - of_choice / of_polynomial),
         choice_um: of_choice,
         plot,

@@ -9,14 +9,14 @@ use volcomp_cli::report_page::{Plot, Style};
 
 use self::circle::{CENTRE_MM, Circle, RADIUS_MM};
 use super::figure::{Limit, Row, Share, Truth};
-use super::machine::{travels, varied_text};
+use super::machine::{travels, used_drives, varied_text};
 use super::{Experiment, Measured, Setting, words};
 use crate::truth::conditions::{Acting, ConditionSizes, Conditions};
 use crate::truth::{TruthMachine, VMC_850};
 use crate::twin::Dice;
 
 const SIGNS: &str = "signs of channels found by the tilt test, of 18";
-const FOURIER: &str = "EYY, e_max at the readings, Fourier order 3 against polynomial order 7";
+const FOURIER: &str = "EYY, e_max at the readings, Fourier order 3 + line against polynomial order 8";
 const CHOICE: &str = "EYY, e_max on the true curve, volcomp's choice against polynomial order 7";
 const CHOICE_UM: &str = "EYY, e_max on the true curve, volcomp's choice";
 const RESIDUAL: &str = "circle, predicted against measured, largest residual";
@@ -44,8 +44,8 @@ impl Experiment for Paper004 {
          amplitude, which no Fourier series of a period contains. A ballbar of 100 mm at (343.507, -285.090, -286.430) \
          measures the circle at F200 in both directions; volcomp predict --circle compares it with the model; volcompd \
          corrects over TCP and the ballbar measures again. Hard truth: wavelength, gain, beam bending and drift of the \
-         interferometer, 1 arcsec of the square, length of the ballbar; interaction of the axes; heat, a workpiece on the \
-         table and a month of wear between survey and circle."
+         interferometer, 1 arcsec of the square, length of the ballbar; lost motion and friction peaks of used drives; \
+         interaction of the axes; heat, a workpiece on the table and a month of wear between survey and circle."
     }
 
     fn rows(&self) -> &'static [Row] {
@@ -118,6 +118,8 @@ impl Experiment for Paper004 {
 struct World {
     survey: TruthMachine,
     test: TruthMachine,
+    /// The machine of the test without friction peaks and wander.
+    quiet: TruthMachine,
     /// Conditions of the test; none with the kind truth.
     conditions: Option<Conditions>,
     seed: u64,
@@ -126,20 +128,30 @@ struct World {
 
 impl World {
     fn new(setting: &Setting) -> anyhow::Result<Self> {
-        let text = varied_text(VMC_850, setting.seed, change)?;
+        let hard = setting.truth == Truth::Hard;
+        let text = |peaks: bool| {
+            varied_text(VMC_850, setting.seed, |file, dice| {
+                change(file, dice);
+                if hard {
+                    used_drives(file, setting.seed, peaks);
+                }
+            })
+        };
+        let mut quiet = TruthMachine::from_toml(&text(false)?)?;
+        let text = text(true)?;
         let mut survey = TruthMachine::from_toml(&text)?;
         let mut test = survey.clone();
         setting.write("truth.toml", &text)?;
-        let hard = setting.truth == Truth::Hard;
         let mut conditions = None;
         if hard {
             let of = |acting| Conditions::new(&ConditionSizes::SHOP, travels(&survey), acting, setting.seed);
             let (at_survey, at_test) = (of(Acting::SURVEY), of(Acting::TEST));
             survey.set_conditions(Some(at_survey));
             test.set_conditions(Some(at_test.clone()));
+            quiet.set_conditions(Some(at_test.clone()));
             conditions = Some(at_test);
         }
-        Ok(Self { survey, test, conditions, seed: setting.seed, errors_of_instruments: hard })
+        Ok(Self { survey, test, quiet, conditions, seed: setting.seed, errors_of_instruments: hard })
     }
 }
 
@@ -244,9 +256,8 @@ fn shares(setting: &Setting, world: &World, circle: &Circle) -> anyhow::Result<V
             shares.push(Share { cause: cause.to_owned(), share: share(circle.replayed(&machine)?) });
         }
     }
-    let ideal = world.test.clone().with_ideal_drives();
-    let drives = share(circle.replayed(&ideal)?);
-    shares.push(Share { cause: "drives, lost motion, repeatability".to_owned(), share: drives });
+    let drives = share(circle.replayed(&world.quiet)?);
+    shares.push(Share { cause: "friction peaks and repeatability of the drives".to_owned(), share: drives });
     survey::take(setting, world, "ideal-", false)?;
     let mut again = Circle::open(setting, world)?;
     again.compensated(setting, "ideal-model.toml")?;
