@@ -8,6 +8,7 @@ use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
 use super::Sample;
 use super::chain::Chain;
+use super::conditions::Conditions;
 use super::drift::RamDrift;
 use super::drive::{Drive, DriveSpec};
 use super::error::TruthError;
@@ -28,6 +29,8 @@ pub struct TruthMachine {
     drives: Vec<Drive>,
     /// What the ram (the carriage of Z) does beyond its surveyed errors.
     ram: Option<RamDrift>,
+    /// What happened to the machine since its survey.
+    conditions: Option<Conditions>,
     /// Time since the last reset, s.
     time_s: f64,
 }
@@ -38,7 +41,7 @@ impl TruthMachine {
     /// [`TruthError`] says what in the file is wrong.
     pub fn from_toml(text: &str) -> Result<Self, TruthError> {
         let plan = Plan::read(text)?;
-        let mut machine = Self { drives: Vec::new(), plan, ram: None, time_s: 0.0 };
+        let mut machine = Self { drives: Vec::new(), plan, ram: None, conditions: None, time_s: 0.0 };
         machine.reset(machine.plan.seed, &[0.0; MAX_AXES]);
         Ok(machine)
     }
@@ -151,6 +154,11 @@ impl TruthMachine {
         self.ram = drift;
     }
 
+    /// Sets what happened to the machine since its survey, or restores the machine of its file.
+    pub fn set_conditions(&mut self, conditions: Option<Conditions>) {
+        self.conditions = conditions;
+    }
+
     /// The exact pose at rest at `q` (mm or deg) after arriving in `direction` (-1, +1; 0: lost motion not taken up).
     #[must_use]
     pub fn pose(&self, q: &AxisArray, direction: &[i8; MAX_AXES]) -> Pose {
@@ -251,6 +259,14 @@ impl TruthMachine {
             let mut sum = motion(axis, q, slack);
             sum.iter_mut().zip(structure(k)).for_each(|(own, more)| *own += more);
             states[axis.joint] = JointState { q: internal(axis.name, q), motion: sum };
+        }
+        if let Some(conditions) = &self.conditions {
+            let at = [AxisName::X, AxisName::Y, AxisName::Z]
+                .map(|name| self.index_of(name).map_or(0.0, |k| states[self.plan.axes[k].joint].q));
+            for (k, axis) in self.plan.axes.iter().enumerate() {
+                let more = conditions.motion(axis.name, at, place(k, axis).1);
+                states[axis.joint].motion.iter_mut().zip(more).for_each(|(own, more)| *own += more);
+            }
         }
         if let (Some(ram), Some(z)) = (&self.ram, self.index_of(AxisName::Z)) {
             let at = |name| self.index_of(name).map_or(0.0, |k| states[self.plan.axes[k].joint].q);

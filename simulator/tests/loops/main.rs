@@ -7,6 +7,7 @@ mod fault_numbers;
 mod live_monte_carlo;
 mod live_s_part;
 mod motion_dependent;
+mod papers;
 mod scenarios;
 mod support;
 

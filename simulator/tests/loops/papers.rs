@@ -1,0 +1,50 @@
+//! One seed of each paper's experiment: every limit holds with kind and hard truth, and the JSON says so.
+
+#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
+#![expect(clippy::disallowed_methods, reason = "the test starts programs")]
+
+use std::process::Command;
+
+fn experiment(paper: &str) {
+    let folder = tempfile::tempdir().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_cncsim"))
+        .args(["paper", paper, "--seed", "1", "--json", "--out"])
+        .arg(folder.path())
+        .output()
+        .unwrap();
+    let said = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{said}");
+    let json: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
+    assert_eq!(json["format"], "volcomp-paper/1");
+    let entry = &json["papers"][0];
+    assert_eq!(entry["paper"], paper);
+    let figures = entry["figures"].as_array().unwrap();
+    let limited = figures.iter().filter(|f| !f["limit"].is_null());
+    assert!(limited.clone().count() > 0);
+    for f in limited {
+        assert!(f["kind"].is_number() && f["hard"].is_number() && f["pass"] == true, "{f}");
+    }
+    let report = std::fs::read_to_string(folder.path().join(format!("paper-{paper}/report.html"))).unwrap();
+    assert!(report.contains("<svg") && !report.contains("NaN"), "plots without gaps");
+}
+
+#[test]
+fn tracker_points_against_nine_lines() {
+    experiment("000");
+}
+
+#[test]
+fn circle_predicted_and_compensated() {
+    let _processors = crate::processors();
+    experiment("004");
+}
+
+#[test]
+fn an_experiment_that_does_not_exist_is_refused_by_name() {
+    for paper in simulator::papers::missing() {
+        let output = Command::new(env!("CARGO_BIN_EXE_cncsim")).args(["paper", paper]).output().unwrap();
+        let said = String::from_utf8_lossy(&output.stderr);
+        assert_eq!(output.status.code(), Some(64), "{said}");
+        assert!(said.contains(&format!("paper {paper} is not implemented; available: ")), "{said}");
+    }
+}
