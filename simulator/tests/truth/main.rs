@@ -3,6 +3,7 @@
 mod against_model;
 mod default_machine;
 mod machine;
+mod measure_ballbar;
 mod measure_lasers;
 mod measure_probes;
 mod measure_tracker;

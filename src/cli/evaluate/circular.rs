@@ -9,8 +9,9 @@ use super::page::{self, Origin};
 use super::picture::circular::{self as drawing, Shown};
 use super::{Figure, Output, bad_data, change, only, percent, put_before};
 use crate::positioning_data::no_rows;
-use crate::{Failure, table};
+use crate::{EX_USAGE, Failure, table};
 use volcomp_evaluate::{Centring, CircularReading, Circularity};
+use volcomp_identify::ballbar::{Sample, cut_overshoot};
 use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -23,10 +24,12 @@ enum CentringArg {
 
 /// Circular test by ISO 230-4: circular deviation G and radial deviation F
 ///
-/// Angles count from the first axis of the plane towards the second.
+/// Angles count from the first axis of the plane towards the second. Files of `volcomp identify ballbar` and
+/// `cncsim measure ballbar` are read as they are: what a run travels beyond one turn is overshoot and is cut, half at
+/// either end; a file with several feeds needs --feed-mm-per-min.
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {
-    /// CSV with angle_deg,deviation_um,direction (1 counter-clockwise, -1 clockwise); - is stdin.
+    /// CSV with angle_deg,deviation_um,direction (1 counter-clockwise, -1 clockwise), optional feed_mm_per_min and run; - is stdin.
     #[arg(long, value_name = "FILE")]
     data: PathBuf,
     /// The same test at an earlier time, to compare with.
@@ -38,6 +41,12 @@ pub(super) struct Args {
     /// Nominal radius; makes the centring exact for large eccentricities.
     #[arg(long, value_name = "MM")]
     radius_mm: Option<f64>,
+    /// The feed to evaluate, of a file with several.
+    #[arg(long, value_name = "FEED")]
+    feed_mm_per_min: Option<f64>,
+    /// Overshoot at either end of each run, of an arc; of full circles it is what exceeds one turn.
+    #[arg(long, value_name = "DEG")]
+    overshoot_deg: Option<f64>,
     /// The plane of the circle, for the plot: first and second axis.
     #[arg(long, value_name = "AXES", default_value = "xy", value_parser = plane)]
     plane: [char; 2],
@@ -63,24 +72,70 @@ fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
     let mut table = table::open(path)?;
     let (angle, deviation, direction) =
         (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);
-    only(&table, &["angle_deg", "deviation_um", "direction"])?;
-    let mut readings = Vec::new();
+    let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
+    only(&table, &["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"])?;
+    let mut samples = Vec::new();
     while table.advance()? {
-        readings.push(CircularReading {
+        samples.push(Sample {
             angle: rad_from_deg(table.number(angle)?),
             deviation: mm_from_um(table.number(deviation)?),
             travel: table.travel(direction)?,
+            feed: feed.map(|c| table.number(c)).transpose()?,
+            run: run.map_or(Ok(0), |c| table.count(c))?,
         });
     }
-    if readings.is_empty() {
+    if samples.is_empty() {
         return Err(no_rows(table.file()));
     }
+    let samples = of_one_feed(args, path, samples)?;
+    let measured = cut_overshoot(&samples, args.overshoot_deg.map(rad_from_deg));
+    if measured.len() < samples.len() {
+        let cut = samples.len() - measured.len();
+        note!(
+            "note: {}: {cut} of {} readings are overshoot and are not evaluated",
+            path.display(),
+            samples.len()
+        );
+    }
+    let readings: Vec<CircularReading> = measured
+        .iter()
+        .map(|s| CircularReading { angle: s.angle, deviation: s.deviation, travel: s.travel })
+        .collect();
     let centring = match args.centring {
         CentringArg::LeastSquares => Centring::LeastSquares { radius: args.radius_mm },
         CentringArg::None => Centring::None,
     };
     let result = Circularity::evaluate(&readings, centring).map_err(|e| bad_data(path, e))?;
     Ok(Evaluated { readings, result })
+}
+
+/// The readings of the feed asked for; of several feeds one must be.
+fn of_one_feed(args: &Args, path: &Path, samples: Vec<Sample>) -> Result<Vec<Sample>, Failure> {
+    let mut feeds: Vec<f64> = samples.iter().filter_map(|s| s.feed).collect();
+    feeds.sort_by(f64::total_cmp);
+    feeds.dedup();
+    let list = || feeds.iter().map(f64::to_string).collect::<Vec<_>>().join(", ");
+    match args.feed_mm_per_min {
+        Some(wanted) if feeds.contains(&wanted) => {
+            Ok(samples.into_iter().filter(|s| s.feed == Some(wanted)).collect())
+        }
+        Some(wanted) if !feeds.is_empty() => Err(Failure::new(
+            EX_USAGE,
+            format_args!(
+                "error: {}: no readings at {wanted} mm/min; the feeds are {}",
+                path.display(),
+                list()
+            ),
+        )),
+        None if feeds.len() > 1 => Err(bad_data(
+            path,
+            format_args!(
+                "readings at {} mm/min; the standard evaluates one feed: give --feed-mm-per-min",
+                list()
+            ),
+        )),
+        _ => Ok(samples),
+    }
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {

@@ -7,6 +7,7 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
+use super::straightness::point;
 use crate::cli::serve::built_in_or_file;
 use crate::cli::{EX_DATAERR, EX_IOERR, Failure};
 use crate::instruments::ballbar::{Ballbar, Run};
@@ -25,8 +26,8 @@ pub(super) struct Args {
     #[arg(long, value_name = "PLANES", value_delimiter = ',', default_value = "xy")]
     plane: Vec<PlaneArg>,
     /// Programmed X, Y, Z at the centre; default: the middle of the travels.
-    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', allow_hyphen_values = true, num_args = 3)]
-    centre_mm: Option<Vec<f64>>,
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    centre_mm: Option<[f64; 3]>,
     /// Radius.
     #[arg(long, value_name = "MM", default_value_t = 150.0)]
     radius_mm: f64,
@@ -99,8 +100,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 fn centre(args: &Args, machine: &TruthMachine) -> [f64; 3] {
     use volcomp_units::axes::AxisName;
-    if let Some(&[x, y, z]) = args.centre_mm.as_deref() {
-        return [x, y, z];
+    if let Some(centre) = args.centre_mm {
+        return centre;
     }
     [AxisName::X, AxisName::Y, AxisName::Z].map(|axis| {
         machine.index_of(axis).map_or(0.0, |k| {

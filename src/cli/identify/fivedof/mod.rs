@@ -431,7 +431,7 @@ fn run_data(args: &Args, axis: AxisName, path: &Path, file: &HeadFile) -> Result
             .flatten()
             .collect();
         let origin = Origin { method: "fivedof", files: &files, instrument: file.instrument.clone() };
-        args.out.write(axis, measured, None, &origin)?;
+        args.out.write(axis, measured, None, &origin, !args.case.json)?;
     }
     Ok(())
 }
