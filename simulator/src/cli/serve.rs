@@ -307,7 +307,7 @@ impl Shop {
         let seed = common.seed.unwrap_or_else(|| machine.seed());
         machine.reset(seed, &start);
         common.sensors.disturb(&mut machine, seed);
-        let sensors = common.sensors.open(&machine, seed);
+        let sensors = common.sensors.open(&machine, seed)?;
         note!("listening on {}", control.address());
         let seen = machine.clone();
         Ok(Self { control, machine, axes, cycle_s, seed, trace, monitor, sensors, seen })
@@ -370,11 +370,12 @@ impl Shop {
 fn observe(
     trace: &mut Trace,
     sensors: &mut Option<Sensors>,
-    seen: &TruthMachine,
+    seen: &mut TruthMachine,
     record: &CycleRecord,
 ) -> io::Result<Flow> {
     if let Some(sensors) = sensors {
-        sensors.look(record, |k| seen.true_motion(k, record.sample.axis[k], 0));
+        seen.set_time_s(record.time_s);
+        sensors.look(record, seen);
     }
     if let Some((path, writer)) = trace {
         writer.write(record).map_err(|e| io::Error::other(format!("{}: {e}", path.display())))?;

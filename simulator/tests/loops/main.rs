@@ -4,6 +4,7 @@ mod closed_loop;
 mod closed_loop_live;
 mod demo_faults;
 mod fault_numbers;
+mod live_chains;
 mod live_monte_carlo;
 mod live_s_part;
 mod motion_dependent;
