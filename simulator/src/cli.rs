@@ -19,6 +19,7 @@ mod campaign;
 mod certificates;
 mod demo;
 mod measure;
+mod paper;
 mod path;
 mod scenarios;
 mod sensors;
@@ -98,6 +99,11 @@ enum Verb {
     Blind(blind::Args),
     /// Let everything go wrong that can, by number, and check that the real daemon reacts as it must.
     Scenarios(scenarios::Args),
+    /// Run the experiments of the source papers and compare their figures.
+    ///
+    /// Simulated instruments, volcomp's own commands, volcompd over TCP, and the compensated machine measured again with
+    /// the instrument of the paper; prints a table and writes an HTML report per paper. Takes minutes.
+    Paper(paper::Args),
     /// Replay recorded motion of a real machine and serve the control on the link.
     Replay(serve::ReplayArgs),
     /// Make an authority and certificates of control and daemon, to try the link over TLS.
@@ -163,6 +169,7 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Campaign(args) => campaign::run(&args),
         Verb::Measure(args) => measure::run(&args),
         Verb::Serve(args) => serve::serve(&args),
+        Verb::Paper(args) => paper::paper(&args),
         Verb::Scenarios(args) => scenarios::run_all(&args),
         Verb::Replay(args) => serve::replay(&args),
         Verb::Certificates(args) => certificates::run(&args),

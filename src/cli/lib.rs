@@ -46,6 +46,7 @@ mod ranges;
 mod recordings;
 mod replay;
 mod report;
+pub mod report_page;
 mod start_up;
 mod status;
 mod table;

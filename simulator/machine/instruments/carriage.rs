@@ -4,7 +4,7 @@
 //! side while the optics are on the tool side. All in M at home.
 
 use nalgebra::{Matrix4, Point3, Vector3};
-use volcomp_units::axes::{AxisKind, AxisName};
+use volcomp_units::axes::{AxisArray, AxisKind, AxisName};
 
 use super::InstrumentError;
 use crate::truth::TruthMachine;
@@ -72,7 +72,7 @@ impl<'a> Carriage<'a> {
         // tool side seen from the workpiece side: home points to where they went
         let [actual, nominal] = self
             .machine
-            .joint_poses(self.k, q, direction)
+            .joint_poses(self.k, position, direction)
             .map(|moved| if self.inverted { inverse(&moved) } else { moved });
         Seen { actual, nominal }
     }

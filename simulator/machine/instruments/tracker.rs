@@ -12,6 +12,74 @@ use crate::truth::TruthMachine;
 use crate::truth::chain::Side;
 use crate::truth::transform::{inverse, translation};
 
+/// Systematic errors of a tracker: the same in every run, or drifting over minutes; averaging does not remove them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct TrackerErrors {
+    /// Error of the refractive index in use, 1e-6: a scale of all ranges.
+    pub refraction_ppm: f64,
+    /// Vertical temperature gradient of the air, K/m: bends the beam.
+    pub gradient_k_per_m: f64,
+    /// Amplitude of the encoders' errors, once and twice per turn and 8 times, arcsec.
+    pub encoder_arcsec: [f64; 3],
+    /// Phases of these for azimuth and elevation, rad.
+    pub encoder_phase: [[f64; 3]; 2],
+    /// Drift of range (um), azimuth and elevation (arcsec) during warm-up, from the first reading to infinity.
+    pub warm_up: [f64; 3],
+    /// Time constant of the warm-up, s.
+    pub warm_up_s: f64,
+    /// Time of one reading with aiming, s.
+    pub reading_s: f64,
+}
+
+impl TrackerErrors {
+    /// No systematic error.
+    pub const NONE: Self = Self {
+        refraction_ppm: 0.0,
+        gradient_k_per_m: 0.0,
+        encoder_arcsec: [0.0; 3],
+        encoder_phase: [[0.0; 3]; 2],
+        warm_up: [0.0; 3],
+        warm_up_s: 1800.0,
+        reading_s: 4.0,
+    };
+
+    /// A tracker in a shop: weather station off by a degree, encoders of 0.3 arcsec, switched on half an hour ago.
+    #[must_use]
+    pub fn shop(seed: u64) -> Self {
+        let mut noise = Noise::new(seed ^ 0x7_4ac6);
+        let mut phases = || [0.0; 3].map(|_: f64| noise.draw(10.0));
+        let encoder_phase = [phases(), phases()];
+        Self {
+            refraction_ppm: noise.draw(1.0),
+            gradient_k_per_m: noise.draw(0.3),
+            encoder_arcsec: [0.3, 0.2, 0.1].map(|a| noise.draw(a)),
+            encoder_phase,
+            warm_up: [noise.draw(3.0), noise.draw(1.0), noise.draw(1.0)],
+            ..Self::NONE
+        }
+    }
+
+    /// Errors of range (mm), azimuth and elevation (rad) of a beam at a time.
+    fn of(&self, range_mm: f64, angles: [f64; 2], time_s: f64) -> [f64; 3] {
+        let encoder = |i: usize| -> f64 {
+            [1.0, 2.0, 8.0]
+                .iter()
+                .zip(self.encoder_arcsec)
+                .zip(self.encoder_phase[i])
+                .map(|((order, amplitude), phase)| amplitude * (order * angles[i] + phase).sin())
+                .sum()
+        };
+        let warm = 1.0 - (-time_s / self.warm_up_s).exp();
+        // index of air falls by 0.93e-6 per K; the beam bends towards the colder side
+        let bent = 0.93e-6 * self.gradient_k_per_m * range_mm * 1e-3 / 2.0;
+        [
+            self.refraction_ppm * 1e-6 * range_mm + mm_from_um(self.warm_up[0] * warm),
+            rad_from_arcsec(encoder(0) + self.warm_up[1] * warm),
+            rad_from_arcsec(encoder(1) + self.warm_up[2] * warm) + bent,
+        ]
+    }
+}
+
 /// The instrument.
 #[derive(Debug, Clone)]
 pub struct Tracker {
@@ -21,6 +89,10 @@ pub struct Tracker {
     turn_rad: f64,
     range_mm: f64,
     angle_rad: f64,
+    /// Part of the range noise that grows with the range.
+    range_share: f64,
+    errors: TrackerErrors,
+    readings: u32,
     noise: Noise,
 }
 
@@ -50,8 +122,19 @@ impl Tracker {
             turn_rad: rad_from_deg(turn_deg),
             range_mm: mm_from_um(noise_range_um),
             angle_rad: rad_from_arcsec(noise_angle_arcsec),
+            range_share: 0.0,
+            errors: TrackerErrors::NONE,
+            readings: 0,
             noise: Noise::new(seed),
         }
+    }
+
+    /// The same tracker with systematic errors, and range noise that grows by so much per metre.
+    #[must_use]
+    pub const fn with_errors(mut self, errors: TrackerErrors, noise_range_um_per_m: f64) -> Self {
+        self.errors = errors;
+        self.range_share = noise_range_um_per_m * 1e-6;
+        self
     }
 
     /// Aims at a point of M.
@@ -59,9 +142,14 @@ impl Tracker {
         let beam = Vector3::from(point_mm) - Vector3::from(self.station_mm);
         let (sine, cosine) = self.turn_rad.sin_cos();
         let (x, y) = (cosine * beam.x + sine * beam.y, cosine * beam.y - sine * beam.x);
-        let range = beam.norm() + self.noise.draw(self.range_mm);
-        let azimuth = y.atan2(x) + self.noise.draw(self.angle_rad);
-        let elevation = beam.z.atan2(x.hypot(y)) + self.noise.draw(self.angle_rad);
+        let true_angles = [y.atan2(x), beam.z.atan2(x.hypot(y))];
+        let time_s = f64::from(self.readings) * self.errors.reading_s;
+        self.readings += 1;
+        let error = self.errors.of(beam.norm(), true_angles, time_s);
+        let range_std = self.range_mm.hypot(self.range_share * beam.norm());
+        let range = beam.norm() + error[0] + self.noise.draw(range_std);
+        let azimuth = true_angles[0] + error[1] + self.noise.draw(self.angle_rad);
+        let elevation = true_angles[1] + error[2] + self.noise.draw(self.angle_rad);
         Observation {
             range_mm: range,
             azimuth_deg: azimuth.to_degrees(),
@@ -167,6 +255,20 @@ mod tests {
         for (found, wanted) in point.iter().zip([100.0, 900.0, 400.0]) {
             assert!((found - wanted).abs() < 1e-9);
         }
+    }
+
+    #[test]
+    fn systematic_errors_repeat_and_warm_up_ends() {
+        let errors = TrackerErrors { refraction_ppm: 2.0, warm_up: [4.0, 0.0, 0.0], ..TrackerErrors::NONE };
+        let mut tracker = Tracker::new([0.0; 3], 0.0, 0.0, 0.0, 1).with_errors(errors, 0.0);
+        let first = tracker.observe([3000.0, 0.0, 0.0]).range_mm;
+        assert!((first - 3000.0 - 0.006).abs() < 1e-9);
+        for _ in 0..5000 {
+            tracker.observe([3000.0, 0.0, 0.0]);
+        }
+        let last = tracker.observe([3000.0, 0.0, 0.0]).range_mm;
+        assert!((last - first - 0.004).abs() < 1e-6, "{last} {first}");
+        assert_eq!(TrackerErrors::shop(3), TrackerErrors::shop(3));
     }
 
     #[test]

@@ -11,6 +11,7 @@ use nalgebra::Matrix4;
 use super::Sample;
 use super::axis_drift::AxisDrift;
 use super::chain::Chain;
+use super::conditions::Conditions;
 use super::drift::RamDrift;
 use super::drive::{Drive, DriveSpec};
 use super::error::TruthError;
@@ -33,6 +34,8 @@ pub struct TruthMachine {
     ram: Option<RamDrift>,
     /// What the linear axes do beyond their surveyed errors.
     axis_drift: Option<AxisDrift>,
+    /// What happened to the machine since its survey.
+    conditions: Option<Conditions>,
     /// Time since the last reset, s.
     time_s: f64,
 }
@@ -43,7 +46,8 @@ impl TruthMachine {
     /// [`TruthError`] says what in the file is wrong.
     pub fn from_toml(text: &str) -> Result<Self, TruthError> {
         let plan = Plan::read(text)?;
-        let mut machine = Self { drives: Vec::new(), plan, ram: None, axis_drift: None, time_s: 0.0 };
+        let mut machine =
+            Self { drives: Vec::new(), plan, ram: None, axis_drift: None, conditions: None, time_s: 0.0 };
         machine.reset(machine.plan.seed, &[0.0; MAX_AXES]);
         Ok(machine)
     }
@@ -177,7 +181,14 @@ impl TruthMachine {
         let q = position[k];
         let slack = f64::from(direction.signum());
         let at = q - slack * axis.drive.backlash / 2.0;
-        let state = JointState { q: internal(axis.name, at), motion: self.motion_now(k, axis, at, slack) };
+        let mut motion = self.motion_now(k, axis, at, slack);
+        if let Some(conditions) = &self.conditions {
+            let xyz = [AxisName::X, AxisName::Y, AxisName::Z]
+                .map(|name| self.index_of(name).map_or(0.0, |k| position[k]));
+            let more = conditions.motion(axis.name, xyz, slack);
+            motion.iter_mut().zip(more).for_each(|(own, more)| *own += more);
+        }
+        let state = JointState { q: internal(axis.name, at), motion };
         let nominal = JointState { q: internal(axis.name, q), motion: [0.0; 6] };
         let joint = &self.plan.kinematics.joints[axis.joint];
         let plain = Joint { point_mm: joint.point_mm, ..Joint::plain(joint.axis, joint.side) };
@@ -196,6 +207,11 @@ impl TruthMachine {
             sum.iter_mut().zip(more).for_each(|(own, more)| *own += more);
         }
         sum
+    }
+
+    /// Sets what happened to the machine since its survey, or restores the machine of its file.
+    pub fn set_conditions(&mut self, conditions: Option<Conditions>) {
+        self.conditions = conditions;
     }
 
     /// The exact pose at rest at `q` (mm or deg) after arriving in `direction` (-1, +1; 0: lost motion not taken up).
@@ -299,6 +315,14 @@ impl TruthMachine {
             let mut sum = self.motion_now(k, axis, q, slack);
             sum.iter_mut().zip(structure(k)).for_each(|(own, more)| *own += more);
             states[axis.joint] = JointState { q: internal(axis.name, q), motion: sum };
+        }
+        if let Some(conditions) = &self.conditions {
+            let at = [AxisName::X, AxisName::Y, AxisName::Z]
+                .map(|name| self.index_of(name).map_or(0.0, |k| states[self.plan.axes[k].joint].q));
+            for (k, axis) in self.plan.axes.iter().enumerate() {
+                let more = conditions.motion(axis.name, at, place(k, axis).1);
+                states[axis.joint].motion.iter_mut().zip(more).for_each(|(own, more)| *own += more);
+            }
         }
         if let (Some(ram), Some(z)) = (&self.ram, self.index_of(AxisName::Z)) {
             let at = |name| self.index_of(name).map_or(0.0, |k| states[self.plan.axes[k].joint].q);

@@ -2,11 +2,12 @@
 //! own units (mm and deg at the boundary).
 //!
 //! Reading order: [`chain`] (the string), [`kinematics`] (the exact product), [`shape`] (the errors), [`drive`]
-//! (what moves and measures an axis), [`structure`] (what yields and winds up behind it), [`machine`] (all of it together). The file format is described in
+//! (what moves and measures an axis), [`structure`] (what yields and winds up behind it), [`conditions`] (heat, load and wear since a survey), [`machine`] (all of it together). The file format is described in
 //! `simulator/machines/vmc-850.toml`, which uses most of its keys.
 
 pub mod axis_drift;
 pub mod chain;
+pub mod conditions;
 pub mod drift;
 pub mod drive;
 pub mod error;

@@ -205,7 +205,8 @@ impl LaserArgs {
 impl AxisLaser {
     /// The line about this cycle, if it has one.
     fn line(&mut self, record: &CycleRecord, machine: &TruthMachine) -> Option<String> {
-        let q = record.sample.axis[self.k];
+        let at = &record.sample.axis;
+        let q = at[self.k];
         let (before, direction) = self.last;
         let direction = if q > before {
             1
@@ -219,9 +220,9 @@ impl AxisLaser {
         let t = record.time_s;
         match &mut self.output {
             Output::Reduced(laser) => laser.line_of(&self.name, t, q, || {
-                carriage_motion(self.axis, &carriage.at(q, direction), &self.reference_mm)
+                carriage_motion(self.axis, &carriage.at_position(at, direction), &self.reference_mm)
             }),
-            Output::Raw(laser) => laser.line(&self.name, t, q, || carriage.at(q, direction)),
+            Output::Raw(laser) => laser.line(&self.name, t, q, || carriage.at_position(at, direction)),
         }
     }
 }

@@ -470,7 +470,7 @@ fn judge(instrument: Instrument, share: f64) {
     let mut failed = Vec::new();
     for chain in CHAINS {
         for sense in [Sense::Relative, Sense::Carriage] {
-            for seed in 1..=2 {
+            for seed in [1] {
                 let [still, live] = Loop::new(chain, instrument, sense, seed).run();
                 let line = format!(
                     "{instrument:?} {chain} {sense:?} seed {seed}: {:.2} µm without, {:.2} µm with",

@@ -100,7 +100,21 @@ fn tracker_and_lines_find_the_motions_of_carriages_on_either_side() {
     let directory = tempfile::tempdir().unwrap();
     let d = directory.path();
     for (letter, axis) in [("x", AxisName::X), ("z", AxisName::Z)] {
-        let words = measure(d, &["threepoint", "--axis", letter, "--stops", "41", "--runs", "3"]);
+        let words = measure(
+            d,
+            &[
+                "threepoint",
+                "--axis",
+                letter,
+                "--stops",
+                "41",
+                "--runs",
+                "3",
+                "--noise-angle-arcsec",
+                "0.05",
+                "--noise-only",
+            ],
+        );
         let report =
             identify(d, &words, &["--out", "model.toml", "--basis", "table", "--motions", "motions.csv"]);
         assert!(report.contains("residual test passed") && report.contains("passed"), "{report}");

@@ -42,6 +42,22 @@ pub(super) struct TrackerArgs {
     tracker_mm: Option<Vec3>,
 }
 
+impl TrackerArgs {
+    /// Place of the tracker in M, where it was stated.
+    pub(super) const fn station(&self) -> Option<Vec3> {
+        self.tracker_mm
+    }
+
+    /// Noise of range and angles, where both were stated.
+    pub(super) fn stated_noise(&self) -> Option<TrackerNoise> {
+        Some(TrackerNoise {
+            range: mm_from_um(self.sigma_range_um?),
+            range_share: self.sigma_range_um_per_m * 1e-6,
+            angle: rad_from_arcsec(self.sigma_angle_arcsec?),
+        })
+    }
+}
+
 /// The three columns of a point.
 #[derive(Debug, Clone, Copy)]
 pub(super) enum Columns {

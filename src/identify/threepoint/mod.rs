@@ -8,9 +8,10 @@
 //! Assumptions: the error motion is small (first order; [`PoseErrors::rigid`] is exact), noise is normal.
 //!
 //! Source: equations 5.1. Reading order: this file, `geometry` (can the points determine it), `series` (positions of
-//! an axis), `rigidity` (rigidity without any nominal geometry), `tracker` (observations to points).
+//! an axis), `rigidity` (rigidity without any nominal geometry), `tracker` (observations to points), `plan` (points and runs).
 
 mod geometry;
+mod plan;
 mod rigidity;
 mod series;
 mod tracker;
@@ -18,6 +19,7 @@ mod tracker;
 use nalgebra::{Matrix6, Vector6};
 
 pub use geometry::{CONDITION_LIMIT, Geometry, geometry};
+pub use plan::{POINTS_MAX, Plan, PlanError, PlanRequest, PlanRow, plan};
 pub use rigidity::{Side, Sides, sides};
 pub use series::{Series, SeriesError, SeriesFit, Shot, solve as solve_series};
 pub use tracker::{Observation, TrackerNoise};

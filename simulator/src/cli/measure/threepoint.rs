@@ -4,7 +4,7 @@ use std::fmt::Write as _;
 
 use super::common::{AxisPlan, not_negative};
 use crate::cli::Failure;
-use crate::instruments::tracker::{Observation, Tracker, on_carriage};
+use crate::instruments::tracker::{Observation, Tracker, TrackerErrors, on_carriage};
 
 /// A laser tracker measures points on the carriage of one axis at every stop, and reference points on the bed.
 #[derive(Debug, clap::Args)]
@@ -18,8 +18,11 @@ pub(super) struct Args {
     #[arg(long, default_value = "0.5", value_parser = not_negative)]
     noise_range_um: f64,
     /// Standard deviation of azimuth and elevation, arcsec.
-    #[arg(long, default_value = "0.05", value_parser = not_negative)]
+    #[arg(long, default_value = "0.75", value_parser = not_negative)]
     noise_angle_arcsec: f64,
+    /// Without refraction, encoder errors and warm-up drift of the tracker.
+    #[arg(long)]
+    noise_only: bool,
     /// Only the three points of the triangle.
     #[arg(long)]
     three: bool,
@@ -50,6 +53,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         args.noise_angle_arcsec,
         args.plan.seed,
     );
+    if !args.noise_only {
+        tracker = tracker.with_errors(TrackerErrors::shop(args.plan.seed), 0.0);
+    }
     let mut registration =
         String::from("point,machine_x_mm,machine_y_mm,machine_z_mm,range_mm,azimuth_deg,elevation_deg\n");
     for (i, p) in REFERENCES.iter().enumerate() {

@@ -1,6 +1,7 @@
 //! `volcomp identify threepoint`: laser-tracker points on a carriage to six error motions.
 
 mod case;
+mod plan;
 mod read;
 mod report;
 
@@ -47,6 +48,8 @@ pub(super) struct Args {
     #[arg(long)]
     rigidity: bool,
     #[command(flatten)]
+    plan: plan::PlanArgs,
+    #[command(flatten)]
     tracker: TrackerArgs,
     #[command(flatten)]
     curves: CurveArgs,
@@ -63,6 +66,8 @@ Files (CSV; BOM, CRLF, blank lines and # comments are fine):
 Example:
   volcomp identify threepoint --axis x --points points.csv --data x.csv --registration ref.csv \\
     --sigma-range-um 2 --sigma-angle-arcsec 0.5 --chain \"[w X' b Y Z t]\" --machine vmc-850 --out model.toml
+  volcomp identify threepoint --plan --target-arcsec 0.7 --angles ec --axis x --points points.csv --travel-mm 0,850 \\
+    --tracker-mm 2600,250,-450 --sigma-range-um 0.5 --sigma-angle-arcsec 0.75 --chain \"[w X' b Y Z t]\"
 
 Signs: right-handed angles, ex ey ez along M. For a carriage on the workpiece side (X' in the chain) the tracker sees
 its own motion; the model gets the motion of the tool relative to it, which is minus that.";
@@ -72,8 +77,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         file.writes_no_model(args.curves.writes())?;
         return case::run(file, args.case.json);
     }
+    if args.plan.plan {
+        return plan::run(args);
+    }
     if args.data.is_empty() {
-        return Err(Failure::usage("neither --input nor --data is given"));
+        return Err(Failure::usage("--input, --data or --plan is missing"));
     }
     let frame = args.tracker.frame()?;
     if args.rigidity {

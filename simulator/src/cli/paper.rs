@@ -1,0 +1,150 @@
+//! `cncsim paper`: the experiments of the source papers.
+
+use std::path::PathBuf;
+
+use super::{EX_SOFTWARE, EX_USAGE, Failure};
+use crate::demo::programs::Programs;
+use crate::papers::figure::Truth;
+use crate::papers::report::{cell, shown, unit, verdict};
+use crate::papers::{EXPERIMENTS, Experiment, Options, Outcome, json, missing, run};
+
+#[derive(Debug, clap::Args)]
+#[command(
+    after_help = "Examples:\n  cncsim paper 004                        one seed, kind and hard truth\n  \
+    cncsim paper all --seed 501 --seeds 20  every experiment on 20 seeds\n  \
+    cncsim paper 000 --truth hard --json    figures of one truth, for a script\n\n\
+    Exit code 70 where a limit is missed by the 5 % worst of the seeds."
+)]
+pub(super) struct Args {
+    /// Number of the paper (000 to 004), or all.
+    #[arg(value_name = "PAPER", value_parser = ["000", "001", "002", "003", "004", "all"])]
+    paper: String,
+    /// First seed of machine, instruments and conditions.
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    seed: u64,
+    /// Number of seeds.
+    #[arg(long, value_name = "K", default_value_t = 1, value_parser = clap::value_parser!(u32).range(1..=1000))]
+    seeds: u32,
+    /// Truth of machine and instruments.
+    #[arg(long, value_enum, default_value = "both")]
+    truth: TruthArg,
+    /// Folder for reports and all files; created where it does not exist.
+    #[arg(long, value_name = "DIR", default_value = "papers-output")]
+    out: PathBuf,
+    /// Print the figures as JSON (volcomp-paper/1).
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum TruthArg {
+    /// The machine of the survey is the machine of the test; instruments have noise only.
+    Kind,
+    /// Heat, load, axis interaction and wear between survey and test; instruments with systematic errors.
+    Hard,
+    /// Both, as two columns.
+    Both,
+}
+
+impl TruthArg {
+    fn truths(self) -> Vec<Truth> {
+        match self {
+            Self::Kind => vec![Truth::Kind],
+            Self::Hard => vec![Truth::Hard],
+            Self::Both => vec![Truth::Kind, Truth::Hard],
+        }
+    }
+}
+
+pub(super) fn paper(args: &Args) -> Result<(), Failure> {
+    let chosen: Vec<&'static dyn Experiment> =
+        EXPERIMENTS.iter().copied().filter(|e| args.paper == "all" || e.number() == args.paper).collect();
+    if chosen.is_empty() {
+        return Err(Failure::new(
+            EX_USAGE,
+            format_args!(
+                "the experiment of paper {} is not implemented; available: {}",
+                args.paper,
+                available()
+            ),
+        ));
+    }
+    if args.paper == "all" && !missing().is_empty() {
+        note!("not implemented and left out: {}", missing().join(", "));
+    }
+    if args.seed.checked_add(u64::from(args.seeds)).is_none() {
+        return Err(Failure::new(EX_USAGE, "--seed plus --seeds is beyond the largest seed"));
+    }
+    let options = Options {
+        folder: args.out.clone(),
+        seed: args.seed,
+        seeds: args.seeds,
+        truths: args.truth.truths(),
+        programs: Programs::this().map_err(|e| Failure::new(EX_SOFTWARE, format_args!("{e:#}")))?,
+    };
+    let mut outcomes = Vec::new();
+    for experiment in chosen {
+        let outcome = run(experiment, &options, &mut |step| note!("{step}"))
+            .map_err(|e| Failure::new(EX_SOFTWARE, format_args!("{e:#}")))?;
+        outcomes.push(outcome);
+    }
+    if args.json {
+        say!("{}", json(&outcomes));
+    } else {
+        outcomes.iter().for_each(print);
+    }
+    let missed: Vec<&str> = outcomes.iter().filter(|o| !o.holds()).map(|o| o.experiment.number()).collect();
+    if missed.is_empty() {
+        return Ok(());
+    }
+    Err(Failure::new(EX_SOFTWARE, format_args!("limits missed: paper {}", missed.join(", "))))
+}
+
+fn available() -> String {
+    let mut names: Vec<&str> = EXPERIMENTS.iter().map(|e| e.number()).collect();
+    names.push("all");
+    names.join(", ")
+}
+
+fn print(outcome: &Outcome) {
+    let seeds = outcome.seeds.len();
+    say!();
+    say!("Paper {}: {}", outcome.experiment.number(), outcome.experiment.title());
+    say!("{:<58} {:>8} {:>20} {:>20} {:>8}", "figure", "paper", "kind truth", "hard truth", "limit");
+    for row in outcome.experiment.rows() {
+        let of = |truth| cell(row, outcome.spread(row, truth), seeds);
+        let name =
+            if row.unit.is_empty() { row.name.to_owned() } else { format!("{}, {}", row.name, unit(row)) };
+        let line = format!(
+            "{name:<58} {:>8} {:>20} {:>20} {:>8}  {}",
+            row.paper.map_or_else(String::new, |v| shown(row, v)),
+            of(Truth::Kind),
+            of(Truth::Hard),
+            row.limit.map_or_else(String::new, |l| l.to_string()),
+            verdict(outcome.pass(row))
+        );
+        say!("{}", line.trim_end());
+    }
+    for share in outcome.shares() {
+        say!("  of what is left, hard truth: {:<44} {:>5.0} %", share.cause, 100.0 * share.share);
+    }
+    say!("report: {}", outcome.report.display());
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_experiment_has_a_number_of_its_own_and_limits() {
+        let mut numbers: Vec<&str> = EXPERIMENTS.iter().map(|e| e.number()).collect();
+        let count = numbers.len();
+        numbers.sort_unstable();
+        numbers.dedup();
+        assert_eq!(numbers.len(), count);
+        for e in EXPERIMENTS {
+            assert!(e.rows().iter().any(|r| r.limit.is_some()), "{}", e.number());
+        }
+        assert_eq!(count + missing().len(), 5);
+    }
+}

@@ -1,0 +1,329 @@
+//! The experiments of the source papers, each as one run: simulated instruments, the commands a user has, `volcompd` over
+//! TCP, and the compensated machine measured again with the instrument of the paper.
+//!
+//! To add an experiment: a folder of its own with a type that implements [`Experiment`], and a line in [`EXPERIMENTS`].
+//! Reading order: [`figure`] (rows, limits, spread), [`run()`], [`report`] (HTML), then the papers.
+
+#![expect(clippy::disallowed_methods, reason = "the experiments write files and start programs")]
+
+pub mod figure;
+pub mod machine;
+pub mod paper000;
+pub mod report;
+
+use std::collections::BTreeMap;
+use std::fs;
+use std::path::{Path, PathBuf};
+
+use anyhow::Context;
+use serde_json::{Value, json};
+use volcomp_cli::report_page::Plot;
+
+use self::figure::{Row, Share, Spread, Truth, Values};
+use crate::demo::programs::Programs;
+
+/// One run of an experiment: seed, truth and a folder of its own.
+#[derive(Debug, Clone)]
+pub struct Setting {
+    /// Seed of machine, instruments and conditions.
+    pub seed: u64,
+    /// Which truth.
+    pub truth: Truth,
+    /// Folder for all files of the run; it exists.
+    pub folder: PathBuf,
+    /// The programs of the product.
+    pub programs: Programs,
+}
+
+impl Setting {
+    /// Path of a file of the run.
+    #[must_use]
+    pub fn path(&self, name: &str) -> PathBuf {
+        self.folder.join(name)
+    }
+
+    /// Path of a file of the run as an argument.
+    #[must_use]
+    pub fn arg(&self, name: &str) -> String {
+        self.path(name).display().to_string()
+    }
+
+    /// Writes a file of the run.
+    ///
+    /// # Errors
+    /// The file cannot be written.
+    pub fn write(&self, name: &str, text: &str) -> anyhow::Result<()> {
+        let path = self.path(name);
+        fs::write(&path, text).with_context(|| format!("cannot write {}", path.display()))
+    }
+
+    /// Runs `volcomp ARGS..`, records the command line in `commands.txt` and returns what it printed.
+    ///
+    /// # Errors
+    /// The command fails; the message holds its stderr.
+    pub fn volcomp(&self, args: &[String]) -> anyhow::Result<String> {
+        use std::io::Write as _;
+        let mut log = fs::File::options().create(true).append(true).open(self.path("commands.txt"))?;
+        writeln!(log, "volcomp {}", args.iter().map(|a| quoted(a)).collect::<Vec<_>>().join(" "))?;
+        self.programs.volcomp(&args.iter().map(String::as_str).collect::<Vec<_>>())
+    }
+
+    /// Runs a command that prints JSON.
+    ///
+    /// # Errors
+    /// The command fails, or prints something else.
+    pub fn json(&self, args: &[String]) -> anyhow::Result<Value> {
+        let text = self.volcomp(args)?;
+        serde_json::from_str(&text).with_context(|| format!("volcomp {}: no JSON on stdout", args.join(" ")))
+    }
+}
+
+fn quoted(arg: &str) -> String {
+    if arg.contains([' ', '[', '\'']) { format!("\"{arg}\"") } else { arg.to_owned() }
+}
+
+/// Words of a command line.
+#[must_use]
+pub fn words(args: &[&str]) -> Vec<String> {
+    args.iter().map(|a| (*a).to_owned()).collect()
+}
+
+/// Results of one run.
+#[derive(Debug, Clone, Default, PartialEq)]
+pub struct Measured {
+    /// Figures by the names of the rows.
+    pub values: Values,
+    /// The plots of the paper.
+    pub plots: Vec<Plot>,
+    /// What causes the rest.
+    pub shares: Vec<Share>,
+    /// Remarks for the report.
+    pub notes: Vec<String>,
+}
+
+/// An experiment of a paper.
+pub trait Experiment: Sync {
+    /// Number of the paper, three digits.
+    fn number(&self) -> &'static str;
+    /// What is measured.
+    fn title(&self) -> &'static str;
+    /// Machine, instruments and procedure in a few sentences, for the report.
+    fn procedure(&self) -> &'static str;
+    /// Rows of the table.
+    fn rows(&self) -> &'static [Row];
+    /// Runs the experiment; progress goes to `progress`.
+    ///
+    /// # Errors
+    /// A program fails, a file cannot be written, or a measurement is impossible.
+    fn run(&self, setting: &Setting, progress: &mut dyn FnMut(&str)) -> anyhow::Result<Measured>;
+}
+
+/// All experiments that exist, by number.
+pub const EXPERIMENTS: &[&dyn Experiment] = &[&paper000::Paper000];
+
+/// Papers whose experiment does not exist yet.
+#[must_use]
+pub fn missing() -> Vec<&'static str> {
+    let built = |number: &str| EXPERIMENTS.iter().any(|e| e.number() == number);
+    ["000", "001", "002", "003", "004"].into_iter().filter(|n| !built(n)).collect()
+}
+
+/// What to run.
+#[derive(Debug, Clone)]
+pub struct Options {
+    /// Folder for reports and files.
+    pub folder: PathBuf,
+    /// First seed.
+    pub seed: u64,
+    /// Number of seeds.
+    pub seeds: u32,
+    /// Truths in the order of the columns.
+    pub truths: Vec<Truth>,
+    /// The programs of the product.
+    pub programs: Programs,
+}
+
+/// One seed of an experiment with every truth.
+#[derive(Debug, Clone, PartialEq)]
+pub struct SeedRun {
+    /// The seed.
+    pub seed: u64,
+    /// Results by truth.
+    pub runs: BTreeMap<Truth, Measured>,
+}
+
+/// An experiment over all seeds.
+pub struct Outcome {
+    /// The experiment.
+    pub experiment: &'static dyn Experiment,
+    /// Truths in the order of the columns.
+    pub truths: Vec<Truth>,
+    /// Seed by seed.
+    pub seeds: Vec<SeedRun>,
+    /// The report.
+    pub report: PathBuf,
+}
+
+/// Runs an experiment over all seeds and truths and writes its report.
+///
+/// # Errors
+/// A run fails; the message names seed and truth.
+pub fn run(
+    experiment: &'static dyn Experiment,
+    options: &Options,
+    progress: &mut dyn FnMut(&str),
+) -> anyhow::Result<Outcome> {
+    let folder = options.folder.join(format!("paper-{}", experiment.number()));
+    let mut seeds = Vec::new();
+    for seed in options.seed..options.seed + u64::from(options.seeds) {
+        let mut runs = BTreeMap::new();
+        for truth in &options.truths {
+            let place = format!("paper {}, seed {seed}, {} truth", experiment.number(), truth.name());
+            let setting = Setting {
+                seed,
+                truth: *truth,
+                folder: fresh(&folder.join(format!("seed-{seed}-{}", truth.name())))?,
+                programs: options.programs.clone(),
+            };
+            let measured = experiment
+                .run(&setting, &mut |step| progress(&format!("{place}: {step}")))
+                .with_context(|| place.clone())?;
+            runs.insert(*truth, measured);
+        }
+        seeds.push(SeedRun { seed, runs });
+    }
+    let outcome =
+        Outcome { experiment, truths: options.truths.clone(), seeds, report: folder.join("report.html") };
+    fs::write(&outcome.report, report::html(&outcome))
+        .with_context(|| format!("cannot write {}", outcome.report.display()))?;
+    Ok(outcome)
+}
+
+/// An empty folder; files of an earlier run with the same name are removed one by one.
+fn fresh(folder: &Path) -> anyhow::Result<PathBuf> {
+    fs::create_dir_all(folder).with_context(|| format!("cannot make {}", folder.display()))?;
+    let commands = folder.join("commands.txt");
+    if commands.exists() {
+        fs::remove_file(&commands)?;
+    }
+    Ok(folder.canonicalize()?)
+}
+
+impl Outcome {
+    /// All values of a figure with one truth, seed by seed.
+    #[must_use]
+    pub fn values(&self, row: &Row, truth: Truth) -> Vec<f64> {
+        self.seeds.iter().filter_map(|s| s.runs.get(&truth)?.values.get(row.name).copied()).collect()
+    }
+
+    /// Distribution of a figure over the seeds.
+    #[must_use]
+    pub fn spread(&self, row: &Row, truth: Truth) -> Option<Spread> {
+        Spread::of(&self.values(row, truth), row.limit)
+    }
+
+    /// Whether the 5 % worst keep the limit with every truth; none without a limit. A figure that a run did not yield
+    /// keeps no limit.
+    #[must_use]
+    pub fn pass(&self, row: &Row) -> Option<bool> {
+        let limit = row.limit?;
+        let keeps = |truth: &Truth| {
+            let values = self.values(row, *truth);
+            let complete = values.len() == self.seeds.len();
+            complete && Spread::of(&values, row.limit).is_some_and(|s| limit.holds(s.worst_5_percent))
+        };
+        Some(self.truths.iter().all(keeps))
+    }
+
+    /// True where every limit holds.
+    #[must_use]
+    pub fn holds(&self) -> bool {
+        self.experiment.rows().iter().all(|row| self.pass(row) != Some(false))
+    }
+
+    /// Mean shares of the causes over all seeds, with the hard truth.
+    #[must_use]
+    pub fn shares(&self) -> Vec<Share> {
+        let mut sums: Vec<(String, f64, u32)> = Vec::new();
+        let all = self.seeds.iter().filter_map(|s| s.runs.get(&Truth::Hard)).flat_map(|m| &m.shares);
+        for share in all {
+            match sums.iter_mut().find(|s| s.0 == share.cause) {
+                Some(sum) => {
+                    sum.1 += share.share;
+                    sum.2 += 1;
+                }
+                None => sums.push((share.cause.clone(), share.share, 1)),
+            }
+        }
+        sums.into_iter().map(|(cause, sum, n)| Share { cause, share: sum / f64::from(n) }).collect()
+    }
+
+    /// The entries of `papers` in `volcomp-paper/1`, one per seed.
+    #[must_use]
+    pub fn json(&self) -> Vec<Value> {
+        let entry = |s: &SeedRun| {
+            let figures: Vec<Value> = self.experiment.rows().iter().map(|row| figure_json(row, s)).collect();
+            json!({
+                "paper": self.experiment.number(),
+                "seed": s.seed,
+                "figures": figures,
+                "report": self.report,
+            })
+        };
+        self.seeds.iter().map(entry).collect()
+    }
+
+    /// The entry of `summary` in `volcomp-paper/1`: distributions over the seeds.
+    #[must_use]
+    pub fn summary_json(&self) -> Value {
+        let figures: Vec<Value> = self
+            .experiment
+            .rows()
+            .iter()
+            .map(|row| {
+                json!({
+                    "name": row.name,
+                    "unit": row.unit,
+                    "paper": row.paper,
+                    "limit": row.limit,
+                    "kind": self.spread(row, Truth::Kind),
+                    "hard": self.spread(row, Truth::Hard),
+                    "pass": self.pass(row),
+                })
+            })
+            .collect();
+        json!({
+            "paper": self.experiment.number(),
+            "seeds": self.seeds.len(),
+            "figures": figures,
+            "shares_of_what_is_left": self.shares(),
+            "pass": self.holds(),
+        })
+    }
+}
+
+/// A figure of one seed; `ours` is the value with the hardest truth that was run.
+fn figure_json(row: &Row, seed: &SeedRun) -> Value {
+    let of = |truth: Truth| seed.runs.get(&truth).and_then(|m| m.values.get(row.name).copied());
+    let (kind, hard) = (of(Truth::Kind), of(Truth::Hard));
+    json!({
+        "name": row.name,
+        "unit": row.unit,
+        "paper": row.paper,
+        "kind": kind,
+        "hard": hard,
+        "ours": hard.or(kind),
+        "limit": row.limit,
+        "pass": row.pass([kind, hard]),
+    })
+}
+
+/// The whole of `volcomp-paper/1`.
+#[must_use]
+pub fn json(outcomes: &[Outcome]) -> Value {
+    json!({
+        "format": "volcomp-paper/1",
+        "papers": outcomes.iter().flat_map(Outcome::json).collect::<Vec<_>>(),
+        "summary": outcomes.iter().map(Outcome::summary_json).collect::<Vec<_>>(),
+    })
+}

@@ -1,0 +1,120 @@
+//! The report of an experiment: the table, the plots of the first seed with each truth, what causes the rest, and the
+//! commands to repeat it.
+
+use volcomp_cli::report_page::{Entry, ReportPage};
+
+use super::Outcome;
+use super::figure::{Row, Spread, Truth};
+
+/// A number with the decimals of its row.
+#[must_use]
+pub fn shown(row: &Row, value: f64) -> String {
+    let text = format!("{value:.*}", row.decimals);
+    if text.trim_start_matches('-').chars().all(|c| c == '0' || c == '.') {
+        text.trim_start_matches('-').to_owned()
+    } else {
+        text
+    }
+}
+
+/// The unit as a person reads it.
+#[must_use]
+pub fn unit(row: &Row) -> &'static str {
+    match row.unit {
+        "um" => "µm",
+        other => other,
+    }
+}
+
+/// Value of one seed, or median and 5 % worst of many.
+#[must_use]
+pub fn cell(row: &Row, spread: Option<Spread>, seeds: usize) -> String {
+    match spread {
+        None => String::new(),
+        Some(s) if seeds == 1 => shown(row, s.median),
+        Some(s) if row.limit.is_none() => {
+            format!("{} ({} to {})", shown(row, s.median), shown(row, s.min), shown(row, s.max))
+        }
+        Some(s) => format!("{} (worst {})", shown(row, s.median), shown(row, s.worst_5_percent)),
+    }
+}
+
+/// `passed`, `MISSED` or nothing.
+#[must_use]
+pub const fn verdict(pass: Option<bool>) -> &'static str {
+    match pass {
+        Some(true) => "passed",
+        Some(false) => "MISSED",
+        None => "",
+    }
+}
+
+/// The report as HTML.
+#[must_use]
+pub fn html(outcome: &Outcome) -> String {
+    let e = outcome.experiment;
+    let seeds = outcome.seeds.len();
+    let mut page = ReportPage::new(&format!("Paper {}: {}", e.number(), e.title()));
+    let limits: Vec<Option<bool>> = e.rows().iter().map(|row| outcome.pass(row)).collect();
+    let (kept, all) =
+        (limits.iter().filter(|p| **p == Some(true)).count(), limits.iter().filter(|p| p.is_some()).count());
+    page.lead(&format!(
+        "{kept} of {all} limits kept over {seeds} {}.",
+        if seeds == 1 { "seed" } else { "seeds" }
+    ));
+    page.paragraph(e.procedure());
+    page.table(&["figure", "unit", "paper", "kind truth", "hard truth", "limit", ""], &rows(outcome));
+    page.note(
+        "Kind truth: the machine of the survey is the machine of the test, and instruments have noise only. Hard truth: heat, \
+         load, axis interaction and wear between survey and test, and instruments with systematic errors. Over several \
+         seeds: median, and in brackets the worst value after leaving out one seed in 20. Limits apply to both truths.",
+    );
+    let shares = outcome.shares();
+    if !shares.is_empty() {
+        page.heading("Causes of what is left, hard truth");
+        let bars: Vec<(String, f64, String)> = shares
+            .iter()
+            .map(|s| (s.cause.clone(), s.share.max(0.0), format!("{:.0} %", 100.0 * s.share)))
+            .collect();
+        page.bars(&bars);
+        page.note(
+            "Drop of the mean square of what is left when a cause alone is switched off, mean over the seeds. Causes \
+             interact: the shares need not add up to 100 %.",
+        );
+    }
+    if let Some(first) = outcome.seeds.first() {
+        for truth in [Truth::Kind, Truth::Hard] {
+            let Some(run) = first.runs.get(&truth) else { continue };
+            page.heading(&format!("Seed {}, {} truth", first.seed, truth.name()));
+            page.plots(&run.plots);
+            for note in &run.notes {
+                page.note(note);
+            }
+        }
+    }
+    let last = outcome.seeds.last().map_or(0, |s| s.seed);
+    page.note(&format!(
+        "Seeds {} to {last}. Repeat: cncsim paper {} --seed {} --seeds {seeds}. The folder of each run holds its files and \
+         commands.txt with every command.",
+        outcome.seeds.first().map_or(0, |s| s.seed),
+        e.number(),
+        outcome.seeds.first().map_or(0, |s| s.seed),
+    ));
+    page.finish()
+}
+
+fn rows(outcome: &Outcome) -> Vec<Vec<Entry>> {
+    let seeds = outcome.seeds.len();
+    let row = |row: &Row| {
+        vec![
+            Entry::Head(row.name.to_owned()),
+            Entry::Text(unit(row).to_owned()),
+            Entry::Number(row.paper.map_or_else(String::new, |v| shown(row, v))),
+            Entry::Number(cell(row, outcome.spread(row, Truth::Kind), seeds)),
+            Entry::Number(cell(row, outcome.spread(row, Truth::Hard), seeds)),
+            Entry::Number(row.limit.map_or_else(String::new, |l| l.to_string())),
+            Entry::Text(verdict(outcome.pass(row)).to_owned()),
+        ]
+    };
+    outcome.experiment.rows().iter().map(row).collect()
+}

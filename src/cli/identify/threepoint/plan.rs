@@ -1,0 +1,198 @@
+//! `volcomp identify threepoint --plan`: points and runs for a wanted uncertainty.
+
+use serde_json::{Value, json};
+
+use super::{Args, read};
+use crate::identify::case::print_json;
+use crate::model_writer::default_chain;
+use crate::{EX_DATAERR, Failure};
+use volcomp_identify::threepoint::{Plan, PlanRequest, PlanRow, plan as make};
+use volcomp_model::geometry::Vec3;
+use volcomp_units::axes::AxisName;
+use volcomp_units::{arcsec_from_rad, rad_from_arcsec};
+
+/// The three angular error motions.
+const ANGLES: [&str; 3] = ["ea", "eb", "ec"];
+
+/// Numbers of a plan.
+#[derive(Debug, clap::Args)]
+pub(super) struct PlanArgs {
+    /// Plan the measurement instead of evaluating one: the best of --points and the runs they need for --target-arcsec.
+    #[arg(long, conflicts_with_all = ["data", "input", "rigidity"], requires_all = ["points", "axis", "travel_mm", "tracker_mm", "target_arcsec"])]
+    pub(super) plan: bool,
+    /// Bound of the error of an angle, 95 % for all positions together.
+    #[arg(long, value_name = "ARCSEC", value_parser = crate::arg_parsers::above_zero, requires = "plan")]
+    target_arcsec: Option<f64>,
+    /// Angles that must reach it.
+    #[arg(long, value_name = "ANGLES", value_delimiter = ',', value_parser = ANGLES, default_value = "ea,eb,ec")]
+    angles: Vec<String>,
+    /// Travel that is measured.
+    #[arg(long, value_name = "LOW,HIGH", value_parser = range, requires = "plan", allow_hyphen_values = true)]
+    travel_mm: Option<[f64; 2]>,
+    /// Stops over the travel, ends included.
+    #[arg(long, value_name = "N", default_value_t = 21, value_parser = clap::value_parser!(u32).range(2..=1000))]
+    stops: u32,
+    /// Standard deviation of the part of the angles that is the same in every run (encoder, refraction).
+    #[arg(long, value_name = "ARCSEC", default_value = "0", value_parser = crate::arg_parsers::not_negative)]
+    systematic_angle_arcsec: f64,
+}
+
+/// `0,850`.
+fn range(text: &str) -> Result<[f64; 2], String> {
+    let ends: Option<Vec<f64>> =
+        text.split(',').map(|t| t.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
+    match ends.as_deref() {
+        Some([low, high]) if low < high => Ok([*low, *high]),
+        _ => Err(format!("'{text}' is no range; expected two numbers, the smaller first, such as 0,850")),
+    }
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let p = &args.plan;
+    let (Some(points), Some(axis), Some([low, high]), Some(station), Some(target)) =
+        (&args.points, args.axis, p.travel_mm, args.tracker.station(), p.target_arcsec)
+    else {
+        return Err(Failure::usage(
+            "--plan needs --points, --axis, --travel-mm, --tracker-mm and --target-arcsec",
+        ));
+    };
+    let noise = args
+        .tracker
+        .stated_noise()
+        .ok_or_else(|| Failure::usage("--plan needs --sigma-range-um and --sigma-angle-arcsec"))?;
+    let base = args.curves.model.base(|| default_chain([axis]))?;
+    let named = read::points(points)?;
+    let step = (high - low) / f64::from(p.stops - 1);
+    let request = PlanRequest {
+        points: named.iter().map(|n| n.1).collect(),
+        origin: args.origin_mm,
+        axis,
+        workpiece_side: base.spec.is_workpiece_side(axis),
+        positions: (0..p.stops).map(|i| low + step * f64::from(i)).collect(),
+        station,
+        noise,
+        systematic_angle: rad_from_arcsec(p.systematic_angle_arcsec),
+        target: rad_from_arcsec(target),
+        wanted: ANGLES.map(|a| p.angles.iter().any(|w| w == a)),
+    };
+    let plan = make(&request)
+        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", points.display())))?;
+    let names: Vec<String> = named.into_iter().map(|n| n.0).collect();
+    if args.case.json {
+        print_json(&as_json(&plan, &request, &names));
+    } else {
+        print(&plan, &request, &names, target);
+    }
+    Ok(())
+}
+
+fn chosen<'a>(row: &'a PlanRow, names: &'a [String]) -> Vec<&'a str> {
+    row.chosen.iter().map(|i| names[*i].as_str()).collect()
+}
+
+/// Runs for all wanted angles.
+fn runs(row: &PlanRow, wanted: &[bool; 3]) -> Option<u32> {
+    let all: Option<Vec<u32>> = (0..3).filter(|i| wanted[*i]).map(|i| row.runs[i]).collect();
+    all?.into_iter().max()
+}
+
+fn as_json(plan: &Plan, request: &PlanRequest, names: &[String]) -> Value {
+    let rows: Vec<Value> = plan
+        .rows
+        .iter()
+        .map(|r| {
+            json!({
+                "points": chosen(r, names),
+                "single_std": r.single,
+                "floor_std": r.floor,
+                "runs": r.runs,
+                "runs_for_angles": runs(r, &request.wanted),
+                "condition_centroid": r.geometry.condition_centroid,
+            })
+        })
+        .collect();
+    json!({
+        "coverage": plan.coverage,
+        "positions": request.positions.len(),
+        "rows": rows,
+        "best": plan.best.map(|i| json!({
+            "points": chosen(&plan.rows[i], names),
+            "runs": runs(&plan.rows[i], &request.wanted),
+        })),
+    })
+}
+
+fn print(plan: &Plan, request: &PlanRequest, names: &[String], target: f64) {
+    let distance = |q: f64| {
+        let sign = if request.workpiece_side { -1.0 } else { 1.0 };
+        let mut at: Vec3 = request.origin - request.station;
+        at[request.axis.direction()] += sign * q;
+        let mean = request.points.iter().sum::<Vec3>() / request.points.len() as f64;
+        (at + mean).norm() / 1e3
+    };
+    let (first, last) = (request.positions[0], request.positions[request.positions.len() - 1]);
+    let (near, far) = (distance(first).min(distance(last)), distance(first).max(distance(last)));
+    say!(
+        "{} at {} positions, tracker {near:.1} to {far:.1} m away; target {target} arcsec at every position (95 %, k = {:.2})",
+        request.axis,
+        request.positions.len(),
+        plan.coverage
+    );
+    say!();
+    let [a, b, c] = angle_names(request.axis);
+    say!(
+        "{:>6}  {:>9}{:>9}{:>9}  {:>7}{:>7}{:>7}  points",
+        "points",
+        format!("std {a}"),
+        format!("std {b}"),
+        format!("std {c}"),
+        "runs",
+        "runs",
+        "runs"
+    );
+    let shown = |r: Option<u32>| r.map_or_else(|| "-".to_owned(), |n| n.to_string());
+    for r in &plan.rows {
+        let [sa, sb, sc] = r.single.map(arcsec_from_rad);
+        let [na, nb, nc] = r.runs.map(shown);
+        say!(
+            "{:>6}  {sa:>9.2}{sb:>9.2}{sc:>9.2}  {na:>7}{nb:>7}{nc:>7}  {}",
+            r.chosen.len(),
+            chosen(r, names).join(" ")
+        );
+    }
+    say!();
+    say!(
+        "std: one reading of every point, largest over the travel, arcsec; runs: there and back; -: not reachable"
+    );
+    let wanted: Vec<&str> =
+        [&a, &b, &c].into_iter().zip(request.wanted).filter(|(_, w)| *w).map(|(n, _)| n.as_str()).collect();
+    match plan.best {
+        Some(i) => {
+            let row = &plan.rows[i];
+            let runs = runs(row, &request.wanted).unwrap_or(1);
+            say!(
+                "fewest readings for {}: {} points ({}), {runs} runs, {} readings",
+                wanted.join(" "),
+                row.chosen.len(),
+                chosen(row, names).join(" "),
+                2 * u64::from(runs) * row.chosen.len() as u64 * request.positions.len() as u64
+            );
+        }
+        None => {
+            note!(
+                "warning: {} cannot reach {target} arcsec with these points and this station; place points further apart across the beam, \
+                 move the tracker into the line of the axis (the range then carries pitch and yaw), or use another instrument",
+                wanted.join(" ")
+            );
+        }
+    }
+    if request.systematic_angle == 0.0 {
+        note!(
+            "note: runs average noise only; state what is the same in every run with --systematic-angle-arcsec"
+        );
+    }
+}
+
+fn angle_names(axis: AxisName) -> [String; 3] {
+    ANGLES.map(|a| format!("{}{}", a.to_uppercase(), axis))
+}
