@@ -9,5 +9,6 @@ mod measure_probes;
 mod measure_tracker;
 #[path = "../../../tests/numbers/random_machine.rs"]
 mod random_machine;
+mod serve_lasers;
 mod survey;
 mod vectors;
