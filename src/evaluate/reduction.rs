@@ -1,8 +1,8 @@
 //! How much smaller a deviation is after compensation, with the uncertainty that the scatter of the readings leaves.
 //!
 //! Readings at one place (target and direction, or sector of a circle) are averaged. Figures are the range of the means and
-//! their RMS. The variance of a mean is the pooled variance of the readings at one place over their number; of a range
-//! it is that of its two ends. `reduction = 1 - after / before`, its variance by first-order propagation.
+//! their RMS. The variance of a mean is the pooled variance of the readings at one place over their number, or, where
+//! these follow each other within one run and so are autocorrelated, that of a single reading; of a range it is that of its two ends. `reduction = 1 - after / before`, its variance by first-order propagation.
 //!
 //! The uncertainty holds for the scatter of readings. An error of the instrument that is the same in both measurements
 //! is in both figures.
@@ -54,9 +54,9 @@ pub struct Reduction {
 }
 
 impl Size {
-    /// The figures of a measurement; `None` without readings.
+    /// The figures of a measurement; `None` without readings. `repeated` readings at one place are of different runs.
     #[must_use]
-    pub fn of(readings: &[Placed]) -> Option<Self> {
+    pub fn of(readings: &[Placed], repeated: bool) -> Option<Self> {
         let mut places: BTreeMap<(u32, i64), (f64, f64)> = BTreeMap::new();
         for r in readings.iter().filter(|r| r.value.is_finite()) {
             let (n, sum) = places.entry((r.curve, r.place)).or_default();
@@ -73,16 +73,20 @@ impl Size {
         let free = count - places.len() as f64;
         let variance = (free > 0.0).then(|| squares / free);
         let means = || places.values().map(|(n, sum)| (sum / n, *n));
+        let weight = |n: f64| if repeated { n } else { 1.0 };
         let (high, n_high) = means().max_by(|a, b| a.0.total_cmp(&b.0))?;
         let (low, n_low) = means().min_by(|a, b| a.0.total_cmp(&b.0))?;
         let total = places.len() as f64;
         let rms = (means().map(|(m, _)| m * m).sum::<f64>() / total).sqrt();
         let rms_variance = |v: f64| {
-            let sum: f64 = means().map(|(m, n)| m * m * v / n).sum();
+            let sum: f64 = means().map(|(m, n)| m * m * v / weight(n)).sum();
             if rms > 0.0 { sum / (total * rms).powi(2) } else { 0.0 }
         };
         Some(Self {
-            range: Uncertain { value: high - low, std: variance.map(|v| (v / n_high + v / n_low).sqrt()) },
+            range: Uncertain {
+                value: high - low,
+                std: variance.map(|v| (v / weight(n_high) + v / weight(n_low)).sqrt()),
+            },
             rms: Uncertain { value: rms, std: variance.map(|v| rms_variance(v).sqrt()) },
             low,
             high,
@@ -108,10 +112,15 @@ mod tests {
     use super::*;
     use std::f64::consts::TAU;
 
-    /// Deterministic normal noise by Box and Muller on a Weyl sequence.
+    /// Normal noise of a counter: splitmix64, Box and Muller.
     fn noise(i: u32) -> f64 {
-        let u = |k: f64| (f64::from(i + 1) * k).fract();
-        (-2.0 * u(0.754_877_666_246_692_8).max(1e-12).ln()).sqrt() * (TAU * u(0.569_840_290_998_053_3)).cos()
+        let uniform = |k: u64| {
+            let mut z = (2 * u64::from(i) + k).wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+        };
+        (-2.0 * uniform(0).max(1e-12).ln()).sqrt() * (TAU * uniform(1)).cos()
     }
 
     fn test(size: f64, first: u32) -> Vec<Placed> {
@@ -129,7 +138,7 @@ mod tests {
         let reductions: Vec<Reduction> = (0..400)
             .map(|k| {
                 let [before, after] = [(100.0, 0), (20.0, 210)]
-                    .map(|(size, shift)| Size::of(&test(size, 420 * k + shift)).unwrap().range);
+                    .map(|(size, shift)| Size::of(&test(size, 420 * k + shift), true).unwrap().range);
                 Reduction::of(before, after).unwrap()
             })
             .collect();
@@ -144,9 +153,12 @@ mod tests {
     #[test]
     fn one_reading_at_each_place_states_no_uncertainty() {
         let one: Vec<Placed> = (0..5).map(|place| Placed { curve: 0, place, value: place as f64 }).collect();
-        let size = Size::of(&one).unwrap();
+        let size = Size::of(&one, true).unwrap();
         assert_eq!((size.range.value, size.range.std), (4.0, None));
-        assert!(Size::of(&[]).is_none());
+        let run = test(10.0, 0);
+        let [repeated, of_one_run] = [true, false].map(|r| Size::of(&run, r).unwrap().range.std.unwrap());
+        assert!((of_one_run / repeated - 10f64.sqrt()).abs() < 1e-9);
+        assert!(Size::of(&[], true).is_none());
         let nothing = Uncertain { value: 0.0, std: None };
         assert!(Reduction::of(nothing, size.range).is_none());
     }

@@ -41,11 +41,14 @@ pub struct About {
     pub cycle_s: f64,
 }
 
+/// Least cycles of a dwell.
+const DWELL_CYCLES: usize = 5;
+
 /// What is wanted of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "snake_case")]
 pub enum Want {
-    /// The last cycle of every dwell.
+    /// The last cycle of every dwell of at least five cycles.
     Stops,
     /// One of so many cycles of everything between `(SCORE ON)` and `(SCORE OFF)`.
     Path(usize),
@@ -126,8 +129,8 @@ impl About {
 pub struct Selection {
     want: Want,
     count: usize,
-    /// The last cycle of the dwell that is going on.
-    standing: Option<CycleRecord>,
+    /// The last cycle of the dwell that is going on, and its cycles.
+    standing: Option<(CycleRecord, usize)>,
     points: Vec<Point>,
 }
 
@@ -147,11 +150,12 @@ impl Selection {
         match self.want {
             Want::Stops => {
                 let stands = r.feed_mm_per_min == 0.0;
-                if !stands || self.standing.is_some_and(|before| before.line != r.line) {
+                if !stands || self.standing.is_some_and(|(before, _)| before.line != r.line) {
                     self.end_of_dwell(machine);
                 }
                 if stands {
-                    self.standing = Some(*r);
+                    let cycles = self.standing.map_or(0, |(_, cycles)| cycles);
+                    self.standing = Some((*r, cycles + 1));
                 }
             }
             Want::Path(every) => {
@@ -164,7 +168,8 @@ impl Selection {
     }
 
     fn end_of_dwell(&mut self, machine: &TruthMachine) {
-        if let Some(r) = self.standing.take() {
+        // one cycle at rest between two moves is no dwell
+        if let Some((r, _)) = self.standing.take().filter(|(_, cycles)| *cycles >= DWELL_CYCLES) {
             self.points.push(point(machine, &r));
         }
     }

@@ -10,6 +10,7 @@ mod live_s_part;
 mod motion_dependent;
 mod scenarios;
 mod support;
+mod through;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

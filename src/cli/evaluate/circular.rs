@@ -1,5 +1,6 @@
 //! `evaluate iso230-4`: circular test.
 
+use core::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
@@ -7,10 +8,13 @@ use serde_json::{Map, Value, json};
 
 use super::page::{self, Origin};
 use super::picture::circular::{self as drawing, Shown};
-use super::{Figure, Output, bad_data, change, only, percent, put_before};
+use super::{
+    CompareOptions, Compared, Figure, Output, bad_data, change, drawn, only, percent, put_before,
+    side_by_side,
+};
 use crate::positioning_data::no_rows;
 use crate::{EX_USAGE, Failure, table};
-use volcomp_evaluate::{Centring, CircularReading, Circularity};
+use volcomp_evaluate::{Centring, CircularReading, Circularity, Placed};
 use volcomp_identify::ballbar::{Sample, cut_overshoot};
 use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
 
@@ -54,7 +58,7 @@ pub(super) struct Args {
     output: Output,
 }
 
-fn plane(text: &str) -> Result<[char; 2], String> {
+pub(crate) fn plane(text: &str) -> Result<[char; 2], String> {
     let axes: Vec<char> = text.chars().map(|c| c.to_ascii_uppercase()).collect();
     match axes[..] {
         [a, b] if a != b && a.is_ascii_alphabetic() && b.is_ascii_alphabetic() => Ok([a, b]),
@@ -264,4 +268,56 @@ fn report(
         if i + 1 == shown.len() { page.figure(&svg, caption) } else { page.picture(&svg) }
     }
     Ok(page.finish())
+}
+
+/// Sectors of a circle in which readings are averaged.
+const SECTORS: f64 = 360.0;
+
+/// Two tests for `volcomp verify`: radial deviations about the common least-squares circle.
+pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared, Failure> {
+    let plane: String = options.plane.iter().collect();
+    let mut words = vec!["iso230-4".to_owned(), "--plane".to_owned(), plane];
+    if let Some(radius) = options.radius_mm {
+        words.extend(["--radius-mm".to_owned(), radius.to_string()]);
+    }
+    if let Some(feed) = options.feed_mm_per_min {
+        words.extend(["--feed-mm-per-min".to_owned(), feed.to_string()]);
+    }
+    let read = |path: &Path| -> Result<Evaluated, Failure> {
+        let words = words.iter().cloned().chain(["--data".to_owned(), path.display().to_string()]);
+        let args = <Args as clap::Parser>::try_parse_from(words).map_err(|e| Failure::new(EX_USAGE, e))?;
+        read(&args, path)
+    };
+    let [before, after] = [read(files[0])?, read(files[1])?];
+    let shown = [&before, &after].map(|test| Shown {
+        title: "",
+        result: &test.result,
+        readings: &test.readings,
+        plane: options.plane,
+        radius_mm: options.radius_mm,
+    });
+    let scale = drawing::scale(&shown);
+    let plot = |shown: &Shown<'_>| drawing::single(shown, scale).map_err(drawn);
+    Ok(Compared {
+        test: "iso230-4",
+        standard: "Circular test, ISO 230-4:2005",
+        unit: "µm",
+        figures: side_by_side(&figures(&before.result), &figures(&after.result)),
+        plots: vec![("Before", plot(&shown[0])?), ("After, same scale", plot(&shown[1])?)],
+        caption: "Radial deviations about the common centre, magnified; the heavy circle is the nominal path.",
+        readings: [placed(&before), placed(&after)],
+        is_repeated: false,
+        notes: vec!["Readings are averaged in sectors of 1 deg, each direction apart.".to_owned()],
+    })
+}
+
+fn placed(test: &Evaluated) -> Vec<Placed> {
+    let [x, y] = test.result.centre;
+    let one = |r: &CircularReading| {
+        let about = r.deviation - x * r.angle.cos() - y * r.angle.sin();
+        let sector = (r.angle.rem_euclid(TAU) / TAU * SECTORS) as i64;
+        let reverse = i64::from(r.travel == volcomp_units::axes::Travel::Reverse);
+        Placed { curve: 0, place: 2 * sector + reverse, value: um_from_mm(about) }
+    };
+    test.readings.iter().map(one).collect()
 }

@@ -122,6 +122,18 @@ fn run_as(args: &Args, file: &str, mounting_um: f64) -> Result<(), Failure> {
         // writing into a string cannot fail
         let _ = write!(command, " --data {name}={}", path.display());
     }
+    if file == "circle" {
+        for plane in &args.plane {
+            let (name, _) = plane.name_and_axes();
+            let path = args.out.join(format!("{file}-{name}.csv"));
+            say!(
+                "volcomp evaluate iso230-4 --data {} --plane {name} --radius-mm {}",
+                path.display(),
+                args.radius_mm
+            );
+        }
+        return Ok(());
+    }
     note!("circles run; now rank their causes with");
     let [x, y, z] = centre;
     let cut =
