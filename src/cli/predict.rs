@@ -2,6 +2,8 @@
 //!
 //! Bounded memory: one line in, one line out. The input line is copied as it stands, then the new columns follow.
 
+mod circle;
+
 use std::io::{self, BufRead, Write};
 use std::path::PathBuf;
 
@@ -16,8 +18,9 @@ use volcomp_model::{AxisCorrection, AxisMotion, DYNAMIC_MAX, Deviation, Model, P
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
 use volcomp_units::{RAD_PER_DEG, arcsec_from_rad, um_from_mm};
 
-/// Predict the error of the tool, and the corrections of the axes, at every point of a table.
+/// Predict the error of the tool, and the corrections of the axes, at every point of a table; or a measured circle.
 #[derive(Debug, Parser)]
+#[command(after_long_help = circle::HELP)]
 pub(super) struct Args {
     /// The model file.
     #[arg(long, value_name = "FILE")]
@@ -26,14 +29,16 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE")]
     add: Vec<PathBuf>,
     /// Points: x_mm, c_deg .. per axis; optional tool_x_mm tool_y_mm tool_z_mm or tool_length_mm, dir_x ..; - is stdin.
-    #[arg(long, value_name = "CSV")]
-    points: PathBuf,
+    #[arg(long, value_name = "CSV", required_unless_present = "circle", conflicts_with = "circle")]
+    points: Option<PathBuf>,
     /// The result; - is stdout.
-    #[arg(long, value_name = "CSV")]
-    out: PathBuf,
+    #[arg(long, value_name = "CSV", required_unless_present = "circle", conflicts_with = "circle")]
+    out: Option<PathBuf>,
     /// Exact rotations instead of first order.
     #[arg(long)]
     exact: bool,
+    #[command(flatten)]
+    circle: circle::CircleArgs,
 }
 
 /// Bytes gathered before they are written.
@@ -63,20 +68,26 @@ const KEPT_STEMS: [&str; 8] =
     ["since_reversal_", "target_", "station_", "force_", "temp_", "load_", "note_", "label"];
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    let same = args.points == args.out && args.out.as_os_str() != "-";
-    let resolved = || Some(args.points.canonicalize().ok()? == args.out.canonicalize().ok()?);
+    if args.circle.is_wanted() {
+        return circle::run(args);
+    }
+    let (Some(points), Some(out)) = (&args.points, &args.out) else {
+        return Err(Failure::usage("give --points and --out, or --circle"));
+    };
+    let same = points == out && out.as_os_str() != "-";
+    let resolved = || Some(points.canonicalize().ok()? == out.canonicalize().ok()?);
     if same || resolved().unwrap_or(false) {
         return Err(Failure::new(
             EX_USAGE,
-            format_args!("error: --out {}: is the file of points; name another", args.out.display()),
+            format_args!("error: --out {}: is the file of points; name another", out.display()),
         ));
     }
     let (spec, model) = read_model(&args.model)?;
-    let mut table = table::open_stream(&args.points)?;
+    let mut table = table::open_stream(points)?;
     let columns = Columns::find(&table, &model)?;
     let mut additions = Additions::read(&args.add, (&spec, &model), &table)?;
     columns.check_length(&table, &model, additions.as_ref())?;
-    let mut output = Output::create(&args.out)?;
+    let mut output = Output::create(out)?;
     let mut block = Vec::with_capacity(BLOCK + 4096);
     columns.header(&table, &mut block);
     let mut written = write_block(&mut output, &mut block, 0)?;

@@ -1,12 +1,13 @@
 //! The figures of ISO 230 from measured deviations: offline, pure.
 //!
-//! [`positioning`] ISO 230-2 (its [`uncertainty`]), [`circular`] ISO 230-4, [`diagonal`] ISO 230-6, [`plate`] for hole and
+//! [`positioning`] ISO 230-2 (its [`uncertainty`]), [`circular`] ISO 230-4 ([`circle_prediction`] against a model), [`diagonal`] ISO 230-6, [`plate`] for hole and
 //! ball plates. Deviations are actual minus nominal;
 //! every figure has the unit of the deviations that went in. Equations: `docs/reference/equations.md`.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
 
+pub mod circle_prediction;
 pub mod circular;
 pub mod diagonal;
 pub mod plate;
@@ -14,6 +15,7 @@ pub mod positioning;
 pub mod reduction;
 pub mod uncertainty;
 
+pub use circle_prediction::CirclePrediction;
 pub use circular::{Centring, CircularReading, Circularity};
 pub use diagonal::{Diagonal, DiagonalTest};
 pub use plate::{PlateFit, PlateModel, PlateNorm, PlatePoint};

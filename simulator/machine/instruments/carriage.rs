@@ -58,6 +58,12 @@ impl<'a> Carriage<'a> {
         self.machine.travel(self.k)
     }
 
+    /// +1 where the body that is looked at moves by plus the programmed coordinate, -1 by minus.
+    #[must_use]
+    pub const fn sense(&self) -> f64 {
+        if self.inverted { -1.0 } else { 1.0 }
+    }
+
     /// The body with the axis at `q`, arrived in `direction`, the others at home.
     #[must_use]
     pub fn at(&self, q: f64, direction: i8) -> Seen {

@@ -12,6 +12,37 @@ use super::{InstrumentError, Noise};
 /// Channels in the order of all arrays.
 pub const CHANNELS: [&str; 6] = ["distance", "horizontal", "vertical", "roll", "pitch", "yaw"];
 
+/// Systematic errors of the instrument: the same in every run, or drifting from run to run.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SixDErrors {
+    /// Wavelength and material compensation of the distance, 1e-6.
+    pub scale_ppm: f64,
+    /// Gain errors of straightness and angle channels, 1e-3.
+    pub gain_per_mille: [f64; 5],
+    /// Bending of the beam by the air, um at 1 m, horizontal and vertical; grows with the square of the distance.
+    pub bending_um: [f64; 2],
+    /// Drift over one run out and back: um for lengths, arcsec for angles, of random direction from run to run.
+    pub drift: [f64; 2],
+}
+
+impl SixDErrors {
+    /// No systematic error.
+    pub const NONE: Self =
+        Self { scale_ppm: 0.0, gain_per_mille: [0.0; 5], bending_um: [0.0; 2], drift: [0.0; 2] };
+
+    /// An instrument in a shop without air conditioning.
+    #[must_use]
+    pub fn shop(seed: u64) -> Self {
+        let mut noise = Noise::new(seed ^ 0x6d_a1e5);
+        Self {
+            scale_ppm: noise.draw(0.8),
+            gain_per_mille: [0.0; 5].map(|_: f64| noise.draw(5.0)),
+            bending_um: [noise.draw(0.3), noise.draw(0.5)],
+            drift: [0.5, 0.2],
+        }
+    }
+}
+
 /// The instrument as it really is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SixD {
@@ -27,6 +58,8 @@ pub struct SixD {
     pub noise_um: f64,
     /// Standard deviation of an angle.
     pub noise_arcsec: f64,
+    /// Systematic errors.
+    pub errors: SixDErrors,
     /// Seed of the noise.
     pub seed: u64,
 }
@@ -62,9 +95,16 @@ impl SixD {
         let mut noise = Noise::new(self.seed);
         let zero = self.motion(axis, &carriage.at(low, 1));
         let mut rows = Vec::with_capacity(2 * positions * cycles);
+        let readings = (2 * positions).max(1) as f64;
         for cycle in 1..=cycles {
+            let drift = self.errors.drift;
+            let drift: [f64; 6] = std::array::from_fn(|i| {
+                let size = drift[usize::from(i >= 3)];
+                if size > 0.0 { noise.draw(size) } else { 0.0 }
+            });
             for direction in [1, -1] {
                 for step in 0..positions {
+                    let done = if direction > 0 { step } else { positions + step } as f64 / readings;
                     let step = if direction > 0 { step } else { positions - 1 - step };
                     let q = low + (high - low) * step as f64 / (positions - 1) as f64;
                     let mut motion = self.motion(axis, &carriage.at(q, direction));
@@ -73,6 +113,15 @@ impl SixD {
                     }
                     for i in 0..2 {
                         motion[i + 1] += (self.skew_arcsec[i] / 3600.0).to_radians() * (q - low) * 1e3;
+                        motion[i + 1] += self.errors.bending_um[i] * ((q - low) * 1e-3).powi(2);
+                    }
+                    let moved = um_from_mm(q - low) * carriage.sense();
+                    motion[0] += self.errors.scale_ppm * 1e-6 * moved;
+                    for (value, gain) in motion[1..].iter_mut().zip(self.errors.gain_per_mille) {
+                        *value *= 1.0 + gain * 1e-3;
+                    }
+                    for (value, drift) in motion.iter_mut().zip(drift) {
+                        *value += drift * done;
                     }
                     let channels = self.channels(&motion, &mut noise);
                     rows.push(SixDRow { cycle, direction, position_mm: q, channels });

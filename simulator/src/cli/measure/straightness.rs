@@ -13,7 +13,7 @@ use super::through::{self, ThroughArgs};
 use crate::cli::serve::built_in_or_file;
 use crate::cli::{EX_DATAERR, EX_IOERR, EX_USAGE, Failure};
 use crate::instruments::carriage::{Carriage, Mount};
-use crate::instruments::sixd::{SixD, run_csv, sign_table, tilt_csv};
+use crate::instruments::sixd::{SixD, SixDErrors, run_csv, sign_table, tilt_csv};
 use crate::through::{Measured, Want};
 use crate::truth::TruthMachine;
 use crate::truth::chain::Side;
@@ -149,6 +149,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         skew_arcsec: [25.0, -14.0],
         noise_um: args.noise_um,
         noise_arcsec: args.noise_arcsec,
+        errors: SixDErrors::NONE,
         seed: args.seed,
     };
     let fail = |e| Failure::new(EX_DATAERR, e);

@@ -1,0 +1,217 @@
+//! `volcomp predict --circle`: the circle that the model predicts against the circle that a ballbar measured.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Value, json};
+
+use super::Args;
+use crate::arg_parsers::{above_zero, point};
+use crate::files::{read_model, write_text};
+use crate::positioning_data::no_rows;
+use crate::report_page::{Entry, Plot, ReportPage, Style};
+use crate::{EX_DATAERR, EX_USAGE, Failure, table};
+use volcomp_evaluate::{CirclePrediction, CircularReading, Circularity};
+use volcomp_model::geometry::Vec3;
+use volcomp_model::{Model, Pose};
+use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES, Travel};
+use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
+
+pub(super) const HELP: &str = "\
+A measured circle:
+  volcomp predict --model model.toml --circle ballbar.csv --centre-mm 343.507,-285.090,-286.430 --radius-mm 100
+
+--circle reads angle_deg,deviation_um,direction (1 counter-clockwise, -1 clockwise), as volcomp evaluate iso230-4 does;
+a column feed_mm_per_min is ignored. The model is evaluated at the programmed positions of the axes, in their
+direction of travel. Eccentricities are taken out of measured, predicted and residual, because a ballbar does not know
+where its centre is; the mean radius stays. The residual is what an ideal correction with this model leaves.";
+
+/// A measured circle.
+#[derive(Debug, clap::Args)]
+pub(super) struct CircleArgs {
+    /// Measured circle to compare with the prediction: angle_deg,deviation_um,direction; - is stdin.
+    #[arg(long, value_name = "CSV", requires_all = ["centre_mm", "radius_mm"])]
+    circle: Option<PathBuf>,
+    /// Programmed X, Y, Z at the centre.
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true, requires = "circle")]
+    centre_mm: Option<Vec3>,
+    /// Nominal radius.
+    #[arg(long, value_name = "MM", value_parser = above_zero, requires = "circle")]
+    radius_mm: Option<f64>,
+    /// Plane of the circle: xy, yz or zx.
+    #[arg(long, value_name = "AXES", value_parser = ["xy", "yz", "zx"], default_value = "xy")]
+    plane: String,
+    /// Print the figures as JSON.
+    #[arg(long, requires = "circle")]
+    json: bool,
+    /// Report with the curves (HTML).
+    #[arg(long, value_name = "FILE", requires = "circle")]
+    report: Option<PathBuf>,
+}
+
+impl CircleArgs {
+    /// True where a circle is to be predicted.
+    pub(super) const fn is_wanted(&self) -> bool {
+        self.circle.is_some()
+    }
+
+    fn plane(&self) -> [AxisName; 2] {
+        match self.plane.as_str() {
+            "yz" => [AxisName::Y, AxisName::Z],
+            "zx" => [AxisName::Z, AxisName::X],
+            _ => [AxisName::X, AxisName::Y],
+        }
+    }
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let c = &args.circle;
+    let (Some(path), Some(centre), Some(radius)) = (&c.circle, c.centre_mm, c.radius_mm) else {
+        return Err(Failure::usage("--circle needs --centre-mm and --radius-mm"));
+    };
+    if !args.add.is_empty() {
+        return Err(Failure::new(
+            EX_USAGE,
+            "error: --add acts on tables with times; for --circle write the addition into the model with volcomp model extend",
+        ));
+    }
+    let (_, model) = read_model(&args.model)?;
+    let readings = read(path)?;
+    let predicted = predict(&model, &readings, centre, radius, c.plane(), args.exact)?;
+    let result = CirclePrediction::new(&readings, &predicted, radius)
+        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))?;
+    if let Some(report) = &c.report {
+        write_text(report, &page(&result, &readings, args, path))?;
+    }
+    if c.json {
+        say!("{:#}", as_json(&result, readings.len()));
+    } else if c.report.as_deref() != Some(Path::new("-")) {
+        print(&result);
+    }
+    Ok(())
+}
+
+fn read(path: &Path) -> Result<Vec<CircularReading>, Failure> {
+    let mut table = table::open(path)?;
+    let (angle, deviation, direction) =
+        (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);
+    let known = ["angle_deg", "deviation_um", "direction", "feed_mm_per_min"];
+    if let Some(i) = table.columns().iter().position(|c| !known.contains(&c.as_str())) {
+        return Err(table.fail(i, format_args!("unknown column; columns are {}", known.join(", "))));
+    }
+    let mut readings = Vec::new();
+    while table.advance()? {
+        readings.push(CircularReading {
+            angle: rad_from_deg(table.number(angle)?),
+            deviation: mm_from_um(table.number(deviation)?),
+            travel: table.travel(direction)?,
+        });
+    }
+    if readings.is_empty() {
+        return Err(no_rows(table.file()));
+    }
+    Ok(readings)
+}
+
+/// Predicted radial deviation of every reading, mm.
+fn predict(
+    model: &Model,
+    readings: &[CircularReading],
+    centre: Vec3,
+    radius: f64,
+    plane: [AxisName; 2],
+    exact: bool,
+) -> Result<Vec<f64>, Failure> {
+    let index = |name: AxisName| model.axes().position(|a| a.name == name);
+    let [Some(first), Some(second)] = plane.map(index) else {
+        let [a, b] = plane;
+        return Err(Failure::new(
+            EX_USAGE,
+            format_args!("error: --plane: the chain of the model has no axes {a} and {b}"),
+        ));
+    };
+    let mut home = [0.0; MAX_AXES];
+    for (k, axis) in model.axes().enumerate().filter(|(_, a)| a.name.kind() == AxisKind::Linear) {
+        if [AxisName::X, AxisName::Y, AxisName::Z].contains(&axis.name) {
+            home[k] = centre[axis.name.direction()];
+        }
+    }
+    let [u, v] = plane.map(AxisName::direction);
+    let travel = |speed: f64| if speed < 0.0 { Travel::Reverse } else { Travel::Forward };
+    let of = |r: &CircularReading| {
+        let (sin, cos) = r.angle.sin_cos();
+        let sense = if r.travel == Travel::Reverse { -1.0 } else { 1.0 };
+        let mut pose = Pose::at(home);
+        pose.position[first] += radius * cos;
+        pose.position[second] += radius * sin;
+        pose.travel[first] = travel(-sense * sin);
+        pose.travel[second] = travel(sense * cos);
+        let (deviation, _) = if exact { model.correct_exact(&pose) } else { model.correct(&pose) };
+        deviation.position[u] * cos + deviation.position[v] * sin
+    };
+    Ok(readings.iter().map(of).collect())
+}
+
+/// Figures with their keys: um, except the reduction.
+fn figures(r: &CirclePrediction) -> [(&'static str, &'static str, f64); 7] {
+    let g = |c: &Circularity| um_from_mm(CirclePrediction::g(c));
+    [
+        ("g_measured_um", "circular deviation G, measured", g(&r.measured)),
+        ("g_predicted_um", "circular deviation G, predicted", g(&r.predicted)),
+        ("residual_max_um", "residual, largest", um_from_mm(r.largest)),
+        ("residual_rms_um", "residual, RMS", um_from_mm(r.rms)),
+        ("residual_radius_um", "residual, mean radius", um_from_mm(r.radius)),
+        ("g_ideal_um", "circular deviation G after an ideal correction", g(&r.residual)),
+        ("ideal_reduction_percent", "reduction by an ideal correction", 100.0 * r.ideal_reduction()),
+    ]
+}
+
+fn as_json(r: &CirclePrediction, readings: usize) -> Value {
+    let mut out: serde_json::Map<String, Value> =
+        figures(r).iter().map(|(key, _, value)| ((*key).to_owned(), json!(value))).collect();
+    out.insert("centre_measured_um".to_owned(), json!(r.measured.centre.map(um_from_mm)));
+    out.insert("centre_predicted_um".to_owned(), json!(r.predicted.centre.map(um_from_mm)));
+    out.insert("readings".to_owned(), json!(readings));
+    Value::Object(out)
+}
+
+fn shown(key: &str, value: f64) -> String {
+    if key.ends_with("percent") { format!("{value:.1} %") } else { format!("{value:.2} µm") }
+}
+
+fn print(r: &CirclePrediction) {
+    for (key, name, value) in figures(r) {
+        say!("{name:<48} {:>10}", shown(key, value));
+    }
+}
+
+/// The report: figures, both curves, the residual.
+fn page(r: &CirclePrediction, readings: &[CircularReading], args: &Args, data: &Path) -> String {
+    let mut page = ReportPage::new("Predicted and measured circle");
+    page.paragraph(&format!("Model {}, measured circle {}.", args.model.display(), data.display()));
+    let rows: Vec<Vec<Entry>> = figures(r)
+        .iter()
+        .map(|(key, name, value)| vec![Entry::Head((*name).to_owned()), Entry::Number(shown(key, *value))])
+        .collect();
+    page.table(&["figure", "value"], &rows);
+    let step = (readings.len() / 720).max(1);
+    let of = |c: &Circularity, travel: Travel| -> Vec<(f64, f64)> {
+        let mut points: Vec<(f64, f64)> = readings
+            .iter()
+            .zip(&c.radial)
+            .filter(|(reading, _)| reading.travel == travel)
+            .step_by(step)
+            .map(|(reading, radial)| (reading.angle.to_degrees().rem_euclid(360.0), um_from_mm(*radial)))
+            .collect();
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+        points
+    };
+    let plot = |title: &str, travel: Travel| {
+        Plot::new(title, "angle, deg", "radial deviation, µm")
+            .with(Style::Line, "measured", of(&r.measured, travel))
+            .with(Style::Line, "predicted", of(&r.predicted, travel))
+            .with(Style::Line, "residual", of(&r.residual, travel))
+    };
+    page.plots(&[plot("counter-clockwise", Travel::Forward), plot("clockwise", Travel::Reverse)]);
+    page.note("Each about its own least-squares centre; the mean radius is kept.");
+    page.finish()
+}
