@@ -29,9 +29,9 @@ const CYCLE_S: f64 = 0.01;
 const READ_S: f64 = 0.05;
 /// Real time of a cycle in motion and at rest.
 const MOVING: Duration = Duration::from_micros(300);
-const RESTING: Duration = Duration::from_micros(1500);
-/// Dwell at a stop, s of the control.
-const DWELL_S: f64 = 0.9;
+const RESTING: Duration = Duration::from_micros(750);
+/// Dwell at a stop, s of the control: four time constants of the smoothing of the lasers, which is about 1 s of the control.
+const DWELL_S: f64 = 4.0;
 /// Feed between stops, mm/min.
 const FEED: f64 = 20_000.0;
 /// Targets of positioning, steps of a diagonal.

@@ -18,6 +18,11 @@ const STOPS: usize = 21;
 /// Runs of the 5-DOF lasers, as in section 3.1 of the paper.
 const RUNS: usize = 5;
 
+/// Standard deviation of a detector over 50 ms, and of the mean over a minute that the survey takes at each stop: with the
+/// latter roll repeats as in the paper.
+const READING_UM: f64 = 0.02;
+const MINUTE_UM: f64 = 0.01;
+
 /// Results of the survey.
 pub(super) struct Survey {
     /// Scatter of the runs: straightness of X (um) and roll of X (arcsec), largest over both straightnesses, with the drift
@@ -32,8 +37,12 @@ pub(super) struct Survey {
 pub(super) fn laser(machine: &TruthMachine, axis: AxisName, seed: u64) -> FiveDofLaser {
     let k = machine.index_of(axis).unwrap_or(0);
     let point = machine.drawing(k).map_or([0.0; 3], |j| j.reference_mm[(axis.direction() + 1) % 3]);
-    // over metres the pointing matters: some arcsec in the time of the runs
-    FiveDofLaser { drift_arcsec: 0.01, ..FiveDofLaser::built_in(point, seed + axis as u64) }
+    FiveDofLaser {
+        // some arcsec in the time of the runs
+        drift_arcsec: 0.01,
+        noise_um: READING_UM,
+        ..FiveDofLaser::built_in(point, seed + axis as u64)
+    }
 }
 
 /// Takes all measurements and writes `model.toml`.
@@ -113,9 +122,9 @@ fn positioning(setting: &Setting, world: &World) -> anyhow::Result<()> {
 
 /// A 5-DOF laser on an axis: resting log, calibration, runs with drifting pointing.
 fn lasers(setting: &Setting, world: &World, axis: AxisName, into: &str, out: &str) -> anyhow::Result<Value> {
-    let laser = laser(&world.survey, axis, setting.seed);
+    let laser = FiveDofLaser { noise_um: MINUTE_UM, ..laser(&world.survey, axis, setting.seed) };
     // the head is moved by hand while the carriage rests
-    let calibrated = FiveDofLaser { drift_arcsec: 0.3, ..laser };
+    let calibrated = FiveDofLaser { drift_arcsec: 0.3, noise_um: READING_UM, ..laser };
     let carriage = Carriage::new(&world.survey, axis, Mount::Carriage)?;
     let (letter, folder) = (axis.lower(), |name: String| setting.arg(&name));
     let [f1, f2, f3] = laser.focal_mm;
