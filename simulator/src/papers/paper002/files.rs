@@ -9,8 +9,10 @@ use super::super::Setting;
 use super::{AXES, Mode, World};
 use crate::truth::TruthMachine;
 
-/// Errors that stay stored in the mode of the paper.
-const STORED: [&str; 6] = ["exx", "eyy", "ezz", "ec0y", "eb0z", "ea0z"];
+/// Errors that stay stored in the mode of the paper; among them the angles that are not live.
+const STORED: [&str; 8] = ["exx", "eyy", "ezz", "ec0y", "eb0z", "ea0z", "eaz", "ecz"];
+/// Angles of Z that are not live, for the daemon holds 16 live values: their levers are 150 mm and zero.
+const NOT_LIVE: [&str; 2] = ["eaz", "ecz"];
 
 /// Writes the model of a mode and returns the machine file.
 pub(super) fn machine(
@@ -101,8 +103,7 @@ fn level_rise(setting: &Setting, letter: char) -> anyhow::Result<f64> {
     Ok(mean(high) - mean(low))
 }
 
-/// The surveyed model with live values: of all that a laser sees but the roll of Z, which has no lever here, and of the scales
-/// of X and Y.
+/// The surveyed model with live values: of what the lasers see and of the temperatures of the scales.
 fn model_of(setting: &Setting, mode: Mode, machine: &TruthMachine) -> anyhow::Result<String> {
     let mut file: toml::Table = std::fs::read_to_string(setting.path("model.toml"))?.parse()?;
     let errors = file.get_mut("errors").and_then(Value::as_table_mut).context("errors")?;
@@ -127,15 +128,17 @@ fn model_of(setting: &Setting, mode: Mode, machine: &TruthMachine) -> anyhow::Re
         let letter = axis.lower();
         let d = axis.direction();
         let letters = ['x', 'y', 'z'];
-        let angles = ['a', 'b', 'c'].into_iter().filter(|c| !(letter == 'z' && *c == 'c'));
-        let seen = [letters[(d + 1) % 3], letters[(d + 2) % 3]].into_iter().chain(angles);
+        let seen = [letters[(d + 1) % 3], letters[(d + 2) % 3], 'a', 'b', 'c'];
         for component in seen {
             let symbol = format!("e{component}{letter}");
+            if NOT_LIVE.contains(&symbol.as_str()) {
+                continue;
+            }
             live(&symbol, format!("laser-{letter}.{symbol}"), None);
         }
     }
     let mut text = String::new();
-    for (n, (axis, letter)) in AXES.into_iter().zip(["x", "y"]).enumerate() {
+    for (n, (axis, letter)) in AXES.into_iter().zip(["x", "y", "z"]).enumerate() {
         let k = machine.index_of(axis).context("axis")?;
         let [low, high] = machine.travel(k);
         live(&format!("e{letter}{letter}"), format!("scale-{letter}"), Some(f64::midpoint(low, high)));

@@ -62,8 +62,8 @@ struct Bench {
     lasers: Vec<(AxisName, usize, LiveRawLaser)>,
     link: Option<SensorLink>,
     begin: Instant,
-    /// Temperature of the scales of X and Y as the sensors tell, degC.
-    scales_degc: [f64; 2],
+    /// Temperature of the scales of X, Y and Z as the sensors tell, degC.
+    scales_degc: [f64; 3],
     said_s: f64,
 }
 
@@ -118,11 +118,11 @@ impl Bench {
                 }
                 if stamp > *said_s + 0.1 {
                     *said_s = stamp;
-                    let [x, y] = *scales_degc;
+                    let [x, y, z] = *scales_degc;
                     // writing to a string cannot fail
                     let _ = writeln!(
                         text,
-                        "{{\"sensor\":\"scales\",\"t_s\":{stamp:.6},\"temperature_degc\":[{x:.3},{y:.3}]}}"
+                        "{{\"sensor\":\"scales\",\"t_s\":{stamp:.6},\"temperature_degc\":[{x:.3},{y:.3},{z:.3}]}}"
                     );
                 }
                 if !text.is_empty() {

@@ -104,9 +104,10 @@ impl Experiment for Paper002 {
          5-DOF laser on each axis (five runs, pointing drifts; volcomp identify fivedof with a resting log), four body diagonals \
          of 3000 x 1500 x 780 mm (volcomp identify diagonals). Then the lasers stay on the machine and send their detectors to \
          volcompd. Two modes: all curves stored and the lasers tell what changes, and the paper's own: positioning and \
-         squareness stored, everything else live and absolute. Positioning of the three axes and the diagonals are measured \
+         squareness stored, everything else live and absolute (but EAZ and ECZ, whose levers are short: the daemon holds 16 live \
+         values). Positioning of the three axes and the diagonals are measured \
          at the tool under the control, without and with the daemon. Hard truth: heat of the hall (temperatures of the scales \
-         of X and Y are sensors with an error of 0.05 K), a workpiece, interaction of axes, a month of wear; 0.3 um/m of \
+         are sensors with an error of 0.05 K), a workpiece, interaction of axes, a month of wear; 0.3 um/m of \
          either interferometer."
     }
 
@@ -177,8 +178,8 @@ struct World {
     /// Scale error of the interferometer of the survey, um/m as a standard deviation, and of the one of the check, um/m.
     hard_um_per_m: f64,
     check_um_per_m: f64,
-    /// What the temperature sensors of the scales of X and Y read at the check, degC.
-    scales_degc: [f64; 2],
+    /// What the temperature sensors of the scales of X, Y and Z read at the check, degC.
+    scales_degc: [f64; 3],
 }
 
 impl World {
@@ -186,7 +187,7 @@ impl World {
         let machine = varied(LARGE, setting.seed)?;
         let hard = setting.truth == Truth::Hard;
         let (mut survey, mut test) = (machine.clone(), machine);
-        let mut scales_degc = [20.0; 2];
+        let mut scales_degc = [20.0; 3];
         let mut dice = Dice::new(setting.seed, "instruments of paper 002");
         if hard {
             let travel = travels(&survey);
