@@ -94,7 +94,7 @@ struct LaserArgs {
 #[derive(Debug)]
 enum Output {
     Reduced(LiveLaser),
-    Raw(LiveRawLaser),
+    Raw(Box<LiveRawLaser>),
 }
 
 /// A laser on the carriage of one axis.
@@ -191,7 +191,7 @@ impl LaserArgs {
                     drift_arcsec: self.laser_drift_arcsec,
                     ..FiveDofLaser::built_in(point, own_seed)
                 };
-                Output::Raw(LiveRawLaser::new(laser, axis, machine.travel(k)[0], every_s))
+                Output::Raw(Box::new(LiveRawLaser::new(laser, axis, machine.travel(k)[0], every_s)))
             } else {
                 Output::Reduced(LiveLaser::new(every_s, 0.3, 0.1, own_seed))
             };

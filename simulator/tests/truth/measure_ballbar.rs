@@ -1,5 +1,6 @@
 //! A ballbar on the simulated machine: what `cncsim measure ballbar` writes is what `volcomp evaluate iso230-4` reads.
 #![expect(clippy::unwrap_used, reason = "a failure here is a failed test")]
+#![expect(clippy::disallowed_methods, reason = "the test runs the programs on files")]
 
 use std::path::Path;
 use std::process::{Command, Output};

@@ -1,6 +1,5 @@
 //! What `cncsim serve --sensors` sends of its 5-DOF lasers is the motion of the carriage, as `docs/sensors.md` says, and
 //! nothing else where the tracker is left out.
-#![expect(clippy::unwrap_used, reason = "a failure here is a failed test")]
 #![expect(clippy::disallowed_methods, reason = "the test writes files and listens like a daemon")]
 
 use std::io::{BufRead as _, BufReader};

@@ -15,7 +15,7 @@ use super::{
 use crate::positioning_data::no_rows;
 use crate::{EX_USAGE, Failure, table};
 use volcomp_evaluate::{Centring, CircularReading, Circularity, Placed};
-use volcomp_identify::ballbar::{Sample, cut_overshoot};
+use volcomp_identify::ballbar::{Sample, cut_overshoot, travelled};
 use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -92,7 +92,13 @@ fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
         return Err(no_rows(table.file()));
     }
     let samples = of_one_feed(args, path, samples)?;
-    let measured = cut_overshoot(&samples, args.overshoot_deg.map(rad_from_deg));
+    // a file that is not in the order of the readings says nothing about overshoot
+    let in_order = travelled(&samples).iter().all(|angle| *angle > 0.0);
+    let measured = if in_order || args.overshoot_deg.is_some() {
+        cut_overshoot(&samples, args.overshoot_deg.map(rad_from_deg))
+    } else {
+        samples.clone()
+    };
     if measured.len() < samples.len() {
         let cut = samples.len() - measured.len();
         note!(

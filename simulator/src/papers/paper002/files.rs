@@ -108,7 +108,7 @@ fn model_of(setting: &Setting, mode: Mode, machine: &TruthMachine) -> anyhow::Re
     let mut file: toml::Table = std::fs::read_to_string(setting.path("model.toml"))?.parse()?;
     let errors = file.get_mut("errors").and_then(Value::as_table_mut).context("errors")?;
     if mode == Mode::Absolute {
-        errors.retain(|symbol, _| STORED.iter().any(|stored| *stored == symbol));
+        errors.retain(|symbol, _| STORED.contains(&symbol));
     }
     let mut live = |symbol: &str, sensor: String, reference: Option<f64>| {
         let is_angle = "abc".contains(symbol.chars().nth(1).unwrap_or(' '));
