@@ -107,7 +107,7 @@ impl Experiment for Paper002 {
          squareness stored, everything else live and absolute (but EAZ and ECZ, whose levers are short: the daemon holds 16 live \
          values). Positioning of the three axes and the diagonals are measured \
          at the tool under the control, without and with the daemon. Hard truth: heat of the hall (temperatures of the scales \
-         are sensors with an error of 0.05 K), a workpiece, interaction of axes, a month of wear; 0.3 um/m of \
+         are sensors with an error of 0.05 K), a workpiece, interaction of axes, a month of wear; 0.3 µm/m of \
          either interferometer."
     }
 
