@@ -93,7 +93,7 @@ struct LaserArgs {
 /// What a laser sends.
 #[derive(Debug)]
 enum Output {
-    Reduced(LiveLaser),
+    Reduced(Box<LiveLaser>),
     Raw(Box<LiveRawLaser>),
 }
 
@@ -193,7 +193,7 @@ impl LaserArgs {
                 };
                 Output::Raw(Box::new(LiveRawLaser::new(laser, axis, machine.travel(k)[0], every_s)))
             } else {
-                Output::Reduced(LiveLaser::new(every_s, 0.3, 0.1, own_seed))
+                Output::Reduced(Box::new(LiveLaser::new(every_s, 0.3, 0.1, own_seed)))
             };
             let last = (f64::NAN, 0);
             lasers.push(AxisLaser { name: name.clone(), axis, k, reference_mm, output, last });
