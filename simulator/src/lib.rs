@@ -23,6 +23,7 @@ pub mod demo;
 pub mod formulas;
 pub mod papers;
 pub mod scenarios;
+pub mod through;
 pub mod twin;
 
 pub use simulated_machine::{control, instruments, motion, truth};

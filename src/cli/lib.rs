@@ -50,6 +50,7 @@ pub mod report_page;
 mod start_up;
 mod status;
 mod table;
+mod verify;
 
 use std::ffi::OsString;
 use std::process::ExitCode;
@@ -88,6 +89,7 @@ enum Verb {
     Import(Box<import::Args>),
     Export(Box<export::Args>),
     Evaluate(evaluate::Args),
+    Verify(verify::Args),
     #[cfg(feature = "diagnosis")]
     Diagnose(Box<diagnose::Args>),
     Model(model::Args),
@@ -122,6 +124,7 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Import(a) => import::run(&a),
         Verb::Export(a) => export::run(&a),
         Verb::Evaluate(a) => evaluate::run(&a),
+        Verb::Verify(a) => verify::run(&a),
         #[cfg(feature = "diagnosis")]
         Verb::Diagnose(a) => diagnose::run(&a),
         Verb::Explain(a) => explain::run(&a),

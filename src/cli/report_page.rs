@@ -55,7 +55,7 @@ impl Plot {
     }
 
     /// Chart and caption as markup.
-    fn markup(&self) -> (String, String) {
+    pub(crate) fn markup(&self) -> (String, String) {
         const INKS: [Ink; 4] = [Ink::Blue, Ink::Orange, Ink::Green, Ink::Grey];
         let points = || self.series.iter().flat_map(|s| &s.points);
         let labels = Labels { title: &self.title, x: &self.x_label, y: &self.y_label };

@@ -12,6 +12,7 @@ pub mod circular;
 pub mod diagonal;
 pub mod plate;
 pub mod positioning;
+pub mod reduction;
 pub mod uncertainty;
 
 pub use circle_prediction::CirclePrediction;
@@ -19,4 +20,5 @@ pub use circular::{Centring, CircularReading, Circularity};
 pub use diagonal::{Diagonal, DiagonalTest};
 pub use plate::{PlateFit, PlateModel, PlateNorm, PlatePoint};
 pub use positioning::{AtTarget, Positioning, PositioningReading, Spread};
+pub use reduction::{Placed, Reduction, Size, Uncertain};
 pub use uncertainty::{Conditions, Uncertainties};

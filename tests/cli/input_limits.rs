@@ -157,6 +157,8 @@ const INPUTS: &[(&str, &str, &str)] = &[
     ("evaluate iso230-6", "data", "evaluate iso230-6 --data {}"),
     ("evaluate iso230-6", "before", "evaluate iso230-6 --data {diagonals} --before {}"),
     ("evaluate plate", "data", "evaluate plate --data {}"),
+    ("verify", "before", "verify --before {} --after {positioning}"),
+    ("verify", "after", "verify --before {positioning} --after {}"),
     ("diagnose", "model", "diagnose --model {} --data {session} --out {out}"),
     ("diagnose", "add", "diagnose --model {model} --add {} --data {session} --out {out}"),
     ("diagnose", "data", "diagnose --data {} --out {out}"),

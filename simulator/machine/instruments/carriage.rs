@@ -1,15 +1,15 @@
-//! What optics on the carriage of one axis see while it moves alone, the others standing at home.
+//! What optics on the carriage of one axis see, whatever the other axes do.
 //!
-//! At home every body is where the drawing has it, so the pose of the tool relative to the workpiece says how the moved
-//! body went: the tool side against the workpiece side, or, seen from the bed, the carriage itself. All in M.
+//! The head stands on the body that the carriage moves on: on the bed side, or, with relative mounting, on the workpiece
+//! side while the optics are on the tool side. All in M at home.
 
 use nalgebra::{Matrix4, Point3, Vector3};
-use volcomp_units::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
+use volcomp_units::axes::{AxisArray, AxisKind, AxisName};
 
 use super::InstrumentError;
 use crate::truth::TruthMachine;
 use crate::truth::chain::Side;
-use crate::truth::transform::{inverse, rotation_part, rotation_vector, translation};
+use crate::truth::transform::{inverse, rotation_part, rotation_vector};
 
 /// Where instrument and optics stand.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -64,23 +64,23 @@ impl<'a> Carriage<'a> {
         if self.inverted { -1.0 } else { 1.0 }
     }
 
-    /// The body with the axis at `q`, arrived in `direction`.
+    /// The body with the axis at `q`, arrived in `direction`, the others at home.
     #[must_use]
     pub fn at(&self, q: f64, direction: i8) -> Seen {
         let mut position = AxisArray::default();
         position[self.k] = q;
-        let mut directions = [0; MAX_AXES];
-        directions[self.k] = direction;
-        let body = |pose: Matrix4<f64>| {
-            let (tip, origin) = (self.machine.tool_tip_mm(), self.machine.workpiece_origin_mm());
-            // tool side seen from the workpiece: home points to where they went
-            let moved = translation(origin) * pose * translation(tip.map(|v| -v));
-            if self.inverted { inverse(&moved) } else { moved }
-        };
-        Seen {
-            actual: body(self.machine.pose(&position, &directions).matrix),
-            nominal: body(self.machine.nominal(&position).matrix),
-        }
+        self.at_position(&position, direction)
+    }
+
+    /// The body with the axes at `position`, this one arrived in `direction`.
+    #[must_use]
+    pub fn at_position(&self, position: &AxisArray, direction: i8) -> Seen {
+        // tool side seen from the workpiece side: home points to where they went
+        let [actual, nominal] = self
+            .machine
+            .joint_poses(self.k, position, direction)
+            .map(|moved| if self.inverted { inverse(&moved) } else { moved });
+        Seen { actual, nominal }
     }
 }
 

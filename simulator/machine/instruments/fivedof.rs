@@ -57,13 +57,14 @@ pub struct FiveDofRow {
 }
 
 /// A pointing that wanders.
-struct Pointing {
+#[derive(Debug, Clone, Default)]
+pub(super) struct Pointing {
     angle: [[f64; 2]; 2],
     speed: [[f64; 2]; 2],
 }
 
 impl Pointing {
-    fn step(&mut self, noise: &mut Noise, step: f64) {
+    pub(super) fn step(&mut self, noise: &mut Noise, step: f64) {
         for j in 0..2 {
             for i in 0..2 {
                 self.speed[j][i] = 0.9 * self.speed[j][i] + noise.draw(step);
@@ -73,7 +74,36 @@ impl Pointing {
     }
 }
 
+/// EY EZ EA EB EC (mm, rad) of the carriage in laser coordinates: the straightnesses at `reference_mm`, one point for
+/// each of the components x, y, z, in M at home.
+#[must_use]
+pub fn carriage_motion(axis: AxisName, seen: &Seen, reference_mm: &[[f64; 3]; 3]) -> [f64; 5] {
+    let d = axis.direction();
+    let [first, second] = [(d + 1) % 3, (d + 2) % 3];
+    let turn = seen.rotation();
+    let shift = |i: usize| seen.displacement(reference_mm[i])[i];
+    [shift(first), shift(second), turn[d], turn[first], turn[second]]
+}
+
 impl FiveDofLaser {
+    /// The instrument of `cncsim`, its corner cubes about `point_mm`.
+    #[must_use]
+    pub const fn built_in(point_mm: [f64; 3], seed: u64) -> Self {
+        Self {
+            focal_mm: [230.0, 250.0, 210.0],
+            beams_mm: [[-35.0, 8.0], [33.0, 8.0]],
+            point_mm,
+            distance_mm: 400.0,
+            dead_path_mm: 120.0,
+            signs: [[1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [-1.0, 1.0], [1.0, -1.0]],
+            skew_arcsec: [[12.0, -20.0], [15.0, -17.0]],
+            drift_arcsec: 0.1,
+            noise_um: 0.1,
+            noise_arcsec: 0.1,
+            seed,
+        }
+    }
+
     /// Runs an axis forward and back over its travel.
     /// # Errors
     /// [`InstrumentError`] for fewer than three positions.
@@ -89,7 +119,7 @@ impl FiveDofLaser {
         }
         let [low, high] = carriage.travel();
         let mut noise = Noise::new(self.seed);
-        let mut pointing = Pointing { angle: [[0.0; 2]; 2], speed: [[0.0; 2]; 2] };
+        let mut pointing = Pointing::default();
         let mut rows = Vec::with_capacity(2 * positions * cycles);
         for cycle in 1..=cycles {
             for direction in [1, -1] {
@@ -128,7 +158,7 @@ impl FiveDofLaser {
     ) -> Vec<FiveDofRow> {
         let [low, high] = carriage.travel();
         let mut noise = Noise::new(self.seed ^ 0x5eed);
-        let mut pointing = Pointing { angle: [[0.0; 2]; 2], speed: [[0.0; 2]; 2] };
+        let mut pointing = Pointing::default();
         let mut rows = Vec::with_capacity(2 * readings);
         for q in [low, high] {
             let seen = carriage.at(q, 1);
@@ -149,7 +179,8 @@ impl FiveDofLaser {
         rows
     }
 
-    fn read(
+    /// Channels with the carriage `along` from the lower end of its travel, um.
+    pub(super) fn read(
         &self,
         axis: AxisName,
         seen: &Seen,

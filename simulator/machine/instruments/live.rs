@@ -1,5 +1,5 @@
 //! Instruments that measure while the machine works, with everything that goes wrong with them: a laser tracker on the
-//! tool and a 5-DOF laser along an axis.
+//! tool and 5-DOF lasers along the axes, with reduced readings or with those of their detectors.
 //!
 //! They look at the true pose and write the JSON lines of `docs/sensors.md`. Each has a clock of its own. Noise, outliers
 //! and dropouts are seeded; a bias and a step of the clock come when the plan says so.
@@ -9,7 +9,12 @@ use core::fmt::Write as _;
 use rand::{RngExt, SeedableRng};
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
+use volcomp_units::axes::AxisName;
 use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
+
+use super::Noise;
+use super::carriage::Seen;
+use super::fivedof::{FiveDofLaser, Pointing};
 
 /// What a live tracker is like.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -125,12 +130,24 @@ impl LiveLaser {
         Self { every_s, noise_um, noise_arcsec, line: [0.08, 15e-6], random, next_s: 0.0 }
     }
 
-    /// The line it sends about a carriage with the axis at `q` (mm) and these EY EZ EA EB EC in laser coordinates (mm,
-    /// rad).
+    /// The line it sends about a carriage with the axis at `q` (mm) and these EY EZ EA EB EC of the carriage (carriage
+    /// sense) in laser coordinates (mm, rad).
     pub fn line(&mut self, sensor: &str, t_s: f64, q: f64, motion: [f64; 5]) -> Option<String> {
+        self.line_of(sensor, t_s, q, || motion)
+    }
+
+    /// The same with a motion that is asked for only where a line is due.
+    pub fn line_of(
+        &mut self,
+        sensor: &str,
+        t_s: f64,
+        q: f64,
+        motion: impl FnOnce() -> [f64; 5],
+    ) -> Option<String> {
         if t_s < self.next_s {
             return None;
         }
+        let motion = motion();
         self.next_s = (self.next_s + self.every_s).max(t_s);
         let [offset, slope] = self.line;
         let mut text = format!("{{\"sensor\":\"{sensor}\",\"t_s\":{:.9},\"five_dof\":{{", t_s + 4711.0);
@@ -145,6 +162,75 @@ impl LiveLaser {
             };
             // writing to a string cannot fail
             let _ = write!(text, "{}\"{name}\":{value:.6}", if k > 0 { "," } else { "" });
+        }
+        Some(text + "}}\n")
+    }
+}
+
+/// A 5-DOF laser along an axis that tells its detectors, its pointing wandering.
+#[derive(Debug, Clone)]
+pub struct LiveRawLaser {
+    laser: FiveDofLaser,
+    axis: AxisName,
+    /// Lower end of the travel, mm.
+    low: f64,
+    every_s: f64,
+    noise: Noise,
+    pointing: Pointing,
+    reference: Option<[[f64; 2]; 5]>,
+    next_s: f64,
+}
+
+impl LiveRawLaser {
+    /// A laser whose channels count from its first reading.
+    #[must_use]
+    pub fn new(laser: FiveDofLaser, axis: AxisName, low: f64, every_s: f64) -> Self {
+        let (noise, pointing) = (Noise::new(laser.seed), Pointing::default());
+        Self { laser, axis, low, every_s, noise, pointing, reference: None, next_s: 0.0 }
+    }
+
+    /// The channels at this moment as changes since the first reading, um, with the distance, mm; `None` where it says
+    /// nothing.
+    pub fn channels(
+        &mut self,
+        t_s: f64,
+        q: f64,
+        seen: impl FnOnce() -> Seen,
+    ) -> Option<(f64, [[f64; 2]; 5])> {
+        if t_s < self.next_s {
+            return None;
+        }
+        let seen = seen();
+        self.next_s = (self.next_s + self.every_s).max(t_s);
+        self.pointing.step(&mut self.noise, rad_from_arcsec(self.laser.drift_arcsec));
+        let along = q - self.low;
+        let now = self.laser.read(self.axis, &seen, along, &self.pointing, [0.0; 2], &mut self.noise);
+        let zero = *self.reference.get_or_insert(now);
+        let change = std::array::from_fn(|c| std::array::from_fn(|i| now[c][i] - zero[c][i]));
+        Some((self.laser.distance_mm + along, change))
+    }
+
+    /// The line it sends about a carriage with the axis at `q`.
+    pub fn line(&mut self, sensor: &str, t_s: f64, q: f64, seen: impl FnOnce() -> Seen) -> Option<String> {
+        self.line_stamped(sensor, t_s, t_s + 4711.0, q, seen)
+    }
+
+    /// The same with the time of a clock of its own, s.
+    pub fn line_stamped(
+        &mut self,
+        sensor: &str,
+        t_s: f64,
+        stamp_s: f64,
+        q: f64,
+        seen: impl FnOnce() -> Seen,
+    ) -> Option<String> {
+        let (distance, change) = self.channels(t_s, q, seen)?;
+        let mut text = format!(
+            "{{\"sensor\":\"{sensor}\",\"t_s\":{stamp_s:.9},\"five_dof_raw\":{{\"distance_mm\":{distance:.4}"
+        );
+        for (name, [a, b]) in ["psd1_um", "psd2_um", "psd3_um", "qd1_um", "qd2_um"].iter().zip(change) {
+            // writing to a string cannot fail
+            let _ = write!(text, ",\"{name}\":[{a:.6},{b:.6}]");
         }
         Some(text + "}}\n")
     }

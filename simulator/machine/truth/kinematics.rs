@@ -111,7 +111,8 @@ impl Joint {
         }
     }
 
-    fn transform(&self, state: &JointState, squareness: Squareness) -> Matrix4<f64> {
+    /// Tool-side body to workpiece-side body: the factor of this joint.
+    pub(super) fn transform(&self, state: &JointState, squareness: Squareness) -> Matrix4<f64> {
         let error = self.error(&state.motion);
         match self.axis.kind() {
             AxisKind::Linear => {

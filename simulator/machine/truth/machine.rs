@@ -6,7 +6,10 @@
 use volcomp_units::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
 use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
+use nalgebra::Matrix4;
+
 use super::Sample;
+use super::axis_drift::AxisDrift;
 use super::chain::Chain;
 use super::conditions::Conditions;
 use super::drift::RamDrift;
@@ -29,6 +32,8 @@ pub struct TruthMachine {
     drives: Vec<Drive>,
     /// What the ram (the carriage of Z) does beyond its surveyed errors.
     ram: Option<RamDrift>,
+    /// What the linear axes do beyond their surveyed errors.
+    axis_drift: Option<AxisDrift>,
     /// What happened to the machine since its survey.
     conditions: Option<Conditions>,
     /// Time since the last reset, s.
@@ -41,7 +46,8 @@ impl TruthMachine {
     /// [`TruthError`] says what in the file is wrong.
     pub fn from_toml(text: &str) -> Result<Self, TruthError> {
         let plan = Plan::read(text)?;
-        let mut machine = Self { drives: Vec::new(), plan, ram: None, conditions: None, time_s: 0.0 };
+        let mut machine =
+            Self { drives: Vec::new(), plan, ram: None, axis_drift: None, conditions: None, time_s: 0.0 };
         machine.reset(machine.plan.seed, &[0.0; MAX_AXES]);
         Ok(machine)
     }
@@ -154,6 +160,55 @@ impl TruthMachine {
         self.ram = drift;
     }
 
+    /// Lets the linear axes drift away from their surveyed errors, or not any more.
+    pub fn set_axis_drift(&mut self, drift: Option<AxisDrift>) {
+        self.axis_drift = drift;
+    }
+
+    /// Sets the time since the last reset, s, which drifts depend on.
+    pub const fn set_time_s(&mut self, time_s: f64) {
+        self.time_s = time_s;
+    }
+
+    /// How axis `k` alone moves its tool-side body relative to its workpiece-side body with the axes at `position` (mm or
+    /// deg) and this one arrived in `direction`, at the present time: actual, and without errors. Home points to where they
+    /// went, in M.
+    ///
+    /// An instrument between the two bodies of one axis sees this.
+    #[must_use]
+    pub fn joint_poses(&self, k: usize, position: &AxisArray, direction: i8) -> [Matrix4<f64>; 2] {
+        let Some(axis) = self.plan.axes.get(k) else { return [Matrix4::identity(); 2] };
+        let q = position[k];
+        let slack = f64::from(direction.signum());
+        let at = q - slack * axis.drive.backlash / 2.0;
+        let mut motion = self.motion_now(k, axis, at, slack);
+        if let Some(conditions) = &self.conditions {
+            let xyz = [AxisName::X, AxisName::Y, AxisName::Z]
+                .map(|name| self.index_of(name).map_or(0.0, |k| position[k]));
+            let more = conditions.motion(axis.name, xyz, slack);
+            motion.iter_mut().zip(more).for_each(|(own, more)| *own += more);
+        }
+        let state = JointState { q: internal(axis.name, at), motion };
+        let nominal = JointState { q: internal(axis.name, q), motion: [0.0; 6] };
+        let joint = &self.plan.kinematics.joints[axis.joint];
+        let plain = Joint { point_mm: joint.point_mm, ..Joint::plain(joint.axis, joint.side) };
+        [
+            joint.transform(&state, self.plan.kinematics.squareness),
+            plain.transform(&nominal, Squareness::default()),
+        ]
+    }
+
+    /// The error motion of axis `k` at the present time, in the sense of its file.
+    fn motion_now(&self, k: usize, axis: &AxisPlan, q: f64, slack: f64) -> [f64; 6] {
+        let mut sum = motion(axis, q, slack);
+        if let Some(drift) = self.axis_drift.as_ref().filter(|_| axis.name.kind() == AxisKind::Linear) {
+            let [low, high] = axis.travel;
+            let more = drift.motion(k, axis.name.direction(), (q - low) / (high - low), self.time_s);
+            sum.iter_mut().zip(more).for_each(|(own, more)| *own += more);
+        }
+        sum
+    }
+
     /// Sets what happened to the machine since its survey, or restores the machine of its file.
     pub fn set_conditions(&mut self, conditions: Option<Conditions>) {
         self.conditions = conditions;
@@ -208,7 +263,8 @@ impl TruthMachine {
     /// For writing reference answers; instruments do not look here.
     #[must_use]
     pub fn true_motion(&self, k: usize, q: f64, direction: i8) -> [f64; 6] {
-        self.plan.axes.get(k).map_or([0.0; 6], |axis| motion(axis, q, f64::from(direction.signum())))
+        let slack = f64::from(direction.signum());
+        self.plan.axes.get(k).map_or([0.0; 6], |axis| self.motion_now(k, axis, q, slack))
     }
 
     /// The true squareness and, per joint in chain order, the true location errors within the geometry.
@@ -256,7 +312,7 @@ impl TruthMachine {
         let mut states = [JointState::default(); MAX_AXES];
         for (k, axis) in self.plan.axes.iter().enumerate() {
             let (q, slack) = place(k, axis);
-            let mut sum = motion(axis, q, slack);
+            let mut sum = self.motion_now(k, axis, q, slack);
             sum.iter_mut().zip(structure(k)).for_each(|(own, more)| *own += more);
             states[axis.joint] = JointState { q: internal(axis.name, q), motion: sum };
         }

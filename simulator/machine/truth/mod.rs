@@ -5,6 +5,7 @@
 //! (what moves and measures an axis), [`structure`] (what yields and winds up behind it), [`conditions`] (heat, load and wear since a survey), [`machine`] (all of it together). The file format is described in
 //! `simulator/machines/vmc-850.toml`, which uses most of its keys.
 
+pub mod axis_drift;
 pub mod chain;
 pub mod conditions;
 pub mod drift;

@@ -20,6 +20,8 @@ use crate::motion::gcode::interpret;
 use crate::motion::profile::checked_cycle_s;
 use crate::motion::recorded::{self, Description, Interpolation, Replay};
 use crate::motion::{Dynamics, MachineAxes, MotionSource, Trajectory};
+use crate::through::server::{MeasuringPort, Pending};
+use crate::through::{About, Selection};
 use crate::truth::{GANTRY_5AX, GRINDER_AB, TruthMachine, VMC_850};
 
 /// Standstill cycles of a control without a programme, at a time, s.
@@ -95,6 +97,10 @@ pub(super) struct ServeArgs {
     /// Part programme (G-code); without one the machine stands still.
     #[arg(long, value_name = "FILE")]
     program: Option<PathBuf>,
+    /// Take part programs from `cncsim measure .. --through IP:PORT` on this address of loopback and report where the tool
+    /// went; port 0 takes a free one.
+    #[arg(long, value_name = "IP:PORT", conflicts_with_all = ["program", "again"])]
+    measure: Option<SocketAddr>,
 }
 
 #[derive(Debug, clap::Args)]
@@ -139,6 +145,14 @@ pub(super) fn serve(args: &ServeArgs) -> Result<(), Failure> {
         None => None,
     };
     let mut shop = Shop::open(common, machine, axes, start)?;
+    if let Some(address) = args.measure {
+        let about = About::of(&shop.machine, shop.cycle_s);
+        let port = MeasuringPort::open(address, about)
+            .map_err(|e| Failure::new(EX_IOERR, format_args!("--measure {address}: {e}")))?;
+        note!("measuring port {}", port.address());
+        shop.wait(common)?;
+        return shop.measured(&port);
+    }
     shop.wait(common)?;
     loop {
         match &programme {
@@ -307,7 +321,7 @@ impl Shop {
         let seed = common.seed.unwrap_or_else(|| machine.seed());
         machine.reset(seed, &start);
         common.sensors.disturb(&mut machine, seed);
-        let sensors = common.sensors.open(&machine, seed);
+        let sensors = common.sensors.open(&machine, seed)?;
         note!("listening on {}", control.address());
         let seen = machine.clone();
         Ok(Self { control, machine, axes, cycle_s, seed, trace, monitor, sensors, seen })
@@ -358,6 +372,56 @@ impl Shop {
         self.control.run_until(&mut self.machine, time_s, &mut observer).map(drop).map_err(|e| failure(&e))
     }
 
+    /// Stands still and runs what is sent to the measuring port.
+    fn measured(mut self, port: &MeasuringPort) -> Result<(), Failure> {
+        loop {
+            let mut pending = None;
+            let Self { control, machine, trace, sensors, seen, .. } = &mut self;
+            let mut observer = |r: &CycleRecord| {
+                pending = port.request();
+                let flow = observe(trace, sensors, seen, r)?;
+                Ok(if pending.is_some() { Flow::Stop } else { flow })
+            };
+            control.run_until(machine, STANDSTILL_S, &mut observer).map_err(|e| failure(&e))?;
+            self.check_monitor()?;
+            if let Some(pending) = pending {
+                self.measure(pending)?;
+            }
+        }
+    }
+
+    /// Runs one part program and answers where the tool went.
+    fn measure(&mut self, pending: Pending) -> Result<(), Failure> {
+        let from = self.control.position();
+        let parsed = match interpret(&pending.request.program, &self.axes, from) {
+            Ok(parsed) => parsed,
+            Err(e) => {
+                pending.refuse(e);
+                return Ok(());
+            }
+        };
+        let dynamics = Dynamics::default();
+        let mut motion = match Trajectory::new(from, &parsed.segments, &self.axes, &dynamics, self.cycle_s) {
+            Ok(motion) => motion,
+            Err(e) => {
+                pending.refuse(e);
+                return Ok(());
+            }
+        };
+        let mut selection = Selection::new(pending.request.want);
+        let truth = self.machine.clone();
+        let Self { trace, sensors, seen, .. } = self;
+        let mut observer = |r: &CycleRecord| {
+            selection.see(&truth, r);
+            observe(trace, sensors, seen, r)
+        };
+        let summary =
+            self.control.run(&mut motion, &mut self.machine, &mut observer).map_err(|e| failure(&e))?;
+        note!("{}", describe(&summary, self.seed, &self.axes));
+        pending.answer(selection.finish(&truth));
+        Ok(())
+    }
+
     fn close(mut self) -> Result<(), Failure> {
         self.control.close();
         match self.trace {
@@ -370,11 +434,12 @@ impl Shop {
 fn observe(
     trace: &mut Trace,
     sensors: &mut Option<Sensors>,
-    seen: &TruthMachine,
+    seen: &mut TruthMachine,
     record: &CycleRecord,
 ) -> io::Result<Flow> {
     if let Some(sensors) = sensors {
-        sensors.look(record, |k| seen.true_motion(k, record.sample.axis[k], 0));
+        seen.set_time_s(record.time_s);
+        sensors.look(record, seen);
     }
     if let Some((path, writer)) = trace {
         writer.write(record).map_err(|e| io::Error::other(format!("{}: {e}", path.display())))?;

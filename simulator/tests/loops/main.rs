@@ -4,12 +4,14 @@ mod closed_loop;
 mod closed_loop_live;
 mod demo_faults;
 mod fault_numbers;
+mod live_chains;
 mod live_monte_carlo;
 mod live_s_part;
 mod motion_dependent;
 mod papers;
 mod scenarios;
 mod support;
+mod through;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

@@ -179,3 +179,33 @@ fn body_diagonals_find_squareness_once_angles_are_known() {
     assert_eq!(spec.machine, "vmc-850");
     assert!(spec.errors.iter().any(|(s, f)| s.to_string() == "EC0Y" && f.std.is_some()));
 }
+
+#[test]
+fn json_beside_a_written_model_is_one_document() {
+    let folder = tempfile::tempdir().unwrap();
+    for instrument in ["fivedof", "straightness"] {
+        let (line, _) = cncsim(folder.path(), &["measure", instrument, "--axis", "x", "--out", "."]);
+        let (stdout, _) = identify(folder.path(), &line, &["--json"]);
+        let report: Value = serde_json::from_str(&stdout)
+            .unwrap_or_else(|e| panic!("identify {instrument} --json --out: {e}:\n{stdout}"));
+        assert!(report.is_object(), "{report}");
+        if instrument == "fivedof" {
+            drift_is_compensated(&report["drift_check"]);
+        }
+        assert!(folder.path().join("model.toml").exists());
+        std::fs::remove_file(folder.path().join("model.toml")).unwrap();
+    }
+}
+
+/// The pointing wanders by arcseconds: the straightnesses repeat with the compensation, not without it, and half as well with
+/// the printed factor.
+fn drift_is_compensated(check: &Value) {
+    assert_eq!(check["runs"], 2);
+    for row in check["std"].as_array().unwrap() {
+        let of = |key: &str| row[key]["mean"].as_f64().unwrap();
+        let (on, off, printed) = (of("on"), of("off"), of("printed_factor"));
+        if row["unit"] == "um" {
+            assert!(on < 0.3 * printed && printed < off, "{row}");
+        }
+    }
+}

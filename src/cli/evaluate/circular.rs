@@ -1,5 +1,6 @@
 //! `evaluate iso230-4`: circular test.
 
+use core::f64::consts::TAU;
 use std::path::{Path, PathBuf};
 
 use clap::ValueEnum;
@@ -7,10 +8,14 @@ use serde_json::{Map, Value, json};
 
 use super::page::{self, Origin};
 use super::picture::circular::{self as drawing, Shown};
-use super::{Figure, Output, bad_data, change, only, percent, put_before};
+use super::{
+    CompareOptions, Compared, Figure, Output, bad_data, change, drawn, only, percent, put_before,
+    side_by_side,
+};
 use crate::positioning_data::no_rows;
-use crate::{Failure, table};
-use volcomp_evaluate::{Centring, CircularReading, Circularity};
+use crate::{EX_USAGE, Failure, table};
+use volcomp_evaluate::{Centring, CircularReading, Circularity, Placed};
+use volcomp_identify::ballbar::{Sample, cut_overshoot, travelled};
 use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
@@ -23,10 +28,12 @@ enum CentringArg {
 
 /// Circular test by ISO 230-4: circular deviation G and radial deviation F
 ///
-/// Angles count from the first axis of the plane towards the second.
+/// Angles count from the first axis of the plane towards the second. Files of `volcomp identify ballbar` and
+/// `cncsim measure ballbar` are read as they are: what a run travels beyond one turn is overshoot and is cut, half at
+/// either end; a file with several feeds needs --feed-mm-per-min.
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {
-    /// CSV with angle_deg,deviation_um,direction (1 counter-clockwise, -1 clockwise); - is stdin.
+    /// CSV with angle_deg,deviation_um,direction (1 counter-clockwise, -1 clockwise), optional feed_mm_per_min and run; - is stdin.
     #[arg(long, value_name = "FILE")]
     data: PathBuf,
     /// The same test at an earlier time, to compare with.
@@ -38,6 +45,12 @@ pub(super) struct Args {
     /// Nominal radius; makes the centring exact for large eccentricities.
     #[arg(long, value_name = "MM")]
     radius_mm: Option<f64>,
+    /// The feed to evaluate, of a file with several.
+    #[arg(long, value_name = "FEED")]
+    feed_mm_per_min: Option<f64>,
+    /// Overshoot at either end of each run, of an arc; of full circles it is what exceeds one turn.
+    #[arg(long, value_name = "DEG")]
+    overshoot_deg: Option<f64>,
     /// The plane of the circle, for the plot: first and second axis.
     #[arg(long, value_name = "AXES", default_value = "xy", value_parser = plane)]
     plane: [char; 2],
@@ -45,7 +58,7 @@ pub(super) struct Args {
     output: Output,
 }
 
-fn plane(text: &str) -> Result<[char; 2], String> {
+pub(crate) fn plane(text: &str) -> Result<[char; 2], String> {
     let axes: Vec<char> = text.chars().map(|c| c.to_ascii_uppercase()).collect();
     match axes[..] {
         [a, b] if a != b && a.is_ascii_alphabetic() && b.is_ascii_alphabetic() => Ok([a, b]),
@@ -63,24 +76,76 @@ fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
     let mut table = table::open(path)?;
     let (angle, deviation, direction) =
         (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);
-    only(&table, &["angle_deg", "deviation_um", "direction"])?;
-    let mut readings = Vec::new();
+    let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
+    only(&table, &["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"])?;
+    let mut samples = Vec::new();
     while table.advance()? {
-        readings.push(CircularReading {
+        samples.push(Sample {
             angle: rad_from_deg(table.number(angle)?),
             deviation: mm_from_um(table.number(deviation)?),
             travel: table.travel(direction)?,
+            feed: feed.map(|c| table.number(c)).transpose()?,
+            run: run.map_or(Ok(0), |c| table.count(c))?,
         });
     }
-    if readings.is_empty() {
+    if samples.is_empty() {
         return Err(no_rows(table.file()));
     }
+    let samples = of_one_feed(args, path, samples)?;
+    // a file that is not in the order of the readings says nothing about overshoot
+    let in_order = travelled(&samples).iter().all(|angle| *angle > 0.0);
+    let measured = if in_order || args.overshoot_deg.is_some() {
+        cut_overshoot(&samples, args.overshoot_deg.map(rad_from_deg))
+    } else {
+        samples.clone()
+    };
+    if measured.len() < samples.len() {
+        let cut = samples.len() - measured.len();
+        note!(
+            "note: {}: {cut} of {} readings are overshoot and are not evaluated",
+            path.display(),
+            samples.len()
+        );
+    }
+    let readings: Vec<CircularReading> = measured
+        .iter()
+        .map(|s| CircularReading { angle: s.angle, deviation: s.deviation, travel: s.travel })
+        .collect();
     let centring = match args.centring {
         CentringArg::LeastSquares => Centring::LeastSquares { radius: args.radius_mm },
         CentringArg::None => Centring::None,
     };
     let result = Circularity::evaluate(&readings, centring).map_err(|e| bad_data(path, e))?;
     Ok(Evaluated { readings, result })
+}
+
+/// The readings of the feed asked for; of several feeds one must be.
+fn of_one_feed(args: &Args, path: &Path, samples: Vec<Sample>) -> Result<Vec<Sample>, Failure> {
+    let mut feeds: Vec<f64> = samples.iter().filter_map(|s| s.feed).collect();
+    feeds.sort_by(f64::total_cmp);
+    feeds.dedup();
+    let list = || feeds.iter().map(f64::to_string).collect::<Vec<_>>().join(", ");
+    match args.feed_mm_per_min {
+        Some(wanted) if feeds.contains(&wanted) => {
+            Ok(samples.into_iter().filter(|s| s.feed == Some(wanted)).collect())
+        }
+        Some(wanted) if !feeds.is_empty() => Err(Failure::new(
+            EX_USAGE,
+            format_args!(
+                "error: {}: no readings at {wanted} mm/min; the feeds are {}",
+                path.display(),
+                list()
+            ),
+        )),
+        None if feeds.len() > 1 => Err(bad_data(
+            path,
+            format_args!(
+                "readings at {} mm/min; the standard evaluates one feed: give --feed-mm-per-min",
+                list()
+            ),
+        )),
+        _ => Ok(samples),
+    }
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
@@ -209,4 +274,56 @@ fn report(
         if i + 1 == shown.len() { page.figure(&svg, caption) } else { page.picture(&svg) }
     }
     Ok(page.finish())
+}
+
+/// Sectors of a circle in which readings are averaged.
+const SECTORS: f64 = 360.0;
+
+/// Two tests for `volcomp verify`: radial deviations about the common least-squares circle.
+pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared, Failure> {
+    let plane: String = options.plane.iter().collect();
+    let mut words = vec!["iso230-4".to_owned(), "--plane".to_owned(), plane];
+    if let Some(radius) = options.radius_mm {
+        words.extend(["--radius-mm".to_owned(), radius.to_string()]);
+    }
+    if let Some(feed) = options.feed_mm_per_min {
+        words.extend(["--feed-mm-per-min".to_owned(), feed.to_string()]);
+    }
+    let read = |path: &Path| -> Result<Evaluated, Failure> {
+        let words = words.iter().cloned().chain(["--data".to_owned(), path.display().to_string()]);
+        let args = <Args as clap::Parser>::try_parse_from(words).map_err(|e| Failure::new(EX_USAGE, e))?;
+        read(&args, path)
+    };
+    let [before, after] = [read(files[0])?, read(files[1])?];
+    let shown = [&before, &after].map(|test| Shown {
+        title: "",
+        result: &test.result,
+        readings: &test.readings,
+        plane: options.plane,
+        radius_mm: options.radius_mm,
+    });
+    let scale = drawing::scale(&shown);
+    let plot = |shown: &Shown<'_>| drawing::single(shown, scale).map_err(drawn);
+    Ok(Compared {
+        test: "iso230-4",
+        standard: "Circular test, ISO 230-4:2005",
+        unit: "µm",
+        figures: side_by_side(&figures(&before.result), &figures(&after.result)),
+        plots: vec![("Before", plot(&shown[0])?), ("After, same scale", plot(&shown[1])?)],
+        caption: "Radial deviations about the common centre, magnified; the heavy circle is the nominal path.",
+        readings: [placed(&before), placed(&after)],
+        is_repeated: false,
+        notes: vec!["Readings are averaged in sectors of 1 deg, each direction apart.".to_owned()],
+    })
+}
+
+fn placed(test: &Evaluated) -> Vec<Placed> {
+    let [x, y] = test.result.centre;
+    let one = |r: &CircularReading| {
+        let about = r.deviation - x * r.angle.cos() - y * r.angle.sin();
+        let sector = (r.angle.rem_euclid(TAU) / TAU * SECTORS) as i64;
+        let reverse = i64::from(r.travel == volcomp_units::axes::Travel::Reverse);
+        Placed { curve: 0, place: 2 * sector + reverse, value: um_from_mm(about) }
+    };
+    test.readings.iter().map(one).collect()
 }

@@ -7,12 +7,12 @@ use serde_json::{Map, Value, json};
 use super::page::{self, Origin};
 use super::picture::positioning::{self as drawing, Shown};
 use super::positioning::{as_json, print};
-use super::{Figure, Output, bad_data, change, percent, put_before, show};
+use super::{Compared, Figure, Output, bad_data, change, drawn, percent, put_before, show, side_by_side};
 use crate::positioning_data::{TestColumns, no_rows};
 use crate::report::page::Cell;
 use crate::report::plot::{Drawn, SHEET_WIDTH, Svg, svg_of, words};
 use crate::{Failure, table};
-use volcomp_evaluate::{Diagonal, DiagonalTest, Positioning, PositioningReading};
+use volcomp_evaluate::{Diagonal, DiagonalTest, Placed, Positioning, PositioningReading};
 use volcomp_units::axes::AxisKind;
 use volcomp_units::um_from_mm;
 
@@ -239,4 +239,34 @@ fn each(page: &mut crate::report::Page, after: &Evaluated, before: Option<&Evalu
         }
     }
     page.table(&head, &rows);
+}
+
+/// Two tests for `volcomp verify`.
+pub(super) fn compare(files: [&Path; 2]) -> Result<Compared, Failure> {
+    let [before, after] = [read(files[0])?, read(files[1])?];
+    let y = scale(&after, Some(&before));
+    let plot =
+        |test: &Evaluated| svg_of((SHEET_WIDTH, 2 * HEIGHT), |area| four(test, y, area)).map_err(drawn);
+    let figures = |t: &DiagonalTest| -> Vec<Figure> {
+        WORST
+            .iter()
+            .map(|(key, name, get)| Figure { key, name, value: t.worst(get).map(|(_, v)| v) })
+            .collect()
+    };
+    let placed = |test: &Evaluated| -> Vec<Placed> {
+        let curve =
+            |d: Diagonal| test.result.diagonals.iter().position(|(other, _)| *other == d).unwrap_or(0);
+        test.readings.iter().map(|(d, r)| super::positioning::placed(curve(*d) as u32, r)).collect()
+    };
+    Ok(Compared {
+        test: "iso230-6",
+        standard: "Positioning along the body diagonals, ISO 230-6:2002; figures of the worst of the four",
+        unit: "µm",
+        figures: side_by_side(&figures(&before.result), &figures(&after.result)),
+        plots: vec![("Before", plot(&before)?), ("After, same scale", plot(&after)?)],
+        caption: "Blue: forward, vermillion: backward; solid: mean, band: ± 2 s, dots: readings.",
+        readings: [placed(&before), placed(&after)],
+        is_repeated: true,
+        notes: vec!["The range is that over all four diagonals together.".to_owned()],
+    })
 }

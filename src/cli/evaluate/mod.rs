@@ -2,7 +2,7 @@
 //!
 //! One file per test; `picture` draws, `page` puts what all reports say in their heads.
 
-mod circular;
+pub(crate) mod circular;
 mod diagonals;
 mod page;
 mod picture;
@@ -16,6 +16,7 @@ use serde_json::{Map, Value, json};
 
 use super::files::write_text;
 use super::{EX_DATAERR, EX_SOFTWARE, EX_USAGE, Failure, table};
+use volcomp_evaluate::Placed;
 
 /// Evaluate a test by ISO 230, with the plots of the standards and a report to print
 ///
@@ -78,8 +79,6 @@ impl Output {
                 "error: --json and a picture or report cannot both go to stdout",
             ));
         }
-        let drawn =
-            |e: Box<dyn std::error::Error>| Failure::new(EX_SOFTWARE, format_args!("error: picture: {e}"));
         if let Some(path) = &self.svg {
             write_text(path, &svg().map_err(drawn)?)?;
             note!("plot written: {}", path.display());
@@ -90,6 +89,88 @@ impl Output {
         }
         Ok(())
     }
+}
+
+/// Two measurements of one kind side by side, for `volcomp verify`.
+pub(crate) struct Compared {
+    /// Name of the test in JSON.
+    pub(crate) test: &'static str,
+    /// The standard.
+    pub(crate) standard: &'static str,
+    /// Unit in words.
+    pub(crate) unit: &'static str,
+    /// Its figures: key, words, before and after.
+    pub(crate) figures: Vec<(String, &'static str, [Option<f64>; 2])>,
+    /// Plots at one scale: heading and picture.
+    pub(crate) plots: Vec<(&'static str, String)>,
+    /// What the plots show.
+    pub(crate) caption: &'static str,
+    /// The readings by place, before and after.
+    pub(crate) readings: [Vec<Placed>; 2],
+    /// Readings at one place are of different runs.
+    pub(crate) is_repeated: bool,
+    /// Remarks.
+    pub(crate) notes: Vec<String>,
+}
+
+/// What [`compare`] is told beside the files.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct CompareOptions {
+    /// Plane of a circle.
+    pub(crate) plane: [char; 2],
+    /// Nominal radius of a circle.
+    pub(crate) radius_mm: Option<f64>,
+    /// Feed of a circle.
+    pub(crate) feed_mm_per_min: Option<f64>,
+}
+
+/// Compares two files of one test of ISO 230; `None` where the columns are of none.
+pub(crate) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Option<Compared>, Failure> {
+    let kinds: Vec<Option<Kind>> = files.into_iter().map(kind).collect::<Result<_, _>>()?;
+    match kinds[..] {
+        [Some(a), Some(b)] if a == b => match a {
+            Kind::Positioning => positioning::compare(files).map(Some),
+            Kind::Circle => circular::compare(files, options).map(Some),
+            Kind::Diagonals => diagonals::compare(files).map(Some),
+        },
+        [None, None] => Ok(None),
+        _ => Err(bad_data(files[1], format_args!("not the same test as {}", files[0].display()))),
+    }
+}
+
+/// A test by the columns of its file.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    Positioning,
+    Circle,
+    Diagonals,
+}
+
+fn kind(path: &Path) -> Result<Option<Kind>, Failure> {
+    let is_dat = path.extension().is_some_and(|e| e.eq_ignore_ascii_case("dat"));
+    if is_dat {
+        return Ok(Some(Kind::Positioning));
+    }
+    let table = table::open(path)?;
+    let has = |name: &str| table.find(name).is_some();
+    Ok(if has("diagonal") {
+        Some(Kind::Diagonals)
+    } else if has("angle_deg") && has("deviation_um") {
+        Some(Kind::Circle)
+    } else if has("target_mm") || has("target_deg") {
+        Some(Kind::Positioning)
+    } else {
+        None
+    })
+}
+
+/// Figures of two tests beside each other.
+fn side_by_side(before: &[Figure], after: &[Figure]) -> Vec<(String, &'static str, [Option<f64>; 2])> {
+    before.iter().zip(after).map(|(b, a)| (a.key.to_owned(), a.name, [b.value, a.value])).collect()
+}
+
+fn drawn(e: Box<dyn std::error::Error>) -> Failure {
+    Failure::new(EX_SOFTWARE, format_args!("error: picture: {e}"))
 }
 
 fn bad_data(file: &Path, what: impl core::fmt::Display) -> Failure {

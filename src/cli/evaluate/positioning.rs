@@ -6,13 +6,15 @@ use serde_json::{Map, Value, json};
 
 use super::page::{self, Origin};
 use super::picture::positioning::Shown;
-use super::{Figure, Output, bad_data, change, percent, picture, put_before, show};
+use super::{
+    Compared, Figure, Output, bad_data, change, drawn, percent, picture, put_before, show, side_by_side,
+};
 use crate::positioning_data::{Cycles, TestFormat, read_test};
 use crate::report::page::Cell;
 use crate::start_up::{StartUp, in_report_units};
 use crate::{EX_USAGE, Failure};
 use volcomp_evaluate::uncertainty::Expanded;
-use volcomp_evaluate::{Conditions, Positioning, PositioningReading, Spread, Uncertainties};
+use volcomp_evaluate::{Conditions, Placed, Positioning, PositioningReading, Spread, Uncertainties};
 use volcomp_units::axes::{AxisKind, Travel};
 
 /// Positioning of one axis by ISO 230-2: reversal, repeatability, systematic deviation, accuracy
@@ -526,4 +528,47 @@ fn targets(page: &mut crate::report::Page, p: &Positioning, unit: &str, target_u
         })
         .collect();
     page.table(&head, &rows);
+}
+
+/// Two tests for `volcomp verify`.
+pub(super) fn compare(files: [&Path; 2]) -> Result<Compared, Failure> {
+    let read = |path: &Path| -> Result<Evaluated, Failure> {
+        let words = ["iso230-2".as_ref(), "--data".as_ref(), path.as_os_str()];
+        let args = <Args as clap::Parser>::try_parse_from(words).map_err(|e| Failure::new(EX_USAGE, e))?;
+        read(&args, path)
+    };
+    let [before, after] = [read(files[0])?, read(files[1])?];
+    if before.kind != after.kind {
+        return Err(bad_data(files[1], "one of the two tests is linear, the other rotary"));
+    }
+    let (key, unit, _) = after.units();
+    let figures: Vec<_> = side_by_side(&figures(&before.result), &figures(&after.result))
+        .into_iter()
+        .map(|(name, words, values)| (format!("{name}_{key}"), words, values))
+        .collect();
+    let scale = picture::positioning::scale(
+        [Some(&before.result), Some(&after.result)],
+        [&before.readings[..], &after.readings[..]],
+    );
+    let plot = |test: &Evaluated| {
+        picture::positioning::single(&test.shown(""), scale, picture::positioning::HEIGHT).map_err(drawn)
+    };
+    let placed = |test: &Evaluated| test.readings.iter().map(|r| placed(0, r)).collect();
+    Ok(Compared {
+        test: "iso230-2",
+        standard: "Accuracy and repeatability of positioning, ISO 230-2:2014",
+        unit,
+        figures,
+        plots: vec![("Before", plot(&before)?), ("After, same scale", plot(&after)?)],
+        caption: "Solid: mean of each direction, band: ± 2 s, dots: readings, dashed: mean of both directions.",
+        readings: [placed(&before), placed(&after)],
+        is_repeated: true,
+        notes: Vec::new(),
+    })
+}
+
+/// A reading at its target, each direction a place of its own.
+pub(super) fn placed(curve: u32, r: &PositioningReading) -> Placed {
+    let reverse = i64::from(r.travel == Travel::Reverse);
+    Placed { curve, place: 2 * (r.target * 1e3).round() as i64 + reverse, value: r.deviation }
 }

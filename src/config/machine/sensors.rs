@@ -5,7 +5,7 @@ use core::net::SocketAddr;
 use crate::diagnostic::Diagnostic;
 use crate::reader::{Allowed, Placed, Section};
 use volcomp_estimate::fivedof::Head;
-use volcomp_estimate::live::{LiveSpec, MapSpec, SensorKind, SensorSpec};
+use volcomp_estimate::live::{LaserAlignment, LiveSpec, MapSpec, SensorKind, SensorSpec};
 use volcomp_units::axes::{AxisKind, AxisName};
 use volcomp_units::{mm_from_um, rad_from_arcsec};
 
@@ -34,10 +34,12 @@ const DEFAULT_IDLE_S: f64 = 600.0;
 const DEFAULT_LISTEN: &str = "127.0.0.1:7979";
 
 /// Keys that only a 5-DOF laser has.
-const FIVE_DOF_KEYS: [&str; 10] = [
+const FIVE_DOF_KEYS: [&str; 12] = [
     "axis",
     "smooth-s",
     "reference-share",
+    "alignment",
+    "roll-rise-arcsec",
     "focal-mm",
     "beam-1-mm",
     "beam-2-mm",
@@ -260,6 +262,21 @@ fn read_laser(section: &Section<'_>) -> Option<SensorKind> {
     let axis = section.text("axis");
     let smooth_s = number(section, "smooth-s", within(0.0, 3600.0), 1.0);
     let reference_share = number(section, "reference-share", within(0.1, 1.0), 0.8);
+    let is_end_point =
+        section.choice("alignment", &[("stored-curves", false), ("end-point", true)]) == Some(true);
+    let roll_rise = section.number("roll-rise-arcsec", within(-1e3, 1e3));
+    if let Some(rise) = roll_rise.as_ref().filter(|_| !is_end_point) {
+        section.report(Diagnostic::at(
+            rise.place.clone(),
+            "roll-rise-arcsec belongs to alignment = \"end-point\"",
+            "take it out: with the stored curves roll is aligned to theirs",
+        ));
+    }
+    let alignment = if is_end_point {
+        LaserAlignment::EndPoint { roll_rise: roll_rise.map_or(0.0, |n| rad_from_arcsec(n.value)) }
+    } else {
+        LaserAlignment::StoredCurves
+    };
     let focal = section.fixed::<3>("focal-mm", "focal lengths of PSD1, PSD2, PSD3");
     let beams = [("beam-1-mm", "y and z of beam 1"), ("beam-2-mm", "y and z of beam 2")]
         .map(|(k, w)| section.fixed::<2>(k, w));
@@ -314,7 +331,7 @@ fn read_laser(section: &Section<'_>) -> Option<SensorKind> {
         section.report(Diagnostic::at(axis.place, message, "write x, y or z"));
         return None;
     };
-    Some(SensorKind::FiveDof { axis: name, head, smooth_s, reference_share })
+    Some(SensorKind::FiveDof { axis: name, head, smooth_s, reference_share, alignment })
 }
 
 fn read_map(section: &Section<'_>) -> Option<MapSpec> {
@@ -366,7 +383,7 @@ fn read_nodes(section: &Section<'_>, key: &'static str) -> Option<Vec<f64>> {
 #[cfg(test)]
 mod tests {
     use crate::MachineConfig;
-    use volcomp_estimate::live::SensorKind;
+    use volcomp_estimate::live::{LaserAlignment, SensorKind};
 
     const BASE: &str = "format = \"volcomp-machine/1\"\nmachine = \"m\"\nmodel = \"model.toml\"\n\
         [axes.x]\nlimit-um = 50\nrate-um-per-s = 100\nacceleration-um-per-s2 = 1000\n";
@@ -397,6 +414,14 @@ mod tests {
         assert!((tracker.jump[1] - 3.0 * 4.848_136_811e-6).abs() < 1e-12);
         let SensorKind::FiveDof { head: Some(head), .. } = laser.kind else { panic!("an instrument") };
         assert_eq!((head.signs[1], head.beams[1]), ([-1.0, 1.0], [33.0, 8.0]));
+        let SensorKind::FiveDof { alignment, .. } = laser.kind else { panic!("a laser") };
+        assert_eq!(alignment, LaserAlignment::StoredCurves);
+        let text = "[[sensor]]\nname = \"l\"\nkind = \"five-dof\"\naxis = \"x\"\nalignment = \"end-point\"\nroll-rise-arcsec = 2\n";
+        let absolute = read(text).unwrap().sensors.spec.sensors[0].kind;
+        let SensorKind::FiveDof { alignment: LaserAlignment::EndPoint { roll_rise }, .. } = absolute else {
+            panic!("{absolute:?}")
+        };
+        assert!((roll_rise - 2.0 * 4.848_136_811e-6).abs() < 1e-12);
         assert!(air.frozen_s.is_infinite() && air.range == [200.0; 2]);
         let map = &sensors.spec.maps[0];
         assert!((map.limit[0] - 0.03).abs() < 1e-15 && (map.drift_per_h[1] - 2.0 * 4.848e-6).abs() < 1e-9);
@@ -411,6 +436,10 @@ mod tests {
             ("[[sensor]]\nname = \"a\"\nkind = \"tool\"\n", "add a [[map]]"),
             ("[[sensor]]\nname = \"a\"\nkind = \"five-dof\"\n", "add axis ="),
             ("[[sensor]]\nname = \"a\"\nkind = \"five-dof\"\naxis = \"c\"\n", "no linear axis"),
+            (
+                "[[sensor]]\nname = \"a\"\nkind = \"five-dof\"\naxis = \"x\"\nroll-rise-arcsec = 3\n",
+                "belongs to alignment = \"end-point\"",
+            ),
             ("[[sensor]]\nname = \"a\"\nkind = \"value\"\naxis = \"x\"\n", "key of kind = \"five-dof\""),
             ("[[sensor]]\nname = \"a\"\nkind = \"value\"\nstd-mm = 1\n", "write std-um"),
             (

@@ -1,16 +1,22 @@
 //! A 5-DOF laser along an axis: what its live readings differ by from the stored curves of that axis.
 //!
 //! A laser does not know where its zero and its straight line are: each straightness is free by an offset and a slope,
-//! each angle by an offset. While the axis goes through its travel for the first time these are fitted to the stored
-//! curves by least squares, each part of the travel with the same weight and as it was seen last, so that it does not
-//! matter where the axis rests meanwhile; once enough of the travel has been seen they are fixed, and what the readings
-//! differ by from then on is change. It is smoothed with a first-order lag and added to the stored curves as a live value, so
-//! that a laser that drops out leaves them as they are (the engine fades to them).
+//! each angle by an offset, roll from detectors by a slope as well, because beams that are not parallel look like roll
+//! that grows. These are found while the axis goes through its travel for the first time, each part of the travel as it was
+//! seen last, so that it does not matter where the axis rests meanwhile:
+//!
+//! - [`LaserAlignment::StoredCurves`]: a least-squares fit to the stored curves. What the readings differ by from then on is
+//!   change.
+//! - [`LaserAlignment::EndPoint`]: straightness is zero at both ends of the travel, an angle at home (or at the end nearest to
+//!   it), roll rises by what a level says. The readings are absolute: they replace the stored curves.
+//!
+//! The difference from the stored curves is smoothed with a first-order lag and added to them as a live value, so that a
+//! laser that drops out leaves them as they are (the engine fades to them).
 //!
 //! Pointing drift is taken out by the reduction ([`crate::fivedof`]). Reference points of the stored
 //! curves and of the laser must be the same.
 //!
-//! Source: equations 5.2, 1.4 (sense), 5.6 (which line is a convention).
+//! Source: equations 5.2, 1.4 (sense), 1.8 and 5.6 (which line is a convention); paper 002, 3.4 (absolute readings).
 
 use crate::fivedof::to_machine;
 use volcomp_model::axes::{AxisName, Travel};
@@ -18,8 +24,36 @@ use volcomp_model::{Component, ErrorFunction, ErrorSymbol, ModelSpec, Sense};
 
 /// Parts of the travel that are ticked off as seen.
 const PARTS: usize = 20;
+/// Share of the travel within which an end counts as reached.
+const END_SHARE: f64 = 0.005;
 /// Readings of one part that count.
 const PART_READINGS: f64 = 50.0;
+
+/// What the readings of a laser refer to.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum LaserAlignment {
+    /// The stored curves: the laser tells what has changed since the first pass.
+    #[default]
+    StoredCurves,
+    /// The end points of the travel: the laser tells the error motions themselves.
+    EndPoint {
+        /// Change of roll of the carriage from the lower to the upper end of the travel by a level, rad.
+        roll_rise: f64,
+    },
+}
+
+/// How a laser becomes live values.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct LaserRules {
+    /// Time constant of smoothing, s.
+    pub smooth_s: f64,
+    /// Share of the travel that must have been seen before the alignment counts as known.
+    pub reference_share: f64,
+    /// What the readings refer to.
+    pub alignment: LaserAlignment,
+    /// Roll has an unknown slope.
+    pub is_raw: bool,
+}
 
 /// One error that the laser corrects.
 #[derive(Debug, Clone, PartialEq)]
@@ -29,12 +63,22 @@ struct Lane {
     /// Index in EX EY EZ EA EB EC.
     component: usize,
     curves: ErrorFunction,
-    /// An angle is free by an offset only.
-    slope: bool,
+    kind: LaneKind,
     /// Sums of 1, u, u^2, d, u d over the last time in each part of the travel.
     sums: [[f64; 5]; PARTS],
     line: Option<[f64; 2]>,
     value: Option<f64>,
+}
+
+/// What is unknown of an error motion.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum LaneKind {
+    /// Offset and slope.
+    Straightness,
+    /// Offset; of readings of detectors a slope as well.
+    Roll,
+    /// Offset.
+    Tilt,
 }
 
 /// The laser of one axis.
@@ -48,9 +92,12 @@ pub struct AxisLaser {
     inverted: bool,
     /// Sign from carriage motion to the stored sense.
     sign: f64,
-    smooth_s: f64,
-    share: f64,
+    rules: LaserRules,
+    /// Home as a share of the travel, within it.
+    home: f64,
     seen: [bool; PARTS],
+    /// The ends of the travel were reached.
+    ends: [bool; 2],
     /// Part of the travel in which the axis is.
     part: Option<usize>,
     lanes: Vec<Lane>,
@@ -63,11 +110,11 @@ impl AxisLaser {
         spec: &ModelSpec,
         axis: AxisName,
         channels: &[(usize, ErrorSymbol)],
-        smooth_s: f64,
-        share: f64,
+        rules: LaserRules,
     ) -> Option<Self> {
         let index = spec.chain.index_of(axis)?;
         let entry = spec.axis(axis);
+        let travel @ [low, high] = entry.travel?;
         let workpiece = spec.is_workpiece_side(axis);
         let carriage = entry.sense == Sense::Carriage;
         let lanes = channels
@@ -81,7 +128,11 @@ impl AxisLaser {
                     .find(|(s, _)| s == symbol)
                     .map(|(_, f)| f.clone())
                     .unwrap_or_default(),
-                slope: !symbol.is_angle(),
+                kind: match symbol.component().index() {
+                    0..=2 => LaneKind::Straightness,
+                    c if c == 3 + axis.direction() => LaneKind::Roll,
+                    _ => LaneKind::Tilt,
+                },
                 sums: [[0.0; 5]; PARTS],
                 line: None,
                 value: None,
@@ -90,13 +141,14 @@ impl AxisLaser {
         Some(Self {
             axis,
             index,
-            travel: entry.travel?,
+            travel,
+            home: (-low / (high - low)).clamp(0.0, 1.0),
             inverted: workpiece && carriage,
             // equations 1.4: relative is minus carriage where primed
             sign: if workpiece && !carriage { -1.0 } else { 1.0 },
-            smooth_s,
-            share,
+            rules,
             seen: [false; PARTS],
+            ends: [false; 2],
             part: None,
             lanes,
         })
@@ -113,19 +165,26 @@ impl AxisLaser {
         let machine = to_machine(self.axis, motion);
         let [low, high] = self.travel;
         let u = (q - low) / (high - low);
-        let share = if self.smooth_s > 0.0 { 1.0 - (-dt.max(0.0) / self.smooth_s).exp() } else { 1.0 };
+        let smooth_s = self.rules.smooth_s;
+        let share = if smooth_s > 0.0 { 1.0 - (-dt.max(0.0) / smooth_s).exp() } else { 1.0 };
         let part = ((u.clamp(0.0, 1.0) * PARTS as f64) as usize).min(PARTS - 1);
         let entered = self.part != Some(part);
         self.seen[part] = true;
+        self.ends = [self.ends[0] || u <= END_SHARE, self.ends[1] || u >= 1.0 - END_SHARE];
         self.part = Some(part);
-        let known = self.coverage() >= self.share;
+        let known = self.is_seen();
         let (x, travel) = if self.inverted { (-q, travel.reversed()) } else { (q, travel) };
         for lane in &mut self.lanes {
             let stored = lane.curves.value(x, travel);
-            let difference = self.sign * machine[lane.component] - stored;
+            let measured = self.sign * machine[lane.component];
+            let difference = measured - stored;
             match lane.line {
                 None => {
-                    let terms = [1.0, u, u * u, difference, u * difference];
+                    let aligned = match self.rules.alignment {
+                        LaserAlignment::StoredCurves => difference,
+                        LaserAlignment::EndPoint { .. } => measured,
+                    };
+                    let terms = [1.0, u, u * u, aligned, u * aligned];
                     let sums = &mut lane.sums[part];
                     if entered {
                         *sums = [0.0; 5];
@@ -135,7 +194,12 @@ impl AxisLaser {
                     }
                     sums.iter_mut().zip(terms).for_each(|(sum, term)| *sum += term);
                     if known {
-                        lane.line = lane.fit();
+                        lane.line = match self.rules.alignment {
+                            LaserAlignment::StoredCurves => lane.fit(self.rules.is_raw),
+                            LaserAlignment::EndPoint { roll_rise } => {
+                                lane.ends(self.home, self.sign * roll_rise)
+                            }
+                        };
                     }
                 }
                 Some([offset, slope]) => {
@@ -145,6 +209,12 @@ impl AxisLaser {
                 }
             }
         }
+    }
+
+    /// True where enough of the travel was seen to find the alignment.
+    fn is_seen(&self) -> bool {
+        let needs_ends = matches!(self.rules.alignment, LaserAlignment::EndPoint { .. });
+        self.coverage() >= self.rules.reference_share && (self.ends == [true; 2] || !needs_ends)
     }
 
     /// Share of the travel that was seen, 0 to 1.
@@ -166,7 +236,7 @@ impl AxisLaser {
 
     /// The laser was moved or away: its alignment must be found anew.
     pub fn forget(&mut self) {
-        (self.seen, self.part) = ([false; PARTS], None);
+        (self.seen, self.ends, self.part) = ([false; PARTS], [false; 2], None);
         for lane in &mut self.lanes {
             lane.sums = [[0.0; 5]; PARTS];
             (lane.line, lane.value) = (None, None);
@@ -175,19 +245,62 @@ impl AxisLaser {
 }
 
 impl Lane {
-    /// Offset and slope by least squares; no slope for angles.
-    fn fit(&self) -> Option<[f64; 2]> {
+    /// Offset and slope by least squares; no slope for angles, but for roll of detectors.
+    fn fit(&self, is_raw: bool) -> Option<[f64; 2]> {
         let mut mean = [0.0; 5];
         for part in self.sums.iter().filter(|part| part[0] > 0.0) {
             mean.iter_mut().zip(part).for_each(|(sum, term)| *sum += term / part[0]);
         }
         let [n, u, uu, d, ud] = mean;
-        if !self.slope {
+        let has_slope = match self.kind {
+            LaneKind::Straightness => true,
+            LaneKind::Roll => is_raw,
+            LaneKind::Tilt => false,
+        };
+        if !has_slope {
             return (n > 0.0).then(|| [d / n, 0.0]);
         }
         let determinant = n * uu - u * u;
         (determinant > 1e-9 * n * n)
             .then(|| [(uu * d - u * ud) / determinant, (n * ud - u * d) / determinant])
+    }
+}
+
+impl Lane {
+    /// Offset and slope that make a straightness zero at both ends of the travel, let roll rise by `roll_rise`, and make
+    /// every angle zero at `home`.
+    fn ends(&self, home: f64, roll_rise: f64) -> Option<[f64; 2]> {
+        let ([u_low, low], [u_high, high]) = (self.near(0.0)?, self.near(1.0)?);
+        let between = if u_high > u_low { (high - low) / (u_high - u_low) } else { 0.0 };
+        let (slope, [u, zero]) = match self.kind {
+            LaneKind::Straightness => (between, [u_low, low]),
+            LaneKind::Roll => (between - roll_rise, self.near(home)?),
+            LaneKind::Tilt => (0.0, self.near(home)?),
+        };
+        // roll that rises is zero at home, not where it was read
+        let rise = if self.kind == LaneKind::Roll { roll_rise * (u - home) } else { 0.0 };
+        Some([zero - rise - slope * u, slope])
+    }
+
+    /// The readings at `u` by the straight line through those of the part in which it lies, or of the nearest that was
+    /// seen; of readings all at one place their mean there. Place and value.
+    fn near(&self, u: f64) -> Option<[f64; 2]> {
+        let middle = |part: usize| (part as f64 + 0.5) / PARTS as f64;
+        let (_, part) = self
+            .sums
+            .iter()
+            .enumerate()
+            .filter(|(_, part)| part[0] > 0.0)
+            .min_by(|(a, _), (b, _)| (middle(*a) - u).abs().total_cmp(&(middle(*b) - u).abs()))?;
+        let [n, su, suu, sd, sud] = *part;
+        let (mean_u, mean) = (su / n, sd / n);
+        let spread = suu / n - mean_u * mean_u;
+        let least = (0.1 / PARTS as f64).powi(2);
+        if spread < least {
+            return Some([mean_u, mean]);
+        }
+        let slope = (sud / n - mean_u * mean) / spread;
+        Some([u, mean + slope * (u - mean_u)])
     }
 }
 
@@ -209,6 +322,10 @@ mod tests {
     use super::*;
     use volcomp_model::{AxisSpec, Chain, Curve};
 
+    fn rules(smooth_s: f64, reference_share: f64) -> LaserRules {
+        LaserRules { smooth_s, reference_share, alignment: LaserAlignment::StoredCurves, is_raw: false }
+    }
+
     fn spec(primed: bool, sense: Sense) -> ModelSpec {
         let chain = if primed { "[w X' b Y Z t]" } else { "[w b X Y Z t]" };
         let mut spec = ModelSpec::new("m", Chain::parse(chain).unwrap());
@@ -222,7 +339,8 @@ mod tests {
     fn run(primed: bool, sense: Sense) -> Vec<(usize, f64)> {
         let symbols = ["eyx", "eax"].map(|s| ErrorSymbol::parse(s).unwrap());
         let channels = [(3, symbols[0]), (7, symbols[1])];
-        let mut laser = AxisLaser::new(&spec(primed, sense), AxisName::X, &channels, 0.5, 0.8).unwrap();
+        let mut laser =
+            AxisLaser::new(&spec(primed, sense), AxisName::X, &channels, rules(0.5, 0.8)).unwrap();
         assert_eq!(laser.index(), 0);
         let carriage = if primed { -1.0 } else { 1.0 };
         for k in 0..400 {
@@ -264,7 +382,8 @@ mod tests {
         let channels = [(0, channels[0]), (1, channels[1])];
         let found = |rest: u32| -> Vec<f64> {
             let mut laser =
-                AxisLaser::new(&spec(false, Sense::Relative), AxisName::X, &channels, 0.0, 1.0).unwrap();
+                AxisLaser::new(&spec(false, Sense::Relative), AxisName::X, &channels, rules(0.0, 1.0))
+                    .unwrap();
             // bent by what neither offset nor slope can follow; resting at the beginning, still warming up there
             let bent = |q: f64| 0.004 + 1e-8 * (q - 500.0).powi(2);
             for k in 0..rest {
@@ -286,7 +405,7 @@ mod tests {
     fn what_was_forgotten_is_found_anew() {
         let channels = [(0, ErrorSymbol::parse("eyx").unwrap())];
         let mut laser =
-            AxisLaser::new(&spec(false, Sense::Relative), AxisName::X, &channels, 0.0, 0.5).unwrap();
+            AxisLaser::new(&spec(false, Sense::Relative), AxisName::X, &channels, rules(0.0, 0.5)).unwrap();
         let pass = |laser: &mut AxisLaser, offset: f64| {
             for k in 0..100 {
                 laser.take(10.0 * f64::from(k), Travel::Forward, [0.004 + offset, 0.0, 0.0, 0.0, 0.0], 0.1);
@@ -298,5 +417,47 @@ mod tests {
         assert!(!laser.is_referenced() && laser.values().next().is_none() && laser.coverage() == 0.0);
         pass(&mut laser, 1.0);
         assert!(laser.values().all(|(_, v)| v.abs() < 1e-12));
+    }
+
+    #[test]
+    fn aligned_to_the_end_points_the_readings_are_absolute() {
+        for (primed, sense, sign) in
+            [(false, Sense::Relative, 1.0), (true, Sense::Relative, -1.0), (true, Sense::Carriage, 1.0)]
+        {
+            let channels: Vec<_> = ["eyx", "eax", "ebx"]
+                .iter()
+                .enumerate()
+                .map(|(k, s)| (k, ErrorSymbol::parse(s).unwrap()))
+                .collect();
+            let rules = LaserRules {
+                alignment: LaserAlignment::EndPoint { roll_rise: 4e-5 },
+                is_raw: true,
+                ..rules(0.0, 1.0)
+            };
+            let spec = spec(primed, sense);
+            let mut laser = AxisLaser::new(&spec, AxisName::X, &channels, rules).unwrap();
+            let read = |laser: &mut AxisLaser, q: f64| {
+                let u = q / 1000.0;
+                // in the laser: lines of its own, beams that are not parallel
+                let (bow, roll, pitch) = (0.02 * u * (1.0 - u), 4e-5 * u, 3e-5 * u * u);
+                let motion = [bow + 0.3 + 2e-4 * q, 0.0, roll + 1e-4 + 3e-4 * u, pitch - 5e-4, 0.0];
+                laser.take(q, Travel::Forward, motion, 0.1);
+                [bow, roll, pitch]
+            };
+            for k in 0..=1000 {
+                read(&mut laser, f64::from(k));
+            }
+            let truth = read(&mut laser, 430.0);
+            let values: Vec<f64> = laser.values().map(|(_, v)| v).collect();
+            // the stored curve of EYX is 4 um: the live value leaves of it what the laser says
+            for ((value, truth), stored) in values.iter().zip(truth).zip([0.004, 0.0, 0.0]) {
+                // a straight line through a twentieth of the travel stands for the curve there
+                let close = if stored > 0.0 { 3e-5 } else { 2e-7 };
+                assert!(
+                    (value + stored - sign * truth).abs() < close,
+                    "{primed} {sense:?} {values:?} {truth}"
+                );
+            }
+        }
     }
 }

@@ -13,7 +13,7 @@ mod tool;
 use std::sync::Arc;
 
 use self::tool::SPEED_S;
-use super::axis::{AxisLaser, sees};
+use super::axis::{AxisLaser, LaserRules, sees};
 use super::health::{LiveHealth, ThermalHealth};
 use super::history::{MotionHistory, MotionSample};
 use super::map::{Feeding, MapState, SavedMap, channels};
@@ -383,7 +383,7 @@ fn new_sensor(
                 return Err(LiveError::NoChannel { map: name() });
             }
         }
-        SensorKind::FiveDof { axis, head, smooth_s, reference_share } => {
+        SensorKind::FiveDof { axis, head, smooth_s, reference_share, alignment } => {
             if let Some(head) = head {
                 head.check().map_err(|source| LiveError::Head { sensor: name(), source })?;
             }
@@ -392,7 +392,8 @@ fn new_sensor(
             if found.is_empty() {
                 return Err(LiveError::NoChannel { map: name() });
             }
-            laser = AxisLaser::new(spec, axis, &found, smooth_s, reference_share);
+            let rules = LaserRules { smooth_s, reference_share, alignment, is_raw: head.is_some() };
+            laser = AxisLaser::new(spec, axis, &found, rules);
             if laser.is_none() || axis.kind() != AxisKind::Linear {
                 return Err(LiveError::NoAxis { sensor: name(), axis });
             }

@@ -25,6 +25,7 @@ pub mod spec;
 pub mod table;
 pub mod thermal_displacement;
 
+pub use axis::LaserAlignment;
 pub use estimator::{LiveEstimator, LiveModel, MapCondition};
 pub use health::{LiveHealth, MapHealth, NodeHealth, SensorHealth, ThermalHealth};
 pub use history::{MotionHistory, MotionSample};

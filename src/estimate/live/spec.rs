@@ -1,5 +1,6 @@
 //! What sensors and maps there are. Lengths mm, angles rad, times s.
 
+use super::axis::LaserAlignment;
 use crate::fivedof::{Head, HeadError};
 use crate::{GridError, MapError};
 use volcomp_model::axes::AxisName;
@@ -32,6 +33,8 @@ pub enum SensorKind {
         smooth_s: f64,
         /// Share of the travel that must have been seen before the alignment counts as known.
         reference_share: f64,
+        /// What the readings refer to.
+        alignment: LaserAlignment,
     },
     /// A live value of the model of the sensor's own name, worked out by somebody else.
     Value,

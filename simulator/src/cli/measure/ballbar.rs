@@ -7,9 +7,14 @@ use rand::SeedableRng;
 use rand_chacha::ChaCha8Rng;
 use rand_distr::{Distribution, StandardNormal};
 
+use volcomp_units::axes::{AxisArray, AxisName};
+
+use super::straightness::point;
+use super::through::{self, ThroughArgs};
 use crate::cli::serve::built_in_or_file;
 use crate::cli::{EX_DATAERR, EX_IOERR, Failure};
-use crate::instruments::ballbar::{Ballbar, Run};
+use crate::instruments::ballbar::{Ballbar, CirclePoint, Run};
+use crate::through::{Measured, Want};
 use crate::truth::TruthMachine;
 
 /// Run ballbar circles in one or more planes, both directions; prints the command that ranks their causes.
@@ -18,6 +23,8 @@ pub(super) struct Args {
     /// The machine: a truth file, or one of the built-in vmc-850, gantry-5ax, grinder-ab.
     #[arg(long, value_name = "FILE|NAME", default_value = "vmc-850")]
     machine: PathBuf,
+    #[command(flatten)]
+    through: ThroughArgs,
     /// Folder for ballbar-xy.csv ..; made where it does not exist.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
@@ -25,8 +32,8 @@ pub(super) struct Args {
     #[arg(long, value_name = "PLANES", value_delimiter = ',', default_value = "xy")]
     plane: Vec<PlaneArg>,
     /// Programmed X, Y, Z at the centre; default: the middle of the travels.
-    #[arg(long, value_name = "X,Y,Z", value_delimiter = ',', allow_hyphen_values = true, num_args = 3)]
-    centre_mm: Option<Vec<f64>>,
+    #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
+    centre_mm: Option<[f64; 3]>,
     /// Radius.
     #[arg(long, value_name = "MM", default_value_t = 150.0)]
     radius_mm: f64,
@@ -76,18 +83,56 @@ impl PlaneArg {
 /// Control cycle, s.
 const CYCLE_S: f64 = 0.001;
 
+/// Run circles in one or more planes as a grid encoder sees them: about the programmed centre, for volcomp evaluate
+/// iso230-4.
+#[derive(Debug, clap::Args)]
+pub(super) struct CircleArgs {
+    #[command(flatten)]
+    circles: Args,
+}
+
+/// `cncsim measure circle`: no mounting offset.
+pub(super) fn run_circle(args: &CircleArgs) -> Result<(), Failure> {
+    run_as(&args.circles, "circle", 0.0)
+}
+
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    run_as(args, "ballbar", args.mounting_um)
+}
+
+fn run_as(args: &Args, file: &str, mounting_um: f64) -> Result<(), Failure> {
+    let mut under_control = args.through.open(&args.machine, &args.out)?;
     let mut machine = built_in_or_file(&args.machine)?;
-    let centre = centre(args, &machine);
+    let centre = match &under_control {
+        Some(control) => centre_of_travels(args, |axis| control.about().travel(axis)),
+        None => centre_of_travels(args, |axis| machine.index_of(axis).map(|k| machine.travel(k))),
+    };
     crate::cli::make_folder(&args.out).map_err(|e| Failure::in_file(EX_IOERR, &args.out, e))?;
     let mut command = String::from("volcomp identify ballbar");
     for (index, plane) in args.plane.iter().enumerate() {
         let (name, axes) = plane.name_and_axes();
-        let text = circles(args, &mut machine, centre, axes, args.seed.wrapping_add(1000 * index as u64))?;
-        let path = args.out.join(format!("ballbar-{name}.csv"));
+        let seed = args.seed.wrapping_add(1000 * index as u64);
+        let mut source = match &mut under_control {
+            Some(control) => Source::Control(control.as_mut()),
+            None => Source::Machine(&mut machine),
+        };
+        let text = circles(args, &mut source, (centre, axes), seed, mounting_um)?;
+        let path = args.out.join(format!("{file}-{name}.csv"));
         crate::cli::write_file(&path, text).map_err(|e| Failure::in_file(EX_IOERR, &path, e))?;
         // writing into a string cannot fail
         let _ = write!(command, " --data {name}={}", path.display());
+    }
+    if file == "circle" {
+        for plane in &args.plane {
+            let (name, _) = plane.name_and_axes();
+            let path = args.out.join(format!("{file}-{name}.csv"));
+            say!(
+                "volcomp evaluate iso230-4 --data {} --plane {name} --radius-mm {}",
+                path.display(),
+                args.radius_mm
+            );
+        }
+        return Ok(());
     }
     note!("circles run; now rank their causes with");
     let [x, y, z] = centre;
@@ -97,33 +142,114 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-fn centre(args: &Args, machine: &TruthMachine) -> [f64; 3] {
-    use volcomp_units::axes::AxisName;
-    if let Some(&[x, y, z]) = args.centre_mm.as_deref() {
-        return [x, y, z];
+/// What runs the circles.
+enum Source<'a> {
+    /// The machine with its drives, without a control.
+    Machine(&'a mut TruthMachine),
+    /// The machine under its control.
+    Control(&'a mut dyn Measured),
+}
+
+impl Source<'_> {
+    /// Commanded and actual tip along a run, and the nominal centre, in the workpiece frame.
+    fn circle(&mut self, args: &Args, run: &Run, seed: u64) -> Result<(Vec<CirclePoint>, [f64; 3]), Failure> {
+        match self {
+            Self::Machine(machine) => {
+                let points =
+                    run.on(machine, seed).map_err(|e| Failure::in_file(EX_DATAERR, &args.machine, e))?;
+                Ok((points, machine_centre(machine, run.centre_mm)))
+            }
+            Self::Control(control) => {
+                let cycle_s = control.about().cycle_s;
+                let every = (1.0 / (cycle_s * args.rate_hz)).round().max(1.0) as usize;
+                let points = through::run(*control, &program(run), Want::Path(every))?;
+                let axes = control.about().axes.clone();
+                // the workpiece frame stands still: linear axes move the nominal tip one by one
+                let home = std::array::from_fn(|i| {
+                    let k = axes.chars().position(|c| c == ['X', 'Y', 'Z'][i]);
+                    let first = points.first();
+                    let nominal = first.map_or(0.0, |p| p.nominal_mm[i]);
+                    let commanded = first.zip(k).map_or(0.0, |(p, k)| p.commanded[k]);
+                    run.centre_mm[i] + nominal - commanded
+                });
+                let circle =
+                    points.iter().map(|p| CirclePoint { commanded_mm: p.nominal_mm, actual_mm: p.actual_mm });
+                Ok((circle.collect(), home))
+            }
+        }
     }
-    [AxisName::X, AxisName::Y, AxisName::Z].map(|axis| {
-        machine.index_of(axis).map_or(0.0, |k| {
-            let [low, high] = machine.travel(k);
-            (low + high) / 2.0
-        })
+}
+
+/// The part program of a run: arcs of at most a third of a turn.
+fn program(run: &Run) -> String {
+    let letters = ['X', 'Y', 'Z'];
+    let [a, b] = run.plane;
+    let plane = match run.plane {
+        [0, 1] => 17,
+        [2, 0] => 18,
+        _ => 19,
+    };
+    let [from, to] = run.from_to_deg;
+    let (begin, end) = (from - run.overshoot_deg, to + run.overshoot_deg);
+    let (begin, end) = if run.counter_clockwise { (begin, end) } else { (end, begin) };
+    let arcs = ((end - begin).abs() / 120.0).ceil().max(1.0) as usize;
+    let at = |deg: f64| {
+        let (sin, cos) = deg.to_radians().sin_cos();
+        let mut place = run.centre_mm;
+        place[a] += run.radius_mm * cos;
+        place[b] += run.radius_mm * sin;
+        place
+    };
+    let [x, y, z] = at(begin);
+    let mut text = format!(
+        "G21 G90 G94 G{plane}\n(SCORE OFF)\nG0 X{x:.6} Y{y:.6} Z{z:.6}\nG4 P0.5\nF{}\n(SCORE ON)\n",
+        run.feed_mm_per_min
+    );
+    let word = if run.counter_clockwise { "G3" } else { "G2" };
+    let centre = ['I', 'J', 'K'];
+    let mut here = at(begin);
+    for i in 1..=arcs {
+        let next = at(begin + (end - begin) * i as f64 / arcs as f64);
+        // writing into a string cannot fail
+        let _ = writeln!(
+            text,
+            "{word} {}{:.6} {}{:.6} {}{:.6} {}{:.6}",
+            letters[a],
+            next[a],
+            letters[b],
+            next[b],
+            centre[a],
+            run.centre_mm[a] - here[a],
+            centre[b],
+            run.centre_mm[b] - here[b]
+        );
+        here = next;
+    }
+    text + "(SCORE OFF)\nM30\n"
+}
+
+/// The centre that was asked for, or the middle of the travels.
+fn centre_of_travels(args: &Args, travel: impl Fn(AxisName) -> Option<[f64; 2]>) -> [f64; 3] {
+    args.centre_mm.unwrap_or_else(|| {
+        [AxisName::X, AxisName::Y, AxisName::Z]
+            .map(|axis| travel(axis).map_or(0.0, |[low, high]| (low + high) / 2.0))
     })
 }
 
 /// All feeds and directions in one mounting of the instrument, as a table.
 fn circles(
     args: &Args,
-    machine: &mut TruthMachine,
-    centre_mm: [f64; 3],
-    plane: [usize; 2],
+    source: &mut Source<'_>,
+    (centre_mm, plane): ([f64; 3], [usize; 2]),
     seed: u64,
+    mounting_um: f64,
 ) -> Result<String, Failure> {
     let cannot = |e| Failure::in_file(EX_DATAERR, &args.machine, e);
     let every = (1.0 / (CYCLE_S * args.rate_hz)).round().max(1.0) as usize;
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut mounting = [0, 1, 2].map(|_| {
         let unit: f64 = StandardNormal.sample(&mut random);
-        args.mounting_um / 1e3 * unit
+        mounting_um / 1e3 * unit
     });
     // across the plane the bar is set level
     mounting[3 - plane[0] - plane[1]] = 0.0;
@@ -141,8 +267,7 @@ fn circles(
                 cycle_s: CYCLE_S,
                 every,
             };
-            let points = run.on(machine, seed.wrapping_add((2 * f + d) as u64)).map_err(cannot)?;
-            let home = machine_centre(machine, centre_mm);
+            let (points, home) = source.circle(args, &run, seed.wrapping_add((2 * f + d) as u64))?;
             let ballbar = Ballbar {
                 centre_mm: [0, 1, 2].map(|i| home[i] + mounting[i]),
                 radius_mm: args.radius_mm,
@@ -161,7 +286,6 @@ fn circles(
 
 /// Nominal place of the tip in the workpiece frame with the axes at the centre.
 fn machine_centre(machine: &TruthMachine, centre_mm: [f64; 3]) -> [f64; 3] {
-    use volcomp_units::axes::{AxisArray, AxisName};
     let mut q = AxisArray::default();
     for (axis, value) in [AxisName::X, AxisName::Y, AxisName::Z].into_iter().zip(centre_mm) {
         if let Some(k) = machine.index_of(axis) {

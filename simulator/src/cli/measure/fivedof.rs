@@ -51,31 +51,20 @@ pub(super) struct Args {
     seed: u64,
 }
 
-/// What the maker states about the instrument.
-const FOCAL_MM: [f64; 3] = [230.0, 250.0, 210.0];
-const BEAMS_MM: [[f64; 2]; 2] = [[-35.0, 8.0], [33.0, 8.0]];
-
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let machine = built_in_or_file(&args.machine)?;
     let laser = FiveDofLaser {
-        focal_mm: FOCAL_MM,
-        beams_mm: BEAMS_MM,
-        point_mm: args.point_mm,
-        distance_mm: 400.0,
-        dead_path_mm: 120.0,
-        signs: [[1.0, -1.0], [-1.0, 1.0], [1.0, 1.0], [-1.0, 1.0], [1.0, -1.0]],
-        skew_arcsec: [[12.0, -20.0], [15.0, -17.0]],
         drift_arcsec: args.drift_arcsec,
         noise_um: args.noise_um,
         noise_arcsec: args.noise_arcsec,
-        seed: args.seed,
+        ..FiveDofLaser::built_in(args.point_mm, args.seed)
     };
     let fail = |e| Failure::new(EX_DATAERR, e);
     let carriage = Carriage::new(&machine, args.axis, args.mount.into()).map_err(fail)?;
     let rows = laser.run(args.axis, &carriage, args.positions, args.cycles).map_err(fail)?;
     let rest = laser.rest(args.axis, &carriage, args.resting, 50.0);
-    let [f1, f2, f3] = FOCAL_MM;
-    let [[y1, z1], [y2, z2]] = BEAMS_MM;
+    let [f1, f2, f3] = laser.focal_mm;
+    let [[y1, z1], [y2, z2]] = laser.beams_mm;
     let head = format!(
         "format = \"volcomp-fivedof/1\"\ninstrument = \"cncsim 5-DOF laser\"\n\
         focal-mm = {{ psd1 = {f1}, psd2 = {f2}, psd3 = {f3} }}\nbeam-1-mm = [{y1}, {z1}]\nbeam-2-mm = [{y2}, {z2}]\n"

@@ -9,10 +9,12 @@ mod diagonals;
 mod fivedof;
 mod grinder;
 mod nineline;
+mod positioning;
 mod probe;
 mod ram;
 mod straightness;
 mod threepoint;
+mod through;
 
 use super::Failure;
 
@@ -42,6 +44,8 @@ enum Instrument {
     Probe(Box<probe::Args>),
     Grinder(Box<grinder::Args>),
     Ballbar(Box<ballbar::Args>),
+    Circle(Box<ballbar::CircleArgs>),
+    Positioning(Box<positioning::Args>),
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
@@ -56,5 +60,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         Instrument::Probe(a) => probe::run(a),
         Instrument::Grinder(a) => grinder::run(a),
         Instrument::Ballbar(a) => ballbar::run(a),
+        Instrument::Circle(a) => ballbar::run_circle(a),
+        Instrument::Positioning(a) => positioning::run(a),
     }
 }

@@ -1,13 +1,20 @@
 //! `cncsim measure straightness`: a 6D interferometer on one axis, with a tilt test.
 
+use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
+
+use rand::SeedableRng;
+use rand_chacha::ChaCha8Rng;
+use rand_distr::{Distribution, StandardNormal};
 
 use volcomp_units::axes::{AxisKind, AxisName};
 
+use super::through::{self, ThroughArgs};
 use crate::cli::serve::built_in_or_file;
-use crate::cli::{EX_DATAERR, EX_IOERR, Failure};
+use crate::cli::{EX_DATAERR, EX_IOERR, EX_USAGE, Failure};
 use crate::instruments::carriage::{Carriage, Mount};
 use crate::instruments::sixd::{SixD, SixDErrors, run_csv, sign_table, tilt_csv};
+use crate::through::{Measured, Want};
 use crate::truth::TruthMachine;
 use crate::truth::chain::Side;
 
@@ -17,6 +24,9 @@ pub(super) struct Args {
     /// The machine: a truth file, or one of the built-in vmc-850, gantry-5ax, grinder-ab.
     #[arg(long, value_name = "FILE|NAME", default_value = "vmc-850")]
     machine: PathBuf,
+    /// With it the straightness of the tool's path is measured, as straightness-x.csv, and no angle.
+    #[command(flatten)]
+    through: ThroughArgs,
     /// Folder for the files; made where it does not exist.
     #[arg(long, value_name = "FOLDER")]
     out: PathBuf,
@@ -118,6 +128,13 @@ pub(super) fn write(folder: &Path, name: &str, text: &str) -> Result<(), Failure
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    if let Some(mut machine) = args.through.open(&args.machine, &args.out)? {
+        let letter = args.axis.lower();
+        let name = format!("straightness-{letter}.csv");
+        write(&args.out, &name, &under_control(args, machine.as_mut())?)?;
+        say!("volcomp identify straightness --axis {letter} --data {}", args.out.join(name).display());
+        return Ok(());
+    }
     let machine = built_in_or_file(&args.machine)?;
     // distance and vertical as in the machine, horizontal the other way round: roll and yaw change sign with it
     let mut signs = [1.0, -1.0, 1.0, -1.0, 1.0, -1.0];
@@ -152,4 +169,46 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         list(args.bryan_mm)
     );
     Ok(())
+}
+
+/// The tool's path aside while one axis moves under the control, in both directions.
+fn under_control(args: &Args, machine: &mut dyn Measured) -> Result<String, Failure> {
+    let letter = args.axis;
+    let [low, high] = through::travel(machine, letter)?;
+    if args.positions < 3 || args.cycles == 0 {
+        return Err(Failure::new(EX_USAGE, "straightness needs at least 3 positions and a cycle"));
+    }
+    let mut start = String::new();
+    for axis in [AxisName::X, AxisName::Y, AxisName::Z] {
+        if let Some([low, high]) = machine.about().travel(axis) {
+            let at = if axis == letter { low } else { (low + high) / 2.0 };
+            // writing into a string cannot fail
+            let _ = write!(start, "{axis}{at} ");
+        }
+    }
+    let step = (high - low) / (args.positions - 1) as f64;
+    let at = |i: usize| ((low + step * i as f64) * 1e3).round() / 1e3;
+    let there = (0..args.positions).map(|i| (1, at(i)));
+    let run: Vec<(i8, f64)> = there.clone().chain(there.rev().map(|(_, q)| (-1, q))).collect();
+    let plan: Vec<(usize, i8, f64)> =
+        (1..=args.cycles).flat_map(|c| run.iter().map(move |(d, q)| (c, *d, *q))).collect();
+    let places: Vec<String> = plan.iter().map(|(_, _, q)| format!("{letter}{q}")).collect();
+    let program = through::stops(&start, places.iter().map(String::as_str));
+    let points = through::run(machine, &program, Want::Stops)?;
+    if points.len() != plan.len() {
+        let message = format_args!("{} stops were programmed, {} measured", plan.len(), points.len());
+        return Err(Failure::new(EX_DATAERR, message));
+    }
+    let lateral = [1, 2].map(|i| (letter.direction() + i) % 3);
+    let [first, second] = lateral.map(|i| format!("e{}{}_um", ['x', 'y', 'z'][i], letter.lower()));
+    let mut text = format!("cycle,direction,position_mm,{first},{second}\n");
+    let mut random = ChaCha8Rng::seed_from_u64(args.seed);
+    for ((cycle, direction, q), p) in plan.iter().zip(&points) {
+        let [a, b] = lateral.map(|i| {
+            let noise: f64 = StandardNormal.sample(&mut random);
+            1e3 * (p.actual_mm[i] - p.nominal_mm[i]) + args.noise_um * noise
+        });
+        let _ = writeln!(text, "{cycle},{direction},{q},{a:.5},{b:.5}");
+    }
+    Ok(text)
 }

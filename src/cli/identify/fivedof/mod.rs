@@ -1,11 +1,13 @@
 //! `volcomp identify fivedof`: runs of a 5-DOF laser, and its calibration with the carriage at rest.
 
+mod drift_check;
 mod head_file;
 
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
+use self::drift_check::DriftCheck;
 use self::head_file::HeadFile;
 use super::case::{CaseArgs, CaseFile, print_json};
 use super::straightness::axis_writer::{AxisWriter, Measured, Origin};
@@ -424,14 +426,15 @@ fn run_data(args: &Args, axis: AxisName, path: &Path, file: &HeadFile) -> Result
     let far = run.readings.iter().map(|r| r.distance).fold(0.0, f64::max);
     let measured = measured(axis, &run, &aligned, &file.head, far, with_roll);
     let rigid = rigidity(&positions, &reduced, &file.head, &run.readings);
-    report(args, axis, &measured, &reduced, &aligned, rigid);
+    let check = DriftCheck::of(axis, &run, &file.head);
+    report(args, axis, &measured, &reduced, &aligned, (rigid, check.as_ref()));
     if args.out.is_wanted() {
         let files: Vec<PathBuf> = [Some(path.to_owned()), args.calibration.clone(), args.resting.clone()]
             .into_iter()
             .flatten()
             .collect();
         let origin = Origin { method: "fivedof", files: &files, instrument: file.instrument.clone() };
-        args.out.write(axis, measured, None, &origin)?;
+        args.out.write(axis, measured, None, &origin, !args.case.json)?;
     }
     Ok(())
 }
@@ -480,7 +483,7 @@ fn report(
     measured: &[Measured],
     reduced: &[FiveDof],
     aligned: &Aligned,
-    (rms, expected): (f64, f64),
+    ((rms, expected), check): ((f64, f64), Option<&DriftCheck>),
 ) {
     let drift = reduced.iter().flat_map(|r| r.pointing).flatten().fold(0.0f64, |m, v| m.max(v.abs()));
     let is_rigid = expected == 0.0 || rms <= expected * (1.0 + 3.0 / (2.0 * reduced.len() as f64).sqrt());
@@ -509,6 +512,7 @@ fn report(
         object.insert("stretch_rms_um".into(), json!(um_from_mm(rms)));
         object.insert("stretch_expected_um".into(), json!(um_from_mm(expected)));
         object.insert("rigid".into(), json!(is_rigid));
+        object.insert("drift_check".into(), json!(check.map(DriftCheck::json)));
         print_json(&Value::Object(object));
         return;
     }
@@ -537,4 +541,7 @@ fn report(
         um_from_mm(rms),
         um_from_mm(expected)
     );
+    if let Some(check) = check {
+        check.print();
+    }
 }

@@ -139,13 +139,14 @@ impl AxisWriter {
     }
 
     /// Fits the readings and writes the model, where one is wanted. `moved` are the points at which the components hold
-    /// after a change of reference point.
+    /// after a change of reference point; `say` prints the table of the fits.
     pub(in crate::identify) fn write(
         &self,
         axis: AxisName,
         measured: Vec<Measured>,
         moved: Option<Vec3>,
         origin: &Origin<'_>,
+        say: bool,
     ) -> Result<(), Failure> {
         let files = origin.files.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ");
         let mut model = self.model.base(|| default_chain([axis]))?;
@@ -198,7 +199,7 @@ impl AxisWriter {
             self.rule().name().replace('_', "-")
         ));
         self.model.write(&model, &comment, &files)?;
-        if !self.takes_stdout() {
+        if say && !self.takes_stdout() {
             print_table(&fitted);
         }
         Ok(())

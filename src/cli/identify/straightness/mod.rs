@@ -105,7 +105,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         files.extend([&args.signs, &args.tilt_test].into_iter().flatten().cloned());
         let instrument = signs.and_then(|s| s.instrument);
         let origin = Origin { method: "straightness", files: &files, instrument };
-        args.out.write(axis, run, args.base_point_mm, &origin)?;
+        args.out.write(axis, run, args.base_point_mm, &origin, !args.case.json)?;
     }
     Ok(())
 }

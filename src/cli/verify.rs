@@ -1,0 +1,381 @@
+//! `volcomp verify`: two measurements of a machine, before and after compensation, as one report.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Map, Value, json};
+
+use crate::evaluate::circular::plane;
+use crate::evaluate::{CompareOptions, Compared, compare};
+use crate::files::write_text;
+use crate::input::{self, InputKind};
+use crate::report::Page;
+use crate::report::page::Cell;
+use crate::report_page::{Plot, Style};
+use crate::{EX_DATAERR, EX_USAGE, Failure, table};
+use volcomp_evaluate::{Placed, Reduction, Size};
+use volcomp_units::axes::Travel;
+
+/// Compare two measurements: reduction with its uncertainty, figures of ISO 230, plots at one scale
+///
+/// Both files are of one kind, which their columns tell: positioning (ISO 230-2), circle (ISO 230-4), body diagonals (ISO
+/// 230-6), or error motions of a straightness run (position_mm and columns such as eyx_um). The uncertainty is that of
+/// the scatter of readings at one place (k = 2); an error of the instrument that both measurements share is in both.
+///
+/// Example:
+///
+///   volcomp verify --before before/positioning-x.csv --after after/positioning-x.csv --report x.html
+#[derive(Debug, clap::Parser)]
+pub(super) struct Args {
+    /// The measurement without compensation.
+    #[arg(long, value_name = "FILE")]
+    before: PathBuf,
+    /// The same measurement with compensation.
+    #[arg(long, value_name = "FILE")]
+    after: PathBuf,
+    /// The plane of a circle, for the plot.
+    #[arg(long, value_name = "AXES", default_value = "xy", value_parser = plane)]
+    plane: [char; 2],
+    /// Nominal radius of a circle.
+    #[arg(long, value_name = "MM")]
+    radius_mm: Option<f64>,
+    /// The feed to compare, of files with several.
+    #[arg(long, value_name = "FEED")]
+    feed_mm_per_min: Option<f64>,
+    /// Write a report as one HTML page that needs no other file and prints on A4.
+    #[arg(long, value_name = "FILE.html")]
+    report: Option<PathBuf>,
+    /// Heading of the report, for example machine, axis and date.
+    #[arg(long, value_name = "TEXT")]
+    title: Option<String>,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+/// A comparison with its reductions.
+struct Verified {
+    test: Compared,
+    sizes: [Size; 2],
+    /// Of range and RMS.
+    reductions: [Option<Reduction>; 2],
+    /// Plots of tests that have none of a standard.
+    charts: Vec<Plot>,
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let files = [args.before.as_path(), args.after.as_path()];
+    if args.json && args.report.as_ref().is_some_and(|p| p.as_os_str() == "-") {
+        return Err(Failure::new(EX_USAGE, "error: --json and the report cannot both go to stdout"));
+    }
+    let options = CompareOptions {
+        plane: args.plane,
+        radius_mm: args.radius_mm,
+        feed_mm_per_min: args.feed_mm_per_min,
+    };
+    let (test, charts) = match compare(files, options)? {
+        Some(test) => (test, Vec::new()),
+        None => straightness(files)?,
+    };
+    let size = |i: usize| {
+        Size::of(&test.readings[i], test.is_repeated).ok_or_else(|| {
+            Failure::new(EX_DATAERR, format_args!("error: {}: no data rows", files[i].display()))
+        })
+    };
+    let sizes @ [before, after] = [size(0)?, size(1)?];
+    let reductions = [Reduction::of(before.range, after.range), Reduction::of(before.rms, after.rms)];
+    let verified = Verified { test, sizes, reductions, charts };
+    if let Some(path) = &args.report {
+        write_text(path, &verified.page(args))?;
+        note!("report written: {}", path.display());
+        if path.as_os_str() == "-" {
+            return Ok(());
+        }
+    }
+    if args.json {
+        say!("{:#}", Value::Object(verified.json()));
+    } else {
+        verified.print();
+    }
+    Ok(())
+}
+
+impl Verified {
+    /// Name, before, after and reduction of range and RMS.
+    fn rows(&self) -> [(&'static str, [volcomp_evaluate::Uncertain; 2], Option<Reduction>); 2] {
+        let [before, after] = self.sizes;
+        [
+            ("range", [before.range, after.range], self.reductions[0]),
+            ("rms", [before.rms, after.rms], self.reductions[1]),
+        ]
+    }
+
+    fn json(&self) -> Map<String, Value> {
+        let key = if self.test.unit == "arcsec" { "arcsec" } else { "um" };
+        let mut out = Map::new();
+        out.insert("test".to_owned(), json!(self.test.test));
+        for (name, [before, after], reduction) in self.rows() {
+            let entry = json!({
+                format!("before_{key}"): before.value,
+                format!("before_u95_{key}"): before.std.map(|s| 2.0 * s),
+                format!("after_{key}"): after.value,
+                format!("after_u95_{key}"): after.std.map(|s| 2.0 * s),
+                "reduction": reduction.map(|r| r.fraction),
+                "reduction_u95": reduction.and_then(|r| r.std).map(|s| 2.0 * s),
+            });
+            out.insert(name.to_owned(), entry);
+        }
+        let ends = |s: &Size| json!([s.low, s.high]);
+        out.insert(format!("extremes_before_{key}"), ends(&self.sizes[0]));
+        out.insert(format!("extremes_after_{key}"), ends(&self.sizes[1]));
+        let figures: Map<String, Value> = self
+            .test
+            .figures
+            .iter()
+            .map(|(key, _, [before, after])| (key.clone(), json!({ "before": before, "after": after })))
+            .collect();
+        out.insert("figures".to_owned(), Value::Object(figures));
+        out
+    }
+
+    fn print(&self) {
+        let unit = self.test.unit;
+        say!("{}", self.test.standard);
+        say!("{:<40}{:>18}{:>18}{:>20}", unit, "before", "after", "reduction");
+        for (name, [before, after], reduction) in self.rows() {
+            let name =
+                if name == "range" { "range of the mean deviations" } else { "RMS of the mean deviations" };
+            say!("{name:<40}{:>18}{:>18}{:>20}", with_limits(before), with_limits(after), percent(reduction));
+        }
+        for (_, name, [before, after]) in &self.test.figures {
+            let change = before.zip(*after).and_then(|(b, a)| (b > 0.0).then(|| 1.0 - a / b));
+            let change = change.map_or_else(|| "-".to_owned(), |c| format!("{:.1} %", 100.0 * c));
+            say!("{name:<40}{:>18}{:>18}{change:>20}", number(*before), number(*after));
+        }
+        for note in &self.test.notes {
+            note!("note: {note}");
+        }
+    }
+
+    fn page(&self, args: &Args) -> String {
+        let unit = self.test.unit;
+        let mut page = Page::new(args.title.as_deref().unwrap_or("Before and after compensation"));
+        if let Some(range) = self.reductions[0] {
+            page.lead(format_args!("Range of the mean deviations reduced by {}", percent(Some(range))));
+        }
+        page.paragraph(self.test.standard);
+        let file = |what: &str, path: &Path| {
+            let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
+            let hash = input::hash(path, InputKind::Table).map_or(String::new(), |h| format!(", blake3 {h}"));
+            vec![Cell::head(what), Cell::small(format!("{name}{hash}"))]
+        };
+        page.table(&[], &[file("before", &args.before), file("after", &args.after)]);
+        page.heading("Reduction");
+        let head = |last: &str| {
+            vec![
+                Cell::head(""),
+                Cell::number(format!("before / {unit}")),
+                Cell::number(format!("after / {unit}")),
+                Cell::number(last),
+            ]
+        };
+        let rows: Vec<Vec<Cell>> = self
+            .rows()
+            .into_iter()
+            .map(|(name, [before, after], reduction)| {
+                let name = if name == "range" { "range of the means" } else { "RMS of the means" };
+                vec![
+                    Cell::head(name),
+                    Cell::number(with_limits(before)),
+                    Cell::number(with_limits(after)),
+                    Cell::number(percent(reduction)),
+                ]
+            })
+            .collect();
+        page.table(&head("reduction"), &rows);
+        page.note(
+            "± expanded uncertainty, k = 2, of the scatter of readings at one place. An error of the instrument that is the \
+             same in both measurements is in both figures.",
+        );
+        for note in &self.test.notes {
+            page.note(note);
+        }
+        if !self.test.figures.is_empty() {
+            page.heading("Figures of the standard");
+            let rows: Vec<Vec<Cell>> = self
+                .test
+                .figures
+                .iter()
+                .map(|(_, name, [before, after])| {
+                    let change = before.zip(*after).and_then(|(b, a)| (b > 0.0).then(|| 1.0 - a / b));
+                    vec![
+                        Cell::head(name),
+                        Cell::number(number(*before)),
+                        Cell::number(number(*after)),
+                        Cell::number(
+                            change.map_or_else(|| "-".to_owned(), |c| format!("{:.1} %", 100.0 * c)),
+                        ),
+                    ]
+                })
+                .collect();
+            page.table(&head("reduction"), &rows);
+        }
+        for (i, (heading, svg)) in self.test.plots.iter().enumerate() {
+            page.heading(heading);
+            if i + 1 == self.test.plots.len() {
+                page.figure(svg, self.test.caption);
+            } else {
+                page.picture(svg);
+            }
+        }
+        if !self.charts.is_empty() {
+            page.heading("Deviations");
+            page.figures(&self.charts.iter().map(Plot::markup).collect::<Vec<_>>());
+        }
+        page.finish()
+    }
+}
+
+fn number(value: Option<f64>) -> String {
+    value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2}"))
+}
+
+fn with_limits(u: volcomp_evaluate::Uncertain) -> String {
+    match u.std {
+        Some(std) => format!("{:.2} ± {:.2}", u.value, 2.0 * std),
+        None => format!("{:.2}", u.value),
+    }
+}
+
+fn percent(reduction: Option<Reduction>) -> String {
+    match reduction {
+        Some(Reduction { fraction, std: Some(std) }) => {
+            format!("{:.1} ± {:.1} %", 100.0 * fraction, 200.0 * std)
+        }
+        Some(Reduction { fraction, std: None }) => format!("{:.1} %", 100.0 * fraction),
+        None => "-".to_owned(),
+    }
+}
+
+/// One error motion over its positions: key, unit, and position, direction, value of each reading.
+struct Motion {
+    name: String,
+    rows: Vec<(f64, Travel, f64)>,
+}
+
+/// Two runs of error motions; straightnesses about their end-point line.
+fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>), Failure> {
+    let [before, after] = [read_motions(files[0])?, read_motions(files[1])?];
+    let names = |m: &[Motion]| m.iter().map(|m| m.name.clone()).collect::<Vec<_>>();
+    if names(&before) != names(&after) {
+        return Err(Failure::data(
+            files[1],
+            format_args!(
+                "columns are {}, those before are {}",
+                names(&after).join(", "),
+                names(&before).join(", ")
+            ),
+        ));
+    }
+    let placed = |motions: &[Motion]| -> Vec<Placed> {
+        let place = |q: f64, t: Travel| 2 * (q * 1e3).round() as i64 + i64::from(t == Travel::Reverse);
+        motions
+            .iter()
+            .enumerate()
+            .flat_map(|(k, m)| {
+                m.rows.iter().map(move |(q, t, v)| Placed {
+                    curve: k as u32,
+                    place: place(*q, *t),
+                    value: *v,
+                })
+            })
+            .collect()
+    };
+    let charts = before
+        .iter()
+        .zip(&after)
+        .map(|(b, a)| {
+            let points = |m: &Motion| m.rows.iter().map(|(q, _, v)| (*q, *v)).collect();
+            let title = m_title(&b.name);
+            Plot::new(title, "position, mm", "deviation, µm").with(Style::Dots, "before", points(b)).with(
+                Style::Dots,
+                "after",
+                points(a),
+            )
+        })
+        .collect();
+    let compared = Compared {
+        test: "straightness",
+        standard: "Error motions of an axis about their end-point lines, ISO 230-1:2012",
+        unit: "µm",
+        figures: Vec::new(),
+        plots: Vec::new(),
+        is_repeated: true,
+        caption: "",
+        readings: [placed(&before), placed(&after)],
+        notes: Vec::new(),
+    };
+    Ok((compared, charts))
+}
+
+fn m_title(column: &str) -> String {
+    column.trim_end_matches("_um").to_uppercase()
+}
+
+fn read_motions(path: &Path) -> Result<Vec<Motion>, Failure> {
+    let mut table = table::open(path)?;
+    let (position, direction) = (table.require("position_mm")?, table.find("direction"));
+    let columns: Vec<(usize, String)> = table
+        .columns()
+        .iter()
+        .enumerate()
+        .filter(|(_, c)| c.starts_with('e') && c.ends_with("_um"))
+        .map(|(i, c)| (i, c.clone()))
+        .collect();
+    if columns.is_empty() {
+        let what = "no column with error motions such as eyx_um; --help names the kinds of files";
+        return Err(Failure::data(path, what));
+    }
+    let mut motions: Vec<Motion> =
+        columns.iter().map(|(_, name)| Motion { name: name.clone(), rows: Vec::new() }).collect();
+    while table.advance()? {
+        let q = table.number(position)?;
+        let travel = direction.map_or(Ok(Travel::Forward), |c| table.travel(c))?;
+        for (motion, (column, _)) in motions.iter_mut().zip(&columns) {
+            motion.rows.push((q, travel, table.number(*column)?));
+        }
+    }
+    for motion in &mut motions {
+        about_end_points(&mut motion.rows);
+    }
+    Ok(motions)
+}
+
+/// Takes the line through the mean readings at both ends out.
+fn about_end_points(rows: &mut [(f64, Travel, f64)]) {
+    let low = rows.iter().map(|r| r.0).fold(f64::INFINITY, f64::min);
+    let high = rows.iter().map(|r| r.0).fold(f64::NEG_INFINITY, f64::max);
+    let mean = |q: f64| {
+        let (n, sum) = rows.iter().filter(|r| r.0 == q).fold((0.0, 0.0), |(n, s), r| (n + 1.0, s + r.2));
+        sum / n
+    };
+    if high > low {
+        let (first, last) = (mean(low), mean(high));
+        let slope = (last - first) / (high - low);
+        rows.iter_mut().for_each(|r| r.2 -= first + slope * (r.0 - low));
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_straightness_loses_its_line_and_keeps_its_bow() {
+        let mut rows: Vec<(f64, Travel, f64)> =
+            (0..=10).map(f64::from).map(|q| (q, Travel::Forward, 3.0 + 2.0 * q + q * (10.0 - q))).collect();
+        about_end_points(&mut rows);
+        for (q, _, v) in rows {
+            assert!((v - q * (10.0 - q)).abs() < 1e-12);
+        }
+    }
+}

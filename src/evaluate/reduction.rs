@@ -1,0 +1,165 @@
+//! How much smaller a deviation is after compensation, with the uncertainty that the scatter of the readings leaves.
+//!
+//! Readings at one place (target and direction, or sector of a circle) are averaged. Figures are the range of the means and
+//! their RMS. The variance of a mean is the pooled variance of the readings at one place over their number, or, where
+//! these follow each other within one run and so are autocorrelated, that of a single reading; of a range it is that of its two ends. `reduction = 1 - after / before`, its variance by first-order propagation.
+//!
+//! The uncertainty holds for the scatter of readings. An error of the instrument that is the same in both measurements
+//! is in both figures.
+//!
+//! Source: GUM (JCGM 100:2008), 5.1.2.
+
+use std::collections::BTreeMap;
+
+/// One reading.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Placed {
+    /// Curve that it belongs to (diagonal, error motion); ranges and RMS are taken over all.
+    pub curve: u32,
+    /// Place on the curve: readings of one place are repetitions.
+    pub place: i64,
+    /// The deviation.
+    pub value: f64,
+}
+
+/// A figure with its standard uncertainty (k = 1); none where no place has two readings.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Uncertain {
+    /// The value.
+    pub value: f64,
+    /// Standard uncertainty.
+    pub std: Option<f64>,
+}
+
+/// Figures of one measurement.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Size {
+    /// Range of the means over all curves.
+    pub range: Uncertain,
+    /// RMS of the means.
+    pub rms: Uncertain,
+    /// Smallest mean.
+    pub low: f64,
+    /// Largest mean.
+    pub high: f64,
+}
+
+/// What is gone of a figure.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Reduction {
+    /// `1 - after / before`.
+    pub fraction: f64,
+    /// Standard uncertainty (k = 1), where both figures have one.
+    pub std: Option<f64>,
+}
+
+impl Size {
+    /// The figures of a measurement; `None` without readings. `repeated` readings at one place are of different runs.
+    #[must_use]
+    pub fn of(readings: &[Placed], repeated: bool) -> Option<Self> {
+        let mut places: BTreeMap<(u32, i64), (f64, f64)> = BTreeMap::new();
+        for r in readings.iter().filter(|r| r.value.is_finite()) {
+            let (n, sum) = places.entry((r.curve, r.place)).or_default();
+            *n += 1.0;
+            *sum += r.value;
+        }
+        let mean = |r: &Placed| places.get(&(r.curve, r.place)).map(|(n, sum)| sum / n);
+        let squares: f64 = readings
+            .iter()
+            .filter_map(|r| Some((r.value - mean(r)?).powi(2)))
+            .filter(|v| v.is_finite())
+            .sum();
+        let count: f64 = places.values().map(|(n, _)| n).sum();
+        let free = count - places.len() as f64;
+        let variance = (free > 0.0).then(|| squares / free);
+        let means = || places.values().map(|(n, sum)| (sum / n, *n));
+        let weight = |n: f64| if repeated { n } else { 1.0 };
+        let (high, n_high) = means().max_by(|a, b| a.0.total_cmp(&b.0))?;
+        let (low, n_low) = means().min_by(|a, b| a.0.total_cmp(&b.0))?;
+        let total = places.len() as f64;
+        let rms = (means().map(|(m, _)| m * m).sum::<f64>() / total).sqrt();
+        let rms_variance = |v: f64| {
+            let sum: f64 = means().map(|(m, n)| m * m * v / weight(n)).sum();
+            if rms > 0.0 { sum / (total * rms).powi(2) } else { 0.0 }
+        };
+        Some(Self {
+            range: Uncertain {
+                value: high - low,
+                std: variance.map(|v| (v / weight(n_high) + v / weight(n_low)).sqrt()),
+            },
+            rms: Uncertain { value: rms, std: variance.map(|v| rms_variance(v).sqrt()) },
+            low,
+            high,
+        })
+    }
+}
+
+impl Reduction {
+    /// What is gone of a figure; `None` where there was nothing before.
+    #[must_use]
+    pub fn of(before: Uncertain, after: Uncertain) -> Option<Self> {
+        if before.value <= 0.0 {
+            return None;
+        }
+        let ratio = after.value / before.value;
+        let std = before.std.zip(after.std).map(|(b, a)| (a / before.value).hypot(ratio * b / before.value));
+        Some(Self { fraction: 1.0 - ratio, std })
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::f64::consts::TAU;
+
+    /// Normal noise of a counter: splitmix64, Box and Muller.
+    fn noise(i: u32) -> f64 {
+        let uniform = |k: u64| {
+            let mut z = (2 * u64::from(i) + k).wrapping_add(1).wrapping_mul(0x9e37_79b9_7f4a_7c15);
+            z = (z ^ (z >> 30)).wrapping_mul(0xbf58_476d_1ce4_e5b9);
+            z = (z ^ (z >> 27)).wrapping_mul(0x94d0_49bb_1331_11eb);
+            ((z ^ (z >> 31)) >> 11) as f64 / (1u64 << 53) as f64
+        };
+        (-2.0 * uniform(0).max(1e-12).ln()).sqrt() * (TAU * uniform(1)).cos()
+    }
+
+    fn test(size: f64, first: u32) -> Vec<Placed> {
+        (0..21 * 10)
+            .map(|i| {
+                let place = i64::from(i % 21);
+                let value = size * (place as f64 / 20.0 - 0.5) + noise(first + i);
+                Placed { curve: 0, place, value }
+            })
+            .collect()
+    }
+
+    #[test]
+    fn the_uncertainty_is_that_of_repeated_tests() {
+        let reductions: Vec<Reduction> = (0..400)
+            .map(|k| {
+                let [before, after] = [(100.0, 0), (20.0, 210)]
+                    .map(|(size, shift)| Size::of(&test(size, 420 * k + shift), true).unwrap().range);
+                Reduction::of(before, after).unwrap()
+            })
+            .collect();
+        let n = reductions.len() as f64;
+        let mean = reductions.iter().map(|r| r.fraction).sum::<f64>() / n;
+        let scatter = (reductions.iter().map(|r| (r.fraction - mean).powi(2)).sum::<f64>() / n).sqrt();
+        let stated = reductions.iter().map(|r| r.std.unwrap()).sum::<f64>() / n;
+        assert!((mean - 0.8).abs() < 0.005, "{mean}");
+        assert!((stated / scatter - 1.0).abs() < 0.25, "{stated} {scatter}");
+    }
+
+    #[test]
+    fn one_reading_at_each_place_states_no_uncertainty() {
+        let one: Vec<Placed> = (0..5).map(|place| Placed { curve: 0, place, value: place as f64 }).collect();
+        let size = Size::of(&one, true).unwrap();
+        assert_eq!((size.range.value, size.range.std), (4.0, None));
+        let run = test(10.0, 0);
+        let [repeated, of_one_run] = [true, false].map(|r| Size::of(&run, r).unwrap().range.std.unwrap());
+        assert!((of_one_run / repeated - 10f64.sqrt()).abs() < 1e-9);
+        assert!(Size::of(&[], true).is_none());
+        let nothing = Uncertain { value: 0.0, std: None };
+        assert!(Reduction::of(nothing, size.range).is_none());
+    }
+}
