@@ -29,6 +29,7 @@ const INPUTS: &[(&str, &str, &str)] = &[
     ("predict", "model", "predict --model {} --points {points} --out {out}"),
     ("predict", "add", "predict --model {model} --add {} --points {points} --out {out}"),
     ("predict", "points", "predict --model {model} --points {} --out {out}"),
+    ("predict", "circle", "predict --model {model} --circle {} --centre-mm 100,100,-100 --radius-mm 50"),
     ("fit", "errors", "fit --axis x --errors {} --out {out}"),
     ("fit", "into", "fit --axis x --errors {motion} --screw-pitch-mm none --into {}"),
     ("fit thermal", "file", "fit thermal {} --displacement z_um"),
