@@ -26,7 +26,7 @@ pub(super) fn machine(
     setting.write(&model, &model_of(setting, mode, &world.test)?)?;
     let mut text = format!(
         "format = \"volcomp-machine/1\"\nmachine = \"{}\"\nmodel = \"{model}\"\n[link]\naddress = \"{control}\"\n\
-         cycle-ms = 10.0\nsilence-s = 60.0\n[engine]\nstart = \"on-connect\"\nramp-s = 0.5\nstale-ms = 10000.0\n\
+         cycle-ms = 10.0\ninterface = \"read-write\"\npoll-ms = 0\nsilence-s = 60.0\n[engine]\nstart = \"on-connect\"\nramp-s = 0.5\nstale-ms = 10000.0\n\
          [realtime]\npriority = 0\nlock-memory = false\n[status]\nsocket = \"\"\n[log]\ntarget = \"stderr\"\n\
          [sensors]\nlisten = \"{sensors}\"\n\
          [[sensor]]\nname = \"scales\"\nkind = \"temperature\"\nage-limit-ms = 5000\n",

@@ -13,7 +13,7 @@ use volcomp_units::axes::AxisName;
 use super::super::Setting;
 use super::survey::{laser, middle};
 use super::{AXES, BOX_MM, LOW_MM, Mode, World};
-use crate::control::{ControlConfig, CycleRecord, Flow, Pacing};
+use crate::control::{ControlConfig, CycleRecord, Flow, Interface, Pacing};
 use crate::demo::shop::Shop;
 use crate::instruments::carriage::{Carriage, Mount};
 use crate::instruments::link::SensorLink;
@@ -74,6 +74,7 @@ impl Bench {
             cycle_s: CYCLE_S,
             listen: ([127, 0, 0, 1], 0).into(),
             pacing: Pacing::lock_step(),
+            interface: Interface::CALLS,
             ..ControlConfig::new(machine.machine(), MachineAxes::of(&machine)?)
         };
         let start = middle(&machine);

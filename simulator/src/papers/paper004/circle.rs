@@ -4,7 +4,7 @@ use volcomp_cli::report_page::Plot;
 
 use super::super::Setting;
 use super::{World, polar_unrolled};
-use crate::control::CycleRecord;
+use crate::control::{CycleRecord, Interface};
 use crate::demo::shop::Shop;
 use crate::instruments::ballbar::{Ballbar, CirclePoint, Trace};
 use crate::motion::paths::{self, Plane, Turn};
@@ -37,7 +37,7 @@ pub(super) struct Circle {
 impl Circle {
     /// A machine in its test conditions, its control listening, the ballbar mounted.
     pub(super) fn open(setting: &Setting, world: &World) -> anyhow::Result<Self> {
-        let shop = Shop::open(world.test.clone(), setting.seed, CYCLE_S)?;
+        let shop = Shop::with_interface(world.test.clone(), setting.seed, CYCLE_S, Interface::CALLS)?;
         let mut at = [0.0; MAX_AXES];
         at[..3].copy_from_slice(&CENTRE_MM);
         let centre = shop.machine().nominal(&at).tip_mm;
@@ -134,7 +134,7 @@ impl Circle {
 
     fn machine_file(&self, model: &str) -> String {
         let mut text = format!(
-            "format = \"volcomp-machine/1\"\nmachine = \"{}\"\nmodel = \"{model}\"\n\n[link]\naddress = \"{}\"\ncycle-ms = {}\n\n\
+            "format = \"volcomp-machine/1\"\nmachine = \"{}\"\nmodel = \"{model}\"\n\n[link]\naddress = \"{}\"\ncycle-ms = {}\ninterface = \"read-write\"\npoll-ms = 0\n\n\
              [engine]\nstart = \"on-connect\"\nramp-s = 1.0\nstale-ms = 1000.0\n\n[realtime]\npriority = 0\nlock-memory = false\n\n\
              [status]\nsocket = \"\"\n\n[log]\ntarget = \"stderr\"\n",
             self.shop.machine().machine(),
