@@ -12,6 +12,7 @@ pub mod paper000;
 pub mod paper002;
 pub mod paper004;
 pub mod report;
+mod scales;
 
 use std::collections::BTreeMap;
 use std::fs;

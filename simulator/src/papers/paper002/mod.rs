@@ -10,7 +10,7 @@ use volcomp_units::axes::AxisName;
 use self::live::{Curves, range};
 use super::figure::{Limit, Row, Truth};
 use super::machine::{travels, varied};
-use super::{Experiment, Measured, Setting};
+use super::{Experiment, Measured, Setting, scales};
 use crate::truth::TruthMachine;
 use crate::truth::conditions::{Acting, ConditionSizes, Conditions};
 use crate::twin::Dice;
@@ -187,22 +187,12 @@ impl World {
         let machine = varied(LARGE, setting.seed)?;
         let hard = setting.truth == Truth::Hard;
         let (mut survey, mut test) = (machine.clone(), machine);
-        let mut scales_degc = [20.0; 3];
+        let mut scales_degc = [scales::SURVEY_DEGC; 3];
         let mut dice = Dice::new(setting.seed, "instruments of paper 002");
         if hard {
             let travel = travels(&survey);
             let conditions = Conditions::new(&HALL, travel, Acting::SURVEY, setting.seed);
-            let heat = Acting { heat: true, load: false, interaction: false, wear: false };
-            let only_heat = conditions.clone().with(heat);
-            for (k, (axis, degc)) in AXES.into_iter().zip(&mut scales_degc).enumerate() {
-                let growth = |q: f64| {
-                    let mut at = [0.0; 3];
-                    at[k] = q;
-                    only_heat.motion(axis, at, 0.0)[k]
-                };
-                let [low, high] = travel[k];
-                *degc += (growth(high) - growth(low)) / (high - low) / 11.5e-6 + 0.05 * dice.normal();
-            }
+            scales_degc = scales::read(&conditions, travel, 0.05, &mut dice);
             survey.set_conditions(Some(conditions.clone()));
             test.set_conditions(Some(conditions.with(Acting::TEST)));
         }

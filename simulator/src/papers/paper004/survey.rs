@@ -6,7 +6,7 @@ use std::fs;
 use anyhow::Context;
 use volcomp_units::axes::AxisName;
 
-use super::super::{Setting, words};
+use super::super::{Setting, scales, words};
 use super::World;
 use crate::drawing::drawing;
 use crate::instruments::carriage::{Carriage, Mount};
@@ -80,6 +80,9 @@ pub(super) fn take(
     args.extend([setting.arg(&square), "--base".to_owned(), setting.arg(&base), "--out".to_owned()]);
     args.push(setting.arg(&format!("{prefix}model.toml")));
     setting.volcomp(&args)?;
+    let model = format!("{prefix}model.toml");
+    let text = fs::read_to_string(setting.path(&model))?;
+    setting.write(&model, &scales::add_to_model(&text, &world.survey)?)?;
     Ok(taken)
 }
 
