@@ -5,6 +5,7 @@ use std::sync::Arc;
 
 use serde_json::json;
 
+use super::numerals::counted;
 use super::recordings::{self, Missing, Parsed, Walked};
 use super::{EX_DATAERR, Failure, files, status};
 use volcomp_daemon::replay::{Difference, Gap, Replay, Report};
@@ -98,10 +99,6 @@ fn judge(report: &Report, walked: &Walked) -> Result<(), Failure> {
         ));
     }
     Ok(())
-}
-
-fn counted(n: usize, what: &str) -> String {
-    if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
 }
 
 fn prepare(args: &Args, parsed: &[Parsed]) -> Result<Replay, Failure> {

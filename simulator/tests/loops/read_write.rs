@@ -1,7 +1,6 @@
 //! A control that is read and written by calls (`docs/read-write.md`): the same offsets as over frames, its delay looked ahead
 //! over, and the offset out of the machine whatever happens to either side.
 
-#![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 #![allow(clippy::print_stdout, reason = "the figures are what a long run is for")]
 
 use rustix::process::Signal;

@@ -65,11 +65,6 @@ pub(super) fn with_uncertainty(v: Value) -> String {
     format!("{} ± {}", number(v.value, decimals), number(expanded, decimals))
 }
 
-/// `n reading` or `n readings`.
-pub(super) fn count(n: usize, one: &str) -> String {
-    if n == 1 { format!("1 {one}") } else { format!("{n} {one}s") }
-}
-
 /// Units at the end of a parameter's name, longest first, as a person writes them.
 const UNITS: [(&str, &str); 18] = [
     ("_um_per_m_per_s2_per_m", "µm per m/s² and m"),
@@ -282,7 +277,6 @@ mod tests {
         }
         assert_eq!(percent(-0.001), "0 %");
         assert_eq!(percent(0.001), "< 1 %");
-        assert_eq!(count(1, "reading"), "1 reading");
     }
 
     #[test]

@@ -11,8 +11,7 @@ use volcomp_diagnose::plan::PlanReport;
 use volcomp_diagnose::report::Cause;
 
 use super::terms::{
-    Compensable, Shares, count, headline, name, parameters, peak_to_valley, percent, remedy, um,
-    with_uncertainty,
+    Compensable, Shares, headline, name, parameters, peak_to_valley, percent, remedy, um, with_uncertainty,
 };
 
 /// Drift below this share of the noise hides nothing.
@@ -72,7 +71,7 @@ pub(super) fn summary(
 ) -> Result<(), Failure> {
     let r = &found.report;
     say!("{}: {}", r.verdict.words(), headline(found));
-    say!("{} of {} used", r.rows_used, count(r.rows, "reading"));
+    say!("{} of {} used", r.rows_used, counted(r.rows, "reading"));
     table(found, compensable);
     if let Some(f) = &r.fresh {
         say!(

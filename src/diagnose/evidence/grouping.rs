@@ -1,34 +1,11 @@
 //! Readings that carry the comparison: all of them, or means over short pieces of the path.
 
-use std::collections::{BTreeMap, BTreeSet};
+use std::collections::BTreeMap;
 
 use super::super::library::STILL;
 use super::super::moment::{Moment, SLOTS};
 use super::super::session::Session;
 use super::constants::ROWS_MAX;
-
-/// Number of programs: axes that move within a run, feed (in steps of a factor 1.5), tool length.
-pub(super) fn programs(session: &Session) -> usize {
-    let mut runs = vec![([f64::INFINITY; SLOTS], [f64::NEG_INFINITY; SLOTS], 0.0f64, f64::NAN); session.runs];
-    for (r, m) in session.readings.iter().zip(&session.moments) {
-        let (low, high, speed, tool) = &mut runs[r.run];
-        let v = m.velocity.iter().take(3).map(|v| v * v).sum::<f64>().sqrt();
-        *speed = speed.max(if v.is_finite() { v } else { 0.0 });
-        *tool = m.tool_length_mm;
-        for k in 0..SLOTS {
-            low[k] = low[k].min(m.position[k]);
-            high[k] = high[k].max(m.position[k]);
-        }
-    }
-    let key = |(low, high, speed, tool): &([f64; SLOTS], [f64; SLOTS], f64, f64)| {
-        let moving: Vec<bool> =
-            (0..SLOTS).map(|k| high[k] - low[k] > if k < 3 { 1.0 } else { 0.01 }).collect();
-        let feed = if *speed > 1e-6 { (speed.ln() / 1.5f64.ln()).round() as i64 } else { i64::MIN };
-        let tool = if tool.is_finite() { tool.round() as i64 } else { i64::MIN };
-        (moving, feed, tool)
-    };
-    runs.iter().filter(|r| r.0[0] <= r.1[0] || r.0[5] <= r.1[5]).map(key).collect::<BTreeSet<_>>().len()
-}
 
 /// Range of some quantity over all readings, at least a tiny one.
 fn span(session: &Session, of: impl Fn(&Moment) -> f64) -> f64 {

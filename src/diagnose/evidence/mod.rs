@@ -17,6 +17,7 @@ mod tests;
 
 use super::library::{Library, STILL};
 use super::moment::SLOTS;
+use super::search::count_programs;
 use super::session::{Session, is_encoder};
 
 pub use covariance::{Component, Covariance, Structure};
@@ -32,7 +33,7 @@ pub fn applies(session: &Session) -> bool {
     if encoders && moving.count() > 1 {
         return false;
     }
-    grouping::programs(session) <= constants::PROGRAMS_MAX
+    count_programs(session) <= constants::PROGRAMS_MAX
 }
 
 /// Compares all sets of effects that the library offers. `gap` in um, a value per reading of the session; `used` marks the

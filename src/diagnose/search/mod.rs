@@ -16,6 +16,7 @@ mod variation;
 
 pub use gates::{FOLD_RIDGE, FOLDS, Gates, fold_of, gates};
 pub use instead::{challenge, one_delay, one_tilt, one_worn_place};
+pub use pieces::count_programs;
 pub use problem::{Given, Problem, RawColumns, raw_columns};
 pub use refine::refine;
 pub use screw::find_pitches;

@@ -1,46 +1,75 @@
 //! Pieces of a session between which effects must not change: programmes, places within them, blocks of runs.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, BTreeSet};
 
 use super::super::moment::SLOTS;
 use super::super::session::Session;
 
-/// Programme of every row: setup, axes that move in the run, feed, tool.
-pub(super) fn programmes(session: &Session, rows: &[usize]) -> (Vec<usize>, usize) {
+/// What makes two runs one program: setup, axes that move, feed (in steps of a factor 1.5), tool length in whole mm.
+type Program = (usize, [bool; SLOTS], i64, i64);
+
+/// Travel that makes an axis one that moves, mm and rad.
+const TRAVEL: [f64; 2] = [1.0, 0.01];
+
+/// Program of each run; `None` where no row is of it.
+fn program_of_runs(session: &Session, rows: impl Iterator<Item = usize>) -> Vec<Option<Program>> {
     #[derive(Clone, Copy)]
     struct Run {
-        low: [f64; 6],
-        high: [f64; 6],
+        low: [f64; SLOTS],
+        high: [f64; SLOTS],
         speed: f64,
         tool: f64,
-        setup: usize,
+        setup: Option<usize>,
     }
-    let start =
-        Run { low: [f64::INFINITY; 6], high: [f64::NEG_INFINITY; 6], speed: 0.0, tool: f64::NAN, setup: 0 };
+    let start = Run {
+        low: [f64::INFINITY; SLOTS],
+        high: [f64::NEG_INFINITY; SLOTS],
+        speed: 0.0,
+        tool: f64::NAN,
+        setup: None,
+    };
     let mut runs = vec![start; session.runs];
     for i in rows {
-        let (r, m) = (&session.readings[*i], &session.moments[*i]);
+        let (r, m) = (&session.readings[i], &session.moments[i]);
         let run = &mut runs[r.run];
-        run.setup = r.setup;
+        run.setup = Some(r.setup);
         run.tool = m.tool_length_mm;
         let speed = (0..3).map(|k| m.velocity[k].powi(2)).sum::<f64>().sqrt();
         run.speed = run.speed.max(if speed.is_finite() { speed } else { 0.0 });
-        for k in 0..6 {
+        for k in 0..SLOTS {
             run.low[k] = run.low[k].min(m.position[k]);
             run.high[k] = run.high[k].max(m.position[k]);
         }
     }
+    let program = |r: &Run| {
+        let moves = |k: usize| r.high[k] - r.low[k] > TRAVEL[usize::from(k > 2)];
+        let feed = if r.speed > 1e-6 { (r.speed.ln() / 0.4).round() as i64 } else { i64::MIN };
+        let tool = if r.tool.is_finite() { r.tool.round() as i64 } else { i64::MIN };
+        Some((r.setup?, core::array::from_fn(moves), feed, tool))
+    };
+    runs.iter().map(program).collect()
+}
+
+/// Number of programs, whatever the setup.
+pub fn count_programs(session: &Session) -> usize {
+    let programs = program_of_runs(session, 0..session.readings.len());
+    programs
+        .into_iter()
+        .flatten()
+        .map(|(_, axes, feed, tool)| (axes, feed, tool))
+        .collect::<BTreeSet<_>>()
+        .len()
+}
+
+/// Program of every row, and their number.
+pub(super) fn programs(session: &Session, rows: &[usize]) -> (Vec<usize>, usize) {
+    let of_runs = program_of_runs(session, rows.iter().copied());
     let mut known = BTreeMap::new();
     let cell = rows
         .iter()
         .map(|i| {
-            let r = &runs[session.readings[*i].run];
-            let mask: Vec<bool> =
-                (0..6).map(|k| r.high[k] - r.low[k] > if k < 3 { 1.0 } else { 0.01 }).collect();
-            let feed = if r.speed > 1e-6 { (r.speed.ln() / 0.4).round() as i64 } else { i64::MIN };
-            let tool = if r.tool.is_finite() { r.tool.round() as i64 } else { i64::MIN };
             let next = known.len();
-            *known.entry((r.setup, mask, feed, tool)).or_insert(next)
+            *known.entry(of_runs[session.readings[*i].run]).or_insert(next)
         })
         .collect();
     (cell, known.len())
@@ -59,9 +88,6 @@ pub struct Places {
 const PLACE_ROWS: usize = 10;
 /// Most places along one, two, three axes.
 const PLACES: [usize; 3] = [8, 4, 3];
-/// Travel that makes an axis one that moves, mm and rad.
-const TRAVEL: [f64; 2] = [1.0, 0.01];
-
 impl Places {
     /// Divides the travel of each axis but `own` (a slot, or none) in every programme.
     pub(super) fn new(session: &Session, rows: &[usize], cell: &[usize], own: usize) -> Self {

@@ -8,7 +8,7 @@ use super::super::library::{Blind, Library, Shape, WIDTH_MAX};
 use super::super::moment::{Axis, SLOTS};
 use super::super::noise::Filter;
 use super::super::session::{Session, is_encoder};
-use super::pieces::{BLOCKS_MIN, Places, blocks, programmes};
+use super::pieces::{BLOCKS_MIN, Places, blocks, programs};
 use super::small::Factor;
 use super::variation::Variation;
 use volcomp_model::geometry::Vec3;
@@ -172,7 +172,7 @@ impl Problem {
         let y = DVector::from_vec(filter.column(gap));
         let b = &w * &y;
         let own = own_grams(&w, &span);
-        let (cell, cells) = programmes(session, &rows);
+        let (cell, cells) = programs(session, &rows);
         let places = (0..=SLOTS).map(|own| Places::new(session, &rows, &cell, own)).collect();
         let (block, blocks) = blocks(session, &rows, BLOCKS_MIN);
         let precise = session.instruments.iter().all(|n| is_encoder(n));

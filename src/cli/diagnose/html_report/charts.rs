@@ -5,7 +5,8 @@ use crate::report::page::escape;
 use volcomp_diagnose::session::Session;
 use volcomp_diagnose::{Curve, Diagnosis};
 
-use crate::diagnose::terms::{capital, count, name_of_label};
+use crate::diagnose::terms::{capital, name_of_label};
+use crate::numerals::counted;
 
 /// Readings of a chart, at most.
 const POINTS: usize = 700;
@@ -52,9 +53,9 @@ pub(super) fn fitted(curve: &Curve) -> Figure {
     chart.marks(Mark::Dot, Ink::Grey, curve.points.iter().map(|p| (p[0], p[1])));
     let drawn = curve.points.len();
     let readings = if drawn < curve.readings {
-        format!("{drawn} of {}", count(curve.readings, "reading"))
+        format!("{drawn} of {}", counted(curve.readings, "reading"))
     } else {
-        count(drawn, "reading")
+        counted(drawn, "reading")
     };
     let mut keys = vec![key(Mark::Dot, Ink::Grey, &readings)];
     for (line, ink) in curve.lines.iter().zip(Ink::LINES) {
@@ -117,7 +118,7 @@ pub(super) fn measured_and_predicted(found: &Diagnosis) -> Option<Figure> {
     let [low, high] = chart.shared_range();
     chart.reference([(low, low), (high, high)]);
     let keys = [
-        key(Mark::Dot, Ink::Blue, &count(points.len(), "reading")),
+        key(Mark::Dot, Ink::Blue, &counted(points.len(), "reading")),
         key(Mark::Reference, Ink::Text, "measured = predicted"),
     ];
     Some((

@@ -10,9 +10,10 @@ use volcomp_diagnose::session::Session;
 use volcomp_diagnose::{Diagnosis, Level};
 
 use super::terms::{
-    Compensable, Shares, capital, count, headline, name, name_of_label, number, parameters, peak_to_valley,
-    percent, remedy, um, with_names, with_uncertainty,
+    Compensable, Shares, capital, headline, name, name_of_label, number, parameters, peak_to_valley, percent,
+    remedy, um, with_names, with_uncertainty,
 };
+use crate::numerals::counted;
 
 /// Least probability of a cause that is not declared and gets a picture.
 const CANDIDATE: f64 = 0.1;
@@ -94,7 +95,7 @@ fn summary(page: &mut Page, found: &Diagnosis) {
             ),
         ));
     }
-    rows.push(("Data", format!("{} of {} used", r.rows_used, count(r.rows, "reading"))));
+    rows.push(("Data", format!("{} of {} used", r.rows_used, counted(r.rows, "reading"))));
     let rows: Vec<Vec<Cell>> =
         rows.into_iter().map(|(head, text)| vec![Cell::head(head), Cell::text(text)]).collect();
     page.table(&[], &rows);
@@ -330,7 +331,7 @@ fn programs(page: &mut Page, found: &Diagnosis) {
     page.stacked_table(&head, &rows);
     let more = found.programs.len().saturating_sub(PROGRAMS);
     let rest = found.programs.get(PROGRAMS).map_or_else(String::new, |p| {
-        format!(" Not listed: {} with at most {} µm after.", count(more, "program"), um(p.after_um))
+        format!(" Not listed: {} with at most {} µm after.", counted(more, "program"), um(p.after_um))
     });
     page.html(&format!(
         "<p class=\"note\">RMS of a setup with the same moving axes, feed and tool, largest residual first. {} {}{}</p>",
@@ -387,7 +388,7 @@ fn next(page: &mut Page, r: &Report) {
             let text: Vec<&str> = lines.iter().map(|l| l.trim_matches(['(', ')'])).collect();
             page.note(capital(&text.join("; ")));
         } else {
-            page.folded(&format!("part program, {}", count(lines.len(), "line")), &lines);
+            page.folded(&format!("part program, {}", counted(lines.len(), "line")), &lines);
         }
     }
     if r.verdict != Verdict::NoGap {
@@ -456,7 +457,7 @@ fn data(page: &mut Page, r: &Report) {
         let more = if more > 0 { format!(" and {more} more in report.json") } else { String::new() };
         page.note(format!(
             "{} left out as {}: {}{more}.",
-            count(r.outlying_readings.len(), "reading"),
+            counted(r.outlying_readings.len(), "reading"),
             if r.outlying_readings.len() == 1 { "outlier" } else { "outliers" },
             listed.join(", ")
         ));
