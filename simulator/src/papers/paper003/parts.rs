@@ -1,0 +1,259 @@
+//! The parts: flanks that the tool mills with its side, their part programs, and what a coordinate measuring machine finds.
+//!
+//! A flank is a family of straight lines, each the axis of the tool at one moment: the deviation of the surface is that of the
+//! tool axis, across it, at the height of the contact.
+
+use std::fmt::Write as _;
+
+use nalgebra::Vector3;
+
+use crate::control::CycleRecord;
+use crate::twin::Dice;
+
+/// Tool tip in programmed coordinates, mm, and direction from the tip to the spindle.
+type Ruling = (Vector3<f64>, Vector3<f64>);
+
+/// A part.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Part {
+    /// S-shaped ruled flank in the manner of ISO 10791-7, annex M.
+    S,
+    /// Tilted cone frustum in the manner of ISO 10791-7, M3, and NAS 979, with the diameters of the paper.
+    Cone,
+}
+
+/// Middle of the S and of the cone, programmed, mm.
+const S_CENTRE: [f64; 3] = [1450.0, 950.0, -600.0];
+const CONE_CENTRE: [f64; 3] = [1750.0, 1050.0, -600.0];
+/// Length and width of the S, mm.
+const S_SIZE: [f64; 2] = [300.0, 150.0];
+/// Largest tilt of the tool on the S, deg.
+const S_TILT_DEG: f64 = 18.0;
+/// Radii of the cone, mm, its half angle and the tilt of its axis, deg.
+const CONE_RADII: [f64; 2] = [43.0, 20.0];
+const CONE_HALF_DEG: f64 = 15.0;
+const CONE_TILT_DEG: f64 = 10.0;
+/// Radius of the cutter, mm.
+const CUTTER_MM: f64 = 10.0;
+/// Step for slopes along the part.
+const STEP: f64 = 1e-5;
+
+impl Part {
+    /// Heights of the contacts that are measured, along the tool from the tip, mm.
+    pub(super) fn heights(self) -> Vec<f64> {
+        match self {
+            Self::S => vec![5.0, 20.0, 35.0],
+            Self::Cone => {
+                let flank = (CONE_RADII[0] - CONE_RADII[1]) / CONE_HALF_DEG.to_radians().sin();
+                vec![0.0, flank]
+            }
+        }
+    }
+
+    /// Feed, mm/min.
+    const fn feed(self) -> f64 {
+        match self {
+            Self::S => 500.0,
+            Self::Cone => 400.0,
+        }
+    }
+
+    const fn blocks(self) -> u32 {
+        match self {
+            Self::S => 2000,
+            Self::Cone => 1440,
+        }
+    }
+
+    /// Measured points at each height.
+    const fn points(self) -> u32 {
+        match self {
+            Self::S => 30,
+            Self::Cone => 72,
+        }
+    }
+
+    /// The tool at a share 0 to 1 of the way.
+    fn at(self, u: f64) -> Ruling {
+        let turn = std::f64::consts::TAU * u;
+        match self {
+            Self::S => {
+                let [length, width] = S_SIZE;
+                let place = Vector3::new(length * (u - 0.5), 0.5 * width * turn.sin(), 0.0);
+                let tilt = S_TILT_DEG.to_radians() * (0.7 + 0.3 * turn.cos());
+                let slope = 0.5 * width * std::f64::consts::TAU * turn.cos() / length;
+                let heading = std::f64::consts::FRAC_PI_2 + slope.atan();
+                let direction =
+                    Vector3::new(tilt.sin() * heading.cos(), tilt.sin() * heading.sin(), tilt.cos());
+                (Vector3::from(S_CENTRE) + place, direction)
+            }
+            Self::Cone => {
+                let (sin_half, cos_half) = CONE_HALF_DEG.to_radians().sin_cos();
+                let (sin, cos) = turn.sin_cos();
+                let normal = Vector3::new(cos_half * cos, cos_half * sin, sin_half);
+                let contact = Vector3::new(CONE_RADII[0] * cos, CONE_RADII[0] * sin, 0.0);
+                let direction = Vector3::new(-sin_half * cos, -sin_half * sin, cos_half);
+                let tilt =
+                    nalgebra::Rotation3::from_axis_angle(&Vector3::x_axis(), CONE_TILT_DEG.to_radians());
+                (Vector3::from(CONE_CENTRE) + tilt * (contact + normal * CUTTER_MM), tilt * direction)
+            }
+        }
+    }
+
+    /// Outward normal of the flank at a height.
+    fn normal(self, u: f64, height: f64) -> Vector3<f64> {
+        let [a, b] = [u - STEP, u + STEP].map(|u| {
+            let (tip, direction) = self.at(u);
+            tip + direction * height
+        });
+        (b - a).cross(&self.at(u).1).normalize()
+    }
+
+    /// The part program, with tool-centre-point motion.
+    pub(super) fn program(self) -> String {
+        let mut rows: Vec<([f64; 3], f64, f64)> = Vec::new();
+        let mut last_deg = 0.0;
+        for k in 0..=self.blocks() {
+            let (tip, d) = self.at(f64::from(k) / f64::from(self.blocks()));
+            let a_deg = -d.x.hypot(d.y).atan2(d.z).to_degrees();
+            let heading = d.y.atan2(d.x).to_degrees() - 90.0;
+            let c_deg = heading + 360.0 * ((last_deg - heading) / 360.0_f64).round();
+            last_deg = c_deg;
+            rows.push((tip.into(), a_deg, c_deg));
+        }
+        // C in the middle of its travel
+        let middle = rows.iter().map(|r| r.2).sum::<f64>() / rows.len().max(1) as f64;
+        let shift = 360.0 * (middle / 360.0).round();
+        let mut text = String::from("(SCORE OFF)\nG21 G90 G94 G64\nF3000\nG43.4 H1\n");
+        for (k, ([x, y, z], a, c)) in rows.into_iter().enumerate() {
+            if k == 0 {
+                let _ = writeln!(text, "G1 X{x:.6} Y{y:.6} Z{:.6}", z + 100.0);
+                let _ = writeln!(text, "G1 A{a:.6} C{:.6}\nG1 Z{z:.6}\nG4 P0.5", c - shift);
+                let _ = writeln!(text, "F{}\n(SCORE ON)", self.feed());
+                continue;
+            }
+            let _ = writeln!(text, "G1 X{x:.6} Y{y:.6} Z{z:.6} A{a:.6} C{:.6}", c - shift);
+        }
+        let _ = write!(text, "(SCORE OFF)\nF3000\nG91\nG1 Z100\nG90\nG49\nM30\n");
+        text
+    }
+}
+
+/// A cut part as the machine left it: share of the way and deviation at every height, mm.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Flank(Vec<(f64, Vec<f64>)>);
+
+impl Flank {
+    /// What the tool left: cycles as tip (workpiece frame) and direction; `origin` is the tip in the workpiece frame with all
+    /// axes at zero.
+    pub(super) fn cut(
+        part: Part,
+        cycles: impl Iterator<Item = ([f64; 3], [f64; 3])>,
+        origin: [f64; 3],
+    ) -> Self {
+        let heights = part.heights();
+        let mut u = 0.0;
+        let mut rows = Vec::new();
+        for (tip, direction) in cycles {
+            let tip = Vector3::from(tip) - Vector3::from(origin);
+            for _ in 0..3 {
+                let tangent = (part.at(u + STEP).0 - part.at(u - STEP).0) / (2.0 * STEP);
+                u += (tip - part.at(u).0).dot(&tangent) / tangent.norm_squared();
+            }
+            let (nominal, ruling) = part.at(u);
+            let deviation = heights
+                .iter()
+                .map(|h| {
+                    let off = tip - nominal + (Vector3::from(direction) - ruling) * *h;
+                    part.normal(u, *h).dot(&off)
+                })
+                .collect();
+            rows.push((u, deviation));
+        }
+        Self(rows)
+    }
+
+    /// The same of recorded cycles.
+    pub(super) fn of(part: Part, cycles: &[CycleRecord], origin: [f64; 3]) -> Self {
+        Self::cut(part, cycles.iter().map(|r| (r.sample.tip_mm, r.sample.direction)), origin)
+    }
+
+    fn at(&self, u: f64, height: usize) -> f64 {
+        let i = self.0.partition_point(|r| r.0 < u).min(self.0.len().saturating_sub(1));
+        self.0.get(i).and_then(|r| r.1.get(height)).copied().unwrap_or(f64::NAN)
+    }
+}
+
+/// A coordinate measuring machine: noise of a touch, and errors of its scales.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Cmm {
+    /// Standard deviation of a touch, um.
+    pub(super) noise_um: f64,
+    /// Errors of the scales, um/m.
+    pub(super) scale_um_per_m: [f64; 3],
+    /// Seed of the noise.
+    pub(super) seed: u64,
+}
+
+impl Cmm {
+    /// Deviations, um, of all points at each height: share of the way and value.
+    pub(super) fn measure(&self, part: Part, flank: &Flank) -> Vec<Vec<(f64, f64)>> {
+        let mut dice = Dice::new(self.seed, "touches of paper 003");
+        let centre = Vector3::from(if part == Part::S { S_CENTRE } else { CONE_CENTRE });
+        part.heights()
+            .iter()
+            .enumerate()
+            .map(|(n, h)| {
+                let row = (0..part.points()).map(|k| {
+                    // the ends of the S are left out, the cone closes
+                    let u = match part {
+                        Part::S => 0.02 + 0.96 * f64::from(k) / f64::from(part.points() - 1),
+                        Part::Cone => (f64::from(k) + 0.5) / f64::from(part.points()),
+                    };
+                    let (tip, direction) = part.at(u);
+                    let place = tip + direction * *h - centre;
+                    let own = Vector3::from(self.scale_um_per_m).component_mul(&place) * 1e-3;
+                    let noise = self.noise_um * dice.normal();
+                    (u, 1e3 * flank.at(u, n) + part.normal(u, *h).dot(&own) + noise)
+                });
+                row.collect()
+            })
+            .collect()
+    }
+}
+
+/// Largest, mean and standard deviation of the absolute deviations, um.
+pub(super) fn figures(rows: &[Vec<(f64, f64)>]) -> [f64; 3] {
+    let all: Vec<f64> = rows.iter().flatten().map(|(_, d)| d.abs()).collect();
+    let n = all.len().max(1) as f64;
+    let mean = all.iter().sum::<f64>() / n;
+    let std = (all.iter().map(|v| (v - mean).powi(2)).sum::<f64>() / n).sqrt();
+    [all.iter().copied().fold(0.0, f64::max), mean, std]
+}
+
+/// Radial deviation from the least-squares circle at one height of the cone, um: angle, deg, and value; and the mean.
+pub(super) fn circle(row: &[(f64, f64)]) -> (Vec<(f64, f64)>, f64) {
+    let n = row.len().max(1) as f64;
+    let radial: Vec<(f64, f64)> =
+        row.iter().map(|(u, d)| (std::f64::consts::TAU * u, d / CONE_HALF_DEG.to_radians().cos())).collect();
+    let mean = radial.iter().map(|r| r.1).sum::<f64>() / n;
+    let wave = |f: fn(f64) -> f64| 2.0 / n * radial.iter().map(|(a, d)| d * f(*a)).sum::<f64>();
+    let (c, s) = (wave(f64::cos), wave(f64::sin));
+    let form = radial.iter().map(|(a, d)| (a.to_degrees(), d - mean - c * a.cos() - s * a.sin())).collect();
+    (form, mean)
+}
+
+/// Roundness at each height of the cone, um, and the error of its included angle, arcsec.
+pub(super) fn cone_figures(rows: &[Vec<(f64, f64)>]) -> ([f64; 2], f64) {
+    let mut roundness = [f64::NAN; 2];
+    let mut means = [f64::NAN; 2];
+    for (i, row) in rows.iter().take(2).enumerate() {
+        let (form, mean) = circle(row);
+        let (low, high) = form.iter().fold((f64::MAX, f64::MIN), |(l, h), (_, d)| (l.min(*d), h.max(*d)));
+        (roundness[i], means[i]) = (high - low, mean);
+    }
+    let height = (CONE_RADII[0] - CONE_RADII[1]) / CONE_HALF_DEG.to_radians().tan();
+    // the wall leans less where the upper circle is larger
+    let half = (CONE_RADII[0] - CONE_RADII[1] + 1e-3 * (means[0] - means[1])).atan2(height);
+    (roundness, 2.0 * (half.to_degrees() - CONE_HALF_DEG) * 3600.0)
+}
