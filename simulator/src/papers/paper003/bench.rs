@@ -25,14 +25,20 @@ use crate::truth::TruthMachine;
 /// Control cycle, s.
 const CYCLE_S: f64 = 0.01;
 /// Time between readings of the trackers, s of the control.
-const READ_S: f64 = 0.05;
-/// Real time of a cycle with trackers.
-const PACE: Duration = Duration::from_micros(600);
+const READ_S: f64 = 0.02;
+/// Shortest real time between two readings, s: what the estimator keeps up with.
+const READ_REAL_S: f64 = 0.0035;
+/// Fastest feed at which the trackers read, mm/min.
+const READ_FEED: f64 = 1200.0;
+/// Real time that a cycle with trackers waits on the tour and on a part: what the estimator takes over half a second of its
+/// time is some seven and three seconds of the control.
+const TOUR_PACE: Duration = Duration::from_micros(500);
+const PART_PACE: Duration = Duration::from_micros(1600);
 /// When the tour begins, s of the control.
-const TOUR_S: f64 = 10.0;
+const TOUR_S: f64 = 6.0;
 /// When the S and the cone are begun.
-const S_S: f64 = 95.0;
-const CONE_S: f64 = 175.0;
+const S_S: f64 = 60.0;
+const CONE_S: f64 = 118.0;
 /// Live values of the model: the motions of the ram.
 const SYMBOLS: [&str; 6] = ["exz", "eyz", "ezz", "eaz", "ebz", "ecz"];
 
@@ -63,6 +69,8 @@ pub(super) struct Cut {
     pub(super) cone: Flank,
     /// Cycles of the S.
     pub(super) cycles: Vec<CycleRecord>,
+    /// How often the daemon excluded the trackers.
+    pub(super) excluded: usize,
 }
 
 struct Bench {
@@ -70,29 +78,32 @@ struct Bench {
     watchers: Option<(Watchers, SensorLink)>,
     begin: Instant,
     now_s: f64,
+    pace: Duration,
 }
 
 impl Bench {
     fn observe(
         r: &CycleRecord,
         watchers: &mut Option<(Watchers, SensorLink)>,
-        begin: Instant,
+        (begin, pace): (Instant, Duration),
         now_s: &mut f64,
     ) {
         *now_s = r.time_s;
         let Some((watchers, link)) = watchers else { return };
-        if let Some(line) = watchers.line("trackers", r, begin.elapsed().as_secs_f64()) {
+        if r.feed_mm_per_min <= READ_FEED
+            && let Some(line) = watchers.line("trackers", r, begin.elapsed().as_secs_f64(), READ_REAL_S)
+        {
             link.send(line.as_bytes());
         }
-        std::thread::sleep(PACE);
+        std::thread::sleep(pace);
     }
 
     fn run(&mut self, program: &str) -> anyhow::Result<Vec<CycleRecord>> {
         let mut motion = self.shop.trajectory(program)?;
-        let Self { shop, watchers, begin, now_s } = self;
+        let Self { shop, watchers, begin, now_s, pace } = self;
         let mut cycles = Vec::new();
         shop.watch(&mut motion, &mut |r: &CycleRecord| {
-            Self::observe(r, watchers, *begin, now_s);
+            Self::observe(r, watchers, (*begin, *pace), now_s);
             if r.scored {
                 cycles.push(*r);
             }
@@ -105,9 +116,9 @@ impl Bench {
     fn rest_until(&mut self, time_s: f64) -> anyhow::Result<()> {
         let left_s = time_s - self.now_s;
         anyhow::ensure!(left_s > 0.0, "the program took {:.1} s longer than planned", -left_s);
-        let Self { shop, watchers, begin, now_s } = self;
+        let Self { shop, watchers, begin, now_s, pace } = self;
         shop.watch_standing(left_s, &mut |r: &CycleRecord| {
-            Self::observe(r, watchers, *begin, now_s);
+            Self::observe(r, watchers, (*begin, *pace), now_s);
             Ok(Flow::GoOn)
         })?;
         Ok(())
@@ -132,7 +143,7 @@ pub(super) fn cut(
         ..ControlConfig::new(machine.machine(), axes)
     };
     let shop = Shop::with_control(machine.clone(), setting.seed, config, &start)?;
-    let mut bench = Bench { shop, watchers: None, begin: Instant::now(), now_s: 0.0 };
+    let mut bench = Bench { shop, watchers: None, begin: Instant::now(), now_s: 0.0, pace: TOUR_PACE };
     let daemon = match correction {
         Correction::None => None,
         Correction::Survey | Correction::Live => {
@@ -142,6 +153,7 @@ pub(super) fn cut(
     bench.rest_until(TOUR_S)?;
     bench.run(&tour())?;
     bench.rest_until(S_S)?;
+    bench.pace = PART_PACE;
     let cycles = bench.run(&Part::S.program())?;
     let mut round = Vec::new();
     if cone {
@@ -150,8 +162,14 @@ pub(super) fn cut(
     }
     bench.shop.control().close();
     drop(daemon);
+    let mut excluded = 0;
+    if correction == Correction::Live {
+        let log = std::fs::read_to_string(setting.path(&format!("{prefix}volcompd-live.log")))?;
+        excluded = log.matches("the sensor is excluded").count();
+    }
     let origin = machine.nominal(&[0.0; 8]).tip_mm;
-    Ok(Cut { s: Flank::of(Part::S, &cycles, origin), cone: Flank::of(Part::Cone, &round, origin), cycles })
+    let [s, cone] = [Flank::of(Part::S, &cycles, origin), Flank::of(Part::Cone, &round, origin)];
+    Ok(Cut { s, cone, cycles, excluded })
 }
 
 /// The S of recorded set points on another machine.
@@ -231,8 +249,8 @@ fn start_daemon(
     Ok(daemon)
 }
 
-/// What the map may drift by, in the time of the estimator, which is some ten times faster than that of the control.
-const DRIFT: &str = "drift-um-per-h = 120\ndrift-arcsec-per-h = 30\n";
+/// What the map may drift by, in the time of the estimator.
+const DRIFT: &str = "drift-um-per-h = 120\ndrift-arcsec-per-h = 25\n";
 
 /// The surveyed model with live values of the ram.
 fn with_live_values(model: &str) -> anyhow::Result<String> {
@@ -266,7 +284,7 @@ fn tour() -> String {
         [1700.0, 1000.0, -560.0, -15.0, 0.0],
         [1450.0, 950.0, -560.0, -20.0, 0.0],
     ] {
-        let _ = writeln!(text, "G1 X{x} Y{y} Z{z} A{a} C{c}\nG4 P4");
+        let _ = writeln!(text, "G1 X{x} Y{y} Z{z} A{a} C{c}\nG4 P3");
     }
     text + "G49\nM30\n"
 }

@@ -53,8 +53,8 @@ impl Part {
     /// Feed, mm/min.
     const fn feed(self) -> f64 {
         match self {
-            Self::S => 500.0,
-            Self::Cone => 400.0,
+            Self::S => 700.0,
+            Self::Cone => 600.0,
         }
     }
 

@@ -136,6 +136,8 @@ pub(super) struct Watchers {
     watchers: Vec<Watcher>,
     every_s: f64,
     next_s: f64,
+    /// Stamp of the last reading.
+    stamp_s: f64,
     /// The machine at this time, for the place of the reflectors.
     machine: TruthMachine,
     origin: Vector3<f64>,
@@ -154,15 +156,29 @@ impl Watchers {
             watchers.push(Watcher { tracker, rotation, shift, reflector: reflector.into() });
         }
         let origin = machine.workpiece_origin_mm().into();
-        Ok(Self { watchers, every_s, next_s: 0.0, machine: machine.clone(), origin })
+        Ok(Self {
+            watchers,
+            every_s,
+            next_s: 0.0,
+            stamp_s: f64::NEG_INFINITY,
+            machine: machine.clone(),
+            origin,
+        })
     }
 
-    /// The line about this cycle where one is due: both reflectors, measured minus nominal at the command.
-    pub(super) fn line(&mut self, sensor: &str, r: &CycleRecord, stamp_s: f64) -> Option<String> {
-        if r.time_s < self.next_s {
+    /// The line about this cycle where one is due, at least `apart_s` of the stamps after the last: both reflectors,
+    /// measured minus nominal at the command.
+    pub(super) fn line(
+        &mut self,
+        sensor: &str,
+        r: &CycleRecord,
+        stamp_s: f64,
+        apart_s: f64,
+    ) -> Option<String> {
+        if r.time_s < self.next_s || stamp_s < self.stamp_s + apart_s {
             return None;
         }
-        self.next_s = r.time_s + self.every_s;
+        (self.next_s, self.stamp_s) = (r.time_s + self.every_s, stamp_s);
         self.machine.set_time_s(r.time_s);
         let body = body(&self.machine, &r.sample.axis, r.sample.tip_mm, r.sample.direction);
         let nominal = self.machine.nominal(&r.commanded).matrix;
@@ -189,8 +205,8 @@ impl Watchers {
 fn body(machine: &TruthMachine, axes: &AxisArray, tip: [f64; 3], direction: [f64; 3]) -> Matrix4<f64> {
     let at_rest = machine.pose(axes, &[0; MAX_AXES]);
     let rotation: Matrix3<f64> = at_rest.matrix.fixed_view::<3, 3>(0, 0).into_owned();
-    let lean = Rotation3::rotation_between(&Vector3::from(at_rest.direction), &Vector3::from(direction))
-        .unwrap_or_else(Rotation3::identity);
+    // a few arcseconds: the sine is the angle
+    let lean = Rotation3::new(Vector3::from(at_rest.direction).cross(&Vector3::from(direction)));
     let mut body = Matrix4::identity();
     body.fixed_view_mut::<3, 3>(0, 0).copy_from(&(lean.matrix() * rotation));
     body.fixed_view_mut::<3, 1>(0, 3).copy_from(&Vector3::from(tip));
