@@ -28,7 +28,8 @@ const CYCLE_S: f64 = 0.01;
 const READ_S: f64 = 0.02;
 /// Shortest real time between two readings, s: what the estimator keeps up with.
 const READ_REAL_S: f64 = 0.0035;
-/// Fastest feed at which the trackers read, mm/min.
+/// Fastest feed at which the trackers read, mm/min; they do not read while it changes, for the estimator matches readings
+/// and positions in its own faster time.
 const READ_FEED: f64 = 1200.0;
 /// Real time that a cycle with trackers waits on the tour and on a part: what the estimator takes over half a second of its
 /// time is some seven and three seconds of the control.
@@ -90,7 +91,9 @@ impl Bench {
     ) {
         *now_s = r.time_s;
         let Some((watchers, link)) = watchers else { return };
-        if r.feed_mm_per_min <= READ_FEED
+        let steady = watchers.is_steady(r.feed_mm_per_min);
+        if steady
+            && r.feed_mm_per_min <= READ_FEED
             && let Some(line) = watchers.line("trackers", r, begin.elapsed().as_secs_f64(), READ_REAL_S)
         {
             link.send(line.as_bytes());
@@ -159,6 +162,22 @@ pub(super) fn cut(
     if cone {
         bench.rest_until(CONE_S)?;
         round = bench.run(&Part::Cone.program())?;
+    }
+    if std::env::var("P003").is_ok() {
+        let text: String = round
+            .iter()
+            .map(|r| {
+                format!(
+                    "{} {:?} {:?} {:?} {}\n",
+                    r.time_s,
+                    r.applied,
+                    r.sample.tip_mm,
+                    r.sample.direction,
+                    r.correction.is_some()
+                )
+            })
+            .collect();
+        setting.write(&format!("{prefix}trace-{}.txt", correction.name().replace(' ', "-")), &text)?;
     }
     bench.shop.control().close();
     drop(daemon);

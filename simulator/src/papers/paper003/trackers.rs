@@ -138,6 +138,8 @@ pub(super) struct Watchers {
     next_s: f64,
     /// Stamp of the last reading.
     stamp_s: f64,
+    /// Feed of the last cycles, mm/min, and for how many it has been the same.
+    feed: (f64, u32),
     /// The machine at this time, for the place of the reflectors.
     machine: TruthMachine,
     origin: Vector3<f64>,
@@ -161,9 +163,17 @@ impl Watchers {
             every_s,
             next_s: 0.0,
             stamp_s: f64::NEG_INFINITY,
+            feed: (0.0, 0),
             machine: machine.clone(),
             origin,
         })
+    }
+
+    /// Takes the feed of a cycle; true where it has not changed for ten cycles.
+    pub(super) fn is_steady(&mut self, feed: f64) -> bool {
+        let (last, count) = self.feed;
+        self.feed = if (feed - last).abs() < 0.1 { (feed, count.saturating_add(1)) } else { (feed, 0) };
+        self.feed.1 >= 10
     }
 
     /// The line about this cycle where one is due, at least `apart_s` of the stamps after the last: both reflectors,
