@@ -163,28 +163,12 @@ pub(super) fn cut(
         bench.rest_until(CONE_S)?;
         round = bench.run(&Part::Cone.program())?;
     }
-    if std::env::var("P003").is_ok() {
-        let text: String = round
-            .iter()
-            .map(|r| {
-                format!(
-                    "{} {:?} {:?} {:?} {}\n",
-                    r.time_s,
-                    r.applied,
-                    r.sample.tip_mm,
-                    r.sample.direction,
-                    r.correction.is_some()
-                )
-            })
-            .collect();
-        setting.write(&format!("{prefix}trace-{}.txt", correction.name().replace(' ', "-")), &text)?;
-    }
     bench.shop.control().close();
     drop(daemon);
     let mut excluded = 0;
     if correction == Correction::Live {
         let log = std::fs::read_to_string(setting.path(&format!("{prefix}volcompd-live.log")))?;
-        excluded = log.matches("the sensor is excluded").count();
+        excluded = log.matches("cause=\"disagrees\"").count();
     }
     let origin = machine.nominal(&[0.0; 8]).tip_mm;
     let [s, cone] = [Flank::of(Part::S, &cycles, origin), Flank::of(Part::Cone, &round, origin)];
@@ -223,7 +207,7 @@ fn start_daemon(
     }
     let mut text = format!(
         "format = \"volcomp-machine/1\"\nmachine = \"{}\"\nmodel = \"{model}\"\n[link]\naddress = \"{}\"\n\
-         cycle-ms = {}\nsilence-s = 60.0\n[engine]\nstart = \"on-connect\"\nramp-s = 0.5\nstale-ms = 10000.0\n\
+         cycle-ms = {}\nsilence-s = 60.0\n[engine]\nstart = \"on-connect\"\nramp-s = 0.5\nstale-ms = 10000.0\nlive-max-age-ms = 15000.0\n\
          [realtime]\npriority = 0\nlock-memory = false\n[status]\nsocket = \"\"\n[log]\ntarget = \"stderr\"\n",
         world.test.machine(),
         bench.shop.address(),
@@ -234,7 +218,7 @@ fn start_daemon(
             text,
             "[sensors]\nlisten = \"{sensors}\"\n[[map]]\nname = \"ram\"\nx-mm = [1250, 1600, 1950]\ny-mm = [750, 1250]\n\
              z-mm = [-750, -250]\nstd-um = 15\nstd-arcsec = 4\ncorrelation-mm = 1500\n{}limit-um = 80\nlimit-arcsec = 20\n\
-             [[sensor]]\nname = \"trackers\"\nkind = \"tool\"\nage-limit-ms = 2000\nrange-um = 5000\njump-um = 1000\n\
+             [[sensor]]\nname = \"trackers\"\nkind = \"tool\"\nage-limit-ms = 15000\nrange-um = 5000\njump-um = 1000\n\
              jump-arcsec = 200\n",
             DRIFT
         );
@@ -269,7 +253,7 @@ fn start_daemon(
 }
 
 /// What the map may drift by, in the time of the estimator.
-const DRIFT: &str = "drift-um-per-h = 120\ndrift-arcsec-per-h = 25\n";
+const DRIFT: &str = "drift-um-per-h = 50\ndrift-arcsec-per-h = 10\n";
 
 /// The surveyed model with live values of the ram.
 fn with_live_values(model: &str) -> anyhow::Result<String> {

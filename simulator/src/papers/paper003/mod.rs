@@ -83,6 +83,11 @@ const ROUNDER: [&str; 2] = [
     "roundness, diameter 40, reduction with live estimation",
 ];
 const NO_WORSE: &str = "roundness, worse circle, live estimation minus surveyed model";
+const PLACE: [&str; 3] = [
+    "centre of the cone, uncompensated",
+    "centre of the cone, surveyed model",
+    "centre of the cone, live estimation",
+];
 const TAPER: [&str; 3] =
     ["taper error, uncompensated", "taper error, surveyed model", "taper error, live estimation"];
 const TAPER_LESS: &str = "taper error, reduction with live estimation";
@@ -147,6 +152,9 @@ impl Experiment for Paper003 {
             um(ROUNDNESS[1][1], None),
             um(ROUNDNESS[2][0], Some(14.6)),
             um(ROUNDNESS[2][1], Some(12.3)),
+            um(PLACE[0], None),
+            um(PLACE[1], None),
+            um(PLACE[2], None),
             Row::reported(TAPER[0], "arcsec", Some(134.0), 1),
             Row::reported(TAPER[1], "arcsec", None, 1),
             Row::limited(TAPER[2], "arcsec", Some(54.0), Limit::AtMost(54.0), 1),
@@ -170,13 +178,14 @@ impl Experiment for Paper003 {
         for (i, cut) in cuts.iter().enumerate() {
             let s = world.cmm.measure(Part::S, &cut.s);
             let cone = world.cmm.measure(Part::Cone, &cut.cone);
-            let (roundness, taper) = cone_figures(&cone);
+            let (roundness, taper, place) = cone_figures(&cone);
             for (part, rows) in [("s", &s), ("cone", &cone)] {
                 setting.write(&format!("{part}-{i}.csv"), &table(rows))?;
             }
             measured.values.extend(S_UM[i].into_iter().zip(figures(&s)));
             measured.values.extend(ROUNDNESS[i].into_iter().zip(roundness));
             measured.values.insert(TAPER[i], taper.abs());
+            measured.values.insert(PLACE[i], place);
             found.push((s, cone));
         }
         compare(&mut measured);
@@ -185,7 +194,10 @@ impl Experiment for Paper003 {
         {
             if cut.excluded > 0 {
                 let run = if cause.is_empty() { String::new() } else { format!(", cut without {cause}") };
-                measured.notes.push(format!("volcompd excluded the trackers {} times{run}.", cut.excluded));
+                measured.notes.push(format!(
+                    "volcompd excluded the trackers, which disagreed with the map, {} times{run}.",
+                    cut.excluded
+                ));
             }
         }
         measured.plots = plots(&found);

@@ -231,8 +231,9 @@ pub(super) fn figures(rows: &[Vec<(f64, f64)>]) -> [f64; 3] {
     [all.iter().copied().fold(0.0, f64::max), mean, std]
 }
 
-/// Radial deviation from the least-squares circle at one height of the cone, um: angle, deg, and value; and the mean.
-pub(super) fn circle(row: &[(f64, f64)]) -> (Vec<(f64, f64)>, f64) {
+/// Radial deviation from the least-squares circle at one height of the cone, um: angle, deg, and value; the mean, and how far
+/// its centre is off.
+pub(super) fn circle(row: &[(f64, f64)]) -> (Vec<(f64, f64)>, f64, f64) {
     let n = row.len().max(1) as f64;
     let radial: Vec<(f64, f64)> =
         row.iter().map(|(u, d)| (std::f64::consts::TAU * u, d / CONE_HALF_DEG.to_radians().cos())).collect();
@@ -240,20 +241,22 @@ pub(super) fn circle(row: &[(f64, f64)]) -> (Vec<(f64, f64)>, f64) {
     let wave = |f: fn(f64) -> f64| 2.0 / n * radial.iter().map(|(a, d)| d * f(*a)).sum::<f64>();
     let (c, s) = (wave(f64::cos), wave(f64::sin));
     let form = radial.iter().map(|(a, d)| (a.to_degrees(), d - mean - c * a.cos() - s * a.sin())).collect();
-    (form, mean)
+    (form, mean, c.hypot(s))
 }
 
-/// Roundness at each height of the cone, um, and the error of its included angle, arcsec.
-pub(super) fn cone_figures(rows: &[Vec<(f64, f64)>]) -> ([f64; 2], f64) {
+/// Roundness at each height of the cone, um, the error of its included angle, arcsec, and how far the lower circle is off its
+/// place, um.
+pub(super) fn cone_figures(rows: &[Vec<(f64, f64)>]) -> ([f64; 2], f64, f64) {
     let mut roundness = [f64::NAN; 2];
     let mut means = [f64::NAN; 2];
     for (i, row) in rows.iter().take(2).enumerate() {
-        let (form, mean) = circle(row);
+        let (form, mean, _) = circle(row);
         let (low, high) = form.iter().fold((f64::MAX, f64::MIN), |(l, h), (_, d)| (l.min(*d), h.max(*d)));
         (roundness[i], means[i]) = (high - low, mean);
     }
     let height = (CONE_RADII[0] - CONE_RADII[1]) / CONE_HALF_DEG.to_radians().tan();
     // the wall leans less where the upper circle is larger
     let half = (CONE_RADII[0] - CONE_RADII[1] + 1e-3 * (means[0] - means[1])).atan2(height);
-    (roundness, 2.0 * (half.to_degrees() - CONE_HALF_DEG) * 3600.0)
+    let place = rows.first().map_or(f64::NAN, |row| circle(row).2);
+    (roundness, 2.0 * (half.to_degrees() - CONE_HALF_DEG) * 3600.0, place)
 }
