@@ -80,13 +80,15 @@ struct Bench {
     begin: Instant,
     now_s: f64,
     pace: Duration,
+    /// The trackers are silent while it is cut: the map is held.
+    hold: bool,
 }
 
 impl Bench {
     fn observe(
         r: &CycleRecord,
         watchers: &mut Option<(Watchers, SensorLink)>,
-        (begin, pace): (Instant, Duration),
+        (begin, pace, hold): (Instant, Duration, bool),
         now_s: &mut f64,
     ) {
         *now_s = r.time_s;
@@ -94,6 +96,7 @@ impl Bench {
         let steady = watchers.is_steady(r.feed_mm_per_min);
         if steady
             && r.feed_mm_per_min <= READ_FEED
+            && !(hold && r.scored)
             && let Some(line) = watchers.line("trackers", r, begin.elapsed().as_secs_f64(), READ_REAL_S)
         {
             link.send(line.as_bytes());
@@ -103,10 +106,10 @@ impl Bench {
 
     fn run(&mut self, program: &str) -> anyhow::Result<Vec<CycleRecord>> {
         let mut motion = self.shop.trajectory(program)?;
-        let Self { shop, watchers, begin, now_s, pace } = self;
+        let Self { shop, watchers, begin, now_s, pace, hold } = self;
         let mut cycles = Vec::new();
         shop.watch(&mut motion, &mut |r: &CycleRecord| {
-            Self::observe(r, watchers, (*begin, *pace), now_s);
+            Self::observe(r, watchers, (*begin, *pace, *hold), now_s);
             if r.scored {
                 cycles.push(*r);
             }
@@ -119,9 +122,9 @@ impl Bench {
     fn rest_until(&mut self, time_s: f64) -> anyhow::Result<()> {
         let left_s = time_s - self.now_s;
         anyhow::ensure!(left_s > 0.0, "the program took {:.1} s longer than planned", -left_s);
-        let Self { shop, watchers, begin, now_s, pace } = self;
+        let Self { shop, watchers, begin, now_s, pace, hold } = self;
         shop.watch_standing(left_s, &mut |r: &CycleRecord| {
-            Self::observe(r, watchers, (*begin, *pace), now_s);
+            Self::observe(r, watchers, (*begin, *pace, *hold), now_s);
             Ok(Flow::GoOn)
         })?;
         Ok(())
@@ -146,7 +149,8 @@ pub(super) fn cut(
         ..ControlConfig::new(machine.machine(), axes)
     };
     let shop = Shop::with_control(machine.clone(), setting.seed, config, &start)?;
-    let mut bench = Bench { shop, watchers: None, begin: Instant::now(), now_s: 0.0, pace: TOUR_PACE };
+    let mut bench =
+        Bench { shop, watchers: None, begin: Instant::now(), now_s: 0.0, pace: TOUR_PACE, hold: false };
     let daemon = match correction {
         Correction::None => None,
         Correction::Survey | Correction::Live => {
@@ -161,6 +165,7 @@ pub(super) fn cut(
     let mut round = Vec::new();
     if cone {
         bench.rest_until(CONE_S)?;
+        bench.hold = true;
         round = bench.run(&Part::Cone.program())?;
     }
     bench.shop.control().close();
@@ -253,7 +258,7 @@ fn start_daemon(
 }
 
 /// What the map may drift by, in the time of the estimator.
-const DRIFT: &str = "drift-um-per-h = 50\ndrift-arcsec-per-h = 10\n";
+const DRIFT: &str = "drift-um-per-h = 100\ndrift-arcsec-per-h = 20\n";
 
 /// The surveyed model with live values of the ram.
 fn with_live_values(model: &str) -> anyhow::Result<String> {

@@ -111,7 +111,8 @@ impl Experiment for Paper003 {
          identify ram, model assemble). The parts are five-axis programs with tool-centre-point motion (G43.4): the S-shaped \
          flank of ISO 10791-7 and the tilted cone of 86 and 40 mm, half angle 15 deg. Each is cut without compensation, with \
          the surveyed model, and with the model and what both trackers, on two reflectors of the spindle housing, teach \
-         volcompd 50 times a second. Since the survey the ram has moved by 10 µm and 10 µrad; it warms up by 20 µm and 20 µrad \
+         volcompd 50 times a second; while the cone is cut they are silent and the map is held, for roundness sees the noise of an \
+         estimate, and of a drift only its change within the circle. Since the survey the ram has moved by 10 µm and 10 µrad; it warms up by 20 µm and 20 µrad \
          in an hour, and by 5 µm and 5 µrad to and fro every two minutes with the spindle's cooling unit (kind and hard truth, \
          standard deviation of each motion over the seeds). A coordinate measuring machine touches the S at three heights and the cone \
          at both diameters. Hard truth: heat of the hall, a workpiece, interaction of axes, a month of wear, used drives, \

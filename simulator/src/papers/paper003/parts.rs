@@ -128,7 +128,7 @@ impl Part {
         for (k, ([x, y, z], a, c)) in rows.into_iter().enumerate() {
             if k == 0 {
                 let _ = writeln!(text, "G1 X{x:.6} Y{y:.6} Z{:.6}", z + 100.0);
-                let _ = writeln!(text, "G1 A{a:.6} C{:.6}\nG1 Z{z:.6}\nG4 P0.5", c - shift);
+                let _ = writeln!(text, "G1 A{a:.6} C{:.6}\nG1 Z{z:.6}\nG4 P3", c - shift);
                 let _ = writeln!(text, "F{}\n(SCORE ON)", self.feed());
                 continue;
             }
