@@ -82,6 +82,8 @@ const ROUNDER: [&str; 2] = [
     "roundness, diameter 86, reduction with live estimation",
     "roundness, diameter 40, reduction with live estimation",
 ];
+/// Repeatability of a roundness on the measuring machine: within it the cone is no worse.
+const REPEATABILITY_UM: f64 = 0.5;
 const NO_WORSE: &str = "roundness, worse circle, live estimation minus surveyed model";
 const PLACE: [&str; 3] = [
     "centre of the cone, uncompensated",
@@ -114,8 +116,8 @@ impl Experiment for Paper003 {
          volcompd 50 times a second; while the cone is cut they are silent and the map is held, for roundness sees the noise of an \
          estimate, and of a drift only its change within the circle. Since the survey the ram has moved by 10 µm and 10 µrad; it warms up by 20 µm and 20 µrad \
          in an hour, and by 5 µm and 5 µrad to and fro every two minutes with the spindle's cooling unit (kind and hard truth, \
-         standard deviation of each motion over the seeds). A coordinate measuring machine touches the S at three heights and the cone \
-         at both diameters. Hard truth: heat of the hall, a workpiece, interaction of axes, a month of wear, used drives, \
+         standard deviation of each motion over the seeds). A coordinate measuring machine (0.3 µm a touch) touches the S at three heights and the cone \
+         at both diameters; roundness has 15 undulations and repeats to 0.5 µm, within which the cone is no worse. Hard truth: heat of the hall, a workpiece, interaction of axes, a month of wear, used drives, \
          refraction, encoders and warm-up of the trackers, scales of the measuring machine. The estimator sees ten to \
          fifteen seconds of the machine in each of its own; what the map may drift by is stated in its time."
     }
@@ -146,7 +148,7 @@ impl Experiment for Paper003 {
             um(S_UM[2][2], Some(2.4)),
             beats(ROUNDER[0], 48.0),
             beats(ROUNDER[1], 48.0),
-            Row::limited(NO_WORSE, "um", None, Limit::AtMost(0.0), 2),
+            Row::limited(NO_WORSE, "um", None, Limit::AtMost(REPEATABILITY_UM), 2),
             um(ROUNDNESS[0][0], Some(27.7)),
             um(ROUNDNESS[0][1], Some(23.7)),
             um(ROUNDNESS[1][0], None),

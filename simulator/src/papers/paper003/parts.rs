@@ -33,6 +33,8 @@ const S_TILT_DEG: f64 = 18.0;
 const CONE_RADII: [f64; 2] = [43.0, 20.0];
 const CONE_HALF_DEG: f64 = 15.0;
 const CONE_TILT_DEG: f64 = 10.0;
+/// Undulations per revolution that roundness holds, the filter of ISO 12181-2.
+const UPR: u32 = 15;
 /// Radius of the cutter, mm.
 const CUTTER_MM: f64 = 10.0;
 /// Step for slopes along the part.
@@ -231,17 +233,25 @@ pub(super) fn figures(rows: &[Vec<(f64, f64)>]) -> [f64; 3] {
     [all.iter().copied().fold(0.0, f64::max), mean, std]
 }
 
-/// Radial deviation from the least-squares circle at one height of the cone, um: angle, deg, and value; the mean, and how far
+/// Filtered radial deviation from the least-squares circle at one height of the cone, um: angle, deg, and value; the mean, and how far
 /// its centre is off.
 pub(super) fn circle(row: &[(f64, f64)]) -> (Vec<(f64, f64)>, f64, f64) {
     let n = row.len().max(1) as f64;
     let radial: Vec<(f64, f64)> =
         row.iter().map(|(u, d)| (std::f64::consts::TAU * u, d / CONE_HALF_DEG.to_radians().cos())).collect();
     let mean = radial.iter().map(|r| r.1).sum::<f64>() / n;
-    let wave = |f: fn(f64) -> f64| 2.0 / n * radial.iter().map(|(a, d)| d * f(*a)).sum::<f64>();
-    let (c, s) = (wave(f64::cos), wave(f64::sin));
-    let form = radial.iter().map(|(a, d)| (a.to_degrees(), d - mean - c * a.cos() - s * a.sin())).collect();
-    (form, mean, c.hypot(s))
+    let wave =
+        |f: fn(f64) -> f64, order: f64| 2.0 / n * radial.iter().map(|(a, d)| d * f(order * a)).sum::<f64>();
+    let waves: Vec<(f64, f64, f64)> =
+        (2..=UPR).map(f64::from).map(|order| (order, wave(f64::cos, order), wave(f64::sin, order))).collect();
+    let form = radial
+        .iter()
+        .map(|(a, _)| {
+            let sum = waves.iter().map(|(k, c, s)| c * (k * a).cos() + s * (k * a).sin()).sum();
+            (a.to_degrees(), sum)
+        })
+        .collect();
+    (form, mean, wave(f64::cos, 1.0).hypot(wave(f64::sin, 1.0)))
 }
 
 /// Roundness at each height of the cone, um, the error of its included angle, arcsec, and how far the lower circle is off its
