@@ -270,3 +270,77 @@ pub(super) fn cone_figures(rows: &[Vec<(f64, f64)>]) -> ([f64; 2], f64, f64) {
     let place = rows.first().map_or(f64::NAN, |row| circle(row).2);
     (roundness, 2.0 * (half.to_degrees() - CONE_HALF_DEG) * 3600.0, place)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::motion::gcode::interpret;
+    use crate::motion::{Dynamics, MachineAxes, MotionSource, Trajectory};
+    use crate::truth::{GANTRY_5AX, TruthMachine};
+
+    /// Poses of the scored cycles of a machine without errors whose head has turned by `lean` (rad about x) more.
+    fn cut(part: Part, lean: f64) -> Flank {
+        let text = GANTRY_5AX.replace("travel-deg = [-180, 180]", "travel-deg = [-360, 360]");
+        let machine = TruthMachine::from_toml(&text).unwrap();
+        let axes = MachineAxes::of(&machine).unwrap();
+        let start = axes.middle();
+        let program = interpret(&part.program(), &axes, start).unwrap();
+        let mut path = Trajectory::new(start, &program.segments, &axes, &Dynamics::default(), 0.01).unwrap();
+        let mut poses = Vec::new();
+        while let Some(cycle) = path.next_cycle() {
+            if cycle.scored {
+                let pose = machine.nominal(&cycle.commanded);
+                let [x, y, z] = pose.direction;
+                poses.push((pose.tip_mm, [x, y - lean * z, z + lean * y]));
+            }
+        }
+        Flank::cut(part, poses.into_iter(), machine.nominal(&[0.0; 8]).tip_mm)
+    }
+
+    fn largest(rows: &[Vec<(f64, f64)>]) -> f64 {
+        rows.iter().flatten().map(|(_, d)| d.abs()).fold(0.0, f64::max)
+    }
+
+    #[test]
+    fn an_ideal_machine_cuts_within_half_a_micrometre() {
+        let cmm = Cmm { noise_um: 0.0, scale_um_per_m: [0.0; 3], seed: 1 };
+        for part in [Part::S, Part::Cone] {
+            let rows = cmm.measure(part, &cut(part, 0.0));
+            assert!(largest(&rows) < 0.5, "{part:?}: {} um", largest(&rows));
+        }
+        let (roundness, taper, place) = cone_figures(&cmm.measure(Part::Cone, &cut(Part::Cone, 0.0)));
+        assert!(roundness[0] < 0.3 && roundness[1] < 0.3 && taper.abs() < 1.0 && place < 0.1);
+    }
+
+    #[test]
+    fn a_leaning_tool_shows_at_the_height_where_it_leans() {
+        let cmm = Cmm { noise_um: 0.0, scale_um_per_m: [0.0; 3], seed: 1 };
+        let rows = cmm.measure(Part::S, &cut(Part::S, 1e-4));
+        let at = |n: usize| rows[n].iter().map(|r| r.1.abs()).fold(0.0, f64::max);
+        assert!(at(2) > 2.5 && at(2) < 3.6 && (at(0) - at(2) / 7.0).abs() < 0.5, "{} {}", at(0), at(2));
+        // a lean to one side is no taper, it moves the upper circle
+        let (_, taper, _) = cone_figures(&cmm.measure(Part::Cone, &cut(Part::Cone, 1e-4)));
+        assert!(taper.abs() < 2.0, "{taper}");
+    }
+
+    #[test]
+    fn taper_and_roundness_are_those_of_a_known_surface() {
+        let row = |mean: f64, oval: f64| -> Vec<(f64, f64)> {
+            (0..72)
+                .map(|k| {
+                    (
+                        f64::from(k) / 72.0,
+                        mean + oval * (2.0 * std::f64::consts::TAU * f64::from(k) / 72.0).cos(),
+                    )
+                })
+                .collect()
+        };
+        let cos = CONE_HALF_DEG.to_radians().cos();
+        let ([lower, upper], taper, _) = cone_figures(&[row(10.0 * cos, 2.0 * cos), row(0.0, cos)]);
+        assert!((lower - 4.0).abs() < 1e-9 && (upper - 2.0).abs() < 1e-9, "{lower} {upper}");
+        // 10 um more below, over 85.8 mm of height: twice the half angle
+        let height = 23.0 / CONE_HALF_DEG.to_radians().tan();
+        let expected = 2.0 * (0.010 / height * cos * cos).to_degrees() * 3600.0;
+        assert!((taper - expected).abs() < 0.05, "{taper} {expected}");
+    }
+}
