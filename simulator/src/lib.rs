@@ -8,6 +8,7 @@
 //! - [`monitor`]: an invariant monitor at the socket, for every correction of the daemon.
 //! - [`certificates`]: an authority and its certificates, to try the secure link with.
 //! - [`demo`]: the main job end to end; starts the product's own programs as processes.
+//! - [`drawing`]: a machine as a model file without errors.
 //! - [`papers`]: the experiments of the source papers, their figures and limits.
 //! - [`mod@bench`]: the daemon's round trips beside a bare echo's.
 //! - [`cli`]: the program `cncsim`.
@@ -20,6 +21,7 @@ pub mod campaign;
 pub mod certificates;
 pub mod cli;
 pub mod demo;
+pub mod drawing;
 pub mod formulas;
 pub mod papers;
 pub mod scenarios;

@@ -3,6 +3,7 @@
 //! Bounded memory: one line in, one line out. The input line is copied as it stands, then the new columns follow.
 
 mod circle;
+mod readings;
 
 use std::io::{self, BufRead, Write};
 use std::path::PathBuf;
@@ -37,6 +38,9 @@ pub(super) struct Args {
     /// Exact rotations instead of first order.
     #[arg(long)]
     exact: bool,
+    /// Reading of a sensor that the model's thermal displacements depend on, degC or rpm, steady for long; may be repeated.
+    #[arg(long, value_name = "SENSOR=VALUE", value_parser = readings::reading)]
+    reading: Vec<readings::Reading>,
     #[command(flatten)]
     circle: circle::CircleArgs,
 }
@@ -83,6 +87,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         ));
     }
     let (spec, model) = read_model(&args.model)?;
+    let live = readings::live_values(&args.model, &model, &args.reading)?;
     let mut table = table::open_stream(points)?;
     let columns = Columns::find(&table, &model)?;
     let mut additions = Additions::read(&args.add, (&spec, &model), &table)?;
@@ -92,7 +97,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     columns.header(&table, &mut block);
     let mut written = write_block(&mut output, &mut block, 0)?;
     while written && table.advance()? {
-        let pose = columns.pose(&table, &model)?;
+        let mut pose = columns.pose(&table, &model)?;
+        pose.live = live;
         let (mut deviation, mut correction) =
             if args.exact { model.correct_exact(&pose) } else { model.correct(&pose) };
         if let Some(additions) = &mut additions {

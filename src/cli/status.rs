@@ -140,6 +140,9 @@ fn write_head(f: &mut String, status: &Status) -> std::fmt::Result {
         (Some(error), false) => writeln!(f, "link        {} down for {since}: {error}", link.address)?,
         (None, false) => writeln!(f, "link        {} connecting for {since}", link.address)?,
     }
+    if let (Some(read), Some(write), true) = (link.read_us, link.write_us, link.up) {
+        writeln!(f, "calls       read {read:.0} us, write {write:.0} us, means")?;
+    }
     if link.up {
         writeln!(f, "machine     {}", list(&status.machine_state))?;
     }

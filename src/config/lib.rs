@@ -16,9 +16,9 @@ mod reader;
 
 pub use diagnostic::{ConfigErrors, Diagnostic, Place};
 pub use machine::{
-    AxisConfig, EngineSettings, GuardConfig, HelloMismatch, LinkConfig, LogConfig, LogTarget, MachineConfig,
-    ModelMismatch, Policy, RealtimeConfig, RecordingConfig, SensorsConfig, StartMode, StateConfig,
-    StatusConfig, TlsConfig, WhenFull,
+    AxisConfig, EngineSettings, GuardConfig, HelloMismatch, Interface, LinkConfig, LogConfig, LogTarget,
+    MachineConfig, ModelMismatch, Policy, RealtimeConfig, RecordingConfig, SensorsConfig, StartMode,
+    StateConfig, StatusConfig, TlsConfig, WhenFull,
 };
 pub use model::{ModelFile, Provenance, SourceEntry};
 

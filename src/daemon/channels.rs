@@ -4,7 +4,7 @@
 //! these channels: a sleeping receiver would make the sender take the channel's wake-up lock; it polls instead.
 
 use core::sync::atomic::{
-    AtomicBool, AtomicU8, AtomicU64,
+    AtomicBool, AtomicI64, AtomicU8, AtomicU64,
     Ordering::{Acquire, Relaxed, Release},
 };
 use std::net::SocketAddr;
@@ -150,6 +150,9 @@ pub(super) struct Progress {
     pub(super) limited: AtomicU64,
     /// Cycles in which a soft limit of the machine held an offset back.
     pub(super) at_soft_limit: AtomicU64,
+    /// Mean times of calls to a control that is read and written by calls, ns; 0 where there are none.
+    pub(super) read_ns: AtomicI64,
+    pub(super) write_ns: AtomicI64,
     /// Records that found the queue full.
     pub(super) records_dropped: AtomicU64,
     /// Reports that found the queue full.

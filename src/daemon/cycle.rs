@@ -11,13 +11,14 @@
 //! (see [`super::age`]), or a skipped one.
 
 use std::io::{self, ErrorKind};
+use std::sync::atomic::Ordering::Relaxed;
 use std::time::Duration;
 
 use super::age::AgeEstimator;
 use super::channels::{CycleRecord, Progress, Report};
 use super::clock::Clock;
 use super::control::{Control, Stop};
-use super::link::{Link, Received};
+use super::link::{ControlLink, Received};
 use super::link_end::LinkEnd;
 use super::link_session::{LinkSession, Reaction};
 use volcomp_config::LinkConfig;
@@ -56,7 +57,7 @@ impl Cycle<'_> {
     /// Cycles until the link ends.
     ///
     /// # Cycle   between the first frame and the return: no allocation, no lock, no log, no disk
-    pub(super) fn run(&mut self, link: &mut Link) -> LinkEnd {
+    pub(super) fn run(&mut self, link: &mut dyn ControlLink) -> LinkEnd {
         // frames that came in one piece with the hello are already here
         let mut turn = self.frames(link, self.clock.now(), false);
         loop {
@@ -70,7 +71,7 @@ impl Cycle<'_> {
         }
     }
 
-    fn turn(&mut self, link: &mut Link) -> io::Result<Option<LinkEnd>> {
+    fn turn(&mut self, link: &mut dyn ControlLink) -> io::Result<Option<LinkEnd>> {
         self.control.channels.progress.beat();
         let now = self.clock.now();
         self.control.take_requests(now, Some(self.session));
@@ -98,8 +99,8 @@ impl Cycle<'_> {
     }
 
     /// What is due because time has passed: the engine's deadline, the life sign, the end of patience.
-    fn timers(&mut self, now: MonoTime, link: &mut Link) -> io::Result<Option<LinkEnd>> {
-        if now.seconds_since(link.received) >= self.limits.silence_s {
+    fn timers(&mut self, now: MonoTime, link: &mut dyn ControlLink) -> io::Result<Option<LinkEnd>> {
+        if now.seconds_since(link.received()) >= self.limits.silence_s {
             return Ok(Some(LinkEnd::Silent { limit_s: self.limits.silence_s }));
         }
         if self.session.next_deadline().is_some_and(|due| now >= due)
@@ -110,15 +111,15 @@ impl Cycle<'_> {
             self.session.record();
         }
         self.session.run_shadow_on_deadline(now);
-        if now.seconds_since(link.sent) >= self.limits.heartbeat_s {
+        if now.seconds_since(link.sent()) >= self.limits.heartbeat_s {
             link.send_heartbeat()?;
         }
         Ok(None)
     }
 
-    fn wait(&self, now: MonoTime, link: &Link) -> Duration {
-        let heartbeat = link.sent.plus_seconds(self.limits.heartbeat_s);
-        let silence = link.received.plus_seconds(self.limits.silence_s);
+    fn wait(&self, now: MonoTime, link: &dyn ControlLink) -> Duration {
+        let heartbeat = link.sent().plus_seconds(self.limits.heartbeat_s);
+        let silence = link.received().plus_seconds(self.limits.silence_s);
         let due = heartbeat.min(silence);
         let due = self.session.next_deadline().map_or(due, |deadline| due.min(deadline));
         let wait = u64::try_from(due.ns.saturating_sub(now.ns)).unwrap_or(0);
@@ -126,23 +127,28 @@ impl Cycle<'_> {
     }
 
     /// Takes in every frame that has arrived, then answers the newest position.
-    fn frames(&mut self, link: &mut Link, mut at: MonoTime, mut more: bool) -> io::Result<Option<LinkEnd>> {
+    fn frames(
+        &mut self,
+        link: &mut dyn ControlLink,
+        mut at: MonoTime,
+        mut more: bool,
+    ) -> io::Result<Option<LinkEnd>> {
         let mut batch = Batch::default();
         // a peer that never stops sending must not keep timers and requests from their turn
         for reads in 0.. {
             loop {
-                let skipped = link.reader.skipped();
-                let next = link.reader.next();
-                if link.reader.skipped() != skipped {
+                let skipped = link.skipped();
+                let next = link.next_message();
+                if link.skipped() != skipped {
                     // an optional frame that is not known is a life sign all the same
-                    link.received = at;
+                    link.set_received(at);
                 }
                 let message = match next {
                     Ok(Some(message)) => message,
                     Ok(None) => break,
                     Err(e) => return Ok(Some(LinkEnd::BadFrame(e))),
                 };
-                link.received = at;
+                link.set_received(at);
                 if let Some(end) = self.message(link, at, &message, &mut batch)? {
                     return Ok(Some(end));
                 }
@@ -176,7 +182,7 @@ impl Cycle<'_> {
 
     fn message(
         &mut self,
-        link: &mut Link,
+        link: &mut dyn ControlLink,
         at: MonoTime,
         message: &Message,
         batch: &mut Batch,
@@ -207,7 +213,7 @@ impl Cycle<'_> {
 
     fn answer(
         &mut self,
-        link: &mut Link,
+        link: &mut dyn ControlLink,
         frame: Position,
         received: MonoTime,
         skipped: u64,
@@ -228,13 +234,17 @@ impl Cycle<'_> {
         self.session.record();
         self.live(received, &frame);
         self.control.report(self.session, true);
-        let turnaround_ns = link.sent.ns - received.ns;
+        let turnaround_ns = link.sent().ns - received.ns;
         let age_ns = self.ages.age_ns(received, frame.control_ns).saturating_add(turnaround_ns);
         let late = u64::from(age_ns as f64 > self.limits.cycle_s * NS_PER_S);
         let progress = &self.control.channels.progress;
         Progress::add(&progress.cycles, 1 + skipped);
         Progress::add(&progress.late, late + skipped);
         Progress::add(&progress.skipped, skipped);
+        if let Some(times) = link.call_times() {
+            progress.read_ns.store(times.read_ns, Relaxed);
+            progress.write_ns.store(times.write_ns, Relaxed);
+        }
         let Some(output) = self.session.output() else { return Ok(()) };
         Progress::add(&progress.limited, u64::from(output.limited & !output.at_soft_limit != 0));
         Progress::add(&progress.at_soft_limit, u64::from(output.at_soft_limit != 0));

@@ -2,7 +2,7 @@
 //!
 //! Two threads, and nothing shared between them that could make the cycle wait:
 //!
-//! - the **cycle thread** ([`worker`]) connects ([`link`]), shakes hands ([`handshake`]) and cycles ([`cycle`])
+//! - the **cycle thread** ([`worker`]) connects ([`connection`], [`link`] and its two drivers), shakes hands ([`handshake`]) and cycles ([`cycle`])
 //!   on a blocking socket. Between link-up and link-down it allocates nothing, takes no lock, writes no log and
 //!   touches no disk; what it has to say goes by `try_send` into bounded channels, or is dropped and counted.
 //! - the **service thread** ([`daemon`], tokio) drains these channels ([`service`]), logs ([`logging`]), keeps the
@@ -34,10 +34,12 @@ mod channels;
 pub mod client;
 mod clock;
 mod command_handler;
+mod connection;
 mod control;
 mod counters;
 mod cycle;
 mod daemon;
+mod frame_link;
 mod handshake;
 mod latency;
 mod link;
@@ -49,6 +51,7 @@ pub mod models;
 mod notify;
 mod poll_schedule;
 mod rate_limited_warnings;
+mod read_write_link;
 mod realtime;
 mod recorder;
 pub mod replay;

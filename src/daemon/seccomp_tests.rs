@@ -6,8 +6,8 @@
 //! on a futex. Deliberate offences show that the filter bites.
 
 use std::collections::BTreeMap;
-use std::io::{ErrorKind, Write};
-use std::net::{SocketAddr, TcpListener};
+use std::io::{ErrorKind, Read, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
 use std::os::fd::AsRawFd;
 use std::os::unix::process::ExitStatusExt;
 use std::path::Path;
@@ -25,19 +25,22 @@ use seccompiler::{
 use super::age::AgeEstimator;
 use super::channels::{CycleChannels, ServiceChannels, channels};
 use super::clock::Clock;
+use super::connection::{Connecting, Connection};
 use super::control::Control;
 use super::cycle::Cycle;
-use super::link::{Connecting, Link};
+use super::link::{ControlLink, driver};
 use super::link_end::LinkEnd;
 use super::link_session::LinkSession;
 use super::load::{Loaded, load};
 use super::recorder::{Tap, tap};
 use super::tls::test_identity::{Server, TestIdentity, Wire};
+use volcomp_config::Interface;
 use volcomp_engine::Command as EngineCommand;
+use volcomp_protocol::read_write::{LINE_MAX, LineReader, Machine, Reply, Request};
 use volcomp_protocol::record::Entry;
 use volcomp_protocol::{
-    Axis, AxisUnit, Close, CloseReason, ControlHello, Correction, CorrectionState, FrameReader, MAX_FRAME,
-    MachineState, Message, Name, PROTOCOL_VERSION, Position, Tool, encode,
+    Axis, AxisUnit, Close, CloseReason, ControlHello, Correction, CorrectionState, DaemonHello, FrameReader,
+    MAX_FRAME, MachineState, Message, Name, PROTOCOL_VERSION, Position, Tool, encode,
 };
 use volcomp_units::axes::{AxisName, MAX_AXES};
 
@@ -62,6 +65,8 @@ enum Case {
     /// The same with busy polling.
     #[cfg(feature = "tls")]
     TlsBusyPolling,
+    /// The cycle with a control that is read and written by calls.
+    ReadWrite,
     /// Writes a file.
     WriteFile,
     /// Sleeps.
@@ -95,6 +100,7 @@ const CASES: &[(&str, Case)] = &[
     ("tls", Case::Tls),
     #[cfg(feature = "tls")]
     ("tls-busy-polling", Case::TlsBusyPolling),
+    ("read-write", Case::ReadWrite),
     ("write-file", Case::WriteFile),
     ("sleep", Case::Sleep),
     ("lock", Case::Lock),
@@ -103,7 +109,7 @@ const CASES: &[(&str, Case)] = &[
 
 #[test]
 fn a_cycle_makes_no_system_call_but_its_sockets() {
-    for case in ["cycle", "busy-polling"] {
+    for case in ["cycle", "busy-polling", "read-write"] {
         let status = run(case);
         assert!(status.success(), "{case}: {status}; 31 is SIGSYS: a forbidden system call");
     }
@@ -149,7 +155,10 @@ fn under_the_filter() {
     let address = listener.local_addr().expect("address");
     let identity = case.is_tls().then(TestIdentity::new);
     let server = identity.as_ref().map(TestIdentity::server);
-    let control = std::thread::spawn(move || control(&listener, server));
+    let control = std::thread::spawn(move || match case {
+        Case::ReadWrite => called_control(&listener),
+        _ => control(&listener, server),
+    });
     let (cycle_channels, service) = channels();
     let (tap, entries) = tap(ENTRIES);
     let done = Arc::new(AtomicBool::new(false));
@@ -159,15 +168,23 @@ fn under_the_filter() {
     let contended = Arc::clone(&held);
     let _guard = held.lock().expect("lock");
     std::thread::spawn(move || {
-        let (mut stage, mut link) = Stage::open(address, cycle_channels, tap, case);
+        let (mut stage, mut connection) = Stage::open(address, cycle_channels, tap, case);
         if let Some(identity) = identity {
-            link.secure(&identity.identity()).expect("TLS starts");
-            while !link.shake(Duration::from_millis(20)).expect("the handshake succeeds") {}
+            connection.secure(&identity.identity()).expect("TLS starts");
+            while !connection.shake(Duration::from_millis(20)).expect("the handshake succeeds") {}
         }
-        apply_filter(&filter(link.raw_fd())).expect("the filter is taken");
-        let end = stage.cycle(&mut link);
+        let socket = connection.socket().as_raw_fd();
+        let mut link = driver(connection, &stage.loaded.config.link);
+        if case == Case::ReadWrite {
+            link.send(&Message::DaemonHello(DaemonHello::default())).expect("asked");
+            while link.next_message().expect("lines").is_none() {
+                link.receive(Duration::from_millis(20)).expect("a reply");
+            }
+        }
+        apply_filter(&filter(socket)).expect("the filter is taken");
+        let end = stage.cycle(&mut *link);
         match case {
-            Case::Cycle | Case::BusyPolling => {}
+            Case::Cycle | Case::BusyPolling | Case::ReadWrite => {}
             #[cfg(feature = "tls")]
             Case::Tls | Case::TlsBusyPolling => {}
             Case::WriteFile => drop((&scratch).write(b"record")),
@@ -175,7 +192,10 @@ fn under_the_filter() {
             Case::Lock => drop(contended.lock()),
             Case::OtherSocket => drop(rustix::net::send(&scratch, b"x", rustix::net::SendFlags::empty())),
         }
-        let orderly = end == LinkEnd::ClosedByControl(CloseReason::Shutdown);
+        let orderly = match case {
+            Case::ReadWrite => LinkEnd::Closed,
+            _ => LinkEnd::ClosedByControl(CloseReason::Shutdown),
+        } == end;
         sign.store(orderly, Ordering::Release);
         // ending a thread takes system calls; the process ends it
         loop {
@@ -184,10 +204,13 @@ fn under_the_filter() {
     });
     let (records, recorded) = drain_until(&service, &entries, &done);
     let seen = control.join().expect("the control ends");
-    assert!(records > u64::from(CYCLES) - 100, "{records} records");
+    // offsets of the silences are no answers, but a control of calls counts them as cycles
+    let unanswered = if case == Case::ReadWrite { 400 } else { 100 };
+    assert!(records > u64::from(CYCLES) - unanswered, "{records} records");
     assert!(recorded > u64::from(CYCLES) / 2, "{recorded} entries of the recording");
     assert!(seen.active > CYCLES / 2, "{} active answers: the model must have been at work", seen.active);
-    assert!(seen.heartbeats > 0 && seen.held > 0, "{seen:?}: silence must have been answered");
+    let beats = seen.heartbeats > 0 || case == Case::ReadWrite;
+    assert!(beats && seen.held > 0, "{seen:?}: silence must have been answered");
 }
 
 /// What the service and the recorder do, until the cycle has ended; counts the records and the entries.
@@ -251,7 +274,7 @@ struct Stage {
 }
 
 impl Stage {
-    fn open(address: SocketAddr, channels: CycleChannels, tap: Tap, case: Case) -> (Self, Link) {
+    fn open(address: SocketAddr, channels: CycleChannels, tap: Tap, case: Case) -> (Self, Connection) {
         let file = Path::new(env!("CARGO_MANIFEST_DIR")).join("../../config/examples/vmc-850/machine.toml");
         let mut loaded = load(&file).expect("the example loads");
         loaded.config.link.address = address;
@@ -259,6 +282,9 @@ impl Stage {
         loaded.config.engine.ramp_s = 0.05;
         if case.polls_busily() {
             loaded.config.realtime.busy_poll_s = 200e-6;
+        }
+        if case == Case::ReadWrite {
+            loaded.config.link.interface = Interface::ReadWrite { poll_s: 0.0 };
         }
         let hello = hello(&loaded.config.machine);
         let config = loaded.config.engine_config(&hello).expect("the hello fits");
@@ -287,7 +313,7 @@ impl Stage {
         (Self { loaded, control, session, clock }, link)
     }
 
-    fn cycle(&mut self, link: &mut Link) -> LinkEnd {
+    fn cycle(&mut self, link: &mut dyn ControlLink) -> LinkEnd {
         Cycle {
             control: &mut self.control,
             session: &mut self.session,
@@ -340,7 +366,9 @@ fn control(listener: &TcpListener, server: Option<Server>) -> Seen {
             peer.send(&[Message::Tool(Tool { number: cycle, tip: [0.0, 0.0, f64::from(cycle % 7)] })]);
         }
         let frames = if cycle % 100 == 0 { 3 } else { 1 };
-        let burst: Vec<Message> = (0..frames).map(|k| peer.position(sequence + k + 1, cycle)).collect();
+        let burst: Vec<Message> = (0..frames)
+            .map(|k| Message::Position(position(sequence + k + 1, cycle, &peer.applied)))
+            .collect();
         sequence += frames;
         peer.send(&burst);
         peer.answer(sequence);
@@ -356,28 +384,28 @@ struct Peer {
     seen: Seen,
 }
 
-impl Peer {
-    fn position(&self, sequence: u32, cycle: u32) -> Message {
-        let phase = f64::from(sequence) * 1e-3;
-        let mut commanded = [0.0; MAX_AXES];
-        commanded[0] = 200.0 + 150.0 * phase.sin();
-        commanded[1] = 200.0 + 150.0 * (0.7 * phase).sin();
-        commanded[2] = -250.0 + 150.0 * (0.3 * phase).sin();
-        let mut bits = MachineState::HOMED | MachineState::ENABLED;
-        if cycle % 1_000 < 20 {
-            bits |= MachineState::ESTOP;
-        }
-        Message::Position(Position {
-            sequence,
-            control_ns: i64::from(sequence) * CYCLE_NS.cast_signed(),
-            state: MachineState::from_bits(bits),
-            feed_mm_per_min: 1000.0,
-            commanded,
-            actual: commanded,
-            applied: self.applied,
-        })
+fn position(sequence: u32, cycle: u32, applied: &[f64; MAX_AXES]) -> Position {
+    let phase = f64::from(sequence) * 1e-3;
+    let mut commanded = [0.0; MAX_AXES];
+    commanded[0] = 200.0 + 150.0 * phase.sin();
+    commanded[1] = 200.0 + 150.0 * (0.7 * phase).sin();
+    commanded[2] = -250.0 + 150.0 * (0.3 * phase).sin();
+    let mut bits = MachineState::HOMED | MachineState::ENABLED;
+    if cycle % 1_000 < 20 {
+        bits |= MachineState::ESTOP;
     }
+    Position {
+        sequence,
+        control_ns: i64::from(sequence) * CYCLE_NS.cast_signed(),
+        state: MachineState::from_bits(bits),
+        feed_mm_per_min: 1000.0,
+        commanded,
+        actual: commanded,
+        applied: *applied,
+    }
+}
 
+impl Peer {
     fn send(&mut self, messages: &[Message]) {
         let mut bytes = Vec::new();
         for message in messages {
@@ -429,8 +457,80 @@ impl Peer {
     }
 }
 
-impl Link {
-    fn raw_fd(&self) -> i32 {
-        self.socket().as_raw_fd()
+/// A control that is read and written by calls, with an emergency stop, tool changes and silences now and then.
+fn called_control(listener: &TcpListener) -> Seen {
+    let (stream, _) = listener.accept().expect("the daemon connects");
+    stream.set_nodelay(true).expect("option");
+    let mut caller = Caller { stream, lines: LineReader::default(), held: false };
+    let mut peer = Applied::default();
+    for cycle in 1..=CYCLES {
+        let tool = Tool { number: cycle / 300, tip: [0.0, 0.0, f64::from(cycle / 300 % 7)] };
+        if cycle % 700 == 0 {
+            std::thread::sleep(Duration::from_millis(60));
+            caller.held = true;
+        }
+        loop {
+            let reply = match caller.request() {
+                Request::Machine => {
+                    let hello = hello("vmc-850");
+                    Reply::Machine(Machine {
+                        cycle_ns: CYCLE_NS,
+                        hold_ms: 100,
+                        axes: hello.axes.map(|a| a.name),
+                        axis_count: 3,
+                        machine: hello.machine,
+                    })
+                }
+                Request::Tool => Reply::Tool(Some(tool)),
+                Request::Position => Reply::Position(position(cycle, cycle, &peer.offset), Some(tool.number)),
+                Request::Offset(offset) => {
+                    peer.seen.active += u32::from(offset != peer.offset);
+                    peer.seen.held += u32::from(core::mem::take(&mut caller.held));
+                    peer.offset = offset;
+                    Reply::Done
+                }
+                Request::State(_) => {
+                    caller.reply(&Reply::Done);
+                    continue;
+                }
+                Request::Release { .. } => panic!("the daemon does not end"),
+            };
+            caller.reply(&reply);
+            if reply == Reply::Done {
+                break;
+            }
+        }
+    }
+    peer.seen
+}
+
+#[derive(Default)]
+struct Applied {
+    offset: [f64; MAX_AXES],
+    seen: Seen,
+}
+
+struct Caller {
+    stream: TcpStream,
+    lines: LineReader,
+    held: bool,
+}
+
+impl Caller {
+    fn request(&mut self) -> Request {
+        loop {
+            if let Some(line) = self.lines.next_line().expect("lines") {
+                return Request::parse(line, 3).expect("a request");
+            }
+            let count = self.stream.read(self.lines.space()).expect("a request");
+            assert!(count > 0, "the daemon has closed the link");
+            self.lines.advance(count);
+        }
+    }
+
+    fn reply(&mut self, reply: &Reply) {
+        let mut out = [0; LINE_MAX];
+        let length = reply.write(3, &mut out);
+        self.stream.write_all(&out[..length]).expect("sent");
     }
 }

@@ -258,6 +258,12 @@ pub struct LinkStatus {
     pub links: u64,
     /// Why there is no link, while there is none.
     pub error: Option<String>,
+    /// Mean time from reading positions to their arrival, us; only with `interface = "read-write"`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub read_us: Option<f64>,
+    /// Mean time from writing an offset to its confirmation, us; only with `interface = "read-write"`.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub write_us: Option<f64>,
 }
 
 /// What the system granted; `not asked for`, `yes`, or `refused: ...`.

@@ -1,6 +1,7 @@
 //! Collects the reports of the cycle thread into the status. Belongs to the service thread.
 
 use std::sync::Arc;
+use std::sync::atomic::AtomicI64;
 use std::sync::atomic::Ordering::Relaxed;
 
 use hdrhistogram::CreationError;
@@ -239,6 +240,7 @@ impl StatusCollector {
     }
 
     fn link_status(&self, now: MonoTime) -> LinkStatus {
+        let call = |ns: &AtomicI64| Some(ns.load(Relaxed)).filter(|ns| *ns > 0).map(|ns| ns as f64 / 1e3);
         LinkStatus {
             tls: self.loaded.identity.is_some(),
             address: self.loaded.config.link.address.to_string(),
@@ -249,6 +251,8 @@ impl StatusCollector {
             since_s: now.seconds_since(self.changed),
             links: self.links,
             error: self.error.clone(),
+            read_us: call(&self.progress.read_ns),
+            write_us: call(&self.progress.write_ns),
         }
     }
 

@@ -8,10 +8,11 @@ use super::age::AgeEstimator;
 use super::backoff::Backoff;
 use super::channels::{CycleChannels, LastOffset, Report};
 use super::clock::Clock;
+use super::connection::{Connecting, Connection, seconds};
 use super::control::{Control, Start};
 use super::cycle::{Cycle, SLICE};
 use super::handshake::{self, LinkError};
-use super::link::{Connecting, Link, Received, seconds};
+use super::link::{self, ControlLink, Received};
 use super::link_end::LinkEnd;
 use super::link_session::LinkSession;
 use super::load::Loaded;
@@ -23,6 +24,9 @@ use volcomp_units::MonoTime;
 const CONNECT_POLL: Duration = Duration::from_millis(2);
 /// A link that lasted this long, s, makes the pauses start over (`docs/protocol.md`, section 6.2).
 const PROVEN_S: f64 = 10.0;
+/// A link that is up, and what the control said of itself.
+type Opened = (Box<dyn ControlLink>, ControlHello);
+
 /// The cycle thread's own state.
 #[derive(Debug)]
 pub(super) struct Worker {
@@ -63,7 +67,7 @@ impl Worker {
     }
 
     /// Connects and shakes hands; `None` where a stop came in between.
-    fn open(&mut self) -> Result<Option<(Link, ControlHello)>, LinkError> {
+    fn open(&mut self) -> Result<Option<Opened>, LinkError> {
         let loaded = Arc::clone(&self.loaded);
         let config = &loaded.config;
         let address = config.link.address;
@@ -79,11 +83,13 @@ impl Worker {
                 return Err(LinkError::Timeout { address, waiting_for: "connection", limit_s });
             }
         }
-        let mut link = connecting.finish(&config.link, &config.realtime, self.clock).map_err(connect)?;
-        if !self.secure(&mut link, deadline)? {
+        let mut connection =
+            connecting.finish(&config.link, &config.realtime, self.clock).map_err(connect)?;
+        if !self.secure(&mut connection, deadline)? {
             return Ok(None);
         }
-        match self.handshake(&mut link, deadline) {
+        let mut link = link::driver(connection, &config.link);
+        match self.handshake(&mut *link, deadline) {
             Ok(Some(hello)) => Ok(Some((link, hello))),
             // no close frame: the control may hold an offset that it has to take out by itself
             Ok(None) => Ok(None),
@@ -97,7 +103,7 @@ impl Worker {
     }
 
     /// The TLS handshake, where there is to be one; false where a stop came in between.
-    fn secure(&mut self, link: &mut Link, deadline: MonoTime) -> Result<bool, LinkError> {
+    fn secure(&mut self, link: &mut Connection, deadline: MonoTime) -> Result<bool, LinkError> {
         let loaded = Arc::clone(&self.loaded);
         let Some(identity) = &loaded.identity else { return Ok(true) };
         let address = loaded.config.link.address;
@@ -119,7 +125,11 @@ impl Worker {
     }
 
     /// Exchanges hellos, checks them, and has an engine ready.
-    fn handshake(&mut self, link: &mut Link, deadline: MonoTime) -> Result<Option<ControlHello>, LinkError> {
+    fn handshake(
+        &mut self,
+        link: &mut dyn ControlLink,
+        deadline: MonoTime,
+    ) -> Result<Option<ControlHello>, LinkError> {
         let loaded = Arc::clone(&self.loaded);
         let config = &loaded.config;
         let address = config.link.address;
@@ -127,7 +137,7 @@ impl Worker {
         link.send(&Message::DaemonHello(handshake::daemon_hello(config))).map_err(connect)?;
         let message = loop {
             if let Some(message) =
-                link.reader.next().map_err(|source| LinkError::of_frame(address, source))?
+                link.next_message().map_err(|source| LinkError::of_frame(address, source))?
             {
                 break message;
             }
@@ -168,7 +178,7 @@ impl Worker {
             return Err(LinkError::Version { address, found: hello.version });
         }
         self.prepare(&hello)?;
-        link.received = self.clock.now();
+        link.set_received(self.clock.now());
         Ok(Some(hello))
     }
 
@@ -186,7 +196,7 @@ impl Worker {
     }
 
     /// One link from up to down; says whether the offset was at rest where the link ended by a stop.
-    fn serve(&mut self, mut link: Link, hello: &ControlHello) -> Option<bool> {
+    fn serve(&mut self, mut link: Box<dyn ControlLink>, hello: &ControlHello) -> Option<bool> {
         let (_, session) = self.session.as_mut()?;
         let config = &self.loaded.config;
         self.control.channels.report(Report::LinkUp { address: config.link.address, hello: *hello });
@@ -200,7 +210,7 @@ impl Worker {
             ages: AgeEstimator::new(),
             cycles: 0,
         };
-        let end = cycle.run(&mut link);
+        let end = cycle.run(&mut *link);
         let cycles = cycle.cycles;
         if let Some((error, reason)) = end.close_frame() {
             link.close(error, reason);

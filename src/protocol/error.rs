@@ -1,6 +1,7 @@
 //! Why bytes are no frame: the reason is kept, typed, and small enough to travel through the cycle.
 
 use super::message::{ErrorCode, ErrorReport, Name};
+use super::read_write::LineError;
 use volcomp_units::axes::{AxisName, MAX_AXES};
 
 /// Why bytes are no frame. After any of these the byte stream has lost its meaning: close the link.
@@ -114,6 +115,9 @@ pub enum FrameError {
         /// Highest version.
         max: u8,
     },
+    /// A line of a control that is read and written by calls.
+    #[error(transparent)]
+    Line(#[from] LineError),
     /// No axis, or more than the link carries.
     #[error("hello: {found} axes, must be 1 to {limit}", limit = MAX_AXES)]
     AxisCount {
@@ -159,6 +163,8 @@ impl FrameError {
             Self::VersionRange { .. } => "version range",
             Self::AxisCount { .. } => "axis count",
             Self::AxisTwice { .. } => "axis twice",
+            Self::Line(LineError::Watchdog { .. }) => "no watchdog on the offset",
+            Self::Line(_) => "line",
         }
     }
 }
@@ -169,6 +175,7 @@ impl From<FrameError> for ErrorReport {
         let code = match error {
             FrameError::Version { .. } | FrameError::VersionRange { .. } => ErrorCode::Version,
             FrameError::AxisCount { .. } | FrameError::AxisTwice { .. } => ErrorCode::WrongAxes,
+            FrameError::Line(LineError::Watchdog { .. }) => ErrorCode::Unexpected,
             _ => ErrorCode::BadFrame,
         };
         Self { code, detail: Name::new(error.word()) }

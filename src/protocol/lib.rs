@@ -3,7 +3,8 @@
 //! Byte by byte in `docs/protocol.md`. The control listens, the daemon connects. Little-endian, fixed layouts,
 //! at most [`MAX_FRAME`] bytes a frame. Reading order: [`message`] (what is said), [`field`] (where it
 //! stands), [`layout`] (struct to bytes and back), [`frame`] (header and check sum around it), [`stream`]
-//! (frames out of a byte stream), [`error`] (why bytes are no frame).
+//! (frames out of a byte stream), [`error`] (why bytes are no frame); [`read_write`] (the same messages as calls in lines
+//! of text, for controls that know no frames).
 
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
@@ -13,6 +14,7 @@ pub mod field;
 pub mod frame;
 pub mod layout;
 pub mod message;
+pub mod read_write;
 pub mod record;
 pub mod stream;
 

@@ -2,7 +2,7 @@
 
 #![expect(clippy::expect_used, reason = "a test may stop at what it does not expect")]
 
-use volcomp::config::{self, MachineConfig, model};
+use volcomp::config::{self, Interface, MachineConfig, model};
 
 const MODEL: &str = "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w X' b Y Z t]\"\n";
 const ROTARY: &str = "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w b X Y Z C (S) t]\"\n\
@@ -544,6 +544,21 @@ fn limits_of_axes() {
     machine_shows(&with("[axes.Y]"), &["axes.Y is no axis", "write [axes.y]"]);
     let nine: String = "yzuvwabc".chars().map(|c| format!("[axes.{c}]\n")).collect();
     machine_shows(&with(&nine), &["9 axes, but the link carries 8"]);
+}
+
+#[test]
+fn controls_that_are_read_and_written_by_calls() {
+    let link = |more: &str| machine(&format!("[link]\naddress = \"127.0.0.1:7878\"\ncycle-ms = 4\n{more}\n"));
+    let interface = |more: &str| MachineConfig::parse("m", &link(more)).expect("right").link.interface;
+    assert_eq!(interface(""), Interface::Frames);
+    assert_eq!(interface("interface = \"read-write\""), Interface::ReadWrite { poll_s: 0.004 });
+    assert_eq!(interface("interface = \"read-write\"\npoll-ms = 0"), Interface::ReadWrite { poll_s: 0.0 });
+    machine_shows(
+        &link("interface = \"i5os\""),
+        &["link.interface does not know \"i5os\"", "write one of: frames, read-write"],
+    );
+    machine_shows(&link("interface = \"read-write\"\npoll-ms = 101"), &["link.poll-ms", "0 to 100"]);
+    machine_shows(&link("poll-ms = 4"), &["read and written by calls", "add interface = \"read-write\""]);
 }
 
 #[test]

@@ -292,3 +292,36 @@ fn other_failures_have_their_exit_codes() {
     assert_eq!(missing.status.code(), Some(74));
     assert!(String::from_utf8_lossy(&missing.stderr).contains("missing.toml"));
 }
+
+#[test]
+fn readings_of_temperatures_enter_as_the_daemon_takes_them() {
+    let model = format!(
+        "{MODEL}[errors.exx.live]\nsensor = \"scale-x\"\nlimit-um = 300\nreference-mm = 100\n\
+         [thermal.scale-x]\nkind = \"expansion\"\n[[thermal.scale-x.input]]\nsensor = \"scales.1\"\n\
+         range-degc = [10, 30]\nreference-degc = 20\nstrain-um-per-m-k = [11.5]\n"
+    );
+    let points = "x_mm,y_mm,z_mm,dir_x\n100,0,0,1\n400,0,0,1\n";
+    let directory = tempfile::tempdir().unwrap();
+    let mut of = |extra: &[&str]| {
+        let out = predict(directory.path(), &model, points, extra);
+        assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
+        let rows = result(directory.path());
+        rows.iter().map(|r| number(r, "dx_um")).collect::<Vec<f64>>()
+    };
+    let (cold, warm) = (of(&[]), of(&["--reading", "scales.1=22"]));
+    // X carries the workpiece, and so does its error: the strain of 2 K over 300 mm
+    assert!((warm[0] - cold[0]).abs() < 1e-6, "{warm:?} {cold:?}");
+    let grown = warm[1] - cold[1];
+    assert!((grown.abs() - 11.5 * 2.0 * 0.3).abs() < 1e-3, "{grown}");
+    for (reading, words) in [
+        ("scales.2=22", "nothing in m.toml depends on this sensor; its [thermal.NAME] depend on scales.1"),
+        ("scales.1", "give SENSOR=VALUE"),
+        ("scales.1=nan", "give SENSOR=VALUE"),
+    ] {
+        let out = predict(directory.path(), &model, points, &["--reading", reading]);
+        let said = String::from_utf8_lossy(&out.stderr).into_owned();
+        assert!(!out.status.success() && said.contains(words), "{said}");
+    }
+    let out = predict(directory.path(), MODEL, points, &["--reading", "scales.1=22"]);
+    assert!(String::from_utf8_lossy(&out.stderr).contains("it has no [thermal.NAME] that an error names"));
+}

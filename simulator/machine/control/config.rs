@@ -44,6 +44,24 @@ impl Pacing {
     }
 }
 
+/// How a daemon talks to the control.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum Interface {
+    /// Frames, one position a cycle (`docs/protocol.md`).
+    #[default]
+    Frames,
+    /// Calls that read positions and write offsets (`docs/read-write.md`).
+    Calls {
+        /// What the control says of its watchdog: time without a write after which it takes the offset out, ms.
+        hold_ms: u32,
+    },
+}
+
+impl Interface {
+    /// Calls, with the usual watchdog of 100 ms.
+    pub const CALLS: Self = Self::Calls { hold_ms: 100 };
+}
+
 /// Limits of the offset of one axis: mm or deg, per s, per s^2.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OffsetLimits {
@@ -143,6 +161,8 @@ pub struct ControlConfig {
     pub silence: Duration,
     /// How cycles follow each other.
     pub pacing: Pacing,
+    /// How daemons talk to it.
+    pub interface: Interface,
     /// Check and use of offsets.
     pub offset: OffsetConfig,
     /// False: corrections are received and recorded but not applied.
@@ -168,6 +188,7 @@ impl ControlConfig {
             identity: None,
             silence: Duration::from_secs(1),
             pacing: Pacing::RealTime,
+            interface: Interface::Frames,
             offset: OffsetConfig::default(),
             apply: true,
             tool: None,

@@ -1,4 +1,4 @@
-//! One connected daemon: whole frames in and out, never blocking longer than asked.
+//! One connected daemon: whole messages in and out, as frames or as calls, never blocking longer than asked.
 
 use core::sync::atomic::Ordering;
 use core::time::Duration;
@@ -7,10 +7,12 @@ use std::net::{Shutdown, TcpStream};
 use std::sync::Arc;
 use std::time::Instant;
 
+use volcomp_protocol::read_write::LINE_MAX;
 use volcomp_protocol::{
     Close, CloseReason, ErrorCode, ErrorReport, FrameReader, Heartbeat, MAX_FRAME, Message, Name, encode,
 };
 
+use super::calls::{Call, Calls};
 use super::error::LinkEnd;
 use super::server::Shared;
 use super::wire::Wire;
@@ -25,12 +27,40 @@ enum Wait {
     UpTo(Duration),
 }
 
+/// Longest frame or line.
+const OUT_MAX: usize = if LINE_MAX > MAX_FRAME { LINE_MAX } else { MAX_FRAME };
+
+/// How the daemon talks to this control.
+#[derive(Debug)]
+pub(super) enum Codec {
+    /// `docs/protocol.md`.
+    Frames(Box<FrameReader>),
+    /// `docs/read-write.md`.
+    Calls(Box<Calls>),
+}
+
+impl Codec {
+    fn space(&mut self) -> &mut [u8] {
+        match self {
+            Self::Frames(reader) => reader.space(),
+            Self::Calls(calls) => calls.space(),
+        }
+    }
+
+    fn advance(&mut self, count: usize) {
+        match self {
+            Self::Frames(reader) => reader.advance(count),
+            Self::Calls(calls) => calls.advance(count),
+        }
+    }
+}
+
 /// A connected daemon; dropping it frees the place for the next.
 pub(super) struct Link {
     wire: Wire,
-    reader: FrameReader,
-    /// The rest of a frame that the send buffer did not take.
-    rest: [u8; MAX_FRAME],
+    codec: Codec,
+    /// The rest of a frame or line that the send buffer did not take.
+    rest: [u8; OUT_MAX],
     rest_from: usize,
     rest_to: usize,
     wait: Option<Wait>,
@@ -43,12 +73,12 @@ pub(super) struct Link {
 
 impl Link {
     /// A link whose hello is done; takes the place that was reserved in `shared`.
-    pub(super) fn new(wire: Wire, reader: FrameReader, shared: Arc<Shared>) -> Self {
+    pub(super) fn new(wire: Wire, codec: Codec, shared: Arc<Shared>) -> Self {
         let now = Instant::now();
         Self {
             wire,
-            reader,
-            rest: [0; MAX_FRAME],
+            codec,
+            rest: [0; OUT_MAX],
             rest_from: 0,
             rest_to: 0,
             wait: None,
@@ -83,15 +113,18 @@ impl Link {
     pub(super) fn receive(&mut self, limit: Duration) -> Result<Option<Message>, LinkEnd> {
         let wait = if limit.is_zero() { Wait::Never } else { Wait::UpTo(limit) };
         let deadline = (!limit.is_zero()).then(|| Instant::now() + limit);
+        if let (Codec::Calls(calls), Wait::Never) = (&mut self.codec, wait) {
+            calls.age();
+        }
         loop {
-            if let Some(message) = self.reader.next().map_err(LinkEnd::BadFrame)? {
+            if let Some(message) = self.next_message()? {
                 return Ok(Some(message));
             }
             self.set_wait(wait)?;
-            match self.wire.read(self.reader.space()) {
+            match self.wire.read(self.codec.space()) {
                 Ok(0) => return Err(LinkEnd::EndOfStream),
                 Ok(count) => {
-                    self.reader.advance(count);
+                    self.codec.advance(count);
                     self.last_heard = Instant::now();
                 }
                 Err(e) if e.kind() == ErrorKind::Interrupted => {}
@@ -108,14 +141,72 @@ impl Link {
         }
     }
 
+    /// Replies to the first call; false where none comes in time.
+    pub(super) fn first_call(&mut self, deadline: Instant) -> bool {
+        loop {
+            let Codec::Calls(calls) = &mut self.codec else { return false };
+            match calls.next() {
+                Ok(Some(call)) => return call.length > 0 && self.put(call.length).is_ok(),
+                Ok(None) => {}
+                Err(_) => return false,
+            }
+            let left = deadline.saturating_duration_since(Instant::now());
+            if left.is_zero() || self.set_wait(Wait::UpTo(left)).is_err() {
+                return false;
+            }
+            match self.wire.read(self.codec.space()) {
+                Ok(0) | Err(_) => return false,
+                Ok(count) => self.codec.advance(count),
+            }
+        }
+    }
+
+    /// The next message among the bytes received; calls on the way to it are replied to.
+    fn next_message(&mut self) -> Result<Option<Message>, LinkEnd> {
+        loop {
+            let call = match &mut self.codec {
+                Codec::Frames(reader) => return reader.next().map_err(LinkEnd::BadFrame),
+                Codec::Calls(calls) => calls.next().map_err(LinkEnd::BadFrame)?,
+            };
+            let Some(Call { length, message }) = call else { return Ok(None) };
+            if length > 0 {
+                self.put(length)?;
+            }
+            if message.is_some() {
+                return Ok(message);
+            }
+        }
+    }
+
+    /// Sends the line of so many bytes that the calls have ready.
+    fn put(&mut self, length: usize) -> Result<(), LinkEnd> {
+        // a daemon that does not read its replies has no use for more of them
+        if !self.flush()? {
+            return Err(LinkEnd::Io(ErrorKind::WouldBlock));
+        }
+        if let Codec::Calls(calls) = &self.codec {
+            self.rest[..length].copy_from_slice(calls.line(length));
+            (self.rest_from, self.rest_to) = (0, length);
+        }
+        self.flush()?;
+        self.last_sent = Instant::now();
+        Ok(())
+    }
+
     /// Sends a message; leaves it out, and counts it, where the send buffer is full. Waits for room only where the last
     /// [`Link::receive`] was allowed to wait (lock step).
     pub(super) fn send(&mut self, message: &Message) -> Result<(), LinkEnd> {
+        if let Codec::Calls(calls) = &mut self.codec {
+            let length = calls.line_for(message);
+            return length.map_or(Ok(()), |length| self.put(length));
+        }
         if !self.flush()? {
             self.left_out += 1;
             return Ok(());
         }
-        self.rest_to = encode(message, &mut self.rest);
+        let mut frame = [0; MAX_FRAME];
+        self.rest_to = encode(message, &mut frame);
+        self.rest[..MAX_FRAME].copy_from_slice(&frame);
         self.rest_from = 0;
         if !self.flush()? && self.rest_from == 0 {
             // not a byte went out: leave the frame out as a whole

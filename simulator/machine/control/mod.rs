@@ -8,6 +8,7 @@
 
 #![expect(clippy::disallowed_methods, reason = "a simulated control has sockets, threads and a clock")]
 
+mod calls;
 mod config;
 mod error;
 mod link;
@@ -33,7 +34,8 @@ use server::Server;
 use volcomp_monitor::SharedMonitor;
 
 pub use config::{
-    Absent, ConfigError, ControlConfig, Happening, OffsetConfig, OffsetLimits, Pacing, ScriptedEvent,
+    Absent, ConfigError, ControlConfig, Happening, Interface, OffsetConfig, OffsetLimits, Pacing,
+    ScriptedEvent,
 };
 pub use error::{ControlError, LinkEnd, LinkEvent};
 pub use machine::{IdealMachine, Machine};
@@ -80,8 +82,7 @@ impl Control {
         config.script.sort_by_key(|e| e.cycle);
         let cycle_ns = (config.cycle_s * 1e9).round() as i64;
         let hello = config.hello(cycle_ns.unsigned_abs());
-        let (identity, silence) = (config.identity.clone(), config.silence);
-        let server = Server::bind(config.listen, hello, config.peer, identity, config.tool, silence)?;
+        let server = Server::bind(config.listen, hello, config.tool, &config)?;
         let ready = if config.ready { MachineState::HOMED | MachineState::ENABLED } else { 0 };
         Ok(Self {
             server,

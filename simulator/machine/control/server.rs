@@ -14,13 +14,16 @@ use std::thread::JoinHandle;
 use std::time::Instant;
 
 use socket2::{Domain, Protocol, SockRef, Socket, TcpKeepalive, Type};
+use volcomp_protocol::read_write::{LINE_MAX, Reply};
 use volcomp_protocol::{
     ControlHello, DaemonHello, ErrorCode, ErrorReport, FrameReader, MAX_FRAME, Message, Name,
     PROTOCOL_VERSION, Tool, encode,
 };
 
+use super::calls::Calls;
+use super::config::{ControlConfig, Interface};
 use super::error::{ControlError, LinkEvent};
-use super::link::{Link, drain};
+use super::link::{Codec, Link, drain};
 use super::wire::{ControlIdentity, Wire};
 
 /// Time for the hello of a daemon.
@@ -33,6 +36,7 @@ const EVENTS: usize = 256;
 /// What greeting threads and the cycle share.
 pub(super) struct Shared {
     hello: ControlHello,
+    interface: Interface,
     peer: Option<IpAddr>,
     identity: Option<ControlIdentity>,
     /// Silence of the daemon after which the link is dead.
@@ -57,11 +61,10 @@ impl Server {
     pub(super) fn bind(
         address: SocketAddr,
         hello: ControlHello,
-        peer: Option<IpAddr>,
-        identity: Option<ControlIdentity>,
         tool: Option<Tool>,
-        silence: Duration,
+        config: &ControlConfig,
     ) -> Result<Self, ControlError> {
+        let ControlConfig { peer, identity, silence, interface, .. } = config.clone();
         let listener = listen(address).map_err(|source| match source.kind() {
             ErrorKind::AddrInUse => ControlError::InUse { address },
             _ => ControlError::Listen { address, source },
@@ -70,6 +73,7 @@ impl Server {
         let bound = listener.local_addr().map_err(failed)?;
         let shared = Arc::new(Shared {
             hello,
+            interface,
             peer,
             identity,
             silence,
@@ -188,11 +192,15 @@ fn handshake(
         return;
     }
     let Some(mut wire) = wire(stream, peer, shared, events) else { return };
+    if let Interface::Calls { hold_ms } = shared.interface {
+        call(wire, peer, hold_ms, shared, links, events);
+        return;
+    }
     let mut reader = FrameReader::default();
     match hello(&mut wire, &mut reader, shared) {
         Ok(daemon) => {
             // from here on the place is this link's, and its end frees it
-            let mut link = Link::new(wire, reader, Arc::clone(shared));
+            let mut link = Link::new(wire, Codec::Frames(Box::new(reader)), Arc::clone(shared));
             if welcome(link.wire(), shared).is_ok() {
                 let _ = events.try_send(LinkEvent::Connected { peer, software: daemon.software });
                 let _ = links.send(link);
@@ -209,6 +217,40 @@ fn handshake(
             drain(wire.stream());
         }
     }
+}
+
+/// Hands a connection that calls to the cycle, which replies from the first call on; a second daemon is refused.
+fn call(
+    mut wire: Wire,
+    peer: SocketAddr,
+    hold_ms: u32,
+    shared: &Arc<Shared>,
+    links: &SyncSender<Link>,
+    events: &SyncSender<LinkEvent>,
+) {
+    if take_place(shared) {
+        let tool = *shared.tool.lock().unwrap_or_else(PoisonError::into_inner);
+        let calls = Calls::new(&shared.hello, hold_ms, tool);
+        let mut link = Link::new(wire, Codec::Calls(Box::new(calls)), Arc::clone(shared));
+        // who connects and asks nothing does not keep the place
+        if link.first_call(Instant::now() + HELLO) {
+            let _ = events.try_send(LinkEvent::Connected { peer, software: Name::new("read and write") });
+            let _ = links.send(link);
+        }
+        return;
+    }
+    let (code, detail) = (ErrorCode::Busy, Name::new("another daemon is connected"));
+    let _ = events.try_send(LinkEvent::Refused { peer, code, detail });
+    let mut line = [0; LINE_MAX];
+    let length = Reply::Error { is_busy: true, detail }.write(0, &mut line);
+    let _ = wire.write_all(&line[..length]);
+    wire.finish();
+    drain(wire.stream());
+}
+
+/// True where the place was free; it is taken now.
+fn take_place(shared: &Shared) -> bool {
+    shared.occupied.compare_exchange(false, true, Ordering::AcqRel, Ordering::Acquire).is_ok()
 }
 
 /// The connection as it is to be used; `None` where it may not be used at all.
@@ -287,8 +329,7 @@ fn hello(wire: &mut Wire, reader: &mut FrameReader, shared: &Shared) -> Result<D
     if daemon.machine != shared.hello.machine {
         return Err(Some((ErrorCode::WrongMachine, format!("this is {}", shared.hello.machine))));
     }
-    shared.occupied.compare_exchange(false, true, Ordering::AcqRel, Ordering::Acquire).map_err(|_| busy())?;
-    Ok(daemon)
+    if take_place(shared) { Ok(daemon) } else { Err(busy()) }
 }
 
 fn first_message(wire: &mut Wire, reader: &mut FrameReader) -> Result<Message, Refusal> {

@@ -92,6 +92,28 @@ pub enum InstrumentError {
     },
 }
 
+/// One stop of one run along an axis.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Stop {
+    /// Position of the axis, mm or deg.
+    pub position: f64,
+    /// Run, from 1.
+    pub cycle: u32,
+    /// Direction of approach, 1 or -1.
+    pub direction: i8,
+}
+
+/// Runs over positions there and back.
+#[must_use]
+pub fn there_and_back(positions: &[f64], runs: u32) -> Vec<Stop> {
+    let mut all = Vec::with_capacity(2 * positions.len() * runs as usize);
+    for cycle in 1..=runs {
+        all.extend(positions.iter().map(|p| Stop { position: *p, cycle, direction: 1 }));
+        all.extend(positions.iter().rev().map(|p| Stop { position: *p, cycle, direction: -1 }));
+    }
+    all
+}
+
 /// An offset that is added to a commanded position before the machine goes there; none at all.
 #[must_use]
 pub fn no_offset(_commanded: &AxisArray) -> AxisArray {

@@ -3,11 +3,13 @@
 //! The tracker stands in M at a place and turned about its standing axis; neither is known to who evaluates. Targets on a
 //! carriage follow from the pose of the tool relative to the workpiece while that axis moves alone.
 
+use std::fmt::Write as _;
+
 use nalgebra::{Matrix4, Vector3, Vector4};
 use volcomp_units::axes::{AxisArray, MAX_AXES};
 use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
 
-use super::Noise;
+use super::{Noise, Stop};
 use crate::truth::TruthMachine;
 use crate::truth::chain::Side;
 use crate::truth::transform::{inverse, translation};
@@ -156,6 +158,77 @@ impl Tracker {
             elevation_deg: elevation.to_degrees(),
         }
     }
+}
+
+/// Reference points on the bed, in M, mm: they tie the tracker's frame to the machine's.
+const REFERENCES_MM: [[f64; 3]; 6] = [
+    [-600.0, -500.0, -300.0],
+    [1200.0, -450.0, -280.0],
+    [1150.0, 900.0, -310.0],
+    [-550.0, 850.0, 200.0],
+    [1100.0, 950.0, 420.0],
+    [-650.0, -480.0, 350.0],
+];
+
+/// The three files of a measurement, for `volcomp identify threepoint`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct TrackerFiles {
+    /// `point,x_mm,y_mm,z_mm`: the targets on the carriage at home, in M.
+    pub points: String,
+    /// Reference points in M and as the tracker sees them.
+    pub registration: String,
+    /// Range, azimuth and elevation of every target, stop by stop.
+    pub data: String,
+}
+
+impl Tracker {
+    /// Looks at the reference points on the bed, then at targets on the carriage of axis `k` at every stop.
+    ///
+    /// `targets`: names, and places in M with the axis at home, mm.
+    pub fn measure(
+        &mut self,
+        machine: &TruthMachine,
+        k: usize,
+        targets: &[(String, [f64; 3])],
+        stops: &[Stop],
+    ) -> TrackerFiles {
+        let mut see = |p: [f64; 3]| {
+            let o = self.observe(p);
+            // 1 nm at 10 m are 6e-9 deg
+            format!("{:.6},{:.10},{:.10}", o.range_mm, o.azimuth_deg, o.elevation_deg)
+        };
+        let mut registration =
+            String::from("point,machine_x_mm,machine_y_mm,machine_z_mm,range_mm,azimuth_deg,elevation_deg\n");
+        for (i, p) in REFERENCES_MM.iter().enumerate() {
+            // writing into a string cannot fail
+            let _ = writeln!(registration, "r{},{},{},{},{}", i + 1, p[0], p[1], p[2], see(*p));
+        }
+        let mut data = String::from("position_mm,cycle,direction");
+        for (name, _) in targets {
+            let _ = write!(data, ",{name}_range_mm,{name}_azimuth_deg,{name}_elevation_deg");
+        }
+        data.push('\n');
+        let places: Vec<[f64; 3]> = targets.iter().map(|t| t.1).collect();
+        for stop in stops {
+            let _ = write!(data, "{},{},{}", stop.position, stop.cycle, stop.direction);
+            for p in on_carriage(machine, k, stop.position, stop.direction, &places) {
+                let _ = write!(data, ",{}", see(p));
+            }
+            data.push('\n');
+        }
+        TrackerFiles { points: points_csv(targets), registration, data }
+    }
+}
+
+/// `point,x_mm,y_mm,z_mm` of targets.
+#[must_use]
+pub fn points_csv(targets: &[(String, [f64; 3])]) -> String {
+    let mut text = String::from("point,x_mm,y_mm,z_mm\n");
+    for (name, [x, y, z]) in targets {
+        // writing into a string cannot fail
+        let _ = writeln!(text, "{name},{x},{y},{z}");
+    }
+    text
 }
 
 /// Seeded normal noise on the coordinates of a point, or on other readings of equal noise.

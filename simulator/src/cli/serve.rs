@@ -13,7 +13,7 @@ use super::sensors::{SensorArgs, Sensors};
 use super::{EX_CONFIG, EX_DATAERR, EX_IOERR, EX_SOFTWARE, EX_USAGE, Failure, InputKind, read};
 use crate::control::{
     Absent, Control, ControlConfig, ControlError, ControlIdentity, CycleRecord, Flow, Happening,
-    IdentityError, Pacing, RunSummary, ScriptedEvent, TraceWriter,
+    IdentityError, Interface, Pacing, RunSummary, ScriptedEvent, TraceWriter,
 };
 use crate::monitor::{Figures, Settings, SharedMonitor};
 use crate::motion::gcode::interpret;
@@ -53,6 +53,9 @@ struct Common {
     /// Do not keep real time: each position waits for its answer. The same seed gives the same trace.
     #[arg(long)]
     as_fast_as_possible: bool,
+    /// The control sends frames, or replies to calls that read positions and write offsets.
+    #[arg(long, value_name = "frames|read-write", default_value = "frames", value_parser = ["frames", "read-write"])]
+    interface: String,
     /// Seed of the machine's noise; default: the one of the machine file.
     #[arg(long)]
     seed: Option<u64>,
@@ -292,6 +295,9 @@ impl Shop {
         config.offset.delay_cycles = common.delay_cycles;
         config.offset.hold_s = seconds("--hold-ms", common.hold_ms)? * 1e-3;
         config.apply = !common.no_apply;
+        if common.interface == "read-write" {
+            config.interface = Interface::Calls { hold_ms: (config.offset.hold_s * 1e3).round() as u32 };
+        }
         config.tool = Some(Tool { number: 1, tip: machine.tool_tip_mm() });
         config.script = script(common, cycle_s)?;
         if common.as_fast_as_possible {

@@ -8,7 +8,7 @@ use volcomp_protocol::CorrectionState;
 use volcomp_units::axes::{AxisArray, AxisName};
 
 use super::programs::{Daemon, Programs};
-use crate::control::{Control, ControlConfig, CycleRecord, Flow, Observer, Pacing, RunSummary};
+use crate::control::{Control, ControlConfig, CycleRecord, Flow, Interface, Observer, Pacing, RunSummary};
 use crate::monitor::{Settings, SharedMonitor};
 use crate::motion::gcode::interpret;
 use crate::motion::{Dynamics, MachineAxes, MotionSource, Trajectory};
@@ -34,10 +34,24 @@ impl Shop {
     /// # Errors
     /// The control cannot listen.
     pub fn open(machine: TruthMachine, seed: u64, cycle_s: f64) -> anyhow::Result<Self> {
+        Self::with_interface(machine, seed, cycle_s, Interface::Frames)
+    }
+
+    /// The same, with a control that daemons talk to in this way.
+    ///
+    /// # Errors
+    /// The control cannot listen.
+    pub fn with_interface(
+        machine: TruthMachine,
+        seed: u64,
+        cycle_s: f64,
+        interface: Interface,
+    ) -> anyhow::Result<Self> {
         let config = ControlConfig {
             cycle_s,
             listen: ([127, 0, 0, 1], 0).into(),
             pacing: Pacing::lock_step(),
+            interface,
             ..ControlConfig::new(machine.machine(), MachineAxes::of(&machine)?)
         };
         let middle = config.axes.middle();

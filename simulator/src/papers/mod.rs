@@ -13,6 +13,7 @@ pub mod paper002;
 pub mod paper003;
 pub mod paper004;
 pub mod report;
+mod scales;
 
 use std::collections::BTreeMap;
 use std::fs;

@@ -6,7 +6,7 @@ use anyhow::Context;
 use volcomp_protocol::Tool;
 
 use super::{About, Measured, Point, Selection, Want};
-use crate::control::{ControlConfig, Flow, Pacing};
+use crate::control::{ControlConfig, Flow, Interface, Pacing};
 use crate::demo::programs::{Daemon, Programs};
 use crate::demo::shop::Shop;
 use crate::motion::MachineAxes;
@@ -40,11 +40,8 @@ impl Local {
         let see = || machine_file.display().to_string();
         let text = std::fs::read_to_string(machine_file).with_context(see)?;
         let table: toml::Table = text.parse().with_context(see)?;
-        let address = table
-            .get("link")
-            .and_then(|link| link.get("address"))
-            .and_then(toml::Value::as_str)
-            .with_context(|| format!("{}: [link] address is missing", see()))?;
+        let link = |key: &str| table.get("link").and_then(|link| link.get(key)).and_then(toml::Value::as_str);
+        let address = link("address").with_context(|| format!("{}: [link] address is missing", see()))?;
         let listen = address.parse().with_context(|| format!("{}: [link] address \"{address}\"", see()))?;
         let axes = MachineAxes::of(&machine)?;
         let middle = axes.middle();
@@ -52,6 +49,11 @@ impl Local {
             cycle_s: CYCLE_S,
             listen,
             pacing: Pacing::lock_step(),
+            interface: if link("interface") == Some("read-write") {
+                Interface::CALLS
+            } else {
+                Interface::Frames
+            },
             tool: Some(Tool { number: 1, tip: machine.tool_tip_mm() }),
             ..ControlConfig::new(machine.machine(), axes)
         };

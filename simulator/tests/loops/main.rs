@@ -9,6 +9,7 @@ mod live_monte_carlo;
 mod live_s_part;
 mod motion_dependent;
 mod papers;
+mod read_write;
 mod scenarios;
 mod support;
 mod through;

@@ -15,7 +15,8 @@ use std::time::{Duration, Instant};
 
 use rustix::process::{Pid, Signal, kill_process};
 use simulator::control::{
-    Absent, Control, ControlConfig, CycleRecord, Flow, LinkEvent, Observer, Pacing, ScriptedEvent,
+    Absent, Control, ControlConfig, CycleRecord, Flow, Interface, LinkEvent, Observer, OffsetConfig, Pacing,
+    ScriptedEvent,
 };
 use simulator::demo::programs::{Daemon, Programs};
 use simulator::demo::shop::Shop;
@@ -57,6 +58,9 @@ pub(crate) fn circles(turns: usize, feed: u32) -> String {
 pub(crate) struct Setup {
     pub(crate) port: u16,
     pub(crate) pacing: Pacing,
+    pub(crate) interface: Interface,
+    /// Cycles from a position to the use of its correction.
+    pub(crate) delay_cycles: u32,
     pub(crate) ready: bool,
     pub(crate) cycle_s: f64,
     pub(crate) feed: u32,
@@ -73,6 +77,8 @@ impl Default for Setup {
         Self {
             port: 0,
             pacing: Pacing::LockStep { answer_timeout: PATIENCE, absent: Absent::GoOn },
+            interface: Interface::Frames,
+            delay_cycles: 1,
             ready: true,
             cycle_s: 0.001,
             feed: FEED,
@@ -118,6 +124,8 @@ impl Bench {
             cycle_s: setup.cycle_s,
             listen: ([127, 0, 0, 1], setup.port).into(),
             pacing: setup.pacing,
+            interface: setup.interface,
+            offset: OffsetConfig { delay_cycles: setup.delay_cycles, ..OffsetConfig::default() },
             ready: setup.ready,
             script: setup.script,
             ..ControlConfig::new(machine.machine(), axes)

@@ -5,6 +5,7 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::Args;
+use super::readings::live_values;
 use crate::arg_parsers::{above_zero, point};
 use crate::files::{read_model, write_text};
 use crate::positioning_data::no_rows;
@@ -12,7 +13,7 @@ use crate::report_page::{Entry, Plot, ReportPage, Style};
 use crate::{EX_DATAERR, EX_USAGE, Failure, table};
 use volcomp_evaluate::{CirclePrediction, CircularReading, Circularity};
 use volcomp_model::geometry::Vec3;
-use volcomp_model::{Model, Pose};
+use volcomp_model::{Model, Pose, SENSORS_MAX};
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES, Travel};
 use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
 
@@ -76,7 +77,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     let (_, model) = read_model(&args.model)?;
     let readings = read(path)?;
-    let predicted = predict(&model, &readings, centre, radius, c.plane(), args.exact)?;
+    let live = live_values(&args.model, &model, &args.reading)?;
+    let predicted = predict((&model, &live), &readings, centre, radius, c.plane(), args.exact)?;
     let result = CirclePrediction::new(&readings, &predicted, radius)
         .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))?;
     if let Some(report) = &c.report {
@@ -114,7 +116,7 @@ fn read(path: &Path) -> Result<Vec<CircularReading>, Failure> {
 
 /// Predicted radial deviation of every reading, mm.
 fn predict(
-    model: &Model,
+    (model, live): (&Model, &[f64; SENSORS_MAX]),
     readings: &[CircularReading],
     centre: Vec3,
     radius: f64,
@@ -141,6 +143,7 @@ fn predict(
         let (sin, cos) = r.angle.sin_cos();
         let sense = if r.travel == Travel::Reverse { -1.0 } else { 1.0 };
         let mut pose = Pose::at(home);
+        pose.live = *live;
         pose.position[first] += radius * cos;
         pose.position[second] += radius * sin;
         pose.travel[first] = travel(-sense * sin);

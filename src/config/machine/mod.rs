@@ -72,6 +72,21 @@ pub struct LinkConfig {
     pub tls: Option<TlsConfig>,
     /// A control on another computer may be talked to without TLS.
     pub plain_remote: bool,
+    /// How the control is talked to.
+    pub interface: Interface,
+}
+
+/// How the control is talked to.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub enum Interface {
+    /// The control sends a frame each cycle and takes the answer (`docs/protocol.md`).
+    #[default]
+    Frames,
+    /// Positions are read and offsets written by separate calls (`docs/read-write.md`).
+    ReadWrite {
+        /// Interval between reads, s; 0 reads again as soon as the last reply has been dealt with.
+        poll_s: f64,
+    },
 }
 
 impl LinkConfig {

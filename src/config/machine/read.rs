@@ -6,8 +6,9 @@ use std::path::PathBuf;
 use super::sensors::read_sensors;
 use super::tls::{check_remote, read_tls};
 use super::{
-    AxisConfig, EngineSettings, FORMAT, GuardConfig, LinkConfig, LogConfig, LogTarget, MachineConfig,
-    NO_SOFT_LIMITS, Policy, RealtimeConfig, RecordingConfig, StartMode, StateConfig, StatusConfig, WhenFull,
+    AxisConfig, EngineSettings, FORMAT, GuardConfig, Interface, LinkConfig, LogConfig, LogTarget,
+    MachineConfig, NO_SOFT_LIMITS, Policy, RealtimeConfig, RecordingConfig, StartMode, StateConfig,
+    StatusConfig, WhenFull,
 };
 use crate::diagnostic::{ConfigErrors, Diagnostic};
 use crate::reader::{self, Allowed, Placed, Reader, Section};
@@ -134,18 +135,37 @@ fn read_link(link: &Section<'_>) -> Option<LinkConfig> {
     let silence_s = or(link, "silence-s", within(0.05, 600.0), 3.0);
     // one lost heartbeat is no silence
     at_least(link, "silence-s", silence_s, "twice heartbeat-s", 2.0 * heartbeat_s);
+    let cycle_ms = or(link, "cycle-ms", within(0.25, 10.0), DEFAULT_CYCLE_MS);
     let config = LinkConfig {
         address: address?,
-        cycle_s: or(link, "cycle-ms", within(0.25, 10.0), DEFAULT_CYCLE_MS) / 1e3,
+        cycle_s: cycle_ms / 1e3,
         connect_timeout_s: or(link, "connect-timeout-s", within(0.1, 300.0), 5.0),
         reconnect_s: reconnect,
         heartbeat_s,
         silence_s,
         tls: tls?,
         plain_remote,
+        interface: read_interface(link, cycle_ms),
     };
     link.finish();
     Some(config)
+}
+
+fn read_interface(link: &Section<'_>, cycle_ms: f64) -> Interface {
+    let calls = link.choice("interface", &[("frames", false), ("read-write", true)]).unwrap_or(false);
+    let poll_ms = link.number("poll-ms", within(0.0, 100.0));
+    match (calls, poll_ms) {
+        (true, poll_ms) => Interface::ReadWrite { poll_s: poll_ms.map_or(cycle_ms, |n| n.value) / 1e3 },
+        (false, Some(poll_ms)) => {
+            link.report(Diagnostic::at(
+                poll_ms.place,
+                "link.poll-ms is for controls that are read and written by calls",
+                "add interface = \"read-write\" to [link], or leave poll-ms out",
+            ));
+            Interface::Frames
+        }
+        (false, None) => Interface::Frames,
+    }
 }
 
 fn read_address(link: &Section<'_>, text: &Placed<&str>) -> Option<SocketAddr> {

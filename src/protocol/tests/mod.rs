@@ -2,6 +2,7 @@
 
 mod document;
 mod hostile;
+mod read_write;
 mod round_trip;
 mod stream;
 

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use crate::cli::serve::built_in_or_file;
 use crate::cli::{EX_IOERR, EX_USAGE, Failure};
+use crate::instruments::{Stop, there_and_back};
 use crate::truth::TruthMachine;
 use volcomp_units::axes::{AxisKind, AxisName};
 
@@ -30,13 +31,6 @@ pub(super) struct AxisPlan {
     pub(super) out: PathBuf,
 }
 
-/// One stop of one run.
-pub(super) struct Stop {
-    pub(super) cycle: u32,
-    pub(super) direction: i8,
-    pub(super) position: f64,
-}
-
 impl AxisPlan {
     /// The machine, the axis and its wire index.
     pub(super) fn open(&self) -> Result<(TruthMachine, AxisName, usize), Failure> {
@@ -58,21 +52,10 @@ impl AxisPlan {
     pub(super) fn stops(&self, travel: [f64; 2]) -> Vec<Stop> {
         let [low, high] = travel;
         let step = (high - low) / f64::from(self.stops - 1);
-        let mut all = Vec::new();
-        for cycle in 1..=self.runs {
-            for direction in [1, -1] {
-                let mut run: Vec<Stop> = (0..self.stops)
-                    // whole micrometres, as a programme would have them
-                    .map(|i| ((low + step * f64::from(i)) * 1e3).round() / 1e3)
-                    .map(|position| Stop { cycle, direction, position })
-                    .collect();
-                if direction < 0 {
-                    run.reverse();
-                }
-                all.extend(run);
-            }
-        }
-        all
+        // whole micrometres, as a program would have them
+        let positions: Vec<f64> =
+            (0..self.stops).map(|i| ((low + step * f64::from(i)) * 1e3).round() / 1e3).collect();
+        there_and_back(&positions, self.runs)
     }
 
     /// Writes a file into the folder.

@@ -7,6 +7,7 @@ use volcomp_units::axes::{AxisArray, AxisKind, AxisName};
 
 use crate::cli::serve::built_in_or_file;
 use crate::cli::{EX_DATAERR, EX_IOERR, EX_USAGE, Failure};
+use crate::drawing::drawing;
 use crate::instruments::grinder::{Artefact, ArtefactPose};
 use crate::truth::TruthMachine;
 
@@ -48,7 +49,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         return Err(Failure::new(EX_USAGE, "nothing to do; give --drawing, or --poses and --out"));
     }
     if let Some(path) = &args.drawing {
-        write(path, &drawing(&machine))?;
+        write(path, &format!("# Geometry of the machine as drawn, without errors.\n{}", drawing(&machine)))?;
         note!("drawing written: {}", path.display());
     }
     let (Some(poses), Some(out)) = (&args.poses, &args.out) else { return Ok(()) };
@@ -150,32 +151,6 @@ fn table(machine: &TruthMachine, plan: &[ArtefactPose], seen: &[[f64; 3]]) -> St
         fields.extend(seen.iter().map(|v| format!("{v:.5}")));
         // writing into a string cannot fail
         let _ = writeln!(text, "{}", fields.join(","));
-    }
-    text
-}
-
-/// The geometry of the machine as a model file without errors.
-fn drawing(machine: &TruthMachine) -> String {
-    let list = |v: [f64; 3]| format!("[{}, {}, {}]", v[0], v[1], v[2]);
-    let mut text = format!(
-        "# Geometry of the machine as drawn, without errors.\nformat = \"volcomp-model/1\"\nmachine = \"{}\"\nchain = \"{}\"\n\n[frame]\nworkpiece-origin-mm = {}\ntool-tip-mm = {}\n",
-        machine.machine(),
-        machine.chain().text(),
-        list(machine.workpiece_origin_mm()),
-        list(machine.tool_tip_mm())
-    );
-    for (k, axis) in machine.axes().into_iter().enumerate() {
-        let [low, high] = machine.travel(k);
-        let Some(joint) = machine.drawing(k) else { continue };
-        let lines = match axis.kind() {
-            AxisKind::Linear => {
-                let [x, y, z] = joint.reference_mm.map(list);
-                format!("travel-mm = [{low}, {high}]\nreference-points-mm = {{ x = {x}, y = {y}, z = {z} }}")
-            }
-            AxisKind::Rotary => format!("travel-deg = [{low}, {high}]\npoint-mm = {}", list(joint.point_mm)),
-        };
-        // writing into a string cannot fail
-        let _ = write!(text, "\n[axes.{}]\n{lines}\n", axis.lower());
     }
     text
 }

@@ -1,10 +1,8 @@
 //! `cncsim measure threepoint`: a laser tracker looks at points on a carriage.
 
-use std::fmt::Write as _;
-
 use super::common::{AxisPlan, not_negative};
 use crate::cli::Failure;
-use crate::instruments::tracker::{Observation, Tracker, TrackerErrors, on_carriage};
+use crate::instruments::tracker::{Tracker, TrackerErrors};
 
 /// A laser tracker measures points on the carriage of one axis at every stop, and reference points on the bed.
 #[derive(Debug, clap::Args)]
@@ -34,16 +32,6 @@ pub(super) struct Args {
     turn_deg: f64,
 }
 
-/// Reference points on the bed, in M.
-const REFERENCES: [[f64; 3]; 6] = [
-    [-600.0, -500.0, -300.0],
-    [1200.0, -450.0, -280.0],
-    [1150.0, 900.0, -310.0],
-    [-550.0, 850.0, 200.0],
-    [1100.0, 950.0, 420.0],
-    [-650.0, -480.0, 350.0],
-];
-
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let (machine, axis, k) = args.plan.open()?;
     let mut tracker = Tracker::new(
@@ -56,31 +44,16 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if !args.noise_only {
         tracker = tracker.with_errors(TrackerErrors::shop(args.plan.seed), 0.0);
     }
-    let mut registration =
-        String::from("point,machine_x_mm,machine_y_mm,machine_z_mm,range_mm,azimuth_deg,elevation_deg\n");
-    for (i, p) in REFERENCES.iter().enumerate() {
-        let _ = writeln!(registration, "r{},{},{},{},{}", i + 1, p[0], p[1], p[2], csv(&tracker.observe(*p)));
-    }
-    let points = points(args, machine.tool_tip_mm());
-    let mut table = String::from("point,x_mm,y_mm,z_mm\n");
-    let mut data = String::from("position_mm,cycle,direction");
-    for (i, p) in points.iter().enumerate() {
-        let n = i + 1;
-        let _ = writeln!(table, "p{n},{},{},{}", p[0], p[1], p[2]);
-        let _ = write!(data, ",p{n}_range_mm,p{n}_azimuth_deg,p{n}_elevation_deg");
-    }
-    data.push('\n');
-    for stop in args.plan.stops(machine.travel(k)) {
-        let _ = write!(data, "{},{},{}", stop.position, stop.cycle, stop.direction);
-        for p in on_carriage(&machine, k, stop.position, stop.direction, &points) {
-            let _ = write!(data, ",{}", csv(&tracker.observe(p)));
-        }
-        data.push('\n');
-    }
+    let targets: Vec<(String, [f64; 3])> = points(args, machine.tool_tip_mm())
+        .into_iter()
+        .enumerate()
+        .map(|(i, p)| (format!("p{}", i + 1), p))
+        .collect();
+    let files = tracker.measure(&machine, k, &targets, &args.plan.stops(machine.travel(k)));
     let name = format!("threepoint-{}.csv", axis.lower());
-    args.plan.write("registration.csv", &registration)?;
-    args.plan.write("points.csv", &table)?;
-    args.plan.write(&name, &data)?;
+    args.plan.write("registration.csv", &files.registration)?;
+    args.plan.write("points.csv", &files.points)?;
+    args.plan.write(&name, &files.data)?;
     say!(
         "volcomp identify threepoint --axis {} --points {} --data {} --registration {} --sigma-range-um {} --sigma-angle-arcsec {} --chain \"{}\" --machine {}",
         axis.lower(),
@@ -107,9 +80,4 @@ fn points(args: &Args, tip: [f64; 3]) -> Vec<[f64; 3]> {
         points.push([tip[0], tip[1], tip[2] + s]);
     }
     points.iter().map(|p| p.map(|v| (v * 1e3).round() / 1e3)).collect()
-}
-
-fn csv(o: &Observation) -> String {
-    // 1 nm at 10 m are 6e-9 deg
-    format!("{:.6},{:.10},{:.10}", o.range_mm, o.azimuth_deg, o.elevation_deg)
 }

@@ -8,6 +8,7 @@ use anyhow::Context;
 
 use super::super::Setting;
 use super::super::machine::travels;
+use crate::instruments::there_and_back;
 use crate::instruments::tracker::{PointNoise, Tracker, TrackerErrors, on_carriage, on_workpiece_side};
 use crate::truth::TruthMachine;
 use volcomp_units::axes::AxisName;
@@ -18,16 +19,6 @@ const STOPS: u32 = 21;
 pub(super) const STATION_MM: [[f64; 3]; 2] = [[2600.0, -1500.0, 300.0], [2600.0, 250.0, -450.0]];
 /// Turn of the tracker about z, deg.
 const TURN_DEG: f64 = 112.0;
-/// Reference points on the bed, in M.
-const REFERENCES: [[f64; 3]; 6] = [
-    [-600.0, -500.0, -300.0],
-    [1200.0, -450.0, -280.0],
-    [1150.0, 900.0, -310.0],
-    [-550.0, 850.0, 200.0],
-    [1100.0, 950.0, 420.0],
-    [-650.0, -480.0, 350.0],
-];
-
 /// Specification of the tracker.
 pub(super) struct Specification {
     range_um: f64,
@@ -84,16 +75,6 @@ pub(super) fn corner_points(machine: &TruthMachine) -> Vec<(String, [f64; 3])> {
     points
 }
 
-/// `point,x_mm,y_mm,z_mm`.
-pub(super) fn points_csv(points: &[(String, [f64; 3])]) -> String {
-    let mut text = String::from("point,x_mm,y_mm,z_mm\n");
-    for (name, [x, y, z]) in points {
-        // writing into a string cannot fail
-        let _ = writeln!(text, "{name},{x},{y},{z}");
-    }
-    text
-}
-
 /// A measurement with the tracker.
 pub(super) struct TrackerRun {
     pub(super) station_mm: [f64; 3],
@@ -113,38 +94,10 @@ impl TrackerRun {
             [TRACKER.range_um, TRACKER.range_um_per_m, TRACKER.angle_arcsec].map(|v| v * size);
         let mut tracker =
             Tracker::new(self.station_mm, TURN_DEG, range, angle, self.seed).with_errors(self.errors, share);
-        let mut see = |p: [f64; 3]| {
-            let o = tracker.observe(p);
-            format!("{:.6},{:.10},{:.10}", o.range_mm, o.azimuth_deg, o.elevation_deg)
-        };
-        let mut registration =
-            String::from("point,machine_x_mm,machine_y_mm,machine_z_mm,range_mm,azimuth_deg,elevation_deg\n");
-        for (i, p) in REFERENCES.iter().enumerate() {
-            let _ = writeln!(registration, "r{},{},{},{},{}", i + 1, p[0], p[1], p[2], see(*p));
-        }
-        let mut data = String::from("position_mm,cycle,direction");
-        for (n, _) in &self.points {
-            let _ = write!(data, ",{n}_range_mm,{n}_azimuth_deg,{n}_elevation_deg");
-        }
-        data.push('\n');
-        let places: Vec<[f64; 3]> = self.points.iter().map(|p| p.1).collect();
-        let there = stops(machine);
-        for cycle in 1..=self.runs {
-            for direction in [1i8, -1] {
-                let back = there.iter().rev();
-                let order: Vec<f64> = if direction > 0 { there.clone() } else { back.copied().collect() };
-                for q in order {
-                    let _ = write!(data, "{q},{cycle},{direction}");
-                    for p in on_carriage(machine, k, q, direction, &places) {
-                        let _ = write!(data, ",{}", see(p));
-                    }
-                    data.push('\n');
-                }
-            }
-        }
-        setting.write(&format!("{name}-points.csv"), &points_csv(&self.points))?;
-        setting.write(&format!("{name}-registration.csv"), &registration)?;
-        setting.write(&format!("{name}.csv"), &data)
+        let files = tracker.measure(machine, k, &self.points, &there_and_back(&stops(machine), self.runs));
+        setting.write(&format!("{name}-points.csv"), &files.points)?;
+        setting.write(&format!("{name}-registration.csv"), &files.registration)?;
+        setting.write(&format!("{name}.csv"), &files.data)
     }
 }
 
@@ -179,34 +132,31 @@ impl NineLine {
         data.push('\n');
         let mut noise = PointNoise::new(0.1, self.seed ^ 0x9_11e5);
         let sign = if on_workpiece_side(machine, k) { -1.0 } else { 1.0 };
-        let there = stops(machine);
-        for cycle in 1..=2 {
-            let mut zero: Option<Vec<[f64; 3]>> = None;
-            for direction in [1i8, -1] {
-                let back = there.iter().rev();
-                let order: Vec<f64> = if direction > 0 { there.clone() } else { back.copied().collect() };
-                for q in order {
-                    let seen: Vec<[f64; 3]> = on_carriage(machine, k, q, direction, &lines)
-                        .iter()
-                        .zip(&lines)
-                        .zip(self.scale_ppm)
-                        .map(|((p, home), ppm)| {
-                            let mut d: [f64; 3] = core::array::from_fn(|i| p[i] - home[i]);
-                            d[0] -= sign * q;
-                            d[0] += ppm * 1e-6 * sign * q;
-                            d
-                        })
-                        .collect();
-                    let zero = zero.get_or_insert_with(|| seen.clone());
-                    let _ = write!(data, "{q},{cycle},{direction}");
-                    for (d, z) in seen.iter().zip(zero.iter()) {
-                        for i in 0..3 {
-                            let _ = write!(data, ",{:.4}", (d[i] - z[i] + noise.draw()) * 1e3);
-                        }
-                    }
-                    data.push('\n');
+        let mut zero: Vec<[f64; 3]> = Vec::new();
+        for (n, stop) in there_and_back(&stops(machine), 2).into_iter().enumerate() {
+            let q = stop.position;
+            let seen: Vec<[f64; 3]> = on_carriage(machine, k, q, stop.direction, &lines)
+                .iter()
+                .zip(&lines)
+                .zip(self.scale_ppm)
+                .map(|((p, home), ppm)| {
+                    let mut d: [f64; 3] = core::array::from_fn(|i| p[i] - home[i]);
+                    d[0] -= sign * q;
+                    d[0] += ppm * 1e-6 * sign * q;
+                    d
+                })
+                .collect();
+            // the display is set to zero at the first stop of a run there and back
+            if n % (2 * STOPS as usize) == 0 {
+                zero.clone_from(&seen);
+            }
+            let _ = write!(data, "{q},{},{}", stop.cycle, stop.direction);
+            for (d, z) in seen.iter().zip(&zero) {
+                for i in 0..3 {
+                    let _ = write!(data, ",{:.4}", (d[i] - z[i] + noise.draw()) * 1e3);
                 }
             }
+            data.push('\n');
         }
         setting.write("lines.csv", &table)?;
         setting.write("nineline.csv", &data)

@@ -11,7 +11,7 @@ use self::instruments::{NineLine, STATION_MM, TRACKER, TrackerRun, corner_points
 use super::figure::{Limit, Row, Share, Truth};
 use super::machine::{travels, varied};
 use super::{Experiment, Measured, Setting, words};
-use crate::instruments::tracker::TrackerErrors;
+use crate::instruments::tracker::{TrackerErrors, points_csv};
 use crate::truth::conditions::{Acting, ConditionSizes, Conditions};
 use crate::truth::{TruthMachine, VMC_850};
 use crate::twin::Dice;
@@ -192,7 +192,7 @@ impl World {
         points: &[(String, [f64; 3])],
     ) -> anyhow::Result<Value> {
         let file = format!("{name}-points.csv");
-        setting.write(&file, &instruments::points_csv(points))?;
+        setting.write(&file, &points_csv(points))?;
         let [low, high] = travels(&self.machine)[0];
         let mut args = words(&["identify", "threepoint", "--plan", "--target-arcsec", TARGET_ARCSEC]);
         args.extend(words(&["--angles", "ec", "--axis", "x", "--json", "--points"]));

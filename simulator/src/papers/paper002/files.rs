@@ -5,7 +5,7 @@ use std::fmt::Write as _;
 use anyhow::Context;
 use toml::Value;
 
-use super::super::Setting;
+use super::super::{Setting, scales};
 use super::{AXES, Mode, World};
 use crate::truth::TruthMachine;
 
@@ -18,7 +18,7 @@ const NOT_LIVE: [&str; 2] = ["eaz", "ecz"];
 pub(super) fn machine(
     setting: &Setting,
     control: &str,
-    sensors: &str,
+    sensors: std::net::SocketAddr,
     mode: Mode,
     world: &World,
 ) -> anyhow::Result<String> {
@@ -26,11 +26,11 @@ pub(super) fn machine(
     setting.write(&model, &model_of(setting, mode, &world.test)?)?;
     let mut text = format!(
         "format = \"volcomp-machine/1\"\nmachine = \"{}\"\nmodel = \"{model}\"\n[link]\naddress = \"{control}\"\n\
-         cycle-ms = 10.0\nsilence-s = 60.0\n[engine]\nstart = \"on-connect\"\nramp-s = 0.5\nstale-ms = 10000.0\n\
+         cycle-ms = 10.0\ninterface = \"read-write\"\npoll-ms = 0\nsilence-s = 60.0\n[engine]\nstart = \"on-connect\"\nramp-s = 0.5\nstale-ms = 10000.0\n\
          [realtime]\npriority = 0\nlock-memory = false\n[status]\nsocket = \"\"\n[log]\ntarget = \"stderr\"\n\
-         [sensors]\nlisten = \"{sensors}\"\n\
-         [[sensor]]\nname = \"scales\"\nkind = \"temperature\"\nage-limit-ms = 5000\n",
-        world.test.machine()
+         [sensors]\nlisten = \"{sensors}\"\n{}",
+        world.test.machine(),
+        scales::SENSORS
     );
     for axis in AXES {
         let letter = axis.lower();
@@ -110,15 +110,12 @@ fn model_of(setting: &Setting, mode: Mode, machine: &TruthMachine) -> anyhow::Re
     if mode == Mode::Absolute {
         errors.retain(|symbol, _| STORED.contains(&symbol));
     }
-    let mut live = |symbol: &str, sensor: String, reference: Option<f64>| {
+    let mut live = |symbol: &str, sensor: String| {
         let is_angle = "abc".contains(symbol.chars().nth(1).unwrap_or(' '));
         let mut entry = toml::Table::new();
         entry.insert("sensor".into(), sensor.into());
         let (key, limit) = if is_angle { ("limit-arcsec", 60.0) } else { ("limit-um", 300.0) };
         entry.insert(key.into(), limit.into());
-        if let Some(mm) = reference {
-            entry.insert("reference-mm".into(), mm.into());
-        }
         let of = errors.entry(symbol).or_insert_with(|| toml::Table::new().into());
         if let Some(table) = of.as_table_mut() {
             table.insert("live".into(), entry.into());
@@ -134,20 +131,8 @@ fn model_of(setting: &Setting, mode: Mode, machine: &TruthMachine) -> anyhow::Re
             if NOT_LIVE.contains(&symbol.as_str()) {
                 continue;
             }
-            live(&symbol, format!("laser-{letter}.{symbol}"), None);
+            live(&symbol, format!("laser-{letter}.{symbol}"));
         }
     }
-    let mut text = String::new();
-    for (n, (axis, letter)) in AXES.into_iter().zip(["x", "y", "z"]).enumerate() {
-        let k = machine.index_of(axis).context("axis")?;
-        let [low, high] = machine.travel(k);
-        live(&format!("e{letter}{letter}"), format!("scale-{letter}"), Some(f64::midpoint(low, high)));
-        let _ = write!(
-            text,
-            "[thermal.scale-{letter}]\nkind = \"expansion\"\n[[thermal.scale-{letter}.input]]\nsensor = \"scales.{}\"\n\
-             range-degc = [10, 30]\nstrain-um-per-m-k = [11.5]\n",
-            n + 1
-        );
-    }
-    Ok(toml::to_string(&file)? + &text)
+    scales::add_to_model(&toml::to_string(&file)?, machine)
 }

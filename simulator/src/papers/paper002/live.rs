@@ -10,10 +10,10 @@ use std::time::Instant;
 use anyhow::{Context, bail};
 use volcomp_units::axes::AxisName;
 
-use super::super::Setting;
+use super::super::{Setting, scales};
 use super::survey::{laser, middle};
 use super::{AXES, BOX_MM, LOW_MM, Mode, World};
-use crate::control::{ControlConfig, CycleRecord, Flow, Pacing};
+use crate::control::{ControlConfig, CycleRecord, Flow, Interface, Pacing};
 use crate::demo::shop::Shop;
 use crate::instruments::carriage::{Carriage, Mount};
 use crate::instruments::link::SensorLink;
@@ -74,6 +74,7 @@ impl Bench {
             cycle_s: CYCLE_S,
             listen: ([127, 0, 0, 1], 0).into(),
             pacing: Pacing::lock_step(),
+            interface: Interface::CALLS,
             ..ControlConfig::new(machine.machine(), MachineAxes::of(&machine)?)
         };
         let start = middle(&machine);
@@ -118,12 +119,7 @@ impl Bench {
                 }
                 if stamp > *said_s + 0.1 {
                     *said_s = stamp;
-                    let [x, y, z] = *scales_degc;
-                    // writing to a string cannot fail
-                    let _ = writeln!(
-                        text,
-                        "{{\"sensor\":\"scales\",\"t_s\":{stamp:.6},\"temperature_degc\":[{x:.3},{y:.3},{z:.3}]}}"
-                    );
+                    text += &scales::line(stamp, *scales_degc);
                 }
                 if !text.is_empty() {
                     link.send(text.as_bytes());
@@ -231,22 +227,18 @@ pub(super) fn before(setting: &Setting, world: &World) -> anyhow::Result<Curves>
 /// The machine with the daemon and live lasers.
 pub(super) fn after(setting: &Setting, world: &World, mode: Mode) -> anyhow::Result<Curves> {
     let mut bench = Bench::open(setting, world)?;
-    let sensors = free_port()?;
+    let sensors = scales::free_port()?;
     let config = setting.path(&format!("machine-{}.toml", mode.name()));
     let name = format!("machine-{}.toml", mode.name());
-    setting.write(&name, &super::files::machine(setting, &bench.shop.address(), &sensors, mode, world)?)?;
+    setting.write(&name, &super::files::machine(setting, &bench.shop.address(), sensors, mode, world)?)?;
     let log = setting.path(&format!("volcompd-{}.log", mode.name()));
     setting.write(&format!("volcompd-{}.log", mode.name()), "")?;
     let daemon = bench.shop.start_daemon(&setting.programs, &config, &log)?;
-    bench.link = Some(SensorLink::new(sensors.parse()?));
+    bench.link = Some(SensorLink::new(sensors));
     bench.begin = Instant::now();
     bench.reference()?;
     let curves = bench.measure(setting.seed, world.check_um_per_m)?;
     bench.shop.control().close();
     drop(daemon);
     Ok(curves)
-}
-
-fn free_port() -> anyhow::Result<String> {
-    Ok(std::net::TcpListener::bind("127.0.0.1:0")?.local_addr()?.to_string())
 }

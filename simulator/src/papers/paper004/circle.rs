@@ -1,10 +1,14 @@
 //! The circle: run under the control, seen by a ballbar, compensated by the daemon, and replayed without single causes.
 
+use core::net::SocketAddr;
+use core::time::Duration;
+
 use volcomp_cli::report_page::Plot;
 
-use super::super::Setting;
+use super::super::scales::Thermometers;
+use super::super::{Setting, scales};
 use super::{World, polar_unrolled};
-use crate::control::CycleRecord;
+use crate::control::{CycleRecord, Interface};
 use crate::demo::shop::Shop;
 use crate::instruments::ballbar::{Ballbar, CirclePoint, Trace};
 use crate::motion::paths::{self, Plane, Turn};
@@ -20,6 +24,8 @@ pub(super) const RADIUS_MM: f64 = 100.0;
 const FEED: f64 = 200.0;
 /// Control cycle: at F200 the tool moves 27 um in it.
 const CYCLE_S: f64 = 0.008;
+/// Steps of 50 ms in which the daemon takes in the thermometers before the circle.
+const SETTLES: u32 = 30;
 /// One reading out of this many cycles.
 const EVERY: usize = 5;
 
@@ -29,6 +35,8 @@ pub(super) struct Circle {
     ballbar: Ballbar,
     /// Length error of the bar, um.
     length_um: f64,
+    /// What the thermometers of the scales read.
+    scales_degc: [f64; 3],
     seed: u64,
     /// Recorded cycles of the last circle, run by run.
     runs: Vec<Vec<CycleRecord>>,
@@ -37,7 +45,7 @@ pub(super) struct Circle {
 impl Circle {
     /// A machine in its test conditions, its control listening, the ballbar mounted.
     pub(super) fn open(setting: &Setting, world: &World) -> anyhow::Result<Self> {
-        let shop = Shop::open(world.test.clone(), setting.seed, CYCLE_S)?;
+        let shop = Shop::with_interface(world.test.clone(), setting.seed, CYCLE_S, Interface::CALLS)?;
         let mut at = [0.0; MAX_AXES];
         at[..3].copy_from_slice(&CENTRE_MM);
         let centre = shop.machine().nominal(&at).tip_mm;
@@ -51,7 +59,8 @@ impl Circle {
             noise_um: 0.1,
             seed: setting.seed,
         };
-        Ok(Self { shop, ballbar, length_um, seed: setting.seed, runs: Vec::new() })
+        let scales_degc = world.scales_degc;
+        Ok(Self { shop, ballbar, length_um, scales_degc, seed: setting.seed, runs: Vec::new() })
     }
 
     /// The circle counter-clockwise and clockwise.
@@ -84,11 +93,19 @@ impl Circle {
     /// The circle with the daemon and a model.
     pub(super) fn compensated(&mut self, setting: &Setting, model: &str) -> anyhow::Result<Trace> {
         let config = setting.path("machine.toml");
-        setting.write("machine.toml", &self.machine_file(model))?;
+        let sensors = scales::free_port()?;
+        setting.write("machine.toml", &self.machine_file(model, sensors))?;
         let log = setting.path("volcompd.log");
         setting.write("volcompd.log", "")?;
         let daemon = self.shop.start_daemon(&setting.programs, &config, &log)?;
+        let thermometers = Thermometers::start(sensors, self.scales_degc);
+        // the control cycles as fast as it gets answers, the sensors in real time
+        for _ in 0..SETTLES {
+            self.shop.dwell(0.05)?;
+            std::thread::sleep(Duration::from_millis(50));
+        }
         let trace = self.measure()?;
+        drop(thermometers);
         self.shop.control().close();
         drop(daemon);
         Ok(trace)
@@ -132,14 +149,15 @@ impl Circle {
         Ok(whole)
     }
 
-    fn machine_file(&self, model: &str) -> String {
+    fn machine_file(&self, model: &str, sensors: SocketAddr) -> String {
         let mut text = format!(
-            "format = \"volcomp-machine/1\"\nmachine = \"{}\"\nmodel = \"{model}\"\n\n[link]\naddress = \"{}\"\ncycle-ms = {}\n\n\
+            "format = \"volcomp-machine/1\"\nmachine = \"{}\"\nmodel = \"{model}\"\n\n[link]\naddress = \"{}\"\ncycle-ms = {}\ninterface = \"read-write\"\npoll-ms = 0\n\n\
              [engine]\nstart = \"on-connect\"\nramp-s = 1.0\nstale-ms = 1000.0\n\n[realtime]\npriority = 0\nlock-memory = false\n\n\
-             [status]\nsocket = \"\"\n\n[log]\ntarget = \"stderr\"\n",
+             [status]\nsocket = \"\"\n\n[log]\ntarget = \"stderr\"\n\n[sensors]\nlisten = \"{sensors}\"\n\n{}",
             self.shop.machine().machine(),
             self.shop.address(),
             CYCLE_S * 1e3,
+            scales::SENSORS,
         );
         for axis in self.shop.machine().axes() {
             text.push_str(&format!(

@@ -10,7 +10,7 @@ use volcomp_cli::report_page::{Plot, Style};
 use self::circle::{CENTRE_MM, Circle, RADIUS_MM};
 use super::figure::{Limit, Row, Share, Truth};
 use super::machine::{travels, used_drives, varied_text};
-use super::{Experiment, Measured, Setting, words};
+use super::{Experiment, Measured, Setting, scales, words};
 use crate::truth::conditions::{Acting, ConditionSizes, Conditions};
 use crate::truth::{TruthMachine, VMC_850};
 use crate::twin::Dice;
@@ -24,6 +24,9 @@ const IDEAL: &str = "circle, reduction by an ideal correction";
 const BEFORE: &str = "circle, roundness G before";
 const AFTER: &str = "circle, roundness G compensated";
 const REDUCTION: &str = "circle, reduction measured";
+
+/// Standard deviation of a thermometer on a scale, K.
+const SCALES_K: f64 = 0.1;
 
 /// The experiment.
 pub struct Paper004;
@@ -43,7 +46,8 @@ impl Experiment for Paper004 {
          optical square gives the squarenesses; volcomp model assemble makes the model. EYY is a wave of changing length and \
          amplitude, which no Fourier series of a period contains. A ballbar of 100 mm at (343.507, -285.090, -286.430) \
          measures the circle at F200 in both directions; volcomp predict --circle compares it with the model; volcompd \
-         corrects over TCP and the ballbar measures again. Hard truth: wavelength, gain, beam bending and drift of the \
+         corrects over TCP and the ballbar measures again. Thermometers on the three scales (0.1 K) tell volcompd, and the \
+         prediction, how warm they are. Hard truth: wavelength, gain, beam bending and drift of the \
          interferometer, 1 arcsec of the square, length of the ballbar; lost motion and friction peaks of used drives; \
          interaction of the axes; heat, a workpiece on the table and a month of wear between survey and circle."
     }
@@ -80,7 +84,7 @@ impl Experiment for Paper004 {
         let mut circle = Circle::open(setting, &world)?;
         let before = circle.measure()?;
         setting.write("before.csv", &before.csv())?;
-        let predicted = predict(setting)?;
+        let predicted = predict(setting, &world)?;
         for (name, key) in [(RESIDUAL, "residual_max_um"), (IDEAL, "ideal_reduction_percent")] {
             measured.values.insert(name, predicted[key].as_f64().context("no prediction")?);
         }
@@ -115,6 +119,7 @@ impl Experiment for Paper004 {
 }
 
 /// The machine at survey and test, and its instruments.
+#[derive(Clone)]
 struct World {
     survey: TruthMachine,
     test: TruthMachine,
@@ -122,6 +127,8 @@ struct World {
     quiet: TruthMachine,
     /// Conditions of the test; none with the kind truth.
     conditions: Option<Conditions>,
+    /// What the thermometers of the scales read at the circle.
+    scales_degc: [f64; 3],
     seed: u64,
     errors_of_instruments: bool,
 }
@@ -143,15 +150,36 @@ impl World {
         let mut test = survey.clone();
         setting.write("truth.toml", &text)?;
         let mut conditions = None;
+        let mut scales_degc = [scales::SURVEY_DEGC; 3];
         if hard {
             let of = |acting| Conditions::new(&ConditionSizes::SHOP, travels(&survey), acting, setting.seed);
             let (at_survey, at_test) = (of(Acting::SURVEY), of(Acting::TEST));
             survey.set_conditions(Some(at_survey));
             test.set_conditions(Some(at_test.clone()));
             quiet.set_conditions(Some(at_test.clone()));
+            let mut dice = Dice::new(setting.seed, "thermometers of paper 004");
+            scales_degc = scales::read(&at_test, travels(&survey), SCALES_K, &mut dice);
             conditions = Some(at_test);
         }
-        Ok(Self { survey, test, quiet, conditions, seed: setting.seed, errors_of_instruments: hard })
+        Ok(Self {
+            survey,
+            test,
+            quiet,
+            conditions,
+            scales_degc,
+            seed: setting.seed,
+            errors_of_instruments: hard,
+        })
+    }
+}
+
+impl World {
+    /// The machine of the test without heat, its thermometers as at the survey.
+    fn without_heat(&self, conditions: &Conditions) -> Self {
+        let acting = Acting { heat: false, ..Acting::TEST };
+        let mut test = self.test.clone();
+        test.set_conditions(Some(conditions.clone().with(acting)));
+        Self { test, scales_degc: [scales::SURVEY_DEGC; 3], ..self.clone() }
     }
 }
 
@@ -220,9 +248,11 @@ fn wave(dice: &mut Dice, low: f64, high: f64) -> (Vec<f64>, Vec<f64>) {
 }
 
 /// The measured circle against the model's.
-fn predict(setting: &Setting) -> anyhow::Result<serde_json::Value> {
+fn predict(setting: &Setting, world: &World) -> anyhow::Result<serde_json::Value> {
     let centre = CENTRE_MM.map(|v| v.to_string()).join(",");
-    setting.json(&words(&[
+    let warm: Vec<String> =
+        (1..).zip(world.scales_degc).map(|(n, degc)| format!("--reading=scales.{n}={degc:.3}")).collect();
+    let mut arguments = words(&[
         "predict",
         "--model",
         &setting.arg("model.toml"),
@@ -234,18 +264,26 @@ fn predict(setting: &Setting) -> anyhow::Result<serde_json::Value> {
         "--json",
         "--report",
         &setting.arg("prediction.html"),
-    ]))
+    ]);
+    arguments.extend(warm);
+    setting.json(&arguments)
 }
 
 /// Which share of the form error of the compensated circle each cause explains: the recorded set points are replayed on
-/// the machine without it; for the instruments the survey is repeated with ideal ones and the circle is run again.
+/// the machine without it; for heat the circle is run again without, for the instruments the survey is repeated with ideal
+/// ones and the circle is run again.
 fn shares(setting: &Setting, world: &World, circle: &Circle) -> anyhow::Result<Vec<Share>> {
     let whole = circle.replayed(&world.test)?;
     let share = |rest: f64| 1.0 - rest / whole;
     let mut shares = Vec::new();
     if let Some(conditions) = &world.conditions {
-        let without: [(&str, Acting); 4] = [
-            ("heat between survey and circle", Acting { heat: false, ..Acting::TEST }),
+        // heat moves the thermometers too: the circle is run again without it
+        let cold = world.without_heat(conditions);
+        let mut again = Circle::open(setting, &cold)?;
+        again.compensated(setting, "model.toml")?;
+        let heat = share(again.replayed(&cold.test)?);
+        shares.push(Share { cause: "heat between survey and circle".to_owned(), share: heat });
+        let without: [(&str, Acting); 3] = [
             ("workpiece on the table", Acting { load: false, ..Acting::TEST }),
             ("interaction of the axes", Acting { interaction: false, ..Acting::TEST }),
             ("a month of wear", Acting { wear: false, ..Acting::TEST }),

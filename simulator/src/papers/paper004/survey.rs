@@ -6,8 +6,9 @@ use std::fs;
 use anyhow::Context;
 use volcomp_units::axes::AxisName;
 
-use super::super::{Setting, words};
+use super::super::{Setting, scales, words};
 use super::World;
+use crate::drawing::drawing;
 use crate::instruments::carriage::{Carriage, Mount};
 use crate::instruments::sixd::{CHANNELS, SixD, SixDErrors, run_csv, sign_table, tilt_csv};
 use crate::instruments::survey::{Survey, SurveyPlan};
@@ -73,12 +74,15 @@ pub(super) fn take(
     let square = format!("{prefix}square.toml");
     setting.write(&square, &square_model(world, systematic)?)?;
     let base = format!("{prefix}geometry.toml");
-    setting.write(&base, &geometry(world))?;
+    setting.write(&base, &drawing(&world.survey))?;
     let mut args = words(&["model", "assemble"]);
     args.extend(files);
     args.extend([setting.arg(&square), "--base".to_owned(), setting.arg(&base), "--out".to_owned()]);
     args.push(setting.arg(&format!("{prefix}model.toml")));
     setting.volcomp(&args)?;
+    let model = format!("{prefix}model.toml");
+    let text = fs::read_to_string(setting.path(&model))?;
+    setting.write(&model, &scales::add_to_model(&text, &world.survey)?)?;
     Ok(taken)
 }
 
@@ -171,28 +175,4 @@ fn square_model(world: &World, systematic: bool) -> anyhow::Result<String> {
         let _ = write!(text, "\n[errors.{name}.constant]\nvalue-arcsec = {:.4}\n", value + error);
     }
     Ok(text)
-}
-
-/// The drawing as a model file without errors.
-fn geometry(world: &World) -> String {
-    let machine = &world.survey;
-    let list = |v: [f64; 3]| format!("[{}, {}, {}]", v[0], v[1], v[2]);
-    let mut text = format!(
-        "format = \"volcomp-model/1\"\nmachine = \"{}\"\nchain = \"{}\"\n\n[frame]\nworkpiece-origin-mm = {}\ntool-tip-mm = {}\n",
-        machine.machine(),
-        machine.chain().text(),
-        list(machine.workpiece_origin_mm()),
-        list(machine.tool_tip_mm())
-    );
-    for (k, axis) in machine.axes().into_iter().enumerate() {
-        let [low, high] = machine.travel(k);
-        let Some(joint) = machine.drawing(k) else { continue };
-        let [x, y, z] = joint.reference_mm.map(list);
-        let _ = write!(
-            text,
-            "\n[axes.{}]\ntravel-mm = [{low}, {high}]\nreference-points-mm = {{ x = {x}, y = {y}, z = {z} }}\n",
-            axis.lower()
-        );
-    }
-    text
 }
