@@ -9,7 +9,7 @@ use anyhow::Context;
 use volcomp_cli::report_page::{Plot, Style};
 
 use self::bench::{Correction, Cut};
-use self::parts::{Cmm, Flank, Part, circle, cone_figures, figures};
+use self::parts::{Cmm, Flank, Part, Rows, circle, cone_figures, figures};
 use super::figure::{Limit, Row, Share, Truth};
 use super::machine::{travels, used_drives, varied_text};
 use super::{Experiment, Measured, Setting};
@@ -418,7 +418,7 @@ fn shares(world: &World, live: &Cut, without: &[Without], again: &[Cut]) -> Vec<
 }
 
 /// Figures 10 and 11 of the paper as deviations.
-fn plots(found: &[(Vec<Vec<(f64, f64)>>, Vec<Vec<(f64, f64)>>)]) -> Vec<Plot> {
+fn plots(found: &[(Rows, Rows)]) -> Vec<Plot> {
     let names = ["uncompensated", "surveyed model", "live estimation"];
     let mut plots = Vec::new();
     for (n, height) in Part::S.heights().into_iter().enumerate() {

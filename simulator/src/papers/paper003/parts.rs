@@ -13,6 +13,9 @@ use crate::twin::Dice;
 /// Tool tip in programmed coordinates, mm, and direction from the tip to the spindle.
 type Ruling = (Vector3<f64>, Vector3<f64>);
 
+/// Measured points at every height: share of the way and deviation, um.
+pub(super) type Rows = Vec<Vec<(f64, f64)>>;
+
 /// A part.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum Part {
@@ -199,7 +202,7 @@ pub(super) struct Cmm {
 
 impl Cmm {
     /// Deviations, um, of all points at each height: share of the way and value.
-    pub(super) fn measure(&self, part: Part, flank: &Flank) -> Vec<Vec<(f64, f64)>> {
+    pub(super) fn measure(&self, part: Part, flank: &Flank) -> Rows {
         let mut dice = Dice::new(self.seed, "touches of paper 003");
         let centre = Vector3::from(if part == Part::S { S_CENTRE } else { CONE_CENTRE });
         part.heights()
