@@ -15,7 +15,7 @@ use super::super::Setting;
 use super::World;
 use super::parts::{Flank, Part};
 use super::trackers::Watchers;
-use crate::control::{ControlConfig, CycleRecord, Flow, Pacing};
+use crate::control::{Absent, ControlConfig, CycleRecord, Flow, Pacing};
 use crate::demo::programs::Daemon;
 use crate::demo::shop::Shop;
 use crate::instruments::link::SensorLink;
@@ -24,6 +24,8 @@ use crate::truth::TruthMachine;
 
 /// Control cycle, s.
 const CYCLE_S: f64 = 0.01;
+/// How long the control waits for an answer: a computer that stalls is no part of the experiment.
+const ANSWER: Duration = Duration::from_secs(20);
 /// Time between readings of the trackers, s of the control.
 const READ_S: f64 = 0.02;
 /// Shortest real time between two readings, s: what the estimator keeps up with.
@@ -145,7 +147,7 @@ pub(super) fn cut(
     let config = ControlConfig {
         cycle_s: CYCLE_S,
         listen: ([127, 0, 0, 1], 0).into(),
-        pacing: Pacing::lock_step(),
+        pacing: Pacing::LockStep { answer_timeout: ANSWER, absent: Absent::GoOn },
         ..ControlConfig::new(machine.machine(), axes)
     };
     let shop = Shop::with_control(machine.clone(), setting.seed, config, &start)?;
