@@ -328,12 +328,6 @@ fn logistic(evidence: f64, g: &Gates) -> f64 {
 }
 
 impl Assessed {
-    /// All that speaks against it is that nothing shows it twice.
-    #[must_use]
-    pub fn is_one_pass(&self) -> bool {
-        self.remark == ONE_PASS
-    }
-
     /// Takes back what was declared.
     pub fn doubt(&mut self, why: String) {
         self.remark = why;

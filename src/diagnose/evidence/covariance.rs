@@ -60,6 +60,15 @@ pub struct Structure {
 }
 
 impl Structure {
+    /// `diag(weights) + SUM scale^2 component`, in units of the white variance.
+    pub(super) fn sum(&self, scales: &[f64], weights: &[f64]) -> DMatrix<f64> {
+        let mut c = DMatrix::from_diagonal(&DVector::from_column_slice(weights));
+        for ((_, m), s) in self.components.iter().zip(scales).filter(|(_, s)| **s > 0.0) {
+            c.zip_apply(m, |a, b| *a += s * s * b);
+        }
+        c
+    }
+
     /// Allows an effect to differ from its formula: a free curve by any rougher function of the same position in the same
     /// direction, anything else by a factor that varies smoothly over the place. `part` is what it does at each reading.
     pub fn misform(&mut self, label: usize, shape: &Shape, part: &DVector<f64>) {
@@ -271,6 +280,38 @@ fn offsets(session: &Session, groups: &[Vec<usize>]) -> DMatrix<f64> {
     DMatrix::from_columns(&columns)
 }
 
+/// Orthonormal vectors of what was added, one by one.
+#[derive(Debug, Default)]
+pub(super) struct Basis {
+    pub(super) vectors: Vec<DVector<f64>>,
+    /// `ln |F' F|` of the vectors added that are independent.
+    pub(super) log_determinant: f64,
+}
+
+impl Basis {
+    /// Adds a vector, unless those before it say all of it.
+    pub(super) fn add(&mut self, v: DVector<f64>) {
+        let before = v.norm();
+        let v = self.beside(v);
+        let own = v.norm();
+        if own > 1e-6 * before && own > 0.0 {
+            self.log_determinant += 2.0 * own.ln();
+            self.vectors.push(v / own);
+        }
+    }
+
+    /// A vector without what those of the basis say; twice, for rounding.
+    pub(super) fn beside(&self, mut v: DVector<f64>) -> DVector<f64> {
+        for _ in 0..2 {
+            for b in &self.vectors {
+                let p = b.dot(&v);
+                v.axpy(-p, b, 1.0);
+            }
+        }
+        v
+    }
+}
+
 /// A covariance with its whitening: `L^-1` and an orthonormal basis of the whitened offsets.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Covariance {
@@ -285,31 +326,16 @@ impl Covariance {
     /// `C = diag(weights) + SUM scale^2 component`, in units of the white variance; nothing where it is not positive definite.
     #[must_use]
     pub fn new(structure: &Structure, scales: &[f64], weights: &[f64]) -> Option<Self> {
-        let mut c = DMatrix::from_diagonal(&DVector::from_column_slice(weights));
-        for ((_, m), s) in structure.components.iter().zip(scales).filter(|(_, s)| **s > 0.0) {
-            c.zip_apply(m, |a, b| *a += s * s * b);
-        }
+        let c = structure.sum(scales, weights);
         let n = c.nrows();
         let l = Cholesky::new(c)?.unpack();
         let mut log_determinant = 2.0 * l.diagonal().iter().map(|d| d.ln()).sum::<f64>();
         let inverse = l.solve_lower_triangular(&DMatrix::identity(n, n))?;
         let whitened = &inverse * &structure.offsets;
-        let mut basis: Vec<DVector<f64>> = Vec::new();
-        for column in whitened.column_iter() {
-            let mut v = column.into_owned();
-            let before = v.norm();
-            for _ in 0..2 {
-                for b in &basis {
-                    let p = b.dot(&v);
-                    v.axpy(-p, b, 1.0);
-                }
-            }
-            let own = v.norm();
-            if own > 1e-6 * before && own > 0.0 {
-                log_determinant += 2.0 * own.ln();
-                basis.push(v / own);
-            }
-        }
+        let mut basis = Basis::default();
+        whitened.column_iter().for_each(|column| basis.add(column.into_owned()));
+        let Basis { vectors: basis, log_determinant: of_offsets } = basis;
+        log_determinant += of_offsets;
         let basis = if basis.is_empty() { DMatrix::zeros(n, 0) } else { DMatrix::from_columns(&basis) };
         Some(Self { inverse, basis, log_determinant })
     }

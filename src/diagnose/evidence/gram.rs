@@ -10,6 +10,7 @@ use super::constants::{ALIKE, EFFECT_SCALES, SEEN};
 use super::covariance::Covariance;
 
 /// Columns of all variants before whitening, each scaled to a root mean square of 1 um.
+#[derive(Clone)]
 pub(super) struct Columns {
     /// A column each; zero where the readings do not show it.
     pub(super) values: DMatrix<f64>,
@@ -228,15 +229,14 @@ impl Columns {
         label: Vec<usize>,
         rank: &[usize],
         white: &Covariance,
-    ) -> (Self, Vec<f64>) {
+    ) -> Self {
         let labels = rank.len();
         let width = span.last().map_or(0, |(at, k)| at + k);
         let mut values = DMatrix::from_row_slice(rows, width, raw);
-        let mut norms = vec![0.0; width];
-        for (mut c, norm) in values.column_iter_mut().zip(&mut norms) {
-            *norm = (c.norm_squared() / rows.max(1) as f64).sqrt();
-            if *norm > 0.0 {
-                c /= *norm;
+        for mut c in values.column_iter_mut() {
+            let norm = (c.norm_squared() / rows.max(1) as f64).sqrt();
+            if norm > 0.0 {
+                c /= norm;
             }
         }
         let seen = white.whiten(&values);
@@ -270,7 +270,7 @@ impl Columns {
         }
         aliases.dedup();
         let visible = variants.iter().filter(|v| !v.is_empty()).count();
-        (Self { values, span, label, labels, variants, visible, aliases }, norms)
+        Self { values, span, label, labels, variants, visible, aliases }
     }
 }
 

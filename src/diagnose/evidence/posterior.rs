@@ -56,8 +56,6 @@ pub struct Comparison {
     pub groups: Vec<Vec<usize>>,
     /// All effects in likely sets, the likeliest first.
     pub contenders: Vec<Contender>,
-    /// Probability of "none".
-    pub none: f64,
     /// Probability of a discrepancy.
     pub discrepancy: f64,
     /// Its parts.
@@ -256,29 +254,30 @@ pub(super) fn compare(
     let base = structure;
     let n = base.groups.len();
     let mut weights = base.white.clone();
-    let y = DVector::from_vec(mean_rows(&base.groups, gap, 1));
     let white = Covariance::new(&base, &vec![0.0; base.components.len()], &weights)?;
     if white.freedom() < 8 {
         return None;
     }
     let members: Vec<usize> = base.groups.concat();
+    let own: Vec<f64> = members.iter().map(|i| gap[*i]).collect();
+    let y = DVector::from_vec(mean_of_members(&base.groups, &own, 1));
     let raw = raw_columns(session, library, &members);
     let raw = mean_of_members(&base.groups, &raw, library.width());
+    let mut span = Vec::with_capacity(library.variants.len());
+    let mut at = 0;
+    for v in &library.variants {
+        span.push((at, v.shape.width()));
+        at += v.shape.width();
+    }
+    let label = library.variants.iter().map(|v| v.label).collect();
+    let rank = ranks(library);
+    let columns = Columns::new(&raw, n, span, label, &rank, &white);
     let mut outlying: Vec<(usize, f64)> = Vec::new();
     for round in 0.. {
-        let mut span = Vec::with_capacity(library.variants.len());
-        let mut at = 0;
-        for v in &library.variants {
-            span.push((at, v.shape.width()));
-            at += v.shape.width();
-        }
-        let label = library.variants.iter().map(|v| v.label).collect();
-        let rank = ranks(library);
-        let (columns, _) = Columns::new(&raw, n, span, label, &rank, &white);
         let mut search = Search {
             structure: base.clone(),
             shapes: library.variants.iter().map(|v| v.shape.clone()).collect(),
-            columns,
+            columns: columns.clone(),
             y: y.clone(),
             weights: weights.clone(),
             visited: BTreeMap::new(),
@@ -429,7 +428,6 @@ fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Optio
     Some(Comparison {
         groups: search.structure.groups.clone(),
         contenders,
-        none: sets.get(&Vec::new()).map_or(0.0, |v| share(v.1)),
         discrepancy,
         shares: shares(search, &covariance, gram, best, &scales),
         scales: scales.clone(),
@@ -507,18 +505,7 @@ fn shares(
     }
 }
 
-/// Mean of the values of the rows of each group; `data` holds a row of `width` values per row of the session.
-fn mean_rows(groups: &[Vec<usize>], data: &[f64], width: usize) -> Vec<f64> {
-    let mut out = vec![0.0; groups.len() * width];
-    for (to, rows) in out.chunks_exact_mut(width.max(1)).zip(groups) {
-        for i in rows {
-            to.iter_mut().zip(&data[i * width..]).for_each(|(t, v)| *t += v / rows.len() as f64);
-        }
-    }
-    out
-}
-
-/// The same where `data` holds a row per member of the groups, in their order.
+/// Mean of the values of each group; `data` holds a row of `width` values per member of the groups, in their order.
 pub(crate) fn mean_of_members(groups: &[Vec<usize>], data: &[f64], width: usize) -> Vec<f64> {
     let mut rows = data.chunks_exact(width.max(1));
     let mut out = vec![0.0; groups.len() * width];
@@ -532,9 +519,7 @@ pub(crate) fn mean_of_members(groups: &[Vec<usize>], data: &[f64], width: usize)
 
 /// `tr(C)^2 / |C|^2`: independent readings with the same scatter of their mean square.
 fn effective(structure: &Structure, scales: &[(Component, f64)]) -> f64 {
-    let mut c = DMatrix::from_diagonal(&DVector::from_column_slice(&structure.white));
-    for ((_, m), (_, s)) in structure.components.iter().zip(scales).filter(|(_, s)| s.1 > 0.0) {
-        c.zip_apply(m, |a, b| *a += s * s * b);
-    }
+    let scales: Vec<f64> = scales.iter().map(|(_, s)| *s).collect();
+    let c = structure.sum(&scales, &structure.white);
     c.trace().powi(2) / c.norm_squared()
 }

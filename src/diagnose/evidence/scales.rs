@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::constants::{PRESENT, SCALES, STEPS_MAX, TRIED};
-use super::covariance::Structure;
+use super::covariance::{Basis, Structure};
 
 /// Place of the scale of each component in [`SCALES`].
 pub(super) type Rungs = Vec<usize>;
@@ -50,10 +50,7 @@ impl Decomposed {
 
 impl Target<'_> {
     fn decompose(&self, rungs: &[usize]) -> Option<Decomposed> {
-        let mut c = DMatrix::from_diagonal(&DVector::from_column_slice(self.weights));
-        for ((_, m), s) in self.structure.components.iter().zip(values(rungs)).filter(|(_, s)| *s > 0.0) {
-            c.zip_apply(m, |a, b| *a += s * s * b);
-        }
+        let mut c = self.structure.sum(&values(rungs), self.weights);
         // the prior of the effects is a part of the covariance
         let columns = self.data.columns(1, self.data.ncols() - 1);
         c.gemm(1.0, &columns, &columns.transpose(), 1.0);
@@ -64,26 +61,11 @@ impl Target<'_> {
         both.column_mut(width).copy_from(&self.data.column(0));
         l.solve_lower_triangular_mut(&mut both).then_some(())?;
         let mut log_determinant = 2.0 * l.diagonal().iter().map(|d| d.ln()).sum::<f64>();
-        let mut basis: Vec<DVector<f64>> = Vec::new();
-        for k in 0..=width {
-            let mut v = both.column(k).into_owned();
-            let before = v.norm();
-            for _ in 0..2 {
-                for b in &basis {
-                    let p = b.dot(&v);
-                    v.axpy(-p, b, 1.0);
-                }
-            }
-            if k == width {
-                return Some(Decomposed { l, basis, left: v, log_determinant });
-            }
-            let own = v.norm();
-            if own > 1e-6 * before && own > 0.0 {
-                log_determinant += 2.0 * own.ln();
-                basis.push(v / own);
-            }
-        }
-        None
+        let mut basis = Basis::default();
+        both.columns(0, width).column_iter().for_each(|column| basis.add(column.into_owned()));
+        let left = basis.beside(both.column(width).into_owned());
+        log_determinant += basis.log_determinant;
+        Some(Decomposed { l, basis: basis.vectors, left, log_determinant })
     }
 
     fn log_posterior(&self, rungs: &[usize]) -> f64 {

@@ -113,11 +113,6 @@ impl Places {
 
 /// Fewest blocks for tests across runs.
 pub(super) const BLOCKS_MIN: usize = 8;
-/// Fewest pieces for the scatter of slopes, where each has enough readings: of eight the scatter is hardly known.
-pub(super) const PIECES_MIN: usize = 24;
-/// Readings of a piece.
-pub(super) const PIECE_ROWS: usize = 25;
-
 /// Runs, or pieces of runs where there are few.
 pub(super) fn blocks(session: &Session, rows: &[usize], least: usize) -> (Vec<usize>, usize) {
     let mut counts: BTreeMap<usize, usize> = BTreeMap::new();

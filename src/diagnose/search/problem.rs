@@ -8,7 +8,7 @@ use super::super::library::{Blind, Library, Shape, WIDTH_MAX};
 use super::super::moment::{Axis, SLOTS};
 use super::super::noise::Filter;
 use super::super::session::{Session, is_encoder};
-use super::pieces::{BLOCKS_MIN, PIECE_ROWS, PIECES_MIN, Places, blocks, programmes};
+use super::pieces::{BLOCKS_MIN, Places, blocks, programmes};
 use super::small::Factor;
 use super::variation::Variation;
 use volcomp_model::geometry::Vec3;
@@ -47,10 +47,6 @@ pub struct Problem {
     pub block: Vec<usize>,
     /// Number of blocks.
     pub blocks: usize,
-    /// Finer pieces of the blocks, for the scatter of slopes.
-    pub piece: Vec<usize>,
-    /// Number of pieces.
-    pub pieces: usize,
     /// One programme, run once: nothing shows what comes back.
     pub is_single_pass: bool,
     /// All readings are the control's own encoders: the formulas of the servo hold to a small share.
@@ -63,27 +59,8 @@ pub struct Problem {
 
 /// Raw columns of a library, um per unit of each parameter, a row of values per reading.
 pub fn raw_columns(session: &Session, library: &Library, rows: &[usize]) -> Vec<f64> {
-    let width = library.width();
-    let mut data = vec![0.0; rows.len() * width];
-    let mut out = [Vec3::zeros(); WIDTH_MAX];
-    let places: Vec<(&super::super::moment::Signal, usize)> =
-        session.signals.iter().enumerate().map(|(i, s)| (s, i)).collect();
-    let at = |s: &super::super::moment::Signal| places.iter().find(|(p, _)| *p == s).map(|(_, i)| *i);
-    for (row, i) in data.chunks_exact_mut(width.max(1)).zip(rows) {
-        let m = &session.moments[*i];
-        let mut to = 0;
-        for v in &library.variants {
-            let k = v.shape.width();
-            out[..k].fill(Vec3::zeros());
-            v.shape.evaluate_with(m, &at, &mut out[..k]);
-            for d in &out[..k] {
-                let value = d.dot(&m.u);
-                row[to] = if value.is_finite() { value } else { 0.0 };
-                to += 1;
-            }
-        }
-    }
-    data
+    let shapes: Vec<&Shape> = library.variants.iter().map(|v| &v.shape).collect();
+    raw(session, rows, &shapes)
 }
 
 /// Most values of raw columns that are kept: 256 MB.
@@ -112,7 +89,7 @@ impl RawColumns {
         for (known, v) in self.shapes.iter_mut().zip(&library.variants) {
             let k = v.shape.width();
             if *known != v.shape {
-                let own = raw(session, rows, &v.shape);
+                let own = raw(session, rows, &[&v.shape]);
                 for (row, values) in self.data.chunks_exact_mut(width).zip(own.chunks_exact(k)) {
                     row[at..at + k].copy_from_slice(values);
                 }
@@ -198,9 +175,6 @@ impl Problem {
         let (cell, cells) = programmes(session, &rows);
         let places = (0..=SLOTS).map(|own| Places::new(session, &rows, &cell, own)).collect();
         let (block, blocks) = blocks(session, &rows, BLOCKS_MIN);
-        let few = blocks < PIECES_MIN && rows.len() >= PIECES_MIN * PIECE_ROWS;
-        let (piece, pieces) =
-            if few { self::blocks(session, &rows, PIECES_MIN) } else { (block.clone(), blocks) };
         let precise = session.instruments.iter().all(|n| is_encoder(n));
         let is_single_pass = cells == 1 && rows.iter().all(|i| session.readings[*i].pair.is_none());
         Self {
@@ -217,8 +191,6 @@ impl Problem {
             places,
             block,
             blocks,
-            piece,
-            pieces,
             is_single_pass,
             precise,
             variation: None,
@@ -338,7 +310,7 @@ impl Problem {
     #[must_use]
     pub fn whitened(&self, session: &Session, filter: &Filter, shape: &Shape) -> Vec<Vec<f64>> {
         let k = shape.width();
-        let mut data = filter.mean(raw(session, &filter.members(), shape), k);
+        let mut data = filter.mean(raw(session, &filter.members(), &[shape]), k);
         self.whiten(filter, &mut data, k);
         (0..k).map(|j| data.iter().skip(j).step_by(k).copied().collect()).collect()
     }
@@ -466,19 +438,24 @@ impl Problem {
     }
 }
 
-/// The columns of one shape, a row of values per reading, um per unit of each parameter.
-fn raw(session: &Session, rows: &[usize], shape: &Shape) -> Vec<f64> {
-    let k = shape.width();
+/// The columns of some shapes, a row of values per reading, um per unit of each parameter.
+fn raw(session: &Session, rows: &[usize], shapes: &[&Shape]) -> Vec<f64> {
+    let width: usize = shapes.iter().map(|s| s.width()).sum();
+    let mut data = vec![0.0; rows.len() * width];
     let mut out = [Vec3::zeros(); WIDTH_MAX];
     let at = |s: &super::super::moment::Signal| session.signal(s);
-    let mut data = vec![0.0; rows.len() * k];
-    for (row, i) in data.chunks_exact_mut(k).zip(rows) {
+    for (row, i) in data.chunks_exact_mut(width.max(1)).zip(rows) {
         let m = &session.moments[*i];
-        out[..k].fill(Vec3::zeros());
-        shape.evaluate_with(m, &at, &mut out[..k]);
-        for (v, d) in row.iter_mut().zip(&out[..k]) {
-            let value = d.dot(&m.u);
-            *v = if value.is_finite() { value } else { 0.0 };
+        let mut values = row.iter_mut();
+        for shape in shapes {
+            let out = &mut out[..shape.width()];
+            out.fill(Vec3::zeros());
+            shape.evaluate_with(m, &at, out);
+            // the shorter one first: it must not take a value and then find that it is at its end
+            for (d, value) in out.iter().zip(values.by_ref()) {
+                let seen = d.dot(&m.u);
+                *value = if seen.is_finite() { seen } else { 0.0 };
+            }
         }
     }
     data
@@ -555,8 +532,6 @@ impl Problem {
             places: Vec::new(),
             block: vec![0; n],
             blocks: 1,
-            piece: vec![0; n],
-            pieces: 1,
             is_single_pass: false,
             precise: false,
             variation: None,
