@@ -9,7 +9,8 @@ use super::volumetric::{Deviation, Model, Nominal, Pose};
 use crate::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
 use crate::geometry::{Mat3, Vec3, unit};
 
-/// Largest correction of a rotary axis, rad; where it would be exceeded (close to a pole) that axis is left alone.
+/// Largest correction of a rotary axis, rad. Where more would be needed (close to a pole) the correction of that axis falls,
+/// continuously, to zero at three times the limit, and the axis is left alone beyond.
 pub const ROTARY_CORRECTION_LIMIT: f64 = 1e-3;
 
 /// Corrections to add to the programmed coordinates, one per axis in chain order.
@@ -21,7 +22,7 @@ pub struct AxisCorrection {
     pub residual: Vec3,
     /// Tilt of the tool direction that stays, to first order, rad, in W.
     pub residual_tilt: Vec3,
-    /// Bit k: rotary axis k was left alone because the pose is close to a pole.
+    /// Bit k: rotary axis k was corrected by less than it needs, or left alone, because the pose is close to a pole.
     pub singular: u16,
 }
 
@@ -123,11 +124,13 @@ impl Model {
         if !angles.iter().all(|a| a.abs() <= ROTARY_CORRECTION_LIMIT) {
             out.singular |= 1 << levers[weak].index;
             let strong = 1 - weak;
+            let reduced = reduced(angles[weak]);
             angles = [0.0; 2];
             if used == 2 {
-                let angle = along(&levers[strong], &target);
+                let angle = along(&levers[strong], &(target - levers[weak].effect * reduced));
                 if angle.abs() <= ROTARY_CORRECTION_LIMIT {
                     angles[strong] = angle;
+                    angles[weak] = reduced;
                 } else {
                     out.singular |= 1 << levers[strong].index;
                 }
@@ -170,6 +173,17 @@ impl Model {
     }
 }
 
+/// What is left of a correction beyond the limit: the limit there, zero from three times the limit on and where it is no
+/// number.
+fn reduced(angle: f64) -> f64 {
+    let size = angle.abs();
+    if size > ROTARY_CORRECTION_LIMIT && size < 3.0 * ROTARY_CORRECTION_LIMIT {
+        0.5 * (3.0 * ROTARY_CORRECTION_LIMIT - size) * angle.signum()
+    } else {
+        0.0
+    }
+}
+
 /// Least squares with one axis; zero where it has no effect.
 fn along(lever: &Lever, target: &Vec3) -> f64 {
     let size = lever.effect.norm_squared();
@@ -183,4 +197,46 @@ fn both(levers: &[Lever; 2], target: &Vec3) -> [f64; 2] {
     let (at, bt) = (a.dot(target), b.dot(target));
     let determinant = aa * bb - ab * ab;
     [(at * bb - bt * ab) / determinant, (bt * aa - at * ab) / determinant]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{AxisSpec, Chain, Curve, ErrorFunction, ErrorSymbol, ModelSpec};
+
+    #[test]
+    fn towards_a_pole_the_correction_is_continuous_and_bounded() {
+        let mut spec = ModelSpec::new("head", Chain::parse("[w b X Y Z C A (S) t]").unwrap());
+        spec.tool_tip = Vec3::new(0.0, 0.0, -500.0);
+        for (name, z) in [(AxisName::C, -100.0), (AxisName::A, -180.0)] {
+            spec.axes.push(AxisSpec { point: Vec3::new(0.0, 0.0, z), ..AxisSpec::new(name) });
+        }
+        for (symbol, value) in [("ea0c", 6e-5), ("eb0a", 9e-5)] {
+            let function = ErrorFunction::single(Curve::Constant(value));
+            spec.errors.push((ErrorSymbol::parse(symbol).unwrap(), function));
+        }
+        let model = Model::new(&spec).unwrap();
+        let (mut last, mut largest, mut reached): (Option<AxisArray>, f64, [bool; 2]) =
+            (None, 0.0, [false; 2]);
+        for k in 0..=20_000 {
+            let tilt = (10.0 - 5e-4 * f64::from(k)).to_radians();
+            let mut position = [0.0; MAX_AXES];
+            (position[3], position[4]) = (0.4, tilt);
+            let (_, correction) = model.correct(&Pose::at(position));
+            let offset = correction.offset;
+            reached[0] |= correction.singular == 0;
+            reached[1] |= correction.singular != 0 && offset[3] == 0.0;
+            if let Some(last) = last {
+                for (k, (now, before)) in offset.iter().zip(last).enumerate() {
+                    let step = if k < 3 { 1e-4 } else { 1e-5 };
+                    assert!((now - before).abs() < step, "axis {k} steps by {} at {tilt} rad", now - before);
+                }
+            }
+            largest = largest.max(offset[3].abs());
+            assert!(correction.residual.norm() < 1e-12, "the tip is corrected everywhere");
+            last = Some(offset);
+        }
+        assert_eq!(reached, [true; 2]);
+        assert!(largest > 0.9 * ROTARY_CORRECTION_LIMIT && largest <= ROTARY_CORRECTION_LIMIT, "{largest}");
+    }
 }

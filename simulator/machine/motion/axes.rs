@@ -1,7 +1,10 @@
 //! The axes of a simulated machine as its control knows them: order on the wire, travel, speed, acceleration.
 
+use std::sync::Arc;
+
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
 
+use super::tool_centre::ToolCentre;
 use crate::truth::TruthMachine;
 
 /// One axis of the control. Linear: mm; rotary: deg.
@@ -79,6 +82,8 @@ pub enum AxesError {
 #[derive(Debug, Clone, PartialEq)]
 pub struct MachineAxes {
     axes: Vec<AxisSetup>,
+    /// Nominal kinematics for tool-centre-point motion; none on a control without it.
+    tool_centre: Option<Arc<ToolCentre>>,
 }
 
 impl MachineAxes {
@@ -107,16 +112,24 @@ impl MachineAxes {
                 }
             }
         }
-        Ok(Self { axes })
+        Ok(Self { axes, tool_centre: None })
     }
 
-    /// The axes of a machine with the usual dynamics.
+    /// The axes of a machine with the usual dynamics and, where it has rotary axes beside X, Y and Z, its nominal
+    /// kinematics for tool-centre-point motion.
     ///
     /// # Errors
     /// None or too many, a travel without length.
     pub fn of(machine: &TruthMachine) -> Result<Self, AxesError> {
         let axes = machine.axes().into_iter().enumerate();
-        Self::new(axes.map(|(k, name)| AxisSetup::new(name, machine.travel(k))).collect())
+        let plain = Self::new(axes.map(|(k, name)| AxisSetup::new(name, machine.travel(k))).collect())?;
+        Ok(Self { tool_centre: ToolCentre::of(machine).map(Arc::new), ..plain })
+    }
+
+    /// Nominal kinematics for tool-centre-point motion.
+    #[must_use]
+    pub fn tool_centre(&self) -> Option<&ToolCentre> {
+        self.tool_centre.as_deref()
     }
 
     /// X, Y and Z with these travels, mm.

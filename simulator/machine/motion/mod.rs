@@ -1,7 +1,7 @@
 //! Part programmes and recorded motion to positions per control cycle.
 //!
 //! Reading order: [`axes`] (what the axes can do), [`gcode`] (text to segments), [`segment`] (their geometry),
-//! [`profile`] (segments to positions in time), [`paths`] (standard programmes as text), [`recorded`] (replay).
+//! [`profile`] (segments to positions in time), [`tool_centre`] (tip to axes in five-axis motion), [`paths`] (standard programmes as text), [`recorded`] (replay).
 //! Positions are in mm and degrees, in the wire order of the axes; times in s, feeds in mm/min (deg/min for blocks
 //! that only move rotary axes).
 
@@ -11,11 +11,13 @@ pub mod paths;
 pub mod profile;
 pub mod recorded;
 pub mod segment;
+pub mod tool_centre;
 
 use volcomp_units::axes::AxisArray;
 
 pub use axes::{AxisSetup, MachineAxes};
 pub use profile::{Dynamics, Trajectory};
+pub use tool_centre::ToolCentre;
 
 /// What the motion asks for in one control cycle.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]

@@ -66,6 +66,8 @@ pub struct Segment {
     pub scored: bool,
     /// Line of the programme, 1-based.
     pub line: u32,
+    /// X, Y and Z are those of the tool tip ([`super::tool_centre`]), not of the axes.
+    pub tool_centre: bool,
 }
 
 impl Segment {
@@ -201,6 +203,7 @@ mod tests {
             exact_stop: false,
             scored: true,
             line: 1,
+            tool_centre: false,
         }
     }
 

@@ -200,6 +200,9 @@ struct ConeArgs {
     /// Rotary axes that point the tool along the flank.
     #[arg(long, value_enum, default_value = "none")]
     rotary: TiltArg,
+    /// Switch tool-centre-point motion on (G43.4): the path is that of the tool tip while the rotary axes turn.
+    #[arg(long)]
+    tool_centre: bool,
     /// Blocks of the turn.
     #[arg(long, default_value = "720", value_parser = clap::value_parser!(u32).range(8..=1_000_000))]
     blocks: u32,
@@ -228,12 +231,20 @@ struct SPathArgs {
     /// Rotary axes that tilt the tool.
     #[arg(long, value_enum, default_value = "none")]
     rotary: TiltArg,
+    /// Switch tool-centre-point motion on (G43.4): the path is that of the tool tip while the rotary axes turn.
+    #[arg(long)]
+    tool_centre: bool,
     /// Blocks.
     #[arg(long, default_value = "1000", value_parser = clap::value_parser!(u32).range(8..=1_000_000))]
     blocks: u32,
     /// Feed in mm/min.
     #[arg(long, value_parser = positive, default_value = "2000")]
     feed: f64,
+}
+
+/// The program with tool-centre-point motion where that is asked for.
+fn tool_centre(on: bool, text: String) -> String {
+    if on { text.replacen("G64\n", "G64\nG43.4 H1\n", 1) } else { text }
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
@@ -253,25 +264,31 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             paths::rectangle(r.plane.into(), r.corner_mm, [r.length_mm, r.width_mm], r.feed)
         }
         Kind::Line(l) => line_with_targets(l.from_mm, l.to_mm, &l.targets.targets()),
-        Kind::Cone(c) => paths::cone(&Cone {
-            centre_mm: c.centre_mm,
-            radius_mm: c.radius_mm,
-            half_angle_deg: c.half_angle_deg,
-            tilt_deg: c.tilt_deg,
-            feed_mm_per_min: c.feed,
-            blocks: c.blocks,
-            rotary: c.rotary.into(),
-        }),
-        Kind::SPath(s) => paths::s_path(&SPath {
-            centre_mm: s.centre_mm,
-            length_mm: s.length_mm,
-            width_mm: s.width_mm,
-            rise_mm: s.rise_mm,
-            tilt_deg: s.tilt_deg,
-            feed_mm_per_min: s.feed,
-            blocks: s.blocks,
-            rotary: s.rotary.into(),
-        }),
+        Kind::Cone(c) => tool_centre(
+            c.tool_centre,
+            paths::cone(&Cone {
+                centre_mm: c.centre_mm,
+                radius_mm: c.radius_mm,
+                half_angle_deg: c.half_angle_deg,
+                tilt_deg: c.tilt_deg,
+                feed_mm_per_min: c.feed,
+                blocks: c.blocks,
+                rotary: c.rotary.into(),
+            }),
+        ),
+        Kind::SPath(s) => tool_centre(
+            s.tool_centre,
+            paths::s_path(&SPath {
+                centre_mm: s.centre_mm,
+                length_mm: s.length_mm,
+                width_mm: s.width_mm,
+                rise_mm: s.rise_mm,
+                tilt_deg: s.tilt_deg,
+                feed_mm_per_min: s.feed,
+                blocks: s.blocks,
+                rotary: s.rotary.into(),
+            }),
+        ),
     };
     say!("{}", text.trim_end());
     Ok(())

@@ -97,7 +97,8 @@ struct Common {
 pub(super) struct ServeArgs {
     #[command(flatten)]
     common: Common,
-    /// Part programme (G-code); without one the machine stands still.
+    /// Part program (G-code); without one the machine stands still. After G43.4 X, Y and Z are those of the tool tip while
+    /// rotary axes turn (tool-centre-point motion), until G49.
     #[arg(long, value_name = "FILE")]
     program: Option<PathBuf>,
     /// Take part programs from `cncsim measure .. --through IP:PORT` on this address of loopback and report where the tool

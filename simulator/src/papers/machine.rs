@@ -62,12 +62,13 @@ fn vary(value: &mut toml::Value, dice: &mut Dice) {
 }
 
 /// Drives of a machine in use: lost motion of 0.5 to 2 um, friction peaks of 0.3 to 1.5 um behind a reversal, and
-/// repeatability of 0.3 um, on every axis; without peaks and wander where only the lost motion is wanted.
+/// repeatability of 0.3 um, on every linear axis; without peaks and wander where only the lost motion is wanted.
 pub fn used_drives(file: &mut toml::Table, seed: u64, peaks: bool) {
     let wander = if peaks { 1.0 } else { 0.0 };
     let mut dice = Dice::new(seed, "drives of a paper");
     let entries = file.get_mut("axes").and_then(toml::Value::as_array_mut).into_iter().flatten();
-    for entry in entries.filter_map(toml::Value::as_table_mut) {
+    let linear = entries.filter_map(toml::Value::as_table_mut).filter(|e| e.contains_key("travel-mm"));
+    for entry in linear {
         let number = toml::Value::Float;
         entry.insert("backlash-um".into(), number(dice.between(0.5, 2.0)));
         entry.insert("repeatability-um".into(), number(0.3 * wander));

@@ -10,6 +10,7 @@ pub mod figure;
 pub mod machine;
 pub mod paper000;
 pub mod paper002;
+pub mod paper003;
 pub mod paper004;
 pub mod report;
 mod scales;
@@ -122,7 +123,8 @@ pub trait Experiment: Sync {
 }
 
 /// All experiments that exist, by number.
-pub const EXPERIMENTS: &[&dyn Experiment] = &[&paper000::Paper000, &paper002::Paper002, &paper004::Paper004];
+pub const EXPERIMENTS: &[&dyn Experiment] =
+    &[&paper000::Paper000, &paper002::Paper002, &paper003::Paper003, &paper004::Paper004];
 
 /// Papers whose experiment does not exist yet.
 #[must_use]

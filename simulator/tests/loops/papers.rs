@@ -40,6 +40,12 @@ fn circle_predicted_and_compensated() {
 }
 
 #[test]
+fn parts_cut_by_a_gantry_with_a_drifting_ram() {
+    let _processors = crate::processors();
+    experiment("003");
+}
+
+#[test]
 fn an_experiment_that_does_not_exist_is_refused_by_name() {
     for paper in simulator::papers::missing() {
         let output = Command::new(env!("CARGO_BIN_EXE_cncsim")).args(["paper", paper]).output().unwrap();

@@ -46,6 +46,7 @@ pub fn interpret(text: &str, axes: &MachineAxes, start: AxisArray) -> Result<Pro
         feed: None,
         mark: None,
         line: 0,
+        tool_centre: false,
     };
     for (number, line) in text.strip_prefix('\u{feff}').unwrap_or(text).lines().enumerate() {
         state.line = u32::try_from(number + 1).unwrap_or(u32::MAX);
@@ -60,6 +61,7 @@ pub fn interpret(text: &str, axes: &MachineAxes, start: AxisArray) -> Result<Pro
             segment.scored = !segment.rapid && !matches!(segment.shape, Shape::Dwell(_));
         }
     }
+    state.switch_tool_centre(false);
     Ok(Programme { segments: state.segments, end: state.position })
 }
 
@@ -74,6 +76,8 @@ struct Interpreter<'a> {
     feed: Option<f64>,
     mark: Option<Mark>,
     line: u32,
+    /// X, Y and Z are those of the tool tip; so is `position`.
+    tool_centre: bool,
 }
 
 /// What one block asks for besides modal changes.
@@ -144,13 +148,22 @@ impl Interpreter<'_> {
                 ('G', Some(18)) => self.plane = ZX,
                 ('G', Some(19)) => self.plane = YZ,
                 ('G', Some(20)) => return Err(self.error(word, Problem::Inch)),
-                ('G', Some(21 | 40 | 49 | 80 | 94)) | ('M', Some(0 | 1 | 3 | 4 | 5 | 7 | 8 | 9)) => {}
+                ('G', Some(49)) => self.switch_tool_centre(false),
+                ('G', None) if word.value == TOOL_CENTRE => {
+                    if self.axes.tool_centre().is_none() {
+                        return Err(self.error(word, Problem::NoToolCentre { axes: self.axes.letters() }));
+                    }
+                    self.switch_tool_centre(true);
+                }
+                ('G', Some(21 | 40 | 80 | 94)) | ('M', Some(0 | 1 | 3 | 4 | 5 | 7 | 8 | 9)) => {}
                 ('G', Some(61)) => self.exact_stop = true,
                 ('G', Some(64)) => self.exact_stop = false,
                 ('G', Some(90)) => self.incremental = false,
                 ('G', Some(91)) => self.incremental = true,
                 ('M', Some(2 | 30)) => request.end = true,
                 ('G' | 'M', _) => return Err(self.error(word, unsupported)),
+                // the number of the tool length; the control has one tool
+                ('H', _) if words.iter().any(|w| w.letter == 'G' && w.value == TOOL_CENTRE) => {}
                 ('N' | 'F' | 'S' | 'P' | 'I' | 'J' | 'K' | 'R', _) => {}
                 (letter, _) => {
                     let axis = AxisName::from_letter(letter).and_then(|a| self.axes.index(a));
@@ -168,6 +181,17 @@ impl Interpreter<'_> {
         Ok(request)
     }
 
+    /// Switches tool-centre-point motion on or off where the axes stand.
+    fn switch_tool_centre(&mut self, on: bool) {
+        if let Some(kinematics) = self.axes.tool_centre()
+            && on != self.tool_centre
+        {
+            self.position =
+                if on { kinematics.programmed(&self.position) } else { kinematics.axes(&self.position) };
+            self.tool_centre = on;
+        }
+    }
+
     /// The end of the block's motion; `None` where it names no axis.
     fn target(&self, words: &[Word]) -> Result<Option<AxisArray>, GcodeError> {
         let mut target = self.position;
@@ -177,6 +201,10 @@ impl Interpreter<'_> {
                 target[k] = if self.incremental { target[k] + word.value } else { word.value };
                 any = true;
                 let travel = self.axes.as_slice()[k].travel;
+                if self.tool_centre && self.axes.is_linear(k) {
+                    // where the axis goes depends on the head: checked along the path
+                    continue;
+                }
                 if target[k] < travel[0] - 1e-9 || target[k] > travel[1] + 1e-9 {
                     return Err(self.error(word, self.outside(k, target[k])));
                 }
@@ -310,8 +338,12 @@ impl Interpreter<'_> {
             exact_stop: self.exact_stop,
             scored: self.mark == Some(Mark::On),
             line: self.line,
+            tool_centre: self.tool_centre,
         };
-        let [low, high] = segment.extent();
+        let [low, high] = match self.axes.tool_centre().filter(|_| segment.tool_centre) {
+            Some(kinematics) => kinematics.extent(&segment),
+            None => segment.extent(),
+        };
         if let Some((k, value)) = self.axes.outside(&low).or_else(|| self.axes.outside(&high)) {
             return Err(self.error(word, self.outside(k, value)));
         }
@@ -348,8 +380,14 @@ fn code(value: f64) -> Option<u32> {
     (value.fract() == 0.0 && (0.0..1000.0).contains(&value)).then_some(value as u32)
 }
 
+/// Tool-centre-point motion on.
+const TOOL_CENTRE: f64 = 43.4;
+
 /// Modal group: codes of one group exclude each other in a block.
 fn group(word: &Word) -> Option<u8> {
+    if word.letter == 'G' && word.value == TOOL_CENTRE {
+        return Some(8);
+    }
     match (word.letter, code(word.value)?) {
         ('G', 0..=3 | 80) => Some(1),
         ('G', 17..=19) => Some(2),

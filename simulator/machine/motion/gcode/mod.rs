@@ -7,7 +7,8 @@
 //! | `G4 P` | dwell, `P` in seconds |
 //! | `G17` `G18` `G19` | plane XY, ZX, YZ |
 //! | `G90` `G91` | absolute, incremental |
-//! | `G21` `G94` `G40` `G49` `G80` | accepted: what the control does anyway |
+//! | `G43.4` `G49` | tool-centre-point motion on, off ([`super::tool_centre`]): X, Y, Z are those of the tool tip, interpolated with the nominal kinematics while rotary axes turn; `H` accepted |
+//! | `G21` `G94` `G40` `G80` | accepted: what the control does anyway |
 //! | `G61` `G64` | exact stop at every block, continuous path (default) |
 //! | `M0` `M1` | accepted: whoever would press start again does so at once |
 //! | `M2` `M30` | end; the rest of the text is not read |
@@ -80,7 +81,7 @@ pub enum Problem {
     BlockDelete,
     /// A code that is not known.
     #[error(
-        "{letter}{value} is not supported; the codes are G0-4 G17-19 G21 G40 G49 G61 G64 G80 G90 G91 G94 and M0-5 M7-9 M30"
+        "{letter}{value} is not supported; the codes are G0-4 G17-19 G21 G40 G43.4 G49 G61 G64 G80 G90 G91 G94 and M0-5 M7-9 M30"
     )]
     Unsupported { letter: char, value: f64 },
     /// Inches.
@@ -136,6 +137,9 @@ pub enum Problem {
     /// The machine lacks an axis of the plane.
     #[error("arc in plane {plane} needs axes that this machine does not have ({axes})")]
     NoPlane { plane: &'static str, axes: String },
+    /// Tool-centre-point motion on a machine that cannot.
+    #[error("G43.4 needs X, Y, Z and a rotary axis; this machine has {axes}")]
+    NoToolCentre { axes: String },
     /// Too much.
     #[error("more than {MAX_SEGMENTS} blocks with motion; split the programme")]
     TooLong,

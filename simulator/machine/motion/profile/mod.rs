@@ -70,6 +70,7 @@ pub fn checked_cycle_s(cycle_s: f64) -> Result<f64, ProfileError> {
 pub struct Trajectory {
     planned: Vec<Planned>,
     spans: Vec<Span>,
+    axes: MachineAxes,
     start: AxisArray,
     end: AxisArray,
     duration_s: f64,
@@ -102,11 +103,12 @@ impl Trajectory {
             }
         }
         let (planned, spans) = plan::plan(segments, axes, dynamics);
-        let end = segments.last().map_or(start, |s| s.end);
+        let end = segments.last().map_or(start, |s| axes_at(s, 1.0, axes));
         let duration_s = spans.last().map_or(0.0, |s| s.from_s + s.duration_s());
         Ok(Self {
             planned,
             spans,
+            axes: axes.clone(),
             start,
             end,
             duration_s,
@@ -138,6 +140,7 @@ impl Trajectory {
             exact_stop: true,
             scored: false,
             line: 0,
+            tool_centre: false,
         };
         Self::new(from, &[segment], axes, dynamics, cycle_s)
     }
@@ -178,13 +181,22 @@ impl Trajectory {
         let here = &self.planned[self.segment];
         let fraction = if here.length > 0.0 { (along.length - here.from) / here.length } else { 1.0 };
         MotionCycle {
-            commanded: here.segment.point(fraction),
+            commanded: axes_at(&here.segment, fraction, &self.axes),
             measured: None,
             feed_mm_per_min: along.velocity * 60.0,
             moving: along.velocity > 0.0 || along.acceleration != 0.0,
             scored: here.segment.scored,
             line: here.segment.line,
         }
+    }
+}
+
+/// Positions of the axes at a fraction of a segment: those programmed, or those that lead the tool tip there.
+fn axes_at(segment: &Segment, fraction: f64, axes: &MachineAxes) -> AxisArray {
+    let programmed = segment.point(fraction);
+    match axes.tool_centre().filter(|_| segment.tool_centre) {
+        Some(kinematics) => kinematics.axes(&programmed),
+        None => programmed,
     }
 }
 

@@ -6,7 +6,7 @@
 
 use core::f64::consts::FRAC_1_SQRT_2;
 
-use volcomp_units::axes::MAX_AXES;
+use volcomp_units::axes::{AxisArray, MAX_AXES};
 
 use super::super::axes::MachineAxes;
 use super::super::segment::{Measure, Segment, Shape};
@@ -95,7 +95,10 @@ fn limits(
         },
         jerk: if measure == Measure::Linear { dynamics.jerk_mm_per_s3 } else { f64::INFINITY },
     };
-    let steepest = segment.steepest(length);
+    let steepest = match axes.tool_centre().filter(|_| segment.tool_centre) {
+        Some(kinematics) => kinematics.steepest(segment, length),
+        None => segment.steepest(length),
+    };
     for (axis, &u) in axes.as_slice().iter().zip(&steepest).filter(|(_, u)| **u > 1e-12) {
         limits.velocity = limits.velocity.min(axis.rapid_per_min / 60.0 / u);
         limits.acceleration = limits.acceleration.min(axis.acceleration / u);
@@ -117,11 +120,17 @@ fn corner(a: &Planned, b: &Planned, axes: &MachineAxes, dynamics: &Dynamics) -> 
     let stop = a.measure != b.measure
         || a.measure == Measure::None
         || a.segment.rapid != b.segment.rapid
+        || a.segment.tool_centre != b.segment.tool_centre
         || a.segment.exact_stop;
     if stop {
         return 0.0;
     }
     let (before, after) = (a.segment.tangent(1.0, a.length), b.segment.tangent(0.0, b.length));
+    let of_axes = |p: &Planned, fraction: f64, programmed: AxisArray| match axes.tool_centre() {
+        Some(kinematics) if p.segment.tool_centre => kinematics.tangent(&p.segment, fraction, p.length),
+        _ => programmed,
+    };
+    let (axes_before, axes_after) = (of_axes(a, 1.0, before), of_axes(b, 0.0, after));
     let mut speed = f64::INFINITY;
     let mut turn = 0.0;
     let between = a.length.min(b.length);
@@ -130,6 +139,7 @@ fn corner(a: &Planned, b: &Planned, axes: &MachineAxes, dynamics: &Dynamics) -> 
         if axes.is_linear(k) == (a.measure == Measure::Linear) {
             turn += step * step;
         }
+        let step = (axes_after[k] - axes_before[k]).abs();
         if step > 1e-9 {
             // a step of speed that the axis can take, and no more curvature than its acceleration follows
             let acceleration = axis.acceleration.min(dynamics.acceleration_mm_per_s2.max(1.0));
