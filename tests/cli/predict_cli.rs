@@ -302,7 +302,7 @@ fn readings_of_temperatures_enter_as_the_daemon_takes_them() {
     );
     let points = "x_mm,y_mm,z_mm,dir_x\n100,0,0,1\n400,0,0,1\n";
     let directory = tempfile::tempdir().unwrap();
-    let mut of = |extra: &[&str]| {
+    let of = |extra: &[&str]| {
         let out = predict(directory.path(), &model, points, extra);
         assert!(out.status.success(), "{}", String::from_utf8_lossy(&out.stderr));
         let rows = result(directory.path());
