@@ -11,6 +11,8 @@ mod client;
 mod local;
 pub mod server;
 
+use std::collections::VecDeque;
+
 use serde::{Deserialize, Serialize};
 use volcomp_protocol::CorrectionState;
 use volcomp_units::axes::{AxisArray, AxisName};
@@ -50,6 +52,8 @@ const DWELL_CYCLES: usize = 5;
 pub enum Want {
     /// The last cycle of every dwell of at least five cycles.
     Stops,
+    /// The same with the mean tool tip over so many last cycles of the dwell, as an interferometer averages.
+    MeanStops(usize),
     /// One of so many cycles of everything between `(SCORE ON)` and `(SCORE OFF)`.
     Path(usize),
 }
@@ -131,6 +135,8 @@ pub struct Selection {
     count: usize,
     /// The last cycle of the dwell that is going on, and its cycles.
     standing: Option<(CycleRecord, usize)>,
+    /// Tool tips of the last cycles of this dwell, mm, of which the mean is wanted.
+    tips_mm: VecDeque<[f64; 3]>,
     points: Vec<Point>,
 }
 
@@ -138,7 +144,7 @@ impl Selection {
     /// Nothing seen yet.
     #[must_use]
     pub const fn new(want: Want) -> Self {
-        Self { want, count: 0, standing: None, points: Vec::new() }
+        Self { want, count: 0, standing: None, tips_mm: VecDeque::new(), points: Vec::new() }
     }
 
     /// A cycle of the run.
@@ -148,7 +154,7 @@ impl Selection {
             return;
         }
         match self.want {
-            Want::Stops => {
+            Want::Stops | Want::MeanStops(_) => {
                 let stands = r.feed_mm_per_min == 0.0;
                 if !stands || self.standing.is_some_and(|(before, _)| before.line != r.line) {
                     self.end_of_dwell(machine);
@@ -156,6 +162,12 @@ impl Selection {
                 if stands {
                     let cycles = self.standing.map_or(0, |(_, cycles)| cycles);
                     self.standing = Some((*r, cycles + 1));
+                    if let Want::MeanStops(last) = self.want {
+                        self.tips_mm.push_back(r.sample.tip_mm);
+                        if self.tips_mm.len() > last.max(1) {
+                            self.tips_mm.pop_front();
+                        }
+                    }
                 }
             }
             Want::Path(every) => {
@@ -170,8 +182,15 @@ impl Selection {
     fn end_of_dwell(&mut self, machine: &TruthMachine) {
         // one cycle at rest between two moves is no dwell
         if let Some((r, _)) = self.standing.take().filter(|(_, cycles)| *cycles >= DWELL_CYCLES) {
-            self.points.push(point(machine, &r));
+            let mut point = point(machine, &r);
+            if !self.tips_mm.is_empty() {
+                let count = self.tips_mm.len() as f64;
+                point.actual_mm =
+                    [0, 1, 2].map(|i| self.tips_mm.iter().map(|tip| tip[i]).sum::<f64>() / count);
+            }
+            self.points.push(point);
         }
+        self.tips_mm.clear();
     }
 
     /// The moments, in order.

@@ -52,7 +52,7 @@ pub(super) fn machine(
         let _ = write!(
             text,
             "[[sensor]]\nname = \"laser-{letter}\"\nkind = \"five-dof\"\naxis = \"{letter}\"\nsmooth-s = 0.08\n\
-             reference-share = 1.0\nfocal-mm = [{}]\nbeam-1-mm = {}\nbeam-2-mm = {}\nsigns = {}\nangle-gain = {}\n\
+             age-limit-ms = 20000\nreference-share = 1.0\nfocal-mm = [{}]\nbeam-1-mm = {}\nbeam-2-mm = {}\nsigns = {}\nangle-gain = {}\n\
              drift-gain = {}\ndead-path-mm = {}\nrange-um = 3000\nrange-arcsec = 400\njump-um = 400\njump-arcsec = 80\n",
             focal.join(", "),
             beam("beam-1-mm")?,

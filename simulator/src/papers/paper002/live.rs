@@ -30,8 +30,11 @@ const READ_S: f64 = 0.05;
 /// Real time of a cycle in motion and at rest.
 const MOVING: Duration = Duration::from_micros(300);
 const RESTING: Duration = Duration::from_micros(750);
-/// Dwell at a stop, s of the control: four time constants of the smoothing of the lasers, which is about 1 s of the control.
-const DWELL_S: f64 = 4.0;
+/// Dwell at a stop, s of the control: five time constants of the smoothing of the lasers, which is about 1 s of the control.
+const DWELL_S: f64 = 5.0;
+/// The interferometer averages over the last cycles of a dwell. Where the computer is slow the smoothing, which is one in
+/// real time, takes in fewer readings; the mean holds the same number of them.
+const AVERAGED: usize = 150;
 /// Feed between stops, mm/min.
 const FEED: f64 = 20_000.0;
 /// Targets of positioning, steps of a diagonal.
@@ -167,7 +170,7 @@ impl Bench {
                 }
                 let _ = write!(text, "G1 {axis}{:.4}\nG4 P{DWELL_S}\n", target(n));
             }
-            let points = self.run(&(text + "(SCORE OFF)\nM30\n"), Want::Stops)?;
+            let points = self.run(&(text + "(SCORE OFF)\nM30\n"), Want::MeanStops(AVERAGED))?;
             if points.len() != 2 * TARGETS {
                 bail!("{} stops of {}", points.len(), 2 * TARGETS);
             }
@@ -190,7 +193,7 @@ impl Bench {
             for n in 0..=STEPS {
                 let _ = write!(text, "G1 {}\nG4 P{DWELL_S}\n", at(n));
             }
-            let points = self.run(&(text + "(SCORE OFF)\nM30\n"), Want::Stops)?;
+            let points = self.run(&(text + "(SCORE OFF)\nM30\n"), Want::MeanStops(AVERAGED))?;
             if points.len() != STEPS + 1 {
                 bail!("{} stops of {}", points.len(), STEPS + 1);
             }
