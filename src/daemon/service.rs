@@ -13,9 +13,11 @@ use volcomp_state::counters::FILE;
 
 use super::audit::{Audit, AuditEntry, Who};
 use super::channels::{LastOffset, Report, Request, ServiceChannels};
+use super::benefit::Benefit;
 use super::clock::Clock;
 use super::counters::{Tally, unknown};
 use super::handshake;
+use super::health::health;
 use super::latency::Histograms;
 use super::link_end::LinkEnd;
 use super::load::Loaded;
@@ -27,12 +29,14 @@ use super::realtime;
 use super::recorder::Recorder;
 use super::sensors::{MapStatus, Sensors};
 use super::state_writer::StateWriter;
+use super::recent::Recent;
 use super::status::Status;
+use super::model_errors::model_errors;
 use super::status_collector::StatusCollector;
 use logs::{log_event, log_link_up, log_realtime};
 use retained_state::RetentionState;
 use volcomp_config::{MachineConfig, Policy};
-use volcomp_engine::fault::Code;
+use volcomp_engine::fault::{Code, reason_code};
 use volcomp_engine::{Command, Event, ShadowScore, State};
 use volcomp_units::MonoTime;
 
@@ -75,6 +79,8 @@ pub(super) struct Service {
     links: LogLimiter,
     events: LogLimiter,
     warnings: RateLimitedWarnings,
+    recent: Recent,
+    benefit: Benefit,
 }
 
 impl Service {
@@ -124,6 +130,8 @@ impl Service {
             links: LogLimiter::new(10, Duration::from_secs(10)),
             events: LogLimiter::new(20, Duration::from_secs(1)),
             warnings: RateLimitedWarnings::new(clock.now()),
+            recent: Recent::new(clock.now())?,
+            benefit: Benefit::default(),
         };
         service.recall();
         service.save();
@@ -200,6 +208,7 @@ impl Service {
     ) -> Keeping {
         info!(model = new.origin, hash = new.hash, who, why, "another model is in use");
         self.expired_accepted = false;
+        self.benefit.reset();
         if let Some(sensors) = &self.sensors {
             sensors.model(&new);
         }
@@ -252,19 +261,35 @@ impl Service {
         for _ in 0..RECORDS_AT_ONCE {
             let Ok(record) = self.channels.records.try_recv() else { break };
             self.status_collector.record(&record);
+            self.recent.record(&record);
             self.tally.record(&record);
         }
         if self.clock.now().seconds_since(self.saved) >= SAVE_S {
             self.save();
         }
-        if self.clock.now().seconds_since(self.looked) >= LOOK_S {
+        let now = self.clock.now();
+        if now.seconds_since(self.looked) >= LOOK_S {
             self.look_after_the_model();
+            self.look_at_the_benefit(now);
         }
-        self.warnings.look(self.clock.now(), &self.channels.progress);
+        self.recent.look(now, &self.channels.progress);
+        let late = self.warnings.look(now, &self.channels.progress);
+        if late > 0 {
+            self.recent.count(now, Code::LATE_CYCLES, late, None);
+        }
         if let Some(recorder) = &self.recorder {
             let lost = recorder.stats.dropped.load(std::sync::atomic::Ordering::Relaxed);
-            self.warnings.look_at_recording(self.clock.now(), lost);
+            let lost = self.warnings.look_at_recording(now, lost);
+            if lost > 0 {
+                self.recent.count(now, Code::RECORDS_LOST, lost, None);
+            }
         }
+    }
+
+    /// One value of the benefit a second.
+    fn look_at_the_benefit(&mut self, now: MonoTime) {
+        let (axes, last) = (self.status_collector.axes(), self.status_collector.last());
+        self.benefit.look(now, &self.models.active.model, &axes, last, self.gain);
     }
 
     pub(super) fn status(&mut self) -> Status {
@@ -291,7 +316,13 @@ impl Service {
             status.readings_dropped = health.dropped;
         }
         status.recording = self.recorder.as_ref().map(|recorder| recorder.stats.status());
+        let now = self.clock.now();
+        status.recent = self.recent.status(now);
+        status.events = self.recent.events(now);
+        status.benefit = self.benefit.status();
+        status.model_errors = model_errors(&self.models.active.spec);
         status.records_dropped += status.recording.as_ref().map_or(0, |recording| recording.records_dropped);
+        status.health = health(&status);
         status
     }
 
@@ -357,7 +388,8 @@ impl Service {
                     let (retry_s, code) = (pause.as_secs_f64(), error.fault());
                     warn!(retry_s, %code, held_back, "no link: {text}");
                 }
-                self.status_collector.connect_failed(text);
+                self.recent.count(self.clock.now(), error.fault(), 1, Some(text.clone()));
+                self.status_collector.connect_failed(error.fault(), text);
             }
             Report::LinkUp { address, hello } => {
                 if let Some(held_back) = self.links.admit(self.clock.now()) {
@@ -375,11 +407,18 @@ impl Service {
                         }
                     }
                 }
-                self.status_collector.link_down(end.to_string());
+                if !matches!(end, LinkEnd::Stopped { .. }) {
+                    let now = self.clock.now();
+                    self.recent.drop_out(now);
+                    self.recent.count(now, end.fault(), 1, Some(end.to_string()));
+                }
+                self.status_collector.link_down(end.fault(), end.to_string());
             }
             Report::Engine(event) => {
                 // a fault is latched, so it cannot flood the log, and must not be held back by what came before
-                let Event::StateChanged { to, .. } = event;
+                let Event::StateChanged { to, reason, detail, .. } = event;
+                let numbers = self.status_collector.numbers(detail.as_ref());
+                self.recent.count(self.clock.now(), reason_code(reason), 1, numbers);
                 let admitted = self.events.admit(self.clock.now());
                 if let Some(held_back) = admitted.or_else(|| (to == State::Faulted).then_some(0)) {
                     log_event(&event, held_back, &self.status_collector);
@@ -388,7 +427,10 @@ impl Service {
                 self.status_collector.event(&event);
             }
             Report::Shadow(score) => self.shadow = score,
-            Report::ServiceSilent => self.was_silent(),
+            Report::ServiceSilent => {
+                self.recent.count(self.clock.now(), Code::SERVICE_SILENT, 1, None);
+                self.was_silent();
+            }
             Report::Stopped { offset: LastOffset::AtRest } => info!("the offset is at its rest value"),
             Report::Stopped { offset: LastOffset::NoLink } => {
                 info!("there is no link; a control that still holds an offset takes it out by itself");
