@@ -95,8 +95,8 @@ pub use sensors::{
 };
 pub use server::SocketError;
 pub use status::{
-    AxisLimitStatus, Fault, Lifetime, LinkStatus, ModelErrors, ModelStatus, RealtimeStatus, RecordingStatus, ShadowStatus,
-    StateReason, Status,
+    AxisLimitStatus, Fault, Lifetime, LinkStatus, ModelErrors, ModelStatus, RealtimeStatus, RecordingStatus,
+    ShadowStatus, StateReason, Status,
 };
 pub use tls::{Identity, TlsFileError, identity};
 pub use volcomp_state::bounded_read;

@@ -51,6 +51,7 @@ mod tests {
         let constant = |symbol: &str| format!("[errors.{symbol}.constant]\nvalue-um = 1.0\n");
         assert_eq!(of("[w X' b Y Z t]", ""), (0, 21));
         assert_eq!(of("[w X' b Y Z t]", &(constant("exx") + &constant("eyx"))), (2, 21));
-        assert_eq!(of("[w C' A' X' b Y Z t]", &constant("ex0c")), (1, 41));
+        let points = "[axes.c]\npoint-mm = [0.0, 0.0, 0.0]\n[axes.a]\npoint-mm = [0.0, 0.0, 0.0]\n";
+        assert_eq!(of("[w C' A' X' b Y Z t]", &(constant("ex0c") + points)), (1, 41));
     }
 }

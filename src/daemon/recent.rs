@@ -235,9 +235,8 @@ impl Recent {
             slot.counts[index] = slot.counts[index].saturating_add(count);
         }
         self.last[index] = Some(now);
-        let repeated = |listed: &&mut Listed| {
-            listed.index == index && now.seconds_since(listed.last) < WINDOW_S
-        };
+        let repeated =
+            |listed: &&mut Listed| listed.index == index && now.seconds_since(listed.last) < WINDOW_S;
         if let Some(listed) = self.events.iter_mut().rev().find(repeated) {
             listed.last = now;
             listed.count = listed.count.saturating_add(count);

@@ -16,12 +16,12 @@ use super::load::Loaded;
 use super::realtime::RealtimeReport;
 use super::recent::RecentStatus;
 use super::status::{
-    AxisLimitStatus, Fault, Lifetime, LinkStatus, ModelErrors, ModelStatus, RealtimeStatus, ShadowAxis, ShadowStatus,
-    StateReason, Status,
+    AxisLimitStatus, Fault, Lifetime, LinkStatus, ModelErrors, ModelStatus, RealtimeStatus, ShadowAxis,
+    ShadowStatus, StateReason, Status,
 };
+use volcomp_config::AxisConfig;
 use volcomp_engine::fault::{self, Code, Entry};
 use volcomp_engine::{Detail, Event, Quantity, ShadowScore, State};
-use volcomp_config::AxisConfig;
 use volcomp_protocol::{ControlHello, MachineState};
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
 use volcomp_units::{MonoTime, NS_PER_S, arcsec_from_rad, rad_from_deg, um_from_mm};
@@ -225,7 +225,11 @@ impl StatusCollector {
             shadow: None,
             recording: None,
             lifetime: Lifetime::default(),
-            state_since_s: now.seconds_since(if self.up { self.entered.max(self.changed) } else { self.changed }),
+            state_since_s: now.seconds_since(if self.up {
+                self.entered.max(self.changed)
+            } else {
+                self.changed
+            }),
             state_reason: self.reason.filter(|_| self.up).map(|(entry, detail)| StateReason {
                 code: entry.code.to_string(),
                 name: entry.name.to_owned(),

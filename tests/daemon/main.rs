@@ -9,5 +9,6 @@ mod retained_state;
 mod sensors;
 mod service;
 mod soak;
+mod status;
 mod support;
 mod thermal;
