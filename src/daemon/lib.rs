@@ -43,6 +43,7 @@ mod daemon;
 mod frame_link;
 mod handshake;
 mod health;
+mod http;
 mod latency;
 mod link;
 mod link_end;

@@ -127,6 +127,8 @@ pub(super) struct Recent {
     /// Newest last.
     events: VecDeque<Listed>,
     seen: [u64; COUNTERS.len()],
+    /// Occurrences since the start.
+    totals: [u64; CATALOGUE.len()],
     begun: MonoTime,
 }
 
@@ -172,6 +174,7 @@ impl Recent {
             last: [None; CATALOGUE.len()],
             events: VecDeque::with_capacity(EVENTS),
             seen: [0; COUNTERS.len()],
+            totals: [0; CATALOGUE.len()],
             begun: now,
         })
     }
@@ -234,6 +237,7 @@ impl Recent {
         if let Some(slot) = self.slots.back_mut() {
             slot.counts[index] = slot.counts[index].saturating_add(count);
         }
+        self.totals[index] = self.totals[index].saturating_add(count);
         self.last[index] = Some(now);
         let repeated =
             |listed: &&mut Listed| listed.index == index && now.seconds_since(listed.last) < WINDOW_S;
@@ -247,6 +251,11 @@ impl Recent {
         }
         let time = utc::text(SystemTime::now());
         self.events.push_back(Listed { index, time, last: now, count, numbers });
+    }
+
+    /// Occurrences since the start, in the order of the catalogue.
+    pub(super) const fn totals(&self) -> [u64; CATALOGUE.len()] {
+        self.totals
     }
 
     /// The last minute in figures.

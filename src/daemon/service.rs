@@ -18,6 +18,7 @@ use super::clock::Clock;
 use super::counters::{Tally, unknown};
 use super::handshake;
 use super::health::health;
+use super::http::{LatencyTotals, Snapshot};
 use super::latency::Histograms;
 use super::link_end::LinkEnd;
 use super::load::Loaded;
@@ -80,6 +81,7 @@ pub(super) struct Service {
     events: LogLimiter,
     warnings: RateLimitedWarnings,
     recent: Recent,
+    latency_totals: LatencyTotals,
     benefit: Benefit,
 }
 
@@ -131,6 +133,7 @@ impl Service {
             events: LogLimiter::new(20, Duration::from_secs(1)),
             warnings: RateLimitedWarnings::new(clock.now()),
             recent: Recent::new(clock.now())?,
+            latency_totals: LatencyTotals::default(),
             benefit: Benefit::default(),
         };
         service.recall();
@@ -262,6 +265,7 @@ impl Service {
             let Ok(record) = self.channels.records.try_recv() else { break };
             self.status_collector.record(&record);
             self.recent.record(&record);
+            self.latency_totals.record(&record);
             self.tally.record(&record);
         }
         if self.clock.now().seconds_since(self.saved) >= SAVE_S {
@@ -324,6 +328,19 @@ impl Service {
         status.records_dropped += status.recording.as_ref().map_or(0, |recording| recording.records_dropped);
         status.health = health(&status);
         status
+    }
+
+    /// All that the HTTP service shows.
+    pub(super) fn snapshot(&mut self) -> Snapshot {
+        let status = self.status();
+        let progress = &self.channels.progress;
+        Snapshot {
+            status,
+            codes: self.recent.totals(),
+            latency: self.latency_totals,
+            limited_cycles: progress.limited.load(Relaxed),
+            soft_limited_cycles: progress.at_soft_limit.load(Relaxed),
+        }
     }
 
     /// Hash of the model in use.
