@@ -99,6 +99,7 @@ fn line(socket: &Path, object: &impl serde::Serialize) -> Result<String, ClientE
 }
 
 /// Prints a text; with `--watch` on a terminal over the one before, line by line, so that nothing flickers.
+#[expect(clippy::disallowed_methods, reason = "whether stdout is a terminal")]
 fn draw(watch: bool, text: &str) {
     if !watch || !std::io::stdout().is_terminal() {
         say!("{text}");

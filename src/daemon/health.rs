@@ -52,8 +52,9 @@ pub(super) fn health(status: &Status) -> Health {
     if let Some(error) = status.recording.as_ref().and_then(|recording| recording.error.as_deref()) {
         return of_code("warning", 1, &Code::RECORDING_STOPPED.to_string(), error);
     }
+    let note = status.lifetime.note.as_ref().filter(|note| note.starts_with("VC-"));
     let standing = status.hindrances.first().or(status.start_inhibit.as_ref());
-    if let Some(text) = standing.or(status.lifetime.note.as_ref().filter(|note| note.starts_with("VC-"))) {
+    if let Some(text) = standing.or(note) {
         let code = text.get(..7).filter(|code| code.starts_with("VC-")).unwrap_or_default().to_owned();
         return of_code("warning", 1, &code, text);
     }

@@ -3,7 +3,7 @@
 mod logs;
 mod retained_state;
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, SystemTime};
@@ -83,6 +83,8 @@ pub(super) struct Service {
     recent: Recent,
     latency_totals: LatencyTotals,
     benefit: Benefit,
+    /// Numbers that sensors and thermal displacements have now.
+    sensor_codes: BTreeSet<(String, String)>,
 }
 
 impl Service {
@@ -135,6 +137,7 @@ impl Service {
             recent: Recent::new(clock.now())?,
             latency_totals: LatencyTotals::default(),
             benefit: Benefit::default(),
+            sensor_codes: BTreeSet::new(),
         };
         service.recall();
         service.save();
@@ -275,6 +278,7 @@ impl Service {
         if now.seconds_since(self.looked) >= LOOK_S {
             self.look_after_the_model();
             self.look_at_the_benefit(now);
+            self.look_at_the_sensors(now);
         }
         self.recent.look(now, &self.channels.progress);
         let late = self.warnings.look(now, &self.channels.progress);
@@ -288,6 +292,20 @@ impl Service {
                 self.recent.count(now, Code::RECORDS_LOST, lost, None);
             }
         }
+    }
+
+    /// Counts what the estimator newly says about sensors and thermal displacements, by number.
+    fn look_at_the_sensors(&mut self, now: MonoTime) {
+        let Some(health) = self.sensors.as_ref().map(Sensors::health) else { return };
+        let sensors = health.sensors.iter().filter_map(|s| Some((s.code.clone()?, s.name.clone())));
+        let growths = health.growths.iter().filter_map(|g| Some((g.code.clone()?, g.name.clone())));
+        let standing: BTreeSet<(String, String)> = sensors.chain(growths).collect();
+        for (code, name) in standing.difference(&self.sensor_codes) {
+            if let Some(code) = Code::parse(code) {
+                self.recent.count(now, code, 1, Some(name.clone()));
+            }
+        }
+        self.sensor_codes = standing;
     }
 
     /// One value of the benefit a second.

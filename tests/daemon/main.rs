@@ -1,6 +1,7 @@
 //! `volcompd` as a process, with a control and sensors on loopback.
 
 mod adversary;
+mod http;
 mod link;
 mod models;
 mod recording;

@@ -10,6 +10,10 @@ pub(super) struct Paint {
 
 impl Paint {
     /// Colour where stdout is a terminal that has it and `NO_COLOR` (no-color.org) is not set.
+    #[expect(
+        clippy::disallowed_methods,
+        reason = "whether stdout is a terminal, and what the user has set for it"
+    )]
     pub(super) fn of_stdout() -> Self {
         let set = |name| std::env::var_os(name).is_some_and(|value| !value.is_empty());
         let dumb = std::env::var_os("TERM").is_some_and(|value| value == "dumb");

@@ -132,7 +132,7 @@ impl Source {
                 totals.computation,
             ),
         ] {
-            let bounds = BOUNDS_S.iter().copied().chain([f64::MAX]);
+            let bounds = BOUNDS_S.iter().copied().chain([f64::INFINITY]);
             let buckets: Vec<(f64, u64)> = bounds.zip(counts).collect();
             let mut metric = e.encode_descriptor(name, help, None, MetricType::Histogram)?;
             metric.encode_histogram::<NoLabelSet>(sum_s, counts.iter().sum(), &buckets, None)?;
@@ -212,6 +212,10 @@ impl Source {
             ("version", status.version.as_str()),
         ];
         gauge(e, "volcomp_model_info", "The model in use", vec![(labels, 1.0)])?;
+        if let Some(seconds) = status.model_choice.expiry.as_deref().and_then(end_of_day) {
+            let help = "End of the last day on which the model should be used, UTC";
+            gauge(e, "volcomp_model_expiry_timestamp_seconds", help, vec![(Vec::new(), seconds)])?;
+        }
         let errors = &status.model_errors;
         let motions = [("covered", errors.covered), ("possible", errors.possible)];
         let motions = motions.map(|(kind, count)| (vec![("kind", kind)], count as f64));
@@ -242,6 +246,16 @@ impl Source {
     }
 }
 
+/// The end of a day `2026-11-21` in seconds since 1970, UTC.
+fn end_of_day(date: &str) -> Option<f64> {
+    let mut parts = date.get(..10)?.split('-').map(|part| part.parse::<i64>().ok());
+    let [year, month, day] = [parts.next()??, parts.next()??, parts.next()??];
+    // days of the Gregorian calendar, with years that begin in March
+    let (year, month) = if month > 2 { (year, month - 3) } else { (year - 1, month + 9) };
+    let days = 365 * year + year / 4 - year / 100 + year / 400 + (153 * month + 2) / 5 + day - 719_469;
+    Some(((days + 1) * 86_400) as f64)
+}
+
 /// One family; left out where it has no values.
 fn gauge(e: &mut DescriptorEncoder<'_>, name: &str, help: &str, values: Values<'_>) -> fmt::Result {
     if values.is_empty() {
@@ -265,4 +279,24 @@ fn offsets<'a>(maps: [(&'a AxisMap, &'static str); 2], of: impl Fn(f64) -> f64 +
         map.iter().map(move |(axis, value)| (vec![("axis", axis.as_str()), ("kind", kind)], of(*value)))
     });
     values.collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn an_expiry_is_the_end_of_its_day() {
+        assert_eq!(end_of_day("1970-01-01"), Some(86_400.0));
+        assert_eq!(end_of_day("2024-02-29"), Some(1_709_251_200.0));
+        assert_eq!(end_of_day("2026-11-24"), Some(1_795_564_800.0));
+        assert_eq!(end_of_day("soon"), None);
+    }
+
+    #[test]
+    fn counters_are_described_under_the_name_of_their_samples() {
+        let text = "# HELP a_b Help.\n# TYPE a_b counter\na_b_total 1\n# TYPE a_bc gauge\na_bc 2\n# EOF\n";
+        let wanted = "# HELP a_b_total Help.\n# TYPE a_b_total counter\na_b_total 1\n# TYPE a_bc gauge\na_bc 2\n# EOF\n";
+        assert_eq!(prometheus(text), wanted);
+    }
 }
