@@ -1,9 +1,11 @@
 //! `volcompd` as a process, with a control and sensors on loopback.
 
 mod adversary;
+mod browser;
 mod http;
 mod link;
 mod models;
+mod page;
 mod recording;
 mod replay_damage;
 mod retained_state;
