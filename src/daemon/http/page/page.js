@@ -20,6 +20,7 @@ function element(name, text, className) {
 const number = (value, digits) =>
   value === null || value === undefined ? "–" : value.toFixed(digits).replace("-", "\u2212");
 const micro = (unit) => (unit === "um" ? "µm" : "″");
+const micron = (text) => text.replace(/(\d) um\b/g, "$1 µm");
 const latency = (us) => (us === null || us === undefined ? "–" : us >= 1000 ? number(us / 1000, 2) + " ms" : number(us, us < 100 ? 1 : 0) + " µs");
 
 function duration(seconds) {
@@ -50,9 +51,10 @@ function showBanner(status) {
   byId("state").textContent = word;
   byId("machine").textContent = status.machine;
   const gain = status.gain !== 1 ? ", gain " + number(100 * status.gain, 0) + " %" : "";
-  byId("since").textContent = "for " + duration(status.state_since_s) + gain;
+  const fault = status.faults[0];
+  byId("since").textContent = "for " + duration(fault ? fault.age_s : status.state_since_s) + gain;
   const code = health.code && !health.cause.startsWith(health.code) ? health.code + " " : "";
-  byId("cause").textContent = health.cause ? code + health.cause : "";
+  byId("cause").textContent = micron(health.cause ? code + health.cause : "");
   const off = status.state === "off" && health.verdict === "ok" ? "Compensation is off; `volcomp enable` switches it on." : "";
   byId("remedy").textContent = health.remedy ? "What to do: " + health.remedy : off;
   document.title = word + " · " + status.machine;
@@ -86,7 +88,9 @@ function axisRow(axis) {
     row = element("div", null, "axis");
     row.id = id;
     const figures = element("div");
-    figures.append(element("span", "–", "value"), element("small", ""));
+    const meter = element("meter");
+    meter.setAttribute("aria-label", "Axis " + axis.toUpperCase() + ", offset as a share of its limit");
+    figures.append(element("span", "–", "value"), element("small", ""), meter);
     const canvas = element("canvas");
     canvas.setAttribute("role", "img");
     row.append(element("b", axis.toUpperCase()), figures, canvas);
@@ -101,6 +105,9 @@ function showAxes(status) {
     const limits = status.limits[axis];
     const [unit, sent, applied] = offsets(status, axis);
     row.querySelector(".value").textContent = number(sent, 1) + " " + micro(unit);
+    Object.assign(row.querySelector("meter"), {
+      min: 0, max: limits.limit, low: limits.warning, high: limits.limit, optimum: 0, value: Math.abs(sent ?? 0),
+    });
     const small = row.querySelector("small");
     small.replaceChildren("applied " + number(applied, 1) + ", limit " + number(limits.limit, 0));
     const marks = [[status.limited, "LIMITED"], [status.warning, "WARNING"], [status.out_of_range, "OUT OF RANGE"]];
@@ -195,7 +202,7 @@ function showLink(status) {
   const rows = [
     ["late cycles", share(recent.late_cycles, recent.cycles), share(status.late_cycles, status.cycles), bad(recent.late_share > 0.02)],
     ["skipped", recent.skipped_cycles, status.skipped_cycles, ""],
-    ["drop-outs", recent.drop_outs, Math.max(0, link.links - 1), bad(recent.drop_outs > 0)],
+    ["drop-outs", recent.drop_outs, link.links - (link.up ? 1 : 0), bad(recent.drop_outs > 0)],
     ["age p50", latency(recent.age_us_p50), latency(status.age_us_p50), ""],
     ["age p99", latency(recent.age_us_p99), latency(status.age_us_p99), ""],
     ["round trip p99", latency(recent.roundtrip_us_p99), latency(status.roundtrip_us_p99), ""],
@@ -231,7 +238,7 @@ function showModel(status) {
     ["reason", choice.why],
     ["valid until", choice.expiry || "not stated"],
     ["previous", choice.previous && choice.previous.split("/").pop()],
-    ["against it", status.hindrances.join("; ")],
+    ["against it", micron(status.hindrances.join("; "))],
     ["notes", choice.notes.join("; ")],
   ]);
 }
@@ -291,7 +298,7 @@ function showEvents(status) {
     time.dateTime = event.time;
     summary.append(time, " ", element("span", event.code + " " + event.severity, "code " + event.severity), " ",
       known.text || event.name);
-    if (event.numbers) summary.append(" (" + event.numbers + ")");
+    if (event.numbers) summary.append(" (" + micron(event.numbers) + ")");
     if (event.count > 1) summary.append(" ", element("span", "× " + event.count, "count"));
     const list = element("dl", null, "pairs");
     pairs(list, [["name", event.name], ["cause", known.cause], ["reaction", known.reaction], ["remedy", known.remedy]]);
