@@ -16,6 +16,8 @@
 //!   threads that may wait for the disk, so that nobody else has to. [`replay`] runs what was recorded through the
 //!   same [`link_session`].
 //!
+//! - the **HTTP service** ([`http`]), where the machine file asks for it, is a thread that shows snapshots.
+//!
 //! [`channels`] is everything that passes between the two. [`link_session`] is the cycle without its socket and
 //! clock, for tests that count allocations. Reading order: `channels`, `link_session`, `link`, `cycle`, `worker`,
 //! `service`, `daemon`.
