@@ -36,7 +36,6 @@ mod import;
 pub mod input;
 mod model;
 mod model_writer;
-#[cfg(feature = "diagnosis")]
 mod numerals;
 mod operator_commands;
 mod positioning_data;

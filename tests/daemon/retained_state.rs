@@ -108,6 +108,7 @@ fn a_fault_of_before_is_told_and_cleared_without_a_link() {
     let status = daemon.status();
     assert_eq!((&status["enabled"], status["faults"].as_array().map(Vec::len)), (&true.into(), Some(0)));
     assert!(counters(&daemon).contains("\"fault\": null"), "durable before the answer");
+    dead.close_pending();
     let mut session = dead.link();
     assert_eq!(run(&mut session, 600), CorrectionState::Active);
 }

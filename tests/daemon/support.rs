@@ -239,6 +239,11 @@ impl Port {
         self.accept_within(PATIENCE).expect("the daemon connects")
     }
 
+    /// Closes what waits to be accepted: a killed daemon leaves its connections behind.
+    pub(crate) fn close_pending(&self) {
+        while self.accept_within(Duration::ZERO).is_some() {}
+    }
+
     /// A connection with the hellos exchanged.
     pub(crate) fn link(&self) -> Session {
         let mut session = self.accept();
