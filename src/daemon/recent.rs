@@ -181,8 +181,8 @@ impl Recent {
     fn advance(&mut self, now: MonoTime) {
         let begun = self.slots.back().map_or(now, |slot| slot.begun);
         let over = (now.seconds_since(begun) / SLOT_S) as usize;
-        for k in 0..over.min(SLOTS) {
-            let at = if over > SLOTS { now } else { begun.plus_seconds((k + 1) as f64 * SLOT_S) };
+        for k in over.saturating_sub(SLOTS)..over {
+            let at = begun.plus_seconds((k + 1) as f64 * SLOT_S);
             if let Some(mut slot) = self.slots.pop_front() {
                 slot.clear(at);
                 self.slots.push_back(slot);

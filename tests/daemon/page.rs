@@ -107,6 +107,7 @@ fn the_page_shows_compensation_a_fault_and_the_recovery_after_a_restart() {
     let mut scene = Scene { session: None, browser: Browser::start(), turn: 0.0 };
     scene.browser.look_like(1280, 900, "light");
     scene.browser.open(&format!("http://{address}/"));
+    scene.until("document.readyState === 'complete' && document.getElementById('footer') !== null");
     scene.until(&format!("{} === 'DISCONNECTED'", text("state")));
     scene.session = Some(port.link());
     scene.until(&format!("{} === 'COMPENSATING'", text("state")));
