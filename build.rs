@@ -4,6 +4,8 @@
 //! Licence or size keeps these sets out of the repository. A test of a missing set is ignored, with its reason. With
 //! `VOLCOMP_DATA_REQUIRED=1` a missing set is an error of the build. `VOLCOMP_DATA_FOLDER` is the folder for `env!`.
 //!
+//! Names the programs that some tests need and that are installed: `tool_<program>`. A test of a missing one is ignored.
+//!
 //! A missing folder is not watched, because cargo would then run this script, and compile the package, in every build:
 //! `tests/repository/data_sets.rs` reports a set that has appeared since.
 
@@ -20,7 +22,13 @@ const SETS: [&str; 5] = [
     "sinumerik_edge_capture",
 ];
 
+/// Programs that tests start where they are installed.
+const TOOLS: [&str; 2] = ["chromium", "promtool"];
+
 fn main() {
+    for tool in TOOLS {
+        look_for(tool);
+    }
     println!("cargo::rerun-if-env-changed=VOLCOMP_DATA");
     println!("cargo::rerun-if-env-changed=VOLCOMP_DATA_REQUIRED");
     let package = env::var_os("CARGO_MANIFEST_DIR").map(PathBuf::from).unwrap_or_default();
@@ -31,6 +39,15 @@ fn main() {
     for set in SETS {
         println!("cargo::rustc-check-cfg=cfg(data_{set})");
         announce(set, &data.join(set));
+    }
+}
+
+fn look_for(tool: &str) {
+    println!("cargo::rustc-check-cfg=cfg(tool_{tool})");
+    let path = env::var_os("PATH").unwrap_or_default();
+    if let Some(found) = env::split_paths(&path).map(|folder| folder.join(tool)).find(|file| file.is_file()) {
+        println!("cargo::rerun-if-changed={}", found.display());
+        println!("cargo::rustc-cfg=tool_{tool}");
     }
 }
 

@@ -65,7 +65,8 @@ systemctl daemon-reload
 # Type=notify: this returns when the daemon has said READY=1
 systemctl start "$name.service" || fail "it does not start"
 
-status() { "$programs/volcomp" status --json --socket "$socket"; }
+# exit codes up to 4 tell the health of a daemon that answers
+status() { "$programs/volcomp" status --json --socket "$socket" || [ $? -le 4 ]; }
 for _ in $(seq 150); do
     case $(status 2>/dev/null) in *'"state":"active"'*) break ;; esac
     sleep 0.1

@@ -28,6 +28,7 @@ const fn exit_code(error: &DaemonError) -> u8 {
         DaemonError::Log(LogError::Journald(_))
         | DaemonError::Socket(_)
         | DaemonError::SensorSocket { .. }
+        | DaemonError::HttpSocket { .. }
         | DaemonError::System { .. } => EX_IOERR,
         DaemonError::Log(LogError::Taken(_))
         | DaemonError::CycleThread { .. }

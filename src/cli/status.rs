@@ -1,5 +1,8 @@
 //! `volcomp status`: state of a running daemon.
 
+mod paint;
+mod recent;
+
 use std::fmt::Write;
 use std::io::IsTerminal;
 use std::path::{Path, PathBuf};
@@ -10,6 +13,8 @@ use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
 use volcomp_config::MachineConfig;
 use volcomp_daemon::Status;
 use volcomp_daemon::client::{self, ClientError};
+
+use paint::Paint;
 
 /// Where the daemon of the shipped unit listens.
 const DEFAULT_SOCKET: &str = "/run/volcomp/volcompd.sock";
@@ -27,8 +32,13 @@ pub(super) struct Which {
     socket: Option<PathBuf>,
 }
 
-/// Shows what the daemon is doing: state, offsets, lateness, faults.
+/// Shows what the daemon is doing: state, health, offsets, latency, warnings, faults.
 #[derive(Debug, clap::Parser)]
+#[command(
+    after_help = "Exit codes: 0 active or idle and nothing to report; 1 a warning in the last minute, or something \
+    stands against compensating; 2 the offset is held; 3 no link to the control; 4 a fault is latched; \
+    74 the daemon does not answer."
+)]
 pub(super) struct StatusArgs {
     #[command(flatten)]
     which: Which,
@@ -38,7 +48,7 @@ pub(super) struct StatusArgs {
     /// Print the latency of the present link as full histograms, one JSON object: age, round trip, compute, lateness.
     #[arg(long)]
     histograms: bool,
-    /// Print again every second until interrupted.
+    /// Redraw every second until interrupted; waits while the daemon restarts.
     #[arg(long)]
     watch: bool,
 }
@@ -46,23 +56,66 @@ pub(super) struct StatusArgs {
 #[expect(clippy::disallowed_methods, reason = "--watch waits between two prints")]
 pub(super) fn status(args: &StatusArgs) -> Result<(), Failure> {
     let socket = socket(&args.which)?;
+    let paint = Paint::of_stdout();
+    let mut answered = false;
     loop {
-        if args.histograms {
-            say!("{}", json(&client::histograms(&socket).map_err(|e| failure(&e))?)?);
-        } else if args.json {
-            say!("{}", json(&client::status(&socket).map_err(|e| failure(&e))?)?);
-        } else {
-            let status = client::status(&socket).map_err(|e| failure(&e))?;
-            if args.watch && std::io::stdout().is_terminal() {
-                // clear the screen, cursor to the top
-                say!("\x1b[2J\x1b[H");
+        let result = show(args, &socket, paint);
+        let again = args.watch && !super::exit::reader_gone();
+        match result {
+            Ok(exit_code) if !again => {
+                // the exit code alone is the answer
+                let judged = exit_code != 0 && !args.watch;
+                return if judged { Err(Failure::new(exit_code, "")) } else { Ok(()) };
             }
-            say!("{}", render(&status).trim_end());
-        }
-        if !args.watch || super::exit::reader_gone() {
-            return Ok(());
+            Ok(_) => answered = true,
+            // a daemon that restarts: its socket is gone for a moment
+            Err(ClientError::NotRunning { .. } | ClientError::Io { .. }) if again && answered => {
+                wait_for_restart(args, &socket);
+            }
+            Err(error) => return Err(failure(&error)),
         }
         std::thread::sleep(WATCH_INTERVAL);
+    }
+}
+
+/// Prints once; gives the exit code that belongs to what was printed.
+fn show(args: &StatusArgs, socket: &Path, paint: Paint) -> Result<u8, ClientError> {
+    if args.histograms {
+        say!("{}", line(socket, &client::histograms(socket)?)?);
+        return Ok(0);
+    }
+    let status = client::status(socket)?;
+    if args.json {
+        say!("{}", line(socket, &status)?);
+    } else {
+        draw(args.watch, render(&status, paint).trim_end());
+    }
+    Ok(status.health.exit_code)
+}
+
+fn line(socket: &Path, object: &impl serde::Serialize) -> Result<String, ClientError> {
+    serde_json::to_string(object)
+        .map_err(|source| ClientError::NotUnderstood { socket: socket.to_owned(), source })
+}
+
+/// Prints a text; with `--watch` on a terminal over the one before, line by line, so that nothing flickers.
+#[expect(clippy::disallowed_methods, reason = "whether stdout is a terminal")]
+fn draw(watch: bool, text: &str) {
+    if !watch || !std::io::stdout().is_terminal() {
+        say!("{text}");
+        return;
+    }
+    // cursor to the top, each line cleared to its end, then all below
+    let lines: String = text.lines().map(|line| format!("{line}\x1b[K\n")).collect();
+    say!("\x1b[H{}\x1b[J", lines.trim_end_matches('\n'));
+}
+
+fn wait_for_restart(args: &StatusArgs, socket: &Path) {
+    let text = format!("{}: volcompd does not answer; waiting for it", socket.display());
+    if args.json || args.histograms {
+        note!("{text}");
+    } else {
+        draw(true, &text);
     }
 }
 
@@ -104,24 +157,28 @@ pub(super) fn failure(error: &ClientError) -> Failure {
 }
 
 /// The status as a person reads it.
-fn render(status: &Status) -> String {
+fn render(status: &Status, paint: Paint) -> String {
     let mut text = String::new();
     // writing to a string cannot fail
-    let _ = write_head(&mut text, status);
+    let _ = write_head(&mut text, status, paint);
     let _ = write_figures(&mut text, status);
+    let _ = recent::write_latency(&mut text, status);
     let _ = write_axes(&mut text, status);
     let _ = write_shadow(&mut text, status);
     let _ = super::filter::write(&mut text, &status.sensors, &status.maps, &status.sensor_notes);
     let _ = super::filter::write_growths(&mut text, &status.growths);
-    let _ = write_tail(&mut text, status);
+    let _ = recent::write_warnings(&mut text, status, paint);
+    let _ = write_tail(&mut text, status, paint);
     text
 }
 
-fn write_head(f: &mut String, status: &Status) -> std::fmt::Result {
+fn write_head(f: &mut String, status: &Status, paint: Paint) -> std::fmt::Result {
     let wanted = if status.enabled { "compensation enabled" } else { "compensation disabled" };
     writeln!(f, "{}: {} ({wanted})", status.machine, status.state)?;
+    recent::write_health(f, status, paint)?;
     let hash = status.model_hash.get(..12).unwrap_or(&status.model_hash);
-    writeln!(f, "model       {} (blake3 {hash})", status.model)?;
+    write!(f, "model       {} (blake3 {hash})", status.model)?;
+    recent::write_coverage(f, status)?;
     if let Some(why) = &status.start_inhibit {
         writeln!(f, "not started {why}")?;
     }
@@ -239,11 +296,12 @@ fn write_axes(f: &mut String, status: &Status) -> std::fmt::Result {
     Ok(())
 }
 
-fn write_tail(f: &mut String, status: &Status) -> std::fmt::Result {
+fn write_tail(f: &mut String, status: &Status, paint: Paint) -> std::fmt::Result {
     for fault in &status.faults {
         writeln!(
             f,
-            "FAULT       {} {}: {}{} ({} ago)",
+            "{}       {} {}: {}{} ({} ago)",
+            paint.red("FAULT"),
             fault.code,
             fault.reason,
             fault.text,

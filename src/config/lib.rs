@@ -15,6 +15,7 @@ pub mod model;
 mod reader;
 
 pub use diagnostic::{ConfigErrors, Diagnostic, Place};
+pub use machine::HttpConfig;
 pub use machine::{
     AxisConfig, EngineSettings, GuardConfig, HelloMismatch, Interface, LinkConfig, LogConfig, LogTarget,
     MachineConfig, ModelMismatch, Policy, RealtimeConfig, RecordingConfig, SensorsConfig, StartMode,

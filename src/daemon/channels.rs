@@ -123,6 +123,10 @@ pub(super) struct CycleRecord {
     pub(super) lag_cycles: Option<u32>,
     /// Offset asked for, mm or rad.
     pub(super) offset: AxisArray,
+    /// Correction asked for by the model, times the gain, mm or rad.
+    pub(super) wanted: AxisArray,
+    /// Commanded position, mm or deg.
+    pub(super) position: AxisArray,
     /// Offset read back, mm or deg.
     pub(super) applied: AxisArray,
     /// Age of the position when the correction had been handed to the kernel, ns.

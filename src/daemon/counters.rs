@@ -171,6 +171,8 @@ mod tests {
             warning: 0,
             out_of_range: 0,
             offset,
+            wanted: offset,
+            position: [0.0; MAX_AXES],
             applied: offset,
             age_ns: 0,
             turnaround_ns: 0,

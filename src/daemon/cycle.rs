@@ -256,6 +256,8 @@ impl Cycle<'_> {
             out_of_range: output.out_of_range,
             lag_cycles: output.lag_cycles,
             offset: output.offset,
+            wanted: output.wanted,
+            position: frame.commanded,
             applied: frame.applied,
             age_ns,
             turnaround_ns,

@@ -1,6 +1,7 @@
 //! The daemon as a whole: from the machine file to the last frame.
 
 use std::io;
+use std::net::TcpListener;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -17,6 +18,7 @@ use volcomp_state::counters::Recalled;
 use super::channels::{CycleChannels, Progress, StopWish, channels};
 use super::clock::Clock;
 use super::control::{SERVICE_SILENT_S, Start};
+use super::http::Publisher;
 use super::load::{LoadError, Loaded, load};
 use super::logging::{self, LogError};
 use super::models::{Models, guard};
@@ -56,6 +58,16 @@ pub enum DaemonError {
     )]
     SensorSocket {
         /// Where sensors were to connect.
+        address: std::net::SocketAddr,
+        /// What the system says.
+        source: io::Error,
+    },
+    /// The socket of the HTTP service.
+    #[error(
+        "error: http.listen {address}: {source}\n  hint: another program has this port, or this computer has no such address"
+    )]
+    HttpSocket {
+        /// Where it was to listen.
         address: std::net::SocketAddr,
         /// What the system says.
         source: io::Error,
@@ -150,6 +162,7 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
         .map_err(|source| DaemonError::System { what: "the signal handlers", source })?;
     let socket = socket_path(config, &loaded.config);
     let server = socket.as_deref().map(Server::bind).transpose()?;
+    let http = http_listener(&loaded.config)?;
     let clock = Clock::start();
     let mut state_writer = StateWriter::start(config, &loaded);
     let directory = state_writer.directory().map(Path::to_owned);
@@ -169,6 +182,10 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
             .map_err(|_| DaemonError::Internal { what: "the statistics could not be set up" })?;
     service.sensors = sensors;
     let how = Start { permitted: service.begins(how.permitted), kept_fault: service.has_kept_fault(), ..how };
+    let publisher = http
+        .map(|listener| Publisher::start(listener, &loaded.config.http, service.snapshot(), clock))
+        .transpose()
+        .map_err(|source| DaemonError::System { what: "the thread of the HTTP service", source })?;
     let service = Arc::new(Mutex::new(service));
     log_start(config, &loaded);
     let mut thread = CycleThread::spawn(loaded, how, cycle_channels, clock)
@@ -177,7 +194,7 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
     let listener = listener.map(|listener| tokio::spawn(listener.run()));
     notify(&[NotifyState::Ready]);
 
-    let result = watch(&service, &progress, &mut thread, clock).await;
+    let result = watch(&service, &progress, &mut thread, publisher, clock).await;
     notify(&[NotifyState::Stopping]);
     if let Some(server) = server {
         server.abort();
@@ -194,6 +211,19 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
         Err(problem) => error!("{problem}"),
     }
     result
+}
+
+/// The socket of the HTTP service, where the machine file asks for one.
+fn http_listener(config: &MachineConfig) -> Result<Option<TcpListener>, DaemonError> {
+    let Some(address) = config.http.listen else { return Ok(None) };
+    let listener = TcpListener::bind(address)
+        .and_then(|listener| listener.set_nonblocking(true).map(|()| listener))
+        .map_err(|source| DaemonError::HttpSocket { address, source })?;
+    if config.http.plain_remote && !address.ip().to_canonical().is_loopback() {
+        warn!(%address, "plain-remote: whoever reaches this port can see the state of the machine");
+    }
+    info!(%address, "the page and /metrics are served");
+    Ok(Some(listener))
 }
 
 /// The model to start with, and whether compensation may be on from the start.
@@ -256,6 +286,7 @@ async fn watch(
     service: &Mutex<Service>,
     progress: &Progress,
     thread: &mut CycleThread,
+    mut publisher: Option<Publisher>,
     clock: Clock,
 ) -> Result<(), DaemonError> {
     let mut watchdog = Watchdog::from_environment();
@@ -280,6 +311,9 @@ async fn watch(
                     log_stop(stop);
                 }
                 let now = clock.now();
+                if let Some(publisher) = publisher.as_mut().filter(|publisher| publisher.is_due(now)) {
+                    publisher.publish(now, service.snapshot());
+                }
                 headline.show(now, || service.headline());
                 let fed = watchdog.look(now, progress.beats.load(Relaxed));
                 if fed == Fed::Yes {

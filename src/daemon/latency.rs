@@ -6,7 +6,7 @@ use hdrhistogram::{CreationError, Histogram};
 use serde::{Deserialize, Serialize};
 
 /// Largest time held, ns.
-const LONGEST_NS: u64 = 60_000_000_000;
+pub(super) const LONGEST_NS: u64 = 60_000_000_000;
 /// Nanoseconds in a microsecond.
 const NS_PER_US: f64 = 1e3;
 

@@ -16,6 +16,8 @@
 //!   threads that may wait for the disk, so that nobody else has to. [`replay`] runs what was recorded through the
 //!   same [`link_session`].
 //!
+//! - the **HTTP service** ([`http`]), where the machine file asks for it, is a thread that shows snapshots.
+//!
 //! [`channels`] is everything that passes between the two. [`link_session`] is the cycle without its socket and
 //! clock, for tests that count allocations. Reading order: `channels`, `link_session`, `link`, `cycle`, `worker`,
 //! `service`, `daemon`.
@@ -30,6 +32,7 @@
 mod age;
 pub mod audit;
 mod backoff;
+mod benefit;
 mod channels;
 pub mod client;
 mod clock;
@@ -41,18 +44,22 @@ mod cycle;
 mod daemon;
 mod frame_link;
 mod handshake;
+mod health;
+mod http;
 mod latency;
 mod link;
 mod link_end;
 mod link_session;
 mod load;
 mod logging;
+mod model_errors;
 pub mod models;
 mod notify;
 mod poll_schedule;
 mod rate_limited_warnings;
 mod read_write_link;
 mod realtime;
+mod recent;
 mod recorder;
 pub mod replay;
 #[cfg(test)]
@@ -75,11 +82,14 @@ mod tls;
 mod worker;
 mod write_queue;
 
+pub use benefit::BenefitStatus;
 pub use daemon::{DaemonError, run, socket_path};
+pub use health::Health;
 pub use latency::{Bins, Histograms};
 pub use link_session::{LinkSession, Reaction};
 pub use load::{LoadError, Loaded, load, load_config, with_additions};
 pub use logging::LogError;
+pub use recent::{CodeCount, EventStatus, RecentStatus};
 pub use recorder::{ModelTexts, Tap, answer_of, command_of, request_of, tap};
 pub use self_benchmark::{SelfBenchmark, SelfBenchmarkError, run_self_benchmark};
 pub use sensors::{
@@ -87,6 +97,9 @@ pub use sensors::{
     ThermalDisplacementStatus, live_ends,
 };
 pub use server::SocketError;
-pub use status::{Fault, Lifetime, LinkStatus, RealtimeStatus, RecordingStatus, Status};
+pub use status::{
+    AxisLimitStatus, Fault, Lifetime, LinkStatus, ModelErrors, ModelStatus, RealtimeStatus, RecordingStatus,
+    ShadowStatus, StateReason, Status,
+};
 pub use tls::{Identity, TlsFileError, identity};
 pub use volcomp_state::bounded_read;

@@ -35,6 +35,7 @@ pub(super) struct RateLimitedWarnings {
     late: LogLimiter,
     records: LogLimiter,
     records_lost: u64,
+    records_seen: u64,
 }
 
 impl RateLimitedWarnings {
@@ -50,19 +51,23 @@ impl RateLimitedWarnings {
             late: LogLimiter::new(1, PAUSE),
             records: LogLimiter::new(1, PAUSE),
             records_lost: 0,
+            records_seen: 0,
         }
     }
 
-    /// Tells of entries that the recording has lost; `lost` counts from the start.
-    pub(super) fn look_at_recording(&mut self, now: MonoTime, lost: u64) {
+    /// Logs entries that the recording has lost; `lost` counts from the start. Returns those lost since the last call.
+    pub(super) fn look_at_recording(&mut self, now: MonoTime, lost: u64) -> u64 {
         if lost > self.records_lost && self.records.admit(now).is_some() {
             warn_about(Code::RECORDS_LOST, lost - self.records_lost);
             self.records_lost = lost;
         }
+        let new = lost.saturating_sub(self.records_seen);
+        self.records_seen = lost;
+        new
     }
 
-    /// Tells what is new.
-    pub(super) fn look(&mut self, now: MonoTime, progress: &Progress) {
+    /// Logs what is new. Returns the late cycles of a window that has just ended with too many of them, else 0.
+    pub(super) fn look(&mut self, now: MonoTime, progress: &Progress) -> u64 {
         for counted in &mut self.counted {
             let count = (counted.counter)(progress).load(Relaxed);
             if count > counted.seen && counted.lines.admit(now).is_some() {
@@ -72,13 +77,17 @@ impl RateLimitedWarnings {
         }
         let (begin, cycles, late) = self.window;
         if now.seconds_since(begin) < WINDOW_S {
-            return;
+            return 0;
         }
         self.window = (now, progress.cycles.load(Relaxed), progress.late.load(Relaxed));
         let (cycles, late) = (self.window.1.saturating_sub(cycles), self.window.2.saturating_sub(late));
-        if late > cycles / LATE_ONE_IN && late > 0 && self.late.admit(now).is_some() {
+        if late <= cycles / LATE_ONE_IN || late == 0 {
+            return 0;
+        }
+        if self.late.admit(now).is_some() {
             warn_about(Code::LATE_CYCLES, late);
         }
+        late
     }
 }
 

@@ -3,7 +3,7 @@
 mod logs;
 mod retained_state;
 
-use std::collections::VecDeque;
+use std::collections::{BTreeSet, VecDeque};
 use std::sync::Arc;
 use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
 use std::time::{Duration, SystemTime};
@@ -12,18 +12,23 @@ use tracing::{info, warn};
 use volcomp_state::counters::FILE;
 
 use super::audit::{Audit, AuditEntry, Who};
+use super::benefit::Benefit;
 use super::channels::{LastOffset, Report, Request, ServiceChannels};
 use super::clock::Clock;
 use super::counters::{Tally, unknown};
 use super::handshake;
+use super::health::health;
+use super::http::{LatencyTotals, Snapshot};
 use super::latency::Histograms;
 use super::link_end::LinkEnd;
 use super::load::Loaded;
 use super::logging::LogLimiter;
+use super::model_errors::model_errors;
 use super::models::guard::{self, Hindrance};
 use super::models::{Keeping, Models, Prepared};
 use super::rate_limited_warnings::RateLimitedWarnings;
 use super::realtime;
+use super::recent::Recent;
 use super::recorder::Recorder;
 use super::sensors::{MapStatus, Sensors};
 use super::state_writer::StateWriter;
@@ -32,7 +37,7 @@ use super::status_collector::StatusCollector;
 use logs::{log_event, log_link_up, log_realtime};
 use retained_state::RetentionState;
 use volcomp_config::{MachineConfig, Policy};
-use volcomp_engine::fault::Code;
+use volcomp_engine::fault::{Code, reason_code};
 use volcomp_engine::{Command, Event, ShadowScore, State};
 use volcomp_units::MonoTime;
 
@@ -75,6 +80,11 @@ pub(super) struct Service {
     links: LogLimiter,
     events: LogLimiter,
     warnings: RateLimitedWarnings,
+    recent: Recent,
+    latency_totals: LatencyTotals,
+    benefit: Benefit,
+    /// Numbers that sensors and thermal displacements have now.
+    sensor_codes: BTreeSet<(String, String)>,
 }
 
 impl Service {
@@ -124,6 +134,10 @@ impl Service {
             links: LogLimiter::new(10, Duration::from_secs(10)),
             events: LogLimiter::new(20, Duration::from_secs(1)),
             warnings: RateLimitedWarnings::new(clock.now()),
+            recent: Recent::new(clock.now())?,
+            latency_totals: LatencyTotals::default(),
+            benefit: Benefit::default(),
+            sensor_codes: BTreeSet::new(),
         };
         service.recall();
         service.save();
@@ -200,6 +214,7 @@ impl Service {
     ) -> Keeping {
         info!(model = new.origin, hash = new.hash, who, why, "another model is in use");
         self.expired_accepted = false;
+        self.benefit.reset();
         if let Some(sensors) = &self.sensors {
             sensors.model(&new);
         }
@@ -252,19 +267,51 @@ impl Service {
         for _ in 0..RECORDS_AT_ONCE {
             let Ok(record) = self.channels.records.try_recv() else { break };
             self.status_collector.record(&record);
+            self.recent.record(&record);
+            self.latency_totals.record(&record);
             self.tally.record(&record);
         }
         if self.clock.now().seconds_since(self.saved) >= SAVE_S {
             self.save();
         }
-        if self.clock.now().seconds_since(self.looked) >= LOOK_S {
+        let now = self.clock.now();
+        if now.seconds_since(self.looked) >= LOOK_S {
             self.look_after_the_model();
+            self.look_at_the_benefit(now);
+            self.look_at_the_sensors(now);
         }
-        self.warnings.look(self.clock.now(), &self.channels.progress);
+        self.recent.look(now, &self.channels.progress);
+        let late = self.warnings.look(now, &self.channels.progress);
+        if late > 0 {
+            self.recent.count(now, Code::LATE_CYCLES, late, None);
+        }
         if let Some(recorder) = &self.recorder {
             let lost = recorder.stats.dropped.load(std::sync::atomic::Ordering::Relaxed);
-            self.warnings.look_at_recording(self.clock.now(), lost);
+            let lost = self.warnings.look_at_recording(now, lost);
+            if lost > 0 {
+                self.recent.count(now, Code::RECORDS_LOST, lost, None);
+            }
         }
+    }
+
+    /// Counts what the estimator newly says about sensors and thermal displacements, by number.
+    fn look_at_the_sensors(&mut self, now: MonoTime) {
+        let Some(health) = self.sensors.as_ref().map(Sensors::health) else { return };
+        let sensors = health.sensors.iter().filter_map(|s| Some((s.code.clone()?, s.name.clone())));
+        let growths = health.growths.iter().filter_map(|g| Some((g.code.clone()?, g.name.clone())));
+        let standing: BTreeSet<(String, String)> = sensors.chain(growths).collect();
+        for (code, name) in standing.difference(&self.sensor_codes) {
+            if let Some(code) = Code::parse(code) {
+                self.recent.count(now, code, 1, Some(name.clone()));
+            }
+        }
+        self.sensor_codes = standing;
+    }
+
+    /// One value of the benefit a second.
+    fn look_at_the_benefit(&mut self, now: MonoTime) {
+        let (axes, last) = (self.status_collector.axes(), self.status_collector.last());
+        self.benefit.look(now, &self.models.active.model, &axes, last, self.gain);
     }
 
     pub(super) fn status(&mut self) -> Status {
@@ -291,8 +338,27 @@ impl Service {
             status.readings_dropped = health.dropped;
         }
         status.recording = self.recorder.as_ref().map(|recorder| recorder.stats.status());
+        let now = self.clock.now();
+        status.recent = self.recent.status(now);
+        status.events = self.recent.events(now);
+        status.benefit = self.benefit.status();
+        status.model_errors = model_errors(&self.models.active.spec);
         status.records_dropped += status.recording.as_ref().map_or(0, |recording| recording.records_dropped);
+        status.health = health(&status);
         status
+    }
+
+    /// All that the HTTP service shows.
+    pub(super) fn snapshot(&mut self) -> Snapshot {
+        let status = self.status();
+        let progress = &self.channels.progress;
+        Snapshot {
+            status,
+            codes: self.recent.totals(),
+            latency: self.latency_totals,
+            limited_cycles: progress.limited.load(Relaxed),
+            soft_limited_cycles: progress.at_soft_limit.load(Relaxed),
+        }
     }
 
     /// Hash of the model in use.
@@ -357,7 +423,8 @@ impl Service {
                     let (retry_s, code) = (pause.as_secs_f64(), error.fault());
                     warn!(retry_s, %code, held_back, "no link: {text}");
                 }
-                self.status_collector.connect_failed(text);
+                self.recent.count(self.clock.now(), error.fault(), 1, Some(text.clone()));
+                self.status_collector.connect_failed(error.fault(), text);
             }
             Report::LinkUp { address, hello } => {
                 if let Some(held_back) = self.links.admit(self.clock.now()) {
@@ -375,11 +442,18 @@ impl Service {
                         }
                     }
                 }
-                self.status_collector.link_down(end.to_string());
+                if !matches!(end, LinkEnd::Stopped { .. }) {
+                    let now = self.clock.now();
+                    self.recent.drop_out(now);
+                    self.recent.count(now, end.fault(), 1, Some(end.to_string()));
+                }
+                self.status_collector.link_down(end.fault(), end.to_string());
             }
             Report::Engine(event) => {
                 // a fault is latched, so it cannot flood the log, and must not be held back by what came before
-                let Event::StateChanged { to, .. } = event;
+                let Event::StateChanged { to, reason, detail, .. } = event;
+                let numbers = self.status_collector.numbers(detail.as_ref());
+                self.recent.count(self.clock.now(), reason_code(reason), 1, numbers);
                 let admitted = self.events.admit(self.clock.now());
                 if let Some(held_back) = admitted.or_else(|| (to == State::Faulted).then_some(0)) {
                     log_event(&event, held_back, &self.status_collector);
@@ -388,7 +462,10 @@ impl Service {
                 self.status_collector.event(&event);
             }
             Report::Shadow(score) => self.shadow = score,
-            Report::ServiceSilent => self.was_silent(),
+            Report::ServiceSilent => {
+                self.recent.count(self.clock.now(), Code::SERVICE_SILENT, 1, None);
+                self.was_silent();
+            }
             Report::Stopped { offset: LastOffset::AtRest } => info!("the offset is at its rest value"),
             Report::Stopped { offset: LastOffset::NoLink } => {
                 info!("there is no link; a control that still holds an offset takes it out by itself");

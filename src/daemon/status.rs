@@ -8,6 +8,9 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
+use super::benefit::BenefitStatus;
+use super::health::Health;
+use super::recent::{EventStatus, RecentStatus};
 use super::sensor_status::{MapStatus, SensorStatus, ThermalDisplacementStatus};
 
 /// State of the daemon.
@@ -119,6 +122,69 @@ pub struct Status {
     /// Counters that outlive the daemon; since the start of this daemon where they cannot be kept.
     #[serde(default)]
     pub lifetime: Lifetime,
+    /// Time since the state was entered, s.
+    #[serde(default)]
+    pub state_since_s: f64,
+    /// Why the state was entered, where the engine has said so.
+    #[serde(default)]
+    pub state_reason: Option<StateReason>,
+    /// Whether all is well, and what to do.
+    #[serde(default)]
+    pub health: Health,
+    /// The last minute.
+    #[serde(default)]
+    pub recent: RecentStatus,
+    /// The last events by number, newest first.
+    #[serde(default)]
+    pub events: Vec<EventStatus>,
+    /// Predicted error of the tool tip without and with compensation; `null` without a position.
+    #[serde(default)]
+    pub benefit: Option<BenefitStatus>,
+    /// Which of the error motions the model covers.
+    #[serde(default)]
+    pub model_errors: ModelErrors,
+    /// Warning threshold and limit of each axis that is corrected.
+    #[serde(default)]
+    pub limits: BTreeMap<String, AxisLimitStatus>,
+}
+
+/// Why a state was entered.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct StateReason {
+    /// Its number.
+    pub code: String,
+    /// Its name.
+    pub name: String,
+    /// In one line.
+    pub text: String,
+    /// What a person can do.
+    pub remedy: String,
+    /// Axis, value and limit, where there are any.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub numbers: Option<String>,
+}
+
+/// Which error motions, axis-to-axis and location errors a model covers.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct ModelErrors {
+    /// Symbols that the model has.
+    pub symbols: Vec<String>,
+    /// Of those that the chain of the machine has: covered.
+    pub covered: usize,
+    /// Those that the chain of the machine has: 6 per axis, 3 squarenesses of three linear axes, 4 location errors
+    /// per rotary axis.
+    pub possible: usize,
+}
+
+/// Warning threshold and limit of an axis; um for linear, arcsec for rotary axes.
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
+pub struct AxisLimitStatus {
+    /// `um` or `arcsec`.
+    pub unit: String,
+    /// Offset from which a warning is given.
+    pub warning: f64,
+    /// Largest offset.
+    pub limit: f64,
 }
 
 /// The recording of every cycle.
@@ -258,6 +324,9 @@ pub struct LinkStatus {
     pub links: u64,
     /// Why there is no link, while there is none.
     pub error: Option<String>,
+    /// Number of that cause.
+    #[serde(default)]
+    pub error_code: Option<String>,
     /// Mean time from reading positions to their arrival, us; only with `interface = "read-write"`.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub read_us: Option<f64>,

@@ -1,5 +1,6 @@
 //! Collects the reports of the cycle thread into the status. Belongs to the service thread.
 
+use std::collections::BTreeMap;
 use std::sync::Arc;
 use std::sync::atomic::AtomicI64;
 use std::sync::atomic::Ordering::Relaxed;
@@ -9,13 +10,17 @@ use hdrhistogram::CreationError;
 use super::channels::{CycleRecord, Progress};
 use super::clock::Clock;
 use super::handshake;
+use super::health::Health;
 use super::latency::{Histograms, Latency, Sample, percentile_us};
 use super::load::Loaded;
 use super::realtime::RealtimeReport;
+use super::recent::RecentStatus;
 use super::status::{
-    Fault, Lifetime, LinkStatus, ModelStatus, RealtimeStatus, ShadowAxis, ShadowStatus, Status,
+    AxisLimitStatus, Fault, Lifetime, LinkStatus, ModelErrors, ModelStatus, RealtimeStatus, ShadowAxis,
+    ShadowStatus, StateReason, Status,
 };
-use volcomp_engine::fault::{self, Code};
+use volcomp_config::AxisConfig;
+use volcomp_engine::fault::{self, Code, Entry};
 use volcomp_engine::{Detail, Event, Quantity, ShadowScore, State};
 use volcomp_protocol::{ControlHello, MachineState};
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
@@ -41,7 +46,9 @@ pub(super) struct StatusCollector {
     up: bool,
     changed: MonoTime,
     links: u64,
-    error: Option<String>,
+    error: Option<(Code, String)>,
+    entered: MonoTime,
+    reason: Option<(&'static Entry, Option<Detail>)>,
     last: Option<CycleRecord>,
     latency: Latency,
     fault: Option<Latched>,
@@ -63,6 +70,8 @@ impl StatusCollector {
             changed: clock.now(),
             links: 0,
             error: None,
+            entered: clock.now(),
+            reason: None,
             last: None,
             latency: Latency::new()?,
             fault: None,
@@ -84,17 +93,20 @@ impl StatusCollector {
         self.latency.reset();
     }
 
-    pub(super) fn link_down(&mut self, why: String) {
+    pub(super) fn link_down(&mut self, code: Code, why: String) {
         self.up = false;
         self.changed = self.clock.now();
-        self.error = Some(why);
+        self.error = Some((code, why));
     }
 
-    pub(super) fn connect_failed(&mut self, why: String) {
-        self.error = Some(why);
+    pub(super) fn connect_failed(&mut self, code: Code, why: String) {
+        self.error = Some((code, why));
     }
 
     pub(super) fn event(&mut self, event: &Event) {
+        let Event::StateChanged { reason, detail, .. } = event;
+        self.entered = self.clock.now();
+        self.reason = Some((fault::of_reason(*reason), *detail));
         match event {
             Event::StateChanged { to: State::Faulted, reason, detail, .. } => {
                 let entry = fault::of_reason(*reason);
@@ -114,6 +126,11 @@ impl StatusCollector {
 
     fn latch(&mut self, code: String, reason: &'static str, text: &'static str, detail: Option<Detail>) {
         self.fault = Some(Latched { code, reason, text, detail, since: self.clock.now() });
+    }
+
+    /// The newest cycle of the present link.
+    pub(super) fn last(&self) -> Option<&CycleRecord> {
+        self.last.as_ref().filter(|_| self.up)
     }
 
     pub(super) fn record(&mut self, record: &CycleRecord) {
@@ -208,6 +225,24 @@ impl StatusCollector {
             shadow: None,
             recording: None,
             lifetime: Lifetime::default(),
+            state_since_s: now.seconds_since(if self.up {
+                self.entered.max(self.changed)
+            } else {
+                self.changed
+            }),
+            state_reason: self.reason.filter(|_| self.up).map(|(entry, detail)| StateReason {
+                code: entry.code.to_string(),
+                name: entry.name.to_owned(),
+                text: entry.text.to_owned(),
+                remedy: entry.remedy.to_owned(),
+                numbers: self.numbers(detail.as_ref()),
+            }),
+            health: Health::default(),
+            recent: RecentStatus::default(),
+            events: Vec::new(),
+            benefit: None,
+            model_errors: ModelErrors::default(),
+            limits: self.limits(),
         }
     }
 
@@ -250,7 +285,8 @@ impl StatusCollector {
             cycle_s: self.loaded.config.link.cycle_s,
             since_s: now.seconds_since(self.changed),
             links: self.links,
-            error: self.error.clone(),
+            error: self.error.as_ref().map(|(_, why)| why.clone()),
+            error_code: self.error.as_ref().map(|(code, _)| code.to_string()),
             read_us: call(&self.progress.read_ns),
             write_us: call(&self.progress.write_ns),
         }
@@ -294,14 +330,27 @@ impl StatusCollector {
         Some(format!("faulted: {} {}: {}{numbers}", fault.code, fault.reason, fault.text))
     }
 
-    fn axes(&self) -> Vec<AxisName> {
+    fn limits(&self) -> BTreeMap<String, AxisLimitStatus> {
+        let limits = |axis: &AxisConfig| {
+            let (unit, of): (_, fn(f64) -> f64) = match axis.name.kind() {
+                AxisKind::Linear => ("um", um_from_mm),
+                AxisKind::Rotary => ("arcsec", arcsec_from_rad),
+            };
+            let (warning, limit) = (of(axis.limits.warning), of(axis.limits.size));
+            (letter(axis.name), AxisLimitStatus { unit: unit.to_owned(), warning, limit })
+        };
+        self.loaded.config.axes.iter().map(limits).collect()
+    }
+
+    /// The axes of the control in wire order; empty before its first hello.
+    pub(super) fn axes(&self) -> Vec<AxisName> {
         self.hello.as_ref().map_or_else(Vec::new, |hello| {
             handshake::announced(hello).iter().map(|a| a.name).take(MAX_AXES).collect()
         })
     }
 }
 
-type AxisMap = std::collections::BTreeMap<String, f64>;
+type AxisMap = BTreeMap<String, f64>;
 
 /// Values of the linear axes and of the rotary ones.
 fn axis_maps(axes: &[AxisName], value: impl Fn(usize) -> f64) -> (AxisMap, AxisMap) {

@@ -1,13 +1,17 @@
 //! `volcompd` as a process, with a control and sensors on loopback.
 
 mod adversary;
+mod browser;
+mod http;
 mod link;
 mod models;
+mod page;
 mod recording;
 mod replay_damage;
 mod retained_state;
 mod sensors;
 mod service;
 mod soak;
+mod status;
 mod support;
 mod thermal;

@@ -1,9 +1,11 @@
 //! The machine file, `volcomp-machine/1`, and whether a control and a model belong to it.
 
+mod http;
 mod read;
 mod sensors;
 mod tls;
 
+pub use http::HttpConfig;
 pub use read::known_keys;
 pub use sensors::SensorsConfig;
 pub use tls::TlsConfig;
@@ -51,6 +53,8 @@ pub struct MachineConfig {
     pub guard: GuardConfig,
     /// Sensors and the maps that they feed.
     pub sensors: SensorsConfig,
+    /// The page and the metrics.
+    pub http: HttpConfig,
 }
 
 /// The link to the control.

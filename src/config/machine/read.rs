@@ -3,6 +3,7 @@
 use core::net::SocketAddr;
 use std::path::PathBuf;
 
+use super::http::read_http;
 use super::sensors::read_sensors;
 use super::tls::{check_remote, read_tls};
 use super::{
@@ -56,6 +57,7 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
     let state = read_state(&top.section("state"));
     let guard = read_guard(&top.section("guard"));
     let sensors = read_sensors(top);
+    let http = read_http(&top.section("http"));
     top.finish();
     Some(MachineConfig {
         machine: machine?,
@@ -71,6 +73,7 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
         state,
         guard,
         sensors,
+        http,
     })
 }
 

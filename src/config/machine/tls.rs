@@ -68,7 +68,7 @@ fn read_path(tls: &Section<'_>, key: &'static str, what: &str) -> Option<PathBuf
 }
 
 /// A number, or labels of letters, digits, `-` and `_` with dots in between.
-fn is_host(name: &str) -> bool {
+pub(super) fn is_host(name: &str) -> bool {
     let label = |label: &str| {
         (1..=LABEL_MAX).contains(&label.len())
             && label.bytes().all(|b| b.is_ascii_alphanumeric() || b == b'-' || b == b'_')

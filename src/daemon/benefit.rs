@@ -1,0 +1,142 @@
+//! What compensation gains: the predicted tool-tip error without it and with it. Belongs to the service thread.
+//!
+//! Once a second the newest cycle is taken: its position, the correction that the model asks for there and the offset
+//! that the control has applied. The nominal kinematics turn axis offsets into displacements of the tool tip. It is a
+//! prediction: errors that the model does not know are in neither figure.
+
+use std::collections::VecDeque;
+
+use serde::{Deserialize, Serialize};
+
+use super::channels::CycleRecord;
+use volcomp_model::{Model, Pose};
+use volcomp_units::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
+use volcomp_units::{MonoTime, rad_from_deg, um_from_mm};
+
+/// Length of a slot, s.
+const SLOT_S: f64 = 60.0;
+/// Slots: one hour.
+const SLOTS: usize = 60;
+/// Smallest gain at which the correction asked for tells the error.
+const GAIN_MIN: f64 = 0.01;
+
+/// Predicted error of the tool tip, um.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Serialize, Deserialize)]
+pub struct BenefitStatus {
+    /// Without compensation, now.
+    pub without_um: f64,
+    /// With the offset that the control has applied, now.
+    pub with_um: f64,
+    /// RMS of the same over the last hour, one value a second.
+    pub without_rms_um: f64,
+    /// RMS of the same over the last hour.
+    pub with_rms_um: f64,
+    /// Largest in the last hour.
+    pub without_max_um: f64,
+    /// Largest in the last hour.
+    pub with_max_um: f64,
+    /// Values of the last hour.
+    pub values: u64,
+}
+
+/// Sums of one minute.
+#[derive(Debug, Clone, Copy)]
+struct Slot {
+    begun: MonoTime,
+    values: u64,
+    squares: [f64; 2],
+    largest: [f64; 2],
+}
+
+/// The last hour.
+#[derive(Debug, Default)]
+pub(super) struct Benefit {
+    slots: VecDeque<Slot>,
+    now: Option<[f64; 2]>,
+}
+
+impl Benefit {
+    /// Takes one value; `axes` in wire order, `gain` the share of the correction that is asked for.
+    pub(super) fn look(
+        &mut self,
+        now: MonoTime,
+        model: &Model,
+        axes: &[AxisName],
+        record: Option<&CycleRecord>,
+        gain: f64,
+    ) {
+        self.now = record.and_then(|record| tip_errors(model, axes, record, gain));
+        while self.slots.front().is_some_and(|slot| now.seconds_since(slot.begun) >= SLOT_S * SLOTS as f64) {
+            self.slots.pop_front();
+        }
+        let Some(errors) = self.now else { return };
+        if self.slots.back().is_none_or(|slot| now.seconds_since(slot.begun) >= SLOT_S) {
+            if self.slots.len() == SLOTS {
+                self.slots.pop_front();
+            }
+            self.slots.push_back(Slot { begun: now, values: 0, squares: [0.0; 2], largest: [0.0; 2] });
+        }
+        let Some(slot) = self.slots.back_mut() else { return };
+        slot.values += 1;
+        for (k, error) in errors.into_iter().enumerate() {
+            slot.squares[k] += error * error;
+            slot.largest[k] = slot.largest[k].max(error);
+        }
+    }
+
+    /// Forgets everything: another model.
+    pub(super) fn reset(&mut self) {
+        *self = Self::default();
+    }
+
+    /// The figures; `None` while no position has come that the model can be evaluated at.
+    pub(super) fn status(&self) -> Option<BenefitStatus> {
+        let [without_um, with_um] = self.now?;
+        let values: u64 = self.slots.iter().map(|slot| slot.values).sum();
+        let rms = |k: usize| {
+            let squares: f64 = self.slots.iter().map(|slot| slot.squares[k]).sum();
+            (squares / values.max(1) as f64).sqrt()
+        };
+        let largest = |k: usize| self.slots.iter().map(|slot| slot.largest[k]).fold(0.0, f64::max);
+        Some(BenefitStatus {
+            without_um,
+            with_um,
+            without_rms_um: rms(0),
+            with_rms_um: rms(1),
+            without_max_um: largest(0),
+            with_max_um: largest(1),
+            values,
+        })
+    }
+}
+
+/// Displacements of the tool tip, um: by the whole correction, and by the part of it that is not applied.
+fn tip_errors(model: &Model, axes: &[AxisName], record: &CycleRecord, gain: f64) -> Option<[f64; 2]> {
+    if gain < GAIN_MIN {
+        return None;
+    }
+    let wire_index = |name: AxisName| axes.iter().take(MAX_AXES).position(|axis| *axis == name);
+    let internal = |axis: AxisName, value: f64| match axis.kind() {
+        AxisKind::Linear => value,
+        AxisKind::Rotary => rad_from_deg(value),
+    };
+    let mut pose = Pose::at([0.0; MAX_AXES]);
+    let [mut whole, mut left]: [AxisArray; 2] = [[0.0; MAX_AXES]; 2];
+    for (k, axis) in model.axes().enumerate() {
+        let Some(wire) = wire_index(axis.name) else { continue };
+        let wanted = record.wanted[wire] / gain;
+        pose.position[k] = internal(axis.name, record.position[wire]);
+        whole[k] = wanted;
+        left[k] = wanted - internal(axis.name, record.applied[wire]);
+    }
+    let tip = |offset: &AxisArray| {
+        let mut moved = pose;
+        for (at, offset) in moved.position.iter_mut().zip(offset) {
+            *at += offset;
+        }
+        model.nominal_tool(&moved).tip
+    };
+    let nominal = tip(&[0.0; MAX_AXES]);
+    let errors = [whole, left].map(|offset| um_from_mm((tip(&offset) - nominal).norm()));
+    errors.iter().all(|error| error.is_finite()).then_some(errors)
+}

@@ -1,0 +1,73 @@
+//! Whether all is well: the verdict of the status, its exit code and what to do.
+
+use serde::{Deserialize, Serialize};
+
+use super::status::Status;
+use volcomp_engine::fault::Code;
+
+/// The verdict on a status.
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Health {
+    /// `ok`, `warning`, `held`, `disconnected` or `faulted`.
+    pub verdict: String,
+    /// Exit code of `volcomp status`: 0, 1, 2, 3 or 4 in the same order.
+    pub exit_code: u8,
+    /// Number of the cause, where it has one.
+    pub code: Option<String>,
+    /// The cause in one line; empty where all is well.
+    pub cause: String,
+    /// What to do; empty where nothing is to be done.
+    pub remedy: String,
+}
+
+/// Judges a status; the most serious cause decides.
+pub(super) fn health(status: &Status) -> Health {
+    if let Some(fault) = status.faults.first() {
+        let numbers = fault.numbers.as_ref().map_or_else(String::new, |numbers| format!(": {numbers}"));
+        return of_code("faulted", 4, &fault.code, &format!("{}{numbers}", fault.text));
+    }
+    let reason = status.state_reason.as_ref();
+    match status.state.as_str() {
+        "faulted" => return of_code("faulted", 4, "", "a fault is latched"),
+        "disconnected" => {
+            let cause = status.link.error.as_deref().unwrap_or("connecting to the control");
+            return of_code("disconnected", 3, status.link.error_code.as_deref().unwrap_or(""), cause);
+        }
+        "holding" => {
+            let (code, text) = reason.map_or(("", "the offset is held"), |r| (r.code.as_str(), &r.text));
+            return of_code("held", 2, code, text);
+        }
+        _ => {}
+    }
+    if let Some(worst) = status.recent.warnings.iter().max_by_key(|w| (w.severity == "fault", w.count)) {
+        return of_code("warning", 1, &worst.code, &worst.text);
+    }
+    let sensor = status.sensors.iter().find_map(|sensor| {
+        let code = sensor.code.as_deref()?;
+        Some((code, format!("sensor {} {}", sensor.name, sensor.state)))
+    });
+    if let Some((code, text)) = sensor {
+        return of_code("warning", 1, code, &text);
+    }
+    if let Some(error) = status.recording.as_ref().and_then(|recording| recording.error.as_deref()) {
+        return of_code("warning", 1, &Code::RECORDING_STOPPED.to_string(), error);
+    }
+    let note = status.lifetime.note.as_ref().filter(|note| note.starts_with("VC-"));
+    let standing = status.hindrances.first().or(status.start_inhibit.as_ref());
+    if let Some(text) = standing.or(note) {
+        let code = text.get(..7).filter(|code| code.starts_with("VC-")).unwrap_or_default().to_owned();
+        return of_code("warning", 1, &code, text);
+    }
+    Health { verdict: "ok".to_owned(), ..Health::default() }
+}
+
+fn of_code(verdict: &str, exit_code: u8, code: &str, cause: &str) -> Health {
+    let remedy = Code::parse(code).and_then(Code::entry).map_or("", |entry| entry.remedy);
+    Health {
+        verdict: verdict.to_owned(),
+        exit_code,
+        code: (!code.is_empty()).then(|| code.to_owned()),
+        cause: cause.to_owned(),
+        remedy: remedy.to_owned(),
+    }
+}

@@ -1,0 +1,168 @@
+//! `volcomp status`: health, its exit code, the last minute, the benefit, and `--watch` over a restart.
+
+#![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
+
+use std::io::{BufRead, BufReader};
+use std::process::Stdio;
+
+use rustix::process::Signal;
+use serde_json::Value;
+use volcomp::protocol::MachineState;
+
+use crate::support::{Daemon, EXX_MM, Port, Setup, eventually};
+
+/// Exit code and object of one call.
+fn status(daemon: &Daemon) -> (i32, Value) {
+    let output = daemon.volcomp(&["status", "--json"]);
+    let object = serde_json::from_slice(&output.stdout).unwrap_or_default();
+    (output.status.code().expect("ended by itself"), object)
+}
+
+/// Text and exit code of the form for people.
+fn shown(daemon: &Daemon) -> (i32, String) {
+    let output = daemon.volcomp(&["status"]);
+    (output.status.code().expect("ended by itself"), String::from_utf8_lossy(&output.stdout).into_owned())
+}
+
+fn has_warning(status: &Value, code: &str) -> bool {
+    let warnings = status["recent"]["warnings"].as_array();
+    warnings.is_some_and(|all| all.iter().any(|w| w["code"] == code && w["count"].as_u64() > Some(0)))
+}
+
+#[test]
+fn the_last_minute_the_benefit_and_the_coverage_are_told() {
+    let port = Port::open();
+    let daemon = Daemon::start(&port.address(), Setup::default());
+    let mut session = port.link();
+    session.run_until_corrected();
+    // the benefit is looked at once a second
+    let mut seen = Value::Null;
+    let told = eventually(|| {
+        for _ in 0..50 {
+            let _ = session.cycle();
+        }
+        (_, seen) = status(&daemon);
+        let with = seen["benefit"]["with_um"].as_f64();
+        with.is_some_and(|um| um.abs() < 1e-6)
+    });
+    assert!(told, "{seen}");
+    let number = |value: &Value| value.as_f64().expect("a number");
+    assert!((number(&seen["benefit"]["without_um"]) - EXX_MM * 1e3).abs() < 1e-6, "{seen}");
+    let recent = &seen["recent"];
+    assert!(
+        number(&recent["cycles"]) > 100.0 && number(&recent["age_us_p99"]) >= number(&recent["age_us_p50"])
+    );
+    assert_eq!(
+        (&seen["model_errors"]["covered"], &seen["model_errors"]["possible"]),
+        (&1.into(), &21.into())
+    );
+    assert_eq!((&seen["limits"]["x"]["limit"], &seen["limits"]["x"]["unit"]), (&150.0.into(), &"um".into()));
+    // a busy computer may make cycles late: the exit code says what the object says
+    let (code, object) = status(&daemon);
+    assert_eq!(i64::from(code), object["health"]["exit_code"].as_i64().expect("a code"), "{object}");
+    assert_eq!(code == 0, object["health"]["verdict"] == "ok");
+    let (code, text) = shown(&daemon);
+    assert!(matches!(code, 0 | 1), "{text}");
+    for word in [
+        "health      ",
+        "benefit     predicted tool-tip error 10.0 um without",
+        "1 of 21 error motions",
+        "last ",
+    ] {
+        assert!(text.contains(word), "no `{word}` in:\n{text}");
+    }
+    assert!(!text.contains('\x1b'), "colour only on a terminal:\n{text}");
+}
+
+#[test]
+fn exit_codes_tell_disconnected_held_and_faulted() {
+    let port = Port::open();
+    let address = port.address();
+    drop(port);
+    let daemon = Daemon::start(&address, Setup::default());
+    assert!(eventually(|| has_warning(&status(&daemon).1, "VC-6001")), "{}", daemon.log());
+    let (code, text) = shown(&daemon);
+    assert!(code == 3 && text.contains("VC-6001") && text.contains("remedy"), "{code}\n{text}");
+
+    let port = Port::open_at(&address);
+    let mut session = port.link();
+    session.run_until_corrected();
+    // nothing comes any more: stale after 1 s
+    let held = eventually(|| {
+        let (code, object) = status(&daemon);
+        code == 2 && object["state"] == "holding" && has_warning(&object, "VC-3001")
+    });
+    assert!(held, "{}\n{}", status(&daemon).1, daemon.log());
+    drop(session);
+    assert!(eventually(|| status(&daemon).1["recent"]["drop_outs"] == 1), "{}", status(&daemon).1);
+
+    let mut session = port.link();
+    session.run_until_corrected();
+    session.deceive(0.05);
+    let faulted = eventually(|| {
+        let (code, object) = status(&daemon);
+        code == 4 && has_warning(&object, "VC-4001")
+    });
+    assert!(faulted, "{}", status(&daemon).1);
+    let (code, text) = shown(&daemon);
+    assert!(code == 4 && text.contains("FAULTED") && text.contains("VC-4001"), "{text}");
+    let events = status(&daemon).1["events"].clone();
+    let codes: Vec<&str> =
+        events.as_array().expect("events").iter().filter_map(|e| e["code"].as_str()).collect();
+    assert!(codes.contains(&"VC-4001") && codes.contains(&"VC-6001"), "{codes:?}");
+}
+
+#[test]
+fn an_emergency_stop_names_itself() {
+    let port = Port::open();
+    let daemon = Daemon::start(&port.address(), Setup::default());
+    let mut session = port.link();
+    session.run_until_corrected();
+    session.state |= MachineState::ESTOP;
+    for _ in 0..50 {
+        let _ = session.cycle();
+    }
+    let mut seen = Value::Null;
+    let told = eventually(|| {
+        let _ = session.cycle();
+        (_, seen) = status(&daemon);
+        seen["state_reason"]["code"] == "VC-2003"
+    });
+    assert!(told, "{seen}");
+    assert_eq!(seen["health"]["code"], "VC-2003", "{seen}");
+}
+
+#[test]
+fn watch_goes_on_over_a_restart_of_the_daemon() {
+    let port = Port::open();
+    let mut daemon = Daemon::start(&port.address(), Setup::default());
+    let _ = daemon.status();
+    let mut watch = daemon
+        .command(&["status", "--watch"])
+        .stdout(Stdio::piped())
+        .stderr(Stdio::piped())
+        .spawn()
+        .expect("volcomp runs");
+    let (sender, lines) = std::sync::mpsc::channel();
+    let stdout = BufReader::new(watch.stdout.take().expect("piped"));
+    let reader = std::thread::spawn(move || {
+        for line in stdout.lines().map_while(Result::ok) {
+            if sender.send(line).is_err() {
+                return;
+            }
+        }
+    });
+    let saw = |words: &str| eventually(|| lines.try_iter().any(|line| line.contains(words)));
+    let first = format!("pid {},", daemon.child.id());
+    assert!(saw(&first), "no {first}");
+    daemon.signal(Signal::KILL);
+    let _ = daemon.wait();
+    assert!(saw("waiting for it"));
+    daemon.restart();
+    let second = format!("pid {},", daemon.child.id());
+    assert!(saw(&second), "no {second}");
+    watch.kill().expect("ended");
+    let _ = watch.wait();
+    drop(lines);
+    reader.join().expect("ends");
+}
