@@ -18,8 +18,8 @@ use volcomp_units::axes::Travel;
 /// Compare two measurements: reduction with its uncertainty, figures of ISO 230, plots at one scale
 ///
 /// Both files are of one kind, which their columns tell: positioning (ISO 230-2), circle (ISO 230-4), body diagonals (ISO
-/// 230-6), or error motions of a straightness run (position_mm and columns such as eyx_um). The uncertainty is that of
-/// the scatter of readings at one place (k = 2); an error of the instrument that both measurements share is in both.
+/// 230-6), or error motions of a straightness run (position_mm and columns such as eyx_um). The uncertainty (k = 2) is
+/// that of the scatter of readings at one place and, where --u-device-um states it, of the instrument.
 ///
 /// Example:
 ///
@@ -41,6 +41,10 @@ pub(super) struct Args {
     /// The feed to compare, of files with several.
     #[arg(long, value_name = "FEED")]
     feed_mm_per_min: Option<f64>,
+    /// Expanded uncertainty (k = 2) of a reading by the instrument over the measured length: certificate, alignment,
+    /// temperature; arcsec for a rotary axis. Taken as independent in both measurements.
+    #[arg(long, value_name = "UM", visible_alias = "u-device-arcsec")]
+    u_device_um: Option<f64>,
     /// Write a report as one HTML page that needs no other file and prints on A4.
     #[arg(long, value_name = "FILE.html")]
     report: Option<PathBuf>,
@@ -76,10 +80,15 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         Some(test) => (test, Vec::new()),
         None => straightness(files)?,
     };
+    if let Some(bad) = args.u_device_um.filter(|u| !u.is_finite() || *u < 0.0) {
+        let what = format_args!("error: --u-device-um {bad} must be a finite number, 0 or above");
+        return Err(Failure::new(EX_USAGE, what));
+    }
     let size = |i: usize| {
-        Size::of(&test.readings[i], test.is_repeated).ok_or_else(|| {
+        let size = Size::of(&test.readings[i], test.is_repeated).ok_or_else(|| {
             Failure::new(EX_DATAERR, format_args!("error: {}: no data rows", files[i].display()))
-        })
+        })?;
+        Ok::<_, Failure>(args.u_device_um.map_or(size, |u| size.with_device(u / 2.0)))
     };
     let sizes @ [before, after] = [size(0)?, size(1)?];
     let reductions = [Reduction::of(before.range, after.range), Reduction::of(before.rms, after.rms)];
@@ -192,10 +201,15 @@ impl Verified {
             })
             .collect();
         page.table(&head("reduction"), &rows);
-        page.note(
-            "± expanded uncertainty, k = 2, of the scatter of readings at one place. An error of the instrument that is the \
-             same in both measurements is in both figures.",
-        );
+        page.note(match args.u_device_um {
+            Some(u) => format!(
+                "± expanded uncertainty, k = 2: scatter of readings at one place and {u} {unit} of the instrument, taken as \
+                 independent in both measurements."
+            ),
+            None => "± expanded uncertainty, k = 2, of the scatter of readings at one place; uncertainty of the instrument \
+                     not stated (--u-device-um)."
+                .to_owned(),
+        });
         for note in &self.test.notes {
             page.note(note);
         }

@@ -18,7 +18,7 @@ use volcomp_units::MonoTime;
 use volcomp_units::axes::AxisArray;
 
 /// A recording can carry every live value that a model can use.
-const _: () = assert!(SENSORS_MAX <= LIVE_MAX && LIVE_MAX <= u16::BITS as usize);
+const _: () = assert!(SENSORS_MAX <= LIVE_MAX && LIVE_MAX <= u32::BITS as usize);
 
 /// The engine and its model.
 #[derive(Debug, Clone)]
@@ -57,7 +57,7 @@ enum Pending {
 #[derive(Debug, Clone, Copy)]
 struct Live {
     now: MonoTime,
-    told: u16,
+    told: u32,
     values: [f64; LIVE_MAX],
 }
 

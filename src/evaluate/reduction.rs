@@ -4,8 +4,8 @@
 //! their RMS. The variance of a mean is the pooled variance of the readings at one place over their number, or, where
 //! these follow each other within one run and so are autocorrelated, that of a single reading; of a range it is that of its two ends. `reduction = 1 - after / before`, its variance by first-order propagation.
 //!
-//! The uncertainty holds for the scatter of readings. An error of the instrument that is the same in both measurements
-//! is in both figures.
+//! An error of the instrument is added by [`Size::with_device`] as independent at either end of a range and in either
+//! measurement; one that is the same in both changes the reduction by less.
 //!
 //! Source: GUM (JCGM 100:2008), 5.1.2.
 
@@ -92,6 +92,15 @@ impl Size {
             high,
         })
     }
+
+    /// Adds the standard uncertainty (k = 1) of the instrument for a reading, in the unit of the figures: `sqrt(2)` of it to
+    /// a range, once to an RMS.
+    #[must_use]
+    pub fn with_device(self, std: f64) -> Self {
+        let add =
+            |u: Uncertain, share: f64| Uncertain { std: Some(u.std.unwrap_or(0.0).hypot(share * std)), ..u };
+        Self { range: add(self.range, core::f64::consts::SQRT_2), rms: add(self.rms, 1.0), ..self }
+    }
 }
 
 impl Reduction {
@@ -131,6 +140,29 @@ mod tests {
                 Placed { curve: 0, place, value }
             })
             .collect()
+    }
+
+    #[test]
+    fn the_uncertainty_holds_the_error_of_the_instrument() {
+        // each measurement has an error of the instrument of its own at each place, the same in all its runs
+        let device = 2.0;
+        let measured = |size: f64, k: u32| {
+            let mut readings = test(size, 1000 * k);
+            readings.iter_mut().for_each(|r| r.value += device * noise(900_000 + 40 * k + r.place as u32));
+            Size::of(&readings, true).unwrap().with_device(device)
+        };
+        let reductions: Vec<Reduction> = (0..400)
+            .map(|k| {
+                let [before, after] = [(100.0, 2 * k), (20.0, 2 * k + 1)].map(|(size, k)| measured(size, k));
+                Reduction::of(before.range, after.range).unwrap()
+            })
+            .collect();
+        let mean = reductions.iter().map(|r| r.fraction).sum::<f64>() / 400.0;
+        let found = (reductions.iter().map(|r| (r.fraction - mean).powi(2)).sum::<f64>() / 399.0).sqrt();
+        let stated = reductions.iter().filter_map(|r| r.std).sum::<f64>() / 400.0;
+        assert!((0.7..1.6).contains(&(stated / found)), "stated {stated}, found {found}");
+        let without = Size::of(&test(100.0, 0), true).unwrap();
+        assert!(without.with_device(device).range.std > without.range.std);
     }
 
     #[test]

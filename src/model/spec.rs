@@ -207,7 +207,7 @@ impl ModelSpec {
 }
 
 /// The most sensors whose live values a model may use.
-pub const SENSORS_MAX: usize = 16;
+pub const SENSORS_MAX: usize = 32;
 /// Largest error angle taken for real, rad; above it the unit is taken to be wrong.
 pub const ANGLE_LIMIT: f64 = 10e-3;
 /// Largest linear error taken for real, mm; above it the unit is taken to be wrong.

@@ -66,7 +66,7 @@ pub struct LiveEvaluator {
     /// What is left of the difference between the last table and this one.
     carry: [f64; SENSORS_MAX],
     /// Bit k: value k was told last time, and differences are taken over smoothly.
-    smooth: u16,
+    smooth: u32,
     next: Option<MonoTime>,
     since: MonoTime,
 }
@@ -75,7 +75,7 @@ pub struct LiveEvaluator {
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Told {
     /// Which.
-    pub told: u16,
+    pub told: u32,
     /// The values, mm or rad.
     pub values: [f64; SENSORS_MAX],
 }

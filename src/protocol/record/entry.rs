@@ -5,7 +5,7 @@ use volcomp_units::MonoTime;
 use volcomp_units::axes::AxisArray;
 
 /// Channels of live values that an entry can carry.
-pub const LIVE_MAX: usize = 16;
+pub const LIVE_MAX: usize = 32;
 
 /// One thing that went into the engine, or that belongs to it. Fixed size, `Copy`: it crosses the queue as it is.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -73,7 +73,7 @@ pub enum Entry {
         /// When the engine was told.
         now: MonoTime,
         /// Bit k: channel k was told.
-        told: u16,
+        told: u32,
         /// The values; 0 where nothing was told.
         values: [f64; LIVE_MAX],
     },

@@ -294,14 +294,17 @@ fn any_entry() -> impl Strategy<Value = Entry> {
         (now(), any::<u8>(), -1.0..1.0f64)
             .prop_map(|(now, code, value)| Entry::Request { now, request: Request { code, value } }),
         (now(), any::<[u8; 32]>()).prop_map(|(now, hash)| Entry::Model { now, hash }),
-        (now(), any::<u16>(), proptest::array::uniform16(any_number())).prop_map(
-            |(now, told, mut values)| {
+        (
+            now(),
+            prop_oneof![any::<u16>().prop_map(u32::from), any::<u32>()],
+            proptest::array::uniform32(any_number())
+        )
+            .prop_map(|(now, told, mut values)| {
                 for (_, untold) in values.iter_mut().enumerate().filter(|(k, _)| told >> k & 1 == 0) {
                     *untold = 0.0;
                 }
                 Entry::Live { now, told, values }
-            }
-        ),
+            }),
     ]
 }
 

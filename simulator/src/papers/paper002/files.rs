@@ -9,10 +9,8 @@ use super::super::{Setting, scales};
 use super::{AXES, Mode, World};
 use crate::truth::TruthMachine;
 
-/// Errors that stay stored in the mode of the paper; among them the angles that are not live.
-const STORED: [&str; 8] = ["exx", "eyy", "ezz", "ec0y", "eb0z", "ea0z", "eaz", "ecz"];
-/// Angles of Z that are not live, for the daemon holds 16 live values: their levers are 150 mm and zero.
-const NOT_LIVE: [&str; 2] = ["eaz", "ecz"];
+/// Errors that stay stored in the mode of the paper.
+const STORED: [&str; 6] = ["exx", "eyy", "ezz", "ec0y", "eb0z", "ea0z"];
 
 /// Writes the model of a mode and returns the machine file.
 pub(super) fn machine(
@@ -128,9 +126,6 @@ fn model_of(setting: &Setting, mode: Mode, machine: &TruthMachine) -> anyhow::Re
         let seen = [letters[(d + 1) % 3], letters[(d + 2) % 3], 'a', 'b', 'c'];
         for component in seen {
             let symbol = format!("e{component}{letter}");
-            if NOT_LIVE.contains(&symbol.as_str()) {
-                continue;
-            }
             live(&symbol, format!("laser-{letter}.{symbol}"));
         }
     }

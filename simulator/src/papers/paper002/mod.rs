@@ -104,8 +104,7 @@ impl Experiment for Paper002 {
          5-DOF laser on each axis (five runs, pointing drifts; volcomp identify fivedof with a resting log), four body diagonals \
          of 3000 x 1500 x 780 mm (volcomp identify diagonals). Then the lasers stay on the machine and send their detectors to \
          volcompd. Two modes: all curves stored and the lasers tell what changes, and the paper's own: positioning and \
-         squareness stored, everything else live and absolute (but EAZ and ECZ, whose levers are short: the daemon holds 16 live \
-         values). Positioning of the three axes and the diagonals are measured \
+         squareness stored, everything else live and absolute. Positioning of the three axes and the diagonals are measured \
          at the tool under the control, without and with the daemon. Hard truth: heat of the hall (temperatures of the scales \
          are sensors with an error of 0.05 K), a workpiece, interaction of axes, a month of wear; 0.3 µm/m of \
          either interferometer."

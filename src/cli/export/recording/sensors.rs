@@ -61,7 +61,7 @@ impl Sensors {
     }
 
     /// Values by channel, mm or rad.
-    pub(super) fn update(&mut self, told: u16, values: &[f64; LIVE_MAX]) {
+    pub(super) fn update(&mut self, told: u32, values: &[f64; LIVE_MAX]) {
         let Some((_, places)) = self.models.get(self.present) else { return };
         for (channel, (place, value)) in places.iter().zip(values).enumerate() {
             if told >> channel & 1 == 1

@@ -67,7 +67,14 @@ impl Decoder {
         let entry = match cursor.u8()? {
             tag::CYCLE => Entry::Cycle(self.cycle(cursor)?),
             tag::DEADLINE => self.deadline(cursor)?,
-            tag::LIVE => self.live(cursor)?,
+            tag::LIVE => {
+                let told = cursor.u16()?;
+                self.live(cursor, told.into())?
+            }
+            tag::LIVE_MANY => {
+                let told = cursor.u32()?;
+                self.live(cursor, told)?
+            }
             tag => {
                 let length = cursor.length()?;
                 let mut content = Cursor::new(cursor.take(length)?);
@@ -121,8 +128,7 @@ impl Decoder {
         Ok(Entry::Deadline { now, enabled: self.past.enabled(), answer })
     }
 
-    fn live(&mut self, cursor: &mut Cursor<'_>) -> Result<Entry, RecordError> {
-        let told = cursor.u16()?;
+    fn live(&mut self, cursor: &mut Cursor<'_>, told: u32) -> Result<Entry, RecordError> {
         let now = self.time(cursor)?;
         let mut values = [0.0; LIVE_MAX];
         let mut port = Unpacker { control: cursor.take(told.count_ones() as usize)?, data: cursor };

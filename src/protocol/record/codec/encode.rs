@@ -197,9 +197,17 @@ impl Encoder {
         }
     }
 
-    fn live(&mut self, now: MonoTime, told: u16, mut values: [f64; LIVE_MAX]) {
-        self.out.push(tag::LIVE);
-        self.out.extend_from_slice(&told.to_le_bytes());
+    fn live(&mut self, now: MonoTime, told: u32, mut values: [f64; LIVE_MAX]) {
+        match u16::try_from(told) {
+            Ok(few) => {
+                self.out.push(tag::LIVE);
+                self.out.extend_from_slice(&few.to_le_bytes());
+            }
+            Err(_) => {
+                self.out.push(tag::LIVE_MANY);
+                self.out.extend_from_slice(&told.to_le_bytes());
+            }
+        }
         self.time(now);
         self.packer.control.clear();
         self.packer.data.clear();

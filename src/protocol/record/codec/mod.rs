@@ -28,6 +28,8 @@ mod tag {
     pub(super) const ENGINE: u8 = 134;
     pub(super) const MODEL: u8 = 135;
     pub(super) const LIVE: u8 = 136;
+    /// As [`LIVE`], with channels beyond the sixteenth.
+    pub(super) const LIVE_MANY: u8 = 137;
 }
 
 /// Bits of a cycle's and a deadline's first byte.
@@ -163,7 +165,7 @@ impl Past {
     fn live<P: Port>(
         &mut self,
         port: &mut P,
-        told: u16,
+        told: u32,
         values: &mut [f64; LIVE_MAX],
     ) -> Result<(), RecordError> {
         for (k, (track, value)) in self.live.iter_mut().zip(values).enumerate() {
