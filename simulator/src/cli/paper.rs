@@ -28,6 +28,9 @@ pub(super) struct Args {
     /// Truth of machine and instruments.
     #[arg(long, value_enum, default_value = "both")]
     truth: TruthArg,
+    /// Do not find which share of the rest each cause has (saves the repetitions without it; two minutes a seed for 002).
+    #[arg(long)]
+    no_shares: bool,
     /// Folder for reports and all files; created where it does not exist.
     #[arg(long, value_name = "DIR", default_value = "papers-output")]
     out: PathBuf,
@@ -81,6 +84,7 @@ pub(super) fn paper(args: &Args) -> Result<(), Failure> {
         seeds: args.seeds,
         truths: args.truth.truths(),
         programs: Programs::this().map_err(|e| Failure::new(EX_SOFTWARE, format_args!("{e:#}")))?,
+        shares: !args.no_shares,
     };
     let mut outcomes = Vec::new();
     for experiment in chosen {

@@ -37,9 +37,30 @@ pub struct Setting {
     pub folder: PathBuf,
     /// The programs of the product.
     pub programs: Programs,
+    /// Whether the shares of the causes are wanted; they need further runs.
+    pub shares: bool,
 }
 
 impl Setting {
+    /// True where the run finds what causes the rest: with the hard truth, where it is wanted.
+    #[must_use]
+    pub fn finds_shares(&self) -> bool {
+        self.shares && self.truth == Truth::Hard
+    }
+
+    /// The same run in a folder of its own below this one, with copies of the files named.
+    ///
+    /// # Errors
+    /// The folder cannot be made or a file not be copied.
+    pub fn below(&self, name: &str, files: &[&str]) -> anyhow::Result<Self> {
+        let folder = self.path(name);
+        fs::create_dir_all(&folder).with_context(|| format!("cannot make {}", folder.display()))?;
+        for file in files {
+            fs::copy(self.path(file), folder.join(file)).with_context(|| format!("cannot copy {file}"))?;
+        }
+        Ok(Self { folder, ..self.clone() })
+    }
+
     /// Path of a file of the run.
     #[must_use]
     pub fn path(&self, name: &str) -> PathBuf {
@@ -146,6 +167,8 @@ pub struct Options {
     pub truths: Vec<Truth>,
     /// The programs of the product.
     pub programs: Programs,
+    /// Whether the shares of the causes are wanted.
+    pub shares: bool,
 }
 
 /// One seed of an experiment with every truth.
@@ -189,6 +212,7 @@ pub fn run(
                 truth: *truth,
                 folder: fresh(&folder.join(format!("seed-{seed}-{}", truth.name())))?,
                 programs: options.programs.clone(),
+                shares: options.shares,
             };
             let measured = experiment
                 .run(&setting, &mut |step| progress(&format!("{place}: {step}")))

@@ -8,7 +8,7 @@ use std::process::Command;
 fn experiment(paper: &str) {
     let folder = tempfile::tempdir().unwrap();
     let output = Command::new(env!("CARGO_BIN_EXE_cncsim"))
-        .args(["paper", paper, "--seed", "1", "--json", "--out"])
+        .args(["paper", paper, "--seed", "1", "--json", "--no-shares", "--out"])
         .arg(folder.path())
         .output()
         .unwrap();

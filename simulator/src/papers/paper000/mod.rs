@@ -97,7 +97,7 @@ impl Experiment for Paper000 {
         }
         measured.values.insert(TRUE, world.error(&found)?);
         measured.plots = plots(&found, &three, &world);
-        if setting.truth == Truth::Hard {
+        if setting.finds_shares() {
             progress("shares of the causes");
             for (cause, without) in CAUSES {
                 let rest = world.difference(setting, &chosen, runs as u32, &without)?;

@@ -145,9 +145,10 @@ impl Bench {
         self.run(&(text + "M30\n"), Want::Path(1000)).map(drop)
     }
 
-    fn measure(&mut self, seed: u64, scale: f64) -> anyhow::Result<Curves> {
+    /// Positioning of the three axes: deviations over the position.
+    fn positioning(&mut self, seed: u64, scale: f64) -> anyhow::Result<[Vec<(f64, f64)>; 3]> {
         let mut dice = Dice::new(seed, "measurement of paper 002");
-        let mut curves = Curves::default();
+        let mut curves: [Vec<(f64, f64)>; 3] = Default::default();
         let centre = middle(&self.seen);
         let k = AXES.map(|axis| self.seen.index_of(axis).unwrap_or(0));
         let home = format!("X{} Y{} Z{}", centre[k[0]], centre[k[1]], centre[k[2]]);
@@ -178,10 +179,17 @@ impl Bench {
             unit[axis.direction()] = 1.0;
             let read = displacement(&points, unit, scale, &mut dice);
             // the mean of both directions, as the paper has it
-            curves.positioning[i] = (0..TARGETS)
+            curves[i] = (0..TARGETS)
                 .map(|n| (target(n), f64::midpoint(read[n], read[2 * TARGETS - 1 - n])))
                 .collect();
         }
+        Ok(curves)
+    }
+
+    /// Deviations of the four body diagonals over the distance.
+    fn diagonals(&mut self, seed: u64, scale: f64) -> anyhow::Result<Vec<Vec<(f64, f64)>>> {
+        let mut dice = Dice::new(seed, "diagonals of paper 002");
+        let mut curves = Vec::new();
         for signs in [[1.0, 1.0, 1.0], [-1.0, 1.0, 1.0], [1.0, -1.0, 1.0], [1.0, 1.0, -1.0]] {
             let at = |n: usize| {
                 let share = n as f64 / STEPS as f64;
@@ -201,7 +209,6 @@ impl Bench {
             let unit = [0, 1, 2].map(|i| signs[i] * BOX_MM[i] / length);
             let read = displacement(&points, unit, scale, &mut dice);
             curves
-                .diagonals
                 .push(read.iter().enumerate().map(|(n, v)| (length * n as f64 / STEPS as f64, *v)).collect());
         }
         Ok(curves)
@@ -224,11 +231,18 @@ fn displacement(points: &[Point], unit: [f64; 3], scale: f64, dice: &mut Dice) -
 
 /// The machine without the daemon.
 pub(super) fn before(setting: &Setting, world: &World) -> anyhow::Result<Curves> {
-    Bench::open(setting, world)?.measure(setting.seed, world.check_um_per_m)
+    let mut bench = Bench::open(setting, world)?;
+    let positioning = bench.positioning(setting.seed, world.check_um_per_m)?;
+    Ok(Curves { positioning, diagonals: bench.diagonals(setting.seed, world.check_um_per_m)? })
 }
 
-/// The machine with the daemon and live lasers.
-pub(super) fn after(setting: &Setting, world: &World, mode: Mode) -> anyhow::Result<Curves> {
+/// The machine with the daemon and live lasers; `positioning` is left empty where only the diagonals are wanted.
+pub(super) fn after(
+    setting: &Setting,
+    world: &World,
+    mode: Mode,
+    wants_positioning: bool,
+) -> anyhow::Result<Curves> {
     let mut bench = Bench::open(setting, world)?;
     let sensors = scales::free_port()?;
     let config = setting.path(&format!("machine-{}.toml", mode.name()));
@@ -240,8 +254,13 @@ pub(super) fn after(setting: &Setting, world: &World, mode: Mode) -> anyhow::Res
     bench.link = Some(SensorLink::new(sensors));
     bench.begin = Instant::now();
     bench.reference()?;
-    let curves = bench.measure(setting.seed, world.check_um_per_m)?;
+    let positioning = if wants_positioning {
+        bench.positioning(setting.seed, world.check_um_per_m)?
+    } else {
+        Default::default()
+    };
+    let diagonals = bench.diagonals(setting.seed, world.check_um_per_m)?;
     bench.shop.control().close();
     drop(daemon);
-    Ok(curves)
+    Ok(Curves { positioning, diagonals })
 }

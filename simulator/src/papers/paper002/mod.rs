@@ -8,7 +8,7 @@ use volcomp_cli::report_page::{Plot, Style};
 use volcomp_units::axes::AxisName;
 
 use self::live::{Curves, range};
-use super::figure::{Limit, Row, Truth};
+use super::figure::{Limit, Row, Share, Truth};
 use super::machine::{travels, varied_text};
 use super::{Experiment, Measured, Setting, scales};
 use crate::truth::TruthMachine;
@@ -153,7 +153,7 @@ impl Experiment for Paper002 {
         let mut after = Vec::new();
         for (i, mode) in [Mode::Changes, Mode::Absolute].into_iter().enumerate() {
             progress(&format!("positioning and diagonals with live lasers, {}", mode.name()));
-            let curves = live::after(setting, &world, mode)?;
+            let curves = live::after(setting, &world, mode, true)?;
             let reduction = |b: f64, a: f64| 100.0 * (1.0 - a / b);
             measured.values.insert(AFTER[i], range(&curves.diagonals));
             measured
@@ -166,14 +166,20 @@ impl Experiment for Paper002 {
             after.push(curves);
         }
         measured.plots = plots(&before, &after);
+        if setting.finds_shares() {
+            measured.shares = shares(setting, &world, &after[0], progress)?;
+        }
         Ok(measured)
     }
 }
 
 /// The machine at survey and check, and its instruments.
+#[derive(Clone)]
 struct World {
     survey: TruthMachine,
     test: TruthMachine,
+    /// Conditions of the check; none with the kind truth.
+    conditions: Option<Conditions>,
     /// Scale error of the interferometer of the survey, um/m as a standard deviation, and of the one of the check, um/m.
     hard_um_per_m: f64,
     check_um_per_m: f64,
@@ -199,17 +205,61 @@ impl World {
         let hard = setting.truth == Truth::Hard;
         let (mut survey, mut test) = (machine.clone(), machine);
         let mut scales_degc = [scales::SURVEY_DEGC; 3];
+        let mut acting = None;
         let mut dice = Dice::new(setting.seed, "instruments of paper 002");
         if hard {
             let travel = travels(&survey);
             let conditions = Conditions::new(&HALL, travel, Acting::SURVEY, setting.seed);
             scales_degc = scales::read(&conditions, travel, 0.05, &mut dice);
             survey.set_conditions(Some(conditions.clone()));
-            test.set_conditions(Some(conditions.with(Acting::TEST)));
+            acting = Some(conditions.with(Acting::TEST));
+            test.set_conditions(acting.clone());
         }
         let hard_um_per_m = if hard { 0.3 } else { 0.0 };
-        Ok(Self { survey, test, hard_um_per_m, check_um_per_m: hard_um_per_m * dice.normal(), scales_degc })
+        let check_um_per_m = hard_um_per_m * dice.normal();
+        Ok(Self { survey, test, conditions: acting, hard_um_per_m, check_um_per_m, scales_degc })
     }
+}
+
+/// Which share of what is left of the diagonals, with stored curves and changes, each cause explains: they are measured
+/// again without it; without errors of the interferometers the survey is repeated, too.
+fn shares(
+    setting: &Setting,
+    world: &World,
+    after: &Curves,
+    progress: &mut dyn FnMut(&str),
+) -> anyhow::Result<Vec<Share>> {
+    const FILES: [&str; 7] =
+        ["model.toml", "head-x.toml", "head-y.toml", "head-z.toml", "run-x.csv", "run-y.csv", "run-z.csv"];
+    let square = |curves: &Curves| curves.diagonals.iter().flatten().map(|(_, v)| v * v).sum::<f64>();
+    let whole = square(after);
+    let machine = |acting: Acting| {
+        let mut without = world.clone();
+        without.test.set_conditions(world.conditions.clone().map(|c| c.with(acting)));
+        without
+    };
+    let cold =
+        World { scales_degc: [scales::SURVEY_DEGC; 3], ..machine(Acting { heat: false, ..Acting::TEST }) };
+    let ideal = World { hard_um_per_m: 0.0, check_um_per_m: 0.0, ..world.clone() };
+    let causes = [
+        ("heat of the hall and its thermometers", "heat", cold),
+        ("workpiece on the table", "load", machine(Acting { load: false, ..Acting::TEST })),
+        ("interaction of the axes", "interaction", machine(Acting { interaction: false, ..Acting::TEST })),
+        ("a month of wear", "wear", machine(Acting { wear: false, ..Acting::TEST })),
+        ("scale errors of the interferometers", "interferometers", ideal),
+    ];
+    let mut shares = Vec::new();
+    for (cause, name, without) in causes {
+        progress(&format!("share of a cause: {cause}"));
+        let ideal = name == "interferometers";
+        let below = setting.below(&format!("without-{name}"), if ideal { &[] } else { &FILES })?;
+        if ideal {
+            survey::take(&below, &without)?;
+        }
+        let rest = square(&live::after(&below, &without, Mode::Changes, false)?);
+        shares.push(Share { cause: cause.to_owned(), share: 1.0 - rest / whole });
+    }
+    Ok(shares)
 }
 
 /// Figures 14, 16, 19 and 20 of the paper.

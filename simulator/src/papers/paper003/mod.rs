@@ -171,10 +171,7 @@ impl Experiment for Paper003 {
         progress("survey, circle following with two trackers");
         survey::take(setting, &world)?;
         progress("S and cone: uncompensated, surveyed model, live estimation");
-        let without = match setting.truth {
-            Truth::Hard => worlds_without(&world),
-            Truth::Kind => Vec::new(),
-        };
+        let without = if setting.finds_shares() { worlds_without(&world) } else { Vec::new() };
         let (cuts, again) = all(setting, &world, &without)?;
         let mut measured = Measured::default();
         let mut found = Vec::new();
@@ -205,7 +202,7 @@ impl Experiment for Paper003 {
         }
         measured.plots = plots(&found);
         if let Some(live) = cuts.last()
-            && setting.truth == Truth::Hard
+            && setting.finds_shares()
         {
             measured.shares = shares(&world, live, &without, &again);
         }

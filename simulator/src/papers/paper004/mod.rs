@@ -110,7 +110,7 @@ impl Experiment for Paper004 {
         measured.values.insert(AFTER, g_after);
         measured.values.insert(REDUCTION, 100.0 * (1.0 - g_after / g_before));
         measured.plots.extend(circle::plots(&before, &after));
-        if setting.truth == Truth::Hard {
+        if setting.finds_shares() {
             progress("shares of the causes");
             measured.shares = shares(setting, &world, &circle)?;
         }
