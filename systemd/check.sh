@@ -18,7 +18,9 @@ trap 'rm -rf "$work"' EXIT
 
 # verify wants the program to exist: a stub stands in for it where it is not installed
 printf '#!/bin/sh\nexit 0\n' >"$work/volcompd"
-chmod 755 "$work/volcompd"
+cp "$work/volcompd" "$work/volcomp"
+chmod 755 "$work/volcompd" "$work/volcomp"
+sed "s|^ExecStart=/usr/bin/volcomp |ExecStart=$work/volcomp |" volcomp-gateway.service >"$work/volcomp-gateway.service"
 for unit in volcompd.service volcompd@.service; do
     sed "s|^ExecStart=/usr/bin/volcompd|ExecStart=$work/volcompd|" "$unit" >"$work/$unit"
     grep -q "^ExecStart=$work/volcompd --config " "$work/$unit" || {
@@ -26,7 +28,7 @@ for unit in volcompd.service volcompd@.service; do
         exit 1
     }
 done
-for unit in volcompd.service volcompd@demo.service; do
+for unit in volcompd.service volcompd@demo.service volcomp-gateway.service; do
     file=$work/$unit
     [ -e "$file" ] || cp "$work/volcompd@.service" "$file"
     # verify reports unknown keys on stderr without failing: any word of it is an error here
@@ -40,7 +42,7 @@ for unit in volcompd.service volcompd@demo.service; do
     fi
 done
 
-for unit in volcompd.service volcompd@.service; do
+for unit in volcompd.service volcompd@.service volcomp-gateway.service; do
     systemd-analyze security --offline=true --no-pager --threshold="$threshold" "$unit" >"$work/report" || {
         cat "$work/report" >&2
         echo "systemd/check.sh: $unit: exposure above $threshold tenths" >&2

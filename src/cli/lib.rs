@@ -30,6 +30,7 @@ mod export;
 mod files;
 mod filter;
 mod fit;
+mod gateway;
 mod identify;
 mod identity;
 mod import;
@@ -103,6 +104,7 @@ enum Verb {
     Replay(replay::Args),
     Audit(audit::Args),
     Filter(filter::Args),
+    Gateway(gateway::Args),
 }
 
 /// The command tree of `volcomp`, for tests that go through every command form.
@@ -138,6 +140,7 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Replay(a) => replay::run(&a),
         Verb::Audit(a) => audit::run(&a),
         Verb::Filter(a) => filter::run(&a),
+        Verb::Gateway(a) => gateway::run(&a),
     })
 }
 

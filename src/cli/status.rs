@@ -128,7 +128,12 @@ pub(super) fn socket(which: &Which) -> Result<PathBuf, Failure> {
         return Ok(socket.clone());
     }
     let Some(config) = &which.config else { return Ok(PathBuf::from(DEFAULT_SOCKET)) };
-    volcomp_daemon::socket_path(config, &machine(config)?).ok_or_else(|| {
+    socket_of(config, &machine(config)?)
+}
+
+/// The socket that a machine file names.
+pub(super) fn socket_of(config: &Path, machine: &MachineConfig) -> Result<PathBuf, Failure> {
+    volcomp_daemon::socket_path(config, machine).ok_or_else(|| {
         Failure::new(
             EX_CONFIG,
             format_args!(

@@ -15,12 +15,12 @@ pub mod model;
 mod reader;
 
 pub use diagnostic::{ConfigErrors, Diagnostic, Place};
-pub use machine::HttpConfig;
 pub use machine::{
     AxisConfig, EngineSettings, GuardConfig, HelloMismatch, Interface, LinkConfig, LogConfig, LogTarget,
     MachineConfig, ModelMismatch, Policy, RealtimeConfig, RecordingConfig, SensorsConfig, StartMode,
     StateConfig, StatusConfig, TlsConfig, WhenFull,
 };
+pub use machine::{HttpConfig, MqttConfig, MtconnectConfig};
 pub use model::{ModelFile, Provenance, SourceEntry};
 
 use reader::{Placed, Section};

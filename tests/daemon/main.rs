@@ -2,6 +2,7 @@
 
 mod adversary;
 mod browser;
+mod gateway;
 mod http;
 mod link;
 mod models;

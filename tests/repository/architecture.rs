@@ -24,6 +24,7 @@ const ARROWS: &[(&str, &[&str])] = &[
     ("volcomp-config", &["units", "model", "protocol", "engine", "estimate"]),
     ("volcomp-state", &[]),
     ("volcomp-daemon", &["units", "model", "protocol", "engine", "estimate", "effects", "config", "state"]),
+    ("volcomp-gateway", &["config", "daemon", "state"]),
     // the simulated machine must not share a model with the compensator
     ("volcomp-monitor", &["units", "protocol"]),
     ("simulated-machine", &["units", "protocol", "monitor"]),

@@ -23,27 +23,33 @@ const HOSTS_MAX: usize = 16;
 pub(super) fn read_http(http: &Section<'_>) -> HttpConfig {
     let plain_remote = http.flag("plain-remote").unwrap_or(false);
     let hosts = read_hosts(http);
-    let listen = read_listen(http, plain_remote);
+    let listen = read_listen(http, plain_remote, "7870", "HTTP has");
     http.finish();
     HttpConfig { listen, plain_remote, hosts }
 }
 
-fn read_listen(http: &Section<'_>, plain_remote: bool) -> Option<SocketAddr> {
-    let text = http.text("listen").filter(|text| !text.value.is_empty())?;
+/// The address at which a section's service listens; `example` is one for the remedy, `lacks` says why other computers
+/// need `plain-remote`.
+pub(super) fn read_listen(
+    section: &Section<'_>,
+    plain_remote: bool,
+    example: &str,
+    lacks: &str,
+) -> Option<SocketAddr> {
+    let text = section.text("listen").filter(|text| !text.value.is_empty())?;
+    let key = section.named_key("listen");
     let Some(address) = text.value.parse::<SocketAddr>().ok().filter(|address| address.port() != 0) else {
-        http.report(Diagnostic::at(
+        section.report(Diagnostic::at(
             text.place,
-            format!("http.listen \"{}\" is no address with a port from 1 to 65535", text.value),
-            "write a number of this computer and a port, for example \"127.0.0.1:7870\" or \"[::1]:7870\"; \"\" listens nowhere",
+            format!("{key} \"{}\" is no address with a port from 1 to 65535", text.value),
+            format!("write a number of this computer and a port, for example \"127.0.0.1:{example}\" or \"[::1]:{example}\"; \"\" listens nowhere"),
         ));
         return None;
     };
     if !plain_remote && !address.ip().to_canonical().is_loopback() {
-        http.report(Diagnostic::at(
+        section.report(Diagnostic::at(
             text.place,
-            format!(
-                "http.listen {address} serves other computers, and HTTP has neither authentication nor encryption"
-            ),
+            format!("{key} {address} serves other computers, and {lacks} neither authentication nor encryption"),
             "listen on 127.0.0.1 and forward by ssh or a reverse proxy; or plain-remote = true where everybody on that network may see the state of the machine",
         ));
     }

@@ -1,10 +1,12 @@
 //! The machine file, `volcomp-machine/1`, and whether a control and a model belong to it.
 
+mod gateway;
 mod http;
 mod read;
 mod sensors;
 mod tls;
 
+pub use gateway::{MqttConfig, MtconnectConfig};
 pub use http::HttpConfig;
 pub use read::known_keys;
 pub use sensors::SensorsConfig;
@@ -55,6 +57,10 @@ pub struct MachineConfig {
     pub sensors: SensorsConfig,
     /// The page and the metrics.
     pub http: HttpConfig,
+    /// Publishing by MQTT (`volcomp gateway`).
+    pub mqtt: Option<MqttConfig>,
+    /// The MTConnect adapter (`volcomp gateway`).
+    pub mtconnect: MtconnectConfig,
 }
 
 /// The link to the control.

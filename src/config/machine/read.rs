@@ -3,6 +3,7 @@
 use core::net::SocketAddr;
 use std::path::PathBuf;
 
+use super::gateway::{read_mqtt, read_mtconnect};
 use super::http::read_http;
 use super::sensors::read_sensors;
 use super::tls::{check_remote, read_tls};
@@ -58,6 +59,8 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
     let guard = read_guard(&top.section("guard"));
     let sensors = read_sensors(top);
     let http = read_http(&top.section("http"));
+    let mqtt = read_mqtt(&top.section("mqtt"));
+    let mtconnect = read_mtconnect(&top.section("mtconnect"));
     top.finish();
     Some(MachineConfig {
         machine: machine?,
@@ -74,6 +77,8 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
         guard,
         sensors,
         http,
+        mqtt,
+        mtconnect,
     })
 }
 

@@ -1,0 +1,283 @@
+//! `volcomp gateway`: an MTConnect agent, a Mosquitto broker and a Prometheus server read the running daemon.
+
+#![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
+
+use std::fs;
+use std::io::{BufRead, BufReader, Write};
+use std::net::{SocketAddr, TcpListener, TcpStream};
+use std::path::Path;
+use std::process::{Child, Command, Stdio};
+use std::sync::mpsc::{Receiver, channel};
+use std::time::{Duration, Instant};
+
+use serde_json::Value;
+
+use crate::support::{Daemon, PATIENCE, Port, Session, Setup, eventually};
+
+/// A program that is killed when dropped.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // already gone where it failed
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+fn free_port() -> SocketAddr {
+    TcpListener::bind("127.0.0.1:0").expect("port").local_addr().expect("address")
+}
+
+fn with_tables(port: &Port, more: String) -> Daemon {
+    Daemon::start(&port.address(), Setup { more: more.leak(), ..Setup::default() })
+}
+
+fn gateway(daemon: &Daemon) -> Running {
+    let log = fs::File::create(daemon.dir.path().join("gateway.log")).expect("log");
+    let child = Command::new(env!("CARGO_BIN_EXE_volcomp"))
+        .args(["gateway", "--config"])
+        .arg(daemon.dir.path().join("machine.toml"))
+        .stderr(log)
+        .spawn()
+        .expect("starts");
+    Running(child)
+}
+
+/// Lines that a stream says, as they come.
+fn lines(stream: impl std::io::Read + Send + 'static) -> Receiver<String> {
+    let (sender, receiver) = channel();
+    std::thread::spawn(move || {
+        for line in BufReader::new(stream).lines().map_while(Result::ok) {
+            if sender.send(line).is_err() {
+                return;
+            }
+        }
+    });
+    receiver
+}
+
+/// The same while the control cycles.
+fn cycle_until(
+    session: &mut Session,
+    lines: &Receiver<String>,
+    wanted: impl Fn(&str) -> bool,
+) -> Vec<String> {
+    let mut seen: Vec<String> = Vec::new();
+    let deadline = Instant::now() + PATIENCE * 4;
+    while !seen.last().is_some_and(|line| wanted(line)) {
+        assert!(Instant::now() < deadline, "not said, after\n{}", seen.join("\n"));
+        let _ = session.cycle();
+        seen.extend(lines.try_recv());
+    }
+    seen
+}
+
+/// Waits for a line; gives those before it, too.
+fn wait_for(lines: &Receiver<String>, wanted: impl Fn(&str) -> bool) -> Vec<String> {
+    let mut seen = Vec::new();
+    let deadline = Instant::now() + PATIENCE * 4;
+    loop {
+        let left = deadline.saturating_duration_since(Instant::now());
+        match lines.recv_timeout(left) {
+            Ok(line) => seen.push(line),
+            Err(_) => panic!("not said, after\n{}", seen.join("\n")),
+        }
+        if seen.last().is_some_and(|line| wanted(line)) {
+            return seen;
+        }
+    }
+}
+
+fn agent(address: SocketAddr) -> (TcpStream, Receiver<String>) {
+    let mut stream = None;
+    assert!(eventually(|| {
+        stream = TcpStream::connect(address).ok();
+        stream.is_some()
+    }));
+    let stream = stream.expect("connected");
+    let said = lines(stream.try_clone().expect("two ends"));
+    (stream, said)
+}
+
+#[test]
+fn an_agent_reads_offsets_health_and_the_end_of_the_daemon() {
+    let (port, address) = (Port::open(), free_port());
+    let mut daemon = with_tables(&port, format!("[mtconnect]\nlisten = \"{address}\"\n"));
+    let mut session = port.link();
+    session.run_until_corrected();
+    let _gateway = gateway(&daemon);
+    let (mut stream, said) = agent(address);
+    stream.write_all(b"* PING\r\n").expect("sent");
+    let mut seen = wait_for(&said, |line| line == "* PONG 10000");
+    seen.extend(cycle_until(&mut session, &said, |line| line.ends_with("|vc_state|ACTIVE")));
+    for end in ["|vc_avail|AVAILABLE", "|vc_model|model.toml", "|vc_enabled|ON"] {
+        assert!(seen.iter().any(|l| l.ends_with(end)), "{end} in\n{}", seen.join("\n"));
+    }
+    let offset = |lines: &[String]| lines.iter().any(|l| l.ends_with("|vc_x_offset|-0.0100000"));
+    assert!(offset(&seen), "{}", seen.join("\n"));
+    drop(session);
+    let _ = wait_for(&said, |line| line.contains("|vc_health|FAULT|"));
+    daemon.child.kill().expect("killed");
+    let _ = daemon.child.wait();
+    let _ = wait_for(&said, |line| line.ends_with("|vc_avail|UNAVAILABLE"));
+    port.close_pending();
+    daemon.restart();
+    let _ = wait_for(&said, |line| line.ends_with("|vc_avail|AVAILABLE"));
+    // a client that sends no lines is let go; others stay
+    let (mut flood, closed) = agent(address);
+    let _ = flood.write_all(&[b'x'; 4096]);
+    assert!(eventually(|| closed.recv_timeout(Duration::from_millis(50)).is_err()));
+    stream.write_all(b"* PING\n").expect("sent");
+    let _ = wait_for(&said, |line| line == "* PONG 10000");
+}
+
+#[test]
+fn a_gateway_without_an_output_or_with_a_port_in_use_says_what_to_do() {
+    let port = Port::open();
+    let taken = TcpListener::bind("127.0.0.1:0").expect("port");
+    let address = taken.local_addr().expect("address");
+    for (more, code, words) in [
+        (String::new(), 78, "nothing to do"),
+        (format!("[mtconnect]\nlisten = \"{address}\"\n"), 74, "mtconnect.listen"),
+    ] {
+        let daemon = with_tables(&port, more);
+        let mut gateway = gateway(&daemon);
+        let mut ended = None;
+        assert!(eventually(|| {
+            ended = gateway.0.try_wait().expect("child");
+            ended.is_some()
+        }));
+        let log = fs::read_to_string(daemon.dir.path().join("gateway.log")).expect("log");
+        assert_eq!(ended.and_then(|status| status.code()), Some(code), "{log}");
+        assert!(log.contains(words) && log.contains("hint: "), "{log}");
+    }
+}
+
+#[test]
+fn the_device_file_names_every_item() {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let file = fs::read_to_string(root.join("config/monitoring/mtconnect-device.xml")).expect("device file");
+    let source = fs::read_to_string(root.join("src/gateway/mtconnect.rs")).expect("source");
+    let keys: Vec<&str> =
+        source.split('"').filter(|word| word.starts_with("vc_") && !word.contains('{')).collect();
+    assert!(keys.len() > 10);
+    for key in keys.iter().filter(|key| key.chars().all(|c| c.is_ascii_lowercase() || c == '_')) {
+        assert!(file.contains(&format!("name=\"{key}\"")), "{key}");
+    }
+}
+
+#[test]
+#[ignore = "needs mosquitto and mosquitto_sub: .ci/nightly outputs"]
+fn a_broker_gets_retained_state_events_and_the_last_will() {
+    let (port, broker) = (Port::open(), free_port());
+    let mut daemon =
+        with_tables(&port, format!("[mqtt]\nbroker = \"{broker}\"\ntopic = \"cell/a\"\ninterval-s = 0.2\n"));
+    let mut session = port.link();
+    session.run_until_corrected();
+    // the gateway comes first: it waits for the broker
+    let mut gate = gateway(&daemon);
+    let start = || {
+        let mut command = Command::new("mosquitto");
+        command.args(["-p", &broker.port().to_string()]).stderr(Stdio::null());
+        Running(command.spawn().expect("mosquitto"))
+    };
+    let mosquitto = start();
+    let subscribe = || {
+        let mut said = None;
+        assert!(eventually(|| TcpStream::connect(broker).is_ok()));
+        let mut command = Command::new("mosquitto_sub");
+        command.args(["-p", &broker.port().to_string(), "-t", "cell/a/#", "-v"]).stdout(Stdio::piped());
+        let mut child = command.spawn().expect("mosquitto_sub");
+        said.replace(lines(child.stdout.take().expect("piped")));
+        (Running(child), said.expect("lines"))
+    };
+    let (_subscriber, said) = subscribe();
+    let is_active = |line: &str| line.starts_with("cell/a/status ") && line.contains("\"state\":\"active\"");
+    let seen = cycle_until(&mut session, &said, is_active);
+    assert!(seen.iter().any(|line| line == "cell/a/availability online"), "{}", seen.join("\n"));
+    let text = seen.last().and_then(|l| l.strip_prefix("cell/a/status ")).expect("a status");
+    let status: Value = serde_json::from_str(text).expect("JSON");
+    assert_eq!(status["machine"], "test-mill");
+    // a link that breaks is an event and another health
+    drop(session);
+    let seen = wait_for(&said, |line| line.starts_with("cell/a/event "));
+    let _ =
+        (seen, wait_for(&said, |line| line.starts_with("cell/a/health ") && line.contains("disconnected")));
+    // a broker that restarts without memory is told everything again
+    drop(mosquitto);
+    let _mosquitto = start();
+    let (_again, said) = subscribe();
+    let _ = wait_for(&said, |line| line == "cell/a/availability online");
+    let _ = wait_for(&said, |line| line.starts_with("cell/a/status "));
+    // the daemon ends: not available; it comes back; the gateway dies: the last will
+    daemon.child.kill().expect("killed");
+    let _ = daemon.child.wait();
+    let _ = wait_for(&said, |line| line == "cell/a/availability offline");
+    daemon.restart();
+    let _ = wait_for(&said, |line| line == "cell/a/availability online");
+    gate.0.kill().expect("killed");
+    let _ = wait_for(&said, |line| line == "cell/a/availability offline");
+}
+
+/// The answer of Prometheus to a query of its HTTP interface.
+fn ask(address: SocketAddr, path: &str) -> Option<Value> {
+    let mut stream = TcpStream::connect(address).ok()?;
+    stream.set_read_timeout(Some(PATIENCE)).ok()?;
+    write!(stream, "GET {path} HTTP/1.0\r\nHost: {address}\r\n\r\n").ok()?;
+    let mut answer = String::new();
+    std::io::Read::read_to_string(&mut stream, &mut answer).ok()?;
+    serde_json::from_str(answer.split_once("\r\n\r\n")?.1).ok()
+}
+
+#[test]
+#[ignore = "needs prometheus: .ci/nightly outputs"]
+fn prometheus_scrapes_the_daemon_and_the_shipped_alerts_fire() {
+    let (port, listen) = (Port::open(), free_port());
+    let (daemon, metrics) = crate::http::served(&port, Setup::default());
+    let mut session = port.link();
+    session.run_until_corrected();
+    let folder = tempfile::tempdir().expect("folder");
+    let rules = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/monitoring/volcomp.rules.yml");
+    let config = format!(
+        "global: {{ scrape_interval: 1s, evaluation_interval: 1s }}\nrule_files: [\"{}\"]\n\
+         scrape_configs:\n  - job_name: volcomp\n    static_configs: [{{ targets: [\"{metrics}\"] }}]\n",
+        rules.display()
+    );
+    fs::write(folder.path().join("prometheus.yml"), config).expect("written");
+    let _prometheus = Running(
+        Command::new("prometheus")
+            .arg(format!("--config.file={}", folder.path().join("prometheus.yml").display()))
+            .arg(format!("--storage.tsdb.path={}", folder.path().join("data").display()))
+            .arg(format!("--web.listen-address={listen}"))
+            .stderr(Stdio::null())
+            .spawn()
+            .expect("prometheus"),
+    );
+    let mut until = |wanted: &dyn Fn() -> bool, what: &str, cycling: bool, limit: Duration| {
+        let deadline = Instant::now() + limit;
+        while !wanted() {
+            assert!(Instant::now() < deadline, "{what}: {:?}", ask(listen, "/api/v1/alerts"));
+            for _ in 0..if cycling { 200 } else { 0 } {
+                let _ = session.cycle();
+            }
+            std::thread::sleep(Duration::from_millis(50));
+        }
+    };
+    let cycles = || {
+        let answer = ask(listen, "/api/v1/query?query=volcomp_cycles_total")?;
+        answer["data"]["result"][0]["value"][1].as_str()?.parse::<f64>().ok()
+    };
+    until(&|| cycles().is_some_and(|c| c > 100.0), "no cycles", true, PATIENCE * 6);
+    let fires = |name: &str| {
+        let alerts = ask(listen, "/api/v1/alerts").unwrap_or_default();
+        let all = alerts["data"]["alerts"].as_array().cloned().unwrap_or_default();
+        all.iter().any(|a| a["labels"]["alertname"] == name && a["state"] == "firing")
+    };
+    for name in ["VolcompDaemonDown", "VolcompFaulted", "VolcompNewFault"] {
+        assert!(!fires(name), "{name}");
+    }
+    drop(daemon);
+    // its rule waits for a minute
+    until(&|| fires("VolcompDaemonDown"), "no alert", false, Duration::from_secs(100));
+}
