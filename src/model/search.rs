@@ -21,7 +21,7 @@ const SCAN: u32 = 400;
 /// Step, as a share of the travel, at which the search ends.
 const STEP_END: f64 = 1e-8;
 
-/// The poses that are searched: every axis with a travel over its travel, the others where they stand.
+/// The poses that are searched: every axis over its domain ([`ModelSpec::domain`]), those without one where they stand.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Volume {
     home: Pose,
@@ -41,12 +41,12 @@ pub struct Found<T> {
     pub poses: u64,
 }
 
-/// Home, or the end of travel nearest to it.
+/// Home, or the end of the domain nearest to it.
 #[must_use]
 pub fn reference_pose(spec: &ModelSpec) -> Pose {
     let mut pose = Pose::at([0.0; MAX_AXES]);
     for (q, axis) in pose.position.iter_mut().zip(spec.chain.axes()) {
-        if let Some([low, high]) = spec.axis(axis.name).travel {
+        if let Some([low, high]) = spec.domain(axis.name) {
             *q = 0.0f64.clamp(low, high);
         }
     }
@@ -59,8 +59,8 @@ impl Volume {
     pub fn of(spec: &ModelSpec) -> Self {
         let home = reference_pose(spec);
         let axes = spec.chain.axes();
-        let travel = |k: usize| spec.axis(axes[k].name).travel.filter(|_| !axes[k].spindle);
-        let ranges: Vec<_> = (0..axes.len()).map(|k| travel(k).unwrap_or([home.position[k]; 2])).collect();
+        let domain = |k: usize| spec.domain(axes[k].name).filter(|_| !axes[k].spindle);
+        let ranges: Vec<_> = (0..axes.len()).map(|k| domain(k).unwrap_or([home.position[k]; 2])).collect();
         let directed = |k: &usize| {
             spec.errors.iter().filter(|(s, _)| s.axis() == axes[*k].name).any(|(_, f)| {
                 let reversal = |d: &DynamicTerm| matches!(d.law, Law::Reversal { .. });

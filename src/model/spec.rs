@@ -112,6 +112,18 @@ impl ModelSpec {
         self.axes.iter().find(|a| a.name == name).cloned().unwrap_or_else(|| AxisSpec::new(name))
     }
 
+    /// Positions of an axis (tool-side sense, mm or rad) over which the model says something: its travel or, where none
+    /// is stated, the hull of the ranges of its curves; `None` where neither is there.
+    #[must_use]
+    pub fn domain(&self, name: AxisName) -> Option<[f64; 2]> {
+        let axis = self.axis(name);
+        let inverted = axis.sense == Sense::Carriage && self.is_workpiece_side(name);
+        let functions = self.errors.iter().filter(|(s, _)| s.axis() == name);
+        let ranges = functions.flat_map(|(_, f)| f.curves.iter().filter_map(Curve::range));
+        let hull = ranges.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
+        axis.travel.or_else(|| hull.map(|[low, high]| if inverted { [-high, -low] } else { [low, high] }))
+    }
+
     /// The sensors whose live values the errors use, each once, in the order of the errors.
     #[must_use]
     pub fn sensors(&self) -> Vec<&str> {

@@ -186,7 +186,7 @@ impl Report<'_> {
         ];
         let kept = kept_in_place(self.spec());
         if !kept.is_empty() {
-            out.push(fact("without travel, so kept", String::new(), kept.join(", ")));
+            out.push(fact("without travel and curves, so kept", String::new(), kept.join(", ")));
         }
         out
     }

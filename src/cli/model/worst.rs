@@ -80,7 +80,7 @@ impl Goal {
 /// The axes that the search keeps in place, because nothing says how far they go.
 pub(super) fn kept_in_place(spec: &ModelSpec) -> Vec<String> {
     let axes = spec.chain.axes().iter();
-    axes.filter(|a| !a.spindle && spec.axis(a.name).travel.is_none())
+    axes.filter(|a| !a.spindle && spec.domain(a.name).is_none())
         .map(|a| format!("{} at 0 {}", a.name, if a.kind() == AxisKind::Linear { "mm" } else { "deg" }))
         .collect()
 }
@@ -89,7 +89,7 @@ pub(super) fn kept_in_place(spec: &ModelSpec) -> Vec<String> {
 mod tests {
     use super::*;
     use volcomp_model::curve::{ErrorFunction, Fourier, Interpolation, Table};
-    use volcomp_model::{AxisSpec, Chain, Curve, ErrorSymbol};
+    use volcomp_model::{AxisSpec, Chain, Curve, ErrorSymbol, Sense};
     use volcomp_units::axes::{AxisName, Travel};
 
     fn spec() -> ModelSpec {
@@ -132,6 +132,18 @@ mod tests {
         let worst = search(&spec, &model, |_, _| {}).position;
         assert_eq!(worst.pose.travel[0], Travel::Reverse);
         assert!((worst.deviation.position.x + 0.009).abs() < 1e-12);
+    }
+
+    #[test]
+    fn without_travel_the_range_of_the_curves_is_searched() {
+        let mut spec = ModelSpec::new("m", Chain::parse("[w X' b Y t]").unwrap());
+        spec.axes.push(AxisSpec { sense: Sense::Carriage, ..AxisSpec::new(AxisName::X) });
+        let table = Table::new(vec![0.0, 200.0, 300.0], vec![0.0, -0.02, 0.06], None, Interpolation::Linear);
+        add(&mut spec, "exx", Curve::Table(table.unwrap()));
+        let worst = search(&spec, &Model::new(&spec).unwrap(), |_, _| {}).position;
+        assert!((worst.deviation.position.norm() - 0.06).abs() < 1e-12);
+        // the carriage of a workpiece-side axis goes the other way
+        assert_eq!((worst.pose.position[0], kept_in_place(&spec)), (-300.0, vec!["Y at 0 mm".to_owned()]));
     }
 
     #[test]

@@ -91,13 +91,9 @@ impl Panel {
 
 /// The stored coordinates over which an axis is drawn.
 fn range(spec: &ModelSpec, name: AxisName) -> [f64; 2] {
-    let axis = spec.axis(name);
-    let inverted = axis.sense == Sense::Carriage && spec.is_workpiece_side(name);
-    let travel = axis.travel.map(|[low, high]| if inverted { [-high, -low] } else { [low, high] });
-    let functions = spec.errors.iter().filter(|(s, _)| s.axis() == name);
-    let curves = functions.flat_map(|(_, f)| f.curves.iter().filter_map(Curve::range));
-    let covered = curves.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
-    travel.or(covered).unwrap_or([0.0, 1.0])
+    let inverted = spec.axis(name).sense == Sense::Carriage && spec.is_workpiece_side(name);
+    let [low, high] = spec.domain(name).unwrap_or([0.0, 1.0]);
+    if inverted { [-high, -low] } else { [low, high] }
 }
 
 /// The grids of a function at stored coordinate `x`, the other axes at a share of their travel.
