@@ -51,6 +51,15 @@ for unit in volcompd.service volcompd@.service volcomp-gateway.service; do
     echo "$unit: $(tail -n 1 "$work/report")"
 done
 
+# help is ours, where the package puts it
+for unit in volcompd.service volcompd@.service volcomp-gateway.service; do
+    page=$(sed -n 's|^Documentation=file:/usr/share/doc/volcomp/||p' "$unit")
+    [ -n "$page" ] && [ -e "../docs/$page" ] || {
+        echo "systemd/check.sh: $unit: Documentation= names no page of docs/" >&2
+        exit 1
+    }
+done
+
 # what real time needs must not be hardened away
 for unit in volcompd.service volcompd@.service; do
     for line in 'RestrictRealtime=no' 'LimitRTPRIO=[1-9]' 'LimitMEMLOCK=' 'SystemCallFilter=@system-service @memlock'; do

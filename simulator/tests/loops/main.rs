@@ -10,6 +10,7 @@ mod live_s_part;
 mod motion_dependent;
 mod papers;
 mod read_write;
+mod readme;
 mod scenarios;
 mod support;
 mod through;

@@ -1,0 +1,109 @@
+//! "In ten minutes" of the README, as a new user types it.
+
+#![expect(clippy::unwrap_used, clippy::expect_used, reason = "a test fails by panicking")]
+#![expect(clippy::disallowed_methods, reason = "the test starts programs and writes files")]
+
+use std::path::{Path, PathBuf};
+use std::process::{Child, Command, Output};
+use std::time::{Duration, Instant};
+
+/// A program that runs until the test ends.
+struct Running(Child);
+
+impl Drop for Running {
+    fn drop(&mut self) {
+        // already gone where it failed
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}
+
+/// The lines of the shell below a step, without comments behind them.
+fn commands(step: &str) -> Vec<String> {
+    let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
+    let section = readme.split("## In ten minutes").nth(1).unwrap().split("\n## ").next().unwrap();
+    let step = section.split(&format!("\n{step}. ")).nth(1).expect("the step");
+    let block = step.split("```sh\n").nth(1).unwrap().split("```").next().unwrap();
+    block
+        .lines()
+        .map(|l| l.split("  #").next().unwrap().trim().to_owned())
+        .filter(|l| !l.is_empty())
+        .collect()
+}
+
+fn root() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
+}
+
+/// A directory with what a clone has in it, and the programs on the path.
+struct Clone {
+    folder: tempfile::TempDir,
+    port: u16,
+}
+
+impl Clone {
+    fn new() -> Self {
+        let folder = tempfile::tempdir().unwrap();
+        std::os::unix::fs::symlink(root().join("config"), folder.path().join("config")).unwrap();
+        let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
+        Self { port: free.local_addr().unwrap().port(), folder }
+    }
+
+    fn shell(&self, line: &str) -> Command {
+        let programs = Path::new(env!("CARGO_BIN_EXE_cncsim")).parent().unwrap().to_owned();
+        let path = format!("{}:{}", programs.display(), std::env::var("PATH").unwrap());
+        let mut command = Command::new("sh");
+        // a process of its own, so that it can be killed
+        command.args(["-c", line]).current_dir(self.folder.path()).env("PATH", path);
+        command
+    }
+
+    fn run(&self, line: &str) -> Output {
+        let output = self.shell(line).output().unwrap();
+        assert!(output.status.success(), "{line}\n{}", String::from_utf8_lossy(&output.stderr));
+        output
+    }
+
+    fn start(&self, line: &str) -> Running {
+        Running(self.shell(&format!("exec {line}")).spawn().unwrap())
+    }
+}
+
+#[test]
+fn the_three_steps_of_the_readme_lead_to_a_compensated_machine() {
+    let _processors = crate::processors();
+    let clone = Clone::new();
+    for line in commands("1").iter().chain(&commands("2")).filter(|line| !line.starts_with("cargo ")) {
+        clone.run(line);
+    }
+    let mut running = Vec::new();
+    let mut status = String::new();
+    for line in commands("3") {
+        if line.starts_with("cncsim serve") {
+            // the control's usual port may be in use here
+            running.push(clone.start(&format!("{line} --listen 127.0.0.1:{}", clone.port)));
+        } else if line.starts_with("volcompd ") {
+            clone
+                .run(&format!("sed -i 's/127.0.0.1:7878/127.0.0.1:{}/' my-machine/machine.toml", clone.port));
+            running.push(clone.start(&line));
+            let deadline = Instant::now() + Duration::from_secs(20);
+            while !clone.folder.path().join("my-machine/volcompd.sock").exists() {
+                assert!(Instant::now() < deadline, "no status socket");
+                std::thread::sleep(Duration::from_millis(50));
+            }
+        } else if line.starts_with("volcomp status") {
+            let deadline = Instant::now() + Duration::from_secs(30);
+            while !status.contains("active (compensation enabled)") {
+                assert!(Instant::now() < deadline, "{status}");
+                std::thread::sleep(Duration::from_millis(200));
+                // exit code 1: late cycles on a busy computer
+                status = String::from_utf8(clone.shell(&line).output().unwrap().stdout).unwrap();
+            }
+        } else {
+            clone.run(&line);
+        }
+    }
+    assert_eq!(running.len(), 2, "control and daemon");
+    // the model of the example, not what the second step left behind
+    assert!(status.contains("21 of 21 error motions"), "{status}");
+}
