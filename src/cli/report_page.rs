@@ -77,7 +77,10 @@ impl Plot {
                     Mark::Reference
                 }
             };
-            keys.push_str(&key(mark, ink, &series.label));
+            // a second line of a pair needs no entry of its own
+            if !series.label.is_empty() {
+                keys.push_str(&key(mark, ink, &series.label));
+            }
         }
         let title = super::report::page::escape(&self.title);
         (chart.finish(), format!("<b>{title}</b><br>{keys}"))
