@@ -158,6 +158,12 @@ const INPUTS: &[(&str, &str, &str)] = &[
     ("evaluate iso230-6", "data", "evaluate iso230-6 --data {}"),
     ("evaluate iso230-6", "before", "evaluate iso230-6 --data {diagonals} --before {}"),
     ("evaluate plate", "data", "evaluate plate --data {}"),
+    (
+        "evaluate gear",
+        "data",
+        "evaluate gear --data {} --teeth 31 --module-mm 4 --face-width-mm 30 --tip-diameter-mm 132 --control-diameter-mm 118",
+    ),
+    ("evaluate gear", "before", "evaluate gear --data {gear} --before {} --teeth 31 --module-mm 4 --face-width-mm 30 --tip-diameter-mm 132 --control-diameter-mm 118"),
     ("verify", "before", "verify --before {} --after {positioning}"),
     ("verify", "after", "verify --before {positioning} --after {}"),
     ("diagnose", "model", "diagnose --model {} --data {session} --out {out}"),
