@@ -237,8 +237,10 @@ impl Run<'_> {
                 ));
             }
             'O' => {
-                return Err(self
-                    .fail(word.from, "subprograms and flow control are not corrected; write the blocks out"));
+                return Err(self.fail(
+                    word.from,
+                    "subprograms and flow control are not corrected; write the blocks out",
+                ));
             }
             letter => {
                 let is_axis = letter != 'S' && AxisName::from_letter(letter).is_some();
