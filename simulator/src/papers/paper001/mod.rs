@@ -21,7 +21,7 @@ use crate::truth::conditions::Acting;
 
 const BALL: &str = "probe, error of r_c, contacts corrected";
 const BALL_RAW: &str = "probe, error of r_c, contacts as read";
-const REST: &str = "corrected program, largest rest along the base tangent";
+const REST: &str = "corrected program, largest rest across the axis of A";
 const DIFFERENCE: [&str; 2] =
     ["profile, slope difference to the tester, volcompd", "lead, slope difference to the tester, volcompd"];
 const WORSE: &str = "lead, classes lost by volcompd";

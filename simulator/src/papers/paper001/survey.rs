@@ -17,7 +17,7 @@ use crate::twin::Dice;
 /// Radius of the bar of the paper.
 const BAR_MM: f64 = 15.0;
 /// Axes in the order of the steps, with their positions: close enough that lines between them do not limit.
-const STEPS: [(&str, usize); 4] = [("a", 121), ("b", 15), ("x", 25), ("y", 89)];
+const STEPS: [(&str, usize); 4] = [("a", 91), ("b", 9), ("x", 13), ("y", 45)];
 /// Noise of a single reading of the artefact, repetitions, and its form error per tip (hard truth), um.
 const NOISE_UM: f64 = 0.5;
 const REPEATS: u32 = 10;

@@ -14,7 +14,7 @@ const TEXT: &str = include_str!("l300g.toml");
 /// Phase of the eight waves of EAA per turn: they rise while a measured flank is rolled.
 const EAA_PHASE_DEG: f64 = 104.8;
 /// Length of the wave of EYY and EAY; both begin to rise at the control diameter.
-const WAVE_MM: f64 = 80.0;
+const WAVE_MM: f64 = 115.0;
 
 /// Machine at survey and test, gear and instruments.
 #[derive(Clone)]
