@@ -56,7 +56,11 @@ fn what_is_refused_has_a_place_and_leaves_no_file() {
     std::fs::write(folder.path().join("in.nc"), "G0 X10 Y10 Z-10\nG2 X20 I5 F100\n").unwrap();
     let base = ["correct", "--model", model, "--gcode", "in.nc", "--out", "out.nc"];
     for (extra, code, said) in [
-        (&[][..], 65, "error: in.nc:2:1: G2 (arc) is not corrected; let the CAM system output straight lines"),
+        (
+            &[][..],
+            65,
+            "error: in.nc:2:1: G2 (arc) is not corrected; let the CAM system output straight lines",
+        ),
         (&["--limit-um", "0.001"][..], 65, "error: in.nc:1:12: correction of "),
         (&["--axes", "q"][..], 64, "'q' is no axis"),
         (&["--axes", "a"][..], 64, "axis A is not in the chain of the model"),

@@ -103,7 +103,7 @@ fn gear(args: &Args) -> Result<Gear, Failure> {
         tip_diameter_mm: args.tip_diameter_mm,
         control_diameter_mm: args.control_diameter_mm,
     };
-    gear.check().map_err(|e| Failure::usage(e))?;
+    gear.check().map_err(Failure::usage)?;
     Ok(gear)
 }
 
@@ -268,10 +268,9 @@ fn print(args: &Args, gear: &Gear, after: &[OfFlank], before: Option<&[OfFlank]>
     let head = if old.is_some() { format!("{:>11}{:>9}", "before", "change") } else { String::new() };
     say!("{:<10}{:<7}{:>9}{:>7}{:>11}{head}", "", "flank", "um", "class", "tolerance");
     for line in lines(gear, after) {
-        let was =
-            old.as_ref().map(|o| o.iter().find(|l| (&l.key) == (&line.key)).map(|l| l.value_um)).map(|v| {
-                format!("{:>11}{:>9}", show(v), percent(change(v.map(f64::abs), Some(line.value_um.abs()))))
-            });
+        let was = old.as_ref().map(|o| o.iter().find(|l| l.key == line.key).map(|l| l.value_um)).map(|v| {
+            format!("{:>11}{:>9}", show(v), percent(change(v.map(f64::abs), Some(line.value_um.abs()))))
+        });
         say!(
             "{:<10}{:<7}{:>9.2}{:>7}{:>11}{}",
             line.symbol,

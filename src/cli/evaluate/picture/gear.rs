@@ -9,6 +9,9 @@ use crate::report::plot::{
 const TITLE: u32 = 34;
 const HEIGHT: u32 = 300;
 
+/// Tooth, readings (mm, um), mean line (um at 0, um/mm).
+pub(in crate::evaluate) type Drawing = (u32, Vec<(f64, f64)>, [f64; 2]);
+
 /// One direction of one flank.
 pub(in crate::evaluate) struct Panel {
     /// Direction and flank.
@@ -17,13 +20,13 @@ pub(in crate::evaluate) struct Panel {
     pub(in crate::evaluate) position: &'static str,
     /// Evaluation length, mm.
     pub(in crate::evaluate) evaluation: [f64; 2],
-    /// Tooth, readings (mm, um), mean line (um at 0, um/mm).
-    pub(in crate::evaluate) traces: Vec<(u32, Vec<(f64, f64)>, [f64; 2])>,
+    /// The teeth.
+    pub(in crate::evaluate) traces: Vec<Drawing>,
 }
 
 /// Distance of neighbouring traces, um: a round number with room for the widest trace.
 pub(in crate::evaluate) fn step_um(shown: &[(&str, Vec<Panel>)]) -> f64 {
-    let range = |trace: &(u32, Vec<(f64, f64)>, [f64; 2])| {
+    let range = |trace: &Drawing| {
         let [low, high] = with_room(trace.1.iter().map(|r| r.1), 0.0);
         high - low
     };
@@ -84,7 +87,7 @@ fn draw(area: &Area<'_>, panels: &[Panel], step_um: f64) -> Drawn {
 fn draw_panel(area: &Area<'_>, panel: &Panel, step_um: f64) -> Drawn {
     let x = with_room(panel.traces.iter().flat_map(|t| t.1.iter().map(|r| r.0)), 0.08);
     let count = panel.traces.len() as f64;
-    let title = format!("{}, one line is {step_um} µm", panel.name);
+    let title = format!("{}, teeth {step_um} µm apart", panel.name);
     let axes = Axes {
         title: &title,
         x_label: panel.position,
