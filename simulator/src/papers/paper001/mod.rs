@@ -209,7 +209,7 @@ fn plots(setting: &Setting) -> anyhow::Result<Vec<Plot>> {
     for (direction, label) in [("profile", "roll length, mm"), ("lead", "face width, mm")] {
         for flank in ["left", "right"] {
             let mut plot = Plot::new(
-                &format!("Figures 9, 10: {direction}, {flank} flank, mean of the teeth"),
+                format!("Figures 9, 10: {direction}, {flank} flank, mean of the teeth"),
                 label,
                 "deviation, µm",
             );
