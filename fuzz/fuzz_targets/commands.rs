@@ -12,7 +12,7 @@ use std::sync::LazyLock;
 use libfuzzer_sys::fuzz_target;
 
 /// `@` is the file, `!` a file to write, the others are made once.
-const COMMANDS: [&str; 27] = [
+const COMMANDS: [&str; 29] = [
     "fit --errors @ --axis x --order 2 --out !",
     "fit --errors @ --axis c --basis table --out !",
     "evaluate iso230-2 --data @ --report !",
@@ -40,6 +40,8 @@ const COMMANDS: [&str; 27] = [
     "predict --model model.toml --points where.csv --add @ --out !",
     "diagnose --model model.toml --data @",
     "diagnose --model model.toml --plan --data @",
+    "correct --model model.toml --gcode @ --out !",
+    "evaluate gear --data @ --teeth 31 --module-mm 4 --face-width-mm 30 --tip-diameter-mm 132 --control-diameter-mm 118 --report !",
 ];
 
 /// What the commands need beside the file.

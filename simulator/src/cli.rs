@@ -18,7 +18,7 @@ mod blind;
 mod campaign;
 mod certificates;
 mod demo;
-mod measure;
+pub(crate) mod measure;
 mod paper;
 mod path;
 mod scenarios;

@@ -19,6 +19,7 @@ mod arg_parsers;
 mod audit;
 mod bench;
 mod check;
+mod correct;
 mod daemon;
 #[cfg(feature = "diagnosis")]
 mod diagnose;
@@ -84,6 +85,7 @@ enum Verb {
     Bench(bench::Args),
     Check(check::Args),
     Predict(predict::Args),
+    Correct(Box<correct::Args>),
     Fit(Box<fit::Args>),
     Identify(identify::Args),
     Import(Box<import::Args>),
@@ -119,6 +121,7 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     exit::run(args, |cli: Cli| match cli.verb {
         Verb::Bench(a) => bench::run(&a),
         Verb::Check(a) => check::run(&a),
+        Verb::Correct(a) => correct::run(&a),
         Verb::Predict(a) => predict::run(&a),
         Verb::Fit(a) => fit::run(&a),
         Verb::Identify(a) => identify::run(&a),

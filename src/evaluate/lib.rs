@@ -1,7 +1,7 @@
-//! The figures of ISO 230 from measured deviations: offline, pure.
+//! The figures of ISO 230 and ISO 1328-1 from measured deviations: offline, pure.
 //!
 //! [`positioning`] ISO 230-2 (its [`uncertainty`]), [`circular`] ISO 230-4 ([`circle_prediction`] against a model), [`diagonal`] ISO 230-6, [`plate`] for hole and
-//! ball plates. Deviations are actual minus nominal;
+//! ball plates, [`gear`] ISO 1328-1. Deviations are actual minus nominal;
 //! every figure has the unit of the deviations that went in. Equations: `docs/reference/equations.md`.
 
 #![forbid(unsafe_code)]
@@ -10,6 +10,7 @@
 pub mod circle_prediction;
 pub mod circular;
 pub mod diagonal;
+pub mod gear;
 pub mod plate;
 pub mod positioning;
 pub mod reduction;

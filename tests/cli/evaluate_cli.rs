@@ -392,3 +392,97 @@ fn published_fits_of_drilled_plates() {
     assert!((square.abs() - 3.3).abs() < 0.0501, "{square} urad");
     assert!(square.abs() < 2.0 * affine["ec0y_arcsec"]["std"].as_f64().unwrap() * 4.848, "not significant");
 }
+
+/// The gear of paper 001; a profile that rises by 6 um and a lead that falls by 3 um over their functional lengths.
+#[test]
+fn a_gear_has_its_slopes_and_classes() {
+    const GEAR: [&str; 10] = [
+        "--teeth",
+        "31",
+        "--module-mm",
+        "4",
+        "--face-width-mm",
+        "30",
+        "--tip-diameter-mm",
+        "132",
+        "--control-diameter-mm",
+        "118.4",
+    ];
+    let directory = tempfile::tempdir().unwrap();
+    let file = |name: &str, size: f64| {
+        let mut text = "direction,flank,tooth,pass,position_mm,deviation_um\n".to_owned();
+        for (flank, tooth, pass) in
+            [("left", 1, 1), ("left", 1, 2), ("left", 9, 1), ("right", 1, 1), ("right", 9, 1)]
+        {
+            for i in 0..=100 {
+                let share = f64::from(i) / 100.0;
+                let roll = 10.502_503_5 + share * (31.010_684_9 - 10.502_503_5);
+                // what a tooth has more, the other has less
+                let each = size + if tooth == 1 { 1.0 } else { -1.0 };
+                text += &format!("profile,{flank},{tooth},{pass},{roll},{}\n", each * share);
+                text += &format!("lead,{flank},{tooth},{pass},{},{}\n", 30.0 * share, -3.0 * share);
+            }
+        }
+        let path = directory.path().join(name);
+        std::fs::write(&path, text).unwrap();
+        path
+    };
+    let (data, before) = (file("gear.csv", 6.0), file("before.csv", 20.0));
+    let page = directory.path().join("gear.html");
+    let extra = ["--json", "--report", page.to_str().unwrap(), "--before", before.to_str().unwrap()];
+    let output = evaluate("gear", &data, &[&GEAR[..], &extra].concat());
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    for (key, want) in [
+        ("left_fh_alpha_um", 6.0),
+        ("right_fh_alpha_um", 6.0),
+        ("left_ff_alpha_um", 0.0),
+        ("right_fh_beta_um", -3.0),
+        ("left_f_beta_um", 2.85),
+    ] {
+        assert!((report[key].as_f64().unwrap() - want).abs() < 1e-4, "{key}: {}", report[key]);
+    }
+    // f_Halpha 6 um: class 5 has 5.5, class 6 has 8; f_Hbeta 3 um: class 3 has 3.2
+    assert_eq!((&report["profile_class"], &report["lead_class"]), (&6.into(), &3.into()));
+    assert_eq!(report["before"]["profile_class"], 9, "{}", report["before"]);
+    assert_eq!(report["traces"].as_array().unwrap().len(), 8);
+    let page = std::fs::read_to_string(page).unwrap();
+    assert!(page.contains("f_Halpha") && page.matches("<svg").count() == 2 && !page.contains("NaN"));
+
+    let people = evaluate("gear", &data, &GEAR);
+    let said = String::from_utf8_lossy(&people.stdout).into_owned();
+    assert!(said.contains("profile class 6") && said.contains("lead class 3"), "{said}");
+}
+
+#[test]
+fn a_gear_that_cannot_be_evaluated_is_refused() {
+    let directory = tempfile::tempdir().unwrap();
+    let path = directory.path().join("gear.csv");
+    let gear = |tip: &str, text: &str| {
+        std::fs::write(&path, text).unwrap();
+        let args = ["--teeth", "31", "--module-mm", "4", "--face-width-mm", "30", "--tip-diameter-mm", tip];
+        let output = evaluate("gear", &path, &[&args[..], &["--control-diameter-mm", "118.4"]].concat());
+        (output.status.code(), String::from_utf8_lossy(&output.stderr).into_owned())
+    };
+    let head = "direction,flank,tooth,position_mm,deviation_um\n";
+    for (tip, text, code, message) in [
+        (
+            "118",
+            format!("{head}lead,left,1,2,0\n"),
+            64,
+            "control diameter 118.400 mm, tip diameter 118.000 mm",
+        ),
+        ("132", format!("{head}helix,left,1,2,0\n"), 65, "'helix' is neither profile nor lead"),
+        ("132", format!("{head}lead,top,1,2,0\n"), 65, "'top' is neither left nor right"),
+        (
+            "132",
+            format!("{head}lead,left,1,2,0\n"),
+            65,
+            "lead: tooth 1: 1 readings between 1.500 and 28.500 mm",
+        ),
+        ("132", head.to_owned(), 65, "no rows"),
+    ] {
+        let (status, said) = gear(tip, &text);
+        assert!(status == Some(code) && said.contains(message), "{status:?} {said}");
+    }
+}

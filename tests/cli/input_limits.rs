@@ -30,6 +30,8 @@ const INPUTS: &[(&str, &str, &str)] = &[
     ("predict", "add", "predict --model {model} --add {} --points {points} --out {out}"),
     ("predict", "points", "predict --model {model} --points {} --out {out}"),
     ("predict", "circle", "predict --model {model} --circle {} --centre-mm 100,100,-100 --radius-mm 50"),
+    ("correct", "model", "correct --model {} --gcode {program} --out {out}"),
+    ("correct", "gcode", "correct --model {model} --gcode {} --out {out}"),
     ("fit", "errors", "fit --axis x --errors {} --out {out}"),
     ("fit", "into", "fit --axis x --errors {motion} --screw-pitch-mm none --into {}"),
     ("fit thermal", "file", "fit thermal {} --displacement z_um"),
@@ -158,6 +160,16 @@ const INPUTS: &[(&str, &str, &str)] = &[
     ("evaluate iso230-6", "data", "evaluate iso230-6 --data {}"),
     ("evaluate iso230-6", "before", "evaluate iso230-6 --data {diagonals} --before {}"),
     ("evaluate plate", "data", "evaluate plate --data {}"),
+    (
+        "evaluate gear",
+        "data",
+        "evaluate gear --data {} --teeth 31 --module-mm 4 --face-width-mm 30 --tip-diameter-mm 132 --control-diameter-mm 118",
+    ),
+    (
+        "evaluate gear",
+        "before",
+        "evaluate gear --data {gear} --before {} --teeth 31 --module-mm 4 --face-width-mm 30 --tip-diameter-mm 132 --control-diameter-mm 118",
+    ),
     ("verify", "before", "verify --before {} --after {positioning}"),
     ("verify", "after", "verify --before {positioning} --after {}"),
     ("diagnose", "model", "diagnose --model {} --data {session} --out {out}"),
@@ -245,6 +257,10 @@ impl Stage {
         write("diagonals", &format!("diagonal,cycle,direction,target_mm,deviation_um\n{all}"));
         let turn: String = (0..=360).map(|k| format!("{k},{},1\n", k % 3)).collect();
         write("circle", &format!("angle_deg,deviation_um,direction\n{turn}"));
+        let lead: String =
+            (0..=60).map(|k| format!("lead,left,1,{},{}\n", 0.5 * f64::from(k), k % 3)).collect();
+        write("gear", &format!("direction,flank,tooth,position_mm,deviation_um\n{lead}"));
+        write("program", "G1 X1 Y1 Z-1 F100\n");
         let session: String = (0..200).map(|k| format!("{k},laser,1,1,1,{k},1,0,0,{}\n", k % 7)).collect();
         write(
             "session",

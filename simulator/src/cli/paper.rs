@@ -6,7 +6,7 @@ use super::{EX_SOFTWARE, EX_USAGE, Failure};
 use crate::demo::programs::Programs;
 use crate::papers::figure::Truth;
 use crate::papers::report::{cell, shown, unit, verdict};
-use crate::papers::{EXPERIMENTS, Experiment, Options, Outcome, json, missing, run};
+use crate::papers::{EXPERIMENTS, Experiment, Options, Outcome, json, run};
 
 #[derive(Debug, clap::Args)]
 #[command(
@@ -62,19 +62,6 @@ impl TruthArg {
 pub(super) fn paper(args: &Args) -> Result<(), Failure> {
     let chosen: Vec<&'static dyn Experiment> =
         EXPERIMENTS.iter().copied().filter(|e| args.paper == "all" || e.number() == args.paper).collect();
-    if chosen.is_empty() {
-        return Err(Failure::new(
-            EX_USAGE,
-            format_args!(
-                "the experiment of paper {} is not implemented; available: {}",
-                args.paper,
-                available()
-            ),
-        ));
-    }
-    if args.paper == "all" && !missing().is_empty() {
-        note!("not implemented and left out: {}", missing().join(", "));
-    }
     if args.seed.checked_add(u64::from(args.seeds)).is_none() {
         return Err(Failure::new(EX_USAGE, "--seed plus --seeds is beyond the largest seed"));
     }
@@ -102,12 +89,6 @@ pub(super) fn paper(args: &Args) -> Result<(), Failure> {
         return Ok(());
     }
     Err(Failure::new(EX_SOFTWARE, format_args!("limits missed: paper {}", missed.join(", "))))
-}
-
-fn available() -> String {
-    let mut names: Vec<&str> = EXPERIMENTS.iter().map(|e| e.number()).collect();
-    names.push("all");
-    names.join(", ")
 }
 
 fn print(outcome: &Outcome) {
@@ -149,6 +130,6 @@ mod tests {
         for e in EXPERIMENTS {
             assert!(e.rows().iter().any(|r| r.limit.is_some()), "{}", e.number());
         }
-        assert_eq!(count + missing().len(), 5);
+        assert_eq!(count, 5);
     }
 }

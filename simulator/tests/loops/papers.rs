@@ -57,11 +57,7 @@ fn parts_cut_by_a_gantry_with_a_drifting_ram() {
 }
 
 #[test]
-fn an_experiment_that_does_not_exist_is_refused_by_name() {
-    for paper in simulator::papers::missing() {
-        let output = Command::new(env!("CARGO_BIN_EXE_cncsim")).args(["paper", paper]).output().unwrap();
-        let said = String::from_utf8_lossy(&output.stderr);
-        assert_eq!(output.status.code(), Some(64), "{said}");
-        assert!(said.contains(&format!("paper {paper} is not implemented; available: ")), "{said}");
-    }
+fn a_gear_inspected_on_its_grinder() {
+    let _processors = crate::processors();
+    experiment("001");
 }

@@ -1,9 +1,10 @@
-//! `volcomp evaluate`: the figures of ISO 230 from measured deviations, their plots, and reports before and after.
+//! `volcomp evaluate`: the figures of ISO 230 and ISO 1328-1 from measured deviations, their plots, and reports before and after.
 //!
 //! One file per test; `picture` draws, `page` puts what all reports say in their heads.
 
 pub(crate) mod circular;
 mod diagonals;
+mod gear;
 mod page;
 mod picture;
 mod plate;
@@ -18,7 +19,7 @@ use super::files::write_text;
 use super::{EX_DATAERR, EX_SOFTWARE, EX_USAGE, Failure, table};
 use volcomp_evaluate::Placed;
 
-/// Evaluate a test by ISO 230, with the plots of the standards and a report to print
+/// Evaluate a test by ISO 230 or a gear by ISO 1328-1, with the plots of the standards and a report to print
 ///
 /// Every test takes --before FILE, an earlier test of the same kind, and compares; --report FILE.html writes a page
 /// that needs no other file and prints on A4; --svg FILE.svg the plot alone.
@@ -38,6 +39,8 @@ enum Test {
     Iso230_6(diagonals::Args),
     /// A hole plate or ball plate: offset, rotation, scale and squareness in a plane.
     Plate(plate::Args),
+    /// Involute gear by ISO 1328-1: profile and helix (lead) deviations and their tolerance classes.
+    Gear(Box<gear::Args>),
 }
 
 /// What is written beside the figures.
@@ -63,6 +66,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         Test::Iso230_4(a) => circular::run(a),
         Test::Iso230_6(a) => diagonals::run(a),
         Test::Plate(a) => plate::run(a),
+        Test::Gear(a) => gear::run(a),
     }
 }
 

@@ -53,17 +53,27 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         note!("drawing written: {}", path.display());
     }
     let (Some(poses), Some(out)) = (&args.poses, &args.out) else { return Ok(()) };
-    let plan = read(poses, &machine)?;
     let artefact = Artefact {
         noise_um: args.noise_um,
         lies_um: args.lies_um,
         lies_arcsec: args.lies_arcsec,
         seed: args.seed,
     };
-    let seen = artefact.measure(&machine, &plan);
-    write(out, &table(&machine, &plan, &seen))?;
-    note!("{} points measured: {}", plan.len(), out.display());
+    let count = measure_plan(&machine, poses, out, |plan| artefact.measure(&machine, plan))?;
+    note!("{count} points measured: {}", out.display());
     Ok(())
+}
+
+/// Reads a plan, has it measured and writes what was seen; returns the number of points.
+pub(crate) fn measure_plan(
+    machine: &TruthMachine,
+    poses: &Path,
+    out: &Path,
+    see: impl FnOnce(&[ArtefactPose]) -> Vec<[f64; 3]>,
+) -> Result<usize, Failure> {
+    let plan = read(poses, machine)?;
+    write(out, &table(machine, &plan, &see(&plan)))?;
+    Ok(plan.len())
 }
 
 fn write(path: &Path, text: &str) -> Result<(), Failure> {

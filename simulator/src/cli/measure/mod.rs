@@ -7,7 +7,7 @@ mod circles;
 mod common;
 mod diagonals;
 mod fivedof;
-mod grinder;
+pub(crate) mod grinder;
 mod nineline;
 mod positioning;
 mod probe;

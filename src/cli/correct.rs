@@ -1,0 +1,150 @@
+//! `volcomp correct`: a part program with corrected positions.
+
+use std::path::PathBuf;
+
+use clap::Parser;
+use serde_json::{Map, Value, json};
+
+use super::arg_parsers::{above_zero, axis_letter, number};
+use super::files::{read_model, write_text};
+use super::input::{self, InputKind};
+use super::{EX_DATAERR, Failure};
+use volcomp_formats::part_program::{Corrected, Request, correct};
+use volcomp_model::Model;
+use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
+use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm};
+
+/// Correct the positions of a part program by a model, block by block
+///
+/// The correction is the one that volcompd applies: nominal minus correction, static model, any chain. Feed blocks are divided
+/// where the correction bends. Comments and words without motion pass unchanged. Refused, with file, line and remedy: arcs
+/// (G2, G3, G5), incremental mode (G91), cutter compensation (G41, G42), canned cycles, tool length offsets and
+/// tool-centre-point motion (G43), inches, subprograms, variables, unknown G codes; and positions or corrections beyond travel
+/// or limit.
+#[derive(Debug, Parser)]
+pub(super) struct Args {
+    /// The model file.
+    #[arg(long, value_name = "FILE")]
+    model: PathBuf,
+    /// The part program; - is stdin.
+    #[arg(long, value_name = "FILE")]
+    gcode: PathBuf,
+    /// The corrected program; - is stdout.
+    #[arg(long, value_name = "FILE")]
+    out: PathBuf,
+    /// Largest distance of the correction within a block from the straight line between its ends, linear axes.
+    #[arg(long, value_name = "UM", default_value_t = 0.1, value_parser = above_zero)]
+    tolerance_um: f64,
+    /// The same for rotary axes.
+    #[arg(long, value_name = "ARCSEC", default_value_t = 0.2, value_parser = above_zero)]
+    tolerance_arcsec: f64,
+    /// Axes that may be corrected, such as a,x,y; default: all of the chain.
+    #[arg(long, value_name = "AXES", value_delimiter = ',', value_parser = axis_letter)]
+    axes: Vec<AxisName>,
+    /// Where an axis stands before the program, in its coordinates (mm, deg), such as z=100; may be repeated.
+    #[arg(long, value_name = "AXIS=VALUE", value_parser = at)]
+    start: Vec<(AxisName, f64)>,
+    /// Machine coordinate minus programmed coordinate (mm, deg), such as x=-350.5; may be repeated.
+    #[arg(long, value_name = "AXIS=VALUE", value_parser = at)]
+    work_offset: Vec<(AxisName, f64)>,
+    /// Largest correction of a linear axis.
+    #[arg(long, value_name = "UM", default_value_t = 200.0, value_parser = above_zero)]
+    limit_um: f64,
+    /// Largest correction of a rotary axis.
+    #[arg(long, value_name = "ARCSEC", default_value_t = 200.0, value_parser = above_zero)]
+    limit_arcsec: f64,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+fn at(text: &str) -> Result<(AxisName, f64), String> {
+    let (axis, value) =
+        text.split_once('=').ok_or_else(|| format!("'{text}' is no AXIS=VALUE, such as x=-350.5"))?;
+    Ok((axis_letter(axis)?, number(value)?))
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    if args.json && args.out.as_os_str() == "-" {
+        return Err(Failure::usage("--json and --out - cannot both go to stdout"));
+    }
+    let (_, model) = read_model(&args.model)?;
+    let index = |axis: &AxisName| {
+        let found = model.axes().position(|a| a.name == *axis);
+        found.ok_or_else(|| Failure::usage(format_args!("axis {axis} is not in the chain of the model")))
+    };
+    let inside = |axis: AxisName, value: f64| match axis.kind() {
+        AxisKind::Linear => value,
+        AxisKind::Rotary => rad_from_deg(value),
+    };
+    let mut request = Request {
+        model: &model,
+        corrected: core::array::from_fn(|k| {
+            args.axes.is_empty() && model.axes().nth(k).is_some_and(|a| !a.spindle)
+        }),
+        start: [None; MAX_AXES],
+        work_offset: [0.0; MAX_AXES],
+        tolerance: [mm_from_um(args.tolerance_um), rad_from_arcsec(args.tolerance_arcsec)],
+        limit: [mm_from_um(args.limit_um), rad_from_arcsec(args.limit_arcsec)],
+    };
+    for axis in &args.axes {
+        request.corrected[index(axis)?] = true;
+    }
+    for (axis, value) in &args.start {
+        request.start[index(axis)?] = Some(inside(*axis, *value));
+    }
+    for (axis, value) in &args.work_offset {
+        request.work_offset[index(axis)?] = inside(*axis, *value);
+    }
+    let text = input::read_text(&args.gcode, InputKind::PartProgram)?;
+    let corrected = correct(&text, &request)
+        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}:{e}", args.gcode.display())))?;
+    write_text(&args.out, &corrected.text)?;
+    if args.json {
+        say!("{:#}", Value::Object(as_json(&model, &corrected)));
+    } else if args.out.as_os_str() != "-" {
+        print(args, &model, &corrected);
+    }
+    Ok(())
+}
+
+/// Largest correction of every axis: name, unit and value.
+fn largest(model: &Model, corrected: &Corrected) -> Vec<(AxisName, &'static str, f64)> {
+    let of = |(axis, v): (AxisName, &f64)| match axis.kind() {
+        AxisKind::Linear => (axis, "um", um_from_mm(*v)),
+        AxisKind::Rotary => (axis, "arcsec", arcsec_from_rad(*v)),
+    };
+    model.axes().map(|a| a.name).zip(&corrected.largest).map(of).collect()
+}
+
+fn as_json(model: &Model, corrected: &Corrected) -> Map<String, Value> {
+    let mut out = Map::new();
+    out.insert("blocks".to_owned(), json!(corrected.blocks));
+    out.insert("blocks_out".to_owned(), json!(corrected.blocks_out));
+    for (axis, unit, value) in largest(model, corrected) {
+        out.insert(format!("largest_{}_{unit}", axis.lower()), json!(value));
+    }
+    for (direction, rest) in ["x", "y", "z"].into_iter().zip(corrected.rest.iter()) {
+        out.insert(format!("rest_{direction}_um"), json!(um_from_mm(*rest)));
+    }
+    out.insert("rest_line".to_owned(), json!(corrected.rest_line));
+    out
+}
+
+fn print(args: &Args, model: &Model, corrected: &Corrected) {
+    say!(
+        "{}: {} blocks with motion, {} after dividing",
+        args.out.display(),
+        corrected.blocks,
+        corrected.blocks_out
+    );
+    for (axis, unit, value) in largest(model, corrected) {
+        say!("largest correction of {axis:<2}{value:>10.2} {unit}");
+    }
+    for (direction, rest) in ["X", "Y", "Z"].into_iter().zip(corrected.rest.iter()) {
+        say!("largest rest along {direction:<4}{:>10.2} um (workpiece coordinates)", um_from_mm(*rest));
+    }
+    if corrected.rest_line > 0 {
+        say!("largest rest in line {} of {}", corrected.rest_line, args.gcode.display());
+    }
+}

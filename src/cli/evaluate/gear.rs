@@ -1,0 +1,358 @@
+//! `evaluate gear`: profile and helix (lead) deviations of an involute gear.
+
+use std::path::{Path, PathBuf};
+
+use serde_json::{Map, Value, json};
+
+use super::page::{self, Origin};
+use super::picture::gear::{self as drawing, Panel};
+use super::{Output, bad_data, change, only, percent, put_before, show};
+use crate::arg_parsers::{above_zero, number};
+use crate::positioning_data::no_rows;
+use crate::report::page::Cell;
+use crate::{Failure, table};
+use volcomp_evaluate::gear::{
+    CLASSES, Deviations, Direction, Flank, Gear, GearTrace, Quantity, class, evaluate, mean_of,
+    passes_averaged, tolerance_um,
+};
+use volcomp_units::rad_from_deg;
+
+/// Involute gear by ISO 1328-1: profile and helix (lead) deviations and their tolerance classes
+///
+/// Deviations are those of the flank, normal to it in the transverse plane, plus = excess of material. Positions are roll
+/// lengths from the base circle (profile) or distances from the datum face (lead). Readings of several passes at one
+/// position are averaged; every tooth is evaluated by itself; the figures are means over the teeth, slopes with their sign.
+#[derive(Debug, clap::Parser)]
+pub(super) struct Args {
+    /// CSV with direction (profile or lead), flank (left or right), tooth, position_mm, deviation_um and optional pass; - is stdin.
+    #[arg(long, value_name = "FILE")]
+    data: PathBuf,
+    /// The same gear measured at an earlier time, to compare with.
+    #[arg(long, value_name = "FILE")]
+    before: Option<PathBuf>,
+    /// Number of teeth z.
+    #[arg(long, value_name = "Z")]
+    teeth: u32,
+    /// Normal module.
+    #[arg(long, value_name = "MM", value_parser = above_zero)]
+    module_mm: f64,
+    /// Normal pressure angle.
+    #[arg(long, value_name = "DEG", default_value_t = 20.0, value_parser = above_zero)]
+    pressure_angle_deg: f64,
+    /// Helix angle at the reference diameter.
+    #[arg(long, value_name = "DEG", default_value_t = 0.0, value_parser = number, allow_hyphen_values = true)]
+    helix_angle_deg: f64,
+    /// Face width.
+    #[arg(long, value_name = "MM", value_parser = above_zero)]
+    face_width_mm: f64,
+    /// Tip diameter.
+    #[arg(long, value_name = "MM", value_parser = above_zero)]
+    tip_diameter_mm: f64,
+    /// Profile control diameter: where the functional profile begins.
+    #[arg(long, value_name = "MM", value_parser = above_zero)]
+    control_diameter_mm: f64,
+    #[command(flatten)]
+    output: Output,
+}
+
+/// Directions with their names in files and the letter of their symbols.
+const DIRECTIONS: [(Direction, &str, &str); 2] =
+    [(Direction::Profile, "profile", "alpha"), (Direction::Helix, "lead", "beta")];
+const FLANKS: [(Flank, &str); 2] = [(Flank::Left, "left"), (Flank::Right, "right")];
+/// Quantities: beginning of the key, beginning of the symbol.
+const QUANTITIES: [(Quantity, &str, &str); 3] =
+    [(Quantity::Total, "f", "F"), (Quantity::Form, "ff", "f_f"), (Quantity::Slope, "fh", "f_H")];
+
+/// One direction of one flank.
+struct OfFlank {
+    direction: Direction,
+    flank: Flank,
+    teeth: Vec<(GearTrace, Deviations)>,
+    mean: Deviations,
+}
+
+impl OfFlank {
+    fn value(&self, quantity: Quantity) -> f64 {
+        match quantity {
+            Quantity::Total => self.mean.total_um,
+            Quantity::Form => self.mean.form_um,
+            Quantity::Slope => self.mean.slope_um,
+        }
+    }
+
+    /// The class that all three quantities keep; `None` beyond the last one.
+    fn class(&self, gear: &Gear) -> Option<u8> {
+        let of = |(q, ..): &(Quantity, _, _)| class(gear, self.direction, *q, self.value(*q));
+        QUANTITIES.iter().map(of).try_fold(0, |worst, c| Some(worst.max(c?)))
+    }
+
+    fn names(&self) -> (&'static str, &'static str, &'static str) {
+        let (_, direction, letter) = DIRECTIONS[usize::from(self.direction == Direction::Helix)];
+        let (_, flank) = FLANKS[usize::from(self.flank == Flank::Right)];
+        (direction, letter, flank)
+    }
+}
+
+fn gear(args: &Args) -> Result<Gear, Failure> {
+    let gear = Gear {
+        teeth: args.teeth,
+        module_mm: args.module_mm,
+        pressure_angle: rad_from_deg(args.pressure_angle_deg),
+        helix_angle: rad_from_deg(args.helix_angle_deg),
+        face_width_mm: args.face_width_mm,
+        tip_diameter_mm: args.tip_diameter_mm,
+        control_diameter_mm: args.control_diameter_mm,
+    };
+    gear.check().map_err(Failure::usage)?;
+    Ok(gear)
+}
+
+/// All flanks of a file, profiles first.
+fn read(gear: &Gear, path: &Path) -> Result<Vec<OfFlank>, Failure> {
+    let mut table = table::open(path)?;
+    let [direction, flank, tooth] =
+        [table.require("direction")?, table.require("flank")?, table.require("tooth")?];
+    let [position, deviation] = [table.require("position_mm")?, table.require("deviation_um")?];
+    only(&table, &["direction", "flank", "tooth", "pass", "position_mm", "deviation_um"])?;
+    let mut readings = Vec::new();
+    while table.advance()? {
+        let (word, side) = (table.word(direction), table.word(flank));
+        let along = DIRECTIONS
+            .iter()
+            .find(|d| d.1 == word)
+            .ok_or_else(|| table.fail(direction, format_args!("'{word}' is neither profile nor lead")))?;
+        let of = FLANKS
+            .iter()
+            .find(|f| f.1 == side)
+            .ok_or_else(|| table.fail(flank, format_args!("'{side}' is neither left nor right")))?;
+        readings.push((
+            along.0,
+            of.0,
+            table.count(tooth)?,
+            table.number(position)?,
+            table.number(deviation)?,
+        ));
+    }
+    if readings.is_empty() {
+        return Err(no_rows(table.file()));
+    }
+    let traces = passes_averaged(&readings);
+    let mut flanks = Vec::new();
+    for group in traces.chunk_by(|a, b| (a.direction, a.flank) == (b.direction, b.flank)) {
+        let mut teeth = Vec::new();
+        for trace in group {
+            let name = DIRECTIONS[usize::from(trace.direction == Direction::Helix)].1;
+            let of = evaluate(gear, trace).map_err(|e| bad_data(path, format_args!("{name}: {e}")))?;
+            teeth.push((trace.clone(), of));
+        }
+        let all: Vec<Deviations> = teeth.iter().map(|t| t.1).collect();
+        if let Some(mean) = mean_of(&all) {
+            flanks.push(OfFlank { direction: group[0].direction, flank: group[0].flank, teeth, mean });
+        }
+    }
+    Ok(flanks)
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let gear = gear(args)?;
+    let after = read(&gear, &args.data)?;
+    let before = args.before.as_deref().map(|path| read(&gear, path)).transpose()?;
+    let title = args.output.title.as_deref().unwrap_or("Gear inspection");
+    let panels = |flanks: &[OfFlank]| flanks.iter().map(|f| panel(&gear, f)).collect::<Vec<_>>();
+    let shown: Vec<(&str, Vec<Panel>)> = match &before {
+        Some(before) => vec![("before", panels(before)), ("after", panels(&after))],
+        None => vec![("", panels(&after))],
+    };
+    args.output.write(
+        || drawing::whole(title, &shown),
+        || report(args, title, &gear, &after, before.as_deref(), &shown),
+    )?;
+    if args.output.json {
+        let mut out = as_json(&gear, &after);
+        if let Some(before) = &before {
+            put_before(&mut out, as_json(&gear, before));
+        }
+        say!("{:#}", Value::Object(out));
+        return Ok(());
+    }
+    let taken = [&args.output.svg, &args.output.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
+    if !taken {
+        print(args, &gear, &after, before.as_deref());
+    }
+    Ok(())
+}
+
+fn panel(gear: &Gear, of: &OfFlank) -> Panel {
+    let (direction, _, flank) = of.names();
+    Panel {
+        name: format!("{direction}, {flank} flank"),
+        position: match of.direction {
+            Direction::Profile => "roll length / mm",
+            Direction::Helix => "face width / mm",
+        },
+        evaluation: gear.part(of.direction).evaluation,
+        traces: of.teeth.iter().map(|(t, d)| (t.tooth, t.readings.clone(), d.mean_line)).collect(),
+    }
+}
+
+/// A row of the result: symbol, flank, value, tolerance class and its tolerance.
+struct Line {
+    symbol: String,
+    key: String,
+    flank: &'static str,
+    value_um: f64,
+    class: Option<u8>,
+    tolerance_um: Option<f64>,
+}
+
+fn lines(gear: &Gear, flanks: &[OfFlank]) -> Vec<Line> {
+    let of_flank = |f: &OfFlank| {
+        let (_, letter, flank) = f.names();
+        QUANTITIES.map(|(q, key, symbol)| {
+            let class = class(gear, f.direction, q, f.value(q));
+            Line {
+                symbol: if q == Quantity::Total {
+                    format!("{symbol}_{letter}")
+                } else {
+                    format!("{symbol}{letter}")
+                },
+                key: format!("{flank}_{key}_{letter}_um"),
+                flank,
+                value_um: f.value(q),
+                class,
+                tolerance_um: class.map(|c| tolerance_um(gear, f.direction, q, c)),
+            }
+        })
+    };
+    flanks.iter().flat_map(of_flank).collect()
+}
+
+/// The class of a direction over both flanks; `Some(None)` beyond the last one, `None` where it was not measured.
+fn class_of(gear: &Gear, flanks: &[OfFlank], direction: Direction) -> Option<Option<u8>> {
+    let mut measured = flanks.iter().filter(|f| f.direction == direction).peekable();
+    measured.peek()?;
+    Some(measured.try_fold(0, |worst, f| Some(worst.max(f.class(gear)?))))
+}
+
+fn as_json(gear: &Gear, flanks: &[OfFlank]) -> Map<String, Value> {
+    let mut out = Map::new();
+    for (direction, name, _) in DIRECTIONS {
+        if let Some(class) = class_of(gear, flanks, direction) {
+            out.insert(format!("{name}_class"), json!(class));
+        }
+    }
+    for line in lines(gear, flanks) {
+        out.insert(line.key.replace("_um", "_class"), json!(line.class));
+        out.insert(line.key, json!(line.value_um));
+    }
+    let trace = |f: &OfFlank, (t, d): &(GearTrace, Deviations)| {
+        let (direction, _, flank) = f.names();
+        json!({
+            "direction": direction, "flank": flank, "tooth": t.tooth,
+            "total_um": d.total_um, "form_um": d.form_um, "slope_um": d.slope_um,
+        })
+    };
+    let traces: Vec<Value> = flanks.iter().flat_map(|f| f.teeth.iter().map(move |t| trace(f, t))).collect();
+    out.insert("traces".to_owned(), json!(traces));
+    out
+}
+
+fn class_text(class: Option<u8>) -> String {
+    class.map_or_else(|| format!("> {}", CLASSES[1]), |c| c.to_string())
+}
+
+fn print(args: &Args, gear: &Gear, after: &[OfFlank], before: Option<&[OfFlank]>) {
+    let traces: usize = after.iter().map(|f| f.teeth.len()).sum();
+    say!("ISO 1328-1 of {}: {traces} traces, means over the teeth", args.data.display());
+    let old = before.map(|b| lines(gear, b));
+    let head = if old.is_some() { format!("{:>11}{:>9}", "before", "change") } else { String::new() };
+    say!("{:<10}{:<7}{:>9}{:>7}{:>11}{head}", "", "flank", "um", "class", "tolerance");
+    for line in lines(gear, after) {
+        let was = old.as_ref().map(|o| o.iter().find(|l| l.key == line.key).map(|l| l.value_um)).map(|v| {
+            format!("{:>11}{:>9}", show(v), percent(change(v.map(f64::abs), Some(line.value_um.abs()))))
+        });
+        say!(
+            "{:<10}{:<7}{:>9.2}{:>7}{:>11}{}",
+            line.symbol,
+            line.flank,
+            line.value_um,
+            class_text(line.class),
+            line.tolerance_um.map_or_else(|| "-".to_owned(), |t| format!("{t:.1}")),
+            was.unwrap_or_default()
+        );
+    }
+    for (direction, name, _) in DIRECTIONS {
+        if let Some(class) = class_of(gear, after, direction) {
+            say!("{name} class {}", class_text(class));
+        }
+    }
+}
+
+fn report(
+    args: &Args,
+    title: &str,
+    gear: &Gear,
+    after: &[OfFlank],
+    before: Option<&[OfFlank]>,
+    shown: &[(&str, Vec<Panel>)],
+) -> Result<String, Box<dyn std::error::Error>> {
+    let mut origins = vec![Origin::of("data", &args.data)];
+    origins.extend(args.before.as_deref().map(|p| Origin::of("before", p)));
+    let [profile, lead] = [Direction::Profile, Direction::Helix].map(|d| gear.part(d).evaluation);
+    let facts = [
+        (
+            "gear",
+            format!(
+                "z {}, module {} mm, pressure angle {} deg, helix angle {} deg, face width {} mm, tip diameter {} mm",
+                gear.teeth,
+                gear.module_mm,
+                args.pressure_angle_deg,
+                args.helix_angle_deg,
+                gear.face_width_mm,
+                gear.tip_diameter_mm
+            ),
+        ),
+        (
+            "evaluation",
+            format!(
+                "roll length {:.2} to {:.2} mm (control diameter {} mm), face width {} to {} mm",
+                profile[0], profile[1], gear.control_diameter_mm, lead[0], lead[1]
+            ),
+        ),
+    ];
+    let mut page =
+        page::start(title, "Flank deviations of an involute gear, ISO 1328-1:2013", &origins, &facts);
+    let old = before.map(|b| lines(gear, b));
+    let mut head = vec![Cell::head("deviation"), Cell::head("flank")];
+    if old.is_some() {
+        head.extend(["before / µm", "class"].map(Cell::number));
+    }
+    head.extend(["µm", "class", "tolerance / µm"].map(Cell::number));
+    let rows: Vec<Vec<Cell>> = lines(gear, after)
+        .iter()
+        .map(|line| {
+            let mut row = vec![Cell::head(&line.symbol), Cell::text(line.flank)];
+            if let Some(old) = &old {
+                let was = old.iter().find(|l| l.key == line.key);
+                row.push(Cell::number(show(was.map(|l| l.value_um))));
+                row.push(Cell::number(was.map_or_else(String::new, |l| class_text(l.class))));
+            }
+            row.push(Cell::number(format!("{:.2}", line.value_um)));
+            row.push(Cell::number(class_text(line.class)));
+            row.push(Cell::number(show(line.tolerance_um)));
+            row
+        })
+        .collect();
+    page.table(&head, &rows);
+    let caption = "Deviation of each tooth (number at the left), excess of material upwards, with its mean line over the \
+                   evaluation length (dashed ends). Figures are means over the teeth.";
+    let step = drawing::step_um(shown);
+    for (i, (heading, panels)) in shown.iter().enumerate() {
+        if !heading.is_empty() {
+            page.heading(heading);
+        }
+        let svg = drawing::single("", panels, step)?;
+        if i + 1 == shown.len() { page.figure(&svg, caption) } else { page.picture(&svg) }
+    }
+    Ok(page.finish())
+}

@@ -1,0 +1,120 @@
+//! Gear diagrams: one panel per direction and flank, the traces of the teeth above each other at one scale.
+
+use plotters::prelude::*;
+
+use crate::report::plot::{
+    Area, Axes, BLUE, Drawn, FONT, INK, SHEET_WIDTH, Svg, VERMILLION, round_below, svg_of, with_room, words,
+};
+
+const TITLE: u32 = 34;
+const HEIGHT: u32 = 300;
+
+/// Tooth, readings (mm, um), mean line (um at 0, um/mm).
+pub(in crate::evaluate) type Drawing = (u32, Vec<(f64, f64)>, [f64; 2]);
+
+/// One direction of one flank.
+pub(in crate::evaluate) struct Panel {
+    /// Direction and flank.
+    pub(in crate::evaluate) name: String,
+    /// Label of the positions.
+    pub(in crate::evaluate) position: &'static str,
+    /// Evaluation length, mm.
+    pub(in crate::evaluate) evaluation: [f64; 2],
+    /// The teeth.
+    pub(in crate::evaluate) traces: Vec<Drawing>,
+}
+
+/// Distance of neighbouring traces, um: a round number with room for the widest trace.
+pub(in crate::evaluate) fn step_um(shown: &[(&str, Vec<Panel>)]) -> f64 {
+    let range = |trace: &Drawing| {
+        let [low, high] = with_room(trace.1.iter().map(|r| r.1), 0.0);
+        high - low
+    };
+    let widest = shown.iter().flat_map(|s| &s.1).flat_map(|p| &p.traces).map(range).fold(1.0f64, f64::max);
+    let below = round_below(1.1 * widest);
+    [1.0, 2.0, 2.5].into_iter().map(|m| m * below).find(|s| *s >= 1.1 * widest).unwrap_or(below)
+}
+
+/// One measurement.
+///
+/// # Errors
+/// The drawing library could not draw it.
+pub(in crate::evaluate) fn single(title: &str, panels: &[Panel], step_um: f64) -> Svg {
+    let head = if title.is_empty() { 0 } else { TITLE };
+    let rows = panels.len().div_ceil(2) as u32;
+    svg_of((SHEET_WIDTH, head + rows * HEIGHT), |area| {
+        let (top, body) = area.split_vertically(head);
+        if head > 0 {
+            words(&top, title, (14, 10), 20)?;
+        }
+        draw(&body, panels, step_um)
+    })
+}
+
+/// All measurements below each other at one scale.
+///
+/// # Errors
+/// The drawing library could not draw it.
+pub(in crate::evaluate) fn whole(title: &str, shown: &[(&str, Vec<Panel>)]) -> Svg {
+    let step = step_um(shown);
+    if let [(_, panels)] = shown {
+        return single(title, panels, step);
+    }
+    let height = |panels: &[Panel]| TITLE + panels.len().div_ceil(2) as u32 * HEIGHT;
+    let all: u32 = shown.iter().map(|(_, panels)| height(panels)).sum();
+    svg_of((SHEET_WIDTH, TITLE + all), |area| {
+        let (head, mut rest) = area.split_vertically(TITLE);
+        words(&head, title, (14, 10), 20)?;
+        for (heading, panels) in shown {
+            let (here, below) = rest.split_vertically(height(panels));
+            let (name, body) = here.split_vertically(TITLE);
+            words(&name, heading, (14, 10), 16)?;
+            draw(&body, panels, step)?;
+            rest = below;
+        }
+        Ok(())
+    })
+}
+
+fn draw(area: &Area<'_>, panels: &[Panel], step_um: f64) -> Drawn {
+    let cells = area.split_evenly((panels.len().div_ceil(2).max(1), 2));
+    for (cell, panel) in cells.iter().zip(panels) {
+        draw_panel(cell, panel, step_um)?;
+    }
+    Ok(())
+}
+
+fn draw_panel(area: &Area<'_>, panel: &Panel, step_um: f64) -> Drawn {
+    let x = with_room(panel.traces.iter().flat_map(|t| t.1.iter().map(|r| r.0)), 0.08);
+    let count = panel.traces.len() as f64;
+    let title = format!("{}, teeth {step_um} µm apart", panel.name);
+    let axes = Axes {
+        title: &title,
+        x_label: panel.position,
+        y_label: "deviation / µm",
+        x,
+        y: [-step_um, count * step_um],
+        right: 16,
+        x_ticks: 7,
+    };
+    let mut chart = axes.draw(area)?;
+    for (k, (tooth, readings, [offset, slope])) in panel.traces.iter().enumerate() {
+        let base = k as f64 * step_um;
+        // how the probe was set is no deviation: the trace is drawn about its mean line
+        let middle = offset + slope * f64::midpoint(panel.evaluation[0], panel.evaluation[1]);
+        let at = |p: f64, um: f64| (p, base + um - middle);
+        chart.draw_series(LineSeries::new(readings.iter().map(|r| at(r.0, r.1)), BLUE.stroke_width(1)))?;
+        let ends = panel.evaluation.map(|p| at(p, offset + slope * p));
+        chart.draw_series(LineSeries::new(ends, VERMILLION.stroke_width(1)))?;
+        chart.draw_series([Text::new(
+            tooth.to_string(),
+            (x[0], base),
+            (FONT, 13).into_font().color(&INK),
+        )])?;
+    }
+    for end in panel.evaluation {
+        let line = [(end, -step_um), (end, count * step_um)];
+        chart.draw_series(DashedLineSeries::new(line, 4, 4, INK.stroke_width(1)))?;
+    }
+    Ok(())
+}
