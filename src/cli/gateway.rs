@@ -9,7 +9,7 @@ use volcomp_gateway::GatewayError;
 
 /// Publishes the status by MQTT and as an MTConnect adapter (SHDR), read-only, until stopped
 ///
-/// The machine file of the daemon says where: [mqtt] with `broker`, [mtconnect] with `listen`; both are off by default. It is
+/// The machine file of the daemon says where: section `mqtt` with `broker`, section `mtconnect` with `listen`; both are off by default. It is
 /// a process of its own, which asks the daemon's status socket, so that the cycle does not know of it.
 ///
 /// Example:

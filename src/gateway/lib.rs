@@ -5,6 +5,8 @@
 //!
 //! Reading order: [`run`], [`mtconnect`] (lines of SHDR, then the clients), [`mqtt`].
 
+#![expect(clippy::disallowed_methods, reason = "the shell: sockets, files and the clock")]
+
 pub mod mqtt;
 pub mod mtconnect;
 

@@ -201,8 +201,6 @@ impl Said {
 
 #[cfg(test)]
 mod tests {
-    #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
     use super::*;
     use crate::mtconnect::tests::{event, status};
 

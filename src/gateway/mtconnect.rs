@@ -198,8 +198,6 @@ async fn client(mut stream: TcpStream, mut readings: watch::Receiver<Reading>) {
 
 #[cfg(test)]
 pub(crate) mod tests {
-    #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
-
     use std::sync::Arc;
 
     use volcomp_daemon::EventStatus;
