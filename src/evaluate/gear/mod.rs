@@ -9,8 +9,8 @@
 //! The mean line is fitted by least squares over the evaluation length (functional length less the zones). In a zone a
 //! reading counts only where it is excess of material.
 //!
-//! Deviations in um, positions in mm. Source: ISO 1328-1:2013, 3.3 and 3.4 (definitions), 5.3 (tolerances), quoted from
-//! memory of the printed standard. Reading order: this file, [`trace`], [`tolerance`].
+//! Deviations in um, positions in mm. Source: ISO 1328-1:2013, 3.3 and 3.4 (definitions), 5.3 (tolerances; not yet
+//! compared with the printed text). Reading order: this file, [`trace`], [`tolerance`].
 
 pub mod tolerance;
 pub mod trace;
