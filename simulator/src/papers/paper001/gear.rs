@@ -284,7 +284,13 @@ mod tests {
             };
             seen(30.0) - seen(12.0)
         };
-        let sum: f64 = [0, 8, 16, 23].map(slope).iter().sum();
-        assert!(slope(0).abs() + slope(8).abs() > 1.0 && sum.abs() < 0.2, "{sum}");
+        let sum: f64 = MEASURED.map(slope).iter().sum();
+        // a slope is that of a sine over the turn of the gear: its amplitude, and that of the sum over the measured teeth
+        let amplitude = 5.0 * 2.0 * (0.5 * (30.0 - 12.0) / base_mm()).sin();
+        let turn = |tooth: u32| (360.0 / f64::from(TEETH) * f64::from(tooth)).to_radians();
+        let [across, along] = [f64::cos, f64::sin].map(|f| MEASURED.map(|k| f(turn(k))).iter().sum::<f64>());
+        let largest = amplitude * across.hypot(along);
+        assert!(largest < 0.15 * amplitude && sum.abs() < largest + 0.02, "{sum}, at most {largest}");
+        assert!(slope(0).hypot(slope(8)) > 0.9 * amplitude, "{amplitude}");
     }
 }
