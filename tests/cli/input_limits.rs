@@ -204,6 +204,7 @@ const INPUTS: &[(&str, &str, &str)] = &[
     ("replay", "recordings", "replay {}"),
     ("replay", "model", ""),
     ("replay", "config", ""),
+    ("gateway", "config", "gateway --config {}"),
     ("audit verify", "file", "audit verify {}"),
     ("audit verify", "config", "audit verify --config {}"),
     ("audit show", "file", "audit show {}"),
