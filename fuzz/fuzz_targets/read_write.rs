@@ -13,26 +13,32 @@ use volcomp::protocol::read_write::{LINE_MAX, LineError, LineReader, Reply, Requ
 fuzz_target!(|data: &[u8]| {
     let Some((&first, rest)) = data.split_first() else { return };
     let axes = usize::from(first % 8) + 1;
-    let Some((sizes, bytes)) = rest.split_at_checked(usize::from(first >> 4)) else { return };
-    let whole = lines(bytes, &[0]);
-    assert_eq!(lines(bytes, &[1]), whole, "byte by byte");
+    let Some((sizes, stream)) = rest.split_at_checked(usize::from(first >> 4)) else { return };
+    let whole = lines(stream, &[0]);
+    assert_eq!(lines(stream, &[1]), whole, "byte by byte");
     if !sizes.is_empty() {
-        assert_eq!(lines(bytes, sizes), whole, "in chunks of {sizes:?}");
+        assert_eq!(lines(stream, sizes), whole, "in chunks of {sizes:?}");
     }
     for line in &whole.0 {
-        let mut out = [0; LINE_MAX];
         if let Ok(request) = Request::parse(line, axes) {
-            let written = out[..request.write(axes, &mut out)].to_vec();
+            let written = bytes(|out| request.write(axes, out));
             let again = Request::parse(&written[..written.len() - 1], axes).expect("a written request is one");
-            assert_eq!(out[..again.write(axes, &mut out)], written);
+            assert_eq!(bytes(|out| again.write(axes, out)), written);
         }
         if let Ok(reply) = Reply::parse(line, axes) {
-            let written = out[..reply.write(axes, &mut out)].to_vec();
+            let written = bytes(|out| reply.write(axes, out));
             let again = Reply::parse(&written[..written.len() - 1], axes).expect("a written reply is one");
-            assert_eq!(out[..again.write(axes, &mut out)], written);
+            assert_eq!(bytes(|out| again.write(axes, out)), written);
         }
     }
 });
+
+/// What is written.
+fn bytes(write: impl FnOnce(&mut [u8; LINE_MAX]) -> usize) -> Vec<u8> {
+    let mut out = [0; LINE_MAX];
+    let length = write(&mut out);
+    out[..length].to_vec()
+}
 
 /// The lines, and the error that ended them.
 fn lines(bytes: &[u8], sizes: &[u8]) -> (Vec<Vec<u8>>, Option<LineError>) {
