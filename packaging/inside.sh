@@ -17,7 +17,7 @@ until_status() {
   local now=''
   for _ in $(seq 300); do
     now=$(status 2>/dev/null || true)
-    for pattern in "$@"; do [[ "$now" == *"$pattern"* ]] || continue 2; done
+    for pattern in "$@"; do [[ "$now" == *"$pattern"* ]] || { sleep 0.1; continue 2; }; done
     return 0
   done
   fail "no status with $* but $now"
@@ -48,7 +48,7 @@ cncsim path circle >/try/part.nc
 cncsim serve --program /try/part.nc --loop >/try/control.log 2>&1 &
 control=$!
 volcomp enable --reason 'first trial'
-until_status '"state":"active"' '"fifo":"yes' '"memory_lock":"yes'
+until_status '"state":"active"'
 sed -i 's|^# listen = "127.0.0.1:7870"|listen = "127.0.0.1:7870"  |' /etc/volcomp/machine.toml
 volcomp check /etc/volcomp/machine.toml >/dev/null
 systemctl restart volcompd
@@ -59,8 +59,14 @@ http / | grep -qF '<title' || fail "no page"
 http /metrics | grep -q '^volcomp_cycles_total ' || fail "no metrics"
 http /api/v1/status | grep -qF '"machine":"vmc-850"' || fail "no status over HTTP"
 
-echo "== the unit's confinement, by systemd/exercise.sh"
-VOLCOMP_PROGRAMS=/usr/bin repo/systemd/exercise.sh || fail "exercise.sh ended with $?"
+# systemd gives its units no more than it may give itself
+if prlimit --memlock=1073741824 --rtprio=60 true 2>/dev/null; then
+  echo "== real time and confinement of the unit, by systemd/exercise.sh"
+  until_status '"fifo":"yes' '"memory_lock":"yes'
+  VOLCOMP_PROGRAMS=/usr/bin repo/systemd/exercise.sh || fail "exercise.sh ended with $?"
+else
+  echo "== NOT tried: real time and confinement of the unit; this computer cannot raise limits (CAP_SYS_RESOURCE)"
+fi
 
 echo "== upgraded"
 pid=$(property MainPID volcompd)
@@ -88,8 +94,8 @@ is "OPC UA" inactive "$(systemctl is-active volcomp-opcua || true)"
 echo "== LinuxCNC"
 dpkg -i volcomp-linuxcnc_*.deb
 ldd /usr/bin/volcomp_bridge | grep -qF 'not found' && fail "the bridge lacks a library"
-volcomp_bridge 2>&1 | grep -qF 'usage: volcomp_bridge' || fail "the bridge does not say its usage"
-halcmd -i /usr/share/doc/volcomp-linuxcnc/examples/eoffset.ini -h >/dev/null 2>&1 || true
+said=$(volcomp_bridge 2>&1 || true)
+[[ "$said" == *'usage: volcomp_bridge'* ]] || fail "the bridge says '$said'"
 for line in $(sed -n 's|^HALFILE = LIB:||p' /usr/share/doc/volcomp-linuxcnc/examples/*.ini); do
   [ -e "/usr/share/linuxcnc/hallib/$line" ] || fail "no HAL file $line"
 done

@@ -364,7 +364,7 @@ fn asyncua_reads_the_machine_tool_its_compensation_and_the_end_of_the_daemon() {
     assert_eq!(status("Production/ActiveProgram/Name"), "BadNotSupported");
     assert_eq!(status("Identification/Manufacturer"), "BadNotSupported");
     // read-only
-    assert_eq!((&read["written"], &read["methods"]), (&"BadNotWritable".into(), &0.into()));
+    assert_eq!((&read["written"], &read["methods"]), (&"BadUserAccessDenied".into(), &0.into()));
     drop(session);
     daemon.child.kill().expect("killed");
     let _ = daemon.child.wait();

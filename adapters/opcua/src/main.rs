@@ -137,6 +137,8 @@ async fn serve(args: Args) -> Result<(), (u8, String)> {
         .host(address.ip().to_string())
         .port(address.port())
         .max_sessions(SESSIONS)
+        // the library makes this folder; without encryption nothing is kept in it
+        .pki_dir(std::env::temp_dir().join("volcomp-opcua"))
         .discovery_urls(vec![format!("opc.tcp://{address}/")]);
     for manager in space::managers().map_err(software)? {
         builder = builder.with_node_manager(manager);

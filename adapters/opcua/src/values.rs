@@ -160,7 +160,7 @@ pub fn offsets(status: &Value) -> Vec<(&'static str, String, f64, Unit)> {
     for (folder, key, unit) in sources {
         for (axis, value) in status.get(key).and_then(Value::as_object).into_iter().flatten() {
             if let Some(value) = value.as_f64() {
-                all.push((folder, axis.clone(), value, unit));
+                all.push((folder, axis.to_ascii_uppercase(), value, unit));
             }
         }
     }
@@ -175,7 +175,7 @@ mod tests {
         serde_json::json!({
             "machine": "m", "state": "active", "enabled": true, "gain": 0.5, "model": "/etc/volcomp/model.toml",
             "health": {"verdict": "ok", "code": null}, "faults": [{"code": "VC-4001"}], "cycles": 12,
-            "correction_um": {"X": -1.5}, "applied_arcsec": {"C": 2.0}, "temperature_degc": null
+            "correction_um": {"x": -1.5}, "applied_arcsec": {"C": 2.0}, "temperature_degc": null
         })
     }
 

@@ -39,13 +39,16 @@ fn pages(folder: &Path, command: &Command, section: &str, version: &str) -> Resu
     let name = command.get_display_name().unwrap_or_else(|| command.get_name()).to_owned();
     let program = name.split('-').next().unwrap_or_default();
     let mut text = Vec::new();
-    Man::new(command.clone().name(name.clone()).version(version.to_owned()))
+    Man::new(command.clone())
+        .title(name.clone())
         .section(section)
         .source(format!("{program} {version}"))
         .manual("volcomp")
         .render(&mut text)
         .map_err(|e| Failure::in_file(EX_IOERR, folder, e))?;
-    write(folder, &format!("{name}.{section}"), &text)?;
+    // ragged right: long options leave nothing to adjust a line with
+    let text = String::from_utf8_lossy(&text).replacen(".SH NAME", ".ad l\n.SH NAME", 1);
+    write(folder, &format!("{name}.{section}"), text.as_bytes())?;
     for part in command.get_subcommands().filter(|part| !part.is_hide_set()) {
         pages(folder, part, section, version)?;
     }
