@@ -1,6 +1,7 @@
 //! The search for causes, and the same again where effects are not the same everywhere.
 
 use super::assess::cancels;
+use super::constants::LITTLE;
 use super::contributions_um;
 use super::library::{Library, Shape};
 use super::noise::Filter;
@@ -71,8 +72,6 @@ fn refine_worn(
     selection.chosen.iter().for_each(|v| problem.prepare(*v));
 }
 
-/// The search begins again with effects that have this share of the energy of the largest: smaller ones may be what varies.
-const CORE: f64 = 0.05;
 /// Share of the energy of the largest from which effects are asked whether they vary, and the most that are asked.
 const ASKED: f64 = 0.2;
 const ASKED_MAX: usize = 3;
@@ -99,7 +98,7 @@ pub(super) fn allow_for_variation(
 ) {
     let square = problem.y.norm_squared();
     let mut best = Found::of(problem, library, selection, square);
-    let mut core = by_energy(problem, &selection.chosen, CORE);
+    let mut core = by_energy(problem, &selection.chosen, LITTLE);
     for search_again in [true, true, false] {
         core.iter().for_each(|v| problem.prepare(*v));
         core = by_energy(problem, &core, 0.0);

@@ -1,6 +1,7 @@
 //! Other effects in the place of chosen ones, compared between the values of their grids: a coarse grid must not decide between
 //! names.
 
+use super::super::constants::LITTLE;
 use super::super::library::{Library, Shape};
 use super::super::moment::Axis;
 use super::super::noise::Filter;
@@ -60,9 +61,6 @@ pub fn challenge(
     }
 }
 
-/// Share of the evidence of several effects with which one in their place, between the values of its grid, is believed rather.
-const RATHER: f64 = 0.95;
-
 /// A structure that tilts about a point other than the one first thought of seems to give way in the direction of its axis, too:
 /// one tilt in the place of both, where it says nearly as much.
 pub fn one_tilt(
@@ -93,7 +91,7 @@ pub fn one_tilt(
         let variant = &library.variants[pair[0]];
         let (gain, rank, shape) =
             Beside::new(problem, &others).best(problem, session, filter, &variant.shape);
-        if evidence(gain, rank, selection.grid[variant.label]) > RATHER * both {
+        if evidence(gain, rank, selection.grid[variant.label]) > (1.0 - LITTLE) * both {
             put(problem, session, filter, library, pair[0], shape);
             selection.chosen.remove(compliance);
         }
@@ -144,7 +142,7 @@ pub fn one_worn_place(
             .max_by(|a, b| a.0.total_cmp(&b.0));
         let Some((gain, worn, shape)) = best else { continue };
         let label = library.variants[worn].label;
-        if evidence(gain, 1, selection.grid[label]) > RATHER * sum {
+        if evidence(gain, 1, selection.grid[label]) > (1.0 - LITTLE) * sum {
             let table = library.variants[table].label;
             put(problem, session, filter, library, worn, shape);
             selection.chosen = others;
