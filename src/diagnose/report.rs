@@ -170,6 +170,8 @@ pub struct Tests {
     pub against: f64,
     /// Posterior mean of its deviation from its formula, as a share of itself.
     pub misform: f64,
+    /// How far it varies over the volume, relative, RMS; 0 where the data ask for no variation.
+    pub varies: f64,
     /// In how many programs it shows, each counted by its share.
     pub breadth: f64,
     /// Its share among the effects that explain nearly as much.

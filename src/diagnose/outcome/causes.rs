@@ -107,6 +107,7 @@ fn tests(x: &Assessed, a: &Analysis) -> Tests {
         threshold: a.selection.threshold,
         between: x.figures.between,
         misform: x.figures.misform,
+        varies: x.figures.varies,
         held_out: x.figures.held_out,
         against: x.figures.against,
         breadth: x.figures.breadth,

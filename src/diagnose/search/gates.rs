@@ -33,11 +33,14 @@ pub struct Figures {
     /// Its deviation from its formula, relative to itself: what its products with everything else that changes say of what is
     /// left; found later.
     pub misform: f64,
+    /// How far it varies over the volume, relative, RMS; 0 where it was not asked.
+    pub varies: f64,
 }
 
 impl Figures {
     /// Of an effect that was compared as a model and not asked further.
-    pub const UNASKED: Self = Self { between: 0.0, held_out: 1.0, against: 0.0, breadth: 1.0, misform: 0.0 };
+    pub const UNASKED: Self =
+        Self { between: 0.0, held_out: 1.0, against: 0.0, breadth: 1.0, misform: 0.0, varies: 0.0 };
 }
 
 /// Products of some columns and the gap over a part of the rows.
@@ -165,6 +168,10 @@ pub fn figures(
         against: against(&fit, &beside),
         breadth: breadth(problem, &fit),
         misform: DEVIATION_EXPECTED,
+        varies: problem
+            .variation()
+            .and_then(|v| v.of(library.variants[variant].label))
+            .map_or(0.0, |e| e.rms),
     }
 }
 
