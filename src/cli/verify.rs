@@ -252,7 +252,7 @@ impl Verified {
             page.heading("Deviations");
             page.figures(&self.charts.iter().map(Plot::markup).collect::<Vec<_>>());
         }
-        page::finish(page)
+        page::finish(page, &self.assessed)
     }
 }
 

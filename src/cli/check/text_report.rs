@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 
 use crate::identity;
 use crate::model::gauge;
+use crate::numerals::plain;
 use volcomp_config::model::{kind_of, section_of};
 use volcomp_config::{MachineConfig, ModelFile};
 use volcomp_estimate::Thermal;
@@ -100,11 +101,11 @@ pub(super) fn describe_model(lines: &mut Vec<String>, file: &ModelFile) {
             format!(", {low} to {high} {}", position_unit(symbol.axis()))
         });
         lines.push(format!(
-            "    {:<5} {:<18} {:>9.2} to {:>8.2} {}{range}",
+            "    {:<5} {:<18} {:>9} to {:>8} {}{range}",
             symbol.to_string().to_lowercase(),
             kinds.join(" + "),
-            size.low,
-            size.high,
+            plain(size.low, 2),
+            plain(size.high, 2),
             size.unit
         ));
     }

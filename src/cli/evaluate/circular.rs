@@ -327,7 +327,7 @@ fn report(
         let svg = drawing::single(&Shown { title: "", ..*one }, scale)?;
         if i + 1 == shown.len() { page.figure(&svg, caption) } else { page.picture(&svg) }
     }
-    Ok(page::finish(page))
+    Ok(page::finish(page, assessed))
 }
 
 /// Sectors of a circle in which readings are averaged.

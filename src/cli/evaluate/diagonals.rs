@@ -259,7 +259,7 @@ fn report(
             page.figure(&svg_of((SHEET_WIDTH, 2 * HEIGHT), |area| four(test, y, area))?, caption);
         }
     }
-    Ok(page::finish(page))
+    Ok(page::finish(page, assessed))
 }
 
 fn each(page: &mut crate::report::Page, after: &Evaluated, before: Option<&Evaluated>) {

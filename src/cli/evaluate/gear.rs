@@ -362,5 +362,5 @@ fn report(
         let svg = drawing::single("", panels, step)?;
         if i + 1 == shown.len() { page.figure(&svg, caption) } else { page.picture(&svg) }
     }
-    Ok(page::finish(page))
+    Ok(page::finish(page, &[]))
 }

@@ -89,9 +89,11 @@ pub(super) fn figures(page: &mut Page, unit: &str, after: &[Assessed], before: O
     page.table(&head, &rows);
 }
 
-/// The rule of the verdicts and lines to sign end a report.
-pub(crate) fn finish(mut page: Page) -> String {
-    page.note(RULE);
+/// The rule of the verdicts, where there are any, and lines to sign end a report.
+pub(crate) fn finish(mut page: Page, assessed: &[Assessed]) -> String {
+    if assessed.iter().any(|a| a.verdict().is_some()) {
+        page.note(RULE);
+    }
     sign(&mut page);
     page.finish()
 }

@@ -329,5 +329,5 @@ fn report(
         "Left: measured minus nominal. Right: what the fit leaves. Arrows start at the nominal place and are magnified as \
          the scales say; vermillion: the largest.",
     );
-    Ok(page::finish(page))
+    Ok(page::finish(page, &[]))
 }

@@ -386,7 +386,7 @@ fn report(
         page.heading("Targets before");
         targets(&mut page, &before.result, unit, target_unit);
     }
-    Ok(page::finish(page))
+    Ok(page::finish(page, assessed))
 }
 
 /// Start-up outliers with the figures with and without them.

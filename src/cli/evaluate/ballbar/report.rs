@@ -118,7 +118,7 @@ pub(super) fn page(
     if tests.len() > 1 {
         trend(&mut page, &Trend::of(tests));
     }
-    Ok(page::finish(page))
+    Ok(page::finish(page, assessed))
 }
 
 /// The causes by rank, with what could not be told.
