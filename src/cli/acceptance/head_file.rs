@@ -14,20 +14,22 @@ pub(crate) type Numbers = BTreeMap<String, f64>;
 /// Tests whose figures may have tolerances.
 const TESTS: [&str; 3] = ["iso230-2", "iso230-4", "iso230-6"];
 
-/// A text, or a day of TOML.
+/// A text, a day of TOML, or a whole number such as a serial number.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub(crate) struct Text(pub(crate) String);
 
 impl<'de> Deserialize<'de> for Text {
     fn deserialize<D: serde::Deserializer<'de>>(from: D) -> Result<Self, D::Error> {
         #[derive(Deserialize)]
-        #[serde(untagged, expecting = "expected a text or a date")]
+        #[serde(untagged, expecting = "expected a text, a date or a whole number")]
         enum Either {
             Date(toml::value::Datetime),
+            Number(i64),
             Text(String),
         }
         Ok(Self(match Either::deserialize(from)? {
             Either::Date(date) => date.to_string(),
+            Either::Number(number) => number.to_string(),
             Either::Text(text) => text,
         }))
     }

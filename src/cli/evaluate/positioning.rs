@@ -11,7 +11,7 @@ use super::{
     CompareOptions, Compared, Figure, Output, bad_data, change, drawn, percent, picture, put_before, show,
     side_by_side,
 };
-use crate::acceptance::verdicts::{self, Assessed};
+use crate::acceptance::verdicts::{self, Assessed, NOT_STATED};
 use crate::acceptance::{Acceptance, Stated};
 use crate::numerals::counted;
 use crate::positioning_data::{Cycles, TestFormat, read_test};
@@ -120,10 +120,18 @@ fn assessed(acceptance: &Acceptance, test: &Evaluated) -> Vec<Assessed> {
 
 /// Expanded uncertainties of the measurement by the keys of the figures; none where nothing was stated.
 pub(super) fn stated(u: &Uncertainties) -> Vec<(&'static str, f64)> {
-    if u.contributions.is_empty() {
-        return Vec::new();
-    }
-    uncertain(u).into_iter().map(|(key, _, e)| (key, e.measurement)).collect()
+    uncertain(u).into_iter().filter_map(|(key, _, e)| measured(u, key, &e).map(|u| (key, u))).collect()
+}
+
+/// The expanded uncertainty of the measurement. Reversal and repeatability compare readings at one place: only drift belongs to
+/// them, and without it theirs is not stated.
+fn measured(u: &Uncertainties, key: &str, e: &Expanded) -> Option<f64> {
+    let is_stated = if key.starts_with(['b', 'r']) {
+        u.contributions.iter().any(|c| c.name == "drift")
+    } else {
+        !u.contributions.is_empty()
+    };
+    is_stated.then_some(e.measurement)
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
@@ -231,11 +239,9 @@ fn uncertain(u: &Uncertainties) -> Vec<(&'static str, &'static str, Expanded)> {
 }
 
 fn put_uncertainties(out: &mut Map<String, Value>, u: &Uncertainties, unit: &str) {
-    let stated = !u.contributions.is_empty();
     let mut map = Map::new();
     for (key, _, e) in uncertain(u) {
-        let measurement = stated.then_some(e.measurement);
-        let of = json!({format!("measurement_{unit}"): measurement, format!("sampling_{unit}"): e.sampling});
+        let of = json!({format!("measurement_{unit}"): measured(u, key, &e), format!("sampling_{unit}"): e.sampling});
         map.insert(key.to_owned(), of);
     }
     out.insert("expanded_uncertainty_k2".to_owned(), Value::Object(map));
@@ -305,14 +311,18 @@ fn print_uncertainties(u: &Uncertainties, unit: &str) {
     let stated = !u.contributions.is_empty();
     say!();
     say!("{:<28}{:>12}{:>12}{:>8}{:>8}{:>8}", format!("expanded, k = 2, {unit}"), "B", "R", "E", "M", "A");
-    let row = |name: &str, of: fn(&Expanded) -> f64| {
-        let [b, r, e, m, a] = both.each_ref().map(of);
-        say!("{name:<28}{b:>12.2}{r:>12.2}{e:>8.2}{m:>8.2}{a:>8.2}");
+    let row = |name: &str, values: [Option<f64>; 5]| {
+        let [b, r, e, m, a] = values.map(show);
+        say!("{name:<28}{b:>12}{r:>12}{e:>8}{m:>8}{a:>8}");
     };
     if stated {
-        row("measurement", |e| e.measurement);
+        let [b, r, e, m, a] = both.each_ref();
+        row(
+            "measurement",
+            [("b", b), ("r", r), ("e", e), ("m", m), ("a", a)].map(|(key, e)| measured(u, key, e)),
+        );
     }
-    row("few runs", |e| e.sampling);
+    row("few runs", both.each_ref().map(|e| Some(e.sampling)));
     if !stated {
         say!(
             "measurement: nothing stated about instrument, temperature and drift (--help names the options)"
@@ -436,8 +446,9 @@ fn uncertainty_section(page: &mut crate::report::Page, u: &Uncertainties, unit: 
     ];
     let rows: Vec<Vec<Cell>> = uncertain(u)
         .into_iter()
-        .map(|(_, name, e)| {
-            let measurement = if stated { format!("{:.2}", e.measurement) } else { "not stated".to_owned() };
+        .map(|(key, name, e)| {
+            let measurement =
+                measured(u, key, &e).map_or_else(|| NOT_STATED.to_owned(), |u| format!("{u:.2}"));
             vec![Cell::head(name), Cell::number(measurement), Cell::number(format!("{:.2}", e.sampling))]
         })
         .collect();

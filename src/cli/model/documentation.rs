@@ -15,7 +15,7 @@ use crate::input::{self, InputKind};
 use crate::numerals::{counted, plain};
 use crate::report::Page;
 use crate::report::page::Cell;
-use volcomp_config::{MachineConfig, ModelFile};
+use volcomp_config::{MachineConfig, ModelFile, Provenance};
 use volcomp_model::curve::Interpolation;
 
 use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec};
@@ -187,6 +187,7 @@ impl Documented<'_> {
         let rows = [
             ("model file", format!("{}{hash}", self.report.name)),
             ("kinematic representation", format!("{}; {}", spec.chain, axes.join("; "))),
+            ("determined from", origin(&self.file.provenance).unwrap_or_else(|| NOT_STATED.to_owned())),
             ("re-check", self.re_check().unwrap_or_else(|| NOT_STATED.to_owned())),
         ];
         page.table(&[], &rows.map(|(what, text)| vec![Cell::head(what), Cell::text(text)]));
@@ -230,8 +231,15 @@ impl Documented<'_> {
     }
 
     fn functions(&self, page: &mut Page) {
-        let head =
-            ["", "error", "function, grid, interpolation", "over", "lowest to highest", "U (k = 2)", "from"];
+        // errors determined elsewhere than the file as a whole
+        let own = |symbol: ErrorSymbol| {
+            let found = self.file.of_errors.iter().find(|(s, _)| *s == symbol);
+            found.and_then(|(_, p)| origin(p)).filter(|o| Some(o) != origin(&self.file.provenance).as_ref())
+        };
+        let apart = self.spec().errors.iter().any(|(s, _)| own(*s).is_some());
+        let mut head =
+            vec!["", "error", "function, grid, interpolation", "over", "lowest to highest", "U (k = 2)"];
+        head.extend(apart.then_some("determined from"));
         let rows: Vec<Vec<Cell>> = self
             .spec()
             .errors
@@ -243,24 +251,19 @@ impl Documented<'_> {
                 let over =
                     size.range.map_or("everywhere".to_owned(), |[a, b]| format!("{a} to {b} {position}"));
                 let u = function.std.map(|s| plain(2.0 * error_out(*symbol, s), 2));
-                let own = self.file.of_errors.iter().find(|(s, _)| s == symbol).map(|(_, p)| p);
-                let from = own.unwrap_or(&self.file.provenance);
-                let from = [&from.instrument, &from.date, &from.source];
-                let from: Vec<&str> = from.into_iter().flatten().map(String::as_str).collect();
                 let extremes = format!("{} to {} {unit}", plain(size.low, 2), plain(size.high, 2));
-                vec![
+                let mut row = vec![
                     Cell::head(symbol),
                     Cell::text(meaning(*symbol)),
                     Cell::text(representation(*symbol, function)),
                     Cell::text(over),
                     Cell::number(extremes),
                     u.map_or_else(|| Cell::number(NOT_STATED).faint(), Cell::number),
-                    if from.is_empty() {
-                        Cell::text(NOT_STATED).faint()
-                    } else {
-                        Cell::text(from.join(", "))
-                    },
-                ]
+                ];
+                row.extend(
+                    apart.then(|| Cell::text(own(*symbol).unwrap_or_else(|| "as the file".to_owned()))),
+                );
+                row
             })
             .collect();
         page.stacked_table(&head, &rows);
@@ -425,6 +428,13 @@ impl Documented<'_> {
     }
 }
 
+/// Instrument, day and file of a determination, where stated.
+fn origin(p: &Provenance) -> Option<String> {
+    let stated: Vec<&str> =
+        [&p.instrument, &p.date, &p.source].into_iter().flatten().map(String::as_str).collect();
+    (!stated.is_empty()).then(|| stated.join(", "))
+}
+
 /// The error motions, squarenesses and location errors of a chain; zero offsets of rotary axes are not among them.
 fn possible(spec: &ModelSpec) -> Vec<ErrorSymbol> {
     let axes: Vec<AxisName> = spec.chain.axes().iter().filter(|a| !a.spindle).map(|a| a.name).collect();
@@ -486,10 +496,10 @@ fn representation(symbol: ErrorSymbol, function: &ErrorFunction) -> String {
             let points = counted(positions.len(), "point");
             format!("table, {points} {}, {how}{both}", step(positions, symbol.axis()))
         }
-        Curve::Fourier(f) => format!("Fourier series, {}", counted(f.harmonics().len(), "harmonic")),
-        Curve::HalfRange(h) => format!("sine series, {}", counted(h.coefficients().2.count(), "term")),
+        Curve::Fourier(f) => format!("Fourier {}", counted(f.harmonics().len(), "harmonic")),
+        Curve::HalfRange(h) => format!("sine half waves, {}", counted(h.coefficients().2.count(), "term")),
         Curve::Chebyshev(c) => {
-            format!("Chebyshev polynomial, degree {}", c.coefficients().len().saturating_sub(1))
+            format!("Chebyshev degree {}", c.coefficients().len().saturating_sub(1))
         }
     };
     let mut terms: Vec<String> = function.curves.iter().map(curve).collect();

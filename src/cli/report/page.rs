@@ -41,7 +41,7 @@ table.stack td.n{white-space:normal}.bars{grid-template-columns:1fr max-content;
 @media print{body{font-size:10pt;max-width:none;margin:0;padding:0}h1{font-size:16pt}h2{font-size:12.5pt;margin-top:14pt}h3{font-size:10.5pt}p.lead{font-size:12pt}\
 pre{font-size:8pt;white-space:pre-wrap}td,th{padding:2px 9px 2px 0}td.s{font-size:7.5pt}figcaption,p.note{font-size:8.5pt}\
 h1,h2,h3{break-after:avoid}figure,table.keep,svg{break-inside:avoid}tr,.bars{break-inside:avoid}thead{display:table-header-group}\
-.dense table{font-size:7.5pt}.dense td,.dense th{padding:1px 7px 1px 0}.dense h2{margin:6pt 0 2pt;font-size:11pt}.dense p,.dense ul{margin:3pt 0;font-size:8pt}.dense .sign{margin-top:34px}\
+td.n{white-space:nowrap}.dense table{font-size:7pt;margin:2px 0 4px}.dense td,.dense th{padding:0 7px 0 0}.dense table.stack tr>:first-child{min-width:0}.dense h2{margin:5pt 0 1pt;font-size:10pt}.dense p,.dense ul{margin:2pt 0;font-size:7.5pt}.dense .sign{margin-top:30px}.dense .sign div{font-size:8pt}\
 .figures{grid-template-columns:1fr 1fr;gap:0 16px}.pair{width:90px}details{display:none}\
 .sheet{break-before:page}*{print-color-adjust:exact;-webkit-print-color-adjust:exact}}";
 

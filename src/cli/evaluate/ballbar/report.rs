@@ -1,6 +1,6 @@
 //! The page of a ballbar test: head, polar plot, causes by rank with remedy, trend.
 
-use super::trend::{COVERAGE, Trend};
+use super::trend::{COVERAGE, Trend, decimals_of};
 use super::{Test, shown};
 use crate::acceptance::Acceptance;
 use crate::acceptance::verdicts::Assessed;
@@ -55,8 +55,7 @@ fn value(f: &Feature) -> String {
         _ => "",
     };
     let u = COVERAGE * f.std;
-    // two significant figures of the uncertainty
-    let decimals = (1.0 - u.max(1e-9).log10().floor()).clamp(0.0, 4.0) as usize;
+    let decimals = decimals_of(u);
     format!("{end}{} ± {u:.decimals$} {}", plain(f.value, decimals), unit_of(f))
 }
 
@@ -128,36 +127,50 @@ fn causes(page: &mut Page, test: &Test) {
     let rows: Vec<Bar> = a
         .estimates
         .iter()
+        .filter(|e| e.significant)
         .map(|e| Bar {
             label: named(e.effect, plane).0,
             from: 0.0,
             to: 100.0 * e.share,
             value: format!("{:.1} %", 100.0 * e.share),
-            ink: if e.significant { Ink::Blue } else { Ink::Grey },
+            ink: Ink::Blue,
         })
         .collect();
     page.html(&bars(&rows));
-    page.note("Share: range that the cause alone adds to the circle, of the sum of all. Grey: not significant (99.9 %).");
-    let head = ["rank", "cause", "adds to the circle / µm", "value, U (k = 2)", "remedy"];
+    page.note("Share: range that the cause alone adds to the circle, of the sum of all.");
+    let head = ["cause", "adds to the circle / µm", "value, U (k = 2)", "remedy"];
     let rows: Vec<Vec<Cell>> = a
         .estimates
         .iter()
+        .filter(|e| e.significant)
         .enumerate()
         .map(|(i, e)| {
             let (name, remedy) = named(e.effect, plane);
             let values: Vec<String> = features(a, e).iter().map(value).collect();
-            let remedy = if e.significant { remedy } else { "not significant" };
             let adds = COVERAGE * um_from_mm(e.contribution_std);
             vec![
-                Cell::number(i + 1),
-                Cell::head(name),
+                Cell::head(format_args!("{}. {name}", i + 1)),
                 Cell::number(format!("{} ± {adds:.2}", plain(um_from_mm(e.contribution), 2))),
                 Cell::text(values.join("; ")),
                 Cell::text(remedy),
             ]
         })
         .collect();
-    page.stacked_table(&head, &rows);
+    if !rows.is_empty() {
+        page.stacked_table(&head, &rows);
+    }
+    let small: Vec<String> = a
+        .estimates
+        .iter()
+        .filter(|e| !e.significant)
+        .map(|e| {
+            let values: Vec<String> = features(a, e).iter().map(value).collect();
+            format!("{} ({})", named(e.effect, plane).0, values.join("; "))
+        })
+        .collect();
+    if !small.is_empty() {
+        page.note(format_args!("Not significant (99.9 %): {}.", small.join(", ")));
+    }
     let round = roundness(&test.plan);
     if let (Some(all), Some(rest)) = (&round.measured, &round.residual) {
         page.paragraph(format_args!(
@@ -204,6 +217,8 @@ fn trend(page: &mut Page, trend: &Trend) {
             Plot::new(name, &trend.axis, unit)
                 .with(Style::Line, "", points(c))
                 .with(Style::Dots, "test", points(c))
+                // a scale from zero: noise of a constant is no trend
+                .with(Style::Reference, "", trend.at.iter().map(|t| (*t, 0.0)).collect())
                 .markup()
         })
         .collect();
@@ -211,21 +226,22 @@ fn trend(page: &mut Page, trend: &Trend) {
     let mut head = vec![Cell::head("")];
     head.extend(trend.labels.iter().map(Cell::number));
     head.extend([Cell::number("change, U (k = 2)"), Cell::head("")]);
-    let rows: Vec<Vec<Cell>> = trend
-        .courses
-        .iter()
-        .map(|c| {
-            let mut row = vec![Cell::head(&c.name)];
-            row.extend(
-                c.values.iter().map(|v| Cell::number(v.map_or_else(|| "-".to_owned(), |(v, _)| plain(v, 2)))),
-            );
-            row.extend([Cell::number(c.change_words()), Cell::text(c.verdict())]);
-            row
-        })
-        .collect();
+    let rows: Vec<Vec<Cell>> =
+        trend
+            .courses
+            .iter()
+            .map(|c| {
+                let mut row = vec![Cell::head(&c.name)];
+                row.extend(c.values.iter().map(|v| {
+                    Cell::number(v.map_or_else(|| "-".to_owned(), |(v, _)| plain(v, c.decimals())))
+                }));
+                row.extend([Cell::number(c.change_words()), Cell::text(c.verdict())]);
+                row
+            })
+            .collect();
     page.table(&head, &rows);
     page.note(
         "Change: last test minus first one, with the expanded uncertainty of both fits. The instrument and how it was set up are \
-         not in it.",
+         not in it. Causes that are not significant in any test are left out.",
     );
 }

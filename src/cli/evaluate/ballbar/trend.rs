@@ -12,6 +12,11 @@ use volcomp_units::um_from_mm;
 /// Coverage factor.
 pub(super) const COVERAGE: f64 = 2.0;
 
+/// Decimals that show two significant figures of an uncertainty, four at most.
+pub(super) fn decimals_of(u: f64) -> usize {
+    (1.0 - u.max(1e-9).log10().floor()).clamp(0.0, 4.0) as usize
+}
+
 /// One quantity over the tests.
 pub(super) struct Course {
     /// In words, with its unit.
@@ -48,9 +53,10 @@ impl Trend {
             name: "circular error G(b), µm".to_owned(),
             values: tests.iter().map(|t| t.slowest().result.g_both.map(|g| (um_from_mm(g), None))).collect(),
         }];
-        // every effect that any test shows, in the order of the newest
+        // every effect that is significant in a test, in the order of the newest
         let mut effects: Vec<Effect> = Vec::new();
-        for e in tests.iter().rev().flat_map(|t| &t.plan.analysis.estimates) {
+        let all = tests.iter().rev().flat_map(|t| &t.plan.analysis.estimates);
+        for e in all.filter(|e| e.significant) {
             if !effects.contains(&e.effect) {
                 effects.push(e.effect);
             }
@@ -125,12 +131,21 @@ impl Course {
         Some(change.abs() > u?)
     }
 
+    /// Decimals of its values: two significant figures of the largest uncertainty.
+    pub(super) fn decimals(&self) -> usize {
+        let stds = self.values.iter().flatten().filter_map(|(_, s)| *s);
+        stds.reduce(f64::max).map_or(2, |s| decimals_of(COVERAGE * s))
+    }
+
     /// The change in words.
     pub(super) fn change_words(&self) -> String {
         match self.change() {
             None => "-".to_owned(),
             Some((v, None)) => plain(v, 2),
-            Some((v, Some(u))) => format!("{} ± {u:.2}", plain(v, 2)),
+            Some((v, Some(u))) => {
+                let decimals = decimals_of(u);
+                format!("{} ± {u:.decimals$}", plain(v, decimals))
+            }
         }
     }
 
@@ -148,8 +163,11 @@ impl Course {
 pub(super) fn print(trend: &Trend) {
     say!("trend over {}", trend.labels.join(", "));
     for c in &trend.courses {
-        let values: Vec<String> =
-            c.values.iter().map(|v| v.map_or_else(|| "-".to_owned(), |(v, _)| plain(v, 2))).collect();
+        let values: Vec<String> = c
+            .values
+            .iter()
+            .map(|v| v.map_or_else(|| "-".to_owned(), |(v, _)| plain(v, c.decimals())))
+            .collect();
         say!("{:<52} {}; change {} ({})", c.name, values.join("  "), c.change_words(), c.verdict());
     }
 }
@@ -166,7 +184,7 @@ mod tests {
         };
         assert_eq!(course(1.9).significant(), Some(false));
         assert_eq!(course(2.1).significant(), Some(true));
-        assert_eq!(course(2.1).change_words(), "1.10 ± 1.00");
+        assert_eq!(course(2.1).change_words(), "1.1 ± 1.0");
         let unknown = Course { name: String::new(), values: vec![Some((1.0, None)), Some((9.0, None))] };
         assert_eq!((unknown.significant(), unknown.verdict()), (None, "U not stated"));
     }
