@@ -210,11 +210,19 @@ fn bad_data_are_refused_with_their_place() {
             "f.csv:2:7: deviation_um: nan is not finite",
         ),
         ("iso230-2", "cycle,direction,target_mm,deviation_um\n1,up,0,1\n", "'up' is not a number"),
-        ("iso230-2", "cycle,direction,target_mm,deviation_um\n1,1,0,1\n2,1,0,1\n", "1 targets"),
-        ("iso230-2", "cycle,direction,target_mm,deviation_um\n1,1,0,1\n1,1,5,1\n", "target 0 has 1 readings"),
+        ("iso230-2", "cycle,direction,target_mm,deviation_um\n1,1,0,1\n2,1,0,1\n", "1 of at least 2 targets"),
+        (
+            "iso230-2",
+            "cycle,direction,target_mm,deviation_um\n1,1,0,1\n1,1,5,1\n",
+            "target 0: 1 of at least 2 readings",
+        ),
         ("iso230-2", "REF_DATA_FWD[1,1]=3\n", "no TGT_DATA[1]"),
         ("iso230-4", "angle_deg,deviation_um\n", "column direction is missing"),
-        ("iso230-4", "angle_deg,deviation_um,direction\n0,0,1\n", "1 readings in one direction"),
+        (
+            "iso230-4",
+            "angle_deg,deviation_um,direction\n0,0,1\n",
+            "1 of at least 8 readings in one direction",
+        ),
         (
             "iso230-6",
             "diagonal,cycle,direction,target_mm,deviation_um\nxyz,1,1,0,0\n",
@@ -223,7 +231,7 @@ fn bad_data_are_refused_with_their_place() {
         (
             "iso230-6",
             "diagonal,cycle,direction,target_mm,deviation_um\nppp,1,1,0,0\n",
-            "diagonal ppp: 1 targets",
+            "diagonal ppp: 1 of at least 2 targets",
         ),
     ] {
         std::fs::write(&file, text).unwrap();

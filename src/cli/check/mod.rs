@@ -8,10 +8,11 @@ use std::sync::Arc;
 
 use serde_json::{Value, json};
 
+pub(crate) use self::text_report::model_notes;
 pub(super) use self::text_report::{
     Size, kinds_of, offset_out, offset_unit, position_out, position_unit, rounded,
 };
-use self::text_report::{describe_machine, describe_model, machine_notes, model_as_json, model_notes};
+use self::text_report::{describe_machine, describe_model, machine_notes, model_as_json};
 use super::input::{self, InputKind};
 use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
 use volcomp_config as config;
