@@ -9,6 +9,7 @@ use std::collections::VecDeque;
 use serde::{Deserialize, Serialize};
 
 use super::channels::CycleRecord;
+use volcomp_model::geometry::Vec3;
 use volcomp_model::{Model, Pose};
 use volcomp_units::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
 use volcomp_units::{MonoTime, rad_from_deg, um_from_mm};
@@ -37,6 +38,12 @@ pub struct BenefitStatus {
     pub with_max_um: f64,
     /// Values of the last hour.
     pub values: u64,
+    /// X, Y, Z of the error without compensation, now; in workpiece coordinates.
+    #[serde(default)]
+    pub without_xyz_um: [f64; 3],
+    /// X, Y, Z of the error with the offset that the control has applied, now.
+    #[serde(default)]
+    pub with_xyz_um: [f64; 3],
 }
 
 /// Sums of one minute.
@@ -52,7 +59,7 @@ struct Slot {
 #[derive(Debug, Default)]
 pub(super) struct Benefit {
     slots: VecDeque<Slot>,
-    now: Option<[f64; 2]>,
+    now: Option<[Vec3; 2]>,
 }
 
 impl Benefit {
@@ -78,7 +85,7 @@ impl Benefit {
         }
         let Some(slot) = self.slots.back_mut() else { return };
         slot.values += 1;
-        for (k, error) in errors.into_iter().enumerate() {
+        for (k, error) in errors.iter().map(Vec3::norm).enumerate() {
             slot.squares[k] += error * error;
             slot.largest[k] = slot.largest[k].max(error);
         }
@@ -91,7 +98,7 @@ impl Benefit {
 
     /// The figures; `None` while no position has come that the model can be evaluated at.
     pub(super) fn status(&self) -> Option<BenefitStatus> {
-        let [without_um, with_um] = self.now?;
+        let [without, with] = self.now?;
         let values: u64 = self.slots.iter().map(|slot| slot.values).sum();
         let rms = |k: usize| {
             let squares: f64 = self.slots.iter().map(|slot| slot.squares[k]).sum();
@@ -99,19 +106,22 @@ impl Benefit {
         };
         let largest = |k: usize| self.slots.iter().map(|slot| slot.largest[k]).fold(0.0, f64::max);
         Some(BenefitStatus {
-            without_um,
-            with_um,
+            without_um: without.norm(),
+            with_um: with.norm(),
             without_rms_um: rms(0),
             with_rms_um: rms(1),
             without_max_um: largest(0),
             with_max_um: largest(1),
             values,
+            without_xyz_um: without.into(),
+            with_xyz_um: with.into(),
         })
     }
 }
 
-/// Displacements of the tool tip, um: by the whole correction, and by the part of it that is not applied.
-fn tip_errors(model: &Model, axes: &[AxisName], record: &CycleRecord, gain: f64) -> Option<[f64; 2]> {
+/// Errors of the tool tip, um: opposite to its displacements by the whole correction, and by the part of it that is not
+/// applied.
+fn tip_errors(model: &Model, axes: &[AxisName], record: &CycleRecord, gain: f64) -> Option<[Vec3; 2]> {
     if gain < GAIN_MIN {
         return None;
     }
@@ -137,6 +147,6 @@ fn tip_errors(model: &Model, axes: &[AxisName], record: &CycleRecord, gain: f64)
         model.nominal_tool(&moved).tip
     };
     let nominal = tip(&[0.0; MAX_AXES]);
-    let errors = [whole, left].map(|offset| um_from_mm((tip(&offset) - nominal).norm()));
-    errors.iter().all(|error| error.is_finite()).then_some(errors)
+    let errors = [whole, left].map(|offset| (nominal - tip(&offset)).map(um_from_mm));
+    errors.iter().all(|error| error.norm().is_finite()).then_some(errors)
 }
