@@ -1,5 +1,7 @@
 //! `volcomp verify`: two measurements of a machine, before and after compensation, as one report.
 
+mod record;
+
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
@@ -54,6 +56,8 @@ pub(super) struct Args {
     /// One JSON object on stdout.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    record: record::Args,
 }
 
 /// A comparison with its reductions.
@@ -100,6 +104,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             return Ok(());
         }
     }
+    record::write(args, &verified)?;
     if args.json {
         say!("{:#}", Value::Object(verified.json()));
     } else {

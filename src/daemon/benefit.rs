@@ -150,3 +150,57 @@ fn tip_errors(model: &Model, axes: &[AxisName], record: &CycleRecord, gain: f64)
     let errors = [whole, left].map(|offset| (nominal - tip(&offset)).map(um_from_mm));
     errors.iter().all(|error| error.norm().is_finite()).then_some(errors)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use volcomp_config::model;
+    use volcomp_engine::State;
+    use volcomp_protocol::MachineState;
+
+    #[test]
+    fn the_error_without_compensation_is_the_deviation_of_the_model() {
+        let text = "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w X' b Y Z t]\"\n\
+            [errors.exx.table]\nposition-mm = [-200, 200]\nvalue-um = [-30, 50]\n\
+            [errors.eyx.constant]\nvalue-um = 4\n[errors.ezz.table]\nposition-mm = [-200, 200]\nvalue-um = [9, -7]\n";
+        let model = Model::new(&model::parse("m.toml", text).expect("a model")).expect("consistent");
+        let axes = [AxisName::X, AxisName::Y, AxisName::Z];
+        let place = [120.0, -50.0, 80.0];
+        let mut pose = Pose::at([0.0; MAX_AXES]);
+        for (k, axis) in model.axes().enumerate() {
+            let wire = axes.iter().position(|a| *a == axis.name).expect("one of three");
+            pose.position[k] = place[wire];
+        }
+        let deviation = model.deviation(&pose).position;
+        assert!(deviation.norm() > 0.01, "{deviation}");
+        // what the engine asks for takes the deviation out, axis by axis
+        let mut wanted = [0.0; MAX_AXES];
+        let mut position = [0.0; MAX_AXES];
+        for k in 0..3 {
+            (wanted[k], position[k]) = (-deviation[k] / 2.0, place[k]);
+        }
+        let mut record = CycleRecord {
+            state: State::Active,
+            machine_state: MachineState::from_bits(0),
+            limited: 0,
+            warning: 0,
+            out_of_range: 0,
+            lag_cycles: None,
+            offset: wanted,
+            wanted,
+            position,
+            applied: [0.0; MAX_AXES],
+            age_ns: 0,
+            turnaround_ns: 0,
+            compute_ns: 0,
+        };
+        let [without, with] = tip_errors(&model, &axes, &record, 0.5).expect("a position");
+        assert!((without - deviation.map(um_from_mm)).norm() < 1e-6, "{without} {deviation}");
+        assert!((with - without).norm() < 1e-9, "nothing is applied: {with}");
+        // half the gain leaves half of it
+        record.applied = wanted;
+        let [_, with] = tip_errors(&model, &axes, &record, 0.5).expect("a position");
+        assert!((with - without / 2.0).norm() < 1e-6, "{with}");
+        assert!(tip_errors(&model, &axes, &record, 0.0).is_none());
+    }
+}

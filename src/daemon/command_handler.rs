@@ -384,7 +384,9 @@ async fn rollback(ask: &Ask, who: &Who, service: &Mutex<Service>) -> Answer {
     };
     let active = Arc::clone(&service.lock().models().active);
     let expected = [(ask.old_hash.as_deref(), &active), (ask.new_hash.as_deref(), &previous)];
-    if let Some(problem) = expected.into_iter().find_map(|(hash, model)| compare::stale(hash, model, OTHER_SINCE)) {
+    if let Some(problem) =
+        expected.into_iter().find_map(|(hash, model)| compare::stale(hash, model, OTHER_SINCE))
+    {
         return problem;
     }
     if let Err(refusal) = may_be_used(&previous, service) {

@@ -145,7 +145,8 @@ async fn converse(mut stream: UnixStream, service: &Mutex<Service>) -> io::Resul
         }
         let complete = request.ends_with(b"\n");
         if request.len() as u64 >= REQUEST_BYTES_MAX && !complete {
-            let line = line(&Answer::refused(format!("the request is longer than {REQUEST_BYTES_MAX} bytes")));
+            let line =
+                line(&Answer::refused(format!("the request is longer than {REQUEST_BYTES_MAX} bytes")));
             let _ = timeout(PATIENCE, writer.write_all(&line)).await;
             return Ok(());
         }

@@ -111,7 +111,8 @@ mod tests {
         assert_eq!(http.hosts, ["cell-7.shop"]);
         assert_eq!((&http.token_file, &http.verification), (&None, &None));
         assert!(read("[http]\nlisten = \"0.0.0.0:7870\"\nplain-remote = true\n").is_ok());
-        let http = read("[http]\nlisten = \"[::1]:7870\"\ntoken-file = \"http.token\"\n").expect("valid").http;
+        let http =
+            read("[http]\nlisten = \"[::1]:7870\"\ntoken-file = \"http.token\"\n").expect("valid").http;
         assert_eq!(http.token_file.expect("on").to_str(), Some("http.token"));
     }
 

@@ -10,8 +10,8 @@ use std::time::Duration;
 
 use axum::body::{Body, to_bytes};
 use axum::extract::{Extension, Request, State};
-use axum::http::header::{self, HeaderMap, HeaderValue};
 use axum::http::StatusCode;
+use axum::http::header::{self, HeaderMap, HeaderValue};
 use axum::response::{IntoResponse, Response};
 use serde_json::json;
 use tokio::sync::{Semaphore, mpsc, oneshot};
@@ -110,7 +110,9 @@ enum Refusal {
     ReadOnly,
     NoToken,
     WrongToken,
-    TooMany { wait_s: f64 },
+    TooMany {
+        wait_s: f64,
+    },
     NotJson,
     NotUnderstood(String),
     NoReason,
@@ -131,7 +133,8 @@ impl Refusal {
             }
             Self::WrongToken => (StatusCode::UNAUTHORIZED, "this is not the token"),
             Self::TooMany { wait_s } => {
-                let text = format!("too many wrong tokens from this address; try again in {:.0} s", wait_s.ceil());
+                let text =
+                    format!("too many wrong tokens from this address; try again in {:.0} s", wait_s.ceil());
                 return (StatusCode::TOO_MANY_REQUESTS, text);
             }
             Self::NotJson => {
@@ -140,13 +143,17 @@ impl Refusal {
             Self::NotUnderstood(why) => {
                 return (StatusCode::BAD_REQUEST, format!("the request is not understood: {why}"));
             }
-            Self::NoReason => (StatusCode::BAD_REQUEST, "a command by HTTP needs a reason, for the audit log"),
+            Self::NoReason => {
+                (StatusCode::BAD_REQUEST, "a command by HTTP needs a reason, for the audit log")
+            }
             Self::TooLong => {
                 let text = format!("the request breaks off or is longer than {REQUEST_BYTES_MAX} bytes");
                 return (StatusCode::PAYLOAD_TOO_LARGE, text);
             }
             Self::Slow => (StatusCode::REQUEST_TIMEOUT, "the request did not arrive in time"),
-            Self::Busy => (StatusCode::SERVICE_UNAVAILABLE, "other commands are being carried out; try again"),
+            Self::Busy => {
+                (StatusCode::SERVICE_UNAVAILABLE, "other commands are being carried out; try again")
+            }
         };
         (code, text.to_owned())
     }
@@ -193,7 +200,8 @@ pub(super) async fn command(
         Ok(answer) => {
             let code = if answer.ok { StatusCode::OK } else { StatusCode::CONFLICT };
             // plain data: it can always be written
-            (code, typed("application/json", serde_json::to_string(&answer).unwrap_or_default())).into_response()
+            (code, typed("application/json", serde_json::to_string(&answer).unwrap_or_default()))
+                .into_response()
         }
         Err(refusal) => refusal.into_response(),
     }

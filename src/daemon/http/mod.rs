@@ -90,7 +90,9 @@ impl Publisher {
         sync::spawn("volcomp-http", move || {
             // the cycle and the service come first; without the permission it runs as they do
             let _ = rustix::process::setpriority_process(None, NICE);
-            if let Err(error) = run(listener, receiver, verification.as_deref(), |r| Shared::new(r, hosts, commands)) {
+            if let Err(error) =
+                run(listener, receiver, verification.as_deref(), |r| Shared::new(r, hosts, commands))
+            {
                 warn!(%error, "the HTTP service ends; compensation goes on without it");
             }
         })?;

@@ -81,6 +81,7 @@ pub(super) fn router(shared: &Arc<Shared>) -> Router {
         .route("/traces.js", text(SCRIPT, include_str!("page/traces.js")))
         .route("/volume.js", text(SCRIPT, include_str!("page/volume.js")))
         .route("/commands.js", text(SCRIPT, include_str!("page/commands.js")))
+        .route("/difference.js", text(SCRIPT, include_str!("page/difference.js")))
         .route("/common.js", text(SCRIPT, include_str!("page/common.js")))
         .route("/page.css", text(STYLE, include_str!("page/page.css")))
         .route("/uplot.js", text(SCRIPT, include_str!("assets/uplot/uPlot.iife.min.js")))

@@ -66,7 +66,8 @@ pub enum TokenError {
 
 impl TokenError {
     /// Whether the file could not be read at all.
-    pub(crate) const fn is_io(&self) -> bool {
+    #[must_use]
+    pub const fn is_io(&self) -> bool {
         matches!(self, Self::Read { .. })
     }
 }
@@ -222,7 +223,8 @@ mod tests {
         wrong.record(at(10.0), client);
         assert!(wrong.wait_s(at(11.0), client).is_some_and(|s| s > 8.0));
         // another address is not kept waiting, the same network of IPv6 is
-        let [a, b, c] = ["2001:db8::1", "2001:db8::2", "2001:db8:0:1::1"].map(|a| a.parse().expect("address"));
+        let [a, b, c] =
+            ["2001:db8::1", "2001:db8::2", "2001:db8:0:1::1"].map(|a| a.parse().expect("address"));
         assert_eq!(wrong.wait_s(at(11.0), a), None);
         for _ in 0..6 {
             wrong.record(at(11.0), a);

@@ -149,8 +149,9 @@ mod tests {
     fn curves_of_both_models_and_what_they_need() {
         let config = MachineConfig::parse("m.toml", MACHINE).expect("a machine file");
         let read = |errors: &str| {
-            let text =
-                format!("format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w X' b Y Z t]\"\n{errors}");
+            let text = format!(
+                "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w X' b Y Z t]\"\n{errors}"
+            );
             Prepared::read("model.toml", text, &config).expect("a model")
         };
         let table = |values: &str| {
@@ -168,7 +169,10 @@ mod tests {
         // relative sense of a workpiece-side axis: the sign is that of the machine's sense in both
         assert!((ends(&exx.old).abs() - 10.0).abs() < 1e-9 && (ends(&exx.new).abs() - 80.0).abs() < 1e-9);
         assert!(exx.old_reverse.is_none() && (exx.largest.abs() - 70.0).abs() < 1e-9);
-        assert_eq!((ec0y.unit.as_str(), ec0y.positions.len(), ec0y.old.as_slice()), ("arcsec", 0, &[0.0][..]));
+        assert_eq!(
+            (ec0y.unit.as_str(), ec0y.positions.len(), ec0y.old.as_slice()),
+            ("arcsec", 0, &[0.0][..])
+        );
         assert!((ec0y.new[0] - 2.0).abs() < 1e-9);
         let same = ModelComparison::of(&old, &old, &config.guard).expect("comparable");
         assert!(same.errors.is_empty() && same.confirmation.is_none() && same.changes.is_empty());

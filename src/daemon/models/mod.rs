@@ -17,11 +17,11 @@ use volcomp_state::utc;
 use super::load::{LoadError, Loaded, number};
 use super::status::ModelStatus;
 use super::sync::Mutex;
+pub use comparison::{ErrorCurves, ModelComparison};
 use volcomp_config::{MachineConfig, Measured, model};
 use volcomp_engine::fault::Code;
 use volcomp_estimate::Thermal;
 use volcomp_model::{Model, ModelSpec};
-pub use comparison::{ErrorCurves, ModelComparison};
 pub use volcomp_state::models as store;
 
 use store::{Choice, Store};
