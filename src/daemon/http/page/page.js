@@ -19,6 +19,8 @@ let missing = false;
 const json = async (path) => (await fetch(path)).json();
 
 function show(status) {
+  // another version of the daemon brings its own page
+  if (newest && newest.version !== status.version) location.reload();
   newest = status;
   showBanner(status);
   showBenefit(status);

@@ -145,8 +145,14 @@ export function showModel(status) {
 
 export function showSensors(status) {
   const box = byId("sensors");
+  const beside = [
+    ...status.maps.map((map) => "Map " + map.name + ": " + map.state + (map.limited ? ", limited" : "") + ", weight " + number(map.weight, 2)),
+    ...status.growths.map((g) => "Thermal displacement " + g.name + ": " + g.state + (g.code ? " (" + g.code + ")" : "") + ", "
+      + number(g.value, 1) + " " + g.unit.replace("um", "µm")),
+    ...status.sensor_notes.map(micron),
+  ].map((words) => element("p", words, "note"));
   if (!status.sensors.length) {
-    box.replaceChildren(element("p", "No sensors are configured; the model is static.", "note"));
+    box.replaceChildren(element("p", "No sensors are configured; the model is static.", "note"), ...beside);
     return;
   }
   const table = element("table", null, "left");
@@ -174,8 +180,7 @@ export function showSensors(status) {
   table.append(thead, body);
   const scroll = element("div", null, "scroll");
   scroll.append(table);
-  const maps = status.maps.map((map) => element("p", "Map " + map.name + ": " + map.state, "note"));
-  box.replaceChildren(scroll, ...maps);
+  box.replaceChildren(scroll, ...beside);
 }
 
 export function showEvents(status) {
