@@ -76,7 +76,7 @@ fn audit(daemon: &Daemon) -> String {
 #[test]
 fn commands_do_what_the_socket_does_and_stand_in_the_audit_log() {
     let port = Port::open();
-    let (daemon, address) = served(&port, Setup { start: "off", ..Setup::default() });
+    let (daemon, address) = served(&port, Setup { start: "on-command", ..Setup::default() });
     assert_eq!(get(address, "/api/v1/about", "").1, "{\"commands\":true}");
     let mut session = port.link();
     for _ in 0..50 {
@@ -102,7 +102,7 @@ fn commands_do_what_the_socket_does_and_stand_in_the_audit_log() {
         code == 200 && found["confirmation"].is_null() && found["errors"][0]["symbol"] == "EXX",
         "{seen}"
     );
-    assert_eq!((&found["errors"][0]["old"], &found["errors"][0]["new"]), (&json!([10.0]), &json!([40.0])));
+    assert_eq!((&found["errors"][0]["old"][0], &found["errors"][0]["new"][0]), (&json!(10.0), &json!(40.0)));
     assert_eq!(daemon.status()["model_hash"], found["change"]["old_hash"], "nothing has changed");
     let stale = json!({"command": "load", "model": sent, "reason": "survey", "old_hash": "0".repeat(64)});
     let (code, answer) = cycle_while(&mut session, address, &stale);
@@ -122,7 +122,7 @@ fn commands_do_what_the_socket_does_and_stand_in_the_audit_log() {
         cycle_while(&mut session, address, &json!({"command": "load", "model": large, "reason": "screw"}));
     assert!(code == 409 && answer["error"].as_str().is_some_and(|e| e.contains("VC-5006")), "{answer}");
     let (code, back) = cycle_while(&mut session, address, &json!({"command": "compare"}));
-    assert!(code == 200 && back["comparison"]["errors"][0]["new"] == json!([10.0]), "{back}");
+    assert!(code == 200 && back["comparison"]["errors"][0]["new"][0] == json!(10.0), "{back}");
     let change = &back["comparison"]["change"];
     let rollback = json!({
         "command": "rollback", "reason": "worse", "old_hash": change["old_hash"], "new_hash": change["new_hash"],
@@ -168,7 +168,7 @@ fn commands_do_what_the_socket_does_and_stand_in_the_audit_log() {
 #[test]
 fn nothing_is_done_without_the_token_a_reason_and_json() {
     let port = Port::open();
-    let (daemon, address) = served(&port, Setup { start: "off", ..Setup::default() });
+    let (daemon, address) = served(&port, Setup { start: "on-command", ..Setup::default() });
     let enable = json!({"command": "enable", "reason": "x"}).to_string();
     let kind = "Content-Type: application/json\r\n";
     let good = format!("Authorization: Bearer {TOKEN}\r\n");

@@ -5,6 +5,9 @@
 #![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
 
 use std::path::PathBuf;
+use std::sync::Arc;
+use std::sync::atomic::{AtomicBool, Ordering::Relaxed};
+use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
 use rustix::process::Signal;
@@ -23,6 +26,12 @@ const MODEL: &str = r#"
 format = "volcomp-model/1"
 machine = "test-mill"
 chain = "[w X' b Y Z t]"
+[axes.x]
+travel-mm = [-200, 200]
+[axes.y]
+travel-mm = [-200, 200]
+[axes.z]
+travel-mm = [-200, 200]
 [errors.exx.table]
 position-mm = [-200, -100, 0, 100, 200]
 value-um = [-38, -15, 6, 22, 41]
@@ -44,33 +53,50 @@ instrument = "laser interferometer no. 4711"
 expiry = "2099-01-31"
 "#;
 
+/// A control on a circle, on a thread of its own: a browser that takes its time must not keep it waiting.
+struct Control {
+    stop: Arc<AtomicBool>,
+    thread: JoinHandle<Session>,
+}
+
+impl Control {
+    fn start(mut session: Session) -> Self {
+        let stop = Arc::new(AtomicBool::new(false));
+        let stopped = Arc::clone(&stop);
+        let thread = std::thread::spawn(move || {
+            let mut turn: f64 = 0.0;
+            // what the daemon closes the test sees on the page
+            while !stopped.load(Relaxed) {
+                session.commanded[..3].copy_from_slice(&[
+                    150.0 * turn.cos(),
+                    150.0 * turn.sin(),
+                    60.0 * (0.4 * turn).sin(),
+                ]);
+                if !matches!(session.try_cycle(), Message::Correction(_)) {
+                    break;
+                }
+                turn += 2e-4;
+                std::thread::sleep(Duration::from_millis(1));
+            }
+            session
+        });
+        Self { stop, thread }
+    }
+
+    fn stop(self) -> Session {
+        self.stop.store(true, Relaxed);
+        self.thread.join().expect("the control works")
+    }
+}
+
 /// A control that moves, and the page beside it.
 struct Scene {
-    session: Option<Session>,
+    control: Option<Control>,
     browser: Browser,
-    turn: f64,
 }
 
 impl Scene {
-    /// Some cycles on a circle.
-    fn work(&mut self) {
-        let Some(session) = &mut self.session else { return std::thread::sleep(Duration::from_millis(20)) };
-        for _ in 0..40 {
-            self.turn += 2e-4;
-            session.commanded[..3].copy_from_slice(&[
-                150.0 * self.turn.cos(),
-                150.0 * self.turn.sin(),
-                60.0 * (0.4 * self.turn).sin(),
-            ]);
-            // what the daemon closes the test sees on the page
-            if !matches!(session.try_cycle(), Message::Correction(_)) {
-                self.session = None;
-                return;
-            }
-        }
-    }
-
-    /// Works until an expression on the page is true.
+    /// Waits until an expression on the page is true.
     fn until(&mut self, expression: &str) {
         let deadline = Instant::now() + PATIENCE;
         while self.browser.value(expression) != true {
@@ -78,14 +104,7 @@ impl Scene {
                 let page = self.browser.value("document.body ? document.body.innerText : ''");
                 panic!("never {expression}:\n{}", page.as_str().unwrap_or_default());
             }
-            self.work();
-        }
-    }
-
-    fn work_for(&mut self, time: Duration) {
-        let end = Instant::now() + time;
-        while Instant::now() < end {
-            self.work();
+            std::thread::sleep(Duration::from_millis(20));
         }
     }
 
@@ -127,20 +146,32 @@ fn text(id: &str) -> String {
     format!("document.getElementById('{id}').textContent")
 }
 
+/// A link on a connection that the daemon has not given up while the browser took its time.
+fn fresh_link(port: &Port) -> Session {
+    port.close_pending();
+    port.link()
+}
+
 /// A control on a circle, and a page that was unlocked with the token.
 fn unlocked(port: &Port, more_keys: &str) -> (Daemon, Scene, String) {
     let (folder, key) = token_file();
-    let setup = Setup { model: MODEL.to_owned(), start: "off", more: KEPT, ..Setup::default() };
+    let setup = Setup {
+        model: MODEL.to_owned(),
+        start: "on-command",
+        silence_s: 30.0,
+        more: KEPT,
+        ..Setup::default()
+    };
     let (daemon, address) = served_with(port, setup, &format!("{key}{more_keys}"));
     // the token is read at every start
     let _kept = folder.keep();
-    let mut scene = Scene { session: None, browser: Browser::start(), turn: 0.0 };
+    let mut scene = Scene { control: None, browser: Browser::start() };
     scene.browser.look_like(1440, 900, "light");
     let here = format!("http://{address}/");
     scene.browser.open(&here);
     scene.until("document.readyState === 'complete' && document.getElementById('footer') !== null");
     scene.until(&format!("{} === 'DISCONNECTED'", text("state")));
-    scene.session = Some(port.link());
+    scene.control = Some(Control::start(fresh_link(port)));
     scene.until(&format!("{} === 'OFF'", text("state")));
     scene.browser.value("document.getElementById('token').focus()");
     scene.browser.write(TOKEN);
@@ -149,8 +180,8 @@ fn unlocked(port: &Port, more_keys: &str) -> (Daemon, Scene, String) {
     (daemon, scene, here)
 }
 
-/// What a screen reader meets has a name, and one heading leads the page.
-fn everything_is_named(browser: &mut Browser) {
+/// What a screen reader meets has a name, and what the page is for is among it.
+fn everything_is_named(browser: &mut Browser, present: &[(&str, &str)]) {
     let spoken = browser.spoken();
     for (role, name) in &spoken {
         let needs = ["button", "textbox", "image", "img", "meter", "link", "region", "dialog", "spinbutton"];
@@ -159,9 +190,7 @@ fn everything_is_named(browser: &mut Browser) {
             "a {role} without a name: {spoken:?}"
         );
     }
-    for (role, name) in
-        [("button", "Enable"), ("button", "Disable"), ("meter", "Axis X"), ("heading", "Volume, distorted")]
-    {
+    for &(role, name) in present {
         assert!(spoken.iter().any(|(r, n)| r == role && n.starts_with(name)), "no {role} {name}: {spoken:?}");
     }
 }
@@ -203,7 +232,9 @@ fn the_page_enables_shows_a_fault_clears_it_and_recovers_after_a_restart() {
         scene.browser.value("document.querySelectorAll('#volume path.front').length").as_u64() > Some(20)
     );
     assert_eq!(scene.browser.value("document.querySelectorAll('#tool circle').length"), 2);
-    everything_is_named(&mut scene.browser);
+    let present =
+        [("button", "Enable"), ("button", "Disable"), ("meter", "Axis X"), ("heading", "Volume, distorted")];
+    everything_is_named(&mut scene.browser, &present);
     // the last verification comes from a file that may be written while the daemon runs
     let hash = daemon.status()["model_hash"].clone();
     let verification = serde_json::json!({
@@ -215,7 +246,7 @@ fn the_page_enables_shows_a_fault_clears_it_and_recovers_after_a_restart() {
     scene.until(&format!("{}.includes('91.9 ± 1.2 % less')", text("verification")));
     assert_eq!(scene.browser.value(&text("verification-note")), "Verified with the model in use.");
     if std::env::var_os("VOLCOMP_PICTURES").is_some() {
-        scene.work_for(Duration::from_secs(40));
+        std::thread::sleep(Duration::from_secs(40));
     }
     for (width, height, colours, name) in [
         (1440, 900, "light", "page.png"),
@@ -224,7 +255,7 @@ fn the_page_enables_shows_a_fault_clears_it_and_recovers_after_a_restart() {
         (390, 844, "dark", "page-phone-dark.png"),
     ] {
         scene.browser.look_like(width, height, colours);
-        scene.work_for(Duration::from_millis(1500));
+        std::thread::sleep(Duration::from_millis(1500));
         assert_eq!(
             scene.browser.value(&format!("document.documentElement.scrollWidth <= {width}")),
             true,
@@ -236,7 +267,7 @@ fn the_page_enables_shows_a_fault_clears_it_and_recovers_after_a_restart() {
     assert_eq!(scene.browser.take_errors(), Vec::<String>::new());
 
     // the control holds an offset that was never sent
-    scene.session.take().expect("linked").deceive(0.05);
+    scene.control.take().expect("linked").stop().deceive(0.05);
     scene.until(&format!("{} === 'FAULT' && {}.includes('VC-4001')", text("state"), text("cause")));
     assert_eq!(scene.browser.value("document.getElementById('banner').className"), "bad");
     scene.until(&format!("{}.length > 20", text("remedy")));
@@ -244,7 +275,7 @@ fn the_page_enables_shows_a_fault_clears_it_and_recovers_after_a_restart() {
         d.textContent.includes('VC-4001')); d.querySelector('summary').click(); return d.open && \
         d.textContent.includes('remedy'); })()";
     assert_eq!(scene.browser.value(opened), true, "an event opens its explanation");
-    scene.work_for(Duration::from_millis(1500));
+    std::thread::sleep(Duration::from_millis(1500));
     scene.picture("page-fault.png");
     assert_eq!(
         scene.browser.value("document.querySelectorAll('#events details[open]').length"),
@@ -254,10 +285,10 @@ fn the_page_enables_shows_a_fault_clears_it_and_recovers_after_a_restart() {
     assert_eq!(scene.browser.take_errors(), Vec::<String>::new());
 
     // its cause is gone: the fault is cleared on the page, and compensation comes back
-    let mut session = port.link();
+    let mut session = fresh_link(&port);
     session.run_unanswered(50);
     scene.order("clear-fault", &[("reason", "second daemon removed")]);
-    scene.session = Some(session);
+    scene.control = Some(Control::start(session));
     scene.order("enable", &[("reason", "go on")]);
     scene.until(&format!("{} === 'COMPENSATING'", text("state")));
     let audit = std::fs::read_to_string(daemon.dir.path().join("state/audit.jsonl")).expect("an audit log");
@@ -266,13 +297,14 @@ fn the_page_enables_shows_a_fault_clears_it_and_recovers_after_a_restart() {
     }
     assert_eq!(scene.browser.take_errors(), Vec::<String>::new());
 
+    drop(scene.control.take().map(Control::stop));
     daemon.signal(Signal::KILL);
     let _ = daemon.wait();
     scene.until(&format!("{} === 'NO DATA' && !document.getElementById('offline').hidden", text("state")));
     // attempts of the killed daemon to connect are still waiting there
-    while port.accept_within(Duration::from_millis(100)).is_some() {}
+    port.close_pending();
     daemon.restart();
-    scene.session = Some(port.link());
+    scene.control = Some(Control::start(fresh_link(&port)));
     scene.until(&format!("{} === 'OFF' && document.getElementById('offline').hidden", text("state")));
     // the tab still has the token
     scene.order("enable", &[("reason", "after the restart")]);
@@ -324,7 +356,8 @@ fn a_model_is_loaded_behind_a_picture_of_the_difference_and_rolled_back() {
         let shown = scene.browser.value(&text("difference"));
         assert!(shown.as_str().is_some_and(|shown| shown.contains(words)), "no {words} in {shown}");
     }
-    everything_is_named(&mut scene.browser);
+    let present = [("button", "Load"), ("textbox", "Reason"), ("image", "EXX: largest difference 3.00")];
+    everything_is_named(&mut scene.browser, &present);
     scene.browser.value("document.getElementById('name').focus()");
     scene.browser.write("A. Smith");
     scene.browser.value("document.getElementById('reason').focus()");

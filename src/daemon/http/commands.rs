@@ -8,7 +8,7 @@ use core::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
-use axum::body::{Body, to_bytes};
+use axum::body::{Body, HttpBody, to_bytes};
 use axum::extract::{Extension, Request, State};
 use axum::http::StatusCode;
 use axum::http::header::{self, HeaderMap, HeaderValue};
@@ -91,6 +91,10 @@ impl Commands {
     async fn take(&self, body: Body, client: IpAddr) -> Result<Answer, Refusal> {
         let _place = self.places.try_acquire().map_err(|_| Refusal::Busy)?;
         let limit = usize::try_from(REQUEST_BYTES_MAX).unwrap_or(usize::MAX);
+        // a length that is stated is judged before anything is read
+        if body.size_hint().lower() > REQUEST_BYTES_MAX {
+            return Err(Refusal::TooLong);
+        }
         let body = timeout(BODY_PATIENCE, to_bytes(body, limit)).await.map_err(|_| Refusal::Slow)?;
         let body = body.map_err(|_| Refusal::TooLong)?;
         let ask: Ask = serde_json::from_slice(&body).map_err(|e| Refusal::NotUnderstood(e.to_string()))?;

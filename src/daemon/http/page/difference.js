@@ -57,7 +57,7 @@ export function picture(comparison) {
   const figures = element("div", null, "figures");
   for (const error of errors.filter((e) => e.positions.length)) {
     const figure = element("figure");
-    figure.append(element("figcaption", error.symbol + " / " + micro(error.unit) + ", differs by up to " + number(error.largest, 2)), curves(error));
+    figure.append(element("figcaption", error.symbol + " / " + micro(error.unit) + ", differs by up to " + number(Math.abs(error.largest), 2)), curves(error));
     figures.append(figure);
   }
   if (figures.children.length) {
