@@ -18,7 +18,7 @@ use volcomp_state::counters::Recalled;
 use super::channels::{CycleChannels, Progress, StopWish, channels};
 use super::clock::Clock;
 use super::control::{SERVICE_SILENT_S, Start};
-use super::http::Publisher;
+use super::http::{self, Publisher};
 use super::load::{LoadError, Loaded, load};
 use super::logging::{self, LogError};
 use super::models::{Models, guard};
@@ -182,11 +182,21 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
             .map_err(|_| DaemonError::Internal { what: "the statistics could not be set up" })?;
     service.sensors = sensors;
     let how = Start { permitted: service.begins(how.permitted), kept_fault: service.has_kept_fault(), ..how };
+    let setup = |listener| http::Setup {
+        listener,
+        hosts: loaded.config.http.hosts.clone(),
+        token: loaded.http_token.clone(),
+        verification: loaded.config.http.verification.as_ref().map(|file| config.with_file_name(file)),
+    };
     let publisher = http
-        .map(|listener| Publisher::start(listener, &loaded.config.http, service.snapshot(), clock))
+        .map(|listener| Publisher::start(setup(listener), service.snapshot(), clock))
         .transpose()
         .map_err(|source| DaemonError::System { what: "the thread of the HTTP service", source })?;
+    let (publisher, orders) = publisher.unzip();
     let service = Arc::new(Mutex::new(service));
+    if let Some(orders) = orders.flatten() {
+        tokio::spawn(http::serve_orders(orders, Arc::clone(&service)));
+    }
     log_start(config, &loaded);
     let mut thread = CycleThread::spawn(loaded, how, cycle_channels, clock)
         .map_err(|source| DaemonError::System { what: "the cycle thread", source })?;
@@ -222,7 +232,8 @@ fn http_listener(config: &MachineConfig) -> Result<Option<TcpListener>, DaemonEr
     if config.http.plain_remote && !address.ip().to_canonical().is_loopback() {
         warn!(%address, "plain-remote: whoever reaches this port can see the state of the machine");
     }
-    info!(%address, "the page and /metrics are served");
+    let commands = if config.http.token_file.is_some() { "with the token" } else { "none" };
+    info!(%address, commands, "the page and /metrics are served");
     Ok(Some(listener))
 }
 
