@@ -39,6 +39,16 @@ pub fn cell(row: &Row, spread: Option<Spread>, seeds: usize) -> String {
     }
 }
 
+/// A share as a person reads it; a cause that takes back a part of another one has none.
+#[must_use]
+pub fn share(value: f64) -> String {
+    if value > -0.005 {
+        format!("{:.0} %", 100.0 * value.max(0.0))
+    } else {
+        format!("none, {:.0} % more without", -100.0 * value)
+    }
+}
+
 /// `passed`, `MISSED` or nothing.
 #[must_use]
 pub const fn verdict(pass: Option<bool>) -> &'static str {
@@ -72,14 +82,13 @@ pub fn html(outcome: &Outcome) -> String {
     let shares = outcome.shares();
     if !shares.is_empty() {
         page.heading("Causes of what is left, hard truth");
-        let bars: Vec<(String, f64, String)> = shares
-            .iter()
-            .map(|s| (s.cause.clone(), s.share.max(0.0), format!("{:.0} %", 100.0 * s.share)))
-            .collect();
+        let bars: Vec<(String, f64, String)> =
+            shares.iter().map(|s| (s.cause.clone(), s.share.max(0.0), share(s.share))).collect();
         page.bars(&bars);
         page.note(
             "Drop of the mean square of what is left when a cause alone is switched off, mean over the seeds. Causes \
-             interact: the shares need not add up to 100 %.",
+             interact: the shares need not add up to 100 %, and a cause that takes back a part of another one has none: \
+             without it more is left.",
         );
     }
     if let Some(first) = outcome.seeds.first() {

@@ -53,7 +53,16 @@ impl WireError {
     }
 }
 
-/// A message.
+/// What a sensor says.
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Heard {
+    /// A reading.
+    Reading(Said),
+    /// It asks to be told when all that it said before is with the estimator; the number comes back.
+    Sync(u64),
+}
+
+/// A reading and whose it is.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Said {
     /// Name of the sensor.
@@ -75,11 +84,11 @@ impl Stream {
     }
 
     /// The next message, or what is wrong with it; `None` until there are more bytes.
-    pub(super) fn next(&mut self) -> Option<Result<Said, WireError>> {
+    pub(super) fn next(&mut self) -> Option<Result<Heard, WireError>> {
         loop {
             let first = *self.bytes.first()?;
             if first == MAGIC[0] {
-                return self.binary();
+                return self.binary().map(|said| said.map(Heard::Reading));
             }
             let end = self.bytes.iter().position(|b| *b == b'\n');
             // the same wherever the line was cut on its way
@@ -285,8 +294,23 @@ struct Raw {
     qd2_um: [f64; 2],
 }
 
-fn parse_line(text: &[u8]) -> Result<Said, String> {
-    let line: Line = serde_json::from_slice(text).map_err(|e| e.to_string())?;
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Sync {
+    sync: u64,
+}
+
+fn parse_line(text: &[u8]) -> Result<Heard, String> {
+    match serde_json::from_slice(text) {
+        Ok(line) => reading_of(line).map(Heard::Reading),
+        Err(problem) => match serde_json::from_slice(text) {
+            Ok(Sync { sync }) => Ok(Heard::Sync(sync)),
+            Err(_) => Err(problem.to_string()),
+        },
+    }
+}
+
+fn reading_of(line: Line) -> Result<Said, String> {
     let stamp_ns = match (line.t_ns, line.t_s) {
         (Some(ns), None) => ns,
         (None, Some(s)) if s.is_finite() => (s * NS_PER_S) as i64,
