@@ -197,7 +197,7 @@ fn start_daemon(
         let _ = write!(
             text,
             "[sensors]\nlisten = \"{sensors}\"\ntime = \"control\"\n[[map]]\nname = \"ram\"\nx-mm = [1250, 1600, 1950]\ny-mm = [750, 1250]\n\
-             z-mm = [-750, -250]\nstd-um = 15\nstd-arcsec = 4\ncorrelation-mm = 1500\n{}limit-um = 80\nlimit-arcsec = 20\n\
+             z-mm = [-750, -250]\nstd-um = 15\nstd-arcsec = 4\ncorrelation-mm = 4000\n{}limit-um = 80\nlimit-arcsec = 20\n\
              [[sensor]]\nname = \"trackers\"\nkind = \"tool\"\nage-limit-ms = 15000\nrange-um = 5000\njump-um = 1000\n\
              jump-arcsec = 200\n",
             DRIFT
@@ -231,8 +231,8 @@ fn start_daemon(
     Ok(daemon)
 }
 
-/// What the map may drift by: a random walk that follows a swing of 5 um and 1 arcsec in two minutes.
-const DRIFT: &str = "drift-um-per-h = 50\ndrift-arcsec-per-h = 10\n";
+/// What the map may drift by: a random walk that follows a swing of some um and an arcsec in two minutes.
+const DRIFT: &str = "drift-um-per-h = 25\ndrift-arcsec-per-h = 5\n";
 
 /// The surveyed model with live values of the ram.
 fn with_live_values(model: &str) -> anyhow::Result<String> {

@@ -118,8 +118,7 @@ impl Experiment for Paper003 {
          in an hour, and by 5 µm and 5 µrad to and fro every two minutes with the spindle's cooling unit (kind and hard truth, \
          standard deviation of each motion over the seeds). A coordinate measuring machine (0.3 µm a touch) touches the S at three heights and the cone \
          at both diameters; roundness has 15 undulations and repeats to 0.5 µm, within which the cone is no worse. Hard truth: heat of the hall, a workpiece, interaction of axes, a month of wear, used drives, \
-         refraction, encoders and warm-up of the trackers, scales of the measuring machine. On a part the estimator sees \
-         some five seconds of the machine in each of its own; what the map may drift by is stated in its time."
+         refraction, encoders and warm-up of the trackers, scales of the measuring machine."
     }
 
     fn rows(&self) -> &'static [Row] {
