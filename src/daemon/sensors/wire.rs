@@ -421,11 +421,32 @@ fn tool(pose: &Pose) -> Result<ToolReading, String> {
 mod tests {
     use super::*;
 
+    /// The next reading.
+    fn next(stream: &mut Stream) -> Option<Result<Said, WireError>> {
+        stream.next().map(|heard| {
+            heard.map(|heard| match heard {
+                Heard::Reading(said) => said,
+                Heard::Sync(number) => panic!("sync {number}"),
+            })
+        })
+    }
+
+    #[test]
+    fn a_sync_is_told_from_readings_and_nothing_else_stands_beside_it() {
+        let heard = |line: &str| {
+            let mut stream = Stream::default();
+            stream.push(format!("{line}\n").as_bytes());
+            stream.next().unwrap()
+        };
+        assert_eq!(heard("{\"sync\": 7}"), Ok(Heard::Sync(7)));
+        assert!(heard("{\"sync\": -7}").is_err() && heard("{\"sync\": 7, \"sensor\": \"a\"}").is_err());
+    }
+
     fn one(text: &str) -> Result<Said, WireError> {
         let mut stream = Stream::default();
         stream.push(text.as_bytes());
         stream.push(b"\n");
-        stream.next().expect("a message")
+        next(&mut stream).expect("a message")
     }
 
     fn binary(kind: u8, name: &str, numbers: &[f64]) -> Vec<u8> {
@@ -490,12 +511,12 @@ mod tests {
         }
         let mut stream = Stream::default();
         stream.push(b"nonsense\n\n# a comment\n{\"sensor\": \"v\", \"t_ns\": 1, \"value_um\": 2}\n{\"sen");
-        assert!(stream.next().unwrap().is_err());
+        assert!(next(&mut stream).unwrap().is_err());
         assert_eq!(
-            stream.next().unwrap().unwrap().reading.body,
+            next(&mut stream).unwrap().unwrap().reading.body,
             Body::Value { value: 0.002, unit: Some(Kind::Length) }
         );
-        assert!(stream.next().is_none());
+        assert!(next(&mut stream).is_none());
     }
 
     #[test]
@@ -509,7 +530,7 @@ mod tests {
         let mut found = Vec::new();
         for byte in all {
             stream.push(&[byte]);
-            while let Some(said) = stream.next() {
+            while let Some(said) = next(&mut stream) {
                 found.push(said.unwrap());
             }
         }
@@ -526,7 +547,7 @@ mod tests {
         let one = |bytes: &[u8]| {
             let mut stream = Stream::default();
             stream.push(bytes);
-            stream.next().expect("a message")
+            next(&mut stream).expect("a message")
         };
         let mut pose = vec![1.0, 2.0, 3.0, 0.0, 0.0, 1.0];
         assert!(
