@@ -24,7 +24,7 @@ use super::logging::{self, LogError};
 use super::models::{Models, guard};
 use super::notify::{Fed, Headline, Watchdog, notify};
 use super::recorder::{HealthSlot, Recorder};
-use super::sensors::{self, Listener, Sensors, live_ends};
+use super::sensors::{self, Listener, Sensors, live_ends, live_ends_in_lock_step};
 use super::server::{Server, SocketError};
 use super::service::Service;
 use super::signals::{self, STOP_LIMIT};
@@ -268,7 +268,12 @@ async fn live(
         }
         return Ok((None, None));
     }
-    let (cycle, end) = live_ends(*blake3::hash(models.active.text.as_bytes()).as_bytes());
+    let hash = *blake3::hash(models.active.text.as_bytes()).as_bytes();
+    let (cycle, end) = if config.lock_step { live_ends_in_lock_step(hash) } else { live_ends(hash) };
+    let time = end.time(clock);
+    if config.lock_step {
+        warn!("sensors.time = \"control\": each frame waits for the estimator; for a simulated control only");
+    }
     how.live = Some(cycle);
     let sensors = Sensors::start(sensors::Start {
         config: config.clone(),
@@ -277,13 +282,13 @@ async fn live(
         directory: state_writer.directory().map(Path::to_owned),
         record: loaded.config.recording.directory.is_some().then(|| Arc::clone(health)),
         end,
-        clock,
+        time: time.clone(),
     })
     .map_err(|source| DaemonError::System { what: "the estimator's thread", source })?;
     let Some(address) = config.listen else { return Ok((Some(sensors), None)) };
     let (readings, dropped) = (sensors.readings.clone(), Arc::clone(&sensors.dropped));
     let (known, idle) = (Arc::clone(&sensors.known), Duration::from_secs_f64(config.idle_s));
-    let listener = Listener::bind(address, readings, dropped, known, clock, idle)
+    let listener = Listener::bind(address, readings, dropped, known, (clock, time), idle)
         .await
         .map_err(|source| DaemonError::SensorSocket { address, source })?;
     if config.plain_remote && !address.ip().to_canonical().is_loopback() {

@@ -96,8 +96,8 @@ pub use recent::{CodeCount, EventStatus, RecentStatus};
 pub use recorder::{ModelTexts, Tap, answer_of, command_of, request_of, tap};
 pub use self_benchmark::{SelfBenchmark, SelfBenchmarkError, run_self_benchmark};
 pub use sensors::{
-    EstimatorEnd, FilterStatus, LiveEnd, MapStatus, Motion, NodeStatus, SensorStatus,
-    ThermalDisplacementStatus, live_ends,
+    EstimatorEnd, EstimatorLockStep, FilterStatus, LiveEnd, MapStatus, Motion, NodeStatus, SensorStatus,
+    ThermalDisplacementStatus, live_ends, live_ends_in_lock_step,
 };
 pub use server::SocketError;
 pub use status::{
