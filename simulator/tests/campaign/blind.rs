@@ -71,7 +71,9 @@ fn a_machine_with_several_small_causes_is_counted_cause_by_cause() {
     assert!((5..=8).contains(&causes.len()), "{causes:?}");
     let (named, of) = hits(row, "found");
     assert_eq!(of as usize, causes.len());
-    assert!(2 * named > of, "{named} of {of}: {case:#}");
+    // deterministic: this seed, this tool; one of them may be missed, and none may be made up
+    assert!(named + 1 >= of, "{named} of {of}: {case:#}");
+    assert_eq!(hits(&found["score"], "misattributed").0, 0, "{case:#}");
 }
 
 #[test]
