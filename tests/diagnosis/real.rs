@@ -135,6 +135,8 @@ fn the_target_axis_has_a_position_error_a_small_reversal_error_and_a_drift() {
     assert!(24.2 * (1.0 - number(s, "in_sample_fraction")) < 6.0 && number(s, "rms_after_um") < 7.5, "{s}");
     let looks = r["unexplained"]["looks_like"].as_str().unwrap();
     assert!(r["unexplained"]["significant"] == true && looks.contains("slow drift"), "{looks}");
+    // the times of the file are ordinal: no duration is stated
+    assert!(looks.contains("points in the order measured") && !looks.contains(" s, of"), "{looks}");
 }
 
 #[test]

@@ -28,7 +28,7 @@ svg.chart text{font:12px sans-serif;fill:var(--ink)}.chart .grid{stroke:var(--li
 .bars{display:grid;grid-template-columns:minmax(11em,max-content) 1fr max-content;gap:3px 12px;align-items:center;margin:6px 0;font-variant-numeric:tabular-nums}\
 .track{position:relative;height:17px}.track span{position:absolute;top:0;bottom:0}.sg,.bar.g{background:var(--grey)}.sa,.bar.a{background:var(--a)}.sb{background:var(--b)}.sc{background:var(--c)}.st{background:var(--ink)}\
 i.bar{display:inline-block;height:6px}.key i.bar{width:22px;height:8px}.pair{display:block;width:180px}.pair i{display:block;margin:2px 0}\
-summary{cursor:pointer;color:var(--soft);font-size:13px}\
+summary{cursor:pointer;color:var(--soft);font-size:13px}.fine{columns:26em;column-gap:24px;font-size:13px;color:var(--soft);padding-left:16px;margin:4px 0}.fine li{break-inside:avoid;margin:2px 0}.fine b{font-weight:600}\
 @media (prefers-color-scheme:dark){@media screen{svg [fill='#FFFFFF']{fill:var(--bg)}svg [fill='#3C3C3C']{fill:var(--ink)}svg [stroke='#3C3C3C']{stroke:var(--ink)}\
 svg [stroke='#CDCDCD']{stroke:var(--line)}svg [fill='#0072B2']{fill:var(--a)}svg [stroke='#0072B2']{stroke:var(--a)}svg [fill='#D55E00']{fill:var(--b)}svg [stroke='#D55E00']{stroke:var(--b)}}}\
 @media screen and (max-width:640px){body{margin:10px auto}h1{font-size:20px}p.lead{font-size:17px}table:not(.stack){display:block;overflow-x:auto}\
@@ -40,6 +40,8 @@ table.stack td.n{white-space:normal}.bars{grid-template-columns:1fr max-content;
 pre{font-size:8pt;white-space:pre-wrap}td,th{padding:2px 9px 2px 0}td.s{font-size:7.5pt}figcaption,p.note{font-size:8.5pt}\
 h1,h2,h3{break-after:avoid}figure,table.keep,svg{break-inside:avoid}tr,.bars{break-inside:avoid}thead{display:table-header-group}\
 .figures{grid-template-columns:1fr 1fr;gap:0 16px}.pair{width:90px}details{display:none}\
+.dense p,.dense td,.dense th{font-size:8.5pt;line-height:1.28}.dense h2{font-size:10.5pt;margin:6pt 0 2pt}.dense p{margin:4pt 0}.dense p.lead{font-size:11pt}.dense table{margin:2pt 0 4pt}.dense td,.dense th{padding:1px 8px 1px 0}\
+.dense td.s,.dense p.note,.dense small,.dense figcaption,.dense .fine{font-size:7.2pt;line-height:1.25}.dense p.note{margin:2pt 0}.dense .bars{gap:1px 10px;font-size:8.5pt}.dense .track{height:10px}.dense figure{margin:2pt 0 4pt}\
 .sheet{break-before:page}*{print-color-adjust:exact;-webkit-print-color-adjust:exact}}";
 
 /// A page under construction.
