@@ -292,3 +292,11 @@ fn three_real_machines_are_answered_as_a_metrologist_would() {
     assert!(all.iter().all(|c| !c.starts_with("backlash")), "{all:?}");
     assert!((parameter(&resolver, "latency", "lag_ms") - 34.0).abs() < 2.0);
 }
+
+#[test]
+#[cfg_attr(not(data_real_sessions), ignore = "needs ../shared/data/real_sessions or VOLCOMP_DATA")]
+fn an_axis_that_turns_without_a_model_is_said_to_hide_its_own_errors() {
+    let r = diagnose(&external("real_sessions/resolver_divider/s.csv"), &[]);
+    let notes = r["notes"].to_string();
+    assert!(notes.contains("axis c turns, and no model says where it stands"), "{notes}");
+}
