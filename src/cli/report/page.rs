@@ -31,6 +31,7 @@ i.bar{display:inline-block;height:6px}.key i.bar{width:22px;height:8px}.pair{dis
 summary{cursor:pointer;color:var(--soft);font-size:13px}\
 table.head th{font-weight:400;color:var(--soft)}table.head td:nth-child(2){padding-right:28px}\
 .sign{display:grid;grid-template-columns:repeat(3,1fr);gap:28px;margin:64px 0 8px;break-inside:avoid}.sign div{border-top:1px solid var(--ink);padding-top:3px;font-size:13px}\
+summary{cursor:pointer;color:var(--soft);font-size:13px}.fine{columns:26em;column-gap:24px;font-size:13px;color:var(--soft);padding-left:16px;margin:4px 0}.fine li{break-inside:avoid;margin:2px 0}.fine b{font-weight:600}\
 @media (prefers-color-scheme:dark){@media screen{svg [fill='#FFFFFF']{fill:var(--bg)}svg [fill='#3C3C3C']{fill:var(--ink)}svg [stroke='#3C3C3C']{stroke:var(--ink)}\
 svg [stroke='#CDCDCD']{stroke:var(--line)}svg [fill='#0072B2']{fill:var(--a)}svg [stroke='#0072B2']{stroke:var(--a)}svg [fill='#D55E00']{fill:var(--b)}svg [stroke='#D55E00']{stroke:var(--b)}}}\
 @media screen and (max-width:640px){body{margin:10px auto}h1{font-size:20px}p.lead{font-size:17px}table:not(.stack){display:block;overflow-x:auto}\
@@ -43,6 +44,8 @@ pre{font-size:8pt;white-space:pre-wrap}td,th{padding:2px 9px 2px 0}td.s{font-siz
 h1,h2,h3{break-after:avoid}figure,table.keep,svg{break-inside:avoid}tr,.bars{break-inside:avoid}thead{display:table-header-group}\
 td.n{white-space:nowrap}.dense table{font-size:7pt;margin:2px 0 4px}.dense td,.dense th{padding:0 7px 0 0}.dense table.stack tr>:first-child{min-width:0}.dense h2{margin:5pt 0 1pt;font-size:10pt}.dense p,.dense ul{margin:2pt 0;font-size:7.5pt}.dense .sign{margin-top:30px}.dense .sign div{font-size:8pt}\
 .figures{grid-template-columns:1fr 1fr;gap:0 16px}.pair{width:90px}details{display:none}\
+.compact p,.compact td,.compact th{font-size:8.5pt;line-height:1.28}.compact h2{font-size:10.5pt;margin:6pt 0 2pt}.compact p{margin:4pt 0}.compact p.lead{font-size:11pt}.compact table{margin:2pt 0 4pt}.compact td,.compact th{padding:1px 8px 1px 0}\
+.compact td.s,.compact p.note,.compact small,.compact figcaption,.compact .fine{font-size:7.2pt;line-height:1.25}.compact p.note{margin:2pt 0}.compact .bars{gap:1px 10px;font-size:8.5pt}.compact .track{height:10px}.compact figure{margin:2pt 0 4pt}\
 .sheet{break-before:page}*{print-color-adjust:exact;-webkit-print-color-adjust:exact}}";
 
 /// A page under construction.
