@@ -5,7 +5,7 @@
 //! its share among the effects that explain nearly as much. The five constants, all in [`Calibration`], were fitted to blind
 //! cases of two generators and judged on a third one (docs/development/ablation.md).
 
-use super::library::{Kind, Label, Library, Shape};
+use super::library::{Kind, Label, Library, Shape, forms};
 use super::search::{CURVES, Found, Gates, Problem, Selection, evidence, gates};
 
 /// Share of its gain that a swapped effect must keep to count as the same, what noise takes of it, and the share that noise
@@ -217,7 +217,7 @@ pub(super) fn cancels(problem: &Problem, library: &Library, selection: &Selectio
 /// The largest term of an angular error over the RMS of all of them, whitened; 0 for other effects.
 fn cancelling(problem: &Problem, library: &Library, selection: &Selection, place: usize) -> f64 {
     let variant = selection.chosen[place];
-    let Shape::Angular { degree, .. } = library.variants[variant].shape else { return 0.0 };
+    let Shape::Angular(forms::Angular { degree, .. }) = library.variants[variant].shape else { return 0.0 };
     let given = problem.given(&selection.chosen);
     let beta = problem.fit(&given);
     let (at, _) = problem.span[variant];
@@ -235,7 +235,7 @@ const TURN_SHARE: f64 = 0.5;
 /// Share of the constant reversal in what a table with values of its own in reverse does.
 fn turn_share(problem: &Problem, library: &Library, selection: &Selection, place: usize) -> f64 {
     let variant = selection.chosen[place];
-    let Shape::Reverse { high, .. } = library.variants[variant].shape else { return 0.0 };
+    let Shape::Reverse(forms::Reverse { high, .. }) = library.variants[variant].shape else { return 0.0 };
     let given = problem.given(&selection.chosen);
     let beta = problem.fit(&given);
     let (at, k) = problem.span[variant];
@@ -275,7 +275,7 @@ const EXPANDS_T: f64 = 3.0;
 /// True for an expansion of which only the shift of its reference is sure.
 fn only_shifts(problem: &Problem, library: &Library, selection: &Selection, place: usize) -> bool {
     let variant = selection.chosen[place];
-    if !matches!(library.variants[variant].shape, Shape::Thermal { with_offset: true, .. }) {
+    if !matches!(library.variants[variant].shape, Shape::Thermal(forms::Thermal { with_offset: true, .. })) {
         return false;
     }
     let given = problem.given(&selection.chosen);

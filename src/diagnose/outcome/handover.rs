@@ -144,7 +144,7 @@ pub(super) fn seen_on(
         let x = &assessed[owner[j]];
         // the clock of other files says nothing of this one's
         let foreign =
-            matches!(a.library.variants[x.variant].shape, Shape::ClockSkew { .. } | Shape::Step { .. });
+            matches!(a.library.variants[x.variant].shape, Shape::ClockSkew { .. });
         let norm = a.problem.norm[columns[j]];
         if x.declared && !foreign && norm > 0.0 {
             for (v, r) in after.iter_mut().zip(values) {

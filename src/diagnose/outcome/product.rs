@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector};
 use super::super::Analysis;
 use super::super::assess::Assessed;
 use super::super::forecast::Contributions;
-use super::super::library::Shape;
+use super::super::library::{Shape, forms};
 use super::super::moment::{Axis, Signal, Source};
 use super::super::session::Session;
 
@@ -35,8 +35,8 @@ pub(super) fn weigh(
         let part: Vec<f64> = (0..session.readings.len())
             .map(|i| (0..owner.len()).filter(|j| owner[*j] == place).map(|j| parts.in_sample[j][i]).sum())
             .collect();
-        if let Shape::Thermal { axis, .. } = shape {
-            let scale = Shape::Scale { axis: *axis };
+        if let Shape::Thermal(forms::Thermal { axis, .. }) = shape {
+            let scale = Shape::Scale(forms::Scale { axis: *axis });
             let own = owner.iter().position(|o| *o == place);
             let column = a.problem.whitened(session, &a.filter, &scale).swap_remove(0);
             if let Some(own) = own {
