@@ -3,7 +3,7 @@
 
 use super::constants::{CURVE_SAME, INEXACT, SAME, SURE};
 use super::decision::{Evidence, Reason};
-use super::library::{Label, Library, Shape};
+use super::library::{Label, Library, Shape, forms};
 use super::search::{CURVES, Found, Problem, Selection, evidence, figures};
 
 /// What noise takes of the gain of a swapped effect, and the share that it must not take.
@@ -118,7 +118,7 @@ pub(super) fn cancels(problem: &Problem, library: &Library, selection: &Selectio
 /// The largest term of an angular error over the RMS of all of them, whitened; 0 for other effects.
 fn cancelling(problem: &Problem, library: &Library, selection: &Selection, place: usize) -> f64 {
     let variant = selection.chosen[place];
-    let Shape::Angular { degree, .. } = library.variants[variant].shape else { return 0.0 };
+    let Shape::Angular(forms::Angular { degree, .. }) = library.variants[variant].shape else { return 0.0 };
     let given = problem.given(&selection.chosen);
     let beta = problem.fit(&given);
     let (at, _) = problem.span[variant];
@@ -136,7 +136,7 @@ const TURN_SHARE: f64 = 0.5;
 /// Share of the constant reversal in what a table with values of its own in reverse does.
 fn turn_share(problem: &Problem, library: &Library, selection: &Selection, place: usize) -> f64 {
     let variant = selection.chosen[place];
-    let Shape::Reverse { high, .. } = library.variants[variant].shape else { return 0.0 };
+    let Shape::Reverse(forms::Reverse { high, .. }) = library.variants[variant].shape else { return 0.0 };
     let given = problem.given(&selection.chosen);
     let beta = problem.fit(&given);
     let (at, k) = problem.span[variant];
@@ -173,7 +173,7 @@ fn slope_of(
 /// True for an expansion of which only the shift of its reference is sure.
 fn only_shifts(problem: &Problem, library: &Library, selection: &Selection, place: usize) -> bool {
     let variant = selection.chosen[place];
-    if !matches!(library.variants[variant].shape, Shape::Thermal { with_offset: true, .. }) {
+    if !matches!(library.variants[variant].shape, Shape::Thermal(forms::Thermal { with_offset: true, .. })) {
         return false;
     }
     let given = problem.given(&selection.chosen);

@@ -3,7 +3,7 @@
 use super::assess::cancels;
 use super::constants::LITTLE;
 use super::contributions_um;
-use super::library::{Library, Shape};
+use super::library::{Library, Shape, forms};
 use super::noise::Filter;
 use super::offsets::rms;
 use super::search::{self, Problem, Selection, Variation};
@@ -58,10 +58,10 @@ fn refine_worn(
     selection: &Selection,
 ) {
     for worn in selection.chosen.clone() {
-        let Shape::Wear { axis, .. } = library.variants[worn].shape else { continue };
+        let Shape::Wear(forms::Wear { axis, .. }) = library.variants[worn].shape else { continue };
         let is_table = |v: &usize| {
             let shape = &library.variants[*v].shape;
-            matches!(shape, Shape::Polynomial { along, over, .. } if *along == axis && *over == axis)
+            matches!(shape, Shape::Polynomial(forms::Polynomial { along, over, .. }) if *along == axis && *over == axis)
         };
         let beside: Vec<usize> = selection.chosen.iter().copied().filter(|v| !is_table(v)).collect();
         let place = beside.iter().position(|v| *v == worn).filter(|_| beside.len() < selection.chosen.len());
@@ -145,7 +145,9 @@ fn zeros(
     parts: &[Vec<f64>],
 ) -> Vec<(usize, Vec<f64>)> {
     let of = |(place, part): (usize, &Vec<f64>)| {
-        let Shape::Polynomial { along, .. } = library.variants[chosen[place]].shape else { return None };
+        let Shape::Polynomial(forms::Polynomial { along, .. }) = library.variants[chosen[place]].shape else {
+            return None;
+        };
         let rows = problem.rows.iter().map(|i| part[*i]).collect::<Vec<f64>>();
         let size_um = rms(&rows);
         Some((place, session.moments.iter().map(|m| size_um * m.u[along.slot()]).collect()))

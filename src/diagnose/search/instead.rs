@@ -2,12 +2,12 @@
 //! names.
 
 use super::super::constants::LITTLE;
-use super::super::library::{Library, Shape};
+use super::super::library::{Library, Shape, forms};
 use super::super::moment::Axis;
 use super::super::noise::Filter;
 use super::super::session::Session;
 use super::problem::Problem;
-use super::refine::{Beside, STEPS, neighbours, put};
+use super::refine::{Beside, STEPS, put};
 use super::select::{SWAP_GAIN, Selection, evidence};
 
 /// Rivals that come this near are worth a search between the values of their grid.
@@ -40,7 +40,7 @@ pub fn challenge(
             let shape = &library.variants[f.variant].shape;
             // about a point that nobody knows a structure tilts like anything
             let is_tilt = matches!(shape, Shape::InertialTilt { .. });
-            f.gain > NEAR * now.gain && !is_tilt && !neighbours(shape, STEPS[0]).is_empty()
+            f.gain > NEAR * now.gain && !is_tilt && !shape.neighbours(STEPS[0]).is_empty()
         })
         .take(RIVALS)
         .map(|f| f.variant)
@@ -71,8 +71,8 @@ pub fn one_tilt(
     selection: &mut Selection,
 ) {
     let axis_of = |library: &Library, v: usize| match &library.variants[v].shape {
-        Shape::InertialTilt { axis, .. } => Some((true, *axis)),
-        Shape::Inertial { axis, along, .. } if axis == along => Some((false, *axis)),
+        Shape::InertialTilt(forms::InertialTilt { axis, .. }) => Some((true, *axis)),
+        Shape::Inertial(forms::Inertial { axis, along, .. }) if axis == along => Some((false, *axis)),
         _ => None,
     };
     let find = |library: &Library, chosen: &[usize], wanted| {
@@ -111,7 +111,7 @@ pub fn one_worn_place(
     selection: &mut Selection,
 ) {
     for axis in Axis::LINEAR {
-        let is_table = |v: &usize| matches!(library.variants[*v].shape, Shape::Polynomial { along, over, .. } if along == axis && over == axis);
+        let is_table = |v: &usize| matches!(library.variants[*v].shape, Shape::Polynomial(forms::Polynomial { along, over, .. }) if along == axis && over == axis);
         let is_curve = |v: &usize| {
             let shape = &library.variants[*v].shape;
             is_table(v)
@@ -126,7 +126,7 @@ pub fn one_worn_place(
         let sum = selection.evidence_beside(problem, library, &others, &curves);
         let given = Selection::given(problem, &others);
         let mut places: Vec<(f64, usize)> = (0..library.variants.len())
-            .filter(|v| matches!(library.variants[*v].shape, Shape::Wear { axis: own, .. } if own == axis))
+            .filter(|v| matches!(library.variants[*v].shape, Shape::Wear(forms::Wear { axis: own, .. }) if own == axis))
             .filter(|v| !selection.banned.contains(v))
             .map(|v| (problem.gain(&given, v).0, v))
             .collect();

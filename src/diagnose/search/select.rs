@@ -7,7 +7,7 @@
 use nalgebra::DMatrix;
 
 use super::super::constants::{LITTLE, SURE};
-use super::super::library::{Library, Shape};
+use super::super::library::{Library, Shape, forms};
 use super::super::noise::Random;
 use super::problem::{Given, Problem};
 
@@ -418,10 +418,10 @@ impl Selection {
             let Some(j) = given.columns.iter().position(|c| *c == at) else { return false };
             let is_sure = |k: usize| beta[k].abs() > SURE * covariance[k * n + k].max(0.0).sqrt();
             match library.variants[variant].shape {
-                Shape::Ram { moment: false, .. } => {
+                Shape::Ram(forms::Ram { moment: false, .. }) => {
                     beta[j] * beta[j + 1] < 0.0 && is_sure(j) && is_sure(j + 1)
                 }
-                Shape::Sag { tool: true, .. } => is_sure(j + 1) && !is_sure(j),
+                Shape::Sag(forms::Sag { tool: true, .. }) => is_sure(j + 1) && !is_sure(j),
                 _ => false,
             }
         })
