@@ -12,6 +12,7 @@
 
 mod another_day;
 pub mod assess;
+mod constants;
 pub mod evidence;
 mod forecast;
 mod leftover;

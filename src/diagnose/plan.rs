@@ -3,16 +3,12 @@
 use nalgebra::DVector;
 use serde::Serialize;
 
+use super::constants::{ASSUMED, SAME};
 use super::library::{Library, Without};
-use super::noise::{ClassNoise, Filter};
+use super::noise::Filter;
 use super::report::Unseen;
 use super::search::Problem;
 use super::session::Session;
-
-/// Overlap from which two effects are one to a plan.
-const SAME: f64 = 0.95;
-/// Noise that is assumed: white and drift, um, and the drift's time, s.
-const ASSUMED: ClassNoise = ClassNoise { white_um: 1.0, drift_um: 0.6, drift_s: 600.0 };
 
 /// What a plan can see.
 #[derive(Debug, Clone, PartialEq, Serialize)]

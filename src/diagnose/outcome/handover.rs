@@ -143,8 +143,7 @@ pub(super) fn seen_on(
     for (j, values) in raw.iter().enumerate() {
         let x = &assessed[owner[j]];
         // the clock of other files says nothing of this one's
-        let foreign =
-            matches!(a.library.variants[x.variant].shape, Shape::ClockSkew { .. });
+        let foreign = matches!(a.library.variants[x.variant].shape, Shape::ClockSkew { .. });
         let norm = a.problem.norm[columns[j]];
         if x.declared && !foreign && norm > 0.0 {
             for (v, r) in after.iter_mut().zip(values) {
