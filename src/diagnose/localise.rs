@@ -50,7 +50,8 @@ fn factors(session: &Session) -> Vec<Factor> {
             m.acceleration[i] * unit
         });
     }
-    add("time", String::new(), "time, s".to_owned(), &|m| m.t_s);
+    let time = if session.is_ordinal() { "order of the readings" } else { "time, s" };
+    add("time", String::new(), time.to_owned(), &|m| m.t_s);
     add("tool-length", String::new(), "tool length, mm".to_owned(), &|m| m.tool_length_mm);
     for (k, signal) in session.signals.iter().enumerate().filter(|(_, s)| s.tau_s == 0.0) {
         let name = signal.source.to_string();

@@ -473,11 +473,18 @@ pub(crate) fn raw(campaign: &Campaign, truth: Truth<'_>, noise: Noise) -> Raw {
 }
 
 pub(crate) fn history() -> History {
+    history_of(1)
+}
+
+/// The machine's log on the clock of each file.
+pub(crate) fn history_of(files: usize) -> History {
     let mut h = History::default();
     let times = || (0..800).map(|k| f64::from(k) * 30.0);
-    h.add(0, Source::Spindle, times().map(|t| (t, rpm(t) * 1e-3)));
-    for (i, name) in ["x", "spindle", "ambient"].into_iter().enumerate() {
-        h.add(0, Source::Temperature(name.into()), times().map(|t| (t, temperatures(t)[i])));
+    for file in 0..files {
+        h.add(file, Source::Spindle, times().map(|t| (t, rpm(t) * 1e-3)));
+        for (i, name) in ["x", "spindle", "ambient"].into_iter().enumerate() {
+            h.add(file, Source::Temperature(name.into()), times().map(|t| (t, temperatures(t)[i])));
+        }
     }
     h
 }

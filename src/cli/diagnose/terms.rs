@@ -216,6 +216,13 @@ pub(super) fn headline(found: &Diagnosis) -> String {
         Verdict::NoGap => {
             format!("No significant gap: {gap} µm RMS, with a measurement noise of {noise} µm.")
         }
+        Verdict::Unexplained if !names.is_empty() => format!(
+            "The gap of {gap} µm RMS exceeds the noise of {noise} µm. Established: {}; correcting {} takes out only {} % of it, \
+             the rest is unexplained.",
+            listed(&names),
+            if names.len() == 1 { "it" } else { "them" },
+            number((100.0 * s.fraction).max(0.0), 0)
+        ),
         Verdict::Unexplained => {
             format!("The gap of {gap} µm RMS exceeds the noise of {noise} µm, and no cause is established.")
         }

@@ -9,6 +9,7 @@ use volcomp_diagnose::Diagnosis;
 use volcomp_diagnose::library::{EFFECTS, Effect, Kind};
 use volcomp_diagnose::plan::PlanReport;
 use volcomp_diagnose::report::Cause;
+use volcomp_diagnose::session::Session;
 
 use super::terms::{
     Compensable, Shares, headline, name, parameters, peak_to_valley, percent, remedy, um, with_uncertainty,
@@ -70,6 +71,7 @@ const NAME: usize = 44;
 
 /// The report in a few lines.
 pub(super) fn summary(
+    session: &Session,
     found: &Diagnosis,
     compensable: &Compensable,
     out: Option<&Path>,
@@ -88,10 +90,10 @@ pub(super) fn summary(
     }
     for n in r.noise.iter().filter(|n| n.drift_um > DRIFT_TOLD * n.white_um) {
         say!(
-            "drift of {}: {} µm over {:.0} s, noise {} µm; slow effects may be hidden by it",
+            "drift of {}: {} µm over {}, noise {} µm; slow effects may be hidden by it",
             n.instrument,
             um(n.drift_um),
-            n.drift_s,
+            session.span(n.drift_s),
             um(n.white_um)
         );
     }

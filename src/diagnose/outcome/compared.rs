@@ -191,12 +191,17 @@ pub(super) fn unexplained(session: &Session, a: &Analysis, c: &Comparison, left:
     }
     if drifts {
         let time = if c.drift.1 > 0.0 {
-            format!(" over {:.0} s", c.drift.1)
+            format!(" over {}", session.span(c.drift.1))
         } else {
             " from cycle to cycle".to_owned()
         };
+        let temperature = if session.temperatures.is_empty() {
+            "without a temperature"
+        } else {
+            "because no temperature of these data goes with it"
+        };
         words.push(format!(
-            "slow drift of {:.2} um RMS{time}, of unknown source: machine, instrument and air cannot be told apart without a temperature",
+            "slow drift of {:.2} um RMS{time}, of unknown source: machine, instrument and air cannot be told apart {temperature}",
             s.drift_um2.sqrt()
         ));
     }

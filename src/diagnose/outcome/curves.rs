@@ -150,8 +150,8 @@ fn curve(
     }
     let (mut drawn, mut low, mut high) = (Vec::new(), None, None);
     let mut scatter = 0.0;
-    for (line, members) in lines.into_iter().take(LINES) {
-        let mut points = Vec::new();
+    for (line, members) in lines {
+        let mut points: Vec<[f64; 4]> = Vec::new();
         for group in groups(shown, members) {
             let h = mean(group.iter().map(|k| &rows[*k]), columns.len());
             let x = group.iter().map(|k| shown[*k].x).sum::<f64>() / group.len() as f64;
@@ -165,8 +165,16 @@ fn curve(
             }
             points.push([x, fit, fit - half, fit + half]);
         }
-        drawn.push(FittedLine { name: View::line_name(session, line), points });
+        let fits = points.iter().map(|p| p[1]);
+        let [least, most] = fits.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, m], v| [l.min(v), m.max(v)]);
+        drawn.push((most - least, FittedLine { name: View::line_name(session, line), points }));
     }
+    // what changes most is drawn, in the order of the files
+    let mut spans: Vec<f64> = drawn.iter().map(|(span, _)| *span).collect();
+    spans.sort_by(|a, b| b.total_cmp(a));
+    let least = spans.get(LINES - 1).copied().unwrap_or(f64::NEG_INFINITY);
+    let drawn: Vec<FittedLine> =
+        drawn.into_iter().filter(|(span, _)| *span >= least).take(LINES).map(|(_, line)| line).collect();
     let range_um = low.zip(high).map_or(Value { value: 0.0, std: 0.0 }, |((l, hl), (h, hh))| Value {
         value: h - l,
         std: fitted.std(&columns, &less(&hh, &hl)),
