@@ -106,8 +106,8 @@ pub(super) fn with_names(text: &str) -> String {
     let word = |word: &str| {
         let bare = word.trim_matches([',', ';', '.', '(', ')']);
         let effect = bare.split(':').next().unwrap_or(bare);
-        let is_label =
-            (bare.contains(':') || bare.contains('-')) && Effect::find(effect).is_some_and(|e| e.name == effect);
+        let is_label = (bare.contains(':') || bare.contains('-'))
+            && Effect::find(effect).is_some_and(|e| e.name == effect);
         match bare {
             "um" => word.replace("um", "µm"),
             _ if is_label => word.replace(bare, &name_of_label(bare)),
