@@ -2,9 +2,9 @@
 
 use std::path::PathBuf;
 
-use super::{Verified, input};
+use super::Verified;
 use crate::files::write_text;
-use crate::input::InputKind;
+use crate::input::{self, InputKind};
 use crate::{EX_SOFTWARE, Failure};
 use volcomp_daemon::Verification;
 

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::super::constants::SEES;
 use super::super::moment::{Axis, Light, Moment, SLOTS};
 use super::super::session::{Session, is_encoder};
 use super::STILL;
@@ -9,8 +10,6 @@ use volcomp_effects::data::Data;
 
 /// Smallest change of a tool length or a range that shows their effects, mm.
 const LONGER_MM: f64 = 1.0;
-/// Smallest component of the direction of measurement along an axis that it sees.
-const SEEN: f64 = 0.2;
 /// Positions that differ by less are one, um.
 const SAME_UM: f64 = 1.0;
 
@@ -38,7 +37,7 @@ pub(super) fn data(s: &Session) -> Data {
         accelerates: of_axes(&|i| changes(1e3 * STILL, &|m| m.acceleration[i])),
         reverses: of_axes(&|i| spread(&|m| m.direction[i]).is_some_and(|[l, h]| l < 0.0 && h > 0.0)),
         forces: core::array::from_fn(|i| changes(STILL, &|m| m.force_n[i])),
-        sees: core::array::from_fn(|i| any(&|m| m.u[i].abs() > SEEN)),
+        sees: core::array::from_fn(|i| any(&|m| m.u[i].abs() > SEES)),
         positions: Axis::LINEAR.map(|a| if moved[a.slot()] { positions(s, a) } else { Vec::new() }),
         tools: changes(LONGER_MM, &|m| m.tool_length_mm),
         lengths: any(&|m| m.tool_length_mm.is_finite()),

@@ -4,6 +4,7 @@ mod facts;
 #[cfg(test)]
 mod tests;
 
+use super::constants::WHOLE;
 use super::moment::{Axis, Signal};
 use super::session::Session;
 
@@ -58,9 +59,6 @@ pub struct Library {
     /// Linear axes of which these data show no more than a part of the travel.
     pub partly: [bool; 3],
 }
-
-/// Share of the travel below which an axis is seen in part only.
-const WHOLE: f64 = 0.75;
 
 impl Library {
     /// Every effect that the session's columns allow, without those taken out.

@@ -5,6 +5,7 @@ mod programme;
 pub use self::programme::Dialect;
 
 use self::programme::Programme;
+use super::constants::TOLD;
 use super::library::{Effect, Library, Measurement as Motion};
 use super::report::{Cause, Next, Unexplained};
 use super::session::Session;
@@ -143,7 +144,7 @@ pub(super) fn next(
     dialect: Dialect,
 ) -> Vec<Next> {
     let mut pairs: Vec<(String, String, f64)> = Vec::new();
-    for c in causes.iter().filter(|c| c.probability > 0.02) {
+    for c in causes.iter().filter(|c| c.probability > TOLD) {
         let rivals = c.confounded_with.iter().cloned().chain(
             causes.iter().filter(|o| o.remark == format!("alternative to {}", c.label())).map(Cause::label),
         );

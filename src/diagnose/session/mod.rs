@@ -15,6 +15,7 @@ mod sight;
 mod tests;
 mod times;
 
+use super::constants::ROWS;
 use super::moment::{Axis, Machine, Moment, Signal};
 
 pub use history::History;
@@ -267,7 +268,7 @@ pub struct Session {
 }
 
 /// Readings used at most; beyond it whole points are left out, with all their repeats.
-pub const ROWS_MAX: usize = 12_000;
+pub const ROWS_MAX: usize = 3 * ROWS;
 /// Readings needed at least.
 pub const ROWS_MIN: usize = 20;
 

@@ -26,12 +26,12 @@ pub(super) fn named(effect: Effect, plane: Plane) -> (String, &'static str) {
     let (kind, subject) = name.split_once(':').unwrap_or((&name, ""));
     let [a, b] = plane.axes().map(|a| a.to_string());
     let both = format!("{a} and {b}");
-    let remedy = |effect: &str| volcomp_effects::page(effect).map_or("", |p| p.remedy);
+    let remedy = |effect: &str| volcomp_effects::Effect::find(effect).map_or("", |p| p.remedy);
     match kind {
         "scale-mismatch" => (format!("scale mismatch of {both}"), remedy("scale")),
         "servo-mismatch" => (format!("servo mismatch of {both}"), remedy("servo-mismatch")),
         "squareness" => (format!("squareness error of {a} to {b}"), remedy("squareness")),
-        _ => volcomp_effects::page(kind).map_or_else(
+        _ => volcomp_effects::Effect::find(kind).map_or_else(
             || (name.clone(), ""),
             |p| (p.title.replace("{}", &subject.to_uppercase()), p.remedy),
         ),
