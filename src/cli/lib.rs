@@ -116,6 +116,12 @@ pub fn command() -> clap::Command {
     Cli::command()
 }
 
+/// The arguments of `volcompd`.
+#[must_use]
+pub fn daemon_command() -> clap::Command {
+    daemon::Args::command()
+}
+
 /// The program `volcomp`: runs it on `args` (the first is the program's name).
 #[must_use]
 pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {

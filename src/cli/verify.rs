@@ -1,5 +1,7 @@
 //! `volcomp verify`: two measurements of a machine, before and after compensation, as one report.
 
+mod record;
+
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
@@ -58,6 +60,8 @@ pub(super) struct Args {
     json: bool,
     #[command(flatten)]
     head: HeadArgs,
+    #[command(flatten)]
+    record: record::Args,
 }
 
 /// A comparison with its reductions.
@@ -111,6 +115,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             return Ok(());
         }
     }
+    record::write(args, &verified)?;
     if args.json {
         say!("{:#}", Value::Object(verified.json()));
     } else {

@@ -169,6 +169,33 @@ fn circles_and_diagonals() {
 }
 
 #[test]
+fn the_zero_of_each_diagonal_changes_no_reduction() {
+    let directory = tempfile::tempdir().unwrap();
+    let write = |name: &str, slope: f64, zeros: [f64; 4]| {
+        let mut csv = String::from("diagonal,cycle,direction,target_mm,deviation_um\n");
+        for (diagonal, zero) in ["ppp", "npp", "pnp", "ppn"].iter().zip(zeros) {
+            for (cycle, i) in (1..=2).flat_map(|c| (0..5).map(move |i| (c, i))) {
+                let deviation = zero + slope * f64::from(i) + 0.1 * f64::from(cycle);
+                csv.push_str(&format!("{diagonal},{cycle},1,{},{deviation}\n", i * 100));
+                csv.push_str(&format!("{diagonal},{cycle},-1,{},{deviation}\n", i * 100));
+            }
+        }
+        std::fs::write(directory.path().join(name), csv).unwrap();
+    };
+    write("before.csv", 2.0, [0.0; 4]);
+    write("after.csv", 0.5, [0.0, 30.0, -12.0, 7.0]);
+    let output = Command::new(env!("CARGO_BIN_EXE_volcomp"))
+        .args(["verify", "--before", "before.csv", "--after", "after.csv", "--json"])
+        .current_dir(directory.path())
+        .output()
+        .unwrap();
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    for figure in ["range", "rms"] {
+        assert!((report[figure]["reduction"].as_f64().unwrap() - 0.75).abs() < 1e-9, "{report}");
+    }
+}
+
+#[test]
 fn bad_data_are_refused_with_their_place() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("f.csv");

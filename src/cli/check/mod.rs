@@ -237,7 +237,7 @@ fn look_at_sensors(file: &ModelFile, machine: &MachineConfig) -> Option<(String,
     Some((problem.to_string(), remedy))
 }
 
-/// The files of `[link.tls]`, read as the daemon would.
+/// The files of `[link.tls]` and the token of `[http]`, read as the daemon would.
 fn look_at_identity(path: &Path, file: &str, text: &str, machine: &MachineConfig) -> Result<(), Problem> {
     let Some(found) = super::identity::mistake(path, machine) else { return Ok(()) };
     let errors = mistakes_at(file, text, vec![(found.key, found.message, found.remedy)]);
