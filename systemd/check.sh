@@ -20,7 +20,9 @@ trap 'rm -rf "$work"' EXIT
 printf '#!/bin/sh\nexit 0\n' >"$work/volcompd"
 cp "$work/volcompd" "$work/volcomp"
 chmod 755 "$work/volcompd" "$work/volcomp"
+cp "$work/volcompd" "$work/volcomp-opcua"
 sed "s|^ExecStart=/usr/bin/volcomp |ExecStart=$work/volcomp |" volcomp-gateway.service >"$work/volcomp-gateway.service"
+sed "s|^ExecStart=/usr/bin/volcomp-opcua |ExecStart=$work/volcomp-opcua |" volcomp-opcua.service >"$work/volcomp-opcua.service"
 for unit in volcompd.service volcompd@.service; do
     sed "s|^ExecStart=/usr/bin/volcompd|ExecStart=$work/volcompd|" "$unit" >"$work/$unit"
     grep -q "^ExecStart=$work/volcompd --config " "$work/$unit" || {
@@ -28,7 +30,7 @@ for unit in volcompd.service volcompd@.service; do
         exit 1
     }
 done
-for unit in volcompd.service volcompd@demo.service volcomp-gateway.service; do
+for unit in volcompd.service volcompd@demo.service volcomp-gateway.service volcomp-opcua.service; do
     file=$work/$unit
     [ -e "$file" ] || cp "$work/volcompd@.service" "$file"
     # verify reports unknown keys on stderr without failing: any word of it is an error here
@@ -42,7 +44,7 @@ for unit in volcompd.service volcompd@demo.service volcomp-gateway.service; do
     fi
 done
 
-for unit in volcompd.service volcompd@.service volcomp-gateway.service; do
+for unit in volcompd.service volcompd@.service volcomp-gateway.service volcomp-opcua.service; do
     systemd-analyze security --offline=true --no-pager --threshold="$threshold" "$unit" >"$work/report" || {
         cat "$work/report" >&2
         echo "systemd/check.sh: $unit: exposure above $threshold tenths" >&2
@@ -52,7 +54,7 @@ for unit in volcompd.service volcompd@.service volcomp-gateway.service; do
 done
 
 # help is ours, where the package puts it
-for unit in volcompd.service volcompd@.service volcomp-gateway.service; do
+for unit in volcompd.service volcompd@.service volcomp-gateway.service volcomp-opcua.service; do
     page=$(sed -n 's|^Documentation=file:/usr/share/doc/volcomp/||p' "$unit")
     [ -n "$page" ] && [ -e "../docs/$page" ] || {
         echo "systemd/check.sh: $unit: Documentation= names no page of docs/" >&2

@@ -39,6 +39,7 @@
 enum { AXES_MAX = 3, PEERS = 8, FRAME_MAX = 512, SAMPLER_KEY = 0x48534130 };
 enum { DAEMON_HELLO = 1, CONTROL_HELLO, ERROR, CLOSE, POSITION = 0x10, CORRECTION, HEARTBEAT, TOOL };
 enum { E_VERSION = 1, E_BAD_FRAME, E_WRONG_MACHINE, E_UNEXPECTED = 6, E_BUSY };
+enum { ACTIVE = 3, FADING_TO_STATIC = 7 }; /* states of a daemon that compensates */
 enum { HOMED = 1, ENABLED = 2, ESTOP = 4, MOVING = 8, LIMITED = 16, RAMPING = 32 };
 
 #define PRIORITY 45              /* SCHED_FIFO: below the servo thread, above volcompd, whose answers it waits for */
@@ -99,6 +100,7 @@ typedef struct {
     hal_bit_t *enable;            /* out: for axis.L.eoffset-enable */
     hal_bit_t *alive;             /* out: changes with every cycle, for a watchdog */
     hal_bit_t *connected, *limited, *ramping_out;
+    hal_float_t *compensated;     /* out: share of the cycles of the last second that were compensated, % */
     hal_u32_t *state, *cycles, *coalesced, *rejected, *left_out;
     hal_float_t limit_mm, rate_mm_per_s, ramp_mm_per_s, hold_s; /* parameters */
 } pins_t;
@@ -547,6 +549,7 @@ static int export_pins(int comp) {
     bad |= hal_pin_bit_newf(HAL_OUT, &pins->connected, comp, "%s.connected", n);
     bad |= hal_pin_bit_newf(HAL_OUT, &pins->limited, comp, "%s.limited", n);
     bad |= hal_pin_bit_newf(HAL_OUT, &pins->ramping_out, comp, "%s.ramping-out", n);
+    bad |= hal_pin_float_newf(HAL_OUT, &pins->compensated, comp, "%s.compensated", n);
     bad |= hal_pin_u32_newf(HAL_OUT, &pins->state, comp, "%s.state", n);
     bad |= hal_pin_u32_newf(HAL_OUT, &pins->cycles, comp, "%s.cycles", n);
     bad |= hal_pin_u32_newf(HAL_OUT, &pins->coalesced, comp, "%s.coalesced", n);
@@ -561,6 +564,16 @@ static int export_pins(int comp) {
     pins->ramp_mm_per_s = ramp_mm_per_s.usual;
     pins->hold_s = hold_s.usual;
     return bad;
+}
+
+/* Share of the cycles of the last second that a compensating daemon has answered, in time for the next one. */
+static void count_compensated(int64_t passed, bool answered) {
+    static int64_t cycles, good;
+    cycles += passed;
+    good += answered && *pins->connected && (*pins->state == ACTIVE || *pins->state == FADING_TO_STATIC);
+    if (cycles * config.cycle_ns < 1000 * MS) return;
+    *pins->compensated = 100.0 * (double)good / (double)cycles;
+    cycles = good = 0;
 }
 
 /* Reads the newest record of those waiting; gives how many there were. A full queue holds old news: it is emptied. */
@@ -589,8 +602,10 @@ static int read_newest(hal_stream_t *stream) {
     /* the velocity is that of all axes; where only others go, these stand still */
     for (int k = 0; k < n; k++) r.moving |= r.nominal[k] != record.nominal[k];
     record = r;
+    bool answered = have_record && offset.missing == 0;
     have_record = true;
     begin_cycle(passed);
+    count_compensated(passed, answered);
     *pins->coalesced += (hal_u32_t)(count - 1);
     (*pins->cycles)++;
     *pins->alive = !*pins->alive;

@@ -18,6 +18,7 @@ mod blind;
 mod campaign;
 mod certificates;
 mod demo;
+mod manuals;
 pub(crate) mod measure;
 mod paper;
 mod path;
@@ -115,6 +116,9 @@ enum Verb {
     /// Both answer the same frames on loopback, in short alternating blocks, so that noise of the computer hits
     /// both: ratios count. Starts all it needs by itself.
     BenchLink(Box<bench_link::Args>),
+    /// Write manual pages and shell completions, for packages.
+    #[command(hide = true)]
+    Manuals(manuals::Args),
     /// The bare echo of bench-link.
     #[command(hide = true)]
     BenchEcho(bench_link::EchoArgs),
@@ -159,6 +163,7 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let result = match parsed.verb {
         Verb::BenchLink(args) => bench_link::bench_link(&args),
         Verb::BenchEcho(args) => bench_link::echo(&args),
+        Verb::Manuals(args) => manuals::run(&args),
         Verb::Demo(args) => demo::demo(&args),
         Verb::Survey(args) => demo::survey(&args),
         Verb::Volcompd(program) => return volcomp_cli::volcompd(program.named("volcompd")),

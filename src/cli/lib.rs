@@ -14,6 +14,7 @@ macro_rules! note {
     ($($text:tt)*) => { $crate::note(format_args!($($text)*)) };
 }
 
+mod acceptance;
 mod additions;
 mod arg_parsers;
 mod audit;
@@ -113,6 +114,12 @@ enum Verb {
 #[must_use]
 pub fn command() -> clap::Command {
     Cli::command()
+}
+
+/// The arguments of `volcompd`.
+#[must_use]
+pub fn daemon_command() -> clap::Command {
+    daemon::Args::command()
 }
 
 /// The program `volcomp`: runs it on `args` (the first is the program's name).

@@ -3,7 +3,7 @@
 
 use std::collections::BTreeMap;
 
-use super::library::{Kind, Label, Without};
+use super::library::{Effect, Kind, Label, Without};
 use super::noise::{ClassNoise, Tone, angle_noise, pair_residuals, range_noise, tails, tone};
 use super::report::{Cause, Value};
 use super::session::Session;
@@ -182,8 +182,7 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
         found.push(cause("range-noise", 0.9, &[parameter]));
     }
     found.retain(|c| {
-        super::library::page(&c.effect)
-            .is_some_and(|p| !without.iter().any(|w| w.covers(&Label::new(p.effect, ""))))
+        Effect::find(&c.effect).is_some_and(|e| !without.iter().any(|w| w.covers(&Label::new(e.name, ""))))
     });
     found
 }

@@ -561,8 +561,8 @@ pub(crate) fn table(r: &Report) -> String {
     for c in &r.causes {
         let t = c.tests.map_or(String::new(), |t| {
             format!(
-                "ev {:.0}/{:.0} between {:.2} cv {:.2} against {:.2} grows {:.2}",
-                t.evidence, t.threshold, t.between, t.held_out, t.against, t.grows
+                "ev {:.0}/{:.0} between {:.2} cv {:.2} against {:.2} misform {:.2}",
+                t.evidence, t.threshold, t.between, t.held_out, t.against, t.misform
             )
         });
         let _ = writeln!(

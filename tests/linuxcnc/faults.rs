@@ -47,8 +47,10 @@ fn daemon_killed(wiring: Wiring) {
     cnc.mdi_while(CIRCLE, Duration::from_secs(4), |cnc| {
         cnc.mark(1);
         daemon.kill();
-        std::thread::sleep(Duration::from_secs(2));
+        // a whole second without it is over
+        std::thread::sleep(Duration::from_millis(2500));
         cnc.mark(2);
+        assert_eq!(cnc.pin("volcomp.compensated").parse(), Ok(0.0));
         daemon.restart();
         daemon.wait_for_state("active");
         cnc.mark(3);

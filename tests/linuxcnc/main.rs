@@ -110,6 +110,23 @@ fn compensates(wiring: Wiring) {
         cnc.pin("volcomp.coalesced")
     );
     daemon.wait_for_state("active");
+    what_the_agent_reads(&cnc, wiring);
+}
+
+/// Pins that the INI file names to LinuxCNC's MTConnect agent are there, and say that volcompd compensates.
+fn what_the_agent_reads(cnc: &Cnc, wiring: Wiring) {
+    let ini = std::fs::read_to_string(cnc.dir.path().join("sim").join(wiring.ini())).expect("INI file");
+    let items: Vec<&str> = ini.lines().filter_map(|line| line.strip_prefix("HAL_ITEM = pin=")).collect();
+    assert_eq!(items.len(), 4, "{ini}");
+    let page = std::fs::read_to_string("adapters/linuxcnc/README.md").expect("page");
+    for item in items {
+        assert!(page.contains(item), "adapters/linuxcnc/README.md has no {item}");
+        let value: f64 = cnc.pin(item.split(',').next().unwrap_or_default()).parse().expect("a number");
+        assert!(value.is_finite(), "{item}: {value}");
+        if item.starts_with("volcomp.compensated,") {
+            assert!((50.0..=100.0).contains(&value), "{item}: {value}");
+        }
+    }
 }
 
 #[test]

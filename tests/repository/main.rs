@@ -2,6 +2,7 @@
 
 mod architecture;
 mod data_sets;
+mod packaging;
 mod reference_pages;
 mod safety_page;
 mod threat_model;

@@ -206,7 +206,14 @@ impl Loop {
                     };
                     sensors.push(SensorSpec::new(
                         &name,
-                        SensorKind::FiveDof { axis, head, smooth_s: 0.5, reference_share: 1.0, alignment },
+                        SensorKind::FiveDof {
+                            axis,
+                            head,
+                            smooth_s: 0.5,
+                            rest_smooth_s: 0.5,
+                            reference_share: 1.0,
+                            alignment,
+                        },
                     ));
                     let low = TRAVEL[axis.direction()][0];
                     raw.push(LiveRawLaser::new(laser, axis, low, STEP_S));

@@ -32,7 +32,7 @@ const OUTLIERS: usize = 10;
 pub(super) fn page(session: &Session, found: &Diagnosis, compensable: &Compensable) -> String {
     let r = &found.report;
     let mut page = Page::new("Diagnosis of the gap between measurement and model");
-    page.html("<div class=\"dense\">");
+    page.html("<div class=\"compact\">");
     page.lead(headline(found));
     summary(&mut page, found);
     causes(&mut page, found, compensable);
