@@ -65,6 +65,7 @@ impl Control {
         let stopped = Arc::clone(&stop);
         let thread = std::thread::spawn(move || {
             let mut turn: f64 = 0.0;
+            let (begun, first_ns) = (Instant::now(), session.control_ns);
             // what the daemon closes the test sees on the page
             while !stopped.load(Relaxed) {
                 session.commanded[..3].copy_from_slice(&[
@@ -76,6 +77,9 @@ impl Control {
                     break;
                 }
                 turn += 2e-4;
+                // its clock goes as that of this computer does, so that ages mean something
+                let elapsed_ns = i64::try_from(begun.elapsed().as_nanos()).expect("fits");
+                session.control_ns = session.control_ns.max(first_ns + elapsed_ns);
                 std::thread::sleep(Duration::from_millis(1));
             }
             session

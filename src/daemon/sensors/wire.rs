@@ -54,6 +54,10 @@ impl WireError {
 }
 
 /// What a sensor says.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "one at a time, on the stack; a box would allocate for every reading"
+)]
 #[derive(Debug, Clone, PartialEq)]
 pub(super) enum Heard {
     /// A reading.
