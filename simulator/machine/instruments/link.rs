@@ -80,14 +80,14 @@ impl SensorLink {
                 return Err(io::ErrorKind::UnexpectedEof.into());
             }
             said.extend_from_slice(&buffer[..count]);
-            while let Some(end) = said.iter().position(|b| *b == b'\n') {
-                let line: Vec<u8> = said.drain(..=end).collect();
-                if line.trim_ascii() == wanted.as_bytes() {
-                    return Ok(());
-                }
+            let Some(end) = said.iter().position(|b| *b == b'\n') else { continue };
+            let line = said[..end].trim_ascii();
+            return if line == wanted.as_bytes() {
+                Ok(())
+            } else {
                 // a daemon that complains of a reading would spoil the experiment without a word
-                return Err(io::Error::other(String::from_utf8_lossy(line.trim_ascii()).into_owned()));
-            }
+                Err(io::Error::other(String::from_utf8_lossy(line).into_owned()))
+            };
         }
     }
 

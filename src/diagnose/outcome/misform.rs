@@ -40,9 +40,12 @@ pub(super) fn misforms(session: &Session, a: &Analysis, parts: &Contributions, o
     a.selection.chosen.iter().enumerate().map(of).collect()
 }
 
+/// A quantity of the machine's state.
+type Quantity<'a> = Box<dyn Fn(&Moment) -> f64 + 'a>;
+
 /// What an effect is not said to depend on: positions but for that of one axis, speed, temperatures, time, tool.
-fn quantities(session: &Session, but: Option<Axis>) -> Vec<Box<dyn Fn(&Moment) -> f64 + '_>> {
-    let mut all: Vec<Box<dyn Fn(&Moment) -> f64 + '_>> = Vec::new();
+fn quantities(session: &Session, but: Option<Axis>) -> Vec<Quantity<'_>> {
+    let mut all: Vec<Quantity<'_>> = Vec::new();
     for axis in Axis::ALL.into_iter().filter(|axis| Some(*axis) != but) {
         all.push(Box::new(move |m| m.position[axis.slot()]));
     }
