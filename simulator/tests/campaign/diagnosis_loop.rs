@@ -2,7 +2,6 @@
 //! found becomes part of the model, and the same machine is measured anew, on another day, with volcompd's engine beside its
 //! control.
 
-#![expect(clippy::unwrap_used, reason = "a test stops where its own set-up is wrong")]
 #![expect(clippy::disallowed_methods, reason = "a test with processes and files")]
 #![allow(clippy::print_stdout, reason = "measured figures")]
 

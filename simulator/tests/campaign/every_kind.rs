@@ -4,6 +4,7 @@
 //! Kind truth: normal noise, the same effect everywhere, wide limits. Hard truth: heavy tails, waves and trends in the mountings,
 //! effects that vary by 15 % over the volume, limits of a workshop, set points told in steps of 1 um, offsets three cycles late.
 
+#![expect(clippy::disallowed_methods, reason = "the choice of cases stands in the environment")]
 #![expect(clippy::unwrap_used, reason = "a test stops where its own set-up is wrong")]
 #![allow(clippy::print_stdout, reason = "measured figures")]
 
