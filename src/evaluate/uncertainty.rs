@@ -289,7 +289,7 @@ mod tests {
     #[test]
     fn a_circular_error_compares_two_readings_and_a_radial_error_needs_the_length() {
         let u = CircularUncertainties::of(Some(0.8), Some(1.0), Some(1.2));
-        let reading = 0.16 + 1.44 / 12.0;
+        let reading: f64 = 0.16 + 1.44 / 12.0;
         assert!((u.g.unwrap() - 2.0 * (2.0 * reading).sqrt()).abs() < 1e-12);
         assert!((u.f.unwrap() - 2.0 * (reading + 0.25).sqrt()).abs() < 1e-12);
         assert_eq!(CircularUncertainties::of(Some(0.8), None, None).f, None);
