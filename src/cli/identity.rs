@@ -1,11 +1,11 @@
-//! What `check` has to say about how the link is protected.
+//! What `check` has to say about how the link and the commands by HTTP are protected.
 
 use std::path::Path;
 
 use volcomp_config::MachineConfig;
-use volcomp_daemon::identity;
+use volcomp_daemon::{http_token, identity};
 
-/// Something wrong with the files of `[link.tls]`.
+/// Something wrong with the files of `[link.tls]` or the token of `[http]`.
 pub(super) struct Mistake {
     /// A file could not be read at all.
     pub(super) is_io: bool,
@@ -17,14 +17,15 @@ pub(super) struct Mistake {
 
 /// Reads the files as the daemon would.
 pub(super) fn mistake(path: &Path, machine: &MachineConfig) -> Option<Mistake> {
-    let error = identity(path, machine).err()?;
-    let said = error.to_string();
+    let link = || identity(path, machine).err().map(|error| (error.is_io(), error.to_string()));
+    let token = || http_token(path, machine).err().map(|error| (error.is_io(), error.to_string()));
+    let (is_io, said) = link().or_else(token)?;
     let (message, remedy) =
         said.split_once("\n  hint: ").unwrap_or((&said, "the path is seen from the machine file"));
-    let mut key = vec!["link".to_owned(), "tls".to_owned()];
     // messages begin with the key they are about
-    key.extend(message.strip_prefix("link.tls.").and_then(|m| m.split([':', ' ']).next()).map(str::to_owned));
-    Some(Mistake { is_io: error.is_io(), key, message: message.to_owned(), remedy: remedy.to_owned() })
+    let key = message.split([':', ' ']).next().filter(|key| key.contains('.')).unwrap_or("link.tls");
+    let key = key.split('.').map(str::to_owned).collect();
+    Some(Mistake { is_io, key, message: message.to_owned(), remedy: remedy.to_owned() })
 }
 
 /// The note about a link that leaves this computer as it is.

@@ -14,6 +14,7 @@ macro_rules! note {
     ($($text:tt)*) => { $crate::note(format_args!($($text)*)) };
 }
 
+mod acceptance;
 mod additions;
 mod arg_parsers;
 mod audit;

@@ -1,8 +1,24 @@
-//! Counts in sentences: no `1 readings`.
+//! Counts and numbers as a person reads them: no `1 readings`, no `-0.00`.
 
 /// `1 reading`, `2 readings`.
 pub(crate) fn counted(n: usize, what: &str) -> String {
     if n == 1 { format!("1 {what}") } else { format!("{n} {what}s") }
+}
+
+/// A number with so many decimals, never minus zero.
+pub(crate) fn plain(v: f64, decimals: usize) -> String {
+    let text = format!("{v:.decimals$}");
+    match text.strip_prefix('-') {
+        Some(rest) if rest.bytes().all(|b| matches!(b, b'0' | b'.')) => rest.to_owned(),
+        _ => text,
+    }
+}
+
+/// A number with its sign, which zero has not.
+pub(crate) fn signed(v: f64, decimals: usize) -> String {
+    let text = plain(v, decimals);
+    let is_zero = text.bytes().all(|b| matches!(b, b'0' | b'.'));
+    if is_zero || text.starts_with('-') { text } else { format!("+{text}") }
 }
 
 #[cfg(test)]
@@ -10,7 +26,9 @@ mod tests {
     use super::*;
 
     #[test]
-    fn one_has_no_plural() {
+    fn one_has_no_plural_and_zero_no_sign() {
+        assert_eq!([plain(-0.004, 2), plain(-0.0, 0), plain(-1.5, 1)], ["0.00", "0", "-1.5"]);
+        assert_eq!([signed(-0.004, 0), signed(0.4, 0), signed(12.0, 0)], ["0", "0", "+12"]);
         assert_eq!([counted(1, "reading"), counted(0, "reading")], ["1 reading", "0 readings"]);
     }
 }

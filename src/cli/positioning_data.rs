@@ -5,6 +5,7 @@ use std::io::{BufRead, Cursor};
 use std::ops::RangeInclusive;
 use std::path::Path;
 
+use super::acceptance::Stated;
 use super::input::{self, InputKind, text_of};
 use super::table::Table;
 use super::{EX_DATAERR, EX_USAGE, Failure};
@@ -58,11 +59,14 @@ pub(super) struct Test {
     pub(super) notes: Vec<String>,
     /// Time from start to end, s, where the file states it.
     pub(super) span_s: Option<f64>,
+    /// Machine, day and conditions, where the file states them.
+    pub(super) stated: Stated,
 }
 
 impl Test {
-    const fn new(test: PositioningTest, format: &'static str) -> Self {
-        Self { test, format, axis: None, notes: Vec::new(), span_s: None }
+    /// A test whose file states nothing beside the readings.
+    pub(super) fn new(test: PositioningTest, format: &'static str) -> Self {
+        Self { test, format, axis: None, notes: Vec::new(), span_s: None, stated: Stated::default() }
     }
 }
 
@@ -109,6 +113,7 @@ pub(super) fn instrument_test(
                 axis: named,
                 notes,
                 span_s: rtl.duration_s(),
+                stated: stated(&rtl),
                 ..Test::new(test, "Renishaw laser test (.rtl)")
             }))
         }
@@ -120,6 +125,22 @@ pub(super) fn instrument_test(
             Ok(Some(Test { notes, ..Test::new(means.test, "API laser test (.pos)") }))
         }
         _ => Ok(None),
+    }
+}
+
+/// What a laser test states beside its readings.
+fn stated(rtl: &rtl::Rtl) -> Stated {
+    let user = |key: &str| rtl.user(key).map(str::trim).filter(|t| !t.is_empty()).map(str::to_owned);
+    let temperature = rtl.environment("Mat temp 1").or_else(|| rtl.environment("Air temp"));
+    Stated {
+        machine: user("Machine"),
+        serial_number: user("Serial No"),
+        location: user("Location"),
+        operator: user("By"),
+        date: user("Date"),
+        instrument: None,
+        temperature_degc: temperature.map(|t| [t.start, t.end]),
+        feed_mm_per_min: None,
     }
 }
 
@@ -176,20 +197,21 @@ impl Cycles {
     }
 }
 
-/// Reads a positioning test.
-pub(super) fn read_test(path: &Path, format: TestFormat) -> Result<PositioningTest, Failure> {
+/// Reads a positioning test with what its file states about it.
+pub(super) fn read_test(path: &Path, format: TestFormat) -> Result<(PositioningTest, Stated), Failure> {
     let bytes = input::read(path, InputKind::Instrument)?;
     let file = path.display().to_string();
     if format == TestFormat::Auto
         && let Some(found) = instrument_test(&file, &bytes, None, None)?
     {
-        return Ok(found.test);
+        return Ok((found.test, found.stated));
     }
     let text = text_of(path, bytes)?;
-    match format {
+    let test = match format {
         TestFormat::Iso230Dat => parse_dat(&file, &text),
         _ => parse_csv(Table::new(Cursor::new(text), file)?),
-    }
+    };
+    test.map(|test| (test, Stated::default()))
 }
 
 /// The `.dat` of ecmc loggers.

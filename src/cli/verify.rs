@@ -1,14 +1,18 @@
 //! `volcomp verify`: two measurements of a machine, before and after compensation, as one report.
 
+mod record;
+
 use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
+use crate::acceptance::verdicts::{self, Assessed};
+use crate::acceptance::{Acceptance, HeadArgs, Stated};
 use crate::evaluate::circular::plane;
-use crate::evaluate::{CompareOptions, Compared, compare};
+use crate::evaluate::page::{self, Origin};
+use crate::evaluate::{CompareOptions, Compared, Pair, compare};
 use crate::files::write_text;
-use crate::input::{self, InputKind};
-use crate::report::Page;
+use crate::numerals::plain;
 use crate::report::page::Cell;
 use crate::report_page::{Plot, Style};
 use crate::{EX_DATAERR, EX_USAGE, Failure, table};
@@ -46,7 +50,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "UM", visible_alias = "u-device-arcsec")]
     u_device_um: Option<f64>,
     /// Write a report as one HTML page that needs no other file and prints on A4.
-    #[arg(long, value_name = "FILE.html")]
+    #[arg(long, value_name = "FILE.html", visible_alias = "html")]
     report: Option<PathBuf>,
     /// Heading of the report, for example machine, axis and date.
     #[arg(long, value_name = "TEXT")]
@@ -54,11 +58,17 @@ pub(super) struct Args {
     /// One JSON object on stdout.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    head: HeadArgs,
+    #[command(flatten)]
+    record: record::Args,
 }
 
 /// A comparison with its reductions.
 struct Verified {
     test: Compared,
+    acceptance: Acceptance,
+    assessed: Vec<Assessed>,
     sizes: [Size; 2],
     /// Of range and RMS.
     reductions: [Option<Reduction>; 2],
@@ -75,6 +85,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         plane: args.plane,
         radius_mm: args.radius_mm,
         feed_mm_per_min: args.feed_mm_per_min,
+        u_device: args.u_device_um,
     };
     let (test, charts) = match compare(files, options)? {
         Some(test) => (test, Vec::new()),
@@ -92,7 +103,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     };
     let sizes @ [before, after] = [size(0)?, size(1)?];
     let reductions = [Reduction::of(before.range, after.range), Reduction::of(before.rms, after.rms)];
-    let verified = Verified { test, sizes, reductions, charts };
+    let mut acceptance = Acceptance::load(&args.head, test.test, &test.keys)?;
+    acceptance.fill(test.stated.clone());
+    let assess = |p: &Pair| acceptance.assess(&p.key, p.name, p.after, p.expanded);
+    let assessed = test.figures.iter().map(assess).collect();
+    let verified = Verified { test, acceptance, assessed, sizes, reductions, charts };
     if let Some(path) = &args.report {
         write_text(path, &verified.page(args))?;
         note!("report written: {}", path.display());
@@ -100,6 +115,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             return Ok(());
         }
     }
+    record::write(args, &verified)?;
     if args.json {
         say!("{:#}", Value::Object(verified.json()));
     } else {
@@ -140,26 +156,28 @@ impl Verified {
             .test
             .figures
             .iter()
-            .map(|(key, _, [before, after])| (key.clone(), json!({ "before": before, "after": after })))
+            .map(|p| (p.key.clone(), json!({ "before": p.before, "after": p.after })))
             .collect();
         out.insert("figures".to_owned(), Value::Object(figures));
+        out.insert("readings".to_owned(), json!(self.test.readings.each_ref().map(Vec::len)));
+        verdicts::put(&mut out, &self.assessed);
         out
     }
 
     fn print(&self) {
         let unit = self.test.unit;
         say!("{}", self.test.standard);
-        say!("{:<40}{:>18}{:>18}{:>20}", unit, "before", "after", "reduction");
+        say!("{:<46}{:>18}{:>18}{:>20}", unit, "before", "after", "reduction");
         for (name, [before, after], reduction) in self.rows() {
             let name =
                 if name == "range" { "range of the mean deviations" } else { "RMS of the mean deviations" };
-            say!("{name:<40}{:>18}{:>18}{:>20}", with_limits(before), with_limits(after), percent(reduction));
+            say!("{name:<46}{:>18}{:>18}{:>20}", with_limits(before), with_limits(after), percent(reduction));
         }
-        for (_, name, [before, after]) in &self.test.figures {
-            let change = before.zip(*after).and_then(|(b, a)| (b > 0.0).then(|| 1.0 - a / b));
-            let change = change.map_or_else(|| "-".to_owned(), |c| format!("{:.1} %", 100.0 * c));
-            say!("{name:<40}{:>18}{:>18}{change:>20}", number(*before), number(*after));
+        for p in &self.test.figures {
+            let (before, after, change) = (number(p.before), number(p.after), change(p));
+            say!("{:<46}{before:>18}{after:>18}{change:>20}", p.name);
         }
+        verdicts::print(&self.assessed, unit);
         for note in &self.test.notes {
             note!("note: {note}");
         }
@@ -167,17 +185,13 @@ impl Verified {
 
     fn page(&self, args: &Args) -> String {
         let unit = self.test.unit;
-        let mut page = Page::new(args.title.as_deref().unwrap_or("Before and after compensation"));
+        let title = args.title.as_deref().unwrap_or("Before and after compensation");
+        let origins = [Origin::of("before", &args.before), Origin::of("after", &args.after)];
+        let standard = self.test.standard;
+        let mut page = page::start(title, standard, &self.acceptance, &self.assessed, &origins, &[]);
         if let Some(range) = self.reductions[0] {
-            page.lead(format_args!("Range of the mean deviations reduced by {}", percent(Some(range))));
+            page.lead(format_args!("Range of the mean deviations reduced by {}.", percent(Some(range))));
         }
-        page.paragraph(self.test.standard);
-        let file = |what: &str, path: &Path| {
-            let name = path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned();
-            let hash = input::hash(path, InputKind::Table).map_or(String::new(), |h| format!(", blake3 {h}"));
-            vec![Cell::head(what), Cell::small(format!("{name}{hash}"))]
-        };
-        page.table(&[], &[file("before", &args.before), file("after", &args.after)]);
         page.heading("Reduction");
         let head = |last: &str| {
             vec![
@@ -219,19 +233,17 @@ impl Verified {
                 .test
                 .figures
                 .iter()
-                .map(|(_, name, [before, after])| {
-                    let change = before.zip(*after).and_then(|(b, a)| (b > 0.0).then(|| 1.0 - a / b));
-                    vec![
-                        Cell::head(name),
-                        Cell::number(number(*before)),
-                        Cell::number(number(*after)),
-                        Cell::number(
-                            change.map_or_else(|| "-".to_owned(), |c| format!("{:.1} %", 100.0 * c)),
-                        ),
-                    ]
+                .zip(&self.assessed)
+                .map(|(p, assessed)| {
+                    let mut row = vec![Cell::head(p.name)];
+                    row.extend([number(p.before), number(p.after), change(p)].map(Cell::number));
+                    row.extend(assessed.cells());
+                    row
                 })
                 .collect();
-            page.table(&head("reduction"), &rows);
+            let mut head = head("reduction");
+            head.extend(Assessed::heads(unit));
+            page.table(&head, &rows);
         }
         for (i, (heading, svg)) in self.test.plots.iter().enumerate() {
             page.heading(heading);
@@ -245,27 +257,33 @@ impl Verified {
             page.heading("Deviations");
             page.figures(&self.charts.iter().map(Plot::markup).collect::<Vec<_>>());
         }
-        page.finish()
+        page::finish(page, &self.assessed)
     }
 }
 
 fn number(value: Option<f64>) -> String {
-    value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2}"))
+    value.map_or_else(|| "-".to_owned(), |v| plain(v, 2))
+}
+
+/// Reduction of a figure in percent; none where it was zero or negative.
+fn change(p: &Pair) -> String {
+    let change = p.before.zip(p.after).filter(|(b, _)| *b > 0.0).map(|(b, a)| 1.0 - a / b);
+    change.map_or_else(|| "-".to_owned(), |c| format!("{} %", plain(100.0 * c, 1)))
 }
 
 fn with_limits(u: volcomp_evaluate::Uncertain) -> String {
     match u.std {
-        Some(std) => format!("{:.2} ± {:.2}", u.value, 2.0 * std),
-        None => format!("{:.2}", u.value),
+        Some(std) => format!("{} ± {:.2}", plain(u.value, 2), 2.0 * std),
+        None => plain(u.value, 2),
     }
 }
 
 fn percent(reduction: Option<Reduction>) -> String {
     match reduction {
         Some(Reduction { fraction, std: Some(std) }) => {
-            format!("{:.1} ± {:.1} %", 100.0 * fraction, 200.0 * std)
+            format!("{} ± {:.1} %", plain(100.0 * fraction, 1), 200.0 * std)
         }
-        Some(Reduction { fraction, std: None }) => format!("{:.1} %", 100.0 * fraction),
+        Some(Reduction { fraction, std: None }) => format!("{} %", plain(100.0 * fraction, 1)),
         None => "-".to_owned(),
     }
 }
@@ -320,6 +338,8 @@ fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>), Failure> {
     let compared = Compared {
         test: "straightness",
         standard: "Error motions of an axis about their end-point lines, ISO 230-1:2012",
+        keys: Vec::new(),
+        stated: Stated::default(),
         unit: "µm",
         figures: Vec::new(),
         plots: Vec::new(),

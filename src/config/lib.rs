@@ -21,7 +21,7 @@ pub use machine::{
     StateConfig, StatusConfig, TlsConfig, WhenFull,
 };
 pub use machine::{HttpConfig, MqttConfig, MtconnectConfig};
-pub use model::{ModelFile, Provenance, SourceEntry};
+pub use model::{Measured, ModelFile, Provenance, SourceEntry};
 
 use reader::{Placed, Section};
 use volcomp_protocol::Name;

@@ -9,6 +9,7 @@ use std::collections::VecDeque;
 use serde::{Deserialize, Serialize};
 
 use super::channels::CycleRecord;
+use volcomp_model::geometry::Vec3;
 use volcomp_model::{Model, Pose};
 use volcomp_units::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
 use volcomp_units::{MonoTime, rad_from_deg, um_from_mm};
@@ -37,6 +38,12 @@ pub struct BenefitStatus {
     pub with_max_um: f64,
     /// Values of the last hour.
     pub values: u64,
+    /// X, Y, Z of the error without compensation, now; in workpiece coordinates.
+    #[serde(default)]
+    pub without_xyz_um: [f64; 3],
+    /// X, Y, Z of the error with the offset that the control has applied, now.
+    #[serde(default)]
+    pub with_xyz_um: [f64; 3],
 }
 
 /// Sums of one minute.
@@ -52,7 +59,7 @@ struct Slot {
 #[derive(Debug, Default)]
 pub(super) struct Benefit {
     slots: VecDeque<Slot>,
-    now: Option<[f64; 2]>,
+    now: Option<[Vec3; 2]>,
 }
 
 impl Benefit {
@@ -78,7 +85,7 @@ impl Benefit {
         }
         let Some(slot) = self.slots.back_mut() else { return };
         slot.values += 1;
-        for (k, error) in errors.into_iter().enumerate() {
+        for (k, error) in errors.iter().map(Vec3::norm).enumerate() {
             slot.squares[k] += error * error;
             slot.largest[k] = slot.largest[k].max(error);
         }
@@ -91,7 +98,7 @@ impl Benefit {
 
     /// The figures; `None` while no position has come that the model can be evaluated at.
     pub(super) fn status(&self) -> Option<BenefitStatus> {
-        let [without_um, with_um] = self.now?;
+        let [without, with] = self.now?;
         let values: u64 = self.slots.iter().map(|slot| slot.values).sum();
         let rms = |k: usize| {
             let squares: f64 = self.slots.iter().map(|slot| slot.squares[k]).sum();
@@ -99,19 +106,22 @@ impl Benefit {
         };
         let largest = |k: usize| self.slots.iter().map(|slot| slot.largest[k]).fold(0.0, f64::max);
         Some(BenefitStatus {
-            without_um,
-            with_um,
+            without_um: without.norm(),
+            with_um: with.norm(),
             without_rms_um: rms(0),
             with_rms_um: rms(1),
             without_max_um: largest(0),
             with_max_um: largest(1),
             values,
+            without_xyz_um: without.into(),
+            with_xyz_um: with.into(),
         })
     }
 }
 
-/// Displacements of the tool tip, um: by the whole correction, and by the part of it that is not applied.
-fn tip_errors(model: &Model, axes: &[AxisName], record: &CycleRecord, gain: f64) -> Option<[f64; 2]> {
+/// Errors of the tool tip, um: opposite to its displacements by the whole correction, and by the part of it that is not
+/// applied.
+fn tip_errors(model: &Model, axes: &[AxisName], record: &CycleRecord, gain: f64) -> Option<[Vec3; 2]> {
     if gain < GAIN_MIN {
         return None;
     }
@@ -137,6 +147,60 @@ fn tip_errors(model: &Model, axes: &[AxisName], record: &CycleRecord, gain: f64)
         model.nominal_tool(&moved).tip
     };
     let nominal = tip(&[0.0; MAX_AXES]);
-    let errors = [whole, left].map(|offset| um_from_mm((tip(&offset) - nominal).norm()));
-    errors.iter().all(|error| error.is_finite()).then_some(errors)
+    let errors = [whole, left].map(|offset| (nominal - tip(&offset)).map(um_from_mm));
+    errors.iter().all(|error| error.norm().is_finite()).then_some(errors)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use volcomp_config::model;
+    use volcomp_engine::State;
+    use volcomp_protocol::MachineState;
+
+    #[test]
+    fn the_error_without_compensation_is_the_deviation_of_the_model() {
+        let text = "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w X' b Y Z t]\"\n\
+            [errors.exx.table]\nposition-mm = [-200, 200]\nvalue-um = [-30, 50]\n\
+            [errors.eyx.constant]\nvalue-um = 4\n[errors.ezz.table]\nposition-mm = [-200, 200]\nvalue-um = [9, -7]\n";
+        let model = Model::new(&model::parse("m.toml", text).expect("a model")).expect("consistent");
+        let axes = [AxisName::X, AxisName::Y, AxisName::Z];
+        let place = [120.0, -50.0, 80.0];
+        let mut pose = Pose::at([0.0; MAX_AXES]);
+        for (k, axis) in model.axes().enumerate() {
+            let wire = axes.iter().position(|a| *a == axis.name).expect("one of three");
+            pose.position[k] = place[wire];
+        }
+        let deviation = model.deviation(&pose).position;
+        assert!(deviation.norm() > 0.01, "{deviation}");
+        // what the engine asks for takes the deviation out, axis by axis
+        let mut wanted = [0.0; MAX_AXES];
+        let mut position = [0.0; MAX_AXES];
+        for k in 0..3 {
+            (wanted[k], position[k]) = (-deviation[k] / 2.0, place[k]);
+        }
+        let mut record = CycleRecord {
+            state: State::Active,
+            machine_state: MachineState::from_bits(0),
+            limited: 0,
+            warning: 0,
+            out_of_range: 0,
+            lag_cycles: None,
+            offset: wanted,
+            wanted,
+            position,
+            applied: [0.0; MAX_AXES],
+            age_ns: 0,
+            turnaround_ns: 0,
+            compute_ns: 0,
+        };
+        let [without, with] = tip_errors(&model, &axes, &record, 0.5).expect("a position");
+        assert!((without - deviation.map(um_from_mm)).norm() < 1e-6, "{without} {deviation}");
+        assert!((with - without).norm() < 1e-9, "nothing is applied: {with}");
+        // half the gain leaves half of it
+        record.applied = wanted;
+        let [_, with] = tip_errors(&model, &axes, &record, 0.5).expect("a position");
+        assert!((with - without / 2.0).norm() < 1e-6, "{with}");
+        assert!(tip_errors(&model, &axes, &record, 0.0).is_none());
+    }
 }

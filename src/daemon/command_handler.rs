@@ -1,7 +1,9 @@
-//! Requests on the status socket: each is checked, carried out, awaited and audited.
+//! Requests of the status socket and of the HTTP service: each is checked, carried out, awaited and audited.
 
+mod compare;
 mod exclusive_access;
 
+use core::net::IpAddr;
 use std::sync::Arc;
 use std::time::Duration;
 
@@ -28,8 +30,30 @@ const POLL: Duration = Duration::from_millis(2);
 /// Time for at least one cycle to show a command's effect.
 const SETTLE: Duration = Duration::from_millis(50);
 
-/// User and process id of a client.
-pub(super) type Peer = Option<(u32, Option<i32>)>;
+/// Where a request came from.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Peer {
+    /// A process on the status socket.
+    Process { uid: u32, pid: Option<i32> },
+    /// A client of the HTTP service that has the token.
+    Http { address: IpAddr },
+    /// The system does not say.
+    Unknown,
+}
+
+impl Peer {
+    /// Who it is, for the audit log; `name` is what a client of the HTTP service says of itself.
+    fn who(self, name: Option<&str>) -> Who {
+        match self {
+            Self::Process { uid, pid } => Who::client(Some(uid), pid),
+            Self::Http { address } => {
+                let name = name.map(str::trim).filter(|name| !name.is_empty()).unwrap_or("unnamed");
+                Who { name: Some(format!("{name} (HTTP, {address})")), ..Who::default() }
+            }
+            Self::Unknown => Who::default(),
+        }
+    }
+}
 
 /// Carries a request out.
 pub(super) async fn carry_out(mut ask: Ask, service: &Mutex<Service>, peer: Peer) -> Answer {
@@ -61,9 +85,11 @@ pub(super) async fn carry_out(mut ask: Ask, service: &Mutex<Service>, peer: Peer
     if let Err(problem) = ask.check() {
         return Answer::refused(problem);
     }
-    let (uid, pid) = peer.map_or((None, None), |(uid, pid)| (Some(uid), pid));
-    info!(command = ?ask.command, uid, pid, reason = ask.reason, "command");
-    let who = Who::client(uid, pid);
+    if ask.command == Verb::Compare {
+        return compare::compare(ask.model, service).await;
+    }
+    let who = peer.who(ask.name.as_deref());
+    info!(command = ?ask.command, uid = who.uid, pid = who.pid, name = who.name, reason = ask.reason, "command");
     let before = service.lock().model_hash().to_owned();
     let (what, detail) = described(&ask);
     let answer = match ask.command {
@@ -74,7 +100,7 @@ pub(super) async fn carry_out(mut ask: Ask, service: &Mutex<Service>, peer: Peer
         Verb::Load => load(&mut ask, &who, service).await,
         Verb::Rollback => rollback(&ask, &who, service).await,
         Verb::Forget => forget(&ask, service).await,
-        Verb::Status | Verb::Histograms | Verb::Filter => Answer::default(),
+        Verb::Status | Verb::Histograms | Verb::Filter | Verb::Compare => Answer::default(),
     };
     let service = service.lock();
     // words about a file that was refused may quote it
@@ -112,7 +138,7 @@ fn described(ask: &Ask) -> (&'static str, Option<String>) {
         }
         Verb::Rollback => ("rollback", None),
         Verb::Forget => ("forget", ask.map.clone()),
-        Verb::Status | Verb::Histograms | Verb::Filter => ("status", None),
+        Verb::Status | Verb::Histograms | Verb::Filter | Verb::Compare => ("status", None),
     }
 }
 
@@ -265,6 +291,10 @@ async fn gain(gain: Option<f64>, service: &Mutex<Service>) -> Answer {
 
 /// Where another load or rollback has the turn.
 const BUSY: &str = "another model is being looked at; try again when that is done";
+/// Where there is nothing to go back to.
+const NO_PREVIOUS: &str = "there is no model before this one";
+/// Where a decision was made on another picture.
+const OTHER_SINCE: &str = "another model was taken into use since the comparison; compare again";
 
 /// Reads, compares, asks for a confirmation where needed, switches, remembers.
 async fn load(ask: &mut Ask, who: &Who, service: &Mutex<Service>) -> Answer {
@@ -278,6 +308,9 @@ async fn load(ask: &mut Ask, who: &Who, service: &Mutex<Service>) -> Answer {
         let service = service.lock();
         (service.config(), Arc::clone(&service.models().active))
     };
+    if let Some(problem) = compare::stale(ask.old_hash.as_deref(), &active, OTHER_SINCE) {
+        return problem;
+    }
     let limits = config.guard.clone();
     let old = Arc::clone(&active);
     // reading and comparing takes up to seconds: not on the thread that serves everybody
@@ -302,13 +335,7 @@ async fn load(ask: &mut Ask, who: &Who, service: &Mutex<Service>) -> Answer {
         let notes = vec!["this model is in use already".to_owned()];
         return Answer { ok: true, state: Some(service.state().to_owned()), notes, ..Answer::default() };
     }
-    let finite = |value: f64| Some(value).filter(|v| v.is_finite());
-    let change = Some(ModelChange {
-        old_hash: active.hash.clone(),
-        new_hash: new.hash.clone(),
-        largest_um: finite(size.largest_um),
-        largest_arcsec: finite(size.largest_arcsec),
-    });
+    let change = Some(ModelChange::new(&active, &new, &size));
     if let Err(too_different) = guard::judge(&size, &limits)
         && (is_blank(ask.confirm.as_ref()) || is_blank(ask.reason.as_ref()))
     {
@@ -353,17 +380,21 @@ async fn rollback(ask: &Ask, who: &Who, service: &Mutex<Service>) -> Answer {
         return Answer::refused(BUSY.to_owned());
     };
     let Some(previous) = service.lock().models().previous.clone() else {
-        return Answer::refused("there is no model before this one".to_owned());
+        return Answer::refused(NO_PREVIOUS.to_owned());
     };
+    let active = Arc::clone(&service.lock().models().active);
+    let expected = [(ask.old_hash.as_deref(), &active), (ask.new_hash.as_deref(), &previous)];
+    if let Some(problem) =
+        expected.into_iter().find_map(|(hash, model)| compare::stale(hash, model, OTHER_SINCE))
+    {
+        return problem;
+    }
     if let Err(refusal) = may_be_used(&previous, service) {
         return Answer::refused(refusal);
     }
-    let (limits, old) = {
-        let service = service.lock();
-        (service.config().guard.clone(), Arc::clone(&service.models().active))
-    };
+    let limits = service.lock().config().guard.clone();
     let new = Arc::clone(&previous);
-    let size = spawn_blocking(move || guard::size(&old.spec, &new.spec).map_err(|e| e.to_string())).await;
+    let size = spawn_blocking(move || guard::size(&active.spec, &new.spec).map_err(|e| e.to_string())).await;
     let too_different = match size {
         Ok(Ok(size)) => guard::judge(&size, &limits).err().map(|e| e.to_string()),
         Ok(Err(problem)) => Some(problem),

@@ -21,6 +21,7 @@ use super::control::{Control, Stop};
 use super::link::{ControlLink, Received};
 use super::link_end::LinkEnd;
 use super::link_session::{LinkSession, Reaction};
+use super::sensors::LiveEnd;
 use volcomp_config::LinkConfig;
 use volcomp_engine::State;
 use volcomp_engine::fault::Code;
@@ -219,20 +220,28 @@ impl Cycle<'_> {
         skipped: u64,
     ) -> io::Result<()> {
         let message = Message::Position(frame);
+        let lock_step = self.control.live.as_ref().is_some_and(LiveEnd::is_in_lock_step);
+        if lock_step {
+            self.live(received, &frame);
+        }
         let strays = self.session.strays();
         let reaction = self.session.handle(received, &message);
         let strays = self.session.strays().saturating_sub(strays);
         Progress::add(&self.control.channels.progress.out_of_order, strays);
         let Reaction::Answer(correction) = reaction else {
             self.session.record();
-            self.live(received, &frame);
+            if !lock_step {
+                self.live(received, &frame);
+            }
             self.control.report(self.session, false);
             return Ok(());
         };
         let computed = self.clock.now();
         link.send(&Message::Correction(correction))?;
         self.session.record();
-        self.live(received, &frame);
+        if !lock_step {
+            self.live(received, &frame);
+        }
         self.control.report(self.session, true);
         let turnaround_ns = link.sent().ns - received.ns;
         let age_ns = self.ages.age_ns(received, frame.control_ns).saturating_add(turnaround_ns);

@@ -18,13 +18,13 @@ use volcomp_state::counters::Recalled;
 use super::channels::{CycleChannels, Progress, StopWish, channels};
 use super::clock::Clock;
 use super::control::{SERVICE_SILENT_S, Start};
-use super::http::Publisher;
+use super::http::{self, Publisher};
 use super::load::{LoadError, Loaded, load};
 use super::logging::{self, LogError};
 use super::models::{Models, guard};
 use super::notify::{Fed, Headline, Watchdog, notify};
 use super::recorder::{HealthSlot, Recorder};
-use super::sensors::{self, Listener, Sensors, live_ends};
+use super::sensors::{self, Listener, Sensors, live_ends, live_ends_in_lock_step};
 use super::server::{Server, SocketError};
 use super::service::Service;
 use super::signals::{self, STOP_LIMIT};
@@ -182,11 +182,21 @@ async fn serve(config: &Path, loaded: Arc<Loaded>) -> Result<(), DaemonError> {
             .map_err(|_| DaemonError::Internal { what: "the statistics could not be set up" })?;
     service.sensors = sensors;
     let how = Start { permitted: service.begins(how.permitted), kept_fault: service.has_kept_fault(), ..how };
+    let setup = |listener| http::Setup {
+        listener,
+        hosts: loaded.config.http.hosts.clone(),
+        token: loaded.http_token.clone(),
+        verification: loaded.config.http.verification.as_ref().map(|file| config.with_file_name(file)),
+    };
     let publisher = http
-        .map(|listener| Publisher::start(listener, &loaded.config.http, service.snapshot(), clock))
+        .map(|listener| Publisher::start(setup(listener), service.snapshot(), clock))
         .transpose()
         .map_err(|source| DaemonError::System { what: "the thread of the HTTP service", source })?;
+    let (publisher, orders) = publisher.unzip();
     let service = Arc::new(Mutex::new(service));
+    if let Some(orders) = orders.flatten() {
+        tokio::spawn(http::serve_orders(orders, Arc::clone(&service)));
+    }
     log_start(config, &loaded);
     let mut thread = CycleThread::spawn(loaded, how, cycle_channels, clock)
         .map_err(|source| DaemonError::System { what: "the cycle thread", source })?;
@@ -222,7 +232,8 @@ fn http_listener(config: &MachineConfig) -> Result<Option<TcpListener>, DaemonEr
     if config.http.plain_remote && !address.ip().to_canonical().is_loopback() {
         warn!(%address, "plain-remote: whoever reaches this port can see the state of the machine");
     }
-    info!(%address, "the page and /metrics are served");
+    let commands = if config.http.token_file.is_some() { "with the token" } else { "none" };
+    info!(%address, commands, "the page and /metrics are served");
     Ok(Some(listener))
 }
 
@@ -257,7 +268,12 @@ async fn live(
         }
         return Ok((None, None));
     }
-    let (cycle, end) = live_ends(*blake3::hash(models.active.text.as_bytes()).as_bytes());
+    let hash = *blake3::hash(models.active.text.as_bytes()).as_bytes();
+    let (cycle, end) = if config.lock_step { live_ends_in_lock_step(hash) } else { live_ends(hash) };
+    let time = end.time(clock);
+    if config.lock_step {
+        warn!("sensors.time = \"control\": each frame waits for the estimator; for a simulated control only");
+    }
     how.live = Some(cycle);
     let sensors = Sensors::start(sensors::Start {
         config: config.clone(),
@@ -266,13 +282,13 @@ async fn live(
         directory: state_writer.directory().map(Path::to_owned),
         record: loaded.config.recording.directory.is_some().then(|| Arc::clone(health)),
         end,
-        clock,
+        time: time.clone(),
     })
     .map_err(|source| DaemonError::System { what: "the estimator's thread", source })?;
     let Some(address) = config.listen else { return Ok((Some(sensors), None)) };
     let (readings, dropped) = (sensors.readings.clone(), Arc::clone(&sensors.dropped));
     let (known, idle) = (Arc::clone(&sensors.known), Duration::from_secs_f64(config.idle_s));
-    let listener = Listener::bind(address, readings, dropped, known, clock, idle)
+    let listener = Listener::bind(address, readings, dropped, known, (clock, time), idle)
         .await
         .map_err(|source| DaemonError::SensorSocket { address, source })?;
     if config.plain_remote && !address.ip().to_canonical().is_loopback() {

@@ -16,7 +16,8 @@
 //!   threads that may wait for the disk, so that nobody else has to. [`replay`] runs what was recorded through the
 //!   same [`link_session`].
 //!
-//! - the **HTTP service** ([`http`]), where the machine file asks for it, is a thread that shows snapshots.
+//! - the **HTTP service** ([`http`]), where the machine file asks for it, is a thread that shows snapshots; its commands
+//!   go to the service thread and from there the way of those of the status socket.
 //!
 //! [`channels`] is everything that passes between the two. [`link_session`] is the cycle without its socket and
 //! clock, for tests that count allocations. Reading order: `channels`, `link_session`, `link`, `cycle`, `worker`,
@@ -56,6 +57,7 @@ mod model_errors;
 pub mod models;
 mod notify;
 mod poll_schedule;
+mod private_file;
 mod rate_limited_warnings;
 mod read_write_link;
 mod realtime;
@@ -85,6 +87,7 @@ mod write_queue;
 pub use benefit::BenefitStatus;
 pub use daemon::{DaemonError, run, socket_path};
 pub use health::Health;
+pub use http::{Token, TokenError, Verification, http_token};
 pub use latency::{Bins, Histograms};
 pub use link_session::{LinkSession, Reaction};
 pub use load::{LoadError, Loaded, load, load_config, with_additions};
@@ -93,8 +96,8 @@ pub use recent::{CodeCount, EventStatus, RecentStatus};
 pub use recorder::{ModelTexts, Tap, answer_of, command_of, request_of, tap};
 pub use self_benchmark::{SelfBenchmark, SelfBenchmarkError, run_self_benchmark};
 pub use sensors::{
-    EstimatorEnd, FilterStatus, LiveEnd, MapStatus, Motion, NodeStatus, SensorStatus,
-    ThermalDisplacementStatus, live_ends,
+    EstimatorEnd, EstimatorLockStep, FilterStatus, LiveEnd, MapStatus, Motion, NodeStatus, SensorStatus,
+    ThermalDisplacementStatus, live_ends, live_ends_in_lock_step,
 };
 pub use server::SocketError;
 pub use status::{

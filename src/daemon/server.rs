@@ -16,17 +16,14 @@ use tokio::net::{UnixListener, UnixStream};
 use tokio::sync::Semaphore;
 use tokio::time::{sleep, timeout};
 use tracing::warn;
-use volcomp_state::bounded_read::MODEL_BYTES_MAX;
 
-use super::command_handler::carry_out;
+use super::command_handler::{Peer, carry_out};
 use super::service::Service;
-use super::socket::{Answer, Ask};
+use super::socket::{Answer, Ask, REQUEST_BYTES_MAX};
 use super::sync::Mutex;
 
 /// Clients served at the same time.
 const CLIENTS: usize = 8;
-/// Longest request line, bytes: room for the largest model, of which every second byte may be escaped.
-const LINE_MAX: u64 = 2 * MODEL_BYTES_MAX + (64 << 10);
 /// Patience with a client that sends or takes nothing.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// Why the socket cannot be offered.
@@ -135,20 +132,21 @@ async fn refuse(mut stream: UnixStream) -> io::Result<()> {
 }
 
 async fn converse(mut stream: UnixStream, service: &Mutex<Service>) -> io::Result<()> {
-    let peer = stream.peer_cred().map(|c| (c.uid(), c.pid())).ok();
+    let peer = stream.peer_cred().map_or(Peer::Unknown, |c| Peer::Process { uid: c.uid(), pid: c.pid() });
     let (reader, mut writer) = stream.split();
     let mut reader = BufReader::new(reader);
     loop {
         let mut request = Vec::new();
-        let mut limited = (&mut reader).take(LINE_MAX);
+        let mut limited = (&mut reader).take(REQUEST_BYTES_MAX);
         match timeout(PATIENCE, limited.read_until(b'\n', &mut request)).await {
             Ok(Ok(1..)) => {}
             Ok(Ok(0)) | Err(_) => return Ok(()),
             Ok(Err(error)) => return Err(error),
         }
         let complete = request.ends_with(b"\n");
-        if request.len() as u64 >= LINE_MAX && !complete {
-            let line = line(&Answer::refused(format!("the request is longer than {LINE_MAX} bytes")));
+        if request.len() as u64 >= REQUEST_BYTES_MAX && !complete {
+            let line =
+                line(&Answer::refused(format!("the request is longer than {REQUEST_BYTES_MAX} bytes")));
             let _ = timeout(PATIENCE, writer.write_all(&line)).await;
             return Ok(());
         }

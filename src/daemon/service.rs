@@ -320,6 +320,7 @@ impl Service {
         let active = &self.models.active;
         (status.model, status.model_hash) = (active.origin.clone(), active.hash.clone());
         status.model_choice = self.models.status();
+        status.model_choice.temperature_degc = self.config.guard.temperature_degc;
         status.gain = self.gain;
         status.start_inhibit = self.start_inhibit();
         status.temperature_degc = self.temperature.map(|(degc, _)| degc);
@@ -354,6 +355,7 @@ impl Service {
         let progress = &self.channels.progress;
         Snapshot {
             status,
+            model: Arc::clone(&self.models.active),
             codes: self.recent.totals(),
             latency: self.latency_totals,
             limited_cycles: progress.limited.load(Relaxed),

@@ -1,12 +1,14 @@
 //! What is said on the status socket: one JSON object per line and direction.
 //!
-//! `{"command": "status" | "histograms" | "enable" | "disable" | "clear-fault" | "gain" | "load" | "rollback" | "filter" | "forget"}`, with what
-//! belongs to it. Answers: `{"ok": true, "state": ..}` with more for some, or `{"ok": false, "error": ".."}`.
+//! `{"command": "status" | "histograms" | "enable" | "disable" | "clear-fault" | "gain" | "load" | "rollback" | "compare" | "filter" |
+//! "forget"}`, with what
+//! belongs to it. `POST /api/v1/command` of the HTTP service takes the same object. Answers: `{"ok": true, "state": ..}` with more for some, or `{"ok": false, "error": ".."}`.
 
 use serde::{Deserialize, Serialize};
 use volcomp_state::bounded_read::MODEL_BYTES_MAX;
 
 use super::latency::Histograms;
+use super::models::ModelComparison;
 use super::sensors::FilterStatus;
 use super::status::Status;
 
@@ -16,6 +18,8 @@ pub const REASON_BYTES_MAX: usize = 1024;
 pub const NAME_BYTES_MAX: usize = 256;
 /// Longest path of a model, bytes.
 pub const ORIGIN_BYTES_MAX: usize = 4096;
+/// Longest request, bytes: room for the largest model, of which every second byte may be escaped.
+pub(super) const REQUEST_BYTES_MAX: u64 = 2 * MODEL_BYTES_MAX + (64 << 10);
 /// Temperatures that a machine may have, degrees Celsius.
 pub const TEMPERATURE_DEGC: [f64; 2] = [-50.0, 150.0];
 
@@ -67,10 +71,20 @@ pub enum Verb {
     Load,
     /// Back to the model before.
     Rollback,
+    /// What `load` of the model sent along, or `rollback` without one, would change; changes nothing.
+    Compare,
     /// Sensors and maps with their nodes.
     Filter,
     /// A map goes back to the offline map.
     Forget,
+}
+
+impl Verb {
+    /// Whether it changes nothing.
+    #[must_use]
+    pub const fn is_read_only(self) -> bool {
+        matches!(self, Self::Status | Self::Histograms | Self::Filter | Self::Compare)
+    }
 }
 
 /// A model file sent along.
@@ -92,6 +106,9 @@ pub struct Ask {
     /// Why, for the audit log.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub reason: Option<String>,
+    /// Who, for the audit log, where the way in does not tell: over HTTP.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub name: Option<String>,
     /// With `gain`: the share, 0 to 1.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub gain: Option<f64>,
@@ -104,6 +121,12 @@ pub struct Ask {
     /// With `load`: name of the person who confirms a large change.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub confirm: Option<String>,
+    /// With `load` and `rollback`: carried out only if this is still the hash of the model in use.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub old_hash: Option<String>,
+    /// With `rollback`: carried out only if the model before has this hash.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub new_hash: Option<String>,
     /// With `enable`: the machine's temperature, degrees Celsius.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub temperature_degc: Option<f64>,
@@ -135,6 +158,9 @@ pub struct Answer {
     /// How far a new model is from the one before.
     #[serde(default, skip_serializing_if = "Option::is_none")]
     pub change: Option<ModelChange>,
+    /// What another model would change, where that was asked for.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub comparison: Option<Box<ModelComparison>>,
     /// What should be known although it was done.
     #[serde(default, skip_serializing_if = "Vec::is_empty")]
     pub notes: Vec<String>,
@@ -158,7 +184,7 @@ impl Ask {
         if let Some(degc) = self.temperature_degc {
             check_temperature(degc)?;
         }
-        if let Some(name) = &self.confirm {
+        for name in [&self.confirm, &self.name].into_iter().flatten() {
             check_length("the name", name, NAME_BYTES_MAX)?;
         }
         if let Some(map) = &self.map {
@@ -172,7 +198,7 @@ impl Ask {
 }
 
 /// How far a new model is from the one before.
-#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[derive(Debug, Clone, Default, PartialEq, Serialize, Deserialize)]
 pub struct ModelChange {
     /// Hash of the model before.
     pub old_hash: String,

@@ -56,6 +56,12 @@ pub struct Status {
     pub lateness_us_p50: Option<f64>,
     /// 99th percentile of the same, us.
     pub lateness_us_p99: Option<f64>,
+    /// Commanded position per linear axis, mm; empty without a link.
+    #[serde(default)]
+    pub position_mm: BTreeMap<String, f64>,
+    /// Commanded position per rotary axis, deg; empty without a link.
+    #[serde(default)]
+    pub position_deg: BTreeMap<String, f64>,
     /// Offset asked for per linear axis, um; empty without a link.
     pub correction_um: BTreeMap<String, f64>,
     /// Offset asked for per rotary axis, arcsec; empty without a link.
@@ -243,6 +249,15 @@ pub struct ModelStatus {
     pub why: Option<String>,
     /// Last day on which it should be used, where it states one.
     pub expiry: Option<String>,
+    /// Day of its newest measurement, where it states one.
+    #[serde(default)]
+    pub date: Option<String>,
+    /// Instruments of its measurements, where stated.
+    #[serde(default)]
+    pub instruments: Vec<String>,
+    /// Temperatures of the machine for which it may be used (`[guard]`), degrees Celsius.
+    #[serde(default)]
+    pub temperature_degc: Option<[f64; 2]>,
     /// The model that `volcomp rollback` goes back to, and its hash.
     pub previous: Option<String>,
     /// Hash of that model.

@@ -172,6 +172,8 @@ impl StatusCollector {
         let axes = self.axes();
         let asked = last.map(|r| axis_maps(&axes, |k| internal(axes[k], r.offset[k])));
         let applied = last.map(|r| axis_maps(&axes, |k| wire(axes[k], r.applied[k])));
+        let position = last.map(|r| axis_maps(&axes, |k| r.position[k]));
+        let (position_mm, position_deg) = position.unwrap_or_default();
         let (correction_um, correction_arcsec) = asked.unwrap_or_default();
         let (applied_um, applied_arcsec) = applied.unwrap_or_default();
         let letters = |bits: u8| -> Vec<String> {
@@ -198,6 +200,8 @@ impl StatusCollector {
             compute_us_p99: percentile_us(&self.latency.compute, 99.0),
             lateness_us_p50: percentile_us(&self.latency.lateness, 50.0),
             lateness_us_p99: percentile_us(&self.latency.lateness, 99.0),
+            position_mm,
+            position_deg,
             correction_um,
             correction_arcsec,
             applied_um,

@@ -1,13 +1,12 @@
 //! What another day changes in the shrink of a gap, beside its own white noise: drift takes another course, and what
 //! temperatures cause is as large as the day is warm.
 
+use super::constants::NINETY;
 use super::noise::ClassNoise;
 use super::offsets::without_offsets;
 use super::session::Session;
 use volcomp_model::geometry::Vec3;
 
-/// Standard deviations on either side of 90 %.
-const NINETY: f64 = 1.645;
 /// Size of what temperatures cause on other days, as multiples of that of this one.
 const WARMTH: [f64; 2] = [0.3, 1.5];
 

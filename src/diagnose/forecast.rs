@@ -5,14 +5,13 @@
 //! also covers that new data have noise, drift and weather of their own.
 
 use super::another_day::Day;
+use super::constants::DRAWS;
 use super::noise::Random;
 use super::offsets::{peak99, rms, without_offsets};
 use super::report::Shrink;
 use super::search::{FOLD_RIDGE, FOLDS, Problem, fold_of};
 use super::session::Session;
 
-/// Draws of the bootstrap.
-const DRAWS: usize = 400;
 /// The interval of the bootstrap is widened by this: new data scatter as much as the old.
 const WIDEN: f64 = 1.25;
 /// Least half width of the interval: no programme repeats better.

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::constants::COUNT_MIN;
 use super::search::Problem;
 use super::session::Session;
 
@@ -17,9 +18,6 @@ pub(super) struct Structure {
     /// From repeats; otherwise from neighbours in time.
     pub(super) from_repeats: bool,
 }
-
-/// Products of a setup needed to judge it.
-const PRODUCTS_MIN: usize = 20;
 
 /// A sum of products.
 #[derive(Debug, Clone, Copy, Default)]
@@ -65,9 +63,9 @@ pub(super) fn structure(session: &Session, problem: &Problem, e: &[f64]) -> Stru
         all.add(p);
         each[session.readings[problem.rows[k]].setup].add(p);
     });
-    if all.n * 5 >= e.len() && all.n >= PRODUCTS_MIN {
+    if all.n * 5 >= e.len() && all.n >= COUNT_MIN {
         // what one setup alone shows must not drown in the others
-        let local = each.iter().filter(|s| s.n >= PRODUCTS_MIN).map(Sum::z_of_noise).fold(0.0, f64::max);
+        let local = each.iter().filter(|s| s.n >= COUNT_MIN).map(Sum::z_of_noise).fold(0.0, f64::max);
         return Structure { variance: all.mean(), z: all.z(), local_z: local, from_repeats: true };
     }
     let (in_time, in_space) = (neighbours(session, problem, &clipped), beside(session, problem, &clipped));
@@ -107,7 +105,7 @@ fn beside(session: &Session, problem: &Problem, e: &[f64]) -> Structure {
         sum += p;
         square += p * p;
     }
-    if pairs.len() < 20 {
+    if pairs.len() < COUNT_MIN {
         return Structure { variance: 0.0, z: 0.0, local_z: 0.0, from_repeats: false };
     }
     Structure {
@@ -134,7 +132,7 @@ fn neighbours(session: &Session, problem: &Problem, e: &[f64]) -> Structure {
             }
         }
     }
-    if n < 20 {
+    if n < COUNT_MIN {
         return Structure { variance: 0.0, z: 0.0, local_z: 0.0, from_repeats: false };
     }
     Structure {

@@ -3,8 +3,8 @@
 //!
 //! Gap = measured deviation minus predicted one, per reading, along the direction in which the instrument measures.
 //! Assumption: it is a sum of effects of the library ([`library`]), the offset of each mounting, a drift and noise
-//! ([`noise`]). Effects are searched in whitened space ([`search`]), pass gates and get a probability ([`assess`]); what
-//! is left is tested against what repeats show of the noise ([`leftover`]). Pure: no files, no clock; random draws have a
+//! ([`noise`]). Effects are searched in whitened space ([`search`]), their evidence is collected ([`assess`]) and
+//! decided on ([`decision`]); what is left is tested against what repeats show of the noise ([`leftover`]). Pure: no files, no clock; random draws have a
 //! seed. Source: docs/diagnosis.md; equations: `docs/reference/equations.md`.
 
 #![forbid(unsafe_code)]
@@ -12,6 +12,8 @@
 
 mod another_day;
 pub mod assess;
+mod constants;
+pub mod decision;
 pub mod evidence;
 mod forecast;
 mod leftover;
@@ -101,6 +103,8 @@ struct Analysis {
     outlying: Vec<usize>,
     lattice_um: Vec<f64>,
     gap: Vec<f64>,
+    /// What was taken out because readings that were left out fit worse with it.
+    pruned: Vec<decision::Evidence>,
     /// Where few programs allow all sets of effects to be compared.
     comparison: Option<Comparison>,
 }
@@ -114,7 +118,7 @@ pub fn diagnose(
 ) -> Diagnosis {
     let analysis = analyse(session, options, tell);
     tell(0.85, "tests of the causes");
-    outcome::conclude(session, fresh, options, analysis, tell)
+    outcome::conclude(session, fresh, options, &analysis, tell)
 }
 
 fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &str)) -> Analysis {
@@ -176,6 +180,11 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
             }
             let blind = problem.unseen(&library);
             library.blind.extend(blind);
+            let pruned = if ablation.has_gates() {
+                assess::prune(&problem, &library, &mut selection)
+            } else {
+                Vec::new()
+            };
             return Analysis {
                 library,
                 problem,
@@ -186,6 +195,7 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
                 outlying,
                 lattice_um,
                 gap,
+                pruned,
                 comparison: None,
             };
         }
@@ -240,6 +250,7 @@ fn compared(
         outlying,
         lattice_um,
         gap,
+        pruned: Vec::new(),
         comparison: Some(comparison),
     }
 }

@@ -4,6 +4,7 @@
 //! Shares by axis, instrument and setup add up to 1; those by position, direction, speed and the like overlap, because
 //! factors move together. Source: `docs/diagnosis.md` (where).
 
+use super::constants::{SIGNIFICANT, TOLD};
 use super::library::STILL;
 use super::moment::{Axis, Moment};
 use super::report::Place;
@@ -14,8 +15,6 @@ use volcomp_units::axes::AxisKind;
 
 /// Bins of a factor.
 const BINS: usize = 10;
-/// Shares below this are not listed.
-const LEAST: f64 = 0.02;
 /// Most places listed.
 const LISTED: usize = 24;
 
@@ -51,7 +50,8 @@ fn factors(session: &Session) -> Vec<Factor> {
             m.acceleration[i] * unit
         });
     }
-    add("time", String::new(), "time, s".to_owned(), &|m| m.t_s);
+    let time = if session.is_ordinal() { "order of the readings" } else { "time, s" };
+    add("time", String::new(), time.to_owned(), &|m| m.t_s);
     add("tool-length", String::new(), "tool length, mm".to_owned(), &|m| m.tool_length_mm);
     for (k, signal) in session.signals.iter().enumerate().filter(|(_, s)| s.tau_s == 0.0) {
         let name = signal.source.to_string();
@@ -102,7 +102,7 @@ type Whiten<'a> = dyn Fn(&mut [f64], usize) + 'a;
 pub(super) fn localise(session: &Session, problem: &Problem, whiten: &Whiten<'_>, y: &[f64]) -> Vec<Place> {
     let n = y.len();
     let structured = y.iter().map(|v| v * v).sum::<f64>() - n as f64;
-    let noise = 5.0 * (2.0 * n as f64).sqrt();
+    let noise = SIGNIFICANT * (2.0 * n as f64).sqrt();
     if structured < noise {
         return Vec::new();
     }
@@ -113,7 +113,7 @@ pub(super) fn localise(session: &Session, problem: &Problem, whiten: &Whiten<'_>
             places.push(p);
         }
     }
-    places.retain(|p| p.share >= LEAST);
+    places.retain(|p| p.share >= TOLD);
     places.sort_by(|a, b| b.share.total_cmp(&a.share).then(a.by.cmp(b.by)).then(a.of.cmp(&b.of)));
     let mut seen: Vec<(&str, String)> = Vec::new();
     places.retain(|p| {
@@ -205,7 +205,7 @@ fn share_of(
         }
     }
     let share = ((gain - rank as f64) / structured).clamp(0.0, 1.0);
-    if share < LEAST {
+    if share < TOLD {
         return None;
     }
     // the bin with most of the gap in it says where

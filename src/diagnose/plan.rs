@@ -3,16 +3,12 @@
 use nalgebra::DVector;
 use serde::Serialize;
 
+use super::constants::{ASSUMED, SAME_IN_PLAN};
 use super::library::{Library, Without};
-use super::noise::{ClassNoise, Filter};
+use super::noise::Filter;
 use super::report::Unseen;
 use super::search::Problem;
 use super::session::Session;
-
-/// Overlap from which two effects are one to a plan.
-const SAME: f64 = 0.95;
-/// Noise that is assumed: white and drift, um, and the drift's time, s.
-const ASSUMED: ClassNoise = ClassNoise { white_um: 1.0, drift_um: 0.6, drift_s: 600.0 };
 
 /// What a plan can see.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -83,7 +79,7 @@ fn classes(problem: &Problem, library: &Library, seen: &[usize]) -> Vec<Vec<usiz
                 .filter(|v| !library.variants[**v].shape.has_slope())
                 .map(|v| problem.gain_of(*v, products.as_slice()))
                 .fold(0.0, f64::max);
-            if best > SAME * size {
+            if best > SAME_IN_PLAN * size {
                 let (x, y) = (find(&root, *a), find(&root, *b));
                 root[x.max(y)] = x.min(y);
             }

@@ -168,8 +168,8 @@ pub struct Tests {
     pub held_out: f64,
     /// Cosine between what it does and what the others do.
     pub against: f64,
-    /// How much it surely grows from the middle of another axis to its end, as a share of itself.
-    pub grows: f64,
+    /// Posterior mean of its deviation from its formula, as a share of itself.
+    pub misform: f64,
     /// How far it varies over the volume, relative, RMS; 0 where the data ask for no variation.
     pub varies: f64,
     /// In how many programs it shows, each counted by its share.

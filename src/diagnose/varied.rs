@@ -1,8 +1,9 @@
 //! The search for causes, and the same again where effects are not the same everywhere.
 
 use super::assess::cancels;
+use super::constants::LITTLE;
 use super::contributions_um;
-use super::library::{Library, Shape};
+use super::library::{Library, Shape, forms};
 use super::noise::Filter;
 use super::offsets::rms;
 use super::search::{self, Problem, Selection, Variation};
@@ -57,10 +58,10 @@ fn refine_worn(
     selection: &Selection,
 ) {
     for worn in selection.chosen.clone() {
-        let Shape::Wear { axis, .. } = library.variants[worn].shape else { continue };
+        let Shape::Wear(forms::Wear { axis, .. }) = library.variants[worn].shape else { continue };
         let is_table = |v: &usize| {
             let shape = &library.variants[*v].shape;
-            matches!(shape, Shape::Polynomial { along, over, .. } if *along == axis && *over == axis)
+            matches!(shape, Shape::Polynomial(forms::Polynomial { along, over, .. }) if *along == axis && *over == axis)
         };
         let beside: Vec<usize> = selection.chosen.iter().copied().filter(|v| !is_table(v)).collect();
         let place = beside.iter().position(|v| *v == worn).filter(|_| beside.len() < selection.chosen.len());
@@ -71,8 +72,6 @@ fn refine_worn(
     selection.chosen.iter().for_each(|v| problem.prepare(*v));
 }
 
-/// The search begins again with effects that have this share of the energy of the largest: smaller ones may be what varies.
-const CORE: f64 = 0.05;
 /// Share of the energy of the largest from which effects are asked whether they vary, and the most that are asked.
 const ASKED: f64 = 0.2;
 const ASKED_MAX: usize = 3;
@@ -99,7 +98,7 @@ pub(super) fn allow_for_variation(
 ) {
     let square = problem.y.norm_squared();
     let mut best = Found::of(problem, library, selection, square);
-    let mut core = by_energy(problem, &selection.chosen, CORE);
+    let mut core = by_energy(problem, &selection.chosen, LITTLE);
     for search_again in [true, true, false] {
         core.iter().for_each(|v| problem.prepare(*v));
         core = by_energy(problem, &core, 0.0);
@@ -146,7 +145,9 @@ fn zeros(
     parts: &[Vec<f64>],
 ) -> Vec<(usize, Vec<f64>)> {
     let of = |(place, part): (usize, &Vec<f64>)| {
-        let Shape::Polynomial { along, .. } = library.variants[chosen[place]].shape else { return None };
+        let Shape::Polynomial(forms::Polynomial { along, .. }) = library.variants[chosen[place]].shape else {
+            return None;
+        };
         let rows = problem.rows.iter().map(|i| part[*i]).collect::<Vec<f64>>();
         let size_um = rms(&rows);
         Some((place, session.moments.iter().map(|m| size_um * m.u[along.slot()]).collect()))

@@ -7,7 +7,7 @@ use std::collections::BTreeMap;
 
 use serde::{Deserialize, Serialize};
 
-use crate::machine_state::{Axis, MachineState, Signal, Source};
+use crate::machine_state::{MachineState, Signal, Source};
 use crate::{Kind, Shape, WIDTH_MAX};
 use volcomp_model::geometry::Vec3;
 
@@ -122,60 +122,12 @@ impl Entry {
     /// Columns (`docs/reference/session-files.md` 1) that it needs beside the positions.
     #[must_use]
     pub fn columns(&self) -> Vec<String> {
-        let v = |a: &Axis| if a.is_linear() { format!("v{a}_mm_per_s") } else { format!("v{a}_deg_per_s") };
-        let acceleration = |a: &Axis| format!("a{a}_mm_per_s2");
-        match &self.shape {
-            Shape::Squareness { along: _, over } => vec![over.column()],
-            Shape::Scale { axis } | Shape::Cyclic { axis, .. } | Shape::Wear { axis, .. } => {
-                vec![axis.column()]
-            }
-            Shape::Polynomial { over, .. } => vec![over.column()],
-            Shape::Reverse { axis, .. } => vec![axis.column(), format!("dir_{axis}")],
-            Shape::Angular { over, lever, .. } => {
-                let tool = lever.tool.then(|| "tool_length_mm".to_owned());
-                [over.column()].into_iter().chain(tool).collect()
-            }
-            Shape::Thermal { axis, signal, .. } => vec![axis.column(), signal.source.to_string()],
-            Shape::Growth { signals, .. } => signals.iter().map(|s| s.source.to_string()).collect(),
-            Shape::Backlash { axis, length_mm, .. } => {
-                let since = (*length_mm > 0.0).then(|| format!("since_reversal_{axis}_mm"));
-                [format!("dir_{axis}")].into_iter().chain(since).collect()
-            }
-            Shape::Spike { axis, .. } => {
-                vec![format!("dir_{axis}"), v(axis), format!("since_reversal_{axis}_s")]
-            }
-            Shape::Friction { axis } => vec![v(axis)],
-            Shape::Lag { axes, tie_ms } => {
-                let mut all: Vec<String> = axes.iter().map(v).collect();
-                if *tie_ms > 0.0 {
-                    all.extend(axes.iter().map(acceleration));
-                }
-                all
-            }
-            Shape::Inertial { axis, .. } | Shape::InertialTilt { axis, .. } => vec![acceleration(axis)],
-            Shape::Ram { axis, lever, .. } => {
-                let tool = lever.tool.then(|| "tool_length_mm".to_owned());
-                [axis.column()].into_iter().chain(tool).collect()
-            }
-            Shape::Sag { axis, tool, lever, .. } => {
-                let tool = *tool && lever.is_none_or(|l| l.tool);
-                [axis.column()].into_iter().chain(tool.then(|| "tool_length_mm".to_owned())).collect()
-            }
-            Shape::SpindleTilt | Shape::ToolLength => vec!["tool_length_mm".to_owned()],
-            Shape::Load { axis, .. } => vec![format!("force_{axis}_n")],
-            Shape::RotaryLocation { frame, .. }
-            | Shape::RotaryEccentricity { frame, .. }
-            | Shape::RotaryScale { frame } => vec![frame.axis.column()],
-            Shape::RotaryLag { frame } => vec![frame.axis.column(), v(&frame.axis)],
-            Shape::RotaryBacklash { frame } => vec![frame.axis.column(), format!("dir_{}", frame.axis)],
-            Shape::RotaryMotion { axis, .. } => vec![axis.column()],
-            Shape::DeadPath { .. }
-            | Shape::TrackerScale { .. }
-            | Shape::ClockSkew { .. }
-            | Shape::Step { .. } => {
-                vec!["t_s".to_owned()]
-            }
-        }
+        self.shape.form().columns()
+    }
+
+    /// A parameter's value; 0 where there is none.
+    pub(crate) fn value(&self, k: usize) -> f64 {
+        self.values.get(k).copied().unwrap_or(0.0)
     }
 
     fn check(&self) -> Result<(), AdditionError> {
@@ -191,26 +143,7 @@ impl Entry {
         if self.shape.fixed().iter().any(|(_, v)| !v.is_finite()) {
             return wrong("a constant of the formula is not finite");
         }
-        let lengths = match &self.shape {
-            Shape::Polynomial { half_mm, low, high, centre_mm, .. } => {
-                *half_mm > 0.0 && low <= high && centre_mm.is_finite()
-            }
-            Shape::Reverse { half_mm, high, centre_mm, .. } => {
-                *half_mm > 0.0 && *high >= 2 && centre_mm.is_finite()
-            }
-            Shape::Angular { half_mm, centre_mm, .. } => {
-                *half_mm > 0.0 && centre_mm.is_none_or(f64::is_finite)
-            }
-            Shape::Cyclic { pitch_mm, .. } => *pitch_mm > 0.0,
-            Shape::Spike { rise_s, fall_s, .. } => *rise_s > 0.0 && *fall_s > 0.0,
-            Shape::Wear { width_mm, power, order, .. } => {
-                *width_mm > 0.0 && *power > 0.0 && order.is_none_or(|o| o > 0.0)
-            }
-            Shape::Sag { length_mm, .. } => *length_mm > 0.0,
-            Shape::Ram { reach_mm, .. } => *reach_mm > 0.0,
-            _ => true,
-        };
-        if lengths {
+        if self.shape.form().is_valid() {
             Ok(())
         } else {
             wrong("a length or time of the formula is not above zero, or a place is not finite")

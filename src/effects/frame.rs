@@ -3,7 +3,8 @@
 use serde::{Deserialize, Serialize};
 
 use crate::machine_state::{Axis, MachineState};
-use volcomp_model::geometry::{Mat3, Vec3, rotation_about};
+use volcomp_model::geometry::{Mat3, Vec3, rotation_about, unit};
+use volcomp_units::UM_PER_MM;
 
 /// Where a rotary axis stands in the machine.
 #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
@@ -76,6 +77,13 @@ impl RotaryFrame {
             self.carried(tip, m) - point
         };
         (outer, own, home)
+    }
+
+    /// Displacement of the tool by a turn about the axis itself, um per rad.
+    pub(crate) fn um_per_rad(&self, m: &MachineState) -> Vec3 {
+        let (outer, own, p) = self.state(m);
+        // a table turns against its coordinate, so the sign cancels in the angle of tool against workpiece
+        outer * unit(self.axis.direction()).cross(&(own * p)) * UM_PER_MM
     }
 
     /// Motion of tool against workpiece for a motion of what the axis carries.

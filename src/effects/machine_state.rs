@@ -77,6 +77,26 @@ impl Axis {
             AxisKind::Rotary => format!("{self}_deg"),
         }
     }
+
+    /// The column of its velocity.
+    #[must_use]
+    pub fn velocity_column(self) -> String {
+        match self.name().kind() {
+            AxisKind::Linear => format!("v{self}_mm_per_s"),
+            AxisKind::Rotary => format!("v{self}_deg_per_s"),
+        }
+    }
+
+    /// The column of its acceleration.
+    pub(crate) fn acceleration_column(self) -> String {
+        format!("a{self}_mm_per_s2")
+    }
+
+    /// The linear axes but this one.
+    #[must_use]
+    pub fn others(self) -> Vec<Self> {
+        Self::LINEAR.into_iter().filter(|a| *a != self).collect()
+    }
 }
 
 impl fmt::Display for Axis {

@@ -1,6 +1,6 @@
 //! Legendre polynomials, and what angular errors are made of.
 
-use super::shape::WIDTH_MAX;
+use crate::shape::WIDTH_MAX;
 
 /// `P_0(s)` to `P_n(s)`, as many as `values` holds.
 pub fn legendre(s: f64, values: &mut [f64]) {

@@ -1,9 +1,9 @@
 //! A measured circle against the circle that a model predicts.
 //!
-//! Both are radial deviations at the same angles. The centre of a ballbar is where it was mounted, so eccentricities are taken
+//! Both are radial errors at the same angles. The centre of a ballbar is where it was mounted, so eccentricities are taken
 //! out; the mean radius stays. The residual is what an ideal correction with the model leaves.
 //!
-//! Source: ISO 230-4:2005, 3.2 to 3.5, applied to measured, predicted and their difference.
+//! Source: ISO 230-4:2022, clause 3, applied to measured, predicted and their difference.
 
 use crate::circular::{Centring, CircularError, CircularReading, Circularity};
 
@@ -53,13 +53,13 @@ impl CirclePrediction {
         })
     }
 
-    /// Circular deviation of both directions, or of the one that was measured.
+    /// Circular error of both directions, or of the one that was measured.
     #[must_use]
     pub fn g(circle: &Circularity) -> f64 {
         circle.g_both.or(circle.g_forward).or(circle.g_backward).unwrap_or(f64::NAN)
     }
 
-    /// Share of the circular deviation that an ideal correction takes away, 0 to 1; negative where the model makes it larger.
+    /// Share of the circular error that an ideal correction takes away, 0 to 1; negative where the model makes it larger.
     #[must_use]
     pub fn ideal_reduction(&self) -> f64 {
         1.0 - Self::g(&self.residual) / Self::g(&self.measured)

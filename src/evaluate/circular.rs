@@ -1,4 +1,4 @@
-//! ISO 230-4: circular deviation G and radial deviation F from a circular test.
+//! ISO 230-4: circular error G and radial error F from a circular test.
 //!
 //! The path is `radius + deviation` at its angle. Centring takes out where the instrument stood: the centre is that
 //! of the geometric least-squares circle (orthogonal distances, Gauss-Newton). `G` = range of the distances from
@@ -8,7 +8,7 @@
 //! Without a nominal radius the distances are linear in the eccentricity (`dev = r0 + a cos + b sin`), which for an
 //! eccentricity `e` is short by `e^2/(2 radius)`: 0.03 um for 0.1 mm on 150 mm.
 //!
-//! Source: ISO 230-4:2005, 3.2 to 3.5; `docs/reference/json-output.md` 3.
+//! Source: ISO 230-4:2022, clause 3 (2005: "deviation" for "error"); `docs/reference/json-output.md` 3.
 
 use core::f64::consts::TAU;
 
@@ -44,19 +44,19 @@ pub enum Centring {
 /// The result of a circular test, in the unit of the deviations.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Circularity {
-    /// Circular deviation of the forward path.
+    /// Circular error of the forward path.
     pub g_forward: Option<f64>,
-    /// Circular deviation of the backward path.
+    /// Circular error of the backward path.
     pub g_backward: Option<f64>,
-    /// Circular deviation of both paths about their common centre.
+    /// Circular error of both paths about their common centre.
     pub g_both: Option<f64>,
-    /// Largest radial deviation.
+    /// Largest radial error.
     pub f_max: f64,
-    /// Smallest radial deviation.
+    /// Smallest radial error.
     pub f_min: f64,
     /// Common centre taken out.
     pub centre: [f64; 2],
-    /// Radial deviation of every reading about the common centre, in the order of the readings.
+    /// Radial error of every reading about the common centre, in the order of the readings.
     pub radial: Vec<f64>,
 }
 
@@ -64,7 +64,7 @@ pub struct Circularity {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum CircularError {
     /// Too few readings.
-    #[error("{found} readings in one direction; a circle needs at least {needed}")]
+    #[error("{found} of at least {needed} readings in one direction that a circle needs")]
     TooFewReadings {
         /// Readings found.
         found: usize,

@@ -23,7 +23,7 @@ pub struct PositioningReading {
 /// One direction of approach.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Unidirectional {
-    /// Systematic deviation E.
+    /// Systematic positioning error E.
     pub e: f64,
     /// Accuracy A.
     pub a: f64,
@@ -40,9 +40,9 @@ pub struct Bidirectional {
     pub b_mean: f64,
     /// Repeatability R.
     pub r: f64,
-    /// Systematic deviation E.
+    /// Systematic positioning error E.
     pub e: f64,
-    /// Mean systematic deviation M.
+    /// Mean bidirectional positioning error M.
     pub m: f64,
     /// Accuracy A.
     pub a: f64,
@@ -67,13 +67,13 @@ pub struct Positioning {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum PositioningError {
     /// Fewer than two targets.
-    #[error("{found} targets; a positioning test needs at least 2")]
+    #[error("{found} of at least 2 targets that a positioning test needs")]
     TooFewTargets {
         /// Targets found.
         found: usize,
     },
     /// A target without enough repetitions.
-    #[error("target {target} has {found} readings in the {} direction; the standard deviation needs at least 2 (the standard asks for 5)", if matches!(travel, Travel::Forward) { "forward" } else { "backward" })]
+    #[error("target {target}: {found} of at least 2 readings in the {} direction that a standard deviation needs (the standard asks for 5)", if matches!(travel, Travel::Forward) { "forward" } else { "backward" })]
     TooFewReadings {
         /// The target.
         target: f64,

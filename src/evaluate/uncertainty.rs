@@ -109,6 +109,32 @@ impl Conditions {
     }
 }
 
+/// Expanded uncertainties (k = 2) of a circular test, as far as they were stated.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct CircularUncertainties {
+    /// Of the circular errors G.
+    pub g: Option<f64>,
+    /// Of the radial errors F.
+    pub f: Option<f64>,
+}
+
+impl CircularUncertainties {
+    /// `device` is the expanded uncertainty (k = 2) of a change of the reading over the circle, `radius` that of the calibrated length,
+    /// `drift` the range of the reading of a resting machine over the time of the test; one unit for all.
+    ///
+    /// `G` compares two readings, so that a constant length cancels; `F` is one reading against the nominal radius and is not
+    /// stated without the uncertainty of the length.
+    #[must_use]
+    pub fn of(device: Option<f64>, radius: Option<f64>, drift: Option<f64>) -> Self {
+        let reading = device.map(|u| (u / COVERAGE).powi(2) + (drift.unwrap_or(0.0) * RECTANGULAR).powi(2));
+        let expanded = |variance: f64| COVERAGE * variance.sqrt();
+        Self {
+            g: reading.map(|v| expanded(2.0 * v)),
+            f: reading.zip(radius).map(|(v, r)| expanded(v + (r / COVERAGE).powi(2))),
+        }
+    }
+}
+
 impl Uncertainties {
     /// Uncertainties of an evaluated test; `length_mm` is the range of its targets.
     #[must_use]
@@ -258,6 +284,16 @@ mod tests {
             let limits = if matches!(*name, "B" | "R") { 0.95..2.2 } else { 0.9..1.15 };
             assert!(limits.contains(&ratio), "{name}: foretold/seen {ratio:.3}");
         }
+    }
+
+    #[test]
+    fn a_circular_error_compares_two_readings_and_a_radial_error_needs_the_length() {
+        let u = CircularUncertainties::of(Some(0.8), Some(1.0), Some(1.2));
+        let reading: f64 = 0.16 + 1.44 / 12.0;
+        assert!((u.g.unwrap() - 2.0 * (2.0 * reading).sqrt()).abs() < 1e-12);
+        assert!((u.f.unwrap() - 2.0 * (reading + 0.25).sqrt()).abs() < 1e-12);
+        assert_eq!(CircularUncertainties::of(Some(0.8), None, None).f, None);
+        assert_eq!(CircularUncertainties::of(None, Some(1.0), Some(1.0)).g, None);
     }
 
     #[test]

@@ -3,7 +3,7 @@
 //!
 //! Conventions, signs and formulas: `docs/reference/equations.md`. Reading order: [`symbol`], [`curve`], [`chain`],
 //! [`dynamics`] (what follows motion), [`spec`] (what a model is made of), [`volumetric`] (first order), [`exact`] (full rotations), [`correction`],
-//! [`gauge`] (the normal form), [`search`] (the largest values in a volume), [`compare`] (two models).
+//! [`gauge`] (the normal form), [`search`] (the largest values in a volume), [`compare`] (two models), [`wireframe`] (the distorted volume).
 
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
@@ -22,6 +22,7 @@ pub mod spec;
 pub mod statistics;
 pub mod symbol;
 pub mod volumetric;
+pub mod wireframe;
 
 pub use volcomp_units as units;
 pub use volcomp_units::axes;

@@ -169,6 +169,33 @@ fn circles_and_diagonals() {
 }
 
 #[test]
+fn the_zero_of_each_diagonal_changes_no_reduction() {
+    let directory = tempfile::tempdir().unwrap();
+    let write = |name: &str, slope: f64, zeros: [f64; 4]| {
+        let mut csv = String::from("diagonal,cycle,direction,target_mm,deviation_um\n");
+        for (diagonal, zero) in ["ppp", "npp", "pnp", "ppn"].iter().zip(zeros) {
+            for (cycle, i) in (1..=2).flat_map(|c| (0..5).map(move |i| (c, i))) {
+                let deviation = zero + slope * f64::from(i) + 0.1 * f64::from(cycle);
+                csv.push_str(&format!("{diagonal},{cycle},1,{},{deviation}\n", i * 100));
+                csv.push_str(&format!("{diagonal},{cycle},-1,{},{deviation}\n", i * 100));
+            }
+        }
+        std::fs::write(directory.path().join(name), csv).unwrap();
+    };
+    write("before.csv", 2.0, [0.0; 4]);
+    write("after.csv", 0.5, [0.0, 30.0, -12.0, 7.0]);
+    let output = Command::new(env!("CARGO_BIN_EXE_volcomp"))
+        .args(["verify", "--before", "before.csv", "--after", "after.csv", "--json"])
+        .current_dir(directory.path())
+        .output()
+        .unwrap();
+    let report: Value = serde_json::from_slice(&output.stdout).unwrap();
+    for figure in ["range", "rms"] {
+        assert!((report[figure]["reduction"].as_f64().unwrap() - 0.75).abs() < 1e-9, "{report}");
+    }
+}
+
+#[test]
 fn bad_data_are_refused_with_their_place() {
     let directory = tempfile::tempdir().unwrap();
     let file = directory.path().join("f.csv");
@@ -183,11 +210,19 @@ fn bad_data_are_refused_with_their_place() {
             "f.csv:2:7: deviation_um: nan is not finite",
         ),
         ("iso230-2", "cycle,direction,target_mm,deviation_um\n1,up,0,1\n", "'up' is not a number"),
-        ("iso230-2", "cycle,direction,target_mm,deviation_um\n1,1,0,1\n2,1,0,1\n", "1 targets"),
-        ("iso230-2", "cycle,direction,target_mm,deviation_um\n1,1,0,1\n1,1,5,1\n", "target 0 has 1 readings"),
+        ("iso230-2", "cycle,direction,target_mm,deviation_um\n1,1,0,1\n2,1,0,1\n", "1 of at least 2 targets"),
+        (
+            "iso230-2",
+            "cycle,direction,target_mm,deviation_um\n1,1,0,1\n1,1,5,1\n",
+            "target 0: 1 of at least 2 readings",
+        ),
         ("iso230-2", "REF_DATA_FWD[1,1]=3\n", "no TGT_DATA[1]"),
         ("iso230-4", "angle_deg,deviation_um\n", "column direction is missing"),
-        ("iso230-4", "angle_deg,deviation_um,direction\n0,0,1\n", "1 readings in one direction"),
+        (
+            "iso230-4",
+            "angle_deg,deviation_um,direction\n0,0,1\n",
+            "1 of at least 8 readings in one direction",
+        ),
         (
             "iso230-6",
             "diagonal,cycle,direction,target_mm,deviation_um\nxyz,1,1,0,0\n",
@@ -196,7 +231,7 @@ fn bad_data_are_refused_with_their_place() {
         (
             "iso230-6",
             "diagonal,cycle,direction,target_mm,deviation_um\nppp,1,1,0,0\n",
-            "diagonal ppp: 1 targets",
+            "diagonal ppp: 1 of at least 2 targets",
         ),
     ] {
         std::fs::write(&file, text).unwrap();

@@ -13,4 +13,5 @@ mod input_limits;
 mod model_extend;
 mod model_show;
 mod predict_cli;
+mod reports;
 mod streams_and_ranges;

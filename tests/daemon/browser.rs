@@ -72,7 +72,7 @@ impl Browser {
         let target = browser.ask("Target.createTarget", &json!({"url": "about:blank"}))["targetId"].clone();
         let attached = browser.ask("Target.attachToTarget", &json!({"targetId": target, "flatten": true}));
         browser.session = attached["sessionId"].as_str().map(str::to_owned);
-        for domain in ["Page", "Runtime", "Log", "Network"] {
+        for domain in ["Page", "Runtime", "Log", "Network", "DOM", "Accessibility"] {
             browser.ask(&format!("{domain}.enable"), &json!({}));
         }
         browser
@@ -132,6 +132,40 @@ impl Browser {
         result["result"]["value"].clone()
     }
 
+    /// Presses a key where the focus is.
+    pub(crate) fn press(&mut self, key: &str) {
+        let (code, text) = match key {
+            "Enter" => (13, "\r"),
+            "Tab" => (9, ""),
+            "Escape" => (27, ""),
+            _ => panic!("no key {key}"),
+        };
+        let event = |kind: &str| json!({"type": kind, "key": key, "code": key, "text": text, "windowsVirtualKeyCode": code});
+        for kind in ["keyDown", "keyUp"] {
+            self.ask("Input.dispatchKeyEvent", &event(kind));
+        }
+    }
+
+    /// Types a text where the focus is.
+    pub(crate) fn write(&mut self, text: &str) {
+        self.ask("Input.insertText", &json!({"text": text}));
+    }
+
+    /// Chooses a file in an input, as a person would in the dialog of the system.
+    pub(crate) fn choose(&mut self, id: &str, file: &Path) {
+        let asked = json!({"expression": format!("document.getElementById('{id}')")});
+        let object = self.ask("Runtime.evaluate", &asked)["result"]["objectId"].clone();
+        self.ask("DOM.setFileInputFiles", &json!({"files": [file], "objectId": object}));
+    }
+
+    /// Role and name of everything that a screen reader meets.
+    pub(crate) fn spoken(&mut self) -> Vec<(String, String)> {
+        let tree = self.ask("Accessibility.getFullAXTree", &json!({}));
+        let nodes = tree["nodes"].as_array().cloned().unwrap_or_default();
+        let text = |value: &Value| value["value"].as_str().unwrap_or_default().to_owned();
+        nodes.iter().filter(|n| n["ignored"] != true).map(|n| (text(&n["role"]), text(&n["name"]))).collect()
+    }
+
     /// The size of the window and the colours.
     pub(crate) fn look_like(&mut self, width: u32, height: u32, colours: &str) {
         let size = json!({"width": width, "height": height, "deviceScaleFactor": 1, "mobile": false});
@@ -140,10 +174,10 @@ impl Browser {
         self.ask("Emulation.setEmulatedMedia", &features);
     }
 
-    /// Writes the whole page as PNG.
-    pub(crate) fn picture(&mut self, file: &Path) {
-        let shot =
-            self.ask("Page.captureScreenshot", &json!({"format": "png", "captureBeyondViewport": true}));
+    /// Writes the whole page as PNG, or what is seen of it without scrolling.
+    pub(crate) fn picture(&mut self, file: &Path, whole: bool) {
+        let asked = json!({"format": "png", "captureBeyondViewport": whole});
+        let shot = self.ask("Page.captureScreenshot", &asked);
         std::fs::write(file, decode(shot["data"].as_str().expect("base64"))).expect("written");
     }
 

@@ -260,21 +260,24 @@ fn prometheus_scrapes_the_daemon_and_the_shipped_alerts_fire() {
             .spawn()
             .expect("prometheus"),
     );
-    let mut until = |wanted: &dyn Fn() -> bool, what: &str, cycling: bool, limit: Duration| {
+    let until = |wanted: &dyn Fn() -> bool, what: &str, work: &mut dyn FnMut(), limit: Duration| {
         let deadline = Instant::now() + limit;
         while !wanted() {
             assert!(Instant::now() < deadline, "{what}: {:?}", ask(listen, "/api/v1/alerts"));
-            for _ in 0..if cycling { 200 } else { 0 } {
-                let _ = session.cycle();
-            }
+            work();
             std::thread::sleep(Duration::from_millis(50));
+        }
+    };
+    let mut cycle = || {
+        for _ in 0..200 {
+            let _ = session.cycle();
         }
     };
     let cycles = || {
         let answer = ask(listen, "/api/v1/query?query=volcomp_cycles_total")?;
         answer["data"]["result"][0]["value"][1].as_str()?.parse::<f64>().ok()
     };
-    until(&|| cycles().is_some_and(|c| c > 100.0), "no cycles", true, PATIENCE * 6);
+    until(&|| cycles().is_some_and(|c| c > 100.0), "no cycles", &mut cycle, PATIENCE * 6);
     let fires = |name: &str| {
         let alerts = ask(listen, "/api/v1/alerts").unwrap_or_default();
         let all = alerts["data"]["alerts"].as_array().cloned().unwrap_or_default();
@@ -283,9 +286,14 @@ fn prometheus_scrapes_the_daemon_and_the_shipped_alerts_fire() {
     for name in ["VolcompDaemonDown", "VolcompFaulted", "VolcompNewFault"] {
         assert!(!fires(name), "{name}");
     }
+    // the control holds an offset that was never sent
+    session.deceive(0.05);
+    for name in ["VolcompFaulted", "VolcompNewFault"] {
+        until(&|| fires(name), name, &mut || {}, PATIENCE * 6);
+    }
     drop(daemon);
     // its rule waits for a minute
-    until(&|| fires("VolcompDaemonDown"), "no alert", false, Duration::from_secs(100));
+    until(&|| fires("VolcompDaemonDown"), "no alert", &mut || {}, Duration::from_secs(100));
 }
 
 /// The OPC UA server beside a daemon, once it listens.

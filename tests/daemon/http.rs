@@ -18,21 +18,26 @@ const STREAMS: usize = 224;
 
 /// A daemon with the HTTP service on a free port of loopback.
 pub(crate) fn served(port: &Port, setup: Setup) -> (Daemon, SocketAddr) {
+    served_with(port, setup, "")
+}
+
+/// The same with more keys of `[http]`.
+pub(crate) fn served_with(port: &Port, setup: Setup, keys: &str) -> (Daemon, SocketAddr) {
     let free = TcpListener::bind("127.0.0.1:0").expect("port").local_addr().expect("address");
-    let more: &'static str = format!("{}[http]\nlisten = \"{free}\"\n", setup.more).leak();
+    let more: &'static str = format!("{}[http]\nlisten = \"{free}\"\n{keys}", setup.more).leak();
     let daemon = Daemon::start(&port.address(), Setup { more, ..setup });
     assert!(eventually(|| TcpStream::connect(free).is_ok()), "{}", daemon.log());
     (daemon, free)
 }
 
-fn connect(address: SocketAddr) -> TcpStream {
+pub(crate) fn connect(address: SocketAddr) -> TcpStream {
     let stream = TcpStream::connect(address).expect("connected");
     stream.set_read_timeout(Some(PATIENCE * 3)).expect("option");
     stream
 }
 
 /// Sends bytes and reads until the service closes the connection.
-fn exchange(address: SocketAddr, request: &str) -> String {
+pub(crate) fn exchange(address: SocketAddr, request: &str) -> String {
     let mut stream = connect(address);
     // the service may answer and close before it has read everything
     let _ = stream.write_all(request.as_bytes());
@@ -42,7 +47,7 @@ fn exchange(address: SocketAddr, request: &str) -> String {
 }
 
 /// Head and body of the answer to GET.
-fn get(address: SocketAddr, path: &str, headers: &str) -> (String, String) {
+pub(crate) fn get(address: SocketAddr, path: &str, headers: &str) -> (String, String) {
     let request = format!("GET {path} HTTP/1.1\r\nHost: {address}\r\nConnection: close\r\n{headers}\r\n");
     let answer = exchange(address, &request);
     let (head, body) = answer.split_once("\r\n\r\n").unwrap_or((&answer, ""));
@@ -154,6 +159,20 @@ fn promtool_accepts_the_alert_rules_and_sees_them_fire() {
     }
 }
 
+#[test]
+fn every_alert_has_a_case_in_which_it_fires() {
+    let folder = Path::new(env!("CARGO_MANIFEST_DIR")).join("config/monitoring");
+    let read = |name: &str| std::fs::read_to_string(folder.join(name)).expect("rules");
+    let (rules, cases) = (read("volcomp.rules.yml"), read("volcomp.rules.test.yml"));
+    let alerts: Vec<&str> = rules.lines().filter_map(|line| line.trim().strip_prefix("- alert: ")).collect();
+    assert!(alerts.len() >= 10, "{alerts:?}");
+    for alert in alerts {
+        let fires = format!("        alertname: {alert}\n        exp_alerts:\n          - exp_labels:");
+        assert!(cases.contains(&fires), "{alert} has no case in which it fires");
+        assert!(cases.contains(&format!("alertname: {alert}, exp_alerts: []")), "{alert} has no quiet case");
+    }
+}
+
 /// Names of metrics in a text.
 fn named(text: &str) -> BTreeSet<String> {
     let words = text.split(|c: char| !(c.is_ascii_alphanumeric() || c == '_'));
@@ -228,6 +247,14 @@ fn other_names_paths_methods_and_sizes_are_refused() {
         (format!("GET /../../etc/passwd HTTP/1.1\r\n{host}\r\n"), "404"),
         (format!("POST /api/v1/status HTTP/1.1\r\n{host}Content-Length: 2\r\n\r\n{{}}"), "405"),
         (format!("DELETE / HTTP/1.1\r\n{host}\r\n"), "405"),
+        // without a token file nothing can be commanded, whatever is shown
+        (format!("POST /api/v1/command HTTP/1.1\r\n{host}Content-Length: 2\r\n\r\n{{}}"), "403"),
+        (
+            format!(
+                "POST /api/v1/command HTTP/1.1\r\n{host}Authorization: Bearer x\r\nContent-Length: 0\r\n\r\n"
+            ),
+            "403",
+        ),
         (format!("GET /{long} HTTP/1.1\r\n{host}\r\n"), "4"),
         (format!("GET / HTTP/1.1\r\n{host}X: {long}\r\n\r\n"), "431"),
         (format!("GET / HTTP/1.1\r\n{host}{many}\r\n"), "431"),

@@ -2,6 +2,7 @@
 
 mod adversary;
 mod browser;
+mod commands;
 mod gateway;
 mod http;
 mod link;

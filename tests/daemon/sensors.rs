@@ -300,10 +300,10 @@ fn what_is_no_reading_is_answered_and_costs_nothing_else() {
     let mut stream = TcpStream::connect(&address).expect("connects");
     stream.set_read_timeout(Some(PATIENCE)).expect("option");
     stream
-        .write_all(b"{\"sensor\": \"growth\", \"t_s\": 2, \"value_arcsec\": 1}\n{\"sensor\": \"air\", \"t_s\": 1, \"speed_rpm\": 1}\n")
+        .write_all(b"{\"sensor\": \"growth\", \"t_s\": 2, \"value_arcsec\": 1}\n{\"sensor\": \"air\", \"t_s\": 1, \"speed_rpm\": 1}\n{\"sync\": 41}\n")
         .expect("sent");
     let mut reader = BufReader::new(stream);
-    for words in ["value_um", "kind temperature"] {
+    for words in ["value_um", "kind temperature", "{\"sync\":41}"] {
         let mut answer = String::new();
         reader.read_line(&mut answer).expect("an answer");
         assert!(answer.contains(words), "{answer}");

@@ -418,14 +418,22 @@ fn addition(machine: &str, name: &str, shape: volcomp::diagnose::library::Shape)
 
 #[test]
 fn an_addition_needs_its_columns_and_its_machine() {
-    use volcomp::diagnose::library::Shape;
+    use volcomp::diagnose::library::{Shape, forms};
     let directory = tempfile::tempdir().unwrap();
     let d = directory.path();
     // a model without a gauge point: it says nothing of tool lengths, the addition does
     std::fs::write(d.join("m.toml"), MODEL.replace("gauge-point-mm = [0, 0, 0]\n", "")).unwrap();
     std::fs::write(d.join("s.csv"), line(&|_, _| {})).unwrap();
-    std::fs::write(d.join("tilt.toml"), addition("test", "spindle-tilt", Shape::SpindleTilt)).unwrap();
-    std::fs::write(d.join("other.toml"), addition("other-9", "spindle-tilt", Shape::SpindleTilt)).unwrap();
+    std::fs::write(
+        d.join("tilt.toml"),
+        addition("test", "spindle-tilt", Shape::SpindleTilt(forms::SpindleTilt {})),
+    )
+    .unwrap();
+    std::fs::write(
+        d.join("other.toml"),
+        addition("other-9", "spindle-tilt", Shape::SpindleTilt(forms::SpindleTilt {})),
+    )
+    .unwrap();
     let with = |add: &str| {
         let args = ["diagnose", "--data", "s.csv", "--model", "m.toml", "--add", add, "--out", "out"];
         let done = volcomp(d, &args);
@@ -518,12 +526,13 @@ fn a_log_on_another_clock_is_not_used() {
 
 #[test]
 fn fresh_data_of_another_day_have_a_log_of_their_own() {
-    use volcomp::diagnose::library::Shape;
+    use volcomp::diagnose::library::{Shape, forms};
     use volcomp::diagnose::machine_state::{Axis, Signal, Source};
     let directory = tempfile::tempdir().unwrap();
     let d = directory.path();
     let signal = Signal { source: Source::Temperature("air".to_owned()), tau_s: 0.0 };
-    let shape = Shape::Thermal { axis: Axis::X, signal, reference_degc: 20.0, with_offset: false };
+    let shape =
+        Shape::Thermal(forms::Thermal { axis: Axis::X, signal, reference_degc: 20.0, with_offset: false });
     std::fs::write(d.join("a.toml"), addition("test", "thermal-expansion", shape)).unwrap();
     // the two days have clocks that begin alike, and only their temperatures differ
     for (name, start) in [("cold", 20.0), ("warm", 60.0)] {

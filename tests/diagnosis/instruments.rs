@@ -94,6 +94,11 @@ fn a_positioning_test_of_a_logger() {
     let left_out: Vec<&str> =
         r["outlying_readings"].as_array().unwrap().iter().map(|o| o["at"].as_str().unwrap()).collect();
     assert_eq!(left_out, ["measurement:12", "measurement:13"]);
+    // an order has no hours: the page draws over the number of the reading
+    let directory = tempfile::tempdir().unwrap();
+    assert!(run(directory.path(), &made_up("sessions/stage.dat"), &[]).status.success());
+    let page = std::fs::read_to_string(directory.path().join("out/report.html")).unwrap();
+    assert!(page.contains("number of the reading") && !page.contains("time, s"), "{page}");
     // without --axis the assumption is stated
     stated(&diagnose(&made_up("sessions/stage.dat"), &[]), &["X assumed; --axis states it"]);
 }
@@ -295,6 +300,12 @@ fn what_holds_no_readings_of_a_machine_is_refused_with_the_reason() {
     std::fs::write(&path, "X EXX\n0 0\n10 0.001\n").unwrap();
     let table = refused(&path, 65);
     assert!(table.contains("a compensation table of a control, not a measurement"), "{table}");
+    std::fs::write(&path, "Report of a test\n\nB 20.0, E 100.1, M 84.3\n").unwrap();
+    let report = refused(&path, 65);
+    assert!(
+        report.contains("neither a session file") && report.contains("hint: read are ISO 230-2 tests (.dat"),
+        "{report}"
+    );
 }
 
 #[test]

@@ -2,9 +2,13 @@
 
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 
-use serde_json::Value;
+use std::collections::BTreeMap;
 
-use crate::support::{Campaign, NOISE, State, run};
+use serde_json::Value;
+use volcomp::diagnose::session::{Raw, Session};
+use volcomp::diagnose::{Options, diagnose};
+
+use crate::support::{Campaign, Lagged, NOISE, State, history_of, machine, raw, run};
 
 const ARCSEC_UM_PER_MM: f64 = 4.848_136_811e-3;
 
@@ -106,4 +110,47 @@ fn mean_squares_add_up_from_the_gap_to_the_noise_and_programs_hold_every_reading
     let readings: usize = found.programs.iter().map(|p| p.readings).sum();
     assert_eq!(readings, found.report.rows_used);
     assert!(found.programs.windows(2).all(|w| w[0].after_um >= w[1].after_um));
+}
+
+#[test]
+fn of_many_files_those_are_drawn_in_which_a_growth_shows() {
+    let campaign = Campaign::full();
+    let lagged = Lagged::of_the_campaign();
+    let growth = |t: f64| 2.0 * lagged.at(t);
+    let whole = raw(&campaign, &|s: &State| [0.0, 0.0, growth(s.t)], NOISE);
+    let mut files: Vec<Raw> = Vec::new();
+    let mut spans: BTreeMap<String, [f64; 2]> = BTreeMap::new();
+    for (row, instrument) in whole.instruments.iter().enumerate() {
+        let place = files.iter().position(|f| f.file == *instrument).unwrap_or_else(|| {
+            let columns = vec![Vec::new(); whole.names.len()];
+            files.push(Raw {
+                file: instrument.clone(),
+                names: whole.names.clone(),
+                columns,
+                ..Raw::default()
+            });
+            files.len() - 1
+        });
+        for (to, from) in files[place].columns.iter_mut().zip(&whole.columns) {
+            to.push(from[row]);
+        }
+        files[place].instruments.push(instrument.clone());
+        files[place].lines.push(whole.lines[row]);
+        let state = &campaign.states[row];
+        if state.u[2].abs() > 0.7 {
+            let span = spans.entry(instrument.clone()).or_insert([f64::INFINITY, f64::NEG_INFINITY]);
+            *span = [span[0].min(growth(state.t)), span[1].max(growth(state.t))];
+        }
+    }
+    let mut session = Session::build(&files, history_of(files.len()), machine()).unwrap();
+    let found = diagnose(&mut session, None, &Options::default(), &mut |_, _| {});
+    let curve = found.curves.iter().find(|c| c.label == "spindle-growth" && c.y_label.contains('z')).unwrap();
+    let width = |s: &[f64; 2]| s[1] - s[0];
+    let widest = spans.iter().max_by(|a, b| width(a.1).total_cmp(&width(b.1))).unwrap();
+    assert!(spans.len() > 3 && curve.lines.len() == 3, "{spans:?}");
+    assert!(curve.lines.iter().any(|l| l.name == *widest.0), "{widest:?} among {:?}", curve.lines);
+    let whole =
+        spans.values().fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], s| [l.min(s[0]), h.max(s[1])]);
+    let size = curve.range_um;
+    assert!((size.value - width(&whole)).abs() < 0.25 * width(&whole), "{size:?} of {whole:?}");
 }

@@ -135,6 +135,8 @@ fn the_target_axis_has_a_position_error_a_small_reversal_error_and_a_drift() {
     assert!(24.2 * (1.0 - number(s, "in_sample_fraction")) < 6.0 && number(s, "rms_after_um") < 7.5, "{s}");
     let looks = r["unexplained"]["looks_like"].as_str().unwrap();
     assert!(r["unexplained"]["significant"] == true && looks.contains("slow drift"), "{looks}");
+    // the times of the file are ordinal: no duration is stated
+    assert!(looks.contains("points in the order measured") && !looks.contains(" s, of"), "{looks}");
 }
 
 #[test]
@@ -289,4 +291,12 @@ fn three_real_machines_are_answered_as_a_metrologist_would() {
     assert_eq!(all.first().map(String::as_str), Some("latency"), "{all:?}");
     assert!(all.iter().all(|c| !c.starts_with("backlash")), "{all:?}");
     assert!((parameter(&resolver, "latency", "lag_ms") - 34.0).abs() < 2.0);
+}
+
+#[test]
+#[cfg_attr(not(data_real_sessions), ignore = "needs ../shared/data/real_sessions or VOLCOMP_DATA")]
+fn an_axis_that_turns_without_a_model_is_said_to_hide_its_own_errors() {
+    let r = diagnose(&external("real_sessions/resolver_divider/s.csv"), &[]);
+    let notes = r["notes"].to_string();
+    assert!(notes.contains("axis c turns, and no model says where it stands"), "{notes}");
 }

@@ -473,11 +473,18 @@ pub(crate) fn raw(campaign: &Campaign, truth: Truth<'_>, noise: Noise) -> Raw {
 }
 
 pub(crate) fn history() -> History {
+    history_of(1)
+}
+
+/// The machine's log on the clock of each file.
+pub(crate) fn history_of(files: usize) -> History {
     let mut h = History::default();
     let times = || (0..800).map(|k| f64::from(k) * 30.0);
-    h.add(0, Source::Spindle, times().map(|t| (t, rpm(t) * 1e-3)));
-    for (i, name) in ["x", "spindle", "ambient"].into_iter().enumerate() {
-        h.add(0, Source::Temperature(name.into()), times().map(|t| (t, temperatures(t)[i])));
+    for file in 0..files {
+        h.add(file, Source::Spindle, times().map(|t| (t, rpm(t) * 1e-3)));
+        for (i, name) in ["x", "spindle", "ambient"].into_iter().enumerate() {
+            h.add(file, Source::Temperature(name.into()), times().map(|t| (t, temperatures(t)[i])));
+        }
     }
     h
 }
@@ -554,8 +561,8 @@ pub(crate) fn table(r: &Report) -> String {
     for c in &r.causes {
         let t = c.tests.map_or(String::new(), |t| {
             format!(
-                "ev {:.0}/{:.0} between {:.2} cv {:.2} against {:.2} grows {:.2}",
-                t.evidence, t.threshold, t.between, t.held_out, t.against, t.grows
+                "ev {:.0}/{:.0} between {:.2} cv {:.2} against {:.2} misform {:.2}",
+                t.evidence, t.threshold, t.between, t.held_out, t.against, t.misform
             )
         });
         let _ = writeln!(

@@ -205,7 +205,7 @@ fn ballbar_data_that_are_none_are_refused() {
     let (code, message) = run("angle_deg,deviation_um\n0,1\n", &[]);
     assert!(code == 65 && message.contains("direction is missing"), "{message}");
     let (code, message) = run("angle_deg,deviation_um,direction\n0,1,1\n", &[]);
-    assert!(code == 65 && message.contains("1 readings in plane xy"), "{message}");
+    assert!(code == 65 && message.contains("1 of at least 120 readings in plane xy"), "{message}");
     let (code, message) = run("angle_deg,deviation_um,direction\n0,nan,1\n", &[]);
     assert!(code == 65 && message.contains("bad.csv:2:3"), "{message}");
     let (code, message) = run(&circle_csv(), &["--data", &data]);

@@ -212,18 +212,7 @@ impl LiveRawLaser {
 
     /// The line it sends about a carriage with the axis at `q`.
     pub fn line(&mut self, sensor: &str, t_s: f64, q: f64, seen: impl FnOnce() -> Seen) -> Option<String> {
-        self.line_stamped(sensor, t_s, t_s + 4711.0, q, seen)
-    }
-
-    /// The same with the time of a clock of its own, s.
-    pub fn line_stamped(
-        &mut self,
-        sensor: &str,
-        t_s: f64,
-        stamp_s: f64,
-        q: f64,
-        seen: impl FnOnce() -> Seen,
-    ) -> Option<String> {
+        let stamp_s = t_s + 4711.0;
         let (distance, change) = self.channels(t_s, q, seen)?;
         let mut text = format!(
             "{{\"sensor\":\"{sensor}\",\"t_s\":{stamp_s:.9},\"five_dof_raw\":{{\"distance_mm\":{distance:.4}"

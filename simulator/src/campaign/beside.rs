@@ -10,6 +10,9 @@ pub trait Beside {
     /// The control is switched on and stands at a place.
     fn begin(&mut self, at: &Command);
 
+    /// Another tool is in the spindle, this long, mm; the control reports it.
+    fn tool(&mut self, length_mm: f64);
+
     /// Heat has gone on for so many seconds; sensors may be read.
     fn warm(&mut self, seconds: f64, heat: &Heat);
 

@@ -9,6 +9,8 @@ use crate::twin::{Command, Dice, Twin, TwinError, TwinTruth};
 const STEP_S: f64 = 1e-3;
 /// Step while coming to rest, s.
 const REST_STEP_S: f64 = 2e-3;
+/// What stands beside the control has so long to come to rest after a move, s.
+const BESIDE_RESTS_S: f64 = 0.3;
 /// The campaign begins so long after the machine's log, s.
 const BEGIN_S: f64 = 8000.0;
 /// Distance of two entries in the log, s.
@@ -216,7 +218,12 @@ impl Runner {
             }
             Step::Busy(busy) => self.twin.heat.busy = *busy,
             Step::Force(force) => self.twin.force_n = *force,
-            Step::Tool(length) => self.tool = *length,
+            Step::Tool(length) => {
+                self.tool = *length;
+                if let Some(beside) = &mut self.beside {
+                    beside.tool(*length);
+                }
+            }
             Step::Target(target) => self.target = *target,
         }
     }
@@ -307,12 +314,17 @@ impl Runner {
     }
 
     fn wait(&mut self, seconds: f64) {
-        let rest = self.twin.settling_s().min(seconds);
         let command = Leg::Line { from: self.at, to: self.at, seconds: 1.0 }.at(0.0);
-        // without a servo one step says where the machine stands
-        for _ in 0..((rest / REST_STEP_S) as usize).max(1) {
+        let settling = self.twin.settling_s();
+        // without a servo one step says where the machine stands; an offset has a cycle of its own
+        let (rest, step) = if self.beside.is_some() {
+            (settling.max(BESIDE_RESTS_S), STEP_S)
+        } else {
+            (settling, REST_STEP_S)
+        };
+        for _ in 0..((rest.min(seconds) / step) as usize).max(1) {
             let with = self.offset(&command);
-            self.twin.step(REST_STEP_S, &with);
+            self.twin.step(step, &with);
         }
         let mut left = seconds;
         while left > 0.0 {

@@ -5,15 +5,18 @@ use std::path::PathBuf;
 use super::{EX_SOFTWARE, EX_USAGE, Failure};
 use crate::demo::programs::Programs;
 use crate::papers::figure::Truth;
-use crate::papers::report::{cell, shown, unit, verdict};
+use crate::papers::report::{cell, share, shown, unit, verdict};
 use crate::papers::{EXPERIMENTS, Experiment, Options, Outcome, json, run};
+
+/// Exit code where a limit is missed.
+const EX_MISSED: u8 = 1;
 
 #[derive(Debug, clap::Args)]
 #[command(
     after_help = "Examples:\n  cncsim paper 004                        one seed, kind and hard truth\n  \
     cncsim paper all --seed 501 --seeds 20  every experiment on 20 seeds\n  \
     cncsim paper 000 --truth hard --json    figures of one truth, for a script\n\n\
-    Exit code 70 where a limit is missed by the 5 % worst of the seeds."
+    Exit code 0 where every limit holds, 1 where the 5 % worst of the seeds miss one."
 )]
 pub(super) struct Args {
     /// Number of the paper (000 to 004), or all.
@@ -84,11 +87,16 @@ pub(super) fn paper(args: &Args) -> Result<(), Failure> {
     } else {
         outcomes.iter().for_each(print);
     }
+    judge(&outcomes)
+}
+
+/// Exit code 1 where a limit is missed.
+fn judge(outcomes: &[Outcome]) -> Result<(), Failure> {
     let missed: Vec<&str> = outcomes.iter().filter(|o| !o.holds()).map(|o| o.experiment.number()).collect();
     if missed.is_empty() {
         return Ok(());
     }
-    Err(Failure::new(EX_SOFTWARE, format_args!("limits missed: paper {}", missed.join(", "))))
+    Err(Failure::new(EX_MISSED, format_args!("limits missed: paper {}", missed.join(", "))))
 }
 
 fn print(outcome: &Outcome) {
@@ -110,8 +118,8 @@ fn print(outcome: &Outcome) {
         );
         say!("{}", line.trim_end());
     }
-    for share in outcome.shares() {
-        say!("  of what is left, hard truth: {:<44} {:>5.0} %", share.cause, 100.0 * share.share);
+    for s in outcome.shares() {
+        say!("  of what is left, hard truth: {:<44} {:>6}", s.cause, share(s.share));
     }
     say!("report: {}", outcome.report.display());
 }
@@ -119,6 +127,62 @@ fn print(outcome: &Outcome) {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::papers::figure::{Limit, Row};
+    use crate::papers::{Measured, SeedRun, Setting};
+
+    struct OneLimit;
+
+    impl Experiment for OneLimit {
+        fn number(&self) -> &'static str {
+            "009"
+        }
+        fn title(&self) -> &'static str {
+            "a figure of its own"
+        }
+        fn procedure(&self) -> &'static str {
+            ""
+        }
+        fn rows(&self) -> &'static [Row] {
+            const ROWS: &[Row] = &[
+                Row::limited("circle", "um", Some(4.0), Limit::AtMost(4.0), 1),
+                Row::reported("circle before", "um", None, 1),
+            ];
+            ROWS
+        }
+        fn run(&self, _: &Setting, _: &mut dyn FnMut(&str)) -> anyhow::Result<Measured> {
+            anyhow::bail!("it is not run")
+        }
+    }
+
+    /// Outcome of one seed with these circles, kind and hard truth.
+    fn outcome(circles: [f64; 2]) -> Outcome {
+        let measured = |v| Measured { values: [("circle", v)].into(), ..Measured::default() };
+        let truths = vec![Truth::Kind, Truth::Hard];
+        let runs = truths.iter().copied().zip(circles.map(measured)).collect();
+        Outcome {
+            experiment: &OneLimit,
+            truths,
+            seeds: vec![SeedRun { seed: 7, runs }],
+            report: PathBuf::from("report.html"),
+        }
+    }
+
+    #[test]
+    fn a_missed_limit_is_exit_code_1_and_stands_in_the_entry_of_its_truth() {
+        assert!(judge(&[outcome([1.0, 4.0])]).is_ok());
+        let missed = outcome([1.0, 4.5]);
+        let entries = missed.json();
+        let of = |i: usize| (entries[i]["truth"].clone(), entries[i]["figures"][0]["pass"].clone());
+        assert_eq!([of(0), of(1)], [("kind".into(), true.into()), ("hard".into(), false.into())]);
+        let figure = &entries[1]["figures"][0];
+        assert_eq!(
+            (&figure["ours"], &figure["limit"], &figure["paper"]),
+            (&4.5.into(), &4.0.into(), &4.0.into())
+        );
+        assert_eq!(entries[1]["reported"][0]["ours"], serde_json::Value::Null);
+        let failure = judge(&[outcome([1.0, 1.0]), missed]).unwrap_err();
+        assert_eq!((failure.code, failure.message.contains("009")), (1, true));
+    }
 
     #[test]
     fn every_experiment_has_a_number_of_its_own_and_limits() {

@@ -16,6 +16,7 @@ pub mod paper004;
 pub mod report;
 mod scales;
 
+use core::time::Duration;
 use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
@@ -23,9 +24,14 @@ use std::path::{Path, PathBuf};
 use anyhow::Context;
 use serde_json::{Value, json};
 use volcomp_cli::report_page::Plot;
+use volcomp_units::axes::AxisArray;
 
-use self::figure::{Row, Share, Spread, Truth, Values};
+use self::figure::{Limit, Row, Share, Spread, Truth, Values};
+use crate::control::{Absent, ControlConfig, Interface, Pacing};
 use crate::demo::programs::Programs;
+use crate::demo::shop::Shop;
+use crate::motion::MachineAxes;
+use crate::truth::TruthMachine;
 
 /// One run of an experiment: seed, truth and a folder of its own.
 #[derive(Debug, Clone)]
@@ -125,6 +131,29 @@ pub struct Measured {
     pub shares: Vec<Share>,
     /// Remarks for the report.
     pub notes: Vec<String>,
+}
+
+/// The control waits for each answer for so long: a computer that stalls is no part of an experiment.
+const ANSWER: Duration = Duration::from_secs(60);
+
+/// A machine under a control that waits for its daemon, however slow the computer is.
+fn shop(
+    machine: &TruthMachine,
+    seed: u64,
+    cycle_s: f64,
+    interface: Interface,
+    start: impl FnOnce(&MachineAxes) -> AxisArray,
+) -> anyhow::Result<Shop> {
+    let axes = MachineAxes::of(machine)?;
+    let start = start(&axes);
+    let config = ControlConfig {
+        cycle_s,
+        listen: ([127, 0, 0, 1], 0).into(),
+        pacing: Pacing::LockStep { answer_timeout: ANSWER, absent: Absent::GoOn },
+        interface,
+        ..ControlConfig::new(machine.machine(), axes)
+    };
+    Shop::with_control(machine.clone(), seed, config, &start)
 }
 
 /// An experiment of a paper.
@@ -286,19 +315,29 @@ impl Outcome {
         sums.into_iter().map(|(cause, sum, n)| Share { cause, share: sum / f64::from(n) }).collect()
     }
 
-    /// The entries of `papers` in `volcomp-paper/1`, one per seed.
+    /// The entries of `papers` in `volcomp-paper/1`, one per seed and truth: figures with a limit, and those that are
+    /// reported only.
     #[must_use]
     pub fn json(&self) -> Vec<Value> {
-        let entry = |s: &SeedRun| {
-            let figures: Vec<Value> = self.experiment.rows().iter().map(|row| figure_json(row, s)).collect();
+        let entry = |seed: u64, truth: Truth, measured: &Measured| {
+            let (limited, reported): (Vec<&Row>, Vec<&Row>) =
+                self.experiment.rows().iter().partition(|row| row.limit.is_some());
+            let of = |rows: Vec<&Row>| -> Vec<Value> {
+                rows.into_iter().map(|row| figure_json(row, measured.values.get(row.name).copied())).collect()
+            };
             json!({
                 "paper": self.experiment.number(),
-                "seed": s.seed,
-                "figures": figures,
+                "seed": seed,
+                "truth": truth,
+                "figures": of(limited),
+                "reported": of(reported),
                 "report": self.report,
             })
         };
-        self.seeds.iter().map(entry).collect()
+        self.seeds
+            .iter()
+            .flat_map(|s| self.truths.iter().filter_map(|t| s.runs.get(t).map(|m| entry(s.seed, *t, m))))
+            .collect()
     }
 
     /// The entry of `summary` in `volcomp-paper/1`: distributions over the seeds.
@@ -313,7 +352,8 @@ impl Outcome {
                     "name": row.name,
                     "unit": row.unit,
                     "paper": row.paper,
-                    "limit": row.limit,
+                    "limit": row.limit.map(Limit::value),
+                    "sense": row.limit.map(Limit::sense),
                     "kind": self.spread(row, Truth::Kind),
                     "hard": self.spread(row, Truth::Hard),
                     "pass": self.pass(row),
@@ -330,20 +370,15 @@ impl Outcome {
     }
 }
 
-/// A figure of one seed; `ours` is the value with the hardest truth that was run.
-fn figure_json(row: &Row, seed: &SeedRun) -> Value {
-    let of = |truth: Truth| seed.runs.get(&truth).and_then(|m| m.values.get(row.name).copied());
-    let (kind, hard) = (of(Truth::Kind), of(Truth::Hard));
-    json!({
-        "name": row.name,
-        "unit": row.unit,
-        "paper": row.paper,
-        "kind": kind,
-        "hard": hard,
-        "ours": hard.or(kind),
-        "limit": row.limit,
-        "pass": row.pass([kind, hard]),
-    })
+/// A figure of one run; one with a limit that the run did not yield has not passed.
+fn figure_json(row: &Row, ours: Option<f64>) -> Value {
+    let mut figure = json!({ "name": row.name, "unit": row.unit, "paper": row.paper, "ours": ours });
+    if let (Some(limit), Some(object)) = (row.limit, figure.as_object_mut()) {
+        object.insert("limit".into(), limit.value().into());
+        object.insert("sense".into(), limit.sense().into());
+        object.insert("pass".into(), ours.is_some_and(|v| limit.holds(v)).into());
+    }
+    figure
 }
 
 /// The whole of `volcomp-paper/1`.

@@ -39,6 +39,16 @@ pub fn cell(row: &Row, spread: Option<Spread>, seeds: usize) -> String {
     }
 }
 
+/// A share as a person reads it; a cause that takes back a part of another one has none.
+#[must_use]
+pub fn share(value: f64) -> String {
+    if value > -0.005 {
+        format!("{:.0} %", 100.0 * value.max(0.0))
+    } else {
+        format!("none, {:.0} % more without", -100.0 * value)
+    }
+}
+
 /// `passed`, `MISSED` or nothing.
 #[must_use]
 pub const fn verdict(pass: Option<bool>) -> &'static str {
@@ -63,7 +73,13 @@ pub fn html(outcome: &Outcome) -> String {
         if seeds == 1 { "seed" } else { "seeds" }
     ));
     page.paragraph(e.procedure());
-    page.table(&["figure", "unit", "paper", "kind truth", "hard truth", "limit", ""], &rows(outcome));
+    let mut head = vec!["figure", "unit", "paper"];
+    head.extend(outcome.truths.iter().map(|truth| match truth {
+        Truth::Kind => "kind truth",
+        Truth::Hard => "hard truth",
+    }));
+    head.extend(["limit", ""]);
+    page.table(&head, &rows(outcome));
     page.note(
         "Kind truth: the machine of the survey is the machine of the test, and instruments have noise only. Hard truth: heat, \
          load, axis interaction and wear between survey and test, and instruments with systematic errors. Over several \
@@ -72,14 +88,13 @@ pub fn html(outcome: &Outcome) -> String {
     let shares = outcome.shares();
     if !shares.is_empty() {
         page.heading("Causes of what is left, hard truth");
-        let bars: Vec<(String, f64, String)> = shares
-            .iter()
-            .map(|s| (s.cause.clone(), s.share.max(0.0), format!("{:.0} %", 100.0 * s.share)))
-            .collect();
+        let bars: Vec<(String, f64, String)> =
+            shares.iter().map(|s| (s.cause.clone(), s.share.max(0.0), share(s.share))).collect();
         page.bars(&bars);
         page.note(
             "Drop of the mean square of what is left when a cause alone is switched off, mean over the seeds. Causes \
-             interact: the shares need not add up to 100 %.",
+             interact: the shares need not add up to 100 %, and a cause that takes back a part of another one has none: \
+             without it more is left.",
         );
     }
     if let Some(first) = outcome.seeds.first() {
@@ -92,13 +107,16 @@ pub fn html(outcome: &Outcome) -> String {
             }
         }
     }
-    let last = outcome.seeds.last().map_or(0, |s| s.seed);
+    let [first, last] = [outcome.seeds.first(), outcome.seeds.last()].map(|s| s.map_or(0, |s| s.seed));
+    let only = match outcome.truths[..] {
+        [one] => format!(" --truth {}", one.name()),
+        _ => String::new(),
+    };
     page.note(&format!(
-        "Seeds {} to {last}. Repeat: cncsim paper {} --seed {} --seeds {seeds}. The folder of each run holds its files and \
+        "{}. Repeat: cncsim paper {} --seed {first} --seeds {seeds}{only}. The folder of each run holds its files and \
          commands.txt with every command.",
-        outcome.seeds.first().map_or(0, |s| s.seed),
+        if seeds == 1 { format!("Seed {first}") } else { format!("Seeds {first} to {last}") },
         e.number(),
-        outcome.seeds.first().map_or(0, |s| s.seed),
     ));
     page.finish()
 }
@@ -106,15 +124,16 @@ pub fn html(outcome: &Outcome) -> String {
 fn rows(outcome: &Outcome) -> Vec<Vec<Entry>> {
     let seeds = outcome.seeds.len();
     let row = |row: &Row| {
-        vec![
+        let mut cells = vec![
             Entry::Head(row.name.to_owned()),
             Entry::Text(unit(row).to_owned()),
             Entry::Number(row.paper.map_or_else(String::new, |v| shown(row, v))),
-            Entry::Number(cell(row, outcome.spread(row, Truth::Kind), seeds)),
-            Entry::Number(cell(row, outcome.spread(row, Truth::Hard), seeds)),
-            Entry::Number(row.limit.map_or_else(String::new, |l| l.to_string())),
-            Entry::Text(verdict(outcome.pass(row)).to_owned()),
-        ]
+        ];
+        let of = |truth: &Truth| Entry::Number(cell(row, outcome.spread(row, *truth), seeds));
+        cells.extend(outcome.truths.iter().map(of));
+        cells.push(Entry::Number(row.limit.map_or_else(String::new, |l| l.to_string())));
+        cells.push(Entry::Text(verdict(outcome.pass(row)).to_owned()));
+        cells
     };
     outcome.experiment.rows().iter().map(row).collect()
 }

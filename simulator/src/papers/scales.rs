@@ -1,47 +1,95 @@
 //! Thermometers on the scales of X, Y and Z: what they read after the survey, and how model and daemon use it.
 
 use core::net::SocketAddr;
-use core::sync::atomic::{AtomicBool, Ordering};
-use core::time::Duration;
-use std::sync::Arc;
-use std::thread::JoinHandle;
-use std::time::Instant;
 
 use anyhow::Context;
 use volcomp_units::axes::AxisName;
 
-use crate::instruments::link::SensorLink;
 use crate::truth::TruthMachine;
 use crate::truth::conditions::{Acting, Conditions};
 use crate::twin::Dice;
 
 const AXES: [AxisName; 3] = [AxisName::X, AxisName::Y, AxisName::Z];
 /// Temperature of the survey, degC.
-pub(super) const SURVEY_DEGC: f64 = 20.0;
+const SURVEY_DEGC: f64 = 20.0;
 /// Expansion coefficient that the maker of the scales states, um/(m K).
 const STRAIN_UM_PER_M_K: f64 = 11.5;
 /// The sensors in the machine file of the daemon.
 pub(super) const SENSORS: &str =
     "[[sensor]]\nname = \"scales\"\nkind = \"temperature\"\nage-limit-ms = 5000\n";
 
-/// What they read at the test, degC, with a standard deviation of `sd_k` of each.
-pub(super) fn read(conditions: &Conditions, travel: [[f64; 2]; 3], sd_k: f64, dice: &mut Dice) -> [f64; 3] {
-    let heat = Acting { heat: true, load: false, interaction: false, wear: false };
-    let only_heat = conditions.clone().with(heat);
-    core::array::from_fn(|k| {
-        let growth = |q: f64| {
-            let mut at = [0.0; 3];
-            at[k] = q;
-            only_heat.motion(AXES[k], at, 0.0)[k]
-        };
-        let [low, high] = travel[k];
-        let rise_k = (growth(high) - growth(low)) / (high - low) / (1e-6 * STRAIN_UM_PER_M_K);
-        SURVEY_DEGC + rise_k + sd_k * dice.normal()
-    })
+/// How right a thermometer is, K: what its calibration leaves, and to what it repeats from the survey to the test.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct ThermometerErrors {
+    pub(super) calibration_k: f64,
+    pub(super) repeats_k: f64,
+}
+
+/// Thermometers on the scales, and what they tell.
+#[derive(Debug, Clone)]
+pub(super) struct Thermometers {
+    /// At the survey, degC: growth counts from there, so that the calibration drops out.
+    pub(super) survey_degc: [f64; 3],
+    /// At the test.
+    pub(super) test_degc: [f64; 3],
+    /// When they tell the next time.
+    next_s: f64,
+}
+
+impl Thermometers {
+    /// Without any errors on a machine that has stayed as it was.
+    pub(super) const IDEAL: Self =
+        Self { survey_degc: [SURVEY_DEGC; 3], test_degc: [SURVEY_DEGC; 3], next_s: f64::NEG_INFINITY };
+
+    /// Thermometers on a machine that the conditions have warmed since the survey.
+    pub(super) fn new(
+        conditions: &Conditions,
+        travel: [[f64; 2]; 3],
+        errors: ThermometerErrors,
+        dice: &mut Dice,
+    ) -> Self {
+        let heat = Acting { heat: true, load: false, interaction: false, wear: false };
+        let only_heat = conditions.clone().with(heat);
+        let mut them = Self::IDEAL;
+        for k in 0..3 {
+            let growth = |q: f64| {
+                let mut at = [0.0; 3];
+                at[k] = q;
+                only_heat.motion(AXES[k], at, 0.0)[k]
+            };
+            let [low, high] = travel[k];
+            let rise_k = (growth(high) - growth(low)) / (high - low) / (1e-6 * STRAIN_UM_PER_M_K);
+            let own = SURVEY_DEGC + errors.calibration_k * dice.normal();
+            them.survey_degc[k] = own + errors.repeats_k * dice.normal();
+            them.test_degc[k] = own + rise_k + errors.repeats_k * dice.normal();
+        }
+        them
+    }
+
+    /// The same on a machine that has not warmed.
+    pub(super) fn cold(&self) -> Self {
+        Self { test_degc: self.survey_degc, ..self.clone() }
+    }
+
+    /// What they tell the daemon at the test, four times a second.
+    pub(super) fn line(&mut self, time_s: f64) -> Option<String> {
+        if time_s < self.next_s {
+            return None;
+        }
+        self.next_s = time_s + 0.25;
+        let [x, y, z] = self.test_degc;
+        Some(format!(
+            "{{\"sensor\":\"scales\",\"t_s\":{time_s:.6},\"temperature_degc\":[{x:.3},{y:.3},{z:.3}]}}\n"
+        ))
+    }
 }
 
 /// A model whose positioning errors of X, Y and Z expand with the scales about the middle of the travel.
-pub(super) fn add_to_model(model: &str, machine: &TruthMachine) -> anyhow::Result<String> {
+pub(super) fn add_to_model(
+    model: &str,
+    machine: &TruthMachine,
+    thermometers: &Thermometers,
+) -> anyhow::Result<String> {
     let mut file: toml::Table = model.parse()?;
     let errors = file.get_mut("errors").and_then(toml::Value::as_table_mut).context("errors")?;
     let mut thermal = String::new();
@@ -56,49 +104,12 @@ pub(super) fn add_to_model(model: &str, machine: &TruthMachine) -> anyhow::Resul
         of.as_table_mut().context("error")?.insert("live".into(), live.into());
         thermal.push_str(&format!(
             "[thermal.scale-{letter}]\nkind = \"expansion\"\n[[thermal.scale-{letter}.input]]\nsensor = \"scales.{}\"\n\
-             range-degc = [10, 30]\nstrain-um-per-m-k = [{STRAIN_UM_PER_M_K}]\n",
-            n + 1
+             range-degc = [10, 30]\nreference-degc = {:.3}\nstrain-um-per-m-k = [{STRAIN_UM_PER_M_K}]\n",
+            n + 1,
+            thermometers.survey_degc[n]
         ));
     }
     Ok(toml::to_string(&file)? + &thermal)
-}
-
-/// One line of the sensors' protocol.
-pub(super) fn line(time_s: f64, degc: [f64; 3]) -> String {
-    let [x, y, z] = degc;
-    format!("{{\"sensor\":\"scales\",\"t_s\":{time_s:.6},\"temperature_degc\":[{x:.3},{y:.3},{z:.3}]}}\n")
-}
-
-/// The thermometers, which tell the daemon ten times a second of real time until they are dropped.
-pub(super) struct Thermometers {
-    stop: Arc<AtomicBool>,
-    thread: Option<JoinHandle<()>>,
-}
-
-impl Thermometers {
-    /// Thermometers that read the same all the time, for a daemon whose sensors listen there.
-    pub(super) fn start(sensors: SocketAddr, degc: [f64; 3]) -> Self {
-        let stop = Arc::new(AtomicBool::new(false));
-        let seen = Arc::clone(&stop);
-        let thread = std::thread::spawn(move || {
-            let (mut link, begin) = (SensorLink::new(sensors), Instant::now());
-            while !seen.load(Ordering::Acquire) {
-                link.send(line(begin.elapsed().as_secs_f64(), degc).as_bytes());
-                std::thread::sleep(Duration::from_millis(100));
-            }
-        });
-        Self { stop, thread: Some(thread) }
-    }
-}
-
-impl Drop for Thermometers {
-    fn drop(&mut self) {
-        self.stop.store(true, Ordering::Release);
-        if let Some(thread) = self.thread.take() {
-            // it only sends and sleeps
-            let _ = thread.join();
-        }
-    }
 }
 
 /// A free port of loopback.

@@ -71,16 +71,19 @@ fn a_machine_with_several_small_causes_is_counted_cause_by_cause() {
     assert!((5..=8).contains(&causes.len()), "{causes:?}");
     let (named, of) = hits(row, "found");
     assert_eq!(of as usize, causes.len());
-    assert!(2 * named > of, "{named} of {of}: {case:#}");
+    // deterministic: this seed, this tool; one of them may be missed, and none may be made up
+    assert!(named + 1 >= of, "{named} of {of}: {case:#}");
+    assert_eq!(hits(&found["score"], "misattributed").0, 0, "{case:#}");
 }
 
 #[test]
 fn plain_forward_selection_fails_where_the_method_does_not() {
-    let found = blind(&["--plan", "small", "--seed", "2", "--nulls", "2", "--outside", "2", "--ablation"]);
+    let found = blind(&["--plan", "small", "--seed", "2", "--nulls", "1", "--outside", "1", "--ablation"]);
     let alarms = |a: &serde_json::Value| hits(a, "null_alarms").0 + hits(a, "outside_named").0;
     let all = found["ablations"].as_array().unwrap();
     let plain = all.iter().find(|a| a["what"] == "plain").unwrap();
-    assert!(alarms(plain) >= 2, "{plain:#}");
+    // in every case
+    assert_eq!(alarms(plain), 2, "{plain:#}");
     assert!(hits(&found["score"], "null_alarms").0 == 0, "{:#}", found["score"]);
 }
 

@@ -5,6 +5,8 @@
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests")]
 
+use std::collections::VecDeque;
+
 use volcomp::config::model::parse_file;
 use volcomp::engine::{
     AfterLoss, AxisLimits, Command as Order, Compensator, EngineConfig, Lag, OutOfTravel, PositionSource,
@@ -27,6 +29,9 @@ const CYCLE_NS: i64 = 1_000_000;
 const PER_MINUTE: f64 = 60.0;
 /// Cycles for the ramp in, before anything is measured.
 const RAMP_CYCLES: usize = 400;
+/// Cycles until an offset is in force, and step of the set points told, mm, in a hard loop.
+const HARD_DELAY: usize = 3;
+const HARD_TOLD_MM: f64 = 1e-3;
 /// The engine's ramp, s.
 const RAMP_S: f64 = 0.2;
 /// A growth goes on for so long without news, s; news come with every stretch of heat.
@@ -40,6 +45,15 @@ struct Growth {
     channel: usize,
 }
 
+/// How near to a workshop the loop is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Loop {
+    /// Wide limits, set points as they are, an offset in force a cycle later.
+    Kind,
+    /// Limits as in `docs/dynamic.md`, set points told in steps of 1 um, an offset in force three cycles later.
+    Hard,
+}
+
 /// An engine in the loop.
 #[derive(Debug)]
 pub(crate) struct Corrected {
@@ -49,19 +63,27 @@ pub(crate) struct Corrected {
     sequence: u32,
     ns: i64,
     applied: AxisArray,
+    /// Offsets on their way, the oldest first.
+    under_way: VecDeque<AxisArray>,
+    /// Step of the set points that the control tells, mm.
+    told_mm: f64,
     /// X Y Z C of the twin among the axes of the wire.
     places: [Option<usize>; 4],
 }
 
 impl Corrected {
     /// An engine with the model of a file, compensating.
-    pub(crate) fn new(text: &str) -> Self {
+    pub(crate) fn new(text: &str, nature: Loop) -> Self {
         let file = parse_file("model.toml", text).unwrap();
         let model = Model::new(&file.spec).unwrap();
         let axes: Vec<AxisName> = model.axes().filter(|a| !a.spindle).map(|a| a.name).collect();
         let places = [AxisName::X, AxisName::Y, AxisName::Z, AxisName::C]
             .map(|wanted| axes.iter().position(|name| *name == wanted));
-        let config = config(&axes);
+        let config = config(&axes, nature);
+        let (late, told_mm) = match nature {
+            Loop::Kind => (0, 0.0),
+            Loop::Hard => (HARD_DELAY - 1, HARD_TOLD_MM),
+        };
         let mut engine = Compensator::new(&config, &model).unwrap();
         let growths = file
             .growths_in_use()
@@ -72,7 +94,17 @@ impl Corrected {
             .collect();
         engine.on_link_up(MonoTime::ZERO);
         engine.on_command(MonoTime::ZERO, Order::Enable);
-        Self { engine, model, growths, sequence: 0, ns: 0, applied: [0.0; MAX_AXES], places }
+        Self {
+            engine,
+            model,
+            growths,
+            sequence: 0,
+            ns: 0,
+            applied: [0.0; MAX_AXES],
+            under_way: VecDeque::from(vec![[0.0; MAX_AXES]; late]),
+            told_mm,
+            places,
+        }
     }
 }
 
@@ -81,6 +113,10 @@ impl Beside for Corrected {
         for _ in 0..RAMP_CYCLES {
             self.step(at);
         }
+    }
+
+    fn tool(&mut self, length_mm: f64) {
+        self.engine.on_tool([0.0, 0.0, -length_mm].into());
     }
 
     fn warm(&mut self, seconds: f64, heat: &Heat) {
@@ -111,7 +147,8 @@ impl Beside for Corrected {
         let mut feed = 0.0f64;
         for (place, set) in self.places.iter().zip(command.linear.iter().chain([&command.table])) {
             if let Some(slot) = place.and_then(|k| commanded.get_mut(k)) {
-                *slot = set.q;
+                *slot =
+                    if self.told_mm > 0.0 { (set.q / self.told_mm).round() * self.told_mm } else { set.q };
             }
             feed = feed.hypot(set.v);
         }
@@ -131,7 +168,8 @@ impl Beside for Corrected {
         };
         let in_force = self.applied;
         if let Some(output) = self.engine.on_position(MonoTime::from_ns(self.ns), &frame, &self.model) {
-            self.applied = self.engine.message(&output).offset;
+            self.under_way.push_back(self.engine.message(&output).offset);
+            self.applied = self.under_way.pop_front().unwrap_or(in_force);
         }
         let mut with = *command;
         for (place, set) in self.places.iter().zip(with.linear.iter_mut()) {
@@ -142,8 +180,8 @@ impl Beside for Corrected {
     }
 }
 
-/// Generous limits: what is asked here is what a correction can do, not what it may.
-fn config(axes: &[AxisName]) -> EngineConfig {
+/// Generous limits where it is asked what a correction can do; those of a workshop where it is asked what it does there.
+fn config(axes: &[AxisName], nature: Loop) -> EngineConfig {
     let each = |linear: f64, rotary: f64| -> Vec<f64> {
         axes.iter().map(|a| if a.kind() == AxisKind::Linear { linear } else { rotary }).collect()
     };
@@ -155,9 +193,20 @@ fn config(axes: &[AxisName]) -> EngineConfig {
         acceleration: 1e4 * size,
         step: f64::INFINITY,
     };
+    // of 1 mm: 2 mm/s, 200 mm/s^2, steps of 4 um
+    let workshop = |size: &f64| AxisLimits {
+        rate: 2.0 * size,
+        acceleration: 200.0 * size,
+        step: 4e-3 * size,
+        ..limits(size)
+    };
+    let sizes = each(1.0, 5e-3);
     EngineConfig {
         axes: axes.to_vec(),
-        limits: each(1.0, 5e-3).iter().map(limits).collect(),
+        limits: match nature {
+            Loop::Kind => sizes.iter().map(limits).collect(),
+            Loop::Hard => sizes.iter().map(workshop).collect(),
+        },
         cycle_s: CYCLE_S,
         ramp_s: RAMP_S,
         stale_s: 1.0,

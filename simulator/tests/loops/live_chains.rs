@@ -206,7 +206,14 @@ impl Loop {
                     };
                     sensors.push(SensorSpec::new(
                         &name,
-                        SensorKind::FiveDof { axis, head, smooth_s: 0.5, reference_share: 1.0, alignment },
+                        SensorKind::FiveDof {
+                            axis,
+                            head,
+                            smooth_s: 0.5,
+                            rest_smooth_s: 0.5,
+                            reference_share: 1.0,
+                            alignment,
+                        },
                     ));
                     let low = TRAVEL[axis.direction()][0];
                     raw.push(LiveRawLaser::new(laser, axis, low, STEP_S));
@@ -467,22 +474,33 @@ fn thermal_of(
     Thermal { name: name.to_owned(), expansion, offset: 0.0, fade_share: 0.5, std: None, inputs: vec![input] }
 }
 
-/// Runs an instrument on every chain, in both senses of storage; what is left must be below `share` of the change.
-fn judge(instrument: Instrument, share: f64) {
+/// Which runs of an instrument.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Runs {
+    /// Every chain, in both senses of storage in turn.
+    Each,
+    /// Those that `Each` leaves out.
+    Rest,
+}
+
+/// Runs an instrument on every chain; what is left must be below `share` of the change.
+fn judge(instrument: Instrument, share: f64, runs: Runs) {
+    let senses = [Sense::Relative, Sense::Carriage];
     let mut failed = Vec::new();
-    for chain in CHAINS {
-        for sense in [Sense::Relative, Sense::Carriage] {
-            for seed in SEEDS {
-                let [still, live] = Loop::new(chain, instrument, sense, seed).run();
-                let line = format!(
-                    "{instrument:?} {chain} {sense:?} seed {seed}: {:.2} µm without, {:.2} µm with",
-                    1e3 * still,
-                    1e3 * live
-                );
-                println!("{line}");
-                if live > share * still || still < 0.005 {
-                    failed.push(line);
-                }
+    for (k, chain) in CHAINS.into_iter().enumerate() {
+        // neighbouring instruments begin with the other sense
+        let first = (k + instrument as usize) % 2;
+        let sense = senses[if runs == Runs::Each { first } else { 1 - first }];
+        for seed in SEEDS {
+            let [still, live] = Loop::new(chain, instrument, sense, seed).run();
+            let line = format!(
+                "{instrument:?} {chain} {sense:?} seed {seed}: {:.2} µm without, {:.2} µm with",
+                1e3 * still,
+                1e3 * live
+            );
+            println!("{line}");
+            if live > share * still || still < 0.005 {
+                failed.push(line);
             }
         }
     }
@@ -491,45 +509,59 @@ fn judge(instrument: Instrument, share: f64) {
 
 #[test]
 fn reduced_lasers_take_out_what_changes_on_every_chain() {
-    judge(Instrument::LaserReduced, 0.2);
+    judge(Instrument::LaserReduced, 0.2, Runs::Each);
 }
 
 #[test]
 fn raw_lasers_take_out_what_changes_on_every_chain() {
-    judge(Instrument::LaserRaw, 0.3);
+    judge(Instrument::LaserRaw, 0.3, Runs::Each);
 }
 
 #[test]
 fn absolute_lasers_replace_the_stored_curves_on_every_chain() {
-    judge(Instrument::LaserAbsolute, 0.3);
+    judge(Instrument::LaserAbsolute, 0.3, Runs::Each);
 }
 
 #[test]
 fn poses_of_the_tool_take_out_what_changes_on_every_chain() {
-    judge(Instrument::ToolPose, 0.3);
+    judge(Instrument::ToolPose, 0.3, Runs::Each);
 }
 
 #[test]
 fn points_on_the_tool_take_out_what_changes_on_every_chain() {
-    judge(Instrument::ToolPoints, 0.3);
+    judge(Instrument::ToolPoints, 0.3, Runs::Each);
 }
 
 #[test]
 fn deviations_of_the_tip_take_out_what_changes_on_every_chain() {
-    judge(Instrument::ToolDeviation, 0.5);
+    judge(Instrument::ToolDeviation, 0.5, Runs::Each);
 }
 
 #[test]
 fn a_value_takes_out_what_changes_on_every_chain() {
-    judge(Instrument::Value, 0.1);
+    judge(Instrument::Value, 0.1, Runs::Each);
 }
 
 #[test]
 fn a_temperature_takes_out_what_expands_on_every_chain() {
-    judge(Instrument::Temperature, 0.1);
+    judge(Instrument::Temperature, 0.1, Runs::Each);
 }
 
 #[test]
 fn a_speed_takes_out_what_grows_on_every_chain() {
-    judge(Instrument::Speed, 0.1);
+    judge(Instrument::Speed, 0.1, Runs::Each);
+}
+
+#[test]
+#[ignore = "a minute: the other sense of storage on every chain; the nightly run"]
+fn every_instrument_on_every_chain_in_the_other_sense() {
+    judge(Instrument::LaserReduced, 0.2, Runs::Rest);
+    judge(Instrument::LaserRaw, 0.3, Runs::Rest);
+    judge(Instrument::LaserAbsolute, 0.3, Runs::Rest);
+    judge(Instrument::ToolPose, 0.3, Runs::Rest);
+    judge(Instrument::ToolPoints, 0.3, Runs::Rest);
+    judge(Instrument::ToolDeviation, 0.5, Runs::Rest);
+    judge(Instrument::Value, 0.1, Runs::Rest);
+    judge(Instrument::Temperature, 0.1, Runs::Rest);
+    judge(Instrument::Speed, 0.1, Runs::Rest);
 }

@@ -14,6 +14,7 @@ mod readme;
 mod scenarios;
 mod support;
 mod through;
+mod tutorials;
 
 use std::sync::{Mutex, MutexGuard, PoisonError};
 

@@ -31,18 +31,18 @@ fn commands(step: &str) -> Vec<String> {
         .collect()
 }
 
-fn root() -> PathBuf {
+pub(crate) fn root() -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).parent().unwrap().to_owned()
 }
 
 /// A directory with what a clone has in it, and the programs on the path.
-struct Clone {
-    folder: tempfile::TempDir,
+pub(crate) struct Clone {
+    pub(crate) folder: tempfile::TempDir,
     port: u16,
 }
 
 impl Clone {
-    fn new() -> Self {
+    pub(crate) fn new() -> Self {
         let folder = tempfile::tempdir().unwrap();
         std::os::unix::fs::symlink(root().join("config"), folder.path().join("config")).unwrap();
         let free = std::net::TcpListener::bind("127.0.0.1:0").unwrap();
@@ -58,10 +58,15 @@ impl Clone {
         command
     }
 
-    fn run(&self, line: &str) -> Output {
+    pub(crate) fn run(&self, line: &str) -> Output {
         let output = self.shell(line).output().unwrap();
         assert!(output.status.success(), "{line}\n{}", String::from_utf8_lossy(&output.stderr));
         output
+    }
+
+    /// Gives a machine file a port that is free here: the usual one may be in use.
+    pub(crate) fn move_port(&self, machine: &str) {
+        self.run(&format!("sed -i 's/127.0.0.1:7878/127.0.0.1:{}/' {machine}", self.port));
     }
 
     fn start(&self, line: &str) -> Running {
@@ -83,8 +88,7 @@ fn the_three_steps_of_the_readme_lead_to_a_compensated_machine() {
             // the control's usual port may be in use here
             running.push(clone.start(&format!("{line} --listen 127.0.0.1:{}", clone.port)));
         } else if line.starts_with("volcompd ") {
-            clone
-                .run(&format!("sed -i 's/127.0.0.1:7878/127.0.0.1:{}/' my-machine/machine.toml", clone.port));
+            clone.move_port("my-machine/machine.toml");
             running.push(clone.start(&line));
             let deadline = Instant::now() + Duration::from_secs(20);
             while !clone.folder.path().join("my-machine/volcompd.sock").exists() {

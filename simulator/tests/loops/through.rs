@@ -86,8 +86,8 @@ fn a_machine_file_is_enough_to_measure_before_and_after() {
         assert!(page.contains("After, same scale") && page.contains("ISO 230-2"), "the report");
     }
     let box_of = ["--low-mm", "50,50,-450", "--box-mm", "700,400,400", "--steps", "6", "--cycles", "2"];
-    measure(at, "diagonals", "before", None, &[&box_of[..], &["--drift-um", "0"]].concat());
-    measure(at, "diagonals", "after", Some("machine.toml"), &[&box_of[..], &["--drift-um", "0"]].concat());
+    measure(at, "diagonals", "before", None, &box_of);
+    measure(at, "diagonals", "after", Some("machine.toml"), &box_of);
     let report = verify(at, "diagonals.csv", &[]);
     assert!(reduction(&report) > 0.7, "{report}");
     for what in ["ballbar", "circle"] {

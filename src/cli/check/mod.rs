@@ -8,10 +8,11 @@ use std::sync::Arc;
 
 use serde_json::{Value, json};
 
+pub(crate) use self::text_report::model_notes;
 pub(super) use self::text_report::{
     Size, kinds_of, offset_out, offset_unit, position_out, position_unit, rounded,
 };
-use self::text_report::{describe_machine, describe_model, machine_notes, model_as_json, model_notes};
+use self::text_report::{describe_machine, describe_model, machine_notes, model_as_json};
 use super::input::{self, InputKind};
 use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
 use volcomp_config as config;
@@ -236,7 +237,7 @@ fn look_at_sensors(file: &ModelFile, machine: &MachineConfig) -> Option<(String,
     Some((problem.to_string(), remedy))
 }
 
-/// The files of `[link.tls]`, read as the daemon would.
+/// The files of `[link.tls]` and the token of `[http]`, read as the daemon would.
 fn look_at_identity(path: &Path, file: &str, text: &str, machine: &MachineConfig) -> Result<(), Problem> {
     let Some(found) = super::identity::mistake(path, machine) else { return Ok(()) };
     let errors = mistakes_at(file, text, vec![(found.key, found.message, found.remedy)]);

@@ -4,6 +4,7 @@ use serde_json::{Value, json};
 
 use crate::identity;
 use crate::model::gauge;
+use crate::numerals::plain;
 use volcomp_config::model::{kind_of, section_of};
 use volcomp_config::{MachineConfig, ModelFile};
 use volcomp_estimate::Thermal;
@@ -100,11 +101,11 @@ pub(super) fn describe_model(lines: &mut Vec<String>, file: &ModelFile) {
             format!(", {low} to {high} {}", position_unit(symbol.axis()))
         });
         lines.push(format!(
-            "    {:<5} {:<18} {:>9.2} to {:>8.2} {}{range}",
+            "    {:<5} {:<18} {:>9} to {:>8} {}{range}",
             symbol.to_string().to_lowercase(),
             kinds.join(" + "),
-            size.low,
-            size.high,
+            plain(size.low, 2),
+            plain(size.high, 2),
             size.unit
         ));
     }
@@ -253,12 +254,22 @@ pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<St
     if machine.link.is_exposed() {
         out.push(identity::exposed(machine));
     }
-    for axis in machine.axes.iter().filter(|a| a.soft_limits.iter().all(|end| end.is_infinite())) {
+    let unlimited: Vec<AxisName> = machine
+        .axes
+        .iter()
+        .filter(|a| a.soft_limits.iter().all(|end| end.is_infinite()))
+        .map(|a| a.name)
+        .collect();
+    if !unlimited.is_empty() {
+        let names: Vec<String> = unlimited.iter().map(ToString::to_string).collect();
+        let keys = [(AxisKind::Linear, "soft-limit-mm"), (AxisKind::Rotary, "soft-limit-deg")];
+        let missing = |kind: AxisKind| unlimited.iter().any(|a| a.kind() == kind);
+        let keys: Vec<&str> = keys.into_iter().filter(|(k, _)| missing(*k)).map(|(_, key)| key).collect();
         out.push(format!(
-            "axis {} has no {}: nothing here keeps its offset from carrying it over a soft limit of the machine; the control \
+            "no {} for {}: nothing here keeps an offset from carrying an axis over a soft limit of the machine; the control \
              has to",
-            axis.name,
-            if axis.name.kind() == AxisKind::Rotary { "soft-limit-deg" } else { "soft-limit-mm" }
+            keys.join(" and "),
+            names.join(", ")
         ));
     }
     for axis in &machine.axes {
@@ -299,7 +310,7 @@ pub(super) fn machine_notes(machine: &MachineConfig, file: &ModelFile) -> Vec<St
 }
 
 /// What is allowed but worth knowing about a model.
-pub(super) fn model_notes(file: &ModelFile) -> Vec<String> {
+pub(crate) fn model_notes(file: &ModelFile) -> Vec<String> {
     let model = &file.spec;
     let mut out = Vec::new();
     for thermal in file.thermal.iter().filter(|t| !model.sensors().contains(&t.name.as_str())) {

@@ -7,7 +7,7 @@ use crate::input::{self, InputKind};
 use crate::table::{self, Table};
 use crate::{EX_DATAERR, Failure};
 use volcomp_diagnose::machine_state::Axis;
-use volcomp_diagnose::session::{Raw, Session, is_encoder};
+use volcomp_diagnose::session::{Note, Raw, Session, is_encoder};
 use volcomp_formats::detect;
 use volcomp_model::Model;
 
@@ -32,11 +32,30 @@ pub(super) fn session(path: &Path, args: &InstrumentArgs, plan: bool) -> Result<
         }
     }
     let mut table = table::open(path)?;
+    known(&table)?;
     let mut raw = read(&mut table)?;
     if plan {
         as_plan(&mut raw);
     }
     Ok(Source::Table(raw))
+}
+
+/// Refuses what is no session table at all, before one of its lines is called wrong.
+fn known<R: std::io::BufRead>(table: &Table<R>) -> Result<(), Failure> {
+    let names = table.columns();
+    if names.iter().any(|n| is_quantity(n) || n == "instrument") {
+        return Ok(());
+    }
+    Err(Failure::new(
+        EX_DATAERR,
+        format_args!(
+            "error: {}: neither a session file (its heading has none of the columns t_s, x_mm .. deviation_um) nor a known file of an \
+             instrument or a control\n  \
+             hint: read are ISO 230-2 tests (.dat, .rtl, .pos, CSV), circular tests (CSV), plates measured on a CMM, captures of a \
+             SINUMERIK Edge (JSON, CSV) and logs of displacement; columns of session files: docs/reference/session-files.md",
+            table.file()
+        ),
+    ))
 }
 
 /// Reads a session table; empty fields become NaN.
@@ -94,11 +113,8 @@ fn as_plan(raw: &mut Raw) {
 }
 
 /// Refuses rotary axes that turn while nobody says where they stand in the chain: their errors would pass for others.
-/// The control's own encoders do not see the structure.
-pub(super) fn chain(session: &Session, model: Option<&Model>) -> Result<(), Failure> {
-    if session.instruments.iter().all(|n| is_encoder(n)) {
-        return Ok(());
-    }
+/// The control's own encoders do not see the structure: there a note says what cannot be searched for.
+pub(super) fn chain(session: &mut Session, model: Option<&Model>) -> Result<(), Failure> {
     let turns = |a: &Axis| {
         let angles = session.moments.iter().map(|m| m.position[a.slot()]);
         let (low, high) = angles.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
@@ -107,6 +123,14 @@ pub(super) fn chain(session: &Session, model: Option<&Model>) -> Result<(), Fail
     let stands = |a: &Axis| model.is_some_and(|m| m.axes().any(|b| b.name == a.name()));
     let unknown = session.axes.iter().find(|a| !a.is_linear() && turns(a) && !stands(a));
     let Some(axis) = unknown else { return Ok(()) };
+    if session.instruments.iter().all(|n| is_encoder(n)) {
+        let note = format!(
+            "axis {axis} turns, and no model says where it stands: its scale, delay and reversal error as seen by its encoder are not searched for; give \
+             the model with --model"
+        );
+        session.notes.push(Note::new(note));
+        return Ok(());
+    }
     let what = match model {
         None => {
             "turns, and nothing says where it stands in the chain; give the model with --model".to_owned()

@@ -186,7 +186,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.json {
         exit::print(&format!("{json}\n"))
     } else {
-        text_report::summary(&found, &compensable, args.out.as_deref())
+        text_report::summary(&session, &found, &compensable, args.out.as_deref())
     }
 }
 
@@ -218,7 +218,7 @@ fn load(
         .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {e}")))?;
     session.notes.splice(0..0, detected);
     session.notes.extend(notes);
-    input::chain(&session, model.or(ideal.as_ref().map(|(_, model)| model)))?;
+    input::chain(&mut session, model.or(ideal.as_ref().map(|(_, model)| model)))?;
     if model.is_some() || !additions.is_empty() {
         predict(&mut session, model, additions)
             .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {e}")))?;

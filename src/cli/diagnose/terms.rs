@@ -2,10 +2,11 @@
 
 use std::collections::BTreeMap;
 
-use volcomp_diagnose::library::{Kind, page};
+use volcomp_diagnose::library::{Effect, Kind};
 use volcomp_diagnose::report::{Cause, Value, Verdict};
 use volcomp_diagnose::{Budget, Diagnosis};
 use volcomp_effects::extend::{Fate, extend};
+use volcomp_effects::unit_of;
 use volcomp_model::{Chain, ModelSpec};
 
 /// Coverage factor of all uncertainties shown.
@@ -18,8 +19,8 @@ pub(super) fn name(effect: &str, subject: &str) -> String {
         [a, b] => format!("{} to {}", *a as char, *b as char),
         _ => letters,
     };
-    page(effect)
-        .map_or_else(|| format!("{effect} {subject}").trim().to_owned(), |p| p.title.replace("{}", &subject))
+    Effect::find(effect)
+        .map_or_else(|| format!("{effect} {subject}").trim().to_owned(), |e| e.title.replace("{}", &subject))
 }
 
 /// The same from a label `effect:subject`.
@@ -65,28 +66,6 @@ pub(super) fn with_uncertainty(v: Value) -> String {
     format!("{} ± {}", number(v.value, decimals), number(expanded, decimals))
 }
 
-/// Units at the end of a parameter's name, longest first, as a person writes them.
-const UNITS: [(&str, &str); 18] = [
-    ("_um_per_m_per_s2_per_m", "µm per m/s² and m"),
-    ("_arcsec_per_m_per_s2", "″ per m/s²"),
-    ("_um_per_n_to_the_power", "µm/N^p"),
-    ("_um_per_m_per_s2", "µm per m/s²"),
-    ("_um_per_1000rpm", "µm per 1000 rpm"),
-    ("_ppm_per_k", "µm/(m K)"),
-    ("_um_per_k", "µm/K"),
-    ("_um_per_m", "µm/m"),
-    ("_um_per_n", "µm/N"),
-    ("_arcsec", "″"),
-    ("_degc", "°C"),
-    ("_ppm", "µm/m"),
-    ("_um", "µm"),
-    ("_mm", "mm"),
-    ("_ms", "ms"),
-    ("_hz", "Hz"),
-    ("_s", "s"),
-    ("_1", ""),
-];
-
 /// True for coefficients of a series, which say nothing without the curve.
 fn is_coefficient(name: &str) -> bool {
     let stem = name.strip_prefix("reversal_").unwrap_or(name);
@@ -103,10 +82,7 @@ pub(super) fn parameters(cause: &Cause) -> Vec<String> {
     let physical = cause.parameters.iter().filter(|(name, v)| !is_coefficient(name) && seen(v));
     physical
         .map(|(name, v)| {
-            let (stem, unit) = UNITS
-                .iter()
-                .find_map(|(end, unit)| name.strip_suffix(end).map(|stem| (stem, *unit)))
-                .unwrap_or((name, ""));
+            let (stem, unit) = unit_of(name).unwrap_or((name, ""));
             let mut text =
                 format!("{} {} {unit}", stem.trim_end_matches("_1").replace('_', " "), with_uncertainty(*v));
             if unit == "″" {
@@ -130,8 +106,8 @@ pub(super) fn with_names(text: &str) -> String {
     let word = |word: &str| {
         let bare = word.trim_matches([',', ';', '.', '(', ')']);
         let effect = bare.split(':').next().unwrap_or(bare);
-        let is_label =
-            (bare.contains(':') || bare.contains('-')) && page(effect).is_some_and(|p| p.effect == effect);
+        let is_label = (bare.contains(':') || bare.contains('-'))
+            && Effect::find(effect).is_some_and(|e| e.name == effect);
         match bare {
             "um" => word.replace("um", "µm"),
             _ if is_label => word.replace(bare, &name_of_label(bare)),
@@ -210,7 +186,7 @@ impl Compensable {
 
 /// What to do about an effect; empty where the catalogue has nothing.
 pub(super) fn remedy(effect: &str) -> &'static str {
-    page(effect).map_or("", |p| p.remedy)
+    Effect::find(effect).map_or("", |e| e.remedy)
 }
 
 fn listed(names: &[String]) -> String {
@@ -240,6 +216,13 @@ pub(super) fn headline(found: &Diagnosis) -> String {
         Verdict::NoGap => {
             format!("No significant gap: {gap} µm RMS, with a measurement noise of {noise} µm.")
         }
+        Verdict::Unexplained if !names.is_empty() => format!(
+            "The gap of {gap} µm RMS exceeds the noise of {noise} µm. Established: {}; correcting {} takes out only {} % of it, \
+             the rest is unexplained.",
+            listed(&names),
+            if names.len() == 1 { "it" } else { "them" },
+            number((100.0 * s.fraction).max(0.0), 0)
+        ),
         Verdict::Unexplained => {
             format!("The gap of {gap} µm RMS exceeds the noise of {noise} µm, and no cause is established.")
         }
@@ -307,11 +290,7 @@ mod tests {
     }
 
     #[test]
-    fn every_effect_has_a_name_and_a_remedy() {
-        for p in volcomp_diagnose::library::PAGES {
-            assert!(!p.title.is_empty() && !p.remedy.is_empty(), "{}", p.effect);
-            assert_eq!(p.title.contains("{}"), !p.subject.is_empty(), "{}", p.effect);
-        }
+    fn labels_are_named_with_their_subjects() {
         assert_eq!(name_of_label("backlash:x"), "reversal error (backlash) of X");
         assert_eq!(name_of_label("squareness:xy"), "squareness error of X to Y");
     }

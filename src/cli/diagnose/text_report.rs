@@ -6,9 +6,10 @@ use std::path::Path;
 use crate::numerals::counted;
 use crate::{EX_USAGE, Failure, exit};
 use volcomp_diagnose::Diagnosis;
-use volcomp_diagnose::library::{Kind, PAGES, page};
+use volcomp_diagnose::library::{EFFECTS, Effect, Kind};
 use volcomp_diagnose::plan::PlanReport;
 use volcomp_diagnose::report::Cause;
+use volcomp_diagnose::session::Session;
 
 use super::terms::{
     Compensable, Shares, headline, name, parameters, peak_to_valley, percent, remedy, um, with_uncertainty,
@@ -25,12 +26,17 @@ const fn kind(kind: Kind) -> &'static str {
     }
 }
 
+/// The name of an effect with what may stand behind its colon.
+fn with_subject(e: &Effect) -> String {
+    let words = e.subjects.words();
+    if words.is_empty() { e.name.to_owned() } else { format!("{}:<{words}>", e.name) }
+}
+
 /// All effects in a line each, or the page of one.
 pub(super) fn list_effects(name: &str) -> Result<(), Failure> {
     if name.is_empty() {
-        for p in PAGES {
-            let subject = if p.subject.is_empty() { String::new() } else { format!(":<{}>", p.subject) };
-            say!("{:38} {:10} {}", format!("{}{subject}", p.effect), kind(p.kind), p.cause);
+        for e in EFFECTS {
+            say!("{:38} {:10} {}", with_subject(e), kind(e.kind), e.cause);
         }
         say!();
         say!(
@@ -40,21 +46,21 @@ pub(super) fn list_effects(name: &str) -> Result<(), Failure> {
         return Ok(());
     }
     let stem = name.split(':').next().unwrap_or(name).to_ascii_lowercase();
-    let Some(p) = page(&stem) else {
-        let names: Vec<&str> = PAGES.iter().map(|p| p.effect).collect();
+    let Some(e) = Effect::find(&stem) else {
+        let names: Vec<&str> = EFFECTS.iter().map(|e| e.name).collect();
         return Err(Failure::new(
             EX_USAGE,
             format_args!("error: --list-effects {name}: no such effect; effects are {}", names.join(", ")),
         ));
     };
-    say!("{}{}", p.effect, if p.subject.is_empty() { String::new() } else { format!(":<{}>", p.subject) });
-    say!("  also called     {}", p.synonyms.split(' ').collect::<Vec<_>>().join(", "));
-    say!("  kind            {}", kind(p.kind));
-    say!("  cause           {}", p.cause);
-    say!("  formula         {}", p.formula);
-    say!("  looks like      {}", p.looks_like);
-    say!("  confused with   {}", p.confused_with);
-    say!("  settled by      {}", p.settles);
+    say!("{}", with_subject(e));
+    say!("  also called     {}", e.synonyms.split(' ').collect::<Vec<_>>().join(", "));
+    say!("  kind            {}", kind(e.kind));
+    say!("  cause           {}", e.cause);
+    say!("  formula         {}", e.formula);
+    say!("  looks like      {}", e.looks_like);
+    say!("  confused with   {}", e.confused_with);
+    say!("  settled by      {}", e.settles);
     Ok(())
 }
 
@@ -65,6 +71,7 @@ const NAME: usize = 44;
 
 /// The report in a few lines.
 pub(super) fn summary(
+    session: &Session,
     found: &Diagnosis,
     compensable: &Compensable,
     out: Option<&Path>,
@@ -83,10 +90,10 @@ pub(super) fn summary(
     }
     for n in r.noise.iter().filter(|n| n.drift_um > DRIFT_TOLD * n.white_um) {
         say!(
-            "drift of {}: {} µm over {:.0} s, noise {} µm; slow effects may be hidden by it",
+            "drift of {}: {} µm over {}, noise {} µm; slow effects may be hidden by it",
             n.instrument,
             um(n.drift_um),
-            n.drift_s,
+            session.span(n.drift_s),
             um(n.white_um)
         );
     }

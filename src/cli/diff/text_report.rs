@@ -4,6 +4,7 @@ use serde_json::{Map, Value, json};
 
 use super::Diff;
 use crate::check::{offset_out, offset_unit, position_out, position_unit, rounded};
+use crate::numerals::{plain, signed};
 use volcomp_config::Provenance;
 use volcomp_model::compare::{Change, Difference, ErrorDifference, VolumeDifference};
 use volcomp_model::geometry::Vec3;
@@ -151,7 +152,7 @@ fn error_row(e: &ErrorDifference) -> Row {
     Row {
         symbol: e.symbol.to_string(),
         what: what(e).to_owned(),
-        largest: format!("{:+.3}", out_of(e.symbol, e.largest)),
+        largest: signed(out_of(e.symbol, e.largest), 3),
         rms: format!("{:.3}", out_of(e.symbol, e.rms)),
         unit,
         place,
@@ -229,7 +230,7 @@ fn pose_words(axes: &[AxisName], pose: &Pose) -> String {
 }
 
 fn vector(v: &Vec3) -> String {
-    format!("({:.2}, {:.2}, {:.2})", v.x, v.y, v.z)
+    format!("({}, {}, {})", plain(v.x, 2), plain(v.y, 2), plain(v.z, 2))
 }
 
 fn short(v: f64) -> f64 {

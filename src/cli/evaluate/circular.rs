@@ -12,11 +12,18 @@ use super::{
     CompareOptions, Compared, Figure, Output, bad_data, change, drawn, only, percent, put_before,
     side_by_side,
 };
+use crate::acceptance::verdicts::{self, Assessed};
+use crate::acceptance::{Acceptance, Stated};
+use crate::arg_parsers::not_negative;
+use crate::numerals::{counted, plain};
 use crate::positioning_data::no_rows;
 use crate::{EX_USAGE, Failure, table};
-use volcomp_evaluate::{Centring, CircularReading, Circularity, Placed};
+use volcomp_evaluate::{Centring, CircularReading, CircularUncertainties, Circularity, Placed};
 use volcomp_identify::ballbar::{Sample, cut_overshoot, travelled};
 use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
+
+const UNCERTAINTY: &str = "Uncertainty of the measurement (k = 2)";
+const STANDARD: &str = "Circular test, ISO 230-4:2022";
 
 #[derive(Debug, Clone, Copy, ValueEnum)]
 enum CentringArg {
@@ -26,7 +33,7 @@ enum CentringArg {
     None,
 }
 
-/// Circular test by ISO 230-4: circular deviation G and radial deviation F
+/// Circular test by ISO 230-4: circular error G and radial error F
 ///
 /// Angles count from the first axis of the plane towards the second. Files of `volcomp identify ballbar` and
 /// `cncsim measure ballbar` are read as they are: what a run travels beyond one turn is overshoot and is cut, half at
@@ -51,6 +58,15 @@ pub(super) struct Args {
     /// Overshoot at either end of each run, of an arc; of full circles it is what exceeds one turn.
     #[arg(long, value_name = "DEG")]
     overshoot_deg: Option<f64>,
+    /// Expanded uncertainty (k = 2) of a change of the reading over the circle, from the certificate of the instrument.
+    #[arg(long, value_name = "UM", value_parser = not_negative, help_heading = UNCERTAINTY)]
+    u_device_um: Option<f64>,
+    /// Expanded uncertainty (k = 2) of the calibrated length; radial errors F need it.
+    #[arg(long, value_name = "UM", value_parser = not_negative, help_heading = UNCERTAINTY)]
+    u_length_um: Option<f64>,
+    /// Range of the reading of the resting machine over the time of the test.
+    #[arg(long, value_name = "UM", value_parser = not_negative, help_heading = UNCERTAINTY)]
+    drift_um: Option<f64>,
     /// The plane of the circle, for the plot: first and second axis.
     #[arg(long, value_name = "AXES", default_value = "xy", value_parser = plane)]
     plane: [char; 2],
@@ -70,6 +86,9 @@ pub(crate) fn plane(text: &str) -> Result<[char; 2], String> {
 struct Evaluated {
     readings: Vec<CircularReading>,
     result: Circularity,
+    /// Feed, where it is stated or the file has one, mm/min.
+    feed: Option<f64>,
+    uncertainties: CircularUncertainties,
 }
 
 fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
@@ -116,7 +135,9 @@ fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
         CentringArg::None => Centring::None,
     };
     let result = Circularity::evaluate(&readings, centring).map_err(|e| bad_data(path, e))?;
-    Ok(Evaluated { readings, result })
+    let feed = args.feed_mm_per_min.or_else(|| samples.first().and_then(|s| s.feed));
+    let uncertainties = CircularUncertainties::of(args.u_device_um, args.u_length_um, args.drift_um);
+    Ok(Evaluated { readings, result, feed, uncertainties })
 }
 
 /// The readings of the feed asked for; of several feeds one must be.
@@ -149,14 +170,20 @@ fn of_one_feed(args: &Args, path: &Path, samples: Vec<Sample>) -> Result<Vec<Sam
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let mut acceptance = Acceptance::load(&args.output.head, "iso230-4", &keys())?;
     let after = read(args, &args.data)?;
+    acceptance.fill(stated(&after));
+    let assessed = assessed(&acceptance, &after.result, after.uncertainties);
     let before = args.before.as_deref().map(|path| read(args, path)).transpose()?;
     let title = args.output.title.as_deref().unwrap_or("Circular test");
     let pictures = pictures(args, title, &after, before.as_ref());
-    args.output
-        .write(|| drawing::whole(title, &pictures), || report(args, title, &after, before.as_ref()))?;
+    args.output.write(
+        || drawing::whole(title, &pictures),
+        || report(args, title, &acceptance, &assessed, &after, before.as_ref()),
+    )?;
     if args.output.json {
         let mut out = as_json(&after);
+        verdicts::put(&mut out, &assessed);
         if let Some(before) = &before {
             put_before(&mut out, as_json(before));
         }
@@ -167,6 +194,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         [&args.output.svg, &args.output.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
     if !stdout_taken {
         print(args, &after, before.as_ref());
+        verdicts::print(&assessed, "um");
     }
     Ok(())
 }
@@ -192,14 +220,38 @@ fn pictures<'a>(
 }
 
 fn figures(c: &Circularity) -> [Figure; 5] {
-    let figure = |key, name, value: Option<f64>| Figure { key, name, value: value.map(um_from_mm) };
-    [
-        figure("g_fwd_um", "circular deviation G, counter-clockwise", c.g_forward),
-        figure("g_bwd_um", "circular deviation G, clockwise", c.g_backward),
-        figure("g_bi_um", "circular deviation G(b), both", c.g_both),
-        figure("fmax_um", "radial deviation Fmax", Some(c.f_max)),
-        figure("fmin_um", "radial deviation Fmin", Some(c.f_min)),
-    ]
+    FIGURES.map(|(key, name, of)| Figure { key, name, value: of(c).map(um_from_mm) })
+}
+
+type Get = fn(&Circularity) -> Option<f64>;
+/// Key, term of ISO 230-4:2022, and how a figure is taken from a test.
+const FIGURES: [(&str, &str, Get); 5] = [
+    ("g_fwd_um", "circular error G, counter-clockwise", |c| c.g_forward),
+    ("g_bwd_um", "circular error G, clockwise", |c| c.g_backward),
+    ("g_bi_um", "bidirectional circular error G(b)", |c| c.g_both),
+    ("fmax_um", "radial error Fmax", |c| Some(c.f_max)),
+    ("fmin_um", "radial error Fmin", |c| Some(c.f_min)),
+];
+
+/// Keys of the figures that may have a tolerance.
+pub(super) fn keys() -> Vec<String> {
+    FIGURES.iter().map(|(key, ..)| (*key).to_owned()).collect()
+}
+
+/// The figures of a test with tolerances and stated uncertainties.
+pub(super) fn assessed(
+    acceptance: &Acceptance,
+    result: &Circularity,
+    u: CircularUncertainties,
+) -> Vec<Assessed> {
+    figures(result)
+        .into_iter()
+        .map(|f| acceptance.assess(f.key, f.name, f.value, if f.key.starts_with('g') { u.g } else { u.f }))
+        .collect()
+}
+
+fn stated(test: &Evaluated) -> Stated {
+    Stated { feed_mm_per_min: test.feed, ..Stated::default() }
 }
 
 fn as_json(test: &Evaluated) -> Map<String, Value> {
@@ -212,8 +264,8 @@ fn as_json(test: &Evaluated) -> Map<String, Value> {
 }
 
 fn print(args: &Args, after: &Evaluated, before: Option<&Evaluated>) {
-    say!("ISO 230-4 of {}: {} readings", args.data.display(), after.readings.len());
-    let um = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{v:.2} um"));
+    say!("ISO 230-4 of {}: {}", args.data.display(), counted(after.readings.len(), "reading"));
+    let um = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{} um", plain(v, 2)));
     if before.is_some() {
         say!("{:<40}{:>14}{:>14}{:>10}", "", "before", "after", "change");
     }
@@ -227,12 +279,14 @@ fn print(args: &Args, after: &Evaluated, before: Option<&Evaluated>) {
         }
     }
     let [x, y] = after.result.centre.map(um_from_mm);
-    say!("{:<40}{:>14}", "centre taken out", format!("{x:.1}, {y:.1} um"));
+    say!("{:<40}{:>14}", "centre taken out", format!("{}, {} um", plain(x, 1), plain(y, 1)));
 }
 
 fn report(
     args: &Args,
     title: &str,
+    acceptance: &Acceptance,
+    assessed: &[Assessed],
     after: &Evaluated,
     before: Option<&Evaluated>,
 ) -> Result<String, Box<dyn std::error::Error>> {
@@ -247,16 +301,16 @@ fn report(
         match args.centring {
             CentringArg::LeastSquares => {
                 let [x, y] = after.result.centre.map(um_from_mm);
-                format!("least-squares circle; taken out {x:.1}, {y:.1} µm")
+                format!("least-squares circle; taken out {}, {} µm", plain(x, 1), plain(y, 1))
             }
             CentringArg::None => "that of the instrument".to_owned(),
         },
     ));
-    let mut page = page::start(title, "Circular test, ISO 230-4:2005", &origins, &facts);
+    let mut page = page::start(title, STANDARD, acceptance, assessed, &origins, &facts);
     let old = before.map(|b| figures(&b.result));
-    page::figures(&mut page, "µm", &figures(&after.result), old.as_ref().map(|o| &o[..]));
+    page::figures(&mut page, "µm", assessed, old.as_ref().map(|o| &o[..]));
     let caption = "Radial deviations about the common centre, magnified; the heavy circle is the nominal path. F is the radial \
-                   deviation from the nominal radius, G the range of the radii of one path (G(b): of both).";
+                   error against the nominal radius, G the range of the radii of one path (G(b): of both).";
     let shown = pictures(args, "", after, before);
     let scale = drawing::scale(&shown);
     for (i, one) in shown.iter().enumerate() {
@@ -273,7 +327,7 @@ fn report(
         let svg = drawing::single(&Shown { title: "", ..*one }, scale)?;
         if i + 1 == shown.len() { page.figure(&svg, caption) } else { page.picture(&svg) }
     }
-    Ok(page.finish())
+    Ok(page::finish(page, assessed))
 }
 
 /// Sectors of a circle in which readings are averaged.
@@ -288,6 +342,9 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
     }
     if let Some(feed) = options.feed_mm_per_min {
         words.extend(["--feed-mm-per-min".to_owned(), feed.to_string()]);
+    }
+    if let Some(u) = options.u_device {
+        words.extend(["--u-device-um".to_owned(), u.to_string()]);
     }
     let read = |path: &Path| -> Result<Evaluated, Failure> {
         let words = words.iter().cloned().chain(["--data".to_owned(), path.display().to_string()]);
@@ -306,9 +363,14 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
     let plot = |shown: &Shown<'_>| drawing::single(shown, scale).map_err(drawn);
     Ok(Compared {
         test: "iso230-4",
-        standard: "Circular test, ISO 230-4:2005",
+        standard: STANDARD,
+        keys: keys(),
+        stated: stated(&after),
         unit: "µm",
-        figures: side_by_side(&figures(&before.result), &figures(&after.result)),
+        figures: side_by_side(
+            &figures(&before.result),
+            assessed(&Acceptance::default(), &after.result, after.uncertainties),
+        ),
         plots: vec![("Before", plot(&shown[0])?), ("After, same scale", plot(&shown[1])?)],
         caption: "Radial deviations about the common centre, magnified; the heavy circle is the nominal path.",
         readings: [placed(&before), placed(&after)],

@@ -7,12 +7,22 @@ use serde_json::{Map, Value, json};
 use super::page::{self, Origin};
 use super::picture::positioning::{self as drawing, Shown};
 use super::positioning::{as_json, print};
-use super::{Compared, Figure, Output, bad_data, change, drawn, percent, put_before, show, side_by_side};
+use super::positioning::{length, stated};
+use super::uncertainty_args::UncertaintyArgs;
+use super::{
+    CompareOptions, Compared, Figure, Output, bad_data, change, drawn, percent, put_before, show,
+    side_by_side,
+};
+use crate::acceptance::verdicts::{self, Assessed};
+use crate::acceptance::{Acceptance, Stated};
+use crate::numerals::counted;
 use crate::positioning_data::{TestColumns, no_rows};
 use crate::report::page::Cell;
 use crate::report::plot::{Drawn, SHEET_WIDTH, Svg, svg_of, words};
 use crate::{Failure, table};
-use volcomp_evaluate::{Diagonal, DiagonalTest, Placed, Positioning, PositioningReading};
+use volcomp_evaluate::{
+    Conditions, Diagonal, DiagonalTest, Placed, Positioning, PositioningReading, Uncertainties,
+};
 use volcomp_units::axes::AxisKind;
 use volcomp_units::um_from_mm;
 
@@ -27,6 +37,8 @@ pub(super) struct Args {
     /// The same test at an earlier time, to compare with.
     #[arg(long, value_name = "FILE")]
     before: Option<PathBuf>,
+    #[command(flatten)]
+    uncertainty: UncertaintyArgs,
     #[command(flatten)]
     output: Output,
 }
@@ -63,27 +75,59 @@ fn read(path: &Path) -> Result<Evaluated, Failure> {
 }
 
 type Get = fn(&Positioning) -> Option<f64>;
-/// Key, words, and how a figure is taken from one diagonal.
+/// Key, term of the standard, and how a figure is taken from one diagonal.
 const WORST: [(&str, &str, Get); 6] = [
-    ("b_um", "reversal B", |p| p.both.map(|b| b.b)),
-    ("r_um", "repeatability R", |p| p.both.map(|b| b.r)),
-    ("e_um", "systematic deviation E", |p| p.both.map(|b| b.e)),
-    ("a_um", "accuracy A", |p| p.both.map(|b| b.a)),
-    ("e_fwd_um", "E, forward", |p| p.forward.map(|f| f.e)),
-    ("e_bwd_um", "E, backward", |p| p.backward.map(|f| f.e)),
+    ("b_um", "reversal error B", |p| p.both.map(|b| b.b)),
+    ("r_um", "bidirectional repeatability R", |p| p.both.map(|b| b.r)),
+    ("e_um", "bidirectional systematic positioning error E", |p| p.both.map(|b| b.e)),
+    ("a_um", "bidirectional positioning accuracy A", |p| p.both.map(|b| b.a)),
+    ("e_fwd_um", "systematic positioning error E, forward", |p| p.forward.map(|f| f.e)),
+    ("e_bwd_um", "systematic positioning error E, backward", |p| p.backward.map(|f| f.e)),
 ];
 
+/// Keys of the figures that may have a tolerance.
+fn keys() -> Vec<String> {
+    WORST.iter().map(|(key, ..)| (*key).to_owned()).collect()
+}
+
+fn figures(test: &DiagonalTest) -> Vec<Figure> {
+    WORST
+        .iter()
+        .map(|(key, name, get)| Figure { key, name, value: test.worst(get).map(|(_, v)| v) })
+        .collect()
+}
+
+/// The figures of the worst diagonals with tolerances and the uncertainty of the measurement along them.
+fn assessed(acceptance: &Acceptance, test: &DiagonalTest, conditions: &Conditions) -> Vec<Assessed> {
+    WORST
+        .iter()
+        .map(|(key, name, get)| {
+            let worst = test.worst(get);
+            let expanded = worst.and_then(|(diagonal, _)| {
+                let (_, p) = test.diagonals.iter().find(|(d, _)| *d == diagonal)?;
+                let u = stated(&Uncertainties::of(p, conditions, length(p)));
+                u.iter().find(|(k, _)| format!("{k}_um") == **key).map(|(_, u)| *u)
+            });
+            acceptance.assess(key, name, worst.map(|(_, v)| v), expanded)
+        })
+        .collect()
+}
+
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let acceptance = Acceptance::load(&args.output.head, "iso230-6", &keys())?;
     let after = read(&args.data)?;
+    let conditions = args.uncertainty.conditions(AxisKind::Linear)?;
+    let assessed = assessed(&acceptance, &after.result, &conditions);
     let before = args.before.as_deref().map(read).transpose()?;
     let title = args.output.title.as_deref().unwrap_or("Body diagonals");
     let scale = scale(&after, before.as_ref());
     args.output.write(
         || whole(title, &after, before.as_ref(), scale),
-        || report(args, title, &after, before.as_ref(), scale),
+        || report(args, title, (&acceptance, &assessed), &after, before.as_ref(), scale),
     )?;
     if args.output.json {
         let mut report = object(&after.result);
+        verdicts::put(&mut report, &assessed);
         if let Some(before) = &before {
             put_before(&mut report, object(&before.result));
         }
@@ -94,13 +138,15 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         [&args.output.svg, &args.output.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
     if !stdout_taken {
         print_all(&after.result, before.as_ref().map(|b| &b.result));
+        verdicts::print(&assessed, "um");
     }
     Ok(())
 }
 
 fn print_all(after: &DiagonalTest, before: Option<&DiagonalTest>) {
     for (d, p) in &after.diagonals {
-        say!("ISO 230-6, diagonal {}: {} targets, {} cycles", d.name(), p.targets.len(), p.cycles);
+        let (targets, cycles) = (counted(p.targets.len(), "target"), counted(p.cycles, "cycle"));
+        say!("ISO 230-6, diagonal {}: {targets}, {cycles}", d.name());
         print(p, "um", |v| v);
         say!();
     }
@@ -190,21 +236,17 @@ fn whole(title: &str, after: &Evaluated, before: Option<&Evaluated>, y: [f64; 2]
 fn report(
     args: &Args,
     title: &str,
+    (acceptance, assessed): (&Acceptance, &[Assessed]),
     after: &Evaluated,
     before: Option<&Evaluated>,
     y: [f64; 2],
 ) -> Result<String, Box<dyn std::error::Error>> {
     let mut origins = vec![Origin::of("data", &args.data)];
     origins.extend(args.before.as_deref().map(|p| Origin::of("before", p)));
-    let mut page = page::start(title, "Positioning along the body diagonals, ISO 230-6:2002", &origins, &[]);
+    let standard = "Positioning along the body diagonals, ISO 230-6:2002";
+    let mut page = page::start(title, standard, acceptance, assessed, &origins, &[]);
     page.heading("Worst of the four diagonals");
-    let figures = |t: &DiagonalTest| -> Vec<Figure> {
-        WORST
-            .iter()
-            .map(|(key, name, get)| Figure { key, name, value: t.worst(get).map(|(_, v)| v) })
-            .collect()
-    };
-    page::figures(&mut page, "µm", &figures(&after.result), before.map(|b| figures(&b.result)).as_deref());
+    page::figures(&mut page, "µm", assessed, before.map(|b| figures(&b.result)).as_deref());
     page.heading("Each diagonal");
     each(&mut page, after, before);
     let caption = "Deviation = actual - target along the diagonal. Blue: forward, vermillion: backward; solid: mean, band: ± 2 s, \
@@ -217,7 +259,7 @@ fn report(
             page.figure(&svg_of((SHEET_WIDTH, 2 * HEIGHT), |area| four(test, y, area))?, caption);
         }
     }
-    Ok(page.finish())
+    Ok(page::finish(page, assessed))
 }
 
 fn each(page: &mut crate::report::Page, after: &Evaluated, before: Option<&Evaluated>) {
@@ -242,31 +284,45 @@ fn each(page: &mut crate::report::Page, after: &Evaluated, before: Option<&Evalu
 }
 
 /// Two tests for `volcomp verify`.
-pub(super) fn compare(files: [&Path; 2]) -> Result<Compared, Failure> {
+pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared, Failure> {
     let [before, after] = [read(files[0])?, read(files[1])?];
     let y = scale(&after, Some(&before));
     let plot =
         |test: &Evaluated| svg_of((SHEET_WIDTH, 2 * HEIGHT), |area| four(test, y, area)).map_err(drawn);
-    let figures = |t: &DiagonalTest| -> Vec<Figure> {
-        WORST
-            .iter()
-            .map(|(key, name, get)| Figure { key, name, value: t.worst(get).map(|(_, v)| v) })
-            .collect()
-    };
+    let conditions = Conditions { device: options.u_device, ..Conditions::default() };
     let placed = |test: &Evaluated| -> Vec<Placed> {
         let curve =
             |d: Diagonal| test.result.diagonals.iter().position(|(other, _)| *other == d).unwrap_or(0);
-        test.readings.iter().map(|(d, r)| super::positioning::placed(curve(*d) as u32, r)).collect()
+        let own_mean = |d: Diagonal| {
+            let own = of(test, d);
+            own.iter().map(|r| r.deviation).sum::<f64>() / own.len().max(1) as f64
+        };
+        // the zero of the interferometer belongs to its set-up
+        let zeros: Vec<f64> = test.result.diagonals.iter().map(|(d, _)| own_mean(*d)).collect();
+        let about_zero = |d: Diagonal, r: &PositioningReading| {
+            let k = curve(d);
+            let deviation = r.deviation - zeros.get(k).copied().unwrap_or(0.0);
+            super::positioning::placed(k as u32, &PositioningReading { deviation, ..*r })
+        };
+        test.readings.iter().map(|(d, r)| about_zero(*d, r)).collect()
     };
     Ok(Compared {
         test: "iso230-6",
         standard: "Positioning along the body diagonals, ISO 230-6:2002; figures of the worst of the four",
+        keys: keys(),
+        stated: Stated::default(),
         unit: "µm",
-        figures: side_by_side(&figures(&before.result), &figures(&after.result)),
+        figures: side_by_side(
+            &figures(&before.result),
+            assessed(&Acceptance::default(), &after.result, &conditions),
+        ),
         plots: vec![("Before", plot(&before)?), ("After, same scale", plot(&after)?)],
         caption: "Blue: forward, vermillion: backward; solid: mean, band: ± 2 s, dots: readings.",
         readings: [placed(&before), placed(&after)],
         is_repeated: true,
-        notes: vec!["The range is that over all four diagonals together.".to_owned()],
+        notes: vec![
+            "Range and RMS are those of all four diagonals, each about its mean: the zero of each belongs to the set-up."
+                .to_owned(),
+        ],
     })
 }

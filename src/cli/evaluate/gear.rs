@@ -7,6 +7,7 @@ use serde_json::{Map, Value, json};
 use super::page::{self, Origin};
 use super::picture::gear::{self as drawing, Panel};
 use super::{Output, bad_data, change, only, percent, put_before, show};
+use crate::acceptance::Acceptance;
 use crate::arg_parsers::{above_zero, number};
 use crate::positioning_data::no_rows;
 use crate::report::page::Cell;
@@ -154,6 +155,7 @@ fn read(gear: &Gear, path: &Path) -> Result<Vec<OfFlank>, Failure> {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let acceptance = Acceptance::load(&args.output.head, "", &[])?;
     let gear = gear(args)?;
     let after = read(&gear, &args.data)?;
     let before = args.before.as_deref().map(|path| read(&gear, path)).transpose()?;
@@ -165,7 +167,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     };
     args.output.write(
         || drawing::whole(title, &shown),
-        || report(args, title, &gear, &after, before.as_deref(), &shown),
+        || report(args, (title, &acceptance), &gear, &after, before.as_deref(), &shown),
     )?;
     if args.output.json {
         let mut out = as_json(&gear, &after);
@@ -290,7 +292,7 @@ fn print(args: &Args, gear: &Gear, after: &[OfFlank], before: Option<&[OfFlank]>
 
 fn report(
     args: &Args,
-    title: &str,
+    (title, acceptance): (&str, &Acceptance),
     gear: &Gear,
     after: &[OfFlank],
     before: Option<&[OfFlank]>,
@@ -320,8 +322,14 @@ fn report(
             ),
         ),
     ];
-    let mut page =
-        page::start(title, "Flank deviations of an involute gear, ISO 1328-1:2013", &origins, &facts);
+    let mut page = page::start(
+        title,
+        "Flank deviations of an involute gear, ISO 1328-1:2013",
+        acceptance,
+        &[],
+        &origins,
+        &facts,
+    );
     let old = before.map(|b| lines(gear, b));
     let mut head = vec![Cell::head("deviation"), Cell::head("flank")];
     if old.is_some() {
@@ -354,5 +362,5 @@ fn report(
         let svg = drawing::single("", panels, step)?;
         if i + 1 == shown.len() { page.figure(&svg, caption) } else { page.picture(&svg) }
     }
-    Ok(page.finish())
+    Ok(page::finish(page, &[]))
 }

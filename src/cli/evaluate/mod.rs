@@ -2,21 +2,27 @@
 //!
 //! One file per test; `picture` draws, `page` puts what all reports say in their heads.
 
+mod ballbar;
 pub(crate) mod circular;
 mod diagonals;
 mod gear;
-mod page;
+pub(crate) mod page;
 mod picture;
 mod plate;
 mod positioning;
+mod uncertainty_args;
 
 use std::path::{Path, PathBuf};
 
 use clap::{Parser, Subcommand};
 use serde_json::{Map, Value, json};
 
+use super::acceptance::HeadArgs;
 use super::files::write_text;
+use super::numerals::{plain, signed};
 use super::{EX_DATAERR, EX_SOFTWARE, EX_USAGE, Failure, table};
+use crate::acceptance::Stated;
+use crate::acceptance::verdicts::Assessed;
 use volcomp_evaluate::Placed;
 
 /// Evaluate a test by ISO 230 or a gear by ISO 1328-1, with the plots of the standards and a report to print
@@ -35,6 +41,8 @@ enum Test {
     Iso230_2(Box<positioning::Args>),
     /// Circular test: circular deviation G and radial deviation F.
     Iso230_4(circular::Args),
+    /// Ballbar report: polar plot, causes by rank with remedy, trend over several tests.
+    Ballbar(Box<ballbar::Args>),
     /// Four body diagonals, each like a positioning test.
     Iso230_6(diagonals::Args),
     /// A hole plate or ball plate: offset, rotation, scale and squareness in a plane.
@@ -47,7 +55,7 @@ enum Test {
 #[derive(Debug, clap::Args)]
 struct Output {
     /// Write a report as one HTML page that needs no other file and prints on A4.
-    #[arg(long, value_name = "FILE.html")]
+    #[arg(long, value_name = "FILE.html", visible_alias = "html")]
     report: Option<PathBuf>,
     /// Write the plot alone.
     #[arg(long, value_name = "FILE.svg")]
@@ -58,12 +66,15 @@ struct Output {
     /// One JSON object on stdout.
     #[arg(long)]
     json: bool,
+    #[command(flatten)]
+    head: HeadArgs,
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     match &args.test {
         Test::Iso230_2(a) => positioning::run(a),
         Test::Iso230_4(a) => circular::run(a),
+        Test::Ballbar(a) => ballbar::run(a),
         Test::Iso230_6(a) => diagonals::run(a),
         Test::Plate(a) => plate::run(a),
         Test::Gear(a) => gear::run(a),
@@ -101,10 +112,14 @@ pub(crate) struct Compared {
     pub(crate) test: &'static str,
     /// The standard.
     pub(crate) standard: &'static str,
+    /// Keys of the figures that may have a tolerance.
+    pub(crate) keys: Vec<String>,
+    /// What the file of the test after states.
+    pub(crate) stated: Stated,
     /// Unit in words.
     pub(crate) unit: &'static str,
-    /// Its figures: key, words, before and after.
-    pub(crate) figures: Vec<(String, &'static str, [Option<f64>; 2])>,
+    /// Its figures.
+    pub(crate) figures: Vec<Pair>,
     /// Plots at one scale: heading and picture.
     pub(crate) plots: Vec<(&'static str, String)>,
     /// What the plots show.
@@ -117,6 +132,20 @@ pub(crate) struct Compared {
     pub(crate) notes: Vec<String>,
 }
 
+/// A figure of two tests.
+pub(crate) struct Pair {
+    /// Key in JSON.
+    pub(crate) key: String,
+    /// In words.
+    pub(crate) name: &'static str,
+    /// Of the test before.
+    pub(crate) before: Option<f64>,
+    /// Of the test after.
+    pub(crate) after: Option<f64>,
+    /// Expanded uncertainty (k = 2) of the measurement of the test after, where stated.
+    pub(crate) expanded: Option<f64>,
+}
+
 /// What [`compare`] is told beside the files.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct CompareOptions {
@@ -126,6 +155,8 @@ pub(crate) struct CompareOptions {
     pub(crate) radius_mm: Option<f64>,
     /// Feed of a circle.
     pub(crate) feed_mm_per_min: Option<f64>,
+    /// Expanded uncertainty (k = 2) of a reading by the instrument, um or arcsec.
+    pub(crate) u_device: Option<f64>,
 }
 
 /// Compares two files of one test of ISO 230; `None` where the columns are of none.
@@ -133,9 +164,9 @@ pub(crate) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Opti
     let kinds: Vec<Option<Kind>> = files.into_iter().map(kind).collect::<Result<_, _>>()?;
     match kinds[..] {
         [Some(a), Some(b)] if a == b => match a {
-            Kind::Positioning => positioning::compare(files).map(Some),
+            Kind::Positioning => positioning::compare(files, options).map(Some),
             Kind::Circle => circular::compare(files, options).map(Some),
-            Kind::Diagonals => diagonals::compare(files).map(Some),
+            Kind::Diagonals => diagonals::compare(files, options).map(Some),
         },
         [None, None] => Ok(None),
         _ => Err(bad_data(files[1], format_args!("not the same test as {}", files[0].display()))),
@@ -169,8 +200,15 @@ fn kind(path: &Path) -> Result<Option<Kind>, Failure> {
 }
 
 /// Figures of two tests beside each other.
-fn side_by_side(before: &[Figure], after: &[Figure]) -> Vec<(String, &'static str, [Option<f64>; 2])> {
-    before.iter().zip(after).map(|(b, a)| (a.key.to_owned(), a.name, [b.value, a.value])).collect()
+fn side_by_side(before: &[Figure], after: Vec<Assessed>) -> Vec<Pair> {
+    let pair = |(b, a): (&Figure, Assessed)| Pair {
+        key: a.key,
+        name: a.name,
+        before: b.value,
+        after: a.value,
+        expanded: a.expanded,
+    };
+    before.iter().zip(after).map(pair).collect()
 }
 
 fn drawn(e: Box<dyn std::error::Error>) -> Failure {
@@ -202,14 +240,14 @@ fn change(before: Option<f64>, after: Option<f64>) -> Option<f64> {
     (before != 0.0).then(|| (after - before) / before)
 }
 
-/// A share in percent with its sign.
+/// A share in percent with its sign, none where it rounds to zero.
 fn percent(share: Option<f64>) -> String {
-    share.map_or_else(|| "-".to_owned(), |s| format!("{:+.0} %", 100.0 * s))
+    share.map_or_else(|| "-".to_owned(), |s| format!("{} %", signed(100.0 * s, 0)))
 }
 
 /// A value with two decimals, or a dash.
 fn show(value: Option<f64>) -> String {
-    value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2}"))
+    value.map_or_else(|| "-".to_owned(), |v| plain(v, 2))
 }
 
 /// Adds `before` and `change` to a report: `change.KEY` is after/before - 1.

@@ -9,6 +9,7 @@ use serde_json::{Map, Value, json};
 use super::page::{self, Origin};
 use super::picture::plate::{self as drawing, Shown};
 use super::{Output, bad_data, only};
+use crate::acceptance::Acceptance;
 use crate::input::{self, InputKind};
 use crate::positioning_data::no_rows;
 use crate::report::page::Cell;
@@ -130,6 +131,7 @@ fn read_csv(
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let acceptance = Acceptance::load(&args.output.head, "", &[])?;
     if let Some(bad) = args.std_um.filter(|s| !(s.is_finite() && *s > 0.0)) {
         return Err(Failure::new(EX_USAGE, format_args!("error: --std-um {bad} is not above 0")));
     }
@@ -148,7 +150,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let given = args.output.title.as_deref().or(plate.title.as_deref());
     let title = given.unwrap_or("Plate");
     let shown = |title| Shown { title, points: &plate.points, fit: &fit };
-    args.output.write(|| drawing::whole(&shown(title)), || report(args, title, &plate, &fit))?;
+    args.output
+        .write(|| drawing::whole(&shown(title)), || report(args, (title, &acceptance), &plate, &fit))?;
     if args.output.json {
         say!("{:#}", Value::Object(as_json(&plate, &fit)));
         return Ok(());
@@ -274,7 +277,7 @@ fn as_json(plate: &Plate, fit: &PlateFit) -> Map<String, Value> {
 
 fn report(
     args: &Args,
-    title: &str,
+    (title, acceptance): (&str, &Acceptance),
     plate: &Plate,
     fit: &PlateFit,
 ) -> Result<String, Box<dyn std::error::Error>> {
@@ -293,8 +296,14 @@ fn report(
         ("minimised", norm.to_owned()),
     ];
     let origins = [Origin::of("data", &args.data)];
-    let mut page =
-        page::start(title, "Plate in a plane: measured = offset + matrix times nominal", &origins, &facts);
+    let mut page = page::start(
+        title,
+        "Plate in a plane: measured = offset + matrix times nominal",
+        acceptance,
+        &[],
+        &origins,
+        &facts,
+    );
     let head =
         [Cell::head(""), Cell::number("value"), Cell::number("u (k=1)"), Cell::head(""), Cell::head("")];
     let rows: Vec<Vec<Cell>> = lines(fit)
@@ -320,5 +329,5 @@ fn report(
         "Left: measured minus nominal. Right: what the fit leaves. Arrows start at the nominal place and are magnified as \
          the scales say; vermillion: the largest.",
     );
-    Ok(page.finish())
+    Ok(page::finish(page, &[]))
 }

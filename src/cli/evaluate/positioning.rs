@@ -6,9 +6,14 @@ use serde_json::{Map, Value, json};
 
 use super::page::{self, Origin};
 use super::picture::positioning::Shown;
+use super::uncertainty_args::UncertaintyArgs;
 use super::{
-    Compared, Figure, Output, bad_data, change, drawn, percent, picture, put_before, show, side_by_side,
+    CompareOptions, Compared, Figure, Output, bad_data, change, drawn, percent, picture, put_before, show,
+    side_by_side,
 };
+use crate::acceptance::verdicts::{self, Assessed, NOT_STATED};
+use crate::acceptance::{Acceptance, Stated};
+use crate::numerals::counted;
 use crate::positioning_data::{Cycles, TestFormat, read_test};
 use crate::report::page::Cell;
 use crate::start_up::{StartUp, in_report_units};
@@ -43,95 +48,6 @@ pub(super) struct Args {
     output: Output,
 }
 
-/// What is known about the measurement; gives expanded uncertainties (k = 2).
-#[derive(Debug, clap::Args)]
-#[command(next_help_heading = "Uncertainty of the measurement (k = 2)")]
-struct UncertaintyArgs {
-    /// Instrument, from its certificate, um.
-    #[arg(long, value_name = "UM")]
-    u_device_um: Option<f64>,
-    /// Instrument on a rotary axis, arcsec.
-    #[arg(long, value_name = "ARCSEC", conflicts_with = "u_device_um")]
-    u_device_arcsec: Option<f64>,
-    /// The part of the instrument that grows with length, um per metre.
-    #[arg(long, value_name = "UM")]
-    u_device_um_per_m: Option<f64>,
-    /// Largest offset between beam and axis over the travel, mm.
-    #[arg(long, value_name = "MM")]
-    misalignment_mm: Option<f64>,
-    /// Uncertainty of the material temperature, degC; needs --expansion-um-per-m-degc.
-    #[arg(long, value_name = "DEGC", requires = "expansion_um_per_m_degc")]
-    u_temperature_degc: Option<f64>,
-    /// Coefficient of thermal expansion of the scale, um/(m degC).
-    #[arg(long, value_name = "ALPHA")]
-    expansion_um_per_m_degc: Option<f64>,
-    /// Uncertainty of that coefficient, um/(m degC); needs --temperature-degc.
-    #[arg(long, value_name = "ALPHA", requires = "temperature_degc")]
-    u_expansion_um_per_m_degc: Option<f64>,
-    /// Temperature of the material during the test, degC.
-    #[arg(long, value_name = "DEGC")]
-    temperature_degc: Option<f64>,
-    /// Range of the reading of a resting axis over the time of the test, um.
-    #[arg(long, value_name = "UM")]
-    drift_um: Option<f64>,
-    /// The same for a rotary axis, arcsec.
-    #[arg(long, value_name = "ARCSEC", conflicts_with = "drift_um")]
-    drift_arcsec: Option<f64>,
-}
-
-impl UncertaintyArgs {
-    fn conditions(&self, kind: AxisKind) -> Result<Conditions, Failure> {
-        let all = [
-            self.u_device_um,
-            self.u_device_arcsec,
-            self.u_device_um_per_m,
-            self.misalignment_mm,
-            self.u_temperature_degc,
-            self.expansion_um_per_m_degc,
-            self.u_expansion_um_per_m_degc,
-            self.temperature_degc,
-            self.drift_um,
-            self.drift_arcsec,
-        ];
-        if let Some(bad) = all.into_iter().flatten().find(|v| !v.is_finite()) {
-            return Err(Failure::new(
-                EX_USAGE,
-                format_args!("error: uncertainty {bad} is not a finite number"),
-            ));
-        }
-        let of_length = self
-            .u_device_um_per_m
-            .or(self.misalignment_mm)
-            .or(self.u_temperature_degc)
-            .or(self.u_expansion_um_per_m_degc);
-        let (device, drift, foreign, wanted) = match kind {
-            AxisKind::Linear => {
-                (self.u_device_um, self.drift_um, self.u_device_arcsec.or(self.drift_arcsec), "um")
-            }
-            AxisKind::Rotary => {
-                let foreign = self.u_device_um.or(self.drift_um).or(of_length);
-                (self.u_device_arcsec, self.drift_arcsec, foreign, "arcsec, for instrument and drift only")
-            }
-        };
-        if foreign.is_some() {
-            return Err(Failure::new(
-                EX_USAGE,
-                format_args!("error: the unit of an uncertainty does not suit the test; give it in {wanted}"),
-            ));
-        }
-        Ok(Conditions {
-            device,
-            device_per_m: self.u_device_um_per_m,
-            misalignment_mm: self.misalignment_mm,
-            temperature_degc: self.u_temperature_degc,
-            expansion_um_per_m_degc: self.expansion_um_per_m_degc,
-            expansion_uncertainty_um_per_m_degc: self.u_expansion_um_per_m_degc,
-            from_20_degc: self.temperature_degc.map(|t| t - 20.0),
-            drift,
-        })
-    }
-}
-
 /// A test in the units of the report, so that messages name the targets in them too.
 pub(super) struct Evaluated {
     pub(super) kind: AxisKind,
@@ -140,6 +56,8 @@ pub(super) struct Evaluated {
     pub(super) uncertainties: Uncertainties,
     /// Readings of the first cycle that the others contradict, and the figures without them.
     pub(super) start_up: Option<StartUp>,
+    /// What the file states about the test.
+    stated: Stated,
 }
 
 impl Evaluated {
@@ -158,7 +76,7 @@ impl Evaluated {
 }
 
 fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
-    let mut test = read_test(path, args.format)?;
+    let (mut test, stated) = read_test(path, args.format)?;
     if let Some(cycles) = &args.cycles {
         cycles.select(&path.display().to_string(), &mut test)?;
     }
@@ -166,21 +84,61 @@ fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
         test.readings.iter().map(|r| in_report_units(test.kind, r)).collect();
     let result = Positioning::evaluate(&readings).map_err(|e| bad_data(path, e))?;
     if result.cycles < 5 {
-        note!("note: {}: {} cycles; ISO 230-2 asks for 5", path.display(), result.cycles);
+        note!("note: {}: {}; ISO 230-2 asks for 5", path.display(), counted(result.cycles, "cycle"));
     }
     let conditions = args.uncertainty.conditions(test.kind)?;
-    let ends = result.targets.first().zip(result.targets.last());
-    let length = ends.map_or(0.0, |(a, b)| b.target - a.target);
-    let uncertainties = Uncertainties::of(&result, &conditions, length);
+    let uncertainties = Uncertainties::of(&result, &conditions, length(&result));
     let start_up = StartUp::of(&test);
     for m in start_up.iter().flat_map(|s| &s.marked) {
         note!("warning: {}:{}: {}; kept in the results", path.display(), m.line, m.words(test.kind));
     }
-    Ok(Evaluated { kind: test.kind, readings, result, uncertainties, start_up })
+    Ok(Evaluated { kind: test.kind, readings, result, uncertainties, start_up, stated })
+}
+
+/// Range of the targets.
+pub(super) fn length(test: &Positioning) -> f64 {
+    test.targets.first().zip(test.targets.last()).map_or(0.0, |(a, b)| b.target - a.target)
+}
+
+/// Keys of the figures that may have a tolerance, linear and rotary.
+fn keys() -> Vec<String> {
+    FIGURES.iter().flat_map(|(key, ..)| ["um", "arcsec"].map(|unit| format!("{key}_{unit}"))).collect()
+}
+
+/// The figures of a test with tolerances and stated uncertainties.
+fn assessed(acceptance: &Acceptance, test: &Evaluated) -> Vec<Assessed> {
+    let (unit, ..) = test.units();
+    let stated = stated(&test.uncertainties);
+    figures(&test.result)
+        .into_iter()
+        .map(|f| {
+            let expanded = stated.iter().find(|(key, _)| *key == f.key).map(|(_, u)| *u);
+            acceptance.assess(&format!("{}_{unit}", f.key), f.name, f.value, expanded)
+        })
+        .collect()
+}
+
+/// Expanded uncertainties of the measurement by the keys of the figures; none where nothing was stated.
+pub(super) fn stated(u: &Uncertainties) -> Vec<(&'static str, f64)> {
+    uncertain(u).into_iter().filter_map(|(key, _, e)| measured(u, key, &e).map(|u| (key, u))).collect()
+}
+
+/// The expanded uncertainty of the measurement. Reversal and repeatability compare readings at one place: only drift belongs to
+/// them, and without it theirs is not stated.
+fn measured(u: &Uncertainties, key: &str, e: &Expanded) -> Option<f64> {
+    let is_stated = if key.starts_with(['b', 'r']) {
+        u.contributions.iter().any(|c| c.name == "drift")
+    } else {
+        !u.contributions.is_empty()
+    };
+    is_stated.then_some(e.measurement)
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let mut acceptance = Acceptance::load(&args.output.head, "iso230-2", &keys())?;
     let after = read(args, &args.data)?;
+    acceptance.fill(after.stated.clone());
+    let assessed = assessed(&acceptance, &after);
     let before = args.before.as_deref().map(|path| read(args, path)).transpose()?;
     if let (Some(before), Some(path)) = (&before, &args.before)
         && before.kind != after.kind
@@ -198,13 +156,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
                 before.as_ref().map(|b| b.shown("before")).as_ref(),
             )
         },
-        || report(args, title, &after, before.as_ref()),
+        || report(args, title, &acceptance, &assessed, &after, before.as_ref()),
     )?;
     let (key, ..) = after.units();
     if args.output.json {
         let mut out = as_json(&after.result, key, |v| v);
         put_uncertainties(&mut out, &after.uncertainties, key);
         put_start_up(&mut out, &after, key);
+        verdicts::put(&mut out, &assessed);
         if let Some(before) = &before {
             put_before(&mut out, as_json(&before.result, key, |v| v));
         }
@@ -215,9 +174,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         [&args.output.svg, &args.output.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
     if !stdout_taken {
         let (file, p) = (args.data.display(), &after.result);
-        say!("ISO 230-2 of {file}: {} targets, {} cycles", p.targets.len(), p.cycles);
+        let (targets, cycles) = (counted(p.targets.len(), "target"), counted(p.cycles, "cycle"));
+        say!("ISO 230-2 of {file}: {targets}, {cycles}");
         print(p, key, |v| v);
         print_uncertainties(&after.uncertainties, key);
+        verdicts::print(&assessed, key);
         print_start_up(&after, key);
         if let Some(before) = &before {
             print_change(&before.result, p, key);
@@ -230,27 +191,29 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 const BOTH: usize = 6;
 /// Share of the common scale below which a test is drawn at its own scale, too.
 const OWN_SCALE: f64 = 0.4;
+const STANDARD: &str = "Accuracy and repeatability of positioning, ISO 230-2:2014";
 
 /// The figures of a test by their keys.
 fn figures(p: &Positioning) -> [Figure; 12] {
-    let both = p.both.as_ref();
-    let (f, b) = (p.forward, p.backward);
-    let figure = |key, name, value| Figure { key, name, value };
-    [
-        figure("b", "reversal B", both.map(|b| b.b)),
-        figure("b_mean", "mean reversal", both.map(|b| b.b_mean)),
-        figure("r", "repeatability R", both.map(|b| b.r)),
-        figure("e", "systematic deviation E", both.map(|b| b.e)),
-        figure("m", "mean systematic deviation M", both.map(|b| b.m)),
-        figure("a", "accuracy A", both.map(|b| b.a)),
-        figure("e_fwd", "E, forward", f.map(|d| d.e)),
-        figure("a_fwd", "A, forward", f.map(|d| d.a)),
-        figure("r_fwd", "R, forward", f.map(|d| d.r)),
-        figure("e_bwd", "E, backward", b.map(|d| d.e)),
-        figure("a_bwd", "A, backward", b.map(|d| d.a)),
-        figure("r_bwd", "R, backward", b.map(|d| d.r)),
-    ]
+    FIGURES.map(|(key, name, of)| Figure { key, name, value: of(p) })
 }
+
+type Get = fn(&Positioning) -> Option<f64>;
+/// Key, term of ISO 230-2:2014, and how a figure is taken from a test.
+const FIGURES: [(&str, &str, Get); 12] = [
+    ("b", "reversal error B", |p| p.both.map(|b| b.b)),
+    ("b_mean", "mean reversal error", |p| p.both.map(|b| b.b_mean)),
+    ("r", "bidirectional repeatability R", |p| p.both.map(|b| b.r)),
+    ("e", "bidirectional systematic positioning error E", |p| p.both.map(|b| b.e)),
+    ("m", "mean bidirectional positioning error M", |p| p.both.map(|b| b.m)),
+    ("a", "bidirectional positioning accuracy A", |p| p.both.map(|b| b.a)),
+    ("e_fwd", "systematic positioning error E, forward", |p| p.forward.map(|d| d.e)),
+    ("a_fwd", "positioning accuracy A, forward", |p| p.forward.map(|d| d.a)),
+    ("r_fwd", "repeatability R, forward", |p| p.forward.map(|d| d.r)),
+    ("e_bwd", "systematic positioning error E, backward", |p| p.backward.map(|d| d.e)),
+    ("a_bwd", "positioning accuracy A, backward", |p| p.backward.map(|d| d.a)),
+    ("r_bwd", "repeatability R, backward", |p| p.backward.map(|d| d.r)),
+];
 
 /// The keys of `docs/reference/json-output.md` 3.
 pub(super) fn as_json(p: &Positioning, unit: &str, scale: fn(f64) -> f64) -> Map<String, Value> {
@@ -276,11 +239,9 @@ fn uncertain(u: &Uncertainties) -> Vec<(&'static str, &'static str, Expanded)> {
 }
 
 fn put_uncertainties(out: &mut Map<String, Value>, u: &Uncertainties, unit: &str) {
-    let stated = !u.contributions.is_empty();
     let mut map = Map::new();
     for (key, _, e) in uncertain(u) {
-        let measurement = stated.then_some(e.measurement);
-        let of = json!({format!("measurement_{unit}"): measurement, format!("sampling_{unit}"): e.sampling});
+        let of = json!({format!("measurement_{unit}"): measured(u, key, &e), format!("sampling_{unit}"): e.sampling});
         map.insert(key.to_owned(), of);
     }
     out.insert("expanded_uncertainty_k2".to_owned(), Value::Object(map));
@@ -292,16 +253,16 @@ fn put_uncertainties(out: &mut Map<String, Value>, u: &Uncertainties, unit: &str
 pub(super) fn print(p: &Positioning, unit: &str, scale: fn(f64) -> f64) {
     let row = |name: &str, values: [Option<f64>; 3]| {
         let [f, b, both] = values.map(|v| show(v.map(scale)));
-        say!("{name:<28}{f:>12}{b:>12}{both:>16}");
+        say!("{name:<32}{f:>12}{b:>12}{both:>16}");
     };
     let (f, b, both) = (p.forward, p.backward, p.both);
-    say!("{:<28}{:>12}{:>12}{:>16}", unit, "forward", "backward", "bidirectional");
-    row("reversal B", [None, None, both.map(|x| x.b)]);
-    row("mean reversal", [None, None, both.map(|x| x.b_mean)]);
+    say!("{:<32}{:>12}{:>12}{:>16}", unit, "forward", "backward", "bidirectional");
+    row("reversal error B", [None, None, both.map(|x| x.b)]);
+    row("mean reversal error", [None, None, both.map(|x| x.b_mean)]);
     row("repeatability R", [f.map(|x| x.r), b.map(|x| x.r), both.map(|x| x.r)]);
-    row("systematic deviation E", [f.map(|x| x.e), b.map(|x| x.e), both.map(|x| x.e)]);
-    row("mean systematic deviation M", [None, None, both.map(|x| x.m)]);
-    row("accuracy A", [f.map(|x| x.a), b.map(|x| x.a), both.map(|x| x.a)]);
+    row("systematic positioning error E", [f.map(|x| x.e), b.map(|x| x.e), both.map(|x| x.e)]);
+    row("mean positioning error M", [None, None, both.map(|x| x.m)]);
+    row("positioning accuracy A", [f.map(|x| x.a), b.map(|x| x.a), both.map(|x| x.a)]);
 }
 
 /// The start-up outliers and the figures without them.
@@ -350,14 +311,18 @@ fn print_uncertainties(u: &Uncertainties, unit: &str) {
     let stated = !u.contributions.is_empty();
     say!();
     say!("{:<28}{:>12}{:>12}{:>8}{:>8}{:>8}", format!("expanded, k = 2, {unit}"), "B", "R", "E", "M", "A");
-    let row = |name: &str, of: fn(&Expanded) -> f64| {
-        let [b, r, e, m, a] = both.each_ref().map(of);
-        say!("{name:<28}{b:>12.2}{r:>12.2}{e:>8.2}{m:>8.2}{a:>8.2}");
+    let row = |name: &str, values: [Option<f64>; 5]| {
+        let [b, r, e, m, a] = values.map(show);
+        say!("{name:<28}{b:>12}{r:>12}{e:>8}{m:>8}{a:>8}");
     };
     if stated {
-        row("measurement", |e| e.measurement);
+        let [b, r, e, m, a] = both.each_ref();
+        row(
+            "measurement",
+            [("b", b), ("r", r), ("e", e), ("m", m), ("a", a)].map(|(key, e)| measured(u, key, e)),
+        );
     }
-    row("few runs", |e| e.sampling);
+    row("few runs", both.each_ref().map(|e| Some(e.sampling)));
     if !stated {
         say!(
             "measurement: nothing stated about instrument, temperature and drift (--help names the options)"
@@ -367,16 +332,18 @@ fn print_uncertainties(u: &Uncertainties, unit: &str) {
 
 fn print_change(before: &Positioning, after: &Positioning, unit: &str) {
     say!();
-    say!("{:<28}{:>12}{:>12}{:>10}", format!("change, {unit}"), "before", "after", "");
+    say!("{:<46}{:>12}{:>12}{:>10}", format!("change, {unit}"), "before", "after", "");
     for (b, a) in figures(before).into_iter().zip(figures(after)).filter(|(_, a)| a.value.is_some()) {
         let share = percent(change(b.value, a.value));
-        say!("{:<28}{:>12}{:>12}{share:>10}", a.name, show(b.value), show(a.value));
+        say!("{:<46}{:>12}{:>12}{share:>10}", a.name, show(b.value), show(a.value));
     }
 }
 
 fn report(
     args: &Args,
     title: &str,
+    acceptance: &Acceptance,
+    assessed: &[Assessed],
     after: &Evaluated,
     before: Option<&Evaluated>,
 ) -> Result<String, Box<dyn std::error::Error>> {
@@ -387,15 +354,15 @@ fn report(
         let ends = p.targets.first().zip(p.targets.last());
         let [low, high] = ends.map_or([0.0; 2], |(a, b)| [a.target, b.target]);
         let short = if p.cycles < 5 { "; ISO 230-2 asks for 5 runs" } else { "" };
-        format!("{} targets from {low} to {high} {target_unit}, {} runs{short}", p.targets.len(), p.cycles)
+        let (targets, runs) = (counted(p.targets.len(), "target"), counted(p.cycles, "run"));
+        format!("{targets} from {low} to {high} {target_unit}, {runs}{short}")
     };
     let mut facts = vec![("test", size(&after.result))];
     facts.extend(before.map(|b| ("test before", size(&b.result))));
-    let mut page =
-        page::start(title, "Accuracy and repeatability of positioning, ISO 230-2:2014", &origins, &facts);
+    let mut page = page::start(title, STANDARD, acceptance, assessed, &origins, &facts);
     let old = before.map(|b| figures(&b.result));
     let old = |range: core::ops::Range<usize>| old.as_ref().map(|o| &o[range]);
-    page::figures(&mut page, unit, &figures(&after.result)[..BOTH], old(0..BOTH));
+    page::figures(&mut page, unit, &assessed[..BOTH], old(0..BOTH));
     let caption = "Deviation = actual - target. Solid: mean of each direction, band: ± 2 s, dots: readings, dashed: mean of both \
                    directions. B and R are marked where they occur, M, E and A are the ranges at the right.";
     let own = picture::positioning::scale([Some(&after.result)], [&after.readings[..]]);
@@ -421,8 +388,7 @@ fn report(
     }
     start_up_section(&mut page, after, unit);
     page.heading("Each direction");
-    let each = figures(&after.result);
-    page::figures(&mut page, unit, &each[BOTH..], old(BOTH..each.len()));
+    page::figures(&mut page, unit, &assessed[BOTH..], old(BOTH..assessed.len()));
     uncertainty_section(&mut page, &after.uncertainties, unit);
     page.heading("Targets");
     targets(&mut page, &after.result, unit, target_unit);
@@ -430,7 +396,7 @@ fn report(
         page.heading("Targets before");
         targets(&mut page, &before.result, unit, target_unit);
     }
-    Ok(page.finish())
+    Ok(page::finish(page, assessed))
 }
 
 /// Start-up outliers with the figures with and without them.
@@ -480,8 +446,9 @@ fn uncertainty_section(page: &mut crate::report::Page, u: &Uncertainties, unit: 
     ];
     let rows: Vec<Vec<Cell>> = uncertain(u)
         .into_iter()
-        .map(|(_, name, e)| {
-            let measurement = if stated { format!("{:.2}", e.measurement) } else { "not stated".to_owned() };
+        .map(|(key, name, e)| {
+            let measurement =
+                measured(u, key, &e).map_or_else(|| NOT_STATED.to_owned(), |u| format!("{u:.2}"));
             vec![Cell::head(name), Cell::number(measurement), Cell::number(format!("{:.2}", e.sampling))]
         })
         .collect();
@@ -531,21 +498,20 @@ fn targets(page: &mut crate::report::Page, p: &Positioning, unit: &str, target_u
 }
 
 /// Two tests for `volcomp verify`.
-pub(super) fn compare(files: [&Path; 2]) -> Result<Compared, Failure> {
+pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared, Failure> {
     let read = |path: &Path| -> Result<Evaluated, Failure> {
         let words = ["iso230-2".as_ref(), "--data".as_ref(), path.as_os_str()];
         let args = <Args as clap::Parser>::try_parse_from(words).map_err(|e| Failure::new(EX_USAGE, e))?;
         read(&args, path)
     };
-    let [before, after] = [read(files[0])?, read(files[1])?];
+    let [before, mut after] = [read(files[0])?, read(files[1])?];
+    let conditions = Conditions { device: options.u_device, ..Conditions::default() };
+    after.uncertainties = Uncertainties::of(&after.result, &conditions, length(&after.result));
     if before.kind != after.kind {
         return Err(bad_data(files[1], "one of the two tests is linear, the other rotary"));
     }
-    let (key, unit, _) = after.units();
-    let figures: Vec<_> = side_by_side(&figures(&before.result), &figures(&after.result))
-        .into_iter()
-        .map(|(name, words, values)| (format!("{name}_{key}"), words, values))
-        .collect();
+    let (_, unit, _) = after.units();
+    let figures = side_by_side(&figures(&before.result), assessed(&Acceptance::default(), &after));
     let scale = picture::positioning::scale(
         [Some(&before.result), Some(&after.result)],
         [&before.readings[..], &after.readings[..]],
@@ -556,7 +522,9 @@ pub(super) fn compare(files: [&Path; 2]) -> Result<Compared, Failure> {
     let placed = |test: &Evaluated| test.readings.iter().map(|r| placed(0, r)).collect();
     Ok(Compared {
         test: "iso230-2",
-        standard: "Accuracy and repeatability of positioning, ISO 230-2:2014",
+        standard: STANDARD,
+        keys: keys(),
+        stated: after.stated.clone(),
         unit,
         figures,
         plots: vec![("Before", plot(&before)?), ("After, same scale", plot(&after)?)],

@@ -24,9 +24,9 @@ use volcomp_units::axes::Travel;
 /// periods (null: fitted), period_search, linear, x0 and travel, ridge {lam, weights}, intercept.
 ///
 ///   volcomp identify fits --data enso.csv --x month --y pressure --basis fourier --order 1 --periods 12,auto,auto
+///
 ///   volcomp identify fits --data load.csv --x load --y deflection --basis polynomial --order 2
 #[derive(Debug, clap::Args)]
-#[command(verbatim_doc_comment)]
 pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,

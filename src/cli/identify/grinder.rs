@@ -33,10 +33,11 @@ use volcomp_units::{arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_arcsec, 
 /// measured), and where corrections were added to the axes: ca_arcsec, cx_um ..
 ///
 /// Example, first and second step:
+///
 /// volcomp identify grinder --drawing drawing.toml --next a=poses-a.csv
+///
 /// volcomp identify grinder --drawing drawing.toml --step a=a.csv --next b=poses-b.csv --out model.toml
 #[derive(Debug, clap::Args)]
-#[command(verbatim_doc_comment)]
 pub(super) struct Args {
     /// The machine as a model file, which stays as it is; its errors of axes that are not measured are taken as known.
     #[arg(long, value_name = "FILE", conflicts_with_all = ["into", "chain"])]

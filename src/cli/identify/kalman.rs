@@ -30,9 +30,8 @@ use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
 /// measured error (actual minus nominal).
 ///
 ///   volcomp identify kalman --data ram.csv --axes y,z,x --first 0,400,800 --second 0,300 --third 0,250 --sigma 2.5
-///       --correlation-mm 500 --noise 0.8 --adaptive --into model.toml --out model-new.toml
+///   --correlation-mm 500 --noise 0.8 --adaptive --into model.toml --out model-new.toml
 #[derive(Debug, clap::Args)]
-#[command(verbatim_doc_comment)]
 pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,

@@ -3,7 +3,7 @@
 //! Every method takes `--input case.json` (the reference vectors' form, mm and rad) or the files of its instrument,
 //! and writes JSON for machines, a report for people and curves into a model file.
 
-mod ballbar;
+pub(crate) mod ballbar;
 mod case;
 mod circles;
 mod diagonals;

@@ -28,7 +28,6 @@ use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_deg, um_from_mm};
 ///
 /// Example: volcomp identify probe --data contacts.csv --arm-mm 173.7135 --arm-zero-deg=-39.025 --bar-radius-mm 15
 #[derive(Debug, clap::Args)]
-#[command(verbatim_doc_comment)]
 pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,

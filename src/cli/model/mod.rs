@@ -1,6 +1,7 @@
 //! `model`: what is in a model file, in words, numbers and pictures; its normal form; several put together.
 
 mod assemble;
+mod documentation;
 mod drawing;
 mod extend;
 mod forecast;
@@ -19,7 +20,7 @@ use super::{EX_CONFIG, Failure};
 use volcomp_config as config;
 use volcomp_config::ModelFile;
 
-/// Show what is in a model file, write its normal form, put measurements together, or add what a diagnosis has found
+/// Show what is in a model file, document it, write its normal form, put measurements together, or add what a diagnosis has found
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {
     #[command(subcommand)]
@@ -29,6 +30,7 @@ pub(super) struct Args {
 #[derive(Debug, clap::Subcommand)]
 enum Verb {
     Show(show::Args),
+    Report(documentation::Args),
     Assemble(Box<assemble::Args>),
     Extend(extend::Args),
     #[command(alias = "normalize")]
@@ -38,6 +40,7 @@ enum Verb {
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     match &args.verb {
         Verb::Show(a) => show::run(a),
+        Verb::Report(a) => documentation::run(a),
         Verb::Assemble(a) => assemble::run(a),
         Verb::Extend(a) => extend::run(a),
         Verb::Normalise(a) => normalise::run(a),

@@ -5,6 +5,7 @@ use serde_json::{Map, Value, json};
 use super::super::check::{Size, kinds_of, offset_out, offset_unit, position_out, position_unit, rounded};
 use super::worst::{Extreme, Found, kept_in_place};
 use super::{drawing, gauge};
+use crate::numerals::{plain, signed};
 use volcomp_config::model::FORMAT;
 use volcomp_config::{ModelFile, Provenance};
 use volcomp_model::geometry::Vec3;
@@ -155,7 +156,7 @@ impl Report<'_> {
             symbol: symbol.to_string().to_lowercase(),
             kinds: kinds_words(function),
             range: size.range.map_or(String::new(), |[low, high]| format!("{low} to {high} {unit}")),
-            size: [size.low, size.high, size.high - size.low].map(|v| format!("{v:.2}")),
+            size: [size.low, size.high, size.high - size.low].map(|v| plain(v, 2)),
             unit: size.unit,
             std: function.std.map_or(String::new(), |s| format!("{:.2}", error_out(symbol, s))),
             origin: own.map_or(String::new(), |(_, p)| origin_words(p)),
@@ -171,12 +172,12 @@ impl Report<'_> {
             fact(
                 "largest position error",
                 format!("{:.2} um", e.norm()),
-                format!("at {}: ({:.2}, {:.2}, {:.2}) um", self.place(p), e.x, e.y, e.z),
+                format!("at {}: {} um", self.place(p), triple(&e)),
             ),
             fact(
                 "largest error of direction",
                 format!("{:.2} arcsec", t.norm()),
-                format!("at {}: ({:.2}, {:.2}, {:.2}) arcsec", self.place(r), t.x, t.y, t.z),
+                format!("at {}: {} arcsec", self.place(r), triple(&t)),
             ),
             fact(
                 "root mean square of position",
@@ -201,7 +202,7 @@ impl Report<'_> {
             Some(Fact {
                 what: axis.name.to_string(),
                 value: if corrected {
-                    format!("{:+.2} {}", offset_out(axis.name, offset), offset_unit(axis.name))
+                    format!("{} {}", signed(offset_out(axis.name, offset), 2), offset_unit(axis.name))
                 } else {
                     "never corrected".to_owned()
                 },
@@ -389,6 +390,10 @@ fn provenance_json(p: &Provenance) -> Value {
 /// A value of an error in the unit of the file.
 pub(super) fn error_out(symbol: ErrorSymbol, value: f64) -> f64 {
     if symbol.is_angle() { arcsec_from_rad(value) } else { um_from_mm(value) }
+}
+
+fn triple(v: &Vec3) -> String {
+    format!("({}, {}, {})", plain(v.x, 2), plain(v.y, 2), plain(v.z, 2))
 }
 
 fn point(v: &Vec3) -> String {

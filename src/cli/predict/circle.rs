@@ -114,7 +114,7 @@ fn read(path: &Path) -> Result<Vec<CircularReading>, Failure> {
     Ok(readings)
 }
 
-/// Predicted radial deviation of every reading, mm.
+/// Predicted radial error of every reading, mm.
 fn predict(
     (model, live): (&Model, &[f64; SENSORS_MAX]),
     readings: &[CircularReading],
@@ -158,12 +158,12 @@ fn predict(
 fn figures(r: &CirclePrediction) -> [(&'static str, &'static str, f64); 7] {
     let g = |c: &Circularity| um_from_mm(CirclePrediction::g(c));
     [
-        ("g_measured_um", "circular deviation G, measured", g(&r.measured)),
-        ("g_predicted_um", "circular deviation G, predicted", g(&r.predicted)),
+        ("g_measured_um", "circular error G, measured", g(&r.measured)),
+        ("g_predicted_um", "circular error G, predicted", g(&r.predicted)),
         ("residual_max_um", "residual, largest", um_from_mm(r.largest)),
         ("residual_rms_um", "residual, RMS", um_from_mm(r.rms)),
         ("residual_radius_um", "residual, mean radius", um_from_mm(r.radius)),
-        ("g_ideal_um", "circular deviation G after an ideal correction", g(&r.residual)),
+        ("g_ideal_um", "circular error G after an ideal correction", g(&r.residual)),
         ("ideal_reduction_percent", "reduction by an ideal correction", 100.0 * r.ideal_reduction()),
     ]
 }
@@ -209,7 +209,7 @@ fn page(r: &CirclePrediction, readings: &[CircularReading], args: &Args, data: &
         points
     };
     let plot = |title: &str, travel: Travel| {
-        Plot::new(title, "angle, deg", "radial deviation, µm")
+        Plot::new(title, "angle, deg", "radial error, µm")
             .with(Style::Line, "measured", of(&r.measured, travel))
             .with(Style::Line, "predicted", of(&r.predicted, travel))
             .with(Style::Line, "residual", of(&r.residual, travel))

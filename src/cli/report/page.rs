@@ -29,17 +29,23 @@ svg.chart text{font:12px sans-serif;fill:var(--ink)}.chart .grid{stroke:var(--li
 .track{position:relative;height:17px}.track span{position:absolute;top:0;bottom:0}.sg,.bar.g{background:var(--grey)}.sa,.bar.a{background:var(--a)}.sb{background:var(--b)}.sc{background:var(--c)}.st{background:var(--ink)}\
 i.bar{display:inline-block;height:6px}.key i.bar{width:22px;height:8px}.pair{display:block;width:180px}.pair i{display:block;margin:2px 0}\
 summary{cursor:pointer;color:var(--soft);font-size:13px}\
+table.head th{font-weight:400;color:var(--soft)}table.head td:nth-child(2){padding-right:28px}\
+.sign{display:grid;grid-template-columns:repeat(3,1fr);gap:28px;margin:64px 0 8px;break-inside:avoid}.sign div{border-top:1px solid var(--ink);padding-top:3px;font-size:13px}\
+summary{cursor:pointer;color:var(--soft);font-size:13px}.fine{columns:26em;column-gap:24px;font-size:13px;color:var(--soft);padding-left:16px;margin:4px 0}.fine li{break-inside:avoid;margin:2px 0}.fine b{font-weight:600}\
 @media (prefers-color-scheme:dark){@media screen{svg [fill='#FFFFFF']{fill:var(--bg)}svg [fill='#3C3C3C']{fill:var(--ink)}svg [stroke='#3C3C3C']{stroke:var(--ink)}\
 svg [stroke='#CDCDCD']{stroke:var(--line)}svg [fill='#0072B2']{fill:var(--a)}svg [stroke='#0072B2']{stroke:var(--a)}svg [fill='#D55E00']{fill:var(--b)}svg [stroke='#D55E00']{stroke:var(--b)}}}\
 @media screen and (max-width:640px){body{margin:10px auto}h1{font-size:20px}p.lead{font-size:17px}table:not(.stack){display:block;overflow-x:auto}\
 table.stack,table.stack tbody,table.stack tr,table.stack td,table.stack th{display:block;border:0;text-align:left;padding:1px 0}table.stack thead{display:none}\
 table.stack tr{border-bottom:1px solid var(--line);padding:6px 0}table.stack td[data-l]:before{content:attr(data-l) ': ';color:var(--soft)}table.stack td:empty{display:none}\
 table.stack td.n{white-space:normal}.bars{grid-template-columns:1fr max-content;grid-auto-flow:row dense}.bars div:nth-child(3n+1){grid-column:1}.bars div:nth-child(3n){grid-column:2}.bars .track{grid-column:1/3}th:first-child{white-space:normal}td.s{font-size:13px}}\
-@page{size:A4;margin:14mm 14mm 16mm}\
+@page{size:A4;margin:14mm 14mm 18mm;@bottom-right{content:'page ' counter(page) ' of ' counter(pages);font:8pt sans-serif;color:#444}}\
 @media print{body{font-size:10pt;max-width:none;margin:0;padding:0}h1{font-size:16pt}h2{font-size:12.5pt;margin-top:14pt}h3{font-size:10.5pt}p.lead{font-size:12pt}\
 pre{font-size:8pt;white-space:pre-wrap}td,th{padding:2px 9px 2px 0}td.s{font-size:7.5pt}figcaption,p.note{font-size:8.5pt}\
 h1,h2,h3{break-after:avoid}figure,table.keep,svg{break-inside:avoid}tr,.bars{break-inside:avoid}thead{display:table-header-group}\
+td.n{white-space:nowrap}.dense table{font-size:7pt;margin:2px 0 4px}.dense td,.dense th{padding:0 7px 0 0}.dense table.stack tr>:first-child{min-width:0}.dense h2{margin:5pt 0 1pt;font-size:10pt}.dense p,.dense ul{margin:2pt 0;font-size:7.5pt}.dense .sign{margin-top:30px}.dense .sign div{font-size:8pt}\
 .figures{grid-template-columns:1fr 1fr;gap:0 16px}.pair{width:90px}details{display:none}\
+.compact p,.compact td,.compact th{font-size:8.5pt;line-height:1.28}.compact h2{font-size:10.5pt;margin:6pt 0 2pt}.compact p{margin:4pt 0}.compact p.lead{font-size:11pt}.compact table{margin:2pt 0 4pt}.compact td,.compact th{padding:1px 8px 1px 0}\
+.compact td.s,.compact p.note,.compact small,.compact figcaption,.compact .fine{font-size:7.2pt;line-height:1.25}.compact p.note{margin:2pt 0}.compact .bars{gap:1px 10px;font-size:8.5pt}.compact .track{height:10px}.compact figure{margin:2pt 0 4pt}\
 .sheet{break-before:page}*{print-color-adjust:exact;-webkit-print-color-adjust:exact}}";
 
 /// A page under construction.
@@ -134,13 +140,14 @@ impl Cell {
 
 impl Page {
     /// A page with its title.
-    pub(crate) fn new(title: &str) -> Self {
-        let title = escape(title);
+    pub(crate) fn new(raw: &str) -> Self {
+        let title = escape(raw);
         Self {
             text: format!(
                 "<!DOCTYPE html>\n<html lang=\"en\"><head><meta charset=\"utf-8\">\
                  <meta name=\"viewport\" content=\"width=device-width, initial-scale=1\"><title>{title}</title>\
-                 <style>{STYLE}</style></head>\n<body><h1>{title}</h1>\n"
+                 <style>{STYLE}@page{{@bottom-left{{content:\"{}\";font:8pt sans-serif;color:#444}}}}</style></head>\n<body><h1>{title}</h1>\n",
+                css_text(raw)
             ),
         }
     }
@@ -209,6 +216,15 @@ impl Page {
         self.text.push_str("</table>\n");
     }
 
+    /// Items of a list.
+    pub(crate) fn list(&mut self, items: &[String]) {
+        self.text.push_str("<ul>");
+        for item in items {
+            self.put(format_args!("<li>{}</li>", escape(item)));
+        }
+        self.text.push_str("</ul>\n");
+    }
+
     /// A remark in small print.
     pub(crate) fn note(&mut self, words: impl Display) {
         self.put(format_args!("<p class=\"note\">{}</p>\n", escape(&words.to_string())));
@@ -227,6 +243,15 @@ impl Page {
             self.row(head, true);
             self.text.push_str("</thead>");
         }
+        for row in rows {
+            self.row(row, false);
+        }
+        self.text.push_str("</table>\n");
+    }
+
+    /// A table of keys and values, two pairs in a row.
+    pub(crate) fn head_table(&mut self, rows: &[Vec<Cell>]) {
+        self.text.push_str("<table class=\"head keep\">");
         for row in rows {
             self.row(row, false);
         }
@@ -264,6 +289,11 @@ impl Page {
     }
 }
 
+/// Text of a file as a string of the style sheet: whatever could end the string or the sheet is left out.
+fn css_text(raw: &str) -> String {
+    raw.chars().filter(|c| !c.is_control() && !matches!(c, '"' | '\\' | '<' | '>')).collect()
+}
+
 /// Text of a file as text of a page.
 pub(crate) fn escape(raw: &str) -> String {
     raw.replace('&', "&amp;").replace('<', "&lt;").replace('>', "&gt;").replace('"', "&quot;")
@@ -287,8 +317,11 @@ mod tests {
             &[vec![Cell::text("<x>"), Cell::number("<x>")]],
         );
         page.figure("<svg/>", "<x>");
+        page.head_table(&[vec![Cell::text("<x>")]]);
+        page.list(&["<x>".to_owned()]);
         let text = page.finish();
-        assert!(!text.contains("<x>") && text.matches("&lt;x&gt;").count() == 12, "{text}");
+        assert!(!text.contains("<x>") && text.matches("&lt;x&gt;").count() == 14, "{text}");
+        assert_eq!(css_text("a\"}</style>\\\n\u{b5}"), "a}/style\u{b5}");
     }
 
     #[test]
@@ -296,5 +329,6 @@ mod tests {
         let text = Page::new("t").finish();
         assert!(!text.contains("http") && !text.contains("src=") && !text.contains("<script"));
         assert!(text.contains("@page{size:A4") && text.contains("break-before:page"));
+        assert!(text.contains("counter(page)") && text.contains("@bottom-left{content:\"t\""));
     }
 }

@@ -1,6 +1,7 @@
 //! Where the page and the metrics are served: `[http]`.
 
 use core::net::SocketAddr;
+use std::path::PathBuf;
 
 use super::tls::is_host;
 use crate::diagnostic::Diagnostic;
@@ -15,6 +16,10 @@ pub struct HttpConfig {
     pub plain_remote: bool,
     /// Host names by which browsers may address it, beside `localhost` and numeric addresses.
     pub hosts: Vec<String>,
+    /// File with the token that commands need, as written (relative to the machine file); `None`: read-only.
+    pub token_file: Option<PathBuf>,
+    /// The newest result of `volcomp verify --record`, as written (relative to the machine file).
+    pub verification: Option<PathBuf>,
 }
 
 /// Most names in `hosts`.
@@ -24,8 +29,16 @@ pub(super) fn read_http(http: &Section<'_>) -> HttpConfig {
     let plain_remote = http.flag("plain-remote").unwrap_or(false);
     let hosts = read_hosts(http);
     let listen = read_listen(http, plain_remote, "7870", "HTTP has");
+    let path = |key| http.text(key).map(|t| t.value).filter(|t| !t.is_empty()).map(PathBuf::from);
+    let (token_file, verification) = (path("token-file"), path("verification"));
+    if let Some(address) = listen.filter(|a| token_file.is_some() && !a.ip().to_canonical().is_loopback()) {
+        http.report_here(
+            format!("http.token-file and http.listen {address}: the token would cross the network unencrypted"),
+            "listen on 127.0.0.1 and forward by ssh or a reverse proxy with TLS; or leave token-file out, for a page that can only be read",
+        );
+    }
     http.finish();
-    HttpConfig { listen, plain_remote, hosts }
+    HttpConfig { listen, plain_remote, hosts, token_file, verification }
 }
 
 /// The address at which a section's service listens; `example` is one for the remedy, `lacks` says why other computers
@@ -96,7 +109,11 @@ mod tests {
             read("[http]\nlisten = \"127.0.0.1:7870\"\nhosts = [\"Cell-7.shop\"]\n").expect("valid").http;
         assert_eq!(http.listen.expect("on").to_string(), "127.0.0.1:7870");
         assert_eq!(http.hosts, ["cell-7.shop"]);
+        assert_eq!((&http.token_file, &http.verification), (&None, &None));
         assert!(read("[http]\nlisten = \"0.0.0.0:7870\"\nplain-remote = true\n").is_ok());
+        let http =
+            read("[http]\nlisten = \"[::1]:7870\"\ntoken-file = \"http.token\"\n").expect("valid").http;
+        assert_eq!(http.token_file.expect("on").to_str(), Some("http.token"));
     }
 
     #[test]
@@ -108,6 +125,10 @@ mod tests {
             ("[http]\nlisten = 7870\n", &["http.listen must be a text"]),
             ("[http]\nhosts = [\"http://a\"]\n", &["m.toml:9:10", "no name of a host", "cell-7.shop"]),
             ("[http]\nlisten-on = \"\"\n", &["listen-on"]),
+            (
+                "[http]\nlisten = \"0.0.0.0:7870\"\nplain-remote = true\ntoken-file = \"token\"\n",
+                &["token-file", "unencrypted", "reverse proxy"],
+            ),
         ] {
             let error = read(text).expect_err(text);
             for word in words {

@@ -58,6 +58,15 @@ fn read(top: &Section<'_>) -> Option<MachineConfig> {
     let state = read_state(&top.section("state"));
     let guard = read_guard(&top.section("guard"));
     let sensors = read_sensors(top);
+    let is_remote = link.as_ref().is_some_and(|l| !l.address.ip().to_canonical().is_loopback());
+    if sensors.lock_step && is_remote {
+        let general = top.section("sensors");
+        general.report(Diagnostic::at(
+            general.value("time").map(|v| v.place).unwrap_or_default(),
+            "sensors.time = \"control\" has each frame wait for the estimator, and the control is on another computer",
+            "write \"computer\": only a simulated control on this computer can be in lock step with the estimator",
+        ));
+    }
     let http = read_http(&top.section("http"));
     let mqtt = read_mqtt(&top.section("mqtt"));
     let mtconnect = read_mtconnect(&top.section("mtconnect"));

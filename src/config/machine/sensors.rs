@@ -20,6 +20,8 @@ pub struct SensorsConfig {
     pub keep_s: f64,
     /// A connection that says nothing for so long is closed, s.
     pub idle_s: f64,
+    /// The estimator keeps the control's time and each frame waits for it; for a simulated control.
+    pub lock_step: bool,
     /// The sensors and maps.
     pub spec: LiveSpec,
 }
@@ -34,9 +36,10 @@ const DEFAULT_IDLE_S: f64 = 600.0;
 const DEFAULT_LISTEN: &str = "127.0.0.1:7979";
 
 /// Keys that only a 5-DOF laser has.
-const FIVE_DOF_KEYS: [&str; 12] = [
+const FIVE_DOF_KEYS: [&str; 13] = [
     "axis",
     "smooth-s",
+    "rest-smooth-s",
     "reference-share",
     "alignment",
     "roll-rise-arcsec",
@@ -78,9 +81,10 @@ pub(super) fn read_sensors(top: &Section<'_>) -> SensorsConfig {
     }
     let keep_s = number(&general, "keep-s", within(1.0, 86_400.0), DEFAULT_KEEP_S);
     let idle_s = number(&general, "idle-s", within(1.0, 86_400.0), DEFAULT_IDLE_S);
+    let lock_step = general.choice("time", &[("computer", false), ("control", true)]) == Some(true);
     general.finish();
     let spec = LiveSpec { sensors, maps };
-    SensorsConfig { listen: listen.map(|l| l.value), plain_remote, keep_s, idle_s, spec }
+    SensorsConfig { listen: listen.map(|l| l.value), plain_remote, keep_s, idle_s, lock_step, spec }
 }
 
 fn read_listen(general: &Section<'_>, wanted: bool) -> Option<Placed<SocketAddr>> {
@@ -261,6 +265,7 @@ fn find_map(section: &Section<'_>, named: Option<&Placed<&str>>, maps: &[MapSpec
 fn read_laser(section: &Section<'_>) -> Option<SensorKind> {
     let axis = section.text("axis");
     let smooth_s = number(section, "smooth-s", within(0.0, 3600.0), 1.0);
+    let rest_smooth_s = number(section, "rest-smooth-s", within(0.0, 3600.0), smooth_s);
     let reference_share = number(section, "reference-share", within(0.1, 1.0), 0.8);
     let is_end_point =
         section.choice("alignment", &[("stored-curves", false), ("end-point", true)]) == Some(true);
@@ -331,7 +336,7 @@ fn read_laser(section: &Section<'_>) -> Option<SensorKind> {
         section.report(Diagnostic::at(axis.place, message, "write x, y or z"));
         return None;
     };
-    Some(SensorKind::FiveDof { axis: name, head, smooth_s, reference_share, alignment })
+    Some(SensorKind::FiveDof { axis: name, head, smooth_s, rest_smooth_s, reference_share, alignment })
 }
 
 fn read_map(section: &Section<'_>) -> Option<MapSpec> {

@@ -112,3 +112,14 @@ fn a_model_that_does_not_fit_is_refused_with_every_reason() {
     assert_eq!(config().check_model(&model), []);
     assert_eq!(config().uncorrected_axes(&model), [AxisName::Z]);
 }
+
+#[test]
+fn only_a_control_on_this_computer_is_in_lock_step_with_the_estimator() {
+    let of = |link: &str| {
+        MachineConfig::parse("m.toml", &format!("{TEXT}{link}\n[sensors]\ntime = \"control\"\n"))
+    };
+    assert!(of("").unwrap().sensors.lock_step && !config().sensors.lock_step);
+    let remote =
+        of("[link]\naddress = \"192.168.0.10:7878\"\nplain-remote = true\n").unwrap_err().to_string();
+    assert!(remote.contains("sensors.time") && remote.contains("another computer"), "{remote}");
+}

@@ -14,7 +14,7 @@ mod write;
 
 use self::keys::{PositionKeys, grid_key};
 pub use dynamics::section_of;
-pub use provenance::{Provenance, SourceEntry};
+pub use provenance::{Measured, Provenance, SourceEntry};
 pub use write::{kind_of, write, write_file};
 
 use super::diagnostic::{ConfigErrors, Diagnostic};
@@ -59,6 +59,23 @@ impl ModelFile {
     pub fn earliest_expiry(&self) -> Option<&str> {
         let parts = self.of_errors.iter().map(|(_, origin)| &origin.expiry);
         core::iter::once(&self.provenance.expiry).chain(parts).flatten().map(String::as_str).min()
+    }
+
+    /// When and with which instruments it was measured: the newest date and every instrument that is stated.
+    #[must_use]
+    pub fn measured(&self) -> Measured {
+        let parts = core::iter::once(&self.provenance).chain(self.of_errors.iter().map(|(_, origin)| origin));
+        let mut measured = Measured::default();
+        for part in parts {
+            let sources = part.sources.iter().map(|source| (&source.date, &source.instrument));
+            for (date, instrument) in sources.chain([(&part.date, &part.instrument)]) {
+                measured.date = measured.date.max(date.clone());
+                if let Some(name) = instrument.as_ref().filter(|name| !measured.instruments.contains(*name)) {
+                    measured.instruments.push(name.clone());
+                }
+            }
+        }
+        measured
     }
 }
 

@@ -42,6 +42,15 @@ pub struct SourceEntry {
     pub date: Option<String>,
 }
 
+/// When and with what a model was measured.
+#[derive(Debug, Clone, PartialEq, Eq, Default)]
+pub struct Measured {
+    /// Newest day (or instant), as in RFC 3339.
+    pub date: Option<String>,
+    /// Instruments, each once.
+    pub instruments: Vec<String>,
+}
+
 impl core::fmt::Display for SourceEntry {
     fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
         let words = [&self.source, &self.instrument, &self.date, &self.source_hash];

@@ -10,12 +10,13 @@ use axum::http::header::{self, HeaderName, HeaderValue};
 use axum::http::{HeaderMap, StatusCode};
 use axum::middleware::{Next, from_fn_with_state};
 use axum::response::{IntoResponse, Response};
-use axum::routing::get;
+use axum::routing::{get, post};
 use futures_util::stream::unfold;
 use serde_json::json;
 use tokio::sync::{Semaphore, watch};
 
 use super::STREAMS;
+use super::commands::{Commands, about, command};
 use super::snapshot::Rendered;
 use volcomp_engine::fault::CATALOGUE;
 
@@ -28,8 +29,12 @@ pub(super) struct Shared {
     hosts: Vec<String>,
     /// The entries of `volcomp explain`.
     codes: Bytes,
+    /// The way of commands; `None`: read-only.
+    pub(super) commands: Option<Commands>,
 }
 
+const SCRIPT: &str = "text/javascript; charset=utf-8";
+const STYLE: &str = "text/css; charset=utf-8";
 /// The type of OpenMetrics.
 const OPEN_METRICS: &str = "application/openmetrics-text";
 
@@ -47,7 +52,11 @@ const HEADERS: [(HeaderName, &str); 5] = [
 ];
 
 impl Shared {
-    pub(super) fn new(rendered: watch::Receiver<Arc<Rendered>>, hosts: Vec<String>) -> Self {
+    pub(super) fn new(
+        rendered: watch::Receiver<Arc<Rendered>>,
+        hosts: Vec<String>,
+        commands: Option<Commands>,
+    ) -> Self {
         let entry = |e: &volcomp_engine::fault::Entry| {
             json!({
                 "code": e.code.to_string(), "name": e.name, "severity": e.severity.name(), "text": e.text,
@@ -55,7 +64,7 @@ impl Shared {
             })
         };
         let codes = serde_json::Value::Array(CATALOGUE.iter().map(entry).collect()).to_string().into();
-        Self { rendered, streams: Arc::new(Semaphore::new(STREAMS)), hosts, codes }
+        Self { rendered, streams: Arc::new(Semaphore::new(STREAMS)), hosts, codes, commands }
     }
 
     fn rendered(&self) -> Arc<Rendered> {
@@ -67,19 +76,32 @@ pub(super) fn router(shared: &Arc<Shared>) -> Router {
     let text = |kind: &'static str, text: &'static str| get(move || async move { typed(kind, text) });
     Router::new()
         .route("/", text("text/html; charset=utf-8", include_str!("page/index.html")))
-        .route("/page.js", text("text/javascript; charset=utf-8", include_str!("page/page.js")))
-        .route("/page.css", text("text/css; charset=utf-8", include_str!("page/page.css")))
+        .route("/page.js", text(SCRIPT, include_str!("page/page.js")))
+        .route("/sections.js", text(SCRIPT, include_str!("page/sections.js")))
+        .route("/traces.js", text(SCRIPT, include_str!("page/traces.js")))
+        .route("/volume.js", text(SCRIPT, include_str!("page/volume.js")))
+        .route("/commands.js", text(SCRIPT, include_str!("page/commands.js")))
+        .route("/difference.js", text(SCRIPT, include_str!("page/difference.js")))
+        .route("/common.js", text(SCRIPT, include_str!("page/common.js")))
+        .route("/page.css", text(STYLE, include_str!("page/page.css")))
+        .route("/uplot.js", text(SCRIPT, include_str!("assets/uplot/uPlot.iife.min.js")))
+        .route("/uplot.css", text(STYLE, include_str!("assets/uplot/uPlot.min.css")))
+        .route("/uplot-license.txt", text("text/plain; charset=utf-8", include_str!("assets/uplot/LICENSE")))
         .route("/icon.svg", text("image/svg+xml", include_str!("page/icon.svg")))
         .route("/metrics", get(metrics))
         .route("/api/v1/status", get(status))
         .route("/api/v1/history", get(history))
         .route("/api/v1/codes", get(codes))
         .route("/api/v1/events", get(events))
+        .route("/api/v1/volume", get(volume))
+        .route("/api/v1/verification", get(verification))
+        .route("/api/v1/about", get(about))
+        .route("/api/v1/command", post(command))
         .layer(from_fn_with_state(Arc::clone(shared), guard))
         .with_state(Arc::clone(shared))
 }
 
-fn typed(kind: &'static str, body: impl Into<Body>) -> Response {
+pub(super) fn typed(kind: &'static str, body: impl Into<Body>) -> Response {
     ([(header::CONTENT_TYPE, kind)], body.into()).into_response()
 }
 
@@ -138,6 +160,14 @@ async fn status(State(shared): State<Arc<Shared>>) -> Response {
 
 async fn history(State(shared): State<Arc<Shared>>) -> Response {
     typed("application/json", shared.rendered().history.clone())
+}
+
+async fn volume(State(shared): State<Arc<Shared>>) -> Response {
+    typed("application/json", shared.rendered().volume.clone())
+}
+
+async fn verification(State(shared): State<Arc<Shared>>) -> Response {
+    typed("application/json", shared.rendered().verification.clone())
 }
 
 async fn codes(State(shared): State<Arc<Shared>>) -> Response {

@@ -1,12 +1,15 @@
 //! What the service hands over, and the answers made from it.
 
 use std::collections::{BTreeMap, VecDeque};
+use std::path::Path;
+use std::sync::Arc;
 
 use axum::body::Bytes;
 use serde::Serialize;
 
-use super::metrics;
+use super::{metrics, verification, volume};
 use crate::channels::CycleRecord;
+use crate::models::Prepared;
 use crate::status::Status;
 use volcomp_engine::fault::CATALOGUE;
 use volcomp_units::NS_PER_S;
@@ -16,11 +19,15 @@ pub(super) const BOUNDS_S: [f64; 12] =
     [5e-6, 1e-5, 2e-5, 5e-5, 1e-4, 2e-4, 5e-4, 1e-3, 2e-3, 5e-3, 1e-2, 1e-1];
 /// Samples of the trace: two minutes.
 const SAMPLES: usize = 120;
+/// Snapshots between two looks at the file of the verification.
+const VERIFICATION_EVERY: u64 = 10;
 
 /// All that the HTTP service shows.
 #[derive(Debug, Clone)]
 pub(crate) struct Snapshot {
     pub(crate) status: Status,
+    /// The model in use.
+    pub(crate) model: Arc<Prepared>,
     /// Occurrences since the start, in the order of the catalogue.
     pub(crate) codes: [u64; CATALOGUE.len()],
     pub(crate) latency: LatencyTotals,
@@ -99,6 +106,30 @@ impl History {
     }
 }
 
+/// Answers that change rarely.
+#[derive(Debug, Default)]
+pub(super) struct Slow {
+    /// Hash of the model of `volume`.
+    hash: String,
+    volume: Bytes,
+    verification: Bytes,
+    snapshots: u64,
+}
+
+impl Slow {
+    /// Brings them up to date; reads the file of the verification now and then.
+    pub(super) fn look(&mut self, model: &Prepared, verification: Option<&Path>) {
+        if self.hash != model.hash {
+            self.hash.clone_from(&model.hash);
+            self.volume = volume::volume(model).into();
+        }
+        if self.snapshots.is_multiple_of(VERIFICATION_EVERY) {
+            self.verification = verification::shown(verification).into();
+        }
+        self.snapshots += 1;
+    }
+}
+
 /// The answers that change with each snapshot.
 #[derive(Debug, Default)]
 pub(super) struct Rendered {
@@ -111,10 +142,14 @@ pub(super) struct Rendered {
     pub(super) open_metrics: Bytes,
     /// The text format of Prometheus.
     pub(super) prometheus: Bytes,
+    /// The distorted volume.
+    pub(super) volume: Bytes,
+    /// The last verification.
+    pub(super) verification: Bytes,
 }
 
 impl Rendered {
-    pub(super) fn new(snapshot: &Snapshot, history: &History) -> Self {
+    pub(super) fn new(snapshot: &Snapshot, history: &History, slow: &Slow) -> Self {
         // both are plain data: they can always be written
         let status = serde_json::to_string(&snapshot.status).unwrap_or_default();
         let open_metrics = metrics::open_metrics(snapshot).unwrap_or_default();
@@ -124,6 +159,8 @@ impl Rendered {
             history: serde_json::to_vec(history).unwrap_or_default().into(),
             prometheus: metrics::prometheus(&open_metrics).into(),
             open_metrics: open_metrics.into(),
+            volume: slow.volume.clone(),
+            verification: slow.verification.clone(),
         }
     }
 }

@@ -10,9 +10,10 @@ use volcomp_state::bounded_read::{MACHINE_BYTES_MAX, MODEL_BYTES_MAX, read_bound
 
 pub use additions::with_additions;
 
+use super::http::{Token, TokenError};
 use super::tls::{self, Identity, TlsFileError};
 use volcomp_config::machine::ModelMismatch;
-use volcomp_config::{ConfigErrors, MachineConfig, model};
+use volcomp_config::{ConfigErrors, MachineConfig, Measured, model};
 use volcomp_effects::extend::Fate;
 use volcomp_engine::fault::Code;
 use volcomp_estimate::Thermal;
@@ -34,6 +35,8 @@ pub struct Loaded {
     pub thermal: Vec<Thermal>,
     /// Last day on which the model should be used, where it states one.
     pub expiry: Option<String>,
+    /// When and with what the model was measured, where stated.
+    pub measured: Measured,
     /// BLAKE3 of the model's text, in hex.
     pub model_hash: String,
     /// The machine file as it was read.
@@ -46,6 +49,8 @@ pub struct Loaded {
     pub uncorrected: Vec<AxisName>,
     /// Who the daemon is on a link over TLS; `None` is plain TCP.
     pub identity: Option<Identity>,
+    /// What commands by HTTP need; `None`: there are none.
+    pub http_token: Option<Token>,
 }
 
 /// Why the daemon cannot start from these files.
@@ -103,6 +108,14 @@ pub enum LoadError {
         config: PathBuf,
         /// What is wrong.
         source: Box<TlsFileError>,
+    },
+    /// The file of `[http] token-file`.
+    #[error("error: {}: {source}", config.display())]
+    Token {
+        /// The machine file.
+        config: PathBuf,
+        /// What is wrong.
+        source: TokenError,
     },
     /// The model breaks a rule.
     #[error("error: {}: {source}", path.display())]
@@ -173,6 +186,7 @@ impl LoadError {
         match self {
             Self::Read { .. } | Self::ReadModel { .. } | Self::ReadAddition { .. } => true,
             Self::Tls { source, .. } => source.is_io(),
+            Self::Token { source, .. } => source.is_io(),
             Self::NotText { .. }
             | Self::Config(_)
             | Self::Model { .. }
@@ -220,7 +234,7 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
     if !fates.is_empty() {
         model_text = model::write_file(&file, &[format!("{} with additions.", config.model.display())]);
     }
-    let expiry = file.earliest_expiry().map(str::to_owned);
+    let (expiry, measured) = (file.earliest_expiry().map(str::to_owned), file.measured());
     let (spec, thermal) = (file.spec, file.thermal);
     let model = Model::new(&spec).map_err(|source| LoadError::Model { path: model_path.clone(), source })?;
     if let Some(source) = config.check_model(&spec).into_iter().next() {
@@ -233,6 +247,8 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
     }
     let identity = tls::identity(path, &config)
         .map_err(|source| LoadError::Tls { config: path.to_owned(), source: Box::new(source) })?;
+    let http_token = Token::of(path, &config.http)
+        .map_err(|source| LoadError::Token { config: path.to_owned(), source })?;
     let model = Arc::new(model);
     Ok(Loaded {
         config,
@@ -241,12 +257,14 @@ pub fn load(path: &Path) -> Result<Loaded, LoadError> {
         spec,
         thermal,
         expiry,
+        measured,
         model_hash,
         config_text,
         model_text,
         fates,
         uncorrected,
         identity,
+        http_token,
     })
 }
 

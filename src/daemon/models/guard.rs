@@ -6,7 +6,7 @@ use volcomp_state::utc;
 
 use volcomp_config::{GuardConfig, Policy};
 use volcomp_engine::fault::Code;
-use volcomp_model::compare::{Change, compare};
+use volcomp_model::compare::{Change, Comparison, compare};
 use volcomp_model::{ModelError, ModelSpec};
 use volcomp_units::{arcsec_from_rad, um_from_mm};
 
@@ -69,9 +69,14 @@ pub enum TooDifferent {
 /// # Errors
 /// One of them breaks a rule.
 pub fn size(old: &ModelSpec, new: &ModelSpec) -> Result<Size, ModelError> {
-    let found = compare(old, new, |_, _| {})?;
+    Ok(size_of(&compare(old, new, |_, _| {})?, new))
+}
+
+/// By how much two models differ that have been compared; `new` is the second one.
+#[must_use]
+pub fn size_of(found: &Comparison, new: &ModelSpec) -> Size {
     let geometry = found.changes.iter().any(|change| !matches!(change, Change::Travel { .. }));
-    Ok(match found.volume {
+    match &found.volume {
         None => Size {
             largest_um: f64::INFINITY,
             largest_arcsec: f64::INFINITY,
@@ -92,7 +97,7 @@ pub fn size(old: &ModelSpec, new: &ModelSpec) -> Result<Size, ModelError> {
                 other_axes: false,
             }
         }
-    })
+    }
 }
 
 /// Whether a change of this size needs no confirmation.

@@ -2,6 +2,7 @@
 //!
 //! [`guard`] decides, [`store`] remembers; the switch itself is done by the cycle thread. Reading order: this file.
 
+mod comparison;
 pub mod guard;
 
 use std::io;
@@ -16,7 +17,8 @@ use volcomp_state::utc;
 use super::load::{LoadError, Loaded, number};
 use super::status::ModelStatus;
 use super::sync::Mutex;
-use volcomp_config::{MachineConfig, model};
+pub use comparison::{ErrorCurves, ModelComparison};
+use volcomp_config::{MachineConfig, Measured, model};
 use volcomp_engine::fault::Code;
 use volcomp_estimate::Thermal;
 use volcomp_model::{Model, ModelSpec};
@@ -41,6 +43,8 @@ pub struct Prepared {
     pub origin: String,
     /// Last day on which it should be used, where stated: the earliest of its parts.
     pub expiry: Option<String>,
+    /// When and with what it was measured, where stated.
+    pub measured: Measured,
 }
 
 impl Prepared {
@@ -62,7 +66,7 @@ impl Prepared {
         if let Some(pinned) = config.guard.hash.as_ref().filter(|pinned| **pinned != hash) {
             return Err(LoadError::pinned(origin, &hash, pinned));
         }
-        let expiry = file.earliest_expiry().map(str::to_owned);
+        let (expiry, measured) = (file.earliest_expiry().map(str::to_owned), file.measured());
         Ok(Self {
             spec: file.spec,
             thermal: file.thermal,
@@ -71,6 +75,7 @@ impl Prepared {
             hash,
             origin: origin.to_owned(),
             expiry,
+            measured,
         })
     }
 }
@@ -116,6 +121,7 @@ impl Models {
             model: Arc::clone(&loaded.model),
             hash: loaded.model_hash.clone(),
             expiry: loaded.expiry.clone(),
+            measured: loaded.measured.clone(),
             text,
             origin,
         };
@@ -234,6 +240,9 @@ impl Models {
             who,
             why,
             expiry: self.active.expiry.clone(),
+            date: self.active.measured.date.clone(),
+            instruments: self.active.measured.instruments.clone(),
+            temperature_degc: None,
             previous: self.previous.as_ref().map(|p| p.origin.clone()),
             previous_hash: self.previous.as_ref().map(|p| p.hash.clone()),
             notes: self.notes.clone(),

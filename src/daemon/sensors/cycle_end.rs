@@ -4,7 +4,9 @@ use std::sync::Arc;
 
 use crossbeam_channel::{Receiver, Sender, bounded};
 
+use super::super::clock::Clock;
 use super::super::link_session::LinkSession;
+use super::lock_step::{CycleLockStep, EstimatorLockStep, EstimatorTime, lock_step};
 use volcomp_estimate::live::{LiveEvaluator, LiveTable};
 use volcomp_protocol::{AxisUnit, ControlHello, Position, Tool};
 use volcomp_units::MonoTime;
@@ -50,6 +52,7 @@ pub struct LiveEnd {
     linear: [Option<usize>; 3],
     /// Hash of the model in use.
     model: [u8; 32],
+    lock_step: Option<CycleLockStep>,
 }
 
 /// The estimator's end.
@@ -60,6 +63,23 @@ pub struct EstimatorEnd {
     /// What it evaluates. Whoever sends a table keeps a copy until it is out of use, so that nothing is freed on the
     /// cycle.
     pub tables: Sender<Arc<LiveTable>>,
+    /// Where the cycle waits: its time, and whom to tell.
+    pub lock_step: Option<EstimatorLockStep>,
+}
+
+impl EstimatorEnd {
+    /// The estimator's time; without lock step that of the daemon.
+    pub(crate) fn time(&self, clock: Clock) -> EstimatorTime {
+        self.lock_step.as_ref().map_or(EstimatorTime::Computer(clock), EstimatorLockStep::time)
+    }
+}
+
+/// Both ends, the cycle waiting for the estimator; `model` is the hash of the model in use.
+#[must_use]
+pub fn live_ends_in_lock_step(model: [u8; 32]) -> (LiveEnd, EstimatorEnd) {
+    let ((mut cycle, mut estimator), (waits, tells)) = (live_ends(model), lock_step());
+    (cycle.lock_step, estimator.lock_step) = (Some(waits), Some(tells));
+    (cycle, estimator)
 }
 
 /// Both ends; `model` is the hash of the model in use.
@@ -73,8 +93,9 @@ pub fn live_ends(model: [u8; 32]) -> (LiveEnd, EstimatorEnd) {
         evaluator: LiveEvaluator::default(),
         linear: [None; 3],
         model,
+        lock_step: None,
     };
-    (cycle, EstimatorEnd { motions, tables })
+    (cycle, EstimatorEnd { motions, tables, lock_step: None })
 }
 
 impl LiveEnd {
@@ -89,6 +110,15 @@ impl LiveEnd {
             used.iter().position(|axis| axis.name == name && axis.unit == AxisUnit::Millimetre)
         });
         let _ = self.motions.try_send(Motion::Axes { axes });
+        if let Some(lock_step) = &mut self.lock_step {
+            lock_step.link_up();
+        }
+    }
+
+    /// True where a frame waits for the estimator before it is answered.
+    #[must_use]
+    pub const fn is_in_lock_step(&self) -> bool {
+        self.lock_step.is_some()
     }
 
     /// The link is gone.
@@ -110,10 +140,12 @@ impl LiveEnd {
         self.model = hash;
     }
 
-    /// What comes after the answer to a frame: its position goes out, live values for the next one come in.
+    /// What comes after the answer to a frame: its position goes out, live values for the next one come in. In lock step
+    /// it comes before the answer, and the values are for this frame.
     ///
-    /// # Cycle   no allocation, no wait, no panic, bounded time
-    pub fn after(&mut self, now: MonoTime, frame: &Position, session: &mut LinkSession) {
+    /// # Cycle   no allocation, no panic, bounded time; no wait but in lock step with a simulated control
+    pub fn after(&mut self, received: MonoTime, frame: &Position, session: &mut LinkSession) {
+        let now = self.lock_step.as_mut().map_or(received, |lock_step| lock_step.frame(frame.control_ns));
         // a full queue costs the estimator a position, and nobody else anything
         let _ = self.motions.try_send(Motion::At {
             now,
@@ -121,6 +153,9 @@ impl LiveEnd {
             commanded: frame.commanded,
             actual: frame.actual,
         });
+        if let Some(lock_step) = &self.lock_step {
+            lock_step.wait(now);
+        }
         let at = self.linear.map(|k| k.map_or(0.0, |k| frame.commanded[k]));
         // no more than the queue holds, whatever comes in meanwhile
         for table in self.tables.try_iter().take(TABLES) {
@@ -130,7 +165,7 @@ impl LiveEnd {
         let Some(told) = self.evaluator.evaluate(now, &self.model, at) else { return };
         for (channel, value) in told.values.iter().enumerate() {
             if told.told >> channel & 1 == 1 {
-                session.live(now, channel, *value);
+                session.live(received, channel, *value);
             }
         }
     }

@@ -21,7 +21,8 @@ use super::super::clock::Clock;
 use super::super::logging::LogLimiter;
 use super::Arrived;
 use super::configured::ConfiguredSensor;
-use super::wire::{Said, Stream};
+use super::lock_step::EstimatorTime;
+use super::wire::{Heard, Said, Stream};
 use volcomp_units::MonoTime;
 
 /// Connections at the same time.
@@ -64,6 +65,7 @@ pub(crate) struct Listener {
     dropped: Arc<AtomicU64>,
     known: Arc<[ConfiguredSensor]>,
     clock: Clock,
+    time: EstimatorTime,
     idle: Duration,
 }
 
@@ -74,12 +76,12 @@ impl Listener {
         readings: Sender<Arrived>,
         dropped: Arc<AtomicU64>,
         known: Arc<[ConfiguredSensor]>,
-        clock: Clock,
+        (clock, time): (Clock, EstimatorTime),
         idle: Duration,
     ) -> io::Result<Self> {
         let listener = TcpListener::bind(address).await?;
         info!(%address, "sensors connect here");
-        Ok(Self { listener, readings, dropped, known, clock, idle })
+        Ok(Self { listener, readings, dropped, known, clock, time, idle })
     }
 
     /// Serves until dropped.
@@ -110,6 +112,7 @@ impl Listener {
                 dropped: Arc::clone(&self.dropped),
                 known: Arc::clone(&self.known),
                 clock: self.clock,
+                time: self.time.clone(),
                 idle: self.idle,
                 lines: lines.clone(),
                 complaints: (Instant::now(), 0),
@@ -134,6 +137,7 @@ struct Connection {
     dropped: Arc<AtomicU64>,
     known: Arc<[ConfiguredSensor]>,
     clock: Clock,
+    time: EstimatorTime,
     idle: Duration,
     lines: Lines,
     /// Begin of the present second, and sentences in it.
@@ -163,14 +167,18 @@ impl Connection {
                     return why;
                 }
             };
-            let now = self.clock.now();
+            let now = self.time.now();
             said.push(&buffer[..count]);
             while let Some(message) = said.next() {
                 let problem = match message {
-                    Ok(message) => match self.pass_on(now, message) {
+                    Ok(Heard::Reading(message)) => match self.pass_on(now, message) {
                         None => continue,
                         Some(problem) => problem,
                     },
+                    Ok(Heard::Sync(number)) => {
+                        write(&mut stream, &serde_json::json!({ "sync": number })).await;
+                        continue;
+                    }
                     Err(e) => {
                         let text = e.to_string();
                         if e.is_fatal() {
@@ -220,7 +228,12 @@ impl Connection {
 
 /// One sentence to a sensor.
 async fn reply(stream: &mut TcpStream, problem: &str) {
-    let mut line = serde_json::json!({ "error": problem }).to_string();
+    write(stream, &serde_json::json!({ "error": problem })).await;
+}
+
+/// One line to a sensor.
+async fn write(stream: &mut TcpStream, object: &serde_json::Value) {
+    let mut line = object.to_string();
     line.push('\n');
     // one that does not listen is its own affair
     let _ = timeout(PATIENCE, stream.write_all(line.as_bytes())).await;

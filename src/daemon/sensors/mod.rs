@@ -4,6 +4,7 @@
 //! - [`worker`]: the estimator thread. Positions come from the cycle, readings from the listener; finished tables go to
 //!   the cycle, health to the status, what was learned to the disk ([`checkpoint`]).
 //! - [`configured`]: what each sensor is to say, for answers on the link.
+//! - [`lock_step`]: the estimator's time, and a cycle that waits for it where the control is simulated.
 //! - [`cycle_end`]: what the cycle does for it: a copy into a queue, and the evaluation of a table.
 //! - `crate::sensor_status`: health as the status tells it.
 
@@ -11,13 +12,17 @@ mod checkpoint;
 mod configured;
 mod cycle_end;
 mod listener;
+mod lock_step;
 mod wire;
 mod worker;
 
 pub use crate::sensor_status::{
     FilterStatus, MapStatus, NodeStatus, SensorStatus, ThermalDisplacementStatus,
 };
-pub use cycle_end::{EstimatorEnd, LiveEnd, Motion, live_ends};
+pub use cycle_end::{EstimatorEnd, LiveEnd, Motion, live_ends, live_ends_in_lock_step};
+pub use lock_step::EstimatorLockStep;
+
+use wire::Heard;
 
 pub(super) use listener::Listener;
 pub(super) use worker::{Sensors, Start};
@@ -48,7 +53,11 @@ pub fn parse_stream<'a>(
         stream.push(piece);
         while let Some(said) = stream.next() {
             let lost = said.as_ref().is_err_and(wire::WireError::is_fatal);
-            heard.push(said.map(|s| (s.sensor, s.reading)).map_err(|e| e.to_string()));
+            match said {
+                Ok(Heard::Sync(_)) => {}
+                Ok(Heard::Reading(s)) => heard.push(Ok((s.sensor, s.reading))),
+                Err(e) => heard.push(Err(e.to_string())),
+            }
             if lost {
                 return heard;
             }

@@ -53,7 +53,20 @@ impl WireError {
     }
 }
 
-/// A message.
+/// What a sensor says.
+#[expect(
+    clippy::large_enum_variant,
+    reason = "one at a time, on the stack; a box would allocate for every reading"
+)]
+#[derive(Debug, Clone, PartialEq)]
+pub(super) enum Heard {
+    /// A reading.
+    Reading(Said),
+    /// It asks to be told when all that it said before is with the estimator; the number comes back.
+    Sync(u64),
+}
+
+/// A reading and whose it is.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct Said {
     /// Name of the sensor.
@@ -75,11 +88,11 @@ impl Stream {
     }
 
     /// The next message, or what is wrong with it; `None` until there are more bytes.
-    pub(super) fn next(&mut self) -> Option<Result<Said, WireError>> {
+    pub(super) fn next(&mut self) -> Option<Result<Heard, WireError>> {
         loop {
             let first = *self.bytes.first()?;
             if first == MAGIC[0] {
-                return self.binary();
+                return self.binary().map(|said| said.map(Heard::Reading));
             }
             let end = self.bytes.iter().position(|b| *b == b'\n');
             // the same wherever the line was cut on its way
@@ -285,8 +298,23 @@ struct Raw {
     qd2_um: [f64; 2],
 }
 
-fn parse_line(text: &[u8]) -> Result<Said, String> {
-    let line: Line = serde_json::from_slice(text).map_err(|e| e.to_string())?;
+#[derive(Deserialize)]
+#[serde(deny_unknown_fields)]
+struct Sync {
+    sync: u64,
+}
+
+fn parse_line(text: &[u8]) -> Result<Heard, String> {
+    match serde_json::from_slice(text) {
+        Ok(line) => reading_of(line).map(Heard::Reading),
+        Err(problem) => match serde_json::from_slice(text) {
+            Ok(Sync { sync }) => Ok(Heard::Sync(sync)),
+            Err(_) => Err(problem.to_string()),
+        },
+    }
+}
+
+fn reading_of(line: Line) -> Result<Said, String> {
     let stamp_ns = match (line.t_ns, line.t_s) {
         (Some(ns), None) => ns,
         (None, Some(s)) if s.is_finite() => (s * NS_PER_S) as i64,
@@ -397,11 +425,32 @@ fn tool(pose: &Pose) -> Result<ToolReading, String> {
 mod tests {
     use super::*;
 
+    /// The next reading.
+    fn next(stream: &mut Stream) -> Option<Result<Said, WireError>> {
+        stream.next().map(|heard| {
+            heard.map(|heard| match heard {
+                Heard::Reading(said) => said,
+                Heard::Sync(number) => panic!("sync {number}"),
+            })
+        })
+    }
+
+    #[test]
+    fn a_sync_is_told_from_readings_and_nothing_else_stands_beside_it() {
+        let heard = |line: &str| {
+            let mut stream = Stream::default();
+            stream.push(format!("{line}\n").as_bytes());
+            stream.next().unwrap()
+        };
+        assert_eq!(heard("{\"sync\": 7}"), Ok(Heard::Sync(7)));
+        assert!(heard("{\"sync\": -7}").is_err() && heard("{\"sync\": 7, \"sensor\": \"a\"}").is_err());
+    }
+
     fn one(text: &str) -> Result<Said, WireError> {
         let mut stream = Stream::default();
         stream.push(text.as_bytes());
         stream.push(b"\n");
-        stream.next().expect("a message")
+        next(&mut stream).expect("a message")
     }
 
     fn binary(kind: u8, name: &str, numbers: &[f64]) -> Vec<u8> {
@@ -466,12 +515,12 @@ mod tests {
         }
         let mut stream = Stream::default();
         stream.push(b"nonsense\n\n# a comment\n{\"sensor\": \"v\", \"t_ns\": 1, \"value_um\": 2}\n{\"sen");
-        assert!(stream.next().unwrap().is_err());
+        assert!(next(&mut stream).unwrap().is_err());
         assert_eq!(
-            stream.next().unwrap().unwrap().reading.body,
+            next(&mut stream).unwrap().unwrap().reading.body,
             Body::Value { value: 0.002, unit: Some(Kind::Length) }
         );
-        assert!(stream.next().is_none());
+        assert!(next(&mut stream).is_none());
     }
 
     #[test]
@@ -485,7 +534,7 @@ mod tests {
         let mut found = Vec::new();
         for byte in all {
             stream.push(&[byte]);
-            while let Some(said) = stream.next() {
+            while let Some(said) = next(&mut stream) {
                 found.push(said.unwrap());
             }
         }
@@ -502,7 +551,7 @@ mod tests {
         let one = |bytes: &[u8]| {
             let mut stream = Stream::default();
             stream.push(bytes);
-            stream.next().expect("a message")
+            next(&mut stream).expect("a message")
         };
         let mut pose = vec![1.0, 2.0, 3.0, 0.0, 0.0, 1.0];
         assert!(

@@ -8,11 +8,11 @@ use std::time::{Duration, SystemTime};
 use crossbeam_channel::{Receiver, Sender, bounded};
 use tracing::{info, warn};
 
-use super::super::clock::Clock;
 use super::super::models::Prepared;
 use super::super::recorder::HealthSlot;
 use super::configured::ConfiguredSensor;
 use super::cycle_end::{EstimatorEnd, Motion};
+use super::lock_step::EstimatorTime;
 use super::{Arrived, checkpoint};
 use crate::sensor_status::{FilterStatus, code_of, growth_code};
 use volcomp_config::SensorsConfig;
@@ -79,7 +79,7 @@ pub(crate) struct Start {
     /// Where health goes into the recording.
     pub(crate) record: Option<Arc<HealthSlot>>,
     pub(crate) end: EstimatorEnd,
-    pub(crate) clock: Clock,
+    pub(crate) time: EstimatorTime,
 }
 
 /// An estimator for a model in use.
@@ -246,7 +246,7 @@ impl Worker {
         readings: Receiver<Arrived>,
         shared: Shared,
     ) -> std::io::Result<Self> {
-        let now = start.clock.now();
+        let now = start.time.now();
         let writer = start.directory.as_deref().map(checkpoint::Writer::start).transpose()?;
         let mut worker = Self {
             orders,
@@ -318,9 +318,13 @@ impl Worker {
     fn run(mut self) {
         loop {
             let ends = self.take_orders();
-            self.take_motions();
+            let waited_for = self.take_motions();
+            if !ends && !waited_for && self.start.end.lock_step.is_some() {
+                // no time passes before the next frame
+                continue;
+            }
             self.take_readings();
-            let now = self.start.clock.now();
+            let now = self.start.time.now();
             if let Some(estimator) = &mut self.estimator {
                 estimator.tick(now);
             }
@@ -345,7 +349,10 @@ impl Worker {
                 self.kept = now;
                 self.keep();
             }
-            std::thread::sleep(POLL);
+            match &self.start.end.lock_step {
+                Some(lock_step) => lock_step.tell(now),
+                None => std::thread::sleep(POLL),
+            }
         }
     }
 
@@ -372,8 +379,15 @@ impl Worker {
         false
     }
 
-    fn take_motions(&mut self) {
-        while let Ok(motion) = self.start.end.motions.try_recv() {
+    /// True where a frame waits.
+    fn take_motions(&mut self) -> bool {
+        let first = match &self.start.end.lock_step {
+            Some(_) => self.start.end.motions.recv_timeout(POLL).ok(),
+            None => None,
+        };
+        let mut waited_for = false;
+        let mut next = first.or_else(|| self.start.end.motions.try_recv().ok());
+        while let Some(motion) = next {
             match motion {
                 Motion::Axes { axes } => {
                     self.follower = Follower { wire: axes, ..Follower::default() };
@@ -392,19 +406,22 @@ impl Worker {
                     if let Some((sample, estimator)) = sample.zip(self.estimator.as_mut()) {
                         estimator.on_motion(sample);
                     }
+                    waited_for = true;
                 }
             }
+            next = self.start.end.motions.try_recv().ok();
         }
+        waited_for
     }
 
     /// Readings for as long as this round has time; the others only count as heard, whichever sensor they are of.
     fn take_readings(&mut self) {
-        let begin = self.start.clock.now();
+        let begin = self.start.time.now();
         let mut left_out = false;
         for Arrived { now, sensor, reading } in self.readings.try_iter().take(READINGS) {
             let Some(estimator) = &mut self.estimator else { continue };
             let Some(sensor) = estimator.sensor(&sensor) else { continue };
-            if left_out || self.start.clock.now().seconds_since(begin) > ROUND_S {
+            if left_out || self.start.time.now().seconds_since(begin) > ROUND_S {
                 left_out = true;
                 estimator.skip(now, sensor);
             } else {

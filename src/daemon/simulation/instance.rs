@@ -17,7 +17,7 @@ use super::history::{History, must_not_begin};
 use super::{Plan, World, faulty};
 use crate::channels::{StopWish, channels};
 use crate::clock::Clock;
-use crate::command_handler::carry_out;
+use crate::command_handler::{Peer, carry_out};
 use crate::control::{Control, SERVICE_SILENT_S, Start};
 use crate::models::Models;
 use crate::service::Service;
@@ -129,7 +129,7 @@ fn client(plan: Plan, service: &Mutex<Service>, history: &History, progress: &cr
         }
         let verb = ask.command;
         let number = history.begin(verb);
-        let answer = block_on(carry_out(ask, service, None));
+        let answer = block_on(carry_out(ask, service, Peer::Unknown));
         history.end(number, &answer, progress);
     }
 }

@@ -2,7 +2,6 @@
 
 use core::fmt;
 use std::fs::{File, Metadata};
-use std::os::unix::fs::MetadataExt;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -16,6 +15,7 @@ use rustls::{ClientConfig, RootCertStore};
 use volcomp_state::bounded_read::read_open;
 
 use super::TlsFileError;
+use crate::private_file::{self, Exposed};
 use volcomp_config::TlsConfig;
 
 /// Largest file, bytes.
@@ -88,18 +88,8 @@ fn certificates(key: &'static str, path: &Path) -> Result<Vec<CertificateDer<'st
 }
 
 fn private_key(path: &Path) -> Result<PrivateKeyDer<'static>, TlsFileError> {
-    let bytes = read("key", path, |metadata| is_private(path, metadata))?;
+    let exposed = |Exposed { mode, allowed }| TlsFileError::Exposed { path: path.to_owned(), mode, allowed };
+    let bytes = read("key", path, |metadata| private_file::check(metadata).map_err(exposed))?;
     // what the parser says could quote the file
     PrivateKeyDer::from_pem_slice(&bytes).map_err(|_| TlsFileError::NoKey { path: path.to_owned() })
-}
-
-/// Only its owner may read a key; where that is root, a group may read it too, because the service is not root.
-fn is_private(path: &Path, metadata: &Metadata) -> Result<(), TlsFileError> {
-    let mode = metadata.mode() & 0o7777;
-    let allowed = if metadata.uid() == 0 { 0o640 } else { 0o600 };
-    // execution bits open nothing
-    if mode & 0o777 & !(allowed | 0o111) == 0 {
-        return Ok(());
-    }
-    Err(TlsFileError::Exposed { path: path.to_owned(), mode, allowed })
 }

@@ -4,10 +4,10 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
+use super::super::constants::{CYCLES_MIN, LENGTHS, PLACES_MIN, TIMES};
 use super::super::library::Shape;
 use super::super::moment::{Moment, SLOTS};
 use super::super::session::{Session, has_rotation};
-use super::constants::{CYCLES_MIN, LENGTHS, PLACES_MIN, TIMES};
 use super::grouping;
 use volcomp_model::geometry::Vec3;
 

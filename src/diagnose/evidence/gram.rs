@@ -6,7 +6,7 @@ use std::rc::Rc;
 
 use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 
-use super::constants::{ALIKE, EFFECT_SCALES, SEEN};
+use super::super::constants::{ALIKE, EFFECT_SCALES, SEEN};
 use super::covariance::Covariance;
 
 /// Columns of all variants before whitening, each scaled to a root mean square of 1 um.

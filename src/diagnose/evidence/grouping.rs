@@ -2,10 +2,10 @@
 
 use std::collections::BTreeMap;
 
+use super::super::constants::ROWS_MAX;
 use super::super::library::STILL;
 use super::super::moment::{Moment, SLOTS};
 use super::super::session::Session;
-use super::constants::ROWS_MAX;
 
 /// Range of some quantity over all readings, at least a tiny one.
 fn span(session: &Session, of: impl Fn(&Moment) -> f64) -> f64 {

@@ -5,7 +5,6 @@
 //! over a ladder of the scales of discrepancy and drift ([`scales`]). Source: Kennedy and O'Hagan 2001, Brynjarsdottir and
 //! O'Hagan 2014; `docs/diagnosis.md` (evidence).
 
-pub mod constants;
 mod covariance;
 mod gram;
 mod grouping;
@@ -15,6 +14,7 @@ mod sets;
 #[cfg(test)]
 mod tests;
 
+use super::constants::PROGRAMS_MAX;
 use super::library::{Library, STILL};
 use super::moment::SLOTS;
 use super::search::count_programs;
@@ -33,7 +33,7 @@ pub fn applies(session: &Session) -> bool {
     if encoders && moving.count() > 1 {
         return false;
     }
-    count_programs(session) <= constants::PROGRAMS_MAX
+    count_programs(session) <= PROGRAMS_MAX
 }
 
 /// Compares all sets of effects that the library offers. `gap` in um, a value per reading of the session; `used` marks the

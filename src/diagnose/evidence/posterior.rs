@@ -4,12 +4,12 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{DMatrix, DVector};
 
+use super::super::constants::{
+    EFFECT_SCALES, LITTLE, MISFORM_RUNG, NOISE_SCALES, RIVAL, SETTLING_MAX, SIGNIFICANT, TAIL, TIMES, WINDOW,
+};
 use super::super::library::{Kind, Library, Shape};
 use super::super::search::raw_columns;
 use super::super::session::Session;
-use super::constants::{
-    EFFECT_SCALES, LARGE, MISFORM_RUNG, RIVAL, ROUNDS, SCALES, TAIL, TAIL_SHARE, TIMES, WINDOW,
-};
 use super::covariance::{Component, Covariance, Structure};
 use super::gram::{Columns, Gram, Member};
 use super::scales::{self, Rungs, Target};
@@ -148,7 +148,7 @@ impl Search {
     fn settle(&mut self, start: Rungs, set: Vec<Member>) -> Option<(Rungs, Vec<Member>, f64)> {
         let (mut rungs, mut members) = (start, set);
         let mut best: Option<(Rungs, Vec<Member>, f64)> = None;
-        for _ in 0..ROUNDS {
+        for _ in 0..SETTLING_MAX {
             let (found, weight) = self.climb(&rungs, &members)?;
             if best.as_ref().is_none_or(|b| weight > b.2) {
                 best = Some((rungs.clone(), found.clone(), weight));
@@ -176,7 +176,7 @@ impl Search {
             for (c, b) in at.iter().zip(mean.iter()).filter(|(c, _)| (first..first + k).contains(*c)) {
                 part.axpy(*b, &self.columns.values.column(*c), 1.0);
             }
-            if part.norm() > LARGE * sigma * (part.len() as f64).sqrt() {
+            if part.norm() > SIGNIFICANT * sigma * (part.len() as f64).sqrt() {
                 parts.push((self.columns.label[m.variant], m.variant, part));
             }
         }
@@ -197,7 +197,7 @@ impl Search {
         let mut cases: BTreeSet<Rungs> = self.visited.keys().cloned().collect();
         for c in 0..rungs.len() {
             let now = rungs[c];
-            let beside = [0, now.saturating_sub(1), (now + 1).min(SCALES.len() - 1)];
+            let beside = [0, now.saturating_sub(1), (now + 1).min(NOISE_SCALES.len() - 1)];
             for rung in beside.into_iter().filter(|r| *r != now) {
                 let mut next = rungs.clone();
                 next[c] = rung;
@@ -347,7 +347,7 @@ fn tails(search: &Search, rungs: &Rungs, members: &[Member]) -> Option<Vec<(usiz
         .filter(|(_, t)| *t > TAIL)
         .collect();
     all.sort_by(|a, b| b.1.total_cmp(&a.1));
-    if all.len() > (TAIL_SHARE * n as f64).ceil() as usize {
+    if all.len() > (LITTLE * n as f64).ceil() as usize {
         return Some(Vec::new());
     }
     all.sort_by_key(|(k, _)| *k);

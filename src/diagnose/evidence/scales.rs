@@ -4,15 +4,15 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use super::constants::{PRESENT, SCALES, STEPS_MAX, TRIED};
+use super::super::constants::{ASCENDED, ASCENT_MAX, NOISE_SCALES, PRESENT};
 use super::covariance::{Basis, Structure};
 
-/// Place of the scale of each component in [`SCALES`].
+/// Place of the scale of each component in [`NOISE_SCALES`].
 pub(super) type Rungs = Vec<usize>;
 
 /// The scales, in standard deviations of the white noise.
 pub(super) fn values(rungs: &[usize]) -> Vec<f64> {
-    rungs.iter().map(|r| SCALES[*r]).collect()
+    rungs.iter().map(|r| NOISE_SCALES[*r]).collect()
 }
 
 /// Log prior of some scales.
@@ -100,16 +100,16 @@ impl Target<'_> {
         };
         let mut best = start.to_vec();
         let mut most = value(&best);
-        for _ in 0..STEPS_MAX {
+        for _ in 0..ASCENT_MAX {
             let Some(slopes) = self.slopes(&best) else { break };
             let mut steep: Vec<usize> =
                 (0..best.len()).filter(|c| best[*c] == 0 && slopes[*c] > 0.0).collect();
             steep.sort_by(|a, b| slopes[*b].total_cmp(&slopes[*a]));
-            steep.truncate(TRIED);
+            steep.truncate(ASCENDED);
             let mut tried: Vec<(usize, usize)> = Vec::new();
             for (c, now) in best.iter().copied().enumerate() {
                 if now > 0 {
-                    tried.extend([(c, 0), (c, now - 1), (c, (now + 1).min(SCALES.len() - 1))]);
+                    tried.extend([(c, 0), (c, now - 1), (c, (now + 1).min(NOISE_SCALES.len() - 1))]);
                 } else if steep.contains(&c) {
                     tried.extend([(c, 1), (c, 3), (c, 5)]);
                 }

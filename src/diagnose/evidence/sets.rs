@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::constants::{EFFECTS_MAX, EXPANDED, WINDOW};
+use super::super::constants::{EXPANDED, SET_MAX, WINDOW};
 use super::gram::{Columns, Gram, Member};
 
 /// A set of labels with the best variant and scale of each.
@@ -70,7 +70,7 @@ pub(super) fn climb(gram: &Gram, columns: &Columns, start: &[Member], sets: &mut
     let mut weight = own_weight(gram, columns, &members);
     visit(sets, columns, &members, weight);
     loop {
-        while members.len() < EFFECTS_MAX
+        while members.len() < SET_MAX
             && let Some((with, w)) = grow(gram, columns, &members, sets)
             && w > weight + 1e-6
         {
@@ -121,7 +121,7 @@ pub(super) fn explore(gram: &Gram, columns: &Columns, sets: &mut Sets) {
             .map(|(k, v)| (k.clone(), v.members.clone()));
         let Some((labels, members)) = next else { return };
         done.insert(labels);
-        if members.len() < EFFECTS_MAX {
+        if members.len() < SET_MAX {
             grow(gram, columns, &members, sets);
         }
         for k in 0..members.len() {

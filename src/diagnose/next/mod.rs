@@ -4,8 +4,9 @@ mod programme;
 
 pub use self::programme::Dialect;
 
-use self::programme::{Motion, Programme};
-use super::library::{Library, page};
+use self::programme::Programme;
+use super::constants::TOLD;
+use super::library::{Effect, Library, Measurement as Motion};
 use super::report::{Cause, Next, Unexplained};
 use super::session::Session;
 
@@ -24,8 +25,6 @@ struct Measurement {
     motion: Motion,
     /// Preparation by somebody who has done it before: mounting, alignment, warm-up, min.
     prepare_min: f64,
-    /// Effects whose size it changes; it separates them from those whose size it leaves.
-    moves: &'static [&'static str],
 }
 
 const CATALOGUE: [Measurement; 11] = [
@@ -33,72 +32,63 @@ const CATALOGUE: [Measurement; 11] = [
         action: "repeat the circles of each plane at a second feed, three times as high, in both directions",
         motion: Motion::Circles,
         prepare_min: 20.0,
-        moves: &["inertial", "inertial-cross", "servo-mismatch", "latency", "clock-skew"],
     },
     Measurement {
         action: "measure points of the line at rest, approached from both directions, with 3 s of dwell",
         motion: Motion::Points,
         prepare_min: 30.0,
-        moves: &["reversal-spike", "servo-mismatch", "latency", "inertial", "inertial-cross", "clock-skew"],
     },
     Measurement {
         action: "repeat the lines cold and after an hour of warm-up, at least 3 K apart",
         motion: Motion::ColdAndWarm,
         prepare_min: 90.0,
-        moves: &["thermal-expansion", "ambient-drift", "spindle-growth", "dead-path"],
     },
     Measurement {
         action: "repeat the grid with a second tool length in the same setup",
         motion: Motion::TwoTools,
         prepare_min: 20.0,
-        moves: &["angular", "spindle-tilt", "tool-length", "sag", "inertial-cross"],
     },
     Measurement {
         action: "repeat the line at a second place of the other axes",
         motion: Motion::SecondPlace,
         prepare_min: 20.0,
-        moves: &["angular", "inertial-cross", "squareness", "lateral-play"],
     },
     Measurement {
         action: "run a short line with steps below a tenth of the pitch, not equal",
         motion: Motion::FineSteps,
         prepare_min: 30.0,
-        moves: &["cyclic", "wear", "positioning", "quantisation"],
     },
     Measurement {
         action: "spindle on, off, on for an hour each with a probe at the tool",
         motion: Motion::Spindle,
         prepare_min: 200.0,
-        moves: &["spindle-growth"],
     },
     Measurement {
         action: "measure with a trigger shared by control and instrument, with a start and stop step in each file",
         motion: Motion::StartAndStop,
         prepare_min: 20.0,
-        moves: &["clock-skew"],
     },
     Measurement {
         action: "measure a known length with a second instrument, or from a second station",
         motion: Motion::SecondInstrument,
         prepare_min: 45.0,
-        moves: &["tracker-scale", "dead-path"],
     },
     Measurement {
         action: "repeat the R-test with the ball at a second radius and height, in uneven steps of the angle",
         motion: Motion::Turn,
         prepare_min: 30.0,
-        moves: &["rotary-eccentricity", "rotary-location"],
     },
     Measurement {
         action: "measure the lines over the whole travel: over a part of it the slope of a curve is a straight line",
         motion: Motion::WholeTravel,
         prepare_min: 30.0,
-        moves: &["straightness", "positioning", "angular"],
     },
 ];
 
-fn name(label: &str) -> &str {
-    label.split(':').next().unwrap_or(label)
+/// True where a measurement changes the size of an effect (label); it separates that from those whose size it leaves.
+fn changes(m: &Measurement, label: &str) -> bool {
+    let name = label.split(':').next().unwrap_or(label);
+    Effect::find(name).is_some_and(|e| e.changes_with.contains(&m.motion))
 }
 
 /// Letters of the axes along which effects act or are counted: the last one of their subjects.
@@ -125,7 +115,7 @@ fn asked(
 fn decides(m: &Measurement, told: &[&(String, String, f64)]) -> String {
     let mut groups: [Vec<&str>; 2] = Default::default();
     for label in told.iter().flat_map(|p| [&p.0, &p.1]) {
-        let group = &mut groups[usize::from(!m.moves.contains(&name(label)))];
+        let group = &mut groups[usize::from(!changes(m, label))];
         if !group.contains(&label.as_str()) {
             group.push(label);
         }
@@ -154,7 +144,7 @@ pub(super) fn next(
     dialect: Dialect,
 ) -> Vec<Next> {
     let mut pairs: Vec<(String, String, f64)> = Vec::new();
-    for c in causes.iter().filter(|c| c.probability > 0.02) {
+    for c in causes.iter().filter(|c| c.probability > TOLD) {
         let rivals = c.confounded_with.iter().cloned().chain(
             causes.iter().filter(|o| o.remark == format!("alternative to {}", c.label())).map(Cause::label),
         );
@@ -177,10 +167,8 @@ pub(super) fn next(
         .iter()
         .filter(is_new)
         .filter_map(|m| {
-            let told: Vec<&(String, String, f64)> = pairs
-                .iter()
-                .filter(|(x, y, _)| m.moves.contains(&name(x)) != m.moves.contains(&name(y)))
-                .collect();
+            let told: Vec<&(String, String, f64)> =
+                pairs.iter().filter(|(x, y, _)| changes(m, x) != changes(m, y)).collect();
             let information: f64 = told.iter().map(|p| p.2).sum();
             let mut separates: Vec<String> = told.iter().flat_map(|p| [p.0.clone(), p.1.clone()]).collect();
             separates.sort();
@@ -205,12 +193,8 @@ pub(super) fn next(
     if unexplained.significant {
         // the measurement that would bring most of what is not seen yet
         for m in CATALOGUE.iter().filter(is_new) {
-            let unseen: Vec<String> = library
-                .blind
-                .iter()
-                .map(|b| b.label.clone())
-                .filter(|l| m.moves.contains(&name(l)))
-                .collect();
+            let unseen: Vec<String> =
+                library.blind.iter().map(|b| b.label.clone()).filter(|l| changes(m, l)).collect();
             if !unseen.is_empty() && !all.iter().any(|n| n.action == m.action) {
                 let information = 0.1 * ONE_OF_TWO * unseen.len() as f64;
                 let rest = unseen.len().saturating_sub(UNSEEN_NAMED);
@@ -224,7 +208,7 @@ pub(super) fn next(
     }
     for c in causes.iter().filter(|c| c.declared && !c.confounded_with.is_empty()) {
         let settled = all.iter().any(|n| n.separates.contains(&c.label()));
-        if let (false, Some(p)) = (settled, page(&c.effect)) {
+        if let (false, Some(p)) = (settled, Effect::find(&c.effect)) {
             let separates: Vec<String> = [c.label()].into_iter().chain(c.confounded_with.clone()).collect();
             let decides = format!("decides which of {} it is", separates.join(", "));
             let action = p.settles.trim_end_matches('.');

@@ -4,6 +4,7 @@
 
 use std::fmt::Write as _;
 
+use super::super::library::Measurement as Motion;
 use super::super::moment::{Axis, SLOTS};
 use super::super::session::Session;
 use volcomp_units::RAD_PER_DEG;
@@ -71,33 +72,6 @@ pub(super) struct Programme {
     places: [Vec<f64>; SLOTS],
     feed: f64,
     dialect: Dialect,
-}
-
-/// What a measurement runs.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Motion {
-    /// Circles in every plane, both ways, at two feeds.
-    Circles,
-    /// An axis from point to point with dwells, to and fro.
-    Points,
-    /// The same with uneven steps shorter than a period of the screw.
-    FineSteps,
-    /// The same at a second place of the other axes.
-    SecondPlace,
-    /// The same cold and warm.
-    ColdAndWarm,
-    /// The same with two tools.
-    TwoTools,
-    /// Spindle on, off and on.
-    Spindle,
-    /// Moves with a clear beginning and end.
-    StartAndStop,
-    /// The same line, the instrument elsewhere.
-    SecondInstrument,
-    /// A rotary axis in uneven steps.
-    Turn,
-    /// A line from one end of the travel to the other.
-    WholeTravel,
 }
 
 impl Programme {

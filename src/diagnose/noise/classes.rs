@@ -6,6 +6,9 @@
 
 use std::collections::BTreeMap;
 
+use super::super::constants::{
+    CONTRADICTED, DECIMALS_UM, DRIFT_GAIN, FEW, MANY, NOISE_SHARE, REPEATS, ROWS, SAME_WAY,
+};
 use super::super::session::{Session, is_encoder};
 use super::{ClassNoise, Filter, clipped_deviation};
 
@@ -13,12 +16,6 @@ use super::{ClassNoise, Filter, clipped_deviation};
 const RATIOS: [f64; 12] = [0.0, 0.2, 0.35, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 14.0];
 /// Number of correlation times that are tried.
 const TIMES: usize = 7;
-/// Noise below this share of the gap is not believed: files are rounded and models are never perfect.
-const FLOOR_SHARE: f64 = 1e-3;
-/// Least noise, um.
-const FLOOR_UM: f64 = 1e-4;
-/// A simpler drift is kept unless the likelihood gains this much (twice the logarithm).
-const GAIN_WANTED: f64 = 6.0;
 
 /// What differs between repeats, scaled to the size of the noise; NaN where a reading has no partner.
 #[must_use]
@@ -48,7 +45,7 @@ fn white(session: &Session, class: usize, residuals: &[f64], gap: &[f64], used: 
     let paired: Vec<usize> = rows.iter().copied().filter(|i| residuals[*i].is_finite()).collect();
     let similar = |a: usize, b: usize| {
         session.readings[a].run == session.readings[b].run
-            && session.moments[a].u.dot(&session.moments[b].u) > 0.9
+            && session.moments[a].u.dot(&session.moments[b].u) > SAME_WAY
     };
     if paired.len() >= 16 {
         // rows of one direction follow each other at most three apart (a reading in three directions)
@@ -58,14 +55,14 @@ fn white(session: &Session, class: usize, residuals: &[f64], gap: &[f64], used: 
                 differences.push(residuals[*b] - residuals[*a]);
             }
         }
-        if differences.len() >= 12 {
+        if differences.len() >= FEW {
             return clipped_deviation(&differences) / core::f64::consts::SQRT_2;
         }
         let values: Vec<f64> = paired.iter().map(|i| residuals[*i]).collect();
         return clipped_deviation(&values);
     }
     let apart = super::neighbours(session, &rows);
-    if apart.len() >= 48 {
+    if apart.len() >= MANY {
         let mut sizes: Vec<f64> = apart.iter().map(|(a, b)| (gap[*a] - gap[*b]).abs()).collect();
         return super::MAD * super::median(&mut sizes) / core::f64::consts::SQRT_2;
     }
@@ -77,12 +74,12 @@ fn white(session: &Session, class: usize, residuals: &[f64], gap: &[f64], used: 
                 third.push(gap[i[3]] - 3.0 * gap[i[2]] + 3.0 * gap[i[1]] - gap[i[0]]);
             }
         }
-        if third.len() >= 12 {
+        if third.len() >= FEW {
             break;
         }
         third.clear();
     }
-    if third.len() < 12 {
+    if third.len() < FEW {
         let values: Vec<f64> = rows.iter().map(|i| gap[*i]).collect();
         let mean = values.iter().sum::<f64>() / values.len().max(1) as f64;
         return clipped_deviation(&values.iter().map(|v| v - mean).collect::<Vec<_>>());
@@ -131,7 +128,7 @@ fn drift(
         .collect();
     thin_runs(session, &mut rows);
     let n = rows.iter().filter(|r| **r).count();
-    if n < 12 {
+    if n < FEW {
         return start;
     }
     let mut noise = vec![start; session.instruments.len()];
@@ -154,7 +151,7 @@ fn drift(
             } else {
                 (filter.minus_two_log(&e), 1.0)
             };
-            let wanted = if ratio > 0.0 && best.1.drift_um == 0.0 { GAIN_WANTED } else { 1e-9 };
+            let wanted = if ratio > 0.0 && best.1.drift_um == 0.0 { DRIFT_GAIN } else { 1e-9 };
             if score < best.0 - wanted && known.is_none_or(|k| k.allow(trial)) {
                 best = (
                     score,
@@ -173,12 +170,9 @@ fn drift(
     best.1
 }
 
-/// Rows of a class beyond which the likelihood looks at every second, third .. run.
-const LIKELIHOOD_ROWS: usize = 4000;
-
 fn thin_runs(session: &Session, rows: &mut [bool]) {
     let n = rows.iter().filter(|r| **r).count();
-    let every = n.div_ceil(LIKELIHOOD_ROWS);
+    let every = n.div_ceil(ROWS);
     if every < 2 {
         return;
     }
@@ -208,7 +202,7 @@ pub fn from_repeats(session: &Session, gap: &[f64], used: &[bool], lattice_um: &
     let rms = (gap.iter().map(|v| v * v).sum::<f64>() / gap.len().max(1) as f64).sqrt();
     (0..session.instruments.len())
         .map(|class| {
-            let floor = (FLOOR_SHARE * rms).max(FLOOR_UM).max(lattice_um[class] / 12f64.sqrt());
+            let floor = (NOISE_SHARE * rms).max(DECIMALS_UM).max(lattice_um[class] / 12f64.sqrt());
             // noise is part of the gap: neighbours that differ by a mounting's rotation must not make it larger
             let own = super::super::offsets::rms(&of_class(session, class, &centred));
             let white_um = white(session, class, &residuals, gap, used).min(own).max(floor);
@@ -218,7 +212,7 @@ pub fn from_repeats(session: &Session, gap: &[f64], used: &[bool], lattice_um: &
             let time = times(session, class);
             let drift_um = if is_encoder(&session.instruments[class]) { 0.0 } else { white_um };
             let start = ClassNoise { white_um, drift_um, drift_s: time[TIMES / 2 + 1] };
-            if paired < 24 || drift_um == 0.0 {
+            if paired < 2 * FEW || drift_um == 0.0 {
                 return start;
             }
             let found = drift(session, class, &residuals, used, start, &Values::Repeats);
@@ -226,9 +220,6 @@ pub fn from_repeats(session: &Session, gap: &[f64], used: &[bool], lattice_um: &
         })
         .collect()
 }
-
-/// Repeats of a point from which its slow changes are known without asking what the effects leave.
-const REPEATS_MANY: usize = 3;
 
 /// True where most readings of a class have partners all over their setup: what then comes back with every repeat is no
 /// drift, however much of it the effects leave.
@@ -242,13 +233,10 @@ fn repeats_know(session: &Session, class: usize, used: &[bool]) -> bool {
     }
     for r in of_class() {
         all += 1;
-        many += usize::from(r.pair.is_some_and(|p| members[&p] >= REPEATS_MANY));
+        many += usize::from(r.pair.is_some_and(|p| members[&p] >= REPEATS));
     }
     2 * many > all
 }
-
-/// Twice the logarithm of the likelihood that a drift may cost what repeats show before they contradict it.
-const CONTRADICTED: f64 = 10.0;
 
 /// What repeats of a class say of its drift: not how large its slow part is, which all repeats share, but how rough it is.
 struct Repeated<'a> {
@@ -323,7 +311,7 @@ fn separation(session: &Session, class: usize, used: &[bool]) -> f64 {
             apart.push(t - before);
         }
     }
-    if apart.len() < 24 { 0.0 } else { 0.5 * super::median(&mut apart) }
+    if apart.len() < 2 * FEW { 0.0 } else { 0.5 * super::median(&mut apart) }
 }
 
 /// Drift from what the effects leave, unless repeats tell it or contradict it; white noise stays.

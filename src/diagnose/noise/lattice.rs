@@ -1,24 +1,14 @@
 //! Rounding: readings that are whole multiples of one step.
 
+use super::super::constants::{DECIMALS_UM, READ_EACH, ROWS, STEP_DECIMALS};
 use super::super::session::Session;
 use super::pair_residuals;
 
-/// Readings looked at.
-const LOOKED_AT: usize = 4000;
-/// Least number of different readings that prove a step.
+/// Least number of different readings that prove a step, of readings that differ from their repeats, and the most steps between the
+/// closest two.
 const DIFFERENT: usize = 4;
-/// The same where repeats differ, and how often each of them must have been read: what has noise and still gives one of two
-/// values is rounded.
+/// The same where repeats differ and each was read often: what has noise and still gives one of two values is rounded.
 const DIFFERENT_OF_MANY: usize = 2;
-const READ_EACH: usize = 40;
-/// Readings that must differ from their repeats for that.
-const RESTLESS: usize = 4;
-/// What the last decimal of a file may hide, um.
-const DECIMALS_UM: f64 = 1.5e-4;
-/// Least step, in such decimals: below, everything is a multiple.
-const LEAST: f64 = 20.0;
-/// A step may be the smallest difference between readings over a whole number up to this one.
-const DIVISOR_MAX: usize = 4;
 
 /// The readings of one instrument class.
 #[derive(Debug, Clone, Default, PartialEq)]
@@ -40,7 +30,7 @@ pub fn lattices(session: &Session) -> Vec<f64> {
         let (class, differing) = &mut classes[r.instrument];
         class.deviations_um.push(r.deviation_um);
         *differing += usize::from(apart.abs() > DECIMALS_UM);
-        class.is_restless = *differing >= RESTLESS;
+        class.is_restless = *differing >= DIFFERENT;
     }
     let classes: Vec<Class> = classes.into_iter().map(|(class, _)| class).collect();
     steps(&classes)
@@ -67,7 +57,7 @@ fn needed(class: &Class, levels: usize) -> usize {
 
 /// The different readings in order; those that differ by decimals only are one.
 fn levels(values: &[f64]) -> Vec<f64> {
-    let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).take(LOOKED_AT).collect();
+    let mut sorted: Vec<f64> = values.iter().copied().filter(|v| v.is_finite()).take(ROWS).collect();
     sorted.sort_by(f64::total_cmp);
     sorted.dedup_by(|b, a| (*b - *a).abs() < DECIMALS_UM);
     sorted
@@ -78,9 +68,9 @@ fn step(levels: &[f64], needed: usize) -> Option<f64> {
         return None;
     }
     let least = levels.windows(2).map(|w| w[1] - w[0]).fold(f64::INFINITY, f64::min);
-    (1..=DIVISOR_MAX)
+    (1..=DIFFERENT)
         .map(|n| least / n as f64)
-        .take_while(|s| *s > LEAST * DECIMALS_UM)
+        .take_while(|s| *s > STEP_DECIMALS * DECIMALS_UM)
         .find_map(|s| fit(levels, s))
 }
 

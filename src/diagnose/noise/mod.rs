@@ -12,6 +12,7 @@ mod tones;
 
 use std::collections::BTreeMap;
 
+use super::constants::CLIPPED;
 use super::session::Session;
 
 pub use classes::{from_remainder, from_repeats, pair_residuals};
@@ -53,7 +54,7 @@ pub fn median(values: &mut [f64]) -> f64 {
     0.5 * (lower + upper)
 }
 
-/// Standard deviation about zero that single wild values do not move: values are clipped at four robust ones.
+/// Standard deviation about zero that single wild values do not move: values are clipped.
 #[must_use]
 pub fn clipped_deviation(values: &[f64]) -> f64 {
     if values.is_empty() {
@@ -61,7 +62,7 @@ pub fn clipped_deviation(values: &[f64]) -> f64 {
     }
     let mut sizes: Vec<f64> = values.iter().map(|v| v.abs()).collect();
     let robust = MAD * median(&mut sizes);
-    let limit = if robust > 0.0 { 4.0 * robust } else { f64::INFINITY };
+    let limit = if robust > 0.0 { CLIPPED * robust } else { f64::INFINITY };
     let sum: f64 = values.iter().map(|v| v.abs().min(limit)).map(|v| v * v).sum();
     (sum / values.len() as f64).sqrt()
 }

@@ -1,10 +1,9 @@
 //! Single wild readings, from repeats or from neighbours.
 
+use super::super::constants::{FEW, OUTLYING, SAME_WAY};
 use super::super::session::Session;
 use super::{MAD, median, repeats_of};
 
-/// Robust standard deviations beyond which a reading is an outlier.
-const LIMIT: f64 = 5.5;
 /// Readings on both sides whose median is taken as the slow part.
 const NEIGHBOURS: usize = 4;
 /// Rounds of search.
@@ -54,7 +53,7 @@ fn round(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -> V
     let mut found: Vec<usize> = by_class(session, gap, lattice_um, used)
         .into_iter()
         .flatten()
-        .filter(|(_, d)| d.abs() > LIMIT)
+        .filter(|(_, d)| d.abs() > OUTLYING)
         .map(|(i, _)| i)
         .collect();
     // of two partners both look wrong; the one that lies apart from its neighbours in the run is
@@ -69,7 +68,7 @@ fn by_class(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -
         let rows: Vec<usize> = (0..gap.len())
             .filter(|i| session.readings[*i].instrument == class && apart[*i].is_finite())
             .collect();
-        if rows.len() < 24 {
+        if rows.len() < 2 * FEW {
             return Vec::new();
         }
         let detrended: Vec<f64> =
@@ -85,10 +84,7 @@ fn by_class(session: &Session, gap: &[f64], lattice_um: &[f64], used: &[bool]) -
     (0..session.instruments.len()).map(of).collect()
 }
 
-/// Beginning of the shoulders of the noise, in robust standard deviations: from here to [`LIMIT`] they tell how heavy its
-/// tails are.
-const SHOULDER: f64 = 2.75;
-/// Shares of the differences of two readings of Student's noise in the shoulders and beyond [`LIMIT`], for 1 to 200 degrees
+/// Shares of the differences of two readings of Student's noise in the shoulders and beyond [`OUTLYING`], for 1 to 200 degrees
 /// of freedom (by quadrature). Their far tails are heavier than those of Student's distribution with the same shoulders.
 const TAILS: [[f64; 2]; 13] = [
     [0.075_42, 0.077_68],
@@ -137,13 +133,13 @@ pub fn tails(session: &Session, gap: &[f64], lattice_um: &[f64]) -> Vec<Tails> {
 
 fn tails_of(all: &[(usize, f64)]) -> Tails {
     let n = all.len() as f64;
-    let beyond = all.iter().filter(|(_, d)| d.abs() > LIMIT).count() as f64;
-    let shoulder = all.iter().filter(|(_, d)| (SHOULDER..=LIMIT).contains(&d.abs())).count() as f64;
+    let beyond = all.iter().filter(|(_, d)| d.abs() > OUTLYING).count() as f64;
+    let shoulder = all.iter().filter(|(_, d)| (0.5 * OUTLYING..=OUTLYING).contains(&d.abs())).count() as f64;
     let share = (shoulder + 2.0 * shoulder.sqrt()) / n.max(1.0);
     Tails { beyond, expected: n * beyond_of(share) }
 }
 
-/// The share beyond [`LIMIT`] that goes with a share in the shoulders, between those of [`TAILS`].
+/// The share beyond [`OUTLYING`] that goes with a share in the shoulders, between those of [`TAILS`].
 fn beyond_of(shoulder: f64) -> f64 {
     let between = |w: &[[f64; 2]]| {
         let [heavy, light] = [w[0], w[1]];
@@ -158,7 +154,7 @@ fn beyond_of(shoulder: f64) -> f64 {
 fn slow(session: &Session, apart: &[f64], rows: &[usize], k: usize) -> f64 {
     let same = |j: &&usize| {
         session.readings[**j].run == session.readings[rows[k]].run
-            && session.moments[**j].u.dot(&session.moments[rows[k]].u) > 0.9
+            && session.moments[**j].u.dot(&session.moments[rows[k]].u) > SAME_WAY
     };
     let before = rows[..k].iter().rev().take(3 * NEIGHBOURS).filter(same).take(NEIGHBOURS);
     let after = rows[k + 1..].iter().take(3 * NEIGHBOURS).filter(same).take(NEIGHBOURS);
@@ -180,10 +176,10 @@ fn is_the_wild_one(session: &Session, gap: &[f64], i: usize) -> bool {
 fn bend(session: &Session, gap: &[f64], i: usize) -> f64 {
     let same = |j: &usize| {
         session.readings[*j].run == session.readings[i].run
-            && session.moments[*j].u.dot(&session.moments[i].u) > 0.9
+            && session.moments[*j].u.dot(&session.moments[i].u) > SAME_WAY
     };
-    let before = (0..i).rev().take(4).find(same);
-    let after = (i + 1..gap.len()).take(4).find(same);
+    let before = (0..i).rev().take(NEIGHBOURS).find(same);
+    let after = (i + 1..gap.len()).take(NEIGHBOURS).find(same);
     match (before, after) {
         (Some(a), Some(b)) => (gap[i] - 0.5 * (gap[a] + gap[b])).abs(),
         (Some(a), None) | (None, Some(a)) => (gap[i] - gap[a]).abs(),
@@ -194,7 +190,7 @@ fn bend(session: &Session, gap: &[f64], i: usize) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::super::Random;
-    use super::{LIMIT, MAD, Tails, median, tails_of};
+    use super::{MAD, OUTLYING, Tails, median, tails_of};
 
     /// Differences of two draws of Student's noise in robust standard deviations, some of them replaced by `wild`.
     fn noise(freedom: usize, n: usize, wild: &[f64]) -> Tails {
@@ -216,7 +212,7 @@ mod tests {
             let t = noise(freedom, 40_000, &[]);
             assert!((0.8 * t.beyond - 1.0..1.5 * t.beyond + 3.0).contains(&t.expected), "{freedom}: {t:?}");
         }
-        let t = noise(50, 400, &[2.0 * LIMIT; 10]);
+        let t = noise(50, 400, &[2.0 * OUTLYING; 10]);
         assert!(t.beyond >= 10.0 && t.beyond > t.expected + 3.0 * t.expected.sqrt(), "{t:?}");
     }
 }

@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::super::constants::{CLIPPED, FEW};
 use super::super::library::line_of_sight;
 use super::super::moment::Moment;
 use super::super::session::Session;
@@ -28,7 +29,7 @@ pub fn range_noise(session: &Session, residuals: &[f64]) -> Option<RangeNoise> {
             .map(|n| (n.of_both.ln(), 0.5 * (n.square + 1e-18).ln()))
             .collect();
         let n = points.len() as f64;
-        if n < 60.0 {
+        if points.len() < 5 * FEW {
             continue;
         }
         let (mx, my) =
@@ -98,16 +99,12 @@ pub struct AngleNoise {
     pub evidence: f64,
 }
 
-/// Fewest readings.
-const READINGS: usize = 60;
 /// Least share of the variance that the angles must have.
 const SHARE: f64 = 0.3;
 /// What a direction may explain better by a noise of its own, in units of `AngleNoise::evidence`: then it is no line of sight.
 const DIRECTIONS: f64 = 0.5;
 /// Least square of a distance across as a share of the largest, in one direction, from which an instrument saw one place only.
 const ELSEWHERE: f64 = 0.8;
-/// Largest residual, as a multiple of the scatter: heavy tails say little of a direction.
-const CLIP: f64 = 4.0;
 
 /// What differs between repeats, by the angle to the line of sight and the distance.
 #[must_use]
@@ -117,7 +114,7 @@ pub fn angle_noise(session: &Session, residuals: &[f64]) -> Option<AngleNoise> {
             let all = neighbours(session, residuals, class, |m| across_m2(m).unwrap_or(f64::NAN));
             let rows: Vec<(f64, f64)> = all.iter().map(|n| (n.square, n.of_both)).collect();
             let axes: Vec<usize> = all.iter().map(|n| n.axis).collect();
-            if rows.len() < READINGS || !is_elsewhere(&rows, &axes) {
+            if rows.len() < 5 * FEW || !is_elsewhere(&rows, &axes) {
                 return None;
             }
             let (um_per_m, evidence) = by_angle(&rows, &axes)?;
@@ -147,7 +144,7 @@ fn across_m2(m: &Moment) -> Option<f64> {
 fn by_angle(rows: &[(f64, f64)], axes: &[usize]) -> Option<(f64, f64)> {
     let n = rows.len() as f64;
     let mean = rows.iter().map(|r| r.0).sum::<f64>() / n;
-    let most = CLIP * CLIP * mean;
+    let most = CLIPPED * CLIPPED * mean;
     let squares: Vec<f64> = rows.iter().map(|r| r.0.min(most)).collect();
     let far = rows.iter().map(|r| r.1).sum::<f64>() / n;
     if far <= 0.0 || mean <= 0.0 {

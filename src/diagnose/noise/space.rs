@@ -3,11 +3,10 @@
 
 use std::collections::BTreeSet;
 
+use super::super::constants::{ROWS, SAME_LINE};
 use super::super::session::Session;
 use super::median;
 
-/// Readings looked at: the search for neighbours goes with their square.
-const LOOKED_AT: usize = 4000;
 /// Readings count as out of order where they follow each other at this many times the distance of neighbours.
 const APART: f64 = 2.0;
 /// mm that a radian counts.
@@ -23,12 +22,12 @@ fn distance(session: &Session, a: usize, b: usize) -> f64 {
 /// Pairs of nearest neighbours of one setup and direction among `rows`; empty where readings follow their places.
 #[must_use]
 pub fn neighbours(session: &Session, rows: &[usize]) -> Vec<(usize, usize)> {
-    let step = rows.len().div_ceil(LOOKED_AT).max(1);
+    let step = rows.len().div_ceil(ROWS).max(1);
     let rows: Vec<usize> = rows.iter().copied().step_by(step).collect();
     let alike = |a: usize, b: usize| {
         session.readings[a].setup == session.readings[b].setup
             && session.readings[a].instrument == session.readings[b].instrument
-            && session.moments[a].u.dot(&session.moments[b].u) > 0.99
+            && session.moments[a].u.dot(&session.moments[b].u) > SAME_LINE
     };
     let mut pairs = BTreeSet::new();
     let (mut near, mut following) = (Vec::new(), Vec::new());

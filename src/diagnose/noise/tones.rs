@@ -3,6 +3,7 @@
 use core::f64::consts::TAU;
 use std::collections::{BTreeMap, BTreeSet};
 
+use super::super::constants::{CREEP, LOWEST_HZ, MANY, SAME_LINE};
 use super::super::moment::SLOTS;
 use super::super::session::{Session, Times, is_encoder};
 use volcomp_model::statistics::chi_square_upper;
@@ -20,18 +21,8 @@ pub struct Tone {
 
 /// Samples of a run that are looked at.
 const SAMPLES_MAX: usize = 2048;
-/// Samples that a run needs.
-const SAMPLES_MIN: usize = 48;
 /// Times samples and frequencies at most: bounds the work.
 const WORK: usize = 40_000_000;
-
-/// Lowest frequency of a vibration of a machine, Hz: the rigid-body modes of its mounts lie at 2 to 30 Hz. What is slower is
-/// drift, and readings too slow for it show vibration as noise.
-const LOWEST_HZ: f64 = 1.0;
-
-/// Slower than this is standstill, mm/s and rad/s.
-const STANDSTILL: f64 = 0.05;
-
 /// Periods of the slowest line in a run, and for each turn of its motion: what comes back differently in the next pass
 /// of a circle (it has grown warm) has the waves of the circle.
 const PERIODS: f64 = 4.0;
@@ -51,7 +42,7 @@ fn even_runs(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64
         runs[session.readings[*i].run].push((session.moments[*i].t_s, e, *i));
     }
     let mut even = Vec::new();
-    let lines = runs.iter().filter(|r| r.len() >= SAMPLES_MIN).flat_map(|run| directions(session, run));
+    let lines = runs.iter().filter(|r| r.len() >= MANY).flat_map(|run| directions(session, run));
     for line in lines {
         let mut steps: Vec<f64> = line.windows(2).map(|w| w[1].0 - w[0].0).collect();
         let step = super::median(&mut steps);
@@ -69,7 +60,7 @@ fn even_runs(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64
 fn turns(session: &Session, line: &[&(f64, f64, usize)]) -> f64 {
     let reversals = (0..SLOTS).map(|slot| {
         let ways = line.iter().map(|s| session.moments[s.2].velocity[slot]);
-        let signs: Vec<bool> = ways.filter(|v| v.abs() > STANDSTILL).map(|v| v > 0.0).collect();
+        let signs: Vec<bool> = ways.filter(|v| v.abs() > CREEP).map(|v| v > 0.0).collect();
         signs.windows(2).filter(|w| w[0] != w[1]).count()
     });
     reversals.max().unwrap_or(0) as f64 / 2.0
@@ -80,7 +71,7 @@ fn directions<'a>(session: &Session, run: &'a [(f64, f64, usize)]) -> Vec<Vec<&'
     let mut lines: Vec<Vec<&(f64, f64, usize)>> = Vec::new();
     for sample in run {
         let u = session.moments[sample.2].u;
-        let same = lines.iter().position(|l| session.moments[l[0].2].u.dot(&u) > 0.99);
+        let same = lines.iter().position(|l| session.moments[l[0].2].u.dot(&u) > SAME_LINE);
         match same {
             Some(line) => lines[line].push(sample),
             // a capture looks along three
@@ -93,7 +84,7 @@ fn directions<'a>(session: &Session, run: &'a [(f64, f64, usize)]) -> Vec<Vec<&'
     if held < run.len() {
         lines.truncate(1);
     }
-    lines.retain(|l| l.len() >= SAMPLES_MIN);
+    lines.retain(|l| l.len() >= MANY);
     if lines.is_empty() {
         lines.push(run.iter().collect());
     }
@@ -123,7 +114,7 @@ pub fn beside_repeats(session: &Session, used: &[bool], left_um: &[f64]) -> Vec<
 /// because a motion has lines of its own, and of two repeats, which then say the same, the first. `None` for moving readings
 /// without repeats.
 fn restless(session: &Session, order: &[usize], filtered: &[f64], beside: &[f64]) -> Vec<Option<f64>> {
-    let moves = |i: usize| session.moments[i].velocity.iter().any(|v| !v.is_nan() && v.abs() > STANDSTILL);
+    let moves = |i: usize| session.moments[i].velocity.iter().any(|v| !v.is_nan() && v.abs() > CREEP);
     // an encoder at rest between two moves shows how its servo settles
     let servo: BTreeSet<usize> = order
         .iter()

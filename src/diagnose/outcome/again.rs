@@ -2,7 +2,8 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::super::assess::{Assessed, is_same};
+use super::super::assess::is_same;
+use super::super::decision::Assessed;
 use super::super::library::{Library, Without};
 use super::super::report::Cause;
 use super::super::search::Problem;
@@ -33,7 +34,7 @@ pub(super) fn mark(
     if without.is_empty() {
         return;
     }
-    let declared: Vec<&Assessed> = assessed.iter().filter(|x| x.declared).collect();
+    let declared: Vec<&Assessed> = assessed.iter().filter(|x| x.is_declared()).collect();
     let parts = contributions(a, &declared);
     let (removed, problem) = taken_out(session, a, without);
     for (v, variant) in removed.variants.iter().enumerate() {

@@ -5,7 +5,7 @@
 //! their order, the sum does not. What the causes leave is divided into noise, drift and the rest, in this order.
 
 use super::super::Analysis;
-use super::super::assess::Assessed;
+use super::super::decision::Assessed;
 use super::super::forecast::minus;
 use super::super::offsets::{peak99, rms, without_offsets};
 use super::super::report::Value;
@@ -80,7 +80,7 @@ pub(super) fn budget(session: &Session, a: &Analysis, assessed: &[Assessed], fit
         let left = without_offsets(session, &minus(&a.gap, &fitted.parts.held_out, take), &a.used);
         Level { rms_um: rms(&left), peak99_um: peak99(&left) }
     };
-    let declared: Vec<usize> = (0..assessed.len()).filter(|p| assessed[*p].declared).collect();
+    let declared: Vec<usize> = (0..assessed.len()).filter(|p| assessed[*p].is_declared()).collect();
     let before = level(&[]);
     let after = level(&declared);
     let mut corrected: Vec<usize> = Vec::new();

@@ -3,15 +3,14 @@
 use std::collections::BTreeMap;
 
 use super::super::Analysis;
-use super::super::assess::Assessed;
+use super::super::constants::LEAST_PROBABILITY;
+use super::super::decision::{Assessed, HeldOut, decide};
 use super::super::forecast::{Contributions, minus};
 use super::super::library::{Kind, Label};
 use super::super::offsets::{rms, without_offsets};
 use super::super::report::{Cause, Tests, Value};
 use super::super::session::Session;
-
-/// Causes listed below this probability are left out.
-const LISTED: f64 = 0.02;
+use super::reasons::why_not;
 
 /// Causes of the search, with their alternatives.
 pub(super) fn causes(
@@ -30,33 +29,21 @@ pub(super) fn causes(
             rms(&without_offsets(session, &minus(&a.gap, &parts.held_out, take), &a.used))
         };
         let mut shrink = 1.0 - left(&|j| owner[j] == place) / first;
-        if x.declared && shrink < 0.0 {
+        if x.is_declared() && shrink < 0.0 {
             // under a larger cause that goes the other way it counts by what comes back without it
-            let declared = |j: usize| assessed[owner[j]].declared;
+            let declared = |j: usize| assessed[owner[j]].is_declared();
             shrink = (left(&|j| declared(j) && owner[j] != place) - left(&declared)) / first;
         }
         let mut parameters = parameters(a, x, place, owner, beta, covariance);
         for (name, value) in a.library.variants[x.variant].shape.fixed() {
             parameters.insert(name, Value { value, std: 0.0 });
         }
-        all.push(Cause {
-            effect: x.label.effect.to_owned(),
-            subject: x.label.subject.clone(),
-            kind: x.kind,
-            probability: x.probability,
-            declared: x.declared,
-            confounded_with: x.same.iter().map(ToString::to_string).collect(),
-            re_expression_of: Vec::new(),
-            parameters,
-            shrink,
-            remark: x.why_not(),
-            tests: Some(tests(x, a)),
-        });
+        all.push(cause(x, a, parameters, shrink));
     }
     mark_sums(assessed, a, &mut all);
     let mut others: BTreeMap<String, (f64, &Label, &Assessed)> = BTreeMap::new();
     for x in assessed {
-        for (label, p) in x.alternatives.iter().filter(|(_, p)| *p >= LISTED) {
+        for (label, p) in x.alternatives.iter().filter(|(_, p)| *p >= LEAST_PROBABILITY) {
             let e = others.entry(label.to_string()).or_insert((0.0, label, x));
             if *p > e.0 {
                 *e = (*p, label, x);
@@ -91,37 +78,39 @@ pub(super) fn causes(
 }
 
 /// What was taken out because it makes readings that were left out worse, unless it is listed already.
-pub(super) fn rejected(pruned: &[Assessed], a: &Analysis, listed: &[Cause]) -> Vec<Cause> {
-    let name = |x: &Assessed| x.label.to_string();
-    pruned
-        .iter()
-        .filter(|x| listed.iter().all(|c| c.label() != name(x)))
-        .map(|x| Cause {
-            effect: x.label.effect.to_owned(),
-            subject: x.label.subject.clone(),
-            kind: x.kind,
-            probability: x.probability,
-            declared: false,
-            confounded_with: x.same.iter().map(ToString::to_string).collect(),
-            re_expression_of: Vec::new(),
-            parameters: BTreeMap::new(),
-            shrink: 0.0,
-            remark: x.why_not(),
-            tests: Some(tests(x, a)),
-        })
-        .collect()
+pub(super) fn rejected(a: &Analysis, listed: &[Cause]) -> Vec<Cause> {
+    let pruned = decide(a.pruned.clone(), &HeldOut::default());
+    let is_new = |x: &Assessed| listed.iter().all(|c| c.label() != x.label.to_string());
+    pruned.iter().filter(|x| is_new(x)).map(|x| cause(x, a, BTreeMap::new(), 0.0)).collect()
+}
+
+/// A cause of the report.
+fn cause(x: &Assessed, a: &Analysis, parameters: BTreeMap<String, Value>, shrink: f64) -> Cause {
+    Cause {
+        effect: x.label.effect.to_owned(),
+        subject: x.label.subject.clone(),
+        kind: x.kind,
+        probability: x.probability,
+        declared: x.is_declared(),
+        confounded_with: x.same.iter().map(ToString::to_string).collect(),
+        re_expression_of: Vec::new(),
+        parameters,
+        shrink,
+        remark: why_not(x),
+        tests: Some(tests(x, a)),
+    }
 }
 
 fn tests(x: &Assessed, a: &Analysis) -> Tests {
     Tests {
         evidence: x.found.evidence,
         threshold: a.selection.threshold,
-        between: x.gates.between,
-        held_out: x.gates.held_out,
-        against: x.gates.against,
-        grows: x.gates.grows,
-        varies: x.gates.varies,
-        breadth: x.gates.breadth,
+        between: x.figures.between,
+        misform: x.figures.misform,
+        varies: x.figures.varies,
+        held_out: x.figures.held_out,
+        against: x.figures.against,
+        breadth: x.figures.breadth,
         share: x.share,
     }
 }

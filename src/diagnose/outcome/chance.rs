@@ -2,41 +2,39 @@
 //! and a way are the same; small curves on a display so coarse that its rounding is the same in every pass.
 
 use super::super::Analysis;
-use super::super::assess::Assessed;
+use super::super::constants::LITTLE;
+use super::super::decision::{Evidence, Reason};
 use super::super::forecast::{Contributions, minus};
 use super::super::library::STILL;
 use super::super::moment::Moment;
 use super::super::noise::beside_repeats;
 use super::super::session::Session;
 use super::super::stochastic;
-use super::product::ACTS_SHARE;
 
 /// Speeds within this factor are one feed.
 const ONE_FEED: f64 = 1.5;
-/// What shows in fewer programmes (`breadth`) nothing but the passes of one shows.
-const ONE_PROGRAMME: f64 = 2.0;
+/// What shows in fewer programs (`breadth`) nothing but the passes of one shows.
+const ONE_PROGRAM: f64 = 2.0;
 
-/// Takes back what chance may have made.
-pub(super) fn doubt(
+/// The pattern, if any, by which chance may have made each effect.
+pub(super) fn patterns(
     session: &Session,
     a: &Analysis,
     parts: &Contributions,
     owner: &[usize],
-    assessed: &mut [Assessed],
-) {
-    doubt_waves(session, a, parts, assessed);
-    for (place, x) in assessed.iter_mut().enumerate().filter(|(_, x)| x.declared) {
+    evidence: &[Evidence],
+) -> Vec<Option<Reason>> {
+    let shaken = is_shaken_at_one_feed(session, a, parts, evidence);
+    let of = |(place, x): (usize, &Evidence)| {
+        if shaken && is_wave(x) {
+            return Some(Reason::ShakenAtOneFeed);
+        }
         let own = || (0..owner.len()).filter(|j| owner[*j] == place);
         let part = |i: &usize| own().map(|j| parts.in_sample[j][*i]).sum::<f64>();
-        let does: Vec<(f64, f64)> =
-            a.problem.rows.iter().map(|i| (part(i), scatter(session, a, *i))).collect();
-        if x.gates.breadth < ONE_PROGRAMME && is_within_rounding(&does) {
-            x.doubt(
-                "shows in one programme and is smaller than the rounding there, which comes back with every pass: measure with a finer display"
-                    .to_owned(),
-            );
-        }
-    }
+        let does = || a.problem.rows.iter().map(|i| (part(i), scatter(session, a, *i))).collect::<Vec<_>>();
+        (x.figures.breadth < ONE_PROGRAM && is_within_rounding(&does())).then_some(Reason::WithinRounding)
+    };
+    evidence.iter().enumerate().map(of).collect()
 }
 
 /// Scatter by rounding, um, of the display behind a reading; 0 where it is fine.
@@ -49,32 +47,30 @@ fn scatter(session: &Session, a: &Analysis, reading: usize) -> f64 {
 fn is_within_rounding(does: &[(f64, f64)]) -> bool {
     let square = |p: &(f64, f64)| p.0 * p.0;
     let mean = does.iter().map(square).sum::<f64>() / does.len().max(1) as f64;
-    let acts: Vec<&(f64, f64)> = does.iter().filter(|p| square(p) > ACTS_SHARE * mean).collect();
+    let acts: Vec<&(f64, f64)> = does.iter().filter(|p| square(p) > LITTLE * mean).collect();
     let effect: f64 = acts.iter().map(|p| square(p)).sum();
     effect < acts.iter().map(|p| p.1 * p.1).sum()
 }
 
-/// Takes back the waves of a screw where something shakes the machine and every axis was seen at one feed only.
-fn doubt_waves(session: &Session, a: &Analysis, parts: &Contributions, assessed: &mut [Assessed]) {
+/// True where something shakes the machine, every axis was seen at one feed only, and a wave of a screw was chosen.
+fn is_shaken_at_one_feed(
+    session: &Session,
+    a: &Analysis,
+    parts: &Contributions,
+    evidence: &[Evidence],
+) -> bool {
     let speed = |m: &Moment| m.velocity[..3].iter().map(|v| v * v).sum::<f64>().sqrt();
-    if !assessed.iter().any(is_wave) || !is_one_feed(session.moments.iter().map(speed)) {
-        return;
+    if !evidence.iter().any(is_wave) || !is_one_feed(session.moments.iter().map(speed)) {
+        return false;
     }
     let found = minus(&a.gap, &parts.in_sample, |_| true);
     let beside = a.filter.column(&beside_repeats(session, &a.used, &found));
     let left = super::left_whitened(a, &a.selection.chosen);
-    if stochastic::shaking(session, &a.problem.rows, &left, &beside).is_some() {
-        for x in assessed.iter_mut().filter(|x| is_wave(x)) {
-            x.doubt(
-                "something shakes the machine, which at one feed looks alike: measure at another feed"
-                    .to_owned(),
-            );
-        }
-    }
+    stochastic::shaking(session, &a.problem.rows, &left, &beside).is_some()
 }
 
-fn is_wave(x: &Assessed) -> bool {
-    x.declared && x.label.effect == "cyclic"
+fn is_wave(x: &Evidence) -> bool {
+    x.label.effect == "cyclic"
 }
 
 /// True where all speeds (mm/s) are alike, and nothing stands still.

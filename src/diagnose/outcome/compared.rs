@@ -3,7 +3,8 @@
 use nalgebra::{DMatrix, DVector};
 
 use super::super::Analysis;
-use super::super::assess::{Assessed, DECLARED};
+use super::super::constants::{DRAWS, LARGE_DRIFT, LITTLE};
+use super::super::decision::{Assessed, Evidence, of_posterior};
 use super::super::evidence::{Comparison, Component, Contender};
 use super::super::forecast::{Contributions, minus};
 use super::super::library::Label;
@@ -11,60 +12,42 @@ use super::super::localise::localise;
 use super::super::noise::Random;
 use super::super::offsets::{peak99, rms, without_offsets};
 use super::super::report::{Shrink, Unexplained};
-use super::super::search::{Found, Gates};
+use super::super::search::{Figures, Found};
 use super::super::session::Session;
-use super::left::LARGE_DRIFT;
-
-/// An effect is named from this probability of its own, or where it is the likeliest of a group that is declared.
-const NAMED: f64 = 0.3;
-/// Evidence for a discrepancy from which something is left unexplained.
-const DISCREPANT: f64 = 0.95;
-/// Draws of the posterior.
-const DRAWS: usize = 400;
+use super::mean_product;
 
 /// The members of the likeliest set, in the order of the selection.
 pub(super) fn assessed(a: &Analysis, c: &Comparison) -> Vec<Assessed> {
     let label = |l: usize| a.library.labels[l].clone();
     let chosen: Vec<&Contender> = c.contenders.iter().filter(|x| x.chosen).collect();
-    let mut all: Vec<Assessed> = chosen
-        .iter()
-        .map(|x| {
-            let mut same: Vec<Label> = Vec::new();
-            for l in x.aliases.iter().copied().chain(x.rivals.iter().map(|(r, _)| *r)).map(label) {
-                if !same.contains(&l) {
-                    same.push(l);
-                }
+    let evidence = |x: &Contender| {
+        let mut same: Vec<Label> = Vec::new();
+        for l in x.aliases.iter().copied().chain(x.rivals.iter().map(|(r, _)| *r)).map(label) {
+            if !same.contains(&l) {
+                same.push(l);
             }
-            same.extend(a.library.behind(&a.library.variants[x.variant].shape).cloned());
-            let top = x.rivals.iter().all(|(_, p)| *p <= x.probability);
-            let declared = x.group_probability >= DECLARED && x.probability >= NAMED && top;
-            let remark = if declared {
-                String::new()
-            } else {
-                format!("posterior probability {:.2}, of its group {:.2}", x.probability, x.group_probability)
-            };
-            Assessed {
+        }
+        same.extend(a.library.behind(&a.library.variants[x.variant].shape).cloned());
+        let relative = |(r, p): &(usize, f64)| (label(*r), p / x.probability.max(f64::MIN_POSITIVE));
+        Evidence {
+            variant: x.variant,
+            label: label(x.label),
+            kind: a.library.kinds[x.label],
+            found: Found {
                 variant: x.variant,
-                label: label(x.label),
-                kind: a.library.kinds[x.label],
-                found: Found {
-                    variant: x.variant,
-                    gain: 2.0 * x.log_evidence.max(0.0),
-                    rank: a.problem.span[x.variant].1,
-                    evidence: 2.0 * x.log_evidence,
-                },
-                gates: Gates::UNASKED,
-                same,
-                group_probability: x.group_probability,
-                probability: x.probability,
-                share: x.probability,
-                group_share: x.group_probability,
-                alternatives: x.rivals.iter().map(|(r, p)| (label(*r), *p)).collect(),
-                declared,
-                remark,
-            }
-        })
-        .collect();
+                gain: 2.0 * x.log_evidence.max(0.0),
+                rank: a.problem.span[x.variant].1,
+                evidence: 2.0 * x.log_evidence,
+            },
+            figures: Figures::UNASKED,
+            same,
+            share: x.probability,
+            group_share: x.group_probability,
+            rivals: x.rivals.iter().map(relative).collect(),
+            forbids: None,
+        }
+    };
+    let mut all: Vec<Assessed> = chosen.iter().map(|x| of_posterior(evidence(x), x)).collect();
     // whatever else some likely set holds is listed beside the likeliest effect
     if let Some(first) = all.first_mut() {
         let others = c.contenders.iter().filter(|x| !x.chosen).map(|x| (label(x.label), x.probability));
@@ -146,19 +129,10 @@ fn nonzero(v: f64) -> f64 {
     if v == 0.0 { f64::INFINITY } else { v }
 }
 
-fn mean_product(a: &[f64], b: &[f64]) -> f64 {
-    let (sum, n) = a
-        .iter()
-        .zip(b)
-        .filter(|(a, b)| a.is_finite() && b.is_finite())
-        .fold((0.0, 0usize), |(s, n), (a, b)| (s + a * b, n + 1));
-    sum / n.max(1) as f64
-}
-
 /// What no effect explains.
 pub(super) fn unexplained(session: &Session, a: &Analysis, c: &Comparison, left: &[f64]) -> Unexplained {
     let drifts = c.scales.iter().any(|(k, scale)| !k.is_discrepancy() && *scale > LARGE_DRIFT);
-    let discrepant = c.discrepancy > DISCREPANT && c.shares.discrepancy_um2 > 0.0;
+    let discrepant = c.discrepancy > 1.0 - LITTLE && c.shares.discrepancy_um2 > 0.0;
     let significant = discrepant || drifts;
     let s = &c.shares;
     let drift_um2 = if drifts { s.drift_um2 } else { 0.0 };
@@ -191,12 +165,17 @@ pub(super) fn unexplained(session: &Session, a: &Analysis, c: &Comparison, left:
     }
     if drifts {
         let time = if c.drift.1 > 0.0 {
-            format!(" over {:.0} s", c.drift.1)
+            format!(" over {}", session.span(c.drift.1))
         } else {
             " from cycle to cycle".to_owned()
         };
+        let temperature = if session.temperatures.is_empty() {
+            "without a temperature"
+        } else {
+            "because no temperature of these data goes with it"
+        };
         words.push(format!(
-            "slow drift of {:.2} um RMS{time}, of unknown source: machine, instrument and air cannot be told apart without a temperature",
+            "slow drift of {:.2} um RMS{time}, of unknown source: machine, instrument and air cannot be told apart {temperature}",
             s.drift_um2.sqrt()
         ));
     }

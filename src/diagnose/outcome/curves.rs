@@ -7,7 +7,8 @@
 use std::collections::BTreeMap;
 
 use super::super::Analysis;
-use super::super::assess::Assessed;
+use super::super::constants::{LITTLE, NINETY};
+use super::super::decision::Assessed;
 use super::super::moment::{Axis, Moment};
 use super::super::noise::Random;
 use super::super::report::Value;
@@ -19,12 +20,8 @@ use super::{Curve, Fitted, FittedLine};
 const POINTS: usize = 600;
 /// Values of the abscissa that are drawn as they are; more are averaged in so many groups of equal size.
 const PLACES: usize = 60;
-/// Standard deviations of 90 %.
-const NINETY: f64 = 1.645;
 /// Least component of the direction of measurement along the direction drawn.
 const ALONG: f64 = 0.7;
-/// Least share of the energy of an effect that a direction must have for a picture of its own.
-const DIRECTION_SHARE: f64 = 0.05;
 /// Least weight of a reading as a share of the weight that is drawn: its residual is divided by it.
 const WEIGHT_LEAST: f64 = 0.4;
 /// Scatter of the fitted values about their line, as a share of the effect, that is worth a note.
@@ -47,7 +44,7 @@ pub(super) fn curves(
     fitted: &Fitted<'_>,
 ) -> Vec<Curve> {
     let mut random = Random::new(1);
-    let declared: Vec<bool> = assessed.iter().map(|x| x.declared).collect();
+    let declared: Vec<bool> = assessed.iter().map(|x| x.is_declared()).collect();
     let mut all = Vec::new();
     for (place, x) in assessed.iter().enumerate() {
         let shape = &a.library.variants[x.variant].shape;
@@ -85,7 +82,7 @@ fn directions(session: &Session, view: &View, effect: &[f64]) -> Vec<Option<usiz
         seen.map(|(_, e)| e * e).sum()
     };
     let all = [0, 1, 2].map(energy);
-    let least = DIRECTION_SHARE * all.iter().sum::<f64>();
+    let least = LITTLE * all.iter().sum::<f64>();
     (0..3).filter(|d| all[*d] > least.max(1e-12)).map(Some).collect()
 }
 
@@ -150,8 +147,8 @@ fn curve(
     }
     let (mut drawn, mut low, mut high) = (Vec::new(), None, None);
     let mut scatter = 0.0;
-    for (line, members) in lines.into_iter().take(LINES) {
-        let mut points = Vec::new();
+    for (line, members) in lines {
+        let mut points: Vec<[f64; 4]> = Vec::new();
         for group in groups(shown, members) {
             let h = mean(group.iter().map(|k| &rows[*k]), columns.len());
             let x = group.iter().map(|k| shown[*k].x).sum::<f64>() / group.len() as f64;
@@ -165,8 +162,16 @@ fn curve(
             }
             points.push([x, fit, fit - half, fit + half]);
         }
-        drawn.push(FittedLine { name: View::line_name(session, line), points });
+        let fits = points.iter().map(|p| p[1]);
+        let [least, most] = fits.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, m], v| [l.min(v), m.max(v)]);
+        drawn.push((most - least, FittedLine { name: View::line_name(session, line), points }));
     }
+    // what changes most is drawn, in the order of the files
+    let mut spans: Vec<f64> = drawn.iter().map(|(span, _)| *span).collect();
+    spans.sort_by(|a, b| b.total_cmp(a));
+    let least = spans.get(LINES - 1).copied().unwrap_or(f64::NEG_INFINITY);
+    let drawn: Vec<FittedLine> =
+        drawn.into_iter().filter(|(span, _)| *span >= least).take(LINES).map(|(_, line)| line).collect();
     let range_um = low.zip(high).map_or(Value { value: 0.0, std: 0.0 }, |((l, hl), (h, hh))| Value {
         value: h - l,
         std: fitted.std(&columns, &less(&hh, &hl)),

@@ -3,7 +3,7 @@
 use std::collections::BTreeMap;
 
 use super::super::addition::{Addition, Entry, FORMAT};
-use super::super::assess::Assessed;
+use super::super::decision::Assessed;
 use super::super::library::Shape;
 use super::super::moment::{Signal, Source};
 use super::super::offsets::{rms, without_offsets};
@@ -58,7 +58,7 @@ pub(super) fn addition(
     let effects = assessed
         .iter()
         .enumerate()
-        .filter(|(_, x)| x.declared && is_predictable(x.kind))
+        .filter(|(_, x)| x.is_declared() && is_predictable(x.kind))
         .map(|(place, x)| {
             let (at, _) = a.problem.span[x.variant];
             let mine: Vec<usize> = (0..n).filter(|j| owner[*j] == place).collect();
@@ -106,7 +106,7 @@ pub(super) fn not_seen_on(fresh: &mut Session, a: &Analysis, assessed: &[Assesse
     let at = |s: &Signal| fresh.signal(s);
     assessed
         .iter()
-        .filter(|x| x.declared && is_predictable(x.kind))
+        .filter(|x| x.is_declared() && is_predictable(x.kind))
         .filter_map(|x| {
             let shape = &a.library.variants[x.variant].shape;
             let lost = fresh.moments.iter().position(|m| !shape.is_known_at(m, &at))?;
@@ -143,10 +143,9 @@ pub(super) fn seen_on(
     for (j, values) in raw.iter().enumerate() {
         let x = &assessed[owner[j]];
         // the clock of other files says nothing of this one's
-        let foreign =
-            matches!(a.library.variants[x.variant].shape, Shape::ClockSkew { .. } | Shape::Step { .. });
+        let foreign = matches!(a.library.variants[x.variant].shape, Shape::ClockSkew { .. });
         let norm = a.problem.norm[columns[j]];
-        if x.declared && !foreign && norm > 0.0 {
+        if x.is_declared() && !foreign && norm > 0.0 {
             for (v, r) in after.iter_mut().zip(values) {
                 *v -= beta[j] / norm * r;
             }

@@ -1,22 +1,18 @@
 //! What nothing explains: whether it is there, where it lies, what it looks like.
 
 use super::super::Analysis;
-use super::super::assess::Assessed;
+use super::super::constants::{LARGE_DRIFT, SIGNIFICANT};
+use super::super::decision::Assessed;
 use super::super::leftover::Structure;
 use super::super::library::Kind;
 use super::super::localise::localise;
 use super::super::report::{Cause, Place, Unexplained, Value};
 use super::super::session::Session;
+use super::reasons::why_not;
 use super::white_rms;
 
-/// Standard deviations from which something is left.
-const LEFT_Z: f64 = 5.0;
-/// The same for the setup that shows most.
-const LOCAL_Z: f64 = 5.0;
 /// Least structured variance that is called unexplained: in units of the noise, and as a share of what was there.
 const LEFT_VARIANCE: (f64, f64) = (0.02, 0.012);
-/// Drift above this many standard deviations of the noise is something to explain.
-pub(super) const LARGE_DRIFT: f64 = 1.7;
 /// RMS of effects that failed a gate, in units of the noise, from which they count as unexplained.
 const PROXY: f64 = 0.15;
 
@@ -31,12 +27,12 @@ pub(super) fn unexplained(
     let white = white_rms(session, a);
     let explained = a.problem.given(&a.selection.chosen).explained / a.problem.len() as f64;
     let whole = total.variance.max(explained).max(1e-9);
-    let structured = (leftover.z > LEFT_Z
+    let structured = (leftover.z > SIGNIFICANT
         && leftover.variance > LEFT_VARIANCE.0
         && leftover.variance > LEFT_VARIANCE.1 * whole)
-        || (leftover.local_z > LOCAL_Z && leftover.variance > LEFT_VARIANCE.1 * whole);
+        || (leftover.local_z > SIGNIFICANT && leftover.variance > LEFT_VARIANCE.1 * whole);
     let drifting = drifting(a);
-    let proxies: Vec<&Assessed> = assessed.iter().filter(|x| !x.declared).collect();
+    let proxies: Vec<&Assessed> = assessed.iter().filter(|x| !x.is_declared()).collect();
     let proxy = proxies.iter().map(|x| x.found.gain).sum::<f64>() / a.problem.len() as f64;
     let by_proxy = proxy.sqrt() > PROXY;
     let significant = structured || by_proxy || !drifting.is_empty();
@@ -128,7 +124,7 @@ fn looks_like(
         words.push(format!("it goes with {}", factors.join(", with ")));
     }
     for x in proxies {
-        words.push(format!("resembles {}, but {}", x.label, x.why_not()));
+        words.push(format!("resembles {}, but {}", x.label, why_not(x)));
     }
     for c in drifting {
         let n = a.noise[*c];

@@ -9,13 +9,15 @@ mod curves;
 mod fitted;
 mod handover;
 mod left;
-mod product;
+mod misform;
+mod reasons;
 mod views;
-mod worth;
 
 use super::addition::Addition;
 use super::another_day::Day;
-use super::assess::{Assessed, assess, prune};
+use super::assess::assess;
+use super::constants::{LISTED, LITTLE};
+use super::decision::{Assessed, Evidence, HeldOut, decide, declare_all};
 use super::forecast::{Contributions, contributions, forecast, minus};
 use super::leftover::structure;
 use super::library::Kind;
@@ -35,11 +37,6 @@ use curves::curves;
 use fitted::Fitted;
 use handover::{addition, not_seen_on, seen_on};
 use left::unexplained;
-
-/// Least forecast shrink that explains anything.
-const LEAST_SHRINK: f64 = 0.05;
-/// Most outlying readings listed.
-const OUTLYING_LISTED: usize = 40;
 
 /// A fitted effect over the data, for a picture; an effect that is seen in several directions has a curve in each.
 #[derive(Debug, Clone, PartialEq)]
@@ -102,7 +99,7 @@ fn day<'a>(
     let sum = |take: &dyn Fn(&Assessed) -> bool| {
         let mut out = vec![0.0; a.gap.len()];
         for (part, o) in parts.in_sample.iter().zip(owner) {
-            if assessed[*o].declared && take(&assessed[*o]) {
+            if assessed[*o].is_declared() && take(&assessed[*o]) {
                 out.iter_mut().zip(part).for_each(|(s, p)| *s += p);
             }
         }
@@ -122,26 +119,42 @@ fn left_whitened(a: &Analysis, keep: &[usize]) -> Vec<f64> {
     (&a.problem.y - a.problem.contribution(&given.columns, &beta)).iter().copied().collect()
 }
 
+/// Everything that the decision is made from.
+fn evidence(session: &Session, a: &Analysis, parts: &Contributions, owner: &[usize]) -> Vec<Evidence> {
+    let mut all = assess(&a.problem, &a.library, &a.selection);
+    let patterns = chance::patterns(session, a, parts, owner, &all);
+    // the control's own encoders see the servo, which depends on no place
+    let forms = if a.problem.precise { Vec::new() } else { misform::misforms(session, a, parts, owner) };
+    for ((place, e), pattern) in all.iter_mut().enumerate().zip(patterns) {
+        e.forbids = e.forbids.or(pattern);
+        if let Some(form) = forms.get(place) {
+            e.figures.misform = *form;
+        }
+    }
+    all
+}
+
+/// Mean products of what is left out of the fits: of the gap and of what each effect says of it.
+fn held_out(session: &Session, a: &Analysis, parts: &Contributions, owner: &[usize]) -> HeldOut {
+    let effect = |place: usize| {
+        let mut sum = vec![0.0; a.gap.len()];
+        for (part, _) in parts.held_out.iter().zip(owner).filter(|(_, o)| **o == place) {
+            sum.iter_mut().zip(part).for_each(|(s, p)| *s += p);
+        }
+        without_offsets(session, &sum, &a.used)
+    };
+    let gap = without_offsets(session, &a.gap, &a.used);
+    let all: Vec<Vec<f64>> = std::iter::once(gap).chain((0..a.selection.chosen.len()).map(effect)).collect();
+    HeldOut { products: all.iter().map(|x| all.iter().map(|y| mean_product(x, y)).collect()).collect() }
+}
+
 pub(super) fn conclude(
     session: &mut Session,
     fresh: Option<&mut Session>,
     options: &Options,
-    mut a: Analysis,
+    a: &Analysis,
     tell: &mut dyn FnMut(f64, &str),
 ) -> Diagnosis {
-    let gated = options.ablation.has_gates() && a.comparison.is_none();
-    let pruned = if gated { prune(&mut a.problem, &a.library, &mut a.selection) } else { Vec::new() };
-    let mut assessed = match &a.comparison {
-        Some(c) => compared::assessed(&a, c),
-        None => assess(&mut a.problem, &a.library, &a.selection),
-    };
-    // where sets were compared, evidence has taken everything into account
-    if a.comparison.is_none() && !gated {
-        for x in &mut assessed {
-            (x.declared, x.probability, x.group_probability) = (true, 1.0, 1.0);
-            x.remark.clear();
-        }
-    }
     let given = a.problem.given(&a.selection.chosen);
     let beta = a.problem.fit(&given);
     let raw = raw_of(session, &a.library, &a.selection.chosen);
@@ -155,20 +168,19 @@ pub(super) fn conclude(
         .flat_map(|(place, v)| std::iter::repeat_n(place, a.problem.span[*v].1))
         .collect();
     tell(0.9, "forecast");
-    if gated {
-        // the control's own encoders see the servo, which depends on no place
-        if !a.problem.precise {
-            product::weigh(session, &a, &parts, &owner, &mut assessed);
+    let assessed = match &a.comparison {
+        Some(c) => compared::assessed(a, c),
+        None if options.ablation.has_gates() => {
+            decide(evidence(session, a, &parts, &owner), &held_out(session, a, &parts, &owner))
         }
-        worth::keep(session, &a, &parts, &owner, &mut assessed);
-        chance::doubt(session, &a, &parts, &owner, &mut assessed);
-    }
-    let declared = |j: usize| assessed[owner[j]].declared;
-    let day = day(session, &a, &parts, &owner, &assessed);
+        None => declare_all(assess(&a.problem, &a.library, &a.selection)),
+    };
+    let declared = |j: usize| assessed[owner[j]].is_declared();
+    let day = day(session, a, &parts, &owner, &assessed);
     let shrink = match &a.comparison {
         Some(c) => compared::forecast(
             session,
-            &a,
+            a,
             c,
             &parts,
             &declared,
@@ -179,16 +191,16 @@ pub(super) fn conclude(
     };
     let before = without_offsets(session, &a.gap, &a.used);
     let after = without_offsets(session, &minus(&a.gap, &parts.held_out, declared), &a.used);
-    let keep: Vec<usize> = assessed.iter().filter(|x| x.declared).map(|x| x.variant).collect();
-    let left = left_whitened(&a, &keep);
+    let keep: Vec<usize> = assessed.iter().filter(|x| x.is_declared()).map(|x| x.variant).collect();
+    let left = left_whitened(a, &keep);
     let y = a.filter.column(&a.gap);
     let total = structure(session, &a.problem, &y);
     let leftover = structure(session, &a.problem, &left);
     let covariance = given.covariance(&a.problem);
     let without_causes = minus(&a.gap, &parts.in_sample, declared);
-    let mut causes = causes::causes(session, &a, &assessed, &parts, &before, &owner, (&beta, &covariance));
-    again::mark(session, &a, &options.without, &assessed, &mut causes);
-    causes.extend(causes::rejected(&pruned, &a, &causes));
+    let mut causes = causes::causes(session, a, &assessed, &parts, &before, &owner, (&beta, &covariance));
+    again::mark(session, a, &options.without, &assessed, &mut causes);
+    causes.extend(causes::rejected(a, &causes));
     causes.extend(stochastic::causes(
         &stochastic::Evidence {
             session,
@@ -204,7 +216,7 @@ pub(super) fn conclude(
         },
         &options.without,
     ));
-    if let Some(drift) = left::drift(session, &a)
+    if let Some(drift) = left::drift(session, a)
         && causes.iter().all(|c| c.effect != drift.effect)
         && !options.without.iter().any(|w| w.effect == drift.effect)
     {
@@ -219,22 +231,22 @@ pub(super) fn conclude(
     tell(0.94, "where the gap lies");
     let places = localise(session, &a.problem, &|data, width| a.filter.apply(data, width), &y);
     let unexplained = match &a.comparison {
-        Some(c) => compared::unexplained(session, &a, c, &left),
+        Some(c) => compared::unexplained(session, a, c, &left),
         None => unexplained(
             session,
-            &a,
+            a,
             &assessed,
             &left,
             (&total, &leftover),
             (shrink.rms_before_um, shrink.rms_after_um),
         ),
     };
-    let addition = addition(session, &a, &assessed, options, &owner, &beta, &covariance);
+    let addition = addition(session, a, &assessed, options, &owner, &beta, &covariance);
     let mut notes = notes(session);
-    notes.extend(varying(&a, &assessed));
+    notes.extend(varying(a, &assessed));
     let fresh = fresh.map(|f| {
-        notes.extend(not_seen_on(f, &a, &assessed));
-        let seen = seen_on(f, &a, &assessed, &owner, &beta);
+        notes.extend(not_seen_on(f, a, &assessed));
+        let seen = seen_on(f, a, &assessed, &owner, &beta);
         let fraction = 1.0 - seen.1 / seen.0.max(1e-12);
         Fresh {
             rms_before_um: seen.0,
@@ -245,7 +257,7 @@ pub(super) fn conclude(
     });
     // what does not repeat explains nothing of a gap that does
     let any = causes.iter().any(|c| c.declared && c.kind != Kind::Stochastic)
-        && (a.comparison.is_none() || shrink.fraction > LEAST_SHRINK);
+        && (a.comparison.is_none() || shrink.fraction > LITTLE);
     let verdict = match (any, unexplained.significant) {
         (true, false) => Verdict::Explained,
         (true, true) => Verdict::PartlyExplained,
@@ -254,9 +266,9 @@ pub(super) fn conclude(
     };
     let norm: Vec<f64> = given.columns.iter().map(|j| a.problem.norm[*j]).collect();
     let fitted = Fitted::new(&raw, &parts, &owner, (&beta, &covariance), &norm);
-    let curves = curves(session, &a, &assessed, &fitted);
-    let budget = budget(session, &a, &assessed, &fitted);
-    let programs = programs(session, &a, &before, &after);
+    let curves = curves(session, a, &assessed, &fitted);
+    let budget = budget(session, a, &assessed, &fitted);
+    let programs = programs(session, a, &before, &after);
     let next_measurement = super::next::next(session, &causes, &unexplained, &a.library, options.dialect);
     let report = Report {
         format: "volcomp-gap/1",
@@ -264,15 +276,15 @@ pub(super) fn conclude(
         rows_used: a.used.iter().filter(|u| **u).count(),
         discrepancy_um: a.comparison.as_ref().map(|c| c.shares.discrepancy_um2.sqrt()),
         verdict,
-        gap: size(session, &a, &before, shrink.rms_after_um),
+        gap: size(session, a, &before, shrink.rms_after_um),
         places,
         causes,
         shrink,
         fresh,
         unexplained,
         next_measurement,
-        noise: instrument_noise(session, &a),
-        outlying_readings: outlying(session, &a),
+        noise: instrument_noise(session, a),
+        outlying_readings: outlying(session, a),
         cannot_be_seen: a
             .library
             .blind
@@ -284,6 +296,16 @@ pub(super) fn conclude(
     };
     tell(1.0, "done");
     Diagnosis { report, addition, curves, before_um: before, after_um: after, budget, programs }
+}
+
+/// Mean product of the readings that both know.
+pub(super) fn mean_product(a: &[f64], b: &[f64]) -> f64 {
+    let (sum, n) = a
+        .iter()
+        .zip(b)
+        .filter(|(a, b)| a.is_finite() && b.is_finite())
+        .fold((0.0, 0usize), |(s, n), (a, b)| (s + a * b, n + 1));
+    sum / n.max(1) as f64
 }
 
 fn notes(session: &Session) -> Vec<String> {
@@ -313,9 +335,6 @@ fn notes(session: &Session) -> Vec<String> {
     notes
 }
 
-/// Variation of a declared effect that is worth a note, relative.
-const VARIES_NOTED: f64 = 0.05;
-
 /// What is said of declared effects that are not the same everywhere.
 fn varying(a: &Analysis, assessed: &[Assessed]) -> Vec<String> {
     let Some(variation) = a.problem.variation() else { return Vec::new() };
@@ -323,9 +342,9 @@ fn varying(a: &Analysis, assessed: &[Assessed]) -> Vec<String> {
         let varying = variation.of(a.library.variants[x.variant].label)?;
         Some((x.label.clone(), varying.rms))
     };
-    let declared = assessed.iter().filter(|x| x.declared);
-    let varies = declared.filter_map(of).filter(|(_, rms)| *rms > VARIES_NOTED);
-    varies
+    let declared = assessed.iter().filter(|x| x.is_declared());
+    declared
+        .filter_map(of)
         .map(|(label, rms)| {
             let percent = 100.0 * rms;
             format!(
@@ -383,7 +402,7 @@ fn outlying(session: &Session, a: &Analysis) -> Vec<Outlying> {
     let apart = pair_residuals(session, &a.gap, &all);
     a.outlying
         .iter()
-        .take(OUTLYING_LISTED)
+        .take(LISTED)
         .map(|i| Outlying {
             at: format!("{}:{}", session.files[session.moments[*i].file], session.readings[*i].line),
             gap_um: a.gap[*i],

@@ -1,64 +1,15 @@
-//! The quantity over which each effect is drawn, and what is divided out so that it is one curve.
+//! Readings over the quantity over which an effect is drawn, and what is divided out so that it is one curve.
 
-use super::super::library::{Lever, REFERENCE_DEGC, Shape};
-use super::super::moment::{Axis, Moment, Signal};
+use super::super::library::Shape;
+use super::super::moment::{Axis, Moment};
 use super::super::session::Session;
+use volcomp_effects::drawing::{Branch, Drawing, Over, Weight};
 use volcomp_model::geometry::unit;
-
-/// Lengths of travel after a reversal that are drawn, in transition lengths.
-const LENGTHS: f64 = 6.0;
-/// Time after a reversal that is drawn, in fall times.
-const FALLS: f64 = 6.0;
-
-/// Quantity of an abscissa.
-#[derive(Debug, Clone, Copy, PartialEq)]
-enum Over {
-    Position(Axis),
-    /// Position within one period, mm.
-    Period(Axis, f64),
-    /// Distance since the last reversal, no more than so many mm.
-    SinceReversal(Axis, f64),
-    /// Time since the last reversal, no more than so many s.
-    TimeSinceReversal(Axis, f64),
-    Velocity(Axis),
-    /// Velocity along the direction of measurement.
-    VelocityAlongU,
-    Acceleration(Axis),
-    ToolLength,
-    Range,
-    Force(Axis),
-    Time,
-}
-
-/// What tells the lines of one picture apart.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-enum Branch {
-    /// One line.
-    None,
-    /// Direction of travel.
-    Direction(Axis),
-    /// Length of the tool.
-    Tool,
-    /// File of the session, each with a clock of its own.
-    File,
-}
-
-/// Factor of an effect that is no abscissa.
-#[derive(Debug, Clone, PartialEq)]
-enum Weight {
-    One,
-    /// Component of the lever that turns into a displacement along `u`, mm.
-    Lever(Axis, Lever),
-    /// Temperature above a reference, K.
-    Warmth(Signal, f64),
-}
 
 /// How an effect is drawn.
 #[derive(Debug, Clone, PartialEq)]
 pub(super) struct View {
-    over: Over,
-    branch: Branch,
-    weight: Weight,
+    drawn: Drawing,
     /// The only direction in which it acts.
     pub(super) along: Option<usize>,
     /// It is drawn along the direction of measurement.
@@ -68,19 +19,20 @@ pub(super) struct View {
 impl View {
     /// The view of a formula.
     pub(super) fn of(shape: &Shape) -> Self {
-        let (over, branch, weight) = parts(shape);
-        let along = match shape {
-            Shape::Thermal { axis, .. } => Some(axis.direction()),
-            _ => shape.acts_along().map(Axis::direction),
+        let drawn = shape.drawing();
+        let along = match (&drawn.weight, drawn.over) {
+            // an expansion
+            (Weight::Warmth(..), Over::Position(axis)) => Some(axis),
+            _ => shape.acts_along(),
         };
-        let is_along_u =
-            matches!(weight, Weight::Lever(..)) || matches!(over, Over::VelocityAlongU | Over::Range);
-        Self { over, branch, weight, along: along.filter(|_| !is_along_u), is_along_u }
+        let is_along_u = matches!(drawn.weight, Weight::Lever(..))
+            || matches!(drawn.over, Over::VelocityAlongU | Over::Range);
+        Self { drawn, along: along.map(Axis::direction).filter(|_| !is_along_u), is_along_u }
     }
 
     /// Quantity and unit of the abscissa.
     pub(super) fn x_label(&self) -> String {
-        match self.over {
+        match self.drawn.over {
             Over::Position(a) if a.is_linear() => format!("{a}, mm"),
             Over::Position(a) => format!("{a}, °"),
             Over::Period(a, pitch) => format!("{a} within one period of {} mm, mm", round_4(pitch)),
@@ -99,7 +51,7 @@ impl View {
 
     /// The abscissa of a reading.
     pub(super) fn x(&self, m: &Moment) -> f64 {
-        match self.over {
+        match self.drawn.over {
             Over::Position(a) if a.is_linear() => m.position[a.slot()],
             Over::Position(a) => m.position[a.slot()].to_degrees(),
             Over::Period(a, pitch) => m.position[a.slot()].rem_euclid(pitch),
@@ -118,7 +70,7 @@ impl View {
 
     /// Factor that is divided out.
     pub(super) fn weight(&self, m: &Moment, session: &Session) -> f64 {
-        match &self.weight {
+        match &self.drawn.weight {
             Weight::One => 1.0,
             Weight::Lever(about, lever) => unit(about.direction()).cross(&lever.at(m)).dot(&m.u),
             Weight::Warmth(signal, reference) => {
@@ -129,7 +81,7 @@ impl View {
 
     /// What is said of the factor; `{}` is its value.
     pub(super) fn weight_text(&self) -> Option<String> {
-        match &self.weight {
+        match &self.drawn.weight {
             Weight::One => None,
             Weight::Lever(..) => Some("scaled to a lever of {} mm".to_owned()),
             Weight::Warmth(_, reference) => Some(format!("scaled to {{}} K above {reference:.1} °C")),
@@ -138,7 +90,7 @@ impl View {
 
     /// What is said of readings beyond the end of the abscissa.
     pub(super) const fn end_text(&self) -> &'static str {
-        match self.over {
+        match self.drawn.over {
             Over::SinceReversal(..) | Over::TimeSinceReversal(..) => {
                 "readings farther from the reversal stand at the right edge"
             }
@@ -148,7 +100,7 @@ impl View {
 
     /// Line of each reading.
     pub(super) fn lines(&self, session: &Session) -> Vec<i64> {
-        let of = |m: &Moment| match self.branch {
+        let of = |m: &Moment| match self.drawn.branch {
             Branch::None => 0,
             Branch::Direction(a) if m.direction[a.slot()] > 0.0 => -1,
             Branch::Direction(a) if m.direction[a.slot()] < 0.0 => -2,
@@ -179,58 +131,4 @@ impl View {
 /// Four decimals without trailing zeros.
 fn round_4(v: f64) -> f64 {
     (1e4 * v).round() / 1e4
-}
-
-fn parts(shape: &Shape) -> (Over, Branch, Weight) {
-    let plain = |over| (over, Branch::None, Weight::One);
-    match shape {
-        Shape::Squareness { over, .. } | Shape::Polynomial { over, .. } => plain(Over::Position(*over)),
-        Shape::Angular { about, over, lever, .. } => {
-            (Over::Position(*over), Branch::None, Weight::Lever(*about, *lever))
-        }
-        Shape::Scale { axis } | Shape::Wear { axis, .. } | Shape::RotaryMotion { axis, .. } => {
-            plain(Over::Position(*axis))
-        }
-        Shape::Cyclic { axis, pitch_mm, .. } => plain(Over::Period(*axis, *pitch_mm)),
-        Shape::Reverse { axis, .. } => (Over::Position(*axis), Branch::Direction(*axis), Weight::One),
-        Shape::Backlash { axis, length_mm, .. } => {
-            let over = if *length_mm > 0.0 {
-                Over::SinceReversal(*axis, LENGTHS * length_mm)
-            } else {
-                Over::Position(*axis)
-            };
-            (over, Branch::Direction(*axis), Weight::One)
-        }
-        Shape::Spike { axis, fall_s, .. } => {
-            (Over::TimeSinceReversal(*axis, FALLS * fall_s), Branch::Direction(*axis), Weight::One)
-        }
-        Shape::Sag { axis, .. } | Shape::Ram { axis, .. } => {
-            (Over::Position(*axis), Branch::Tool, Weight::One)
-        }
-        Shape::Thermal { axis, signal, reference_degc, .. } => {
-            (Over::Position(*axis), Branch::None, Weight::Warmth(signal.clone(), *reference_degc))
-        }
-        Shape::RotaryLocation { frame, .. }
-        | Shape::RotaryEccentricity { frame, .. }
-        | Shape::RotaryScale { frame } => plain(Over::Position(frame.axis)),
-        Shape::RotaryLag { frame } => plain(Over::Velocity(frame.axis)),
-        Shape::RotaryBacklash { frame } => {
-            (Over::Position(frame.axis), Branch::Direction(frame.axis), Weight::One)
-        }
-        Shape::Lag { axes, .. } if axes.len() == 1 => plain(Over::Velocity(axes[0])),
-        Shape::Lag { .. } | Shape::ClockSkew { .. } => plain(Over::VelocityAlongU),
-        Shape::Friction { axis } => plain(Over::Velocity(*axis)),
-        Shape::Inertial { axis, .. } => plain(Over::Acceleration(*axis)),
-        Shape::InertialTilt { axis, about, lever } if about.len() == 1 => {
-            (Over::Acceleration(*axis), Branch::None, Weight::Lever(about[0], *lever))
-        }
-        Shape::InertialTilt { axis, .. } => plain(Over::Acceleration(*axis)),
-        Shape::SpindleTilt | Shape::ToolLength => plain(Over::ToolLength),
-        Shape::DeadPath { signal, .. } | Shape::TrackerScale { signal: Some(signal), .. } => {
-            (Over::Range, Branch::None, Weight::Warmth(signal.clone(), REFERENCE_DEGC))
-        }
-        Shape::TrackerScale { .. } => plain(Over::Range),
-        Shape::Load { axis, .. } => plain(Over::Force(*axis)),
-        Shape::Growth { .. } | Shape::Step { .. } => (Over::Time, Branch::File, Weight::One),
-    }
 }

@@ -7,12 +7,9 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 
+use super::super::constants::{DEVIATION_EXPECTED, DEVIATIONS};
 use super::gates::Part;
 
-/// Deviations of a part, relative to the effect, over which the likelihood is averaged.
-const SCALES: [f64; 7] = [0.0, 0.1, 0.2, 0.35, 0.7, 1.0, 1.4];
-/// Mean deviation before anything is known (exponential prior): what no second part tells counts by it.
-const EXPECTED: f64 = 0.25;
 /// Share of the largest eigenvalue below which a direction is not seen.
 const SEEN: f64 = 1e-7;
 
@@ -105,7 +102,7 @@ pub(super) fn between(parts: &[(usize, &Part)], lack: f64) -> Option<f64> {
     let m = kept.len();
     // log posterior of each pair of scales, and the larger of them
     let mut table: Vec<(f64, f64)> = Vec::new();
-    for lower in SCALES {
+    for lower in DEVIATIONS {
         let mut sums: Vec<Option<(DMatrix<f64>, DVector<f64>)>> = vec![None; uppers];
         let mut zero = 0.0;
         for s in &seen {
@@ -120,7 +117,7 @@ pub(super) fn between(parts: &[(usize, &Part)], lack: f64) -> Option<f64> {
             .enumerate()
             .filter_map(|(upper, sum)| sum.map(|(p, h)| Seen::new(upper, p, &h)))
             .collect();
-        for upper in SCALES {
+        for upper in DEVIATIONS {
             let (mut p, mut h, mut zero) = (DMatrix::identity(m, m), DVector::zeros(m), zero);
             for u in &own {
                 let message = u.message(upper * upper * e2);
@@ -131,15 +128,35 @@ pub(super) fn between(parts: &[(usize, &Part)], lack: f64) -> Option<f64> {
             let chol = Cholesky::new(p)?;
             let log_volume: f64 = chol.l_dirty().diagonal().iter().map(|d| d.ln()).sum();
             let likelihood = zero - log_volume + 0.5 * e2 * h.dot(&chol.solve(&h));
-            table.push((likelihood - (upper + lower) / EXPECTED, upper.max(lower)));
+            table.push((likelihood - (upper + lower) / DEVIATION_EXPECTED, upper.max(lower)));
         }
     }
+    Some(posterior_mean(&table))
+}
+
+/// Posterior mean of the standard deviation of coefficients `c ~ N(0, s^2)` seen along the directions of a Gram matrix with these
+/// eigenvalues (`along`: the products with what is left), under noise of the variance `noise`.
+pub fn posterior_deviation(eigenvalues: &[f64], along: &[f64], noise: f64) -> f64 {
+    let log_of = |s: f64| -> f64 {
+        let v = s * s / noise;
+        let of = |(l, a): (&f64, &f64)| {
+            let d = 1.0 + v * l.max(0.0);
+            0.5 * (a * a * v / d / noise - d.ln())
+        };
+        eigenvalues.iter().zip(along).map(of).sum::<f64>() - s / DEVIATION_EXPECTED
+    };
+    let table: Vec<(f64, f64)> = DEVIATIONS.iter().map(|s| (log_of(*s), *s)).collect();
+    posterior_mean(&table)
+}
+
+/// Mean of the second numbers weighted by the exponentials of the first.
+fn posterior_mean(table: &[(f64, f64)]) -> f64 {
     let most = table.iter().map(|t| t.0).fold(f64::NEG_INFINITY, f64::max);
     let (sum, weight) = table.iter().fold((0.0, 0.0), |(sum, weight), (log, scale)| {
         let p = (log - most).exp();
         (sum + p * scale, weight + p)
     });
-    Some(sum / weight)
+    sum / weight
 }
 
 #[cfg(test)]

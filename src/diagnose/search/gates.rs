@@ -5,6 +5,7 @@
 
 use nalgebra::DVector;
 
+use super::super::constants::DEVIATION_EXPECTED;
 use super::super::library::Library;
 use super::super::moment::{Axis, SLOTS};
 use super::agreement::{between, lack_of_fit};
@@ -19,8 +20,8 @@ pub const FOLDS: usize = 6;
 pub const FOLD_RIDGE: f64 = 1e-5;
 
 /// What was measured of an effect.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Gates {
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Figures {
     /// Its deviation between programs and the places within, or the runs within, relative to itself: the larger of both.
     pub between: f64,
     /// Share of the gain that runs left out of the fit show.
@@ -29,17 +30,17 @@ pub struct Gates {
     pub against: f64,
     /// In how many programs it shows, each counted by its share (inverse of the sum of the squared shares).
     pub breadth: f64,
-    /// How much it grows from the middle of another linear axis to its end, as a share of itself and surely (two standard
-    /// deviations are taken off); found later.
-    pub grows: f64,
+    /// Its deviation from its formula, relative to itself: what its products with everything else that changes say of what is
+    /// left; found later.
+    pub misform: f64,
     /// How far it varies over the volume, relative, RMS; 0 where it was not asked.
     pub varies: f64,
 }
 
-impl Gates {
+impl Figures {
     /// Of an effect that was compared as a model and not asked further.
     pub const UNASKED: Self =
-        Self { between: 0.0, held_out: 1.0, against: 0.0, breadth: 1.0, grows: 0.0, varies: 0.0 };
+        Self { between: 0.0, held_out: 1.0, against: 0.0, breadth: 1.0, misform: 0.0, varies: 0.0 };
 }
 
 /// Products of some columns and the gap over a part of the rows.
@@ -133,7 +134,13 @@ fn total(parts: &[Part]) -> Part {
 
 /// Figures of the effect at `place` of the selection; `gain` is its own beside the others.
 #[must_use]
-pub fn gates(problem: &Problem, library: &Library, selection: &Selection, place: usize, gain: f64) -> Gates {
+pub fn figures(
+    problem: &Problem,
+    library: &Library,
+    selection: &Selection,
+    place: usize,
+    gain: f64,
+) -> Figures {
     let given = problem.given(&selection.chosen);
     let beta = problem.fit(&given);
     let variant = selection.chosen[place];
@@ -155,12 +162,12 @@ pub fn gates(problem: &Problem, library: &Library, selection: &Selection, place:
         let lack = if problem.precise { lack_of_fit(&pairs) } else { 1.0 };
         between(&pairs, lack).unwrap_or(0.0)
     };
-    Gates {
+    Figures {
         between: within(&places.of, places.count).max(within(&problem.block, problem.blocks)),
         held_out: held_out(problem, &given.columns, &mine, gain),
         against: against(&fit, &beside),
         breadth: breadth(problem, &fit),
-        grows: 0.0,
+        misform: DEVIATION_EXPECTED,
         varies: problem
             .variation()
             .and_then(|v| v.of(library.variants[variant].label))

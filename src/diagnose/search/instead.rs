@@ -1,12 +1,13 @@
 //! Other effects in the place of chosen ones, compared between the values of their grids: a coarse grid must not decide between
 //! names.
 
-use super::super::library::{Library, Shape};
+use super::super::constants::LITTLE;
+use super::super::library::{Library, Shape, forms};
 use super::super::moment::Axis;
 use super::super::noise::Filter;
 use super::super::session::Session;
 use super::problem::Problem;
-use super::refine::{Beside, STEPS, neighbours, put};
+use super::refine::{Beside, STEPS, put};
 use super::select::{SWAP_GAIN, Selection, evidence};
 
 /// Rivals that come this near are worth a search between the values of their grid.
@@ -39,7 +40,7 @@ pub fn challenge(
             let shape = &library.variants[f.variant].shape;
             // about a point that nobody knows a structure tilts like anything
             let is_tilt = matches!(shape, Shape::InertialTilt { .. });
-            f.gain > NEAR * now.gain && !is_tilt && !neighbours(shape, STEPS[0]).is_empty()
+            f.gain > NEAR * now.gain && !is_tilt && !shape.neighbours(STEPS[0]).is_empty()
         })
         .take(RIVALS)
         .map(|f| f.variant)
@@ -60,9 +61,6 @@ pub fn challenge(
     }
 }
 
-/// Share of the evidence of several effects with which one in their place, between the values of its grid, is believed rather.
-const RATHER: f64 = 0.95;
-
 /// A structure that tilts about a point other than the one first thought of seems to give way in the direction of its axis, too:
 /// one tilt in the place of both, where it says nearly as much.
 pub fn one_tilt(
@@ -73,8 +71,8 @@ pub fn one_tilt(
     selection: &mut Selection,
 ) {
     let axis_of = |library: &Library, v: usize| match &library.variants[v].shape {
-        Shape::InertialTilt { axis, .. } => Some((true, *axis)),
-        Shape::Inertial { axis, along, .. } if axis == along => Some((false, *axis)),
+        Shape::InertialTilt(forms::InertialTilt { axis, .. }) => Some((true, *axis)),
+        Shape::Inertial(forms::Inertial { axis, along, .. }) if axis == along => Some((false, *axis)),
         _ => None,
     };
     let find = |library: &Library, chosen: &[usize], wanted| {
@@ -93,7 +91,7 @@ pub fn one_tilt(
         let variant = &library.variants[pair[0]];
         let (gain, rank, shape) =
             Beside::new(problem, &others).best(problem, session, filter, &variant.shape);
-        if evidence(gain, rank, selection.grid[variant.label]) > RATHER * both {
+        if evidence(gain, rank, selection.grid[variant.label]) > (1.0 - LITTLE) * both {
             put(problem, session, filter, library, pair[0], shape);
             selection.chosen.remove(compliance);
         }
@@ -113,7 +111,7 @@ pub fn one_worn_place(
     selection: &mut Selection,
 ) {
     for axis in Axis::LINEAR {
-        let is_table = |v: &usize| matches!(library.variants[*v].shape, Shape::Polynomial { along, over, .. } if along == axis && over == axis);
+        let is_table = |v: &usize| matches!(library.variants[*v].shape, Shape::Polynomial(forms::Polynomial { along, over, .. }) if along == axis && over == axis);
         let is_curve = |v: &usize| {
             let shape = &library.variants[*v].shape;
             is_table(v)
@@ -128,7 +126,7 @@ pub fn one_worn_place(
         let sum = selection.evidence_beside(problem, library, &others, &curves);
         let given = Selection::given(problem, &others);
         let mut places: Vec<(f64, usize)> = (0..library.variants.len())
-            .filter(|v| matches!(library.variants[*v].shape, Shape::Wear { axis: own, .. } if own == axis))
+            .filter(|v| matches!(library.variants[*v].shape, Shape::Wear(forms::Wear { axis: own, .. }) if own == axis))
             .filter(|v| !selection.banned.contains(v))
             .map(|v| (problem.gain(&given, v).0, v))
             .collect();
@@ -144,7 +142,7 @@ pub fn one_worn_place(
             .max_by(|a, b| a.0.total_cmp(&b.0));
         let Some((gain, worn, shape)) = best else { continue };
         let label = library.variants[worn].label;
-        if evidence(gain, 1, selection.grid[label]) > RATHER * sum {
+        if evidence(gain, 1, selection.grid[label]) > (1.0 - LITTLE) * sum {
             let table = library.variants[table].label;
             put(problem, session, filter, library, worn, shape);
             selection.chosen = others;

@@ -1,6 +1,6 @@
 //! The line from which a curve is counted is a choice: what is only the slope of a curve is no second cause.
 
-use super::super::library::{Library, Shape};
+use super::super::library::{Library, Shape, forms};
 use super::problem::{Given, Problem};
 use super::select::{Found, Selection};
 
@@ -27,15 +27,17 @@ impl Selection {
     ) {
         for (v, line) in library.variants.iter().enumerate() {
             let (a, b) = match line.shape {
-                Shape::Squareness { along, over } => (along, over),
-                Shape::Scale { axis } => (axis, axis),
+                Shape::Squareness(forms::Squareness { along, over }) => (along, over),
+                Shape::Scale(forms::Scale { axis }) => (axis, axis),
                 _ => continue,
             };
             let Some(first) = best[line.label] else { continue };
             let gain = problem.gain(given, v).0;
             for curve in best.iter_mut().flatten() {
                 let stands_for_it = match library.variants[curve.variant].shape {
-                    Shape::Polynomial { along, over, low: 2, .. } => along == a && over == b,
+                    Shape::Polynomial(forms::Polynomial { along, over, low: 2, .. }) => {
+                        along == a && over == b
+                    }
                     // an angle that comes up at once and stays is no angle
                     Shape::Angular { .. } => a != b,
                     _ => false,
@@ -67,7 +69,7 @@ impl Selection {
     /// A straightness with its slope that says more than an angular error over the same axis, which has a slope anyhow.
     fn straightness_rather(&self, problem: &mut Problem, library: &Library, place: usize) -> Option<usize> {
         let variant = &library.variants[self.chosen[place]];
-        let Shape::Angular { over: axis, .. } = variant.shape else { return None };
+        let Shape::Angular(forms::Angular { over: axis, .. }) = variant.shape else { return None };
         let others = self.without(&[place]);
         let given = Self::given(problem, &others);
         let own = self.found(problem, library, &given, self.chosen[place]).evidence;
@@ -99,12 +101,17 @@ impl Selection {
     /// Takes straightnesses and their slopes apart: what stands beside them may have changed since they were one.
     pub fn take_apart(&mut self, problem: &mut Problem, library: &Library) {
         for place in 0..self.chosen.len() {
-            let Shape::Polynomial { along, over, .. } = library.variants[self.chosen[place]].shape else {
+            let Shape::Polynomial(forms::Polynomial { along, over, .. }) =
+                library.variants[self.chosen[place]].shape
+            else {
                 continue;
             };
             let whole = &library.variants[self.chosen[place]].shape;
-            let line =
-                if along == over { Shape::Scale { axis: along } } else { Shape::Squareness { along, over } };
+            let line = if along == over {
+                Shape::Scale(forms::Scale { axis: along })
+            } else {
+                Shape::Squareness(forms::Squareness { along, over })
+            };
             let find = |shape: &Shape| library.variants.iter().position(|v| v.shape == *shape);
             let (true, Some(curve), Some(line)) =
                 (whole.has_slope(), find(&whole.with_line(false)), find(&line))
@@ -132,11 +139,14 @@ impl Selection {
         };
         for line in 0..self.chosen.len() {
             for place in 0..self.chosen.len() {
-                let Shape::Polynomial { along: a, over: o, low: 2, .. } = *shape(place) else { continue };
+                let Shape::Polynomial(forms::Polynomial { along: a, over: o, low: 2, .. }) = *shape(place)
+                else {
+                    continue;
+                };
                 let (along, over, share) = match *shape(line) {
-                    Shape::Squareness { along, over } => (along, over, SLOPE_SHARE),
-                    Shape::Scale { axis } => (axis, axis, SCALE_SHARE),
-                    Shape::Angular { over, .. } if over == o && a != o => {
+                    Shape::Squareness(forms::Squareness { along, over }) => (along, over, SLOPE_SHARE),
+                    Shape::Scale(forms::Scale { axis }) => (axis, axis, SCALE_SHARE),
+                    Shape::Angular(forms::Angular { over, .. }) if over == o && a != o => {
                         match self.slope_in_an_angle(problem, library, place, line) {
                             Some(whole) => return Some((place, line, whole)),
                             None => continue,

@@ -14,7 +14,8 @@ mod small;
 mod tests;
 mod variation;
 
-pub use gates::{FOLD_RIDGE, FOLDS, Gates, fold_of, gates};
+pub use agreement::posterior_deviation;
+pub use gates::{FOLD_RIDGE, FOLDS, Figures, figures, fold_of};
 pub use instead::{challenge, one_delay, one_tilt, one_worn_place};
 pub use pieces::count_programs;
 pub use problem::{Given, Problem, RawColumns, raw_columns};

@@ -4,6 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 
+use super::super::constants::SEEN;
 use super::super::library::{Blind, Library, Shape, WIDTH_MAX};
 use super::super::moment::{Axis, SLOTS};
 use super::super::noise::Filter;
@@ -12,9 +13,6 @@ use super::pieces::{BLOCKS_MIN, Places, blocks, programs};
 use super::small::Factor;
 use super::variation::Variation;
 use volcomp_model::geometry::Vec3;
-
-/// Share of its size that a column must keep beside offsets and drift to count as seen.
-const SEEN: f64 = 1e-4;
 
 /// Shortest way of an axis that says anything of what grows along it, mm.
 const WAY_MM: f64 = 1.0;

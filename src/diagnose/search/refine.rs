@@ -1,6 +1,6 @@
 //! The non-linear parameters of a chosen effect between the values of its grid: a search by shrinking steps.
 
-use super::super::library::{Library, Shape};
+use super::super::library::{Library, Shape, forms};
 use super::super::moment::Axis;
 use super::super::noise::Filter;
 use super::super::session::Session;
@@ -9,116 +9,6 @@ use super::small::Factor;
 
 /// First and last relative step.
 pub(super) const STEPS: [f64; 5] = [0.25, 0.12, 0.05, 0.02, 0.008];
-
-/// Copies of a shape whose non-linear parameters are a little larger or smaller.
-pub(super) fn neighbours(shape: &Shape, step: f64) -> Vec<Shape> {
-    let mut all = Vec::new();
-    let up = 1.0 + step;
-    let mut with = |change: &dyn Fn(&mut Shape, f64)| {
-        for f in [up, 1.0 / up] {
-            let mut s = shape.clone();
-            change(&mut s, f);
-            if s != *shape {
-                all.push(s);
-            }
-        }
-    };
-    match shape {
-        Shape::Backlash { .. } => with(&|s, f| {
-            if let Shape::Backlash { length_mm, .. } = s {
-                *length_mm *= f;
-            }
-        }),
-        Shape::Spike { .. } => {
-            with(&|s, f| {
-                if let Shape::Spike { fall_s, .. } = s {
-                    *fall_s *= f;
-                }
-            });
-            with(&|s, f| {
-                if let Shape::Spike { rise_s, .. } = s {
-                    *rise_s *= f;
-                }
-            });
-        }
-        Shape::Cyclic { .. } => with(&|s, f| {
-            if let Shape::Cyclic { pitch_mm, .. } = s {
-                // a pitch is known to a small part of a period over the travel
-                *pitch_mm *= 1.0 + (f - 1.0) * 0.04;
-            }
-        }),
-        Shape::Sag { .. } => with(&|s, f| {
-            if let Shape::Sag { length_mm, .. } = s {
-                *length_mm *= f;
-            }
-        }),
-        Shape::Wear { width_mm: width, .. } => {
-            let width = *width;
-            with(&|s, f| {
-                if let Shape::Wear { width_mm, .. } = s {
-                    *width_mm *= f;
-                }
-            });
-            with(&|s, f| {
-                if let Shape::Wear { centre_mm, .. } = s {
-                    *centre_mm += width * (f - 1.0) * 2.0;
-                }
-            });
-            with(&|s, f| {
-                if let Shape::Wear { power, .. } = s {
-                    *power *= f;
-                }
-            });
-            with(&|s, f| {
-                if let Shape::Wear { order, .. } = s {
-                    // a bell has no end; from here on one is looked for
-                    *order = Some(order.map_or(WEAR_ORDERS[1], |order| order * f * f));
-                }
-            });
-        }
-        Shape::InertialTilt { about, .. } => {
-            for slot in (0..3).filter(|k| about.iter().any(|b| b.direction() != *k)) {
-                with(&|s, f| {
-                    if let Shape::InertialTilt { lever, .. } = s {
-                        lever.home_mm[slot] += PIVOT_STEP_MM * (f - 1.0);
-                    }
-                });
-            }
-        }
-        _ => {}
-    }
-    all.retain(is_itself);
-    all
-}
-
-/// Step with which the point about which a structure tilts is looked for, mm, and how far from the tool it may lie, as a
-/// multiple of the longest travel: about a point far away everything moves alike, which is another effect.
-const PIVOT_STEP_MM: f64 = 1000.0;
-const PIVOT_MAX: f64 = 0.5;
-
-/// Longest decay of a reversal spike, s: a longer one is lost motion under another name.
-const SPIKE_MAX_S: f64 = 0.8;
-/// Longest rise of a spike, as a share of its decay.
-const RISE_SHARE: f64 = 0.6;
-/// How flat the bottom of a worn place may be: from a dent to a trough.
-const WEAR_POWERS: [f64; 2] = [1.5, 6.0];
-/// How sharply it may end: from a step at its rim to nearly a bell.
-const WEAR_ORDERS: [f64; 2] = [0.5, 8.0];
-/// Longest transition of lost motion, mm.
-const TRANSITION_MAX_MM: f64 = 15.0;
-
-/// False where a parameter has left the range in which the effect is what its name says.
-fn is_itself(shape: &Shape) -> bool {
-    match shape {
-        Shape::Spike { rise_s, fall_s, .. } => *fall_s <= SPIKE_MAX_S && *rise_s <= RISE_SHARE * *fall_s,
-        Shape::Backlash { length_mm, .. } => *length_mm <= TRANSITION_MAX_MM,
-        Shape::Wear { power, order, .. } => {
-            let is_within = |range: [f64; 2], v: &f64| (range[0]..=range[1]).contains(v);
-            is_within(WEAR_POWERS, power) && order.as_ref().is_none_or(|o| is_within(WEAR_ORDERS, o))
-        }
-        _ => true,
-    }
-}
 
 /// Improves the chosen variant at `place`; the others stay.
 pub fn refine(
@@ -131,11 +21,11 @@ pub fn refine(
 ) {
     let variant = chosen[place];
     let mut shape = library.variants[variant].shape.clone();
-    if let Shape::Lag { axes, .. } = &shape {
+    if let Shape::Lag(forms::Lag { axes, .. }) = &shape {
         tie(problem, session, filter, library, chosen, place, axes.clone());
         return;
     }
-    if neighbours(&shape, STEPS[0]).is_empty() {
+    if shape.neighbours(STEPS[0]).is_empty() {
         return;
     }
     let others: Vec<usize> =
@@ -160,36 +50,13 @@ pub(super) fn put(
     }
 }
 
-/// Half the width of a worn place at half its depth, as a share of the travel: wider it is a table, narrower a wave.
-const WIDTH_RANGE: [f64; 2] = [0.026, 0.142];
-
-/// Longest beam, as a multiple of the travel: a longer one is a parabola under another name.
-const BEAM_MAX: f64 = 3.0;
-
-/// False where a worn place lies beyond the data, is as wide as the travel or as narrow as a wave, a beam far longer than the travel, or a
-/// structure tilts about a point far away.
+/// False where a parameter has left the range in which these data let the effect be what its name says.
 fn is_local(session: &Session, shape: &Shape) -> bool {
-    let span = |axis: &Axis| {
+    let span = |axis: Axis| {
         let all = session.moments.iter().map(|m| m.position[axis.slot()]);
         all.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], v| [l.min(v), h.max(v)])
     };
-    if let Shape::InertialTilt { lever, .. } = shape {
-        let longest = Axis::LINEAR.iter().map(span).map(|[low, high]| high - low).fold(0.0, f64::max);
-        let tip: [f64; 3] = session.machine.tool_tip_mm.into();
-        return (0..3).all(|k| (lever.home_mm[k] - tip[k]).abs() <= PIVOT_MAX * longest);
-    }
-    let (Shape::Wear { axis, .. } | Shape::Sag { axis, .. }) = shape else { return true };
-    let [low, high] = span(axis);
-    match shape {
-        Shape::Wear { centre_mm, width_mm, power, order, .. } => {
-            let depth = order.map_or(std::f64::consts::LN_2, |n| n * (1.0 - 0.5f64.powf(1.0 / n)));
-            let half_mm = width_mm * (2.0 * depth).powf(1.0 / power);
-            (low..=high).contains(centre_mm)
-                && (WIDTH_RANGE[0]..=WIDTH_RANGE[1]).contains(&(half_mm / (high - low)))
-        }
-        Shape::Sag { length_mm, .. } => *length_mm <= BEAM_MAX * (high - low),
-        _ => true,
-    }
+    shape.is_within(&span, session.machine.tool_tip_mm.into())
 }
 
 /// The effects that stay, for what is compared beside them.
@@ -255,7 +122,8 @@ impl Beside {
         let mut best = score(&shape);
         for step in STEPS {
             for _ in 0..6 {
-                let better = neighbours(&shape, step)
+                let better = shape
+                    .neighbours(step)
                     .into_iter()
                     .filter(|s| is_local(session, s))
                     .map(|s| (score(&s), s))
@@ -304,7 +172,7 @@ fn tie(
     let best = [0.0, 0.5 * lag_ms, lag_ms]
         .into_iter()
         .filter(|t| *t >= 0.0)
-        .map(|tie_ms| Shape::Lag { axes: axes.clone(), tie_ms })
+        .map(|tie_ms| Shape::Lag(forms::Lag { axes: axes.clone(), tie_ms }))
         .map(|s| (beside.joint(&problem.whitened(session, filter, &s)).0, s))
         .max_by(|a, b| a.0.total_cmp(&b.0));
     if let Some((_, shape)) = best {

@@ -3,7 +3,7 @@
 
 use core::f64::consts::{LN_2, TAU};
 
-use super::super::library::{Library, Shape};
+use super::super::library::{Library, Shape, forms};
 use super::super::moment::Axis;
 use super::super::noise::{Filter, median};
 use super::super::session::Session;
@@ -55,7 +55,7 @@ pub fn find_pitches(
         let nearest = own.iter().map(|o| o.1).min_by(|a, b| (a - pitch).abs().total_cmp(&(b - pitch).abs()));
         for (v, p) in &own {
             if Some(*p) == nearest
-                && let Shape::Cyclic { pitch_mm, .. } = &mut library.variants[*v].shape
+                && let Shape::Cyclic(forms::Cyclic { pitch_mm, .. }) = &mut library.variants[*v].shape
             {
                 *pitch_mm = pitch;
                 let shape = library.variants[*v].shape.clone();
@@ -70,7 +70,7 @@ pub fn find_pitches(
 /// The variants of the periodic error of an axis and their pitches, mm.
 fn pitches(library: &Library, axis: Axis) -> impl Iterator<Item = (usize, f64)> {
     library.variants.iter().enumerate().filter_map(move |(v, variant)| match variant.shape {
-        Shape::Cyclic { axis: a, pitch_mm, .. } if a == axis => Some((v, pitch_mm)),
+        Shape::Cyclic(forms::Cyclic { axis: a, pitch_mm, .. }) if a == axis => Some((v, pitch_mm)),
         _ => None,
     })
 }

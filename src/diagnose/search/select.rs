@@ -6,7 +6,8 @@
 
 use nalgebra::DMatrix;
 
-use super::super::library::{Library, Shape};
+use super::super::constants::{LITTLE, SURE};
+use super::super::library::{Library, Shape, forms};
 use super::super::noise::Random;
 use super::problem::{Given, Problem};
 
@@ -38,14 +39,10 @@ pub const CURVES: [&str; 2] = ["positioning", "wear"];
 /// nothing is straight to the last share.
 const STRAIGHT: &str = "scale";
 const CURVE_SHARE: f64 = 0.1;
-/// Share of what a worn place says that a table may say beside it: more, and it was no worn place.
-const WORN_SHARE: f64 = 0.05;
 /// Names of what happens at a reversal of an axis, and the share of the larger that the smaller must have: how lost motion
 /// builds up and friction breaks loose is known no better.
 const REVERSALS: [&str; 2] = ["backlash", "reversal-spike"];
 const REVERSAL_SHARE: f64 = 0.03;
-/// Standard deviations from which a sign is sure.
-const IMPOSSIBLE_T: f64 = 3.0;
 /// Candidates looked at when the best one fails the guard of the cells.
 const TRIED: usize = 12;
 /// A swap must bring this much evidence.
@@ -369,7 +366,7 @@ impl Selection {
         let alone = problem.gain(&given, self.chosen[worn]).0;
         let given = Self::given(problem, &self.without(&[table]));
         let more = problem.gain(&given, self.chosen[table]).0;
-        if more < WORN_SHARE * alone { (worn, table) } else { (table, worn) }
+        if more < LITTLE * alone { (worn, table) } else { (table, worn) }
     }
 
     /// Two names for one thing: the place that stays and the place that goes.
@@ -419,12 +416,12 @@ impl Selection {
             let variant = self.chosen[*place];
             let (at, _) = problem.span[variant];
             let Some(j) = given.columns.iter().position(|c| *c == at) else { return false };
-            let is_sure = |k: usize| beta[k].abs() > IMPOSSIBLE_T * covariance[k * n + k].max(0.0).sqrt();
+            let is_sure = |k: usize| beta[k].abs() > SURE * covariance[k * n + k].max(0.0).sqrt();
             match library.variants[variant].shape {
-                Shape::Ram { moment: false, .. } => {
+                Shape::Ram(forms::Ram { moment: false, .. }) => {
                     beta[j] * beta[j + 1] < 0.0 && is_sure(j) && is_sure(j + 1)
                 }
-                Shape::Sag { tool: true, .. } => is_sure(j + 1) && !is_sure(j),
+                Shape::Sag(forms::Sag { tool: true, .. }) => is_sure(j + 1) && !is_sure(j),
                 _ => false,
             }
         })

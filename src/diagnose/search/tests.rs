@@ -2,7 +2,7 @@
 
 use nalgebra::DVector;
 
-use super::super::library::{Kind, Label, Lever, Library, Shape, Variant};
+use super::super::library::{Kind, Label, Lever, Library, Shape, Variant, forms};
 use super::super::moment::Axis;
 use super::{Problem, Selection};
 
@@ -17,9 +17,16 @@ fn library() -> (Library, Vec<Vec<DVector<f64>>>) {
     let axis = Axis::ALL[0];
     let label = |effect| Label { effect, subject: "x".to_owned() };
     let shapes = [
-        Shape::Polynomial { along: axis, over: axis, low: 2, high: 4, centre_mm: 0.0, half_mm: 1.0 },
-        Shape::Wear { axis, centre_mm: 0.3, width_mm: 0.1, power: 2.0, order: None },
-        Shape::Scale { axis },
+        Shape::Polynomial(forms::Polynomial {
+            along: axis,
+            over: axis,
+            low: 2,
+            high: 4,
+            centre_mm: 0.0,
+            half_mm: 1.0,
+        }),
+        Shape::Wear(forms::Wear { axis, centre_mm: 0.3, width_mm: 0.1, power: 2.0, order: None }),
+        Shape::Scale(forms::Scale { axis }),
     ];
     let variants = shapes.into_iter().enumerate().map(|(label, shape)| Variant { label, shape }).collect();
     let library = Library {
@@ -74,9 +81,19 @@ fn a_scale_is_its_own_cause_from_a_tenth_of_a_table_on() {
 fn lines() -> (Library, Vec<Vec<DVector<f64>>>) {
     let (along, over) = (Axis::X, Axis::Z);
     let lever = Lever { axes: [false; 3], home_mm: [0.0; 3], tool: true };
-    let curve = |low| Shape::Polynomial { along, over, low, high: 4, centre_mm: 0.0, half_mm: 1.0 };
-    let angle = Shape::Angular { about: Axis::Y, over, degree: 2, half_mm: 1.0, centre_mm: None, lever };
-    let shapes = [(0, curve(2)), (0, curve(1)), (1, Shape::Squareness { along, over }), (2, angle)];
+    let curve = |low| {
+        Shape::Polynomial(forms::Polynomial { along, over, low, high: 4, centre_mm: 0.0, half_mm: 1.0 })
+    };
+    let angle = Shape::Angular(forms::Angular {
+        about: Axis::Y,
+        over,
+        degree: 2,
+        half_mm: 1.0,
+        centre_mm: None,
+        lever,
+    });
+    let shapes =
+        [(0, curve(2)), (0, curve(1)), (1, Shape::Squareness(forms::Squareness { along, over })), (2, angle)];
     let labels = [("straightness", "exz"), ("squareness", "zx"), ("angular", "ebz")];
     let library = Library {
         labels: labels.map(|(effect, subject)| Label { effect, subject: subject.to_owned() }).to_vec(),
@@ -181,9 +198,13 @@ fn kept(
 
 #[test]
 fn clocks_that_are_equally_late_are_one_delay() {
-    let clocks =
-        Shape::ClockSkew { files: vec![0, 1], start_s: vec![0.0; 2], span_s: vec![1.0; 2], drift: false };
-    let delay = Shape::Lag { axes: Axis::LINEAR.into(), tie_ms: 0.0 };
+    let clocks = Shape::ClockSkew(forms::ClockSkew {
+        files: vec![0, 1],
+        start_s: vec![0.0; 2],
+        span_s: vec![1.0; 2],
+        drift: false,
+    });
+    let delay = Shape::Lag(forms::Lag { axes: Axis::LINEAR.into(), tie_ms: 0.0 });
     let half =
         |first: bool| DVector::from_fn(N, |i, _| if (i < N / 2) == first { wave(|x| x)[i] } else { 0.0 });
     let said = |second: f64| {
@@ -200,7 +221,8 @@ fn clocks_that_are_equally_late_are_one_delay() {
 
 #[test]
 fn a_beam_that_turns_its_end_and_does_not_drop_is_no_beam() {
-    let beam = Shape::Sag { axis: Axis::Y, start_mm: 0.0, length_mm: 500.0, tool: true, lever: None };
+    let beam =
+        Shape::Sag(forms::Sag { axis: Axis::Y, start_mm: 0.0, length_mm: 500.0, tool: true, lever: None });
     let said = |drop: f64| {
         let noise = DVector::from_fn(N, |i, _| 1.4 * (1.3 * (i * i) as f64).sin());
         let y = wave(|x| x * x) * drop + wave(|x| x) * 30.0 + noise;

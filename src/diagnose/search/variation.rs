@@ -38,6 +38,15 @@ pub struct Varying {
     pub grows: Vec<(Axis, f64)>,
 }
 
+impl Varying {
+    /// The larger of its variation and of its growth along axes but one, relative.
+    #[must_use]
+    pub fn most(&self, but: Option<Axis>) -> f64 {
+        let others = self.grows.iter().filter(|(axis, _)| Some(*axis) != but);
+        others.map(|(_, growth)| *growth).fold(self.rms, f64::max)
+    }
+}
+
 /// A variation with the directions in which it acts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Variation {

@@ -1,19 +1,9 @@
 //! Input that cannot be right is refused before anything is computed from it.
 
+use super::super::constants::FEW;
+use super::super::constants::bounds::{DEGC, DEVIATION_UM, PAUSE_S, TRAVEL_MM};
 use super::super::moment::Axis;
 use super::{Note, Raw, SessionError};
-
-/// A deviation above this is no deviation of a machine, um (RMS).
-const LARGEST_UM: f64 = 50_000.0;
-/// A deviation below this is more likely in mm, um (RMS).
-pub(super) const SMALLEST_UM: f64 = 0.03;
-/// No machine travels further, mm.
-const LONGEST_MM: f64 = 60_000.0;
-/// No sensor of a machine reads more, degC.
-const HOTTEST_DEGC: f64 = 200.0;
-
-/// Readings further apart than this, a year, are on two clocks, s.
-const OTHER_CLOCK_S: f64 = 3.2e7;
 
 /// Columns that every session needs.
 const NEEDED: [(&str, &str); 8] = [
@@ -119,7 +109,7 @@ fn in_order(raw: &Raw) -> Result<(), SessionError> {
         return Ok(());
     };
     for i in 1..t.len() {
-        if t[i] - t[i - 1] > OTHER_CLOCK_S {
+        if t[i] - t[i - 1] > PAUSE_S[1] {
             return Err(SessionError::Clock {
                 file: raw.file.clone(),
                 line: raw.lines[i],
@@ -184,27 +174,28 @@ fn units(raw: &Raw) -> Result<(), SessionError> {
         return Err(SessionError::Constant { file: raw.file.clone(), value });
     }
     let size = rms(deviation);
-    if size > LARGEST_UM {
-        let what = format!("has an RMS of {size:.0} um, limit {LARGEST_UM:.0}");
+    let [least, .., most] = DEVIATION_UM;
+    if size > most {
+        let what = format!("has an RMS of {size:.0} um, limit {most:.0}");
         return wrong("deviation_um", what, "are these nm? the column is in um");
     }
-    if size > 0.0 && size < SMALLEST_UM {
-        let what = format!("has an RMS of {size:.5} um, limit {SMALLEST_UM}");
+    if size > 0.0 && size < least {
+        let what = format!("has an RMS of {size:.5} um, limit {least}");
         return wrong("deviation_um", what, "are these mm? the column is in um: multiply by 1000");
     }
     for axis in Axis::LINEAR {
         let values = raw.column(&axis.column()).unwrap_or(&[]);
         let far = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-        if far > LONGEST_MM {
-            let what = format!("reaches {far:.0} mm, limit {LONGEST_MM:.0}");
+        if far > TRAVEL_MM[1] {
+            let what = format!("reaches {far:.0} mm, limit {:.0}", TRAVEL_MM[1]);
             return wrong(&axis.column(), what, "are these um? the column is in mm");
         }
     }
     for (name, values) in raw.names.iter().zip(&raw.columns) {
         if name.starts_with("temp_") && name.ends_with("_degc") {
             let hot = values.iter().filter(|v| v.is_finite()).fold(0.0f64, |m, v| m.max(*v));
-            if hot > HOTTEST_DEGC {
-                let what = format!("reaches {hot:.1}, limit {HOTTEST_DEGC:.0} degC");
+            if hot > DEGC[1] {
+                let what = format!("reaches {hot:.1}, limit {:.0} degC", DEGC[1]);
                 return wrong(name, what, "are these kelvin or millidegrees? the column is in degC");
             }
         }
@@ -224,7 +215,7 @@ pub(super) fn speed_ratio(stated: &[f64], derived: &[f64]) -> Option<f64> {
         }
     }
     let alike = both * both > 0.81 * own * other;
-    (n >= 20 && alike && own > 0.0).then(|| both / own)
+    (n >= FEW && alike && own > 0.0).then(|| both / own)
 }
 
 /// A ratio that can only come from a unit: s against ms or min, mm against m.

@@ -3,31 +3,12 @@
 
 use std::collections::BTreeMap;
 
+use super::super::constants::bounds::{
+    DEGC, DEVIATION_UM, PAUSE_S, SCATTER_UM, SPEED_MM_PER_S, STEP_S, TOOL_MM, TRAVEL_MM, TWO_UNITS,
+};
+use super::super::constants::{FEW, SEES};
 use super::super::moment::Axis;
-use super::check::SMALLEST_UM;
 use super::{Note, Raw, SessionError, has_rotation, is_encoder};
-
-/// Fewest readings of a setup that show its unit.
-const READINGS: usize = 10;
-/// A setup whose deviations are this many times smaller than those of the others is in another unit.
-const THOUSAND: f64 = 300.0;
-/// Deviations about the mean of their setup beyond these are odd, and cannot be, um (RMS); those of encoders hold the lag
-/// of the servos, those of trackers the rotation of their frame.
-const LARGE_UM: (f64, f64) = (500.0, 3000.0);
-/// Deviations below this are odd, um (RMS).
-const SMALL_UM: f64 = 0.2;
-/// Shortest tool, mm.
-const TOOL_MM: f64 = 5.0;
-/// Travel below which all positions together are odd, mm.
-const TRAVEL_MM: f64 = 2.0;
-/// Temperatures nearer to zero than this are odd, degC.
-const COLD_DEGC: f64 = 2.0;
-/// Time between readings of a run that is odd, s.
-const SLOW_S: f64 = 1000.0;
-/// Speed between readings that no machine reaches, mm/s.
-const FAST_MM_PER_S: f64 = 5000.0;
-/// Pause between readings that is odd in one file, s.
-const PAUSE_S: f64 = 7.0 * 86_400.0;
 
 /// RMS about the mean and RMS of the deviations of each setup with enough of them, um.
 fn sizes(raw: &Raw) -> BTreeMap<i64, (f64, f64)> {
@@ -41,7 +22,7 @@ fn sizes(raw: &Raw) -> BTreeMap<i64, (f64, f64)> {
     };
     setups
         .into_iter()
-        .filter(|(_, d)| d.len() >= READINGS)
+        .filter(|(_, d)| d.len() >= FEW)
         .map(|(s, d)| (s, (rms(&d, d.iter().sum::<f64>() / d.len() as f64), rms(&d, 0.0))))
         .collect()
 }
@@ -56,14 +37,14 @@ pub(super) fn units_of_setups(raw: &Raw) -> Result<(), SessionError> {
     };
     let shifted_only = raw.instruments.iter().all(|n| !is_encoder(n) && !has_rotation(n));
     for (setup, (scatter, size)) in &sizes {
-        if *size > 0.0 && *size < SMALLEST_UM && *size * THOUSAND < largest {
+        if *size > 0.0 && *size < DEVIATION_UM[0] && *size * TWO_UNITS < largest {
             let what = format!("has an RMS of {size:.5} um in setup {setup}, of {largest:.2} um in another");
             return wrong(what, "is that setup in mm? the column is in um: multiply by 1000");
         }
-        if shifted_only && *scatter > LARGE_UM.1 {
+        if shifted_only && *scatter > SCATTER_UM {
             let what = format!(
                 "scatters by {scatter:.0} um RMS in setup {setup}, limit {:.0} for an instrument that is only shifted",
-                LARGE_UM.1
+                SCATTER_UM
             );
             return wrong(what, "are these nm? the column is in um");
         }
@@ -79,10 +60,10 @@ pub(super) fn of(raw: &Raw) -> Vec<Note> {
     let sizes = sizes(raw);
     let scatter = sizes.values().map(|s| s.0).fold(0.0, f64::max);
     let shifted_only = raw.instruments.iter().all(|n| !is_encoder(n) && !has_rotation(n));
-    if shifted_only && scatter > LARGE_UM.0 {
+    if shifted_only && scatter > DEVIATION_UM[2] {
         say(format!("deviation_um scatters by {scatter:.0} um RMS: are these nm? the column is in um"));
     }
-    if scatter > 0.0 && scatter < SMALL_UM {
+    if scatter > 0.0 && scatter < DEVIATION_UM[1] {
         say(format!("deviation_um scatters by {scatter:.3} um RMS only: are these mm? the column is in um"));
     }
     if raw.instruments.iter().any(|n| n == UNNAMED) {
@@ -98,7 +79,7 @@ pub(super) fn of(raw: &Raw) -> Vec<Note> {
     }
     for (name, values) in raw.names.iter().zip(&raw.columns) {
         let warm = largest(values);
-        if name.starts_with("temp_") && name.ends_with("_degc") && warm > 0.0 && warm < COLD_DEGC {
+        if name.starts_with("temp_") && name.ends_with("_degc") && warm > 0.0 && warm < DEGC[0] {
             say(format!(
                 "{name} stays within {warm:.3} degC of zero: is it in thousands? the column is in degC"
             ));
@@ -119,7 +100,7 @@ fn span(values: &[f64]) -> f64 {
 fn positions(raw: &Raw, say: &mut dyn FnMut(String)) {
     let mut widest = 0.0f64;
     for axis in Axis::LINEAR {
-        let seen = raw.column(&format!("u_{axis}")).is_some_and(|u| u.iter().any(|v| v.abs() > 0.2));
+        let seen = raw.column(&format!("u_{axis}")).is_some_and(|u| u.iter().any(|v| v.abs() > SEES));
         match raw.column(&axis.column()) {
             None if seen => say(format!(
                 "no column {}, though readings look along {axis}: nothing that goes with its position can be seen",
@@ -134,7 +115,7 @@ fn positions(raw: &Raw, say: &mut dyn FnMut(String)) {
             None => {}
         }
     }
-    if widest > 0.0 && widest < TRAVEL_MM {
+    if widest > 0.0 && widest < TRAVEL_MM[0] {
         say(format!("positions stay within {widest:.3} mm: are these m? the columns are in mm"));
     }
 }
@@ -148,7 +129,7 @@ fn times(raw: &Raw, say: &mut dyn FnMut(String)) {
     let follows = |i: &usize| run[*i] == run[i - 1] && t[*i] > t[i - 1];
     let mut steps: Vec<f64> = (1..t.len()).filter(follows).map(|i| t[i] - t[i - 1]).collect();
     let step = super::super::noise::median(&mut steps);
-    if step > SLOW_S {
+    if step > STEP_S {
         say(format!("readings of a run follow each other every {step:.0} s: are these ms? t_s is in s"));
     }
     for axis in Axis::LINEAR {
@@ -157,7 +138,7 @@ fn times(raw: &Raw, say: &mut dyn FnMut(String)) {
         let mut speeds: Vec<f64> =
             (1..t.len()).filter(moved).map(|i| (x[i] - x[i - 1]).abs() / (t[i] - t[i - 1])).collect();
         let speed = super::super::noise::median(&mut speeds);
-        if speed > FAST_MM_PER_S {
+        if speed > SPEED_MM_PER_S {
             say(format!(
                 "{} and t_s give {speed:.0} mm/s between readings: check their units",
                 axis.column()
@@ -165,7 +146,7 @@ fn times(raw: &Raw, say: &mut dyn FnMut(String)) {
         }
     }
     let pause = (1..t.len()).map(|i| t[i] - t[i - 1]).fold(0.0, f64::max);
-    if pause > PAUSE_S {
+    if pause > PAUSE_S[0] {
         say(format!("t_s pauses for {:.1} days: is all of it on one clock?", pause / 86_400.0));
     }
 }

@@ -15,6 +15,7 @@ mod sight;
 mod tests;
 mod times;
 
+use super::constants::ROWS;
 use super::moment::{Axis, Machine, Moment, Signal};
 
 pub use history::History;
@@ -267,7 +268,7 @@ pub struct Session {
 }
 
 /// Readings used at most; beyond it whole points are left out, with all their repeats.
-pub const ROWS_MAX: usize = 12_000;
+pub const ROWS_MAX: usize = 3 * ROWS;
 /// Readings needed at least.
 pub const ROWS_MIN: usize = 20;
 
@@ -297,6 +298,27 @@ impl Session {
     #[must_use]
     pub fn times_of(&self, reading: usize) -> Times {
         self.times.get(self.moments[reading].file).copied().unwrap_or_default()
+    }
+
+    /// True where no time was read from a clock or a schedule: the times are the order of the readings.
+    #[must_use]
+    pub fn is_ordinal(&self) -> bool {
+        self.times.iter().all(|t| *t == Times::Ordinal)
+    }
+
+    /// A span of time in words; of ordinal times, which have no duration, as places in the order of the readings.
+    #[must_use]
+    pub fn span(&self, seconds: f64) -> String {
+        if !self.is_ordinal() {
+            return format!("{seconds:.0} s");
+        }
+        let mut times: Vec<f64> = self.moments.iter().map(|m| m.t_s).collect();
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+        let extent = times.last().zip(times.first()).map_or(0.0, |(last, first)| last - first);
+        let places = times.len().saturating_sub(1) as f64;
+        let step = if places > 0.0 { extent / places } else { 1.0 };
+        format!("about {:.0} points in the order measured", (seconds / step.max(1e-9)).min(places).max(1.0))
     }
 
     /// Place of a signal in [`Moment::signals`].

@@ -4,16 +4,10 @@
 //! three rows). Speeds are differences of commanded positions and only taken where samples follow each other fast;
 //! slower rows are readings at standstill. Nothing is differentiated across a gap.
 
-/// Samples further apart than this are readings at standstill, s, unless the rows say that they move.
-pub(super) const FAST_S: f64 = 0.12;
-/// The same where a column says that the machine moves.
-const FAST_MOVING_S: f64 = 0.6;
+use super::super::constants::{ACCELERATION_NOISE, FAST_MOVING_S, FAST_S, FEW, ROWS};
+
 /// A step of time above so many medians is a gap.
 const GAP: f64 = 4.0;
-/// Error of an acceleration by the rounding of positions that is accepted, mm/s^2 or deg/s^2.
-const ACCELERATION_NOISE: f64 = 10.0;
-/// Most samples that a difference spans to either side.
-const SPAN_MAX: usize = 12;
 
 /// Rows of one sample.
 #[derive(Debug, Clone, Copy)]
@@ -85,14 +79,14 @@ pub(super) fn derivatives(samples: &[Sample], position: &[f64]) -> (Vec<f64>, Ve
 fn span(position: &[f64], step: f64) -> usize {
     let resolution = resolution(position);
     let needed = (resolution / ACCELERATION_NOISE).sqrt() / step.max(1e-9);
-    (needed.ceil() as usize).clamp(1, SPAN_MAX)
+    (needed.ceil() as usize).clamp(1, FEW)
 }
 
 /// The last decimal that positions use, at least 1e-9.
 fn resolution(position: &[f64]) -> f64 {
     (2..9)
         .map(|d| 10f64.powi(-d))
-        .find(|q| position.iter().take(2000).all(|p| ((p / q) - (p / q).round()).abs() < 1e-4))
+        .find(|q| position.iter().take(ROWS / 2).all(|p| ((p / q) - (p / q).round()).abs() < 1e-4))
         .unwrap_or(1e-9)
 }
 

@@ -5,6 +5,7 @@
 
 use core::fmt;
 
+use super::super::constants::{FAST_S, FEW};
 use super::super::moment::Axis;
 use super::{Note, Raw, motion};
 
@@ -30,8 +31,6 @@ impl fmt::Display for Times {
     }
 }
 
-/// Fewest steps that show a pattern.
-const STEPS_MIN: usize = 12;
 /// Two steps that differ by less are equal, relative.
 const EQUAL: f64 = 1e-6;
 /// Equal steps over distances that vary by this factor were not measured.
@@ -81,8 +80,8 @@ fn judged(raw: &Raw) -> (Times, &'static str) {
         samples.windows(2).map(|w| (w[1].t - w[0].t, distance(w[0].first, w[1].first))).collect();
     let moved: Vec<(f64, f64)> = steps.iter().copied().filter(|(_, d)| *d > 1e-6).collect();
     // a log at one position is sampled evenly, and so are fast samples on the way
-    let fast = |dt: f64| dt <= motion::FAST_S;
-    if steps.len() < STEPS_MIN || 4 * moved.len() < steps.len() || steps.iter().any(|(dt, _)| fast(*dt)) {
+    let fast = |dt: f64| dt <= FAST_S;
+    if steps.len() < FEW || 4 * moved.len() < steps.len() || steps.iter().any(|(dt, _)| fast(*dt)) {
         return CLOCK;
     }
     if steps.iter().all(|(dt, _)| *dt == 1.0) {

@@ -1,12 +1,10 @@
 //! Effects of heat as thermal displacements of the model.
 
-use super::{Candidate, Extended, Part};
-use crate::Shape;
+use super::{Becomes, Candidate, Extended, Part, shift};
 use crate::addition::Entry;
 use crate::machine_state::{Axis, Signal, Source};
 use volcomp_estimate::{Quantity, Thermal, ThermalInput};
 use volcomp_model::curve::Live;
-use volcomp_model::{Component, ErrorSymbol};
 use volcomp_units::mm_from_um;
 
 /// Strain per um of expansion on a metre.
@@ -22,19 +20,8 @@ const LIMIT_MIN_MM: f64 = 0.001;
 
 const NO_RANGE: &str = "the addition does not say which temperatures or speeds it was seen at";
 
-/// The candidate of an expansion or a thermal displacement.
-pub(super) fn candidate(model: &Extended, entry: &Entry) -> Result<Candidate, &'static str> {
-    match &entry.shape {
-        Shape::Thermal { axis, signal, reference_degc, .. } => {
-            expansion(model, entry, *axis, signal, *reference_degc)
-        }
-        Shape::Growth { signals, along, reference } => growth(model, entry, signals, along, *reference),
-        _ => Err("it does not follow from heat"),
-    }
-}
-
 /// The sensor of a column: its name without the unit, as `volcomp fit thermal` names it.
-pub(super) fn sensor(source: &Source) -> String {
+fn sensor(source: &Source) -> String {
     match source {
         Source::Spindle => "spindle".to_owned(),
         Source::Temperature(name) => format!("temp_{name}"),
@@ -90,19 +77,20 @@ fn thermal(
     Thermal { name, expansion, offset: 0.0, fade_share: FADE_SHARE, std: None, inputs }
 }
 
-fn expansion(
+/// An expansion by a temperature.
+pub(crate) fn expansion(
     model: &Extended,
     entry: &Entry,
     axis: Axis,
     signal: &Signal,
     reference_degc: f64,
-) -> Result<Candidate, &'static str> {
+) -> Becomes {
     if signal.source == Source::Spindle {
         return Err("an expansion by the spindle's speed is no expansion by temperature");
     }
-    let symbol = own(axis);
+    let symbol = shift(axis, axis);
     let mut made = Candidate::default();
-    let [low, high] = super::parts::travel(&model.spec, entry, axis)
+    let [low, high] = super::curves::travel(&model.spec, entry, axis)
         .ok_or("the model does not say how far the axis travels; add travel-mm to [axes]")?;
     let add =
         |made: &mut Candidate, name: &str, strain: bool, coefficient: f64| -> Result<(), &'static str> {
@@ -115,44 +103,34 @@ fn expansion(
             made.thermal.push(thermal);
             Ok(())
         };
-    let of = |k: usize| entry.values.get(k).copied().unwrap_or(0.0);
-    add(&mut made, &format!("expansion-{axis}"), true, of(0) * STRAIN_PER_UM_PER_M)?;
-    if of(1) != 0.0 {
-        add(&mut made, &format!("shift-{axis}"), false, mm_from_um(of(1)))?;
+    add(&mut made, &format!("expansion-{axis}"), true, entry.value(0) * STRAIN_PER_UM_PER_M)?;
+    if entry.value(1) != 0.0 {
+        add(&mut made, &format!("shift-{axis}"), false, mm_from_um(entry.value(1)))?;
     }
     Ok(made)
 }
 
-fn growth(
+/// A displacement that follows temperatures or the spindle.
+pub(crate) fn growth(
     model: &Extended,
     entry: &Entry,
     signals: &[Signal],
     along: &[Axis],
     reference: f64,
-) -> Result<Candidate, &'static str> {
+) -> Becomes {
     let mut made = Candidate::default();
     for (j, axis) in along.iter().enumerate() {
         let mut inputs = Vec::new();
         for (i, signal) in signals.iter().enumerate() {
-            let value = entry.values.get(i * along.len() + j).copied().unwrap_or(0.0);
+            let value = entry.value(i * along.len() + j);
             inputs.push(input(entry, signal, reference, mm_from_um(value))?);
         }
         let limit = (ROOM * inputs.iter().map(reach).sum::<f64>()).max(LIMIT_MIN_MM);
         let stem = if entry.name.starts_with("spindle") { "spindle" } else { "drift" };
         let thermal = thermal(model, &made.thermal, &format!("{stem}-{axis}"), false, inputs);
         let live = Live { sensor: thermal.name.clone(), limit, reference: None };
-        made.parts.push(Part { symbol: own(*axis), curve: None, live: Some(live), dynamic: None });
+        made.parts.push(Part { symbol: shift(*axis, *axis), curve: None, live: Some(live), dynamic: None });
         made.thermal.push(thermal);
     }
     Ok(made)
-}
-
-/// The positioning error of an axis.
-const fn own(axis: Axis) -> ErrorSymbol {
-    let component = match axis.direction() {
-        0 => Component::X,
-        1 => Component::Y,
-        _ => Component::Z,
-    };
-    ErrorSymbol::Motion { component, axis: axis.name() }
 }

@@ -5,20 +5,25 @@
 //! with the tool; what follows from heat becomes a thermal displacement. The rest stays out, each with the reason. The model is
 //! compared with the addition all over the volume, and what does not say the same there stays out, too.
 
-mod dynamics;
+mod curves;
 mod heat;
-mod parts;
 mod proof;
+mod terms;
 
 use core::fmt;
 
-use crate::Shape;
+use crate::Kind;
 use crate::addition::{Addition, Entry};
+use crate::machine_state::Axis;
 use volcomp_estimate::Thermal;
 use volcomp_model::curve::Live;
 use volcomp_model::{
-    Curve, DynamicTerm, ErrorFunction, ErrorSymbol, Model, ModelError, ModelSpec, ToolErrors,
+    Component, Curve, DynamicTerm, ErrorFunction, ErrorSymbol, Model, ModelError, ModelSpec, ToolErrors,
 };
+
+pub(crate) use curves::{Sampling, displacements, rotation};
+pub(crate) use heat::{expansion, growth};
+pub(crate) use terms::{Term, acceleration_term, fastest, steepest, terms, tool};
 
 /// A model with an addition in it.
 #[derive(Debug, Clone, PartialEq)]
@@ -59,21 +64,50 @@ impl Fate {
 
 /// One symbol of an effect: what is added to it.
 #[derive(Debug, Clone, PartialEq)]
-struct Part {
+pub(crate) struct Part {
     symbol: ErrorSymbol,
     curve: Option<Curve>,
     live: Option<Live>,
     dynamic: Option<DynamicTerm>,
 }
 
+impl Part {
+    /// A constant of a symbol, mm or rad.
+    pub(crate) const fn constant(symbol: ErrorSymbol, value: f64) -> Self {
+        Self { symbol, curve: Some(Curve::Constant(value)), live: None, dynamic: None }
+    }
+}
+
 /// What an effect becomes; the sign of each part is found by the proof.
 #[derive(Debug, Clone, PartialEq, Default)]
-struct Candidate {
+pub(crate) struct Candidate {
     parts: Vec<Part>,
     /// The thermal displacements that the live values of the parts are told by.
     thermal: Vec<Thermal>,
     /// What is wrong with tool and spindle.
     tool: Option<ToolErrors>,
+}
+
+/// What an effect becomes in a model, or why it stays out.
+pub(crate) type Becomes = Result<Candidate, &'static str>;
+
+/// Why an effect of an instrument stays out of a model.
+pub(crate) const OF_THE_INSTRUMENT: &str = "it belongs to the instrument, not to the machine";
+
+impl From<Vec<Part>> for Candidate {
+    fn from(parts: Vec<Part>) -> Self {
+        Self { parts, ..Self::default() }
+    }
+}
+
+/// The displacement of an axis in a direction.
+pub(crate) const fn shift(along: Axis, axis: Axis) -> ErrorSymbol {
+    ErrorSymbol::Motion { component: Component::ALL[along.direction()], axis: axis.name() }
+}
+
+/// The turn of an axis about a direction.
+pub(crate) const fn turn(about: Axis, axis: Axis) -> ErrorSymbol {
+    ErrorSymbol::Motion { component: Component::ALL[3 + about.direction()], axis: axis.name() }
 }
 
 impl Candidate {
@@ -82,7 +116,7 @@ impl Candidate {
         let mut out = self.clone();
         for (part, sign) in out.parts.iter_mut().zip(signs) {
             if let Some(curve) = &mut part.curve {
-                *curve = parts::scaled(curve, *sign)?;
+                *curve = curves::scaled(curve, *sign)?;
             }
             if let Some(term) = &mut part.dynamic {
                 term.gain *= sign;
@@ -155,34 +189,11 @@ pub fn extend(spec: &ModelSpec, thermal: &[Thermal], addition: &Addition) -> Res
     Ok(out)
 }
 
-fn candidate(model: &Extended, entry: &Entry) -> Result<Candidate, &'static str> {
-    if let Some(why) = reason_against(entry) {
-        return Err(why);
-    }
-    match &entry.shape {
-        Shape::Thermal { .. } | Shape::Growth { .. } => heat::candidate(model, entry),
-        _ => dynamics::candidate(&model.spec, entry).unwrap_or_else(|| parts::candidate(&model.spec, entry)),
-    }
-}
-
-/// Why an effect can be no part of a model, whatever its chain.
-fn reason_against(entry: &Entry) -> Option<&'static str> {
-    use crate::Kind;
+fn candidate(model: &Extended, entry: &Entry) -> Becomes {
     match entry.kind {
-        Kind::Instrument => return Some("it belongs to the instrument, not to the machine"),
-        Kind::Stochastic => return Some("it is chance: no correction takes it out"),
-        Kind::Machine => {}
-    }
-    match &entry.shape {
-        Shape::Sag { tool: true, .. } => {
-            Some("it follows position and tool length together, for which the model has no term")
-        }
-        Shape::Load { .. } => Some("it follows forces, which are not reported while the machine works"),
-        Shape::Step { .. } => Some("it is a step in the time of one recording"),
-        Shape::DeadPath { .. } | Shape::TrackerScale { .. } | Shape::ClockSkew { .. } => {
-            Some("it belongs to the instrument, not to the machine")
-        }
-        _ => None,
+        Kind::Instrument => Err(OF_THE_INSTRUMENT),
+        Kind::Stochastic => Err("it is chance: no correction takes it out"),
+        Kind::Machine => entry.shape.form().becomes(model, entry),
     }
 }
 

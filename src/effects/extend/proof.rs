@@ -1,14 +1,13 @@
 //! Whether a model with an effect in it says what the addition says.
 
-use super::Candidate;
-use crate::Shape;
+use super::terms::largest;
+use super::{Candidate, curves};
 use crate::addition::{Addition, Entry, Evaluator, FORMAT};
 use crate::machine_state::{Axis, MachineState, SLOTS, Source};
 use crate::prediction::{deviation_with_live_um, machine_of};
 use volcomp_estimate::ThermalState;
 use volcomp_model::geometry::Vec3;
 use volcomp_model::{Model, ModelError, ModelSpec};
-use volcomp_units::axes::AxisKind;
 use volcomp_units::rad_from_deg;
 
 /// Places that are compared.
@@ -42,7 +41,7 @@ pub(super) fn signed(
     // a datum takes a constant off, which says nothing about the effect
     let without_datum = ModelSpec { datum: Vec::new(), ..spec.clone() };
     let before = Model::new(&without_datum)?;
-    let places = places(spec, &before, entry);
+    let places = places(spec, &before, entry, candidate.tool.is_some());
     let parts = candidate.parts.len();
     for choice in 0..1_u32 << parts.min(PARTS_MAX) {
         let sign = |k: usize| if choice >> k & 1 == 0 { 1.0 } else { -1.0 };
@@ -87,29 +86,23 @@ fn growth(candidate: &Candidate, channel: &str, sources: &[f64]) -> f64 {
 
 /// Gives every axis a velocity in its direction of travel, an acceleration, and a distance and time since its reversal.
 fn set_in_motion(state: &mut MachineState, entry: &Entry, chain: &[Axis], share: &dyn Fn(usize) -> f64) {
-    let (length_mm, time_s) = match &entry.shape {
-        Shape::Backlash { length_mm, .. } if *length_mm > 0.0 => (*length_mm, f64::INFINITY),
-        Shape::Spike { fall_s, .. } => (f64::INFINITY, *fall_s),
-        _ => (f64::INFINITY, f64::INFINITY),
-    };
-    let most = |column: String| {
-        entry.valid.get(&column).map_or(1.0, |range| range.iter().fold(0.0f64, |m, v| m.max(v.abs())))
-    };
-    let speed = |axis: Axis| match axis.name().kind() {
-        AxisKind::Linear => most(format!("v{axis}_mm_per_s")),
-        AxisKind::Rotary => rad_from_deg(most(format!("v{axis}_deg_per_s"))),
+    let (length_mm, time_s) = entry.shape.form().builds_up();
+    let most = |column: String| largest(entry, &column).unwrap_or(1.0);
+    let speed = |axis: Axis| {
+        let most = most(axis.velocity_column());
+        if axis.is_linear() { most } else { rad_from_deg(most) }
     };
     for (k, axis) in chain.iter().enumerate() {
         let slot = axis.slot();
         state.velocity[slot] = state.direction[slot] * share(k + 1) * speed(*axis);
-        state.acceleration[slot] = (2.0 * share(k + 2) - 1.0) * most(format!("a{axis}_mm_per_s2"));
+        state.acceleration[slot] = (2.0 * share(k + 2) - 1.0) * most(axis.acceleration_column());
         state.since_mm[slot] = 3.0 * share(k + 3) * length_mm;
         state.since_s[slot] = 3.0 * share(k + 3) * time_s;
     }
 }
 
-/// Places all over the volume, to and fro, warm and cold; the first one is where all stands at the reference.
-fn places(spec: &ModelSpec, model: &Model, entry: &Entry) -> Vec<Place> {
+/// Places all over the volume, to and fro, warm and cold, with tools of several lengths for effects `of_tool`; the first one is where all stands at the reference.
+fn places(spec: &ModelSpec, model: &Model, entry: &Entry, of_tool: bool) -> Vec<Place> {
     let addition = Addition {
         format: FORMAT.to_owned(),
         machine: spec.machine.clone(),
@@ -127,16 +120,16 @@ fn places(spec: &ModelSpec, model: &Model, entry: &Entry) -> Vec<Place> {
         };
         for axis in &chain {
             let slot = axis.slot();
-            let [low, high] = super::parts::travel(spec, entry, *axis).unwrap_or([-1.0, 1.0]);
+            let [low, high] = curves::travel(spec, entry, *axis).unwrap_or([-1.0, 1.0]);
             // inside of the data, where curves are not held
-            let inside = super::parts::seen(entry, *axis)
-                .map_or([low, high], |seen| [seen[0].max(low), seen[1].min(high)]);
+            let inside =
+                curves::seen(entry, *axis).map_or([low, high], |seen| [seen[0].max(low), seen[1].min(high)]);
             moment.position[slot] = inside[0] + share(slot) * (inside[1] - inside[0]).max(0.0);
             moment.direction[slot] = if n >> (slot % 4) & 1 == 0 { 1.0 } else { -1.0 };
         }
         if let Some(gauge) = spec.gauge_point {
             moment.tool_length_mm = gauge.z - spec.tool_tip.z;
-            if matches!(entry.shape, Shape::ToolLength | Shape::SpindleTilt) {
+            if of_tool {
                 moment.tool_length_mm *= 0.5 + share(1);
             }
         }

@@ -28,6 +28,10 @@ const PARTS: usize = 20;
 const END_SHARE: f64 = 0.005;
 /// Readings of one part that count.
 const PART_READINGS: f64 = 50.0;
+/// Way within which an axis rests, mm: its own corrections and its encoder's noise.
+const REST_MM: f64 = 0.05;
+/// Growth of the time constant per time of rest: what was read in motion is forgotten with the square of the time.
+const REST_GROWTH: f64 = 0.5;
 
 /// What the readings of a laser refer to.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
@@ -47,6 +51,8 @@ pub enum LaserAlignment {
 pub struct LaserRules {
     /// Time constant of smoothing, s.
     pub smooth_s: f64,
+    /// What it grows to while the axis rests, s.
+    pub rest_smooth_s: f64,
     /// Share of the travel that must have been seen before the alignment counts as known.
     pub reference_share: f64,
     /// What the readings refer to.
@@ -100,6 +106,8 @@ pub struct AxisLaser {
     ends: [bool; 2],
     /// Part of the travel in which the axis is.
     part: Option<usize>,
+    /// Where the axis rests, mm, and for how long, s.
+    rest: (f64, f64),
     lanes: Vec<Lane>,
 }
 
@@ -150,6 +158,7 @@ impl AxisLaser {
             seen: [false; PARTS],
             ends: [false; 2],
             part: None,
+            rest: (f64::INFINITY, 0.0),
             lanes,
         })
     }
@@ -165,7 +174,7 @@ impl AxisLaser {
         let machine = to_machine(self.axis, motion);
         let [low, high] = self.travel;
         let u = (q - low) / (high - low);
-        let smooth_s = self.rules.smooth_s;
+        let smooth_s = self.time_constant_s(q, dt);
         let share = if smooth_s > 0.0 { 1.0 - (-dt.max(0.0) / smooth_s).exp() } else { 1.0 };
         let part = ((u.clamp(0.0, 1.0) * PARTS as f64) as usize).min(PARTS - 1);
         let entered = self.part != Some(part);
@@ -209,6 +218,14 @@ impl AxisLaser {
                 }
             }
         }
+    }
+
+    /// Time constant of smoothing with the axis at `q`, `dt` after the reading before: it grows while the axis rests.
+    fn time_constant_s(&mut self, q: f64, dt: f64) -> f64 {
+        let LaserRules { smooth_s, rest_smooth_s, .. } = self.rules;
+        let (place, rested_s) = self.rest;
+        self.rest = if (q - place).abs() <= REST_MM { (place, rested_s + dt.max(0.0)) } else { (q, 0.0) };
+        (smooth_s + REST_GROWTH * self.rest.1).min(rest_smooth_s.max(smooth_s))
     }
 
     /// True where enough of the travel was seen to find the alignment.
@@ -323,7 +340,8 @@ mod tests {
     use volcomp_model::{AxisSpec, Chain, Curve};
 
     fn rules(smooth_s: f64, reference_share: f64) -> LaserRules {
-        LaserRules { smooth_s, reference_share, alignment: LaserAlignment::StoredCurves, is_raw: false }
+        let alignment = LaserAlignment::StoredCurves;
+        LaserRules { smooth_s, rest_smooth_s: smooth_s, reference_share, alignment, is_raw: false }
     }
 
     fn spec(primed: bool, sense: Sense) -> ModelSpec {
@@ -399,6 +417,36 @@ mod tests {
         for (straight, rested) in found(0).iter().zip(found(100_000)) {
             assert!((straight - rested).abs() < 1e-4, "{straight} {rested}");
         }
+    }
+
+    #[test]
+    fn at_rest_noise_is_averaged_longer_and_motion_is_followed_as_before() {
+        let channels = [(0, ErrorSymbol::parse("eyx").unwrap())];
+        // standard deviation at rest after half a minute, and what is left of a step 5 s after the axis has moved
+        let of = |rest_smooth_s: f64| -> [f64; 2] {
+            let rules = LaserRules { rest_smooth_s, ..rules(0.5, 0.5) };
+            let mut laser =
+                AxisLaser::new(&spec(false, Sense::Relative), AxisName::X, &channels, rules).unwrap();
+            let mut take = |q: f64, ey: f64| {
+                laser.take(q, Travel::Forward, [0.004 + ey, 0.0, 0.0, 0.0, 0.0], 0.05);
+                laser.values().next().map_or(0.0, |(_, v)| v)
+            };
+            for k in 0..200 {
+                take(5.0 * f64::from(k), 0.0);
+            }
+            let mut squares = 0.0;
+            for k in 0..3000_u32 {
+                let noise = if k.wrapping_mul(2_654_435_761) >> 31 == 0 { 0.001 } else { -0.001 };
+                let value = take(500.0, noise);
+                squares += if k >= 600 { value * value } else { 0.0 };
+            }
+            take(900.0, 0.01);
+            let left = (0..100).map(|_| take(900.0, 0.01)).last().unwrap() - 0.01;
+            [(squares / 2400.0).sqrt(), left.abs()]
+        };
+        let ([short, _], [long, left]) = (of(0.5), of(20.0));
+        assert!(long < 0.4 * short, "{long} {short}");
+        assert!(left < 0.0005, "5 s after a step of 10 um: {left}");
     }
 
     #[test]

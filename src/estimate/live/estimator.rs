@@ -383,7 +383,7 @@ fn new_sensor(
                 return Err(LiveError::NoChannel { map: name() });
             }
         }
-        SensorKind::FiveDof { axis, head, smooth_s, reference_share, alignment } => {
+        SensorKind::FiveDof { axis, head, smooth_s, rest_smooth_s, reference_share, alignment } => {
             if let Some(head) = head {
                 head.check().map_err(|source| LiveError::Head { sensor: name(), source })?;
             }
@@ -392,7 +392,8 @@ fn new_sensor(
             if found.is_empty() {
                 return Err(LiveError::NoChannel { map: name() });
             }
-            let rules = LaserRules { smooth_s, reference_share, alignment, is_raw: head.is_some() };
+            let is_raw = head.is_some();
+            let rules = LaserRules { smooth_s, rest_smooth_s, reference_share, alignment, is_raw };
             laser = AxisLaser::new(spec, axis, &found, rules);
             if laser.is_none() || axis.kind() != AxisKind::Linear {
                 return Err(LiveError::NoAxis { sensor: name(), axis });

@@ -31,6 +31,8 @@ pub enum SensorKind {
         head: Option<Head>,
         /// Time constant of smoothing, s.
         smooth_s: f64,
+        /// What it grows to while the axis rests, s; below `smooth_s`: it does not.
+        rest_smooth_s: f64,
         /// Share of the travel that must have been seen before the alignment counts as known.
         reference_share: f64,
         /// What the readings refer to.

@@ -224,6 +224,14 @@ fn split(line: Word<'_>, delimiter: Delimiter) -> Vec<Word<'_>> {
     fields
 }
 
+/// Days since 1970 of a day such as `2022-11-08`; `None` for any other text.
+#[must_use]
+pub fn day(text: &str) -> Option<i64> {
+    const TICKS: i128 = 864_000_000_000;
+    let ticks = (!text.contains([' ', 'T'])).then(|| stamp::date_time(&format!("{text} 00:00"), false))??;
+    i64::try_from(ticks.div_euclid(TICKS)).ok()
+}
+
 /// A stamp such as `2022-11-08 15:23:24.953` in steps of 100 ns.
 pub(crate) fn date_time_ticks(text: &str) -> Option<i128> {
     stamp::date_time(text, false)

@@ -241,7 +241,7 @@ pub struct Analysis {
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum BallbarError {
     /// Too few readings.
-    #[error("{found} readings in plane {plane}; at least {needed} are needed (one per 3 degrees)")]
+    #[error("{found} of at least {needed} readings in plane {plane} (one per 3 degrees)")]
     TooFewReadings {
         /// The plane.
         plane: Plane,

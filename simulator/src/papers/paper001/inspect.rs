@@ -6,10 +6,11 @@ use anyhow::{Context, ensure};
 use serde_json::Value;
 use volcomp_units::axes::AxisName;
 
-use super::super::{Setting, words};
+use super::super::{Setting, shop, words};
 use super::gear::{self, BALL_MM, Gear, Readings};
-use crate::control::CycleRecord;
+use crate::control::{CycleRecord, Interface};
 use crate::demo::shop::Shop;
+use crate::motion::MachineAxes;
 use crate::truth::TruthMachine;
 use crate::twin::Dice;
 
@@ -32,7 +33,7 @@ impl Inspection<'_> {
     /// Runs a program, with the daemon where a model is given, and evaluates the gear into `NAME.csv`.
     pub(super) fn run(&self, name: &str, program: &str, model: Option<&str>) -> anyhow::Result<Value> {
         let seed = self.setting.seed;
-        let mut shop = Shop::open(self.machine.clone(), seed, CYCLE_S)?;
+        let mut shop = shop(self.machine, seed, CYCLE_S, Interface::Frames, MachineAxes::middle)?;
         let daemon = match model {
             None => None,
             Some(model) => {
@@ -111,7 +112,7 @@ pub(super) fn evaluate(setting: &Setting, name: &str, readings: &Readings) -> an
 fn machine_file(shop: &Shop, model: &str) -> String {
     let mut text = format!(
         "format = \"volcomp-machine/1\"\nmachine = \"{}\"\nmodel = \"{model}\"\n\n[link]\naddress = \"{}\"\ncycle-ms = {}\n\n\
-         [engine]\nstart = \"on-connect\"\nramp-s = 1.0\nstale-ms = 1000.0\n\n[realtime]\npriority = 0\nlock-memory = false\n\n\
+         [engine]\nstart = \"on-connect\"\nramp-s = 1.0\nstale-ms = 10000.0\n\n[realtime]\npriority = 0\nlock-memory = false\n\n\
          [status]\nsocket = \"\"\n\n[log]\ntarget = \"stderr\"\n",
         shop.machine().machine(),
         shop.address(),

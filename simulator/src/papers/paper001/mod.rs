@@ -14,7 +14,7 @@ use volcomp_cli::report_page::{Plot, Style};
 use self::gear::{BALL_MM, Gear};
 use self::inspect::{Inspection, evaluate};
 use self::world::World;
-use super::figure::{Limit, Row, Share, Truth};
+use super::figure::{Limit, Row, Share};
 use super::{Experiment, Measured, Setting, words};
 use crate::truth::TruthMachine;
 use crate::truth::conditions::Acting;
@@ -23,21 +23,21 @@ const BALL: &str = "probe, error of r_c, contacts corrected";
 const BALL_RAW: &str = "probe, error of r_c, contacts as read";
 const REST: &str = "corrected program, largest rest across the axis of A";
 const DIFFERENCE: [&str; 2] =
-    ["profile, slope difference to the tester, volcompd", "lead, slope difference to the tester, volcompd"];
-const WORSE: &str = "lead, classes lost by volcompd";
-/// Names of the classes: as programmed, corrected program, volcompd, tester.
+    ["profile slope, difference to the tester, volcompd", "lead slope, difference to the tester, volcompd"];
+const WORSE: &str = "lead grade, grades lost by volcompd";
+/// Names of the grades: as programmed, corrected program, volcompd, tester.
 const CLASSES: [[&str; 4]; 2] = [
     [
-        "profile class, uncorrected",
-        "profile class, corrected program",
-        "profile class, volcompd",
-        "profile class, tester",
+        "profile grade, uncorrected",
+        "profile grade, corrected program",
+        "profile grade, volcompd",
+        "profile grade, tester",
     ],
     [
-        "lead class, uncorrected",
-        "lead class, corrected program",
-        "lead class, volcompd",
-        "lead class, tester",
+        "lead grade, uncorrected",
+        "lead grade, corrected program",
+        "lead grade, volcompd",
+        "lead grade, tester",
     ],
 ];
 /// Class of a gear beyond the last one of the standard.
@@ -121,7 +121,7 @@ impl Experiment for Paper001 {
             measured.values.insert(name, of("left")?.max(of("right")?));
         }
         measured.plots = plots(setting)?;
-        if setting.truth == Truth::Hard {
+        if setting.finds_shares() {
             progress("shares of the causes");
             measured.shares = shares(setting, &world, &clamped, &text, &program, &by_program, progress)?;
         }

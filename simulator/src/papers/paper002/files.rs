@@ -7,7 +7,6 @@ use toml::Value;
 
 use super::super::{Setting, scales};
 use super::{AXES, Mode, World};
-use crate::truth::TruthMachine;
 
 /// Errors that stay stored in the mode of the paper.
 const STORED: [&str; 6] = ["exx", "eyy", "ezz", "ec0y", "eb0z", "ea0z"];
@@ -21,12 +20,12 @@ pub(super) fn machine(
     world: &World,
 ) -> anyhow::Result<String> {
     let model = format!("model-{}.toml", mode.name());
-    setting.write(&model, &model_of(setting, mode, &world.test)?)?;
+    setting.write(&model, &model_of(setting, mode, world)?)?;
     let mut text = format!(
         "format = \"volcomp-machine/1\"\nmachine = \"{}\"\nmodel = \"{model}\"\n[link]\naddress = \"{control}\"\n\
          cycle-ms = 10.0\ninterface = \"read-write\"\npoll-ms = 0\nsilence-s = 60.0\n[engine]\nstart = \"on-connect\"\nramp-s = 0.5\nstale-ms = 10000.0\n\
          [realtime]\npriority = 0\nlock-memory = false\n[status]\nsocket = \"\"\n[log]\ntarget = \"stderr\"\n\
-         [sensors]\nlisten = \"{sensors}\"\n{}",
+         [sensors]\nlisten = \"{sensors}\"\ntime = \"control\"\n{}",
         world.test.machine(),
         scales::SENSORS
     );
@@ -49,7 +48,7 @@ pub(super) fn machine(
         let beam = |key: &str| head.get(key).map(ToString::to_string).with_context(|| key.to_owned());
         let _ = write!(
             text,
-            "[[sensor]]\nname = \"laser-{letter}\"\nkind = \"five-dof\"\naxis = \"{letter}\"\nsmooth-s = 0.08\n\
+            "[[sensor]]\nname = \"laser-{letter}\"\nkind = \"five-dof\"\naxis = \"{letter}\"\nsmooth-s = 0.5\nrest-smooth-s = 20\n\
              age-limit-ms = 20000\nreference-share = 1.0\nfocal-mm = [{}]\nbeam-1-mm = {}\nbeam-2-mm = {}\nsigns = {}\nangle-gain = {}\n\
              drift-gain = {}\ndead-path-mm = {}\nrange-um = 3000\nrange-arcsec = 400\njump-um = 400\njump-arcsec = 80\n",
             focal.join(", "),
@@ -102,7 +101,7 @@ fn level_rise(setting: &Setting, letter: char) -> anyhow::Result<f64> {
 }
 
 /// The surveyed model with live values: of what the lasers see and of the temperatures of the scales.
-fn model_of(setting: &Setting, mode: Mode, machine: &TruthMachine) -> anyhow::Result<String> {
+fn model_of(setting: &Setting, mode: Mode, world: &World) -> anyhow::Result<String> {
     let mut file: toml::Table = std::fs::read_to_string(setting.path("model.toml"))?.parse()?;
     let errors = file.get_mut("errors").and_then(Value::as_table_mut).context("errors")?;
     if mode == Mode::Absolute {
@@ -129,5 +128,5 @@ fn model_of(setting: &Setting, mode: Mode, machine: &TruthMachine) -> anyhow::Re
             live(&symbol, format!("laser-{letter}.{symbol}"));
         }
     }
-    scales::add_to_model(&toml::to_string(&file)?, machine)
+    scales::add_to_model(&toml::to_string(&file)?, &world.test, &world.scales)
 }

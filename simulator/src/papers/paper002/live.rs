@@ -1,24 +1,22 @@
 //! The machine under its control with a laser on each axis, measured without and with the daemon.
 //!
-//! The control waits for each answer and holds its cycles at a fraction of real time, so that the estimator of the daemon,
-//! which works in real time, keeps up. The lasers stamp their readings with this time.
+//! The control waits for each answer, and the daemon for its estimator, which keeps the control's time: nothing depends on
+//! how fast the computer is.
 
-use core::time::Duration;
 use std::fmt::Write as _;
-use std::time::Instant;
 
 use anyhow::{Context, bail};
 use volcomp_units::axes::AxisName;
 
-use super::super::{Setting, scales};
+use super::super::scales::{Thermometers, free_port};
+use super::super::{Setting, shop};
 use super::survey::{laser, middle};
 use super::{AXES, BOX_MM, LOW_MM, Mode, World};
-use crate::control::{ControlConfig, CycleRecord, Flow, Interface, Pacing};
+use crate::control::{CycleRecord, Flow, Interface};
 use crate::demo::shop::Shop;
 use crate::instruments::carriage::{Carriage, Mount};
 use crate::instruments::link::SensorLink;
 use crate::instruments::live::LiveRawLaser;
-use crate::motion::MachineAxes;
 use crate::through::{Point, Selection, Want};
 use crate::truth::TruthMachine;
 use crate::twin::Dice;
@@ -27,13 +25,8 @@ use crate::twin::Dice;
 const CYCLE_S: f64 = 0.01;
 /// Time between readings of a laser, s of the control.
 const READ_S: f64 = 0.05;
-/// Real time of a cycle in motion and at rest.
-const MOVING: Duration = Duration::from_micros(300);
-const RESTING: Duration = Duration::from_micros(750);
-/// Dwell at a stop, s of the control: five time constants of the smoothing of the lasers, which is about 1 s of the control.
+/// Dwell at a stop, s, and over how many of its last cycles the interferometer averages.
 const DWELL_S: f64 = 5.0;
-/// The interferometer averages over the last cycles of a dwell. Where the computer is slow the smoothing, which is one in
-/// real time, takes in fewer readings; the mean holds the same number of them.
 const AVERAGED: usize = 150;
 /// Feed between stops, mm/min.
 const FEED: f64 = 20_000.0;
@@ -64,23 +57,12 @@ struct Bench {
     seen: TruthMachine,
     lasers: Vec<(AxisName, usize, LiveRawLaser)>,
     link: Option<SensorLink>,
-    begin: Instant,
-    /// Temperature of the scales of X, Y and Z as the sensors tell, degC.
-    scales_degc: [f64; 3],
-    said_s: f64,
+    scales: Thermometers,
 }
 
 impl Bench {
     fn open(setting: &Setting, world: &World) -> anyhow::Result<Self> {
         let machine = world.test.clone();
-        let config = ControlConfig {
-            cycle_s: CYCLE_S,
-            listen: ([127, 0, 0, 1], 0).into(),
-            pacing: Pacing::lock_step(),
-            interface: Interface::CALLS,
-            ..ControlConfig::new(machine.machine(), MachineAxes::of(&machine)?)
-        };
-        let start = middle(&machine);
         let mut lasers = Vec::new();
         for axis in AXES {
             let k = machine.index_of(axis).context("axis")?;
@@ -88,46 +70,32 @@ impl Bench {
                 LiveRawLaser::new(laser(&machine, axis, setting.seed), axis, machine.travel(k)[0], READ_S);
             lasers.push((axis, k, raw));
         }
-        let shop = Shop::with_control(machine.clone(), setting.seed, config, &start)?;
-        Ok(Self {
-            shop,
-            seen: machine,
-            lasers,
-            link: None,
-            begin: Instant::now(),
-            scales_degc: world.scales_degc,
-            said_s: f64::NEG_INFINITY,
-        })
+        let shop = shop(&machine, setting.seed, CYCLE_S, Interface::CALLS, |_| middle(&machine))?;
+        Ok(Self { shop, seen: machine, lasers, link: None, scales: world.scales.clone() })
     }
 
     fn run(&mut self, program: &str, want: Want) -> anyhow::Result<Vec<Point>> {
         let mut motion = self.shop.trajectory(program)?;
-        let Self { shop, seen, lasers, link, begin, scales_degc, said_s } = self;
+        let Self { shop, seen, lasers, link, scales } = self;
         let mut selection = Selection::new(want);
         let truth = seen.clone();
         shop.watch(&mut motion, &mut |r: &CycleRecord| {
             selection.see(&truth, r);
             if let Some(link) = link {
                 seen.set_time_s(r.time_s);
-                let stamp = begin.elapsed().as_secs_f64();
                 let mut text = String::new();
                 for (axis, k, laser) in &mut *lasers {
                     let at = &r.sample.axis;
                     let name = format!("laser-{}", axis.lower());
                     let look = || Carriage::new(seen, *axis, Mount::Carriage).map(|c| c.at_position(at, 0));
                     if let Ok(seen) = look() {
-                        text +=
-                            &laser.line_stamped(&name, r.time_s, stamp, at[*k], || seen).unwrap_or_default();
+                        text += &laser.line(&name, r.time_s, at[*k], || seen).unwrap_or_default();
                     }
                 }
-                if stamp > *said_s + 0.1 {
-                    *said_s = stamp;
-                    text += &scales::line(stamp, *scales_degc);
-                }
+                text += &scales.line(r.time_s).unwrap_or_default();
                 if !text.is_empty() {
-                    link.send(text.as_bytes());
+                    link.send_and_wait(text.as_bytes())?;
                 }
-                std::thread::sleep(if r.feed_mm_per_min == 0.0 { RESTING } else { MOVING });
             }
             Ok(Flow::GoOn)
         })?;
@@ -244,7 +212,7 @@ pub(super) fn after(
     wants_positioning: bool,
 ) -> anyhow::Result<Curves> {
     let mut bench = Bench::open(setting, world)?;
-    let sensors = scales::free_port()?;
+    let sensors = free_port()?;
     let config = setting.path(&format!("machine-{}.toml", mode.name()));
     let name = format!("machine-{}.toml", mode.name());
     setting.write(&name, &super::files::machine(setting, &bench.shop.address(), sensors, mode, world)?)?;
@@ -252,7 +220,6 @@ pub(super) fn after(
     setting.write(&format!("volcompd-{}.log", mode.name()), "")?;
     let daemon = bench.shop.start_daemon(&setting.programs, &config, &log)?;
     bench.link = Some(SensorLink::new(sensors));
-    bench.begin = Instant::now();
     bench.reference()?;
     let positioning = if wants_positioning {
         bench.positioning(setting.seed, world.check_um_per_m)?

@@ -10,7 +10,8 @@ use volcomp_units::axes::AxisName;
 use self::live::{Curves, range};
 use super::figure::{Limit, Row, Share, Truth};
 use super::machine::{travels, varied_text};
-use super::{Experiment, Measured, Setting, scales};
+use super::scales::{ThermometerErrors, Thermometers};
+use super::{Experiment, Measured, Setting};
 use crate::truth::TruthMachine;
 use crate::truth::conditions::{Acting, ConditionSizes, Conditions};
 use crate::twin::Dice;
@@ -34,6 +35,9 @@ const HALL: ConditionSizes = ConditionSizes {
     wear_um: 0.6,
     lost_um: 0.3,
 };
+
+/// Resistance thermometers on the scales.
+const THERMOMETERS: ThermometerErrors = ThermometerErrors { calibration_k: 0.05, repeats_k: 0.02 };
 
 /// What is stored and what is live.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -105,8 +109,8 @@ impl Experiment for Paper002 {
          of 3000 x 1500 x 780 mm (volcomp identify diagonals). Then the lasers stay on the machine and send their detectors to \
          volcompd. Two modes: all curves stored and the lasers tell what changes, and the paper's own: positioning and \
          squareness stored, everything else live and absolute. Positioning of the three axes and the diagonals are measured \
-         at the tool under the control, without and with the daemon. Hard truth: heat of the hall (temperatures of the scales \
-         are sensors with an error of 0.05 K), a workpiece, interaction of axes, a month of wear; 0.3 µm/m of \
+         at the tool under the control, without and with the daemon. Hard truth: heat of the hall (thermometers on \
+         the scales are right to 0.05 K and repeat to 0.02 K; growth counts from what they read at the survey), a workpiece, interaction of axes, a month of wear; 0.3 µm/m of \
          either interferometer."
     }
 
@@ -183,8 +187,7 @@ struct World {
     /// Scale error of the interferometer of the survey, um/m as a standard deviation, and of the one of the check, um/m.
     hard_um_per_m: f64,
     check_um_per_m: f64,
-    /// What the temperature sensors of the scales of X, Y and Z read at the check, degC.
-    scales_degc: [f64; 3],
+    scales: Thermometers,
 }
 
 /// Positioning errors of the size that the paper measured, within 10 %: its reductions are shares of these.
@@ -204,20 +207,20 @@ impl World {
         let machine = TruthMachine::from_toml(&varied_text(LARGE, setting.seed, of_the_papers_size)?)?;
         let hard = setting.truth == Truth::Hard;
         let (mut survey, mut test) = (machine.clone(), machine);
-        let mut scales_degc = [scales::SURVEY_DEGC; 3];
+        let mut scales = Thermometers::IDEAL;
         let mut acting = None;
         let mut dice = Dice::new(setting.seed, "instruments of paper 002");
         if hard {
             let travel = travels(&survey);
             let conditions = Conditions::new(&HALL, travel, Acting::SURVEY, setting.seed);
-            scales_degc = scales::read(&conditions, travel, 0.05, &mut dice);
+            scales = Thermometers::new(&conditions, travel, THERMOMETERS, &mut dice);
             survey.set_conditions(Some(conditions.clone()));
             acting = Some(conditions.with(Acting::TEST));
             test.set_conditions(acting.clone());
         }
         let hard_um_per_m = if hard { 0.3 } else { 0.0 };
         let check_um_per_m = hard_um_per_m * dice.normal();
-        Ok(Self { survey, test, conditions: acting, hard_um_per_m, check_um_per_m, scales_degc })
+        Ok(Self { survey, test, conditions: acting, hard_um_per_m, check_um_per_m, scales })
     }
 }
 
@@ -238,8 +241,7 @@ fn shares(
         without.test.set_conditions(world.conditions.clone().map(|c| c.with(acting)));
         without
     };
-    let cold =
-        World { scales_degc: [scales::SURVEY_DEGC; 3], ..machine(Acting { heat: false, ..Acting::TEST }) };
+    let cold = World { scales: world.scales.cold(), ..machine(Acting { heat: false, ..Acting::TEST }) };
     let ideal = World { hard_um_per_m: 0.0, check_um_per_m: 0.0, ..world.clone() };
     let causes = [
         ("heat of the hall and its thermometers", "heat", cold),

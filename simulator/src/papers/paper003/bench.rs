@@ -1,21 +1,19 @@
 //! The gantry under its control, the trackers on its head, and the parts cut with nothing, with the surveyed model and with
 //! live estimation.
 //!
-//! The control waits for each answer. With trackers it holds its cycles at a fraction of real time, so that the estimator of
-//! the daemon, which works in real time, keeps up; the trackers stamp their readings with this time.
+//! The control waits for each answer, and the daemon for its estimator, which keeps the control's time: nothing depends on
+//! how fast the computer is.
 
-use core::time::Duration;
 use std::fmt::Write as _;
-use std::time::Instant;
 
 use anyhow::Context;
 use toml::Value;
 
-use super::super::Setting;
+use super::super::{Setting, shop};
 use super::World;
 use super::parts::{Flank, Part};
 use super::trackers::Watchers;
-use crate::control::{Absent, ControlConfig, CycleRecord, Flow, Pacing};
+use crate::control::{CycleRecord, Flow, Interface};
 use crate::demo::programs::Daemon;
 use crate::demo::shop::Shop;
 use crate::instruments::link::SensorLink;
@@ -24,19 +22,10 @@ use crate::truth::TruthMachine;
 
 /// Control cycle, s.
 const CYCLE_S: f64 = 0.01;
-/// How long the control waits for an answer: a computer that stalls is no part of the experiment.
-const ANSWER: Duration = Duration::from_secs(20);
-/// Time between readings of the trackers, s of the control.
+/// Time between readings of the trackers, s.
 const READ_S: f64 = 0.02;
-/// Shortest real time between two readings, s: what the estimator keeps up with.
-const READ_REAL_S: f64 = 0.0035;
-/// Fastest feed at which the trackers read, mm/min; they do not read while it changes, for the estimator matches readings
-/// and positions in its own faster time.
+/// Fastest feed at which the trackers read, mm/min; they do not read while it changes.
 const READ_FEED: f64 = 1200.0;
-/// Real time that a cycle with trackers waits on the tour and on a part: what the estimator takes over half a second of its
-/// time is some seven and three seconds of the control.
-const TOUR_PACE: Duration = Duration::from_micros(500);
-const PART_PACE: Duration = Duration::from_micros(1600);
 /// When the tour begins, s of the control.
 const TOUR_S: f64 = 6.0;
 /// When the S and the cone are begun.
@@ -79,9 +68,7 @@ pub(super) struct Cut {
 struct Bench {
     shop: Shop,
     watchers: Option<(Watchers, SensorLink)>,
-    begin: Instant,
     now_s: f64,
-    pace: Duration,
     /// The trackers are silent while it is cut: the map is held.
     hold: bool,
 }
@@ -90,32 +77,31 @@ impl Bench {
     fn observe(
         r: &CycleRecord,
         watchers: &mut Option<(Watchers, SensorLink)>,
-        (begin, pace, hold): (Instant, Duration, bool),
+        hold: bool,
         now_s: &mut f64,
-    ) {
+    ) -> std::io::Result<Flow> {
         *now_s = r.time_s;
-        let Some((watchers, link)) = watchers else { return };
+        let Some((watchers, link)) = watchers else { return Ok(Flow::GoOn) };
         let steady = watchers.is_steady(r.feed_mm_per_min);
         if steady
             && r.feed_mm_per_min <= READ_FEED
             && !(hold && r.scored)
-            && let Some(line) = watchers.line("trackers", r, begin.elapsed().as_secs_f64(), READ_REAL_S)
+            && let Some(line) = watchers.line("trackers", r)
         {
-            link.send(line.as_bytes());
+            link.send_and_wait(line.as_bytes())?;
         }
-        std::thread::sleep(pace);
+        Ok(Flow::GoOn)
     }
 
     fn run(&mut self, program: &str) -> anyhow::Result<Vec<CycleRecord>> {
         let mut motion = self.shop.trajectory(program)?;
-        let Self { shop, watchers, begin, now_s, pace, hold } = self;
+        let Self { shop, watchers, now_s, hold } = self;
         let mut cycles = Vec::new();
         shop.watch(&mut motion, &mut |r: &CycleRecord| {
-            Self::observe(r, watchers, (*begin, *pace, *hold), now_s);
             if r.scored {
                 cycles.push(*r);
             }
-            Ok(Flow::GoOn)
+            Self::observe(r, watchers, *hold, now_s)
         })?;
         Ok(cycles)
     }
@@ -124,11 +110,8 @@ impl Bench {
     fn rest_until(&mut self, time_s: f64) -> anyhow::Result<()> {
         let left_s = time_s - self.now_s;
         anyhow::ensure!(left_s > 0.0, "the program took {:.1} s longer than planned", -left_s);
-        let Self { shop, watchers, begin, now_s, pace, hold } = self;
-        shop.watch_standing(left_s, &mut |r: &CycleRecord| {
-            Self::observe(r, watchers, (*begin, *pace, *hold), now_s);
-            Ok(Flow::GoOn)
-        })?;
+        let Self { shop, watchers, now_s, hold } = self;
+        shop.watch_standing(left_s, &mut |r: &CycleRecord| Self::observe(r, watchers, *hold, now_s))?;
         Ok(())
     }
 }
@@ -142,17 +125,8 @@ pub(super) fn cut(
     cone: bool,
 ) -> anyhow::Result<Cut> {
     let machine = world.test.clone();
-    let axes = MachineAxes::of(&machine)?;
-    let start = axes.middle();
-    let config = ControlConfig {
-        cycle_s: CYCLE_S,
-        listen: ([127, 0, 0, 1], 0).into(),
-        pacing: Pacing::LockStep { answer_timeout: ANSWER, absent: Absent::GoOn },
-        ..ControlConfig::new(machine.machine(), axes)
-    };
-    let shop = Shop::with_control(machine.clone(), setting.seed, config, &start)?;
-    let mut bench =
-        Bench { shop, watchers: None, begin: Instant::now(), now_s: 0.0, pace: TOUR_PACE, hold: false };
+    let shop = shop(&machine, setting.seed, CYCLE_S, Interface::Frames, MachineAxes::middle)?;
+    let mut bench = Bench { shop, watchers: None, now_s: 0.0, hold: false };
     let daemon = match correction {
         Correction::None => None,
         Correction::Survey | Correction::Live => {
@@ -162,7 +136,6 @@ pub(super) fn cut(
     bench.rest_until(TOUR_S)?;
     bench.run(&tour())?;
     bench.rest_until(S_S)?;
-    bench.pace = PART_PACE;
     let cycles = bench.run(&Part::S.program())?;
     let mut round = Vec::new();
     if cone {
@@ -223,8 +196,8 @@ fn start_daemon(
     if live {
         let _ = write!(
             text,
-            "[sensors]\nlisten = \"{sensors}\"\n[[map]]\nname = \"ram\"\nx-mm = [1250, 1600, 1950]\ny-mm = [750, 1250]\n\
-             z-mm = [-750, -250]\nstd-um = 15\nstd-arcsec = 4\ncorrelation-mm = 1500\n{}limit-um = 80\nlimit-arcsec = 20\n\
+            "[sensors]\nlisten = \"{sensors}\"\ntime = \"control\"\n[[map]]\nname = \"ram\"\nx-mm = [1250, 1600, 1950]\ny-mm = [750, 1250]\n\
+             z-mm = [-750, -250]\nstd-um = 15\nstd-arcsec = 4\ncorrelation-mm = 4000\n{}limit-um = 80\nlimit-arcsec = 20\n\
              [[sensor]]\nname = \"trackers\"\nkind = \"tool\"\nage-limit-ms = 15000\nrange-um = 5000\njump-um = 1000\n\
              jump-arcsec = 200\n",
             DRIFT
@@ -255,12 +228,11 @@ fn start_daemon(
         bench.now_s = r.time_s;
         Ok(Flow::GoOn)
     })?;
-    bench.begin = Instant::now();
     Ok(daemon)
 }
 
-/// What the map may drift by, in the time of the estimator.
-const DRIFT: &str = "drift-um-per-h = 100\ndrift-arcsec-per-h = 20\n";
+/// What the map may drift by: a random walk that follows a swing of some um and an arcsec in two minutes.
+const DRIFT: &str = "drift-um-per-h = 25\ndrift-arcsec-per-h = 5\n";
 
 /// The surveyed model with live values of the ram.
 fn with_live_values(model: &str) -> anyhow::Result<String> {

@@ -45,34 +45,34 @@ const HALL: ConditionSizes = ConditionSizes {
 
 const REDUCTION: [[&str; 3]; 2] = [
     [
-        "S, largest deviation, reduction by the surveyed model",
-        "S, mean deviation, reduction by the surveyed model",
-        "S, standard deviation, reduction by the surveyed model",
+        "flank of the S, largest deviation, reduction by the surveyed model",
+        "flank of the S, mean deviation, reduction by the surveyed model",
+        "flank of the S, standard deviation, reduction by the surveyed model",
     ],
     [
-        "S, largest deviation, reduction with live estimation",
-        "S, mean deviation, reduction with live estimation",
-        "S, standard deviation, reduction with live estimation",
+        "flank of the S, largest deviation, reduction with live estimation",
+        "flank of the S, mean deviation, reduction with live estimation",
+        "flank of the S, standard deviation, reduction with live estimation",
     ],
 ];
 const S_UM: [[&str; 3]; 3] = [
     [
-        "S, largest deviation, uncompensated",
-        "S, mean deviation, uncompensated",
-        "S, standard deviation, uncompensated",
+        "flank of the S, largest deviation, uncompensated",
+        "flank of the S, mean deviation, uncompensated",
+        "flank of the S, standard deviation, uncompensated",
     ],
     [
-        "S, largest deviation, surveyed model",
-        "S, mean deviation, surveyed model",
-        "S, standard deviation, surveyed model",
+        "flank of the S, largest deviation, surveyed model",
+        "flank of the S, mean deviation, surveyed model",
+        "flank of the S, standard deviation, surveyed model",
     ],
     [
-        "S, largest deviation, live estimation",
-        "S, mean deviation, live estimation",
-        "S, standard deviation, live estimation",
+        "flank of the S, largest deviation, live estimation",
+        "flank of the S, mean deviation, live estimation",
+        "flank of the S, standard deviation, live estimation",
     ],
 ];
-const GAIN: &str = "S, mean deviation, live estimation against the surveyed model";
+const GAIN: &str = "flank of the S, mean deviation, live estimation against the surveyed model";
 const ROUNDNESS: [[&str; 2]; 3] = [
     ["roundness, diameter 86, uncompensated", "roundness, diameter 40, uncompensated"],
     ["roundness, diameter 86, surveyed model", "roundness, diameter 40, surveyed model"],
@@ -118,8 +118,7 @@ impl Experiment for Paper003 {
          in an hour, and by 5 µm and 5 µrad to and fro every two minutes with the spindle's cooling unit (kind and hard truth, \
          standard deviation of each motion over the seeds). A coordinate measuring machine (0.3 µm a touch) touches the S at three heights and the cone \
          at both diameters; roundness has 15 undulations and repeats to 0.5 µm, within which the cone is no worse. Hard truth: heat of the hall, a workpiece, interaction of axes, a month of wear, used drives, \
-         refraction, encoders and warm-up of the trackers, scales of the measuring machine. On a part the estimator sees \
-         some five seconds of the machine in each of its own; what the map may drift by is stated in its time."
+         refraction, encoders and warm-up of the trackers, scales of the measuring machine."
     }
 
     fn rows(&self) -> &'static [Row] {

@@ -136,8 +136,6 @@ pub(super) struct Watchers {
     watchers: Vec<Watcher>,
     every_s: f64,
     next_s: f64,
-    /// Stamp of the last reading.
-    stamp_s: f64,
     /// Feed of the last cycles, mm/min, and for how many it has been the same.
     feed: (f64, u32),
     /// The machine at this time, for the place of the reflectors.
@@ -158,15 +156,7 @@ impl Watchers {
             watchers.push(Watcher { tracker, rotation, shift, reflector: reflector.into() });
         }
         let origin = machine.workpiece_origin_mm().into();
-        Ok(Self {
-            watchers,
-            every_s,
-            next_s: 0.0,
-            stamp_s: f64::NEG_INFINITY,
-            feed: (0.0, 0),
-            machine: machine.clone(),
-            origin,
-        })
+        Ok(Self { watchers, every_s, next_s: 0.0, feed: (0.0, 0), machine: machine.clone(), origin })
     }
 
     /// Takes the feed of a cycle; true where it has not changed for ten cycles.
@@ -176,23 +166,16 @@ impl Watchers {
         self.feed.1 >= 10
     }
 
-    /// The line about this cycle where one is due, at least `apart_s` of the stamps after the last: both reflectors,
-    /// measured minus nominal at the command.
-    pub(super) fn line(
-        &mut self,
-        sensor: &str,
-        r: &CycleRecord,
-        stamp_s: f64,
-        apart_s: f64,
-    ) -> Option<String> {
-        if r.time_s < self.next_s || stamp_s < self.stamp_s + apart_s {
+    /// The line about this cycle where one is due: both reflectors, measured minus nominal at the command.
+    pub(super) fn line(&mut self, sensor: &str, r: &CycleRecord) -> Option<String> {
+        if r.time_s < self.next_s {
             return None;
         }
-        (self.next_s, self.stamp_s) = (r.time_s + self.every_s, stamp_s);
+        self.next_s = r.time_s + self.every_s;
         self.machine.set_time_s(r.time_s);
         let body = body(&self.machine, &r.sample.axis, r.sample.tip_mm, r.sample.direction);
         let nominal = self.machine.nominal(&r.commanded).matrix;
-        let mut text = format!("{{\"sensor\":\"{sensor}\",\"t_s\":{stamp_s:.6},\"points\":[");
+        let mut text = format!("{{\"sensor\":\"{sensor}\",\"t_s\":{:.6},\"points\":[", r.time_s);
         for (n, w) in self.watchers.iter_mut().enumerate() {
             let at = |m: &Matrix4<f64>| (m * w.reflector.push(1.0)).xyz();
             let there = at(&body) + self.origin;

@@ -1,16 +1,17 @@
 //! The circle: run under the control, seen by a ballbar, compensated by the daemon, and replayed without single causes.
 
 use core::net::SocketAddr;
-use core::time::Duration;
 
 use volcomp_cli::report_page::Plot;
 
 use super::super::scales::Thermometers;
-use super::super::{Setting, scales};
+use super::super::{Setting, scales, shop};
 use super::{World, polar_unrolled};
-use crate::control::{CycleRecord, Interface};
+use crate::control::{CycleRecord, Flow, Interface};
 use crate::demo::shop::Shop;
 use crate::instruments::ballbar::{Ballbar, CirclePoint, Trace};
+use crate::instruments::link::SensorLink;
+use crate::motion::MachineAxes;
 use crate::motion::paths::{self, Plane, Turn};
 use crate::truth::TruthMachine;
 use crate::twin::Dice;
@@ -24,8 +25,8 @@ pub(super) const RADIUS_MM: f64 = 100.0;
 const FEED: f64 = 200.0;
 /// Control cycle: at F200 the tool moves 27 um in it.
 const CYCLE_S: f64 = 0.008;
-/// Steps of 50 ms in which the daemon takes in the thermometers before the circle.
-const SETTLES: u32 = 30;
+/// Time in which the daemon takes in the thermometers before the circle.
+const SETTLE_S: f64 = 5.0;
 /// One reading out of this many cycles.
 const EVERY: usize = 5;
 
@@ -35,8 +36,9 @@ pub(super) struct Circle {
     ballbar: Ballbar,
     /// Length error of the bar, um.
     length_um: f64,
-    /// What the thermometers of the scales read.
-    scales_degc: [f64; 3],
+    scales: Thermometers,
+    /// The way of the thermometers to the daemon.
+    link: Option<SensorLink>,
     seed: u64,
     /// Recorded cycles of the last circle, run by run.
     runs: Vec<Vec<CycleRecord>>,
@@ -45,7 +47,7 @@ pub(super) struct Circle {
 impl Circle {
     /// A machine in its test conditions, its control listening, the ballbar mounted.
     pub(super) fn open(setting: &Setting, world: &World) -> anyhow::Result<Self> {
-        let shop = Shop::with_interface(world.test.clone(), setting.seed, CYCLE_S, Interface::CALLS)?;
+        let shop = shop(&world.test, setting.seed, CYCLE_S, Interface::CALLS, MachineAxes::middle)?;
         let mut at = [0.0; MAX_AXES];
         at[..3].copy_from_slice(&CENTRE_MM);
         let centre = shop.machine().nominal(&at).tip_mm;
@@ -59,8 +61,8 @@ impl Circle {
             noise_um: 0.1,
             seed: setting.seed,
         };
-        let scales_degc = world.scales_degc;
-        Ok(Self { shop, ballbar, length_um, scales_degc, seed: setting.seed, runs: Vec::new() })
+        let scales = world.scales.clone();
+        Ok(Self { shop, ballbar, length_um, scales, link: None, seed: setting.seed, runs: Vec::new() })
     }
 
     /// The circle counter-clockwise and clockwise.
@@ -76,7 +78,8 @@ impl Circle {
                 overshoot_deg: 20.0,
                 ..paths::Circle::default()
             });
-            self.runs.push(self.shop.programme(&program)?);
+            let run = self.run(&program)?;
+            self.runs.push(run);
         }
         let machine = self.shop.machine();
         let runs: Vec<Vec<CirclePoint>> = self
@@ -90,6 +93,23 @@ impl Circle {
         self.trace(&runs)
     }
 
+    /// Runs a program, the thermometers telling the daemon, and returns the cycles that count.
+    fn run(&mut self, program: &str) -> anyhow::Result<Vec<CycleRecord>> {
+        let mut motion = self.shop.trajectory(program)?;
+        let Self { shop, scales, link, .. } = self;
+        let mut cycles = Vec::new();
+        shop.watch(&mut motion, &mut |r: &CycleRecord| {
+            if r.scored {
+                cycles.push(*r);
+            }
+            if let (Some(link), Some(line)) = (&mut *link, scales.line(r.time_s)) {
+                link.send_and_wait(line.as_bytes())?;
+            }
+            Ok(Flow::GoOn)
+        })?;
+        Ok(cycles)
+    }
+
     /// The circle with the daemon and a model.
     pub(super) fn compensated(&mut self, setting: &Setting, model: &str) -> anyhow::Result<Trace> {
         let config = setting.path("machine.toml");
@@ -98,14 +118,10 @@ impl Circle {
         let log = setting.path("volcompd.log");
         setting.write("volcompd.log", "")?;
         let daemon = self.shop.start_daemon(&setting.programs, &config, &log)?;
-        let thermometers = Thermometers::start(sensors, self.scales_degc);
-        // the control cycles as fast as it gets answers, the sensors in real time
-        for _ in 0..SETTLES {
-            self.shop.dwell(0.05)?;
-            std::thread::sleep(Duration::from_millis(50));
-        }
+        self.link = Some(SensorLink::new(sensors));
+        self.run(&format!("G21 G90 G94 G17\n(SCORE OFF)\nG4 P{SETTLE_S}\nM30\n"))?;
         let trace = self.measure()?;
-        drop(thermometers);
+        self.link = None;
         self.shop.control().close();
         drop(daemon);
         Ok(trace)
@@ -152,8 +168,8 @@ impl Circle {
     fn machine_file(&self, model: &str, sensors: SocketAddr) -> String {
         let mut text = format!(
             "format = \"volcomp-machine/1\"\nmachine = \"{}\"\nmodel = \"{model}\"\n\n[link]\naddress = \"{}\"\ncycle-ms = {}\ninterface = \"read-write\"\npoll-ms = 0\n\n\
-             [engine]\nstart = \"on-connect\"\nramp-s = 1.0\nstale-ms = 1000.0\n\n[realtime]\npriority = 0\nlock-memory = false\n\n\
-             [status]\nsocket = \"\"\n\n[log]\ntarget = \"stderr\"\n\n[sensors]\nlisten = \"{sensors}\"\n\n{}",
+             [engine]\nstart = \"on-connect\"\nramp-s = 1.0\nstale-ms = 10000.0\n\n[realtime]\npriority = 0\nlock-memory = false\n\n\
+             [status]\nsocket = \"\"\n\n[log]\ntarget = \"stderr\"\n\n[sensors]\nlisten = \"{sensors}\"\ntime = \"control\"\n\n{}",
             self.shop.machine().machine(),
             self.shop.address(),
             CYCLE_S * 1e3,

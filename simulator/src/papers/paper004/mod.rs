@@ -10,7 +10,8 @@ use volcomp_cli::report_page::{Plot, Style};
 use self::circle::{CENTRE_MM, Circle, RADIUS_MM};
 use super::figure::{Limit, Row, Share, Truth};
 use super::machine::{travels, used_drives, varied_text};
-use super::{Experiment, Measured, Setting, scales, words};
+use super::scales::{ThermometerErrors, Thermometers};
+use super::{Experiment, Measured, Setting, words};
 use crate::truth::conditions::{Acting, ConditionSizes, Conditions};
 use crate::truth::{TruthMachine, VMC_850};
 use crate::twin::Dice;
@@ -25,8 +26,8 @@ const BEFORE: &str = "circle, roundness G before";
 const AFTER: &str = "circle, roundness G compensated";
 const REDUCTION: &str = "circle, reduction measured";
 
-/// Standard deviation of a thermometer on a scale, K.
-const SCALES_K: f64 = 0.1;
+/// Thermometers on the scales.
+const THERMOMETERS: ThermometerErrors = ThermometerErrors { calibration_k: 0.1, repeats_k: 0.04 };
 
 /// The experiment.
 pub struct Paper004;
@@ -46,7 +47,7 @@ impl Experiment for Paper004 {
          optical square gives the squarenesses; volcomp model assemble makes the model. EYY is a wave of changing length and \
          amplitude, which no Fourier series of a period contains. A ballbar of 100 mm at (343.507, -285.090, -286.430) \
          measures the circle at F200 in both directions; volcomp predict --circle compares it with the model; volcompd \
-         corrects over TCP and the ballbar measures again. Thermometers on the three scales (0.1 K) tell volcompd, and the \
+         corrects over TCP and the ballbar measures again. Thermometers on the three scales (right to 0.1 K, repeating to 0.04 K) tell volcompd, and the \
          prediction, how warm they are. Hard truth: wavelength, gain, beam bending and drift of the \
          interferometer, 1 arcsec of the square, length of the ballbar; lost motion and friction peaks of used drives; \
          interaction of the axes; heat, a workpiece on the table and a month of wear between survey and circle."
@@ -127,8 +128,7 @@ struct World {
     quiet: TruthMachine,
     /// Conditions of the test; none with the kind truth.
     conditions: Option<Conditions>,
-    /// What the thermometers of the scales read at the circle.
-    scales_degc: [f64; 3],
+    scales: Thermometers,
     seed: u64,
     errors_of_instruments: bool,
 }
@@ -150,7 +150,7 @@ impl World {
         let mut test = survey.clone();
         setting.write("truth.toml", &text)?;
         let mut conditions = None;
-        let mut scales_degc = [scales::SURVEY_DEGC; 3];
+        let mut scales = Thermometers::IDEAL;
         if hard {
             let of = |acting| Conditions::new(&ConditionSizes::SHOP, travels(&survey), acting, setting.seed);
             let (at_survey, at_test) = (of(Acting::SURVEY), of(Acting::TEST));
@@ -158,18 +158,10 @@ impl World {
             test.set_conditions(Some(at_test.clone()));
             quiet.set_conditions(Some(at_test.clone()));
             let mut dice = Dice::new(setting.seed, "thermometers of paper 004");
-            scales_degc = scales::read(&at_test, travels(&survey), SCALES_K, &mut dice);
+            scales = Thermometers::new(&at_test, travels(&survey), THERMOMETERS, &mut dice);
             conditions = Some(at_test);
         }
-        Ok(Self {
-            survey,
-            test,
-            quiet,
-            conditions,
-            scales_degc,
-            seed: setting.seed,
-            errors_of_instruments: hard,
-        })
+        Ok(Self { survey, test, quiet, conditions, scales, seed: setting.seed, errors_of_instruments: hard })
     }
 }
 
@@ -179,7 +171,7 @@ impl World {
         let acting = Acting { heat: false, ..Acting::TEST };
         let mut test = self.test.clone();
         test.set_conditions(Some(conditions.clone().with(acting)));
-        Self { test, scales_degc: [scales::SURVEY_DEGC; 3], ..self.clone() }
+        Self { test, scales: self.scales.cold(), ..self.clone() }
     }
 }
 
@@ -250,8 +242,10 @@ fn wave(dice: &mut Dice, low: f64, high: f64) -> (Vec<f64>, Vec<f64>) {
 /// The measured circle against the model's.
 fn predict(setting: &Setting, world: &World) -> anyhow::Result<serde_json::Value> {
     let centre = CENTRE_MM.map(|v| v.to_string()).join(",");
-    let warm: Vec<String> =
-        (1..).zip(world.scales_degc).map(|(n, degc)| format!("--reading=scales.{n}={degc:.3}")).collect();
+    let warm: Vec<String> = (1..)
+        .zip(world.scales.test_degc)
+        .map(|(n, degc)| format!("--reading=scales.{n}={degc:.3}"))
+        .collect();
     let mut arguments = words(&[
         "predict",
         "--model",

@@ -82,7 +82,7 @@ pub(super) fn take(
     setting.volcomp(&args)?;
     let model = format!("{prefix}model.toml");
     let text = fs::read_to_string(setting.path(&model))?;
-    setting.write(&model, &scales::add_to_model(&text, &world.survey)?)?;
+    setting.write(&model, &scales::add_to_model(&text, &world.survey, &world.scales)?)?;
     Ok(taken)
 }
 

@@ -131,6 +131,11 @@ pub(super) fn measured_and_predicted(found: &Diagnosis) -> Option<Figure> {
 pub(super) fn residuals(session: &Session, found: &Diagnosis) -> Vec<Figure> {
     let mut figures = Vec::new();
     let times: Vec<f64> = session.moments.iter().map(|m| m.t_s).collect();
+    if session.is_ordinal() {
+        // no duration holds: the order is all there is
+        let order: Vec<f64> = (1..=times.len()).map(|k| k as f64).collect();
+        figures.extend(residual(session, found, "the order measured", "number of the reading", &order));
+    }
     let span = extent(&times);
     let (factor, unit) = if span > 10_800.0 {
         (3600.0, "h")
@@ -141,7 +146,9 @@ pub(super) fn residuals(session: &Session, found: &Diagnosis) -> Vec<Figure> {
     };
     let times: Vec<f64> = times.iter().map(|t| t / factor).collect();
     let clock = if session.files.len() > 1 { ", on the clock of each file" } else { "" };
-    figures.extend(residual(session, found, "time", &format!("time{clock}, {unit}"), &times));
+    if !session.is_ordinal() {
+        figures.extend(residual(session, found, "time", &format!("time{clock}, {unit}"), &times));
+    }
     for axis in &session.axes {
         let slot = axis.slot();
         let letter = axis.to_string().to_uppercase();

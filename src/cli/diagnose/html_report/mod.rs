@@ -5,9 +5,9 @@ mod charts;
 use crate::report::Page;
 use crate::report::chart::{Bar, Ink, bars};
 use crate::report::page::{Cell, escape};
+use volcomp_diagnose::Diagnosis;
 use volcomp_diagnose::report::{Cause, Report, Verdict};
 use volcomp_diagnose::session::Session;
-use volcomp_diagnose::{Diagnosis, Level};
 
 use super::terms::{
     Compensable, Shares, capital, headline, name, name_of_label, number, parameters, peak_to_valley, percent,
@@ -22,7 +22,9 @@ const CANDIDATES: usize = 2;
 /// Part programs listed, at most.
 const PROGRAMS: usize = 16;
 /// Measurements listed, at most.
-const NEXT: usize = 3;
+const NEXT: usize = 2;
+/// What the rest resembles, parts at most.
+const LOOKS: usize = 4;
 /// Outliers listed, at most.
 const OUTLIERS: usize = 10;
 
@@ -30,18 +32,19 @@ const OUTLIERS: usize = 10;
 pub(super) fn page(session: &Session, found: &Diagnosis, compensable: &Compensable) -> String {
     let r = &found.report;
     let mut page = Page::new("Diagnosis of the gap between measurement and model");
+    page.html("<div class=\"compact\">");
     page.lead(headline(found));
     summary(&mut page, found);
-    causes(&mut page, found);
+    causes(&mut page, found, compensable);
     waterfall(&mut page, found);
     fitted(&mut page, found);
-    corrections(&mut page, found, compensable);
-    agreement(&mut page, session, found);
-    programs(&mut page, found);
     unexplained(&mut page, found);
     next(&mut page, r);
+    agreement(&mut page, session, found);
+    programs(&mut page, found);
     limits(&mut page, r);
-    data(&mut page, r);
+    data(&mut page, session, r);
+    page.html("</div>");
     page.finish()
 }
 
@@ -60,7 +63,13 @@ fn summary(page: &mut Page, found: &Diagnosis) {
     let mut rows = vec![
         (
             "Gap",
-            format!("{} µm RMS; 99 % of the readings within {} µm", um(r.gap.rms_um), um(s.peak99_before_um)),
+            format!(
+                "{} µm RMS over {} of {}; 99 % of them within {} µm",
+                um(r.gap.rms_um),
+                r.rows_used,
+                counted(r.rows, "reading"),
+                um(s.peak99_before_um)
+            ),
         ),
         (
             "Measurement noise",
@@ -95,13 +104,12 @@ fn summary(page: &mut Page, found: &Diagnosis) {
             ),
         ));
     }
-    rows.push(("Data", format!("{} of {} used", r.rows_used, counted(r.rows, "reading"))));
     let rows: Vec<Vec<Cell>> =
         rows.into_iter().map(|(head, text)| vec![Cell::head(head), Cell::text(text)]).collect();
     page.table(&[], &rows);
 }
 
-fn causes(page: &mut Page, found: &Diagnosis) {
+fn causes(page: &mut Page, found: &Diagnosis, compensable: &Compensable) {
     let r = &found.report;
     page.heading("Causes");
     let shown: Vec<&Cause> =
@@ -111,19 +119,41 @@ fn causes(page: &mut Page, found: &Diagnosis) {
         return;
     }
     let shares = Shares::of(&found.budget);
-    let head = ["cause", "size, µm RMS", "share", "probability", "physical parameters", "remedy"];
-    let rows: Vec<Vec<Cell>> = shown.iter().map(|c| cause_row(c, found, &shares)).collect();
+    let head = [
+        "cause",
+        "size, µm RMS",
+        "share",
+        "probability",
+        "gap with only this corrected, µm",
+        "physical parameters",
+        "remedy",
+    ];
+    let rows: Vec<Vec<Cell>> = shown.iter().map(|c| cause_row(c, found, compensable, &shares)).collect();
     page.stacked_table(&head, &rows);
-    page.note(
-        "The size is the RMS of the effect over the readings. Uncertainties are expanded (k = 2). The share is that of the mean square of the gap which the cause takes out of readings \
-         held out of its fit; the shares of all causes, of drift, of noise and of what is unexplained add up to 100 %. Causes in \
-         grey are not established.",
-    );
+    let assumed = if compensable.is_assumed && !found.budget.corrections.is_empty() {
+        " volcompd: without a model file a chain of three linear axes is assumed."
+    } else {
+        ""
+    };
+    page.note(format!(
+        "Size: RMS of the effect over the readings; uncertainties are expanded (k = 2). Share: of the mean square of the gap, on readings held out of \
+         the fit, as the RMS of the gap with only this corrected, and with this corrected as the last. Causes in grey are not established.{assumed}"
+    ));
 }
 
-fn cause_row(c: &Cause, found: &Diagnosis, shares: &Shares) -> Vec<Cell> {
+fn cause_row(c: &Cause, found: &Diagnosis, compensable: &Compensable, shares: &Shares) -> Vec<Cell> {
     let label = c.label();
-    let size = found.budget.corrections.iter().find(|x| x.label == label).map(|x| x.size_um);
+    let correction = found.budget.corrections.iter().find(|x| x.label == label);
+    let size = correction.map(|x| x.size_um);
+    let (before, after) = (found.budget.before, found.budget.after);
+    let alone = correction.map_or_else(
+        || "–".to_owned(),
+        |x| {
+            let [alone, last] = [(before, x.alone), (x.all_others, after)]
+                .map(|(from, to)| format!("{} → {}", um(from.rms_um), um(to.rms_um)));
+            format!("{alone}<br><small>after all others {last}</small>")
+        },
+    );
     let mut values = parameters(c);
     let has_width = c.parameters.contains_key("width_um");
     if let Some(v) = peak_to_valley(found, &label).filter(|_| !has_width) {
@@ -132,6 +162,7 @@ fn cause_row(c: &Cause, found: &Diagnosis, shares: &Shares) -> Vec<Cell> {
     let mut last = Vec::new();
     if c.declared {
         last.push(remedy(&c.effect).to_owned());
+        last.push(format!("volcompd: {}", compensable.words(c)));
     } else {
         last.push(if c.remark.is_empty() {
             "not established".to_owned()
@@ -151,6 +182,7 @@ fn cause_row(c: &Cause, found: &Diagnosis, shares: &Shares) -> Vec<Cell> {
         Cell::number(size.map_or_else(|| "–".to_owned(), with_uncertainty)),
         Cell::number(shares.cause(&label).map_or_else(|| "–".to_owned(), percent)),
         Cell::number(number(c.probability, 2)),
+        Cell::html(alone),
         Cell::small(values.join("; ")),
         Cell::small(last.join("; ")),
     ];
@@ -196,8 +228,8 @@ fn waterfall(page: &mut Page, found: &Diagnosis) {
     }
     page.html(&bars(&rows));
     page.note(
-        "Bars are RMS in µm: each begins where the one above ends. Mean squares are subtracted in the order shown, so the shares (% of \
-         the mean square) add up to 100 %; where causes are correlated, their single steps depend on the order, their sum does not.",
+        "RMS in µm; mean squares are subtracted in the order shown, so the shares add up to 100 %. Single steps of correlated causes depend on \
+         the order, their sum does not.",
     );
 }
 
@@ -217,62 +249,14 @@ fn fitted(page: &mut Page, found: &Diagnosis) {
         page.heading("Fitted curves of the causes");
         page.figures(&declared.iter().map(|c| charts::fitted(c)).collect::<Vec<_>>());
         page.note(
-            "Grey: the readings without the other causes. Line: the effect as fitted, with the 90 % band of its posterior. The mean over \
-             the readings is set to zero because the set-up offsets absorb it.",
+            "Grey: the readings without the other causes. Line: the effect as fitted, with the 90 % band of its posterior, about its mean, which the \
+             set-up offsets absorb.",
         );
     }
     if !candidates.is_empty() {
         page.heading("Candidates that are not established");
         page.figures(&candidates.iter().map(|c| charts::fitted(c)).collect::<Vec<_>>());
     }
-}
-
-fn corrections(page: &mut Page, found: &Diagnosis, compensable: &Compensable) {
-    let b = &found.budget;
-    if b.corrections.is_empty() {
-        return;
-    }
-    page.heading("What correcting a single cause achieves");
-    let step = |from: Level, to: Level| {
-        [
-            format!("{} → {}", um(from.rms_um), um(to.rms_um)),
-            format!("{} → {}", um(from.peak99_um), um(to.peak99_um)),
-        ]
-    };
-    let head = [
-        "cause",
-        "alone: RMS, µm",
-        "alone: peak, µm",
-        "last of all: RMS, µm",
-        "last of all: peak, µm",
-        "volcompd corrects it",
-    ];
-    let rows: Vec<Vec<Cell>> = b
-        .corrections
-        .iter()
-        .map(|c| {
-            let [alone, alone_peak] = step(b.before, c.alone);
-            let [last, last_peak] = step(c.all_others, b.after);
-            let cause = found.report.causes.iter().find(|x| x.label() == c.label);
-            vec![
-                Cell::head(capital(&name_of_label(&c.label))),
-                Cell::number(alone),
-                Cell::number(alone_peak),
-                Cell::number(last),
-                Cell::number(last_peak),
-                Cell::small(cause.map_or_else(String::new, |x| compensable.words(x))),
-            ]
-        })
-        .collect();
-    page.stacked_table(&head, &rows);
-    let assumed = if compensable.is_assumed {
-        " Without a model file a chain of three linear axes is assumed."
-    } else {
-        ""
-    };
-    page.note(format!(
-        "On readings held out of the fit. Peak: size that 99 % of the readings do not exceed.{assumed}"
-    ));
 }
 
 fn agreement(page: &mut Page, session: &Session, found: &Diagnosis) {
@@ -296,26 +280,18 @@ fn programs(page: &mut Page, found: &Diagnosis) {
     if found.programs.len() < 2 {
         return;
     }
-    page.heading("Residual by part program");
+    let is_gap = found.budget.steps.is_empty();
+    page.heading(if is_gap { "The gap by part program" } else { "Residual by part program" });
     let most = found.programs.iter().map(|p| p.before_um.max(p.after_um)).fold(1e-9, f64::max);
-    let head = [
-        "setup",
-        "instrument",
-        "axes",
-        "feed, mm/min",
-        "tool, mm",
-        "readings",
-        "before, µm",
-        "after, µm",
-        "",
-    ];
+    let mut head = vec!["setup", "instrument", "axes", "feed, mm/min", "tool, mm", "readings"];
+    head.extend(if is_gap { &["gap, µm", ""][..] } else { &["before, µm", "after, µm", ""] });
     let rows: Vec<Vec<Cell>> = found
         .programs
         .iter()
         .take(PROGRAMS)
         .map(|p| {
             let optional = |v: Option<f64>| v.map_or_else(|| "–".to_owned(), |v| number(v, 0));
-            vec![
+            let mut cells = vec![
                 Cell::head(charts::file_name(&p.setup)),
                 Cell::text(&p.instrument),
                 Cell::text(if p.axes.is_empty() { "none" } else { &p.axes }),
@@ -323,20 +299,25 @@ fn programs(page: &mut Page, found: &Diagnosis) {
                 Cell::number(optional(p.tool_length_mm)),
                 Cell::number(p.readings),
                 Cell::number(um(p.before_um)),
-                Cell::number(um(p.after_um)),
-                Cell::html(charts::before_and_after_bar(p.before_um / most, p.after_um / most)),
-            ]
+            ];
+            // without a cause there is one size, and no after
+            if !is_gap {
+                cells.push(Cell::number(um(p.after_um)));
+            }
+            let after = if is_gap { 0.0 } else { p.after_um };
+            cells.push(Cell::html(charts::before_and_after_bar(p.before_um / most, after / most)));
+            cells
         })
         .collect();
     page.stacked_table(&head, &rows);
     let more = found.programs.len().saturating_sub(PROGRAMS);
     let rest = found.programs.get(PROGRAMS).map_or_else(String::new, |p| {
-        format!(" Not listed: {} with at most {} µm after.", counted(more, "program"), um(p.after_um))
+        let after = if is_gap { "" } else { " after" };
+        format!(" Not listed: {} with at most {} µm{after}.", counted(more, "program"), um(p.after_um))
     });
+    let keys = if is_gap { String::new() } else { format!("{} {}", charts::BEFORE_KEY, charts::AFTER_KEY) };
     page.html(&format!(
-        "<p class=\"note\">RMS of a setup with the same moving axes, feed and tool, largest residual first. {} {}{}</p>",
-        charts::BEFORE_KEY,
-        charts::AFTER_KEY,
+        "<p class=\"note\">RMS of a setup with the same moving axes, feed and tool, largest residual first. {keys}{}</p>",
         escape(&rest)
     ));
 }
@@ -347,11 +328,18 @@ fn unexplained(page: &mut Page, found: &Diagnosis) {
         return;
     }
     page.heading("What is not explained");
+    let mut parts: Vec<&str> = u.looks_like.split("; ").collect();
+    let more = parts.len().saturating_sub(LOOKS);
+    parts.truncate(LOOKS);
+    let mut looks = parts.join("; ");
+    if more > 0 {
+        looks.push_str(&format!("; {more} more in report.json"));
+    }
     page.paragraph(format!(
         "{} µm RMS, {} of the mean square of the gap: {}.",
         um(b.unexplained_um),
         percent(Shares::of(b).unexplained),
-        with_names(&u.looks_like)
+        with_names(&looks)
     ));
     let places: Vec<String> = u
         .places
@@ -415,18 +403,23 @@ fn limits(page: &mut Page, r: &Report) {
     for u in &r.cannot_be_seen {
         reasons.entry(&u.because).or_default().push(name_of_label(&u.effect));
     }
-    let rows: Vec<Vec<Cell>> = reasons
-        .into_iter()
-        .map(|(because, effects)| vec![Cell::text(because), Cell::small(effects.join(", "))])
-        .collect();
-    if !rows.is_empty() {
-        page.table(&[Cell::text("because"), Cell::text("not identifiable")], &rows);
+    let reasons = reasons.into_iter().map(|(because, effects)| {
+        format!("<b>{}</b>: {}", escape(&capital(because)), escape(&effects.join(", ")))
+    });
+    list(page, reasons);
+}
+
+/// Short entries in small print, in columns where there is room.
+fn list(page: &mut Page, entries: impl Iterator<Item = String>) {
+    let entries: String = entries.map(|e| format!("<li>{e}</li>")).collect();
+    if !entries.is_empty() {
+        page.html(&format!("<ul class=\"fine\">{entries}</ul>"));
     }
 }
 
-fn data(page: &mut Page, r: &Report) {
+fn data(page: &mut Page, session: &Session, r: &Report) {
     page.heading("Data");
-    let head = ["instrument", "white noise, µm", "drift, µm", "correlation time, s", "resolution, µm"];
+    let head = ["instrument", "white noise, µm", "drift, µm", "correlation time", "resolution, µm"];
     let rows: Vec<Vec<Cell>> = r
         .noise
         .iter()
@@ -436,7 +429,7 @@ fn data(page: &mut Page, r: &Report) {
                 Cell::head(&n.instrument),
                 Cell::number(number(n.white_um, 3)),
                 Cell::number(if drifts { number(n.drift_um, 3) } else { "none".to_owned() }),
-                Cell::number(if drifts { number(n.drift_s, 0) } else { "–".to_owned() }),
+                Cell::number(if drifts { session.span(n.drift_s) } else { "–".to_owned() }),
                 Cell::number(if n.resolution_um > 0.0 {
                     number(n.resolution_um, 3)
                 } else {
@@ -462,9 +455,12 @@ fn data(page: &mut Page, r: &Report) {
             listed.join(", ")
         ));
     }
-    for n in &r.notes {
-        page.note(with_names(n));
-    }
+    // the folder of a file says nothing on paper
+    let short = |note: &String| {
+        let shorter = |text: String, file: &String| text.replace(file.as_str(), charts::file_name(file));
+        escape(&with_names(&session.files.iter().fold(note.clone(), shorter)))
+    };
+    list(page, r.notes.iter().map(short));
     page.note(format!(
         "Forecast by {}; in-sample the reduction would be {} (optimistic). Seed {}. All figures: report.json.",
         r.shrink.how,

@@ -34,13 +34,7 @@ pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Fa
 pub(super) fn table(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Failure> {
     let text = text_of(path, input::read(path, InputKind::Table)?)?;
     let test = parse_csv(Table::new(Cursor::new(text), path.display().to_string())?)?;
-    let found = Test {
-        test,
-        format: "positioning test (cycle,direction,target,deviation)",
-        axis: None,
-        notes: Vec::new(),
-        span_s: None,
-    };
+    let found = Test::new(test, "positioning test (cycle,direction,target,deviation)");
     session(path, args, found)
 }
 

@@ -1,6 +1,6 @@
 //! `volcomp identify ballbar`: causes of the deviations on ballbar circles, ranked.
 
-mod report;
+pub(crate) mod report;
 
 use std::path::{Path, PathBuf};
 
@@ -34,11 +34,25 @@ use volcomp_units::{mm_from_um, rad_from_deg};
 ///
 /// Example: volcomp identify ballbar --data xy=xy.csv --data zx=zx.csv --radius-mm 150 --centre-mm=425,250,-250
 #[derive(Debug, clap::Args)]
-#[command(verbatim_doc_comment)]
 pub(super) struct Args {
     /// Readings of a plane (xy, yz or zx) in one mounting of the instrument; once per plane.
     #[arg(long, value_name = "PLANE=CSV", required = true, value_parser = plane_file)]
     data: Vec<(Plane, PathBuf)>,
+    #[command(flatten)]
+    setup: SetUp,
+    /// The ballbar's length is calibrated to this standard uncertainty: the radius then gives the scale of both axes.
+    #[arg(long, value_name = "UM")]
+    length_std_um: Option<f64>,
+    #[command(flatten)]
+    out: ModelWriter,
+    /// One JSON object on stdout.
+    #[arg(long)]
+    json: bool,
+}
+
+/// How the circles were run, and what is looked for.
+#[derive(Debug, clap::Args)]
+pub(crate) struct SetUp {
     /// Nominal length of the ballbar.
     #[arg(long, value_name = "MM")]
     radius_mm: f64,
@@ -60,14 +74,6 @@ pub(super) struct Args {
     /// Time from a reversal to the peak of its spike; default: fitted.
     #[arg(long, value_name = "MS")]
     spike_ms: Option<f64>,
-    /// The ballbar's length is calibrated to this standard uncertainty: the radius then gives the scale of both axes.
-    #[arg(long, value_name = "UM")]
-    length_std_um: Option<f64>,
-    #[command(flatten)]
-    out: ModelWriter,
-    /// One JSON object on stdout.
-    #[arg(long)]
-    json: bool,
 }
 
 fn plane_file(text: &str) -> Result<(Plane, PathBuf), String> {
@@ -93,10 +99,20 @@ fn pitch(text: &str) -> Result<(AxisName, f64), String> {
 }
 
 /// The readings of a plane and what was made of them.
-struct Plan {
-    path: PathBuf,
-    circles: Circles,
-    analysis: Analysis,
+pub(crate) struct Plan {
+    pub(crate) path: PathBuf,
+    pub(crate) circles: Circles,
+    pub(crate) analysis: Analysis,
+}
+
+impl Plan {
+    /// Reads and analyses the circles of a plane.
+    pub(crate) fn read(setup: &SetUp, plane: Plane, path: &Path) -> Result<Self, Failure> {
+        let circles = read(setup, plane, path)?;
+        let analysis = analyse(&circles, &request(setup, plane))
+            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))?;
+        Ok(Self { path: path.to_owned(), circles, analysis })
+    }
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
@@ -108,10 +124,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     let mut plans = Vec::with_capacity(args.data.len());
     for (plane, path) in &args.data {
-        let circles = read(args, *plane, path)?;
-        let analysis = analyse(&circles, &request(args, *plane))
-            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))?;
-        plans.push(Plan { path: path.clone(), circles, analysis });
+        plans.push(Plan::read(&args.setup, *plane, path)?);
     }
     if args.out.target().is_some() {
         write_model(args, &plans)?;
@@ -130,7 +143,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-fn request(args: &Args, plane: Plane) -> Request {
+fn request(args: &SetUp, plane: Plane) -> Request {
     let of = |axis: AxisName| {
         let given = args.pitch_mm.iter().find(|(a, _)| *a == axis).map(|(_, p)| Pitch::Given(*p));
         given.or_else(|| args.pitch_search_mm.map(Pitch::Search)).unwrap_or_default()
@@ -138,7 +151,7 @@ fn request(args: &Args, plane: Plane) -> Request {
     Request { pitch: plane.axes().map(of), spike_time: args.spike_ms.map(|ms| ms / 1e3) }
 }
 
-fn read(args: &Args, plane: Plane, path: &Path) -> Result<Circles, Failure> {
+fn read(args: &SetUp, plane: Plane, path: &Path) -> Result<Circles, Failure> {
     let mut table = table::open(path)?;
     let (angle, deviation, direction) =
         (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);

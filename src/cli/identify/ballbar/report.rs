@@ -3,25 +3,26 @@
 use serde_json::{Map, Value, json};
 
 use super::Plan;
+use crate::numerals::{counted, plain};
 use volcomp_evaluate::{Centring, CircularReading, Circularity};
 use volcomp_identify::ballbar::{Analysis, Effect, End, Estimate, Note, Plane, Reason, Sample};
 use volcomp_units::{deg_from_rad, mm_from_um, um_from_mm};
 
 /// A feature in the vocabulary of ballbar result files.
-struct Feature {
-    name: String,
-    unit: &'static str,
-    value: f64,
-    std: f64,
+pub(crate) struct Feature {
+    pub(crate) name: String,
+    pub(crate) unit: &'static str,
+    pub(crate) value: f64,
+    pub(crate) std: f64,
 }
 
 /// Circularity by ISO 230-4 of the readings and of what no effect explains.
-struct Roundness {
-    measured: Option<Circularity>,
-    residual: Option<Circularity>,
+pub(crate) struct Roundness {
+    pub(crate) measured: Option<Circularity>,
+    pub(crate) residual: Option<Circularity>,
 }
 
-fn roundness(plan: &Plan) -> Roundness {
+pub(crate) fn roundness(plan: &Plan) -> Roundness {
     // an arc cannot be centred by ISO 230-4: the centre found with the effects is taken out instead
     let evaluate = |deviation: &dyn Fn(usize) -> f64, [x, y]: [f64; 2]| {
         let read = |off: [f64; 2]| -> Vec<CircularReading> {
@@ -43,12 +44,12 @@ fn roundness(plan: &Plan) -> Roundness {
 }
 
 /// The widest of a circular test.
-fn widest(c: &Circularity) -> f64 {
+pub(crate) fn widest(c: &Circularity) -> f64 {
     c.g_both.or(c.g_forward).or(c.g_backward).unwrap_or(0.0)
 }
 
 /// Values of an effect with name and unit.
-fn features(a: &Analysis, e: &Estimate) -> Vec<Feature> {
+pub(crate) fn features(a: &Analysis, e: &Estimate) -> Vec<Feature> {
     let letter = |axis: usize| if axis == 0 { "A" } else { "B" };
     let end = |end: Option<End>| match end {
         Some(End::Positive) => "_POS",
@@ -99,7 +100,7 @@ fn scale_features(a: &Analysis, length_std_um: Option<f64>) -> Vec<Feature> {
         .into()
 }
 
-fn unit_text(unit: &str) -> &'static str {
+pub(crate) fn unit_text(unit: &str) -> &'static str {
     match unit {
         "UT_SQUARENESS" => "um/m",
         "UT_SERVO_MISMATCH" => "ms",
@@ -108,7 +109,7 @@ fn unit_text(unit: &str) -> &'static str {
     }
 }
 
-fn note_text(note: &Note) -> String {
+pub(crate) fn note_text(note: &Note) -> String {
     match note {
         Note::OneDirection => "one direction only: whatever changes sign with the direction (servo mismatch) cannot be told from squareness; run both".into(),
         Note::OneFeed => "one feed: the servo mismatch is all of its shape that changes sign with the direction, lag or not; a second feed tells".into(),
@@ -118,7 +119,7 @@ fn note_text(note: &Note) -> String {
     }
 }
 
-fn reason_text(reason: &Reason, plane: Plane) -> String {
+pub(crate) fn reason_text(reason: &Reason, plane: Plane) -> String {
     match reason {
         Reason::LooksLike(others) if others.is_empty() => {
             "looks like the circle's centre and radius in these data".into()
@@ -137,7 +138,7 @@ fn reason_text(reason: &Reason, plane: Plane) -> String {
 }
 
 /// One plane for machines.
-pub(super) fn as_json(plan: &Plan, length_std_um: Option<f64>) -> Value {
+pub(crate) fn as_json(plan: &Plan, length_std_um: Option<f64>) -> Value {
     let a = &plan.analysis;
     let round = roundness(plan);
     let g = |f: &dyn Fn(&Circularity) -> Option<f64>| round.measured.as_ref().and_then(f).map(um_from_mm);
@@ -215,10 +216,10 @@ pub(super) fn as_json(plan: &Plan, length_std_um: Option<f64>) -> Value {
 }
 
 /// One plane for people.
-pub(super) fn print(plan: &Plan) {
+pub(crate) fn print(plan: &Plan) {
     let a = &plan.analysis;
     let round = roundness(plan);
-    say!("plane {}, radius {} mm: {} readings", a.plane, a.radius, plan.circles.samples.len());
+    say!("plane {}, radius {} mm: {}", a.plane, a.radius, counted(plan.circles.samples.len(), "reading"));
     let show = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{:.2}", um_from_mm(v)));
     if let Some(c) = &round.measured {
         let residual = round.residual.as_ref().map(widest);
@@ -232,7 +233,9 @@ pub(super) fn print(plan: &Plan) {
     }
     let [(x, sx), (y, sy)] = a.offset.map(|(v, s)| (um_from_mm(v), um_from_mm(s)));
     say!(
-        "centre offset {x:.2} +- {sx:.2}, {y:.2} +- {sy:.2} um; rms left over {:.3} um",
+        "centre offset {} +- {sx:.2}, {} +- {sy:.2} um; rms left over {:.3} um",
+        plain(x, 2),
+        plain(y, 2),
         um_from_mm(a.sigma)
     );
     say!(
@@ -290,5 +293,5 @@ fn value_text(f: &Feature) -> String {
     } else {
         ""
     };
-    format!("{end}{:.3}+-{:.3}", f.value, f.std)
+    format!("{end}{}+-{:.3}", plain(f.value, 3), f.std)
 }

@@ -4,6 +4,8 @@
 mod panel;
 mod volume;
 
+pub(super) use panel::meaning;
+
 use plotters::prelude::*;
 
 use crate::report::plot::{Area, BLUE, Drawn, FAINT, FONT, INK, Svg, VERMILLION, WIDTH, svg};

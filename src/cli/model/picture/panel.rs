@@ -111,7 +111,7 @@ fn grids(spec: &ModelSpec, symbol: ErrorSymbol, function: &ErrorFunction, x: f64
 }
 
 /// What an error motion is called.
-fn meaning(symbol: ErrorSymbol) -> &'static str {
+pub(in crate::model) fn meaning(symbol: ErrorSymbol) -> &'static str {
     use volcomp_units::axes::AxisKind::{Linear, Rotary};
     let own = symbol.component().index() % 3 == symbol.axis().direction();
     match (symbol.axis().kind(), symbol.is_angle(), own) {
@@ -119,7 +119,9 @@ fn meaning(symbol: ErrorSymbol) -> &'static str {
         (Linear, false, false) => "straightness",
         (Linear, true, true) => "roll",
         (Linear, true, false) => match symbol.component() {
-            Component::C if symbol.axis().direction() != 2 => "yaw",
+            // about the vertical axis; of the vertical axis itself about Y
+            Component::C => "yaw",
+            Component::B if symbol.axis().direction() == 2 => "yaw",
             _ => "pitch",
         },
         (Rotary, false, true) => "axial motion",
@@ -185,6 +187,8 @@ mod tests {
             ("ecx", "yaw"),
             ("eay", "pitch"),
             ("eaz", "pitch"),
+            ("ebz", "yaw"),
+            ("ecy", "yaw"),
             ("ecz", "roll"),
             ("ecc", "angular positioning"),
             ("ezc", "axial motion"),

@@ -6,61 +6,30 @@ use plotters::prelude::*;
 use super::{Area, BLUE, Drawn, FONT, INK, TITLE, VERMILLION, VOLUME_HEIGHT, WIDTH};
 use volcomp_model::geometry::{Vec3, unit};
 use volcomp_model::search::reference_pose;
+use volcomp_model::wireframe::{self, Edge, Wire, Wireframe};
 use volcomp_model::{Model, ModelSpec};
 use volcomp_units::axes::AxisName;
 use volcomp_units::um_from_mm;
 
-/// Wires per direction.
-const WIRES: usize = 5;
-/// Points of a wire.
+/// Intervals of a wire.
 const POINTS: usize = 48;
-/// Share of the diagonal of the box that the largest deviation fills at most.
-const SHOWN: f64 = 0.09;
-/// Share of the shortest edge of the box that it fills at most.
-const SHOWN_OF_SHORTEST: f64 = 0.6;
 /// Length of the arrows of the axes beyond the box, pixels.
 const ARROW: f64 = 36.0;
 const NOMINAL: RGBColor = RGBColor(165, 165, 165);
 
-/// One direction of the box: chain index and travel.
-#[derive(Clone, Copy)]
-struct Edge {
-    axis: AxisName,
-    index: usize,
-    range: [f64; 2],
-}
-
-/// A wire of the box.
-struct Wire {
-    /// Nominal places and deviations, mm.
-    points: Vec<(Vec3, Vec3)>,
-    /// True where it lies on a face that the reader sees.
-    front: bool,
-}
-
-fn edges(spec: &ModelSpec) -> Vec<Edge> {
-    let main = [AxisName::X, AxisName::Y, AxisName::Z].into_iter();
-    main.filter_map(|axis| {
-        Some(Edge { axis, index: spec.chain.index_of(axis)?, range: spec.axis(axis).travel? })
-    })
-    .collect()
-}
-
 /// True where there is a volume, an area or a line to draw.
 pub(super) fn exists(spec: &ModelSpec) -> bool {
-    !edges(spec).is_empty()
+    !wireframe::edges(spec).is_empty()
 }
 
 pub(super) fn draw(area: &Area<'_>, spec: &ModelSpec, model: &Model) -> Drawn {
-    let edges = edges(spec);
-    let wires = wires(spec, model, &edges);
+    let Some(frame) = Wireframe::of(spec, model, POINTS) else { return Ok(()) };
+    let (largest, magnification) = (frame.largest(), frame.magnification());
+    let Wireframe { edges, wires, rotary } = frame;
     let all = || wires.iter().flat_map(|w| &w.points);
-    let largest = all().map(|(_, e)| e.norm()).fold(0.0, f64::max);
-    let magnification = magnification(&edges.iter().map(Edge::length).collect::<Vec<_>>(), largest);
     let view = View::around(all().flat_map(|(p, e)| [*p, p + e * magnification]));
 
-    let turned = spec.chain.axes().iter().any(|a| a.kind() == volcomp_units::axes::AxisKind::Rotary);
-    let home = if turned { ", rotary axes at home" } else { "" };
+    let home = if rotary { ", rotary axes at home" } else { "" };
     let title = format!(
         "Distorted volume: deviation of the tool tip magnified {magnification:.0} times, largest on the grid {:.1} um{home}",
         um_from_mm(largest)
@@ -152,64 +121,6 @@ fn draw_legend(area: &Area<'_>) -> Drawn {
     Ok(())
 }
 
-/// The wires on the surface of the box; in an area or a line all of them.
-fn wires(spec: &ModelSpec, model: &Model, edges: &[Edge]) -> Vec<Wire> {
-    let mut out = Vec::new();
-    for (d, along) in edges.iter().enumerate() {
-        let others: Vec<&Edge> = edges.iter().enumerate().filter(|(i, _)| *i != d).map(|(_, e)| e).collect();
-        for index in 0..WIRES.pow(others.len() as u32) {
-            let places = [index % WIRES, index / WIRES];
-            let inside = |i: usize| (1..WIRES - 1).contains(&places[i]);
-            if others.len() == 2 && inside(0) && inside(1) {
-                continue;
-            }
-            let mut pose = reference_pose(spec);
-            for (edge, place) in others.iter().zip(places) {
-                pose.position[edge.index] = edge.at(place as f64 / (WIRES - 1) as f64);
-            }
-            let wire = (0..=POINTS).map(|i| {
-                pose.position[along.index] = along.at(i as f64 / POINTS as f64);
-                let mut place = Vec3::zeros();
-                for edge in edges {
-                    place[edge.axis.direction()] = pose.position[edge.index];
-                }
-                (place, model.deviation(&pose).position)
-            });
-            let points = wire.collect();
-            out.push(Wire { points, front: others.iter().zip(places).any(|(e, place)| e.is_front(place)) });
-        }
-    }
-    out
-}
-
-impl Edge {
-    fn length(&self) -> f64 {
-        self.range[1] - self.range[0]
-    }
-
-    /// The reader stands at large X, small Y, large Z.
-    fn is_front(&self, place: usize) -> bool {
-        place == if self.axis == AxisName::Y { 0 } else { WIRES - 1 }
-    }
-
-    fn at(&self, share: f64) -> f64 {
-        self.range[0] + share * (self.range[1] - self.range[0])
-    }
-}
-
-/// A round number that makes the largest deviation a visible part of the box.
-fn magnification(edges: &[f64], largest: f64) -> f64 {
-    if largest <= 0.0 {
-        return 1.0;
-    }
-    let diagonal = edges.iter().map(|e| e * e).sum::<f64>().sqrt();
-    let shortest = edges.iter().copied().fold(f64::INFINITY, f64::min);
-    let wanted = (SHOWN * diagonal).min(SHOWN_OF_SHORTEST * shortest) / largest;
-    let power = 10f64.powf(wanted.log10().floor());
-    let round = [5.0, 2.0, 1.0].into_iter().map(|m| m * power).find(|m| *m <= wanted);
-    round.unwrap_or(power).max(1.0)
-}
-
 /// From mm in M to pixels, the same scale in all directions.
 struct View {
     scale: f64,
@@ -252,19 +163,6 @@ impl View {
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    #[test]
-    fn magnifications_are_round() {
-        for (edges, largest, expected) in [
-            (&[1000.0][..], 0.05, 1000.0),
-            (&[1000.0], 0.02, 2000.0),
-            (&[20000.0, 3000.0, 1200.0], 0.3, 2000.0),
-            (&[500.0], 0.0, 1.0),
-            (&[1.0], 1.0, 1.0),
-        ] {
-            assert!((magnification(edges, largest) - expected).abs() < 1e-9, "{edges:?} {largest}");
-        }
-    }
 
     #[test]
     fn the_view_is_right_handed_and_fits() {

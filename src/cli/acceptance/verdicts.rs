@@ -1,0 +1,149 @@
+//! Figures against their tolerances by ISO 14253-1, as cells of a table, text and JSON.
+
+use serde_json::{Map, Value, json};
+
+use crate::report::page::Cell;
+use volcomp_evaluate::Conformity;
+
+/// A figure with what is known about it.
+#[derive(Debug, Clone, PartialEq)]
+pub(crate) struct Assessed {
+    /// Key in JSON, such as `a_um`.
+    pub(crate) key: String,
+    /// In words.
+    pub(crate) name: &'static str,
+    /// The figure, where the data have it.
+    pub(crate) value: Option<f64>,
+    /// Expanded uncertainty (k = 2), where stated.
+    pub(crate) expanded: Option<f64>,
+    /// Tolerance, where stated.
+    pub(crate) limit: Option<f64>,
+}
+
+/// What stands where nothing is stated.
+pub(crate) const NOT_STATED: &str = "not stated";
+
+impl Assessed {
+    /// The verdict, where there are a figure and a tolerance.
+    pub(crate) fn verdict(&self) -> Option<Conformity> {
+        let (value, limit) = self.value.zip(self.limit)?;
+        Some(if super::head_file::is_lower(&super::toml_key(&self.key)) {
+            Conformity::below(-value, self.expanded, -limit)
+        } else {
+            Conformity::below(value.abs(), self.expanded, limit)
+        })
+    }
+
+    /// Heads of the columns of [`Self::cells`].
+    pub(crate) fn heads(unit: &str) -> [Cell; 3] {
+        [
+            Cell::number(format!("U (k = 2) / {unit}")),
+            Cell::number(format!("tolerance / {unit}")),
+            Cell::head("verdict"),
+        ]
+    }
+
+    /// Uncertainty, tolerance, verdict.
+    pub(crate) fn cells(&self) -> [Cell; 3] {
+        let number = |v: Option<f64>, decimals: usize| {
+            v.map_or_else(|| Cell::number(NOT_STATED).faint(), |v| Cell::number(format!("{v:.decimals$}")))
+        };
+        let limit = self.limit.map_or_else(|| Cell::number(NOT_STATED).faint(), Cell::number);
+        let verdict = self.verdict().map_or_else(|| Cell::text("-").faint(), |v| Cell::text(v.words()));
+        [number(self.expanded, 2), limit, verdict]
+    }
+}
+
+/// The result in a sentence; `None` where no tolerance is stated.
+pub(crate) fn summary(all: &[Assessed]) -> Option<String> {
+    let of = |wanted: Conformity| -> Vec<&str> {
+        all.iter().filter(|a| a.verdict() == Some(wanted)).map(|a| a.name).collect()
+    };
+    let judged = all.iter().filter(|a| a.verdict().is_some()).count();
+    if judged == 0 {
+        return None;
+    }
+    let mut parts = Vec::new();
+    for (verdict, words) in [
+        (Conformity::NonConformity, "Non-conformity"),
+        (Conformity::Neither, "Neither conformity nor non-conformity proved"),
+        (Conformity::UncertaintyNotStated, "Not decided, because the uncertainty is not stated"),
+        (Conformity::Conformity, "Conformity"),
+    ] {
+        let names = of(verdict);
+        if names.len() == judged && judged > 1 {
+            parts.push(format!("{words}: all {judged} tolerances stated"));
+        } else if !names.is_empty() {
+            parts.push(format!("{words}: {}", names.join(", ")));
+        }
+    }
+    Some(parts.join(". ") + ".")
+}
+
+/// Adds `conformity` to a report: limit, expanded uncertainty and verdict of each figure with a tolerance.
+pub(crate) fn put(out: &mut Map<String, Value>, all: &[Assessed]) {
+    let judged: Map<String, Value> = all
+        .iter()
+        .filter_map(|a| {
+            let verdict = a.verdict()?.key();
+            let of = json!({ "limit": a.limit, "expanded_uncertainty_k2": a.expanded, "verdict": verdict });
+            Some((a.key.clone(), of))
+        })
+        .collect();
+    if !judged.is_empty() {
+        out.insert("conformity".to_owned(), Value::Object(judged));
+    }
+}
+
+/// The verdicts as text.
+pub(crate) fn print(all: &[Assessed], unit: &str) {
+    let judged: Vec<&Assessed> = all.iter().filter(|a| a.verdict().is_some()).collect();
+    if judged.is_empty() {
+        return;
+    }
+    say!();
+    let head = format!("conformity, ISO 14253-1, {unit}");
+    say!("{head:<46}{:>10}{:>12}{:>12}  verdict", "value", "U (k = 2)", "tolerance");
+    for a in judged {
+        let number = |v: Option<f64>| v.map_or_else(|| NOT_STATED.to_owned(), |v| format!("{v:.2}"));
+        let verdict = a.verdict().map_or("-", Conformity::words);
+        say!(
+            "{:<46}{:>10}{:>12}{:>12}  {verdict}",
+            a.name,
+            number(a.value),
+            number(a.expanded),
+            number(a.limit)
+        );
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn figure(key: &str, value: f64, expanded: Option<f64>, limit: Option<f64>) -> Assessed {
+        Assessed { key: key.to_owned(), name: "accuracy A", value: Some(value), expanded, limit }
+    }
+
+    #[test]
+    fn lower_limits_count_from_below_and_signs_do_not_matter_elsewhere() {
+        let verdict = |key, value, limit| figure(key, value, Some(0.5), Some(limit)).verdict().unwrap();
+        assert_eq!(verdict("fmin_um", -3.0, -4.0), Conformity::Conformity);
+        assert_eq!(verdict("fmin_um", -5.0, -4.0), Conformity::NonConformity);
+        assert_eq!(verdict("b_mean_um", -5.0, 4.0), Conformity::NonConformity);
+        assert_eq!(figure("a_um", 1.0, Some(0.5), None).verdict(), None);
+    }
+
+    #[test]
+    fn the_summary_names_the_worst_first() {
+        let all = [
+            figure("a_um", 1.0, Some(0.5), Some(8.0)),
+            figure("e_um", 9.0, Some(0.5), Some(8.0)),
+            figure("m_um", 9.0, Some(0.5), None),
+        ];
+        assert_eq!(summary(&all).unwrap(), "Non-conformity: accuracy A. Conformity: accuracy A.");
+        let both = [all[0].clone(), all[0].clone()];
+        assert_eq!(summary(&both).unwrap(), "Conformity: all 2 tolerances stated.");
+        assert_eq!(summary(&all[2..]), None);
+    }
+}

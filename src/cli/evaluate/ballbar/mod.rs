@@ -1,0 +1,206 @@
+//! `evaluate ballbar`: the report of a ballbar test with its causes by rank, and the trend over several tests.
+
+mod report;
+mod trend;
+
+use std::path::PathBuf;
+
+use serde_json::{Map, Value, json};
+
+use super::Output;
+use super::circular::{assessed, keys};
+use crate::acceptance::verdicts::{self, Assessed};
+use crate::acceptance::{Acceptance, Stated, file_name};
+use crate::evaluate::picture::circular::{self as drawing, Shown};
+use crate::identify::ballbar::report::{as_json, print};
+use crate::identify::ballbar::{Plan, SetUp};
+use crate::{EX_DATAERR, EX_USAGE, Failure};
+use volcomp_evaluate::{Centring, CircularReading, CircularUncertainties, Circularity};
+use volcomp_formats::columns::day;
+use volcomp_identify::ballbar::Plane;
+
+/// Ballbar report: polar plot of both directions, causes by rank with values, uncertainty and remedy, trend over several tests
+///
+/// Circular errors are those of ISO 230-4; causes are fitted all at once to all readings of a test (docs/identify/ballbar.md).
+/// Several tests of one plane give a trend; the newest of them is reported in full.
+///
+/// Example: volcomp evaluate ballbar --data 2026-01-12=january.csv --data 2026-03-12=march.csv --radius-mm 150 --report xy.html
+#[derive(Debug, clap::Parser)]
+pub(super) struct Args {
+    /// CSV with angle_deg,deviation_um,direction and optional feed_mm_per_min, run, as for volcomp identify ballbar; may be
+    /// repeated for a trend, then all with their day, such as 2026-03-12=xy.csv, or in the order of the tests.
+    #[arg(long, value_name = "[DAY=]CSV", required = true, value_parser = dated)]
+    data: Vec<(Option<Day>, PathBuf)>,
+    /// Plane of the circles: xy, yz or zx.
+    #[arg(long, value_name = "PLANE", default_value = "xy", value_parser = plane)]
+    plane: Plane,
+    #[command(flatten)]
+    setup: SetUp,
+    #[command(flatten)]
+    output: Output,
+}
+
+fn plane(text: &str) -> Result<Plane, String> {
+    Plane::parse(text).ok_or_else(|| format!("'{text}' is no plane; expected one of xy, yz, zx"))
+}
+
+/// A day as written, and its number since 1970.
+#[derive(Debug, Clone, PartialEq, Eq)]
+struct Day {
+    text: String,
+    number: i64,
+}
+
+fn dated(text: &str) -> Result<(Option<Day>, PathBuf), String> {
+    let Some((before, file)) = text.split_once('=') else { return Ok((None, PathBuf::from(text))) };
+    match day(before) {
+        Some(number) if !file.is_empty() => {
+            Ok((Some(Day { text: before.to_owned(), number }), PathBuf::from(file)))
+        }
+        // a file whose name has the sign
+        _ if !before.starts_with(|c: char| c.is_ascii_digit()) => Ok((None, PathBuf::from(text))),
+        _ => Err(format!("'{text}' is no day and file; write for example 2026-03-12=xy.csv")),
+    }
+}
+
+/// A test of the trend.
+struct Test {
+    /// Day, or name of the file.
+    label: String,
+    /// Day since 1970, where stated.
+    day: Option<i64>,
+    plan: Plan,
+    /// Circular errors of each feed (mm/min), slowest first.
+    circles: Vec<Circle>,
+}
+
+/// Circular errors at one feed.
+struct Circle {
+    feed: Option<f64>,
+    readings: Vec<CircularReading>,
+    result: Circularity,
+}
+
+impl Test {
+    fn read(args: &Args, (day, path): &(Option<Day>, PathBuf)) -> Result<Self, Failure> {
+        let plan = Plan::read(&args.setup, args.plane, path)?;
+        let label = day.as_ref().map_or_else(|| file_name(path), |d| d.text.clone());
+        let circles = circles(&plan)
+            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))?;
+        Ok(Self { label, day: day.as_ref().map(|d| d.number), plan, circles })
+    }
+
+    /// The circle of the slowest feed.
+    fn slowest(&self) -> &Circle {
+        &self.circles[0]
+    }
+}
+
+/// The circles of a test by their feeds; an arc, which cannot be centred, about the centre that the causes were fitted with.
+fn circles(plan: &Plan) -> Result<Vec<Circle>, volcomp_evaluate::circular::CircularError> {
+    let mut feeds: Vec<Option<f64>> = plan.circles.samples.iter().map(|s| s.feed).collect();
+    feeds.sort_by(|a, b| a.unwrap_or(0.0).total_cmp(&b.unwrap_or(0.0)));
+    feeds.dedup();
+    let offset = plan.analysis.offset.map(|(v, _)| v);
+    let one = |feed: Option<f64>| {
+        let readings: Vec<CircularReading> = plan
+            .circles
+            .samples
+            .iter()
+            .filter(|s| s.feed == feed)
+            .map(|s| CircularReading { angle: s.angle, deviation: s.deviation, travel: s.travel })
+            .collect();
+        let centring = Centring::LeastSquares { radius: Some(plan.circles.radius) };
+        let mut about_offset = readings.clone();
+        for r in &mut about_offset {
+            r.deviation -= offset[0] * r.angle.cos() + offset[1] * r.angle.sin();
+        }
+        let result = Circularity::evaluate(&readings, centring)
+            .or_else(|_| Circularity::evaluate(&about_offset, Centring::None))?;
+        // mm/s in the analysis, mm/min for people
+        Ok(Circle { feed: feed.map(|f| 60.0 * f), readings, result })
+    };
+    feeds.into_iter().map(one).collect()
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let mut acceptance = Acceptance::load(&args.output.head, "iso230-4", &keys())?;
+    let dated = args.data.iter().filter(|(day, _)| day.is_some()).count();
+    if dated > 0 && dated < args.data.len() {
+        return Err(Failure::new(
+            EX_USAGE,
+            "error: some tests have a day and some have none; give it for all, such as 2026-03-12=xy.csv",
+        ));
+    }
+    let mut tests = args.data.iter().map(|of| Test::read(args, of)).collect::<Result<Vec<_>, _>>()?;
+    tests.sort_by_key(|t| t.day);
+    let Some(newest) = tests.last() else { return Ok(()) };
+    let circle = newest.slowest();
+    acceptance.fill(Stated {
+        feed_mm_per_min: circle.feed,
+        date: newest.day.map(|_| newest.label.clone()),
+        ..Stated::default()
+    });
+    let assessed: Vec<Assessed> = assessed(&acceptance, &circle.result, CircularUncertainties::default());
+    let title = args.output.title.as_deref().unwrap_or("Ballbar test");
+    args.output.write(
+        || drawing::single(&shown(title, newest, circle), drawing::scale(&[shown("", newest, circle)])),
+        || report::page(title, &acceptance, &assessed, &tests),
+    )?;
+    if args.output.json {
+        say!("{:#}", Value::Object(json_of(&tests, &assessed)));
+        return Ok(());
+    }
+    let stdout_taken =
+        [&args.output.svg, &args.output.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
+    if !stdout_taken {
+        print(&newest.plan);
+        verdicts::print(&assessed, "um");
+        if tests.len() > 1 {
+            trend::print(&trend::Trend::of(&tests));
+        }
+    }
+    Ok(())
+}
+
+/// The polar plot of a circle.
+fn shown<'a>(title: &'a str, test: &'a Test, circle: &'a Circle) -> Shown<'a> {
+    Shown {
+        title,
+        result: &circle.result,
+        readings: &circle.readings,
+        plane: test.plan.circles.plane.axes().map(|a| a.lower().to_ascii_uppercase()),
+        radius_mm: Some(test.plan.circles.radius),
+    }
+}
+
+fn json_of(tests: &[Test], assessed: &[Assessed]) -> Map<String, Value> {
+    let mut out = Map::new();
+    let each: Vec<Value> = tests
+        .iter()
+        .map(|t| {
+            let mut one = as_json(&t.plan, None);
+            one["test"] = json!(t.label);
+            one
+        })
+        .collect();
+    out.insert("tests".to_owned(), Value::Array(each));
+    if tests.len() > 1 {
+        out.insert("trend".to_owned(), trend::Trend::of(tests).json());
+    }
+    verdicts::put(&mut out, assessed);
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_day_may_stand_before_the_file() {
+        let (day, file) = dated("1970-02-01=a=b.csv").unwrap();
+        assert_eq!((day.unwrap().number, file), (31, PathBuf::from("a=b.csv")));
+        assert_eq!(dated("x=b.csv").unwrap(), (None, PathBuf::from("x=b.csv")));
+        assert!(dated("2026-13-01=b.csv").is_err() && dated("2026-03-12=").is_err());
+    }
+}

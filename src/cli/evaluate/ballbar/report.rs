@@ -1,0 +1,247 @@
+//! The page of a ballbar test: head, polar plot, causes by rank with remedy, trend.
+
+use super::trend::{COVERAGE, Trend, decimals_of};
+use super::{Test, shown};
+use crate::acceptance::Acceptance;
+use crate::acceptance::verdicts::Assessed;
+use crate::evaluate::page::{self, Origin};
+use crate::evaluate::picture::circular as drawing;
+use crate::identify::ballbar::report::{
+    Feature, features, note_text, reason_text, roundness, unit_text, widest,
+};
+use crate::numerals::{counted, plain};
+use crate::report::Page;
+use crate::report::chart::{Bar, Ink, bars};
+use crate::report::page::Cell;
+use crate::report_page::{Plot, Style};
+use volcomp_identify::ballbar::{Effect, Plane};
+use volcomp_units::um_from_mm;
+
+/// Causes whose course over the tests is drawn.
+const COURSES: usize = 5;
+
+/// Name and remedy of an effect.
+pub(super) fn named(effect: Effect, plane: Plane) -> (String, &'static str) {
+    let name = effect.name(plane);
+    let (kind, subject) = name.split_once(':').unwrap_or((&name, ""));
+    let [a, b] = plane.axes().map(|a| a.to_string());
+    let both = format!("{a} and {b}");
+    let remedy = |effect: &str| volcomp_effects::Effect::find(effect).map_or("", |p| p.remedy);
+    match kind {
+        "scale-mismatch" => (format!("scale mismatch of {both}"), remedy("scale")),
+        "servo-mismatch" => (format!("servo mismatch of {both}"), remedy("servo-mismatch")),
+        "squareness" => (format!("squareness error of {a} to {b}"), remedy("squareness")),
+        _ => volcomp_effects::Effect::find(kind).map_or_else(
+            || (name.clone(), ""),
+            |p| (p.title.replace("{}", &subject.to_uppercase()), p.remedy),
+        ),
+    }
+}
+
+/// Unit of a value, as a person writes it.
+pub(super) fn unit_of(f: &Feature) -> &'static str {
+    match unit_text(f.unit) {
+        "um" => "µm",
+        "um/m" => "µm/m",
+        other => other,
+    }
+}
+
+/// A value with its expanded uncertainty and the end of travel where it holds.
+fn value(f: &Feature) -> String {
+    let end = match f.name.as_str() {
+        n if n.ends_with("_POS") => "at the positive end ",
+        n if n.ends_with("_NEG") => "at the negative end ",
+        _ => "",
+    };
+    let u = COVERAGE * f.std;
+    let decimals = decimals_of(u);
+    format!("{end}{} ± {u:.decimals$} {}", plain(f.value, decimals), unit_of(f))
+}
+
+pub(super) fn page(
+    title: &str,
+    acceptance: &Acceptance,
+    assessed: &[Assessed],
+    tests: &[Test],
+) -> Result<String, Box<dyn std::error::Error>> {
+    let Some(newest) = tests.last() else { return Ok(String::new()) };
+    let origins: Vec<Origin> = tests.iter().map(|t| Origin::of(&t.label, &t.plan.path)).collect();
+    let (plane, circles) = (newest.plan.circles.plane, &newest.circles);
+    let feeds: Vec<String> = circles.iter().filter_map(|c| c.feed).map(|f| format!("{f:.0}")).collect();
+    let [x, y] = newest.plan.analysis.offset.map(|(v, _)| um_from_mm(v));
+    let [cx, cy] = newest.plan.circles.centre;
+    let [a, b] = plane.axes();
+    let facts = [
+        (
+            "plane",
+            format!("{a}{b}, centre at {a} {cx} mm, {b} {cy} mm, radius {} mm", newest.plan.circles.radius),
+        ),
+        ("feeds", if feeds.is_empty() { "not stated".to_owned() } else { feeds.join(", ") + " mm/min" }),
+        ("readings", counted(newest.plan.circles.samples.len(), "reading")),
+        ("centre of the instrument", format!("{}, {} µm taken out", plain(x, 1), plain(y, 1))),
+    ];
+    let standard = "Circular test, ISO 230-4:2022, with causes fitted to all readings";
+    let mut page = page::start(title, standard, acceptance, assessed, &origins, &facts);
+    if let Some(largest) = newest.plan.analysis.estimates.first() {
+        page.lead(format_args!(
+            "Largest cause: {}, {:.0} % of what the causes add to the circle.",
+            named(largest.effect, plane).0,
+            100.0 * largest.share
+        ));
+    }
+    let at_feed =
+        circles.first().and_then(|c| c.feed).map_or(String::new(), |f| format!(" at {f:.0} mm/min"));
+    page.heading(format_args!("Circular errors{at_feed}"));
+    page::figures(&mut page, "µm", assessed, None);
+    let drawn: Vec<_> = match &circles[..] {
+        [first, .., last] => vec![first, last],
+        all => all.iter().collect(),
+    };
+    let all: Vec<_> = drawn.iter().map(|c| shown("", newest, c)).collect();
+    let scale = drawing::scale(&all);
+    for (i, (circle, one)) in drawn.iter().zip(&all).enumerate() {
+        let feed = circle.feed.map_or(String::new(), |f| format!(" at {f:.0} mm/min"));
+        page.heading(format_args!("Polar plot{feed}"));
+        let svg = drawing::single(one, scale)?;
+        if i + 1 == all.len() {
+            page.figure(
+                &svg,
+                "Radial errors about the common centre, magnified; the heavy circle is the nominal path.",
+            );
+        } else {
+            page.picture(&svg);
+        }
+    }
+    causes(&mut page, newest);
+    if tests.len() > 1 {
+        trend(&mut page, &Trend::of(tests));
+    }
+    Ok(page::finish(page, assessed))
+}
+
+/// The causes by rank, with what could not be told.
+fn causes(page: &mut Page, test: &Test) {
+    let (a, plane) = (&test.plan.analysis, test.plan.circles.plane);
+    page.sheet("Causes by rank");
+    let rows: Vec<Bar> = a
+        .estimates
+        .iter()
+        .filter(|e| e.significant)
+        .map(|e| Bar {
+            label: named(e.effect, plane).0,
+            from: 0.0,
+            to: 100.0 * e.share,
+            value: format!("{:.1} %", 100.0 * e.share),
+            ink: Ink::Blue,
+        })
+        .collect();
+    page.html(&bars(&rows));
+    page.note("Share: range that the cause alone adds to the circle, of the sum of all.");
+    let head = ["cause", "adds to the circle / µm", "value, U (k = 2)", "remedy"];
+    let rows: Vec<Vec<Cell>> = a
+        .estimates
+        .iter()
+        .filter(|e| e.significant)
+        .enumerate()
+        .map(|(i, e)| {
+            let (name, remedy) = named(e.effect, plane);
+            let values: Vec<String> = features(a, e).iter().map(value).collect();
+            let adds = COVERAGE * um_from_mm(e.contribution_std);
+            vec![
+                Cell::head(format_args!("{}. {name}", i + 1)),
+                Cell::number(format!("{} ± {adds:.2}", plain(um_from_mm(e.contribution), 2))),
+                Cell::text(values.join("; ")),
+                Cell::text(remedy),
+            ]
+        })
+        .collect();
+    if !rows.is_empty() {
+        page.stacked_table(&head, &rows);
+    }
+    let small: Vec<String> = a
+        .estimates
+        .iter()
+        .filter(|e| !e.significant)
+        .map(|e| {
+            let values: Vec<String> = features(a, e).iter().map(value).collect();
+            format!("{} ({})", named(e.effect, plane).0, values.join("; "))
+        })
+        .collect();
+    if !small.is_empty() {
+        page.note(format_args!("Not significant (99.9 %): {}.", small.join(", ")));
+    }
+    let round = roundness(&test.plan);
+    if let (Some(all), Some(rest)) = (&round.measured, &round.residual) {
+        page.paragraph(format_args!(
+            "Circular error of all readings {:.2} µm; {:.2} µm of the residuals, which no cause explains.",
+            um_from_mm(widest(all)),
+            um_from_mm(widest(rest))
+        ));
+    }
+    for e in a.estimates.iter().filter(|e| !e.confounded.is_empty()) {
+        let others: Vec<String> = e
+            .confounded
+            .iter()
+            .map(|(o, c)| format!("{} (correlation {c:.2})", named(*o, plane).0))
+            .collect();
+        page.note(format_args!(
+            "Confounded: {} is hardly told from {} in these data.",
+            named(e.effect, plane).0,
+            others.join(", ")
+        ));
+    }
+    for (effect, reason) in &a.missing {
+        page.note(format_args!(
+            "Not determined: {}: {}.",
+            named(*effect, plane).0,
+            reason_text(reason, plane)
+        ));
+    }
+    for n in &a.notes {
+        page.note(note_text(n));
+    }
+}
+
+fn trend(page: &mut Page, trend: &Trend) {
+    page.sheet("Trend");
+    let points = |c: &super::trend::Course| -> Vec<(f64, f64)> {
+        trend.at.iter().zip(&c.values).filter_map(|(t, v)| v.map(|(v, _)| (*t, v))).collect()
+    };
+    let plots: Vec<_> = trend
+        .courses
+        .iter()
+        .take(1 + COURSES)
+        .map(|c| {
+            let (name, unit) = c.name.rsplit_once(", ").unwrap_or((&c.name, ""));
+            Plot::new(name, &trend.axis, unit)
+                .with(Style::Line, "", points(c))
+                .with(Style::Dots, "test", points(c))
+                // a scale from zero: noise of a constant is no trend
+                .with(Style::Reference, "", trend.at.iter().map(|t| (*t, 0.0)).collect())
+                .markup()
+        })
+        .collect();
+    page.figures(&plots);
+    let mut head = vec![Cell::head("")];
+    head.extend(trend.labels.iter().map(Cell::number));
+    head.extend([Cell::number("change, U (k = 2)"), Cell::head("")]);
+    let rows: Vec<Vec<Cell>> =
+        trend
+            .courses
+            .iter()
+            .map(|c| {
+                let mut row = vec![Cell::head(&c.name)];
+                row.extend(c.values.iter().map(|v| {
+                    Cell::number(v.map_or_else(|| "-".to_owned(), |(v, _)| plain(v, c.decimals())))
+                }));
+                row.extend([Cell::number(c.change_words()), Cell::text(c.verdict())]);
+                row
+            })
+            .collect();
+    page.table(&head, &rows);
+    page.note(
+        "Change: last test minus first one, with the expanded uncertainty of both fits. The instrument and how it was set up are \
+         not in it. Causes that are not significant in any test are left out.",
+    );
+}

@@ -1,0 +1,191 @@
+//! Circular errors and causes over several ballbar tests, and what changed by more than its uncertainty.
+
+use serde_json::{Value, json};
+
+use super::Test;
+use super::report::{named, unit_of};
+use crate::identify::ballbar::report::{Feature, features};
+use crate::numerals::plain;
+use volcomp_identify::ballbar::Effect;
+use volcomp_units::um_from_mm;
+
+/// Coverage factor.
+pub(super) const COVERAGE: f64 = 2.0;
+
+/// Decimals that show two significant figures of an uncertainty, four at most.
+pub(super) fn decimals_of(u: f64) -> usize {
+    (1.0 - u.max(1e-9).log10().floor()).clamp(0.0, 4.0) as usize
+}
+
+/// One quantity over the tests.
+pub(super) struct Course {
+    /// In words, with its unit.
+    pub(super) name: String,
+    /// Value and standard uncertainty (none for circular errors), by test.
+    pub(super) values: Vec<Option<(f64, Option<f64>)>>,
+}
+
+/// The quantities over the tests.
+pub(super) struct Trend {
+    /// Days, or names of files.
+    pub(super) labels: Vec<String>,
+    /// Abscissa: days since the first test, or numbers of the tests.
+    pub(super) at: Vec<f64>,
+    /// What the abscissa counts.
+    pub(super) axis: String,
+    pub(super) courses: Vec<Course>,
+}
+
+impl Trend {
+    /// The trend of tests in their order.
+    pub(super) fn of(tests: &[Test]) -> Self {
+        let first = tests.first().and_then(|t| t.day);
+        let axis = match (first, tests.first()) {
+            (Some(_), Some(test)) => format!("days since {}", test.label),
+            _ => "test".to_owned(),
+        };
+        let at = tests
+            .iter()
+            .enumerate()
+            .map(|(k, t)| t.day.zip(first).map_or((k + 1) as f64, |(day, first)| (day - first) as f64))
+            .collect();
+        let mut courses = vec![Course {
+            name: "circular error G(b), µm".to_owned(),
+            values: tests.iter().map(|t| t.slowest().result.g_both.map(|g| (um_from_mm(g), None))).collect(),
+        }];
+        // every effect that is significant in a test, in the order of the newest
+        let mut effects: Vec<Effect> = Vec::new();
+        let all = tests.iter().rev().flat_map(|t| &t.plan.analysis.estimates);
+        for e in all.filter(|e| e.significant) {
+            if !effects.contains(&e.effect) {
+                effects.push(e.effect);
+            }
+        }
+        for effect in effects {
+            courses.extend(courses_of(tests, effect));
+        }
+        Self { labels: tests.iter().map(|t| t.label.clone()).collect(), at, axis, courses }
+    }
+
+    /// The trend as JSON.
+    pub(super) fn json(&self) -> Value {
+        let courses: Vec<Value> = self
+            .courses
+            .iter()
+            .map(|c| {
+                let values: Vec<Option<f64>> = c.values.iter().map(|v| v.map(|(v, _)| v)).collect();
+                let std: Vec<Option<f64>> = c.values.iter().map(|v| v.and_then(|(_, s)| s)).collect();
+                json!({
+                    "quantity": c.name,
+                    "values": values,
+                    "std": std,
+                    "change": c.change().map(|(v, _)| v),
+                    "change_u95": c.change().and_then(|(_, u)| u),
+                    "significant": c.significant(),
+                })
+            })
+            .collect();
+        json!({ "tests": self.labels, "quantities": courses })
+    }
+}
+
+/// The values of an effect over the tests, one course for each end of travel.
+fn courses_of(tests: &[Test], effect: Effect) -> Vec<Course> {
+    let of = |t: &Test| -> Vec<Feature> {
+        t.plan.analysis.estimate(effect).map(|e| features(&t.plan.analysis, e)).unwrap_or_default()
+    };
+    let all: Vec<Vec<Feature>> = tests.iter().map(of).collect();
+    let mut names: Vec<&Feature> = Vec::new();
+    for f in all.iter().rev().flatten() {
+        if !names.iter().any(|n| n.name == f.name) {
+            names.push(f);
+        }
+    }
+    let plane = tests.first().map(|t| t.plan.circles.plane);
+    names
+        .iter()
+        .map(|n| {
+            let end = match n.name.as_str() {
+                name if name.ends_with("_POS") => " (positive end)",
+                name if name.ends_with("_NEG") => " (negative end)",
+                _ => "",
+            };
+            let name = plane.map_or_else(|| n.name.clone(), |p| named(effect, p).0);
+            let find =
+                |fs: &Vec<Feature>| fs.iter().find(|f| f.name == n.name).map(|f| (f.value, Some(f.std)));
+            Course { name: format!("{name}{end}, {}", unit_of(n)), values: all.iter().map(find).collect() }
+        })
+        .collect()
+}
+
+impl Course {
+    /// Last value minus first one with its expanded uncertainty (k = 2).
+    pub(super) fn change(&self) -> Option<(f64, Option<f64>)> {
+        let ((first, u), (last, v)) = (self.values.first().copied()??, self.values.last().copied()??);
+        Some((last - first, u.zip(v).map(|(u, v)| COVERAGE * u.hypot(v))))
+    }
+
+    /// Whether the change exceeds its expanded uncertainty; `None` where that is not known.
+    pub(super) fn significant(&self) -> Option<bool> {
+        let (change, u) = self.change()?;
+        Some(change.abs() > u?)
+    }
+
+    /// Decimals of its values: two significant figures of the largest uncertainty.
+    pub(super) fn decimals(&self) -> usize {
+        let stds = self.values.iter().flatten().filter_map(|(_, s)| *s);
+        stds.reduce(f64::max).map_or(2, |s| decimals_of(COVERAGE * s))
+    }
+
+    /// The change in words.
+    pub(super) fn change_words(&self) -> String {
+        match self.change() {
+            None => "-".to_owned(),
+            Some((v, None)) => plain(v, 2),
+            Some((v, Some(u))) => {
+                let decimals = decimals_of(u);
+                format!("{} ± {u:.decimals$}", plain(v, decimals))
+            }
+        }
+    }
+
+    /// Whether it changed, in words.
+    pub(super) fn verdict(&self) -> &'static str {
+        match self.significant() {
+            Some(true) => "changed",
+            Some(false) => "within U",
+            None => "U not stated",
+        }
+    }
+}
+
+/// The trend as text.
+pub(super) fn print(trend: &Trend) {
+    say!("trend over {}", trend.labels.join(", "));
+    for c in &trend.courses {
+        let values: Vec<String> = c
+            .values
+            .iter()
+            .map(|v| v.map_or_else(|| "-".to_owned(), |(v, _)| plain(v, c.decimals())))
+            .collect();
+        say!("{:<52} {}; change {} ({})", c.name, values.join("  "), c.change_words(), c.verdict());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_change_counts_beyond_its_expanded_uncertainty() {
+        let course = |last: f64| Course {
+            name: String::new(),
+            values: vec![Some((1.0, Some(0.3))), None, Some((last, Some(0.4)))],
+        };
+        assert_eq!(course(1.9).significant(), Some(false));
+        assert_eq!(course(2.1).significant(), Some(true));
+        assert_eq!(course(2.1).change_words(), "1.1 ± 1.0");
+        let unknown = Course { name: String::new(), values: vec![Some((1.0, None)), Some((9.0, None))] };
+        assert_eq!((unknown.significant(), unknown.verdict()), (None, "U not stated"));
+    }
+}

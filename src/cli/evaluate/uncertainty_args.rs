@@ -1,0 +1,95 @@
+//! What the user states about the uncertainty of a positioning measurement.
+
+use crate::{EX_USAGE, Failure};
+use volcomp_evaluate::Conditions;
+use volcomp_units::axes::AxisKind;
+
+/// What is known about the measurement; gives expanded uncertainties (k = 2).
+#[derive(Debug, Default, clap::Args)]
+#[command(next_help_heading = "Uncertainty of the measurement (k = 2)")]
+pub(super) struct UncertaintyArgs {
+    /// Instrument, from its certificate, um.
+    #[arg(long, value_name = "UM")]
+    u_device_um: Option<f64>,
+    /// Instrument on a rotary axis, arcsec.
+    #[arg(long, value_name = "ARCSEC", conflicts_with = "u_device_um")]
+    u_device_arcsec: Option<f64>,
+    /// The part of the instrument that grows with length, um per metre.
+    #[arg(long, value_name = "UM")]
+    u_device_um_per_m: Option<f64>,
+    /// Largest offset between beam and axis over the travel, mm.
+    #[arg(long, value_name = "MM")]
+    misalignment_mm: Option<f64>,
+    /// Uncertainty of the material temperature, degC; needs --expansion-um-per-m-degc.
+    #[arg(long, value_name = "DEGC", requires = "expansion_um_per_m_degc")]
+    u_temperature_degc: Option<f64>,
+    /// Coefficient of thermal expansion of the scale, um/(m degC).
+    #[arg(long, value_name = "ALPHA")]
+    expansion_um_per_m_degc: Option<f64>,
+    /// Uncertainty of that coefficient, um/(m degC); needs --temperature-degc.
+    #[arg(long, value_name = "ALPHA", requires = "temperature_degc")]
+    u_expansion_um_per_m_degc: Option<f64>,
+    /// Temperature of the material during the test, degC.
+    #[arg(long, value_name = "DEGC")]
+    temperature_degc: Option<f64>,
+    /// Range of the reading of a resting axis over the time of the test, um.
+    #[arg(long, value_name = "UM")]
+    drift_um: Option<f64>,
+    /// The same for a rotary axis, arcsec.
+    #[arg(long, value_name = "ARCSEC", conflicts_with = "drift_um")]
+    drift_arcsec: Option<f64>,
+}
+
+impl UncertaintyArgs {
+    /// The conditions for an axis of this kind.
+    pub(super) fn conditions(&self, kind: AxisKind) -> Result<Conditions, Failure> {
+        let all = [
+            self.u_device_um,
+            self.u_device_arcsec,
+            self.u_device_um_per_m,
+            self.misalignment_mm,
+            self.u_temperature_degc,
+            self.expansion_um_per_m_degc,
+            self.u_expansion_um_per_m_degc,
+            self.temperature_degc,
+            self.drift_um,
+            self.drift_arcsec,
+        ];
+        if let Some(bad) = all.into_iter().flatten().find(|v| !v.is_finite()) {
+            return Err(Failure::new(
+                EX_USAGE,
+                format_args!("error: uncertainty {bad} is not a finite number"),
+            ));
+        }
+        let of_length = self
+            .u_device_um_per_m
+            .or(self.misalignment_mm)
+            .or(self.u_temperature_degc)
+            .or(self.u_expansion_um_per_m_degc);
+        let (device, drift, foreign, wanted) = match kind {
+            AxisKind::Linear => {
+                (self.u_device_um, self.drift_um, self.u_device_arcsec.or(self.drift_arcsec), "um")
+            }
+            AxisKind::Rotary => {
+                let foreign = self.u_device_um.or(self.drift_um).or(of_length);
+                (self.u_device_arcsec, self.drift_arcsec, foreign, "arcsec, for instrument and drift only")
+            }
+        };
+        if foreign.is_some() {
+            return Err(Failure::new(
+                EX_USAGE,
+                format_args!("error: the unit of an uncertainty does not suit the test; give it in {wanted}"),
+            ));
+        }
+        Ok(Conditions {
+            device,
+            device_per_m: self.u_device_um_per_m,
+            misalignment_mm: self.misalignment_mm,
+            temperature_degc: self.u_temperature_degc,
+            expansion_um_per_m_degc: self.expansion_um_per_m_degc,
+            expansion_uncertainty_um_per_m_degc: self.u_expansion_um_per_m_degc,
+            from_20_degc: self.temperature_degc.map(|t| t - 20.0),
+            drift,
+        })
+    }
+}

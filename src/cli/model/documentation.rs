@@ -1,0 +1,551 @@
+//! `model report`: what ISO/TR 16907 asks the documentation of a compensation to state, on one page.
+
+use std::path::PathBuf;
+
+use serde_json::{Value, json};
+
+use super::super::check::{Size, offset_out, offset_unit, position_out, position_unit, rounded};
+use super::super::{EX_CONFIG, EX_DATAERR, EX_SOFTWARE, Failure};
+use super::picture;
+use super::report::{Report, error_out};
+use super::worst::search;
+use crate::acceptance::verdicts::NOT_STATED;
+use crate::acceptance::{Acceptance, HeadArgs, file_name, sign};
+use crate::input::{self, InputKind};
+use crate::numerals::{counted, plain};
+use crate::report::Page;
+use crate::report::page::Cell;
+use volcomp_config::{MachineConfig, ModelFile, Provenance};
+use volcomp_model::curve::Interpolation;
+
+use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec};
+use volcomp_units::axes::{AxisKind, AxisName};
+
+/// Write the documentation of a compensation on one page: what ISO/TR 16907 asks for
+///
+/// Error functions with grid, interpolation and extrapolation; compensations of the control that stay active; validation;
+/// what is not compensated; limits; day of the next check. What the files do not state is marked as not stated.
+///
+/// Example: volcomp model report model.toml --config machine.toml --head head.toml --validation x.json --html model.html
+#[derive(Debug, clap::Parser)]
+pub(super) struct Args {
+    /// Model file (volcomp-model/1)
+    #[arg(value_name = "MODEL")]
+    file: PathBuf,
+    /// Where to write the page; - is stdout
+    #[arg(long, value_name = "OUT.html", visible_alias = "report")]
+    html: PathBuf,
+    /// Machine file of volcompd: limits and axes that are offset
+    #[arg(long, value_name = "MACHINE.toml")]
+    config: Option<PathBuf>,
+    /// Head of the report in TOML: machine, instrument, compensations of the control, validation (docs/reports.md)
+    #[arg(long, value_name = "HEAD.toml")]
+    head: Option<PathBuf>,
+    /// A comparison that volcomp verify --json wrote; may be repeated
+    #[arg(long, value_name = "VERIFY.json")]
+    validation: Vec<PathBuf>,
+    /// One JSON object on stdout
+    #[arg(long)]
+    json: bool,
+}
+
+pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    if args.json && args.html.as_os_str() == "-" {
+        return Err(Failure::usage("--json and the page cannot both go to stdout"));
+    }
+    let file = super::load(&args.file)?;
+    let model = Model::new(&file.spec).map_err(|e| Failure::new(EX_CONFIG, e))?;
+    let machine = args.config.as_deref().map(crate::status::machine).transpose()?;
+    if let Some(other) = machine.as_ref().filter(|m| m.machine != file.spec.machine) {
+        return Err(Failure::new(
+            EX_CONFIG,
+            format_args!(
+                "error: {}: the model is of machine {}, the machine file of {}",
+                args.file.display(),
+                file.spec.machine,
+                other.machine
+            ),
+        ));
+    }
+    let mut acceptance = Acceptance::load(&HeadArgs::of_head(args.head.clone()), "", &[])?;
+    acceptance.fill(crate::acceptance::Stated {
+        machine: Some(file.spec.machine.clone()),
+        operator: file.provenance.operator.clone(),
+        date: file.provenance.date.clone(),
+        instrument: file.provenance.instrument.clone(),
+        temperature_degc: file.provenance.temperature_degc.map(|t| [t; 2]),
+        ..crate::acceptance::Stated::default()
+    });
+    let mut validations = stated_validations(&acceptance);
+    for path in &args.validation {
+        validations.push(Validation::read(path)?);
+    }
+    let found = search(&file.spec, &model, |_, _| {});
+    let name = file_name(&args.file);
+    let documented = Documented {
+        file: &file,
+        machine: machine.as_ref(),
+        acceptance: &acceptance,
+        validations: &validations,
+        report: Report { file: &file, name: &name, found: &found },
+        hash: input::hash(&args.file, InputKind::Model),
+    };
+    let drawn =
+        |e: Box<dyn std::error::Error>| Failure::new(EX_SOFTWARE, format_args!("error: picture: {e}"));
+    super::save(&args.html, &documented.page(&model).map_err(drawn)?)?;
+    if args.json {
+        say!("{:#}", documented.json());
+    } else if args.html.as_os_str() != "-" {
+        note!("report written: {}", args.html.display());
+    }
+    Ok(())
+}
+
+/// A measurement with the compensation active.
+struct Validation {
+    measurement: String,
+    date: Option<String>,
+    instrument: Option<String>,
+    points: Option<u64>,
+    /// Without and with compensation, with the unit.
+    sizes: Option<String>,
+}
+
+fn stated_validations(acceptance: &Acceptance) -> Vec<Validation> {
+    let of = &acceptance.compensation().validation;
+    of.iter()
+        .map(|v| Validation {
+            measurement: v.measurement.clone().unwrap_or_else(|| NOT_STATED.to_owned()),
+            date: v.date.as_ref().map(|d| d.0.clone()),
+            instrument: v.instrument.clone(),
+            points: v.points.map(u64::from),
+            sizes: v.before_um.zip(v.after_um).map(|(b, a)| format!("{} to {} µm", plain(b, 2), plain(a, 2))),
+        })
+        .collect()
+}
+
+impl Validation {
+    /// Reads what `volcomp verify --json` wrote.
+    fn read(path: &std::path::Path) -> Result<Self, Failure> {
+        let text = input::read_text(path, InputKind::Case)?;
+        let wrong = |what: &str| {
+            Failure::new(
+                EX_DATAERR,
+                format_args!(
+                    "error: {}: {what}; expected the output of volcomp verify --json",
+                    path.display()
+                ),
+            )
+        };
+        let report: Value = serde_json::from_str(&text).map_err(|e| wrong(&e.to_string()))?;
+        let test = report["test"].as_str().ok_or_else(|| wrong("no test"))?;
+        let size = |unit: &str, words: &str| -> Option<String> {
+            let of = |when: &str| {
+                let value = report["range"][format!("{when}_{unit}")].as_f64()?;
+                let u = report["range"][format!("{when}_u95_{unit}")].as_f64();
+                let u = u.map_or(String::new(), |u| format!(" ± {u:.2}"));
+                Some(plain(value, 2) + &u)
+            };
+            Some(format!("range of the means {} to {} {words}", of("before")?, of("after")?))
+        };
+        let sizes = size("um", "µm").or_else(|| size("arcsec", "arcsec")).ok_or_else(|| wrong("no range"))?;
+        Ok(Self {
+            measurement: format!("{test}, {}", file_name(path)),
+            date: None,
+            instrument: None,
+            points: report["readings"][1].as_u64(),
+            sizes: Some(sizes),
+        })
+    }
+}
+
+struct Documented<'a> {
+    file: &'a ModelFile,
+    machine: Option<&'a MachineConfig>,
+    acceptance: &'a Acceptance,
+    validations: &'a [Validation],
+    report: Report<'a>,
+    hash: Option<String>,
+}
+
+impl Documented<'_> {
+    const fn spec(&self) -> &ModelSpec {
+        &self.file.spec
+    }
+
+    fn page(&self, model: &Model) -> Result<String, Box<dyn std::error::Error>> {
+        let spec = self.spec();
+        let mut page = Page::new(&format!("Compensation of {}", spec.machine));
+        page.html("<div class=\"dense\">");
+        page.paragraph(
+            "Documentation of the numerical compensation of geometric errors, after ISO/TR 16907:2015",
+        );
+        self.acceptance.head(&mut page);
+        let hash = self.hash.as_ref().map_or(String::new(), |h| format!(", blake3 {h}"));
+        let axes: Vec<String> =
+            spec.chain.axes().iter().filter(|a| !a.spindle).map(|a| self.axis(a.name)).collect();
+        let rows = [
+            ("model file", format!("{}{hash}", self.report.name)),
+            ("kinematic representation", format!("{}; {}", spec.chain, axes.join("; "))),
+            ("determined from", origin(&self.file.provenance).unwrap_or_else(|| NOT_STATED.to_owned())),
+            ("re-check", self.re_check().unwrap_or_else(|| NOT_STATED.to_owned())),
+        ];
+        page.table(&[], &rows.map(|(what, text)| vec![Cell::head(what), Cell::text(text)]));
+        page.heading(format_args!("Error functions, {} of {}", self.covered().len(), possible(spec).len()));
+        self.functions(&mut page);
+        page.heading("Application");
+        self.application(&mut page);
+        page.heading("Validation");
+        self.validation(&mut page);
+        page.heading("Not compensated");
+        page.list(&self.not_compensated());
+        sign(&mut page);
+        page.html("</div>");
+        if let Some(volume) = picture::distorted(spec, model)? {
+            page.sheet("Errors predicted in the working volume");
+            page.picture(&volume);
+        }
+        Ok(page.finish())
+    }
+
+    /// Travel of an axis.
+    fn axis(&self, name: AxisName) -> String {
+        let travel = self.spec().axis(name).travel.map(|t| t.map(|v| position_out(name, v)));
+        let unit = position_unit(name);
+        travel.map_or_else(
+            || format!("{name}: travel not stated"),
+            |[low, high]| format!("{name} {low} to {high} {unit}"),
+        )
+    }
+
+    /// The day of the next check: of the head, else the expiry of the model.
+    fn re_check(&self) -> Option<String> {
+        let stated = self.acceptance.compensation().re_check.as_ref().map(|d| d.0.clone());
+        stated.or_else(|| self.file.earliest_expiry().map(|day| format!("{day} (expiry of the model)")))
+    }
+
+    /// Symbols with an error function that the chain has.
+    fn covered(&self) -> Vec<ErrorSymbol> {
+        let of = |s: &ErrorSymbol| self.spec().errors.iter().any(|(other, _)| other == s);
+        possible(self.spec()).into_iter().filter(of).collect()
+    }
+
+    fn functions(&self, page: &mut Page) {
+        // errors determined elsewhere than the file as a whole
+        let own = |symbol: ErrorSymbol| {
+            let found = self.file.of_errors.iter().find(|(s, _)| *s == symbol);
+            found.and_then(|(_, p)| origin(p)).filter(|o| Some(o) != origin(&self.file.provenance).as_ref())
+        };
+        let apart = self.spec().errors.iter().any(|(s, _)| own(*s).is_some());
+        let mut head =
+            vec!["", "error", "function, grid, interpolation", "over", "lowest to highest", "U (k = 2)"];
+        head.extend(apart.then_some("determined from"));
+        let rows: Vec<Vec<Cell>> = self
+            .spec()
+            .errors
+            .iter()
+            .map(|(symbol, function)| {
+                let size = Size::of(*symbol, function, self.spec());
+                let unit = if size.unit == "um" { "µm" } else { size.unit };
+                let position = position_unit(symbol.axis());
+                let over =
+                    size.range.map_or("everywhere".to_owned(), |[a, b]| format!("{a} to {b} {position}"));
+                let u = function.std.map(|s| plain(2.0 * error_out(*symbol, s), 2));
+                let extremes = format!("{} to {} {unit}", plain(size.low, 2), plain(size.high, 2));
+                let mut row = vec![
+                    Cell::head(symbol),
+                    Cell::text(meaning(*symbol)),
+                    Cell::text(representation(*symbol, function)),
+                    Cell::text(over),
+                    Cell::number(extremes),
+                    u.map_or_else(|| Cell::number(NOT_STATED).faint(), Cell::number),
+                ];
+                row.extend(
+                    apart.then(|| Cell::text(own(*symbol).unwrap_or_else(|| "as the file".to_owned()))),
+                );
+                row
+            })
+            .collect();
+        page.stacked_table(&head, &rows);
+    }
+
+    fn application(&self, page: &mut Page) {
+        let mut rows: Vec<(&str, String)> = vec![
+            (
+                "interpolation",
+                "as listed for each function, evaluated at the commanded position of every cycle; sums of terms and axes through \
+                 the kinematic chain"
+                    .to_owned(),
+            ),
+            ("extrapolation", self.extrapolation()),
+            ("compensations of the control that stay active", self.native()),
+            ("applied by", self.applied()),
+        ];
+        if let Some(machine) = self.machine {
+            let limits: Vec<String> = machine
+                .axes
+                .iter()
+                .map(|a| {
+                    let (limit, unit) = (offset_out(a.name, a.limits.size), offset_unit(a.name));
+                    format!("{} {} {}", a.name, rounded(limit), if unit == "um" { "µm" } else { unit })
+                })
+                .collect();
+            rows.push(("limits of the correction", limits.join(", ")));
+            let window = machine.guard.temperature_degc.map(|[low, high]| format!("{low} to {high} °C"));
+            rows.push(("temperatures for which it holds", window.unwrap_or_else(|| NOT_STATED.to_owned())));
+        }
+        let worst = self.report.worst();
+        let words: Vec<String> = worst.iter().take(2).map(|f| format!("{} {}", f.what, f.value)).collect();
+        rows.push(("errors predicted without it", words.join("; ").replace(" um", " µm")));
+        let rows: Vec<Vec<Cell>> =
+            rows.into_iter().map(|(what, text)| vec![Cell::head(what), Cell::text(text)]).collect();
+        page.table(&[], &rows);
+    }
+
+    /// What happens outside of the functions' ranges, and where they are narrower than the travel.
+    fn extrapolation(&self) -> String {
+        let mut text =
+            "none: outside the range of a function its end value is held and the point is flagged".to_owned();
+        let short: Vec<String> = crate::check::model_notes(self.file)
+            .into_iter()
+            .filter(|n| n.contains("its end value is held"))
+            .map(|n| n.split(';').next().unwrap_or(&n).to_owned())
+            .collect();
+        if short.is_empty() {
+            text.push_str("; every function covers the travel stated");
+        } else {
+            text = format!("{text}; {}", short.join("; "));
+        }
+        text
+    }
+
+    /// Compensations of the control.
+    fn native(&self) -> String {
+        match &self.acceptance.compensation().native {
+            None => NOT_STATED.to_owned(),
+            Some(none) if none.is_empty() => "none".to_owned(),
+            Some(list) => list.join("; "),
+        }
+    }
+
+    fn applied(&self) -> String {
+        let axes = match self.machine {
+            Some(machine) => machine.axes.iter().map(|a| a.name.to_string()).collect::<Vec<_>>().join(", "),
+            None => NOT_STATED.to_owned(),
+        };
+        format!("offsets of the axes, each cycle; axes offset: {axes}")
+    }
+
+    fn validation(&self, page: &mut Page) {
+        if self.validations.is_empty() {
+            page.paragraph(NOT_STATED);
+            return;
+        }
+        let head = ["measurement", "date", "instrument", "points", "without to with compensation"];
+        let or = |v: Option<String>| v.map_or_else(|| Cell::text(NOT_STATED).faint(), Cell::text);
+        let rows: Vec<Vec<Cell>> = self
+            .validations
+            .iter()
+            .map(|v| {
+                vec![
+                    Cell::text(&v.measurement),
+                    or(v.date.clone()),
+                    or(v.instrument.clone()),
+                    or(v.points.map(|n| n.to_string())),
+                    or(v.sizes.clone()),
+                ]
+            })
+            .collect();
+        page.stacked_table(&head, &rows);
+    }
+
+    /// What follows from model and machine file, and what the head adds.
+    fn not_compensated(&self) -> Vec<String> {
+        let spec = self.spec();
+        let covered = self.covered();
+        let mut out = Vec::new();
+        let left: Vec<String> =
+            possible(spec).into_iter().filter(|s| !covered.contains(s)).map(|s| s.to_string()).collect();
+        if left.is_empty() {
+            out.push(
+                "no error motion, squareness or location error of the chain is without a function".to_owned(),
+            );
+        } else {
+            out.push(format!("without a function: {}", left.join(" ")));
+        }
+        if let Some(machine) = self.machine {
+            let never = machine.uncorrected_axes(spec);
+            if !never.is_empty() {
+                let names: Vec<String> = never.iter().map(ToString::to_string).collect();
+                out.push(format!("axes that are never offset: {}", names.join(", ")));
+            }
+        }
+        let rotary = spec.chain.axes().iter().any(|a| !a.spindle && a.name.kind() == AxisKind::Rotary);
+        if !rotary {
+            out.push(
+                "orientation of the tool: the displacement that angular errors cause at the tool tip is corrected, the \
+                 angle stays"
+                    .to_owned(),
+            );
+        }
+        if self.file.growths_in_use().next().is_none() {
+            out.push("thermal displacement: the model has no thermal term".to_owned());
+        }
+        if !spec.errors.iter().any(|(_, f)| !f.dynamics.is_empty()) {
+            out.push("errors that depend on direction, velocity or acceleration, beyond reverse branches of tables".to_owned());
+        }
+        out.push(
+            "errors that do not repeat; deformation by cutting force and workpiece; tool wear".to_owned(),
+        );
+        out.extend(self.acceptance.compensation().not_compensated.iter().cloned());
+        out
+    }
+
+    fn json(&self) -> Value {
+        let symbols = |list: Vec<ErrorSymbol>| -> Vec<String> {
+            list.iter().map(|s| s.to_string().to_lowercase()).collect()
+        };
+        let covered = self.covered();
+        let left = possible(self.spec()).into_iter().filter(|s| !covered.contains(s)).collect();
+        let functions: Vec<Value> = self
+            .spec()
+            .errors
+            .iter()
+            .map(|(s, f)| json!({ "symbol": s.to_string().to_lowercase(), "representation": representation(*s, f) }))
+            .collect();
+        json!({
+            "machine": self.spec().machine,
+            "model_hash": self.hash,
+            "covered": symbols(covered),
+            "without_function": symbols(left),
+            "functions": functions,
+            "extrapolation": self.extrapolation(),
+            "native_compensations": self.acceptance.compensation().native,
+            "not_compensated": self.not_compensated(),
+            "validations": self.validations.len(),
+            "re_check": self.re_check(),
+        })
+    }
+}
+
+/// Instrument, day and file of a determination, where stated.
+fn origin(p: &Provenance) -> Option<String> {
+    let stated: Vec<&str> =
+        [&p.instrument, &p.date, &p.source].into_iter().flatten().map(String::as_str).collect();
+    (!stated.is_empty()).then(|| stated.join(", "))
+}
+
+/// The error motions, squarenesses and location errors of a chain; zero offsets of rotary axes are not among them.
+fn possible(spec: &ModelSpec) -> Vec<ErrorSymbol> {
+    let axes: Vec<AxisName> = spec.chain.axes().iter().filter(|a| !a.spindle).map(|a| a.name).collect();
+    let mut out: Vec<ErrorSymbol> = axes
+        .iter()
+        .flat_map(|axis| Component::ALL.map(|component| ErrorSymbol::Motion { component, axis: *axis }))
+        .collect();
+    for (component, axis, other) in [
+        (Component::C, AxisName::Y, AxisName::X),
+        (Component::B, AxisName::Z, AxisName::X),
+        (Component::A, AxisName::Z, AxisName::Y),
+    ] {
+        if axes.contains(&axis) && axes.contains(&other) {
+            out.push(ErrorSymbol::Squareness { component, axis });
+        }
+    }
+    for axis in axes.iter().filter(|a| a.kind() == AxisKind::Rotary) {
+        let own = axis.direction();
+        let location = |c: &Component| c.index() != own && c.index() != 3 + own;
+        out.extend(
+            Component::ALL
+                .into_iter()
+                .filter(location)
+                .map(|component| ErrorSymbol::Location { component, axis: *axis }),
+        );
+    }
+    out
+}
+
+fn meaning(symbol: ErrorSymbol) -> &'static str {
+    match symbol {
+        ErrorSymbol::Motion { .. } => picture::meaning(symbol),
+        ErrorSymbol::Squareness { .. } => "squareness",
+        ErrorSymbol::Location { .. } => "location",
+    }
+}
+
+/// Function, grid and interpolation of an error.
+fn representation(symbol: ErrorSymbol, function: &ErrorFunction) -> String {
+    let unit = position_unit(symbol.axis());
+    let step = |positions: &[f64], axis: AxisName| {
+        let steps = positions.windows(2).map(|w| position_out(axis, w[1]) - position_out(axis, w[0]));
+        let (low, high) = steps.fold((f64::INFINITY, 0.0f64), |(l, h), s| (l.min(s), h.max(s)));
+        if high - low < 1e-6 * high {
+            format!("every {} {}", rounded(high), position_unit(axis))
+        } else {
+            format!("every {} to {} {}", rounded(low), rounded(high), position_unit(axis))
+        }
+    };
+    let curve = |c: &Curve| match c {
+        Curve::Constant(_) => "constant".to_owned(),
+        Curve::Table(t) => {
+            let (positions, _, reverse) = t.columns();
+            let how = match t.interpolation() {
+                Interpolation::Linear => "linear",
+                Interpolation::MonotoneCubic => "monotone cubic",
+            };
+            let both = if reverse.is_some() { ", both directions" } else { "" };
+            let points = counted(positions.len(), "point");
+            format!("table, {points} {}, {how}{both}", step(positions, symbol.axis()))
+        }
+        Curve::Fourier(f) => format!("Fourier {}", counted(f.harmonics().len(), "harmonic")),
+        Curve::HalfRange(h) => format!("sine half waves, {}", counted(h.coefficients().2.count(), "term")),
+        Curve::Chebyshev(c) => {
+            format!("Chebyshev degree {}", c.coefficients().len().saturating_sub(1))
+        }
+    };
+    let mut terms: Vec<String> = function.curves.iter().map(curve).collect();
+    terms.extend(function.grids.iter().map(|grid| {
+        let axes: Vec<String> = grid
+            .axes()
+            .enumerate()
+            .map(|(i, axis)| format!("{axis} {} {}", grid.positions(i).len(), step(grid.positions(i), axis)))
+            .collect();
+        format!("grid, {}, linear", axes.join(", "))
+    }));
+    terms.extend(function.live.iter().map(|live| format!("live value of {}", live.sensor)));
+    if !function.dynamics.is_empty() {
+        terms.push(format!("{} that follow motion", counted(function.dynamics.len(), "term")));
+    }
+    if terms.is_empty() {
+        return format!("no term over {unit}");
+    }
+    terms.join(" + ")
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use volcomp_model::Chain;
+
+    #[test]
+    fn a_chain_has_its_errors() {
+        let count = |chain: &str| possible(&ModelSpec::new("m", Chain::parse(chain).unwrap())).len();
+        assert_eq!(
+            [count("[w X' b Y Z t]"), count("[w C' A' X' b Y Z t]"), count("[w b X Z (S) t]")],
+            [21, 41, 13]
+        );
+    }
+
+    #[test]
+    fn a_table_states_its_grid() {
+        use volcomp_model::curve::Table;
+        let table = |positions: Vec<f64>, how| {
+            let n = positions.len();
+            ErrorFunction::single(Curve::Table(Table::new(positions, vec![0.0; n], None, how).unwrap()))
+        };
+        let exx = ErrorSymbol::parse("exx").unwrap();
+        let even = representation(exx, &table(vec![0.0, 50.0, 100.0], Interpolation::Linear));
+        assert_eq!(even, "table, 3 points every 50 mm, linear");
+        let uneven = representation(exx, &table(vec![0.0, 10.0, 100.0], Interpolation::MonotoneCubic));
+        assert_eq!(uneven, "table, 3 points every 10 to 90 mm, monotone cubic");
+    }
+}

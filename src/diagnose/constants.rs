@@ -1,0 +1,254 @@
+//! The figures of the method that are chosen and neither derived nor measured: meaning, source, and what moves when one is halved
+//! or doubled (where no run is cited: by reasoning). Grids of non-linear parameters live with their effects
+//! (`volcomp_effects::library`).
+
+use super::noise::ClassNoise;
+
+// Decision
+
+/// Log odds of an effect in campaigns of several programs.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct Calibration {
+    /// Log odds of an effect without evidence.
+    pub(crate) base: f64,
+    /// Per unit of the logarithm of the evidence.
+    pub(crate) evidence: f64,
+    /// Per unit of the deviation between parts, relative to the effect.
+    pub(crate) between: f64,
+    /// Per unit of the deviation from its formula beyond [`DEVIATION_EXPECTED`], relative to the effect.
+    pub(crate) misform: f64,
+    /// Per unit of the cosine with what the others do, where it is negative.
+    pub(crate) against: f64,
+}
+
+/// Logistic regression over blind cases of two generators, judged on a third one (docs/development/ablation.md). `between` or
+/// `misform` halved: names of effects outside the library; doubled: effects that vary over the volume are not declared.
+pub(crate) const CALIBRATION: Calibration =
+    Calibration { base: -2.5, evidence: 0.84, between: 5.5, misform: 9.0, against: 4.4 };
+/// Group probability from which an effect is declared. Halved: one more wrong name in three; doubled: nothing.
+pub(crate) const DECLARED: f64 = 0.6;
+/// Own probability from which it is: below, its name is one of many. Halved: little; doubled: one of three clocks goes unnamed.
+pub(crate) const NAMED: f64 = 0.15;
+/// What is left of a probability where a pattern forbids an effect: one in ten of those was at work in blind cases.
+pub(crate) const UNSURE: f64 = 0.1;
+/// Least probability of what was chosen, and of what is listed: in blind cases one in thirty of those that fail is at work.
+pub(crate) const LEAST_PROBABILITY: f64 = 0.03;
+/// Mean relative deviation of an effect before anything is known (exponential prior): what nothing shows twice counts by it.
+/// Halved: one program is believed like many; doubled: what only one program shows is not declared.
+pub(crate) const DEVIATION_EXPECTED: f64 = 0.25;
+/// Relative deviations over which the likelihood is averaged; a finer ladder changes nothing.
+pub(crate) const DEVIATIONS: [f64; 7] = [0.0, 0.1, 0.2, 0.35, 0.7, 1.0, 1.4];
+/// Evidence is divided by one plus this share of the gain: no model is exact. The second where the variation over the volume
+/// stands among the noise. Halved: rivals with nearly the same column are excluded; doubled: more set answers.
+pub(crate) const INEXACT: [f64; 2] = [0.008, 0.001];
+/// Share of its gain that a swapped effect must keep to count as the same column. Nearer to 1: fewer set answers.
+pub(crate) const SAME: f64 = 0.97;
+/// The same for a table of positions and a worn place of one axis, whose form nobody knows so well.
+pub(crate) const CURVE_SAME: f64 = 0.85;
+/// Share below which something is little beside something else: what a table says beside a worn place, where an effect acts, the
+/// forecast shrink that explains anything, the chance that there is no discrepancy, readings that may be wild. Halved: worn places
+/// become tables; doubled: single curves are taken for worn places.
+pub(crate) const LITTLE: f64 = 0.05;
+/// Standard deviations from which a value is sure of its sign. Halved: rams whose weights are small are refused.
+pub(crate) const SURE: f64 = 3.0;
+/// Standard deviations of a sum over all readings from which it is no chance, and size in those of the noise from which an effect
+/// is large. Halved: heavy tails are called unexplained.
+pub(crate) const SIGNIFICANT: f64 = 5.0;
+/// Fewest products from which structure is told. Halved: nothing changes in the generators; doubled: small setups stay silent.
+pub(crate) const COUNT_MIN: usize = 20;
+/// Least share of a column that offsets, rotation and drift of the mounting must leave.
+pub(crate) const SEEN: f64 = 1e-4;
+/// Drift, in standard deviations of the noise, from which it is something to explain. Halved: every tracker drifts.
+pub(crate) const LARGE_DRIFT: f64 = 1.7;
+/// Random draws of an interval: 400 leave its ends sure to 0.2 of a standard deviation.
+pub(crate) const DRAWS: usize = 400;
+/// Most outlying readings listed in the report.
+pub(crate) const LISTED: usize = 40;
+/// Standard deviations on either side of an interval of 90 %.
+pub(crate) const NINETY: f64 = 1.645;
+
+// Comparison of all sets of effects (sessions of one program).
+
+/// Programs up to which the comparison is exact.
+pub(crate) const PROGRAMS_MAX: usize = 1;
+/// Readings that carry the comparison. Halved: effects below some 3 standard deviations are lost in long captures. Doubled:
+/// eight times the time.
+pub(crate) const ROWS_MAX: usize = 200;
+/// Correlation lengths of the discrepancy, as shares of the travel seen. At most a quarter: a longer one is itself a scale or
+/// a straightness and takes the cause's place.
+pub(crate) const LENGTHS: [f64; 2] = [0.08, 0.25];
+/// Correlation times of the drift, as shares of the longest setup.
+pub(crate) const TIMES: [f64; 3] = [0.03, 0.3, 3.0];
+/// Scales of each component of the covariance, in standard deviations of the white noise.
+pub(crate) const NOISE_SCALES: [f64; 8] = [0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 32.0];
+/// Log prior of a component that is not zero against one that is.
+pub(crate) const PRESENT: f64 = -1.0;
+/// Scales of the effect sizes, in standard deviations of the white noise.
+pub(crate) const EFFECT_SCALES: [f64; 5] = [1.0, 4.0, 16.0, 64.0, 256.0];
+/// Distinct places of an axis from which direction and place together may form a discrepancy: with fewer, a width per place is
+/// a backlash that varies, and stays among lack of fit.
+pub(crate) const PLACES_MIN: usize = 12;
+/// Steps of the ascent over the scales of the covariance.
+pub(crate) const ASCENT_MAX: usize = 12;
+/// Components at zero that are tried in one step, those whose likelihood rises most steeply.
+pub(crate) const ASCENDED: usize = 3;
+/// Log evidence below the best at which a set of effects no longer counts.
+pub(crate) const WINDOW: f64 = 7.0;
+/// Sets of effects whose neighbours are visited.
+pub(crate) const EXPANDED: usize = 12;
+/// Effects in one set.
+pub(crate) const SET_MAX: usize = 8;
+/// Standard deviations of a leave-one-out residual from which a reading counts less.
+pub(crate) const TAIL: f64 = 3.5;
+/// One minus the cosine below which two columns are one.
+pub(crate) const ALIKE: f64 = 1e-6;
+/// Probability from which another effect is named as one that the data do not exclude.
+pub(crate) const RIVAL: f64 = 0.03;
+/// Rounds of sets and scales in turn.
+pub(crate) const SETTLING_MAX: usize = 4;
+/// Repetitions from which each may have an offset of its own.
+pub(crate) const CYCLES_MIN: usize = 3;
+/// Place among the scales at which the misform of effects begins in a search of its own.
+pub(crate) const MISFORM_RUNG: usize = 2;
+
+// Size of the sample
+
+/// Readings looked at where the cost grows faster than their number. Source: 6,000 readings in 2 s. Halved: noise of large
+/// sessions 1.4 times less certain; doubled: up to four times the time.
+pub(crate) const ROWS: usize = 4000;
+/// Fewest values from which a scatter is estimated: its standard uncertainty is then 20 %, 1/sqrt(2 n). Halved: noise and
+/// outlier limits of small classes off by 30 %; doubled: classes below 24 readings fall back on coarser estimates.
+pub(crate) const FEW: usize = 12;
+/// Fewest values from which a spectrum, a power law or a pattern is estimated: 10 %. Halved: chance lines and powers in
+/// captures below 48; doubled: short captures say nothing of vibration.
+pub(crate) const MANY: usize = 4 * FEW;
+
+// False alarms
+
+/// Robust standard deviations from which a reading is an outlier; the shoulders of the noise begin at half of it (`TAILS` is
+/// tabulated for these two). Halved: tails of normal noise are left out; doubled: outliers widen the noise.
+pub(crate) const OUTLYING: f64 = 5.5;
+/// Robust standard deviations at which values are clipped: normal noise loses 0.006 %. Halved: noise 4 % too small;
+/// doubled: single outliers count.
+pub(crate) const CLIPPED: f64 = 4.0;
+/// Probability of a line in the spectrum of noise alone. Halved or doubled: lines within 2 % of the limit in power.
+pub(crate) const LINE_CHANCE: f64 = 1e-5;
+/// Twice the log-likelihood by which a drift must be better than none: two parameters, chance 5 %. Halved: drift swallows
+/// slow effects; doubled: drift below the noise passes for effects.
+pub(crate) const DRIFT_GAIN: f64 = 6.0;
+/// Twice the log-likelihood by which repeats contradict a drift: chance 0.7 %. Halved: the drift of a tracker is refused;
+/// doubled: what comes back with every repeat passes for drift.
+pub(crate) const CONTRADICTED: f64 = 10.0;
+/// Repeats of a point that know its slow changes without the effects. Halved: two repeats close in time hide a drift; doubled:
+/// ISO 230-2 tests of five passes do not count.
+pub(crate) const REPEATS: usize = 3;
+
+// Directions and places
+
+/// Cosine from which two readings look the same way. Halved: a circle's readings are compared across directions (their
+/// difference is no noise); closer to 1: circles have no neighbours.
+pub(crate) const SAME_WAY: f64 = 0.9;
+/// The same for a line or a hole of a table, where the direction stands still. Halved: a circle is one line; closer to 1: nothing.
+pub(crate) const SAME_LINE: f64 = 0.99;
+/// Smallest component of the direction of measurement along an axis that it sees. Halved or doubled: effects of an axis that
+/// only oblique readings see are searched for or not.
+pub(crate) const SEES: f64 = 0.2;
+/// Share of a whole below which nothing is told of a part: of the gap at a place, of the gap that is rounding, of a
+/// probability. Halved or doubled: length of the report.
+pub(crate) const TOLD: f64 = 0.02;
+
+// Decimals
+
+/// What the last decimal of a file may hide, um: files have four decimals. Halved: no step is found in files of three;
+/// doubled: steps below 6 nm are none.
+pub(crate) const DECIMALS_UM: f64 = 1.5e-4;
+/// How often each value of two must have been read to prove a step. Halved: chance; doubled: short logs of coarse displays have
+/// no step.
+pub(crate) const READ_EACH: usize = 40;
+/// Least step, in such decimals: below, everything is a multiple. Halved: steps by chance; doubled: 5 nm encoders are not seen
+/// as such.
+pub(crate) const STEP_DECIMALS: f64 = 20.0;
+/// Noise below this share of the gap is not believed: files are rounded and models are never perfect. Halved or doubled: only
+/// sessions without noise.
+pub(crate) const NOISE_SHARE: f64 = 1e-3;
+
+// Motion
+
+/// Samples further apart than this are readings at standstill, s, unless the rows say that they move. Halved: logs at 10 Hz have
+/// no velocities; doubled: readings with short dwells get false ones.
+pub(crate) const FAST_S: f64 = 0.12;
+/// The same where a column says that the machine moves.
+pub(crate) const FAST_MOVING_S: f64 = 5.0 * FAST_S;
+/// Error of an acceleration by the rounding of positions that is accepted, mm/s^2 or deg/s^2. Halved: accelerations are
+/// smoothed over more samples; doubled: they scatter.
+pub(crate) const ACCELERATION_NOISE: f64 = 10.0;
+/// Slower than this is standstill to a vibration, mm/s and rad/s. Halved: encoder noise counts as motion; doubled: creeping
+/// readings count as rest.
+pub(crate) const CREEP: f64 = 0.05;
+/// Lowest frequency of a vibration of a machine, Hz: the rigid-body modes of its mounts lie at 2 to 30 Hz. What is slower is
+/// drift, and readings too slow for it show vibration as noise. Halved: drift of captures is called vibration; doubled: soft
+/// mounts are not found.
+pub(crate) const LOWEST_HZ: f64 = 1.0;
+
+// Chance effects
+
+/// Fewest readings left out that are a cause. Halved: two chips on a scale are a cause; doubled: rare dropouts are none.
+pub(crate) const OUTLIERS_MIN: usize = 8;
+/// Their least share of all readings. Halved or doubled: rare dropouts in sessions above 5,000 readings.
+pub(crate) const OUTLIERS_SHARE: f64 = 0.0015;
+/// Outliers are a cause where they are this many times as many as heavy tails of the noise would bring, and this many standard
+/// deviations more, and so many. Halved: heavy tails are called outliers; doubled: outliers in heavy-tailed noise are not named.
+pub(crate) const BEYOND_TAILS: [f64; 3] = [2.0, 3.0, 5.0];
+/// Share of the outliers that look along one axis, and share of all others that do not, from which that axis is to blame.
+/// Halved: mixed outliers are blamed on an axis; doubled: no meaning (at most 1).
+pub(crate) const ONE_AXIS: [f64; 2] = [0.9, 0.6];
+/// Standard deviations by which noise must grow with the range, and the least power. Halved: uneven noise is called range noise;
+/// doubled: only long ranges show it.
+pub(crate) const RANGE_GROWTH: [f64; 2] = [6.0, 0.2];
+/// Log-likelihood from which the noise of a tracker's angles is a cause. Halved: named beside other noise; doubled: only trackers
+/// with angles far above their length.
+pub(crate) const ANGLE_EVIDENCE: f64 = 24.0;
+/// Least step that is called rounding, um. Halved or doubled: displays of 10 to 40 nm.
+pub(crate) const STEP_UM: f64 = 0.02;
+/// Readings differ from one neighbour by less than this share of what they differ from the other where something has jumped.
+/// Halved: jumps are called outliers; doubled: outliers beside each other are called jumps.
+pub(crate) const ONE_SIDED: f64 = 0.4;
+/// Size in standard deviations of the noise from which rounding and vibration are causes beside it: they then add 8 % and 1 %
+/// to it (amplitude against standard deviation). Halved: both named where nobody sees them; doubled: only where they rule.
+pub(crate) const BESIDE_NOISE: f64 = 0.4;
+/// Probability of a chance effect that has passed its test, and of one whose pattern contradicts it; neither is a posterior.
+/// Halved or doubled: the probability printed.
+pub(crate) const PASSED: [f64; 2] = [0.95, 0.3];
+
+// Plans and programs
+
+/// Noise that is assumed before anything is measured: white, drift, um, and the drift's time, s. Halved or doubled: nothing but
+/// the share of drift in what a plan sees.
+pub(crate) const ASSUMED: ClassNoise = ClassNoise { white_um: 1.0, drift_um: 0.6, drift_s: 600.0 };
+/// Overlap from which two effects are one to a plan. Halved: all polynomials are one; doubled: no meaning (at most 1).
+pub(crate) const SAME_IN_PLAN: f64 = 0.95;
+/// Share of the travel below which an axis is seen in part only, where a line may be the slope of a curve. Halved: scales over
+/// half of a travel are believed; doubled: no meaning.
+pub(crate) const WHOLE: f64 = 0.75;
+
+/// Physical bounds of the input: what is beyond them is in another unit.
+pub(crate) mod bounds {
+    /// RMS of deviations, um: below the first or above the last they cannot be in um, outside the inner two they are odd.
+    pub(crate) const DEVIATION_UM: [f64; 4] = [0.03, 0.2, 500.0, 50_000.0];
+    /// Scatter of a setup, um: above it only the lag of servos (encoders) and the rotation of a frame (trackers) remain.
+    pub(crate) const SCATTER_UM: f64 = 3000.0;
+    /// Setups whose deviations differ by this factor are in two units (1000 apart).
+    pub(crate) const TWO_UNITS: f64 = 300.0;
+    /// Travel of a machine, mm.
+    pub(crate) const TRAVEL_MM: [f64; 2] = [2.0, 60_000.0];
+    /// Shortest tool, mm.
+    pub(crate) const TOOL_MM: f64 = 5.0;
+    /// Temperatures, degC: nearer to zero or hotter.
+    pub(crate) const DEGC: [f64; 2] = [2.0, 200.0];
+    /// Time between readings of a run, s.
+    pub(crate) const STEP_S: f64 = 1000.0;
+    /// Pause within a file that is odd (a week), and that only two clocks explain (a year), s.
+    pub(crate) const PAUSE_S: [f64; 2] = [7.0 * 86_400.0, 3.2e7];
+    /// Speed between readings, mm/s.
+    pub(crate) const SPEED_MM_PER_S: f64 = 5000.0;
+}

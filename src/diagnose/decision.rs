@@ -1,0 +1,342 @@
+//! The decision: from the evidence of every chosen effect to its probability, to what is declared, and to the reasons against the
+//! rest. Pure: no data are looked at, nothing is decided elsewhere.
+//!
+//! The log odds of an effect are linear in the logarithm of its evidence, in its deviation (random effects between programs,
+//! places and runs, and its misform) and in how far it takes back what the others say; times its share among the effects that
+//! explain nearly as much. The coefficients were fitted to blind cases of two generators and judged on a third one
+//! (docs/development/ablation.md).
+
+use super::constants::{CALIBRATION, DECLARED, DEVIATION_EXPECTED, LEAST_PROBABILITY, NAMED, UNSURE};
+use super::evidence::Contender;
+use super::library::{Kind, Label};
+use super::search::{Figures, Found};
+
+/// Why an effect is not declared.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Reason {
+    /// A curve over one pass of one program.
+    OnePass,
+    /// A power series of large terms that cancel each other.
+    Cancels,
+    /// A table with values of its own in reverse whose reversal is the same at every position.
+    ConstantReversal,
+    /// An expansion of which only the shift of its reference is sure.
+    OnlyShifts,
+    /// Shows in one program alone and is smaller than the rounding of its display.
+    WithinRounding,
+    /// A wave of the screw beside a vibration, at one feed.
+    ShakenAtOneFeed,
+    /// The gap of readings left out, um RMS, with and without it.
+    HeldOut {
+        /// With it.
+        with_um: f64,
+        /// Without it.
+        without_um: f64,
+    },
+    /// Readings left out fit worse with it, whatever else is chosen.
+    Worse,
+    /// Its probability is too small: what costs it most.
+    Improbable {
+        /// Of the effect itself.
+        probability: f64,
+        /// Of its group.
+        group: f64,
+        /// What speaks against it most.
+        cost: Cost,
+    },
+}
+
+/// What lowers the log odds of an effect most.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Cost {
+    /// Little evidence, or rivals that explain nearly as much.
+    Evidence,
+    /// It differs between programs, places or runs by this share of itself.
+    Between(f64),
+    /// It differs from its formula by this share of itself.
+    Misform(f64),
+    /// It takes back what the others say.
+    TakesBack,
+}
+
+/// What is known of one chosen effect.
+#[derive(Debug, Clone)]
+pub struct Evidence {
+    /// The variant.
+    pub variant: usize,
+    /// Its label.
+    pub label: Label,
+    /// Who is to blame.
+    pub kind: Kind,
+    /// Its gain and evidence beside the others.
+    pub found: Found,
+    /// How far it agrees with itself and with the others.
+    pub figures: Figures,
+    /// Labels that the data cannot tell from it.
+    pub same: Vec<Label>,
+    /// Its share among the effects that explain nearly as much, 0 to 1.
+    pub share: f64,
+    /// The share of its group.
+    pub group_share: f64,
+    /// Effects in its place, with their weight relative to its own.
+    pub rivals: Vec<(Label, f64)>,
+    /// A pattern in the data with which it is never declared.
+    pub forbids: Option<Reason>,
+}
+
+/// Mean products of the readings left out, um^2: of the gap (first) and of what each effect says of it, fitted without them.
+#[derive(Debug, Clone, Default)]
+pub struct HeldOut {
+    /// Row by row, one more than there are effects.
+    pub products: Vec<Vec<f64>>,
+}
+
+impl HeldOut {
+    /// RMS of the gap without the effects taken, um.
+    fn rms_um(&self, taken: impl Fn(usize) -> bool) -> f64 {
+        let sign = |k: usize| if k == 0 { 1.0 } else { -f64::from(u8::from(taken(k - 1))) };
+        let row = |(i, row): (usize, &Vec<f64>)| {
+            row.iter().enumerate().map(|(j, v)| sign(i) * sign(j) * v).sum::<f64>()
+        };
+        self.products.iter().enumerate().map(row).sum::<f64>().max(0.0).sqrt()
+    }
+}
+
+/// A chosen effect with its probability and what was decided.
+#[derive(Debug, Clone)]
+pub struct Assessed {
+    /// The variant.
+    pub variant: usize,
+    /// Its label.
+    pub label: Label,
+    /// Who is to blame.
+    pub kind: Kind,
+    /// Its gain and evidence beside the others.
+    pub found: Found,
+    /// How far it agrees with itself and with the others.
+    pub figures: Figures,
+    /// Labels that the data cannot tell from it.
+    pub same: Vec<Label>,
+    /// Its share among the effects that explain nearly as much.
+    pub share: f64,
+    /// Probability that this effect, or one of `same`, is at work.
+    pub group_probability: f64,
+    /// Probability of this very effect.
+    pub probability: f64,
+    /// Alternatives and their probability, best first.
+    pub alternatives: Vec<(Label, f64)>,
+    /// Why it is not declared; none where it is.
+    pub reason: Option<Reason>,
+}
+
+impl Assessed {
+    /// The tool stands by it.
+    #[must_use]
+    pub const fn is_declared(&self) -> bool {
+        self.reason.is_none()
+    }
+
+    fn new(e: Evidence, real: f64, reason: Option<Reason>) -> Self {
+        let probability = real * e.share;
+        Self {
+            variant: e.variant,
+            label: e.label,
+            kind: e.kind,
+            found: e.found,
+            figures: e.figures,
+            same: e.same,
+            share: e.share,
+            group_probability: real * e.group_share,
+            probability,
+            alternatives: e.rivals.into_iter().map(|(l, w)| (l, probability * w)).collect(),
+            reason,
+        }
+    }
+}
+
+/// Decides on all chosen effects.
+#[must_use]
+pub fn decide(all: Vec<Evidence>, held_out: &HeldOut) -> Vec<Assessed> {
+    let reasons: Vec<Option<Reason>> = all.iter().map(|e| e.forbids.or_else(|| improbable(e))).collect();
+    let reasons = worth(reasons, held_out);
+    all.into_iter()
+        .zip(reasons)
+        .map(|(e, reason)| {
+            let is_doubted = matches!(reason, Some(r) if !matches!(r, Reason::Improbable { .. }));
+            let real = real(&e, is_doubted);
+            Assessed::new(e, real, reason)
+        })
+        .collect()
+}
+
+/// Declares whatever was chosen: to show what the decision is good for.
+#[must_use]
+pub fn declare_all(all: Vec<Evidence>) -> Vec<Assessed> {
+    let sure = |e: Evidence| Evidence { share: 1.0, group_share: 1.0, rivals: Vec::new(), ..e };
+    all.into_iter().map(|e| Assessed::new(sure(e), 1.0, None)).collect()
+}
+
+/// Decides on a member of the likeliest set, whose probability is a posterior already: its label is declared where its group is
+/// likely and nothing in the group is likelier.
+#[must_use]
+pub fn of_posterior(e: Evidence, c: &Contender) -> Assessed {
+    let is_top = c.rivals.iter().all(|(_, p)| *p <= c.probability);
+    let (probability, group) = (c.probability, c.group_probability);
+    let reason = (group < DECLARED || probability < NAMED || !is_top).then_some(Reason::Improbable {
+        probability,
+        group,
+        cost: Cost::Evidence,
+    });
+    Assessed::new(e, 1.0, reason)
+}
+
+fn improbable(e: &Evidence) -> Option<Reason> {
+    let real = real(e, false);
+    let (probability, group) = (real * e.share, real * e.group_share);
+    (group < DECLARED || probability < NAMED).then(|| Reason::Improbable {
+        probability,
+        group,
+        cost: cost(&e.figures),
+    })
+}
+
+/// Takes back, one by one and the worst first, what makes readings that were left out worse.
+fn worth(mut reasons: Vec<Option<Reason>>, held_out: &HeldOut) -> Vec<Option<Reason>> {
+    let nothing_um = held_out.rms_um(|_| false);
+    loop {
+        let is_in = |p: usize| reasons.get(p).is_some_and(Option::is_none);
+        let without = |place: usize| held_out.rms_um(|p| is_in(p) && p != place);
+        let places = (0..reasons.len()).filter(|p| is_in(*p)).map(|p| (p, without(p)));
+        let Some((place, without_um)) = places.min_by(|(_, a), (_, b)| a.total_cmp(b)) else {
+            return reasons;
+        };
+        let with_um = held_out.rms_um(is_in);
+        // each may help beside the others while all of them together do not
+        if without_um > with_um && with_um < nothing_um {
+            return reasons;
+        }
+        if let Some(reason) = reasons.get_mut(place) {
+            *reason = Some(Reason::HeldOut { with_um, without_um });
+        }
+    }
+}
+
+/// What each figure costs in log odds, and the largest of them.
+fn cost(g: &Figures) -> Cost {
+    let between = (CALIBRATION.between * g.between, Cost::Between(g.between));
+    let misform = (CALIBRATION.misform * excess(g.misform), Cost::Misform(g.misform));
+    let against = (CALIBRATION.against * (-g.against).max(0.0), Cost::TakesBack);
+    let most = [between, misform, against].into_iter().max_by(|a, b| a.0.total_cmp(&b.0));
+    most.filter(|m| m.0 > 1.0).map_or(Cost::Evidence, |m| m.1)
+}
+
+/// What a deviation has beyond that of an effect of which nothing is known.
+fn excess(deviation: f64) -> f64 {
+    (deviation - DEVIATION_EXPECTED).max(0.0)
+}
+
+/// Probability that an effect of this evidence and these figures is at work, whatever may stand for it.
+fn real(e: &Evidence, is_doubted: bool) -> f64 {
+    let (c, g) = (CALIBRATION, &e.figures);
+    let z = c.base + c.evidence * e.found.evidence.max(1.0).ln()
+        - c.between * g.between
+        - c.misform * excess(g.misform)
+        - c.against * (-g.against).max(0.0);
+    let share = if is_doubted { UNSURE } else { 1.0 } / (1.0 + (-z).exp());
+    LEAST_PROBABILITY + (1.0 - LEAST_PROBABILITY) * share
+}
+
+#[cfg(test)]
+mod tests {
+    use super::{Cost, Evidence, HeldOut, Reason, decide};
+    use crate::library::{Kind, Label};
+    use crate::search::{Figures, Found};
+
+    const GOOD: Figures = Figures { between: 0.05, misform: 0.25, breadth: 10.0, ..Figures::UNASKED };
+
+    fn effect(evidence: f64, figures: Figures) -> Evidence {
+        Evidence {
+            variant: 0,
+            label: Label::new("scale", "x"),
+            kind: Kind::Machine,
+            found: Found { variant: 0, gain: evidence, rank: 1, evidence },
+            figures,
+            same: Vec::new(),
+            share: 1.0,
+            group_share: 1.0,
+            rivals: Vec::new(),
+            forbids: None,
+        }
+    }
+
+    /// A gap of 10 um^2 of which each effect takes its share, the more the better it fits what was left out.
+    fn held_out(shares: &[f64]) -> HeldOut {
+        let n = shares.len();
+        let mut products = vec![vec![0.0; n + 1]; n + 1];
+        products[0][0] = 10.0;
+        for (k, s) in shares.iter().enumerate() {
+            (products[0][k + 1], products[k + 1][0], products[k + 1][k + 1]) = (*s, *s, 1.0);
+        }
+        HeldOut { products }
+    }
+
+    fn alone(e: Evidence) -> (f64, Option<Reason>) {
+        let decided = decide(vec![e], &held_out(&[2.0]));
+        (decided[0].probability, decided[0].reason)
+    }
+
+    #[test]
+    fn whatever_speaks_against_an_effect_lowers_its_probability() {
+        let (best, reason) = alone(effect(500.0, GOOD));
+        assert!(best > 0.8 && reason.is_none(), "{best}");
+        for worse in [
+            Figures { between: 0.5, ..GOOD },
+            Figures { misform: 0.8, ..GOOD },
+            Figures { against: -0.5, ..GOOD },
+        ] {
+            assert!(alone(effect(500.0, worse)).0 < best - 0.03, "{worse:?}");
+        }
+        assert!(alone(effect(30.0, GOOD)).0 < best - 0.03);
+    }
+
+    #[test]
+    fn an_effect_that_is_not_declared_says_what_costs_it_most() {
+        let of = |figures| match alone(effect(300.0, figures)).1 {
+            Some(Reason::Improbable { cost, .. }) => cost,
+            other => panic!("{other:?}"),
+        };
+        assert_eq!(of(Figures { between: 1.2, ..GOOD }), Cost::Between(1.2));
+        assert_eq!(of(Figures { misform: 1.3, ..GOOD }), Cost::Misform(1.3));
+        assert_eq!(of(Figures { against: -1.0, between: 0.4, ..GOOD }), Cost::TakesBack);
+    }
+
+    #[test]
+    fn rivals_share_the_probability_and_a_pattern_leaves_a_tenth() {
+        let rival = Evidence {
+            share: 0.5,
+            group_share: 1.0,
+            rivals: vec![(Label::new("wear", "x"), 1.0)],
+            ..effect(500.0, GOOD)
+        };
+        let decided = decide(vec![rival], &held_out(&[2.0]));
+        let x = &decided[0];
+        assert!(x.is_declared() && (x.probability - 0.5 * x.group_probability).abs() < 1e-12);
+        assert!((x.alternatives[0].1 - x.probability).abs() < 1e-12);
+        let forbidden = Evidence { forbids: Some(Reason::Cancels), ..effect(500.0, GOOD) };
+        let (p, reason) = alone(forbidden);
+        assert!(p < 0.15 && reason == Some(Reason::Cancels));
+    }
+
+    #[test]
+    fn what_makes_readings_left_out_worse_is_taken_back_and_the_rest_stays() {
+        let two = || vec![effect(500.0, GOOD), effect(500.0, GOOD)];
+        let both = decide(two(), &held_out(&[2.0, 1.5]));
+        assert!(both.iter().all(super::Assessed::is_declared));
+        let one = decide(two(), &held_out(&[2.0, 0.2]));
+        assert!(one[0].is_declared());
+        let Some(Reason::HeldOut { with_um, without_um }) = one[1].reason else {
+            panic!("{:?}", one[1].reason)
+        };
+        assert!((with_um.powi(2) - (10.0 - 4.0 + 1.0 - 0.4 + 1.0)).abs() < 1e-9 && without_um < with_um);
+    }
+}

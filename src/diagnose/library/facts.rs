@@ -1,0 +1,77 @@
+//! What a session holds, as far as it decides which effects it can show.
+
+use std::collections::BTreeMap;
+
+use super::super::constants::SEES;
+use super::super::moment::{Axis, Light, Moment, SLOTS};
+use super::super::session::{Session, is_encoder};
+use super::STILL;
+use volcomp_effects::data::Data;
+
+/// Smallest change of a tool length or a range that shows their effects, mm.
+const LONGER_MM: f64 = 1.0;
+/// Positions that differ by less are one, um.
+const SAME_UM: f64 = 1.0;
+
+/// The facts of a session.
+pub(super) fn data(s: &Session) -> Data {
+    let of_axes = |fact: &dyn Fn(usize) -> bool| {
+        let mut all = [false; SLOTS];
+        s.axes.iter().for_each(|a| all[a.slot()] = fact(a.slot()));
+        all
+    };
+    let spread = |of: &dyn Fn(&Moment) -> f64| {
+        let values = s.moments.iter().map(of).filter(|v| v.is_finite());
+        values.fold(None, |r: Option<[f64; 2]>, v| Some(r.map_or([v, v], |[l, h]| [l.min(v), h.max(v)])))
+    };
+    let changes = |least: f64, of: &dyn Fn(&Moment) -> f64| spread(of).is_some_and(|[l, h]| h - l > least);
+    let position = |i: usize| spread(&|m| m.position[i]).filter(|[l, h]| h - l > STILL);
+    let moved = of_axes(&|i| position(i).is_some());
+    let any = |is: &dyn Fn(&Moment) -> bool| s.moments.iter().any(is);
+    let sources = s.history.sources().into_iter();
+    Data {
+        machine: s.machine.clone(),
+        axes: s.axes.clone(),
+        range: core::array::from_fn(|i| if moved[i] { position(i) } else { None }),
+        moves: of_axes(&|i| any(&|m| m.velocity[i].abs() > STILL)),
+        accelerates: of_axes(&|i| changes(1e3 * STILL, &|m| m.acceleration[i])),
+        reverses: of_axes(&|i| spread(&|m| m.direction[i]).is_some_and(|[l, h]| l < 0.0 && h > 0.0)),
+        forces: core::array::from_fn(|i| changes(STILL, &|m| m.force_n[i])),
+        sees: core::array::from_fn(|i| any(&|m| m.u[i].abs() > SEES)),
+        positions: Axis::LINEAR.map(|a| if moved[a.slot()] { positions(s, a) } else { Vec::new() }),
+        tools: changes(LONGER_MM, &|m| m.tool_length_mm),
+        lengths: any(&|m| m.tool_length_mm.is_finite()),
+        ranges: changes(LONGER_MM, &|m| m.range_mm),
+        lights: Light::ALL.into_iter().filter(|l| any(&|m| m.light == Some(*l))).collect(),
+        stations: any(&|m| m.station_mm.iter().all(|v| v.is_finite())),
+        one_setup: s.setups.len() == 1,
+        encoders_only: s.instruments.iter().all(|n| is_encoder(n)),
+        clocks: clocks(s),
+        sources: sources
+            .filter_map(|o| Some((o.clone(), s.history.range(&o)?, s.history.first(&o)?)))
+            .collect(),
+        first: s.moments.first().cloned().unwrap_or_default(),
+    }
+}
+
+/// The positions of an axis, mm, in order, each once.
+fn positions(s: &Session, axis: Axis) -> Vec<f64> {
+    let um = |m: &Moment| (m.position[axis.slot()] * 1e3 / SAME_UM).round() as i64;
+    let mut seen: Vec<i64> = s.moments.iter().map(um).collect();
+    seen.sort_unstable();
+    seen.dedup();
+    seen.into_iter().map(|um| um as f64 * SAME_UM * 1e-3).collect()
+}
+
+/// Start and duration of what each file measured in motion on a clock that is not the control's, s.
+fn clocks(s: &Session) -> Vec<(usize, f64, f64)> {
+    let mut spans: BTreeMap<usize, (f64, f64)> = BTreeMap::new();
+    for (m, r) in s.moments.iter().zip(&s.readings) {
+        // the control's own encoders are on the control's own clock
+        let own = is_encoder(&s.instruments[r.instrument]);
+        if !own && (0..3).any(|i| m.velocity[i].abs() > STILL) {
+            spans.entry(m.file).or_insert((m.t_s, m.t_s)).1 = m.t_s;
+        }
+    }
+    spans.into_iter().map(|(file, (start, end))| (file, start, (end - start).max(STILL))).collect()
+}

@@ -1,0 +1,108 @@
+//! The misform of an effect: its products with smooth functions of everything else that changes. A cause is the same wherever the
+//! other axes stand, however fast they move and however warm it is; what stands for something outside the library is not.
+//!
+//! Each product has a coefficient `c ~ N(0, s^2)` relative to the effect, beside all that was chosen; the posterior mean of `s`
+//! says how far the effect is from its formula (random effects, as between programs). The quantity with which it differs most
+//! counts. Of effects whose variation over the volume stands among the noise, that variation counts, too.
+
+use nalgebra::{DMatrix, DVector, SymmetricEigen};
+
+use super::super::Analysis;
+use super::super::constants::{DEVIATION_EXPECTED, DEVIATIONS, LITTLE};
+use super::super::forecast::Contributions;
+use super::super::library::legendre;
+use super::super::moment::{Axis, Moment};
+use super::super::search::{Given, posterior_deviation};
+use super::super::session::Session;
+
+/// Highest degree of the polynomials of one quantity.
+const DEGREE: usize = 2;
+
+/// The deviation of each chosen effect from its formula, relative to itself.
+pub(super) fn misforms(session: &Session, a: &Analysis, parts: &Contributions, owner: &[usize]) -> Vec<f64> {
+    let given = a.problem.given(&a.selection.chosen);
+    let beta = a.problem.fit(&given);
+    let left = &a.problem.y - a.problem.contribution(&given.columns, &beta);
+    let of = |(place, v): (usize, &usize)| {
+        let variant = &a.library.variants[*v];
+        let part =
+            |i: &usize| (0..owner.len()).filter(|j| owner[*j] == place).map(|j| parts.in_sample[j][*i]).sum();
+        let part: Vec<f64> = a.filter.order().iter().map(part).collect();
+        // along its own axis a curve bends to anything anyhow
+        let own = variant.shape.over().filter(|_| variant.shape.is_free_curve());
+        let most = deviation(a, &given, &left, &products(session, a, &part, own));
+        // what is no function of a position varies with it as every real effect does
+        let varying = a.problem.variation().filter(|_| variant.shape.over().is_some_and(Axis::is_linear));
+        let varying = varying.and_then(|v| v.of(variant.label));
+        let varies = varying.map_or(0.0, |v| v.most(variant.shape.over()));
+        most.max(varies).min(DEVIATIONS[DEVIATIONS.len() - 1])
+    };
+    a.selection.chosen.iter().enumerate().map(of).collect()
+}
+
+/// A quantity of the machine's state.
+type Quantity<'a> = Box<dyn Fn(&Moment) -> f64 + 'a>;
+
+/// What an effect is not said to depend on: positions but for that of one axis, speed, temperatures, time, tool.
+fn quantities(session: &Session, but: Option<Axis>) -> Vec<Quantity<'_>> {
+    let mut all: Vec<Quantity<'_>> = Vec::new();
+    for axis in Axis::ALL.into_iter().filter(|axis| Some(*axis) != but) {
+        all.push(Box::new(move |m| m.position[axis.slot()]));
+    }
+    all.push(Box::new(|m| m.velocity[..3].iter().map(|v| v * v).sum::<f64>().sqrt()));
+    for (at, s) in session.signals.iter().enumerate() {
+        // of each source the least lagged
+        if session.signals.iter().all(|o| o.source != s.source || o.tau_s >= s.tau_s) {
+            all.push(Box::new(move |m| m.signals[at]));
+        }
+    }
+    all.push(Box::new(|m| m.t_s));
+    all.push(Box::new(|m| m.tool_length_mm));
+    all
+}
+
+/// Products of a contribution with Legendre polynomials of each quantity over the range in which it acts, [`DEGREE`]
+/// columns each.
+fn products(session: &Session, a: &Analysis, part: &[f64], but: Option<Axis>) -> Vec<Vec<f64>> {
+    let least = LITTLE * part.iter().map(|p| p * p).sum::<f64>() / part.len().max(1) as f64;
+    let mut columns = Vec::new();
+    for of in quantities(session, but) {
+        let values: Vec<f64> = a.filter.order().iter().map(|i| of(&session.moments[*i])).collect();
+        let acts = values.iter().zip(part).filter(|(_, p)| *p * *p > least);
+        let [low, high] =
+            acts.fold([f64::INFINITY, f64::NEG_INFINITY], |[l, h], (v, _)| [l.min(*v), h.max(*v)]);
+        let is_known = values.iter().all(|v| v.is_finite());
+        if !is_known || high - low <= f64::EPSILON.sqrt() * (1.0 + high.abs()) {
+            continue;
+        }
+        for degree in 1..=DEGREE {
+            let at = |(v, p): (&f64, &f64)| {
+                let mut l = [0.0; DEGREE + 1];
+                legendre(((2.0 * v - low - high) / (high - low)).clamp(-1.0, 1.0), &mut l);
+                p * l[degree]
+            };
+            columns.push(values.iter().zip(part).map(at).collect());
+        }
+    }
+    columns
+}
+
+/// The largest posterior mean deviation by one quantity, beside what is given.
+fn deviation(a: &Analysis, given: &Given, left: &DVector<f64>, columns: &[Vec<f64>]) -> f64 {
+    let width = columns.len();
+    let mut data = vec![0.0; left.len() * width];
+    for (k, c) in columns.iter().enumerate() {
+        data.iter_mut().skip(k).step_by(width).zip(c).for_each(|(d, v)| *d = *v);
+    }
+    a.problem.whiten(&a.filter, &mut data, width);
+    let own = a.problem.beside(given, &DMatrix::from_row_slice(left.len(), width, &data));
+    let (gram, seen) = (own.tr_mul(&own), own.tr_mul(left));
+    // tails, and what nobody knows
+    let noise = (left.norm_squared() / left.len().max(1) as f64).max(1.0);
+    let by_one = |k: usize| {
+        let eigen = SymmetricEigen::new(gram.view((k, k), (DEGREE, DEGREE)).into_owned());
+        let along = eigen.eigenvectors.tr_mul(&seen.rows(k, DEGREE));
+        posterior_deviation(eigen.eigenvalues.as_slice(), along.as_slice(), noise)
+    };
+    (0..width).step_by(DEGREE).map(by_one).fold(DEVIATION_EXPECTED, f64::max)
+}

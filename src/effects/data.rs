@@ -1,0 +1,171 @@
+//! What the data of a session hold, as far as it decides which effects they can show.
+
+use crate::frame::RotaryFrame;
+use crate::lever::Lever;
+use crate::machine_state::{Axis, Light, Machine, MachineState, SLOTS, Source};
+use crate::shape::Shape;
+
+/// Smallest change of a temperature that its effects are looked for with, K.
+const WARMER_K: f64 = 0.2;
+/// The same of the speed of the spindle, 1000 per minute.
+const FASTER_KRPM: f64 = 0.05;
+/// Words in the name of a sensor of the air.
+const AIR: [&str; 4] = ["air", "ambient", "lab", "room"];
+
+/// The columns of a session in a few figures.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Data {
+    /// The chain.
+    pub machine: Machine,
+    /// Axes with a column.
+    pub axes: Vec<Axis>,
+    /// Smallest and largest position of each axis that moves, mm or rad.
+    pub range: [Option<[f64; 2]>; SLOTS],
+    /// Readings were taken while the axis moved.
+    pub moves: [bool; SLOTS],
+    /// The acceleration of the axis changes.
+    pub accelerates: [bool; SLOTS],
+    /// The axis was measured in both directions of travel.
+    pub reverses: [bool; SLOTS],
+    /// The force along an axis changes.
+    pub forces: [bool; 3],
+    /// Some reading looks along the axis.
+    pub sees: [bool; 3],
+    /// Different positions of each linear axis, in order, mm.
+    pub positions: [Vec<f64>; 3],
+    /// Tool lengths differ.
+    pub tools: bool,
+    /// A tool length is stated.
+    pub lengths: bool,
+    /// Distances from instrument to target differ.
+    pub ranges: bool,
+    /// Instruments of each kind of light.
+    pub lights: Vec<Light>,
+    /// An instrument has a known station.
+    pub stations: bool,
+    /// All readings were taken in one setup.
+    pub one_setup: bool,
+    /// All readings are of the encoders of the control, which do not see the structure.
+    pub encoders_only: bool,
+    /// Files in motion on a clock of the instrument's own, with start and duration of their motion, s.
+    pub clocks: Vec<(usize, f64, f64)>,
+    /// Logged sources with their range and first value.
+    pub sources: Vec<(Source, [f64; 2], f64)>,
+    /// State at the first reading.
+    pub first: MachineState,
+}
+
+/// Why data cannot show an effect.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Hidden {
+    /// In words.
+    pub because: String,
+    /// Directions of the displacement by which alone an angular error shows in these data.
+    pub one_lever: [bool; 3],
+}
+
+impl<T: Into<String>> From<T> for Hidden {
+    fn from(because: T) -> Self {
+        Self { because: because.into(), one_lever: [false; 3] }
+    }
+}
+
+/// Variants of an effect.
+pub type Variants = Result<Vec<Shape>, Hidden>;
+
+/// The variants of an effect that is found by a test of its own and has no formula.
+pub(crate) fn no_formula(_: &Data, _: &crate::Subject) -> Variants {
+    Ok(Vec::new())
+}
+
+impl Data {
+    /// The range of a linear axis that moves; an axis of the machine that does not is said to stand still.
+    pub(crate) fn moved(&self, axis: Axis) -> Result<Option<[f64; 2]>, Hidden> {
+        match self.range[axis.slot()] {
+            None if axis.is_linear() && self.machine.axis(axis).is_some() => Err(self.stands(axis)),
+            range => Ok(range),
+        }
+    }
+
+    fn stands(&self, axis: Axis) -> Hidden {
+        if self.axes.contains(&axis) {
+            "the axis stands still in these data".into()
+        } else {
+            format!("no column {}", axis.column()).into()
+        }
+    }
+
+    /// Variants of an effect of the structure: encoders of the control do not see it.
+    pub(crate) fn structural(&self, shapes: Vec<Shape>) -> Variants {
+        if self.encoders_only && !shapes.is_empty() {
+            return Err("the control's own encoders do not see the structure; measure at the tool".into());
+        }
+        Ok(shapes)
+    }
+
+    /// A rotary axis turns the tool.
+    pub(crate) fn head(&self) -> bool {
+        self.machine.head_axes().any(|a| self.range[a.axis.slot()].is_some())
+    }
+
+    /// Those of some degrees for which the different positions of an axis suffice.
+    pub(crate) fn degrees(&self, axis: Axis, all: &[usize]) -> Vec<usize> {
+        all.iter().copied().filter(|d| *d < self.positions[axis.slot()].len()).collect()
+    }
+
+    /// What lies between an angular error of an axis and the tool.
+    pub(crate) fn lever(&self, axis: Axis) -> Lever {
+        let home = match (self.tools, self.machine.gauge_point_mm) {
+            (true, Some(g)) => g,
+            _ => self.machine.tool_tip_mm,
+        };
+        Lever { axes: self.machine.levers_of(axis), home_mm: home.into(), tool: self.tools }
+    }
+
+    /// Where a rotary axis that turns stands.
+    pub(crate) fn frame(&self, axis: Axis) -> Option<RotaryFrame> {
+        self.range[axis.slot()]?;
+        let machine = &self.machine;
+        let (outer, inner) = machine.around(axis);
+        let point = |a: &Axis| machine.axis(*a).map_or([0.0; 3], |e| e.point_mm.into());
+        Some(RotaryFrame {
+            axis,
+            workpiece_side: machine.axis(axis).is_some_and(|e| e.workpiece_side),
+            point_mm: point(&axis),
+            outer_points_mm: outer.iter().map(point).collect(),
+            outer,
+            inner_points_mm: inner.iter().map(point).collect(),
+            inner,
+            tip_mm: machine.tool_tip_mm.into(),
+            nose_mm: machine.gauge_point_mm.filter(|_| self.lengths).map(Into::into),
+        })
+    }
+
+    /// True where the speed of the spindle is logged and changes.
+    pub(crate) fn spindle_runs(&self) -> bool {
+        self.sources.iter().any(|(s, [low, high], _)| *s == Source::Spindle && high - low >= FASTER_KRPM)
+    }
+
+    /// Temperatures that change, with their first value.
+    pub(crate) fn temperatures(&self) -> impl Iterator<Item = (&Source, f64)> {
+        let changes = |[low, high]: &[f64; 2]| high - low >= WARMER_K;
+        let of = move |(s, range, first): &'_ (Source, [f64; 2], f64)| {
+            (matches!(s, Source::Temperature(_)) && changes(range)).then_some(*first)
+        };
+        self.sources.iter().filter_map(move |e| Some((&e.0, of(e)?)))
+    }
+
+    /// Temperatures of the air that change.
+    pub(crate) fn air(&self) -> impl Iterator<Item = &Source> {
+        self.temperatures().map(|t| t.0).filter(|s| names(s, &AIR))
+    }
+}
+
+/// True for the temperature of a spindle.
+pub(crate) fn is_spindle(source: &Source) -> bool {
+    names(source, &["spindle"])
+}
+
+fn names(source: &Source, words: &[&str]) -> bool {
+    matches!(source, Source::Temperature(name) if words.iter().any(|w| name.contains(w)))
+}

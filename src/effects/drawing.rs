@@ -1,0 +1,82 @@
+//! The quantity over which an effect is drawn, and what is divided out so that it is one curve.
+
+use crate::lever::Lever;
+use crate::machine_state::{Axis, Signal};
+
+/// Quantity of an abscissa.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Over {
+    /// Position.
+    Position(Axis),
+    /// Position within one period, mm.
+    Period(Axis, f64),
+    /// Distance since the last reversal, no more than so many mm.
+    SinceReversal(Axis, f64),
+    /// Time since the last reversal, no more than so many s.
+    TimeSinceReversal(Axis, f64),
+    /// Velocity.
+    Velocity(Axis),
+    /// Velocity along the direction of measurement.
+    VelocityAlongU,
+    /// Acceleration.
+    Acceleration(Axis),
+    /// Tool length.
+    ToolLength,
+    /// Distance from instrument to target.
+    Range,
+    /// Force along an axis.
+    Force(Axis),
+    /// Time.
+    Time,
+}
+
+/// What tells the lines of one picture apart.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Branch {
+    /// One line.
+    None,
+    /// Direction of travel.
+    Direction(Axis),
+    /// Length of the tool.
+    Tool,
+    /// File of the session, each with a clock of its own.
+    File,
+}
+
+/// Factor of an effect that is no abscissa.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Weight {
+    /// None.
+    One,
+    /// Component of the lever that turns into a displacement along `u`, mm.
+    Lever(Axis, Lever),
+    /// Temperature above a reference, K.
+    Warmth(Signal, f64),
+}
+
+/// How an effect is drawn.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Drawing {
+    /// Abscissa.
+    pub over: Over,
+    /// Lines.
+    pub branch: Branch,
+    /// Factor that is divided out.
+    pub weight: Weight,
+}
+
+impl From<Over> for Drawing {
+    fn from(over: Over) -> Self {
+        Self { over, branch: Branch::None, weight: Weight::One }
+    }
+}
+
+impl Drawing {
+    pub(crate) fn by(self, branch: Branch) -> Self {
+        Self { branch, ..self }
+    }
+
+    pub(crate) fn scaled(self, weight: Weight) -> Self {
+        Self { weight, ..self }
+    }
+}

@@ -1,0 +1,163 @@
+//! Instruments that measure lengths by light through air.
+
+use crate::machine_state::Light;
+use crate::prelude::*;
+use crate::shape::line_of_sight;
+
+/// What is known of refraction.
+pub(crate) static DEAD_PATH: Effect = Effect {
+    name: "dead-path",
+    title: "refraction and dead path of the laser",
+    synonyms: "refraction edlen",
+    kind: Kind::Instrument,
+    subjects: Subjects::Whole,
+    cause: "The laser's wavelength follows the air; its dead path is not corrected.",
+    formula: "along the beam: c (T - 20) (range + q), of lasers, of trackers or of both",
+    looks_like: "Scale errors of all axes alike that follow the air.",
+    confused_with: "scale and thermal expansion",
+    settles: "Another instrument (ballbar), or two ranges with a log of the air.",
+    changes_with: &[Measurement::ColdAndWarm, Measurement::SecondInstrument],
+    remedy: "weather station; zero the interferometer at the beam splitter",
+    variants: |data, _| {
+        let both = data.lights.len() == Light::ALL.len();
+        let lights = [None, Some(Light::Laser), Some(Light::Tracker)];
+        let lights = &lights[..if both { lights.len() } else { 1 }];
+        let shape = |(source, light): (&Source, &Option<Light>)| {
+            let signal = Signal { source: source.clone(), tau_s: 0.0 };
+            DeadPath { signal, light: *light, station: None }.into()
+        };
+        let shapes: Vec<Shape> =
+            data.air().flat_map(|s| lights.iter().map(move |l| (s, l))).map(shape).collect();
+        if !data.ranges || shapes.is_empty() {
+            return Err("needs range_mm and the temperature of the air, both changing".into());
+        }
+        Ok(shapes)
+    },
+};
+
+/// What is known of the scale of a tracker.
+pub(crate) static TRACKER_SCALE: Effect = Effect {
+    name: "tracker-scale",
+    title: "scale error of the laser tracker",
+    synonyms: "range-scale",
+    kind: Kind::Instrument,
+    subjects: Subjects::Whole,
+    cause: "The tracker measures ranges wrong in proportion.",
+    formula: "along the beam of a tracker: c range, or c range + zero",
+    looks_like: "All axes too long or short by the same share.",
+    confused_with: "three equal scales",
+    settles: "A known length measured radially, or another instrument.",
+    changes_with: &[Measurement::SecondInstrument],
+    remedy: "calibrate the tracker; atmospheric correction",
+    variants: |data, _| {
+        if !(data.ranges && data.stations) {
+            return Err("needs range_mm and station_x_mm .. of a tracker".into());
+        }
+        let plain = [false, true].map(|zero| TrackerScale { signal: None, zero });
+        let warm = data.air().map(|source| TrackerScale {
+            signal: Some(Signal { source: source.clone(), tau_s: 0.0 }),
+            zero: false,
+        });
+        Ok(plain.into_iter().chain(warm).map(Into::into).collect())
+    },
+};
+
+/// Along the beam: `c (T - 20) (range + q)`; of all instruments that measure by light, or only of one kind, or (additions
+/// of before) only of those with (true) or without (false) a station.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct DeadPath {
+    pub signal: Signal,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub light: Option<Light>,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub station: Option<bool>,
+}
+
+impl Form for DeadPath {
+    fn parameters(&self) -> Vec<String> {
+        plain(&["refraction_ppm_per_k", "dead_path_um_per_k"])
+    }
+
+    fn width(&self) -> usize {
+        2
+    }
+
+    fn evaluate(&self, m: &MachineState, read: &Read<'_>, out: &mut [Vec3]) {
+        let dt = read(&self.signal) - REFERENCE_DEGC;
+        let own = line_of_sight(m);
+        let counts = m.light.is_some_and(|own| self.light.is_none_or(|wanted| own == wanted))
+            && self.station.is_none_or(|wanted| own.is_some() == wanted);
+        let line = if counts { own.unwrap_or(m.u) } else { Vec3::zeros() };
+        out[0] = line * (dt * m.range_mm * 1e-3);
+        out[1] = line * dt;
+    }
+
+    fn columns(&self) -> Vec<String> {
+        plain(&["t_s"])
+    }
+
+    fn drawing(&self) -> Drawing {
+        Drawing::from(Over::Range).scaled(Weight::Warmth(self.signal.clone(), REFERENCE_DEGC))
+    }
+
+    fn becomes(&self, _: &Extended, _: &Entry) -> Becomes {
+        Err(OF_THE_INSTRUMENT)
+    }
+
+    fn signals(&self) -> Vec<&Signal> {
+        vec![&self.signal]
+    }
+}
+
+/// Along the line from station to target: `c range`, or `c range (T - 20)`; with a wrong zero of the range, too.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct TrackerScale {
+    pub signal: Option<Signal>,
+    #[serde(default, skip_serializing_if = "core::ops::Not::not")]
+    pub zero: bool,
+}
+
+impl Form for TrackerScale {
+    fn parameters(&self) -> Vec<String> {
+        match self.signal {
+            Some(_) => plain(&["range_scale_ppm_per_k", "range_zero_um_per_k"][..self.width()]),
+            None => plain(&["range_scale_ppm", "range_zero_um"][..self.width()]),
+        }
+    }
+
+    fn width(&self) -> usize {
+        1 + usize::from(self.zero)
+    }
+
+    fn evaluate(&self, m: &MachineState, read: &Read<'_>, out: &mut [Vec3]) {
+        // a laser on a tripod has a station, too
+        let r = line_of_sight(m).filter(|_| m.light != Some(Light::Laser)).unwrap_or_else(Vec3::zeros);
+        let dt = self.signal.as_ref().map_or(1.0, |s| read(s) - REFERENCE_DEGC);
+        out[0] = r * (m.range_mm * 1e-3 * dt);
+        if self.zero {
+            out[1] = r;
+        }
+    }
+
+    fn columns(&self) -> Vec<String> {
+        plain(&["t_s"])
+    }
+
+    fn drawing(&self) -> Drawing {
+        let drawing = Drawing::from(Over::Range);
+        match &self.signal {
+            Some(signal) => drawing.scaled(Weight::Warmth(signal.clone(), REFERENCE_DEGC)),
+            None => drawing,
+        }
+    }
+
+    fn becomes(&self, _: &Extended, _: &Entry) -> Becomes {
+        Err(OF_THE_INSTRUMENT)
+    }
+
+    fn signals(&self) -> Vec<&Signal> {
+        self.signal.iter().collect()
+    }
+}

@@ -1,0 +1,112 @@
+//! Angular error motions of the linear axes.
+
+use crate::data::Hidden;
+use crate::polynomial::twist;
+use crate::prelude::*;
+
+/// Degrees of the curves.
+const DEGREES: [usize; 5] = [1, 2, 3, 5, 8];
+/// Shortest lever through which an angle is said to act, mm.
+const LEVER_MM: f64 = 1.0;
+
+/// What is known of it.
+pub(crate) static ANGULAR: Effect = Effect {
+    name: "angular",
+    title: "angular error motion {}",
+    synonyms: "roll pitch yaw eax ebx ecx",
+    kind: Kind::Machine,
+    subjects: Subjects::Angular,
+    cause: "The carriage turns as it moves.",
+    formula: "d = eps(x_a) x lever, eps = e_1 x/h + SUM e_k (P_k(x) - P_k(0)), zero at the zero of the axis",
+    looks_like: "Straightness and positioning that change with the lever.",
+    confused_with: "straightness and squareness, where the lever does not change",
+    settles: "Lines at two levers: other axes moved, or two tool lengths.",
+    changes_with: &[Measurement::TwoTools, Measurement::SecondPlace, Measurement::WholeTravel],
+    remedy: "align or level the guideway; volumetric compensation",
+    variants: |data, of| {
+        let over = of.axis;
+        let Some([low, high]) = data.range[over.slot()] else { return Ok(Vec::new()) };
+        let (centre_mm, half_mm, lever) = (0.5 * (low + high), 0.5 * (high - low), data.lever(over));
+        // about a linear direction
+        let about = Axis::LINEAR[of.first.direction()];
+        let crosses = |i: &usize| *i != about.direction() && lever.axes[*i];
+        let arm = (0..3).filter(crosses).any(|i| data.range[i].is_some());
+        let tool = lever.tool && about != Axis::Z || data.head();
+        if !(arm || tool) {
+            let moved: [f64; 3] = unit(about.direction()).cross(&lever.at(&data.first)).into();
+            return Err(Hidden {
+                because:
+                    "no lever changes: move an axis between it and the tool, or use a second tool length"
+                        .to_owned(),
+                one_lever: moved.map(|d| d.abs() > LEVER_MM),
+            });
+        }
+        let centre_mm = Some(centre_mm);
+        let shape = |degree| Angular { about, over, degree, half_mm, centre_mm, lever }.into();
+        data.structural(data.degrees(over, &DEGREES).into_iter().map(shape).collect())
+    },
+};
+
+/// `d = eps x lever` about one direction, `eps = SUM e_k p_k(x)` zero at the zero of the axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct Angular {
+    pub about: Axis,
+    pub over: Axis,
+    pub degree: usize,
+    pub half_mm: f64,
+    /// Middle of the data; powers of `x/half` where it does not stand.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub centre_mm: Option<f64>,
+    pub lever: Lever,
+}
+
+impl Angular {
+    fn curve(&self, q: f64) -> [f64; WIDTH_MAX] {
+        let mut values = [0.0; WIDTH_MAX];
+        twist(q, self.half_mm, self.centre_mm, &mut values[..self.degree]);
+        values
+    }
+}
+
+impl Form for Angular {
+    fn parameters(&self) -> Vec<String> {
+        (1..=self.degree).map(|k| format!("e{k}_arcsec")).collect()
+    }
+
+    fn width(&self) -> usize {
+        self.degree
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        let arm = unit(self.about.direction()).cross(&self.lever.at(m)) * UM_PER_ARCSEC_MM;
+        let curve = self.curve(m.position[self.over.slot()]);
+        out.iter_mut().zip(&curve[..self.degree]).for_each(|(o, v)| *o = arm * *v);
+    }
+
+    fn columns(&self) -> Vec<String> {
+        [self.over.column()].into_iter().chain(self.lever.columns()).collect()
+    }
+
+    fn drawing(&self) -> Drawing {
+        Drawing::from(Over::Position(self.over)).scaled(Weight::Lever(self.about, self.lever))
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        let angle = |q: f64| self.curve(q).iter().zip(&entry.values).map(|(v, e)| v * e).sum();
+        rotation(model, entry, self.over, self.about, &angle)
+    }
+
+    fn is_valid(&self) -> bool {
+        self.half_mm > 0.0 && self.centre_mm.is_none_or(f64::is_finite)
+    }
+
+    fn over(&self) -> Option<Axis> {
+        Some(self.over)
+    }
+
+    fn is_free_curve(&self) -> bool {
+        true
+    }
+}

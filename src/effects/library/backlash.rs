@@ -1,0 +1,196 @@
+//! Steps at the reversals of an axis: along it and across it.
+
+use crate::prelude::*;
+
+/// Transition lengths, mm, and the longest.
+const LENGTHS: [f64; 6] = [0.0, 0.05, 0.2, 0.6, 2.0, 6.0];
+const LONGEST_MM: f64 = 15.0;
+/// Lengths of travel after a reversal that are drawn, in transition lengths.
+const DRAWN: f64 = 6.0;
+
+const ONE_WAY: &str = "the axis is measured in one direction only";
+
+/// What is known of it along an axis.
+pub(crate) static BACKLASH: Effect = Effect {
+    name: "backlash",
+    title: "reversal error (backlash) of {}",
+    synonyms: "lost-motion wind-up reversal-error",
+    kind: Kind::Machine,
+    subjects: Subjects::Axes,
+    cause: "Clearance or elastic wind-up of the drive.",
+    formula: "d_a = -w/2 dir (1 - exp(-s/s0)) (1 + g x)",
+    looks_like: "Two curves, one for each direction, apart by the width; the same at rest and at any feed.",
+    confused_with: "reversal spikes (only while moving), servo lag (grows with feed)",
+    settles: "Readings at rest from both directions, then the same moving at two feeds.",
+    changes_with: &[],
+    remedy: "preload or renew nut and bearings; reversal compensation",
+    variants: |data, of| {
+        let axis = of.axis;
+        if data.moved(axis)?.is_none() || !axis.is_linear() && !data.reverses[axis.slot()] {
+            return Ok(Vec::new());
+        }
+        if !data.reverses[axis.slot()] {
+            return Err(ONE_WAY.into());
+        }
+        if let (false, Some(frame)) = (axis.is_linear(), data.frame(axis)) {
+            return Ok(vec![RotaryBacklash { frame }.into()]);
+        }
+        Ok([false, true].into_iter().flat_map(|slope| grid(axis, &[axis], slope)).collect())
+    },
+};
+
+/// What is known of it across an axis.
+pub(crate) static LATERAL_PLAY: Effect = Effect {
+    name: "lateral-play",
+    title: "lateral play of {} at reversal",
+    synonyms: "play",
+    kind: Kind::Machine,
+    subjects: Subjects::Linear,
+    cause: "The carriage shifts sideways when it turns round.",
+    formula: "d_b = w/2 dir_a",
+    looks_like: "Steps across the axis at its reversals.",
+    confused_with: "roll of the carriage with direction",
+    settles: "Reversals at two levers (tool lengths or positions of another axis).",
+    changes_with: &[Measurement::SecondPlace],
+    remedy: "adjust gibs or carriage preload",
+    variants: |data, of| {
+        let axis = of.axis;
+        if data.moved(axis)?.is_none() {
+            return Ok(Vec::new());
+        }
+        if !data.reverses[axis.slot()] {
+            return Err(ONE_WAY.into());
+        }
+        let others = axis.others();
+        let ways = others.iter().map(|o| vec![*o]).chain([others.clone()]);
+        data.structural(ways.flat_map(|along| grid(axis, &along, false)).collect())
+    },
+};
+
+fn grid(axis: Axis, along: &[Axis], slope: bool) -> [Shape; 6] {
+    LENGTHS.map(|length_mm| Backlash { axis, along: along.to_vec(), length_mm, slope }.into())
+}
+
+/// `d_along = -w/2 dir (1 - exp(-s/length))`, times `1 + g x` where it has a slope.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct Backlash {
+    pub axis: Axis,
+    pub along: Vec<Axis>,
+    pub length_mm: f64,
+    pub slope: bool,
+}
+
+impl Form for Backlash {
+    fn parameters(&self) -> Vec<String> {
+        let mut names = Vec::new();
+        for a in &self.along {
+            let stem = if self.along.len() > 1 { format!("width_{a}") } else { "width".to_owned() };
+            names.push(format!("{stem}_um"));
+            if self.slope {
+                names.push(format!("{stem}_slope_um_per_m"));
+            }
+        }
+        names
+    }
+
+    fn width(&self) -> usize {
+        self.along.len() * (1 + usize::from(self.slope))
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        let i = self.axis.slot();
+        let (since, length) = (m.since_mm[i], self.length_mm);
+        let share = if length > 0.0 && since.is_finite() { 1.0 - (-since.abs() / length).exp() } else { 1.0 };
+        let v = -0.5 * m.direction[i] * share;
+        let each = 1 + usize::from(self.slope);
+        for (j, a) in self.along.iter().enumerate() {
+            out[each * j] = unit(a.direction()) * v;
+            if self.slope {
+                out[each * j + 1] = unit(a.direction()) * (v * m.position[i] * 1e-3);
+            }
+        }
+    }
+
+    fn columns(&self) -> Vec<String> {
+        let since = (self.length_mm > 0.0).then(|| format!("since_reversal_{}_mm", self.axis));
+        [format!("dir_{}", self.axis)].into_iter().chain(since).collect()
+    }
+
+    fn drawing(&self) -> Drawing {
+        let over = if self.length_mm > 0.0 {
+            Over::SinceReversal(self.axis, DRAWN * self.length_mm)
+        } else {
+            Over::Position(self.axis)
+        };
+        Drawing::from(over).by(Branch::Direction(self.axis))
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        let (axis, slope) = (self.axis, self.slope);
+        let (law, unit) = (Law::Reversal { build_up: self.length_mm }, mm_from_um(1.0));
+        let each = 1 + usize::from(slope);
+        let term = |(j, a): (usize, &Axis)| {
+            let symbol = shift(*a, axis);
+            Term { axis, symbol, law, most: 0.5, at: each * j, slope, unit }
+        };
+        terms(model, entry, self.along.iter().enumerate().map(term))
+    }
+
+    fn fixed(&self) -> Vec<(String, f64)> {
+        if self.length_mm > 0.0 { named(&[("transition_length_mm", self.length_mm)]) } else { Vec::new() }
+    }
+
+    fn changed(&self, f: f64) -> Vec<Shape> {
+        vec![with(self, |s| s.length_mm *= f)]
+    }
+
+    fn is_itself(&self) -> bool {
+        self.length_mm <= LONGEST_MM
+    }
+
+    fn acts_along(&self) -> Option<Axis> {
+        (self.along.len() == 1).then(|| self.along[0])
+    }
+
+    fn builds_up(&self) -> (f64, f64) {
+        (if self.length_mm > 0.0 { self.length_mm } else { f64::INFINITY }, f64::INFINITY)
+    }
+}
+
+/// `-w/2 dir` about the axis itself, times the radius.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct RotaryBacklash {
+    pub frame: RotaryFrame,
+}
+
+impl Form for RotaryBacklash {
+    fn parameters(&self) -> Vec<String> {
+        plain(&["width_arcsec"])
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        let half_turn = -0.5 * m.direction[self.frame.axis.slot()];
+        out[0] = self.frame.um_per_rad(m) * RAD_PER_ARCSEC * half_turn;
+    }
+
+    fn columns(&self) -> Vec<String> {
+        vec![self.frame.axis.column(), format!("dir_{}", self.frame.axis)]
+    }
+
+    fn drawing(&self) -> Drawing {
+        Drawing::from(Over::Position(self.frame.axis)).by(Branch::Direction(self.frame.axis))
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        let (axis, law) = (self.frame.axis, Law::Reversal { build_up: 0.0 });
+        let symbol = turn(axis, axis);
+        terms(
+            model,
+            entry,
+            [Term { axis, symbol, law, most: 0.5, at: 0, slope: false, unit: RAD_PER_ARCSEC }],
+        )
+    }
+}

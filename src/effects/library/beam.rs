@@ -1,0 +1,188 @@
+//! Bending of beams and rams under weights.
+
+use crate::prelude::*;
+
+/// Lengths of beams, as multiples of the travel, and the longest: a longer one is a parabola under another name.
+const LENGTHS: [f64; 3] = [1.0, 1.5, 2.5];
+const LONGEST: f64 = 3.0;
+
+/// What is known of it.
+pub(crate) static SAG: Effect = Effect {
+    name: "sag",
+    title: "sag along {}",
+    synonyms: "ram-sag beam-sag bending",
+    kind: Kind::Machine,
+    subjects: Subjects::Linear,
+    cause: "A ram or beam bends under its own weight as it reaches out.",
+    formula: "beam: d_z = -w s^2 (3 L - s)/(2 L^3), and its slope times the tool length (under a head that turns: times the lever to the tool); ram that moves out: d_z = -(w1 s^3 + w2 s^4 + w3 s^2), and its slope (on a beam: the derivative) times the lever to the tool",
+    looks_like: "A smooth drop towards the end of the reach; tilt of the tool with it.",
+    confused_with: "straightness in z, scale through the tool's part",
+    settles: "The line with two tool lengths in one setup.",
+    changes_with: &[Measurement::TwoTools],
+    remedy: "counterbalance or sag compensation",
+    variants: |data, of| {
+        let axis = of.axis;
+        let Some([low, high]) = data.moved(axis)?.filter(|_| axis != Axis::Z) else { return Ok(Vec::new()) };
+        let (half, own) = (0.5 * (high - low), data.lever(axis));
+        // under a head the slope turns all that hangs on it
+        let under = data.head().then_some(own);
+        let mut shapes: Vec<Shape> = Vec::new();
+        for length_mm in LENGTHS.map(|f| 2.0 * half * f) {
+            for tool in [false, true].into_iter().filter(|t| !t || data.tools || under.is_some()) {
+                shapes
+                    .push(Sag { axis, start_mm: low, length_mm, tool, lever: under.filter(|_| tool) }.into());
+            }
+        }
+        let (start_mm, reach_mm) = (low.min(0.0), 2.0 * half);
+        shapes.extend(
+            [(false, false), (true, false), (true, true)]
+                .map(|(moment, beam)| Ram { axis, start_mm, reach_mm, lever: own, moment, beam }.into()),
+        );
+        data.structural(shapes)
+    },
+};
+
+/// Bending of a cantilever: `d_z = w s^2 (3 L - s)/(2 L^3)`, `s = x - start`, and its slope times the tool length.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct Sag {
+    pub axis: Axis,
+    pub start_mm: f64,
+    pub length_mm: f64,
+    pub tool: bool,
+    /// What the slope turns under a head; the tool length alone where nothing is said.
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub lever: Option<Lever>,
+}
+
+impl Form for Sag {
+    fn parameters(&self) -> Vec<String> {
+        plain(&["sag_um", "tip_slope_um"][..self.width()])
+    }
+
+    fn width(&self) -> usize {
+        1 + usize::from(self.tool)
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        let (s, length) = (m.position[self.axis.slot()] - self.start_mm, self.length_mm);
+        let cube = 2.0 * length.powi(3);
+        out[0] = Vec3::new(0.0, 0.0, -s * s * (3.0 * length - s) / cube);
+        if self.tool {
+            let arm = self.lever.map_or_else(|| unit(2) * -m.tool_length_mm, |l| l.at(m));
+            let slope = (6.0 * length * s - 3.0 * s * s) / cube;
+            out[1] = unit(self.axis.direction()).cross(&unit(2)).cross(&arm) * slope;
+        }
+    }
+
+    fn columns(&self) -> Vec<String> {
+        let tool = (self.tool && self.lever.is_none_or(|l| l.tool)).then(|| "tool_length_mm".to_owned());
+        [self.axis.column()].into_iter().chain(tool).collect()
+    }
+
+    fn drawing(&self) -> Drawing {
+        Drawing::from(Over::Position(self.axis)).by(Branch::Tool)
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        if self.tool {
+            return Err("it follows position and tool length together, for which the model has no term");
+        }
+        displacements(model, entry, self.axis, Sampling::Even)
+    }
+
+    fn fixed(&self) -> Vec<(String, f64)> {
+        named(&[("length_mm", self.length_mm), ("start_mm", self.start_mm)])
+    }
+
+    fn is_valid(&self) -> bool {
+        self.length_mm > 0.0
+    }
+
+    fn changed(&self, f: f64) -> Vec<Shape> {
+        vec![with(self, |s| s.length_mm *= f)]
+    }
+
+    fn is_within(&self, span: &Span<'_>, _: [f64; 3]) -> bool {
+        let [low, high] = span(self.axis);
+        self.length_mm <= LONGEST * (high - low)
+    }
+
+    fn acts_along(&self) -> Option<Axis> {
+        (!self.tool).then_some(Axis::Z)
+    }
+
+    fn over(&self) -> Option<Axis> {
+        Some(self.axis)
+    }
+
+    fn is_free_curve(&self) -> bool {
+        true
+    }
+}
+
+/// A ram that moves out by s: weight at its end and own weight, `d_z = -(w1 s^3 + w2 s^4)` over powers of its reach, and
+/// the slope of that times the lever to the tool; with a moment at its end, too, `w3 s^2`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct Ram {
+    pub axis: Axis,
+    pub start_mm: f64,
+    pub reach_mm: f64,
+    pub lever: Lever,
+    #[serde(default, skip_serializing_if = "core::ops::Not::not")]
+    pub moment: bool,
+    /// The axis runs along a beam that stays where it is: the slope is the derivative of the drop.
+    #[serde(default, skip_serializing_if = "core::ops::Not::not")]
+    pub beam: bool,
+}
+
+impl Form for Ram {
+    fn parameters(&self) -> Vec<String> {
+        let names = ["sag_of_end_weight_um", "sag_of_own_weight_um", "sag_of_end_moment_um"];
+        plain(&names[..self.width()])
+    }
+
+    fn width(&self) -> usize {
+        2 + usize::from(self.moment)
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        // slopes of the end as multiples of the drop per length: 3/2, 4/3 and 2 where the ram moves out
+        let slopes = if self.beam { [3.0, 4.0, 2.0] } else { [1.5, 4.0 / 3.0, 2.0] };
+        let reach = self.reach_mm;
+        let s = (m.position[self.axis.slot()] - self.start_mm).max(0.0) / reach;
+        // turns what points along the axis down
+        let arm = unit(self.axis.direction()).cross(&unit(2)).cross(&self.lever.at(m));
+        // a weight at the end bends it by s^3, its own by s^4, a moment by s^2
+        for ((o, power), slope) in out.iter_mut().zip([3, 4, 2]).zip(slopes) {
+            *o = unit(2) * -s.powi(power) - arm * (slope * s.powi(power - 1) / reach);
+        }
+    }
+
+    fn columns(&self) -> Vec<String> {
+        [self.axis.column()].into_iter().chain(self.lever.columns()).collect()
+    }
+
+    fn drawing(&self) -> Drawing {
+        Drawing::from(Over::Position(self.axis)).by(Branch::Tool)
+    }
+
+    fn becomes(&self, _: &Extended, _: &Entry) -> Becomes {
+        Err("its slope turns the tool about a point that moves out with it, for which the model has no term")
+    }
+
+    fn is_valid(&self) -> bool {
+        self.reach_mm > 0.0
+    }
+
+    fn over(&self) -> Option<Axis> {
+        Some(self.axis)
+    }
+
+    fn is_free_curve(&self) -> bool {
+        true
+    }
+}

@@ -1,0 +1,241 @@
+//! Curves over the position of an axis: positioning and straightness.
+
+use crate::polynomial::legendre;
+use crate::prelude::*;
+
+/// Degrees of positioning curves, of such with values for each direction, and of straightness.
+const TABLE: [usize; 6] = [3, 4, 5, 8, 13, 20];
+const BOTH_WAYS: [usize; 5] = [3, 4, 5, 8, 13];
+const ACROSS: [usize; 4] = [2, 3, 5, 8];
+/// Curves are held beyond so many half ranges of the data.
+const HELD: f64 = 1.2;
+
+/// What is known of it along an axis.
+pub(crate) static POSITIONING: Effect = Effect {
+    name: "positioning",
+    title: "positioning error of {}",
+    synonyms: "screw-table pitch-table",
+    kind: Kind::Machine,
+    subjects: Subjects::Linear,
+    cause: "Pitch errors of screw or scale that are not linear.",
+    formula: "d_a = SUM c_k P_k(x_a), degree 2 and up",
+    looks_like: "A curve over the position that repeats in both directions.",
+    confused_with: "local wear (a narrow part of it), a cyclic error sampled too coarsely",
+    settles: "A laser line with steps that are fine and not equal.",
+    changes_with: &[Measurement::FineSteps, Measurement::WholeTravel],
+    remedy: "pitch-error compensation table",
+    variants: |data, of| {
+        let axis = of.axis;
+        let Some([low, high]) = data.moved(axis)? else { return Ok(Vec::new()) };
+        let (centre_mm, half_mm) = (0.5 * (low + high), 0.5 * (high - low));
+        let mut shapes = polynomials(data, axis, axis, &TABLE);
+        // with more than one setup, other programs tell lost motion from a table: then the two stay apart
+        if data.reverses[axis.slot()] && data.one_setup {
+            for high in data.degrees(axis, &BOTH_WAYS) {
+                let reverses = [1, 3, high].into_iter().filter(|r| *r <= high);
+                shapes.extend(
+                    reverses.map(|reverse| Reverse { axis, high, reverse, centre_mm, half_mm }.into()),
+                );
+            }
+        }
+        data.structural(shapes)
+    },
+};
+
+/// What is known of it across an axis.
+pub(crate) static STRAIGHTNESS: Effect = Effect {
+    name: "straightness",
+    title: "straightness error {}",
+    synonyms: "eyx ezx exy ezy exz eyz guideway",
+    kind: Kind::Machine,
+    subjects: Subjects::Straightness,
+    cause: "Guideways are not straight.",
+    formula: "d_b = SUM c_k P_k(x_a), degree 2 and up",
+    looks_like: "A curve across the axis over its position, alike in both directions.",
+    confused_with: "an angular error times a lever; sag",
+    settles: "A second line at another lever.",
+    changes_with: &[Measurement::WholeTravel],
+    remedy: "align the guideway, or compensate the error motion",
+    variants: |data, of| data.structural(polynomials(data, of.first, of.axis, &ACROSS)),
+};
+
+/// Curves without and then with slopes of their own: the line from which a curve is counted is a choice.
+fn polynomials(data: &Data, along: Axis, over: Axis, degrees: &[usize]) -> Vec<Shape> {
+    let Some([from, to]) = data.range[over.slot()] else { return Vec::new() };
+    let (centre_mm, half_mm) = (0.5 * (from + to), 0.5 * (to - from));
+    let degrees = data.degrees(over, degrees);
+    let of = |low: usize| degrees.iter().map(move |high| (low, *high));
+    let shape = |(low, high)| Polynomial { along, over, low, high, centre_mm, half_mm }.into();
+    of(2).chain(of(1)).map(shape).collect()
+}
+
+/// `d_along = SUM c_k P_k((x_over - centre)/half)`, Legendre polynomials of degree low..high.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct Polynomial {
+    pub along: Axis,
+    pub over: Axis,
+    pub low: usize,
+    pub high: usize,
+    pub centre_mm: f64,
+    pub half_mm: f64,
+}
+
+impl Form for Polynomial {
+    fn parameters(&self) -> Vec<String> {
+        (self.low..=self.high).map(|k| format!("p{k}_um")).collect()
+    }
+
+    fn width(&self) -> usize {
+        self.high + 1 - self.low
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        let values = values(m, self.over, self.centre_mm, self.half_mm, self.high);
+        for (o, v) in out.iter_mut().zip(&values[self.low..=self.high]) {
+            *o = unit(self.along.direction()) * *v;
+        }
+    }
+
+    fn columns(&self) -> Vec<String> {
+        vec![self.over.column()]
+    }
+
+    fn drawing(&self) -> Drawing {
+        Over::Position(self.over).into()
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        displacements(model, entry, self.over, Sampling::Polynomial)
+    }
+
+    fn is_valid(&self) -> bool {
+        self.half_mm > 0.0 && self.low <= self.high && self.centre_mm.is_finite()
+    }
+
+    fn acts_along(&self) -> Option<Axis> {
+        Some(self.along)
+    }
+
+    fn over(&self) -> Option<Axis> {
+        Some(self.over)
+    }
+
+    fn is_free_curve(&self) -> bool {
+        true
+    }
+}
+
+/// A curve with values of its own in each direction of travel: `d_a = SUM p_k P_k(s) - dir/2 SUM r_k P_k(s)`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct Reverse {
+    pub axis: Axis,
+    pub high: usize,
+    pub reverse: usize,
+    pub centre_mm: f64,
+    pub half_mm: f64,
+}
+
+impl Form for Reverse {
+    fn parameters(&self) -> Vec<String> {
+        // means from the second degree (the first is the scale), reversals from the constant
+        let means = (2..=self.high).map(|k| format!("p{k}_um"));
+        means.chain((0..=self.reverse).map(|k| format!("reversal_p{k}_um"))).collect()
+    }
+
+    fn width(&self) -> usize {
+        self.high + self.reverse
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        let values = values(m, self.axis, self.centre_mm, self.half_mm, self.high.max(self.reverse));
+        let along = unit(self.axis.direction());
+        let half_turn = -0.5 * m.direction[self.axis.slot()];
+        let means = values[2..=self.high].iter().map(|v| along * *v);
+        let reversals = values[..=self.reverse].iter().map(|v| along * (*v * half_turn));
+        out.iter_mut().zip(means.chain(reversals)).for_each(|(o, d)| *o = d);
+    }
+
+    fn columns(&self) -> Vec<String> {
+        vec![self.axis.column(), format!("dir_{}", self.axis)]
+    }
+
+    fn drawing(&self) -> Drawing {
+        Drawing::from(Over::Position(self.axis)).by(Branch::Direction(self.axis))
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        displacements(model, entry, self.axis, Sampling::Polynomial)
+    }
+
+    fn is_valid(&self) -> bool {
+        self.half_mm > 0.0 && self.high >= 2 && self.centre_mm.is_finite()
+    }
+
+    fn acts_along(&self) -> Option<Axis> {
+        Some(self.axis)
+    }
+
+    fn over(&self) -> Option<Axis> {
+        Some(self.axis)
+    }
+
+    fn is_free_curve(&self) -> bool {
+        true
+    }
+}
+
+/// Legendre polynomials of a position up to a degree.
+fn values(m: &MachineState, axis: Axis, centre_mm: f64, half_mm: f64, high: usize) -> [f64; WIDTH_MAX + 8] {
+    let s = (m.position[axis.slot()] - centre_mm) / half_mm;
+    let mut values = [0.0; WIDTH_MAX + 8];
+    legendre(s.clamp(-HELD, HELD), &mut values[..=high]);
+    values
+}
+
+impl Shape {
+    /// True for a straightness that brings its own slope; it comes in only in the place of one without.
+    #[must_use]
+    pub const fn has_slope(&self) -> bool {
+        matches!(self, Self::Polynomial(Polynomial { low: 1, .. }))
+    }
+
+    /// False for a curve that brings the slope of a squareness or scale, or the reversal of a backlash, as its own.
+    #[must_use]
+    pub const fn has_own_name(&self) -> bool {
+        !self.has_slope() && !matches!(self, Self::Reverse { .. })
+    }
+
+    /// The same curve with (true) or without the slope of its own; other effects as they are.
+    #[must_use]
+    pub fn with_line(&self, line: bool) -> Self {
+        let mut shape = self.clone();
+        if let Self::Polynomial(curve) = &mut shape {
+            curve.low = if line { 1 } else { 2 };
+        }
+        shape
+    }
+
+    /// True for what a curve with a slope of its own may stand for: neither a line, which every such curve could say, nor a
+    /// curve that is counted from a line.
+    #[must_use]
+    pub const fn allows_lines(&self) -> bool {
+        let is_line = matches!(self, Self::Squareness { .. } | Self::Scale { .. });
+        let is_counted = matches!(self, Self::Polynomial { .. } | Self::Reverse { .. } | Self::Cyclic { .. });
+        !is_line && !is_counted
+    }
+
+    /// True for a straight line in the direction and over the axis of a curve; a squareness is one in both directions.
+    #[must_use]
+    pub fn may_be_the_slope_of(&self, curve: &Self) -> bool {
+        let Self::Polynomial(Polynomial { along, over, .. }) = curve else { return false };
+        match self {
+            Self::Squareness(s) => [(s.along, s.over), (s.over, s.along)].contains(&(*along, *over)),
+            Self::Scale(s) => s.axis == *along && s.axis == *over,
+            _ => false,
+        }
+    }
+}

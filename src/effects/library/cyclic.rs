@@ -1,0 +1,147 @@
+//! Periodic error of a screw or an encoder.
+
+use crate::prelude::*;
+
+/// Pitches of screws, racks and scales, mm.
+const PITCHES: [f64; 33] = [
+    0.008,
+    0.01,
+    0.02,
+    0.04,
+    0.1,
+    0.2,
+    0.5,
+    1.0,
+    2.0,
+    2.5,
+    2.54,
+    3.0,
+    PI,
+    4.0,
+    5.0,
+    5.08,
+    6.0,
+    2.0 * PI,
+    6.35,
+    8.0,
+    3.0 * PI,
+    10.0,
+    12.0,
+    4.0 * PI,
+    12.7,
+    15.0,
+    16.0,
+    20.0,
+    25.0,
+    25.4,
+    30.0,
+    32.0,
+    40.0,
+];
+/// Steps shorter than a quarter of a period that show it.
+const FINE_STEPS: usize = 24;
+/// Longest pitch, as a share of half the range.
+const LONGEST: f64 = 0.8;
+/// A pitch is known to a small part of a period over the travel: its share of a step of refinement.
+const PITCH_STEP: f64 = 0.04;
+
+/// What is known of it.
+pub(crate) static CYCLIC: Effect = Effect {
+    name: "cyclic",
+    title: "periodic error of {}",
+    synonyms: "screw-pitch encoder-subdivision periodic",
+    kind: Kind::Machine,
+    subjects: Subjects::Linear,
+    cause: "Run-out of a screw, or interpolation error of an encoder.",
+    formula: "d_a = SUM c_n cos(2 pi n x/p) + s_n sin(2 pi n x/p)",
+    looks_like: "A wave over the position with the pitch of screw or grating.",
+    confused_with: "a table of positions where the steps are coarse: the wave is aliased",
+    settles: "A short line with steps below a tenth of the pitch, not equal.",
+    changes_with: &[Measurement::FineSteps],
+    remedy: "align coupling, screw bearing or encoder; periodic compensation",
+    variants: |data, of| {
+        let axis = of.axis;
+        let Some([low, high]) = data.moved(axis)? else { return Ok(Vec::new()) };
+        let mut steps: Vec<f64> = data.positions[axis.slot()].windows(2).map(|w| w[1] - w[0]).collect();
+        steps.sort_by(f64::total_cmp);
+        // some of the positions must lie close together, wherever
+        let step = steps.get(FINE_STEPS).copied().unwrap_or(f64::INFINITY);
+        let seen = |p: &f64| *p < LONGEST * 0.5 * (high - low) && *p > 4.0 * step;
+        let shapes: Vec<Shape> = PITCHES
+            .into_iter()
+            .filter(seen)
+            .flat_map(|p| [(p, 1), (p, 2)])
+            .map(|(pitch_mm, harmonics)| Cyclic { axis, along: axis, pitch_mm, harmonics }.into())
+            .collect();
+        if shapes.is_empty() {
+            return Err("positions are too far apart for a screw's pitch".into());
+        }
+        Ok(shapes)
+    },
+};
+
+/// `SUM c_n cos(2 pi n x/pitch) - c_n + s_n sin(2 pi n x/pitch)`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct Cyclic {
+    pub axis: Axis,
+    pub along: Axis,
+    pub pitch_mm: f64,
+    pub harmonics: usize,
+}
+
+impl Form for Cyclic {
+    fn parameters(&self) -> Vec<String> {
+        (1..=self.harmonics).flat_map(|n| [format!("cos{n}_um"), format!("sin{n}_um")]).collect()
+    }
+
+    fn width(&self) -> usize {
+        2 * self.harmonics
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        let phase = TAU * m.position[self.axis.slot()] / self.pitch_mm;
+        let along = unit(self.along.direction());
+        for n in 0..self.harmonics {
+            let (s, c) = (phase * (n + 1) as f64).sin_cos();
+            (out[2 * n], out[2 * n + 1]) = (along * (c - 1.0), along * s);
+        }
+    }
+
+    fn columns(&self) -> Vec<String> {
+        vec![self.axis.column()]
+    }
+
+    fn drawing(&self) -> Drawing {
+        Over::Period(self.axis, self.pitch_mm).into()
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        displacements(model, entry, self.axis, Sampling::Waves(self.pitch_mm / self.harmonics as f64))
+    }
+
+    fn fixed(&self) -> Vec<(String, f64)> {
+        named(&[("pitch_mm", self.pitch_mm)])
+    }
+
+    fn is_valid(&self) -> bool {
+        self.pitch_mm > 0.0
+    }
+
+    fn changed(&self, f: f64) -> Vec<Shape> {
+        vec![with(self, |s| s.pitch_mm *= 1.0 + (f - 1.0) * PITCH_STEP)]
+    }
+
+    fn acts_along(&self) -> Option<Axis> {
+        Some(self.along)
+    }
+
+    fn over(&self) -> Option<Axis> {
+        Some(self.axis)
+    }
+
+    fn is_free_curve(&self) -> bool {
+        true
+    }
+}

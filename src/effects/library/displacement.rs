@@ -1,0 +1,140 @@
+//! Thermal displacements of the spindle and of the structure.
+
+use crate::data::is_spindle;
+use crate::extend::growth;
+use crate::prelude::*;
+
+/// Time constants of spindles, s; pairs of a fast and a slow one; of structures.
+const SPINDLE_S: [f64; 9] = [120.0, 300.0, 600.0, 1200.0, 2400.0, 3600.0, 5400.0, 9000.0, 14400.0];
+const PAIRS_S: [[f64; 2]; 5] =
+    [[120.0, 1200.0], [300.0, 2400.0], [600.0, 5400.0], [1200.0, 9000.0], [2400.0, 14400.0]];
+const STRUCTURE_S: [f64; 6] = [0.0, 600.0, 1200.0, 2400.0, 5400.0, 14400.0];
+
+/// What is known of that of the spindle.
+pub(crate) static SPINDLE_GROWTH: Effect = Effect {
+    name: "spindle-growth",
+    title: "thermal displacement of the spindle",
+    synonyms: "spindle thermal-growth",
+    kind: Kind::Machine,
+    subjects: Subjects::Whole,
+    cause: "Heat of the spindle lengthens it and tilts its head.",
+    formula: "d = SUM k_i s_i, tau_i s_i' + s_i = speed",
+    looks_like: "Drift that follows the speed of the spindle with a lag; recovers when it stops.",
+    confused_with: "drift of the instrument, seating of the tool, ambient drift",
+    settles: "Spindle on, off, on at one speed with probes at the tool (ISO 230-3), twice.",
+    changes_with: &[Measurement::ColdAndWarm, Measurement::Spindle],
+    remedy: "warm-up cycle, spindle cooling, thermal compensation",
+    variants: |data, _| {
+        if !data.spindle_runs() {
+            return Err("no speed of the spindle is logged, or it does not change".into());
+        }
+        let ways =
+            [vec![Axis::Z], vec![Axis::Y], vec![Axis::X], vec![Axis::Y, Axis::Z], Axis::LINEAR.to_vec()];
+        let seen = ways.iter().filter(|w| w.iter().all(|a| data.sees[a.slot()]));
+        let shape = |along: &[Axis], source: &Source, taus_s: &[f64], reference| {
+            let signal = |tau_s: &f64| Signal { source: source.clone(), tau_s: *tau_s };
+            let signals = taus_s.iter().map(signal).collect();
+            Growth { signals, along: along.to_vec(), reference }.into()
+        };
+        let mut shapes = Vec::new();
+        for along in seen.clone() {
+            shapes.extend(SPINDLE_S.map(|t| shape(along, &Source::Spindle, &[t], 0.0)));
+            shapes.extend(PAIRS_S.map(|pair| shape(along, &Source::Spindle, &pair, 0.0)));
+        }
+        for (source, first) in data.temperatures().filter(|(s, _)| is_spindle(s)) {
+            shapes.extend(seen.clone().map(|along| shape(along, source, &[0.0], first)));
+        }
+        data.structural(shapes)
+    },
+};
+
+/// What is known of that of the structure.
+pub(crate) static AMBIENT_DRIFT: Effect = Effect {
+    name: "ambient-drift",
+    title: "thermal drift of the structure",
+    synonyms: "ambient structure-drift",
+    kind: Kind::Machine,
+    subjects: Subjects::Whole,
+    cause: "The structure follows the temperature of the hall.",
+    formula: "d = k lag_tau(T)",
+    looks_like: "Slow drift of all positions alike that follows the air with a lag of hours.",
+    confused_with: "the instrument's own drift: most of it is absorbed by the setup",
+    settles: "A day of readings at one point with a log of the air, and a reference beside the probe.",
+    changes_with: &[Measurement::ColdAndWarm],
+    remedy: "stabilise the ambient temperature; datum again before precise work",
+    variants: |data, _| {
+        let along: Vec<Axis> = Axis::LINEAR.into_iter().filter(|a| data.sees[a.slot()]).collect();
+        let mut shapes = Vec::new();
+        for (source, reference) in data.temperatures().filter(|(s, _)| !is_spindle(s)) {
+            shapes.extend(STRUCTURE_S.map(|tau_s| {
+                let signals = vec![Signal { source: source.clone(), tau_s }];
+                Growth { signals, along: along.clone(), reference }.into()
+            }));
+        }
+        if shapes.is_empty() {
+            return Err("no temperature that changes by 0.2 K is logged".into());
+        }
+        data.structural(shapes)
+    },
+};
+
+/// `d = SUM k_i (s_i - s_0)` along the directions listed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct Growth {
+    pub signals: Vec<Signal>,
+    pub along: Vec<Axis>,
+    pub reference: f64,
+}
+
+impl Form for Growth {
+    fn parameters(&self) -> Vec<String> {
+        let name = |s: &Signal, a: &Axis| {
+            let after = if s.tau_s > 0.0 { format!("_after_{:.0}s", s.tau_s) } else { String::new() };
+            let per = match s.source {
+                Source::Spindle => "um_per_1000rpm",
+                Source::Temperature(_) => "um_per_k",
+            };
+            format!("growth_{a}{after}_{per}")
+        };
+        self.signals.iter().flat_map(|s| self.along.iter().map(move |a| name(s, a))).collect()
+    }
+
+    fn width(&self) -> usize {
+        self.signals.len() * self.along.len()
+    }
+
+    fn evaluate(&self, _: &MachineState, read: &Read<'_>, out: &mut [Vec3]) {
+        for (i, s) in self.signals.iter().enumerate() {
+            let v = read(s) - self.reference;
+            for (j, a) in self.along.iter().enumerate() {
+                out[i * self.along.len() + j] = unit(a.direction()) * v;
+            }
+        }
+    }
+
+    fn columns(&self) -> Vec<String> {
+        self.signals.iter().map(|s| s.source.to_string()).collect()
+    }
+
+    fn drawing(&self) -> Drawing {
+        Drawing::from(Over::Time).by(Branch::File)
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        growth(model, entry, &self.signals, &self.along, self.reference)
+    }
+
+    fn fixed(&self) -> Vec<(String, f64)> {
+        let lagged = self.signals.iter().zip(1..).filter(|(s, _)| s.tau_s > 0.0);
+        lagged.map(|(s, i)| (format!("time_constant_{i}_s"), s.tau_s)).collect()
+    }
+
+    fn acts_along(&self) -> Option<Axis> {
+        (self.along.len() == 1).then(|| self.along[0])
+    }
+
+    fn signals(&self) -> Vec<&Signal> {
+        self.signals.iter().collect()
+    }
+}

@@ -1,0 +1,197 @@
+//! What gives way under acceleration.
+
+use crate::extend::{acceleration_term, steepest};
+use crate::prelude::*;
+
+/// Step with which the point about which a structure tilts is looked for, mm, and how far from the tool it may lie, as a
+/// multiple of the longest travel: about a point far away everything moves alike, which is another effect.
+const PIVOT_STEP_MM: f64 = 1000.0;
+const PIVOT_MAX: f64 = 0.5;
+/// mm/s^2 per m/s^2, and mm per m.
+const PER_M: f64 = 1e-3;
+
+/// What is known of it along an axis.
+pub(crate) static INERTIAL: Effect = Effect {
+    name: "inertial",
+    title: "compliance of {} under acceleration",
+    synonyms: "inertial-deflection acceleration",
+    kind: Kind::Machine,
+    subjects: Subjects::Linear,
+    cause: "The structure gives way under acceleration.",
+    formula: "d_a = k a_a (1 + g x)",
+    looks_like: "Circles shrink or grow with the square of the feed.",
+    confused_with: "scale, where circles have one feed; inertial pitch, where one lever was used",
+    settles: "Circles at two feeds of a ratio of 3 or more; one move at two levers.",
+    changes_with: &[Measurement::Circles, Measurement::Points],
+    remedy: "lower acceleration and jerk; stiffen the drive; acceleration feed-forward",
+    variants: |data, of| {
+        let axis = of.axis;
+        let shape = |slope| Inertial { axis, along: axis, slope }.into();
+        Ok(if accelerates(data, axis)? { [false, true].map(shape).into() } else { Vec::new() })
+    },
+};
+
+/// What is known of it across an axis.
+pub(crate) static INERTIAL_CROSS: Effect = Effect {
+    name: "inertial-cross",
+    title: "tilt under acceleration of {}",
+    synonyms: "inertial-pitch cross-talk",
+    kind: Kind::Machine,
+    subjects: Subjects::Linear,
+    cause: "Acceleration tilts the structure or moves another axis.",
+    formula: "d = k a_a (e x lever), d_b = k a_a",
+    looks_like: "Errors under acceleration that depend on where the other axes stand.",
+    confused_with: "inertial of the same axis",
+    settles: "The same accelerated move at three positions of the other axes.",
+    changes_with: &[
+        Measurement::Circles,
+        Measurement::Points,
+        Measurement::TwoTools,
+        Measurement::SecondPlace,
+    ],
+    remedy: "lower acceleration and jerk; stiffen the structure",
+    variants: |data, of| {
+        let axis = of.axis;
+        if !accelerates(data, axis)? {
+            return Ok(Vec::new());
+        }
+        let others = axis.others();
+        // a tilt of the structure turns whatever the travels are, so all of them are levers; or the carriage itself
+        // turns, and only what lies behind it is a lever
+        let carriage = data.lever(axis);
+        let mut levers = vec![Lever { axes: [true; 3], ..carriage }, carriage];
+        levers.dedup();
+        let mut shapes: Vec<Shape> = Vec::new();
+        for lever in levers {
+            let ways = others.iter().map(|a| vec![*a]).chain([others.clone()]);
+            shapes.extend(ways.map(|about| InertialTilt { axis, about, lever }.into()));
+        }
+        shapes.extend(others.iter().map(|along| Inertial { axis, along: *along, slope: false }.into()));
+        data.structural(shapes)
+    },
+};
+
+fn accelerates(data: &Data, axis: Axis) -> Result<bool, crate::data::Hidden> {
+    if data.moved(axis)?.is_none() {
+        return Ok(false);
+    }
+    if !data.moves[axis.slot()] {
+        return Err("no readings while the axis moves".into());
+    }
+    Ok(data.accelerates[axis.slot()])
+}
+
+/// `d_along = k a_axis`, and `k' a_axis x_axis` where it has a slope.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct Inertial {
+    pub axis: Axis,
+    pub along: Axis,
+    pub slope: bool,
+}
+
+impl Form for Inertial {
+    fn parameters(&self) -> Vec<String> {
+        let names = ["compliance_um_per_m_per_s2", "compliance_slope_um_per_m_per_s2_per_m"];
+        plain(&names[..self.width()])
+    }
+
+    fn width(&self) -> usize {
+        1 + usize::from(self.slope)
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        let k = m.acceleration[self.axis.slot()] * 1e-3;
+        out[0] = unit(self.along.direction()) * k;
+        if self.slope {
+            out[1] = unit(self.along.direction()) * (k * m.position[self.axis.slot()] * 1e-3);
+        }
+    }
+
+    fn columns(&self) -> Vec<String> {
+        vec![self.axis.acceleration_column()]
+    }
+
+    fn drawing(&self) -> Drawing {
+        Over::Acceleration(self.axis).into()
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        let (axis, slope, most) = (self.axis, self.slope, steepest(entry, self.axis)?);
+        let (symbol, law, unit) = (shift(self.along, axis), Law::Acceleration, mm_from_um(PER_M));
+        terms(model, entry, [Term { axis, symbol, law, most, at: 0, slope, unit }])
+    }
+
+    fn acts_along(&self) -> Option<Axis> {
+        Some(self.along)
+    }
+}
+
+/// `d = k a_axis (e_about x lever)` for each direction listed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct InertialTilt {
+    pub axis: Axis,
+    pub about: Vec<Axis>,
+    pub lever: Lever,
+}
+
+impl Form for InertialTilt {
+    fn parameters(&self) -> Vec<String> {
+        self.about.iter().map(|b| format!("tilt_{b}_arcsec_per_m_per_s2")).collect()
+    }
+
+    fn width(&self) -> usize {
+        self.about.len()
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        let (r, a) = (self.lever.at(m), m.acceleration[self.axis.slot()]);
+        for (o, b) in out.iter_mut().zip(&self.about) {
+            *o = unit(b.direction()).cross(&r) * (UM_PER_ARCSEC_MM * a * 1e-3);
+        }
+    }
+
+    fn columns(&self) -> Vec<String> {
+        vec![self.axis.acceleration_column()]
+    }
+
+    fn drawing(&self) -> Drawing {
+        let drawing = Drawing::from(Over::Acceleration(self.axis));
+        match self.about[..] {
+            [about] => drawing.scaled(Weight::Lever(about, self.lever)),
+            _ => drawing,
+        }
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        let (spec, axis, most) = (&model.spec, self.axis, steepest(entry, self.axis)?);
+        let mut parts = Vec::new();
+        for (i, b) in self.about.iter().enumerate() {
+            let angle = entry.value(i) * RAD_PER_ARCSEC * PER_M;
+            parts.extend(acceleration_term(turn(*b, axis), angle, most));
+            // the model turns about the reference points of the axis, the structure about a point of its own
+            let mut home = Vec3::from(self.lever.home_mm);
+            if let Some(gauge) = spec.gauge_point.filter(|_| self.lever.tool) {
+                home.z -= gauge.z - spec.tool_tip.z;
+            }
+            for (k, along) in Axis::LINEAR.into_iter().enumerate() {
+                let reference = spec.axis(axis.name()).reference_points[k].point;
+                let gain = angle * unit(b.direction()).cross(&(home - spec.tool_tip + reference))[k];
+                parts.extend(acceleration_term(shift(along, axis), gain, most));
+            }
+        }
+        Ok(parts.into())
+    }
+
+    fn changed(&self, f: f64) -> Vec<Shape> {
+        let slots = (0..3).filter(|k| self.about.iter().any(|b| b.direction() != *k));
+        slots.map(|k| with(self, |s| s.lever.home_mm[k] += PIVOT_STEP_MM * (f - 1.0))).collect()
+    }
+
+    fn is_within(&self, span: &Span<'_>, tip_mm: [f64; 3]) -> bool {
+        let travels = Axis::LINEAR.into_iter().map(span).map(|[low, high]| high - low);
+        let longest = travels.fold(0.0, f64::max);
+        (0..3).all(|k| (self.lever.home_mm[k] - tip_mm[k]).abs() <= PIVOT_MAX * longest)
+    }
+}

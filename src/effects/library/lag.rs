@@ -1,0 +1,240 @@
+//! Lags: of the servo of one axis, of all of them, of the clock of the instrument.
+
+use crate::extend::{fastest, steepest};
+use crate::prelude::*;
+use volcomp_units::rad_from_deg;
+
+/// Most files with a clock of their own.
+const CLOCKS_MAX: usize = 12;
+/// mm/s and mm/s^2 per unit of what stands in ms.
+const PER_MS: f64 = 1e-3;
+
+const AT_REST: &str = "no readings while the axis moves";
+const ALL_AT_REST: &str = "no readings while an axis moves";
+
+/// What is known of it for one axis.
+pub(crate) static SERVO_MISMATCH: Effect = Effect {
+    name: "servo-mismatch",
+    title: "servo lag of {}",
+    synonyms: "servo gain-mismatch following-lag",
+    kind: Kind::Machine,
+    subjects: Subjects::Axes,
+    cause: "One axis follows its command later than the others.",
+    formula: "d_a = -tau v_a + tau tie a_a",
+    looks_like: "Circles become ellipses at 45 deg that turn over with the direction and grow with the feed.",
+    confused_with: "squareness, where only one direction was measured; a common delay is the sum of all axes",
+    settles: "Circles in both directions at two feeds.",
+    changes_with: &[Measurement::Circles, Measurement::Points],
+    remedy: "match the velocity gains (Kv) of the axes",
+    variants: |data, of| {
+        let axis = of.axis;
+        if data.moved(axis)?.is_none() {
+            return Ok(Vec::new());
+        }
+        if !data.moves[axis.slot()] {
+            return Err(AT_REST.into());
+        }
+        let linear = || Lag { axes: vec![axis], tie_ms: 0.0 }.into();
+        let rotary = data.frame(axis).filter(|_| !axis.is_linear());
+        Ok(vec![rotary.map_or_else(linear, |frame| RotaryLag { frame }.into())])
+    },
+};
+
+/// What is known of it for all axes.
+pub(crate) static LATENCY: Effect = Effect {
+    name: "latency",
+    title: "latency between control and instrument",
+    synonyms: "delay common-delay",
+    kind: Kind::Machine,
+    subjects: Subjects::Whole,
+    cause: "All axes follow their command later by the same time.",
+    formula: "d = -tau v",
+    looks_like: "Error along the path that grows with the feed; invisible to a ballbar.",
+    confused_with: "clock skew of the instrument (exactly alike), three equal servo lags",
+    settles: "A trigger shared by control and instrument; start and stop steps.",
+    changes_with: &[Measurement::Circles, Measurement::Points],
+    remedy: "correct the time stamps; velocity feed-forward",
+    variants: |data, _| {
+        let moving: Vec<Axis> = Axis::ALL.into_iter().filter(|a| data.moves[a.slot()]).collect();
+        let axes: Vec<Axis> = moving.iter().copied().filter(|a| a.is_linear()).collect();
+        match moving[..] {
+            [] => Err(ALL_AT_REST.into()),
+            _ if !axes.is_empty() => Ok(vec![Lag { axes, tie_ms: 0.0 }.into()]),
+            // alone in motion, a rotary axis that lags cannot be told from a delay of all axes
+            [axis] => Ok(data.frame(axis).map(|frame| RotaryLag { frame }.into()).into_iter().collect()),
+            _ => Ok(Vec::new()),
+        }
+    },
+};
+
+/// What is known of it for the clock of the instrument.
+pub(crate) static CLOCK_SKEW: Effect = Effect {
+    name: "clock-skew",
+    title: "clock offset between control and instrument",
+    synonyms: "clock clock-offset",
+    kind: Kind::Instrument,
+    subjects: Subjects::Whole,
+    cause: "The instrument's clock is offset from the control's, or runs at another rate.",
+    formula: "d = -v (d + r t) per file",
+    looks_like: "As latency, but other in every file, or growing with time.",
+    confused_with: "latency",
+    settles: "A shared trigger, or a start and stop step at both ends of every file.",
+    changes_with: &[Measurement::Circles, Measurement::Points, Measurement::StartAndStop],
+    remedy: "one trigger for control and instrument",
+    variants: |data, _| {
+        if !data.moves.contains(&true) {
+            return Err(ALL_AT_REST.into());
+        }
+        let clocks = &data.clocks;
+        if clocks.is_empty() || clocks.len() > CLOCKS_MAX {
+            return Ok(Vec::new());
+        }
+        let shape = |drift| ClockSkew {
+            files: clocks.iter().map(|c| c.0).collect(),
+            start_s: clocks.iter().map(|c| c.1).collect(),
+            span_s: clocks.iter().map(|c| c.2).collect(),
+            drift,
+        };
+        Ok([false, true].map(|drift| shape(drift).into()).into())
+    },
+};
+
+/// `d_a = -tau v_a + tau tie a_a` for every axis listed.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct Lag {
+    pub axes: Vec<Axis>,
+    pub tie_ms: f64,
+}
+
+impl Form for Lag {
+    fn parameters(&self) -> Vec<String> {
+        plain(&["lag_ms"])
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        // without the second term no acceleration need be known
+        let tied =
+            |a: &Axis| if self.tie_ms > 0.0 { self.tie_ms * 1e-3 * m.acceleration[a.slot()] } else { 0.0 };
+        let mut d = Vec3::zeros();
+        for a in &self.axes {
+            d[a.direction()] += -m.velocity[a.slot()] + tied(a);
+        }
+        out[0] = d;
+    }
+
+    fn columns(&self) -> Vec<String> {
+        let velocities = self.axes.iter().map(|a| a.velocity_column());
+        let accelerations = self.axes.iter().filter(|_| self.tie_ms > 0.0).map(|a| a.acceleration_column());
+        velocities.chain(accelerations).collect()
+    }
+
+    fn drawing(&self) -> Drawing {
+        match self.axes[..] {
+            [axis] => Over::Velocity(axis).into(),
+            _ => Over::VelocityAlongU.into(),
+        }
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        // against the velocity, and with the acceleration where the servo has a second time constant
+        let mut all = Vec::new();
+        for axis in self.axes.iter().copied() {
+            let mut add = |law, most, unit| {
+                all.push(Term { axis, symbol: shift(axis, axis), law, most, at: 0, slope: false, unit });
+            };
+            add(Law::Velocity, fastest(entry, axis)?, -mm_from_um(1.0));
+            if self.tie_ms > 0.0 {
+                add(Law::Acceleration, steepest(entry, axis)?, mm_from_um(self.tie_ms * PER_MS));
+            }
+        }
+        terms(model, entry, all)
+    }
+
+    fn fixed(&self) -> Vec<(String, f64)> {
+        if self.tie_ms > 0.0 { named(&[("filter_ms", self.tie_ms)]) } else { Vec::new() }
+    }
+
+    fn acts_along(&self) -> Option<Axis> {
+        (self.axes.len() == 1).then(|| self.axes[0])
+    }
+}
+
+/// `-tau omega` about the axis itself, times the radius.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct RotaryLag {
+    pub frame: RotaryFrame,
+}
+
+impl Form for RotaryLag {
+    fn parameters(&self) -> Vec<String> {
+        plain(&["lag_ms"])
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        out[0] = self.frame.um_per_rad(m) * (-1e-3 * m.velocity[self.frame.axis.slot()]);
+    }
+
+    fn columns(&self) -> Vec<String> {
+        vec![self.frame.axis.column(), self.frame.axis.velocity_column()]
+    }
+
+    fn drawing(&self) -> Drawing {
+        Over::Velocity(self.frame.axis).into()
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        let axis = self.frame.axis;
+        let (symbol, most) = (turn(axis, axis), rad_from_deg(fastest(entry, axis)?));
+        let law = Law::Velocity;
+        terms(model, entry, [Term { axis, symbol, law, most, at: 0, slope: false, unit: -PER_MS }])
+    }
+}
+
+/// Delay and drift of the clock of each file: `-v (d + r (t - start))`.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[serde(rename_all = "kebab-case")]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct ClockSkew {
+    pub files: Vec<usize>,
+    pub start_s: Vec<f64>,
+    pub span_s: Vec<f64>,
+    pub drift: bool,
+}
+
+impl Form for ClockSkew {
+    fn parameters(&self) -> Vec<String> {
+        let of = |f: &usize| [format!("delay_{}_ms", f + 1), format!("delay_gain_{}_ms", f + 1)];
+        self.files.iter().flat_map(|f| of(f).into_iter().take(1 + usize::from(self.drift))).collect()
+    }
+
+    fn width(&self) -> usize {
+        self.files.len() * (1 + usize::from(self.drift))
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        let v = Vec3::new(m.velocity[0], m.velocity[1], m.velocity[2]);
+        let each = 1 + usize::from(self.drift);
+        for (i, file) in self.files.iter().enumerate() {
+            let on = f64::from(u8::from(m.file == *file));
+            out[each * i] = -v * on;
+            if self.drift {
+                out[each * i + 1] = -v * (on * (m.t_s - self.start_s[i]) / self.span_s[i]);
+            }
+        }
+    }
+
+    fn columns(&self) -> Vec<String> {
+        plain(&["t_s"])
+    }
+
+    fn drawing(&self) -> Drawing {
+        Over::VelocityAlongU.into()
+    }
+
+    fn becomes(&self, _: &Extended, _: &Entry) -> Becomes {
+        Err(OF_THE_INSTRUMENT)
+    }
+}

@@ -1,0 +1,71 @@
+//! Compliance under forces.
+
+use crate::prelude::*;
+
+/// Powers of the force: a spring, and one that stiffens.
+const POWERS: [f64; 2] = [1.0, 0.8];
+
+/// What is known of it.
+pub(crate) static LOAD: Effect = Effect {
+    name: "load",
+    title: "compliance of {} under load",
+    synonyms: "cutting-load clamp-load compliance",
+    kind: Kind::Machine,
+    subjects: Subjects::Linear,
+    cause: "The structure gives way under force.",
+    formula: "d = C F, or C |F|^0.8 sign F",
+    looks_like: "Deviation that follows the force at one place.",
+    confused_with: "mass of the workpiece, heat of the cut",
+    settles: "Load and unload in steps with a load cell.",
+    changes_with: &[],
+    remedy: "stiffen the drive train; lower the load",
+    variants: |data, of| {
+        let axis = of.axis;
+        if !data.forces[axis.direction()] {
+            return Err("no force is logged, or it does not change".into());
+        }
+        let shapes = Axis::LINEAR.into_iter().flat_map(|along| POWERS.map(|power| (along, power)));
+        Ok(shapes.map(|(along, power)| Load { axis, along, power }.into()).collect())
+    },
+};
+
+/// `d_along = c sign(F) |F|^power` of one axis.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct Load {
+    pub axis: Axis,
+    pub along: Axis,
+    pub power: f64,
+}
+
+impl Form for Load {
+    fn parameters(&self) -> Vec<String> {
+        let is_spring = (self.power - 1.0).abs() < 1e-12;
+        plain(&[if is_spring { "compliance_um_per_n" } else { "compliance_um_per_n_to_the_power" }])
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        let f = m.force_n[self.axis.direction()];
+        out[0] = unit(self.along.direction()) * (f.signum() * f.abs().powf(self.power));
+    }
+
+    fn columns(&self) -> Vec<String> {
+        vec![format!("force_{}_n", self.axis)]
+    }
+
+    fn drawing(&self) -> Drawing {
+        Over::Force(self.axis).into()
+    }
+
+    fn becomes(&self, _: &Extended, _: &Entry) -> Becomes {
+        Err("it follows forces, which are not reported while the machine works")
+    }
+
+    fn fixed(&self) -> Vec<(String, f64)> {
+        named(&[("exponent_1", self.power)])
+    }
+
+    fn acts_along(&self) -> Option<Axis> {
+        Some(self.along)
+    }
+}

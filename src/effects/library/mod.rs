@@ -1,0 +1,129 @@
+//! The effects, a file for each family: what is known of each, its variants for the search, and the formulas of these.
+//!
+//! The two lists below are the only ones: a formula stands in the first, an effect in the second.
+
+mod air;
+mod angular;
+mod backlash;
+mod beam;
+mod chance;
+mod curves;
+mod cyclic;
+mod displacement;
+mod expansion;
+mod friction;
+mod inertia;
+mod lag;
+mod load;
+mod rotary;
+mod scale;
+mod squareness;
+#[cfg(test)]
+mod tests;
+mod tool;
+mod wear;
+
+use serde::{Deserialize, Serialize};
+
+use crate::Effect;
+use crate::shape::Form;
+
+/// The formulas as one type, tagged by their names in additions.
+macro_rules! shapes {
+    ($($file:ident::$form:ident),* $(,)?) => {
+        /// A formula with its non-linear parameters.
+        #[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+        #[serde(tag = "form", rename_all = "kebab-case")]
+        #[expect(missing_docs, reason = "each variant holds the formula of the same name, which says what it is")]
+        pub enum Shape {
+            $($form($file::$form),)*
+        }
+
+        impl Shape {
+            /// What the formula says.
+            pub(crate) fn form(&self) -> &dyn Form {
+                match self {
+                    $(Self::$form(form) => form,)*
+                }
+            }
+        }
+
+        $(impl From<$file::$form> for Shape {
+            fn from(form: $file::$form) -> Self {
+                Self::$form(form)
+            }
+        })*
+
+        /// The formulas, each with its symbols.
+        pub mod forms {
+            $(pub use super::$file::$form;)*
+        }
+    };
+}
+
+shapes! {
+    squareness::Squareness,
+    scale::Scale,
+    scale::RotaryScale,
+    curves::Polynomial,
+    curves::Reverse,
+    angular::Angular,
+    expansion::Thermal,
+    displacement::Growth,
+    backlash::Backlash,
+    backlash::RotaryBacklash,
+    friction::Spike,
+    friction::Friction,
+    cyclic::Cyclic,
+    lag::Lag,
+    lag::RotaryLag,
+    lag::ClockSkew,
+    inertia::Inertial,
+    inertia::InertialTilt,
+    beam::Sag,
+    beam::Ram,
+    tool::SpindleTilt,
+    tool::ToolLength,
+    air::DeadPath,
+    air::TrackerScale,
+    rotary::RotaryLocation,
+    rotary::RotaryMotion,
+    rotary::RotaryEccentricity,
+    load::Load,
+    wear::Wear,
+}
+
+/// All effects, in the order in which they are listed and searched.
+pub static EFFECTS: &[&Effect] = &[
+    &squareness::SQUARENESS,
+    &scale::SCALE,
+    &curves::POSITIONING,
+    &expansion::THERMAL_EXPANSION,
+    &displacement::SPINDLE_GROWTH,
+    &displacement::AMBIENT_DRIFT,
+    &backlash::BACKLASH,
+    &backlash::LATERAL_PLAY,
+    &friction::REVERSAL_SPIKE,
+    &cyclic::CYCLIC,
+    &lag::SERVO_MISMATCH,
+    &lag::LATENCY,
+    &lag::CLOCK_SKEW,
+    &inertia::INERTIAL,
+    &inertia::INERTIAL_CROSS,
+    &beam::SAG,
+    &curves::STRAIGHTNESS,
+    &angular::ANGULAR,
+    &tool::SPINDLE_TILT,
+    &tool::TOOL_LENGTH,
+    &air::DEAD_PATH,
+    &air::TRACKER_SCALE,
+    &rotary::ROTARY_LOCATION,
+    &rotary::ROTARY_MOTION,
+    &rotary::ROTARY_ECCENTRICITY,
+    &load::LOAD,
+    &wear::WEAR,
+    &chance::VIBRATION,
+    &chance::OUTLIERS,
+    &chance::QUANTISATION,
+    &chance::RANGE_NOISE,
+];

@@ -1,0 +1,276 @@
+//! Rotary axes: location, error motion, eccentricity of the encoder.
+
+use crate::prelude::*;
+use volcomp_model::{Component, ErrorSymbol};
+
+/// Harmonics of the error motion: first and last.
+const HARMONICS: [[usize; 2]; 3] = [[2, 2], [2, 3], [2, 5]];
+
+/// What is known of where the axis lies.
+pub(crate) static ROTARY_LOCATION: Effect = Effect {
+    name: "rotary-location",
+    title: "location error of axis {}",
+    synonyms: "pige xoc yoc aoc boc position-independent",
+    kind: Kind::Machine,
+    subjects: Subjects::Rotary,
+    cause: "A rotary axis is not where, or not parallel to what, the control believes.",
+    formula: "d = (I - R) o + w x q - R (w x p); of a head that is wrong with its axis: o + w x q",
+    looks_like: "First harmonic of the rotation at the ball, growing with radius and height for the tilts.",
+    confused_with: "eccentricity of the encoder; offset of the ball",
+    settles: "An R-test at three tilts or more, two radii.",
+    changes_with: &[Measurement::Turn],
+    remedy: "measure the centre of rotation again (ISO 230-7, ISO 10791-6)",
+    variants: |data, of| {
+        let Some(frame) = data.frame(of.axis) else {
+            let stands = data.axes.contains(&of.axis);
+            return if stands { Err("the axis stands still in these data".into()) } else { Ok(Vec::new()) };
+        };
+        // where the head stands at the zero of the axis either counts as right, or is wrong with the axis
+        let kinds = [false, true].into_iter().filter(|tied: &bool| !tied || !frame.workpiece_side);
+        Ok(kinds.map(|tied| RotaryLocation { frame: frame.clone(), tied }.into()).collect())
+    },
+};
+
+/// What is known of how it shifts.
+pub(crate) static ROTARY_MOTION: Effect = Effect {
+    name: "rotary-motion",
+    title: "error motion of axis {}",
+    synonyms: "pdge wobble harmonics",
+    kind: Kind::Machine,
+    subjects: Subjects::Rotary,
+    cause: "Bearing errors: the axis shifts as it turns.",
+    formula: "d = SUM c_n (cos n q - 1) + s_n sin n q, n = 2 .., turned with what the axis stands on",
+    looks_like: "Harmonics above the first.",
+    confused_with: "form of the ball; aliased vibration where steps are even",
+    settles: "Shift the ball; turn in uneven steps.",
+    changes_with: &[],
+    remedy: "adjust or renew the bearing; compensate the error motion",
+    variants: |data, of| {
+        let axis = of.axis;
+        let Some(frame) = data.frame(axis) else { return Ok(Vec::new()) };
+        // what stands on another rotary axis turns with it
+        let frame = Some(frame).filter(|f| !f.outer.is_empty());
+        let ways = [vec![Axis::X], vec![Axis::Y], vec![Axis::Z], Axis::LINEAR.to_vec()];
+        let all = ways.iter().flat_map(|along| HARMONICS.map(|h| (along.clone(), h)));
+        let shape = |(along, [low, high]): (Vec<Axis>, [usize; 2])| {
+            RotaryMotion { axis, along, low, high, frame: frame.clone() }.into()
+        };
+        Ok(all.map(shape).collect())
+    },
+};
+
+/// What is known of how it turns.
+pub(crate) static ROTARY_ECCENTRICITY: Effect = Effect {
+    name: "rotary-eccentricity",
+    title: "angular positioning error of axis {}",
+    synonyms: "encoder-eccentricity exactness",
+    kind: Kind::Machine,
+    subjects: Subjects::Rotary,
+    cause: "The scale of a rotary axis is mounted off centre.",
+    formula: "d = SUM (c_n (cos n q - 1) + s_n sin n q) e x r, n = 1, 2",
+    looks_like: "Tangential first harmonic that grows with the radius.",
+    confused_with: "location and motion errors of the axis together",
+    settles: "Two radii.",
+    changes_with: &[Measurement::Turn],
+    remedy: "centre the encoder ring; angular compensation table",
+    variants: |data, of| {
+        let Some(frame) = data.frame(of.axis) else { return Ok(Vec::new()) };
+        Ok([1, 2].map(|harmonics| RotaryEccentricity { frame: frame.clone(), harmonics }.into()).into())
+    },
+};
+
+/// Two shifts and two tilts of a rotary axis; no deviation at zero.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct RotaryLocation {
+    pub frame: RotaryFrame,
+    /// What the axis carries is wrong with it, at its zero, too (equations 1.9); shifts then show only on an axis that
+    /// another one turns.
+    #[serde(default, skip_serializing_if = "core::ops::Not::not")]
+    pub tied: bool,
+}
+
+impl RotaryLocation {
+    /// The two directions across the axis.
+    fn across(&self) -> [usize; 2] {
+        let a = self.frame.axis.direction();
+        [(a + 1) % 3, (a + 2) % 3]
+    }
+}
+
+impl Form for RotaryLocation {
+    fn parameters(&self) -> Vec<String> {
+        let [b, c] = self.across().map(|k| Axis::LINEAR[k]);
+        let all = [
+            format!("shift_{b}_um"),
+            format!("shift_{c}_um"),
+            format!("tilt_{b}_arcsec"),
+            format!("tilt_{c}_arcsec"),
+        ];
+        all[4 - self.width()..].to_vec()
+    }
+
+    fn width(&self) -> usize {
+        if self.tied && self.frame.outer.is_empty() { 2 } else { 4 }
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        let (outer, own, p) = self.frame.state(m);
+        let (sign, tilts) = (self.frame.sign(), self.width() - 2);
+        // what is right at the zero of the axis is wrong by the same in the turned frame
+        let at_zero = if self.tied { Mat3::zeros() } else { own };
+        for (i, k) in self.across().into_iter().enumerate() {
+            let l = unit(k);
+            if tilts > 0 {
+                out[i] = outer * (l - at_zero * l) * sign;
+            }
+            let d = l.cross(&(own * p)) - at_zero * l.cross(&p);
+            out[tilts + i] = outer * d * (sign * UM_PER_ARCSEC_MM);
+        }
+    }
+
+    fn columns(&self) -> Vec<String> {
+        vec![self.frame.axis.column()]
+    }
+
+    fn drawing(&self) -> Drawing {
+        Over::Position(self.frame.axis).into()
+    }
+
+    fn becomes(&self, _: &Extended, entry: &Entry) -> Becomes {
+        let [b, c] = self.across();
+        let places = [b, c, b + 3, c + 3];
+        let constant = |(k, place): (usize, &usize)| {
+            let v = entry.value(k);
+            let v = if *place < 3 { mm_from_um(v) } else { v * RAD_PER_ARCSEC };
+            let (component, axis) = (Component::ALL[*place], self.frame.axis.name());
+            Part::constant(ErrorSymbol::Location { component, axis }, v)
+        };
+        // two values are the tilts alone
+        Ok(places[4 - self.width()..].iter().enumerate().map(constant).collect::<Vec<_>>().into())
+    }
+
+    fn over(&self) -> Option<Axis> {
+        Some(self.frame.axis)
+    }
+}
+
+/// Harmonics of the rotation: shifts `cos(n q) - 1`, `sin(n q)` along the directions listed, of the machine or of what the
+/// axis stands on (with `frame`).
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct RotaryMotion {
+    pub axis: Axis,
+    pub along: Vec<Axis>,
+    pub low: usize,
+    pub high: usize,
+    #[serde(default, skip_serializing_if = "Option::is_none")]
+    pub frame: Option<RotaryFrame>,
+}
+
+impl Form for RotaryMotion {
+    fn parameters(&self) -> Vec<String> {
+        let of = |a: &Axis| {
+            let names = |n: usize| [format!("cos{n}_{a}_um"), format!("sin{n}_{a}_um")];
+            (self.low..=self.high).flat_map(names).collect::<Vec<_>>()
+        };
+        self.along.iter().flat_map(of).collect()
+    }
+
+    fn width(&self) -> usize {
+        2 * self.along.len() * (self.high + 1 - self.low)
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        let q = m.position[self.axis.slot()];
+        let turned = self.frame.as_ref().map_or_else(Mat3::identity, |f| f.product(&f.outer, m));
+        let orders = self.high + 1 - self.low;
+        for (j, a) in self.along.iter().enumerate() {
+            let way = turned * unit(a.direction());
+            for n in 0..orders {
+                let (s, c) = ((self.low + n) as f64 * q).sin_cos();
+                out[2 * (j * orders + n)] = way * (c - 1.0);
+                out[2 * (j * orders + n) + 1] = way * s;
+            }
+        }
+    }
+
+    fn columns(&self) -> Vec<String> {
+        vec![self.axis.column()]
+    }
+
+    fn drawing(&self) -> Drawing {
+        Over::Position(self.axis).into()
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        displacements(model, entry, self.axis, Sampling::Even)
+    }
+
+    fn over(&self) -> Option<Axis> {
+        Some(self.axis)
+    }
+
+    fn is_free_curve(&self) -> bool {
+        true
+    }
+}
+
+/// Angular error `SUM c_n (cos n q - 1) + s_n sin n q` about the axis itself, times the radius.
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
+#[expect(missing_docs, reason = "the symbols of the formula")]
+pub struct RotaryEccentricity {
+    pub frame: RotaryFrame,
+    #[serde(default = "one", skip_serializing_if = "is_one")]
+    pub harmonics: usize,
+}
+
+const fn one() -> usize {
+    1
+}
+
+#[expect(clippy::trivially_copy_pass_by_ref, reason = "serde asks so")]
+const fn is_one(n: &usize) -> bool {
+    *n == 1
+}
+
+impl Form for RotaryEccentricity {
+    fn parameters(&self) -> Vec<String> {
+        let number = |n: usize| if n == 1 { String::new() } else { n.to_string() };
+        let names = |n: String| [format!("cos{n}_arcsec"), format!("sin{n}_arcsec")];
+        (1..=self.harmonics).map(number).flat_map(names).collect()
+    }
+
+    fn width(&self) -> usize {
+        2 * self.harmonics
+    }
+
+    fn evaluate(&self, m: &MachineState, _: &Read<'_>, out: &mut [Vec3]) {
+        let arm = self.frame.um_per_rad(m) * RAD_PER_ARCSEC;
+        for n in 0..self.harmonics {
+            let (s, c) = ((n + 1) as f64 * m.position[self.frame.axis.slot()]).sin_cos();
+            (out[2 * n], out[2 * n + 1]) = (arm * (c - 1.0), arm * s);
+        }
+    }
+
+    fn columns(&self) -> Vec<String> {
+        vec![self.frame.axis.column()]
+    }
+
+    fn drawing(&self) -> Drawing {
+        Over::Position(self.frame.axis).into()
+    }
+
+    fn becomes(&self, model: &Extended, entry: &Entry) -> Becomes {
+        let wave = |q: f64, n: usize| {
+            let (s, c) = ((n + 1) as f64 * q).sin_cos();
+            entry.value(2 * n) * (c - 1.0) + entry.value(2 * n + 1) * s
+        };
+        let angle = |q: f64| (0..self.harmonics).map(|n| wave(q, n)).sum();
+        rotation(model, entry, self.frame.axis, self.frame.axis, &angle)
+    }
+
+    fn over(&self) -> Option<Axis> {
+        Some(self.frame.axis)
+    }
+}
