@@ -272,7 +272,11 @@ fn the_page_enables_shows_a_fault_clears_it_and_recovers_after_a_restart() {
     scene.control.take().expect("linked").stop().deceive(0.05);
     scene.until(&format!("{} === 'FAULT' && {}.includes('VC-4001')", text("state"), text("cause")));
     assert_eq!(scene.browser.value("document.getElementById('banner').className"), "bad");
-    scene.until(&format!("{}.length > 20", text("remedy")));
+    scene.until(&format!(
+        "{}.length > 20 && {}.includes('compensation ends')",
+        text("remedy"),
+        text("reaction")
+    ));
     let opened = "(() => { const d = [...document.querySelectorAll('#events details')].find((d) => \
         d.textContent.includes('VC-4001')); d.querySelector('summary').click(); return d.open && \
         d.textContent.includes('remedy'); })()";
@@ -299,7 +303,12 @@ fn the_page_enables_shows_a_fault_clears_it_and_recovers_after_a_restart() {
     }
     assert_eq!(scene.browser.take_errors(), Vec::<String>::new());
 
+    // a link that breaks: the banner alone says what the offset does, and what to do
     drop(scene.control.take().map(Control::stop));
+    let says = |id: &str, word: &str| format!("{}.includes('{word}')", text(id));
+    scene.until(&format!("{} === 'DISCONNECTED' && {}", text("state"), says("cause", "VC-600")));
+    scene.until(&format!("{} && {}", says("reaction", "offset"), says("remedy", "control")));
+    scene.picture("page-link.png");
     daemon.signal(Signal::KILL);
     let _ = daemon.wait();
     scene.until(&format!("{} === 'NO DATA' && !document.getElementById('offline').hidden", text("state")));

@@ -46,6 +46,9 @@ export function showBanner(status) {
   byId("cause").textContent = micron(health.cause ? code + health.cause : "");
   const off = status.state === "off" && health.verdict === "ok" ? "Compensation is off; Enable, or `volcomp enable`, switches it on." : "";
   byId("remedy").textContent = health.remedy ? "What to do: " + micron(health.remedy) : off;
+  // what the offset does meanwhile, in the words of `volcomp explain`
+  const known = health.verdict === "warning" ? undefined : codes.get(health.code);
+  byId("reaction").textContent = known ? "What happens: " + micron(known.reaction) : "";
   document.title = word + " · " + status.machine;
   const said = word + (health.cause ? ", " + code + health.cause : "");
   if (said !== announced) byId("announce").textContent = announced = said;
