@@ -274,10 +274,13 @@ fn a_verification_that_the_tool_records_is_shown_while_the_daemon_runs() {
         || -> Value { serde_json::from_str(&get(address, "/api/v1/verification", "").1).expect("JSON") };
     let mut found = Value::Null;
     let until = |found: &mut Value, date: &str| {
-        eventually(|| {
+        // the file is looked at every few seconds
+        let deadline = Instant::now() + PATIENCE * 6;
+        while found["verification"]["date"] != date && Instant::now() < deadline {
+            std::thread::sleep(Duration::from_millis(200));
             *found = shown();
-            found["verification"]["date"] == date
-        })
+        }
+        found["verification"]["date"] == date
     };
     assert_eq!((&shown()["configured"], &shown()["verification"]), (&true.into(), &Value::Null));
     assert!(shown()["problem"].as_str().is_some_and(|why| why.contains("verification.json")));
