@@ -177,6 +177,7 @@ fn unlocked(port: &Port, more_keys: &str) -> (Daemon, Scene, String) {
     scene.until(&format!("{} === 'DISCONNECTED'", text("state")));
     scene.control = Some(Control::start(fresh_link(port)));
     scene.until(&format!("{} === 'OFF'", text("state")));
+    scene.until(&format!("{}.startsWith('Compensation is off')", text("remedy")));
     scene.browser.value("document.getElementById('token').focus()");
     scene.browser.write(TOKEN);
     scene.browser.press("Enter");
