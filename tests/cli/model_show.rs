@@ -96,6 +96,8 @@ fn pictures_are_written_where_they_are_asked_for() {
             assert!(page.contains(part), "{name}: {part}");
         }
         // one file that needs no other
+        let body = page.split("<body>").nth(1).unwrap();
+        assert!(body.contains("µm") && !body.contains(" um"), "{name}");
         assert!(!page.contains("src=") && !page.contains("href="), "{name}");
     }
 }

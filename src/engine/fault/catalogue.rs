@@ -290,7 +290,7 @@ pub const CATALOGUE: &[Entry] = &[
         severity: Warning,
         text: "no link to the control",
         cause: "nobody listens at the address, or the hello was refused",
-        reaction: "tries again with growing pauses; nothing is offset",
+        reaction: "tries again with growing pauses; nothing is offset; where compensation is enabled, it blends in again with the link",
         remedy: "start the control; check address and machine id in the machine file",
     },
     Entry {

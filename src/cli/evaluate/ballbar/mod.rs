@@ -117,8 +117,8 @@ fn circles(plan: &Plan) -> Result<Vec<Circle>, volcomp_evaluate::circular::Circu
         }
         let result = Circularity::evaluate(&readings, centring)
             .or_else(|_| Circularity::evaluate(&about_offset, Centring::None))?;
-        // mm/s in the analysis, mm/min for people
-        Ok(Circle { feed: feed.map(|f| 60.0 * f), readings, result })
+        // mm/s in the analysis, mm/min for people, without the rounding of the way there and back
+        Ok(Circle { feed: feed.map(|f| (60e6 * f).round() / 1e6), readings, result })
     };
     feeds.into_iter().map(one).collect()
 }
