@@ -1,8 +1,8 @@
-//! The evidence of each chosen effect: its gain beside the others, what explains nearly as much in its place, patterns in the data
-//! with which it is never declared. Nothing is decided here: that is [`super::decision`].
+//! The evidence of each chosen effect: its gain beside the others and what explains nearly as much in its place. Nothing is
+//! decided here: that is [`super::decision`].
 
-use super::constants::{CURVE_SAME, INEXACT, SAME, SURE};
-use super::decision::{Evidence, Reason};
+use super::constants::{CURVE_SAME, INEXACT, SAME};
+use super::decision::Evidence;
 use super::library::{Label, Library, Shape, forms};
 use super::search::{CURVES, Found, Problem, Selection, evidence, figures};
 
@@ -28,7 +28,7 @@ pub fn prune(problem: &Problem, library: &Library, selection: &mut Selection) ->
         match worst {
             Some((place, x)) if x.figures.held_out < 0.0 => {
                 selection.chosen.remove(place);
-                out.push(Evidence { forbids: Some(Reason::Worse), ..x });
+                out.push(Evidence { is_pruned: true, ..x });
             }
             _ => break,
         }
@@ -88,23 +88,8 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
         share: 1.0 / total,
         group_share: in_group / total,
         rivals,
-        forbids: pattern(problem, library, selection, place),
+        is_pruned: false,
     }
-}
-
-/// A pattern in the fit itself with which an effect is never declared.
-fn pattern(problem: &Problem, library: &Library, selection: &Selection, place: usize) -> Option<Reason> {
-    let shape = &library.variants[selection.chosen[place]].shape;
-    if problem.is_single_pass && shape.is_free_curve() {
-        return Some(Reason::OnePass);
-    }
-    if cancelling(problem, library, selection, place) > CANCELLING {
-        return Some(Reason::Cancels);
-    }
-    if turn_share(problem, library, selection, place) > TURN_SHARE {
-        return Some(Reason::ConstantReversal);
-    }
-    only_shifts(problem, library, selection, place).then_some(Reason::OnlyShifts)
 }
 
 /// Largest term of a power series, as a multiple of the whole: a real angle that is zero at the zero of its axis needs less.
@@ -130,23 +115,6 @@ fn cancelling(problem: &Problem, library: &Library, selection: &Selection, place
     if all > 0.0 { largest / all } else { 0.0 }
 }
 
-/// Share of a table with values in reverse that a constant reversal may have.
-const TURN_SHARE: f64 = 0.5;
-
-/// Share of the constant reversal in what a table with values of its own in reverse does.
-fn turn_share(problem: &Problem, library: &Library, selection: &Selection, place: usize) -> f64 {
-    let variant = selection.chosen[place];
-    let Shape::Reverse(forms::Reverse { high, .. }) = library.variants[variant].shape else { return 0.0 };
-    let given = problem.given(&selection.chosen);
-    let beta = problem.fit(&given);
-    let (at, k) = problem.span[variant];
-    let (mine, values): (Vec<usize>, Vec<f64>) =
-        given.columns.iter().zip(&beta).filter(|(c, _)| (at..at + k).contains(*c)).unzip();
-    let all = problem.contribution(&mine, &values).norm_squared();
-    let constant = problem.contribution(&mine[high - 1..high], &values[high - 1..high]).norm_squared();
-    if all > 0.0 { constant / all } else { 0.0 }
-}
-
 /// The curves chosen whose slope an effect may be, or a straight line that is the same as it (`same`): it was measured over a
 /// part of the travel, or says less than they do; from which line a curve is counted is a choice.
 fn slope_of(
@@ -168,20 +136,6 @@ fn slope_of(
         is_part || problem.gain(&problem.given(&selection.without(&[*p])), selection.chosen[*p]).0 > gain
     };
     curves.filter(more).map(|p| library.labels[library.variants[selection.chosen[p]].label].clone()).collect()
-}
-
-/// True for an expansion of which only the shift of its reference is sure.
-fn only_shifts(problem: &Problem, library: &Library, selection: &Selection, place: usize) -> bool {
-    let variant = selection.chosen[place];
-    if !matches!(library.variants[variant].shape, Shape::Thermal(forms::Thermal { with_offset: true, .. })) {
-        return false;
-    }
-    let given = problem.given(&selection.chosen);
-    let (beta, covariance) = (problem.fit(&given), given.covariance(problem));
-    let (at, _) = problem.span[variant];
-    let Some(j) = given.columns.iter().position(|c| *c == at) else { return false };
-    let t = |k: usize| beta[k].abs() / covariance[k * beta.len() + k].max(1e-300).sqrt();
-    t(j) < SURE && t(j + 1) > SURE
 }
 
 /// True where an effect in the place of another one explains as much as it but for a share of it and what noise takes.

@@ -3,7 +3,6 @@
 mod again;
 mod budget;
 mod causes;
-mod chance;
 mod compared;
 mod curves;
 mod fitted;
@@ -122,14 +121,10 @@ fn left_whitened(a: &Analysis, keep: &[usize]) -> Vec<f64> {
 /// Everything that the decision is made from.
 fn evidence(session: &Session, a: &Analysis, parts: &Contributions, owner: &[usize]) -> Vec<Evidence> {
     let mut all = assess(&a.problem, &a.library, &a.selection);
-    let patterns = chance::patterns(session, a, parts, owner, &all);
     // the control's own encoders see the servo, which depends on no place
     let forms = if a.problem.precise { Vec::new() } else { misform::misforms(session, a, parts, owner) };
-    for ((place, e), pattern) in all.iter_mut().enumerate().zip(patterns) {
-        e.forbids = e.forbids.or(pattern);
-        if let Some(form) = forms.get(place) {
-            e.figures.misform = *form;
-        }
+    for (e, form) in all.iter_mut().zip(forms) {
+        e.figures.misform = form;
     }
     all
 }

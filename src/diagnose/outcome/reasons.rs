@@ -9,20 +9,6 @@ pub(super) fn why_not(x: &Assessed) -> String {
 
 fn words(reason: Reason) -> String {
     let text = match reason {
-        Reason::OnePass => {
-            "a curve over one pass of one program: nothing shows that it comes back; measure again"
-        }
-        Reason::Cancels => "fits only by large terms that cancel each other: stands for something else",
-        Reason::ConstantReversal => "is the same at every position: a lost motion, not a table of positions",
-        Reason::OnlyShifts => {
-            "shifts with the temperature, but does not expand: something else that grows warm"
-        }
-        Reason::WithinRounding => {
-            "shows in one program and is smaller than the rounding there, which comes back with every pass: measure with a finer display"
-        }
-        Reason::ShakenAtOneFeed => {
-            "something shakes the machine, which at one feed looks alike: measure at another feed"
-        }
         Reason::HeldOut { with_um, without_um } => {
             return format!(
                 "makes readings that were left out worse: {with_um:.2} um with it, {without_um:.2} um without it"
