@@ -70,7 +70,7 @@ pub use exit::{
 pub const EXIT_CODES: &str = "Exit codes: 0 done; 1 differs (diff, replay); 2 incomplete (replay); \
     64 wrong command line; 65 bad data, or a file beyond its limit; 70 error of the program; \
     74 file, socket or stdout not usable; 78 mistake in a machine or model file.\n\
-    Largest files, ranges of numbers, closed streams: docs/limits.md";
+    Largest files, ranges of numbers, closed streams: docs/reference/limits.md";
 
 /// Geometric-error compensation for machine tools: check, predict, fit, identify, evaluate, exchange files with
 /// instruments and controls, and talk to the daemon.

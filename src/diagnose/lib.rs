@@ -5,7 +5,7 @@
 //! Assumption: it is a sum of effects of the library ([`library`]), the offset of each mounting, a drift and noise
 //! ([`noise`]). Effects are searched in whitened space ([`search`]), their evidence is collected ([`assess`]) and
 //! decided on ([`decision`]); what is left is tested against what repeats show of the noise ([`leftover`]). Pure: no files, no clock; random draws have a
-//! seed. Source: docs/diagnosis.md; equations: `docs/reference/equations.md`.
+//! seed. Source: docs/explanation/diagnosis.md; equations: `docs/reference/equations.md`.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), forbid(clippy::disallowed_methods))]

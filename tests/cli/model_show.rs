@@ -265,7 +265,7 @@ fn files_that_cannot_be_used_have_their_exit_codes() {
 /// Every example of the guide can be pasted into a file.
 #[test]
 fn the_examples_of_the_guide_are_valid() {
-    let guide = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/model-files.md");
+    let guide = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/reference/model-files.md");
     let guide = std::fs::read_to_string(guide).unwrap();
     let blocks: Vec<&str> =
         guide.split("```toml\n").skip(1).map(|b| b.split("```").next().unwrap()).collect();

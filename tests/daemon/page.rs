@@ -1,6 +1,6 @@
 //! The page in a real browser: what an operator sees of a running machine, a fault, and a restart of the daemon.
 //!
-//! `VOLCOMP_PICTURES=docs/images cargo test --test daemon page::` writes the pictures of docs/monitoring.md.
+//! `VOLCOMP_PICTURES=docs/images cargo test --test daemon page::` writes the pictures of docs/how-to/monitoring.md.
 
 #![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
 

@@ -1,4 +1,4 @@
-//! Figures of a run: ratios, limits, JSON and a table. Every key is explained in `docs/benchmarks.md`.
+//! Figures of a run: ratios, limits, JSON and a table. Every key is explained in `docs/development/benchmarks.md`.
 
 use serde_json::{Map, Value, json};
 

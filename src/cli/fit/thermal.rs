@@ -32,7 +32,7 @@ use volcomp_units::{mm_from_um, um_from_mm};
     volcomp fit thermal warmup.csv --displacement z_um                         only the figures\n  \
     volcomp fit thermal warmup.csv --displacement z_um --name spindle-z \\\n      \
     --symbol ezz --limit-um 80 --into model.toml --picture spindle.html\n\n\
-    The model then has [thermal.spindle-z], which volcompd feeds from its sensors (docs/thermal.md).")]
+    The model then has [thermal.spindle-z], which volcompd feeds from its sensors (docs/how-to/thermal.md).")]
 pub(super) struct Args {
     /// The recording: CSV with a header. - is stdin.
     file: PathBuf,

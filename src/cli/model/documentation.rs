@@ -38,7 +38,7 @@ pub(super) struct Args {
     /// Machine file of volcompd: limits and axes that are offset
     #[arg(long, value_name = "MACHINE.toml")]
     config: Option<PathBuf>,
-    /// Head of the report in TOML: machine, instrument, compensations of the control, validation (docs/reports.md)
+    /// Head of the report in TOML: machine, instrument, compensations of the control, validation (docs/how-to/reports.md)
     #[arg(long, value_name = "HEAD.toml")]
     head: Option<PathBuf>,
     /// A comparison that volcomp verify --json wrote; may be repeated

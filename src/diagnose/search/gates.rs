@@ -1,7 +1,7 @@
 //! Figures by which an effect is judged: its agreement between programs, places and runs, what it is worth on runs left out, and
 //! whether it takes back what the others say.
 //!
-//! Source: `docs/diagnosis.md` (agreement); invariance between programs as evidence: Peters, Buhlmann, Meinshausen.
+//! Source: `docs/explanation/diagnosis.md` (agreement); invariance between programs as evidence: Peters, Buhlmann, Meinshausen.
 
 use nalgebra::DVector;
 

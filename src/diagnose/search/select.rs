@@ -2,7 +2,7 @@
 //!
 //! Evidence is twice the logarithm of a Bayes factor with a locally fitted g-prior, less a price for the grid of the
 //! non-linear parameters. The threshold is what the library finds in pure noise.
-//! Source: `docs/diagnosis.md` (search, one name).
+//! Source: `docs/explanation/diagnosis.md` (search, one name).
 
 use nalgebra::DMatrix;
 
