@@ -33,6 +33,7 @@ mod files;
 mod filter;
 mod fit;
 mod gateway;
+mod help;
 mod identify;
 mod identity;
 mod import;
@@ -75,7 +76,8 @@ pub const EXIT_CODES: &str = "Exit codes: 0 done; 1 differs (diff, replay); 2 in
 /// Geometric-error compensation for machine tools: check, predict, fit, identify, evaluate, exchange files with
 /// instruments and controls, and talk to the daemon.
 #[derive(Debug, Parser)]
-#[command(name = "volcomp", version, arg_required_else_help = true, after_help = EXIT_CODES)]
+#[command(name = "volcomp", version, arg_required_else_help = true)]
+#[command(after_help = EXIT_CODES, help_template = help::template())]
 struct Cli {
     #[command(subcommand)]
     verb: Verb,

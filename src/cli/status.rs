@@ -33,7 +33,7 @@ pub(super) struct Which {
     socket: Option<PathBuf>,
 }
 
-/// Shows what the daemon is doing: state, health, offsets, latency, warnings, faults.
+/// Show what the daemon is doing: state, health, offsets, latency, warnings, faults.
 #[derive(Debug, clap::Parser)]
 #[command(
     after_help = "Exit codes: 0 active or idle and nothing to report; 1 a warning in the last minute, or something \
