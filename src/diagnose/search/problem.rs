@@ -9,8 +9,8 @@ use super::super::library::{Blind, Library, Shape, WIDTH_MAX};
 use super::super::moment::{Axis, SLOTS};
 use super::super::noise::Filter;
 use super::super::session::{Session, is_encoder};
-use super::pieces::{BLOCKS_MIN, Places, blocks, programs};
-use super::small::Factor;
+use super::data_partition::{BLOCKS_MIN, Places, blocks, programs};
+use super::pivoted_cholesky::Factor;
 use super::variation::Variation;
 use volcomp_model::geometry::Vec3;
 

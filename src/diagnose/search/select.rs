@@ -91,7 +91,7 @@ pub fn threshold(problem: &Problem, library: &Library, grid: &[usize], seed: u64
             let (at, k) = problem.span[v];
             let full: Vec<f64> =
                 (at..at + k).map(|c| if problem.norm[c] > 0.0 { 1.0 } else { 0.0 }).collect();
-            super::small::Factor::new(k, &problem.own[v], &full)
+            super::pivoted_cholesky::Factor::new(k, &problem.own[v], &full)
         })
         .collect();
     let mut highest: Vec<f64> = products

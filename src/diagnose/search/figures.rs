@@ -9,9 +9,9 @@ use super::super::constants::DEVIATION_EXPECTED;
 use super::super::library::Library;
 use super::super::moment::{Axis, SLOTS};
 use super::agreement::{between, lack_of_fit};
+use super::pivoted_cholesky::Factor;
 use super::problem::Problem;
 use super::select::Selection;
-use super::small::Factor;
 
 /// Folds of the cross-validation.
 pub const FOLDS: usize = 6;

@@ -3,12 +3,12 @@
 use super::super::Analysis;
 use super::super::constants::{LARGE_DRIFT, SIGNIFICANT};
 use super::super::decision::Assessed;
-use super::super::leftover::Structure;
 use super::super::library::Kind;
 use super::super::localise::localise;
 use super::super::report::{Cause, Place, Unexplained, Value};
+use super::super::residual_structure::Structure;
 use super::super::session::Session;
-use super::reasons::why_not;
+use super::rejection_text::why_not;
 use super::white_rms;
 
 /// Least structured variance that is called unexplained: in units of the noise, and as a share of what was there.

@@ -1,6 +1,6 @@
 //! The search for causes, and the same again where effects are not the same everywhere.
 
-use super::assess::cancels;
+use super::assessment::cancels;
 use super::constants::LITTLE;
 use super::contributions_um;
 use super::library::{Library, Shape, forms};

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::super::assess::is_same;
+use super::super::assessment::is_same;
 use super::super::decision::Assessed;
 use super::super::library::{Library, Without};
 use super::super::report::Cause;
