@@ -281,7 +281,7 @@ fn the_table_of_contents_lists_every_page() {
     let contents = docs.join("SUMMARY.md");
     let text = read(&contents);
     let listed: BTreeSet<PathBuf> =
-        prose(&text).into_iter().flat_map(|(_, words)| links(words)).map(|l| docs.join(l)).collect();
+        prose(&text).flat_map(|(_, words)| links(words)).map(|l| docs.join(l)).collect();
     let mut pages = Vec::new();
     files(&docs, "md", &mut pages);
     let missing = pages.iter().filter(|p| **p != contents && !listed.contains(*p));
