@@ -38,12 +38,12 @@ is "at the next start" enabled "$(systemctl is-enabled volcompd)"
 is "the gateway at the next start" disabled "$(systemctl is-enabled volcomp-gateway || true)"
 until_status '"state":"disconnected"'
 for file in /usr/share/man/man1/volcomp.1.gz /usr/share/man/man8/volcompd.8.gz /usr/share/man/man1/volcomp-fit.1.gz \
-  /usr/share/bash-completion/completions/volcomp /usr/share/doc/volcomp/operating.md /usr/share/doc/volcomp/copyright; do
+  /usr/share/bash-completion/completions/volcomp /usr/share/doc/volcomp/how-to/operating.md /usr/share/doc/volcomp/copyright; do
   [ -e "$file" ] || fail "no $file"
 done
 (source /usr/share/bash-completion/completions/volcomp && complete -p volcomp >/dev/null) || fail "no completion"
 
-echo "== used as docs/installing.md has it"
+echo "== used as docs/how-to/installing.md has it"
 cncsim path circle >/try/part.nc
 cncsim serve --program /try/part.nc --loop >/try/control.log 2>&1 &
 control=$!

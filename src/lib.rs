@@ -1,7 +1,7 @@
 //! volcomp compensates the geometric errors of a machine tool in real time.
 //!
 //! Its crates under one name, for the tests and for whoever builds upon it. What may use what is a fact of their manifests
-//! (`cargo tree -p volcomp -e normal`); the reasons stand in `docs/architecture.md`. From the inside out:
+//! (`cargo tree -p volcomp -e normal`); the reasons stand in `docs/explanation/architecture.md`. From the inside out:
 //!
 //! - [`model`] (with units and axes), [`protocol`], [`engine`], [`estimate`]: mathematics and rules of the cycle. Pure: no
 //!   I/O, no clock, no threads.

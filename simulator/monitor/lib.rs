@@ -1,4 +1,4 @@
-//! Invariant monitor at the socket: checks every correction against the promises of `docs/safety.md`.
+//! Invariant monitor at the socket: checks every correction against the promises of `docs/explanation/safety.md`.
 //!
 //! The monitor sees frames only: every Position that the control sent and every Correction that the daemon sent. It shares
 //! no code with the engine; limits and permitted changes of state are restated here. It holds no clock and does no I/O:

@@ -11,7 +11,7 @@ use volcomp_daemon::audit::{AUDIT_FILE, Line, head_path, verify_with};
 /// Where the daemon of the shipped unit keeps it.
 const DEFAULT_FILE: &str = "/var/lib/volcomp/audit.jsonl";
 
-/// Reads the audit log of volcompd: who did what, when, why, and with which model.
+/// Read the audit log of volcompd: who did what, when, why, and with which model.
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {
     #[command(subcommand)]

@@ -11,7 +11,7 @@ const NS_PER_US: f64 = 1e3;
 /// Most cycles that are measured.
 const CYCLES_MAX: u64 = 100_000_000;
 
-/// Measures what a cycle with this machine file and its model costs on this computer, without touching any machine.
+/// Measure what a cycle with this machine file and its model costs on this computer, without touching any machine.
 ///
 /// From a position frame's bytes in hand to its correction's bytes in hand: check sum, engine, model, frame; and apart
 /// from it what comes behind the answer, live values for the next frame and the record. No socket; `cncsim bench-link`

@@ -7,7 +7,7 @@ use super::status::{machine, socket_of};
 use super::{EX_CONFIG, EX_IOERR, Failure};
 use volcomp_gateway::GatewayError;
 
-/// Publishes the status by MQTT and as an MTConnect adapter (SHDR), read-only, until stopped
+/// Publish the status by MQTT and as an MTConnect adapter (SHDR), read-only, until stopped
 ///
 /// The machine file of the daemon says where: section `mqtt` with `broker`, section `mtconnect` with `listen`; both are off by default. It is
 /// a process of its own, which asks the daemon's status socket, so that the cycle does not know of it.

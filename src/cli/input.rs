@@ -1,4 +1,4 @@
-//! Files and standard input, read within a documented largest size (docs/limits.md).
+//! Files and standard input, read within a documented largest size (docs/reference/limits.md).
 //!
 //! Every file that a program of this package reads comes through [`open`], [`read`], [`read_text`] or [`hash`]. A
 //! regular file is refused by its length before it is read; a device, a pipe or a file of `/proc` has no length and is
@@ -55,7 +55,7 @@ pub enum InputKind {
 }
 
 impl InputKind {
-    /// Every kind, in the order of docs/limits.md.
+    /// Every kind, in the order of docs/reference/limits.md.
     pub const ALL: [Self; 11] = [
         Self::Machine,
         Self::Model,

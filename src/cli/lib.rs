@@ -33,6 +33,7 @@ mod files;
 mod filter;
 mod fit;
 mod gateway;
+mod help;
 mod identify;
 mod identity;
 mod import;
@@ -70,12 +71,13 @@ pub use exit::{
 pub const EXIT_CODES: &str = "Exit codes: 0 done; 1 differs (diff, replay); 2 incomplete (replay); \
     64 wrong command line; 65 bad data, or a file beyond its limit; 70 error of the program; \
     74 file, socket or stdout not usable; 78 mistake in a machine or model file.\n\
-    Largest files, ranges of numbers, closed streams: docs/limits.md";
+    Largest files, ranges of numbers, closed streams: docs/reference/limits.md";
 
 /// Geometric-error compensation for machine tools: check, predict, fit, identify, evaluate, exchange files with
 /// instruments and controls, and talk to the daemon.
 #[derive(Debug, Parser)]
-#[command(name = "volcomp", version, arg_required_else_help = true, after_help = EXIT_CODES)]
+#[command(name = "volcomp", version, arg_required_else_help = true)]
+#[command(after_help = EXIT_CODES, help_template = help::template())]
 struct Cli {
     #[command(subcommand)]
     verb: Verb,

@@ -17,7 +17,7 @@ const EX_INCOMPLETE: u8 = 2;
 /// Differences shown as text.
 const SHOWN: usize = 10;
 
-/// Runs a recording of volcompd through the same engine; every correction must come out the same, bit for bit.
+/// Run a recording of volcompd through the same engine; every correction must come out the same, bit for bit.
 ///
 /// Exit code 0: every cycle was compared and is the same; 1: something differs; 2: nothing differs, but records are
 /// missing or damaged, or cycles could not be compared; 65: nothing could be compared, or the model of the beginning is

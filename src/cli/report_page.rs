@@ -189,6 +189,8 @@ mod tests {
         page.bars(&[("<b>".into(), 2.0, "2 µm".into())]);
         let text = page.finish();
         assert!(!text.contains("<a>") && !text.contains("<l>") && !text.contains("NaN"), "{text}");
+        // dots are areas: Chromium prints no line without length
+        assert!(text.contains("class=\"pb\" d=\"M") && !text.contains("h0\""), "{text}");
         assert!(text.contains("<svg class=\"chart\"") && text.contains("class=\"bars\""));
     }
 }

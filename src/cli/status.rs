@@ -9,6 +9,7 @@ use std::path::{Path, PathBuf};
 use std::time::Duration;
 
 use super::input::{self, InputKind};
+use super::numerals::counted;
 use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
 use volcomp_config::MachineConfig;
 use volcomp_daemon::Status;
@@ -32,7 +33,7 @@ pub(super) struct Which {
     socket: Option<PathBuf>,
 }
 
-/// Shows what the daemon is doing: state, health, offsets, latency, warnings, faults.
+/// Show what the daemon is doing: state, health, offsets, latency, warnings, faults.
 #[derive(Debug, clap::Parser)]
 #[command(
     after_help = "Exit codes: 0 active or idle and nothing to report; 1 a warning in the last minute, or something \
@@ -351,15 +352,16 @@ fn write_kept(f: &mut String, status: &Status) -> std::fmt::Result {
         }
     }
     let all = &status.lifetime;
+    let many = |n: u64, what| counted(usize::try_from(n).unwrap_or(usize::MAX), what);
     let share = if all.cycles == 0 { 0.0 } else { 100.0 * all.late_cycles as f64 / all.cycles as f64 };
     writeln!(
         f,
-        "lifetime    {} cycles, late {} ({share:.4} %), enabled {} times, {} faults, {} starts since {}",
-        all.cycles,
+        "lifetime    {}, late {} ({share:.4} %), enabled {}, {}, {} since {}",
+        many(all.cycles, "cycle"),
         all.late_cycles,
-        all.enables,
-        all.faults.values().sum::<u64>(),
-        all.starts,
+        many(all.enables, "time"),
+        many(all.faults.values().sum(), "fault"),
+        many(all.starts, "start"),
         all.since.split('T').next().unwrap_or("-")
     )?;
     for (unit, largest) in [("um", &all.largest_um), ("arcsec", &all.largest_arcsec)] {

@@ -143,7 +143,7 @@ fn described(ask: &Ask) -> (&'static str, Option<String>) {
 }
 
 /// Where nothing is learned.
-const NO_SENSORS: &str = "the machine file lists no sensor; see docs/sensors.md";
+const NO_SENSORS: &str = "the machine file lists no sensor; see docs/how-to/sensors.md";
 
 /// A map goes back to the offline map.
 async fn forget(ask: &Ask, service: &Mutex<Service>) -> Answer {

@@ -13,10 +13,18 @@ use volcomp_protocol::{
 };
 use volcomp_units::axes::MAX_AXES;
 
+/// The reason of a failed connection; the commonest one in words that need no manual.
+fn reason(error: &io::Error) -> String {
+    match error.kind() {
+        io::ErrorKind::ConnectionRefused => "no program listens there (Connection refused)".to_owned(),
+        _ => error.to_string(),
+    }
+}
+
 /// Why there is no link.
 #[derive(Debug, thiserror::Error)]
 pub(super) enum LinkError {
-    #[error("control {address}: {source}")]
+    #[error("control {address}: {}", reason(source))]
     Connect { address: SocketAddr, source: io::Error },
     #[error("control {address}: {source}")]
     Tls { address: SocketAddr, source: TlsError },

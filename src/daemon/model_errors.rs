@@ -2,36 +2,19 @@
 
 use super::status::ModelErrors;
 use volcomp_model::{ErrorSymbol, ModelSpec};
-use volcomp_units::axes::{AxisKind, AxisName};
-
-/// Error motions of one axis.
-const MOTIONS: usize = 6;
-/// Location errors of a rotary axis.
-const LOCATIONS: usize = 4;
 
 /// What a model covers of what its chain has.
 pub(super) fn model_errors(spec: &ModelSpec) -> ModelErrors {
-    let axes: Vec<AxisName> =
-        spec.chain.axes().iter().filter(|axis| !axis.spindle).map(|axis| axis.name).collect();
-    let has = |name| axes.contains(&name);
-    let squarenesses = [(AxisName::X, AxisName::Y), (AxisName::X, AxisName::Z), (AxisName::Y, AxisName::Z)];
-    let pairs = squarenesses.iter().filter(|(a, b)| has(*a) && has(*b)).count();
-    let rotary = axes.iter().filter(|axis| axis.kind() == AxisKind::Rotary).count();
-    let possible = MOTIONS * axes.len() + pairs + LOCATIONS * rotary;
-    let mut found: Vec<ErrorSymbol> = Vec::new();
+    let mut symbols: Vec<ErrorSymbol> = Vec::new();
     for (symbol, _) in &spec.errors {
-        if !found.contains(symbol) {
-            found.push(*symbol);
+        if !symbols.contains(symbol) {
+            symbols.push(*symbol);
         }
     }
-    // the zero offset of a rotary axis (EC0C) and errors of the spindle are not among those counted
-    let counted = |symbol: &&ErrorSymbol| match symbol {
-        ErrorSymbol::Motion { axis, .. } => has(*axis),
-        ErrorSymbol::Squareness { .. } => true,
-        ErrorSymbol::Location { component, axis } => component.index() != 3 + axis.direction(),
-    };
-    let covered = found.iter().filter(counted).count().min(possible);
-    ModelErrors { symbols: found.iter().map(ErrorSymbol::to_string).collect(), covered, possible }
+    let possible = spec.chain.error_symbols();
+    let covered = possible.iter().filter(|symbol| symbols.contains(symbol)).count();
+    let symbols = symbols.iter().map(ErrorSymbol::to_string).collect();
+    ModelErrors { symbols, covered, possible: possible.len() }
 }
 
 #[cfg(test)]

@@ -1,5 +1,5 @@
 //! The driver for controls without frames: positions are read and offsets written by separate calls
-//! (`docs/read-write.md`).
+//! (`docs/reference/read-write.md`).
 //!
 //! The daemon asks, the control replies, in order. Positions are read at an interval of the daemon's own; a sample that was
 //! read before carries no message. How long a call takes is measured and told; the time from a sample to the effect of

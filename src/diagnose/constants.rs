@@ -29,7 +29,7 @@ pub(crate) const CALIBRATION: Calibration =
 pub(crate) const DECLARED: f64 = 0.6;
 /// Own probability from which it is: below, its name is one of many. Halved: little; doubled: one of three clocks goes unnamed.
 pub(crate) const NAMED: f64 = 0.15;
-/// What is left of a probability where a pattern forbids an effect: one in ten of those was at work in blind cases.
+/// What is left of the probability of an effect that makes readings left out worse: one in ten of those was at work in blind cases.
 pub(crate) const UNSURE: f64 = 0.1;
 /// Least probability of what was chosen, and of what is listed: in blind cases one in thirty of those that fail is at work.
 pub(crate) const LEAST_PROBABILITY: f64 = 0.03;

@@ -14,18 +14,6 @@ use super::search::{Figures, Found};
 /// Why an effect is not declared.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Reason {
-    /// A curve over one pass of one program.
-    OnePass,
-    /// A power series of large terms that cancel each other.
-    Cancels,
-    /// A table with values of its own in reverse whose reversal is the same at every position.
-    ConstantReversal,
-    /// An expansion of which only the shift of its reference is sure.
-    OnlyShifts,
-    /// Shows in one program alone and is smaller than the rounding of its display.
-    WithinRounding,
-    /// A wave of the screw beside a vibration, at one feed.
-    ShakenAtOneFeed,
     /// The gap of readings left out, um RMS, with and without it.
     HeldOut {
         /// With it.
@@ -80,8 +68,8 @@ pub struct Evidence {
     pub group_share: f64,
     /// Effects in its place, with their weight relative to its own.
     pub rivals: Vec<(Label, f64)>,
-    /// A pattern in the data with which it is never declared.
-    pub forbids: Option<Reason>,
+    /// Taken out because it makes readings that were left out worse.
+    pub is_pruned: bool,
 }
 
 /// Mean products of the readings left out, um^2: of the gap (first) and of what each effect says of it, fitted without them.
@@ -157,7 +145,8 @@ impl Assessed {
 /// Decides on all chosen effects.
 #[must_use]
 pub fn decide(all: Vec<Evidence>, held_out: &HeldOut) -> Vec<Assessed> {
-    let reasons: Vec<Option<Reason>> = all.iter().map(|e| e.forbids.or_else(|| improbable(e))).collect();
+    let reason = |e: &Evidence| if e.is_pruned { Some(Reason::Worse) } else { improbable(e) };
+    let reasons: Vec<Option<Reason>> = all.iter().map(reason).collect();
     let reasons = worth(reasons, held_out);
     all.into_iter()
         .zip(reasons)
@@ -265,7 +254,7 @@ mod tests {
             share: 1.0,
             group_share: 1.0,
             rivals: Vec::new(),
-            forbids: None,
+            is_pruned: false,
         }
     }
 
@@ -311,7 +300,7 @@ mod tests {
     }
 
     #[test]
-    fn rivals_share_the_probability_and_a_pattern_leaves_a_tenth() {
+    fn rivals_share_the_probability_and_what_was_pruned_keeps_a_tenth() {
         let rival = Evidence {
             share: 0.5,
             group_share: 1.0,
@@ -322,9 +311,9 @@ mod tests {
         let x = &decided[0];
         assert!(x.is_declared() && (x.probability - 0.5 * x.group_probability).abs() < 1e-12);
         assert!((x.alternatives[0].1 - x.probability).abs() < 1e-12);
-        let forbidden = Evidence { forbids: Some(Reason::Cancels), ..effect(500.0, GOOD) };
-        let (p, reason) = alone(forbidden);
-        assert!(p < 0.15 && reason == Some(Reason::Cancels));
+        let pruned = Evidence { is_pruned: true, ..effect(500.0, GOOD) };
+        let (p, reason) = alone(pruned);
+        assert!(p < 0.15 && reason == Some(Reason::Worse));
     }
 
     #[test]

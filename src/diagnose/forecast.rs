@@ -4,10 +4,10 @@
 //! The fit of a fold does not see its block (where effects vary over the volume: but for the size of that variation), so what the parameters owe to noise does not count as gain. The interval
 //! also covers that new data have noise, drift and weather of their own.
 
-use super::another_day::Day;
 use super::constants::DRAWS;
 use super::noise::Random;
 use super::offsets::{peak99, rms, without_offsets};
+use super::prediction_interval::Day;
 use super::report::Shrink;
 use super::search::{FOLD_RIDGE, FOLDS, Problem, fold_of};
 use super::session::Session;

@@ -3,20 +3,18 @@
 //!
 //! Gap = measured deviation minus predicted one, per reading, along the direction in which the instrument measures.
 //! Assumption: it is a sum of effects of the library ([`library`]), the offset of each mounting, a drift and noise
-//! ([`noise`]). Effects are searched in whitened space ([`search`]), their evidence is collected ([`assess`]) and
-//! decided on ([`decision`]); what is left is tested against what repeats show of the noise ([`leftover`]). Pure: no files, no clock; random draws have a
-//! seed. Source: docs/diagnosis.md; equations: `docs/reference/equations.md`.
+//! ([`noise`]). Effects are searched in whitened space ([`search`]), their evidence is collected ([`assessment`]) and
+//! decided on ([`decision`]); what is left is tested against what repeats show of the noise ([`residual_structure`]). Pure: no files, no clock; random draws have a
+//! seed. Source: docs/explanation/diagnosis.md; equations: `docs/reference/equations.md`.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
 
-mod another_day;
-pub mod assess;
+pub mod assessment;
 mod constants;
 pub mod decision;
 pub mod evidence;
 mod forecast;
-mod leftover;
 pub mod library;
 mod localise;
 mod next;
@@ -25,11 +23,13 @@ mod offsets;
 mod outcome;
 pub mod plan;
 mod predict;
+mod prediction_interval;
 pub mod report;
+mod residual_structure;
 pub mod search;
 pub mod session;
+mod spatial_variation;
 mod stochastic;
-mod varied;
 
 use evidence::Comparison;
 use library::{Kind, Library, Without};
@@ -165,7 +165,7 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
         tell(0.2 + 0.25 * round as f64, "search for causes");
         let mut selection =
             Selection { chosen: Vec::new(), threshold, grid: grid.clone(), is_plain, ..Selection::default() };
-        varied::find_causes(&mut problem, session, &filter, &mut library, &mut selection);
+        spatial_variation::find_causes(&mut problem, session, &filter, &mut library, &mut selection);
         round += 1;
         let next = {
             let left = remainder(session, &problem, &library, &selection, &gap);
@@ -176,12 +176,18 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
             // the control's own encoders see the servo, which depends on no place
             if !is_plain && !problem.precise {
                 tell(0.8, "effects that vary over the volume");
-                varied::allow_for_variation(&mut problem, session, &filter, &mut library, &mut selection);
+                spatial_variation::allow_for_variation(
+                    &mut problem,
+                    session,
+                    &filter,
+                    &mut library,
+                    &mut selection,
+                );
             }
             let blind = problem.unseen(&library);
             library.blind.extend(blind);
             let pruned = if ablation.has_gates() {
-                assess::prune(&problem, &library, &mut selection)
+                assessment::prune(&problem, &library, &mut selection)
             } else {
                 Vec::new()
             };

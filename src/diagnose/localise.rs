@@ -2,7 +2,7 @@
 //! explains (bins, whitened, minus what as many bins explain of noise).
 //!
 //! Shares by axis, instrument and setup add up to 1; those by position, direction, speed and the like overlap, because
-//! factors move together. Source: `docs/diagnosis.md` (where).
+//! factors move together. Source: `docs/explanation/diagnosis.md` (where).
 
 use super::constants::{SIGNIFICANT, TOLD};
 use super::library::STILL;

@@ -1,6 +1,6 @@
 //! The cyclic engine: positions and commands in, bounded corrections out.
 //!
-//! Pure: time is an argument, every output is a fixed-size value. States and reactions: `docs/safety.md`.
+//! Pure: time is an argument, every output is a fixed-size value. States and reactions: `docs/explanation/safety.md`.
 
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), forbid(clippy::disallowed_methods))]

@@ -1,4 +1,4 @@
-//! Every change of state that the engine can make, and why. `docs/safety.md` shows the same rules to people; tests hold
+//! Every change of state that the engine can make, and why. `docs/explanation/safety.md` shows the same rules to people; tests hold
 //! code, rules and page together.
 
 use super::output::{Reason, State};

@@ -4,7 +4,7 @@
 //! `limit + U`. ISO 14253-1:2017 allows a narrower guard band of 1.65 u for a one-sided limit; `U` is on the safe side for
 //! whoever has to prove.
 //!
-//! Source: ISO 14253-1:2017, clause 5; `docs/reports.md`.
+//! Source: ISO 14253-1:2017, clause 5; `docs/how-to/reports.md`.
 
 /// What a measurement says about a tolerance.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

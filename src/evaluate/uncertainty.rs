@@ -258,11 +258,11 @@ mod tests {
     }
 
     #[test]
-    fn the_scatter_of_repeated_tests_is_what_the_readings_of_one_foretell() {
+    fn the_scatter_of_repeated_tests_is_what_the_readings_of_one_predict() {
         let mut noise = Noise(7);
         let runs = 2000;
         let mut sums = [[0.0; 2]; 5];
-        let mut foretold = [0.0; 5];
+        let mut predicted = [0.0; 5];
         for _ in 0..runs {
             let p = test(&mut noise, 0.1);
             let b = p.both.unwrap();
@@ -271,18 +271,18 @@ mod tests {
                 sums[k][1] += v * v;
             }
             let u = Uncertainties::of(&p, &Conditions::default(), 500.0).both.unwrap();
-            for (f, u) in foretold.iter_mut().zip(u) {
+            for (f, u) in predicted.iter_mut().zip(u) {
                 *f += (0.5 * u.sampling).powi(2) / f64::from(runs);
             }
         }
         let n = f64::from(runs);
         for (k, name) in ["B", "R", "E", "M", "A"].iter().enumerate() {
             let std = ((sums[k][1] - sums[k][0] * sums[k][0] / n) / (n - 1.0)).sqrt();
-            let ratio = foretold[k].sqrt() / std;
+            let ratio = predicted[k].sqrt() / std;
             // where the ends of a range are always at the same targets the first order holds well; B and R are the
             // largest of many and scatter less
             let limits = if matches!(*name, "B" | "R") { 0.95..2.2 } else { 0.9..1.15 };
-            assert!(limits.contains(&ratio), "{name}: foretold/seen {ratio:.3}");
+            assert!(limits.contains(&ratio), "{name}: predicted/seen {ratio:.3}");
         }
     }
 

@@ -3,6 +3,7 @@
 use core::fmt;
 
 use crate::axes::{AxisKind, AxisName, MAX_AXES};
+use crate::symbol::{Component, ErrorSymbol};
 
 /// On which side of the bed an axis sits.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -163,6 +164,31 @@ impl Chain {
         &self.axes
     }
 
+    /// The error motions, squarenesses and location errors that a machine of this chain has: 21 of three axes. Zero offsets
+    /// of rotary axes and errors of the spindle are not among them.
+    #[must_use]
+    pub fn error_symbols(&self) -> Vec<ErrorSymbol> {
+        let axes = || self.axes.iter().filter(|a| !a.spindle).map(|a| a.name);
+        let mut out: Vec<ErrorSymbol> = axes()
+            .flat_map(|axis| Component::ALL.map(|component| ErrorSymbol::Motion { component, axis }))
+            .collect();
+        for (component, axis, other) in [
+            (Component::C, AxisName::Y, AxisName::X),
+            (Component::B, AxisName::Z, AxisName::X),
+            (Component::A, AxisName::Z, AxisName::Y),
+        ] {
+            if axes().any(|a| a == axis) && axes().any(|a| a == other) {
+                out.push(ErrorSymbol::Squareness { component, axis });
+            }
+        }
+        for axis in axes().filter(|a| a.kind() == AxisKind::Rotary) {
+            let own = axis.direction();
+            let location = Component::ALL.into_iter().filter(|c| c.index() != own && c.index() != 3 + own);
+            out.extend(location.map(|component| ErrorSymbol::Location { component, axis }));
+        }
+        out
+    }
+
     /// Position of an axis in the chain.
     #[must_use]
     pub fn index_of(&self, name: AxisName) -> Option<usize> {
@@ -243,6 +269,15 @@ fn words(text: &str) -> Result<Vec<(usize, &str)>, ChainError> {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    #[test]
+    fn a_chain_has_its_errors() {
+        let count = |chain: &str| Chain::parse(chain).unwrap().error_symbols().len();
+        assert_eq!(
+            [count("[w X' b Y Z t]"), count("[w C' A' X' b Y Z t]"), count("[w b X Z (S) t]")],
+            [21, 41, 13]
+        );
+    }
 
     #[test]
     fn chains_read_back_from_their_display() {

@@ -117,13 +117,15 @@ impl ModelSpec {
     }
 
     /// Positions of an axis (tool-side sense, mm or rad) over which the model says something: its travel or, where none
-    /// is stated, the hull of the ranges of its curves; `None` where neither is there.
+    /// is stated, the hull of the ranges of its curves and grids; `None` where neither is there.
     #[must_use]
     pub fn domain(&self, name: AxisName) -> Option<[f64; 2]> {
         let axis = self.axis(name);
         let inverted = axis.sense == Sense::Carriage && self.is_workpiece_side(name);
-        let functions = self.errors.iter().filter(|(s, _)| s.axis() == name);
-        let ranges = functions.flat_map(|(_, f)| f.curves.iter().filter_map(Curve::range));
+        let ranges = self.errors.iter().flat_map(|(symbol, f)| {
+            let curves = f.curves.iter().filter(|_| symbol.axis() == name).filter_map(Curve::range);
+            curves.chain(f.grids.iter().filter_map(|g| g.range(name)))
+        });
         let hull = ranges.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
         axis.travel.or_else(|| hull.map(|[low, high]| if inverted { [-high, -low] } else { [low, high] }))
     }

@@ -1,4 +1,4 @@
-//! A control that is read and written by separate calls: lines of text, one request, one reply (`docs/read-write.md`).
+//! A control that is read and written by separate calls: lines of text, one request, one reply (`docs/reference/read-write.md`).
 //!
 //! Nothing here allocates: lines are parsed and written in fixed buffers. Numbers are printed so that they are read back
 //! bit by bit.

@@ -130,7 +130,8 @@ fn the_defaults_in_the_reference_file_are_those_of_the_code() {
 
 #[test]
 fn the_documentation_names_every_key() {
-    let text = read(&std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/configuration.md"));
+    let text =
+        read(&std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/reference/configuration.md"));
     for key in config::machine::known_keys().iter().chain(&model::known_keys()) {
         let name = last(key);
         let dynamic = ["x", "y", "z", "c"].contains(&name) || key.starts_with("errors.") && name.len() == 3;

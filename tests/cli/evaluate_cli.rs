@@ -513,7 +513,7 @@ fn a_gear_that_cannot_be_evaluated_is_refused() {
             "132",
             format!("{head}lead,left,1,2,0\n"),
             65,
-            "lead: tooth 1: 1 readings between 1.500 and 28.500 mm",
+            "lead: tooth 1: too few readings between 1.500 and 28.500 mm: 1",
         ),
         ("132", head.to_owned(), 65, "no rows"),
     ] {

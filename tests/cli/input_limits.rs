@@ -521,7 +521,8 @@ fn a_table_of_a_million_rows_is_read_and_one_of_too_many_is_refused() {
 
 #[test]
 fn the_limits_are_documented() {
-    let page = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/limits.md")).expect("the page");
+    let page = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/reference/limits.md"))
+        .expect("the page");
     for kind in InputKind::ALL {
         let row = format!("| {} | {} |", kind.name().split_once(' ').expect("an article").1, kind.size());
         assert!(page.contains(&row), "{row}");

@@ -96,6 +96,8 @@ fn pictures_are_written_where_they_are_asked_for() {
             assert!(page.contains(part), "{name}: {part}");
         }
         // one file that needs no other
+        let body = page.split("<body>").nth(1).unwrap();
+        assert!(body.contains("µm") && !body.contains(" um"), "{name}");
         assert!(!page.contains("src=") && !page.contains("href="), "{name}");
     }
 }
@@ -263,7 +265,7 @@ fn files_that_cannot_be_used_have_their_exit_codes() {
 /// Every example of the guide can be pasted into a file.
 #[test]
 fn the_examples_of_the_guide_are_valid() {
-    let guide = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/model-files.md");
+    let guide = Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/reference/model-files.md");
     let guide = std::fs::read_to_string(guide).unwrap();
     let blocks: Vec<&str> =
         guide.split("```toml\n").skip(1).map(|b| b.split("```").next().unwrap()).collect();

@@ -314,6 +314,7 @@ fn a_ballbar_report_ranks_causes_and_shows_what_changed() {
     let minus_zero =
         |w: &str| w.starts_with('-') && w.len() > 1 && w.trim_matches(['-', '0', '.']).is_empty();
     assert!(!page.contains("NaN") && !text.split([' ', '(']).any(minus_zero), "{text}");
+    assert!(text.contains("feed 1000 mm/min"), "{text}");
     // one test has no trend; days for some tests only are refused
     ok(d, &["evaluate", "ballbar", "--data", "jan.csv", "--radius-mm", "150", "--report", "one.html"]);
     assert!(!words(&read(d, "one.html")).contains("Trend"));
@@ -451,6 +452,15 @@ fn printed_reports_cut_no_table_and_number_their_pages() {
         // the documentation is one sheet, the picture of the volume another one
         assert_eq!(pages.len(), 2, "{pages:?}");
         holds(&pages[0], &["EXX", "EA0Z", "re-check", "Accepted by"]);
+        // both circles and the signatures stand on one sheet
+        circles(d, "before.csv", 3.0);
+        circles(d, "after.csv", 0.5);
+        let feed = ["--feed-mm-per-min", "1000", "--radius-mm", "150"];
+        let args = ["verify", "--before", "before.csv", "--after", "after.csv", "--report", "v.html"];
+        ok(d, &[&args[..], &feed].concat());
+        let pages = printed(d, "v.html");
+        assert_eq!(pages.len(), 2, "{pages:?}");
+        holds(&pages[1], &["Before", "After, same scale", "Accepted by"]);
     }
 }
 

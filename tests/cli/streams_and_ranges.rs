@@ -171,7 +171,8 @@ fn a_long_reason_is_refused_before_it_is_sent() {
 
 #[test]
 fn the_exit_codes_are_documented() {
-    let page = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/limits.md")).expect("the page");
+    let page = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/docs/reference/limits.md"))
+        .expect("the page");
     for code in [0, 1, 2, 64, 65, 70, 74, 78] {
         assert!(page.contains(&format!("\n| {code} | ")), "{code}");
     }

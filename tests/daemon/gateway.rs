@@ -138,6 +138,62 @@ fn an_agent_reads_offsets_health_and_the_end_of_the_daemon() {
     let _ = wait_for(&said, |line| line == "* PONG 10000");
 }
 
+/// What an agent of another make reads in some seconds, by the device file; the control goes on meanwhile.
+fn read_as_agent(address: SocketAddr, seconds: &str, session: &mut Session) -> Value {
+    let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+    let mut child = Command::new("python3")
+        .arg(root.join("tests/daemon/mtconnect_agent.py"))
+        .arg(root.join("config/monitoring/mtconnect-device.xml"))
+        .args([&address.to_string(), seconds])
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("python3");
+    while child.try_wait().expect("child").is_none() {
+        let _ = session.cycle();
+    }
+    let output = child.wait_with_output().expect("output");
+    assert!(output.status.success(), "a line that an agent does not take");
+    serde_json::from_slice(&output.stdout).expect("JSON")
+}
+
+#[test]
+#[ignore = "needs python3: .ci/nightly outputs"]
+fn an_agent_with_the_device_file_understands_every_line_of_the_running_daemon() {
+    let (port, address) = (Port::open(), free_port());
+    let daemon = with_tables(&port, format!("[mtconnect]\nlisten = \"{address}\"\n"));
+    let mut session = port.link();
+    session.run_until_corrected();
+    let _gateway = gateway(&daemon);
+    drop(agent(address));
+    let mut read = Value::Null;
+    let deadline = Instant::now() + PATIENCE * 6;
+    // the ramp, and the first status of the gateway
+    while read["current"]["vc_x_offset"] != -0.01 {
+        assert!(Instant::now() < deadline, "{read:#}");
+        read = read_as_agent(address, "3", &mut session);
+    }
+    assert_eq!(read["heartbeat_ms"], 10_000);
+    let hash = daemon.status()["model_hash"].clone();
+    for (name, value) in [
+        ("vc_avail", "AVAILABLE".into()),
+        ("vc_state", "ACTIVE".into()),
+        ("vc_enabled", "ON".into()),
+        ("vc_gain", 100.0.into()),
+        ("vc_model", "model.toml".into()),
+        ("vc_model_hash", hash),
+        ("vc_y_offset", 0.0.into()),
+        // an axis of the file that this machine does not have
+        ("vc_c_offset", "UNAVAILABLE".into()),
+    ] {
+        assert_eq!(read["current"][name], value, "{name} in {read:#}");
+    }
+    assert!(
+        read["current"]["vc_tip_without"].as_f64().is_some_and(|mm| (mm - 0.01).abs() < 1e-6),
+        "{read:#}"
+    );
+    assert!(read["current"]["vc_health"][0].is_string(), "{read:#}");
+}
+
 #[test]
 fn a_gateway_without_an_output_or_with_a_port_in_use_says_what_to_do() {
     let port = Port::open();

@@ -231,6 +231,82 @@ fn the_status_is_that_of_the_tool_and_events_carry_it() {
     assert!(seen.contains("event: status\n"));
 }
 
+/// Two positioning tests of X, evaluated by the tool into the file that the daemon reads; what the tool prints.
+pub(crate) fn verify(record: &Path, date: &str, model: &Path) -> Value {
+    let folder = tempfile::tempdir().expect("directory");
+    let measured = |name: &str, curve: &dyn Fn(f64) -> f64| {
+        let mut text = String::from("cycle,direction,target_mm,deviation_um\n");
+        for cycle in 1..=5 {
+            for k in 0..=8 {
+                let target = -200.0 + 50.0 * f64::from(k);
+                for direction in [1, -1] {
+                    // repeatability and a reversal error
+                    let scatter = f64::from((7 * cycle + 3 * k) % 5 - 2) * 0.4 + f64::from(direction) * 0.6;
+                    text += &format!("{cycle},{direction},{target},{}\n", curve(target) + scatter);
+                }
+            }
+        }
+        let file = folder.path().join(name);
+        std::fs::write(&file, text).expect("written");
+        file
+    };
+    let before = measured("before.csv", &|x| 0.19 * x + 2.0);
+    let after = measured("after.csv", &|x| 1.5 * (x / 60.0).sin());
+    let output = Command::new(env!("CARGO_BIN_EXE_volcomp"))
+        .args(["verify", "--json", "--title", "X axis, ISO 230-2", "--u-device-um", "0.6", "--date", date])
+        .args(["--instrument", "laser interferometer no. 4711"])
+        .args([Path::new("--before"), &before, Path::new("--after"), &after])
+        .args([Path::new("--record"), record, Path::new("--model"), model])
+        .output()
+        .expect("runs");
+    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    serde_json::from_slice(&output.stdout).expect("JSON")
+}
+
+#[test]
+fn a_verification_that_the_tool_records_is_shown_while_the_daemon_runs() {
+    let port = Port::open();
+    let folder = tempfile::tempdir().expect("directory");
+    let record = folder.path().join("verification.json");
+    let keys = format!("verification = \"{}\"\n", record.display());
+    let (daemon, address) = served_with(&port, Setup::default(), &keys);
+    let shown =
+        || -> Value { serde_json::from_str(&get(address, "/api/v1/verification", "").1).expect("JSON") };
+    let mut found = Value::Null;
+    let until = |found: &mut Value, date: &str| {
+        // the file is looked at every few seconds
+        let deadline = Instant::now() + PATIENCE * 6;
+        while found["verification"]["date"] != date && Instant::now() < deadline {
+            std::thread::sleep(Duration::from_millis(200));
+            *found = shown();
+        }
+        found["verification"]["date"] == date
+    };
+    assert_eq!((&shown()["configured"], &shown()["verification"]), (&true.into(), &Value::Null));
+    assert!(shown()["problem"].as_str().is_some_and(|why| why.contains("verification.json")));
+    let said = verify(&record, "2026-05-03", &daemon.dir.path().join("model.toml"));
+    assert!(until(&mut found, "2026-05-03"), "{found}");
+    let shown = &found["verification"];
+    assert_eq!(found["problem"], Value::Null);
+    assert_eq!(shown["instrument"], "laser interferometer no. 4711");
+    assert_eq!(shown["title"], "X axis, ISO 230-2");
+    // the model in use, so that the page can say so
+    assert_eq!(shown["model_hash"], daemon.status()["model_hash"]);
+    for (i, when) in ["before", "after"].iter().enumerate() {
+        for key in ["range", "rms"] {
+            assert_eq!(shown[key][i], said[key][format!("{when}_um")], "{key} {when}: {said:#}");
+        }
+    }
+    assert!(shown["reduction"].as_f64().is_some_and(|r| r > 0.9), "{found}");
+    assert!(shown["reduction_u95"].as_f64().is_some_and(|u| u > 0.0), "{found}");
+    // a later one takes its place
+    let other = folder.path().join("other.toml");
+    std::fs::write(&other, "other").expect("written");
+    let _ = verify(&record, "2026-06-01", &other);
+    assert!(until(&mut found, "2026-06-01"), "{found}");
+    assert_ne!(found["verification"]["model_hash"], daemon.status()["model_hash"]);
+}
+
 #[test]
 fn other_names_paths_methods_and_sizes_are_refused() {
     let port = Port::open();

@@ -1,6 +1,6 @@
 //! The page in a real browser: what an operator sees of a running machine, a fault, and a restart of the daemon.
 //!
-//! `VOLCOMP_PICTURES=docs/images cargo test --test daemon page::` writes the pictures of docs/monitoring.md.
+//! `VOLCOMP_PICTURES=docs/images cargo test --test daemon page::` writes the pictures of docs/how-to/monitoring.md.
 
 #![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
 
@@ -15,7 +15,7 @@ use volcomp::protocol::Message;
 
 use crate::browser::Browser;
 use crate::commands::{KEPT, TOKEN, token_file};
-use crate::http::served_with;
+use crate::http::{served_with, verify};
 use crate::support::{Daemon, Port, Session, Setup};
 
 /// Patience with a change on the page.
@@ -177,6 +177,7 @@ fn unlocked(port: &Port, more_keys: &str) -> (Daemon, Scene, String) {
     scene.until(&format!("{} === 'DISCONNECTED'", text("state")));
     scene.control = Some(Control::start(fresh_link(port)));
     scene.until(&format!("{} === 'OFF'", text("state")));
+    scene.until(&format!("{}.startsWith('Compensation is off')", text("remedy")));
     scene.browser.value("document.getElementById('token').focus()");
     scene.browser.write(TOKEN);
     scene.browser.press("Enter");
@@ -240,14 +241,12 @@ fn the_page_enables_shows_a_fault_clears_it_and_recovers_after_a_restart() {
         [("button", "Enable"), ("button", "Disable"), ("meter", "Axis X"), ("heading", "Volume, distorted")];
     everything_is_named(&mut scene.browser, &present);
     // the last verification comes from a file that may be written while the daemon runs
-    let hash = daemon.status()["model_hash"].clone();
-    let verification = serde_json::json!({
-        "format": "volcomp-verification/1", "date": "2026-05-03", "instrument": "laser interferometer no. 4711",
-        "title": "X axis, ISO 230-2", "test": "iso230-2", "unit": "um", "range": [79.2, 6.1], "rms": [24.8, 2.0],
-        "reduction": 0.919, "reduction_u95": 0.012, "model_hash": hash,
-    });
-    std::fs::write(&record, verification.to_string()).expect("written");
-    scene.until(&format!("{}.includes('91.9 ± 1.2 % less')", text("verification")));
+    verify(&record, "2026-05-03", &daemon.dir.path().join("model.toml"));
+    scene.until(&format!("{}.includes('2026-05-03')", text("verification")));
+    for words in ["laser interferometer no. 4711", "X axis, ISO 230-2", " % less"] {
+        let shown = scene.browser.value(&text("verification"));
+        assert!(shown.as_str().is_some_and(|shown| shown.contains(words)), "no {words} in {shown}");
+    }
     assert_eq!(scene.browser.value(&text("verification-note")), "Verified with the model in use.");
     if std::env::var_os("VOLCOMP_PICTURES").is_some() {
         std::thread::sleep(Duration::from_secs(40));
@@ -274,7 +273,11 @@ fn the_page_enables_shows_a_fault_clears_it_and_recovers_after_a_restart() {
     scene.control.take().expect("linked").stop().deceive(0.05);
     scene.until(&format!("{} === 'FAULT' && {}.includes('VC-4001')", text("state"), text("cause")));
     assert_eq!(scene.browser.value("document.getElementById('banner').className"), "bad");
-    scene.until(&format!("{}.length > 20", text("remedy")));
+    scene.until(&format!(
+        "{}.length > 20 && {}.includes('compensation ends')",
+        text("remedy"),
+        text("reaction")
+    ));
     let opened = "(() => { const d = [...document.querySelectorAll('#events details')].find((d) => \
         d.textContent.includes('VC-4001')); d.querySelector('summary').click(); return d.open && \
         d.textContent.includes('remedy'); })()";
@@ -301,7 +304,12 @@ fn the_page_enables_shows_a_fault_clears_it_and_recovers_after_a_restart() {
     }
     assert_eq!(scene.browser.take_errors(), Vec::<String>::new());
 
+    // a link that breaks: the banner alone says what the offset does, and what to do
     drop(scene.control.take().map(Control::stop));
+    let says = |id: &str, word: &str| format!("{}.includes('{word}')", text(id));
+    scene.until(&format!("{} === 'DISCONNECTED' && {}", text("state"), says("cause", "VC-600")));
+    scene.until(&format!("{} && {}", says("reaction", "offset"), says("remedy", "control")));
+    scene.picture("page-link.png");
     daemon.signal(Signal::KILL);
     let _ = daemon.wait();
     scene.until(&format!("{} === 'NO DATA' && !document.getElementById('offline').hidden", text("state")));

@@ -348,7 +348,7 @@ fn binary(kind: u8, name: &str, numbers: &[f64]) -> Vec<u8> {
 #[test]
 fn every_key_and_kind_of_the_page_is_understood_and_no_other() {
     let root = std::path::Path::new(env!("CARGO_MANIFEST_DIR"));
-    let page = fs::read_to_string(root.join("docs/sensors.md")).expect("the page");
+    let page = fs::read_to_string(root.join("docs/how-to/sensors.md")).expect("the page");
     let samples = [
         ("pose", r#"{"tip_mm": [1, 2, 3], "direction": [0, 0, 1]}"#),
         ("points", r#"[{"offset_mm": [0, 0, 0], "deviation_um": [1, 2, 3], "std_um": 2}]"#),

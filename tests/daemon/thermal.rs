@@ -1,4 +1,4 @@
-//! Growth by heat through a real `volcompd`: temperatures and a speed on a sensor link reach the axes.
+//! Thermal displacement through a real `volcompd`: temperatures and a speed on a sensor link reach the axes.
 
 #![allow(clippy::expect_used, clippy::disallowed_methods, reason = "a test program: it fails by panicking")]
 

@@ -1,4 +1,4 @@
-//! The same circle under faults: each ends in the state that `docs/safety.md` says.
+//! The same circle under faults: each ends in the state that `docs/explanation/safety.md` says.
 
 use std::process::Command;
 use std::time::Duration;

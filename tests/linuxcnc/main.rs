@@ -3,7 +3,7 @@
 //!
 //! Everything is counted in servo cycles. Ignored, because LinuxCNC and the right to make namespaces are needed:
 //! `cargo test --test linuxcnc -- --ignored --skip side_by_side --skip withheld` runs all but the measurements for
-//! `docs/linuxcnc.md`.
+//! `docs/how-to/linuxcnc.md`.
 
 #![expect(clippy::expect_used, reason = "a test stops where its own set-up is wrong")]
 #![expect(clippy::disallowed_methods, reason = "a test with processes, sockets and files")]

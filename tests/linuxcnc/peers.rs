@@ -1,6 +1,6 @@
 //! Beside what LinuxCNC's users have: its own `COMP_FILE`, and a height-map component in Python polled at 20 Hz.
 //!
-//! Measures, on the same machine and the same motions, and prints the table of `docs/linuxcnc.md`.
+//! Measures, on the same machine and the same motions, and prints the table of `docs/how-to/linuxcnc.md`.
 
 use std::fs;
 use std::path::Path;
@@ -147,7 +147,7 @@ fn height_map(lag: usize) -> Line {
 }
 
 #[test]
-#[ignore = "a measurement for docs/linuxcnc.md, about five minutes"]
+#[ignore = "a measurement for docs/how-to/linuxcnc.md, about five minutes"]
 fn side_by_side() {
     in_namespaces("peers::side_by_side", || {
         let mut lines = Vec::new();

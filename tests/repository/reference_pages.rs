@@ -276,6 +276,20 @@ fn every_relative_link_of_a_page_resolves() {
 }
 
 #[test]
+fn the_table_of_contents_lists_every_page() {
+    let docs = root().join("docs");
+    let contents = docs.join("SUMMARY.md");
+    let text = read(&contents);
+    let listed: BTreeSet<PathBuf> =
+        prose(&text).into_iter().flat_map(|(_, words)| links(words)).map(|l| docs.join(l)).collect();
+    let mut pages = Vec::new();
+    files(&docs, "md", &mut pages);
+    let missing = pages.iter().filter(|p| **p != contents && !listed.contains(*p));
+    none(&missing.map(|p| format!("{} does not stand in docs/SUMMARY.md", p.display())).collect::<Vec<_>>());
+    assert!(pages.len() > 40);
+}
+
+#[test]
 fn citations_and_links_are_recognised() {
     assert_eq!(equations("/// # Source  equations 5.2, 1.4 (sense), 5.6 (a (b)); 7"), ["5.2", "1.4", "5.6"]);
     assert_eq!(equations("//! equations 1.4 to 1.9 and 2. Every"), ["1.4", "1.9", "2"]);

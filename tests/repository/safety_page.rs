@@ -1,4 +1,4 @@
-//! `docs/safety.md` says what the code does: its table and its picture of the states are made from the engine's rules, and
+//! `docs/explanation/safety.md` says what the code does: its table and its picture of the states are made from the engine's rules, and
 //! every number in them stands in the catalogue of `volcomp explain`.
 //!
 //! After an intended change: `UPDATE_PAGES=1 cargo test --test repository safety_page` writes both anew.
@@ -73,7 +73,7 @@ fn row(rule: &Rule) -> String {
 
 #[test]
 fn the_table_of_states_is_that_of_the_engine() {
-    let page = fs::read_to_string(path("safety.md")).expect("page");
+    let page = fs::read_to_string(path("explanation/safety.md")).expect("page");
     let (before, rest) = page.split_once(BEGIN).expect("beginning of the table");
     let (_, after) = rest.split_once(END).expect("end of the table");
     let mut wanted = format!("{before}{BEGIN}\n| from | to | cause | reaction |\n|---|---|---|---|\n");
@@ -83,7 +83,7 @@ fn the_table_of_states_is_that_of_the_engine() {
     wanted.push('\n');
     wanted.push_str(END);
     wanted.push_str(after);
-    check("safety.md", &wanted);
+    check("explanation/safety.md", &wanted);
 }
 
 #[test]
@@ -237,12 +237,13 @@ fn the_picture_shows_every_change_of_state_and_no_other() {
 
 #[test]
 fn the_operators_page_has_every_warning_and_fault_as_the_catalogue_tells_it() {
-    let page = fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/operating.md")).unwrap();
+    let page =
+        fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/how-to/operating.md")).unwrap();
     for entry in fault::CATALOGUE.iter().filter(|e| e.severity != fault::Severity::Notice) {
         let row = format!(
             "| {} {} | {} | {} | {} |",
             entry.code, entry.name, entry.text, entry.reaction, entry.remedy
         );
-        assert!(page.contains(&row), "docs/operating.md lacks this row:\n{row}");
+        assert!(page.contains(&row), "docs/how-to/operating.md lacks this row:\n{row}");
     }
 }

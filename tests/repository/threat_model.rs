@@ -26,19 +26,19 @@ fn proofs(text: &str) -> Vec<(usize, &str, &str)> {
 
 #[test]
 fn every_proof_of_the_threat_model_exists() {
-    let text = read(&root().join("docs/threat-model.md"));
+    let text = read(&root().join("docs/explanation/threat-model.md"));
     let found = proofs(&text);
     assert!(found.len() > 40, "{} proofs", found.len());
     for (line, file, test) in found {
         let source = read(&root().join(format!("{file}.rs")));
         let at = source.find(&format!("fn {test}(")).map(|at| source[..at].trim_end().ends_with("#[test]"));
-        assert_eq!(at, Some(true), "docs/threat-model.md:{line}: {file}.rs has no test {test}");
+        assert_eq!(at, Some(true), "docs/explanation/threat-model.md:{line}: {file}.rs has no test {test}");
     }
 }
 
 #[test]
 fn every_threat_has_a_proof() {
-    let text = read(&root().join("docs/threat-model.md"));
+    let text = read(&root().join("docs/explanation/threat-model.md"));
     let threats = text.split("\n## Threats").nth(1).and_then(|t| t.split("\n## ").next()).expect("section");
     let rows: Vec<&str> = threats.lines().filter(|l| l.starts_with("| ") && !l.starts_with("| |")).collect();
     assert!(rows.len() > 20, "{} threats", rows.len());
@@ -50,7 +50,7 @@ fn every_threat_has_a_proof() {
 
 #[test]
 fn files_that_the_security_pages_name_exist() {
-    for page in ["SECURITY.md", "docs/threat-model.md", "docs/tls.md", "README.md"] {
+    for page in ["SECURITY.md", "docs/explanation/threat-model.md", "docs/how-to/tls.md", "README.md"] {
         let text = read(&root().join(page));
         let folder = root().join(page).parent().expect("folder").to_path_buf();
         for target in text.split("](").skip(1).filter_map(|t| t.split([')', '#']).next()) {

@@ -1,4 +1,4 @@
-//! A control without frames: it replies to calls that read its positions and write its offsets (`docs/read-write.md`).
+//! A control without frames: it replies to calls that read its positions and write its offsets (`docs/reference/read-write.md`).
 //!
 //! A read gets the sample of the present cycle, once; a second read within the cycle waits for the next one. An offset that is
 //! written answers the newest sample that was read.

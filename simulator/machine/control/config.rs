@@ -50,7 +50,7 @@ pub enum Interface {
     /// Frames, one position a cycle (`docs/protocol.md`).
     #[default]
     Frames,
-    /// Calls that read positions and write offsets (`docs/read-write.md`).
+    /// Calls that read positions and write offsets (`docs/reference/read-write.md`).
     Calls {
         /// What the control says of its watchdog: time without a write after which it takes the offset out, ms.
         hold_ms: u32,

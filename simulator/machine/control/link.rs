@@ -35,7 +35,7 @@ const OUT_MAX: usize = if LINE_MAX > MAX_FRAME { LINE_MAX } else { MAX_FRAME };
 pub(super) enum Codec {
     /// `docs/protocol.md`.
     Frames(Box<FrameReader>),
-    /// `docs/read-write.md`.
+    /// `docs/reference/read-write.md`.
     Calls(Box<Calls>),
 }
 

@@ -1,7 +1,7 @@
 //! Instruments that measure while the machine works, with everything that goes wrong with them: a laser tracker on the
 //! tool and 5-DOF lasers along the axes, with reduced readings or with those of their detectors.
 //!
-//! They look at the true pose and write the JSON lines of `docs/sensors.md`. Each has a clock of its own. Noise, outliers
+//! They look at the true pose and write the JSON lines of `docs/how-to/sensors.md`. Each has a clock of its own. Noise, outliers
 //! and dropouts are seeded; a bias and a step of the clock come when the plan says so.
 
 use core::fmt::Write as _;

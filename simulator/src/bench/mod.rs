@@ -13,6 +13,7 @@
 pub mod echo;
 pub mod error;
 pub mod files;
+pub mod outputs;
 pub mod partner;
 pub mod process;
 pub mod report;
@@ -32,16 +33,28 @@ use volcomp_protocol::CorrectionState;
 use echo::EchoSettings;
 use error::BenchError;
 use files::{Axes, DaemonSettings};
+use outputs::{Addresses, Switch};
 use partner::{Partner, Place};
 use process::Programs;
 use report::{Compute, Report, Setting};
-use rounds::{Mode, Pair, measure};
+use rounds::{Mode, Pair, Round, measure};
 use thread::{Granted, ThreadSettings};
 
 /// Cycles that a daemon gets to become active.
 const SETTLE_CYCLES: u32 = 2_000;
 /// Cycles of the computation that are timed.
 const COMPUTE_CYCLES: &str = "200000";
+
+/// Longest time with the readers on, or off, s.
+const TURN_S: f64 = 5.0;
+
+/// What the links gave.
+struct Measured {
+    granted: Granted,
+    rounds: Vec<Round>,
+    daemon: serde_json::Value,
+    received: Option<[(&'static str, u64); 5]>,
+}
 
 /// Hears what is being measured, and which share of it is done.
 pub type Say<'a> = &'a mut (dyn FnMut(&str, f64) + Send);
@@ -75,6 +88,8 @@ pub struct Options {
     pub compute: bool,
     /// volcompd's link is mutual TLS; the bare echo stays plain.
     pub tls: bool,
+    /// Measure each mode with everything that reads the daemon, too, in turns.
+    pub outputs: bool,
 }
 
 /// Measures everything that was asked for; `say` hears what is being done, and the share that is done.
@@ -86,13 +101,15 @@ pub fn run(options: &Options, say: Say<'_>) -> Result<Report, BenchError> {
     let setting = Setting::of(options);
     let compute = if options.compute { compute(options, say)? } else { Vec::new() };
     // the thread that measures has settings of its own, and they must not outlive the measurement
-    let (granted, rounds, daemon) = std::thread::scope(|scope| {
+    let measured = std::thread::scope(|scope| {
         let control = scope.spawn(|| links(options, say));
         control
             .join()
             .unwrap_or_else(|_| Err(BenchError::Tool { verb: "bench-link", said: "panicked".to_owned() }))
     })?;
-    Ok(Report { setting, granted, load_average: [load_before, load_average()], compute, rounds, daemon })
+    let Measured { granted, rounds, daemon, received } = measured;
+    let load_average = [load_before, load_average()];
+    Ok(Report { setting, granted, load_average, compute, rounds, daemon, received })
 }
 
 fn control_thread(options: &Options) -> ThreadSettings {
@@ -100,13 +117,11 @@ fn control_thread(options: &Options) -> ThreadSettings {
 }
 
 /// Starts both sides, measures every mode, and asks the daemon what it has seen.
-fn links(
-    options: &Options,
-    say: Say<'_>,
-) -> Result<(Granted, Vec<rounds::Round>, serde_json::Value), BenchError> {
+fn links(options: &Options, say: Say<'_>) -> Result<Measured, BenchError> {
     let folder = &options.folder;
     let [echo_place, daemon_place] = [Place::open("the bare echo")?, Place::open("volcompd")?];
-    let socket = write_files(options, options.axes, folder, daemon_place.address()?)?;
+    let addresses = options.outputs.then(Addresses::free).transpose()?;
+    let socket = write_files(options, options.axes, folder, daemon_place.address()?, addresses.as_ref())?;
     let identity = options.tls.then(|| trial::identity(folder)).transpose()?;
     let log = folder.join("volcompd.log");
     let echo_settings = EchoSettings {
@@ -124,6 +139,7 @@ fn links(
     let origin = Instant::now();
     let mut echo = echo_place.accept(options.axes, origin, None)?;
     let mut daemon = daemon_place.accept(options.axes, origin, identity.as_ref())?;
+    let switch = addresses.map(|a| Switch::new(&options.programs, a, &folder.join("machine.toml")));
     // not before both run: a process inherits class and processor of the thread that starts it
     let granted = control_thread(options).apply();
     daemon.handshake(options.cycle)?;
@@ -133,14 +149,47 @@ fn links(
     for mode in &options.modes {
         let mut pair = Pair { echo: &mut echo, daemon: &mut daemon };
         let length = Duration::from_secs_f64(options.seconds);
-        rounds.push(measure(&mut pair, *mode, length, options.block, &mut |share| say(mode.name(), share))?);
+        let mut tick = |share| say(mode.name(), share);
+        let mut quiet = Round::new(*mode, false)?;
+        match &switch {
+            None => measure(&mut pair, &mut quiet, length, options.block, &mut tick)?,
+            Some(switch) => {
+                let mut read = Round::new(*mode, true)?;
+                in_turns(&mut pair, [&mut quiet, &mut read], switch, options, &mut tick)?;
+                rounds.push(read);
+            }
+        }
+        rounds.push(quiet);
         still_active(&daemon, &log)?;
     }
+    let received = switch.map(|switch| switch.received().counts());
     let status =
         options.programs.volcomp("status", &["--json", "--socket", &socket.display().to_string()])?;
     daemon.close();
     drop(echo);
-    Ok((granted, rounds, status))
+    Ok(Measured { granted, rounds, daemon: status, received })
+}
+
+/// Measures without and with readers in turns, so that a change of the computer hits both.
+fn in_turns(
+    pair: &mut Pair<'_>,
+    [quiet, read]: [&mut Round; 2],
+    switch: &Switch,
+    options: &Options,
+    tick: &mut dyn FnMut(f64),
+) -> Result<(), BenchError> {
+    let turns = (options.seconds / TURN_S).ceil().max(1.0);
+    let length = Duration::from_secs_f64(options.seconds / turns);
+    let all = 2 * turns as u32;
+    for turn in 0..all {
+        // off, on, on, off: neither is always the second
+        let on = matches!(turn % 4, 1 | 2);
+        switch.set(on)?;
+        let round = if on { &mut *read } else { &mut *quiet };
+        let mut share = |part: f64| tick((f64::from(turn) + part) / f64::from(all));
+        measure(pair, round, length, options.block, &mut share)?;
+    }
+    switch.set(false)
 }
 
 /// Cycles until the daemon compensates, and warms the echo up alike.
@@ -173,7 +222,7 @@ fn compute(options: &Options, say: Say<'_>) -> Result<Vec<Compute>, BenchError> 
     for axes in [Axes::Three, Axes::Five] {
         say("compute", if all.is_empty() { 0.0 } else { 0.5 });
         let folder = options.folder.join(axes.name());
-        write_files(options, axes, &folder, ([127, 0, 0, 1], 7878).into())?;
+        write_files(options, axes, &folder, ([127, 0, 0, 1], 7878).into(), None)?;
         let config = folder.join("machine.toml").display().to_string();
         let figures = options
             .programs
@@ -189,6 +238,7 @@ fn write_files(
     axes: Axes,
     folder: &Path,
     address: core::net::SocketAddr,
+    outputs: Option<&Addresses>,
 ) -> Result<PathBuf, BenchError> {
     let file = |path: &Path| {
         let path = path.to_owned();
@@ -205,9 +255,9 @@ fn write_files(
         busy_poll_us: options.busy_poll.as_secs_f64() * 1e6,
         tls: options.tls,
     };
-    for (name, text) in
-        [("machine.toml", axes.machine_file(&settings, &socket)), ("model.toml", axes.model_file())]
-    {
+    let machine =
+        axes.machine_file(&settings, &socket) + &outputs.map_or_else(String::new, Addresses::tables);
+    for (name, text) in [("machine.toml", machine), ("model.toml", axes.model_file())] {
         let path = folder.join(name);
         std::fs::write(&path, text).map_err(file(&path))?;
     }

@@ -2,7 +2,7 @@
 
 use std::fs::File;
 use std::path::{Path, PathBuf};
-use std::process::{Child, Command, Stdio};
+use std::process::{Child, ChildStdout, Command, Stdio};
 
 use super::echo::EchoSettings;
 use super::error::BenchError;
@@ -91,6 +91,11 @@ impl Running {
     pub fn id(&self) -> u32 {
         self.child.id()
     }
+
+    /// Its stdout, where that is a pipe that nobody has taken.
+    pub(super) const fn stdout(&mut self) -> Option<ChildStdout> {
+        self.child.stdout.take()
+    }
 }
 
 impl Drop for Running {
@@ -101,6 +106,6 @@ impl Drop for Running {
     }
 }
 
-fn start(command: &mut Command, what: &'static str) -> Result<Running, BenchError> {
+pub(super) fn start(command: &mut Command, what: &'static str) -> Result<Running, BenchError> {
     command.spawn().map(|child| Running { child }).map_err(|source| BenchError::Start { what, source })
 }

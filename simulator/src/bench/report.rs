@@ -1,9 +1,10 @@
-//! Figures of a run: ratios, limits, JSON and a table. Every key is explained in `docs/benchmarks.md`.
+//! Figures of a run: ratios, limits, JSON and a table. Every key is explained in `docs/development/benchmarks.md`.
 
-use serde_json::{Value, json};
+use serde_json::{Map, Value, json};
 
 use super::Options;
 use super::files::Axes;
+use super::outputs::STREAMS;
 use super::partner::Times;
 use super::rounds::{Mode, Round};
 use super::thread::Granted;
@@ -18,6 +19,8 @@ pub const COMPUTE_THREE_US_MAX: f64 = 1.0;
 pub const COMPUTE_FIVE_US_MAX: f64 = 3.0;
 /// Nanoseconds in a microsecond.
 const NS_PER_US: f64 = 1e3;
+/// Bytes in a megabyte.
+const BYTES_PER_MB: f64 = 1e6;
 
 /// What was asked for.
 #[derive(Debug, Clone, PartialEq)]
@@ -30,6 +33,7 @@ pub struct Setting {
     lock_memory: bool,
     busy_poll_us: f64,
     tls: bool,
+    outputs: bool,
 }
 
 /// What the computation alone costs.
@@ -56,6 +60,8 @@ pub struct Report {
     pub rounds: Vec<Round>,
     /// What `volcomp status --json` says at the end.
     pub daemon: Value,
+    /// What the readers of the outputs received.
+    pub received: Option<[(&'static str, u64); 5]>,
 }
 
 impl Setting {
@@ -69,6 +75,7 @@ impl Setting {
             lock_memory: options.lock_memory,
             busy_poll_us: options.busy_poll.as_secs_f64() * 1e6,
             tls: options.tls,
+            outputs: options.outputs,
         }
     }
 }
@@ -78,6 +85,12 @@ impl Round {
     #[must_use]
     pub fn ratios(&self) -> [f64; 2] {
         [0.50, 0.99].map(|q| us(&self.daemon, q) / us(&self.echo, q))
+    }
+
+    /// Name in figures.
+    #[must_use]
+    pub fn name(&self) -> String {
+        format!("{}{}", self.mode.name(), if self.outputs { "_outputs" } else { "" })
     }
 
     /// Whether both ratios are within their limits.
@@ -117,10 +130,13 @@ impl Report {
                 if exceeds(ratio, limit) {
                     beyond.push(format!(
                         "{}: round trip {name} is {ratio:.3} times the bare echo's, limit {limit}",
-                        round.mode.name()
+                        round.name()
                     ));
                 }
             }
+        }
+        if let Some(ended) = self.received.map(|r| r[1].1).filter(|n| *n > 0) {
+            beyond.push(format!("{ended} event streams were ended by volcompd"));
         }
         for compute in &self.compute {
             if exceeds(compute.p99_us(), compute.limit_us()) {
@@ -138,7 +154,7 @@ impl Report {
     /// The figures as JSON.
     #[must_use]
     pub fn json(&self) -> Value {
-        let Setting { axes, cycle_ms, block_ms, priority, cpus, lock_memory, busy_poll_us, tls } =
+        let Setting { axes, cycle_ms, block_ms, priority, cpus, lock_memory, busy_poll_us, tls, outputs } =
             &self.setting;
         let mut object = json!({
             "format": "volcomp-bench-link/1",
@@ -149,8 +165,9 @@ impl Report {
             "setting": {
                 "cycle_ms": cycle_ms, "block_ms": block_ms, "priority": priority, "cpu_control": cpus[0],
                 "cpu_daemon": cpus[1], "lock_memory": lock_memory, "busy_poll_us": busy_poll_us,
-                "tls": tls,
+                "tls": tls, "outputs": outputs,
             },
+            "received": self.received.map(|r| r.map(|(k, n)| (k.to_owned(), n.into())).into_iter().collect::<Map<_, Value>>()),
             "granted": { "control": self.granted, "volcompd": self.daemon["realtime"] },
             "processors": std::thread::available_parallelism().map_or(0, usize::from),
             "load_average_before": self.load_average[0],
@@ -164,7 +181,7 @@ impl Report {
             "daemon_status": self.status(),
         });
         for round in &self.rounds {
-            object[round.mode.name()] = round_json(round);
+            object[round.name()] = round_json(round);
         }
         for compute in &self.compute {
             object["compute"][compute.axes.name()] = compute.figures.clone();
@@ -215,6 +232,12 @@ impl Report {
                 ""
             ));
         }
+        if let Some([bytes, _, scrapes, messages, shdr]) = self.received.map(|r| r.map(|(_, n)| n)) {
+            lines.push(format!(
+                "read: {:.1} MB by {STREAMS} event streams, {scrapes} scrapes, {messages} MQTT messages, {shdr} MTConnect lines",
+                bytes as f64 / BYTES_PER_MB
+            ));
+        }
         if !self.compute.is_empty() {
             lines.push(String::new());
         }
@@ -240,7 +263,7 @@ const fn exceeds(figure: f64, limit: f64) -> bool {
 
 fn head(round: &Round) -> String {
     let (seconds, blocks) = (round.seconds, round.blocks);
-    match round.mode {
+    let mode = match round.mode {
         Mode::BackToBack => format!("back to back, {blocks} blocks each in {seconds:.0} s"),
         Mode::Paced(c) => {
             format!("paced at {} ms, {blocks} blocks each in {seconds:.0} s", c.as_secs_f64() * 1e3)
@@ -248,7 +271,8 @@ fn head(round: &Round) -> String {
         Mode::Sustained(c) => {
             format!("sustained at {} ms, both all the time for {seconds:.0} s", c.as_secs_f64() * 1e3)
         }
-    }
+    };
+    if round.outputs { format!("{mode}; all outputs read") } else { mode }
 }
 
 fn row(name: &str, times: &Times) -> String {

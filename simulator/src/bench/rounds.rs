@@ -22,6 +22,8 @@ pub enum Mode {
 pub struct Round {
     /// How.
     pub mode: Mode,
+    /// The daemon's outputs were read meanwhile.
+    pub outputs: bool,
     /// The bare echo.
     pub echo: Times,
     /// volcompd.
@@ -62,25 +64,35 @@ impl Mode {
     }
 }
 
-/// Measures for about `length`; `tick` is called now and then with the share that is done.
+impl Round {
+    /// Nothing measured.
+    ///
+    /// # Errors
+    /// A histogram cannot be made.
+    pub fn new(mode: Mode, outputs: bool) -> Result<Self, BenchError> {
+        Ok(Self { mode, outputs, echo: Times::new()?, daemon: Times::new()?, seconds: 0.0, blocks: 0 })
+    }
+}
+
+/// Measures for about `length` more; `tick` is called now and then with the share that is done.
 ///
 /// # Errors
 /// A link ends.
 pub fn measure(
     pair: &mut Pair<'_>,
-    mode: Mode,
+    round: &mut Round,
     length: Duration,
     block: Duration,
     tick: &mut dyn FnMut(f64),
-) -> Result<Round, BenchError> {
-    let mut round = Round { mode, echo: Times::new()?, daemon: Times::new()?, seconds: 0.0, blocks: 0 };
+) -> Result<(), BenchError> {
+    let mode = round.mode;
     let start = Instant::now();
     while start.elapsed() < length {
         // who begins changes every time, so that neither always follows the other's traces in the caches
         let daemon_first = round.blocks.is_multiple_of(2);
         round.blocks += 1;
         match mode {
-            Mode::Sustained(cycle) => both(pair, &mut round, cycle, block, daemon_first)?,
+            Mode::Sustained(cycle) => both(pair, round, cycle, block, daemon_first)?,
             Mode::BackToBack | Mode::Paced(_) => {
                 for turn in 0..2 {
                     let (side, times) = if (turn == 0) == daemon_first {
@@ -97,8 +109,8 @@ pub fn measure(
         }
         tick((start.elapsed().as_secs_f64() / length.as_secs_f64()).min(1.0));
     }
-    round.seconds = start.elapsed().as_secs_f64();
-    Ok(round)
+    round.seconds += start.elapsed().as_secs_f64();
+    Ok(())
 }
 
 fn back_to_back(side: &mut Partner, times: &mut Times, block: Duration) -> Result<(), BenchError> {

@@ -18,6 +18,7 @@ fn times(base_ns: u64) -> Times {
 fn round(echo_ns: u64, daemon_ns: u64) -> Round {
     Round {
         mode: Mode::Paced(Duration::from_millis(1)),
+        outputs: false,
         echo: times(echo_ns),
         daemon: times(daemon_ns),
         seconds: 1.0,

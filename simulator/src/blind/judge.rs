@@ -1,6 +1,6 @@
 //! What the tool said, beside what is true.
 //!
-//! The words, as in `docs/diagnosis.md`: a cause is *declared* where report.json says so (`declared`) and nowhere else. It is
+//! The words, as in `docs/development/blind-tests.md`: a cause is *declared* where report.json says so (`declared`) and nowhere else. It is
 //! *right* where its label is true, a *set answer* where it lists a true label in `confounded_with`, a *re-expression* where the judge
 //! computes one ([`super::columns`]). A declared cause that is none of these is *misattributed*. A case without a nameable cause is
 //! *honest* where nothing is misattributed and the report says that something is unexplained (or re-expresses it), *silent* where

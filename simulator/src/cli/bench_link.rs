@@ -82,6 +82,11 @@ pub(super) struct Args {
     /// limits do not apply.
     #[arg(long, conflicts_with = "check")]
     tls: bool,
+    /// Measure each mode without and with everything that reads the daemon, in turns of 5 s: 200 event streams of the page, a
+    /// scrape of /metrics a second, a gateway to a Mosquitto broker with a subscriber, 8 MTConnect clients. Needs
+    /// mosquitto and mosquitto_sub.
+    #[arg(long)]
+    outputs: bool,
     /// Leave out the computation alone.
     #[arg(long)]
     no_compute: bool,
@@ -231,5 +236,6 @@ fn options(args: &Args, folder: PathBuf) -> Result<Options, Failure> {
         busy_poll: Duration::from_secs_f64(busy_poll_us * 1e-6),
         compute: !args.no_compute,
         tls: args.tls,
+        outputs: args.outputs,
     })
 }

@@ -16,7 +16,7 @@ use crate::twin::{TwinError, TwinTruth};
     after_help = "The truth file (volcomp-twin/1) says what is wrong with machine and instruments; without one, nothing \
     is:\n\n  \
     format = \"volcomp-twin/1\"\n  seed = 7                      # draws all constants that are not given\n  \
-    [instruments]\n  heavy-tails = true            # all keys: docs/diagnosis.md\n  \
+    [instruments]\n  heavy-tails = true            # all keys: docs/development/blind-tests.md\n  \
     [[effect]]\n  name = \"backlash\"\n  subject = \"x\"\n  size-um = 3.0\n  with = { length-mm = 0.2 }\n\n\
     Examples:\n  cncsim campaign --truth twin.toml --seed 1 --out monday\n  \
     cncsim campaign --truth twin.toml --seed 2 --out tuesday     the same machine on another day\n  \

@@ -17,7 +17,7 @@ use crate::scenarios::{Pacing, Plan, Scenario, Verdict, run};
     cncsim scenarios --list               numbers and names\n  \
     cncsim scenarios --only 101,300-399   one, and all about bytes on the link\n  \
     cncsim scenarios --seed 7 --json      with other noise and other damage, for a script\n  \
-    cncsim scenarios --file mine.toml     a list of one's own (docs/faults.md shows its keys)\n\n\
+    cncsim scenarios --file mine.toml     a list of one's own (docs/reference/faults.md shows its keys)\n\n\
     Exit code 70 where a scenario does not hold; its number and the seed bring the same run back."
 )]
 pub(super) struct Args {
@@ -160,7 +160,7 @@ fn figure(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |v| format!("{v:.2}"))
 }
 
-/// The table of `docs/faults.md`.
+/// The table of `docs/reference/faults.md`.
 fn table(chosen: &[Scenario], verdicts: &[Verdict]) {
     say!(
         "| number | what goes wrong | must hold: residual, step / um, settled / s, state | told | measured |"

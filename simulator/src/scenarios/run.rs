@@ -25,6 +25,8 @@ const CYCLE_S: f64 = 1e-3;
 const JUDGED: usize = 1000;
 /// Lines of the log that are kept where something does not hold.
 const LAST_WORDS: usize = 40;
+/// How long awaited words of the log may follow the last cycle.
+const LOG_LAG: Duration = Duration::from_secs(10);
 
 /// Runs a scenario, as often as it may be tried.
 ///
@@ -63,6 +65,11 @@ fn run_once(scenario: &Scenario, programs: &Programs) -> anyhow::Result<Verdict>
         last_action = stage.records.last().map_or(0, |r| r.cycle);
     }
     stage.run_to(None)?;
+    // the log is written beside the cycle, its last words may follow the last answer
+    let (begin, awaited) = (Instant::now(), &scenario.accept.log);
+    while begin.elapsed() < LOG_LAG && !awaited.iter().all(|w| stage.all_words().contains(w)) {
+        idle(&mut stage, 10);
+    }
     if stage.exit.is_none() && scenario.accept.exit.is_some() {
         stage.exit = ended(&mut stage.daemon)?;
     }

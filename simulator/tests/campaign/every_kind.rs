@@ -68,7 +68,7 @@ impl Outcome {
         1.0 - self.measured_um[1] / self.measured_um[0]
     }
 
-    /// A line of the table in `docs/dynamic.md`.
+    /// A line of the table in `docs/explanation/dynamic.md`.
     fn row(&self) -> String {
         let [gap, left] = self.measured_um;
         let [low, middle, high] = self.forecast;
@@ -179,6 +179,6 @@ fn kind() {
 #[test]
 #[ignore = "minutes; the nightly run"]
 fn hard() {
-    // three effects at once in hard truth: four of five sets exactly (`docs/diagnosis.md`)
+    // three effects at once in hard truth: four of five sets exactly (`docs/explanation/diagnosis.md`)
     judge(&all(Loop::Hard), 0.10, 0.2);
 }

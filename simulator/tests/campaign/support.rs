@@ -50,7 +50,7 @@ struct Growth {
 pub(crate) enum Loop {
     /// Wide limits, set points as they are, an offset in force a cycle later.
     Kind,
-    /// Limits as in `docs/dynamic.md`, set points told in steps of 1 um, an offset in force three cycles later.
+    /// Limits as in `docs/explanation/dynamic.md`, set points told in steps of 1 um, an offset in force three cycles later.
     Hard,
 }
 

@@ -1,5 +1,5 @@
 //! Faults in the middle of the demo: daemon, control and machine fail at any moment, and the offset is left as
-//! `docs/safety.md` says; what comes back goes on from there.
+//! `docs/explanation/safety.md` says; what comes back goes on from there.
 //!
 //! The real daemon runs as a process of its own, on the shipped machine with its own model, over TCP on loopback.
 

@@ -4,7 +4,7 @@
 //!
 //! The machine is the simulator's (full transforms, servo, encoders, backlash), the model a survey of it with noise, the
 //! estimator, the table of the cycle and the correction the daemon's own. Deviations are those of the flank: across it,
-//! at three heights along the tool. `docs/live-estimation.md` has the figures and the picture:
+//! at three heights along the tool. `docs/explanation/live-estimation.md` has the figures and the picture:
 //!
 //! `cargo test -p simulator --release --test loops -- --ignored live_s_part --nocapture`
 
@@ -430,7 +430,7 @@ fn report(name: &str, outcome: &Outcome) -> Told {
 }
 
 #[test]
-#[ignore = "minutes without optimisation; its figures stand in docs/live-estimation.md"]
+#[ignore = "minutes without optimisation; its figures stand in docs/explanation/live-estimation.md"]
 fn what_the_tracker_teaches_takes_the_drift_out_of_the_flank() {
     let (gone, round) = report("seed 1", &hour(1, true));
     assert!(gone[0] >= 68.0 && gone[1] >= 58.0 && gone[2] >= 76.0, "{gone:?}");

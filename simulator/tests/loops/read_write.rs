@@ -1,4 +1,4 @@
-//! A control that is read and written by calls (`docs/read-write.md`): the same offsets as over frames, its delay looked ahead
+//! A control that is read and written by calls (`docs/reference/read-write.md`): the same offsets as over frames, its delay looked ahead
 //! over, and the offset out of the machine whatever happens to either side.
 
 #![allow(clippy::print_stdout, reason = "the figures are what a long run is for")]

@@ -1,4 +1,4 @@
-//! What `cncsim serve --sensors` sends of its 5-DOF lasers is the motion of the carriage, as `docs/sensors.md` says, and
+//! What `cncsim serve --sensors` sends of its 5-DOF lasers is the motion of the carriage, as `docs/how-to/sensors.md` says, and
 //! nothing else where the tracker is left out.
 #![expect(clippy::disallowed_methods, reason = "the test writes files and listens like a daemon")]
 

@@ -1,4 +1,4 @@
-//! The head of a report as a file in TOML (`docs/reports.md`); every key is optional.
+//! The head of a report as a file in TOML (`docs/how-to/reports.md`); every key is optional.
 
 use std::collections::BTreeMap;
 use std::path::Path;

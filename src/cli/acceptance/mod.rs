@@ -1,5 +1,5 @@
 //! What a report that is handed over states beside its results: the head, tolerances with verdicts by ISO 14253-1, and lines
-//! to sign. `docs/reports.md` is its description.
+//! to sign. `docs/how-to/reports.md` is its description.
 
 mod head_file;
 pub(crate) mod verdicts;
@@ -17,7 +17,7 @@ use verdicts::{Assessed, NOT_STATED};
 #[derive(Debug, Clone, Default, clap::Args)]
 #[command(next_help_heading = "Head, tolerances and verdicts of the report")]
 pub(crate) struct HeadArgs {
-    /// Head of the report in TOML: machine, test, instrument, tolerances (docs/reports.md).
+    /// Head of the report in TOML: machine, test, instrument, tolerances (docs/how-to/reports.md).
     #[arg(long, value_name = "HEAD.toml")]
     head: Option<PathBuf>,
     /// Model that compensated the machine in this test; name and hash enter the report.

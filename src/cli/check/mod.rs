@@ -229,7 +229,7 @@ fn look_at_sensors(file: &ModelFile, machine: &MachineConfig) -> Option<(String,
     if live.sensors.is_empty() && live.maps.is_empty() {
         return None;
     }
-    let remedy = "see docs/sensors.md: live values of the model, the inputs of its growths and the names of maps and sensors".to_owned();
+    let remedy = "see docs/how-to/sensors.md: live values of the model, the inputs of its growths and the names of maps and sensors".to_owned();
     // what the model itself breaks is told where the model is checked
     let model = Arc::new(Model::new(&file.spec).ok()?);
     let of = LiveModel { spec: &file.spec, thermal: &file.thermal, model, hash: [0; 32] };

@@ -28,7 +28,7 @@ use volcomp_protocol::record::{EXTENSION, block};
     volcomp export model.toml --format csv --axis x --step 10 --out x.csv\n  \
     volcomp export monday-*.vcrec --format parquet --out monday.parquet\n  \
     volcomp export monday-000.vcrec --format csv --from-s 60 --to-s 120 --every 10 --out minute.csv\n\
-    \nTables of controls, their signs and what they cannot hold: docs/formats.md; columns of recordings: docs/recording.md")]
+    \nTables of controls, their signs and what they cannot hold: docs/reference/formats.md; columns of recordings: docs/reference/recording.md")]
 pub(super) struct Args {
     /// A model file, or recordings.
     #[arg(value_name = "FILE", required = true)]

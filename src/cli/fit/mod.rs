@@ -100,7 +100,7 @@ pub(super) struct Args {
 /// What is fitted other than error motions.
 #[derive(Debug, Subcommand)]
 enum Other {
-    /// Growth by heat, from a recording of temperatures and speeds beside a measured displacement.
+    /// Thermal displacement, from a recording of temperatures and speeds beside a measured displacement.
     Thermal(Box<thermal::Args>),
 }
 

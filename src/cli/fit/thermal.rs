@@ -21,7 +21,7 @@ use volcomp_model::ErrorSymbol;
 use volcomp_model::curve::Live;
 use volcomp_units::{mm_from_um, um_from_mm};
 
-/// Fit growth by heat to a recording.
+/// Fit thermal displacement to a recording.
 ///
 /// The recording is a table with a time, temperatures and speeds, and a displacement measured beside them: a probe on
 /// the spindle nose, a laser on an axis at rest. Every temperature and every speed enters with several time constants;
@@ -32,7 +32,7 @@ use volcomp_units::{mm_from_um, um_from_mm};
     volcomp fit thermal warmup.csv --displacement z_um                         only the figures\n  \
     volcomp fit thermal warmup.csv --displacement z_um --name spindle-z \\\n      \
     --symbol ezz --limit-um 80 --into model.toml --picture spindle.html\n\n\
-    The model then has [thermal.spindle-z], which volcompd feeds from its sensors (docs/thermal.md).")]
+    The model then has [thermal.spindle-z], which volcompd feeds from its sensors (docs/how-to/thermal.md).")]
 pub(super) struct Args {
     /// The recording: CSV with a header. - is stdin.
     file: PathBuf,
@@ -77,7 +77,7 @@ pub(super) struct Args {
     /// Write the figures as JSON.
     #[arg(long, value_name = "FILE")]
     json: Option<PathBuf>,
-    /// Draw measured and foretold displacement over time: a file ending in .svg or .html.
+    /// Draw measured and predicted displacement over time: a file ending in .svg or .html.
     #[arg(long, value_name = "FILE")]
     picture: Option<PicturePath>,
 }
@@ -275,8 +275,11 @@ fn draw(path: &PicturePath, args: &Args, recording: &Recording, found: &ThermalF
     if !is_page {
         return write_text(file, &picture);
     }
-    let mut page = Page::new(&format!("Growth by heat: {}", args.displacement));
-    page.figure(&picture, "Measured and foretold; right of the line the recording was not known to the fit.");
+    let mut page = Page::new(&format!("Thermal displacement: {}", args.displacement));
+    page.figure(
+        &picture,
+        "Measured and predicted; right of the line the recording was not known to the fit.",
+    );
     let rows: Vec<Vec<Cell>> =
         figures(found).into_iter().map(|[what, value]| vec![Cell::text(what), Cell::number(value)]).collect();
     page.table(&[Cell::text("figure"), Cell::text("value")], &rows);
@@ -291,14 +294,14 @@ fn svg(column: &str, recording: &Recording, found: &ThermalFit) -> plot::Svg {
         (0..recording.time_s.len()).step_by(every).map(|k| (hours(k), um_from_mm(value(k)))).collect()
     };
     let measured = series(&|k| recording.displacement_mm[k]);
-    let foretold = series(&|k| found.predicted[k]);
+    let predicted = series(&|k| found.predicted[k]);
     let left = series(&|k| recording.displacement_mm[k] - found.predicted[k]);
     let x = [0.0, hours(recording.time_s.len() - 1)];
     let kept_back = (found.training_rows < found.rows).then(|| hours(found.training_rows));
     plot::svg(560, |area| {
         let (above, below) = area.split_vertically(370);
         let panels = [
-            (&above, vec![(&measured, plot::BLUE), (&foretold, plot::VERMILLION)], column),
+            (&above, vec![(&measured, plot::BLUE), (&predicted, plot::VERMILLION)], column),
             (&below, vec![(&left, plot::INK)], "left / um"),
         ];
         for (area, lines, label) in panels {
@@ -314,7 +317,7 @@ fn svg(column: &str, recording: &Recording, found: &ThermalFit) -> plot::Svg {
         }
         let keys = [
             Key::line(plot::BLUE, 2, "measured"),
-            Key::line(plot::VERMILLION, 2, "foretold"),
+            Key::line(plot::VERMILLION, 2, "predicted"),
             Key::line(plot::GREY, 2, "the fit knows what is left of this line"),
         ];
         plot::legend(&above, &keys, 90, 14)

@@ -33,7 +33,7 @@ use volcomp_units::axes::AxisName;
     volcomp import soll.csv --columns \"target=Soll:mm,deviation=Abw:um\" --delimiter ';' --decimal-comma --out x.csv\n  \
     volcomp import vc.csv --format isg --chain \"[w X' b Y Z t]\" --sense carriage --out model.toml\n  \
     volcomp import x.comp --format linuxcnc --axis x --comp-type 0 --into model.toml\n\
-    \nThe formats, their signs and what they cannot hold: docs/formats.md")]
+    \nThe formats, their signs and what they cannot hold: docs/reference/formats.md")]
 pub(super) struct Args {
     /// Files; several where they make one table or model. - is stdin.
     #[arg(required = true, value_name = "FILE")]

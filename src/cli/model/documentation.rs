@@ -12,13 +12,13 @@ use super::worst::search;
 use crate::acceptance::verdicts::NOT_STATED;
 use crate::acceptance::{Acceptance, HeadArgs, file_name, sign};
 use crate::input::{self, InputKind};
-use crate::numerals::{counted, plain};
+use crate::numerals::{counted, micro, plain};
 use crate::report::Page;
 use crate::report::page::Cell;
 use volcomp_config::{MachineConfig, ModelFile, Provenance};
 use volcomp_model::curve::Interpolation;
 
-use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec};
+use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec};
 use volcomp_units::axes::{AxisKind, AxisName};
 
 /// Write the documentation of a compensation on one page: what ISO/TR 16907 asks for
@@ -38,7 +38,7 @@ pub(super) struct Args {
     /// Machine file of volcompd: limits and axes that are offset
     #[arg(long, value_name = "MACHINE.toml")]
     config: Option<PathBuf>,
-    /// Head of the report in TOML: machine, instrument, compensations of the control, validation (docs/reports.md)
+    /// Head of the report in TOML: machine, instrument, compensations of the control, validation (docs/how-to/reports.md)
     #[arg(long, value_name = "HEAD.toml")]
     head: Option<PathBuf>,
     /// A comparison that volcomp verify --json wrote; may be repeated
@@ -191,7 +191,11 @@ impl Documented<'_> {
             ("re-check", self.re_check().unwrap_or_else(|| NOT_STATED.to_owned())),
         ];
         page.table(&[], &rows.map(|(what, text)| vec![Cell::head(what), Cell::text(text)]));
-        page.heading(format_args!("Error functions, {} of {}", self.covered().len(), possible(spec).len()));
+        page.heading(format_args!(
+            "Error functions, {} of {}",
+            self.covered().len(),
+            spec.chain.error_symbols().len()
+        ));
         self.functions(&mut page);
         page.heading("Application");
         self.application(&mut page);
@@ -227,7 +231,7 @@ impl Documented<'_> {
     /// Symbols with an error function that the chain has.
     fn covered(&self) -> Vec<ErrorSymbol> {
         let of = |s: &ErrorSymbol| self.spec().errors.iter().any(|(other, _)| other == s);
-        possible(self.spec()).into_iter().filter(of).collect()
+        self.spec().chain.error_symbols().into_iter().filter(of).collect()
     }
 
     fn functions(&self, page: &mut Page) {
@@ -246,7 +250,7 @@ impl Documented<'_> {
             .iter()
             .map(|(symbol, function)| {
                 let size = Size::of(*symbol, function, self.spec());
-                let unit = if size.unit == "um" { "µm" } else { size.unit };
+                let unit = micro(size.unit);
                 let position = position_unit(symbol.axis());
                 let over =
                     size.range.map_or("everywhere".to_owned(), |[a, b]| format!("{a} to {b} {position}"));
@@ -287,7 +291,7 @@ impl Documented<'_> {
                 .iter()
                 .map(|a| {
                     let (limit, unit) = (offset_out(a.name, a.limits.size), offset_unit(a.name));
-                    format!("{} {} {}", a.name, rounded(limit), if unit == "um" { "µm" } else { unit })
+                    format!("{} {} {}", a.name, rounded(limit), micro(unit))
                 })
                 .collect();
             rows.push(("limits of the correction", limits.join(", ")));
@@ -296,7 +300,7 @@ impl Documented<'_> {
         }
         let worst = self.report.worst();
         let words: Vec<String> = worst.iter().take(2).map(|f| format!("{} {}", f.what, f.value)).collect();
-        rows.push(("errors predicted without it", words.join("; ").replace(" um", " µm")));
+        rows.push(("errors predicted without it", micro(&words.join("; "))));
         let rows: Vec<Vec<Cell>> =
             rows.into_iter().map(|(what, text)| vec![Cell::head(what), Cell::text(text)]).collect();
         page.table(&[], &rows);
@@ -364,8 +368,13 @@ impl Documented<'_> {
         let spec = self.spec();
         let covered = self.covered();
         let mut out = Vec::new();
-        let left: Vec<String> =
-            possible(spec).into_iter().filter(|s| !covered.contains(s)).map(|s| s.to_string()).collect();
+        let left: Vec<String> = spec
+            .chain
+            .error_symbols()
+            .into_iter()
+            .filter(|s| !covered.contains(s))
+            .map(|s| s.to_string())
+            .collect();
         if left.is_empty() {
             out.push(
                 "no error motion, squareness or location error of the chain is without a function".to_owned(),
@@ -406,7 +415,7 @@ impl Documented<'_> {
             list.iter().map(|s| s.to_string().to_lowercase()).collect()
         };
         let covered = self.covered();
-        let left = possible(self.spec()).into_iter().filter(|s| !covered.contains(s)).collect();
+        let left = self.spec().chain.error_symbols().into_iter().filter(|s| !covered.contains(s)).collect();
         let functions: Vec<Value> = self
             .spec()
             .errors
@@ -433,35 +442,6 @@ fn origin(p: &Provenance) -> Option<String> {
     let stated: Vec<&str> =
         [&p.instrument, &p.date, &p.source].into_iter().flatten().map(String::as_str).collect();
     (!stated.is_empty()).then(|| stated.join(", "))
-}
-
-/// The error motions, squarenesses and location errors of a chain; zero offsets of rotary axes are not among them.
-fn possible(spec: &ModelSpec) -> Vec<ErrorSymbol> {
-    let axes: Vec<AxisName> = spec.chain.axes().iter().filter(|a| !a.spindle).map(|a| a.name).collect();
-    let mut out: Vec<ErrorSymbol> = axes
-        .iter()
-        .flat_map(|axis| Component::ALL.map(|component| ErrorSymbol::Motion { component, axis: *axis }))
-        .collect();
-    for (component, axis, other) in [
-        (Component::C, AxisName::Y, AxisName::X),
-        (Component::B, AxisName::Z, AxisName::X),
-        (Component::A, AxisName::Z, AxisName::Y),
-    ] {
-        if axes.contains(&axis) && axes.contains(&other) {
-            out.push(ErrorSymbol::Squareness { component, axis });
-        }
-    }
-    for axis in axes.iter().filter(|a| a.kind() == AxisKind::Rotary) {
-        let own = axis.direction();
-        let location = |c: &Component| c.index() != own && c.index() != 3 + own;
-        out.extend(
-            Component::ALL
-                .into_iter()
-                .filter(location)
-                .map(|component| ErrorSymbol::Location { component, axis: *axis }),
-        );
-    }
-    out
 }
 
 fn meaning(symbol: ErrorSymbol) -> &'static str {
@@ -524,16 +504,6 @@ fn representation(symbol: ErrorSymbol, function: &ErrorFunction) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use volcomp_model::Chain;
-
-    #[test]
-    fn a_chain_has_its_errors() {
-        let count = |chain: &str| possible(&ModelSpec::new("m", Chain::parse(chain).unwrap())).len();
-        assert_eq!(
-            [count("[w X' b Y Z t]"), count("[w C' A' X' b Y Z t]"), count("[w b X Z (S) t]")],
-            [21, 41, 13]
-        );
-    }
 
     #[test]
     fn a_table_states_its_grid() {

@@ -2,6 +2,7 @@
 
 use super::report::{ErrorRow, Fact, Report};
 use super::{drawing, gauge, picture};
+use crate::numerals::micro;
 use crate::report::Page;
 use crate::report::page::Cell;
 use volcomp_model::Model;
@@ -38,12 +39,13 @@ pub(super) fn page(report: &Report<'_>, model: &Model) -> Result<String, Box<dyn
         page.picture(&picture::axis(spec, name)?);
     }
     page.heading("Gauge");
-    page.lines(&gauge::lines(spec));
+    page.lines(&gauge::lines(spec).iter().map(|line| micro(line)).collect::<Vec<_>>());
     Ok(page.finish())
 }
 
 fn facts(page: &mut Page, facts: &[Fact]) {
-    let row = |f: &Fact| vec![Cell::head(&f.what), Cell::number(&f.value), Cell::text(&f.place)];
+    let row =
+        |f: &Fact| vec![Cell::head(&f.what), Cell::number(micro(&f.value)), Cell::text(micro(&f.place))];
     page.table(&[], &facts.iter().map(row).collect::<Vec<_>>());
 }
 
@@ -59,7 +61,7 @@ fn errors(page: &mut Page, title: &str, rows: &[ErrorRow]) {
     let row = |r: &ErrorRow| {
         let mut cells = vec![Cell::head(&r.symbol), Cell::text(&r.kinds), Cell::text(&r.range)];
         cells.extend(r.size.iter().map(Cell::number));
-        cells.extend([Cell::text(r.unit), Cell::number(&r.std), Cell::text(&r.origin)]);
+        cells.extend([Cell::text(micro(r.unit)), Cell::number(&r.std), Cell::text(&r.origin)]);
         cells
     };
     page.table(&head, &rows.iter().map(row).collect::<Vec<_>>());

@@ -234,8 +234,8 @@ impl Chart {
             let _ = match mark {
                 Mark::Cross => write!(path, "M{:.1} {:.1}l4 4m0-4l-4 4", x - 2.0, y - 2.0),
                 Mark::Ring => write!(path, "M{:.1} {y:.1}a2 2 0 1 0 4 0a2 2 0 1 0-4 0", x - 2.0),
-                // a line of no length with round ends is a dot: one path for all of them
-                _ => write!(path, "M{x:.1} {y:.1}h0"),
+                // a filled disc: a line of no length with round ends would not be printed
+                _ => write!(path, "M{:.1} {y:.1}a2 2 0 1 0 4 0 2 2 0 1 0-4 0", x - 2.0),
             };
         }
         let kind = match mark {

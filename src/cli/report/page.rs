@@ -21,7 +21,7 @@ svg{max-width:100%;height:auto;display:block}\
 svg.chart text{font:12px sans-serif;fill:var(--ink)}.chart .grid{stroke:var(--line)}.chart .zero{stroke:var(--soft)}\
 .ref{stroke:var(--ink);stroke-dasharray:5 4;fill:none}\
 .lg,.la,.lb,.lc,.lt{fill:none;stroke-width:2;stroke-linejoin:round}.lg{stroke:var(--grey)}.la{stroke:var(--a)}.lb{stroke:var(--b);stroke-dasharray:7 3}.lc{stroke:var(--c);stroke-dasharray:2 3}.lt{stroke:var(--ink)}\
-.pg,.pa,.pb,.pc,.pt{fill:none;stroke-width:4;stroke-linecap:round;stroke-opacity:.6}.pg{stroke:var(--grey)}.pa{stroke:var(--a)}.pb{stroke:var(--b)}.pc{stroke:var(--c)}.pt{stroke:var(--ink)}\
+.pg,.pa,.pb,.pc,.pt{fill-opacity:.6}.pg{fill:var(--grey)}.pa{fill:var(--a)}.pb{fill:var(--b)}.pc{fill:var(--c)}.pt{fill:var(--ink)}\
 .xg,.xa,.xb,.xc,.xt,.og,.oa,.ob,.oc,.ot{fill:none;stroke-width:1.1}.xg,.og{stroke:var(--grey)}.xa,.oa{stroke:var(--a)}.xb,.ob{stroke:var(--b)}.xc,.oc{stroke:var(--c)}.xt,.ot{stroke:var(--ink)}\
 .fg,.fa,.fb,.fc,.ft{fill-opacity:var(--band)}.fg,.dg{fill:var(--grey)}.fa,.da{fill:var(--a)}.fb,.db{fill:var(--b)}.fc,.dc{fill:var(--c)}.ft,.dt{fill:var(--ink)}\
 .key{white-space:nowrap;margin-right:10px}svg.key{display:inline-block;vertical-align:-1px;margin:0}\
@@ -41,7 +41,7 @@ table.stack td.n{white-space:normal}.bars{grid-template-columns:1fr max-content;
 @page{size:A4;margin:14mm 14mm 18mm;@bottom-right{content:'page ' counter(page) ' of ' counter(pages);font:8pt sans-serif;color:#444}}\
 @media print{body{font-size:10pt;max-width:none;margin:0;padding:0}h1{font-size:16pt}h2{font-size:12.5pt;margin-top:14pt}h3{font-size:10.5pt}p.lead{font-size:12pt}\
 pre{font-size:8pt;white-space:pre-wrap}td,th{padding:2px 9px 2px 0}td.s{font-size:7.5pt}figcaption,p.note{font-size:8.5pt}\
-h1,h2,h3{break-after:avoid}figure,table.keep,svg{break-inside:avoid}tr,.bars{break-inside:avoid}thead{display:table-header-group}\
+h1,h2,h3{break-after:avoid}figure,table.keep,svg{break-inside:avoid}body>figure>svg{max-height:84mm;margin:auto}tr,.bars{break-inside:avoid}thead{display:table-header-group}\
 td.n{white-space:nowrap}.dense table{font-size:7pt;margin:2px 0 4px}.dense td,.dense th{padding:0 7px 0 0}.dense table.stack tr>:first-child{min-width:0}.dense h2{margin:5pt 0 1pt;font-size:10pt}.dense p,.dense ul{margin:2pt 0;font-size:7.5pt}.dense .sign{margin-top:30px}.dense .sign div{font-size:8pt}\
 .figures{grid-template-columns:1fr 1fr;gap:0 16px}.pair{width:90px}details{display:none}\
 .compact p,.compact td,.compact th{font-size:8.5pt;line-height:1.28}.compact h2{font-size:10.5pt;margin:6pt 0 2pt}.compact p{margin:4pt 0}.compact p.lead{font-size:11pt}.compact table{margin:2pt 0 4pt}.compact td,.compact th{padding:1px 8px 1px 0}\

@@ -92,7 +92,7 @@ pub enum Interface {
     /// The control sends a frame each cycle and takes the answer (`docs/protocol.md`).
     #[default]
     Frames,
-    /// Positions are read and offsets written by separate calls (`docs/read-write.md`).
+    /// Positions are read and offsets written by separate calls (`docs/reference/read-write.md`).
     ReadWrite {
         /// Interval between reads, s; 0 reads again as soon as the last reply has been dealt with.
         poll_s: f64,

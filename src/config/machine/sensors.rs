@@ -309,7 +309,7 @@ fn read_laser(section: &Section<'_>) -> Option<SensorKind> {
             match made {
                 Ok(head) => Some(head),
                 Err(e) => {
-                    let remedy = "see docs/sensors.md: the instrument of raw readings";
+                    let remedy = "see docs/how-to/sensors.md: the instrument of raw readings";
                     section.report(Diagnostic::at(place, e.to_string(), remedy));
                     return None;
                 }

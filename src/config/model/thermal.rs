@@ -1,4 +1,4 @@
-//! `[thermal.NAME]`: growth by heat, told to the errors whose live value names it.
+//! `[thermal.NAME]`: thermal displacement, told to the errors whose live value names it.
 
 use super::number::{plain, shortest};
 use super::write::{heading, line_of};

@@ -225,6 +225,16 @@ mod tests {
     }
 
     #[test]
+    fn a_model_without_travel_is_judged_over_the_range_of_its_data() {
+        let without = |scale_um| {
+            let spec = spec(scale_um);
+            ModelSpec { axes: Vec::new(), ..spec }
+        };
+        let found = size(&without(10.0), &without(75.0)).expect("valid");
+        assert!(judge(&found, &guard()).is_err(), "{found:?}");
+    }
+
+    #[test]
     fn small_changes_pass_large_ones_are_told_with_their_size() {
         let found = size(&spec(10.0), &spec(40.0)).expect("valid");
         assert!((found.largest_um - 30.0).abs() < 1e-6, "{found:?}");

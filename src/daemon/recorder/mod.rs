@@ -4,7 +4,7 @@
 //! of its own ([`writer`]) polls the queue, packs, writes and syncs; a slow or full disk makes the queue run full, and
 //! then entries are dropped and counted. [`disk`] is the file system: names, sizes, what to delete.
 //!
-//! The format is [`volcomp_protocol::record`]; `docs/recording.md` has it byte by byte.
+//! The format is [`volcomp_protocol::record`]; `docs/reference/recording.md` has it byte by byte.
 
 mod disk;
 mod health;

@@ -1,6 +1,6 @@
 //! What sensors send, as bytes: JSON lines and binary messages, on one connection as they come.
 //!
-//! Byte by byte in `docs/sensors.md`. Nothing a sensor sends can stop the daemon: what is no message costs itself, and
+//! Byte by byte in `docs/how-to/sensors.md`. Nothing a sensor sends can stop the daemon: what is no message costs itself, and
 //! is answered with a sentence; only a binary message whose check sum is wrong ends the connection, for nobody knows
 //! where the next one begins.
 

@@ -568,7 +568,7 @@ fn log_thermal(growth: &str, status: ThermalStatus, input: &str) {
     let code = growth_code(status).map(|code| code.to_string());
     match status {
         ThermalStatus::Waiting(_) => {}
-        ThermalStatus::Used => info!(growth, "the growth by heat is used"),
+        ThermalStatus::Used => info!(growth, "the thermal displacement is used"),
         ThermalStatus::Outside(_) => {
             warn!(growth, input, code, "an input is outside of what the fit has seen; the growth fades");
         }

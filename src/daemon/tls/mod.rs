@@ -9,7 +9,7 @@
 //!
 //! **Cycle.** Once the handshake is done a frame out is one record and one `send`, and a frame in is one `recv`;
 //! nothing else waits. The record layer of rustls allocates and frees one small block per frame in each direction, so
-//! the promise of a cycle without allocation holds for plain links only (`docs/tls.md` has the figures).
+//! the promise of a cycle without allocation holds for plain links only (`docs/how-to/tls.md` has the figures).
 //!
 //! Without the Cargo feature `tls` a machine file with `[link.tls]` is refused (`absent.rs`).
 

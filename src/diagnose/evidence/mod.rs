@@ -3,7 +3,7 @@
 //! Gap `r = SUM_e X_e b_e + delta + drift + noise`, one dense covariance for the last three ([`covariance`]), effect sizes
 //! integrated over a ladder of scales, sets of effects searched and averaged by marginal likelihood ([`sets`]), all of it
 //! over a ladder of the scales of discrepancy and drift ([`scales`]). Source: Kennedy and O'Hagan 2001, Brynjarsdottir and
-//! O'Hagan 2014; `docs/diagnosis.md` (evidence).
+//! O'Hagan 2014; `docs/explanation/diagnosis.md` (evidence).
 
 mod covariance;
 mod gram;

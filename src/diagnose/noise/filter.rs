@@ -3,7 +3,7 @@
 //!
 //! All of it is one linear-Gaussian state, so a Kalman filter turns readings and columns into independent innovations of
 //! unit variance in one pass: the cost is rows times columns. The gains do not depend on the data and are computed once.
-//! Source: `docs/diagnosis.md` (whitening); equations 5.8.
+//! Source: `docs/explanation/diagnosis.md` (whitening); equations 5.8.
 
 use nalgebra::DMatrix;
 

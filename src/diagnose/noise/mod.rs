@@ -3,12 +3,12 @@
 
 mod classes;
 mod filter;
-mod lattice;
 mod outliers;
+mod quantisation;
 mod random;
 mod range;
 mod space;
-mod tones;
+mod vibration_spectrum;
 
 use std::collections::BTreeMap;
 
@@ -17,12 +17,12 @@ use super::session::Session;
 
 pub use classes::{from_remainder, from_repeats, pair_residuals};
 pub use filter::{ClassNoise, Filter};
-pub use lattice::lattices;
 pub use outliers::{Tails, outliers, tails};
+pub use quantisation::lattices;
 pub use random::Random;
 pub use range::{AngleNoise, RangeNoise, angle_noise, range_noise};
 pub use space::neighbours;
-pub use tones::{Tone, beside_repeats, tone};
+pub use vibration_spectrum::{Tone, beside_repeats, tone};
 
 /// Factor between the median of absolute deviations and the standard deviation of a normal distribution.
 pub const MAD: f64 = 1.482_602_218_505_602;

@@ -10,7 +10,7 @@ use super::super::library::{Kind, Label};
 use super::super::offsets::{rms, without_offsets};
 use super::super::report::{Cause, Tests, Value};
 use super::super::session::Session;
-use super::reasons::why_not;
+use super::rejection_text::why_not;
 
 /// Causes of the search, with their alternatives.
 pub(super) fn causes(

@@ -44,7 +44,7 @@ pub(super) fn assessed(a: &Analysis, c: &Comparison) -> Vec<Assessed> {
             share: x.probability,
             group_share: x.group_probability,
             rivals: x.rivals.iter().map(relative).collect(),
-            forbids: None,
+            is_pruned: false,
         }
     };
     let mut all: Vec<Assessed> = chosen.iter().map(|x| of_posterior(evidence(x), x)).collect();

@@ -1,31 +1,30 @@
 //! From the analysis to the report, the addition and the curves for pictures.
 
-mod again;
 mod budget;
 mod causes;
-mod chance;
 mod compared;
 mod curves;
+mod effect_export;
 mod fitted;
-mod handover;
-mod left;
 mod misform;
-mod reasons;
+mod re_expression;
+mod rejection_text;
+mod unexplained;
 mod views;
 
 use super::addition::Addition;
-use super::another_day::Day;
-use super::assess::assess;
+use super::assessment::assess;
 use super::constants::{LISTED, LITTLE};
 use super::decision::{Assessed, Evidence, HeldOut, decide, declare_all};
 use super::forecast::{Contributions, contributions, forecast, minus};
-use super::leftover::structure;
 use super::library::Kind;
 use super::localise::localise;
 use super::moment::Source;
 use super::noise::{beside_repeats, pair_residuals};
 use super::offsets::{rms, without_offsets};
+use super::prediction_interval::Day;
 use super::report::{Fresh, InstrumentNoise, Outlying, Report, Size, Unseen, Value, Verdict};
+use super::residual_structure::structure;
 use super::session::Session;
 use super::stochastic;
 use super::{Analysis, Options, raw_of};
@@ -34,9 +33,9 @@ pub use budget::{Budget, Correction, Level, ProgramResidual};
 
 use budget::{budget, programs};
 use curves::curves;
+use effect_export::{addition, not_seen_on, seen_on};
 use fitted::Fitted;
-use handover::{addition, not_seen_on, seen_on};
-use left::unexplained;
+use unexplained::unexplained;
 
 /// A fitted effect over the data, for a picture; an effect that is seen in several directions has a curve in each.
 #[derive(Debug, Clone, PartialEq)]
@@ -122,14 +121,10 @@ fn left_whitened(a: &Analysis, keep: &[usize]) -> Vec<f64> {
 /// Everything that the decision is made from.
 fn evidence(session: &Session, a: &Analysis, parts: &Contributions, owner: &[usize]) -> Vec<Evidence> {
     let mut all = assess(&a.problem, &a.library, &a.selection);
-    let patterns = chance::patterns(session, a, parts, owner, &all);
     // the control's own encoders see the servo, which depends on no place
     let forms = if a.problem.precise { Vec::new() } else { misform::misforms(session, a, parts, owner) };
-    for ((place, e), pattern) in all.iter_mut().enumerate().zip(patterns) {
-        e.forbids = e.forbids.or(pattern);
-        if let Some(form) = forms.get(place) {
-            e.figures.misform = *form;
-        }
+    for (e, form) in all.iter_mut().zip(forms) {
+        e.figures.misform = form;
     }
     all
 }
@@ -199,7 +194,7 @@ pub(super) fn conclude(
     let covariance = given.covariance(&a.problem);
     let without_causes = minus(&a.gap, &parts.in_sample, declared);
     let mut causes = causes::causes(session, a, &assessed, &parts, &before, &owner, (&beta, &covariance));
-    again::mark(session, a, &options.without, &assessed, &mut causes);
+    re_expression::mark(session, a, &options.without, &assessed, &mut causes);
     causes.extend(causes::rejected(a, &causes));
     causes.extend(stochastic::causes(
         &stochastic::Evidence {
@@ -216,7 +211,7 @@ pub(super) fn conclude(
         },
         &options.without,
     ));
-    if let Some(drift) = left::drift(session, a)
+    if let Some(drift) = unexplained::drift(session, a)
         && causes.iter().all(|c| c.effect != drift.effect)
         && !options.without.iter().any(|w| w.effect == drift.effect)
     {

@@ -8,7 +8,7 @@
 use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 
 use super::super::constants::{DEVIATION_EXPECTED, DEVIATIONS};
-use super::gates::Part;
+use super::figures::Part;
 
 /// Share of the largest eigenvalue below which a direction is not seen.
 const SEEN: f64 = 1e-7;

@@ -1,25 +1,25 @@
 //! The search for causes in the whitened problem.
 
 mod agreement;
-mod gates;
-mod instead;
-mod lines;
-mod pieces;
+mod data_partition;
+mod figures;
+mod pitch_search;
+mod pivoted_cholesky;
 mod problem;
 mod refine;
-mod screw;
+mod rival_comparison;
 mod select;
-mod small;
+mod slope_degeneracy;
 #[cfg(test)]
 mod tests;
 mod variation;
 
 pub use agreement::posterior_deviation;
-pub use gates::{FOLD_RIDGE, FOLDS, Figures, figures, fold_of};
-pub use instead::{challenge, one_delay, one_tilt, one_worn_place};
-pub use pieces::count_programs;
+pub use data_partition::count_programs;
+pub use figures::{FOLD_RIDGE, FOLDS, Figures, figures, fold_of};
+pub use pitch_search::find_pitches;
 pub use problem::{Given, Problem, RawColumns, raw_columns};
 pub use refine::refine;
-pub use screw::find_pitches;
+pub use rival_comparison::{challenge, one_delay, one_tilt, one_worn_place};
 pub use select::{CURVES, Found, Selection, evidence, threshold};
 pub use variation::Variation;

@@ -9,8 +9,8 @@ use super::super::library::{Blind, Library, Shape, WIDTH_MAX};
 use super::super::moment::{Axis, SLOTS};
 use super::super::noise::Filter;
 use super::super::session::{Session, is_encoder};
-use super::pieces::{BLOCKS_MIN, Places, blocks, programs};
-use super::small::Factor;
+use super::data_partition::{BLOCKS_MIN, Places, blocks, programs};
+use super::pivoted_cholesky::Factor;
 use super::variation::Variation;
 use volcomp_model::geometry::Vec3;
 
@@ -45,8 +45,6 @@ pub struct Problem {
     pub block: Vec<usize>,
     /// Number of blocks.
     pub blocks: usize,
-    /// One programme, run once: nothing shows what comes back.
-    pub is_single_pass: bool,
     /// All readings are the control's own encoders: the formulas of the servo hold to a small share.
     pub precise: bool,
     /// How far effects vary over the volume, whitened as noise is.
@@ -174,7 +172,6 @@ impl Problem {
         let places = (0..=SLOTS).map(|own| Places::new(session, &rows, &cell, own)).collect();
         let (block, blocks) = blocks(session, &rows, BLOCKS_MIN);
         let precise = session.instruments.iter().all(|n| is_encoder(n));
-        let is_single_pass = cells == 1 && rows.iter().all(|i| session.readings[*i].pair.is_none());
         Self {
             rows,
             y,
@@ -189,7 +186,6 @@ impl Problem {
             places,
             block,
             blocks,
-            is_single_pass,
             precise,
             variation: None,
             cross: BTreeMap::new(),
@@ -530,7 +526,6 @@ impl Problem {
             places: Vec::new(),
             block: vec![0; n],
             blocks: 1,
-            is_single_pass: false,
             precise: false,
             variation: None,
             cross: BTreeMap::new(),

@@ -4,8 +4,8 @@ use super::super::library::{Library, Shape, forms};
 use super::super::moment::Axis;
 use super::super::noise::Filter;
 use super::super::session::Session;
+use super::pivoted_cholesky::Factor;
 use super::problem::Problem;
-use super::small::Factor;
 
 /// First and last relative step.
 pub(super) const STEPS: [f64; 5] = [0.25, 0.12, 0.05, 0.02, 0.008];

@@ -2,7 +2,7 @@
 //!
 //! Evidence is twice the logarithm of a Bayes factor with a locally fitted g-prior, less a price for the grid of the
 //! non-linear parameters. The threshold is what the library finds in pure noise.
-//! Source: `docs/diagnosis.md` (search, one name).
+//! Source: `docs/explanation/diagnosis.md` (search, one name).
 
 use nalgebra::DMatrix;
 
@@ -91,7 +91,7 @@ pub fn threshold(problem: &Problem, library: &Library, grid: &[usize], seed: u64
             let (at, k) = problem.span[v];
             let full: Vec<f64> =
                 (at..at + k).map(|c| if problem.norm[c] > 0.0 { 1.0 } else { 0.0 }).collect();
-            super::small::Factor::new(k, &problem.own[v], &full)
+            super::pivoted_cholesky::Factor::new(k, &problem.own[v], &full)
         })
         .collect();
     let mut highest: Vec<f64> = products

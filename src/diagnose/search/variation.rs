@@ -4,7 +4,7 @@
 //! Each effect is multiplied by `1 + v(x, y, z)`, `v` a smooth function of the linear axes (products of Legendre polynomials
 //! up to the fourth degree) with normal coefficients of unknown common size, the variation. Its most likely value is found
 //! as that of the noise is, and the products join the noise: whitening by a matrix of low rank, `(1 + U U')^-1/2`.
-//! Source: discrepancy as a process beside parameters (Kennedy, O'Hagan); `docs/diagnosis.md` (variation).
+//! Source: discrepancy as a process beside parameters (Kennedy, O'Hagan); `docs/explanation/diagnosis.md` (variation).
 
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 

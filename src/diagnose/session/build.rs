@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use super::super::moment::{Axis, Light, Machine, Moment, Source};
 use super::motion;
 use super::pairs::{self, Place};
-use super::sight;
+use super::reflector_location;
 use super::{
     Extra, History, Note, ROWS_MAX, ROWS_MIN, Raw, Reading, Session, SessionError, Times, check, copies,
     times,
@@ -115,7 +115,7 @@ impl Session {
         for m in &mut session.moments {
             m.head = session.machine.head(&m.position);
         }
-        sight::aim(&mut session.moments, &session.machine);
+        reflector_location::aim(&mut session.moments, &session.machine);
         session.drop_copies();
         session.thin();
         if session.readings.len() < ROWS_MIN {

@@ -42,8 +42,8 @@ pub(super) fn file(raw: &Raw) -> Result<Vec<Note>, SessionError> {
     in_order(raw)?;
     directions(raw)?;
     units(raw)?;
-    super::doubts::units_of_setups(raw)?;
-    Ok(super::doubts::of(raw))
+    super::plausibility_warnings::units_of_setups(raw)?;
+    Ok(super::plausibility_warnings::of(raw))
 }
 
 /// Setups, runs, repeats and pairs are counted, not measured.

@@ -6,11 +6,11 @@
 mod build;
 mod check;
 mod copies;
-mod doubts;
 mod history;
 mod motion;
 mod pairs;
-mod sight;
+mod plausibility_warnings;
+mod reflector_location;
 #[cfg(test)]
 mod tests;
 mod times;

@@ -1,6 +1,6 @@
 //! The offset that the control reports: where the engine starts from, and when it must not believe the report.
 //!
-//! Rules (`docs/safety.md`, "What is always true"): a reported offset never makes an answer larger than the size limit
+//! Rules (`docs/explanation/safety.md`, "What is always true"): a reported offset never makes an answer larger than the size limit
 //! nor a step between two answers larger than the limits allow. A link starts at the reported offset, up to
 //! [`FOUND_FACTOR`] times the limit. Later on the link the engine follows a report only within one step, or in bounded
 //! steps while the machine cannot move; a larger difference ends the link, and the next one starts anew. A report that

@@ -290,7 +290,7 @@ pub const CATALOGUE: &[Entry] = &[
         severity: Warning,
         text: "no link to the control",
         cause: "nobody listens at the address, or the hello was refused",
-        reaction: "tries again with growing pauses; nothing is offset",
+        reaction: "tries again with growing pauses; nothing is offset; where compensation is enabled, it blends in again with the link",
         remedy: "start the control; check address and machine id in the machine file",
     },
     Entry {
@@ -336,7 +336,7 @@ pub const CATALOGUE: &[Entry] = &[
         text: "corrections come later than one control cycle",
         cause: "this computer is busy, the network slow, or the thread has no real-time priority",
         reaction: "corrections are still right for where the axes will be; a late frame stands for at most two cycles of movement",
-        remedy: "see docs/operating.md on real-time priority and isolated processors",
+        remedy: "see docs/how-to/operating.md on real-time priority and isolated processors",
     },
     Entry {
         code: Code(6007),
@@ -345,7 +345,7 @@ pub const CATALOGUE: &[Entry] = &[
         text: "the control and this daemon cannot agree on TLS",
         cause: "a certificate is missing, expired, of another authority or of another name, or only one end speaks TLS",
         reaction: "no link and no correction; volcompd tries again",
-        remedy: "compare [link.tls] with the certificates of the control: docs/tls.md",
+        remedy: "compare [link.tls] with the certificates of the control: docs/how-to/tls.md",
     },
     Entry {
         code: Code(7001),
@@ -390,7 +390,7 @@ pub const CATALOGUE: &[Entry] = &[
         text: "real-time scheduling or memory lock is not permitted",
         cause: "the service lacks LimitRTPRIO or LimitMEMLOCK, or runs by hand",
         reaction: "cycles go on at ordinary priority; late cycles are more likely",
-        remedy: "use the service unit, or see docs/operating.md",
+        remedy: "use the service unit, or see docs/how-to/operating.md",
     },
     Entry {
         code: Code(7006),
@@ -462,7 +462,7 @@ pub const CATALOGUE: &[Entry] = &[
         text: "a sensor says what cannot be",
         cause: "a number beyond range-um or range-arcsec, or no number",
         reaction: "it is excluded until plausible for return-s",
-        remedy: "see whether units, signs and axes of the sensor are those of docs/sensors.md",
+        remedy: "see whether units, signs and axes of the sensor are those of docs/how-to/sensors.md",
     },
     Entry {
         code: Code(8007),
@@ -531,7 +531,7 @@ pub const CATALOGUE: &[Entry] = &[
         code: Code(8014),
         name: "growth-outside",
         severity: Warning,
-        text: "a growth by heat is asked for more than its fit has seen",
+        text: "a thermal displacement is asked for more than its fit has seen",
         cause: "a temperature or speed is outside of the range in [thermal.NAME]",
         reaction: "the growth fades to zero over fade-percent of that range; the rest goes on",
         remedy: "record such a state of the machine and fit anew with volcomp fit thermal",
@@ -540,7 +540,7 @@ pub const CATALOGUE: &[Entry] = &[
         code: Code(8015),
         name: "growth-lost",
         severity: Warning,
-        text: "a growth by heat has lost one of its inputs",
+        text: "a thermal displacement has lost one of its inputs",
         cause: "a sensor that it depends on is silent or excluded",
         reaction: "the last reading stands for 60 s, then the growth is taken back over another 60 s",
         remedy: "look at the sensor and its link; volcomp status names it",
@@ -552,7 +552,7 @@ pub const CATALOGUE: &[Entry] = &[
         text: "the tool's direction points the other way",
         cause: "a sensor tells it from the spindle to the tip; it is to be told from the tip to the spindle",
         reaction: "the sensor is excluded until plausible for return-s, then looked at anew before it is used",
-        remedy: "turn the sign of the direction in what the sensor sends, see docs/sensors.md",
+        remedy: "turn the sign of the direction in what the sensor sends, see docs/how-to/sensors.md",
     },
     Entry {
         code: Code(8017),

@@ -81,7 +81,7 @@ pub enum GearError {
     NotFinite { tooth: u32 },
     /// Too few readings.
     #[error(
-        "tooth {tooth}: {found} readings between {from:.3} and {to:.3} mm; a mean line needs at least {needed}"
+        "tooth {tooth}: too few readings between {from:.3} and {to:.3} mm: {found}; a mean line needs at least {needed}"
     )]
     TooFew { tooth: u32, found: usize, from: f64, to: f64, needed: usize },
     /// Readings that leave out a piece of the evaluation length.

@@ -23,7 +23,7 @@
 //! not white widen the uncertainties as they hang together along the circle. What the data cannot show is left out and named, with
 //! what it cannot be told from.
 //!
-//! Source: names and units of ballbar files (.b5r, `docs/formats.md`); ISO 230-4; equations 1.7. Reading order: this file, `columns`, `solve`,
+//! Source: names and units of ballbar files (.b5r, `docs/reference/formats.md`); ISO 230-4; equations 1.7. Reading order: this file, `columns`, `solve`,
 //! `pitch`, `model`.
 
 mod columns;

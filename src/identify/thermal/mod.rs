@@ -1,4 +1,4 @@
-//! Growth by heat from a recording: temperatures and speeds of hours beside a measured displacement.
+//! Thermal displacement from a recording: temperatures and speeds of hours beside a measured displacement.
 //!
 //! Every input enters through several first-order lags; the coefficients of all of them are found together and shrunk
 //! towards zero as much as forecasts ask for: the strength is the one that forecasts best when each later part of the
@@ -130,7 +130,7 @@ pub struct ThermalFit {
     pub predicted: Vec<f64>,
 }
 
-/// How well the rows kept back were foretold, mm.
+/// How well the rows kept back were predicted, mm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Forecast {
     /// By this method, as the daemon would use it: with fading outside of what was seen.
@@ -185,11 +185,11 @@ pub fn fit(
     }
     let (lambda, rolling_rms) = strength(&sums.parts, request.lambda);
     let of_training = training.ridge(lambda).ok_or(ThermalFitError::NothingChanges)?;
-    let foretelling = with_coefficients(Thermal { std: Some(rolling_rms), ..trained }, &of_training);
-    let predicted = log.predict(&foretelling);
-    let forecast = (training_rows < rows).then(|| log.forecast(&foretelling, &predicted, training_rows));
+    let forecaster = with_coefficients(Thermal { std: Some(rolling_rms), ..trained }, &of_training);
+    let predicted = log.predict(&forecaster);
+    let forecast = (training_rows < rows).then(|| log.forecast(&forecaster, &predicted, training_rows));
     // what is written knows all rows, about the same references
-    let mut whole = foretelling.clone();
+    let mut whole = forecaster.clone();
     for input in &mut whole.inputs {
         input.range = log.range(&input.sensor, rows);
     }

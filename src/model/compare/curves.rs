@@ -158,7 +158,6 @@ fn motions(pair: &Pair<'_>, which: usize, axis: AxisName, q: f64, travel: Travel
 /// wave, and every support point of a table.
 pub(super) fn samples(pair: &Pair<'_>, axis: AxisName) -> Vec<f64> {
     let mut knots = Vec::new();
-    let mut hull: Option<[f64; 2]> = pair.travel(axis);
     let mut shortest = f64::INFINITY;
     for (spec, model) in pair.specs.iter().zip(pair.models) {
         let Some(k) = spec.chain.index_of(axis) else { continue };
@@ -173,16 +172,11 @@ pub(super) fn samples(pair: &Pair<'_>, axis: AxisName) -> Vec<f64> {
             knots.extend(tables.chain(grids).flatten().map(|x| sign * x));
             for curve in &function.curves {
                 shortest = shortest.min(shortest_wave(curve));
-                if let (Some(range), None) = (curve.range(), pair.travel(axis)) {
-                    let [a, b] = range.map(|x| sign * x);
-                    let old = hull.unwrap_or([f64::INFINITY, f64::NEG_INFINITY]);
-                    hull = Some([old[0].min(a.min(b)), old[1].max(a.max(b))]);
-                }
             }
         }
     }
     let fallback = if axis.kind() == AxisKind::Rotary { core::f64::consts::PI } else { 0.0 };
-    let [low, high] = hull.unwrap_or([-fallback, fallback]);
+    let [low, high] = pair.travel(axis).unwrap_or([-fallback, fallback]);
     let steps = f64::from(SAMPLES).max((PER_WAVE * (high - low) / shortest).min(SAMPLES_MAX)).ceil() as u32;
     let even = (0..=steps).map(|i| low + (high - low) * f64::from(i) / f64::from(steps));
     let mut all: Vec<f64> = even.chain(knots.into_iter().filter(|x| (low..=high).contains(x))).collect();

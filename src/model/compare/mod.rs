@@ -1,8 +1,9 @@
 //! Two models of one machine: what changed, each curve by how much, and by how much in the working volume.
 //!
-//! Differences are second minus first, in relative sense. The volume is the hull of both travels: where one model
-//! ends, its end value is held, as it would be on the machine. Largest values are attained by the pose given with
-//! them (grid and search); [`VolumeDifference::bound_position`] is never exceeded, whatever the search has missed.
+//! Differences are second minus first, in relative sense. The volume is the hull of both domains
+//! ([`ModelSpec::domain`]): where one model ends, its end value is held, as it would be on the machine. Largest
+//! values are attained by the pose given with them (grid and search); [`VolumeDifference::bound_position`] is never
+//! exceeded, whatever the search has missed.
 //!
 //! Source: equations 2 (the deviation is linear in the errors). Reading order: this file, `curves`
 //! (error by error), `volume` (in the working volume), `bound`.
@@ -121,10 +122,10 @@ impl<'a> Pair<'a> {
         self.index.iter().all(Option::is_some) && self.index.len() == self.specs[1].chain.axes().len()
     }
 
-    /// The hull of both travels of an axis.
+    /// The hull of both domains of an axis: a travel or, where none is stated, the range of its curves.
     fn travel(&self, axis: AxisName) -> Option<[f64; 2]> {
-        let travels = self.specs.iter().filter_map(|s| s.axis(axis).travel);
-        travels.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
+        let domains = self.specs.iter().filter_map(|s| s.domain(axis));
+        domains.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
     }
 }
 

@@ -2,7 +2,7 @@ use proptest::prelude::*;
 
 use super::*;
 use crate::axes::Travel;
-use crate::curve::{Curve, ErrorFunction, Fourier, Interpolation, Table};
+use crate::curve::{Curve, ErrorFunction, Fourier, Grid, Interpolation, Table};
 use crate::{AxisSpec, ErrorSymbol, normalise};
 
 fn spec(chain: &str) -> ModelSpec {
@@ -121,6 +121,52 @@ fn both_directions_of_travel_are_compared() {
     let found = quiet(&a, &b);
     assert_eq!((found.errors[0].largest, found.errors[0].travel), (-0.003, Travel::Reverse));
     assert_eq!(found.volume.unwrap().position.pose.travel[0], Travel::Reverse);
+}
+
+#[test]
+fn without_travel_the_range_of_the_data_is_compared() {
+    let mut a = spec("[w X' b Y Z t]");
+    for axis in &mut a.axes {
+        axis.travel = None;
+    }
+    let mut b = a.clone();
+    let table = |x: f64, v: f64| {
+        Curve::Table(Table::new(vec![0.0, x], vec![0.0, v], None, Interpolation::Linear).unwrap())
+    };
+    set(&mut a, "exx", table(300.0, 0.0));
+    // 60 um at the end of the longer curve of the second model, nothing at home
+    set(&mut b, "exx", table(500.0, 0.06));
+    let found = quiet(&a, &b);
+    assert_eq!(
+        (found.errors[0].largest, found.errors[0].at, found.errors[0].over),
+        (0.06, 500.0, Some([0.0, 500.0]))
+    );
+    let volume = found.volume.unwrap();
+    assert_eq!(volume.ranges, [[0.0, 500.0], [0.0; 2], [0.0; 2]]);
+    assert!((volume.position.position.norm() - 0.06).abs() < 1e-12, "{volume:?}");
+    assert!(volume.bound_position.unwrap() >= 0.06);
+    // positions of a carriage count the other way
+    for spec in [&mut a, &mut b] {
+        spec.axes[0].sense = Sense::Carriage;
+    }
+    assert_eq!(quiet(&a, &b).volume.unwrap().ranges[0], [-500.0, 0.0]);
+}
+
+#[test]
+fn without_travel_the_range_of_a_grid_is_compared() {
+    let mut a = spec("[w X' b Y Z t]");
+    a.axes.clear();
+    let mut b = a.clone();
+    let grid = Grid::new(
+        vec![(AxisName::X, vec![0.0, 400.0]), (AxisName::Y, vec![0.0, 300.0])],
+        vec![0.0, 0.0, 0.0, 0.03],
+    )
+    .unwrap();
+    let function = ErrorFunction { grids: vec![grid], ..ErrorFunction::default() };
+    b.errors.push((ErrorSymbol::parse("ezx").unwrap(), function));
+    let volume = quiet(&a, &b).volume.unwrap();
+    assert_eq!(volume.ranges[..2], [[0.0, 400.0], [0.0, 300.0]]);
+    assert!((volume.position.position.norm() - 0.03).abs() < 1e-12, "{volume:?}");
 }
 
 proptest! {

@@ -82,6 +82,13 @@ impl Grid {
         &self.edges[i].positions
     }
 
+    /// Lowest and highest position of an axis of the grid; `None` where it has no such axis.
+    #[must_use]
+    pub fn range(&self, axis: AxisName) -> Option<[f64; 2]> {
+        let positions = self.positions(self.axes().position(|a| a == axis)?);
+        positions.first().zip(positions.last()).map(|(low, high)| [*low, *high])
+    }
+
     /// All values, first axis slowest.
     #[must_use]
     pub fn values(&self) -> &[f64] {

@@ -7,7 +7,7 @@ use super::{CurveError, MAX_TERMS, all_finite, positive};
 /// `mean + linear*s + SUM_n cos_n cos(n w (x-origin)) + sin_n sin(n w (x-origin))`,
 /// `w = 2 pi / period`, `s = (2 (x-origin) - span) / span`, for `x` in `[origin, origin + span]`.
 ///
-/// # Source  `docs/model-files.md`; equations 5.9 (B3).
+/// # Source  `docs/reference/model-files.md`; equations 5.9 (B3).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Fourier {
     origin: f64,

@@ -4,7 +4,7 @@ use super::{CurveError, MAX_TERMS, all_finite, positive};
 
 /// `SUM_k c_k T_k(s)`, `s` in `[-1, 1]` over the range.
 ///
-/// # Source  `docs/model-files.md`; equations 5.9 (B2).
+/// # Source  `docs/reference/model-files.md`; equations 5.9 (B2).
 #[derive(Debug, Clone, PartialEq)]
 pub struct Chebyshev {
     low: f64,

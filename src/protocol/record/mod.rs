@@ -1,6 +1,6 @@
 //! Recordings: everything that went into the engine and everything that came out, as bytes.
 //!
-//! Pure: bytes in, entries out, and back; the shell reads and writes the files. Byte by byte in `docs/recording.md`.
+//! Pure: bytes in, entries out, and back; the shell reads and writes the files. Byte by byte in `docs/reference/recording.md`.
 //! A file is a [`header`](block::file_header), then framed [`block`]s, each with its own check sums, so that a torn or
 //! damaged one costs itself and nothing else. Blocks of entries start from nothing but their own [`Context`].
 //!

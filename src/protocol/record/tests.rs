@@ -337,7 +337,7 @@ proptest! {
     }
 }
 
-/// The table in `docs/recording.md`: three axes, blocks of 500 cycles.
+/// The table in `docs/reference/recording.md`: three axes, blocks of 500 cycles.
 #[test]
 fn a_cycle_takes_few_bytes() {
     let smooth = run(5000);

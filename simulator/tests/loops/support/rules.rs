@@ -1,4 +1,4 @@
-//! What docs/safety.md and docs/protocol.md promise, as checks of recorded cycles.
+//! What docs/explanation/safety.md and docs/protocol.md promise, as checks of recorded cycles.
 
 use simulator::control::CycleRecord;
 use simulator::demo::figures;

@@ -21,7 +21,7 @@ use volcomp_identify::ballbar::Plane;
 
 /// Ballbar report: polar plot of both directions, causes by rank with values, uncertainty and remedy, trend over several tests
 ///
-/// Circular errors are those of ISO 230-4; causes are fitted all at once to all readings of a test (docs/identify/ballbar.md).
+/// Circular errors are those of ISO 230-4; causes are fitted all at once to all readings of a test (docs/how-to/identify/ballbar.md).
 /// Several tests of one plane give a trend; the newest of them is reported in full.
 ///
 /// Example: volcomp evaluate ballbar --data 2026-01-12=january.csv --data 2026-03-12=march.csv --radius-mm 150 --report xy.html
@@ -117,8 +117,8 @@ fn circles(plan: &Plan) -> Result<Vec<Circle>, volcomp_evaluate::circular::Circu
         }
         let result = Circularity::evaluate(&readings, centring)
             .or_else(|_| Circularity::evaluate(&about_offset, Centring::None))?;
-        // mm/s in the analysis, mm/min for people
-        Ok(Circle { feed: feed.map(|f| 60.0 * f), readings, result })
+        // mm/s in the analysis, mm/min for people, without the rounding of the way there and back
+        Ok(Circle { feed: feed.map(|f| (60e6 * f).round() / 1e6), readings, result })
     };
     feeds.into_iter().map(one).collect()
 }

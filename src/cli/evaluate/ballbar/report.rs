@@ -186,7 +186,7 @@ fn causes(page: &mut Page, test: &Test) {
             .map(|(o, c)| format!("{} (correlation {c:.2})", named(*o, plane).0))
             .collect();
         page.note(format_args!(
-            "Confounded: {} is hardly told from {} in these data.",
+            "Confounded: {} is strongly correlated with {} in these data.",
             named(e.effect, plane).0,
             others.join(", ")
         ));

@@ -64,6 +64,8 @@ impl Trend {
         for effect in effects {
             courses.extend(courses_of(tests, effect));
         }
+        // one direction alone has no G(b)
+        courses.retain(|c| c.values.iter().any(Option::is_some));
         Self { labels: tests.iter().map(|t| t.label.clone()).collect(), at, axis, courses }
     }
 

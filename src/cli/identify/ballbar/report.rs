@@ -114,7 +114,7 @@ pub(crate) fn note_text(note: &Note) -> String {
         Note::OneDirection => "one direction only: whatever changes sign with the direction (servo mismatch) cannot be told from squareness; run both".into(),
         Note::OneFeed => "one feed: the servo mismatch is all of its shape that changes sign with the direction, lag or not; a second feed tells".into(),
         Note::NoFeed => "no feed: the servo mismatch has no value in ms; give --feed-mm-per-min".into(),
-        Note::NotWhite { factor } => format!("what no effect explains hangs together along the circle: uncertainties are up to {factor:.1} times wider than from white noise"),
+        Note::NotWhite { factor } => format!("residuals are autocorrelated along the circle: uncertainties are up to {factor:.1} times wider than from white noise"),
         Note::Arc { covered } => format!("the readings cover {:.0} deg; what happens on the rest of the circle is unknown", deg_from_rad(*covered)),
     }
 }
@@ -265,7 +265,7 @@ pub(crate) fn print(plan: &Plan) {
     for e in a.estimates.iter().filter(|e| !e.confounded.is_empty()) {
         let others: Vec<String> =
             e.confounded.iter().map(|(o, c)| format!("{} (correlation {c:.2})", o.name(a.plane))).collect();
-        note!("note: {} is hardly told from {}", e.effect.name(a.plane), others.join(", "));
+        note!("note: {} is strongly correlated with {}", e.effect.name(a.plane), others.join(", "));
     }
     for (effect, reason) in &a.missing {
         note!("note: {}: {}", effect.name(a.plane), reason_text(reason, a.plane));

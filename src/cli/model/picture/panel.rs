@@ -60,7 +60,7 @@ impl Panel {
         let what = if given { kinds_words(function) } else { "not given: zero".to_owned() };
         Self {
             title: format!("{symbol}  {}  ({what})", meaning(symbol)),
-            unit: if symbol.is_angle() { "arcsec" } else { "um" },
+            unit: if symbol.is_angle() { "arcsec" } else { "µm" },
             x: [position_out(name, low), position_out(name, high)],
             x_label: format!("{name} / {}", position_unit(name)),
             forward: shares.iter().map(|s| line(*s, Travel::Forward)).collect(),

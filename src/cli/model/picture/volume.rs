@@ -31,7 +31,7 @@ pub(super) fn draw(area: &Area<'_>, spec: &ModelSpec, model: &Model) -> Drawn {
 
     let home = if rotary { ", rotary axes at home" } else { "" };
     let title = format!(
-        "Distorted volume: deviation of the tool tip magnified {magnification:.0} times, largest on the grid {:.1} um{home}",
+        "Distorted volume: deviation of the tool tip magnified {magnification:.0} times, largest on the grid {:.1} µm{home}",
         um_from_mm(largest)
     );
     area.draw(&Text::new(title, (14, 12), (FONT, 18).into_font().color(&INK)))?;

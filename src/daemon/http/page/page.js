@@ -45,7 +45,8 @@ function offline(text) {
     byId("state").textContent = "NO DATA";
     byId("since").textContent = "";
     byId("cause").textContent = "The daemon does not answer.";
-    byId("remedy").textContent = "What to do: systemctl status volcompd; without the daemon the control takes its offset out by itself";
+    byId("reaction").textContent = "What happens: without the daemon the control takes its offset out by itself";
+    byId("remedy").textContent = "What to do: systemctl status volcompd";
     document.title = "NO DATA";
   }
 }

@@ -44,8 +44,12 @@ export function showBanner(status) {
   byId("since").textContent = "since " + clock(seconds) + ", for " + duration(seconds) + gain;
   const code = health.code && !health.cause.startsWith(health.code) ? health.code + " " : "";
   byId("cause").textContent = micron(health.cause ? code + health.cause : "");
-  const off = status.state === "off" && health.verdict === "ok" ? "Compensation is off; Enable, or `volcomp enable`, switches it on." : "";
-  byId("remedy").textContent = health.remedy ? "What to do: " + micron(health.remedy) : off;
+  // also beside a warning: who sees the page for the first time looks for this
+  const off = status.state === "off" ? "Compensation is off; Enable, or `volcomp enable`, switches it on. " : "";
+  byId("remedy").textContent = off + (health.remedy ? "What to do: " + micron(health.remedy) : "");
+  // what the offset does meanwhile, in the words of `volcomp explain`
+  const known = health.verdict === "warning" ? undefined : codes.get(health.code);
+  byId("reaction").textContent = known ? "What happens: " + micron(known.reaction) : "";
   document.title = word + " · " + status.machine;
   const said = word + (health.cause ? ", " + code + health.cause : "");
   if (said !== announced) byId("announce").textContent = announced = said;

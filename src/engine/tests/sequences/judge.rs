@@ -1,4 +1,4 @@
-//! What an answer may be, written from the promises of `docs/safety.md` and not from the engine.
+//! What an answer may be, written from the promises of `docs/explanation/safety.md` and not from the engine.
 
 use super::super::*;
 use volcomp_model::axes::AxisArray;

@@ -1,0 +1,171 @@
+//! The evidence of each chosen effect: its gain beside the others and what explains nearly as much in its place. Nothing is
+//! decided here: that is [`super::decision`].
+
+use super::constants::{CURVE_SAME, INEXACT, SAME};
+use super::decision::Evidence;
+use super::library::{Label, Library, Shape, forms};
+use super::search::{CURVES, Found, Problem, Selection, evidence, figures};
+
+/// What noise takes of the gain of a swapped effect, and the share that it must not take.
+const SAME_NOISE: f64 = 4.0;
+const SAME_LEAST: f64 = 0.5;
+
+/// Collects the evidence of every chosen effect, whose columns are prepared.
+#[must_use]
+pub fn assess(problem: &Problem, library: &Library, selection: &Selection) -> Vec<Evidence> {
+    (0..selection.chosen.len()).map(|place| assess_one(problem, library, selection, place)).collect()
+}
+
+/// Takes out of the selection, one by one, what makes readings that were left out worse: beside it nothing else can be
+/// judged. What was taken out is returned with its evidence.
+pub fn prune(problem: &Problem, library: &Library, selection: &mut Selection) -> Vec<Evidence> {
+    let mut out = Vec::new();
+    while !selection.chosen.is_empty() {
+        let worst = assess(problem, library, selection)
+            .into_iter()
+            .enumerate()
+            .min_by(|(_, a), (_, b)| a.figures.held_out.total_cmp(&b.figures.held_out));
+        match worst {
+            Some((place, x)) if x.figures.held_out < 0.0 => {
+                selection.chosen.remove(place);
+                out.push(Evidence { is_pruned: true, ..x });
+            }
+            _ => break,
+        }
+    }
+    out
+}
+
+fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place: usize) -> Evidence {
+    let variant = selection.chosen[place];
+    let label = library.variants[variant].label;
+    let others: Vec<usize> =
+        selection.chosen.iter().enumerate().filter(|(i, _)| *i != place).map(|(_, v)| *v).collect();
+    let given = problem.given(&others);
+    let (gain, rank) = problem.gain(&given, variant);
+    let own = Found { variant, gain, rank, evidence: evidence(gain, rank, selection.grid[label]) };
+    let mut taken: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
+    // beside a lag that is in, another one is the difference of two lags: an acceleration under a wrong name
+    if !is_lag(library, label) && taken.iter().any(|l| is_lag(library, *l)) {
+        taken.extend((0..library.labels.len()).filter(|l| is_lag(library, *l)));
+    }
+    let ranking = selection.ranking(problem, library, &given, &taken);
+    let shape = &library.variants[variant].shape;
+    let with_lines = shape.allows_lines() || library.may_be_a_slope(shape);
+    let largest = largest_gains(problem, library, &given, &taken, with_lines);
+    let mut same: Vec<Label> = largest
+        .iter()
+        .enumerate()
+        .filter(|(l, gain)| {
+            let share =
+                if one_curve(&library.labels[label], &library.labels[*l]) { CURVE_SAME } else { SAME };
+            *l != label && (is_same(**gain, own.gain, share) || selection.one_curve.contains(&(label, *l)))
+        })
+        .map(|(l, _)| library.labels[l].clone())
+        .collect();
+    same.extend(library.behind(shape).cloned());
+    same.extend(slope_of(problem, library, selection, place, gain, &same));
+    // where its variation stands among the noise, evidence has been discounted already
+    let is_varied = problem.variation().is_some_and(|v| v.of(label).is_some());
+    let inexact = INEXACT[usize::from(is_varied)];
+    let temper = 2.0 * (1.0 + inexact * own.gain);
+    let weight = |f: &Found| ((f.evidence - own.evidence) / temper).min(0.0).exp();
+    let rivals: Vec<(Label, f64)> = ranking
+        .iter()
+        .filter(|f| library.variants[f.variant].label != label && f.evidence > 0.0)
+        .map(|f| (library.labels[library.variants[f.variant].label].clone(), weight(f)))
+        .filter(|(_, w)| *w > 1e-4)
+        .collect();
+    let total = 1.0 + rivals.iter().map(|(_, w)| w).sum::<f64>();
+    let in_group = 1.0 + rivals.iter().filter(|(l, _)| same.contains(l)).map(|(_, w)| w).sum::<f64>();
+    Evidence {
+        variant,
+        label: library.labels[label].clone(),
+        kind: library.kinds[label],
+        found: own,
+        figures: figures(problem, library, selection, place, own.gain),
+        same,
+        share: 1.0 / total,
+        group_share: in_group / total,
+        rivals,
+        is_pruned: false,
+    }
+}
+
+/// Largest term of a power series, as a multiple of the whole: a real angle that is zero at the zero of its axis needs less.
+const CANCELLING: f64 = 250.0;
+
+/// True where an effect chosen is such a power series.
+pub(super) fn cancels(problem: &Problem, library: &Library, selection: &Selection) -> bool {
+    (0..selection.chosen.len()).any(|place| cancelling(problem, library, selection, place) > CANCELLING)
+}
+
+/// The largest term of an angular error over the RMS of all of them, whitened; 0 for other effects.
+fn cancelling(problem: &Problem, library: &Library, selection: &Selection, place: usize) -> f64 {
+    let variant = selection.chosen[place];
+    let Shape::Angular(forms::Angular { degree, .. }) = library.variants[variant].shape else { return 0.0 };
+    let given = problem.given(&selection.chosen);
+    let beta = problem.fit(&given);
+    let (at, _) = problem.span[variant];
+    let (mine, values): (Vec<usize>, Vec<f64>) =
+        given.columns.iter().zip(&beta).filter(|(c, _)| (at..at + degree).contains(*c)).unzip();
+    let all = problem.contribution(&mine, &values).norm();
+    // columns have length 1, so the values are the lengths of the terms
+    let largest = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
+    if all > 0.0 { largest / all } else { 0.0 }
+}
+
+/// The curves chosen whose slope an effect may be, or a straight line that is the same as it (`same`): it was measured over a
+/// part of the travel, or says less than they do; from which line a curve is counted is a choice.
+fn slope_of(
+    problem: &Problem,
+    library: &Library,
+    selection: &Selection,
+    place: usize,
+    gain: f64,
+    same: &[Label],
+) -> Vec<Label> {
+    let shape = &library.variants[selection.chosen[place]].shape;
+    let is_part = library.may_be_a_slope(shape);
+    let alike = library.variants.iter().filter(|v| same.contains(&library.labels[v.label])).map(|v| &v.shape);
+    let lines: Vec<&Shape> = std::iter::once(shape).chain(alike).collect();
+    let curve = |p: usize| &library.variants[selection.chosen[p]].shape;
+    let is_slope_of = |p: usize| lines.iter().any(|line| line.may_be_the_slope_of(curve(p)));
+    let curves = (0..selection.chosen.len()).filter(|p| *p != place && is_slope_of(*p));
+    let more = |p: &usize| {
+        is_part || problem.gain(&problem.given(&selection.without(&[*p])), selection.chosen[*p]).0 > gain
+    };
+    curves.filter(more).map(|p| library.labels[library.variants[selection.chosen[p]].label].clone()).collect()
+}
+
+/// True where an effect in the place of another one explains as much as it but for a share of it and what noise takes.
+pub fn is_same(gain: f64, own: f64, share: f64) -> bool {
+    gain >= share * own - SAME_NOISE && gain > SAME_LEAST * own
+}
+
+/// True for two names of a curve over the position of one axis.
+fn one_curve(a: &Label, b: &Label) -> bool {
+    a.subject == b.subject && CURVES.contains(&a.effect) && CURVES.contains(&b.effect)
+}
+
+fn is_lag(library: &Library, label: usize) -> bool {
+    ["servo-mismatch", "latency", "clock-skew"].contains(&library.labels[label].effect)
+}
+
+/// The largest gain of each label, whatever its number of parameters; with lines of their own for curves where the effect that
+/// they would replace needs none.
+fn largest_gains(
+    problem: &Problem,
+    library: &Library,
+    given: &super::search::Given,
+    not: &[usize],
+    with_lines: bool,
+) -> Vec<f64> {
+    let mut best = vec![0.0f64; library.labels.len()];
+    for (v, variant) in library.variants.iter().enumerate() {
+        if !not.contains(&variant.label) && (with_lines || !variant.shape.has_slope()) {
+            best[variant.label] = best[variant.label].max(problem.gain(given, v).0);
+        }
+    }
+    best
+}

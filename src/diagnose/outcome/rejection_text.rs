@@ -1,0 +1,39 @@
+//! The reasons of a decision in words: the only place where they become sentences.
+
+use super::super::decision::{Assessed, Cost, Reason};
+
+/// Why an effect is not declared; empty where it is.
+pub(super) fn why_not(x: &Assessed) -> String {
+    x.reason.map_or_else(String::new, words)
+}
+
+fn words(reason: Reason) -> String {
+    let text = match reason {
+        Reason::HeldOut { with_um, without_um } => {
+            return format!(
+                "makes readings that were left out worse: {with_um:.2} um with it, {without_um:.2} um without it"
+            );
+        }
+        Reason::Worse => "fits readings that were left out worse than no effect at all",
+        Reason::Improbable { probability, group, cost } => {
+            let of_group =
+                if group > probability { format!(", of its group {group:.2}") } else { String::new() };
+            return format!("posterior probability {probability:.2}{of_group}{}", costs(cost));
+        }
+    };
+    text.to_owned()
+}
+
+fn costs(cost: Cost) -> String {
+    match cost {
+        Cost::Evidence => String::new(),
+        Cost::Between(share) => {
+            format!(": differs between programs, places or runs by {:.0} % of itself", 100.0 * share)
+        }
+        Cost::Misform(share) => format!(
+            ": differs by {:.0} % of itself with the position of other axes, speed, temperature, time or tool",
+            100.0 * share
+        ),
+        Cost::TakesBack => ": takes back what the other effects say".to_owned(),
+    }
+}

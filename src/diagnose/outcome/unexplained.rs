@@ -1,0 +1,144 @@
+//! What nothing explains: whether it is there, where it lies, what it looks like.
+
+use super::super::Analysis;
+use super::super::constants::{LARGE_DRIFT, SIGNIFICANT};
+use super::super::decision::Assessed;
+use super::super::library::Kind;
+use super::super::localise::localise;
+use super::super::report::{Cause, Place, Unexplained, Value};
+use super::super::residual_structure::Structure;
+use super::super::session::Session;
+use super::rejection_text::why_not;
+use super::white_rms;
+
+/// Least structured variance that is called unexplained: in units of the noise, and as a share of what was there.
+const LEFT_VARIANCE: (f64, f64) = (0.02, 0.012);
+/// RMS of effects that failed a gate, in units of the noise, from which they count as unexplained.
+const PROXY: f64 = 0.15;
+
+pub(super) fn unexplained(
+    session: &Session,
+    a: &Analysis,
+    assessed: &[Assessed],
+    left: &[f64],
+    (total, leftover): (&Structure, &Structure),
+    (before_um, after_um): (f64, f64),
+) -> Unexplained {
+    let white = white_rms(session, a);
+    let explained = a.problem.given(&a.selection.chosen).explained / a.problem.len() as f64;
+    let whole = total.variance.max(explained).max(1e-9);
+    let structured = (leftover.z > SIGNIFICANT
+        && leftover.variance > LEFT_VARIANCE.0
+        && leftover.variance > LEFT_VARIANCE.1 * whole)
+        || (leftover.local_z > SIGNIFICANT && leftover.variance > LEFT_VARIANCE.1 * whole);
+    let drifting = drifting(a);
+    let proxies: Vec<&Assessed> = assessed.iter().filter(|x| !x.is_declared()).collect();
+    let proxy = proxies.iter().map(|x| x.found.gain).sum::<f64>() / a.problem.len() as f64;
+    let by_proxy = proxy.sqrt() > PROXY;
+    let significant = structured || by_proxy || !drifting.is_empty();
+    let whiten = |data: &mut [f64], width: usize| a.problem.whiten(&a.filter, data, width);
+    let mut places =
+        if structured || by_proxy { localise(session, &a.problem, &whiten, left) } else { Vec::new() };
+    let variance = leftover.variance.max(if by_proxy { proxy } else { 0.0 }).max(0.0);
+    let drift = drifting.iter().map(|c| a.noise[*c].drift_um).fold(0.0, f64::max);
+    // a drift that wanders further than its setups last shows less than its size: no more is left than there is
+    let beyond_noise = |rms_um: f64| (rms_um * rms_um - white * white).max(0.0);
+    let there = beyond_noise(before_um.min(after_um));
+    let left_um2 = variance * white * white + if significant { drift * drift } else { 0.0 };
+    let rms_um = left_um2.min(there).sqrt();
+    let drift_share = (drift * drift).min(there) / beyond_noise(before_um).max(1e-12);
+    if !drifting.is_empty() && drift_share > 0.0 {
+        let names: Vec<&str> = drifting.iter().map(|c| session.instruments[*c].as_str()).collect();
+        let (share, detail) = (drift_share.min(1.0), format!("slow drift of {}", names.join(", ")));
+        places.push(Place { by: "time", of: String::new(), share, detail });
+        places.sort_by(|a, b| b.share.total_cmp(&a.share));
+    }
+    let share = if significant { (variance / whole).max(drift_share).clamp(0.0, 1.0) } else { 0.0 };
+    Unexplained {
+        significant,
+        rms_um,
+        share,
+        z: leftover.z,
+        looks_like: looks_like(session, a, &places, &proxies, &drifting, significant),
+        places,
+    }
+}
+
+/// Instrument classes whose drift is too large to pass unmentioned.
+pub(super) fn drifting(a: &Analysis) -> Vec<usize> {
+    (0..a.noise.len()).filter(|c| a.noise[*c].drift_um > LARGE_DRIFT * a.noise[*c].white_um).collect()
+}
+
+/// Probability of a drift of the structure where no temperature tells it from a drift of the instrument: 3 of 525 that were
+/// shown in blind cases were one.
+const DRIFT_PROBABILITY: f64 = 0.01;
+
+/// Slow drift that nothing logged can be blamed for: named, never declared.
+pub(super) fn drift(session: &Session, a: &Analysis) -> Option<Cause> {
+    const NAME: &str = "ambient-drift";
+    let class =
+        drifting(a).into_iter().max_by(|x, y| a.noise[*x].drift_um.total_cmp(&a.noise[*y].drift_um))?;
+    let noise = a.noise[class];
+    let value = |value: f64, std: f64| Value { value, std };
+    Some(Cause {
+        effect: NAME.to_owned(),
+        subject: String::new(),
+        kind: Kind::Machine,
+        probability: DRIFT_PROBABILITY,
+        declared: false,
+        confounded_with: Vec::new(),
+        re_expression_of: Vec::new(),
+        parameters: [
+            ("drift_um".to_owned(), value(noise.drift_um, 0.0)),
+            ("correlation_time_s".to_owned(), value(noise.drift_s, 0.0)),
+        ]
+        .into(),
+        shrink: 0.0,
+        remark: format!(
+            "readings of {} drift slowly; without a temperature that goes with it the machine cannot be told from the instrument",
+            session.instruments[class]
+        ),
+        tests: None,
+    })
+}
+
+fn looks_like(
+    session: &Session,
+    a: &Analysis,
+    places: &[Place],
+    proxies: &[&Assessed],
+    drifting: &[usize],
+    significant: bool,
+) -> String {
+    if !significant {
+        return "nothing above the noise".to_owned();
+    }
+    let mut words = Vec::new();
+    let factors: Vec<String> = places
+        .iter()
+        .filter(|p| !["axis", "instrument", "setup"].contains(&p.by))
+        .take(3)
+        .map(|p| format!("{} ({:.0} %)", p.detail, 100.0 * p.share))
+        .collect();
+    if !factors.is_empty() {
+        words.push(format!("it goes with {}", factors.join(", with ")));
+    }
+    for x in proxies {
+        words.push(format!("resembles {}, but {}", x.label, why_not(x)));
+    }
+    for c in drifting {
+        let n = a.noise[*c];
+        words.push(format!(
+            "slow drift of {}: {:.2} um over {:.0} s, {:.1} times the noise; compare with the instrument's own",
+            session.instruments[*c],
+            n.drift_um,
+            n.drift_s,
+            n.drift_um / n.white_um
+        ));
+    }
+    if words.is_empty() {
+        "repeats, but goes with nothing that was logged".to_owned()
+    } else {
+        words.join("; ")
+    }
+}

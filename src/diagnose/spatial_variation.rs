@@ -1,0 +1,203 @@
+//! The search for causes, and the same again where effects are not the same everywhere.
+
+use super::assessment::cancels;
+use super::constants::LITTLE;
+use super::contributions_um;
+use super::library::{Library, Shape, forms};
+use super::noise::Filter;
+use super::offsets::rms;
+use super::search::{self, Problem, Selection, Variation};
+use super::session::Session;
+
+/// The causes of a problem, from what is chosen on.
+pub(super) fn find_causes(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    selection: &mut Selection,
+) {
+    selection.take_apart(problem, library);
+    selection.search(problem, library);
+    if !selection.is_plain && search::find_pitches(problem, session, filter, library, selection) {
+        selection.swap(problem, library);
+        selection.search(problem, library);
+    }
+    if !selection.is_plain {
+        refine_worn(problem, session, filter, library, selection);
+        search::one_worn_place(problem, session, filter, library, selection);
+        search::one_delay(problem, library, selection);
+        selection.single_out(problem, library);
+    }
+    for place in 0..selection.chosen.len() {
+        let chosen = selection.chosen.clone();
+        search::refine(problem, session, filter, library, &chosen, place);
+    }
+    if !selection.is_plain && !selection.chosen.is_empty() {
+        for place in 0..selection.chosen.len() {
+            search::challenge(problem, session, filter, library, selection, place);
+        }
+        search::one_tilt(problem, session, filter, library, selection);
+        selection.swap(problem, library);
+        selection.search(problem, library);
+        selection.single_out(problem, library);
+        selection.expel(problem, library);
+        selection.absorb(problem, library);
+    }
+    // what was refined has new columns
+    selection.chosen.iter().for_each(|v| problem.prepare(*v));
+}
+
+/// Gives worn places the form that they have without the table of the same axis, which can say any of them: the grid's must not
+/// decide between the two.
+fn refine_worn(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    selection: &Selection,
+) {
+    for worn in selection.chosen.clone() {
+        let Shape::Wear(forms::Wear { axis, .. }) = library.variants[worn].shape else { continue };
+        let is_table = |v: &usize| {
+            let shape = &library.variants[*v].shape;
+            matches!(shape, Shape::Polynomial(forms::Polynomial { along, over, .. }) if *along == axis && *over == axis)
+        };
+        let beside: Vec<usize> = selection.chosen.iter().copied().filter(|v| !is_table(v)).collect();
+        let place = beside.iter().position(|v| *v == worn).filter(|_| beside.len() < selection.chosen.len());
+        if let Some(place) = place {
+            search::refine(problem, session, filter, library, &beside, place);
+        }
+    }
+    selection.chosen.iter().for_each(|v| problem.prepare(*v));
+}
+
+/// Share of the energy of the largest from which effects are asked whether they vary, and the most that are asked.
+const ASKED: f64 = 0.2;
+const ASKED_MAX: usize = 3;
+
+/// Those of the effects that have a share of the energy of the largest, the largest first.
+fn by_energy(problem: &Problem, chosen: &[usize], share: f64) -> Vec<usize> {
+    let given = problem.given(chosen);
+    let beta = problem.fit(&given);
+    let energy = |v: &usize| (problem.part(&given, &beta, *v).norm_squared(), *v);
+    let mut all: Vec<(f64, usize)> = chosen.iter().map(energy).collect();
+    all.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
+    let least = share * all.first().map_or(0.0, |a| a.0);
+    all.into_iter().filter(|(e, _)| *e >= least).map(|(_, v)| v).collect()
+}
+
+/// Where effects are not the same everywhere, what varies joins the noise, and causes are looked for again. It stays so as
+/// long as this says more than what was found before, and without power series that cancel themselves.
+pub(super) fn allow_for_variation(
+    problem: &mut Problem,
+    session: &Session,
+    filter: &Filter,
+    library: &mut Library,
+    selection: &mut Selection,
+) {
+    let square = problem.y.norm_squared();
+    let mut best = Found::of(problem, library, selection, square);
+    let mut core = by_energy(problem, &selection.chosen, LITTLE);
+    for search_again in [true, true, false] {
+        core.iter().for_each(|v| problem.prepare(*v));
+        core = by_energy(problem, &core, 0.0);
+        let mut parts = contributions_um(session, problem, library, &core);
+        parts.truncate(by_energy(problem, &core, ASKED).len().min(ASKED_MAX));
+        if problem.variation().is_some() {
+            problem.vary(None);
+            core.iter().for_each(|v| problem.prepare(*v));
+        }
+        let of = |v: usize| {
+            let variant = &library.variants[v];
+            (variant.label, variant.shape.over().filter(|_| variant.shape.is_free_curve()))
+        };
+        let zeros = zeros(session, problem, library, &core, &parts);
+        let Some(found) = Variation::find(session, filter, problem, &core, &parts, &zeros, &of) else {
+            // beside what was found with the variation before nothing asks for another one
+            problem.vary(best.variation.clone());
+            break;
+        };
+        problem.vary(Some(found));
+        selection.chosen.iter().for_each(|v| problem.prepare(*v));
+        if search_again {
+            selection.restart(problem, library, &core);
+            find_causes(problem, session, filter, library, selection);
+        }
+        let now = Found::of(problem, library, selection, square);
+        if now.evidence < best.evidence || now.cancels && !best.cancels {
+            best.restore(problem, session, filter, library, selection);
+            break;
+        }
+        best = now;
+        core.clone_from(&selection.chosen);
+    }
+    selection.chosen.iter().for_each(|v| problem.prepare(*v));
+}
+
+/// The zeros of curves among the first of the effects chosen, one for each of the `parts`: the mounting hides where a
+/// straightness or a positioning error is zero, but not once it varies. They are as large as the curve itself.
+fn zeros(
+    session: &Session,
+    problem: &Problem,
+    library: &Library,
+    chosen: &[usize],
+    parts: &[Vec<f64>],
+) -> Vec<(usize, Vec<f64>)> {
+    let of = |(place, part): (usize, &Vec<f64>)| {
+        let Shape::Polynomial(forms::Polynomial { along, .. }) = library.variants[chosen[place]].shape else {
+            return None;
+        };
+        let rows = problem.rows.iter().map(|i| part[*i]).collect::<Vec<f64>>();
+        let size_um = rms(&rows);
+        Some((place, session.moments.iter().map(|m| size_um * m.u[along.slot()]).collect()))
+    };
+    parts.iter().enumerate().filter_map(of).collect()
+}
+
+/// What was found, to come back to.
+struct Found {
+    selection: Selection,
+    library: Library,
+    variation: Option<Variation>,
+    /// Twice the logarithm of a likelihood, with all prices.
+    evidence: f64,
+    /// A power series cancels itself.
+    cancels: bool,
+}
+
+impl Found {
+    /// `square` is the sum of squares of the gap without a variation.
+    fn of(problem: &mut Problem, library: &Library, selection: &Selection, square: f64) -> Self {
+        let variation = problem.variation().cloned();
+        let varies =
+            square - problem.y.norm_squared() - variation.as_ref().map_or(0.0, Variation::log_variance);
+        Self {
+            evidence: selection.evidence(problem, library) + varies,
+            cancels: cancels(problem, library, selection),
+            selection: selection.clone(),
+            library: library.clone(),
+            variation,
+        }
+    }
+
+    fn restore(
+        self,
+        problem: &mut Problem,
+        session: &Session,
+        filter: &Filter,
+        library: &mut Library,
+        selection: &mut Selection,
+    ) {
+        problem.vary(None);
+        for (v, (now, then)) in library.variants.iter().zip(&self.library.variants).enumerate() {
+            if now.shape != then.shape {
+                problem.replace(session, filter, v, &then.shape);
+            }
+        }
+        if self.variation.is_some() {
+            problem.vary(self.variation);
+        }
+        (*library, *selection) = (self.library, self.selection);
+    }
+}
