@@ -166,7 +166,10 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Manuals(args) => manuals::run(&args),
         Verb::Demo(args) => demo::demo(&args),
         Verb::Survey(args) => demo::survey(&args),
-        Verb::Volcompd(program) => return volcomp_cli::volcompd(program.named("volcompd")),
+        Verb::Volcompd(program) => {
+            end_with_parent();
+            return volcomp_cli::volcompd(program.named("volcompd"));
+        }
         Verb::HumbleVolcompd(program) => return humble_volcompd(program),
         Verb::Volcomp(program) => return volcomp_cli::volcomp(program.named("volcomp")),
         #[cfg(feature = "diagnosis")]
@@ -190,8 +193,16 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     }
 }
 
+/// Lets the kernel end this process with the one that started it, however that one ends.
+fn end_with_parent() {
+    use rustix::process::{Signal, set_parent_process_death_signal};
+    // only an invalid signal is refused
+    let _ = set_parent_process_death_signal(Some(Signal::KILL));
+}
+
 /// Gives up what real time needs, then is the daemon.
 fn humble_volcompd(program: Program) -> ExitCode {
+    end_with_parent();
     match scenarios::renounce() {
         Ok(()) => volcomp_cli::volcompd(program.named("volcompd")),
         Err(e) => {

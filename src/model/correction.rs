@@ -9,8 +9,8 @@ use super::volumetric::{Deviation, Model, Nominal, Pose};
 use crate::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
 use crate::geometry::{Mat3, Vec3, unit};
 
-/// Largest correction of a rotary axis, rad. Where more would be needed (close to a pole) the correction of that axis falls,
-/// continuously, to zero at three times the limit, and the axis is left alone beyond.
+/// Largest correction of a rotary axis, rad, where the axis states none. Where more would be needed (close to a pole) the
+/// correction of that axis falls, continuously, to zero at three times the limit, and the axis is left alone beyond.
 pub const ROTARY_CORRECTION_LIMIT: f64 = 1e-3;
 
 /// Corrections to add to the programmed coordinates, one per axis in chain order.
@@ -31,6 +31,8 @@ pub struct AxisCorrection {
 struct Lever {
     index: usize,
     effect: Vec3,
+    /// Largest correction, rad.
+    limit: f64,
 }
 
 impl Model {
@@ -99,12 +101,12 @@ impl Model {
     fn turn_back(&self, nominal: &Nominal, deviation: &Deviation, out: &mut AxisCorrection) {
         let tool = nominal.left[self.joints.len()] * unit(2);
         out.residual_tilt = deviation.rotation.cross(&tool);
-        let mut levers = [Lever { index: 0, effect: Vec3::zeros() }; 2];
+        let mut levers = [Lever { index: 0, effect: Vec3::zeros(), limit: 0.0 }; 2];
         let mut used = 0;
         for (k, joint) in self.joints.iter().enumerate() {
             if joint.axis.kind() == AxisKind::Rotary && !joint.axis.spindle && used < 2 {
                 let about = nominal.left[k] * unit(joint.axis.name.direction());
-                levers[used] = Lever { index: k, effect: about.cross(&tool) };
+                levers[used] = Lever { index: k, effect: about.cross(&tool), limit: joint.correction_limit };
                 used += 1;
             }
         }
@@ -121,14 +123,14 @@ impl Model {
             1
         };
         // not finite counts as too large
-        if !angles.iter().all(|a| a.abs() <= ROTARY_CORRECTION_LIMIT) {
+        if !angles.iter().zip(&levers).all(|(a, lever)| a.abs() <= lever.limit) {
             out.singular |= 1 << levers[weak].index;
             let strong = 1 - weak;
-            let reduced = reduced(angles[weak]);
+            let reduced = reduced(angles[weak], levers[weak].limit);
             angles = [0.0; 2];
             if used == 2 {
                 let angle = along(&levers[strong], &(target - levers[weak].effect * reduced));
-                if angle.abs() <= ROTARY_CORRECTION_LIMIT {
+                if angle.abs() <= levers[strong].limit {
                     angles[strong] = angle;
                     angles[weak] = reduced;
                 } else {
@@ -175,13 +177,9 @@ impl Model {
 
 /// What is left of a correction beyond the limit: the limit there, zero from three times the limit on and where it is no
 /// number.
-fn reduced(angle: f64) -> f64 {
+fn reduced(angle: f64, limit: f64) -> f64 {
     let size = angle.abs();
-    if size > ROTARY_CORRECTION_LIMIT && size < 3.0 * ROTARY_CORRECTION_LIMIT {
-        0.5 * (3.0 * ROTARY_CORRECTION_LIMIT - size) * angle.signum()
-    } else {
-        0.0
-    }
+    if size > limit && size < 3.0 * limit { 0.5 * (3.0 * limit - size) * angle.signum() } else { 0.0 }
 }
 
 /// Least squares with one axis; zero where it has no effect.

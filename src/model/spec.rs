@@ -4,6 +4,7 @@ use super::chain::{Chain, Side};
 use super::curve::{Curve, ErrorFunction, Grid};
 use super::symbol::{Component, ErrorSymbol};
 use crate::axes::AxisName;
+use crate::correction::ROTARY_CORRECTION_LIMIT;
 use crate::dynamics::{DYNAMIC_MAX, ToolErrors};
 use crate::geometry::Vec3;
 
@@ -49,6 +50,8 @@ pub struct AxisSpec {
     pub sense: Sense,
     /// Abbe and Bryan points of the components X, Y, Z.
     pub reference_points: [ReferencePoint; 3],
+    /// Largest correction of a rotary axis, rad.
+    pub correction_limit: f64,
 }
 
 impl AxisSpec {
@@ -61,6 +64,7 @@ impl AxisSpec {
             point: Vec3::zeros(),
             sense: Sense::Relative,
             reference_points: [ReferencePoint::default(); 3],
+            correction_limit: ROTARY_CORRECTION_LIMIT,
         }
     }
 }

@@ -109,6 +109,8 @@ pub(super) struct Joint {
     pub(super) travel: Option<[f64; 2]>,
     /// A point on the axis (rotary).
     pub(super) point: Vec3,
+    /// Largest correction (rotary), rad.
+    pub(super) correction_limit: f64,
     /// True where the stored curves are carriage motions of a primed axis and change sign.
     pub(super) inverted: bool,
     /// EX EY EZ EA EB EC over the stored coordinate.
@@ -447,6 +449,7 @@ impl Joint {
             direction: unit(axis.name.direction()),
             travel: entry.travel,
             point: entry.point,
+            correction_limit: entry.correction_limit,
             inverted: entry.sense == Sense::Carriage && axis.side == Side::Workpiece,
             grids: joint_grids(&motions, spec),
             live: joint_live(&motions, sensors),

@@ -27,7 +27,7 @@ use volcomp_cli::report_page::Plot;
 use volcomp_units::axes::AxisArray;
 
 use self::figure::{Limit, Row, Share, Spread, Truth, Values};
-use crate::control::{Absent, ControlConfig, Interface, Pacing};
+use crate::control::{Absent, ControlConfig, Interface, OffsetConfig, OffsetLimits, Pacing};
 use crate::demo::programs::Programs;
 use crate::demo::shop::Shop;
 use crate::motion::MachineAxes;
@@ -146,7 +146,11 @@ fn shop(
 ) -> anyhow::Result<Shop> {
     let axes = MachineAxes::of(machine)?;
     let start = start(&axes);
+    // above the limits in the machine files of the experiments: the control must not clip what it is sent
+    let usual = OffsetConfig::default();
+    let rotary = OffsetLimits { size: 0.3, ..usual.rotary };
     let config = ControlConfig {
+        offset: OffsetConfig { rotary, ..usual },
         cycle_s,
         listen: ([127, 0, 0, 1], 0).into(),
         pacing: Pacing::LockStep { answer_timeout: ANSWER, absent: Absent::GoOn },

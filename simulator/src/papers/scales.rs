@@ -21,6 +21,8 @@ pub(super) const SENSORS: &str =
 /// How right a thermometer is, K: what its calibration leaves, and to what it repeats from the survey to the test.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ThermometerErrors {
+    /// Thermometers along a scale, of which the mean is told.
+    pub(super) along: u8,
     pub(super) calibration_k: f64,
     pub(super) repeats_k: f64,
 }
@@ -51,6 +53,8 @@ impl Thermometers {
         let heat = Acting { heat: true, load: false, interaction: false, wear: false };
         let only_heat = conditions.clone().with(heat);
         let mut them = Self::IDEAL;
+        let [calibration_k, repeats_k] =
+            [errors.calibration_k, errors.repeats_k].map(|k| k / f64::from(errors.along).sqrt());
         for k in 0..3 {
             let growth = |q: f64| {
                 let mut at = [0.0; 3];
@@ -59,9 +63,9 @@ impl Thermometers {
             };
             let [low, high] = travel[k];
             let rise_k = (growth(high) - growth(low)) / (high - low) / (1e-6 * STRAIN_UM_PER_M_K);
-            let own = SURVEY_DEGC + errors.calibration_k * dice.normal();
-            them.survey_degc[k] = own + errors.repeats_k * dice.normal();
-            them.test_degc[k] = own + rise_k + errors.repeats_k * dice.normal();
+            let own = SURVEY_DEGC + calibration_k * dice.normal();
+            them.survey_degc[k] = own + repeats_k * dice.normal();
+            them.test_degc[k] = own + rise_k + repeats_k * dice.normal();
         }
         them
     }

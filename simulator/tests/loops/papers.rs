@@ -4,7 +4,10 @@
 #![expect(clippy::unwrap_used, reason = "a test fails by panicking")]
 #![expect(clippy::disallowed_methods, reason = "the test starts programs")]
 
-use std::process::Command;
+use std::io::{BufRead as _, BufReader};
+use std::path::Path;
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
 
 use serde_json::Value;
 
@@ -65,4 +68,37 @@ fn parts_cut_by_a_gantry_with_a_drifting_ram() {
 #[test]
 fn a_gear_inspected_on_its_grinder() {
     experiment("001", "both");
+}
+
+#[test]
+fn a_daemon_ends_with_the_program_that_started_it() {
+    let folder = tempfile::tempdir().unwrap();
+    let config = folder.path().join("machine.toml");
+    let model = Path::new(env!("CARGO_MANIFEST_DIR")).join("../config/examples/vmc-850/model.toml");
+    std::fs::copy(model, folder.path().join("model.toml")).unwrap();
+    let text = "format = \"volcomp-machine/1\"\nmachine = \"vmc-850\"\nmodel = \"model.toml\"\n\
+        [link]\naddress = \"127.0.0.1:1\"\n[status]\nsocket = \"\"\n[log]\ntarget = \"stderr\"\n";
+    let axes = ["x", "y", "z"].map(|a| {
+        format!("[axes.{a}]\nlimit-um = 150\nrate-um-per-s = 2000\nacceleration-um-per-s2 = 40000\n")
+    });
+    std::fs::write(&config, text.to_owned() + &axes.concat()).unwrap();
+    // the shell stands for an experiment that is killed
+    let mut shell = Command::new("sh")
+        .args(["-c", "\"$0\" volcompd --config \"$1\" 2>&1 & echo $!; wait", env!("CARGO_BIN_EXE_cncsim")])
+        .arg(&config)
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut lines = BufReader::new(shell.stdout.take().unwrap()).lines().map(Result::unwrap);
+    let stat = format!("/proc/{}/stat", lines.next().unwrap());
+    assert!(lines.any(|line| line.contains("no link")), "the daemon did not start");
+    let runs = || std::fs::read_to_string(&stat).is_ok_and(|s| !s.contains(") Z "));
+    assert!(runs());
+    shell.kill().unwrap();
+    shell.wait().unwrap();
+    let deadline = Instant::now() + Duration::from_secs(10);
+    while runs() {
+        assert!(Instant::now() < deadline, "the daemon still runs");
+        std::thread::sleep(Duration::from_millis(20));
+    }
 }

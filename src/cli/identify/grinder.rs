@@ -13,7 +13,7 @@ use crate::table::{self, nearest};
 use crate::{EX_CONFIG, EX_USAGE, Failure};
 use volcomp_config as config;
 use volcomp_config::ModelFile;
-use volcomp_identify::grinder::{Chain, Found, Measured, Request, Row, SetUp, plan};
+use volcomp_identify::grinder::{Chain, Curves, Found, Measured, Request, Row, SetUp, plan};
 use volcomp_model::{Component, ErrorSymbol, Model, ModelSpec, Pose};
 use volcomp_units::axes::{AxisArray, AxisKind, AxisName, MAX_AXES};
 use volcomp_units::{arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm};
@@ -60,11 +60,22 @@ pub(super) struct Args {
     /// Noise of a reading (standard deviation), where known: the rigidity of the tips is then tested against it.
     #[arg(long, value_name = "UM")]
     noise_um: Option<f64>,
+    /// How the values at the positions become curves, in the model and in the corrections of --next.
+    #[arg(long, value_enum, default_value = "table")]
+    basis: BasisArg,
     #[command(flatten)]
     out: ModelWriter,
     /// One JSON object on stdout.
     #[arg(long)]
     json: bool,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum BasisArg {
+    /// Straight lines between the positions: noise of a position stays.
+    Table,
+    /// The curve that volcomp fit chooses: noise averages over the positions.
+    Auto,
 }
 
 /// The motions asked for.
@@ -106,7 +117,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
     let file = drawing(args)?;
     let mut chain = Chain::new(file.spec.clone());
-    let request = Request { components: args.motions.0.clone(), sigma: args.noise_um.map(mm_from_um) };
+    let request = Request {
+        components: args.motions.0.clone(),
+        sigma: args.noise_um.map(mm_from_um),
+        curves: match args.basis {
+            BasisArg::Table => Curves::Lines,
+            BasisArg::Auto => Curves::Fitted,
+        },
+    };
     for (axis, path) in &args.step {
         let rows = read(path, chain.spec())?;
         chain.identify(&Measured { axis: *axis, rows }, &request).map_err(|e| Failure::data(path, e))?;

@@ -1,5 +1,6 @@
 //! `volcomp predict --circle`: the circle that the model predicts against the circle that a ballbar measured.
 
+use core::f64::consts::{FRAC_PI_2, PI};
 use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
@@ -23,7 +24,7 @@ A measured circle:
 
 --circle reads angle_deg,deviation_um,direction (1 counter-clockwise, -1 clockwise), as volcomp evaluate iso230-4 does;
 a column feed_mm_per_min is ignored. The model is evaluated at the programmed positions of the axes, in their
-direction of travel. Eccentricities are taken out of measured, predicted and residual, because a ballbar does not know
+direction of travel; behind a reversal an axis rests until it has made up its lost motion. Eccentricities are taken out of measured, predicted and residual, because a ballbar does not know
 where its centre is; the mean radius stays. The residual is what an ideal correction with this model leaves.";
 
 /// A measured circle.
@@ -148,8 +149,24 @@ fn predict(
         pose.position[second] += radius * sin;
         pose.travel[first] = travel(-sense * sin);
         pose.travel[second] = travel(sense * cos);
-        let (deviation, _) = if exact { model.correct_exact(&pose) } else { model.correct(&pose) };
-        deviation.position[u] * cos + deviation.position[v] * sin
+        let deviation = |pose: &Pose| {
+            let (deviation, _) = if exact { model.correct_exact(pose) } else { model.correct(pose) };
+            deviation.position
+        };
+        let settled = deviation(&pose);
+        let mut now = settled;
+        for (axis, direction, reversal) in [(first, u, 0.0), (second, v, FRAC_PI_2)] {
+            let mut before = pose;
+            before.travel[axis] = pose.travel[axis].reversed();
+            let change = deviation(&before) - settled;
+            let since = (sense * r.angle - reversal).rem_euclid(PI);
+            let (moved, lost) = (radius * (1.0 - since.cos()), change[direction].abs());
+            // behind a reversal the carriage rests until the drive has made up the lost motion
+            if moved < lost {
+                now += change * (1.0 - moved / lost);
+            }
+        }
+        now[u] * cos + now[v] * sin
     };
     Ok(readings.iter().map(of).collect())
 }
@@ -217,4 +234,34 @@ fn page(r: &CirclePrediction, readings: &[CircularReading], args: &Args, data: &
     page.plots(&[plot("counter-clockwise", Travel::Forward), plot("clockwise", Travel::Reverse)]);
     page.note("Each about its own least-squares centre; the mean radius is kept.");
     page.finish()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn lost_motion_builds_up_behind_a_reversal() {
+        let text = "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w b X Y Z t]\"\n\
+            [errors.exx.table]\nposition-mm = [-200, 200]\nvalue-um = [0, 0]\nreverse-um = [4, 4]\n";
+        let file = volcomp_config::model::parse_file("m", text).unwrap();
+        let model = Model::new(&file.spec).unwrap();
+        // 4 um of 100 mm (1 - cos): half of the lost motion is made up 0.36 deg behind the reversal, all of it 0.51 deg behind
+        let [half, whole] = [2e-5f64, 4e-5].map(|share| (1.0 - share).acos());
+        let at = |angle: f64, travel| CircularReading { angle, deviation: 0.0, travel };
+        let readings = [
+            at(1e-6, Travel::Forward),
+            at(half, Travel::Forward),
+            at(1.01 * whole, Travel::Forward),
+            at(-half, Travel::Reverse),
+            at(PI + half, Travel::Forward),
+            at(-1e-6, Travel::Forward),
+        ];
+        let live = [0.0; SENSORS_MAX];
+        let plane = [AxisName::X, AxisName::Y];
+        let found = predict((&model, &live), &readings, Vec3::zeros(), 100.0, plane, false).unwrap();
+        for (value, expected) in found.iter().zip([0.0, 2e-3, 4e-3, 2e-3, -2e-3, 0.0]) {
+            assert!((value - expected).abs() < 1e-6, "{found:?}");
+        }
+    }
 }

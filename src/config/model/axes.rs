@@ -5,11 +5,14 @@ use toml::de::DeValue;
 use super::keys::PositionKeys;
 use super::{point, remedy};
 use crate::diagnostic::Diagnostic;
-use crate::reader::{Placed, Section};
+use crate::reader::{Allowed, Placed, Section};
 use volcomp_model::spec::ReferenceBody;
 use volcomp_model::{AxisSpec, Chain, ModelError, ModelSpec, Sense};
 use volcomp_units::axes::{AxisKind, AxisName};
+use volcomp_units::rad_from_arcsec;
 
+/// Largest correction of a rotary axis.
+pub(super) const CORRECTION_LIMIT: &str = "correction-limit-arcsec";
 const COMPONENTS: [&str; 3] = ["x", "y", "z"];
 const BODIES: [(&str, ReferenceBody); 2] =
     [("carriage", ReferenceBody::Carriage), ("bed", ReferenceBody::Bed)];
@@ -55,6 +58,7 @@ fn read_axis(section: Section<'_>, name: AxisName, needs_point: bool) -> AxisSpe
         AxisKind::Linear => {
             read_reference_points(&section, &mut axis);
             refuse(&section, "point-mm", "only a rotary axis turns about a point", "take it out");
+            refuse(&section, CORRECTION_LIMIT, "only a rotary axis runs away at a pole", "take it out");
         }
         AxisKind::Rotary => {
             match point(&section, "point-mm") {
@@ -66,6 +70,10 @@ fn read_axis(section: Section<'_>, name: AxisName, needs_point: bool) -> AxisSpe
                     );
                 }
                 None => {}
+            }
+            let bound = Allowed::Within { low: 1.0, high: 2000.0 };
+            if let Some(limit) = section.number(CORRECTION_LIMIT, bound) {
+                axis.correction_limit = rad_from_arcsec(limit.value);
             }
             let why = "reference points belong to linear axes; a rotary axis has point-mm";
             refuse(&section, "reference-points-mm", why, "take it out");

@@ -372,3 +372,20 @@ proptest! {
         let _ = parse("m.toml", &format!("format = \"volcomp-model/1\"\n{text}")).map_err(|e| e.to_string());
     }
 }
+
+#[test]
+fn a_rotary_axis_states_its_largest_correction() {
+    let text = "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w b X Y Z C A t]\"\n\
+        [axes.c]\npoint-mm = [0, 0, 0]\ncorrection-limit-arcsec = 600\n[axes.a]\npoint-mm = [0, 0, 300]\n";
+    let spec = parse("m.toml", text).unwrap();
+    let limit = |spec: &ModelSpec, name| spec.axis(name).correction_limit;
+    assert_eq!(limit(&spec, AxisName::C), volcomp_units::rad_from_arcsec(600.0));
+    assert_eq!(limit(&spec, AxisName::A), 1e-3);
+    assert_eq!(parse("m.toml", &write(&spec, &[])).unwrap(), spec);
+    for wrong in [
+        text.replace("= 600", "= 0"),
+        text.replace("[axes.c]", "[axes.x]\ncorrection-limit-arcsec = 9\n[axes.c]"),
+    ] {
+        assert!(parse("m.toml", &wrong).is_err(), "{wrong}");
+    }
+}

@@ -2,6 +2,7 @@
 
 use std::fmt::Write as _;
 
+use super::axes::CORRECTION_LIMIT;
 use super::keys::{PositionKeys, ValueKeys, grid_key};
 use super::number::{plain, shortest};
 use super::{FORMAT, ModelFile, Provenance, dynamics, thermal};
@@ -10,6 +11,7 @@ use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::ReferenceBody;
 use volcomp_model::{AxisSpec, Curve, ErrorFunction, ErrorSymbol, ModelSpec, Sense};
 use volcomp_units::axes::AxisKind;
+use volcomp_units::{arcsec_from_rad, rad_from_arcsec};
 
 /// Numbers of a list per line.
 const PER_LINE: usize = 10;
@@ -93,6 +95,11 @@ fn write_axis(out: &mut String, axis: &AxisSpec) {
     }
     if axis.name.kind() == AxisKind::Rotary {
         line_of(out, format_args!("point-mm = {}", point(&axis.point)));
+        if axis.correction_limit != AxisSpec::new(axis.name).correction_limit {
+            let limit = axis.correction_limit;
+            let arcsec = shortest(limit, arcsec_from_rad(limit), rad_from_arcsec);
+            line_of(out, format_args!("{CORRECTION_LIMIT} = {arcsec}"));
+        }
     }
     if axis.sense == Sense::Carriage {
         line_of(out, format_args!("sense = \"carriage\""));

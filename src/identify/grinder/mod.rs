@@ -16,7 +16,7 @@
 //! A rotary axis' location errors are the part of its deviations that turns with it (its average line); the motions
 //! keep the rest. Uncertainties of all steps are carried as one covariance with all correlations.
 //!
-//! Assumptions: first order; between positions straight lines; noise independent and equal; tips known.
+//! Assumptions: first order; between positions straight lines or a fitted curve; noise independent and equal; tips known.
 //! Source: equations 2, 2.3, 4.1, 5.1. Reading order: this file, `effects`, `step`, `plan`.
 
 mod effects;
@@ -30,7 +30,10 @@ use nalgebra::{DMatrix, Matrix3};
 use volcomp_model::curve::{CurveError, Interpolation, Table};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelError, ModelSpec};
-use volcomp_units::axes::{AxisArray, AxisName};
+use volcomp_units::axes::{AxisArray, AxisKind, AxisName, Travel};
+
+use crate::curve::{self, FitError};
+use crate::reading::Reading;
 
 /// A measured point. Lengths mm, angles rad; axes in chain order.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -61,12 +64,24 @@ pub struct Request {
     pub components: Vec<Component>,
     /// Noise of a reading, mm, where known.
     pub sigma: Option<f64>,
+    /// How the values found at the positions become curves.
+    pub curves: Curves,
 }
 
 impl Default for Request {
     fn default() -> Self {
-        Self { components: Component::ALL.to_vec(), sigma: None }
+        Self { components: Component::ALL.to_vec(), sigma: None, curves: Curves::Lines }
     }
+}
+
+/// How the values found at the positions become curves.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Curves {
+    /// Straight lines between them: their noise stays.
+    Lines,
+    /// The curve that [`curve::fit`] chooses, zero at the reference position: noise averages over the positions. The
+    /// uncertainties stated remain those of the single positions.
+    Fitted,
 }
 
 /// Uncertainty of one kind of number, k = 1: mm or rad.
@@ -229,6 +244,14 @@ pub enum GrinderError {
     /// The table of a motion breaks a rule.
     #[error(transparent)]
     Curve(#[from] CurveError),
+    /// No curve fits the values of a motion.
+    #[error("{symbol}: {source}")]
+    Fit {
+        /// The motion.
+        symbol: ErrorSymbol,
+        /// Why.
+        source: FitError,
+    },
 }
 
 impl Chain {
@@ -283,28 +306,48 @@ impl Chain {
     }
 }
 
-/// The tables of the motions found, in the sense of the axis, and the locations.
-fn write_into(spec: &mut ModelSpec, found: &Found) -> Result<(), GrinderError> {
+/// The curves of the motions found, in the sense of the axis, and the locations.
+fn write_into(spec: &mut ModelSpec, found: &Found, how: Curves) -> Result<(), GrinderError> {
     let mirrored = effects::is_mirrored(spec, found.axis);
+    let stored = |q: f64| if mirrored { -q } else { q };
     for motion in &found.motions {
-        let mut support: Vec<(f64, f64)> = found
-            .positions
-            .iter()
-            .map(|q| if mirrored { -q } else { *q })
-            .zip(motion.values.iter().copied())
-            .collect();
+        let mut support: Vec<(f64, f64)> =
+            found.positions.iter().map(|q| stored(*q)).zip(motion.values.iter().copied()).collect();
         support.sort_by(|a, b| a.0.total_cmp(&b.0));
-        let (positions, values) = support.into_iter().unzip();
-        let table = Table::new(positions, values, None, Interpolation::Linear)?;
+        let curves = match how {
+            Curves::Lines => {
+                let (positions, values) = support.into_iter().unzip();
+                vec![Curve::Table(Table::new(positions, values, None, Interpolation::Linear)?)]
+            }
+            Curves::Fitted => fitted(&support, stored(found.positions[found.reference]), motion.symbol)?,
+        };
         let squares = motion.std.iter().map(|s| s.total().powi(2)).sum::<f64>();
         let std = found.sigma.map(|_| (squares / motion.std.len() as f64).sqrt());
-        put(spec, motion.symbol, ErrorFunction { std, ..ErrorFunction::single(Curve::Table(table)) });
+        put(spec, motion.symbol, ErrorFunction { std, curves, ..ErrorFunction::default() });
     }
     for (symbol, value, std) in &found.locations {
         let std = found.sigma.map(|_| *std);
         put(spec, *symbol, ErrorFunction { std, ..ErrorFunction::single(Curve::Constant(*value)) });
     }
     Ok(())
+}
+
+/// Curves through values at positions, less their sum at the reference position.
+fn fitted(support: &[(f64, f64)], reference: f64, symbol: ErrorSymbol) -> Result<Vec<Curve>, GrinderError> {
+    let readings: Vec<Reading> = support
+        .iter()
+        .map(|(position, value)| Reading {
+            cycle: 0,
+            travel: Travel::Forward,
+            position: *position,
+            value: *value,
+        })
+        .collect();
+    let turn = (symbol.axis().kind() == AxisKind::Rotary).then_some(core::f64::consts::TAU);
+    let fit = curve::fit(&readings, &curve::Request { turn, ..curve::Request::default() })
+        .map_err(|source| GrinderError::Fit { symbol, source })?;
+    let zero = fit.value(reference, Travel::Forward);
+    Ok(core::iter::once(fit.curve).chain(fit.more).chain([Curve::Constant(-zero)]).collect())
 }
 
 fn put(spec: &mut ModelSpec, symbol: ErrorSymbol, function: ErrorFunction) {

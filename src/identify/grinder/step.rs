@@ -119,7 +119,7 @@ pub(super) fn solve(chain: &Chain, measured: &Measured, request: &Request) -> Re
     let covariance = joined(&chain.covariance, &cross, &(&own + &inherited));
     found.tip = tip_shares(&problem.spec, &found, &symbols, &own, &inherited)?;
     let mut spec = problem.spec.clone();
-    write_into(&mut spec, &found)?;
+    write_into(&mut spec, &found, request.curves)?;
     found.chain = chain_share(&spec, chain, &found, measured, &covariance)?;
     Ok(Solved { found, spec, covariance })
 }

@@ -122,12 +122,16 @@ fn identified(positions: usize, noise: f64, seed: u64) -> Chain {
 }
 
 fn identified_axes(axes: &[AxisName], positions: usize, noise: f64, seed: u64) -> Chain {
+    identified_with(&Request::default(), axes, positions, noise, seed)
+}
+
+fn identified_with(request: &Request, axes: &[AxisName], positions: usize, noise: f64, seed: u64) -> Chain {
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     let mut chain = Chain::new(drawing());
     for &axis in axes {
         let planned = plan(&chain, axis, positions, 60.0).unwrap();
         let rows = measure(chain.spec(), &planned, noise, &mut random);
-        chain.identify(&Measured { axis, rows }, &Request::default()).unwrap();
+        chain.identify(&Measured { axis, rows }, request).unwrap();
     }
     chain
 }
@@ -210,6 +214,26 @@ fn uncertainty_grows_from_step_to_step() {
 }
 
 #[test]
+fn fitted_curves_average_the_noise_of_the_positions() {
+    let fitted = Request { curves: Curves::Fitted, ..Request::default() };
+    let rms = |request: &Request, noise: f64| {
+        let mut sum = 0.0;
+        for seed in 0..4 {
+            let chain = identified_with(request, &[B, X, Y], 25, noise, seed);
+            for q in poses(&chain) {
+                let tip = Vec3::from(T0);
+                let off = predicted_deviation(chain.spec(), &q, tip) - true_deviation(&q, tip);
+                sum += off.norm_squared() / 80.0;
+            }
+        }
+        sum.sqrt()
+    };
+    assert!(rms(&fitted, 0.0) < 1e-4, "{}", rms(&fitted, 0.0));
+    let [lines, curves] = [Request::default(), fitted].map(|r| rms(&r, 1e-3));
+    assert!(curves < 0.7 * lines, "{curves} {lines}");
+}
+
+#[test]
 fn what_is_not_corrected_on_the_machine_is_taken_out_by_calculation() {
     // the axes before are corrected wrongly by 30 um and 20 urad: the rows say so, the result stays
     let mut random = ChaCha8Rng::seed_from_u64(1);
@@ -267,7 +291,7 @@ fn one_value_per_position_gives_one_motion_and_no_more() {
     let measured = Measured { axis: X, rows };
     let all = chain.identify(&measured, &Request::default()).unwrap_err();
     assert!(matches!(all, GrinderError::Undetermined { rank: 1, unknowns: 6, .. }), "{all}");
-    let one = Request { components: vec![Component::X], sigma: None };
+    let one = Request { components: vec![Component::X], ..Request::default() };
     let found = chain.identify(&measured, &one).unwrap();
     assert_eq!((found.set_up, found.motions.len()), (SetUp::ShiftOnly, 1));
     let last = found.positions.len() - 1;

@@ -32,8 +32,10 @@ pub struct PlanRequest {
     pub noise: TrackerNoise,
     /// Standard deviation of what is the same in every run, rad per angle; 0 where unknown.
     pub systematic_angle: f64,
-    /// Wanted bound of the error at every position, rad, 95 % for all positions together.
+    /// Wanted bound of the error at every position, rad.
     pub target: f64,
+    /// Probability that the errors of all positions together keep it, 0 to 1.
+    pub confidence: f64,
     /// Angular error motions that must reach it: EA, EB, EC.
     pub wanted: [bool; 3],
 }
@@ -58,7 +60,7 @@ pub struct PlanRow {
 pub struct Plan {
     /// From three points up.
     pub rows: Vec<PlanRow>,
-    /// Coverage factor of 95 % for all positions together.
+    /// Coverage factor of the wanted confidence for all positions together.
     pub coverage: f64,
     /// Index of the row with the fewest readings that reaches the target; none where no row does.
     pub best: Option<usize>,
@@ -101,7 +103,7 @@ pub fn plan(request: &PlanRequest) -> Result<Plan, PlanError> {
         return Err(PlanError::NoPosition);
     }
     geometry(&request.points).check(count)?;
-    let coverage = coverage(request.positions.len());
+    let coverage = coverage(request.positions.len(), request.confidence);
     let mut rows = Vec::new();
     let mut chosen = best_three(request);
     while chosen.len() >= 3 {
@@ -124,9 +126,9 @@ pub fn plan(request: &PlanRequest) -> Result<Plan, PlanError> {
     Ok(Plan { rows, coverage, best })
 }
 
-/// Coverage factor with which `positions` independent errors all stay within with 95 %.
-fn coverage(positions: usize) -> f64 {
-    let outside = 0.05 / positions.max(1) as f64;
+/// Coverage factor with which `positions` independent errors all stay within, with a probability of `confidence`.
+fn coverage(positions: usize, confidence: f64) -> f64 {
+    let outside = (1.0 - confidence) / positions.max(1) as f64;
     let (mut low, mut high) = (0.0, 10.0);
     for _ in 0..60 {
         let middle = f64::midpoint(low, high);
@@ -239,14 +241,15 @@ mod tests {
             noise: TrackerNoise { range: 0.0006, range_share: 0.0, angle: 0.75 / 206_265.0 },
             systematic_angle: 0.0,
             target: 0.7 / 206_265.0,
+            confidence: 0.95,
             wanted: [false, false, true],
         }
     }
 
     #[test]
     fn the_coverage_factor_grows_with_the_positions() {
-        assert!((coverage(1) - 1.95996).abs() < 1e-4);
-        assert!((coverage(21) - 3.0381).abs() < 1e-3, "{}", coverage(21));
+        assert!((coverage(1, 0.95) - 1.95996).abs() < 1e-4);
+        assert!((coverage(21, 0.95) - 3.0381).abs() < 1e-3, "{}", coverage(21, 0.95));
     }
 
     #[test]
@@ -286,6 +289,18 @@ mod tests {
         r.systematic_angle = 100.0 / 206_265.0;
         r.wanted = [true; 3];
         assert_eq!(plan(&r).unwrap().best, None);
+    }
+
+    #[test]
+    fn more_confidence_needs_runs_by_the_square_of_the_coverage_factor() {
+        let usual = plan(&request()).unwrap();
+        let sure = plan(&PlanRequest { confidence: 0.999, ..request() }).unwrap();
+        let exact = |p: &Plan| (p.coverage * p.rows[0].single[2] / request().target).powi(2) / 2.0;
+        assert!((sure.coverage - 4.066).abs() < 2e-3, "{}", sure.coverage);
+        for p in [&usual, &sure] {
+            assert_eq!(p.rows[0].runs[2], Some(exact(p).ceil() as u32));
+        }
+        assert!(sure.rows[0].runs[2] > usual.rows[0].runs[2]);
     }
 
     #[test]

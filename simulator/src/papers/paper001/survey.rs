@@ -37,7 +37,7 @@ pub(super) fn axes(
     for (n, (axis, positions)) in STEPS.into_iter().enumerate() {
         progress(&format!("axis {}", axis.to_uppercase()));
         let (poses, readings) = (format!("{prefix}poses-{axis}.csv"), format!("{prefix}{axis}.csv"));
-        let mut args = words(&["identify", "grinder", "--drawing", &base]);
+        let mut args = words(&["identify", "grinder", "--basis", "auto", "--drawing", &base]);
         args.extend(known.iter().cloned());
         args.extend(words(&["--positions", &positions.to_string(), "--next"]));
         args.push(format!("{axis}={}", setting.arg(&poses)));
@@ -48,7 +48,7 @@ pub(super) fn axes(
         .map_err(|e| anyhow!("{e:?}"))?;
         known.extend(["--step".to_owned(), format!("{axis}={}", setting.arg(&readings))]);
     }
-    let mut args = words(&["identify", "grinder", "--drawing", &base]);
+    let mut args = words(&["identify", "grinder", "--basis", "auto", "--drawing", &base]);
     args.extend(known);
     args.extend(words(&["--out", &setting.arg(&format!("{prefix}model.toml"))]));
     setting.volcomp(&args)?;

@@ -36,8 +36,8 @@ const HALL: ConditionSizes = ConditionSizes {
     lost_um: 0.3,
 };
 
-/// Resistance thermometers on the scales.
-const THERMOMETERS: ThermometerErrors = ThermometerErrors { calibration_k: 0.05, repeats_k: 0.02 };
+/// Resistance thermometers along the scales.
+const THERMOMETERS: ThermometerErrors = ThermometerErrors { along: 3, calibration_k: 0.05, repeats_k: 0.02 };
 
 /// What is stored and what is live.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -104,14 +104,14 @@ impl Experiment for Paper002 {
     }
 
     fn procedure(&self) -> &'static str {
-        "Machine [w X' b Y Z t], travels 5000, 2600, 960 mm. Survey: interferometer beside each scale (21 targets, two runs), a \
+        "Machine [w X' b Y Z t], travels 5000, 2600, 960 mm. Survey: interferometer beside each scale (21 targets, three set-ups of two runs), a \
          5-DOF laser on each axis (five runs, pointing drifts; volcomp identify fivedof with a resting log), four body diagonals \
          of 3000 x 1500 x 780 mm (volcomp identify diagonals). Then the lasers stay on the machine and send their detectors to \
          volcompd. Two modes: all curves stored and the lasers tell what changes, and the paper's own: positioning and \
          squareness stored, everything else live and absolute. Positioning of the three axes and the diagonals are measured \
-         at the tool under the control, without and with the daemon. Hard truth: heat of the hall (thermometers on \
-         the scales are right to 0.05 K and repeat to 0.02 K; growth counts from what they read at the survey), a workpiece, interaction of axes, a month of wear; 0.3 µm/m of \
-         either interferometer."
+         at the tool under the control, without and with the daemon. Hard truth: heat of the hall (three thermometers along \
+         each scale are right to 0.05 K and repeat to 0.02 K; growth counts from what they read at the survey), a workpiece, interaction of axes, a month of wear; 0.3 µm/m in every \
+         set-up of an interferometer."
     }
 
     fn rows(&self) -> &'static [Row] {

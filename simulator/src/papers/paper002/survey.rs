@@ -91,7 +91,10 @@ fn base(machine: &TruthMachine) -> String {
     text
 }
 
-/// An interferometer beside each scale, two runs in both directions, averaged.
+/// Set-ups of the interferometer beside each scale: the error of its air and material compensation is another one each time.
+const SET_UPS: usize = 3;
+
+/// An interferometer beside each scale, set up three times, two runs in both directions each, averaged.
 fn positioning(setting: &Setting, world: &World) -> anyhow::Result<()> {
     let mut dice = Dice::new(setting.seed, "interferometer of paper 002");
     let mut fit = words(&["fit"]);
@@ -100,16 +103,16 @@ fn positioning(setting: &Setting, world: &World) -> anyhow::Result<()> {
         let k = world.survey.index_of(axis).context("axis")?;
         let point = world.survey.drawing(k).context("axis")?.reference_mm[axis.direction()];
         let [low, high] = carriage.travel();
-        let scale = world.hard_um_per_m * 1e-3 * dice.normal();
+        let scales = [0; SET_UPS].map(|_| world.hard_um_per_m * 1e-3 * dice.normal());
+        let scale = scales.iter().sum::<f64>() / SET_UPS as f64;
         let letter = axis.lower();
         let mut text = format!("position_mm,e{letter}{letter}_um\n");
         for i in 0..STOPS {
             let q = low + (high - low) * i as f64 / (STOPS - 1) as f64;
-            let mean = [1, -1, 1, -1]
-                .map(|d| 1e3 * carriage.at(q, d).displacement(point)[axis.direction()] + 0.3 * dice.normal())
-                .iter()
-                .sum::<f64>()
-                / 4.0;
+            let runs = [1, -1].repeat(2 * SET_UPS);
+            let one =
+                |d: &i8| 1e3 * carriage.at(q, *d).displacement(point)[axis.direction()] + 0.3 * dice.normal();
+            let mean = runs.iter().map(one).sum::<f64>() / runs.len() as f64;
             text += &format!("{q},{:.4}\n", mean + scale * (q - low));
         }
         let name = format!("positioning-survey-{letter}.csv");

@@ -92,6 +92,9 @@ fn circles(setting: &Setting, world: &World) -> anyhow::Result<()> {
     Ok(())
 }
 
+/// Largest correction of C: its second order moves a tip 40 mm off the axis by 0.2 um.
+const CORRECTION_LIMIT_ARCSEC: f64 = 600.0;
+
 /// The ram from the poses, with the head taken off, and the model of all.
 fn ram(setting: &Setting, world: &World) -> anyhow::Result<()> {
     let machine = &world.survey;
@@ -107,5 +110,11 @@ fn ram(setting: &Setting, world: &World) -> anyhow::Result<()> {
     setting.volcomp(&args)?;
     let mut args = words(&["model", "assemble", &setting.arg("axes.toml"), &setting.arg("ram.toml")]);
     args.extend(words(&["--base", &setting.arg("axes.toml"), "--out", &setting.arg("model.toml")]));
-    setting.volcomp(&args).map(drop)
+    setting.volcomp(&args)?;
+    // the cone comes within 5 deg of the pole, where a tilt of the tool takes ten times as much of C
+    let mut model: toml::Table = std::fs::read_to_string(setting.path("model.toml"))?.parse()?;
+    let axes = model.get_mut("axes").and_then(toml::Value::as_table_mut).context("axes")?;
+    let c = axes.get_mut("c").and_then(toml::Value::as_table_mut).context("axis C")?;
+    c.insert("correction-limit-arcsec".to_owned(), CORRECTION_LIMIT_ARCSEC.into());
+    setting.write("model.toml", &toml::to_string(&model)?)
 }

@@ -27,7 +27,7 @@ const AFTER: &str = "circle, roundness G compensated";
 const REDUCTION: &str = "circle, reduction measured";
 
 /// Thermometers on the scales.
-const THERMOMETERS: ThermometerErrors = ThermometerErrors { calibration_k: 0.1, repeats_k: 0.04 };
+const THERMOMETERS: ThermometerErrors = ThermometerErrors { along: 1, calibration_k: 0.1, repeats_k: 0.04 };
 
 /// The experiment.
 pub struct Paper004;

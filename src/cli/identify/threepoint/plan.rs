@@ -20,9 +20,12 @@ pub(super) struct PlanArgs {
     /// Plan the measurement instead of evaluating one: the best of --points and the runs they need for --target-arcsec.
     #[arg(long, conflicts_with_all = ["data", "input", "rigidity"], requires_all = ["points", "axis", "travel_mm", "tracker_mm", "target_arcsec"])]
     pub(super) plan: bool,
-    /// Bound of the error of an angle, 95 % for all positions together.
+    /// Bound of the error of an angle.
     #[arg(long, value_name = "ARCSEC", value_parser = crate::arg_parsers::above_zero, requires = "plan")]
     target_arcsec: Option<f64>,
+    /// Probability with which all positions together keep it.
+    #[arg(long, value_name = "P", default_value_t = 95.0, value_parser = confidence)]
+    confidence_percent: f64,
     /// Angles that must reach it.
     #[arg(long, value_name = "ANGLES", value_delimiter = ',', value_parser = ANGLES, default_value = "ea,eb,ec")]
     angles: Vec<String>,
@@ -45,6 +48,13 @@ fn range(text: &str) -> Result<[f64; 2], String> {
         Some([low, high]) if low < high => Ok([*low, *high]),
         _ => Err(format!("'{text}' is no range; expected two numbers, the smaller first, such as 0,850")),
     }
+}
+
+fn confidence(text: &str) -> Result<f64, String> {
+    text.parse::<f64>()
+        .ok()
+        .filter(|p| (50.0..=99.9999).contains(p))
+        .ok_or_else(|| format!("'{text}' is no confidence; expected 50 to 99.9999"))
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
@@ -73,6 +83,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         noise,
         systematic_angle: rad_from_arcsec(p.systematic_angle_arcsec),
         target: rad_from_arcsec(target),
+        confidence: p.confidence_percent / 100.0,
         wanted: ANGLES.map(|a| p.angles.iter().any(|w| w == a)),
     };
     let plan = make(&request)
@@ -81,7 +92,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.case.json {
         print_json(&as_json(&plan, &request, &names));
     } else {
-        print(&plan, &request, &names, target);
+        print(&plan, &request, &names, p);
     }
     Ok(())
 }
@@ -122,7 +133,8 @@ fn as_json(plan: &Plan, request: &PlanRequest, names: &[String]) -> Value {
     })
 }
 
-fn print(plan: &Plan, request: &PlanRequest, names: &[String], target: f64) {
+fn print(plan: &Plan, request: &PlanRequest, names: &[String], asked: &PlanArgs) {
+    let target = asked.target_arcsec.unwrap_or_default();
     let distance = |q: f64| {
         let sign = if request.workpiece_side { -1.0 } else { 1.0 };
         let mut at: Vec3 = request.origin - request.station;
@@ -133,9 +145,10 @@ fn print(plan: &Plan, request: &PlanRequest, names: &[String], target: f64) {
     let (first, last) = (request.positions[0], request.positions[request.positions.len() - 1]);
     let (near, far) = (distance(first).min(distance(last)), distance(first).max(distance(last)));
     say!(
-        "{} at {} positions, tracker {near:.1} to {far:.1} m away; target {target} arcsec at every position (95 %, k = {:.2})",
+        "{} at {} positions, tracker {near:.1} to {far:.1} m away; target {target} arcsec at every position ({} %, k = {:.2})",
         request.axis,
         request.positions.len(),
+        asked.confidence_percent,
         plan.coverage
     );
     say!();
