@@ -46,7 +46,7 @@ use volcomp_units::axes::{AxisName, MAX_AXES};
 
 /// Names the case to the process that runs it.
 const CASE: &str = "VOLCOMP_SEALED_CASE";
-// 3,000 cycles take seconds; beside a compiler on two processors a minute
+/// 3,000 cycles take seconds; beside a compiler on two processors a minute.
 const PATIENCE: Duration = Duration::from_secs(300);
 const CYCLES: u32 = 3_000;
 /// Room for entries of the recording: few, so that a full queue is met as well.

@@ -38,12 +38,12 @@ impl Evidence<'_> {
 }
 
 /// What shakes the machine, by what is left of its readings beside all that was found.
-pub(super) fn shaking(session: &Session, rows: &[usize], left: &[f64], beside: &[f64]) -> Option<Tone> {
+fn shaking(session: &Session, rows: &[usize], left: &[f64], beside: &[f64]) -> Option<Tone> {
     tone(session, rows, left, beside).filter(|t| t.chance < LINE_CHANCE && 2.0 * t.amplitude > BESIDE_NOISE)
 }
 
 /// Scatter by the rounding of a display with this step, um, where it is a cause beside the noise.
-pub(super) fn rounding(step_um: f64, noise: &ClassNoise) -> Option<f64> {
+fn rounding(step_um: f64, noise: &ClassNoise) -> Option<f64> {
     let own = step_um / 12f64.sqrt();
     (step_um >= STEP_UM && own >= BESIDE_NOISE * noise.white_um).then_some(own)
 }

@@ -66,10 +66,10 @@ fn run_once(scenario: &Scenario, programs: &Programs) -> anyhow::Result<Verdict>
     }
     stage.run_to(None)?;
     // the log is written beside the cycle, its last words may follow the last answer
-    let (begin, awaited) = (Instant::now(), &scenario.accept.log);
-    while begin.elapsed() < LOG_LAG && !awaited.iter().all(|w| stage.all_words().contains(w)) {
-        idle(&mut stage, 10);
-    }
+    let _ = stage.is_so_within(LOG_LAG, |s| {
+        let words = s.all_words();
+        scenario.accept.log.iter().all(|w| words.contains(w))
+    });
     if stage.exit.is_none() && scenario.accept.exit.is_some() {
         stage.exit = ended(&mut stage.daemon)?;
     }

@@ -194,19 +194,23 @@ impl Stage {
     }
 
     /// Simulated time stands still, with the link kept alive, until something is so.
-    pub(super) fn wait_until(
-        &mut self,
-        what: &str,
-        mut so: impl FnMut(&mut Self) -> bool,
-    ) -> anyhow::Result<()> {
+    pub(super) fn wait_until(&mut self, what: &str, so: impl FnMut(&mut Self) -> bool) -> anyhow::Result<()> {
+        if !self.is_so_within(PATIENCE, so) {
+            bail!("waited in vain for {what}; the log: {}", self.log());
+        }
+        Ok(())
+    }
+
+    /// The same for a time at most; false where it is not so by then.
+    pub(super) fn is_so_within(&mut self, patience: Duration, mut so: impl FnMut(&mut Self) -> bool) -> bool {
         let begin = Instant::now();
         while !so(self) {
-            if begin.elapsed() > PATIENCE {
-                bail!("waited in vain for {what}; the log: {}", self.log());
+            if begin.elapsed() > patience {
+                return false;
             }
             self.shop.control().idle(Duration::from_millis(10));
         }
-        Ok(())
+        true
     }
 
     /// Sends the daemon a signal.
