@@ -47,7 +47,7 @@ const NAMES: [&str; 12] = [
 ];
 
 /// A table that grows by readings.
-struct Programme {
+struct Program {
     raw: Raw,
     rows: Vec<[f64; NAMES.len()]>,
     t_s: f64,
@@ -56,7 +56,7 @@ struct Programme {
     dice: u64,
 }
 
-impl Programme {
+impl Program {
     fn uniform(&mut self) -> f64 {
         self.dice = self.dice.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
         (self.dice >> 11) as f64 / (1_u64 << 53) as f64
@@ -90,7 +90,7 @@ fn session(n: usize) -> (Raw, History) {
     names.push("deviation_um".into());
     let columns = vec![Vec::new(); names.len()];
     let raw = Raw { file: "made-up.csv".into(), names, columns, ..Raw::default() };
-    let mut p = Programme { raw, rows: Vec::with_capacity(n), t_s: 0.0, x: [0.0, 1.0], dice: 1 };
+    let mut p = Program { raw, rows: Vec::with_capacity(n), t_s: 0.0, x: [0.0, 1.0], dice: 1 };
     let share = (n / 24).max(10);
     let (mut run, mut setup) = (0.0, 0.0);
     // lines, both ways, twice each

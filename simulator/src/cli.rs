@@ -83,9 +83,9 @@ enum Verb {
     Survey(demo::SurveyArgs),
     /// Measure the simulated machine with an instrument, as files for volcomp identify.
     Measure(measure::Args),
-    /// Run a part programme on the simulated machine and serve its control on the link.
+    /// Run a part program on the simulated machine and serve its control on the link.
     ///
-    /// Without a daemon the machine runs uncompensated. Without a programme it stands still and serves.
+    /// Without a daemon the machine runs uncompensated. Without a program it stands still and serves.
     Serve(serve::ServeArgs),
     /// Run a standard measurement campaign on a machine with known effects, as files for volcomp diagnose.
     ///
@@ -109,7 +109,7 @@ enum Verb {
     Replay(serve::ReplayArgs),
     /// Make an authority and certificates of control and daemon, to try the link over TLS.
     Certificates(certificates::Args),
-    /// Print a standard test path as a part programme.
+    /// Print a standard test path as a part program.
     Path(path::Args),
     /// Measure round trips of volcompd beside a bare echo on the same kind of sockets, and what the computation costs.
     ///

@@ -255,7 +255,7 @@ fn filter(link: i32) -> BpfProgram {
     SeccompFilter::new(allowed, SeccompAction::KillProcess, SeccompAction::Allow, arch)
         .expect("a filter")
         .try_into()
-        .expect("a programme")
+        .expect("a program")
 }
 
 fn rule(conditions: Vec<SeccompCondition>) -> SeccompRule {

@@ -1,4 +1,4 @@
-//! How far the gap shrinks on new data of the same programme: cross-validation over blocks of runs, and a bootstrap of
+//! How far the gap shrinks on new data of the same program: cross-validation over blocks of runs, and a bootstrap of
 //! the blocks for the interval.
 //!
 //! The fit of a fold does not see its block (where effects vary over the volume: but for the size of that variation), so what the parameters owe to noise does not count as gain. The interval
@@ -14,7 +14,7 @@ use super::session::Session;
 
 /// The interval of the bootstrap is widened by this: new data scatter as much as the old.
 const WIDEN: f64 = 1.25;
-/// Least half width of the interval: no programme repeats better.
+/// Least half width of the interval: no program repeats better.
 const LEAST_HALF: f64 = 0.013;
 
 /// What some columns contribute to every reading of the session, um, fitted without the reading's own fold.
@@ -108,7 +108,7 @@ pub(super) fn forecast(
     let (rms_before, rms_after) = (rms(&before), rms(&after));
     let fraction = 1.0 - rms_after / rms_before.max(1e-12);
     let mut sums = vec![[0.0; 3]; problem.blocks];
-    // a programme is what it is: blocks are drawn again within their setup
+    // a program is what it is: blocks are drawn again within their setup
     let mut strata: std::collections::BTreeMap<usize, Vec<usize>> = std::collections::BTreeMap::new();
     let mut setup_of = vec![0; problem.blocks];
     for (k, i) in problem.rows.iter().enumerate() {

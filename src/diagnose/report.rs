@@ -183,7 +183,7 @@ pub struct Tests {
 pub struct Shrink {
     /// RMS now, um.
     pub rms_before_um: f64,
-    /// RMS expected on new data of the same programme, um.
+    /// RMS expected on new data of the same program, um.
     pub rms_after_um: f64,
     /// 1 - after/before.
     pub fraction: f64,
@@ -244,7 +244,7 @@ pub struct Next {
     pub decides: String,
     /// Estimate of its duration, preparation and motion, min.
     pub minutes: f64,
-    /// The programme to run.
+    /// The program to run.
     pub gcode: String,
 }
 

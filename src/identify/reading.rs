@@ -5,7 +5,7 @@ use volcomp_units::axes::Travel;
 /// One reading. Positions and values are mm or rad: the axis and the symbol decide.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Reading {
-    /// Which repetition of the programme; 0 where the data do not say.
+    /// Which repetition of the program; 0 where the data do not say.
     pub cycle: u32,
     /// Direction in which the position was approached.
     pub travel: Travel,

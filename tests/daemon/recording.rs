@@ -53,8 +53,8 @@ fn name(path: &Path) -> &str {
 /// Moves X to and fro while it cycles.
 fn work(session: &mut Session, cycles: u32) {
     for _ in 0..cycles {
-        session.programme += 1;
-        let k = session.programme;
+        session.program += 1;
+        let k = session.program;
         session.commanded[0] = 50.0 * (f64::from(k) * 5e-3).sin();
         session.commanded[1] = f64::from(k % 64) * 0.125;
         let _ = session.cycle();

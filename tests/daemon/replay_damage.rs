@@ -17,8 +17,8 @@ const KEPT: &str = "[recording]\ndirectory = \"rec\"\nflush-ms = 20.0\n[state]\n
 
 fn work(session: &mut Session, cycles: u32) {
     for _ in 0..cycles {
-        session.programme += 1;
-        let k = session.programme;
+        session.program += 1;
+        let k = session.program;
         session.commanded[0] = 50.0 * (f64::from(k) * 5e-3).sin();
         let _ = session.cycle();
         if k.is_multiple_of(20) {

@@ -274,10 +274,10 @@ pub(crate) struct Session {
     reader: FrameReader,
     pub(crate) sequence: u32,
     pub(crate) control_ns: i64,
-    /// Where the programme is, mm.
+    /// Where the program is, mm.
     pub(crate) commanded: AxisArray,
-    /// Cycles of the programme so far.
-    pub(crate) programme: u32,
+    /// Cycles of the program so far.
+    pub(crate) program: u32,
     /// The offset that the control has applied, mm.
     pub(crate) applied: AxisArray,
     pub(crate) state: u16,
@@ -294,7 +294,7 @@ impl Session {
             sequence: 0,
             control_ns: 1_000_000_000,
             commanded: [0.0; MAX_AXES],
-            programme: 0,
+            program: 0,
             applied: [0.0; MAX_AXES],
             state: MachineState::HOMED | MachineState::ENABLED,
         }

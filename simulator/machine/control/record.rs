@@ -33,7 +33,7 @@ pub struct CycleRecord {
     pub scored: bool,
     /// A daemon is connected.
     pub connected: bool,
-    /// Line of the programme or recording.
+    /// Line of the program or recording.
     pub line: u32,
 }
 

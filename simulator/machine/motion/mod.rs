@@ -1,7 +1,7 @@
-//! Part programmes and recorded motion to positions per control cycle.
+//! Part programs and recorded motion to positions per control cycle.
 //!
 //! Reading order: [`axes`] (what the axes can do), [`gcode`] (text to segments), [`segment`] (their geometry),
-//! [`profile`] (segments to positions in time), [`tool_centre`] (tip to axes in five-axis motion), [`paths`] (standard programmes as text), [`recorded`] (replay).
+//! [`profile`] (segments to positions in time), [`tool_centre`] (tip to axes in five-axis motion), [`paths`] (standard programs as text), [`recorded`] (replay).
 //! Positions are in mm and degrees, in the wire order of the axes; times in s, feeds in mm/min (deg/min for blocks
 //! that only move rotary axes).
 
@@ -32,7 +32,7 @@ pub struct MotionCycle {
     pub moving: bool,
     /// This cycle counts when results are computed (no rapid, feed-in, overshoot or inserted move).
     pub scored: bool,
-    /// Line of the part programme or row of the recording, 1-based; 0 where there is none.
+    /// Line of the part program or row of the recording, 1-based; 0 where there is none.
     pub line: u32,
 }
 

@@ -1,6 +1,6 @@
-//! Standard test programmes as part programme text: circle, diagonals, rectangle, line with targets, cone, S-path.
+//! Standard test programs as part program text: circle, diagonals, rectangle, line with targets, cone, S-path.
 //!
-//! Every programme begins with a rapid to its start and marks with `(SCORE ON)` what counts. Circles run as in
+//! Every program begins with a rapid to its start and marks with `(SCORE ON)` what counts. Circles run as in
 //! ISO 230-4: feed-in along the radius, an arc before and behind the measured turn, feed-out. Programmed positions are those
 //! of the axes: where rotary axes turn the tool (cone, S-path) no pivot length is taken out.
 

@@ -17,7 +17,7 @@ pub struct Arc {
     pub plane: [usize; 2],
     /// Centre in the plane, mm.
     pub centre: [f64; 2],
-    /// Radius at start and end, mm (equal but for rounding in the programme).
+    /// Radius at start and end, mm (equal but for rounding in the program).
     pub radius: [f64; 2],
     /// Angle of the start, rad, from the first axis towards the second.
     pub from: f64,
@@ -64,7 +64,7 @@ pub struct Segment {
     pub exact_stop: bool,
     /// Counts for results.
     pub scored: bool,
-    /// Line of the programme, 1-based.
+    /// Line of the program, 1-based.
     pub line: u32,
     /// X, Y and Z are those of the tool tip ([`super::tool_centre`]), not of the axes.
     pub tool_centre: bool,

@@ -7,7 +7,7 @@ use crate::twin::machine::TABLE_MM;
 pub enum Plan {
     /// Lines cold and warm, circles, tracker grid with two tools, warm-up, R-test, load, dynamics.
     Full,
-    /// The same programmes with fewer points: for tests.
+    /// The same programs with fewer points: for tests.
     Small,
     /// Circles in three planes at two feeds, and lines.
     BallbarLaser,
@@ -36,7 +36,7 @@ pub enum Step {
         /// The setup.
         setup: i64,
     },
-    /// A new pass, this repetition of its programme.
+    /// A new pass, this repetition of its program.
     Run(i64),
     /// Move there (X Y Z mm, C rad) at mm/s.
     Go([f64; 4], f64),

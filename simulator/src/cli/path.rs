@@ -1,4 +1,4 @@
-//! `cncsim path`: standard test paths as part programmes.
+//! `cncsim path`: standard test paths as part programs.
 
 use clap::{Subcommand, ValueEnum};
 

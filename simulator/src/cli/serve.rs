@@ -24,7 +24,7 @@ use crate::through::server::{MeasuringPort, Pending};
 use crate::through::{About, Selection};
 use crate::truth::{GANTRY_5AX, GRINDER_AB, TruthMachine, VMC_850};
 
-/// Standstill cycles of a control without a programme, at a time, s.
+/// Standstill cycles of a control without a program, at a time, s.
 const STANDSTILL_S: f64 = 3600.0;
 
 #[derive(Debug, clap::Args)]
@@ -139,7 +139,7 @@ pub(super) fn serve(args: &ServeArgs) -> Result<(), Failure> {
     let common = &args.common;
     let (machine, axes) = machine(&common.machine)?;
     let start = axes.middle();
-    let programme = match &args.program {
+    let program = match &args.program {
         Some(path) => {
             let text = read(path, InputKind::PartProgram)?;
             // mistakes come out before anything listens
@@ -159,7 +159,7 @@ pub(super) fn serve(args: &ServeArgs) -> Result<(), Failure> {
     }
     shop.wait(common)?;
     loop {
-        match &programme {
+        match &program {
             None => {
                 shop.stand(STANDSTILL_S)?;
                 shop.check_monitor()?;

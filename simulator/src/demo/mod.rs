@@ -205,11 +205,11 @@ fn measure(shop: &mut Shop, how: &str, say: &mut dyn FnMut(&str)) -> anyhow::Res
             }
         }
         let targets = Targets { count: 18, dwell_s: 0.1, cycles: 1, feed_mm_per_min: DIAGONAL_FEED };
-        let run = shop.programme(&line_with_targets(from, to, &targets))?;
+        let run = shop.program(&line_with_targets(from, to, &targets))?;
         cycles += run.len();
         diagonals.push(diagonal(shop.machine(), &run)?);
     }
-    say(&format!("recorded motion of a real part programme, {how}"));
+    say(&format!("recorded motion of a real part program, {how}"));
     let run = measure_recorded(shop)?;
     cycles += run.len();
     let real_motion = deviation_along(shop.machine(), &run);
@@ -223,7 +223,7 @@ fn measure_circle(shop: &mut Shop) -> anyhow::Result<Trace> {
     let centre_mm = [middle[0], middle[1], middle[2]];
     let mut whole: Option<Trace> = None;
     for turn in [Turn::CounterClockwise, Turn::Clockwise] {
-        let programme = circle(&Circle {
+        let program = circle(&Circle {
             plane: Plane::Xy,
             centre_mm,
             radius_mm: RADIUS_MM,
@@ -231,7 +231,7 @@ fn measure_circle(shop: &mut Shop) -> anyhow::Result<Trace> {
             turn,
             ..Circle::default()
         });
-        let run = shop.programme(&programme)?;
+        let run = shop.program(&program)?;
         let trace = ballbar(shop.machine(), centre_mm, RADIUS_MM, &run)?;
         whole = Some(match whole {
             Some(first) => first.joined(trace),

@@ -160,23 +160,23 @@ impl Shop {
         self.check_monitor()
     }
 
-    /// Runs a part programme and returns the cycles that count.
+    /// Runs a part program and returns the cycles that count.
     ///
     /// # Errors
-    /// The programme is wrong, or the control's.
-    pub fn programme(&mut self, text: &str) -> anyhow::Result<Vec<CycleRecord>> {
+    /// The program is wrong, or the control's.
+    pub fn program(&mut self, text: &str) -> anyhow::Result<Vec<CycleRecord>> {
         let motion = self.trajectory(text)?;
         self.motion(motion)
     }
 
-    /// A part programme from where the machine stands as positions in time, without running it.
+    /// A part program from where the machine stands as positions in time, without running it.
     ///
     /// # Errors
-    /// The programme is wrong.
+    /// The program is wrong.
     pub fn trajectory(&self, text: &str) -> anyhow::Result<Trajectory> {
         let start = self.control.position();
-        let programme = interpret(text, &self.axes, start)?;
-        Ok(Trajectory::new(start, &programme.segments, &self.axes, &Dynamics::default(), self.cycle_s)?)
+        let program = interpret(text, &self.axes, start)?;
+        Ok(Trajectory::new(start, &program.segments, &self.axes, &Dynamics::default(), self.cycle_s)?)
     }
 
     /// Goes to a position in rapid.

@@ -139,12 +139,12 @@ impl Heat {
 
 #[cfg(test)]
 mod tests {
-    use super::super::programmes;
+    use super::super::programs;
     use super::*;
 
     #[test]
     fn screws_warm_up_and_the_log_begins_two_hours_before() {
-        let course = programmes::all(4);
+        let course = programs::all(4);
         let heat = Heat::new(&course, 4);
         let (first, last) = (course.rows[0].t_s, course.rows[course.rows.len() - 1].t_s);
         for s in &heat.screws {

@@ -3,7 +3,7 @@
 //! A tool that is only tested on one generator learns that generator. Here nothing moves in time: the states of the axes
 //! and of the heat follow from closed formulas, every effect is one formula of the state, and none of these formulas is in
 //! the tool's library. The machine is `[w C' A' b X Y Z t]`, a swivelling table under three linear axes.
-//! Reading order: [`truth`] (what is wrong), [`catalogue`] (what there is), [`machine`], [`mod@row`], [`course`] and [`programmes`] (what is
+//! Reading order: [`truth`] (what is wrong), [`catalogue`] (what there is), [`machine`], [`mod@row`], [`course`] and [`programs`] (what is
 //! measured), [`heat`], [`laws`] (the effects), [`instrument`] (noise and mountings), [`files`].
 //! Deterministic: truth and day give the same bytes.
 
@@ -16,7 +16,7 @@ pub mod heat;
 pub mod instrument;
 pub mod laws;
 pub mod machine;
-pub mod programmes;
+pub mod programs;
 pub mod row;
 pub mod truth;
 
@@ -44,7 +44,7 @@ pub struct Measurement {
 /// An effect that there is no formula for.
 pub fn measure(truth: &FormulaTruth, day: u64) -> Result<Measurement, FormulaError> {
     truth.check()?;
-    let course: Course = programmes::all(day);
+    let course: Course = programs::all(day);
     let heat = Heat::new(&course, day);
     let world = laws::World { rows: &course.rows, heat: &heat, day };
     let laws = laws::all(truth, &world)?;

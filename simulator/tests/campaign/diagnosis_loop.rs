@@ -59,10 +59,10 @@ fn what_was_found_is_taken_out_of_the_machine_as_far_as_the_report_said() {
     assert!(left < 0.5 * gap, "{left} um of {gap}");
 }
 
-/// What is to be measured next can be run: every programme is G-code that a control takes, on a machine that goes no further
+/// What is to be measured next can be run: every program is G-code that a control takes, on a machine that goes no further
 /// than the circles went.
 #[test]
-fn programmes_of_the_next_measurement_run_on_the_simulated_control() {
+fn programs_of_the_next_measurement_run_on_the_simulated_control() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
     // one feed, one plane at a time: much cannot be told apart
@@ -79,8 +79,8 @@ fn programmes_of_the_next_measurement_run_on_the_simulated_control() {
     let mut moves = 0;
     for n in next {
         let text = n["gcode"].as_str().unwrap();
-        let programme = interpret(text, &axes, axes.middle()).unwrap_or_else(|e| panic!("{e}:\n{text}"));
-        moves += programme.segments.len();
+        let program = interpret(text, &axes, axes.middle()).unwrap_or_else(|e| panic!("{e}:\n{text}"));
+        moves += program.segments.len();
     }
     assert!(moves > 10, "{next:#?}");
 }

@@ -41,7 +41,7 @@ fn help_is_there_and_says_what_units_are() {
 }
 
 #[test]
-fn every_path_is_a_programme_that_runs() {
+fn every_path_is_a_program_that_runs() {
     let dir = tempfile::tempdir().unwrap();
     for kind in ["circle", "rectangle", "s-path", "cone"] {
         let text = String::from_utf8(cncsim(&["path", kind, "--feed", "20000"]).stdout).unwrap();

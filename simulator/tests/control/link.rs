@@ -19,13 +19,13 @@ use volcomp::protocol::{Close, CloseReason, Correction, ErrorCode, MachineState,
 const WAIT: Duration = Duration::from_secs(5);
 const CYCLE_S: f64 = 0.001;
 
-fn programme(text: &str) -> Trajectory {
+fn program(text: &str) -> Trajectory {
     let parsed = interpret(text, &axes(), middle()).unwrap();
     Trajectory::new(middle(), &parsed.segments, &axes(), &Dynamics::default(), CYCLE_S).unwrap()
 }
 
 fn short() -> Trajectory {
-    programme("F6000 G1 X445 Y260\nG2 X455 Y250 I0 J-10\nG1 X425")
+    program("F6000 G1 X445 Y260\nG2 X455 Y250 I0 J-10\nG1 X425")
 }
 
 /// A smooth offset that depends on the commanded position alone, as a real correction does.

@@ -136,12 +136,12 @@ fn rms(values: impl Iterator<Item = f64>) -> f64 {
     (sum / count.max(1.0)).sqrt()
 }
 
-/// Runs a programme without and with the daemon on a machine with ideal drives and a known model.
-fn without_and_with(truth: &str, programme: &str, margins: [f64; 2]) -> [Vec<Error>; 2] {
+/// Runs a program without and with the daemon on a machine with ideal drives and a known model.
+fn without_and_with(truth: &str, program: &str, margins: [f64; 2]) -> [Vec<Error>; 2] {
     let folder = tempfile::tempdir().unwrap();
     let machine = || TruthMachine::from_toml(truth).unwrap().with_ideal_drives();
     let mut shop = Shop::open(machine(), 1, 0.001).unwrap();
-    let before = shop.programme(programme).unwrap();
+    let before = shop.program(program).unwrap();
 
     let mut low = [f64::INFINITY; MAX_AXES];
     let mut high = [f64::NEG_INFINITY; MAX_AXES];
@@ -163,7 +163,7 @@ fn without_and_with(truth: &str, programme: &str, margins: [f64; 2]) -> [Vec<Err
     std::fs::write(&config, machine_file(&shop)).unwrap();
     programs().volcomp(&["check", config.to_str().unwrap()]).unwrap();
     let daemon = shop.start_daemon(&programs(), &config, &folder.path().join("log")).unwrap();
-    let after = shop.programme(programme).unwrap();
+    let after = shop.program(program).unwrap();
     shop.control().close();
     drop(daemon);
     [errors(&machine(), &before), errors(&machine(), &after)]
@@ -171,10 +171,10 @@ fn without_and_with(truth: &str, programme: &str, margins: [f64; 2]) -> [Vec<Err
 
 #[test]
 fn a_five_axis_gantry_with_a_known_model_loses_98_percent_of_its_error() {
-    let programme = "G21 G90 G64\n(SCORE OFF)\nG0 X1300 Y900 Z-500 C10 A25\n(SCORE ON)\n\
+    let program = "G21 G90 G64\n(SCORE OFF)\nG0 X1300 Y900 Z-500 C10 A25\n(SCORE ON)\n\
                      F3000\nG1 X1500 Y1100 Z-420 C70 A50\nG1 X1650 Y1000 Z-560 C130 A35\n\
                      G1 X1400 Y950 Z-480 C40 A70\nG1 X1300 Y900 Z-500 C10 A25\n(SCORE OFF)\nM30\n";
-    let [before, after] = without_and_with(GANTRY_5AX, programme, [5.0, 2.0]);
+    let [before, after] = without_and_with(GANTRY_5AX, program, [5.0, 2.0]);
     let size = |list: &[Error]| rms(list.iter().flat_map(|e| e.position_um));
     let tilt = |list: &[Error]| rms(list.iter().map(|e| e.tilt_arcsec));
     eprintln!(
@@ -192,9 +192,9 @@ fn a_five_axis_gantry_with_a_known_model_loses_98_percent_of_its_error() {
 
 #[test]
 fn the_grinder_loses_98_percent_of_what_its_axes_can_reach() {
-    let programme = "G21 G90 G64\n(SCORE OFF)\nG0 X100 Y40 A10 B-20\n(SCORE ON)\n\
+    let program = "G21 G90 G64\n(SCORE OFF)\nG0 X100 Y40 A10 B-20\n(SCORE ON)\n\
                      F1500\nG1 X180 Y80 A60 B15\nG1 X120 Y20 A110 B-35\nG1 X60 Y-30 A30 B25\n(SCORE OFF)\nM30\n";
-    let [before, after] = without_and_with(GRINDER_AB, programme, [5.0, 2.0]);
+    let [before, after] = without_and_with(GRINDER_AB, program, [5.0, 2.0]);
     // there is no Z: what lies across X and Y, turned into W by the workpiece axis A, stays
     let split = |e: &Error| {
         let a = -e.commanded[0].to_radians();
@@ -278,8 +278,8 @@ fn positioning(shop: &mut Shop, targets_mm: &[f64]) -> Vec<f64> {
     let targets = Targets { count, dwell_s: 0.2, cycles: 1, feed_mm_per_min: 600.0 };
     // over-run both ends, so that every target is approached from its own side
     let run_in = format!("(SCORE OFF)\nG21 G90\nG0 X0 Y{} Z0\nM30\n", first - 0.5);
-    shop.programme(&run_in).unwrap();
-    let cycles = shop.programme(&line_with_targets(ends[0], ends[1], &targets)).unwrap();
+    shop.program(&run_in).unwrap();
+    let cycles = shop.program(&line_with_targets(ends[0], ends[1], &targets)).unwrap();
     let standing: Vec<&CycleRecord> = cycles.iter().filter(|r| r.feed_mm_per_min == 0.0).collect();
     let mut found: Vec<f64> = Vec::new();
     for (i, r) in standing.iter().enumerate() {

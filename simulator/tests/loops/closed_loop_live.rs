@@ -58,16 +58,16 @@ fn files(folder: &Path, control: &str, sensors: &str) {
     }
     std::fs::write(folder.join("model.toml"), model).unwrap();
     std::fs::write(folder.join("machine.toml"), machine).unwrap();
-    let mut programme = "G21 G90 G94\nG1 F6000 X260 Y160 Z-290\n".to_owned();
+    let mut program = "G21 G90 G94\nG1 F6000 X260 Y160 Z-290\n".to_owned();
     for _ in 0..3 {
         for (x, y, z) in
             [(440, 160, -290), (440, 340, -210), (260, 340, -290), (350, 250, -210), (260, 160, -290)]
         {
-            writeln!(programme, "G1 F6000 X{x} Y{y} Z{z}").unwrap();
+            writeln!(program, "G1 F6000 X{x} Y{y} Z{z}").unwrap();
         }
     }
-    programme += "M30\n";
-    std::fs::write(folder.join("tour.nc"), programme).unwrap();
+    program += "M30\n";
+    std::fs::write(folder.join("tour.nc"), program).unwrap();
 }
 
 /// Error of the tool tip against where the axes really stand without their offsets, um, over time.

@@ -206,12 +206,12 @@ fn control_killed_in_mid_circle() {
     // the control is a process here, in real time, that runs one circle after another
     let mut daemon = None;
     let bench = Bench::new(Setup::default(), 2).with_new_control(|files, port| {
-        let programme = files.path().join("circles.nc");
-        std::fs::write(&programme, circles(3, FEED)).unwrap();
+        let program = files.path().join("circles.nc");
+        std::fs::write(&program, circles(3, FEED)).unwrap();
         let mut control = std::process::Command::new(CNCSIM)
             .args(["serve", "--settle-s", "0", "--loop", "--listen", &format!("127.0.0.1:{port}")])
             .arg("--program")
-            .arg(&programme)
+            .arg(&program)
             .stderr(std::process::Stdio::piped())
             .spawn()
             .unwrap();

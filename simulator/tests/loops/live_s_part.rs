@@ -140,14 +140,14 @@ fn live_spec() -> LiveSpec {
 }
 
 /// A path of the tool as axis positions per cycle, the tip led over the workpiece whatever the head does.
-fn path(programme: &str, machine: &TruthMachine, feed_mm_per_min: f64) -> Vec<AxisArray> {
+fn path(program: &str, machine: &TruthMachine, feed_mm_per_min: f64) -> Vec<AxisArray> {
     let axes = MachineAxes::of(machine).unwrap();
-    // what the programme calls X Y Z is the tip: tipping the head moves the axes
+    // what the program calls X Y Z is the tip: tipping the head moves the axes
     let wide = MachineAxes::new(
         axes.as_slice().iter().map(|a| simulator::motion::AxisSetup::new(a.name, [-1e5, 1e5])).collect(),
     )
     .unwrap();
-    let points: Vec<AxisArray> = interpret(programme, &wide, [0.0; MAX_AXES])
+    let points: Vec<AxisArray> = interpret(program, &wide, [0.0; MAX_AXES])
         .unwrap()
         .segments
         .iter()

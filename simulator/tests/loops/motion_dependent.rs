@@ -119,7 +119,7 @@ fn machine_file(address: &str, case: &Case) -> String {
 }
 
 /// Circles of 20 mm in both directions in XY and XZ, from a point that every axis has been led to.
-fn programme(feed: u32) -> String {
+fn program(feed: u32) -> String {
     format!(
         "G21 G90 G64 G17\n(SCORE OFF)\nG0 X10 Y-5 Z-5\nG0 X20 Y0 Z0\nF{feed}\nG3 X-20 Y0 I-20 J0\nG3 X20 Y0 I20 J0\n\
          (SCORE ON)\nG3 X-20 Y0 I-20 J0\nG3 X20 Y0 I20 J0\nG2 X-20 Y0 I-20 J0\nG2 X20 Y0 I20 J0\n\
@@ -208,7 +208,7 @@ fn gap(what: &str, case: &Case) -> f64 {
         .unwrap();
     assert!(!said.contains("not in the model"), "{said}");
 
-    let text = programme(case.feed);
+    let text = program(case.feed);
     let run = |shop: &mut Shop| {
         let motion = shop.trajectory(&text).unwrap();
         let step = if case.hard { 1e-3 } else { 0.0 };

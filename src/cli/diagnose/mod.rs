@@ -46,7 +46,7 @@ use volcomp_units::axes::AxisName;
 #[command(after_help = "Examples:\n  \
     volcomp diagnose --model m.toml --data lines.csv --data circles.csv --history log.csv --out gap\n  \
     volcomp diagnose --model m.toml --data s.csv --fresh tomorrow.csv --out gap --json\n  \
-    volcomp diagnose --model m.toml --plan --data programme.csv\n  \
+    volcomp diagnose --model m.toml --plan --data program.csv\n  \
     volcomp diagnose --data test.dat --axis y --out gap\n  \
     volcomp diagnose --data circle.csv --plane xy --radius-mm 100 --out gap\n  \
     volcomp diagnose --data plate.txt --out gap\n  \

@@ -1,10 +1,10 @@
 //! What to measure next: for every pair that the data cannot separate the measurement that does.
 
-mod programme;
+mod program;
 
-pub use self::programme::Dialect;
+pub use self::program::Dialect;
 
-use self::programme::Programme;
+use self::program::Program;
 use super::constants::TOLD;
 use super::library::{Effect, Library, Measurement as Motion};
 use super::report::{Cause, Next, Unexplained};
@@ -98,7 +98,7 @@ fn axes(labels: &[String]) -> Vec<char> {
 
 /// A measurement with its part program and its duration.
 fn asked(
-    programme: &Programme,
+    program: &Program,
     action: &str,
     motion: Motion,
     prepare_min: f64,
@@ -106,8 +106,8 @@ fn asked(
     information: f64,
     decides: String,
 ) -> Next {
-    let gcode = programme.text(motion, &axes(&separates));
-    let minutes = (prepare_min + programme.minutes(motion, &gcode)).ceil();
+    let gcode = program.text(motion, &axes(&separates));
+    let minutes = (prepare_min + program.minutes(motion, &gcode)).ceil();
     Next { action: action.to_owned(), separates, information, decides, minutes, gcode }
 }
 
@@ -161,7 +161,7 @@ pub(super) fn next(
             }
         }
     }
-    let programme = Programme::of(session, dialect);
+    let program = Program::of(session, dialect);
     let is_new = |m: &&Measurement| m.motion != Motion::WholeTravel || library.partly.contains(&true);
     let mut all: Vec<Next> = CATALOGUE
         .iter()
@@ -175,7 +175,7 @@ pub(super) fn next(
             separates.dedup();
             (!separates.is_empty()).then(|| {
                 let decides = decides(m, &told);
-                asked(&programme, m.action, m.motion, m.prepare_min, separates, information, decides)
+                asked(&program, m.action, m.motion, m.prepare_min, separates, information, decides)
             })
         })
         .collect();
@@ -202,7 +202,7 @@ pub(super) fn next(
                 let named = unseen[..unseen.len() - rest].join(" or ");
                 let decides =
                     format!("shows whether {named}{more} contributes, which these data cannot show");
-                all.push(asked(&programme, m.action, m.motion, m.prepare_min, unseen, information, decides));
+                all.push(asked(&program, m.action, m.motion, m.prepare_min, unseen, information, decides));
             }
         }
     }
@@ -212,7 +212,7 @@ pub(super) fn next(
             let separates: Vec<String> = [c.label()].into_iter().chain(c.confounded_with.clone()).collect();
             let decides = format!("decides which of {} it is", separates.join(", "));
             let action = p.settles.trim_end_matches('.');
-            all.push(asked(&programme, action, Motion::Points, PREPARE_MIN, separates, ONE_OF_TWO, decides));
+            all.push(asked(&program, action, Motion::Points, PREPARE_MIN, separates, ONE_OF_TWO, decides));
         }
     }
     all.sort_by(|a, b| b.information.total_cmp(&a.information).then(a.action.cmp(&b.action)));

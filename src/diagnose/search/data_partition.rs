@@ -1,4 +1,4 @@
-//! Pieces of a session between which effects must not change: programmes, places within them, blocks of runs.
+//! Pieces of a session between which effects must not change: programs, places within them, blocks of runs.
 
 use std::collections::{BTreeMap, BTreeSet};
 
@@ -75,7 +75,7 @@ pub(super) fn programs(session: &Session, rows: &[usize]) -> (Vec<usize>, usize)
     (cell, known.len())
 }
 
-/// Places of the axes within each programme.
+/// Places of the axes within each program.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Places {
     /// Place of each row.
@@ -89,7 +89,7 @@ const PLACE_ROWS: usize = 10;
 /// Most places along one, two, three axes.
 const PLACES: [usize; 3] = [8, 4, 3];
 impl Places {
-    /// Divides the travel of each axis but `own` (a slot, or none) in every programme.
+    /// Divides the travel of each axis but `own` (a slot, or none) in every program.
     pub(super) fn new(session: &Session, rows: &[usize], cell: &[usize], own: usize) -> Self {
         let cells = cell.iter().max().map_or(0, |c| c + 1);
         let mut range = vec![[[f64::INFINITY, f64::NEG_INFINITY]; SLOTS]; cells];

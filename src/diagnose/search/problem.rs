@@ -35,11 +35,11 @@ pub struct Problem {
     pub b: DVector<f64>,
     /// Gram matrix of each variant, row by row.
     pub own: Vec<Vec<f64>>,
-    /// Programme of each row: same setup, axes that move, feed and tool.
+    /// Program of each row: same setup, axes that move, feed and tool.
     pub cell: Vec<usize>,
-    /// Number of programmes.
+    /// Number of programs.
     pub cells: usize,
-    /// Place of each row within its programme, for effects that are no function of a position and for those of each axis.
+    /// Place of each row within its program, for effects that are no function of a position and for those of each axis.
     pub places: Vec<Places>,
     /// Block of each row for tests across runs.
     pub block: Vec<usize>,
@@ -502,7 +502,7 @@ fn own_grams(w: &DMatrix<f64>, span: &[(usize, usize)]) -> Vec<Vec<f64>> {
 
 #[cfg(test)]
 impl Problem {
-    /// A problem of columns made up for a test, those of each variant together; one programme, one block.
+    /// A problem of columns made up for a test, those of each variant together; one program, one block.
     pub(super) fn made_up(variants: &[Vec<DVector<f64>>], y: DVector<f64>) -> Self {
         let columns: Vec<DVector<f64>> = variants.iter().flatten().map(|c| c / c.norm()).collect();
         let w = DMatrix::from_columns(&columns).transpose();

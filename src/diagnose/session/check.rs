@@ -10,7 +10,7 @@ const NEEDED: [(&str, &str); 8] = [
     ("t_s", "the time of every reading in seconds"),
     ("setup", "number the mountings of the instrument; 1 for all rows where there was one"),
     ("run", "number the passes; 1 for all rows where there was one"),
-    ("repeat", "number the repetitions of the programme; 1 for all rows where there was one"),
+    ("repeat", "number the repetitions of the program; 1 for all rows where there was one"),
     ("u_x", "the direction in which the instrument measures, as a unit vector u_x u_y u_z"),
     ("u_y", "the direction in which the instrument measures, as a unit vector u_x u_y u_z"),
     ("u_z", "the direction in which the instrument measures, as a unit vector u_x u_y u_z"),

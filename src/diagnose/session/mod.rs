@@ -207,7 +207,7 @@ pub struct Reading {
     pub setup: usize,
     /// Index of the run, over all files.
     pub run: usize,
-    /// Repetition of the programme.
+    /// Repetition of the program.
     pub repeat: i64,
     /// Rows of the same programmed point in different repeats share it; none where there is no partner.
     pub pair: Option<usize>,

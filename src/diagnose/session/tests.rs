@@ -167,7 +167,7 @@ fn a_file_given_twice_is_refused() {
     second.lines.truncate(20);
     let message = build(&[second.clone(), first.clone()]).unwrap_err().to_string();
     assert!(message.contains("again.csv: all of its 20 readings"), "{message}");
-    // the same programme measured again is welcome
+    // the same program measured again is welcome
     column(&mut second, "deviation_um").iter_mut().for_each(|d| *d += 0.3);
     assert_eq!(build(&[first, second]).unwrap().readings.len(), 60);
 }

@@ -60,7 +60,7 @@ pub struct Sample {
     pub travel: Travel,
     /// Path speed, mm/s, where known.
     pub feed: Option<f64>,
-    /// Which run of the programme.
+    /// Which run of the program.
     pub run: u32,
 }
 

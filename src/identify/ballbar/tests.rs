@@ -38,7 +38,7 @@ const PITCH: f64 = 10.0;
 const SPIKE_TIME: f64 = 0.03;
 
 impl Machine {
-    /// Place of the tool when the programme is at `angle` and goes in `direction`.
+    /// Place of the tool when the program is at `angle` and goes in `direction`.
     fn tool(&self, angle: f64, direction: f64, feed: f64) -> [f64; 2] {
         let programmed = [R * angle.cos(), R * angle.sin()];
         let speed = [-direction * feed * angle.sin(), direction * feed * angle.cos()];

@@ -7,7 +7,7 @@ use volcomp_units::axes::{AxisArray, AxisName};
 use super::super::axes::MachineAxes;
 use super::super::segment::{Arc, SHORTEST, Segment, Shape};
 use super::lex::{self, Mark, Word};
-use super::{GcodeError, MAX_DWELL_S, MAX_RADIUS_DIFFERENCE_MM, MAX_SEGMENTS, Problem, Programme};
+use super::{GcodeError, MAX_DWELL_S, MAX_RADIUS_DIFFERENCE_MM, MAX_SEGMENTS, Problem, Program};
 
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 enum Motion {
@@ -30,11 +30,11 @@ const XY: Plane = Plane { name: "XY", axes: [AxisName::X, AxisName::Y], centre: 
 const ZX: Plane = Plane { name: "ZX", axes: [AxisName::Z, AxisName::X], centre: ['K', 'I'], offsets: "K I" };
 const YZ: Plane = Plane { name: "YZ", axes: [AxisName::Y, AxisName::Z], centre: ['J', 'K'], offsets: "J K" };
 
-/// Interprets a whole programme that starts at `start` (mm or deg, wire order).
+/// Interprets a whole program that starts at `start` (mm or deg, wire order).
 ///
 /// # Errors
 /// The first thing that is wrong, with line and column.
-pub fn interpret(text: &str, axes: &MachineAxes, start: AxisArray) -> Result<Programme, GcodeError> {
+pub fn interpret(text: &str, axes: &MachineAxes, start: AxisArray) -> Result<Program, GcodeError> {
     let mut state = Interpreter {
         axes,
         segments: Vec::new(),
@@ -62,7 +62,7 @@ pub fn interpret(text: &str, axes: &MachineAxes, start: AxisArray) -> Result<Pro
         }
     }
     state.switch_tool_centre(false);
-    Ok(Programme { segments: state.segments, end: state.position })
+    Ok(Program { segments: state.segments, end: state.position })
 }
 
 struct Interpreter<'a> {
@@ -92,7 +92,7 @@ impl Interpreter<'_> {
         GcodeError { line: self.line, column: word.column, problem }
     }
 
-    /// Carries one block out; true where it ends the programme.
+    /// Carries one block out; true where it ends the program.
     fn block(&mut self, words: &[Word]) -> Result<bool, GcodeError> {
         self.check_once(words)?;
         let request = self.codes(words)?;

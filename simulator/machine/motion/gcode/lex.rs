@@ -1,4 +1,4 @@
-//! A line of a programme to words and comments.
+//! A line of a program to words and comments.
 
 use super::{GcodeError, Problem};
 

@@ -1,4 +1,4 @@
-//! Part programmes: text to segments.
+//! Part programs: text to segments.
 //!
 //! | words | meaning |
 //! |---|---|
@@ -17,7 +17,7 @@
 //! | `( .. )`, `; ..`, `%`, lines starting with `#` | comments; `(SCORE ON)` and `(SCORE OFF)` mark what counts for results |
 //!
 //! Without a score mark every feed move counts and no rapid does. Everything else is refused with line and column,
-//! never skipped: a simulator that ignores a word would measure another path than the part programme.
+//! never skipped: a simulator that ignores a word would measure another path than the part program.
 //! Meaning as in RS-274; LinuxCNC counts dwell in seconds too.
 
 mod interpret;
@@ -29,23 +29,23 @@ use super::segment::Segment;
 
 pub use interpret::interpret;
 
-/// The most segments that a programme may have.
+/// The most segments that a program may have.
 pub const MAX_SEGMENTS: usize = 2_000_000;
 /// The longest dwell, s; longer ones are taken for milliseconds.
 pub const MAX_DWELL_S: f64 = 600.0;
 /// Largest difference between the radius at the start and at the end of an arc, mm.
 pub const MAX_RADIUS_DIFFERENCE_MM: f64 = 0.005;
 
-/// A part programme.
+/// A part program.
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct Programme {
+pub struct Program {
     /// What it does, in order.
     pub segments: Vec<Segment>,
     /// Where it ends, mm or deg.
     pub end: AxisArray,
 }
 
-/// What is wrong with a programme, and where.
+/// What is wrong with a program, and where.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("line {line}, column {column}: {problem}")]
 pub struct GcodeError {
@@ -57,7 +57,7 @@ pub struct GcodeError {
     pub problem: Problem,
 }
 
-/// What can be wrong with a programme.
+/// What can be wrong with a program.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[expect(missing_docs, reason = "the fields are what the message prints")]
 pub enum Problem {
@@ -85,7 +85,7 @@ pub enum Problem {
     )]
     Unsupported { letter: char, value: f64 },
     /// Inches.
-    #[error("G20 (inch) is not supported; convert the programme to mm and use G21")]
+    #[error("G20 (inch) is not supported; convert the program to mm and use G21")]
     Inch,
     /// A word that belongs to nothing in this block.
     #[error("word {letter} has no meaning in this block; it belongs to {belongs_to}")]
@@ -106,7 +106,7 @@ pub enum Problem {
     #[error("feed F{value} is not above 0 mm/min; limit 1000000")]
     Feed { value: f64 },
     /// Outside travel.
-    #[error("axis {axis} reaches {value} (travel {low} to {high}); move the programme or correct the number")]
+    #[error("axis {axis} reaches {value} (travel {low} to {high}); move the program or correct the number")]
     Travel { axis: AxisName, value: f64, low: f64, high: f64 },
     /// A dwell without, or with a strange, time.
     #[error("dwell P{value} s is not within 0 to {MAX_DWELL_S} s; P counts seconds")]
@@ -141,6 +141,6 @@ pub enum Problem {
     #[error("G43.4 needs X, Y, Z and a rotary axis; this machine has {axes}")]
     NoToolCentre { axes: String },
     /// Too much.
-    #[error("more than {MAX_SEGMENTS} blocks with motion; split the programme")]
+    #[error("more than {MAX_SEGMENTS} blocks with motion; split the program")]
     TooLong,
 }

@@ -65,7 +65,7 @@ pub fn checked_cycle_s(cycle_s: f64) -> Result<f64, ProfileError> {
     }
 }
 
-/// A programme as positions in time.
+/// A program as positions in time.
 #[derive(Debug, Clone)]
 pub struct Trajectory {
     planned: Vec<Planned>,
@@ -82,7 +82,7 @@ pub struct Trajectory {
 }
 
 impl Trajectory {
-    /// Plans the whole programme.
+    /// Plans the whole program.
     ///
     /// # Errors
     /// A cycle time or limit that makes no sense.

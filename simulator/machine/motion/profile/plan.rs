@@ -49,7 +49,7 @@ impl Span {
     }
 }
 
-/// Segments and spans of a whole programme.
+/// Segments and spans of a whole program.
 pub(super) fn plan(
     segments: &[Segment],
     axes: &MachineAxes,

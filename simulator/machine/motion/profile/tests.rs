@@ -20,8 +20,8 @@ fn home() -> AxisArray {
 
 fn run(text: &str, cycle_s: f64) -> (Trajectory, Vec<MotionCycle>) {
     let axes = axes();
-    let programme = interpret(text, &axes, home()).unwrap();
-    let mut t = Trajectory::new(home(), &programme.segments, &axes, &Dynamics::default(), cycle_s).unwrap();
+    let program = interpret(text, &axes, home()).unwrap();
+    let mut t = Trajectory::new(home(), &program.segments, &axes, &Dynamics::default(), cycle_s).unwrap();
     let mut cycles = Vec::new();
     while let Some(c) = t.next_cycle() {
         cycles.push(c);
@@ -116,8 +116,8 @@ fn rapids_respect_the_rate_of_every_axis() {
         slow_z,
     ])
     .unwrap();
-    let programme = interpret("G0 X800 Y450 Z400", &axes, home()).unwrap();
-    let mut t = Trajectory::new(home(), &programme.segments, &axes, &Dynamics::default(), 0.001).unwrap();
+    let program = interpret("G0 X800 Y450 Z400", &axes, home()).unwrap();
+    let mut t = Trajectory::new(home(), &program.segments, &axes, &Dynamics::default(), 0.001).unwrap();
     let mut last = home();
     let mut fastest = [0.0_f64; 3];
     while let Some(c) = t.next_cycle() {
@@ -142,7 +142,7 @@ fn the_same_positions_come_again_after_a_rewind() {
 }
 
 #[test]
-fn an_empty_programme_is_one_cycle_at_the_start() {
+fn an_empty_program_is_one_cycle_at_the_start() {
     let (_, cycles) = run("; nothing\n", 0.001);
     assert_eq!(cycles.len(), 1);
     assert_eq!(cycles[0].commanded, home());
@@ -211,6 +211,6 @@ proptest! {
 
 #[test]
 fn dwells_are_segments_of_their_own() {
-    let programme = interpret("G4 P1.5", &axes(), home()).unwrap();
-    assert!(matches!(programme.segments[0].shape, Shape::Dwell(s) if s == 1.5));
+    let program = interpret("G4 P1.5", &axes(), home()).unwrap();
+    assert!(matches!(program.segments[0].shape, Shape::Dwell(s) if s == 1.5));
 }

@@ -47,7 +47,7 @@ impl Inspection<'_> {
         let mut dice = Dice::new(seed, name);
         let mut readings = Readings::new();
         for pass in 1..=PASSES {
-            let cycles = shop.programme(program)?;
+            let cycles = shop.program(program)?;
             self.read(&cycles, pass, &mut dice, &mut readings)?;
         }
         if daemon.is_some() {

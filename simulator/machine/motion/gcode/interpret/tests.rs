@@ -17,7 +17,7 @@ fn axes() -> MachineAxes {
     .unwrap()
 }
 
-fn run(text: &str) -> Result<Programme, GcodeError> {
+fn run(text: &str) -> Result<Program, GcodeError> {
     interpret(text, &axes(), [0.0; 8])
 }
 

@@ -65,7 +65,7 @@ impl Dialect {
 }
 
 /// Where and how fast the machine was measured.
-pub(super) struct Programme {
+pub(super) struct Program {
     low: [f64; SLOTS],
     high: [f64; SLOTS],
     /// Positions of each axis at which it was measured, where they are few.
@@ -74,7 +74,7 @@ pub(super) struct Programme {
     dialect: Dialect,
 }
 
-impl Programme {
+impl Program {
     /// The places and the usual feed of a session.
     pub(super) fn of(session: &Session, dialect: Dialect) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; SLOTS], [f64::NEG_INFINITY; SLOTS]);
@@ -97,7 +97,7 @@ impl Programme {
         Self { low, high, places: places(session), feed, dialect }
     }
 
-    /// The programme; `about` are the letters of the axes that it is about, the first that moves is taken.
+    /// The program; `about` are the letters of the axes that it is about, the first that moves is taken.
     pub(super) fn text(&self, motion: Motion, about: &[char]) -> String {
         match motion {
             Motion::Circles => return self.circles(),
@@ -284,16 +284,16 @@ fn places(session: &Session) -> [Vec<f64>; SLOTS] {
     })
 }
 
-/// The word of an axis in a programme.
+/// The word of an axis in a program.
 fn word(axis: Axis) -> char {
     ['X', 'Y', 'Z', 'A', 'B', 'C'][axis.slot()]
 }
 
 #[cfg(test)]
 mod tests {
-    use super::{Dialect, Motion, Programme};
+    use super::{Dialect, Motion, Program};
 
-    const MILL: Programme = Programme {
+    const MILL: Program = Program {
         low: [0.0, 100.0, -200.0, 0.0, 0.0, -90.0],
         high: [500.0, 400.0, -197.6, 0.0, 0.0, 90.0],
         places: [const { Vec::new() }; 6],
@@ -319,7 +319,7 @@ mod tests {
         text.lines().filter(|l| !l.starts_with('(')).collect()
     }
 
-    /// Every value of a word in a programme.
+    /// Every value of a word in a program.
     fn words(text: &str, letter: char) -> Vec<f64> {
         blocks(text)
             .into_iter()
@@ -360,7 +360,7 @@ mod tests {
     #[test]
     fn the_positions_of_the_session_are_measured_where_they_are_few() {
         let places = [const { Vec::new() }; 6].map(|_: Vec<f64>| vec![0.0, 60.0, 130.0, 500.0]);
-        let mill = Programme { places, ..MILL };
+        let mill = Program { places, ..MILL };
         let x = words(&mill.text(Motion::Points, &['x']), 'X');
         assert_eq!(x[1..5], [5.0, 60.0, 130.0, 495.0], "{x:?}");
         assert_eq!(x.len(), 1 + 4 + 1 + 4, "{x:?}");
@@ -372,7 +372,7 @@ mod tests {
         for (dialect, dwell) in
             [(Dialect::LinuxCnc, "G4 P3"), (Dialect::Fanuc, "G4 P3000"), (Dialect::Sinumerik, "G4 F3")]
         {
-            let mill = Programme { dialect, ..MILL };
+            let mill = Program { dialect, ..MILL };
             let text = mill.text(Motion::Points, &['x']);
             assert!(text.lines().any(|l| l == dwell) && text.contains(dialect.words()), "{text}");
             minutes.push(mill.minutes(Motion::Points, &text));
@@ -402,7 +402,7 @@ mod tests {
 
     #[test]
     fn nothing_measured_gives_words_and_no_motion() {
-        let nowhere = Programme { low: [f64::INFINITY; 6], high: [f64::NEG_INFINITY; 6], ..MILL };
+        let nowhere = Program { low: [f64::INFINITY; 6], high: [f64::NEG_INFINITY; 6], ..MILL };
         for motion in ALL {
             assert!(blocks(&nowhere.text(motion, &['x'])).is_empty(), "{motion:?}");
         }

@@ -13,7 +13,7 @@ const QUICK: f64 = 110.0;
 const MIDDLE_MM: [f64; 3] = [45.0, 20.0, 205.0];
 /// Where the tracker stands, mm.
 const STATION_MM: [f64; 3] = [1250.0, -1700.0, 520.0];
-/// Repetitions of each programme.
+/// Repetitions of each program.
 const REPEATS: i64 = 2;
 
 /// The whole campaign of a day.
