@@ -277,6 +277,7 @@ fn take_signals(session: &mut Session, library: &mut Library) {
             library.blind.push(library::Blind {
                 label: library.labels[l].to_string(),
                 because: "a file lacks the temperature or speed that it needs".to_owned(),
+                is_unrecorded: true,
             });
         }
     }

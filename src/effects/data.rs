@@ -62,11 +62,20 @@ pub struct Hidden {
     pub because: String,
     /// Directions of the displacement by which alone an angular error shows in these data.
     pub one_lever: [bool; 3],
+    /// It may be at work in these data: they do not record the quantity on which it depends.
+    pub is_unrecorded: bool,
+}
+
+impl Hidden {
+    /// The quantity on which the effect depends was not recorded.
+    pub(crate) fn unrecorded(because: &str) -> Self {
+        Self { is_unrecorded: true, ..because.into() }
+    }
 }
 
 impl<T: Into<String>> From<T> for Hidden {
     fn from(because: T) -> Self {
-        Self { because: because.into(), one_lever: [false; 3] }
+        Self { because: because.into(), one_lever: [false; 3], is_unrecorded: false }
     }
 }
 

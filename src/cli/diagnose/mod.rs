@@ -140,7 +140,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         }
     }
     let logs = Logs::read(&args.history)?;
-    let (mut session, rotary) = load(args, &args.data, &logs, model.as_ref(), &additions, &machine)?;
+    let (mut session, rotary, stated) = load(args, &args.data, &logs, model.as_ref(), &additions, &machine)?;
     if args.plan {
         let seen = plan(&mut session, &args.without);
         bar.end();
@@ -151,7 +151,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         files => {
             let own = Logs::read(&args.fresh_history)?;
             let logs = if args.fresh_history.is_empty() { &logs } else { &own };
-            let (fresh, _) = load(args, files, logs, model.as_ref(), &additions, &machine)?;
+            let (fresh, ..) = load(args, files, logs, model.as_ref(), &additions, &machine)?;
             let new: Vec<_> = fresh.notes.iter().filter(|n| !session.notes.contains(n)).cloned().collect();
             session.notes.extend(new);
             Some(fresh)
@@ -186,11 +186,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.json {
         exit::print(&format!("{json}\n"))
     } else {
-        text_report::summary(&session, &found, &compensable, args.out.as_deref())
+        text_report::summary(&session, &found, &compensable, stated, args.out.as_deref())
     }
 }
 
-/// A session with its predictions, and the rotary axis of a test without a model.
+/// A session with its predictions, the rotary axis of a test without a model, and the number of notes that stderr states.
 fn load(
     args: &Args,
     files: &[PathBuf],
@@ -198,7 +198,7 @@ fn load(
     model: Option<&Model>,
     additions: &[Addition],
     machine: &Machine,
-) -> Result<(Session, Option<Rotary>), Failure> {
+) -> Result<(Session, Option<Rotary>, usize), Failure> {
     let mut raws: Vec<Raw> = Vec::with_capacity(files.len());
     let (mut detected, mut rotary) = (Vec::new(), None);
     for path in files {
@@ -216,6 +216,7 @@ fn load(
     let machine = ideal.as_ref().map_or(machine, |(machine, _)| machine);
     let mut session = Session::build(&raws, history, machine.clone())
         .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {e}")))?;
+    let stated = detected.len();
     session.notes.splice(0..0, detected);
     session.notes.extend(notes);
     input::chain(&mut session, model.or(ideal.as_ref().map(|(_, model)| model)))?;
@@ -223,7 +224,7 @@ fn load(
         predict(&mut session, model, additions)
             .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {e}")))?;
     }
-    Ok((session, rotary))
+    Ok((session, rotary, stated))
 }
 
 /// An axis letter of `--only` or `--axis`.

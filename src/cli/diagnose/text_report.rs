@@ -66,14 +66,17 @@ pub(super) fn list_effects(name: &str) -> Result<(), Failure> {
 
 /// Causes that are not established and are listed on stdout, at most.
 const CANDIDATES: usize = 5;
+/// Reasons for which effects cannot be identified that are listed on stdout, at most.
+const REASONS: usize = 4;
 /// Width of the column of names.
 const NAME: usize = 44;
 
-/// The report in a few lines.
+/// The report in a few lines; the first `stated` notes stand on stderr already.
 pub(super) fn summary(
     session: &Session,
     found: &Diagnosis,
     compensable: &Compensable,
+    stated: usize,
     out: Option<&Path>,
 ) -> Result<(), Failure> {
     let r = &found.report;
@@ -115,14 +118,8 @@ pub(super) fn summary(
     for n in r.next_measurement.iter().take(2) {
         say!("next measurement, about {:.0} min: {}; it {}", n.minutes, n.action, n.decides);
     }
-    let mut reasons: BTreeMap<&str, Vec<&str>> = BTreeMap::new();
-    for u in &r.cannot_be_seen {
-        reasons.entry(&u.because).or_default().push(&u.effect);
-    }
-    for (because, effects) in reasons {
-        say!("not identifiable: {} ({because})", effects.join(", "));
-    }
-    for n in &r.notes {
+    unidentifiable(found);
+    for n in r.notes.iter().skip(stated) {
         say!("note: {n}");
     }
     if let Some(out) = out {
@@ -181,6 +178,31 @@ fn table(found: &Diagnosis, compensable: &Compensable) {
             c.probability
         );
         doubts(c);
+    }
+}
+
+/// What the data cannot show: the reasons with most effects, each effect named once with all of its subjects.
+fn unidentifiable(found: &Diagnosis) {
+    let unseen = &found.report.cannot_be_seen;
+    let mut reasons: BTreeMap<&str, BTreeMap<&str, Vec<&str>>> = BTreeMap::new();
+    for u in unseen {
+        let (name, subject) = u.effect.split_once(':').unwrap_or((&u.effect, ""));
+        reasons.entry(&u.because).or_default().entry(name).or_default().push(subject);
+    }
+    let mut reasons: Vec<_> = reasons.into_iter().collect();
+    let count = |names: &BTreeMap<&str, Vec<&str>>| names.values().map(Vec::len).sum::<usize>();
+    reasons.sort_by_key(|(_, names)| core::cmp::Reverse(count(names)));
+    if unseen.is_empty() {
+        return;
+    }
+    say!(
+        "not identifiable from these data: {} (all in report.json, cannot_be_seen)",
+        counted(unseen.len(), "effect")
+    );
+    for (because, names) in reasons.iter().take(REASONS) {
+        let named =
+            |(name, of): (&&str, &Vec<&str>)| format!("{name} {}", of.join(" ")).trim_end().to_owned();
+        say!("      {}: {because}", names.iter().map(named).collect::<Vec<_>>().join(", "));
     }
 }
 

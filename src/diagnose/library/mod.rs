@@ -29,6 +29,8 @@ pub struct Blind {
     pub label: String,
     /// Why.
     pub because: String,
+    /// It may be at work in these data: they do not record the quantity on which it depends.
+    pub is_unrecorded: bool,
 }
 
 /// An angular error whose lever never changes: what it does is a displacement along these directions, a function of the
@@ -83,7 +85,11 @@ impl Library {
                     Ok(shapes) => library.add(effect.kind, label, shapes),
                     Err(hidden) => {
                         let (over, along) = (subject.axis, hidden.one_lever);
-                        library.blind.push(Blind { label: label.to_string(), because: hidden.because });
+                        library.blind.push(Blind {
+                            label: label.to_string(),
+                            because: hidden.because,
+                            is_unrecorded: hidden.is_unrecorded,
+                        });
                         if along.contains(&true) {
                             library.one_lever.push(OneLever { label, over, along });
                         }

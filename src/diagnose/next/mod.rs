@@ -6,7 +6,7 @@ pub use self::program::Dialect;
 
 use self::program::Program;
 use super::constants::TOLD;
-use super::library::{Effect, Library, Measurement as Motion};
+use super::library::{Effect, Kind, Library, Measurement as Motion};
 use super::report::{Cause, Next, Unexplained};
 use super::session::Session;
 
@@ -14,6 +14,8 @@ use super::session::Session;
 const ONE_OF_TWO: f64 = core::f64::consts::LN_2;
 /// Preparation of a measurement that is no part of the catalogue, min.
 const PREPARE_MIN: f64 = 30.0;
+/// Time for a place of a session whose times are ordinal, with positioning and dwell, s.
+const PLACE_S: f64 = 10.0;
 /// Effects named that a measurement shows and these data cannot.
 const UNSEEN_NAMED: usize = 4;
 /// Most measurements listed.
@@ -91,6 +93,11 @@ fn changes(m: &Measurement, label: &str) -> bool {
     Effect::find(name).is_some_and(|e| e.changes_with.contains(&m.motion))
 }
 
+/// Entropy of a yes or no with this probability, nats.
+fn entropy(p: f64) -> f64 {
+    [p, 1.0 - p].iter().filter(|p| **p > 0.0).map(|p| -p * p.ln()).sum()
+}
+
 /// Letters of the axes along which effects act or are counted: the last one of their subjects.
 fn axes(labels: &[String]) -> Vec<char> {
     labels.iter().filter_map(|l| l.split_once(':')?.1.chars().next_back()).collect()
@@ -99,16 +106,15 @@ fn axes(labels: &[String]) -> Vec<char> {
 /// A measurement with its part program and its duration.
 fn asked(
     program: &Program,
-    action: &str,
-    motion: Motion,
-    prepare_min: f64,
+    m: &Measurement,
     separates: Vec<String>,
     information: f64,
     decides: String,
 ) -> Next {
-    let gcode = program.text(motion, &axes(&separates));
-    let minutes = (prepare_min + program.minutes(motion, &gcode)).ceil();
-    Next { action: action.to_owned(), separates, information, decides, minutes, gcode }
+    let gcode = program.text(m.motion, &axes(&separates));
+    let minutes = (m.prepare_min + program.minutes(m.motion, &gcode)).ceil();
+    let action = program.action(m.motion).unwrap_or(m.action).to_owned();
+    Next { action, separates, information, decides, minutes, gcode }
 }
 
 /// What the result of a measurement decides between the pairs that it tells apart.
@@ -124,8 +130,14 @@ fn decides(m: &Measurement, told: &[&(String, String, f64)]) -> String {
     format!("decides between {moved}, which changes with it, and {stays}, which does not")
 }
 
-/// Duration of the session, min.
+/// Duration of the session, min; from the number of its places where its times are ordinal.
 fn session_minutes(session: &Session) -> f64 {
+    if session.is_ordinal() {
+        let mut times: Vec<f64> = session.moments.iter().map(|m| m.t_s).collect();
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+        return (times.len() as f64 * PLACE_S / 60.0).ceil();
+    }
     let mut spans = vec![[f64::INFINITY, f64::NEG_INFINITY]; session.files.len()];
     for m in &session.moments {
         let span = &mut spans[m.file];
@@ -151,13 +163,11 @@ pub(super) fn next(
         for other in rivals {
             let p = causes.iter().find(|o| o.label() == other).map_or(0.5 * c.probability, |o| o.probability);
             let (a, b) = (c.probability.max(1e-6), p.max(1e-6));
-            // the information of a test that tells the two apart: entropy of which of them it is
-            let (a, b) = (a / (a + b), b / (a + b));
             let known = pairs
                 .iter()
                 .any(|(x, y, _)| (*x == other && *y == c.label()) || (*x == c.label() && *y == other));
             if !known {
-                pairs.push((c.label(), other, -(a * a.ln() + b * b.ln())));
+                pairs.push((c.label(), other, entropy(a / (a + b))));
             }
         }
     }
@@ -175,7 +185,7 @@ pub(super) fn next(
             separates.dedup();
             (!separates.is_empty()).then(|| {
                 let decides = decides(m, &told);
-                asked(&program, m.action, m.motion, m.prepare_min, separates, information, decides)
+                asked(&program, m, separates, information, decides)
             })
         })
         .collect();
@@ -191,19 +201,38 @@ pub(super) fn next(
         });
     }
     if unexplained.significant {
-        // the measurement that would bring most of what is not seen yet
+        // what the readings do not record may be at work in them; what its column shows to be constant cannot
+        let unrecorded: Vec<&str> =
+            library.blind.iter().filter(|b| b.is_unrecorded).map(|b| b.label.as_str()).collect();
         for m in CATALOGUE.iter().filter(is_new) {
-            let unseen: Vec<String> =
-                library.blind.iter().map(|b| b.label.clone()).filter(|l| changes(m, l)).collect();
-            if !unseen.is_empty() && !all.iter().any(|n| n.action == m.action) {
-                let information = 0.1 * ONE_OF_TWO * unseen.len() as f64;
-                let rest = unseen.len().saturating_sub(UNSEEN_NAMED);
+            let shown: Vec<String> =
+                unrecorded.iter().filter(|l| changes(m, l)).map(|l| (*l).to_owned()).collect();
+            if !shown.is_empty() && !all.iter().any(|n| n.action == m.action) {
+                let share = shown.len() as f64 / (unrecorded.len() + 1) as f64;
+                let rest = shown.len().saturating_sub(UNSEEN_NAMED);
                 let more = if rest > 0 { format!(" or {rest} more") } else { String::new() };
-                let named = unseen[..unseen.len() - rest].join(" or ");
+                let named = shown[..shown.len() - rest].join(" or ");
                 let decides =
-                    format!("shows whether {named}{more} contributes, which these data cannot show");
-                all.push(asked(&program, m.action, m.motion, m.prepare_min, unseen, information, decides));
+                    format!("shows whether {named}{more} contributes, which these data do not record");
+                all.push(asked(&program, m, shown, entropy(share), decides));
             }
+        }
+    }
+    if session.instruments.iter().all(|i| i.contains("cmm")) && !session.instruments.is_empty() {
+        let separates: Vec<String> =
+            causes.iter().filter(|c| c.declared && c.kind == Kind::Machine).map(Cause::label).collect();
+        if !separates.is_empty() {
+            all.push(Next {
+                action: "measure the part again, turned by 90 degrees on the CMM".to_owned(),
+                decides: format!(
+                    "decides whether {} turns with the part, as an error of the machine does, or stays with the CMM",
+                    separates.join(" or ")
+                ),
+                separates,
+                information: ONE_OF_TWO,
+                minutes: PREPARE_MIN + session_minutes(session),
+                gcode: "(the inspection program again, the part turned by 90 degrees)".to_owned(),
+            });
         }
     }
     for c in causes.iter().filter(|c| c.declared && !c.confounded_with.is_empty()) {
@@ -212,7 +241,8 @@ pub(super) fn next(
             let separates: Vec<String> = [c.label()].into_iter().chain(c.confounded_with.clone()).collect();
             let decides = format!("decides which of {} it is", separates.join(", "));
             let action = p.settles.trim_end_matches('.');
-            all.push(asked(&program, action, Motion::Points, PREPARE_MIN, separates, ONE_OF_TWO, decides));
+            let m = Measurement { action, motion: Motion::Points, prepare_min: PREPARE_MIN };
+            all.push(asked(&program, &m, separates, ONE_OF_TWO, decides));
         }
     }
     all.sort_by(|a, b| b.information.total_cmp(&a.information).then(a.action.cmp(&b.action)));

@@ -12,6 +12,8 @@ use volcomp_units::RAD_PER_DEG;
 /// Feed where none is known from the readings, mm/min, and the least and most that is asked for.
 const FEED: f64 = 1000.0;
 const FEED_RANGE: [f64; 2] = [100.0, 10_000.0];
+/// Least speed that counts as feed, mm/s.
+const SLOWEST_MM_PER_S: f64 = 0.1;
 /// Shortest way that is worth a line, mm or deg.
 const WAY: f64 = 2.0;
 /// Share of the way that the points take; the rest is for coming from outside.
@@ -71,6 +73,8 @@ pub(super) struct Program {
     /// Positions of each axis at which it was measured, where they are few.
     places: [Vec<f64>; SLOTS],
     feed: f64,
+    /// Two linear axes moved at once.
+    has_circles: bool,
     dialect: Dialect,
 }
 
@@ -79,6 +83,7 @@ impl Program {
     pub(super) fn of(session: &Session, dialect: Dialect) -> Self {
         let (mut low, mut high) = ([f64::INFINITY; SLOTS], [f64::NEG_INFINITY; SLOTS]);
         let mut speeds: Vec<f64> = Vec::new();
+        let mut has_circles = false;
         for m in &session.moments {
             for axis in &session.axes {
                 let k = axis.slot();
@@ -86,7 +91,8 @@ impl Program {
                 (low[k], high[k]) = (low[k].min(p), high[k].max(p));
             }
             let speed = (0..3).map(|k| m.velocity[k].powi(2)).sum::<f64>().sqrt();
-            if speed.is_finite() && speed > 0.1 {
+            has_circles |= (0..3).filter(|k| m.velocity[*k].abs() > SLOWEST_MM_PER_S).count() > 1;
+            if speed.is_finite() && speed > SLOWEST_MM_PER_S {
                 speeds.push(60.0 * speed);
             }
         }
@@ -94,7 +100,14 @@ impl Program {
         let usual = speeds.get(speeds.len() / 2).copied().unwrap_or(FEED);
         // a round figure
         let feed = ((usual / 100.0).round() * 100.0).clamp(FEED_RANGE[0], FEED_RANGE[1]);
-        Self { low, high, places: places(session), feed, dialect }
+        Self { low, high, places: places(session), feed, has_circles, dialect }
+    }
+
+    /// What is to be done where the catalogue asks to repeat what the session does not have.
+    pub(super) fn action(&self, motion: Motion) -> Option<&'static str> {
+        (motion == Motion::Circles && !self.has_circles).then_some(
+            "run circles in each plane (ballbar) at two feeds, three times apart, in both directions",
+        )
     }
 
     /// The program; `about` are the letters of the axes that it is about, the first that moves is taken.
@@ -174,10 +187,12 @@ impl Program {
 
     fn circles(&self) -> String {
         let slow = self.feed.min(FEED_RANGE[1] / 3.0);
-        format!(
-            "(the circles of the session again, same centre and radius, G2 and G3, at F{slow:.0} and at F{:.0})",
-            3.0 * slow
-        )
+        let which = if self.has_circles {
+            "the circles of the session again, same centre and radius"
+        } else {
+            "by hand: circles in each plane, way still free?"
+        };
+        format!("({which}, G2 and G3, at F{slow:.0} and at F{:.0})", 3.0 * slow)
     }
 
     /// Positions of a line: those of the session where it was measured at few, the outermost a little inside so that they can

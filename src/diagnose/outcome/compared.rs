@@ -158,7 +158,7 @@ pub(super) fn unexplained(session: &Session, a: &Analysis, c: &Comparison, left:
             kinds.push("depends on place and velocity");
         }
         words.push(format!(
-            "a discrepancy of {:.2} um RMS that {}",
+            "a discrepancy of {:.2} µm RMS that {}",
             s.discrepancy_um2.sqrt(),
             if kinds.is_empty() { "has no effect in the library".to_owned() } else { kinds.join(" and ") }
         ));
@@ -175,7 +175,7 @@ pub(super) fn unexplained(session: &Session, a: &Analysis, c: &Comparison, left:
             "because no temperature of these data goes with it"
         };
         words.push(format!(
-            "slow drift of {:.2} um RMS{time}, of unknown source: machine, instrument and air cannot be told apart {temperature}",
+            "slow drift of {:.2} µm RMS{time}, of unknown source: machine, instrument and air cannot be told apart {temperature}",
             s.drift_um2.sqrt()
         ));
     }

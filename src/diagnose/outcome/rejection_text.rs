@@ -11,7 +11,7 @@ fn words(reason: Reason) -> String {
     let text = match reason {
         Reason::HeldOut { with_um, without_um } => {
             return format!(
-                "makes readings that were left out worse: {with_um:.2} um with it, {without_um:.2} um without it"
+                "makes readings that were left out worse: {with_um:.2} µm with it, {without_um:.2} µm without it"
             );
         }
         Reason::Worse => "fits readings that were left out worse than no effect at all",

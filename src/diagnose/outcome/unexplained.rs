@@ -129,7 +129,7 @@ fn looks_like(
     for c in drifting {
         let n = a.noise[*c];
         words.push(format!(
-            "slow drift of {}: {:.2} um over {:.0} s, {:.1} times the noise; compare with the instrument's own",
+            "slow drift of {}: {:.2} µm over {:.0} s, {:.1} times the noise; compare with the instrument's own",
             session.instruments[*c],
             n.drift_um,
             n.drift_s,

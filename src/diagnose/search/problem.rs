@@ -205,6 +205,7 @@ impl Problem {
                 because:
                     "offsets of the setups and drift take all of it; let its cause change inside one setup"
                         .to_owned(),
+                is_unrecorded: false,
             })
             .collect()
     }

@@ -176,11 +176,11 @@ fn units(raw: &Raw) -> Result<(), SessionError> {
     let size = rms(deviation);
     let [least, .., most] = DEVIATION_UM;
     if size > most {
-        let what = format!("has an RMS of {size:.0} um, limit {most:.0}");
-        return wrong("deviation_um", what, "are these nm? the column is in um");
+        let what = format!("has an RMS of {size:.0} µm, limit {most:.0}");
+        return wrong("deviation_um", what, "are these nm? the column is in µm");
     }
     if size > 0.0 && size < least {
-        let what = format!("has an RMS of {size:.5} um, limit {least}");
+        let what = format!("has an RMS of {size:.5} µm, limit {least}");
         return wrong("deviation_um", what, "are these mm? the column is in um: multiply by 1000");
     }
     for axis in Axis::LINEAR {

@@ -38,15 +38,15 @@ pub(super) fn units_of_setups(raw: &Raw) -> Result<(), SessionError> {
     let shifted_only = raw.instruments.iter().all(|n| !is_encoder(n) && !has_rotation(n));
     for (setup, (scatter, size)) in &sizes {
         if *size > 0.0 && *size < DEVIATION_UM[0] && *size * TWO_UNITS < largest {
-            let what = format!("has an RMS of {size:.5} um in setup {setup}, of {largest:.2} um in another");
+            let what = format!("has an RMS of {size:.5} µm in setup {setup}, of {largest:.2} µm in another");
             return wrong(what, "is that setup in mm? the column is in um: multiply by 1000");
         }
         if shifted_only && *scatter > SCATTER_UM {
             let what = format!(
-                "scatters by {scatter:.0} um RMS in setup {setup}, limit {:.0} for an instrument that is only shifted",
+                "scatters by {scatter:.0} µm RMS in setup {setup}, limit {:.0} for an instrument that is only shifted",
                 SCATTER_UM
             );
-            return wrong(what, "are these nm? the column is in um");
+            return wrong(what, "are these nm? the column is in µm");
         }
     }
     Ok(())
@@ -61,10 +61,10 @@ pub(super) fn of(raw: &Raw) -> Vec<Note> {
     let scatter = sizes.values().map(|s| s.0).fold(0.0, f64::max);
     let shifted_only = raw.instruments.iter().all(|n| !is_encoder(n) && !has_rotation(n));
     if shifted_only && scatter > DEVIATION_UM[2] {
-        say(format!("deviation_um scatters by {scatter:.0} um RMS: are these nm? the column is in um"));
+        say(format!("deviation_um scatters by {scatter:.0} µm RMS: are these nm? the column is in µm"));
     }
     if scatter > 0.0 && scatter < DEVIATION_UM[1] {
-        say(format!("deviation_um scatters by {scatter:.3} um RMS only: are these mm? the column is in um"));
+        say(format!("deviation_um scatters by {scatter:.3} µm RMS only: are these mm? the column is in µm"));
     }
     if raw.instruments.iter().any(|n| n == UNNAMED) {
         say("no column instrument: all readings count as one class of noise".to_owned());

@@ -234,10 +234,10 @@ fn what_is_odd_is_said() {
         ("reaches 0.120 mm only: are these m?", more("tool_length_mm", 0.12)),
         ("temp_air_degc stays within 0.021 degC of zero", more("temp_air_degc", 0.021)),
         ("no column instrument", Box::new(|r| r.instruments.fill("instrument".into()))),
-        ("scatters by 721 um RMS: are these nm?", scaled("deviation_um", 1e3)),
-        ("scatters by 7214 um RMS in setup 1, limit 3000", scaled("deviation_um", 1e4)),
+        ("scatters by 721 µm RMS: are these nm?", scaled("deviation_um", 1e3)),
+        ("scatters by 7214 µm RMS in setup 1, limit 3000", scaled("deviation_um", 1e4)),
         (
-            "in setup 2, of 2.25 um in another; is that setup in mm?",
+            "in setup 2, of 2.25 µm in another; is that setup in mm?",
             Box::new(|r| {
                 for i in 20..40 {
                     column(r, "setup")[i] = 2.0;

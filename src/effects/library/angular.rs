@@ -39,6 +39,7 @@ pub(crate) static ANGULAR: Effect = Effect {
                     "no lever changes: move an axis between it and the tool, or use a second tool length"
                         .to_owned(),
                 one_lever: moved.map(|d| d.abs() > LEVER_MM),
+                is_unrecorded: false,
             });
         }
         let centre_mm = Some(centre_mm);

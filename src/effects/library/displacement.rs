@@ -1,6 +1,6 @@
 //! Thermal displacements of the spindle and of the structure.
 
-use crate::data::is_spindle;
+use crate::data::{Hidden, is_spindle};
 use crate::extend::growth;
 use crate::prelude::*;
 
@@ -26,7 +26,7 @@ pub(crate) static SPINDLE_GROWTH: Effect = Effect {
     remedy: "warm-up cycle, spindle cooling, thermal compensation",
     variants: |data, _| {
         if !data.spindle_runs() {
-            return Err("no speed of the spindle is logged, or it does not change".into());
+            return Err(Hidden::unrecorded("no speed of the spindle is logged, or it does not change"));
         }
         let ways =
             [vec![Axis::Z], vec![Axis::Y], vec![Axis::X], vec![Axis::Y, Axis::Z], Axis::LINEAR.to_vec()];
@@ -72,7 +72,7 @@ pub(crate) static AMBIENT_DRIFT: Effect = Effect {
             }));
         }
         if shapes.is_empty() {
-            return Err("no temperature that changes by 0.2 K is logged".into());
+            return Err(Hidden::unrecorded("no temperature that changes by 0.2 K is logged"));
         }
         data.structural(shapes)
     },

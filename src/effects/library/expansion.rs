@@ -1,6 +1,6 @@
 //! Thermal expansion of screws and scales.
 
-use crate::data::is_spindle;
+use crate::data::{Hidden, is_spindle};
 use crate::extend::expansion;
 use crate::prelude::*;
 
@@ -34,7 +34,7 @@ pub(crate) static THERMAL_EXPANSION: Effect = Effect {
             }));
         }
         if shapes.is_empty() {
-            return Err("no temperature that changes by 0.2 K is logged".into());
+            return Err(Hidden::unrecorded("no temperature that changes by 0.2 K is logged"));
         }
         data.structural(shapes)
     },

@@ -1,5 +1,6 @@
 //! Compliance under forces.
 
+use crate::data::Hidden;
 use crate::prelude::*;
 
 /// Powers of the force: a spring, and one that stiffens.
@@ -22,7 +23,7 @@ pub(crate) static LOAD: Effect = Effect {
     variants: |data, of| {
         let axis = of.axis;
         if !data.forces[axis.direction()] {
-            return Err("no force is logged, or it does not change".into());
+            return Err(Hidden::unrecorded("no force is logged, or it does not change"));
         }
         let shapes = Axis::LINEAR.into_iter().flat_map(|along| POWERS.map(|power| (along, power)));
         Ok(shapes.map(|(along, power)| Load { axis, along, power }.into()).collect())
