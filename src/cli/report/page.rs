@@ -38,15 +38,16 @@ svg [stroke='#CDCDCD']{stroke:var(--line)}svg [fill='#0072B2']{fill:var(--a)}svg
 table.stack,table.stack tbody,table.stack tr,table.stack td,table.stack th{display:block;border:0;text-align:left;padding:1px 0}table.stack thead{display:none}\
 table.stack tr{border-bottom:1px solid var(--line);padding:6px 0}table.stack td[data-l]:before{content:attr(data-l) ': ';color:var(--soft)}table.stack td:empty{display:none}\
 table.stack td.n{white-space:normal}.bars{grid-template-columns:1fr max-content;grid-auto-flow:row dense}.bars div:nth-child(3n+1){grid-column:1}.bars div:nth-child(3n){grid-column:2}.bars .track{grid-column:1/3}th:first-child{white-space:normal}td.s{font-size:13px}}\
-@page{size:A4;margin:14mm 14mm 18mm;@bottom-right{content:'page ' counter(page) ' of ' counter(pages);font:8pt sans-serif;color:#444}}\
+@page{size:A4;margin:11mm 13mm 14mm;@bottom-right{content:'page ' counter(page) ' of ' counter(pages);font:8pt sans-serif;color:#444}}\
 @media print{body{font-size:10pt;max-width:none;margin:0;padding:0}h1{font-size:16pt}h2{font-size:12.5pt;margin-top:14pt}h3{font-size:10.5pt}p.lead{font-size:12pt}\
 pre{font-size:8pt;white-space:pre-wrap}td,th{padding:2px 9px 2px 0}td.s{font-size:7.5pt}figcaption,p.note{font-size:8.5pt}\
 h1,h2,h3{break-after:avoid}figure,table.keep,svg{break-inside:avoid}body>figure>svg{max-height:84mm;margin:auto}tr,.bars{break-inside:avoid}thead{display:table-header-group}\
 td.n{white-space:nowrap}.dense table{font-size:7pt;margin:2px 0 4px}.dense td,.dense th{padding:0 7px 0 0}.dense table.stack tr>:first-child{min-width:0}.dense h2{margin:5pt 0 1pt;font-size:10pt}.dense p,.dense ul{margin:2pt 0;font-size:7.5pt}.dense .sign{margin-top:30px}.dense .sign div{font-size:8pt}\
 .figures{grid-template-columns:1fr 1fr;gap:0 16px}.pair{width:90px}details{display:none}\
-.compact p,.compact td,.compact th{font-size:8.5pt;line-height:1.28}.compact h2{font-size:10.5pt;margin:6pt 0 2pt}.compact p{margin:4pt 0}.compact p.lead{font-size:11pt}.compact table{margin:2pt 0 4pt}.compact td,.compact th{padding:1px 8px 1px 0}\
-.compact td.s,.compact p.note,.compact small,.compact figcaption,.compact .fine{font-size:7.2pt;line-height:1.25}.compact p.note{margin:2pt 0}.compact .bars{gap:1px 10px;font-size:8.5pt}.compact .track{height:10px}.compact figure{margin:2pt 0 4pt}\
-.sheet{break-before:page}*{print-color-adjust:exact;-webkit-print-color-adjust:exact}}";
+.compact p,.compact td,.compact th{font-size:8pt;line-height:1.2}.compact h2{font-size:9.5pt;margin:4pt 0 1pt}.compact p{margin:2pt 0}.compact p.lead{font-size:10pt;max-width:none}.compact table{margin:1pt 0 3pt}.compact td,.compact th{padding:1px 8px 1px 0}\
+.compact table.stack br{display:none}.compact table.stack td,.compact table.stack th{font-size:7.2pt}\
+.compact td.s,.compact p.note,.compact small,.compact figcaption,.compact .fine{font-size:7.2pt;line-height:1.25}.compact p.note{margin:2pt 0}.compact .bars{gap:0 10px;font-size:7.5pt}.compact .track{height:8px}.compact figure{margin:1pt 0 2pt}\
+.compact .figures{grid-template-columns:repeat(3,1fr);gap:0 10px}.sheet{break-before:page}*{print-color-adjust:exact;-webkit-print-color-adjust:exact}}";
 
 /// A page under construction.
 #[derive(Debug)]

@@ -312,6 +312,7 @@ mod tests {
         low: [0.0, 100.0, -200.0, 0.0, 0.0, -90.0],
         high: [500.0, 400.0, -197.6, 0.0, 0.0, 90.0],
         places: [const { Vec::new() }; 6],
+        has_circles: true,
         feed: 1500.0,
         dialect: Dialect::LinuxCnc,
     };

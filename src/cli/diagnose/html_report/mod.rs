@@ -9,6 +9,8 @@ use volcomp_diagnose::Diagnosis;
 use volcomp_diagnose::report::{Cause, Report, Verdict};
 use volcomp_diagnose::session::Session;
 
+use charts::Figure;
+
 use super::terms::{
     Compensable, Shares, capital, headline, name, name_of_label, number, parameters, peak_to_valley, percent,
     remedy, um, with_names, with_uncertainty,
@@ -17,6 +19,8 @@ use crate::numerals::counted;
 
 /// Least probability of a cause that is not declared and gets a picture.
 const CANDIDATE: f64 = 0.1;
+/// Figures on the first sheet, at most: two rows.
+const FIRST_FIGURES: usize = 6;
 /// Pictures of causes that are not declared, at most.
 const CANDIDATES: usize = 2;
 /// Part programs listed, at most.
@@ -37,10 +41,10 @@ pub(super) fn page(session: &Session, found: &Diagnosis, compensable: &Compensab
     summary(&mut page, found);
     causes(&mut page, found, compensable);
     waterfall(&mut page, found);
-    fitted(&mut page, found);
     unexplained(&mut page, found);
     next(&mut page, r);
-    agreement(&mut page, session, found);
+    let more = fitted(&mut page, found);
+    annex(&mut page, session, found, &more);
     programs(&mut page, found);
     limits(&mut page, r);
     data(&mut page, session, r);
@@ -51,7 +55,7 @@ pub(super) fn page(session: &Session, found: &Diagnosis, compensable: &Compensab
 /// Name with its label in small print: the label is what files and options use.
 fn named(cause: &Cause) -> String {
     format!(
-        "<b>{}</b><br><small>{}</small>",
+        "<b>{}</b> <br><small>{}</small>",
         escape(&capital(&name(&cause.effect, &cause.subject))),
         escape(&cause.label())
     )
@@ -151,7 +155,7 @@ fn cause_row(c: &Cause, found: &Diagnosis, compensable: &Compensable, shares: &S
         |x| {
             let [alone, last] = [(before, x.alone), (x.all_others, after)]
                 .map(|(from, to)| format!("{} → {}", um(from.rms_um), um(to.rms_um)));
-            format!("{alone}<br><small>after all others {last}</small>")
+            format!("{alone} <br><small>after all others {last}</small>")
         },
     );
     let mut values = parameters(c);
@@ -233,47 +237,51 @@ fn waterfall(page: &mut Page, found: &Diagnosis) {
     );
 }
 
-fn fitted(page: &mut Page, found: &Diagnosis) {
-    let r = &found.report;
-    let of = |declared: bool, most: usize, least: f64| {
-        let causes = r.causes.iter().filter(move |c| c.declared == declared && c.probability >= least);
-        let labels: Vec<String> = causes.map(Cause::label).collect();
-        let mut curves = Vec::new();
-        for label in labels.into_iter().take(most) {
-            curves.extend(found.curves.iter().filter(|c| c.label == label && !c.lines.is_empty()));
-        }
-        curves
-    };
-    let (declared, candidates) = (of(true, usize::MAX, 0.0), of(false, CANDIDATES, CANDIDATE));
-    if !declared.is_empty() {
+/// The largest fitted curves and measured against predicted; gives the figures for which the first sheet has no room.
+fn fitted(page: &mut Page, found: &Diagnosis) -> Vec<Figure> {
+    let declared = found.report.causes.iter().filter(|c| c.declared);
+    let mut figures: Vec<Figure> = declared.flat_map(|c| curves(found, c)).collect();
+    let has_steps = !found.budget.steps.is_empty();
+    let agreement = has_steps.then(|| charts::measured_and_predicted(found)).flatten();
+    let more = figures.split_off(figures.len().min(FIRST_FIGURES - usize::from(agreement.is_some())));
+    if !figures.is_empty() {
         page.heading("Fitted curves of the causes");
-        page.figures(&declared.iter().map(|c| charts::fitted(c)).collect::<Vec<_>>());
+        figures.extend(agreement);
+        page.figures(&figures);
         page.note(
             "Grey: the readings without the other causes. Line: the effect as fitted, with the 90 % band of its posterior, about its mean, which the \
              set-up offsets absorb.",
         );
     }
-    if !candidates.is_empty() {
-        page.heading("Candidates that are not established");
-        page.figures(&candidates.iter().map(|c| charts::fitted(c)).collect::<Vec<_>>());
-    }
+    more
 }
 
-fn agreement(page: &mut Page, session: &Session, found: &Diagnosis) {
-    let mut figures = Vec::new();
-    if !found.budget.steps.is_empty() {
-        figures.extend(charts::measured_and_predicted(found));
+/// The charts of the curves of one cause.
+fn curves(found: &Diagnosis, cause: &Cause) -> Vec<Figure> {
+    let label = cause.label();
+    let own = found.curves.iter().filter(|c| c.label == label && !c.lines.is_empty());
+    own.map(charts::fitted).collect()
+}
+
+/// Figures without room on the first sheet.
+fn annex(page: &mut Page, session: &Session, found: &Diagnosis, more: &[Figure]) {
+    if !more.is_empty() {
+        page.heading("Further fitted curves of the causes");
+        page.figures(more);
     }
-    figures.extend(charts::residuals(session, found));
-    if figures.is_empty() {
-        return;
+    let open = |c: &&Cause| !c.declared && c.probability >= CANDIDATE;
+    let candidates: Vec<Figure> =
+        found.report.causes.iter().filter(open).take(CANDIDATES).flat_map(|c| curves(found, c)).collect();
+    if !candidates.is_empty() {
+        page.heading("Candidates that are not established");
+        page.figures(&candidates);
     }
-    page.heading(if found.budget.steps.is_empty() {
-        "The gap over time and axes"
-    } else {
-        "Measured against predicted, and the residual"
-    });
-    page.figures(&figures);
+    let residuals = charts::residuals(session, found);
+    if !residuals.is_empty() {
+        let is_gap = found.budget.steps.is_empty();
+        page.heading(if is_gap { "The gap over time and axes" } else { "The residual over time and axes" });
+        page.figures(&residuals);
+    }
 }
 
 fn programs(page: &mut Page, found: &Diagnosis) {
