@@ -218,16 +218,16 @@ fn share_of(
     let detail = if factor.by == "direction" {
         format!("{}: most on the way towards {}", factor.detail, if low < 0.0 { "minus" } else { "plus" })
     } else {
-        format!("{}: most between {} and {}", factor.detail, short(low), short(high))
+        format!("{}: largest between {} and {}", factor.detail, short(low), short(high))
     };
     Some(Place { by: factor.by, of: factor.of.clone(), share, detail })
 }
 
 /// A number with some three digits that count.
 fn short(value: f64) -> String {
-    // what rounds to zero has no sign
-    let value = if value.abs() < 5e-5 { 0.0 } else { value };
     match value.abs() {
+        // what rounds to zero has neither sign nor digits
+        size if size < 5e-5 => "0".to_owned(),
         size if size >= 100.0 => format!("{value:.0}"),
         size if size >= 10.0 => format!("{value:.1}"),
         size if size >= 1.0 => format!("{value:.2}"),
@@ -243,7 +243,7 @@ mod tests {
     fn a_place_is_told_with_the_digits_that_count() {
         assert_eq!(
             [214.4621, -17.2203, 1.234, 0.01234, 0.0, -0.00004].map(short),
-            ["214", "-17.2", "1.23", "0.0123", "0.0000", "0.0000"]
+            ["214", "-17.2", "1.23", "0.0123", "0", "0"]
         );
     }
 }

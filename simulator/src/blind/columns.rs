@@ -280,7 +280,8 @@ impl Rows {
     }
 
     /// Which declared causes say again what is true: the cause is a combination of true effects, or a true effect is a combination
-    /// of declared causes in which this one is needed.
+    /// of declared causes in which this one is needed, beside its own name, too: a hinge that tilts under acceleration yields
+    /// under a force, and takes two formulas.
     ///
     /// Both by label; a cause may have several columns, linear in its parameters.
     #[must_use]
@@ -296,7 +297,7 @@ impl Rows {
             if columns.len() == 1 && columns.iter().all(is_truth) {
                 found.insert(label.clone());
             }
-            for (_, effect) in truth.iter().filter(|(l, _)| !declared.contains_key(*l)) {
+            for effect in truth.values() {
                 let all: Vec<&Column> = declared.values().flatten().collect();
                 let others: Vec<&Column> =
                     declared.iter().filter(|(l, _)| *l != label).flat_map(|(_, c)| c).collect();
@@ -369,6 +370,22 @@ mod tests {
         let found =
             rows.re_expressions(&truth, &causes(of(&rows, |x, _| (-(x - 100.0).powi(2) / 900.0).exp())));
         assert_eq!(found.into_iter().collect::<Vec<_>>(), ["servo-mismatch:x", "servo-mismatch:y"]);
+    }
+
+    #[test]
+    fn what_a_true_effect_does_beyond_its_formula_is_a_re_expression_and_what_it_does_not_is_none() {
+        let rows = rows();
+        let truth = BTreeMap::from([("inertial-cross:x".to_owned(), of(&rows, |x, y| 0.01 * x + 0.03 * y))]);
+        let said = |second: Column| {
+            BTreeMap::from([
+                ("inertial-cross:x".to_owned(), vec![of(&rows, |x, _| 0.01 * x)]),
+                ("load:y".to_owned(), vec![second]),
+            ])
+        };
+        let found = rows.re_expressions(&truth, &said(of(&rows, |_, y| 0.03 * y)));
+        assert_eq!(found.into_iter().collect::<Vec<_>>(), ["load:y"]);
+        let bump = of(&rows, |x, _| (-(x - 100.0).powi(2) / 900.0).exp());
+        assert!(rows.re_expressions(&truth, &said(bump)).is_empty());
     }
 
     #[test]

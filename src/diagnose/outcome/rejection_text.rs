@@ -34,6 +34,10 @@ fn costs(cost: Cost) -> String {
             ": differs by {:.0} % of itself with the position of other axes, speed, temperature, time or tool",
             100.0 * share
         ),
+        Cost::Company(share) => format!(
+            ": the effects chosen in this session deviate by {:.0} % of themselves in the mean, so an effect outside the library may be at work",
+            100.0 * share
+        ),
         Cost::TakesBack => ": takes back what the other effects say".to_owned(),
     }
 }
