@@ -79,7 +79,7 @@ pub(super) fn causes(
 
 /// What was taken out because it makes readings that were left out worse, unless it is listed already.
 pub(super) fn rejected(a: &Analysis, listed: &[Cause]) -> Vec<Cause> {
-    let pruned = decide(a.pruned.clone(), &[], &HeldOut::default());
+    let pruned = decide(a.pruned.clone(), &HeldOut::default());
     let is_new = |x: &Assessed| listed.iter().all(|c| c.label() != x.label.to_string());
     pruned.iter().filter(|x| is_new(x)).map(|x| cause(x, a, BTreeMap::new(), 0.0)).collect()
 }

@@ -166,7 +166,7 @@ pub(super) fn conclude(
     let assessed = match &a.comparison {
         Some(c) => compared::assessed(a, c),
         None if options.ablation.has_gates() => {
-            decide(evidence(session, a, &parts, &owner), &a.pruned, &held_out(session, a, &parts, &owner))
+            decide(evidence(session, a, &parts, &owner), &held_out(session, a, &parts, &owner))
         }
         None => declare_all(assess(&a.problem, &a.library, &a.selection)),
     };
