@@ -76,15 +76,29 @@ fn refine_worn(
 const ASKED: f64 = 0.2;
 const ASKED_MAX: usize = 3;
 
-/// Those of the effects that have a share of the energy of the largest, the largest first.
-fn by_energy(problem: &Problem, chosen: &[usize], share: f64) -> Vec<usize> {
-    let given = problem.given(chosen);
-    let beta = problem.fit(&given);
-    let energy = |v: &usize| (problem.part(&given, &beta, *v).norm_squared(), *v);
-    let mut all: Vec<(f64, usize)> = chosen.iter().map(energy).collect();
-    all.sort_by(|a, b| b.0.total_cmp(&a.0).then(a.1.cmp(&b.1)));
-    let least = share * all.first().map_or(0.0, |a| a.0);
-    all.into_iter().filter(|(e, _)| *e >= least).map(|(_, v)| v).collect()
+/// An effect with what it contributes to every row of the session, um, and how much a variation of it would show.
+struct Contribution {
+    variant: usize,
+    part: Vec<f64>,
+    energy: f64,
+}
+
+/// Those of the effects that have a share of the largest energy, the largest first. What a mounting hides of an effect, as of a
+/// tool that is too long, it does not hide of its variation.
+fn by_energy(
+    (session, filter, problem, library): (&Session, &Filter, &Problem, &Library),
+    chosen: &[usize],
+    share: f64,
+) -> Vec<Contribution> {
+    let parts = contributions_um(session, problem, library, chosen);
+    let energies = Variation::would_show(session, filter, problem, &parts);
+    let all = chosen.iter().zip(parts).zip(energies);
+    let mut all: Vec<Contribution> =
+        all.map(|((v, part), energy)| Contribution { variant: *v, part, energy }).collect();
+    all.sort_by(|a, b| b.energy.total_cmp(&a.energy).then(a.variant.cmp(&b.variant)));
+    let least = share * all.first().map_or(0.0, |a| a.energy);
+    all.retain(|c| c.energy >= least);
+    all
 }
 
 /// Where effects are not the same everywhere, what varies joins the noise, and causes are looked for again. It stays so as
@@ -98,12 +112,14 @@ pub(super) fn allow_for_variation(
 ) {
     let square = problem.y.norm_squared();
     let mut best = Found::of(problem, library, selection, square);
-    let mut core = by_energy(problem, &selection.chosen, LITTLE);
-    for search_again in [true, true, false] {
+    let mut core = selection.chosen.clone();
+    for (search_again, share) in [(true, LITTLE), (true, 0.0), (false, 0.0)] {
         core.iter().for_each(|v| problem.prepare(*v));
-        core = by_energy(problem, &core, 0.0);
-        let mut parts = contributions_um(session, problem, library, &core);
-        parts.truncate(by_energy(problem, &core, ASKED).len().min(ASKED_MAX));
+        let all = by_energy((session, filter, problem, library), &core, share);
+        core = all.iter().map(|c| c.variant).collect();
+        let least = ASKED * all.first().map_or(0.0, |c| c.energy);
+        let asked = all.into_iter().take(ASKED_MAX).filter(|c| c.energy >= least);
+        let parts: Vec<Vec<f64>> = asked.map(|c| c.part).collect();
         if problem.variation().is_some() {
             problem.vary(None);
             core.iter().for_each(|v| problem.prepare(*v));

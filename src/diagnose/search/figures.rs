@@ -26,7 +26,8 @@ pub struct Figures {
     pub between: f64,
     /// Share of the gain that runs left out of the fit show.
     pub held_out: f64,
-    /// Cosine between what it does and what all others do, whitened: near -1 where it takes back what they say.
+    /// Cosine between what it does and what all others do, whitened by the noise alone: near -1 where it takes
+    /// back what they say.
     pub against: f64,
     /// In how many programs it shows, each counted by its share (inverse of the sum of the squared shares).
     pub breadth: f64,
@@ -152,6 +153,14 @@ pub fn figures(
     let beside = problem.contribution(&others, &other_beta);
     let partial = &problem.y - &beside;
     let fit = problem.part(&given, &beta, variant);
+    // two are no opposites because the variation takes what they say alike
+    let plain = |part: &DVector<f64>| {
+        let mut part = part.clone();
+        if let Some(v) = problem.variation() {
+            v.turn(&mut part, true);
+        }
+        part
+    };
     let own_axis = library.variants[variant].shape.over();
     let places = &problem.places[own_axis.map_or(SLOTS, Axis::slot)];
     let within = |of: &[usize], count: usize| {
@@ -165,7 +174,7 @@ pub fn figures(
     Figures {
         between: within(&places.of, places.count).max(within(&problem.block, problem.blocks)),
         held_out: held_out(problem, &given.columns, &mine, gain),
-        against: against(&fit, &beside),
+        against: against(&plain(&fit), &plain(&beside)),
         breadth: breadth(problem, &fit),
         misform: DEVIATION_EXPECTED,
         varies: problem

@@ -113,6 +113,20 @@ impl Variation {
         Some(Self { effects, basis, variance })
     }
 
+    /// How much of each part would show if it varied along a line: the energy of its products with each linear axis, whitened.
+    #[must_use]
+    pub fn would_show(session: &Session, filter: &Filter, problem: &Problem, parts: &[Vec<f64>]) -> Vec<f64> {
+        let ways = ways(session, problem);
+        let mut lines = powers(ways.len());
+        lines.retain(|d| d.iter().sum::<usize>() == 1);
+        let all: Vec<&[f64]> = parts.iter().map(Vec::as_slice).collect();
+        let products = products(session, filter, problem, &all, (&ways, &lines));
+        let energy = |k: usize| {
+            products.as_ref().map_or(0.0, |p| p.columns(k * lines.len(), lines.len()).norm_squared())
+        };
+        (0..parts.len()).map(energy).collect()
+    }
+
     /// What is known of an effect that was asked.
     #[must_use]
     pub fn of(&self, label: usize) -> Option<&Varying> {
@@ -126,7 +140,7 @@ impl Variation {
     }
 
     /// Whitens a column in place, or what was whitened back again.
-    fn turn(&self, column: &mut DVector<f64>, back: bool) {
+    pub(super) fn turn(&self, column: &mut DVector<f64>, back: bool) {
         let mut along = self.basis.tr_mul(column);
         along.component_mul_assign(&self.change(back));
         column.gemv(1.0, &self.basis, &along, 1.0);
