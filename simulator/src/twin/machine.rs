@@ -182,15 +182,18 @@ impl Twin {
         let aligned = [tip[0] + tx + b * arm[2], tip[1] + ty - a * arm[2], tip[2] + a * arm[1] - b * arm[0]];
         // out of the turned workpiece into machine axes
         let (sin, cos) = ideal.1;
-        let d: [f64; 3] = std::array::from_fn(|i| aligned[i] - ideal.0[i]);
-        let turned = [cos * d[0] + sin * d[1], -sin * d[0] + cos * d[1], d[2]];
+        let turned = |to: [f64; 3]| {
+            let d: [f64; 3] = std::array::from_fn(|i| to[i] - ideal.0[i]);
+            [cos * d[0] + sin * d[1], -sin * d[0] + cos * d[1], d[2]]
+        };
         let heat = self.heat.shift_mm();
-        let mut total: [f64; 3] = std::array::from_fn(|i| turned[i] + doing.shift[i] + heat[i]);
-        if let Some((share, field)) = &self.variation {
-            let factor = 1.0 + share * field.at([q[0], q[1], q[2]]);
-            total.iter_mut().for_each(|v| *v *= factor);
-        }
-        total
+        let error = turned(aligned);
+        let total: [f64; 3] = std::array::from_fn(|i| error[i] + doing.shift[i] + heat[i]);
+        let Some((share, field)) = &self.variation else { return total };
+        let more = share * field.at([q[0], q[1], q[2]]);
+        // errors vary over the volume; what was commanded beside the nominal position is no error
+        let commanded = turned(perfect(&self.chain, &wire(q), nominal_tip).0);
+        std::array::from_fn(|i| total[i] + more * (total[i] - commanded[i]))
     }
 }
 
@@ -276,6 +279,23 @@ mod tests {
     fn a_longer_grating_shows_along_its_axis_also_with_the_table_turned() {
         let d = deviation(&[Effect::new("scale", "x", 15.0)], &at(300.0, 200.0, 100.0, 1.2), 120.0);
         assert!((d[0] - 0.03).abs() < 1e-6 && d[1].abs() < 1e-9 && d[2].abs() < 1e-9, "{d:?}");
+    }
+
+    #[test]
+    fn an_error_varies_over_the_volume_and_a_commanded_offset_does_not() {
+        let truth = TwinTruth {
+            effects: vec![Effect::new("scale", "x", 15.0)],
+            variation: 0.3,
+            ..TwinTruth::perfect(4)
+        };
+        let mut twin = Twin::new(&truth, 1).unwrap();
+        let corrected = at(299.97, 200.0, 100.0, 0.0);
+        twin.step(1e-3, &corrected);
+        twin.step(1e-3, &corrected);
+        let error = twin.deviation_mm(&corrected, 120.0)[0];
+        let left = twin.deviation_mm(&at(300.0, 200.0, 100.0, 0.0), 120.0)[0];
+        assert!((error - 0.03).abs() > 1e-3, "it varies: {error}");
+        assert!((left - (error - 0.03)).abs() < 1e-5, "{error} mm, {left} mm left");
     }
 
     #[test]
