@@ -130,8 +130,8 @@ fn the_defaults_in_the_reference_file_are_those_of_the_code() {
 
 #[test]
 fn the_documentation_names_every_key() {
-    let text =
-        read(&std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/reference/configuration.md"));
+    let folder = std::path::Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/reference");
+    let text = read(&folder.join("configuration.md")) + &read(&folder.join("model-keys.md"));
     for key in config::machine::known_keys().iter().chain(&model::known_keys()) {
         let name = last(key);
         let dynamic = ["x", "y", "z", "c"].contains(&name) || key.starts_with("errors.") && name.len() == 3;

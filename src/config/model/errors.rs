@@ -267,7 +267,7 @@ impl Kind<'_, '_> {
                     CurveError::TooManyTerms { limit, .. } => {
                         format!("keep the first {limit} terms, or use a table for what is finer")
                     }
-                    _ => "see the chapter on error curves in docs/reference/configuration.md".to_owned(),
+                    _ => "see the error curves in docs/reference/model-keys.md".to_owned(),
                 };
                 let message = format!("{}: {e}", self.section.title());
                 self.section.report(Diagnostic {

@@ -164,8 +164,8 @@ pub const CATALOGUE: &[Entry] = &[
         severity: Fault,
         text: "the control has applied another offset than the one sent",
         cause: "somebody else writes the offset, the control clamps it, or it is lost on the way",
-        reaction: "compensation ends and no further correction is sent; the control misses them and removes what it holds by its own rule; latched until it reports zero and the fault is cleared",
-        remedy: "find the other writer (a second daemon, a part program, a limit of the control) or the unit or sign error in the read-back, then clear the fault and enable again",
+        reaction: "compensation ends, no further correction is sent, the control removes its offset by its own rule; latched until it reports zero and the fault is cleared",
+        remedy: "find the other writer (second daemon, part program, limit of the control) or the unit or sign error in the read-back, then clear the fault and enable",
     },
     Entry {
         code: Code(4002),
@@ -218,7 +218,7 @@ pub const CATALOGUE: &[Entry] = &[
         severity: Fault,
         text: "the control reports an offset that it cannot hold",
         cause: "the read-back is beyond the limit (on a new link: beyond twice the limit): a wrong unit or sign, a foreign writer, memory that was not cleared",
-        reaction: "compensation ends and no further correction is sent; the control misses them and removes what it holds by its own rule; latched until it reports zero and the fault is cleared",
+        reaction: "compensation ends, no further correction is sent, the control removes its offset by its own rule; latched until it reports zero and the fault is cleared",
         remedy: "compare `applied` in a recording with what the control really holds; correct the adapter or the limits, then `volcomp enable --clear-fault`",
     },
     Entry {
