@@ -4,6 +4,7 @@ mod assemble_cli;
 mod bench_cli;
 mod config_files;
 mod config_messages;
+mod conventions;
 mod correct_cli;
 mod evaluate_cli;
 mod fit_cli;

@@ -6,7 +6,7 @@ use clap::Parser;
 use plotters::prelude::*;
 use serde_json::{Value, json};
 
-use super::picture::PicturePath;
+use super::picture::{PictureArgs, PicturePath};
 use crate::arg_parsers::{above_zero, not_negative};
 use crate::files::write_text;
 use crate::model_writer::{ModelWriter, Sources};
@@ -31,7 +31,7 @@ use volcomp_units::{mm_from_um, um_from_mm};
 #[command(after_help = "Examples:\n  \
     volcomp fit thermal warmup.csv --displacement z_um                         only the figures\n  \
     volcomp fit thermal warmup.csv --displacement z_um --name spindle-z \\\n      \
-    --symbol ezz --limit-um 80 --into model.toml --picture spindle.html\n\n\
+    --symbol ezz --limit-um 80 --into model.toml --html spindle.html\n\n\
     The model then has [thermal.spindle-z], which volcompd feeds from its sensors (docs/how-to/thermal.md).")]
 pub(super) struct Args {
     /// The recording: CSV with a header. - is stdin.
@@ -74,12 +74,11 @@ pub(super) struct Args {
     lambda: Option<f64>,
     #[command(flatten)]
     model: ModelWriter,
-    /// Write the figures as JSON.
-    #[arg(long, value_name = "FILE")]
+    /// Print the figures as one JSON object, or write them to FILE.
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
-    /// Draw measured and predicted displacement over time: a file ending in .svg or .html.
-    #[arg(long, value_name = "FILE")]
-    picture: Option<PicturePath>,
+    #[command(flatten)]
+    pictures: PictureArgs,
 }
 
 /// A length among the error motions of an axis.
@@ -98,6 +97,7 @@ struct Recording {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    super::stdout_once(&args.model, args.json.as_deref())?;
     let recording = read(args)?;
     let name = args.name.clone().unwrap_or_else(|| stem(&args.displacement).to_owned());
     let request = Request {
@@ -122,7 +122,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(path) = &args.json {
         write_text(path, &format!("{:#}\n", report(&name, &found)))?;
     }
-    if let Some(path) = &args.picture {
+    for path in args.pictures.paths() {
         draw(path, args, &recording, &found)?;
     }
     let stdout_taken = args.model.takes_stdout() || args.json.as_ref().is_some_and(|p| p.as_os_str() == "-");

@@ -86,7 +86,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let tip = Vector3::from(nominal.tip_mm) + Vector3::from(machine.workpiece_origin_mm());
     let list = |v: [f64; 3]| v.map(|x| x.to_string()).join(",");
     say!(
-        "volcomp identify circles --data {} --tip-beyond-mm {} --sigma-um {} --nominal-axis {} --nominal-tip-mm {}",
+        "volcomp identify circles --data {} --tip-beyond-mm {} --noise-um {} --nominal-axis {} --nominal-tip-mm {}",
         args.out.join("circles.csv").display(),
         args.tip_beyond_mm,
         args.noise_um.max(1e-6),

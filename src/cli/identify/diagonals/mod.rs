@@ -47,7 +47,7 @@ pub(super) struct Args {
         value_name = "FILE",
         requires = "box_mm",
         conflicts_with = "input",
-        required_unless_present = "input"
+        required_unless_present_any = ["input", "file"]
     )]
     data: Option<PathBuf>,
     /// Sides of the box along X, Y, Z.
@@ -74,7 +74,7 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    match (args.case.file(), &args.data) {
+    match (args.case.file(), args.case.data(&args.data)) {
         (Some(file), _) => {
             file.writes_no_model(args.out.target().is_some())?;
             vector::run(args, file)

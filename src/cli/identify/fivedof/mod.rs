@@ -96,11 +96,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut file = HeadFile::read(path)?;
     if let Some(log) = &args.resting {
         let calibration = run_resting(args, axis, log, &mut file)?;
-        if args.data.is_none() {
+        if args.case.data(&args.data).is_none() {
             report_calibration(args, axis, &calibration);
         }
     }
-    match &args.data {
+    match args.case.data(&args.data) {
         Some(data) => run_data(args, axis, data, &file),
         None if args.resting.is_none() => {
             Err(Failure::new(EX_USAGE, "error: give --data, --resting or --input"))

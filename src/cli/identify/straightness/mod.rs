@@ -91,7 +91,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         let file = signs.get_or_insert_with(SignFile::default);
         confirm(args, axis, file, found)?;
     }
-    let Some(data) = &args.data else {
+    let Some(data) = args.case.data(&args.data) else {
         return if tilts.is_some() {
             Ok(())
         } else {
