@@ -13,7 +13,7 @@ const GROUPS: [(&str, &[&str]); 5] = [
     ("Measure", &["identify", "evaluate", "verify"]),
     ("Model", &["fit", "model", "predict", "correct", "diff", "filter"]),
     ("Diagnose", &["diagnose", "replay"]),
-    ("Exchange", &["import", "export", "gateway"]),
+    ("Exchange", &["import", "export", "gateway", "schema"]),
 ];
 
 /// The template of the help: clap's own, with the verbs grouped.

@@ -50,6 +50,7 @@ mod recordings;
 mod replay;
 mod report;
 pub mod report_page;
+mod schema;
 mod start_up;
 mod status;
 mod table;
@@ -110,6 +111,7 @@ enum Verb {
     Audit(audit::Args),
     Filter(filter::Args),
     Gateway(gateway::Args),
+    Schema(schema::Args),
 }
 
 /// The command tree of `volcomp`, for tests that go through every command form.
@@ -157,6 +159,7 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Verb::Audit(a) => audit::run(&a),
         Verb::Filter(a) => filter::run(&a),
         Verb::Gateway(a) => gateway::run(&a),
+        Verb::Schema(a) => schema::run(&a),
     })
 }
 

@@ -15,4 +15,5 @@ mod model_extend;
 mod model_show;
 mod predict_cli;
 mod reports;
+mod schema;
 mod streams_and_ranges;

@@ -141,7 +141,7 @@ fn signs_are_checked_for_parity_and_confirmed_by_tilts() {
     write("wrong.toml", &SIGNS.replace("\"+b\"", "\"-b\""));
     let wrong = ["--data", "x.csv", "--axis", "x", "--signs", "wrong.toml", "--json"];
     let refused = message(&volcomp(folder.path(), &wrong), 78);
-    assert!(refused.contains("is no change of axes: pitch would turn against"), "{refused}");
+    assert!(refused.contains("is not a rotation of axes: pitch would turn against"), "{refused}");
 
     // an instrument that really is so: the tilt test proves it, and its word is kept in the table
     write("tilt.csv", &tilts(-1.0));

@@ -335,6 +335,17 @@ fn pages_are_short_and_cells_hold_a_phrase() {
 }
 
 #[test]
+fn files_in_the_table_of_names_exist() {
+    let text = read(&root().join("docs/development/names.md"));
+    let rows = text.lines().filter(|line| line.starts_with('|'));
+    // the last cell has the names of today; files of the sources are given from the root on
+    let cells = rows.filter_map(|row| row.trim_end_matches(" |").rsplit(" | ").next());
+    let files: Vec<&str> = cells.flat_map(|c| c.split('`')).filter(|word| word.ends_with(".rs")).collect();
+    assert!(files.len() > 60, "{}", files.len());
+    none(&files.iter().filter(|f| !root().join(f).is_file()).map(|f| format!("no {f}")).collect::<Vec<_>>());
+}
+
+#[test]
 fn citations_and_links_are_recognised() {
     assert_eq!(equations("/// # Source  equations 5.2, 1.4 (sense), 5.6 (a (b)); 7"), ["5.2", "1.4", "5.6"]);
     assert_eq!(equations("//! equations 1.4 to 1.9 and 2. Every"), ["1.4", "1.9", "2"]);

@@ -78,7 +78,7 @@ pub(crate) fn plane(text: &str) -> Result<[char; 2], String> {
     let axes: Vec<char> = text.chars().map(|c| c.to_ascii_uppercase()).collect();
     match axes[..] {
         [a, b] if a != b && a.is_ascii_alphabetic() && b.is_ascii_alphabetic() => Ok([a, b]),
-        _ => Err(format!("'{text}' is no plane; write two axes such as xy, yz or zx")),
+        _ => Err(format!("invalid plane '{text}'; write two axes such as xy, yz or zx")),
     }
 }
 

@@ -60,7 +60,7 @@ fn read(path: &Path) -> Result<Evaluated, Failure> {
     while table.advance()? {
         let word = table.word(name);
         let Some(diagonal) = Diagonal::parse(&word) else {
-            let what = format_args!("'{word}' is no diagonal; write ppp, npp, pnp or ppn (signs of X Y Z)");
+            let what = format_args!("invalid diagonal '{word}'; write ppp, npp, pnp or ppn (signs of X Y Z)");
             return Err(table.fail(name, what));
         };
         let r = columns.reading(&table)?;

@@ -154,7 +154,7 @@ pub(crate) struct Pair {
     pub(crate) expanded: Option<f64>,
 }
 
-/// What [`compare`] is told beside the files.
+/// Options of [`compare`] beside the files.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct CompareOptions {
     /// Plane of a circle.

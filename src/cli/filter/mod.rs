@@ -28,7 +28,7 @@ pub(super) struct Args {
 enum What {
     /// Sensors and maps: innovations, noise, acceptance, nodes with their standard deviations.
     Show(ShowArgs),
-    /// Begin a map anew from the offline map; its sensors are got to know anew.
+    /// Begin a map anew from the offline map; its sensors are initialised again.
     Forget(ForgetArgs),
 }
 
@@ -193,7 +193,7 @@ pub(super) fn write(
     Ok(())
 }
 
-/// Growths by heat as a person reads them; nothing where there are none.
+/// Thermal displacements as text; empty without any.
 pub(super) fn write_growths(f: &mut String, growths: &[ThermalDisplacementStatus]) -> std::fmt::Result {
     for (k, growth) in growths.iter().enumerate() {
         let label = if k == 0 { "growths     " } else { "            " };

@@ -215,7 +215,7 @@ fn constant(text: &str) -> Result<(ErrorSymbol, f64), String> {
     let (name, value) = text.split_once('=').ok_or("write for example ec0y=-3.1")?;
     match ErrorSymbol::parse(name) {
         Some(symbol @ ErrorSymbol::Squareness { .. }) => Ok((symbol, rad_from_arcsec(number(value)?))),
-        _ => Err(format!("'{name}' is no squareness; they are ec0y, eb0z, ea0z")),
+        _ => Err(format!("unknown squareness '{name}'; expected one of ec0y, eb0z, ea0z")),
     }
 }
 

@@ -1,5 +1,5 @@
 //! Pictures of fits: readings, curve and confidence band, and the residuals below, one pair of panels per error.
-//! Directions are told apart by blue and vermillion, which colour-blind readers and grey prints keep apart.
+//! Directions are distinguished by blue and vermillion, which colour-blind readers and grey prints keep apart.
 
 use core::fmt::Write as _;
 use std::path::{Path, PathBuf};

@@ -69,7 +69,7 @@ pub(super) struct Args {
     /// Time constants of the speeds.
     #[arg(long, value_name = "S,..", value_delimiter = ',', default_value = "60,600,1800,5400,14400", value_parser = not_negative)]
     speed_lags_s: Vec<f64>,
-    /// Strength of the shrinking; without it the one that forecasts best.
+    /// Regularisation; default: the one with the smallest prediction error.
     #[arg(long, value_name = "LAMBDA", value_parser = above_zero)]
     lambda: Option<f64>,
     #[command(flatten)]
@@ -85,7 +85,9 @@ pub(super) struct Args {
 fn length(text: &str) -> Result<ErrorSymbol, String> {
     match ErrorSymbol::parse(text) {
         Some(symbol) if !symbol.is_angle() && !symbol.is_constant() => Ok(symbol),
-        _ => Err(format!("'{text}' is no positioning or straightness error; they are exx, eyx, .. ezz")),
+        _ => Err(format!(
+            "invalid positioning or straightness error '{text}'; expected one of exx, eyx, .. ezz"
+        )),
     }
 }
 

@@ -66,7 +66,7 @@ pub(super) struct Args {
 }
 
 fn pair(text: &str) -> Result<[f64; 2], String> {
-    numbers(text).ok_or_else(|| format!("'{text}' is no pair of numbers; write for example 168.8,0"))
+    numbers(text).ok_or_else(|| format!("invalid pair of numbers '{text}'; write for example 168.8,0"))
 }
 
 /// A case of the vectors: mm, and degrees where the name says so.

@@ -284,7 +284,7 @@ impl Place {
         if values[2].abs() > 89.0 {
             return Err(table.fail(
                 c[2],
-                format_args!("elevation {} deg is beyond 89 deg, where the azimuth says nothing", values[2]),
+                format_args!("elevation {} deg is beyond 89 deg, where the azimuth is undefined", values[2]),
             ));
         }
         Ok(Self::Spherical(Observation {

@@ -221,7 +221,7 @@ pub(super) fn restore_text(
     let mut problems = estimator.restore(&maps, age_s.max(0.0));
     problems.extend(estimator.restore_thermal(&growths, age_s.max(0.0)));
     if problems.is_empty() {
-        return Ok(format!("what was learned until {} goes on, {:.1} h older", kept.saved, age_s / 3600.0));
+        return Ok(format!("the map saved at {} continues, {:.1} h older", kept.saved, age_s / 3600.0));
     }
     Err((problems.join("; "), "refused"))
 }

@@ -51,7 +51,7 @@ fn coordinate(text: &str) -> Result<(AxisName, f64), String> {
         .next()
         .filter(|_| letters.next().is_none())
         .and_then(AxisName::from_letter)
-        .ok_or_else(|| format!("'{axis}' is no axis"))?;
+        .ok_or_else(|| format!("unknown axis '{axis}'"))?;
     match value.trim().parse::<f64>() {
         Ok(v) if v.is_finite() => Ok((axis, v)),
         _ => Err(format!("'{value}' is not a finite number")),

@@ -41,7 +41,7 @@ pub(super) struct Args {
 }
 
 fn plane(text: &str) -> Result<Plane, String> {
-    Plane::parse(text).ok_or_else(|| format!("'{text}' is no plane; expected one of xy, yz, zx"))
+    Plane::parse(text).ok_or_else(|| format!("invalid plane '{text}'; expected one of xy, yz, zx"))
 }
 
 /// A day as written, and its number since 1970.
@@ -59,7 +59,7 @@ fn dated(text: &str) -> Result<(Option<Day>, PathBuf), String> {
         }
         // a file whose name has the sign
         _ if !before.starts_with(|c: char| c.is_ascii_digit()) => Ok((None, PathBuf::from(text))),
-        _ => Err(format!("'{text}' is no day and file; write for example 2026-03-12=xy.csv")),
+        _ => Err(format!("invalid day and file '{text}'; write for example 2026-03-12=xy.csv")),
     }
 }
 

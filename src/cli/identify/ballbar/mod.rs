@@ -89,11 +89,11 @@ fn plane_file(text: &str) -> Result<(Plane, PathBuf), String> {
 }
 
 fn pair(text: &str) -> Result<[f64; 2], String> {
-    numbers(text).ok_or_else(|| format!("'{text}' is no pair of numbers, such as 4,40"))
+    numbers(text).ok_or_else(|| format!("invalid pair of numbers '{text}'; write for example 4,40"))
 }
 
 fn pitch(text: &str) -> Result<(AxisName, f64), String> {
-    let wrong = || format!("'{text}' is no pitch of an axis; write for example x=10");
+    let wrong = || format!("invalid pitch of an axis '{text}'; write for example x=10");
     let (axis, value) = text.split_once('=').ok_or_else(wrong)?;
     let mut letters = axis.chars();
     let name = letters.next().and_then(AxisName::from_letter).filter(|_| letters.next().is_none());

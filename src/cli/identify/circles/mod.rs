@@ -172,7 +172,7 @@ fn read(path: &Path, frame: &Frame, tracker: &TrackerArgs, into: &mut [Vec<Vec3>
             other => {
                 return Err(table.fail(
                     circle,
-                    format_args!("{other} is no circle; write 1 (farther from the tip) or 2 (nearer)"),
+                    format_args!("{other} is not a circle; write 1 (farther from the tip) or 2 (nearer)"),
                 ));
             }
         };

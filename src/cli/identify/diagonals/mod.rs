@@ -238,7 +238,7 @@ fn read_diagonals(path: &Path, length: f64) -> Result<Vec<RunReading>, Failure> 
     while table.advance()? {
         let word = table.word(name);
         let Some((diagonal, reversed)) = diagonal_of(&word) else {
-            let what = format_args!("'{word}' is no diagonal; write ppp, npp, pnp or ppn (signs of X Y Z)");
+            let what = format_args!("invalid diagonal '{word}'; write ppp, npp, pnp or ppn (signs of X Y Z)");
             return Err(table.fail(name, what));
         };
         let mut reading = columns.reading(&table)?;

@@ -116,7 +116,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     };
     let Some(sigma) = args.noise_um else {
         return Err(Failure::usage(
-            "--noise-um is missing: without it six readings say nothing about their uncertainty",
+            "--noise-um is missing: without it the uncertainty of six readings is unknown",
         ));
     };
     let straightness = args.sigma_straightness_um.unwrap_or(sigma);
@@ -252,10 +252,7 @@ fn read_readings(
         }
     }
     if stops.all.is_empty() {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!("error: {}: no rows below the header", path.display()),
-        ));
+        return Err(Failure::new(EX_DATAERR, format_args!("error: {}: no data rows", path.display())));
     }
     Ok(())
 }
