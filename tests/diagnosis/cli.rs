@@ -286,7 +286,7 @@ fn what_is_missing_is_named_and_nothing_is_made_of_noise() {
     for wanted in [
         "1 of 96 readings are lost",
         "rows were there twice and count once",
-        "one setup only",
+        "one set-up only",
         "cannot be identified from them: reversal-spike:x",
     ] {
         assert!(notes.contains(wanted), "{wanted}: {notes}");
