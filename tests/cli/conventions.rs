@@ -1,6 +1,6 @@
 //! One name for one thing in the options of `volcomp`, checked over the whole command tree.
 
-#![expect(clippy::expect_used, reason = "a test may stop at what it does not expect")]
+#![expect(clippy::disallowed_methods, reason = "the test writes its input and runs the program")]
 
 use std::collections::BTreeSet;
 use std::process::Command;
@@ -140,7 +140,6 @@ fn the_positional_file_is_read_as_data_is() {
     let rows = ["1,1,0,0.1", "1,1,100,1.2", "1,-1,100,2.1", "1,-1,0,0.9", "2,1,0,0.2", "2,1,100,1.1"];
     let text =
         format!("cycle,direction,target_mm,deviation_um\n{}\n2,-1,100,2.3\n2,-1,0,0.8\n", rows.join("\n"));
-    #[expect(clippy::disallowed_methods, reason = "the test writes its input")]
     std::fs::write(&table, text).expect("written");
     let run = |more: &[&std::ffi::OsStr]| {
         let mut command = Command::new(env!("CARGO_BIN_EXE_volcomp"));
