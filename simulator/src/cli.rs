@@ -67,6 +67,7 @@ impl From<volcomp_cli::Failure> for Failure {
 /// A simulated CNC control and machine tool to run volcomp against.
 #[derive(Debug, Parser)]
 #[command(name = "cncsim", version, arg_required_else_help = true, after_help = volcomp_cli::EXIT_CODES)]
+#[command(mut_subcommands(hide_former))]
 struct Cli {
     #[command(subcommand)]
     verb: Verb,
@@ -92,33 +93,16 @@ enum Verb {
     /// Lines, circles in three planes at two feeds, a tracker grid with two tools, warm-up, R-test, loads and dynamics
     /// on a machine whose physics (servo, friction, heat, bending ..) a truth file switches on. Takes seconds.
     Campaign(campaign::Args),
-    /// Test the diagnosis on machines whose faults it does not know, and count.
-    ///
-    /// Draws machines with one effect, two, none, and effects outside the library, seals the labels, runs volcomp
-    /// diagnose on the session files alone, and only then compares.
-    #[cfg(feature = "diagnosis")]
-    Blind(blind::Args),
-    /// Let everything go wrong that can, by number, and check that the real daemon reacts as it must.
-    Scenarios(scenarios::Args),
-    /// Run the experiments of the source papers and compare their figures.
-    ///
-    /// Simulated instruments, volcomp's own commands, volcompd over TCP, and the compensated machine measured again with
-    /// the instrument of the paper; prints a table and writes an HTML report per paper. Takes minutes.
-    Paper(paper::Args),
     /// Replay recorded motion of a real machine and serve the control on the link.
     Replay(serve::ReplayArgs),
-    /// Make an authority and certificates of control and daemon, to try the link over TLS.
-    Certificates(certificates::Args),
     /// Print a standard test path as a part program.
     Path(path::Args),
-    /// Measure round trips of volcompd beside a bare echo on the same kind of sockets, and what the computation costs.
-    ///
-    /// Both answer the same frames on loopback, in short alternating blocks, so that noise of the computer hits
-    /// both: ratios count. Starts all it needs by itself.
-    BenchLink(Box<bench_link::Args>),
-    /// Write manual pages and shell completions, for packages.
-    #[command(hide = true)]
-    Manuals(manuals::Args),
+    /// Tests and measurements of volcomp itself: blind tests, scenarios, papers, latency of the link, certificates.
+    #[command(subcommand)]
+    Dev(Dev),
+    // the names before `dev`, hidden
+    #[command(flatten)]
+    Former(Dev),
     /// The bare echo of bench-link.
     #[command(hide = true)]
     BenchEcho(bench_link::EchoArgs),
@@ -131,6 +115,52 @@ enum Verb {
     /// The product's tool, for the demo and its tests.
     #[command(hide = true, disable_help_flag = true)]
     Volcomp(Program),
+}
+
+/// Verbs for developers of volcomp, below `dev`.
+#[derive(Debug, Subcommand)]
+enum Dev {
+    /// Run blind tests of the diagnosis on machines with sealed faults, and count.
+    ///
+    /// Draws machines with one effect, two, none, and effects outside the library, seals the labels, runs volcomp
+    /// diagnose on the session files alone, and only then compares.
+    #[cfg(feature = "diagnosis")]
+    Blind(blind::Args),
+    /// Inject every catalogued fault, by number, and check the reaction of the real daemon.
+    Scenarios(scenarios::Args),
+    /// Run the experiments of the source papers and compare their figures.
+    ///
+    /// Simulated instruments, volcomp's own commands, volcompd over TCP, and the compensated machine measured again with
+    /// the instrument of the paper; prints a table and writes an HTML report per paper. Takes minutes.
+    Paper(paper::Args),
+    /// Measure round trips of volcompd beside a bare echo on the same kind of sockets, and what the computation costs.
+    ///
+    /// Both answer the same frames on loopback, in short alternating blocks, so that noise of the computer hits
+    /// both: ratios count. Starts all it needs by itself.
+    BenchLink(Box<bench_link::Args>),
+    /// Make an authority and certificates of control and daemon, to try the link over TLS.
+    Certificates(certificates::Args),
+    /// Write manual pages and shell completions, for packages.
+    Manuals(manuals::Args),
+}
+
+impl Dev {
+    fn run(self) -> Result<(), Failure> {
+        match self {
+            #[cfg(feature = "diagnosis")]
+            Self::Blind(args) => blind::run(&args),
+            Self::Scenarios(args) => scenarios::run_all(&args),
+            Self::Paper(args) => paper::paper(&args),
+            Self::BenchLink(args) => bench_link::bench_link(&args),
+            Self::Certificates(args) => certificates::run(&args),
+            Self::Manuals(args) => manuals::run(&args),
+        }
+    }
+}
+
+/// Hides the verbs for developers at the top level, where their names before `dev` still work.
+fn hide_former(verb: clap::Command) -> clap::Command {
+    if Dev::has_subcommand(verb.get_name()) { verb.hide(true) } else { verb }
 }
 
 /// Arguments that belong to one of the product's programs.
@@ -161,9 +191,7 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         Err(e) => return volcomp_cli::not_parsed(&e),
     };
     let result = match parsed.verb {
-        Verb::BenchLink(args) => bench_link::bench_link(&args),
         Verb::BenchEcho(args) => bench_link::echo(&args),
-        Verb::Manuals(args) => manuals::run(&args),
         Verb::Demo(args) => demo::demo(&args),
         Verb::Survey(args) => demo::survey(&args),
         Verb::Volcompd(program) => {
@@ -172,15 +200,11 @@ pub fn cncsim(args: impl IntoIterator<Item = OsString>) -> ExitCode {
         }
         Verb::HumbleVolcompd(program) => return humble_volcompd(program),
         Verb::Volcomp(program) => return volcomp_cli::volcomp(program.named("volcomp")),
-        #[cfg(feature = "diagnosis")]
-        Verb::Blind(args) => blind::run(&args),
+        Verb::Dev(verb) | Verb::Former(verb) => verb.run(),
         Verb::Campaign(args) => campaign::run(&args),
         Verb::Measure(args) => measure::run(&args),
         Verb::Serve(args) => serve::serve(&args),
-        Verb::Paper(args) => paper::paper(&args),
-        Verb::Scenarios(args) => scenarios::run_all(&args),
         Verb::Replay(args) => serve::replay(&args),
-        Verb::Certificates(args) => certificates::run(&args),
         Verb::Path(args) => path::run(&args),
     };
     let complete = || volcomp_cli::output_complete().map_err(Failure::from);

@@ -10,7 +10,7 @@ pub(super) fn axis_letter(text: &str) -> Result<AxisName, String> {
     let mut letters = text.chars();
     match (letters.next().and_then(AxisName::from_letter), letters.next()) {
         (Some(axis), None) => Ok(axis),
-        _ => Err(format!("'{text}' is no axis; axes are x y z u v w a b c s")),
+        _ => Err(format!("unknown axis '{text}'; expected one of x y z u v w a b c s")),
     }
 }
 
@@ -19,7 +19,7 @@ pub(super) fn linear_axis(text: &str) -> Result<AxisName, String> {
     axis_letter(text)
         .ok()
         .filter(|axis| axis.kind() == AxisKind::Linear)
-        .ok_or_else(|| format!("'{text}' is no linear axis; they are x y z u v w"))
+        .ok_or_else(|| format!("invalid linear axis '{text}'; expected one of x y z u v w"))
 }
 
 /// Numbers with commas between them.
@@ -30,9 +30,9 @@ pub(super) fn numbers<const N: usize>(text: &str) -> Option<[f64; N]> {
 
 /// Three numbers in mm.
 pub(super) fn point(text: &str) -> Result<Vec3, String> {
-    numbers::<3>(text)
-        .map(Vec3::from)
-        .ok_or_else(|| format!("'{text}' is no point; write three finite numbers in mm, such as 0,250,-120"))
+    numbers::<3>(text).map(Vec3::from).ok_or_else(|| {
+        format!("invalid point '{text}'; write three finite numbers in mm, such as 0,250,-120")
+    })
 }
 
 /// A reason or a name for the audit log.

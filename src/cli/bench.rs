@@ -14,7 +14,7 @@ const CYCLES_MAX: u64 = 100_000_000;
 /// Measure what a cycle with this machine file and its model costs on this computer, without touching any machine.
 ///
 /// From a position frame's bytes in hand to its correction's bytes in hand: check sum, engine, model, frame; and apart
-/// from it what comes behind the answer, live values for the next frame and the record. No socket; `cncsim bench-link`
+/// from it what comes behind the answer, live values for the next frame and the record. No socket; `cncsim dev bench-link`
 /// measures with it. The thread has the real-time settings of the machine file.
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {

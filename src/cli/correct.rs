@@ -59,8 +59,9 @@ pub(super) struct Args {
 }
 
 fn at(text: &str) -> Result<(AxisName, f64), String> {
-    let (axis, value) =
-        text.split_once('=').ok_or_else(|| format!("'{text}' is no AXIS=VALUE, such as x=-350.5"))?;
+    let (axis, value) = text
+        .split_once('=')
+        .ok_or_else(|| format!("invalid AXIS=VALUE '{text}'; write for example x=-350.5"))?;
     Ok((axis_letter(axis)?, number(value)?))
 }
 

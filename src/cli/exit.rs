@@ -133,10 +133,11 @@ pub fn not_parsed(error: &clap::Error) -> ExitCode {
 
 /// Parses arguments, runs, prints what went wrong, and turns it into an exit code.
 pub(super) fn run<A: Parser>(
+    command: clap::Command,
     args: impl IntoIterator<Item = OsString>,
     body: impl FnOnce(A) -> Result<(), Failure>,
 ) -> ExitCode {
-    let parsed = match super::ranges::parse::<A>(args) {
+    let parsed = match super::ranges::parse_with::<A>(command, args) {
         Ok(parsed) => parsed,
         Err(e) => return not_parsed(&e),
     };

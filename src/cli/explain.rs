@@ -50,7 +50,7 @@ fn find(text: &str) -> Result<&'static Entry, Failure> {
         Failure::new(
             EX_USAGE,
             format_args!(
-                "error: {text} is no number or name that volcomp uses; volcomp explain lists them all"
+                "error: {text} is not a number or name that volcomp uses; volcomp explain lists them all"
             ),
         )
     })

@@ -152,7 +152,7 @@ impl core::str::FromStr for Cycles {
     type Err = String;
 
     fn from_str(text: &str) -> Result<Self, String> {
-        let bad = || format!("'{text}' is no selection of cycles; write for example 1-4 or 1,3,5");
+        let bad = || format!("invalid selection of cycles '{text}'; write for example 1-4 or 1,3,5");
         let ranges: Option<Vec<_>> = text
             .split(',')
             .map(|part| {
@@ -297,7 +297,7 @@ pub(super) fn parse_csv<R: BufRead>(mut table: Table<R>) -> Result<PositioningTe
 
 /// The error for a table that has a header only.
 pub(super) fn no_rows(file: &str) -> Failure {
-    Failure::new(EX_DATAERR, format_args!("error: {file}: no rows below the header"))
+    Failure::new(EX_DATAERR, format_args!("error: {file}: no data rows"))
 }
 
 #[cfg(test)]
@@ -341,7 +341,7 @@ mod tests {
         assert!(
             fails("cycle,direction,target_mm,deviation_um,operator\n").contains("operator: unknown column")
         );
-        assert!(fails("cycle,direction,target_mm,deviation_um\n").contains("no rows"));
+        assert!(fails("cycle,direction,target_mm,deviation_um\n").contains("no data rows"));
         assert!(fails("cycle,direction,target_mm,deviation_um\n1,2,0,0\n").contains("2 is no direction"));
     }
 }

@@ -164,7 +164,14 @@ fn outside<'c>(command: &'c Command, matches: &ArgMatches) -> Option<(&'c Arg, f
 /// # Errors
 /// A wrong command line, or a number outside its range.
 pub fn parse<A: Parser>(args: impl IntoIterator<Item = std::ffi::OsString>) -> Result<A, clap::Error> {
-    let mut command = A::command();
+    parse_with(A::command(), args)
+}
+
+/// [`parse`] with the command tree of `A` as the caller has dressed it.
+pub(crate) fn parse_with<A: Parser>(
+    mut command: Command,
+    args: impl IntoIterator<Item = std::ffi::OsString>,
+) -> Result<A, clap::Error> {
     let mut matches = command.try_get_matches_from_mut(args)?;
     if let Some((argument, value, [low, high])) = outside(&command, &matches) {
         let what = format!("invalid value '{value:?}' for '{argument}': expected {low} to {high}");

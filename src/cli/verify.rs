@@ -27,7 +27,7 @@ use volcomp_units::axes::Travel;
 ///
 /// Example:
 ///
-///   volcomp verify --before before/positioning-x.csv --after after/positioning-x.csv --report x.html
+///   volcomp verify --before before/positioning-x.csv --after after/positioning-x.csv --html x.html
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {
     /// The measurement without compensation.
@@ -50,7 +50,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "UM", visible_alias = "u-device-arcsec")]
     u_device_um: Option<f64>,
     /// Write a report as one HTML page that needs no other file and prints on A4.
-    #[arg(long, value_name = "FILE.html", visible_alias = "html")]
+    #[arg(long = "html", value_name = "FILE.html", alias = "report")]
     report: Option<PathBuf>,
     /// Heading of the report, for example machine, axis and date.
     #[arg(long, value_name = "TEXT")]

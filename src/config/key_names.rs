@@ -113,12 +113,12 @@ mod tests {
     #[test]
     fn suggestions_are_near_or_complete() {
         assert_eq!(
-            suggestion("adress", &["address", "cycle-ms"], "keys here are: "),
+            suggestion("adress", &["address", "cycle-ms"], "expected one of: "),
             "did you mean address?"
         );
         assert_eq!(
-            suggestion("zzz", &["address", "cycle-ms"], "keys here are: "),
-            "keys here are: address, cycle-ms"
+            suggestion("zzz", &["address", "cycle-ms"], "expected one of: "),
+            "expected one of: address, cycle-ms"
         );
     }
 

@@ -23,6 +23,7 @@ pub use machine::{
 pub use machine::{HttpConfig, MqttConfig, MtconnectConfig};
 pub use model::{Measured, ModelFile, Provenance, SourceEntry};
 
+pub use reader::{Allowed, Key, Shape};
 use reader::{Placed, Section};
 use volcomp_protocol::Name;
 use volcomp_units::axes::AxisName;
@@ -128,9 +129,9 @@ fn axis_of_key(axes: &Section<'_>, name: &Placed<&str>) -> Option<AxisName> {
         let remedy = if key_axis(&lower).is_some() {
             format!("axes are lower case in keys: write [axes.{lower}]")
         } else {
-            "axes are x y z u v w a b c s".to_owned()
+            "expected one of x y z u v w a b c s".to_owned()
         };
-        axes.report(Diagnostic::at(name.place.clone(), format!("axes.{} is no axis", name.value), remedy));
+        axes.report(Diagnostic::at(name.place.clone(), format!("unknown axis axes.{}", name.value), remedy));
     }
     axis
 }

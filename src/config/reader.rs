@@ -6,7 +6,7 @@
 //! construction. A value that is wrong is reported and then counts as absent.
 
 use std::cell::RefCell;
-use std::collections::BTreeSet;
+use std::collections::BTreeMap;
 use std::ops::Range;
 
 use toml::de::{DeTable, DeValue};
@@ -28,14 +28,22 @@ impl<T> Placed<T> {
 }
 
 /// The numbers that a key may have.
-#[derive(Debug, Clone, Copy)]
-pub(super) enum Allowed {
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Allowed {
     /// Any finite number.
     Finite,
     /// `0 < v <= high`.
-    Positive { high: f64 },
+    Positive {
+        /// Highest.
+        high: f64,
+    },
     /// `low <= v <= high`.
-    Within { low: f64, high: f64 },
+    Within {
+        /// Lowest.
+        low: f64,
+        /// Highest.
+        high: f64,
+    },
 }
 
 impl Allowed {
@@ -56,11 +64,48 @@ impl Allowed {
     }
 }
 
+/// Value of a key, as the code that reads it states.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub enum Shape {
+    /// Of several types, or read by a rule of its own.
+    #[default]
+    Any,
+    /// A number.
+    Number(Allowed),
+    /// A whole number, lowest and highest.
+    Whole(u32, u32),
+    /// A list of numbers; of this length, or of any.
+    Numbers(Option<usize>),
+    /// A text.
+    Text,
+    /// A list of texts.
+    Texts,
+    /// True or false.
+    Flag,
+    /// One of these words.
+    Words(Vec<String>),
+    /// A table.
+    Table,
+    /// One table, or a list of tables.
+    Tables,
+}
+
+/// A key that a file may have: a row of the key table.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Key {
+    /// Its values.
+    pub shape: Shape,
+    /// It must be written where its table is.
+    pub required: bool,
+    /// Value where it is not written, in the unit of the key.
+    pub default: Option<f64>,
+}
+
 /// Collects what is wrong and which keys were asked for.
 #[derive(Debug, Default)]
 pub(super) struct Reader {
     found: RefCell<Vec<Diagnostic>>,
-    keys: RefCell<BTreeSet<String>>,
+    keys: RefCell<BTreeMap<String, Key>>,
 }
 
 impl Reader {
@@ -85,8 +130,8 @@ impl Reader {
     }
 
     /// Every key asked for so far, as `section.key`.
-    pub(super) fn keys(&self) -> Vec<String> {
-        self.keys.borrow().iter().cloned().collect()
+    pub(super) fn keys(&self) -> BTreeMap<String, Key> {
+        self.keys.borrow().clone()
     }
 }
 
@@ -187,12 +232,12 @@ impl<'r> Section<'r> {
 
     /// The section in words.
     pub(super) fn title(&self) -> String {
-        if self.path.is_empty() { "the top of the file".to_owned() } else { format!("[{}]", self.path) }
+        if self.path.is_empty() { "the top level".to_owned() } else { format!("[{}]", self.path) }
     }
 
     /// A table below this one; absent where not written.
     pub(super) fn section(&self, key: &'static str) -> Section<'r> {
-        self.ask(key);
+        self.shape(key, Shape::Table);
         let found = self.table.and_then(|t| t.get_key_value(key));
         let table = found.and_then(|(k, v)| self.as_table(key, k.span(), v.get_ref()));
         self.below(key, table, found.map(|(k, _)| k.span()))
@@ -219,7 +264,7 @@ impl<'r> Section<'r> {
 
     /// The tables written as `[key]` or `[[key]]`.
     pub(super) fn sections(&self, key: &'static str) -> Vec<Section<'r>> {
-        self.ask(key);
+        self.shape(key, Shape::Tables);
         let Some((name, value)) = self.table.and_then(|t| t.get_key_value(key)) else { return Vec::new() };
         match value.get_ref() {
             DeValue::Array(list) => list
@@ -269,8 +314,34 @@ impl<'r> Section<'r> {
         let mut asked = self.asked.borrow_mut();
         if !asked.contains(&key) {
             asked.push(key);
-            self.reader.keys.borrow_mut().insert(self.named_key(key));
+            self.reader.keys.borrow_mut().entry(self.named_key(key)).or_default();
         }
+    }
+
+    /// Completes the row of a key in the key table.
+    fn note(&self, key: &'static str, change: impl FnOnce(&mut Key)) {
+        self.ask(key);
+        if let Some(row) = self.reader.keys.borrow_mut().get_mut(&self.named_key(key)) {
+            change(row);
+        }
+    }
+
+    /// States the values of a key that is read by [`Section::value`].
+    pub(super) fn shape(&self, key: &'static str, shape: Shape) {
+        self.note(key, |row| row.shape = shape);
+    }
+
+    /// The same for a key that is known already.
+    fn shape_of(&self, key: &str, shape: Shape) {
+        if let Some(row) = self.reader.keys.borrow_mut().get_mut(&self.named_key(key)) {
+            row.shape = shape;
+        }
+    }
+
+    /// A number, or its default where it is not written or wrong.
+    pub(super) fn number_or(&self, key: &'static str, allowed: Allowed, default: f64) -> f64 {
+        self.note(key, |row| row.default = Some(default));
+        self.number(key, allowed).map_or(default, |n| n.value)
     }
 
     /// The raw value of a key.
@@ -281,7 +352,7 @@ impl<'r> Section<'r> {
 
     /// Reports that a key is missing, unless it is there under another unit (which is reported by itself).
     pub(super) fn missing(&self, key: &'static str, remedy: &str) {
-        self.ask(key);
+        self.note(key, |row| row.required = true);
         let disguised = self
             .names()
             .iter()
@@ -315,6 +386,7 @@ impl<'r> Section<'r> {
 
     /// A finite number.
     pub(super) fn number(&self, key: &'static str, allowed: Allowed) -> Option<Placed<f64>> {
+        self.shape(key, Shape::Number(allowed));
         let value = self.value(key)?;
         let number = self.finite(key, &value, None)?;
         if !allowed.admits(number) {
@@ -331,6 +403,7 @@ impl<'r> Section<'r> {
 
     /// A whole number.
     pub(super) fn whole(&self, key: &'static str, low: u32, high: u32) -> Option<Placed<u32>> {
+        self.shape(key, Shape::Whole(low, high));
         let value = self.value(key)?;
         let Some(integer) = value.value.as_integer() else {
             self.wrong_shape(key, &value, "a whole number");
@@ -354,6 +427,7 @@ impl<'r> Section<'r> {
 
     /// A list of finite numbers.
     pub(super) fn numbers(&self, key: &'static str) -> Option<Placed<Vec<Placed<f64>>>> {
+        self.shape(key, Shape::Numbers(None));
         let value = self.value(key)?;
         self.list(key, &value)
     }
@@ -364,6 +438,7 @@ impl<'r> Section<'r> {
         key: &str,
         value: &Placed<&'r DeValue<'r>>,
     ) -> Option<Placed<Vec<Placed<f64>>>> {
+        self.shape_of(key, Shape::Numbers(None));
         let Some(items) = value.value.as_array() else {
             self.wrong_shape(key, value, "a list of numbers");
             return None;
@@ -381,6 +456,7 @@ impl<'r> Section<'r> {
 
     /// A list of exactly `N` finite numbers.
     pub(super) fn fixed<const N: usize>(&self, key: &'static str, shape: &str) -> Option<Placed<[f64; N]>> {
+        self.shape(key, Shape::Numbers(Some(N)));
         let value = self.value(key)?;
         self.fixed_list(key, &value, shape)
     }
@@ -392,7 +468,9 @@ impl<'r> Section<'r> {
         value: &Placed<&'r DeValue<'r>>,
         shape: &str,
     ) -> Option<Placed<[f64; N]>> {
-        let list = self.list(key, value)?;
+        let list = self.list(key, value);
+        self.shape_of(key, Shape::Numbers(Some(N)));
+        let list = list?;
         let found = list.value.len();
         let plain: Vec<f64> = list.value.iter().map(|n| n.value).collect();
         let Ok(array) = <[f64; N]>::try_from(plain) else {
@@ -450,6 +528,7 @@ impl<'r> Section<'r> {
 
     /// A text.
     pub(super) fn text(&self, key: &'static str) -> Option<Placed<&'r str>> {
+        self.shape(key, Shape::Text);
         let value = self.value(key)?;
         match value.value {
             DeValue::String(text) => Some(Placed::new(text.as_ref(), value.place)),
@@ -462,6 +541,7 @@ impl<'r> Section<'r> {
 
     /// A list of texts.
     pub(super) fn texts(&self, key: &'static str) -> Option<Placed<Vec<Placed<&'r str>>>> {
+        self.shape(key, Shape::Texts);
         let value = self.value(key)?;
         let texts: Option<Vec<_>> = value.value.as_array().and_then(|list| {
             list.iter().map(|item| Some(Placed::new(item.get_ref().as_str()?, item.span()))).collect()
@@ -474,6 +554,7 @@ impl<'r> Section<'r> {
 
     /// True or false.
     pub(super) fn flag(&self, key: &'static str) -> Option<bool> {
+        self.shape(key, Shape::Flag);
         let value = self.value(key)?;
         let flag = value.value.as_bool();
         if flag.is_none() {
@@ -484,8 +565,9 @@ impl<'r> Section<'r> {
 
     /// One of several words.
     pub(super) fn choice<T: Copy>(&self, key: &'static str, words: &[(&str, T)]) -> Option<T> {
-        let text = self.text(key)?;
-        self.word(key, &text, words)
+        let text = self.text(key);
+        self.shape(key, Shape::Words(words.iter().map(|(word, _)| (*word).to_owned()).collect()));
+        self.word(key, &text?, words)
     }
 
     /// The meaning of a word.
@@ -523,8 +605,8 @@ impl<'r> Section<'r> {
                 Some(right) => self.wrong_unit(place, name.value, right),
                 None => Diagnostic::at(
                     place,
-                    format!("{} is no key of {}", name.value, self.title()),
-                    suggestion(name.value, &asked, "keys here are: "),
+                    format!("unknown key `{}` in {}", name.value, self.title()),
+                    suggestion(name.value, &asked, "expected one of: "),
                 ),
             });
         }

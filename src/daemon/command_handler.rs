@@ -168,7 +168,7 @@ async fn forget(ask: &Ask, service: &Mutex<Service>) -> Answer {
             let state = Some(service.lock().state().to_owned());
             Answer { ok: true, state, ..Answer::default() }
         }
-        Ok(false) => Answer::refused(format!("there is no map called \"{name}\"")),
+        Ok(false) => Answer::refused(format!("unknown map \"{name}\"")),
         Err(_) => Answer::refused("the estimator did not answer".to_owned()),
     }
 }
@@ -292,7 +292,7 @@ async fn gain(gain: Option<f64>, service: &Mutex<Service>) -> Answer {
 /// Where another load or rollback has the turn.
 const BUSY: &str = "another model is being looked at; try again when that is done";
 /// Where there is nothing to go back to.
-const NO_PREVIOUS: &str = "there is no model before this one";
+const NO_PREVIOUS: &str = "no previous model";
 /// Where a decision was made on another picture.
 const OTHER_SINCE: &str = "another model was taken into use since the comparison; compare again";
 

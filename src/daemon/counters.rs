@@ -40,7 +40,7 @@ impl Tally {
                 let mut base = Counters::new(machine);
                 base.retained.hold = Some(unknown(why));
                 let code = Code::COUNTERS_DAMAGED;
-                (base, Some(format!("{code}: {why}; counting begins anew")))
+                (base, Some(format!("{code}: {why}; counters restart at zero")))
             }
         };
         base.starts = base.starts.saturating_add(1);
@@ -146,7 +146,7 @@ impl Tally {
     }
 }
 
-/// How an unknown state is told.
+/// Words for an unknown state.
 pub(super) fn unknown(why: &str) -> String {
     format!("state unknown: {why}; enable compensation to lift this")
 }

@@ -264,7 +264,9 @@ async fn live(
     if config.spec.sensors.is_empty() {
         let named = models.active.spec.sensors();
         if models.active.thermal.iter().any(|t| named.contains(&t.name.as_str())) {
-            warn!("the model has growths by heat, and the machine file lists no [[sensor]]: they stay zero");
+            warn!(
+                "the model has thermal displacements, and the machine file lists no [[sensor]]: they stay zero"
+            );
         }
         return Ok((None, None));
     }
@@ -292,7 +294,7 @@ async fn live(
         .await
         .map_err(|source| DaemonError::SensorSocket { address, source })?;
     if config.plain_remote && !address.ip().to_canonical().is_loopback() {
-        warn!(%address, "plain-remote: whoever reaches this port can tell what the machine's errors are, within the limits of the model");
+        warn!(%address, "plain-remote: anyone who reaches this port can send live values, within the limits of the model");
     }
     Ok((Some(sensors), Some(listener)))
 }

@@ -1,4 +1,4 @@
-//! Who is at the other end: what can go wrong between connecting and cycling, and what the control is told.
+//! Who is at the other end: failures between connecting and cycling, and the Error sent to the control.
 
 use std::io;
 use std::net::SocketAddr;

@@ -1,4 +1,4 @@
-//! Latency of one link as HDR histograms, and what is told about it. Belongs to the service thread.
+//! Latency of one link as HDR histograms, and its report. Belongs to the service thread.
 //!
 //! Three significant digits from 1 ns to 60 s in bounded memory; longer times count as 60 s.
 

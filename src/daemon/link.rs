@@ -37,7 +37,7 @@ pub(super) struct CallTimes {
 
 /// A driver for one kind of control.
 ///
-/// # Cycle   nothing but [`ControlLink::close`] allocates (without TLS), waits longer than it is told, or panics
+/// # Cycle   nothing but [`ControlLink::close`] allocates (without TLS), waits longer than asked, or panics
 pub(super) trait ControlLink: fmt::Debug {
     /// Waits up to `wait` for bytes; zero takes what is there.
     fn receive(&mut self, wait: Duration) -> io::Result<Received>;

@@ -13,7 +13,7 @@ pub(super) enum LinkEnd {
     ClosedByControl(CloseReason),
     #[error("the control reported an error: {code:?} ({detail})", code = .0.code, detail = .0.detail)]
     Refused(ErrorReport),
-    #[error("bytes from the control are no frame: {0}")]
+    #[error("bytes from the control are not a frame: {0}")]
     BadFrame(FrameError),
     #[error("the control sent a {0}, which is not allowed here")]
     Unexpected(&'static str),

@@ -39,7 +39,7 @@ pub struct LinkSession {
     pending: Pending,
 }
 
-/// What is told behind the answer. A frame's entry is put together only there: it has copies of all that was computed.
+/// Reports sent after the answer. A frame's entry is put together only there: it has copies of all that was computed.
 #[derive(Debug, Clone)]
 enum Pending {
     Nothing,
@@ -53,7 +53,7 @@ enum Pending {
     },
 }
 
-/// Live values that were told at the same time.
+/// Live values received at the same time.
 #[derive(Debug, Clone, Copy)]
 struct Live {
     now: MonoTime,

@@ -36,7 +36,7 @@ pub(super) struct ReadWriteLink {
     /// Since when the confirmation of a write is due, and of how many.
     writing: Option<MonoTime>,
     unconfirmed: u32,
-    /// What the control was told last.
+    /// State sent to the control last.
     state: Option<CorrectionState>,
     machine_due: bool,
     tool: ToolKnown,

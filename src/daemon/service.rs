@@ -470,7 +470,7 @@ impl Service {
             }
             Report::Stopped { offset: LastOffset::AtRest } => info!("the offset is at its rest value"),
             Report::Stopped { offset: LastOffset::NoLink } => {
-                info!("there is no link; a control that still holds an offset takes it out by itself");
+                info!("no link; a control that still holds an offset removes it by its own rule");
             }
             Report::Stopped { offset: LastOffset::OnItsWay } => {
                 warn!("stopped before the offset was at its rest value; the control takes it out by itself");

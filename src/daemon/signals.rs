@@ -109,7 +109,7 @@ fn stop(progress: &Progress) {
 
 /// Ends the process, after an attempt to say why.
 fn end(why: &'static str) {
-    std::thread::spawn(move || error!("{why}; the control's watchdog takes out what is left of the offset"));
+    std::thread::spawn(move || error!("{why}; the control's watchdog removes the remaining offset"));
     std::thread::sleep(LOG_LIMIT);
     std::process::exit(EX_SOFTWARE);
 }

@@ -94,7 +94,7 @@ pub struct Status {
     /// Why compensation does not begin by itself although `start = "on-connect"`; lifted by an operator's enable.
     #[serde(default)]
     pub start_inhibit: Option<String>,
-    /// Temperature of the machine as it was told, degrees Celsius.
+    /// Temperature of the machine as stated, degrees Celsius.
     #[serde(default)]
     pub temperature_degc: Option<f64>,
     /// Shadow mode, where it is on.

@@ -22,7 +22,7 @@ use volcomp_units::MonoTime;
 
 /// Pause between two looks at a connection that is being made.
 const CONNECT_POLL: Duration = Duration::from_millis(2);
-/// A link that lasted this long, s, makes the pauses start over (`docs/protocol.md`, section 6.2).
+/// A link that lasted this long, s, makes the pauses start over (`docs/reference/protocol-session.md`, section 6.2).
 const PROVEN_S: f64 = 10.0;
 /// A link that is up, and what the control said of itself.
 type Opened = (Box<dyn ControlLink>, ControlHello);

@@ -56,7 +56,7 @@ pub(crate) const SURE: f64 = 3.0;
 /// Standard deviations of a sum over all readings from which it is no chance, and size in those of the noise from which an effect
 /// is large. Halved: heavy tails are called unexplained.
 pub(crate) const SIGNIFICANT: f64 = 5.0;
-/// Fewest products from which structure is told. Halved: nothing changes in the generators; doubled: small setups stay silent.
+/// Fewest products from which structure is reported. Halved: nothing changes in the generators; doubled: small setups stay silent.
 pub(crate) const COUNT_MIN: usize = 20;
 /// Least share of a column that offsets, rotation and drift of the mounting must leave.
 pub(crate) const SEEN: f64 = 1e-4;
@@ -155,7 +155,7 @@ pub(crate) const SAME_LINE: f64 = 0.99;
 /// Smallest component of the direction of measurement along an axis that it sees. Halved or doubled: effects of an axis that
 /// only oblique readings see are searched for or not.
 pub(crate) const SEES: f64 = 0.2;
-/// Share of a whole below which nothing is told of a part: of the gap at a place, of the gap that is rounding, of a
+/// Share of a whole below which a part is not reported: of the gap at a place, of the gap that is rounding, of a
 /// probability. Halved or doubled: length of the report.
 pub(crate) const TOLD: f64 = 0.02;
 

@@ -216,7 +216,7 @@ fn share_of(
     let top = (0..count).max_by(|a, b| energy[*a].total_cmp(&energy[*b])).unwrap_or(0);
     let [low, high] = [bounds[top], bounds[top + 1]];
     let detail = if factor.by == "direction" {
-        format!("{}: most on the way towards {}", factor.detail, if low < 0.0 { "minus" } else { "plus" })
+        format!("{}: largest in travel towards {}", factor.detail, if low < 0.0 { "minus" } else { "plus" })
     } else {
         format!("{}: largest between {} and {}", factor.detail, short(low), short(high))
     };

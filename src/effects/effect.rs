@@ -198,7 +198,7 @@ impl Label {
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum LabelError {
     /// No such effect.
-    #[error("'{effect}' is no effect; volcomp diagnose --list-effects lists them")]
+    #[error("unknown effect '{effect}'; volcomp diagnose --list-effects lists them")]
     Effect {
         /// What stands before the colon.
         effect: String,
@@ -263,7 +263,7 @@ mod tests {
             assert_eq!(known(text).as_deref(), Ok(label));
         }
         for (text, said) in [
-            ("nope:x", "'nope' is no effect"),
+            ("nope:x", "unknown effect 'nope'"),
             ("backlash:q", "its subjects are: x, y, z, a, b, c"),
             ("squareness:xx", "its subjects are: xy, yz, zx"),
             ("spindle-growth:x", "its subjects are: none"),

@@ -16,7 +16,7 @@ pub(super) struct LiveInputs {
 #[derive(Debug, Clone, Copy)]
 struct Channel {
     value: f64,
-    /// When it was told last, ns; [`NEVER`] before.
+    /// When it was received last, ns; [`NEVER`] before.
     told_ns: i64,
     share: f64,
 }

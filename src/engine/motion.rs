@@ -232,7 +232,7 @@ pub(super) struct MotionEstimator {
     built_up: [f64; DYNAMIC_MAX],
 }
 
-/// What the estimator is told in a cycle. Wire order, mm and rad.
+/// Input of the estimator in a cycle. Wire order, mm and rad.
 pub(super) struct Sample<'a> {
     /// Reported positions without any offset.
     pub(super) position: &'a AxisArray,

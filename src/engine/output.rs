@@ -65,7 +65,7 @@ pub enum Reason {
     Frozen,
     /// The correction asked for is beyond the stop limit of an axis.
     StopLimit,
-    /// The model gave something that is no number.
+    /// The model gave something that is not a number.
     ModelNotFinite,
     /// Another model.
     ModelChanged,

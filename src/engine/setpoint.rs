@@ -34,7 +34,7 @@ pub(super) struct Setpoint {
     pub(super) out_of_travel: bool,
     /// Bit k: the correction of axis k is beyond its stop limit.
     pub(super) beyond_stop: u8,
-    /// False where the model gave something that is no number.
+    /// False where the model gave something that is not a number.
     pub(super) finite: bool,
     /// The offsets, lowest and highest, that keep each axis inside its soft limits.
     pub(super) room: [[f64; 2]; MAX_AXES],

@@ -52,7 +52,7 @@ pub const RULES: &[Rule] = &[
         from: &[Armed],
         to: RampingIn,
         causes: &[By(Reason::MachineReady)],
-        reaction: "blended from what the control holds to the correction over ramp-s",
+        reaction: "blended from the offset in the control to the correction over ramp-s",
     },
     Rule {
         from: &[Off, Armed],
@@ -66,7 +66,7 @@ pub const RULES: &[Rule] = &[
             By(Reason::Frozen),
             By(Reason::ModelNotFinite),
         ],
-        reaction: "the offset that was left by somebody else is blended to zero; with bad data after hold-s",
+        reaction: "a foreign offset is blended to zero; with bad data after hold-s",
     },
     Rule {
         from: &[RampingIn],
@@ -84,7 +84,7 @@ pub const RULES: &[Rule] = &[
         from: &[Active],
         to: FadingToStatic,
         causes: &[By(Reason::LiveLost)],
-        reaction: "the silent sensor's part is taken back over ramp-s, the static model goes on",
+        reaction: "the silent sensor's part is ramped out over ramp-s, the static model continues",
     },
     Rule {
         from: &[FadingToStatic],
@@ -120,13 +120,13 @@ pub const RULES: &[Rule] = &[
         from: &[RampingIn, Active, FadingToStatic, RampingOut],
         to: Holding,
         causes: &[By(Reason::ControlTookOver)],
-        reaction: "goes on, at rest, from what the control holds; beyond one step on a new link",
+        reaction: "continues, at rest, from the offset in the control; beyond one step on a new link",
     },
     Rule {
         from: &[Holding],
         to: RampingIn,
         causes: &[By(Reason::DataGood)],
-        reaction: "blended from what is held to the correction over ramp-s",
+        reaction: "blended from the held offset to the correction over ramp-s",
     },
     Rule {
         from: &[Holding],
@@ -172,7 +172,7 @@ pub const RULES: &[Rule] = &[
         from: &[Off, Armed, RampingIn, Active, FadingToStatic, Holding, RampingOut],
         to: Faulted,
         causes: &[By(Reason::ReadBack), By(Reason::ImplausibleOffset)],
-        reaction: "latched; nothing more is sent: the control removes what it really holds by its own rule",
+        reaction: "latched; no further correction is sent: the control removes its offset by its own rule",
     },
     Rule {
         from: &[RampingOut],
@@ -202,7 +202,7 @@ pub const RULES: &[Rule] = &[
         from: &[RampingIn, Active, FadingToStatic, Holding, RampingOut],
         to: Off,
         causes: &[Cause::Link],
-        reaction: "the same; what the next link finds is blended to zero",
+        reaction: "the same; an offset found on the next link is blended to zero",
     },
 ];
 

@@ -6,10 +6,10 @@
 //! meanwhile, so that no single reading is ever beyond the gate. Its innovations have a mean then that stays and grows.
 //!
 //! Windows of [`READINGS`] readings and at least [`SECONDS`]: one whose mean is beyond [`LIMIT`] standard deviations of the
-//! noise as it was when the sensor was got to know is suspicious, a second one on end that points the same way
+//! the noise of the initialisation is suspicious, a second one on end that points the same way
 //! contradicts. Noise that is correlated over a fifth of a second stays below that; a share [`PRIOR_SHARE`] of what the offline map
 //! is uncertain by does no harm and is allowed on top. A machine that changes by as much at once, without going beyond
-//! the gate, looks the same: it is told instead of followed.
+//! the gate, looks the same: it is reported instead of followed.
 
 use super::sensor_initialisation::InnovationSample;
 use volcomp_model::units::MonoTime;
@@ -49,7 +49,7 @@ pub struct InnovationBias {
 
 impl InnovationBias {
     /// A reading that was used, row by row in units of its present noise; `noise` is the variance of lengths and of
-    /// angles as the sensor was got to know, in the same units.
+    /// angles as initialised, in the same units.
     pub fn add(&mut self, now: MonoTime, rows: &[InnovationSample], noise: [f64; 2]) -> Window {
         if rows.len() != self.sums.len() {
             *self =

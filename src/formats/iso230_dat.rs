@@ -29,13 +29,13 @@ pub struct DatError {
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum DatErrorKind {
     /// Not an assignment.
-    #[error("'{text}' is no assignment; a line reads KEY=VALUE or starts with #")]
+    #[error("invalid assignment '{text}'; a line reads KEY=VALUE or starts with #")]
     NotAnAssignment {
         /// The line, shortened.
         text: String,
     },
     /// An index that is none.
-    #[error("'{text}' is no index; write {form} with whole numbers from 1 up")]
+    #[error("invalid index '{text}'; write {form} with whole numbers from 1 up")]
     BadIndex {
         /// What stands there.
         text: String,

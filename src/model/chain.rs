@@ -58,8 +58,8 @@ pub enum ChainErrorKind {
     /// The bed occurs twice.
     #[error("the bed b occurs twice")]
     BedTwice,
-    /// A word that is no axis.
-    #[error("'{letter}' is no axis; axes are X Y Z U V W A B C and the spindle (S)")]
+    /// An unknown axis.
+    #[error("unknown axis '{letter}'; expected one of X Y Z U V W A B C and the spindle (S)")]
     UnknownAxis {
         /// Its first character.
         letter: char,

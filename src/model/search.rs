@@ -135,7 +135,7 @@ impl Volume {
 
     /// Finds where each of `goals` is largest.
     ///
-    /// `evaluate` says what there is at a pose, `value` how large a goal is there. `visit` is told every pose of
+    /// `evaluate` says what there is at a pose, `value` how large a goal is there. `visit` receives every pose of
     /// the grid (for means over the volume), and how many of about how many grid poses are done.
     pub fn search<T: Copy, G: Copy>(
         &self,

@@ -108,7 +108,7 @@ pub enum FrameError {
         fault: NameFault,
     },
     /// The range of versions is empty or begins at zero.
-    #[error("hello: versions {min} to {max} are no range; the least is 1")]
+    #[error("hello: versions {min} to {max} are not a range; the least is 1")]
     VersionRange {
         /// Lowest version.
         min: u8,

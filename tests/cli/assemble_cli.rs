@@ -152,7 +152,7 @@ fn contradictions_name_numbers_and_remedies() {
     assert_eq!(json["errors"][0]["how"], "mean");
     for (args, code, words) in [
         (&["--prefer", "c.toml"][..], 64, "no such input; inputs are a.toml, bad.toml"),
-        (&["--average", "nonsense"], 64, "'nonsense' is no error"),
+        (&["--average", "nonsense"], 64, "unknown error 'nonsense'"),
         (&["--absolute", "c.toml"], 64, "no such input"),
         (&["--motion", "c=y.csv"], 64, "has no such axis"),
         (&["--motion", "y=none.csv"], 74, "none.csv"),

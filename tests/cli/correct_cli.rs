@@ -62,9 +62,9 @@ fn what_is_refused_has_a_place_and_leaves_no_file() {
             "error: in.nc:2:1: G2 (arc) is not corrected; let the CAM system output straight lines",
         ),
         (&["--limit-um", "0.001"][..], 65, "error: in.nc:1:12: correction of "),
-        (&["--axes", "q"][..], 64, "'q' is no axis"),
+        (&["--axes", "q"][..], 64, "unknown axis 'q'"),
         (&["--axes", "a"][..], 64, "axis A is not in the chain of the model"),
-        (&["--start", "x"][..], 64, "is no AXIS=VALUE"),
+        (&["--start", "x"][..], 64, "invalid AXIS=VALUE"),
     ] {
         let output = volcomp(&[&base[..], extra].concat(), folder.path());
         let text = String::from_utf8_lossy(&output.stderr).into_owned();

@@ -203,7 +203,7 @@ fn bad_data_are_refused_with_their_place() {
         ("iso230-2", "", "the file is empty"),
         ("iso230-2", "cycle,direction,target_mm\n", "column deviation_um is missing"),
         ("iso230-2", "cycle,direction,target_mm,deviation_um,x\n", "x: unknown column"),
-        ("iso230-2", "cycle,direction,target_mm,deviation_um\n", "no rows"),
+        ("iso230-2", "cycle,direction,target_mm,deviation_um\n", "no data rows"),
         (
             "iso230-2",
             "cycle,direction,target_mm,deviation_um\n1,1,0,nan\n",
@@ -226,7 +226,7 @@ fn bad_data_are_refused_with_their_place() {
         (
             "iso230-6",
             "diagonal,cycle,direction,target_mm,deviation_um\nxyz,1,1,0,0\n",
-            "'xyz' is no diagonal",
+            "invalid diagonal 'xyz'",
         ),
         (
             "iso230-6",
@@ -349,7 +349,7 @@ fn a_plate_gives_back_how_it_was_drilled() {
     assert!(std::fs::read_to_string(page).unwrap().contains("residuals of the fit"));
     for (text, extra, words) in [
         ("nominal_x_mm,nominal_y_mm,measured_x_mm\n", &[][..], "column measured_y_mm is missing"),
-        ("nominal_x_mm,nominal_y_mm,measured_x_mm,measured_y_mm\n", &[], "no rows"),
+        ("nominal_x_mm,nominal_y_mm,measured_x_mm,measured_y_mm\n", &[], "no data rows"),
         (
             "nominal_x_mm,nominal_y_mm,measured_x_mm,measured_y_mm\n0,0,0,0\n1,1,1,1\n2,2,2,2\n3,3,3,3\n",
             &[],
@@ -515,7 +515,7 @@ fn a_gear_that_cannot_be_evaluated_is_refused() {
             65,
             "lead: tooth 1: too few readings between 1.500 and 28.500 mm: 1",
         ),
-        ("132", head.to_owned(), 65, "no rows"),
+        ("132", head.to_owned(), 65, "no data rows"),
     ] {
         let (status, said) = gear(tip, &text);
         assert!(status == Some(code) && said.contains(message), "{status:?} {said}");

@@ -44,29 +44,29 @@ const INPUTS: &[(&str, &str, &str)] = &[
     (
         "identify threepoint",
         "data",
-        "identify threepoint --axis x --points {carriage} --data {} --sigma-um 1 --motions {out}",
+        "identify threepoint --axis x --points {carriage} --data {} --noise-um 1 --motions {out}",
     ),
     (
         "identify threepoint",
         "points",
-        "identify threepoint --axis x --points {} --data {motion} --sigma-um 1 --motions {out}",
+        "identify threepoint --axis x --points {} --data {motion} --noise-um 1 --motions {out}",
     ),
     (
         "identify threepoint",
         "registration",
-        "identify threepoint --axis x --points {carriage} --data {motion} --registration {} --sigma-um 1 --motions {out}",
+        "identify threepoint --axis x --points {carriage} --data {motion} --registration {} --noise-um 1 --motions {out}",
     ),
     ("identify threepoint", "into", ""),
     ("identify nineline", "input", "identify nineline --input {}"),
     (
         "identify nineline",
         "data",
-        "identify nineline --axis x --lines {lines} --data {} --sigma-um 1 --motions {out}",
+        "identify nineline --axis x --lines {lines} --data {} --noise-um 1 --motions {out}",
     ),
     (
         "identify nineline",
         "lines",
-        "identify nineline --axis x --lines {} --data {motion} --sigma-um 1 --motions {out}",
+        "identify nineline --axis x --lines {} --data {motion} --noise-um 1 --motions {out}",
     ),
     ("identify nineline", "compare", ""),
     ("identify nineline", "into", ""),
@@ -118,8 +118,8 @@ const INPUTS: &[(&str, &str, &str)] = &[
     ("identify ram", "input", "identify ram --input {}"),
     (
         "identify ram",
-        "poses",
-        "identify ram --poses {} --a-axis-mm 0,0,-180 --tool-length-mm 320 --sigma-position-um 2 --sigma-direction-arcsec 2 --motions {out}",
+        "data",
+        "identify ram --data {} --a-axis-mm 0,0,-180 --tool-length-mm 320 --sigma-position-um 2 --sigma-direction-arcsec 2 --motions {out}",
     ),
     ("identify ram", "head", ""),
     ("identify ram", "prior", ""),
@@ -337,7 +337,10 @@ fn file_arguments(command: &clap::Command, path: &str, found: &mut BTreeSet<(Str
         let names = argument.get_value_names().unwrap_or_default().iter();
         let said = names.map(|n| n.as_str()).collect::<String>();
         let is_file = ["FILE", "CSV", "TOML", "RECORDING"].iter().any(|word| said.contains(word));
-        if is_path || is_file && argument.get_action().takes_values() {
+        // the positional form of --data is read as --data is
+        let is_data = argument.is_positional()
+            && command.get_arg_conflicts_with(argument).iter().any(|other| other.get_id() == "data");
+        if (is_path || is_file && argument.get_action().takes_values()) && !is_data {
             found.insert((path.to_owned(), argument.get_id().to_string()));
         }
     }

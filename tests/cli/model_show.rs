@@ -179,7 +179,11 @@ fn underspecified_models_are_told_what_is_missing() {
     );
     refused(
         &format!("{TABLE}[errors.ez0c.constant]\nvalue-um = 5\n"),
-        &["ez0c is no error symbol", "a shift of a rotary axis along itself has no effect", "model.toml:5:9"],
+        &[
+            "ez0c is not an error symbol",
+            "a shift of a rotary axis along itself has no effect",
+            "model.toml:5:9",
+        ],
     );
     refused(
         &format!("{TABLE}[errors.ey0a.constant]\nvalue-um = 5\n"),

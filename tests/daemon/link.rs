@@ -187,7 +187,7 @@ fn bytes_that_are_no_frame_end_the_link_and_nothing_else() {
         told |= matches!(word, Message::Error(report) if report.code == ErrorCode::BadFrame);
     }
     assert!(told, "the control is told why");
-    daemon.wait_for_log("no frame");
+    daemon.wait_for_log("not a frame");
     // the same before the hello
     let mut session = port.accept();
     session.stream.write_all(&[0xff; 300]).expect("sent");

@@ -129,7 +129,7 @@ fn nonsense_is_no_model_and_the_one_in_use_stays() {
         );
     }
     let again = cycle_while(&mut session, 50, || daemon.volcomp(&["rollback"]));
-    assert!(stderr(&again).contains("no model before"), "{}", stderr(&again));
+    assert!(stderr(&again).contains("no previous model"), "{}", stderr(&again));
     assert!((session.applied[0] + EXX_MM).abs() < 1e-9);
 }
 

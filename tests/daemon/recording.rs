@@ -514,7 +514,7 @@ fn tampering_is_told(daemon: &mut Daemon, log: &Path) {
     fs::write(log.with_file_name("counters.json"), "{").expect("written");
     daemon.restart();
     daemon.wait_for_log("the audit log is broken: line 4");
-    daemon.wait_for_log("counting begins anew");
+    daemon.wait_for_log("counters restart at zero");
     let status = daemon.status();
     assert_eq!(status["lifetime"]["starts"], 1);
     assert!(status["lifetime"]["note"].as_str().is_some_and(|n| n.contains("damaged-")), "{status}");

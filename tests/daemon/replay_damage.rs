@@ -125,7 +125,7 @@ fn damage_is_told_with_what_was_not_replayed() {
             flipped(middle.0 + BLOCK_HEADER + 5),
             &["not replayed", " before record ", " s to "][..],
         ),
-        ("header of a block", flipped(middle.0 + 9), &["not replayed", "are no block", " s to "]),
+        ("header of a block", flipped(middle.0 + 9), &["not replayed", "are not a block", " s to "]),
         ("a block is gone", without(middle), &["not replayed", " before record ", " s to "]),
         (
             "content of the last block",

@@ -172,7 +172,7 @@ fn an_unknown_state_means_off_until_somebody_enables() {
             let status = daemon.status();
             let told = status["start_inhibit"].as_str().unwrap_or_default();
             assert!(told.starts_with("state unknown: ") && told.contains(why), "{why}: {told}");
-            daemon.wait_for_log("compensation stays off until somebody enables it: state unknown");
+            daemon.wait_for_log("compensation stays off until an operator enables it: state unknown");
             let audit = daemon.dir.path().join("state/audit.jsonl");
             assert!(eventually(
                 || fs::read_to_string(&audit).is_ok_and(|text| text.contains("state unknown"))

@@ -260,7 +260,7 @@ fn what_sensors_teach_reaches_axes_status_recording_and_disk() {
     assert!(replayed.status.success(), "{}", String::from_utf8_lossy(&replayed.stdout));
     // what was learned goes on
     daemon.restart();
-    daemon.wait_for_log("what was learned until");
+    daemon.wait_for_log("the map saved at");
     daemon.signal(Signal::TERM);
     let _ = daemon.wait();
     // and what is damaged is kept aside

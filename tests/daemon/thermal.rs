@@ -179,7 +179,7 @@ fn temperatures_and_speeds_on_a_sensor_link_move_the_axes() {
     let kept = fs::read_to_string(daemon.dir.path().join("state/live.json")).expect("kept");
     assert!(kept.contains("spindle-z"), "{kept}");
     daemon.restart();
-    daemon.wait_for_log("what was learned until");
+    daemon.wait_for_log("the map saved at");
 }
 
 #[test]

@@ -251,7 +251,7 @@ fn bad_input_is_refused_with_its_place_and_a_remedy() {
             }),
         ),
         ("column repeat is missing; number the repetitions", line(&|_, _| {}).replace("repeat", "again")),
-        ("no rows below the heading", line(&|_, r| r.clear())),
+        ("no data rows", line(&|_, r| r.clear())),
     ] {
         let said = refused(content);
         assert!(said.contains(wanted), "{wanted}: {said}");
@@ -286,7 +286,7 @@ fn what_is_missing_is_named_and_nothing_is_made_of_noise() {
     for wanted in [
         "1 of 96 readings are lost",
         "rows were there twice and count once",
-        "one setup only",
+        "one set-up only",
         "cannot be identified from them: reversal-spike:x",
     ] {
         assert!(notes.contains(wanted), "{wanted}: {notes}");
@@ -344,7 +344,7 @@ fn an_effect_to_leave_out_must_be_one() {
     for (label, wanted) in [
         ("backlash:q", "backlash has no subject 'q'; its subjects are: x, y, z, a, b, c"),
         ("spindle-growth:x", "its subjects are: none"),
-        ("nope", "'nope' is no effect"),
+        ("nope", "unknown effect 'nope'"),
     ] {
         let done = volcomp(d, &["diagnose", "--data", "s.csv", "--plan", "--without", label]);
         let said = text(&done.stderr);

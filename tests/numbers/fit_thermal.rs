@@ -20,7 +20,7 @@ fn said(output: &Output) -> String {
 const REAL: [(&str, f64, f64); 3] = [("ch1_um", 4.54, 2.6), ("ch3_um", 5.26, 3.8), ("ch5_um", 6.19, 2.2)];
 
 #[test]
-fn the_real_spindle_is_foretold_better_than_by_plain_regression() {
+fn the_real_spindle_is_predicted_better_than_by_plain_regression() {
     let data = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/data/fl_thermal_spindle/fl_thermal.csv");
     for (channel, plain_um, limit_um) in REAL {
         let out =

@@ -230,7 +230,7 @@ fn damaged_files_are_refused_with_their_place() {
         run(&good.replace("pnp,", "ppp,"))
             .contains("diagonal pnp has no readings: three diagonals give rank 3")
     );
-    assert!(run(&good.replacen("npp", "nqp", 1)).contains("d.csv:22:1: diagonal: 'nqp' is no diagonal"));
+    assert!(run(&good.replacen("npp", "nqp", 1)).contains("d.csv:22:1: diagonal: invalid diagonal 'nqp'"));
     assert!(run(&good.replacen("ppp,1,1,0.000000", "ppp,1,1,9000", 1)).contains("is --box-mm right?"));
     assert!(run("diagonal,cycle,direction,target_mm\n").contains("column deviation_um is missing"));
     let args = ["--data", "d.csv", "--box-mm", "3000,1500,2", "--model", "a.toml"];

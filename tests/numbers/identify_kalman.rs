@@ -150,7 +150,7 @@ fn bad_recordings_are_refused_with_their_place() {
         ("t_s,x_mm,y_mm,z_mm,eaz_arcsec\n5,1,1,1,0\n4,1,1,1,0\n", &[], 65, "4 s is before the row above"),
         ("x_mm,y_mm,z_mm,eaz_arcsec\n1,1,1,0\n", &["--walk-per-sqrt-h", "1"], 65, "needs the column t_s"),
         ("x_mm,y_mm,z_mm,eaz_arcsec\n1,1,1,0\n", &["--axes", "x,y"], 64, "a grid has three"),
-        ("x_mm,y_mm,z_mm,eaz_arcsec\n1,1,1,0\n", &["--axes", "x,y,c"], 64, "is no linear axis"),
+        ("x_mm,y_mm,z_mm,eaz_arcsec\n1,1,1,0\n", &["--axes", "x,y,c"], 64, "invalid linear axis"),
     ] {
         std::fs::write(d.join("r.csv"), csv).unwrap();
         let output = volcomp(d, &[&base[..], extra].concat());

@@ -141,7 +141,7 @@ fn signs_are_checked_for_parity_and_confirmed_by_tilts() {
     write("wrong.toml", &SIGNS.replace("\"+b\"", "\"-b\""));
     let wrong = ["--data", "x.csv", "--axis", "x", "--signs", "wrong.toml", "--json"];
     let refused = message(&volcomp(folder.path(), &wrong), 78);
-    assert!(refused.contains("is no change of axes: pitch would turn against"), "{refused}");
+    assert!(refused.contains("is not a rotation of axes: pitch would turn against"), "{refused}");
 
     // an instrument that really is so: the tilt test proves it, and its word is kept in the table
     write("tilt.csv", &tilts(-1.0));
@@ -157,7 +157,7 @@ fn signs_are_checked_for_parity_and_confirmed_by_tilts() {
     let text = message(&contradiction, 78);
     assert!(text.contains("pitch = \"+b\" in the sign table, but the tilt test shows \"-b\""), "{text}");
     let none = ["--data", "x.csv", "--axis", "x"];
-    assert!(message(&volcomp(folder.path(), &none), 64).contains("whose signs nobody can guess"));
+    assert!(message(&volcomp(folder.path(), &none), 64).contains("with unknown signs"));
 }
 
 #[test]

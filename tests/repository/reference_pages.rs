@@ -289,6 +289,62 @@ fn the_table_of_contents_lists_every_page() {
     assert!(pages.len() > 40);
 }
 
+/// Longest page of `docs`, lines: what a reader still scans.
+const PAGE_LINES: usize = 300;
+/// Longest cell of a table, characters of prose: one sentence of about 25 words. Identifiers in backticks and targets of
+/// links do not count.
+const CELL_CHARS: usize = 160;
+
+/// Characters of prose in a cell.
+fn prose_chars(cell: &str) -> usize {
+    let mut words = String::new();
+    // what stands between backticks is code
+    for (k, part) in cell.split('`').enumerate() {
+        words.push_str(if k % 2 == 0 { part } else { "" });
+    }
+    for link in links(cell) {
+        words = words.replacen(&format!("({link})"), "", 1);
+    }
+    words.trim().chars().filter(|c| !"[]".contains(*c)).count()
+}
+
+#[test]
+fn pages_are_short_and_cells_hold_a_phrase() {
+    let (mut cells, mut problems) = (0, Vec::new());
+    let mut all = vec![root().join("README.md")];
+    files(&root().join("docs"), "md", &mut all);
+    for page in &all {
+        let text = read(page);
+        let lines = text.lines().count();
+        if lines > PAGE_LINES {
+            problems.push(format!("{}: {lines} lines, at most {PAGE_LINES}", page.display()));
+        }
+        for (line, words) in prose(&text).filter(|(_, words)| words.starts_with('|')) {
+            for cell in words.replace("\\|", "").trim_matches('|').split('|') {
+                cells += 1;
+                let chars = prose_chars(cell);
+                if chars > CELL_CHARS {
+                    let place = format!("{}:{line}", page.display());
+                    problems.push(format!("{place}: a cell of {chars} characters, at most {CELL_CHARS}"));
+                }
+            }
+        }
+    }
+    none(&problems);
+    assert!(cells > 3000, "only {cells} cells");
+}
+
+#[test]
+fn files_in_the_table_of_names_exist() {
+    let text = read(&root().join("docs/development/names.md"));
+    let rows = text.lines().filter(|line| line.starts_with('|'));
+    // the last cell has the names of today; files of the sources are given from the root on
+    let cells = rows.filter_map(|row| row.trim_end_matches(" |").rsplit(" | ").next());
+    let files: Vec<&str> = cells.flat_map(|c| c.split('`')).filter(|word| word.ends_with(".rs")).collect();
+    assert!(files.len() > 60, "{}", files.len());
+    none(&files.iter().filter(|f| !root().join(f).is_file()).map(|f| format!("no {f}")).collect::<Vec<_>>());
+}
+
 #[test]
 fn citations_and_links_are_recognised() {
     assert_eq!(equations("/// # Source  equations 5.2, 1.4 (sense), 5.6 (a (b)); 7"), ["5.2", "1.4", "5.6"]);
@@ -300,6 +356,7 @@ fn citations_and_links_are_recognised() {
     assert_eq!(paths("docs/a/b.md#c-d)"), [(name.clone(), Some("c-d"), None)]);
     assert_eq!(paths("docs/a/b.md."), [(name, None, None)]);
     assert_eq!(links("[a](b.md#c), `[d](e)`, ![f](g.svg)"), ["b.md#c", "g.svg"]);
+    assert_eq!(prose_chars(" a `long code` [b](c.md) d "), "a  b d".len());
     let page = "# 1 A `b`, c\n```\n# no\n```\n## 1.2 D-e_f\n## 1.2 D-e_f\n### x";
     assert_eq!(sections(page), BTreeSet::from(["1".to_owned(), "1.2".to_owned()]));
     let slugs = ["1-a-b-c", "12-d-e_f", "12-d-e_f-1", "x"].map(str::to_owned);

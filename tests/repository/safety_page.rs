@@ -238,12 +238,13 @@ fn the_picture_shows_every_change_of_state_and_no_other() {
 #[test]
 fn the_operators_page_has_every_warning_and_fault_as_the_catalogue_tells_it() {
     let page =
-        fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/how-to/operating.md")).unwrap();
+        fs::read_to_string(Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/how-to/troubleshooting.md"))
+            .unwrap();
     for entry in fault::CATALOGUE.iter().filter(|e| e.severity != fault::Severity::Notice) {
         let row = format!(
             "| {} {} | {} | {} | {} |",
             entry.code, entry.name, entry.text, entry.reaction, entry.remedy
         );
-        assert!(page.contains(&row), "docs/how-to/operating.md lacks this row:\n{row}");
+        assert!(page.contains(&row), "docs/how-to/troubleshooting.md lacks this row:\n{row}");
     }
 }

@@ -82,7 +82,7 @@ pub enum LinkEvent {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 pub enum LinkEnd {
     /// Bytes that are no frame.
-    #[error("bytes that are no frame: {0}")]
+    #[error("bytes that are not a frame: {0}")]
     BadFrame(FrameError),
     /// A message at a moment when it is not expected.
     #[error("a message that is not expected here")]

@@ -2,7 +2,7 @@
 //!
 //! One cycle: take the motion's next position, add the offset in force, let the machine follow, send a position frame,
 //! take corrections. In real time the cycles keep absolute deadlines; in lock step each position waits for its answer,
-//! so that the same seed gives the same run. Behaviour on the link: `docs/protocol.md`, sections 6 to 8.
+//! so that the same seed gives the same run. Behaviour on the link: `docs/reference/protocol-session.md`, sections 6 to 8.
 //!
 //! The motion stops where it is while an emergency stop is active or the drives are off, and goes on afterwards.
 

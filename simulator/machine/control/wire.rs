@@ -46,7 +46,7 @@ pub enum IdentityError {
     #[error("{}: no {what} in it; give a PEM file", path.display())]
     Nothing { path: PathBuf, what: &'static str },
     /// The library refuses it.
-    #[error("{}: {source}; make a set of files with cncsim certificates", path.display())]
+    #[error("{}: {source}; make a set of files with cncsim dev certificates", path.display())]
     Unusable { path: PathBuf, source: rustls::Error },
     /// The authorities cannot be used to judge daemons.
     #[error("{}: {source}", path.display())]

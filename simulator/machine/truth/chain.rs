@@ -45,9 +45,9 @@ pub enum ChainError {
         /// The string.
         text: String,
     },
-    /// A word that is no axis and not the bed.
+    /// An unknown word, neither axis nor bed.
     #[error(
-        "chain: {word:?} (word {place}) is no axis; axes are X Y Z U V W A B C, primed on the workpiece side, and (S)"
+        "chain: unknown axis {word:?} (word {place}); expected one of X Y Z U V W A B C, primed on the workpiece side, and (S)"
     )]
     Word {
         /// The word.

@@ -47,7 +47,7 @@ pub struct Drive {
 }
 
 impl DriveSpec {
-    /// An axis that goes where it is told.
+    /// An axis that follows its command exactly.
     pub const IDEAL: Self = Self {
         lag_s: 0.0,
         feed_forward: 0.0,

@@ -19,8 +19,8 @@ pub enum TruthError {
         /// What the file says.
         found: String,
     },
-    /// A name that is no axis.
-    #[error("truth file: {name:?} is no axis; axes are X Y Z U V W A B C S")]
+    /// An unknown axis.
+    #[error("truth file: unknown axis {name:?}; expected one of X Y Z U V W A B C S")]
     AxisName {
         /// The name.
         name: String,

@@ -81,7 +81,7 @@ pub const CATALOGUE: &[Entry] = &[
     entry("load", AXES, "the spindle's bearing is a spring under forces on the tool"),
     entry("spindle-tilt", NONE, "the spindle is mounted at an angle"),
     entry("tool-length", NONE, "the presetter's scale is wrong"),
-    entry("dead-path", NONE, "light through air of another temperature than it is told"),
+    entry("dead-path", NONE, "light through air of another temperature than stated"),
     entry("tracker-scale", NONE, "the tracker's lengths have a wrong scale"),
     entry("rotary-location", &["b"], "the table's axis stands elsewhere and leans"),
     entry("rotary-motion", &["b"], "the table runs on a ring of two and three waves"),

@@ -1,4 +1,4 @@
-//! Measurement sessions with known truth from a simulated boring mill, for `cncsim blind --generator multibody`.
+//! Measurement sessions with known truth from a simulated boring mill, for `cncsim dev blind --generator multibody`.
 //!
 //! `multibody effects` lists the effects as JSON. `multibody case REQUEST.json OUT TRUTH.json` simulates a case: session files,
 //! `history.csv` and `model.toml` into OUT, those of another day into OUT/fresh, the truth into a file of its own.

@@ -30,7 +30,7 @@ pub struct Granted {
 }
 
 impl ThreadSettings {
-    /// Applies them to the calling thread; what is refused is told and left out.
+    /// Applies them to the calling thread; refused settings are reported and left out.
     #[must_use]
     pub fn apply(self) -> Granted {
         let Self { priority, cpu, lock_memory } = self;

@@ -1,4 +1,4 @@
-//! `cncsim bench-link`: round trips of volcompd beside the bare limit.
+//! `cncsim dev bench-link`: round trips of volcompd beside the bare limit.
 
 use core::net::SocketAddr;
 use core::time::Duration;
@@ -101,7 +101,7 @@ pub(super) struct Args {
     folder: Option<PathBuf>,
 }
 
-/// The bare echo as a process of its own; `cncsim bench-link` starts it.
+/// The bare echo as a process of its own; `cncsim dev bench-link` starts it.
 #[derive(Debug, clap::Args)]
 pub(super) struct EchoArgs {
     #[arg(long)]

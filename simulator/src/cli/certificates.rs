@@ -1,4 +1,4 @@
-//! `cncsim certificates`: a set of files to try the secure link with.
+//! `cncsim dev certificates`: a set of files to try the secure link with.
 
 use std::path::{Path, PathBuf};
 

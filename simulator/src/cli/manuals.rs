@@ -1,4 +1,4 @@
-//! `cncsim manuals`: manual pages and shell completions of the three programs, from their command trees, for packages.
+//! `cncsim dev manuals`: manual pages and shell completions of the three programs, from their command trees, for packages.
 
 use std::path::{Path, PathBuf};
 

@@ -1,4 +1,4 @@
-//! `cncsim paper`: the experiments of the source papers.
+//! `cncsim dev paper`: the experiments of the source papers.
 
 use std::path::PathBuf;
 
@@ -13,9 +13,9 @@ const EX_MISSED: u8 = 1;
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cncsim paper 004                        one seed, kind and hard truth\n  \
-    cncsim paper all --seed 501 --seeds 20  every experiment on 20 seeds\n  \
-    cncsim paper 000 --truth hard --json    figures of one truth, for a script\n\n\
+    after_help = "Examples:\n  cncsim dev paper 004                        one seed, kind and hard truth\n  \
+    cncsim dev paper all --seed 501 --seeds 20  every experiment on 20 seeds\n  \
+    cncsim dev paper 000 --truth hard --json    figures of one truth, for a script\n\n\
     Exit code 0 where every limit holds, 1 where the 5 % worst of the seeds miss one."
 )]
 pub(super) struct Args {

@@ -1,4 +1,4 @@
-//! `cncsim scenarios`: everything that can go wrong, by number, against the real daemon.
+//! `cncsim dev scenarios`: everything that can go wrong, by number, against the real daemon.
 
 use std::path::PathBuf;
 use std::sync::atomic::{AtomicUsize, Ordering::Relaxed};
@@ -13,11 +13,11 @@ use crate::scenarios::{Pacing, Plan, Scenario, Verdict, run};
 
 #[derive(Debug, clap::Args)]
 #[command(
-    after_help = "Examples:\n  cncsim scenarios                      all of them (about ten minutes on two processors)\n  \
-    cncsim scenarios --list               numbers and names\n  \
-    cncsim scenarios --only 101,300-399   one, and all about bytes on the link\n  \
-    cncsim scenarios --seed 7 --json      with other noise and other damage, for a script\n  \
-    cncsim scenarios --file mine.toml     a list of one's own (docs/reference/faults.md shows its keys)\n\n\
+    after_help = "Examples:\n  cncsim dev scenarios                      all of them (about ten minutes on two processors)\n  \
+    cncsim dev scenarios --list               numbers and names\n  \
+    cncsim dev scenarios --only 101,300-399   one, and all about bytes on the link\n  \
+    cncsim dev scenarios --seed 7 --json      with other noise and other damage, for a script\n  \
+    cncsim dev scenarios --file mine.toml     a list of one's own (docs/reference/faults.md shows its keys)\n\n\
     Exit code 70 where a scenario does not hold; its number and the seed bring the same run back."
 )]
 pub(super) struct Args {

@@ -38,7 +38,7 @@ struct Common {
     /// The one address that a daemon may connect from.
     #[arg(long, value_name = "IP")]
     peer: Option<IpAddr>,
-    /// Mutual TLS: authorities (PEM) that issue the certificates of daemons. See cncsim certificates.
+    /// Mutual TLS: authorities (PEM) that issue the certificates of daemons. See cncsim dev certificates.
     #[arg(long, value_name = "FILE", requires_all = ["tls_certificate", "tls_key"])]
     tls_ca: Option<PathBuf>,
     /// Mutual TLS: the control's own certificate (PEM).
@@ -232,7 +232,7 @@ fn peer(common: &Common) -> Result<Option<IpAddr>, Failure> {
     }
     if common.tls_ca.is_none() {
         note!(
-            "warning: the link on {} has neither authentication nor encryption; see cncsim certificates",
+            "warning: the link on {} has neither authentication nor encryption; see cncsim dev certificates",
             common.listen
         );
     }

@@ -87,7 +87,7 @@ struct Round {
     cycles: usize,
 }
 
-/// Runs the demo; `say` is told what is being done.
+/// Runs the demo; `say` receives each step.
 ///
 /// # Errors
 /// A file cannot be written, a program does not start, or does not do what it should.

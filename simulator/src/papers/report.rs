@@ -113,7 +113,7 @@ pub fn html(outcome: &Outcome) -> String {
         _ => String::new(),
     };
     page.note(&format!(
-        "{}. Repeat: cncsim paper {} --seed {first} --seeds {seeds}{only}. The folder of each run holds its files and \
+        "{}. Repeat: cncsim dev paper {} --seed {first} --seeds {seeds}{only}. The folder of each run holds its files and \
          commands.txt with every command.",
         if seeds == 1 { format!("Seed {first}") } else { format!("Seeds {first} to {last}") },
         e.number(),

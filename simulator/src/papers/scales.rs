@@ -21,7 +21,7 @@ pub(super) const SENSORS: &str =
 /// How right a thermometer is, K: what its calibration leaves, and to what it repeats from the survey to the test.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct ThermometerErrors {
-    /// Thermometers along a scale, of which the mean is told.
+    /// Thermometers along a scale, of which the mean is reported.
     pub(super) along: u8,
     pub(super) calibration_k: f64,
     pub(super) repeats_k: f64,

@@ -123,13 +123,13 @@ pub enum Action {
     },
     /// The daemon is killed.
     KillDaemon,
-    /// The daemon is told to stop.
+    /// The daemon gets SIGTERM.
     TermDaemon,
     /// The daemon stands still.
     SuspendDaemon,
     /// It goes on.
     ResumeDaemon,
-    /// The daemon is told to read its files anew (SIGHUP).
+    /// The daemon gets SIGHUP.
     HangupDaemon,
     /// Simulated time stands still until the daemon has ended by itself.
     WaitForExit,

@@ -1,4 +1,4 @@
-//! A reduced set of the blind tests of the diagnosis; all of them: `cncsim blind` (`docs/development/blind-tests.md`).
+//! A reduced set of the blind tests of the diagnosis; all of them: `cncsim dev blind` (`docs/development/blind-tests.md`).
 
 #![expect(clippy::disallowed_methods, reason = "a test of processes and files")]
 #![expect(clippy::unwrap_used, reason = "helpers of tests")]

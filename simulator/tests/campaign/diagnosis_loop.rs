@@ -65,7 +65,7 @@ fn what_was_found_is_taken_out_of_the_machine_as_far_as_the_report_said() {
 fn programs_of_the_next_measurement_run_on_the_simulated_control() {
     let dir = tempfile::tempdir().unwrap();
     let dir = dir.path();
-    // one feed, one plane at a time: much cannot be told apart
+    // one feed, one plane at a time: much is confounded
     let truth = "format = \"volcomp-twin/1\"\nseed = 5\n[[effect]]\nname = \"scale\"\nsubject = \"y\"\nsize-um = 20.0\n";
     std::fs::write(dir.join("twin.toml"), truth).unwrap();
     run(

@@ -1,7 +1,7 @@
-//! `cncsim bench-link` end to end: the real daemon and the bare echo, all modes, short.
+//! `cncsim dev bench-link` end to end: the real daemon and the bare echo, all modes, short.
 //!
-//! A test cannot ask for the ratios that a quiet computer shows (`cncsim bench-link --check` does that): other tests
-//! run at the same time. It asks that both sides answer everything and that the figures hang together.
+//! A test cannot ask for the ratios that a quiet computer shows (`cncsim dev bench-link --check` does that): other tests
+//! run at the same time. It asks that both sides answer everything and that the figures are consistent.
 
 #![expect(clippy::disallowed_methods, reason = "the test runs the program")]
 #![expect(clippy::unwrap_used, reason = "helpers of tests")]

@@ -13,7 +13,7 @@ const INPUTS: &[(&str, &str, &str)] = &[
     ("campaign", "truth", "campaign --truth /dev/zero --out {out}"),
     // handed to volcomp, whose forms have a test of their own
     ("campaign", "add", ""),
-    ("scenarios", "file", "scenarios --file /dev/zero"),
+    ("dev scenarios", "file", "dev scenarios --file /dev/zero"),
     ("serve", "program", "serve --program /dev/zero --listen 127.0.0.1:0"),
     (
         "serve",
@@ -41,7 +41,8 @@ fn file_arguments(command: &clap::Command, path: &str, found: &mut BTreeSet<(Str
             found.insert((path.to_owned(), argument.get_id().to_string()));
         }
     }
-    for command in command.get_subcommands() {
+    // hidden names of a verb are parsed as the verb is
+    for command in command.get_subcommands().filter(|c| !c.is_hide_set()) {
         file_arguments(command, format!("{path} {}", command.get_name()).trim(), found);
     }
 }

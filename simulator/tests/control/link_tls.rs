@@ -381,7 +381,7 @@ fn a_control_needs_files_that_fit() {
     let lost = from("lost.pem", "control.pem", "control.key").unwrap_err();
     assert!(lost.contains("lost.pem") && lost.contains("No such file"), "{lost}");
     let mixed = from("ca.pem", "control.pem", "daemon.key").unwrap_err();
-    assert!(mixed.contains("control.pem") && mixed.contains("cncsim certificates"), "{mixed}");
+    assert!(mixed.contains("control.pem") && mixed.contains("cncsim dev certificates"), "{mixed}");
     let swapped = from("ca.pem", "control.key", "control.key").unwrap_err();
     assert!(swapped.contains("no certificate in it"), "{swapped}");
     let swapped = from("ca.pem", "control.pem", "control.pem").unwrap_err();

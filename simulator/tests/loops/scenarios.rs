@@ -1,6 +1,6 @@
 //! A part of the scenarios against the real programs, and that the page about them says what the list says.
 //!
-//! All of them: `cncsim scenarios` (`docs/reference/faults.md`). The part here takes one or two of each kind and runs in lock step,
+//! All of them: `cncsim dev scenarios` (`docs/reference/faults.md`). The part here takes one or two of each kind and runs in lock step,
 //! so that a loaded computer changes nothing, and two of those with sensors; the others in real time are left to the whole list.
 
 #![expect(clippy::disallowed_methods, reason = "a test of processes and files")]
@@ -115,6 +115,6 @@ fn the_page_lists_every_scenario_with_its_name() {
         .collect();
     let plan = Plan::shipped().unwrap();
     let wanted: Vec<_> = plan.scenarios.iter().map(|s| [s.number.to_string(), s.name.clone()]).collect();
-    assert_eq!(rows, wanted, "docs/reference/faults.md: `cncsim scenarios --table` prints it anew");
+    assert_eq!(rows, wanted, "docs/reference/faults.md: `cncsim dev scenarios --table` prints it anew");
     assert!(!table.contains("does not hold"), "a measured outcome that was not good");
 }

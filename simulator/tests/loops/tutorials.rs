@@ -3,7 +3,7 @@
 #![expect(clippy::unwrap_used, clippy::expect_used, reason = "a test fails by panicking")]
 #![expect(clippy::disallowed_methods, reason = "the test reads pages and files")]
 
-use crate::readme::{Clone, root};
+use crate::first_run::{Clone, root};
 
 /// Runs the `sh` blocks of a page; returns what the last command of each printed, and the clone.
 fn follow(page: &str) -> (Vec<String>, Clone) {

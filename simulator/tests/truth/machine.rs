@@ -276,7 +276,7 @@ fn mistakes_in_a_truth_file_are_named() {
     names("[w X' Y' b Z t]\"", "[w X' Y' b t]\"", &["axis Z", "not in the chain"]);
     names("seed = 850", "sead = 850", &["sead", "line"]);
     names("name = \"Y\"", "name = \"X\"", &["axis X has two"]);
-    names("name = \"Y\"", "name = \"Q\"", &["\"Q\" is no axis"]);
+    names("name = \"Y\"", "name = \"Q\"", &["unknown axis \"Q\""]);
     names("travel-mm = [0, 850]", "travel-mm = [850, 0]", &["axis X", "travel-mm"]);
     names("travel-mm = [0, 850]", "travel-mm = [10, 850]", &["home (0)"]);
     names("travel-mm = [0, 850]", "travel-mm = [0, nan]", &["axis X", "finite"]);

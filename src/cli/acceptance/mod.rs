@@ -36,7 +36,7 @@ impl HeadArgs {
 }
 
 fn tolerance(text: &str) -> Result<(String, f64), String> {
-    let wrong = || format!("'{text}' is no tolerance; write a figure and its limit, such as a-um=8");
+    let wrong = || format!("invalid tolerance '{text}'; write a figure and its limit, such as a-um=8");
     let (key, value) = text.split_once('=').ok_or_else(wrong)?;
     let value = value.parse::<f64>().ok().filter(|v| v.is_finite()).ok_or_else(wrong)?;
     Ok((toml_key(key), value))

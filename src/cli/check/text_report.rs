@@ -315,7 +315,7 @@ pub(crate) fn model_notes(file: &ModelFile) -> Vec<String> {
     let mut out = Vec::new();
     for thermal in file.thermal.iter().filter(|t| !model.sensors().contains(&t.name.as_str())) {
         out.push(format!(
-            "thermal {name} is told to no error: add [errors.SYMBOL.live] with sensor = \"{name}\"",
+            "thermal {name} feeds no error: add [errors.SYMBOL.live] with sensor = \"{name}\"",
             name = thermal.name
         ));
     }

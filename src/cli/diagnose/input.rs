@@ -78,10 +78,7 @@ pub(super) fn read<R: std::io::BufRead>(table: &mut Table<R>) -> Result<Raw, Fai
         raw.lines.push(table.line());
     }
     if raw.lines.is_empty() {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!("error: {}: no rows below the heading", table.file()),
-        ));
+        return Err(Failure::new(EX_DATAERR, format_args!("error: {}: no data rows", table.file())));
     }
     let mut columns = Vec::with_capacity(kept.len());
     for i in kept {

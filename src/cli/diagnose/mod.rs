@@ -61,8 +61,11 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE")]
     add: Vec<PathBuf>,
     /// A session file, or a file of an instrument or a control; may be repeated, each has a clock of its own.
-    #[arg(long, value_name = "FILE", required_unless_present = "list_effects")]
+    #[arg(long, value_name = "FILE", required_unless_present_any = ["list_effects", "files"])]
     data: Vec<PathBuf>,
+    /// The files of --data, so that `--data *.csv` takes all of them.
+    #[arg(value_name = "FILE")]
+    files: Vec<PathBuf>,
     /// New data of the same program, to see how far the gap really shrinks; may be repeated.
     #[arg(long, value_name = "FILE")]
     fresh: Vec<PathBuf>,
@@ -139,8 +142,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             same_machine(path, addition, model)?;
         }
     }
+    let data: Vec<PathBuf> = args.data.iter().chain(&args.files).cloned().collect();
     let logs = Logs::read(&args.history)?;
-    let (mut session, rotary, stated) = load(args, &args.data, &logs, model.as_ref(), &additions, &machine)?;
+    let (mut session, rotary, stated) = load(args, &data, &logs, model.as_ref(), &additions, &machine)?;
     if args.plan {
         let seen = plan(&mut session, &args.without);
         bar.end();

@@ -229,7 +229,7 @@ pub(super) fn plan(p: &PlanReport, json: bool) -> Result<(), Failure> {
         (counted(p.rows, "row"), counted(p.setups, "setup"), counted(p.seen.len(), "effect"));
     say!("{rows} in {setups}; {seen} can be seen");
     for class in &p.confounded {
-        say!("cannot be told apart: {}", class.join(" = "));
+        say!("confounded: {}", class.join(" = "));
     }
     for b in &p.blind_spots {
         say!("cannot be seen: {:28} {}", b.effect, b.because);

@@ -46,7 +46,7 @@ pub(super) struct Args {
     #[arg(long, value_name = "OUT.svg")]
     svg: Option<PathBuf>,
     /// Write a page with everything; it needs no other file and prints on A4
-    #[arg(long, value_name = "OUT.html")]
+    #[arg(long = "html", value_name = "OUT.html", alias = "report")]
     report: Option<PathBuf>,
     /// Print one JSON object instead of text
     #[arg(long)]

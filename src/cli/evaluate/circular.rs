@@ -41,8 +41,8 @@ enum CentringArg {
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {
     /// CSV with angle_deg,deviation_um,direction (1 counter-clockwise, -1 clockwise), optional feed_mm_per_min and run; - is stdin.
-    #[arg(long, value_name = "FILE")]
-    data: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "file")]
+    data: Option<PathBuf>,
     /// The same test at an earlier time, to compare with.
     #[arg(long, value_name = "FILE")]
     before: Option<PathBuf>,
@@ -78,7 +78,7 @@ pub(crate) fn plane(text: &str) -> Result<[char; 2], String> {
     let axes: Vec<char> = text.chars().map(|c| c.to_ascii_uppercase()).collect();
     match axes[..] {
         [a, b] if a != b && a.is_ascii_alphabetic() && b.is_ascii_alphabetic() => Ok([a, b]),
-        _ => Err(format!("'{text}' is no plane; write two axes such as xy, yz or zx")),
+        _ => Err(format!("invalid plane '{text}'; write two axes such as xy, yz or zx")),
     }
 }
 
@@ -169,9 +169,15 @@ fn of_one_feed(args: &Args, path: &Path, samples: Vec<Sample>) -> Result<Vec<Sam
     }
 }
 
+impl Args {
+    fn data(&self) -> &Path {
+        self.output.data(&self.data)
+    }
+}
+
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut acceptance = Acceptance::load(&args.output.head, "iso230-4", &keys())?;
-    let after = read(args, &args.data)?;
+    let after = read(args, args.data())?;
     acceptance.fill(stated(&after));
     let assessed = assessed(&acceptance, &after.result, after.uncertainties);
     let before = args.before.as_deref().map(|path| read(args, path)).transpose()?;
@@ -264,7 +270,7 @@ fn as_json(test: &Evaluated) -> Map<String, Value> {
 }
 
 fn print(args: &Args, after: &Evaluated, before: Option<&Evaluated>) {
-    say!("ISO 230-4 of {}: {}", args.data.display(), counted(after.readings.len(), "reading"));
+    say!("ISO 230-4 of {}: {}", args.data().display(), counted(after.readings.len(), "reading"));
     let um = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{} um", plain(v, 2)));
     if before.is_some() {
         say!("{:<40}{:>14}{:>14}{:>10}", "", "before", "after", "change");
@@ -290,7 +296,7 @@ fn report(
     after: &Evaluated,
     before: Option<&Evaluated>,
 ) -> Result<String, Box<dyn std::error::Error>> {
-    let mut origins = vec![Origin::of("data", &args.data)];
+    let mut origins = vec![Origin::of("data", args.data())];
     origins.extend(args.before.as_deref().map(|p| Origin::of("before", p)));
     let [a, b] = args.plane;
     let mut facts = vec![("plane", format!("{a}{b}, angles from {a} towards {b}"))];

@@ -32,8 +32,8 @@ use volcomp_units::um_from_mm;
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {
     /// CSV with diagonal (ppp npp pnp ppn),cycle,direction,target_mm,deviation_um; - is stdin.
-    #[arg(long, value_name = "FILE")]
-    data: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "file")]
+    data: Option<PathBuf>,
     /// The same test at an earlier time, to compare with.
     #[arg(long, value_name = "FILE")]
     before: Option<PathBuf>,
@@ -60,7 +60,7 @@ fn read(path: &Path) -> Result<Evaluated, Failure> {
     while table.advance()? {
         let word = table.word(name);
         let Some(diagonal) = Diagonal::parse(&word) else {
-            let what = format_args!("'{word}' is no diagonal; write ppp, npp, pnp or ppn (signs of X Y Z)");
+            let what = format_args!("invalid diagonal '{word}'; write ppp, npp, pnp or ppn (signs of X Y Z)");
             return Err(table.fail(name, what));
         };
         let r = columns.reading(&table)?;
@@ -113,9 +113,15 @@ fn assessed(acceptance: &Acceptance, test: &DiagonalTest, conditions: &Condition
         .collect()
 }
 
+impl Args {
+    fn data(&self) -> &Path {
+        self.output.data(&self.data)
+    }
+}
+
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let acceptance = Acceptance::load(&args.output.head, "iso230-6", &keys())?;
-    let after = read(&args.data)?;
+    let after = read(args.data())?;
     let conditions = args.uncertainty.conditions(AxisKind::Linear)?;
     let assessed = assessed(&acceptance, &after.result, &conditions);
     let before = args.before.as_deref().map(read).transpose()?;
@@ -241,7 +247,7 @@ fn report(
     before: Option<&Evaluated>,
     y: [f64; 2],
 ) -> Result<String, Box<dyn std::error::Error>> {
-    let mut origins = vec![Origin::of("data", &args.data)];
+    let mut origins = vec![Origin::of("data", args.data())];
     origins.extend(args.before.as_deref().map(|p| Origin::of("before", p)));
     let standard = "Positioning along the body diagonals, ISO 230-6:2002";
     let mut page = page::start(title, standard, acceptance, assessed, &origins, &[]);

@@ -27,7 +27,7 @@ use volcomp_evaluate::Placed;
 
 /// Evaluate a test by ISO 230 or a gear by ISO 1328-1, with the plots of the standards and a report to print
 ///
-/// Every test takes --before FILE, an earlier test of the same kind, and compares; --report FILE.html writes a page
+/// Every test takes --before FILE, an earlier test of the same kind, and compares; --html FILE.html writes a page
 /// that needs no other file and prints on A4; --svg FILE.svg the plot alone.
 #[derive(Debug, Parser)]
 pub(super) struct Args {
@@ -54,8 +54,11 @@ enum Test {
 /// What is written beside the figures.
 #[derive(Debug, clap::Args)]
 struct Output {
+    /// The file of --data.
+    #[arg(value_name = "FILE", conflicts_with = "data")]
+    file: Option<PathBuf>,
     /// Write a report as one HTML page that needs no other file and prints on A4.
-    #[arg(long, value_name = "FILE.html", visible_alias = "html")]
+    #[arg(long = "html", value_name = "FILE.html", alias = "report")]
     report: Option<PathBuf>,
     /// Write the plot alone.
     #[arg(long, value_name = "FILE.svg")]
@@ -82,6 +85,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 impl Output {
+    /// The file of data, by `--data` or as the positional argument; the parser asks for one of them.
+    fn data<'a>(&'a self, named: &'a Option<PathBuf>) -> &'a Path {
+        named.as_deref().or(self.file.as_deref()).unwrap_or(Path::new("-"))
+    }
+
     /// Writes what was asked for.
     fn write(
         &self,
@@ -146,7 +154,7 @@ pub(crate) struct Pair {
     pub(crate) expanded: Option<f64>,
 }
 
-/// What [`compare`] is told beside the files.
+/// Options of [`compare`] beside the files.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct CompareOptions {
     /// Plane of a circle.

@@ -27,12 +27,12 @@ use volcomp_units::axes::{AxisKind, Travel};
 /// Targets and deviations as the instrument gave them: at least two targets, two runs; the standard asks for five
 /// runs in both directions. Example, with the test before compensation beside the one after:
 ///
-///   volcomp evaluate iso230-2 --data after.csv --before before.csv --report x-axis.html --title "VMC 850, X axis"
+///   volcomp evaluate iso230-2 --data after.csv --before before.csv --html x-axis.html --title "VMC 850, X axis"
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {
     /// CSV with cycle,direction,target_mm,deviation_um (rotary: target_deg,deviation_arcsec), or a .dat file; - is stdin.
-    #[arg(long, value_name = "FILE")]
-    data: PathBuf,
+    #[arg(long, value_name = "FILE", required_unless_present = "file")]
+    data: Option<PathBuf>,
     /// The same test at an earlier time, to compare with.
     #[arg(long, value_name = "FILE")]
     before: Option<PathBuf>,
@@ -134,9 +134,15 @@ fn measured(u: &Uncertainties, key: &str, e: &Expanded) -> Option<f64> {
     is_stated.then_some(e.measurement)
 }
 
+impl Args {
+    fn data(&self) -> &Path {
+        self.output.data(&self.data)
+    }
+}
+
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut acceptance = Acceptance::load(&args.output.head, "iso230-2", &keys())?;
-    let after = read(args, &args.data)?;
+    let after = read(args, args.data())?;
     acceptance.fill(after.stated.clone());
     let assessed = assessed(&acceptance, &after);
     let before = args.before.as_deref().map(|path| read(args, path)).transpose()?;
@@ -173,7 +179,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let stdout_taken =
         [&args.output.svg, &args.output.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
     if !stdout_taken {
-        let (file, p) = (args.data.display(), &after.result);
+        let (file, p) = (args.data().display(), &after.result);
         let (targets, cycles) = (counted(p.targets.len(), "target"), counted(p.cycles, "cycle"));
         say!("ISO 230-2 of {file}: {targets}, {cycles}");
         print(p, key, |v| v);
@@ -348,7 +354,7 @@ fn report(
     before: Option<&Evaluated>,
 ) -> Result<String, Box<dyn std::error::Error>> {
     let (_, unit, target_unit) = after.units();
-    let mut origins = vec![Origin::of("data", &args.data)];
+    let mut origins = vec![Origin::of("data", args.data())];
     origins.extend(args.before.as_deref().map(|p| Origin::of("before", p)));
     let size = |p: &Positioning| {
         let ends = p.targets.first().zip(p.targets.last());

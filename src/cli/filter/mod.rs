@@ -16,8 +16,8 @@ use volcomp_units::NS_PER_S;
 /// Live estimation: what was learned from sensors, with its uncertainty.
 #[derive(Debug, clap::Parser)]
 #[command(after_help = "Examples:\n  volcomp filter show --config machine.toml\n  \
-                        volcomp filter show --json > filter.json\n  volcomp filter show --picture filter.svg\n  \
-                        volcomp filter show --recording run.vcrec --picture run.svg\n  \
+                        volcomp filter show --json > filter.json\n  volcomp filter show --svg filter.svg\n  \
+                        volcomp filter show --recording run.vcrec --svg run.svg\n  \
                         volcomp filter forget ram --reason \"tracker was set up anew\"")]
 pub(super) struct Args {
     #[command(subcommand)]
@@ -28,7 +28,7 @@ pub(super) struct Args {
 enum What {
     /// Sensors and maps: innovations, noise, acceptance, nodes with their standard deviations.
     Show(ShowArgs),
-    /// Begin a map anew from the offline map; its sensors are got to know anew.
+    /// Begin a map anew from the offline map; its sensors are initialised again.
     Forget(ForgetArgs),
 }
 
@@ -43,8 +43,8 @@ struct ShowArgs {
     #[arg(long)]
     json: bool,
     /// Draw the maps: values at the nodes over X, bars of one standard deviation.
-    #[arg(long, value_name = "FILE.svg")]
-    picture: Option<PathBuf>,
+    #[arg(long, value_name = "FILE.svg", alias = "picture")]
+    svg: Option<PathBuf>,
 }
 
 #[derive(Debug, clap::Args)]
@@ -57,6 +57,9 @@ struct ForgetArgs {
     /// Why, for the audit log; at most 1 KiB.
     #[arg(long, value_name = "TEXT", value_parser = super::arg_parsers::reason)]
     reason: Option<String>,
+    /// Print one JSON object instead of text.
+    #[arg(long)]
+    json: bool,
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
@@ -69,8 +72,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
                 reason: args.reason.clone(),
                 ..Ask::default()
             };
-            client::ask(&socket(&args.which)?, &ask).map_err(|e| failure(&e))?;
-            say!("map {} begins at the offline map", args.map);
+            let answer = client::ask(&socket(&args.which)?, &ask).map_err(|e| failure(&e))?;
+            if args.json {
+                say!("{}", json(&answer)?);
+            } else {
+                say!("map {} restarts from the offline map", args.map);
+            }
             Ok(())
         }
     }
@@ -82,9 +89,9 @@ fn show(args: &ShowArgs) -> Result<(), Failure> {
         None => vec![(0.0, client::filter(&socket(&args.which)?).map_err(|e| failure(&e))?)],
     };
     let Some((_, filter)) = course.last() else { return Ok(()) };
-    if let Some(path) = &args.picture {
+    if let Some(path) = &args.svg {
         if !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("svg")) {
-            return Err(Failure::new(super::EX_USAGE, "error: --picture: the name must end in .svg"));
+            return Err(Failure::new(super::EX_USAGE, "error: --svg: the name must end in .svg"));
         }
         let text = picture::picture(&course).map_err(|e| {
             Failure::new(EX_SOFTWARE, format_args!("error: the picture cannot be drawn: {e}"))
@@ -186,7 +193,7 @@ pub(super) fn write(
     Ok(())
 }
 
-/// Growths by heat as a person reads them; nothing where there are none.
+/// Thermal displacements as text; empty without any.
 pub(super) fn write_growths(f: &mut String, growths: &[ThermalDisplacementStatus]) -> std::fmt::Result {
     for (k, growth) in growths.iter().enumerate() {
         let label = if k == 0 { "growths     " } else { "            " };

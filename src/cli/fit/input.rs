@@ -296,7 +296,7 @@ mod tests {
             ("position_mm,EXX_um\n", "is exx_um meant?"),
             ("position_mm,comment\n", "comment: unknown column; columns are position_mm"),
             ("position_mm,ec0y_arcsec\n", "is one number, not a curve"),
-            ("position_mm,exx_um\n", "no rows below the header"),
+            ("position_mm,exx_um\n", "no data rows"),
             ("position_mm,exx_um\n1,one\n", "m.csv:2:3: exx_um: 'one' is not a number"),
             ("position_mm,exx_um,direction\n1,1,2\n", "2 is no direction"),
         ] {

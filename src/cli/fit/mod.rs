@@ -5,12 +5,12 @@ mod picture;
 pub(super) mod report;
 mod thermal;
 
-use std::path::PathBuf;
+use std::path::{Path, PathBuf};
 
 use clap::{Parser, Subcommand, ValueEnum};
 
 use self::input::{BySymbol, Direction, Format, Measured, read};
-use self::picture::PicturePath;
+use self::picture::PictureArgs;
 use self::report::{Fitted, comments, hidden_text, json_report, note_text, outlier_lines, print_table};
 use super::files::write_text;
 use super::model_writer::{ModelWriter, Sources, axis_entry, default_chain, put};
@@ -89,12 +89,11 @@ pub(super) struct Args {
     /// Travel of an axis in mm (rotary: degrees), such as x=0:500; once per axis.
     #[arg(long, value_name = "AXIS=LOW:HIGH", value_parser = travel)]
     travel: Vec<(AxisName, [f64; 2])>,
-    /// Write the figures of every fit as JSON.
-    #[arg(long, value_name = "FILE")]
+    /// Print the figures of every fit as one JSON object, or write them to FILE.
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
-    /// Draw readings, curves, confidence bands and residuals: a file ending in .svg or .html.
-    #[arg(long, value_name = "FILE")]
-    picture: Option<PicturePath>,
+    #[command(flatten)]
+    pictures: PictureArgs,
 }
 
 /// What is fitted other than error motions.
@@ -216,7 +215,7 @@ fn constant(text: &str) -> Result<(ErrorSymbol, f64), String> {
     let (name, value) = text.split_once('=').ok_or("write for example ec0y=-3.1")?;
     match ErrorSymbol::parse(name) {
         Some(symbol @ ErrorSymbol::Squareness { .. }) => Ok((symbol, rad_from_arcsec(number(value)?))),
-        _ => Err(format!("'{name}' is no squareness; they are ec0y, eb0z, ea0z")),
+        _ => Err(format!("unknown squareness '{name}'; expected one of ec0y, eb0z, ea0z")),
     }
 }
 
@@ -227,6 +226,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.model.target().is_none() {
         return Err(Failure::usage("neither --out nor --into is given"));
     }
+    stdout_once(&args.model, args.json.as_deref())?;
     let mut by_symbol = BySymbol::new();
     if args.axis.len() != 1 && args.axis.len() != args.errors.len() {
         return Err(Failure::usage(format_args!(
@@ -255,7 +255,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(path) = &args.json {
         write_text(path, &json_report(&fitted))?;
     }
-    if let Some(path) = &args.picture {
+    for path in args.pictures.paths() {
         picture::write(path, &fitted)?;
     }
     for f in &fitted {
@@ -269,6 +269,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let stdout_taken = args.model.takes_stdout() || args.json.as_ref().is_some_and(|p| p.as_os_str() == "-");
     if !stdout_taken {
         print_table(&fitted);
+    }
+    Ok(())
+}
+
+/// Refuses a model and figures that would both go to stdout.
+fn stdout_once(model: &ModelWriter, json: Option<&Path>) -> Result<(), Failure> {
+    if model.takes_stdout() && json.is_some_and(|p| p.as_os_str() == "-") {
+        return Err(Failure::usage("--out - and --json cannot both go to stdout; give one of them a file"));
     }
     Ok(())
 }

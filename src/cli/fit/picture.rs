@@ -1,5 +1,5 @@
 //! Pictures of fits: readings, curve and confidence band, and the residuals below, one pair of panels per error.
-//! Directions are told apart by blue and vermillion, which colour-blind readers and grey prints keep apart.
+//! Directions are distinguished by blue and vermillion, which colour-blind readers and grey prints keep apart.
 
 use core::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -33,6 +33,27 @@ enum Kind {
     Html,
 }
 
+/// Pictures of a fit: measured, fitted or predicted, residuals.
+#[derive(Debug, clap::Args)]
+pub(super) struct PictureArgs {
+    /// Write curves, confidence bands and residuals as one HTML page.
+    #[arg(long, value_name = "FILE.html", value_parser = PicturePath::html)]
+    html: Option<PicturePath>,
+    /// Draw curves, confidence bands and residuals.
+    #[arg(long, value_name = "FILE.svg", value_parser = PicturePath::svg)]
+    svg: Option<PicturePath>,
+    /// The name before --html and --svg; the ending of the file chooses.
+    #[arg(long, value_name = "FILE", hide = true)]
+    picture: Option<PicturePath>,
+}
+
+impl PictureArgs {
+    /// Files to write.
+    pub(super) fn paths(&self) -> impl Iterator<Item = &PicturePath> {
+        [&self.html, &self.svg, &self.picture].into_iter().flatten()
+    }
+}
+
 /// A file name that says how the picture is written.
 #[derive(Debug, Clone)]
 pub(super) struct PicturePath(PathBuf, Kind);
@@ -52,6 +73,14 @@ impl core::str::FromStr for PicturePath {
 }
 
 impl PicturePath {
+    fn html(text: &str) -> Result<Self, core::convert::Infallible> {
+        Ok(Self(text.into(), Kind::Html))
+    }
+
+    fn svg(text: &str) -> Result<Self, core::convert::Infallible> {
+        Ok(Self(text.into(), Kind::Svg))
+    }
+
     /// The file, and whether it is a page instead of a bare picture.
     pub(super) fn parts(&self) -> (&Path, bool) {
         (&self.0, self.1 == Kind::Html)

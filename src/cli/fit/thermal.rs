@@ -6,7 +6,7 @@ use clap::Parser;
 use plotters::prelude::*;
 use serde_json::{Value, json};
 
-use super::picture::PicturePath;
+use super::picture::{PictureArgs, PicturePath};
 use crate::arg_parsers::{above_zero, not_negative};
 use crate::files::write_text;
 use crate::model_writer::{ModelWriter, Sources};
@@ -31,7 +31,7 @@ use volcomp_units::{mm_from_um, um_from_mm};
 #[command(after_help = "Examples:\n  \
     volcomp fit thermal warmup.csv --displacement z_um                         only the figures\n  \
     volcomp fit thermal warmup.csv --displacement z_um --name spindle-z \\\n      \
-    --symbol ezz --limit-um 80 --into model.toml --picture spindle.html\n\n\
+    --symbol ezz --limit-um 80 --into model.toml --html spindle.html\n\n\
     The model then has [thermal.spindle-z], which volcompd feeds from its sensors (docs/how-to/thermal.md).")]
 pub(super) struct Args {
     /// The recording: CSV with a header. - is stdin.
@@ -69,24 +69,25 @@ pub(super) struct Args {
     /// Time constants of the speeds.
     #[arg(long, value_name = "S,..", value_delimiter = ',', default_value = "60,600,1800,5400,14400", value_parser = not_negative)]
     speed_lags_s: Vec<f64>,
-    /// Strength of the shrinking; without it the one that forecasts best.
+    /// Regularisation; default: the one with the smallest prediction error.
     #[arg(long, value_name = "LAMBDA", value_parser = above_zero)]
     lambda: Option<f64>,
     #[command(flatten)]
     model: ModelWriter,
-    /// Write the figures as JSON.
-    #[arg(long, value_name = "FILE")]
+    /// Print the figures as one JSON object, or write them to FILE.
+    #[arg(long, value_name = "FILE", num_args = 0..=1, default_missing_value = "-")]
     json: Option<PathBuf>,
-    /// Draw measured and predicted displacement over time: a file ending in .svg or .html.
-    #[arg(long, value_name = "FILE")]
-    picture: Option<PicturePath>,
+    #[command(flatten)]
+    pictures: PictureArgs,
 }
 
 /// A length among the error motions of an axis.
 fn length(text: &str) -> Result<ErrorSymbol, String> {
     match ErrorSymbol::parse(text) {
         Some(symbol) if !symbol.is_angle() && !symbol.is_constant() => Ok(symbol),
-        _ => Err(format!("'{text}' is no positioning or straightness error; they are exx, eyx, .. ezz")),
+        _ => Err(format!(
+            "invalid positioning or straightness error '{text}'; expected one of exx, eyx, .. ezz"
+        )),
     }
 }
 
@@ -98,6 +99,7 @@ struct Recording {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    super::stdout_once(&args.model, args.json.as_deref())?;
     let recording = read(args)?;
     let name = args.name.clone().unwrap_or_else(|| stem(&args.displacement).to_owned());
     let request = Request {
@@ -122,7 +124,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(path) = &args.json {
         write_text(path, &format!("{:#}\n", report(&name, &found)))?;
     }
-    if let Some(path) = &args.picture {
+    for path in args.pictures.paths() {
         draw(path, args, &recording, &found)?;
     }
     let stdout_taken = args.model.takes_stdout() || args.json.as_ref().is_some_and(|p| p.as_os_str() == "-");

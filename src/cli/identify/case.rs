@@ -15,6 +15,9 @@ pub(super) struct CaseArgs {
     /// One case of the reference vectors (JSON, mm and rad), or a file of cases with --case; - is stdin.
     #[arg(long, value_name = "FILE")]
     input: Option<PathBuf>,
+    /// The file of --data.
+    #[arg(value_name = "FILE", conflicts_with_all = ["data", "input"])]
+    file: Option<PathBuf>,
     /// Which case of a file with several.
     #[arg(long, value_name = "ID", requires = "input")]
     case: Option<String>,
@@ -24,6 +27,16 @@ pub(super) struct CaseArgs {
 }
 
 impl CaseArgs {
+    /// The file of data, by `--data` or as the positional argument.
+    pub(super) fn data<'a>(&'a self, named: &'a Option<PathBuf>) -> Option<&'a PathBuf> {
+        named.as_ref().or(self.file.as_ref())
+    }
+
+    /// The files of data, by `--data` or as the positional argument.
+    pub(super) fn all<'a>(&'a self, named: &'a [PathBuf]) -> &'a [PathBuf] {
+        if named.is_empty() { self.file.as_slice() } else { named }
+    }
+
     /// The file of the case, where one is given.
     pub(super) fn file(&self) -> Option<CaseFile<'_>> {
         self.input.as_deref().map(|path| CaseFile { path, id: self.case.as_deref() })

@@ -31,7 +31,7 @@ pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// A table with named columns.
-    #[arg(long, value_name = "FILE", conflicts_with = "input", required_unless_present = "input")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input", required_unless_present_any = ["input", "file"])]
     data: Option<PathBuf>,
     /// Column of the abscissa.
     #[arg(long, value_name = "COLUMN", default_value = "x")]
@@ -103,7 +103,7 @@ const TABLE_ORDER: usize = 10;
 const EVALUATED: [f64; 7] = [0.0, 0.013, 0.27, 0.515, 0.777, 0.99, 1.0];
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    let (case, name) = match (args.case.file(), &args.data) {
+    let (case, name) = match (args.case.file(), args.case.data(&args.data)) {
         (Some(file), _) => (file.read()?, file.path().display().to_string()),
         (None, Some(path)) => (args.read_table(path)?, path.display().to_string()),
         (None, None) => return Err(Failure::new(EX_USAGE, "error: neither --input nor --data is given")),

@@ -90,7 +90,7 @@ fn components(text: &str) -> Result<Components, String> {
         let mut letters = word.trim().chars();
         match (letters.next().and_then(Component::from_letter), letters.next()) {
             (Some(c), None) => Ok(c),
-            _ => Err(format!("'{word}' is no direction; write letters of x y z a b c, such as x,b")),
+            _ => Err(format!("invalid direction '{word}'; write letters of x y z a b c, such as x,b")),
         }
     };
     let mut list = text.split(',').map(one).collect::<Result<Vec<_>, _>>()?;

@@ -36,7 +36,7 @@ pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// Measurements as a table.
-    #[arg(long, value_name = "FILE", conflicts_with = "input", required_unless_present = "input")]
+    #[arg(long, value_name = "FILE", conflicts_with = "input", required_unless_present_any = ["input", "file"])]
     data: Option<PathBuf>,
     /// The three linear axes of the grid.
     #[arg(long, value_delimiter = ',', default_value = "x,y,z", value_parser = linear_axis)]
@@ -46,7 +46,7 @@ pub(super) struct Args {
         long,
         value_delimiter = ',',
         value_name = "MM",
-        required_unless_present = "input",
+        required_unless_present_any = ["input", "file"],
         allow_negative_numbers = true
     )]
     first: Vec<f64>,
@@ -55,7 +55,7 @@ pub(super) struct Args {
         long,
         value_delimiter = ',',
         value_name = "MM",
-        required_unless_present = "input",
+        required_unless_present_any = ["input", "file"],
         allow_negative_numbers = true
     )]
     second: Vec<f64>,
@@ -64,18 +64,18 @@ pub(super) struct Args {
         long,
         value_delimiter = ',',
         value_name = "MM",
-        required_unless_present = "input",
+        required_unless_present_any = ["input", "file"],
         allow_negative_numbers = true
     )]
     third: Vec<f64>,
     /// How far the model may be wrong (k = 1), um or arcsec.
-    #[arg(long, value_name = "STD", required_unless_present = "input")]
+    #[arg(long, value_name = "STD", required_unless_present_any = ["input", "file"])]
     sigma: Option<f64>,
     /// Distance over which nodes move together; 0: each on its own.
     #[arg(long, value_name = "MM", default_value_t = 0.0)]
     correlation_mm: f64,
     /// Noise of the instrument (k = 1), um or arcsec.
-    #[arg(long, value_name = "STD", required_unless_present = "input")]
+    #[arg(long, value_name = "STD", required_unless_present_any = ["input", "file"])]
     noise: Option<f64>,
     /// Learn the noise from the data, between a tenth and ten times --noise.
     #[arg(long)]
@@ -137,7 +137,7 @@ struct CaseObservation {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    match (args.case.file(), &args.data) {
+    match (args.case.file(), args.case.data(&args.data)) {
         (Some(file), _) => {
             file.writes_no_model(args.model.target().is_some())?;
             let result = of_case(&file.read()?).map_err(|e| file.bad(e))?;

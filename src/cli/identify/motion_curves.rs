@@ -237,7 +237,7 @@ pub(super) fn print_motions(gauged: &Gauged, axis: AxisName) {
         .map(|i| format!("{} {:+.3}", symbols(axis)[i], arcsec_from_rad(gauged.slope[i])))
         .collect();
     say!(
-        "zero at {} mm; slopes taken out of the straightnesses (arcsec): {}",
+        "zero at {} mm; slopes removed from the straightnesses (arcsec): {}",
         gauged.reference_position,
         slopes.join(", ")
     );

@@ -37,7 +37,7 @@ pub(super) struct Args {
         value_name = "CSV",
         requires = "bar_radius_mm",
         conflicts_with = "input",
-        required_unless_present = "input"
+        required_unless_present_any = ["input", "file"]
     )]
     data: Option<PathBuf>,
     /// Radius of the gauge bar.
@@ -55,9 +55,9 @@ pub(super) struct Args {
     /// Noise of a contact (standard deviation), where known: the fit is then tested against it.
     #[arg(long, value_name = "UM")]
     noise_um: Option<f64>,
-    /// Take out contacts that lie off the circle by more than 4.5 standard deviations (at most a tenth of them).
-    #[arg(long)]
-    reject_outliers: bool,
+    /// Reject contacts that lie off the circle by more than 4.5 standard deviations (at most a tenth of them).
+    #[arg(long, alias = "reject-outliers")]
+    robust: bool,
     /// Where the bar's axis should be: Y and height over the B axis.
     #[arg(long, value_name = "Y,Z", value_parser = pair, allow_hyphen_values = true)]
     nominal_mm: Option<[f64; 2]>,
@@ -66,7 +66,7 @@ pub(super) struct Args {
 }
 
 fn pair(text: &str) -> Result<[f64; 2], String> {
-    numbers(text).ok_or_else(|| format!("'{text}' is no pair of numbers; write for example 168.8,0"))
+    numbers(text).ok_or_else(|| format!("invalid pair of numbers '{text}'; write for example 168.8,0"))
 }
 
 /// A case of the vectors: mm, and degrees where the name says so.
@@ -90,7 +90,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             "a model needs --out or --into, and --nominal-mm to compare the bar's place with",
         ));
     }
-    let (path, (contacts, bar_radius)) = match (args.case.file(), &args.data) {
+    let (path, (contacts, bar_radius)) = match (args.case.file(), args.case.data(&args.data)) {
         (Some(file), _) => (file.path(), from_case(file)?),
         (None, Some(path)) => {
             let bar = args.bar_radius_mm.ok_or_else(|| Failure::usage("give --bar-radius-mm"))?;
@@ -98,7 +98,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         }
         (None, None) => return Err(Failure::usage("give --data or --input")),
     };
-    let request = Request { sigma: args.noise_um.map(mm_from_um), reject_outliers: args.reject_outliers };
+    let request = Request { sigma: args.noise_um.map(mm_from_um), reject_outliers: args.robust };
     let found = calibrate(&contacts, bar_radius, &request)
         .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))?;
     if args.out.target().is_some() {
@@ -229,7 +229,7 @@ fn print(found: &Calibration, args: &Args, contacts: usize) {
         say!("fit against the stated noise: chi2 {:.1}, probability {:.3}", test.chi2, test.p_value);
     }
     if !found.outliers.is_empty() {
-        let what = if args.reject_outliers { "taken out" } else { "kept; --reject-outliers takes them out" };
+        let what = if args.robust { "rejected" } else { "kept; --robust rejects them" };
         let list: Vec<String> = found
             .outliers
             .iter()

@@ -19,8 +19,8 @@ use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, 
 #[derive(Debug, clap::Args)]
 pub(super) struct TrackerArgs {
     /// Standard deviation of a Cartesian coordinate, um; without it the noise is estimated from the data.
-    #[arg(long, value_name = "UM", value_parser = above_zero)]
-    sigma_um: Option<f64>,
+    #[arg(long, value_name = "UM", value_parser = above_zero, alias = "sigma-um")]
+    noise_um: Option<f64>,
     /// Standard deviation of a range, um.
     #[arg(long, value_name = "UM", value_parser = above_zero)]
     sigma_range_um: Option<f64>,
@@ -147,7 +147,7 @@ impl TrackerArgs {
 
     /// Standard deviation of a Cartesian coordinate as stated, mm.
     pub(super) fn cartesian_sigma(&self) -> Option<f64> {
-        self.sigma_um.map(mm_from_um)
+        self.noise_um.map(mm_from_um)
     }
 
     /// The frame of --registration, if there is one.
@@ -171,9 +171,9 @@ impl TrackerArgs {
                 ));
             }
         };
-        let stated = self.sigma_um.is_some() || tracker.is_some();
+        let stated = self.noise_um.is_some() || tracker.is_some();
         let noise =
-            Noise { cartesian: self.sigma_um.map_or(1.0, |s| mm_from_um(s).powi(2)), tracker, stated };
+            Noise { cartesian: self.noise_um.map_or(1.0, |s| mm_from_um(s).powi(2)), tracker, stated };
         let mut frame =
             Frame { noise, station: self.tracker_mm.unwrap_or_else(Vec3::zeros), registered: None };
         if let Some(path) = registration {
@@ -284,7 +284,7 @@ impl Place {
         if values[2].abs() > 89.0 {
             return Err(table.fail(
                 c[2],
-                format_args!("elevation {} deg is beyond 89 deg, where the azimuth says nothing", values[2]),
+                format_args!("elevation {} deg is beyond 89 deg, where the azimuth is undefined", values[2]),
             ));
         }
         Ok(Self::Spherical(Observation {

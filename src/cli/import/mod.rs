@@ -209,7 +209,7 @@ impl ControlArgs {
 
 fn numbered_axis(text: &str) -> Result<(AxisName, u32), String> {
     let (axis, number) = text.split_once('=').ok_or("write for example x=1")?;
-    let number = number.parse().map_err(|_| format!("'{number}' is no number of an axis"))?;
+    let number = number.parse().map_err(|_| format!("invalid axis number '{number}'"))?;
     Ok((axis_letter(axis)?, number))
 }
 
@@ -217,7 +217,7 @@ fn comp_type(text: &str) -> Result<linuxcnc::CompType, String> {
     match text {
         "0" => Ok(linuxcnc::CompType::Actual),
         "1" => Ok(linuxcnc::CompType::Trim),
-        _ => Err(format!("'{text}' is no COMP_FILE_TYPE; it is 0 or 1")),
+        _ => Err(format!("invalid COMP_FILE_TYPE '{text}'; expected 0 or 1")),
     }
 }
 

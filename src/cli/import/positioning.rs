@@ -249,7 +249,7 @@ fn columns(
     }
     progress.finish();
     if rows == 0 {
-        return Err(Failure::new(EX_DATAERR, format_args!("error: {file}: no rows below the header")));
+        return Err(Failure::new(EX_DATAERR, format_args!("error: {file}: no data rows")));
     }
     let derived = match (cycle, direction) {
         (None, None) => "; cycles and directions from the order of the positions",

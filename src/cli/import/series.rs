@@ -327,10 +327,7 @@ pub(super) fn columns(args: &Args, path: &Path) -> Result<(), Failure> {
     }
     progress.finish();
     if rows == 0 {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!("error: {}: no rows below the header", path.display()),
-        ));
+        return Err(Failure::new(EX_DATAERR, format_args!("error: {}: no data rows", path.display())));
     }
     table.finish()?;
     note!("{}: {rows} rows", path.display());

@@ -137,7 +137,7 @@ fn total_lines(model: &ModelSpec, gauged: &Gauged) -> Vec<String> {
     out.push(if rigid.is_empty() {
         "no rigid motion is left out".to_owned()
     } else {
-        format!("left out, because it cannot be told from the set-up: {}", rigid.join(", "))
+        format!("left out, because the set-up absorbs it: {}", rigid.join(", "))
     });
     out
 }
@@ -188,7 +188,7 @@ fn untouched_line(untouched: &Untouched) -> String {
             format!("the constant of {}, a shift of axis {} along itself", lower(*symbol), symbol.axis())
         }
         Untouched::Parallelism { axis } => {
-            format!("slopes of {axis}, which are its parallelism; there is no squareness for them")
+            format!("slopes of {axis}, which are its parallelism; they have no squareness")
         }
         Untouched::NoRange { axis } => {
             format!(

@@ -36,7 +36,7 @@ pub(super) struct Found {
     pub(super) poses: u64,
 }
 
-/// Searches the volume; `progress` is told how many of how many steps are done.
+/// Searches the volume; `progress` receives how many of how many steps are done.
 pub(super) fn search(spec: &ModelSpec, model: &Model, mut progress: impl FnMut(u64, u64)) -> Found {
     let axes = spec.chain.axes();
     let mut goals = vec![Goal::Position, Goal::Rotation];

@@ -46,7 +46,7 @@ pub(super) struct CircleArgs {
     #[arg(long, requires = "circle")]
     json: bool,
     /// Report with the curves (HTML).
-    #[arg(long, value_name = "FILE", requires = "circle")]
+    #[arg(long = "html", value_name = "FILE.html", alias = "report", requires = "circle")]
     report: Option<PathBuf>,
 }
 

@@ -53,7 +53,7 @@ fn read_broker(mqtt: &Section<'_>, plain_remote: bool) -> Option<(String, u16)> 
     let Some((host, port)) = parts else {
         mqtt.report(Diagnostic::at(
             text.place,
-            format!("mqtt.broker \"{}\" is no host with a port from 1 to 65535", text.value),
+            format!("mqtt.broker \"{}\" is not a host with a port from 1 to 65535", text.value),
             "write a name or number and a port, for example \"127.0.0.1:1883\"; \"\" publishes nowhere",
         ));
         return None;
@@ -78,7 +78,7 @@ fn read_topic(mqtt: &Section<'_>) -> Option<String> {
     if bad || text.value.len() > 200 {
         mqtt.report(Diagnostic::at(
             text.place,
-            format!("mqtt.topic \"{}\" is no topic", text.value),
+            format!("mqtt.topic \"{}\" is not a topic", text.value),
             "write levels without wildcards, at most 200 bytes, for example \"plant-2/cell-7/volcomp\"",
         ));
         return None;
@@ -123,7 +123,7 @@ mod tests {
         for (text, words) in [
             (
                 "[mqtt]\nbroker = \"broker\"\n",
-                &["m.toml:9:10", "\"broker\" is no host", "127.0.0.1:1883"][..],
+                &["m.toml:9:10", "\"broker\" is not a host", "127.0.0.1:1883"][..],
             ),
             ("[mqtt]\nbroker = \"plant:1883\"\n", &["plant:1883 is another computer", "plain-remote"]),
             ("[mqtt]\nbroker = \"localhost:0\"\n", &["1 to 65535"]),

@@ -54,7 +54,7 @@ pub(super) fn read_listen(
     let Some(address) = text.value.parse::<SocketAddr>().ok().filter(|address| address.port() != 0) else {
         section.report(Diagnostic::at(
             text.place,
-            format!("{key} \"{}\" is no address with a port from 1 to 65535", text.value),
+            format!("{key} \"{}\" is not an address with a port from 1 to 65535", text.value),
             format!("write a number of this computer and a port, for example \"127.0.0.1:{example}\" or \"[::1]:{example}\"; \"\" listens nowhere"),
         ));
         return None;
@@ -82,7 +82,7 @@ fn read_hosts(http: &Section<'_>) -> Vec<String> {
     for host in hosts.value.iter().filter(|host| !is_host(host.value)) {
         http.report(Diagnostic::at(
             host.place.clone(),
-            format!("http.hosts \"{}\" is no name of a host", host.value),
+            format!("http.hosts \"{}\" is not a name of a host", host.value),
             "write a name without scheme and port, for example \"cell-7.shop\"",
         ));
     }
@@ -120,10 +120,10 @@ mod tests {
     fn mistakes_name_file_line_value_limit_and_remedy() {
         for (text, words) in [
             ("[http]\nlisten = \"0.0.0.0:7870\"\n", &["m.toml:9:10", "0.0.0.0:7870", "plain-remote"][..]),
-            ("[http]\nlisten = \"here\"\n", &["m.toml:9:10", "\"here\" is no address", "127.0.0.1:7870"]),
+            ("[http]\nlisten = \"here\"\n", &["m.toml:9:10", "\"here\" is not an address", "127.0.0.1:7870"]),
             ("[http]\nlisten = \"127.0.0.1:0\"\n", &["1 to 65535"]),
             ("[http]\nlisten = 7870\n", &["http.listen must be a text"]),
-            ("[http]\nhosts = [\"http://a\"]\n", &["m.toml:9:10", "no name of a host", "cell-7.shop"]),
+            ("[http]\nhosts = [\"http://a\"]\n", &["m.toml:9:10", "not a name of a host", "cell-7.shop"]),
             ("[http]\nlisten-on = \"\"\n", &["listen-on"]),
             (
                 "[http]\nlisten = \"0.0.0.0:7870\"\nplain-remote = true\ntoken-file = \"token\"\n",

@@ -254,7 +254,7 @@ pub struct GuardConfig {
     pub expired: Policy,
     /// Temperatures of the machine for which the model holds, degrees Celsius; `None` does not ask.
     pub temperature_degc: Option<[f64; 2]>,
-    /// Age at which a temperature that was told counts as unknown, s.
+    /// Age at which a stated temperature counts as unknown, s.
     pub temperature_max_age_s: f64,
     /// Outside these temperatures, or where none is known.
     pub outside_temperature: Policy,

@@ -1,6 +1,7 @@
 //! Reading the machine file: keys, ranges, defaults.
 
 use core::net::SocketAddr;
+use std::collections::BTreeMap;
 use std::path::PathBuf;
 
 use super::gateway::{read_mqtt, read_mtconnect};
@@ -13,7 +14,7 @@ use super::{
     StatusConfig, WhenFull,
 };
 use crate::diagnostic::{ConfigErrors, Diagnostic};
-use crate::reader::{self, Allowed, Placed, Reader, Section};
+use crate::reader::{self, Allowed, Key, Placed, Reader, Section};
 use volcomp_engine::{AfterLoss, AxisLimits, LAG_CYCLES_MAX, Lag, OutOfTravel, PositionSource, RestOffset};
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
 use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
@@ -29,13 +30,20 @@ pub(super) fn parse(file: &str, text: &str) -> Result<MachineConfig, ConfigError
     }
 }
 
-/// Every key that a machine file may have, as `section.key`; `axes.x` stands for any linear, `axes.c` for any
-/// rotary axis.
+/// The key table of machine files, by `section.key`; `axes.x` stands for any linear, `axes.c` for any rotary axis.
 #[must_use]
-pub fn known_keys() -> Vec<String> {
+pub fn known_keys() -> BTreeMap<String, Key> {
+    // empty tables show what is required; written keys, the values of those that are not read without
+    const SAMPLES: [&str; 2] = [
+        "axes = {x = {}, c = {}}\nlink = {tls = {}}\nsensor = [{}]\nmap = [{}]",
+        "machine = \"m\"\nmodel = \"m\"\naxes = {x = {}}\nlink.tls = {ca = \"\", certificate = \"\", key = \"\"}\n\
+         sensor = [{name = \"a\"}]\nmap = [{name = \"m\", x-mm = [0], y-mm = [0], z-mm = [0]}]",
+    ];
     let reader = Reader::default();
-    if let Ok(document) = reader::document("", "axes = {x = {}, c = {}}\nsensor = [{}]\nmap = [{}]") {
-        read(&Section::top(&reader, &document));
+    for sample in SAMPLES {
+        if let Ok(document) = reader::document("", sample) {
+            read(&Section::top(&reader, &document));
+        }
     }
     reader.keys()
 }
@@ -125,7 +133,7 @@ const DEFAULT_CYCLE_MS: f64 = 1.0;
 
 /// A number with its default.
 fn or(section: &Section<'_>, key: &'static str, allowed: Allowed, default: f64) -> f64 {
-    section.number(key, allowed).map_or(default, |n| n.value)
+    section.number_or(key, allowed, default)
 }
 
 const fn within(low: f64, high: f64) -> Allowed {
@@ -153,6 +161,7 @@ fn read_link(link: &Section<'_>) -> Option<LinkConfig> {
     // one lost heartbeat is no silence
     at_least(link, "silence-s", silence_s, "twice heartbeat-s", 2.0 * heartbeat_s);
     let cycle_ms = or(link, "cycle-ms", within(0.25, 10.0), DEFAULT_CYCLE_MS);
+    let interface = read_interface(link, cycle_ms);
     let config = LinkConfig {
         address: address?,
         cycle_s: cycle_ms / 1e3,
@@ -162,7 +171,7 @@ fn read_link(link: &Section<'_>) -> Option<LinkConfig> {
         silence_s,
         tls: tls?,
         plain_remote,
-        interface: read_interface(link, cycle_ms),
+        interface,
     };
     link.finish();
     Some(config)
@@ -190,7 +199,7 @@ fn read_address(link: &Section<'_>, text: &Placed<&str>) -> Option<SocketAddr> {
     if address.is_none() {
         link.report(Diagnostic::at(
             text.place.clone(),
-            format!("link.address \"{}\" is no address with port", text.value),
+            format!("link.address \"{}\" is not an address with port", text.value),
             "write the number of the control and its port, for example \"192.168.0.10:7878\" or \"[::1]:7878\"",
         ));
     }
@@ -489,7 +498,7 @@ fn read_guard(guard: &Section<'_>) -> GuardConfig {
     {
         guard.report(Diagnostic::at(
             hash.place.clone(),
-            format!("guard.hash \"{}\" is no BLAKE3 hash", hash.value),
+            format!("guard.hash \"{}\" is not a BLAKE3 hash", hash.value),
             "write the 64 hexadecimal digits that `volcomp check` prints for the model",
         ));
     }
@@ -532,7 +541,7 @@ fn read_log(log: &Section<'_>) -> LogConfig {
     {
         log.report(Diagnostic::at(
             level.place.clone(),
-            format!("log.level \"{}\" is no filter", level.value),
+            format!("log.level \"{}\" is not a filter", level.value),
             format!("write one of {}, or room=level pairs such as \"info,volcomp=debug\"", LEVELS.join(", ")),
         ));
     }

@@ -75,7 +75,7 @@ pub(super) fn read_sensors(top: &Section<'_>) -> SensorsConfig {
     {
         general.report(Diagnostic::at(
             listen.place.clone(),
-            format!("sensors.listen {} takes connections from other computers, and anybody there could tell what the machine's errors are", listen.value),
+            format!("sensors.listen {} accepts connections from other computers, and anyone there could send live values", listen.value),
             "listen on 127.0.0.1 and forward by ssh; or plain-remote = true where that wire connects the sensors with this computer and with nothing else",
         ));
     }
@@ -98,7 +98,7 @@ fn read_listen(general: &Section<'_>, wanted: bool) -> Option<Placed<SocketAddr>
     match text.value.parse::<SocketAddr>() {
         Ok(address) => Some(Placed::new(address, text.place)),
         Err(_) => {
-            let message = format!("sensors.listen \"{}\" is no address with port", text.value);
+            let message = format!("sensors.listen \"{}\" is not an address with port", text.value);
             general.report(Diagnostic::at(
                 text.place,
                 message,
@@ -332,7 +332,7 @@ fn read_laser(section: &Section<'_>) -> Option<SensorKind> {
     let mut letters = axis.value.chars();
     let name = letters.next().and_then(AxisName::from_letter).filter(|_| letters.next().is_none());
     let Some(name) = name.filter(|name| name.kind() == AxisKind::Linear) else {
-        let message = format!("axis \"{}\" is no linear axis", axis.value);
+        let message = format!("axis \"{}\" is not a linear axis", axis.value);
         section.report(Diagnostic::at(axis.place, message, "write x, y or z"));
         return None;
     };
@@ -440,7 +440,7 @@ mod tests {
             ("[[sensor]]\nname = \"a.b\"\nkind = \"value\"\n", "letters, digits"),
             ("[[sensor]]\nname = \"a\"\nkind = \"tool\"\n", "add a [[map]]"),
             ("[[sensor]]\nname = \"a\"\nkind = \"five-dof\"\n", "add axis ="),
-            ("[[sensor]]\nname = \"a\"\nkind = \"five-dof\"\naxis = \"c\"\n", "no linear axis"),
+            ("[[sensor]]\nname = \"a\"\nkind = \"five-dof\"\naxis = \"c\"\n", "not a linear axis"),
             (
                 "[[sensor]]\nname = \"a\"\nkind = \"five-dof\"\naxis = \"x\"\nroll-rise-arcsec = 3\n",
                 "belongs to alignment = \"end-point\"",
@@ -452,7 +452,7 @@ mod tests {
                 "beam-1-mm",
             ),
             ("[sensors]\nlisten = \"0.0.0.0:7979\"\n", "plain-remote"),
-            ("[sensors]\nlisten = \"here\"\n", "no address with port"),
+            ("[sensors]\nlisten = \"here\"\n", "not an address with port"),
             ("[[map]]\nname = \"r\"\nx-mm = [0, 1]\ny-mm = [1, 1]\nz-mm = [0, 1]\n", "do not increase"),
             ("[[map]]\nname = \"r\"\nx-mm = [0, 1]\ny-mm = [1, 2]\n", "add z-mm"),
         ] {

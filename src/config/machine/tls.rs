@@ -42,7 +42,7 @@ pub(super) fn read_tls(link: &Section<'_>, address: Option<SocketAddr>) -> Optio
     if let (Some(name), None) = (&name, &named) {
         tls.report(Diagnostic::at(
             name.place.clone(),
-            format!("{} \"{}\" is no name of a host", tls.named_key("server-name"), name.value),
+            format!("{} \"{}\" is not a name of a host", tls.named_key("server-name"), name.value),
             "write a name or number that stands in the control's certificate, for example \"cnc-1.shop\"",
         ));
     }

@@ -120,7 +120,7 @@ fn symbol_of_key(errors: &Section<'_>, name: &Placed<&str>, chain: Option<&Chain
     };
     errors.report(Diagnostic::at(
         name.place.clone(),
-        format!("{} is no error symbol of ISO 230-1", name.value),
+        format!("{} is not an error symbol of ISO 230-1", name.value),
         remedy,
     ));
     None
@@ -265,9 +265,9 @@ impl Kind<'_, '_> {
             .map_err(|e| {
                 let remedy = match e {
                     CurveError::TooManyTerms { limit, .. } => {
-                        format!("keep the first {limit} terms, or use a table for what is finer")
+                        format!("keep the first {limit} terms, or use a table for finer structure")
                     }
-                    _ => "see the chapter on error curves in docs/reference/configuration.md".to_owned(),
+                    _ => "see the error curves in docs/reference/model-keys.md".to_owned(),
                 };
                 let message = format!("{}: {e}", self.section.title());
                 self.section.report(Diagnostic {

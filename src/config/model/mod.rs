@@ -17,8 +17,10 @@ pub use dynamics::section_of;
 pub use provenance::{Measured, Provenance, SourceEntry};
 pub use write::{kind_of, write, write_file};
 
+use std::collections::BTreeMap;
+
 use super::diagnostic::{ConfigErrors, Diagnostic};
-use super::reader::{self, Allowed, Placed, Reader, Section};
+use super::reader::{self, Allowed, Key, Placed, Reader, Section};
 use volcomp_estimate::Thermal;
 use volcomp_model::chain::ChainError;
 use volcomp_model::geometry::Vec3;
@@ -38,7 +40,7 @@ pub struct ModelFile {
     pub provenance: Provenance,
     /// Origin of single errors, where stated.
     pub of_errors: Vec<(ErrorSymbol, Provenance)>,
-    /// Growths by heat, `[thermal.NAME]`: each is told to the errors whose live value names it.
+    /// Thermal displacements, `[thermal.NAME]`: each feeds the errors whose live value names it.
     pub thermal: Vec<Thermal>,
 }
 
@@ -49,7 +51,7 @@ impl ModelFile {
         Self { spec, provenance: Provenance::default(), of_errors: Vec::new(), thermal: Vec::new() }
     }
 
-    /// The growths by heat that some error names.
+    /// The thermal displacements that some error names.
     pub fn growths_in_use(&self) -> impl Iterator<Item = &Thermal> {
         self.thermal.iter().filter(|t| self.spec.sensors().contains(&t.name.as_str()))
     }
@@ -102,18 +104,42 @@ pub fn parse_file(file: &str, text: &str) -> Result<ModelFile, ConfigErrors> {
     }
 }
 
-/// Every key that a model file may have, as `section.key`; `x`, `c`, `exx`, `exc` stand for any axis and error.
+/// The key table of model files, by `section.key`; `x`, `c`, `exx`, `eac` .. stand for any axis and error of the class.
 #[must_use]
-pub fn known_keys() -> Vec<String> {
-    let text = "axes = {x = {}, c = {}}\n[errors]\n\
-        exx = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}, live = {}, \
-        reversal = {}, friction-peak = {}, friction = {}, velocity = {}, acceleration = {}}\n\
-        eac = {constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}, live = {}, \
-        reversal = {}, friction-peak = {}, friction = {}, velocity = {}, acceleration = {}}\n\
-        [thermal]\nname = {input = {}}\n";
+pub fn known_keys() -> BTreeMap<String, Key> {
+    // empty tables show what is required; written keys, the values of those that are not read without
+    const EMPTY: &str = "constant = {}, table = {}, fourier = {}, half-range = {}, chebyshev = {}, grid = {}, live = {}, \
+        reversal = {}, friction-peak = {}, friction = {}, velocity = {}, acceleration = {}";
+    const WRITTEN: &str = "constant = {value-V = 1}, table = {position-P = [0], value-V = [0], reverse-V = [0], \
+        interpolation = \"linear\"}, fourier = {origin-P = 0, span-P = 1, period-P = 1, mean-V = 0, linear-V = 0, \
+        cos-V = [0], sin-V = [0]}, half-range = {range-P = [0, 1], mean-V = 0, linear-V = 0, sin-V = [0]}, \
+        chebyshev = {range-P = [0, 1], coefficients-V = [0]}, grid = {axes = [\"x\", \"y\"], value-V = [0]}";
+    // one error of each class: length or angle, over a linear or a rotary axis, or constant
+    const CLASSES: [(&str, &str, &str); 4] =
+        [("exx", "um", "mm"), ("eax", "arcsec", "mm"), ("exc", "um", "deg"), ("eac", "arcsec", "deg")];
+    let empty = CLASSES.map(|(symbol, ..)| format!("{symbol} = {{{EMPTY}}}\n")).concat();
+    let written = CLASSES.map(|(symbol, value, position)| {
+        let kinds = WRITTEN.replace("-V", &format!("-{value}")).replace("-P", &format!("-{position}"));
+        format!("{symbol} = {{{kinds}}}\n")
+    });
+    let samples = [
+        format!(
+            "axes = {{x = {{}}, c = {{}}}}\n[errors]\n{empty}ec0y = {{constant = {{}}}}\nex0c = {{constant = {{}}}}\n\
+             [thermal]\ngrowth = {{input = {{}}}}\nexpansion = {{kind = \"expansion\", input = {{}}}}\n\
+             growth-by-speed = {{input = {{range-rpm = [0, 1]}}}}\n\
+             expansion-by-speed = {{kind = \"expansion\", input = {{range-rpm = [0, 1]}}}}\n"
+        ),
+        format!(
+            "machine = \"m\"\n[errors]\n{}ec0y = {{constant = {{value-arcsec = 1}}}}\n\
+             ex0c = {{constant = {{value-um = 1}}}}\n",
+            written.concat()
+        ),
+    ];
     let reader = Reader::default();
-    if let Ok(document) = reader::document("", text) {
-        read(&Section::top(&reader, &document), text);
+    for text in &samples {
+        if let Ok(document) = reader::document("", text) {
+            read(&Section::top(&reader, &document), text);
+        }
     }
     reader.keys()
 }

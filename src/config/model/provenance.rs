@@ -109,7 +109,7 @@ fn date(section: &Section<'_>, key: &'static str) -> Option<String> {
         DeValue::String(text) => {
             section.report(Diagnostic::at(
                 value.place,
-                format!("{} is no date: \"{text}\"", section.named_key(key)),
+                format!("{} is not a date: \"{text}\"", section.named_key(key)),
                 "write year-month-day, for example 2026-01-31",
             ));
             None

@@ -161,7 +161,7 @@ impl Source {
             gauge(e, name, help, vec![(Vec::new(), value)])?;
         }
         if let Some(degc) = status.temperature_degc {
-            let help = "Temperature of the machine as it was told";
+            let help = "Temperature of the machine as stated";
             gauge(e, "volcomp_machine_temperature_celsius", help, vec![(Vec::new(), degc)])?;
         }
         Ok(())

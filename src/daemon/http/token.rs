@@ -109,7 +109,7 @@ impl Token {
         let token = token.strip_suffix(b"\r").unwrap_or(token);
         let unusable = |what: String| TokenError::Unusable { path: path.to_owned(), what };
         if let Some(at) = token.iter().position(|c| !c.is_ascii_graphic()) {
-            return Err(unusable(format!("byte {at} is no printable character")));
+            return Err(unusable(format!("byte {at} is not a printable character")));
         }
         if !LENGTH.contains(&token.len()) {
             return Err(unusable(format!("{} characters", token.len())));
@@ -198,7 +198,7 @@ mod tests {
             (good, 0o602, "chmod"),
             (&good[1..], 0o600, "31 characters, expected one line of 32 to 256"),
             ("", 0o600, "0 characters"),
-            (&format!("{good}\n{good}\n"), 0o600, "byte 32 is no printable character"),
+            (&format!("{good}\n{good}\n"), 0o600, "byte 32 is not a printable character"),
             (&"x".repeat(257), 0o600, "257 characters"),
             (&"x".repeat(5000), 0o600, "the limit is 1024 bytes"),
         ] {

@@ -1,4 +1,4 @@
-//! What an engine that catches up is told by the control: its own offsets, not those that the recorded one had sent.
+//! Read-back for an engine that catches up: its own offsets, not those that the recorded one had sent.
 
 use std::collections::VecDeque;
 

@@ -221,7 +221,7 @@ pub(super) fn restore_text(
     let mut problems = estimator.restore(&maps, age_s.max(0.0));
     problems.extend(estimator.restore_thermal(&growths, age_s.max(0.0)));
     if problems.is_empty() {
-        return Ok(format!("what was learned until {} goes on, {:.1} h older", kept.saved, age_s / 3600.0));
+        return Ok(format!("the map saved at {} continues, {:.1} h older", kept.saved, age_s / 3600.0));
     }
     Err((problems.join("; "), "refused"))
 }
@@ -287,7 +287,7 @@ mod tests {
         writer.finish(Some(text("m", hash, &it, now).unwrap()));
         let mut other = estimator();
         let notes = restore(folder.path(), "m", hash, &mut other, now);
-        assert!(notes[0].contains("goes on"), "{notes:?}");
+        assert!(notes[0].contains("continues"), "{notes:?}");
         assert!((other.kept()[0].values[2].0 - 3e-6).abs() < 1e-15);
 
         let path = folder.path().join(FILE);
@@ -328,7 +328,7 @@ mod tests {
             let notes = restore(folder.path(), "m", "abc", &mut fresh, now);
             if bytes.len() + 1 == good.len() && k + 1 == good.len() {
                 // without its line feed it is whole
-                assert!(notes[0].contains("goes on"), "{notes:?}");
+                assert!(notes[0].contains("continues"), "{notes:?}");
                 continue;
             }
             assert!(notes[0].starts_with("VC-8013"), "{k}: {notes:?}");

@@ -217,7 +217,7 @@ fn fixed<const N: usize>(n: &[f64]) -> Result<[f64; N], &'static str> {
 }
 
 fn unit(v: Vec3) -> Result<Vec3, &'static str> {
-    if (v.norm() - 1.0).abs() < 1e-3 { Ok(v.normalize()) } else { Err("the direction is no unit vector") }
+    if (v.norm() - 1.0).abs() < 1e-3 { Ok(v.normalize()) } else { Err("the direction is not a unit vector") }
 }
 
 #[derive(Deserialize)]

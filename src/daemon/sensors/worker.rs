@@ -99,7 +99,7 @@ pub(crate) fn hash_of(model: &Prepared) -> [u8; 32] {
 }
 
 impl Sensors {
-    /// Starts the thread. Sensors that do not fit the model are told and done without.
+    /// Starts the thread. Sensors that do not fit the model are reported and ignored.
     pub(crate) fn start(start: Start) -> std::io::Result<Self> {
         let (orders, order_receiver) = bounded(ORDERS);
         let (readings, reading_receiver) = bounded(READINGS);
@@ -285,8 +285,7 @@ impl Worker {
                     let (machine, now) = (&self.start.machine, SystemTime::now());
                     self.notes = checkpoint::restore(directory, machine, &model.hash, &mut estimator, now);
                 } else if estimator.learns() {
-                    self.notes
-                        .push("no state directory: what is learned does not outlive the daemon".to_owned());
+                    self.notes.push("no state directory: the maps are lost when the daemon ends".to_owned());
                 }
                 for note in &self.notes {
                     // one with a number is about something that is wrong
@@ -531,7 +530,7 @@ impl Worker {
             Some(format!("{}: the disk does not answer", checkpoint::FILE))
         };
         if let Some(problem) = problem {
-            let note = format!("what is learned is not kept: {problem}");
+            let note = format!("maps are not saved: {problem}");
             if !self.notes.contains(&note) {
                 warn!("{note}");
                 self.notes.push(note);
@@ -551,7 +550,7 @@ impl Worker {
 /// A map stands otherwise than before.
 fn log_map(map: &str, before: MapCondition, now: MapCondition) {
     if now.limited && !before.limited {
-        warn!(map, code = "VC-8019", "what the map has learned is larger than its limit; the limit is used");
+        warn!(map, code = "VC-8019", "the map exceeds its limit; the limit is used");
     } else if before.limited && !now.limited {
         info!(map, "the map is within its limit again");
     }
@@ -570,10 +569,13 @@ fn log_thermal(growth: &str, status: ThermalStatus, input: &str) {
         ThermalStatus::Waiting(_) => {}
         ThermalStatus::Used => info!(growth, "the thermal displacement is used"),
         ThermalStatus::Outside(_) => {
-            warn!(growth, input, code, "an input is outside of what the fit has seen; the growth fades");
+            warn!(
+                growth,
+                input, code, "an input is outside the range of the fit; the thermal displacement fades"
+            );
         }
         ThermalStatus::Lost(_) => {
-            warn!(growth, input, code, "an input is lost; the growth is held, then taken back");
+            warn!(growth, input, code, "an input is lost; the thermal displacement is held, then taken back");
         }
     }
 }

@@ -84,7 +84,7 @@ impl Service {
         }
         let begins = self.retained.objection.is_none();
         match &self.retained.objection {
-            Some(why) => warn!("compensation stays off until somebody enables it: {why}"),
+            Some(why) => warn!("compensation stays off until an operator enables it: {why}"),
             None => self.tally.enabled(),
         }
         self.state_writer.audit.write(AuditEntry {
@@ -98,7 +98,7 @@ impl Service {
         begins
     }
 
-    /// Why the first counters of all are not durable: a later start could not be told from the first one.
+    /// Why the first counters of all are not durable: a later start would look like the first one.
     fn first_not_kept(&mut self) -> Option<String> {
         let number = self.save();
         for _ in 0..FIRST_POLLS {
@@ -206,7 +206,7 @@ impl Service {
     pub(super) fn was_silent(&mut self) {
         let code = Code::SERVICE_SILENT;
         let text = code.entry().map_or("", |entry| entry.text);
-        error!(%code, "{text}; compensation was switched off until somebody enables it");
+        error!(%code, "{text}; compensation was switched off until an operator enables it");
         // no request of before may lift this
         self.retained.switched = self.ticket;
         let why = format!("{code}: {text}");

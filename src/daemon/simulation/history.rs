@@ -1,4 +1,4 @@
-//! What clients were told, in order, and what must follow from it.
+//! Answers to clients, in order, and what must follow from it.
 
 use std::path::Path;
 use std::sync::Mutex as Notes;

@@ -62,7 +62,7 @@ pub enum TlsFileError {
     },
     /// A name that no certificate can carry.
     #[error(
-        "link.tls.server-name \"{name}\" is no name of a host\n  hint: write a name of the control's certificate"
+        "link.tls.server-name \"{name}\" is not a name of a host\n  hint: write a name of the control's certificate"
     )]
     Name {
         /// The name.

@@ -123,7 +123,7 @@ impl Library {
         all
     }
 
-    /// Angular errors with one lever that a displacement of this shape cannot be told from.
+    /// Angular errors with one lever that a displacement of this shape is confounded with.
     pub fn behind(&self, shape: &Shape) -> impl Iterator<Item = &Label> {
         let pair = match shape {
             // a squareness is an angle about either axis

@@ -172,10 +172,10 @@ pub(super) fn unexplained(session: &Session, a: &Analysis, c: &Comparison, left:
         let temperature = if session.temperatures.is_empty() {
             "without a temperature"
         } else {
-            "because no temperature of these data goes with it"
+            "because no temperature of these data correlates with it"
         };
         words.push(format!(
-            "slow drift of {:.2} µm RMS{time}, of unknown source: machine, instrument and air cannot be told apart {temperature}",
+            "slow drift of {:.2} µm RMS{time}, of unknown source: machine, instrument and air are not distinguishable {temperature}",
             s.drift_um2.sqrt()
         ));
     }

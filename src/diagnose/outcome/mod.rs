@@ -317,7 +317,7 @@ fn notes(session: &Session) -> Vec<String> {
         .collect();
     if session.setups.len() == 1 {
         notes.push(
-            "one setup only: what is constant in it (its offset, tilts of a single tool) cannot be told from the mounting"
+            "one set-up only: constant terms (its offset, tilts of a single tool) are not identifiable: absorbed by the mounting"
                 .to_owned(),
         );
     }

@@ -95,7 +95,7 @@ pub(super) fn drift(session: &Session, a: &Analysis) -> Option<Cause> {
         .into(),
         shrink: 0.0,
         remark: format!(
-            "readings of {} drift slowly; without a temperature that goes with it the machine cannot be told from the instrument",
+            "readings of {} drift slowly; without a correlated temperature, machine and instrument are not distinguishable",
             session.instruments[class]
         ),
         tests: None,

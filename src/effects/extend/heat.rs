@@ -86,7 +86,7 @@ pub(crate) fn expansion(
     reference_degc: f64,
 ) -> Becomes {
     if signal.source == Source::Spindle {
-        return Err("an expansion by the spindle's speed is no expansion by temperature");
+        return Err("an expansion by spindle speed is not an expansion by temperature");
     }
     let symbol = shift(axis, axis);
     let mut made = Candidate::default();

@@ -82,7 +82,7 @@ impl Part {
 #[derive(Debug, Clone, PartialEq, Default)]
 pub(crate) struct Candidate {
     parts: Vec<Part>,
-    /// The thermal displacements that the live values of the parts are told by.
+    /// The thermal displacements that feed the live values of the parts.
     thermal: Vec<Thermal>,
     /// What is wrong with tool and spindle.
     tool: Option<ToolErrors>,

@@ -13,7 +13,7 @@ pub(crate) static THERMAL_EXPANSION: Effect = Effect {
     subjects: Subjects::Linear,
     cause: "Screw or scale longer than at the reference temperature.",
     formula: "d_a = alpha (T - T0) x_a, and k (T - T0)",
-    looks_like: "Scale error that goes with a temperature.",
+    looks_like: "Scale error proportional to a temperature.",
     confused_with: "scale, where the temperature did not change; drift of the surroundings",
     settles: "The same line cold and warm, at least 3 K apart, with a sensor on the scale.",
     changes_with: &[Measurement::ColdAndWarm],

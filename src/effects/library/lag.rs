@@ -60,7 +60,7 @@ pub(crate) static LATENCY: Effect = Effect {
         match moving[..] {
             [] => Err(ALL_AT_REST.into()),
             _ if !axes.is_empty() => Ok(vec![Lag { axes, tie_ms: 0.0 }.into()]),
-            // alone in motion, a rotary axis that lags cannot be told from a delay of all axes
+            // alone in motion, a rotary axis that lags is confounded with a delay of all axes
             [axis] => Ok(data.frame(axis).map(|frame| RotaryLag { frame }.into()).into_iter().collect()),
             _ => Ok(Vec::new()),
         }

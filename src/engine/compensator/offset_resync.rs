@@ -201,7 +201,7 @@ impl Compensator {
     }
 
     /// A fault after which nothing is sent: what the control holds is not known, so any offset could be a step. The
-    /// control misses its corrections and removes what it really holds (`docs/protocol.md`, section 7, rule 4).
+    /// control misses its corrections and removes what it really holds (`docs/reference/protocol-session.md`, section 7, rule 4).
     fn silence(&mut self, reason: Reason, detail: Option<Detail>) {
         self.enabled = false;
         self.detail = detail;

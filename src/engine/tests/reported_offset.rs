@@ -254,7 +254,7 @@ fn told(w: &mut World) -> (Reason, Option<u8>, f64, f64) {
     let Some(Event::StateChanged { to: State::Faulted, reason, detail: Some(detail), .. }) =
         w.engine.take_event()
     else {
-        panic!("no fault was told")
+        panic!("no fault was reported")
     };
     (reason, detail.axis, detail.value, detail.limit)
 }

@@ -306,7 +306,7 @@ impl LiveEstimator {
             let Some(found) = kept.iter().find(|k| k.name == growth.spec.name) else { continue };
             if !growth.restore(found, age_s) {
                 problems
-                    .push(format!("thermal {}: its lags are no numbers or beyond all bounds", found.name));
+                    .push(format!("thermal {}: its lags are not numbers or beyond all bounds", found.name));
             }
         }
         problems
@@ -335,7 +335,7 @@ impl LiveEstimator {
         problems
     }
 
-    /// A map goes back to the offline map and its sensors are got to know anew; false where there is none of the name.
+    /// A map goes back to the offline map and its sensors are initialised again; false where there is none of the name.
     pub fn forget(&mut self, name: &str) -> bool {
         let Some(k) = self.maps.iter().position(|m| m.spec.name == name) else { return false };
         self.maps[k].forget();

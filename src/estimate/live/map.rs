@@ -237,7 +237,7 @@ impl MapState {
             return Err("its nodes are others than those of the machine file".to_owned());
         }
         if !self.map.restore(&kept.values, kept.evidence) {
-            return Err("it has values that are no numbers or beyond the limits".to_owned());
+            return Err("it has values that are not numbers or beyond the limits".to_owned());
         }
         self.map.predict(age_s.max(0.0));
         (self.checkpoints, self.made) = ([None, None], None);

@@ -105,7 +105,7 @@ impl SensorState {
         if matches!(was, SensorStatus::Excluded(_))
             != matches!(self.supervisor.status(), SensorStatus::Excluded(_))
         {
-            // whatever made it fail, it has to be got to know anew
+            // whatever made it fail, it has to be initialised again
             self.get_to_know();
         }
         believed

@@ -32,7 +32,7 @@ pub(super) struct SensorProbation {
     /// Contradictions that count.
     contradictions: u32,
     rests_until: Option<MonoTime>,
-    /// Variance of its noise over the stated one, as it was got to know, following slowly: lengths, angles.
+    /// Variance of its noise over the stated one, as initialised, following slowly: lengths, angles.
     reference: [f64; 2],
 }
 
@@ -44,7 +44,7 @@ impl Default for SensorProbation {
 }
 
 impl SensorProbation {
-    /// It was got to know, with this noise.
+    /// It is initialised, with this noise.
     pub(super) fn met(&mut self, now: MonoTime, noise: [f64; 2]) {
         (self.persistence, self.met, self.rests_until) = (InnovationBias::default(), Some((now, 0)), None);
         self.reference = noise;

@@ -173,7 +173,7 @@ pub enum LiveError {
     },
     /// A live value whose name says nothing about what it is.
     #[error(
-        "live value \"{channel}\" of the model: \"{found}\" is no error symbol; write for example {name}.eaz"
+        "live value \"{channel}\" of the model: \"{found}\" is not an error symbol; write for example {name}.eaz"
     )]
     BadChannel {
         /// The channel.
@@ -207,7 +207,7 @@ pub enum LiveError {
     },
     /// A thermal displacement whose input nobody measures.
     #[error(
-        "thermal {growth} depends on \"{sensor}\", and no sensor is called so; add [[sensor]] with name = \"{name}\" and kind = \"{kind}\""
+        "thermal {growth} depends on \"{sensor}\", an unknown sensor; add [[sensor]] with name = \"{name}\" and kind = \"{kind}\""
     )]
     NoInput {
         /// The thermal displacement.
@@ -232,7 +232,9 @@ pub enum LiveError {
         found: &'static str,
     },
     /// A live value of the model with two sources.
-    #[error("live value \"{channel}\" of the model would be told by two: a sensor or map, and a growth")]
+    #[error(
+        "live value \"{channel}\" of the model has two sources: a sensor or map, and a thermal displacement"
+    )]
     TwoSources {
         /// The live value.
         channel: String,

@@ -65,7 +65,7 @@ pub struct LiveEvaluator {
     table: Option<Arc<LiveTable>>,
     /// What is left of the difference between the last table and this one.
     carry: [f64; SENSORS_MAX],
-    /// Bit k: value k was told last time, and differences are taken over smoothly.
+    /// Bit k: value k was sent last time, and differences are taken over smoothly.
     smooth: u32,
     next: Option<MonoTime>,
     since: MonoTime,

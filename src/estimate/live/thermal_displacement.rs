@@ -291,7 +291,7 @@ mod tests {
             }
         }
 
-        /// What the cycle is told, um.
+        /// Value sent to the cycle, um.
         fn told_um(&mut self) -> Option<f64> {
             match self.estimator.table(self.now).sources[0] {
                 Source::Smooth(value) => Some(1e3 * value),

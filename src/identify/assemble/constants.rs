@@ -70,7 +70,7 @@ impl Assembly<'_> {
                 };
                 let angle = |wanted: ErrorSymbol| {
                     let found = motions.errors.iter().find(|(s, _)| *s == wanted).map(|(_, f)| f.clone());
-                    // an angle that nobody measured is zero in the result, too
+                    // an angle that nothing was measured is zero in the result, too
                     Some(found.unwrap_or_default())
                 };
                 let primed = motions.is_workpiece_side(axis.name);

@@ -20,8 +20,8 @@
 //! both directions were run, whatever stands around a reversal alike in both of them (it is no spike).
 //!
 //! Assumptions: first order (the eccentricity's second order is taken out); readings equally noisy. Residuals that are
-//! not white widen the uncertainties as they hang together along the circle. What the data cannot show is left out and named, with
-//! what it cannot be told from.
+//! not white widen the uncertainties by their autocorrelation along the circle. What the data cannot show is left out and named, with
+//! what it is confounded with.
 //!
 //! Source: names and units of ballbar files (.b5r, `docs/reference/formats.md`); ISO 230-4; equations 1.7. Reading order: this file, `columns`, `solve`,
 //! `pitch`, `model`.
@@ -181,7 +181,7 @@ pub enum Note {
     OneFeed,
     /// No feed: the servo mismatch has no value in ms.
     NoFeed,
-    /// The residuals are not white: the uncertainties follow from how they hang together.
+    /// The residuals are not white: the uncertainties follow from their autocorrelation.
     NotWhite {
         /// Largest factor on a standard uncertainty against white noise.
         factor: f64,
@@ -270,7 +270,7 @@ pub enum BallbarError {
     },
     /// Too little of the circle.
     #[error(
-        "plane {plane}: the readings cover {covered_deg:.0} deg; below {limit_deg:.0} deg centre, radius and shape cannot be told apart"
+        "plane {plane}: the readings cover {covered_deg:.0} deg; below {limit_deg:.0} deg centre, radius and shape are confounded"
     )]
     ArcTooShort {
         /// The plane.

@@ -29,7 +29,7 @@ const CLOSED: f64 = TAU / 36.0;
 /// Times to the peak of a spike that are tried, s (without feed: rad, 0.1 to 1.5 deg); longer ones would be shape.
 const SPIKE_TIMES: [f64; 2] = [0.003, 0.06];
 const SPIKE_ANGLES: [f64; 2] = [0.0017, 0.026];
-/// Angle over which what is left over may hang together, rad; in bins of one degree.
+/// Angle over which residuals may be autocorrelated, rad; in bins of one degree.
 const TOGETHER: usize = 15;
 const BINS: usize = 360;
 
@@ -327,7 +327,7 @@ fn centre(columns: &[Column], coefficients: &DVector<f64>) -> [f64; 2] {
     centre
 }
 
-/// Factor on standard uncertainties for residuals that hang together: root of their correlation time. 1 where they
+/// Factor on standard uncertainties for autocorrelated residuals: root of their correlation time. 1 where they
 /// are as uncorrelated as white noise would look.
 fn widening(residuals: &DVector<f64>) -> f64 {
     let (r, n) = (residuals.as_slice(), residuals.len());
@@ -344,7 +344,7 @@ fn widening(residuals: &DVector<f64>) -> f64 {
     (1.0 + 2.0 * time).sqrt()
 }
 
-/// Covariance from how the residuals hang together along the circle, whatever the direction of travel, and the largest
+/// Covariance from the autocorrelation of the residuals along the circle, whatever the direction of travel, and the largest
 /// factor on a standard uncertainty. What both directions share leaves effects alone that change sign between them.
 ///
 /// # Source  Newey and West 1987, the lag being the angle on the circle; never below that of white noise

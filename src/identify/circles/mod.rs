@@ -88,7 +88,7 @@ pub struct Coaxial {
     pub p_value: Option<f64>,
 }
 
-/// Why there is no axis.
+/// Why no axis results.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum CirclesError {
     /// One of the circles.

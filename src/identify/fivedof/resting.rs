@@ -61,7 +61,7 @@ pub struct Calibration {
 pub enum RestingError {
     /// One distance only.
     #[error(
-        "the log has one distance only ({distance_mm:.1} mm): the gain of the drift and the beam path outside the stated distance cannot be told apart; log the resting carriage at a second distance, as far away as the axis allows"
+        "the log has one distance only ({distance_mm:.1} mm): the gain of the drift and the beam path outside the stated distance are confounded; log the resting carriage at a second distance, as far away as the axis allows"
     )]
     OneDistance {
         /// The distance.

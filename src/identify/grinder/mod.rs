@@ -222,7 +222,7 @@ pub enum GrinderError {
     },
     /// Nothing says where the artefact lies.
     #[error(
-        "axis {axis}: {missing} not measured at the reference position {position:.3}, so nothing says where the artefact lies in that direction; measure it there"
+        "axis {axis}: {missing} not measured at the reference position {position:.3}, so the position of the artefact in that direction is unknown; measure it there"
     )]
     NoReference {
         /// The axis.

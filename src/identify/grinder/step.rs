@@ -284,7 +284,7 @@ impl<'a> Problem<'a> {
     }
 
     /// The average line of a rotary axis: what of its deviations turns with it, beside the set-up. What cannot be
-    /// told from the set-up stays zero; the motions take what is left, so nothing is lost. Subtracts what it finds.
+    /// distinguished from the set-up stays zero; the motions take what is left, so nothing is lost. Subtracts what it finds.
     fn locate(&mut self) -> Result<Vec<(ErrorSymbol, f64, f64)>, GrinderError> {
         let symbols = effects::locations(self.measured.axis);
         // with some motions taken for zero, what they do would be called location

@@ -6,7 +6,7 @@
 //!
 //! Two fits: algebraic (Kasa, on centred data) and geometric (least distances, which counts). The uncertainty follows
 //! from the distances of the points from the circle, taken as independent and equal along the normal of contact. Where
-//! the probe reaches one side of the bar only, centre and radius hang together: 1 um of noise becomes 4 um and more,
+//! the probe reaches one side of the bar only, centre and radius are correlated: 1 um of noise becomes 4 um and more,
 //! which the covariance says and a note repeats.
 //!
 //! Source: equations 4.1 ((4) to (9), the arc), 5.4.
@@ -154,7 +154,7 @@ pub enum ProbeError {
     },
     /// Too many contacts would have to be taken out.
     #[error(
-        "{found} of {contacts} contacts lie off the circle, the limit is {limit}; something is loose or the shape is no circle"
+        "{found} of {contacts} contacts lie off the circle, the limit is {limit}; something is loose or the shape is not a circle"
     )]
     TooManyOutliers {
         /// Contacts off the circle.
@@ -172,7 +172,7 @@ const ONE_SIDED: f64 = 2.5;
 const AMPLIFICATION_LIMIT: f64 = 300.0;
 /// Distance in standard deviations beyond which a contact is no noise: 7 in a million.
 const OUTLIER: f64 = 4.5;
-/// Redundancy below which outliers cannot be told from noise.
+/// Redundancy below which outliers are not distinguishable from noise.
 const OUTLIER_DOF: usize = 15;
 /// Largest share of contacts that may be taken out.
 const OUTLIER_SHARE: f64 = 0.1;

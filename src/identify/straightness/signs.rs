@@ -264,7 +264,7 @@ pub enum TiltError {
         /// States needed.
         needed: usize,
     },
-    /// The applied motions cannot be told apart.
+    /// The applied motions are confounded.
     #[error("the applied motions are not independent (condition {condition:.1e}, limit {limit:.0e}); apply them one after the other", limit = TILT_CONDITION_LIMIT)]
     NotIndependent {
         /// Condition number.

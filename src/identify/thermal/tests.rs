@@ -28,7 +28,7 @@ fn recording(rows: usize) -> (Vec<f64>, Vec<Input>, Vec<f64>) {
 }
 
 #[test]
-fn a_known_machine_is_foretold_and_plain_regression_is_beaten() {
+fn a_known_machine_is_predicted_better_than_by_plain_regression() {
     let (t, inputs, y) = recording(2400);
     let found = fit(&t, &inputs, &y, &Request::default()).unwrap();
     let forecast = found.forecast.unwrap();

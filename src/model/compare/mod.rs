@@ -62,7 +62,7 @@ impl Comparison {
     }
 }
 
-/// Compares two models; `progress` is told how many of about how many poses are done.
+/// Compares two models; `progress` receives how many of about how many poses are done.
 ///
 /// # Errors
 /// One of the models breaks a rule.

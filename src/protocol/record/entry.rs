@@ -23,26 +23,26 @@ pub enum Entry {
     },
     /// The tool changed.
     Tool {
-        /// When the engine was told.
+        /// When the engine received it.
         now: MonoTime,
         /// The tool.
         tool: Tool,
     },
     /// A command of the operator or the service.
     Request {
-        /// When the engine was told.
+        /// When the engine received it.
         now: MonoTime,
         /// The command.
         request: Request,
     },
     /// A link came up.
     LinkUp {
-        /// When the engine was told.
+        /// When the engine received it.
         now: MonoTime,
     },
     /// The link went down.
     LinkDown {
-        /// When the engine was told.
+        /// When the engine received it.
         now: MonoTime,
     },
     /// A new engine for the control that said this hello.
@@ -54,7 +54,7 @@ pub enum Entry {
     },
     /// The engine goes on with another model.
     Model {
-        /// When it was told.
+        /// When it was received.
         now: MonoTime,
         /// BLAKE3 of the model file.
         hash: [u8; 32],
@@ -70,11 +70,11 @@ pub enum Entry {
     },
     /// Live values of the sensors that the model names, in its order; mm or rad.
     Live {
-        /// When the engine was told.
+        /// When the engine received it.
         now: MonoTime,
-        /// Bit k: channel k was told.
+        /// Bit k: channel k was received.
         told: u32,
-        /// The values; 0 where nothing was told.
+        /// The values; 0 where none was received.
         values: [f64; LIVE_MAX],
     },
 }

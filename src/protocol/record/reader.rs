@@ -53,7 +53,7 @@ impl fmt::Display for Note {
                 )
             }
             Self::Damaged { at, bytes } => {
-                write!(f, "byte {at}: {bytes} bytes are no block and were passed over")
+                write!(f, "byte {at}: {bytes} bytes are not a block and were skipped")
             }
             Self::Content { at, first_record, records } => write!(
                 f,

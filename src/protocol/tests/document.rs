@@ -1,8 +1,9 @@
-//! `docs/protocol.md` says what the program does: its tables and hex dumps are read back and compared.
+//! `docs/protocol.md` and its page of messages describe the program: tables and hex dumps are read back and compared.
 
 use super::*;
 
 const DOCUMENT: &str = include_str!("../../../docs/protocol.md");
+const MESSAGES: &str = include_str!("../../../docs/reference/protocol-messages.md");
 
 /// One row of an offset table.
 struct Row<'a> {
@@ -58,7 +59,7 @@ fn section(text: &str) -> Section<'_> {
 }
 
 fn sections() -> Vec<Section<'static>> {
-    let messages = DOCUMENT.split_once("\n## 4 Messages").unwrap().1.split_once("\n## 5 ").unwrap().0;
+    let messages = MESSAGES.split_once("\n## 4 Messages").unwrap().1;
     messages.split("\n### ").skip(1).map(section).collect()
 }
 
@@ -180,8 +181,8 @@ fn state_bits_are_those_of_the_program() {
 #[test]
 fn axis_letters_units_port_and_limits_are_told() {
     let letters: String = AxisName::ALL.iter().flat_map(|a| [a.letter(), ' ']).collect();
-    assert!(DOCUMENT.contains(&format!("Letters: {},", letters.trim())));
-    assert!(DOCUMENT.contains("(1 = mm, 2 = deg)") && AxisUnit::Degree.code() == 2);
+    assert!(MESSAGES.contains(&format!("Letters: {},", letters.trim())));
+    assert!(MESSAGES.contains("(1 = mm, 2 = deg)") && AxisUnit::Degree.code() == 2);
     assert!(DOCUMENT.contains(&format!("127.0.0.1 port {DEFAULT_PORT}")));
     assert!(DOCUMENT.contains(&format!("| axes | {MAX_AXES} |")));
     assert!(DOCUMENT.contains(&format!("| text | {} bytes |", Name::MAX)));

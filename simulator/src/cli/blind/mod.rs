@@ -1,4 +1,4 @@
-//! `cncsim blind`: does the diagnosis find what it was not told?
+//! `cncsim dev blind`: does the diagnosis find what it was not told?
 
 use std::collections::BTreeSet;
 use std::io::IsTerminal;
@@ -25,15 +25,15 @@ use case_files::Source;
 #[command(
     after_help = "Labels lie in OUT/sealed and are opened only after the tool has answered; the tool runs as a process \
     of its own, in a folder that holds the session files alone.\n\nExamples:\n  \
-    cncsim blind --out blind                               the whole set, plain noise\n  \
-    cncsim blind --out hard --hard                         heavy tails, drift with waves and trend, varying effects\n  \
-    cncsim blind --out removed --without-truth             the true effect taken out of the tool's library\n  \
-    cncsim blind --out all-but-one --leave-one-out         the model is given all effects but one\n  \
-    cncsim blind --out other --generator trunnion          another machine, plan, formulas and noise\n  \
-    cncsim blind --out third --generator multibody         a third one, simulated by a program of its own\n  \
-    cncsim blind --out some --effect wear --effect positioning --singles 24\n                                                         how sure a few names are\n  \
-    cncsim blind --out plan --plan one-feed-ballbar        a plan that cannot see everything\n  \
-    cncsim blind --out ablation --ablation                 proof that the tests can fail\n\n\
+    cncsim dev blind --out blind                               the whole set, plain noise\n  \
+    cncsim dev blind --out hard --hard                         heavy tails, drift with waves and trend, varying effects\n  \
+    cncsim dev blind --out removed --without-truth             the true effect taken out of the tool's library\n  \
+    cncsim dev blind --out all-but-one --leave-one-out         the model is given all effects but one\n  \
+    cncsim dev blind --out other --generator trunnion          another machine, plan, formulas and noise\n  \
+    cncsim dev blind --out third --generator multibody         a third one, simulated by a program of its own\n  \
+    cncsim dev blind --out some --effect wear --effect positioning --singles 24\n                                                         how sure a few names are\n  \
+    cncsim dev blind --out plan --plan one-feed-ballbar        a plan that cannot see everything\n  \
+    cncsim dev blind --out ablation --ablation                 proof that the tests can fail\n\n\
     Exit code 70 with --check where a bar is not reached."
 )]
 pub(super) struct Args {

@@ -51,7 +51,7 @@ fn coordinate(text: &str) -> Result<(AxisName, f64), String> {
         .next()
         .filter(|_| letters.next().is_none())
         .and_then(AxisName::from_letter)
-        .ok_or_else(|| format!("'{axis}' is no axis"))?;
+        .ok_or_else(|| format!("unknown axis '{axis}'"))?;
     match value.trim().parse::<f64>() {
         Ok(v) if v.is_finite() => Ok((axis, v)),
         _ => Err(format!("'{value}' is not a finite number")),
@@ -86,7 +86,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let tip = Vector3::from(nominal.tip_mm) + Vector3::from(machine.workpiece_origin_mm());
     let list = |v: [f64; 3]| v.map(|x| x.to_string()).join(",");
     say!(
-        "volcomp identify circles --data {} --tip-beyond-mm {} --sigma-um {} --nominal-axis {} --nominal-tip-mm {}",
+        "volcomp identify circles --data {} --tip-beyond-mm {} --noise-um {} --nominal-axis {} --nominal-tip-mm {}",
         args.out.join("circles.csv").display(),
         args.tip_beyond_mm,
         args.noise_um.max(1e-6),

@@ -41,7 +41,7 @@ impl AxisPlan {
             .filter(|_| letters.next().is_none())
             .and_then(AxisName::from_letter)
             .filter(|a| a.kind() == AxisKind::Linear)
-            .ok_or_else(|| Failure::new(EX_USAGE, format_args!("'{}' is no linear axis", self.axis)))?;
+            .ok_or_else(|| Failure::new(EX_USAGE, format_args!("invalid linear axis '{}'", self.axis)))?;
         let k = machine.index_of(axis).ok_or_else(|| {
             Failure::new(EX_USAGE, format_args!("machine {} has no axis {axis}", machine.machine()))
         })?;

@@ -129,7 +129,8 @@ fn read(path: &Path, machine: &TruthMachine) -> Result<Vec<ArtefactPose>, Failur
         };
         for (field, used) in record.iter().zip(&uses) {
             let value = field.parse::<f64>().ok().filter(|v| v.is_finite());
-            let value = value.ok_or_else(|| bad(&format_args!("row {}: '{field}' is no number", row + 2)))?;
+            let value =
+                value.ok_or_else(|| bad(&format_args!("row {}: invalid number '{field}'", row + 2)))?;
             match used {
                 Use::Axis(k, _, false) => pose.position[*k] = value,
                 Use::Axis(k, divisor, true) => pose.correction[*k] = value / divisor,
@@ -139,7 +140,7 @@ fn read(path: &Path, machine: &TruthMachine) -> Result<Vec<ArtefactPose>, Failur
         poses.push(pose);
     }
     if poses.is_empty() {
-        return Err(bad(&"no rows below the header"));
+        return Err(bad(&"no data rows"));
     }
     Ok(poses)
 }

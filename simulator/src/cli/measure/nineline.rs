@@ -81,7 +81,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     args.plan.write("lines.csv", &table)?;
     args.plan.write(&name, &data)?;
     say!(
-        "volcomp identify nineline --axis {} --lines {} --data {} --sigma-um {} --chain \"{}\" --machine {}",
+        "volcomp identify nineline --axis {} --lines {} --data {} --noise-um {} --chain \"{}\" --machine {}",
         axis.lower(),
         args.plan.file("lines.csv"),
         args.plan.file(&name),

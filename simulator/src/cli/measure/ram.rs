@@ -77,7 +77,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let point = machine.drawing(a_axis).map_or([0.0; 3], |joint| joint.point_mm);
     let tip = machine.tool_tip_mm();
     say!(
-        "volcomp identify ram --axis {} --poses {} --a-axis-mm {},{},{} --tool-length-mm {} --sigma-position-um {} --sigma-direction-arcsec {} --chain \"{}\" --machine {}",
+        "volcomp identify ram --axis {} --data {} --a-axis-mm {},{},{} --tool-length-mm {} --sigma-position-um {} --sigma-direction-arcsec {} --chain \"{}\" --machine {}",
         axis.lower(),
         args.plan.file("poses.csv"),
         point[0],

@@ -104,7 +104,7 @@ pub(super) fn linear_axis(text: &str) -> Result<AxisName, String> {
     let mut letters = text.chars();
     match (letters.next().and_then(AxisName::from_letter), letters.next()) {
         (Some(axis), None) if axis.kind() == AxisKind::Linear => Ok(axis),
-        _ => Err(format!("'{text}' is no linear axis; they are x y z u v w")),
+        _ => Err(format!("invalid linear axis '{text}'; expected one of x y z u v w")),
     }
 }
 
@@ -114,7 +114,7 @@ pub(super) fn point(text: &str) -> Result<[f64; 3], String> {
         text.split(',').map(|t| t.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
     numbers
         .and_then(|n| n.try_into().ok())
-        .ok_or_else(|| format!("'{text}' is no point; write three numbers, such as 0,250,-120"))
+        .ok_or_else(|| format!("invalid point '{text}'; write three numbers, such as 0,250,-120"))
 }
 
 /// Writes a file into a folder, which is made where it does not exist.

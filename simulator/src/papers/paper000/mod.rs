@@ -267,7 +267,7 @@ fn compare(setting: &Setting, machine: &TruthMachine, other: &str, name: &str) -
     args.push(setting.arg("lines.csv"));
     args.extend(["--data".to_owned(), setting.arg("nineline.csv")]);
     args.extend(words(&[
-        "--sigma-um",
+        "--noise-um",
         "0.1",
         "--chain",
         machine.chain().text(),

@@ -104,7 +104,7 @@ pub(super) fn evaluate(setting: &Setting, name: &str, readings: &Readings) -> an
         &gear::TIP_MM.to_string(),
         "--control-diameter-mm",
         &gear::CONTROL_MM.to_string(),
-        "--report",
+        "--html",
         &setting.arg(&format!("{name}.html")),
     ]))
 }

@@ -102,7 +102,7 @@ impl Experiment for Paper004 {
             &setting.arg("after.csv"),
             "--before",
             &setting.arg("before.csv"),
-            "--report",
+            "--html",
             &setting.arg("circle.html"),
         ]))?;
         let g = |value: &serde_json::Value| value["g_bi_um"].as_f64().context("no circular deviation");
@@ -256,7 +256,7 @@ fn predict(setting: &Setting, world: &World) -> anyhow::Result<serde_json::Value
         "--radius-mm",
         &RADIUS_MM.to_string(),
         "--json",
-        "--report",
+        "--html",
         &setting.arg("prediction.html"),
     ]);
     arguments.extend(warm);

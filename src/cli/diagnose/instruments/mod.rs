@@ -70,7 +70,7 @@ fn directed(text: &str) -> Result<(usize, String), String> {
 }
 
 fn plane(text: &str) -> Result<Plane, String> {
-    Plane::parse(text).ok_or_else(|| format!("'{text}' is no plane; write xy, yz or zx"))
+    Plane::parse(text).ok_or_else(|| format!("invalid plane '{text}'; write xy, yz or zx"))
 }
 
 /// A file of an instrument or a control as a session.

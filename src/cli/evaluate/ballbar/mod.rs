@@ -24,12 +24,12 @@ use volcomp_identify::ballbar::Plane;
 /// Circular errors are those of ISO 230-4; causes are fitted all at once to all readings of a test (docs/how-to/identify/ballbar.md).
 /// Several tests of one plane give a trend; the newest of them is reported in full.
 ///
-/// Example: volcomp evaluate ballbar --data 2026-01-12=january.csv --data 2026-03-12=march.csv --radius-mm 150 --report xy.html
+/// Example: volcomp evaluate ballbar --data 2026-01-12=january.csv --data 2026-03-12=march.csv --radius-mm 150 --html xy.html
 #[derive(Debug, clap::Parser)]
 pub(super) struct Args {
     /// CSV with angle_deg,deviation_um,direction and optional feed_mm_per_min, run, as for volcomp identify ballbar; may be
     /// repeated for a trend, then all with their day, such as 2026-03-12=xy.csv, or in the order of the tests.
-    #[arg(long, value_name = "[DAY=]CSV", required = true, value_parser = dated)]
+    #[arg(long, value_name = "[DAY=]CSV", required_unless_present = "file", value_parser = dated)]
     data: Vec<(Option<Day>, PathBuf)>,
     /// Plane of the circles: xy, yz or zx.
     #[arg(long, value_name = "PLANE", default_value = "xy", value_parser = plane)]
@@ -41,7 +41,7 @@ pub(super) struct Args {
 }
 
 fn plane(text: &str) -> Result<Plane, String> {
-    Plane::parse(text).ok_or_else(|| format!("'{text}' is no plane; expected one of xy, yz, zx"))
+    Plane::parse(text).ok_or_else(|| format!("invalid plane '{text}'; expected one of xy, yz, zx"))
 }
 
 /// A day as written, and its number since 1970.
@@ -59,7 +59,7 @@ fn dated(text: &str) -> Result<(Option<Day>, PathBuf), String> {
         }
         // a file whose name has the sign
         _ if !before.starts_with(|c: char| c.is_ascii_digit()) => Ok((None, PathBuf::from(text))),
-        _ => Err(format!("'{text}' is no day and file; write for example 2026-03-12=xy.csv")),
+        _ => Err(format!("invalid day and file '{text}'; write for example 2026-03-12=xy.csv")),
     }
 }
 
@@ -125,14 +125,16 @@ fn circles(plan: &Plan) -> Result<Vec<Circle>, volcomp_evaluate::circular::Circu
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut acceptance = Acceptance::load(&args.output.head, "iso230-4", &keys())?;
-    let dated = args.data.iter().filter(|(day, _)| day.is_some()).count();
-    if dated > 0 && dated < args.data.len() {
+    let single = args.output.file.iter().map(|path| (None, path.clone()));
+    let data: Vec<_> = args.data.iter().cloned().chain(single).collect();
+    let dated = data.iter().filter(|(day, _)| day.is_some()).count();
+    if dated > 0 && dated < data.len() {
         return Err(Failure::new(
             EX_USAGE,
             "error: some tests have a day and some have none; give it for all, such as 2026-03-12=xy.csv",
         ));
     }
-    let mut tests = args.data.iter().map(|of| Test::read(args, of)).collect::<Result<Vec<_>, _>>()?;
+    let mut tests = data.iter().map(|of| Test::read(args, of)).collect::<Result<Vec<_>, _>>()?;
     tests.sort_by_key(|t| t.day);
     let Some(newest) = tests.last() else { return Ok(()) };
     let circle = newest.slowest();

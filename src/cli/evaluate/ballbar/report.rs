@@ -79,7 +79,7 @@ pub(super) fn page(
         ),
         ("feeds", if feeds.is_empty() { "not stated".to_owned() } else { feeds.join(", ") + " mm/min" }),
         ("readings", counted(newest.plan.circles.samples.len(), "reading")),
-        ("centre of the instrument", format!("{}, {} µm taken out", plain(x, 1), plain(y, 1))),
+        ("centre of the instrument", format!("{}, {} µm removed", plain(x, 1), plain(y, 1))),
     ];
     let standard = "Circular test, ISO 230-4:2022, with causes fitted to all readings";
     let mut page = page::start(title, standard, acceptance, assessed, &origins, &facts);

@@ -36,8 +36,11 @@ use volcomp_units::{mm_from_um, rad_from_deg};
 #[derive(Debug, clap::Args)]
 pub(super) struct Args {
     /// Readings of a plane (xy, yz or zx) in one mounting of the instrument; once per plane.
-    #[arg(long, value_name = "PLANE=CSV", required = true, value_parser = plane_file)]
+    #[arg(long, value_name = "PLANE=CSV", required_unless_present = "files", value_parser = plane_file)]
     data: Vec<(Plane, PathBuf)>,
+    /// The files of --data.
+    #[arg(value_name = "PLANE=CSV", conflicts_with = "data", value_parser = plane_file)]
+    files: Vec<(Plane, PathBuf)>,
     #[command(flatten)]
     setup: SetUp,
     /// The ballbar's length is calibrated to this standard uncertainty: the radius then gives the scale of both axes.
@@ -86,11 +89,11 @@ fn plane_file(text: &str) -> Result<(Plane, PathBuf), String> {
 }
 
 fn pair(text: &str) -> Result<[f64; 2], String> {
-    numbers(text).ok_or_else(|| format!("'{text}' is no pair of numbers, such as 4,40"))
+    numbers(text).ok_or_else(|| format!("invalid pair of numbers '{text}'; write for example 4,40"))
 }
 
 fn pitch(text: &str) -> Result<(AxisName, f64), String> {
-    let wrong = || format!("'{text}' is no pitch of an axis; write for example x=10");
+    let wrong = || format!("invalid pitch of an axis '{text}'; write for example x=10");
     let (axis, value) = text.split_once('=').ok_or_else(wrong)?;
     let mut letters = axis.chars();
     let name = letters.next().and_then(AxisName::from_letter).filter(|_| letters.next().is_none());
@@ -116,14 +119,15 @@ impl Plan {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    for (i, (plane, _)) in args.data.iter().enumerate() {
-        if args.data[..i].iter().any(|(p, _)| p == plane) {
+    let data = if args.data.is_empty() { &args.files } else { &args.data };
+    for (i, (plane, _)) in data.iter().enumerate() {
+        if data[..i].iter().any(|(p, _)| p == plane) {
             let what = format_args!("error: plane {plane} is given twice; join its files, one mounting each");
             return Err(Failure::new(EX_USAGE, what));
         }
     }
-    let mut plans = Vec::with_capacity(args.data.len());
-    for (plane, path) in &args.data {
+    let mut plans = Vec::with_capacity(data.len());
+    for (plane, path) in data {
         plans.push(Plan::read(&args.setup, *plane, path)?);
     }
     if args.out.target().is_some() {

@@ -111,7 +111,7 @@ pub(crate) fn unit_text(unit: &str) -> &'static str {
 
 pub(crate) fn note_text(note: &Note) -> String {
     match note {
-        Note::OneDirection => "one direction only: whatever changes sign with the direction (servo mismatch) cannot be told from squareness; run both".into(),
+        Note::OneDirection => "one direction only: servo mismatch and squareness are confounded; run both".into(),
         Note::OneFeed => "one feed: the servo mismatch is all of its shape that changes sign with the direction, lag or not; a second feed tells".into(),
         Note::NoFeed => "no feed: the servo mismatch has no value in ms; give --feed-mm-per-min".into(),
         Note::NotWhite { factor } => format!("residuals are autocorrelated along the circle: uncertainties are up to {factor:.1} times wider than from white noise"),
@@ -126,7 +126,7 @@ pub(crate) fn reason_text(reason: &Reason, plane: Plane) -> String {
         }
         Reason::LooksLike(others) => {
             let names: Vec<String> = others.iter().map(|e| e.name(plane)).collect();
-            format!("cannot be told from {} in these data", names.join(" and "))
+            format!("confounded with {} in these data", names.join(" and "))
         }
         Reason::NoReversal => {
             "shows at reversals that the path does not have, or between the readings".into()

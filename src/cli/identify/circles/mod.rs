@@ -72,7 +72,7 @@ const HELP: &str = "\
 File (CSV): circle,x_mm,y_mm,z_mm  or  circle,range_mm,azimuth_deg,elevation_deg
 
 Examples:
-  volcomp identify circles --data circles.csv --tip-beyond-mm 120 --sigma-um 5
+  volcomp identify circles --data circles.csv --tip-beyond-mm 120 --noise-um 5
   volcomp identify circles --data left.csv --registration left-ref.csv --data-2 right.csv \\
     --registration-2 right-ref.csv --tip-beyond-mm 120
   volcomp identify circles --data p1.csv --tip-beyond-mm 120 --nominal-axis 0,-0.5,0.866 --nominal-tip-mm 10,20,-480 \\
@@ -86,7 +86,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         file.writes_no_model(args.model.target().is_some() || args.add_pose.is_some())?;
         return case::run(file, args.case.json);
     }
-    let (Some(data), Some(tip)) = (&args.data, args.tip_beyond_mm) else {
+    let (Some(data), Some(tip)) = (args.case.data(&args.data), args.tip_beyond_mm) else {
         return Err(Failure::usage("give --data and --tip-beyond-mm, or --input with a case"));
     };
     let frame = args.tracker.frame()?;
@@ -172,7 +172,7 @@ fn read(path: &Path, frame: &Frame, tracker: &TrackerArgs, into: &mut [Vec<Vec3>
             other => {
                 return Err(table.fail(
                     circle,
-                    format_args!("{other} is no circle; write 1 (farther from the tip) or 2 (nearer)"),
+                    format_args!("{other} is not a circle; write 1 (farther from the tip) or 2 (nearer)"),
                 ));
             }
         };

@@ -27,7 +27,7 @@ pub(super) fn add_pose(path: &Path, args: &Args, found: &ToolAxis) -> Result<(),
         if path.exists() { input::read_text(path, InputKind::Table)? } else { format!("{POSES}\n") };
     if !text.lines().any(|l| l == POSES) {
         return Err(Failure::usage(format_args!(
-            "{} is no file of poses; its header must be {POSES}",
+            "{} is not a file of poses; its header must be {POSES}",
             path.display()
         )));
     }

@@ -47,7 +47,7 @@ pub(super) struct Args {
         value_name = "FILE",
         requires = "box_mm",
         conflicts_with = "input",
-        required_unless_present = "input"
+        required_unless_present_any = ["input", "file"]
     )]
     data: Option<PathBuf>,
     /// Sides of the box along X, Y, Z.
@@ -74,7 +74,7 @@ pub(super) struct Args {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    match (args.case.file(), &args.data) {
+    match (args.case.file(), args.case.data(&args.data)) {
         (Some(file), _) => {
             file.writes_no_model(args.out.target().is_some())?;
             vector::run(args, file)
@@ -238,7 +238,7 @@ fn read_diagonals(path: &Path, length: f64) -> Result<Vec<RunReading>, Failure> 
     while table.advance()? {
         let word = table.word(name);
         let Some((diagonal, reversed)) = diagonal_of(&word) else {
-            let what = format_args!("'{word}' is no diagonal; write ppp, npp, pnp or ppn (signs of X Y Z)");
+            let what = format_args!("invalid diagonal '{word}'; write ppp, npp, pnp or ppn (signs of X Y Z)");
             return Err(table.fail(name, what));
         };
         let mut reading = columns.reading(&table)?;

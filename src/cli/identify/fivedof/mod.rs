@@ -96,11 +96,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut file = HeadFile::read(path)?;
     if let Some(log) = &args.resting {
         let calibration = run_resting(args, axis, log, &mut file)?;
-        if args.data.is_none() {
+        if args.case.data(&args.data).is_none() {
             report_calibration(args, axis, &calibration);
         }
     }
-    match &args.data {
+    match args.case.data(&args.data) {
         Some(data) => run_data(args, axis, data, &file),
         None if args.resting.is_none() => {
             Err(Failure::new(EX_USAGE, "error: give --data, --resting or --input"))
@@ -526,15 +526,15 @@ fn report(
         say!("{symbol:<8}{range:>10.2} {unit:<7}{std:>12} {unit}", symbol = symbol.to_string());
     }
     say!();
-    say!("largest pointing drift taken out: {:.2} arcsec", arcsec_from_rad(drift));
+    say!("largest pointing drift removed: {:.2} arcsec", arcsec_from_rad(drift));
     say!(
-        "beams not parallel: {:.2} arcsec of roll per metre taken out",
+        "beams not parallel: {:.2} arcsec of roll per metre removed",
         arcsec_from_rad(aligned.roll_slope * 1e3)
     );
     let verdict = match (expected > 0.0, is_rigid) {
         (false, _) => "the noise of the channels is not known",
         (true, true) => "within the noise",
-        (true, false) => "MORE than the noise: the carriage bends, or the drift is not taken out rightly",
+        (true, false) => "MORE than the noise: the carriage bends, or the drift correction is wrong",
     };
     say!(
         "corner cubes against each other: {:.3} um rms, the noise explains {:.3} um: {verdict}",

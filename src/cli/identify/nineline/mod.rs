@@ -39,8 +39,8 @@ pub(super) struct Args {
     #[arg(long, value_name = "LETTER", value_parser = linear_axis)]
     axis: Option<AxisName>,
     /// Standard deviation of a displacement reading, um.
-    #[arg(long, value_name = "UM", value_parser = above_zero)]
-    sigma_um: Option<f64>,
+    #[arg(long, value_name = "UM", value_parser = above_zero, alias = "sigma-um")]
+    noise_um: Option<f64>,
     /// Standard deviation of a straightness reading, um; default: that of a displacement.
     #[arg(long, value_name = "UM", value_parser = above_zero)]
     sigma_straightness_um: Option<f64>,
@@ -61,7 +61,7 @@ Files (CSV; BOM, CRLF, blank lines and # comments are fine):
            an empty field is no reading. Files are joined by position, cycle and direction.
 
 Example, lines 1 2 3, displacement on all, y on 1 and 2, z on 1:
-  volcomp identify nineline --axis x --lines lines.csv --data x.csv --sigma-um 0.3 --out model.toml
+  volcomp identify nineline --axis x --lines lines.csv --data x.csv --noise-um 0.3 --out model.toml
 
 Signs: readings along M, right-handed angles. A carriage on the workpiece side (X' in the chain) is measured by its own
 motion; the model gets the motion of the tool relative to it, which is minus that.";
@@ -110,12 +110,13 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         file.writes_no_model(args.curves.writes())?;
         return case::run(file, args.case.json);
     }
-    let (Some(lines), Some(axis), false) = (&args.lines, args.axis, args.data.is_empty()) else {
+    let data = args.case.all(&args.data);
+    let (Some(lines), Some(axis), false) = (&args.lines, args.axis, data.is_empty()) else {
         return Err(Failure::usage("give --lines, --axis and --data, or --input with a case"));
     };
-    let Some(sigma) = args.sigma_um else {
+    let Some(sigma) = args.noise_um else {
         return Err(Failure::usage(
-            "--sigma-um is missing: without it six readings say nothing about their uncertainty",
+            "--noise-um is missing: without it the uncertainty of six readings is unknown",
         ));
     };
     let straightness = args.sigma_straightness_um.unwrap_or(sigma);
@@ -123,16 +124,16 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         core::array::from_fn(|i| mm_from_um(if i == axis.direction() { sigma } else { straightness }));
     let lines_of_file = read_lines(lines)?;
     let mut stops = Stops::default();
-    for path in &args.data {
+    for path in data {
         read_readings(path, &lines_of_file, &sigmas, &mut stops)?;
     }
     let base = args.curves.model.base(|| default_chain([axis]))?;
     let sign = if base.spec.is_workpiece_side(axis) { -1.0 } else { 1.0 };
     let mean = lines_of_file.iter().map(|l| l.1).sum::<Vec3>() / lines_of_file.len() as f64;
     let reference = args.reference_mm.unwrap_or(mean);
-    let (rows, solved) = solve_stops(&stops.all, &reference, sign, &names(&args.data))?;
+    let (rows, solved) = solve_stops(&stops.all, &reference, sign, &names(data))?;
     let mut files = vec![lines.clone()];
-    files.extend(args.data.iter().cloned());
+    files.extend(data.iter().cloned());
     let origin = Origin { axis, reference, method: "nineline", files: &files };
     let gauged = args.curves.gauge(rows, &origin)?;
     let quiet = args.curves.model.takes_stdout();
@@ -251,10 +252,7 @@ fn read_readings(
         }
     }
     if stops.all.is_empty() {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!("error: {}: no rows below the header", path.display()),
-        ));
+        return Err(Failure::new(EX_DATAERR, format_args!("error: {}: no data rows", path.display())));
     }
     Ok(())
 }
@@ -305,7 +303,7 @@ impl Misfit {
     fn warn(&self) {
         if self.p_value().is_some_and(|p| p < SIGNIFICANT) {
             note!(
-                "warning: the readings contradict each other by more than their noise (chi2 {:.1}, {} degrees of freedom); is a line misplaced, or --sigma-um too small?",
+                "warning: the readings contradict each other by more than their noise (chi2 {:.1}, {} degrees of freedom); is a line misplaced, or --noise-um too small?",
                 self.chi2,
                 self.dof
             );

@@ -31,8 +31,8 @@ pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,
     /// The poses; once per file.
-    #[arg(long, value_name = "FILE", conflicts_with = "input")]
-    poses: Vec<PathBuf>,
+    #[arg(long, value_name = "FILE", conflicts_with = "input", alias = "poses")]
+    data: Vec<PathBuf>,
     /// The axis of the ram.
     #[arg(long, value_name = "LETTER", default_value = "z", value_parser = linear_axis)]
     axis: AxisName,
@@ -73,7 +73,7 @@ File (CSV), actual minus nominal, in M; dir is a difference of unit vectors (tip
 Rows of equal z_mm, cycle and direction belong together. volcomp identify circles --add-pose writes such rows.
 
 Example:
-  volcomp identify ram --poses poses.csv --a-axis-mm 0,0,-180 --tool-length-mm 320 --sigma-position-um 2 \\
+  volcomp identify ram --data poses.csv --a-axis-mm 0,0,-180 --tool-length-mm 320 --sigma-position-um 2 \\
     --sigma-direction-arcsec 2 --head head.toml --into model.toml
 
 One pose leaves the rotation about the tool axis free and is refused; --prior-std-arcsec fixes it.";
@@ -92,9 +92,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         return case::run(file, args.case.json);
     }
     let (Some(a_axis), Some(tool_length), false) =
-        (args.a_axis_mm, args.tool_length_mm, args.poses.is_empty())
+        (args.a_axis_mm, args.tool_length_mm, args.case.all(&args.data).is_empty())
     else {
-        return Err(Failure::usage("give --poses, --a-axis-mm and --tool-length-mm, or --input with a case"));
+        return Err(Failure::usage("give --data, --a-axis-mm and --tool-length-mm, or --input with a case"));
     };
     let (Some(position), Some(direction)) = (args.sigma_position_um, args.sigma_direction_arcsec) else {
         return Err(Failure::usage(
@@ -112,7 +112,12 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         let fit = solve(&head, &stop.poses, &noise, prior.as_ref()).map_err(|e| {
             Failure::new(
                 EX_DATAERR,
-                format_args!("error: {}: {} {} mm: {e}", names(&args.poses), args.axis, stop.position),
+                format_args!(
+                    "error: {}: {} {} mm: {e}",
+                    names(args.case.all(&args.data)),
+                    args.axis,
+                    stop.position
+                ),
             )
         })?;
         rows.push(MotionRow {
@@ -135,7 +140,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             args.axis
         )));
     }
-    let mut files = args.poses.clone();
+    let mut files = args.case.all(&args.data).to_vec();
     files.extend(args.head.iter().chain(&args.prior).cloned());
     let origin = Origin { axis: args.axis, reference: args.reference_mm, method: "ram", files: &files };
     let gauged = args.curves.gauge(rows, &origin)?;
@@ -160,7 +165,7 @@ fn single(args: &Args, fits: &[RamFit]) -> Result<(), Failure> {
             EX_DATAERR,
             format_args!(
                 "error: {}: all poses are at one position of {}; a model needs at least two (column z_mm)",
-                names(&args.poses),
+                names(args.case.all(&args.data)),
                 args.axis
             ),
         ));
@@ -202,7 +207,7 @@ impl Args {
     /// The poses by position of the ram, what the head does taken off.
     fn stops(&self, head: &Head) -> Result<Vec<Stop>, Failure> {
         let mut stops = Vec::new();
-        for path in &self.poses {
+        for path in self.case.all(&self.data) {
             read::poses(path, &mut stops)?;
         }
         if let Some(path) = &self.head {

@@ -50,10 +50,7 @@ pub(super) fn poses(path: &Path, stops: &mut Vec<Stop>) -> Result<(), Failure> {
         }
     }
     if rows == 0 {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!("error: {}: no rows below the header", path.display()),
-        ));
+        return Err(Failure::new(EX_DATAERR, format_args!("error: {}: no data rows", path.display())));
     }
     Ok(())
 }

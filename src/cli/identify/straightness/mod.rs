@@ -91,7 +91,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         let file = signs.get_or_insert_with(SignFile::default);
         confirm(args, axis, file, found)?;
     }
-    let Some(data) = &args.data else {
+    let Some(data) = args.case.data(&args.data) else {
         return if tilts.is_some() {
             Ok(())
         } else {
@@ -197,7 +197,7 @@ fn table_for(args: &Args, axis: AxisName, signs: Option<&SignFile>) -> Result<Si
     let path = args.signs.as_deref().or(args.tilt_test.as_deref()).unwrap_or(Path::new("--signs"));
     let Some(file) = signs else {
         return Err(Failure::usage(
-            "these are channels of an instrument, whose signs nobody can guess: give a sign table with --signs (see --help)",
+            "these are channels of an instrument with unknown signs: give a sign table with --signs (see --help)",
         ));
     };
     let set_up = file.set_up(axis, path)?;
@@ -214,7 +214,7 @@ fn table_for(args: &Args, axis: AxisName, signs: Option<&SignFile>) -> Result<Si
         return Err(Failure::new(
             EX_CONFIG,
             format_args!(
-                "error: {}: [{}] is no change of axes: {} would turn against a right-handed frame; correct the sign, or prove it with --tilt-test",
+                "error: {}: [{}] is not a rotation of axes: {} would turn against a right-handed frame; correct the sign, or prove it with --tilt-test",
                 path.display(),
                 axis.lower(),
                 wrong.join(", ")

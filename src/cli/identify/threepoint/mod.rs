@@ -80,19 +80,20 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if args.plan.plan {
         return plan::run(args);
     }
-    if args.data.is_empty() {
+    let data = args.case.all(&args.data);
+    if data.is_empty() {
         return Err(Failure::usage("--input, --data or --plan is missing"));
     }
     let frame = args.tracker.frame()?;
     if args.rigidity {
-        return rigidity(args, &frame);
+        return rigidity(args, data, &frame);
     }
     let (Some(points), Some(axis)) = (&args.points, args.axis) else {
         return Err(Failure::usage("--points and --axis are needed (or --rigidity, which needs neither)"));
     };
     let names_of_points = read::points(points)?;
     let mut shots = Vec::new();
-    for path in &args.data {
+    for path in data {
         read::shots(path, &names_of_points, &frame, &args.tracker, &mut shots)?;
     }
     let base = args.curves.model.base(|| default_chain([axis]))?;
@@ -101,13 +102,13 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let series =
         Series { axis, workpiece_side: base.spec.is_workpiece_side(axis), origin: args.origin_mm, reference };
     let mut fit = solve_series(&shots, &series)
-        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", names(&args.data))))?;
+        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", names(data))))?;
     report::scale_by_misfit(&mut fit, frame.noise_is_stated());
     if series.workpiece_side {
         to_relative(&mut fit.rows);
     }
     let mut files = vec![points.clone()];
-    files.extend(args.data.iter().chain(args.tracker.files()).cloned());
+    files.extend(data.iter().chain(args.tracker.files()).cloned());
     let origin = Origin { axis, reference: args.origin_mm + reference, method: "threepoint", files: &files };
     let gauged = args.curves.gauge(fit.rows.clone(), &origin)?;
     let report = report::Report {
@@ -129,10 +130,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 /// Distances between the points over all rows of all files.
-fn rigidity(args: &Args, frame: &super::tracker_points::Frame) -> Result<(), Failure> {
+fn rigidity(args: &Args, data: &[PathBuf], frame: &super::tracker_points::Frame) -> Result<(), Failure> {
     let mut poses = Vec::new();
     let mut found: Vec<String> = Vec::new();
-    for path in &args.data {
+    for path in data {
         read::poses(path, frame, &mut found, &mut poses)?;
     }
     let Some(sides) = sides(&poses) else {
@@ -140,7 +141,7 @@ fn rigidity(args: &Args, frame: &super::tracker_points::Frame) -> Result<(), Fai
             EX_DATAERR,
             format_args!(
                 "error: {}: no two points were seen together in two rows; rigidity needs at least two of each",
-                names(&args.data)
+                names(data)
             ),
         ));
     };

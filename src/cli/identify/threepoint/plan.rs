@@ -46,7 +46,7 @@ fn range(text: &str) -> Result<[f64; 2], String> {
         text.split(',').map(|t| t.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
     match ends.as_deref() {
         Some([low, high]) if low < high => Ok([*low, *high]),
-        _ => Err(format!("'{text}' is no range; expected two numbers, the smaller first, such as 0,850")),
+        _ => Err(format!("invalid range '{text}'; expected two numbers, the smaller first, such as 0,850")),
     }
 }
 
@@ -54,7 +54,7 @@ fn confidence(text: &str) -> Result<f64, String> {
     text.parse::<f64>()
         .ok()
         .filter(|p| (50.0..=99.9999).contains(p))
-        .ok_or_else(|| format!("'{text}' is no confidence; expected 50 to 99.9999"))
+        .ok_or_else(|| format!("invalid confidence '{text}'; expected 50 to 99.9999"))
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {

@@ -83,10 +83,7 @@ pub(super) fn shots(
         into.push(shot);
     }
     if into.len() == before {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!("error: {}: no rows below the header", path.display()),
-        ));
+        return Err(Failure::new(EX_DATAERR, format_args!("error: {}: no data rows", path.display())));
     }
     Ok(())
 }

@@ -60,13 +60,13 @@ pub(super) fn motion(text: &str) -> Result<(AxisName, PathBuf), String> {
     let mut letters = axis.chars();
     match (letters.next().and_then(AxisName::from_letter), letters.next()) {
         (Some(axis), None) if !file.is_empty() => Ok((axis, PathBuf::from(file))),
-        _ => Err(format!("'{text}' is no axis and file; write for example z=z-axis.csv")),
+        _ => Err(format!("invalid axis and file '{text}'; write for example z=z-axis.csv")),
     }
 }
 
 /// `z-axis.csv=400,250,-100`.
 pub(super) fn place(text: &str) -> Result<(PathBuf, [f64; 3]), String> {
-    let bad = || format!("'{text}' is no file and point; write for example z-axis.csv=400,250,-100");
+    let bad = || format!("invalid file and point '{text}'; write for example z-axis.csv=400,250,-100");
     let (file, point) = text.rsplit_once('=').ok_or_else(bad)?;
     let list: Vec<f64> = point.split(',').filter_map(|v| v.trim().parse().ok()).collect();
     match list[..] {

@@ -136,7 +136,7 @@ fn options(args: &Args, loaded: &[Loaded]) -> Result<Options, Failure> {
 
 fn error_symbol(text: &str) -> Result<ErrorSymbol, Failure> {
     ErrorSymbol::parse(text).ok_or_else(|| {
-        Failure::usage(format_args!("'{text}' is no error; write a symbol such as exx or ec0y"))
+        Failure::usage(format_args!("unknown error '{text}'; write a symbol such as exx or ec0y"))
     })
 }
 

@@ -38,7 +38,7 @@ impl Report<'_> {
             out.extend(self.done.checks.iter().map(|c| format!("  {}", self.check(c))));
         }
         if !self.done.dropped.is_empty() {
-            out.push("taken out, because it says how the instrument stood".to_owned());
+            out.push("removed, because it is the set-up of the instrument".to_owned());
             out.extend(self.done.dropped.iter().map(|d| format!("  {}", self.dropped(d))));
         }
         out.extend(gauge::lines(spec));

@@ -1,4 +1,4 @@
-//! The pictures of a model: the six error motions of every axis, and the distorted volume. Lines are told apart by
+//! The pictures of a model: the six error motions of every axis, and the distorted volume. Lines are distinguished by
 //! blue and vermillion, which colour-blind readers and grey prints keep apart.
 
 mod panel;

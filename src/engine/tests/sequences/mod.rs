@@ -3,7 +3,7 @@
 //! What is allowed stands in [`judge`] and [`plant`], written from the promises and not from the engine: every answer is
 //! finite, within its size, and goes on from the one before within step, rate and acceleration; it may start anew only
 //! from what the control holds, at rest, and only where the control may have acted on its own; the offset in force
-//! never steps; every change of state is told; and nothing moves unless somebody has enabled it.
+//! never steps; every change of state is reported; and nothing moves unless somebody has enabled it.
 
 mod every_rule;
 mod judge;

@@ -215,7 +215,7 @@ impl Plant {
         let Some(out) = out else {
             let event = self.engine.take_event();
             self.note_event(event);
-            assert!(event.is_some() || from == self.engine.state(), "a change of state that nobody is told");
+            assert!(event.is_some() || from == self.engine.state(), "a change of state that is not reported");
             if self.engine.needs_new_link() {
                 self.link(RECONNECT_CYCLES);
             }
@@ -304,7 +304,7 @@ impl Plant {
         }
     }
 
-    /// Every change of state is told, and told in one row.
+    /// Every change of state is reported once.
     fn note(&mut self, out: &CycleOutput) {
         assert_eq!(out.state, self.engine.state());
         self.note_event(out.event);
@@ -319,7 +319,7 @@ impl Plant {
             Some(Event::StateChanged { from, to, reason, .. }) => {
                 assert_eq!((from, to), (self.told, state), "{reason:?}");
             }
-            None => assert_eq!(self.told, state, "a change of state that nobody is told"),
+            None => assert_eq!(self.told, state, "a change of state that is not reported"),
         }
         self.told = state;
         let single = self.engine.trace.drain(..);

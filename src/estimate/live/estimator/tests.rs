@@ -303,7 +303,7 @@ fn what_was_learned_survives_and_is_less_certain_after_a_week() {
     assert!(long.middle().iter().all(|[value, _, used]| value.abs() < 1e-9 && *used == 0.0), "and faded");
     let mut bad = kept.clone();
     bad[0].values[0].0 = f64::NAN;
-    assert!(other.estimator.restore(&bad, 0.0)[0].contains("no numbers"));
+    assert!(other.estimator.restore(&bad, 0.0)[0].contains("not numbers"));
     let mut moved = kept.clone();
     moved[0].nodes[0][1] = 900.0;
     assert!(other.estimator.restore(&moved, 0.0)[0].contains("nodes are others"));

@@ -1,4 +1,4 @@
-//! "In ten minutes" of the README, as a new user types it.
+//! `docs/tutorial/first-run.md`, as a new user types it.
 
 #![expect(clippy::unwrap_used, clippy::expect_used, reason = "a test fails by panicking")]
 #![expect(clippy::disallowed_methods, reason = "the test starts programs and writes files")]
@@ -20,8 +20,8 @@ impl Drop for Running {
 
 /// The lines of the shell below a step, without comments behind them.
 fn commands(step: &str) -> Vec<String> {
-    let readme = std::fs::read_to_string(root().join("README.md")).unwrap();
-    let section = readme.split("## In ten minutes").nth(1).unwrap().split("\n## ").next().unwrap();
+    let page = std::fs::read_to_string(root().join("docs/tutorial/first-run.md")).unwrap();
+    let section = page.split("## Steps").nth(1).unwrap().split("\n## ").next().unwrap();
     let step = section.split(&format!("\n{step}. ")).nth(1).expect("the step");
     let block = step.split("```sh\n").nth(1).unwrap().split("```").next().unwrap();
     block
@@ -75,7 +75,7 @@ impl Clone {
 }
 
 #[test]
-fn the_three_steps_of_the_readme_lead_to_a_compensated_machine() {
+fn the_three_steps_lead_to_a_compensated_machine() {
     let _processors = crate::processors();
     let clone = Clone::new();
     for line in commands("1").iter().chain(&commands("2")).filter(|line| !line.starts_with("cargo ")) {
