@@ -61,10 +61,10 @@ pub(super) struct Args {
     #[arg(long, value_name = "FILE")]
     add: Vec<PathBuf>,
     /// A session file, or a file of an instrument or a control; may be repeated, each has a clock of its own.
-    #[arg(long, value_name = "FILE", required_unless_present_any = ["list_effects", "files"])]
+    #[arg(long, value_name = "FILE", num_args = 1.., required_unless_present_any = ["list_effects", "files"])]
     data: Vec<PathBuf>,
-    /// The files of --data, so that `--data *.csv` takes all of them.
-    #[arg(value_name = "FILE")]
+    /// The files of --data.
+    #[arg(value_name = "FILE", conflicts_with = "data")]
     files: Vec<PathBuf>,
     /// New data of the same program, to see how far the gap really shrinks; may be repeated.
     #[arg(long, value_name = "FILE")]
@@ -142,9 +142,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             same_machine(path, addition, model)?;
         }
     }
-    let data: Vec<PathBuf> = args.data.iter().chain(&args.files).cloned().collect();
+    let data = if args.data.is_empty() { &args.files } else { &args.data };
     let logs = Logs::read(&args.history)?;
-    let (mut session, rotary, stated) = load(args, &data, &logs, model.as_ref(), &additions, &machine)?;
+    let (mut session, rotary, stated) = load(args, data, &logs, model.as_ref(), &additions, &machine)?;
     if args.plan {
         let seen = plan(&mut session, &args.without);
         bar.end();
