@@ -244,10 +244,14 @@ fn fitted(page: &mut Page, found: &Diagnosis) -> Vec<Figure> {
     let has_steps = !found.budget.steps.is_empty();
     let agreement = has_steps.then(|| charts::measured_and_predicted(found)).flatten();
     let more = figures.split_off(figures.len().min(FIRST_FIGURES - usize::from(agreement.is_some())));
-    if !figures.is_empty() {
-        page.heading("Fitted curves of the causes");
-        figures.extend(agreement);
-        page.figures(&figures);
+    let has_curves = !figures.is_empty();
+    figures.extend(agreement);
+    if figures.is_empty() {
+        return more;
+    }
+    page.heading(if has_curves { "Fitted curves of the causes" } else { "Measured against predicted" });
+    page.figures(&figures);
+    if has_curves {
         page.note(
             "Grey: the readings without the other causes. Line: the effect as fitted, with the 90 % band of its posterior, about its mean, which the \
              set-up offsets absorb.",
