@@ -184,6 +184,9 @@ fn table(found: &Diagnosis, compensable: &Compensable) {
 /// What the data cannot show: the reasons with most effects, each effect named once with all of its subjects.
 fn unidentifiable(found: &Diagnosis) {
     let unseen = &found.report.cannot_be_seen;
+    if unseen.is_empty() {
+        return;
+    }
     let mut reasons: BTreeMap<&str, BTreeMap<&str, Vec<&str>>> = BTreeMap::new();
     for u in unseen {
         let (name, subject) = u.effect.split_once(':').unwrap_or((&u.effect, ""));
@@ -192,9 +195,6 @@ fn unidentifiable(found: &Diagnosis) {
     let mut reasons: Vec<_> = reasons.into_iter().collect();
     let count = |names: &BTreeMap<&str, Vec<&str>>| names.values().map(Vec::len).sum::<usize>();
     reasons.sort_by_key(|(_, names)| core::cmp::Reverse(count(names)));
-    if unseen.is_empty() {
-        return;
-    }
     say!(
         "not identifiable from these data: {} (all in report.json, cannot_be_seen)",
         counted(unseen.len(), "effect")

@@ -169,15 +169,9 @@ fn of_one_feed(args: &Args, path: &Path, samples: Vec<Sample>) -> Result<Vec<Sam
     }
 }
 
-impl Args {
-    fn data(&self) -> &Path {
-        self.output.data(&self.data)
-    }
-}
-
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut acceptance = Acceptance::load(&args.output.head, "iso230-4", &keys())?;
-    let after = read(args, args.data())?;
+    let after = read(args, args.output.data(&args.data))?;
     acceptance.fill(stated(&after));
     let assessed = assessed(&acceptance, &after.result, after.uncertainties);
     let before = args.before.as_deref().map(|path| read(args, path)).transpose()?;
@@ -270,7 +264,11 @@ fn as_json(test: &Evaluated) -> Map<String, Value> {
 }
 
 fn print(args: &Args, after: &Evaluated, before: Option<&Evaluated>) {
-    say!("ISO 230-4 of {}: {}", args.data().display(), counted(after.readings.len(), "reading"));
+    say!(
+        "ISO 230-4 of {}: {}",
+        args.output.data(&args.data).display(),
+        counted(after.readings.len(), "reading")
+    );
     let um = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{} um", plain(v, 2)));
     if before.is_some() {
         say!("{:<40}{:>14}{:>14}{:>10}", "", "before", "after", "change");
@@ -296,7 +294,7 @@ fn report(
     after: &Evaluated,
     before: Option<&Evaluated>,
 ) -> Result<String, Box<dyn std::error::Error>> {
-    let mut origins = vec![Origin::of("data", args.data())];
+    let mut origins = vec![Origin::of("data", args.output.data(&args.data))];
     origins.extend(args.before.as_deref().map(|p| Origin::of("before", p)));
     let [a, b] = args.plane;
     let mut facts = vec![("plane", format!("{a}{b}, angles from {a} towards {b}"))];

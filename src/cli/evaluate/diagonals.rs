@@ -113,15 +113,9 @@ fn assessed(acceptance: &Acceptance, test: &DiagonalTest, conditions: &Condition
         .collect()
 }
 
-impl Args {
-    fn data(&self) -> &Path {
-        self.output.data(&self.data)
-    }
-}
-
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let acceptance = Acceptance::load(&args.output.head, "iso230-6", &keys())?;
-    let after = read(args.data())?;
+    let after = read(args.output.data(&args.data))?;
     let conditions = args.uncertainty.conditions(AxisKind::Linear)?;
     let assessed = assessed(&acceptance, &after.result, &conditions);
     let before = args.before.as_deref().map(read).transpose()?;
@@ -247,7 +241,7 @@ fn report(
     before: Option<&Evaluated>,
     y: [f64; 2],
 ) -> Result<String, Box<dyn std::error::Error>> {
-    let mut origins = vec![Origin::of("data", args.data())];
+    let mut origins = vec![Origin::of("data", args.output.data(&args.data))];
     origins.extend(args.before.as_deref().map(|p| Origin::of("before", p)));
     let standard = "Positioning along the body diagonals, ISO 230-6:2002";
     let mut page = page::start(title, standard, acceptance, assessed, &origins, &[]);

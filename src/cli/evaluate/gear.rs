@@ -154,16 +154,10 @@ fn read(gear: &Gear, path: &Path) -> Result<Vec<OfFlank>, Failure> {
     Ok(flanks)
 }
 
-impl Args {
-    fn data(&self) -> &Path {
-        self.output.data(&self.data)
-    }
-}
-
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let acceptance = Acceptance::load(&args.output.head, "", &[])?;
     let gear = gear(args)?;
-    let after = read(&gear, args.data())?;
+    let after = read(&gear, args.output.data(&args.data))?;
     let before = args.before.as_deref().map(|path| read(&gear, path)).transpose()?;
     let title = args.output.title.as_deref().unwrap_or("Gear inspection");
     let panels = |flanks: &[OfFlank]| flanks.iter().map(|f| panel(&gear, f)).collect::<Vec<_>>();
@@ -271,7 +265,7 @@ fn class_text(class: Option<u8>) -> String {
 
 fn print(args: &Args, gear: &Gear, after: &[OfFlank], before: Option<&[OfFlank]>) {
     let traces: usize = after.iter().map(|f| f.teeth.len()).sum();
-    say!("ISO 1328-1 of {}: {traces} traces, means over the teeth", args.data().display());
+    say!("ISO 1328-1 of {}: {traces} traces, means over the teeth", args.output.data(&args.data).display());
     let old = before.map(|b| lines(gear, b));
     let head = if old.is_some() { format!("{:>11}{:>9}", "before", "change") } else { String::new() };
     say!("{:<10}{:<7}{:>9}{:>7}{:>11}{head}", "", "flank", "um", "class", "tolerance");
@@ -304,7 +298,7 @@ fn report(
     before: Option<&[OfFlank]>,
     shown: &[(&str, Vec<Panel>)],
 ) -> Result<String, Box<dyn std::error::Error>> {
-    let mut origins = vec![Origin::of("data", args.data())];
+    let mut origins = vec![Origin::of("data", args.output.data(&args.data))];
     origins.extend(args.before.as_deref().map(|p| Origin::of("before", p)));
     let [profile, lead] = [Direction::Profile, Direction::Helix].map(|d| gear.part(d).evaluation);
     let facts = [

@@ -73,7 +73,7 @@ struct Plate {
 }
 
 fn read(args: &Args) -> Result<Plate, Failure> {
-    let path = args.data();
+    let path = args.output.data(&args.data);
     let text = input::read_text(path, InputKind::Table)?;
     let keep = |diameter: Option<f64>| match (args.nominal_diameter_mm, diameter) {
         (Some(wanted), Some(d)) => (d - wanted).abs() < 5e-4,
@@ -100,7 +100,7 @@ fn read_csv(
     text: String,
     keep: impl Fn(Option<f64>) -> bool,
 ) -> Result<Vec<PlatePoint>, Failure> {
-    let mut table = Table::new(Cursor::new(text), args.data().display().to_string())?;
+    let mut table = Table::new(Cursor::new(text), args.output.data(&args.data).display().to_string())?;
     let nominal = [table.require("nominal_x_mm")?, table.require("nominal_y_mm")?];
     let deviations = table.find("deviation_x_um").is_some() || table.find("deviation_y_um").is_some();
     let names =
@@ -110,7 +110,7 @@ fn read_csv(
     let diameter = table.find("nominal_diameter_mm");
     if args.nominal_diameter_mm.is_some() && diameter.is_none() {
         return Err(bad_data(
-            args.data(),
+            args.output.data(&args.data),
             "holes are to be selected by diameter, but column nominal_diameter_mm is missing",
         ));
     }
@@ -130,12 +130,6 @@ fn read_csv(
     if rows == 0 { Err(no_rows(table.file())) } else { Ok(points) }
 }
 
-impl Args {
-    fn data(&self) -> &Path {
-        self.output.data(&self.data)
-    }
-}
-
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let acceptance = Acceptance::load(&args.output.head, "", &[])?;
     if let Some(bad) = args.std_um.filter(|s| !(s.is_finite() && *s > 0.0)) {
@@ -152,7 +146,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         NormArg::L4 => PlateNorm::Fourth,
     };
     let fit = PlateFit::new(&plate.points, model, norm, args.std_um.map(mm_from_um))
-        .map_err(|e| bad_data(args.data(), e))?;
+        .map_err(|e| bad_data(args.output.data(&args.data), e))?;
     let given = args.output.title.as_deref().or(plate.title.as_deref());
     let title = given.unwrap_or("Plate");
     let shown = |title| Shown { title, points: &plate.points, fit: &fit };
@@ -165,7 +159,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let stdout_taken =
         [&args.output.svg, &args.output.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
     if !stdout_taken {
-        print(args.data(), title, &plate, &fit);
+        print(args.output.data(&args.data), title, &plate, &fit);
     }
     Ok(())
 }
@@ -301,7 +295,7 @@ fn report(
         ("fitted", model.to_owned()),
         ("minimised", norm.to_owned()),
     ];
-    let origins = [Origin::of("data", args.data())];
+    let origins = [Origin::of("data", args.output.data(&args.data))];
     let mut page = page::start(
         title,
         "Plate in a plane: measured = offset + matrix times nominal",

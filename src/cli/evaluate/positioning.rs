@@ -134,15 +134,9 @@ fn measured(u: &Uncertainties, key: &str, e: &Expanded) -> Option<f64> {
     is_stated.then_some(e.measurement)
 }
 
-impl Args {
-    fn data(&self) -> &Path {
-        self.output.data(&self.data)
-    }
-}
-
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut acceptance = Acceptance::load(&args.output.head, "iso230-2", &keys())?;
-    let after = read(args, args.data())?;
+    let after = read(args, args.output.data(&args.data))?;
     acceptance.fill(after.stated.clone());
     let assessed = assessed(&acceptance, &after);
     let before = args.before.as_deref().map(|path| read(args, path)).transpose()?;
@@ -179,7 +173,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let stdout_taken =
         [&args.output.svg, &args.output.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
     if !stdout_taken {
-        let (file, p) = (args.data().display(), &after.result);
+        let (file, p) = (args.output.data(&args.data).display(), &after.result);
         let (targets, cycles) = (counted(p.targets.len(), "target"), counted(p.cycles, "cycle"));
         say!("ISO 230-2 of {file}: {targets}, {cycles}");
         print(p, key, |v| v);
@@ -354,7 +348,7 @@ fn report(
     before: Option<&Evaluated>,
 ) -> Result<String, Box<dyn std::error::Error>> {
     let (_, unit, target_unit) = after.units();
-    let mut origins = vec![Origin::of("data", args.data())];
+    let mut origins = vec![Origin::of("data", args.output.data(&args.data))];
     origins.extend(args.before.as_deref().map(|p| Origin::of("before", p)));
     let size = |p: &Positioning| {
         let ends = p.targets.first().zip(p.targets.last());

@@ -133,10 +133,7 @@ fn decides(m: &Measurement, told: &[&(String, String, f64)]) -> String {
 /// Duration of the session, min; from the number of its places where its times are ordinal.
 fn session_minutes(session: &Session) -> f64 {
     if session.is_ordinal() {
-        let mut times: Vec<f64> = session.moments.iter().map(|m| m.t_s).collect();
-        times.sort_by(f64::total_cmp);
-        times.dedup();
-        return (times.len() as f64 * PLACE_S / 60.0).ceil();
+        return (session.distinct_times().len() as f64 * PLACE_S / 60.0).ceil();
     }
     let mut spans = vec![[f64::INFINITY, f64::NEG_INFINITY]; session.files.len()];
     for m in &session.moments {

@@ -306,15 +306,22 @@ impl Session {
         self.times.iter().all(|t| *t == Times::Ordinal)
     }
 
+    /// The distinct times of the readings, s, in order.
+    #[must_use]
+    pub fn distinct_times(&self) -> Vec<f64> {
+        let mut times: Vec<f64> = self.moments.iter().map(|m| m.t_s).collect();
+        times.sort_by(f64::total_cmp);
+        times.dedup();
+        times
+    }
+
     /// A span of time in words; of ordinal times, which have no duration, as places in the order of the readings.
     #[must_use]
     pub fn span(&self, seconds: f64) -> String {
         if !self.is_ordinal() {
             return format!("{seconds:.0} s");
         }
-        let mut times: Vec<f64> = self.moments.iter().map(|m| m.t_s).collect();
-        times.sort_by(f64::total_cmp);
-        times.dedup();
+        let times = self.distinct_times();
         let extent = times.last().zip(times.first()).map_or(0.0, |(last, first)| last - first);
         let places = times.len().saturating_sub(1) as f64;
         let step = if places > 0.0 { extent / places } else { 1.0 };

@@ -35,11 +35,10 @@ pub(crate) static ANGULAR: Effect = Effect {
         if !(arm || tool) {
             let moved: [f64; 3] = unit(about.direction()).cross(&lever.at(&data.first)).into();
             return Err(Hidden {
-                because:
-                    "no lever changes: move an axis between it and the tool, or use a second tool length"
-                        .to_owned(),
                 one_lever: moved.map(|d| d.abs() > LEVER_MM),
-                is_unrecorded: false,
+                ..Hidden::from(
+                    "no lever changes: move an axis between it and the tool, or use a second tool length",
+                )
             });
         }
         let centre_mm = Some(centre_mm);
