@@ -46,10 +46,11 @@ fn both_sides_answer_in_every_mode() {
         assert!((number(round, "ratio_p50") - ratio).abs() < 1e-9);
         // without optimisation the computation is most of the way: what is asked for is that nothing else waits
         let computed = number(&all["compute"]["three"], "compute_us_p99");
-        let bare = number(&round["echo"], "roundtrip_us_p50");
-        let most = 3.0 * (bare + computed) / bare;
-        // one second on a computer with other work may favour either side; far below the echo nothing was sent at all
-        assert!((0.1..most).contains(&ratio), "{mode}: {ratio}, far from the bare echo; limit {most}");
+        // the fastest tenth: other tests take the processor from either side for more than half of a second
+        let [bare, daemon] = ["echo", "volcompd"].map(|side| number(&round[side], "roundtrip_us_p10"));
+        let most = 3.0 * (bare + computed);
+        // far below the echo nothing was sent at all
+        assert!((0.1 * bare..most).contains(&daemon), "{mode}: {daemon} us, bare echo {bare} us, limit {most} us");
     }
     // the daemon has counted what was sent to it
     let sent =
