@@ -13,6 +13,7 @@ mod import_export;
 mod input_limits;
 mod model_extend;
 mod model_show;
+mod outputs;
 mod predict_cli;
 mod reports;
 mod schema;

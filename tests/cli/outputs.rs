@@ -1,0 +1,66 @@
+//! Outputs of the commands as committed snapshots: a changed word, figure or key is seen in review.
+//!
+//! `INSTA_UPDATE=always cargo test --release --test cli outputs::` writes them anew; read the difference before you commit it.
+
+#![expect(clippy::unwrap_used, reason = "helpers of tests")]
+
+mod evaluate;
+
+use std::path::Path;
+use std::process::Command;
+
+use serde_json::Value;
+
+/// Runs `volcomp` in the folder of the repository and compares its exit code, its streams and the text files that it writes
+/// into `SCRATCH/` (a folder that lasts for the call) with the snapshot of that name.
+fn check(name: &str, args: &[&str]) {
+    let scratch = tempfile::tempdir().unwrap();
+    let folder = scratch.path().to_str().unwrap();
+    let output = Command::new(env!("CARGO_BIN_EXE_volcomp"))
+        .args(args.iter().map(|a| a.replace("SCRATCH", folder)))
+        .current_dir(env!("CARGO_MANIFEST_DIR"))
+        .env("COLUMNS", "100")
+        .output()
+        .unwrap();
+    let mut all = format!("$ volcomp {}\nexit code {}\n", args.join(" "), output.status.code().unwrap());
+    for (stream, bytes) in [("stdout", output.stdout), ("stderr", output.stderr)] {
+        add(&mut all, stream, &String::from_utf8(bytes).unwrap());
+    }
+    for path in files_of(scratch.path()) {
+        let inside = path.strip_prefix(scratch.path()).unwrap().display().to_string();
+        add(&mut all, &inside, &std::fs::read_to_string(&path).unwrap());
+    }
+    insta::with_settings!({ snapshot_path => "outputs", prepend_module_to_snapshot => false, omit_expression => true }, {
+        insta::assert_snapshot!(name, all.replace(folder, "SCRATCH").replace(env!("CARGO_PKG_VERSION"), "VERSION"));
+    });
+}
+
+/// One stream or file; numbers of JSON are rounded, for their last digits differ between processors.
+fn add(all: &mut String, what: &str, text: &str) {
+    let text = serde_json::from_str::<Value>(text)
+        .map_or_else(|_| text.to_owned(), |value| format!("{:#}\n", rounded(value)));
+    if !text.is_empty() {
+        all.push_str(&format!("---- {what}\n{text}"));
+    }
+}
+
+/// Every number to six significant digits, what is below 1e-12 as zero.
+fn rounded(value: Value) -> Value {
+    match value {
+        Value::Number(n) if !n.is_i64() && !n.is_u64() => {
+            let v = n.as_f64().unwrap();
+            let v = if v.abs() < 1e-12 { 0.0 } else { format!("{v:.5e}").parse().unwrap() };
+            Value::from(v)
+        }
+        Value::Array(of) => of.into_iter().map(rounded).collect(),
+        Value::Object(of) => of.into_iter().map(|(key, v)| (key, rounded(v))).collect(),
+        other => other,
+    }
+}
+
+/// The files of a folder and those below it, in order of their names.
+fn files_of(folder: &Path) -> Vec<std::path::PathBuf> {
+    let mut entries: Vec<_> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
+    entries.sort();
+    entries.into_iter().flat_map(|p| if p.is_dir() { files_of(&p) } else { vec![p] }).collect()
+}
