@@ -1,14 +1,13 @@
 //! The evidence of each chosen effect: its gain beside the others and what explains nearly as much in its place. Nothing is
 //! decided here: that is [`super::decision`].
 
-use super::constants::{CURVE_SAME, INEXACT, SAME};
+use super::constants::{CURVE_SAME, HALF, INEXACT, NEARLY};
 use super::decision::Evidence;
-use super::library::{Label, Library, Shape, forms};
+use super::library::{Label, Library, Shape};
 use super::search::{CURVES, Found, Problem, Selection, evidence, figures};
 
 /// What noise takes of the gain of a swapped effect, and the share that it must not take.
 const SAME_NOISE: f64 = 4.0;
-const SAME_LEAST: f64 = 0.5;
 
 /// Collects the evidence of every chosen effect, whose columns are prepared.
 #[must_use]
@@ -58,7 +57,7 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
         .enumerate()
         .filter(|(l, gain)| {
             let share =
-                if one_curve(&library.labels[label], &library.labels[*l]) { CURVE_SAME } else { SAME };
+                if one_curve(&library.labels[label], &library.labels[*l]) { CURVE_SAME } else { NEARLY };
             *l != label && (is_same(**gain, own.gain, share) || selection.one_curve.contains(&(label, *l)))
         })
         .map(|(l, _)| library.labels[l].clone())
@@ -92,29 +91,6 @@ fn assess_one(problem: &Problem, library: &Library, selection: &Selection, place
     }
 }
 
-/// Largest term of a power series, as a multiple of the whole: a real angle that is zero at the zero of its axis needs less.
-const CANCELLING: f64 = 250.0;
-
-/// True where an effect chosen is such a power series.
-pub(super) fn cancels(problem: &Problem, library: &Library, selection: &Selection) -> bool {
-    (0..selection.chosen.len()).any(|place| cancelling(problem, library, selection, place) > CANCELLING)
-}
-
-/// The largest term of an angular error over the RMS of all of them, whitened; 0 for other effects.
-fn cancelling(problem: &Problem, library: &Library, selection: &Selection, place: usize) -> f64 {
-    let variant = selection.chosen[place];
-    let Shape::Angular(forms::Angular { degree, .. }) = library.variants[variant].shape else { return 0.0 };
-    let given = problem.given(&selection.chosen);
-    let beta = problem.fit(&given);
-    let (at, _) = problem.span[variant];
-    let (mine, values): (Vec<usize>, Vec<f64>) =
-        given.columns.iter().zip(&beta).filter(|(c, _)| (at..at + degree).contains(*c)).unzip();
-    let all = problem.contribution(&mine, &values).norm();
-    // columns have length 1, so the values are the lengths of the terms
-    let largest = values.iter().fold(0.0f64, |m, v| m.max(v.abs()));
-    if all > 0.0 { largest / all } else { 0.0 }
-}
-
 /// The curves chosen whose slope an effect may be, or a straight line that is the same as it (`same`): it was measured over a
 /// part of the travel, or says less than they do; from which line a curve is counted is a choice.
 fn slope_of(
@@ -140,7 +116,7 @@ fn slope_of(
 
 /// True where an effect in the place of another one explains as much as it but for a share of it and what noise takes.
 pub fn is_same(gain: f64, own: f64, share: f64) -> bool {
-    gain >= share * own - SAME_NOISE && gain > SAME_LEAST * own
+    gain >= share * own - SAME_NOISE && gain > HALF * own
 }
 
 /// True for two names of a curve over the position of one axis.

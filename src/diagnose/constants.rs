@@ -1,8 +1,56 @@
 //! The figures of the method that are chosen and neither derived nor measured: meaning, source, and what moves when one is halved
-//! or doubled (where no run is cited: by reasoning). Grids of non-linear parameters live with their effects
+//! or doubled (where no run is cited: by reasoning). A rule takes its limit from the first section; one of its own needs a
+//! verdict that changes without it (docs/development/ablation.md). Grids of non-linear parameters live with their effects
 //! (`volcomp_effects::library`).
 
 use super::noise::ClassNoise;
+
+// Limits of every rule
+
+/// Standard deviations from which a value is sure of its sign, and a leave-one-out residual counts less. Halved: rams whose weights
+/// are small are refused.
+pub(crate) const SURE: f64 = 3.0;
+/// Standard deviations from which a value is no chance: a sum over all readings, an effect that is large; robust ones at which
+/// single values are clipped (normal noise loses nothing). Halved: heavy tails are called unexplained.
+pub(crate) const SIGNIFICANT: f64 = 5.0;
+/// Twice a log-likelihood, or a log evidence, by which one description is preferred: drift, variation over the volume, a line in a
+/// spectrum, a set of effects. Strong to very strong (Kass, Raftery 1995). Halved: drift below the noise passes for effects;
+/// doubled: slow effects are swallowed.
+pub(crate) const STRONG: f64 = 8.0;
+/// Share below which something is little beside something else: what a table says beside a worn place, where an effect acts, the
+/// forecast shrink that explains anything, the chance that there is no discrepancy, readings that may be wild, what is left of the
+/// probability of an effect that makes readings left out worse. Halved: worn places become tables; doubled: single curves
+/// are taken for worn places.
+pub(crate) const LITTLE: f64 = 0.05;
+/// Share (or cosine) from which one thing says nearly what another says: a swapped effect, one in the place of two, two directions,
+/// lines of a table. Nearer to 1: fewer set answers, circles without neighbours.
+pub(crate) const NEARLY: f64 = 1.0 - LITTLE;
+/// Share from which a part matters beside the rest of a whole.
+pub(crate) const HALF: f64 = 0.5;
+/// Share of a column or an eigenvalue below which it is a numerical combination of the others. Ten times smaller or larger: nothing.
+pub(crate) const DEGENERATE: f64 = 1e-6;
+/// Fewest values from which a scatter is estimated: its standard uncertainty is then 20 %, 1/sqrt(2 n). Halved: noise and
+/// outlier limits of small classes off by 30 %; doubled: classes below 24 readings fall back on coarser estimates.
+pub(crate) const FEW: usize = 12;
+/// Fewest values from which a spectrum, a power law or a pattern is estimated: 10 %. Halved: chance lines and powers in
+/// captures below 48; doubled: short captures say nothing of vibration.
+pub(crate) const MANY: usize = 4 * FEW;
+/// Repeats that know a slow change or a scatter of their own. Halved: two repeats close in time hide a drift; doubled: ISO 230-2
+/// tests of five passes do not count.
+pub(crate) const REPEATS: usize = 3;
+/// Rounds of two estimates that depend on each other.
+pub(crate) const ROUNDS: usize = 3;
+/// Candidates that are refined, those that come nearest.
+pub(crate) const TRIED: usize = 3;
+/// Effects of one session, candidates looked at in turn, steps of an ascent: bounds the work.
+pub(crate) const MOST: usize = 12;
+/// Blocks of runs over which the agreement of an effect is judged. Twelve: a capture of a real drive, one program, loses its inertial
+/// effects.
+pub(crate) const BLOCKS_MIN: usize = 8;
+/// Share of a column's size that is added to its own product when a fold is left out. A tenth of it: the same.
+pub(crate) const FOLD_RIDGE: f64 = 1e-5;
+/// Travel that makes an axis one that moves, mm and rad; a change of tool length or range that shows their effects.
+pub(crate) const MOVES: [f64; 2] = [1.0, 0.01];
 
 // Decision
 
@@ -31,8 +79,6 @@ pub(crate) const CALIBRATION: Calibration =
 pub(crate) const DECLARED: f64 = 0.6;
 /// Own probability from which it is: below, its name is one of many. Halved: little; doubled: one of three clocks goes unnamed.
 pub(crate) const NAMED: f64 = 0.15;
-/// What is left of the probability of an effect that makes readings left out worse: one in ten of those was at work in blind cases.
-pub(crate) const UNSURE: f64 = 0.1;
 /// Least probability of what was chosen, and of what is listed: in blind cases one in thirty of those that fail is at work.
 pub(crate) const LEAST_PROBABILITY: f64 = 0.03;
 /// Mean relative deviation of an effect before anything is known (exponential prior): what nothing shows twice counts by it.
@@ -43,21 +89,8 @@ pub(crate) const DEVIATIONS: [f64; 7] = [0.0, 0.1, 0.2, 0.35, 0.7, 1.0, 1.4];
 /// Evidence is divided by one plus this share of the gain: no model is exact. The second where the variation over the volume
 /// stands among the noise. Halved: rivals with nearly the same column are excluded; doubled: more set answers.
 pub(crate) const INEXACT: [f64; 2] = [0.008, 0.001];
-/// Share of its gain that a swapped effect must keep to count as the same column. Nearer to 1: fewer set answers.
-pub(crate) const SAME: f64 = 0.97;
 /// The same for a table of positions and a worn place of one axis, whose form nobody knows so well.
 pub(crate) const CURVE_SAME: f64 = 0.85;
-/// Share below which something is little beside something else: what a table says beside a worn place, where an effect acts, the
-/// forecast shrink that explains anything, the chance that there is no discrepancy, readings that may be wild. Halved: worn places
-/// become tables; doubled: single curves are taken for worn places.
-pub(crate) const LITTLE: f64 = 0.05;
-/// Standard deviations from which a value is sure of its sign. Halved: rams whose weights are small are refused.
-pub(crate) const SURE: f64 = 3.0;
-/// Standard deviations of a sum over all readings from which it is no chance, and size in those of the noise from which an effect
-/// is large. Halved: heavy tails are called unexplained.
-pub(crate) const SIGNIFICANT: f64 = 5.0;
-/// Fewest products from which structure is reported. Halved: nothing changes in the generators; doubled: small setups stay silent.
-pub(crate) const COUNT_MIN: usize = 20;
 /// Least share of a column that offsets, rotation and drift of the mounting must leave.
 pub(crate) const SEEN: f64 = 1e-4;
 /// Drift, in standard deviations of the noise, from which it is something to explain. Halved: every tracker drifts.
@@ -87,29 +120,6 @@ pub(crate) const NOISE_SCALES: [f64; 8] = [0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0, 3
 pub(crate) const PRESENT: f64 = -1.0;
 /// Scales of the effect sizes, in standard deviations of the white noise.
 pub(crate) const EFFECT_SCALES: [f64; 5] = [1.0, 4.0, 16.0, 64.0, 256.0];
-/// Distinct places of an axis from which direction and place together may form a discrepancy: with fewer, a width per place is
-/// a backlash that varies, and stays among lack of fit.
-pub(crate) const PLACES_MIN: usize = 12;
-/// Steps of the ascent over the scales of the covariance.
-pub(crate) const ASCENT_MAX: usize = 12;
-/// Components at zero that are tried in one step, those whose likelihood rises most steeply.
-pub(crate) const ASCENDED: usize = 3;
-/// Log evidence below the best at which a set of effects no longer counts.
-pub(crate) const WINDOW: f64 = 7.0;
-/// Sets of effects whose neighbours are visited.
-pub(crate) const EXPANDED: usize = 12;
-/// Effects in one set.
-pub(crate) const SET_MAX: usize = 8;
-/// Standard deviations of a leave-one-out residual from which a reading counts less.
-pub(crate) const TAIL: f64 = 3.5;
-/// One minus the cosine below which two columns are one.
-pub(crate) const ALIKE: f64 = 1e-6;
-/// Probability from which another effect is named as one that the data do not exclude.
-pub(crate) const RIVAL: f64 = 0.03;
-/// Rounds of sets and scales in turn.
-pub(crate) const SETTLING_MAX: usize = 4;
-/// Repetitions from which each may have an offset of its own.
-pub(crate) const CYCLES_MIN: usize = 3;
 /// Place among the scales at which the misform of effects begins in a search of its own.
 pub(crate) const MISFORM_RUNG: usize = 2;
 
@@ -118,45 +128,23 @@ pub(crate) const MISFORM_RUNG: usize = 2;
 /// Readings looked at where the cost grows faster than their number. Source: 6,000 readings in 2 s. Halved: noise of large
 /// sessions 1.4 times less certain; doubled: up to four times the time.
 pub(crate) const ROWS: usize = 4000;
-/// Fewest values from which a scatter is estimated: its standard uncertainty is then 20 %, 1/sqrt(2 n). Halved: noise and
-/// outlier limits of small classes off by 30 %; doubled: classes below 24 readings fall back on coarser estimates.
-pub(crate) const FEW: usize = 12;
-/// Fewest values from which a spectrum, a power law or a pattern is estimated: 10 %. Halved: chance lines and powers in
-/// captures below 48; doubled: short captures say nothing of vibration.
-pub(crate) const MANY: usize = 4 * FEW;
 
 // False alarms
 
 /// Robust standard deviations from which a reading is an outlier; the shoulders of the noise begin at half of it (`TAILS` is
 /// tabulated for these two). Halved: tails of normal noise are left out; doubled: outliers widen the noise.
 pub(crate) const OUTLYING: f64 = 5.5;
-/// Robust standard deviations at which values are clipped: normal noise loses 0.006 %. Halved: noise 4 % too small;
-/// doubled: single outliers count.
-pub(crate) const CLIPPED: f64 = 4.0;
 /// Probability of a line in the spectrum of noise alone. Halved or doubled: lines within 2 % of the limit in power.
 pub(crate) const LINE_CHANCE: f64 = 1e-5;
-/// Twice the log-likelihood by which a drift must be better than none: two parameters, chance 5 %. Halved: drift swallows
-/// slow effects; doubled: drift below the noise passes for effects.
-pub(crate) const DRIFT_GAIN: f64 = 6.0;
-/// Twice the log-likelihood by which repeats contradict a drift: chance 0.7 %. Halved: the drift of a tracker is refused;
-/// doubled: what comes back with every repeat passes for drift.
-pub(crate) const CONTRADICTED: f64 = 10.0;
-/// Repeats of a point that know its slow changes without the effects. Halved: two repeats close in time hide a drift; doubled:
-/// ISO 230-2 tests of five passes do not count.
-pub(crate) const REPEATS: usize = 3;
 
 // Directions and places
 
-/// Cosine from which two readings look the same way. Halved: a circle's readings are compared across directions (their
-/// difference is no noise); closer to 1: circles have no neighbours.
-pub(crate) const SAME_WAY: f64 = 0.9;
-/// The same for a line or a hole of a table, where the direction stands still. Halved: a circle is one line; closer to 1: nothing.
-pub(crate) const SAME_LINE: f64 = 0.99;
 /// Smallest component of the direction of measurement along an axis that it sees. Halved or doubled: effects of an axis that
 /// only oblique readings see are searched for or not.
 pub(crate) const SEES: f64 = 0.2;
-/// Share of a whole below which a part is not reported: of the gap at a place, of the gap that is rounding, of a
-/// probability. Halved or doubled: length of the report.
+/// Share of a whole below which a part is not told: of the gap at a place, of the gap that is rounding, of a probability, of the
+/// noise that a further effect explains or that varies, of the shrink that a forecast can promise. Halved or doubled: length of
+/// the report.
 pub(crate) const TOLD: f64 = 0.02;
 
 // Decimals
@@ -164,9 +152,6 @@ pub(crate) const TOLD: f64 = 0.02;
 /// What the last decimal of a file may hide, um: files have four decimals. Halved: no step is found in files of three;
 /// doubled: steps below 6 nm are none.
 pub(crate) const DECIMALS_UM: f64 = 1.5e-4;
-/// How often each value of two must have been read to prove a step. Halved: chance; doubled: short logs of coarse displays have
-/// no step.
-pub(crate) const READ_EACH: usize = 40;
 /// Least step, in such decimals: below, everything is a multiple. Halved: steps by chance; doubled: 5 nm encoders are not seen
 /// as such.
 pub(crate) const STEP_DECIMALS: f64 = 20.0;
@@ -194,8 +179,6 @@ pub(crate) const LOWEST_HZ: f64 = 1.0;
 
 // Chance effects
 
-/// Fewest readings left out that are a cause. Halved: two chips on a scale are a cause; doubled: rare dropouts are none.
-pub(crate) const OUTLIERS_MIN: usize = 8;
 /// Their least share of all readings. Halved or doubled: rare dropouts in sessions above 5,000 readings.
 pub(crate) const OUTLIERS_SHARE: f64 = 0.0015;
 /// Outliers are a cause where they are this many times as many as heavy tails of the noise would bring, and this many standard
@@ -207,17 +190,8 @@ pub(crate) const ONE_AXIS: [f64; 2] = [0.9, 0.6];
 /// Standard deviations by which noise must grow with the range, and the least power. Halved: uneven noise is called range noise;
 /// doubled: only long ranges show it.
 pub(crate) const RANGE_GROWTH: [f64; 2] = [6.0, 0.2];
-/// Log-likelihood from which the noise of a tracker's angles is a cause. Halved: named beside other noise; doubled: only trackers
-/// with angles far above their length.
-pub(crate) const ANGLE_EVIDENCE: f64 = 24.0;
 /// Least step that is called rounding, um. Halved or doubled: displays of 10 to 40 nm.
 pub(crate) const STEP_UM: f64 = 0.02;
-/// Readings differ from one neighbour by less than this share of what they differ from the other where something has jumped.
-/// Halved: jumps are called outliers; doubled: outliers beside each other are called jumps.
-pub(crate) const ONE_SIDED: f64 = 0.4;
-/// Size in standard deviations of the noise from which rounding and vibration are causes beside it: they then add 8 % and 1 %
-/// to it (amplitude against standard deviation). Halved: both named where nobody sees them; doubled: only where they rule.
-pub(crate) const BESIDE_NOISE: f64 = 0.4;
 /// Probability of a chance effect that has passed its test, and of one whose pattern contradicts it; neither is a posterior.
 /// Halved or doubled: the probability printed.
 pub(crate) const PASSED: [f64; 2] = [0.95, 0.3];
@@ -227,8 +201,6 @@ pub(crate) const PASSED: [f64; 2] = [0.95, 0.3];
 /// Noise that is assumed before anything is measured: white, drift, um, and the drift's time, s. Halved or doubled: nothing but
 /// the share of drift in what a plan sees.
 pub(crate) const ASSUMED: ClassNoise = ClassNoise { white_um: 1.0, drift_um: 0.6, drift_s: 600.0 };
-/// Overlap from which two effects are one to a plan. Halved: all polynomials are one; doubled: no meaning (at most 1).
-pub(crate) const SAME_IN_PLAN: f64 = 0.95;
 /// Share of the travel below which an axis is seen in part only, where a line may be the slope of a curve. Halved: scales over
 /// half of a travel are believed; doubled: no meaning.
 pub(crate) const WHOLE: f64 = 0.75;

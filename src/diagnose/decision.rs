@@ -7,7 +7,7 @@
 //! something is at work that the library lacks, and each of the chosen is a part of it. The coefficients were fitted to blind
 //! cases of two generators and judged on a third one (docs/development/ablation.md).
 
-use super::constants::{CALIBRATION, DECLARED, DEVIATION_EXPECTED, LEAST_PROBABILITY, NAMED, UNSURE};
+use super::constants::{CALIBRATION, DECLARED, DEVIATION_EXPECTED, LEAST_PROBABILITY, LITTLE, NAMED};
 use super::evidence::Contender;
 use super::library::{Kind, Label};
 use super::search::{Figures, Found};
@@ -249,7 +249,7 @@ fn real(e: &Evidence, company: f64, is_doubted: bool) -> f64 {
         - c.deviation * deviation(g)
         - c.session * company
         - c.against * (-g.against).max(0.0);
-    let share = if is_doubted { UNSURE } else { 1.0 } / (1.0 + (-z).exp());
+    let share = if is_doubted { LITTLE } else { 1.0 } / (1.0 + (-z).exp());
     LEAST_PROBABILITY + (1.0 - LEAST_PROBABILITY) * share
 }
 

@@ -4,18 +4,16 @@
 //! The fit of a fold does not see its block (where effects vary over the volume: but for the size of that variation), so what the parameters owe to noise does not count as gain. The interval
 //! also covers that new data have noise, drift and weather of their own.
 
-use super::constants::DRAWS;
+use super::constants::{DRAWS, FOLD_RIDGE, TOLD};
 use super::noise::Random;
 use super::offsets::{peak99, rms, without_offsets};
 use super::prediction_interval::Day;
 use super::report::Shrink;
-use super::search::{FOLD_RIDGE, FOLDS, Problem, fold_of};
+use super::search::{FOLDS, Problem, fold_of};
 use super::session::Session;
 
 /// The interval of the bootstrap is widened by this: new data scatter as much as the old.
 const WIDEN: f64 = 1.25;
-/// Least half width of the interval: no program repeats better.
-const LEAST_HALF: f64 = 0.013;
 
 /// What some columns contribute to every reading of the session, um, fitted without the reading's own fold.
 pub(super) struct Contributions {
@@ -141,7 +139,7 @@ pub(super) fn forecast(
     let nothing = !(0..parts.held_out.len()).any(take);
     let (low, high) = (draws[DRAWS / 20], draws[DRAWS - 1 - DRAWS / 20]);
     let spread = day.spread(rms_before.powi(2), rms_after.powi(2));
-    let half = |v: f64, spread: f64| (WIDEN * v).hypot(LEAST_HALF).hypot(spread);
+    let half = |v: f64, spread: f64| (WIDEN * v).hypot(TOLD).hypot(spread);
     let ci90 = if nothing {
         [0.0, 0.0]
     } else {

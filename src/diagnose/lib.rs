@@ -31,6 +31,7 @@ pub mod session;
 mod spatial_variation;
 mod stochastic;
 
+use constants::{LITTLE, ROUNDS, SIGNIFICANT, SURE};
 use evidence::Comparison;
 use library::{Kind, Library, Without};
 use noise::{ClassNoise, Filter};
@@ -86,11 +87,6 @@ pub struct Options {
     /// The control for which part programs are written.
     pub dialect: Dialect,
 }
-
-/// Rounds of noise, search and noise again.
-const ROUNDS: usize = 3;
-/// The noise has settled when it changes by less than this share.
-const SETTLED: f64 = 0.15;
 
 /// Everything that the search has found.
 struct Analysis {
@@ -209,9 +205,6 @@ fn analyse(session: &mut Session, options: &Options, tell: &mut dyn FnMut(f64, &
     }
 }
 
-/// Weight from which a reading of the comparison is listed as outlying: five standard deviations.
-const OUTLYING: f64 = 2.0;
-
 /// The analysis that a comparison of all sets of effects gives.
 fn compared(
     session: &Session,
@@ -220,7 +213,8 @@ fn compared(
     (gap, lattice_um, white_um): (Vec<f64>, Vec<f64>, &[f64]),
 ) -> Analysis {
     let marked = (0..gap.len()).filter(|i| session.readings[*i].is_marked);
-    let found = comparison.outlying.iter().filter(|(_, w)| *w > OUTLYING).map(|(i, _)| *i);
+    let found =
+        comparison.outlying.iter().filter(|(_, w)| *w > (SIGNIFICANT / SURE).powi(2)).map(|(i, _)| *i);
     let mut outlying: Vec<usize> = marked.chain(found).collect();
     outlying.sort_unstable();
     let mut used = vec![true; gap.len()];
@@ -262,7 +256,7 @@ fn compared(
 }
 
 fn alike(a: &ClassNoise, b: &ClassNoise) -> bool {
-    (a.drift_um - b.drift_um).abs() <= SETTLED * a.white_um.max(a.drift_um.min(b.drift_um))
+    (a.drift_um - b.drift_um).abs() <= LITTLE * a.white_um.max(a.drift_um.min(b.drift_um))
         && (a.drift_um < 0.1 * a.white_um || (a.drift_s / b.drift_s).ln().abs() < 0.5)
 }
 

@@ -4,7 +4,7 @@
 //! Shares by axis, instrument and setup add up to 1; those by position, direction, speed and the like overlap, because
 //! factors move together. Source: `docs/explanation/diagnosis.md` (where).
 
-use super::constants::{SIGNIFICANT, TOLD};
+use super::constants::{FEW, LISTED, SIGNIFICANT, TOLD};
 use super::library::STILL;
 use super::moment::{Axis, Moment};
 use super::report::Place;
@@ -12,11 +12,6 @@ use super::search::Problem;
 use super::session::Session;
 use volcomp_units::RAD_PER_DEG;
 use volcomp_units::axes::AxisKind;
-
-/// Bins of a factor.
-const BINS: usize = 10;
-/// Most places listed.
-const LISTED: usize = 24;
 
 /// A factor: its name, whose, and its value per reading.
 struct Factor {
@@ -73,10 +68,10 @@ fn bins(values: &[f64], rows: &[usize]) -> Option<(Vec<usize>, usize, Vec<f64>)>
     sorted.sort_by(f64::total_cmp);
     let mut different = sorted.clone();
     different.dedup_by(|b, a| (*b - *a).abs() <= 1e-9 * (1.0 + a.abs()));
-    let edges: Vec<f64> = if different.len() <= BINS {
+    let edges: Vec<f64> = if different.len() <= FEW {
         different[1..].iter().zip(&different).map(|(b, a)| 0.5 * (a + b)).collect()
     } else {
-        let mut e: Vec<f64> = (1..BINS).map(|k| sorted[k * sorted.len() / BINS]).collect();
+        let mut e: Vec<f64> = (1..FEW).map(|k| sorted[k * sorted.len() / FEW]).collect();
         e.dedup();
         e
     };

@@ -3,7 +3,7 @@
 use nalgebra::DVector;
 use serde::Serialize;
 
-use super::constants::{ASSUMED, SAME_IN_PLAN};
+use super::constants::{ASSUMED, NEARLY};
 use super::library::{Library, Without};
 use super::noise::Filter;
 use super::report::Unseen;
@@ -79,7 +79,7 @@ fn classes(problem: &Problem, library: &Library, seen: &[usize]) -> Vec<Vec<usiz
                 .filter(|v| !library.variants[**v].shape.has_slope())
                 .map(|v| problem.gain_of(*v, products.as_slice()))
                 .fold(0.0, f64::max);
-            if best > SAME_IN_PLAN * size {
+            if best > NEARLY * size {
                 let (x, y) = (find(&root, *a), find(&root, *b));
                 root[x.max(y)] = x.min(y);
             }

@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::constants::COUNT_MIN;
+use super::constants::{FEW, SIGNIFICANT};
 use super::search::Problem;
 use super::session::Session;
 
@@ -48,24 +48,19 @@ impl Sum {
     }
 }
 
-/// Partners of one point that are compared at most.
-const PARTNERS: usize = 6;
-/// Values are clipped here, in standard deviations, so that single ones do not rule.
-const CLIP: f64 = 6.0;
-
 /// The structure in `e`, whitened, in the problem's order.
 #[must_use]
 pub(super) fn structure(session: &Session, problem: &Problem, e: &[f64]) -> Structure {
-    let clipped: Vec<f64> = e.iter().map(|v| v.clamp(-CLIP, CLIP)).collect();
+    let clipped: Vec<f64> = e.iter().map(|v| v.clamp(-SIGNIFICANT, SIGNIFICANT)).collect();
     let mut all = Sum::default();
     let mut each = vec![Sum::default(); session.setups.len()];
     repeated(session, problem, e, &mut |k, p| {
         all.add(p);
         each[session.readings[problem.rows[k]].setup].add(p);
     });
-    if all.n * 5 >= e.len() && all.n >= COUNT_MIN {
+    if all.n * 5 >= e.len() && all.n >= FEW {
         // what one setup alone shows must not drown in the others
-        let local = each.iter().filter(|s| s.n >= COUNT_MIN).map(Sum::z_of_noise).fold(0.0, f64::max);
+        let local = each.iter().filter(|s| s.n >= FEW).map(Sum::z_of_noise).fold(0.0, f64::max);
         return Structure { variance: all.mean(), z: all.z(), local_z: local, from_repeats: true };
     }
     let (in_time, in_space) = (neighbours(session, problem, &clipped), beside(session, problem, &clipped));
@@ -82,10 +77,10 @@ pub(super) fn repeated(session: &Session, problem: &Problem, e: &[f64], take: &m
     }
     for rows in groups.values() {
         for (a, k) in rows.iter().enumerate() {
-            for j in rows[a + 1..].iter().take(PARTNERS) {
+            for j in rows[a + 1..].iter().take(FEW) {
                 let (first, second) = (problem.rows[*k], problem.rows[*j]);
                 if session.readings[first].repeat != session.readings[second].repeat {
-                    take(*k, e[*k].clamp(-CLIP, CLIP) * e[*j].clamp(-CLIP, CLIP));
+                    take(*k, e[*k].clamp(-SIGNIFICANT, SIGNIFICANT) * e[*j].clamp(-SIGNIFICANT, SIGNIFICANT));
                 }
             }
         }
@@ -105,7 +100,7 @@ fn beside(session: &Session, problem: &Problem, e: &[f64]) -> Structure {
         sum += p;
         square += p * p;
     }
-    if pairs.len() < COUNT_MIN {
+    if pairs.len() < FEW {
         return Structure { variance: 0.0, z: 0.0, local_z: 0.0, from_repeats: false };
     }
     Structure {
@@ -132,7 +127,7 @@ fn neighbours(session: &Session, problem: &Problem, e: &[f64]) -> Structure {
             }
         }
     }
-    if n < COUNT_MIN {
+    if n < FEW {
         return Structure { variance: 0.0, z: 0.0, local_z: 0.0, from_repeats: false };
     }
     Structure {

@@ -1,7 +1,6 @@
 //! The search for causes, and the same again where effects are not the same everywhere.
 
-use super::assessment::cancels;
-use super::constants::LITTLE;
+use super::constants::{LITTLE, TRIED};
 use super::contributions_um;
 use super::library::{Library, Shape, forms};
 use super::noise::Filter;
@@ -24,9 +23,7 @@ pub(super) fn find_causes(
         selection.search(problem, library);
     }
     if !selection.is_plain {
-        refine_worn(problem, session, filter, library, selection);
         search::one_worn_place(problem, session, filter, library, selection);
-        search::one_delay(problem, library, selection);
         selection.single_out(problem, library);
     }
     for place in 0..selection.chosen.len() {
@@ -37,7 +34,6 @@ pub(super) fn find_causes(
         for place in 0..selection.chosen.len() {
             search::challenge(problem, session, filter, library, selection, place);
         }
-        search::one_tilt(problem, session, filter, library, selection);
         selection.swap(problem, library);
         selection.search(problem, library);
         selection.single_out(problem, library);
@@ -48,33 +44,8 @@ pub(super) fn find_causes(
     selection.chosen.iter().for_each(|v| problem.prepare(*v));
 }
 
-/// Gives worn places the form that they have without the table of the same axis, which can say any of them: the grid's must not
-/// decide between the two.
-fn refine_worn(
-    problem: &mut Problem,
-    session: &Session,
-    filter: &Filter,
-    library: &mut Library,
-    selection: &Selection,
-) {
-    for worn in selection.chosen.clone() {
-        let Shape::Wear(forms::Wear { axis, .. }) = library.variants[worn].shape else { continue };
-        let is_table = |v: &usize| {
-            let shape = &library.variants[*v].shape;
-            matches!(shape, Shape::Polynomial(forms::Polynomial { along, over, .. }) if *along == axis && *over == axis)
-        };
-        let beside: Vec<usize> = selection.chosen.iter().copied().filter(|v| !is_table(v)).collect();
-        let place = beside.iter().position(|v| *v == worn).filter(|_| beside.len() < selection.chosen.len());
-        if let Some(place) = place {
-            search::refine(problem, session, filter, library, &beside, place);
-        }
-    }
-    selection.chosen.iter().for_each(|v| problem.prepare(*v));
-}
-
 /// Share of the energy of the largest from which effects are asked whether they vary, and the most that are asked.
 const ASKED: f64 = 0.2;
-const ASKED_MAX: usize = 3;
 
 /// An effect with what it contributes to every row of the session, um, and how much a variation of it would show.
 struct Contribution {
@@ -102,7 +73,7 @@ fn by_energy(
 }
 
 /// Where effects are not the same everywhere, what varies joins the noise, and causes are looked for again. It stays so as
-/// long as this says more than what was found before, and without power series that cancel themselves.
+/// long as this says more than what was found before.
 pub(super) fn allow_for_variation(
     problem: &mut Problem,
     session: &Session,
@@ -118,7 +89,7 @@ pub(super) fn allow_for_variation(
         let all = by_energy((session, filter, problem, library), &core, share);
         core = all.iter().map(|c| c.variant).collect();
         let least = ASKED * all.first().map_or(0.0, |c| c.energy);
-        let asked = all.into_iter().take(ASKED_MAX).filter(|c| c.energy >= least);
+        let asked = all.into_iter().take(TRIED).filter(|c| c.energy >= least);
         let parts: Vec<Vec<f64>> = asked.map(|c| c.part).collect();
         if problem.variation().is_some() {
             problem.vary(None);
@@ -141,7 +112,7 @@ pub(super) fn allow_for_variation(
             find_causes(problem, session, filter, library, selection);
         }
         let now = Found::of(problem, library, selection, square);
-        if now.evidence < best.evidence || now.cancels && !best.cancels {
+        if now.evidence < best.evidence {
             best.restore(problem, session, filter, library, selection);
             break;
         }
@@ -178,8 +149,6 @@ struct Found {
     variation: Option<Variation>,
     /// Twice the logarithm of a likelihood, with all prices.
     evidence: f64,
-    /// A power series cancels itself.
-    cancels: bool,
 }
 
 impl Found {
@@ -190,7 +159,6 @@ impl Found {
             square - problem.y.norm_squared() - variation.as_ref().map_or(0.0, Variation::log_variance);
         Self {
             evidence: selection.evidence(problem, library) + varies,
-            cancels: cancels(problem, library, selection),
             selection: selection.clone(),
             library: library.clone(),
             variation,

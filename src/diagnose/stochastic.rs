@@ -4,8 +4,8 @@
 use std::collections::BTreeMap;
 
 use super::constants::{
-    ANGLE_EVIDENCE, BESIDE_NOISE, BEYOND_TAILS, LINE_CHANCE, ONE_AXIS, ONE_SIDED, OUTLIERS_MIN,
-    OUTLIERS_SHARE, PASSED, RANGE_GROWTH, STEP_UM, TOLD,
+    BEYOND_TAILS, FEW, HALF, LINE_CHANCE, ONE_AXIS, OUTLIERS_SHARE, PASSED, RANGE_GROWTH, STEP_UM, STRONG,
+    TOLD,
 };
 use super::library::{Effect, Kind, Label, Without};
 use super::noise::{ClassNoise, Tone, angle_noise, pair_residuals, range_noise, tails, tone};
@@ -39,13 +39,13 @@ impl Evidence<'_> {
 
 /// What shakes the machine, by what is left of its readings beside all that was found.
 fn shaking(session: &Session, rows: &[usize], left: &[f64], beside: &[f64]) -> Option<Tone> {
-    tone(session, rows, left, beside).filter(|t| t.chance < LINE_CHANCE && 2.0 * t.amplitude > BESIDE_NOISE)
+    tone(session, rows, left, beside).filter(|t| t.chance < LINE_CHANCE && 2.0 * t.amplitude > HALF)
 }
 
 /// Scatter by the rounding of a display with this step, um, where it is a cause beside the noise.
 fn rounding(step_um: f64, noise: &ClassNoise) -> Option<f64> {
     let own = step_um / 12f64.sqrt();
-    (step_um >= STEP_UM && own >= BESIDE_NOISE * noise.white_um).then_some(own)
+    (step_um >= STEP_UM && own >= HALF * noise.white_um).then_some(own)
 }
 
 fn cause(effect: &'static str, probability: f64, parameters: &[(&str, f64, f64)]) -> Cause {
@@ -86,7 +86,7 @@ fn in_blocks(e: &Evidence<'_>) -> f64 {
     }
     let is_jump = |w: &&[usize]| {
         let [before, after] = [w[0], w[2]].map(|j| (apart[w[1]] - apart[j]).abs());
-        !e.used[w[1]] && before.min(after) < ONE_SIDED * before.max(after)
+        !e.used[w[1]] && before.min(after) < HALF * before.max(after)
     };
     let jumps = rows.values().flat_map(|r| r.windows(3)).filter(is_jump).count();
     jumps as f64 / e.outlying.len().max(1) as f64
@@ -110,7 +110,7 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
     let mut found = Vec::new();
     let n = e.gap.len();
     let outlying = e.outlying.len();
-    let many = outlying >= OUTLIERS_MIN && outlying as f64 >= OUTLIERS_SHARE * n as f64;
+    let many = outlying >= FEW && outlying as f64 >= OUTLIERS_SHARE * n as f64;
     if many && beyond_tails(e) {
         let share = outlying as f64 / n as f64;
         let std = (share / n as f64).sqrt();
@@ -149,7 +149,7 @@ pub(super) fn causes(e: &Evidence<'_>, without: &[Without]) -> Vec<Cause> {
         .filter(|r| r.exponent > RANGE_GROWTH[1] && r.exponent > RANGE_GROWTH[0] * r.std)
         .map(|r| ("exponent_1", r.exponent, r.std));
     let by_angle = || {
-        let a = angle_noise(e.session, &residuals).filter(|a| a.evidence > ANGLE_EVIDENCE)?;
+        let a = angle_noise(e.session, &residuals).filter(|a| a.evidence > STRONG)?;
         Some(("across_um_per_m", a.um_per_m, 0.5 * a.um_per_m / a.evidence.sqrt()))
     };
     if let Some(parameter) = by_range.or_else(by_angle) {

@@ -50,7 +50,10 @@ fn both_sides_answer_in_every_mode() {
         let [bare, daemon] = ["echo", "volcompd"].map(|side| number(&round[side], "roundtrip_us_p10"));
         let most = 3.0 * (bare + computed);
         // far below the echo nothing was sent at all
-        assert!((0.1 * bare..most).contains(&daemon), "{mode}: {daemon} us, bare echo {bare} us, limit {most} us");
+        assert!(
+            (0.1 * bare..most).contains(&daemon),
+            "{mode}: {daemon} us, bare echo {bare} us, limit {most} us"
+        );
     }
     // the daemon has counted what was sent to it
     let sent =

@@ -4,7 +4,7 @@ use std::collections::{BTreeMap, BTreeSet};
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use super::super::constants::{CYCLES_MIN, LENGTHS, PLACES_MIN, TIMES};
+use super::super::constants::{FEW, LENGTHS, REPEATS, TIMES};
 use super::super::library::Shape;
 use super::super::moment::{Moment, SLOTS};
 use super::super::session::{Session, has_rotation};
@@ -73,7 +73,7 @@ impl Structure {
     /// direction, anything else by a factor that varies smoothly over the place. `part` is what it does at each reading.
     pub fn misform(&mut self, label: usize, shape: &Shape, part: &DVector<f64>) {
         // at one place a factor over the place is the size of the effect itself
-        if self.places <= PLACES_MIN {
+        if self.places <= FEW {
             return;
         }
         let n = part.len();
@@ -157,7 +157,7 @@ impl Structure {
         }
         // repetitions hold both directions; passes of their own would take a reversal for offsets
         let cycles: BTreeSet<(usize, i64)> = (0..n).map(|k| (reading(k).setup, reading(k).repeat)).collect();
-        if cycles.len() > CYCLES_MIN {
+        if cycles.len() > REPEATS {
             let same = |i: usize, j: usize| {
                 if same_setup(i, j) && reading(i).repeat == reading(j).repeat { u(i, j) } else { 0.0 }
             };
@@ -174,7 +174,7 @@ impl Structure {
         let places = places(&means, &moving);
         for (l, length) in LENGTHS.iter().enumerate() {
             let near = |i: usize, j: usize| (-distance(i, j) / length).exp();
-            if !along_itself && places > PLACES_MIN {
+            if !along_itself && places > FEW {
                 components.push((Component::Place(l), build(&|i, j| u(i, j) * near(i, j))));
             }
             let directed = |s: &usize| {
@@ -182,7 +182,7 @@ impl Structure {
                 signs.iter().any(|v| *v > 0.0) && signs.iter().any(|v| *v < 0.0)
             };
             let turning: Vec<usize> = moving.iter().copied().filter(directed).collect();
-            if !turning.is_empty() && places > PLACES_MIN {
+            if !turning.is_empty() && places > FEW {
                 let product = |i: usize, j: usize| {
                     turning.iter().map(|s| at(i).direction[*s] * at(j).direction[*s]).sum::<f64>()
                         / turning.len() as f64
@@ -195,7 +195,7 @@ impl Structure {
                 .map(|s| (*s, (0..n).map(|k| at(k).velocity[*s].abs()).fold(0.0, f64::max)))
                 .filter(|(_, v)| *v > 1e-6)
                 .collect();
-            if !fastest.is_empty() && places > PLACES_MIN {
+            if !fastest.is_empty() && places > FEW {
                 let product = |i: usize, j: usize| {
                     fastest
                         .iter()

@@ -6,7 +6,7 @@ use std::rc::Rc;
 
 use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 
-use super::super::constants::{ALIKE, EFFECT_SCALES, SEEN};
+use super::super::constants::{DEGENERATE, EFFECT_SCALES, SEEN};
 use super::covariance::Covariance;
 
 /// Columns of all variants before whitening, each scaled to a root mean square of 1 um.
@@ -281,5 +281,5 @@ fn is_alike(seen: &DMatrix<f64>, (a, k): (usize, usize), (b, l): (usize, usize))
     }
     let (a, b) = (seen.column(a), seen.column(b));
     let size = a.norm() * b.norm();
-    size > 0.0 && a.dot(&b).abs() > (1.0 - ALIKE) * size
+    size > 0.0 && a.dot(&b).abs() > (1.0 - DEGENERATE) * size
 }

@@ -5,7 +5,8 @@ use std::collections::{BTreeMap, BTreeSet};
 use nalgebra::{DMatrix, DVector};
 
 use super::super::constants::{
-    EFFECT_SCALES, LITTLE, MISFORM_RUNG, NOISE_SCALES, RIVAL, SETTLING_MAX, SIGNIFICANT, TAIL, TIMES, WINDOW,
+    EFFECT_SCALES, LEAST_PROBABILITY, LITTLE, MISFORM_RUNG, NOISE_SCALES, ROUNDS, SIGNIFICANT, STRONG, SURE,
+    TIMES,
 };
 use super::super::library::{Kind, Library, Shape};
 use super::super::search::raw_columns;
@@ -148,7 +149,7 @@ impl Search {
     fn settle(&mut self, start: Rungs, set: Vec<Member>) -> Option<(Rungs, Vec<Member>, f64)> {
         let (mut rungs, mut members) = (start, set);
         let mut best: Option<(Rungs, Vec<Member>, f64)> = None;
-        for _ in 0..SETTLING_MAX {
+        for _ in 0..ROUNDS {
             let (found, weight) = self.climb(&rungs, &members)?;
             if best.as_ref().is_none_or(|b| weight > b.2) {
                 best = Some((rungs.clone(), found.clone(), weight));
@@ -191,7 +192,7 @@ impl Search {
         let (_, sets) = self.visited.get(rungs)?;
         let most = sets.values().map(|v| v.log_weight).fold(f64::NEG_INFINITY, f64::max);
         let likely: Vec<Vec<Member>> =
-            sets.values().filter(|v| v.log_weight > most - WINDOW).map(|v| v.members.clone()).collect();
+            sets.values().filter(|v| v.log_weight > most - STRONG).map(|v| v.members.clone()).collect();
         let variants = likely.iter().flatten().map(|m| m.variant).collect();
         let columns = self.columns.only(&variants);
         let mut cases: BTreeSet<Rungs> = self.visited.keys().cloned().collect();
@@ -234,7 +235,7 @@ impl Search {
             }
         }
         let best = all.values().map(|v| v.1).fold(f64::NEG_INFINITY, f64::max);
-        all.retain(|_, v| v.1 > best - 2.0 * WINDOW);
+        all.retain(|_, v| v.1 > best - 2.0 * STRONG);
         all
     }
 }
@@ -344,14 +345,14 @@ fn tails(search: &Search, rungs: &Rungs, members: &[Member]) -> Option<Vec<(usiz
     let mut all: Vec<(usize, f64)> = (0..n)
         .filter(|k| precision[*k] > 1e-9)
         .map(|k| (k, (pulled[k] / precision[k].sqrt() / sigma).abs()))
-        .filter(|(_, t)| *t > TAIL)
+        .filter(|(_, t)| *t > SURE)
         .collect();
     all.sort_by(|a, b| b.1.total_cmp(&a.1));
     if all.len() > (LITTLE * n as f64).ceil() as usize {
         return Some(Vec::new());
     }
     all.sort_by_key(|(k, _)| *k);
-    Some(all.into_iter().map(|(k, t)| (k, (t / TAIL).powi(2).max(1.0))).collect())
+    Some(all.into_iter().map(|(k, t)| (k, (t / SURE).powi(2).max(1.0))).collect())
 }
 
 fn conclude(search: &Search, rungs: Rungs, outlying: Vec<(usize, f64)>) -> Option<Comparison> {
@@ -455,7 +456,7 @@ fn rivals(
     let base = gram.condition(columns, &rest);
     let taken: Vec<usize> = best.iter().map(|m| columns.label[m.variant]).collect();
     let mut all = Vec::new();
-    for (other, p) in probability.iter().filter(|(l, p)| !taken.contains(l) && **p > RIVAL) {
+    for (other, p) in probability.iter().filter(|(l, p)| !taken.contains(l) && **p > LEAST_PROBABILITY) {
         let Some(addition) = gram.addition(columns, &base, *other) else { continue };
         let with: Vec<Member> = rest.iter().copied().chain([addition.member]).collect();
         let both: Vec<Member> = with.iter().copied().chain(own.iter().copied()).collect();

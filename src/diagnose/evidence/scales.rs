@@ -4,7 +4,7 @@ use std::collections::BTreeMap;
 
 use nalgebra::{Cholesky, DMatrix, DVector};
 
-use super::super::constants::{ASCENDED, ASCENT_MAX, NOISE_SCALES, PRESENT};
+use super::super::constants::{MOST, NOISE_SCALES, PRESENT, TRIED};
 use super::covariance::{Basis, Structure};
 
 /// Place of the scale of each component in [`NOISE_SCALES`].
@@ -100,12 +100,12 @@ impl Target<'_> {
         };
         let mut best = start.to_vec();
         let mut most = value(&best);
-        for _ in 0..ASCENT_MAX {
+        for _ in 0..MOST {
             let Some(slopes) = self.slopes(&best) else { break };
             let mut steep: Vec<usize> =
                 (0..best.len()).filter(|c| best[*c] == 0 && slopes[*c] > 0.0).collect();
             steep.sort_by(|a, b| slopes[*b].total_cmp(&slopes[*a]));
-            steep.truncate(ASCENDED);
+            steep.truncate(TRIED);
             let mut tried: Vec<(usize, usize)> = Vec::new();
             for (c, now) in best.iter().copied().enumerate() {
                 if now > 0 {

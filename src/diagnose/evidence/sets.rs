@@ -2,7 +2,7 @@
 
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::super::constants::{EXPANDED, SET_MAX, WINDOW};
+use super::super::constants::{MOST, STRONG};
 use super::gram::{Columns, Gram, Member};
 
 /// A set of labels with the best variant and scale of each.
@@ -70,7 +70,7 @@ pub(super) fn climb(gram: &Gram, columns: &Columns, start: &[Member], sets: &mut
     let mut weight = own_weight(gram, columns, &members);
     visit(sets, columns, &members, weight);
     loop {
-        while members.len() < SET_MAX
+        while members.len() < MOST
             && let Some((with, w)) = grow(gram, columns, &members, sets)
             && w > weight + 1e-6
         {
@@ -112,16 +112,16 @@ pub(super) fn extra(columns: &Columns, members: &[Member]) -> f64 {
 /// Visits the neighbours of all sets that count, the likeliest first.
 pub(super) fn explore(gram: &Gram, columns: &Columns, sets: &mut Sets) {
     let mut done: BTreeSet<Vec<usize>> = BTreeSet::new();
-    for _ in 0..EXPANDED {
+    for _ in 0..MOST {
         let best = sets.values().map(|v| v.log_weight).fold(f64::NEG_INFINITY, f64::max);
         let next = sets
             .iter()
-            .filter(|(k, v)| v.log_weight > best - WINDOW && !done.contains(*k))
+            .filter(|(k, v)| v.log_weight > best - STRONG && !done.contains(*k))
             .max_by(|a, b| a.1.log_weight.total_cmp(&b.1.log_weight))
             .map(|(k, v)| (k.clone(), v.members.clone()));
         let Some((labels, members)) = next else { return };
         done.insert(labels);
-        if members.len() < SET_MAX {
+        if members.len() < MOST {
             grow(gram, columns, &members, sets);
         }
         for k in 0..members.len() {

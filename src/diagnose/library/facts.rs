@@ -2,14 +2,12 @@
 
 use std::collections::BTreeMap;
 
-use super::super::constants::SEES;
+use super::super::constants::{MOVES, SEES};
 use super::super::moment::{Axis, Light, Moment, SLOTS};
 use super::super::session::{Session, is_encoder};
 use super::STILL;
 use volcomp_effects::data::Data;
 
-/// Smallest change of a tool length or a range that shows their effects, mm.
-const LONGER_MM: f64 = 1.0;
 /// Positions that differ by less are one, um.
 const SAME_UM: f64 = 1.0;
 
@@ -39,9 +37,9 @@ pub(super) fn data(s: &Session) -> Data {
         forces: core::array::from_fn(|i| changes(STILL, &|m| m.force_n[i])),
         sees: core::array::from_fn(|i| any(&|m| m.u[i].abs() > SEES)),
         positions: Axis::LINEAR.map(|a| if moved[a.slot()] { positions(s, a) } else { Vec::new() }),
-        tools: changes(LONGER_MM, &|m| m.tool_length_mm),
+        tools: changes(MOVES[0], &|m| m.tool_length_mm),
         lengths: any(&|m| m.tool_length_mm.is_finite()),
-        ranges: changes(LONGER_MM, &|m| m.range_mm),
+        ranges: changes(MOVES[0], &|m| m.range_mm),
         lights: Light::ALL.into_iter().filter(|l| any(&|m| m.light == Some(*l))).collect(),
         stations: any(&|m| m.station_mm.iter().all(|v| v.is_finite())),
         one_setup: s.setups.len() == 1,

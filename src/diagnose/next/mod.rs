@@ -5,7 +5,7 @@ mod program;
 pub use self::program::Dialect;
 
 use self::program::Program;
-use super::constants::TOLD;
+use super::constants::{MOST, TOLD};
 use super::library::{Effect, Kind, Library, Measurement as Motion};
 use super::report::{Cause, Next, Unexplained};
 use super::session::Session;
@@ -18,8 +18,6 @@ const PREPARE_MIN: f64 = 30.0;
 const PLACE_S: f64 = 10.0;
 /// Effects named that a measurement shows and these data cannot.
 const UNSEEN_NAMED: usize = 4;
-/// Most measurements listed.
-const LISTED: usize = 8;
 
 /// A measurement of the catalogue.
 struct Measurement {
@@ -243,6 +241,6 @@ pub(super) fn next(
         }
     }
     all.sort_by(|a, b| b.information.total_cmp(&a.information).then(a.action.cmp(&b.action)));
-    all.truncate(LISTED);
+    all.truncate(MOST);
     all
 }

@@ -6,9 +6,7 @@
 
 use std::collections::BTreeMap;
 
-use super::super::constants::{
-    CONTRADICTED, DECIMALS_UM, DRIFT_GAIN, FEW, MANY, NOISE_SHARE, REPEATS, ROWS, SAME_WAY,
-};
+use super::super::constants::{DECIMALS_UM, FEW, MANY, NEARLY, NOISE_SHARE, REPEATS, ROWS, STRONG};
 use super::super::session::{Session, is_encoder};
 use super::{ClassNoise, Filter, clipped_deviation};
 
@@ -45,7 +43,7 @@ fn white(session: &Session, class: usize, residuals: &[f64], gap: &[f64], used: 
     let paired: Vec<usize> = rows.iter().copied().filter(|i| residuals[*i].is_finite()).collect();
     let similar = |a: usize, b: usize| {
         session.readings[a].run == session.readings[b].run
-            && session.moments[a].u.dot(&session.moments[b].u) > SAME_WAY
+            && session.moments[a].u.dot(&session.moments[b].u) > NEARLY
     };
     if paired.len() >= 16 {
         // rows of one direction follow each other at most three apart (a reading in three directions)
@@ -151,7 +149,7 @@ fn drift(
             } else {
                 (filter.minus_two_log(&e), 1.0)
             };
-            let wanted = if ratio > 0.0 && best.1.drift_um == 0.0 { DRIFT_GAIN } else { 1e-9 };
+            let wanted = if ratio > 0.0 && best.1.drift_um == 0.0 { STRONG } else { 1e-9 };
             if score < best.0 - wanted && known.is_none_or(|k| k.allow(trial)) {
                 best = (
                     score,
@@ -294,7 +292,7 @@ impl<'a> Repeated<'a> {
 
     /// True where the repeats do not contradict a drift.
     fn allow(&self, drift: ClassNoise) -> bool {
-        self.score(drift) <= self.best + CONTRADICTED
+        self.score(drift) <= self.best + STRONG
     }
 }
 

@@ -12,7 +12,7 @@ mod vibration_spectrum;
 
 use std::collections::BTreeMap;
 
-use super::constants::CLIPPED;
+use super::constants::SIGNIFICANT;
 use super::session::Session;
 
 pub use classes::{from_remainder, from_repeats, pair_residuals};
@@ -62,7 +62,7 @@ pub fn clipped_deviation(values: &[f64]) -> f64 {
     }
     let mut sizes: Vec<f64> = values.iter().map(|v| v.abs()).collect();
     let robust = MAD * median(&mut sizes);
-    let limit = if robust > 0.0 { CLIPPED * robust } else { f64::INFINITY };
+    let limit = if robust > 0.0 { SIGNIFICANT * robust } else { f64::INFINITY };
     let sum: f64 = values.iter().map(|v| v.abs().min(limit)).map(|v| v * v).sum();
     (sum / values.len() as f64).sqrt()
 }

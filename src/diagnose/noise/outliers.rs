@@ -1,13 +1,11 @@
 //! Single wild readings, from repeats or from neighbours.
 
-use super::super::constants::{FEW, OUTLYING, SAME_WAY};
+use super::super::constants::{FEW, NEARLY, OUTLYING, ROUNDS};
 use super::super::session::Session;
 use super::{MAD, median, repeats_of};
 
 /// Readings on both sides whose median is taken as the slow part.
 const NEIGHBOURS: usize = 4;
-/// Rounds of search.
-const ROUNDS: usize = 3;
 
 /// Readings that lie apart from their partners in other repeats, beyond the slow drift between repeats. `lattice_um` is the
 /// rounding of each class: what lies a step apart is rounded, not wild.
@@ -154,7 +152,7 @@ fn beyond_of(shoulder: f64) -> f64 {
 fn slow(session: &Session, apart: &[f64], rows: &[usize], k: usize) -> f64 {
     let same = |j: &&usize| {
         session.readings[**j].run == session.readings[rows[k]].run
-            && session.moments[**j].u.dot(&session.moments[rows[k]].u) > SAME_WAY
+            && session.moments[**j].u.dot(&session.moments[rows[k]].u) > NEARLY
     };
     let before = rows[..k].iter().rev().take(3 * NEIGHBOURS).filter(same).take(NEIGHBOURS);
     let after = rows[k + 1..].iter().take(3 * NEIGHBOURS).filter(same).take(NEIGHBOURS);
@@ -176,7 +174,7 @@ fn is_the_wild_one(session: &Session, gap: &[f64], i: usize) -> bool {
 fn bend(session: &Session, gap: &[f64], i: usize) -> f64 {
     let same = |j: &usize| {
         session.readings[*j].run == session.readings[i].run
-            && session.moments[*j].u.dot(&session.moments[i].u) > SAME_WAY
+            && session.moments[*j].u.dot(&session.moments[i].u) > NEARLY
     };
     let before = (0..i).rev().take(NEIGHBOURS).find(same);
     let after = (i + 1..gap.len()).take(NEIGHBOURS).find(same);

@@ -1,6 +1,6 @@
 //! Rounding: readings that are whole multiples of one step.
 
-use super::super::constants::{DECIMALS_UM, READ_EACH, ROWS, STEP_DECIMALS};
+use super::super::constants::{DECIMALS_UM, MANY, ROWS, STEP_DECIMALS};
 use super::super::session::Session;
 use super::pair_residuals;
 
@@ -51,7 +51,7 @@ fn steps(classes: &[Class]) -> Vec<f64> {
 
 /// How many different readings prove a step.
 fn needed(class: &Class, levels: usize) -> usize {
-    let is_read_often = class.deviations_um.len() >= READ_EACH * levels;
+    let is_read_often = class.deviations_um.len() >= MANY * levels;
     if class.is_restless && is_read_often { DIFFERENT_OF_MANY } else { DIFFERENT }
 }
 

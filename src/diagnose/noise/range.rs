@@ -2,7 +2,7 @@
 
 use std::collections::BTreeMap;
 
-use super::super::constants::{CLIPPED, FEW};
+use super::super::constants::{FEW, HALF, SIGNIFICANT};
 use super::super::library::line_of_sight;
 use super::super::moment::Moment;
 use super::super::session::Session;
@@ -99,10 +99,6 @@ pub struct AngleNoise {
     pub evidence: f64,
 }
 
-/// Least share of the variance that the angles must have.
-const SHARE: f64 = 0.3;
-/// What a direction may explain better by a noise of its own, in units of `AngleNoise::evidence`: then it is no line of sight.
-const DIRECTIONS: f64 = 0.5;
 /// Least square of a distance across as a share of the largest, in one direction, from which an instrument saw one place only.
 const ELSEWHERE: f64 = 0.8;
 
@@ -144,7 +140,7 @@ fn across_m2(m: &Moment) -> Option<f64> {
 fn by_angle(rows: &[(f64, f64)], axes: &[usize]) -> Option<(f64, f64)> {
     let n = rows.len() as f64;
     let mean = rows.iter().map(|r| r.0).sum::<f64>() / n;
-    let most = CLIPPED * CLIPPED * mean;
+    let most = SIGNIFICANT * SIGNIFICANT * mean;
     let squares: Vec<f64> = rows.iter().map(|r| r.0.min(most)).collect();
     let far = rows.iter().map(|r| r.1).sum::<f64>() / n;
     if far <= 0.0 || mean <= 0.0 {
@@ -169,8 +165,8 @@ fn by_angle(rows: &[(f64, f64)], axes: &[usize]) -> Option<(f64, f64)> {
         .collect();
     let by_axis = likelihood(&|k| own[axes[k]]);
     let evidence = best - even;
-    let is_a_direction = by_axis - best > DIRECTIONS * evidence;
-    (share >= SHARE && !is_a_direction).then(|| ((mean * share / far).sqrt(), evidence))
+    let is_a_direction = by_axis - best > HALF * evidence;
+    (share >= HALF && !is_a_direction).then(|| ((mean * share / far).sqrt(), evidence))
 }
 
 #[cfg(test)]

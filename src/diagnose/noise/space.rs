@@ -3,7 +3,7 @@
 
 use std::collections::BTreeSet;
 
-use super::super::constants::{ROWS, SAME_LINE};
+use super::super::constants::{NEARLY, ROWS};
 use super::super::session::Session;
 use super::median;
 
@@ -27,7 +27,7 @@ pub fn neighbours(session: &Session, rows: &[usize]) -> Vec<(usize, usize)> {
     let alike = |a: usize, b: usize| {
         session.readings[a].setup == session.readings[b].setup
             && session.readings[a].instrument == session.readings[b].instrument
-            && session.moments[a].u.dot(&session.moments[b].u) > SAME_LINE
+            && session.moments[a].u.dot(&session.moments[b].u) > NEARLY
     };
     let mut pairs = BTreeSet::new();
     let (mut near, mut following) = (Vec::new(), Vec::new());

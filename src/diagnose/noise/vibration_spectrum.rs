@@ -3,7 +3,7 @@
 use core::f64::consts::TAU;
 use std::collections::{BTreeMap, BTreeSet};
 
-use super::super::constants::{CREEP, LOWEST_HZ, MANY, SAME_LINE};
+use super::super::constants::{CREEP, LOWEST_HZ, MANY, NEARLY};
 use super::super::moment::SLOTS;
 use super::super::session::{Session, Times, is_encoder};
 use volcomp_model::statistics::chi_square_upper;
@@ -71,7 +71,7 @@ fn directions<'a>(session: &Session, run: &'a [(f64, f64, usize)]) -> Vec<Vec<&'
     let mut lines: Vec<Vec<&(f64, f64, usize)>> = Vec::new();
     for sample in run {
         let u = session.moments[sample.2].u;
-        let same = lines.iter().position(|l| session.moments[l[0].2].u.dot(&u) > SAME_LINE);
+        let same = lines.iter().position(|l| session.moments[l[0].2].u.dot(&u) > NEARLY);
         match same {
             Some(line) => lines[line].push(sample),
             // a capture looks along three

@@ -40,7 +40,6 @@ pub(super) fn causes(
         }
         all.push(cause(x, a, parameters, shrink));
     }
-    mark_sums(assessed, a, &mut all);
     let mut others: BTreeMap<String, (f64, &Label, &Assessed)> = BTreeMap::new();
     for x in assessed {
         for (label, p) in x.alternatives.iter().filter(|(_, p)| *p >= LEAST_PROBABILITY) {
@@ -112,29 +111,6 @@ fn tests(x: &Assessed, a: &Analysis) -> Tests {
         against: x.figures.against,
         breadth: x.figures.breadth,
         share: x.share,
-    }
-}
-
-/// Equal lags of all axes are a common delay.
-fn mark_sums(assessed: &[Assessed], a: &Analysis, causes: &mut [Cause]) {
-    let moving = a.library.labels.iter().filter(|l| l.effect == "servo-mismatch").count();
-    let lags: Vec<usize> =
-        (0..assessed.len()).filter(|i| assessed[*i].label.effect == "servo-mismatch").collect();
-    if lags.len() < 2 || lags.len() < moving {
-        return;
-    }
-    let values: Vec<f64> =
-        lags.iter().filter_map(|i| causes[*i].parameters.get("lag_ms")).map(|v| v.value).collect();
-    let mean = values.iter().sum::<f64>() / values.len() as f64;
-    if values.iter().all(|v| (v - mean).abs() < 0.1 * mean.abs()) {
-        for i in lags {
-            causes[i].re_expression_of = vec!["latency".to_owned(), "clock-skew".to_owned()];
-            for other in ["latency", "clock-skew"] {
-                if !causes[i].confounded_with.iter().any(|c| c == other) {
-                    causes[i].confounded_with.push(other.to_owned());
-                }
-            }
-        }
     }
 }
 

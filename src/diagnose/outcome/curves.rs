@@ -7,7 +7,7 @@
 use std::collections::BTreeMap;
 
 use super::super::Analysis;
-use super::super::constants::{LITTLE, NINETY};
+use super::super::constants::{HALF, LITTLE, MANY, NINETY};
 use super::super::decision::Assessed;
 use super::super::moment::{Axis, Moment};
 use super::super::noise::Random;
@@ -18,12 +18,8 @@ use super::{Curve, Fitted, FittedLine};
 
 /// Points of a picture at most.
 const POINTS: usize = 600;
-/// Values of the abscissa that are drawn as they are; more are averaged in so many groups of equal size.
-const PLACES: usize = 60;
 /// Least component of the direction of measurement along the direction drawn.
 const ALONG: f64 = 0.7;
-/// Least weight of a reading as a share of the weight that is drawn: its residual is divided by it.
-const WEIGHT_LEAST: f64 = 0.4;
 /// Scatter of the fitted values about their line, as a share of the effect, that is worth a note.
 const SCATTER_NOTED: f64 = 0.25;
 /// Lines of a picture at most.
@@ -112,7 +108,7 @@ fn shown(
             residual[*i].is_finite()
                 && effect[*i] != 0.0
                 && share(m).abs() > ALONG
-                && weights[*i].abs() >= WEIGHT_LEAST * weight
+                && weights[*i].abs() >= HALF * weight
         })
         .map(|(at, m)| Shown { at, x: view.x(m), factor: weight / (weights[at] * share(m)), line: lines[at] })
         .filter(|s| s.x.is_finite() && s.factor.is_finite())
@@ -212,10 +208,10 @@ fn groups(shown: &[Shown], mut members: Vec<usize>) -> Vec<Vec<usize>> {
             _ => equal.push(vec![*k]),
         }
     }
-    if equal.len() <= PLACES {
+    if equal.len() <= MANY {
         return equal;
     }
-    members.chunks(members.len().div_ceil(PLACES)).map(<[usize]>::to_vec).collect()
+    members.chunks(members.len().div_ceil(MANY)).map(<[usize]>::to_vec).collect()
 }
 
 fn mean<'a>(rows: impl Iterator<Item = &'a Vec<f64>>, width: usize) -> Vec<f64> {

@@ -1,5 +1,6 @@
 //! Causes that say again what an effect says that was taken out of the library: on this plan nobody can tell them from it.
 
+use super::super::constants::{DEGENERATE, LITTLE, NEARLY, TRIED};
 use nalgebra::{DMatrix, DVector};
 
 use super::super::assessment::is_same;
@@ -13,14 +14,6 @@ use super::super::{Analysis, take_signals};
 /// Share of the energy of what the causes do together that the effect, fitted to it, must do, too: an overlap of 0.97, which
 /// leaves a quarter of its size.
 const AGAIN: f64 = 0.97 * 0.97;
-/// Most causes in a sum.
-const TOGETHER: usize = 4;
-/// Share of a sum that is not said: a further cause must leave this share of it at most.
-const NEARER: f64 = 0.9;
-/// Least energy of a sum, as a share of what its parts have.
-const LEAST: f64 = 0.02;
-/// Least singular value of columns, as a share of the largest: columns may say the same.
-const RIDGE: f64 = 1e-6;
 
 /// Marks the declared causes that together do what an effect does that was taken out of the library: one of them or several,
 /// such as three servo lags for a common delay.
@@ -71,7 +64,7 @@ fn taken_out(session: &mut Session, a: &Analysis, without: &[Without]) -> (Libra
     (removed, problem)
 }
 
-/// The parts that the columns can say: those of every sum of at most [`TOGETHER`] that holds no smaller such sum, and those that
+/// The parts that the columns can say: those of every sum of at most [`TRIED`] that holds no smaller such sum, and those that
 /// bring it nearer to the columns still.
 fn said_again(columns: &[DVector<f64>], parts: &[DVector<f64>]) -> Vec<usize> {
     let Some(basis) = basis(columns) else { return Vec::new() };
@@ -86,11 +79,11 @@ fn said_again(columns: &[DVector<f64>], parts: &[DVector<f64>]) -> Vec<usize> {
     let is_said = |some: &[usize]| {
         let each: f64 = some.iter().map(|i| whole[(*i, *i)]).sum();
         let all = energy(&whole, some);
-        all > LEAST * each && is_same(energy(&seen, some), all, AGAIN)
+        all > LITTLE * each && is_same(energy(&seen, some), all, AGAIN)
     };
     let with = |sum: &[usize], i: usize| sum.iter().copied().chain([i]).collect::<Vec<usize>>();
     let (mut said, mut sums): (Vec<Vec<usize>>, Vec<Vec<usize>>) = (Vec::new(), vec![Vec::new()]);
-    for _ in 0..TOGETHER.min(n) {
+    for _ in 0..TRIED.min(n) {
         let from = |sum: &Vec<usize>| sum.last().map_or(0, |last| last + 1);
         sums = sums.iter().flat_map(|sum| (from(sum)..n).map(|i| with(sum, i))).collect();
         sums.retain(|sum| !said.iter().any(|s| s.iter().all(|i| sum.contains(i))));
@@ -101,7 +94,7 @@ fn said_again(columns: &[DVector<f64>], parts: &[DVector<f64>]) -> Vec<usize> {
         let nearer = |sum: &[usize]| {
             let more = (0..n).filter(|i| !sum.contains(i)).map(|i| with(sum, i)).filter(|s| is_said(s));
             let nearest = more.min_by(|a, b| unsaid(a).total_cmp(&unsaid(b)))?;
-            (unsaid(&nearest) < NEARER * unsaid(sum)).then_some(nearest)
+            (unsaid(&nearest) < NEARLY * unsaid(sum)).then_some(nearest)
         };
         while let Some(more) = nearer(sum) {
             *sum = more;
@@ -120,7 +113,7 @@ fn basis(columns: &[DVector<f64>]) -> Option<DMatrix<f64>> {
         return None;
     }
     let svd = DMatrix::from_columns(&some).svd(true, false);
-    let least = RIDGE * svd.singular_values.max();
+    let least = DEGENERATE * svd.singular_values.max();
     let u = svd.u?;
     let kept: Vec<DVector<f64>> = u
         .column_iter()

@@ -7,11 +7,8 @@
 
 use nalgebra::{Cholesky, DMatrix, DVector, SymmetricEigen};
 
-use super::super::constants::{DEVIATION_EXPECTED, DEVIATIONS};
+use super::super::constants::{DEGENERATE, DEVIATION_EXPECTED, DEVIATIONS};
 use super::figures::Part;
-
-/// Share of the largest eigenvalue below which a direction is not seen.
-const SEEN: f64 = 1e-7;
 
 /// Precision and information of the parameters that one part leaves, with the logarithm of its likelihood at zero.
 struct Message {
@@ -80,7 +77,8 @@ pub(super) fn between(parts: &[(usize, &Part)], lack: f64) -> Option<f64> {
     }
     let eigen = SymmetricEigen::new(total);
     let most = eigen.eigenvalues.max();
-    let kept: Vec<usize> = (0..n).filter(|k| eigen.eigenvalues[*k] > SEEN * most && most > 0.0).collect();
+    let kept: Vec<usize> =
+        (0..n).filter(|k| eigen.eigenvalues[*k] > DEGENERATE * most && most > 0.0).collect();
     if kept.is_empty() {
         return None;
     }

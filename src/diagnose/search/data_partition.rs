@@ -1,5 +1,6 @@
 //! Pieces of a session between which effects must not change: programs, places within them, blocks of runs.
 
+use super::super::constants::{FEW, MOVES};
 use std::collections::{BTreeMap, BTreeSet};
 
 use super::super::moment::SLOTS;
@@ -7,9 +8,6 @@ use super::super::session::Session;
 
 /// What makes two runs one program: setup, axes that move, feed (in steps of a factor 1.5), tool length in whole mm.
 type Program = (usize, [bool; SLOTS], i64, i64);
-
-/// Travel that makes an axis one that moves, mm and rad.
-const TRAVEL: [f64; 2] = [1.0, 0.01];
 
 /// Program of each run; `None` where no row is of it.
 fn program_of_runs(session: &Session, rows: impl Iterator<Item = usize>) -> Vec<Option<Program>> {
@@ -42,7 +40,7 @@ fn program_of_runs(session: &Session, rows: impl Iterator<Item = usize>) -> Vec<
         }
     }
     let program = |r: &Run| {
-        let moves = |k: usize| r.high[k] - r.low[k] > TRAVEL[usize::from(k > 2)];
+        let moves = |k: usize| r.high[k] - r.low[k] > MOVES[usize::from(k > 2)];
         let feed = if r.speed > 1e-6 { (r.speed.ln() / 0.4).round() as i64 } else { i64::MIN };
         let tool = if r.tool.is_finite() { r.tool.round() as i64 } else { i64::MIN };
         Some((r.setup?, core::array::from_fn(moves), feed, tool))
@@ -84,8 +82,6 @@ pub struct Places {
     pub count: usize,
 }
 
-/// Readings that a place should have at least, on average.
-const PLACE_ROWS: usize = 10;
 /// Most places along one, two, three axes.
 const PLACES: [usize; 3] = [8, 4, 3];
 impl Places {
@@ -104,9 +100,9 @@ impl Places {
             .iter()
             .zip(&counts)
             .map(|(r, n)| {
-                let moves = |k: &usize| *k != own && r[*k][1] - r[*k][0] > TRAVEL[usize::from(*k > 2)];
+                let moves = |k: &usize| *k != own && r[*k][1] - r[*k][0] > MOVES[usize::from(*k > 2)];
                 let axes: Vec<usize> = (0..SLOTS).filter(moves).collect();
-                let share = ((n / PLACE_ROWS) as f64).powf(1.0 / axes.len().max(1) as f64) as usize;
+                let share = ((n / FEW) as f64).powf(1.0 / axes.len().max(1) as f64) as usize;
                 let parts = share.clamp(1, PLACES[axes.len().clamp(1, 3) - 1]);
                 let mut all = [1; SLOTS];
                 for k in axes {
@@ -137,8 +133,6 @@ impl Places {
     }
 }
 
-/// Fewest blocks for tests across runs.
-pub(super) const BLOCKS_MIN: usize = 8;
 /// Runs, or pieces of runs where there are few.
 pub(super) fn blocks(session: &Session, rows: &[usize], least: usize) -> (Vec<usize>, usize) {
     let mut counts: BTreeMap<usize, usize> = BTreeMap::new();

@@ -5,7 +5,7 @@
 
 use nalgebra::DVector;
 
-use super::super::constants::DEVIATION_EXPECTED;
+use super::super::constants::{DEVIATION_EXPECTED, FOLD_RIDGE};
 use super::super::library::Library;
 use super::super::moment::{Axis, SLOTS};
 use super::agreement::{between, lack_of_fit};
@@ -15,9 +15,6 @@ use super::select::Selection;
 
 /// Folds of the cross-validation.
 pub const FOLDS: usize = 6;
-
-/// Share of a column's size that is added to its own product when a fold is left out.
-pub const FOLD_RIDGE: f64 = 1e-5;
 
 /// What was measured of an effect.
 #[derive(Debug, Clone, Copy, PartialEq)]

@@ -16,10 +16,10 @@ mod variation;
 
 pub use agreement::posterior_deviation;
 pub use data_partition::count_programs;
-pub use figures::{FOLD_RIDGE, FOLDS, Figures, figures, fold_of};
+pub use figures::{FOLDS, Figures, figures, fold_of};
 pub use pitch_search::find_pitches;
 pub use problem::{Given, Problem, RawColumns, raw_columns};
 pub use refine::refine;
-pub use rival_comparison::{challenge, one_delay, one_tilt, one_worn_place};
+pub use rival_comparison::{challenge, one_worn_place};
 pub use select::{CURVES, Found, Selection, evidence, threshold};
 pub use variation::Variation;

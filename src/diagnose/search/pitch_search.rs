@@ -1,6 +1,7 @@
 //! The pitch of a screw, rack or scale that is in no catalogue: over a long travel the right one is a narrow peak between the
 //! pitches that are tried.
 
+use super::super::constants::{MANY, NEARLY, STRONG};
 use core::f64::consts::{LN_2, TAU};
 
 use super::super::library::{Library, Shape, forms};
@@ -10,18 +11,12 @@ use super::super::session::Session;
 use super::problem::Problem;
 use super::select::Selection;
 
-/// Readings look along the axis from this cosine on.
-const ALONG: f64 = 0.95;
-/// Fewest of them.
-const READINGS_MIN: usize = 60;
 /// Fewest waves over the travel.
 const WAVES_MIN: f64 = 4.0;
 /// Steps of the frequency in the width of a peak.
 const FINE: f64 = 4.0;
 /// Readings times frequencies at most: bounds the work.
 const WORK: f64 = 4e6;
-/// How far a peak stands above what the highest of so much noise reaches, in e-folds.
-const ABOVE: f64 = 8.0;
 
 /// Puts the pitch that what is left asks for in the place of the nearest one of the catalogue; true where there is one.
 pub fn find_pitches(
@@ -44,7 +39,7 @@ pub fn find_pitches(
             .iter()
             .zip(left.iter())
             .map(|(i, e)| (&session.moments[*i], e))
-            .filter(|(m, _)| m.u[axis.slot()].abs() > ALONG)
+            .filter(|(m, _)| m.u[axis.slot()].abs() > NEARLY)
             .map(|(m, e)| (m.position[axis.slot()], e * m.u[axis.slot()].signum()))
             .collect();
         let shortest = own.iter().map(|o| o.1).fold(f64::INFINITY, f64::min);
@@ -80,7 +75,7 @@ fn peak(samples: &[(f64, f64)], shortest: f64) -> Option<(f64, f64)> {
     let places = samples.iter().map(|s| s.0);
     let (low, high) = places.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), x| (l.min(x), h.max(x)));
     let span = high - low;
-    if samples.len() < READINGS_MIN || span <= 0.0 || !shortest.is_finite() {
+    if samples.len() < MANY || span <= 0.0 || !shortest.is_finite() {
         return None;
     }
     let step = 1.0 / (FINE * span);
@@ -104,7 +99,7 @@ fn peak(samples: &[(f64, f64)], shortest: f64) -> Option<(f64, f64)> {
     let top = (0..count).max_by(|a, b| power[*a].total_cmp(&power[*b]))?;
     // the power of noise is spread exponentially: its median is ln 2 of its mean
     let mean = median(&mut power.clone()) / LN_2;
-    let stands_out = power[top] > mean * ((count as f64).ln() + ABOVE);
+    let stands_out = power[top] > mean * ((count as f64).ln() + STRONG);
     stands_out.then(|| (1.0 / (first + step * top as f64), 1.0 / span))
 }
 

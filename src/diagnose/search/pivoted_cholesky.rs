@@ -1,8 +1,7 @@
 //! Small symmetric systems whose columns may depend on each other: a Cholesky decomposition that leaves out what is
 //! already spanned.
 
-/// Share of a column that must be its own.
-const OWN: f64 = 1e-7;
+use super::super::constants::DEGENERATE;
 
 /// A decomposition `G = L L'` of the independent columns.
 #[derive(Debug, Clone, Default)]
@@ -24,7 +23,7 @@ impl Factor {
             for k in 0..j {
                 d -= l[j * n + k] * l[j * n + k];
             }
-            if !(d > OWN * full[j] && d > 0.0) {
+            if !(d > DEGENERATE * full[j] && d > 0.0) {
                 for k in 0..j {
                     l[j * n + k] = 0.0;
                 }

@@ -4,18 +4,15 @@ use std::collections::BTreeMap;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::super::constants::SEEN;
+use super::super::constants::{BLOCKS_MIN, MOVES, SEEN};
 use super::super::library::{Blind, Library, Shape, WIDTH_MAX};
 use super::super::moment::{Axis, SLOTS};
 use super::super::noise::Filter;
 use super::super::session::{Session, is_encoder};
-use super::data_partition::{BLOCKS_MIN, Places, blocks, programs};
+use super::data_partition::{Places, blocks, programs};
 use super::pivoted_cholesky::Factor;
 use super::variation::Variation;
 use volcomp_model::geometry::Vec3;
-
-/// Shortest way of an axis that says anything of what grows along it, mm.
-const WAY_MM: f64 = 1.0;
 
 /// Readings, columns and what was computed of them.
 pub struct Problem {
@@ -216,7 +213,7 @@ impl Problem {
         let positions = self.rows.iter().map(|i| session.moments[*i].position[axis.slot()]);
         let (low, high) =
             positions.fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
-        (high - low > WAY_MM).then_some((0.5 * (high + low), 0.5 * (high - low)))
+        (high - low > MOVES[0]).then_some((0.5 * (high + low), 0.5 * (high - low)))
     }
 
     /// Number of readings.

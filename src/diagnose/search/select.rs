@@ -6,7 +6,7 @@
 
 use nalgebra::DMatrix;
 
-use super::super::constants::{LITTLE, SURE};
+use super::super::constants::{LITTLE, MANY, MOST, NEARLY, SURE, TOLD};
 use super::super::library::{Library, Shape, forms};
 use super::super::noise::Random;
 use super::problem::{Given, Problem};
@@ -19,32 +19,16 @@ const DRAWS: usize = 96;
 const QUANTILE: f64 = 0.98;
 /// Margin above what noise reaches.
 const MARGIN: f64 = 4.0;
-/// A further effect brings at least this share of the number of readings.
-const FURTHER_SHARE: f64 = 0.006;
-/// A further effect brings at least this share of the energy that earlier effects have where it acts.
-const CELL_SHARE: f64 = 0.015;
 /// The same for the control's own encoders, whose following error a lag describes to a small share.
 const PRECISE_SHARE: f64 = 5e-7;
-/// Most effects.
-const EFFECTS_MAX: usize = 12;
-/// Most steps of a search.
-const STEPS_MAX: usize = 40;
-/// Cosine between what two effects do from which they cancel each other.
-const CANCEL: f64 = -0.85;
-/// Share of the evidence of two that cancel each other with which one effect in their place is believed rather.
-const RATHER: f64 = 0.9;
 /// Names of one curve over the position of an axis: what one of them leaves, the other takes.
 pub const CURVES: [&str; 2] = ["positioning", "wear"];
 /// A scale is a curve over the same position, too; beside it, or it beside them, the smaller must have this share of the larger:
 /// nothing is straight to the last share.
 const STRAIGHT: &str = "scale";
-const CURVE_SHARE: f64 = 0.1;
 /// Names of what happens at a reversal of an axis, and the share of the larger that the smaller must have: how lost motion
 /// builds up and friction breaks loose is known no better.
 const REVERSALS: [&str; 2] = ["backlash", "reversal-spike"];
-const REVERSAL_SHARE: f64 = 0.03;
-/// Candidates looked at when the best one fails the guard of the cells.
-const TRIED: usize = 12;
 /// A swap must bring this much evidence.
 pub(super) const SWAP_GAIN: f64 = 0.5;
 
@@ -139,7 +123,6 @@ impl Selection {
                 best[variant.label] = Some(found);
             }
         }
-        self.straight_first(problem, library, given, &mut best);
         let mut all: Vec<Found> = best.into_iter().flatten().collect();
         all.sort_by(|a, b| b.evidence.total_cmp(&a.evidence).then(a.variant.cmp(&b.variant)));
         all
@@ -203,8 +186,8 @@ impl Selection {
     pub fn search(&mut self, problem: &mut Problem, library: &Library) {
         // what led back to where the search has been: one effect in the place of two may say less than both
         let (mut in_vain, mut seen): (Vec<usize>, Vec<Vec<usize>>) = (Vec::new(), vec![self.state()]);
-        for _ in 0..STEPS_MAX {
-            if self.chosen.len() >= EFFECTS_MAX {
+        for _ in 0..MANY {
+            if self.chosen.len() >= MOST {
                 break;
             }
             let given = Self::given(problem, &self.chosen);
@@ -213,7 +196,7 @@ impl Selection {
             let next = ranking
                 .iter()
                 .take_while(|f| f.evidence > self.threshold)
-                .take(TRIED)
+                .take(MOST)
                 .find(|f| !in_vain.contains(&f.variant) && self.may_join(problem, &given, f))
                 .copied();
             let Some(next) = next else { break };
@@ -246,7 +229,7 @@ impl Selection {
         if self.chosen.is_empty() || self.is_plain {
             return true;
         }
-        if found.gain < FURTHER_SHARE * problem.len() as f64 {
+        if found.gain < TOLD * problem.len() as f64 {
             return false;
         }
         let earlier = problem.contribution(&given.columns, &problem.fit(given));
@@ -261,7 +244,7 @@ impl Selection {
         let total: f64 = acts.iter().sum();
         let where_it_acts: f64 =
             energy.iter().zip(&acts).filter(|(_, a)| **a > 0.01 * total).map(|(e, _)| e).sum();
-        let share = if problem.precise { PRECISE_SHARE } else { CELL_SHARE };
+        let share = if problem.precise { PRECISE_SHARE } else { TOLD };
         found.gain >= share * where_it_acts
     }
 
@@ -304,7 +287,7 @@ impl Selection {
                 let labels: Vec<usize> = others.iter().map(|v| library.variants[*v].label).collect();
                 if let Some(best) = self.ranking(problem, library, &given, &labels).first()
                     && (best.evidence > now
-                        || best.evidence > RATHER * now && self.cancel(problem, [first, second]))
+                        || best.evidence > NEARLY * now && self.cancel(problem, [first, second]))
                 {
                     let variant = best.variant;
                     self.chosen = others;
@@ -320,7 +303,7 @@ impl Selection {
         let given = Self::given(problem, &self.chosen);
         let beta = problem.fit(&given);
         let [a, b] = pair.map(|v| problem.part(&given, &beta, v));
-        a.dot(&b) < CANCEL * a.norm() * b.norm()
+        a.dot(&b) < -NEARLY * a.norm() * b.norm()
     }
 
     /// Leaves one name to what is one thing with two: a table of positions and a worn place of the same axis, lost motion and
@@ -382,8 +365,8 @@ impl Selection {
                     return Some(self.truer(problem, a, b));
                 }
                 let least = match names {
-                    REVERSALS => REVERSAL_SHARE,
-                    [STRAIGHT, other] if CURVES.contains(&other) => CURVE_SHARE,
+                    REVERSALS => LITTLE,
+                    [STRAIGHT, other] if CURVES.contains(&other) => LITTLE,
                     _ => continue,
                 };
                 let [first, second] = [a, b].map(|place| {

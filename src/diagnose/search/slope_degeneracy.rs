@@ -1,101 +1,19 @@
 //! The line from which a curve is counted is a choice: what is only the slope of a curve is no second cause.
 
+use super::super::constants::HALF;
 use super::super::library::{Library, Shape, forms};
-use super::problem::{Given, Problem};
-use super::select::{Found, Selection};
-
-/// Share of a straightness that its slope may have.
-const SLOPE_SHARE: f64 = 0.4;
-/// Share of what an angular error says beside a straightness that it may say beside the same with its slope.
-const LITTLE: f64 = 0.1;
-/// Share of a table of positions that a scale beside it may have: it is the slope of the same curve.
-const SCALE_SHARE: f64 = 1.0;
-/// Height of one end over the other that a straightness may have, as a share of its RMS.
-const ENDS_SHARE: f64 = 0.5;
-/// Share of the gain of a curve with which the straight line is looked at first: what is left may be a curve.
-const STRAIGHT_SHARE: f64 = 0.9;
+use super::problem::Problem;
+use super::select::Selection;
 
 impl Selection {
-    /// Puts a curve without a slope, or an angular error, behind the scale or squareness that says nearly as much: series of
-    /// odd degrees add up to a line where the data are.
-    pub(super) fn straight_first(
-        &self,
-        problem: &Problem,
-        library: &Library,
-        given: &Given,
-        best: &mut [Option<Found>],
-    ) {
-        for (v, line) in library.variants.iter().enumerate() {
-            let (a, b) = match line.shape {
-                Shape::Squareness(forms::Squareness { along, over }) => (along, over),
-                Shape::Scale(forms::Scale { axis }) => (axis, axis),
-                _ => continue,
-            };
-            let Some(first) = best[line.label] else { continue };
-            let gain = problem.gain(given, v).0;
-            for curve in best.iter_mut().flatten() {
-                let stands_for_it = match library.variants[curve.variant].shape {
-                    Shape::Polynomial(forms::Polynomial { along, over, low: 2, .. }) => {
-                        along == a && over == b
-                    }
-                    // an angle that comes up at once and stays is no angle
-                    Shape::Angular { .. } => a != b,
-                    _ => false,
-                };
-                if stands_for_it && gain > STRAIGHT_SHARE * curve.gain {
-                    curve.evidence = curve.evidence.min(first.evidence - 1.0);
-                }
-            }
-        }
-    }
-
     /// A squareness that is no more than the slope of a straightness: the line from which a straightness is counted is a
-    /// choice (its ends, least squares), and the slope against it is no second cause. Nor is an angular error beside it that
-    /// says little but that slope, or less than a straightness with its slope.
+    /// choice (its ends, least squares), and the slope against it is no second cause.
     pub fn absorb(&mut self, problem: &mut Problem, library: &Library) {
         while let Some((place, slope, whole)) = self.slope(problem, library) {
             self.chosen[place] = whole;
             self.chosen.remove(slope);
             problem.prepare(whole);
         }
-        for place in 0..self.chosen.len() {
-            if let Some(whole) = self.straightness_rather(problem, library, place) {
-                self.chosen[place] = whole;
-                problem.prepare(whole);
-            }
-        }
-    }
-
-    /// A straightness with its slope that says more than an angular error over the same axis, which has a slope anyhow.
-    fn straightness_rather(&self, problem: &mut Problem, library: &Library, place: usize) -> Option<usize> {
-        let variant = &library.variants[self.chosen[place]];
-        let Shape::Angular(forms::Angular { over: axis, .. }) = variant.shape else { return None };
-        let others = self.without(&[place]);
-        let given = Self::given(problem, &others);
-        let own = self.found(problem, library, &given, self.chosen[place]).evidence;
-        let crosses = |shape: &Shape| shape.over() == Some(axis) && shape.acts_along() != Some(axis);
-        let best = self.best_with_line(problem, library, &given, |label, shape| {
-            crosses(shape) && !self.has(library, label)
-        })?;
-        let (whole, best) = (best.variant, best.evidence);
-        let beside: Vec<usize> = others.into_iter().chain([whole]).collect();
-        let terms = Self::terms(problem, &beside, whole);
-        (best > own && (Self::is_small(&terms) || Self::is_from_its_ends(&terms))).then_some(whole)
-    }
-
-    /// The curve with its slope, of those wanted (label and shape), that says most beside what is given.
-    fn best_with_line(
-        &self,
-        problem: &Problem,
-        library: &Library,
-        given: &Given,
-        wanted: impl Fn(usize, &Shape) -> bool,
-    ) -> Option<Found> {
-        let variants = library.variants.iter().enumerate();
-        variants
-            .filter(|(_, v)| v.shape.has_slope() && wanted(v.label, &v.shape))
-            .map(|(v, _)| self.found(problem, library, given, v))
-            .max_by(|a, b| a.evidence.total_cmp(&b.evidence))
     }
 
     /// Takes straightnesses and their slopes apart: what stands beside them may have changed since they were one.
@@ -144,14 +62,8 @@ impl Selection {
                     continue;
                 };
                 let (along, over, share) = match *shape(line) {
-                    Shape::Squareness(forms::Squareness { along, over }) => (along, over, SLOPE_SHARE),
-                    Shape::Scale(forms::Scale { axis }) => (axis, axis, SCALE_SHARE),
-                    Shape::Angular(forms::Angular { over, .. }) if over == o && a != o => {
-                        match self.slope_in_an_angle(problem, library, place, line) {
-                            Some(whole) => return Some((place, line, whole)),
-                            None => continue,
-                        }
-                    }
+                    Shape::Squareness(forms::Squareness { along, over }) => (along, over, HALF),
+                    Shape::Scale(forms::Scale { axis }) => (axis, axis, 1.0),
                     _ => continue,
                 };
                 if !(a == along && o == over || a == over && o == along) {
@@ -170,31 +82,6 @@ impl Selection {
         None
     }
 
-    /// The straightness with its slope that takes the place of one without and an angular error, where that says little but
-    /// the slope.
-    fn slope_in_an_angle(
-        &self,
-        problem: &mut Problem,
-        library: &Library,
-        place: usize,
-        angle: usize,
-    ) -> Option<usize> {
-        let others = self.without(&[place, angle]);
-        let of = |problem: &mut Problem, v: usize, beside: &[usize]| {
-            let given = Self::given(problem, beside);
-            problem.gain(&given, v).0
-        };
-        let beside = |v: usize| others.iter().copied().chain([v]).collect::<Vec<_>>();
-        let own = library.variants[self.chosen[place]].label;
-        let given = Self::given(problem, &others);
-        let whole = self.best_with_line(problem, library, &given, |label, _| label == own)?.variant;
-        let before = of(problem, self.chosen[angle], &beside(self.chosen[place]));
-        let after = of(problem, self.chosen[angle], &beside(whole));
-        let terms = Self::terms(problem, &beside(whole), whole);
-        let is_slope = Self::is_small(&terms) || Self::is_from_its_ends(&terms);
-        (after <= LITTLE * before && is_slope).then_some(whole)
-    }
-
     /// Coefficients of a straightness beside others, from the first degree on, um.
     fn terms(problem: &mut Problem, chosen: &[usize], whole: usize) -> Vec<f64> {
         let given = Self::given(problem, chosen);
@@ -207,19 +94,12 @@ impl Selection {
         (at..at + k).map(value).collect()
     }
 
-    /// True where the slope of a straightness is small against the rest of it.
-    fn is_small(terms: &[f64]) -> bool {
-        let square = |c: &f64, n: i32| c * c / f64::from(2 * n + 1);
-        let rest: f64 = terms.iter().zip(1..).skip(1).map(|(c, n)| square(c, n)).sum();
-        terms.first().is_some_and(|slope| square(slope, 1) < SLOPE_SHARE * rest)
-    }
-
     /// True where a straightness with its slope is nearly as high at one end as at the other: it is then counted from the
     /// line through its ends.
     fn is_from_its_ends(terms: &[f64]) -> bool {
         // Legendre polynomials from the first degree on: at both ends 1, or -1 and 1
         let ends: f64 = 2.0 * terms.iter().step_by(2).sum::<f64>();
         let size = terms.iter().zip(1..).map(|(c, n)| c * c / f64::from(2 * n + 1)).sum::<f64>().sqrt();
-        ends.abs() < ENDS_SHARE * size
+        ends.abs() < HALF * size
     }
 }

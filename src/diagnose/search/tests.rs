@@ -134,41 +134,9 @@ fn by_lines(
 }
 
 #[test]
-fn an_angle_that_says_only_the_slope_of_a_straightness_is_that_slope() {
-    let bow = |x: f64| 60.0 * (2.5 * x * x * x - 1.5 * x);
-    assert_eq!(by_lines(&[0, 3], |_, x| bow(x) + 15.0 * x, Selection::absorb), [1]);
-    assert_eq!(by_lines(&[3], |_, x| bow(x) - 60.0 * x, Selection::absorb), [1]);
-    // one that acts through both levers stays, and so does a squareness larger than the straightness
-    let lever = |i: usize, x: f64| bow(x) + 15.0 * x * [1.4, 0.6][i % 2];
-    assert_eq!(by_lines(&[0, 3], lever, Selection::absorb), [0, 3]);
-    let angle = |i: usize, x: f64| (60.0 * x * x - 50.0 * x) * [1.4, 0.6][i % 2];
-    assert_eq!(by_lines(&[3], angle, Selection::absorb), [3]);
-    assert_eq!(by_lines(&[0, 2], |_, x| bow(x) + 90.0 * x, Selection::absorb), [0, 2]);
-}
-
-#[test]
 fn a_straightness_with_its_slope_is_weighed_again_in_two_parts() {
     assert_eq!(by_lines(&[1], |_, x| 60.0 * x, Selection::take_apart), [0, 2]);
     assert_eq!(by_lines(&[2, 1], |_, x| 60.0 * x, Selection::take_apart), [2, 0]);
-}
-
-#[test]
-fn a_line_is_looked_at_before_a_curve_or_an_angle_that_says_hardly_more() {
-    let first = |(library, columns): (Library, Vec<Vec<DVector<f64>>>), y: DVector<f64>| {
-        let problem = Problem::made_up(&columns, y);
-        let selection = Selection { threshold: 10.0, grid: vec![1; 3], ..Selection::default() };
-        let given = problem.given(&[]);
-        let more = problem.gain(&given, 0).0.max(problem.gain(&given, columns.len() - 1).0);
-        let found = selection.ranking(&problem, &library, &given, &[])[0];
-        (library.labels[library.variants[found.variant].label].effect, more > found.gain)
-    };
-    let near_both = wave(|x| 60.0 * x + 135.0 * (x - x * x * x));
-    assert_eq!(first(library(), near_both), ("scale", true));
-    let turned = DVector::from_fn(N, |i, _| wave(|x| 60.0 * x)[i] * [1.2, 0.8][i % 2]);
-    assert_eq!(first(lines(), turned), ("squareness", true));
-    // with all of its lever an angle stays one
-    let angle = DVector::from_fn(N, |i, _| wave(|x| 60.0 * x)[i] * [1.4, 0.6][i % 2]);
-    assert_eq!(first(lines(), angle), ("angular", false));
 }
 
 /// What two shapes with these columns leave chosen, from the first on.
@@ -194,29 +162,6 @@ fn kept(
     let mut problem = Problem::made_up(&columns, y);
     act(&mut selection, &mut problem, &library);
     selection.chosen.iter().map(|v| names[*v]).collect()
-}
-
-#[test]
-fn clocks_that_are_equally_late_are_one_delay() {
-    let clocks = Shape::ClockSkew(forms::ClockSkew {
-        files: vec![0, 1],
-        start_s: vec![0.0; 2],
-        span_s: vec![1.0; 2],
-        drift: false,
-    });
-    let delay = Shape::Lag(forms::Lag { axes: Axis::LINEAR.into(), tie_ms: 0.0 });
-    let half =
-        |first: bool| DVector::from_fn(N, |i, _| if (i < N / 2) == first { wave(|x| x)[i] } else { 0.0 });
-    let said = |second: f64| {
-        let noise = DVector::from_fn(N, |i, _| 1.4 * (1.3 * (i * i) as f64).sin());
-        let y = half(true) * 40.0 + half(false) * second + noise;
-        let shapes = vec![("clock-skew", clocks.clone()), ("latency", delay.clone())];
-        let columns = vec![vec![half(true), half(false)], vec![wave(|x| x)]];
-        kept(shapes, columns, y, |s, p, l| super::one_delay(p, l, s))
-    };
-    assert_eq!(said(41.0), ["latency"]);
-    assert_eq!(said(30.0), ["clock-skew"]);
-    assert_eq!(said(-40.0), ["clock-skew"]);
 }
 
 #[test]

@@ -6,6 +6,7 @@
 //! as that of the noise is, and the products join the noise: whitening by a matrix of low rank, `(1 + U U')^-1/2`.
 //! Source: discrepancy as a process beside parameters (Kennedy, O'Hagan); `docs/explanation/diagnosis.md` (variation).
 
+use super::super::constants::{STRONG, SURE, TOLD};
 use nalgebra::{DMatrix, DVector, SymmetricEigen};
 
 use super::super::library::legendre;
@@ -18,12 +19,6 @@ use super::problem::Problem;
 const SHARES: [f64; 8] = [0.015, 0.03, 0.05, 0.08, 0.12, 0.16, 0.2, 0.25];
 /// Coefficients by degree, as a share of the variation: a wave as long as the travel has about these.
 const DEGREES: [f64; 4] = [1.0, 0.8, 0.6, 0.4];
-/// None is believed unless the likelihood gains this much (twice the logarithm).
-const GAIN_WANTED: f64 = 8.0;
-/// Standard deviations that are taken off before an effect is said to grow.
-const SURE: f64 = 2.0;
-/// Least variance of a direction that changes anything, 1 is the noise.
-const TELLS: f64 = 0.01;
 
 /// What is known of one effect.
 #[derive(Debug, Clone, PartialEq)]
@@ -87,7 +82,7 @@ impl Variation {
         let share = left.most_likely()?;
         let eigen = SymmetricEigen::new(products.tr_mul(&products));
         let size = eigen.eigenvalues.map(|l| l.max(0.0));
-        let kept: Vec<usize> = (0..size.len()).filter(|k| size[*k] * share * share > TELLS).collect();
+        let kept: Vec<usize> = (0..size.len()).filter(|k| size[*k] * share * share > TOLD).collect();
         let mut basis = &products * eigen.eigenvectors.select_columns(&kept);
         for (mut column, k) in basis.column_iter_mut().zip(&kept) {
             column /= size[*k].sqrt();
@@ -276,7 +271,7 @@ impl Left {
             let others = (0..terms.len()).filter(|j| !mine.contains(j));
             let rest = self.seen[k] - others.map(|j| self.gram[(k, j)] * terms[j]).sum::<f64>();
             let size = self.gram[(k, k)];
-            if size > TELLS { (rest / size, (self.noise / size).sqrt()) } else { (0.0, 0.0) }
+            if size > TOLD { (rest / size, (self.noise / size).sqrt()) } else { (0.0, 0.0) }
         };
         (0..terms.len()).map(of).collect()
     }
@@ -298,7 +293,7 @@ impl Left {
             .into_iter()
             .map(|s| (s, self.gain(s)))
             .max_by(|a, b| a.1.total_cmp(&b.1))
-            .filter(|(_, g)| *g > GAIN_WANTED)
+            .filter(|(_, g)| *g > STRONG)
             .map(|(s, _)| s)
     }
 
