@@ -98,13 +98,11 @@ fn verify(args: &VerifyArgs) -> Result<(), Failure> {
             if summary.head || args.without_head {
                 return Ok(());
             }
-            Err(Failure::new(
-                EX_DATAERR,
-                format_args!(
-                    "error: {file}: the file audit.head, which tells number and hash of the last line, is not beside it: \
+            Err(data!(
+                path,
+                "the file audit.head, which tells number and hash of the last line, is not beside it: \
                      lines cut off at the end cannot be seen\n  hint: compare the last hash with the journal of the \
                      daemon; for a copy of the log alone add --without-head"
-                ),
             ))
         }
         Err(broken) => {

@@ -360,7 +360,7 @@ pub(super) fn check(path: &Path, kind: InputKind) -> Result<(), Failure> {
     if is_regular(path) {
         return Ok(());
     }
-    Err(Failure::data(path, format_args!("not a regular file; expected {}", kind.name())))
+    Err(data!(path, "not a regular file; expected {}", kind.name()))
 }
 
 /// BLAKE3 of a regular file as hexadecimal digits; `None` for what cannot be read twice, such as a pipe.

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use super::files::write_text;
 use super::input::{self, InputKind};
-use super::{EX_CONFIG, EX_DATAERR, EX_USAGE, Failure};
+use super::{EX_CONFIG, EX_DATAERR, Failure};
 use volcomp_config as config;
 use volcomp_config::{ModelFile, Provenance, SourceEntry};
 use volcomp_model::{AxisSpec, Chain, ErrorFunction, ErrorSymbol, Model, ModelSpec};
@@ -53,8 +53,7 @@ impl ModelWriter {
                     note!("note: no --chain given, {chain} written; lever arms depend on it");
                     chain
                 });
-                let chain = Chain::parse(&text)
-                    .map_err(|e| Failure::new(EX_USAGE, format_args!("error: --chain \"{text}\": {e}")))?;
+                let chain = Chain::parse(&text).map_err(|e| usage!("--chain \"{text}\": {e}"))?;
                 ModelFile::new(ModelSpec::new("unnamed", chain))
             }
         };
@@ -69,7 +68,7 @@ impl ModelWriter {
     pub(super) fn write(&self, model: &ModelFile, comment: &[String], files: &str) -> Result<(), Failure> {
         Model::new(&model.spec).map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {files}: {e}")))?;
         let Some(out) = self.target() else {
-            return Err(Failure::new(EX_USAGE, "error: neither --out nor --into is given"));
+            return Err(usage!("neither --out nor --into is given"));
         };
         write_text(out, &config::model::write_file(model, comment))?;
         note!("model written: {}", out.display());

@@ -249,10 +249,7 @@ fn known_end<'n>(notes: impl Iterator<Item = &'n Note>) -> u64 {
 pub(super) fn machine(file: &Parsed) -> Result<MachineConfig, Failure> {
     let inside = format!("{} (machine file inside)", file.path.display());
     let Some((_, text)) = &file.machine else {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!("error: {inside}: missing or damaged\n  hint: name it with --config"),
-        ));
+        return Err(data!(inside, "missing or damaged\n  hint: name it with --config"));
     };
     MachineConfig::parse(&inside, text).map_err(|e| Failure::new(EX_CONFIG, e))
 }
@@ -274,8 +271,7 @@ pub(super) fn models(files: &[Parsed]) -> Result<Vec<Inside>, Failure> {
                 continue;
             }
             let spec = config::model::parse(&inside, text).map_err(|e| Failure::new(EX_CONFIG, e))?;
-            let model = Model::new(&spec)
-                .map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {inside}: {e}")))?;
+            let model = Model::new(&spec).map_err(|e| mistake!(inside, "{e}"))?;
             found.push(Inside { hash: *hash, spec, model });
         }
     }
@@ -284,5 +280,5 @@ pub(super) fn models(files: &[Parsed]) -> Result<Vec<Inside>, Failure> {
 
 /// The first file; there is always one.
 pub(super) fn first(files: &[Parsed]) -> Result<&Parsed, Failure> {
-    files.first().ok_or_else(|| Failure::new(super::EX_USAGE, "error: no recording was named"))
+    files.first().ok_or_else(|| usage!("no recording was named"))
 }

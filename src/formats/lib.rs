@@ -21,6 +21,7 @@ pub mod isg;
 pub mod isg_lis;
 pub mod iso230_dat;
 pub mod linuxcnc;
+pub mod motion_table;
 pub mod part_program;
 pub mod positioning_test;
 pub mod rtl;

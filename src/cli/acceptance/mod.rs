@@ -6,9 +6,9 @@ pub(crate) mod verdicts;
 
 use std::path::{Path, PathBuf};
 
+use crate::Failure;
 use crate::report::Page;
 use crate::report::page::Cell;
-use crate::{EX_CONFIG, EX_USAGE, Failure};
 use head_file::Numbers;
 pub(crate) use head_file::{Compensation, HeadFile, Text};
 use verdicts::{Assessed, NOT_STATED};
@@ -88,31 +88,25 @@ impl Acceptance {
         if let (Some(path), Some(key)) =
             (&args.head, tolerances.keys().chain(uncertainties.keys()).find(|k| !keys.contains(k)))
         {
-            return Err(Failure::new(
-                EX_CONFIG,
-                format_args!(
-                    "error: {}: unknown figure `{key}` of {test}; expected one of {}",
-                    path.display(),
-                    keys.join(", ")
-                ),
+            return Err(mistake!(
+                path,
+                "unknown figure `{key}` of {test}; expected one of {}",
+                keys.join(", ")
             ));
         }
         for (key, limit) in &args.tolerance {
             if !keys.contains(key) {
-                return Err(Failure::usage(format_args!(
+                return Err(usage!(
                     "--tolerance {key}: unknown figure; {}",
                     if keys.is_empty() {
                         "this test has no tolerances".to_owned()
                     } else {
                         format!("expected one of {}", keys.join(", "))
                     }
-                )));
+                ));
             }
             if *limit < 0.0 && !head_file::is_lower(key) {
-                return Err(Failure::new(
-                    EX_USAGE,
-                    format_args!("error: --tolerance {key}={limit}: expected 0 or above"),
-                ));
+                return Err(usage!("--tolerance {key}={limit}: expected 0 or above"));
             }
             tolerances.insert(key.clone(), *limit);
         }

@@ -9,11 +9,10 @@ use std::sync::Arc;
 use serde_json::{Value, json};
 
 pub(crate) use self::text_report::model_notes;
-pub(super) use self::text_report::{
-    Size, kinds_of, offset_out, offset_unit, position_out, position_unit, rounded,
-};
+pub(super) use self::text_report::{Size, kinds_of};
 use self::text_report::{describe_machine, describe_model, machine_notes, model_as_json};
 use super::input::{self, InputKind};
+use super::quantities::{offset_out, offset_unit};
 use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
 use volcomp_config as config;
 use volcomp_config::{ConfigErrors, Diagnostic, FileKind, MachineConfig, ModelFile};

@@ -5,47 +5,16 @@ use serde_json::{Value, json};
 use crate::identity;
 use crate::model::gauge;
 use crate::numerals::plain;
+use crate::quantities::{
+    error_out, error_unit, lower, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
+};
+use crate::report::Table;
 use volcomp_config::model::{kind_of, section_of};
 use volcomp_config::{MachineConfig, ModelFile};
 use volcomp_estimate::Thermal;
 use volcomp_model::spec::{ModelSpec, Sense};
 use volcomp_model::{ErrorFunction, ErrorSymbol, Side};
 use volcomp_units::axes::{AxisKind, AxisName, Travel};
-use volcomp_units::{arcsec_from_rad, deg_from_rad, um_from_mm};
-
-pub(crate) const fn offset_unit(axis: AxisName) -> &'static str {
-    match axis.kind() {
-        AxisKind::Linear => "um",
-        AxisKind::Rotary => "arcsec",
-    }
-}
-
-pub(crate) fn offset_out(axis: AxisName, v: f64) -> f64 {
-    match axis.kind() {
-        AxisKind::Linear => rounded(um_from_mm(v)),
-        AxisKind::Rotary => rounded(arcsec_from_rad(v)),
-    }
-}
-
-pub(crate) const fn position_unit(axis: AxisName) -> &'static str {
-    match axis.kind() {
-        AxisKind::Linear => "mm",
-        AxisKind::Rotary => "deg",
-    }
-}
-
-pub(crate) fn position_out(axis: AxisName, v: f64) -> f64 {
-    match axis.kind() {
-        AxisKind::Linear => rounded(v),
-        AxisKind::Rotary => rounded(deg_from_rad(v)),
-    }
-}
-
-/// Without the last digits that a conversion leaves behind.
-pub(crate) fn rounded(v: f64) -> f64 {
-    // adding zero turns -0 into 0
-    (v * 1e6).round() / 1e6 + 0.0
-}
 
 pub(super) fn describe_machine(lines: &mut Vec<String>, machine: &MachineConfig) {
     lines.push(format!(
@@ -72,10 +41,8 @@ pub(super) fn describe_model(lines: &mut Vec<String>, file: &ModelFile) {
     lines.push(format!("  model of {}, chain {}", model.machine, model.chain));
     for axis in model.chain.axes() {
         let spec = model.axis(axis.name);
-        let unit = position_unit(axis.name);
-        let travel = spec.travel.map(|t| t.map(|v| position_out(axis.name, v)));
-        let mut line = match travel {
-            Some([low, high]) => format!("  axis {}: travel {low} to {high} {unit}", axis.name),
+        let mut line = match spec.travel {
+            Some(travel) => format!("  axis {}: travel {}", axis.name, range_words(axis.name, travel)),
             None => format!("  axis {}: travel not stated", axis.name),
         };
         if axis.side == Side::Workpiece {
@@ -94,21 +61,16 @@ pub(super) fn describe_model(lines: &mut Vec<String>, file: &ModelFile) {
         1 => "  1 error:".to_owned(),
         n => format!("  {n} errors:"),
     });
+    let mut errors = Table::new(["", "", ">", "", ">", ""]);
     for (symbol, function) in &model.errors {
         let size = Size::of(*symbol, function, model);
-        let kinds = kinds_of(function);
-        let range = size.range.map_or(String::new(), |[low, high]| {
-            format!(", {low} to {high} {}", position_unit(symbol.axis()))
-        });
-        lines.push(format!(
-            "    {:<5} {:<18} {:>9} to {:>8} {}{range}",
-            symbol.to_string().to_lowercase(),
-            kinds.join(" + "),
-            plain(size.low, 2),
-            plain(size.high, 2),
-            size.unit
-        ));
+        let unit = position_unit(symbol.axis());
+        let range = size.range.map_or(String::new(), |[low, high]| format!(", {low} to {high} {unit}"));
+        let (kinds, [low, high]) =
+            (kinds_of(function).join(" + "), [size.low, size.high].map(|v| plain(v, 2)));
+        errors.row([lower(*symbol), kinds, low, "to".to_owned(), high, format!("{}{range}", size.unit)]);
     }
+    lines.extend(errors.lines().into_iter().map(|line| format!("    {line}")));
     for thermal in &file.thermal {
         lines.push(format!(
             "  thermal {}: {} from {} terms of {}",
@@ -131,45 +93,35 @@ fn sensors_of(thermal: &Thermal) -> Vec<&str> {
 
 pub(super) fn model_as_json(file: &ModelFile) -> Value {
     let model = &file.spec;
-    let thermal: Vec<Value> = file
-        .thermal
-        .iter()
-        .map(|t| json!({"name": t.name, "expansion": t.expansion, "terms": t.terms(), "sensors": sensors_of(t)}))
-        .collect();
-    let errors: Vec<Value> = model
-        .errors
-        .iter()
-        .map(|(symbol, function)| {
-            let size = Size::of(*symbol, function, model);
-            json!({
-                "symbol": symbol.to_string().to_lowercase(),
-                "kinds": kinds_of(function),
-                format!("range_{}", position_unit(symbol.axis())): size.range,
-                format!("lowest_{}", size.unit): size.low,
-                format!("highest_{}", size.unit): size.high,
-            })
+    let thermal = file.thermal.iter();
+    let thermal = thermal.map(
+        |t| json!({"name": t.name, "expansion": t.expansion, "terms": t.terms(), "sensors": sensors_of(t)}),
+    );
+    let errors = model.errors.iter().map(|(symbol, function)| {
+        let size = Size::of(*symbol, function, model);
+        json!({
+            "symbol": lower(*symbol),
+            "kinds": kinds_of(function),
+            format!("range_{}", position_unit(symbol.axis())): size.range,
+            format!("lowest_{}", size.unit): size.low,
+            format!("highest_{}", size.unit): size.high,
         })
-        .collect();
-    let axes: Vec<Value> = model
-        .chain
-        .axes()
-        .iter()
-        .map(|axis| {
-            let travel = model.axis(axis.name).travel.map(|t| t.map(|v| position_out(axis.name, v)));
-            json!({
-                "axis": axis.name.lower().to_string(),
-                "workpiece_side": axis.side == Side::Workpiece,
-                "spindle": axis.spindle,
-                format!("travel_{}", position_unit(axis.name)): travel,
-            })
+    });
+    let axes = model.chain.axes().iter().map(|axis| {
+        let travel = model.axis(axis.name).travel.map(|t| t.map(|v| position_out(axis.name, v)));
+        json!({
+            "axis": axis.name.lower().to_string(),
+            "workpiece_side": axis.side == Side::Workpiece,
+            "spindle": axis.spindle,
+            format!("travel_{}", position_unit(axis.name)): travel,
         })
-        .collect();
+    });
     json!({
         "machine": model.machine,
         "chain": model.chain.to_string(),
-        "axes": axes,
-        "errors": errors,
-        "thermal": thermal,
+        "axes": axes.collect::<Value>(),
+        "errors": errors.collect::<Value>(),
+        "thermal": thermal.collect::<Value>(),
         "gauge": gauge::as_json(model),
     })
 }
@@ -205,10 +157,9 @@ impl Size {
             low -= term.limit;
             high += term.limit;
         }
-        let (unit, out): (_, fn(f64) -> f64) =
-            if symbol.is_angle() { ("arcsec", arcsec_from_rad) } else { ("um", um_from_mm) };
         let range = range.map(|r| r.map(|v| position_out(symbol.axis(), v)));
-        Self { range, low: rounded(out(low)), high: rounded(out(high)), unit }
+        let out = |v: f64| rounded(error_out(symbol, v));
+        Self { range, low: out(low), high: out(high), unit: error_unit(symbol) }
     }
 }
 
@@ -327,11 +278,9 @@ pub(crate) fn model_notes(file: &ModelFile) -> Vec<String> {
         }
         let slack = 1e-9 * (travel[1] - travel[0]);
         if covered[0] > travel[0] + slack || covered[1] < travel[1] - slack {
-            let unit = position_unit(symbol.axis());
-            let [from, to] = covered.map(|v| position_out(symbol.axis(), v));
-            let [low, high] = travel.map(|v| position_out(symbol.axis(), v));
+            let [covered, travel] = [covered, travel].map(|r| range_words(symbol.axis(), r));
             out.push(format!(
-                "{symbol} covers {from} to {to} {unit} of the travel {low} to {high} {unit}; beyond, its end value is held"
+                "{symbol} covers {covered} of the travel {travel}; beyond, its end value is held"
             ));
         }
     }

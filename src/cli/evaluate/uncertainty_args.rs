@@ -1,6 +1,6 @@
 //! What the user states about the uncertainty of a positioning measurement.
 
-use crate::{EX_USAGE, Failure};
+use crate::Failure;
 use volcomp_evaluate::Conditions;
 use volcomp_units::axes::AxisKind;
 
@@ -56,10 +56,7 @@ impl UncertaintyArgs {
             self.drift_arcsec,
         ];
         if let Some(bad) = all.into_iter().flatten().find(|v| !v.is_finite()) {
-            return Err(Failure::new(
-                EX_USAGE,
-                format_args!("error: uncertainty {bad} is not a finite number"),
-            ));
+            return Err(usage!("uncertainty {bad} is not a finite number"));
         }
         let of_length = self
             .u_device_um_per_m
@@ -76,10 +73,7 @@ impl UncertaintyArgs {
             }
         };
         if foreign.is_some() {
-            return Err(Failure::new(
-                EX_USAGE,
-                format_args!("error: the unit of an uncertainty does not suit the test; give it in {wanted}"),
-            ));
+            return Err(usage!("the unit of an uncertainty does not suit the test; give it in {wanted}"));
         }
         Ok(Conditions {
             device,

@@ -47,9 +47,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         let beside_none =
             addition.machine.is_empty() && model.spec.errors.is_empty() && model.thermal.is_empty();
         if !beside_none {
-            addition
-                .is_of(&model.spec.machine)
-                .map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {}: {e}", path.display())))?;
+            addition.is_of(&model.spec.machine).map_err(|e| mistake!(path, "{e}"))?;
         }
         let extended = extend(&model.spec, &model.thermal, &addition).map_err(|e| {
             Failure::new(

@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::super::{EX_DATAERR, Failure};
+use super::super::Failure;
 use crate::input::{InputKind, read_text};
 use volcomp_effects::extend::Fate;
 
@@ -64,12 +64,7 @@ impl Forecast {
             None => return Ok(None),
         };
         let text = read_text(path, InputKind::Model)?;
-        let wrong = |what: &str| {
-            Failure::new(
-                EX_DATAERR,
-                format_args!("error: {}: {what}; expected report.json of volcomp diagnose", path.display()),
-            )
-        };
+        let wrong = |what: &str| data!(path, "{what}; expected report.json of volcomp diagnose");
         let report: Value = serde_json::from_str(&text).map_err(|e| wrong(&e.to_string()))?;
         Self::of(&report).map(Some).ok_or_else(|| wrong("no shrink and causes"))
     }

@@ -53,7 +53,7 @@ fn load(path: &Path) -> Result<ModelFile, Failure> {
     let file = path.display().to_string();
     let text = String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
-        Failure::new(EX_CONFIG, format_args!("error: {file}: byte {at} is not UTF-8; save the file as UTF-8"))
+        mistake!(file, "byte {at} is not UTF-8; save the file as UTF-8")
     })?;
     config::model::parse_file(&file, &text).map_err(|e| Failure::new(EX_CONFIG, e))
 }

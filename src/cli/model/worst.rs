@@ -1,8 +1,8 @@
 //! The largest deviations and corrections in the working volume of a model.
 
+use crate::quantities::position_unit;
 use volcomp_model::search::Volume;
 use volcomp_model::{AxisCorrection, Deviation, Model, ModelSpec, Pose};
-use volcomp_units::axes::AxisKind;
 
 /// What is to be as large as possible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -81,7 +81,7 @@ impl Goal {
 pub(super) fn kept_in_place(spec: &ModelSpec) -> Vec<String> {
     let axes = spec.chain.axes().iter();
     axes.filter(|a| !a.spindle && spec.domain(a.name).is_none())
-        .map(|a| format!("{} at 0 {}", a.name, if a.kind() == AxisKind::Linear { "mm" } else { "deg" }))
+        .map(|a| format!("{} at 0 {}", a.name, position_unit(a.name)))
         .collect()
 }
 

@@ -12,7 +12,7 @@ use std::io::Write;
 use std::path::{Path, PathBuf};
 
 use crate::files::Output;
-use crate::{EX_DATAERR, EX_USAGE, Failure, recordings};
+use crate::{Failure, recordings};
 use rows::{Cell, Column, Rows};
 use sensors::Sensors;
 
@@ -61,7 +61,7 @@ pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOpt
     if let (Some(from), Some(to)) = (args.from_s, args.to_s)
         && from > to
     {
-        return Err(Failure::usage(format_args!("--from-s {from} is behind --to-s {to}; exchange them")));
+        return Err(usage!("--from-s {from} is behind --to-s {to}; exchange them"));
     }
     let mut parsed = recordings::read(files)?;
     let mut output = Output::create(out)?;
@@ -80,9 +80,8 @@ pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOpt
         #[cfg(feature = "parquet")]
         Format::Parquet => {
             let Output::Beside { file, .. } = &output else {
-                return Err(Failure::new(
-                    EX_USAGE,
-                    "error: Parquet is written to a file, not to a stream\n  hint: name a file with --out",
+                return Err(usage!(
+                    "Parquet is written to a file, not to a stream\n  hint: name a file with --out"
                 ));
             };
             let file = file.try_clone().map_err(|e| Failure::io(out, &e))?;
@@ -93,9 +92,8 @@ pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOpt
         }
         #[cfg(not(feature = "parquet"))]
         Format::Parquet => {
-            return Err(Failure::new(
-                EX_USAGE,
-                "error: this program was built without Parquet\n  hint: build it with the feature parquet, or use --format csv",
+            return Err(usage!(
+                "this program was built without Parquet\n  hint: build it with the feature parquet, or use --format csv"
             ));
         }
     };
@@ -125,8 +123,7 @@ fn convert(
     let (mut cycles, mut written, mut begun) = (0_u64, 0, false);
     let mut last_s = 0.0;
     let walked = recordings::walk(parsed, |item| {
-        let told =
-            rows.feed(item).map_err(|why| Failure::new(EX_DATAERR, format_args!("error: {name}: {why}")))?;
+        let told = rows.feed(item).map_err(|why| data!(name, "{why}"))?;
         if !told {
             return Ok(());
         }
@@ -153,7 +150,7 @@ fn convert(
                 "no row selected; the cycles are between 0 s and {last_s:.3} s: correct --from-s and --to-s"
             )
         };
-        return Err(Failure::new(EX_DATAERR, format_args!("error: {name}: {why}")));
+        return Err(data!(name, "{why}"));
     }
     Ok((written, walked))
 }
