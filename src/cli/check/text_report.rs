@@ -12,9 +12,10 @@ use crate::report::Table;
 use volcomp_config::model::{kind_of, section_of};
 use volcomp_config::{MachineConfig, ModelFile};
 use volcomp_estimate::Thermal;
+use volcomp_model::extremes::Bounds;
 use volcomp_model::spec::{ModelSpec, Sense};
 use volcomp_model::{ErrorFunction, ErrorSymbol, Side};
-use volcomp_units::axes::{AxisKind, AxisName, Travel};
+use volcomp_units::axes::{AxisKind, AxisName};
 
 pub(super) fn describe_machine(lines: &mut Vec<String>, machine: &MachineConfig) {
     lines.push(format!(
@@ -126,7 +127,7 @@ pub(super) fn model_as_json(file: &ModelFile) -> Value {
     })
 }
 
-/// Bounds of an error over its range, for people: curves sampled, extremes of grids added, in the unit of the file.
+/// Bounds of an error over its range, in the units of the file.
 pub(crate) struct Size {
     pub(crate) range: Option<[f64; 2]>,
     pub(crate) low: f64,
@@ -135,31 +136,11 @@ pub(crate) struct Size {
 }
 
 impl Size {
-    const SAMPLES: u32 = 2000;
-
     pub(crate) fn of(symbol: ErrorSymbol, function: &ErrorFunction, model: &ModelSpec) -> Self {
-        let range = widest(function);
-        let [start, end] = range.or(model.axis(symbol.axis()).travel).unwrap_or([0.0, 0.0]);
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for i in 0..=Self::SAMPLES {
-            let x = start + (end - start) * f64::from(i) / f64::from(Self::SAMPLES);
-            for travel in [Travel::Forward, Travel::Reverse] {
-                let v = function.value(x, travel);
-                (low, high) = (low.min(v), high.max(v));
-            }
-        }
-        // the extremes of a grid stand at its points
-        for grid in &function.grids {
-            low += grid.values().iter().copied().fold(f64::INFINITY, f64::min);
-            high += grid.values().iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        }
-        for term in &function.dynamics {
-            low -= term.limit;
-            high += term.limit;
-        }
-        let range = range.map(|r| r.map(|v| position_out(symbol.axis(), v)));
-        let out = |v: f64| rounded(error_out(symbol, v));
-        Self { range, low: out(low), high: out(high), unit: error_unit(symbol) }
+        let bounds = Bounds::of(function, model.axis(symbol.axis()).travel);
+        let range = bounds.range.map(|r| r.map(|v| position_out(symbol.axis(), v)));
+        let [low, high] = [bounds.low, bounds.high].map(|v| rounded(error_out(symbol, v)));
+        Self { range, low, high, unit: error_unit(symbol) }
     }
 }
 
@@ -169,12 +150,6 @@ pub(crate) fn kinds_of(function: &ErrorFunction) -> Vec<&'static str> {
     let live = function.live.iter().map(|_| "live");
     let dynamics = function.dynamics.iter().map(|d| section_of(&d.law));
     function.curves.iter().map(kind_of).chain(grids).chain(live).chain(dynamics).collect()
-}
-
-/// The range that any curve covers.
-fn widest(function: &ErrorFunction) -> Option<[f64; 2]> {
-    let ranges = function.curves.iter().filter_map(|c| c.range());
-    ranges.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
 }
 
 /// What is allowed but worth knowing about a machine file and its model.

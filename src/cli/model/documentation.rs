@@ -7,7 +7,6 @@ use serde_json::{Value, json};
 use super::super::{EX_CONFIG, Failure};
 use super::picture;
 use super::report::Report;
-use super::worst::search;
 use crate::acceptance::verdicts::NOT_STATED;
 use crate::acceptance::{Acceptance, HeadArgs, Stated, file_name, sign};
 use crate::check::Size;
@@ -19,6 +18,7 @@ use crate::quantities::{
 use crate::report::{Page, Table};
 use volcomp_config::{MachineConfig, ModelFile, Provenance};
 use volcomp_model::curve::Interpolation;
+use volcomp_model::extremes::search;
 
 use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec};
 use volcomp_units::axes::{AxisKind, AxisName};

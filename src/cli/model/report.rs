@@ -2,7 +2,6 @@
 
 use serde_json::{Map, Value, json};
 
-use super::worst::{Extreme, Found, kept_in_place};
 use super::{drawing, gauge};
 use crate::check::{Size, kinds_of};
 use crate::numerals::{plain, signed};
@@ -13,6 +12,7 @@ use crate::quantities::{
 use crate::report::Table;
 use volcomp_config::model::FORMAT;
 use volcomp_config::{ModelFile, Provenance};
+use volcomp_model::extremes::{Extreme, Found, kept_in_place};
 use volcomp_model::spec::ReferenceBody;
 use volcomp_model::{AxisSpec, ErrorFunction, ErrorSymbol, ModelSpec, Sense, Side};
 use volcomp_units::axes::{AxisKind, AxisName};
@@ -153,7 +153,8 @@ impl Report<'_> {
                 format!("{} poses", self.found.poses),
             ],
         ]);
-        let kept = kept_in_place(self.spec());
+        let word = |axis: AxisName| format!("{axis} at 0 {}", position_unit(axis));
+        let kept: Vec<String> = kept_in_place(self.spec()).into_iter().map(word).collect();
         if !kept.is_empty() {
             table.row(["without travel and curves, so kept", "", &kept.join(", ")]);
         }

@@ -4,10 +4,10 @@ use std::path::{Path, PathBuf};
 
 use super::super::{EX_CONFIG, Failure};
 use super::report::Report;
-use super::worst::search;
 use super::{html, picture};
 use crate::progress::Steps;
 use volcomp_model::Model;
+use volcomp_model::extremes::search;
 
 /// Show a model: chain, errors, worst error in the working volume, corrections; with --html or --svg as a picture
 #[derive(Debug, clap::Parser)]
