@@ -10,13 +10,13 @@ use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, HeadArgs, Stated};
 use crate::evaluate::circular::plane;
 use crate::evaluate::page::{self, Origin};
-use crate::evaluate::{CompareOptions, Compared, compare};
+use crate::evaluate::{CompareOptions, Compared, compare, show};
 use crate::files::write_text;
 use crate::numerals::plain;
 use crate::report::Table;
-use crate::report::plot::hull;
 use crate::report_page::{Plot, Style};
 use crate::{Failure, table};
+use volcomp_evaluate::reduction::about_end_points;
 use volcomp_evaluate::{Placed, Reduction, Size, Uncertain};
 use volcomp_units::axes::Travel;
 
@@ -91,9 +91,6 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         Some(test) => (test, Vec::new()),
         None => straightness(files)?,
     };
-    if let Some(bad) = args.u_device_um.filter(|u| !u.is_finite() || *u < 0.0) {
-        return Err(usage!("--u-device-um {bad} must be a finite number, 0 or above"));
-    }
     let size = |i: usize| {
         let size =
             Size::of(&test.readings[i], test.is_repeated).ok_or_else(|| data!(files[i], "no data rows"))?;
@@ -134,8 +131,17 @@ impl Verified {
 
     fn json(&self) -> Map<String, Value> {
         let key = if self.test.unit == "arcsec" { "arcsec" } else { "um" };
-        let mut out = Map::new();
-        out.insert("test".to_owned(), json!(self.test.test));
+        let figures = self.test.figures.iter();
+        let figures: Map<_, _> =
+            figures.map(|[b, a]| (a.key.clone(), json!({ "before": b.value, "after": a.value }))).collect();
+        let [before, after] = self.sizes.map(|s| json!([s.low, s.high]));
+        let mut out = Map::from_iter([
+            ("test".to_owned(), json!(self.test.test)),
+            (format!("extremes_before_{key}"), before),
+            (format!("extremes_after_{key}"), after),
+            ("figures".to_owned(), Value::Object(figures)),
+            ("readings".to_owned(), json!(self.test.readings.each_ref().map(Vec::len))),
+        ]);
         for (name, [before, after], reduction) in self.rows() {
             let entry = json!({
                 format!("before_{key}"): before.value,
@@ -147,14 +153,6 @@ impl Verified {
             });
             out.insert(name.to_owned(), entry);
         }
-        let ends = |s: &Size| json!([s.low, s.high]);
-        out.insert(format!("extremes_before_{key}"), ends(&self.sizes[0]));
-        out.insert(format!("extremes_after_{key}"), ends(&self.sizes[1]));
-        let figures = self.test.figures.iter();
-        let figures: Map<_, _> =
-            figures.map(|[b, a]| (a.key.clone(), json!({ "before": b.value, "after": a.value }))).collect();
-        out.insert("figures".to_owned(), Value::Object(figures));
-        out.insert("readings".to_owned(), json!(self.test.readings.each_ref().map(Vec::len)));
         self.judged.put(&mut out);
         out
     }
@@ -172,7 +170,7 @@ impl Verified {
     /// The figures of the standard, before and after.
     fn figures(&self) -> Vec<Vec<String>> {
         let row = |[b, a]: &[Assessed; 2]| {
-            vec![a.name.to_owned(), number(b.value), number(a.value), change(b.value, a.value)]
+            vec![a.name.to_owned(), show(b.value), show(a.value), change(b.value, a.value)]
         };
         self.test.figures.iter().map(row).collect()
     }
@@ -225,10 +223,6 @@ impl Verified {
         }
         page::finish(page, &self.judged)
     }
-}
-
-fn number(value: Option<f64>) -> String {
-    value.map_or_else(|| "-".to_owned(), |v| plain(v, 2))
 }
 
 /// Reduction of a figure in percent; none where it was zero or negative.
@@ -332,33 +326,4 @@ fn read_motions(path: &Path) -> Result<Vec<Motion>, Failure> {
         about_end_points(&mut motion.rows);
     }
     Ok(motions)
-}
-
-/// Takes the line through the mean readings at both ends out.
-fn about_end_points(rows: &mut [(f64, Travel, f64)]) {
-    let [low, high] = hull(rows.iter().map(|r| r.0));
-    let mean = |q: f64| {
-        let (n, sum) = rows.iter().filter(|r| r.0 == q).fold((0.0, 0.0), |(n, s), r| (n + 1.0, s + r.2));
-        sum / n
-    };
-    if high > low {
-        let (first, last) = (mean(low), mean(high));
-        let slope = (last - first) / (high - low);
-        rows.iter_mut().for_each(|r| r.2 -= first + slope * (r.0 - low));
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_straightness_loses_its_line_and_keeps_its_bow() {
-        let mut rows: Vec<(f64, Travel, f64)> =
-            (0..=10).map(f64::from).map(|q| (q, Travel::Forward, 3.0 + 2.0 * q + q * (10.0 - q))).collect();
-        about_end_points(&mut rows);
-        for (q, _, v) in rows {
-            assert!((v - q * (10.0 - q)).abs() < 1e-12);
-        }
-    }
 }

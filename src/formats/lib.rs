@@ -27,6 +27,7 @@ pub mod positioning_test;
 pub mod rtl;
 pub mod rtx;
 pub mod sample;
+pub mod start_up;
 pub mod text;
 
 pub use error::{FormatError, FormatErrorKind, Place, ReadError};

@@ -9,8 +9,7 @@ use serde_json::{Map, Value, json};
 use super::page;
 use super::picture::circular::{self as drawing, Shown};
 use super::{
-    CompareOptions, Compared, Figures, Output, assess, change, only, percent, put_before, side_by_side,
-    values,
+    CompareOptions, Compared, Figures, Output, assess, change, percent, put_before, side_by_side, values,
 };
 use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
@@ -109,7 +108,7 @@ pub(crate) fn samples(path: &Path, known: &[&str]) -> Result<Vec<Sample>, Failur
     let (angle, deviation, direction) =
         (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);
     let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
-    only(&table, known)?;
+    table.only(known)?;
     let mut samples = Vec::new();
     while table.advance()? {
         samples.push(Sample {

@@ -6,7 +6,7 @@ use serde_json::{Map, Value, json};
 
 use super::page;
 use super::picture::gear::{self as drawing, Panel};
-use super::{Output, change, only, percent, put_before, show};
+use super::{Output, change, percent, put_before, show};
 use crate::acceptance::Acceptance;
 use crate::acceptance::verdicts::Judged;
 use crate::arg_parsers::{above_zero, number};
@@ -91,7 +91,7 @@ fn read(gear: &Gear, path: &Path) -> Result<Vec<OfFlank>, Failure> {
     let [direction, flank, tooth] =
         [table.require("direction")?, table.require("flank")?, table.require("tooth")?];
     let [position, deviation] = [table.require("position_mm")?, table.require("deviation_um")?];
-    only(&table, &["direction", "flank", "tooth", "pass", "position_mm", "deviation_um"])?;
+    table.only(&["direction", "flank", "tooth", "pass", "position_mm", "deviation_um"])?;
     let mut readings = Vec::new();
     while table.advance()? {
         let (word, side) = (table.word(direction), table.word(flank));

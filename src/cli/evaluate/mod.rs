@@ -14,7 +14,7 @@ mod uncertainty_args;
 
 use std::path::{Path, PathBuf};
 
-use clap::{Parser, Subcommand};
+use clap::Parser;
 use serde_json::{Map, Value, json};
 
 use super::acceptance::HeadArgs;
@@ -38,20 +38,21 @@ pub(super) struct Args {
     test: Test,
 }
 
-#[derive(Debug, Subcommand)]
-enum Test {
-    /// Positioning of one axis: reversal, repeatability, systematic deviation, accuracy.
-    Iso230_2(Box<positioning::Args>),
-    /// Circular test: circular deviation G and radial deviation F.
-    Iso230_4(circular::Args),
-    /// Ballbar report: polar plot, causes by rank with remedy, trend over several tests.
-    Ballbar(Box<ballbar::Args>),
-    /// Four body diagonals, each like a positioning test.
-    Iso230_6(diagonals::Args),
-    /// A hole plate or ball plate: offset, rotation, scale and squareness in a plane.
-    Plate(plate::Args),
-    /// Involute gear by ISO 1328-1: profile and helix (lead) deviations and their tolerance classes.
-    Gear(Box<gear::Args>),
+subcommands! {
+    enum Test {
+        /// Positioning of one axis: reversal, repeatability, systematic deviation, accuracy.
+        Iso230_2(Box<positioning::Args>) => positioning::run,
+        /// Circular test: circular deviation G and radial deviation F.
+        Iso230_4(circular::Args) => circular::run,
+        /// Ballbar report: polar plot, causes by rank with remedy, trend over several tests.
+        Ballbar(Box<ballbar::Args>) => ballbar::run,
+        /// Four body diagonals, each like a positioning test.
+        Iso230_6(diagonals::Args) => diagonals::run,
+        /// A hole plate or ball plate: offset, rotation, scale and squareness in a plane.
+        Plate(plate::Args) => plate::run,
+        /// Involute gear by ISO 1328-1: profile and helix (lead) deviations and their tolerance classes.
+        Gear(Box<gear::Args>) => gear::run,
+    }
 }
 
 /// What is written beside the figures.
@@ -77,14 +78,7 @@ struct Output {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    match &args.test {
-        Test::Iso230_2(a) => positioning::run(a),
-        Test::Iso230_4(a) => circular::run(a),
-        Test::Ballbar(a) => ballbar::run(a),
-        Test::Iso230_6(a) => diagonals::run(a),
-        Test::Plate(a) => plate::run(a),
-        Test::Gear(a) => gear::run(a),
-    }
+    args.test.run()
 }
 
 impl Output {
@@ -248,14 +242,6 @@ fn side_by_side([before, after]: [Vec<Assessed>; 2]) -> Vec<[Assessed; 2]> {
     before.into_iter().zip(after).map(|(b, a)| [b, a]).collect()
 }
 
-/// Refuses columns that the test does not know.
-fn only<R: std::io::BufRead>(table: &table::Table<R>, known: &[&str]) -> Result<(), Failure> {
-    match table.columns().iter().position(|c| !known.contains(&c.as_str())) {
-        Some(i) => Err(table.fail(i, format_args!("unknown column; columns are {}", known.join(", ")))),
-        None => Ok(()),
-    }
-}
-
 /// How much a figure changed, relative to before.
 fn change(before: Option<f64>, after: Option<f64>) -> Option<f64> {
     let (before, after) = (before?, after?);
@@ -268,7 +254,7 @@ fn percent(share: Option<f64>) -> String {
 }
 
 /// A value with two decimals, or a dash.
-fn show(value: Option<f64>) -> String {
+pub(crate) fn show(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |v| plain(v, 2))
 }
 

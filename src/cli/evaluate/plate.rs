@@ -6,9 +6,9 @@ use std::path::PathBuf;
 use clap::ValueEnum;
 use serde_json::{Map, Value, json};
 
+use super::Output;
 use super::page;
 use super::picture::plate::{self as drawing, Shown};
-use super::{Output, only};
 use crate::acceptance::Acceptance;
 use crate::acceptance::verdicts::Judged;
 use crate::input::{self, InputKind};
@@ -107,7 +107,7 @@ fn read_csv(
     let names =
         if deviations { ["deviation_x_um", "deviation_y_um"] } else { ["measured_x_mm", "measured_y_mm"] };
     let values = [table.require(names[0])?, table.require(names[1])?];
-    only(&table, &["nominal_x_mm", "nominal_y_mm", names[0], names[1], "nominal_diameter_mm", "name"])?;
+    table.only(&["nominal_x_mm", "nominal_y_mm", names[0], names[1], "nominal_diameter_mm", "name"])?;
     let diameter = table.find("nominal_diameter_mm");
     if args.nominal_diameter_mm.is_some() && diameter.is_none() {
         return Err(data!(

@@ -16,7 +16,7 @@ use crate::acceptance::{Acceptance, Stated};
 use crate::numerals::counted;
 use crate::positioning_data::{Cycles, TestFormat, read_test};
 use crate::report::{Page, Table};
-use crate::start_up::{StartUp, in_report_units};
+use crate::start_up::{StartUp, in_report_units, words};
 use crate::{EX_USAGE, Failure};
 use volcomp_evaluate::uncertainty::Expanded;
 use volcomp_evaluate::{Conditions, Placed, Positioning, PositioningReading, Spread, Uncertainties};
@@ -90,7 +90,7 @@ fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
     let uncertainties = Uncertainties::of(&result, &conditions, length(&result));
     let start_up = StartUp::of(&test);
     for m in start_up.iter().flat_map(|s| &s.marked) {
-        note!("warning: {}:{}: {}; kept in the results", path.display(), m.line, m.words(test.kind));
+        note!("warning: {}:{}: {}; kept in the results", path.display(), m.line, words(m, test.kind));
     }
     Ok(Evaluated { kind: test.kind, readings, result, uncertainties, start_up, stated })
 }
@@ -369,7 +369,7 @@ fn start_up_section(page: &mut Page, test: &Evaluated, unit: &str) {
     let Some(start_up) = &test.start_up else { return };
     page.heading("Start-up outliers");
     let list: Vec<String> =
-        start_up.marked.iter().map(|m| format!("Line {}: {}.", m.line, m.words(test.kind))).collect();
+        start_up.marked.iter().map(|m| format!("Line {}: {}.", m.line, words(m, test.kind))).collect();
     page.note(list.join(" "));
     if let Some(without) = &start_up.without {
         let mut table =
