@@ -18,12 +18,13 @@ pub(super) struct Args {
     verb: Verb,
 }
 
-#[derive(Debug, clap::Subcommand)]
-enum Verb {
-    /// Checks that no line was changed, taken out, put in or cut off; exit code 65 names the line.
-    Verify(VerifyArgs),
-    /// Shows the log.
-    Show(ShowArgs),
+subcommands! {
+    enum Verb {
+        /// Checks that no line was changed, taken out, put in or cut off; exit code 65 names the line.
+        Verify(VerifyArgs) => verify,
+        /// Shows the log.
+        Show(ShowArgs) => show,
+    }
 }
 
 #[derive(Debug, clap::Args)]
@@ -61,10 +62,7 @@ struct ShowArgs {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    match &args.verb {
-        Verb::Verify(args) => verify(args),
-        Verb::Show(args) => show(args),
-    }
+    args.verb.run()
 }
 
 /// The log that is meant.

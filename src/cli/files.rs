@@ -7,10 +7,17 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use super::Failure;
 use super::input::{self, InputKind};
-use super::{EX_CONFIG, Failure};
 use volcomp_config as config;
+use volcomp_config::ModelFile;
 use volcomp_model::{Model, ModelSpec};
+
+/// Reads a model file with what it says about its origin.
+pub(super) fn read_model_file(path: &Path) -> Result<ModelFile, Failure> {
+    let text = input::read_text(path, InputKind::Model)?;
+    Ok(config::model::parse_file(&path.display().to_string(), &text)?)
+}
 
 /// Reads and compiles a model file.
 pub(super) fn read_model(path: &Path) -> Result<(ModelSpec, Model), Failure> {
@@ -20,8 +27,7 @@ pub(super) fn read_model(path: &Path) -> Result<(ModelSpec, Model), Failure> {
 /// Reads and compiles a model file; with the BLAKE3 of the file as hexadecimal digits.
 pub(super) fn read_hashed_model(path: &Path) -> Result<(ModelSpec, Model, String), Failure> {
     let text = input::read_text(path, InputKind::Model)?;
-    let spec =
-        config::model::parse(&path.display().to_string(), &text).map_err(|e| Failure::new(EX_CONFIG, e))?;
+    let spec = config::model::parse(&path.display().to_string(), &text)?;
     let model = Model::new(&spec).map_err(|e| mistake!(path, "{e}"))?;
     Ok((spec, model, blake3::hash(text.as_bytes()).to_hex().to_string()))
 }

@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use super::files::write_text;
+use super::files::{read_model_file, write_text};
 use super::input::{self, InputKind};
-use super::{EX_CONFIG, EX_DATAERR, Failure};
+use super::{EX_DATAERR, Failure};
 use volcomp_config as config;
 use volcomp_config::{ModelFile, Provenance, SourceEntry};
 use volcomp_model::{AxisSpec, Chain, ErrorFunction, ErrorSymbol, Model, ModelSpec};
@@ -42,11 +42,7 @@ impl ModelWriter {
     /// --chain, else `default_chain`.
     pub(super) fn base(&self, default_chain: impl FnOnce() -> String) -> Result<ModelFile, Failure> {
         let mut file = match &self.into {
-            Some(path) => config::model::parse_file(
-                &path.display().to_string(),
-                &input::read_text(path, InputKind::Model)?,
-            )
-            .map_err(|e| Failure::new(EX_CONFIG, e))?,
+            Some(path) => read_model_file(path)?,
             None => {
                 let text = self.chain.clone().unwrap_or_else(|| {
                     let chain = default_chain();

@@ -10,7 +10,7 @@ use std::time::Duration;
 
 use super::input::{self, InputKind};
 use super::numerals::counted;
-use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
+use super::{EX_IOERR, EX_SOFTWARE, Failure};
 use volcomp_config::MachineConfig;
 use volcomp_daemon::client::{self, ClientError};
 use volcomp_daemon::{Fault, RealtimeStatus, ShadowAxis, ShadowStatus, Status};
@@ -142,7 +142,7 @@ pub(super) fn socket_of(config: &Path, machine: &MachineConfig) -> Result<PathBu
 /// The machine file of a daemon.
 pub(super) fn machine(config: &Path) -> Result<MachineConfig, Failure> {
     let text = input::read_text(config, InputKind::Machine)?;
-    MachineConfig::parse(&config.display().to_string(), &text).map_err(|e| Failure::new(EX_CONFIG, e))
+    Ok(MachineConfig::parse(&config.display().to_string(), &text)?)
 }
 
 pub(super) fn failure(error: &ClientError) -> Failure {

@@ -140,6 +140,14 @@ impl<R: BufRead> Table<R> {
         })
     }
 
+    /// Refuses columns that are not known.
+    pub(super) fn only(&self, known: &[&str]) -> Result<(), Failure> {
+        match self.columns.iter().position(|c| !known.contains(&c.as_str())) {
+            Some(i) => Err(self.fail(i, format_args!("unknown column; columns are {}", known.join(", ")))),
+            None => Ok(()),
+        }
+    }
+
     /// Goes to the next row; false at the end.
     pub(super) fn advance(&mut self) -> Result<bool, Failure> {
         if !self.next_line()? {

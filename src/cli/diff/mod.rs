@@ -5,15 +5,13 @@
 mod picture;
 mod text_report;
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use super::Failure;
-use super::files::write_text;
-use super::input::{self, InputKind};
+use super::files::{read_model_file, write_text};
 use super::progress::Steps;
 use super::report::Page;
 use super::report::page::Cell;
-use volcomp_config as config;
 use volcomp_config::ModelFile;
 use volcomp_model::compare::{Comparison, compare};
 use volcomp_units::{mm_from_um, rad_from_arcsec};
@@ -58,18 +56,8 @@ struct Diff {
     found: Comparison,
 }
 
-fn load(path: &Path) -> Result<ModelFile, Failure> {
-    let text = input::read_text(path, InputKind::Model)?;
-    Ok(config::model::parse_file(&path.display().to_string(), &text)?)
-}
-
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    for tolerance in [args.tolerance_um, args.tolerance_arcsec].into_iter().flatten() {
-        if !(tolerance.is_finite() && tolerance >= 0.0) {
-            return Err(usage!("tolerance {tolerance} is not a number from 0 up"));
-        }
-    }
-    let files = [load(&args.first)?, load(&args.second)?];
+    let files = [read_model_file(&args.first)?, read_model_file(&args.second)?];
     let steps = Steps::new();
     let found = compare(&files[0].spec, &files[1].spec, |done, of| steps.show(done, of))
         .map_err(|e| Failure::new(super::EX_CONFIG, format_args!("error: {e}")))?;

@@ -11,7 +11,7 @@ mod sensors;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crate::files::Output;
+use crate::files::{self, Output};
 use crate::{Failure, recordings};
 use rows::{Cell, Column, Rows};
 use sensors::Sensors;
@@ -64,21 +64,16 @@ pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOpt
         return Err(usage!("--from-s {from} is behind --to-s {to}; exchange them"));
     }
     let mut parsed = recordings::read(files)?;
-    let mut output = Output::create(out)?;
     let (rows, walked) = match to {
         Format::Csv => {
-            let mut sink = Csv {
-                out: std::io::BufWriter::with_capacity(1 << 16, &mut output),
-                path: out.to_owned(),
-                line: String::new(),
-            };
+            let mut sink = Csv(files::Rows::create(out)?);
             let done = convert(args, &mut parsed, &mut sink)?;
-            sink.out.flush().map_err(|e| Failure::io(out, &e))?;
-            drop(sink);
+            sink.0.finish()?;
             done
         }
         #[cfg(feature = "parquet")]
         Format::Parquet => {
+            let output = Output::create(out)?;
             let Output::Beside { file, .. } = &output else {
                 return Err(usage!(
                     "Parquet is written to a file, not to a stream\n  hint: name a file with --out"
@@ -88,6 +83,7 @@ pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOpt
             let mut sink = parquet::Table::new(file, out, &recordings::first(&parsed)?.meta);
             let done = convert(args, &mut parsed, &mut sink)?;
             sink.finish()?;
+            output.finish()?;
             done
         }
         #[cfg(not(feature = "parquet"))]
@@ -97,7 +93,6 @@ pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOpt
             ));
         }
     };
-    output.finish()?;
     for note in walked.notes {
         note!("note: {note}");
     }
@@ -155,46 +150,25 @@ fn convert(
     Ok((written, walked))
 }
 
-/// CSV; no cell of ours needs quotes.
-struct Csv<W: Write> {
-    out: W,
-    path: PathBuf,
-    line: String,
-}
+/// Comma-separated values.
+struct Csv(files::Rows);
 
-impl<W: Write> Csv<W> {
-    fn write(&mut self) -> Result<(), Failure> {
-        self.line.push('\n');
-        self.out.write_all(self.line.as_bytes()).map_err(|e| Failure::io(&self.path, &e))?;
-        self.line.clear();
-        Ok(())
+impl Csv {
+    fn line(&mut self, fields: impl Iterator<Item = impl core::fmt::Display>) -> Result<(), Failure> {
+        for (k, field) in fields.enumerate() {
+            // writing to memory cannot fail
+            let _ = write!(self.0.block, "{}{field}", if k > 0 { "," } else { "" });
+        }
+        self.0.row_end()
     }
 }
 
-impl<W: Write> Sink for Csv<W> {
+impl Sink for Csv {
     fn begin(&mut self, columns: &[Column]) -> Result<(), Failure> {
-        for (k, column) in columns.iter().enumerate() {
-            if k > 0 {
-                self.line.push(',');
-            }
-            self.line.push_str(&column.name);
-        }
-        self.write()
+        self.line(columns.iter().map(|column| &column.name))
     }
 
     fn row(&mut self, cells: &[Cell]) -> Result<(), Failure> {
-        use std::fmt::Write as _;
-        for (k, cell) in cells.iter().enumerate() {
-            if k > 0 {
-                self.line.push(',');
-            }
-            let _ = match cell {
-                Cell::Empty => Ok(()),
-                Cell::Number(v) => write!(self.line, "{v}"),
-                Cell::Whole(v) => write!(self.line, "{v}"),
-                Cell::Text(v) => self.line.write_str(v),
-            };
-        }
-        self.write()
+        self.line(cells.iter())
     }
 }

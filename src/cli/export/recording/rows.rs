@@ -33,6 +33,17 @@ pub(super) enum Cell {
     Text(&'static str),
 }
 
+impl core::fmt::Display for Cell {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Empty => Ok(()),
+            Self::Number(v) => write!(f, "{v}"),
+            Self::Whole(v) => write!(f, "{v}"),
+            Self::Text(v) => f.write_str(v),
+        }
+    }
+}
+
 impl Cell {
     /// A number where it is one.
     fn number(value: f64) -> Self {
