@@ -37,14 +37,12 @@ pub(super) fn read(paths: &[PathBuf]) -> Result<Vec<Parsed>, Failure> {
     parsed.sort_by_key(|file| file.meta.first_record);
     let runs = parsed.windows(2).find(|w| w[0].meta.run != w[1].meta.run);
     if let Some([a, b]) = runs {
+        let [first, second] = [a, b].map(|file| file.path.display());
         return Err(Failure::new(
             EX_DATAERR,
             format_args!(
-                "error: {} and {} are of two runs of the daemon ({} and {}): give the files of one run at a time",
-                a.path.display(),
-                b.path.display(),
-                a.meta.run,
-                b.meta.run
+                "error: {first} and {second} are of two runs of the daemon ({} and {}): give the files of one run at a time",
+                a.meta.run, b.meta.run
             ),
         ));
     }

@@ -17,14 +17,10 @@ pub(crate) const fn units(kind: AxisKind) -> (&'static str, &'static str) {
 pub(crate) fn words(m: &Marked, kind: AxisKind) -> String {
     let (length, unit) = units(kind);
     let way = if m.travel == Travel::Reverse { "backward" } else { "forward" };
+    let (target, Marked { cycle, deviation, apart, limit, .. }) = ((m.target * 1e6).round() / 1e6, m);
     format!(
-        "start-up outlier at {} {length} {way}, cycle {}: {:.1} {unit}, {:+.1} {unit} from the median of the other cycles \
-         (limit {:.1} {unit})",
-        (m.target * 1e6).round() / 1e6,
-        m.cycle,
-        m.deviation,
-        m.apart,
-        m.limit
+        "start-up outlier at {target} {length} {way}, cycle {cycle}: {deviation:.1} {unit}, {apart:+.1} {unit} from the median of \
+         the other cycles (limit {limit:.1} {unit})"
     )
 }
 

@@ -128,7 +128,8 @@ pub fn predict(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use volcomp_units::axes::Travel;
+    use volcomp_model::curve::{Curve, ErrorFunction, Interpolation, Table};
+    use volcomp_model::{Chain, ErrorSymbol, ModelSpec};
 
     fn readings(of: impl Fn(f64) -> f64) -> Vec<CircularReading> {
         (0..360)
@@ -155,5 +156,31 @@ mod tests {
     fn a_prediction_with_too_few_values_is_refused() {
         let measured = readings(|_| 0.0);
         assert!(CirclePrediction::new(&measured, &[0.0; 10], 100.0).is_err());
+    }
+
+    #[test]
+    fn lost_motion_builds_up_behind_a_reversal() {
+        let mut spec = ModelSpec::new("m", Chain::parse("[w b X Y Z t]").unwrap());
+        let (places, way_back) = (vec![-200.0, 200.0], Some(vec![0.004, 0.004]));
+        let lost = Table::new(places, vec![0.0, 0.0], way_back, Interpolation::Linear).unwrap();
+        spec.errors.push((ErrorSymbol::parse("exx").unwrap(), ErrorFunction::single(Curve::Table(lost))));
+        let model = Model::new(&spec).unwrap();
+        // 4 um of 100 mm (1 - cos): half of the lost motion is made up 0.36 deg behind the reversal, all of it 0.51 deg behind
+        let [half, whole] = [2e-5f64, 4e-5].map(|share| (1.0 - share).acos());
+        let at = |angle: f64, travel| CircularReading { angle, deviation: 0.0, travel };
+        let readings = [
+            at(1e-6, Travel::Forward),
+            at(half, Travel::Forward),
+            at(1.01 * whole, Travel::Forward),
+            at(-half, Travel::Reverse),
+            at(PI + half, Travel::Forward),
+            at(-1e-6, Travel::Forward),
+        ];
+        let live = [0.0; SENSORS_MAX];
+        let plane = [AxisName::X, AxisName::Y];
+        let found = predict(&model, &live, &readings, (Vec3::zeros(), 100.0), plane, false).unwrap();
+        for (value, expected) in found.iter().zip([0.0, 2e-3, 4e-3, 2e-3, -2e-3, 0.0]) {
+            assert!((value - expected).abs() < 1e-6, "{found:?}");
+        }
     }
 }

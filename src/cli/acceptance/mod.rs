@@ -83,27 +83,18 @@ impl Acceptance {
     pub(crate) fn load(args: &HeadArgs, test: &str, keys: &[String]) -> Result<Self, Failure> {
         let mut head = args.head.as_deref().map(HeadFile::read).transpose()?.unwrap_or_default();
         let keys: Vec<String> = keys.iter().map(|k| toml_key(k)).collect();
+        let expected = format!("expected one of {}", keys.join(", "));
         let [mut tolerances, uncertainties] =
             [&mut head.tolerance, &mut head.uncertainty].map(|tests| tests.remove(test).unwrap_or_default());
         if let (Some(path), Some(key)) =
             (&args.head, tolerances.keys().chain(uncertainties.keys()).find(|k| !keys.contains(k)))
         {
-            return Err(mistake!(
-                path,
-                "unknown figure `{key}` of {test}; expected one of {}",
-                keys.join(", ")
-            ));
+            return Err(mistake!(path, "unknown figure `{key}` of {test}; {expected}"));
         }
         for (key, limit) in &args.tolerance {
             if !keys.contains(key) {
-                return Err(usage!(
-                    "--tolerance {key}: unknown figure; {}",
-                    if keys.is_empty() {
-                        "this test has no tolerances".to_owned()
-                    } else {
-                        format!("expected one of {}", keys.join(", "))
-                    }
-                ));
+                let why = if keys.is_empty() { "this test has no tolerances" } else { &expected };
+                return Err(usage!("--tolerance {key}: unknown figure; {why}"));
             }
             if *limit < 0.0 && !head_file::is_lower(key) {
                 return Err(usage!("--tolerance {key}={limit}: expected 0 or above"));

@@ -18,21 +18,18 @@ use volcomp_model::{ErrorFunction, ErrorSymbol, Side};
 use volcomp_units::axes::{AxisKind, AxisName};
 
 pub(super) fn describe_machine(lines: &mut Vec<String>, machine: &MachineConfig) {
+    let (address, protection) = (machine.link.address, identity::protection(machine));
+    let cycle_ms = rounded(machine.link.cycle_s * 1e3);
     lines.push(format!(
-        "  machine {}, control at {}{}, cycle {} ms",
-        machine.machine,
-        machine.link.address,
-        identity::protection(machine),
-        rounded(machine.link.cycle_s * 1e3)
+        "  machine {}, control at {address}{protection}, cycle {cycle_ms} ms",
+        machine.machine
     ));
     for axis in &machine.axes {
-        let (name, unit) = (axis.name, offset_unit(axis.name));
+        let (name, unit, limits) = (axis.name, offset_unit(axis.name), &axis.limits);
+        let [size, warning, rate, acceleration] =
+            [limits.size, limits.warning, limits.rate, limits.acceleration].map(|v| offset_out(name, v));
         lines.push(format!(
-            "  axis {name}: offset up to {} {unit}, warning at {} {unit}, {} {unit}/s, {} {unit}/s^2",
-            offset_out(name, axis.limits.size),
-            offset_out(name, axis.limits.warning),
-            offset_out(name, axis.limits.rate),
-            offset_out(name, axis.limits.acceleration),
+            "  axis {name}: offset up to {size} {unit}, warning at {warning} {unit}, {rate} {unit}/s, {acceleration} {unit}/s^2"
         ));
     }
 }
@@ -62,24 +59,20 @@ pub(super) fn describe_model(lines: &mut Vec<String>, file: &ModelFile) {
         1 => "  1 error:".to_owned(),
         n => format!("  {n} errors:"),
     });
-    let mut errors = Table::new(["", "", ">", "", ">", ""]);
+    let mut errors = Table::new(["", "", ">", ">", ""]);
     for (symbol, function) in &model.errors {
         let size = Size::of(*symbol, function, model);
         let unit = position_unit(symbol.axis());
         let range = size.range.map_or(String::new(), |[low, high]| format!(", {low} to {high} {unit}"));
         let (kinds, [low, high]) =
             (kinds_of(function).join(" + "), [size.low, size.high].map(|v| plain(v, 2)));
-        errors.row([lower(*symbol), kinds, low, "to".to_owned(), high, format!("{}{range}", size.unit)]);
+        errors.row([lower(*symbol), kinds, format!("{low} to"), high, format!("{}{range}", size.unit)]);
     }
     lines.extend(errors.lines().into_iter().map(|line| format!("    {line}")));
     for thermal in &file.thermal {
-        lines.push(format!(
-            "  thermal {}: {} from {} terms of {}",
-            thermal.name,
-            if thermal.expansion { "expansion" } else { "growth" },
-            thermal.terms(),
-            sensors_of(thermal).join(", ")
-        ));
+        let (name, sensors) = (&thermal.name, sensors_of(thermal).join(", "));
+        let kind = if thermal.expansion { "expansion" } else { "growth" };
+        lines.push(format!("  thermal {name}: {kind} from {} terms of {sensors}", thermal.terms()));
     }
     lines.extend(model_notes(file).into_iter().map(|n| format!("  note: {n}")));
     lines.extend(gauge::lines(model).into_iter().map(|l| format!("  {l}")));

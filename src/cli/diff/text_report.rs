@@ -152,20 +152,12 @@ pub(super) fn volume(diff: &Diff) -> Vec<String> {
     };
     let located = |d: &Difference, v: &Vec3| format!("at {}: {}", pose_words(chain, &d.pose), vector(v));
     let (e, t) = (v.position.position.map(um_from_mm), v.rotation.rotation.map(arcsec_from_rad));
-    out.push(format!(
-        "position   largest {:.2} um {}, rms {:.2} um{}",
-        e.norm(),
-        located(&v.position, &e),
-        um_from_mm(v.rms_position),
-        bound(v.bound_position, um_from_mm, "um")
-    ));
-    out.push(format!(
-        "direction  largest {:.2} arcsec {}, rms {:.2} arcsec{}",
-        t.norm(),
-        located(&v.rotation, &t),
-        arcsec_from_rad(v.rms_rotation),
-        bound(v.bound_rotation, arcsec_from_rad, "arcsec")
-    ));
+    let (largest, at, rms) = (e.norm(), located(&v.position, &e), um_from_mm(v.rms_position));
+    let beyond = bound(v.bound_position, um_from_mm, "um");
+    out.push(format!("position   largest {largest:.2} um {at}, rms {rms:.2} um{beyond}"));
+    let (largest, at, rms) = (t.norm(), located(&v.rotation, &t), arcsec_from_rad(v.rms_rotation));
+    let beyond = bound(v.bound_rotation, arcsec_from_rad, "arcsec");
+    out.push(format!("direction  largest {largest:.2} arcsec {at}, rms {rms:.2} arcsec{beyond}"));
     let ([shift, turn], rest) = (v.rigid, v.without_rigid.without_rigid.map(um_from_mm));
     out.push(format!(
         "without the best rigid motion of the workpiece: largest {:.2} um {}, rms {:.2} um; the motion: shift {} um, turn {} arcsec",

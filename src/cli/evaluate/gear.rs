@@ -268,27 +268,17 @@ fn report(
     shown: &[(&'static str, Vec<Panel>)],
 ) -> Result<String, Failure> {
     let [profile, lead] = [Direction::Profile, Direction::Helix].map(|d| gear.part(d).evaluation);
-    let facts = [
-        (
-            "gear",
-            format!(
-                "z {}, module {} mm, pressure angle {} deg, helix angle {} deg, face width {} mm, tip diameter {} mm",
-                gear.teeth,
-                gear.module_mm,
-                args.pressure_angle_deg,
-                args.helix_angle_deg,
-                gear.face_width_mm,
-                gear.tip_diameter_mm
-            ),
-        ),
-        (
-            "evaluation",
-            format!(
-                "roll length {:.2} to {:.2} mm (control diameter {} mm), face width {} to {} mm",
-                profile[0], profile[1], gear.control_diameter_mm, lead[0], lead[1]
-            ),
-        ),
-    ];
+    let Gear { teeth, module_mm, face_width_mm, tip_diameter_mm, control_diameter_mm, .. } = gear;
+    let Args { pressure_angle_deg, helix_angle_deg, .. } = args;
+    let about = format!(
+        "z {teeth}, module {module_mm} mm, pressure angle {pressure_angle_deg} deg, helix angle {helix_angle_deg} deg, \
+         face width {face_width_mm} mm, tip diameter {tip_diameter_mm} mm"
+    );
+    let evaluation = format!(
+        "roll length {:.2} to {:.2} mm (control diameter {control_diameter_mm} mm), face width {} to {} mm",
+        profile[0], profile[1], lead[0], lead[1]
+    );
+    let facts = [("gear", about), ("evaluation", evaluation)];
     let standard = "Flank deviations of an involute gear, ISO 1328-1:2013";
     let mut page = args.output.page([&args.data, &args.before], (title, standard), judged, &facts);
     figures.put(&mut page);

@@ -163,47 +163,15 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     )
 }
 
-/// One line of the result: words, unit, value, standard uncertainty, significance.
-struct Line {
-    name: &'static str,
-    unit: &'static str,
-    decimals: usize,
-    of: Estimate,
-    /// Whether "is it zero?" is a question.
-    tested: bool,
-}
-
-fn lines(fit: &PlateFit) -> Vec<Line> {
-    let scaled = |e: Estimate, f: fn(f64) -> f64| Estimate { value: f(e.value), std: f(e.std) };
-    let line = |name, unit, decimals, of, tested| Line { name, unit, decimals, of, tested };
-    let ppm = |v: f64| v * 1e6;
-    let mut out = vec![
-        line("offset X", "um", 1, scaled(fit.offset[0], um_from_mm), false),
-        line("offset Y", "um", 1, scaled(fit.offset[1], um_from_mm), false),
-        line("rotation", "arcsec", 2, scaled(fit.rotation, arcsec_from_rad), false),
-    ];
-    out.extend(fit.scale.map(|e| line("scale, mean", "ppm", 1, scaled(e, ppm), true)));
-    if let Some([x, y]) = fit.scales {
-        out.push(line("scale X", "ppm", 1, scaled(x, ppm), true));
-        out.push(line("scale Y", "ppm", 1, scaled(y, ppm), true));
-    }
-    out.extend(fit.differential.map(|e| line("scale X - scale Y", "ppm", 1, scaled(e, ppm), true)));
-    out.extend(
-        fit.squareness.map(|e| line("squareness EC0Y", "arcsec", 2, scaled(e, arcsec_from_rad), true)),
-    );
-    out
-}
-
 /// Probability of a value at least as far from zero where it is zero.
 fn p_value(e: Estimate) -> f64 {
     if e.std > 0.0 { normal_two_sided(e.value / e.std) } else { f64::from(u8::from(e.value == 0.0)) }
 }
 
-fn significance(line: &Line) -> String {
-    match line.tested.then(|| p_value(line.of)) {
-        None => String::new(),
-        Some(p) if p < 0.01 => "significant".to_owned(),
-        Some(p) => format!("not significant (p = {p:.2})"),
+fn significance(e: Estimate) -> String {
+    match p_value(e) {
+        p if p < 0.01 => "significant".to_owned(),
+        p => format!("not significant (p = {p:.2})"),
     }
 }
 
@@ -232,11 +200,29 @@ fn quality(fit: &PlateFit) -> Table {
 
 /// What was fitted, each with its standard uncertainty and whether it is significant.
 fn estimates(fit: &PlateFit) -> Table {
-    let rows = lines(fit).into_iter().map(|l| {
-        let (value, std, d) = (l.of.value, l.of.std, l.decimals);
-        [l.name.to_owned(), format!("{value:.d$}"), format!("{std:.d$}"), l.unit.to_owned(), significance(&l)]
-    });
-    Table::new(["", ">value", ">u (k=1)", "", ""]).rows(rows)
+    type Unit = (&'static str, usize, fn(f64) -> f64);
+    const UM: Unit = ("um", 1, um_from_mm);
+    const ARCSEC: Unit = ("arcsec", 2, arcsec_from_rad);
+    const PPM: Unit = ("ppm", 1, |v| v * 1e6);
+    let mut table = Table::new(["", ">value", ">u (k=1)", "", ""]);
+    let mut add = |name: &str, (unit, d, out): Unit, e: Estimate, significance: String| {
+        let [value, std] = [e.value, e.std].map(|v| format!("{:.d$}", out(v)));
+        table.row([name, &value, &std, unit, &significance]);
+    };
+    add("offset X", UM, fit.offset[0], String::new());
+    add("offset Y", UM, fit.offset[1], String::new());
+    add("rotation", ARCSEC, fit.rotation, String::new());
+    let [x, y] = [fit.scales.map(|s| s[0]), fit.scales.map(|s| s[1])];
+    for (name, unit, found) in [
+        ("scale, mean", PPM, fit.scale),
+        ("scale X", PPM, x),
+        ("scale Y", PPM, y),
+        ("scale X - scale Y", PPM, fit.differential),
+        ("squareness EC0Y", ARCSEC, fit.squareness),
+    ] {
+        found.into_iter().for_each(|e| add(name, unit, e, significance(e)));
+    }
+    table
 }
 
 fn as_json(plate: &Plate, fit: &PlateFit) -> Map<String, Value> {

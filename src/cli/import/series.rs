@@ -14,7 +14,7 @@ use crate::input::{self, InputKind};
 use crate::positioning_data::format_failure;
 use crate::progress::Progress;
 use volcomp_formats::columns::Columns;
-use volcomp_formats::edge::{self, Header, Row, Sink, Summary};
+use volcomp_formats::edge::{self, Gap, Header, Row, Sink, Summary};
 use volcomp_formats::{b5r as ballbar, camonitor as epics, rtx as dynamic};
 use volcomp_units::axes::AxisKind;
 
@@ -193,25 +193,19 @@ fn describe_edge(args: &Args, path: &Path, summary: &Summary) {
             header.time_stamp.as_deref().unwrap_or("at an unknown time")
         );
     }
-    note!(
-        "  {} rows of {} signals every {} ms, {:.3} s from first to last",
-        summary.rows,
-        header.signals.len(),
-        header.cycle_ms,
-        summary.duration_s
-    );
+    let Summary { rows, duration_s, .. } = summary;
+    let (signals, cycle_ms) = (header.signals.len(), header.cycle_ms);
+    note!("  {rows} rows of {signals} signals every {cycle_ms} ms, {duration_s:.3} s from first to last");
     let mut axes: Vec<(u32, &str)> =
         header.signals.iter().filter_map(|s| s.of_axis().map(|(_, n)| (n, s.axis.as_str()))).collect();
     axes.sort_unstable();
     axes.dedup();
     let axes: Vec<String> = axes.iter().map(|(n, name)| format!("{n} ({name})")).collect();
     note!("  axes {}", axes.join(", "));
-    for gap in &summary.gaps {
-        let lost = gap.missing_cycles as f64 * header.cycle_ms / 1e3;
+    for Gap { missing_cycles, after_rows, .. } in &summary.gaps {
+        let lost = *missing_cycles as f64 * cycle_ms / 1e3;
         note!(
-            "  gap: {} cycles ({lost:.3} s) missing after row {}; never differentiate across it, segment goes up there",
-            gap.missing_cycles,
-            gap.after_rows
+            "  gap: {missing_cycles} cycles ({lost:.3} s) missing after row {after_rows}; never differentiate across it, segment goes up there"
         );
     }
     if header.cycle_column().is_none() {

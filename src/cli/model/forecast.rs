@@ -32,13 +32,11 @@ impl Delivered {
 
     /// One line of text.
     pub(super) fn line(&self) -> String {
+        let Self { before_um, forecast_um, deliverable_um } = *self;
+        let [deliverable, forecast] =
+            [deliverable_um, forecast_um].map(|after| Self::shrink(before_um, after));
         format!(
-            "shrink of the gap: {:.2} of {:.2} forecast ({:.2} µm RMS; {:.2} µm left, forecast {:.2} µm)",
-            Self::shrink(self.before_um, self.deliverable_um),
-            Self::shrink(self.before_um, self.forecast_um),
-            self.before_um,
-            self.deliverable_um,
-            self.forecast_um,
+            "shrink of the gap: {deliverable:.2} of {forecast:.2} forecast ({before_um:.2} µm RMS; {deliverable_um:.2} µm left, forecast {forecast_um:.2} µm)"
         )
     }
 

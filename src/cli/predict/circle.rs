@@ -151,33 +151,3 @@ fn page(r: &CirclePrediction, readings: &[CircularReading], args: &Args, data: &
     page.note("Each about its own least-squares centre; the mean radius is kept.");
     page.finish()
 }
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn lost_motion_builds_up_behind_a_reversal() {
-        let text = "format = \"volcomp-model/1\"\nmachine = \"m\"\nchain = \"[w b X Y Z t]\"\n\
-            [errors.exx.table]\nposition-mm = [-200, 200]\nvalue-um = [0, 0]\nreverse-um = [4, 4]\n";
-        let file = volcomp_config::model::parse_file("m", text).unwrap();
-        let model = Model::new(&file.spec).unwrap();
-        // 4 um of 100 mm (1 - cos): half of the lost motion is made up 0.36 deg behind the reversal, all of it 0.51 deg behind
-        let [half, whole] = [2e-5f64, 4e-5].map(|share| (1.0 - share).acos());
-        let at = |angle: f64, travel| CircularReading { angle, deviation: 0.0, travel };
-        let readings = [
-            at(1e-6, Travel::Forward),
-            at(half, Travel::Forward),
-            at(1.01 * whole, Travel::Forward),
-            at(-half, Travel::Reverse),
-            at(PI + half, Travel::Forward),
-            at(-1e-6, Travel::Forward),
-        ];
-        let live = [0.0; SENSORS_MAX];
-        let plane = [AxisName::X, AxisName::Y];
-        let found = predict((&model, &live), &readings, Vec3::zeros(), 100.0, plane, false).unwrap();
-        for (value, expected) in found.iter().zip([0.0, 2e-3, 4e-3, 2e-3, -2e-3, 0.0]) {
-            assert!((value - expected).abs() < 1e-6, "{found:?}");
-        }
-    }
-}

@@ -127,41 +127,26 @@ fn causes(page: &mut Page, test: &Test) {
     if !table.is_empty() {
         table.put_stacked(page);
     }
-    let small: Vec<String> = a
-        .estimates
-        .iter()
-        .filter(|e| !e.significant)
-        .map(|e| format!("{} ({})", named(e.effect, plane).0, values(e)))
-        .collect();
+    let name = |effect: Effect| named(effect, plane).0;
+    let small = a.estimates.iter().filter(|e| !e.significant);
+    let small: Vec<String> = small.map(|e| format!("{} ({})", name(e.effect), values(e))).collect();
     if !small.is_empty() {
         page.note(format_args!("Not significant (99.9 %): {}.", small.join(", ")));
     }
     let round = roundness(&test.plan);
     if let (Some(all), Some(rest)) = (&round.measured, &round.residual) {
+        let [all, rest] = [all, rest].map(|c| um_from_mm(widest(c)));
         page.paragraph(format_args!(
-            "Circular error of all readings {:.2} µm; {:.2} µm of the residuals, which no cause explains.",
-            um_from_mm(widest(all)),
-            um_from_mm(widest(rest))
+            "Circular error of all readings {all:.2} µm; {rest:.2} µm of the residuals, which no cause explains."
         ));
     }
     for e in a.estimates.iter().filter(|e| !e.confounded.is_empty()) {
-        let others: Vec<String> = e
-            .confounded
-            .iter()
-            .map(|(o, c)| format!("{} (correlation {c:.2})", named(*o, plane).0))
-            .collect();
-        page.note(format_args!(
-            "Confounded: {} is strongly correlated with {} in these data.",
-            named(e.effect, plane).0,
-            others.join(", ")
-        ));
+        let others = e.confounded.iter().map(|(o, c)| format!("{} (correlation {c:.2})", name(*o)));
+        let (name, others) = (name(e.effect), others.collect::<Vec<_>>().join(", "));
+        page.note(format_args!("Confounded: {name} is strongly correlated with {others} in these data."));
     }
     for (effect, reason) in &a.missing {
-        page.note(format_args!(
-            "Not determined: {}: {}.",
-            named(*effect, plane).0,
-            reason_text(reason, plane)
-        ));
+        page.note(format_args!("Not determined: {}: {}.", name(*effect), reason_text(reason, plane)));
     }
     for n in &a.notes {
         page.note(note_text(n));

@@ -108,6 +108,9 @@ struct Anchor {
     t_s: f64,
 }
 
+/// What takes a column: its name, made where it is asked for, its kind, and a cell.
+type Put<'a> = dyn FnMut(&dyn Fn() -> String, Kind, Cell) + 'a;
+
 /// Turns entries into rows.
 pub(super) struct Rows {
     config: Option<MachineConfig>,
@@ -256,7 +259,7 @@ impl Rows {
     }
 
     /// Every column in its order: name, kind, and its cell of the cycle; empty where none is given.
-    fn columns_of(&self, of: Option<(u64, &Cycle)>, put: &mut dyn FnMut(&dyn Fn() -> String, Kind, Cell)) {
+    fn columns_of(&self, of: Option<(u64, &Cycle)>, put: &mut Put<'_>) {
         let frame = of.map(|(_, cycle)| &cycle.frame);
         let answer = of.and_then(|(_, cycle)| cycle.answer.as_ref());
         let mut add = |name: &'static str, kind, cell| put(&|| name.to_owned(), kind, cell);

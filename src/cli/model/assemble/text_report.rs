@@ -66,26 +66,20 @@ impl Report<'_> {
             format!(" over {low} to {high} {}", position_unit(axis))
         });
         let unit = error_unit(c.symbol);
+        let out = |v: f64| error_out(c.symbol, v);
         let tested = match (c.p, c.std) {
             (Some(p), Some(std)) => {
                 let verdict = if p < self.significance { "they do not agree" } else { "they agree" };
-                format!(
-                    ", u (k=1) of a difference {:.3}, chi2 {:.1} for {}, p = {p:.2}: {verdict}",
-                    error_out(c.symbol, std),
-                    c.chi_square.unwrap_or(0.0),
-                    c.dof
-                )
+                let (std, chi, dof) = (out(std), c.chi_square.unwrap_or(0.0), c.dof);
+                format!(", u (k=1) of a difference {std:.3}, chi2 {chi:.1} for {dof}, p = {p:.2}: {verdict}")
             }
             _ if c.is_identical() => ": the same".to_owned(),
             _ => ": not tested, no uncertainty is stated".to_owned(),
         };
+        let ([a, b], [largest, rms]) = (c.sources.map(|s| self.name(s)), [c.largest.abs(), c.rms].map(out));
         format!(
-            "{} {} and {}{over}: largest difference {:.3}, rms {:.3} {unit}{tested}",
-            c.symbol,
-            self.name(c.sources[0]),
-            self.name(c.sources[1]),
-            error_out(c.symbol, c.largest.abs()),
-            error_out(c.symbol, c.rms)
+            "{} {a} and {b}{over}: largest difference {largest:.3}, rms {rms:.3} {unit}{tested}",
+            c.symbol
         )
     }
 
