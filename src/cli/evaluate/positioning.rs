@@ -278,9 +278,16 @@ fn print_start_up(test: &Evaluated, unit: &str) {
     say!();
     say!("without {}", outliers_in_words(start_up));
     match &start_up.without {
-        Some(p) => table(p, unit).print(),
+        Some(p) => with_and_without(test, p, unit).print(),
         None => say!("too few readings are left at a target"),
     }
+}
+
+/// The figures with the start-up outliers and without them.
+fn with_and_without(test: &Evaluated, without: &Positioning, unit: &str) -> Table {
+    let rows = FIGURES.iter().filter(|(.., get)| get(&test.result).is_some());
+    Table::new(["figure".to_owned(), format!(">with them / {unit}"), format!(">without / {unit}")])
+        .rows(rows.map(|(_, name, get)| [(*name).to_owned(), show(get(&test.result)), show(get(without))]))
 }
 
 /// `2 start-up outliers (lines 23, 25)`.
@@ -290,24 +297,21 @@ fn outliers_in_words(start_up: &StartUp) -> String {
     format!("{} start-up outlier{s} ({line} {})", lines.len(), lines.join(", "))
 }
 
+/// The expanded uncertainties of the figures: of the measurement and from few runs.
+fn uncertainties(u: &Uncertainties, unit: &str) -> Table {
+    let rows = uncertain(u).into_iter().map(|(key, name, e)| {
+        let measurement = measured(u, key, &e).map_or_else(|| NOT_STATED.to_owned(), |u| format!("{u:.2}"));
+        [name.to_owned(), measurement, format!("{:.2}", e.sampling)]
+    });
+    let heads = [format!(">of the measurement / {unit}"), format!(">from few runs / {unit}")];
+    Table::new(["expanded uncertainty, k = 2", &heads[0], &heads[1]]).rows(rows)
+}
+
 fn print_uncertainties(u: &Uncertainties, unit: &str) {
-    let Some(both) = u.both else { return };
-    let stated = !u.contributions.is_empty();
     say!();
-    let expanded = format!("expanded, k = 2, {unit}");
-    let mut table = Table::new([&expanded, ">B", ">R", ">E", ">M", ">A"]);
-    let row = |name: &str, values: [Option<f64>; 5]| [&[name.to_owned()], &values.map(show)[..]].concat();
-    if stated {
-        let [b, r, e, m, a] = both.each_ref();
-        let measured = [("b", b), ("r", r), ("e", e), ("m", m), ("a", a)].map(|(key, e)| measured(u, key, e));
-        table.row(row("measurement", measured));
-    }
-    table.row(row("few runs", both.each_ref().map(|e| Some(e.sampling))));
-    table.print();
-    if !stated {
-        say!(
-            "measurement: nothing stated about instrument, temperature and drift (--help names the options)"
-        );
+    uncertainties(u, unit).print();
+    if u.contributions.is_empty() {
+        say!("nothing stated about instrument, temperature and drift (--help names the options)");
     }
 }
 
@@ -372,12 +376,7 @@ fn start_up_section(page: &mut Page, test: &Evaluated, unit: &str) {
         start_up.marked.iter().map(|m| format!("Line {}: {}.", m.line, words(m, test.kind))).collect();
     page.note(list.join(" "));
     if let Some(without) = &start_up.without {
-        let mut table =
-            Table::new(["figure".into(), format!(">with them / {unit}"), format!(">without / {unit}")]);
-        for (_, name, get) in FIGURES.iter().filter(|(.., get)| get(&test.result).is_some()) {
-            table.row([*name, &show(get(&test.result)), &show(get(without))]);
-        }
-        table.put(page);
+        with_and_without(test, without, unit).put(page);
     }
     page.note("The results of this report hold all readings. Repeat the test after a warm-up.");
 }
@@ -388,12 +387,7 @@ fn uncertainty_section(page: &mut Page, u: &Uncertainties, unit: &str) {
         let rows = u.contributions.iter().map(|c| [c.name.to_owned(), format!("{:.2}", c.std)]);
         Table::new(["contribution", &format!(">standard uncertainty / {unit}")]).rows(rows).put(page);
     }
-    let [measurement, runs] = [format!(">of the measurement / {unit}"), format!(">from few runs / {unit}")];
-    let rows = uncertain(u).into_iter().map(|(key, name, e)| {
-        let measurement = measured(u, key, &e).map_or_else(|| NOT_STATED.to_owned(), |u| format!("{u:.2}"));
-        [name.to_owned(), measurement, format!("{:.2}", e.sampling)]
-    });
-    Table::new(["expanded uncertainty, k = 2", &measurement, &runs]).rows(rows).put(page);
+    uncertainties(u, unit).put(page);
     page.note(
         "Measurement: instrument, alignment, temperature and drift, as far as they were stated. Few runs: what the scatter \
          of the readings does to means and standard deviations of so few runs (first order).",
