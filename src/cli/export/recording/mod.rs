@@ -11,7 +11,7 @@ mod sensors;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crate::files::{self, Output};
+use crate::files;
 use crate::{Failure, recordings};
 use rows::{Cell, Column, Rows};
 use sensors::Sensors;
@@ -73,8 +73,8 @@ pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOpt
         }
         #[cfg(feature = "parquet")]
         Format::Parquet => {
-            let output = Output::create(out)?;
-            let Output::Beside { file, .. } = &output else {
+            let output = files::Output::create(out)?;
+            let files::Output::Beside { file, .. } = &output else {
                 return Err(usage!(
                     "Parquet is written to a file, not to a stream\n  hint: name a file with --out"
                 ));
