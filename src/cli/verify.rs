@@ -167,20 +167,24 @@ impl Verified {
         self.rows().map(row).to_vec()
     }
 
-    /// The figures of the standard, before and after.
-    fn figures(&self) -> Vec<Vec<String>> {
-        let row = |[b, a]: &[Assessed; 2]| {
-            vec![a.name.to_owned(), show(b.value), show(a.value), change(b.value, a.value)]
+    /// The figures of the standard, before and after, with how they are judged.
+    fn judged_figures(&self) -> Vec<Vec<String>> {
+        let row = |([b, a], judged): (&[Assessed; 2], &Assessed)| {
+            let figures = [a.name.to_owned(), show(b.value), show(a.value), change(b.value, a.value)];
+            figures.into_iter().chain(judged.words()).collect()
         };
-        self.test.figures.iter().map(row).collect()
+        self.test.figures.iter().zip(&self.judged.figures).map(row).collect()
     }
 
     fn print(&self) {
         let unit = self.test.unit;
         say!("{}", self.test.standard);
-        let table = Table::new([unit, ">before", ">after", ">reduction"]);
-        table.rows(self.sizes()).rows(self.figures()).print();
-        self.judged.print(unit);
+        let heads = [unit, ">before", ">after", ">reduction"].map(str::to_owned);
+        let nothing = [""; 3].map(str::to_owned).to_vec();
+        Table::new(heads.into_iter().chain(Assessed::heads(unit)))
+            .rows(self.sizes().into_iter().map(|row| [row, nothing.clone()].concat()))
+            .rows(self.judged_figures())
+            .print();
         for note in &self.test.notes {
             note!("note: {note}");
         }
@@ -211,9 +215,8 @@ impl Verified {
         }
         if !self.test.figures.is_empty() {
             page.heading("Figures of the standard");
-            let figures = self.figures().into_iter().zip(&self.judged.figures);
             Table::new(heads.into_iter().chain(Assessed::heads(unit)))
-                .rows(figures.map(|(row, assessed)| [row, assessed.words().to_vec()].concat()))
+                .rows(self.judged_figures())
                 .put(&mut page);
         }
         page.plots(&self.test.plots, self.test.caption);

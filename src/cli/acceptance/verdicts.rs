@@ -3,7 +3,6 @@
 use serde_json::{Map, Value, json};
 
 use super::Acceptance;
-use crate::report::Table;
 use volcomp_evaluate::Conformity;
 
 /// A figure with what is known about it.
@@ -62,6 +61,11 @@ impl Judged {
         self.figures.iter().filter_map(|a| Some((a, a.verdict()?)))
     }
 
+    /// True where a figure has a tolerance.
+    pub(crate) fn has_verdicts(&self) -> bool {
+        self.verdicts().next().is_some()
+    }
+
     /// Adds `conformity` to a report: limit, expanded uncertainty and verdict of each figure with a tolerance.
     pub(crate) fn put(&self, out: &mut Map<String, Value>) {
         let of = |(a, verdict): (&Assessed, Conformity)| {
@@ -74,26 +78,6 @@ impl Judged {
         let judged: Map<String, Value> = self.verdicts().map(of).collect();
         if !judged.is_empty() {
             out.insert("conformity".to_owned(), Value::Object(judged));
-        }
-    }
-
-    /// Prints the verdicts, where there are any.
-    pub(crate) fn print(&self, unit: &str) {
-        let number = |v: Option<f64>| v.map_or_else(|| NOT_STATED.to_owned(), |v| format!("{v:.2}"));
-        let row = |(a, verdict): (&Assessed, Conformity)| {
-            [
-                a.name.to_owned(),
-                number(a.value),
-                number(a.expanded),
-                number(a.limit),
-                verdict.words().to_owned(),
-            ]
-        };
-        if self.verdicts().next().is_some() {
-            say!();
-            let head = format!("conformity, ISO 14253-1, {unit}");
-            let heads = [&head, ">value", ">U (k = 2)", ">tolerance", "verdict"];
-            Table::new(heads).rows(self.verdicts().map(row)).print();
         }
     }
 }

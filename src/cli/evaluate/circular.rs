@@ -8,15 +8,12 @@ use serde_json::{Map, Value, json};
 
 use super::page;
 use super::picture::circular::{self as drawing, Shown};
-use super::{
-    CompareOptions, Compared, Figures, Output, assess, change, percent, put_before, side_by_side, values,
-};
+use super::{CompareOptions, Compared, Figures, Output, assess, put_before, side_by_side, values};
 use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
 use crate::arg_parsers::not_negative;
 use crate::numerals::{counted, plain};
 use crate::positioning_data::no_rows;
-use crate::report::Table;
 use crate::{EX_USAGE, Failure, table};
 use volcomp_evaluate::{Centring, CircularReading, CircularUncertainties, Circularity, Placed};
 use volcomp_identify::ballbar::{Sample, cut_overshoot, travelled};
@@ -198,8 +195,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         || {
             let file = args.output.data(&args.data).display();
             say!("ISO 230-4 of {file}: {}", counted(after.readings.len(), "reading"));
-            figures(&judged.figures, old.as_deref(), after.result.centre.map(um_from_mm)).print();
-            judged.print("um");
+            page::figures("um", &judged.figures, old.as_deref()).print();
+            let [x, y] = after.result.centre.map(um_from_mm);
+            say!("centre taken out  {}, {} um", plain(x, 1), plain(y, 1));
         },
     )
 }
@@ -234,22 +232,6 @@ fn as_json(figures: &[Assessed], test: &Evaluated) -> Map<String, Value> {
     out
 }
 
-/// The figures, with those before where there are, and the centre taken out.
-fn figures(after: &[Assessed], before: Option<&[Assessed]>, [x, y]: [f64; 2]) -> Table {
-    let um = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{} um", plain(v, 2)));
-    let centre = format!("{}, {} um", plain(x, 1), plain(y, 1));
-    let Some(before) = before else {
-        let rows = after.iter().map(|f| [f.name.to_owned(), um(f.value)]);
-        return Table::new(["", ">"]).rows(rows).rows([["centre taken out", &centre]]);
-    };
-    let rows = before
-        .iter()
-        .zip(after)
-        .map(|(b, a)| [a.name.to_owned(), um(b.value), um(a.value), percent(change(b.value, a.value))]);
-    let table = Table::new(["", ">before", ">after", ">change"]).rows(rows);
-    table.rows([["centre taken out", "", &centre, ""]])
-}
-
 fn report(
     args: &Args,
     title: &str,
@@ -271,7 +253,7 @@ fn report(
     };
     facts.push(("centre", centre));
     let mut page = args.output.page([&args.data, &args.before], (title, STANDARD), judged, &facts);
-    page::figures(&mut page, "µm", &judged.figures, old);
+    page::figures("µm", &judged.figures, old).put(&mut page);
     let caption = "Radial deviations about the common centre, magnified; the heavy circle is the nominal path. F is the radial \
                    error against the nominal radius, G the range of the radii of one path (G(b): of both).";
     let scale = drawing::scale(pictures.iter().map(|(_, shown)| shown));

@@ -121,26 +121,26 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             report
         },
         || {
-            print(&after.result, before.as_ref().map(|b| &b.result));
-            judged.print("um");
+            print(&after.result, before.as_ref().map(|b| &b.result), &judged.figures);
         },
     )
 }
 
-fn print(after: &DiagonalTest, before: Option<&DiagonalTest>) {
+fn print(after: &DiagonalTest, before: Option<&DiagonalTest>, figures: &[Assessed]) {
     for (d, p) in &after.diagonals {
         let (targets, cycles) = (counted(p.targets.len(), "target"), counted(p.cycles, "cycle"));
         say!("ISO 230-6, diagonal {}: {targets}, {cycles}", d.name());
         each_direction(p, "um").print();
         say!();
     }
-    let mut worst = Table::new(["", ">", ""]);
-    for (key, _, figure) in WORST {
-        let Some((d, v)) = after.worst(figure) else { continue };
-        let old = before.and_then(|b| b.worst(figure)).map(|(_, v)| v);
-        let change =
-            old.map_or(String::new(), |o| format!(", before {o:.2} ({})", percent(change(Some(o), Some(v)))));
-        worst.row([format!("worst {key}"), format!("{v:.2}"), format!("on {}{change}", d.name())]);
+    let heads = ["worst of the four", ">um", "diagonal", ">before", ">change"].map(str::to_owned);
+    let mut worst = Table::new(heads.into_iter().chain(Assessed::heads("um")));
+    for (f, (.., get)) in figures.iter().zip(WORST) {
+        let Some((d, v)) = after.worst(get) else { continue };
+        let old = before.and_then(|b| b.worst(get)).map(|(_, v)| v);
+        let row =
+            [f.name.to_owned(), show(f.value), d.name().to_owned(), show(old), percent(change(old, Some(v)))];
+        worst.row(row.into_iter().chain(f.words()));
     }
     worst.print();
 }
@@ -218,7 +218,7 @@ fn report(
     let mut page = args.output.page([&args.data, &args.before], (title, standard), judged, &[]);
     page.heading("Worst of the four diagonals");
     let old = before.map(|b| assessed(&Acceptance::default(), &b.result, &Conditions::default()));
-    page::figures(&mut page, "µm", &judged.figures, old.as_deref());
+    page::figures("µm", &judged.figures, old.as_deref()).put(&mut page);
     page.heading("Each diagonal");
     each(&mut page, after, before);
     let caption = "Deviation = actual - target along the diagonal. Blue: forward, vermillion: backward; solid: mean, band: ± 2 s, \

@@ -56,7 +56,7 @@ pub(crate) fn start(
 }
 
 /// The figures, with those before where there are, and how they are judged.
-pub(super) fn figures(page: &mut Page, unit: &str, after: &[Assessed], before: Option<&[Assessed]>) {
+pub(super) fn figures(unit: &str, after: &[Assessed], before: Option<&[Assessed]>) -> Table {
     let mut heads = match before {
         Some(_) => vec!["".into(), format!(">before / {unit}"), format!(">after / {unit}"), ">change".into()],
         None => vec![String::new(), format!(">{unit}")],
@@ -74,12 +74,12 @@ pub(super) fn figures(page: &mut Page, unit: &str, after: &[Assessed], before: O
         row.extend(f.words());
         table.row(row);
     }
-    table.put(page);
+    table
 }
 
 /// The end of a page, with the rule of its verdicts and lines to sign.
 pub(crate) fn finish(mut page: Page, judged: &Judged) -> String {
-    if judged.figures.iter().any(|a| a.verdict().is_some()) {
+    if judged.has_verdicts() {
         page.note(RULE);
     }
     sign(&mut page);

@@ -7,10 +7,7 @@ use serde_json::{Map, Value, json};
 use super::page;
 use super::picture::positioning::{self as drawing, Shown};
 use super::uncertainty_args::UncertaintyArgs;
-use super::{
-    CompareOptions, Compared, Figures, Output, assess, change, percent, put_before, show, side_by_side,
-    values,
-};
+use super::{CompareOptions, Compared, Figures, Output, assess, put_before, show, side_by_side, values};
 use crate::acceptance::verdicts::{Assessed, Judged, NOT_STATED};
 use crate::acceptance::{Acceptance, Stated};
 use crate::numerals::counted;
@@ -161,16 +158,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             say!("ISO 230-2 of {file}: {targets}, {cycles}");
             table(p, key).print();
             print_uncertainties(&after.uncertainties, key);
-            judged.print(key);
             print_start_up(&after, key);
-            if let Some(old) = &old {
+            if old.is_some() || judged.has_verdicts() {
                 say!();
-                let mut changes = Table::new([&format!("change, {key}"), ">before", ">after", ">"]);
-                for (b, a) in old.iter().zip(&judged.figures).filter(|(_, a)| a.value.is_some()) {
-                    let share = percent(change(b.value, a.value));
-                    changes.row([a.name, &show(b.value), &show(a.value), &share]);
-                }
-                changes.print();
+                page::figures(key, &judged.figures, old.as_deref()).print();
             }
         },
     )
@@ -333,7 +324,7 @@ fn report(
     let mut facts = vec![("test", size(&after.result))];
     facts.extend(before.map(|(b, _)| ("test before", size(&b.result))));
     let mut page = args.output.page([&args.data, &args.before], (title, STANDARD), judged, &facts);
-    page::figures(&mut page, unit, &judged.figures[..BOTH], before.map(|(_, old)| &old[..BOTH]));
+    page::figures(unit, &judged.figures[..BOTH], before.map(|(_, old)| &old[..BOTH])).put(&mut page);
     let caption = "Deviation = actual - target. Solid: mean of each direction, band: ± 2 s, dots: readings, dashed: mean of both \
                    directions. B and R are marked where they occur, M, E and A are the ranges at the right.";
     let own = drawing::scale([Some(&after.result)], [&after.readings[..]]);
@@ -352,7 +343,7 @@ fn report(
     }
     start_up_section(&mut page, after, unit);
     page.heading("Each direction");
-    page::figures(&mut page, unit, &judged.figures[BOTH..], before.map(|(_, old)| &old[BOTH..]));
+    page::figures(unit, &judged.figures[BOTH..], before.map(|(_, old)| &old[BOTH..])).put(&mut page);
     uncertainty_section(&mut page, &after.uncertainties, unit);
     page.heading("Targets");
     targets(&mut page, &after.result, unit, target_unit);

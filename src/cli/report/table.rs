@@ -53,17 +53,17 @@ impl Table {
         &self.rows
     }
 
-    /// The columns in which something stands, and whether any of them has a head.
-    fn shown(&self) -> (Vec<usize>, bool) {
-        let has_words = |k: &usize| self.rows.iter().any(|r| r.get(*k).is_some_and(|c| !c.is_empty()));
-        let columns: Vec<usize> = (0..self.heads.len()).filter(has_words).collect();
+    /// The columns in which a cell stands that does not count as silent, and whether any of them has a head.
+    fn shown(&self, is_silent: impl Fn(&str) -> bool) -> (Vec<usize>, bool) {
+        let speaks = |k: &usize| self.rows.iter().any(|r| r.get(*k).is_some_and(|c| !is_silent(c)));
+        let columns: Vec<usize> = (0..self.heads.len()).filter(speaks).collect();
         let has_heads = columns.iter().any(|k| !self.head(*k).is_empty());
         (columns, has_heads)
     }
 
-    /// Lines for a terminal.
+    /// Lines for a terminal, without columns in which nothing is stated.
     pub(crate) fn lines(&self) -> Vec<String> {
-        let (columns, has_heads) = self.shown();
+        let (columns, has_heads) = self.shown(|cell| ["", "-", NOT_STATED].contains(&cell));
         let heads: Vec<String> = (0..self.heads.len()).map(|k| self.head(k).to_owned()).collect();
         let all: Vec<&Vec<String>> = has_heads.then_some(&heads).into_iter().chain(&self.rows).collect();
         let width = |k: usize| all.iter().map(|r| r[k].chars().count()).max().unwrap_or(0);
@@ -88,14 +88,14 @@ impl Table {
         if self.is_empty() {
             return;
         }
-        let (columns, has_heads) = self.shown();
+        let (columns, has_heads) = self.shown(str::is_empty);
         let heads: Vec<Cell> = columns.iter().map(|k| self.head_cell(*k)).collect();
         page.table(if has_heads { &heads } else { &[] }, &self.page_rows(&columns));
     }
 
     /// Puts it on a page, where its rows become blocks if the page is narrow.
     pub fn put_stacked(&self, page: &mut Page) {
-        let (columns, _) = self.shown();
+        let (columns, _) = self.shown(str::is_empty);
         let heads: Vec<String> = columns.iter().map(|k| micro(self.head(*k))).collect();
         page.stacked_table(&heads.iter().map(String::as_str).collect::<Vec<_>>(), &self.page_rows(&columns));
     }

@@ -7,8 +7,8 @@ use std::path::PathBuf;
 
 use serde_json::{Map, Value, json};
 
-use super::Output;
 use super::circular::{assessed, keys, reading};
+use super::{Output, page};
 use crate::Failure;
 use crate::acceptance::verdicts::Judged;
 use crate::acceptance::{Acceptance, Stated, file_name};
@@ -150,7 +150,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         || json_of(&tests, &judged),
         || {
             print(&newest.plan);
-            judged.print("um");
+            page::figures("um", &judged.figures, None).print();
             if tests.len() > 1 {
                 let trend = trend::Trend::of(&tests);
                 say!("trend over {}", trend.labels.join(", "));

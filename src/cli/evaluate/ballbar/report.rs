@@ -86,7 +86,7 @@ pub(super) fn page(title: &str, judged: &Judged, tests: &[Test]) -> Result<Strin
     let at_feed =
         circles.first().and_then(|c| c.feed).map_or(String::new(), |f| format!(" at {f:.0} mm/min"));
     page.heading(format_args!("Circular errors{at_feed}"));
-    page::figures(&mut page, "µm", &judged.figures, None);
+    page::figures("µm", &judged.figures, None).put(&mut page);
     let drawn: Vec<_> = match &circles[..] {
         [first, .., last] => vec![first, last],
         all => all.iter().collect(),
