@@ -4,7 +4,7 @@ use serde_json::{Value, json};
 
 use crate::identity;
 use crate::model::gauge;
-use crate::numerals::plain;
+use crate::model::report::{axis_words, errors};
 use crate::quantities::{
     error_out, error_unit, lower, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
 };
@@ -37,38 +37,15 @@ pub(super) fn describe_machine(lines: &mut Vec<String>, machine: &MachineConfig)
 pub(super) fn describe_model(lines: &mut Vec<String>, file: &ModelFile) {
     let model = &file.spec;
     lines.push(format!("  model of {}, chain {}", model.machine, model.chain));
-    for axis in model.chain.axes() {
-        let spec = model.axis(axis.name);
-        let mut line = match spec.travel {
-            Some(travel) => format!("  axis {}: travel {}", axis.name, range_words(axis.name, travel)),
-            None => format!("  axis {}: travel not stated", axis.name),
-        };
-        if axis.side == Side::Workpiece {
-            line.push_str(", workpiece side");
-        }
-        if axis.spindle {
-            line.push_str(", spindle");
-        }
-        if spec.sense == Sense::Carriage {
-            line.push_str(", errors in the carriage's own sense");
-        }
-        lines.push(line);
-    }
+    let axes = model.chain.axes().iter();
+    lines.extend(axes.map(|a| format!("  axis {}: {}", a.name, axis_words(model, a.name))));
     lines.push(match model.errors.len() {
         0 => "  no errors: nothing will be corrected".to_owned(),
         1 => "  1 error:".to_owned(),
         n => format!("  {n} errors:"),
     });
-    let mut errors = Table::new(["", "", ">", ">", ""]);
-    for (symbol, function) in &model.errors {
-        let size = Size::of(*symbol, function, model);
-        let unit = position_unit(symbol.axis());
-        let range = size.range.map_or(String::new(), |[low, high]| format!(", {low} to {high} {unit}"));
-        let (kinds, [low, high]) =
-            (kinds_of(function).join(" + "), [size.low, size.high].map(|v| plain(v, 2)));
-        errors.row([lower(*symbol), kinds, format!("{low} to"), high, format!("{}{range}", size.unit)]);
-    }
-    lines.extend(errors.lines().into_iter().map(|line| format!("    {line}")));
+    let (motions, constants) = errors(file);
+    lines.extend([motions, constants].iter().flat_map(Table::lines).map(|line| format!("    {line}")));
     for thermal in &file.thermal {
         let (name, sensors) = (&thermal.name, sensors_of(thermal).join(", "));
         let kind = if thermal.expansion { "expansion" } else { "growth" };

@@ -1,6 +1,6 @@
 //! The page of `model show`: the report in tables and the pictures, in one file that needs no other.
 
-use super::report::Report;
+use super::report::{Report, axis_words, errors};
 use super::{drawing, gauge, picture};
 use crate::Failure;
 use crate::numerals::micro;
@@ -28,8 +28,8 @@ pub(super) fn page(report: &Report<'_>, model: &Model) -> Result<String, Failure
         page.picture(&volume);
     }
     page.heading("Axes");
-    page.facts(spec.chain.axes().iter().map(|a| (a.name, report.axis_words(a.name))));
-    let (motions, constants) = report.errors();
+    page.facts(spec.chain.axes().iter().map(|a| (a.name, axis_words(spec, a.name))));
+    let (motions, constants) = errors(report.file);
     for (title, table) in [("Squareness and location", constants), ("Error motions", motions)] {
         if !table.is_empty() {
             page.heading(title);

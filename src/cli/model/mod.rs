@@ -9,7 +9,7 @@ pub(super) mod gauge;
 mod html;
 mod normalise;
 mod picture;
-mod report;
+pub(super) mod report;
 mod show;
 
 use std::path::Path;

@@ -38,8 +38,8 @@ impl Report<'_> {
         out.push(String::new());
         out.extend(self.frame_lines().into_iter().map(|l| format!("  {l}")));
         out.push("axes".to_owned());
-        out.extend(spec.chain.axes().iter().map(|a| format!("  {}: {}", a.name, self.axis_words(a.name))));
-        let (motions, constants) = self.errors();
+        out.extend(spec.chain.axes().iter().map(|a| format!("  {}: {}", a.name, axis_words(spec, a.name))));
+        let (motions, constants) = errors(self.file);
         if motions.is_empty() && constants.is_empty() {
             out.push("no errors: nothing will be corrected".to_owned());
         }
@@ -72,64 +72,6 @@ impl Report<'_> {
             out.push(origin);
         }
         out
-    }
-
-    /// Side, travel, sense and points of an axis.
-    pub(super) fn axis_words(&self, name: AxisName) -> String {
-        let spec = self.spec();
-        let axis = spec.axis(name);
-        let entry = spec.chain.axes().iter().find(|a| a.name == name);
-        let mut out = vec![match entry.map(|a| (a.side, a.spindle)) {
-            Some((Side::Workpiece, _)) => "workpiece side".to_owned(),
-            Some((Side::Tool, true)) => "spindle".to_owned(),
-            _ => "tool side".to_owned(),
-        }];
-        out.push(match axis.travel {
-            Some(travel) => format!("travel {}", range_words(name, travel)),
-            None => "travel not stated".to_owned(),
-        });
-        if axis.sense == Sense::Carriage {
-            out.push("errors in the carriage's own sense".to_owned());
-        }
-        match name.kind() {
-            AxisKind::Rotary => out.push(format!("turns about {} mm", point(&axis.point))),
-            AxisKind::Linear => out.extend(reference_words(&axis)),
-        }
-        out.join(", ")
-    }
-
-    /// The error motions, and the squarenesses and locations, which are one value each.
-    pub(super) fn errors(&self) -> (Table, Table) {
-        let heads = ["", "kind", "over", ">lowest", ">highest", ">range", "", ">u (k=1)", ""];
-        let mut motions = Table::new(heads);
-        let mut constants = Table::new(["", ">", "", ">u (k=1)", ""]);
-        for (symbol, function) in &self.spec().errors {
-            let row = self.error_row(*symbol, function);
-            if symbol.is_constant() {
-                constants.row([0, 3, 6, 7, 8].map(|k| &row[k]));
-            } else {
-                motions.row(row);
-            }
-        }
-        (motions, constants)
-    }
-
-    fn error_row(&self, symbol: ErrorSymbol, function: &ErrorFunction) -> [String; 9] {
-        let size = Size::of(symbol, function, self.spec());
-        let unit = position_unit(symbol.axis());
-        let own = self.file.of_errors.iter().find(|(s, _)| *s == symbol);
-        let [low, high, range] = [size.low, size.high, size.high - size.low].map(|v| plain(v, 2));
-        [
-            lower(symbol),
-            kinds_words(function),
-            size.range.map_or(String::new(), |[low, high]| format!("{low} to {high} {unit}")),
-            low,
-            high,
-            range,
-            size.unit.to_owned(),
-            function.std.map_or(String::new(), |s| format!("{:.2}", error_out(symbol, s))),
-            own.map_or(String::new(), |(_, p)| origin_words(p)),
-        ]
     }
 
     /// The largest deviations: what, how large, where.
@@ -247,6 +189,63 @@ impl Report<'_> {
             "provenance": own.map(|(_, p)| provenance_json(p)),
         })
     }
+}
+
+/// Side, travel, sense and points of an axis.
+pub(crate) fn axis_words(spec: &ModelSpec, name: AxisName) -> String {
+    let axis = spec.axis(name);
+    let entry = spec.chain.axes().iter().find(|a| a.name == name);
+    let mut out = vec![match entry.map(|a| (a.side, a.spindle)) {
+        Some((Side::Workpiece, _)) => "workpiece side".to_owned(),
+        Some((Side::Tool, true)) => "spindle".to_owned(),
+        _ => "tool side".to_owned(),
+    }];
+    out.push(match axis.travel {
+        Some(travel) => format!("travel {}", range_words(name, travel)),
+        None => "travel not stated".to_owned(),
+    });
+    if axis.sense == Sense::Carriage {
+        out.push("errors in the carriage's own sense".to_owned());
+    }
+    match name.kind() {
+        AxisKind::Rotary => out.push(format!("turns about {} mm", point(&axis.point))),
+        AxisKind::Linear => out.extend(reference_words(&axis)),
+    }
+    out.join(", ")
+}
+
+/// The error motions, and the squarenesses and locations, which are one value each.
+pub(crate) fn errors(file: &ModelFile) -> (Table, Table) {
+    let heads = ["", "kind", "over", ">lowest", ">highest", ">range", "", ">u (k=1)", ""];
+    let mut motions = Table::new(heads);
+    let mut constants = Table::new(["", ">", "", ">u (k=1)", ""]);
+    for (symbol, function) in &file.spec.errors {
+        let row = error_row(file, *symbol, function);
+        if symbol.is_constant() {
+            constants.row([0, 3, 6, 7, 8].map(|k| &row[k]));
+        } else {
+            motions.row(row);
+        }
+    }
+    (motions, constants)
+}
+
+fn error_row(file: &ModelFile, symbol: ErrorSymbol, function: &ErrorFunction) -> [String; 9] {
+    let size = Size::of(symbol, function, &file.spec);
+    let unit = position_unit(symbol.axis());
+    let own = file.of_errors.iter().find(|(s, _)| *s == symbol);
+    let [low, high, range] = [size.low, size.high, size.high - size.low].map(|v| plain(v, 2));
+    [
+        lower(symbol),
+        kinds_words(function),
+        size.range.map_or(String::new(), |[low, high]| format!("{low} to {high} {unit}")),
+        low,
+        high,
+        range,
+        size.unit.to_owned(),
+        function.std.map_or(String::new(), |s| format!("{:.2}", error_out(symbol, s))),
+        own.map_or(String::new(), |(_, p)| origin_words(p)),
+    ]
 }
 
 fn axis_json(spec: &ModelSpec, name: AxisName) -> Value {

@@ -312,8 +312,8 @@ impl Rows {
             add(name, Kind::Number, number(self.tool.map(|tool| tool.tip[k])));
         }
         add("feed_mm_per_min", Kind::Number, number(frame.map(|f| f.feed_mm_per_min)));
-        for (name, value) in self.sensors.columns().zip(self.sensors.values()) {
-            put(&|| name.clone(), Kind::Number, Cell::or_empty(value));
+        for (k, value) in self.sensors.values().enumerate() {
+            put(&|| self.sensors.column(k), Kind::Number, Cell::or_empty(value));
         }
         let mut add = |name: &'static str, kind, cell| put(&|| name.to_owned(), kind, cell);
         let text = |words: Option<&'static str>| words.map_or(Cell::Empty, Cell::Text);
