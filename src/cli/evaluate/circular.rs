@@ -14,7 +14,7 @@ use crate::acceptance::{Acceptance, Stated};
 use crate::arg_parsers::not_negative;
 use crate::numerals::{counted, plain};
 use crate::positioning_data::no_rows;
-use crate::{EX_USAGE, Failure, table};
+use crate::{Failure, table};
 use volcomp_evaluate::{Centring, CircularReading, CircularUncertainties, Circularity, Placed};
 use volcomp_identify::ballbar::{Sample, cut_overshoot, travelled};
 use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
@@ -119,39 +119,37 @@ pub(crate) fn samples(path: &Path, known: &[&str]) -> Result<Vec<Sample>, Failur
     if samples.is_empty() { Err(no_rows(table.file())) } else { Ok(samples) }
 }
 
-fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
+fn read(
+    path: &Path,
+    centring: Centring,
+    wanted_feed: Option<f64>,
+    overshoot: Option<f64>,
+    uncertainties: CircularUncertainties,
+) -> Result<Evaluated, Failure> {
     let known = ["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"];
-    let samples = of_one_feed(args, path, samples(path, &known)?)?;
+    let samples = of_one_feed(wanted_feed, path, samples(path, &known)?)?;
     // a file that is not in the order of the readings says nothing about overshoot
     let in_order = travelled(&samples).iter().all(|angle| *angle > 0.0);
-    let measured = if in_order || args.overshoot_deg.is_some() {
-        cut_overshoot(&samples, args.overshoot_deg.map(rad_from_deg))
-    } else {
-        samples.clone()
-    };
+    let measured =
+        if in_order || overshoot.is_some() { cut_overshoot(&samples, overshoot) } else { samples.clone() };
     let cut = samples.len() - measured.len();
     if cut > 0 {
         let (file, all) = (path.display(), samples.len());
         note!("note: {file}: {cut} of {all} readings are overshoot and are not evaluated");
     }
     let readings: Vec<CircularReading> = measured.iter().map(reading).collect();
-    let centring = match args.centring {
-        CentringArg::LeastSquares => Centring::LeastSquares { radius: args.radius_mm },
-        CentringArg::None => Centring::None,
-    };
     let result = Circularity::evaluate(&readings, centring).map_err(|e| data!(path, "{e}"))?;
-    let feed = args.feed_mm_per_min.or_else(|| samples.first().and_then(|s| s.feed));
-    let uncertainties = CircularUncertainties::of(args.u_device_um, args.u_length_um, args.drift_um);
+    let feed = wanted_feed.or_else(|| samples.first().and_then(|s| s.feed));
     Ok(Evaluated { readings, result, feed, uncertainties })
 }
 
 /// The readings of the feed asked for; of several feeds one must be.
-fn of_one_feed(args: &Args, path: &Path, samples: Vec<Sample>) -> Result<Vec<Sample>, Failure> {
+fn of_one_feed(wanted: Option<f64>, path: &Path, samples: Vec<Sample>) -> Result<Vec<Sample>, Failure> {
     let mut feeds: Vec<f64> = samples.iter().filter_map(|s| s.feed).collect();
     feeds.sort_by(f64::total_cmp);
     feeds.dedup();
     let list = || feeds.iter().map(f64::to_string).collect::<Vec<_>>().join(", ");
-    match args.feed_mm_per_min {
+    match wanted {
         Some(wanted) if feeds.contains(&wanted) => {
             Ok(samples.into_iter().filter(|s| s.feed == Some(wanted)).collect())
         }
@@ -168,11 +166,18 @@ fn of_one_feed(args: &Args, path: &Path, samples: Vec<Sample>) -> Result<Vec<Sam
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
+    let centring = match args.centring {
+        CentringArg::LeastSquares => Centring::LeastSquares { radius: args.radius_mm },
+        CentringArg::None => Centring::None,
+    };
+    let overshoot = args.overshoot_deg.map(rad_from_deg);
+    let u = CircularUncertainties::of(args.u_device_um, args.u_length_um, args.drift_um);
+    let read = |path: &Path| read(path, centring, args.feed_mm_per_min, overshoot, u);
     let mut acceptance = Acceptance::load(&args.output.head, "iso230-4", &keys())?;
-    let after = read(args, args.output.data(&args.data))?;
+    let after = read(args.output.data(&args.data))?;
     acceptance.fill(Stated { feed_mm_per_min: after.feed, ..Stated::default() });
     let judged = Judged { figures: assessed(&acceptance, &after.result, after.uncertainties), acceptance };
-    let before = args.before.as_deref().map(|path| read(args, path)).transpose()?;
+    let before = args.before.as_deref().map(read).transpose()?;
     let old = before.as_ref().map(|b| assessed(&Acceptance::default(), &b.result, b.uncertainties));
     let title = args.output.title("Circular test");
     let after_shown = after.shown(args.plane, args.radius_mm);
@@ -275,22 +280,9 @@ const SECTORS: f64 = 360.0;
 
 /// Two tests for `volcomp verify`: radial deviations about the common least-squares circle.
 pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared, Failure> {
-    let plane: String = options.plane.iter().collect();
-    let mut words = vec!["iso230-4".to_owned(), "--plane".to_owned(), plane];
-    if let Some(radius) = options.radius_mm {
-        words.extend(["--radius-mm".to_owned(), radius.to_string()]);
-    }
-    if let Some(feed) = options.feed_mm_per_min {
-        words.extend(["--feed-mm-per-min".to_owned(), feed.to_string()]);
-    }
-    if let Some(u) = options.u_device {
-        words.extend(["--u-device-um".to_owned(), u.to_string()]);
-    }
-    let read = |path: &Path| -> Result<Evaluated, Failure> {
-        let words = words.iter().cloned().chain(["--data".to_owned(), path.display().to_string()]);
-        let args = <Args as clap::Parser>::try_parse_from(words).map_err(|e| Failure::new(EX_USAGE, e))?;
-        read(&args, path)
-    };
+    let centring = Centring::LeastSquares { radius: options.radius_mm };
+    let u = CircularUncertainties::of(options.u_device, None, None);
+    let read = |path: &Path| read(path, centring, options.feed_mm_per_min, None, u);
     let [before, after] = [read(files[0])?, read(files[1])?];
     let shown = [&before, &after].map(|test| test.shown(options.plane, options.radius_mm));
     let plot = |one: &Shown<'_>| drawing::single(one, drawing::scale(&shown));

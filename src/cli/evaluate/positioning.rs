@@ -8,13 +8,13 @@ use super::page;
 use super::picture::positioning::{self as drawing, Shown};
 use super::uncertainty_args::UncertaintyArgs;
 use super::{CompareOptions, Compared, Figures, Output, assess, put_before, show, side_by_side, values};
+use crate::Failure;
 use crate::acceptance::verdicts::{Assessed, Judged, NOT_STATED};
 use crate::acceptance::{Acceptance, Stated};
 use crate::numerals::counted;
 use crate::positioning_data::{Cycles, TestFormat, read_test};
 use crate::report::{Page, Table};
 use crate::start_up::{StartUp, in_report_units, words};
-use crate::{EX_USAGE, Failure};
 use volcomp_evaluate::uncertainty::Expanded;
 use volcomp_evaluate::{Conditions, Placed, Positioning, PositioningReading, Spread, Uncertainties};
 use volcomp_units::axes::{AxisKind, Travel};
@@ -72,9 +72,14 @@ impl Evaluated {
     }
 }
 
-fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
-    let (mut test, stated) = read_test(path, args.format)?;
-    if let Some(cycles) = &args.cycles {
+fn read(
+    path: &Path,
+    format: TestFormat,
+    cycles: Option<&Cycles>,
+    uncertainty: &UncertaintyArgs,
+) -> Result<Evaluated, Failure> {
+    let (mut test, stated) = read_test(path, format)?;
+    if let Some(cycles) = cycles {
         cycles.select(&path.display().to_string(), &mut test)?;
     }
     let readings: Vec<PositioningReading> =
@@ -83,7 +88,7 @@ fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
     if result.cycles < 5 {
         note!("note: {}: {}; ISO 230-2 asks for 5", path.display(), counted(result.cycles, "cycle"));
     }
-    let conditions = args.uncertainty.conditions(test.kind)?;
+    let conditions = uncertainty.conditions(test.kind)?;
     let uncertainties = Uncertainties::of(&result, &conditions, length(&result));
     let start_up = StartUp::of(&test);
     for m in start_up.iter().flat_map(|s| &s.marked) {
@@ -127,10 +132,11 @@ fn measured(u: &Uncertainties, key: &str, e: &Expanded) -> Option<f64> {
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut acceptance = Acceptance::load(&args.output.head, "iso230-2", &keys())?;
-    let after = read(args, args.output.data(&args.data))?;
+    let read = |path: &Path| read(path, args.format, args.cycles.as_ref(), &args.uncertainty);
+    let after = read(args.output.data(&args.data))?;
     acceptance.fill(after.stated.clone());
     let judged = Judged { figures: assessed(&acceptance, &after), acceptance };
-    let before = args.before.as_deref().map(|path| read(args, path)).transpose()?;
+    let before = args.before.as_deref().map(read).transpose()?;
     if let (Some(before), Some(path)) = (&before, &args.before)
         && before.kind != after.kind
     {
@@ -408,11 +414,7 @@ fn targets(page: &mut Page, p: &Positioning, unit: &str, target_unit: &str) {
 
 /// Two tests for `volcomp verify`.
 pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared, Failure> {
-    let read = |path: &Path| -> Result<Evaluated, Failure> {
-        let words = ["iso230-2".as_ref(), "--data".as_ref(), path.as_os_str()];
-        let args = <Args as clap::Parser>::try_parse_from(words).map_err(|e| Failure::new(EX_USAGE, e))?;
-        read(&args, path)
-    };
+    let read = |path: &Path| read(path, TestFormat::Auto, None, &UncertaintyArgs::default());
     let [before, mut after] = [read(files[0])?, read(files[1])?];
     let conditions = Conditions { device: options.u_device, ..Conditions::default() };
     after.uncertainties = Uncertainties::of(&after.result, &conditions, length(&after.result));
