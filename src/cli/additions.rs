@@ -5,7 +5,7 @@ use std::path::{Path, PathBuf};
 
 use super::input::{InputKind, read_text};
 use super::table::Table;
-use super::{EX_CONFIG, EX_DATAERR, Failure};
+use super::{EX_DATAERR, Failure};
 use volcomp_effects::addition::{Addition, Evaluator};
 use volcomp_effects::machine_state::{Axis, Machine, MachineState, Source};
 use volcomp_effects::prediction::{machine_of, workpiece_to_machine};
@@ -41,8 +41,7 @@ pub(super) struct Additions {
 
 /// Reads an addition.
 pub(crate) fn read_addition(path: &Path) -> Result<Addition, Failure> {
-    Addition::parse(&read_text(path, InputKind::Model)?)
-        .map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {}: {e}", path.display())))
+    Addition::parse(&read_text(path, InputKind::Model)?).map_err(|e| mistake!(path, "{e}"))
 }
 
 impl Additions {
@@ -121,9 +120,7 @@ pub(super) fn same_machine(path: &Path, addition: &Addition, model: &Model) -> R
     if addition.machine.is_empty() {
         return Ok(());
     }
-    addition
-        .is_of(model.machine())
-        .map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {}: {e}", path.display())))
+    addition.is_of(model.machine()).map_err(|e| mistake!(path, "{e}"))
 }
 
 /// Positions of axes that the points lack are zero (`docs/reference/tables.md` 1).

@@ -6,7 +6,7 @@ use serde_json::json;
 
 use super::input::{self, InputKind};
 use super::{EX_DATAERR, Failure, status};
-use volcomp_daemon::audit::{AUDIT_FILE, Line, head_path, verify_with};
+use volcomp_daemon::audit::{AUDIT_FILE, Broken, Line, Summary, head_path, verify_with};
 
 /// Where the daemon of the shipped unit keeps it.
 const DEFAULT_FILE: &str = "/var/lib/volcomp/audit.jsonl";
@@ -18,12 +18,13 @@ pub(super) struct Args {
     verb: Verb,
 }
 
-#[derive(Debug, clap::Subcommand)]
-enum Verb {
-    /// Checks that no line was changed, taken out, put in or cut off; exit code 65 names the line.
-    Verify(VerifyArgs),
-    /// Shows the log.
-    Show(ShowArgs),
+subcommands! {
+    enum Verb {
+        /// Checks that no line was changed, taken out, put in or cut off; exit code 65 names the line.
+        Verify(VerifyArgs) => verify,
+        /// Shows the log.
+        Show(ShowArgs) => show,
+    }
 }
 
 #[derive(Debug, clap::Args)]
@@ -61,10 +62,7 @@ struct ShowArgs {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    match &args.verb {
-        Verb::Verify(args) => verify(args),
-        Verb::Show(args) => show(args),
-    }
+    args.verb.run()
 }
 
 /// The log that is meant.
@@ -86,43 +84,35 @@ fn verify(args: &VerifyArgs) -> Result<(), Failure> {
     let beside = head_path(&path);
     let head = if beside.exists() { Some(input::read(&beside, InputKind::Description)?) } else { None };
     match verify_with(&text, head.as_deref()) {
-        Ok(summary) => {
+        Ok(Summary { lines, hash, head, .. }) => {
             if args.json {
-                say!(
-                    "{}",
-                    json!({"intact": true, "lines": summary.lines, "hash": summary.hash, "head": summary.head})
-                );
+                say!("{}", json!({"intact": true, "lines": lines, "hash": hash, "head": head}));
             } else {
-                say!("{file}: {} lines, intact; last hash {}", summary.lines, summary.hash);
+                say!("{file}: {lines} lines, intact; last hash {hash}");
             }
-            if summary.head || args.without_head {
+            if head || args.without_head {
                 return Ok(());
             }
-            Err(Failure::new(
-                EX_DATAERR,
-                format_args!(
-                    "error: {file}: the file audit.head, which tells number and hash of the last line, is not beside it: \
-                     lines cut off at the end cannot be seen\n  hint: compare the last hash with the journal of the \
-                     daemon; for a copy of the log alone add --without-head"
-                ),
+            Err(data!(
+                path,
+                "the file audit.head, which tells number and hash of the last line, is not beside it: lines cut off at the \
+                 end cannot be seen\n  hint: compare the last hash with the journal of the daemon; for a copy of the log \
+                 alone add --without-head"
             ))
         }
-        Err(broken) => {
+        Err(Broken { line, fault, good: (good, hash) }) => {
             if args.json {
+                let last_good = json!({"line": good, "hash": hash});
                 say!(
                     "{}",
-                    json!({
-                        "intact": false, "line": broken.line, "fault": broken.fault.to_string(),
-                        "last_good": {"line": broken.good.0, "hash": broken.good.1},
-                    })
+                    json!({"intact": false, "line": line, "fault": fault.to_string(), "last_good": last_good})
                 );
             }
             Err(Failure::new(
                 EX_DATAERR,
                 format_args!(
-                    "error: {file}:{}: {}\n  hint: everything up to line {} is as it was written; \
-                     compare its hash {} with the journal",
-                    broken.line, broken.fault, broken.good.0, broken.good.1
+                    "error: {file}:{line}: {fault}\n  hint: everything up to line {good} is as it was written; compare its \
+                     hash {hash} with the journal"
                 ),
             ))
         }

@@ -63,19 +63,13 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         return Ok(());
     }
     say!("frame in to frame out, {} axes, {} live values", benchmark.axes, benchmark.sensors);
+    let [p50, p90, p99, p999] = [0.5, 0.9, 0.99, 0.999].map(us);
     say!(
-        "compute     p50 {:.2} us, p90 {:.2} us, p99 {:.2} us, p99.9 {:.2} us, max {max_us:.2} us",
-        us(0.5),
-        us(0.9),
-        us(0.99),
-        us(0.999)
+        "compute     p50 {p50:.2} us, p90 {p90:.2} us, p99 {p99:.2} us, p99.9 {p999:.2} us, max {max_us:.2} us"
     );
     say!("calm        p99 {calm_us:.2} us in the calmest tenth of the blocks of 1000 cycles");
-    say!(
-        "behind      p50 {:.2} us, p99 {:.2} us: live values and the record, after the answer",
-        behind_us(0.5),
-        behind_us(0.99)
-    );
+    let [p50, p99] = [0.5, 0.99].map(behind_us);
+    say!("behind      p50 {p50:.2} us, p99 {p99:.2} us: live values and the record, after the answer");
     say!("cycles      {}, the clock's own {clock_us:.3} us taken off each", benchmark.compute_ns.len());
     Ok(())
 }

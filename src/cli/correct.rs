@@ -8,11 +8,12 @@ use serde_json::{Map, Value, json};
 use super::arg_parsers::{above_zero, axis_letter, number};
 use super::files::{read_model, write_text};
 use super::input::{self, InputKind};
+use super::quantities::{offset_as_is, offset_unit};
 use super::{EX_DATAERR, Failure};
 use volcomp_formats::part_program::{Corrected, Request, correct};
 use volcomp_model::Model;
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
-use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm};
+use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg, um_from_mm};
 
 /// Correct the positions of a part program by a model, block by block
 ///
@@ -72,7 +73,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let (_, model) = read_model(&args.model)?;
     let index = |axis: &AxisName| {
         let found = model.axes().position(|a| a.name == *axis);
-        found.ok_or_else(|| Failure::usage(format_args!("axis {axis} is not in the chain of the model")))
+        found.ok_or_else(|| usage!("axis {axis} is not in the chain of the model"))
     };
     let inside = |axis: AxisName, value: f64| match axis.kind() {
         AxisKind::Linear => value,
@@ -111,41 +112,35 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 /// Largest correction of every axis: name, unit and value.
 fn largest(model: &Model, corrected: &Corrected) -> Vec<(AxisName, &'static str, f64)> {
-    let of = |(axis, v): (AxisName, &f64)| match axis.kind() {
-        AxisKind::Linear => (axis, "um", um_from_mm(*v)),
-        AxisKind::Rotary => (axis, "arcsec", arcsec_from_rad(*v)),
-    };
+    let of = |(axis, v): (AxisName, &f64)| (axis, offset_unit(axis), offset_as_is(axis, *v));
     model.axes().map(|a| a.name).zip(&corrected.largest).map(of).collect()
 }
 
 fn as_json(model: &Model, corrected: &Corrected) -> Map<String, Value> {
-    let mut out = Map::new();
-    out.insert("blocks".to_owned(), json!(corrected.blocks));
-    out.insert("blocks_out".to_owned(), json!(corrected.blocks_out));
+    let mut out = Map::from_iter([
+        ("blocks".to_owned(), json!(corrected.blocks)),
+        ("blocks_out".to_owned(), json!(corrected.blocks_out)),
+        ("rest_line".to_owned(), json!(corrected.rest_line)),
+    ]);
     for (axis, unit, value) in largest(model, corrected) {
         out.insert(format!("largest_{}_{unit}", axis.lower()), json!(value));
     }
     for (direction, rest) in ["x", "y", "z"].into_iter().zip(corrected.rest.iter()) {
         out.insert(format!("rest_{direction}_um"), json!(um_from_mm(*rest)));
     }
-    out.insert("rest_line".to_owned(), json!(corrected.rest_line));
     out
 }
 
 fn print(args: &Args, model: &Model, corrected: &Corrected) {
-    say!(
-        "{}: {} blocks with motion, {} after dividing",
-        args.out.display(),
-        corrected.blocks,
-        corrected.blocks_out
-    );
+    let Corrected { blocks, blocks_out, rest_line, .. } = corrected;
+    say!("{}: {blocks} blocks with motion, {blocks_out} after dividing", args.out.display());
     for (axis, unit, value) in largest(model, corrected) {
         say!("largest correction of {axis:<2}{value:>10.2} {unit}");
     }
     for (direction, rest) in ["X", "Y", "Z"].into_iter().zip(corrected.rest.iter()) {
         say!("largest rest along {direction:<4}{:>10.2} um (workpiece coordinates)", um_from_mm(*rest));
     }
-    if corrected.rest_line > 0 {
-        say!("largest rest in line {} of {}", corrected.rest_line, args.gcode.display());
+    if *rest_line > 0 {
+        say!("largest rest in line {rest_line} of {}", args.gcode.display());
     }
 }

@@ -2,7 +2,7 @@
 
 use serde_json::json;
 
-use super::{EX_USAGE, Failure};
+use super::Failure;
 use volcomp_engine::fault::{CATALOGUE, Code, Entry, named};
 
 /// Explain a number or name from status, log or audit: cause, reaction, remedy.
@@ -47,12 +47,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 fn find(text: &str) -> Result<&'static Entry, Failure> {
     Code::parse(text).and_then(Code::entry).or_else(|| named(text)).ok_or_else(|| {
-        Failure::new(
-            EX_USAGE,
-            format_args!(
-                "error: {text} is not a number or name that volcomp uses; volcomp explain lists them all"
-            ),
-        )
+        usage!("{text} is not a number or name that volcomp uses; volcomp explain lists them all")
     })
 }
 

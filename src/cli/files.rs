@@ -7,10 +7,17 @@ use std::fs::{self, File};
 use std::io::{self, Write};
 use std::path::{Path, PathBuf};
 
+use super::Failure;
 use super::input::{self, InputKind};
-use super::{EX_CONFIG, Failure};
 use volcomp_config as config;
+use volcomp_config::ModelFile;
 use volcomp_model::{Model, ModelSpec};
+
+/// Reads a model file with what it says about its origin.
+pub(super) fn read_model_file(path: &Path) -> Result<ModelFile, Failure> {
+    let text = input::read_text(path, InputKind::Model)?;
+    Ok(config::model::parse_file(&path.display().to_string(), &text)?)
+}
 
 /// Reads and compiles a model file.
 pub(super) fn read_model(path: &Path) -> Result<(ModelSpec, Model), Failure> {
@@ -20,10 +27,8 @@ pub(super) fn read_model(path: &Path) -> Result<(ModelSpec, Model), Failure> {
 /// Reads and compiles a model file; with the BLAKE3 of the file as hexadecimal digits.
 pub(super) fn read_hashed_model(path: &Path) -> Result<(ModelSpec, Model, String), Failure> {
     let text = input::read_text(path, InputKind::Model)?;
-    let spec =
-        config::model::parse(&path.display().to_string(), &text).map_err(|e| Failure::new(EX_CONFIG, e))?;
-    let model = Model::new(&spec)
-        .map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {}: {e}", path.display())))?;
+    let spec = config::model::parse(&path.display().to_string(), &text)?;
+    let model = Model::new(&spec).map_err(|e| mistake!(path, "{e}"))?;
     Ok((spec, model, blake3::hash(text.as_bytes()).to_hex().to_string()))
 }
 
@@ -106,4 +111,54 @@ pub(super) fn write_text(path: &Path, text: &str) -> Result<(), Failure> {
     let mut output = Output::create(path)?;
     output.write_all(text.as_bytes()).map_err(|e| Failure::io(path, &e))?;
     output.finish()
+}
+
+/// Rows of a table that go to an output in blocks, so that memory is bounded whatever the input is.
+pub(super) struct Rows {
+    output: Output,
+    /// What is not written yet.
+    pub(super) block: Vec<u8>,
+    is_begun: bool,
+}
+
+impl Rows {
+    /// Bytes gathered before they are written.
+    const BLOCK: usize = 1 << 16;
+
+    /// Opens the output.
+    pub(super) fn create(path: &Path) -> Result<Self, Failure> {
+        Ok(Self {
+            output: Output::create(path)?,
+            block: Vec::with_capacity(Self::BLOCK + 4096),
+            is_begun: false,
+        })
+    }
+
+    /// True where there is no row yet.
+    pub(super) const fn is_empty(&self) -> bool {
+        !self.is_begun
+    }
+
+    /// Ends a row.
+    pub(super) fn row_end(&mut self) -> Result<(), Failure> {
+        self.is_begun = true;
+        self.block.push(b'\n');
+        if self.block.len() >= Self::BLOCK { self.flush() } else { Ok(()) }
+    }
+
+    /// Writes what is gathered; where the reader of a pipe has gone, the work ends quietly.
+    pub(super) fn flush(&mut self) -> Result<(), Failure> {
+        let done = self.output.write_all(&self.block);
+        self.block.clear();
+        done.map_err(|e| match e.kind() {
+            io::ErrorKind::BrokenPipe => Failure::new(0, ""),
+            _ => Failure::io(self.output.path(), &e),
+        })
+    }
+
+    /// Writes the rest and puts the output in its place.
+    pub(super) fn finish(mut self) -> Result<(), Failure> {
+        self.flush()?;
+        self.output.finish()
+    }
 }

@@ -70,22 +70,37 @@ impl InputKind {
         Self::PartProgram,
     ];
 
+    /// The kind in words with its article, its largest size in bytes, and what to do about a larger one.
+    const fn about(self) -> (&'static str, u64, &'static str) {
+        use volcomp_state::bounded_read::{MACHINE_BYTES_MAX, MODEL_BYTES_MAX};
+        const FEWER_ROWS: &str = "split the table, or keep every n-th row";
+        match self {
+            Self::Machine => ("a machine file", MACHINE_BYTES_MAX, "name the machine file of volcompd"),
+            // a parsed TOML text takes up to 80 times its length
+            Self::Model => ("a model file", MODEL_BYTES_MAX, "name a model file, or fit it with fewer knots"),
+            Self::Description => ("a description in TOML", MIB, "name the TOML text that --help describes"),
+            Self::Case => ("a case of the reference vectors", 16 * MIB, "keep one case in the file"),
+            Self::Table => ("a table", 256 * MIB, FEWER_ROWS),
+            Self::Stream => ("a table or series read row by row", 64 * GIB, FEWER_ROWS),
+            Self::Instrument => (
+                "an instrument file or control table",
+                64 * MIB,
+                "export it again with fewer points, or split it",
+            ),
+            Self::Capture => ("a capture of SINUMERIK Edge", 512 * MIB, "capture a shorter time"),
+            // the largest `file-max-mb` is 4000
+            Self::Recording => {
+                ("a recording", 4 * GIB, "lower file-max-mb in [recording] of the machine file")
+            }
+            Self::AuditLog => ("an audit log", 256 * MIB, "name one segment of the log"),
+            Self::PartProgram => ("a part program", 64 * MIB, "split the program"),
+        }
+    }
+
     /// Largest size, bytes.
     #[must_use]
     pub const fn limit(self) -> u64 {
-        match self {
-            Self::Machine => volcomp_state::bounded_read::MACHINE_BYTES_MAX,
-            Self::Description => MIB,
-            // a parsed TOML text takes up to 80 times its length
-            Self::Model => volcomp_state::bounded_read::MODEL_BYTES_MAX,
-            Self::Case => 16 * MIB,
-            Self::Instrument | Self::PartProgram => 64 * MIB,
-            Self::Table | Self::AuditLog => 256 * MIB,
-            Self::Capture => 512 * MIB,
-            // the largest `file-max-mb` is 4000
-            Self::Recording => 4 * GIB,
-            Self::Stream => 64 * GIB,
-        }
+        self.about().1
     }
 
     /// Largest size in words.
@@ -97,19 +112,7 @@ impl InputKind {
     /// The kind in words, with its article.
     #[must_use]
     pub const fn name(self) -> &'static str {
-        match self {
-            Self::Machine => "a machine file",
-            Self::Model => "a model file",
-            Self::Description => "a description in TOML",
-            Self::Case => "a case of the reference vectors",
-            Self::Table => "a table",
-            Self::Stream => "a table or series read row by row",
-            Self::Instrument => "an instrument file or control table",
-            Self::Capture => "a capture of SINUMERIK Edge",
-            Self::Recording => "a recording",
-            Self::AuditLog => "an audit log",
-            Self::PartProgram => "a part program",
-        }
+        self.about().0
     }
 
     /// Refuses a text that turned out to be of this kind and is larger than the kind allows.
@@ -125,18 +128,7 @@ impl InputKind {
     }
 
     const fn remedy(self) -> &'static str {
-        match self {
-            Self::Machine => "name the machine file of volcompd",
-            Self::Model => "name a model file, or fit it with fewer knots",
-            Self::Description => "name the TOML text that --help describes",
-            Self::Case => "keep one case in the file",
-            Self::Table | Self::Stream => "split the table, or keep every n-th row",
-            Self::Instrument => "export it again with fewer points, or split it",
-            Self::Capture => "capture a shorter time",
-            Self::Recording => "lower file-max-mb in [recording] of the machine file",
-            Self::AuditLog => "name one segment of the log",
-            Self::PartProgram => "split the program",
-        }
+        self.about().2
     }
 }
 
@@ -360,7 +352,7 @@ pub(super) fn check(path: &Path, kind: InputKind) -> Result<(), Failure> {
     if is_regular(path) {
         return Ok(());
     }
-    Err(Failure::data(path, format_args!("not a regular file; expected {}", kind.name())))
+    Err(data!(path, "not a regular file; expected {}", kind.name()))
 }
 
 /// BLAKE3 of a regular file as hexadecimal digits; `None` for what cannot be read twice, such as a pipe.

@@ -14,6 +14,37 @@ macro_rules! note {
     ($($text:tt)*) => { $crate::note(format_args!($($text)*)) };
 }
 
+/// A wrong command line, in the words of `format!`.
+macro_rules! usage {
+    ($($text:tt)*) => { $crate::Failure::usage(format_args!($($text)*)) };
+}
+
+/// Bad data in a file: the file, then words as for `format!`.
+macro_rules! data {
+    ($file:expr, $($text:tt)*) => { $crate::Failure::data(&$file, format_args!($($text)*)) };
+}
+
+/// A mistake in a machine or model file: the file, then words as for `format!`.
+macro_rules! mistake {
+    ($file:expr, $($text:tt)*) => { $crate::Failure::mistake(&$file, format_args!($($text)*)) };
+}
+
+/// Subcommands with what runs them.
+macro_rules! subcommands {
+    (enum $name:ident {
+        $($(#[$meta:meta])* $verb:ident($args:ty) => $run:path $(where feature = $feature:literal)?,)*
+    }) => {
+        #[derive(Debug, clap::Subcommand)]
+        enum $name { $($(#[cfg(feature = $feature)])? $(#[$meta])* $verb($args),)* }
+
+        impl $name {
+            fn run(&self) -> Result<(), $crate::Failure> {
+                match self { $($(#[cfg(feature = $feature)])? Self::$verb(args) => $run(args),)* }
+            }
+        }
+    };
+}
+
 mod acceptance;
 mod additions;
 mod arg_parsers;
@@ -45,6 +76,7 @@ mod operator_commands;
 mod positioning_data;
 mod predict;
 mod progress;
+mod quantities;
 mod ranges;
 mod recordings;
 mod replay;
@@ -59,7 +91,7 @@ mod verify;
 use std::ffi::OsString;
 use std::process::ExitCode;
 
-use clap::{CommandFactory, Parser, Subcommand};
+use clap::{CommandFactory, Parser};
 
 pub use ranges::parse;
 
@@ -84,34 +116,34 @@ struct Cli {
     verb: Verb,
 }
 
-#[derive(Debug, Subcommand)]
-enum Verb {
-    Bench(bench::Args),
-    Check(check::Args),
-    Predict(predict::Args),
-    Correct(Box<correct::Args>),
-    Fit(Box<fit::Args>),
-    Identify(identify::Args),
-    Import(Box<import::Args>),
-    Export(Box<export::Args>),
-    Evaluate(evaluate::Args),
-    Verify(verify::Args),
-    #[cfg(feature = "diagnosis")]
-    Diagnose(Box<diagnose::Args>),
-    Model(model::Args),
-    Explain(explain::Args),
-    Diff(diff::Args),
-    Status(status::StatusArgs),
-    Enable(operator_commands::EnableArgs),
-    Disable(operator_commands::DisableArgs),
-    Gain(operator_commands::GainArgs),
-    Load(operator_commands::LoadArgs),
-    Rollback(operator_commands::RollbackArgs),
-    Replay(replay::Args),
-    Audit(audit::Args),
-    Filter(filter::Args),
-    Gateway(gateway::Args),
-    Schema(schema::Args),
+subcommands! {
+    enum Verb {
+        Bench(bench::Args) => bench::run,
+        Check(check::Args) => check::run,
+        Predict(predict::Args) => predict::run,
+        Correct(Box<correct::Args>) => correct::run,
+        Fit(Box<fit::Args>) => fit::run,
+        Identify(identify::Args) => identify::run,
+        Import(Box<import::Args>) => import::run,
+        Export(Box<export::Args>) => export::run,
+        Evaluate(evaluate::Args) => evaluate::run,
+        Verify(verify::Args) => verify::run,
+        Diagnose(Box<diagnose::Args>) => diagnose::run where feature = "diagnosis",
+        Model(model::Args) => model::run,
+        Explain(explain::Args) => explain::run,
+        Diff(diff::Args) => diff::run,
+        Status(status::StatusArgs) => status::status,
+        Enable(operator_commands::EnableArgs) => operator_commands::enable,
+        Disable(operator_commands::DisableArgs) => operator_commands::disable,
+        Gain(operator_commands::GainArgs) => operator_commands::gain,
+        Load(operator_commands::LoadArgs) => operator_commands::load,
+        Rollback(operator_commands::RollbackArgs) => operator_commands::rollback,
+        Replay(replay::Args) => replay::run,
+        Audit(audit::Args) => audit::run,
+        Filter(filter::Args) => filter::run,
+        Gateway(gateway::Args) => gateway::run,
+        Schema(schema::Args) => schema::run,
+    }
 }
 
 /// The command tree of `volcomp`, for tests that go through every command form.
@@ -133,34 +165,7 @@ pub fn volcomp(args: impl IntoIterator<Item = OsString>) -> ExitCode {
     let asks_for_help = args.len() < 2 || args.iter().any(|a| a == "help" || a == "--help" || a == "-h");
     // the verbs by group take a millisecond: only where they may be printed
     let tree = if asks_for_help { command() } else { Cli::command() };
-    exit::run(tree, args, |cli: Cli| match cli.verb {
-        Verb::Bench(a) => bench::run(&a),
-        Verb::Check(a) => check::run(&a),
-        Verb::Correct(a) => correct::run(&a),
-        Verb::Predict(a) => predict::run(&a),
-        Verb::Fit(a) => fit::run(&a),
-        Verb::Identify(a) => identify::run(&a),
-        Verb::Import(a) => import::run(&a),
-        Verb::Export(a) => export::run(&a),
-        Verb::Evaluate(a) => evaluate::run(&a),
-        Verb::Verify(a) => verify::run(&a),
-        #[cfg(feature = "diagnosis")]
-        Verb::Diagnose(a) => diagnose::run(&a),
-        Verb::Explain(a) => explain::run(&a),
-        Verb::Model(a) => model::run(&a),
-        Verb::Diff(a) => diff::run(&a),
-        Verb::Status(a) => status::status(&a),
-        Verb::Enable(a) => operator_commands::enable(&a),
-        Verb::Disable(a) => operator_commands::disable(&a),
-        Verb::Gain(a) => operator_commands::gain(&a),
-        Verb::Load(a) => operator_commands::load(&a),
-        Verb::Rollback(a) => operator_commands::rollback(&a),
-        Verb::Replay(a) => replay::run(&a),
-        Verb::Audit(a) => audit::run(&a),
-        Verb::Filter(a) => filter::run(&a),
-        Verb::Gateway(a) => gateway::run(&a),
-        Verb::Schema(a) => schema::run(&a),
-    })
+    exit::run(tree, args, |cli: Cli| cli.verb.run())
 }
 
 /// The program `volcompd`: runs it on `args` (the first is the program's name).

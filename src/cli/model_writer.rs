@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use super::files::write_text;
+use super::files::{read_model_file, write_text};
 use super::input::{self, InputKind};
-use super::{EX_CONFIG, EX_DATAERR, EX_USAGE, Failure};
+use super::{EX_DATAERR, Failure};
 use volcomp_config as config;
 use volcomp_config::{ModelFile, Provenance, SourceEntry};
 use volcomp_model::{AxisSpec, Chain, ErrorFunction, ErrorSymbol, Model, ModelSpec};
@@ -42,19 +42,14 @@ impl ModelWriter {
     /// --chain, else `default_chain`.
     pub(super) fn base(&self, default_chain: impl FnOnce() -> String) -> Result<ModelFile, Failure> {
         let mut file = match &self.into {
-            Some(path) => config::model::parse_file(
-                &path.display().to_string(),
-                &input::read_text(path, InputKind::Model)?,
-            )
-            .map_err(|e| Failure::new(EX_CONFIG, e))?,
+            Some(path) => read_model_file(path)?,
             None => {
                 let text = self.chain.clone().unwrap_or_else(|| {
                     let chain = default_chain();
                     note!("note: no --chain given, {chain} written; lever arms depend on it");
                     chain
                 });
-                let chain = Chain::parse(&text)
-                    .map_err(|e| Failure::new(EX_USAGE, format_args!("error: --chain \"{text}\": {e}")))?;
+                let chain = Chain::parse(&text).map_err(|e| usage!("--chain \"{text}\": {e}"))?;
                 ModelFile::new(ModelSpec::new("unnamed", chain))
             }
         };
@@ -69,7 +64,7 @@ impl ModelWriter {
     pub(super) fn write(&self, model: &ModelFile, comment: &[String], files: &str) -> Result<(), Failure> {
         Model::new(&model.spec).map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {files}: {e}")))?;
         let Some(out) = self.target() else {
-            return Err(Failure::new(EX_USAGE, "error: neither --out nor --into is given"));
+            return Err(usage!("neither --out nor --into is given"));
         };
         write_text(out, &config::model::write_file(model, comment))?;
         note!("model written: {}", out.display());

@@ -116,15 +116,7 @@ pub(super) fn gain(args: &GainArgs) -> Result<(), Failure> {
 }
 
 pub(super) fn load(args: &LoadArgs) -> Result<(), Failure> {
-    let name = args.model.display();
-    let bytes = input::read(&args.model, InputKind::Model)?;
-    let text = String::from_utf8(bytes).map_err(|e| {
-        let at = e.utf8_error().valid_up_to();
-        Failure::new(
-            EX_DATAERR,
-            format_args!("error: {name}: byte {at} is not UTF-8\n  hint: save the file as UTF-8 text"),
-        )
-    })?;
+    let text = input::read_text(&args.model, InputKind::Model)?;
     // the daemon shows this name later, wherever it was typed
     let origin =
         std::path::absolute(&args.model).unwrap_or_else(|_| args.model.clone()).display().to_string();

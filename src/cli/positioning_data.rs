@@ -90,13 +90,10 @@ pub(super) fn instrument_test(
             let named = rtl.user("Axis").and_then(|a| a.chars().next()).and_then(AxisName::from_letter);
             let rotary = axis.or(named).filter(|a| a.kind() == AxisKind::Rotary);
             if let (Some(axis), None) = (rotary, unit) {
-                return Err(Failure::new(
-                    EX_USAGE,
-                    format_args!(
-                        "error: {file}: a test of rotary axis {axis}; the format does not say the unit of its deviations: \
+                return Err(usage!(
+                    "{file}: a test of rotary axis {axis}; the format does not say the unit of its deviations: \
                          convert it first with volcomp import --axis {} --deviation-unit mrad|urad|arcsec",
-                        axis.lower()
-                    ),
+                    axis.lower()
                 ));
             }
             let (test, more) = rtl.test(unit.unwrap_or(DeviationUnit::Um));
@@ -187,10 +184,7 @@ impl Cycles {
             if !present.iter().any(|c| range.contains(c)) {
                 let (a, b) = (range.start(), range.end());
                 let what = if a == b { format!("cycle {a}") } else { format!("cycles {a}-{b}") };
-                return Err(Failure::new(
-                    EX_DATAERR,
-                    format_args!("error: {file}: {what} selected, but the file has cycles {present:?}"),
-                ));
+                return Err(data!(file, "{what} selected, but the file has cycles {present:?}"));
             }
         }
         Ok(())
@@ -252,12 +246,7 @@ impl TestColumns {
             target: table.require(target)?,
             deviation: table.require(deviation)?,
         };
-        for (i, column) in table.columns().iter().enumerate() {
-            if !known.contains(&column.as_str()) && !extra.contains(&column.as_str()) {
-                let known = known.iter().chain(extra).copied().collect::<Vec<_>>().join(", ");
-                return Err(table.fail(i, format_args!("unknown column; columns are {known}")));
-            }
-        }
+        table.only(&[&known[..], extra].concat())?;
         Ok(found)
     }
 
@@ -297,7 +286,7 @@ pub(super) fn parse_csv<R: BufRead>(mut table: Table<R>) -> Result<PositioningTe
 
 /// The error for a table that has a header only.
 pub(super) fn no_rows(file: &str) -> Failure {
-    Failure::new(EX_DATAERR, format_args!("error: {file}: no data rows"))
+    data!(file, "no data rows")
 }
 
 #[cfg(test)]

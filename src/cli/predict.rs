@@ -5,15 +5,16 @@
 mod circle;
 mod readings;
 
-use std::io::{self, BufRead, Write};
+use std::io::BufRead;
 use std::path::PathBuf;
 
 use clap::Parser;
 
 use super::additions::Additions;
-use super::files::{Output, read_model};
+use super::files::{Rows, read_model};
+use super::quantities::{offset_as_is, offset_unit, position_unit};
 use super::table::{self, Table, nearest};
-use super::{EX_DATAERR, EX_USAGE, Failure};
+use super::{EX_DATAERR, Failure};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::{AxisCorrection, AxisMotion, DYNAMIC_MAX, Deviation, Model, Pose};
 use volcomp_units::axes::{AxisKind, AxisName, MAX_AXES};
@@ -45,8 +46,6 @@ pub(super) struct Args {
     circle: circle::CircleArgs,
 }
 
-/// Bytes gathered before they are written.
-const BLOCK: usize = 1 << 16;
 /// Columns that session files have and that are kept without a word (`docs/reference/session-files.md` 1).
 const KEPT: [&str; 17] = [
     "t_s",
@@ -81,10 +80,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let same = points == out && out.as_os_str() != "-";
     let resolved = || Some(points.canonicalize().ok()? == out.canonicalize().ok()?);
     if same || resolved().unwrap_or(false) {
-        return Err(Failure::new(
-            EX_USAGE,
-            format_args!("error: --out {}: is the file of points; name another", out.display()),
-        ));
+        return Err(usage!("--out {}: is the file of points; name another", out.display()));
     }
     let (spec, model) = read_model(&args.model)?;
     let live = readings::live_values(&args.model, &model, &args.reading)?;
@@ -92,11 +88,10 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let columns = Columns::find(&table, &model)?;
     let mut additions = Additions::read(&args.add, (&spec, &model), &table)?;
     columns.check_length(&table, &model, additions.as_ref())?;
-    let mut output = Output::create(out)?;
-    let mut block = Vec::with_capacity(BLOCK + 4096);
-    columns.header(&table, &mut block);
-    let mut written = write_block(&mut output, &mut block, 0)?;
-    while written && table.advance()? {
+    let mut rows = Rows::create(out)?;
+    columns.header(&table, &mut rows.block);
+    rows.flush()?;
+    while table.advance()? {
         let mut pose = columns.pose(&table, &model)?;
         pose.live = live;
         let (mut deviation, mut correction) =
@@ -105,30 +100,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             deviation.position += additions.next(&table, &model)?;
             correction = model.opposing(&pose, &deviation);
         }
-        block.extend_from_slice(table.text());
-        columns.row(&deviation, &correction, &mut block);
-        if block.len() >= BLOCK {
-            written = write_block(&mut output, &mut block, BLOCK)?;
-        }
+        rows.block.extend_from_slice(table.text());
+        columns.row(&deviation, &correction, &mut rows.block);
+        rows.row_end()?;
     }
-    if written {
-        write_block(&mut output, &mut block, 0)?;
-    }
-    output.finish()
-}
-
-/// Writes the block where it has reached `least`; false where the reader of a pipe has gone.
-fn write_block(output: &mut Output, block: &mut Vec<u8>, least: usize) -> Result<bool, Failure> {
-    if block.len() < least {
-        return Ok(true);
-    }
-    let done = output.write_all(block);
-    block.clear();
-    match done {
-        Ok(()) => Ok(true),
-        Err(e) if e.kind() == io::ErrorKind::BrokenPipe => Ok(false),
-        Err(e) => Err(Failure::io(output.path(), &e)),
-    }
+    rows.finish()
 }
 
 /// A column of the motion of an axis.
@@ -145,13 +121,8 @@ impl MotionColumn {
 
     /// Its name, and the unit inside of one of the file's.
     fn of(self, name: AxisName) -> (String, f64) {
-        let (axis, (length, unit)) = (
-            name.lower(),
-            match name.kind() {
-                AxisKind::Linear => ("mm", 1.0),
-                AxisKind::Rotary => ("deg", RAD_PER_DEG),
-            },
-        );
+        let (axis, length) = (name.lower(), position_unit(name));
+        let unit = if name.kind() == AxisKind::Linear { 1.0 } else { RAD_PER_DEG };
         match self {
             Self::Velocity => (format!("v{axis}_{length}_per_s"), unit),
             Self::Acceleration => (format!("a{axis}_{length}_per_s2"), unit),
@@ -345,10 +316,7 @@ impl Columns {
     fn output_names(&self) -> Vec<String> {
         let mut names: Vec<String> =
             ["dx_um", "dy_um", "dz_um", "da_arcsec", "db_arcsec", "dc_arcsec"].map(str::to_owned).into();
-        names.extend(self.corrected.iter().map(|(n, _)| match n.kind() {
-            AxisKind::Linear => format!("c{}_um", n.lower()),
-            AxisKind::Rotary => format!("c{}_arcsec", n.lower()),
-        }));
+        names.extend(self.corrected.iter().map(|(n, _)| format!("c{}_{}", n.lower(), offset_unit(*n))));
         names.push("flags".to_owned());
         if self.lacks_a_direction() {
             names.extend(["rx_um", "ry_um", "rz_um"].map(str::to_owned));
@@ -398,14 +366,7 @@ impl Columns {
             push_number(block, arcsec_from_rad(*v));
         }
         for (name, k) in &self.corrected {
-            let offset = correction.offset[*k];
-            push_number(
-                block,
-                match name.kind() {
-                    AxisKind::Linear => um_from_mm(offset),
-                    AxisKind::Rotary => arcsec_from_rad(offset),
-                },
-            );
+            push_number(block, offset_as_is(*name, correction.offset[*k]));
         }
         block.push(b',');
         if !deviation.flags.is_clear() || correction.singular != 0 {
@@ -416,7 +377,6 @@ impl Columns {
                 push_number(block, um_from_mm(*v));
             }
         }
-        block.push(b'\n');
     }
 
     /// True where X, Y or Z is missing, so that a part of the deviation cannot be corrected.
@@ -444,10 +404,7 @@ impl Columns {
 }
 
 fn axis_column(name: AxisName) -> String {
-    match name.kind() {
-        AxisKind::Linear => format!("{}_mm", name.lower()),
-        AxisKind::Rotary => format!("{}_deg", name.lower()),
-    }
+    format!("{}_{}", name.lower(), position_unit(name))
 }
 
 /// Decimals of the output: 1e-9 um, 1e-9 arcsec.

@@ -1,5 +1,6 @@
 //! A progress bar for work that reads a file.
 
+use std::cell::OnceCell;
 use std::io::{self, IsTerminal};
 use std::path::Path;
 use std::time::{Duration, Instant};
@@ -8,6 +9,8 @@ use indicatif::{ProgressBar, ProgressDrawTarget, ProgressStyle};
 
 /// The bar appears after this time.
 const SLOW: Duration = Duration::from_secs(2);
+/// Time after which a search counts as slow.
+const SEARCH_SLOW: Duration = Duration::from_secs(1);
 
 /// A bar on stderr, only where that is a terminal and the work takes long.
 pub(super) struct Progress {
@@ -50,6 +53,31 @@ impl Progress {
     /// Takes the bar away.
     pub(super) fn finish(&self) {
         if let Some(bar) = &self.bar {
+            bar.finish_and_clear();
+        }
+    }
+}
+
+/// A progress bar on the terminal that appears only where the search takes longer than a second.
+pub(super) struct Steps {
+    start: Instant,
+    bar: OnceCell<ProgressBar>,
+}
+
+impl Steps {
+    #[expect(clippy::disallowed_methods, reason = "the bar appears only where the work takes long")]
+    pub(super) fn new() -> Self {
+        Self { start: Instant::now(), bar: OnceCell::new() }
+    }
+
+    pub(super) fn show(&self, done: u64, of: u64) {
+        if self.start.elapsed() > SEARCH_SLOW {
+            self.bar.get_or_init(|| ProgressBar::new(of)).set_position(done);
+        }
+    }
+
+    pub(super) fn clear(&self) {
+        if let Some(bar) = self.bar.get() {
             bar.finish_and_clear();
         }
     }

@@ -5,17 +5,12 @@ use std::io::Read;
 use std::path::{Path, PathBuf};
 
 use super::input::{self, InputKind};
-use super::{EX_CONFIG, EX_DATAERR, Failure};
+use super::{EX_DATAERR, Failure};
 use volcomp_config as config;
 use volcomp_config::MachineConfig;
 use volcomp_model::{Model, ModelSpec};
-use volcomp_protocol::record::{BlockKind, Item, Meta, Note, Recording, block};
+use volcomp_protocol::record::{Item, Meta, Note, Recording, block};
 use volcomp_units::MonoTime;
-
-/// First bytes of a block.
-const BLOCK_MAGIC: &[u8] = b"VCBK";
-/// Bytes of a row of the index: place, number and time of the first entry, entries.
-const INDEX_ROW: usize = 28;
 
 /// A recording with its entries, before they are gone through.
 pub(super) struct Parsed {
@@ -42,14 +37,12 @@ pub(super) fn read(paths: &[PathBuf]) -> Result<Vec<Parsed>, Failure> {
     parsed.sort_by_key(|file| file.meta.first_record);
     let runs = parsed.windows(2).find(|w| w[0].meta.run != w[1].meta.run);
     if let Some([a, b]) = runs {
+        let [first, second] = [a, b].map(|file| file.path.display());
         return Err(Failure::new(
             EX_DATAERR,
             format_args!(
-                "error: {} and {} are of two runs of the daemon ({} and {}): give the files of one run at a time",
-                a.path.display(),
-                b.path.display(),
-                a.meta.run,
-                b.meta.run
+                "error: {first} and {second} are of two runs of the daemon ({} and {}): give the files of one run at a time",
+                a.meta.run, b.meta.run
             ),
         ));
     }
@@ -186,7 +179,7 @@ pub(super) fn walk(
         if k + 1 < count {
             continue;
         }
-        let ends_at = end(&recording, &bytes, notes());
+        let ends_at = end(&recording, notes());
         if let Err(why) = &ends_at {
             found.notes.push(format!("{file}: {why}"));
         }
@@ -205,35 +198,12 @@ pub(super) fn walk(
 }
 
 /// Number behind the last entry of a file, from its index; why it is not known.
-fn end<'n>(
-    recording: &Recording<'_>,
-    bytes: &[u8],
-    notes: impl Iterator<Item = &'n Note>,
-) -> Result<u64, &'static str> {
+fn end<'n>(recording: &Recording<'_>, notes: impl Iterator<Item = &'n Note>) -> Result<u64, &'static str> {
     if !recording.closed {
         return Err("it was not closed: its end is missing, or it is still being written");
     }
-    let last = index_end(bytes).ok_or("its index is damaged, so its end is not known")?;
+    let last = recording.index_end.ok_or("its index is damaged, so its end is not known")?;
     Ok(last.max(known_end(notes)))
-}
-
-/// Number behind the last entry, by the last row of the index; found from the end, because bytes that are gone move the
-/// place that the trailer names.
-fn index_end(bytes: &[u8]) -> Option<u64> {
-    let mut rest = bytes;
-    loop {
-        let at = rest.windows(BLOCK_MAGIC.len()).rposition(|w| w == BLOCK_MAGIC)?;
-        if let block::Found::Block(found, _) = block::look(&bytes[at..])
-            && found.kind == BlockKind::Index
-        {
-            let content = found.content().ok()?;
-            let Some(row) = content.last_chunk::<INDEX_ROW>() else { return Some(0) };
-            let first = u64::from_le_bytes(*row[8..].first_chunk()?);
-            let records = u32::from_le_bytes(*row[24..].first_chunk()?);
-            return Some(first.saturating_add(records.into()));
-        }
-        rest = &rest[..at];
-    }
 }
 
 /// Number behind the last entry of the damaged blocks.
@@ -249,12 +219,9 @@ fn known_end<'n>(notes: impl Iterator<Item = &'n Note>) -> u64 {
 pub(super) fn machine(file: &Parsed) -> Result<MachineConfig, Failure> {
     let inside = format!("{} (machine file inside)", file.path.display());
     let Some((_, text)) = &file.machine else {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!("error: {inside}: missing or damaged\n  hint: name it with --config"),
-        ));
+        return Err(data!(inside, "missing or damaged\n  hint: name it with --config"));
     };
-    MachineConfig::parse(&inside, text).map_err(|e| Failure::new(EX_CONFIG, e))
+    Ok(MachineConfig::parse(&inside, text)?)
 }
 
 /// A model inside a recording.
@@ -273,9 +240,8 @@ pub(super) fn models(files: &[Parsed]) -> Result<Vec<Inside>, Failure> {
             if found.iter().any(|known| known.hash == *hash) {
                 continue;
             }
-            let spec = config::model::parse(&inside, text).map_err(|e| Failure::new(EX_CONFIG, e))?;
-            let model = Model::new(&spec)
-                .map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {inside}: {e}")))?;
+            let spec = config::model::parse(&inside, text)?;
+            let model = Model::new(&spec).map_err(|e| mistake!(inside, "{e}"))?;
             found.push(Inside { hash: *hash, spec, model });
         }
     }
@@ -284,5 +250,5 @@ pub(super) fn models(files: &[Parsed]) -> Result<Vec<Inside>, Failure> {
 
 /// The first file; there is always one.
 pub(super) fn first(files: &[Parsed]) -> Result<&Parsed, Failure> {
-    files.first().ok_or_else(|| Failure::new(super::EX_USAGE, "error: no recording was named"))
+    files.first().ok_or_else(|| usage!("no recording was named"))
 }

@@ -70,33 +70,23 @@ fn is_complete(report: &Report, walked: &Walked) -> bool {
 fn judge(report: &Report, walked: &Walked) -> Result<(), Failure> {
     let complete = is_complete(report, walked);
     let part = if complete { "" } else { "; the recording is incomplete, too" };
-    if report.differing > 0 {
-        return Err(Failure::new(
-            EX_DIFFERS,
-            format_args!(
-                "error: {} of {} cycles differ from the recording{part}",
-                report.differing, report.compared
-            ),
-        ));
+    let Report { differing, compared, cycles, .. } = report;
+    if *differing > 0 {
+        let what = format_args!("error: {differing} of {compared} cycles differ from the recording{part}");
+        return Err(Failure::new(EX_DIFFERS, what));
     }
-    if report.compared == 0 {
-        return Err(Failure::new(
-            EX_DATAERR,
-            "error: nothing could be compared: no cycle, or the engine never caught up after a gap",
-        ));
+    if *compared == 0 {
+        let what = "error: nothing could be compared: no cycle, or the engine never caught up after a gap";
+        return Err(Failure::new(EX_DATAERR, what));
     }
     if !complete {
-        return Err(Failure::new(
-            EX_INCOMPLETE,
-            format_args!(
-                "error: not everything could be replayed: {}, {}, {} of {} cycles compared (all the same)\n  \
-                 hint: give all files of the run; the lines above name what is missing",
-                counted(walked.missing.len(), "gap"),
-                counted(walked.damaged, "damaged place"),
-                report.compared,
-                report.cycles
-            ),
-        ));
+        let gaps = counted(walked.missing.len(), "gap");
+        let damaged = counted(walked.damaged, "damaged place");
+        let what = format_args!(
+            "error: not everything could be replayed: {gaps}, {damaged}, {compared} of {cycles} cycles compared (all the same)\n  \
+             hint: give all files of the run; the lines above name what is missing"
+        );
+        return Err(Failure::new(EX_INCOMPLETE, what));
     }
     Ok(())
 }

@@ -10,10 +10,10 @@ use std::time::Duration;
 
 use super::input::{self, InputKind};
 use super::numerals::counted;
-use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
+use super::{EX_IOERR, EX_SOFTWARE, Failure};
 use volcomp_config::MachineConfig;
-use volcomp_daemon::Status;
 use volcomp_daemon::client::{self, ClientError};
+use volcomp_daemon::{Fault, RealtimeStatus, ShadowAxis, ShadowStatus, Status};
 
 use paint::Paint;
 
@@ -135,20 +135,14 @@ pub(super) fn socket(which: &Which) -> Result<PathBuf, Failure> {
 /// The socket that a machine file names.
 pub(super) fn socket_of(config: &Path, machine: &MachineConfig) -> Result<PathBuf, Failure> {
     volcomp_daemon::socket_path(config, machine).ok_or_else(|| {
-        Failure::new(
-            EX_CONFIG,
-            format_args!(
-                "error: {}: the status socket is switched off\n  hint: set `socket` in its `[status]`",
-                config.display()
-            ),
-        )
+        mistake!(config, "the status socket is switched off\n  hint: set `socket` in its `[status]`")
     })
 }
 
 /// The machine file of a daemon.
 pub(super) fn machine(config: &Path) -> Result<MachineConfig, Failure> {
     let text = input::read_text(config, InputKind::Machine)?;
-    MachineConfig::parse(&config.display().to_string(), &text).map_err(|e| Failure::new(EX_CONFIG, e))
+    Ok(MachineConfig::parse(&config.display().to_string(), &text)?)
 }
 
 pub(super) fn failure(error: &ClientError) -> Failure {
@@ -190,18 +184,16 @@ fn write_head(f: &mut String, status: &Status, paint: Paint) -> std::fmt::Result
     }
     write_choice(f, status)?;
     let link = &status.link;
-    let since = duration(link.since_s);
-    let control = link.control.as_deref().unwrap_or("control");
+    let (since, address) = (duration(link.since_s), &link.address);
     match (&link.error, link.up) {
-        (_, true) => writeln!(
-            f,
-            "link        {}{} up for {since}, {control}, cycle {} ms",
-            link.address,
-            if link.tls { " (TLS)" } else { "" },
-            link.cycle_s * 1e3
-        )?,
-        (Some(error), false) => writeln!(f, "link        {} down for {since}: {error}", link.address)?,
-        (None, false) => writeln!(f, "link        {} connecting for {since}", link.address)?,
+        (_, true) => {
+            let (control, tls) =
+                (link.control.as_deref().unwrap_or("control"), if link.tls { " (TLS)" } else { "" });
+            let cycle_ms = link.cycle_s * 1e3;
+            writeln!(f, "link        {address}{tls} up for {since}, {control}, cycle {cycle_ms} ms")?;
+        }
+        (Some(error), false) => writeln!(f, "link        {address} down for {since}: {error}")?,
+        (None, false) => writeln!(f, "link        {address} connecting for {since}")?,
     }
     if let (Some(read), Some(write), true) = (link.read_us, link.write_us, link.up) {
         writeln!(f, "calls       read {read:.0} us, write {write:.0} us, means")?;
@@ -237,31 +229,26 @@ fn write_choice(f: &mut String, status: &Status) -> std::fmt::Result {
 /// What shadow mode has found.
 fn write_shadow(f: &mut String, status: &Status) -> std::fmt::Result {
     let Some(shadow) = &status.shadow else { return Ok(()) };
-    let share =
-        if shadow.cycles == 0 { 0.0 } else { 100.0 * shadow.active_cycles as f64 / shadow.cycles as f64 };
+    let ShadowStatus { state, cycles, faults, interruptions, .. } = shadow;
+    let share = percent(shadow.active_cycles, *cycles);
     writeln!(
         f,
-        "SHADOW      nothing is applied; compensation would be {}, was on for {share:.1} % of {} cycles, {} faults, {} holds",
-        shadow.state, shadow.cycles, shadow.faults, shadow.interruptions
+        "SHADOW      nothing is applied; compensation would be {state}, was on for {share:.1} % of {cycles} cycles, {faults} faults, {interruptions} holds",
     )?;
     for (axis, a) in &shadow.axes {
+        let ShadowAxis { unit, before_rms, before_max, after_rms, after_max, limited_cycles } = a;
         writeln!(
             f,
-            "{axis:>4}        error known to the model {:.3} rms {:.3} max, would be left {:.3} rms {:.3} max {}, limited in {} cycles",
-            a.before_rms, a.before_max, a.after_rms, a.after_max, a.unit, a.limited_cycles
+            "{axis:>4}        error known to the model {before_rms:.3} rms {before_max:.3} max, would be left {after_rms:.3} rms {after_max:.3} max {unit}, limited in {limited_cycles} cycles",
         )?;
     }
     Ok(())
 }
 
 fn write_figures(f: &mut String, status: &Status) -> std::fmt::Result {
-    let share =
-        if status.cycles == 0 { 0.0 } else { 100.0 * status.late_cycles as f64 / status.cycles as f64 };
-    writeln!(
-        f,
-        "cycles      {}, late {} ({share:.4} %), skipped {}",
-        status.cycles, status.late_cycles, status.skipped_cycles
-    )?;
+    let Status { cycles, late_cycles, skipped_cycles, .. } = status;
+    let share = percent(*late_cycles, *cycles);
+    writeln!(f, "cycles      {cycles}, late {late_cycles} ({share:.4} %), skipped {skipped_cycles}")?;
     let rows = [
         ("age", status.age_us_p50, status.age_us_p99),
         ("round trip", status.roundtrip_us_p50, status.roundtrip_us_p99),
@@ -303,42 +290,25 @@ fn write_axes(f: &mut String, status: &Status) -> std::fmt::Result {
 }
 
 fn write_tail(f: &mut String, status: &Status, paint: Paint) -> std::fmt::Result {
-    for fault in &status.faults {
-        writeln!(
-            f,
-            "{}       {} {}: {}{} ({} ago)",
-            paint.red("FAULT"),
-            fault.code,
-            fault.reason,
-            fault.text,
-            fault.numbers.as_ref().map_or_else(String::new, |numbers| format!(": {numbers}")),
-            duration(fault.age_s)
-        )?;
+    for Fault { code, reason, text, numbers, age_s } in &status.faults {
+        let numbers = numbers.as_ref().map_or_else(String::new, |numbers| format!(": {numbers}"));
+        let (fault, age) = (paint.red("FAULT"), duration(*age_s));
+        writeln!(f, "{fault}       {code} {reason}: {text}{numbers} ({age} ago)")?;
     }
     if status.faults.is_empty() {
         writeln!(f, "faults      none")?;
     }
-    let realtime = &status.realtime;
-    writeln!(
-        f,
-        "real time   SCHED_FIFO {}; processor {}; memory lock {}",
-        realtime.fifo, realtime.affinity, realtime.memory_lock
-    )?;
+    let RealtimeStatus { fifo, affinity, memory_lock } = &status.realtime;
+    writeln!(f, "real time   SCHED_FIFO {fifo}; processor {affinity}; memory lock {memory_lock}")?;
     write_kept(f, status)?;
-    if status.records_dropped + status.reports_dropped > 0 {
+    let Status { records_dropped, reports_dropped, version, pid, .. } = status;
+    if records_dropped + reports_dropped > 0 {
         writeln!(
             f,
-            "dropped     {} records, {} log reports (queues were full)",
-            status.records_dropped, status.reports_dropped
+            "dropped     {records_dropped} records, {reports_dropped} log reports (queues were full)"
         )?;
     }
-    writeln!(
-        f,
-        "daemon      volcompd {}, pid {}, up {}",
-        status.version,
-        status.pid,
-        duration(status.uptime_s)
-    )
+    writeln!(f, "daemon      volcompd {version}, pid {pid}, up {}", duration(status.uptime_s))
 }
 
 /// The recording and the counters that outlive the daemon.
@@ -353,7 +323,7 @@ fn write_kept(f: &mut String, status: &Status) -> std::fmt::Result {
     }
     let all = &status.lifetime;
     let many = |n: u64, what| counted(usize::try_from(n).unwrap_or(usize::MAX), what);
-    let share = if all.cycles == 0 { 0.0 } else { 100.0 * all.late_cycles as f64 / all.cycles as f64 };
+    let share = percent(all.late_cycles, all.cycles);
     writeln!(
         f,
         "lifetime    {}, late {} ({share:.4} %), enabled {}, {}, {} since {}",
@@ -377,6 +347,11 @@ fn write_kept(f: &mut String, status: &Status) -> std::fmt::Result {
         Some(note) => writeln!(f, "counters    {note}"),
         None => Ok(()),
     }
+}
+
+/// A share of a count in percent.
+fn percent(part: u64, all: u64) -> f64 {
+    if all == 0 { 0.0 } else { 100.0 * part as f64 / all as f64 }
 }
 
 fn list(words: &[String]) -> String {

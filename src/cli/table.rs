@@ -136,11 +136,16 @@ impl<R: BufRead> Table<R> {
                 Some(near) => format!("is column {near} meant? rename it"),
                 None => format!("found {}", self.columns.join(", ")),
             };
-            Failure::new(
-                EX_DATAERR,
-                format_args!("error: {}:{}: column {name} is missing; {hint}", self.file, self.line),
-            )
+            self.bad(format_args!("column {name} is missing; {hint}"))
         })
+    }
+
+    /// Refuses columns that are not known.
+    pub(super) fn only(&self, known: &[&str]) -> Result<(), Failure> {
+        match self.columns.iter().position(|c| !known.contains(&c.as_str())) {
+            Some(i) => Err(self.fail(i, format_args!("unknown column; columns are {}", known.join(", ")))),
+            None => Ok(()),
+        }
     }
 
     /// Goes to the next row; false at the end.
@@ -153,26 +158,16 @@ impl<R: BufRead> Table<R> {
             self.progress.update(self.bytes);
         }
         let Some(left) = self.rows_left.checked_sub(1) else {
-            return Err(Failure::new(
-                EX_DATAERR,
-                format_args!(
-                    "error: {}:{}: more than {ROWS_MAX} rows; split the table, or keep every n-th row",
-                    self.file, self.line
-                ),
-            ));
+            return Err(
+                self.bad(format_args!("more than {ROWS_MAX} rows; split the table, or keep every n-th row"))
+            );
         };
         self.rows_left = left;
         self.split();
         let (found, expected) = (self.fields.len(), self.columns.len());
         if found != expected {
             let hint = if found > expected { "is there a decimal comma?" } else { "is the line cut?" };
-            return Err(Failure::new(
-                EX_DATAERR,
-                format_args!(
-                    "error: {}:{}: {found} fields, the header has {expected} columns; {hint}",
-                    self.file, self.line
-                ),
-            ));
+            return Err(self.bad(format_args!("{found} fields, the header has {expected} columns; {hint}")));
         }
         Ok(true)
     }
@@ -216,6 +211,12 @@ impl<R: BufRead> Table<R> {
     /// A word.
     pub(super) fn word(&self, column: usize) -> String {
         String::from_utf8_lossy(self.field(column)).into_owned()
+    }
+
+    /// An error about the current line.
+    #[cold]
+    fn bad(&self, what: impl core::fmt::Display) -> Failure {
+        Failure::new(EX_DATAERR, format_args!("error: {}:{}: {what}", self.file, self.line))
     }
 
     /// An error about a field of the current row.
@@ -264,13 +265,9 @@ impl<R: BufRead> Table<R> {
             self.bytes += read as u64;
             self.line += 1;
             if read as u64 == LINE_LIMIT {
-                return Err(Failure::new(
-                    EX_DATAERR,
-                    format_args!(
-                        "error: {}:{}: the line has more than {LINE_LIMIT} bytes; is this a CSV file?",
-                        self.file, self.line
-                    ),
-                ));
+                return Err(
+                    self.bad(format_args!("the line has more than {LINE_LIMIT} bytes; is this a CSV file?"))
+                );
             }
             if self.line == 1 && self.text.starts_with(b"\xef\xbb\xbf") {
                 self.text.drain(..3);

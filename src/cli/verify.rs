@@ -6,17 +6,18 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use crate::acceptance::verdicts::{self, Assessed};
+use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, HeadArgs, Stated};
 use crate::evaluate::circular::plane;
 use crate::evaluate::page::{self, Origin};
-use crate::evaluate::{CompareOptions, Compared, Pair, compare};
+use crate::evaluate::{CompareOptions, Compared, compare, show};
 use crate::files::write_text;
 use crate::numerals::plain;
-use crate::report::page::Cell;
+use crate::report::Table;
 use crate::report_page::{Plot, Style};
-use crate::{EX_DATAERR, EX_USAGE, Failure, table};
-use volcomp_evaluate::{Placed, Reduction, Size};
+use crate::{Failure, table};
+use volcomp_evaluate::reduction::about_end_points;
+use volcomp_evaluate::{Placed, Reduction, Size, Uncertain};
 use volcomp_units::axes::Travel;
 
 /// Compare two measurements: reduction with its uncertainty, figures of ISO 230, plots at one scale
@@ -67,8 +68,7 @@ pub(super) struct Args {
 /// A comparison with its reductions.
 struct Verified {
     test: Compared,
-    acceptance: Acceptance,
-    assessed: Vec<Assessed>,
+    judged: Judged,
     sizes: [Size; 2],
     /// Of range and RMS.
     reductions: [Option<Reduction>; 2],
@@ -79,7 +79,7 @@ struct Verified {
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let files = [args.before.as_path(), args.after.as_path()];
     if args.json && args.report.as_ref().is_some_and(|p| p.as_os_str() == "-") {
-        return Err(Failure::new(EX_USAGE, "error: --json and the report cannot both go to stdout"));
+        return Err(usage!("--json and the report cannot both go to stdout"));
     }
     let options = CompareOptions {
         plane: args.plane,
@@ -91,23 +91,18 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         Some(test) => (test, Vec::new()),
         None => straightness(files)?,
     };
-    if let Some(bad) = args.u_device_um.filter(|u| !u.is_finite() || *u < 0.0) {
-        let what = format_args!("error: --u-device-um {bad} must be a finite number, 0 or above");
-        return Err(Failure::new(EX_USAGE, what));
-    }
     let size = |i: usize| {
-        let size = Size::of(&test.readings[i], test.is_repeated).ok_or_else(|| {
-            Failure::new(EX_DATAERR, format_args!("error: {}: no data rows", files[i].display()))
-        })?;
+        let size =
+            Size::of(&test.readings[i], test.is_repeated).ok_or_else(|| data!(files[i], "no data rows"))?;
         Ok::<_, Failure>(args.u_device_um.map_or(size, |u| size.with_device(u / 2.0)))
     };
     let sizes @ [before, after] = [size(0)?, size(1)?];
     let reductions = [Reduction::of(before.range, after.range), Reduction::of(before.rms, after.rms)];
     let mut acceptance = Acceptance::load(&args.head, test.test, &test.keys)?;
     acceptance.fill(test.stated.clone());
-    let assess = |p: &Pair| acceptance.assess(&p.key, p.name, p.after, p.expanded);
-    let assessed = test.figures.iter().map(assess).collect();
-    let verified = Verified { test, acceptance, assessed, sizes, reductions, charts };
+    let assess = |[_, a]: &[Assessed; 2]| acceptance.assess(&a.key, a.name, a.value, a.expanded);
+    let judged = Judged { figures: test.figures.iter().map(assess).collect(), acceptance };
+    let verified = Verified { test, judged, sizes, reductions, charts };
     if let Some(path) = &args.report {
         write_text(path, &verified.page(args))?;
         note!("report written: {}", path.display());
@@ -126,7 +121,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 
 impl Verified {
     /// Name, before, after and reduction of range and RMS.
-    fn rows(&self) -> [(&'static str, [volcomp_evaluate::Uncertain; 2], Option<Reduction>); 2] {
+    fn rows(&self) -> [(&'static str, [Uncertain; 2], Option<Reduction>); 2] {
         let [before, after] = self.sizes;
         [
             ("range", [before.range, after.range], self.reductions[0]),
@@ -136,8 +131,17 @@ impl Verified {
 
     fn json(&self) -> Map<String, Value> {
         let key = if self.test.unit == "arcsec" { "arcsec" } else { "um" };
-        let mut out = Map::new();
-        out.insert("test".to_owned(), json!(self.test.test));
+        let figures = self.test.figures.iter();
+        let figures: Map<_, _> =
+            figures.map(|[b, a]| (a.key.clone(), json!({ "before": b.value, "after": a.value }))).collect();
+        let [before, after] = self.sizes.map(|s| json!([s.low, s.high]));
+        let mut out = Map::from_iter([
+            ("test".to_owned(), json!(self.test.test)),
+            (format!("extremes_before_{key}"), before),
+            (format!("extremes_after_{key}"), after),
+            ("figures".to_owned(), Value::Object(figures)),
+            ("readings".to_owned(), json!(self.test.readings.each_ref().map(Vec::len))),
+        ]);
         for (name, [before, after], reduction) in self.rows() {
             let entry = json!({
                 format!("before_{key}"): before.value,
@@ -149,35 +153,38 @@ impl Verified {
             });
             out.insert(name.to_owned(), entry);
         }
-        let ends = |s: &Size| json!([s.low, s.high]);
-        out.insert(format!("extremes_before_{key}"), ends(&self.sizes[0]));
-        out.insert(format!("extremes_after_{key}"), ends(&self.sizes[1]));
-        let figures: Map<String, Value> = self
-            .test
-            .figures
-            .iter()
-            .map(|p| (p.key.clone(), json!({ "before": p.before, "after": p.after })))
-            .collect();
-        out.insert("figures".to_owned(), Value::Object(figures));
-        out.insert("readings".to_owned(), json!(self.test.readings.each_ref().map(Vec::len)));
-        verdicts::put(&mut out, &self.assessed);
+        self.judged.put(&mut out);
         out
+    }
+
+    /// Range and RMS, before and after.
+    fn sizes(&self) -> Vec<Vec<String>> {
+        let row = |(name, [before, after], reduction): (&str, [Uncertain; 2], _)| {
+            let name =
+                if name == "range" { "range of the mean deviations" } else { "RMS of the mean deviations" };
+            vec![name.to_owned(), with_limits(before), with_limits(after), percent(reduction)]
+        };
+        self.rows().map(row).to_vec()
+    }
+
+    /// The figures of the standard, before and after, with how they are judged.
+    fn judged_figures(&self) -> Vec<Vec<String>> {
+        let row = |([b, a], judged): (&[Assessed; 2], &Assessed)| {
+            let figures = [a.name.to_owned(), show(b.value), show(a.value), change(b.value, a.value)];
+            figures.into_iter().chain(judged.words()).collect()
+        };
+        self.test.figures.iter().zip(&self.judged.figures).map(row).collect()
     }
 
     fn print(&self) {
         let unit = self.test.unit;
         say!("{}", self.test.standard);
-        say!("{:<46}{:>18}{:>18}{:>20}", unit, "before", "after", "reduction");
-        for (name, [before, after], reduction) in self.rows() {
-            let name =
-                if name == "range" { "range of the mean deviations" } else { "RMS of the mean deviations" };
-            say!("{name:<46}{:>18}{:>18}{:>20}", with_limits(before), with_limits(after), percent(reduction));
-        }
-        for p in &self.test.figures {
-            let (before, after, change) = (number(p.before), number(p.after), change(p));
-            say!("{:<46}{before:>18}{after:>18}{change:>20}", p.name);
-        }
-        verdicts::print(&self.assessed, unit);
+        let heads = [unit, ">before", ">after", ">reduction"].map(str::to_owned);
+        let nothing = [""; 3].map(str::to_owned).to_vec();
+        Table::new(heads.into_iter().chain(Assessed::heads(unit)))
+            .rows(self.sizes().into_iter().map(|row| [row, nothing.clone()].concat()))
+            .rows(self.judged_figures())
+            .print();
         for note in &self.test.notes {
             note!("note: {note}");
         }
@@ -187,34 +194,13 @@ impl Verified {
         let unit = self.test.unit;
         let title = args.title.as_deref().unwrap_or("Before and after compensation");
         let origins = [Origin::of("before", &args.before), Origin::of("after", &args.after)];
-        let standard = self.test.standard;
-        let mut page = page::start(title, standard, &self.acceptance, &self.assessed, &origins, &[]);
+        let mut page = page::start(title, self.test.standard, &self.judged, &origins, &[]);
         if let Some(range) = self.reductions[0] {
             page.lead(format_args!("Range of the mean deviations reduced by {}.", percent(Some(range))));
         }
         page.heading("Reduction");
-        let head = |last: &str| {
-            vec![
-                Cell::head(""),
-                Cell::number(format!("before / {unit}")),
-                Cell::number(format!("after / {unit}")),
-                Cell::number(last),
-            ]
-        };
-        let rows: Vec<Vec<Cell>> = self
-            .rows()
-            .into_iter()
-            .map(|(name, [before, after], reduction)| {
-                let name = if name == "range" { "range of the means" } else { "RMS of the means" };
-                vec![
-                    Cell::head(name),
-                    Cell::number(with_limits(before)),
-                    Cell::number(with_limits(after)),
-                    Cell::number(percent(reduction)),
-                ]
-            })
-            .collect();
-        page.table(&head("reduction"), &rows);
+        let heads = ["".into(), format!(">before / {unit}"), format!(">after / {unit}"), ">reduction".into()];
+        Table::new(&heads).rows(self.sizes()).put(&mut page);
         page.note(match args.u_device_um {
             Some(u) => format!(
                 "± expanded uncertainty, k = 2: scatter of readings at one place and {u} {unit} of the instrument, taken as \
@@ -229,49 +215,26 @@ impl Verified {
         }
         if !self.test.figures.is_empty() {
             page.heading("Figures of the standard");
-            let rows: Vec<Vec<Cell>> = self
-                .test
-                .figures
-                .iter()
-                .zip(&self.assessed)
-                .map(|(p, assessed)| {
-                    let mut row = vec![Cell::head(p.name)];
-                    row.extend([number(p.before), number(p.after), change(p)].map(Cell::number));
-                    row.extend(assessed.cells());
-                    row
-                })
-                .collect();
-            let mut head = head("reduction");
-            head.extend(Assessed::heads(unit));
-            page.table(&head, &rows);
+            Table::new(heads.into_iter().chain(Assessed::heads(unit)))
+                .rows(self.judged_figures())
+                .put(&mut page);
         }
-        for (i, (heading, svg)) in self.test.plots.iter().enumerate() {
-            page.heading(heading);
-            if i + 1 == self.test.plots.len() {
-                page.figure(svg, self.test.caption);
-            } else {
-                page.picture(svg);
-            }
-        }
+        page.plots(&self.test.plots, self.test.caption);
         if !self.charts.is_empty() {
             page.heading("Deviations");
-            page.figures(&self.charts.iter().map(Plot::markup).collect::<Vec<_>>());
+            page.charts(&self.charts);
         }
-        page::finish(page, &self.assessed)
+        page::finish(page, &self.judged)
     }
 }
 
-fn number(value: Option<f64>) -> String {
-    value.map_or_else(|| "-".to_owned(), |v| plain(v, 2))
-}
-
 /// Reduction of a figure in percent; none where it was zero or negative.
-fn change(p: &Pair) -> String {
-    let change = p.before.zip(p.after).filter(|(b, _)| *b > 0.0).map(|(b, a)| 1.0 - a / b);
+fn change(before: Option<f64>, after: Option<f64>) -> String {
+    let change = before.zip(after).filter(|(b, _)| *b > 0.0).map(|(b, a)| 1.0 - a / b);
     change.map_or_else(|| "-".to_owned(), |c| format!("{} %", plain(100.0 * c, 1)))
 }
 
-fn with_limits(u: volcomp_evaluate::Uncertain) -> String {
+fn with_limits(u: Uncertain) -> String {
     match u.std {
         Some(std) => format!("{} ± {:.2}", plain(u.value, 2), 2.0 * std),
         None => plain(u.value, 2),
@@ -299,40 +262,29 @@ fn straightness(files: [&Path; 2]) -> Result<(Compared, Vec<Plot>), Failure> {
     let [before, after] = [read_motions(files[0])?, read_motions(files[1])?];
     let names = |m: &[Motion]| m.iter().map(|m| m.name.clone()).collect::<Vec<_>>();
     if names(&before) != names(&after) {
-        return Err(Failure::data(
+        return Err(data!(
             files[1],
-            format_args!(
-                "columns are {}, those before are {}",
-                names(&after).join(", "),
-                names(&before).join(", ")
-            ),
+            "columns are {}, those before are {}",
+            names(&after).join(", "),
+            names(&before).join(", ")
         ));
     }
     let placed = |motions: &[Motion]| -> Vec<Placed> {
         let place = |q: f64, t: Travel| 2 * (q * 1e3).round() as i64 + i64::from(t == Travel::Reverse);
-        motions
-            .iter()
-            .enumerate()
-            .flat_map(|(k, m)| {
-                m.rows.iter().map(move |(q, t, v)| Placed {
-                    curve: k as u32,
-                    place: place(*q, *t),
-                    value: *v,
-                })
-            })
-            .collect()
+        let of = |(k, m): (usize, &Motion)| {
+            let one =
+                |(q, t, v): &(f64, Travel, f64)| Placed { curve: k as u32, place: place(*q, *t), value: *v };
+            m.rows.iter().map(one).collect::<Vec<_>>()
+        };
+        motions.iter().enumerate().flat_map(of).collect()
     };
     let charts = before
         .iter()
         .zip(&after)
         .map(|(b, a)| {
             let points = |m: &Motion| m.rows.iter().map(|(q, _, v)| (*q, *v)).collect();
-            let title = m_title(&b.name);
-            Plot::new(title, "position, mm", "deviation, µm").with(Style::Dots, "before", points(b)).with(
-                Style::Dots,
-                "after",
-                points(a),
-            )
+            let plot = Plot::new(m_title(&b.name), "position, mm", "deviation, µm");
+            plot.with(Style::Dots, "before", points(b)).with(Style::Dots, "after", points(a))
         })
         .collect();
     let compared = Compared {
@@ -358,23 +310,18 @@ fn m_title(column: &str) -> String {
 fn read_motions(path: &Path) -> Result<Vec<Motion>, Failure> {
     let mut table = table::open(path)?;
     let (position, direction) = (table.require("position_mm")?, table.find("direction"));
-    let columns: Vec<(usize, String)> = table
-        .columns()
-        .iter()
-        .enumerate()
-        .filter(|(_, c)| c.starts_with('e') && c.ends_with("_um"))
-        .map(|(i, c)| (i, c.clone()))
-        .collect();
+    let columns =
+        table.columns().iter().enumerate().filter(|(_, c)| c.starts_with('e') && c.ends_with("_um"));
+    let (columns, mut motions): (Vec<usize>, Vec<Motion>) =
+        columns.map(|(i, name)| (i, Motion { name: name.clone(), rows: Vec::new() })).unzip();
     if columns.is_empty() {
         let what = "no column with error motions such as eyx_um; --help names the kinds of files";
         return Err(Failure::data(path, what));
     }
-    let mut motions: Vec<Motion> =
-        columns.iter().map(|(_, name)| Motion { name: name.clone(), rows: Vec::new() }).collect();
     while table.advance()? {
         let q = table.number(position)?;
         let travel = direction.map_or(Ok(Travel::Forward), |c| table.travel(c))?;
-        for (motion, (column, _)) in motions.iter_mut().zip(&columns) {
+        for (motion, column) in motions.iter_mut().zip(&columns) {
             motion.rows.push((q, travel, table.number(*column)?));
         }
     }
@@ -382,34 +329,4 @@ fn read_motions(path: &Path) -> Result<Vec<Motion>, Failure> {
         about_end_points(&mut motion.rows);
     }
     Ok(motions)
-}
-
-/// Takes the line through the mean readings at both ends out.
-fn about_end_points(rows: &mut [(f64, Travel, f64)]) {
-    let low = rows.iter().map(|r| r.0).fold(f64::INFINITY, f64::min);
-    let high = rows.iter().map(|r| r.0).fold(f64::NEG_INFINITY, f64::max);
-    let mean = |q: f64| {
-        let (n, sum) = rows.iter().filter(|r| r.0 == q).fold((0.0, 0.0), |(n, s), r| (n + 1.0, s + r.2));
-        sum / n
-    };
-    if high > low {
-        let (first, last) = (mean(low), mean(high));
-        let slope = (last - first) / (high - low);
-        rows.iter_mut().for_each(|r| r.2 -= first + slope * (r.0 - low));
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    #[test]
-    fn a_straightness_loses_its_line_and_keeps_its_bow() {
-        let mut rows: Vec<(f64, Travel, f64)> =
-            (0..=10).map(f64::from).map(|q| (q, Travel::Forward, 3.0 + 2.0 * q + q * (10.0 - q))).collect();
-        about_end_points(&mut rows);
-        for (q, _, v) in rows {
-            assert!((v - q * (10.0 - q)).abs() < 1e-12);
-        }
-    }
 }

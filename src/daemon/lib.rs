@@ -102,7 +102,7 @@ pub use sensors::{
 pub use server::SocketError;
 pub use status::{
     AxisLimitStatus, Fault, Lifetime, LinkStatus, ModelErrors, ModelStatus, RealtimeStatus, RecordingStatus,
-    ShadowStatus, StateReason, Status,
+    ShadowAxis, ShadowStatus, StateReason, Status,
 };
 pub use tls::{Identity, TlsFileError, identity};
 pub use volcomp_state::bounded_read;

@@ -10,6 +10,7 @@
 //! Source: GUM (JCGM 100:2008), 5.1.2.
 
 use std::collections::BTreeMap;
+use volcomp_units::axes::Travel;
 
 /// One reading.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -116,6 +117,21 @@ impl Reduction {
     }
 }
 
+/// Takes the line through the mean readings at both ends out.
+pub fn about_end_points(rows: &mut [(f64, Travel, f64)]) {
+    let low = rows.iter().map(|r| r.0).fold(f64::INFINITY, f64::min);
+    let high = rows.iter().map(|r| r.0).fold(f64::NEG_INFINITY, f64::max);
+    let mean = |q: f64| {
+        let (n, sum) = rows.iter().filter(|r| r.0 == q).fold((0.0, 0.0), |(n, s), r| (n + 1.0, s + r.2));
+        sum / n
+    };
+    if high > low {
+        let (first, last) = (mean(low), mean(high));
+        let slope = (last - first) / (high - low);
+        rows.iter_mut().for_each(|r| r.2 -= first + slope * (r.0 - low));
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -193,5 +209,15 @@ mod tests {
         assert!(Size::of(&[], true).is_none());
         let nothing = Uncertain { value: 0.0, std: None };
         assert!(Reduction::of(nothing, size.range).is_none());
+    }
+
+    #[test]
+    fn a_straightness_loses_its_line_and_keeps_its_bow() {
+        let mut rows: Vec<(f64, Travel, f64)> =
+            (0..=10).map(f64::from).map(|q| (q, Travel::Forward, 3.0 + 2.0 * q + q * (10.0 - q))).collect();
+        about_end_points(&mut rows);
+        for (q, _, v) in rows {
+            assert!((v - q * (10.0 - q)).abs() < 1e-12);
+        }
     }
 }

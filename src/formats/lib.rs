@@ -21,11 +21,13 @@ pub mod isg;
 pub mod isg_lis;
 pub mod iso230_dat;
 pub mod linuxcnc;
+pub mod motion_table;
 pub mod part_program;
 pub mod positioning_test;
 pub mod rtl;
 pub mod rtx;
 pub mod sample;
+pub mod start_up;
 pub mod text;
 
 pub use error::{FormatError, FormatErrorKind, Place, ReadError};

@@ -3,7 +3,7 @@
 //!
 //! Conventions, signs and formulas: `docs/reference/equations.md`. Reading order: [`symbol`], [`curve`], [`chain`],
 //! [`dynamics`] (what follows motion), [`spec`] (what a model is made of), [`volumetric`] (first order), [`exact`] (full rotations), [`correction`],
-//! [`gauge`] (the normal form), [`search`] (the largest values in a volume), [`compare`] (two models), [`wireframe`] (the distorted volume).
+//! [`gauge`] (the normal form), [`search`] (the largest values in a volume), [`extremes`] (those of a model), [`compare`] (two models), [`wireframe`] (the distorted volume).
 
 #![forbid(unsafe_code)]
 #![cfg_attr(not(test), forbid(clippy::disallowed_methods))]
@@ -15,6 +15,7 @@ pub mod correction;
 pub mod curve;
 pub mod dynamics;
 pub mod exact;
+pub mod extremes;
 pub mod gauge;
 pub mod geometry;
 pub mod search;

@@ -49,7 +49,7 @@ fn show_says_what_is_in_the_model_and_where_it_is_worst() {
         "model.toml: model of m, chain [w X' b Y Z t]",
         "[ X' ]",
         "0..500 mm",
-        "exx   table",
+        "exx  table",
         "laser 7",
         "largest position error",
         // 8 um in X, 5 um in Y at the far end

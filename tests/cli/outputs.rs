@@ -3,9 +3,15 @@
 //! `INSTA_UPDATE=always cargo test --release --test cli outputs::` writes them anew; read the difference before you commit it.
 
 #![expect(clippy::unwrap_used, reason = "helpers of tests")]
+#![expect(clippy::disallowed_methods, reason = "the tests run programs and read their files")]
 
 mod evaluate;
+mod exchange;
+mod model;
+mod operate;
 
+use std::io::{BufRead as _, BufReader, Write as _};
+use std::os::unix::net::UnixListener;
 use std::path::Path;
 use std::process::Command;
 
@@ -16,6 +22,9 @@ use serde_json::Value;
 fn check(name: &str, args: &[&str]) {
     let scratch = tempfile::tempdir().unwrap();
     let folder = scratch.path().to_str().unwrap();
+    if args.iter().any(|a| a.contains("SCRATCH/daemon.sock")) {
+        answer_as_the_daemon(&scratch.path().join("daemon.sock"));
+    }
     let output = Command::new(env!("CARGO_BIN_EXE_volcomp"))
         .args(args.iter().map(|a| a.replace("SCRATCH", folder)))
         .current_dir(env!("CARGO_MANIFEST_DIR"))
@@ -35,10 +44,54 @@ fn check(name: &str, args: &[&str]) {
     });
 }
 
+/// Runs a command line, in which `DATA/` is the folder of the inputs, once with each of the endings.
+fn each(prefix: &str, command: &str, endings: &[(&str, &str)]) {
+    for (suffix, ending) in endings {
+        let line = format!("{command} {ending}").replace("DATA/", "tests/cli/outputs/data/");
+        check(&format!("{prefix}{suffix}"), &line.split_whitespace().collect::<Vec<_>>());
+    }
+}
+
+/// What a person reads of a page or a picture: its words, without markup and style.
+fn words(markup: &str) -> String {
+    let mut out = String::new();
+    for part in markup.split('<') {
+        let (tag, text) = part.split_once('>').unwrap_or(("", part));
+        let ends_line =
+            ["/tr", "/p", "/h1", "/h2", "/li", "/svg", "/figcaption", "/text", "/pre"].contains(&tag);
+        match tag {
+            _ if ends_line => out.push('\n'),
+            "/td" | "/th" => out.push_str(" | "),
+            _ => {}
+        }
+        if !matches!(tag, "style" | "title") {
+            out.push_str(text.trim_matches('\n'));
+        }
+    }
+    out.lines().map(str::trim).filter(|line| !line.is_empty()).map(|line| line.to_owned() + "\n").collect()
+}
+
+/// Answers every question at that socket alike, until the test program ends.
+fn answer_as_the_daemon(socket: &Path) {
+    let listener = UnixListener::bind(socket).unwrap();
+    let answer: Value = serde_json::from_str(include_str!("outputs/data/answer.json")).unwrap();
+    std::thread::spawn(move || {
+        for stream in listener.incoming() {
+            let mut stream = stream.unwrap();
+            BufReader::new(&stream).read_line(&mut String::new()).unwrap();
+            writeln!(stream, "{answer}").unwrap();
+        }
+    });
+}
+
 /// One stream or file; numbers of JSON are rounded, for their last digits differ between processors.
 fn add(all: &mut String, what: &str, text: &str) {
-    let text = serde_json::from_str::<Value>(text)
-        .map_or_else(|_| text.to_owned(), |value| format!("{:#}\n", rounded(value)));
+    let is_markup = text.starts_with("<!DOCTYPE html>") || text.starts_with("<svg");
+    let text = match serde_json::from_str::<Value>(text) {
+        Ok(value) => format!("{:#}\n", rounded(value)),
+        Err(_) if is_markup => words(text),
+        Err(_) => text.to_owned(),
+    };
     if !text.is_empty() {
         all.push_str(&format!("---- {what}\n{text}"));
     }
@@ -62,5 +115,8 @@ fn rounded(value: Value) -> Value {
 fn files_of(folder: &Path) -> Vec<std::path::PathBuf> {
     let mut entries: Vec<_> = std::fs::read_dir(folder).unwrap().map(|e| e.unwrap().path()).collect();
     entries.sort();
-    entries.into_iter().flat_map(|p| if p.is_dir() { files_of(&p) } else { vec![p] }).collect()
+    entries
+        .into_iter()
+        .flat_map(|p| if p.is_dir() { files_of(&p) } else { p.is_file().then_some(p).into_iter().collect() })
+        .collect()
 }

@@ -1,7 +1,7 @@
 //! The report of an experiment: the table, the plots of the first seed with each truth, what causes the rest, and the
 //! commands to repeat it.
 
-use volcomp_cli::report_page::{Entry, ReportPage};
+use volcomp_cli::report_page::{Page, Table};
 
 use super::Outcome;
 use super::figure::{Row, Spread, Truth};
@@ -64,22 +64,22 @@ pub const fn verdict(pass: Option<bool>) -> &'static str {
 pub fn html(outcome: &Outcome) -> String {
     let e = outcome.experiment;
     let seeds = outcome.seeds.len();
-    let mut page = ReportPage::new(&format!("Paper {}: {}", e.number(), e.title()));
+    let mut page = Page::new(&format!("Paper {}: {}", e.number(), e.title()));
     let limits: Vec<Option<bool>> = e.rows().iter().map(|row| outcome.pass(row)).collect();
     let (kept, all) =
         (limits.iter().filter(|p| **p == Some(true)).count(), limits.iter().filter(|p| p.is_some()).count());
-    page.lead(&format!(
+    page.lead(format_args!(
         "{kept} of {all} limits kept over {seeds} {}.",
         if seeds == 1 { "seed" } else { "seeds" }
     ));
     page.paragraph(e.procedure());
-    let mut head = vec!["figure", "unit", "paper"];
+    let mut head = vec!["figure", "unit", ">paper"];
     head.extend(outcome.truths.iter().map(|truth| match truth {
-        Truth::Kind => "kind truth",
-        Truth::Hard => "hard truth",
+        Truth::Kind => ">kind truth",
+        Truth::Hard => ">hard truth",
     }));
-    head.extend(["limit", ""]);
-    page.table(&head, &rows(outcome));
+    head.extend([">limit", ""]);
+    Table::new(head).rows(rows(outcome)).put_stacked(&mut page);
     page.note(
         "Kind truth: the machine of the survey is the machine of the test, and instruments have noise only. Hard truth: heat, \
          load, axis interaction and wear between survey and test, and instruments with systematic errors. Over several \
@@ -88,9 +88,7 @@ pub fn html(outcome: &Outcome) -> String {
     let shares = outcome.shares();
     if !shares.is_empty() {
         page.heading("Causes of what is left, hard truth");
-        let bars: Vec<(String, f64, String)> =
-            shares.iter().map(|s| (s.cause.clone(), s.share.max(0.0), share(s.share))).collect();
-        page.bars(&bars);
+        page.bars(shares.iter().map(|s| (s.cause.clone(), s.share.max(0.0), share(s.share))));
         page.note(
             "Drop of the mean square of what is left when a cause alone is switched off, mean over the seeds. Causes \
              interact: the shares need not add up to 100 %, and a cause that takes back a part of another one has none: \
@@ -100,8 +98,8 @@ pub fn html(outcome: &Outcome) -> String {
     if let Some(first) = outcome.seeds.first() {
         for truth in [Truth::Kind, Truth::Hard] {
             let Some(run) = first.runs.get(&truth) else { continue };
-            page.heading(&format!("Seed {}, {} truth", first.seed, truth.name()));
-            page.plots(&run.plots);
+            page.heading(format_args!("Seed {}, {} truth", first.seed, truth.name()));
+            page.charts(&run.plots);
             for note in &run.notes {
                 page.note(note);
             }
@@ -112,7 +110,7 @@ pub fn html(outcome: &Outcome) -> String {
         [one] => format!(" --truth {}", one.name()),
         _ => String::new(),
     };
-    page.note(&format!(
+    page.note(format_args!(
         "{}. Repeat: cncsim dev paper {} --seed {first} --seeds {seeds}{only}. The folder of each run holds its files and \
          commands.txt with every command.",
         if seeds == 1 { format!("Seed {first}") } else { format!("Seeds {first} to {last}") },
@@ -121,18 +119,15 @@ pub fn html(outcome: &Outcome) -> String {
     page.finish()
 }
 
-fn rows(outcome: &Outcome) -> Vec<Vec<Entry>> {
+fn rows(outcome: &Outcome) -> Vec<Vec<String>> {
     let seeds = outcome.seeds.len();
+    let or_nothing = |v: Option<String>| v.unwrap_or_default();
     let row = |row: &Row| {
-        let mut cells = vec![
-            Entry::Head(row.name.to_owned()),
-            Entry::Text(unit(row).to_owned()),
-            Entry::Number(row.paper.map_or_else(String::new, |v| shown(row, v))),
-        ];
-        let of = |truth: &Truth| Entry::Number(cell(row, outcome.spread(row, *truth), seeds));
-        cells.extend(outcome.truths.iter().map(of));
-        cells.push(Entry::Number(row.limit.map_or_else(String::new, |l| l.to_string())));
-        cells.push(Entry::Text(verdict(outcome.pass(row)).to_owned()));
+        let paper = or_nothing(row.paper.map(|v| shown(row, v)));
+        let mut cells = vec![row.name.to_owned(), unit(row).to_owned(), paper];
+        cells.extend(outcome.truths.iter().map(|truth| cell(row, outcome.spread(row, *truth), seeds)));
+        cells.push(or_nothing(row.limit.map(|l| l.to_string())));
+        cells.push(verdict(outcome.pass(row)).to_owned());
         cells
     };
     outcome.experiment.rows().iter().map(row).collect()

@@ -5,8 +5,8 @@ use std::path::Path;
 
 use serde::Deserialize;
 
+use crate::Failure;
 use crate::input::{self, InputKind};
-use crate::{EX_CONFIG, Failure};
 
 /// Figures of one test with their limits or uncertainties, by their keys such as `a-um`.
 pub(crate) type Numbers = BTreeMap<String, f64>;
@@ -137,9 +137,7 @@ impl HeadFile {
     /// Reads a head.
     pub(crate) fn read(path: &Path) -> Result<Self, Failure> {
         let text = input::read_text(path, InputKind::Description)?;
-        let bad = |what: &dyn core::fmt::Display| {
-            Failure::new(EX_CONFIG, format_args!("error: {}: {what}", path.display()))
-        };
+        let bad = |what: &dyn core::fmt::Display| mistake!(path, "{what}");
         let head: Self =
             toml::from_str(text.strip_prefix('\u{feff}').unwrap_or(&text)).map_err(|e| bad(&e))?;
         for (section, tests) in [("tolerance", &head.tolerance), ("uncertainty", &head.uncertainty)] {

@@ -6,9 +6,9 @@ pub(crate) mod verdicts;
 
 use std::path::{Path, PathBuf};
 
+use crate::Failure;
 use crate::report::Page;
 use crate::report::page::Cell;
-use crate::{EX_CONFIG, EX_USAGE, Failure};
 use head_file::Numbers;
 pub(crate) use head_file::{Compensation, HeadFile, Text};
 use verdicts::{Assessed, NOT_STATED};
@@ -83,36 +83,21 @@ impl Acceptance {
     pub(crate) fn load(args: &HeadArgs, test: &str, keys: &[String]) -> Result<Self, Failure> {
         let mut head = args.head.as_deref().map(HeadFile::read).transpose()?.unwrap_or_default();
         let keys: Vec<String> = keys.iter().map(|k| toml_key(k)).collect();
+        let expected = format!("expected one of {}", keys.join(", "));
         let [mut tolerances, uncertainties] =
             [&mut head.tolerance, &mut head.uncertainty].map(|tests| tests.remove(test).unwrap_or_default());
         if let (Some(path), Some(key)) =
             (&args.head, tolerances.keys().chain(uncertainties.keys()).find(|k| !keys.contains(k)))
         {
-            return Err(Failure::new(
-                EX_CONFIG,
-                format_args!(
-                    "error: {}: unknown figure `{key}` of {test}; expected one of {}",
-                    path.display(),
-                    keys.join(", ")
-                ),
-            ));
+            return Err(mistake!(path, "unknown figure `{key}` of {test}; {expected}"));
         }
         for (key, limit) in &args.tolerance {
             if !keys.contains(key) {
-                return Err(Failure::usage(format_args!(
-                    "--tolerance {key}: unknown figure; {}",
-                    if keys.is_empty() {
-                        "this test has no tolerances".to_owned()
-                    } else {
-                        format!("expected one of {}", keys.join(", "))
-                    }
-                )));
+                let why = if keys.is_empty() { "this test has no tolerances" } else { &expected };
+                return Err(usage!("--tolerance {key}: unknown figure; {why}"));
             }
             if *limit < 0.0 && !head_file::is_lower(key) {
-                return Err(Failure::new(
-                    EX_USAGE,
-                    format_args!("error: --tolerance {key}={limit}: expected 0 or above"),
-                ));
+                return Err(usage!("--tolerance {key}={limit}: expected 0 or above"));
             }
             tolerances.insert(key.clone(), *limit);
         }

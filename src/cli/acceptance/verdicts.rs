@@ -2,7 +2,7 @@
 
 use serde_json::{Map, Value, json};
 
-use crate::report::page::Cell;
+use super::Acceptance;
 use volcomp_evaluate::Conformity;
 
 /// A figure with what is known about it.
@@ -34,23 +34,51 @@ impl Assessed {
         })
     }
 
-    /// Heads of the columns of [`Self::cells`].
-    pub(crate) fn heads(unit: &str) -> [Cell; 3] {
-        [
-            Cell::number(format!("U (k = 2) / {unit}")),
-            Cell::number(format!("tolerance / {unit}")),
-            Cell::head("verdict"),
-        ]
+    /// Heads of the columns of [`Self::words`].
+    pub(crate) fn heads(unit: &str) -> [String; 3] {
+        [format!(">U (k = 2) / {unit}"), format!(">tolerance / {unit}"), "verdict".to_owned()]
     }
 
     /// Uncertainty, tolerance, verdict.
-    pub(crate) fn cells(&self) -> [Cell; 3] {
-        let number = |v: Option<f64>, decimals: usize| {
-            v.map_or_else(|| Cell::number(NOT_STATED).faint(), |v| Cell::number(format!("{v:.decimals$}")))
+    pub(crate) fn words(&self) -> [String; 3] {
+        let or = |words: Option<String>| words.unwrap_or_else(|| NOT_STATED.to_owned());
+        let verdict = self.verdict().map_or("-", Conformity::words);
+        let expanded = self.expanded.map(|u| format!("{u:.2}"));
+        [or(expanded), or(self.limit.map(|l| l.to_string())), verdict.to_owned()]
+    }
+}
+
+/// The figures of a test with what they are judged by.
+pub(crate) struct Judged {
+    /// Head, tolerances and stated uncertainties.
+    pub(crate) acceptance: Acceptance,
+    /// The figures; none of a test without tolerances.
+    pub(crate) figures: Vec<Assessed>,
+}
+
+impl Judged {
+    fn verdicts(&self) -> impl Iterator<Item = (&Assessed, Conformity)> {
+        self.figures.iter().filter_map(|a| Some((a, a.verdict()?)))
+    }
+
+    /// True where a figure has a tolerance.
+    pub(crate) fn has_verdicts(&self) -> bool {
+        self.verdicts().next().is_some()
+    }
+
+    /// Adds `conformity` to a report: limit, expanded uncertainty and verdict of each figure with a tolerance.
+    pub(crate) fn put(&self, out: &mut Map<String, Value>) {
+        let of = |(a, verdict): (&Assessed, Conformity)| {
+            let (limit, expanded, verdict) = (a.limit, a.expanded, verdict.key());
+            (
+                a.key.clone(),
+                json!({ "limit": limit, "expanded_uncertainty_k2": expanded, "verdict": verdict }),
+            )
         };
-        let limit = self.limit.map_or_else(|| Cell::number(NOT_STATED).faint(), Cell::number);
-        let verdict = self.verdict().map_or_else(|| Cell::text("-").faint(), |v| Cell::text(v.words()));
-        [number(self.expanded, 2), limit, verdict]
+        let judged: Map<String, Value> = self.verdicts().map(of).collect();
+        if !judged.is_empty() {
+            out.insert("conformity".to_owned(), Value::Object(judged));
+        }
     }
 }
 
@@ -78,43 +106,6 @@ pub(crate) fn summary(all: &[Assessed]) -> Option<String> {
         }
     }
     Some(parts.join(". ") + ".")
-}
-
-/// Adds `conformity` to a report: limit, expanded uncertainty and verdict of each figure with a tolerance.
-pub(crate) fn put(out: &mut Map<String, Value>, all: &[Assessed]) {
-    let judged: Map<String, Value> = all
-        .iter()
-        .filter_map(|a| {
-            let verdict = a.verdict()?.key();
-            let of = json!({ "limit": a.limit, "expanded_uncertainty_k2": a.expanded, "verdict": verdict });
-            Some((a.key.clone(), of))
-        })
-        .collect();
-    if !judged.is_empty() {
-        out.insert("conformity".to_owned(), Value::Object(judged));
-    }
-}
-
-/// The verdicts as text.
-pub(crate) fn print(all: &[Assessed], unit: &str) {
-    let judged: Vec<&Assessed> = all.iter().filter(|a| a.verdict().is_some()).collect();
-    if judged.is_empty() {
-        return;
-    }
-    say!();
-    let head = format!("conformity, ISO 14253-1, {unit}");
-    say!("{head:<46}{:>10}{:>12}{:>12}  verdict", "value", "U (k = 2)", "tolerance");
-    for a in judged {
-        let number = |v: Option<f64>| v.map_or_else(|| NOT_STATED.to_owned(), |v| format!("{v:.2}"));
-        let verdict = a.verdict().map_or("-", Conformity::words);
-        say!(
-            "{:<46}{:>10}{:>12}{:>12}  {verdict}",
-            a.name,
-            number(a.value),
-            number(a.expanded),
-            number(a.limit)
-        );
-    }
 }
 
 #[cfg(test)]

@@ -9,11 +9,10 @@ use std::sync::Arc;
 use serde_json::{Value, json};
 
 pub(crate) use self::text_report::model_notes;
-pub(super) use self::text_report::{
-    Size, kinds_of, offset_out, offset_unit, position_out, position_unit, rounded,
-};
+pub(super) use self::text_report::{Size, kinds_of};
 use self::text_report::{describe_machine, describe_model, machine_notes, model_as_json};
 use super::input::{self, InputKind};
+use super::quantities::{offset_out, offset_unit};
 use super::{EX_CONFIG, EX_IOERR, EX_SOFTWARE, Failure};
 use volcomp_config as config;
 use volcomp_config::{ConfigErrors, Diagnostic, FileKind, MachineConfig, ModelFile};
@@ -64,7 +63,7 @@ struct Outcome {
 /// Why a file is not usable.
 enum Problem {
     /// It (or the model it names) could not be read.
-    Io { code: u8, message: String },
+    Io(Failure),
     /// It is wrong.
     Config(ConfigErrors),
 }
@@ -83,42 +82,36 @@ enum Found {
 impl Problem {
     const fn code(&self) -> u8 {
         match self {
-            Self::Io { code, .. } => *code,
+            Self::Io(failure) => failure.code,
             Self::Config(_) => EX_CONFIG,
         }
     }
 
     fn as_text(&self, color: bool) -> String {
         match self {
-            Self::Io { message, .. } => message.clone(),
+            Self::Io(failure) => failure.message.clone(),
             Self::Config(errors) => errors.render(color),
         }
     }
 
     fn as_json(&self) -> Vec<Value> {
         match self {
-            Self::Io { message, .. } => vec![json!({"message": message})],
-            Self::Config(errors) => errors
-                .diagnostics
-                .iter()
-                .map(|d| {
-                    let place = errors.place(d);
-                    json!({
-                        "file": errors.file,
-                        "line": place.map(|p| p.line),
-                        "column": place.map(|p| p.column),
-                        "message": d.message,
-                        "remedy": d.remedy,
-                    })
-                })
-                .collect(),
+            Self::Io(failure) => vec![json!({"message": failure.message})],
+            Self::Config(errors) => {
+                let one = |d: &Diagnostic| {
+                    let (line, column) = errors.place(d).map(|p| (p.line, p.column)).unzip();
+                    let (file, message, remedy) = (&errors.file, &d.message, &d.remedy);
+                    json!({"file": file, "line": line, "column": column, "message": message, "remedy": remedy})
+                };
+                errors.diagnostics.iter().map(one).collect()
+            }
         }
     }
 }
 
 impl From<Failure> for Problem {
     fn from(failure: Failure) -> Self {
-        Self::Io { code: failure.code, message: failure.message }
+        Self::Io(failure)
     }
 }
 
@@ -191,7 +184,7 @@ fn look_at_model(
 ) -> Result<(ModelFile, Vec<(String, Fate)>), Problem> {
     let named = path.parent().unwrap_or(Path::new("")).join(&machine.model);
     let model_text = read(&named).map_err(|problem| match problem {
-        Problem::Io { code, message } => {
+        Problem::Io(Failure { code, message }) => {
             let message = message.trim_start_matches("error: ");
             let (message, remedy) = message
                 .split_once("\n  hint: ")
@@ -201,14 +194,14 @@ fn look_at_model(
                 text,
                 vec![(vec!["model".to_owned()], message.to_owned(), remedy.to_owned())],
             );
-            Problem::Io { code, message: errors.to_string() }
+            Failure::new(code, errors).into()
         }
         wrong @ Problem::Config(_) => wrong,
     })?;
     let mut model = config::model::parse_file(&named.display().to_string(), &model_text)?;
     let fates = with_additions(path, machine, &mut model).map_err(|e| {
         let code = if e.is_io() { EX_IOERR } else { EX_CONFIG };
-        Problem::Io { code, message: e.to_string() }
+        Problem::from(Failure::new(code, e))
     })?;
     let mismatches = machine.check_model(&model.spec);
     if mismatches.is_empty() {
@@ -241,10 +234,7 @@ fn look_at_sensors(file: &ModelFile, machine: &MachineConfig) -> Option<(String,
 fn look_at_identity(path: &Path, file: &str, text: &str, machine: &MachineConfig) -> Result<(), Problem> {
     let Some(found) = super::identity::mistake(path, machine) else { return Ok(()) };
     let errors = mistakes_at(file, text, vec![(found.key, found.message, found.remedy)]);
-    Err(match found.is_io {
-        true => Problem::Io { code: EX_IOERR, message: errors.to_string() },
-        false => errors.into(),
-    })
+    Err(if found.is_io { Failure::new(EX_IOERR, errors).into() } else { errors.into() })
 }
 
 /// Mistakes at keys of a file: key, message, remedy.
@@ -342,8 +332,7 @@ mod tests {
             "machine.toml: ok",
             "axis X: offset up to 50 um, warning at 40 um",
             "chain [w b X Y t]",
-            "exx   table",
-            "0.00 to    80.00 um, 0 to 400 mm",
+            "exx  table  0 to 400 mm    0.00    80.00  80.00  um",
             "note: axis Y is in the chain but has no [axes.y]: it is never offset",
             "note: EXX covers 0 to 400 mm of the travel 0 to 500 mm",
             "note: EXX alone reaches 80 um, above the limit of 50 um of axis X",

@@ -4,65 +4,32 @@ use serde_json::{Value, json};
 
 use crate::identity;
 use crate::model::gauge;
-use crate::numerals::plain;
+use crate::model::report::{axis_words, errors};
+use crate::quantities::{
+    error_out, error_unit, lower, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
+};
+use crate::report::Table;
 use volcomp_config::model::{kind_of, section_of};
 use volcomp_config::{MachineConfig, ModelFile};
 use volcomp_estimate::Thermal;
+use volcomp_model::extremes::Bounds;
 use volcomp_model::spec::{ModelSpec, Sense};
 use volcomp_model::{ErrorFunction, ErrorSymbol, Side};
-use volcomp_units::axes::{AxisKind, AxisName, Travel};
-use volcomp_units::{arcsec_from_rad, deg_from_rad, um_from_mm};
-
-pub(crate) const fn offset_unit(axis: AxisName) -> &'static str {
-    match axis.kind() {
-        AxisKind::Linear => "um",
-        AxisKind::Rotary => "arcsec",
-    }
-}
-
-pub(crate) fn offset_out(axis: AxisName, v: f64) -> f64 {
-    match axis.kind() {
-        AxisKind::Linear => rounded(um_from_mm(v)),
-        AxisKind::Rotary => rounded(arcsec_from_rad(v)),
-    }
-}
-
-pub(crate) const fn position_unit(axis: AxisName) -> &'static str {
-    match axis.kind() {
-        AxisKind::Linear => "mm",
-        AxisKind::Rotary => "deg",
-    }
-}
-
-pub(crate) fn position_out(axis: AxisName, v: f64) -> f64 {
-    match axis.kind() {
-        AxisKind::Linear => rounded(v),
-        AxisKind::Rotary => rounded(deg_from_rad(v)),
-    }
-}
-
-/// Without the last digits that a conversion leaves behind.
-pub(crate) fn rounded(v: f64) -> f64 {
-    // adding zero turns -0 into 0
-    (v * 1e6).round() / 1e6 + 0.0
-}
+use volcomp_units::axes::{AxisKind, AxisName};
 
 pub(super) fn describe_machine(lines: &mut Vec<String>, machine: &MachineConfig) {
+    let (address, protection) = (machine.link.address, identity::protection(machine));
+    let cycle_ms = rounded(machine.link.cycle_s * 1e3);
     lines.push(format!(
-        "  machine {}, control at {}{}, cycle {} ms",
-        machine.machine,
-        machine.link.address,
-        identity::protection(machine),
-        rounded(machine.link.cycle_s * 1e3)
+        "  machine {}, control at {address}{protection}, cycle {cycle_ms} ms",
+        machine.machine
     ));
     for axis in &machine.axes {
-        let (name, unit) = (axis.name, offset_unit(axis.name));
+        let (name, unit, limits) = (axis.name, offset_unit(axis.name), &axis.limits);
+        let [size, warning, rate, acceleration] =
+            [limits.size, limits.warning, limits.rate, limits.acceleration].map(|v| offset_out(name, v));
         lines.push(format!(
-            "  axis {name}: offset up to {} {unit}, warning at {} {unit}, {} {unit}/s, {} {unit}/s^2",
-            offset_out(name, axis.limits.size),
-            offset_out(name, axis.limits.warning),
-            offset_out(name, axis.limits.rate),
-            offset_out(name, axis.limits.acceleration),
+            "  axis {name}: offset up to {size} {unit}, warning at {warning} {unit}, {rate} {unit}/s, {acceleration} {unit}/s^2"
         ));
     }
 }
@@ -70,53 +37,19 @@ pub(super) fn describe_machine(lines: &mut Vec<String>, machine: &MachineConfig)
 pub(super) fn describe_model(lines: &mut Vec<String>, file: &ModelFile) {
     let model = &file.spec;
     lines.push(format!("  model of {}, chain {}", model.machine, model.chain));
-    for axis in model.chain.axes() {
-        let spec = model.axis(axis.name);
-        let unit = position_unit(axis.name);
-        let travel = spec.travel.map(|t| t.map(|v| position_out(axis.name, v)));
-        let mut line = match travel {
-            Some([low, high]) => format!("  axis {}: travel {low} to {high} {unit}", axis.name),
-            None => format!("  axis {}: travel not stated", axis.name),
-        };
-        if axis.side == Side::Workpiece {
-            line.push_str(", workpiece side");
-        }
-        if axis.spindle {
-            line.push_str(", spindle");
-        }
-        if spec.sense == Sense::Carriage {
-            line.push_str(", errors in the carriage's own sense");
-        }
-        lines.push(line);
-    }
+    let axes = model.chain.axes().iter();
+    lines.extend(axes.map(|a| format!("  axis {}: {}", a.name, axis_words(model, a.name))));
     lines.push(match model.errors.len() {
         0 => "  no errors: nothing will be corrected".to_owned(),
         1 => "  1 error:".to_owned(),
         n => format!("  {n} errors:"),
     });
-    for (symbol, function) in &model.errors {
-        let size = Size::of(*symbol, function, model);
-        let kinds = kinds_of(function);
-        let range = size.range.map_or(String::new(), |[low, high]| {
-            format!(", {low} to {high} {}", position_unit(symbol.axis()))
-        });
-        lines.push(format!(
-            "    {:<5} {:<18} {:>9} to {:>8} {}{range}",
-            symbol.to_string().to_lowercase(),
-            kinds.join(" + "),
-            plain(size.low, 2),
-            plain(size.high, 2),
-            size.unit
-        ));
-    }
+    let (motions, constants) = errors(file);
+    lines.extend([motions, constants].iter().flat_map(Table::lines).map(|line| format!("    {line}")));
     for thermal in &file.thermal {
-        lines.push(format!(
-            "  thermal {}: {} from {} terms of {}",
-            thermal.name,
-            if thermal.expansion { "expansion" } else { "growth" },
-            thermal.terms(),
-            sensors_of(thermal).join(", ")
-        ));
+        let (name, sensors) = (&thermal.name, sensors_of(thermal).join(", "));
+        let kind = if thermal.expansion { "expansion" } else { "growth" };
+        lines.push(format!("  thermal {name}: {kind} from {} terms of {sensors}", thermal.terms()));
     }
     lines.extend(model_notes(file).into_iter().map(|n| format!("  note: {n}")));
     lines.extend(gauge::lines(model).into_iter().map(|l| format!("  {l}")));
@@ -131,50 +64,40 @@ fn sensors_of(thermal: &Thermal) -> Vec<&str> {
 
 pub(super) fn model_as_json(file: &ModelFile) -> Value {
     let model = &file.spec;
-    let thermal: Vec<Value> = file
-        .thermal
-        .iter()
-        .map(|t| json!({"name": t.name, "expansion": t.expansion, "terms": t.terms(), "sensors": sensors_of(t)}))
-        .collect();
-    let errors: Vec<Value> = model
-        .errors
-        .iter()
-        .map(|(symbol, function)| {
-            let size = Size::of(*symbol, function, model);
-            json!({
-                "symbol": symbol.to_string().to_lowercase(),
-                "kinds": kinds_of(function),
-                format!("range_{}", position_unit(symbol.axis())): size.range,
-                format!("lowest_{}", size.unit): size.low,
-                format!("highest_{}", size.unit): size.high,
-            })
+    let thermal = file.thermal.iter();
+    let thermal = thermal.map(
+        |t| json!({"name": t.name, "expansion": t.expansion, "terms": t.terms(), "sensors": sensors_of(t)}),
+    );
+    let errors = model.errors.iter().map(|(symbol, function)| {
+        let size = Size::of(*symbol, function, model);
+        json!({
+            "symbol": lower(*symbol),
+            "kinds": kinds_of(function),
+            format!("range_{}", position_unit(symbol.axis())): size.range,
+            format!("lowest_{}", size.unit): size.low,
+            format!("highest_{}", size.unit): size.high,
         })
-        .collect();
-    let axes: Vec<Value> = model
-        .chain
-        .axes()
-        .iter()
-        .map(|axis| {
-            let travel = model.axis(axis.name).travel.map(|t| t.map(|v| position_out(axis.name, v)));
-            json!({
-                "axis": axis.name.lower().to_string(),
-                "workpiece_side": axis.side == Side::Workpiece,
-                "spindle": axis.spindle,
-                format!("travel_{}", position_unit(axis.name)): travel,
-            })
+    });
+    let axes = model.chain.axes().iter().map(|axis| {
+        let travel = model.axis(axis.name).travel.map(|t| t.map(|v| position_out(axis.name, v)));
+        json!({
+            "axis": axis.name.lower().to_string(),
+            "workpiece_side": axis.side == Side::Workpiece,
+            "spindle": axis.spindle,
+            format!("travel_{}", position_unit(axis.name)): travel,
         })
-        .collect();
+    });
     json!({
         "machine": model.machine,
         "chain": model.chain.to_string(),
-        "axes": axes,
-        "errors": errors,
-        "thermal": thermal,
+        "axes": axes.collect::<Value>(),
+        "errors": errors.collect::<Value>(),
+        "thermal": thermal.collect::<Value>(),
         "gauge": gauge::as_json(model),
     })
 }
 
-/// Bounds of an error over its range, for people: curves sampled, extremes of grids added, in the unit of the file.
+/// Bounds of an error over its range, in the units of the file.
 pub(crate) struct Size {
     pub(crate) range: Option<[f64; 2]>,
     pub(crate) low: f64,
@@ -183,32 +106,11 @@ pub(crate) struct Size {
 }
 
 impl Size {
-    const SAMPLES: u32 = 2000;
-
     pub(crate) fn of(symbol: ErrorSymbol, function: &ErrorFunction, model: &ModelSpec) -> Self {
-        let range = widest(function);
-        let [start, end] = range.or(model.axis(symbol.axis()).travel).unwrap_or([0.0, 0.0]);
-        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
-        for i in 0..=Self::SAMPLES {
-            let x = start + (end - start) * f64::from(i) / f64::from(Self::SAMPLES);
-            for travel in [Travel::Forward, Travel::Reverse] {
-                let v = function.value(x, travel);
-                (low, high) = (low.min(v), high.max(v));
-            }
-        }
-        // the extremes of a grid stand at its points
-        for grid in &function.grids {
-            low += grid.values().iter().copied().fold(f64::INFINITY, f64::min);
-            high += grid.values().iter().copied().fold(f64::NEG_INFINITY, f64::max);
-        }
-        for term in &function.dynamics {
-            low -= term.limit;
-            high += term.limit;
-        }
-        let (unit, out): (_, fn(f64) -> f64) =
-            if symbol.is_angle() { ("arcsec", arcsec_from_rad) } else { ("um", um_from_mm) };
-        let range = range.map(|r| r.map(|v| position_out(symbol.axis(), v)));
-        Self { range, low: rounded(out(low)), high: rounded(out(high)), unit }
+        let bounds = Bounds::of(function, model.axis(symbol.axis()).travel);
+        let range = bounds.range.map(|r| r.map(|v| position_out(symbol.axis(), v)));
+        let [low, high] = [bounds.low, bounds.high].map(|v| rounded(error_out(symbol, v)));
+        Self { range, low, high, unit: error_unit(symbol) }
     }
 }
 
@@ -218,12 +120,6 @@ pub(crate) fn kinds_of(function: &ErrorFunction) -> Vec<&'static str> {
     let live = function.live.iter().map(|_| "live");
     let dynamics = function.dynamics.iter().map(|d| section_of(&d.law));
     function.curves.iter().map(kind_of).chain(grids).chain(live).chain(dynamics).collect()
-}
-
-/// The range that any curve covers.
-fn widest(function: &ErrorFunction) -> Option<[f64; 2]> {
-    let ranges = function.curves.iter().filter_map(|c| c.range());
-    ranges.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])
 }
 
 /// What is allowed but worth knowing about a machine file and its model.
@@ -327,11 +223,9 @@ pub(crate) fn model_notes(file: &ModelFile) -> Vec<String> {
         }
         let slack = 1e-9 * (travel[1] - travel[0]);
         if covered[0] > travel[0] + slack || covered[1] < travel[1] - slack {
-            let unit = position_unit(symbol.axis());
-            let [from, to] = covered.map(|v| position_out(symbol.axis(), v));
-            let [low, high] = travel.map(|v| position_out(symbol.axis(), v));
+            let [covered, travel] = [covered, travel].map(|r| range_words(symbol.axis(), r));
             out.push(format!(
-                "{symbol} covers {from} to {to} {unit} of the travel {low} to {high} {unit}; beyond, its end value is held"
+                "{symbol} covers {covered} of the travel {travel}; beyond, its end value is held"
             ));
         }
     }

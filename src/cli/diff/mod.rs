@@ -2,20 +2,16 @@
 //!
 //! Exit codes as of `diff`: 0 the same, 1 different, above that trouble.
 
-#![expect(clippy::disallowed_methods, reason = "progress is shown only when the search takes long")]
-
 mod picture;
 mod text_report;
 
-use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
+use std::path::PathBuf;
 
-use super::files::write_text;
-use super::input::{self, InputKind};
+use super::Failure;
+use super::files::{read_model_file, write_text};
+use super::progress::Steps;
 use super::report::Page;
 use super::report::page::Cell;
-use super::{EX_CONFIG, EX_SOFTWARE, EX_USAGE, Failure};
-use volcomp_config as config;
 use volcomp_config::ModelFile;
 use volcomp_model::compare::{Comparison, compare};
 use volcomp_units::{mm_from_um, rad_from_arcsec};
@@ -60,41 +56,19 @@ struct Diff {
     found: Comparison,
 }
 
-fn load(path: &Path) -> Result<ModelFile, Failure> {
-    config::model::parse_file(&path.display().to_string(), &input::read_text(path, InputKind::Model)?)
-        .map_err(|e| Failure::new(EX_CONFIG, e))
-}
-
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    for tolerance in [args.tolerance_um, args.tolerance_arcsec].into_iter().flatten() {
-        if !(tolerance.is_finite() && tolerance >= 0.0) {
-            return Err(Failure::new(
-                EX_USAGE,
-                format_args!("error: tolerance {tolerance} is not a number from 0 up"),
-            ));
-        }
-    }
-    let files = [load(&args.first)?, load(&args.second)?];
-    let start = Instant::now();
-    let mut bar = None;
-    let found = compare(&files[0].spec, &files[1].spec, |done, of| {
-        if start.elapsed() > Duration::from_secs(1) {
-            bar.get_or_insert_with(|| indicatif::ProgressBar::new(of)).set_position(done);
-        }
-    })
-    .map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {e}")))?;
-    if let Some(bar) = bar {
-        bar.finish_and_clear();
-    }
+    let files = [read_model_file(&args.first)?, read_model_file(&args.second)?];
+    let steps = Steps::new();
+    let found = compare(&files[0].spec, &files[1].spec, |done, of| steps.show(done, of))
+        .map_err(|e| Failure::new(super::EX_CONFIG, format_args!("error: {e}")))?;
+    steps.clear();
     let names = [&args.first, &args.second].map(|p| p.display().to_string());
     let diff = Diff { names, files, found };
-    let drawn =
-        |e: Box<dyn std::error::Error>| Failure::new(EX_SOFTWARE, format_args!("error: picture: {e}"));
     if let Some(path) = &args.svg {
-        write_text(path, &picture::curves(&diff).map_err(drawn)?)?;
+        write_text(path, &picture::curves(&diff)?)?;
     }
     if let Some(path) = &args.report {
-        write_text(path, &page(&diff).map_err(drawn)?)?;
+        write_text(path, &page(&diff)?)?;
     }
     let same = args.is_same(&diff.found);
     if args.json {
@@ -119,45 +93,24 @@ impl Args {
     }
 }
 
-fn page(diff: &Diff) -> Result<String, Box<dyn std::error::Error>> {
+fn page(diff: &Diff) -> Result<String, Failure> {
     let [a, b] = &diff.names;
     let mut page = Page::new(&format!("{a} and {b}"));
     page.paragraph("What is different between two models. Differences are second minus first.");
-    let rows = |list: &[String]| list.iter().map(|l| vec![Cell::text(l)]).collect::<Vec<_>>();
     for (title, lines) in [
         ("Chain, frame and axes", text_report::changes(diff)),
         ("In the working volume", text_report::volume(diff)),
         ("Provenance", text_report::provenance(diff)),
     ] {
         page.heading(title);
-        page.table(&[], &rows(&if lines.is_empty() { vec!["the same".to_owned()] } else { lines }));
+        let lines = if lines.is_empty() { vec!["the same".to_owned()] } else { lines };
+        page.table(&[], &lines.iter().map(|l| vec![Cell::text(l)]).collect::<Vec<_>>());
     }
     page.heading("Errors");
     if diff.found.errors.is_empty() {
         page.paragraph("the same");
     } else {
-        let head = [
-            Cell::head(""),
-            Cell::head(""),
-            Cell::number("largest"),
-            Cell::number("rms"),
-            Cell::head(""),
-            Cell::head("where"),
-        ];
-        let rows: Vec<Vec<Cell>> = text_report::errors(diff)
-            .into_iter()
-            .map(|r| {
-                vec![
-                    Cell::head(r.symbol),
-                    Cell::text(r.what),
-                    Cell::number(r.largest),
-                    Cell::number(r.rms),
-                    Cell::text(r.unit),
-                    Cell::text(r.place),
-                ]
-            })
-            .collect();
-        page.table(&head, &rows);
+        text_report::errors(diff).put(&mut page);
         page.figure(
             &picture::curves(diff)?,
             "Curves that differ, in relative sense. Grey: first, blue: second; thin: travel towards minus.",

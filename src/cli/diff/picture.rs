@@ -3,14 +3,13 @@
 use plotters::prelude::*;
 
 use super::Diff;
-use crate::check::{position_out, position_unit};
+use crate::quantities::{error_out, position_out, position_unit};
 use crate::report::plot::{
     Area, Axes, BLUE, Drawn, GREY, Key, SHEET_WIDTH, Svg, legend, svg_of, with_room, words,
 };
 use volcomp_model::Model;
 use volcomp_model::compare::{ErrorDifference, relative_values};
 use volcomp_units::axes::Travel;
-use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 const COLUMNS: usize = 2;
 const ROW: u32 = 250;
@@ -48,10 +47,9 @@ fn panel(area: &Area<'_>, diff: &Diff, models: &[Model; 2], error: &ErrorDiffere
     let Some([low, high]) = error.over else { return Ok(()) };
     let at: Vec<f64> =
         (0..=SAMPLES).map(|i| low + (high - low) * f64::from(i) / f64::from(SAMPLES)).collect();
-    let out = |v: f64| if symbol.is_angle() { arcsec_from_rad(v) } else { um_from_mm(v) };
     let line = |which: usize, travel: Travel| -> Vec<(f64, f64)> {
         let values = relative_values(&diff.files[which].spec, &models[which], symbol, &at, travel);
-        at.iter().zip(values).map(|(q, v)| (position_out(axis, *q), out(v))).collect()
+        at.iter().zip(values).map(|(q, v)| (position_out(axis, *q), error_out(symbol, v))).collect()
     };
     let lines: Vec<Line> = [0, 1]
         .into_iter()

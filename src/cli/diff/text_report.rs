@@ -3,25 +3,19 @@
 use serde_json::{Map, Value, json};
 
 use super::Diff;
-use crate::check::{offset_out, offset_unit, position_out, position_unit, rounded};
-use crate::numerals::{plain, signed};
+use crate::numerals::signed;
+use crate::quantities::{
+    error_out, error_unit, list, lower, offset_out, offset_unit, point, pose_json, pose_words, position_out,
+    position_unit, range_words, rounded, vector,
+};
+use crate::report::Table;
 use volcomp_config::Provenance;
+use volcomp_model::ErrorSymbol;
 use volcomp_model::compare::{Change, Difference, ErrorDifference, VolumeDifference};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::{ReferenceBody, ReferencePoint, Sense};
-use volcomp_model::{ErrorSymbol, Pose};
-use volcomp_units::axes::{AxisArray, AxisName, Travel};
+use volcomp_units::axes::{AxisName, Travel};
 use volcomp_units::{arcsec_from_rad, um_from_mm};
-
-/// One error that differs.
-pub(super) struct Row {
-    pub(super) symbol: String,
-    pub(super) what: String,
-    pub(super) largest: String,
-    pub(super) rms: String,
-    pub(super) unit: &'static str,
-    pub(super) place: String,
-}
 
 /// Everything in lines.
 pub(super) fn lines(diff: &Diff) -> Vec<String> {
@@ -37,14 +31,7 @@ pub(super) fn lines(diff: &Diff) -> Vec<String> {
         }
     };
     section("chain, frame and axes", changes(diff));
-    let rows = errors(diff).into_iter().map(|r| {
-        let line = format!(
-            "{:<5} {:<16} largest {:>10} rms {:>9} {:<6}  {}",
-            r.symbol, r.what, r.largest, r.rms, r.unit, r.place
-        );
-        line.trim_end().to_owned()
-    });
-    section("errors, second minus first", rows.collect());
+    section("errors, second minus first", errors(diff).lines());
     if !diff.found.is_same() {
         section("in the working volume, second minus first", volume(diff));
     }
@@ -59,7 +46,7 @@ pub(super) fn changes(diff: &Diff) -> Vec<String> {
 
 fn change_words(change: &Change) -> String {
     let of = |what: String, [a, b]: [String; 2]| format!("{what}: {a} -> {b}");
-    let point = |p: &Vec3| format!("({}, {}, {}) mm", rounded(p.x), rounded(p.y), rounded(p.z));
+    let point = |p: &Vec3| format!("{} mm", point(p));
     match change {
         Change::Machine(m) => of("machine".to_owned(), m.clone()),
         Change::Chain(c) => of("chain".to_owned(), c.each_ref().map(ToString::to_string)),
@@ -86,15 +73,7 @@ fn change_words(change: &Change) -> String {
             of("datum".to_owned(), words)
         }
         Change::Travel { axis, values } => {
-            let words = values.map(|t| {
-                t.map_or_else(
-                    || "not stated".to_owned(),
-                    |t| {
-                        let [low, high] = t.map(|v| position_out(*axis, v));
-                        format!("{low} to {high} {}", position_unit(*axis))
-                    },
-                )
-            });
+            let words = values.map(|t| t.map_or_else(|| "not stated".to_owned(), |t| range_words(*axis, t)));
             of(format!("travel of {axis}"), words)
         }
         Change::AxisPoint { axis, values } => {
@@ -103,11 +82,8 @@ fn change_words(change: &Change) -> String {
         Change::Sense { axis, values } => of(format!("sense of {axis}"), values.map(|s| sense(s).to_owned())),
         Change::Reference { axis, component, values } => {
             let words = values.each_ref().map(|r: &ReferencePoint| {
-                format!(
-                    "{}{}",
-                    point(&r.point),
-                    if r.body == ReferenceBody::Bed { " on the bed" } else { "" }
-                )
+                let on = if r.body == ReferenceBody::Bed { " on the bed" } else { "" };
+                format!("{}{on}", point(&r.point))
             });
             of(format!("reference point of {axis} for {}", component.letter()), words)
         }
@@ -122,8 +98,9 @@ const fn sense(s: Sense) -> &'static str {
 }
 
 /// The errors that differ.
-pub(super) fn errors(diff: &Diff) -> Vec<Row> {
-    diff.found.errors.iter().map(error_row).collect()
+pub(super) fn errors(diff: &Diff) -> Table {
+    let heads = ["", "", ">largest", ">rms", "", "where"];
+    Table::new(heads).rows(diff.found.errors.iter().map(error_row))
 }
 
 const fn what(e: &ErrorDifference) -> &'static str {
@@ -134,8 +111,7 @@ const fn what(e: &ErrorDifference) -> &'static str {
     }
 }
 
-fn error_row(e: &ErrorDifference) -> Row {
-    let unit = if e.symbol.is_angle() { "arcsec" } else { "um" };
+fn error_row(e: &ErrorDifference) -> [String; 6] {
     let axis = e.symbol.axis();
     let mut place = match e.over {
         None => String::new(),
@@ -145,18 +121,13 @@ fn error_row(e: &ErrorDifference) -> Row {
         }
     };
     if e.std[0] != e.std[1] {
-        let std =
-            e.std.map(|s| s.map_or_else(|| "none".to_owned(), |s| format!("{:.3}", out_of(e.symbol, s))));
-        place = format!("{place}  u (k=1) {} -> {}", std[0], std[1]).trim_start().to_owned();
+        let word = |s| format!("{:.3}", error_out(e.symbol, s));
+        let [a, b] = e.std.map(|s| s.map_or_else(|| "none".to_owned(), word));
+        place = format!("{place}  u (k=1) {a} -> {b}").trim_start().to_owned();
     }
-    Row {
-        symbol: e.symbol.to_string(),
-        what: what(e).to_owned(),
-        largest: signed(out_of(e.symbol, e.largest), 3),
-        rms: format!("{:.3}", out_of(e.symbol, e.rms)),
-        unit,
-        place,
-    }
+    let [largest, rms] = [e.largest, e.rms].map(|v| error_out(e.symbol, v));
+    let (symbol, what, unit) = (e.symbol.to_string(), what(e).to_owned(), error_unit(e.symbol).to_owned());
+    [symbol, what, signed(largest, 3), format!("{rms:.3}"), unit, place]
 }
 
 /// The working volume.
@@ -164,10 +135,11 @@ pub(super) fn volume(diff: &Diff) -> Vec<String> {
     let Some(v) = &diff.found.volume else {
         return vec!["the chains have different axes; there is no common working volume".to_owned()];
     };
-    let axes = axes(diff);
-    let ranges = axes.iter().zip(&v.ranges).filter(|(_, [low, high])| low < high).map(|(axis, range)| {
-        let [low, high] = range.map(|q| position_out(*axis, q));
-        format!("{axis} {} to {} {}", short(low), short(high), position_unit(*axis))
+    let chain = &diff.files[0].spec.chain;
+    let axes = || chain.axes().iter().map(|a| a.name);
+    let ranges = axes().zip(&v.ranges).filter(|(_, [low, high])| low < high).map(|(axis, range)| {
+        let [low, high] = range.map(|q| short(position_out(axis, q)));
+        format!("{axis} {low} to {high} {}", position_unit(axis))
     });
     let ranges: Vec<String> = ranges.collect();
     let mut out = vec![if ranges.is_empty() {
@@ -178,67 +150,36 @@ pub(super) fn volume(diff: &Diff) -> Vec<String> {
     let bound = |b: Option<f64>, f: fn(f64) -> f64, unit: &str| {
         b.map_or(String::new(), |b| format!("; nowhere above {:.2} {unit}", f(b)))
     };
-    out.push(format!(
-        "position   largest {:.2} um {}, rms {:.2} um{}",
-        um_from_mm(v.position.position.norm()),
-        located(&axes, &v.position, &v.position.position.map(um_from_mm)),
-        um_from_mm(v.rms_position),
-        bound(v.bound_position, um_from_mm, "um")
-    ));
-    out.push(format!(
-        "direction  largest {:.2} arcsec {}, rms {:.2} arcsec{}",
-        arcsec_from_rad(v.rotation.rotation.norm()),
-        located(&axes, &v.rotation, &v.rotation.rotation.map(arcsec_from_rad)),
-        arcsec_from_rad(v.rms_rotation),
-        bound(v.bound_rotation, arcsec_from_rad, "arcsec")
-    ));
-    let [shift, turn] = v.rigid;
+    let located = |d: &Difference, v: &Vec3| format!("at {}: {}", pose_words(chain, &d.pose), vector(v));
+    let (e, t) = (v.position.position.map(um_from_mm), v.rotation.rotation.map(arcsec_from_rad));
+    let (largest, at, rms) = (e.norm(), located(&v.position, &e), um_from_mm(v.rms_position));
+    let beyond = bound(v.bound_position, um_from_mm, "um");
+    out.push(format!("position   largest {largest:.2} um {at}, rms {rms:.2} um{beyond}"));
+    let (largest, at, rms) = (t.norm(), located(&v.rotation, &t), arcsec_from_rad(v.rms_rotation));
+    let beyond = bound(v.bound_rotation, arcsec_from_rad, "arcsec");
+    out.push(format!("direction  largest {largest:.2} arcsec {at}, rms {rms:.2} arcsec{beyond}"));
+    let ([shift, turn], rest) = (v.rigid, v.without_rigid.without_rigid.map(um_from_mm));
     out.push(format!(
         "without the best rigid motion of the workpiece: largest {:.2} um {}, rms {:.2} um; the motion: shift {} um, turn {} arcsec",
-        um_from_mm(v.without_rigid.without_rigid.norm()),
-        located(&axes, &v.without_rigid, &v.without_rigid.without_rigid.map(um_from_mm)),
+        rest.norm(),
+        located(&v.without_rigid, &rest),
         um_from_mm(v.rms_without_rigid),
         vector(&shift.map(um_from_mm)),
         vector(&turn.map(arcsec_from_rad)),
     ));
-    for (k, (axis, found)) in axes.iter().zip(&v.offsets).enumerate() {
+    for (k, (axis, found)) in axes().zip(&v.offsets).enumerate() {
         let Some(found) = found.filter(|f| f.offset[k] != 0.0) else { continue };
+        let (offset, unit) = (offset_out(axis, found.offset[k]), offset_unit(axis));
         out.push(format!(
-            "correction of {axis}  largest {:+.2} {} at {}",
-            offset_out(*axis, found.offset[k]),
-            offset_unit(*axis),
-            pose_words(&axes, &found.pose)
+            "correction of {axis}  largest {offset:+.2} {unit} at {}",
+            pose_words(chain, &found.pose)
         ));
     }
     out
 }
 
-fn axes(diff: &Diff) -> Vec<AxisName> {
-    diff.files[0].spec.chain.axes().iter().map(|a| a.name).collect()
-}
-
-fn located(axes: &[AxisName], d: &Difference, v: &Vec3) -> String {
-    format!("at {}: {}", pose_words(axes, &d.pose), vector(v))
-}
-
-fn pose_words(axes: &[AxisName], pose: &Pose) -> String {
-    let word = |(k, axis): (usize, &AxisName)| {
-        let back = if pose.travel[k] == Travel::Reverse { " (towards minus)" } else { "" };
-        format!("{axis} {}{back}", short(position_out(*axis, pose.position[k])))
-    };
-    axes.iter().enumerate().filter(|(_, a)| **a != AxisName::S).map(word).collect::<Vec<_>>().join("  ")
-}
-
-fn vector(v: &Vec3) -> String {
-    format!("({}, {}, {})", plain(v.x, 2), plain(v.y, 2), plain(v.z, 2))
-}
-
 fn short(v: f64) -> f64 {
     (v * 1e2).round() / 1e2 + 0.0
-}
-
-fn out_of(symbol: ErrorSymbol, v: f64) -> f64 {
-    if symbol.is_angle() { arcsec_from_rad(v) } else { um_from_mm(v) }
 }
 
 /// What the files say about where the numbers come from, where it differs.
@@ -249,10 +190,9 @@ pub(super) fn provenance(diff: &Diff) -> Vec<String> {
     let mut symbols: Vec<ErrorSymbol> = a.of_errors.iter().chain(&b.of_errors).map(|(s, _)| *s).collect();
     symbols.sort_unstable();
     symbols.dedup();
-    let none = Provenance::default();
     for symbol in symbols {
-        let of = |list: &'_ [(ErrorSymbol, Provenance)]| {
-            list.iter().find(|(s, _)| *s == symbol).map(|(_, p)| p.clone()).unwrap_or_else(|| none.clone())
+        let of = |list: &[(ErrorSymbol, Provenance)]| {
+            list.iter().find(|(s, _)| *s == symbol).map(|(_, p)| p.clone()).unwrap_or_default()
         };
         describe(&mut out, &symbol.to_string(), &of(&a.of_errors), &of(&b.of_errors));
     }
@@ -296,59 +236,44 @@ pub(super) fn as_json(diff: &Diff) -> Value {
 }
 
 fn error_json(e: &ErrorDifference) -> Value {
-    let axis = e.symbol.axis();
-    let unit = if e.symbol.is_angle() { "arcsec" } else { "um" };
-    let place = position_unit(axis);
+    let (axis, unit, place) = (e.symbol.axis(), error_unit(e.symbol), position_unit(e.symbol.axis()));
+    let out = |v: f64| rounded(error_out(e.symbol, v));
     json!({
-        "symbol": e.symbol.to_string().to_lowercase(),
+        "symbol": lower(e.symbol),
         "what": what(e),
-        format!("largest_{unit}"): rounded(out_of(e.symbol, e.largest)),
-        format!("rms_{unit}"): rounded(out_of(e.symbol, e.rms)),
+        format!("largest_{unit}"): out(e.largest),
+        format!("rms_{unit}"): out(e.rms),
         format!("at_{place}"): e.over.map(|_| position_out(axis, e.at)),
         "direction": if e.travel == Travel::Reverse { -1 } else { 1 },
         format!("over_{place}"): e.over.map(|o| o.map(|q| position_out(axis, q))),
-        format!("std_{unit}"): e.std.map(|s| s.map(|s| rounded(out_of(e.symbol, s)))),
+        format!("std_{unit}"): e.std.map(|s| s.map(out)),
     })
 }
 
 fn volume_json(diff: &Diff, v: &VolumeDifference) -> Value {
-    let axes = axes(diff);
-    let list = |v: Vec3| json!([rounded(v.x), rounded(v.y), rounded(v.z)]);
-    let pose = |pose: &Pose| {
-        let mut out = Map::new();
-        for (k, axis) in axes.iter().enumerate().filter(|(_, a)| **a != AxisName::S) {
-            let letter = axis.lower();
-            out.insert(
-                format!("{letter}_{}", position_unit(*axis)),
-                json!(position_out(*axis, pose.position[k])),
-            );
-            let back = pose.travel[k] == Travel::Reverse;
-            out.insert(format!("dir_{letter}"), json!(if back { -1 } else { 1 }));
-        }
-        Value::Object(out)
-    };
+    let chain = &diff.files[0].spec.chain;
+    let pose = |pose| pose_json(chain, pose);
     let um = |v: f64| rounded(um_from_mm(v));
     let arcsec = |v: f64| rounded(arcsec_from_rad(v));
     let mut corrections = Map::new();
-    for (k, (axis, found)) in axes.iter().zip(&v.offsets).enumerate() {
+    for (k, (axis, found)) in chain.axes().iter().map(|a| a.name).zip(&v.offsets).enumerate() {
         if let Some(found) = found {
-            let offset: &AxisArray = &found.offset;
-            let value = offset_out(*axis, offset[k]);
-            let entry = json!({format!("largest_{}", offset_unit(*axis)): value, "at": pose(&found.pose)});
+            let value = offset_out(axis, found.offset[k]);
+            let entry = json!({format!("largest_{}", offset_unit(axis)): value, "at": pose(&found.pose)});
             corrections.insert(axis.lower().to_string(), entry);
         }
     }
     json!({
         "position": {
             "largest_um": um(v.position.position.norm()),
-            "difference_um": list(v.position.position.map(um_from_mm)),
+            "difference_um": list(&v.position.position.map(um_from_mm)),
             "at": pose(&v.position.pose),
             "rms_um": um(v.rms_position),
             "bound_um": v.bound_position.map(um),
         },
         "rotation": {
             "largest_arcsec": arcsec(v.rotation.rotation.norm()),
-            "difference_arcsec": list(v.rotation.rotation.map(arcsec_from_rad)),
+            "difference_arcsec": list(&v.rotation.rotation.map(arcsec_from_rad)),
             "at": pose(&v.rotation.pose),
             "rms_arcsec": arcsec(v.rms_rotation),
             "bound_arcsec": v.bound_rotation.map(arcsec),
@@ -357,8 +282,8 @@ fn volume_json(diff: &Diff, v: &VolumeDifference) -> Value {
             "largest_um": um(v.without_rigid.without_rigid.norm()),
             "at": pose(&v.without_rigid.pose),
             "rms_um": um(v.rms_without_rigid),
-            "shift_um": list(v.rigid[0].map(um_from_mm)),
-            "turn_arcsec": list(v.rigid[1].map(arcsec_from_rad)),
+            "shift_um": list(&v.rigid[0].map(um_from_mm)),
+            "turn_arcsec": list(&v.rigid[1].map(arcsec_from_rad)),
         },
         "corrections": corrections,
         "poses": v.poses,

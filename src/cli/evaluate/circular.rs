@@ -6,18 +6,15 @@ use std::path::{Path, PathBuf};
 use clap::ValueEnum;
 use serde_json::{Map, Value, json};
 
-use super::page::{self, Origin};
+use super::page;
 use super::picture::circular::{self as drawing, Shown};
-use super::{
-    CompareOptions, Compared, Figure, Output, bad_data, change, drawn, only, percent, put_before,
-    side_by_side,
-};
-use crate::acceptance::verdicts::{self, Assessed};
+use super::{CompareOptions, Compared, Figures, Output, assess, put_before, side_by_side, values};
+use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
 use crate::arg_parsers::not_negative;
 use crate::numerals::{counted, plain};
 use crate::positioning_data::no_rows;
-use crate::{EX_USAGE, Failure, table};
+use crate::{Failure, table};
 use volcomp_evaluate::{Centring, CircularReading, CircularUncertainties, Circularity, Placed};
 use volcomp_identify::ballbar::{Sample, cut_overshoot, travelled};
 use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
@@ -91,12 +88,24 @@ struct Evaluated {
     uncertainties: CircularUncertainties,
 }
 
-fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
+impl Evaluated {
+    fn shown(&self, plane: [char; 2], radius_mm: Option<f64>) -> Shown<'_> {
+        Shown { result: &self.result, readings: &self.readings, plane, radius_mm }
+    }
+}
+
+/// The reading of a sample.
+pub(crate) const fn reading(s: &Sample) -> CircularReading {
+    CircularReading { angle: s.angle, deviation: s.deviation, travel: s.travel }
+}
+
+/// The samples of a file, which may have these columns and no others.
+pub(crate) fn samples(path: &Path, known: &[&str]) -> Result<Vec<Sample>, Failure> {
     let mut table = table::open(path)?;
     let (angle, deviation, direction) =
         (table.require("angle_deg")?, table.require("deviation_um")?, table.require("direction")?);
     let (feed, run) = (table.find("feed_mm_per_min"), table.find("run"));
-    only(&table, &["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"])?;
+    table.only(known)?;
     let mut samples = Vec::new();
     while table.advance()? {
         samples.push(Sample {
@@ -107,130 +116,104 @@ fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
             run: run.map_or(Ok(0), |c| table.count(c))?,
         });
     }
-    if samples.is_empty() {
-        return Err(no_rows(table.file()));
-    }
-    let samples = of_one_feed(args, path, samples)?;
+    if samples.is_empty() { Err(no_rows(table.file())) } else { Ok(samples) }
+}
+
+fn read(
+    path: &Path,
+    centring: Centring,
+    wanted_feed: Option<f64>,
+    overshoot: Option<f64>,
+    uncertainties: CircularUncertainties,
+) -> Result<Evaluated, Failure> {
+    let known = ["angle_deg", "deviation_um", "direction", "feed_mm_per_min", "run"];
+    let samples = of_one_feed(wanted_feed, path, samples(path, &known)?)?;
     // a file that is not in the order of the readings says nothing about overshoot
     let in_order = travelled(&samples).iter().all(|angle| *angle > 0.0);
-    let measured = if in_order || args.overshoot_deg.is_some() {
-        cut_overshoot(&samples, args.overshoot_deg.map(rad_from_deg))
-    } else {
-        samples.clone()
-    };
-    if measured.len() < samples.len() {
-        let cut = samples.len() - measured.len();
-        note!(
-            "note: {}: {cut} of {} readings are overshoot and are not evaluated",
-            path.display(),
-            samples.len()
-        );
+    let measured =
+        if in_order || overshoot.is_some() { cut_overshoot(&samples, overshoot) } else { samples.clone() };
+    let cut = samples.len() - measured.len();
+    if cut > 0 {
+        let (file, all) = (path.display(), samples.len());
+        note!("note: {file}: {cut} of {all} readings are overshoot and are not evaluated");
     }
-    let readings: Vec<CircularReading> = measured
-        .iter()
-        .map(|s| CircularReading { angle: s.angle, deviation: s.deviation, travel: s.travel })
-        .collect();
-    let centring = match args.centring {
-        CentringArg::LeastSquares => Centring::LeastSquares { radius: args.radius_mm },
-        CentringArg::None => Centring::None,
-    };
-    let result = Circularity::evaluate(&readings, centring).map_err(|e| bad_data(path, e))?;
-    let feed = args.feed_mm_per_min.or_else(|| samples.first().and_then(|s| s.feed));
-    let uncertainties = CircularUncertainties::of(args.u_device_um, args.u_length_um, args.drift_um);
+    let readings: Vec<CircularReading> = measured.iter().map(reading).collect();
+    let result = Circularity::evaluate(&readings, centring).map_err(|e| data!(path, "{e}"))?;
+    let feed = wanted_feed.or_else(|| samples.first().and_then(|s| s.feed));
     Ok(Evaluated { readings, result, feed, uncertainties })
 }
 
 /// The readings of the feed asked for; of several feeds one must be.
-fn of_one_feed(args: &Args, path: &Path, samples: Vec<Sample>) -> Result<Vec<Sample>, Failure> {
+fn of_one_feed(wanted: Option<f64>, path: &Path, samples: Vec<Sample>) -> Result<Vec<Sample>, Failure> {
     let mut feeds: Vec<f64> = samples.iter().filter_map(|s| s.feed).collect();
     feeds.sort_by(f64::total_cmp);
     feeds.dedup();
     let list = || feeds.iter().map(f64::to_string).collect::<Vec<_>>().join(", ");
-    match args.feed_mm_per_min {
+    match wanted {
         Some(wanted) if feeds.contains(&wanted) => {
             Ok(samples.into_iter().filter(|s| s.feed == Some(wanted)).collect())
         }
-        Some(wanted) if !feeds.is_empty() => Err(Failure::new(
-            EX_USAGE,
-            format_args!(
-                "error: {}: no readings at {wanted} mm/min; the feeds are {}",
-                path.display(),
-                list()
-            ),
-        )),
-        None if feeds.len() > 1 => Err(bad_data(
+        Some(wanted) if !feeds.is_empty() => {
+            Err(usage!("{}: no readings at {wanted} mm/min; the feeds are {}", path.display(), list()))
+        }
+        None if feeds.len() > 1 => Err(data!(
             path,
-            format_args!(
-                "readings at {} mm/min; the standard evaluates one feed: give --feed-mm-per-min",
-                list()
-            ),
+            "readings at {} mm/min; the standard evaluates one feed: give --feed-mm-per-min",
+            list()
         )),
         _ => Ok(samples),
     }
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    let mut acceptance = Acceptance::load(&args.output.head, "iso230-4", &keys())?;
-    let after = read(args, args.output.data(&args.data))?;
-    acceptance.fill(stated(&after));
-    let assessed = assessed(&acceptance, &after.result, after.uncertainties);
-    let before = args.before.as_deref().map(|path| read(args, path)).transpose()?;
-    let title = args.output.title.as_deref().unwrap_or("Circular test");
-    let pictures = pictures(args, title, &after, before.as_ref());
-    args.output.write(
-        || drawing::whole(title, &pictures),
-        || report(args, title, &acceptance, &assessed, &after, before.as_ref()),
-    )?;
-    if args.output.json {
-        let mut out = as_json(&after);
-        verdicts::put(&mut out, &assessed);
-        if let Some(before) = &before {
-            put_before(&mut out, as_json(before));
-        }
-        say!("{:#}", Value::Object(out));
-        return Ok(());
-    }
-    let stdout_taken =
-        [&args.output.svg, &args.output.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
-    if !stdout_taken {
-        print(args, &after, before.as_ref());
-        verdicts::print(&assessed, "um");
-    }
-    Ok(())
-}
-
-/// The tests to draw: before, where there is one, and after.
-fn pictures<'a>(
-    args: &Args,
-    title: &'a str,
-    after: &'a Evaluated,
-    before: Option<&'a Evaluated>,
-) -> Vec<Shown<'a>> {
-    let shown = |title, test: &'a Evaluated| Shown {
-        title,
-        result: &test.result,
-        readings: &test.readings,
-        plane: args.plane,
-        radius_mm: args.radius_mm,
+    let centring = match args.centring {
+        CentringArg::LeastSquares => Centring::LeastSquares { radius: args.radius_mm },
+        CentringArg::None => Centring::None,
     };
-    match before {
-        Some(before) => vec![shown("before", before), shown("after, same scale", after)],
-        None => vec![shown(title, after)],
-    }
+    let overshoot = args.overshoot_deg.map(rad_from_deg);
+    let u = CircularUncertainties::of(args.u_device_um, args.u_length_um, args.drift_um);
+    let read = |path: &Path| read(path, centring, args.feed_mm_per_min, overshoot, u);
+    let mut acceptance = Acceptance::load(&args.output.head, "iso230-4", &keys())?;
+    let after = read(args.output.data(&args.data))?;
+    acceptance.fill(Stated { feed_mm_per_min: after.feed, ..Stated::default() });
+    let judged = Judged { figures: assessed(&acceptance, &after.result, after.uncertainties), acceptance };
+    let before = args.before.as_deref().map(read).transpose()?;
+    let old = before.as_ref().map(|b| assessed(&Acceptance::default(), &b.result, b.uncertainties));
+    let title = args.output.title("Circular test");
+    let after_shown = after.shown(args.plane, args.radius_mm);
+    let pictures = match &before {
+        Some(b) => vec![("before", b.shown(args.plane, args.radius_mm)), ("after, same scale", after_shown)],
+        None => vec![("", after_shown)],
+    };
+    let division = drawing::scale(pictures.iter().map(|(_, shown)| shown));
+    args.output.deliver(
+        || drawing::whole(title, &pictures, division),
+        || report(args, title, &judged, &after, old.as_deref(), &pictures),
+        || {
+            let mut out = as_json(&judged.figures, &after);
+            judged.put(&mut out);
+            if let Some((before, old)) = before.as_ref().zip(old.as_deref()) {
+                put_before(&mut out, as_json(old, before));
+            }
+            out
+        },
+        || {
+            let file = args.output.data(&args.data).display();
+            say!("ISO 230-4 of {file}: {}", counted(after.readings.len(), "reading"));
+            page::figures("um", &judged.figures, old.as_deref()).print();
+            let [x, y] = after.result.centre.map(um_from_mm);
+            say!("centre taken out  {}, {} um", plain(x, 1), plain(y, 1));
+        },
+    )
 }
 
-fn figures(c: &Circularity) -> [Figure; 5] {
-    FIGURES.map(|(key, name, of)| Figure { key, name, value: of(c).map(um_from_mm) })
-}
-
-type Get = fn(&Circularity) -> Option<f64>;
 /// Key, term of ISO 230-4:2022, and how a figure is taken from a test.
-const FIGURES: [(&str, &str, Get); 5] = [
-    ("g_fwd_um", "circular error G, counter-clockwise", |c| c.g_forward),
-    ("g_bwd_um", "circular error G, clockwise", |c| c.g_backward),
-    ("g_bi_um", "bidirectional circular error G(b)", |c| c.g_both),
-    ("fmax_um", "radial error Fmax", |c| Some(c.f_max)),
-    ("fmin_um", "radial error Fmin", |c| Some(c.f_min)),
+const FIGURES: &Figures<Circularity> = &[
+    ("g_fwd_um", "circular error G, counter-clockwise", |c| c.g_forward.map(um_from_mm)),
+    ("g_bwd_um", "circular error G, clockwise", |c| c.g_backward.map(um_from_mm)),
+    ("g_bi_um", "bidirectional circular error G(b)", |c| c.g_both.map(um_from_mm)),
+    ("fmax_um", "radial error Fmax", |c| Some(um_from_mm(c.f_max))),
+    ("fmin_um", "radial error Fmin", |c| Some(um_from_mm(c.f_min))),
 ];
 
 /// Keys of the figures that may have a tolerance.
@@ -244,94 +227,52 @@ pub(super) fn assessed(
     result: &Circularity,
     u: CircularUncertainties,
 ) -> Vec<Assessed> {
-    figures(result)
-        .into_iter()
-        .map(|f| acceptance.assess(f.key, f.name, f.value, if f.key.starts_with('g') { u.g } else { u.f }))
-        .collect()
+    assess(FIGURES, result, acceptance, "", |key| if key.starts_with('g') { u.g } else { u.f })
 }
 
-fn stated(test: &Evaluated) -> Stated {
-    Stated { feed_mm_per_min: test.feed, ..Stated::default() }
-}
-
-fn as_json(test: &Evaluated) -> Map<String, Value> {
-    let c = &test.result;
-    let mut out: Map<String, Value> =
-        figures(c).into_iter().map(|f| (f.key.to_owned(), json!(f.value))).collect();
-    out.insert("centre_um".to_owned(), json!(c.centre.map(um_from_mm)));
+fn as_json(figures: &[Assessed], test: &Evaluated) -> Map<String, Value> {
+    let mut out = values(figures);
+    out.insert("centre_um".to_owned(), json!(test.result.centre.map(um_from_mm)));
     out.insert("readings".to_owned(), json!(test.readings.len()));
     out
-}
-
-fn print(args: &Args, after: &Evaluated, before: Option<&Evaluated>) {
-    say!(
-        "ISO 230-4 of {}: {}",
-        args.output.data(&args.data).display(),
-        counted(after.readings.len(), "reading")
-    );
-    let um = |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{} um", plain(v, 2)));
-    if before.is_some() {
-        say!("{:<40}{:>14}{:>14}{:>10}", "", "before", "after", "change");
-    }
-    for (i, f) in figures(&after.result).into_iter().enumerate() {
-        match before {
-            Some(before) => {
-                let old = figures(&before.result)[i].value;
-                say!("{:<40}{:>14}{:>14}{:>10}", f.name, um(old), um(f.value), percent(change(old, f.value)));
-            }
-            None => say!("{:<40}{:>14}", f.name, um(f.value)),
-        }
-    }
-    let [x, y] = after.result.centre.map(um_from_mm);
-    say!("{:<40}{:>14}", "centre taken out", format!("{}, {} um", plain(x, 1), plain(y, 1)));
 }
 
 fn report(
     args: &Args,
     title: &str,
-    acceptance: &Acceptance,
-    assessed: &[Assessed],
+    judged: &Judged,
     after: &Evaluated,
-    before: Option<&Evaluated>,
-) -> Result<String, Box<dyn std::error::Error>> {
-    let mut origins = vec![Origin::of("data", args.output.data(&args.data))];
-    origins.extend(args.before.as_deref().map(|p| Origin::of("before", p)));
+    old: Option<&[Assessed]>,
+    pictures: &[(&str, Shown<'_>)],
+) -> Result<String, Failure> {
     let [a, b] = args.plane;
     let mut facts = vec![("plane", format!("{a}{b}, angles from {a} towards {b}"))];
     facts.extend(args.radius_mm.map(|r| ("nominal radius", format!("{r} mm"))));
     facts.push(("readings", after.readings.len().to_string()));
-    facts.push((
-        "centre",
-        match args.centring {
-            CentringArg::LeastSquares => {
-                let [x, y] = after.result.centre.map(um_from_mm);
-                format!("least-squares circle; taken out {}, {} µm", plain(x, 1), plain(y, 1))
-            }
-            CentringArg::None => "that of the instrument".to_owned(),
-        },
-    ));
-    let mut page = page::start(title, STANDARD, acceptance, assessed, &origins, &facts);
-    let old = before.map(|b| figures(&b.result));
-    page::figures(&mut page, "µm", assessed, old.as_ref().map(|o| &o[..]));
+    let [x, y] = after.result.centre.map(um_from_mm);
+    let centre = match args.centring {
+        CentringArg::LeastSquares => {
+            format!("least-squares circle; taken out {}, {} µm", plain(x, 1), plain(y, 1))
+        }
+        CentringArg::None => "that of the instrument".to_owned(),
+    };
+    facts.push(("centre", centre));
+    let mut page = args.output.page([&args.data, &args.before], (title, STANDARD), judged, &facts);
+    page::figures("µm", &judged.figures, old).put(&mut page);
     let caption = "Radial deviations about the common centre, magnified; the heavy circle is the nominal path. F is the radial \
                    error against the nominal radius, G the range of the radii of one path (G(b): of both).";
-    let shown = pictures(args, "", after, before);
-    let scale = drawing::scale(&shown);
-    for (i, one) in shown.iter().enumerate() {
-        let heading = match (shown.len(), i) {
-            (1, _) => "Polar plot",
-            (_, 0) => "Before",
-            _ => "After, same scale",
-        };
-        if shown.len() > 1 && i == 0 {
-            page.sheet(heading);
-        } else {
-            page.heading(heading);
+    let scale = drawing::scale(pictures.iter().map(|(_, shown)| shown));
+    let plot = |(_, one): &(&str, Shown<'_>)| drawing::single(one, scale);
+    match pictures {
+        [before, after] => {
+            page.sheet("Before");
+            page.plots(&[("", plot(before)?), ("After, same scale", plot(after)?)], caption);
         }
-        let svg = drawing::single(&Shown { title: "", ..*one }, scale)?;
-        if i + 1 == shown.len() { page.figure(&svg, caption) } else { page.picture(&svg) }
+        all => {
+            all.iter().try_for_each(|one| plot(one).map(|svg| page.plots(&[("Polar plot", svg)], caption)))?
+        }
     }
-    Ok(page::finish(page, assessed))
+    Ok(page::finish(page, judged))
 }
 
 /// Sectors of a circle in which readings are averaged.
@@ -339,41 +280,20 @@ const SECTORS: f64 = 360.0;
 
 /// Two tests for `volcomp verify`: radial deviations about the common least-squares circle.
 pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared, Failure> {
-    let plane: String = options.plane.iter().collect();
-    let mut words = vec!["iso230-4".to_owned(), "--plane".to_owned(), plane];
-    if let Some(radius) = options.radius_mm {
-        words.extend(["--radius-mm".to_owned(), radius.to_string()]);
-    }
-    if let Some(feed) = options.feed_mm_per_min {
-        words.extend(["--feed-mm-per-min".to_owned(), feed.to_string()]);
-    }
-    if let Some(u) = options.u_device {
-        words.extend(["--u-device-um".to_owned(), u.to_string()]);
-    }
-    let read = |path: &Path| -> Result<Evaluated, Failure> {
-        let words = words.iter().cloned().chain(["--data".to_owned(), path.display().to_string()]);
-        let args = <Args as clap::Parser>::try_parse_from(words).map_err(|e| Failure::new(EX_USAGE, e))?;
-        read(&args, path)
-    };
+    let centring = Centring::LeastSquares { radius: options.radius_mm };
+    let u = CircularUncertainties::of(options.u_device, None, None);
+    let read = |path: &Path| read(path, centring, options.feed_mm_per_min, None, u);
     let [before, after] = [read(files[0])?, read(files[1])?];
-    let shown = [&before, &after].map(|test| Shown {
-        title: "",
-        result: &test.result,
-        readings: &test.readings,
-        plane: options.plane,
-        radius_mm: options.radius_mm,
-    });
-    let scale = drawing::scale(&shown);
-    let plot = |shown: &Shown<'_>| drawing::single(shown, scale).map_err(drawn);
+    let shown = [&before, &after].map(|test| test.shown(options.plane, options.radius_mm));
+    let plot = |one: &Shown<'_>| drawing::single(one, drawing::scale(&shown));
     Ok(Compared {
         test: "iso230-4",
         standard: STANDARD,
         keys: keys(),
-        stated: stated(&after),
+        stated: Stated { feed_mm_per_min: after.feed, ..Stated::default() },
         unit: "µm",
         figures: side_by_side(
-            &figures(&before.result),
-            assessed(&Acceptance::default(), &after.result, after.uncertainties),
+            [&before, &after].map(|test| assessed(&Acceptance::default(), &test.result, test.uncertainties)),
         ),
         plots: vec![("Before", plot(&shown[0])?), ("After, same scale", plot(&shown[1])?)],
         caption: "Radial deviations about the common centre, magnified; the heavy circle is the nominal path.",

@@ -4,21 +4,17 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use super::page::{self, Origin};
+use super::page;
 use super::picture::positioning::{self as drawing, Shown};
-use super::positioning::{as_json, print};
-use super::positioning::{length, stated};
+use super::positioning::{as_json, length, stated, table as each_direction};
 use super::uncertainty_args::UncertaintyArgs;
-use super::{
-    CompareOptions, Compared, Figure, Output, bad_data, change, drawn, percent, put_before, show,
-    side_by_side,
-};
-use crate::acceptance::verdicts::{self, Assessed};
+use super::{CompareOptions, Compared, Figures, Output, change, percent, put_before, show, side_by_side};
+use crate::acceptance::verdicts::{Assessed, Judged};
 use crate::acceptance::{Acceptance, Stated};
 use crate::numerals::counted;
 use crate::positioning_data::{TestColumns, no_rows};
-use crate::report::page::Cell;
-use crate::report::plot::{Drawn, SHEET_WIDTH, Svg, svg_of, words};
+use crate::report::plot::{Area, Drawn, Part, SHEET_WIDTH, Svg, TITLE, stacked, words};
+use crate::report::{Page, Table};
 use crate::{Failure, table};
 use volcomp_evaluate::{
     Conditions, Diagonal, DiagonalTest, Placed, Positioning, PositioningReading, Uncertainties,
@@ -54,7 +50,7 @@ fn read(path: &Path) -> Result<Evaluated, Failure> {
     let name = table.require("diagonal")?;
     let columns = TestColumns::find(&table, &["diagonal"])?;
     if columns.kind == AxisKind::Rotary {
-        return Err(bad_data(path, "a diagonal has target_mm and deviation_um, not angles"));
+        return Err(data!(path, "a diagonal has target_mm and deviation_um, not angles"));
     }
     let mut readings = Vec::new();
     while table.advance()? {
@@ -70,13 +66,12 @@ fn read(path: &Path) -> Result<Evaluated, Failure> {
     if readings.is_empty() {
         return Err(no_rows(table.file()));
     }
-    let result = DiagonalTest::evaluate(&readings).map_err(|e| bad_data(path, e))?;
+    let result = DiagonalTest::evaluate(&readings).map_err(|e| data!(path, "{e}"))?;
     Ok(Evaluated { readings, result })
 }
 
-type Get = fn(&Positioning) -> Option<f64>;
 /// Key, term of the standard, and how a figure is taken from one diagonal.
-const WORST: [(&str, &str, Get); 6] = [
+const WORST: &Figures<Positioning> = &[
     ("b_um", "reversal error B", |p| p.both.map(|b| b.b)),
     ("r_um", "bidirectional repeatability R", |p| p.both.map(|b| b.r)),
     ("e_um", "bidirectional systematic positioning error E", |p| p.both.map(|b| b.e)),
@@ -88,13 +83,6 @@ const WORST: [(&str, &str, Get); 6] = [
 /// Keys of the figures that may have a tolerance.
 fn keys() -> Vec<String> {
     WORST.iter().map(|(key, ..)| (*key).to_owned()).collect()
-}
-
-fn figures(test: &DiagonalTest) -> Vec<Figure> {
-    WORST
-        .iter()
-        .map(|(key, name, get)| Figure { key, name, value: test.worst(get).map(|(_, v)| v) })
-        .collect()
 }
 
 /// The figures of the worst diagonals with tolerances and the uncertainty of the measurement along them.
@@ -117,60 +105,55 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let acceptance = Acceptance::load(&args.output.head, "iso230-6", &keys())?;
     let after = read(args.output.data(&args.data))?;
     let conditions = args.uncertainty.conditions(AxisKind::Linear)?;
-    let assessed = assessed(&acceptance, &after.result, &conditions);
+    let judged = Judged { figures: assessed(&acceptance, &after.result, &conditions), acceptance };
     let before = args.before.as_deref().map(read).transpose()?;
-    let title = args.output.title.as_deref().unwrap_or("Body diagonals");
+    let title = args.output.title("Body diagonals");
     let scale = scale(&after, before.as_ref());
-    args.output.write(
+    args.output.deliver(
         || whole(title, &after, before.as_ref(), scale),
-        || report(args, title, (&acceptance, &assessed), &after, before.as_ref(), scale),
-    )?;
-    if args.output.json {
-        let mut report = object(&after.result);
-        verdicts::put(&mut report, &assessed);
-        if let Some(before) = &before {
-            put_before(&mut report, object(&before.result));
-        }
-        say!("{:#}", Value::Object(report));
-        return Ok(());
-    }
-    let stdout_taken =
-        [&args.output.svg, &args.output.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
-    if !stdout_taken {
-        print_all(&after.result, before.as_ref().map(|b| &b.result));
-        verdicts::print(&assessed, "um");
-    }
-    Ok(())
+        || report(args, title, &judged, &after, before.as_ref(), scale),
+        || {
+            let mut report = object(&after.result);
+            judged.put(&mut report);
+            if let Some(before) = &before {
+                put_before(&mut report, object(&before.result));
+            }
+            report
+        },
+        || {
+            print(&after.result, before.as_ref().map(|b| &b.result), &judged.figures);
+        },
+    )
 }
 
-fn print_all(after: &DiagonalTest, before: Option<&DiagonalTest>) {
+fn print(after: &DiagonalTest, before: Option<&DiagonalTest>, figures: &[Assessed]) {
     for (d, p) in &after.diagonals {
         let (targets, cycles) = (counted(p.targets.len(), "target"), counted(p.cycles, "cycle"));
         say!("ISO 230-6, diagonal {}: {targets}, {cycles}", d.name());
-        print(p, "um", |v| v);
+        each_direction(p, "um").print();
         say!();
     }
-    for (key, _, figure) in WORST {
-        let Some((d, v)) = after.worst(figure) else { continue };
-        let old = before.and_then(|b| b.worst(figure)).map(|(_, v)| v);
-        let change =
-            old.map_or(String::new(), |o| format!(", before {o:.2} ({})", percent(change(Some(o), Some(v)))));
-        say!("worst {key:<10}{v:>12.2}  on {}{change}", d.name());
+    let heads = ["worst of the four", ">um", "diagonal", ">before", ">change"].map(str::to_owned);
+    let mut worst = Table::new(heads.into_iter().chain(Assessed::heads("um")));
+    for (f, (.., get)) in figures.iter().zip(WORST) {
+        let Some((d, v)) = after.worst(get) else { continue };
+        let old = before.and_then(|b| b.worst(get)).map(|(_, v)| v);
+        let row =
+            [f.name.to_owned(), show(f.value), d.name().to_owned(), show(old), percent(change(old, Some(v)))];
+        worst.row(row.into_iter().chain(f.words()));
     }
+    worst.print();
 }
 
 fn object(test: &DiagonalTest) -> Map<String, Value> {
-    let mut report = Map::new();
-    let mut each = Map::new();
-    for (d, p) in &test.diagonals {
-        each.insert(d.name().to_owned(), Value::Object(as_json(p, "um", |v| v)));
-    }
-    report.insert("diagonals".to_owned(), Value::Object(each));
+    let each: Map<_, _> =
+        test.diagonals.iter().map(|(d, p)| (d.name().to_owned(), as_json(p, "um").into())).collect();
+    let mut report = Map::from_iter([("diagonals".to_owned(), Value::Object(each))]);
     let mut names = Map::new();
     for (key, _, figure) in WORST {
         let found = test.worst(figure);
-        report.insert(key.to_owned(), json!(found.map(|(_, v)| v)));
-        names.insert(key.to_owned(), json!(found.map(|(d, _)| d.name())));
+        report.insert((*key).to_owned(), json!(found.map(|(_, v)| v)));
+        names.insert((*key).to_owned(), json!(found.map(|(d, _)| d.name())));
     }
     report.insert("worst".to_owned(), Value::Object(names));
     report
@@ -192,15 +175,14 @@ fn scale(after: &Evaluated, before: Option<&Evaluated>) -> [f64; 2] {
 }
 
 const HEIGHT: u32 = 360;
-const TITLE: u32 = 34;
 
 /// The four diagonals of a test, two in a row.
-fn four(test: &Evaluated, y: [f64; 2], area: &crate::report::plot::Area<'_>) -> Drawn {
+fn four(test: &Evaluated, y: [f64; 2], area: &Area<'_>) -> Drawn {
     for (place, (diagonal, result)) in area.split_evenly((2, 2)).iter().zip(&test.result.diagonals) {
         let readings = of(test, *diagonal);
         let both = result.both.map_or(String::new(), |b| format!(": E {:.2}, A {:.2} µm", b.e, b.a));
         let title = format!("{} ({}){both}", diagonal.name(), signs(*diagonal));
-        let shown = Shown { title: "", result, readings: &readings, unit: "µm", target_unit: "mm" };
+        let shown = Shown { result, readings: &readings, unit: "µm", target_unit: "mm" };
         let (head, body) = place.split_vertically(TITLE);
         words(&head, &title, (74, 12), 16)?;
         drawing::draw_deviations(&body, &shown, y, 16)?;
@@ -214,81 +196,67 @@ fn signs(diagonal: Diagonal) -> String {
     diagonal.name().chars().zip(['X', 'Y', 'Z']).map(sign).collect::<Vec<_>>().join(" ")
 }
 
+/// The diagonals, before and after below each other.
 fn whole(title: &str, after: &Evaluated, before: Option<&Evaluated>, y: [f64; 2]) -> Svg {
-    let parts: Vec<(&str, &Evaluated)> = match before {
-        Some(before) => vec![("before", before), ("after, same scale", after)],
-        None => vec![("", after)],
-    };
-    svg_of((SHEET_WIDTH, TITLE + (TITLE + 2 * HEIGHT) * parts.len() as u32), |area| {
-        let (head, mut rest) = area.split_vertically(TITLE);
-        words(&head, title, (14, 10), 20)?;
-        for (name, test) in parts {
-            let (here, below) = rest.split_vertically(TITLE + 2 * HEIGHT);
-            let (head, body) = here.split_vertically(TITLE);
-            words(&head, name, (14, 10), 18)?;
-            four(test, y, &body)?;
-            rest = below;
-        }
-        Ok(())
-    })
+    let draw_after = |area: &Area<'_>| four(after, y, area);
+    let Some(before) = before else { return stacked(SHEET_WIDTH, title, &[("", 2 * HEIGHT, &draw_after)]) };
+    let draw_before = |area: &Area<'_>| four(before, y, area);
+    let parts: [Part<'_>; 2] =
+        [("before", 2 * HEIGHT, &draw_before), ("after, same scale", 2 * HEIGHT, &draw_after)];
+    stacked(SHEET_WIDTH, title, &parts)
 }
 
 fn report(
     args: &Args,
     title: &str,
-    (acceptance, assessed): (&Acceptance, &[Assessed]),
+    judged: &Judged,
     after: &Evaluated,
     before: Option<&Evaluated>,
     y: [f64; 2],
-) -> Result<String, Box<dyn std::error::Error>> {
-    let mut origins = vec![Origin::of("data", args.output.data(&args.data))];
-    origins.extend(args.before.as_deref().map(|p| Origin::of("before", p)));
+) -> Result<String, Failure> {
     let standard = "Positioning along the body diagonals, ISO 230-6:2002";
-    let mut page = page::start(title, standard, acceptance, assessed, &origins, &[]);
+    let mut page = args.output.page([&args.data, &args.before], (title, standard), judged, &[]);
     page.heading("Worst of the four diagonals");
-    page::figures(&mut page, "µm", assessed, before.map(|b| figures(&b.result)).as_deref());
+    let old = before.map(|b| assessed(&Acceptance::default(), &b.result, &Conditions::default()));
+    page::figures("µm", &judged.figures, old.as_deref()).put(&mut page);
     page.heading("Each diagonal");
     each(&mut page, after, before);
     let caption = "Deviation = actual - target along the diagonal. Blue: forward, vermillion: backward; solid: mean, band: ± 2 s, \
                    dots: readings, dashed: mean of both directions.";
-    for (name, test) in
-        [("Before", before), (if before.is_some() { "After, same scale" } else { "Deviations" }, Some(after))]
-    {
-        if let Some(test) = test {
-            page.sheet(name);
-            page.figure(&svg_of((SHEET_WIDTH, 2 * HEIGHT), |area| four(test, y, area))?, caption);
-        }
+    let name = if before.is_some() { "After, same scale" } else { "Deviations" };
+    for (name, test) in [("Before", before), (name, Some(after))] {
+        let Some(test) = test else { continue };
+        page.sheet(name);
+        page.figure(&plot(test, y)?, caption);
     }
-    Ok(page::finish(page, assessed))
+    Ok(page::finish(page, judged))
 }
 
-fn each(page: &mut crate::report::Page, after: &Evaluated, before: Option<&Evaluated>) {
-    let mut head = vec![Cell::head("diagonal")];
-    let mut rows: Vec<Vec<Cell>> = after
-        .result
-        .diagonals
-        .iter()
-        .map(|(d, _)| vec![Cell::head(format!("{} ({})", d.name(), signs(*d)))])
-        .collect();
-    for (name, test) in [("before", before), (if before.is_some() { "after" } else { "" }, Some(after))] {
+fn plot(test: &Evaluated, y: [f64; 2]) -> Svg {
+    whole("", test, None, y)
+}
+
+/// B, R, E and A of each diagonal, before and after.
+fn each(page: &mut Page, after: &Evaluated, before: Option<&Evaluated>) {
+    let mut heads = vec!["diagonal".to_owned()];
+    let name = |(d, _): &(Diagonal, Positioning)| vec![format!("{} ({})", d.name(), signs(*d))];
+    let mut rows: Vec<Vec<String>> = after.result.diagonals.iter().map(name).collect();
+    for (name, test) in [("before ", before), (if before.is_some() { "after " } else { "" }, Some(after))] {
         let Some(test) = test else { continue };
         for (key, _, get) in &WORST[..4] {
-            let letter = key.chars().take(1).map(|c| c.to_ascii_uppercase()).collect::<String>();
-            head.push(Cell::number(format!("{letter} {name} / µm").replace("  ", " ")));
+            heads.push(format!(">{} {name}/ µm", key[..1].to_ascii_uppercase()));
             for (row, (_, p)) in rows.iter_mut().zip(&test.result.diagonals) {
-                row.push(Cell::number(show(get(p))));
+                row.push(show(get(p)));
             }
         }
     }
-    page.table(&head, &rows);
+    Table::new(heads).rows(rows).put(page);
 }
 
 /// Two tests for `volcomp verify`.
 pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared, Failure> {
     let [before, after] = [read(files[0])?, read(files[1])?];
     let y = scale(&after, Some(&before));
-    let plot =
-        |test: &Evaluated| svg_of((SHEET_WIDTH, 2 * HEIGHT), |area| four(test, y, area)).map_err(drawn);
     let conditions = Conditions { device: options.u_device, ..Conditions::default() };
     let placed = |test: &Evaluated| -> Vec<Placed> {
         let curve =
@@ -313,10 +281,9 @@ pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Comp
         stated: Stated::default(),
         unit: "µm",
         figures: side_by_side(
-            &figures(&before.result),
-            assessed(&Acceptance::default(), &after.result, &conditions),
+            [&before, &after].map(|test| assessed(&Acceptance::default(), &test.result, &conditions)),
         ),
-        plots: vec![("Before", plot(&before)?), ("After, same scale", plot(&after)?)],
+        plots: vec![("Before", plot(&before, y)?), ("After, same scale", plot(&after, y)?)],
         caption: "Blue: forward, vermillion: backward; solid: mean, band: ± 2 s, dots: readings.",
         readings: [placed(&before), placed(&after)],
         is_repeated: true,

@@ -4,17 +4,17 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use super::page::{self, Origin};
+use super::page;
 use super::picture::gear::{self as drawing, Panel};
-use super::{Output, bad_data, change, only, percent, put_before, show};
+use super::{Output, change, percent, put_before, show};
 use crate::acceptance::Acceptance;
+use crate::acceptance::verdicts::Judged;
 use crate::arg_parsers::{above_zero, number};
 use crate::positioning_data::no_rows;
-use crate::report::page::Cell;
+use crate::report::Table;
 use crate::{Failure, table};
 use volcomp_evaluate::gear::{
-    CLASSES, Deviations, Direction, Flank, Gear, GearTrace, Quantity, class, evaluate, mean_of,
-    passes_averaged, tolerance_um,
+    CLASSES, Deviations, Direction, Flank, Gear, GearTrace, OfFlank, Quantity, class, flanks, tolerance_um,
 };
 use volcomp_units::rad_from_deg;
 
@@ -64,34 +64,11 @@ const FLANKS: [(Flank, &str); 2] = [(Flank::Left, "left"), (Flank::Right, "right
 const QUANTITIES: [(Quantity, &str, &str); 3] =
     [(Quantity::Total, "f", "F"), (Quantity::Form, "ff", "f_f"), (Quantity::Slope, "fh", "f_H")];
 
-/// One direction of one flank.
-struct OfFlank {
-    direction: Direction,
-    flank: Flank,
-    teeth: Vec<(GearTrace, Deviations)>,
-    mean: Deviations,
-}
-
-impl OfFlank {
-    fn value(&self, quantity: Quantity) -> f64 {
-        match quantity {
-            Quantity::Total => self.mean.total_um,
-            Quantity::Form => self.mean.form_um,
-            Quantity::Slope => self.mean.slope_um,
-        }
-    }
-
-    /// The class that all three quantities keep; `None` beyond the last one.
-    fn class(&self, gear: &Gear) -> Option<u8> {
-        let of = |(q, ..): &(Quantity, _, _)| class(gear, self.direction, *q, self.value(*q));
-        QUANTITIES.iter().map(of).try_fold(0, |worst, c| Some(worst.max(c?)))
-    }
-
-    fn names(&self) -> (&'static str, &'static str, &'static str) {
-        let (_, direction, letter) = DIRECTIONS[usize::from(self.direction == Direction::Helix)];
-        let (_, flank) = FLANKS[usize::from(self.flank == Flank::Right)];
-        (direction, letter, flank)
-    }
+/// Names of direction, letter of the symbols and flank.
+fn names(f: &OfFlank) -> (&'static str, &'static str, &'static str) {
+    let (_, direction, letter) = DIRECTIONS[usize::from(f.direction == Direction::Helix)];
+    let (_, flank) = FLANKS[usize::from(f.flank == Flank::Right)];
+    (direction, letter, flank)
 }
 
 fn gear(args: &Args) -> Result<Gear, Failure> {
@@ -114,7 +91,7 @@ fn read(gear: &Gear, path: &Path) -> Result<Vec<OfFlank>, Failure> {
     let [direction, flank, tooth] =
         [table.require("direction")?, table.require("flank")?, table.require("tooth")?];
     let [position, deviation] = [table.require("position_mm")?, table.require("deviation_um")?];
-    only(&table, &["direction", "flank", "tooth", "pass", "position_mm", "deviation_um"])?;
+    table.only(&["direction", "flank", "tooth", "pass", "position_mm", "deviation_um"])?;
     let mut readings = Vec::new();
     while table.advance()? {
         let (word, side) = (table.word(direction), table.word(flank));
@@ -137,55 +114,52 @@ fn read(gear: &Gear, path: &Path) -> Result<Vec<OfFlank>, Failure> {
     if readings.is_empty() {
         return Err(no_rows(table.file()));
     }
-    let traces = passes_averaged(&readings);
-    let mut flanks = Vec::new();
-    for group in traces.chunk_by(|a, b| (a.direction, a.flank) == (b.direction, b.flank)) {
-        let mut teeth = Vec::new();
-        for trace in group {
-            let name = DIRECTIONS[usize::from(trace.direction == Direction::Helix)].1;
-            let of = evaluate(gear, trace).map_err(|e| bad_data(path, format_args!("{name}: {e}")))?;
-            teeth.push((trace.clone(), of));
-        }
-        let all: Vec<Deviations> = teeth.iter().map(|t| t.1).collect();
-        if let Some(mean) = mean_of(&all) {
-            flanks.push(OfFlank { direction: group[0].direction, flank: group[0].flank, teeth, mean });
-        }
-    }
-    Ok(flanks)
+    flanks(gear, &readings).map_err(|(direction, e)| {
+        let name = DIRECTIONS[usize::from(direction == Direction::Helix)].1;
+        data!(path, "{name}: {e}")
+    })
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let acceptance = Acceptance::load(&args.output.head, "", &[])?;
+    let judged = Judged { acceptance, figures: Vec::new() };
     let gear = gear(args)?;
     let after = read(&gear, args.output.data(&args.data))?;
     let before = args.before.as_deref().map(|path| read(&gear, path)).transpose()?;
-    let title = args.output.title.as_deref().unwrap_or("Gear inspection");
+    let title = args.output.title("Gear inspection");
     let panels = |flanks: &[OfFlank]| flanks.iter().map(|f| panel(&gear, f)).collect::<Vec<_>>();
     let shown: Vec<(&str, Vec<Panel>)> = match &before {
         Some(before) => vec![("before", panels(before)), ("after", panels(&after))],
         None => vec![("", panels(&after))],
     };
-    args.output.write(
-        || drawing::whole(title, &shown),
-        || report(args, (title, &acceptance), &gear, &after, before.as_deref(), &shown),
-    )?;
-    if args.output.json {
-        let mut out = as_json(&gear, &after);
-        if let Some(before) = &before {
-            put_before(&mut out, as_json(&gear, before));
-        }
-        say!("{:#}", Value::Object(out));
-        return Ok(());
-    }
-    let taken = [&args.output.svg, &args.output.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
-    if !taken {
-        print(args, &gear, &after, before.as_deref());
-    }
-    Ok(())
+    let old = before.as_ref().map(|b| lines(&gear, b));
+    let table = figures(&lines(&gear, &after), old.as_deref());
+    args.output.deliver(
+        || drawing::whole(title, &shown, drawing::step_um(&shown)),
+        || report(args, title, &judged, &gear, &table, &shown),
+        || {
+            let mut out = as_json(&gear, &after);
+            if let Some(before) = &before {
+                put_before(&mut out, as_json(&gear, before));
+            }
+            out
+        },
+        || {
+            let traces: usize = after.iter().map(|f| f.teeth.len()).sum();
+            let file = args.output.data(&args.data).display();
+            say!("ISO 1328-1 of {file}: {traces} traces, means over the teeth");
+            table.print();
+            for (direction, name, _) in DIRECTIONS {
+                if let Some(class) = class_of(&gear, &after, direction) {
+                    say!("{name} class {}", class_text(class));
+                }
+            }
+        },
+    )
 }
 
 fn panel(gear: &Gear, of: &OfFlank) -> Panel {
-    let (direction, _, flank) = of.names();
+    let (direction, _, flank) = names(of);
     Panel {
         name: format!("{direction}, {flank} flank"),
         position: match of.direction {
@@ -209,9 +183,9 @@ struct Line {
 
 fn lines(gear: &Gear, flanks: &[OfFlank]) -> Vec<Line> {
     let of_flank = |f: &OfFlank| {
-        let (_, letter, flank) = f.names();
+        let (_, letter, flank) = names(f);
         QUANTITIES.map(|(q, key, symbol)| {
-            let class = class(gear, f.direction, q, f.value(q));
+            let class = class(gear, f.direction, q, f.mean.of(q));
             Line {
                 symbol: if q == Quantity::Total {
                     format!("{symbol}_{letter}")
@@ -220,7 +194,7 @@ fn lines(gear: &Gear, flanks: &[OfFlank]) -> Vec<Line> {
                 },
                 key: format!("{flank}_{key}_{letter}_um"),
                 flank,
-                value_um: f.value(q),
+                value_um: f.mean.of(q),
                 class,
                 tolerance_um: class.map(|c| tolerance_um(gear, f.direction, q, c)),
             }
@@ -248,7 +222,7 @@ fn as_json(gear: &Gear, flanks: &[OfFlank]) -> Map<String, Value> {
         out.insert(line.key, json!(line.value_um));
     }
     let trace = |f: &OfFlank, (t, d): &(GearTrace, Deviations)| {
-        let (direction, _, flank) = f.names();
+        let (direction, _, flank) = names(f);
         json!({
             "direction": direction, "flank": flank, "tooth": t.tooth,
             "total_um": d.total_um, "form_um": d.form_um, "slope_um": d.slope_um,
@@ -263,104 +237,56 @@ fn class_text(class: Option<u8>) -> String {
     class.map_or_else(|| format!("> {}", CLASSES[1]), |c| c.to_string())
 }
 
-fn print(args: &Args, gear: &Gear, after: &[OfFlank], before: Option<&[OfFlank]>) {
-    let traces: usize = after.iter().map(|f| f.teeth.len()).sum();
-    say!("ISO 1328-1 of {}: {traces} traces, means over the teeth", args.output.data(&args.data).display());
-    let old = before.map(|b| lines(gear, b));
-    let head = if old.is_some() { format!("{:>11}{:>9}", "before", "change") } else { String::new() };
-    say!("{:<10}{:<7}{:>9}{:>7}{:>11}{head}", "", "flank", "um", "class", "tolerance");
-    for line in lines(gear, after) {
-        let was = old.as_ref().map(|o| o.iter().find(|l| l.key == line.key).map(|l| l.value_um)).map(|v| {
-            format!("{:>11}{:>9}", show(v), percent(change(v.map(f64::abs), Some(line.value_um.abs()))))
-        });
-        say!(
-            "{:<10}{:<7}{:>9.2}{:>7}{:>11}{}",
-            line.symbol,
-            line.flank,
-            line.value_um,
-            class_text(line.class),
-            line.tolerance_um.map_or_else(|| "-".to_owned(), |t| format!("{t:.1}")),
-            was.unwrap_or_default()
-        );
-    }
-    for (direction, name, _) in DIRECTIONS {
-        if let Some(class) = class_of(gear, after, direction) {
-            say!("{name} class {}", class_text(class));
+/// The figures with class and tolerance, with those before where there are.
+fn figures(after: &[Line], before: Option<&[Line]>) -> Table {
+    let mut heads = vec!["deviation", "flank"];
+    heads.extend(before.map(|_| [">before / um", ">class"]).into_iter().flatten());
+    heads.extend([">um", ">class", ">tolerance / um"]);
+    heads.extend(before.map(|_| ">change"));
+    let rows = after.iter().map(|line| {
+        let mut row = vec![line.symbol.clone(), line.flank.to_owned()];
+        let was = before.and_then(|b| b.iter().find(|l| l.key == line.key));
+        if before.is_some() {
+            let class = was.map_or_else(String::new, |l| class_text(l.class));
+            row.extend([show(was.map(|l| l.value_um)), class]);
         }
-    }
+        let tolerance = line.tolerance_um.map_or_else(|| "-".to_owned(), |t| format!("{t:.1}"));
+        row.extend([format!("{:.2}", line.value_um), class_text(line.class), tolerance]);
+        let share = || percent(change(was.map(|l| l.value_um.abs()), Some(line.value_um.abs())));
+        row.extend(before.map(|_| share()));
+        row
+    });
+    Table::new(heads).rows(rows)
 }
 
 fn report(
     args: &Args,
-    (title, acceptance): (&str, &Acceptance),
+    title: &str,
+    judged: &Judged,
     gear: &Gear,
-    after: &[OfFlank],
-    before: Option<&[OfFlank]>,
-    shown: &[(&str, Vec<Panel>)],
-) -> Result<String, Box<dyn std::error::Error>> {
-    let mut origins = vec![Origin::of("data", args.output.data(&args.data))];
-    origins.extend(args.before.as_deref().map(|p| Origin::of("before", p)));
+    figures: &Table,
+    shown: &[(&'static str, Vec<Panel>)],
+) -> Result<String, Failure> {
     let [profile, lead] = [Direction::Profile, Direction::Helix].map(|d| gear.part(d).evaluation);
-    let facts = [
-        (
-            "gear",
-            format!(
-                "z {}, module {} mm, pressure angle {} deg, helix angle {} deg, face width {} mm, tip diameter {} mm",
-                gear.teeth,
-                gear.module_mm,
-                args.pressure_angle_deg,
-                args.helix_angle_deg,
-                gear.face_width_mm,
-                gear.tip_diameter_mm
-            ),
-        ),
-        (
-            "evaluation",
-            format!(
-                "roll length {:.2} to {:.2} mm (control diameter {} mm), face width {} to {} mm",
-                profile[0], profile[1], gear.control_diameter_mm, lead[0], lead[1]
-            ),
-        ),
-    ];
-    let mut page = page::start(
-        title,
-        "Flank deviations of an involute gear, ISO 1328-1:2013",
-        acceptance,
-        &[],
-        &origins,
-        &facts,
+    let Gear { teeth, module_mm, face_width_mm, tip_diameter_mm, control_diameter_mm, .. } = gear;
+    let Args { pressure_angle_deg, helix_angle_deg, .. } = args;
+    let about = format!(
+        "z {teeth}, module {module_mm} mm, pressure angle {pressure_angle_deg} deg, helix angle {helix_angle_deg} deg, \
+         face width {face_width_mm} mm, tip diameter {tip_diameter_mm} mm"
     );
-    let old = before.map(|b| lines(gear, b));
-    let mut head = vec![Cell::head("deviation"), Cell::head("flank")];
-    if old.is_some() {
-        head.extend(["before / µm", "class"].map(Cell::number));
-    }
-    head.extend(["µm", "class", "tolerance / µm"].map(Cell::number));
-    let rows: Vec<Vec<Cell>> = lines(gear, after)
-        .iter()
-        .map(|line| {
-            let mut row = vec![Cell::head(&line.symbol), Cell::text(line.flank)];
-            if let Some(old) = &old {
-                let was = old.iter().find(|l| l.key == line.key);
-                row.push(Cell::number(show(was.map(|l| l.value_um))));
-                row.push(Cell::number(was.map_or_else(String::new, |l| class_text(l.class))));
-            }
-            row.push(Cell::number(format!("{:.2}", line.value_um)));
-            row.push(Cell::number(class_text(line.class)));
-            row.push(Cell::number(show(line.tolerance_um)));
-            row
-        })
-        .collect();
-    page.table(&head, &rows);
+    let evaluation = format!(
+        "roll length {:.2} to {:.2} mm (control diameter {control_diameter_mm} mm), face width {} to {} mm",
+        profile[0], profile[1], lead[0], lead[1]
+    );
+    let facts = [("gear", about), ("evaluation", evaluation)];
+    let standard = "Flank deviations of an involute gear, ISO 1328-1:2013";
+    let mut page = args.output.page([&args.data, &args.before], (title, standard), judged, &facts);
+    figures.put(&mut page);
     let caption = "Deviation of each tooth (number at the left), excess of material upwards, with its mean line over the \
                    evaluation length (dashed ends). Figures are means over the teeth.";
     let step = drawing::step_um(shown);
-    for (i, (heading, panels)) in shown.iter().enumerate() {
-        if !heading.is_empty() {
-            page.heading(heading);
-        }
-        let svg = drawing::single("", panels, step)?;
-        if i + 1 == shown.len() { page.figure(&svg, caption) } else { page.picture(&svg) }
-    }
-    Ok(page::finish(page, &[]))
+    let plot =
+        |(heading, panels): &(&'static str, Vec<Panel>)| Ok((*heading, drawing::single(panels, step)?));
+    page.plots(&shown.iter().map(plot).collect::<Result<Vec<_>, Failure>>()?, caption);
+    Ok(page::finish(page, judged))
 }

@@ -14,15 +14,18 @@ mod uncertainty_args;
 
 use std::path::{Path, PathBuf};
 
-use clap::{Parser, Subcommand};
+use clap::Parser;
 use serde_json::{Map, Value, json};
 
 use super::acceptance::HeadArgs;
 use super::files::write_text;
 use super::numerals::{plain, signed};
-use super::{EX_DATAERR, EX_SOFTWARE, EX_USAGE, Failure, table};
-use crate::acceptance::Stated;
-use crate::acceptance::verdicts::Assessed;
+use super::{Failure, table};
+use crate::acceptance::verdicts::{Assessed, Judged};
+use crate::acceptance::{Acceptance, Stated};
+use crate::report::Page;
+use crate::report::plot::Svg;
+use page::Origin;
 use volcomp_evaluate::Placed;
 
 /// Evaluate a test by ISO 230 or a gear by ISO 1328-1, with the plots of the standards and a report to print
@@ -35,20 +38,21 @@ pub(super) struct Args {
     test: Test,
 }
 
-#[derive(Debug, Subcommand)]
-enum Test {
-    /// Positioning of one axis: reversal, repeatability, systematic deviation, accuracy.
-    Iso230_2(Box<positioning::Args>),
-    /// Circular test: circular deviation G and radial deviation F.
-    Iso230_4(circular::Args),
-    /// Ballbar report: polar plot, causes by rank with remedy, trend over several tests.
-    Ballbar(Box<ballbar::Args>),
-    /// Four body diagonals, each like a positioning test.
-    Iso230_6(diagonals::Args),
-    /// A hole plate or ball plate: offset, rotation, scale and squareness in a plane.
-    Plate(plate::Args),
-    /// Involute gear by ISO 1328-1: profile and helix (lead) deviations and their tolerance classes.
-    Gear(Box<gear::Args>),
+subcommands! {
+    enum Test {
+        /// Positioning of one axis: reversal, repeatability, systematic deviation, accuracy.
+        Iso230_2(Box<positioning::Args>) => positioning::run,
+        /// Circular test: circular deviation G and radial deviation F.
+        Iso230_4(circular::Args) => circular::run,
+        /// Ballbar report: polar plot, causes by rank with remedy, trend over several tests.
+        Ballbar(Box<ballbar::Args>) => ballbar::run,
+        /// Four body diagonals, each like a positioning test.
+        Iso230_6(diagonals::Args) => diagonals::run,
+        /// A hole plate or ball plate: offset, rotation, scale and squareness in a plane.
+        Plate(plate::Args) => plate::run,
+        /// Involute gear by ISO 1328-1: profile and helix (lead) deviations and their tolerance classes.
+        Gear(Box<gear::Args>) => gear::run,
+    }
 }
 
 /// What is written beside the figures.
@@ -74,14 +78,7 @@ struct Output {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    match &args.test {
-        Test::Iso230_2(a) => positioning::run(a),
-        Test::Iso230_4(a) => circular::run(a),
-        Test::Ballbar(a) => ballbar::run(a),
-        Test::Iso230_6(a) => diagonals::run(a),
-        Test::Plate(a) => plate::run(a),
-        Test::Gear(a) => gear::run(a),
-    }
+    args.test.run()
 }
 
 impl Output {
@@ -90,25 +87,48 @@ impl Output {
         named.as_deref().or(self.file.as_deref()).unwrap_or(Path::new("-"))
     }
 
-    /// Writes what was asked for.
-    fn write(
+    /// The heading of report and plot.
+    fn title<'a>(&'a self, default: &'a str) -> &'a str {
+        self.title.as_deref().unwrap_or(default)
+    }
+
+    /// The head of a page: what was tested, from which files, and how it was judged.
+    fn page(
         &self,
-        svg: impl FnOnce() -> super::report::plot::Svg,
-        page: impl FnOnce() -> Result<String, Box<dyn std::error::Error>>,
+        [data, before]: [&Option<PathBuf>; 2],
+        (title, standard): (&str, &str),
+        judged: &Judged,
+        facts: &[(&str, String)],
+    ) -> Page {
+        let mut origins = vec![Origin::of("data", self.data(data))];
+        origins.extend(before.as_deref().map(|path| Origin::of("before", path)));
+        page::start(title, standard, judged, &origins, facts)
+    }
+
+    /// Writes what was asked for; then JSON or text goes to stdout, where that is free.
+    fn deliver(
+        &self,
+        svg: impl FnOnce() -> Svg,
+        page: impl FnOnce() -> Result<String, Failure>,
+        json: impl FnOnce() -> Map<String, Value>,
+        print: impl FnOnce(),
     ) -> Result<(), Failure> {
-        if self.json && [&self.svg, &self.report].into_iter().flatten().any(|p| p.as_os_str() == "-") {
-            return Err(Failure::new(
-                EX_USAGE,
-                "error: --json and a picture or report cannot both go to stdout",
-            ));
+        let stdout_taken = [&self.svg, &self.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
+        if self.json && stdout_taken {
+            return Err(usage!("--json and a picture or report cannot both go to stdout"));
         }
         if let Some(path) = &self.svg {
-            write_text(path, &svg().map_err(drawn)?)?;
+            write_text(path, &svg()?)?;
             note!("plot written: {}", path.display());
         }
         if let Some(path) = &self.report {
-            write_text(path, &page().map_err(drawn)?)?;
+            write_text(path, &page()?)?;
             note!("report written: {}", path.display());
+        }
+        if self.json {
+            say!("{:#}", Value::Object(json()));
+        } else if !stdout_taken {
+            print();
         }
         Ok(())
     }
@@ -126,8 +146,8 @@ pub(crate) struct Compared {
     pub(crate) stated: Stated,
     /// Unit in words.
     pub(crate) unit: &'static str,
-    /// Its figures.
-    pub(crate) figures: Vec<Pair>,
+    /// Its figures, before and after.
+    pub(crate) figures: Vec<[Assessed; 2]>,
     /// Plots at one scale: heading and picture.
     pub(crate) plots: Vec<(&'static str, String)>,
     /// What the plots show.
@@ -138,20 +158,6 @@ pub(crate) struct Compared {
     pub(crate) is_repeated: bool,
     /// Remarks.
     pub(crate) notes: Vec<String>,
-}
-
-/// A figure of two tests.
-pub(crate) struct Pair {
-    /// Key in JSON.
-    pub(crate) key: String,
-    /// In words.
-    pub(crate) name: &'static str,
-    /// Of the test before.
-    pub(crate) before: Option<f64>,
-    /// Of the test after.
-    pub(crate) after: Option<f64>,
-    /// Expanded uncertainty (k = 2) of the measurement of the test after, where stated.
-    pub(crate) expanded: Option<f64>,
 }
 
 /// Options of [`compare`] beside the files.
@@ -177,7 +183,7 @@ pub(crate) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Opti
             Kind::Diagonals => diagonals::compare(files, options).map(Some),
         },
         [None, None] => Ok(None),
-        _ => Err(bad_data(files[1], format_args!("not the same test as {}", files[0].display()))),
+        _ => Err(data!(files[1], "not the same test as {}", files[0].display())),
     }
 }
 
@@ -207,39 +213,33 @@ fn kind(path: &Path) -> Result<Option<Kind>, Failure> {
     })
 }
 
-/// Figures of two tests beside each other.
-fn side_by_side(before: &[Figure], after: Vec<Assessed>) -> Vec<Pair> {
-    let pair = |(b, a): (&Figure, Assessed)| Pair {
-        key: a.key,
-        name: a.name,
-        before: b.value,
-        after: a.value,
-        expanded: a.expanded,
+/// How a figure is taken from a test; none where the data do not have it.
+type Get<T> = fn(&T) -> Option<f64>;
+/// Figures of a test: key of `docs/reference/json-output.md` 3, words, and how it is taken.
+type Figures<T> = [(&'static str, &'static str, Get<T>)];
+
+/// The figures of a test, by their keys with what is behind them, with what is stated; `expanded` gives computed uncertainties.
+fn assess<T>(
+    figures: &Figures<T>,
+    result: &T,
+    acceptance: &Acceptance,
+    unit: &str,
+    expanded: impl Fn(&str) -> Option<f64>,
+) -> Vec<Assessed> {
+    let of = |(key, name, get): &(&str, &'static str, Get<T>)| {
+        acceptance.assess(&format!("{key}{unit}"), name, get(result), expanded(key))
     };
-    before.iter().zip(after).map(pair).collect()
+    figures.iter().map(of).collect()
 }
 
-fn drawn(e: Box<dyn std::error::Error>) -> Failure {
-    Failure::new(EX_SOFTWARE, format_args!("error: picture: {e}"))
+/// The figures by their keys.
+fn values(figures: &[Assessed]) -> Map<String, Value> {
+    figures.iter().map(|f| (f.key.clone(), json!(f.value))).collect()
 }
 
-fn bad_data(file: &Path, what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_DATAERR, format_args!("error: {}: {what}", file.display()))
-}
-
-/// Refuses columns that the test does not know.
-fn only<R: std::io::BufRead>(table: &table::Table<R>, known: &[&str]) -> Result<(), Failure> {
-    match table.columns().iter().position(|c| !known.contains(&c.as_str())) {
-        Some(i) => Err(table.fail(i, format_args!("unknown column; columns are {}", known.join(", ")))),
-        None => Ok(()),
-    }
-}
-
-/// One figure of a test: key of `docs/reference/json-output.md` 3, words, and value where the data have it.
-struct Figure {
-    key: &'static str,
-    name: &'static str,
-    value: Option<f64>,
+/// Figures of two tests beside each other.
+fn side_by_side([before, after]: [Vec<Assessed>; 2]) -> Vec<[Assessed; 2]> {
+    before.into_iter().zip(after).map(|(b, a)| [b, a]).collect()
 }
 
 /// How much a figure changed, relative to before.
@@ -254,7 +254,7 @@ fn percent(share: Option<f64>) -> String {
 }
 
 /// A value with two decimals, or a dash.
-fn show(value: Option<f64>) -> String {
+pub(crate) fn show(value: Option<f64>) -> String {
     value.map_or_else(|| "-".to_owned(), |v| plain(v, 2))
 }
 

@@ -3,12 +3,12 @@
 
 use std::path::Path;
 
-use super::{Figure, change, percent, show};
-use crate::acceptance::verdicts::{Assessed, summary};
-use crate::acceptance::{Acceptance, RULE, file_name, sign};
+use super::{change, percent, show};
+use crate::acceptance::verdicts::{Assessed, Judged, summary};
+use crate::acceptance::{RULE, file_name, sign};
 use crate::input::{self, InputKind};
-use crate::report::Page;
 use crate::report::page::Cell;
+use crate::report::{Page, Table};
 
 /// Where the data of a report came from.
 pub(crate) struct Origin {
@@ -33,17 +33,16 @@ impl Origin {
 pub(crate) fn start(
     title: &str,
     standard: &str,
-    acceptance: &Acceptance,
-    assessed: &[Assessed],
+    judged: &Judged,
     origins: &[Origin],
     facts: &[(&str, String)],
 ) -> Page {
     let mut page = Page::new(title);
     page.paragraph(standard);
-    if let Some(summary) = summary(assessed) {
+    if let Some(summary) = summary(&judged.figures) {
         page.lead(summary);
     }
-    acceptance.head(&mut page);
+    judged.acceptance.head(&mut page);
     let mut rows: Vec<Vec<Cell>> = origins
         .iter()
         .map(|o| {
@@ -56,42 +55,31 @@ pub(crate) fn start(
     page
 }
 
-/// The figures of one test, or of two side by side, with uncertainty, tolerance and verdict of the test after.
-pub(super) fn figures(page: &mut Page, unit: &str, after: &[Assessed], before: Option<&[Figure]>) {
-    let mut head = vec![Cell::head("")];
-    match before {
-        Some(_) => head.extend([
-            Cell::number(format!("before / {unit}")),
-            Cell::number(format!("after / {unit}")),
-            Cell::number("change"),
-        ]),
-        None => head.push(Cell::number(unit)),
+/// The figures, with those before where there are, and how they are judged.
+pub(super) fn figures(unit: &str, after: &[Assessed], before: Option<&[Assessed]>) -> Table {
+    let mut heads = match before {
+        Some(_) => vec!["".into(), format!(">before / {unit}"), format!(">after / {unit}"), ">change".into()],
+        None => vec![String::new(), format!(">{unit}")],
+    };
+    heads.extend(Assessed::heads(unit));
+    let mut table = Table::new(heads);
+    for (i, f) in after.iter().enumerate().filter(|(_, f)| f.value.is_some()) {
+        let mut row = vec![f.name.to_owned()];
+        if let Some(before) = before {
+            let old = before.get(i).and_then(|b| b.value);
+            row.extend([show(old), show(f.value), percent(change(old, f.value))]);
+        } else {
+            row.push(show(f.value));
+        }
+        row.extend(f.words());
+        table.row(row);
     }
-    head.extend(Assessed::heads(unit));
-    let rows: Vec<Vec<Cell>> = after
-        .iter()
-        .enumerate()
-        .filter(|(_, f)| f.value.is_some())
-        .map(|(i, f)| {
-            let mut row = vec![Cell::head(f.name)];
-            if let Some(before) = before {
-                let old = before.get(i).and_then(|b| b.value);
-                row.push(Cell::number(show(old)));
-                row.push(Cell::number(show(f.value)));
-                row.push(Cell::number(percent(change(old, f.value))));
-            } else {
-                row.push(Cell::number(show(f.value)));
-            }
-            row.extend(f.cells());
-            row
-        })
-        .collect();
-    page.table(&head, &rows);
+    table
 }
 
-/// The rule of the verdicts, where there are any, and lines to sign end a report.
-pub(crate) fn finish(mut page: Page, assessed: &[Assessed]) -> String {
-    if assessed.iter().any(|a| a.verdict().is_some()) {
+/// The end of a page, with the rule of its verdicts and lines to sign.
+pub(crate) fn finish(mut page: Page, judged: &Judged) -> String {
+    if judged.has_verdicts() {
         page.note(RULE);
     }
     sign(&mut page);

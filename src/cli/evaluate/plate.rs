@@ -1,20 +1,21 @@
 //! `evaluate plate`: a hole plate or ball plate, measured or made in a plane.
 
 use std::io::Cursor;
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::ValueEnum;
 use serde_json::{Map, Value, json};
 
-use super::page::{self, Origin};
+use super::Output;
+use super::page;
 use super::picture::plate::{self as drawing, Shown};
-use super::{Output, bad_data, only};
 use crate::acceptance::Acceptance;
+use crate::acceptance::verdicts::Judged;
 use crate::input::{self, InputKind};
 use crate::positioning_data::no_rows;
-use crate::report::page::Cell;
-use crate::table::Table;
-use crate::{EX_DATAERR, EX_USAGE, Failure};
+use crate::report::Table;
+use crate::table::Table as Csv;
+use crate::{EX_DATAERR, Failure};
 use volcomp_evaluate::plate::Estimate;
 use volcomp_evaluate::{PlateFit, PlateModel, PlateNorm, PlatePoint};
 use volcomp_formats::hole_plate;
@@ -90,7 +91,7 @@ fn read(args: &Args) -> Result<Plate, Failure> {
         Plate { title: None, points: read_csv(args, text, keep)? }
     };
     if plate.points.is_empty() {
-        return Err(bad_data(path, "no hole of the nominal diameter selected"));
+        return Err(data!(path, "no hole of the nominal diameter selected"));
     }
     Ok(plate)
 }
@@ -100,18 +101,18 @@ fn read_csv(
     text: String,
     keep: impl Fn(Option<f64>) -> bool,
 ) -> Result<Vec<PlatePoint>, Failure> {
-    let mut table = Table::new(Cursor::new(text), args.output.data(&args.data).display().to_string())?;
+    let mut table = Csv::new(Cursor::new(text), args.output.data(&args.data).display().to_string())?;
     let nominal = [table.require("nominal_x_mm")?, table.require("nominal_y_mm")?];
     let deviations = table.find("deviation_x_um").is_some() || table.find("deviation_y_um").is_some();
     let names =
         if deviations { ["deviation_x_um", "deviation_y_um"] } else { ["measured_x_mm", "measured_y_mm"] };
     let values = [table.require(names[0])?, table.require(names[1])?];
-    only(&table, &["nominal_x_mm", "nominal_y_mm", names[0], names[1], "nominal_diameter_mm", "name"])?;
+    table.only(&["nominal_x_mm", "nominal_y_mm", names[0], names[1], "nominal_diameter_mm", "name"])?;
     let diameter = table.find("nominal_diameter_mm");
     if args.nominal_diameter_mm.is_some() && diameter.is_none() {
-        return Err(bad_data(
+        return Err(data!(
             args.output.data(&args.data),
-            "holes are to be selected by diameter, but column nominal_diameter_mm is missing",
+            "holes are to be selected by diameter, but column nominal_diameter_mm is missing"
         ));
     }
     let mut points = Vec::new();
@@ -132,8 +133,9 @@ fn read_csv(
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let acceptance = Acceptance::load(&args.output.head, "", &[])?;
+    let judged = Judged { acceptance, figures: Vec::new() };
     if let Some(bad) = args.std_um.filter(|s| !(s.is_finite() && *s > 0.0)) {
-        return Err(Failure::new(EX_USAGE, format_args!("error: --std-um {bad} is not above 0")));
+        return Err(usage!("--std-um {bad} is not above 0"));
     }
     let plate = read(args)?;
     let model = match args.model {
@@ -146,53 +148,19 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         NormArg::L4 => PlateNorm::Fourth,
     };
     let fit = PlateFit::new(&plate.points, model, norm, args.std_um.map(mm_from_um))
-        .map_err(|e| bad_data(args.output.data(&args.data), e))?;
-    let given = args.output.title.as_deref().or(plate.title.as_deref());
-    let title = given.unwrap_or("Plate");
+        .map_err(|e| data!(args.output.data(&args.data), "{e}"))?;
+    let title = args.output.title(plate.title.as_deref().unwrap_or("Plate"));
     let shown = |title| Shown { title, points: &plate.points, fit: &fit };
-    args.output
-        .write(|| drawing::whole(&shown(title)), || report(args, (title, &acceptance), &plate, &fit))?;
-    if args.output.json {
-        say!("{:#}", Value::Object(as_json(&plate, &fit)));
-        return Ok(());
-    }
-    let stdout_taken =
-        [&args.output.svg, &args.output.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
-    if !stdout_taken {
-        print(args.output.data(&args.data), title, &plate, &fit);
-    }
-    Ok(())
-}
-
-/// One line of the result: words, unit, value, standard uncertainty, significance.
-struct Line {
-    name: &'static str,
-    unit: &'static str,
-    decimals: usize,
-    of: Estimate,
-    /// Whether "is it zero?" is a question.
-    tested: bool,
-}
-
-fn lines(fit: &PlateFit) -> Vec<Line> {
-    let scaled = |e: Estimate, f: fn(f64) -> f64| Estimate { value: f(e.value), std: f(e.std) };
-    let line = |name, unit, decimals, of, tested| Line { name, unit, decimals, of, tested };
-    let ppm = |v: f64| v * 1e6;
-    let mut out = vec![
-        line("offset X", "µm", 1, scaled(fit.offset[0], um_from_mm), false),
-        line("offset Y", "µm", 1, scaled(fit.offset[1], um_from_mm), false),
-        line("rotation", "arcsec", 2, scaled(fit.rotation, arcsec_from_rad), false),
-    ];
-    out.extend(fit.scale.map(|e| line("scale, mean", "ppm", 1, scaled(e, ppm), true)));
-    if let Some([x, y]) = fit.scales {
-        out.push(line("scale X", "ppm", 1, scaled(x, ppm), true));
-        out.push(line("scale Y", "ppm", 1, scaled(y, ppm), true));
-    }
-    out.extend(fit.differential.map(|e| line("scale X - scale Y", "ppm", 1, scaled(e, ppm), true)));
-    out.extend(
-        fit.squareness.map(|e| line("squareness EC0Y", "arcsec", 2, scaled(e, arcsec_from_rad), true)),
-    );
-    out
+    args.output.deliver(
+        || drawing::whole(&shown(title)),
+        || report(args, title, &judged, &plate, &fit),
+        || as_json(&plate, &fit),
+        || {
+            say!("{}: {title}, {} places", args.output.data(&args.data).display(), plate.points.len());
+            estimates(&fit).print();
+            quality(&fit).lines().iter().for_each(|line| say!("{}", line.replace('µ', "u")));
+        },
+    )
 }
 
 /// Probability of a value at least as far from zero where it is zero.
@@ -200,15 +168,14 @@ fn p_value(e: Estimate) -> f64 {
     if e.std > 0.0 { normal_two_sided(e.value / e.std) } else { f64::from(u8::from(e.value == 0.0)) }
 }
 
-fn significance(line: &Line) -> String {
-    match line.tested.then(|| p_value(line.of)) {
-        None => String::new(),
-        Some(p) if p < 0.01 => "significant".to_owned(),
-        Some(p) => format!("not significant (p = {p:.2})"),
+fn significance(e: Estimate) -> String {
+    match p_value(e) {
+        p if p < 0.01 => "significant".to_owned(),
+        p => format!("not significant (p = {p:.2})"),
     }
 }
 
-fn quality(fit: &PlateFit) -> Vec<(&'static str, String)> {
+fn quality(fit: &PlateFit) -> Table {
     let mut out = vec![
         ("radial rms before", format!("{:.2} µm", um_from_mm(fit.rms_before))),
         ("radial rms of the residuals", format!("{:.2} µm", um_from_mm(fit.rms))),
@@ -228,59 +195,70 @@ fn quality(fit: &PlateFit) -> Vec<(&'static str, String)> {
         };
         ("test of fit", format!("chi2 {chi:.1} for {} degrees of freedom, p = {p:.2e}: {verdict}", fit.dof))
     }));
-    out
+    Table::new(["", ""]).rows(out.into_iter().map(|(name, words)| [name.to_owned(), words]))
 }
 
-fn print(file: &Path, title: &str, plate: &Plate, fit: &PlateFit) {
-    say!("{}: {title}, {} places", file.display(), plate.points.len());
-    say!("{:<28}{:>12}{:>12}", "", "value", "u (k=1)");
-    for l in lines(fit) {
-        let (value, std, d) = (l.of.value, l.of.std, l.decimals);
-        let unit = l.unit.replace('µ', "u");
-        let line = format!("{:<28}{value:>12.d$}{std:>12.d$} {unit:<7} {}", l.name, significance(&l));
-        say!("{}", line.trim_end());
+/// What was fitted, each with its standard uncertainty and whether it is significant.
+fn estimates(fit: &PlateFit) -> Table {
+    type Unit = (&'static str, usize, fn(f64) -> f64);
+    const UM: Unit = ("um", 1, um_from_mm);
+    const ARCSEC: Unit = ("arcsec", 2, arcsec_from_rad);
+    const PPM: Unit = ("ppm", 1, |v| v * 1e6);
+    let mut table = Table::new(["", ">value", ">u (k=1)", "", ""]);
+    let mut add = |name: &str, (unit, d, out): Unit, e: Estimate, significance: String| {
+        let [value, std] = [e.value, e.std].map(|v| format!("{:.d$}", out(v)));
+        table.row([name, &value, &std, unit, &significance]);
+    };
+    add("offset X", UM, fit.offset[0], String::new());
+    add("offset Y", UM, fit.offset[1], String::new());
+    add("rotation", ARCSEC, fit.rotation, String::new());
+    let [x, y] = [fit.scales.map(|s| s[0]), fit.scales.map(|s| s[1])];
+    for (name, unit, found) in [
+        ("scale, mean", PPM, fit.scale),
+        ("scale X", PPM, x),
+        ("scale Y", PPM, y),
+        ("scale X - scale Y", PPM, fit.differential),
+        ("squareness EC0Y", ARCSEC, fit.squareness),
+    ] {
+        found.into_iter().for_each(|e| add(name, unit, e, significance(e)));
     }
-    for (name, text) in quality(fit) {
-        say!("{name:<28} {}", text.replace('µ', "u"));
-    }
+    table
 }
 
 fn as_json(plate: &Plate, fit: &PlateFit) -> Map<String, Value> {
     let estimate = |e: Estimate, f: fn(f64) -> f64| json!({"value": f(e.value), "std": f(e.std)});
     let ppm = |v: f64| v * 1e6;
-    let mut out = Map::new();
-    let mut put = |key: &str, value: Value| {
-        out.insert(key.to_owned(), value);
-    };
-    put("points", json!(plate.points.len()));
-    put("title", json!(plate.title));
-    put("offset_x_mm", estimate(fit.offset[0], |v| v));
-    put("offset_y_mm", estimate(fit.offset[1], |v| v));
-    put("rotation_deg", estimate(fit.rotation, deg_from_rad));
-    put("scale_ppm", json!(fit.scale.map(|e| estimate(e, ppm))));
-    put("scale_x_ppm", json!(fit.scales.map(|[x, _]| estimate(x, ppm))));
-    put("scale_y_ppm", json!(fit.scales.map(|[_, y]| estimate(y, ppm))));
-    put("scale_x_minus_y_ppm", json!(fit.differential.map(|e| estimate(e, ppm))));
-    put("ec0y_arcsec", json!(fit.squareness.map(|e| estimate(e, arcsec_from_rad))));
-    put("rms_before_um", json!(um_from_mm(fit.rms_before)));
-    put("rms_um", json!(um_from_mm(fit.rms)));
-    put("rms_left_out_um", json!(fit.rms_left_out.map(um_from_mm)));
-    put("largest_um", json!(um_from_mm(fit.largest.1)));
-    put("largest_point", json!(fit.largest.0 + 1));
-    put("dof", json!(fit.dof));
-    put("chi_square", json!(fit.chi_square.map(|c| c.0)));
-    put("p_value", json!(fit.chi_square.map(|c| c.1)));
-    let residuals: Vec<[f64; 2]> = fit.residuals.iter().map(|r| r.map(um_from_mm)).collect();
-    put("residuals_um", json!(residuals));
-    out
+    let report = json!({
+        "points": plate.points.len(),
+        "title": plate.title,
+        "offset_x_mm": estimate(fit.offset[0], |v| v),
+        "offset_y_mm": estimate(fit.offset[1], |v| v),
+        "rotation_deg": estimate(fit.rotation, deg_from_rad),
+        "scale_ppm": fit.scale.map(|e| estimate(e, ppm)),
+        "scale_x_ppm": fit.scales.map(|[x, _]| estimate(x, ppm)),
+        "scale_y_ppm": fit.scales.map(|[_, y]| estimate(y, ppm)),
+        "scale_x_minus_y_ppm": fit.differential.map(|e| estimate(e, ppm)),
+        "ec0y_arcsec": fit.squareness.map(|e| estimate(e, arcsec_from_rad)),
+        "rms_before_um": um_from_mm(fit.rms_before),
+        "rms_um": um_from_mm(fit.rms),
+        "rms_left_out_um": fit.rms_left_out.map(um_from_mm),
+        "largest_um": um_from_mm(fit.largest.1),
+        "largest_point": fit.largest.0 + 1,
+        "dof": fit.dof,
+        "chi_square": fit.chi_square.map(|c| c.0),
+        "p_value": fit.chi_square.map(|c| c.1),
+        "residuals_um": fit.residuals.iter().map(|r| r.map(um_from_mm)).collect::<Vec<_>>(),
+    });
+    report.as_object().cloned().unwrap_or_default()
 }
 
 fn report(
     args: &Args,
-    (title, acceptance): (&str, &Acceptance),
+    title: &str,
+    judged: &Judged,
     plate: &Plate,
     fit: &PlateFit,
-) -> Result<String, Box<dyn std::error::Error>> {
+) -> Result<String, Failure> {
     let model = match args.model {
         ModelArg::Rigid => "offset and rotation",
         ModelArg::Similarity => "offset, rotation and one scale",
@@ -290,44 +268,16 @@ fn report(
         NormArg::L2 => "sum of squares",
         NormArg::L4 => "sum of fourth powers",
     };
-    let facts = [
-        ("places", plate.points.len().to_string()),
-        ("fitted", model.to_owned()),
-        ("minimised", norm.to_owned()),
-    ];
-    let origins = [Origin::of("data", args.output.data(&args.data))];
-    let mut page = page::start(
-        title,
-        "Plate in a plane: measured = offset + matrix times nominal",
-        acceptance,
-        &[],
-        &origins,
-        &facts,
-    );
-    let head =
-        [Cell::head(""), Cell::number("value"), Cell::number("u (k=1)"), Cell::head(""), Cell::head("")];
-    let rows: Vec<Vec<Cell>> = lines(fit)
-        .iter()
-        .map(|l| {
-            let number = |v: f64| Cell::number(format!("{v:.d$}", d = l.decimals));
-            vec![
-                Cell::head(l.name),
-                number(l.of.value),
-                number(l.of.std),
-                Cell::text(l.unit),
-                Cell::text(significance(l)),
-            ]
-        })
-        .collect();
-    page.table(&head, &rows);
-    let rows: Vec<Vec<Cell>> =
-        quality(fit).into_iter().map(|(n, t)| vec![Cell::head(n), Cell::text(t)]).collect();
-    page.table(&[], &rows);
-    let shown = Shown { title: "", points: &plate.points, fit };
+    let places = plate.points.len().to_string();
+    let facts = [("places", places), ("fitted", model.to_owned()), ("minimised", norm.to_owned())];
+    let standard = "Plate in a plane: measured = offset + matrix times nominal";
+    let mut page = args.output.page([&args.data, &None], (title, standard), judged, &facts);
+    estimates(fit).put(&mut page);
+    quality(fit).put(&mut page);
     page.figure(
-        &drawing::whole(&shown)?,
+        &drawing::whole(&Shown { title: "", points: &plate.points, fit })?,
         "Left: measured minus nominal. Right: what the fit leaves. Arrows start at the nominal place and are magnified as \
          the scales say; vermillion: the largest.",
     );
-    Ok(page::finish(page, &[]))
+    Ok(page::finish(page, judged))
 }

@@ -4,20 +4,17 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Map, Value, json};
 
-use super::page::{self, Origin};
-use super::picture::positioning::Shown;
+use super::page;
+use super::picture::positioning::{self as drawing, Shown};
 use super::uncertainty_args::UncertaintyArgs;
-use super::{
-    CompareOptions, Compared, Figure, Output, bad_data, change, drawn, percent, picture, put_before, show,
-    side_by_side,
-};
-use crate::acceptance::verdicts::{self, Assessed, NOT_STATED};
+use super::{CompareOptions, Compared, Figures, Output, assess, put_before, show, side_by_side, values};
+use crate::Failure;
+use crate::acceptance::verdicts::{Assessed, Judged, NOT_STATED};
 use crate::acceptance::{Acceptance, Stated};
 use crate::numerals::counted;
 use crate::positioning_data::{Cycles, TestFormat, read_test};
-use crate::report::page::Cell;
-use crate::start_up::{StartUp, in_report_units};
-use crate::{EX_USAGE, Failure};
+use crate::report::{Page, Table};
+use crate::start_up::{StartUp, in_report_units, words};
 use volcomp_evaluate::uncertainty::Expanded;
 use volcomp_evaluate::{Conditions, Placed, Positioning, PositioningReading, Spread, Uncertainties};
 use volcomp_units::axes::{AxisKind, Travel};
@@ -69,28 +66,33 @@ impl Evaluated {
         }
     }
 
-    fn shown<'a>(&'a self, title: &'a str) -> Shown<'a> {
+    fn shown(&self) -> Shown<'_> {
         let (_, unit, target_unit) = self.units();
-        Shown { title, result: &self.result, readings: &self.readings, unit, target_unit }
+        Shown { result: &self.result, readings: &self.readings, unit, target_unit }
     }
 }
 
-fn read(args: &Args, path: &Path) -> Result<Evaluated, Failure> {
-    let (mut test, stated) = read_test(path, args.format)?;
-    if let Some(cycles) = &args.cycles {
+fn read(
+    path: &Path,
+    format: TestFormat,
+    cycles: Option<&Cycles>,
+    uncertainty: &UncertaintyArgs,
+) -> Result<Evaluated, Failure> {
+    let (mut test, stated) = read_test(path, format)?;
+    if let Some(cycles) = cycles {
         cycles.select(&path.display().to_string(), &mut test)?;
     }
     let readings: Vec<PositioningReading> =
         test.readings.iter().map(|r| in_report_units(test.kind, r)).collect();
-    let result = Positioning::evaluate(&readings).map_err(|e| bad_data(path, e))?;
+    let result = Positioning::evaluate(&readings).map_err(|e| data!(path, "{e}"))?;
     if result.cycles < 5 {
         note!("note: {}: {}; ISO 230-2 asks for 5", path.display(), counted(result.cycles, "cycle"));
     }
-    let conditions = args.uncertainty.conditions(test.kind)?;
+    let conditions = uncertainty.conditions(test.kind)?;
     let uncertainties = Uncertainties::of(&result, &conditions, length(&result));
     let start_up = StartUp::of(&test);
     for m in start_up.iter().flat_map(|s| &s.marked) {
-        note!("warning: {}:{}: {}; kept in the results", path.display(), m.line, m.words(test.kind));
+        note!("warning: {}:{}: {}; kept in the results", path.display(), m.line, words(m, test.kind));
     }
     Ok(Evaluated { kind: test.kind, readings, result, uncertainties, start_up, stated })
 }
@@ -107,15 +109,9 @@ fn keys() -> Vec<String> {
 
 /// The figures of a test with tolerances and stated uncertainties.
 fn assessed(acceptance: &Acceptance, test: &Evaluated) -> Vec<Assessed> {
-    let (unit, ..) = test.units();
     let stated = stated(&test.uncertainties);
-    figures(&test.result)
-        .into_iter()
-        .map(|f| {
-            let expanded = stated.iter().find(|(key, _)| *key == f.key).map(|(_, u)| *u);
-            acceptance.assess(&format!("{}_{unit}", f.key), f.name, f.value, expanded)
-        })
-        .collect()
+    let expanded = |key: &str| stated.iter().find(|(k, _)| *k == key).map(|(_, u)| *u);
+    assess(FIGURES, &test.result, acceptance, &format!("_{}", test.units().0), expanded)
 }
 
 /// Expanded uncertainties of the measurement by the keys of the figures; none where nothing was stated.
@@ -136,55 +132,45 @@ fn measured(u: &Uncertainties, key: &str, e: &Expanded) -> Option<f64> {
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut acceptance = Acceptance::load(&args.output.head, "iso230-2", &keys())?;
-    let after = read(args, args.output.data(&args.data))?;
+    let read = |path: &Path| read(path, args.format, args.cycles.as_ref(), &args.uncertainty);
+    let after = read(args.output.data(&args.data))?;
     acceptance.fill(after.stated.clone());
-    let assessed = assessed(&acceptance, &after);
-    let before = args.before.as_deref().map(|path| read(args, path)).transpose()?;
+    let judged = Judged { figures: assessed(&acceptance, &after), acceptance };
+    let before = args.before.as_deref().map(read).transpose()?;
     if let (Some(before), Some(path)) = (&before, &args.before)
         && before.kind != after.kind
     {
-        return Err(bad_data(
-            path,
-            "one of the two tests is linear, the other rotary; they cannot be compared",
-        ));
+        return Err(data!(path, "one of the two tests is linear, the other rotary; they cannot be compared"));
     }
-    let title = args.output.title.as_deref().unwrap_or("Positioning of an axis");
-    args.output.write(
-        || {
-            picture::positioning::whole(
-                &after.shown(title),
-                before.as_ref().map(|b| b.shown("before")).as_ref(),
-            )
-        },
-        || report(args, title, &acceptance, &assessed, &after, before.as_ref()),
-    )?;
+    let old = before.as_ref().map(|b| assessed(&Acceptance::default(), b));
+    let title = args.output.title("Positioning of an axis");
     let (key, ..) = after.units();
-    if args.output.json {
-        let mut out = as_json(&after.result, key, |v| v);
-        put_uncertainties(&mut out, &after.uncertainties, key);
-        put_start_up(&mut out, &after, key);
-        verdicts::put(&mut out, &assessed);
-        if let Some(before) = &before {
-            put_before(&mut out, as_json(&before.result, key, |v| v));
-        }
-        say!("{:#}", Value::Object(out));
-        return Ok(());
-    }
-    let stdout_taken =
-        [&args.output.svg, &args.output.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
-    if !stdout_taken {
-        let (file, p) = (args.output.data(&args.data).display(), &after.result);
-        let (targets, cycles) = (counted(p.targets.len(), "target"), counted(p.cycles, "cycle"));
-        say!("ISO 230-2 of {file}: {targets}, {cycles}");
-        print(p, key, |v| v);
-        print_uncertainties(&after.uncertainties, key);
-        verdicts::print(&assessed, key);
-        print_start_up(&after, key);
-        if let Some(before) = &before {
-            print_change(&before.result, p, key);
-        }
-    }
-    Ok(())
+    args.output.deliver(
+        || drawing::whole(title, &after.shown(), before.as_ref().map(Evaluated::shown).as_ref()),
+        || report(args, title, &judged, &after, before.as_ref().zip(old.as_deref())),
+        || {
+            let mut out = as_json(&after.result, key);
+            put_uncertainties(&mut out, &after.uncertainties, key);
+            put_start_up(&mut out, &after, key);
+            judged.put(&mut out);
+            if let Some(before) = &before {
+                put_before(&mut out, as_json(&before.result, key));
+            }
+            out
+        },
+        || {
+            let (file, p) = (args.output.data(&args.data).display(), &after.result);
+            let (targets, cycles) = (counted(p.targets.len(), "target"), counted(p.cycles, "cycle"));
+            say!("ISO 230-2 of {file}: {targets}, {cycles}");
+            table(p, key).print();
+            print_uncertainties(&after.uncertainties, key);
+            print_start_up(&after, key);
+            if old.is_some() || judged.has_verdicts() {
+                say!();
+                page::figures(key, &judged.figures, old.as_deref()).print();
+            }
+        },
+    )
 }
 
 /// How many of the figures belong to both directions.
@@ -193,14 +179,8 @@ const BOTH: usize = 6;
 const OWN_SCALE: f64 = 0.4;
 const STANDARD: &str = "Accuracy and repeatability of positioning, ISO 230-2:2014";
 
-/// The figures of a test by their keys.
-fn figures(p: &Positioning) -> [Figure; 12] {
-    FIGURES.map(|(key, name, of)| Figure { key, name, value: of(p) })
-}
-
-type Get = fn(&Positioning) -> Option<f64>;
 /// Key, term of ISO 230-2:2014, and how a figure is taken from a test.
-const FIGURES: [(&str, &str, Get); 12] = [
+const FIGURES: &Figures<Positioning> = &[
     ("b", "reversal error B", |p| p.both.map(|b| b.b)),
     ("b_mean", "mean reversal error", |p| p.both.map(|b| b.b_mean)),
     ("r", "bidirectional repeatability R", |p| p.both.map(|b| b.r)),
@@ -216,9 +196,9 @@ const FIGURES: [(&str, &str, Get); 12] = [
 ];
 
 /// The keys of `docs/reference/json-output.md` 3.
-pub(super) fn as_json(p: &Positioning, unit: &str, scale: fn(f64) -> f64) -> Map<String, Value> {
-    let mut map: Map<String, Value> =
-        figures(p).into_iter().map(|f| (format!("{}_{unit}", f.key), json!(f.value.map(scale)))).collect();
+pub(super) fn as_json(p: &Positioning, unit: &str) -> Map<String, Value> {
+    let none = |_: &str| None;
+    let mut map = values(&assess(FIGURES, p, &Acceptance::default(), &format!("_{unit}"), none));
     map.insert("targets".to_owned(), json!(p.targets.len()));
     map.insert("cycles".to_owned(), json!(p.cycles));
     map
@@ -239,54 +219,55 @@ fn uncertain(u: &Uncertainties) -> Vec<(&'static str, &'static str, Expanded)> {
 }
 
 fn put_uncertainties(out: &mut Map<String, Value>, u: &Uncertainties, unit: &str) {
-    let mut map = Map::new();
-    for (key, _, e) in uncertain(u) {
-        let of = json!({format!("measurement_{unit}"): measured(u, key, &e), format!("sampling_{unit}"): e.sampling});
-        map.insert(key.to_owned(), of);
-    }
-    out.insert("expanded_uncertainty_k2".to_owned(), Value::Object(map));
-    let contributions: Vec<Value> =
-        u.contributions.iter().map(|c| json!({"name": c.name, format!("std_{unit}"): c.std})).collect();
-    out.insert("contributions".to_owned(), Value::Array(contributions));
+    let of = |(key, _, e): (&str, _, Expanded)| {
+        let measured = measured(u, key, &e);
+        (
+            key.to_owned(),
+            json!({format!("measurement_{unit}"): measured, format!("sampling_{unit}"): e.sampling}),
+        )
+    };
+    out.insert(
+        "expanded_uncertainty_k2".to_owned(),
+        Value::Object(uncertain(u).into_iter().map(of).collect()),
+    );
+    let contributions = u.contributions.iter().map(|c| json!({"name": c.name, format!("std_{unit}"): c.std}));
+    out.insert("contributions".to_owned(), contributions.collect());
 }
 
-pub(super) fn print(p: &Positioning, unit: &str, scale: fn(f64) -> f64) {
-    let row = |name: &str, values: [Option<f64>; 3]| {
-        let [f, b, both] = values.map(|v| show(v.map(scale)));
-        say!("{name:<32}{f:>12}{b:>12}{both:>16}");
-    };
+/// The figures of each direction and of both.
+pub(super) fn table(p: &Positioning, unit: &str) -> Table {
     let (f, b, both) = (p.forward, p.backward, p.both);
-    say!("{:<32}{:>12}{:>12}{:>16}", unit, "forward", "backward", "bidirectional");
-    row("reversal error B", [None, None, both.map(|x| x.b)]);
-    row("mean reversal error", [None, None, both.map(|x| x.b_mean)]);
-    row("repeatability R", [f.map(|x| x.r), b.map(|x| x.r), both.map(|x| x.r)]);
-    row("systematic positioning error E", [f.map(|x| x.e), b.map(|x| x.e), both.map(|x| x.e)]);
-    row("mean positioning error M", [None, None, both.map(|x| x.m)]);
-    row("positioning accuracy A", [f.map(|x| x.a), b.map(|x| x.a), both.map(|x| x.a)]);
+    Table::new([unit, ">forward", ">backward", ">bidirectional"]).rows(
+        [
+            ("reversal error B", [None, None, both.map(|x| x.b)]),
+            ("mean reversal error", [None, None, both.map(|x| x.b_mean)]),
+            ("repeatability R", [f.map(|x| x.r), b.map(|x| x.r), both.map(|x| x.r)]),
+            ("systematic positioning error E", [f.map(|x| x.e), b.map(|x| x.e), both.map(|x| x.e)]),
+            ("mean positioning error M", [None, None, both.map(|x| x.m)]),
+            ("positioning accuracy A", [f.map(|x| x.a), b.map(|x| x.a), both.map(|x| x.a)]),
+        ]
+        .map(|(name, values)| [&[name.to_owned()], &values.map(show)[..]].concat()),
+    )
 }
 
 /// The start-up outliers and the figures without them.
 fn put_start_up(out: &mut Map<String, Value>, test: &Evaluated, unit: &str) {
     let Some(start_up) = &test.start_up else { return };
     let target = if test.kind == AxisKind::Linear { "target_mm" } else { "target_deg" };
-    let marked: Vec<Value> = start_up
-        .marked
-        .iter()
-        .map(|m| {
-            json!({
-                "line": m.line,
-                target: m.target,
-                "direction": if m.travel == Travel::Forward { 1 } else { -1 },
-                "cycle": m.cycle,
-                format!("deviation_{unit}"): m.deviation,
-                format!("apart_{unit}"): m.apart,
-                format!("limit_{unit}"): m.limit,
-            })
+    let marked = start_up.marked.iter().map(|m| {
+        json!({
+            "line": m.line,
+            target: m.target,
+            "direction": if m.travel == Travel::Forward { 1 } else { -1 },
+            "cycle": m.cycle,
+            format!("deviation_{unit}"): m.deviation,
+            format!("apart_{unit}"): m.apart,
+            format!("limit_{unit}"): m.limit,
         })
-        .collect();
-    out.insert("start_up_outliers".to_owned(), Value::Array(marked));
-    let without = start_up.without.as_ref().map(|p| Value::Object(as_json(p, unit, |v| v)));
-    out.insert("without_start_up_outliers".to_owned(), without.unwrap_or(Value::Null));
+    });
+    out.insert("start_up_outliers".to_owned(), marked.collect());
+    let without = start_up.without.as_ref().map(|p| as_json(p, unit));
+    out.insert("without_start_up_outliers".to_owned(), json!(without));
 }
 
 fn print_start_up(test: &Evaluated, unit: &str) {
@@ -294,9 +275,16 @@ fn print_start_up(test: &Evaluated, unit: &str) {
     say!();
     say!("without {}", outliers_in_words(start_up));
     match &start_up.without {
-        Some(p) => print(p, unit, |v| v),
+        Some(p) => with_and_without(test, p, unit).print(),
         None => say!("too few readings are left at a target"),
     }
+}
+
+/// The figures with the start-up outliers and without them.
+fn with_and_without(test: &Evaluated, without: &Positioning, unit: &str) -> Table {
+    let rows = FIGURES.iter().filter(|(.., get)| get(&test.result).is_some());
+    Table::new(["figure".to_owned(), format!(">with them / {unit}"), format!(">without / {unit}")])
+        .rows(rows.map(|(_, name, get)| [(*name).to_owned(), show(get(&test.result)), show(get(without))]))
 }
 
 /// `2 start-up outliers (lines 23, 25)`.
@@ -306,50 +294,32 @@ fn outliers_in_words(start_up: &StartUp) -> String {
     format!("{} start-up outlier{s} ({line} {})", lines.len(), lines.join(", "))
 }
 
-fn print_uncertainties(u: &Uncertainties, unit: &str) {
-    let Some(both) = u.both else { return };
-    let stated = !u.contributions.is_empty();
-    say!();
-    say!("{:<28}{:>12}{:>12}{:>8}{:>8}{:>8}", format!("expanded, k = 2, {unit}"), "B", "R", "E", "M", "A");
-    let row = |name: &str, values: [Option<f64>; 5]| {
-        let [b, r, e, m, a] = values.map(show);
-        say!("{name:<28}{b:>12}{r:>12}{e:>8}{m:>8}{a:>8}");
-    };
-    if stated {
-        let [b, r, e, m, a] = both.each_ref();
-        row(
-            "measurement",
-            [("b", b), ("r", r), ("e", e), ("m", m), ("a", a)].map(|(key, e)| measured(u, key, e)),
-        );
-    }
-    row("few runs", both.each_ref().map(|e| Some(e.sampling)));
-    if !stated {
-        say!(
-            "measurement: nothing stated about instrument, temperature and drift (--help names the options)"
-        );
-    }
+/// The expanded uncertainties of the figures: of the measurement and from few runs.
+fn uncertainties(u: &Uncertainties, unit: &str) -> Table {
+    let rows = uncertain(u).into_iter().map(|(key, name, e)| {
+        let measurement = measured(u, key, &e).map_or_else(|| NOT_STATED.to_owned(), |u| format!("{u:.2}"));
+        [name.to_owned(), measurement, format!("{:.2}", e.sampling)]
+    });
+    let heads = [format!(">of the measurement / {unit}"), format!(">from few runs / {unit}")];
+    Table::new(["expanded uncertainty, k = 2", &heads[0], &heads[1]]).rows(rows)
 }
 
-fn print_change(before: &Positioning, after: &Positioning, unit: &str) {
+fn print_uncertainties(u: &Uncertainties, unit: &str) {
     say!();
-    say!("{:<46}{:>12}{:>12}{:>10}", format!("change, {unit}"), "before", "after", "");
-    for (b, a) in figures(before).into_iter().zip(figures(after)).filter(|(_, a)| a.value.is_some()) {
-        let share = percent(change(b.value, a.value));
-        say!("{:<46}{:>12}{:>12}{share:>10}", a.name, show(b.value), show(a.value));
+    uncertainties(u, unit).print();
+    if u.contributions.is_empty() {
+        say!("nothing stated about instrument, temperature and drift (--help names the options)");
     }
 }
 
 fn report(
     args: &Args,
     title: &str,
-    acceptance: &Acceptance,
-    assessed: &[Assessed],
+    judged: &Judged,
     after: &Evaluated,
-    before: Option<&Evaluated>,
-) -> Result<String, Box<dyn std::error::Error>> {
+    before: Option<(&Evaluated, &[Assessed])>,
+) -> Result<String, Failure> {
     let (_, unit, target_unit) = after.units();
-    let mut origins = vec![Origin::of("data", args.output.data(&args.data))];
-    origins.extend(args.before.as_deref().map(|p| Origin::of("before", p)));
     let size = |p: &Positioning| {
         let ends = p.targets.first().zip(p.targets.last());
         let [low, high] = ends.map_or([0.0; 2], |(a, b)| [a.target, b.target]);
@@ -358,175 +328,109 @@ fn report(
         format!("{targets} from {low} to {high} {target_unit}, {runs}{short}")
     };
     let mut facts = vec![("test", size(&after.result))];
-    facts.extend(before.map(|b| ("test before", size(&b.result))));
-    let mut page = page::start(title, STANDARD, acceptance, assessed, &origins, &facts);
-    let old = before.map(|b| figures(&b.result));
-    let old = |range: core::ops::Range<usize>| old.as_ref().map(|o| &o[range]);
-    page::figures(&mut page, unit, &assessed[..BOTH], old(0..BOTH));
+    facts.extend(before.map(|(b, _)| ("test before", size(&b.result))));
+    let mut page = args.output.page([&args.data, &args.before], (title, STANDARD), judged, &facts);
+    page::figures(unit, &judged.figures[..BOTH], before.map(|(_, old)| &old[..BOTH])).put(&mut page);
     let caption = "Deviation = actual - target. Solid: mean of each direction, band: ± 2 s, dots: readings, dashed: mean of both \
                    directions. B and R are marked where they occur, M, E and A are the ranges at the right.";
-    let own = picture::positioning::scale([Some(&after.result)], [&after.readings[..]]);
-    let mut scale = own;
-    let height = match before {
-        Some(_) => picture::positioning::HALF_HEIGHT,
-        None => picture::positioning::HEIGHT,
-    };
-    if let Some(before) = before {
-        let both = [Some(&after.result), Some(&before.result)];
-        scale = picture::positioning::scale(both, [&after.readings[..], &before.readings[..]]);
-        page.heading("Before");
-        page.picture(&picture::positioning::single(&before.shown(""), scale, height)?);
-        page.heading("After, same scale");
+    let own = drawing::scale([Some(&after.result)], [&after.readings[..]]);
+    let plot = |test: &Evaluated, scale, height| drawing::single(&test.shown(), scale, height);
+    if let Some((before, _)) = before {
+        let scale = common_scale([before, after]);
+        let [upper, lower] = [before, after].map(|test| plot(test, scale, drawing::HALF_HEIGHT));
+        page.plots(&[("Before", upper?), ("After, same scale", lower?)], caption);
+        // where the test improved much, its own scale shows what is left
+        if own[1] - own[0] < OWN_SCALE * (scale[1] - scale[0]) {
+            page.sheet("After, own scale");
+            page.picture(&plot(after, own, drawing::HEIGHT)?);
+        }
     } else {
-        page.heading("Deviations");
-    }
-    page.figure(&picture::positioning::single(&after.shown(""), scale, height)?, caption);
-    // where the test improved much, its own scale shows what is left
-    if own[1] - own[0] < OWN_SCALE * (scale[1] - scale[0]) {
-        page.sheet("After, own scale");
-        page.picture(&picture::positioning::single(&after.shown(""), own, picture::positioning::HEIGHT)?);
+        page.plots(&[("Deviations", plot(after, own, drawing::HEIGHT)?)], caption);
     }
     start_up_section(&mut page, after, unit);
     page.heading("Each direction");
-    page::figures(&mut page, unit, &assessed[BOTH..], old(BOTH..assessed.len()));
+    page::figures(unit, &judged.figures[BOTH..], before.map(|(_, old)| &old[BOTH..])).put(&mut page);
     uncertainty_section(&mut page, &after.uncertainties, unit);
     page.heading("Targets");
     targets(&mut page, &after.result, unit, target_unit);
-    if let Some(before) = before {
+    if let Some((before, _)) = before {
         page.heading("Targets before");
         targets(&mut page, &before.result, unit, target_unit);
     }
-    Ok(page::finish(page, assessed))
+    Ok(page::finish(page, judged))
+}
+
+/// The scale that holds both tests.
+fn common_scale(tests: [&Evaluated; 2]) -> [f64; 2] {
+    drawing::scale(tests.map(|t| Some(&t.result)), tests.map(|t| &t.readings[..]))
 }
 
 /// Start-up outliers with the figures with and without them.
-fn start_up_section(page: &mut crate::report::Page, test: &Evaluated, unit: &str) {
+fn start_up_section(page: &mut Page, test: &Evaluated, unit: &str) {
     let Some(start_up) = &test.start_up else { return };
     page.heading("Start-up outliers");
     let list: Vec<String> =
-        start_up.marked.iter().map(|m| format!("Line {}: {}.", m.line, m.words(test.kind))).collect();
+        start_up.marked.iter().map(|m| format!("Line {}: {}.", m.line, words(m, test.kind))).collect();
     page.note(list.join(" "));
     if let Some(without) = &start_up.without {
-        let head = [
-            Cell::head("figure"),
-            Cell::number(format!("with them / {unit}")),
-            Cell::number(format!("without / {unit}")),
-        ];
-        let rows: Vec<Vec<Cell>> = figures(&test.result)
-            .into_iter()
-            .zip(figures(without))
-            .filter(|(f, _)| f.value.is_some())
-            .map(|(with, without)| {
-                vec![Cell::head(with.name), Cell::number(show(with.value)), Cell::number(show(without.value))]
-            })
-            .collect();
-        page.table(&head, &rows);
+        with_and_without(test, without, unit).put(page);
     }
     page.note("The results of this report hold all readings. Repeat the test after a warm-up.");
 }
 
-fn uncertainty_section(page: &mut crate::report::Page, u: &Uncertainties, unit: &str) {
+fn uncertainty_section(page: &mut Page, u: &Uncertainties, unit: &str) {
     page.heading("Uncertainty");
-    let stated = !u.contributions.is_empty();
-    if stated {
-        let rows: Vec<Vec<Cell>> = u
-            .contributions
-            .iter()
-            .map(|c| vec![Cell::head(c.name), Cell::number(format!("{:.2}", c.std))])
-            .collect();
-        page.table(
-            &[Cell::head("contribution"), Cell::number(format!("standard uncertainty / {unit}"))],
-            &rows,
-        );
+    if !u.contributions.is_empty() {
+        let rows = u.contributions.iter().map(|c| [c.name.to_owned(), format!("{:.2}", c.std)]);
+        Table::new(["contribution", &format!(">standard uncertainty / {unit}")]).rows(rows).put(page);
     }
-    let head = [
-        Cell::head("expanded uncertainty, k = 2"),
-        Cell::number(format!("of the measurement / {unit}")),
-        Cell::number(format!("from few runs / {unit}")),
-    ];
-    let rows: Vec<Vec<Cell>> = uncertain(u)
-        .into_iter()
-        .map(|(key, name, e)| {
-            let measurement =
-                measured(u, key, &e).map_or_else(|| NOT_STATED.to_owned(), |u| format!("{u:.2}"));
-            vec![Cell::head(name), Cell::number(measurement), Cell::number(format!("{:.2}", e.sampling))]
-        })
-        .collect();
-    page.table(&head, &rows);
+    uncertainties(u, unit).put(page);
     page.note(
         "Measurement: instrument, alignment, temperature and drift, as far as they were stated. Few runs: what the scatter \
          of the readings does to means and standard deviations of so few runs (first order).",
     );
 }
 
-fn targets(page: &mut crate::report::Page, p: &Positioning, unit: &str, target_unit: &str) {
-    let head: Vec<Cell> = [
-        format!("target / {target_unit}"),
-        format!("mean forward / {unit}"),
-        "s".to_owned(),
-        "mean backward".to_owned(),
-        "s".to_owned(),
-        "mean of both".to_owned(),
-        "B".to_owned(),
-        "R".to_owned(),
-    ]
-    .into_iter()
-    .map(Cell::number)
-    .collect();
-    let rows: Vec<Vec<Cell>> = p
-        .targets
-        .iter()
-        .map(|t| {
-            let mean = |s: Option<Spread>| show(s.map(|s| s.mean));
-            let spread = |s: Option<Spread>| show(s.map(|s| s.s));
-            [
-                format!("{}", (t.target * 1e6).round() / 1e6),
-                mean(t.forward),
-                spread(t.forward),
-                mean(t.backward),
-                spread(t.backward),
-                show(t.mean()),
-                show(t.reversal()),
-                show(t.repeatability()),
-            ]
-            .into_iter()
-            .map(Cell::number)
-            .collect()
-        })
-        .collect();
-    page.table(&head, &rows);
+fn targets(page: &mut Page, p: &Positioning, unit: &str, target_unit: &str) {
+    let (target, forward) = (format!(">target / {target_unit}"), format!(">mean forward / {unit}"));
+    let rows = p.targets.iter().map(|t| {
+        let mean = |s: Option<Spread>| show(s.map(|s| s.mean));
+        let spread = |s: Option<Spread>| show(s.map(|s| s.s));
+        [
+            format!("{}", (t.target * 1e6).round() / 1e6),
+            mean(t.forward),
+            spread(t.forward),
+            mean(t.backward),
+            spread(t.backward),
+            show(t.mean()),
+            show(t.reversal()),
+            show(t.repeatability()),
+        ]
+    });
+    Table::new([&target, &forward, ">s", ">mean backward", ">s", ">mean of both", ">B", ">R"])
+        .rows(rows)
+        .put(page);
 }
 
 /// Two tests for `volcomp verify`.
 pub(super) fn compare(files: [&Path; 2], options: CompareOptions) -> Result<Compared, Failure> {
-    let read = |path: &Path| -> Result<Evaluated, Failure> {
-        let words = ["iso230-2".as_ref(), "--data".as_ref(), path.as_os_str()];
-        let args = <Args as clap::Parser>::try_parse_from(words).map_err(|e| Failure::new(EX_USAGE, e))?;
-        read(&args, path)
-    };
+    let read = |path: &Path| read(path, TestFormat::Auto, None, &UncertaintyArgs::default());
     let [before, mut after] = [read(files[0])?, read(files[1])?];
     let conditions = Conditions { device: options.u_device, ..Conditions::default() };
     after.uncertainties = Uncertainties::of(&after.result, &conditions, length(&after.result));
     if before.kind != after.kind {
-        return Err(bad_data(files[1], "one of the two tests is linear, the other rotary"));
+        return Err(data!(files[1], "one of the two tests is linear, the other rotary"));
     }
-    let (_, unit, _) = after.units();
-    let figures = side_by_side(&figures(&before.result), assessed(&Acceptance::default(), &after));
-    let scale = picture::positioning::scale(
-        [Some(&before.result), Some(&after.result)],
-        [&before.readings[..], &after.readings[..]],
-    );
-    let plot = |test: &Evaluated| {
-        picture::positioning::single(&test.shown(""), scale, picture::positioning::HEIGHT).map_err(drawn)
-    };
+    let scale = common_scale([&before, &after]);
+    let plot = |test: &Evaluated| drawing::single(&test.shown(), scale, drawing::HEIGHT);
     let placed = |test: &Evaluated| test.readings.iter().map(|r| placed(0, r)).collect();
     Ok(Compared {
         test: "iso230-2",
         standard: STANDARD,
         keys: keys(),
         stated: after.stated.clone(),
-        unit,
-        figures,
+        unit: after.units().1,
+        figures: side_by_side([&before, &after].map(|test| assessed(&Acceptance::default(), test))),
         plots: vec![("Before", plot(&before)?), ("After, same scale", plot(&after)?)],
         caption: "Solid: mean of each direction, band: ± 2 s, dots: readings, dashed: mean of both directions.",
         readings: [placed(&before), placed(&after)],

@@ -1,6 +1,6 @@
 //! What the user states about the uncertainty of a positioning measurement.
 
-use crate::{EX_USAGE, Failure};
+use crate::Failure;
 use volcomp_evaluate::Conditions;
 use volcomp_units::axes::AxisKind;
 
@@ -43,24 +43,6 @@ pub(super) struct UncertaintyArgs {
 impl UncertaintyArgs {
     /// The conditions for an axis of this kind.
     pub(super) fn conditions(&self, kind: AxisKind) -> Result<Conditions, Failure> {
-        let all = [
-            self.u_device_um,
-            self.u_device_arcsec,
-            self.u_device_um_per_m,
-            self.misalignment_mm,
-            self.u_temperature_degc,
-            self.expansion_um_per_m_degc,
-            self.u_expansion_um_per_m_degc,
-            self.temperature_degc,
-            self.drift_um,
-            self.drift_arcsec,
-        ];
-        if let Some(bad) = all.into_iter().flatten().find(|v| !v.is_finite()) {
-            return Err(Failure::new(
-                EX_USAGE,
-                format_args!("error: uncertainty {bad} is not a finite number"),
-            ));
-        }
         let of_length = self
             .u_device_um_per_m
             .or(self.misalignment_mm)
@@ -76,10 +58,7 @@ impl UncertaintyArgs {
             }
         };
         if foreign.is_some() {
-            return Err(Failure::new(
-                EX_USAGE,
-                format_args!("error: the unit of an uncertainty does not suit the test; give it in {wanted}"),
-            ));
+            return Err(usage!("the unit of an uncertainty does not suit the test; give it in {wanted}"));
         }
         Ok(Conditions {
             device,

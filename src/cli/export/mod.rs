@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use clap::{Parser, ValueEnum};
 
+use super::Failure;
 use super::input::{self, InputKind};
-use super::{EX_USAGE, Failure};
 use volcomp_protocol::record::{EXTENSION, block};
 
 /// Write a model as a table that a control loads, or a recording of volcompd as CSV or Parquet.
@@ -84,7 +84,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
 }
 
 fn mixed(why: &str) -> Failure {
-    Failure::new(EX_USAGE, format_args!("error: {why}\n  hint: volcomp export --help"))
+    usage!("{why}\n  hint: volcomp export --help")
 }
 
 fn refuse_options(given: Option<&str>, of: &str, files: &str) -> Result<(), Failure> {

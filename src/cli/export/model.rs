@@ -2,21 +2,19 @@
 
 use std::path::Path;
 
-use clap::{Args, ValueEnum};
+use clap::Args;
 
 use super::FormatArg;
-use crate::arg_parsers::{axis_letter, number};
-use crate::files::{Output, read_model};
+use crate::arg_parsers::{axis_letter, number, one_of};
+use crate::files::{read_model, write_text};
 use crate::import::ControlArgs;
+use crate::quantities::range_words;
 use crate::{EX_DATAERR, EX_USAGE, Failure};
-use volcomp_formats::axis_table::positioning;
-use volcomp_formats::rtl::{Deviation, Entry, Rtl};
-use volcomp_formats::sample::{AxisTable, ExportError, Limits, Motions, Sampling, Way, sample_axis};
-use volcomp_formats::text::rounded;
-use volcomp_formats::{heidenhain, isg, isg_lis, linuxcnc, rtl};
-use volcomp_model::{Component, ErrorSymbol, ModelSpec};
+use volcomp_formats::sample::{AxisTable, ExportError, Sampling, Way};
+use volcomp_formats::{heidenhain, isg, isg_lis, linuxcnc, motion_table, rtl};
+use volcomp_model::{ErrorSymbol, ModelSpec};
 use volcomp_units::axes::{AxisKind, AxisName};
-use volcomp_units::{arcsec_from_rad, deg_from_rad, mm_from_um, rad_from_deg, um_from_mm};
+use volcomp_units::{mm_from_um, rad_from_deg, um_from_mm};
 
 /// Straight lines between points stay this close to the model where nothing else is asked for, um.
 const TOLERANCE_UM: f64 = 0.05;
@@ -37,18 +35,14 @@ pub(super) struct ModelOptions {
     #[arg(long, value_name = "LOW:HIGH", value_parser = range, allow_hyphen_values = true)]
     range: Option<[f64; 2]>,
     /// Which direction of travel goes into a format that has only one.
-    #[arg(long, value_enum)]
-    direction: Option<DirectionArg>,
+    #[arg(long, value_parser = one_of(DIRECTIONS))]
+    direction: Option<Way>,
     #[command(flatten)]
     control: ControlArgs,
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
-enum DirectionArg {
-    Forward,
-    Reverse,
-    Mean,
-}
+const DIRECTIONS: &[(&str, &str, Way)] =
+    &[("forward", "", Way::Forward), ("reverse", "", Way::Reverse), ("mean", "", Way::Mean)];
 
 fn range(text: &str) -> Result<[f64; 2], String> {
     let (low, high) = text.split_once(':').ok_or("write two numbers, such as 0:500")?;
@@ -64,14 +58,11 @@ struct Written {
 pub(super) fn run(path: &Path, format: FormatArg, out: &Path, options: &ModelOptions) -> Result<(), Failure> {
     let tolerance_um = options.tolerance_um.unwrap_or(TOLERANCE_UM);
     if !(tolerance_um > 0.0 && tolerance_um.is_finite()) {
-        return Err(Failure::usage(format_args!("--tolerance-um {tolerance_um}: must be above 0")));
+        return Err(usage!("--tolerance-um {tolerance_um}: must be above 0"));
     }
     let (spec, _) = read_model(path)?;
     let written = write(format, options, &spec).map_err(|e| failure(path, &e))?;
-    let mut output = Output::create(out)?;
-    std::io::Write::write_all(&mut output, written.text.as_bytes())
-        .map_err(|e| Failure::io(output.path(), &e))?;
-    output.finish()?;
+    write_text(out, &written.text)?;
     note!("written: {}", out.display());
     not_held(format, options, &spec, &written.symbols);
     Ok(())
@@ -119,11 +110,7 @@ impl ModelOptions {
             tolerance: mm_from_um(self.tolerance_um.unwrap_or(TOLERANCE_UM)),
             step: self.step.map(inner),
             range: self.range.map(|r| r.map(inner)),
-            way: self.direction.map(|d| match d {
-                DirectionArg::Forward => Way::Forward,
-                DirectionArg::Reverse => Way::Reverse,
-                DirectionArg::Mean => Way::Mean,
-            }),
+            way: self.direction,
         }
     }
 }
@@ -140,11 +127,9 @@ fn write(format: FormatArg, args: &ModelOptions, spec: &ModelSpec) -> Result<Wri
             linuxcnc::write(spec, axis, file, args.control.linear_unit(), &sampling)?
         }
         FormatArg::IsgLis => isg_lis::write(spec, axis, &sampling)?,
-        FormatArg::Heidenhain => {
-            heidenhain::write(spec, axis, args.control.sign.map(heidenhain::Sign::from), &sampling)?
-        }
-        FormatArg::Rtl => write_rtl(spec, axis, &sampling)?,
-        FormatArg::Csv | FormatArg::Isg | FormatArg::Parquet => write_csv(spec, axis, &sampling)?,
+        FormatArg::Heidenhain => heidenhain::write(spec, axis, args.control.sign, &sampling)?,
+        FormatArg::Rtl => rtl::of_model(spec, axis, &sampling)?,
+        FormatArg::Csv | FormatArg::Isg | FormatArg::Parquet => motion_table::write(spec, axis, &sampling)?,
     };
     describe(&table);
     let symbols =
@@ -158,8 +143,7 @@ fn write_isg(args: &ModelOptions, spec: &ModelSpec) -> Result<Written, ExportErr
     if several && (args.range.is_some() || args.step.is_some()) {
         return Err(ExportError::OneAxis { format: "--range and --step" });
     }
-    let (text, report) =
-        isg::write(spec, &args.axis, args.control.sense.map(isg::Body::from), &args.sampling(kind))?;
+    let (text, report) = isg::write(spec, &args.axis, args.control.sense, &args.sampling(kind))?;
     for (axis, rows, error) in &report.blocks {
         note!("axis {axis}: {rows} rows, at most {:.3} um from the model between them", um_from_mm(*error));
     }
@@ -172,13 +156,9 @@ fn write_isg(args: &ModelOptions, spec: &ModelSpec) -> Result<Written, ExportErr
 }
 
 fn describe(table: &AxisTable) {
-    let (low, high) = (table.positions[0], table.positions[table.positions.len() - 1]);
-    let (low, high, unit) = match table.axis.kind() {
-        AxisKind::Linear => (low, high, "mm"),
-        AxisKind::Rotary => (deg_from_rad(low), deg_from_rad(high), "deg"),
-    };
+    let range = range_words(table.axis, [table.positions[0], table.positions[table.positions.len() - 1]]);
     note!(
-        "axis {}: {} points from {low} to {high} {unit}, at most {:.3} um from the model between them",
+        "axis {}: {} points from {range}, at most {:.3} um from the model between them",
         table.axis,
         table.positions.len(),
         um_from_mm(table.largest_error)
@@ -205,95 +185,4 @@ fn not_held(format: FormatArg, args: &ModelOptions, spec: &ModelSpec, written: &
             "note: axis {axis} has angular errors, so away from its reference points its linear errors are others; the table holds those at the reference points"
         );
     }
-}
-
-/// Any number of points, both directions.
-const FREE: Limits = Limits { format: "csv", equidistant: false, points: 200_000, two_directions: true };
-
-fn write_csv(
-    spec: &ModelSpec,
-    axis: AxisName,
-    sampling: &Sampling,
-) -> Result<(String, AxisTable), ExportError> {
-    let motions = Motions::new(spec, axis, false)?;
-    let components = motions.present();
-    if components.is_empty() {
-        return Err(ExportError::NoError { what: "error motion", axis });
-    }
-    let table = sample_axis(&motions, &components, sampling, &FREE)?;
-    let two_way = table.columns.iter().any(|c| c.reverse.is_some());
-    let rotary = axis.kind() == AxisKind::Rotary;
-    let mut header = vec![if rotary { "position_deg" } else { "position_mm" }.to_owned()];
-    header.extend(components.iter().map(|c| {
-        let unit = if c.is_angle() { "arcsec" } else { "um" };
-        format!("e{}{}_{unit}", c.letter().to_ascii_lowercase(), axis.lower())
-    }));
-    header.extend(two_way.then(|| "direction".to_owned()));
-    let mut out = header.join(",") + "\n";
-    for (reverse, direction) in [(false, "1"), (true, "-1")] {
-        if reverse && !two_way {
-            break;
-        }
-        for (i, q) in table.positions.iter().enumerate() {
-            let mut row = vec![rounded(if rotary { deg_from_rad(*q) } else { *q }, 0)];
-            row.extend(table.columns.iter().map(|c| {
-                let values = c.reverse.as_ref().filter(|_| reverse).unwrap_or(&c.forward);
-                rounded(
-                    if c.component.is_angle() { arcsec_from_rad(values[i]) } else { um_from_mm(values[i]) },
-                    0,
-                )
-            }));
-            row.extend(two_way.then(|| direction.to_owned()));
-            out.push_str(&row.join(","));
-            out.push('\n');
-        }
-    }
-    Ok((out, table))
-}
-
-fn write_rtl(
-    spec: &ModelSpec,
-    axis: AxisName,
-    sampling: &Sampling,
-) -> Result<(String, AxisTable), ExportError> {
-    if axis.kind() == AxisKind::Rotary {
-        let (format, known) = ("rtl", "linear ones: the unit of angles is not documented");
-        return Err(ExportError::NoSuchAxis { axis, format, known });
-    }
-    let motions = Motions::new(spec, axis, false)?;
-    let component: Component = positioning(axis);
-    if !motions.present().contains(&component) {
-        return Err(ExportError::NoError { what: "positioning error", axis });
-    }
-    let table = sample_axis(&motions, &[component], sampling, &Limits { format: "rtl", ..FREE })?;
-    let column = &table.columns[0];
-    let entry = |key: &str, text: String| Entry { key: key.to_owned(), text };
-    // as written: without the rounding of the curve's evaluation
-    let um = |v: f64| rounded(um_from_mm(v), 3).parse::<f64>().unwrap_or(v);
-    let row = |run, i: usize, v: f64| Deviation { run, target: i as u32 + 1, value: um(v), line: 0 };
-    let mut deviations: Vec<Deviation> =
-        column.forward.iter().enumerate().map(|(i, v)| row(1, i, *v)).collect();
-    let one_way = column.reverse.is_none();
-    if let Some(reverse) = &column.reverse {
-        deviations.extend(reverse.iter().enumerate().rev().map(|(i, v)| row(2, i, *v)));
-    }
-    let file = Rtl {
-        header: vec![
-            entry("File type", "rtl".into()),
-            entry("Owner", "volcomp".into()),
-            entry("Version no", env!("CARGO_PKG_VERSION").into()),
-        ],
-        filetype: "ISO".to_owned(),
-        targets: table.positions.clone(),
-        flags: vec![0, i64::from(one_way), 2, 0],
-        user_text: vec![
-            entry("Machine", spec.machine.clone()),
-            entry("Axis", axis.to_string()),
-            entry("TITLE", "computed from a model, not measured".into()),
-        ],
-        run_count: if one_way { 1 } else { 2 },
-        deviations,
-        ..Rtl::default()
-    };
-    Ok((rtl::write(&file), table))
 }

@@ -7,7 +7,7 @@ use std::path::{Path, PathBuf};
 
 use super::files::write_text;
 use super::status::{Which, failure, json, socket};
-use super::{EX_DATAERR, EX_IOERR, EX_SOFTWARE, Failure, recordings};
+use super::{EX_IOERR, EX_SOFTWARE, Failure, recordings};
 use volcomp_daemon::client;
 use volcomp_daemon::socket::{Ask, Verb};
 use volcomp_daemon::{FilterStatus, MapStatus, SensorStatus, ThermalDisplacementStatus};
@@ -91,7 +91,7 @@ fn show(args: &ShowArgs) -> Result<(), Failure> {
     let Some((_, filter)) = course.last() else { return Ok(()) };
     if let Some(path) = &args.svg {
         if !path.extension().is_some_and(|e| e.eq_ignore_ascii_case("svg")) {
-            return Err(Failure::new(super::EX_USAGE, "error: --svg: the name must end in .svg"));
+            return Err(usage!("--svg: the name must end in .svg"));
         }
         let text = picture::picture(&course).map_err(|e| {
             Failure::new(EX_SOFTWARE, format_args!("error: the picture cannot be drawn: {e}"))
@@ -114,7 +114,7 @@ fn show(args: &ShowArgs) -> Result<(), Failure> {
 /// Time (s, from the first) and health as a recording has it, the newest last.
 fn recorded(path: &Path) -> Result<Vec<(f64, FilterStatus)>, Failure> {
     let parsed = recordings::read(&[path.to_owned()])?;
-    let wrong = |what: String| Failure::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()));
+    let wrong = |what: String| data!(path, "{what}");
     let mut course: Vec<(f64, FilterStatus)> = Vec::new();
     let mut first = None;
     for (ns, text) in parsed.iter().flat_map(|file| &file.health) {
@@ -137,38 +137,7 @@ pub(super) fn write(
 ) -> std::fmt::Result {
     for (k, sensor) in sensors.iter().enumerate() {
         let label = if k == 0 { "sensors     " } else { "            " };
-        write!(f, "{label}{} ({}) {}", sensor.name, sensor.kind, sensor.state)?;
-        if let (Some(cause), Some(code)) = (&sensor.cause, &sensor.code) {
-            write!(f, ": {cause} ({code}) for {:.0} s", sensor.state_s)?;
-        } else if let Some(code) = &sensor.code {
-            write!(f, " ({code})")?;
-        }
-        if let Some(rests) = sensor.rests_s {
-            write!(f, ", looked at again in {rests:.0} s")?;
-        }
-        if let Some(left) = sensor.acquaintance_left.filter(|_| sensor.state != "waiting") {
-            write!(f, ", {left} readings until it is known")?;
-        }
-        if let Some(noise) = sensor.noise_factor {
-            write!(f, ", noise x{noise:.2}")?;
-            if let Some(angles) = sensor.noise_factor_angles {
-                write!(f, " (angles x{angles:.2})")?;
-            }
-        }
-        if let Some(nis) = sensor.nis {
-            write!(f, ", nis {nis:.2}")?;
-        }
-        if let (Some(coverage), Some(false)) = (sensor.coverage, sensor.referenced) {
-            write!(f, ", {:.0} % of the travel seen", 100.0 * coverage)?;
-        }
-        write!(f, ", {} of {} used, {} rejected", sensor.used, sensor.readings, sensor.rejected)?;
-        if sensor.without_position > 0 {
-            write!(f, ", {} without position", sensor.without_position)?;
-        }
-        if sensor.skipped > 0 {
-            write!(f, ", {} left out", sensor.skipped)?;
-        }
-        writeln!(f)?;
+        writeln!(f, "{label}{}", sensor_words(sensor))?;
     }
     for (k, map) in maps.iter().enumerate() {
         let label = if k == 0 { "maps        " } else { "            " };
@@ -176,13 +145,9 @@ pub(super) fn write(
         if map.state == "held" && map.updates > 0 {
             write!(f, " for {:.0} s", map.idle_s)?;
         }
-        if map.limited {
-            write!(f, ", at its limit (VC-8019)")?;
-        }
-        write!(f, ", {} readings;", map.updates)?;
-        for (c, name) in map.components.iter().enumerate() {
-            let (largest, unit) = (map.largest.get(c), map.units.get(c));
-            let (Some(largest), Some(unit)) = (largest, unit) else { continue };
+        let limited = if map.limited { ", at its limit (VC-8019)" } else { "" };
+        write!(f, "{limited}, {} readings;", map.updates)?;
+        for ((name, largest), unit) in map.components.iter().zip(&map.largest).zip(&map.units) {
             write!(f, " {name} {largest:.2} {unit}")?;
         }
         writeln!(f)?;
@@ -191,6 +156,31 @@ pub(super) fn write(
         writeln!(f, "NOTE        {note}")?;
     }
     Ok(())
+}
+
+/// How a sensor stands.
+fn sensor_words(s: &SensorStatus) -> String {
+    let mut text = format!("{} ({}) {}", s.name, s.kind, s.state);
+    match (&s.cause, &s.code) {
+        (Some(cause), Some(code)) => text += &format!(": {cause} ({code}) for {:.0} s", s.state_s),
+        (None, Some(code)) => text += &format!(" ({code})"),
+        _ => {}
+    }
+    let angles = s.noise_factor_angles.map_or(String::new(), |a| format!(" (angles x{a:.2})"));
+    let left = s.acquaintance_left.filter(|_| s.state != "waiting");
+    let coverage = s.coverage.filter(|_| s.referenced == Some(false));
+    let parts = [
+        s.rests_s.map(|rests| format!("looked at again in {rests:.0} s")),
+        left.map(|left| format!("{left} readings until it is known")),
+        s.noise_factor.map(|noise| format!("noise x{noise:.2}{angles}")),
+        s.nis.map(|nis| format!("nis {nis:.2}")),
+        coverage.map(|seen| format!("{:.0} % of the travel seen", 100.0 * seen)),
+        Some(format!("{} of {} used, {} rejected", s.used, s.readings, s.rejected)),
+        (s.without_position > 0).then(|| format!("{} without position", s.without_position)),
+        (s.skipped > 0).then(|| format!("{} left out", s.skipped)),
+    ];
+    parts.iter().flatten().for_each(|part| text += &format!(", {part}"));
+    text
 }
 
 /// Thermal displacements as text; empty without any.

@@ -1,61 +1,46 @@
 //! The picture of live estimation: sensors, how consistent they were over time, and the maps with their uncertainty.
 
-use plotters::coord::Shift;
+use core::ops::Range;
+
 use plotters::prelude::*;
 
-use crate::report::plot::{Key, legend};
+use crate::report::plot::{Area, BLUE, Chart, Drawn, INK, Key, Svg, VERMILLION, hull, legend, svg_of};
 use volcomp_daemon::{FilterStatus, MapStatus, NodeStatus, SensorStatus};
 
 const PANEL: (u32, u32) = (900, 280);
 /// Height of the legend below a panel: it never covers data.
 const LEGEND: i32 = 26;
-const INK: RGBColor = RGBColor(60, 60, 60);
-const BLUE_LINE: RGBColor = RGBColor(0, 114, 178);
-const USED: RGBColor = RGBColor(213, 94, 0);
-
-const COLOURS: [RGBColor; 4] = [BLUE_LINE, USED, RGBColor(0, 158, 115), RGBColor(204, 121, 167)];
+const COLOURS: [RGBColor; 4] = [BLUE, VERMILLION, RGBColor(0, 158, 115), RGBColor(204, 121, 167)];
 /// Largest number that the panels over time show.
 const TOP: f64 = 3.0;
 
-type Result<T> = core::result::Result<T, Box<dyn std::error::Error>>;
-type Area<'a> = DrawingArea<SVGBackend<'a>, Shift>;
 /// Seconds and health, the newest last.
 type Course = [(f64, FilterStatus)];
 
 /// The sensors as they stand; where there is a course of time their innovations and acceptance over it; then the newest
 /// maps, one panel per component: estimate over X with bars of one standard deviation, and what is used of it.
-pub(super) fn picture(course: &Course) -> Result<String> {
+pub(super) fn picture(course: &Course) -> Svg {
     let newest = course.last().map(|(_, filter)| filter);
     let maps = newest.map_or(&[][..], |filter| &filter.maps[..]);
     let panels: Vec<(&MapStatus, usize)> =
         maps.iter().flat_map(|map| (0..map.components.len()).map(move |c| (map, c))).collect();
-    let over_time: &[fn(&Area<'_>, &Course) -> Result<()>] =
+    let over_time: &[fn(&Area<'_>, &Course) -> Drawn] =
         if course.len() > 1 { &[consistency, innovations, acceptance] } else { &[] };
     let count = 1 + over_time.len() + panels.len();
-    let mut text = String::new();
-    {
-        let root = SVGBackend::with_string(&mut text, (PANEL.0, PANEL.1 * u32::try_from(count)?))
-            .into_drawing_area();
-        root.fill(&WHITE)?;
+    svg_of((PANEL.0, PANEL.1 * u32::try_from(count)?), |root| {
         let mut areas = root.split_evenly((count, 1)).into_iter();
         if let Some((area, filter)) = areas.next().zip(newest) {
             sensors(&area, &filter.sensors)?;
         }
-        for draw in over_time {
-            if let Some(area) = areas.next() {
-                draw(&area, course)?;
-            }
+        for (draw, area) in over_time.iter().zip(areas.by_ref()) {
+            draw(&area, course)?;
         }
-        for ((map, c), area) in panels.into_iter().zip(areas) {
-            component(&area, map, c)?;
-        }
-        root.present()?;
-    }
-    Ok(text)
+        panels.into_iter().zip(areas).try_for_each(|((map, c), area)| component(&area, map, c))
+    })
 }
 
 /// How each sensor stands, in words.
-fn sensors(area: &Area<'_>, sensors: &[SensorStatus]) -> Result<()> {
+fn sensors(area: &Area<'_>, sensors: &[SensorStatus]) -> Drawn {
     let style = ("sans-serif", 14).into_font().color(&INK);
     let words = |s: &SensorStatus| {
         let mut text = format!("{} {}", s.name, s.state);
@@ -77,27 +62,21 @@ fn sensors(area: &Area<'_>, sensors: &[SensorStatus]) -> Result<()> {
 }
 
 /// One component of a map over X.
-fn component(area: &Area<'_>, map: &MapStatus, c: usize) -> Result<()> {
+fn component(area: &Area<'_>, map: &MapStatus, c: usize) -> Drawn {
     let xs = map.nodes.iter().map(|n| n.position_mm[0]);
-    let (low, high) = xs.fold((f64::MAX, f64::MIN), |(l, h), x| (l.min(x), h.max(x)));
+    let [low, high] = hull(xs);
     let largest = map.nodes.iter().map(|n| n.value[c].abs() + n.std[c]).fold(1e-6, f64::max) * 1.1;
     let keys = [
-        Key::line(BLUE_LINE, 2, "learned"),
-        Key::line(BLUE_LINE.mix(0.4), 2, "one standard deviation either way"),
-        Key::dot(USED, "what is used"),
+        Key::line(BLUE, 2, "learned"),
+        Key::line(BLUE.mix(0.4), 2, "one standard deviation either way"),
+        Key::dot(VERMILLION, "what is used"),
     ];
     let area = &with_legend(area, &keys)?;
     let title = format!(
         "{}.{} ({}), difference from the offline map; used with weight {:.2}",
         map.name, map.components[c], map.units[c], map.weight
     );
-    let mut chart = ChartBuilder::on(area)
-        .caption(title, ("sans-serif", 15, &INK))
-        .margin(8)
-        .x_label_area_size(24)
-        .y_label_area_size(60)
-        .build_cartesian_2d(low..high.max(low + 1.0), -largest..largest)?;
-    chart.configure_mesh().x_desc("X in mm").light_line_style(WHITE).draw()?;
+    let mut chart = axes(area, &title, "X in mm", low..high.max(low + 1.0), -largest..largest)?;
     for line in lines(map) {
         let of = |values: fn(&NodeStatus) -> &Vec<f64>| {
             line.iter().map(|k| (map.nodes[*k].position_mm[0], values(&map.nodes[*k])[c])).collect::<Vec<_>>()
@@ -107,16 +86,34 @@ fn component(area: &Area<'_>, map: &MapStatus, c: usize) -> Result<()> {
             value
                 .iter()
                 .zip(&std)
-                .map(|((x, v), (_, s))| PathElement::new(vec![(*x, v - s), (*x, v + s)], BLUE_LINE.mix(0.4))),
+                .map(|((x, v), (_, s))| PathElement::new(vec![(*x, v - s), (*x, v + s)], BLUE.mix(0.4))),
         )?;
-        chart.draw_series(LineSeries::new(value, &BLUE_LINE))?;
-        chart.draw_series(used.into_iter().map(|at| Circle::new(at, 2, USED.filled())))?;
+        chart.draw_series(LineSeries::new(value, &BLUE))?;
+        chart.draw_series(used.into_iter().map(|at| Circle::new(at, 2, VERMILLION.filled())))?;
     }
     Ok(())
 }
 
+/// Axes with a title above.
+fn axes<'a, 'b>(
+    area: &'a Area<'b>,
+    title: &str,
+    x_label: &str,
+    x: Range<f64>,
+    y: Range<f64>,
+) -> Result<Chart<'a, 'b>, Box<dyn std::error::Error>> {
+    let mut chart = ChartBuilder::on(area)
+        .caption(title, ("sans-serif", 15, &INK))
+        .margin(8)
+        .x_label_area_size(24)
+        .y_label_area_size(60)
+        .build_cartesian_2d(x, y)?;
+    chart.configure_mesh().x_desc(x_label).light_line_style(WHITE).draw()?;
+    Ok(chart)
+}
+
 /// The area above a legend, which is drawn; none where there are no series.
-fn with_legend<'a>(area: &Area<'a>, keys: &[Key]) -> Result<Area<'a>> {
+fn with_legend<'a>(area: &Area<'a>, keys: &[Key]) -> Result<Area<'a>, Box<dyn std::error::Error>> {
     let height = i32::try_from(area.dim_in_pixel().1)?;
     let (chart, below) = area.split_vertically(height - LEGEND);
     if keys.is_empty() {
@@ -127,13 +124,13 @@ fn with_legend<'a>(area: &Area<'a>, keys: &[Key]) -> Result<Area<'a>> {
 }
 
 /// Running mean of squared innovation over variance of each sensor over time: about 1 where everything is right.
-fn consistency(area: &Area<'_>, course: &Course) -> Result<()> {
+fn consistency(area: &Area<'_>, course: &Course) -> Drawn {
     let title = "squared innovation over its variance, running mean: 1 is right";
     over_time(area, course, title, &[("", &|_, now| now.nis)])
 }
 
 /// RMS innovation of the readings and what is expected of it.
-fn innovations(area: &Area<'_>, course: &Course) -> Result<()> {
+fn innovations(area: &Area<'_>, course: &Course) -> Drawn {
     let title = "RMS innovation of a reading, in learned standard deviations of the sensor";
     over_time(
         area,
@@ -144,7 +141,7 @@ fn innovations(area: &Area<'_>, course: &Course) -> Result<()> {
 }
 
 /// Share of the readings since the entry before that were used.
-fn acceptance(area: &Area<'_>, course: &Course) -> Result<()> {
+fn acceptance(area: &Area<'_>, course: &Course) -> Drawn {
     let share = |before: Option<&SensorStatus>, now: &SensorStatus| {
         let before = before?;
         let came = now.readings.checked_sub(before.readings).filter(|came| *came > 0)?;
@@ -156,7 +153,7 @@ fn acceptance(area: &Area<'_>, course: &Course) -> Result<()> {
 /// What a panel shows of a sensor: its entry before and the present one.
 type Of<'a> = &'a dyn Fn(Option<&SensorStatus>, &SensorStatus) -> Option<f64>;
 
-fn over_time(area: &Area<'_>, course: &Course, title: &str, curves: &[(&str, Of<'_>)]) -> Result<()> {
+fn over_time(area: &Area<'_>, course: &Course, title: &str, curves: &[(&str, Of<'_>)]) -> Drawn {
     let (mut keys, mut drawn) = (Vec::new(), Vec::new());
     let names = course.last().map_or(&[][..], |(_, filter)| &filter.sensors[..]);
     for (k, name) in names.iter().map(|s| &s.name).enumerate() {
@@ -180,13 +177,7 @@ fn over_time(area: &Area<'_>, course: &Course, title: &str, curves: &[(&str, Of<
     }
     let area = &with_legend(area, &keys)?;
     let end = course.last().map_or(1.0, |(t, _)| t.max(1.0));
-    let mut chart = ChartBuilder::on(area)
-        .caption(title, ("sans-serif", 15, &INK))
-        .margin(8)
-        .x_label_area_size(24)
-        .y_label_area_size(60)
-        .build_cartesian_2d(0.0..end, 0.0..TOP)?;
-    chart.configure_mesh().x_desc("time in s").light_line_style(WHITE).draw()?;
+    let mut chart = axes(area, title, "time in s", 0.0..end, 0.0..TOP)?;
     for (line, colour) in drawn {
         chart.draw_series(LineSeries::new(line, &colour))?;
     }

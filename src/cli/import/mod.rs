@@ -15,10 +15,13 @@ use super::Failure;
 use super::input::{self, InputKind};
 use super::model_writer::ModelWriter;
 use super::positioning_data::format_failure;
-use crate::arg_parsers::axis_letter;
+use crate::arg_parsers::{axis_letter, one_of};
 use volcomp_formats::columns::{ColumnMap, Delimiter};
+use volcomp_formats::heidenhain::Sign;
+use volcomp_formats::linuxcnc::LinearUnit;
+use volcomp_formats::rtl::DeviationUnit;
 use volcomp_formats::text::{self, Decoded, Encoding};
-use volcomp_formats::{detect, heidenhain, isg, linuxcnc, rtl};
+use volcomp_formats::{detect, isg, linuxcnc};
 use volcomp_units::axes::AxisName;
 
 /// Read files of instruments and controls into volcomp's own tables and models.
@@ -47,8 +50,8 @@ pub(super) struct Args {
     #[arg(long, value_name = "LETTER", value_parser = axis_letter)]
     axis: Option<AxisName>,
     /// Unit of the deviations of an .rtl of a rotary axis: the file does not say it.
-    #[arg(long, value_enum)]
-    deviation_unit: Option<UnitArg>,
+    #[arg(long, value_parser = one_of(DEVIATION_UNITS))]
+    deviation_unit: Option<DeviationUnit>,
     /// Encoding of a text file: utf-8, utf-16, cp1250, cp1252, gbk; guessed where missing.
     #[arg(long)]
     encoding: Option<Encoding>,
@@ -115,73 +118,22 @@ enum FormatArg {
     Heidenhain,
 }
 
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(super) enum UnitArg {
-    Um,
-    Mrad,
-    Urad,
-    Arcsec,
-}
-
-impl From<UnitArg> for rtl::DeviationUnit {
-    fn from(unit: UnitArg) -> Self {
-        match unit {
-            UnitArg::Um => Self::Um,
-            UnitArg::Mrad => Self::Mrad,
-            UnitArg::Urad => Self::Urad,
-            UnitArg::Arcsec => Self::Arcsec,
-        }
-    }
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(super) enum LinearUnitArg {
-    Mm,
-    Inch,
-}
-
-impl From<LinearUnitArg> for linuxcnc::LinearUnit {
-    fn from(unit: LinearUnitArg) -> Self {
-        match unit {
-            LinearUnitArg::Mm => Self::Mm,
-            LinearUnitArg::Inch => Self::Inch,
-        }
-    }
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(super) enum SenseArg {
-    /// The tool relative to the workpiece.
-    Relative,
-    /// The carriage itself.
-    Carriage,
-}
-
-impl From<SenseArg> for isg::Body {
-    fn from(sense: SenseArg) -> Self {
-        match sense {
-            SenseArg::Relative => Self::Relative,
-            SenseArg::Carriage => Self::Carriage,
-        }
-    }
-}
-
-#[derive(Debug, Clone, Copy, ValueEnum)]
-pub(super) enum SignArg {
-    /// Actual - nominal.
-    Deviation,
-    /// Nominal - actual.
-    Correction,
-}
-
-impl From<SignArg> for heidenhain::Sign {
-    fn from(sign: SignArg) -> Self {
-        match sign {
-            SignArg::Deviation => Self::Deviation,
-            SignArg::Correction => Self::Correction,
-        }
-    }
-}
+pub(super) const DEVIATION_UNITS: &[(&str, &str, DeviationUnit)] = &[
+    ("um", "", DeviationUnit::Um),
+    ("mrad", "", DeviationUnit::Mrad),
+    ("urad", "", DeviationUnit::Urad),
+    ("arcsec", "", DeviationUnit::Arcsec),
+];
+const LINEAR_UNITS: &[(&str, &str, LinearUnit)] =
+    &[("mm", "", LinearUnit::Mm), ("inch", "", LinearUnit::Inch)];
+const SENSES: &[(&str, &str, isg::Body)] = &[
+    ("relative", "The tool relative to the workpiece", isg::Body::Relative),
+    ("carriage", "The carriage itself", isg::Body::Carriage),
+];
+const SIGNS: &[(&str, &str, Sign)] = &[
+    ("deviation", "Actual - nominal", Sign::Deviation),
+    ("correction", "Nominal - actual", Sign::Correction),
+];
 
 /// What the tables of controls leave open.
 #[derive(Debug, clap::Args)]
@@ -190,20 +142,20 @@ pub(super) struct ControlArgs {
     #[arg(long, value_name = "0|1", value_parser = comp_type)]
     pub(super) comp_type: Option<linuxcnc::CompType>,
     /// LINEAR_UNITS of the LinuxCNC machine [default: mm].
-    #[arg(long, value_enum)]
-    pub(super) linear_units: Option<LinearUnitArg>,
+    #[arg(long, value_parser = one_of(LINEAR_UNITS))]
+    pub(super) linear_units: Option<LinearUnit>,
     /// Whose motion an ISG control takes the values of workpiece-side axes for.
-    #[arg(long, value_enum)]
-    pub(super) sense: Option<SenseArg>,
+    #[arg(long, value_parser = one_of(SENSES))]
+    pub(super) sense: Option<isg::Body>,
     /// What a Heidenhain control takes its values for: actual - nominal, or its opposite.
-    #[arg(long, value_enum)]
-    pub(super) sign: Option<SignArg>,
+    #[arg(long, value_parser = one_of(SIGNS))]
+    pub(super) sign: Option<Sign>,
 }
 
 impl ControlArgs {
     /// LINEAR_UNITS, mm where nothing is said.
-    pub(super) fn linear_unit(&self) -> linuxcnc::LinearUnit {
-        self.linear_units.unwrap_or(LinearUnitArg::Mm).into()
+    pub(super) fn linear_unit(&self) -> LinearUnit {
+        self.linear_units.unwrap_or(LinearUnit::Mm)
     }
 }
 
@@ -232,11 +184,11 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         for file in &args.files[1..] {
             let other = detected(file)?;
             if other != format {
-                return Err(Failure::usage(format_args!(
+                return Err(usage!(
                     "{} and {} are of different formats; import them one by one",
                     first.display(),
                     file.display()
-                )));
+                ));
             }
         }
     }
@@ -248,7 +200,6 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
             tables::run(args, format)
         }
         _ if args.files.len() > 1 => Err(Failure::usage("files of this kind are imported one by one")),
-        _ if args.model.out.is_none() => Err(Failure::usage("--out is not given; - is stdout")),
         FormatArg::Rtx => series::rtx(args, first),
         FormatArg::Edge => series::edge(args, first),
         FormatArg::Camonitor => series::camonitor(args, first),
@@ -257,33 +208,41 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     }
 }
 
+/// The formats that are known by their beginning.
+const FORMATS: [(detect::Format, FormatArg); 10] = [
+    (detect::Format::Rtl, FormatArg::Rtl),
+    (detect::Format::Rtx, FormatArg::Rtx),
+    (detect::Format::B5r, FormatArg::B5r),
+    (detect::Format::Edge, FormatArg::Edge),
+    (detect::Format::Iso230Dat, FormatArg::Iso230Dat),
+    (detect::Format::Isg, FormatArg::Isg),
+    (detect::Format::IsgLis, FormatArg::IsgLis),
+    (detect::Format::Heidenhain, FormatArg::Heidenhain),
+    (detect::Format::ApiPos, FormatArg::ApiPos),
+    (detect::Format::Camonitor, FormatArg::Camonitor),
+];
+
 /// The format of a file by its beginning.
 fn detected(path: &Path) -> Result<FormatArg, Failure> {
     if path.as_os_str() == "-" {
         return Err(Failure::usage("stdin cannot be looked at first; give its --format"));
     }
     let head = input::head(path, InputKind::Stream, detect::HEAD as u64)?;
-    Ok(match detect::format(&head) {
-        Some(detect::Format::Rtl) => FormatArg::Rtl,
-        Some(detect::Format::Rtx) => FormatArg::Rtx,
-        Some(detect::Format::B5r) => FormatArg::B5r,
-        Some(detect::Format::Edge) => FormatArg::Edge,
-        Some(detect::Format::Iso230Dat) => FormatArg::Iso230Dat,
-        Some(detect::Format::Isg) => FormatArg::Isg,
-        Some(detect::Format::IsgLis) => FormatArg::IsgLis,
-        Some(detect::Format::Heidenhain) => FormatArg::Heidenhain,
-        Some(detect::Format::ApiPos) => FormatArg::ApiPos,
-        Some(detect::Format::Camonitor) => FormatArg::Camonitor,
-        None => {
-            return Err(Failure::usage(format_args!(
-                "{}: its beginning does not give its format away; name it with --format, or describe the table with --columns or --map",
-                path.display()
-            )));
-        }
+    let found = detect::format(&head);
+    FORMATS.iter().find(|(format, _)| found == Some(*format)).map(|(_, arg)| *arg).ok_or_else(|| {
+        usage!(
+            "{}: its beginning does not give its format away; name it with --format, or describe the table with --columns or --map",
+            path.display()
+        )
     })
 }
 
 impl Args {
+    /// The file to write.
+    fn out(&self) -> Result<&Path, Failure> {
+        self.model.out.as_deref().ok_or_else(|| usage!("--out is not given; - is stdout"))
+    }
+
     fn column_map(&self) -> Result<ColumnMap, Failure> {
         let (mut map, name) = match &self.map {
             Some(path) => {
@@ -301,17 +260,16 @@ impl Args {
                     ..ColumnMap::default()
                 };
                 for column in &self.columns {
-                    let (output, source) = column.split_once('=').ok_or_else(|| {
-                        Failure::usage(format_args!("--columns {column}: write OUTPUT=COLUMN:UNIT"))
-                    })?;
-                    map.add(output.trim(), source)
-                        .map_err(|e| Failure::usage(format_args!("--columns {column}: {e}")))?;
+                    let (output, source) = column
+                        .split_once('=')
+                        .ok_or_else(|| usage!("--columns {column}: write OUTPUT=COLUMN:UNIT"))?;
+                    map.add(output.trim(), source).map_err(|e| usage!("--columns {column}: {e}"))?;
                 }
                 (map, "--columns".to_owned())
             }
         };
         map.encoding = map.encoding.or(self.encoding);
-        map.check().map_err(|e| Failure::usage(format_args!("{name}: {e}")))?;
+        map.check().map_err(|e| usage!("{name}: {e}"))?;
         Ok(map)
     }
 
@@ -329,10 +287,7 @@ impl Args {
         let target = out.canonicalize().ok();
         let same = |f: &PathBuf| f.as_path() == out || (target.is_some() && f.canonicalize().ok() == target);
         if self.files.iter().any(same) {
-            return Err(Failure::usage(format_args!(
-                "--out {}: is the file that is read; name another",
-                out.display()
-            )));
+            return Err(usage!("--out {}: is the file that is read; name another", out.display()));
         }
         Ok(())
     }

@@ -1,37 +1,34 @@
 //! Laser tests and other positioning tests to `cycle,direction,target_mm,deviation_um`.
 
-use std::io::Write;
 use std::path::Path;
 
 use super::{Args, FormatArg, encoding_note, open};
-use crate::files::Output;
+use crate::files::Rows;
 use crate::input::{self, InputKind};
 use crate::positioning_data::{format_failure, parse_dat};
 use crate::predict::push_number;
 use crate::progress::Progress;
 use crate::start_up;
 use crate::{EX_DATAERR, Failure};
+use volcomp_evaluate::PositioningReading;
 use volcomp_formats::columns::{Columns, Runs};
 use volcomp_formats::positioning_test::{Order, PositioningTest};
 use volcomp_formats::rtl::{self, DeviationUnit, Rtl};
 use volcomp_formats::{ReadError, api_pos};
 use volcomp_identify::Reading;
 use volcomp_units::axes::{AxisKind, AxisName, Travel};
-use volcomp_units::{arcsec_from_rad, deg_from_rad, um_from_mm};
+use volcomp_units::deg_from_rad;
 
 pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
-    let Some(out) = args.model.out.as_deref() else {
-        return Err(Failure::usage("--out is not given; - is stdout"));
-    };
+    let out = args.out()?;
     if args.model.into.is_some() {
         return Err(Failure::usage(
             "--into is for tables of controls; fit a test with volcomp fit --errors FILE --into MODEL",
         ));
     }
-    let mut output = Output::create(out)?;
+    let mut rows = Rows::create(out)?;
     let mut joined: Option<AxisKind> = None;
     let mut cycles = 0;
-    let mut writer = Writer::new(&mut output);
     for path in &args.files {
         let file = path.display().to_string();
         let after = cycles;
@@ -44,7 +41,7 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
             // several files are several tests: their cycles follow each other
             let cycle = reading.cycle + after;
             cycles = cycles.max(cycle);
-            writer.row(kind, &Reading { cycle, ..*reading })
+            write(&mut rows, kind, &Reading { cycle, ..*reading })
         };
         if format == FormatArg::Columns {
             columns(args, path, &mut sink)?;
@@ -54,8 +51,7 @@ pub(super) fn run(args: &Args, format: FormatArg) -> Result<(), Failure> {
             start_up::report(&file, &test);
         }
     }
-    writer.finish()?;
-    output.finish()
+    rows.finish()
 }
 
 /// Reads a whole test and says what was found.
@@ -92,13 +88,10 @@ fn read(args: &Args, format: FormatArg, path: &Path, file: &str) -> Result<Posit
     };
     if let Some(axis) = args.axis.filter(|a| a.kind() != test.kind) {
         let kind = if test.kind == AxisKind::Linear { "millimetres" } else { "degrees" };
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!("error: {file}: the test is in {kind}; check --axis {}", axis.lower()),
-        ));
+        return Err(data!(file, "the test is in {kind}; check --axis {}", axis.lower()));
     }
     if test.readings.is_empty() {
-        return Err(Failure::new(EX_DATAERR, format_args!("error: {file}: no reading")));
+        return Err(data!(file, "no reading"));
     }
     describe(&test);
     Ok(test)
@@ -109,14 +102,14 @@ impl Args {
     fn deviation_unit(&self, rtl: &Rtl, file: &str) -> Result<DeviationUnit, Failure> {
         let written = rtl.user("Axis").and_then(|a| a.chars().next()).and_then(AxisName::from_letter);
         let axis = self.axis.or(written);
-        match (self.deviation_unit.map(DeviationUnit::from), axis.map(AxisName::kind)) {
-            (Some(unit), Some(kind)) if unit.kind() != kind => Err(Failure::usage(format_args!(
+        match (self.deviation_unit, axis.map(AxisName::kind)) {
+            (Some(unit), Some(kind)) if unit.kind() != kind => Err(usage!(
                 "{file}: the unit of --deviation-unit does not suit the axis; say which one moved with --axis"
-            ))),
+            )),
             (Some(unit), _) => Ok(unit),
-            (None, Some(AxisKind::Rotary)) => Err(Failure::usage(format_args!(
+            (None, Some(AxisKind::Rotary)) => Err(usage!(
                 "{file}: a rotary axis, and the file does not say the unit of its deviations; give --deviation-unit mrad, urad or arcsec"
-            ))),
+            )),
             _ => Ok(DeviationUnit::Um),
         }
     }
@@ -201,15 +194,13 @@ fn columns(
     let is_actual = map.output("actual").is_some();
     let kind = match (args.axis.map(AxisName::kind), map.is_angle("target")) {
         (Some(AxisKind::Linear), true) | (Some(AxisKind::Rotary), false) => {
-            return Err(Failure::usage(format_args!("{file}: the unit of target does not suit --axis")));
+            return Err(usage!("{file}: the unit of target does not suit --axis"));
         }
         (_, true) => AxisKind::Rotary,
         _ => AxisKind::Linear,
     };
     if map.is_angle(if is_actual { "actual" } else { "deviation" }) != (kind == AxisKind::Rotary) {
-        return Err(Failure::usage(format_args!(
-            "{file}: target and deviation are of different kinds; check their units"
-        )));
+        return Err(usage!("{file}: target and deviation are of different kinds; check their units"));
     }
     let fail = |e: ReadError| read_failure(path, &e);
     let mut table = Columns::new(open(path, InputKind::Table)?, map).map_err(fail)?;
@@ -249,7 +240,7 @@ fn columns(
     }
     progress.finish();
     if rows == 0 {
-        return Err(Failure::new(EX_DATAERR, format_args!("error: {file}: no data rows")));
+        return Err(data!(file, "no data rows"));
     }
     let derived = match (cycle, direction) {
         (None, None) => "; cycles and directions from the order of the positions",
@@ -297,49 +288,18 @@ pub(super) fn read_failure(path: &Path, e: &ReadError) -> Failure {
     }
 }
 
-/// Writes the product's table of a positioning test.
-struct Writer<'a> {
-    output: &'a mut Output,
-    block: Vec<u8>,
-    begun: bool,
-}
-
-const BLOCK: usize = 1 << 16;
-
-impl<'a> Writer<'a> {
-    fn new(output: &'a mut Output) -> Self {
-        Self { output, block: Vec::with_capacity(BLOCK + 256), begun: false }
+/// Writes a reading, in front of the first the names of the columns.
+fn write(rows: &mut Rows, kind: AxisKind, r: &Reading) -> Result<(), Failure> {
+    if rows.is_empty() {
+        rows.block.extend_from_slice(match kind {
+            AxisKind::Linear => b"cycle,direction,target_mm,deviation_um\n",
+            AxisKind::Rotary => b"cycle,direction,target_deg,deviation_arcsec\n",
+        });
     }
-
-    fn row(&mut self, kind: AxisKind, r: &Reading) -> Result<(), Failure> {
-        if !self.begun {
-            self.block.extend_from_slice(match kind {
-                AxisKind::Linear => b"cycle,direction,target_mm,deviation_um\n",
-                AxisKind::Rotary => b"cycle,direction,target_deg,deviation_arcsec\n",
-            });
-            self.begun = true;
-        }
-        let (target, deviation) = match kind {
-            AxisKind::Linear => (r.position, um_from_mm(r.value)),
-            AxisKind::Rotary => (deg_from_rad(r.position), arcsec_from_rad(r.value)),
-        };
-        let direction = if r.travel == Travel::Forward { "1" } else { "-1" };
-        self.block.extend_from_slice(r.cycle.to_string().as_bytes());
-        self.block.push(b',');
-        self.block.extend_from_slice(direction.as_bytes());
-        push_number(&mut self.block, target);
-        push_number(&mut self.block, deviation);
-        self.block.push(b'\n');
-        if self.block.len() >= BLOCK { self.flush() } else { Ok(()) }
-    }
-
-    fn flush(&mut self) -> Result<(), Failure> {
-        let done = self.output.write_all(&self.block);
-        self.block.clear();
-        done.map_err(|e| Failure::io(self.output.path(), &e))
-    }
-
-    fn finish(mut self) -> Result<(), Failure> {
-        self.flush()
-    }
+    let PositioningReading { target, deviation, .. } = start_up::in_report_units(kind, r);
+    rows.block.extend_from_slice(r.cycle.to_string().as_bytes());
+    rows.block.extend_from_slice(if r.travel == Travel::Forward { &b",1"[..] } else { b",-1" });
+    push_number(&mut rows.block, target);
+    push_number(&mut rows.block, deviation);
+    rows.row_end()
 }

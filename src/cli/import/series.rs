@@ -8,86 +8,51 @@ use std::rc::Rc;
 
 use super::positioning::read_failure;
 use super::{Args, encoding_note, open};
-use crate::files::Output;
+use crate::Failure;
+use crate::files::Rows;
 use crate::input::{self, InputKind};
 use crate::positioning_data::format_failure;
 use crate::progress::Progress;
-use crate::{EX_DATAERR, Failure};
 use volcomp_formats::columns::Columns;
-use volcomp_formats::edge::{self, Header, Row, Sink, Summary};
+use volcomp_formats::edge::{self, Gap, Header, Row, Sink, Summary};
 use volcomp_formats::{b5r as ballbar, camonitor as epics, rtx as dynamic};
 use volcomp_units::axes::AxisKind;
 
-/// Bytes gathered before they are written.
-const BLOCK: usize = 1 << 16;
-
-/// A table being written; it appears under its name only when it is complete.
-struct TableOut {
-    output: Output,
-    block: Vec<u8>,
+/// The table that is asked for, with its columns.
+fn create<'a>(args: &Args, columns: impl Iterator<Item = &'a str>) -> Result<Rows, Failure> {
+    let mut rows = Rows::create(args.out()?)?;
+    put_names(&mut rows, columns);
+    Ok(rows)
 }
 
-impl TableOut {
-    fn create(args: &Args) -> Result<Self, Failure> {
-        let Some(out) = args.model.out.as_deref() else {
-            return Err(Failure::usage("--out is not given; - is stdout"));
-        };
-        Ok(Self { output: Output::create(out)?, block: Vec::with_capacity(BLOCK + 4096) })
-    }
+fn put_names<'a>(rows: &mut Rows, columns: impl Iterator<Item = &'a str>) {
+    rows.block.extend_from_slice(columns.collect::<Vec<_>>().join(",").as_bytes());
+    rows.block.push(b'\n');
+}
 
-    fn header<'a>(&mut self, names: impl Iterator<Item = &'a str>) {
-        self.block.extend_from_slice(names.collect::<Vec<_>>().join(",").as_bytes());
-        self.block.push(b'\n');
-    }
-
-    /// Appends a number; NaN is an empty field.
-    fn number(&mut self, value: f64) {
-        if !value.is_nan() {
-            // writing to memory cannot fail
-            let _ = write!(self.block, "{value}");
-        }
-    }
-
-    fn field_end(&mut self) {
-        self.block.push(b',');
-    }
-
-    fn row_end(&mut self) -> io::Result<()> {
-        self.block.push(b'\n');
-        if self.block.len() >= BLOCK { self.flush() } else { Ok(()) }
-    }
-
-    fn flush(&mut self) -> io::Result<()> {
-        let done = self.output.write_all(&self.block);
-        self.block.clear();
-        done
-    }
-
-    fn fail(&self, e: &io::Error) -> Failure {
-        Failure::io(self.output.path(), e)
-    }
-
-    fn finish(mut self) -> Result<(), Failure> {
-        self.flush().map_err(|e| self.fail(&e))?;
-        self.output.finish()
+/// A number; nothing where there is none.
+fn number(rows: &mut Rows, value: f64) {
+    if !value.is_nan() {
+        // writing to memory cannot fail
+        let _ = write!(rows.block, "{value}");
     }
 }
 
 pub(super) fn rtx(args: &Args, path: &Path) -> Result<(), Failure> {
     let mut samples =
         dynamic::Samples::new(open(path, InputKind::Stream)?).map_err(|e| read_failure(path, &e))?;
-    let mut table = TableOut::create(args)?;
+
     let mut progress = Progress::new(path);
     let name = if args.angular { "angle_mrad" } else { "displacement_mm" };
-    table.header(["t_s", name].into_iter());
+    let mut table = create(args, ["t_s", name].into_iter())?;
     let rate = samples.header().rate_hz;
     let (mut block, mut done) = (Vec::new(), 0u64);
     while samples.read(&mut block).map_err(|e| read_failure(path, &e))? {
         for value in block.drain(..) {
-            table.number(done as f64 / rate);
-            table.field_end();
-            table.number(value);
-            table.row_end().map_err(|e| table.fail(&e))?;
+            number(&mut table, done as f64 / rate);
+            table.block.push(b',');
+            number(&mut table, value);
+            table.row_end()?;
             done += 1;
         }
         progress.update(samples.position());
@@ -127,7 +92,7 @@ impl<R: Read> Read for Counting<R> {
 /// Rows of a capture to a table.
 struct Capture<'a> {
     args: &'a Args,
-    table: TableOut,
+    table: Rows,
     progress: Progress,
     bytes: Rc<Cell<u64>>,
     /// Columns that are kept.
@@ -175,26 +140,21 @@ impl Sink for Capture<'_> {
                 names.push(name.chars().map(|c| if c.is_alphanumeric() { c } else { '_' }).collect());
             }
         }
-        self.table.header(names.iter().map(String::as_str));
+        put_names(&mut self.table, names.iter().map(String::as_str));
         true
     }
 
     fn row(&mut self, row: Row<'_>) -> bool {
-        self.table.number(row.t_s);
-        self.table.field_end();
-        self.table.number(f64::from(row.segment));
+        number(&mut self.table, row.t_s);
+        self.table.block.push(b',');
+        number(&mut self.table, f64::from(row.segment));
         for &i in &self.kept {
-            self.table.field_end();
-            self.table.number(row.values[i]);
+            self.table.block.push(b',');
+            number(&mut self.table, row.values[i]);
         }
         self.progress.update(self.bytes.get());
-        match self.table.row_end() {
-            Ok(()) => true,
-            Err(e) => {
-                self.problem = Some(self.table.fail(&e));
-                false
-            }
-        }
+        self.problem = self.table.row_end().err();
+        self.problem.is_none()
     }
 }
 
@@ -206,7 +166,7 @@ pub(super) fn edge(args: &Args, path: &Path) -> Result<(), Failure> {
     let bytes = Rc::new(Cell::new(0));
     let mut capture = Capture {
         args,
-        table: TableOut::create(args)?,
+        table: Rows::create(args.out()?)?,
         progress: Progress::new(path),
         bytes: Rc::clone(&bytes),
         kept: Vec::new(),
@@ -233,25 +193,19 @@ fn describe_edge(args: &Args, path: &Path, summary: &Summary) {
             header.time_stamp.as_deref().unwrap_or("at an unknown time")
         );
     }
-    note!(
-        "  {} rows of {} signals every {} ms, {:.3} s from first to last",
-        summary.rows,
-        header.signals.len(),
-        header.cycle_ms,
-        summary.duration_s
-    );
+    let Summary { rows, duration_s, .. } = summary;
+    let (signals, cycle_ms) = (header.signals.len(), header.cycle_ms);
+    note!("  {rows} rows of {signals} signals every {cycle_ms} ms, {duration_s:.3} s from first to last");
     let mut axes: Vec<(u32, &str)> =
         header.signals.iter().filter_map(|s| s.of_axis().map(|(_, n)| (n, s.axis.as_str()))).collect();
     axes.sort_unstable();
     axes.dedup();
     let axes: Vec<String> = axes.iter().map(|(n, name)| format!("{n} ({name})")).collect();
     note!("  axes {}", axes.join(", "));
-    for gap in &summary.gaps {
-        let lost = gap.missing_cycles as f64 * header.cycle_ms / 1e3;
+    for Gap { missing_cycles, after_rows, .. } in &summary.gaps {
+        let lost = *missing_cycles as f64 * cycle_ms / 1e3;
         note!(
-            "  gap: {} cycles ({lost:.3} s) missing after row {}; never differentiate across it, segment goes up there",
-            gap.missing_cycles,
-            gap.after_rows
+            "  gap: {missing_cycles} cycles ({lost:.3} s) missing after row {after_rows}; never differentiate across it, segment goes up there"
         );
     }
     if header.cycle_column().is_none() {
@@ -270,31 +224,28 @@ fn describe_edge(args: &Args, path: &Path, summary: &Summary) {
 
 pub(super) fn camonitor(args: &Args, path: &Path) -> Result<(), Failure> {
     let mut log = epics::Log::new(open(path, InputKind::Stream)?);
-    let mut table = TableOut::create(args)?;
+
     let mut progress = Progress::new(path);
-    table.header(["t_s", "pv", "value", "alarm"].into_iter());
+    let mut table = create(args, ["t_s", "pv", "value", "alarm"].into_iter())?;
     let (mut rows, mut pvs) = (0u64, std::collections::BTreeSet::new());
     while log.advance().map_err(|e| read_failure(path, &e))? {
         let change = log.change();
         if pvs.len() < 10_000 && !pvs.contains(&change.pv) {
             pvs.insert(change.pv.clone());
         }
-        table.number(change.t_s);
+        number(&mut table, change.t_s);
         let clean = |t: &str| t.replace(['"', ','], "_");
         for text in [clean(&change.pv), change.value.to_string(), clean(&change.alarm)] {
-            table.field_end();
+            table.block.push(b',');
             table.block.extend_from_slice(text.as_bytes());
         }
-        table.row_end().map_err(|e| table.fail(&e))?;
+        table.row_end()?;
         rows += 1;
         progress.update(log.bytes());
     }
     progress.finish();
     if rows == 0 {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!("error: {}: no change of a value", path.display()),
-        ));
+        return Err(data!(path, "no change of a value"));
     }
     table.finish()?;
     note!("{}: EPICS camonitor log, {rows} changes of {} values", path.display(), pvs.len());
@@ -308,18 +259,18 @@ pub(super) fn camonitor(args: &Args, path: &Path) -> Result<(), Failure> {
 pub(super) fn columns(args: &Args, path: &Path) -> Result<(), Failure> {
     let map = args.column_map()?;
     let mut source = Columns::new(open(path, InputKind::Stream)?, map).map_err(|e| read_failure(path, &e))?;
-    let mut table = TableOut::create(args)?;
+
     let mut progress = Progress::new(path);
-    table.header(source.names());
+    let mut table = create(args, source.names())?;
     let mut rows = 0u64;
     while source.advance().map_err(|e| read_failure(path, &e))? {
         for (i, value) in source.values().iter().enumerate() {
             if i > 0 {
-                table.field_end();
+                table.block.push(b',');
             }
-            table.number(*value);
+            number(&mut table, *value);
         }
-        table.row_end().map_err(|e| table.fail(&e))?;
+        table.row_end()?;
         rows += 1;
         if rows.is_multiple_of(4096) {
             progress.update(source.bytes());
@@ -327,7 +278,7 @@ pub(super) fn columns(args: &Args, path: &Path) -> Result<(), Failure> {
     }
     progress.finish();
     if rows == 0 {
-        return Err(Failure::new(EX_DATAERR, format_args!("error: {}: no data rows", path.display())));
+        return Err(data!(path, "no data rows"));
     }
     table.finish()?;
     note!("{}: {rows} rows", path.display());
@@ -339,9 +290,7 @@ pub(super) fn b5r(args: &Args, path: &Path) -> Result<(), Failure> {
     let bytes = input::read(path, InputKind::Instrument)?;
     let decoded = args.decode(&file, &bytes)?;
     let test = ballbar::parse(&decoded.text).map_err(|e| format_failure(&file, &e))?;
-    let Some(out) = args.model.out.as_deref() else {
-        return Err(Failure::usage("--out is not given; - is stdout"));
-    };
+    let out = args.out()?;
     let json = out.extension().is_some_and(|e| e.eq_ignore_ascii_case("json"));
     let text = if json {
         let about: serde_json::Map<String, serde_json::Value> =

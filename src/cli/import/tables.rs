@@ -52,16 +52,12 @@ fn read(
     text: &str,
     encoding: &str,
 ) -> Result<Vec<(ErrorSymbol, ErrorFunction)>, Failure> {
-    let axis = || {
-        args.axis.ok_or_else(|| {
-            Failure::usage(format_args!("{file}: the file does not say whose table it is; give --axis"))
-        })
-    };
+    let axis =
+        || args.axis.ok_or_else(|| usage!("{file}: the file does not say whose table it is; give --axis"));
     let fail = |e| format_failure(file, &e);
     match format {
         FormatArg::Isg => {
-            let body = args.control.sense.map(isg::Body::from);
-            let tables = isg::parse(text, &model.spec.chain, body).map_err(fail)?;
+            let tables = isg::parse(text, &model.spec.chain, args.control.sense).map_err(fail)?;
             note!("{file}: ISG volumetric compensation{encoding}, {} errors", tables.errors.len());
             if !tables.kinematics.is_empty() {
                 note!(
@@ -80,8 +76,7 @@ fn read(
             Ok(vec![(positioning_symbol(axis), found)])
         }
         FormatArg::Heidenhain => {
-            let table = heidenhain::parse(text, axis()?, args.control.sign.map(heidenhain::Sign::from))
-                .map_err(fail)?;
+            let table = heidenhain::parse(text, axis()?, args.control.sign).map_err(fail)?;
             note!("{file}: Heidenhain compensation table (.COM){encoding}");
             if table.backlash_empty {
                 note!("  note: BACKLASH holds zeros only and is taken as not filled in");
@@ -91,7 +86,7 @@ fn read(
         _ => {
             let axis = axis()?;
             let kind = args.control.comp_type.ok_or_else(|| {
-                Failure::usage(format_args!("{file}: the file does not say what its columns are; give --comp-type 0 (actual positions) or 1 (trims), as COMP_FILE_TYPE of the INI file"))
+                usage!("{file}: the file does not say what its columns are; give --comp-type 0 (actual positions) or 1 (trims), as COMP_FILE_TYPE of the INI file")
             })?;
             let found = linuxcnc::parse(text, axis.kind(), kind, args.control.linear_unit()).map_err(fail)?;
             note!("{file}: LinuxCNC screw compensation{encoding}");

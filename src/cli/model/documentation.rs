@@ -4,19 +4,21 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
-use super::super::check::{Size, offset_out, offset_unit, position_out, position_unit, rounded};
-use super::super::{EX_CONFIG, EX_DATAERR, EX_SOFTWARE, Failure};
+use super::super::{EX_CONFIG, Failure};
 use super::picture;
-use super::report::{Report, error_out};
-use super::worst::search;
+use super::report::Report;
 use crate::acceptance::verdicts::NOT_STATED;
-use crate::acceptance::{Acceptance, HeadArgs, file_name, sign};
+use crate::acceptance::{Acceptance, HeadArgs, Stated, file_name, sign};
+use crate::check::Size;
 use crate::input::{self, InputKind};
 use crate::numerals::{counted, micro, plain};
-use crate::report::Page;
-use crate::report::page::Cell;
+use crate::quantities::{
+    error_out, lower, offset_out, offset_unit, position_out, position_unit, range_words, rounded,
+};
+use crate::report::{Page, Table};
 use volcomp_config::{MachineConfig, ModelFile, Provenance};
 use volcomp_model::curve::Interpolation;
+use volcomp_model::extremes::search;
 
 use volcomp_model::{Curve, ErrorFunction, ErrorSymbol, Model, ModelSpec};
 use volcomp_units::axes::{AxisKind, AxisName};
@@ -57,28 +59,25 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let model = Model::new(&file.spec).map_err(|e| Failure::new(EX_CONFIG, e))?;
     let machine = args.config.as_deref().map(crate::status::machine).transpose()?;
     if let Some(other) = machine.as_ref().filter(|m| m.machine != file.spec.machine) {
-        return Err(Failure::new(
-            EX_CONFIG,
-            format_args!(
-                "error: {}: the model is of machine {}, the machine file of {}",
-                args.file.display(),
-                file.spec.machine,
-                other.machine
-            ),
+        return Err(mistake!(
+            args.file,
+            "the model is of machine {}, the machine file of {}",
+            file.spec.machine,
+            other.machine
         ));
     }
     let mut acceptance = Acceptance::load(&HeadArgs::of_head(args.head.clone()), "", &[])?;
-    acceptance.fill(crate::acceptance::Stated {
+    acceptance.fill(Stated {
         machine: Some(file.spec.machine.clone()),
         operator: file.provenance.operator.clone(),
         date: file.provenance.date.clone(),
         instrument: file.provenance.instrument.clone(),
         temperature_degc: file.provenance.temperature_degc.map(|t| [t; 2]),
-        ..crate::acceptance::Stated::default()
+        ..Stated::default()
     });
     let mut validations = stated_validations(&acceptance);
     for path in &args.validation {
-        validations.push(Validation::read(path)?);
+        validations.push(read_validation(path)?);
     }
     let found = search(&file.spec, &model, |_, _| {});
     let name = file_name(&args.file);
@@ -90,9 +89,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         report: Report { file: &file, name: &name, found: &found },
         hash: input::hash(&args.file, InputKind::Model),
     };
-    let drawn =
-        |e: Box<dyn std::error::Error>| Failure::new(EX_SOFTWARE, format_args!("error: picture: {e}"));
-    super::save(&args.html, &documented.page(&model).map_err(drawn)?)?;
+    super::save(&args.html, &documented.page(&model)?)?;
     if args.json {
         say!("{:#}", documented.json());
     } else if args.html.as_os_str() != "-" {
@@ -101,62 +98,46 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     Ok(())
 }
 
-/// A measurement with the compensation active.
-struct Validation {
-    measurement: String,
-    date: Option<String>,
-    instrument: Option<String>,
-    points: Option<u64>,
-    /// Without and with compensation, with the unit.
-    sizes: Option<String>,
-}
+/// A measurement with the compensation active: measurement, date, instrument, points, without to with compensation.
+type Validation = [String; 5];
 
 fn stated_validations(acceptance: &Acceptance) -> Vec<Validation> {
-    let of = &acceptance.compensation().validation;
-    of.iter()
-        .map(|v| Validation {
-            measurement: v.measurement.clone().unwrap_or_else(|| NOT_STATED.to_owned()),
-            date: v.date.as_ref().map(|d| d.0.clone()),
-            instrument: v.instrument.clone(),
-            points: v.points.map(u64::from),
-            sizes: v.before_um.zip(v.after_um).map(|(b, a)| format!("{} to {} µm", plain(b, 2), plain(a, 2))),
-        })
-        .collect()
+    let sizes = |b: f64, a: f64| format!("{} to {} µm", plain(b, 2), plain(a, 2));
+    let of = acceptance.compensation().validation.iter().map(|v| {
+        [
+            v.measurement.clone(),
+            v.date.as_ref().map(|d| d.0.clone()),
+            v.instrument.clone(),
+            v.points.map(|n| n.to_string()),
+            v.before_um.zip(v.after_um).map(|(b, a)| sizes(b, a)),
+        ]
+        .map(or_not_stated)
+    });
+    of.collect()
 }
 
-impl Validation {
-    /// Reads what `volcomp verify --json` wrote.
-    fn read(path: &std::path::Path) -> Result<Self, Failure> {
-        let text = input::read_text(path, InputKind::Case)?;
-        let wrong = |what: &str| {
-            Failure::new(
-                EX_DATAERR,
-                format_args!(
-                    "error: {}: {what}; expected the output of volcomp verify --json",
-                    path.display()
-                ),
-            )
+fn or_not_stated(words: Option<String>) -> String {
+    words.unwrap_or_else(|| NOT_STATED.to_owned())
+}
+
+/// Reads what `volcomp verify --json` wrote.
+fn read_validation(path: &std::path::Path) -> Result<Validation, Failure> {
+    let text = input::read_text(path, InputKind::Case)?;
+    let wrong = |what: &str| data!(path, "{what}; expected the output of volcomp verify --json");
+    let report: Value = serde_json::from_str(&text).map_err(|e| wrong(&e.to_string()))?;
+    let test = report["test"].as_str().ok_or_else(|| wrong("no test"))?;
+    let size = |unit: &str, words: &str| -> Option<String> {
+        let of = |when: &str| {
+            let value = report["range"][format!("{when}_{unit}")].as_f64()?;
+            let u = report["range"][format!("{when}_u95_{unit}")].as_f64();
+            Some(plain(value, 2) + &u.map_or(String::new(), |u| format!(" ± {u:.2}")))
         };
-        let report: Value = serde_json::from_str(&text).map_err(|e| wrong(&e.to_string()))?;
-        let test = report["test"].as_str().ok_or_else(|| wrong("no test"))?;
-        let size = |unit: &str, words: &str| -> Option<String> {
-            let of = |when: &str| {
-                let value = report["range"][format!("{when}_{unit}")].as_f64()?;
-                let u = report["range"][format!("{when}_u95_{unit}")].as_f64();
-                let u = u.map_or(String::new(), |u| format!(" ± {u:.2}"));
-                Some(plain(value, 2) + &u)
-            };
-            Some(format!("range of the means {} to {} {words}", of("before")?, of("after")?))
-        };
-        let sizes = size("um", "µm").or_else(|| size("arcsec", "arcsec")).ok_or_else(|| wrong("no range"))?;
-        Ok(Self {
-            measurement: format!("{test}, {}", file_name(path)),
-            date: None,
-            instrument: None,
-            points: report["readings"][1].as_u64(),
-            sizes: Some(sizes),
-        })
-    }
+        Some(format!("range of the means {} to {} {words}", of("before")?, of("after")?))
+    };
+    let sizes = size("um", "µm").or_else(|| size("arcsec", "arcsec")).ok_or_else(|| wrong("no range"))?;
+    let points = report["readings"][1].as_u64().map(|n| n.to_string());
+    let measurement = format!("{test}, {}", file_name(path));
+    Ok([Some(measurement), None, None, points, Some(sizes)].map(or_not_stated))
 }
 
 struct Documented<'a> {
@@ -173,7 +154,7 @@ impl Documented<'_> {
         &self.file.spec
     }
 
-    fn page(&self, model: &Model) -> Result<String, Box<dyn std::error::Error>> {
+    fn page(&self, model: &Model) -> Result<String, Failure> {
         let spec = self.spec();
         let mut page = Page::new(&format!("Compensation of {}", spec.machine));
         page.html("<div class=\"dense\">");
@@ -184,13 +165,12 @@ impl Documented<'_> {
         let hash = self.hash.as_ref().map_or(String::new(), |h| format!(", blake3 {h}"));
         let axes: Vec<String> =
             spec.chain.axes().iter().filter(|a| !a.spindle).map(|a| self.axis(a.name)).collect();
-        let rows = [
+        page.facts([
             ("model file", format!("{}{hash}", self.report.name)),
             ("kinematic representation", format!("{}; {}", spec.chain, axes.join("; "))),
-            ("determined from", origin(&self.file.provenance).unwrap_or_else(|| NOT_STATED.to_owned())),
-            ("re-check", self.re_check().unwrap_or_else(|| NOT_STATED.to_owned())),
-        ];
-        page.table(&[], &rows.map(|(what, text)| vec![Cell::head(what), Cell::text(text)]));
+            ("determined from", or_not_stated(origin(&self.file.provenance))),
+            ("re-check", or_not_stated(self.re_check())),
+        ]);
         page.heading(format_args!(
             "Error functions, {} of {}",
             self.covered().len(),
@@ -214,11 +194,10 @@ impl Documented<'_> {
 
     /// Travel of an axis.
     fn axis(&self, name: AxisName) -> String {
-        let travel = self.spec().axis(name).travel.map(|t| t.map(|v| position_out(name, v)));
-        let unit = position_unit(name);
+        let travel = self.spec().axis(name).travel;
         travel.map_or_else(
             || format!("{name}: travel not stated"),
-            |[low, high]| format!("{name} {low} to {high} {unit}"),
+            |range| format!("{name} {}", range_words(name, range)),
         )
     }
 
@@ -241,36 +220,24 @@ impl Documented<'_> {
             found.and_then(|(_, p)| origin(p)).filter(|o| Some(o) != origin(&self.file.provenance).as_ref())
         };
         let apart = self.spec().errors.iter().any(|(s, _)| own(*s).is_some());
-        let mut head =
-            vec!["", "error", "function, grid, interpolation", "over", "lowest to highest", "U (k = 2)"];
-        head.extend(apart.then_some("determined from"));
-        let rows: Vec<Vec<Cell>> = self
-            .spec()
-            .errors
-            .iter()
-            .map(|(symbol, function)| {
-                let size = Size::of(*symbol, function, self.spec());
-                let unit = micro(size.unit);
-                let position = position_unit(symbol.axis());
-                let over =
-                    size.range.map_or("everywhere".to_owned(), |[a, b]| format!("{a} to {b} {position}"));
-                let u = function.std.map(|s| plain(2.0 * error_out(*symbol, s), 2));
-                let extremes = format!("{} to {} {unit}", plain(size.low, 2), plain(size.high, 2));
-                let mut row = vec![
-                    Cell::head(symbol),
-                    Cell::text(meaning(*symbol)),
-                    Cell::text(representation(*symbol, function)),
-                    Cell::text(over),
-                    Cell::number(extremes),
-                    u.map_or_else(|| Cell::number(NOT_STATED).faint(), Cell::number),
-                ];
-                row.extend(
-                    apart.then(|| Cell::text(own(*symbol).unwrap_or_else(|| "as the file".to_owned()))),
-                );
-                row
-            })
-            .collect();
-        page.stacked_table(&head, &rows);
+        let heads =
+            ["", "error", "function, grid, interpolation", "over", ">lowest to highest", ">U (k = 2)"];
+        let rows = self.spec().errors.iter().map(|(symbol, function)| {
+            let size = Size::of(*symbol, function, self.spec());
+            let (unit, position) = (size.unit, position_unit(symbol.axis()));
+            let over = size.range.map_or("everywhere".to_owned(), |[a, b]| format!("{a} to {b} {position}"));
+            let mut row = vec![
+                symbol.to_string(),
+                meaning(*symbol).to_owned(),
+                representation(*symbol, function),
+                over,
+                format!("{} to {} {unit}", plain(size.low, 2), plain(size.high, 2)),
+                or_not_stated(function.std.map(|s| plain(2.0 * error_out(*symbol, s), 2))),
+            ];
+            row.extend(apart.then(|| own(*symbol).unwrap_or_else(|| "as the file".to_owned())));
+            row
+        });
+        Table::new(heads.into_iter().chain(apart.then_some("determined from"))).rows(rows).put_stacked(page);
     }
 
     fn application(&self, page: &mut Page) {
@@ -286,24 +253,17 @@ impl Documented<'_> {
             ("applied by", self.applied()),
         ];
         if let Some(machine) = self.machine {
-            let limits: Vec<String> = machine
-                .axes
-                .iter()
-                .map(|a| {
-                    let (limit, unit) = (offset_out(a.name, a.limits.size), offset_unit(a.name));
-                    format!("{} {} {}", a.name, rounded(limit), micro(unit))
-                })
-                .collect();
+            let limit = |a: &volcomp_config::machine::AxisConfig| {
+                format!("{} {} {}", a.name, offset_out(a.name, a.limits.size), micro(offset_unit(a.name)))
+            };
+            let limits: Vec<String> = machine.axes.iter().map(limit).collect();
             rows.push(("limits of the correction", limits.join(", ")));
             let window = machine.guard.temperature_degc.map(|[low, high]| format!("{low} to {high} °C"));
-            rows.push(("temperatures for which it holds", window.unwrap_or_else(|| NOT_STATED.to_owned())));
+            rows.push(("temperatures for which it holds", or_not_stated(window)));
         }
-        let worst = self.report.worst();
-        let words: Vec<String> = worst.iter().take(2).map(|f| format!("{} {}", f.what, f.value)).collect();
-        rows.push(("errors predicted without it", micro(&words.join("; "))));
-        let rows: Vec<Vec<Cell>> =
-            rows.into_iter().map(|(what, text)| vec![Cell::head(what), Cell::text(text)]).collect();
-        page.table(&[], &rows);
+        let words = self.report.worst_words();
+        rows.push(("errors predicted without it", micro(&words)));
+        page.facts(rows);
     }
 
     /// What happens outside of the functions' ranges, and where they are narrower than the travel.
@@ -346,21 +306,7 @@ impl Documented<'_> {
             return;
         }
         let head = ["measurement", "date", "instrument", "points", "without to with compensation"];
-        let or = |v: Option<String>| v.map_or_else(|| Cell::text(NOT_STATED).faint(), Cell::text);
-        let rows: Vec<Vec<Cell>> = self
-            .validations
-            .iter()
-            .map(|v| {
-                vec![
-                    Cell::text(&v.measurement),
-                    or(v.date.clone()),
-                    or(v.instrument.clone()),
-                    or(v.points.map(|n| n.to_string())),
-                    or(v.sizes.clone()),
-                ]
-            })
-            .collect();
-        page.stacked_table(&head, &rows);
+        Table::new(head).rows(self.validations).put_stacked(page);
     }
 
     /// What follows from model and machine file, and what the head adds.
@@ -411,23 +357,18 @@ impl Documented<'_> {
     }
 
     fn json(&self) -> Value {
-        let symbols = |list: Vec<ErrorSymbol>| -> Vec<String> {
-            list.iter().map(|s| s.to_string().to_lowercase()).collect()
-        };
+        let symbols = |list: Vec<ErrorSymbol>| list.into_iter().map(lower).collect::<Vec<_>>();
         let covered = self.covered();
         let left = self.spec().chain.error_symbols().into_iter().filter(|s| !covered.contains(s)).collect();
-        let functions: Vec<Value> = self
-            .spec()
-            .errors
-            .iter()
-            .map(|(s, f)| json!({ "symbol": s.to_string().to_lowercase(), "representation": representation(*s, f) }))
-            .collect();
+        let functions = self.spec().errors.iter();
+        let functions =
+            functions.map(|(s, f)| json!({ "symbol": lower(*s), "representation": representation(*s, f) }));
         json!({
             "machine": self.spec().machine,
             "model_hash": self.hash,
             "covered": symbols(covered),
             "without_function": symbols(left),
-            "functions": functions,
+            "functions": functions.collect::<Value>(),
             "extrapolation": self.extrapolation(),
             "native_compensations": self.acceptance.compensation().native,
             "not_compensated": self.not_compensated(),

@@ -1,6 +1,6 @@
 //! The chain as a small text drawing, from the workpiece over the bed to the tool.
 
-use super::super::check::{position_out, position_unit};
+use crate::quantities::{position_out, position_unit};
 use volcomp_model::{ModelSpec, Side};
 use volcomp_units::axes::AxisKind;
 

@@ -1,9 +1,10 @@
 //! `model extend`: what a diagnosis has found becomes part of the model that volcompd corrects with.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use super::super::{EX_CONFIG, EX_DATAERR, Failure};
 use super::forecast::Forecast;
+use crate::acceptance::file_name;
 use crate::additions::read_addition;
 use crate::files::write_text;
 use volcomp_config as config;
@@ -47,9 +48,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         let beside_none =
             addition.machine.is_empty() && model.spec.errors.is_empty() && model.thermal.is_empty();
         if !beside_none {
-            addition
-                .is_of(&model.spec.machine)
-                .map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {}: {e}", path.display())))?;
+            addition.is_of(&model.spec.machine).map_err(|e| mistake!(path, "{e}"))?;
         }
         let extended = extend(&model.spec, &model.thermal, &addition).map_err(|e| {
             Failure::new(
@@ -75,10 +74,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let forecast = args.add.first().map(|path| Forecast::read(args.report.as_ref(), path));
     let forecast = forecast.transpose()?.flatten();
     let delivered = forecast.as_ref().map(|f| f.delivered(&fates));
-    let name = |path: &Path| path.file_name().unwrap_or_default().to_string_lossy().into_owned();
-    let added: Vec<String> = args.add.iter().map(|p| name(p)).collect();
+    let added: Vec<String> = args.add.iter().map(|p| file_name(p)).collect();
     let comment =
-        format!("{} with {}, written by volcomp model extend.", name(&args.model), added.join(", "));
+        format!("{} with {}, written by volcomp model extend.", file_name(&args.model), added.join(", "));
     write_text(&args.out, &config::model::write_file(&model, &[comment]))?;
     if args.json {
         let report = serde_json::json!({

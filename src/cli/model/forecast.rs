@@ -4,7 +4,7 @@ use std::path::{Path, PathBuf};
 
 use serde_json::{Value, json};
 
-use super::super::{EX_DATAERR, Failure};
+use super::super::Failure;
 use crate::input::{InputKind, read_text};
 use volcomp_effects::extend::Fate;
 
@@ -32,13 +32,11 @@ impl Delivered {
 
     /// One line of text.
     pub(super) fn line(&self) -> String {
+        let Self { before_um, forecast_um, deliverable_um } = *self;
+        let [deliverable, forecast] =
+            [deliverable_um, forecast_um].map(|after| Self::shrink(before_um, after));
         format!(
-            "shrink of the gap: {:.2} of {:.2} forecast ({:.2} µm RMS; {:.2} µm left, forecast {:.2} µm)",
-            Self::shrink(self.before_um, self.deliverable_um),
-            Self::shrink(self.before_um, self.forecast_um),
-            self.before_um,
-            self.deliverable_um,
-            self.forecast_um,
+            "shrink of the gap: {deliverable:.2} of {forecast:.2} forecast ({before_um:.2} µm RMS; {deliverable_um:.2} µm left, forecast {forecast_um:.2} µm)"
         )
     }
 
@@ -64,12 +62,7 @@ impl Forecast {
             None => return Ok(None),
         };
         let text = read_text(path, InputKind::Model)?;
-        let wrong = |what: &str| {
-            Failure::new(
-                EX_DATAERR,
-                format_args!("error: {}: {what}; expected report.json of volcomp diagnose", path.display()),
-            )
-        };
+        let wrong = |what: &str| data!(path, "{what}; expected report.json of volcomp diagnose");
         let report: Value = serde_json::from_str(&text).map_err(|e| wrong(&e.to_string()))?;
         Self::of(&report).map(Some).ok_or_else(|| wrong("no shrink and causes"))
     }

@@ -2,7 +2,7 @@
 
 use serde_json::{Value, json};
 
-use super::super::check::{position_out, position_unit, rounded};
+use crate::quantities::{error_out, error_unit, list, lower, position_out, position_unit, rounded};
 use volcomp_model::gauge::{Effect, Gauged, Moved, Part, RigidShare, Untouched, normalise};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::ModelSpec;
@@ -41,22 +41,15 @@ pub(crate) fn as_json(model: &ModelSpec) -> Value {
         Ok(gauged) => gauged,
         Err(e) => return json!({"normal": false, "error": e.to_string()}),
     };
-    let moved: Vec<Value> = gauged.moved.iter().map(moved_json).collect();
-    let changes: Vec<Value> = gauged
-        .total
-        .errors
-        .iter()
-        .map(|(symbol, amount)| {
-            let before = constant(model, *symbol);
-            let (before, unit) = in_unit(*symbol, before);
-            let (after, _) = in_unit(*symbol, constant(model, *symbol) + amount);
-            json!({"symbol": lower(*symbol), format!("before_{unit}"): before, format!("after_{unit}"): after})
-        })
-        .collect();
+    let changes = gauged.total.errors.iter().map(|(symbol, amount)| {
+        let (before, unit) = (constant(model, *symbol), error_unit(*symbol));
+        let [before, after] = [before, before + amount].map(|v| rounded(error_out(*symbol, v)));
+        json!({"symbol": lower(*symbol), format!("before_{unit}"): before, format!("after_{unit}"): after})
+    });
     json!({
         "normal": gauged.moved.iter().all(is_negligible),
-        "moved": moved,
-        "changes": changes,
+        "moved": gauged.moved.iter().map(moved_json).collect::<Value>(),
+        "changes": changes.collect::<Value>(),
         "rigid": rigid_json(&gauged.total.rigid),
         "left": gauged.untouched.iter().map(untouched_line).collect::<Vec<_>>(),
     })
@@ -66,8 +59,7 @@ pub(crate) fn as_json(model: &ModelSpec) -> Value {
 fn is_negligible(moved: &Moved) -> bool {
     let amount = match moved.part {
         Part::Slope { over } => um_from_mm(moved.amount * (over[1] - over[0])),
-        Part::Value { .. } if moved.symbol.is_angle() => arcsec_from_rad(moved.amount),
-        Part::Value { .. } => um_from_mm(moved.amount),
+        Part::Value { .. } => error_out(moved.symbol, moved.amount),
     };
     amount.abs() < NEGLIGIBLE
 }
@@ -90,22 +82,17 @@ fn moved_line(moved: &Moved) -> String {
 fn moved_json(moved: &Moved) -> Value {
     let axis = moved.symbol.axis();
     let (amount, unit) = amount_of(moved);
-    let to: Vec<Value> = moved
-        .effect
-        .errors
-        .iter()
-        .map(|(symbol, amount)| {
-            let (amount, unit) = in_unit(*symbol, *amount);
-            json!({"symbol": lower(*symbol), format!("amount_{unit}"): amount})
-        })
-        .chain(moved.effect.slopes.iter().map(|(symbol, slope)| {
-            json!({"symbol": lower(*symbol), "part": "slope", "amount_arcsec": angle(*slope)})
-        }))
-        .collect();
+    let errors = moved.effect.errors.iter().map(|(symbol, amount)| {
+        let (amount, unit) = in_unit(*symbol, *amount);
+        json!({"symbol": lower(*symbol), format!("amount_{unit}"): amount})
+    });
+    let slopes = moved.effect.slopes.iter().map(
+        |(symbol, slope)| json!({"symbol": lower(*symbol), "part": "slope", "amount_arcsec": angle(*slope)}),
+    );
     let mut out = json!({
         "symbol": lower(moved.symbol),
         format!("amount_{unit}"): amount,
-        "to": to,
+        "to": errors.chain(slopes).collect::<Value>(),
         "rigid": rigid_json(&moved.effect.rigid),
     });
     match moved.part {
@@ -171,11 +158,10 @@ fn rigid_parts(rigid: &RigidShare) -> Vec<String> {
 }
 
 fn rigid_json(rigid: &RigidShare) -> Value {
-    let list = |v: Vec3| json!([rounded(v.x), rounded(v.y), rounded(v.z)]);
     json!({
-        "shift_um": list(rigid.shift.map(um_from_mm)),
-        "turn_arcsec": list(rigid.turn.map(arcsec_from_rad)),
-        "tool_turn_arcsec": list(rigid.tool_turn.map(arcsec_from_rad)),
+        "shift_um": list(&rigid.shift.map(um_from_mm)),
+        "turn_arcsec": list(&rigid.turn.map(arcsec_from_rad)),
+        "tool_turn_arcsec": list(&rigid.tool_turn.map(arcsec_from_rad)),
     })
 }
 
@@ -207,7 +193,7 @@ fn amount_of(moved: &Moved) -> (f64, &'static str) {
 }
 
 fn in_unit(symbol: ErrorSymbol, value: f64) -> (f64, &'static str) {
-    if symbol.is_angle() { (angle(value), "arcsec") } else { (rounded(um_from_mm(value)), "um") }
+    (rounded(error_out(symbol, value)), error_unit(symbol))
 }
 
 fn angle(rad: f64) -> f64 {
@@ -217,10 +203,6 @@ fn angle(rad: f64) -> f64 {
 fn constant(model: &ModelSpec, symbol: ErrorSymbol) -> f64 {
     let found = model.errors.iter().find(|(s, _)| *s == symbol);
     found.map_or(0.0, |(_, f): &(_, ErrorFunction)| f.value(0.0, Default::default()))
-}
-
-fn lower(symbol: ErrorSymbol) -> String {
-    symbol.to_string().to_lowercase()
 }
 
 /// Three decimals: a nanometre, or a thousandth of a second of arc.

@@ -9,14 +9,13 @@ pub(super) mod gauge;
 mod html;
 mod normalise;
 mod picture;
-mod report;
+pub(super) mod report;
 mod show;
-mod worst;
 
 use std::path::Path;
 
+use super::Failure;
 use super::input::{self, InputKind};
-use super::{EX_CONFIG, Failure};
 use volcomp_config as config;
 use volcomp_config::ModelFile;
 
@@ -27,24 +26,19 @@ pub(super) struct Args {
     verb: Verb,
 }
 
-#[derive(Debug, clap::Subcommand)]
-enum Verb {
-    Show(show::Args),
-    Report(documentation::Args),
-    Assemble(Box<assemble::Args>),
-    Extend(extend::Args),
-    #[command(alias = "normalize")]
-    Normalise(normalise::Args),
+subcommands! {
+    enum Verb {
+        Show(show::Args) => show::run,
+        Report(documentation::Args) => documentation::run,
+        Assemble(Box<assemble::Args>) => assemble::run,
+        Extend(extend::Args) => extend::run,
+        #[command(alias = "normalize")]
+        Normalise(normalise::Args) => normalise::run,
+    }
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    match &args.verb {
-        Verb::Show(a) => show::run(a),
-        Verb::Report(a) => documentation::run(a),
-        Verb::Assemble(a) => assemble::run(a),
-        Verb::Extend(a) => extend::run(a),
-        Verb::Normalise(a) => normalise::run(a),
-    }
+    args.verb.run()
 }
 
 /// Reads a model file with its provenance.
@@ -53,9 +47,9 @@ fn load(path: &Path) -> Result<ModelFile, Failure> {
     let file = path.display().to_string();
     let text = String::from_utf8(bytes).map_err(|e| {
         let at = e.utf8_error().valid_up_to();
-        Failure::new(EX_CONFIG, format_args!("error: {file}: byte {at} is not UTF-8; save the file as UTF-8"))
+        mistake!(file, "byte {at} is not UTF-8; save the file as UTF-8")
     })?;
-    config::model::parse_file(&file, &text).map_err(|e| Failure::new(EX_CONFIG, e))
+    Ok(config::model::parse_file(&file, &text)?)
 }
 
 /// Writes a file.

@@ -2,7 +2,7 @@
 
 use std::path::PathBuf;
 
-use super::super::{EX_CONFIG, Failure};
+use super::super::Failure;
 use volcomp_config as config;
 use volcomp_model::normalise;
 
@@ -25,10 +25,8 @@ pub(super) struct Args {
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let mut model = super::load(&args.file)?;
-    let gauged = normalise(&model.spec).map_err(|e| {
-        let file = args.file.display();
-        Failure::new(EX_CONFIG, format_args!("error: {file}: its normal form breaks a rule of models: {e}"))
-    })?;
+    let gauged = normalise(&model.spec)
+        .map_err(|e| mistake!(args.file, "its normal form breaks a rule of models: {e}"))?;
     let report = if args.json {
         let mut report = super::gauge::as_json(&model.spec);
         report["out"] = args.out.display().to_string().into();

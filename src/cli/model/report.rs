@@ -2,16 +2,20 @@
 
 use serde_json::{Map, Value, json};
 
-use super::super::check::{Size, kinds_of, offset_out, offset_unit, position_out, position_unit, rounded};
-use super::worst::{Extreme, Found, kept_in_place};
 use super::{drawing, gauge};
+use crate::check::{Size, kinds_of};
 use crate::numerals::{plain, signed};
+use crate::quantities::{
+    error_out, list, lower, offset_out, offset_unit, point, pose_json, pose_words, position_out,
+    position_unit, range_words, rounded, vector,
+};
+use crate::report::Table;
 use volcomp_config::model::FORMAT;
 use volcomp_config::{ModelFile, Provenance};
-use volcomp_model::geometry::Vec3;
+use volcomp_model::extremes::{Extreme, Found, kept_in_place};
 use volcomp_model::spec::ReferenceBody;
 use volcomp_model::{AxisSpec, ErrorFunction, ErrorSymbol, ModelSpec, Sense, Side};
-use volcomp_units::axes::{AxisKind, AxisName, Travel};
+use volcomp_units::axes::{AxisKind, AxisName};
 use volcomp_units::{arcsec_from_rad, um_from_mm};
 
 /// A model with what was found out about it.
@@ -19,26 +23,6 @@ pub(super) struct Report<'a> {
     pub(super) file: &'a ModelFile,
     pub(super) name: &'a str,
     pub(super) found: &'a Found,
-}
-
-/// One row of the table of errors, everything in words.
-pub(super) struct ErrorRow {
-    pub(super) symbol: String,
-    pub(super) kinds: String,
-    pub(super) range: String,
-    /// Lowest, highest, peak to peak.
-    pub(super) size: [String; 3],
-    pub(super) unit: &'static str,
-    /// Standard uncertainty, or nothing.
-    pub(super) std: String,
-    pub(super) origin: String,
-}
-
-/// What is said about a pose: a name, the value, and where.
-pub(super) struct Fact {
-    pub(super) what: String,
-    pub(super) value: String,
-    pub(super) place: String,
 }
 
 impl Report<'_> {
@@ -54,49 +38,24 @@ impl Report<'_> {
         out.push(String::new());
         out.extend(self.frame_lines().into_iter().map(|l| format!("  {l}")));
         out.push("axes".to_owned());
-        out.extend(spec.chain.axes().iter().map(|a| format!("  {}: {}", a.name, self.axis_words(a.name))));
-        self.push_errors(&mut out);
-        out.push("in the working volume".to_owned());
-        for fact in self.worst() {
-            out.push(format!("  {:<28} {:>24}  {}", fact.what, fact.value, fact.place));
-        }
-        out.push("largest corrections".to_owned());
-        for fact in self.corrections() {
-            out.push(format!("  {:<28} {:>24}  {}", fact.what, fact.value, fact.place));
-        }
-        out.extend(gauge::lines(spec));
-        out
-    }
-
-    fn push_errors(&self, out: &mut Vec<String>) {
-        let (motions, constants) = self.error_rows();
+        out.extend(spec.chain.axes().iter().map(|a| format!("  {}: {}", a.name, axis_words(spec, a.name))));
+        let (motions, constants) = errors(self.file);
         if motions.is_empty() && constants.is_empty() {
             out.push("no errors: nothing will be corrected".to_owned());
         }
-        if !motions.is_empty() {
-            out.push("error motions".to_owned());
-            let head = ["lowest", "highest", "range"];
-            out.push(format!(
-                "  {:<5} {:<22} {:<18} {:>9} {:>9} {:>9} {:<6} {:>8}",
-                "", "kind", "over", head[0], head[1], head[2], "", "u (k=1)"
-            ));
-            for r in motions {
-                let [low, high, range] = &r.size;
-                let line = format!(
-                    "  {:<5} {:<22} {:<18} {low:>9} {high:>9} {range:>9} {:<6} {:>8}  {}",
-                    r.symbol, r.kinds, r.range, r.unit, r.std, r.origin
-                );
-                out.push(line.trim_end().to_owned());
+        for (title, table) in [
+            ("error motions", motions),
+            ("squareness and location", constants),
+            ("in the working volume", self.worst()),
+            ("largest corrections", self.corrections()),
+        ] {
+            if !table.is_empty() {
+                out.push(title.to_owned());
+                out.extend(table.lines().into_iter().map(|l| format!("  {l}")));
             }
         }
-        if !constants.is_empty() {
-            out.push("squareness and location".to_owned());
-            for r in constants {
-                let std = if r.std.is_empty() { String::new() } else { format!(", u (k=1) {}", r.std) };
-                let line = format!("  {:<5} {:>9} {}{std}  {}", r.symbol, r.size[0], r.unit, r.origin);
-                out.push(line.trim_end().to_owned());
-            }
-        }
+        out.extend(gauge::lines(spec));
+        out
     }
 
     /// Frame and origin of the file.
@@ -115,131 +74,75 @@ impl Report<'_> {
         out
     }
 
-    /// Side, travel, sense and points of an axis.
-    pub(super) fn axis_words(&self, name: AxisName) -> String {
-        let spec = self.spec();
-        let axis = spec.axis(name);
-        let unit = position_unit(name);
-        let entry = spec.chain.axes().iter().find(|a| a.name == name);
-        let mut out = vec![match entry.map(|a| (a.side, a.spindle)) {
-            Some((Side::Workpiece, _)) => "workpiece side".to_owned(),
-            Some((Side::Tool, true)) => "spindle".to_owned(),
-            _ => "tool side".to_owned(),
-        }];
-        out.push(match axis.travel.map(|t| t.map(|v| position_out(name, v))) {
-            Some([low, high]) => format!("travel {low} to {high} {unit}"),
-            None => "travel not stated".to_owned(),
-        });
-        if axis.sense == Sense::Carriage {
-            out.push("errors in the carriage's own sense".to_owned());
-        }
-        match name.kind() {
-            AxisKind::Rotary => out.push(format!("turns about {} mm", point(&axis.point))),
-            AxisKind::Linear => out.extend(reference_words(&axis)),
-        }
-        out.join(", ")
-    }
-
-    /// The rows of error motions, and those of squareness and location.
-    pub(super) fn error_rows(&self) -> (Vec<ErrorRow>, Vec<ErrorRow>) {
-        let rows = self.spec().errors.iter().map(|(s, f)| (s.is_constant(), self.error_row(*s, f)));
-        let (constants, motions): (Vec<_>, Vec<_>) = rows.partition(|(constant, _)| *constant);
-        let bare = |rows: Vec<(bool, ErrorRow)>| rows.into_iter().map(|(_, r)| r).collect();
-        (bare(motions), bare(constants))
-    }
-
-    fn error_row(&self, symbol: ErrorSymbol, function: &ErrorFunction) -> ErrorRow {
-        let size = Size::of(symbol, function, self.spec());
-        let unit = position_unit(symbol.axis());
-        let own = self.file.of_errors.iter().find(|(s, _)| *s == symbol);
-        ErrorRow {
-            symbol: symbol.to_string().to_lowercase(),
-            kinds: kinds_words(function),
-            range: size.range.map_or(String::new(), |[low, high]| format!("{low} to {high} {unit}")),
-            size: [size.low, size.high, size.high - size.low].map(|v| plain(v, 2)),
-            unit: size.unit,
-            std: function.std.map_or(String::new(), |s| format!("{:.2}", error_out(symbol, s))),
-            origin: own.map_or(String::new(), |(_, p)| origin_words(p)),
-        }
-    }
-
-    /// The worst errors and where they are.
-    pub(super) fn worst(&self) -> Vec<Fact> {
+    /// The largest deviations: what, how large, where.
+    pub(super) fn worst(&self) -> Table {
         let (p, r) = (&self.found.position, &self.found.rotation);
         let (e, t) = (p.deviation.position.map(um_from_mm), r.deviation.rotation.map(arcsec_from_rad));
-        let fact = |what: &str, value: String, place: String| Fact { what: what.to_owned(), value, place };
-        let mut out = vec![
-            fact(
-                "largest position error",
+        let mut table = Table::new(["", ">", ""]).rows([
+            [
+                "largest position error".to_owned(),
                 format!("{:.2} um", e.norm()),
-                format!("at {}: {} um", self.place(p), triple(&e)),
-            ),
-            fact(
-                "largest error of direction",
+                format!("at {}: {} um", self.place(p), vector(&e)),
+            ],
+            [
+                "largest error of direction".to_owned(),
                 format!("{:.2} arcsec", t.norm()),
-                format!("at {}: {} arcsec", self.place(r), triple(&t)),
-            ),
-            fact(
-                "root mean square of position",
+                format!("at {}: {} arcsec", self.place(r), vector(&t)),
+            ],
+            [
+                "root mean square of position".to_owned(),
                 format!("{:.2} um", um_from_mm(self.found.rms)),
                 format!("{} poses", self.found.poses),
-            ),
-        ];
-        let kept = kept_in_place(self.spec());
+            ],
+        ]);
+        let word = |axis: AxisName| format!("{axis} at 0 {}", position_unit(axis));
+        let kept: Vec<String> = kept_in_place(self.spec()).into_iter().map(word).collect();
         if !kept.is_empty() {
-            out.push(fact("without travel and curves, so kept", String::new(), kept.join(", ")));
+            table.row(["without travel and curves, so kept", "", &kept.join(", ")]);
         }
-        out
+        table
     }
 
-    /// The largest correction of every axis and where it is.
-    pub(super) fn corrections(&self) -> Vec<Fact> {
-        let axes = self.spec().chain.axes().iter().zip(&self.found.offsets).enumerate();
-        axes.filter_map(|(k, (axis, found))| {
-            let extreme = found.as_ref()?;
-            let offset = extreme.correction.offset[k];
-            let corrected = offset != 0.0;
-            Some(Fact {
-                what: axis.name.to_string(),
-                value: if corrected {
-                    format!("{} {}", signed(offset_out(axis.name, offset), 2), offset_unit(axis.name))
-                } else {
-                    "never corrected".to_owned()
-                },
-                place: if corrected { format!("at {}", self.place(extreme)) } else { String::new() },
-            })
-        })
-        .collect()
+    /// The largest deviations in a sentence.
+    pub(super) fn worst_words(&self) -> String {
+        let table = self.worst();
+        let words = table.cells().iter().take(2).map(|row| format!("{} {}", row[0], row[1]));
+        words.collect::<Vec<_>>().join("; ")
     }
 
-    /// A pose in words; a minus behind an axis means travel towards minus.
+    /// The largest correction of each axis: how large, where.
+    pub(super) fn corrections(&self) -> Table {
+        let mut table = Table::new(["", ">", ""]);
+        for (k, (axis, found)) in self.spec().chain.axes().iter().zip(&self.found.offsets).enumerate() {
+            let Some(extreme) = found else { continue };
+            let (name, offset) = (axis.name, extreme.correction.offset[k]);
+            let [value, place] = if offset == 0.0 {
+                ["never corrected".to_owned(), String::new()]
+            } else {
+                let size = signed(offset_out(name, offset), 2);
+                [format!("{size} {}", offset_unit(name)), format!("at {}", self.place(extreme))]
+            };
+            table.row([name.to_string(), value, place]);
+        }
+        table
+    }
+
     fn place(&self, extreme: &Extreme) -> String {
-        let axes = self.spec().chain.axes().iter().enumerate().filter(|(_, a)| !a.spindle);
-        let words = axes.map(|(k, axis)| {
-            let q = position_out(axis.name, extreme.pose.position[k]);
-            let back = if extreme.pose.travel[k] == Travel::Reverse { " (towards minus)" } else { "" };
-            format!("{} {}{back}", axis.name, (q * 1e2).round() / 1e2)
-        });
-        words.collect::<Vec<_>>().join("  ")
+        pose_words(&self.spec().chain, &extreme.pose)
     }
 
     pub(super) fn as_json(&self) -> Value {
         let spec = self.spec();
-        let errors: Vec<Value> = spec.errors.iter().map(|(s, f)| self.error_json(*s, f)).collect();
-        let axes: Vec<Value> = spec.chain.axes().iter().map(|a| axis_json(spec, a.name)).collect();
-        let corrections: Map<String, Value> = spec
-            .chain
-            .axes()
-            .iter()
-            .zip(&self.found.offsets)
-            .enumerate()
-            .filter_map(|(k, (axis, found))| {
-                let extreme = found.as_ref()?;
-                let key = format!("largest_{}", offset_unit(axis.name));
-                let value = offset_out(axis.name, extreme.correction.offset[k]);
-                Some((axis.name.lower().to_string(), json!({key: value, "at": self.pose_json(extreme)})))
-            })
-            .collect();
+        let mut corrections = Map::new();
+        for (k, (axis, found)) in spec.chain.axes().iter().zip(&self.found.offsets).enumerate() {
+            let Some(extreme) = found else { continue };
+            let (key, value) = (
+                format!("largest_{}", offset_unit(axis.name)),
+                offset_out(axis.name, extreme.correction.offset[k]),
+            );
+            let entry = json!({key: value, "at": pose_json(&spec.chain, &extreme.pose)});
+            corrections.insert(axis.name.lower().to_string(), entry);
+        }
         let (p, r) = (&self.found.position, &self.found.rotation);
         json!({
             "format": FORMAT,
@@ -250,18 +153,18 @@ impl Report<'_> {
             "tool_tip_mm": list(&spec.tool_tip),
             "gauge_point_mm": spec.gauge_point.as_ref().map(list),
             "provenance": provenance_json(&self.file.provenance),
-            "axes": axes,
-            "errors": errors,
+            "axes": spec.chain.axes().iter().map(|a| axis_json(spec, a.name)).collect::<Value>(),
+            "errors": spec.errors.iter().map(|(s, f)| self.error_json(*s, f)).collect::<Value>(),
             "worst": {
                 "position": {
                     "size_um": rounded(um_from_mm(p.deviation.position.norm())),
                     "error_um": list(&p.deviation.position.map(um_from_mm)),
-                    "at": self.pose_json(p),
+                    "at": pose_json(&spec.chain, &p.pose),
                 },
                 "rotation": {
                     "size_arcsec": rounded(arcsec_from_rad(r.deviation.rotation.norm())),
                     "error_arcsec": list(&r.deviation.rotation.map(arcsec_from_rad)),
-                    "at": self.pose_json(r),
+                    "at": pose_json(&spec.chain, &r.pose),
                 },
                 "rms_um": rounded(um_from_mm(self.found.rms)),
                 "poses": self.found.poses,
@@ -276,7 +179,7 @@ impl Report<'_> {
         let unit = size.unit;
         let own = self.file.of_errors.iter().find(|(s, _)| *s == symbol);
         json!({
-            "symbol": symbol.to_string().to_lowercase(),
+            "symbol": lower(symbol),
             "kinds": kinds_of(function),
             format!("range_{}", position_unit(symbol.axis())): size.range,
             format!("lowest_{unit}"): size.low,
@@ -286,19 +189,63 @@ impl Report<'_> {
             "provenance": own.map(|(_, p)| provenance_json(p)),
         })
     }
+}
 
-    /// A pose in the columns of points.
-    fn pose_json(&self, extreme: &Extreme) -> Value {
-        let mut out = Map::new();
-        for (k, axis) in self.spec().chain.axes().iter().enumerate().filter(|(_, a)| !a.spindle) {
-            let letter = axis.name.lower();
-            let key = format!("{letter}_{}", position_unit(axis.name));
-            out.insert(key, json!(position_out(axis.name, extreme.pose.position[k])));
-            let dir = if extreme.pose.travel[k] == Travel::Reverse { -1 } else { 1 };
-            out.insert(format!("dir_{letter}"), json!(dir));
-        }
-        Value::Object(out)
+/// Side, travel, sense and points of an axis.
+pub(crate) fn axis_words(spec: &ModelSpec, name: AxisName) -> String {
+    let axis = spec.axis(name);
+    let entry = spec.chain.axes().iter().find(|a| a.name == name);
+    let mut out = vec![match entry.map(|a| (a.side, a.spindle)) {
+        Some((Side::Workpiece, _)) => "workpiece side".to_owned(),
+        Some((Side::Tool, true)) => "spindle".to_owned(),
+        _ => "tool side".to_owned(),
+    }];
+    out.push(match axis.travel {
+        Some(travel) => format!("travel {}", range_words(name, travel)),
+        None => "travel not stated".to_owned(),
+    });
+    if axis.sense == Sense::Carriage {
+        out.push("errors in the carriage's own sense".to_owned());
     }
+    match name.kind() {
+        AxisKind::Rotary => out.push(format!("turns about {} mm", point(&axis.point))),
+        AxisKind::Linear => out.extend(reference_words(&axis)),
+    }
+    out.join(", ")
+}
+
+/// The error motions, and the squarenesses and locations, which are one value each.
+pub(crate) fn errors(file: &ModelFile) -> (Table, Table) {
+    let heads = ["", "kind", "over", ">lowest", ">highest", ">range", "", ">u (k=1)", ""];
+    let mut motions = Table::new(heads);
+    let mut constants = Table::new(["", ">", "", ">u (k=1)", ""]);
+    for (symbol, function) in &file.spec.errors {
+        let row = error_row(file, *symbol, function);
+        if symbol.is_constant() {
+            constants.row([0, 3, 6, 7, 8].map(|k| &row[k]));
+        } else {
+            motions.row(row);
+        }
+    }
+    (motions, constants)
+}
+
+fn error_row(file: &ModelFile, symbol: ErrorSymbol, function: &ErrorFunction) -> [String; 9] {
+    let size = Size::of(symbol, function, &file.spec);
+    let unit = position_unit(symbol.axis());
+    let own = file.of_errors.iter().find(|(s, _)| *s == symbol);
+    let [low, high, range] = [size.low, size.high, size.high - size.low].map(|v| plain(v, 2));
+    [
+        lower(symbol),
+        kinds_words(function),
+        size.range.map_or(String::new(), |[low, high]| format!("{low} to {high} {unit}")),
+        low,
+        high,
+        range,
+        size.unit.to_owned(),
+        function.std.map_or(String::new(), |s| format!("{:.2}", error_out(symbol, s))),
+        own.map_or(String::new(), |(_, p)| origin_words(p)),
+    ]
 }
 
 fn axis_json(spec: &ModelSpec, name: AxisName) -> Value {
@@ -310,7 +257,7 @@ fn axis_json(spec: &ModelSpec, name: AxisName) -> Value {
         "sense": if axis.sense == Sense::Carriage { "carriage" } else { "relative" },
     });
     match name.kind() {
-        AxisKind::Rotary => out["point_mm"] = list(&axis.point),
+        AxisKind::Rotary => out["point_mm"] = json!(list(&axis.point)),
         AxisKind::Linear => {
             let [x, y, z] = axis.reference_points.map(|r| list(&r.point));
             out["reference_points_mm"] = json!({"x": x, "y": y, "z": z});
@@ -385,21 +332,4 @@ fn provenance_json(p: &Provenance) -> Value {
         })).collect::<Vec<_>>(),
         "note": p.note,
     })
-}
-
-/// A value of an error in the unit of the file.
-pub(super) fn error_out(symbol: ErrorSymbol, value: f64) -> f64 {
-    if symbol.is_angle() { arcsec_from_rad(value) } else { um_from_mm(value) }
-}
-
-fn triple(v: &Vec3) -> String {
-    format!("({}, {}, {})", plain(v.x, 2), plain(v.y, 2), plain(v.z, 2))
-}
-
-fn point(v: &Vec3) -> String {
-    format!("({}, {}, {})", rounded(v.x), rounded(v.y), rounded(v.z))
-}
-
-fn list(v: &Vec3) -> Value {
-    json!([rounded(v.x), rounded(v.y), rounded(v.z)])
 }

@@ -1,15 +1,13 @@
 //! `model show`: what is in a model, where it is worst, and a picture of it.
 
-#![expect(clippy::disallowed_methods, reason = "progress is shown only when the search takes long")]
-
 use std::path::{Path, PathBuf};
-use std::time::{Duration, Instant};
 
-use super::super::{EX_CONFIG, EX_SOFTWARE, Failure};
+use super::super::{EX_CONFIG, Failure};
 use super::report::Report;
-use super::worst::search;
 use super::{html, picture};
+use crate::progress::Steps;
 use volcomp_model::Model;
+use volcomp_model::extremes::search;
 
 /// Show a model: chain, errors, worst error in the working volume, corrections; with --html or --svg as a picture
 #[derive(Debug, clap::Parser)]
@@ -31,18 +29,16 @@ pub(super) struct Args {
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let file = super::load(&args.file)?;
     let model = Model::new(&file.spec).map_err(|e| Failure::new(EX_CONFIG, e))?;
-    let bar = Progress::new();
+    let bar = Steps::new();
     let found = search(&file.spec, &model, |done, of| bar.show(done, of));
     bar.clear();
     let name = args.file.display().to_string();
     let report = Report { file: &file, name: &name, found: &found };
-    let drawn =
-        |e: Box<dyn std::error::Error>| Failure::new(EX_SOFTWARE, format_args!("error: picture: {e}"));
     if let Some(out) = &args.svg {
-        super::save(out, &picture::whole(&file.spec, &model).map_err(drawn)?)?;
+        super::save(out, &picture::whole(&file.spec, &model)?)?;
     }
     if let Some(out) = &args.html {
-        super::save(out, &html::page(&report, &model).map_err(drawn)?)?;
+        super::save(out, &html::page(&report, &model)?)?;
     }
     if args.json {
         let mut json = report.as_json();
@@ -63,28 +59,4 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         ));
     }
     crate::exit::print(&(lines.join("\n") + "\n"))
-}
-
-/// A progress bar on the terminal that appears only where the search takes longer than a second.
-struct Progress {
-    start: Instant,
-    bar: std::cell::OnceCell<indicatif::ProgressBar>,
-}
-
-impl Progress {
-    fn new() -> Self {
-        Self { start: Instant::now(), bar: std::cell::OnceCell::new() }
-    }
-
-    fn show(&self, done: u64, of: u64) {
-        if self.start.elapsed() > Duration::from_secs(1) {
-            self.bar.get_or_init(|| indicatif::ProgressBar::new(of)).set_position(done);
-        }
-    }
-
-    fn clear(&self) {
-        if let Some(bar) = self.bar.get() {
-            bar.finish_and_clear();
-        }
-    }
 }

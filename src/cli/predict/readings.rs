@@ -2,9 +2,8 @@
 
 use std::path::Path;
 
-use crate::input::{self, InputKind};
-use crate::{EX_CONFIG, EX_USAGE, Failure};
-use volcomp_config as config;
+use crate::Failure;
+use crate::files::read_model_file;
 use volcomp_estimate::thermal::{Thermal, ThermalState};
 use volcomp_model::{Model, SENSORS_MAX};
 
@@ -34,9 +33,7 @@ pub(super) fn live_values(
     if readings.is_empty() {
         return Ok(live);
     }
-    let text = input::read_text(path, InputKind::Model)?;
-    let file = config::model::parse_file(&path.display().to_string(), &text)
-        .map_err(|e| Failure::new(EX_CONFIG, e))?;
+    let file = read_model_file(path)?;
     let used: Vec<&Thermal> = file.growths_in_use().collect();
     let inputs: Vec<&str> = used.iter().flat_map(|t| &t.inputs).map(|i| i.sensor.as_str()).collect();
     if let Some(stranger) = readings.iter().find(|r| !inputs.contains(&r.sensor.as_str())) {
@@ -45,24 +42,22 @@ pub(super) fn live_values(
         } else {
             format!("its [thermal.NAME] depend on {}", inputs.join(", "))
         };
-        let message = format_args!(
-            "error: --reading {}: nothing in {} depends on this sensor; {known}",
+        return Err(usage!(
+            "--reading {}: nothing in {} depends on this sensor; {known}",
             stranger.sensor,
             path.display()
-        );
-        return Err(Failure::new(EX_USAGE, message));
+        ));
     }
     for thermal in used {
         let find = |sensor: &str| readings.iter().rfind(|r| r.sensor == sensor).map(|r| r.value);
         let values: Option<Vec<f64>> = thermal.inputs.iter().map(|i| find(&i.sensor)).collect();
         let Some(values) = values else {
             let names: Vec<&str> = thermal.inputs.iter().map(|i| i.sensor.as_str()).collect();
-            let message = format_args!(
-                "error: thermal \"{}\" depends on {}; give --reading for each",
+            return Err(usage!(
+                "thermal \"{}\" depends on {}; give --reading for each",
                 thermal.name,
                 names.join(", ")
-            );
-            return Err(Failure::new(EX_USAGE, message));
+            ));
         };
         let mut state = ThermalState::new(thermal);
         state.advance(thermal, 0.0, &values);

@@ -158,44 +158,27 @@ impl Chart {
     }
 
     fn axes(&mut self, height: f64, labels: Labels<'_>) {
-        let (x, y) = (self.x, self.y);
-        for (v, label) in x.ticks(TICK_PX[0]) {
-            let at = x.at(v);
-            self.put(format_args!(
-                "<path class=\"grid\" d=\"M{at:.1} {:.1}V{:.1}\"/>",
-                y.pixels[0], y.pixels[1]
-            ));
-            self.put(format_args!(
-                "<text x=\"{at:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
-                y.pixels[0] + 15.0,
-                label
-            ));
+        let ([left, right], [bottom, top]) = (self.x.pixels, self.y.pixels);
+        for (v, label) in self.x.ticks(TICK_PX[0]) {
+            let at = self.x.at(v);
+            self.put(format_args!("<path class=\"grid\" d=\"M{at:.1} {bottom:.1}V{top:.1}\"/>"));
+            self.words(at, bottom + 15.0, "middle", &label);
         }
-        for (v, label) in y.ticks(TICK_PX[1]) {
-            let at = y.at(v);
-            let class = if v == 0.0 { "zero" } else { "grid" };
-            self.put(format_args!(
-                "<path class=\"{class}\" d=\"M{:.1} {at:.1}H{:.1}\"/>",
-                x.pixels[0], x.pixels[1]
-            ));
-            self.put(format_args!(
-                "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"end\">{}</text>",
-                x.pixels[0] - 6.0,
-                at + 4.0,
-                label
-            ));
+        for (v, label) in self.y.ticks(TICK_PX[1]) {
+            let (at, class) = (self.y.at(v), if v == 0.0 { "zero" } else { "grid" });
+            self.put(format_args!("<path class=\"{class}\" d=\"M{left:.1} {at:.1}H{right:.1}\"/>"));
+            self.words(left - 6.0, at + 4.0, "end", &label);
         }
-        self.put(format_args!(
-            "<text x=\"{:.1}\" y=\"{:.1}\" text-anchor=\"middle\">{}</text>",
-            0.5 * (x.pixels[0] + x.pixels[1]),
-            height - 7.0,
-            escape(labels.x)
-        ));
+        self.words(0.5 * (left + right), height - 7.0, "middle", &escape(labels.x));
         self.put(format_args!(
             "<text transform=\"translate(13 {:.1}) rotate(-90)\" text-anchor=\"middle\">{}</text>",
-            0.5 * (y.pixels[0] + y.pixels[1]),
+            0.5 * (bottom + top),
             escape(labels.y)
         ));
+    }
+
+    fn words(&mut self, x: f64, y: f64, anchor: &str, words: &str) {
+        self.put(format_args!("<text x=\"{x:.1}\" y=\"{y:.1}\" text-anchor=\"{anchor}\">{words}</text>"));
     }
 
     fn path(&self, points: impl Iterator<Item = (f64, f64)>) -> String {

@@ -12,5 +12,7 @@ pub(super) mod chart;
 )]
 pub(super) mod page;
 pub(super) mod plot;
+pub(super) mod table;
 
-pub(super) use page::Page;
+pub use page::Page;
+pub use table::Table;

@@ -3,6 +3,9 @@
 
 use std::fmt::{Display, Write as _};
 
+use super::chart::{Bar, Ink, bars};
+use crate::report_page::Plot;
+
 /// Light, dark and print; the classes of charts are those of [`super::chart`], and pictures with colours of their own (attributes of
 /// [`super::plot`]) follow the scheme, too.
 const STYLE: &str = "\
@@ -51,7 +54,7 @@ td.n{white-space:nowrap}.dense table{font-size:7pt;margin:2px 0 4px}.dense td,.d
 
 /// A page under construction.
 #[derive(Debug)]
-pub(crate) struct Page {
+pub struct Page {
     text: String,
 }
 
@@ -141,7 +144,8 @@ impl Cell {
 
 impl Page {
     /// A page with its title.
-    pub(crate) fn new(raw: &str) -> Self {
+    #[must_use]
+    pub fn new(raw: &str) -> Self {
         let title = escape(raw);
         Self {
             text: format!(
@@ -159,7 +163,7 @@ impl Page {
     }
 
     /// A heading.
-    pub(crate) fn heading(&mut self, words: impl Display) {
+    pub fn heading(&mut self, words: impl Display) {
         self.put(format_args!("<h2>{}</h2>\n", escape(&words.to_string())));
     }
 
@@ -169,12 +173,12 @@ impl Page {
     }
 
     /// A paragraph.
-    pub(crate) fn paragraph(&mut self, words: impl Display) {
+    pub fn paragraph(&mut self, words: impl Display) {
         self.put(format_args!("<p>{}</p>\n", escape(&words.to_string())));
     }
 
     /// The answer, in large print.
-    pub(crate) fn lead(&mut self, words: impl Display) {
+    pub fn lead(&mut self, words: impl Display) {
         self.put(format_args!("<p class=\"lead\">{}</p>\n", escape(&words.to_string())));
     }
 
@@ -227,7 +231,7 @@ impl Page {
     }
 
     /// A remark in small print.
-    pub(crate) fn note(&mut self, words: impl Display) {
+    pub fn note(&mut self, words: impl Display) {
         self.put(format_args!("<p class=\"note\">{}</p>\n", escape(&words.to_string())));
     }
 
@@ -248,6 +252,35 @@ impl Page {
             self.row(row, false);
         }
         self.text.push_str("</table>\n");
+    }
+
+    /// Charts side by side where there is room.
+    pub fn charts(&mut self, plots: &[Plot]) {
+        self.figures(&plots.iter().map(Plot::markup).collect::<Vec<_>>());
+    }
+
+    /// Horizontal bars from zero: label, length, words beside it.
+    pub fn bars(&mut self, rows: impl IntoIterator<Item = (String, f64, String)>) {
+        let bar = |(label, to, value)| Bar { label, from: 0.0, to, value, ink: Ink::Blue };
+        self.html(&bars(&rows.into_iter().map(bar).collect::<Vec<_>>()));
+    }
+
+    /// Facts: what, and its words.
+    pub(crate) fn facts(&mut self, rows: impl IntoIterator<Item = (impl Display, impl Display)>) {
+        let rows: Vec<Vec<Cell>> =
+            rows.into_iter().map(|(what, words)| vec![Cell::head(what), Cell::text(words)]).collect();
+        self.table(&[], &rows);
+    }
+
+    /// Pictures below each other with their headings; the caption stands below the last one.
+    pub(crate) fn plots(&mut self, plots: &[(impl Display, String)], caption: &str) {
+        for (k, (heading, svg)) in plots.iter().enumerate() {
+            let heading = heading.to_string();
+            if !heading.is_empty() {
+                self.heading(heading);
+            }
+            if k + 1 == plots.len() { self.figure(svg, caption) } else { self.picture(svg) }
+        }
     }
 
     /// A table of keys and values, two pairs in a row.
@@ -284,7 +317,8 @@ impl Page {
     }
 
     /// The finished page.
-    pub(crate) fn finish(mut self) -> String {
+    #[must_use]
+    pub fn finish(mut self) -> String {
         self.text.push_str("</body></html>\n");
         self.text
     }

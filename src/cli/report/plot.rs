@@ -49,6 +49,40 @@ pub(crate) fn svg_of(size: (u32, u32), draw: impl FnOnce(&Area<'_>) -> Drawn) ->
     Ok(text)
 }
 
+/// Height of a title above a picture or a part of one.
+pub(crate) const TITLE: u32 = 34;
+/// A part of a stacked picture: its heading, none where empty; its height; how it is drawn.
+pub(crate) type Part<'a> = (&'a str, u32, &'a dyn Fn(&Area<'_>) -> Drawn);
+
+/// Parts below each other under a title; there is no room for a title or heading that is empty.
+pub(crate) fn stacked(width: u32, title: &str, parts: &[Part<'_>]) -> Svg {
+    let head = |text: &str| if text.is_empty() { 0 } else { TITLE };
+    let height = parts.iter().map(|(heading, height, _)| head(heading) + height).sum::<u32>();
+    svg_of((width, head(title) + height), |area| {
+        let mut rest = titled(area, title, 20)?;
+        for (heading, height, draw) in parts {
+            let (here, below) = titled(&rest, heading, 18)?.split_vertically(*height);
+            draw(&here)?;
+            rest = below;
+        }
+        Ok(())
+    })
+}
+
+/// Words above a picture; what is left below them.
+pub(crate) fn titled<'a>(
+    area: &Area<'a>,
+    text: &str,
+    size: u32,
+) -> Result<Area<'a>, Box<dyn std::error::Error>> {
+    if text.is_empty() {
+        return Ok(area.clone());
+    }
+    let (head, body) = area.split_vertically(TITLE);
+    words(&head, text, (14, 10), size)?;
+    Ok(body)
+}
+
 /// Axes of a chart.
 #[derive(Debug, Clone)]
 pub(crate) struct Axes<'a> {
@@ -113,10 +147,15 @@ pub(crate) fn tick(v: f64, length: f64) -> String {
     if text.trim_start_matches('-').chars().all(|c| c == '0' || c == '.') { "0".to_owned() } else { text }
 }
 
+/// Lowest and highest of some values; infinite where there is none.
+pub(crate) fn hull(values: impl IntoIterator<Item = f64>) -> [f64; 2] {
+    let ends = (f64::INFINITY, f64::NEG_INFINITY);
+    values.into_iter().fold(ends, |(l, h), v| (l.min(v), h.max(v))).into()
+}
+
 /// A range with some room at both ends; around zero where all is zero.
 pub(crate) fn with_room(values: impl IntoIterator<Item = f64>, share: f64) -> [f64; 2] {
-    let (low, high) =
-        values.into_iter().fold((f64::INFINITY, f64::NEG_INFINITY), |(l, h), v| (l.min(v), h.max(v)));
+    let [low, high] = hull(values);
     if !(low.is_finite() && high.is_finite()) {
         return [-1.0, 1.0];
     }

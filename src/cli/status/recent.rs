@@ -4,7 +4,7 @@ use std::fmt::Write;
 
 use super::Paint;
 use super::duration;
-use volcomp_daemon::Status;
+use volcomp_daemon::{CodeCount, Status};
 
 /// The verdict with its cause and remedy, and what compensation gains.
 pub(super) fn write_health(f: &mut String, status: &Status, paint: Paint) -> std::fmt::Result {
@@ -72,15 +72,8 @@ pub(super) fn write_warnings(f: &mut String, status: &Status, paint: Paint) -> s
     for warning in &status.recent.warnings {
         let label =
             if warning.severity == "fault" { paint.red("faulted ") } else { paint.yellow("warning ") };
-        writeln!(
-            f,
-            "{label}    {} {} x {}, {} ago: {}",
-            warning.code,
-            warning.name,
-            warning.count,
-            duration(warning.age_s),
-            warning.text
-        )?;
+        let CodeCount { code, name, count, text, age_s, .. } = warning;
+        writeln!(f, "{label}    {code} {name} x {count}, {} ago: {text}", duration(*age_s))?;
     }
     if status.recent.warnings.is_empty() {
         writeln!(f, "warnings    none in the last minute")?;

@@ -16,7 +16,7 @@ pub mod tolerance;
 pub mod trace;
 
 pub use tolerance::{CLASSES, Quantity, class, tolerance_um};
-pub use trace::{Deviations, GearTrace, evaluate, mean_of, passes_averaged};
+pub use trace::{Deviations, GearTrace, OfFlank, evaluate, flanks, mean_of, passes_averaged};
 
 /// A cylindrical involute gear.
 #[derive(Debug, Clone, Copy, PartialEq)]

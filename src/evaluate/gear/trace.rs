@@ -1,6 +1,6 @@
 //! A trace and its deviations.
 
-use super::{Direction, Flank, Gear, GearError, Part};
+use super::{Direction, Flank, Gear, GearError, Part, Quantity, class};
 
 /// Fewest readings in the evaluation length.
 const LEAST: usize = 5;
@@ -116,4 +116,61 @@ pub fn passes_averaged(readings: &[(Direction, Flank, u32, f64, f64)]) -> Vec<Ge
         traces.push(GearTrace { direction, tooth, flank, readings: at_one_place.map(mean).collect() });
     }
     traces
+}
+
+impl Deviations {
+    /// One of the three deviations, um.
+    #[must_use]
+    pub const fn of(&self, quantity: Quantity) -> f64 {
+        match quantity {
+            Quantity::Total => self.total_um,
+            Quantity::Form => self.form_um,
+            Quantity::Slope => self.slope_um,
+        }
+    }
+}
+
+/// One direction of one flank.
+#[derive(Debug, Clone, PartialEq)]
+pub struct OfFlank {
+    /// Profile or helix.
+    pub direction: Direction,
+    /// Which flank.
+    pub flank: Flank,
+    /// Its teeth.
+    pub teeth: Vec<(GearTrace, Deviations)>,
+    /// Means over the teeth.
+    pub mean: Deviations,
+}
+
+impl OfFlank {
+    /// The class that all three quantities keep; `None` beyond the last one.
+    #[must_use]
+    pub fn class(&self, gear: &Gear) -> Option<u8> {
+        let of = |q: Quantity| class(gear, self.direction, q, self.mean.of(q));
+        let all = [Quantity::Total, Quantity::Form, Quantity::Slope];
+        all.into_iter().map(of).try_fold(0, |worst, c| Some(worst.max(c?)))
+    }
+}
+
+/// All flanks of a gear, profiles first, from readings as for [`passes_averaged`].
+///
+/// # Errors
+/// A trace cannot be evaluated; with its direction.
+pub fn flanks(
+    gear: &Gear,
+    readings: &[(Direction, Flank, u32, f64, f64)],
+) -> Result<Vec<OfFlank>, (Direction, GearError)> {
+    let mut flanks = Vec::new();
+    for group in passes_averaged(readings).chunk_by(|a, b| (a.direction, a.flank) == (b.direction, b.flank)) {
+        let mut teeth = Vec::new();
+        for trace in group {
+            teeth.push((trace.clone(), evaluate(gear, trace).map_err(|e| (trace.direction, e))?));
+        }
+        let all: Vec<Deviations> = teeth.iter().map(|t| t.1).collect();
+        if let Some(mean) = mean_of(&all) {
+            flanks.push(OfFlank { direction: group[0].direction, flank: group[0].flank, teeth, mean });
+        }
+    }
+    Ok(flanks)
 }

@@ -18,9 +18,11 @@
 //! Source: public readers and writers; no file of the instrument itself was at hand, so the reader is tolerant about
 //! what is missing and strict about what is there.
 
+mod of_model;
 mod read;
 mod write;
 
+pub use of_model::of_model;
 pub use read::{parse, recognises};
 pub use write::write;
 

@@ -277,8 +277,12 @@ pub fn read_index(file: &[u8]) -> Option<Vec<IndexRow>> {
     if block.kind != BlockKind::Index {
         return None;
     }
-    let content = block.content().ok()?;
-    let mut cursor = Cursor::new(&content);
+    index_rows(&block.content().ok()?)
+}
+
+/// The rows of an index block.
+pub(super) fn index_rows(content: &[u8]) -> Option<Vec<IndexRow>> {
+    let mut cursor = Cursor::new(content);
     let mut rows = Vec::new();
     while !cursor.is_empty() {
         rows.push(IndexRow {

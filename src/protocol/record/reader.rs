@@ -82,6 +82,8 @@ pub struct Recording<'a> {
     pub notes: Vec<Note>,
     /// True where the file was closed in order.
     pub closed: bool,
+    /// Number behind the last entry by the index; `None` without a sound one.
+    pub index_end: Option<u64>,
     entries: Vec<(u64, Block<'a>)>,
 }
 
@@ -100,6 +102,7 @@ impl<'a> Recording<'a> {
             health: Vec::new(),
             notes: Vec::new(),
             closed: false,
+            index_end: None,
             entries: Vec::new(),
         };
         let mut at = FILE_HEADER;
@@ -131,7 +134,12 @@ impl<'a> Recording<'a> {
         let damaged = Note::Content { at, first_record: block.first_record, records: block.records };
         match block.kind {
             BlockKind::Entries => self.entries.push((at, *block)),
-            BlockKind::Index => self.closed = true,
+            BlockKind::Index => {
+                self.closed = true;
+                let rows = block.content().ok().and_then(|content| block::index_rows(&content));
+                let end = |row: &block::IndexRow| row.first_record.saturating_add(row.records.into());
+                self.index_end = rows.map(|rows| rows.last().map_or(0, end));
+            }
             BlockKind::Other(kind) if kind >= 128 => return Err(RecordError::BlockKind { at, kind }),
             BlockKind::Other(kind) => self.notes.push(Note::UnknownBlock { at, kind }),
             BlockKind::Meta => match block.content() {

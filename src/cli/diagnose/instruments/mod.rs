@@ -16,8 +16,10 @@ use clap::Args;
 
 use super::ideal::Rotary;
 use crate::Failure;
-use crate::import::UnitArg;
+use crate::arg_parsers::one_of;
+use crate::import::DEVIATION_UNITS;
 use volcomp_diagnose::session::{Note, Raw, Times};
+use volcomp_formats::rtl::DeviationUnit;
 use volcomp_formats::{detect, hole_plate, text};
 use volcomp_identify::ballbar::Plane;
 use volcomp_model::geometry::Vec3;
@@ -31,8 +33,8 @@ pub(super) struct InstrumentArgs {
     #[arg(long, value_name = "LETTER", value_parser = super::letter)]
     axis: Option<AxisName>,
     /// Unit of the deviations of an .rtl of a rotary axis.
-    #[arg(long, value_enum)]
-    deviation_unit: Option<UnitArg>,
+    #[arg(long, value_parser = one_of(DEVIATION_UNITS))]
+    deviation_unit: Option<DeviationUnit>,
     /// Plane of a circular test: xy, yz or zx [default: xy].
     #[arg(long, value_name = "PLANE", value_parser = plane)]
     plane: Option<Plane>,

@@ -23,7 +23,7 @@ const RADIUS_MM: f64 = 100.0;
 pub(super) fn read(path: &Path, args: &InstrumentArgs) -> Result<Measurement, Failure> {
     let bytes = input::read(path, InputKind::Instrument)?;
     let file = path.display().to_string();
-    let unit = args.deviation_unit.map(Into::into);
+    let unit = args.deviation_unit;
     match instrument_test(&file, &bytes, args.axis, unit)? {
         Some(found) => session(path, args, found),
         None => Err(Failure::data(path, "damaged beginning: no positioning test is found in it")),

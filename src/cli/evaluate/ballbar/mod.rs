@@ -7,14 +7,14 @@ use std::path::PathBuf;
 
 use serde_json::{Map, Value, json};
 
-use super::Output;
-use super::circular::{assessed, keys};
-use crate::acceptance::verdicts::{self, Assessed};
+use super::circular::{assessed, keys, reading};
+use super::{Output, page};
+use crate::Failure;
+use crate::acceptance::verdicts::Judged;
 use crate::acceptance::{Acceptance, Stated, file_name};
 use crate::evaluate::picture::circular::{self as drawing, Shown};
 use crate::identify::ballbar::report::{as_json, print};
 use crate::identify::ballbar::{Plan, SetUp};
-use crate::{EX_DATAERR, EX_USAGE, Failure};
 use volcomp_evaluate::{Centring, CircularReading, CircularUncertainties, Circularity};
 use volcomp_formats::columns::day;
 use volcomp_identify::ballbar::Plane;
@@ -85,8 +85,7 @@ impl Test {
     fn read(args: &Args, (day, path): &(Option<Day>, PathBuf)) -> Result<Self, Failure> {
         let plan = Plan::read(&args.setup, args.plane, path)?;
         let label = day.as_ref().map_or_else(|| file_name(path), |d| d.text.clone());
-        let circles = circles(&plan)
-            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))?;
+        let circles = circles(&plan).map_err(|e| data!(path, "{e}"))?;
         Ok(Self { label, day: day.as_ref().map(|d| d.number), plan, circles })
     }
 
@@ -103,13 +102,8 @@ fn circles(plan: &Plan) -> Result<Vec<Circle>, volcomp_evaluate::circular::Circu
     feeds.dedup();
     let offset = plan.analysis.offset.map(|(v, _)| v);
     let one = |feed: Option<f64>| {
-        let readings: Vec<CircularReading> = plan
-            .circles
-            .samples
-            .iter()
-            .filter(|s| s.feed == feed)
-            .map(|s| CircularReading { angle: s.angle, deviation: s.deviation, travel: s.travel })
-            .collect();
+        let samples = plan.circles.samples.iter().filter(|s| s.feed == feed);
+        let readings: Vec<CircularReading> = samples.map(reading).collect();
         let centring = Centring::LeastSquares { radius: Some(plan.circles.radius) };
         let mut about_offset = readings.clone();
         for r in &mut about_offset {
@@ -129,9 +123,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     let data: Vec<_> = args.data.iter().cloned().chain(single).collect();
     let dated = data.iter().filter(|(day, _)| day.is_some()).count();
     if dated > 0 && dated < data.len() {
-        return Err(Failure::new(
-            EX_USAGE,
-            "error: some tests have a day and some have none; give it for all, such as 2026-03-12=xy.csv",
+        return Err(usage!(
+            "some tests have a day and some have none; give it for all, such as 2026-03-12=xy.csv"
         ));
     }
     let mut tests = data.iter().map(|of| Test::read(args, of)).collect::<Result<Vec<_>, _>>()?;
@@ -143,32 +136,33 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         date: newest.day.map(|_| newest.label.clone()),
         ..Stated::default()
     });
-    let assessed: Vec<Assessed> = assessed(&acceptance, &circle.result, CircularUncertainties::default());
-    let title = args.output.title.as_deref().unwrap_or("Ballbar test");
-    args.output.write(
-        || drawing::single(&shown(title, newest, circle), drawing::scale(&[shown("", newest, circle)])),
-        || report::page(title, &acceptance, &assessed, &tests),
-    )?;
-    if args.output.json {
-        say!("{:#}", Value::Object(json_of(&tests, &assessed)));
-        return Ok(());
-    }
-    let stdout_taken =
-        [&args.output.svg, &args.output.report].into_iter().flatten().any(|p| p.as_os_str() == "-");
-    if !stdout_taken {
-        print(&newest.plan);
-        verdicts::print(&assessed, "um");
-        if tests.len() > 1 {
-            trend::print(&trend::Trend::of(&tests));
-        }
-    }
-    Ok(())
+    let judged = Judged {
+        figures: assessed(&acceptance, &circle.result, CircularUncertainties::default()),
+        acceptance,
+    };
+    let title = args.output.title("Ballbar test");
+    args.output.deliver(
+        || {
+            let shown = shown(newest, circle);
+            drawing::whole(title, &[("", shown)], drawing::scale([&shown]))
+        },
+        || report::page(title, &judged, &tests),
+        || json_of(&tests, &judged),
+        || {
+            print(&newest.plan);
+            page::figures("um", &judged.figures, None).print();
+            if tests.len() > 1 {
+                let trend = trend::Trend::of(&tests);
+                say!("trend over {}", trend.labels.join(", "));
+                trend.table().print();
+            }
+        },
+    )
 }
 
 /// The polar plot of a circle.
-fn shown<'a>(title: &'a str, test: &'a Test, circle: &'a Circle) -> Shown<'a> {
+fn shown<'a>(test: &'a Test, circle: &'a Circle) -> Shown<'a> {
     Shown {
-        title,
         result: &circle.result,
         readings: &circle.readings,
         plane: test.plan.circles.plane.axes().map(|a| a.lower().to_ascii_uppercase()),
@@ -176,21 +170,17 @@ fn shown<'a>(title: &'a str, test: &'a Test, circle: &'a Circle) -> Shown<'a> {
     }
 }
 
-fn json_of(tests: &[Test], assessed: &[Assessed]) -> Map<String, Value> {
-    let mut out = Map::new();
-    let each: Vec<Value> = tests
-        .iter()
-        .map(|t| {
-            let mut one = as_json(&t.plan, None);
-            one["test"] = json!(t.label);
-            one
-        })
-        .collect();
-    out.insert("tests".to_owned(), Value::Array(each));
+fn json_of(tests: &[Test], judged: &Judged) -> Map<String, Value> {
+    let each = tests.iter().map(|t| {
+        let mut one = as_json(&t.plan, None);
+        one["test"] = json!(t.label);
+        one
+    });
+    let mut out = Map::from_iter([("tests".to_owned(), each.collect())]);
     if tests.len() > 1 {
         out.insert("trend".to_owned(), trend::Trend::of(tests).json());
     }
-    verdicts::put(&mut out, assessed);
+    judged.put(&mut out);
     out
 }
 

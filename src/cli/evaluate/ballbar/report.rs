@@ -2,19 +2,17 @@
 
 use super::trend::{COVERAGE, Trend, decimals_of};
 use super::{Test, shown};
-use crate::acceptance::Acceptance;
-use crate::acceptance::verdicts::Assessed;
+use crate::Failure;
+use crate::acceptance::verdicts::Judged;
 use crate::evaluate::page::{self, Origin};
 use crate::evaluate::picture::circular as drawing;
 use crate::identify::ballbar::report::{
     Feature, features, note_text, reason_text, roundness, unit_text, widest,
 };
 use crate::numerals::{counted, plain};
-use crate::report::Page;
-use crate::report::chart::{Bar, Ink, bars};
-use crate::report::page::Cell;
+use crate::report::{Page, Table};
 use crate::report_page::{Plot, Style};
-use volcomp_identify::ballbar::{Effect, Plane};
+use volcomp_identify::ballbar::{Effect, Estimate, Plane};
 use volcomp_units::um_from_mm;
 
 /// Causes whose course over the tests is drawn.
@@ -59,12 +57,7 @@ fn value(f: &Feature) -> String {
     format!("{end}{} ± {u:.decimals$} {}", plain(f.value, decimals), unit_of(f))
 }
 
-pub(super) fn page(
-    title: &str,
-    acceptance: &Acceptance,
-    assessed: &[Assessed],
-    tests: &[Test],
-) -> Result<String, Box<dyn std::error::Error>> {
+pub(super) fn page(title: &str, judged: &Judged, tests: &[Test]) -> Result<String, Failure> {
     let Some(newest) = tests.last() else { return Ok(String::new()) };
     let origins: Vec<Origin> = tests.iter().map(|t| Origin::of(&t.label, &t.plan.path)).collect();
     let (plane, circles) = (newest.plan.circles.plane, &newest.circles);
@@ -82,7 +75,7 @@ pub(super) fn page(
         ("centre of the instrument", format!("{}, {} µm removed", plain(x, 1), plain(y, 1))),
     ];
     let standard = "Circular test, ISO 230-4:2022, with causes fitted to all readings";
-    let mut page = page::start(title, standard, acceptance, assessed, &origins, &facts);
+    let mut page = page::start(title, standard, judged, &origins, &facts);
     if let Some(largest) = newest.plan.analysis.estimates.first() {
         page.lead(format_args!(
             "Largest cause: {}, {:.0} % of what the causes add to the circle.",
@@ -93,110 +86,67 @@ pub(super) fn page(
     let at_feed =
         circles.first().and_then(|c| c.feed).map_or(String::new(), |f| format!(" at {f:.0} mm/min"));
     page.heading(format_args!("Circular errors{at_feed}"));
-    page::figures(&mut page, "µm", assessed, None);
+    page::figures("µm", &judged.figures, None).put(&mut page);
     let drawn: Vec<_> = match &circles[..] {
         [first, .., last] => vec![first, last],
         all => all.iter().collect(),
     };
-    let all: Vec<_> = drawn.iter().map(|c| shown("", newest, c)).collect();
+    let all: Vec<_> = drawn.iter().map(|c| shown(newest, c)).collect();
     let scale = drawing::scale(&all);
-    for (i, (circle, one)) in drawn.iter().zip(&all).enumerate() {
+    let mut plots = Vec::new();
+    for (circle, one) in drawn.iter().zip(&all) {
         let feed = circle.feed.map_or(String::new(), |f| format!(" at {f:.0} mm/min"));
-        page.heading(format_args!("Polar plot{feed}"));
-        let svg = drawing::single(one, scale)?;
-        if i + 1 == all.len() {
-            page.figure(
-                &svg,
-                "Radial errors about the common centre, magnified; the heavy circle is the nominal path.",
-            );
-        } else {
-            page.picture(&svg);
-        }
+        plots.push((format!("Polar plot{feed}"), drawing::single(one, scale)?));
     }
+    let caption = "Radial errors about the common centre, magnified; the heavy circle is the nominal path.";
+    page.plots(&plots, caption);
     causes(&mut page, newest);
     if tests.len() > 1 {
         trend(&mut page, &Trend::of(tests));
     }
-    Ok(page::finish(page, assessed))
+    Ok(page::finish(page, judged))
 }
 
 /// The causes by rank, with what could not be told.
 fn causes(page: &mut Page, test: &Test) {
     let (a, plane) = (&test.plan.analysis, test.plan.circles.plane);
     page.sheet("Causes by rank");
-    let rows: Vec<Bar> = a
-        .estimates
-        .iter()
-        .filter(|e| e.significant)
-        .map(|e| Bar {
-            label: named(e.effect, plane).0,
-            from: 0.0,
-            to: 100.0 * e.share,
-            value: format!("{:.1} %", 100.0 * e.share),
-            ink: Ink::Blue,
-        })
-        .collect();
-    page.html(&bars(&rows));
+    let values = |e: &Estimate| features(a, e).iter().map(value).collect::<Vec<_>>().join("; ");
+    let significant = || a.estimates.iter().filter(|e| e.significant);
+    page.bars(significant().map(|e| {
+        let percent = 100.0 * e.share;
+        (named(e.effect, plane).0, percent, format!("{percent:.1} %"))
+    }));
     page.note("Share: range that the cause alone adds to the circle, of the sum of all.");
-    let head = ["cause", "adds to the circle / µm", "value, U (k = 2)", "remedy"];
-    let rows: Vec<Vec<Cell>> = a
-        .estimates
-        .iter()
-        .filter(|e| e.significant)
-        .enumerate()
-        .map(|(i, e)| {
-            let (name, remedy) = named(e.effect, plane);
-            let values: Vec<String> = features(a, e).iter().map(value).collect();
-            let adds = COVERAGE * um_from_mm(e.contribution_std);
-            vec![
-                Cell::head(format_args!("{}. {name}", i + 1)),
-                Cell::number(format!("{} ± {adds:.2}", plain(um_from_mm(e.contribution), 2))),
-                Cell::text(values.join("; ")),
-                Cell::text(remedy),
-            ]
-        })
-        .collect();
-    if !rows.is_empty() {
-        page.stacked_table(&head, &rows);
+    let rows = significant().enumerate().map(|(i, e)| {
+        let (name, remedy) = named(e.effect, plane);
+        let [adds, u] = [e.contribution, COVERAGE * e.contribution_std].map(um_from_mm);
+        [format!("{}. {name}", i + 1), format!("{} ± {u:.2}", plain(adds, 2)), values(e), remedy.to_owned()]
+    });
+    let table = Table::new(["cause", ">adds to the circle / µm", "value, U (k = 2)", "remedy"]).rows(rows);
+    if !table.is_empty() {
+        table.put_stacked(page);
     }
-    let small: Vec<String> = a
-        .estimates
-        .iter()
-        .filter(|e| !e.significant)
-        .map(|e| {
-            let values: Vec<String> = features(a, e).iter().map(value).collect();
-            format!("{} ({})", named(e.effect, plane).0, values.join("; "))
-        })
-        .collect();
+    let name = |effect: Effect| named(effect, plane).0;
+    let small = a.estimates.iter().filter(|e| !e.significant);
+    let small: Vec<String> = small.map(|e| format!("{} ({})", name(e.effect), values(e))).collect();
     if !small.is_empty() {
         page.note(format_args!("Not significant (99.9 %): {}.", small.join(", ")));
     }
     let round = roundness(&test.plan);
     if let (Some(all), Some(rest)) = (&round.measured, &round.residual) {
+        let [all, rest] = [all, rest].map(|c| um_from_mm(widest(c)));
         page.paragraph(format_args!(
-            "Circular error of all readings {:.2} µm; {:.2} µm of the residuals, which no cause explains.",
-            um_from_mm(widest(all)),
-            um_from_mm(widest(rest))
+            "Circular error of all readings {all:.2} µm; {rest:.2} µm of the residuals, which no cause explains."
         ));
     }
     for e in a.estimates.iter().filter(|e| !e.confounded.is_empty()) {
-        let others: Vec<String> = e
-            .confounded
-            .iter()
-            .map(|(o, c)| format!("{} (correlation {c:.2})", named(*o, plane).0))
-            .collect();
-        page.note(format_args!(
-            "Confounded: {} is strongly correlated with {} in these data.",
-            named(e.effect, plane).0,
-            others.join(", ")
-        ));
+        let others = e.confounded.iter().map(|(o, c)| format!("{} (correlation {c:.2})", name(*o)));
+        let (name, others) = (name(e.effect), others.collect::<Vec<_>>().join(", "));
+        page.note(format_args!("Confounded: {name} is strongly correlated with {others} in these data."));
     }
     for (effect, reason) in &a.missing {
-        page.note(format_args!(
-            "Not determined: {}: {}.",
-            named(*effect, plane).0,
-            reason_text(reason, plane)
-        ));
+        page.note(format_args!("Not determined: {}: {}.", name(*effect), reason_text(reason, plane)));
     }
     for n in &a.notes {
         page.note(note_text(n));
@@ -219,27 +169,10 @@ fn trend(page: &mut Page, trend: &Trend) {
                 .with(Style::Dots, "test", points(c))
                 // a scale from zero: noise of a constant is no trend
                 .with(Style::Reference, "", trend.at.iter().map(|t| (*t, 0.0)).collect())
-                .markup()
         })
         .collect();
-    page.figures(&plots);
-    let mut head = vec![Cell::head("")];
-    head.extend(trend.labels.iter().map(Cell::number));
-    head.extend([Cell::number("change, U (k = 2)"), Cell::head("")]);
-    let rows: Vec<Vec<Cell>> =
-        trend
-            .courses
-            .iter()
-            .map(|c| {
-                let mut row = vec![Cell::head(&c.name)];
-                row.extend(c.values.iter().map(|v| {
-                    Cell::number(v.map_or_else(|| "-".to_owned(), |(v, _)| plain(v, c.decimals())))
-                }));
-                row.extend([Cell::number(c.change_words()), Cell::text(c.verdict())]);
-                row
-            })
-            .collect();
-    page.table(&head, &rows);
+    page.charts(&plots);
+    trend.table().put(page);
     page.note(
         "Change: last test minus first one, with the expanded uncertainty of both fits. The instrument and how it was set up are \
          not in it. Causes that are not significant in any test are left out.",

@@ -6,6 +6,7 @@ use super::Test;
 use super::report::{named, unit_of};
 use crate::identify::ballbar::report::{Feature, features};
 use crate::numerals::plain;
+use crate::report::Table;
 use volcomp_identify::ballbar::Effect;
 use volcomp_units::um_from_mm;
 
@@ -161,16 +162,19 @@ impl Course {
     }
 }
 
-/// The trend as text.
-pub(super) fn print(trend: &Trend) {
-    say!("trend over {}", trend.labels.join(", "));
-    for c in &trend.courses {
-        let values: Vec<String> = c
-            .values
-            .iter()
-            .map(|v| v.map_or_else(|| "-".to_owned(), |(v, _)| plain(v, c.decimals())))
-            .collect();
-        say!("{:<52} {}; change {} ({})", c.name, values.join("  "), c.change_words(), c.verdict());
+impl Trend {
+    /// The courses: value of each test, change and verdict.
+    pub(super) fn table(&self) -> Table {
+        let heads = self.labels.iter().map(|label| format!(">{label}"));
+        let heads =
+            [String::new()].into_iter().chain(heads).chain([">change, U (k = 2)".into(), String::new()]);
+        let rows = self.courses.iter().map(|c| {
+            let value =
+                |v: &Option<(f64, _)>| v.map_or_else(|| "-".to_owned(), |(v, _)| plain(v, c.decimals()));
+            let change = [c.change_words(), c.verdict().to_owned()];
+            [c.name.clone()].into_iter().chain(c.values.iter().map(value)).chain(change).collect::<Vec<_>>()
+        });
+        Table::new(heads).rows(rows)
     }
 }
 

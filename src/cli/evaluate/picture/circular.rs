@@ -3,15 +3,14 @@
 use plotters::prelude::*;
 
 use crate::report::plot::{
-    Area, BLUE, Drawn, FAINT, INK, Key, SHEET_WIDTH, Svg, VERMILLION, legend, round_below, svg_of, tick,
-    words,
+    Area, BLUE, Drawn, FAINT, INK, Key, Part, SHEET_WIDTH, Svg, VERMILLION, legend, round_below, stacked,
+    tick, words,
 };
 use volcomp_evaluate::{CircularReading, Circularity};
 use volcomp_units::axes::Travel;
 use volcomp_units::um_from_mm;
 
 const HEIGHT: u32 = 516;
-const TITLE: u32 = 34;
 /// Radius of the nominal circle, pixels.
 const NOMINAL: f64 = 145.0;
 /// Radius to which the largest deviation reaches at most beyond the nominal circle, pixels.
@@ -22,8 +21,6 @@ const CENTRE: f64 = 275.0;
 /// A test to be drawn, deviations in mm.
 #[derive(Clone, Copy)]
 pub(in crate::evaluate) struct Shown<'a> {
-    /// Above the plot; none where empty.
-    pub(in crate::evaluate) title: &'a str,
     pub(in crate::evaluate) result: &'a Circularity,
     pub(in crate::evaluate) readings: &'a [CircularReading],
     /// First and second axis.
@@ -32,8 +29,8 @@ pub(in crate::evaluate) struct Shown<'a> {
 }
 
 /// um per division, so that all tests fit: two divisions inside and outside the nominal circle.
-pub(in crate::evaluate) fn scale(shown: &[Shown<'_>]) -> f64 {
-    let all = shown.iter().flat_map(|s| [s.result.f_max, s.result.f_min]);
+pub(in crate::evaluate) fn scale<'a>(shown: impl IntoIterator<Item = &'a Shown<'a>>) -> f64 {
+    let all = shown.into_iter().flat_map(|s| [s.result.f_max, s.result.f_min]);
     let largest = um_from_mm(all.fold(0.0f64, |m, v| m.max(v.abs())));
     // the round number above half of the largest
     let half = (0.5 * largest).max(1e-6);
@@ -49,30 +46,19 @@ pub(in crate::evaluate) fn scale(shown: &[Shown<'_>]) -> f64 {
 /// # Errors
 /// The drawing library could not draw it.
 pub(in crate::evaluate) fn single(shown: &Shown<'_>, division: f64) -> Svg {
-    let head = if shown.title.is_empty() { 0 } else { TITLE };
-    svg_of((SHEET_WIDTH, HEIGHT + head), |area| draw(area, shown, division))
+    whole("", &[("", *shown)], division)
 }
 
-/// All tests below each other at the same scale.
+/// Tests below each other with their headings, at one scale.
 ///
 /// # Errors
 /// The drawing library could not draw it.
-pub(in crate::evaluate) fn whole(title: &str, shown: &[Shown<'_>]) -> Svg {
-    let division = scale(shown);
-    if let [one] = shown {
-        return single(one, division);
-    }
-    let each = HEIGHT + TITLE;
-    svg_of((SHEET_WIDTH, TITLE + each * shown.len() as u32), |area| {
-        let (head, mut rest) = area.split_vertically(TITLE);
-        words(&head, title, (14, 10), 20)?;
-        for one in shown {
-            let (here, below) = rest.split_vertically(each);
-            draw(&here, one, division)?;
-            rest = below;
-        }
-        Ok(())
-    })
+pub(in crate::evaluate) fn whole(title: &str, shown: &[(&str, Shown<'_>)], division: f64) -> Svg {
+    let draw: Vec<_> =
+        shown.iter().map(|(_, one)| move |area: &Area<'_>| draw(area, one, division)).collect();
+    let parts: Vec<Part<'_>> =
+        shown.iter().zip(&draw).map(|((name, _), draw)| (*name, HEIGHT, draw as _)).collect();
+    stacked(SHEET_WIDTH, title, &parts)
 }
 
 /// From angle and deviation to pixels.
@@ -91,25 +77,18 @@ impl View {
 }
 
 fn draw(area: &Area<'_>, shown: &Shown<'_>, division: f64) -> Drawn {
-    let body = if shown.title.is_empty() {
-        area.clone()
-    } else {
-        let (head, body) = area.split_vertically(TITLE);
-        words(&head, shown.title, (14, 10), 18)?;
-        body
-    };
     let view = View { centre: (CENTRE, f64::from(HEIGHT) / 2.0), per_um: 0.5 * REACH / division };
-    draw_grid(&body, &view, shown, division)?;
+    draw_grid(area, &view, shown, division)?;
     for (travel, colour) in [(Travel::Forward, BLUE), (Travel::Reverse, VERMILLION)] {
         let own = shown.readings.iter().zip(&shown.result.radial).filter(|(r, _)| r.travel == travel);
         for path in paths(own.map(|(r, d)| (r.angle, um_from_mm(*d)))) {
             let path: Vec<(i32, i32)> = path.into_iter().map(|(a, d)| view.at(a, d)).collect();
-            body.draw(&PathElement::new(path, colour.stroke_width(2)))?;
+            area.draw(&PathElement::new(path, colour.stroke_width(2)))?;
         }
     }
-    draw_scale(&body, &view, division)?;
-    draw_extremes(&body, &view, shown)?;
-    draw_words(&body, shown, division)
+    draw_scale(area, &view, division)?;
+    draw_extremes(area, &view, shown)?;
+    draw_words(area, shown, division)
 }
 
 /// Readings in the order of the path, cut where it has a gap of more than 20 degrees.

@@ -3,10 +3,9 @@
 use plotters::prelude::*;
 
 use crate::report::plot::{
-    Area, Axes, BLUE, Drawn, FONT, INK, SHEET_WIDTH, Svg, VERMILLION, round_below, svg_of, with_room, words,
+    Area, Axes, BLUE, Drawn, FONT, INK, Part, SHEET_WIDTH, Svg, VERMILLION, round_below, stacked, with_room,
 };
 
-const TITLE: u32 = 34;
 const HEIGHT: u32 = 300;
 
 /// Tooth, readings (mm, um), mean line (um at 0, um/mm).
@@ -35,45 +34,27 @@ pub(in crate::evaluate) fn step_um(shown: &[(&str, Vec<Panel>)]) -> f64 {
     [1.0, 2.0, 2.5].into_iter().map(|m| m * below).find(|s| *s >= 1.1 * widest).unwrap_or(below)
 }
 
-/// One measurement.
-///
-/// # Errors
-/// The drawing library could not draw it.
-pub(in crate::evaluate) fn single(title: &str, panels: &[Panel], step_um: f64) -> Svg {
-    let head = if title.is_empty() { 0 } else { TITLE };
-    let rows = panels.len().div_ceil(2) as u32;
-    svg_of((SHEET_WIDTH, head + rows * HEIGHT), |area| {
-        let (top, body) = area.split_vertically(head);
-        if head > 0 {
-            words(&top, title, (14, 10), 20)?;
-        }
-        draw(&body, panels, step_um)
-    })
+fn height(panels: &[Panel]) -> u32 {
+    panels.len().div_ceil(2) as u32 * HEIGHT
 }
 
-/// All measurements below each other at one scale.
+/// The panels of one measurement.
 ///
 /// # Errors
 /// The drawing library could not draw it.
-pub(in crate::evaluate) fn whole(title: &str, shown: &[(&str, Vec<Panel>)]) -> Svg {
-    let step = step_um(shown);
-    if let [(_, panels)] = shown {
-        return single(title, panels, step);
-    }
-    let height = |panels: &[Panel]| TITLE + panels.len().div_ceil(2) as u32 * HEIGHT;
-    let all: u32 = shown.iter().map(|(_, panels)| height(panels)).sum();
-    svg_of((SHEET_WIDTH, TITLE + all), |area| {
-        let (head, mut rest) = area.split_vertically(TITLE);
-        words(&head, title, (14, 10), 20)?;
-        for (heading, panels) in shown {
-            let (here, below) = rest.split_vertically(height(panels));
-            let (name, body) = here.split_vertically(TITLE);
-            words(&name, heading, (14, 10), 16)?;
-            draw(&body, panels, step)?;
-            rest = below;
-        }
-        Ok(())
-    })
+pub(in crate::evaluate) fn single(panels: &[Panel], step: f64) -> Svg {
+    stacked(SHEET_WIDTH, "", &[("", height(panels), &|area| draw(area, panels, step))])
+}
+
+/// Panels, before and after below each other with their headings.
+///
+/// # Errors
+/// The drawing library could not draw it.
+pub(in crate::evaluate) fn whole(title: &str, shown: &[(&str, Vec<Panel>)], step: f64) -> Svg {
+    let draw: Vec<_> =
+        shown.iter().map(|(_, panels)| move |area: &Area<'_>| draw(area, panels, step)).collect();
+    let parts = shown.iter().zip(&draw).map(|((name, panels), draw)| (*name, height(panels), draw as _));
+    stacked(SHEET_WIDTH, title, &parts.collect::<Vec<Part<'_>>>())
 }
 
 fn draw(area: &Area<'_>, panels: &[Panel], step_um: f64) -> Drawn {

@@ -3,12 +3,12 @@
 use plotters::prelude::*;
 
 use crate::report::plot::{
-    Area, Axes, BLUE, Drawn, GREY, INK, SHEET_WIDTH, Svg, VERMILLION, round_below, svg_of, with_room, words,
+    Area, Axes, BLUE, Drawn, GREY, INK, SHEET_WIDTH, Svg, TITLE, VERMILLION, round_below, stacked, with_room,
+    words,
 };
 use volcomp_evaluate::{PlateFit, PlatePoint};
 use volcomp_units::um_from_mm;
 
-const TITLE: u32 = 34;
 const HEIGHT: u32 = 430;
 /// Above this many places arrows are drawn thin.
 const MANY: usize = 150;
@@ -30,18 +30,17 @@ pub(in crate::evaluate) struct Shown<'a> {
 /// # Errors
 /// The drawing library could not draw it.
 pub(in crate::evaluate) fn whole(shown: &Shown<'_>) -> Svg {
-    let head = if shown.title.is_empty() { 0 } else { TITLE };
-    svg_of((SHEET_WIDTH, HEIGHT + head), |area| {
-        let (top, body) = area.split_vertically(head);
-        if head > 0 {
-            words(&top, shown.title, (14, 10), 20)?;
-        }
-        let (left, right) = body.split_horizontally(SHEET_WIDTH / 2);
-        let measured =
-            shown.points.iter().map(|p| [p.measured[0] - p.nominal[0], p.measured[1] - p.nominal[1]]);
-        draw(&left, shown.points, &measured.collect::<Vec<_>>(), "measured minus nominal")?;
-        draw(&right, shown.points, &shown.fit.residuals, "residuals of the fit")
-    })
+    stacked(
+        SHEET_WIDTH,
+        shown.title,
+        &[("", HEIGHT, &|body| {
+            let (left, right) = body.split_horizontally(SHEET_WIDTH / 2);
+            let measured =
+                shown.points.iter().map(|p| [p.measured[0] - p.nominal[0], p.measured[1] - p.nominal[1]]);
+            draw(&left, shown.points, &measured.collect::<Vec<_>>(), "measured minus nominal")?;
+            draw(&right, shown.points, &shown.fit.residuals, "residuals of the fit")
+        })],
+    )
 }
 
 fn draw(area: &Area<'_>, points: &[PlatePoint], vectors: &[[f64; 2]], name: &str) -> Drawn {

@@ -4,8 +4,8 @@
 use plotters::prelude::*;
 
 use crate::report::plot::{
-    Area, Axes, BLUE, Chart, Drawn, GREY, INK, Key, SHEET_WIDTH, Svg, VERMILLION, legend, svg_of, with_room,
-    words,
+    Area, Axes, BLUE, Chart, Drawn, GREY, INK, Key, Part, SHEET_WIDTH, Svg, VERMILLION, hull, legend,
+    stacked, with_room, words,
 };
 use volcomp_evaluate::{AtTarget, Positioning, PositioningReading, Spread};
 use volcomp_units::axes::Travel;
@@ -13,15 +13,12 @@ use volcomp_units::axes::Travel;
 pub(in crate::evaluate) const HEIGHT: u32 = 370;
 /// Height of one of two plots that share a sheet.
 pub(in crate::evaluate) const HALF_HEIGHT: u32 = 285;
-const TITLE: u32 = 34;
 const LEGEND: u32 = 30;
 /// Room at the right for the ranges, pixels.
 const RANGES: u32 = 164;
 
 /// What is drawn, in the units of the report.
 pub(in crate::evaluate) struct Shown<'a> {
-    /// Above the plot; none where empty.
-    pub(in crate::evaluate) title: &'a str,
     pub(in crate::evaluate) result: &'a Positioning,
     pub(in crate::evaluate) readings: &'a [PositioningReading],
     pub(in crate::evaluate) unit: &'a str,
@@ -47,40 +44,28 @@ pub(in crate::evaluate) fn scale<'a>(
 /// # Errors
 /// The drawing library could not draw it.
 pub(in crate::evaluate) fn single(shown: &Shown<'_>, y: [f64; 2], height: u32) -> Svg {
-    let head = if shown.title.is_empty() { 0 } else { TITLE };
-    svg_of((SHEET_WIDTH, height + head), |area| draw(area, shown, y))
+    stacked(SHEET_WIDTH, "", &[("", height, &|area| draw(area, shown, y))])
 }
 
 /// One test, or the test before above it at the same scale.
 ///
 /// # Errors
 /// The drawing library could not draw it.
-pub(in crate::evaluate) fn whole(after: &Shown<'_>, before: Option<&Shown<'_>>) -> Svg {
+pub(in crate::evaluate) fn whole(title: &str, after: &Shown<'_>, before: Option<&Shown<'_>>) -> Svg {
     let y = scale(
         [Some(after.result), before.map(|b| b.result)],
         [after.readings, before.map_or(&[][..], |b| b.readings)],
     );
-    let Some(before) = before else { return single(after, y, HEIGHT) };
-    let one = HEIGHT + TITLE;
-    svg_of((SHEET_WIDTH, TITLE + 2 * one), |area| {
-        let (head, rest) = area.split_vertically(TITLE);
-        words(&head, after.title, (14, 10), 20)?;
-        let (upper, lower) = rest.split_vertically(one);
-        draw(&upper, before, y)?;
-        draw(&lower, &Shown { title: "after, same scale", ..*after }, y)
-    })
+    let draw_after = |area: &Area<'_>| draw(area, after, y);
+    let Some(before) = before else { return stacked(SHEET_WIDTH, title, &[("", HEIGHT, &draw_after)]) };
+    let draw_before = |area: &Area<'_>| draw(area, before, y);
+    let parts: [Part<'_>; 2] = [("before", HEIGHT, &draw_before), ("after, same scale", HEIGHT, &draw_after)];
+    stacked(SHEET_WIDTH, title, &parts)
 }
 
 /// A test in an area; also used small, for the diagonals.
 pub(in crate::evaluate) fn draw(area: &Area<'_>, shown: &Shown<'_>, y: [f64; 2]) -> Drawn {
-    let body = if shown.title.is_empty() {
-        area.clone()
-    } else {
-        let (head, body) = area.split_vertically(TITLE);
-        words(&head, shown.title, (14, 10), 18)?;
-        body
-    };
-    let (plot, below) = body.split_vertically(body.dim_in_pixel().1 - LEGEND);
+    let (plot, below) = area.split_vertically(area.dim_in_pixel().1 - LEGEND);
     let chart = draw_deviations(&plot, shown, y, RANGES)?;
     draw_places(&plot, &chart, shown)?;
     draw_ranges(&plot, &chart, shown)?;
@@ -149,14 +134,8 @@ fn draw_places(area: &Area<'_>, chart: &Chart<'_, '_>, shown: &Shown<'_>) -> Dra
     let width = area.dim_in_pixel().0 as i32;
     for (row, found, name) in [(0, reversal, "B"), (1, repeatability, "R")] {
         let Some((t, value)) = found else { continue };
-        let (low, high) = match name {
-            "B" => {
-                let means: Vec<f64> = t.spreads().map(|s| s.mean).collect();
-                (
-                    means.iter().copied().fold(f64::INFINITY, f64::min),
-                    means.iter().copied().fold(f64::NEG_INFINITY, f64::max),
-                )
-            }
+        let [low, high] = match name {
+            "B" => hull(t.spreads().map(|s| s.mean)),
             _ => repeatability_ends(t),
         };
         let side = if name == "B" { -9 } else { 9 };
@@ -182,36 +161,29 @@ fn draw_places(area: &Area<'_>, chart: &Chart<'_, '_>, shown: &Shown<'_>) -> Dra
 }
 
 /// Lowest and highest end of what makes up `R_i`.
-fn repeatability_ends(t: &AtTarget) -> (f64, f64) {
+fn repeatability_ends(t: &AtTarget) -> [f64; 2] {
     let ends = |s: &Spread| [s.mean - 2.0 * s.s, s.mean + 2.0 * s.s];
     let all: Vec<Spread> = t.spreads().collect();
     let widest = all.iter().copied().reduce(|a, b| if b.s > a.s { b } else { a });
-    let list: Vec<f64> = match (t.repeatability(), widest) {
-        (Some(r), Some(w)) if r <= 4.0 * w.s => ends(&w).to_vec(),
-        _ => all.iter().flat_map(ends).collect(),
-    };
-    (
-        list.iter().copied().fold(f64::INFINITY, f64::min),
-        list.iter().copied().fold(f64::NEG_INFINITY, f64::max),
-    )
+    match (t.repeatability(), widest) {
+        (Some(r), Some(w)) if r <= 4.0 * w.s => ends(&w),
+        _ => hull(all.iter().flat_map(ends)),
+    }
 }
 
 /// M, E and A as ranges beside the plot.
 fn draw_ranges(area: &Area<'_>, chart: &Chart<'_, '_>, shown: &Shown<'_>) -> Drawn {
     let spreads = || shown.result.targets.iter().flat_map(AtTarget::spreads);
-    let hull = |values: Vec<f64>| {
-        let low = values.iter().copied().fold(f64::INFINITY, f64::min);
-        low.is_finite().then(|| (low, values.iter().copied().fold(f64::NEG_INFINITY, f64::max)))
-    };
     let ranges = [
-        ("M", hull(shown.result.targets.iter().filter_map(AtTarget::mean).collect())),
-        ("E", hull(spreads().map(|s| s.mean).collect())),
-        ("A", hull(spreads().flat_map(|s| [s.mean - 2.0 * s.s, s.mean + 2.0 * s.s]).collect())),
+        ("M", hull(shown.result.targets.iter().filter_map(AtTarget::mean))),
+        ("E", hull(spreads().map(|s| s.mean))),
+        ("A", hull(spreads().flat_map(|s| [s.mean - 2.0 * s.s, s.mean + 2.0 * s.s]))),
     ];
     let (_, y0) = area.get_base_pixel();
     let left = area.dim_in_pixel().0 as i32 - RANGES as i32;
-    for (i, (name, range)) in ranges.into_iter().enumerate() {
-        let Some((low, high)) = range else { continue };
+    for (i, (name, [low, high])) in
+        ranges.into_iter().enumerate().filter(|(_, (_, [low, _]))| low.is_finite())
+    {
         let y = |v: f64| chart.backend_coord(&(0.0, v)).1 - y0;
         let x = left + 22 + 51 * i as i32;
         bracket(area, x, y(low), y(high))?;

@@ -11,8 +11,8 @@ mod sensors;
 use std::io::Write;
 use std::path::{Path, PathBuf};
 
-use crate::files::Output;
-use crate::{EX_DATAERR, EX_USAGE, Failure, recordings};
+use crate::files;
+use crate::{Failure, recordings};
 use rows::{Cell, Column, Rows};
 use sensors::Sensors;
 
@@ -61,45 +61,38 @@ pub(super) fn run(files: &[PathBuf], to: Format, out: &Path, args: &RecordingOpt
     if let (Some(from), Some(to)) = (args.from_s, args.to_s)
         && from > to
     {
-        return Err(Failure::usage(format_args!("--from-s {from} is behind --to-s {to}; exchange them")));
+        return Err(usage!("--from-s {from} is behind --to-s {to}; exchange them"));
     }
     let mut parsed = recordings::read(files)?;
-    let mut output = Output::create(out)?;
     let (rows, walked) = match to {
         Format::Csv => {
-            let mut sink = Csv {
-                out: std::io::BufWriter::with_capacity(1 << 16, &mut output),
-                path: out.to_owned(),
-                line: String::new(),
-            };
+            let mut sink = Csv(files::Rows::create(out)?);
             let done = convert(args, &mut parsed, &mut sink)?;
-            sink.out.flush().map_err(|e| Failure::io(out, &e))?;
-            drop(sink);
+            sink.0.finish()?;
             done
         }
         #[cfg(feature = "parquet")]
         Format::Parquet => {
-            let Output::Beside { file, .. } = &output else {
-                return Err(Failure::new(
-                    EX_USAGE,
-                    "error: Parquet is written to a file, not to a stream\n  hint: name a file with --out",
+            let output = files::Output::create(out)?;
+            let files::Output::Beside { file, .. } = &output else {
+                return Err(usage!(
+                    "Parquet is written to a file, not to a stream\n  hint: name a file with --out"
                 ));
             };
             let file = file.try_clone().map_err(|e| Failure::io(out, &e))?;
             let mut sink = parquet::Table::new(file, out, &recordings::first(&parsed)?.meta);
             let done = convert(args, &mut parsed, &mut sink)?;
             sink.finish()?;
+            output.finish()?;
             done
         }
         #[cfg(not(feature = "parquet"))]
         Format::Parquet => {
-            return Err(Failure::new(
-                EX_USAGE,
-                "error: this program was built without Parquet\n  hint: build it with the feature parquet, or use --format csv",
+            return Err(usage!(
+                "this program was built without Parquet\n  hint: build it with the feature parquet, or use --format csv"
             ));
         }
     };
-    output.finish()?;
     for note in walked.notes {
         note!("note: {note}");
     }
@@ -125,8 +118,7 @@ fn convert(
     let (mut cycles, mut written, mut begun) = (0_u64, 0, false);
     let mut last_s = 0.0;
     let walked = recordings::walk(parsed, |item| {
-        let told =
-            rows.feed(item).map_err(|why| Failure::new(EX_DATAERR, format_args!("error: {name}: {why}")))?;
+        let told = rows.feed(item).map_err(|why| data!(name, "{why}"))?;
         if !told {
             return Ok(());
         }
@@ -153,51 +145,30 @@ fn convert(
                 "no row selected; the cycles are between 0 s and {last_s:.3} s: correct --from-s and --to-s"
             )
         };
-        return Err(Failure::new(EX_DATAERR, format_args!("error: {name}: {why}")));
+        return Err(data!(name, "{why}"));
     }
     Ok((written, walked))
 }
 
-/// CSV; no cell of ours needs quotes.
-struct Csv<W: Write> {
-    out: W,
-    path: PathBuf,
-    line: String,
-}
+/// Comma-separated values.
+struct Csv(files::Rows);
 
-impl<W: Write> Csv<W> {
-    fn write(&mut self) -> Result<(), Failure> {
-        self.line.push('\n');
-        self.out.write_all(self.line.as_bytes()).map_err(|e| Failure::io(&self.path, &e))?;
-        self.line.clear();
-        Ok(())
+impl Csv {
+    fn line(&mut self, fields: impl Iterator<Item = impl core::fmt::Display>) -> Result<(), Failure> {
+        for (k, field) in fields.enumerate() {
+            // writing to memory cannot fail
+            let _ = write!(self.0.block, "{}{field}", if k > 0 { "," } else { "" });
+        }
+        self.0.row_end()
     }
 }
 
-impl<W: Write> Sink for Csv<W> {
+impl Sink for Csv {
     fn begin(&mut self, columns: &[Column]) -> Result<(), Failure> {
-        for (k, column) in columns.iter().enumerate() {
-            if k > 0 {
-                self.line.push(',');
-            }
-            self.line.push_str(&column.name);
-        }
-        self.write()
+        self.line(columns.iter().map(|column| &column.name))
     }
 
     fn row(&mut self, cells: &[Cell]) -> Result<(), Failure> {
-        use std::fmt::Write as _;
-        for (k, cell) in cells.iter().enumerate() {
-            if k > 0 {
-                self.line.push(',');
-            }
-            let _ = match cell {
-                Cell::Empty => Ok(()),
-                Cell::Number(v) => write!(self.line, "{v}"),
-                Cell::Whole(v) => write!(self.line, "{v}"),
-                Cell::Text(v) => self.line.write_str(v),
-            };
-        }
-        self.write()
+        self.line(cells.iter())
     }
 }

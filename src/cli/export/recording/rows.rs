@@ -1,6 +1,7 @@
 //! Entries to rows: time on one clock, velocities, directions, distances since the last reversal.
 
 use super::sensors::Sensors;
+use crate::quantities::{offset_unit, position_unit};
 use volcomp_config::MachineConfig;
 use volcomp_engine::fault;
 use volcomp_protocol::record::{Change, Cycle, Entry, Item};
@@ -30,6 +31,17 @@ pub(super) enum Cell {
     Number(f64),
     Whole(i64),
     Text(&'static str),
+}
+
+impl core::fmt::Display for Cell {
+    fn fmt(&self, f: &mut core::fmt::Formatter<'_>) -> core::fmt::Result {
+        match self {
+            Self::Empty => Ok(()),
+            Self::Number(v) => write!(f, "{v}"),
+            Self::Whole(v) => write!(f, "{v}"),
+            Self::Text(v) => f.write_str(v),
+        }
+    }
 }
 
 impl Cell {
@@ -95,6 +107,9 @@ struct Anchor {
     control_ns: i64,
     t_s: f64,
 }
+
+/// What takes a column: its name, made where it is asked for, its kind, and a cell.
+type Put<'a> = dyn FnMut(&dyn Fn() -> String, Kind, Cell) + 'a;
 
 /// Turns entries into rows.
 pub(super) struct Rows {
@@ -208,52 +223,7 @@ impl Rows {
     /// Columns for the axes known.
     fn names(&self) -> Vec<Column> {
         let mut columns = Vec::new();
-        let mut add = |name: String, kind| columns.push(Column { name, kind });
-        add("t_s".into(), Kind::Number);
-        add("instrument".into(), Kind::Text);
-        for name in ["setup", "run", "repeat"] {
-            add(name.into(), Kind::Whole);
-        }
-        for Axis { name, .. } in &self.axes {
-            let (unit, _) = units(*name);
-            add(format!("{}_{unit}", name.lower()), Kind::Number);
-        }
-        for name in ["u_x", "u_y", "u_z", "deviation_um"] {
-            add(name.into(), Kind::Number);
-        }
-        for Axis { name, .. } in &self.axes {
-            let ((unit, fine), axis) = (units(*name), name.lower());
-            add(format!("v{axis}_{unit}_per_s"), Kind::Number);
-            add(format!("dir_{axis}"), Kind::Whole);
-            add(format!("since_reversal_{axis}_{unit}"), Kind::Number);
-            add(format!("since_reversal_{axis}_s"), Kind::Number);
-            add(format!("actual_{axis}_{unit}"), Kind::Number);
-            add(format!("offset_{axis}_{fine}"), Kind::Number);
-            add(format!("applied_{axis}_{fine}"), Kind::Number);
-            add(format!("wanted_{axis}_{fine}"), Kind::Number);
-            for name in ["limited", "warning", "out_of_range", "faded"] {
-                add(format!("{name}_{axis}"), Kind::Whole);
-            }
-        }
-        add("moving".into(), Kind::Whole);
-        for name in ["tool_x_mm", "tool_y_mm", "tool_z_mm", "feed_mm_per_min"] {
-            add(name.into(), Kind::Number);
-        }
-        for name in self.sensors.columns() {
-            add(name, Kind::Number);
-        }
-        for name in ["state", "cause"] {
-            add(name.into(), Kind::Text);
-        }
-        add("lag_cycles".into(), Kind::Whole);
-        for name in
-            ["homed", "enabled", "estop", "offset_limited", "offset_ramping_out", "sequence", "record"]
-        {
-            add(name.into(), Kind::Whole);
-        }
-        for name in ["control_s", "received_s"] {
-            add(name.into(), Kind::Number);
-        }
+        self.columns_of(None, &mut |name, kind, _| columns.push(Column { name: name(), kind }));
         columns
     }
 
@@ -282,74 +252,90 @@ impl Rows {
                 None => axis.motion = Some(Motion::start(position, t_s)),
             }
         }
-        self.cells.clear();
-        let cells = &mut self.cells;
-        cells.extend([
-            Cell::Number(t_s),
-            Cell::Text("recording"),
-            Cell::Whole(self.links),
-            Cell::Whole(0),
-            Cell::Whole(0),
-        ]);
-        cells.extend(frame.commanded.iter().take(self.axes.len()).map(|v| Cell::number(*v)));
-        cells.extend([Cell::Empty; 4]);
+        let mut cells = core::mem::take(&mut self.cells);
+        cells.clear();
+        self.columns_of(Some((record, cycle)), &mut |_, _, cell| cells.push(cell));
+        self.cells = cells;
+    }
+
+    /// Every column in its order: name, kind, and its cell of the cycle; empty where none is given.
+    fn columns_of(&self, of: Option<(u64, &Cycle)>, put: &mut Put<'_>) {
+        let frame = of.map(|(_, cycle)| &cycle.frame);
+        let answer = of.and_then(|(_, cycle)| cycle.answer.as_ref());
+        let mut add = |name: &'static str, kind, cell| put(&|| name.to_owned(), kind, cell);
+        let number = |value: Option<f64>| Cell::or_empty(value);
+        let whole = |value: Option<i64>| value.map_or(Cell::Empty, Cell::Whole);
+        add("t_s", Kind::Number, Cell::Number(self.t_s));
+        add("instrument", Kind::Text, Cell::Text("recording"));
+        add("setup", Kind::Whole, Cell::Whole(self.links));
+        add("run", Kind::Whole, Cell::Whole(0));
+        add("repeat", Kind::Whole, Cell::Whole(0));
+        for (k, Axis { name, .. }) in self.axes.iter().enumerate() {
+            let cell = number(frame.map(|f| f.commanded[k]));
+            put(&|| format!("{}_{}", name.lower(), position_unit(*name)), Kind::Number, cell);
+        }
+        for name in ["u_x", "u_y", "u_z", "deviation_um"] {
+            put(&|| name.to_owned(), Kind::Number, Cell::Empty);
+        }
         for (k, axis) in self.axes.iter().enumerate() {
-            let fine = |v: f64| match axis.name.kind() {
+            let (letter, unit, fine) = (axis.name.lower(), position_unit(axis.name), offset_unit(axis.name));
+            let offset = |v: f64| match axis.name.kind() {
                 AxisKind::Linear => um_from_mm(v),
                 AxisKind::Rotary => arcsec_from_rad(rad_from_deg(v)),
             };
-            let answer = cycle.answer.as_ref();
             let moved = axis.motion.filter(|m| m.direction != 0);
             let bit = |bits: Option<u8>| bits.map_or(Cell::Empty, |b| Cell::flag(b >> k & 1 == 1));
-            cells.extend([
-                Cell::or_empty(axis.motion.and_then(|m| m.velocity)),
-                moved.map_or(Cell::Empty, |m| Cell::Whole(m.direction.into())),
-                Cell::or_empty(moved.map(|m| (m.last - m.reversed.0).abs())),
-                Cell::or_empty(moved.map(|m| t_s - m.reversed.1)),
-                Cell::number(frame.actual[k]),
-                Cell::or_empty(answer.map(|a| fine(a.offset[k]))),
-                Cell::number(fine(frame.applied[k])),
-                Cell::or_empty(answer.map(|a| fine(a.wanted[k]))),
-                bit(answer.map(|a| a.limited)),
-                bit(answer.map(|a| a.warning)),
-                bit(answer.map(|a| a.out_of_range)),
-                bit(answer.map(|a| a.faded)),
-            ]);
+            let mut add = |name: &dyn Fn() -> String, cell| put(name, Kind::Number, cell);
+            add(&|| format!("v{letter}_{unit}_per_s"), number(axis.motion.and_then(|m| m.velocity)));
+            put(&|| format!("dir_{letter}"), Kind::Whole, whole(moved.map(|m| m.direction.into())));
+            let mut add = |name: &dyn Fn() -> String, cell| put(name, Kind::Number, cell);
+            let since = moved.map(|m| ((m.last - m.reversed.0).abs(), self.t_s - m.reversed.1));
+            add(&|| format!("since_reversal_{letter}_{unit}"), number(since.map(|s| s.0)));
+            add(&|| format!("since_reversal_{letter}_s"), number(since.map(|s| s.1)));
+            add(&|| format!("actual_{letter}_{unit}"), number(frame.map(|f| f.actual[k])));
+            add(&|| format!("offset_{letter}_{fine}"), number(answer.map(|a| offset(a.offset[k]))));
+            add(&|| format!("applied_{letter}_{fine}"), number(frame.map(|f| offset(f.applied[k]))));
+            add(&|| format!("wanted_{letter}_{fine}"), number(answer.map(|a| offset(a.wanted[k]))));
+            for (name, bits) in [
+                ("limited", answer.map(|a| a.limited)),
+                ("warning", answer.map(|a| a.warning)),
+                ("out_of_range", answer.map(|a| a.out_of_range)),
+                ("faded", answer.map(|a| a.faded)),
+            ] {
+                put(&|| format!("{name}_{letter}"), Kind::Whole, bit(bits));
+            }
         }
-        let has = |bit| Cell::flag(frame.state.has(bit));
-        cells.push(has(MachineState::MOVING));
-        cells.extend([0, 1, 2].map(|k| Cell::or_empty(self.tool.map(|tool| tool.tip[k]))));
-        cells.push(Cell::number(frame.feed_mm_per_min));
-        cells.extend(self.sensors.values().map(Cell::or_empty));
-        let answer = cycle.answer;
-        cells.push(answer.map_or(Cell::Empty, |a| Cell::Text(state(a.state))));
-        cells.push(answer.and_then(|a| a.change).map_or(Cell::Empty, |c| Cell::Text(cause(c))));
+        let has = |bit| frame.map_or(Cell::Empty, |f| Cell::flag(f.state.has(bit)));
+        let mut add = |name: &'static str, kind, cell| put(&|| name.to_owned(), kind, cell);
+        add("moving", Kind::Whole, has(MachineState::MOVING));
+        for (k, name) in ["tool_x_mm", "tool_y_mm", "tool_z_mm"].into_iter().enumerate() {
+            add(name, Kind::Number, number(self.tool.map(|tool| tool.tip[k])));
+        }
+        add("feed_mm_per_min", Kind::Number, number(frame.map(|f| f.feed_mm_per_min)));
+        for (k, value) in self.sensors.values().enumerate() {
+            put(&|| self.sensors.column(k), Kind::Number, Cell::or_empty(value));
+        }
+        let mut add = |name: &'static str, kind, cell| put(&|| name.to_owned(), kind, cell);
+        let text = |words: Option<&'static str>| words.map_or(Cell::Empty, Cell::Text);
+        add("state", Kind::Text, text(answer.map(|a| state(a.state))));
+        add("cause", Kind::Text, text(answer.and_then(|a| a.change).map(cause)));
         let lag = answer.map(|a| a.lag_cycles).filter(|cycles| *cycles > 0);
-        cells.push(lag.map_or(Cell::Empty, |cycles| Cell::Whole(cycles.into())));
-        cells.extend(
-            [
-                MachineState::HOMED,
-                MachineState::ENABLED,
-                MachineState::ESTOP,
-                MachineState::OFFSET_LIMITED,
-                MachineState::OFFSET_RAMPING_OUT,
-            ]
-            .map(has),
-        );
-        cells.extend([
-            Cell::Whole(frame.sequence.into()),
-            Cell::Whole(i64::try_from(record).unwrap_or(i64::MAX)),
-            Cell::Number(frame.control_ns as f64 / NS_PER_S),
-            Cell::Number(self.first.map_or(0.0, |first| cycle.now.seconds_since(first))),
-        ]);
-    }
-}
-
-/// Unit of positions and of offsets.
-const fn units(axis: AxisName) -> (&'static str, &'static str) {
-    match axis.kind() {
-        AxisKind::Linear => ("mm", "um"),
-        AxisKind::Rotary => ("deg", "arcsec"),
+        add("lag_cycles", Kind::Whole, whole(lag.map(i64::from)));
+        for (name, bit) in [
+            ("homed", MachineState::HOMED),
+            ("enabled", MachineState::ENABLED),
+            ("estop", MachineState::ESTOP),
+            ("offset_limited", MachineState::OFFSET_LIMITED),
+            ("offset_ramping_out", MachineState::OFFSET_RAMPING_OUT),
+        ] {
+            add(name, Kind::Whole, has(bit));
+        }
+        add("sequence", Kind::Whole, whole(frame.map(|f| f.sequence.into())));
+        let record = of.map(|(record, _)| i64::try_from(record).unwrap_or(i64::MAX));
+        add("record", Kind::Whole, whole(record));
+        add("control_s", Kind::Number, number(frame.map(|f| f.control_ns as f64 / NS_PER_S)));
+        let received = of.map(|(_, cycle)| self.first.map_or(0.0, |first| cycle.now.seconds_since(first)));
+        add("received_s", Kind::Number, number(received));
     }
 }
 

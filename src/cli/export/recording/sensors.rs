@@ -43,9 +43,10 @@ impl Sensors {
         sensors
     }
 
-    /// Names of the columns.
-    pub(super) fn columns(&self) -> impl Iterator<Item = String> {
-        self.all.iter().map(|s| format!("live_{}_{}", s.name, if s.angle { "arcsec" } else { "um" }))
+    /// Name of a column.
+    pub(super) fn column(&self, k: usize) -> String {
+        let Sensor { name, angle, .. } = &self.all[k];
+        format!("live_{name}_{}", if *angle { "arcsec" } else { "um" })
     }
 
     /// The engine goes on with this model; `None`: with the first.
@@ -109,7 +110,7 @@ mod tests {
                  [errors.exx.live]\nsensor = \"Ram 1\"\nlimit-um = 50\n",
             ),
         ]);
-        let columns: Vec<String> = sensors.columns().collect();
+        let columns: Vec<String> = (0..sensors.all.len()).map(|k| sensors.column(k)).collect();
         assert_eq!(columns.len(), 2);
         assert_eq!(columns[0], "live_ram_1_um");
         assert_eq!(columns[1], "live_tilt_arcsec");

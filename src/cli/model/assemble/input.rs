@@ -3,9 +3,10 @@
 use std::path::{Path, PathBuf};
 
 use super::Args;
+use crate::Failure;
+use crate::acceptance::file_name;
 use crate::fit::input::{BySymbol, Direction, Format, read};
 use crate::input::{self, InputKind};
-use crate::{EX_CONFIG, EX_DATAERR, Failure};
 use volcomp_config as config;
 use volcomp_config::{Provenance, SourceEntry};
 use volcomp_identify::assemble::Source;
@@ -87,12 +88,12 @@ pub(super) fn load(args: &Args) -> Result<Vec<Loaded>, Failure> {
         out.push(model(path, args.absolute.contains(path))?);
     }
     if let Some(wanted) = args.absolute.iter().find(|p| !args.models.contains(p)) {
-        return Err(Failure::usage(format_args!("--absolute {}: no such input", wanted.display())));
+        return Err(usage!("--absolute {}: no such input", wanted.display()));
     }
     if let Some((missing, _)) =
         args.measured_at.iter().find(|(p, _)| !args.motion.iter().any(|(_, m)| m == p))
     {
-        return Err(Failure::usage(format_args!("--measured-at {}: no such --motion", missing.display())));
+        return Err(usage!("--measured-at {}: no such --motion", missing.display()));
     }
     let base = match (&args.base, out.first()) {
         (Some(path), _) => Some(super::super::load(path)?.spec),
@@ -142,17 +143,12 @@ fn note_common_data(list: &[Loaded]) {
     }
 }
 
-fn short_name(path: &Path) -> String {
-    path.file_name().unwrap_or(path.as_os_str()).to_string_lossy().into_owned()
-}
-
 fn model(path: &Path, absolute: bool) -> Result<Loaded, Failure> {
     let text = input::read_text(path, InputKind::Model)?;
     let hash = blake3::hash(text.as_bytes()).to_hex().to_string();
-    let file = config::model::parse_file(&path.display().to_string(), &text)
-        .map_err(|e| Failure::new(EX_CONFIG, e))?;
+    let file = config::model::parse_file(&path.display().to_string(), &text)?;
     Ok(Loaded {
-        source: Source { name: short_name(path), spec: file.spec, absolute },
+        source: Source { name: file_name(path), spec: file.spec, absolute },
         path: path.to_owned(),
         hash,
         is_table: false,
@@ -169,12 +165,12 @@ fn table(axis: AxisName, path: &Path, at: Option<[f64; 3]>, base: &ModelSpec) ->
         return Err(Failure::data(path, "is read twice; name a regular file"));
     };
     if base.chain.index_of(axis).is_none() {
-        return Err(Failure::usage(format_args!(
+        return Err(usage!(
             "--motion {}={}: the chain {} has no such axis",
             axis.lower(),
             path.display(),
             base.chain
-        )));
+        ));
     }
     let mut by_symbol = BySymbol::new();
     read(path, axis, Format::Auto, None, Direction::Both, &mut by_symbol)?;
@@ -193,14 +189,12 @@ fn table(axis: AxisName, path: &Path, at: Option<[f64; 3]>, base: &ModelSpec) ->
     for (symbol, readings) in by_symbol {
         let fit = curve::fit(&readings.readings, &Request::default())
             .map_err(|e| if axis.kind() == AxisKind::Rotary { e.in_degrees() } else { e })
-            .map_err(|e| {
-                Failure::new(EX_DATAERR, format_args!("error: {}: {symbol}: {e}", path.display()))
-            })?;
+            .map_err(|e| data!(path, "{symbol}: {e}"))?;
         let std = fit.figures.rmse_dof;
         spec.errors.push((symbol, ErrorFunction { std, ..ErrorFunction::single(fit.curve) }));
     }
     Ok(Loaded {
-        source: Source { name: short_name(path), spec, absolute: false },
+        source: Source { name: file_name(path), spec, absolute: false },
         path: path.to_owned(),
         hash,
         is_table: true,

@@ -115,14 +115,11 @@ fn options(args: &Args, loaded: &[Loaded]) -> Result<Options, Failure> {
         [("--assume-std-um", args.assume_std_um), ("--assume-std-arcsec", args.assume_std_arcsec)]
     {
         if let Some(bad) = value.filter(|v| !(v.is_finite() && *v > 0.0)) {
-            return Err(Failure::usage(format_args!("{name} {bad} is not above 0")));
+            return Err(usage!("{name} {bad} is not above 0"));
         }
     }
     if !(0.0..1.0).contains(&args.significance) {
-        return Err(Failure::usage(format_args!(
-            "--significance {} is not from 0 to below 1",
-            args.significance
-        )));
+        return Err(usage!("--significance {} is not from 0 to below 1", args.significance));
     }
     Ok(Options {
         base: base.map(|b| ModelSpec { machine: args.machine.clone().unwrap_or(b.machine.clone()), ..b }),
@@ -135,9 +132,8 @@ fn options(args: &Args, loaded: &[Loaded]) -> Result<Options, Failure> {
 }
 
 fn error_symbol(text: &str) -> Result<ErrorSymbol, Failure> {
-    ErrorSymbol::parse(text).ok_or_else(|| {
-        Failure::usage(format_args!("unknown error '{text}'; write a symbol such as exx or ec0y"))
-    })
+    ErrorSymbol::parse(text)
+        .ok_or_else(|| usage!("unknown error '{text}'; write a symbol such as exx or ec0y"))
 }
 
 /// `FILE` or `FILE:ERROR`.
@@ -152,7 +148,7 @@ fn preference(text: &str, loaded: &[Loaded]) -> Result<(usize, Option<ErrorSymbo
         return Ok((index, Some(error_symbol(symbol)?)));
     }
     let names: Vec<&str> = loaded.iter().map(|l| l.source.name.as_str()).collect();
-    Err(Failure::usage(format_args!("--prefer {text}: no such input; inputs are {}", names.join(", "))))
+    Err(usage!("--prefer {text}: no such input; inputs are {}", names.join(", ")))
 }
 
 /// The assembled model with where each error came from.

@@ -3,12 +3,11 @@
 use serde_json::{Value, json};
 
 use super::input::Loaded;
-use crate::check::{position_out, position_unit, rounded};
 use crate::model::gauge;
+use crate::quantities::{error_out, error_unit, lower, position_out, position_unit, rounded};
 use volcomp_identify::assemble::{Assembled, Check, Dropped, How, Origin};
-use volcomp_model::ErrorSymbol;
 use volcomp_model::gauge::Part;
-use volcomp_units::{arcsec_from_rad, um_from_mm};
+use volcomp_units::arcsec_from_rad;
 
 /// The result with its inputs.
 pub(super) struct Report<'a> {
@@ -66,55 +65,46 @@ impl Report<'_> {
             let [low, high] = o.map(|q| (position_out(axis, q) * 1e3).round() / 1e3);
             format!(" over {low} to {high} {}", position_unit(axis))
         });
-        let unit = unit(c.symbol);
+        let unit = error_unit(c.symbol);
+        let out = |v: f64| error_out(c.symbol, v);
         let tested = match (c.p, c.std) {
             (Some(p), Some(std)) => {
                 let verdict = if p < self.significance { "they do not agree" } else { "they agree" };
-                format!(
-                    ", u (k=1) of a difference {:.3}, chi2 {:.1} for {}, p = {p:.2}: {verdict}",
-                    value(c.symbol, std),
-                    c.chi_square.unwrap_or(0.0),
-                    c.dof
-                )
+                let (std, chi, dof) = (out(std), c.chi_square.unwrap_or(0.0), c.dof);
+                format!(", u (k=1) of a difference {std:.3}, chi2 {chi:.1} for {dof}, p = {p:.2}: {verdict}")
             }
             _ if c.is_identical() => ": the same".to_owned(),
             _ => ": not tested, no uncertainty is stated".to_owned(),
         };
+        let ([a, b], [largest, rms]) = (c.sources.map(|s| self.name(s)), [c.largest.abs(), c.rms].map(out));
         format!(
-            "{} {} and {}{over}: largest difference {:.3}, rms {:.3} {unit}{tested}",
-            c.symbol,
-            self.name(c.sources[0]),
-            self.name(c.sources[1]),
-            value(c.symbol, c.largest.abs()),
-            value(c.symbol, c.rms)
+            "{} {a} and {b}{over}: largest difference {largest:.3}, rms {rms:.3} {unit}{tested}",
+            c.symbol
         )
     }
 
     fn dropped(&self, d: &Dropped) -> String {
         let what = match d.part {
             Part::Slope { .. } => format!("slope {:.2} arcsec", arcsec_from_rad(d.amount)),
-            Part::Value { .. } => format!("constant {:.2} {}", value(d.symbol, d.amount), unit(d.symbol)),
+            Part::Value { .. } => {
+                format!("constant {:.2} {}", error_out(d.symbol, d.amount), error_unit(d.symbol))
+            }
         };
         let lost: Vec<String> = d.unstated.iter().map(|s| s.to_string().to_lowercase()).collect();
         format!("{} {what} in {}, which does not state {}", d.symbol, self.name(d.source), lost.join(", "))
     }
 
     pub(super) fn as_json(&self) -> Value {
-        let sources: Vec<Value> = self
-            .loaded
-            .iter()
-            .map(|l| json!({"name": l.source.name, "blake3": l.hash(), "table": l.is_table}))
-            .collect();
-        let errors: Vec<Value> = self.done.errors.iter().map(|o| self.origin_json(o)).collect();
-        let checks: Vec<Value> = self.done.checks.iter().map(|c| self.check_json(c)).collect();
-        let dropped: Vec<Value> = self.done.dropped.iter().map(|d| self.dropped_json(d)).collect();
+        let sources = self.loaded.iter();
+        let sources =
+            sources.map(|l| json!({"name": l.source.name, "blake3": l.hash(), "table": l.is_table}));
         json!({
             "machine": self.done.spec.machine,
             "chain": self.done.spec.chain.to_string(),
-            "sources": sources,
-            "errors": errors,
-            "checks": checks,
-            "dropped": dropped,
+            "sources": sources.collect::<Value>(),
+            "errors": self.done.errors.iter().map(|o| self.origin_json(o)).collect::<Value>(),
+            "checks": self.done.checks.iter().map(|c| self.check_json(c)).collect::<Value>(),
+            "dropped": self.done.dropped.iter().map(|d| self.dropped_json(d)).collect::<Value>(),
             "gauge": gauge::as_json(&self.done.spec),
         })
     }
@@ -127,25 +117,21 @@ impl Report<'_> {
             How::Joined => "joined",
             How::Preferred => "preferred",
         };
-        let from: Vec<Value> = o
-            .from
-            .iter()
-            .map(|(i, share)| json!({"source": self.name(*i), "share": rounded(*share)}))
-            .collect();
-        json!({"symbol": lower(o.symbol), "how": how, "from": from})
+        let from = o.from.iter().map(|(i, share)| json!({"source": self.name(*i), "share": rounded(*share)}));
+        json!({"symbol": lower(o.symbol), "how": how, "from": from.collect::<Value>()})
     }
 
     fn check_json(&self, c: &Check) -> Value {
-        let unit = unit(c.symbol);
+        let unit = error_unit(c.symbol);
         let axis = c.symbol.axis();
         json!({
             "symbol": lower(c.symbol),
             "sources": c.sources.map(|i| self.name(i)),
             format!("over_{}", position_unit(axis)): c.over.map(|o| o.map(|q| position_out(axis, q))),
             "places": c.places,
-            format!("largest_{unit}"): rounded(value(c.symbol, c.largest)),
-            format!("rms_{unit}"): rounded(value(c.symbol, c.rms)),
-            format!("std_{unit}"): c.std.map(|s| rounded(value(c.symbol, s))),
+            format!("largest_{unit}"): rounded(error_out(c.symbol, c.largest)),
+            format!("rms_{unit}"): rounded(error_out(c.symbol, c.rms)),
+            format!("std_{unit}"): c.std.map(|s| rounded(error_out(c.symbol, s))),
             "chi_square": c.chi_square,
             "dof": c.dof,
             "p_value": c.p,
@@ -156,7 +142,7 @@ impl Report<'_> {
     fn dropped_json(&self, d: &Dropped) -> Value {
         let (part, amount, unit) = match d.part {
             Part::Slope { .. } => ("slope", arcsec_from_rad(d.amount), "arcsec"),
-            Part::Value { .. } => ("value", value(d.symbol, d.amount), unit(d.symbol)),
+            Part::Value { .. } => ("value", error_out(d.symbol, d.amount), error_unit(d.symbol)),
         };
         json!({
             "source": self.name(d.source),
@@ -166,16 +152,4 @@ impl Report<'_> {
             "unstated": d.unstated.iter().map(|s| lower(*s)).collect::<Vec<_>>(),
         })
     }
-}
-
-fn lower(symbol: ErrorSymbol) -> String {
-    symbol.to_string().to_lowercase()
-}
-
-const fn unit(symbol: ErrorSymbol) -> &'static str {
-    if symbol.is_angle() { "arcsec" } else { "um" }
-}
-
-fn value(symbol: ErrorSymbol, v: f64) -> f64 {
-    if symbol.is_angle() { arcsec_from_rad(v) } else { um_from_mm(v) }
 }

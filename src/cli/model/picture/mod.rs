@@ -6,13 +6,12 @@ mod volume;
 
 pub(super) use panel::meaning;
 
-use plotters::prelude::*;
-
-use crate::report::plot::{Area, BLUE, Drawn, FAINT, FONT, INK, Svg, VERMILLION, WIDTH, svg};
+use crate::report::plot::{
+    Area, BLUE, Drawn, FAINT, FONT, INK, Part, Svg, TITLE, VERMILLION, WIDTH, stacked, svg,
+};
 use volcomp_model::{Model, ModelSpec};
 use volcomp_units::axes::AxisName;
 
-const TITLE: u32 = 34;
 const AXIS_HEIGHT: u32 = TITLE + 2 * 230;
 const VOLUME_HEIGHT: u32 = 640;
 
@@ -50,19 +49,14 @@ pub(super) fn distorted(
 /// The drawing library could not draw it.
 pub(super) fn whole(spec: &ModelSpec, model: &Model) -> Svg {
     let names = axes_with_errors(spec);
-    let volume = volume::exists(spec);
-    let height = TITLE + names.len() as u32 * AXIS_HEIGHT + if volume { VOLUME_HEIGHT } else { 0 };
-    svg(height, |area| {
-        let title = format!("{}  {}", spec.machine, spec.chain);
-        area.draw(&Text::new(title, (14, 10), (FONT, 20).into_font().color(&INK)))?;
-        let (_, mut rest) = area.split_vertically(TITLE);
-        for name in names {
-            let (here, below) = rest.split_vertically(AXIS_HEIGHT);
-            panel::draw_axis(&here, spec, name)?;
-            rest = below;
-        }
-        if volume { volume::draw(&rest, spec, model) } else { Ok(()) }
-    })
+    let draw: Vec<_> =
+        names.iter().map(|name| move |area: &Area<'_>| panel::draw_axis(area, spec, *name)).collect();
+    let mut parts: Vec<Part<'_>> = draw.iter().map(|draw| ("", AXIS_HEIGHT, draw as _)).collect();
+    let volume = |area: &Area<'_>| volume::draw(area, spec, model);
+    if volume::exists(spec) {
+        parts.push(("", VOLUME_HEIGHT, &volume));
+    }
+    stacked(WIDTH, &format!("{}  {}", spec.machine, spec.chain), &parts)
 }
 
 #[cfg(test)]

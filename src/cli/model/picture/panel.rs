@@ -3,8 +3,8 @@
 use plotters::prelude::*;
 
 use super::{Area, BLUE, Drawn, FAINT, FONT, INK, TITLE, VERMILLION};
-use crate::check::{position_out, position_unit};
-use crate::model::report::{error_out, kinds_words};
+use crate::model::report::kinds_words;
+use crate::quantities::{error_out, position_out, position_unit};
 use crate::report::plot::tick;
 use volcomp_model::search::reference_pose;
 use volcomp_model::{Component, Curve, ErrorFunction, ErrorSymbol, ModelSpec, Sense};

@@ -1,8 +1,8 @@
 //! The largest deviations and corrections in the working volume of a model.
 
-use volcomp_model::search::Volume;
-use volcomp_model::{AxisCorrection, Deviation, Model, ModelSpec, Pose};
-use volcomp_units::axes::AxisKind;
+use crate::axes::{AxisName, Travel};
+use crate::search::Volume;
+use crate::{AxisCorrection, Deviation, ErrorFunction, Model, ModelSpec, Pose};
 
 /// What is to be as large as possible.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -15,29 +15,33 @@ enum Goal {
 
 /// A pose with what the model says there.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Extreme {
-    pub(super) pose: Pose,
-    pub(super) deviation: Deviation,
-    pub(super) correction: AxisCorrection,
+pub struct Extreme {
+    /// The pose.
+    pub pose: Pose,
+    /// Deviation of the tool there.
+    pub deviation: Deviation,
+    /// Correction of the axes there.
+    pub correction: AxisCorrection,
 }
 
 /// What the search found.
 #[derive(Debug)]
-pub(super) struct Found {
+pub struct Found {
     /// Largest position error.
-    pub(super) position: Extreme,
+    pub position: Extreme,
     /// Largest error of orientation.
-    pub(super) rotation: Extreme,
+    pub rotation: Extreme,
     /// Largest correction of every axis of the chain; none for a spindle.
-    pub(super) offsets: Vec<Option<Extreme>>,
+    pub offsets: Vec<Option<Extreme>>,
     /// Root mean square of the position error over the grid, mm.
-    pub(super) rms: f64,
+    pub rms: f64,
     /// Poses evaluated.
-    pub(super) poses: u64,
+    pub poses: u64,
 }
 
 /// Searches the volume; `progress` receives how many of how many steps are done.
-pub(super) fn search(spec: &ModelSpec, model: &Model, mut progress: impl FnMut(u64, u64)) -> Found {
+#[must_use]
+pub fn search(spec: &ModelSpec, model: &Model, mut progress: impl FnMut(u64, u64)) -> Found {
     let axes = spec.chain.axes();
     let mut goals = vec![Goal::Position, Goal::Rotation];
     goals.extend((0..axes.len()).filter(|&k| !axes[k].spindle).map(Goal::Offset));
@@ -77,20 +81,59 @@ impl Goal {
     }
 }
 
-/// The axes that the search keeps in place, because nothing says how far they go.
-pub(super) fn kept_in_place(spec: &ModelSpec) -> Vec<String> {
+/// The axes that the search keeps at zero, because nothing says how far they go.
+#[must_use]
+pub fn kept_in_place(spec: &ModelSpec) -> Vec<AxisName> {
     let axes = spec.chain.axes().iter();
-    axes.filter(|a| !a.spindle && spec.domain(a.name).is_none())
-        .map(|a| format!("{} at 0 {}", a.name, if a.kind() == AxisKind::Linear { "mm" } else { "deg" }))
-        .collect()
+    axes.filter(|a| !a.spindle && spec.domain(a.name).is_none()).map(|a| a.name).collect()
+}
+
+/// Bounds of an error: curves sampled, extremes of grids and limits of dynamic terms added.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Bounds {
+    /// The range that its curves were made for; `None` where they hold everywhere.
+    pub range: Option<[f64; 2]>,
+    /// Lowest value.
+    pub low: f64,
+    /// Highest value.
+    pub high: f64,
+}
+
+impl Bounds {
+    const SAMPLES: u32 = 2000;
+
+    /// The bounds of a function, over the travel of its axis where it holds everywhere.
+    #[must_use]
+    pub fn of(function: &ErrorFunction, travel: Option<[f64; 2]>) -> Self {
+        let ranges = function.curves.iter().filter_map(|c| c.range());
+        let range = ranges.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
+        let [start, end] = range.or(travel).unwrap_or([0.0, 0.0]);
+        let (mut low, mut high) = (f64::INFINITY, f64::NEG_INFINITY);
+        for i in 0..=Self::SAMPLES {
+            let x = start + (end - start) * f64::from(i) / f64::from(Self::SAMPLES);
+            for travel in [Travel::Forward, Travel::Reverse] {
+                let v = function.value(x, travel);
+                (low, high) = (low.min(v), high.max(v));
+            }
+        }
+        // the extremes of a grid stand at its points
+        for grid in &function.grids {
+            low += grid.values().iter().copied().fold(f64::INFINITY, f64::min);
+            high += grid.values().iter().copied().fold(f64::NEG_INFINITY, f64::max);
+        }
+        for term in &function.dynamics {
+            low -= term.limit;
+            high += term.limit;
+        }
+        Self { range, low, high }
+    }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use volcomp_model::curve::{ErrorFunction, Fourier, Interpolation, Table};
-    use volcomp_model::{AxisSpec, Chain, Curve, ErrorSymbol, Sense};
-    use volcomp_units::axes::{AxisName, Travel};
+    use crate::curve::{ErrorFunction, Fourier, Interpolation, Table};
+    use crate::{AxisSpec, Chain, Curve, ErrorSymbol, Sense};
 
     fn spec() -> ModelSpec {
         let mut spec = ModelSpec::new("m", Chain::parse("[w b X Y t]").unwrap());
@@ -143,7 +186,7 @@ mod tests {
         let worst = search(&spec, &Model::new(&spec).unwrap(), |_, _| {}).position;
         assert!((worst.deviation.position.norm() - 0.06).abs() < 1e-12);
         // the carriage of a workpiece-side axis goes the other way
-        assert_eq!((worst.pose.position[0], kept_in_place(&spec)), (-300.0, vec!["Y at 0 mm".to_owned()]));
+        assert_eq!((worst.pose.position[0], kept_in_place(&spec)), (-300.0, vec![AxisName::Y]));
     }
 
     #[test]
@@ -153,6 +196,6 @@ mod tests {
         let found = search(&spec, &Model::new(&spec).unwrap(), |_, _| {});
         assert!((found.position.deviation.position.x - 0.003).abs() < 1e-15);
         assert!(found.offsets[2].is_none());
-        assert_eq!(kept_in_place(&spec), ["X at 0 mm", "C at 0 deg"]);
+        assert_eq!(kept_in_place(&spec), [AxisName::X, AxisName::C]);
     }
 }

@@ -1,0 +1,115 @@
+//! Quantities of models in the units that people and programs read: mm and deg for places, um and arcsec for errors and offsets.
+
+use serde_json::{Map, Value, json};
+
+use crate::numerals::plain;
+use volcomp_model::geometry::Vec3;
+use volcomp_model::{Chain, ErrorSymbol, Pose};
+use volcomp_units::axes::{AxisKind, AxisName, Travel};
+use volcomp_units::{arcsec_from_rad, deg_from_rad, um_from_mm};
+
+/// Unit of an axis offset on the outside.
+pub(crate) const fn offset_unit(axis: AxisName) -> &'static str {
+    match axis.kind() {
+        AxisKind::Linear => "um",
+        AxisKind::Rotary => "arcsec",
+    }
+}
+
+/// An axis offset in its outside unit, as it is.
+pub(crate) fn offset_as_is(axis: AxisName, v: f64) -> f64 {
+    match axis.kind() {
+        AxisKind::Linear => um_from_mm(v),
+        AxisKind::Rotary => arcsec_from_rad(v),
+    }
+}
+
+/// An axis offset in its outside unit.
+pub(crate) fn offset_out(axis: AxisName, v: f64) -> f64 {
+    rounded(offset_as_is(axis, v))
+}
+
+/// Unit of an axis position on the outside.
+pub(crate) const fn position_unit(axis: AxisName) -> &'static str {
+    match axis.kind() {
+        AxisKind::Linear => "mm",
+        AxisKind::Rotary => "deg",
+    }
+}
+
+/// An axis position in its outside unit.
+pub(crate) fn position_out(axis: AxisName, v: f64) -> f64 {
+    match axis.kind() {
+        AxisKind::Linear => rounded(v),
+        AxisKind::Rotary => rounded(deg_from_rad(v)),
+    }
+}
+
+/// Unit of an error on the outside.
+pub(crate) const fn error_unit(symbol: ErrorSymbol) -> &'static str {
+    if symbol.is_angle() { "arcsec" } else { "um" }
+}
+
+/// An error in its outside unit, as it is.
+pub(crate) fn error_out(symbol: ErrorSymbol, v: f64) -> f64 {
+    if symbol.is_angle() { arcsec_from_rad(v) } else { um_from_mm(v) }
+}
+
+/// Without the noise of the conversion.
+pub(crate) fn rounded(v: f64) -> f64 {
+    // adding zero turns -0 into 0
+    (v * 1e6).round() / 1e6 + 0.0
+}
+
+/// A symbol as keys and files write it.
+pub(crate) fn lower(symbol: ErrorSymbol) -> String {
+    symbol.to_string().to_lowercase()
+}
+
+/// A range of an axis in words: `0 to 500 mm`.
+pub(crate) fn range_words(axis: AxisName, range: [f64; 2]) -> String {
+    let [low, high] = range.map(|q| position_out(axis, q));
+    format!("{low} to {high} {}", position_unit(axis))
+}
+
+/// A point in words: `(0, 250, -100)`.
+pub(crate) fn point(v: &Vec3) -> String {
+    format!("({}, {}, {})", rounded(v.x), rounded(v.y), rounded(v.z))
+}
+
+/// A vector in words, with two decimals.
+pub(crate) fn vector(v: &Vec3) -> String {
+    format!("({}, {}, {})", plain(v.x, 2), plain(v.y, 2), plain(v.z, 2))
+}
+
+/// A vector for programs.
+pub(crate) fn list(v: &Vec3) -> [f64; 3] {
+    [rounded(v.x), rounded(v.y), rounded(v.z)]
+}
+
+/// The axes that have a place in the volume, by their index in the chain.
+fn placed(chain: &Chain) -> impl Iterator<Item = (usize, AxisName)> {
+    chain.axes().iter().enumerate().filter(|(_, a)| !a.spindle).map(|(k, a)| (k, a.name))
+}
+
+/// A pose in words: `X 12.5  Y 0 (towards minus)`.
+pub(crate) fn pose_words(chain: &Chain, pose: &Pose) -> String {
+    let word = |(k, axis): (usize, AxisName)| {
+        let back = if pose.travel[k] == Travel::Reverse { " (towards minus)" } else { "" };
+        let q = (position_out(axis, pose.position[k]) * 1e2).round() / 1e2 + 0.0;
+        format!("{axis} {q}{back}")
+    };
+    placed(chain).map(word).collect::<Vec<_>>().join("  ")
+}
+
+/// A pose for programs: `x_mm`, `dir_x` of every axis.
+pub(crate) fn pose_json(chain: &Chain, pose: &Pose) -> Value {
+    let mut out = Map::new();
+    for (k, axis) in placed(chain) {
+        let letter = axis.lower();
+        out.insert(format!("{letter}_{}", position_unit(axis)), json!(position_out(axis, pose.position[k])));
+        let direction = if pose.travel[k] == Travel::Reverse { -1 } else { 1 };
+        out.insert(format!("dir_{letter}"), json!(direction));
+    }
+    Value::Object(out)
+}
