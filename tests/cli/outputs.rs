@@ -5,6 +5,8 @@
 #![expect(clippy::unwrap_used, reason = "helpers of tests")]
 
 mod evaluate;
+mod fit;
+mod identify;
 
 use std::path::Path;
 use std::process::Command;
@@ -35,13 +37,65 @@ fn check(name: &str, args: &[&str]) {
     });
 }
 
+/// Runs a command line, in which `DATA/` is the folder of the inputs and `~` a space within a word, once with each of the
+/// endings.
+fn each(prefix: &str, command: &str, endings: &[(&str, &str)]) {
+    for (suffix, ending) in endings {
+        let line = format!("{command} {ending}").replace("DATA/", "tests/cli/outputs/data/");
+        let words: Vec<String> = line.split_whitespace().map(|word| word.replace('~', " ")).collect();
+        check(&format!("{prefix}{suffix}"), &words.iter().map(String::as_str).collect::<Vec<_>>());
+    }
+}
+
+/// What a person reads of a page or a picture: its words, without markup and style.
+fn words(markup: &str) -> String {
+    let mut out = String::new();
+    for part in markup.split('<') {
+        let (tag, text) = part.split_once('>').unwrap_or(("", part));
+        let ends_line =
+            ["/tr", "/p", "/h1", "/h2", "/li", "/svg", "/figcaption", "/text", "/pre"].contains(&tag);
+        out.push_str(if ends_line {
+            "\n"
+        } else if matches!(tag, "/td" | "/th") {
+            " | "
+        } else {
+            ""
+        });
+        if !matches!(tag, "style" | "title") {
+            out.push_str(text.trim_matches('\n'));
+        }
+    }
+    out.lines().map(str::trim).filter(|line| !line.is_empty()).map(|line| line.to_owned() + "\n").collect()
+}
+
 /// One stream or file; numbers of JSON are rounded, for their last digits differ between processors.
 fn add(all: &mut String, what: &str, text: &str) {
-    let text = serde_json::from_str::<Value>(text)
-        .map_or_else(|_| text.to_owned(), |value| format!("{:#}\n", rounded(value)));
+    let is_markup = text.starts_with("<!DOCTYPE html>") || text.starts_with("<svg");
+    let text = match serde_json::from_str::<Value>(text) {
+        Ok(value) => format!("{:#}\n", rounded(value)),
+        Err(_) if is_markup => words(text),
+        Err(_) => shortened(text),
+    };
     if !text.is_empty() {
         all.push_str(&format!("---- {what}\n{text}"));
     }
+}
+
+/// Text with its long decimal numbers to seven significant digits, for the same reason.
+fn shortened(text: &str) -> String {
+    text.split_inclusive(|c: char| !(c.is_ascii_alphanumeric() || ".+-_".contains(c)))
+        .map(|word| {
+            let number = word.trim_end_matches(|c: char| !c.is_ascii_alphanumeric());
+            match number.parse::<f64>() {
+                Ok(value) if number.len() > 10 && number.contains('.') => {
+                    let value =
+                        if value.abs() < 1e-12 { 0.0 } else { format!("{value:.6e}").parse().unwrap() };
+                    word.replacen(number, &value.to_string(), 1)
+                }
+                _ => word.to_owned(),
+            }
+        })
+        .collect()
 }
 
 /// Every number to six significant digits, what is below 1e-12 as zero.
