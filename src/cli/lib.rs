@@ -54,6 +54,7 @@ mod schema;
 mod start_up;
 mod status;
 mod table;
+mod units;
 mod verify;
 
 use std::ffi::OsString;

@@ -1,5 +1,6 @@
 //! `volcomp fit`: measured error motions to the curves of a model file.
 
+pub(super) mod basis;
 pub(super) mod input;
 mod picture;
 pub(super) mod report;
@@ -11,11 +12,11 @@ use clap::{Parser, Subcommand, ValueEnum};
 
 use self::input::{BySymbol, Direction, Format, Measured, read};
 use self::picture::PictureArgs;
-use self::report::{Fitted, comments, hidden_text, json_report, note_text, outlier_lines, print_table};
+use self::report::{Fitted, comments, hidden_text, json_report, outlier_lines, print_notes, table};
+use super::Failure;
 use super::files::write_text;
-use super::model_writer::{ModelWriter, Sources, axis_entry, default_chain, put};
+use super::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
 use super::positioning_data::Cycles;
-use super::{EX_DATAERR, Failure};
 use crate::arg_parsers::{axis_letter, number};
 use volcomp_config::{ModelFile, Provenance};
 use volcomp_identify::curve::{self, Basis, Period, Request, Reversal, Smoothing};
@@ -246,31 +247,29 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         let rotary = symbol.axis().kind() == AxisKind::Rotary;
         let fit = curve::fit(&measured.readings, &request)
             .map_err(|e| if rotary { e.in_degrees() } else { e })
-            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {symbol}: {e}", args.files())))?;
+            .map_err(|e| data_error(&args.errors, format_args!("{symbol}: {e}")))?;
         fitted.push(Fitted::new(symbol, measured, fit));
     }
     let sources = Sources::of(&args.errors);
     let model = args.model(&fitted, &sources)?;
-    args.model.write(&model, &comments("fit", &sources, &fitted), &args.files())?;
+    args.model.write(&model, &comments("fit", &sources, &fitted), &args.errors)?;
     if let Some(path) = &args.json {
         write_text(path, &json_report(&fitted))?;
     }
     for path in args.pictures.paths() {
         picture::write(path, &fitted)?;
     }
-    for f in &fitted {
-        for note in &f.fit.notes {
-            note!("note: {}: {}", f.symbol, note_text(f.symbol, *note));
-        }
-        for line in outlier_lines(f) {
-            note!("outlier: {line}");
-        }
-    }
-    let stdout_taken = args.model.takes_stdout() || args.json.as_ref().is_some_and(|p| p.as_os_str() == "-");
-    if !stdout_taken {
-        print_table(&fitted);
+    print_notes(&fitted);
+    fitted.iter().flat_map(outlier_lines).for_each(|line| note!("outlier: {line}"));
+    if !stdout_taken(&args.model, args.json.as_deref()) {
+        say!("{}", table(&fitted).trim_end());
     }
     Ok(())
+}
+
+/// True where a model or figures go to stdout.
+fn stdout_taken(model: &ModelWriter, json: Option<&Path>) -> bool {
+    model.takes_stdout() || json.is_some_and(|p| p.as_os_str() == "-")
 }
 
 /// Refuses a model and figures that would both go to stdout.
@@ -295,10 +294,6 @@ fn few_positions(measured: &Measured) -> Option<Vec<f64>> {
 }
 
 impl Args {
-    fn files(&self) -> String {
-        self.errors.iter().map(|p| p.display().to_string()).collect::<Vec<_>>().join(", ")
-    }
-
     /// Says once per axis what its targets cannot show.
     fn warn_of_hidden_pitches(&self, by_symbol: &BySymbol) {
         let mut seen = Vec::new();

@@ -7,8 +7,9 @@ use std::path::{Path, PathBuf};
 use plotters::coord::Shift;
 use plotters::prelude::*;
 
-use super::report::{Fitted, Units, note_text, outlier_lines};
+use super::report::{Fitted, note_text, outlier_lines};
 use crate::files::write_text;
+use crate::units::{Units, or_dash};
 use crate::{EX_SOFTWARE, Failure};
 use volcomp_units::axes::Travel;
 
@@ -124,8 +125,7 @@ fn page(fitted: &[Fitted]) -> Result<String, Box<dyn std::error::Error>> {
     );
     for f in fitted {
         let (units, figures) = (Units::of(f.symbol), &f.fit.figures);
-        let show =
-            |v: Option<f64>| v.map_or_else(|| "-".to_owned(), |v| format!("{:.4}", (units.of_value)(v)));
+        let show = |v: Option<f64>| or_dash(v.map(units.of_value), 4);
         let order = f.fit.order.map_or_else(String::new, |o| format!(" of order {o}"));
         write!(
             out,

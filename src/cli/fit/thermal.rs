@@ -14,7 +14,7 @@ use crate::report::Page;
 use crate::report::page::Cell;
 use crate::report::plot::{self, Axes, Key};
 use crate::table::{self, Table};
-use crate::{EX_DATAERR, EX_SOFTWARE, Failure};
+use crate::{EX_SOFTWARE, Failure};
 use volcomp_estimate::Quantity;
 use volcomp_identify::thermal::{Input, Request, ThermalFit, fit};
 use volcomp_model::ErrorSymbol;
@@ -110,9 +110,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         lambda: args.lambda,
         ..Request::default()
     };
-    let file = args.file.display();
     let found = fit(&recording.time_s, &recording.inputs, &recording.displacement_mm, &request)
-        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {file}: {}: {e}", args.displacement)))?;
+        .map_err(|e| Failure::data(&args.file, format_args!("{}: {e}", args.displacement)))?;
     for sensor in &found.constant {
         note!("note: {sensor} never changes and is left out");
     }
@@ -127,8 +126,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     for path in args.pictures.paths() {
         draw(path, args, &recording, &found)?;
     }
-    let stdout_taken = args.model.takes_stdout() || args.json.as_ref().is_some_and(|p| p.as_os_str() == "-");
-    if !stdout_taken {
+    if !super::stdout_taken(&args.model, args.json.as_deref()) {
         figures(&found).iter().for_each(|[what, value]| say!("{what:<58}{value:>12}"));
     }
     Ok(())
@@ -189,7 +187,8 @@ fn columns<R: std::io::BufRead>(
 }
 
 fn write_model(args: &Args, name: &str, found: &ThermalFit) -> Result<(), Failure> {
-    let sources = Sources::of(std::slice::from_ref(&args.file));
+    let files = std::slice::from_ref(&args.file);
+    let sources = Sources::of(files);
     let mut model = args.model.base(|| "[w b X Y Z t]".to_owned())?;
     model.thermal.retain(|t| t.name != name);
     model.thermal.push(found.thermal.clone());
@@ -210,7 +209,7 @@ fn write_model(args: &Args, name: &str, found: &ThermalFit) -> Result<(), Failur
     }
     let mut comment = vec![format!("thermal {name} written by volcomp fit thermal")];
     comment.extend(sources.comments());
-    args.model.write(&model, &comment, &args.file.display().to_string())
+    args.model.write(&model, &comment, files)
 }
 
 fn um(mm: f64) -> String {

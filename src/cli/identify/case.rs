@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use serde::de::DeserializeOwned;
 use serde_json::Value;
 
+use super::method::{Found, Front, printed};
 use crate::input::{self, InputKind};
+use crate::model_writer::ModelWriter;
 use crate::{EX_DATAERR, EX_USAGE, Failure};
 
 /// Where a case comes from and how the result is printed, the same for every method.
@@ -37,9 +39,10 @@ impl CaseArgs {
         if named.is_empty() { self.file.as_slice() } else { named }
     }
 
-    /// The file of the case, where one is given.
-    pub(super) fn file(&self) -> Option<CaseFile<'_>> {
-        self.input.as_deref().map(|path| CaseFile { path, id: self.case.as_deref() })
+    /// The options of a method that writes a model from data only.
+    pub(super) fn front<'a>(&'a self, model: impl Into<Option<&'a ModelWriter>>) -> Front<'a> {
+        let file = self.input.as_deref().map(|path| CaseFile { path, id: self.case.as_deref() });
+        Front { file, json: self.json, model: model.into(), writes_more: false, case_writes: false }
     }
 }
 
@@ -119,7 +122,14 @@ fn ids(cases: &[Value]) -> String {
     if ids.is_empty() { "none that has an id".to_owned() } else { ids.join(", ") }
 }
 
-/// Prints a result as one JSON object.
-pub(super) fn print_json(result: &serde_json::Value) {
-    say!("{result:#}");
+/// What a case cannot determine is a result, too: `more` says how much of it is known.
+pub(super) fn refused(mut more: Value, why: impl core::fmt::Display) -> Box<dyn Found> {
+    more["refused"] = true.into();
+    more["note"] = why.to_string().into();
+    printed(more, || {})
+}
+
+/// The rows of a covariance of six error motions.
+pub(super) fn rows(entry: impl Fn((usize, usize)) -> f64) -> [[f64; 6]; 6] {
+    core::array::from_fn(|i| core::array::from_fn(|j| entry((i, j))))
 }

@@ -6,11 +6,13 @@
 pub(crate) mod ballbar;
 mod case;
 mod circles;
+pub(crate) mod columns;
 mod diagonals;
 mod fits;
 mod fivedof;
 mod grinder;
 mod kalman;
+mod method;
 mod motion_curves;
 mod nineline;
 mod probe;
@@ -54,18 +56,18 @@ enum Method {
 }
 
 pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    match &args.method {
-        Method::Threepoint(a) => threepoint::run(a),
-        Method::Nineline(a) => nineline::run(a),
-        Method::Fivedof(a) => fivedof::run(a),
-        Method::Straightness(a) => straightness::run(a),
-        Method::Diagonals(a) => diagonals::run(a),
-        Method::Circles(a) => circles::run(a),
-        Method::Ram(a) => ram::run(a),
-        Method::Probe(a) => probe::run(a),
-        Method::Grinder(a) => grinder::run(a),
-        Method::Ballbar(a) => ballbar::run(a),
-        Method::Fits(a) => fits::run(a),
-        Method::Kalman(a) => kalman::run(a),
-    }
+    method::run(match &args.method {
+        Method::Threepoint(a) => a.as_ref(),
+        Method::Nineline(a) => a.as_ref(),
+        Method::Fivedof(a) => a.as_ref(),
+        Method::Straightness(a) => a.as_ref(),
+        Method::Diagonals(a) => a.as_ref(),
+        Method::Circles(a) => a.as_ref(),
+        Method::Ram(a) => a.as_ref(),
+        Method::Probe(a) => a.as_ref(),
+        Method::Grinder(a) => a.as_ref(),
+        Method::Ballbar(a) => a.as_ref(),
+        Method::Fits(a) => a.as_ref(),
+        Method::Kalman(a) => a.as_ref(),
+    })
 }

@@ -3,7 +3,8 @@
 use serde::Deserialize;
 
 use crate::Failure;
-use crate::identify::case::{CaseFile, print_json};
+use crate::identify::case::CaseFile;
+use crate::identify::method::{Found, printed};
 use volcomp_identify::circles::{CirclesInput, solve};
 use volcomp_model::geometry::Vec3;
 
@@ -19,7 +20,7 @@ struct Case {
     sigma_registration: f64,
 }
 
-pub(super) fn run(file: CaseFile<'_>, as_json: bool) -> Result<(), Failure> {
+pub(super) fn run(file: CaseFile<'_>) -> Result<Box<dyn Found>, Failure> {
     let case: Case = file.read()?;
     let vectors = |points: &[[f64; 3]]| points.iter().map(|p| Vec3::from(*p)).collect::<Vec<_>>();
     let (one, two) = (vectors(&case.points_1), vectors(&case.points_2));
@@ -32,10 +33,6 @@ pub(super) fn run(file: CaseFile<'_>, as_json: bool) -> Result<(), Failure> {
         registration: case.sigma_registration,
     };
     let found = solve(&input).map_err(|e| file.bad(e))?;
-    if as_json {
-        print_json(&super::json_of(&found, case.sigma));
-    } else {
-        super::print(&found, case.sigma.is_some());
-    }
-    Ok(())
+    let stated = case.sigma.is_some();
+    Ok(printed(super::json_of(&found, stated), move || super::print(&found, stated)))
 }

@@ -5,7 +5,6 @@ use std::path::{Path, PathBuf};
 use super::Args;
 use crate::Failure;
 use crate::files::write_text;
-use crate::identify::motion_curves::names;
 use crate::input::{self, InputKind};
 use crate::model_writer::{Sources, axis_entry, default_chain, put};
 use volcomp_identify::circles::ToolAxis;
@@ -73,11 +72,10 @@ pub(super) fn write_model(args: &Args, found: &ToolAxis, files: &[PathBuf]) -> R
         let symbol = ErrorSymbol::Location { component, axis: AxisName::S };
         put(&mut model, symbol, function, sources.provenance());
     }
-    let mut comment = vec![format!("written by volcomp identify circles {}", env!("CARGO_PKG_VERSION"))];
-    comment.extend(sources.comments());
+    let mut comment = sources.heading("identify circles");
     comment.push(format!(
         "tip along the axis off by {:.2} um: tool length, not part of the model",
         um_from_mm((found.tip - nominal_tip).dot(&found.direction))
     ));
-    args.model.write(&model, &comment, &names(files))
+    args.model.write(&model, &comment, files)
 }

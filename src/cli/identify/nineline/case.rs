@@ -5,8 +5,9 @@ use serde_json::{Value, json};
 use std::collections::BTreeMap;
 
 use crate::Failure;
-use crate::identify::case::{CaseFile, print_json};
-use crate::identify::motion_curves::in_print_units;
+use crate::identify::case::{CaseFile, refused, rows};
+use crate::identify::method::{Found, printed};
+use crate::units::Units;
 use volcomp_identify::nineline::{LineReading, NineLine, NineLineError, solve};
 use volcomp_model::Component;
 use volcomp_model::geometry::Vec3;
@@ -19,21 +20,16 @@ struct Case {
     sigma: Option<f64>,
 }
 
-pub(super) fn run(file: CaseFile<'_>, as_json: bool) -> Result<(), Failure> {
+pub(super) fn run(file: CaseFile<'_>, as_json: bool) -> Result<Box<dyn Found>, Failure> {
     let case: Case = file.read()?;
     let readings = case.readings().map_err(|e| file.bad(e))?;
     match solve(&readings) {
-        Ok(found) if as_json => print_json(&json_of(&found, case.sigma.is_some())),
-        Ok(found) => print(&found),
-        Err(NineLineError::Deficient { rank, unobservable, readings }) if as_json => print_json(&json!({
-            "rank": rank,
-            "unobservable": unobservable.as_slice(),
-            "refused": true,
-            "note": NineLineError::Deficient { rank, unobservable, readings }.to_string(),
-        })),
-        Err(e) => return Err(file.bad(e)),
+        Ok(found) => Ok(printed(json_of(&found, case.sigma.is_some()), move || print(&found))),
+        Err(ref e @ NineLineError::Deficient { rank, ref unobservable, .. }) if as_json => {
+            Ok(refused(json!({ "rank": rank, "unobservable": unobservable.as_slice() }), e))
+        }
+        Err(e) => Err(file.bad(e)),
     }
-    Ok(())
 }
 
 impl Case {
@@ -61,23 +57,22 @@ impl Case {
 }
 
 fn json_of(found: &NineLine, stated: bool) -> Value {
-    let rows: Vec<Vec<f64>> = (0..6).map(|i| found.covariance.row(i).iter().copied().collect()).collect();
-    let mut value = json!({
+    // without a stated noise this is the covariance for readings of unit variance
+    let covariance = if stated { "cov" } else { "cofactor" };
+    json!({
         "E": found.motion.as_slice(),
         "condition_scaled": found.condition_scaled,
         "rank": 6,
         "dof": found.dof,
         "chi2": found.chi2,
-    });
-    // without a stated noise this is the covariance for readings of unit variance
-    value[if stated { "cov" } else { "cofactor" }] = json!(rows);
-    value
+        covariance: rows(|at| found.covariance[at]),
+    })
 }
 
 fn print(found: &NineLine) {
     for c in Component::ALL {
-        let unit = if c.is_angle() { "arcsec" } else { "um" };
-        say!("E{}{:>14.4}  {unit}", c.letter(), in_print_units(c, found.motion[c.index()]));
+        let units = Units::of_component(c);
+        say!("E{}{:>14.4}  {}", c.letter(), (units.of_value)(found.motion[c.index()]), units.value);
     }
     say!("condition {:.1}, {} degrees of freedom", found.condition_scaled, found.dof);
 }

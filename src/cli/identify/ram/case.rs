@@ -4,7 +4,8 @@ use serde::Deserialize;
 use serde_json::json;
 
 use crate::Failure;
-use crate::identify::case::{CaseFile, print_json};
+use crate::identify::case::{CaseFile, refused};
+use crate::identify::method::{Found, printed};
 use volcomp_identify::ram::{Head, HeadPose, Prior, RamError, RamNoise, solve};
 use volcomp_model::geometry::Vec3;
 
@@ -47,7 +48,7 @@ const fn one() -> f64 {
     1.0
 }
 
-pub(super) fn run(file: CaseFile<'_>, as_json: bool) -> Result<(), Failure> {
+pub(super) fn run(file: CaseFile<'_>, as_json: bool) -> Result<Box<dyn Found>, Failure> {
     let case: Case = file.read()?;
     let head =
         Head { a_axis: Vec3::from(case.head.A_axis_from_Z_reference), tool_length: case.head.tool_length };
@@ -66,16 +67,10 @@ pub(super) fn run(file: CaseFile<'_>, as_json: bool) -> Result<(), Failure> {
         .prior
         .map(|p| Prior { mean: p.E.into(), std: p.sigma.map(|s| s.unwrap_or(f64::INFINITY)).into() });
     match solve(&head, &poses, &noise, prior.as_ref()) {
-        Ok(fit) if as_json => print_json(&super::json_of(&fit)),
-        Ok(fit) => super::print(&fit),
-        // what the poses cannot determine is a result, too
-        Err(ref e @ RamError::Deficient { rank, ref unobservable, .. }) if as_json => print_json(&json!({
-            "rank": rank,
-            "unobservable": unobservable.as_slice(),
-            "refused": true,
-            "note": e.to_string(),
-        })),
-        Err(e) => return Err(file.bad(e)),
+        Ok(fit) => Ok(printed(super::json_of(&fit), move || super::print(&fit))),
+        Err(ref e @ RamError::Deficient { rank, ref unobservable, .. }) if as_json => {
+            Ok(refused(json!({ "rank": rank, "unobservable": unobservable.as_slice() }), e))
+        }
+        Err(e) => Err(file.bad(e)),
     }
-    Ok(())
 }

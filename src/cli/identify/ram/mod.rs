@@ -7,12 +7,14 @@ use std::path::PathBuf;
 
 use serde_json::{Value, json};
 
-use super::case::{CaseArgs, print_json};
-use super::motion_curves::{CurveArgs, Origin, in_print_units, motions_json, names, print_motions};
+use super::case::{CaseArgs, CaseFile, rows};
+use super::method::{Found, Front, Method};
+use super::motion_curves::{CurveArgs, Motions, Origin, Report};
+use crate::Failure;
 use crate::arg_parsers::{above_zero, linear_axis, point};
 use crate::files::read_model;
-use crate::model_writer::default_chain;
-use crate::{EX_DATAERR, Failure};
+use crate::model_writer::{data_error, default_chain};
+use crate::units::Units;
 use volcomp_identify::motion::MotionRow;
 use volcomp_identify::ram::{Head, Prior, RamFit, RamNoise, solve};
 use volcomp_model::geometry::Vec3;
@@ -86,99 +88,96 @@ struct Stop {
     poses: Vec<volcomp_identify::ram::HeadPose>,
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(file) = args.case.file() {
-        file.writes_no_model(args.curves.writes())?;
-        return case::run(file, args.case.json);
+impl Method for Args {
+    fn front(&self) -> Front<'_> {
+        self.curves.front(&self.case)
     }
-    let (Some(a_axis), Some(tool_length), false) =
-        (args.a_axis_mm, args.tool_length_mm, args.case.all(&args.data).is_empty())
-    else {
-        return Err(Failure::usage("give --data, --a-axis-mm and --tool-length-mm, or --input with a case"));
-    };
-    let (Some(position), Some(direction)) = (args.sigma_position_um, args.sigma_direction_arcsec) else {
-        return Err(Failure::usage(
-            "--sigma-position-um and --sigma-direction-arcsec are needed: they weigh tips against directions",
-        ));
-    };
-    let head = Head { a_axis, tool_length };
-    let noise = RamNoise { position: mm_from_um(position), direction: rad_from_arcsec(direction) };
-    let stops = args.stops(&head)?;
-    let prior = args.prior()?;
-    let mut rows = Vec::with_capacity(stops.len());
-    let mut fits = Vec::with_capacity(stops.len());
-    for stop in &stops {
-        let prior = prior.as_ref().map(|p| p.at(args.axis, stop));
-        let fit = solve(&head, &stop.poses, &noise, prior.as_ref()).map_err(|e| {
-            Failure::new(
-                EX_DATAERR,
-                format_args!(
-                    "error: {}: {} {} mm: {e}",
-                    names(args.case.all(&args.data)),
-                    args.axis,
-                    stop.position
-                ),
-            )
-        })?;
-        rows.push(MotionRow {
-            position: stop.position,
-            cycle: stop.cycle,
-            travel: stop.travel,
-            motion: fit.motion,
-            covariance: fit.covariance * misfit(&fit).powi(2),
-        });
-        fits.push(fit);
+
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>, Failure> {
+        case::run(file, self.case.json)
     }
-    let positions: std::collections::BTreeSet<u64> = rows.iter().map(|r| r.position.to_bits()).collect();
-    if positions.len() == 1 {
-        return single(args, &fits);
+
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
+        let (data, axis) = (self.case.all(&self.data), self.axis);
+        let (Some(a_axis), Some(tool_length), false) = (self.a_axis_mm, self.tool_length_mm, data.is_empty())
+        else {
+            return Err(Failure::usage(
+                "give --data, --a-axis-mm and --tool-length-mm, or --input with a case",
+            ));
+        };
+        let (Some(position), Some(direction)) = (self.sigma_position_um, self.sigma_direction_arcsec) else {
+            return Err(Failure::usage(
+                "--sigma-position-um and --sigma-direction-arcsec are needed: they weigh tips against directions",
+            ));
+        };
+        let head = Head { a_axis, tool_length };
+        let noise = RamNoise { position: mm_from_um(position), direction: rad_from_arcsec(direction) };
+        let stops = self.stops(&head)?;
+        let prior = self.prior()?;
+        let (mut rows, mut fits) = (Vec::with_capacity(stops.len()), Vec::with_capacity(stops.len()));
+        for &Stop { position, cycle, travel, ref poses } in &stops {
+            let prior = prior.as_ref().map(|p| p.at(axis, position, travel));
+            let fit = solve(&head, poses, &noise, prior.as_ref())
+                .map_err(|e| data_error(data, format_args!("{axis} {position} mm: {e}")))?;
+            let covariance = fit.covariance * misfit(&fit).powi(2);
+            rows.push(MotionRow { position, cycle, travel, motion: fit.motion, covariance });
+            fits.push(fit);
+        }
+        if rows.iter().all(|r| r.position == rows[0].position) {
+            return self.single(fits).map(Some);
+        }
+        let base = self.curves.model.base(|| default_chain([axis, AxisName::C, AxisName::A]))?;
+        if base.spec.is_workpiece_side(axis) {
+            return Err(Failure::usage(format_args!(
+                "axis {axis} is on the workpiece side of the chain; a ram bears the tool"
+            )));
+        }
+        let files = data.iter().chain(&self.head).chain(&self.prior).cloned().collect();
+        let origin = Origin { axis, reference: self.reference_mm, method: "ram", files };
+        let gauged = self.curves.gauge(rows, &origin)?;
+        Ok(self.curves.motions(gauged, origin, base, Fits(fits)))
     }
-    let base = args.curves.model.base(|| default_chain([args.axis, AxisName::C, AxisName::A]))?;
-    if base.spec.is_workpiece_side(args.axis) {
-        return Err(Failure::usage(format_args!(
-            "axis {} is on the workpiece side of the chain; a ram bears the tool",
-            args.axis
-        )));
+}
+
+/// The fits at the stops of the ram.
+struct Fits(Vec<RamFit>);
+
+impl Report for Fits {
+    fn json(&self, motions: Value) -> Value {
+        json!({"motions": motions, "stops": self.0.iter().map(json_of).collect::<Vec<_>>()})
     }
-    let mut files = args.case.all(&args.data).to_vec();
-    files.extend(args.head.iter().chain(&args.prior).cloned());
-    let origin = Origin { axis: args.axis, reference: args.reference_mm, method: "ram", files: &files };
-    let gauged = args.curves.gauge(rows, &origin)?;
-    let quiet = args.curves.model.takes_stdout();
-    if args.case.json && !quiet {
-        let stops: Vec<Value> = fits.iter().map(json_of).collect();
-        print_json(&json!({"motions": motions_json(&gauged, &origin), "stops": stops}));
-    } else if !quiet {
-        let chi2: f64 = fits.iter().map(|f| f.chi2).sum();
-        let dof: usize = fits.iter().map(|f| f.dof).sum();
-        say!("{} at {} stops, fit: chi2 {chi2:.1}, {dof} degrees of freedom", args.axis, fits.len());
-        print_motions(&gauged, args.axis);
+
+    fn print(&self, motions: &Motions<'_>) {
+        let chi2: f64 = self.0.iter().map(|f| f.chi2).sum();
+        let dof: usize = self.0.iter().map(|f| f.dof).sum();
+        let (axis, stops) = (motions.origin.axis, self.0.len());
+        say!("{axis} at {stops} stops, fit: chi2 {chi2:.1}, {dof} degrees of freedom");
     }
-    warn(&fits);
-    args.curves.write(&gauged, &origin, base, !args.case.json)
+
+    fn warn(&self, _: usize) {
+        warn(&self.0);
+    }
 }
 
 /// One position of the ram: six numbers, no curves.
-fn single(args: &Args, fits: &[RamFit]) -> Result<(), Failure> {
-    if args.curves.model.target().is_some() {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!(
-                "error: {}: all poses are at one position of {}; a model needs at least two (column z_mm)",
-                names(args.case.all(&args.data)),
-                args.axis
-            ),
-        ));
-    }
-    for fit in fits {
-        if args.case.json {
-            print_json(&json_of(fit));
-        } else {
-            print(fit);
+struct Single(Vec<RamFit>);
+
+impl Found for Single {
+    fn json(&self) -> Value {
+        // both directions or several cycles are several fits
+        match &self.0[..] {
+            [one] => json_of(one),
+            several => several.iter().map(json_of).collect(),
         }
     }
-    warn(fits);
-    Ok(())
+
+    fn print(&self) {
+        self.0.iter().for_each(print);
+    }
+
+    fn warn(&self) {
+        warn(&self.0);
+    }
 }
 
 /// Residuals over stated noise, where larger.
@@ -216,6 +215,18 @@ impl Args {
         Ok(stops)
     }
 
+    /// One position of the ram makes no curve.
+    fn single(&self, fits: Vec<RamFit>) -> Result<Box<dyn Found>, Failure> {
+        if self.curves.model.target().is_some() {
+            let what = format_args!(
+                "all poses are at one position of {}; a model needs at least two (column z_mm)",
+                self.axis
+            );
+            return Err(data_error(self.case.all(&self.data), what));
+        }
+        Ok(Box::new(Single(fits)))
+    }
+
     /// Mean and standard deviations of the prior.
     fn prior(&self) -> Result<Option<PriorSource>, Failure> {
         let Some(angle) = self.prior_std_arcsec else { return Ok(None) };
@@ -236,11 +247,11 @@ struct PriorSource {
 
 impl PriorSource {
     /// The prior at a position of the ram.
-    fn at(&self, axis: AxisName, stop: &Stop) -> Prior {
+    fn at(&self, axis: AxisName, position: f64, travel: Travel) -> Prior {
         let mut mean = [0.0; 6];
         for (symbol, function) in self.model.iter().flat_map(|m| &m.errors) {
             if symbol.axis() == axis && !symbol.is_constant() {
-                mean[symbol.component().index()] = function.value(stop.position, stop.travel);
+                mean[symbol.component().index()] = function.value(position, travel);
             }
         }
         Prior { mean: mean.into(), std: self.std.into() }
@@ -251,30 +262,24 @@ fn json_of(fit: &RamFit) -> Value {
     json!({
         "rank": fit.rank,
         "E_lsq": fit.motion.as_slice(),
-        "sigma": (0..6).map(|i| fit.covariance[(i, i)].sqrt()).collect::<Vec<_>>(),
-        "cov": (0..6).map(|i| fit.covariance.row(i).iter().copied().collect()).collect::<Vec<Vec<f64>>>(),
+        "sigma": Component::ALL.map(|c| std(fit, c)),
+        "cov": rows(|at| fit.covariance[at]),
         "chi2": fit.chi2,
         "dof": fit.dof,
         "p_value": fit.p_value,
     })
 }
 
+fn std(fit: &RamFit, component: Component) -> f64 {
+    fit.covariance[(component.index(), component.index())].sqrt()
+}
+
 fn print(fit: &RamFit) {
     for c in Component::ALL {
-        let i = c.index();
-        say!(
-            "E{}{:>14.4} +- {:.4} {} (k=1)",
-            c.letter(),
-            in_print_units(c, fit.motion[i]),
-            in_print_units(c, fit.covariance[(i, i)].sqrt()),
-            if c.is_angle() { "arcsec" } else { "um" }
-        );
+        let units = Units::of_component(c);
+        let [value, std] = [fit.motion[c.index()], std(fit, c)].map(units.of_value);
+        say!("E{}{value:>14.4} +- {std:.4} {} (k=1)", c.letter(), units.value);
     }
-    say!(
-        "rank {} of 6; chi2 {:.2}, {} degrees of freedom, p {:.3}",
-        fit.rank,
-        fit.chi2,
-        fit.dof,
-        fit.p_value
-    );
+    let RamFit { rank, chi2, dof, p_value, .. } = fit;
+    say!("rank {rank} of 6; chi2 {chi2:.2}, {dof} degrees of freedom, p {p_value:.3}");
 }

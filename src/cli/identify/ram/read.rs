@@ -4,54 +4,33 @@ use std::path::Path;
 
 use super::Stop;
 use crate::files::read_model;
-use crate::table::open;
-use crate::{EX_CONFIG, EX_DATAERR, Failure};
+use crate::identify::columns;
+use crate::{EX_CONFIG, Failure};
 use volcomp_identify::ram::{Head, HeadPose};
 use volcomp_model::Model;
-use volcomp_model::geometry::Vec3;
-use volcomp_units::axes::{AxisKind, AxisName, Travel};
-use volcomp_units::{mm_from_um, rad_from_arcsec, rad_from_deg};
+use volcomp_units::axes::{AxisKind, AxisName};
 
 pub(super) fn poses(path: &Path, stops: &mut Vec<Stop>) -> Result<(), Failure> {
-    let mut table = open(path)?;
-    let (z, cycle, direction) = (table.find("z_mm"), table.find("cycle"), table.find("direction"));
+    let mut table = columns::open(path)?;
+    let [z, cycle, direction] = ["z_mm", "cycle", "direction"].map(|name| table.find(name));
     let (c, a) = (table.require("c_deg")?, table.require("a_deg")?);
-    let mut tip = [0; 3];
-    let mut axis = [0; 3];
-    for (i, letter) in ["x", "y", "z"].into_iter().enumerate() {
-        tip[i] = table.require(&format!("tip_{letter}_um"))?;
-        axis[i] = table.require(&format!("dir_{letter}_arcsec"))?;
-    }
-    let mut rows = 0usize;
-    while table.advance()? {
-        rows += 1;
-        let position = z.map_or(Ok(0.0), |z| table.number(z))?;
-        let cycle = cycle.map_or(Ok(0), |c| table.count(c))?;
-        let travel = direction.map_or(Ok(Travel::Forward), |d| table.travel(d))?;
-        let three = |columns: &[usize; 3], unit: fn(f64) -> f64| -> Result<Vec3, Failure> {
-            Ok(Vec3::new(
-                unit(table.number(columns[0])?),
-                unit(table.number(columns[1])?),
-                unit(table.number(columns[2])?),
-            ))
-        };
+    let tip = table.three(["tip_x_um", "tip_y_um", "tip_z_um"])?;
+    let axis = table.three(["dir_x_arcsec", "dir_y_arcsec", "dir_z_arcsec"])?;
+    table.some_rows(|row| {
+        let (position, cycle, travel) = (row.value_or(z, 0.0)?, row.count(cycle)?, row.travel(direction)?);
         let pose = HeadPose {
-            c: rad_from_deg(table.number(c)?),
-            a: rad_from_deg(table.number(a)?),
-            tip_error: three(&tip, mm_from_um)?,
-            direction_error: three(&axis, rad_from_arcsec)?,
+            c: row.value(c)?,
+            a: row.value(a)?,
+            tip_error: row.point(tip)?,
+            direction_error: row.point(axis)?,
         };
-        match stops
-            .iter_mut()
-            .find(|s| s.cycle == cycle && s.travel == travel && (s.position - position).abs() < 1e-6)
-        {
+        let same = |s: &Stop| s.cycle == cycle && s.travel == travel && (s.position - position).abs() < 1e-6;
+        match stops.iter_mut().find(|s| same(s)) {
             Some(stop) => stop.poses.push(pose),
             None => stops.push(Stop { position, cycle, travel, poses: vec![pose] }),
         }
-    }
-    if rows == 0 {
-        return Err(Failure::new(EX_DATAERR, format_args!("error: {}: no data rows", path.display())));
-    }
+        Ok(())
+    })?;
     Ok(())
 }
 

@@ -1,14 +1,15 @@
 //! The sign table of a 6D instrument, `volcomp-6d/1` (TOML), and its tilt test (CSV).
 
+use std::io::BufRead;
 use std::path::Path;
 
+use crate::identify::columns::{self, Column, Columns};
 use crate::input::{self, InputKind};
-use crate::{EX_CONFIG, EX_DATAERR, Failure, table};
+use crate::{EX_CONFIG, Failure};
 use volcomp_identify::straightness::signs::{
     Assignment, Channel, SignTable, TiltFound, TiltReading, tilt_test,
 };
 use volcomp_units::axes::AxisName;
-use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 /// The `format` of a sign table.
 const FORMAT: &str = "volcomp-6d/1";
@@ -89,13 +90,11 @@ impl SignFile {
                 let Some(word) = word else { continue };
                 let shape = if channel.is_angle() { "\"+a\", \"-b\"" } else { "\"+x\", \"-y\"" };
                 *slot = Some(Assignment::parse(word).ok_or_else(|| {
-                    let name = channel.name();
-                    bad(
-                        path,
-                        format_args!(
-                            "[{section}] {name} = \"{word}\": write a sign and a direction, such as {shape}"
-                        ),
-                    )
+                    let what = format_args!(
+                        "[{section}] {} = \"{word}\": write a sign and a direction, such as {shape}",
+                        channel.name()
+                    );
+                    bad(path, what)
                 })?);
             }
             let table = SignTable { channels };
@@ -114,14 +113,13 @@ impl SignFile {
                 let Some(parity) = s.table.parity()[i] else { continue };
                 match known {
                     Some((axis, p)) if p != parity => {
-                        let angle = Channel::ALL[i + 3].name();
-                        let (a, b) = (axis.lower(), s.axis.lower());
-                        return Err(bad(
-                            path,
-                            format_args!(
-                                "[{a}] and [{b}] disagree on {angle}: it is right-handed in one and left-handed in the other, which no turning of an instrument does; one sign of the two is wrong, a tilt test tells which"
-                            ),
-                        ));
+                        let what = format_args!(
+                            "[{}] and [{}] disagree on {}: it is right-handed in one and left-handed in the other, which no turning of an instrument does; one sign of the two is wrong, a tilt test tells which",
+                            axis.lower(),
+                            s.axis.lower(),
+                            Channel::ALL[i + 3].name()
+                        );
+                        return Err(bad(path, what));
                     }
                     _ => known = Some((s.axis, parity)),
                 }
@@ -170,8 +168,8 @@ impl SignFile {
     }
 }
 
-/// Columns of the channels, and which an instrument has.
-pub(super) struct ChannelColumns([Option<usize>; 6]);
+/// Columns of the channels that an instrument has.
+pub(super) struct ChannelColumns([Option<Column>; 6]);
 
 /// Column of a channel.
 fn column_name(channel: Channel) -> String {
@@ -179,7 +177,7 @@ fn column_name(channel: Channel) -> String {
 }
 
 impl ChannelColumns {
-    pub(super) fn find<R: std::io::BufRead>(table: &table::Table<R>) -> Self {
+    pub(super) fn find<R: BufRead>(table: &mut Columns<R>) -> Self {
         Self(Channel::ALL.map(|c| table.find(&column_name(c))))
     }
 
@@ -187,18 +185,11 @@ impl ChannelColumns {
         self.0.map(|c| c.is_some())
     }
 
-    pub(super) fn indices(&self) -> impl Iterator<Item = usize> + '_ {
-        self.0.iter().flatten().copied()
-    }
-
     /// The channels of the current row in mm and rad; 0 where the instrument has none.
-    pub(super) fn read<R: std::io::BufRead>(&self, table: &table::Table<R>) -> Result<[f64; 6], Failure> {
+    pub(super) fn read<R: BufRead>(&self, row: &Columns<R>) -> Result<[f64; 6], Failure> {
         let mut values = [0.0; 6];
-        for ((value, column), channel) in values.iter_mut().zip(self.0).zip(Channel::ALL) {
-            if let Some(column) = column {
-                let read = table.number(column)?;
-                *value = if channel.is_angle() { rad_from_arcsec(read) } else { mm_from_um(read) };
-            }
+        for (value, column) in values.iter_mut().zip(self.0) {
+            *value = row.value_or(column, 0.0)?;
         }
         Ok(values)
     }
@@ -206,35 +197,14 @@ impl ChannelColumns {
 
 /// Runs a tilt test from a file.
 pub(super) fn read_tilt_test(path: &Path) -> Result<[Option<TiltFound>; 6], Failure> {
-    let mut table = table::open(path)?;
-    let applied: Vec<(usize, String)> = ["x", "y", "z", "a", "b", "c"]
-        .iter()
-        .enumerate()
-        .map(|(c, letter)| (c, format!("applied_e{letter}_{}", if c < 3 { "um" } else { "arcsec" })))
-        .collect();
-    let columns: Vec<(usize, Option<usize>)> =
-        applied.iter().map(|(c, name)| (*c, table.find(name))).collect();
-    let channels = ChannelColumns::find(&table);
-    let known: Vec<usize> =
-        columns.iter().filter_map(|(_, column)| *column).chain(channels.indices()).collect();
-    if let Some(i) = (0..table.columns().len()).find(|i| !known.contains(i)) {
-        let names: Vec<String> =
-            applied.into_iter().map(|(_, n)| n).chain(Channel::ALL.map(column_name)).collect();
-        return Err(table.fail(i, format_args!("unknown column; columns are {}", names.join(", "))));
-    }
-    let mut readings = Vec::new();
-    while table.advance()? {
-        let mut values = [0.0; 6];
-        for (c, column) in &columns {
-            if let Some(column) = column {
-                let read = table.number(*column)?;
-                values[*c] = if *c < 3 { mm_from_um(read) } else { rad_from_arcsec(read) };
-            }
-        }
-        readings.push(TiltReading { applied: values, channels: channels.read(&table)? });
-    }
-    tilt_test(&readings, channels.has())
-        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", path.display())))
+    let mut table = columns::open(path)?;
+    let applied = ["x_um", "y_um", "z_um", "a_arcsec", "b_arcsec", "c_arcsec"];
+    let applied = ChannelColumns(applied.map(|name| table.find(&format!("applied_e{name}"))));
+    let channels = ChannelColumns::find(&mut table);
+    table.only(|_| format!("columns are {}", table.known().join(", ")))?;
+    let read =
+        |row: &Columns<_>| Ok(TiltReading { applied: applied.read(row)?, channels: channels.read(row)? });
+    tilt_test(&table.rows(read)?, channels.has()).map_err(|e| Failure::data(path, e))
 }
 
 #[cfg(test)]

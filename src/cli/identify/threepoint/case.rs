@@ -1,10 +1,12 @@
 //! A case of the reference vectors.
 
 use serde::Deserialize;
-use serde_json::{Map, Value, json};
+use serde_json::{Value, json};
 
 use crate::Failure;
-use crate::identify::case::{CaseFile, print_json};
+use crate::identify::case::{CaseFile, refused, rows};
+use crate::identify::method::{Found, printed};
+use crate::units::Units;
 use volcomp_identify::threepoint::{
     Geometry, Observation, PoseErrors, Seen, ThreePointError, TrackerNoise, geometry, solve,
 };
@@ -23,21 +25,22 @@ struct Case {
     sigma_angle: Option<f64>,
 }
 
-pub(super) fn run(file: CaseFile<'_>, as_json: bool) -> Result<(), Failure> {
+pub(super) fn run(file: CaseFile<'_>, as_json: bool) -> Result<Box<dyn Found>, Failure> {
     let case: Case = file.read()?;
     let seen = case.seen().map_err(|e| file.bad(e))?;
     let platform: Vec<Vec3> = case.points_platform.iter().map(|p| Vec3::from(*p)).collect();
-    let geometry = geometry(&platform);
     match solve(&seen, &Vec3::from(case.platform_origin_nominal)) {
-        Ok(pose) if as_json => print_json(&json_of(&pose)),
-        Ok(pose) => print(&pose),
-        // what the points cannot determine is a result, too
+        Ok(pose) => Ok(printed(json_of(&pose), move || print(&pose))),
         Err(e @ (ThreePointError::Deficient { .. } | ThreePointError::IllConditioned { .. })) if as_json => {
-            print_json(&refusal(&geometry, &e));
+            let g = geometry(&platform);
+            let mut known = of_geometry(&g);
+            if g.rank == 5 || matches!(e, ThreePointError::IllConditioned { .. }) {
+                known["unobservable_direction"] = json!(g.line.as_slice());
+            }
+            Ok(refused(known, e))
         }
-        Err(e) => return Err(file.bad(e)),
+        Err(e) => Err(file.bad(e)),
     }
-    Ok(())
 }
 
 impl Case {
@@ -84,70 +87,50 @@ impl Case {
     }
 }
 
-fn of_geometry(g: &Geometry) -> Map<String, Value> {
-    let mut map = Map::new();
-    map.insert("rank".into(), json!(g.rank));
-    map.insert("rms_radius".into(), json!(g.rms_radius));
-    map.insert("singular_values_scaled".into(), json!(g.singular_values));
-    let finite = |v: f64| v.is_finite().then_some(v);
-    map.insert("condition_scaled".into(), json!(finite(g.condition_scaled)));
-    map.insert("condition_centroid".into(), json!(finite(g.condition_centroid)));
-    map.insert("roll_growth".into(), json!(finite(g.roll_growth)));
-    map
+fn of_geometry(g: &Geometry) -> Value {
+    // infinite numbers become null
+    json!({
+        "rank": g.rank,
+        "rms_radius": g.rms_radius,
+        "singular_values_scaled": g.singular_values,
+        "condition_scaled": g.condition_scaled,
+        "condition_centroid": g.condition_centroid,
+        "roll_growth": g.roll_growth,
+    })
 }
 
 fn json_of(pose: &PoseErrors) -> Value {
-    let mut map = of_geometry(&pose.geometry);
-    let rows: Vec<Vec<f64>> = (0..6).map(|i| pose.covariance.row(i).iter().copied().collect()).collect();
-    let roots: Vec<f64> = (0..6).map(|i| pose.covariance[(i, i)].sqrt()).collect();
-    map.insert("E_lsq".into(), json!(pose.motion.as_slice()));
-    map.insert("cov".into(), json!(rows));
-    map.insert("cov_diag_sqrt".into(), json!(roots));
-    map.insert("chi2".into(), json!(pose.chi2));
-    map.insert("dof".into(), json!(pose.dof));
-    map.insert("p_value".into(), json!(pose.p_value));
-    map.insert("E_rigid_exact".into(), json!(pose.rigid.as_slice()));
-    map.insert(
-        "residuals".into(),
-        json!(pose.residuals.iter().map(|r| r.as_slice().to_vec()).collect::<Vec<_>>()),
-    );
-    map.insert("suspect_point".into(), json!(pose.suspect().map(|(i, _)| i + 1)));
-    Value::Object(map)
+    let mut json = of_geometry(&pose.geometry);
+    json["E_lsq"] = json!(pose.motion.as_slice());
+    json["cov"] = json!(rows(|at| pose.covariance[at]));
+    json["cov_diag_sqrt"] = json!(Component::ALL.map(|c| std(pose, c)));
+    json["chi2"] = json!(pose.chi2);
+    json["dof"] = json!(pose.dof);
+    json["p_value"] = json!(pose.p_value);
+    json["E_rigid_exact"] = json!(pose.rigid.as_slice());
+    json["residuals"] = pose.residuals.iter().map(|r| r.as_slice()).collect();
+    json["suspect_point"] = json!(pose.suspect().map(|(i, _)| i + 1));
+    json
 }
 
-fn refusal(g: &Geometry, error: &ThreePointError) -> Value {
-    let mut map = of_geometry(g);
-    if g.rank == 5 || matches!(error, ThreePointError::IllConditioned { .. }) {
-        map.insert("unobservable_direction".into(), json!(g.line.as_slice()));
-    }
-    map.insert("note".into(), json!(error.to_string()));
-    map.insert("refused".into(), json!(true));
-    Value::Object(map)
+fn std(pose: &PoseErrors, component: Component) -> f64 {
+    pose.covariance[(component.index(), component.index())].sqrt()
 }
 
 fn print(pose: &PoseErrors) {
     say!("{:<6}{:>14}{:>12}{:>14}", "", "linear", "std (k=1)", "rigid");
     for c in Component::ALL {
-        let i = c.index();
-        let show = |v: f64| crate::identify::motion_curves::in_print_units(c, v);
-        say!(
-            "E{:<5}{:>14.4}{:>12.4}{:>14.4}  {}",
-            c.letter(),
-            show(pose.motion[i]),
-            show(pose.covariance[(i, i)].sqrt()),
-            show(pose.rigid[i]),
-            if c.is_angle() { "arcsec" } else { "um" }
-        );
+        let (i, units) = (c.index(), Units::of_component(c));
+        let [linear, std, rigid] = [pose.motion[i], std(pose, c), pose.rigid[i]].map(units.of_value);
+        say!("E{:<5}{linear:>14.4}{std:>12.4}{rigid:>14.4}  {}", c.letter(), units.value);
     }
+    let (PoseErrors { chi2, dof, p_value, .. }, g) = (pose, &pose.geometry);
     say!(
-        "rigidity: chi2 {:.2}, {} degrees of freedom, p {:.3}; condition {:.1} at the platform origin, {:.1} at the centroid",
-        pose.chi2,
-        pose.dof,
-        pose.p_value,
-        pose.geometry.condition_scaled,
-        pose.geometry.condition_centroid
+        "rigidity: chi2 {chi2:.2}, {dof} degrees of freedom, p {p_value:.3}; condition {:.1} at the platform origin, {:.1} at the centroid",
+        g.condition_scaled,
+        g.condition_centroid
     );
-    if let Some(warning) = pose.geometry.warning() {
+    if let Some(warning) = g.warning() {
         note!("warning: {warning}");
     }
 }

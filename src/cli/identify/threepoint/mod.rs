@@ -7,12 +7,13 @@ mod report;
 
 use std::path::PathBuf;
 
-use super::case::{CaseArgs, print_json};
-use super::motion_curves::{CurveArgs, Origin, names};
-use super::tracker_points::TrackerArgs;
+use super::case::{CaseArgs, CaseFile};
+use super::method::{Found, Front, Method, printed};
+use super::motion_curves::{CurveArgs, Origin};
+use super::tracker_points::{Frame, TrackerArgs};
+use crate::Failure;
 use crate::arg_parsers::{linear_axis, point};
-use crate::model_writer::default_chain;
-use crate::{EX_DATAERR, Failure};
+use crate::model_writer::{data_error, default_chain};
 use volcomp_identify::motion::to_relative;
 use volcomp_identify::threepoint::{Series, sides, solve_series};
 use volcomp_model::geometry::Vec3;
@@ -72,83 +73,68 @@ Example:
 Signs: right-handed angles, ex ey ez along M. For a carriage on the workpiece side (X' in the chain) the tracker sees
 its own motion; the model gets the motion of the tool relative to it, which is minus that.";
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
-    if let Some(file) = args.case.file() {
-        file.writes_no_model(args.curves.writes())?;
-        return case::run(file, args.case.json);
+impl Method for Args {
+    fn front(&self) -> Front<'_> {
+        self.curves.front(&self.case)
     }
-    if args.plan.plan {
-        return plan::run(args);
+
+    fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>, Failure> {
+        case::run(file, self.case.json)
     }
-    let data = args.case.all(&args.data);
-    if data.is_empty() {
-        return Err(Failure::usage("--input, --data or --plan is missing"));
+
+    fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
+        if self.plan.plan {
+            return plan::run(self).map(Some);
+        }
+        let data = self.case.all(&self.data);
+        if data.is_empty() {
+            return Err(Failure::usage("--input, --data or --plan is missing"));
+        }
+        let frame = self.tracker.frame()?;
+        if self.rigidity {
+            return rigidity(data, &frame).map(Some);
+        }
+        let (Some(points), Some(axis)) = (&self.points, self.axis) else {
+            return Err(Failure::usage(
+                "--points and --axis are needed (or --rigidity, which needs neither)",
+            ));
+        };
+        let named = read::points(points)?;
+        let mut shots = Vec::new();
+        for path in data {
+            shots.extend(read::shots(path, &named, &frame, &self.tracker)?);
+        }
+        let base = self.curves.model.base(|| default_chain([axis]))?;
+        let centroid = named.iter().map(|p| p.1).sum::<Vec3>() / named.len() as f64;
+        let reference = self.reference_mm.map_or(centroid, |r| r - self.origin_mm);
+        let workpiece_side = base.spec.is_workpiece_side(axis);
+        let series = Series { axis, workpiece_side, origin: self.origin_mm, reference };
+        let mut fit = solve_series(&shots, &series).map_err(|e| data_error(data, e))?;
+        report::scale_by_misfit(&mut fit, frame.noise_is_stated());
+        if workpiece_side {
+            to_relative(&mut fit.rows);
+        }
+        let files = [points].into_iter().chain(data).chain(self.tracker.files()).cloned().collect();
+        let origin = Origin { axis, reference: self.origin_mm + reference, method: "threepoint", files };
+        let gauged = self.curves.gauge(fit.rows.clone(), &origin)?;
+        let names = named.into_iter().map(|p| p.0).collect();
+        let report = report::Threepoint { names, fit, frame, workpiece_side };
+        Ok(self.curves.motions(gauged, origin, base, report))
     }
-    let frame = args.tracker.frame()?;
-    if args.rigidity {
-        return rigidity(args, data, &frame);
-    }
-    let (Some(points), Some(axis)) = (&args.points, args.axis) else {
-        return Err(Failure::usage("--points and --axis are needed (or --rigidity, which needs neither)"));
-    };
-    let names_of_points = read::points(points)?;
-    let mut shots = Vec::new();
-    for path in data {
-        read::shots(path, &names_of_points, &frame, &args.tracker, &mut shots)?;
-    }
-    let base = args.curves.model.base(|| default_chain([axis]))?;
-    let centroid = names_of_points.iter().map(|p| p.1).sum::<Vec3>() / names_of_points.len() as f64;
-    let reference = args.reference_mm.map_or(centroid, |r| r - args.origin_mm);
-    let series =
-        Series { axis, workpiece_side: base.spec.is_workpiece_side(axis), origin: args.origin_mm, reference };
-    let mut fit = solve_series(&shots, &series)
-        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", names(data))))?;
-    report::scale_by_misfit(&mut fit, frame.noise_is_stated());
-    if series.workpiece_side {
-        to_relative(&mut fit.rows);
-    }
-    let mut files = vec![points.clone()];
-    files.extend(data.iter().chain(args.tracker.files()).cloned());
-    let origin = Origin { axis, reference: args.origin_mm + reference, method: "threepoint", files: &files };
-    let gauged = args.curves.gauge(fit.rows.clone(), &origin)?;
-    let report = report::Report {
-        names: names_of_points.iter().map(|p| p.0.clone()).collect(),
-        fit: &fit,
-        gauged: &gauged,
-        origin: &origin,
-        frame: &frame,
-        workpiece_side: series.workpiece_side,
-    };
-    let quiet = args.curves.model.takes_stdout();
-    if args.case.json && !quiet {
-        print_json(&report.json());
-    } else if !quiet {
-        report.print();
-    }
-    report.warn();
-    args.curves.write(&gauged, &origin, base, !args.case.json)
 }
 
 /// Distances between the points over all rows of all files.
-fn rigidity(args: &Args, data: &[PathBuf], frame: &super::tracker_points::Frame) -> Result<(), Failure> {
-    let mut poses = Vec::new();
-    let mut found: Vec<String> = Vec::new();
+fn rigidity(data: &[PathBuf], frame: &Frame) -> Result<Box<dyn Found>, Failure> {
+    let (mut poses, mut names) = (Vec::new(), Vec::new());
     for path in data {
-        read::poses(path, frame, &mut found, &mut poses)?;
+        poses.extend(read::poses(path, frame, &mut names)?);
     }
     let Some(sides) = sides(&poses) else {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!(
-                "error: {}: no two points were seen together in two rows; rigidity needs at least two of each",
-                names(data)
-            ),
+        return Err(data_error(
+            data,
+            "no two points were seen together in two rows; rigidity needs at least two of each",
         ));
     };
-    if args.case.json {
-        print_json(&report::sides_json(&sides, &found, poses.len()));
-    } else {
-        report::print_sides(&sides, &found, poses.len());
-    }
-    Ok(())
+    let json = report::sides_json(&sides, &names, poses.len());
+    Ok(printed(json, move || report::print_sides(&sides, &names, poses.len())))
 }

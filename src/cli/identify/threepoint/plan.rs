@@ -3,9 +3,10 @@
 use serde_json::{Value, json};
 
 use super::{Args, read};
-use crate::identify::case::print_json;
+use crate::Failure;
+use crate::arg_parsers::{above_zero, not_negative, numbers};
+use crate::identify::method::{Found, printed};
 use crate::model_writer::default_chain;
-use crate::{EX_DATAERR, Failure};
 use volcomp_identify::threepoint::{Plan, PlanRequest, PlanRow, plan as make};
 use volcomp_model::geometry::Vec3;
 use volcomp_units::axes::AxisName;
@@ -21,7 +22,7 @@ pub(super) struct PlanArgs {
     #[arg(long, conflicts_with_all = ["data", "input", "rigidity"], requires_all = ["points", "axis", "travel_mm", "tracker_mm", "target_arcsec"])]
     pub(super) plan: bool,
     /// Bound of the error of an angle.
-    #[arg(long, value_name = "ARCSEC", value_parser = crate::arg_parsers::above_zero, requires = "plan")]
+    #[arg(long, value_name = "ARCSEC", value_parser = above_zero, requires = "plan")]
     target_arcsec: Option<f64>,
     /// Probability with which all positions together keep it.
     #[arg(long, value_name = "P", default_value_t = 95.0, value_parser = confidence)]
@@ -36,18 +37,15 @@ pub(super) struct PlanArgs {
     #[arg(long, value_name = "N", default_value_t = 21, value_parser = clap::value_parser!(u32).range(2..=1000))]
     stops: u32,
     /// Standard deviation of the part of the angles that is the same in every run (encoder, refraction).
-    #[arg(long, value_name = "ARCSEC", default_value = "0", value_parser = crate::arg_parsers::not_negative)]
+    #[arg(long, value_name = "ARCSEC", default_value = "0", value_parser = not_negative)]
     systematic_angle_arcsec: f64,
 }
 
 /// `0,850`.
 fn range(text: &str) -> Result<[f64; 2], String> {
-    let ends: Option<Vec<f64>> =
-        text.split(',').map(|t| t.trim().parse().ok().filter(|v: &f64| v.is_finite())).collect();
-    match ends.as_deref() {
-        Some([low, high]) if low < high => Ok([*low, *high]),
-        _ => Err(format!("invalid range '{text}'; expected two numbers, the smaller first, such as 0,850")),
-    }
+    numbers(text).filter(|[low, high]| low < high).ok_or_else(|| {
+        format!("invalid range '{text}'; expected two numbers, the smaller first, such as 0,850")
+    })
 }
 
 fn confidence(text: &str) -> Result<f64, String> {
@@ -57,7 +55,7 @@ fn confidence(text: &str) -> Result<f64, String> {
         .ok_or_else(|| format!("invalid confidence '{text}'; expected 50 to 99.9999"))
 }
 
-pub(super) fn run(args: &Args) -> Result<(), Failure> {
+pub(super) fn run(args: &Args) -> Result<Box<dyn Found + '_>, Failure> {
     let p = &args.plan;
     let (Some(points), Some(axis), Some([low, high]), Some(station), Some(target)) =
         (&args.points, args.axis, p.travel_mm, args.tracker.station(), p.target_arcsec)
@@ -86,15 +84,9 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         confidence: p.confidence_percent / 100.0,
         wanted: ANGLES.map(|a| p.angles.iter().any(|w| w == a)),
     };
-    let plan = make(&request)
-        .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {}: {e}", points.display())))?;
+    let plan = make(&request).map_err(|e| Failure::data(points, e))?;
     let names: Vec<String> = named.into_iter().map(|n| n.0).collect();
-    if args.case.json {
-        print_json(&as_json(&plan, &request, &names));
-    } else {
-        print(&plan, &request, &names, p);
-    }
-    Ok(())
+    Ok(printed(as_json(&plan, &request, &names), move || print(&plan, &request, &names, p)))
 }
 
 fn chosen<'a>(row: &'a PlanRow, names: &'a [String]) -> Vec<&'a str> {
