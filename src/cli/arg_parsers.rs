@@ -1,5 +1,6 @@
 //! Parsers of option values: axes, points, numbers.
 
+use clap::builder::{PossibleValue, PossibleValuesParser, TypedValueParser};
 use volcomp_daemon::socket::check_reason;
 use volcomp_formats::text::finite;
 use volcomp_model::geometry::Vec3;
@@ -56,6 +57,19 @@ pub(super) fn not_negative(text: &str) -> Result<f64, String> {
 /// A finite number above 0.
 pub(super) fn above_zero(text: &str) -> Result<f64, String> {
     number(text).ok().filter(|v| *v > 0.0).ok_or_else(|| format!("'{text}' is not a finite number above 0"))
+}
+
+/// One of some words: each with its help, which may be empty, and with what it means.
+pub(super) fn one_of<T: Copy + Send + Sync + 'static>(
+    words: &'static [(&'static str, &'static str, T)],
+) -> impl TypedValueParser<Value = T> {
+    let value = |(word, help, _): &(&'static str, &'static str, T)| {
+        let value = PossibleValue::new(*word);
+        if help.is_empty() { value } else { value.help(*help) }
+    };
+    let find = |given: String| words.iter().find(|(word, ..)| *word == given).map(|(.., meaning)| *meaning);
+    PossibleValuesParser::new(words.iter().map(value))
+        .try_map(move |given| find(given).ok_or("none of the words"))
 }
 
 #[cfg(test)]

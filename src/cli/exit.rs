@@ -6,6 +6,7 @@ use core::fmt;
 use core::sync::atomic::{AtomicBool, Ordering};
 use std::ffi::OsString;
 use std::io::{ErrorKind, Write};
+use std::path::Path;
 use std::process::ExitCode;
 
 use clap::Parser;
@@ -42,12 +43,17 @@ impl Failure {
     }
 
     /// Bad data in a file.
-    pub fn data(path: &std::path::Path, what: impl fmt::Display) -> Self {
-        Self::new(EX_DATAERR, format_args!("error: {}: {what}", path.display()))
+    pub fn data(path: impl AsRef<Path>, what: impl fmt::Display) -> Self {
+        Self::new(EX_DATAERR, format_args!("error: {}: {what}", path.as_ref().display()))
+    }
+
+    /// A mistake in a machine or model file.
+    pub fn mistake(path: impl AsRef<Path>, what: impl fmt::Display) -> Self {
+        Self::new(EX_CONFIG, format_args!("error: {}: {what}", path.as_ref().display()))
     }
 
     /// A file that could not be read or written; one that is too large is bad data.
-    pub fn io(path: &std::path::Path, error: &std::io::Error) -> Self {
+    pub fn io(path: &Path, error: &std::io::Error) -> Self {
         if super::input::is_too_large(error) {
             return Self::data(path, error);
         }
@@ -77,7 +83,7 @@ pub(super) fn reader_gone() -> bool {
 /// Writes text to stdout; a reader that has seen enough (`| head`) is no failure.
 pub(super) fn print(text: &str) -> Result<(), Failure> {
     match std::io::stdout().lock().write_all(text.as_bytes()) {
-        Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(Failure::io(std::path::Path::new("stdout"), &e)),
+        Err(e) if e.kind() != ErrorKind::BrokenPipe => Err(Failure::io(Path::new("stdout"), &e)),
         _ => Ok(()),
     }
 }

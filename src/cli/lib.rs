@@ -14,6 +14,21 @@ macro_rules! note {
     ($($text:tt)*) => { $crate::note(format_args!($($text)*)) };
 }
 
+/// A wrong command line, in the words of `format!`.
+macro_rules! usage {
+    ($($text:tt)*) => { $crate::Failure::usage(format_args!($($text)*)) };
+}
+
+/// Bad data in a file: the file, then words as for `format!`.
+macro_rules! data {
+    ($file:expr, $($text:tt)*) => { $crate::Failure::data(&$file, format_args!($($text)*)) };
+}
+
+/// A mistake in a machine or model file: the file, then words as for `format!`.
+macro_rules! mistake {
+    ($file:expr, $($text:tt)*) => { $crate::Failure::mistake(&$file, format_args!($($text)*)) };
+}
+
 mod acceptance;
 mod additions;
 mod arg_parsers;

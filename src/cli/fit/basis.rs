@@ -2,27 +2,17 @@
 
 use volcomp_identify::curve::Basis;
 
-/// Family of curves of `identify`.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-pub(crate) enum SimpleBasis {
-    /// Half-range or Chebyshev, or a fitted period or table where the data call for it.
-    Auto,
-    /// Mean, linear part and sine half waves.
-    HalfRange,
-    /// Chebyshev polynomials.
-    Chebyshev,
-    /// The mean at every position, with a reverse curve where both directions were measured.
-    Table,
-}
+/// A value where one is chosen, `None` where the program chooses.
+pub(crate) type Auto<T> = Option<T>;
 
-impl SimpleBasis {
-    /// The basis; `None` where the fit chooses.
-    pub(crate) const fn basis(self) -> Option<Basis> {
-        match self {
-            Self::Auto => None,
-            Self::HalfRange => Some(Basis::HalfRange),
-            Self::Chebyshev => Some(Basis::Chebyshev),
-            Self::Table => Some(Basis::Table),
-        }
-    }
-}
+/// Families of curves of `identify`.
+pub(crate) const BASES: &[(&str, &str, Auto<Basis>)] = &[
+    ("auto", "Half-range or Chebyshev, or a fitted period or table where the data call for it", None),
+    ("half-range", "Mean, linear part and sine half waves", Some(Basis::HalfRange)),
+    ("chebyshev", "Chebyshev polynomials", Some(Basis::Chebyshev)),
+    (
+        "table",
+        "The mean at every position, with a reverse curve where both directions are kept",
+        Some(Basis::Table),
+    ),
+];

@@ -111,14 +111,14 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
         ..Request::default()
     };
     let found = fit(&recording.time_s, &recording.inputs, &recording.displacement_mm, &request)
-        .map_err(|e| Failure::data(&args.file, format_args!("{}: {e}", args.displacement)))?;
+        .map_err(|e| data!(args.file, "{}: {e}", args.displacement))?;
     for sensor in &found.constant {
         note!("note: {sensor} never changes and is left out");
     }
     if args.model.target().is_some() {
         write_model(args, &name, &found)?;
     } else if args.symbol.is_some() {
-        return Err(Failure::usage("--symbol is written into a model; add --out or --into"));
+        return Err(usage!("--symbol is written into a model; add --out or --into"));
     }
     if let Some(path) = &args.json {
         write_text(path, &format!("{:#}\n", report(&name, &found)))?;

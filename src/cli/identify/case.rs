@@ -9,7 +9,7 @@ use serde_json::Value;
 use super::method::{Found, Front, printed};
 use crate::input::{self, InputKind};
 use crate::model_writer::ModelWriter;
-use crate::{EX_DATAERR, EX_USAGE, Failure};
+use crate::{EX_DATAERR, Failure};
 
 /// Where a case comes from and how the result is printed, the same for every method.
 #[derive(Debug, clap::Args)]
@@ -61,18 +61,16 @@ impl<'a> CaseFile<'a> {
 
     /// A message about the case.
     pub(super) fn bad(&self, what: impl core::fmt::Display) -> Failure {
-        let path = self.path.display();
         match self.id {
-            Some(id) => Failure::new(EX_DATAERR, format_args!("error: {path}: {id}: {what}")),
-            None => Failure::new(EX_DATAERR, format_args!("error: {path}: {what}")),
+            Some(id) => data!(self.path, "{id}: {what}"),
+            None => data!(self.path, "{what}"),
         }
     }
 
     /// Refuses files to write: a case is numbers alone, without axis, chain or frame.
     pub(super) fn writes_no_model(&self, wanted: bool) -> Result<(), Failure> {
         if wanted {
-            let what = "error: --input computes and prints; files to write go with instrument data";
-            return Err(Failure::new(EX_USAGE, what));
+            return Err(usage!("--input computes and prints; files to write go with instrument data"));
         }
         Ok(())
     }
@@ -91,10 +89,7 @@ impl<'a> CaseFile<'a> {
         };
         let Some(id) = self.id else {
             let (path, count, ids) = (self.path.display(), cases.len(), ids(&cases));
-            return Err(Failure::new(
-                EX_USAGE,
-                format_args!("error: {path}: holds {count} cases; choose one with --case: {ids}"),
-            ));
+            return Err(usage!("{path}: holds {count} cases; choose one with --case: {ids}"));
         };
         match cases.iter().position(|c| c["id"] == id) {
             Some(i) => T::deserialize(&cases[i]).map_err(|e| self.bad(e)),
@@ -103,8 +98,7 @@ impl<'a> CaseFile<'a> {
     }
 
     fn missing(&self, cases: &[Value]) -> Failure {
-        let (path, id) = (self.path.display(), self.id.unwrap_or_default());
-        Failure::new(EX_DATAERR, format_args!("error: {path}: no case {id}; there are: {}", ids(cases)))
+        data!(self.path, "no case {}; there are: {}", self.id.unwrap_or_default(), ids(cases))
     }
 
     /// A message about a place in the file.

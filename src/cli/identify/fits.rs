@@ -116,7 +116,7 @@ impl Method for Args {
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
         let Some(path) = self.case.data(&self.data) else {
-            return Err(Failure::usage("neither --input nor --data is given"));
+            return Err(usage!("neither --input nor --data is given"));
         };
         found(&self.read_table(path)?, path).map(Some)
     }
@@ -125,7 +125,7 @@ impl Method for Args {
 fn found(case: &Case, path: &Path) -> Result<Box<dyn Found>, Failure> {
     let [x, y] = [case.x.len(), case.y.len()];
     if x != y {
-        return Err(Failure::data(path, format_args!("{x} x but {y} y; every point needs both")));
+        return Err(data!(path, "{x} x but {y} y; every point needs both"));
     }
     let result = if case.basis == BasisArg::Polynomial { powers(case) } else { curve(case) };
     let result = result.map_err(|e| Failure::data(path, e))?;

@@ -7,7 +7,7 @@ use serde_json::{Value, json};
 use super::case::CaseFile;
 use super::columns::{self, Column, hint};
 use super::method::{Found, Front, Method};
-use crate::arg_parsers::axis_letter;
+use crate::arg_parsers::{axis_letter, one_of};
 use crate::files::write_text;
 use crate::input::{self, InputKind};
 use crate::model_writer::{ModelWriter, Sources, put};
@@ -63,8 +63,8 @@ pub(super) struct Args {
     #[arg(long, value_name = "UM")]
     noise_um: Option<f64>,
     /// How the values at the positions become curves, in the model and in the corrections of --next.
-    #[arg(long, value_enum, default_value = "table")]
-    basis: BasisArg,
+    #[arg(long, value_parser = one_of(BASES), default_value = "table")]
+    basis: Curves,
     #[command(flatten)]
     out: ModelWriter,
     /// One JSON object on stdout.
@@ -72,13 +72,10 @@ pub(super) struct Args {
     json: bool,
 }
 
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum BasisArg {
-    /// Straight lines between the positions: noise of a position stays.
-    Table,
-    /// The curve that volcomp fit chooses: noise averages over the positions.
-    Auto,
-}
+const BASES: &[(&str, &str, Curves)] = &[
+    ("table", "Straight lines between the positions: noise of a position stays", Curves::Lines),
+    ("auto", "The curve that volcomp fit chooses: noise averages over the positions", Curves::Fitted),
+];
 
 /// The motions asked for.
 #[derive(Debug, Clone)]
@@ -120,21 +117,15 @@ impl Method for Args {
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
         if self.step.is_empty() && self.next.is_none() {
-            return Err(Failure::usage(
-                "nothing to do; give --step for data, --next for the poses to measure",
-            ));
+            return Err(usage!("nothing to do; give --step for data, --next for the poses to measure"));
         }
         if self.step.is_empty() && self.out.out.is_some() {
-            return Err(Failure::usage("--out needs a --step; without one there is nothing to write"));
+            return Err(usage!("--out needs a --step; without one there is nothing to write"));
         }
         let file = drawing(self)?;
         let mut chain = Chain::new(file.spec.clone());
-        let curves = match self.basis {
-            BasisArg::Table => Curves::Lines,
-            BasisArg::Auto => Curves::Fitted,
-        };
         let sigma = self.noise_um.map(mm_from_um);
-        let request = Request { components: self.motions.0.clone(), sigma, curves };
+        let request = Request { components: self.motions.0.clone(), sigma, curves: self.basis };
         for (axis, path) in &self.step {
             let rows = read(path, chain.spec())?;
             chain.identify(&Measured { axis: *axis, rows }, &request).map_err(|e| Failure::data(path, e))?;
@@ -173,10 +164,10 @@ fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<Row>, Failure> {
     let seen = ["dx_um", "dy_um", "dz_um"].map(|n| table.find(n));
     table.only(|column| hint(column, table.known(), table.known().join(", ")))?;
     if !matches!(tool.iter().flatten().count(), 0 | 3) {
-        return Err(Failure::data(path, "give all of tool_x_mm, tool_y_mm, tool_z_mm, or none"));
+        return Err(data!(path, "give all of tool_x_mm, tool_y_mm, tool_z_mm, or none"));
     }
     if seen.iter().all(Option::is_none) {
-        return Err(Failure::data(path, "no column with a deviation: dx_um, dy_um or dz_um"));
+        return Err(data!(path, "no column with a deviation: dx_um, dy_um or dz_um"));
     }
     table.rows(|table| {
         let mut row = Row {
@@ -200,8 +191,7 @@ fn read(path: &Path, spec: &ModelSpec) -> Result<Vec<Row>, Failure> {
 /// The poses to measure next, with the corrections that the model so far asks for.
 fn write_poses(chain: &Chain, axis: AxisName, path: &Path, args: &Args) -> Result<(), Failure> {
     let spec = chain.spec();
-    let planned = plan(chain, axis, args.positions, args.lever_mm)
-        .map_err(|e| Failure::usage(format_args!("--next: {e}")))?;
+    let planned = plan(chain, axis, args.positions, args.lever_mm).map_err(|e| usage!("--next: {e}"))?;
     let model = Model::new(spec).map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {e}")))?;
     let axes: Vec<AxisName> = spec.chain.axes().iter().map(|a| a.name).collect();
     let (mut header, tail): (Vec<String>, Vec<String>) =

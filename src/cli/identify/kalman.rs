@@ -10,10 +10,10 @@ use serde_json::{Value, json};
 use super::case::{CaseArgs, CaseFile};
 use super::columns::{self, Column, Columns};
 use super::method::{Found, Front, Method, printed};
+use crate::Failure;
 use crate::arg_parsers::linear_axis;
 use crate::model_writer::{ModelWriter, Sources, axis_entry, default_chain, put};
 use crate::units::{Units, key};
-use crate::{EX_DATAERR, Failure};
 use volcomp_config::ModelFile;
 use volcomp_estimate::filter::COMPONENTS_MAX;
 use volcomp_estimate::{
@@ -132,7 +132,7 @@ impl Method for Args {
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
         let Some(path) = self.case.data(&self.data) else {
-            return Err(Failure::usage("neither --input nor --data is given"));
+            return Err(usage!("neither --input nor --data is given"));
         };
         Ok(Some(Box::new(Outcome::of(self, path)?)))
     }
@@ -249,11 +249,13 @@ struct Run {
 
 impl<'a> Outcome<'a> {
     fn of(args: &'a Args, path: &'a Path) -> Result<Self, Failure> {
-        let axes: [AxisName; 3] = args.axes.as_slice().try_into().map_err(|_| {
-            Failure::usage(format_args!("--axes names {} axes; a grid has three", args.axes.len()))
-        })?;
+        let axes: [AxisName; 3] = args
+            .axes
+            .as_slice()
+            .try_into()
+            .map_err(|_| usage!("--axes names {} axes; a grid has three", args.axes.len()))?;
         if axes[0] == axes[1] || axes[0] == axes[2] || axes[1] == axes[2] {
-            return Err(Failure::usage("--axes names an axis twice"));
+            return Err(usage!("--axes names an axis twice"));
         }
         let grid = NodeGrid::new(args.first.clone(), args.second.clone(), args.third.clone())
             .map_err(Failure::usage)?;
@@ -268,7 +270,7 @@ impl<'a> Outcome<'a> {
         let variance = to_inner(args.noise.unwrap_or(0.0)).powi(2);
         let adaptation = Adaptation { share: 0.02, low: 0.01 * variance, high: 100.0 * variance };
         let mut noise = MeasurementNoise::new(variance, args.adaptive.then_some(adaptation))
-            .map_err(|e| Failure::usage(format_args!("--noise: {e}")))?;
+            .map_err(|e| usage!("--noise: {e}"))?;
         let limit = args.limit.map_or(f64::INFINITY, |l| to_inner(l.abs()));
         let walk = to_inner(args.walk_per_sqrt_h).powi(2) / 3600.0;
         let mut filter = NodeFilter::new(
@@ -282,8 +284,8 @@ impl<'a> Outcome<'a> {
         .map_err(Failure::usage)?;
         let offline_at = |at: [f64; 3]| value_at(&before, symbol, &axes, at);
         let run = Run::of(&mut table, &columns, &grid, (&mut filter, &mut noise), offline_at)?;
-        let function = with_grid(before, &axes, &grid, &filter)
-            .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {symbol}: {e}")))?;
+        let function =
+            with_grid(before, &axes, &grid, &filter).map_err(|e| data!(symbol.to_string(), "{e}"))?;
         Ok(Self { args, path, model, function, axes, symbol, grid, filter, noise, run })
     }
 }
@@ -352,12 +354,10 @@ impl Found for Outcome<'_> {
 fn offline(model: &ModelFile, symbol: ErrorSymbol) -> Result<ErrorFunction, Failure> {
     let axis = model.spec.axis(symbol.axis());
     if axis.sense == Sense::Carriage {
-        return Err(Failure::new(
-            EX_DATAERR,
-            format_args!(
-                "error: {symbol}: axis {} of the model is in the carriage sense; the measurements are relative: convert the model first",
-                axis.name
-            ),
+        return Err(data!(
+            symbol.to_string(),
+            "axis {} of the model is in the carriage sense; the measurements are relative: convert the model first",
+            axis.name
         ));
     }
     let known = model.spec.errors.iter().find(|(s, _)| *s == symbol);

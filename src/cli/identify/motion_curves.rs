@@ -9,13 +9,14 @@ use serde_json::{Value, json};
 use super::columns;
 use super::method::{Found, Front};
 use crate::Failure;
+use crate::arg_parsers::one_of;
 use crate::files::write_text;
-use crate::fit::basis::SimpleBasis;
+use crate::fit::basis::{Auto, BASES};
 use crate::fit::report::{Fitted, comments, print_notes, table};
 use crate::model_writer::{ModelWriter, Sources, axis_entry, data_error, put};
 use crate::units::{Units, column};
 use volcomp_config::ModelFile;
-use volcomp_identify::curve::{self, Request};
+use volcomp_identify::curve::{self, Basis, Request};
 use volcomp_identify::motion::{Gauged, Line, MotionRow, gauge, means, symbols};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::spec::{ReferenceBody, ReferencePoint};
@@ -29,11 +30,11 @@ pub(super) struct CurveArgs {
     #[command(flatten)]
     pub(super) model: ModelWriter,
     /// Family of the curves in the model.
-    #[arg(long, value_enum, default_value = "auto")]
-    basis: SimpleBasis,
+    #[arg(long, value_parser = one_of(BASES), default_value = "auto")]
+    basis: Auto<Basis>,
     /// The line taken out of the straightnesses; its slope is reported.
-    #[arg(long, value_enum, default_value = "end-point")]
-    straightness: LineArg,
+    #[arg(long, value_parser = one_of(LINES), default_value = "end-point")]
+    straightness: Line,
     /// Coordinate at which all six are zero; default 0, or the nearest end of the measured range.
     #[arg(long, value_name = "MM", allow_hyphen_values = true)]
     zero_at_mm: Option<f64>,
@@ -42,15 +43,12 @@ pub(super) struct CurveArgs {
     motions: Option<PathBuf>,
 }
 
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum LineArg {
-    /// Through the first and the last position.
-    EndPoint,
-    /// Least squares.
-    LeastSquares,
-    /// None: the frame of the instrument is trusted.
-    AsMeasured,
-}
+/// Lines that can be taken out of straightnesses.
+const LINES: &[(&str, &str, Line)] = &[
+    ("end-point", "Through the first and the last position", Line::EndPoint),
+    ("least-squares", "Least squares", Line::LeastSquares),
+    ("as-measured", "None: the frame of the instrument is trusted", Line::AsMeasured),
+];
 
 /// Where the motions hold and what they were made from.
 pub(super) struct Origin {
@@ -96,12 +94,7 @@ impl CurveArgs {
 
     /// Brings the motions (relative sense) into the gauge of a model.
     pub(super) fn gauge(&self, rows: Vec<MotionRow>, origin: &Origin) -> Result<Gauged, Failure> {
-        let line = match self.straightness {
-            LineArg::EndPoint => Line::EndPoint,
-            LineArg::LeastSquares => Line::LeastSquares,
-            LineArg::AsMeasured => Line::AsMeasured,
-        };
-        gauge(rows, origin.axis, self.zero_at_mm, line).map_err(|e| data_error(&origin.files, e))
+        gauge(rows, origin.axis, self.zero_at_mm, self.straightness).map_err(|e| data_error(&origin.files, e))
     }
 
     /// The motions with their report.
@@ -166,7 +159,7 @@ impl Found for Motions<'_> {
 
 impl Motions<'_> {
     fn fit(&self) -> Result<Vec<Fitted>, Failure> {
-        let request = Request { basis: self.args.basis.basis(), ..Request::default() };
+        let request = Request { basis: self.args.basis, ..Request::default() };
         let one = |symbol: volcomp_model::ErrorSymbol| {
             let readings = self.gauged.readings(symbol.component());
             let fit = curve::fit(&readings, &request)

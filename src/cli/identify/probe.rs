@@ -108,9 +108,9 @@ impl Method for Args {
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
         self.needs_nominal()?;
         let Some(path) = self.case.data(&self.data) else {
-            return Err(Failure::usage("give --data or --input"));
+            return Err(usage!("give --data or --input"));
         };
-        let bar = self.bar_radius_mm.ok_or_else(|| Failure::usage("give --bar-radius-mm"))?;
+        let bar = self.bar_radius_mm.ok_or_else(|| usage!("give --bar-radius-mm"))?;
         self.outcome(path, self.contacts(path)?, bar).map(Some)
     }
 }
@@ -120,7 +120,7 @@ impl Args {
         if self.out.target().is_some() == self.nominal_mm.is_some() {
             return Ok(());
         }
-        Err(Failure::usage("a model needs --out or --into, and --nominal-mm to compare the bar's place with"))
+        Err(usage!("a model needs --out or --into, and --nominal-mm to compare the bar's place with"))
     }
 
     fn contacts(&self, path: &Path) -> Result<Vec<Contact>, Failure> {
@@ -136,10 +136,10 @@ impl Args {
                 table.rows(|row| Ok(arm.contact(row.value(y)?, row.value(b)?)))
             }
             (Some(_), Some(_)) => {
-                Err(Failure::usage("--arm-mm goes with a column b_deg; the file has heights (z_mm)"))
+                Err(usage!("--arm-mm goes with a column b_deg; the file has heights (z_mm)"))
             }
             (None, None) => {
-                Err(Failure::usage("give --arm-mm and --arm-zero-deg for the column b_deg, or a column z_mm"))
+                Err(usage!("give --arm-mm and --arm-zero-deg for the column b_deg, or a column z_mm"))
             }
         }
     }

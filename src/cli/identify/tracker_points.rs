@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 use serde_json::{Value, json};
 
 use super::columns::{self, Column, Columns};
+use crate::Failure;
 use crate::arg_parsers::{above_zero, not_negative, point};
-use crate::{EX_USAGE, Failure};
 use volcomp_identify::primitives::{RigidFit, procrustes, register};
 use volcomp_identify::threepoint::{Observation, TrackerNoise};
 use volcomp_model::geometry::{Mat3, Vec3};
@@ -96,10 +96,10 @@ impl PointColumns {
         path: &Path,
     ) -> Result<(), Failure> {
         if matches!(self, Self::Spherical(_)) && frame.registered.is_none() && tracker.tracker_mm.is_none() {
-            return Err(Failure::usage(format_args!(
+            return Err(usage!(
                 "{}: ranges and angles are in the tracker's frame; give --registration or --tracker-mm",
                 path.display()
-            )));
+            ));
         }
         Ok(())
     }
@@ -138,9 +138,7 @@ impl TrackerArgs {
     /// The frame of a registration file.
     pub(super) fn frame_of(&self, registration: Option<&Path>) -> Result<Frame, Failure> {
         if self.sigma_range_um.is_some() != self.sigma_angle_arcsec.is_some() {
-            return Err(Failure::usage(
-                "--sigma-range-um and --sigma-angle-arcsec belong together; give both",
-            ));
+            return Err(usage!("--sigma-range-um and --sigma-angle-arcsec belong together; give both"));
         }
         let tracker = self.stated_noise();
         let mut frame = Frame {
@@ -219,11 +217,8 @@ impl Frame {
         match (place, self.tracker) {
             (Place::Cartesian(_), _) => Ok(Mat3::identity() * self.cartesian),
             (Place::Spherical(o), Some(noise)) => Ok(o.covariance(&noise)),
-            (Place::Spherical(_), None) => Err(Failure::new(
-                EX_USAGE,
-                format_args!(
-                    "error: {file}: ranges and angles need weights: give --sigma-range-um and --sigma-angle-arcsec"
-                ),
+            (Place::Spherical(_), None) => Err(usage!(
+                "{file}: ranges and angles need weights: give --sigma-range-um and --sigma-angle-arcsec"
             )),
         }
     }

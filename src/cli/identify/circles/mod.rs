@@ -24,7 +24,7 @@ use volcomp_units::{arcsec_from_rad, mm_from_um, um_from_mm};
 /// The target is clamped to the spindle, the spindle turns, a tracker measures points all around; then the same
 /// closer to the tip. The line through both centres is the tool axis.
 #[derive(Debug, clap::Args)]
-#[command(after_long_help = HELP)]
+#[command(after_long_help = include_str!("help.txt"))]
 pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,
@@ -68,19 +68,6 @@ pub(super) struct Args {
     model: ModelWriter,
 }
 
-const HELP: &str = "\
-File (CSV): circle,x_mm,y_mm,z_mm  or  circle,range_mm,azimuth_deg,elevation_deg
-
-Examples:
-  volcomp identify circles --data circles.csv --tip-beyond-mm 120 --noise-um 5
-  volcomp identify circles --data left.csv --registration left-ref.csv --data-2 right.csv \\
-    --registration-2 right-ref.csv --tip-beyond-mm 120
-  volcomp identify circles --data p1.csv --tip-beyond-mm 120 --nominal-axis 0,-0.5,0.866 --nominal-tip-mm 10,20,-480 \\
-    --c-deg 0 --a-deg 30 --z-mm -200 --add-pose poses.csv
-
---out writes the location errors of the spindle (ex0s ey0s ea0s eb0s) and needs the head at home (axis along z). At
-other poses of the head the error belongs to several axes: collect poses and let volcomp identify ram sort them.";
-
 impl Method for Args {
     fn front(&self) -> Front<'_> {
         Front { writes_more: self.add_pose.is_some(), ..self.case.front(&self.model) }
@@ -92,7 +79,7 @@ impl Method for Args {
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
         let (Some(data), Some(tip)) = (self.case.data(&self.data), self.tip_beyond_mm) else {
-            return Err(Failure::usage("give --data and --tip-beyond-mm, or --input with a case"));
+            return Err(usage!("give --data and --tip-beyond-mm, or --input with a case"));
         };
         let mut frames = vec![self.tracker.frame()?];
         let mut circles = [Vec::new(), Vec::new()];
@@ -172,7 +159,7 @@ fn read(path: &Path, frame: &Frame, tracker: &TrackerArgs, into: &mut [Vec<Vec3>
     let mut table = columns::open(path)?;
     let circle = table.require("circle")?;
     let at = PointColumns::find(&mut table, "").ok_or_else(|| {
-        Failure::data(path, "columns x_mm, y_mm, z_mm (or range_mm, azimuth_deg, elevation_deg) are missing")
+        data!(path, "columns x_mm, y_mm, z_mm (or range_mm, azimuth_deg, elevation_deg) are missing")
     })?;
     at.check_frame(tracker, frame, path)?;
     table.rows(|row| {

@@ -20,15 +20,12 @@ pub(in crate::identify) const POSES: &str =
 /// Adds a row; a new file gets its header.
 pub(super) fn add_pose(path: &Path, args: &Args, found: &ToolAxis) -> Result<(), Failure> {
     let (Some(tip), Some(c), Some(a)) = (args.nominal_tip_mm, args.c_deg, args.a_deg) else {
-        return Err(Failure::usage("--add-pose needs --nominal-tip-mm, --c-deg and --a-deg"));
+        return Err(usage!("--add-pose needs --nominal-tip-mm, --c-deg and --a-deg"));
     };
     let mut text =
         if path.exists() { input::read_text(path, InputKind::Table)? } else { format!("{POSES}\n") };
     if !text.lines().any(|l| l == POSES) {
-        return Err(Failure::usage(format_args!(
-            "{} is not a file of poses; its header must be {POSES}",
-            path.display()
-        )));
+        return Err(usage!("{} is not a file of poses; its header must be {POSES}", path.display()));
     }
     if !text.ends_with('\n') {
         text.push('\n');
@@ -48,11 +45,11 @@ pub(super) fn add_pose(path: &Path, args: &Args, found: &ToolAxis) -> Result<(),
 /// The location errors of the spindle, from the axis with the head at home.
 pub(super) fn write_model(args: &Args, found: &ToolAxis, files: &[PathBuf]) -> Result<(), Failure> {
     let Some(nominal_tip) = args.nominal_tip_mm else {
-        return Err(Failure::usage("--out needs --nominal-tip-mm: the tip as it should be"));
+        return Err(usage!("--out needs --nominal-tip-mm: the tip as it should be"));
     };
     if (args.nominal_axis.normalize() - Vec3::z()).norm() > 1e-9 {
-        return Err(Failure::usage(
-            "--out writes where the spindle lies, which needs the head at home (axis along z); elsewhere use --add-pose and volcomp identify ram",
+        return Err(usage!(
+            "--out writes where the spindle lies, which needs the head at home (axis along z); elsewhere use --add-pose and volcomp identify ram"
         ));
     }
     let mut model = args.model.base(|| default_chain([AxisName::S]))?;

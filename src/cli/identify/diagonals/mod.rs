@@ -27,20 +27,9 @@ use volcomp_model::{Chain, Component, Curve, ErrorFunction, ErrorSymbol, ModelSp
 use volcomp_units::axes::{AxisKind, AxisName, Travel};
 use volcomp_units::{arcsec_from_rad, mm_from_um, rad_from_arcsec, um_from_mm};
 
-/// What the help says beside the options.
-const HELP: &str = "A laser along each body diagonal of a box reads how much too long it is. From the four end-to-end \
-    values follow the three squarenesses, whatever the positioning errors are. Angular errors do not \
-    cancel: an angle that grows by 10 arcsec over the box feigns up to 5 arcsec of squareness, so the \
-    model with the angular curves is needed (--model) and its displacement is subtracted. Without it the \
-    command refuses, unless you accept and state a bound for the bias.\n\n\
-    Columns of --data: diagonal (ppp npp pnp ppn, signs of X Y Z), cycle, direction (1 out, -1 back), \
-    target_mm along the diagonal from 0 to its length, deviation_um; optional t_s. Measure out and back, \
-    or return once to 0 at the end: that takes the drift out. Three or more cycles give the noise.\n\n\
-    Example:\n  volcomp identify diagonals --data diagonals.csv --box-mm 800,450,400 --low-mm 0,0,-450 --model angles.toml --into angles.toml --out model.toml";
-
 /// Squareness of X, Y and Z from the displacements along four body diagonals (ISO 230-6).
 #[derive(Debug, clap::Args)]
-#[command(after_long_help = HELP)]
+#[command(after_long_help = include_str!("help.txt"))]
 pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,
@@ -87,7 +76,7 @@ impl Method for Args {
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
         let Some(path) = self.case.data(&self.data) else {
-            return Err(Failure::usage("give --data or --input"));
+            return Err(usage!("give --data or --input"));
         };
         Ok(Some(Box::new(Outcome::of(self, path)?)))
     }
@@ -116,15 +105,14 @@ struct Outcome<'a> {
 impl<'a> Outcome<'a> {
     fn of(args: &'a Args, path: &'a Path) -> Result<Self, Failure> {
         let Some(size) = args.box_mm else {
-            return Err(Failure::usage("--box-mm is missing; give the sides of the box"));
+            return Err(usage!("--box-mm is missing; give the sides of the box"));
         };
         let model_path = args.model.as_ref().or(args.out.into.as_ref());
         let spec = match model_path {
             Some(p) => read_model(p)?.0,
             None => {
                 let text = args.out.chain.clone().unwrap_or_else(|| default_chain([]));
-                let chain = Chain::parse(&text)
-                    .map_err(|e| Failure::usage(format_args!("--chain \"{text}\": {e}")))?;
+                let chain = Chain::parse(&text).map_err(|e| usage!("--chain \"{text}\": {e}"))?;
                 ModelSpec::new("unnamed", chain)
             }
         };
@@ -264,7 +252,7 @@ fn read_diagonals(path: &Path, length: f64) -> Result<Vec<RunReading>, Failure> 
     let columns = TestColumns::find(&table, &["diagonal", "t_s"])?;
     let time = table.find("t_s");
     if columns.kind == AxisKind::Rotary {
-        return Err(Failure::data(path, "a diagonal has target_mm and deviation_um, not angles"));
+        return Err(data!(path, "a diagonal has target_mm and deviation_um, not angles"));
     }
     let mut readings: Vec<RunReading> = Vec::new();
     while table.advance()? {

@@ -26,28 +26,9 @@ use volcomp_model::Component;
 use volcomp_units::axes::AxisName;
 use volcomp_units::{arcsec_from_rad, um_from_mm};
 
-/// What the help says beside the options.
-const HELP: &str = "A head sends two parallel beams to the carriage. PSD1 sees its pitch and yaw, the quadrant detectors \
-    QD2 (beam 1) and QD1 (beam 2) its sideways motion, PSD2 and PSD3 the drift of the beams' own \
-    pointing. Columns name the machine directions across the beam: y and z for axis X, z and x for Y, x \
-    and y for Z.\n\n\
-    The instrument is a file; signs, gains and noise may be left out, or come from a log of the resting \
-    carriage:\n\n\
-    \x20 format = \"volcomp-fivedof/1\"\n\
-    \x20 focal-mm = { psd1 = 230.1, psd2 = 231.3, psd3 = 206.5 }\n\
-    \x20 beam-1-mm = [-35, 8]        # corner cubes, from the point given with --point-mm\n\
-    \x20 beam-2-mm = [33, 8]\n\n\
-    Columns of --data: position_mm, distance_mm (head to carriage), psd1_y_um psd1_z_um psd2_y_um .. \
-    psd3_z_um qd1_y_um .. qd2_z_um, optional cycle, direction, level_arcsec (roll by a level; only at \
-    both ends, else empty).\n\n\
-    Columns of --resting: distance_mm and the channels, in order of time, at two or more distances; \
-    optional push_y_um push_z_um where the carriage was displaced by known amounts (that gives the signs \
-    of the quadrant detectors, too).\n\n\
-    Example:\n  volcomp identify fivedof --resting rest.csv --calibration head.toml --axis x --write-calibration cal.toml\n  volcomp identify fivedof --data x.csv --calibration cal.toml --axis x --sense carriage --chain \"[w X' b Y Z t]\" --point-mm 0,250,-600 --out model.toml";
-
 /// Straightness, roll, pitch and yaw of one axis from a 5-DOF laser with drift compensation.
 #[derive(Debug, clap::Args)]
-#[command(after_long_help = HELP)]
+#[command(after_long_help = include_str!("help.txt"))]
 pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,
@@ -153,7 +134,7 @@ impl Method for Args {
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
         let (Some(path), Some(axis)) = (&self.calibration, self.axis) else {
-            return Err(Failure::usage("give --data or --resting with --calibration and --axis, or --input"));
+            return Err(usage!("give --data or --resting with --calibration and --axis, or --input"));
         };
         let mut file = HeadFile::read(path)?;
         let calibration =
@@ -161,7 +142,7 @@ impl Method for Args {
         match (self.case.data(&self.data), calibration) {
             (Some(data), _) => Ok(Some(Box::new(Outcome::of(self, axis, data, file)?))),
             (None, Some(c)) => Ok(Some(printed(resting::json_of(&c), move || resting::print(axis, &c)))),
-            (None, None) => Err(Failure::usage("give --data, --resting or --input")),
+            (None, None) => Err(usage!("give --data, --resting or --input")),
         }
     }
 }
@@ -235,11 +216,9 @@ fn level_of(path: &Path, rows: &[Reading], levels: &[(f64, f64)]) -> Result<Leve
     };
     match (mean(low), mean(high)) {
         (Some(first), Some(last)) => Ok(Level::Read(last - first)),
-        _ => Err(Failure::data(
+        _ => Err(data!(
             path,
-            format_args!(
-                "level_arcsec must be read at both ends, {low} and {high} mm; read it there or leave the column out"
-            ),
+            "level_arcsec must be read at both ends, {low} and {high} mm; read it there or leave the column out"
         )),
     }
 }

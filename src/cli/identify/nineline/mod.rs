@@ -29,7 +29,7 @@ use volcomp_units::mm_from_um;
 /// An interferometer measures along lines parallel to the axis, its target on the carriage: displacement on three
 /// lines, one straightness on two of them, the other on one. More lines and readings are welcome: then the fit is tested.
 #[derive(Debug, clap::Args)]
-#[command(after_long_help = HELP)]
+#[command(after_long_help = include_str!("help.txt"))]
 pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,
@@ -57,18 +57,6 @@ pub(super) struct Args {
     #[command(flatten)]
     curves: CurveArgs,
 }
-
-const HELP: &str = "\
-Files (CSV; BOM, CRLF, blank lines and # comments are fine):
-  --lines  line,x_mm,y_mm,z_mm       carriage coordinates of the target while that line was measured
-  --data   position_mm[,cycle][,direction], then LINE_dx_um, LINE_dy_um, LINE_dz_um (actual minus nominal);
-           an empty field is no reading. Files are joined by position, cycle and direction.
-
-Example, lines 1 2 3, displacement on all, y on 1 and 2, z on 1:
-  volcomp identify nineline --axis x --lines lines.csv --data x.csv --noise-um 0.3 --out model.toml
-
-Signs: readings along M, right-handed angles. A carriage on the workpiece side (X' in the chain) is measured by its own
-motion; the model gets the motion of the tool relative to it, which is minus that.";
 
 /// The readings of one stop.
 struct Stop {
@@ -114,11 +102,11 @@ impl Method for Args {
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
         let data = self.case.all(&self.data);
         let (Some(lines), Some(axis), false) = (&self.lines, self.axis, data.is_empty()) else {
-            return Err(Failure::usage("give --lines, --axis and --data, or --input with a case"));
+            return Err(usage!("give --lines, --axis and --data, or --input with a case"));
         };
         let Some(sigma) = self.noise_um else {
-            return Err(Failure::usage(
-                "--noise-um is missing: without it the uncertainty of six readings is unknown",
+            return Err(usage!(
+                "--noise-um is missing: without it the uncertainty of six readings is unknown"
             ));
         };
         let straightness = self.sigma_straightness_um.unwrap_or(sigma);
@@ -172,7 +160,7 @@ fn read_lines(path: &Path) -> Result<Vec<(String, Vec3)>, Failure> {
         lines.push((word, row.point(at)?));
         Ok(())
     })?;
-    if lines.is_empty() { Err(Failure::data(path, "no lines below the header")) } else { Ok(lines) }
+    if lines.is_empty() { Err(data!(path, "no lines below the header")) } else { Ok(lines) }
 }
 
 fn read_readings(
@@ -202,7 +190,7 @@ fn read_readings(
         }
         Ok(())
     })?;
-    if stops.all.is_empty() { Err(Failure::data(path, "no data rows")) } else { Ok(()) }
+    if stops.all.is_empty() { Err(data!(path, "no data rows")) } else { Ok(()) }
 }
 
 /// Positions of two files closer than this (mm) are the same stop.

@@ -28,7 +28,7 @@ use volcomp_units::{mm_from_um, rad_from_arcsec};
 /// At every position of the ram the head takes several poses C, A; tip and tool direction are measured at each, for
 /// example by two circles. The head's own errors are taken off by a model of the head.
 #[derive(Debug, clap::Args)]
-#[command(after_long_help = HELP)]
+#[command(after_long_help = include_str!("help.txt"))]
 pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,
@@ -69,17 +69,6 @@ pub(super) struct Args {
     curves: CurveArgs,
 }
 
-const HELP: &str = "\
-File (CSV), actual minus nominal, in M; dir is a difference of unit vectors (tip to spindle):
-  [z_mm,][cycle,][direction,]c_deg,a_deg,tip_x_um,tip_y_um,tip_z_um,dir_x_arcsec,dir_y_arcsec,dir_z_arcsec
-Rows of equal z_mm, cycle and direction belong together. volcomp identify circles --add-pose writes such rows.
-
-Example:
-  volcomp identify ram --data poses.csv --a-axis-mm 0,0,-180 --tool-length-mm 320 --sigma-position-um 2 \\
-    --sigma-direction-arcsec 2 --head head.toml --into model.toml
-
-One pose leaves the rotation about the tool axis free and is refused; --prior-std-arcsec fixes it.";
-
 /// The poses at one position of the ram.
 struct Stop {
     position: f64,
@@ -101,13 +90,11 @@ impl Method for Args {
         let (data, axis) = (self.case.all(&self.data), self.axis);
         let (Some(a_axis), Some(tool_length), false) = (self.a_axis_mm, self.tool_length_mm, data.is_empty())
         else {
-            return Err(Failure::usage(
-                "give --data, --a-axis-mm and --tool-length-mm, or --input with a case",
-            ));
+            return Err(usage!("give --data, --a-axis-mm and --tool-length-mm, or --input with a case"));
         };
         let (Some(position), Some(direction)) = (self.sigma_position_um, self.sigma_direction_arcsec) else {
-            return Err(Failure::usage(
-                "--sigma-position-um and --sigma-direction-arcsec are needed: they weigh tips against directions",
+            return Err(usage!(
+                "--sigma-position-um and --sigma-direction-arcsec are needed: they weigh tips against directions"
             ));
         };
         let head = Head { a_axis, tool_length };
@@ -128,9 +115,7 @@ impl Method for Args {
         }
         let base = self.curves.model.base(|| default_chain([axis, AxisName::C, AxisName::A]))?;
         if base.spec.is_workpiece_side(axis) {
-            return Err(Failure::usage(format_args!(
-                "axis {axis} is on the workpiece side of the chain; a ram bears the tool"
-            )));
+            return Err(usage!("axis {axis} is on the workpiece side of the chain; a ram bears the tool"));
         }
         let files = data.iter().chain(&self.head).chain(&self.prior).cloned().collect();
         let origin = Origin { axis, reference: self.reference_mm, method: "ram", files };

@@ -4,8 +4,8 @@
 use std::path::PathBuf;
 
 use crate::Failure;
-use crate::arg_parsers::point;
-use crate::fit::basis::SimpleBasis;
+use crate::arg_parsers::{one_of, point};
+use crate::fit::basis::{Auto, BASES};
 use crate::fit::report::{Fitted, print_notes, table};
 use crate::model_writer::{ModelWriter, Sources, axis_entry, data_error, default_chain, put};
 use crate::units::Units;
@@ -27,11 +27,11 @@ pub(in crate::identify) struct AxisWriter {
     pub(in crate::identify) model: ModelWriter,
     /// Whose motion the readings show. carriage: the optics ride on the carriage and the instrument stands on the bed
     /// side. relative: tool side against workpiece side. Needed where the axis carries the workpiece.
-    #[arg(long, value_enum)]
-    sense: Option<SenseArg>,
+    #[arg(long, value_parser = one_of(SENSES))]
+    sense: Option<Sense>,
     /// In which sense the curves are stored; default: that of the axis in the model, else relative.
-    #[arg(long, value_enum)]
-    store: Option<SenseArg>,
+    #[arg(long, value_parser = one_of(SENSES))]
+    store: Option<Sense>,
     /// Where the optics was: the point of all linear components, in M at home.
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     point_mm: Option<Vec3>,
@@ -42,43 +42,25 @@ pub(in crate::identify) struct AxisWriter {
     #[arg(long, value_name = "X,Y,Z", value_parser = point, allow_hyphen_values = true)]
     bryan_mm: Option<Vec3>,
     /// The body on which these points ride: optics on the moving part, or standing with the bed side.
-    #[arg(long, value_enum, default_value = "carriage")]
-    body: BodyArg,
+    #[arg(long, value_parser = one_of(BODIES), default_value = "carriage")]
+    body: ReferenceBody,
     /// Line that the straightnesses refer to; all curves of a machine must use one rule.
-    #[arg(long, value_enum, default_value = "end-point")]
-    rule: RuleArg,
+    #[arg(long, value_parser = one_of(RULES), default_value = "end-point")]
+    pub(super) rule: Rule,
     /// Family of curves.
-    #[arg(long, value_enum, default_value = "auto")]
-    basis: SimpleBasis,
+    #[arg(long, value_parser = one_of(BASES), default_value = "auto")]
+    basis: Auto<Basis>,
 }
 
-#[derive(Debug, Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
-enum SenseArg {
-    Carriage,
-    Relative,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum BodyArg {
-    Carriage,
-    Bed,
-}
-
-#[derive(Debug, Clone, Copy, clap::ValueEnum)]
-enum RuleArg {
-    EndPoint,
-    LeastSquares,
-    MinimumZone,
-}
-
-impl From<SenseArg> for Sense {
-    fn from(arg: SenseArg) -> Self {
-        match arg {
-            SenseArg::Carriage => Self::Carriage,
-            SenseArg::Relative => Self::Relative,
-        }
-    }
-}
+const SENSES: &[(&str, &str, Sense)] =
+    &[("carriage", "", Sense::Carriage), ("relative", "", Sense::Relative)];
+const BODIES: &[(&str, &str, ReferenceBody)] =
+    &[("carriage", "", ReferenceBody::Carriage), ("bed", "", ReferenceBody::Bed)];
+const RULES: &[(&str, &str, Rule)] = &[
+    ("end-point", "", Rule::EndPoint),
+    ("least-squares", "", Rule::LeastSquares),
+    ("minimum-zone", "", Rule::MinimumZone),
+];
 
 /// Readings of one error motion over the programmed coordinate, in the sense in which they were measured.
 pub(in crate::identify) struct Measured {
@@ -102,15 +84,6 @@ pub(in crate::identify) struct Origin {
 }
 
 impl AxisWriter {
-    /// The rule of the reference line.
-    pub(in crate::identify) const fn rule(&self) -> Rule {
-        match self.rule {
-            RuleArg::EndPoint => Rule::EndPoint,
-            RuleArg::LeastSquares => Rule::LeastSquares,
-            RuleArg::MinimumZone => Rule::MinimumZone,
-        }
-    }
-
     /// The points at which the three linear components of a run were measured, where stated.
     pub(in crate::identify) fn points(&self, axis: AxisName) -> [Option<Vec3>; 3] {
         std::array::from_fn(|i| {
@@ -120,8 +93,8 @@ impl AxisWriter {
     }
 
     /// True where the points stay with the bed side.
-    pub(in crate::identify) const fn on_bed(&self) -> bool {
-        matches!(self.body, BodyArg::Bed)
+    pub(in crate::identify) fn on_bed(&self) -> bool {
+        self.body == ReferenceBody::Bed
     }
 
     /// Fits the readings and writes the model; returns the table of the fits. `moved` is the point at which the components
@@ -136,9 +109,7 @@ impl AxisWriter {
         let mut model = self.model.base(|| default_chain([axis]))?;
         if model.spec.chain.index_of(axis).is_none() {
             let chain = &model.spec.chain;
-            return Err(Failure::usage(format_args!(
-                "axis {axis} is not in the chain {chain}; correct --axis or --chain"
-            )));
+            return Err(usage!("axis {axis} is not in the chain {chain}; correct --axis or --chain"));
         }
         let primed = model.spec.is_workpiece_side(axis);
         let symbols: Vec<ErrorSymbol> = measured.iter().map(|m| m.symbol(axis)).collect();
@@ -146,7 +117,7 @@ impl AxisWriter {
         let sources = Sources::of(&origin.files);
         let mut fitted = Vec::with_capacity(measured.len());
         for (m, symbol) in measured.iter().zip(symbols) {
-            let mut readings = gauged(m.readings.clone(), m.component, axis, self.rule());
+            let mut readings = gauged(m.readings.clone(), m.component, axis, self.rule);
             if primed {
                 readings = stored_readings(readings, measured_sense, stored);
             }
@@ -157,7 +128,7 @@ impl AxisWriter {
             }
             // only a table holds two directions
             let both = Some(Basis::Table).filter(|_| judged.keeps_both());
-            let request = Request { basis: self.basis.basis().or(both), ..Request::default() };
+            let request = Request { basis: self.basis.or(both), ..Request::default() };
             let fit = curve::fit(&readings, &request)
                 .map_err(|e| data_error(&origin.files, format_args!("{symbol}: {e}")))?;
             let std = fit.figures.rmse_dof.into_iter().chain(m.std).reduce(f64::max);
@@ -174,7 +145,7 @@ impl AxisWriter {
         comment.push(format!(
             "axis {axis}: measured in the {} sense, straightness about the {} line",
             name_of(measured_sense),
-            self.rule().name().replace('_', "-")
+            self.rule.name().replace('_', "-")
         ));
         self.model.write(&model, &comment, &origin.files)?;
         Ok(table(&fitted))
@@ -189,24 +160,24 @@ impl AxisWriter {
         replaced: &[ErrorSymbol],
     ) -> Result<(Sense, Sense), Failure> {
         let measured = match self.sense {
-            Some(sense) => sense.into(),
+            Some(sense) => sense,
             None if !primed => Sense::Relative,
             None => {
-                return Err(Failure::usage(format_args!(
+                return Err(usage!(
                     "axis {axis} carries the workpiece, so its readings have opposite signs in the two senses; say --sense carriage (optics on the carriage, instrument on the bed side) or --sense relative (tool side against workpiece side)"
-                )));
+                ));
             }
         };
         let entry = spec.axis(axis);
         let others = spec.errors.iter().any(|(s, _)| {
             matches!(s, ErrorSymbol::Motion { axis: a, .. } if *a == axis) && !replaced.contains(s)
         });
-        let stored = self.store.map_or(entry.sense, Sense::from);
+        let stored = self.store.unwrap_or(entry.sense);
         if others && stored != entry.sense {
-            return Err(Failure::usage(format_args!(
+            return Err(usage!(
                 "axis {axis} of the model has other error motions in the {} sense; all six share one sense: leave --store out",
                 name_of(entry.sense)
-            )));
+            ));
         }
         Ok((measured, stored))
     }
@@ -221,8 +192,7 @@ impl AxisWriter {
         stored: Sense,
     ) {
         let points = self.points(axis).map(|p| moved.or(p));
-        let body =
-            if self.on_bed() && moved.is_none() { ReferenceBody::Bed } else { ReferenceBody::Carriage };
+        let body = if moved.is_none() { self.body } else { ReferenceBody::Carriage };
         let entry = axis_entry(spec, axis);
         entry.sense = stored;
         for f in fitted.iter().filter(|f| !f.symbol.is_angle()) {

@@ -16,7 +16,7 @@ use super::method::{Found, Front, Method, printed};
 use crate::arg_parsers::{linear_axis, point};
 use crate::files::write_text;
 use crate::units::{Units, column, key};
-use crate::{EX_CONFIG, EX_DATAERR, Failure};
+use crate::{EX_CONFIG, Failure};
 use volcomp_identify::Reading;
 use volcomp_identify::straightness::signs::{Channel, SignTable, TiltFound};
 use volcomp_identify::straightness::{Line, Rule, levers};
@@ -25,31 +25,9 @@ use volcomp_model::{Component, ErrorSymbol};
 use volcomp_units::axes::AxisName;
 use volcomp_units::{arcsec_from_rad, um_from_mm};
 
-/// What the help says beside the options.
-const HELP: &str = "The instrument reads distance, horizontal and vertical straightness, roll, pitch and yaw in its own \
-    directions and signs. A sign table says what each channel is in the machine:\n\n\
-    \x20 format = \"volcomp-6d/1\"\n\
-    \x20 instrument = \"six-axis laser, no 123\"\n\
-    \x20 [x]                       # set-up along X\n\
-    \x20 distance = \"+x\"\n\
-    \x20 horizontal = \"-y\"\n\
-    \x20 vertical = \"+z\"\n\
-    \x20 roll = \"-a\"\n\
-    \x20 pitch = \"+b\"\n\
-    \x20 yaw = \"-c\"\n\n\
-    Angles of a right-handed instrument follow from its lengths; the table is checked for that. A tilt \
-    test proves the signs: tilt the optics by known angles and give the readings with --tilt-test.\n\n\
-    Columns of --data: position_mm, optional cycle and direction (1 towards plus, -1 towards minus), and \
-    the channels distance_um horizontal_um vertical_um roll_arcsec pitch_arcsec yaw_arcsec (those that \
-    the instrument has); or, already in machine directions and without a sign table, the errors \
-    themselves: eyx_um, ebx_arcsec.\n\n\
-    Columns of --tilt-test: applied_ea_arcsec applied_eb_arcsec applied_ec_arcsec, optional \
-    applied_ex_um .. , and the channels.\n\n\
-    Example:\n  volcomp identify straightness --data x.csv --axis x --signs sixd.toml --tilt-test tilt.csv --chain \"[w X' b Y Z t]\" --sense carriage --point-mm 0,250,-620 --out model.toml";
-
 /// Straightness and angles of one axis from a 6D interferometer, about three reference lines.
 #[derive(Debug, clap::Args)]
-#[command(after_long_help = HELP)]
+#[command(after_long_help = include_str!("help.txt"))]
 pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,
@@ -117,7 +95,7 @@ impl Method for Args {
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
         let tilts = self.tilt_test.as_deref().map(read_tilt_test).transpose()?;
         let Some(axis) = self.axis else {
-            return Err(Failure::usage("--axis is missing; say which axis moved"));
+            return Err(usage!("--axis is missing; say which axis moved"));
         };
         let mut signs = self.signs.as_deref().map(SignFile::read).transpose()?;
         if let Some(found) = &tilts {
@@ -127,7 +105,7 @@ impl Method for Args {
         let Some(data) = self.case.data(&self.data) else {
             return match tilts {
                 Some(_) => Ok(None),
-                None => Err(Failure::usage("give --data, --tilt-test or --input")),
+                None => Err(usage!("give --data, --tilt-test or --input")),
             };
         };
         let run = read_run(data, axis, self, signs.as_ref())?;
@@ -161,8 +139,7 @@ impl ErrorFigures {
         let mut lines = Vec::new();
         if !symbol.is_angle() && m.component.index() != axis.direction() {
             for rule in Rule::ALL {
-                let line = Line::fit(&x, &y, rule)
-                    .map_err(|e| Failure::new(EX_DATAERR, format_args!("error: {symbol}: {e}")))?;
+                let line = Line::fit(&x, &y, rule).map_err(|e| data!(symbol.to_string(), "{e}"))?;
                 lines.push((rule, line));
             }
         }
@@ -199,7 +176,7 @@ impl Found for Outcome<'_> {
                 let width = if *rule == Rule::LeastSquares { 13 } else { 11 };
                 row.push_str(&format!("{:>width$.2} um", um_from_mm(line.straightness)));
             }
-            if let Some((_, line)) = lines.iter().find(|(rule, _)| *rule == self.args.out.rule()) {
+            if let Some((_, line)) = lines.iter().find(|(rule, _)| *rule == self.args.out.rule) {
                 row.push_str(&format!("{:>9.2} arcsec", arcsec_from_rad(line.slope)));
             }
             say!("{row}");
@@ -209,6 +186,10 @@ impl Found for Outcome<'_> {
     fn write(&self) -> Result<String, Failure> {
         self.args.out.write(self.axis, &self.run, self.args.base_point_mm, &self.origin)
     }
+}
+
+fn mistake(what: impl core::fmt::Display) -> Failure {
+    Failure::new(EX_CONFIG, format_args!("error: {what}"))
 }
 
 /// Compares a tilt test with the table, or makes the table from it.
@@ -235,22 +216,16 @@ fn confirm(
         let Some(f) = f else { continue };
         match slot {
             Some(a) if *a != f.assignment => {
-                return Err(Failure::new(
-                    EX_CONFIG,
-                    format_args!(
-                        "error: [{}] {} = \"{a}\" in the sign table, but the tilt test shows \"{}\" (gain {:.2} +- {:.2}); correct the table",
-                        axis.lower(),
-                        channel.name(),
-                        f.assignment,
-                        f.gain,
-                        f.gain_std
-                    ),
-                ));
+                let (name, section, TiltFound { assignment, gain, gain_std }) =
+                    (channel.name(), axis.lower(), f);
+                return Err(mistake(format_args!(
+                    "[{section}] {name} = \"{a}\" in the sign table, but the tilt test shows \"{assignment}\" (gain {gain:.2} +- {gain_std:.2}); correct the table"
+                )));
             }
             _ => *slot = Some(f.assignment),
         }
     }
-    table.check(axis).map_err(|e| Failure::new(EX_CONFIG, format_args!("error: {tilt_name}: {e}")))?;
+    table.check(axis).map_err(|e| mistake!(tilt_name, "{e}"))?;
     file.put(SetUp { axis, table, tilt_test: Some(tilt_name) });
     if !table.is_right_handed() {
         note!(
@@ -268,8 +243,8 @@ fn confirm(
 fn table_for(args: &Args, axis: AxisName, signs: Option<&SignFile>) -> Result<SignTable, Failure> {
     let path = args.signs.as_deref().or(args.tilt_test.as_deref()).unwrap_or(Path::new("--signs"));
     let Some(file) = signs else {
-        return Err(Failure::usage(
-            "these are channels of an instrument with unknown signs: give a sign table with --signs (see --help)",
+        return Err(usage!(
+            "these are channels of an instrument with unknown signs: give a sign table with --signs (see --help)"
         ));
     };
     let set_up = file.set_up(axis, path)?;
@@ -283,14 +258,11 @@ fn table_for(args: &Args, axis: AxisName, signs: Option<&SignFile>) -> Result<Si
             .filter(|(_, p)| *p == Some(false))
             .map(|(c, _)| c.name())
             .collect();
-        return Err(Failure::new(
-            EX_CONFIG,
-            format_args!(
-                "error: {}: [{}] is not a rotation of axes: {} would turn against a right-handed frame; correct the sign, or prove it with --tilt-test",
-                path.display(),
-                axis.lower(),
-                wrong.join(", ")
-            ),
+        return Err(mistake!(
+            path,
+            "[{}] is not a rotation of axes: {} would turn against a right-handed frame; correct the sign, or prove it with --tilt-test",
+            axis.lower(),
+            wrong.join(", ")
         ));
     }
     note!(
@@ -339,12 +311,9 @@ impl Readings {
             && let Some(i) = (0..6).find(|i| has[*i] && t.channels[*i].is_none())
         {
             let (name, section) = (Channel::ALL[i].name(), axis.lower());
-            return Err(Failure::new(
-                EX_CONFIG,
-                format_args!(
-                    "error: the data have {name}, section [{section}] of the sign table does not assign it; add {name} = \"..\""
-                ),
-            ));
+            return Err(mistake(format_args!(
+                "the data have {name}, section [{section}] of the sign table does not assign it; add {name} = \"..\""
+            )));
         }
         // a channel of the table that the data do not have says nothing
         let signs =
@@ -402,21 +371,21 @@ fn move_to_base(
         let mut full = [0.0; 6];
         for (i, (slot, value)) in full.iter_mut().zip(*motion).enumerate() {
             if i < 3 && value.is_some() && points[i].is_none() {
-                return Err(Failure::usage(
-                    "--base-point-mm needs to know where the optics was: give --point-mm, or --abbe-mm and --bryan-mm",
+                return Err(usage!(
+                    "--base-point-mm needs to know where the optics was: give --point-mm, or --abbe-mm and --bryan-mm"
                 ));
             }
             if i >= 3 && value.is_none() {
-                return Err(Failure::usage(format_args!(
+                return Err(usage!(
                     "--base-point-mm needs all three angles, {} was not measured",
                     ErrorSymbol::Motion { component: Component::ALL[i], axis }
-                )));
+                ));
             }
             *slot = value.unwrap_or(0.0);
         }
         if args.out.on_bed() {
-            return Err(Failure::usage(
-                "--base-point-mm moves points that ride on the carriage; points with --body bed are stored as they are, without loss",
+            return Err(usage!(
+                "--base-point-mm moves points that ride on the carriage; points with --body bed are stored as they are, without loss"
             ));
         }
         let from = points.map(Option::unwrap_or_default);

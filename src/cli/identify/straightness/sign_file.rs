@@ -3,9 +3,9 @@
 use std::io::BufRead;
 use std::path::Path;
 
+use crate::Failure;
 use crate::identify::columns::{self, Column, Columns};
 use crate::input::{self, InputKind};
-use crate::{EX_CONFIG, Failure};
 use volcomp_identify::straightness::signs::{
     Assignment, Channel, SignTable, TiltFound, TiltReading, tilt_test,
 };
@@ -55,10 +55,6 @@ pub(super) struct SignFile {
     pub(super) set_ups: Vec<SetUp>,
 }
 
-fn bad(path: &Path, what: impl core::fmt::Display) -> Failure {
-    Failure::new(EX_CONFIG, format_args!("error: {}: {what}", path.display()))
-}
-
 impl SignFile {
     /// Reads and checks a file; every set-up must be a proper mapping and all must have the parity of one instrument.
     pub(super) fn read(path: &Path) -> Result<Self, Failure> {
@@ -67,10 +63,10 @@ impl SignFile {
     }
 
     fn parse(path: &Path, text: &str) -> Result<Self, Failure> {
-        let wire: FileWire = toml::from_str(text).map_err(|e| bad(path, e))?;
+        let wire: FileWire = toml::from_str(text).map_err(|e| mistake!(path, "{e}"))?;
         if wire.format != FORMAT {
             let what = format!("format is \"{}\", expected \"{FORMAT}\"", wire.format);
-            return Err(bad(path, what));
+            return Err(mistake!(path, "{what}"));
         }
         let mut file = Self { instrument: wire.instrument, set_ups: Vec::new() };
         let set_ups = [
@@ -90,15 +86,15 @@ impl SignFile {
                 let Some(word) = word else { continue };
                 let shape = if channel.is_angle() { "\"+a\", \"-b\"" } else { "\"+x\", \"-y\"" };
                 *slot = Some(Assignment::parse(word).ok_or_else(|| {
-                    let what = format_args!(
+                    mistake!(
+                        path,
                         "[{section}] {} = \"{word}\": write a sign and a direction, such as {shape}",
                         channel.name()
-                    );
-                    bad(path, what)
+                    )
                 })?);
             }
             let table = SignTable { channels };
-            table.check(axis).map_err(|e| bad(path, format_args!("[{section}] {e}")))?;
+            table.check(axis).map_err(|e| mistake!(path, "[{section}] {e}"))?;
             file.set_ups.push(SetUp { axis, table, tilt_test: s.tilt_test });
         }
         file.one_parity(path)?;
@@ -119,7 +115,7 @@ impl SignFile {
                             s.axis.lower(),
                             Channel::ALL[i + 3].name()
                         );
-                        return Err(bad(path, what));
+                        return Err(mistake!(path, "{what}"));
                     }
                     _ => known = Some((s.axis, parity)),
                 }
@@ -131,7 +127,7 @@ impl SignFile {
     /// The set-up of an axis.
     pub(super) fn set_up(&self, axis: AxisName, path: &Path) -> Result<&SetUp, Failure> {
         self.set_ups.iter().find(|s| s.axis == axis).ok_or_else(|| {
-            bad(path, format_args!("no section [{}] for the set-up along axis {axis}; add it", axis.lower()))
+            mistake!(path, "no section [{}] for the set-up along axis {axis}; add it", axis.lower())
         })
     }
 
@@ -210,6 +206,7 @@ pub(super) fn read_tilt_test(path: &Path) -> Result<[Option<TiltFound>; 6], Fail
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::EX_CONFIG;
 
     const GOOD: &str = "format = \"volcomp-6d/1\"\ninstrument = \"6D 123\"\n\n[x]\ndistance = \"+x\"\nhorizontal = \"+y\"\n\
         vertical = \"+z\"\nroll = \"+a\"\npitch = \"+b\"\nyaw = \"+c\"\ntilt-test = \"tilt.csv\"\n";

@@ -24,7 +24,7 @@ use volcomp_units::axes::AxisName;
 /// The carriage stands still at positions of its axis, all other axes at home; at each the tracker measures every
 /// point. The points move like a rigid body: from three that are not on a line follow displacement and rotation.
 #[derive(Debug, clap::Args)]
-#[command(after_long_help = HELP)]
+#[command(after_long_help = include_str!("help.txt"))]
 pub(super) struct Args {
     #[command(flatten)]
     case: CaseArgs,
@@ -56,23 +56,6 @@ pub(super) struct Args {
     curves: CurveArgs,
 }
 
-const HELP: &str = "\
-Files (CSV; BOM, CRLF, blank lines and # comments are fine):
-  --points        point,x_mm,y_mm,z_mm
-  --data          position_mm[,cycle][,direction], then per point of the points file
-                  NAME_x_mm,NAME_y_mm,NAME_z_mm  or  NAME_range_mm,NAME_azimuth_deg,NAME_elevation_deg;
-                  three empty fields: the point was not seen at this position
-  --registration  point,machine_x_mm,machine_y_mm,machine_z_mm and x_mm,y_mm,z_mm (or range, azimuth, elevation)
-
-Example:
-  volcomp identify threepoint --axis x --points points.csv --data x.csv --registration ref.csv \\
-    --sigma-range-um 2 --sigma-angle-arcsec 0.5 --chain \"[w X' b Y Z t]\" --machine vmc-850 --out model.toml
-  volcomp identify threepoint --plan --target-arcsec 0.7 --angles ec --axis x --points points.csv --travel-mm 0,850 \\
-    --tracker-mm 2600,250,-450 --sigma-range-um 0.5 --sigma-angle-arcsec 0.75 --chain \"[w X' b Y Z t]\"
-
-Signs: right-handed angles, ex ey ez along M. For a carriage on the workpiece side (X' in the chain) the tracker sees
-its own motion; the model gets the motion of the tool relative to it, which is minus that.";
-
 impl Method for Args {
     fn front(&self) -> Front<'_> {
         self.curves.front(&self.case)
@@ -88,16 +71,14 @@ impl Method for Args {
         }
         let data = self.case.all(&self.data);
         if data.is_empty() {
-            return Err(Failure::usage("--input, --data or --plan is missing"));
+            return Err(usage!("--input, --data or --plan is missing"));
         }
         let frame = self.tracker.frame()?;
         if self.rigidity {
             return rigidity(data, &frame).map(Some);
         }
         let (Some(points), Some(axis)) = (&self.points, self.axis) else {
-            return Err(Failure::usage(
-                "--points and --axis are needed (or --rigidity, which needs neither)",
-            ));
+            return Err(usage!("--points and --axis are needed (or --rigidity, which needs neither)"));
         };
         let named = read::points(points)?;
         let mut shots = Vec::new();

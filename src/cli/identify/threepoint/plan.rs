@@ -60,14 +60,12 @@ pub(super) fn run(args: &Args) -> Result<Box<dyn Found + '_>, Failure> {
     let (Some(points), Some(axis), Some([low, high]), Some(station), Some(target)) =
         (&args.points, args.axis, p.travel_mm, args.tracker.station(), p.target_arcsec)
     else {
-        return Err(Failure::usage(
-            "--plan needs --points, --axis, --travel-mm, --tracker-mm and --target-arcsec",
-        ));
+        return Err(usage!("--plan needs --points, --axis, --travel-mm, --tracker-mm and --target-arcsec"));
     };
     let noise = args
         .tracker
         .stated_noise()
-        .ok_or_else(|| Failure::usage("--plan needs --sigma-range-um and --sigma-angle-arcsec"))?;
+        .ok_or_else(|| usage!("--plan needs --sigma-range-um and --sigma-angle-arcsec"))?;
     let base = args.curves.model.base(|| default_chain([axis]))?;
     let named = read::points(points)?;
     let step = (high - low) / f64::from(p.stops - 1);

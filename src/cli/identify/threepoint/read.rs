@@ -27,7 +27,7 @@ pub(super) fn points(path: &Path) -> Result<Vec<(String, Vec3)>, Failure> {
         points.push((word, row.point(at)?));
         Ok(())
     })?;
-    if points.is_empty() { Err(Failure::data(path, "no points below the header")) } else { Ok(points) }
+    if points.is_empty() { Err(data!(path, "no points below the header")) } else { Ok(points) }
 }
 
 /// The rows of a measured file.
