@@ -226,9 +226,7 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(path) = &args.json {
         write_text(path, &json_report(&fitted))?;
     }
-    for path in args.pictures.paths() {
-        picture::write(path, &fitted)?;
-    }
+    args.pictures.write(|| picture::svg(&fitted), || picture::page(&fitted))?;
     print_notes(&fitted);
     fitted.iter().flat_map(outlier_lines).for_each(|line| note!("outlier: {line}"));
     if !stdout_taken(&args.model, args.json.as_deref()) {

@@ -1,12 +1,13 @@
 //! `volcomp fit thermal`: a recording of temperatures, speeds and a displacement to a growth of the model file.
 
-use std::path::{Path, PathBuf};
+use std::path::PathBuf;
 
 use clap::Parser;
 use plotters::prelude::*;
 use serde_json::{Value, json};
 
-use super::picture::{PictureArgs, PicturePath};
+use super::picture::PictureArgs;
+use crate::Failure;
 use crate::arg_parsers::{above_zero, not_negative};
 use crate::files::write_text;
 use crate::model_writer::{ModelWriter, Sources};
@@ -14,7 +15,6 @@ use crate::report::Page;
 use crate::report::page::Cell;
 use crate::report::plot::{self, Axes, Key};
 use crate::table::{self, Table};
-use crate::{EX_SOFTWARE, Failure};
 use volcomp_estimate::Quantity;
 use volcomp_identify::thermal::{Input, Request, ThermalFit, fit};
 use volcomp_model::ErrorSymbol;
@@ -123,9 +123,8 @@ pub(super) fn run(args: &Args) -> Result<(), Failure> {
     if let Some(path) = &args.json {
         write_text(path, &format!("{:#}\n", report(&name, &found)))?;
     }
-    for path in args.pictures.paths() {
-        draw(path, args, &recording, &found)?;
-    }
+    let column = &args.displacement;
+    args.pictures.write(|| svg(column, &recording, &found), || page(column, &recording, &found))?;
     if !super::stdout_taken(&args.model, args.json.as_deref()) {
         figures(&found).iter().for_each(|[what, value]| say!("{what:<58}{value:>12}"));
     }
@@ -267,24 +266,14 @@ fn report(name: &str, found: &ThermalFit) -> Value {
 /// More points than this are drawn thinned out.
 const POINTS: usize = 4000;
 
-fn draw(path: &PicturePath, args: &Args, recording: &Recording, found: &ThermalFit) -> Result<(), Failure> {
-    let failed = |e: Box<dyn std::error::Error>| {
-        Failure::new(EX_SOFTWARE, format_args!("error: the picture cannot be drawn: {e}"))
-    };
-    let picture = svg(&args.displacement, recording, found).map_err(failed)?;
-    let (file, is_page): (&Path, bool) = path.parts();
-    if !is_page {
-        return write_text(file, &picture);
-    }
-    let mut page = Page::new(&format!("Thermal displacement: {}", args.displacement));
-    page.figure(
-        &picture,
-        "Measured and predicted; right of the line the recording was not known to the fit.",
-    );
-    let rows: Vec<Vec<Cell>> =
-        figures(found).into_iter().map(|[what, value]| vec![Cell::text(what), Cell::number(value)]).collect();
+fn page(column: &str, recording: &Recording, found: &ThermalFit) -> plot::Svg {
+    let mut page = Page::new(&format!("Thermal displacement: {column}"));
+    let words = "Measured and predicted; right of the line the recording was not known to the fit.";
+    page.figure(&svg(column, recording, found)?, words);
+    let row = |[what, value]: [String; 2]| vec![Cell::text(what), Cell::number(value)];
+    let rows: Vec<Vec<Cell>> = figures(found).into_iter().map(row).collect();
     page.table(&[Cell::text("figure"), Cell::text("value")], &rows);
-    write_text(file, &page.finish())
+    Ok(page.finish())
 }
 
 fn svg(column: &str, recording: &Recording, found: &ThermalFit) -> plot::Svg {

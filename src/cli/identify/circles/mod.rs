@@ -1,15 +1,15 @@
 //! `volcomp identify circles`: two circles in space to tool axis and tip.
 
-mod case;
 mod out;
 
 use std::path::{Path, PathBuf};
 
+use serde::Deserialize;
 use serde_json::{Value, json};
 
 use super::case::{CaseArgs, CaseFile};
 use super::columns;
-use super::method::{Found, Front, Method};
+use super::method::{Found, Front, Method, printed};
 use super::tracker_points::{Frame, PointColumns, TrackerArgs};
 use crate::Failure;
 use crate::arg_parsers::{not_negative, point};
@@ -68,13 +68,39 @@ pub(super) struct Args {
     model: ModelWriter,
 }
 
+/// A case of the reference vectors.
+#[derive(Debug, Deserialize)]
+struct Case {
+    points_1: Vec<[f64; 3]>,
+    points_2: Vec<[f64; 3]>,
+    nominal_axis: [f64; 3],
+    tip_beyond_centre_2: f64,
+    sigma: Option<f64>,
+    /// Standard deviation of the offset between the frames of both circles, mm.
+    #[serde(default)]
+    sigma_registration: f64,
+}
+
 impl Method for Args {
     fn front(&self) -> Front<'_> {
         Front { writes_more: self.add_pose.is_some(), ..self.case.front(&self.model) }
     }
 
     fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>, Failure> {
-        case::run(file)
+        let case: Case = file.read()?;
+        let vectors = |points: &[[f64; 3]]| points.iter().map(|p| Vec3::from(*p)).collect::<Vec<_>>();
+        let (one, two) = (vectors(&case.points_1), vectors(&case.points_2));
+        let input = CirclesInput {
+            points_1: &one,
+            points_2: &two,
+            nominal_axis: Vec3::from(case.nominal_axis),
+            tip_beyond_centre_2: case.tip_beyond_centre_2,
+            sigma: case.sigma,
+            registration: case.sigma_registration,
+        };
+        let found = solve(&input).map_err(|e| file.bad(e))?;
+        let stated = case.sigma.is_some();
+        Ok(printed(json_of(&found, stated), move || print(&found, stated)))
     }
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {

@@ -1,24 +1,26 @@
 //! `volcomp identify nineline`: displacement and straightness along lines to six error motions.
 
-mod case;
 mod compare;
 
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::path::{Path, PathBuf};
 
+use serde::Deserialize;
 use serde_json::{Value, json};
 
 use self::compare::Comparison;
-use super::case::{CaseArgs, CaseFile};
+use super::case::{CaseArgs, CaseFile, refused, rows};
 use super::columns;
-use super::method::{Found, Front, Method};
+use super::method::{Found, Front, Method, printed};
 use super::motion_curves::{CurveArgs, Motions, Origin, Report};
 use crate::Failure;
 use crate::arg_parsers::{above_zero, linear_axis, point};
 use crate::model_writer::{data_error, default_chain};
+use crate::units::Units;
 use volcomp_identify::motion::MotionRow;
-use volcomp_identify::nineline::{LineReading, NineLine, solve};
+use volcomp_identify::nineline::{LineReading, NineLine, NineLineError, solve};
 use volcomp_identify::twist::moved;
+use volcomp_model::Component;
 use volcomp_model::geometry::Vec3;
 use volcomp_model::statistics::{SIGNIFICANT, chi_square_upper};
 use volcomp_units::axes::{AxisName, Travel};
@@ -90,13 +92,75 @@ impl Stops {
     }
 }
 
+/// A case of the reference vectors.
+#[derive(Debug, Deserialize)]
+struct Case {
+    lines_yz: Vec<[f64; 2]>,
+    x_target: f64,
+    readings: BTreeMap<String, f64>,
+    sigma: Option<f64>,
+}
+
+impl Case {
+    /// `dy2` is the displacement along y on the second line.
+    fn readings(&self) -> Result<Vec<LineReading>, String> {
+        let sigma = self.sigma.unwrap_or(1.0);
+        self.readings
+            .iter()
+            .map(|(name, value)| {
+                let unknown = || {
+                    format!(
+                        "reading {name}: write dx1, dy1, dz1 for the first of {} lines",
+                        self.lines_yz.len()
+                    )
+                };
+                let rest = name.strip_prefix('d').ok_or_else(unknown)?;
+                let direction =
+                    ["x", "y", "z"].iter().position(|d| rest.starts_with(d)).ok_or_else(unknown)?;
+                let line: usize = rest[1..].parse().map_err(|_| unknown())?;
+                let [y, z] = line.checked_sub(1).and_then(|i| self.lines_yz.get(i)).ok_or_else(unknown)?;
+                Ok(LineReading { target: Vec3::new(self.x_target, *y, *z), direction, value: *value, sigma })
+            })
+            .collect()
+    }
+}
+
+fn json_of(found: &NineLine, stated: bool) -> Value {
+    // without a stated noise this is the covariance for readings of unit variance
+    let covariance = if stated { "cov" } else { "cofactor" };
+    json!({
+        "E": found.motion.as_slice(),
+        "condition_scaled": found.condition_scaled,
+        "rank": 6,
+        "dof": found.dof,
+        "chi2": found.chi2,
+        covariance: rows(|at| found.covariance[at]),
+    })
+}
+
+fn print(found: &NineLine) {
+    for c in Component::ALL {
+        let units = Units::of_component(c);
+        say!("E{}{:>14.4}  {}", c.letter(), (units.of_value)(found.motion[c.index()]), units.value);
+    }
+    say!("condition {:.1}, {} degrees of freedom", found.condition_scaled, found.dof);
+}
+
 impl Method for Args {
     fn front(&self) -> Front<'_> {
         self.curves.front(&self.case)
     }
 
     fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>, Failure> {
-        case::run(file, self.case.json)
+        let case: Case = file.read()?;
+        let readings = case.readings().map_err(|e| file.bad(e))?;
+        match solve(&readings) {
+            Ok(found) => Ok(printed(json_of(&found, case.sigma.is_some()), move || print(&found))),
+            Err(ref e @ NineLineError::Deficient { rank, ref unobservable, .. }) if self.case.json => {
+                Ok(refused(json!({ "rank": rank, "unobservable": unobservable.as_slice() }), e))
+            }
+            Err(e) => Err(file.bad(e)),
+        }
     }
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {

@@ -1,14 +1,13 @@
 //! `volcomp identify ram`: tool poses at several positions of the head to the errors of the ram.
 
-mod case;
-mod read;
+use std::path::{Path, PathBuf};
 
-use std::path::PathBuf;
-
+use serde::Deserialize;
 use serde_json::{Value, json};
 
-use super::case::{CaseArgs, CaseFile, rows};
-use super::method::{Found, Front, Method};
+use super::case::{CaseArgs, CaseFile, refused, rows};
+use super::columns;
+use super::method::{Found, Front, Method, printed};
 use super::motion_curves::{CurveArgs, Motions, Origin, Report};
 use crate::Failure;
 use crate::arg_parsers::{above_zero, linear_axis, point};
@@ -16,11 +15,11 @@ use crate::files::read_model;
 use crate::model_writer::{data_error, default_chain};
 use crate::units::Units;
 use volcomp_identify::motion::MotionRow;
-use volcomp_identify::ram::{Head, Prior, RamFit, RamNoise, solve};
+use volcomp_identify::ram::{Head, HeadPose, Prior, RamError, RamFit, RamNoise, solve};
 use volcomp_model::geometry::Vec3;
 use volcomp_model::statistics::SIGNIFICANT;
-use volcomp_model::{Component, ModelSpec};
-use volcomp_units::axes::{AxisName, Travel};
+use volcomp_model::{Component, Model, ModelSpec};
+use volcomp_units::axes::{AxisKind, AxisName, Travel};
 use volcomp_units::{mm_from_um, rad_from_arcsec};
 
 /// Errors of the ram from tool poses at several positions of its two-axis head.
@@ -74,7 +73,47 @@ struct Stop {
     position: f64,
     cycle: u32,
     travel: Travel,
-    poses: Vec<volcomp_identify::ram::HeadPose>,
+    poses: Vec<HeadPose>,
+}
+
+/// A case of the reference vectors.
+#[derive(Debug, Deserialize)]
+struct Case {
+    head: CaseHead,
+    #[serde(default = "one")]
+    sigma_position: f64,
+    #[serde(default = "one")]
+    sigma_direction: f64,
+    poses: Vec<CasePose>,
+    prior: Option<CasePrior>,
+}
+
+#[derive(Debug, Deserialize)]
+#[expect(non_snake_case, reason = "the names of the reference vectors")]
+struct CaseHead {
+    A_axis_from_Z_reference: [f64; 3],
+    tool_length: f64,
+}
+
+#[derive(Debug, Deserialize)]
+#[expect(non_snake_case, reason = "the names of the reference vectors")]
+struct CasePose {
+    C: f64,
+    A: f64,
+    tip_position_error: [f64; 3],
+    tool_direction_error: [f64; 3],
+}
+
+/// Mean and standard deviations; a missing one (null) is not known.
+#[derive(Debug, Deserialize)]
+#[expect(non_snake_case, reason = "the names of the reference vectors")]
+struct CasePrior {
+    E: [f64; 6],
+    sigma: [Option<f64>; 6],
+}
+
+const fn one() -> f64 {
+    1.0
 }
 
 impl Method for Args {
@@ -83,7 +122,32 @@ impl Method for Args {
     }
 
     fn of_case(&self, file: CaseFile<'_>) -> Result<Box<dyn Found + '_>, Failure> {
-        case::run(file, self.case.json)
+        let case: Case = file.read()?;
+        let head = Head {
+            a_axis: Vec3::from(case.head.A_axis_from_Z_reference),
+            tool_length: case.head.tool_length,
+        };
+        let poses: Vec<HeadPose> = case
+            .poses
+            .iter()
+            .map(|p| HeadPose {
+                c: p.C,
+                a: p.A,
+                tip_error: Vec3::from(p.tip_position_error),
+                direction_error: Vec3::from(p.tool_direction_error),
+            })
+            .collect();
+        let noise = RamNoise { position: case.sigma_position, direction: case.sigma_direction };
+        let prior = case
+            .prior
+            .map(|p| Prior { mean: p.E.into(), std: p.sigma.map(|s| s.unwrap_or(f64::INFINITY)).into() });
+        match solve(&head, &poses, &noise, prior.as_ref()) {
+            Ok(fit) => Ok(printed(json_of(&fit), move || print(&fit))),
+            Err(ref e @ RamError::Deficient { rank, ref unobservable, .. }) if self.case.json => {
+                Ok(refused(json!({ "rank": rank, "unobservable": unobservable.as_slice() }), e))
+            }
+            Err(e) => Err(file.bad(e)),
+        }
     }
 
     fn of_data(&self) -> Result<Option<Box<dyn Found + '_>>, Failure> {
@@ -192,10 +256,10 @@ impl Args {
     fn stops(&self, head: &Head) -> Result<Vec<Stop>, Failure> {
         let mut stops = Vec::new();
         for path in self.case.all(&self.data) {
-            read::poses(path, &mut stops)?;
+            poses(path, &mut stops)?;
         }
         if let Some(path) = &self.head {
-            read::take_off_head(path, head, &mut stops)?;
+            take_off_head(path, head, &mut stops)?;
         }
         Ok(stops)
     }
@@ -220,6 +284,44 @@ impl Args {
         let model = self.prior.as_deref().map(read_model).transpose()?.map(|m| m.0);
         Ok(Some(PriorSource { model, std: [length, length, length, angle, angle, angle] }))
     }
+}
+
+fn poses(path: &Path, stops: &mut Vec<Stop>) -> Result<(), Failure> {
+    let mut table = columns::open(path)?;
+    let [z, cycle, direction] = ["z_mm", "cycle", "direction"].map(|name| table.find(name));
+    let (c, a) = (table.require("c_deg")?, table.require("a_deg")?);
+    let tip = table.three(["tip_x_um", "tip_y_um", "tip_z_um"])?;
+    let axis = table.three(["dir_x_arcsec", "dir_y_arcsec", "dir_z_arcsec"])?;
+    table.some_rows(|row| {
+        let (position, cycle, travel) = (row.value_or(z, 0.0)?, row.count(cycle)?, row.travel(direction)?);
+        let pose = HeadPose {
+            c: row.value(c)?,
+            a: row.value(a)?,
+            tip_error: row.point(tip)?,
+            direction_error: row.point(axis)?,
+        };
+        let same = |s: &Stop| s.cycle == cycle && s.travel == travel && (s.position - position).abs() < 1e-6;
+        match stops.iter_mut().find(|s| same(s)) {
+            Some(stop) => stop.poses.push(pose),
+            None => stops.push(Stop { position, cycle, travel, poses: vec![pose] }),
+        }
+        Ok(())
+    })?;
+    Ok(())
+}
+
+/// Takes off what the rotary axes of a model do: first order, ram at home.
+fn take_off_head(path: &Path, head: &Head, stops: &mut [Stop]) -> Result<(), Failure> {
+    let (mut spec, _) = read_model(path)?;
+    spec.errors.retain(|(symbol, _)| symbol.axis().kind() == AxisKind::Rotary);
+    let model = Model::new(&spec)
+        .map_err(|e| mistake!(path, "{e}"))?;
+    for pose in stops.iter_mut().flat_map(|s| &mut s.poses) {
+        let of_head = model.deviation(&model.pose_of(&[(AxisName::C, pose.c), (AxisName::A, pose.a)]));
+        pose.tip_error -= of_head.position;
+        pose.direction_error -= of_head.rotation.cross(&head.at(pose.c, pose.a).0);
+    }
+    Ok(())
 }
 
 /// Where the prior comes from.
